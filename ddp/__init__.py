@@ -1,0 +1,1 @@
+"""Differential dynamic programming in batches, receding horizon, trajectory libraries and policies."""

@@ -1,0 +1,1 @@
+"""The command line `slcp`: one thin file per command."""

@@ -1,0 +1,26 @@
+"""The command table of `slcp`: each command is registered here and lives in a file of its own."""
+
+from typing import Annotated
+
+import typer
+
+from slcp_warp import __version__
+
+app = typer.Typer(name="slcp", no_args_is_help=True, add_completion=False)
+
+
+def _print_version(wanted: bool) -> None:
+    """Print the version and leave (called before any command runs)."""
+    if wanted:
+        typer.echo(f"slcp-warp {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def slcp(
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit."),
+    ] = False,
+) -> None:
+    """Contact simulation, trajectory optimisation and robustness sweeps for small planar mechanisms."""
