@@ -1,0 +1,53 @@
+#!/usr/bin/env bash
+# Run the tests against the installed package, in an environment of its own (.venv-test).
+#
+#   bash scripts/test.sh [--fast] [pytest arguments]      --fast leaves out the tests marked slow
+#
+# PYTHON        the interpreter to make the environment with (python3)
+# SLCP_TORCH    the requirement that installs PyTorch; empty: do without it. On Linux the registry's own
+#               PyTorch brings gigabytes of CUDA libraries: point pip at a CPU build, or leave it out
+# SLCP_WORKERS  processes to spread the tests over with pytest-xdist; 0: this one. A launch on the CPU
+#               uses all cores by itself, so more processes gain less than it seems
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+source scripts/venv.sh
+
+torch=${SLCP_TORCH-torch==2.13.0}
+workers=${SLCP_WORKERS:-0}
+venv=.venv-test
+export PYTHONSAFEPATH=1  # never import the bare folders kernels/ and ddp/ from here
+
+arguments=()
+for argument in "$@"; do
+  if [ "$argument" = --fast ]; then arguments+=(-m "not slow"); else arguments+=("$argument"); fi
+done
+
+make_venv "$venv"
+python=$venv/bin/python
+pip=("$python" -m pip install --quiet --disable-pip-version-check)
+wheels=$(mktemp -d)
+trap 'rm -rf "$wheels"' EXIT
+
+optional() {  # WHAT REQUIREMENT: install it; where that fails, say so and go on
+  "${pip[@]}" "$2" || printf '\n*** %s could not be installed (%s): its tests are left out ***\n\n' "$1" "$2" >&2
+}
+
+# Dependencies only when they changed; the project itself every time.
+stamp="$venv/installed"
+wanted="$(cksum < pyproject.toml) ${torch:-no torch}"
+if [ "$(cat "$stamp" 2>/dev/null)" != "$wanted" ]; then
+  rm -f "$stamp"
+  echo "Installing the dependencies into $venv (the first time takes minutes) ..."
+  "${pip[@]}" "setuptools>=77,<85" wheel
+  wheel=$(build_wheel "$python" "$wheels" --no-build-isolation)
+  if [ -n "$torch" ]; then optional "PyTorch" "$torch"; fi  # before anything could ask for a larger build
+  "${pip[@]}" "$wheel[cli,test]"
+  optional "The extra 'bench'" "$wheel[bench]"
+  echo "$wanted" > "$stamp"
+else
+  wheel=$(build_wheel "$python" "$wheels" --no-build-isolation)
+fi
+"${pip[@]}" --no-deps --force-reinstall "$wheel"
+
+if [ "$workers" -gt 0 ]; then arguments=(-n "$workers" ${arguments[@]+"${arguments[@]}"}); fi
+"$venv/bin/pytest" ${arguments[@]+"${arguments[@]}"}
