@@ -28,8 +28,11 @@ pip=("$python" -m pip install --quiet --disable-pip-version-check)
 wheels=$(mktemp -d)
 trap 'rm -rf "$wheels"' EXIT
 
-optional() {  # WHAT REQUIREMENT: install it; where that fails, say so and go on
-  "${pip[@]}" "$2" || printf '\n*** %s could not be installed (%s): its tests are left out ***\n\n' "$1" "$2" >&2
+complete=true
+optional() {  # WHAT REQUIREMENT: install it; where that fails, say so and go on (the next run tries again)
+  if "${pip[@]}" "$2"; then return; fi
+  complete=false
+  printf '\n*** %s could not be installed (%s): its tests are left out ***\n\n' "$1" "$2" >&2
 }
 
 # Dependencies only when they changed; the project itself every time.
@@ -43,7 +46,7 @@ if [ "$(cat "$stamp" 2>/dev/null)" != "$wanted" ]; then
   if [ -n "$torch" ]; then optional "PyTorch" "$torch"; fi  # before anything could ask for a larger build
   "${pip[@]}" "$wheel[cli,test]"
   optional "The extra 'bench'" "$wheel[bench]"
-  echo "$wanted" > "$stamp"
+  if $complete; then echo "$wanted" > "$stamp"; fi
 else
   wheel=$(build_wheel "$python" "$wheels" --no-build-isolation)
 fi
