@@ -1,0 +1,228 @@
+"""What the solver asks of its dynamics, and dynamics made from a user's own Warp function."""
+
+import functools
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol
+
+import numpy as np
+import warp as wp
+
+from slcp_warp.kernels.generic_dynamics import (
+    DynamicsFunctions,
+    NoCarry,
+    make_linearize_kernel,
+    make_protocol_step,
+    no_carry,
+)
+from slcp_warp.kernels.launch import launch
+
+__all__ = ["Dynamics", "DynamicsFunctions", "Parameters", "WarpDynamics", "linear_system"]
+
+
+class Dynamics(Protocol):
+    """Discrete-time dynamics x' = f(x, u); `slcp_warp.Simulator` is one, `WarpDynamics` another.
+
+    Attributes:
+        nx, nu: numbers of states and controls.
+        nw: number of curved outputs y: V.f_zz = sum_i (lift V)_i d2y_i/dz2 with z = (x, u).
+        dtype: Warp scalar type.
+        device: Warp device.
+        params: default numbers, an object with ``array(batch) -> wp.array2d`` (1 or batch rows) and ``replace(**)``.
+    """
+
+    nx: int
+    nu: int
+    nw: int
+    dtype: Any
+    device: Any
+    params: Any
+
+    def step_function(self) -> Any:
+        """Warp function ``(params, row, x, u, carry) -> (x', carry, status)``, status 0 if solved."""
+
+    def initial_carry(self) -> Any:
+        """Warp function ``() -> carry`` for the first step of a trajectory."""
+
+    def linearize_into(
+        self, xs: Any, us: Any, params: Any, fx: Any, fu: Any, second: Any, status: Any, active: Any
+    ) -> None:
+        """Derivatives along xs (B, N+1, nx), us (B, N, nu) of the problems with active (B,) = 1.
+
+        Writes fx (B, N, nx, nx), fu (B, N, nx, nu), second (B N, nw, nz, nz) unless None, status (B, N), 0 if good.
+        """
+
+    def lift_into(self, params: Any, lift: Any) -> None:
+        """Write lift (B, nw, nx)."""
+
+
+class Parameters:
+    """Named numbers of a `WarpDynamics`, laid out in the order given; shared, or one per problem.
+
+    Args:
+        shapes: shape of one value of each parameter.
+        values: arrays of that shape, or with a batch axis in front.
+    """
+
+    def __init__(
+        self, shapes: Mapping[str, tuple[int, ...]], values: Mapping[str, Any], dtype: Any, device: Any
+    ):
+        self.shapes, self.dtype, self.device = dict(shapes), dtype, device
+        self.values = {}
+        for name, value in values.items():
+            if name not in self.shapes:
+                raise ValueError(f"unknown parameter {name!r}; known: {', '.join(self.shapes) or 'none'}")
+            array, shape = np.array(value, dtype=np.float64), self.shapes[name]
+            if array.shape != shape and array.shape[1:] != shape:
+                raise ValueError(
+                    f"parameter {name!r} must have shape {shape} or (B,) + {shape}, got {array.shape}"
+                )
+            if not np.isfinite(array).all():
+                raise ValueError(f"parameter {name!r} must be finite, got {value!r}")
+            self.values[name] = array
+
+    def replace(self, **changes: Any) -> "Parameters":
+        """The same with other numbers."""
+        return Parameters(self.shapes, {**self.values, **changes}, self.dtype, self.device)
+
+    def array(self, batch: int | None = None) -> Any:
+        """Rows (1 or B, P) on the device."""
+        flat = []
+        for name, shape in self.shapes.items():
+            value = self.values[name]
+            flat.append(value.reshape(1 if value.shape == shape else value.shape[0], -1))
+        rows = max((a.shape[0] for a in flat), default=1)
+        if batch is not None and rows not in (1, batch):
+            raise ValueError(f"params are for {rows} problems, the batch has {batch}")
+        flat = [np.broadcast_to(a, (rows, a.shape[1])) for a in flat] or [np.zeros((1, 1))]
+        numbers = np.ascontiguousarray(np.concatenate(flat, axis=1))
+        return wp.array(numbers.astype(wp.dtype_to_numpy(self.dtype)), dtype=self.dtype, device=self.device)
+
+
+class WarpDynamics:
+    """Dynamics from a Warp function x' = step(params, row, x, u).
+
+    Args:
+        make: ``make(dtype, VX, VU) -> DynamicsFunctions`` or just the step, called once per dtype; it reads its
+            parameters as ``params[row, i]``, in the order of ``parameters``, arrays flattened. Derivatives that it does
+            not give are central differences in double precision. It must be a function of a module, or be kept and
+            passed again, for kernels to be found again instead of being compiled anew.
+        nx: number of states.
+        nu: number of controls.
+        parameters: names and default values.
+        device: Warp device, default the preferred one.
+        dtype: "float64", "float32" or the Warp type.
+    """
+
+    def __init__(
+        self,
+        make: Callable[..., Any],
+        nx: int,
+        nu: int,
+        parameters: Mapping[str, Any] | None = None,
+        device: Any = None,
+        dtype: Any = "float64",
+    ) -> None:
+        self.dtype = (
+            {"float32": wp.float32, "float64": wp.float64}.get(dtype, dtype)
+            if isinstance(dtype, str)
+            else dtype
+        )
+        if self.dtype not in (wp.float32, wp.float64):
+            raise ValueError(f"dtype must be float32 or float64, got {dtype!r}")
+        for name, value in (("nx", nx), ("nu", nu)):
+            if not isinstance(value, int) or value < 1:
+                raise ValueError(f"{name} must be a whole number of at least 1, got {value!r}")
+        self.make, self.nx, self.nu, self.nw = make, nx, nu, nx
+        self.device = wp.get_device(device)
+        self.period = None
+        shapes = {name: np.shape(value) for name, value in (parameters or {}).items()}
+        self.params = Parameters(shapes, parameters or {}, self.dtype, self.device)
+        self.state_type = wp.types.vector(nx, self.dtype)
+        self.control_type = wp.types.vector(nu, self.dtype)
+        self.carry_type = NoCarry
+
+    def step_function(self) -> Any:
+        """See `Dynamics`."""
+        step = _dynamics_functions(self.make, self.dtype, self.nx, self.nu).step
+        return make_protocol_step(step, self.nx, self.nu, self.dtype)
+
+    def initial_carry(self) -> Any:
+        """See `Dynamics`."""
+        return no_carry
+
+    def make_params(self, **changes: Any) -> Parameters:
+        """The default parameters with changes."""
+        return self.params.replace(**changes)
+
+    def linearize_into(
+        self, xs: Any, us: Any, params: Any, fx: Any, fu: Any, second: Any, status: Any, active: Any
+    ) -> None:
+        """See `Dynamics`."""
+        functions = _dynamics_functions(self.make, self.dtype, self.nx, self.nu)
+        differences = functions.jacobians is None or (second is not None and functions.curvature is None)
+        if differences and self.dtype != wp.float64:
+            functions = _dynamics_functions(self.make, wp.float64, self.nx, self.nu)
+            params = wp.array(params.numpy().astype(np.float64), dtype=wp.float64, device=self.device)
+        kernel = make_linearize_kernel(functions, self.nx, self.nu, second is not None, self.dtype)
+        inputs = [xs, us, params, active, fx, fu, second, status]
+        launch(kernel, us.shape[0] * us.shape[1], inputs, self.device, grain=16)
+
+    def lift_into(self, params: Any, lift: Any) -> None:
+        """See `Dynamics`: every state is a curved output of its own."""
+        lift.assign(np.broadcast_to(np.eye(self.nx), lift.shape))
+
+
+@functools.cache
+def _dynamics_functions(make: Callable[..., Any], dtype: Any, nx: int, nu: int) -> DynamicsFunctions:
+    made = make(dtype, wp.types.vector(nx, dtype), wp.types.vector(nu, dtype))
+    return made if isinstance(made, DynamicsFunctions) else DynamicsFunctions(made)
+
+
+def linear_system(A: Any, B: Any, c: Any = None, device: Any = None, dtype: Any = "float64") -> WarpDynamics:
+    """x' = A x + B u + c, with exact derivatives.
+
+    Args:
+        A: (nx, nx).
+        B: (nx, nu).
+        c: (nx,), default 0.
+        device: Warp device.
+        dtype: "float64", "float32" or the Warp type.
+    """
+    A, B = np.array(A, dtype=np.float64), np.array(B, dtype=np.float64)
+    nx = A.shape[0]
+    if A.shape != (nx, nx) or B.ndim != 2 or B.shape[0] != nx:
+        raise ValueError(f"A must be (nx, nx) and B (nx, nu), got {A.shape} and {B.shape}")
+    c = np.zeros(nx) if c is None else np.array(c, dtype=np.float64)
+    return WarpDynamics(_make_linear, nx, B.shape[1], {"A": A, "B": B, "c": c}, device, dtype)
+
+
+def _make_linear(dtype: Any, VX: Any, VU: Any) -> DynamicsFunctions:
+    nx, nu = VX._length_, VU._length_
+    MXX, MXU = wp.types.matrix((nx, nx), dtype), wp.types.matrix((nx, nu), dtype)
+    MZZ = wp.types.matrix((nx + nu, nx + nu), dtype)
+    AT_B = nx * nx
+    AT_C = AT_B + nx * nu
+
+    @wp.func
+    def jacobians(params: wp.array2d(dtype=dtype), row: int, x: VX, u: VU):
+        a, b = MXX(), MXU()
+        for i in range(nx):
+            for j in range(nx):
+                a[i, j] = params[row, i * nx + j]
+            for j in range(nu):
+                b[i, j] = params[row, AT_B + i * nu + j]
+        return a, b
+
+    @wp.func
+    def step(params: wp.array2d(dtype=dtype), row: int, x: VX, u: VU):
+        a, b = jacobians(params, row, x, u)
+        offset = VX()
+        for i in range(nx):
+            offset[i] = params[row, AT_C + i]
+        return a * x + b * u + offset
+
+    @wp.func
+    def curvature(params: wp.array2d(dtype=dtype), row: int, x: VX, u: VU, i: int):
+        return MZZ()
+
+    return DynamicsFunctions(step, jacobians, curvature)

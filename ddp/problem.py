@@ -1,0 +1,111 @@
+"""A batch of optimal control problems that differ in numbers only."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from .costs import Cost
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Minimise the cost of N steps of a dynamics, from a given state.
+
+    Attributes:
+        dynamics: see `Dynamics`; `slcp_warp.Simulator` is one.
+        cost: a `Cost`.
+        horizon: number of steps N.
+        params: the dynamics' numbers, default its own.
+        control_limits: (lower, upper), each a number, (nu,) or (B, nu), infinite where there is none; or None.
+    """
+
+    dynamics: Any
+    cost: Cost
+    horizon: int
+    params: Any = None
+    control_limits: Any = None
+
+    def __post_init__(self) -> None:
+        for name in (
+            "nx",
+            "nu",
+            "nw",
+            "dtype",
+            "device",
+            "step_function",
+            "initial_carry",
+            "linearize_into",
+            "lift_into",
+        ):
+            if not hasattr(self.dynamics, name):
+                raise TypeError(
+                    f"dynamics must have {name!r} (see ddp.Dynamics), {type(self.dynamics).__name__} has not"
+                )
+        if not isinstance(self.cost, Cost):
+            raise TypeError(f"cost must be a ddp.Cost, got {type(self.cost).__name__}")
+        for name, need in (("nx", self.cost.nx), ("nu", self.cost.nu)):
+            if need is not None and need != getattr(self.dynamics, name):
+                raise ValueError(
+                    f"cost is for {name} = {need}, the dynamics has {name} = {getattr(self.dynamics, name)}"
+                )
+        if (
+            isinstance(self.horizon, bool)
+            or not isinstance(self.horizon, (int, np.integer))
+            or self.horizon < 1
+        ):
+            raise ValueError(f"horizon must be a whole number of at least 1, got {self.horizon!r}")
+        object.__setattr__(self, "horizon", int(self.horizon))
+        if self.params is None:
+            object.__setattr__(self, "params", self.dynamics.params)
+        if self.control_limits is not None:
+            self.limit_rows()
+
+    @property
+    def nx(self) -> int:
+        """Number of states."""
+        return int(self.dynamics.nx)
+
+    @property
+    def nu(self) -> int:
+        """Number of controls."""
+        return int(self.dynamics.nu)
+
+    def with_params(self, **changes: Any) -> "Problem":
+        """The same problem with some of the dynamics' numbers changed; nothing is compiled."""
+        return replace(self, params=self.params.replace(**changes))
+
+    def limit_rows(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper control limits (1 or B, nu).
+
+        Raises:
+            ValueError: wrong shapes, NaN, or a lower limit above an upper one.
+        """
+        if self.control_limits is None:
+            return np.full((1, self.nu), -np.inf), np.full((1, self.nu), np.inf)
+        try:
+            lower, upper = self.control_limits
+        except (TypeError, ValueError):
+            raise ValueError(f"control_limits must be (lower, upper), got {self.control_limits!r}") from None
+        rows = []
+        for name, value in (("lower", lower), ("upper", upper)):
+            array = np.array(value, dtype=np.float64)
+            if array.ndim > 2 or (array.ndim and array.shape[-1] != self.nu):
+                raise ValueError(
+                    f"{name} control limit must be a number, ({self.nu},) or (B, {self.nu}), got {array.shape}"
+                )
+            rows.append(np.atleast_2d(np.broadcast_to(array, (self.nu,) if array.ndim == 0 else array.shape)))
+        low, high = np.broadcast_arrays(*rows)
+        if not (low <= high).all():
+            raise ValueError(
+                f"every lower control limit must be at most the upper one, got {self.control_limits!r}"
+            )
+        return np.ascontiguousarray(low), np.ascontiguousarray(high)
+
+    def param_array(self, batch: int) -> Any:
+        """The dynamics' numbers on the device, (1 or B, P)."""
+        array = self.params if isinstance(self.params, wp.array) else self.params.array(batch)
+        if array.ndim != 2 or array.shape[0] not in (1, batch):
+            raise ValueError(f"params must have 1 or {batch} rows, got shape {array.shape}")
+        return array

@@ -1,0 +1,33 @@
+"""Why the solver stopped, per problem."""
+
+from enum import IntEnum
+
+from slcp_warp.kernels import status as codes
+
+
+class Status(IntEnum):
+    """Outcome of one problem; ``result.status`` holds these as integers."""
+
+    RUNNING = codes.RUNNING
+    CONVERGED = codes.CONVERGED
+    SMALL_IMPROVEMENT = codes.SMALL_IMPROVEMENT
+    MAX_ITERATIONS = codes.MAX_ITERATIONS
+    REGULARIZATION_LIMIT = codes.REGULARIZATION_LIMIT
+    LINE_SEARCH_FAILED = codes.LINE_SEARCH_FAILED
+    DYNAMICS_FAILED = codes.DYNAMICS_FAILED
+
+    @property
+    def explanation(self) -> str:
+        """One sentence for people."""
+        return _EXPLANATIONS[self]
+
+
+_EXPLANATIONS = {
+    Status.RUNNING: "still running",
+    Status.CONVERGED: "largest |Q_u| is within the gradient tolerance",
+    Status.SMALL_IMPROVEMENT: "the last improvement is within its tolerance, or what is left drowns in rounding",
+    Status.MAX_ITERATIONS: "stopped at the limit of iterations",
+    Status.REGULARIZATION_LIMIT: "Q_uu is not positive definite at the largest regularisation",
+    Status.LINE_SEARCH_FAILED: "no step size lowers the cost at the largest regularisation",
+    Status.DYNAMICS_FAILED: "the dynamics, the cost or their derivatives failed or were not finite",
+}
