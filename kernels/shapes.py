@@ -1,0 +1,265 @@
+"""Support functions and signed distance of shape pairs.
+
+d = max over unit n of n.(c_B - c_A) - h_A(n) - h_B(-n), with h the support function: positive when separated, negative
+when penetrating. With the angle alpha of n, n = (cos alpha, sin alpha) and t = dn/dalpha, the distance is stationary
+where t.(c_B - c_A) - h_A' - h_B' = 0, and its curvature there is -(d + rho_A + rho_B). Only a positive maximum is
+unique, so a local search is trusted when it ends at d > 0; otherwise the circle is searched.
+
+GEO = (n_x, n_y, d, h_A, h_A', h_B, h_B', _) at the solution. For a half-plane A: h_A = 0 and h_A' is the lever of the
+touched point along t, so that the same Jacobian formulas hold.
+"""
+
+import functools
+import math
+from types import SimpleNamespace
+
+import warp as wp
+
+from .mechanism import make_types
+from .structure import DISC, HALFPLANE, WORLD, Structure, layout
+
+SAMPLES = 24  # directions tried by the global search
+LOCAL_ITERATIONS = 12
+
+
+@functools.cache
+def make_support(dtype: type) -> wp.Function:
+    """support(a, b, c, s): h, h', h'', h''' of an ellipse at the unit vector c e1 + s e2 (primes: d/dalpha)."""
+    V4 = wp.types.vector(4, dtype)
+    ZERO, ONE, THREE = dtype(0.0), dtype(1.0), dtype(3.0)
+
+    @wp.func
+    def support(a: dtype, b: dtype, c: dtype, s: dtype):
+        h = wp.sqrt(a * a * c * c + b * b * s * s)
+        if not h > ZERO:
+            return V4(ZERO, ZERO, ZERO, ZERO)
+        inv = ONE / h
+        first = (b * b - a * a) * c * s * inv
+        rho = a * a * b * b * inv * inv * inv
+        return V4(h, first, rho - h, -THREE * rho * first * inv - first)
+
+    return support
+
+
+@functools.cache
+def make_shape_pose(s: Structure, shape: int, dtype: type) -> wp.Function:
+    """pose -> (c_x, c_y, e_x, e_y): centre and axis of a shape (a half-plane's point and outward normal)."""
+    t = make_types(s, dtype)
+    lay = layout(s)
+    V4 = wp.types.vector(4, dtype)
+    ZERO, ONE = dtype(0.0), dtype(1.0)
+    OFFSET, ANGLE = lay.offset("shape_offset") + 2 * shape, lay.offset("shape_angle") + shape
+    body, turned = s.shapes[shape].body, s.shapes[shape].turned
+
+    @wp.func
+    def pose(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES):
+        x = params[row, wp.static(OFFSET)]
+        y = params[row, wp.static(OFFSET + 1)]
+        ex = ONE
+        ey = ZERO
+        if wp.static(turned):
+            ex = wp.cos(params[row, wp.static(ANGLE)])
+            ey = wp.sin(params[row, wp.static(ANGLE)])
+        if wp.static(body == WORLD):
+            return V4(x, y, ex, ey)
+        c = fr[wp.static(max(body, 0)), 0]
+        sn = fr[wp.static(max(body, 0)), 1]
+        px = fr[wp.static(max(body, 0)), 2] + c * x - sn * y
+        py = fr[wp.static(max(body, 0)), 3] + sn * x + c * y
+        return V4(px, py, c * ex - sn * ey, sn * ex + c * ey)
+
+    return pose
+
+
+def oriented_pair(s: Structure, pair: int) -> tuple[int, int]:
+    """(shape_a, shape_b) with a half-plane first; the swap turns n and t both, so J_n and J_t do not change."""
+    p = s.pairs[pair]
+    return (p.shape_b, p.shape_a) if s.shapes[p.shape_b].kind == HALFPLANE else (p.shape_a, p.shape_b)
+
+
+@functools.cache
+def make_pair(s: Structure, pair: int, dtype: type) -> SimpleNamespace:
+    """Warp functions of one contact pair: geometry, a cheap lower bound of d, and support derivatives."""
+    a, b = oriented_pair(s, pair)
+    plane = s.shapes[a].kind == HALFPLANE
+    discs = s.shapes[a].kind == DISC and s.shapes[b].kind == DISC
+    t = make_types(s, dtype)
+    pose_a, pose_b = make_shape_pose(s, a, dtype), make_shape_pose(s, b, dtype)
+    body_support = make_round_support(s, dtype)
+    support_a, support_b = body_support(a), body_support(b)
+    V2, V4, GEO = wp.types.vector(2, dtype), wp.types.vector(4, dtype), wp.types.vector(8, dtype)
+    ZERO, ONE = dtype(0.0), dtype(1.0)
+    maximise = None if plane or discs else make_maximiser(s, pair, dtype)
+
+    @wp.func
+    def direct(params: wp.array2d(dtype=dtype), row: int, pa: V4, pb: V4, n: V2):
+        # GEO at a given normal
+        dx = pb[0] - pa[0]
+        dy = pb[1] - pa[1]
+        ha = V4()
+        hb = wp.static(support_b)(params, row, pb, n)
+        if wp.static(plane):
+            ha[1] = n[0] * dy - n[1] * dx - hb[1]
+        else:
+            ha = wp.static(support_a)(params, row, pa, n)
+        return GEO(n[0], n[1], n[0] * dx + n[1] * dy - ha[0] - hb[0], ha[0], ha[1], hb[0], hb[1], ZERO)
+
+    @wp.func
+    def centre_normal(pa: V4, pb: V4):
+        dx = pb[0] - pa[0]
+        dy = pb[1] - pa[1]
+        norm = wp.sqrt(dx * dx + dy * dy)
+        if not norm > ZERO:
+            return V2(ONE, ZERO)
+        return V2(dx / norm, dy / norm)
+
+    @wp.func
+    def bound(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES):
+        """A lower bound of d: its objective along the line of centres (exact for half-planes and discs)."""
+        pa = wp.static(pose_a)(params, row, fr)
+        pb = wp.static(pose_b)(params, row, fr)
+        n = V2(pa[2], pa[3])
+        if wp.static(not plane):
+            n = centre_normal(pa, pb)
+        geo = direct(params, row, pa, pb, n)
+        return geo[2]
+
+    @wp.func
+    def geometry(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, warm: V2):
+        """GEO of the pair; `warm` starts the search (0, 0: from the line of centres)."""
+        pa = wp.static(pose_a)(params, row, fr)
+        pb = wp.static(pose_b)(params, row, fr)
+        n = V2(pa[2], pa[3])
+        if wp.static(not plane):
+            n = centre_normal(pa, pb)
+        if wp.static(maximise is not None):
+            if warm[0] * warm[0] + warm[1] * warm[1] > ZERO:
+                n = warm
+            n = wp.static(maximise)(params, row, pa, pb, n)
+        return direct(params, row, pa, pb, n)
+
+    return SimpleNamespace(
+        bound=bound,
+        geometry=geometry,
+        pose_a=pose_a,
+        pose_b=pose_b,
+        support_a=support_a,
+        support_b=support_b,
+        plane=plane,
+        body_a=s.shapes[a].body,
+        body_b=s.shapes[b].body,
+        exact_bound=maximise is None,
+    )
+
+
+@functools.cache
+def make_round_support(s: Structure, dtype: type):
+    """Maker of support(params, row, pose, n) -> (h, h', h'', h''') for a disc or an ellipse of the structure."""
+    support = make_support(dtype)
+    RADIUS = layout(s).offset("radius")
+    V2, V4 = wp.types.vector(2, dtype), wp.types.vector(4, dtype)
+    ZERO = dtype(0.0)
+
+    @functools.cache
+    def of(shape: int) -> wp.Function:
+        disc = s.shapes[shape].kind == DISC
+
+        @wp.func
+        def round_support(params: wp.array2d(dtype=dtype), row: int, pose: V4, n: V2):
+            a = params[row, wp.static(RADIUS + 2 * shape)]
+            if wp.static(disc):
+                return V4(a, ZERO, ZERO, ZERO)
+            b = params[row, wp.static(RADIUS + 2 * shape + 1)]
+            return support(a, b, n[0] * pose[2] + n[1] * pose[3], n[1] * pose[2] - n[0] * pose[3])
+
+        return round_support
+
+    return of
+
+
+@functools.cache
+def make_maximiser(s: Structure, pair: int, dtype: type) -> wp.Function:
+    """maximise(params, row, pose_a, pose_b, n) -> n of the signed distance of two round shapes."""
+    a, b = oriented_pair(s, pair)
+    support_a, support_b = make_round_support(s, dtype)(a), make_round_support(s, dtype)(b)
+    V2, V3, V4 = wp.types.vector(2, dtype), wp.types.vector(3, dtype), wp.types.vector(4, dtype)
+    ZERO, HALF, ONE = dtype(0.0), dtype(0.5), dtype(1.0)
+    TOL = dtype(1e-9 if dtype is wp.float64 else 1e-4)  # quadratic: the next error is its square
+    CAP, TINY = dtype(0.7), dtype(1e-30)
+    HUGE = dtype(1e30)
+    SPACING = dtype(2.0 * math.pi / SAMPLES)
+    COS, SIN = dtype(math.cos(2.0 * math.pi / SAMPLES)), dtype(math.sin(2.0 * math.pi / SAMPLES))
+
+    @wp.func
+    def evaluate(params: wp.array2d(dtype=dtype), row: int, pa: V4, pb: V4, n: V2):
+        # (objective, slope, minus curvature) along alpha
+        dx = pb[0] - pa[0]
+        dy = pb[1] - pa[1]
+        ha = wp.static(support_a)(params, row, pa, n)
+        hb = wp.static(support_b)(params, row, pb, n)
+        reach = n[0] * dx + n[1] * dy
+        slope = n[0] * dy - n[1] * dx - ha[1] - hb[1]
+        return V3(reach - ha[0] - hb[0], slope, reach + ha[2] + hb[2])
+
+    @wp.func
+    def turn(n: V2, tau: dtype):
+        # rotation by atan(tau): no trigonometry
+        scale = ONE / wp.sqrt(ONE + tau * tau)
+        return V2((n[0] - tau * n[1]) * scale, (n[1] + tau * n[0]) * scale)
+
+    @wp.func
+    def search(params: wp.array2d(dtype=dtype), row: int, pa: V4, pb: V4):
+        # best of SAMPLES directions, then Newton on the slope, kept inside the bracket of its neighbours
+        c = dtype(1.0)
+        sn = dtype(0.0)
+        best = V2(ONE, ZERO)
+        value = ZERO - HUGE
+        for _k in range(SAMPLES):
+            e = evaluate(params, row, pa, pb, V2(c, sn))
+            if e[0] > value:
+                value = e[0] + ZERO
+                best = V2(c, sn)
+            turned = COS * c - SIN * sn
+            sn = SIN * c + COS * sn
+            c = turned + ZERO
+        low = ZERO - SPACING
+        high = ZERO + SPACING
+        angle = dtype(0.0)
+        step = dtype(1.0)
+        n = V2(best[0], best[1])
+        it = int(0)
+        while wp.abs(step) > TOL and it < 60:
+            e = evaluate(params, row, pa, pb, n)
+            low = wp.where(e[1] > ZERO, angle, low)
+            high = wp.where(e[1] > ZERO, high, angle)
+            newton = angle + e[1] / wp.max(e[2], TINY)
+            inside = e[2] > ZERO and newton > low and newton < high
+            target = wp.where(inside, newton, HALF * (low + high))
+            step = target - angle
+            angle = target + ZERO
+            n = V2(
+                wp.cos(angle) * best[0] - wp.sin(angle) * best[1],
+                wp.cos(angle) * best[1] + wp.sin(angle) * best[0],
+            )
+            it += 1
+        return n
+
+    @wp.func
+    def maximise(params: wp.array2d(dtype=dtype), row: int, pa: V4, pb: V4, start: V2):
+        n = start
+        tau = dtype(1.0)
+        it = int(0)
+        while wp.abs(tau) > TOL and it < LOCAL_ITERATIONS:
+            e = evaluate(params, row, pa, pb, n)
+            if e[2] > ZERO:
+                tau = wp.clamp(e[1] / e[2], -CAP, CAP)
+            else:
+                tau = wp.where(e[1] > ZERO, CAP, -CAP)
+            n = turn(n, tau)
+            it += 1
+        if wp.abs(tau) <= TOL:
+            if evaluate(params, row, pa, pb, n)[0] > ZERO:
+                return n
+        return search(params, row, pa, pb)
+
+    return maximise

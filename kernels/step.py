@@ -1,0 +1,272 @@
+"""One time step (1a)-(1d) with smoothed or hard complementarity, as a Warp function.
+
+Stages: kinematics and M; free velocity v + h M^-1 (r + u); rows that can act; their solution v', lambda; q' = q + h v'.
+A row is left out while w = J v' + d/h > cut sigma, where its smoothed impulse sigma exp(-w/sigma)/D is below the dtype's
+resolution; the test is repeated with the solved v' until no row has to be added, so leaving out is exact to rounding.
+"""
+
+import functools
+from types import SimpleNamespace
+
+import warp as wp
+
+from .mechanism import make_mechanism
+from .rows import make_pair_jacobian, make_rows
+from .shapes import make_pair
+from .solve import COLD, SOLVED, make_solver
+from .structure import Structure, layout
+
+
+@functools.cache
+def make_step(
+    s: Structure, dtype: type, hard: bool, inertia_scaling: bool, exact_gap: bool = False
+) -> SimpleNamespace:
+    """Warp functions of a step; `exact_gap` computes every pair's distance even where it cannot act.
+
+    solve_step(params, row, x, u, external, world, carry) -> Solution; advance(...) -> x'.
+    """
+    mech = make_mechanism(s, dtype)
+    t = mech.types
+    rows = make_rows(s, dtype, inertia_scaling)
+    lay = layout(s)
+    NV, NR, NP = s.nv, s.nr, len(s.pairs)
+    VQ, VX, VU, VR, MQ, JR = t.VQ, t.VX, t.VU, t.VR, t.MQ, t.JR
+    VN = wp.types.vector(2 * max(NP, 1), dtype)
+    V2 = t.V2
+    H, SIGMA = lay.offset("step_size"), lay.offset("sigma")
+    ZERO = dtype(0.0)
+    UNUSED = dtype(COLD)
+    CUT = dtype(0.0 if hard else (37.0 if dtype is wp.float64 else 17.0))
+    pairs = tuple(make_pair(s, k, dtype) for k in range(NP))
+    pair_jacobians = tuple(make_pair_jacobian(s, k, dtype) for k in range(NP))
+    pair_rows = tuple(
+        tuple(i for i, r in enumerate(s.rows) if r.kind == "contact" and r.index == k) for k in range(NP)
+    )
+    pair_bit = tuple(1 << k for k in range(NP))
+    speeds = tuple(make_speed(s, k, dtype) for k in range(NP))
+    solver = make_solver(s, dtype, hard) if NR else None
+    limits = rows.limit
+
+    @wp.struct
+    class Carry:
+        z: VR  # multipliers of the last step, COLD where a row did not act
+        normal: VN  # normals of the last step, (2 pair, 2 pair + 1)
+
+    @wp.struct
+    class Solution:
+        v: VQ  # v' [rad/s, m/s]
+        lam: VR  # impulses
+        z: VR
+        rate: VR  # d/h
+        scale: VR  # D
+        jac: JR
+        minv: MQ
+        vfree: VQ
+        mask: int  # bit i: row i is in the system
+        normal: VN
+        status: int
+
+    @wp.func
+    def cold_carry():
+        out = Carry()
+        for i in range(wp.static(NR)):
+            out.z[i] = UNUSED
+        return out
+
+    @wp.func
+    def free_velocity(
+        params: wp.array2d(dtype=dtype),
+        row: int,
+        jb: t.JB,
+        minv: MQ,
+        v: VQ,
+        u: VU,
+        external: wp.array2d(dtype=dtype),
+        world: int,
+    ):
+        f = wp.static(mech.force)(params, row, jb, v)
+        if wp.static(s.nu > 0):
+            f += wp.static(mech.control_force)(params, row, u)
+        if external.shape[0] > 0:
+            f += wp.static(mech.body_force)(params, row, jb, external, world)
+        return v + params[row, wp.static(H)] * (minv * f)
+
+    @wp.func
+    def grow_limits(params: wp.array2d(dtype=dtype), row: int, rate: VR, jac: JR, v: VQ, mask: int):
+        # rows of known gap that the velocity v lets act
+        out = mask
+        for i in range(wp.static(NR)):
+            if wp.static(limits[i]):
+                w = wp.static(rows.dots[i])(jac, v) + rate[i]
+                if not (w > CUT * params[row, wp.static(SIGMA + i)]):
+                    out = out | wp.static(1 << i)
+        return out
+
+    def make_grow_pair(k: int) -> wp.Function:
+        rows_k = pair_rows[k]
+        first = rows_k[0]
+
+        @wp.func
+        def near(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, v: VQ):
+            # whether the pair can act at velocity v, from a lower bound of d and a bound on the approach speed
+            if wp.static(exact_gap or pairs[k].exact_bound):
+                return True
+            gap = wp.static(pairs[k].bound)(params, row, fr) / params[row, wp.static(H)]
+            return not (
+                gap - wp.static(speeds[k])(params, row, fr, v) > CUT * params[row, wp.static(SIGMA + first)]
+            )
+
+        @wp.func
+        def grow(params: wp.array2d(dtype=dtype), row: int, rate: VR, jac: JR, v: VQ, mask: int):
+            out = mask
+            for i in range(wp.static(NR)):
+                if wp.static(i in rows_k):
+                    w = wp.static(rows.dots[i])(jac, v) + rate[i]
+                    if not (w > CUT * params[row, wp.static(SIGMA + i)]):
+                        out = out | wp.static(1 << i)
+            return out
+
+        return SimpleNamespace(near=near, grow=grow)
+
+    grow_pairs = tuple(make_grow_pair(k) for k in range(NP))
+
+    @wp.func
+    def solve_step(
+        params: wp.array2d(dtype=dtype),
+        row: int,
+        x: VX,
+        u: VU,
+        external: wp.array2d(dtype=dtype),
+        world: int,
+        carry: Carry,
+    ):
+        """The solution of one step from x = (q, v)."""
+        q = VQ()
+        v = VQ()
+        for j in range(wp.static(NV)):
+            q[j] = x[j]
+            v[j] = x[wp.static(NV + j)]
+        out = Solution()
+        fr = wp.static(mech.frames)(params, row, q)
+        jb = wp.static(mech.com_jacobians)(params, row, fr)
+        minv = wp.static(mech.inverse)(wp.static(mech.mass_matrix)(params, row, jb))
+        vfree = free_velocity(params, row, jb, minv, v, u, external, world)
+        out.minv = minv
+        out.vfree = vfree
+        out.v = vfree
+        out.z = carry.z
+        out.normal = carry.normal
+        out.status = wp.static(SOLVED)
+        if wp.static(NR > 0):
+            out = contact(params, row, fr, q, out)
+        return out
+
+    @wp.func
+    def contact(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, q: VQ, start: Solution):
+        # add rows until none is missing, solve after every addition
+        out = start
+        jac = JR()
+        rate = wp.static(rows.limit_rates)(params, row, q)
+        z = out.z
+        mask = int(0)
+        known = int(0)
+        more = int(1)
+        while more == 1:
+            before = mask
+            mask = grow_limits(params, row, rate, jac, out.v, mask)
+            for k in range(wp.static(NP)):
+                if (known & wp.static(pair_bit[k])) == 0:
+                    if wp.static(grow_pairs[k].near)(params, row, fr, out.v):
+                        known = known | wp.static(pair_bit[k])
+                        warm = V2(out.normal[wp.static(2 * k)], out.normal[wp.static(2 * k + 1)])
+                        g = wp.static(pairs[k].geometry)(params, row, fr, warm)
+                        out.normal[wp.static(2 * k)] = g[0]
+                        out.normal[wp.static(2 * k + 1)] = g[1]
+                        jac = wp.static(rows.put_pairs[k])(
+                            params, row, wp.static(pair_jacobians[k])(params, row, fr, g), jac
+                        )
+                        for i in range(wp.static(NR)):
+                            if wp.static(i in pair_rows[k]):
+                                rate[i] = g[2] / params[row, wp.static(H)]
+                if (known & wp.static(pair_bit[k])) != 0:
+                    mask = wp.static(grow_pairs[k].grow)(params, row, rate, jac, out.v, mask)
+            more = wp.where(mask != before, 1, 0)
+            if more == 1:
+                out.scale = wp.static(rows.scale)(out.minv, jac, mask)
+                v, z, lam, status = wp.static(solver)(
+                    params, row, out.minv, out.vfree, jac, rate, out.scale, mask, z
+                )
+                out.v = v
+                out.lam = lam
+                out.status = status
+                if status != wp.static(SOLVED):
+                    more = int(0)
+        for i in range(wp.static(NR)):
+            if (mask & wp.static(1 << i)) == 0:
+                z[i] = UNUSED
+        out.z = z
+        out.mask = mask
+        out.jac = jac
+        out.rate = rate
+        return out
+
+    @wp.func
+    def next_state(params: wp.array2d(dtype=dtype), row: int, x: VX, v: VQ):
+        """x' = (q + h v', v'), eq. (1)."""
+        out = VX()
+        for j in range(wp.static(NV)):
+            out[j] = x[j] + params[row, wp.static(H)] * v[j]
+            out[wp.static(NV + j)] = v[j]
+        return out
+
+    return SimpleNamespace(
+        mech=mech,
+        types=t,
+        rows=rows,
+        pairs=pairs,
+        pair_rows=pair_rows,
+        Carry=Carry,
+        Solution=Solution,
+        cold_carry=cold_carry,
+        solve_step=solve_step,
+        next_state=next_state,
+    )
+
+
+@functools.cache
+def make_speed(s: Structure, pair: int, dtype: type) -> wp.Function:
+    """Bound on |(J_n +- mu J_t) v| of a pair: speed of the centres plus rate of turning times largest radius."""
+    mech = make_mechanism(s, dtype)
+    t = mech.types
+    p = make_pair(s, pair, dtype)
+    lay = layout(s)
+    a, b = s.pairs[pair].shape_a, s.pairs[pair].shape_b
+    RADIUS, FRICTION = lay.offset("radius"), lay.offset("friction")
+    jac_a, jac_b = mech.point_jacobian(p.body_a), mech.point_jacobian(p.body_b)
+    ONE, ZERO = dtype(1.0), dtype(0.0)
+    V4 = wp.types.vector(4, dtype)
+    body_a, body_b = s.shapes[a].body, s.shapes[b].body
+
+    @wp.func
+    def speed(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, v: t.VQ):
+        ca = wp.static(p.pose_a)(params, row, fr)
+        cb = wp.static(p.pose_b)(params, row, fr)
+        ja = wp.static(jac_a)(params, row, fr, ca[0], ca[1])
+        jb = wp.static(jac_b)(params, row, fr, cb[0], cb[1])
+        dx = ZERO
+        dy = ZERO
+        wa = ZERO
+        wb = ZERO
+        for j in range(wp.static(s.nv)):
+            dx += (jb[0, j] - ja[0, j]) * v[j]
+            dy += (jb[1, j] - ja[1, j]) * v[j]
+            if wp.static(s.turns(body_a, j)):
+                wa += v[j]
+            if wp.static(s.turns(body_b, j)):
+                wb += v[j]
+        ra = wp.max(params[row, wp.static(RADIUS + 2 * a)], params[row, wp.static(RADIUS + 2 * a + 1)])
+        rb = wp.max(params[row, wp.static(RADIUS + 2 * b)], params[row, wp.static(RADIUS + 2 * b + 1)])
+        mu = params[row, wp.static(FRICTION + pair)]
+        return wp.sqrt(ONE + mu * mu) * (wp.sqrt(dx * dx + dy * dy) + wp.abs(wa) * ra + wp.abs(wb) * rb)
+
+    return speed

@@ -1,0 +1,183 @@
+"""Compile-time structure of a planar mechanism: what selects a specialised kernel.
+
+Everything here is hashable and holds no physical number: topology, joint kinds, which limits exist, shape kinds, which
+pairs touch and whether they have friction. Masses, lengths, radii and the like are run-time numbers in a parameter
+table whose columns `Layout` assigns.
+
+Notation used by all kernels: nv degrees of freedom, nu controls, nr rows of the complementarity problem. Rows come in
+this order: for every degree of freedom its lower then its upper limit, then for every contact pair either one
+frictionless row n or the two rows n + mu t and n - mu t (Anitescu's relaxation, the paper's [9]).
+"""
+
+import functools
+from dataclasses import dataclass
+
+REVOLUTE, PRISMATIC = "revolute", "prismatic"
+DISC, ELLIPSE, HALFPLANE = "disc", "ellipse", "halfplane"
+WORLD = -1
+
+
+@dataclass(frozen=True)
+class BodyStructure:
+    """One body: index of its parent (WORLD = -1), joint kind and the degrees of freedom of that joint."""
+
+    parent: int
+    joint: str
+    dofs: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class ShapeStructure:
+    """One shape: its body (WORLD = -1), kind, and whether it is turned against its body's axes."""
+
+    body: int
+    kind: str
+    turned: bool = False
+
+
+@dataclass(frozen=True)
+class PairStructure:
+    """Two shapes that may touch; the normal points from shape_a to shape_b."""
+
+    shape_a: int
+    shape_b: int
+    friction: bool
+
+
+@dataclass(frozen=True)
+class RowStructure:
+    """One complementarity row: a joint limit (dof, sign) or a contact (pair, sign of the tangent; 0 = frictionless)."""
+
+    kind: str
+    index: int
+    sign: int
+
+
+@dataclass(frozen=True)
+class Structure:
+    """A mechanism's topology. Bodies come parents first, so degrees of freedom are ordered along every chain."""
+
+    bodies: tuple[BodyStructure, ...]
+    shapes: tuple[ShapeStructure, ...]
+    pairs: tuple[PairStructure, ...]
+    lower: tuple[bool, ...]
+    upper: tuple[bool, ...]
+    actuators: tuple[int, ...]
+
+    @property
+    def nb(self) -> int:
+        return len(self.bodies)
+
+    @property
+    def nv(self) -> int:
+        return len(self.lower)
+
+    @property
+    def nu(self) -> int:
+        return len(self.actuators)
+
+    @property
+    def nr(self) -> int:
+        return len(self.rows)
+
+    @functools.cached_property
+    def rows(self) -> tuple[RowStructure, ...]:
+        """The complementarity rows in order."""
+        limits = [
+            RowStructure("limit", j, sign)
+            for j in range(self.nv)
+            for sign, present in ((1, self.lower[j]), (-1, self.upper[j]))
+            if present
+        ]
+        contacts = [
+            RowStructure("contact", k, sign)
+            for k, pair in enumerate(self.pairs)
+            for sign in ((1, -1) if pair.friction else (0,))
+        ]
+        return tuple(limits + contacts)
+
+    @functools.cached_property
+    def dof_kind(self) -> tuple[str, ...]:
+        """REVOLUTE or PRISMATIC for every degree of freedom."""
+        kinds: list[str] = []
+        for body in self.bodies:
+            kinds += {
+                "revolute": [REVOLUTE],
+                "prismatic": [PRISMATIC],
+                "free": [PRISMATIC, PRISMATIC, REVOLUTE],
+            }[body.joint]
+        return tuple(kinds)
+
+    @functools.cached_property
+    def dof_body(self) -> tuple[int, ...]:
+        """The body that each degree of freedom moves directly."""
+        return tuple(b for b, body in enumerate(self.bodies) for _ in body.dofs)
+
+    def in_chain(self, body: int, dof: int) -> bool:
+        """Whether `dof` moves `body`."""
+        while body != WORLD:
+            if dof in self.bodies[body].dofs:
+                return True
+            body = self.bodies[body].parent
+        return False
+
+    def turns(self, body: int, dof: int) -> bool:
+        """Whether `dof` turns `body`."""
+        return self.in_chain(body, dof) and self.dof_kind[dof] == REVOLUTE
+
+    def coupled(self, i: int, j: int) -> bool:
+        """Whether M[i, j] can differ from zero: some body is moved by both."""
+        return any(self.in_chain(b, i) and self.in_chain(b, j) for b in range(self.nb))
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Columns of the parameter table, one row per world: name -> (first column, shape)."""
+
+    columns: tuple[tuple[str, int, tuple[int, ...]], ...]
+    width: int
+
+    def offset(self, name: str) -> int:
+        """First column of `name`."""
+        return next(start for key, start, _ in self.columns if key == name)
+
+    def shape(self, name: str) -> tuple[int, ...]:
+        """Shape of one world's value of `name`."""
+        return next(shape for key, _, shape in self.columns if key == name)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(key for key, _, _ in self.columns)
+
+
+@functools.cache
+def layout(s: Structure) -> Layout:
+    """The parameter table's columns for a structure (SI units; see `slcp_warp.params` for their meaning)."""
+    nb, ns = s.nb, len(s.shapes)
+    shapes = {
+        "step_size": (),
+        "gravity": (2,),
+        "sigma": (s.nr,),
+        "mass": (nb,),
+        "inertia": (nb,),
+        "com": (nb, 2),
+        "anchor": (nb, 2),
+        "angle": (nb,),
+        "axis": (nb, 2),
+        "damping": (s.nv,),
+        "lower": (s.nv,),
+        "upper": (s.nv,),
+        "gear": (s.nu,),
+        "friction": (len(s.pairs),),
+        "radius": (ns, 2),
+        "shape_offset": (ns, 2),
+        "shape_angle": (ns,),
+    }
+    columns, start = [], 0
+    for name, shape in shapes.items():
+        size = 1
+        for extent in shape:
+            size *= extent
+        columns.append((name, start, shape))
+        start += size
+    return Layout(tuple(columns), start)
