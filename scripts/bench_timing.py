@@ -1,0 +1,167 @@
+"""Interleaved timing, and its results as a table on the screen and as tidy rows in a CSV file."""
+
+import csv
+import datetime
+import gc
+import importlib.metadata
+import os
+import platform
+import subprocess
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+
+@dataclass(frozen=True)
+class Case:
+    """One thing to time: `run` does `count` items of work (world steps, Jacobians, passes) in one call.
+
+    `reference` names the case of the same benchmark whose time is divided by this one's. `overhead` is a call
+    whose time is taken off: what `run` does beside the work. `facts` go to the CSV.
+    """
+
+    name: str
+    run: Callable[[], Any]
+    count: int
+    reference: str | None = None
+    overhead: Callable[[], Any] | None = None
+    facts: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Result:
+    """Seconds per item of a case in every repeat (R,), and reference / case of the same repeat (R,)."""
+
+    case: Case
+    seconds: np.ndarray
+    ratios: np.ndarray | None
+
+
+def time_interleaved(
+    cases: list[Case], repeats: int, clock: Callable[[], float] = time.process_time
+) -> list[Result]:
+    """Run all cases once unmeasured, then `repeats` rounds in turn, each beginning with another case.
+
+    A ratio is taken inside a round, so that a machine that slows down slows both. The default clock is the
+    CPU time of this process, all threads together; for speed-ups by threads take `time.perf_counter`.
+    """
+    for case in cases:
+        case.run()
+    seconds = {case.name: np.zeros(repeats) for case in cases}
+    collecting = gc.isenabled()
+    gc.disable()
+    try:
+        for r in range(repeats):
+            for i in range(len(cases)):
+                case = cases[(i + r) % len(cases)]
+                spent = _timed(case.run, clock)
+                if case.overhead is not None:
+                    spent -= _timed(case.overhead, clock)
+                seconds[case.name][r] = spent / case.count
+    finally:
+        if collecting:
+            gc.enable()
+    return [
+        Result(c, seconds[c.name], None if c.reference is None else seconds[c.reference] / seconds[c.name])
+        for c in cases
+    ]
+
+
+def _timed(run: Callable[[], Any], clock: Callable[[], float]) -> float:
+    start = clock()
+    run()
+    return clock() - start
+
+
+def print_table(title: str, unit: str, results: list[Result], notes: list[str]) -> None:
+    """Medians, 10th and 90th percentiles of the repeats; a ratio above 1 is faster than the reference."""
+    factor = {"us": 1e6, "ms": 1e3}[unit.split()[0]]
+    table = Table(title=title, title_justify="left")
+    for heading in ("case", f"{unit}: median", "p10 - p90", "ratio", "p10 - p90", "against"):
+        table.add_column(heading, justify="left" if heading in ("case", "against") else "right")
+    for r in results:
+        row = [r.case.name, *_spread(r.seconds * factor)]
+        row += ["", "", ""] if r.ratios is None else [*_spread(r.ratios), str(r.case.reference)]
+        table.add_row(*row)
+    console = Console()
+    console.print(table)
+    for note in notes:
+        console.print(f"  {note}", highlight=False)
+    console.print()
+
+
+def _spread(values: np.ndarray) -> tuple[str, str]:
+    low, middle, high = np.percentile(values, [10, 50, 90])
+    return f"{middle:.3g}", f"{low:.3g} - {high:.3g}"
+
+
+def tidy_rows(benchmark: str, results: list[Result], clock: str) -> list[dict[str, Any]]:
+    """One row per case: seconds per item and ratio with their spread, the case's facts, and the machine."""
+    rows = []
+    for r in results:
+        low, middle, high = np.percentile(r.seconds, [10, 50, 90])
+        row = {"benchmark": benchmark, "case": r.case.name, "clock": clock, "items": r.case.count,
+               "repeats": len(r.seconds), "seconds": middle, "seconds_p10": low, "seconds_p90": high,
+               "reference": r.case.reference or ""}  # fmt: skip
+        if r.ratios is not None:
+            low, middle, high = np.percentile(r.ratios, [10, 50, 90])
+            row |= {"ratio": middle, "ratio_p10": low, "ratio_p90": high}
+        rows.append(row | r.case.facts | machine())
+    return rows
+
+
+def machine() -> dict[str, Any]:
+    """The processor, its cores, and the versions of what was measured."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return {
+        "cpu": _cpu_model(),
+        "cores": cores,
+        "system": platform.platform(),
+        "python": platform.python_version(),
+        **{name: _version(name) for name in ("slcp-warp", "warp-lang", "numpy", "mujoco")},
+        "commit": _commit(),
+        "time": datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds"),
+    }
+
+
+def _cpu_model() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return platform.processor()
+    return next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), "unknown")
+
+
+def _version(name: str) -> str:
+    try:
+        return importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        return ""
+
+
+def _commit() -> str:
+    """The commit of the working tree this file lies in, "+" where it has changes; empty outside of one."""
+    here = Path(__file__).resolve().parent
+    try:
+        options: Any = {"cwd": here, "capture_output": True, "text": True, "check": True, "timeout": 10}
+        head = subprocess.run(["git", "rev-parse", "--short", "HEAD"], **options).stdout.strip()
+        changed = subprocess.run(["git", "status", "--porcelain", "-uno"], **options).stdout.strip()
+    except (OSError, subprocess.SubprocessError):
+        return ""
+    return head + ("+" if changed else "")
+
+
+def write_csv(path: Path, rows: list[dict[str, Any]]) -> None:
+    """Write rows to a new file; columns in order of first appearance, empty where a row has no value."""
+    columns = list(dict.fromkeys(key for row in rows for key in row))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, columns, restval="")
+        writer.writeheader()
+        writer.writerows(rows)
