@@ -1,0 +1,372 @@
+"""An independent float64 account of one time step, in NumPy alone: the truth that the kernels are judged by.
+
+Nothing here follows the kernels' closed forms. Poses of the bodies are maximal coordinates as functions of q; their
+first derivatives come from complex steps and their second derivatives from a contour integral in the complex plane;
+M and r(q, v) are the Newton-Euler equations of the single bodies projected on those derivatives. Distances are found by
+trying directions all round and bisecting; touched points come from the ellipses' parametric form, and their Jacobians
+from complex steps of body-fixed points. All functions take any leading batch axes: q (..., nv) -> (..., what is said).
+
+Step (1), (17): M v' = h (r + u) + M v + J' lambda,  a = D lambda,  b = J v' + d / h,  a - s(a - b) = 0 or min(a, b) = 0.
+"""
+
+import itertools
+
+import numpy as np
+from scipy.optimize import nnls
+
+WORLD = -1
+COMPLEX_STEP = 1e-30
+DIRECTIONS = 720
+
+
+def complex_step(function, q):
+    """Jacobian (..., outputs, n) of an analytic function of q (..., n) -> (..., outputs)."""
+    n = q.shape[-1]
+    moved = q + 1j * COMPLEX_STEP * np.eye(n).reshape((n,) + (1,) * (q.ndim - 1) + (n,))
+    return np.moveaxis(function(moved).imag / COMPLEX_STEP, 0, -1)
+
+
+def second_along(function, q, v, points=32):
+    """d^2/de^2 function(q + e v) at e = 0, by Cauchy's integral over a circle in the complex plane."""
+    radius = 1.0 / max(1.0, float(np.max(np.abs(v), initial=0.0)))
+    circle = np.exp(2j * np.pi * np.arange(points) / points).reshape((points,) + (1,) * q.ndim)
+    values = function(q + radius * circle * v)
+    weight = circle.reshape((points,) + (1,) * (values.ndim - 1)) ** -2
+    return 2.0 * np.mean(values * weight, axis=0).real / radius**2
+
+
+def softplus(x, sigma):
+    """s(x) = sigma log(1 + exp(x / sigma)), stable."""
+    return np.maximum(x, 0.0) + sigma * np.log1p(np.exp(-np.abs(x) / sigma))
+
+
+class Oracle:
+    """Truth about one scene with numbers `changes` on top of its own: (..., shape), leading axes as the states'."""
+
+    def __init__(self, scene, **changes):
+        self.scene, self.structure = scene, scene.structure
+        self.p = {k: np.asarray(v, float) for k, v in {**scene.default_parameters(), **changes}.items()}
+        self.nv, self.nu, self.nr = self.structure.nv, self.structure.nu, self.structure.nr
+        if self.p["sigma"].ndim == 0:
+            self.p["sigma"] = np.full(self.nr, float(self.p["sigma"]))
+
+    # ---------------------------------------------------------------- kinematics
+
+    def frames(self, q):
+        """Angle (...) and origin (..., 2) of every body, complex if q is."""
+        p, out = self.p, []
+        for i, body in enumerate(self.structure.bodies):
+            at = p["anchor"][..., i, :]
+            turn = p["angle"][..., i]
+            mine = [q[..., j] for j in body.dofs]
+            if body.joint == "revolute":
+                turn = turn + mine[0]
+            elif body.joint == "prismatic":
+                at = at + p["axis"][..., i, :] * mine[0][..., None]
+            else:
+                at = at + np.stack(mine[:2], -1)
+                turn = turn + mine[2]
+            if body.parent == WORLD:
+                at = at + 0.0 * q[..., :1]
+                turn = turn + 0.0 * q[..., 0]
+            else:
+                base_turn, base = out[body.parent]
+                at = base + rotate(base_turn, at)
+                turn = base_turn + turn
+            out.append((turn, at))
+        return out
+
+    def point(self, q, body, local):
+        """World position (..., 2) of a body-fixed point."""
+        if body == WORLD:
+            return local + 0.0 * q[..., :1]
+        turn, at = self.frames(q)[body]
+        return at + rotate(turn, local)
+
+    def poses(self, q):
+        """Maximal coordinates (..., 3 nb): centre of mass and angle of every body."""
+        parts = []
+        for i, (turn, at) in enumerate(self.frames(q)):
+            com = self.p["com"][..., i, :]
+            parts += [at + rotate(turn, com), turn[..., None]]
+        return np.concatenate(parts, axis=-1)
+
+    def inertias(self):
+        """Diagonal of the maximal mass matrix (..., 3 nb)."""
+        m, i = self.p["mass"], self.p["inertia"]
+        return np.stack([m, m, i], -1).reshape(m.shape[:-1] + (-1,))
+
+    # ---------------------------------------------------------------- dynamics
+
+    def mass_matrix(self, q):
+        """M(q), (..., nv, nv)."""
+        g = complex_step(self.poses, q)
+        return np.einsum("...ki,...k,...kj->...ij", g, self.inertias(), g)
+
+    def force(self, q, v, u=None, external=None):
+        """r(q, v) + gear u + external wrenches (..., nb, 3) at the centres of mass, as (..., nv)."""
+        g = complex_step(self.poses, q)
+        wrench = np.zeros(np.broadcast_shapes(g.shape[:-1], self.inertias().shape))
+        wrench -= self.inertias() * second_along(self.poses, q, v)
+        for i in range(self.structure.nb):
+            wrench[..., 3 * i : 3 * i + 2] += self.p["mass"][..., i, None] * self.p["gravity"]
+        if external is not None:
+            wrench += np.asarray(external, float).reshape(np.shape(external)[:-2] + (-1,))
+        out = np.einsum("...ki,...k->...i", g, wrench) - self.p["damping"] * v
+        if u is not None:
+            for i, dof in enumerate(self.structure.actuators):
+                out[..., dof] += self.p["gear"][..., i] * u[..., i]
+        return out
+
+    def energy(self, q, v):
+        """Kinetic plus potential energy (...)."""
+        pose = self.poses(q).reshape(q.shape[:-1] + (-1, 3))
+        height = np.einsum("...bi,...i->...b", pose[..., :2], np.broadcast_to(self.p["gravity"], (2,)))
+        kinetic = 0.5 * np.einsum("...i,...ij,...j->...", v, self.mass_matrix(q), v)
+        return kinetic - np.sum(self.p["mass"] * height, -1)
+
+    # ---------------------------------------------------------------- contact
+
+    def shape_pose(self, q, shape):
+        """Centre (..., 2) and world angle (...) of a shape."""
+        body = self.structure.shapes[shape].body
+        at = self.point(q, body, self.p["shape_offset"][..., shape, :])
+        turn = self.p["shape_angle"][..., shape] + 0.0 * q[..., 0]
+        return at, turn if body == WORLD else turn + self.frames(q)[body][0]
+
+    def support(self, shape, turn, angle):
+        """Largest extent (...) of a round shape along the direction `angle`; analytic in `angle`."""
+        rx, ry = self.p["radius"][..., shape, 0], self.p["radius"][..., shape, 1]
+        if self.structure.shapes[shape].kind == "disc":
+            return rx + 0.0 * (angle - turn)
+        return np.sqrt((rx * np.cos(angle - turn)) ** 2 + (ry * np.sin(angle - turn)) ** 2)
+
+    def farthest(self, shape, centre, turn, angle):
+        """The boundary point (..., 2) that is farthest along `angle`, by the shape's parametric form."""
+        rx, ry = self.p["radius"][..., shape, 0], self.p["radius"][..., shape, 1]
+        if self.structure.shapes[shape].kind == "disc":
+            return centre + rx[..., None] * direction(angle)
+        parameter = np.arctan2(ry * np.sin(angle - turn), rx * np.cos(angle - turn))
+        return centre + rotate(turn, np.stack([rx * np.cos(parameter), ry * np.sin(parameter)], -1))
+
+    def separation(self, q, k, angle):
+        """n.(c_B - c_A) - h_A(n) - h_B(-n) of pair k along `angle`."""
+        pair = self.structure.pairs[k]
+        (ca, ta), (cb, tb) = self.shape_pose(q, pair.shape_a), self.shape_pose(q, pair.shape_b)
+        along = np.sum(direction(angle) * (cb - ca), -1)
+        return along - self.support(pair.shape_a, ta, angle) - self.support(pair.shape_b, tb, angle + np.pi)
+
+    def normal_angle(self, q, k):
+        """Angle (...) of the normal of pair k, and by how much the best maximum beats any other (inf: unique)."""
+        pair = self.structure.pairs[k]
+        kinds = [self.structure.shapes[i].kind for i in (pair.shape_a, pair.shape_b)]
+        if "halfplane" in kinds:
+            turn = self.shape_pose(q, (pair.shape_a, pair.shape_b)[kinds.index("halfplane")])[1]
+            return turn + np.pi * kinds.index("halfplane"), np.full(turn.shape, np.inf)
+        grid = 2 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+        tried = self.separation(q, k, grid.reshape((-1,) + (1,) * (q.ndim - 1)))
+        peak = (tried >= np.roll(tried, 1, 0)) & (tried > np.roll(tried, -1, 0))
+        best = np.argmax(tried, 0)
+        rivals = np.sort(np.where(peak, tried, -np.inf), axis=0)
+        lo, hi = grid[best] - grid[1], grid[best] + grid[1]
+        for _ in range(60):
+            mid = 0.5 * (lo + hi)
+            rising = self.separation(q, k, mid + 1j * COMPLEX_STEP).imag > 0.0
+            lo, hi = np.where(rising, mid, lo), np.where(rising, hi, mid)
+        return 0.5 * (lo + hi), rivals[-1] - rivals[-2]
+
+    def contact(self, q, k):
+        """Pair k: gap (...), normal angle (...), touched points (..., 2) on A and on B, uniqueness margin (...)."""
+        pair = self.structure.pairs[k]
+        a, b = pair.shape_a, pair.shape_b
+        angle, margin = self.normal_angle(q, k)
+        (ca, ta), (cb, tb) = self.shape_pose(q, a), self.shape_pose(q, b)
+        n = direction(angle)
+        if self.structure.shapes[a].kind == "halfplane":
+            pb = self.farthest(b, cb, tb, angle + np.pi)
+            gap = np.sum(n * (pb - ca), -1)
+            pa = pb - gap[..., None] * n
+        elif self.structure.shapes[b].kind == "halfplane":
+            pa = self.farthest(a, ca, ta, angle)
+            gap = np.sum(n * (cb - pa), -1)
+            pb = pa + gap[..., None] * n
+        else:
+            pa, pb = self.farthest(a, ca, ta, angle), self.farthest(b, cb, tb, angle + np.pi)
+            gap = self.separation(q, k, angle)
+        return gap, angle, pa, pb, margin
+
+    def contact_jacobian(self, q, k):
+        """Gap (...), normal and tangential rows (..., nv) and uniqueness margin (...) of pair k."""
+        pair = self.structure.pairs[k]
+        gap, angle, pa, pb, margin = self.contact(q, k)
+        moving = []
+        for shape, at in ((pair.shape_a, pa), (pair.shape_b, pb)):
+            body = self.structure.shapes[shape].body
+            if body == WORLD:
+                moving.append(np.zeros(q.shape[:-1] + (2, self.nv)))
+                continue
+            turn, origin = self.frames(q)[body]
+            local = rotate(-turn, at - origin)
+            moving.append(complex_step(lambda z, body=body, local=local: self.point(z, body, local), q))
+        relative = moving[1] - moving[0]
+        n, t = direction(angle), direction(angle + np.pi / 2)
+        return (
+            gap,
+            np.einsum("...i,...ij->...j", n, relative),
+            np.einsum("...i,...ij->...j", t, relative),
+            margin,
+        )
+
+    def rows(self, q):
+        """Gaps d (..., nr), Jacobian J (..., nr, nv) and uniqueness margin (...), in the scene's row order."""
+        pairs = [self.contact_jacobian(q, k) for k in range(len(self.structure.pairs))]
+        gaps, rows = [], []
+        for row in self.structure.rows:
+            if row.kind == "limit":
+                bound = self.p["lower" if row.sign > 0 else "upper"][..., row.index]
+                gaps.append(row.sign * (q[..., row.index] - bound))
+                unit = np.zeros(q.shape)
+                unit[..., row.index] = row.sign
+                rows.append(unit)
+            else:
+                gap, jn, jt, _ = pairs[row.index]
+                gaps.append(gap)
+                rows.append(jn + row.sign * self.p["friction"][..., row.index, None] * jt)
+        margin = np.min([pair[3] for pair in pairs], axis=0) if pairs else np.full(q.shape[:-1], np.inf)
+        if not rows:
+            return np.zeros(q.shape[:-1] + (0,)), np.zeros(q.shape[:-1] + (0, self.nv)), margin
+        return np.stack(np.broadcast_arrays(*gaps), -1), np.stack(np.broadcast_arrays(*rows), -2), margin
+
+    # ---------------------------------------------------------------- one step
+
+    def problem(self, x, u=None, external=None, scaling="inertia"):
+        """What one step solves: a dict of M, f = M vfree, J, d, rate = d / h, A, b, D, sigma, h, margin."""
+        q, v = x[..., : self.nv], x[..., self.nv :]
+        h = self.p["step_size"]
+        mass = self.mass_matrix(q)
+        f = h[..., None] * self.force(q, v, u, external) + np.einsum("...ij,...j->...i", mass, v)
+        d, jac, margin = self.rows(q)
+        vfree = np.linalg.solve(mass, f[..., None])[..., 0]
+        a = jac @ np.linalg.solve(mass, np.swapaxes(jac, -1, -2))
+        diag = np.einsum("...ii->...i", a)
+        rate = d / h[..., None]
+        return {
+            "M": mass, "f": f, "vfree": vfree, "J": jac, "d": d, "rate": rate, "A": a, "h": h, "margin": margin,
+            "b": rate + np.einsum("...ij,...j->...i", jac, vfree),
+            "D": np.ones(diag.shape) if scaling == "none" else diag,
+            "sigma": np.broadcast_to(self.p["sigma"], diag.shape),
+        }  # fmt: skip
+
+    def step(self, x, u=None, external=None, scaling="inertia", hard=False):
+        """Next state (..., 2 nv) and impulses (..., nr)."""
+        problem = self.problem(x, u, external, scaling)
+        v, impulse = (solve_hard if hard else solve_smooth)(problem)
+        q = x[..., : self.nv] + problem["h"][..., None] * v
+        return np.concatenate([q, v], -1), impulse
+
+
+def rotate(angle, vector):
+    """`vector` (..., 2) turned by `angle` (...)."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.stack([c * vector[..., 0] - s * vector[..., 1], s * vector[..., 0] + c * vector[..., 1]], -1)
+
+
+def direction(angle):
+    """Unit vector (..., 2)."""
+    return np.stack([np.cos(angle), np.sin(angle)], -1)
+
+
+def residual(problem, v, impulse, hard=False):
+    """r1 = M v' - f - J' lambda (..., nv) and r2 = a - s(a - b), or min(a, b) when hard (..., nr)."""
+    r1 = np.einsum("...ij,...j->...i", problem["M"], v) - problem["f"]
+    r1 = r1 - np.einsum("...ij,...i->...j", problem["J"], impulse)
+    a = problem["D"] * impulse
+    b = problem["rate"] + np.einsum("...ij,...j->...i", problem["J"], v)
+    if hard:
+        return r1, np.minimum(a, b)
+    # min(a, b) - s(-|a - b|) is the same number without cancellation
+    return r1, np.minimum(a, b) - problem["sigma"] * np.log1p(np.exp(-np.abs(a - b) / problem["sigma"]))
+
+
+def _newton(a_mat, b, scale, sigma, z, floor, iterations=100):
+    """Root z of A s(z) / D + b - s(-z) for one world, by damped Newton; -> z, largest residual.
+
+    `floor` keeps rows that determine the same velocity from making the matrix singular; it does not move the root.
+    """
+
+    def evaluate(z):
+        return a_mat @ (softplus(z, sigma) / scale) + b - softplus(-z, sigma)
+
+    value = evaluate(z)
+    for _ in range(iterations):
+        up = 0.5 + 0.5 * np.tanh(0.5 * z / sigma)
+        move = np.linalg.solve(a_mat * (up / scale) + np.diag(np.maximum(1.0 - up, floor)), -value)
+        length, old = 1.0, np.linalg.norm(value)
+        while length > 1e-9:
+            trial = evaluate(z + length * move)
+            if np.linalg.norm(trial) <= (1.0 - 1e-4 * length) * old:
+                break
+            length *= 0.5
+        if length <= 1e-9:
+            break
+        z, value = z + length * move, trial
+    return z, np.max(np.abs(value))
+
+
+def solve_smooth(problem):
+    """v' and lambda of REM-logistic (17), sigma lowered from a large value; a world at a time."""
+    shape = problem["b"].shape
+    nr = shape[-1]
+    if nr == 0:
+        return problem["vfree"], np.zeros(shape)
+    flat = {k: problem[k].reshape((-1,) + problem[k].shape[len(shape) - 1 :]) for k in ("A", "b", "D", "sigma")}
+    impulse = np.zeros((len(flat["b"]), nr))
+    for i in range(len(impulse)):
+        a, b, d, sigma = (flat[k][i] for k in ("A", "b", "D", "sigma"))
+        best = np.inf
+        for floor in (1e-14, 1e-10, 1e-7, 1e-4):
+            z = -b
+            for factor in (256.0, 64.0, 16.0, 4.0, 1.0):
+                z, miss = _newton(a, b, d, factor * sigma, z, floor)
+            if miss < best:
+                best, impulse[i] = miss, softplus(z, sigma) / d
+            if miss < 1e-14 * max(1.0, np.max(np.abs(b))):
+                break
+    impulse = impulse.reshape(shape)
+    push = np.einsum("...ij,...i->...j", problem["J"], impulse)
+    return problem["vfree"] + np.linalg.solve(problem["M"], push[..., None])[..., 0], impulse
+
+
+def solve_hard(problem):
+    """v' and lambda of the exact problem (1): Lawson and Hanson's least distance programming; a world at a time."""
+    shape = problem["b"].shape
+    impulse = np.zeros(shape)
+    for i in np.ndindex(shape[:-1]):
+        jac, b, mass = problem["J"][i], problem["b"][i], problem["M"][i]
+        root = np.linalg.cholesky(mass)  # y = L'(v - vfree): min |y| with G y >= -b
+        g = np.linalg.solve(root, jac.T).T
+        dual, _ = nnls(np.vstack([g.T, -b[None]]), np.r_[np.zeros(len(mass)), 1.0], maxiter=1000)
+        rest = np.vstack([g.T, -b[None]]) @ dual - np.r_[np.zeros(len(mass)), 1.0]
+        if -rest[-1] < 1e-12:
+            impulse[i] = np.nan  # no velocity satisfies all rows
+            continue
+        acting = dual > 1e-14 * dual.max(initial=0.0)  # the set is known: solve it afresh for the last digits
+        if acting.any():
+            block = problem["A"][i][np.ix_(acting, acting)]
+            impulse[i][acting] = np.linalg.lstsq(block, -b[acting], rcond=1e-13)[0]
+    push = np.einsum("...ij,...i->...j", problem["J"], impulse)
+    return problem["vfree"] + np.linalg.solve(problem["M"], push[..., None])[..., 0], impulse
+
+
+def solve_hard_by_trial(a, b):
+    """lambda of 0 <= lambda _|_ A lambda + b >= 0 by trying all sets of acting rows, smallest first; None if none fits."""
+    for size in range(len(b) + 1):
+        for active in itertools.combinations(range(len(b)), size):
+            s = list(active)
+            trial = np.zeros(len(b))
+            if s:
+                trial[s] = np.linalg.lstsq(a[np.ix_(s, s)], -b[s], rcond=None)[0]
+            w = a @ trial + b
+            if min(trial.min(initial=0.0), w.min()) > -1e-9 and np.max(np.abs(trial * w)) < 1e-9:
+                return trial
+    return None
