@@ -1,8 +1,10 @@
 """Differential dynamic programming over batches of problems, receding horizon, trajectory libraries and policies."""
 
 from . import costs
+from .continuation import solve_continuation
 from .costs import Cost
-from .dynamics import Dynamics, DynamicsFunctions, WarpDynamics, linear_system
+from .dynamics import Dynamics, DynamicsFunctions, Parameters, WarpDynamics, linear_system
+from .multistart import Multistart, solve_multistart
 from .options import Options, Regularization
 from .problem import Problem
 from .result import Result, Trace
@@ -13,7 +15,9 @@ __all__ = [
     "Cost",
     "Dynamics",
     "DynamicsFunctions",
+    "Multistart",
     "Options",
+    "Parameters",
     "Problem",
     "Regularization",
     "Result",
@@ -24,4 +28,6 @@ __all__ = [
     "costs",
     "linear_system",
     "solve",
+    "solve_continuation",
+    "solve_multistart",
 ]

@@ -16,9 +16,9 @@ class Cost:
     """A running and a final cost as Warp functions, made for each dtype, and their weights, which are run-time data.
 
     Args:
-        make: ``make(dtype, VX, VU) -> CostFunctions``, called once per dtype; VX, VU are the vector types of a state
-            and a control. Functions read weights as ``weights[row, i]``. It must be a function of a module, or be kept
-            and passed again, for kernels to be found again instead of being compiled anew.
+        make: ``make(dtype, VX, VU) -> CostFunctions``, called once per dtype; VX, VU are the vector types of
+            a state and a control. Functions read weights as ``weights[row, i]``. It must be a function of a
+            module, or be kept and passed again, for kernels to be found again instead of being compiled anew.
         weights: numbers (P,), or one row per problem (B, P).
         nx: number of states that the cost needs, or None for any.
         nu: number of controls, or None for any.

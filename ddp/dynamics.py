@@ -14,7 +14,7 @@ from slcp_warp.kernels.generic_dynamics import (
     make_protocol_step,
     no_carry,
 )
-from slcp_warp.kernels.launch import launch
+from slcp_warp.kernels.launch import Prepared
 
 __all__ = ["Dynamics", "DynamicsFunctions", "Parameters", "WarpDynamics", "linear_system"]
 
@@ -27,7 +27,8 @@ class Dynamics(Protocol):
         nw: number of curved outputs y: V.f_zz = sum_i (lift V)_i d2y_i/dz2 with z = (x, u).
         dtype: Warp scalar type.
         device: Warp device.
-        params: default numbers, an object with ``array(batch) -> wp.array2d`` (1 or batch rows) and ``replace(**)``.
+        params: default numbers, an object with ``array(batch) -> wp.array2d`` (1 or batch rows) and
+            ``replace(**)``.
     """
 
     nx: int
@@ -48,7 +49,12 @@ class Dynamics(Protocol):
     ) -> None:
         """Derivatives along xs (B, N+1, nx), us (B, N, nu) of the problems with active (B,) = 1.
 
-        Writes fx (B, N, nx, nx), fu (B, N, nx, nu), second (B N, nw, nz, nz) unless None, status (B, N), 0 if good.
+        Writes fx (B, N, nx, nx), fu (B, N, nx, nu), second (B N, nw, nz, nz) unless None, status (B, N), 0 if
+        good.
+
+        A dynamics may also have ``prepare_linearize``, which takes the same arguments and returns a function
+        without any that does this for the same arrays at less overhead, and ``kernel_key``, a string that names
+        what its functions are specialised on.
         """
 
     def lift_into(self, params: Any, lift: Any) -> None:
@@ -102,10 +108,11 @@ class WarpDynamics:
     """Dynamics from a Warp function x' = step(params, row, x, u).
 
     Args:
-        make: ``make(dtype, VX, VU) -> DynamicsFunctions`` or just the step, called once per dtype; it reads its
-            parameters as ``params[row, i]``, in the order of ``parameters``, arrays flattened. Derivatives that it does
-            not give are central differences in double precision. It must be a function of a module, or be kept and
-            passed again, for kernels to be found again instead of being compiled anew.
+        make: ``make(dtype, VX, VU) -> DynamicsFunctions`` or just the step, called once per dtype; it reads
+            its parameters as ``params[row, i]``, in the order of ``parameters``, arrays flattened.
+            Derivatives that it does not give are central differences in double precision. It must be a
+            function of a module, or be kept and passed again, for kernels to be found again instead of being
+            compiled anew.
         nx: number of states.
         nu: number of controls.
         parameters: names and default values.
@@ -154,18 +161,32 @@ class WarpDynamics:
         """The default parameters with changes."""
         return self.params.replace(**changes)
 
-    def linearize_into(
-        self, xs: Any, us: Any, params: Any, fx: Any, fu: Any, second: Any, status: Any, active: Any
-    ) -> None:
+    def linearize_into(self, *arrays: Any) -> None:
         """See `Dynamics`."""
+        self.prepare_linearize(*arrays)()
+
+    def prepare_linearize(
+        self, xs: Any, us: Any, params: Any, fx: Any, fu: Any, second: Any, status: Any, active: Any
+    ) -> Callable[[], None]:
+        """`linearize_into` as a function without arguments that can be called many times, with less overhead."""
         functions = _dynamics_functions(self.make, self.dtype, self.nx, self.nu)
         differences = functions.jacobians is None or (second is not None and functions.curvature is None)
+        exact = params
         if differences and self.dtype != wp.float64:
             functions = _dynamics_functions(self.make, wp.float64, self.nx, self.nu)
-            params = wp.array(params.numpy().astype(np.float64), dtype=wp.float64, device=self.device)
+            exact = wp.empty(params.shape, dtype=wp.float64, device=self.device)
         kernel = make_linearize_kernel(functions, self.nx, self.nu, second is not None, self.dtype)
-        inputs = [xs, us, params, active, fx, fu, second, status]
-        launch(kernel, us.shape[0] * us.shape[1], inputs, self.device, grain=16)
+        cells = us.shape[0] * us.shape[1]
+        unused = wp.empty((1, 1, 1, 1), dtype=self.dtype, device=self.device) if second is None else second
+        inputs = [xs, us, exact, active, fx, fu, unused, status]
+        grain = 16 if differences else 256
+        run = Prepared(kernel, cells, inputs, self.device, grain=grain)
+
+        def run_with_cast() -> None:
+            exact.assign(params.numpy())
+            run()
+
+        return run if exact is params else run_with_cast
 
     def lift_into(self, params: Any, lift: Any) -> None:
         """See `Dynamics`: every state is a curved output of its own."""

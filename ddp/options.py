@@ -15,9 +15,10 @@ DEFAULT_STEP_SIZES = tuple(float(a) for a in 2.0 ** -np.arange(11.0))
 class Regularization:
     """A schedule of Tassa, Erez & Todorov (2012), section II-F; every field a number or one per problem (B,).
 
-    When a backward pass or a line search fails, delta = max(factor, delta factor) and mu = max(minimum, mu delta);
-    after success delta = min(1/factor, delta/factor) and mu = mu delta, or 0 below the minimum. mu ``state_weight``
-    is added to V_xx as seen through f_x and f_u, mu ``control_weight`` to the diagonal of Q_uu.
+    When a backward pass or a line search fails, delta = max(factor, delta factor) and mu = max(minimum, mu
+    delta); after success delta = min(1/factor, delta/factor) and mu = mu delta, or 0 below the minimum. mu
+    ``state_weight`` is added to V_xx as seen through f_x and f_u, mu ``control_weight`` to the diagonal of
+    Q_uu.
     """
 
     initial: Any = 1.0e-3
@@ -62,13 +63,13 @@ class Regularization:
 class Options:
     """How to solve a problem.
 
-    A line search takes, of the step sizes whose actual reduction is more than ``min_reduction_ratio`` of the expected
-    one, the one of lowest cost: the cost never increases. ``None`` tolerances depend on the dtype.
+    A line search takes, of the step sizes whose actual reduction is more than ``min_reduction_ratio`` of the
+    expected one, the one of lowest cost: the cost never increases. ``None`` tolerances depend on the dtype.
 
     Attributes:
         max_iterations: line searches at most; one more backward pass makes the returned policy.
-        method: "second-order" (full DDP), "gauss-newton" (no second derivatives of the dynamics) or "first-order",
-            the paper's (9)-(10).
+        method: "second-order" (full DDP), "gauss-newton" (no second derivatives of the dynamics) or
+            "first-order", the paper's (9)-(10).
         step_sizes: the alphas tried, all at once.
         regularization: one schedule, or one per problem.
         gradient_tolerance: converged when the largest |Q_u| is at most this; 1e-6, float32: 1e-3.

@@ -18,7 +18,8 @@ class Problem:
         cost: a `Cost`.
         horizon: number of steps N.
         params: the dynamics' numbers, default its own.
-        control_limits: (lower, upper), each a number, (nu,) or (B, nu), infinite where there is none; or None.
+        control_limits: (lower, upper), each a number, (nu,) or (B, nu), infinite where there is none; or
+            None.
     """
 
     dynamics: Any

@@ -20,8 +20,8 @@ from .result import Result, Trace
 class Workspace:
     """Arrays and launches of one problem and batch size, made once and used for any number of solves.
 
-    The device arrays ``xs``, ``us``, ``K``, ``k``, ``Vx``, ``Vxx``, ``cost``, ``status``, ``passes``, ``gradient``
-    and ``pivot`` hold the last solution; the next solve overwrites them.
+    The device arrays ``xs``, ``us``, ``K``, ``k``, ``Vx``, ``Vxx``, ``cost``, ``status``, ``passes``,
+    ``gradient`` and ``pivot`` hold the last solution; the next solve overwrites them.
     """
 
     def __init__(self, problem: Problem, batch: int, options: Options | None = None) -> None:
@@ -126,6 +126,14 @@ class Workspace:
         rows = problem.cost.rows(B)
         weights = wp.array(rows.astype(self.numpy_dtype), dtype=dtype, device=self.device)
 
+        d = derivatives
+        second = d.second if self.second_order else None
+        arrays = (policy.xs, policy.us, self.params, d.fx, d.fu, second, d.status, state.fresh)
+        if hasattr(self.dynamics, "prepare_linearize"):
+            self._run_linearize = self.dynamics.prepare_linearize(*arrays)
+        else:
+            self._run_linearize = lambda: self.dynamics.linearize_into(*arrays)
+
         differences = functions.running_derivatives is None or functions.final_derivatives is None
         inner = wp.float64 if differences else dtype
         exact = weights if inner == dtype else wp.array(rows, dtype=inner, device=self.device)
@@ -149,6 +157,7 @@ class Workspace:
             nu,
             limited,
             dtype,
+            getattr(self.dynamics, "kernel_key", ""),
         )
         shared = [self.params, weights]
         inputs = [B, self.x0, policy, candidates, *shared, state.active]
@@ -182,7 +191,8 @@ class Workspace:
         Args:
             x0: initial states (B, nx), or one (nx,) for all.
             us0: controls to start from (B, N, nu) or (N, nu).
-            xs0: with K0, the warm start (19) is rolled out with feedback: u = us0 + k0 + K0 (x - xs0); (B, N+1, nx).
+            xs0: with K0, the warm start (19) is rolled out with feedback: u = us0 + k0 + K0 (x - xs0);
+                (B, N+1, nx).
             K0: gains (B, N, nu, nx).
             k0: (B, N, nu), default 0.
         """
@@ -229,11 +239,7 @@ class Workspace:
 
     def _sweep(self, backward: Prepared) -> bool:
         """Derivatives where trajectories changed, and a backward pass; whether any problem is still active."""
-        d = self._derivatives
-        second = d.second if self.second_order else None
-        self.dynamics.linearize_into(
-            self.xs, self.us, self.params, d.fx, d.fu, second, d.status, self._state.fresh
-        )
+        self._run_linearize()
         self._run_cost()
         backward()
         return bool(self._state.active.numpy().any())

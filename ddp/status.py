@@ -25,7 +25,7 @@ class Status(IntEnum):
 _EXPLANATIONS = {
     Status.RUNNING: "still running",
     Status.CONVERGED: "largest |Q_u| is within the gradient tolerance",
-    Status.SMALL_IMPROVEMENT: "the last improvement is within its tolerance, or what is left drowns in rounding",
+    Status.SMALL_IMPROVEMENT: "the last improvement is within its tolerance, or the next drowns in rounding",
     Status.MAX_ITERATIONS: "stopped at the limit of iterations",
     Status.REGULARIZATION_LIMIT: "Q_uu is not positive definite at the largest regularisation",
     Status.LINE_SEARCH_FAILED: "no step size lowers the cost at the largest regularisation",

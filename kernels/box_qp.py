@@ -10,7 +10,7 @@ EPSILON = {wp.float32: 1.1920929e-07, wp.float64: 2.220446049250313e-16}
 
 @functools.cache
 def make_small_solver(nx, nu, dtype):
-    """Warp functions on (nu, nu) matrices: Cholesky with failure detection, substitutions, projected Newton."""
+    """Warp functions on (nu, nu) matrices: Cholesky that detects failure, substitution, projected Newton."""
     VU = wp.types.vector(nu, dtype)
     MUU = wp.types.matrix((nu, nu), dtype)
     MUX = wp.types.matrix((nu, nx), dtype)
@@ -111,10 +111,10 @@ def make_small_solver(nx, nu, dtype):
 
     @wp.func
     def box_qp(h: MUU, g: VU, lower: VU, upper: VU, start: VU):
-        """Minimise y'hy/2 + g'y within lower <= y <= upper by projected Newton (Tassa et al. 2014, section III).
+        """Minimise y'hy/2 + g'y within lower <= y <= upper by projected Newton (Tassa et al. 2014, III).
 
-        Returns y, the free set, the factor of h on it, and the smallest pivot (not positive: h is not positive
-        definite on a free set that was met; y is then of no use).
+        Returns y, the free set, the factor of h on it, and the smallest pivot (not positive: h is not
+        positive definite on a free set that was met; y is then of no use).
         """
         y = clamp_vector(start, lower, upper)
         free = VU()

@@ -1,10 +1,11 @@
 """Derivatives of the running and final cost along a batch of trajectories.
 
-A cost is a pair of Warp functions, ``running(weights, row, x, u, k) -> dtype`` and ``final(weights, row, x) -> dtype``.
-Derivatives are the cost's own where it has them. Otherwise they come from central differences of fourth order in
-double precision, of the cost's float64 version whatever the dtype of the trajectories: relative to the cost and for
-variables of order one, gradients are good to about 1e-12 and Hessians to about 1e-9. Warp's adjoint (``wp.grad``) is
-not used: it refuses array arguments and is silently wrong for functions that assign a vector's component twice.
+A cost is a pair of Warp functions, ``running(weights, row, x, u, k) -> dtype`` and ``final(weights, row, x)
+-> dtype``. Derivatives are the cost's own where it has them. Otherwise they come from central differences of
+fourth order in double precision, of the cost's float64 version whatever the dtype of the trajectories:
+relative to the cost and for variables of order one, gradients are good to about 1e-12 and Hessians to about
+1e-9. Warp's adjoint (``wp.grad``) is not used: it refuses array arguments and is silently wrong for functions
+that assign a vector's component twice.
 """
 
 import functools
@@ -31,9 +32,10 @@ class CostFunctions(NamedTuple):
 
 @functools.cache
 def make_cost_kernel(functions, nx, nu, dtype):
-    """Kernel ``(first, xs, us, weights, mask, Derivatives)`` over B (N+1): l_x, l_u, l_xx, l_ux, l_uu, final ones too.
+    """Kernel ``(first, xs, us, weights, mask, Derivatives)`` over B (N+1): l_x .. l_uu, and of the final cost.
 
-    ``functions`` is for the dtype of ``weights``: dtype itself, or float64 when derivatives come from differences.
+    ``functions`` is for the dtype of ``weights``: dtype itself, or float64 when derivatives come from
+    differences.
     """
     differences = functions.running_derivatives is None or functions.final_derivatives is None
     inner = wp.float64 if differences else dtype

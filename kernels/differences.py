@@ -1,8 +1,8 @@
 """Central differences of fourth order in double precision, for functions that come without derivatives.
 
 First derivatives: (f(-2h) - 8 f(-h) + 8 f(h) - f(2h)) / 12h. Second derivatives along a direction d:
-D(d) = (-f(-2d) + 16 f(-d) - 30 f(0) + 16 f(d) - f(2d)) / 12, and mixed ones (D(d_i + d_j) - D(d_i - d_j)) / 4.
-Steps are relative to max(1, |z_i|).
+D(d) = (-f(-2d) + 16 f(-d) - 30 f(0) + 16 f(d) - f(2d)) / 12, mixed ones
+(D(d_i + d_j) - D(d_i - d_j)) / 4. Steps are relative to max(1, |z_i|).
 """
 
 import functools
@@ -15,13 +15,13 @@ SECOND_STEP = 4.0e-3
 
 @functools.cache
 def make_scalar_differences(running, final, nx, nu):
-    """Warp functions with the signatures of `CostFunctions.running_derivatives` and `.final_derivatives`, float64."""
+    """Warp functions like `CostFunctions.running_derivatives` and `.final_derivatives`, float64."""
     dtype = wp.float64
     nz = nx + nu
     VX, VU, VZ = wp.types.vector(nx, dtype), wp.types.vector(nu, dtype), wp.types.vector(nz, dtype)
     MXX, MZZ = wp.types.matrix((nx, nx), dtype), wp.types.matrix((nz, nz), dtype)
     MUX, MUU = wp.types.matrix((nu, nx), dtype), wp.types.matrix((nu, nu), dtype)
-    ZERO, ONE, TWO, EIGHT = dtype(0.0), dtype(1.0), dtype(2.0), dtype(8.0)
+    ONE, TWO, EIGHT = dtype(1.0), dtype(2.0), dtype(8.0)
     TWELVE, SIXTEEN, THIRTY, QUARTER = dtype(12.0), dtype(16.0), dtype(30.0), dtype(0.25)
     H1, H2 = dtype(FIRST_STEP), dtype(SECOND_STEP)
 

@@ -1,7 +1,7 @@
-"""Dynamics given as a Warp function x' = step(params, row, x, u): derivatives along trajectories, protocol functions.
+"""Dynamics given as a Warp function x' = step(params, row, x, u): protocol functions and derivatives.
 
-Derivatives that the user does not supply are central differences of fourth order in double precision of the float64
-version of the step (`differences.py` says how accurate and why not Warp's adjoint).
+Derivatives that the user does not supply are central differences of fourth order in double precision of the
+float64 version of the step (`differences.py` says how accurate and why not Warp's adjoint).
 """
 
 import functools

@@ -1,9 +1,9 @@
 """Launches of one-dimensional kernels that use all cores of a CPU.
 
 Warp runs a CPU launch on one core, but releases the interpreter lock meanwhile. Every kernel of this package
-therefore takes ``first: int`` as its first argument and works on item ``first + wp.tid()``, so that a range of
-items can be split into chunks that run on a pool of threads. Items must not depend on each other. On a GPU the
-whole range is one launch with ``first = 0``.
+therefore takes ``first: int`` as its first argument and works on item ``first + wp.tid()``, so that a range
+of items can be split into chunks that run on a pool of threads. Items must not depend on each other. On a GPU
+the whole range is one launch with ``first = 0``.
 """
 
 import collections
@@ -25,7 +25,7 @@ _loaded: "weakref.WeakSet[wp.Kernel]" = weakref.WeakSet()
 
 
 def thread_count():
-    """Threads a CPU launch may use: ``SLCP_WARP_THREADS`` where set, else the cores this process may run on."""
+    """Threads a CPU launch may use: ``SLCP_WARP_THREADS`` where set, else the cores this process has."""
     text = os.environ.get("SLCP_WARP_THREADS", "").strip()
     if text:
         if not text.isdigit() or int(text) < 1:
@@ -40,7 +40,7 @@ _default_threads = thread_count()
 
 
 def split(dim, threads, grain):
-    """Chunks ``[(first, count), ...]`` of ``range(dim)``: one if the work is small, else several per thread."""
+    """Chunks ``[(first, count), ...]`` of ``range(dim)``: one if the work is small, else several a thread."""
     if threads <= 1 or dim < 2 * grain:
         return [(0, dim)] if dim > 0 else []
     chunks = min(threads * CHUNKS_PER_THREAD, dim // grain)
@@ -79,7 +79,8 @@ def launch(kernel, dim, inputs, device, threads=None, grain=DEFAULT_GRAIN):
 class Prepared:
     """A launch with its arguments packed once; calling it repeats the launch at a fraction of the overhead.
 
-    The arrays are kept alive and must stay the ones given. ``set_input(index, value)`` replaces one of ``inputs``.
+    The arrays are kept alive and must stay the ones given. ``set_input(index, value)`` replaces one of
+    ``inputs``.
     """
 
     def __init__(self, kernel, dim, inputs, device, threads=None, grain=DEFAULT_GRAIN):
@@ -137,7 +138,7 @@ def _drain(run, items, threads):
 
 
 def _executor(threads):
-    """The process's pool, made on first use, grown when more threads are asked for, made anew after a fork."""
+    """The process's pool, made on first use, grown for more threads, made anew after a fork."""
     global _pool, _pool_size, _pool_pid
     if _pool is None or _pool_size < threads - 1 or _pool_pid != os.getpid():
         with _pool_lock:

@@ -5,6 +5,7 @@ import functools
 import warp as wp
 
 from .box_qp import EPSILON
+from .compile import specialised
 from .solver_state import (
     SolverState,
     lower_regularization,
@@ -44,16 +45,17 @@ def make_candidate_arrays(dtype):
 
 
 @functools.cache
-def make_rollout_kernel(step, initial_carry, running, final, nx, nu, has_limits, dtype):
-    """Kernel ``(first, problems, x0, Policy, Candidates, params, weights, active)`` over (step size, problem).
+def make_rollout_kernel(step, initial_carry, running, final, nx, nu, has_limits, dtype, key=""):
+    """Kernel ``(first, problems, x0, Policy, Candidates, params, weights, active)`` over B A items.
 
-    Item i is problem i mod B under step size i div B: u = clamp(us + alpha k + K (x - xs)), x' = step(x, u), costs
-    summed in double precision. A failed or non-finite world costs +inf and keeps its last valid state.
+    Item i is problem i mod B under step size i div B: u = clamp(us + alpha k + K (x - xs)), x' = step(x, u),
+    costs summed in double precision. ``key`` names what the functions were specialised on (see `compile.py`).
+    A failed or non-finite world costs +inf and keeps its last valid state.
     """
     VX, VU = wp.types.vector(nx, dtype), wp.types.vector(nu, dtype)
     Policy, Candidates = make_policy_arrays(dtype), make_candidate_arrays(dtype)
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @specialised(key, nx, nu, has_limits, dtype)
     def rollout(
         first: int,
         problems: int,
@@ -118,7 +120,7 @@ def make_rollout_kernel(step, initial_carry, running, final, nx, nu, has_limits,
 
 @functools.cache
 def make_choice_kernels(nx, nu, dtype):
-    """Kernels ``start`` and ``accept`` over problems: adopt the initial rollout; choose a step size, or none."""
+    """Kernels ``start`` and ``accept`` over problems: adopt the first rollout; choose a step size, or none."""
     Policy, Candidates = make_policy_arrays(dtype), make_candidate_arrays(dtype)
     ROUNDING = wp.float64(8.0 * EPSILON[dtype])
 
@@ -183,6 +185,7 @@ def make_choice_kernels(nx, nu, dtype):
         p = state.passes[b]
         state.passes[b] = p + 1
         reduction = cost - best_cost
+        drowned = largest <= ROUNDING * (wp.float64(1.0) + wp.abs(cost))  # what is left to gain is rounding
         if p < state.trace.shape[1]:
             state.trace[b, p, TRACE_COST] = best_cost
             state.trace[b, p, TRACE_REDUCTION] = reduction
@@ -198,8 +201,8 @@ def make_choice_kernels(nx, nu, dtype):
             lower_regularization(state, b)
             if reduction <= min_improvement:
                 state.status[b] = SMALL_IMPROVEMENT  # one more backward pass makes its policy
-        elif largest <= ROUNDING * (wp.float64(1.0) + wp.abs(cost)):
-            state.status[b] = SMALL_IMPROVEMENT  # what is left to gain drowns in rounding
+        elif drowned:
+            state.status[b] = SMALL_IMPROVEMENT
             state.active[b] = 0
         elif raise_regularization(state, b) == 0:
             state.status[b] = LINE_SEARCH_FAILED

@@ -1,6 +1,7 @@
 """The backward pass of DDP, one problem per thread (Tassa & Todorov 2010, section III-C).
 
-Notation: z = (x, u), primes are transposes, V is the value function of the next step. Per step, backwards in time,
+Notation: z = (x, u), primes are transposes, V is the value function of the next step. Per step, backwards in
+    time,
 
     Q_x  = l_x + f_x' V_x                      Q_u  = l_u + f_u' V_x
     Q_xx = l_xx + f_x' V_xx f_x + V_x.f_xx     (11); Q_ux and Q_uu alike
@@ -8,12 +9,14 @@ Notation: z = (x, u), primes are transposes, V is the value function of the next
     V_x  = Q_x + K' Q_uu k + K' Q_u + Q_ux' k
     V_xx = Q_xx + K' Q_uu K + K' Q_ux + Q_ux' K
 
-R = Q_uu + mu (w_x f_u' f_u + w_u I), S = Q_ux + mu w_x f_u' f_x: the weights w_x, w_u choose regularisation of the
-state or of the control (Tassa, Erez & Todorov 2012, section II-F). Where R is not positive definite, mu is raised
-and the pass starts again in the same kernel. The value update holds for any K, k, so it needs no regularisation.
+R = Q_uu + mu (w_x f_u' f_u + w_u I), S = Q_ux + mu w_x f_u' f_x: the weights w_x, w_u choose regularisation
+of the state or of the control (Tassa, Erez & Todorov 2012, section II-F). Where R is not positive definite,
+mu is raised and the pass starts again in the same kernel. The value update holds for any K, k, so it needs no
+regularisation.
 
-The first-order method (9)-(10) is the same sweep with R = l_uu + mu w_u I, K = 0 and no V_xx: for a quadratic
-running cost k = u* - u exactly; for others it is one Newton step towards u*, continued by the next pass.
+The first-order method (9)-(10) is the same sweep with R = l_uu + mu (w_x + w_u) I, K = 0 and no V_xx: for a
+quadratic running cost k = u* - u exactly; for others it is one Newton step towards u*, continued by the next
+pass.
 """
 
 import functools
@@ -50,8 +53,9 @@ METHODS = ("second-order", "gauss-newton", "first-order")
 def make_backward_kernel(nx, nu, nw, method, has_limits, dtype):
     """Kernel ``(first, Derivatives, Policy, SolverState, gradient_tolerance, last)`` over problems.
 
-    Writes K, k, Vx, Vxx and, in the state, the expected change, largest |Q_u|, smallest pivot, mu and status. With
-    ``last`` = 1 a problem still running ends at its iteration limit. Problems with ``active`` = 0 are skipped.
+    Writes K, k, Vx, Vxx and, in the state, the expected change, largest |Q_u|, smallest pivot, mu and status.
+    With ``last`` = 1 a problem still running ends at its iteration limit. Problems with ``active`` = 0 are
+    skipped.
     """
     VX, VU = wp.types.vector(nx, dtype), wp.types.vector(nu, dtype)
     MXX, MXU = wp.types.matrix((nx, nx), dtype), wp.types.matrix((nx, nu), dtype)
@@ -148,6 +152,8 @@ def make_backward_kernel(nx, nu, nw, method, has_limits, dtype):
         while unsolved == 1:
             mu_x = dtype(state.mu[b] * state.schedule[row, SCHEDULE_STATE])
             mu_u = dtype(state.mu[b] * state.schedule[row, SCHEDULE_CONTROL])
+            if wp.static(not quadratic):  # no V_xx to regularise
+                mu_u += mu_x
             gradient = wp.float64(0.0)
             change_1 = wp.float64(0.0)
             change_2 = wp.float64(0.0)

@@ -1,0 +1,55 @@
+"""Solving at a decreasing list of noise levels, each from the policy of the one before (section VI)."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from .options import Options
+from .problem import Problem
+from .result import Result
+from .solver import Workspace
+
+
+def solve_continuation(
+    problem: Problem,
+    x0: Any,
+    u0: Any,
+    sigmas: Sequence[float],
+    options: Options | None = None,
+    *,
+    parameter: str = "sigma",
+    xs0: Any = None,
+    K0: Any = None,
+    k0: Any = None,
+) -> list[Result]:
+    """Solve with ``parameter`` at each of ``sigmas``; later ones start from the last policy, rolled out with feedback.
+
+    A problem whose warm start fails at the next level (non-finite, or a step not solved) is started again
+    open loop from the last controls. A batch of one may leave out the batch axis.
+
+    Returns:
+        One result per level; the last one is the answer.
+    """
+    if len(sigmas) == 0:
+        raise ValueError("sigmas must hold at least one value")
+    options = replace(options or Options(), sigma_schedule=None)
+    single = np.ndim(x0) == 1 and np.ndim(u0) == 2
+    batch = 1 if single else (len(x0) if np.ndim(x0) == 2 else len(u0))
+    results: list[Result] = []
+    workspace = None
+    for sigma in sigmas:
+        level = problem.with_params(**{parameter: sigma})
+        if workspace is None:
+            workspace = Workspace(level, batch, options)
+            result = workspace.solve(x0, u0, xs0, K0, k0)
+        else:
+            workspace.set_params(level.params)
+            last = results[-1]
+            result = workspace.solve(x0, last.us, last.xs, last.K)
+            if not np.isfinite(result.cost).all():
+                gains = np.where(np.isfinite(result.cost)[:, None, None, None], last.K, 0.0)
+                result = workspace.solve(x0, last.us, last.xs, gains)
+        results.append(result)
+    return [r.select(0) for r in results] if single else results
