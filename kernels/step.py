@@ -19,11 +19,12 @@ from .structure import Structure, layout
 
 @functools.cache
 def make_step(
-    s: Structure, dtype: type, hard: bool, inertia_scaling: bool, exact_gap: bool = False
+    s: Structure, dtype: type, hard: bool, inertia_scaling: bool, exact_gap: bool
 ) -> SimpleNamespace:
     """Warp functions of a step; `exact_gap` computes every pair's distance even where it cannot act.
 
-    solve_step(params, row, x, u, external, world, carry) -> Solution; advance(...) -> x'.
+    solve_step(params, row, x, u, external, world, carry) -> Solution (world < 0: no external forces);
+    next_state(params, row, x, v') -> x'.
     """
     mech = make_mechanism(s, dtype)
     t = mech.types
@@ -87,7 +88,7 @@ def make_step(
         f = wp.static(mech.force)(params, row, jb, v)
         if wp.static(s.nu > 0):
             f += wp.static(mech.control_force)(params, row, u)
-        if external.shape[0] > 0:
+        if world >= 0 and external.shape[0] > 0:  # world < 0: no external forces
             f += wp.static(mech.body_force)(params, row, jb, external, world)
         return v + params[row, wp.static(H)] * (minv * f)
 

@@ -3,4 +3,31 @@
 The contact problem of every time step is a stochastic complementarity problem (Tassa & Todorov 2010).
 """
 
+from . import scenes
+from .arrays import ArrayError
+from .options import OptionError, Options, Status
+from .parameters import ParameterError, Parameters
+from .scene import Actuator, Body, Contact, Scene, SceneError, Shape
+from .simulator import Linearization, Simulator, Step, Trajectory
+
 __version__ = "0.1.0"
+
+__all__ = [
+    "Actuator",
+    "ArrayError",
+    "Body",
+    "Contact",
+    "Linearization",
+    "OptionError",
+    "Options",
+    "ParameterError",
+    "Parameters",
+    "Scene",
+    "SceneError",
+    "Shape",
+    "Simulator",
+    "Status",
+    "Step",
+    "Trajectory",
+    "scenes",
+]

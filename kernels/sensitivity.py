@@ -1,0 +1,249 @@
+"""Derivatives of the solved step by the implicit function theorem: v'(q, v, u) to first order.
+
+At the solution F1 = M (v' - v) - h (r + u) - J' lambda = 0 and F2 = J v' + d/h - s(-z) = 0 with lambda = s(z)/D, so
+(dv', dz) solves [M, -J' s'(z)/D; J, s'(-z)] (dv', dz) = -(F1, F2)_x, with the factor that Newton uses. No iteration is
+differentiated.
+"""
+
+import functools
+from types import SimpleNamespace
+
+import warp as wp
+
+from .contact_derivatives import make_pair_derivatives
+from .mechanism_derivatives import make_mechanism_derivatives
+from .smoothing import make_smoothing
+from .solve import make_sweep
+from .step import make_step
+from .structure import Structure, layout
+
+
+@functools.cache
+def make_linearization(s: Structure, dtype: type, hard: bool, inertia_scaling: bool) -> SimpleNamespace:
+    """Warp functions and the struct `Linear` of a step's first-order expansion (also what `curvature.py` starts from)."""
+    step = make_step(s, dtype, hard, inertia_scaling, False)
+    mech, rows, t = step.mech, step.rows, step.types
+    motion = make_mechanism_derivatives(s, dtype)
+    pairs = tuple(make_pair_derivatives(s, k, dtype) for k in range(len(s.pairs)))
+    sweep = make_sweep(s, dtype)
+    sm = make_smoothing(dtype)
+    lay = layout(s)
+    NV, NU, NR = s.nv, s.nu, s.nr
+    NZ = 2 * NV + NU
+    VQ, VX, VU, VR, MQ, JR, J2, V2 = t.VQ, t.VX, t.VU, t.VR, t.MQ, t.JR, t.J2, t.V2
+    DZ = wp.types.matrix((max(NR, 1), NZ), dtype)
+    DV = wp.types.matrix((NV, NZ), dtype)
+    ZERO, ONE, HALF, TWO = dtype(0.0), dtype(1.0), dtype(0.5), dtype(2.0)
+    H, SIGMA, FRICTION, GEAR = (lay.offset(n) for n in ("step_size", "sigma", "friction", "gear"))
+    index = tuple(r.index for r in s.rows)
+    sign = tuple(dtype(float(r.sign)) for r in s.rows)
+    contact = tuple(r.kind == "contact" for r in s.rows)
+    pair_rows = step.pair_rows
+
+    @wp.struct
+    class Linear:
+        jb: t.JB
+        w: VQ  # v' - v
+        slope: VR  # s'(z)
+        slack: VR  # s'(-z)
+        factor: sweep.Factor
+        gap_row: JR  # dd/dq of every active row
+        m: JR  # M^-1 J_i'
+        scale_by_q: JR  # dD_i/dq
+        dv: DV  # dv'/d(q, v, u)
+        dz: DZ  # dz/d(q, v, u)
+
+    @wp.func
+    def slopes(params: wp.array2d(dtype=dtype), row: int, sol: step.Solution, lin: Linear):
+        out = lin
+        for i in range(wp.static(NR)):
+            if (sol.mask & wp.static(1 << i)) != 0:
+                if wp.static(hard):
+                    e = wp.static(sm.chks)(sol.z[i], ZERO)
+                else:
+                    e = wp.static(sm.logistic)(sol.z[i], params[row, wp.static(SIGMA + i)])
+                out.slope[i] = e[2]
+                out.slack[i] = e[3]
+        return out
+
+    def make_pair_terms(k: int) -> wp.Function:
+        """Row terms of one pair: adds to F1_q and F2_q, and fills gap gradients and dD/dq."""
+        first = pair_rows[k][0]
+        last = pair_rows[k][-1]
+        frictional = len(pair_rows[k]) == 2
+        d = pairs[k]
+
+        @wp.func
+        def pair_terms(
+            params: wp.array2d(dtype=dtype),
+            row: int,
+            sol: step.Solution,
+            g: d.PairGeometry,
+            lin: Linear,
+            f1: MQ,
+            f2: JR,
+        ):
+            out1 = f1
+            out2 = f2
+            lam = sol.lam[wp.static(first)]
+            normal = lam
+            tangent = ZERO
+            mu = ZERO
+            if wp.static(frictional):
+                mu = params[row, wp.static(FRICTION + k)]
+                other = sol.lam[wp.static(last)]
+                normal = lam + other
+                tangent = mu * (lam - other)
+            out1 -= wp.static(d.force_by_q)(g, normal, tangent)
+            by_q = wp.static(d.contract)(g, sol.v)
+            h = params[row, wp.static(H)]
+            for i in range(wp.static(NR)):
+                if wp.static(i in pair_rows[k]):
+                    for j in range(wp.static(NV)):
+                        gap = sol.jac[i, j]
+                        if wp.static(frictional):
+                            gap = HALF * (sol.jac[wp.static(first), j] + sol.jac[wp.static(last), j])
+                        lin.gap_row[i, j] = gap
+                        value = by_q[0, j] + gap / h
+                        if wp.static(frictional):
+                            value += wp.static(sign[i]) * mu * by_q[1, j]
+                        out2[i, j] = value
+            return out1, out2, lin
+
+        @wp.func
+        def scale_terms(params: wp.array2d(dtype=dtype), row: int, g: d.PairGeometry, lin: Linear):
+            """2 (dJ_i/dq) . m_i of the pair's rows, m_i = M^-1 J_i'."""
+            out = lin
+            for i in range(wp.static(NR)):
+                if wp.static(i in pair_rows[k]):
+                    m = VQ()
+                    for j in range(wp.static(NV)):
+                        m[j] = lin.m[i, j]
+                    c = wp.static(d.contract)(g, m)
+                    for j in range(wp.static(NV)):
+                        value = c[0, j]
+                        if wp.static(frictional):
+                            value += wp.static(sign[i]) * params[row, wp.static(FRICTION + k)] * c[1, j]
+                        out.scale_by_q[i, j] = TWO * value
+            return out
+
+        return SimpleNamespace(rows=pair_terms, scale=scale_terms)
+
+    pair_terms = tuple(make_pair_terms(k) for k in range(len(s.pairs)))
+    pair_mask = tuple(sum(1 << i for i in pair_rows[k]) for k in range(len(s.pairs)))
+
+    @wp.func
+    def scaling_terms(
+        params: wp.array2d(dtype=dtype), row: int, sol: step.Solution, lin: Linear, f1: MQ, v: VQ
+    ):
+        # D(q) = J M^-1 J' on the diagonal: dD = 2 dJ.m - m'(dM)m, and F1 gains J'(lambda/D) dD
+        out = f1
+        for i in range(wp.static(NR)):
+            if (sol.mask & wp.static(1 << i)) != 0:
+                m = VQ()
+                for j in range(wp.static(NV)):
+                    m[j] = lin.m[i, j]
+                by_q = wp.static(motion.motion_by_q)(params, row, lin.jb, m, v, ZERO)
+                share = sol.lam[i] / sol.scale[i]
+                for k in range(wp.static(NV)):
+                    value = lin.scale_by_q[i, k]
+                    for j in range(wp.static(NV)):
+                        value -= m[j] * by_q[j, k]
+                    lin.scale_by_q[i, k] = value
+                    column = wp.static(rows.adds[i])(VQ(), sol.jac, share * value)
+                    for j in range(wp.static(NV)):
+                        out[j, k] = out[j, k] + column[j]
+        return out, lin
+
+    @wp.func
+    def linearize(params: wp.array2d(dtype=dtype), row: int, x: VX, sol: step.Solution):
+        """First-order expansion of v' (and z) around the solution of a step from x."""
+        lin = Linear()
+        q = VQ()
+        v = VQ()
+        for j in range(wp.static(NV)):
+            q[j] = x[j]
+            v[j] = x[wp.static(NV + j)]
+        h = params[row, wp.static(H)]
+        fr = wp.static(mech.frames)(params, row, q)
+        lin.jb = wp.static(mech.com_jacobians)(params, row, fr)
+        lin.w = sol.v - v
+        f1q = wp.static(motion.motion_by_q)(params, row, lin.jb, lin.w, v, h)
+        f2q = JR()
+        diag = VR()
+        lin = slopes(params, row, sol, lin)
+        for i in range(wp.static(NR)):
+            if (sol.mask & wp.static(1 << i)) != 0:
+                m = wp.static(rows.applies[i])(sol.minv, sol.jac)
+                diag[i] = wp.static(rows.dots[i])(sol.jac, m)
+                for j in range(wp.static(NV)):
+                    lin.m[i, j] = m[j]
+                if wp.static(not contact[i]):
+                    lin.gap_row[i, wp.static(index[i])] = wp.static(sign[i])
+                    f2q[i, wp.static(index[i])] = wp.static(sign[i]) / h
+        for k in range(wp.static(len(s.pairs))):
+            if (sol.mask & wp.static(pair_mask[k])) != 0:
+                n = V2(sol.normal[wp.static(2 * k)], sol.normal[wp.static(2 * k + 1)])
+                g = wp.static(pairs[k].geometry)(params, row, fr, n)
+                f1q, f2q, lin = wp.static(pair_terms[k].rows)(params, row, sol, g, lin, f1q, f2q)
+                if wp.static(inertia_scaling):
+                    lin = wp.static(pair_terms[k].scale)(params, row, g, lin)
+        if wp.static(inertia_scaling):
+            f1q, lin = scaling_terms(params, row, sol, lin, f1q, v)
+        if wp.static(NR > 0):
+            lin.factor = wp.static(sweep.factor)(
+                sol.minv, sol.jac, sol.scale, diag, lin.slope, lin.slack, sol.mask
+            )
+        else:
+            lin.factor.cov = sol.minv
+        return fill(params, row, sol, lin, f1q, wp.static(motion.motion_by_v)(params, row, lin.jb, v, h), f2q)
+
+    @wp.func
+    def column(sol: step.Solution, lin: Linear, f1: VQ, f2: VR, c: int):
+        # one column of (dv', dz) for the right-hand side (f1, f2)
+        dv = sol.minv * f1
+        if sol.mask != 0:
+            dv, innovation = wp.static(sweep.forward)(lin.factor, sol.jac, lin.slope, sol.mask, dv, f2)
+            dz = wp.static(sweep.back)(lin.factor, sol.jac, sol.scale, lin.slope, sol.mask, innovation)
+            for i in range(wp.static(NR)):
+                lin.dz[i, c] = dz[i]
+        for j in range(wp.static(NV)):
+            lin.dv[j, c] = dv[j]
+        return lin
+
+    @wp.func
+    def fill(
+        params: wp.array2d(dtype=dtype), row: int, sol: step.Solution, lin: Linear, f1q: MQ, f1v: MQ, f2q: JR
+    ):
+        out = lin
+        mass = wp.static(mech.mass_matrix)(params, row, lin.jb)
+        for k in range(wp.static(NV)):
+            f1 = VQ()
+            f2 = VR()
+            for j in range(wp.static(NV)):
+                f1[j] = -f1q[j, k]
+            for i in range(wp.static(NR)):
+                f2[i] = -f2q[i, k]
+            out = column(sol, out, f1, f2, k)
+        for k in range(wp.static(NV)):
+            f1 = VQ()
+            for j in range(wp.static(NV)):
+                f1[j] = mass[j, k] - f1v[j, k]
+            out = column(sol, out, f1, VR(), wp.static(NV + k))
+        for k in range(wp.static(NU)):
+            f1 = VQ()
+            f1[wp.static(s.actuators[k])] = params[row, wp.static(H)] * params[row, wp.static(GEAR + k)]
+            out = column(sol, out, f1, VR(), wp.static(2 * NV + k))
+        return out
+
+    return SimpleNamespace(
+        step=step,
+        motion=motion,
+        pairs=pairs,
+        sweep=sweep,
+        Linear=Linear,
+        linearize=linearize,
+        NZ=NZ,
+        DV=DV,
+        DZ=DZ,
+    )

@@ -1,0 +1,78 @@
+"""NumPy, torch and Warp arrays at the door: one clear error for bad input, the same kind out as came in."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+
+class ArrayError(ValueError):
+    """An array argument of the wrong kind, shape or dtype; the message names it, what came and what is needed."""
+
+
+@dataclass(frozen=True)
+class Batch:
+    """An argument on the device: `array` has the batch axis; `batched` tells whether the caller gave one."""
+
+    array: wp.array
+    kind: str
+    batched: bool
+
+
+def kind_of(value: Any) -> str:
+    """ "warp", "torch" or "numpy"."""
+    if isinstance(value, wp.array):
+        return "warp"
+    return "torch" if type(value).__module__.split(".")[0] == "torch" else "numpy"
+
+
+def to_batch(name: str, value: Any, shape: tuple[int | str, ...], dtype: Any, device: Any) -> Batch:
+    """Put an argument on the device with a leading batch axis.
+
+    Args:
+        name: the argument's name, for errors.
+        shape: expected shape without the batch axis; a string stands for any size.
+
+    Raises:
+        ArrayError: not numbers, or another shape.
+    """
+    kind = kind_of(value)
+    if kind == "numpy":
+        try:
+            value = np.asarray(value, dtype=wp.dtype_to_numpy(dtype))
+        except (TypeError, ValueError) as error:
+            raise ArrayError(f"{name} is {value!r:.80}; an array of numbers is needed") from error
+    given = tuple(value.shape)
+    batched = len(given) == len(shape) + 1
+    trailing = given[1:] if batched else given
+    if len(trailing) != len(shape) or any(
+        not isinstance(want, str) and want != got for want, got in zip(shape, trailing, strict=True)
+    ):
+        need = ", ".join(str(n) for n in shape)
+        raise ArrayError(f"{name} has shape {given}; (B, {need}) or ({need}) is needed")
+    if kind == "numpy":
+        full = value if batched else value[None]
+        return Batch(wp.array(np.ascontiguousarray(full), dtype=dtype, device=device), kind, batched)
+    if kind == "torch":
+        import torch
+
+        tensor = value.detach().to(device=wp.device_to_torch(device), dtype=getattr(torch, dtype.__name__))
+        tensor = (tensor if batched else tensor[None]).contiguous()
+        return Batch(wp.from_torch(tensor, dtype=dtype), kind, batched)
+    if value.dtype is not dtype or value.device != wp.get_device(device):
+        raise ArrayError(
+            f"{name} is a Warp array of {value.dtype.__name__} on {value.device}; {dtype.__name__} on {device} is needed"
+        )
+    return Batch(value if batched else value.reshape((1, *given)), kind, batched)
+
+
+def from_batch(array: wp.array, kind: str, batched: bool) -> Any:
+    """A result in the caller's kind, without the batch axis if the caller gave none."""
+    if kind == "warp":
+        return array if batched else array.reshape(array.shape[1:])
+    if kind == "torch":
+        out = wp.to_torch(array)
+        return out if batched else out[0]
+    out = array.numpy()
+    return out if batched else out[0]

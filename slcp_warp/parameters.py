@@ -1,0 +1,107 @@
+"""The run-time numbers of a scene: one value for all worlds, or one per world."""
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from slcp_warp.kernels.structure import Layout, layout
+
+from .scene import Scene
+
+POSITIVE = ("step_size", "sigma", "mass", "inertia")
+NONNEGATIVE = ("friction", "radius")
+
+
+class ParameterError(ValueError):
+    """A parameter with an unknown name, wrong shape or illegal value."""
+
+
+class Parameters:
+    """Named parameters of one scene, immutable; `replace` makes a changed copy.
+
+    Names and units: step_size h [s]; sigma per row [m/s, rad/s]; gravity [m/s^2]; mass [kg]; inertia [kg m^2]; com,
+    anchor, axis per body [m]; angle per body [rad]; damping per degree of freedom; lower, upper limits per degree of
+    freedom; gear per actuator; friction per contact; radius (2), shape_offset (2) [m], shape_angle [rad] per shape.
+    """
+
+    def __init__(self, scene: Scene, values: dict[str, np.ndarray] | None = None) -> None:
+        self.scene = scene
+        self.layout: Layout = layout(scene.structure)
+        self._values = dict(scene.default_parameters()) if values is None else values
+        self._uploaded: dict[tuple[Any, str], wp.array] = {}
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All parameter names."""
+        return self.layout.names
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """A parameter's value: its own shape, or (B, *shape)."""
+        if name not in self._values:
+            raise ParameterError(f"no parameter {name!r}; there are {list(self.names)}")
+        return self._values[name]
+
+    @property
+    def worlds(self) -> int | None:
+        """Number of worlds that the parameters differ over, None if shared by all."""
+        sizes = {len(v) for n, v in self._values.items() if np.ndim(v) > len(self.layout.shape(n))}
+        return sizes.pop() if sizes else None
+
+    def replace(self, **changes: Any) -> "Parameters":
+        """A copy with some parameters changed.
+
+        Args:
+            changes: name=value; a scalar (for every component), the parameter's own shape, (B,) or (B, *shape).
+
+        Raises:
+            ParameterError: unknown name, shape that does not fit, non-finite or illegal value.
+        """
+        values = dict(self._values)
+        for name, value in changes.items():
+            values[name] = self._fit(name, value)
+        sizes = {n: len(v) for n, v in values.items() if np.ndim(v) > len(self.layout.shape(n))}
+        if len(set(sizes.values())) > 1:
+            raise ParameterError(f"parameters disagree on the number of worlds: {sizes}")
+        return Parameters(self.scene, values)
+
+    def _fit(self, name: str, value: Any) -> np.ndarray:
+        if name not in self.names:
+            raise ParameterError(f"no parameter {name!r}; there are {list(self.names)}")
+        shape = self.layout.shape(name)
+        try:
+            array = np.asarray(value, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise ParameterError(f"{name} is {value!r}; numbers are needed") from error
+        if not np.all(np.isfinite(array)):
+            raise ParameterError(f"{name} contains {array[~np.isfinite(array)].flat[0]}; it must be finite")
+        if name in POSITIVE and not np.all(array > 0.0):
+            hint = '; for the problem without noise use Options(residual="hard")' if name == "sigma" else ""
+            raise ParameterError(f"{name} is {array.min()}; it must be positive{hint}")
+        if name in NONNEGATIVE and not np.all(array >= 0.0):
+            raise ParameterError(f"{name} is {array.min()}; it must not be negative")
+        if array.shape == shape or array.shape[1:] == shape and array.ndim == len(shape) + 1:
+            return array.copy()
+        if array.ndim == 0:
+            return np.full(shape, array)
+        if array.ndim == 1 and shape:
+            return np.broadcast_to(array.reshape((-1,) + (1,) * len(shape)), (len(array), *shape)).copy()
+        raise ParameterError(
+            f"{name} has shape {array.shape}; give a scalar, {shape}, (B,) or {('B', *shape)}"
+        )
+
+    def table(self) -> np.ndarray:
+        """All columns, (1 or B, width), float64."""
+        rows = self.worlds or 1
+        table = np.empty((rows, self.layout.width))
+        for name, start, shape in self.layout.columns:
+            size = int(np.prod(shape, dtype=int))
+            table[:, start : start + size] = np.reshape(self._values[name], (-1, size) if size else (1, 0))
+        return table
+
+    def array(self, dtype: Any, device: Any) -> wp.array:
+        """The table on a device, uploaded once."""
+        key = (dtype, str(device))
+        if key not in self._uploaded:
+            self._uploaded[key] = wp.array(self.table(), dtype=dtype, device=device)
+        return self._uploaded[key]

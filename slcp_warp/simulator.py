@@ -1,0 +1,352 @@
+"""The simulator: steps, rollouts and their derivatives for a batch of worlds of one scene."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from slcp_warp.kernels import expansion, rollout
+from slcp_warp.kernels.launch import launch
+from slcp_warp.kernels.mechanism import make_types
+from slcp_warp.kernels.step import make_step
+
+from . import tape
+from .arrays import ArrayError, Batch, from_batch, to_batch
+from .options import Options
+from .parameters import Parameters
+from .scene import Scene
+
+DTYPES = {"float32": wp.float32, "float64": wp.float64}
+
+
+@dataclass(frozen=True)
+class Step:
+    """Outcome of a step; arrays are of the caller's kind, batch first.
+
+    Attributes:
+        state: (B, nx) = (q', v'). impulse: (B, nr) lambda [N s, N m s]. gap: (B, nr) signed distance of every row before
+        the step [m, rad]. multiplier: (B, nr + 2 pairs) for `warm_start`. status: (B,) see `Status`.
+        contact_impulse: (B, pairs, 2) normal and tangential impulse on shape_b along (n, t) [N s].
+    """
+
+    state: Any
+    impulse: Any
+    contact_impulse: Any
+    gap: Any
+    multiplier: Any
+    status: Any
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """Outcome of a rollout: states (B, N+1, nx), controls, impulse, gap (B, N, .) where asked for, status (B,)."""
+
+    states: Any
+    status: Any
+    controls: Any = None
+    impulse: Any = None
+    gap: Any = None
+
+
+@dataclass(frozen=True)
+class Linearization:
+    """A = df/dx (B, nx, nx), B = df/du (B, nx, nu), second (B, nv, nz, nz) of v' by (x, u) or None, status (B,)."""
+
+    A: Any
+    B: Any
+    second: Any
+    status: Any
+
+
+class Simulator:
+    """Steps many worlds of one scene in parallel.
+
+    Args:
+        scene: the mechanism; its topology selects the kernels.
+        options: what the step solves.
+        device: "cpu", "cuda:0", ...; None: the best one present.
+        dtype: "float64" (accurate to 1e-12) or "float32" (fast, 2e-5 of the problem's scale).
+    """
+
+    def __init__(
+        self, scene: Scene, options: Options | None = None, device: Any = None, dtype: str = "float64"
+    ) -> None:
+        if not isinstance(scene, Scene):
+            raise TypeError(f"scene is a {type(scene).__name__}; a slcp_warp.Scene is needed")
+        if dtype not in DTYPES:
+            raise ValueError(f"dtype is {dtype!r}; choose one of {list(DTYPES)}")
+        self.scene = scene
+        self.options = options or Options()
+        self.device = wp.get_preferred_device() if device is None else wp.get_device(device)
+        self.dtype = DTYPES[dtype]
+        self.params = Parameters(scene)
+        self._key = (scene.structure, self.dtype, self.options.hard, self.options.inertia_scaling)
+        self._none = wp.zeros((0, 0), dtype=self.dtype, device=self.device)
+
+    @property
+    def nx(self) -> int:
+        """State dimension, 2 nv."""
+        return 2 * self.scene.nv
+
+    @property
+    def nu(self) -> int:
+        """Number of controls."""
+        return self.scene.nu
+
+    @property
+    def nr(self) -> int:
+        """Rows of the complementarity problem."""
+        return self.scene.structure.nr
+
+    def empty(self, *shape: int) -> wp.array:
+        """A zeroed array of the simulator's dtype on its device."""
+        return wp.zeros(shape, dtype=self.dtype, device=self.device)
+
+    def batch(self, name: str, value: Any, *shape: int | str) -> Batch:
+        """An argument on the device, checked."""
+        return to_batch(name, value, shape, self.dtype, self.device)
+
+    def parameter_array(self, params: Parameters | None, worlds: int) -> wp.array:
+        """The parameter table for a number of worlds."""
+        params = self.params if params is None else params
+        if not isinstance(params, Parameters):
+            raise TypeError(f"params is a {type(params).__name__}; use sim.params.replace(...)")
+        if params.scene.structure != self.scene.structure:
+            raise ValueError(
+                f"params belong to scene {params.scene.name!r}; this simulator has {self.scene.name!r}"
+            )
+        if params.worlds not in (None, worlds):
+            raise ArrayError(f"params are given for {params.worlds} worlds, the arrays for {worlds}")
+        return params.array(self.dtype, self.device)
+
+    def _external(self, external_force: Any, worlds: int) -> wp.array:
+        if external_force is None:
+            return self._none
+        nb = self.scene.structure.nb
+        force = self.batch("external_force", external_force, nb, 3).array
+        _same_worlds("external_force", force.shape[0], worlds)
+        return force.reshape((worlds, 3 * nb))
+
+    def step(
+        self,
+        x: Any,
+        u: Any = None,
+        params: Parameters | None = None,
+        *,
+        external_force: Any = None,
+        warm_start: Any = None,
+    ) -> Step:
+        """One time step of every world, eq. (1). Pure: nothing is remembered.
+
+        Args:
+            x: (B, nx) or (nx,) states (q, v). u: (B, nu) controls, None: zero.
+            params: see `Simulator.params`; per-world tables need B rows.
+            external_force: (B, bodies, 3) force and torque at the centres of mass [N, N m].
+            warm_start: `multiplier` of the worlds' last step.
+
+        Raises:
+            ArrayError, ParameterError: bad arguments. A world that cannot be solved has a status instead.
+        """
+        state = self.batch("x", x, self.nx)
+        worlds = state.array.shape[0]
+        control = self.empty(worlds, max(self.nu, 1)) if u is None else self.batch("u", u, self.nu).array
+        _same_worlds("u", control.shape[0], worlds)
+        pairs = len(self.scene.structure.pairs)
+        warm = self._none
+        if warm_start is not None:
+            warm = self.batch("warm_start", warm_start, self.nr + 2 * pairs).array
+            _same_worlds("warm_start", warm.shape[0], worlds)
+        out = [self.empty(worlds, n) for n in (self.nx, self.nr, self.nr, self.nr + 2 * pairs)]
+        status = wp.zeros(worlds, dtype=wp.int32, device=self.device)
+        table = self.parameter_array(params, worlds)
+        inputs = [
+            table,
+            state.array,
+            control,
+            self._external(external_force, worlds),
+            warm,
+            *out,
+            status,
+        ]
+        launch(rollout.make_step_kernel(*self._key), worlds, inputs, self.device)
+        impulse = out[1]
+        contact = contact_impulse(self.scene, impulse.numpy(), (params or self.params)["friction"])
+        contact_array = wp.array(contact, dtype=self.dtype, device=self.device)
+        give = lambda a: from_batch(a, state.kind, state.batched)  # noqa: E731
+        return Step(
+            give(out[0]), give(impulse), give(contact_array), give(out[2]), give(out[3]), give(status)
+        )
+
+    def rollout(
+        self,
+        x0: Any,
+        controls: Any = None,
+        params: Parameters | None = None,
+        *,
+        policy: Any = None,
+        steps: int | None = None,
+        external_force: Any = None,
+        record: tuple[str, ...] = (),
+    ) -> Trajectory:
+        """Step every world N times in one launch.
+
+        Args:
+            x0: (B, nx) or (nx,). controls: (B, N, nu), open loop, or None with `policy` and `steps`.
+            policy: an object with `arrays(sim)` -> (name, struct), see `slcp_warp.ddp` policies.
+            external_force: constant over the rollout, as in `step`.
+            record: any of "controls", "impulse", "gap".
+
+        Recorded on an active `wp.Tape` when x0 or controls are Warp arrays with `requires_grad`.
+        """
+        unknown = set(record) - {"controls", "impulse", "gap"}
+        if unknown:
+            raise ValueError(f"record names {sorted(unknown)}; choose from controls, impulse, gap")
+        if (controls is None) == (policy is None):
+            raise ValueError("give either controls or policy (with steps)")
+        state = self.batch("x0", x0, self.nx)
+        worlds = state.array.shape[0]
+        if policy is None:
+            us = self.batch("controls", controls, "N", self.nu).array
+            _same_worlds("controls", us.shape[0], worlds)
+            name, struct = "open_loop", rollout.POLICIES["open_loop"](self.nx, self.nu, self.dtype).Struct()
+            struct.us = us
+            steps = us.shape[1]
+        else:
+            if steps is None or steps < 1:
+                raise ValueError(f"steps is {steps}; a policy needs a positive number of steps")
+            us = None
+            name, struct = policy.arrays(self)
+        states = self.empty(worlds, steps + 1, self.nx)
+        recorded = {
+            key: self.empty(worlds if key in record else 0, steps, max(size, 1))
+            for key, size in (("controls", self.nu), ("impulse", self.nr), ("gap", self.nr))
+        }
+        status = wp.zeros(worlds, dtype=wp.int32, device=self.device)
+        table = self.parameter_array(params, worlds)
+        external = self._external(external_force, worlds)
+        kernel = rollout.make_rollout_kernel(*self._key, name, "gap" in record)
+        inputs = [table, state.array, struct, external, states, *recorded.values(), status]
+        launch(kernel, worlds, inputs, self.device, grain=max(1, 128 // steps))
+        if us is not None:
+            tape.record_rollout(self._key, table, state.array, us, external, states, status, self.device)
+        give = lambda a: from_batch(a, state.kind, state.batched)  # noqa: E731
+        return Trajectory(
+            give(states), give(status), *(give(recorded[k]) if k in record else None for k in recorded)
+        )
+
+    def linearize(
+        self,
+        x: Any,
+        u: Any = None,
+        params: Parameters | None = None,
+        *,
+        second: bool = False,
+        external_force: Any = None,
+    ) -> Linearization:
+        """Jacobians of the step at (x, u) by the implicit function theorem; `second` adds second derivatives of v'.
+
+        Worlds that are not solved have zero derivatives and a status.
+        """
+        state = self.batch("x", x, self.nx)
+        worlds = state.array.shape[0]
+        control = self.empty(worlds, max(self.nu, 1)) if u is None else self.batch("u", u, self.nu).array
+        _same_worlds("u", control.shape[0], worlds)
+        nz = self.nx + self.nu
+        fx, fu = self.empty(worlds, 1, self.nx, self.nx), self.empty(worlds, 1, self.nx, max(self.nu, 1))
+        fzz = self.empty(worlds if second else 0, self.scene.nv, nz, nz)
+        status = wp.zeros((worlds, 1), dtype=wp.int32, device=self.device)
+        inputs = [
+            self.parameter_array(params, worlds),
+            1,
+            state.array.reshape((worlds, 1, self.nx)),
+            control.reshape((worlds, 1, max(self.nu, 1))),
+            self._external(external_force, worlds),
+            wp.zeros(0, dtype=wp.int32, device=self.device),
+            fx,
+            fu,
+            fzz,
+            status,
+        ]
+        launch(expansion.make_linearize_kernel(*self._key, second), worlds, inputs, self.device)
+
+        def give(a: wp.array) -> Any:
+            return from_batch(a.reshape((worlds, *a.shape[2:])), state.kind, state.batched)
+
+        curved = from_batch(fzz, state.kind, state.batched) if second else None
+        return Linearization(give(fx), give(fu), curved, give(status))
+
+    # --- the protocol that slcp_warp.ddp asks of its dynamics ---
+
+    @property
+    def nw(self) -> int:
+        """Outputs whose second derivatives are independent: v'."""
+        return self.scene.nv
+
+    @property
+    def state_type(self) -> Any:
+        """Warp vector type of a state."""
+        return make_types(self.scene.structure, self.dtype).VX
+
+    @property
+    def control_type(self) -> Any:
+        """Warp vector type of a control."""
+        return make_types(self.scene.structure, self.dtype).VU
+
+    @property
+    def carry_type(self) -> Any:
+        """Warp struct that a rollout passes from step to step (warm start)."""
+        return make_step(*self._key, False).Carry
+
+    def step_function(self) -> wp.Function:
+        """Warp function (params, row, x, u, carry) -> (x', carry', status)."""
+        return rollout.make_transition(*self._key).advance
+
+    def initial_carry(self) -> wp.Function:
+        """Warp function () -> carry of a cold start."""
+        return rollout.make_transition(*self._key).cold_carry
+
+    def linearize_into(
+        self,
+        xs: wp.array,
+        us: wp.array,
+        params: wp.array,
+        fx: wp.array,
+        fu: wp.array,
+        second: wp.array | None,
+        status: wp.array,
+        active: wp.array,
+    ) -> None:
+        """Derivatives along trajectories (B, N+1, nx), (B, N, nu) into given arrays."""
+        steps = us.shape[1]
+        fzz = self.empty(0, 0, 0, 0) if second is None else second
+        kernel = expansion.make_linearize_kernel(*self._key, second is not None)
+        inputs = [params, steps, xs, us, self._none, active, fx, fu, fzz, status]
+        launch(kernel, us.shape[0] * steps, inputs, self.device, grain=8)
+
+    def lift_into(self, params: wp.array, lift: wp.array) -> None:
+        """lift (B, nv, nx) = [h I, I]: V . f_zz = sum_i (lift V)_i second[i], since q' = q + h v'."""
+        nv = self.scene.nv
+        h = params.numpy()[:, 0]
+        values = np.zeros(lift.shape)
+        values[:, :, :nv] = h[:, None, None] * np.eye(nv)
+        values[:, :, nv:] = np.eye(nv)
+        lift.assign(values.astype(wp.dtype_to_numpy(self.dtype)))
+
+
+def _same_worlds(name: str, given: int, worlds: int) -> None:
+    if given != worlds:
+        raise ArrayError(f"{name} is given for {given} worlds, the state for {worlds}")
+
+
+def contact_impulse(scene: Scene, impulse: np.ndarray, friction: np.ndarray) -> np.ndarray:
+    """Normal and tangential impulse of every pair, (..., pairs, 2), from row impulses (..., nr)."""
+    s = scene.structure
+    out = np.zeros((*impulse.shape[:-1], len(s.pairs), 2))
+    mu = np.broadcast_to(friction, (*impulse.shape[:1], len(s.pairs)))
+    for i, row in enumerate(s.rows):
+        if row.kind == "contact":
+            out[..., row.index, 0] += impulse[..., i]
+            coefficient = mu[:, row.index].reshape(-1, *([1] * (impulse.ndim - 2)))
+            out[..., row.index, 1] += row.sign * coefficient * impulse[..., i]
+    return out
