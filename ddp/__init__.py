@@ -1,4 +1,4 @@
-"""Differential dynamic programming over batches of problems, receding horizon, trajectory libraries and policies."""
+"""Differential dynamic programming over batches of problems; receding horizon, libraries and policies."""
 
 from . import costs
 from .continuation import solve_continuation

@@ -24,7 +24,7 @@ def solve_continuation(
     K0: Any = None,
     k0: Any = None,
 ) -> list[Result]:
-    """Solve with ``parameter`` at each of ``sigmas``; later ones start from the last policy, rolled out with feedback.
+    """Solve with ``parameter`` at each of ``sigmas``, each from the policy before, rolled out with feedback.
 
     A problem whose warm start fails at the next level (non-finite, or a step not solved) is started again
     open loop from the last controls. A batch of one may leave out the batch axis.

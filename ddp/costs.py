@@ -13,7 +13,7 @@ __all__ = ["Cost", "CostFunctions", "flicking_finger", "plain", "quadratic"]
 
 
 class Cost:
-    """A running and a final cost as Warp functions, made for each dtype, and their weights, which are run-time data.
+    """A running and a final cost as Warp functions, made for each dtype; their weights are run-time data.
 
     Args:
         make: ``make(dtype, VX, VU) -> CostFunctions``, called once per dtype; VX, VU are the vector types of
@@ -68,7 +68,7 @@ def _functions(make: Callable[..., CostFunctions], dtype: Any, nx: int, nu: int)
 
 
 def plain(make: Callable[..., Any]) -> Cost:
-    """A cost from Warp functions without weights: ``make(dtype, VX, VU) -> (running(x, u, k), final(x) or None)``.
+    """A cost without weights: ``make(dtype, VX, VU) -> (running(x, u, k), final(x) or None)``, Warp functions.
 
     Derivatives come from differences in double precision (see `slcp_warp.kernels.costs`).
     """
@@ -98,7 +98,7 @@ def _plain_adapter(make: Callable[..., Any]) -> Callable[..., CostFunctions]:
 
 
 def flicking_finger(c_x: float = 1.0, c_u: float = 0.05) -> Cost:
-    """Section V: l = -c_x theta_3 + c_u |u|^2 with x = (theta_1, theta_2, theta_3, rates), and no final cost."""
+    """Section V: l = -c_x theta_3 + c_u |u|^2, x = (theta_1, theta_2, theta_3, rates), and no final cost."""
     return Cost(_make_flicking_finger, (c_x, c_u), nx=6, nu=2)
 
 

@@ -27,8 +27,7 @@ class Dynamics(Protocol):
         nw: number of curved outputs y: V.f_zz = sum_i (lift V)_i d2y_i/dz2 with z = (x, u).
         dtype: Warp scalar type.
         device: Warp device.
-        params: default numbers, an object with ``array(batch) -> wp.array2d`` (1 or batch rows) and
-            ``replace(**)``.
+        params: default numbers, an object with ``replace(**changes)``.
     """
 
     nx: int
@@ -53,12 +52,15 @@ class Dynamics(Protocol):
         good.
 
         A dynamics may also have ``prepare_linearize``, which takes the same arguments and returns a function
-        without any that does this for the same arrays at less overhead, and ``kernel_key``, a string that names
-        what its functions are specialised on.
+        without any that does this for the same arrays at less overhead, and ``kernel_key``, a string that
+        names what its functions are specialised on.
         """
 
     def lift_into(self, params: Any, lift: Any) -> None:
         """Write lift (B, nw, nx)."""
+
+    def parameter_array(self, params: Any, batch: int) -> Any:
+        """The numbers of ``params`` on the device, wp.array2d (1 or batch rows)."""
 
 
 class Parameters:
@@ -90,14 +92,14 @@ class Parameters:
         """The same with other numbers."""
         return Parameters(self.shapes, {**self.values, **changes}, self.dtype, self.device)
 
-    def array(self, batch: int | None = None) -> Any:
-        """Rows (1 or B, P) on the device."""
+    def array(self, batch: int) -> Any:
+        """Rows (1 or batch, P) on the device."""
         flat = []
         for name, shape in self.shapes.items():
             value = self.values[name]
             flat.append(value.reshape(1 if value.shape == shape else value.shape[0], -1))
         rows = max((a.shape[0] for a in flat), default=1)
-        if batch is not None and rows not in (1, batch):
+        if rows not in (1, batch):
             raise ValueError(f"params are for {rows} problems, the batch has {batch}")
         flat = [np.broadcast_to(a, (rows, a.shape[1])) for a in flat] or [np.zeros((1, 1))]
         numbers = np.ascontiguousarray(np.concatenate(flat, axis=1))
@@ -161,6 +163,12 @@ class WarpDynamics:
         """The default parameters with changes."""
         return self.params.replace(**changes)
 
+    def parameter_array(self, params: Parameters, batch: int) -> Any:
+        """See `Dynamics`."""
+        if not isinstance(params, Parameters):
+            raise TypeError(f"params must be ddp.Parameters, got {type(params).__name__}")
+        return params.array(batch)
+
     def linearize_into(self, *arrays: Any) -> None:
         """See `Dynamics`."""
         self.prepare_linearize(*arrays)()
@@ -168,7 +176,7 @@ class WarpDynamics:
     def prepare_linearize(
         self, xs: Any, us: Any, params: Any, fx: Any, fu: Any, second: Any, status: Any, active: Any
     ) -> Callable[[], None]:
-        """`linearize_into` as a function without arguments that can be called many times, with less overhead."""
+        """`linearize_into` as a function without arguments, to be called many times with less overhead."""
         functions = _dynamics_functions(self.make, self.dtype, self.nx, self.nu)
         differences = functions.jacobians is None or (second is not None and functions.curvature is None)
         exact = params

@@ -39,6 +39,7 @@ class Problem:
             "initial_carry",
             "linearize_into",
             "lift_into",
+            "parameter_array",
         ):
             if not hasattr(self.dynamics, name):
                 raise TypeError(
@@ -94,7 +95,7 @@ class Problem:
             array = np.array(value, dtype=np.float64)
             if array.ndim > 2 or (array.ndim and array.shape[-1] != self.nu):
                 raise ValueError(
-                    f"{name} control limit must be a number, ({self.nu},) or (B, {self.nu}), got {array.shape}"
+                    f"{name} limit must be a number, ({self.nu},) or (B, {self.nu}), got {array.shape}"
                 )
             rows.append(np.atleast_2d(np.broadcast_to(array, (self.nu,) if array.ndim == 0 else array.shape)))
         low, high = np.broadcast_arrays(*rows)
@@ -106,7 +107,8 @@ class Problem:
 
     def param_array(self, batch: int) -> Any:
         """The dynamics' numbers on the device, (1 or B, P)."""
-        array = self.params if isinstance(self.params, wp.array) else self.params.array(batch)
+        given = self.params
+        array = given if isinstance(given, wp.array) else self.dynamics.parameter_array(given, batch)
         if array.ndim != 2 or array.shape[0] not in (1, batch):
             raise ValueError(f"params must have 1 or {batch} rows, got shape {array.shape}")
         return array

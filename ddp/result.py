@@ -11,7 +11,7 @@ from .status import Status
 
 @dataclass(frozen=True)
 class Trace:
-    """One row a pass (B, passes + 1), NaN where a problem had already stopped; the last row is its final state.
+    """One row a pass (B, passes + 1), NaN where a problem had already stopped.
 
     Attributes:
         cost: cost after the pass.

@@ -71,6 +71,7 @@ class Workspace:
         )
         d.second = self._zeros(B * N, nw, nz, nz) if self.second_order else self._zeros(1, 1, 1, 1)
         d.lift = self._zeros(B, nw, nx)
+        problem.dynamics.lift_into(self.params, d.lift)
         d.lx, d.lu = self._zeros(B, N + 1, nx), self._zeros(B, N, nu)
         d.lxx, d.lux, d.luu = (
             self._zeros(B, N + 1, nx, nx),
@@ -180,10 +181,11 @@ class Workspace:
 
     def set_params(self, params: Any) -> None:
         """Use other numbers for the dynamics from now on, of the same number of rows."""
-        array = params if isinstance(params, wp.array) else params.array(self.batch)
+        array = params if isinstance(params, wp.array) else self.dynamics.parameter_array(params, self.batch)
         if array.shape != self.params.shape:
             raise ValueError(f"params must have shape {self.params.shape} as before, got {array.shape}")
         wp.copy(self.params, array)
+        self.dynamics.lift_into(self.params, self._derivatives.lift)
 
     def run(self, x0: Any, us0: Any, xs0: Any = None, K0: Any = None, k0: Any = None) -> int:
         """Solve and leave the solution in the workspace's arrays; returns the number of passes.
@@ -210,7 +212,6 @@ class Workspace:
                 target.zero_()
             else:
                 self._fill(target, value, name, shape)
-        self.dynamics.lift_into(self.params, self._derivatives.lift)
         self._run_first()
         self._run_start()
         for count in range(self.options.max_iterations):
@@ -238,14 +239,14 @@ class Workspace:
         )
 
     def _sweep(self, backward: Prepared) -> bool:
-        """Derivatives where trajectories changed, and a backward pass; whether any problem is still active."""
+        """Derivatives where trajectories changed, and a backward pass; whether any problem goes on."""
         self._run_linearize()
         self._run_cost()
         backward()
         return bool(self._state.active.numpy().any())
 
     def _fill(self, target: Any, value: Any, name: str, shape: tuple[int, ...]) -> None:
-        """Copy an argument into a device array, checking its shape, and that it is finite if it comes from the host."""
+        """Copy an argument into a device array, checking its shape, and host arrays for NaN."""
         if isinstance(value, wp.array):
             if value.shape != shape or value.dtype != self.dtype:
                 raise ValueError(
@@ -259,9 +260,8 @@ class Workspace:
         if array.shape not in (shape, shape[1:]):
             raise ValueError(f"{name} must have shape {shape} or {shape[1:]}, got {array.shape}")
         if not np.isfinite(array).all():
-            raise ValueError(
-                f"{name} must be finite; it holds {np.count_nonzero(~np.isfinite(array))} NaN or infinite values"
-            )
+            bad = np.count_nonzero(~np.isfinite(array))
+            raise ValueError(f"{name} must be finite; {bad} of its values are NaN or infinite")
         if self.device.is_cpu:
             target.numpy()[...] = array
         else:

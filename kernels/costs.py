@@ -32,7 +32,7 @@ class CostFunctions(NamedTuple):
 
 @functools.cache
 def make_cost_kernel(functions, nx, nu, dtype):
-    """Kernel ``(first, xs, us, weights, mask, Derivatives)`` over B (N+1): l_x .. l_uu, and of the final cost.
+    """Kernel ``(first, xs, us, weights, mask, Derivatives)`` over B (N+1): derivatives of l and l_f.
 
     ``functions`` is for the dtype of ``weights``: dtype itself, or float64 when derivatives come from
     differences.

@@ -120,7 +120,7 @@ def make_rollout_kernel(step, initial_carry, running, final, nx, nu, has_limits,
 
 @functools.cache
 def make_choice_kernels(nx, nu, dtype):
-    """Kernels ``start`` and ``accept`` over problems: adopt the first rollout; choose a step size, or none."""
+    """Kernels ``start`` and ``accept`` over problems: adopt the first rollout; choose a step size."""
     Policy, Candidates = make_policy_arrays(dtype), make_candidate_arrays(dtype)
     ROUNDING = wp.float64(8.0 * EPSILON[dtype])
 

@@ -261,7 +261,7 @@ def test_illegal_arguments():
         ddp.solve(problem, x0[:3], u0)
     with pytest.raises(ValueError, match=r"us0 must have shape \(1, 40, 1\)"):
         ddp.solve(problem, x0, u0[:-1])
-    with pytest.raises(ValueError, match="x0 must be finite; it holds 1 NaN"):
+    with pytest.raises(ValueError, match="x0 must be finite; 1 of its values"):
         ddp.solve(problem, [0.0, np.nan, 0.0, 0.0], u0)
     with pytest.raises(ValueError, match="xs0 and K0 belong together"):
         ddp.solve(problem, x0, u0, xs0=np.zeros((1, 41, 4)))
