@@ -18,7 +18,7 @@ import warp as wp
 from .mechanism import make_types
 from .structure import DISC, HALFPLANE, WORLD, Structure, layout
 
-SAMPLES = 24  # directions tried by the global search
+SAMPLES = 12  # boundary points of either shape tried by the global search
 LOCAL_ITERATIONS = 12
 
 
@@ -187,6 +187,7 @@ def make_maximiser(s: Structure, pair: int, dtype: type) -> wp.Function:
     TOL = dtype(1e-9 if dtype is wp.float64 else 1e-4)  # quadratic: the next error is its square
     CAP, TINY = dtype(0.7), dtype(1e-30)
     HUGE = dtype(1e30)
+    RADIUS = layout(s).offset("radius")
     SPACING = dtype(2.0 * math.pi / SAMPLES)
     COS, SIN = dtype(math.cos(2.0 * math.pi / SAMPLES)), dtype(math.sin(2.0 * math.pi / SAMPLES))
 
@@ -208,20 +209,50 @@ def make_maximiser(s: Structure, pair: int, dtype: type) -> wp.Function:
         return V2((n[0] - tau * n[1]) * scale, (n[1] + tau * n[0]) * scale)
 
     @wp.func
+    def axis_direction(params: wp.array2d(dtype=dtype), row: int, shape: int, pose: V4, c: dtype, sn: dtype):
+        # normal at the boundary point (a c, b sn) of an ellipse: dense where its support function bends
+        a = wp.max(params[row, RADIUS + 2 * shape], TINY)
+        b = wp.max(params[row, RADIUS + 2 * shape + 1], TINY)
+        x = b * c / wp.max(a, b)
+        y = a * sn / wp.max(a, b)
+        norm = wp.sqrt(x * x + y * y)
+        x = x / norm
+        y = y / norm
+        return V2(x * pose[2] - y * pose[3], x * pose[3] + y * pose[2])
+
+    @wp.func
+    def climb(params: wp.array2d(dtype=dtype), row: int, pa: V4, pb: V4, start: V2):
+        # two guarded Newton steps, so that candidates of different basins are compared near their tops
+        n = start
+        for _k in range(2):
+            e = evaluate(params, row, pa, pb, n)
+            tau = wp.clamp(e[1] / wp.max(e[2], TINY), ZERO - SPACING, SPACING)
+            n = turn(n, tau)
+        return n
+
+    @wp.func
     def search(params: wp.array2d(dtype=dtype), row: int, pa: V4, pb: V4):
-        # best of SAMPLES directions, then Newton on the slope, kept inside the bracket of its neighbours
+        # best of SAMPLES directions of either shape, then Newton on the slope inside a bracket
         c = dtype(1.0)
         sn = dtype(0.0)
         best = V2(ONE, ZERO)
         value = ZERO - HUGE
-        for _k in range(SAMPLES):
-            e = evaluate(params, row, pa, pb, V2(c, sn))
+        for k in range(2 * SAMPLES):
+            shape = wp.where(k % 2 == 0, wp.static(a), wp.static(b))
+            start = axis_direction(params, row, shape, wp.where(k % 2 == 0, pa, pb), c, sn)
+            n = climb(params, row, pa, pb, start)
+            e = evaluate(params, row, pa, pb, start)
             if e[0] > value:
                 value = e[0] + ZERO
-                best = V2(c, sn)
-            turned = COS * c - SIN * sn
-            sn = SIN * c + COS * sn
-            c = turned + ZERO
+                best = V2(start[0], start[1])
+            e = evaluate(params, row, pa, pb, n)
+            if e[0] > value:
+                value = e[0] + ZERO
+                best = V2(n[0], n[1])
+            if k % 2 == 1:
+                turned = COS * c - SIN * sn
+                sn = SIN * c + COS * sn
+                c = turned + ZERO
         low = ZERO - SPACING
         high = ZERO + SPACING
         angle = dtype(0.0)

@@ -215,16 +215,16 @@ def make_solver(s: Structure, dtype: type, hard: bool) -> wp.Function:
                 if it == wp.static(SEMISMOOTH_ITERATIONS):  # not finished at the kink: start the continuation
                     kappa = size
                     z = start(minv, jac, scale, diag, w0, mask, VR(UNUSED))
+                    best = z
                     old = HUGE
-                    length = ONE
-                    dz = VR()
+                    length = dtype(1.0)
                     continue
                 if kappa > ZERO and finite and worst <= kappa:
                     kappa = wp.where(kappa > KAPPA_END * size, SHRINK * kappa, ZERO)
                     old = HUGE
+                    length = dtype(1.0)
                     best = z
-                    if kappa == ZERO:
-                        continue
+                    continue
             if finite and merit <= old * (ONE - DECREASE * length):
                 best = z
                 old = merit
