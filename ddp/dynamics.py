@@ -10,6 +10,7 @@ import warp as wp
 from slcp_warp.kernels.generic_dynamics import (
     DynamicsFunctions,
     NoCarry,
+    make_linear,
     make_linearize_kernel,
     make_protocol_step,
     no_carry,
@@ -222,36 +223,4 @@ def linear_system(A: Any, B: Any, c: Any = None, device: Any = None, dtype: Any 
     if A.shape != (nx, nx) or B.ndim != 2 or B.shape[0] != nx:
         raise ValueError(f"A must be (nx, nx) and B (nx, nu), got {A.shape} and {B.shape}")
     c = np.zeros(nx) if c is None else np.array(c, dtype=np.float64)
-    return WarpDynamics(_make_linear, nx, B.shape[1], {"A": A, "B": B, "c": c}, device, dtype)
-
-
-def _make_linear(dtype: Any, VX: Any, VU: Any) -> DynamicsFunctions:
-    nx, nu = VX._length_, VU._length_
-    MXX, MXU = wp.types.matrix((nx, nx), dtype), wp.types.matrix((nx, nu), dtype)
-    MZZ = wp.types.matrix((nx + nu, nx + nu), dtype)
-    AT_B = nx * nx
-    AT_C = AT_B + nx * nu
-
-    @wp.func
-    def jacobians(params: wp.array2d(dtype=dtype), row: int, x: VX, u: VU):
-        a, b = MXX(), MXU()
-        for i in range(nx):
-            for j in range(nx):
-                a[i, j] = params[row, i * nx + j]
-            for j in range(nu):
-                b[i, j] = params[row, AT_B + i * nu + j]
-        return a, b
-
-    @wp.func
-    def step(params: wp.array2d(dtype=dtype), row: int, x: VX, u: VU):
-        a, b = jacobians(params, row, x, u)
-        offset = VX()
-        for i in range(nx):
-            offset[i] = params[row, AT_C + i]
-        return a * x + b * u + offset
-
-    @wp.func
-    def curvature(params: wp.array2d(dtype=dtype), row: int, x: VX, u: VU, i: int):
-        return MZZ()
-
-    return DynamicsFunctions(step, jacobians, curvature)
+    return WarpDynamics(make_linear, nx, B.shape[1], {"A": A, "B": B, "c": c}, device, dtype)

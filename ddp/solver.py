@@ -125,7 +125,7 @@ class Workspace:
         limited = problem.control_limits is not None
         functions = problem.cost.functions(dtype, nx, nu)
         rows = problem.cost.rows(B)
-        weights = wp.array(rows.astype(self.numpy_dtype), dtype=dtype, device=self.device)
+        weights: Any = wp.array(rows.astype(self.numpy_dtype), dtype=dtype, device=self.device)
 
         d = derivatives
         second = d.second if self.second_order else None

@@ -171,3 +171,36 @@ def make_linearize_kernel(functions, nx, nu, second_order, dtype):
             difference_curvature(params, row, z, second, cell)
 
     return linearize
+
+
+def make_linear(dtype, VX, VU):
+    """x' = A x + B u + c with exact derivatives; parameters A, B by rows, c."""
+    nx, nu = VX._length_, VU._length_
+    MXX, MXU = wp.types.matrix((nx, nx), dtype), wp.types.matrix((nx, nu), dtype)
+    MZZ = wp.types.matrix((nx + nu, nx + nu), dtype)
+    AT_B = nx * nx
+    AT_C = AT_B + nx * nu
+
+    @wp.func
+    def jacobians(params: wp.array2d(dtype=dtype), row: int, x: VX, u: VU):
+        a, b = MXX(), MXU()
+        for i in range(nx):
+            for j in range(nx):
+                a[i, j] = params[row, i * nx + j]
+            for j in range(nu):
+                b[i, j] = params[row, AT_B + i * nu + j]
+        return a, b
+
+    @wp.func
+    def step(params: wp.array2d(dtype=dtype), row: int, x: VX, u: VU):
+        a, b = jacobians(params, row, x, u)
+        offset = VX()
+        for i in range(nx):
+            offset[i] = params[row, AT_C + i]
+        return a * x + b * u + offset
+
+    @wp.func
+    def curvature(params: wp.array2d(dtype=dtype), row: int, x: VX, u: VU, i: int):
+        return MZZ()
+
+    return DynamicsFunctions(step, jacobians, curvature)
