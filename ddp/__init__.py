@@ -4,9 +4,12 @@ from . import costs
 from .continuation import solve_continuation
 from .costs import Cost
 from .dynamics import Dynamics, DynamicsFunctions, Parameters, WarpDynamics, linear_system
+from .library import Library, LibraryError, concatenate
 from .multistart import Multistart, solve_multistart
 from .options import Options, Regularization
+from .policies import NearestPolicy, TrackingPolicy
 from .problem import Problem
+from .receding import RecedingOptions, build_library
 from .result import Result, Trace
 from .solver import Workspace, solve
 from .status import Status
@@ -15,16 +18,23 @@ __all__ = [
     "Cost",
     "Dynamics",
     "DynamicsFunctions",
+    "Library",
+    "LibraryError",
     "Multistart",
+    "NearestPolicy",
     "Options",
     "Parameters",
     "Problem",
+    "RecedingOptions",
     "Regularization",
     "Result",
     "Status",
+    "TrackingPolicy",
     "Trace",
     "WarpDynamics",
     "Workspace",
+    "build_library",
+    "concatenate",
     "costs",
     "linear_system",
     "solve",

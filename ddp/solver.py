@@ -187,7 +187,15 @@ class Workspace:
         wp.copy(self.params, array)
         self.dynamics.lift_into(self.params, self._derivatives.lift)
 
-    def run(self, x0: Any, us0: Any, xs0: Any = None, K0: Any = None, k0: Any = None) -> int:
+    def run(
+        self,
+        x0: Any,
+        us0: Any,
+        xs0: Any = None,
+        K0: Any = None,
+        k0: Any = None,
+        max_iterations: int | None = None,
+    ) -> int:
         """Solve and leave the solution in the workspace's arrays; returns the number of passes.
 
         Args:
@@ -197,7 +205,10 @@ class Workspace:
                 (B, N+1, nx).
             K0: gains (B, N, nu, nx).
             k0: (B, N, nu), default 0.
+            max_iterations: fewer line searches than the options allow.
         """
+        limit = self.options.max_iterations
+        limit = limit if max_iterations is None else min(int(max_iterations), limit)
         B, N, nx, nu = self.batch, self.problem.horizon, self.problem.nx, self.problem.nu
         if (xs0 is None) != (K0 is None):
             raise ValueError("xs0 and K0 belong together: give both for a closed-loop warm start, or neither")
@@ -214,17 +225,25 @@ class Workspace:
                 self._fill(target, value, name, shape)
         self._run_first()
         self._run_start()
-        for count in range(self.options.max_iterations):
+        for count in range(limit):
             if not self._sweep(self._run_backward):
                 return count
             self._run_search()
             self._run_accept()
         self._sweep(self._run_last_backward)
-        return self.options.max_iterations
+        return limit
 
-    def solve(self, x0: Any, us0: Any, xs0: Any = None, K0: Any = None, k0: Any = None) -> Result:
+    def solve(
+        self,
+        x0: Any,
+        us0: Any,
+        xs0: Any = None,
+        K0: Any = None,
+        k0: Any = None,
+        max_iterations: int | None = None,
+    ) -> Result:
         """`run`, with the solution copied into a `Result`."""
-        return self.result(self.run(x0, us0, xs0, K0, k0))
+        return self.result(self.run(x0, us0, xs0, K0, k0, max_iterations))
 
     def result(self, passes: int | None = None) -> Result:
         """Copy of the solution that the workspace holds."""

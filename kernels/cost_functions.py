@@ -61,7 +61,7 @@ def make_flicking_finger(dtype, VX, VU):
 
 
 def make_quadratic(dtype, VX, VU):
-    """l = (x - t_k)' Q (x - t_k) / 2 + u' R u / 2 and a final one; weights Q, R, Qf, t by rows, t (1 or N+1, nx)."""
+    """l = (x - t_k)' Q (x - t_k) / 2 + u' R u / 2 and a final one; weights Q, R, Qf, t, (1 or N+1) rows."""
     nx, nu = VX._length_, VU._length_
     MXX, MUX, MUU = (wp.types.matrix(shape, dtype) for shape in ((nx, nx), (nu, nx), (nu, nu)))
     HALF = dtype(0.5)

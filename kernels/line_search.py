@@ -9,6 +9,7 @@ from .compile import specialised
 from .solver_state import (
     SolverState,
     lower_regularization,
+    make_drop_policy,
     make_policy_arrays,
     raise_regularization,
     schedule_row,
@@ -122,6 +123,7 @@ def make_rollout_kernel(step, initial_carry, running, final, nx, nu, has_limits,
 def make_choice_kernels(nx, nu, dtype):
     """Kernels ``start`` and ``accept`` over problems: adopt the first rollout; choose a step size."""
     Policy, Candidates = make_policy_arrays(dtype), make_candidate_arrays(dtype)
+    drop_policy = make_drop_policy(nx, nu, dtype)
     ROUNDING = wp.float64(8.0 * EPSILON[dtype])
 
     @wp.func
@@ -140,6 +142,8 @@ def make_choice_kernels(nx, nu, dtype):
         b = first + wp.tid()
         adopt(policy, out, b, 0)
         good = wp.where(out.status[b, 0] == 0, 1, 0)
+        if good == 0:
+            drop_policy(policy, b)
         state.status[b] = wp.where(good == 1, RUNNING, DYNAMICS_FAILED)
         state.active[b] = good
         state.fresh[b] = good

@@ -27,6 +27,7 @@ from .box_qp import make_small_solver
 from .solver_state import (
     SolverState,
     make_derivative_arrays,
+    make_drop_policy,
     make_policy_arrays,
     raise_regularization,
     schedule_row,
@@ -64,6 +65,7 @@ def make_backward_kernel(nx, nu, nw, method, has_limits, dtype):
     small = make_small_solver(nx, nu, dtype)
     cholesky, solve_vector, solve_matrix = small.cholesky, small.solve_vector, small.solve_matrix
     box_qp, masked = small.box_qp, small.masked
+    drop_policy = make_drop_policy(nx, nu, dtype)
     ZERO, HALF = dtype(0.0), dtype(0.5)
     curved = method == "second-order"
     quadratic = method != "first-order"
@@ -138,6 +140,7 @@ def make_backward_kernel(nx, nu, nw, method, has_limits, dtype):
             if d.status[b, k] != 0:
                 state.status[b] = DYNAMICS_FAILED
         if state.status[b] == DYNAMICS_FAILED:
+            drop_policy(policy, b)
             state.active[b] = 0
             state.fresh[b] = 0
             return
@@ -250,11 +253,7 @@ def make_backward_kernel(nx, nu, nw, method, has_limits, dtype):
                 state.trace[b, row_out, TRACE_GRADIENT] = gradient
                 state.trace[b, row_out, TRACE_PIVOT] = lowest
         if unsolved == 2:
-            for k in range(horizon):
-                for i in range(nu):
-                    policy.k[b, k, i] = ZERO
-                    for j in range(nx):
-                        policy.K[b, k, i, j] = ZERO
+            drop_policy(policy, b)
             state.status[b] = wp.where(broken == 1, DYNAMICS_FAILED, REGULARIZATION_LIMIT)
             state.active[b] = 0
             return

@@ -63,6 +63,23 @@ def make_policy_arrays(dtype):
     return Policy
 
 
+@functools.cache
+def make_drop_policy(nx, nu, dtype):
+    """Warp function that sets the gains and steps of a problem without a backward pass to zero."""
+    Policy = make_policy_arrays(dtype)
+    ZERO = dtype(0.0)
+
+    @wp.func
+    def drop_policy(policy: Policy, b: int):
+        for k in range(policy.us.shape[1]):
+            for i in range(nu):
+                policy.k[b, k, i] = ZERO
+                for j in range(nx):
+                    policy.K[b, k, i, j] = ZERO
+
+    return drop_policy
+
+
 @wp.func
 def schedule_row(state: SolverState, problem: int):
     """Row of the regularisation schedule that a problem follows."""

@@ -111,6 +111,42 @@ def test_step_sizes_that_break_the_dynamics_are_passed_over(device):
     assert abs(result.xs[:, 0]).max() <= 4.0
 
 
+def make_liar(dtype, VX, VU):
+    """An integrator with Jacobians of the wrong sign, and none at all for x[0] > 2."""
+    MXX, MXU, MZZ = (wp.types.matrix(shape, dtype) for shape in ((1, 1), (1, 1), (2, 2)))
+    one, two = dtype(1.0), dtype(2.0)
+
+    @wp.func
+    def step(params: wp.array2d(dtype=dtype), row: int, x: VX, u: VU):
+        return VX(x[0] + u[0])
+
+    @wp.func
+    def jacobians(params: wp.array2d(dtype=dtype), row: int, x: VX, u: VU):
+        if x[0] > two:
+            return MXX(wp.log(-one)), MXU(one)
+        return MXX(one), MXU(-one)
+
+    @wp.func
+    def curvature(params: wp.array2d(dtype=dtype), row: int, x: VX, u: VU, i: int):
+        return MZZ()
+
+    return ddp.DynamicsFunctions(step, jacobians, curvature)
+
+
+def test_wrong_or_missing_derivatives_are_reported(device):
+    dynamics = ddp.WarpDynamics(make_liar, 1, 1, device=device)
+    problem = ddp.Problem(dynamics, ddp.costs.quadratic([[1.0]], [[0.1]], [[1.0]]), 4)
+    result = ddp.solve(problem, [[1.0], [3.0], [0.0]], np.zeros((4, 1)))
+    assert list(result.status) == [
+        ddp.Status.LINE_SEARCH_FAILED,
+        ddp.Status.DYNAMICS_FAILED,
+        ddp.Status.CONVERGED,
+    ]
+    np.testing.assert_array_equal(result.us[:2], 0.0)  # nothing was accepted
+    assert not result.K[1].any()
+    assert all(ddp.Status(s).explanation for s in result.status)
+
+
 def test_a_finished_solve_is_left_alone(device):
     problem, x0, u0 = cart_pole(device)
     first = ddp.solve(problem, x0, u0)
@@ -200,6 +236,8 @@ def test_workspace_is_reusable_and_takes_device_arrays(device):
     for name in ("xs", "us", "K", "cost", "status", "iterations"):
         np.testing.assert_array_equal(getattr(first, name), getattr(again, name))
     np.testing.assert_array_equal(workspace.us.numpy(), again.us)
+    brief = workspace.solve(data["x0"], starts, max_iterations=0)
+    assert (brief.status == ddp.Status.MAX_ITERATIONS).all() and not brief.us.any()
 
 
 def test_continuation_follows_a_parameter(device):

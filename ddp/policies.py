@@ -1,0 +1,100 @@
+"""Policies that a rollout or a sweep evaluates inside its kernel."""
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from slcp_warp import Simulator
+from slcp_warp.kernels import policy as kernels
+
+from .library import Library
+from .result import Result
+
+METRICS = ("covariance", "variance")
+
+
+def wrap(difference: np.ndarray, period: np.ndarray) -> np.ndarray:
+    """Differences (..., nx) less the nearest multiple of each component's period (0: none)."""
+    safe = np.where(period > 0.0, period, 1.0)
+    return np.where(period > 0.0, difference - safe * np.round(difference / safe), difference)
+
+
+def whitening(library: Library, metric: str) -> np.ndarray:
+    """W (nx, nx) with |W dx| the norm of (20), scaled by the covariance of the x_i; periodic components wrapped."""
+    x = wrap(library.x, library.period)
+    centred = x - x.mean(axis=0)
+    covariance = centred.T @ centred / max(len(x) - 1, 1)
+    if metric == "variance":
+        covariance = np.diag(np.diag(covariance))
+    covariance += 1e-9 * np.trace(covariance) / len(covariance) * np.eye(len(covariance))
+    return np.linalg.inv(np.linalg.cholesky(covariance))
+
+
+class NearestPolicy:
+    """The nearest-neighbour rule (20) over a library.
+
+    Args:
+        library: the entries.
+        metric: "covariance" (Mahalanobis) or "variance" (its diagonal).
+        min_gain: entries whose plan gains less over zero controls are left out (passive plans).
+        feedback_limit: the feedback term K (x - x_j) is clamped to this size [control units].
+        whiten: (nx, nx) matrix of another norm.
+    """
+
+    def __init__(
+        self,
+        library: Library,
+        metric: str = "covariance",
+        min_gain: float = -np.inf,
+        feedback_limit: float = np.inf,
+        whiten: np.ndarray | None = None,
+    ) -> None:
+        if metric not in METRICS:
+            raise ValueError(f"metric is {metric!r}; choose one of {list(METRICS)}")
+        if not feedback_limit > 0.0:
+            raise ValueError(f"feedback_limit is {feedback_limit}; it must be positive")
+        keep = library.gain >= min_gain
+        if not keep.any():
+            raise ValueError(f"min_gain {min_gain} leaves no entry; the largest gain is {library.gain.max():.3g}")
+        self.library = library.select(keep)
+        self.whiten = whitening(self.library, metric) if whiten is None else np.asarray(whiten, float)
+        self.feedback_limit = min(float(feedback_limit), 1e30)
+
+    def arrays(self, sim: Simulator) -> tuple[str, Any]:
+        """Kernel name and struct for a simulator."""
+        self.library.check_scene(sim.scene)
+        lib = self.library
+        struct = kernels.make_nearest(sim.nx, sim.nu, sim.dtype).Struct()
+        put = lambda a: wp.array(np.ascontiguousarray(a), dtype=sim.dtype, device=sim.device)  # noqa: E731
+        struct.us, struct.xs, struct.gain = put(lib.u), put(lib.x), put(lib.K)
+        struct.white, struct.whitening = put(lib.x @ self.whiten.T), put(self.whiten)
+        struct.period = put(lib.period)
+        turning = np.flatnonzero(lib.period > 0.0)
+        if len(turning) > 1:
+            raise ValueError(f"the nearest-neighbour kernel wraps one state component, the library has {len(turning)}")
+        struct.turning = int(turning[0]) if len(turning) else -1
+        struct.limit = self.feedback_limit
+        return "nearest", struct
+
+
+class TrackingPolicy:
+    """u = us_k + K_k (x - xs_k) along the trajectories of a DDP result, by time; the last step is held.
+
+    Args:
+        result: of one problem, or of as many as there are worlds.
+        period: (nx,) as in `Scene.state_period`.
+    """
+
+    def __init__(self, result: Result, period: np.ndarray | None = None) -> None:
+        single = result.us.ndim == 2
+        self.us, self.xs, self.K = (a[None] if single else a for a in (result.us, result.xs, result.K))
+        self.period = np.zeros(self.xs.shape[-1]) if period is None else np.asarray(period, float)
+
+    def arrays(self, sim: Simulator) -> tuple[str, Any]:
+        """Kernel name and struct for a simulator."""
+        struct = kernels.make_tracking(sim.nx, sim.nu, sim.dtype).Struct()
+        put = lambda a: wp.array(np.ascontiguousarray(a), dtype=sim.dtype, device=sim.device)  # noqa: E731
+        struct.us, struct.gain, struct.period = put(self.us), put(self.K), put(self.period)
+        struct.xs = put(self.xs[:, : self.us.shape[1]])
+        return "tracking", struct
