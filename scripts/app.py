@@ -6,7 +6,10 @@ import typer
 
 from slcp_warp import __version__
 
+from .bench import app as bench_app
+
 app = typer.Typer(name="slcp", no_args_is_help=True, add_completion=False)
+app.add_typer(bench_app, name="bench")
 
 
 def _print_version(wanted: bool) -> None:

@@ -32,6 +32,11 @@ def import_mujoco() -> Any:
     return mujoco
 
 
+def _scalar(value: tuple[float | None, ...] | float | None) -> float | None:
+    """A body's number for its one degree of freedom."""
+    return value[0] if isinstance(value, tuple) else value
+
+
 def _text(*numbers: float) -> str:
     return " ".join(repr(float(x)) for x in numbers)
 
@@ -41,7 +46,7 @@ def mjcf(scene: Scene, **option: str) -> str:
     root = xml.Element("mujoco", model=scene.name)
     xml.SubElement(root, "compiler", angle="radian", autolimits="true")
     gravity = _text(*scene.gravity, 0.0)
-    xml.SubElement(root, "option", timestep=_text(scene.step_size), gravity=gravity, **option)
+    xml.SubElement(root, "option", {"timestep": _text(scene.step_size), "gravity": gravity, **option})
     nodes: dict[str | None, xml.Element] = {None: xml.SubElement(root, "worldbody")}
     for body in scene.bodies:
         nodes[body.name] = _body(nodes[body.parent], body)
@@ -71,14 +76,11 @@ def _body(parent: xml.Element, body: Body) -> xml.Element:
         raise SceneError(f"body {body.name!r}: the benchmark takes revolute joints, not {body.joint!r}")
     node = xml.SubElement(parent, "body", name=body.name, pos=_text(*body.anchor, 0.0),
                           euler=_text(0.0, 0.0, body.angle))  # fmt: skip
-    damping = body.damping[0] if isinstance(body.damping, tuple) else body.damping
-    hinge = xml.SubElement(node, "joint", name=body.name, type="hinge", axis="0 0 1", damping=_text(damping))
-    if body.lower is not None or body.upper is not None:
-        low, high = (
-            sign * 1e6 if limit is None else float(limit if not isinstance(limit, tuple) else limit[0])
-            for sign, limit in ((-1.0, body.lower), (1.0, body.upper))
-        )
-        hinge.set("range", _text(low, high))
+    damping, lower, upper = _scalar(body.damping), _scalar(body.lower), _scalar(body.upper)
+    hinge = xml.SubElement(node, "joint", name=body.name, type="hinge", axis="0 0 1")
+    hinge.set("damping", _text(damping or 0.0))
+    if lower is not None or upper is not None:
+        hinge.set("range", _text(-1e6 if lower is None else lower, 1e6 if upper is None else upper))
     xml.SubElement(node, "inertial", pos=_text(*body.com, 0.0), mass=_text(body.mass),
                    diaginertia=_text(body.inertia, body.inertia, body.inertia))  # fmt: skip
     return node

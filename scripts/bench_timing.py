@@ -83,16 +83,19 @@ def print_table(title: str, unit: str, results: list[Result], notes: list[str]) 
     """Medians, 10th and 90th percentiles of the repeats; a ratio above 1 is faster than the reference."""
     factor = {"us": 1e6, "ms": 1e3}[unit.split()[0]]
     table = Table(title=title, title_justify="left")
-    for heading in ("case", f"{unit}: median", "p10 - p90", "ratio", "p10 - p90", "against"):
-        table.add_column(heading, justify="left" if heading in ("case", "against") else "right")
+    for heading in ("case", unit, "p10 - p90", "ratio", "p10 - p90", "against"):
+        side: Any = "left" if heading in ("case", "against") else "right"
+        table.add_column(heading, justify=side, no_wrap=True)
     for r in results:
         row = [r.case.name, *_spread(r.seconds * factor)]
         row += ["", "", ""] if r.ratios is None else [*_spread(r.ratios), str(r.case.reference)]
         table.add_row(*row)
     console = Console()
+    if not console.is_terminal:
+        console.width = 120  # into a file or a pipe: nothing is cut off
     console.print(table)
     for note in notes:
-        console.print(f"  {note}", highlight=False)
+        console.print(f"  {note}", highlight=False, soft_wrap=True)
     console.print()
 
 

@@ -142,3 +142,24 @@ def make_workload(scene: Scene, worlds: int, steps: int, seed: int) -> Workload:
     """Random legal states, each with unit-normal torques at every step."""
     rng = np.random.default_rng(seed)
     return Workload(legal_states(scene, worlds, rng), rng.standard_normal((worlds, steps, scene.nu)))
+
+
+def windows(states: np.ndarray, controls: np.ndarray, chosen: np.ndarray, length: int) -> Workload:
+    """The stretches of `length` steps, at multiples of it, whose steps are all chosen.
+
+    Args:
+        states: (B, N or N+1, nx) before every step. controls: (B, N, nu). chosen: (B, N) bool.
+
+    Raises:
+        ValueError: there is no such stretch.
+    """
+    count = chosen.shape[1] // length
+    cut = chosen[:, : count * length].reshape(len(chosen), count, length)
+    world, window = np.nonzero(cut.all(axis=2))
+    if not len(world):
+        raise ValueError(
+            f"no stretch of {length} chosen steps in {chosen.shape[0]} worlds of {chosen.shape[1]} steps; "
+            f"more worlds or steps are needed"
+        )
+    steps = window[:, None] * length + np.arange(length)
+    return Workload(states[world, window * length], controls[world[:, None], steps])

@@ -1,12 +1,14 @@
 """The benchmarks' workload and MuJoCo's model of it: the scene's own mechanism, and legal states."""
 
+import csv
 import dataclasses
 
 import numpy as np
 import pytest
 
 from slcp_warp import scenes
-from slcp_warp.scripts.bench_workload import distance, legal_states, make_workload, mass_matrix
+from slcp_warp.scripts.bench_timing import Case, tidy_rows, time_interleaved, write_csv
+from slcp_warp.scripts.bench_workload import distance, legal_states, make_workload, mass_matrix, windows
 
 SCENE = scenes.flicking_finger()
 
@@ -72,3 +74,69 @@ def test_mujoco_model_has_the_scenes_masses_and_distances():
     np.testing.assert_array_equal(model.opt.gravity, [0.0, -4.0, 0.0])
     np.testing.assert_array_equal(model.jnt_range[:2], [[b.lower, b.upper] for b in SCENE.bodies[:2]])
     assert model.jnt_limited.tolist() == [1, 1, 0] and model.opt.timestep == SCENE.step_size
+
+
+def test_mujoco_falls_like_the_scene():
+    """Away from contact and limits, without damping: both conserve energy to the order of a short step."""
+    pytest.importorskip("mujoco")
+    from slcp_warp.scripts.bench_mujoco import Peer
+    from slcp_warp.scripts.bench_workload import Workload
+
+    bodies = tuple(dataclasses.replace(b, damping=0.0) for b in SCENE.bodies)
+    scene = dataclasses.replace(SCENE, bodies=bodies, step_size=1e-4)
+    x0 = np.array([[-0.3, -0.3, 0.4, 0.0, 0.0, 0.0]])
+    states = Peer(scene).rollout(Workload(x0, np.zeros((1, 3000, 2))))[0]
+    q, v = states[-1, :3], states[-1, 3:]
+    mass, half = SCENE.bodies[0].mass, 0.8
+
+    def height(q):
+        """Of the links' centres, summed."""
+        return 3 * half * np.sin(q[0]) + half * np.sin(q[0] + q[1])
+
+    kinetic = 0.5 * v @ mass_matrix(scene, q[None])[0] @ v
+    lost = mass * 4.0 * (height(x0[0]) - height(q))
+    assert lost > 0.1
+    np.testing.assert_allclose(kinetic, lost, rtol=2e-3)
+
+
+def test_windows_are_whole_stretches():
+    states = np.arange(2 * 7)[:, None].reshape(2, 7, 1)
+    controls = 100 + np.arange(2 * 6).reshape(2, 6, 1)
+    chosen = np.array([[1, 1, 1, 0, 1, 1], [0, 1, 1, 1, 0, 0]], bool)
+    cut = windows(states, controls, chosen, 2)
+    assert cut.x0.ravel().tolist() == [0, 4, 9]
+    assert cut.controls[..., 0].tolist() == [[100, 101], [104, 105], [108, 109]]
+    assert cut.steps == 6
+    with pytest.raises(ValueError, match="no stretch of 4"):
+        windows(states, controls, chosen, 4)
+
+
+def test_interleaved_times_and_ratios(tmp_path):
+    """With a clock that only the cases move: times per item, overhead taken off, ratios within a round."""
+    now = [0.0]
+
+    def spend(seconds):
+        def run():
+            now[0] += seconds
+
+        return run
+
+    cases = [
+        Case("slow", spend(8.0), 4),
+        Case("fast", spend(3.0), 2, "slow", overhead=spend(2.0), facts={"a": 1}),
+    ]
+    slow, fast = time_interleaved(cases, 3, clock=lambda: now[0])
+    np.testing.assert_allclose(slow.seconds, 2.0)
+    np.testing.assert_allclose(fast.seconds, 0.5)
+    np.testing.assert_allclose(fast.ratios, 4.0)
+    write_csv(tmp_path / "new" / "bench.csv", tidy_rows("some", [slow, fast], "a clock"))
+    with open(tmp_path / "new" / "bench.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [r["case"] for r in rows] == ["slow", "fast"]
+    assert (float(rows[1]["seconds"]), float(rows[1]["ratio"]), rows[1]["a"], rows[0]["a"]) == (
+        0.5,
+        4.0,
+        "1",
+        "",
+    )
+    assert rows[0]["cpu"] and int(rows[0]["cores"]) >= 1 and rows[0]["warp-lang"]
