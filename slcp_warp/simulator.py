@@ -7,7 +7,8 @@ import numpy as np
 import warp as wp
 
 from slcp_warp.kernels import expansion, rollout
-from slcp_warp.kernels.launch import launch
+from slcp_warp.kernels.compile import source_digest
+from slcp_warp.kernels.launch import Prepared, launch
 from slcp_warp.kernels.mechanism import make_types
 from slcp_warp.kernels.step import make_step
 
@@ -306,7 +307,12 @@ class Simulator:
         """Warp function () -> carry of a cold start."""
         return rollout.make_transition(*self._key).cold_carry
 
-    def linearize_into(
+    @property
+    def kernel_key(self) -> str:
+        """What the step function was specialised on, for kernels that contain it."""
+        return repr(self._key) + source_digest()
+
+    def prepare_linearize(
         self,
         xs: wp.array,
         us: wp.array,
@@ -316,13 +322,17 @@ class Simulator:
         second: wp.array | None,
         status: wp.array,
         active: wp.array,
-    ) -> None:
-        """Derivatives along trajectories (B, N+1, nx), (B, N, nu) into given arrays."""
+    ) -> Prepared:
+        """A repeatable launch: derivatives along trajectories (B, N+1, nx), (B, N, nu) into given arrays."""
         steps = us.shape[1]
         fzz = self.empty(0, 0, 0, 0) if second is None else second
         kernel = expansion.make_linearize_kernel(*self._key, second is not None)
         inputs = [params, steps, xs, us, self._none, active, fx, fu, fzz, status]
-        launch(kernel, us.shape[0] * steps, inputs, self.device, grain=8)
+        return Prepared(kernel, us.shape[0] * steps, inputs, self.device, grain=8)
+
+    def linearize_into(self, *arrays: Any) -> None:
+        """As `prepare_linearize`, once."""
+        self.prepare_linearize(*arrays)()
 
     def lift_into(self, params: wp.array, lift: wp.array) -> None:
         """lift (B, nv, nx) = [h I, I]: V . f_zz = sum_i (lift V)_i second[i], since q' = q + h v'."""
