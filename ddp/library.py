@@ -120,7 +120,9 @@ class Library:
     def check_scene(self, scene: Scene) -> None:
         """Raise LibraryError if the library was built for another mechanism."""
         if self.header.get("digest") != scene_digest(scene):
-            raise LibraryError(f"the library was built for scene {self.header.get('scene')!r}, not {scene.name!r}")
+            raise LibraryError(
+                f"the library was built for scene {self.header.get('scene')!r}, not {scene.name!r}"
+            )
 
 
 def concatenate(libraries: list[Library]) -> Library:

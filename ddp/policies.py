@@ -56,7 +56,9 @@ class NearestPolicy:
             raise ValueError(f"feedback_limit is {feedback_limit}; it must be positive")
         keep = library.gain >= min_gain
         if not keep.any():
-            raise ValueError(f"min_gain {min_gain} leaves no entry; the largest gain is {library.gain.max():.3g}")
+            raise ValueError(
+                f"min_gain {min_gain} leaves no entry; the largest gain is {library.gain.max():.3g}"
+            )
         self.library = library.select(keep)
         self.whiten = whitening(self.library, metric) if whiten is None else np.asarray(whiten, float)
         self.feedback_limit = min(float(feedback_limit), 1e30)
@@ -72,7 +74,9 @@ class NearestPolicy:
         struct.period = put(lib.period)
         turning = np.flatnonzero(lib.period > 0.0)
         if len(turning) > 1:
-            raise ValueError(f"the nearest-neighbour kernel wraps one state component, the library has {len(turning)}")
+            raise ValueError(
+                f"the nearest-neighbour kernel wraps one state component, the library has {len(turning)}"
+            )
         struct.turning = int(turning[0]) if len(turning) else -1
         struct.limit = self.feedback_limit
         return "nearest", struct

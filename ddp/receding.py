@@ -52,9 +52,18 @@ class RecedingOptions:
     solver: Options = field(default_factory=lambda: Options(step_sizes=tuple(2.0 ** -np.arange(8.0))))
 
     def __post_init__(self) -> None:
-        for name, low in (("offset", 1), ("chains", 1), ("recalled", 0), ("noisy", 0), ("passes", 1), ("entries", 1)):
+        for name, low in (
+            ("offset", 1),
+            ("chains", 1),
+            ("recalled", 0),
+            ("noisy", 0),
+            ("passes", 1),
+            ("entries", 1),
+        ):
             if getattr(self, name) < low:
-                raise ValueError(f"RecedingOptions.{name} is {getattr(self, name)}; it must be at least {low}")
+                raise ValueError(
+                    f"RecedingOptions.{name} is {getattr(self, name)}; it must be at least {low}"
+                )
         if self.entries > self.offset:
             raise ValueError(f"RecedingOptions.entries is {self.entries}; at most the offset {self.offset}")
         if self.perturb_variance < 0.0:
@@ -137,7 +146,9 @@ class _Chains:
 
     def first_plans(self) -> None:
         """The first plan of every chain: from zero and from noise, to convergence."""
-        first = Workspace(self.problem, len(self.shifting_x()), _limited(self.options.solver, self.options.first_passes))
+        first = Workspace(
+            self.problem, len(self.shifting_x()), _limited(self.options.solver, self.options.first_passes)
+        )
         us = np.stack([self._noise() if start else np.zeros((self.problem.horizon, self.problem.nu))
                        for _ in self.x for start in range(self.starts)])  # fmt: skip
         self._keep_best(first, first.solve(self.shifting_x(), us))
@@ -153,7 +164,9 @@ class _Chains:
         before, self.steps = self.steps, self.steps + d
         every = self.options.perturb_every
         if every and self.steps // every != before // every:
-            kick = np.sqrt(self.options.perturb_variance) * self.rng.standard_normal((len(self.x), self.problem.nx // 2))
+            kick = np.sqrt(self.options.perturb_variance) * self.rng.standard_normal(
+                (len(self.x), self.problem.nx // 2)
+            )
             kick[: self.options.unperturbed] = 0.0
             self.x[:, self.problem.nx // 2 :] += kick
         us, xs, K = self._starts()
@@ -161,7 +174,9 @@ class _Chains:
 
     def _keep_best(self, workspace: Workspace, result: Any) -> None:
         groups = result.cost.reshape(len(self.x), self.starts)
-        best = np.arange(len(self.x)) * self.starts + np.nanargmin(np.where(np.isfinite(groups), groups, np.inf), axis=1)
+        best = np.arange(len(self.x)) * self.starts + np.nanargmin(
+            np.where(np.isfinite(groups), groups, np.inf), axis=1
+        )
         self.us, self.xs, self.K = result.us[best], result.xs[best], result.K[best]
         self.cost = result.cost[best]
         self.gain = self._passive_cost() - self.cost
@@ -189,7 +204,9 @@ class _Chains:
                 turn = turn - wrap(turn, self.period)
                 out.append((self.plans.us[plan], self.plans.xs[plan] + turn, self.plans.K[plan]))
             while len(out) % self.starts:
-                out.append((self._noise(), np.repeat(self.x[c][None], N + 1, axis=0), np.zeros_like(self.K[c])))
+                out.append(
+                    (self._noise(), np.repeat(self.x[c][None], N + 1, axis=0), np.zeros_like(self.K[c]))
+                )
         us, xs, K = (np.stack(part) for part in zip(*out, strict=True))
         return us, xs, K
 

@@ -52,6 +52,35 @@ def test_value_of_a_linear_quadratic_problem_is_exact(device):
         np.testing.assert_allclose(result.Vxx[0, i], row, atol=1e-9 * abs(result.Vxx[0]).max())
 
 
+def dense_backward_pass(data, xs, us, mu_x, mu_u):
+    """The regularised backward pass of a linear-quadratic problem: K, k, V_x, V_xx."""
+    A, B, Q, R = data["A"], data["B"], data["Q"], data["R"]
+    Vxx, Vx = data["Qf"], data["Qf"] @ (xs[-1] - data["target"][-1])
+    out = [], [], [Vx], [Vxx]
+    for k in reversed(range(len(us))):
+        Qx, Qu = Q @ (xs[k] - data["target"][k]) + A.T @ Vx, R @ us[k] + B.T @ Vx
+        Qxx, Qux, Quu = Q + A.T @ Vxx @ A, B.T @ Vxx @ A, R + B.T @ Vxx @ B
+        regular = Quu + mu_x * B.T @ B + mu_u * np.eye(2)
+        K, step = -np.linalg.solve(regular, Qux + mu_x * B.T @ A), -np.linalg.solve(regular, Qu)
+        Vx = Qx + K.T @ Quu @ step + K.T @ Qu + Qux.T @ step
+        Vxx = Qxx + K.T @ Quu @ K + K.T @ Qux + Qux.T @ K
+        for values, value in zip(out, (K, step, Vx, Vxx)):
+            values.append(value)
+    return [np.array(values[::-1]) for values in out]
+
+
+@pytest.mark.parametrize(("state_weight", "control_weight"), [(0.5, 0.0), (0.0, 0.3), (0.5, 0.3)])
+def test_regularised_backward_pass_far_from_the_optimum(device, state_weight, control_weight):
+    problem, data = random_linear_problem(4, horizon=N, device=device)
+    schedule = ddp.Regularization(initial=2.0, state_weight=state_weight, control_weight=control_weight)
+    us = np.random.default_rng(0).normal(size=(N, 2))
+    result = ddp.solve(problem, data["x0"], us, ddp.Options(max_iterations=0, regularization=schedule))
+    expected = dense_backward_pass(data, result.xs, us, 2.0 * state_weight, 2.0 * control_weight)
+    for name, value in zip(("K", "k", "Vx", "Vxx"), expected):
+        scale = abs(value).max()
+        np.testing.assert_allclose(getattr(result, name), value, atol=1e-12 * scale, err_msg=name)
+
+
 def test_value_gradient_and_hessian_of_cart_pole(device):
     problem, x0, u0 = cart_pole(device)
     options = ddp.Options(gradient_tolerance=1e-11)
