@@ -1,0 +1,148 @@
+"""A, B and the second derivatives of the step against central differences of the step itself, in float64."""
+
+import functools
+
+import numpy as np
+import pytest
+import warp as wp
+from oracle import Oracle
+from random_scenes import near_contact
+from simulators import scene, simulator
+
+STEP = 4e-5
+WEIGHTS = {1: 45.0 / 60.0, 2: -9.0 / 60.0, 3: 1.0 / 60.0}  # sixth-order central difference (Richardson, twice)
+GAPS = (0.0, 1e-3, -1e-3, 0.01, -0.01, 0.03, np.inf)
+CASES = [
+    ("flicking_finger", "none", False),
+    ("flicking_finger", "inertia", False),
+    ("grasp", "inertia", False),
+    ("moving_plane", "inertia", False),
+    ("touching_tree", "none", False),
+    ("sliding_block", "inertia", False),
+    ("flicking_finger", "inertia", True),
+]
+SECOND = [case for case in CASES if case[0] in ("flicking_finger", "moving_plane")]
+
+
+def differences(function, x, u, step=STEP):
+    """d function / d (x, u), (B, ..., nz), by differences of function(x, u) -> (B, ...), one batch for all."""
+    nx, z = x.shape[1], np.concatenate([x, u], axis=1)
+    count, nz = z.shape
+    moves = [(j, k) for j in range(nz) for k in (-3, -2, -1, 1, 2, 3)]
+    shifted = np.concatenate([z + k * step * np.eye(nz)[j] for j, k in moves])
+    values = function(shifted[:, :nx], shifted[:, nx:])
+    out = np.zeros((*values.shape[1:], nz, count))
+    for i, (j, k) in enumerate(moves):
+        value = np.moveaxis(values[i * count : (i + 1) * count], 0, -1)
+        out[..., j, :] += np.sign(k) * WEIGHTS[abs(k)] * value / step
+    return np.moveaxis(out, -1, 0)
+
+
+def case(name, scaling, hard, device, count=60):
+    """Simulator, its params, states and controls where the step is smooth, and each world's largest contact impulse."""
+    sc = scene(name)
+    sim = simulator(name, device, wp.float64, scaling, "hard" if hard else "rem-logistic")
+    params = sim.params.replace(step_size=0.05) if hard else sim.params.replace(step_size=0.05, sigma=0.1)
+    x, u = _states(name, count)
+    step = sim.step(x, u, params)
+    keep = (step.status == 0) & (_margin(name, x) > 0.05)
+    if hard:  # away from kinks: every row is clearly acting or clearly open
+        problem = Oracle(sc, step_size=0.05).problem(x, u)
+        w = problem["rate"] + np.einsum("bij,bj->bi", problem["J"], step.state[:, sc.nv :])
+        keep &= (np.abs(problem["D"] * step.impulse - w) > 0.02).all(axis=1)
+    assert keep.mean() > 0.6
+    return sim, params, x[keep], u[keep], np.abs(step.contact_impulse[keep, :, 0]).max(axis=1)
+
+
+@functools.cache
+def _states(name, count):
+    sc, rng = scene(name), np.random.default_rng(21)
+    return near_contact(sc, rng, count, GAPS, spread=0.4), rng.standard_normal((count, sc.nu))
+
+
+def _margin(name, x):
+    return Oracle(scene(name)).problem(x)["margin"]
+
+
+@pytest.mark.parametrize("name,scaling,hard", CASES)
+def test_first_derivatives(device, name, scaling, hard):
+    sim, params, x, u, push = case(name, scaling, hard, device)
+    touching = push > 1e-3
+    assert 0.3 < touching.mean() < 0.97, f"{touching.mean():.0%} of the states touch"
+    lin = sim.linearize(x, u, params)
+    assert (lin.status == 0).all()
+    exact = differences(lambda x, u: sim.step(x, u, params).state, x, u)
+    got = np.concatenate([lin.A, lin.B[..., : sim.nu]], axis=-1)
+    error = np.abs(got - exact).max(axis=(1, 2)) / np.abs(exact).max(axis=(1, 2))
+    assert error.max() < 1e-6, f"{error.max():.2g} in world {error.argmax()}, x = {x[error.argmax()].tolist()}"
+
+
+@pytest.mark.parametrize("name,scaling,hard", SECOND)
+def test_second_derivatives(device, name, scaling, hard):
+    sim, params, x, u, push = case(name, scaling, hard, device)
+    assert 0.3 < (push > 1e-3).mean() < 0.97
+    second = sim.linearize(x, u, params, second=True).second
+    nv, nz = sim.scene.nv, sim.nx + sim.nu
+    assert second.shape == (len(x), nv, nz, nz)
+    np.testing.assert_allclose(second, np.swapaxes(second, -1, -2), rtol=1e-9, atol=1e-9)
+
+    def first(x, u):
+        lin = sim.linearize(x, u, params)
+        return np.concatenate([lin.A[:, nv:], lin.B[:, nv:, : sim.nu]], axis=-1)
+
+    exact = differences(first, x, u)
+    error = np.abs(second - exact).max(axis=(1, 2, 3)) / np.abs(exact).max(axis=(1, 2, 3))
+    assert error.max() < 1e-6, f"{error.max():.2g} in world {error.argmax()}, x = {x[error.argmax()].tolist()}"
+
+
+def test_second_derivatives_need_not_be_asked_for_and_change_nothing(device):
+    sim, params, x, u, _ = case("flicking_finger", "none", False, device)
+    plain, full = sim.linearize(x, u, params), sim.linearize(x, u, params, second=True)
+    assert plain.second is None
+    np.testing.assert_allclose(plain.A, full.A, atol=1e-12)
+    np.testing.assert_allclose(plain.B, full.B, atol=1e-12)
+
+
+def test_contact_free_derivatives(device):
+    sim = simulator("pendulum_chain", device)
+    rng = np.random.default_rng(5)
+    x, u = 1.5 * rng.standard_normal((20, 6)), rng.standard_normal((20, 3))
+    lin = sim.linearize(x, u, second=True)
+    exact = differences(lambda x, u: sim.step(x, u).state, x, u, 1e-3)
+    np.testing.assert_allclose(np.concatenate([lin.A, lin.B], -1), exact, atol=1e-9)
+
+    def first(x, u):
+        lin = sim.linearize(x, u)
+        return np.concatenate([lin.A[:, 3:], lin.B[:, 3:]], axis=-1)
+
+    np.testing.assert_allclose(lin.second, differences(first, x, u, 1e-3), atol=1e-8)
+
+
+def test_position_rows_follow_from_the_velocity_rows(device):
+    """q' = q + h v': dq'/dz = dq/dz + h dv'/dz, to rounding."""
+    sim, params, x, u, _ = case("flicking_finger", "none", False, device)
+    lin = sim.linearize(x, u, params)
+    np.testing.assert_allclose(lin.A[:, :3], np.eye(6)[:3] + 0.05 * lin.A[:, 3:], atol=1e-12)
+    np.testing.assert_allclose(lin.B[:, :3], 0.05 * lin.B[:, 3:], atol=1e-12)
+
+
+def test_float32_derivatives_follow_float64(device):
+    _, params, x, u, _ = case("flicking_finger", "none", False, device)
+    coarse = simulator("flicking_finger", device, wp.float32, "none")
+    x, u = x.astype(np.float32), u.astype(np.float32)
+    got = coarse.linearize(x, u, params)
+    exact = simulator("flicking_finger", device, wp.float64, "none").linearize(x, u, params)
+    scale = np.abs(exact.A).max(axis=(1, 2), keepdims=True)
+    assert (np.abs(got.A - exact.A) / scale).max() < 5e-3
+    assert np.median((np.abs(got.A - exact.A) / scale).max(axis=(1, 2))) < 1e-4
+
+
+def test_unsolved_worlds_have_a_status_and_finite_derivatives(device, dtype):
+    sim = simulator("flicking_finger", device, dtype, "none")
+    x = np.tile(scene("flicking_finger").x0, (5, 1))
+    clean = sim.linearize(x)
+    x[2, 4] = np.nan
+    lin = sim.linearize(x)
+    assert lin.status[2] == 3 and (np.delete(lin.status, 2) == 0).all()
+    assert np.isfinite(lin.A).all() and np.isfinite(lin.B).all()
+    np.testing.assert_array_equal(np.delete(lin.A, 2, 0), np.delete(clean.A, 2, 0))
