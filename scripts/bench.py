@@ -152,7 +152,12 @@ def bench_threads(worlds: int = 20000, steps: int = 50, repeats: int = 9, seed: 
             repeat = functools.partial(run, ours, threads)
             cases.append(Case(label, repeat, ours.work.steps, reference, facts=facts))
     results = time_interleaved(cases, repeats, clock=time.perf_counter)
-    return _finish("threads", "us per step", results, [], "wall time")
+    best = {r.case.name: r.seconds.min() for r in results}
+    notes = []
+    for dtype in DTYPES:
+        gain = best[f"{dtype}, 1 thread"] / best[f"{dtype}, {count} threads"]
+        notes.append(f"{dtype}: {gain:.2f} times as fast, best repeat against best repeat")
+    return _finish("threads", "us per step", results, notes, "wall time")
 
 
 def bench_ddp(repeats: int = 9, horizon: int = 75, passes: int = 30) -> Rows:

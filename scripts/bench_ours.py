@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import functools
 from collections.abc import Iterator
 from typing import Any
 
@@ -36,7 +37,6 @@ class Ours:
         sim, params: the simulator and its numbers.
         work: the workload, without the worlds that were not solved. failed: their share.
         touching: which steps of its rollout touch, (B, N).
-        touching_windows: stretches of the rollout in which every step touches.
     """
 
     def __init__(self, work: Workload, dtype: str, residual: str = "rem-logistic") -> None:
@@ -51,9 +51,12 @@ class Ours:
         rows = self.sim.scene.structure.rows
         contact = [i for i, row in enumerate(rows) if row.kind == "contact"]
         self.touching = traj.impulse[solved][:, :, contact].sum(axis=2) >= TOUCH
-        self.touching_windows = self.cast(
-            windows(traj.states[solved], self.work.controls, self.touching, WINDOW)
-        )
+        self._states = traj.states[solved]
+
+    @functools.cached_property
+    def touching_windows(self) -> Workload:
+        """Stretches of the rollout in which every step touches."""
+        return self.cast(windows(self._states, self.work.controls, self.touching, WINDOW))
 
     def cast(self, work: Workload) -> Workload:
         """A workload in the simulator's dtype, contiguous."""

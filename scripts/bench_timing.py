@@ -80,20 +80,23 @@ def _timed(run: Callable[[], Any], clock: Callable[[], float]) -> float:
 
 
 def print_table(title: str, unit: str, results: list[Result], notes: list[str]) -> None:
-    """Medians, 10th and 90th percentiles of the repeats; a ratio above 1 is faster than the reference."""
+    """Medians, 10th and 90th percentiles and the best of the repeats; a ratio above 1 is faster."""
     factor = {"us": 1e6, "ms": 1e3}[unit.split()[0]]
     table = Table(title=title, title_justify="left")
-    for heading in ("case", unit, "p10 - p90", "ratio", "p10 - p90", "against"):
+    for heading in ("case", unit, "p10 - p90", "best", "ratio", "p10 - p90", "against"):
         side: Any = "left" if heading in ("case", "against") else "right"
         table.add_column(heading, justify=side, no_wrap=True)
     for r in results:
-        row = [r.case.name, *_spread(r.seconds * factor)]
+        row = [r.case.name, *_spread(r.seconds * factor), f"{r.seconds.min() * factor:.3g}"]
         row += ["", "", ""] if r.ratios is None else [*_spread(r.ratios), str(r.case.reference)]
         table.add_row(*row)
     console = Console()
     if not console.is_terminal:
         console.width = 120  # into a file or a pipe: nothing is cut off
     console.print(table)
+    load = machine()["load"]
+    if load > machine()["cores"]:
+        notes = [*notes, f"load average {load:.1f}: other processes ran, wall times are too long"]
     for note in notes:
         console.print(f"  {note}", highlight=False, soft_wrap=True)
     console.print()
@@ -111,7 +114,7 @@ def tidy_rows(benchmark: str, results: list[Result], clock: str) -> list[dict[st
         low, middle, high = np.percentile(r.seconds, [10, 50, 90])
         row = {"benchmark": benchmark, "case": r.case.name, "clock": clock, "items": r.case.count,
                "repeats": len(r.seconds), "seconds": middle, "seconds_p10": low, "seconds_p90": high,
-               "reference": r.case.reference or ""}  # fmt: skip
+               "seconds_best": r.seconds.min(), "reference": r.case.reference or ""}  # fmt: skip
         if r.ratios is not None:
             low, middle, high = np.percentile(r.ratios, [10, 50, 90])
             row |= {"ratio": middle, "ratio_p10": low, "ratio_p90": high}
@@ -120,11 +123,12 @@ def tidy_rows(benchmark: str, results: list[Result], clock: str) -> list[dict[st
 
 
 def machine() -> dict[str, Any]:
-    """The processor, its cores, and the versions of what was measured."""
+    """The processor, its cores, the load of the last minute, and the versions of what was measured."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     return {
         "cpu": _cpu_model(),
         "cores": cores,
+        "load": round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else 0.0,
         "system": platform.platform(),
         "python": platform.python_version(),
         **{name: _version(name) for name in ("slcp-warp", "warp-lang", "numpy", "mujoco")},

@@ -140,3 +140,26 @@ def test_interleaved_times_and_ratios(tmp_path):
         "",
     )
     assert rows[0]["cpu"] and int(rows[0]["cores"]) >= 1 and rows[0]["warp-lang"]
+
+
+@pytest.mark.slow
+def test_commands_run_and_write_their_rows(tmp_path):
+    """Through the command line, on workloads far too small to time anything."""
+    pytest.importorskip("mujoco")
+    typer_testing = pytest.importorskip("typer.testing")
+    from slcp_warp.scripts.app import app
+
+    small = ["--worlds", "60", "--steps", "40", "--repeats", "1"]
+    for command, options, count in (
+        ("step", small, 10),
+        ("jacobian", small, 6),
+        ("threads", small, 4),
+        ("ddp", ["--repeats", "1"], 8),
+    ):
+        path = tmp_path / f"{command}.csv"
+        result = typer_testing.CliRunner().invoke(app, ["bench", command, *options, "--csv", str(path)])
+        assert result.exit_code == 0, result.output
+        with open(path, newline="") as file:
+            rows = list(csv.DictReader(file))
+        assert len(rows) == count
+        assert all(float(row["items"]) > 0 for row in rows)
