@@ -53,8 +53,13 @@ def make_world(
         if multiplier.shape[0] > 0:
             for i in range(wp.static(NR)):
                 out.z[i] = multiplier[world, i]
-            for i in range(wp.static(2 * NP)):
-                out.normal[i] = multiplier[world, wp.static(NR + i)]
+            for k in range(wp.static(NP)):
+                x = multiplier[world, wp.static(NR + 2 * k)]
+                y = multiplier[world, wp.static(NR + 2 * k + 1)]
+                norm = wp.sqrt(x * x + y * y)
+                if norm > dtype(0.0):
+                    out.normal[wp.static(2 * k)] = x / norm
+                    out.normal[wp.static(2 * k + 1)] = y / norm
         return out
 
     @wp.func

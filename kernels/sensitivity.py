@@ -13,7 +13,7 @@ import warp as wp
 from .contact_derivatives import make_pair_derivatives
 from .mechanism_derivatives import make_mechanism_derivatives
 from .smoothing import make_smoothing
-from .solve import make_sweep
+from .solve import PROXIMAL, make_sweep
 from .step import make_step
 from .structure import Structure, layout
 
@@ -33,6 +33,7 @@ def make_linearization(s: Structure, dtype: type, hard: bool, inertia_scaling: b
     VQ, VX, VU, VR, MQ, JR, J2, V2 = t.VQ, t.VX, t.VU, t.VR, t.MQ, t.JR, t.J2, t.V2
     DZ = wp.types.matrix((max(NR, 1), NZ), dtype)
     DV = wp.types.matrix((NV, NZ), dtype)
+    TAU = dtype(PROXIMAL[dtype])
     ZERO, ONE, HALF, TWO = dtype(0.0), dtype(1.0), dtype(0.5), dtype(2.0)
     H, SIGMA, FRICTION, GEAR = (lay.offset(n) for n in ("step_size", "sigma", "friction", "gear"))
     index = tuple(r.index for r in s.rows)
@@ -192,7 +193,7 @@ def make_linearization(s: Structure, dtype: type, hard: bool, inertia_scaling: b
             f1q, lin = scaling_terms(params, row, sol, lin, f1q, v)
         if wp.static(NR > 0):
             lin.factor = wp.static(sweep.factor)(
-                sol.minv, sol.jac, sol.scale, diag, lin.slope, lin.slack, sol.mask
+                sol.minv, sol.jac, sol.scale, diag, lin.slope, lin.slack, sol.mask, TAU
             )
         else:
             lin.factor.cov = sol.minv

@@ -273,6 +273,7 @@ def make_maximiser(s: Structure, pair: int, dtype: type) -> wp.Function:
                 wp.cos(angle) * best[1] + wp.sin(angle) * best[0],
             )
             it += 1
+        n = climb(params, row, pa, pb, n)  # the last bracket may have been halved: finish quadratically
         return n
 
     @wp.func

@@ -3,8 +3,9 @@
 Unknowns z, one a row: D lambda = s(z), w = s(-z), and v' = v_free + M^-1 J' lambda exactly; what is left is
 r(z) = J v' + d/h - s(-z) = 0. A Newton step solves [M, -J'; J, C](dv, dlambda) = (0, -r), C = D s'(-z)/s'(z), by
 processing the rows one after the other like measurements of a Kalman filter: g = P J_i', T = D s'(-z) + s'(z) J_i g,
-P -= (s'(z)/T) g g'. No division by C or by s'(z) occurs, so rows may be arbitrarily stiff or slack; rows that repeat
-others only meet the floor on T. J is small (nv <= ~10), the rows that cannot act are masked.
+P -= (s'(z)/T) g g'. No division by C or by s'(z) occurs, so rows may be arbitrarily stiff or slack. Rows that repeat
+others are met by a proximal term, C + tau diag(A): a descent direction of sum r_i^2/A_ii for every tau > 0, tiny unless a
+line search fails. Rows that cannot act are masked.
 
 For REM-logistic, eq. (17), the root is unique (DESIGN 3). `hard` solves (3) with the kink max(z, 0) by semismooth
 Newton and falls back to a continuation in kappa (Chen & Mangasarian).
@@ -21,7 +22,9 @@ from .structure import Structure, layout
 
 SOLVED, NOT_CONVERGED, INFEASIBLE, NONFINITE = 0, 1, 2, 3
 COLD = 1.0e30  # a multiplier that stands for "no warm start"
-MAX_ITERATIONS = 100
+MAX_ITERATIONS = 200
+PROXIMAL = {wp.float64: 1e-13, wp.float32: 1e-6}  # tau: smallest value
+LARGEST = 1e3  # tau beyond which a step is given up
 SEMISMOOTH_ITERATIONS = 8
 
 
@@ -33,7 +36,6 @@ def make_sweep(s: Structure, dtype: type) -> SimpleNamespace:
     VQ, MQ, VR, JR = t.VQ, t.MQ, t.VR, t.JR
     NR, NV = s.nr, s.nv
     ZERO = dtype(0.0)
-    FLOOR = dtype(1e-13 if dtype is wp.float64 else 1e-6)
 
     @wp.struct
     class Factor:
@@ -42,14 +44,15 @@ def make_sweep(s: Structure, dtype: type) -> SimpleNamespace:
         weight: VR  # 1/T_i
 
     @wp.func
-    def factor(minv: MQ, jac: JR, scale: VR, diag: VR, slope: VR, slack: VR, mask: int):
-        """Factor of the saddle matrix; slope = s'(z), slack = s'(-z), diag = diag(A)."""
+    def factor(minv: MQ, jac: JR, scale: VR, diag: VR, slope: VR, slack: VR, mask: int, tau: dtype):
+        """Factor of the saddle matrix with C + tau diag(A); slope = s'(z), slack = s'(-z), diag = diag(A)."""
         out = Factor()
         p = minv
         for i in range(wp.static(NR)):
             if (mask & wp.static(1 << i)) != 0:
                 g = wp.static(r.applies[i])(p, jac)
-                total = scale[i] * slack[i] + slope[i] * wp.max(wp.static(r.dots[i])(jac, g), FLOOR * diag[i])
+                stiffness = wp.max(wp.static(r.dots[i])(jac, g), ZERO) + tau * diag[i]
+                total = scale[i] * slack[i] + slope[i] * stiffness
                 inv = dtype(1.0) / total
                 out.weight[i] = inv
                 k = slope[i] * inv
@@ -111,8 +114,13 @@ def make_solver(s: Structure, dtype: type, hard: bool) -> wp.Function:
     KAPPA_END = dtype(1e-11 if dtype is wp.float64 else 1e-5)
     DECREASE = dtype(1e-4)
     SHRINK = dtype(0.1)
-    SHORTEST = dtype(1e-3)
+    SHORTEST = dtype(0.05)
+    SMALLEST_TAU = dtype(PROXIMAL[dtype])
+    TAU_END = dtype(LARGEST)
+    EASE, HARDEN, CAREFUL = dtype(0.1), dtype(100.0), dtype(1e-4)
+    SMALLEST = dtype(1e-30)
     CERTIFICATE = dtype(1e-6)
+    limit, index = r.limit, tuple(row.index for row in s.rows)
 
     @wp.func
     def start(minv: MQ, jac: JR, scale: VR, diag: VR, w0: VR, mask: int, warm: VR):
@@ -129,17 +137,86 @@ def make_solver(s: Structure, dtype: type, hard: bool) -> wp.Function:
         return z
 
     @wp.func
-    def failure(minv: MQ, jac: JR, diag: VR, rate: VR, lam: VR, f: VQ, mask: int):
-        # Farkas: y >= 0, J'y = 0, y.d/h < 0 proves that no velocity opens the rows
+    def magnitude(params: wp.array2d(dtype=dtype), row: int, jac: JR, vfree: VQ, rate: VR, w0: VR, mask: int):
+        # size of the terms of the residual: what its rounding is relative to
+        size = ZERO
+        for i in range(wp.static(NR)):
+            if (mask & wp.static(1 << i)) != 0:
+                terms = wp.abs(rate[i]) + wp.abs(w0[i])
+                if wp.static(limit[i]):
+                    terms += wp.abs(vfree[wp.static(index[i])])
+                else:
+                    for j in range(wp.static(s.nv)):
+                        terms += wp.abs(jac[i, j] * vfree[j])
+                if wp.static(not hard):
+                    terms += params[row, wp.static(SIGMA + i)]
+                size = wp.max(size, terms)
+        return size
+
+    @wp.struct
+    class Point:
+        v: VQ
+        lam: VR
+        res: VR  # r(z)
+        slope: VR  # s'(z)
+        slack: VR  # s'(-z)
+        merit: dtype  # sum r_i^2 / A_ii
+        worst: dtype  # max |r_i|
+
+    @wp.func
+    def evaluate(
+        params: wp.array2d(dtype=dtype),
+        row: int,
+        minv: MQ,
+        vfree: VQ,
+        jac: JR,
+        rate: VR,
+        scale: VR,
+        diag: VR,
+        mask: int,
+        z: VR,
+        kappa: dtype,
+    ):
+        out = Point()
+        f = VQ()
+        for i in range(wp.static(NR)):
+            if (mask & wp.static(1 << i)) != 0:
+                if wp.static(hard):
+                    e = wp.static(sm.chks)(z[i], kappa)
+                else:
+                    e = wp.static(sm.logistic)(z[i], params[row, wp.static(SIGMA + i)])
+                out.lam[i] = e[0] / scale[i]
+                out.res[i] = rate[i] - e[1]
+                out.slope[i] = e[2]
+                out.slack[i] = e[3]
+                f = wp.static(r.adds[i])(f, jac, out.lam[i])
+        out.v = vfree + minv * f
+        for i in range(wp.static(NR)):
+            if (mask & wp.static(1 << i)) != 0:
+                out.res[i] = out.res[i] + wp.static(r.dots[i])(jac, out.v)
+                out.merit += out.res[i] * out.res[i] / diag[i]
+                out.worst = wp.max(out.worst, wp.abs(out.res[i]))
+        return out
+
+    @wp.func
+    def proves_infeasible(minv: MQ, jac: JR, diag: VR, scale: VR, rate: VR, at: Point, dz: VR, mask: int):
+        # Farkas: y >= 0, J'y = 0, y.d/h < 0 proves that no velocity opens the rows; y: where Newton drives lambda
+        f = VQ()
         size = ZERO
         work = ZERO
         for i in range(wp.static(NR)):
             if (mask & wp.static(1 << i)) != 0:
-                size += lam[i] * lam[i] * diag[i]
-                work += lam[i] * rate[i]
-        if work < ZERO and wp.dot(f, minv * f) <= CERTIFICATE * size:
-            return wp.static(INFEASIBLE)
-        return wp.static(NOT_CONVERGED)
+                y = wp.max(at.slope[i] * dz[i] / scale[i], ZERO)
+                size += y * y * diag[i]
+                work += y * rate[i]
+                f = wp.static(r.adds[i])(f, jac, y)
+        return work < ZERO and wp.dot(f, minv * f) <= CERTIFICATE * size
+
+    @wp.func
+    def direction(minv: MQ, jac: JR, scale: VR, diag: VR, at: Point, mask: int, tau: dtype):
+        fac = wp.static(sweep.factor)(minv, jac, scale, diag, at.slope, at.slack, mask, tau)
+        _dv, innovation = wp.static(sweep.forward)(fac, jac, at.slope, mask, VQ(), -at.res)
+        return wp.static(sweep.back)(fac, jac, scale, at.slope, mask, innovation)
 
     @wp.func
     def solve(
@@ -155,91 +232,77 @@ def make_solver(s: Structure, dtype: type, hard: bool) -> wp.Function:
     ):
         diag = VR()
         w0 = VR()
-        size = ZERO
         for i in range(wp.static(NR)):
             if (mask & wp.static(1 << i)) != 0:
-                diag[i] = wp.static(r.dots[i])(jac, wp.static(r.applies[i])(minv, jac))
+                diag[i] = wp.max(wp.static(r.dots[i])(jac, wp.static(r.applies[i])(minv, jac)), SMALLEST)
                 w0[i] = wp.static(r.dots[i])(jac, vfree) + rate[i]
-                size = wp.max(size, wp.max(wp.abs(rate[i]), wp.abs(w0[i])))
-                if wp.static(not hard):
-                    size = wp.max(size, params[row, wp.static(SIGMA + i)])
+        size = magnitude(params, row, jac, vfree, rate, w0, mask)
         z = start(minv, jac, scale, diag, w0, mask, warm)
         best = z
         dz = VR()
-        lam = VR()
-        res = VR()
-        slope = VR()
-        slack = VR()
-        v = vfree
+        best_worst = ZERO + HUGE
         old = ZERO + HUGE
         length = dtype(1.0)
         kappa = dtype(0.0)
+        tau = ZERO + SMALLEST_TAU
         it = int(0)
         last = int(0)
         status = int(wp.static(NOT_CONVERGED))
-        while it < wp.static(MAX_ITERATIONS + 2):
+        at = Point()
+        while status == wp.static(NOT_CONVERGED):
             it += 1
-            f = VQ()
-            for i in range(wp.static(NR)):
-                if (mask & wp.static(1 << i)) != 0:
-                    if wp.static(hard):
-                        e = wp.static(sm.chks)(z[i], kappa)
-                    else:
-                        e = wp.static(sm.logistic)(z[i], params[row, wp.static(SIGMA + i)])
-                    lam[i] = e[0] / scale[i]
-                    res[i] = rate[i] - e[1]
-                    slope[i] = e[2]
-                    slack[i] = e[3]
-                    f = wp.static(r.adds[i])(f, jac, lam[i])
-            v = vfree + minv * f
-            merit = ZERO
-            worst = ZERO
-            for i in range(wp.static(NR)):
-                if (mask & wp.static(1 << i)) != 0:
-                    res[i] = res[i] + wp.static(r.dots[i])(jac, v)
-                    merit += res[i] * res[i]
-                    worst = wp.max(worst, wp.abs(res[i]))
-            finite = wp.isfinite(merit)
+            at = evaluate(params, row, minv, vfree, jac, rate, scale, diag, mask, z, kappa)
+            finite = wp.isfinite(at.merit)
             if not finite and it == 1:
-                return v, z, lam, wp.static(NONFINITE)
-            if finite and worst <= TOL * size and kappa == ZERO:
+                status = wp.static(NONFINITE)
+                break
+            if finite and kappa == ZERO and at.worst <= wp.where(last == 1, ACCEPT, TOL) * size:
                 status = wp.static(SOLVED)
                 break
             if last == 1:
-                if finite and worst <= ACCEPT * size and kappa == ZERO:
-                    status = wp.static(SOLVED)
-                else:
-                    status = failure(minv, jac, diag, rate, lam, f, mask)
+                dz = direction(minv, jac, scale, diag, at, mask, SMALLEST_TAU)
+                if proves_infeasible(minv, jac, diag, scale, rate, at, dz, mask):
+                    status = wp.static(INFEASIBLE)
                 break
             if wp.static(hard):
-                if it == wp.static(SEMISMOOTH_ITERATIONS):  # not finished at the kink: start the continuation
-                    kappa = size
+                # not finished at the kink: follow the smooth path from kappa = size down to the kink
+                restart = it == wp.static(SEMISMOOTH_ITERATIONS)
+                if restart:
                     z = start(minv, jac, scale, diag, w0, mask, VR(UNUSED))
-                    best = z
-                    old = HUGE
-                    length = dtype(1.0)
-                    continue
-                if kappa > ZERO and finite and worst <= kappa:
+                    kappa = size
+                arrived = kappa > ZERO and finite and at.worst <= kappa and not restart
+                if arrived:
                     kappa = wp.where(kappa > KAPPA_END * size, SHRINK * kappa, ZERO)
-                    old = HUGE
-                    length = dtype(1.0)
+                if restart or arrived:
                     best = z
+                    best_worst = ZERO + HUGE
+                    old = ZERO + HUGE
+                    length = dtype(1.0)
+                    tau = ZERO + SMALLEST_TAU
                     continue
-            if finite and merit <= old * (ONE - DECREASE * length):
+            if finite and at.merit <= old * (ONE - DECREASE * length):
+                tau = wp.where(old < HUGE, wp.max(EASE * tau, SMALLEST_TAU), tau)
                 best = z
-                old = merit
-                length = ONE
-                fac = wp.static(sweep.factor)(minv, jac, scale, diag, slope, slack, mask)
-                _dv, innovation = wp.static(sweep.forward)(fac, jac, slope, mask, VQ(), -res)
-                dz = wp.static(sweep.back)(fac, jac, scale, slope, mask, innovation)
+                best_worst = at.worst
+                old = at.merit
+                length = dtype(1.0)
+                dz = direction(minv, jac, scale, diag, at, mask, tau)
+                z = best + dz
             else:
                 length = HALF * length
-            if length < SHORTEST or it >= wp.static(MAX_ITERATIONS):
+                z = best + length * dz
+                if length < SHORTEST:  # no length helps: a more careful direction from the best point
+                    length = dtype(1.0)
+                    z = best
+                    old = ZERO + HUGE
+                    tau = wp.max(HARDEN * tau, CAREFUL)
+                    if best_worst <= ACCEPT * size or tau > TAU_END:
+                        last = 1
+            if it >= wp.static(MAX_ITERATIONS):
                 last = 1
                 z = best
-                kappa = ZERO
-            else:
-                z = best + length * dz
-        return v, z, lam, status
+            if last == 1:
+                kappa = dtype(0.0)
+        return at.v, z, at.lam, status
 
     return solve
