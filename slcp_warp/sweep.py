@@ -1,0 +1,347 @@
+"""Robustness sweeps: thousands of perturbed worlds under a policy, on smoothed and hard dynamics, with statistics."""
+
+import csv
+import json
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from slcp_warp.kernels.launch import launch
+from slcp_warp.kernels.sweep import make_draw_kernel, make_sweep_kernel
+
+from .options import Options, Status
+from .parameters import NONNEGATIVE, POSITIVE
+from .scene import Scene
+from .simulator import Simulator
+from .statistics import mean_interval, quantile_interval, share_interval, spin_statistics
+
+FORMAT, VERSION = "slcp-warp-sweep", 1
+PERTURBABLE = (*POSITIVE, *NONNEGATIVE, "gravity", "damping", "gear")
+CHUNK_BYTES = 128 * 2**20
+
+
+@dataclass(frozen=True)
+class SweepSpec:
+    """What is varied and measured; every number is reproducible from `seed` and the world's index.
+
+    Attributes:
+        worlds: per case. duration: simulated [s]. residuals, step_sizes: their product makes the cases.
+        start: (M, nx) states, one drawn per world; None: the scene's. position_sd, velocity_sd: normal noise on it.
+        parameter_sd: name -> standard deviation of the logarithm of a factor on it (one factor per body, shape,
+            contact or degree of freedom; mass and inertia of a body share theirs).
+        parameters: name -> other base value (Simulator.params.replace).
+        torque_sd: white noise on the controls. kick_times, kick_sd: normal velocity kicks [s; rad/s, m/s].
+        observe: state component whose rate is judged. threshold: "spinning" [1/s]. window: of the moving rate [s].
+        sample_every: [s].
+    """
+
+    worlds: int = 4096
+    duration: float = 20.0
+    residuals: tuple[str, ...] = ("rem-logistic", "hard")
+    step_sizes: tuple[float, ...] = (0.05,)
+    start: np.ndarray | None = None
+    position_sd: float = 0.0
+    velocity_sd: float = 0.0
+    parameter_sd: dict[str, float] = field(default_factory=dict)
+    parameters: dict[str, Any] = field(default_factory=dict)
+    torque_sd: float = 0.0
+    kick_times: tuple[float, ...] = ()
+    kick_sd: float = 2.0
+    observe: int = 0
+    threshold: float = 0.5
+    window: float = 4.0
+    sample_every: float = 0.5
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.worlds < 1:
+            raise ValueError(f"SweepSpec.worlds is {self.worlds}; at least 1 is needed")
+        for name in ("duration", "window", "sample_every"):
+            if not getattr(self, name) > 0.0:
+                raise ValueError(f"SweepSpec.{name} is {getattr(self, name)}; it must be positive")
+        if self.sample_every > self.duration / 2.0:
+            raise ValueError(
+                f"SweepSpec.sample_every is {self.sample_every}; at most half the duration {self.duration}"
+            )
+        for name in ("position_sd", "velocity_sd", "torque_sd", "kick_sd"):
+            if not getattr(self, name) >= 0.0:
+                raise ValueError(f"SweepSpec.{name} is {getattr(self, name)}; it must not be negative")
+        unknown = set(self.parameter_sd) - set(PERTURBABLE)
+        if unknown:
+            raise ValueError(
+                f"SweepSpec.parameter_sd names {sorted(unknown)}; choose from {sorted(PERTURBABLE)}"
+            )
+        for name, value in self.parameter_sd.items():
+            if not 0.0 <= value < 2.0:
+                raise ValueError(f"SweepSpec.parameter_sd[{name!r}] is {value}; a number in [0, 2) is needed")
+        if any(not 0.0 <= t < self.duration for t in self.kick_times):
+            raise ValueError(
+                f"SweepSpec.kick_times is {self.kick_times}; times in [0, {self.duration}) are needed"
+            )
+        for h in self.step_sizes:
+            if not 0.0 < h <= self.sample_every:
+                raise ValueError(
+                    f"SweepSpec.step_sizes contains {h}; in (0, sample_every = {self.sample_every}] please"
+                )
+
+
+@dataclass
+class SweepReport:
+    """Outcome of a sweep.
+
+    Attributes:
+        cases: one summary per (residual, step_size): counts, statuses and (value, low, high) with 95 % intervals.
+        table: tidy columns, one row per world and case. samples: per case, (B, S) the observed coordinate less its start.
+        spec: the specification. complete: False if interrupted; then only finished worlds are in.
+    """
+
+    cases: list[dict[str, Any]]
+    table: dict[str, np.ndarray]
+    samples: list[np.ndarray]
+    spec: dict[str, Any]
+    complete: bool = True
+
+    def save(self, path: str | Path) -> Path:
+        """Write .csv (the table) or .npz (everything, no pickle); replaced only once complete."""
+        path = Path(path)
+        temporary = path.with_name(path.name + ".part")
+        if path.suffix == ".csv":
+            with open(temporary, "w", newline="") as file:
+                writer = csv.writer(file)
+                writer.writerow(self.table)
+                writer.writerows(zip(*(column.tolist() for column in self.table.values()), strict=True))
+        elif path.suffix == ".npz":
+            header = {
+                "format": FORMAT,
+                "version": VERSION,
+                "spec": self.spec,
+                "cases": self.cases,
+                "complete": self.complete,
+            }
+            arrays = {f"table_{name}": column for name, column in self.table.items()}
+            arrays |= {f"samples_{i}": a for i, a in enumerate(self.samples)}
+            with open(temporary, "wb") as file:
+                np.savez_compressed(file, allow_pickle=False, header=np.array(json.dumps(header)), **arrays)
+        else:
+            raise ValueError(f"path {path} ends in {path.suffix!r}; .csv or .npz is needed")
+        temporary.replace(path)
+        return path
+
+    @classmethod
+    def load(cls, path: str | Path) -> "SweepReport":
+        """Read an .npz written by `save`.
+
+        Raises:
+            FileNotFoundError, ValueError: not there; truncated or not a sweep.
+        """
+        try:
+            with np.load(path, allow_pickle=False) as archive:
+                data = {name: archive[name] for name in archive.files}
+            header = json.loads(str(data["header"]))
+            if header["format"] != FORMAT or header["version"] != VERSION:
+                raise ValueError(f"format {header['format']!r} version {header['version']}")
+        except FileNotFoundError:
+            raise
+        except Exception as error:
+            raise ValueError(f"{path} cannot be read as a sweep: {error}") from error
+        table = {name[6:]: data[name] for name in data if name.startswith("table_")}
+        samples = [data[f"samples_{i}"] for i in range(len(header["cases"]))]
+        return cls(header["cases"], table, samples, header["spec"], header["complete"])
+
+
+def sweep(
+    scene: Scene,
+    policy: Any,
+    spec: SweepSpec,
+    *,
+    scaling: str = "inertia",
+    dtype: str = "float32",
+    device: Any = None,
+    chunk: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> SweepReport:
+    """Run every case of a sweep in chunks of bounded memory.
+
+    Args:
+        policy: as for `Simulator.rollout`. chunk: worlds per launch, default by memory; results do not depend on it.
+        progress: called with (worlds done, worlds in all).
+
+    A keyboard interrupt ends the sweep with what is finished (`complete` False).
+    """
+    cases, columns, samples = [], [], []
+    total = spec.worlds * len(spec.residuals) * len(spec.step_sizes)
+    done, complete = 0, True
+    for residual in spec.residuals:
+        sim = Simulator(scene, Options(residual=residual, scaling=scaling), device=device, dtype=dtype)
+        for step_size in spec.step_sizes:
+            case = _Case(sim, policy, spec, step_size, chunk)
+            try:
+                for count in case.run():
+                    done += count
+                    if progress is not None:
+                        progress(done, total)
+            except KeyboardInterrupt:
+                complete = False
+            if case.parts:
+                table, trace = case.collect(residual)
+                cases.append(_summary(residual, step_size, table, spec, case.seconds))
+                columns.append(table)
+                samples.append(trace)
+            if not complete:
+                break
+        if not complete:
+            break
+    merged = {name: np.concatenate([c[name] for c in columns]) for name in columns[0]} if columns else {}
+    return SweepReport(cases, merged, samples, _plain(spec), complete)
+
+
+class _Case:
+    """One (residual, step size): its launches and what they left."""
+
+    def __init__(
+        self, sim: Simulator, policy: Any, spec: SweepSpec, step_size: float, chunk: int | None
+    ) -> None:
+        self.sim, self.spec, self.step_size = sim, spec, step_size
+        params = sim.params.replace(**spec.parameters).replace(step_size=step_size)
+        if params.worlds is not None:
+            raise ValueError(
+                "SweepSpec.parameters must be shared by all worlds; use parameter_sd to vary them"
+            )
+        self.base = params.table()[0]
+        self.name, self.struct = policy.arrays(sim)
+        self.count = int(round(spec.duration / spec.sample_every)) + 1
+        per_world = 8 * (len(self.base) + sim.nx) + 4 * self.count + 16
+        self.chunk = chunk or max(1, min(spec.worlds, CHUNK_BYTES // per_world))
+        self.parts: list[dict[str, np.ndarray]] = []
+        self.seconds = 0.0
+
+    def array(self, values: Any) -> wp.array:
+        return wp.array(np.ascontiguousarray(values), dtype=self.sim.dtype, device=self.sim.device)
+
+    def run(self) -> Any:
+        """Launch chunk after chunk; yields the worlds finished."""
+        spec, sim = self.spec, self.sim
+        spread, group = _spread(sim, spec.parameter_sd)
+        start = sim.scene.x0[None] if spec.start is None else np.atleast_2d(np.asarray(spec.start, float))
+        if start.ndim != 2 or start.shape[1] != sim.nx or not np.all(np.isfinite(start)):
+            raise ValueError(
+                f"SweepSpec.start has shape {start.shape}; finite numbers (M, {sim.nx}) are needed"
+            )
+        if not 0 <= spec.observe < sim.nx:
+            raise ValueError(
+                f"SweepSpec.observe is {spec.observe}; a state component 0..{sim.nx - 1} is needed"
+            )
+        deviation = np.repeat([spec.position_sd, spec.velocity_sd], sim.nx // 2)
+        shared = [
+            self.array(self.base),
+            self.array(spread),
+            wp.array(group, dtype=wp.int32, device=sim.device),
+        ]
+        shared += [self.array(start), self.array(deviation)]
+        kicks = wp.array(np.array(spec.kick_times, float), dtype=wp.float64, device=sim.device)
+        for world0 in range(0, spec.worlds, self.chunk):
+            count = min(self.chunk, spec.worlds - world0)
+            began = time.perf_counter()
+            self.parts.append(self.launch(world0, count, shared, kicks))
+            self.seconds += time.perf_counter() - began
+            yield count
+
+    def launch(
+        self, world0: int, count: int, shared: list[wp.array], kicks: wp.array
+    ) -> dict[str, np.ndarray]:
+        """One chunk of worlds."""
+        sim, spec = self.sim, self.spec
+        params, x0 = sim.empty(count, len(self.base)), sim.empty(count, sim.nx)
+        launch(
+            make_draw_kernel(sim.nx, sim.dtype), count, [world0, spec.seed, *shared, params, x0], sim.device
+        )
+        f32 = {"dtype": wp.float32, "device": sim.device}
+        samples, share, lowest = (
+            wp.zeros((count, self.count), **f32),
+            wp.zeros(count, **f32),
+            wp.zeros(count, **f32),
+        )
+        status = wp.zeros(count, dtype=wp.int32, device=sim.device)
+        s = sim.scene.structure
+        kernel = make_sweep_kernel(s, sim.dtype, sim.options.hard, sim.options.inertia_scaling, self.name)
+        inputs = [
+            world0,
+            spec.seed,
+            params,
+            x0,
+            self.struct,
+            spec.torque_sd,
+            spec.kick_sd,
+            kicks,
+            spec.duration,
+        ]
+        inputs += [spec.sample_every, spec.observe, sim.empty(0, 0), samples, share, lowest, status]
+        launch(kernel, count, inputs, sim.device, grain=1)
+        out = {"samples": samples, "contact_share": share, "lowest_gap": lowest, "status": status}
+        return {name: array.numpy().copy() for name, array in out.items()}
+
+    def collect(self, residual: str) -> tuple[dict[str, np.ndarray], np.ndarray]:
+        """Tidy columns and samples of the finished worlds."""
+        merged = {name: np.concatenate([p[name] for p in self.parts]) for name in self.parts[0]}
+        samples, count = merged.pop("samples"), len(merged["status"])
+        spec = self.spec
+        spin = spin_statistics(samples, spec.sample_every, spec.window, spec.threshold, spec.kick_times)
+        failed = merged["status"] != Status.SOLVED
+        spin["spinning"] = spin["spinning"] & ~failed
+        spin["recovery_time"] = np.where(failed, np.inf, spin["recovery_time"])
+        head = {
+            "residual": np.full(count, residual),
+            "step_size": np.full(count, self.step_size),
+            "world": np.arange(count),
+        }
+        return head | merged | spin, samples
+
+
+def _spread(sim: Simulator, parameter_sd: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
+    """Per column of the parameter table: log standard deviation, and the group that shares a random number."""
+    width = sim.params.layout.width
+    spread, group = np.zeros(width), np.arange(width, dtype=np.int32)
+    first = {name: start for name, start, _ in sim.params.layout.columns}
+    for name, start, shape in sim.params.layout.columns:
+        size = int(np.prod(shape, dtype=int))
+        if name in parameter_sd:
+            spread[start : start + size] = parameter_sd[name]
+        if name == "inertia":  # a heavier body of the same shape turns harder, too
+            group[start : start + size] = first["mass"] + np.arange(size)
+        if name == "radius":
+            group[start : start + size] = start + 2 * (np.arange(size) // 2)
+        if name in ("gravity", "sigma"):
+            group[start : start + size] = start
+    return spread, group
+
+
+def _summary(
+    residual: str, step_size: float, table: dict[str, np.ndarray], spec: SweepSpec, seconds: float
+) -> dict[str, Any]:
+    worlds = len(table["status"])
+    above = (table["rate"] > spec.threshold) & (table["status"] == Status.SOLVED)
+    recovered = np.isfinite(table["recovery_time"])
+    return {
+        "residual": residual,
+        "step_size": step_size,
+        "worlds": worlds,
+        "seconds": seconds,
+        "mean_rate": mean_interval(table["rate"]),
+        "share_above": share_interval(int(above.sum()), worlds),
+        "share_spinning": share_interval(int(table["spinning"].sum()), worlds),
+        "share_recovered": share_interval(int(recovered.sum()), worlds),
+        "median_recovery_time": quantile_interval(table["recovery_time"]),
+        "contact_share": mean_interval(table["contact_share"]),
+        "statuses": {s.name: int((table["status"] == s).sum()) for s in Status},
+    }
+
+
+def _plain(spec: SweepSpec) -> dict[str, Any]:
+    values = asdict(spec)
+    values["start"] = None if spec.start is None else list(np.shape(spec.start))
+    return json.loads(json.dumps(values, default=lambda a: np.asarray(a).tolist()))
