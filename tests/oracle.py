@@ -1,12 +1,13 @@
 """An independent float64 account of one time step, in NumPy alone: the truth that the kernels are judged by.
 
-Nothing here follows the kernels' closed forms. Poses of the bodies are maximal coordinates as functions of q; their
-first derivatives come from complex steps and their second derivatives from a contour integral in the complex plane;
-M and r(q, v) are the Newton-Euler equations of the single bodies projected on those derivatives. Distances are found by
-trying directions all round and bisecting; touched points come from the ellipses' parametric form, and their Jacobians
-from complex steps of body-fixed points. All functions take any leading batch axes: q (..., nv) -> (..., what is said).
+Nothing here follows the kernels' closed forms. Poses of the bodies are maximal coordinates as functions of q;
+their first derivatives come from complex steps, their second ones from a contour integral in the complex plane;
+M and r(q, v) are the bodies' own Newton-Euler equations projected on those derivatives. Distances are found by
+trying directions all round and bisecting; touched points come from the ellipses' parametric form, and their
+Jacobians from complex steps of body-fixed points. Functions take any leading batch axes: q (..., nv).
 
-Step (1), (17): M v' = h (r + u) + M v + J' lambda,  a = D lambda,  b = J v' + d / h,  a - s(a - b) = 0 or min(a, b) = 0.
+Step (1), (17): M v' = h (r + u) + M v + J' lambda,  a = D lambda,  b = J v' + d / h,  a - s(a - b) = 0, or
+min(a, b) = 0 for the hard problem.
 """
 
 import itertools
@@ -41,7 +42,7 @@ def softplus(x, sigma):
 
 
 class Oracle:
-    """Truth about one scene with numbers `changes` on top of its own: (..., shape), leading axes as the states'."""
+    """Truth about one scene; `changes` replace its numbers, batch axes first."""
 
     def __init__(self, scene, **changes):
         self.scene, self.structure = scene, scene.structure
@@ -157,7 +158,7 @@ class Oracle:
         return along - self.support(pair.shape_a, ta, angle) - self.support(pair.shape_b, tb, angle + np.pi)
 
     def normal_angle(self, q, k):
-        """Angle (...) of the normal of pair k, and by how much the best maximum beats any other (inf: unique)."""
+        """Angle (...) of the normal of pair k, and by how much it beats other maxima (inf: the only one)."""
         pair = self.structure.pairs[k]
         kinds = [self.structure.shapes[i].kind for i in (pair.shape_a, pair.shape_b)]
         if "halfplane" in kinds:
@@ -176,7 +177,7 @@ class Oracle:
         return 0.5 * (lo + hi), rivals[-1] - rivals[-2]
 
     def contact(self, q, k):
-        """Pair k: gap (...), normal angle (...), touched points (..., 2) on A and on B, uniqueness margin (...)."""
+        """Pair k: gap, normal's angle (...), touched points (..., 2) on A and B, uniqueness margin (...)."""
         pair = self.structure.pairs[k]
         a, b = pair.shape_a, pair.shape_b
         angle, margin = self.normal_angle(q, k)
@@ -218,7 +219,7 @@ class Oracle:
         )
 
     def rows(self, q):
-        """Gaps d (..., nr), Jacobian J (..., nr, nv) and uniqueness margin (...), in the scene's row order."""
+        """Gaps d (..., nr), Jacobian J (..., nr, nv), uniqueness margin (...), in the scene's row order."""
         pairs = [self.contact_jacobian(q, k) for k in range(len(self.structure.pairs))]
         gaps, rows = [], []
         for row in self.structure.rows:
@@ -251,7 +252,8 @@ class Oracle:
         diag = np.einsum("...ii->...i", a)
         rate = d / h[..., None]
         return {
-            "M": mass, "f": f, "vfree": vfree, "J": jac, "d": d, "rate": rate, "A": a, "h": h, "margin": margin,
+            "M": mass, "f": f, "vfree": vfree, "J": jac, "d": d, "rate": rate, "A": a, "h": h,
+            "margin": margin,
             "b": rate + np.einsum("...ij,...j->...i", jac, vfree),
             "D": np.ones(diag.shape) if scaling == "none" else diag,
             "sigma": np.broadcast_to(self.p["sigma"], diag.shape),
@@ -291,7 +293,7 @@ def residual(problem, v, impulse, hard=False):
 def _newton(a_mat, b, scale, sigma, z, floor, iterations=100):
     """Root z of A s(z) / D + b - s(-z) for one world, by damped Newton; -> z, largest residual.
 
-    `floor` keeps rows that determine the same velocity from making the matrix singular; it does not move the root.
+    `floor` keeps rows that determine the same velocity from making the matrix singular; the root stays.
     """
 
     def evaluate(z):
@@ -319,7 +321,9 @@ def solve_smooth(problem):
     nr = shape[-1]
     if nr == 0:
         return problem["vfree"], np.zeros(shape)
-    flat = {k: problem[k].reshape((-1,) + problem[k].shape[len(shape) - 1 :]) for k in ("A", "b", "D", "sigma")}
+    flat = {
+        k: problem[k].reshape((-1,) + problem[k].shape[len(shape) - 1 :]) for k in ("A", "b", "D", "sigma")
+    }
     impulse = np.zeros((len(flat["b"]), nr))
     for i in range(len(impulse)):
         a, b, d, sigma = (flat[k][i] for k in ("A", "b", "D", "sigma"))
@@ -338,7 +342,7 @@ def solve_smooth(problem):
 
 
 def solve_hard(problem):
-    """v' and lambda of the exact problem (1): Lawson and Hanson's least distance programming; a world at a time."""
+    """v' and lambda of the exact problem (1): Lawson and Hanson's least distances; nan if infeasible."""
     shape = problem["b"].shape
     impulse = np.zeros(shape)
     for i in np.ndindex(shape[:-1]):
@@ -359,7 +363,7 @@ def solve_hard(problem):
 
 
 def solve_hard_by_trial(a, b):
-    """lambda of 0 <= lambda _|_ A lambda + b >= 0 by trying all sets of acting rows, smallest first; None if none fits."""
+    """lambda of 0 <= lambda _|_ A lambda + b >= 0 by trying all sets of acting rows, smallest first."""
     for size in range(len(b) + 1):
         for active in itertools.combinations(range(len(b)), size):
             s = list(active)

@@ -1,4 +1,4 @@
-"""Random mechanisms and random states near, at and far from contact, all from a generator that the test seeds."""
+"""Random mechanisms, and random states near, at and far from contact; the test seeds the generator."""
 
 import numpy as np
 from oracle import Oracle
@@ -9,7 +9,7 @@ JOINTS = ("revolute", "prismatic", "free")
 
 
 def random_tree(rng, bodies=3, joints=None, contacts=False):
-    """A tree of bodies with every kind of offset; with `contacts`, ellipses on all bodies and a tilted half-plane."""
+    """A tree of bodies with every kind of offset; with `contacts`, ellipses and a tilted half-plane."""
     parts, names = [], []
     for i in range(bodies):
         joint = joints[i] if joints else rng.choice(JOINTS)
@@ -39,7 +39,7 @@ def random_tree(rng, bodies=3, joints=None, contacts=False):
 
 
 def near_contact(scene, rng, count, gaps=(0.0, 0.01, -0.01), speed=1.5, spread=0.5, **changes):
-    """States (count, 2 nv) whose smallest contact gap is one of `gaps` (np.inf: left where it fell); v is random.
+    """States (count, 2 nv) whose smallest contact gap is one of `gaps` (np.inf: left where it fell).
 
     A third of them start close to the scene's own initial state, where several pairs may touch at once.
     """
@@ -72,9 +72,3 @@ def into_limits(scene, oracle, q, rng):
             q[:, j] = rng.uniform(lo, up, len(q))
         q[:, j] = np.clip(q[:, j], lo, up)
     return q
-
-
-def smallest_contact_gap(scene, x, **changes):
-    """Smallest gap (...) over the contact pairs."""
-    oracle = Oracle(scene, **changes)
-    return np.min([oracle.contact(x[..., : scene.nv], k)[0] for k in range(len(scene.structure.pairs))], axis=0)

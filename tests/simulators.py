@@ -15,20 +15,18 @@ NUMPY = {wp.float32: np.float32, wp.float64: np.float64}
 
 
 def menagerie() -> Scene:
-    """Two free bodies with every kind of shape, turned and off centre, and all kinds of pairs between them."""
+    """Two free bodies with every kind of shape, turned and off centre, and all kinds of pairs."""
     shapes = (
         Shape("a_ellipse", "a", "ellipse", (0.8, 0.25), offset=(0.2, 0.1), angle=0.7),
         Shape("a_disc", "a", "disc", 0.3, offset=(-0.4, 0.2)),
         Shape("a_plane", "a", "halfplane", offset=(0.1, -0.3), angle=-2.0),
         Shape("b_ellipse", "b", "ellipse", (0.7, 0.5), offset=(0.0, 0.3), angle=-1.1),
-        Shape("b_thin", "b", "ellipse", (0.6, 0.02)),
         Shape("b_disc", "b", "disc", 0.2, offset=(0.5, 0.0)),
         Shape("b_point", "b", "disc", 0.0, offset=(-0.2, -0.2)),
         Shape("b_plane", "b", "halfplane", angle=0.4),
     )
     pairs = (
-        ("a_ellipse", "b_ellipse"), ("a_ellipse", "b_thin"), ("a_ellipse", "b_disc"), ("b_point", "a_ellipse"),
-        ("a_disc", "b_ellipse"), ("a_disc", "b_disc"), ("a_disc", "b_point"),
+        ("a_ellipse", "b_ellipse"), ("b_point", "a_ellipse"), ("a_disc", "b_ellipse"), ("a_disc", "b_disc"),
         ("a_plane", "b_ellipse"), ("a_ellipse", "b_plane"), ("b_point", "a_plane"),
     )  # fmt: skip
     bodies = (
@@ -39,14 +37,14 @@ def menagerie() -> Scene:
 
 
 def turned_pair() -> Scene:
-    """One frictional pair of turned, off-centre ellipses on free bodies: simple enough to step at any depth."""
+    """One frictional pair of turned, off-centre ellipses on free bodies."""
     whole = menagerie()
     keep = tuple(s for s in whole.shapes if s.name in ("a_ellipse", "b_ellipse"))
     return Scene("turned_pair", whole.bodies, keep, (Contact("a_ellipse", "b_ellipse", 0.4),))
 
 
 def moving_plane() -> Scene:
-    """A half-plane that turns and shifts with its body, under an ellipse; friction on both orders of the pair."""
+    """A half-plane that turns with its body, under round shapes; friction in both orders of the pair."""
     shapes = (
         Shape("plate", "plate", "halfplane", offset=(0.3, 0.1), angle=1.3),
         Shape("stone", "stone", "ellipse", (0.3, 0.2), offset=(0.05, 0.0), angle=0.5),

@@ -1,4 +1,4 @@
-"""What is known in closed form about one contact (DESIGN section 3), to the last digits that float64 allows."""
+"""What is known in closed form about one contact, to the last digits that float64 allows."""
 
 import math
 
@@ -11,12 +11,12 @@ H, G, SIGMA = 0.01, 9.81, 0.05
 
 
 def resting_gap(weight, sigma=SIGMA, h=H):
-    """Gap at which the smoothed contact carries a velocity `weight` a step: w = -sigma ln(1 - e^(-a / sigma))."""
+    """Gap at which the contact carries a velocity `weight` a step: w = -sigma ln(1 - e^(-a / sigma))."""
     return -h * sigma * math.log(-math.expm1(-weight / sigma))
 
 
 def particle(name, device, gap, velocity=(0.0, 0.0), steps=1, residual="rem-logistic", slope=0.0, **changes):
-    """States of particles over a plane tilted by `slope`, in the plane's own axes (along, off): (B, N + 1, 4)."""
+    """States (B, N + 1, 4) of particles over a tilted plane, in its axes (along, off, rates)."""
     sim, sc = simulator(name, device, wp.float64, "inertia", residual), scene(name)
     gap = np.atleast_1d(np.asarray(gap, float))
     along, off = np.array([math.cos(slope), math.sin(slope)]), np.array([-math.sin(slope), math.cos(slope)])
@@ -26,7 +26,9 @@ def particle(name, device, gap, velocity=(0.0, 0.0), steps=1, residual="rem-logi
     x0[:, 3:5] = velocity[:, :1] * along + velocity[:, 1:] * off
     angle = sc.default_parameters()["shape_angle"]
     planes = np.array([shape.kind == "halfplane" for shape in sc.shapes])
-    params = sim.params.replace(shape_angle=np.where(planes, math.pi / 2 + slope, angle), step_size=H, **changes)
+    params = sim.params.replace(
+        shape_angle=np.where(planes, math.pi / 2 + slope, angle), step_size=H, **changes
+    )
     traj = sim.rollout(x0, np.zeros((len(gap), steps, 0)), params)
     assert (traj.status == 0).all()
     out = [traj.states[..., i : i + 2] @ axis for i in (0, 3) for axis in (along, off)]
@@ -64,9 +66,13 @@ def test_two_friction_rows_rest_at_their_gap(device, friction):
 
 @pytest.mark.parametrize("slope,friction", [(0.2, 0.5), (0.3, 0.4), (-0.25, 0.6)])
 def test_smoothed_contact_creeps_down_a_slope(device, slope, friction):
-    """v_t = (sigma / 2 mu) ln[(1 - e^(-x+)) / (1 - e^(-x-))], x+- = (1 + mu^2) g h (cos t +- sin t / mu) / 2 sigma."""
+    """v_t = (sigma / 2 mu) ln[(1 - e^(-x+)) / (1 - e^(-x-))] with
+
+    x+- = (1 + mu^2) g h (cos t +- sin t / mu) / 2 sigma.
+    """
     sigma = 0.1
-    load = [(1 + friction**2) * G * H / (2 * sigma) * (math.cos(slope) + s * math.sin(slope) / friction) for s in (1, -1)]
+    weight = (1 + friction**2) * G * H / (2 * sigma)
+    load = [weight * (math.cos(slope) + s * math.sin(slope) / friction) for s in (1, -1)]
     creep = sigma / (2 * friction) * (math.log(-math.expm1(-load[0])) - math.log(-math.expm1(-load[1])))
     x = particle("rubbing_particle", device, 1e-3, steps=3000, slope=slope, friction=friction, sigma=sigma)
     assert x[0, -1, 2] == pytest.approx(-creep, rel=1e-9)  # along = uphill for a positive slope
@@ -74,7 +80,7 @@ def test_smoothed_contact_creeps_down_a_slope(device, slope, friction):
 
 
 def test_hard_contact_slides_at_its_lift_and_stops_in_v2_over_2_mu_g(device):
-    """Started at gap h mu |v_t| (and falling as the gap closes) the particle loses mu g h a step until it stops."""
+    """Started at gap h mu |v_t|, falling as it closes, the particle loses mu g h a step until it stops."""
     mu, v = 0.5, 3.0
     x = particle("rubbing_particle", device, H * mu * v, (v, -(mu**2) * G * H), 80, "hard", friction=mu)[0]
     sliding = np.arange(int(v / (mu * G * H)))
@@ -95,13 +101,17 @@ def test_hard_contact_hops_when_it_starts_sliding_at_gap_zero(device):
 
 @pytest.mark.parametrize("slope,friction", [(0.4, 0.5), (-0.4, 0.45)])
 def test_hard_contact_sticks_inside_the_friction_angle(device, slope, friction):
-    x = particle("rubbing_particle", device, 0.0, steps=200, residual="hard", slope=slope, friction=friction)[0]
+    x = particle("rubbing_particle", device, 0.0, steps=200, residual="hard", slope=slope, friction=friction)[
+        0
+    ]
     np.testing.assert_allclose(x, 0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("slope,friction", [(0.6, 0.5), (-0.5, 0.2)])
 def test_hard_contact_slips_outside_the_friction_angle(device, slope, friction):
-    x = particle("rubbing_particle", device, 0.0, steps=100, residual="hard", slope=slope, friction=friction)[0]
+    x = particle("rubbing_particle", device, 0.0, steps=100, residual="hard", slope=slope, friction=friction)[
+        0
+    ]
     rate = np.diff(x[-20:, 2]) / H
     pull = -G * (math.sin(slope) - math.copysign(friction, slope) * math.cos(slope))
     np.testing.assert_allclose(rate, pull, rtol=1e-9)
@@ -115,9 +125,9 @@ def test_hard_contact_lets_nothing_through(device):
 
 
 def test_inelastic_impact_rebounds_at_no_more_than_1_03_sigma(device):
-    """A fast particle in no gravity, at every phase of the step. The fastest rebound starts from rest at gap 0.
+    """A fast particle in no gravity, at every phase of the step; the fastest rebound is from rest at gap 0.
 
-    There e^(-a) + e^(-b) = 1 in units of h and sigma reads e^v' = e^v + e^-gap: v' = ln 2, ln 2.5, ... -> 1.0352.
+    There e^(-a) + e^(-b) = 1 reads e^v' = e^v + e^-gap in units of h and sigma: ln 2, ln 2.5, ... 1.0352.
     """
     speed = gap = 0.0
     for _ in range(60):

@@ -1,4 +1,4 @@
-"""The kernels' signed distance against a search of all directions, for all kinds of shapes in all kinds of places."""
+"""The kernels' signed distance against a search of all directions, for all shapes in all kinds of places."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ def check(got, exact, dtype, size=1.0):
 
 @pytest.mark.parametrize("spread", [0.3, 1.5, 10.0])
 def test_random_places(device, dtype, spread):
-    """Deep, touching and far apart; at any depth the greatest value is unique even where its direction is not."""
+    """Deep, touching and far apart; the greatest value is unique even where its direction is not."""
     q = spread * np.random.default_rng(7).standard_normal((400, 6))
     got, exact = gaps("menagerie", device, dtype, q)
     assert (exact < -0.1).mean() > 0.03 and (exact > 0.1).mean() > 0.3
@@ -33,21 +33,24 @@ def test_random_places(device, dtype, spread):
 
 
 def test_nearly_touching_places(device, dtype):
-    x = near_contact(scene("turned_pair"), np.random.default_rng(8), 300, gaps=(0.0, 1e-3, -1e-3, 1e-6, 0.05, -0.05))
+    gap = (0.0, 1e-3, -1e-3, 1e-6, 0.05, -0.05)
+    x = near_contact(scene("turned_pair"), np.random.default_rng(8), 300, gap)
     got, exact = gaps("turned_pair", device, dtype, x[:, :6])
     assert (np.abs(exact[:, 0]) < 2e-3).mean() > 0.5
     check(got, exact, dtype, 3.0)
 
 
 def test_concentric_and_axis_aligned_places(device, dtype):
-    """Several directions are equally good, or the first guess is of no use: the value is right all the same."""
+    """Several directions are equally good, or the first guess is of no use: the value is right still."""
     base = scene("turned_pair").default_parameters()
     straight = {"shape_angle": np.zeros(2), "shape_offset": np.zeros((2, 2)), "angle": np.zeros(2)}
     quarter = np.pi / 2
     q = np.zeros((40, 6))
     turns = np.array([0.0, quarter, np.pi, -quarter, 0.3])
     q[:5, 5] = turns  # concentric
-    for i, (dx, dy) in enumerate([(1.5, 0.0), (0.0, 0.75), (-1.5, 0.0), (0.0, -0.75), (3, 0), (0, 3), (1e-3, 0)]):
+    for i, (dx, dy) in enumerate(
+        [(1.5, 0.0), (0.0, 0.75), (-1.5, 0.0), (0.0, -0.75), (3, 0), (0, 3), (1e-3, 0)]
+    ):
         q[5 * i + 5 : 5 * i + 10, 3:5] = dx, dy
         q[5 * i + 5 : 5 * i + 10, 5] = turns
     for radius in (base["radius"], np.array([[0.5, 0.5], [0.5, 0.5]]), np.array([[0.7, 0.5], [0.7, 0.5]])):
@@ -56,7 +59,7 @@ def test_concentric_and_axis_aligned_places(device, dtype):
 
 
 def test_steps_from_degenerate_places_are_finite(device, dtype):
-    """Concentric circles have no normal; a step from there still returns numbers, and a status if it failed."""
+    """Concentric circles have no normal; a step from there still returns numbers."""
     sim = simulator("turned_pair", device, dtype)
     params = sim.params.replace(shape_offset=np.zeros((2, 2)), radius=np.array([[0.5, 0.5], [0.5, 0.5]]))
     step = sim.step(np.zeros((3, 12)), np.zeros((3, 0)), params)

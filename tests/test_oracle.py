@@ -1,4 +1,4 @@
-"""The oracle against itself and against facts known in closed form, so that it can be trusted to judge the kernels."""
+"""The oracle against itself and against closed forms, so that it can be trusted to judge the kernels."""
 
 import math
 
@@ -53,20 +53,22 @@ def test_mass_and_force_of_a_single_pendulum():
 def test_mass_and_force_of_a_double_pendulum():
     """The textbook's two-link arm (relative angles)."""
     oracle = Oracle(rod_pair(), gravity=np.zeros(2))
-    m1, m2, i1, i2, l, r1, r2 = 1.3, 0.7, 0.2, 0.1, 0.9, 0.4, 0.3
+    m1, m2, i1, i2, length, r1, r2 = 1.3, 0.7, 0.2, 0.1, 0.9, 0.4, 0.3
     q, v = np.array([0.4, -1.1]), np.array([1.7, -0.6])
     c, s = math.cos(q[1]), math.sin(q[1])
     m22 = i2 + m2 * r2**2
-    m12 = m22 + m2 * l * r2 * c
-    m11 = i1 + m1 * r1**2 + i2 + m2 * (l**2 + r2**2 + 2 * l * r2 * c)
+    m12 = m22 + m2 * length * r2 * c
+    m11 = i1 + m1 * r1**2 + i2 + m2 * (length**2 + r2**2 + 2 * length * r2 * c)
     np.testing.assert_allclose(oracle.mass_matrix(q), [[m11, m12], [m12, m22]], rtol=1e-14)
-    k = m2 * l * r2 * s
-    np.testing.assert_allclose(oracle.force(q, v), [k * (2 * v[0] * v[1] + v[1] ** 2), -k * v[0] ** 2], rtol=1e-12)
+    k = m2 * length * r2 * s
+    np.testing.assert_allclose(
+        oracle.force(q, v), [k * (2 * v[0] * v[1] + v[1] ** 2), -k * v[0] ** 2], rtol=1e-12
+    )
 
 
 @pytest.mark.parametrize("seed", range(6))
 def test_power_balance_of_random_trees(seed):
-    """Without damping dE/dt = 0 along the accelerations M^-1 r, for any tree; M is symmetric positive definite."""
+    """Without damping dE/dt = 0 along the accelerations M^-1 r; M is symmetric positive definite."""
     rng = np.random.default_rng(seed)
     scene = random_tree(rng, bodies=4)
     oracle = Oracle(scene, damping=np.zeros(scene.nv))
@@ -119,9 +121,11 @@ def test_distance_of_axis_aligned_ellipses():
     np.testing.assert_allclose(np.cos(angle - [0, np.pi / 2, np.pi / 2]), 1.0, atol=1e-14)
 
 
-@pytest.mark.parametrize("kinds", [("ellipse", "ellipse"), ("halfplane", "ellipse"), ("ellipse", "halfplane")])
+@pytest.mark.parametrize(
+    "kinds", [("ellipse", "ellipse"), ("halfplane", "ellipse"), ("ellipse", "halfplane")]
+)
 def test_normal_row_is_the_gradient_of_the_gap_and_points_touch(kinds):
-    """Envelope theorem; the touched points are d apart along n; points of separated shapes are the closest ones."""
+    """Envelope theorem; and the touched points are d apart along n."""
     rng = np.random.default_rng(1)
     radii = {"ellipse": (0.7, 0.3), "halfplane": 0.0}
     scene = two_shapes((kinds[0], radii[kinds[0]]), (kinds[1], radii[kinds[1]]), offset=(0.2, -0.1))
@@ -156,7 +160,8 @@ def test_smooth_step_has_no_residual_and_approaches_the_hard_one(name, scaling):
         r1, r2 = residual(problem, new[:, scene.nv :], impulse)
         assert np.abs(r1).max() < 1e-11 and np.abs(r2).max() < 1e-12
         with np.errstate(under="ignore"):
-            a, b = problem["D"] * impulse, problem["rate"] + np.einsum("bij,bj->bi", problem["J"], new[:, scene.nv :])
+            a = problem["D"] * impulse
+            b = problem["rate"] + np.einsum("bij,bj->bi", problem["J"], new[:, scene.nv :])
             np.testing.assert_allclose(np.exp(-a / sigma) + np.exp(-b / sigma), 1.0, atol=1e-9)
         far = np.abs(new - hard).max()
         assert last is None or far < 0.35 * last

@@ -1,9 +1,10 @@
-"""The step judged by the oracle: its residual on every world reported solved, its statuses, and its invariances."""
+"""The step judged by the oracle: its residual on every solved world, its statuses, its invariances."""
 
 import functools
 
 import numpy as np
 import pytest
+import warp as wp
 from oracle import Oracle, residual
 from random_scenes import near_contact
 from simulators import numbers, rounded, scene, simulator
@@ -13,23 +14,29 @@ import slcp_warp as slcp
 FLOAT64, FLOAT32 = "float64", "float32"
 LIMIT = {FLOAT64: 1e-12, FLOAT32: 2e-5}
 GAPS = (0.0, 0.0, 1e-3, -1e-3, 0.02, -0.02, np.inf, np.inf)
+
+
+def slow(*values):
+    return pytest.param(*values, marks=pytest.mark.slow)
+
+
 SMOOTH = [
     ("flicking_finger", "none"),
     ("flicking_finger", "inertia"),
     ("sliding_block", "inertia"),
-    ("grasp", "inertia"),
     ("ball_drop", "inertia"),
 ]
 SMOOTH64 = [
-    ("sliding_block", "none"),
-    ("grasp", "none"),
+    ("grasp", "inertia"),
     ("particle", "inertia"),
     ("rubbing_particle", "inertia"),
-    ("moving_plane", "inertia"),
-    ("touching_tree", "inertia"),
+    slow("grasp", "none"),
+    slow("sliding_block", "none"),
+    slow("moving_plane", "inertia"),
+    slow("touching_tree", "inertia"),
 ]
 HARD = ["flicking_finger", "sliding_block"]
-HARD64 = ["grasp", "ball_drop", "touching_tree", "moving_plane"]
+HARD64 = ["grasp", slow("ball_drop"), slow("touching_tree"), slow("moving_plane")]
 
 
 @functools.cache
@@ -41,8 +48,11 @@ def states(name, count=250, seed=0):
     return x, rng.standard_normal((count, sc.nu))
 
 
-def judge(name, device, dtype, scaling, hard, sigma=0.1, x=None, u=None, **changes):
-    """Step random states; assert the residuals of those solved, that the rest cannot be solved, and return details."""
+def judge(name, device, dtype, scaling, hard, sigma=0.1, x=None, u=None, wrong=None, **changes):
+    """Step random states; assert small residuals where solved, and solved wherever that is possible.
+
+    `wrong`: numbers that only the oracle is given, to see that it notices.
+    """
     sc = scene(name)
     if x is None:
         x, u = states(name)
@@ -51,12 +61,12 @@ def judge(name, device, dtype, scaling, hard, sigma=0.1, x=None, u=None, **chang
         changes["sigma"] = sigma
     step = sim.step(x, u, sim.params.replace(**changes))
     x64, u64 = rounded(dtype, x, u)
-    oracle = Oracle(sc, **numbers(sc, dtype, **changes))
+    oracle = Oracle(sc, **{**numbers(sc, dtype, **changes), **(wrong or {})})
     problem = oracle.problem(x64, u64, scaling=scaling)
     v, impulse = step.state[:, sc.nv :].astype(float), step.impulse.astype(float)
     r1, r2 = residual(problem, v, impulse, hard)
     a = problem["D"] * impulse
-    scale = 1.0 + np.abs(v).max(axis=1) + np.abs(problem["vfree"]).max(axis=1) + np.abs(a).max(axis=1, initial=0.0)
+    scale = 1.0 + sum(np.abs(y).max(axis=1, initial=0.0) for y in (v, problem["vfree"], a))
     weight = 1.0 + np.abs(problem["f"]).max(axis=1)
     solved = (step.status == slcp.Status.SOLVED) & (problem["margin"] > 1e-3)
     limit = LIMIT[dtype.__name__]
@@ -65,7 +75,10 @@ def judge(name, device, dtype, scaling, hard, sigma=0.1, x=None, u=None, **chang
     assert (np.abs(r1).max(axis=1) / weight)[solved].max() <= limit
     assert (np.abs(r2).max(axis=1) / scale)[solved].max() <= limit, f"world {worst}: {r2[worst]}, {x[worst]}"
     np.testing.assert_allclose(
-        step.state[solved, : sc.nv], (x64[:, : sc.nv] + problem["h"][..., None] * v)[solved], rtol=0, atol=limit * 10
+        step.state[solved, : sc.nv],
+        (x64[:, : sc.nv] + problem["h"][..., None] * v)[solved],
+        rtol=0,
+        atol=limit * 10,
     )
     unsolved = step.status != slcp.Status.SOLVED
     np.testing.assert_array_equal(step.state[unsolved], x64[unsolved])
@@ -79,16 +92,29 @@ def judge(name, device, dtype, scaling, hard, sigma=0.1, x=None, u=None, **chang
 @pytest.mark.parametrize("name,scaling", SMOOTH)
 def test_smoothed_residual(device, dtype, name, scaling, sigma):
     step, problem, _ = judge(name, device, dtype, scaling, False, sigma)
-    touching = np.abs(step.contact_impulse[:, :, 0]).max(axis=1) > 1e-3 * np.median(np.diagonal(problem["M"], 0, 1, 2))
+    touching = np.abs(step.contact_impulse[:, :, 0]).max(axis=1) > 1e-3
     assert 0.3 < touching.mean() < 0.95
 
 
 @pytest.mark.parametrize("sigma", [0.1, 0.005])
 @pytest.mark.parametrize("name,scaling", SMOOTH64)
 def test_smoothed_residual_of_more_scenes(device, name, scaling, sigma):
-    import warp as wp
-
     judge(name, device, wp.float64, scaling, False, sigma)
+
+
+NUMBERS = ("step_size", "gravity", "sigma", "mass", "inertia", "com", "anchor", "angle", "damping", "gear")
+NUMBERS += ("friction", "radius", "shape_offset", "lower", "upper")
+
+
+@pytest.mark.parametrize("number", NUMBERS)
+def test_judge_notices_wrong_numbers(device, number):
+    """The same test fails if any number of the scene is off by 1e-6: every number matters."""
+    sc = scene("flicking_finger")
+    wrong = sc.default_parameters()[number] * (1 + 1e-6) + (1e-6 if number in ("angle", "upper") else 0.0)
+    if number in ("com", "shape_offset"):
+        wrong = wrong + 1e-6
+    with pytest.raises(AssertionError):
+        judge("flicking_finger", device, wp.float64, "none", False, wrong={number: wrong})
 
 
 @pytest.mark.parametrize("name", HARD)
@@ -98,17 +124,19 @@ def test_hard_residual(device, dtype, name):
 
 @pytest.mark.parametrize("name", HARD64)
 def test_hard_residual_of_more_scenes(device, name):
-    import warp as wp
-
     judge(name, device, wp.float64, "inertia", True)
 
 
-@pytest.mark.parametrize("name,scaling,hard", [("flicking_finger", "none", False), ("sliding_block", "inertia", False),
-                                               ("flicking_finger", "inertia", True)])  # fmt: skip
+@pytest.mark.parametrize(
+    "name,scaling,hard",
+    [
+        ("flicking_finger", "none", False),
+        ("sliding_block", "inertia", False),
+        ("flicking_finger", "inertia", True),
+    ],
+)
 def test_solution_is_the_oracles(device, name, scaling, hard):
     """Not only a small residual: the velocity is the one that an unrelated solver finds."""
-    import warp as wp
-
     sc, (x, u) = scene(name), states(name)
     x, u = x[:60], u[:60]
     step = simulator(name, device, wp.float64, scaling, "hard" if hard else "rem-logistic").step(x, u)
@@ -126,13 +154,13 @@ def test_friction_stays_inside_its_cone(device, dtype, residual):
         step = sim.step(x, u, sim.params.replace(friction=friction))
         normal, tangential = np.moveaxis(step.contact_impulse.astype(float), -1, 0)
         assert (normal >= 0.0).all() and normal.max() > 1.0
-        assert (np.abs(tangential) <= friction * normal * (1 + 1e-6)).all()
+        assert (np.abs(tangential) <= friction * normal * (1 + 1e-6) + 1e-30).all()
         if np.ndim(friction):
             assert (np.abs(tangential) > 0.9 * friction * normal)[normal > 0.1].any()
 
 
 def test_contact_impulse_moves_the_body_along_normal_and_tangent(device, dtype):
-    """On a horizontal plane the particle's own change of momentum is (-tangential, normal): t is n turned by +90."""
+    """On a level plane a particle's momentum changes by (-tangential, normal): t is n turned by +90."""
     x = np.array([[0.0, 0.0, 0.0, 0.4, -1.0, 0.0], [0.0, 0.0, 0.0, -0.4, -1.0, 0.0]])
     step = simulator("rubbing_particle", device, dtype).step(x)
     change = step.state[:, 3:5] - x[:, 3:5] + 0.01 * np.array([0.0, 9.81])
@@ -141,8 +169,10 @@ def test_contact_impulse_moves_the_body_along_normal_and_tangent(device, dtype):
     assert (normal > 1.0).all() and (np.sign(tangential) == [1, -1]).all()
 
 
-@pytest.mark.parametrize("name,residual", [("flicking_finger", "rem-logistic"), ("sliding_block", "rem-logistic"),
-                                           ("flicking_finger", "hard")])  # fmt: skip
+@pytest.mark.parametrize(
+    "name,residual",
+    [("flicking_finger", "rem-logistic"), ("sliding_block", "rem-logistic"), ("flicking_finger", "hard")],
+)
 def test_batch_equals_singles_bit_for_bit(device, dtype, name, residual):
     x, u = states(name)
     sim = simulator(name, device, dtype, "inertia", residual)
@@ -150,7 +180,8 @@ def test_batch_equals_singles_bit_for_bit(device, dtype, name, residual):
     for i in range(0, len(x), 9):
         single = sim.step(x[i], u[i])
         for field in ("state", "impulse", "gap", "status", "contact_impulse", "multiplier"):
-            np.testing.assert_array_equal(getattr(single, field), getattr(step, field)[i], err_msg=f"{field}, {i}")
+            one, among = getattr(single, field), getattr(step, field)[i]
+            np.testing.assert_array_equal(one, among, err_msg=f"{field}, world {i}")
     controls = np.repeat(u[:, None], 8, axis=1)
     traj = sim.rollout(x, controls)
     for i in range(0, len(x), 49):
@@ -184,8 +215,12 @@ def test_worlds_with_their_own_numbers_are_their_own_scene(device, dtype):
 def test_oracle_agrees_where_every_world_has_its_own_numbers(device, dtype):
     rng = np.random.default_rng(7)
     x, u = states("flicking_finger")
-    changes = {"friction": rng.uniform(0, 1, (len(x), 1)), "step_size": rng.uniform(0.02, 0.05, len(x)),
-               "damping": rng.uniform(0, 1, (len(x), 3)), "gear": rng.uniform(-2, 2, (len(x), 2))}  # fmt: skip
+    changes = {
+        "friction": rng.uniform(0, 1, (len(x), 1)),
+        "step_size": rng.uniform(0.02, 0.05, len(x)),
+        "damping": rng.uniform(0, 1, (len(x), 3)),
+        "gear": rng.uniform(-2, 2, (len(x), 2)),
+    }
     judge("flicking_finger", device, dtype, "none", False, 0.1, x, u, **changes)
 
 
@@ -198,7 +233,8 @@ def test_external_force_in_contact(device, dtype):
     oracle = Oracle(scene("flicking_finger"), **numbers(scene("flicking_finger"), dtype))
     exact, _ = oracle.step(x64, u64, external=wrench)
     scale = 1.0 + np.abs(exact).max(axis=1, keepdims=True)
-    assert (np.abs(step.state - exact) / scale)[step.status == 0].max() < {FLOAT64: 1e-9, FLOAT32: 1e-3}[dtype.__name__]
+    error = (np.abs(step.state - exact) / scale)[step.status == 0].max()
+    assert error < {FLOAT64: 1e-9, FLOAT32: 1e-3}[dtype.__name__]
     without = sim.step(x, u).state
     assert np.median(np.abs(without - step.state)[:, 3:].max(axis=1)) > 1e-2
 
@@ -234,7 +270,8 @@ def test_jam_is_reported_infeasible_and_keeps_its_state(device, dtype, residual)
         assert (step.status[~jammed] == slcp.Status.SOLVED).mean() > 0.95
         np.testing.assert_array_equal(step.state[jammed], x.astype(step.state.dtype)[jammed])
     lower[jammed, 0], upper[jammed, 0] = x[jammed, 0] - 0.01, x[jammed, 0] + 0.01  # tight, but it opens
-    assert (sim.step(x, u, sim.params.replace(lower=lower, upper=upper)).status == slcp.Status.SOLVED).mean() > 0.95
+    tight = sim.step(x, u, sim.params.replace(lower=lower, upper=upper))
+    assert (tight.status == slcp.Status.SOLVED).mean() > 0.95
 
 
 @pytest.mark.parametrize("residual", ["rem-logistic", "hard"])
@@ -275,7 +312,12 @@ def test_warm_start_changes_nothing_but_the_work(device, dtype):
     x, u = states("flicking_finger")
     first = sim.step(x, u)
     good = first.status == 0
-    for warm in (first.multiplier, 1.7 * first.multiplier, np.roll(first.multiplier, 1, axis=0)):
+    for warm in (
+        first.multiplier,
+        1.7 * first.multiplier,
+        0 * first.multiplier,
+        np.roll(first.multiplier, 1, 0),
+    ):
         again = sim.step(x, u, warm_start=warm)
         assert (again.status[good] == 0).mean() > 0.99
         both = good & (again.status == 0)
