@@ -31,6 +31,43 @@ def whitening(library: Library, metric: str) -> np.ndarray:
     return np.linalg.inv(np.linalg.cholesky(covariance))
 
 
+def images(x: np.ndarray, period: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """States with periodic components in [0, period) and their images within half a period of that range.
+
+    Returns (T, nx) states and (T,) the rows of x that they belong to.
+    """
+    safe = np.where(period > 0.0, period, 1.0)
+    points = np.where(period > 0.0, x - safe * np.floor(x / safe), x)
+    owner = np.arange(len(x))
+    for j in np.flatnonzero(period > 0.0):
+        shift = np.where(points[:, j] < period[j] / 2.0, period[j], -period[j])
+        copies = points.copy()
+        copies[:, j] += shift
+        points, owner = np.concatenate([points, copies]), np.concatenate([owner, owner])
+    return points, owner
+
+
+def tree(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Balanced k-d tree of points (T, n) as an order (T,) and the dimension (T,) that every place splits.
+
+    The node of a range of places is its middle; each split is along the range's widest dimension.
+    """
+    order = np.arange(len(points))
+    split = np.zeros(len(points), dtype=np.int32)
+    pending = [(0, len(points))]
+    while pending:
+        a, b = pending.pop()
+        if a >= b:
+            continue
+        part = points[order[a:b]]
+        dimension = int(np.argmax(np.ptp(part, axis=0)))
+        middle = (a + b) // 2
+        order[a:b] = order[a:b][np.argsort(part[:, dimension], kind="stable")]
+        split[middle] = dimension
+        pending += [(a, middle), (middle + 1, b)]
+    return order, split
+
+
 class NearestPolicy:
     """The nearest-neighbour rule (20) over a library.
 
@@ -70,14 +107,12 @@ class NearestPolicy:
         struct = kernels.make_nearest(sim.nx, sim.nu, sim.dtype).Struct()
         put = lambda a: wp.array(np.ascontiguousarray(a), dtype=sim.dtype, device=sim.device)  # noqa: E731
         struct.us, struct.xs, struct.gain = put(lib.u), put(lib.x), put(lib.K)
-        struct.white, struct.whitening = put(lib.x @ self.whiten.T), put(self.whiten)
+        points, owner = images(lib.x, lib.period)
+        order, split = tree(points @ self.whiten.T)
+        struct.nodes, struct.whitening = put((points @ self.whiten.T)[order]), put(self.whiten)
+        struct.split = wp.array(split, dtype=wp.int32, device=sim.device)
+        struct.entry = wp.array(owner[order], dtype=wp.int32, device=sim.device)
         struct.period = put(lib.period)
-        turning = np.flatnonzero(lib.period > 0.0)
-        if len(turning) > 1:
-            raise ValueError(
-                f"the nearest-neighbour kernel wraps one state component, the library has {len(turning)}"
-            )
-        struct.turning = int(turning[0]) if len(turning) else -1
         struct.limit = self.feedback_limit
         return "nearest", struct
 

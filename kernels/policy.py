@@ -9,6 +9,8 @@ from types import SimpleNamespace
 
 import warp as wp
 
+STACK = 64  # pending branches of a tree search: more than twice the depth of any tree that fits in memory
+
 
 @functools.cache
 def make_open_loop(nx: int, nu: int, dtype: type) -> SimpleNamespace:
@@ -62,57 +64,83 @@ def make_tracking(nx: int, nu: int, dtype: type) -> SimpleNamespace:
 
 @functools.cache
 def make_nearest(nx: int, nu: int, dtype: type) -> SimpleNamespace:
-    """The nearest-neighbour rule (20): u = u_j + K_j (x - x_j), j = argmin |W (x - x_j)|, W W' = inverse covariance.
+    """The nearest-neighbour rule (20): u = u_j + K_j (x - x_j), j = argmin |W (x - x_j)|, W' W = inverse covariance.
 
-    Entries are stored whitened, y_j = W x_j, with one period per turn taken off: |W x - y_j - m W e_p period|.
+    Points y = W x_j are stored as a balanced k-d tree in one array: the node of a range is its middle, its split
+    dimension stands beside it. Entries with a periodic component are stored with their images within half a period of
+    [0, period), so that the search needs no wrapping. The search is exact.
     """
     VX, VU = wp.types.vector(nx, dtype), wp.types.vector(max(nu, 1), dtype)
+    VI, VD = wp.types.vector(STACK, wp.int32), wp.types.vector(STACK, dtype)
     ZERO = dtype(0.0)
     FAR = dtype(1e30)
+    wrapped = make_wrap(dtype)
 
     @wp.struct
     class Nearest:
         us: wp.array2d(dtype=dtype)  # (L, nu)
         xs: wp.array2d(dtype=dtype)  # (L, nx)
         gain: wp.array3d(dtype=dtype)  # (L, nu, nx)
-        white: wp.array2d(dtype=dtype)  # (L, nx) = W x_j
+        nodes: wp.array2d(dtype=dtype)  # (T, nx) tree of W x_j and its images
+        split: wp.array(dtype=wp.int32)  # (T,) dimension that a node splits
+        entry: wp.array(dtype=wp.int32)  # (T,) entry of a node
         whitening: wp.array2d(dtype=dtype)  # (nx, nx) W
         period: wp.array(dtype=dtype)  # (nx,)
-        turning: int  # the periodic component, -1: none
         limit: dtype  # the feedback term K dx is clamped to +- limit
+
+    @wp.func
+    def whitened(policy: Nearest, x: VX):
+        """W x with periodic components taken into [0, period)."""
+        turned = VX()
+        for j in range(wp.static(nx)):
+            turned[j] = x[j]
+            if policy.period[j] > ZERO:
+                turned[j] = x[j] - policy.period[j] * wp.floor(x[j] / policy.period[j])
+        y = VX()
+        for i in range(wp.static(nx)):
+            value = ZERO
+            for j in range(wp.static(nx)):
+                value += policy.whitening[i, j] * turned[j]
+            y[i] = value
+        return y
 
     @wp.func
     def nearest(policy: Nearest, x: VX):
         """Index of the nearest entry."""
-        y = VX()
-        jump = VX()
-        for i in range(wp.static(nx)):
-            value = ZERO
-            for j in range(wp.static(nx)):
-                value += policy.whitening[i, j] * x[j]
-            y[i] = value
-        period = ZERO
-        angle = ZERO
-        turning = wp.max(policy.turning, 0)
-        if policy.turning >= 0:
-            period = policy.period[turning]
-            angle = x[turning]
-            for i in range(wp.static(nx)):
-                jump[i] = policy.whitening[i, turning] * period
+        y = whitened(policy, x)
+        low = VI()
+        high = VI()
+        gap = VD()
+        high[0] = policy.nodes.shape[0]
+        depth = int(1)
         best = int(0)
         least = ZERO + FAR
-        for e in range(policy.white.shape[0]):
-            turns = ZERO
-            if period > ZERO:
-                turns = wp.round((angle - policy.xs[e, turning]) / period)
-            distance = ZERO
-            for i in range(wp.static(nx)):
-                delta = y[i] - policy.white[e, i] - turns * jump[i]
-                distance += delta * delta
-            if distance < least:
-                least = distance
-                best = e
-        return best
+        while depth > 0:
+            depth -= 1
+            if gap[depth] < least:
+                a = low[depth]
+                b = high[depth]
+                while a < b:
+                    m = (a + b) / 2
+                    distance = ZERO
+                    for i in range(wp.static(nx)):
+                        delta = y[i] - policy.nodes[m, i]
+                        distance += delta * delta
+                    if distance < least:
+                        least = distance
+                        best = m
+                    k = policy.split[m]
+                    across = y[k] - policy.nodes[m, k]
+                    far_low = wp.where(across < ZERO, m + 1, a)
+                    far_high = wp.where(across < ZERO, b, m)
+                    a = wp.where(across < ZERO, a, m + 1)
+                    b = wp.where(across < ZERO, m, b)
+                    if across * across < least and far_low < far_high:
+                        low[depth] = far_low
+                        high[depth] = far_high
+                        gap[depth] = across * across
+                        depth += 1
+        return policy.entry[best]
 
     @wp.func
     def control(policy: Nearest, world: int, k: int, x: VX):
@@ -125,7 +153,6 @@ def make_nearest(nx: int, nu: int, dtype: type) -> SimpleNamespace:
             u[i] = policy.us[e, i] + wp.clamp(value, -policy.limit, policy.limit)
         return u
 
-    wrapped = make_wrap(dtype)
     return SimpleNamespace(name="nearest", Struct=Nearest, control=control, nearest=nearest)
 
 
