@@ -7,8 +7,16 @@ import typer
 from slcp_warp import __version__
 
 from .bench import app as bench_app
+from .library import library_command
+from .optimise import optimise_command
+from .simulate import simulate_command
+from .surface import surface_command
 
 app = typer.Typer(name="slcp", no_args_is_help=True, add_completion=False)
+app.command("simulate")(simulate_command)
+app.command("optimise")(optimise_command)
+app.command("library")(library_command)
+app.command("surface")(surface_command)
 app.add_typer(bench_app, name="bench")
 
 

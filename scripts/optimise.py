@@ -1,0 +1,182 @@
+"""`slcp optimise`: DDP on the flicking finger, from one start or many, at one noise level or a falling list."""
+
+from dataclasses import fields
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
+
+from slcp_warp import ddp
+
+from .common import (
+    Device,
+    Dtype,
+    Scaling,
+    Seed,
+    Settings,
+    Sigma,
+    Start,
+    StepSize,
+    console,
+    make_params,
+    make_simulator,
+    named_scene,
+    numbers,
+    one_line_errors,
+    prepared,
+    timed,
+    wrote,
+)
+from .records import Record, result_arrays, scene_facts
+
+SCENE = "flicking_finger"  # the scene that has a named cost
+HEAD, TAIL = 4, 14  # rows of a long trace that are printed
+EXPLORE_TIME = 8.0  # correlation time of random starts [steps]
+
+
+def random_starts(count: int, horizon: int, nu: int, scale: float, seed: int) -> np.ndarray:
+    """Controls (count, N, nu): the first zero, the others smoothed noise of standard deviation `scale`."""
+    white = np.random.default_rng(seed).standard_normal((count, horizon, nu))
+    keep = np.exp(-1.0 / EXPLORE_TIME)
+    for k in range(1, horizon):
+        white[:, k] = keep * white[:, k - 1] + np.sqrt(1.0 - keep**2) * white[:, k]
+    white[0] = 0.0
+    return scale * white
+
+
+def finger_problem(
+    horizon: int = 75,
+    sigma: float | None = None,
+    step_size: float | None = None,
+    settings: list[str] | None = None,
+    scaling: str | None = None,
+    device: str | None = None,
+    dtype: str = "float64",
+) -> ddp.Problem:
+    """The paper's problem (section V) with the options' numbers."""
+    sim = make_simulator(named_scene(SCENE), "smoothed", scaling, device, dtype)
+    params = make_params(sim, step_size, sigma, settings)
+    return ddp.Problem(sim, ddp.costs.flicking_finger(), horizon=horizon, params=params)
+
+
+def optimise(
+    problem: ddp.Problem,
+    x0: np.ndarray,
+    starts: np.ndarray,
+    options: ddp.Options,
+    schedules: bool = False,
+    sigmas: np.ndarray | None = None,
+) -> tuple[Record, list[ddp.Result]]:
+    """Solve, and describe the outcome as a plan; the results are those of the noise levels, one or many.
+
+    Args:
+        starts: controls (S, N, nu). schedules: try eight regularisation schedules for each of them.
+        sigmas: noise levels of a continuation that begins at the best solution.
+    """
+    arrays, header = scene_facts(problem.dynamics, problem.params)
+    if len(starts) > 1 or schedules:
+        rows = ddp.multistart.SCHEDULES if schedules else ddp.Regularization()
+        many = ddp.solve_multistart(problem, x0, starts, options, rows)
+        results = [many.best]
+        arrays["batch_cost"], arrays["batch_status"] = many.all.trace.cost, many.all.status
+        header["chosen"] = many.index
+    else:
+        results = [ddp.solve(problem, x0, starts[0], options)]
+    if sigmas is not None:
+        last = results[0]
+        results += ddp.solve_continuation(problem, x0, last.us, sigmas, options, xs0=last.xs, K0=last.K)
+    levels = np.array([header["sigma"], *([] if sigmas is None else sigmas)])
+    arrays |= result_arrays(results[-1])
+    for f in fields(ddp.Trace):
+        arrays[f"trace_{f.name}"] = np.concatenate([_passes(r, f.name) for r in results])
+    arrays["trace_level"] = np.repeat(np.arange(len(results)), [len(_passes(r, "cost")) for r in results])
+    arrays["level_sigma"], arrays["level_cost"] = levels, np.array([float(r.cost) for r in results])
+    header |= {"horizon": problem.horizon, "method": options.method, "sigma": float(levels[-1])}
+    return Record("plan", arrays, header), results
+
+
+def _passes(result: ddp.Result, name: str) -> np.ndarray:
+    """A column of one result's trace, without the rows that were never written."""
+    written = np.isfinite(result.trace.gradient)
+    return np.asarray(getattr(result.trace, name))[written]
+
+
+@one_line_errors
+def optimise_command(
+    out: Annotated[Path, typer.Option(help="File to write.")] = Path("plan.npz"),
+    start: Start = None,
+    sigma: Sigma = None,
+    continuation: Annotated[
+        str | None, typer.Option(help="Falling noise levels s1,s2,.. to go on to afterwards.")
+    ] = None,
+    method: Annotated[str, typer.Option(help="second-order, gauss-newton or first-order.")] = "second-order",
+    starts: Annotated[int, typer.Option(min=1, help="Starts: zero control and random ones.")] = 1,
+    schedules: Annotated[
+        bool, typer.Option("--schedules", help="Eight regularisation schedules per start.")
+    ] = False,
+    explore: Annotated[float, typer.Option(help="Standard deviation of random starts.")] = 1.0,
+    passes: Annotated[int, typer.Option(help="Passes at most.")] = 200,
+    horizon: Annotated[int, typer.Option(help="Steps N of the plan.")] = 75,
+    step_size: StepSize = None,
+    scaling: Scaling = None,
+    settings: Settings = None,
+    seed: Seed = 0,
+    device: Device = None,
+    dtype: Dtype = "float64",
+) -> None:
+    """Plan a trajectory of the flicking finger by DDP and save it with its feedback gains and trace."""
+    path = prepared(out)
+    problem = finger_problem(horizon, sigma, step_size, settings, scaling, device, dtype)
+    scene = problem.dynamics.scene
+    x0 = scene.x0 if start is None else numbers(start, "--start", problem.nx)
+    sigmas = None if continuation is None else numbers(continuation, "--continuation")
+    options = ddp.Options(max_iterations=passes, method=method)
+    guesses = random_starts(starts, problem.horizon, problem.nu, explore, seed)
+    with timed("DDP"):
+        record, results = optimise(problem, x0, guesses, options, schedules, sigmas)
+    record.header["seed"] = seed
+    record.save(path)
+    console.print(trace_table(results[-1]))
+    console.print(outcome_table(record, results))
+    wrote(path)
+
+
+def trace_table(result: ddp.Result) -> Table:
+    """The passes of one solve; the middle of a long trace is left out."""
+    table = Table(
+        title="passes (ratio: actual to expected reduction; pivot: smallest of Q_uu)", box=SIMPLE_HEAD
+    )
+    columns: tuple[tuple[str, str, str], ...] = (
+        ("cost", "cost", ".5f"), ("less", "reduction", ".2e"), ("ratio", "reduction_ratio", ".2f"),
+        ("alpha", "step_size", ".3g"), ("mu", "regularization", ".1e"), ("max |Q_u|", "gradient", ".1e"),
+        ("pivot", "min_pivot", ".3g"),
+    )  # fmt: skip
+    table.add_column("pass", justify="right")
+    for heading, _, _ in columns:
+        table.add_column(heading, justify="right")
+    values = {name: _passes(result, name) for _, name, _ in columns}
+    count = len(values["cost"])
+    for k in range(count):
+        if HEAD <= k < count - TAIL:
+            if k == HEAD:
+                table.add_row(*(["..."] * (len(columns) + 1)))
+            continue
+        cells = (values[name][k] for _, name, _ in columns)
+        table.add_row(str(k), *("" if np.isnan(v) else format(v, f) for v, (_, _, f) in zip(cells, columns)))
+    return table
+
+
+def outcome_table(record: Record, results: list[ddp.Result]) -> Table:
+    """One row per noise level."""
+    table = Table(title="result", box=SIMPLE_HEAD)
+    for heading in ("sigma", "cost", "passes", "max |Q_u|", "Q_uu > 0", "status"):
+        table.add_column(heading, justify="right")
+    for sigma, result in zip(record["level_sigma"], results):
+        row: tuple[Any, ...] = (f"{sigma:g}", f"{float(result.cost):.4f}", int(result.iterations))
+        good = "yes" if result.positive_definite else "no"
+        meaning = ddp.Status(int(result.status)).explanation
+        table.add_row(*map(str, row), f"{float(result.gradient):.1e}", good, meaning)
+    return table

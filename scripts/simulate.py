@@ -1,0 +1,116 @@
+"""`slcp simulate`: worlds over time, open loop or under a policy, into a file."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
+
+import slcp_warp as slcp
+from slcp_warp.simulator import contact_impulse
+
+from .common import (
+    Device,
+    Dtype,
+    Residual,
+    Scaling,
+    SceneName,
+    Seed,
+    Settings,
+    Sigma,
+    Start,
+    StepSize,
+    console,
+    make_params,
+    make_simulator,
+    named_scene,
+    one_line_errors,
+    prepared,
+    start_states,
+    wrote,
+)
+from .records import Record, load_policy, scene_facts
+
+RECORD = ("controls", "impulse", "gap")
+
+
+def simulate(
+    sim: slcp.Simulator, params: slcp.Parameters, x0: np.ndarray, steps: int, policy: str | Path = "zero"
+) -> Record:
+    """Roll the worlds x0 (B, nx) out under a policy.
+
+    Args:
+        policy: "zero" (no control), or a file written by `slcp library` or `slcp optimise`.
+    """
+    if steps < 1:
+        raise ValueError(f"--steps is {steps}; it must be at least 1")
+    if not np.isfinite(x0).all():
+        raise ValueError(f"--start contains {x0[~np.isfinite(x0)][0]}; it must be finite")
+    facts: dict[str, Any] = {"policy": "zero"}
+    if str(policy) == "zero":
+        controls = np.zeros((len(x0), steps, sim.nu))
+        trajectory = sim.rollout(x0, controls, params, record=RECORD)
+    else:
+        controller, facts = load_policy(Path(policy), sim.scene)
+        trajectory = sim.rollout(x0, policy=controller, steps=steps, params=params, record=RECORD)
+    arrays, header = scene_facts(sim, params)
+    arrays |= {
+        "states": trajectory.states,
+        "controls": trajectory.controls[..., : sim.nu],
+        "impulse": trajectory.impulse,
+        "gap": trajectory.gap,
+        "contact_impulse": contact_impulse(sim.scene, trajectory.impulse, params["friction"]),
+        "status": trajectory.status,
+    }
+    return Record("trajectory", arrays, header | facts)
+
+
+@one_line_errors
+def simulate_command(
+    out: Annotated[Path, typer.Option(help="File to write.")] = Path("trajectory.npz"),
+    scene: SceneName = "flicking_finger",
+    policy: Annotated[str, typer.Option(help="zero, or a file of `slcp library` or `optimise`.")] = "zero",
+    steps: Annotated[int, typer.Option(help="Time steps.")] = 400,
+    worlds: Annotated[int, typer.Option(min=1, help="Worlds, which differ by --velocity-sd.")] = 1,
+    start: Start = None,
+    velocity_sd: Annotated[float, typer.Option(help="Standard deviation added to velocities.")] = 0.0,
+    residual: Residual = "smoothed",
+    scaling: Scaling = None,
+    sigma: Sigma = None,
+    step_size: StepSize = None,
+    settings: Settings = None,
+    seed: Seed = 0,
+    device: Device = None,
+    dtype: Dtype = "float64",
+) -> None:
+    """Simulate worlds of a scene and save states, controls, impulses and gaps."""
+    path = prepared(out)
+    sim = make_simulator(named_scene(scene), residual, scaling, device, dtype)
+    params = make_params(sim, step_size, sigma, settings)
+    x0 = start_states(sim.scene, start, worlds, velocity_sd, seed)
+    record = simulate(sim, params, x0, steps, policy)
+    record.header["seed"] = seed
+    record.save(path)
+    console.print(_summary(sim.scene, record))
+    wrote(path)
+
+
+def _summary(scene: slcp.Scene, record: Record) -> Table:
+    """First and last state of the first world, and the statuses of all."""
+    states, status = record["states"], record["status"]
+    duration = record.header["step_size"] * (states.shape[1] - 1)
+    counts = ", ".join(
+        f"{n} {slcp.Status(s).name.lower()}" for s, n in zip(*np.unique(status, return_counts=True))
+    )
+    table = Table(
+        title=f"{scene.name}, {record.header['residual']}, {duration:g} s; worlds: {counts}", box=SIMPLE_HEAD
+    )
+    table.add_column("first world")
+    names = [f"q{i + 1}" for i in range(scene.nv)] + [f"v{i + 1}" for i in range(scene.nv)]
+    for name in names:
+        table.add_column(name, justify="right")
+    for label, x in (("start", states[0, 0]), ("end", states[0, -1])):
+        table.add_row(label, *(f"{value:.4g}" for value in x))
+    return table
