@@ -1,10 +1,10 @@
 """An independent float64 account of one time step, in NumPy alone: the truth that the kernels are judged by.
 
 Nothing here follows the kernels' closed forms. Poses of the bodies are maximal coordinates as functions of q;
-their first derivatives come from complex steps, their second ones from a contour integral in the complex plane;
-M and r(q, v) are the bodies' own Newton-Euler equations projected on those derivatives. Distances are found by
-trying directions all round and bisecting; touched points come from the ellipses' parametric form, and their
-Jacobians from complex steps of body-fixed points. Functions take any leading batch axes: q (..., nv).
+their first derivatives come from complex steps, their second ones from a contour integral in the complex
+plane; M and r(q, v) are the bodies' own Newton-Euler equations projected on those derivatives. Distances are
+found by trying directions all round and bisecting; touched points come from the ellipses' parametric form and
+their Jacobians from complex steps of body-fixed points. Functions take any leading batch axes: q (..., nv).
 
 Step (1), (17): M v' = h (r + u) + M v + J' lambda,  a = D lambda,  b = J v' + d / h,  a - s(a - b) = 0, or
 min(a, b) = 0 for the hard problem.

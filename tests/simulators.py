@@ -15,7 +15,7 @@ NUMPY = {wp.float32: np.float32, wp.float64: np.float64}
 
 
 def menagerie() -> Scene:
-    """Two free bodies with every kind of shape, turned and off centre, and all kinds of pairs."""
+    """A hinged and a free body with every kind of shape, turned and off centre, and all kinds of pairs."""
     shapes = (
         Shape("a_ellipse", "a", "ellipse", (0.8, 0.25), offset=(0.2, 0.1), angle=0.7),
         Shape("a_disc", "a", "disc", 0.3, offset=(-0.4, 0.2)),
@@ -30,7 +30,7 @@ def menagerie() -> Scene:
         ("a_plane", "b_ellipse"), ("a_ellipse", "b_plane"), ("b_point", "a_plane"),
     )  # fmt: skip
     bodies = (
-        Body("a", 1.0, 0.2, joint="free", angle=0.3),
+        Body("a", 1.0, 0.2, anchor=(0.3, -0.2), angle=0.3),
         Body("b", 1.5, 0.3, joint="free", com=(0.1, 0.0)),
     )
     return Scene("menagerie", bodies, shapes, tuple(Contact(a, b) for a, b in pairs))
@@ -38,9 +38,9 @@ def menagerie() -> Scene:
 
 def turned_pair() -> Scene:
     """One frictional pair of turned, off-centre ellipses on free bodies."""
-    whole = menagerie()
-    keep = tuple(s for s in whole.shapes if s.name in ("a_ellipse", "b_ellipse"))
-    return Scene("turned_pair", whole.bodies, keep, (Contact("a_ellipse", "b_ellipse", 0.4),))
+    keep = tuple(s for s in menagerie().shapes if s.name in ("a_ellipse", "b_ellipse"))
+    bodies = (Body("a", 1.0, 0.2, joint="free", angle=0.3), Body("b", 1.5, 0.3, joint="free", com=(0.1, 0.0)))
+    return Scene("turned_pair", bodies, keep, (Contact("a_ellipse", "b_ellipse", 0.4),))
 
 
 def moving_plane() -> Scene:

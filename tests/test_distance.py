@@ -26,9 +26,9 @@ def check(got, exact, dtype, size=1.0):
 @pytest.mark.parametrize("spread", [0.3, 1.5, 10.0])
 def test_random_places(device, dtype, spread):
     """Deep, touching and far apart; the greatest value is unique even where its direction is not."""
-    q = spread * np.random.default_rng(7).standard_normal((400, 6))
+    q = spread * np.random.default_rng(7).standard_normal((400, 4))
     got, exact = gaps("menagerie", device, dtype, q)
-    assert (exact < -0.1).mean() > 0.03 and (exact > 0.1).mean() > 0.3
+    assert (exact < -0.1).mean() > 0.03 and (exact > 0.1).mean() > 0.2
     check(got, exact, dtype, max(1.0, spread))
 
 

@@ -182,6 +182,8 @@ def test_batch_equals_singles_bit_for_bit(device, dtype, name, residual):
         for field in ("state", "impulse", "gap", "status", "contact_impulse", "multiplier"):
             one, among = getattr(single, field), getattr(step, field)[i]
             np.testing.assert_array_equal(one, among, err_msg=f"{field}, world {i}")
+    if name != "flicking_finger" or residual == "hard":
+        return
     controls = np.repeat(u[:, None], 8, axis=1)
     traj = sim.rollout(x, controls)
     for i in range(0, len(x), 49):
@@ -225,7 +227,7 @@ def test_oracle_agrees_where_every_world_has_its_own_numbers(device, dtype):
 
 
 def test_external_force_in_contact(device, dtype):
-    x, u = states("flicking_finger")
+    x, u = states("flicking_finger", 60)
     wrench = np.random.default_rng(8).standard_normal((len(x), 3, 3)).astype(np.float32).astype(float)
     sim = simulator("flicking_finger", device, dtype)
     step = sim.step(x, u, external_force=wrench)
