@@ -7,15 +7,23 @@ import typer
 from slcp_warp import __version__
 
 from .bench import app as bench_app
+from .chart import chart_command
 from .library import library_command
 from .optimise import optimise_command
+from .quickstart import quickstart_command
 from .simulate import simulate_command
+from .size_study import size_command
 from .surface import surface_command
+from .sweep import sweep_command
 
 app = typer.Typer(name="slcp", no_args_is_help=True, add_completion=False)
 app.command("simulate")(simulate_command)
 app.command("optimise")(optimise_command)
 app.command("library")(library_command)
+app.command("sweep")(sweep_command)
+app.command("size")(size_command)
+app.command("chart")(chart_command)
+app.command("quickstart")(quickstart_command)
 app.command("surface")(surface_command)
 app.add_typer(bench_app, name="bench")
 

@@ -1,4 +1,4 @@
-"""What the commands share: errors as one line, progress bars, and options turned into simulators and states."""
+"""What the commands share: errors as one line, progress bars, options made into simulators."""
 
 import functools
 import math
@@ -113,17 +113,21 @@ def make_params(
     settings: list[str] | None = None,
 ) -> slcp.Parameters:
     """The scene's numbers with those of the options."""
-    changes: dict[str, Any] = dict(map(_setting, settings or []))
+    changes = parse_settings(settings, "--set")
     changes |= {k: v for k, v in (("step_size", step_size), ("sigma", sigma)) if v is not None}
     return sim.params.replace(**changes)
 
 
-def _setting(text: str) -> tuple[str, Any]:
-    name, equals, value = text.partition("=")
-    if not equals:
-        raise ValueError(f"--set {text!r}: name=value is needed")
-    values = numbers(value, f"--set {name}")
-    return name, values[0] if len(values) == 1 else values
+def parse_settings(settings: list[str] | None, option: str) -> dict[str, Any]:
+    """Options of the form name=value or name=v1,v2,.. as a dictionary."""
+    changes: dict[str, Any] = {}
+    for text in settings or []:
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise ValueError(f"{option} is {text!r}; name=value is needed")
+        values = numbers(value, f"{option} {name}")
+        changes[name] = float(values[0]) if len(values) == 1 else values
+    return changes
 
 
 def numbers(text: str, name: str, count: int | None = None) -> np.ndarray:

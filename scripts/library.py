@@ -68,9 +68,7 @@ def library_command(
     entries: Annotated[int, typer.Option(help="Controllers kept of every plan, at its first steps.")] = 4,
     chains: Annotated[int, typer.Option(help="Independent chains.")] = 1,
     offset: Annotated[int, typer.Option(help="Steps d between the plans of a chain.")] = 4,
-    perturb_every: Annotated[
-        int, typer.Option(help="Kick the velocities every so many steps; 0: never.")
-    ] = 15,
+    perturb_every: Annotated[int, typer.Option(help="Steps between velocity kicks; 0: none.")] = 15,
     perturb_variance: Annotated[float, typer.Option(help="Variance of the kicks.")] = 4.0,
     unperturbed: Annotated[int, typer.Option(help="So many chains are never kicked.")] = 0,
     passes: Annotated[int, typer.Option(help="DDP passes of every plan.")] = 10,

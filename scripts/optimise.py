@@ -1,4 +1,4 @@
-"""`slcp optimise`: DDP on the flicking finger, from one start or many, at one noise level or a falling list."""
+"""`slcp optimise`: DDP on the flicking finger, from one start or many, at one or more noise levels."""
 
 from dataclasses import fields
 from pathlib import Path

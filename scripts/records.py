@@ -1,7 +1,8 @@
 """The commands' own files: NumPy archives (.npz) of plain arrays and a JSON header; nothing is pickled.
 
-Kinds: "trajectory" (states of worlds over time), "plan" (a result of DDP with its trace) and "surface" (signed
-distances on a grid). Libraries and sweeps have files of their own, see `ddp.Library` and `slcp_warp.sweep`.
+Kinds: "trajectory" (states of worlds over time), "plan" (a result of DDP with its trace) and "surface"
+(signed distances on a grid). Libraries and sweeps have files of their own: `ddp.Library`,
+`slcp_warp.SweepReport`.
 """
 
 import json

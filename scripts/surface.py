@@ -15,7 +15,7 @@ FINGER_RANGE = ((-np.pi, 0.0), (-2.0 * np.pi / 3.0, 2.0 * np.pi / 3.0), (0.0, np
 
 
 def surface(sim: slcp.Simulator, ranges: tuple[tuple[float, float], ...], resolution: int) -> Record:
-    """Gap of the first contact pair over the first three coordinates; the others are the scene's initial ones.
+    """Gap of the first contact pair over the first three coordinates; the others stay as at the start.
 
     Args:
         ranges: (low, high) of every coordinate [rad, m]. resolution: points per axis.
