@@ -62,7 +62,7 @@ def cycle_chart(record: Record, path: Path, surface: Record | None = None, world
     norm = impulse_norm(cycle)
     figure = plt.figure(figsize=(10.0, 5.0))
     grid = figure.add_gridspec(3, 1, left=0.6, right=0.96, bottom=0.11, top=0.9, hspace=0.15)
-    ax = space_axes(figure, (0.04, 0.13, 0.46, 0.86))
+    ax = space_axes(figure, (0.04, 0.16, 0.46, 0.84))
     if surface is not None:
         add_surface(ax, surface, alpha=0.14, legal_only=True)
     add_path(ax, cycle.states[:, :3], cycle.impulse, norm)
@@ -83,7 +83,7 @@ def cycle_chart(record: Record, path: Path, surface: Record | None = None, world
     figure.align_ylabels(over_time)
     over_time[2].set_xlabel("time [s]")
     over_time[2].set_ylim(0.0, None)
-    place = figure.add_axes((0.12, 0.11, 0.3, 0.022))
+    place = figure.add_axes((0.12, 0.1, 0.3, 0.02))
     bar = figure.colorbar(ScalarMappable(norm, IMPULSE), cax=place, orientation="horizontal")
     bar.set_label("contact impulse of a step [N s]")
     kind = "smoothed" if record.header["residual"] == "rem-logistic" else record.header["residual"]

@@ -27,9 +27,11 @@ def trace_chart(record: Record, path: Path) -> Path:
     left.set_ylabel("cost")
     left.legend(loc="upper right")
     distance = cost - np.array([cost[level == k][-1] for k in level])
-    right.semilogy(passes, np.where(distance > 0.0, distance, np.nan), color=BLUE, marker="o", markersize=3,
-                   label="cost less the final cost")  # fmt: skip
+    falling = distance > 0.0
     right.semilogy(passes, gradient, color=RED, marker="s", markersize=3, label="largest |Qᵤ|")
+    if falling.any():
+        right.semilogy(passes[falling], distance[falling], color=BLUE, marker="o", markersize=3,
+                       label="cost less the final cost")  # fmt: skip
     right.set_xlabel("pass")
     right.legend(loc="lower left")
     if len(sigmas) > 1:

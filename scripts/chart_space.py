@@ -46,7 +46,7 @@ def space_axes(figure: Any, rectangle: tuple[float, float, float, float]) -> Any
         ax.plot([RADIUS * c, outer * c], [RADIUS * s, outer * s], floor, color="#BBBBBB", lw=0.8, zorder=0)
         ax.text(1.13 * outer * c, 1.13 * outer * s, floor, f"θ₃ = {name}", color="#555555", fontsize=9,
                 ha="center", va="center", zorder=1)  # fmt: skip
-    ax.text(0.9 * outer, -0.9 * outer, floor, "θ₁ [rad]", color="#555555", fontsize=9, va="top")
+    ax.text(0.83 * outer, -0.83 * outer, floor, "= θ₁ [rad]", color="#555555", fontsize=8, zorder=1)
     _height_scale(ax, outer, floor)
     ax.set_box_aspect((1.0, 1.0, 0.55), zoom=1.35)
     ax.set_xlim(-outer, outer)

@@ -35,12 +35,13 @@ def sweep_chart(report: slcp.SweepReport, path: Path) -> Path:
     axes[0].set_title(f"rates of {report.cases[0]['worlds']} worlds each", loc="left")
     axes[1].set_yticks([])
     axes[1].set_ylim(axes[0].get_ylim())
-    axes[1].set_xlabel("share of worlds [%]: ● all the time, ○ second half")
-    axes[1].set_title(f"above {threshold:g} rad/s, 95 % interval", loc="left")
-    axes[2].set_xlabel(f"time after the last kick [s] (rate over {report.spec['window']:g} s)")
+    axes[1].set_xlabel("● all the time, ○ second half [%]")
+    axes[1].set_title(f"share above {threshold:g} rad/s, 95 % interval", loc="left")
+    axes[2].set_xlabel("time after the last kick [s]")
     axes[2].set_ylabel("share of worlds [%]")
-    axes[2].set_title("spinning again by then", loc="left")
-    axes[2].legend(loc="lower right")
+    axes[2].set_title(f"spinning again (rate over {report.spec['window']:g} s)", loc="left")
+    if axes[2].lines:
+        axes[2].legend(loc="lower right")
     return save(figure, path)
 
 

@@ -133,6 +133,7 @@ def optimise_command(
     scene = problem.dynamics.scene
     x0 = scene.x0 if start is None else numbers(start, "--start", problem.nx)
     sigmas = None if continuation is None else numbers(continuation, "--continuation")
+    ddp.Options(sigma_schedule=None if sigmas is None else tuple(sigmas))  # must be positive and fall
     options = ddp.Options(max_iterations=passes, method=method)
     guesses = random_starts(starts, problem.horizon, problem.nu, explore, seed)
     with timed("DDP"):

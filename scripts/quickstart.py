@@ -1,4 +1,4 @@
-"""`slcp quickstart`: the main job end to end, from the canonical start to a robustness report with pictures."""
+"""`slcp quickstart`: the main job end to end, from the canonical start to a report with pictures."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -42,8 +42,9 @@ class Scale:
 
     Attributes:
         starts: of the first optimisation, times eight schedules. plans: of the library.
-        cycle_worlds, cycle_time, skip: rollouts that settle on the limit cycle [s]. worlds, duration: of the sweep [s].
-        disturbed: worlds of the second sweep. sizes: numbers of plans of the size study, size_worlds its worlds.
+        cycle_worlds, cycle_time, skip: rollouts that settle on the limit cycle [s].
+        worlds, duration: of the sweep [s]. disturbed: worlds of the second one.
+        sizes: numbers of plans of the size study; size_worlds: its worlds.
         resolution: grid points of the contact surface per axis.
     """
 
@@ -64,13 +65,13 @@ class Scale:
 STANDARD = Scale()
 FULL = Scale(sizes=(12, 25, 50, 100, 200, 400))
 QUICK = Scale(
-    starts=1, passes=5, plans=6, cycle_worlds=8, cycle_time=4.0, skip=1.0, worlds=32, duration=4.0, disturbed=16,
-    sizes=(3, 6), size_worlds=16, resolution=13,
+    starts=1, passes=5, plans=6, cycle_worlds=8, cycle_time=4.0, skip=1.0, worlds=32, duration=8.0,
+    disturbed=16, sizes=(3, 6), size_worlds=16, resolution=13,
 )  # fmt: skip
 
 
 class Run:
-    """One quickstart: where its files go, what has been made, and how long it took."""
+    """One quickstart: where its files go, and how long its stages took."""
 
     def __init__(self, out: Path, scale: Scale, seed: int, device: str | None) -> None:
         self.data, self.figures, self.report = out / "data", out / "figures", out / "report.md"

@@ -22,7 +22,7 @@ CAPTIONS = {
     "cycle.gif": "The same system in real time.",
     "plan.png": "DDP from the canonical start.",
     "sweep.png": "The sweep from the limit cycle with kicked velocities.",
-    "disturbed.png": "The same with other masses, friction, damping, torque noise and a second kick half way.",
+    "disturbed.png": "The same with perturbed parameters, torque noise and a second kick half way.",
     "size.png": "The rate against the size of the library.",
 }
 
@@ -93,19 +93,19 @@ def _library_lines(library: ddp.Library) -> list[str]:
     first = library.age == 0
     low, middle, high = np.quantile(library.gain[first], (0.1, 0.5, 0.9))
     return [
-        f"{len(library)} local controllers from {int(first.sum())} plans (sigma = {library.header['sigma']:g}, h = "
-        f"{library.header['step_size']:g}); a plan saves {middle:.0f} against zero torque (median; 10 % below "
-        f"{low:.0f}, 10 % above {high:.0f})."
+        f"{len(library)} local controllers from {int(first.sum())} plans (sigma = "
+        f"{library.header['sigma']:g}, h = {library.header['step_size']:g}); a plan saves "
+        f"{middle:.0f} against zero torque (median; 10 % below {low:.0f}, 10 % above {high:.0f})."
     ]
 
 
 def _sweep_lines(report: slcp.SweepReport, title: str) -> list[str]:
-    spec = report.spec
+    spec, threshold = report.spec, f"{report.spec['threshold']:g}"
     good = all(case["share_above"][0] >= AIM for case in report.cases)
     rows = [
         f"{title}: {report.cases[0]['worlds']} worlds per case, {spec['duration']:g} s, intervals of 95 %.",
         "",
-        f"| case | mean rate [rad/s] | rate > {spec['threshold']:g} | second half | spinning again | not solved |",
+        f"| case | mean rate [rad/s] | > {threshold} [%] | second half [%] | spinning again [%] | failed |",
         "|---|---|---|---|---|---:|",
     ]
     rows += [_sweep_row(case) for case in report.cases]
@@ -113,7 +113,7 @@ def _sweep_lines(report: slcp.SweepReport, title: str) -> list[str]:
     return [
         *rows,
         "",
-        f"At least {AIM:.0%} of the worlds above {spec['threshold']:g} rad/s in every case: {verdict}.",
+        f"At least {AIM:.0%} of the worlds above {threshold} rad/s in every case: {verdict}.",
     ]
 
 

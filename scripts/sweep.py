@@ -144,14 +144,14 @@ def case_name(case: dict[str, Any]) -> str:
 
 
 def percent(values: tuple[float, float, float]) -> str:
-    """A share with its interval: "94.8 % [93.3, 96.0]"."""
+    """A share with its interval, in percent: "94.8 [93.3, 96.0]"."""
     share, low, high = (100.0 * value for value in values)
-    return f"{share:.1f} % [{low:.1f}, {high:.1f}]"
+    return f"{share:.1f} [{low:.1f}, {high:.1f}]"
 
 
 def plus_minus(values: tuple[float, float, float], form: str = ".3f") -> str:
-    """A mean with half its interval: "0.760 +- 0.008"."""
-    return f"{values[0]:{form}} +- {0.5 * (values[2] - values[1]):{form}}"
+    """A mean with half its interval: "0.760 ± 0.008"."""
+    return f"{values[0]:{form}} ± {0.5 * (values[2] - values[1]):{form}}"
 
 
 def sweep_table(report: slcp.SweepReport) -> Table:
@@ -160,9 +160,10 @@ def sweep_table(report: slcp.SweepReport) -> Table:
     worlds = sum(case["worlds"] for case in report.cases)
     title = f"{worlds} worlds in {len(report.cases)} cases, 95 % confidence intervals"
     table = Table(title=title, box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
-    headings = ("case", "mean rate [1/s]", f"rate > {threshold:g}", "same, second half", "failed")
+    headings = ("case", "mean rate", f"rate > {threshold:g} [%]", "2nd half [%]", "failed")
     for heading in headings:
-        table.add_column(heading, justify="left" if heading == "case" else "right", no_wrap=True)
+        width = 18 if heading == "case" else None
+        table.add_column(heading, justify="left" if width else "right", no_wrap=True, min_width=width)
     for case in report.cases:
         failed = case["worlds"] - case["statuses"]["SOLVED"]
         table.add_row(
