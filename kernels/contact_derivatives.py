@@ -7,6 +7,7 @@ with its body, alpha_k = phiA_k, and h_A' is the lever of the touched point.
 
 import functools
 from types import SimpleNamespace
+from typing import Any
 
 import warp as wp
 
@@ -14,6 +15,29 @@ from .mechanism import make_mechanism
 from .mechanism_derivatives import make_second
 from .shapes import make_pair
 from .structure import REVOLUTE, Structure
+
+
+@functools.cache
+def make_pair_geometry(s: Structure, dtype: type) -> Any:
+    """Struct of one pair's geometry, the same type for all pairs."""
+    t = make_mechanism(s, dtype).types
+    VQ, J2, V2 = t.VQ, t.J2, t.V2
+    V4 = wp.types.vector(4, dtype)
+
+    @wp.struct
+    class PairGeometry:
+        n: V2
+        delta: V2  # c_B - c_A
+        ja: J2  # Jacobians of the centres
+        jb: J2
+        ha: V4  # h_A and its derivatives by the angle
+        hb: V4
+        radius: dtype  # R, kept away from zero
+        alpha: VQ  # d alpha/dq
+        da: VQ  # d h_A'/dq
+        db: VQ  # d h_B'/dq
+
+    return PairGeometry
 
 
 @functools.cache
@@ -37,18 +61,7 @@ def make_pair_derivatives(s: Structure, pair: int, dtype: type) -> SimpleNamespa
     chain_a = tuple(s.in_chain(a, j) for j in range(NV))
     chain_b = tuple(s.in_chain(b, j) for j in range(NV))
 
-    @wp.struct
-    class PairGeometry:
-        n: V2
-        delta: V2  # c_B - c_A
-        ja: J2  # Jacobians of the centres
-        jb: J2
-        ha: V4  # h_A and its derivatives by the angle
-        hb: V4
-        radius: dtype  # R, kept away from zero
-        alpha: VQ  # d alpha/dq
-        da: VQ  # d h_A'/dq
-        db: VQ  # d h_B'/dq
+    PairGeometry = make_pair_geometry(s, dtype)
 
     @wp.func
     def geometry(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, n: V2):

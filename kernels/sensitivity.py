@@ -62,7 +62,8 @@ def make_linearization(s: Structure, dtype: type, hard: bool, inertia_scaling: b
                 if wp.static(hard):
                     e = wp.static(sm.chks)(sol.z[i], ZERO)
                 else:
-                    e = wp.static(sm.logistic)(sol.z[i], params[row, wp.static(SIGMA + i)])
+                    sigma = params[row, wp.static(SIGMA + i)]
+                    e = wp.static(sm.logistic)(sol.z[i], sigma, ONE / sigma)
                 out.slope[i] = e[2]
                 out.slack[i] = e[3]
         return out

@@ -182,9 +182,10 @@ def make_maximiser(s: Structure, pair: int, dtype: type) -> wp.Function:
     """maximise(params, row, pose_a, pose_b, n) -> n of the signed distance of two round shapes."""
     a, b = oriented_pair(s, pair)
     support_a, support_b = make_round_support(s, dtype)(a), make_round_support(s, dtype)(b)
-    V2, V3, V4 = wp.types.vector(2, dtype), wp.types.vector(3, dtype), wp.types.vector(4, dtype)
+    V2, V4 = wp.types.vector(2, dtype), wp.types.vector(4, dtype)
     ZERO, HALF, ONE = dtype(0.0), dtype(0.5), dtype(1.0)
     TOL = dtype(1e-9 if dtype is wp.float64 else 1e-4)  # quadratic: the next error is its square
+    CUBIC = dtype(3e-6 if dtype is wp.float64 else 3e-3)
     CAP, TINY = dtype(0.7), dtype(1e-30)
     HUGE = dtype(1e30)
     RADIUS = layout(s).offset("radius")
@@ -193,14 +194,14 @@ def make_maximiser(s: Structure, pair: int, dtype: type) -> wp.Function:
 
     @wp.func
     def evaluate(params: wp.array2d(dtype=dtype), row: int, pa: V4, pb: V4, n: V2):
-        # (objective, slope, minus curvature) along alpha
+        # objective along alpha, its slope, minus its curvature R, and dR/dalpha
         dx = pb[0] - pa[0]
         dy = pb[1] - pa[1]
         ha = wp.static(support_a)(params, row, pa, n)
         hb = wp.static(support_b)(params, row, pb, n)
         reach = n[0] * dx + n[1] * dy
-        slope = n[0] * dy - n[1] * dx - ha[1] - hb[1]
-        return V3(reach - ha[0] - hb[0], slope, reach + ha[2] + hb[2])
+        lever = n[0] * dy - n[1] * dx
+        return V4(reach - ha[0] - hb[0], lever - ha[1] - hb[1], reach + ha[2] + hb[2], lever + ha[3] + hb[3])
 
     @wp.func
     def turn(n: V2, tau: dtype):
@@ -278,18 +279,24 @@ def make_maximiser(s: Structure, pair: int, dtype: type) -> wp.Function:
 
     @wp.func
     def maximise(params: wp.array2d(dtype=dtype), row: int, pa: V4, pb: V4, start: V2):
+        # Chebyshev's third-order iteration: after a Newton step tau, what is left is of size tau^3
         n = start
         tau = dtype(1.0)
+        top = ZERO - HUGE
         it = int(0)
-        while wp.abs(tau) > TOL and it < LOCAL_ITERATIONS:
+        while wp.abs(tau) > CUBIC and it < LOCAL_ITERATIONS:
             e = evaluate(params, row, pa, pb, n)
-            if e[2] > ZERO:
-                tau = wp.clamp(e[1] / e[2], -CAP, CAP)
+            top = e[0] + ZERO  # at most the maximum that it climbs to
+            tau = e[1] / wp.max(e[2], TINY)
+            bend = HALF * e[3] / wp.max(e[2], TINY) * tau
+            if wp.abs(tau) < CAP and wp.abs(bend) < HALF:
+                n = turn(n, tau * (ONE - bend))
             else:
-                tau = wp.where(e[1] > ZERO, CAP, -CAP)
-            n = turn(n, tau)
+                n = turn(n, wp.clamp(tau, -CAP, CAP))
             it += 1
-        if wp.abs(tau) <= TOL:
+        if wp.abs(tau) <= CUBIC:
+            if top > ZERO:
+                return n
             if evaluate(params, row, pa, pb, n)[0] > ZERO:
                 return n
         return search(params, row, pa, pb)

@@ -27,19 +27,17 @@ def make_smoothing(dtype: type) -> Smoothing:
 
     @wp.func
     def log1p(x: dtype):
-        # compensated: log(1 + x) * x / ((1 + x) - 1) is exact to rounding for x >= 0
+        # log(1 + x) for x >= 0, with the rounding of 1 + x put back to first order
         y = ONE + x
-        d = y - ONE
-        if d == ZERO:
-            return x
-        return wp.log(y) * (x / d)
+        return wp.log(y) + (x - (y - ONE)) / y
 
     @wp.func
-    def logistic(z: dtype, sigma: dtype):
-        e = wp.exp(-wp.abs(z) / sigma)
-        tail = sigma * log1p(e)
-        big = ONE / (ONE + e)
+    def logistic(z: dtype, sigma: dtype, inverse_sigma: dtype):
+        e = wp.exp(-wp.abs(z) * inverse_sigma)
+        y = ONE + e
+        big = ONE / y
         small = e * big
+        tail = sigma * (wp.log(y) + (e - (y - ONE)) * big)
         if z > ZERO:
             return V4(z + tail, tail, big, small)
         return V4(tail, tail - z, small, big)

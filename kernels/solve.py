@@ -97,16 +97,15 @@ def make_sweep(s: Structure, dtype: type) -> SimpleNamespace:
 
 
 @functools.cache
-def make_solver(s: Structure, dtype: type, hard: bool) -> wp.Function:
+def make_solver(s: Structure, dtype: type, hard: bool, inertia_scaling: bool) -> wp.Function:
     """solve(params, row, minv, vfree, jac, rate, scale, mask, warm) -> (v', z, lambda, status)."""
     r = make_rows(s, dtype, False)
     t = r.types
     sm = make_smoothing(dtype)
-    sweep = make_sweep(s, dtype)
     VQ, MQ, VR, JR = t.VQ, t.MQ, t.VR, t.JR
-    NR = s.nr
+    NR, NV = s.nr, s.nv
     SIGMA = layout(s).offset("sigma")
-    ZERO, HALF, ONE = dtype(0.0), dtype(0.5), dtype(1.0)
+    ZERO, HALF, ONE, EIGHTH = dtype(0.0), dtype(0.5), dtype(1.0), dtype(0.125)
     UNUSED = dtype(COLD)
     HUGE = dtype(1e300 if dtype is wp.float64 else 1e38)
     TOL = dtype(2e-14 if dtype is wp.float64 else 1e-6)
@@ -122,9 +121,37 @@ def make_solver(s: Structure, dtype: type, hard: bool) -> wp.Function:
     CERTIFICATE = dtype(1e-6)
     limit, index = r.limit, tuple(row.index for row in s.rows)
 
+    def make_couple(first: int) -> wp.Function:
+        @wp.func
+        def couple(minv: MQ, jac: JR, scale: VR, diag: VR, w0: VR, z: VR):
+            """z of the hard two-row problem of one frictional contact, alone."""
+            out = z
+            c = wp.static(r.dots[first + 1])(jac, wp.static(r.applies[first])(minv, jac))
+            w1 = w0[wp.static(first)]
+            w2 = w0[wp.static(first + 1)]
+            a1 = diag[wp.static(first)]
+            a2 = diag[wp.static(first + 1)]
+            det = a1 * a2 - c * c
+            l1 = (c * w2 - a2 * w1) / det
+            l2 = (c * w1 - a1 * w2) / det
+            if not (l1 > ZERO and l2 > ZERO):
+                l1 = wp.max(-w1 / a1, ZERO)
+                l2 = ZERO
+                if w2 + c * l1 < ZERO:
+                    l1 = ZERO
+                    l2 = wp.max(-w2 / a2, ZERO)
+            out[wp.static(first)] = scale[wp.static(first)] * l1 - wp.max(w1 + a1 * l1 + c * l2, ZERO)
+            out[wp.static(first + 1)] = scale[wp.static(first + 1)] * l2 - wp.max(w2 + c * l1 + a2 * l2, ZERO)
+            return out
+
+        return couple
+
+    frictional = tuple(row.kind == "contact" and row.sign > 0 for row in s.rows)
+    couples = tuple(make_couple(i) if frictional[i] else None for i in range(NR))
+
     @wp.func
     def start(minv: MQ, jac: JR, scale: VR, diag: VR, w0: VR, mask: int, warm: VR):
-        # z of the last step where the row acted, else the single-row hard solution
+        # the hard solution of every joint limit and contact alone; better than the last step's after an impact
         z = VR()
         for i in range(wp.static(NR)):
             z[i] = UNUSED
@@ -132,8 +159,10 @@ def make_solver(s: Structure, dtype: type, hard: bool) -> wp.Function:
                 z[i] = -w0[i]
                 if w0[i] < ZERO:
                     z[i] = -w0[i] * scale[i] / diag[i]
-                if warm[i] < HALF * UNUSED:
-                    z[i] = warm[i]
+        for i in range(wp.static(NR)):
+            if wp.static(frictional[i]):
+                if (mask & wp.static(3 << i)) == wp.static(3 << i):
+                    z = wp.static(couples[i])(minv, jac, scale, diag, w0, z)
         return z
 
     @wp.func
@@ -172,7 +201,8 @@ def make_solver(s: Structure, dtype: type, hard: bool) -> wp.Function:
         jac: JR,
         rate: VR,
         scale: VR,
-        diag: VR,
+        inverse_diag: VR,
+        inverse_sigma: VR,
         mask: int,
         z: VR,
         kappa: dtype,
@@ -184,8 +214,10 @@ def make_solver(s: Structure, dtype: type, hard: bool) -> wp.Function:
                 if wp.static(hard):
                     e = wp.static(sm.chks)(z[i], kappa)
                 else:
-                    e = wp.static(sm.logistic)(z[i], params[row, wp.static(SIGMA + i)])
-                out.lam[i] = e[0] / scale[i]
+                    e = wp.static(sm.logistic)(z[i], params[row, wp.static(SIGMA + i)], inverse_sigma[i])
+                out.lam[i] = e[0]
+                if wp.static(inertia_scaling):
+                    out.lam[i] = e[0] / scale[i]
                 out.res[i] = rate[i] - e[1]
                 out.slope[i] = e[2]
                 out.slack[i] = e[3]
@@ -194,7 +226,7 @@ def make_solver(s: Structure, dtype: type, hard: bool) -> wp.Function:
         for i in range(wp.static(NR)):
             if (mask & wp.static(1 << i)) != 0:
                 out.res[i] = out.res[i] + wp.static(r.dots[i])(jac, out.v)
-                out.merit += out.res[i] * out.res[i] / diag[i]
+                out.merit += out.res[i] * out.res[i] * inverse_diag[i]
                 out.worst = wp.max(out.worst, wp.abs(out.res[i]))
         return out
 
@@ -214,9 +246,71 @@ def make_solver(s: Structure, dtype: type, hard: bool) -> wp.Function:
 
     @wp.func
     def direction(minv: MQ, jac: JR, scale: VR, diag: VR, at: Point, mask: int, tau: dtype):
-        fac = wp.static(sweep.factor)(minv, jac, scale, diag, at.slope, at.slack, mask, tau)
-        _dv, innovation = wp.static(sweep.forward)(fac, jac, at.slope, mask, VQ(), -at.res)
-        return wp.static(sweep.back)(fac, jac, scale, at.slope, mask, innovation)
+        # `factor`, `forward` and `back` of the sweep in one go, without what only derivatives need
+        p = minv
+        dv = VQ()
+        gain = JR()
+        innovation = VR()  # divided by T
+        weight = VR()  # 1/T
+        for i in range(wp.static(NR)):
+            if (mask & wp.static(1 << i)) != 0:
+                g = wp.static(r.applies[i])(p, jac)
+                stiffness = wp.max(wp.static(r.dots[i])(jac, g), ZERO) + tau * diag[i]
+                slack = at.slack[i]
+                if wp.static(inertia_scaling):
+                    slack = slack * scale[i]
+                inverse = ONE / (slack + at.slope[i] * stiffness)
+                innovation[i] = -inverse * (at.res[i] + wp.static(r.dots[i])(jac, dv))
+                weight[i] = inverse
+                k = at.slope[i] * inverse
+                for a in range(wp.static(NV)):
+                    gain[i, a] = g[a]
+                    dv[a] = dv[a] + at.slope[i] * innovation[i] * g[a]
+                    for b in range(wp.static(a + 1)):
+                        p[a, b] = p[a, b] - k * g[a] * g[b]
+                        if wp.static(a != b):
+                            p[b, a] = p[a, b]
+        dz = VR()
+        f = VQ()
+        for j in range(wp.static(NR)):
+            if (mask & wp.static(1 << (NR - 1 - j))) != 0:
+                inner = ZERO
+                for a in range(wp.static(NV)):
+                    inner += gain[wp.static(NR - 1 - j), a] * f[a]
+                step = innovation[wp.static(NR - 1 - j)] - weight[wp.static(NR - 1 - j)] * inner
+                f = wp.static(r.adds[NR - 1 - j])(f, jac, at.slope[wp.static(NR - 1 - j)] * step)
+                if wp.static(inertia_scaling):
+                    step = step * scale[wp.static(NR - 1 - j)]
+                dz[wp.static(NR - 1 - j)] = step
+        return dz
+
+    @wp.func
+    def remainder(scale: VR, diag: VR, inverse_sigma: VR, dz: VR, mask: int):
+        # bound on |r| after a full Newton step: s is quadratic up to s'' dz^2/2, s'' <= 1/(4 sigma)
+        bend = ZERO
+        largest = ZERO
+        smallest = ZERO + HUGE
+        for i in range(wp.static(NR)):
+            if (mask & wp.static(1 << i)) != 0:
+                bend += EIGHTH * inverse_sigma[i] * dz[i] * dz[i]
+                largest = wp.max(largest, diag[i])
+                smallest = wp.min(smallest, scale[i])
+        return bend * (ONE + largest / smallest)
+
+    @wp.func
+    def follow(minv: MQ, vfree: VQ, jac: JR, scale: VR, at: Point, dz: VR, mask: int):
+        # the end of a Newton step that needs no other: lambda and v' to first order in dz
+        out = at
+        f = VQ()
+        for i in range(wp.static(NR)):
+            if (mask & wp.static(1 << i)) != 0:
+                change = at.slope[i] * dz[i]
+                if wp.static(inertia_scaling):
+                    change = change / scale[i]
+                out.lam[i] = at.lam[i] + change
+                f = wp.static(r.adds[i])(f, jac, out.lam[i])
+        out.v = vfree + minv * f
+        return out
 
     @wp.func
     def solve(
@@ -231,10 +325,15 @@ def make_solver(s: Structure, dtype: type, hard: bool) -> wp.Function:
         warm: VR,
     ):
         diag = VR()
+        inverse_diag = VR()
+        inverse_sigma = VR()
         w0 = VR()
         for i in range(wp.static(NR)):
             if (mask & wp.static(1 << i)) != 0:
+                if wp.static(not hard):
+                    inverse_sigma[i] = ONE / params[row, wp.static(SIGMA + i)]
                 diag[i] = wp.max(wp.static(r.dots[i])(jac, wp.static(r.applies[i])(minv, jac)), SMALLEST)
+                inverse_diag[i] = ONE / diag[i]
                 w0[i] = wp.static(r.dots[i])(jac, vfree) + rate[i]
         size = magnitude(params, row, jac, vfree, rate, w0, mask)
         z = start(minv, jac, scale, diag, w0, mask, warm)
@@ -251,7 +350,9 @@ def make_solver(s: Structure, dtype: type, hard: bool) -> wp.Function:
         at = Point()
         while status == wp.static(NOT_CONVERGED):
             it += 1
-            at = evaluate(params, row, minv, vfree, jac, rate, scale, diag, mask, z, kappa)
+            at = evaluate(
+                params, row, minv, vfree, jac, rate, scale, inverse_diag, inverse_sigma, mask, z, kappa
+            )
             finite = wp.isfinite(at.merit)
             if not finite and it == 1:
                 status = wp.static(NONFINITE)
@@ -288,6 +389,10 @@ def make_solver(s: Structure, dtype: type, hard: bool) -> wp.Function:
                 length = dtype(1.0)
                 dz = direction(minv, jac, scale, diag, at, mask, tau)
                 z = best + dz
+                if wp.static(not hard):
+                    if remainder(scale, diag, inverse_sigma, dz, mask) <= TOL * size and tau == SMALLEST_TAU:
+                        at = follow(minv, vfree, jac, scale, at, dz, mask)
+                        status = wp.static(SOLVED)
             else:
                 length = HALF * length
                 z = best + length * dz

@@ -45,7 +45,7 @@ def make_step(
     )
     pair_bit = tuple(1 << k for k in range(NP))
     speeds = tuple(make_speed(s, k, dtype) for k in range(NP))
-    solver = make_solver(s, dtype, hard) if NR else None
+    solver = make_solver(s, dtype, hard, inertia_scaling) if NR else None
     limits = rows.limit
 
     @wp.struct

@@ -129,6 +129,13 @@ class Simulator:
         _same_worlds("external_force", force.shape[0], worlds)
         return force.reshape((worlds, 3 * nb))
 
+    def _controls(self, u: Any, worlds: int) -> wp.array:
+        if u is None:
+            return self.empty(worlds, max(self.nu, 1))
+        control = self.batch("u", u, self.nu).array
+        _same_worlds("u", control.shape[0], worlds)
+        return control if self.nu else self.empty(worlds, 1)
+
     def step(
         self,
         x: Any,
@@ -151,8 +158,7 @@ class Simulator:
         """
         state = self.batch("x", x, self.nx)
         worlds = state.array.shape[0]
-        control = self.empty(worlds, max(self.nu, 1)) if u is None else self.batch("u", u, self.nu).array
-        _same_worlds("u", control.shape[0], worlds)
+        control = self._controls(u, worlds)
         pairs = len(self.scene.structure.pairs)
         warm = self._none
         if warm_start is not None:
@@ -251,8 +257,7 @@ class Simulator:
         """
         state = self.batch("x", x, self.nx)
         worlds = state.array.shape[0]
-        control = self.empty(worlds, max(self.nu, 1)) if u is None else self.batch("u", u, self.nu).array
-        _same_worlds("u", control.shape[0], worlds)
+        control = self._controls(u, worlds)
         nz = self.nx + self.nu
         fx, fu = self.empty(worlds, 1, self.nx, self.nx), self.empty(worlds, 1, self.nx, max(self.nu, 1))
         fzz = self.empty(worlds if second else 0, self.scene.nv, nz, nz)
