@@ -16,7 +16,7 @@ from .chart_style import BLACK, BLUE, IMPULSE, plt, save
 from .records import Record
 
 FRAMES = 10
-GIF_RATE = 12.5  # frames per second, one every 0.08 s: the animation runs in real time
+GIF_RATE = 10  # frames per second: the animation runs in real time
 
 
 @dataclass(frozen=True)

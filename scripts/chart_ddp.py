@@ -27,13 +27,16 @@ def trace_chart(record: Record, path: Path) -> Path:
     left.set_ylabel("cost")
     left.legend(loc="upper right")
     distance = cost - np.array([cost[level == k][-1] for k in level])
-    falling = distance > 0.0
-    right.semilogy(passes, gradient, color=RED, marker="s", markersize=3, label="largest |Qᵤ|")
-    if falling.any():
-        right.semilogy(passes[falling], distance[falling], color=BLUE, marker="o", markersize=3,
-                       label="cost less the final cost")  # fmt: skip
+    for values, colour, mark, label in (
+        (distance, BLUE, "o", "cost less the final cost"),
+        (gradient, RED, "s", "largest |Qᵤ|"),
+    ):
+        if (values > 0.0).any():  # a start that is stationary has neither
+            shown = np.where(values > 0.0, values, np.nan)
+            right.semilogy(passes, shown, color=colour, marker=mark, markersize=3, label=label)
     right.set_xlabel("pass")
-    right.legend(loc="lower left")
+    if right.lines:
+        right.legend(loc="lower left")
     if len(sigmas) > 1:
         for k in range(len(sigmas)):
             first = int(np.argmax(level == k))

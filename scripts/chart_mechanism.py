@@ -101,7 +101,7 @@ class Drawing:
         driven = {mechanism.scene.structure.dof_body[d] for d in mechanism.scene.structure.actuators}
         for s, shape in enumerate(mechanism.scene.structure.shapes):
             face = SKY if shape.body in driven else ORANGE if shape.body >= 0 else GREY
-            style = {"facecolor": face, "edgecolor": BLACK, "linewidth": EDGE, "zorder": 2}
+            style: dict[str, Any] = {"facecolor": face, "edgecolor": BLACK, "linewidth": EDGE, "zorder": 2}
             if shape.kind == "halfplane":
                 patch: Any = Polygon(np.zeros((4, 2)), **(style | {"zorder": 1}))
             else:

@@ -46,7 +46,6 @@ def space_axes(figure: Any, rectangle: tuple[float, float, float, float]) -> Any
         ax.plot([RADIUS * c, outer * c], [RADIUS * s, outer * s], floor, color="#BBBBBB", lw=0.8, zorder=0)
         ax.text(1.13 * outer * c, 1.13 * outer * s, floor, f"θ₃ = {name}", color="#555555", fontsize=9,
                 ha="center", va="center", zorder=1)  # fmt: skip
-    ax.text(0.83 * outer, -0.83 * outer, floor, "= θ₁ [rad]", color="#555555", fontsize=8, zorder=1)
     _height_scale(ax, outer, floor)
     ax.set_box_aspect((1.0, 1.0, 0.55), zoom=1.35)
     ax.set_xlim(-outer, outer)
@@ -56,7 +55,7 @@ def space_axes(figure: Any, rectangle: tuple[float, float, float, float]) -> Any
 
 
 def _angle_name(value: float) -> str:
-    return {0: "0", -1: "−π/2", -2: "−π"}[round(2.0 * value / np.pi)]
+    return {0: "θ₁ = 0", -1: "−π/2", -2: "−π"}[round(2.0 * value / np.pi)]
 
 
 def _height_scale(ax: Any, outer: float, floor: float) -> None:

@@ -36,7 +36,7 @@ def sweep_chart(report: slcp.SweepReport, path: Path) -> Path:
     axes[1].set_yticks([])
     axes[1].set_ylim(axes[0].get_ylim())
     axes[1].set_xlabel("● all the time, ○ second half [%]")
-    axes[1].set_title(f"share above {threshold:g} rad/s, 95 % interval", loc="left")
+    axes[1].set_title(f"above {threshold:g} rad/s, 95 % intervals", loc="left")
     axes[2].set_xlabel("time after the last kick [s]")
     axes[2].set_ylabel("share of worlds [%]")
     axes[2].set_title(f"spinning again (rate over {report.spec['window']:g} s)", loc="left")

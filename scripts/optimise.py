@@ -87,7 +87,9 @@ def optimise(
         results = [ddp.solve(problem, x0, starts[0], options)]
     if sigmas is not None:
         last = results[0]
-        results += ddp.solve_continuation(problem, x0, last.us, sigmas, options, xs0=last.xs, K0=last.K)
+        results += ddp.solve_continuation(
+            problem, x0, last.us, sigmas.tolist(), options, xs0=last.xs, K0=last.K
+        )
     levels = np.array([header["sigma"], *([] if sigmas is None else sigmas)])
     arrays |= result_arrays(results[-1])
     for f in fields(ddp.Trace):

@@ -46,7 +46,7 @@ def fails(*arguments) -> str:
 def made(tmp_path_factory):
     """A folder with a small plan, library, trajectory, surface and sweep, made by the commands."""
     folder = tmp_path_factory.mktemp("cli")
-    call("optimise", "--passes", 4, "--horizon", 15, "--device", "cpu", "--out", folder / "plan.npz")
+    call("optimise", "--passes", 4, "--horizon", 30, "--device", "cpu", "--out", folder / "plan.npz")
     call("library", "--plans", 3, "--entries", 2, "--passes", 2, "--horizon", 15, "--device", "cpu", "--out",
          folder / "library.npz")  # fmt: skip
     call("simulate", "--policy", folder / "library.npz", "--worlds", 3, "--steps", 30, "--velocity-sd", 0.5,
@@ -75,7 +75,7 @@ def test_simulate_saves_what_the_simulator_gives(tmp_path):
 
 def test_optimise_saves_a_policy(made):
     record = load_record(made / "plan.npz", "plan")
-    assert record["xs"].shape == (16, 6) and record["trace_cost"].shape == record["trace_level"].shape
+    assert record["xs"].shape == (31, 6) and record["trace_cost"].shape == record["trace_level"].shape
     policy, facts = load_policy(made / "plan.npz", scenes.flicking_finger())
     assert isinstance(policy, ddp.TrackingPolicy) and facts["policy"] == "tracking"
 
@@ -118,7 +118,7 @@ def test_every_picture_is_drawn(made, tmp_path):
         pixels = np.asarray(Image.open(path).convert("L"))
         assert pixels.shape[0] > 300 and pixels.std() > 5.0 and pixels[0, 0] == 255, path
     with Image.open(tmp_path / "cycle.gif") as gif:
-        assert gif.n_frames == 18 and (tmp_path / "cycle.gif").stat().st_size < 1.5e6
+        assert gif.n_frames == 15 and (tmp_path / "cycle.gif").stat().st_size < 1.5e6
 
 
 def test_a_scene_with_a_ground_is_drawn(tmp_path):
