@@ -10,6 +10,7 @@ from .options import Options, Regularization
 from .policies import NearestPolicy, TrackingPolicy
 from .problem import Problem
 from .receding import RecedingOptions, build_library
+from .refinement import build_refined, stuck_states, turning
 from .result import Result, Trace
 from .solver import Workspace, solve
 from .status import Status
@@ -34,10 +35,13 @@ __all__ = [
     "WarpDynamics",
     "Workspace",
     "build_library",
+    "build_refined",
     "concatenate",
     "costs",
     "linear_system",
     "solve",
     "solve_continuation",
     "solve_multistart",
+    "stuck_states",
+    "turning",
 ]

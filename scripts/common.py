@@ -21,6 +21,7 @@ BAD_INPUT = 2  # exit code
 INTERRUPTED = 130
 RESIDUALS = {"smoothed": "rem-logistic", "rem-logistic": "rem-logistic", "hard": "hard"}
 PRESETS = {"flicking_finger": {"scaling": "none"}}  # what a scene wants where no option says otherwise
+OBSERVED = {"flicking_finger": 2}  # state component whose rate is judged
 
 SceneName = Annotated[str, typer.Option("--scene", help="Scene: " + ", ".join(slcp.scenes.NAMED) + ".")]
 Residual = Annotated[str, typer.Option(help="smoothed (rem-logistic) or hard.")]

@@ -9,10 +9,12 @@ import typer
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
+import slcp_warp as slcp
 from slcp_warp import ddp
 
 from .common import (
     INTERRUPTED,
+    OBSERVED,
     Device,
     Dtype,
     Scaling,
@@ -45,9 +47,14 @@ def build(
     x0: np.ndarray,
     plans: int,
     options: ddp.RecedingOptions,
+    rounds: int = 5,
     progress: Callable[[int, int], None] | None = None,
 ) -> ddp.Library:
     """A library of `plans` plans with `options.entries` controllers of each.
+
+    Args:
+        rounds: how often new chains start where the controller gets nowhere (see `ddp.build_refined`); the
+            test rollouts are in single precision.
 
     Raises:
         Interrupted: by Ctrl-C, with what there was.
@@ -55,7 +62,10 @@ def build(
     if plans < 1:
         raise ValueError(f"--plans is {plans}; it must be at least 1")
     count = plans * options.entries
-    library = ddp.build_library(problem, x0, count, options, progress=progress)
+    sim = problem.dynamics
+    trial = slcp.Simulator(sim.scene, sim.options, device=sim.device, dtype="float32")
+    score = ddp.turning(OBSERVED[sim.scene.name])
+    library = ddp.build_refined(problem, x0, count, score, rounds, options, trial, progress)
     if len(library) < count:
         raise Interrupted(library)
     return library
@@ -66,7 +76,10 @@ def library_command(
     out: Annotated[Path, typer.Option(help="File to write.")] = Path("library.npz"),
     plans: Annotated[int, typer.Option("--plans", "--count", help="Plans (the paper's 400).")] = 400,
     entries: Annotated[int, typer.Option(help="Controllers kept of every plan, at its first steps.")] = 4,
-    chains: Annotated[int, typer.Option(help="Independent chains.")] = 1,
+    rounds: Annotated[
+        int, typer.Option(help="Rounds of new chains where the controller gets nowhere; 0: none.")
+    ] = 5,
+    chains: Annotated[int, typer.Option(help="Independent chains at first.")] = 1,
     offset: Annotated[int, typer.Option(help="Steps d between the plans of a chain.")] = 4,
     perturb_every: Annotated[int, typer.Option(help="Steps between velocity kicks; 0: none.")] = 15,
     perturb_variance: Annotated[float, typer.Option(help="Variance of the kicks.")] = 4.0,
@@ -92,7 +105,7 @@ def library_command(
     )  # fmt: skip
     try:
         with timed("library"), progress_bar("controllers") as progress:
-            library = build(problem, x0, plans, options, progress)
+            library = build(problem, x0, plans, options, rounds, progress)
     except Interrupted as stopped:
         stopped.library.save(path)
         typer.echo(f"slcp: interrupted; saved the {len(stopped.library)} controllers there were", err=True)

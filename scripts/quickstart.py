@@ -13,6 +13,7 @@ from slcp_warp import ddp
 from .chart import chart_files
 from .common import (
     INTERRUPTED,
+    OBSERVED,
     Device,
     Seed,
     console,
@@ -31,9 +32,10 @@ from .records import Record, load_record
 from .simulate import simulate
 from .size_study import size_rows, write_sizes
 from .surface import FINGER_RANGE, surface
-from .sweep import OBSERVED, cycle_states, run_sweep, sweep_table
+from .sweep import cycle_states, run_sweep, sweep_table
 
 SCENE = "flicking_finger"
+NO_GAP = ("controls", "impulse")  # a kernel that also records gaps would have to be compiled
 
 
 @dataclass(frozen=True)
@@ -100,7 +102,7 @@ class Run:
         problem = finger_problem(device=self.device)
         with progress_bar("controllers") as progress:
             try:
-                library = build(problem, self.scene.x0, self.scale.plans, options, progress)
+                library = build(problem, self.scene.x0, self.scale.plans, options, progress=progress)
             except Interrupted as stopped:
                 stopped.library.save(self.file("library.npz"))
                 raise
@@ -113,12 +115,12 @@ class Run:
         smoothed = make_simulator(self.scene, "smoothed", device=self.device, dtype="float32")
         x0 = start_states(self.scene, None, scale.cycle_worlds, 0.3, self.seed)
         steps = round(scale.cycle_time / self.scene.step_size)
-        starts = simulate(smoothed, smoothed.params, x0, steps, self.file("library.npz"))
+        starts = simulate(smoothed, smoothed.params, x0, steps, self.file("library.npz"), NO_GAP)
         starts.save(self.file("starts.npz"))
         hard = make_simulator(self.scene, "hard", device=self.device, dtype="float32")
         x0 = cycle_states(starts, self.scene, scale.skip)[:: max(1, steps // 16)][:64]
         params = make_params(hard, step_size=0.03)
-        worlds = simulate(hard, params, x0, round(scale.cycle_time / 0.03), self.file("library.npz"))
+        worlds = simulate(hard, params, x0, round(scale.cycle_time / 0.03), self.file("library.npz"), NO_GAP)
         _typical_world(worlds).save(self.file("cycle.npz"))
 
     def surface(self) -> None:

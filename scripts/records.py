@@ -18,7 +18,7 @@ from slcp_warp import ddp
 
 PREFIX, VERSION = "slcp-warp-", 1
 NEEDED = {
-    "trajectory": ("states", "controls", "impulse", "gap", "contact_impulse", "status"),
+    "trajectory": ("states", "controls", "impulse", "contact_impulse", "status"),
     "plan": ("xs", "us", "K", "cost", "status"),
     "surface": ("axis0", "axis1", "axis2", "gap"),
 }

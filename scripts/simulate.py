@@ -37,12 +37,18 @@ RECORD = ("controls", "impulse", "gap")
 
 
 def simulate(
-    sim: slcp.Simulator, params: slcp.Parameters, x0: np.ndarray, steps: int, policy: str | Path = "zero"
+    sim: slcp.Simulator,
+    params: slcp.Parameters,
+    x0: np.ndarray,
+    steps: int,
+    policy: str | Path = "zero",
+    recorded: tuple[str, ...] = RECORD,
 ) -> Record:
     """Roll the worlds x0 (B, nx) out under a policy.
 
     Args:
         policy: "zero" (no control), or a file written by `slcp library` or `slcp optimise`.
+        recorded: of RECORD, with "controls" and "impulse".
     """
     if steps < 1:
         raise ValueError(f"--steps is {steps}; it must be at least 1")
@@ -51,19 +57,20 @@ def simulate(
     facts: dict[str, Any] = {"policy": "zero"}
     if str(policy) == "zero":
         controls = np.zeros((len(x0), steps, sim.nu))
-        trajectory = sim.rollout(x0, controls, params, record=RECORD)
+        trajectory = sim.rollout(x0, controls, params, record=recorded)
     else:
         controller, facts = load_policy(Path(policy), sim.scene)
-        trajectory = sim.rollout(x0, policy=controller, steps=steps, params=params, record=RECORD)
+        trajectory = sim.rollout(x0, policy=controller, steps=steps, params=params, record=recorded)
     arrays, header = scene_facts(sim, params)
     arrays |= {
         "states": trajectory.states,
         "controls": trajectory.controls[..., : sim.nu],
         "impulse": trajectory.impulse,
-        "gap": trajectory.gap,
         "contact_impulse": contact_impulse(sim.scene, trajectory.impulse, params["friction"]),
         "status": trajectory.status,
     }
+    if trajectory.gap is not None:
+        arrays["gap"] = trajectory.gap
     return Record("trajectory", arrays, header | facts)
 
 

@@ -11,6 +11,7 @@ import slcp_warp as slcp
 from slcp_warp import ddp
 
 from .common import (
+    OBSERVED,
     PRESETS,
     Device,
     Seed,
@@ -22,7 +23,7 @@ from .common import (
     wrote,
 )
 from .records import load_record
-from .sweep import OBSERVED, cycle_states
+from .sweep import cycle_states
 
 
 def size_rows(
@@ -33,16 +34,15 @@ def size_rows(
     device: str | None = None,
     progress: Any = None,
 ) -> list[dict[str, Any]]:
-    """A row per number of plans and case; a smaller library is the first plans of every chain."""
+    """A row per number of plans and case; a smaller library is the plans that were made first."""
     library.check_scene(scene)
     rows: list[dict[str, Any]] = []
     scaling = PRESETS.get(scene.name, {}).get("scaling", "inertia")
-    per_chain = int(library.plan.max()) + 1
-    chains = len(np.unique(library.chain))
+    number = np.cumsum(library.age == 0)  # of an entry's plan, from 1
     for done, count in enumerate(plans):
-        if not 0 < count <= per_chain * chains:
-            raise ValueError(f"--plans contains {count}; the library has {per_chain * chains}")
-        part = library.select(library.plan < -(-count // chains))
+        if not 0 < count <= number[-1]:
+            raise ValueError(f"--plans contains {count}; the library has {number[-1]}")
+        part = library.select(number <= count)
         report = slcp.sweep(scene, part.policy(), spec, scaling=scaling, device=device)
         for case in report.cases:
             row = {"plans": count, "controllers": len(part)} | {

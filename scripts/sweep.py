@@ -13,6 +13,7 @@ import slcp_warp as slcp
 
 from .common import (
     INTERRUPTED,
+    OBSERVED,
     PRESETS,
     RESIDUALS,
     Device,
@@ -32,8 +33,6 @@ from .common import (
     wrote,
 )
 from .records import Record, load_policy, load_record
-
-OBSERVED = {"flicking_finger": 2}  # state component whose rate is judged
 
 
 def cycle_states(record: Record, scene: slcp.Scene, skip: float) -> np.ndarray:

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 import slcp_warp as slcp
 from slcp_warp import ddp, scenes
-from slcp_warp.scripts import library as library_module
+from slcp_warp.ddp import refinement
 from slcp_warp.scripts.app import app
 from slcp_warp.scripts.chart_cycle import frame_times, last_turn
 from slcp_warp.scripts.chart_mechanism import Mechanism
@@ -47,8 +47,8 @@ def made(tmp_path_factory):
     """A folder with a small plan, library, trajectory, surface and sweep, made by the commands."""
     folder = tmp_path_factory.mktemp("cli")
     call("optimise", "--passes", 4, "--horizon", 30, "--device", "cpu", "--out", folder / "plan.npz")
-    call("library", "--plans", 3, "--entries", 2, "--passes", 2, "--horizon", 15, "--device", "cpu", "--out",
-         folder / "library.npz")  # fmt: skip
+    call("library", "--plans", 3, "--entries", 2, "--rounds", 1, "--passes", 2, "--horizon", 15,
+         "--device", "cpu", "--out", folder / "library.npz")  # fmt: skip
     call("simulate", "--policy", folder / "library.npz", "--worlds", 3, "--steps", 30, "--velocity-sd", 0.5,
          "--out", folder / "cycle.npz", *FLOAT32)  # fmt: skip
     call("surface", "--resolution", 9, "--device", "cpu", "--out", folder / "surface.npz")
@@ -95,7 +95,8 @@ def test_optimise_from_many_starts_and_noise_levels(made, tmp_path):
 
 def test_library_reloads_and_says_how_it_was_made(made):
     library = ddp.Library.load(made / "library.npz")
-    assert len(library) == 6 and library.header["horizon"] == 15
+    assert len(library) == 6 and library.header["horizon"] == 15 and library.header["rounds"] == 1
+    assert np.unique(library.chain).tolist() == [0, 1]
     assert read_kind(made / "library.npz") == "library"
 
 
@@ -161,6 +162,7 @@ def test_quickstart(tmp_path):
         (["optimise", "--method", "newton"], "newton"),
         (["optimise", "--continuation", "0.1,0.2"], "decrease"),
         (["library", "--plans", "0"], "at least 1"),
+        (["library", "--rounds", "-1"], "not be negative"),
         (["library", "--entries", "9"], "at most the offset"),
         (["surface", "--scene", "pendulum_chain"], "contact pair"),
         (["chart", "nowhere.npz"], "no such file"),
@@ -231,7 +233,7 @@ def test_records_of_other_versions_and_contents(tmp_path):
 
 
 def test_interrupted_library_is_saved(tmp_path, monkeypatch):
-    original = ddp.build_library
+    original = refinement.build_library
 
     def interrupted(problem, x0, count, options, progress=None):
         def stop(done, total):
@@ -240,7 +242,7 @@ def test_interrupted_library_is_saved(tmp_path, monkeypatch):
 
         return original(problem, x0, count, options, progress=stop)
 
-    monkeypatch.setattr(library_module.ddp, "build_library", interrupted)
+    monkeypatch.setattr(refinement, "build_library", interrupted)
     out = tmp_path / "part.npz"
     result = call("library", "--plans", 9, "--entries", 2, "--passes", 2, "--horizon", 15, "--device", "cpu",
                   "--out", out, code=130)  # fmt: skip
