@@ -2,8 +2,8 @@
 
 A chain of plans visits its own limit cycle, not the states that the nearest-neighbour rule (20) leads to:
 between entries there are states in which the controller waits for ever, and whether a chain happens to cover
-them is luck. Here the library is rolled out from kicked states, the worlds that get nowhere are found, and new
-chains start in them.
+them is luck. Here the library is rolled out from kicked states, the worlds that get nowhere are found, and
+new chains start in them.
 """
 
 from collections.abc import Callable
