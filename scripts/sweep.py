@@ -158,7 +158,7 @@ def sweep_table(report: slcp.SweepReport) -> Table:
     threshold = report.spec["threshold"]
     worlds = sum(case["worlds"] for case in report.cases)
     title = f"{worlds} worlds in {len(report.cases)} cases, 95 % confidence intervals"
-    table = Table(title=title, box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+    table = Table(title=title, box=SIMPLE_HEAD, padding=0, pad_edge=False, show_edge=False)
     headings = ("case", "mean rate", f"rate > {threshold:g} [%]", "2nd half [%]", "failed")
     for heading in headings:
         width = 18 if heading == "case" else None
