@@ -13,6 +13,7 @@ from .optimise import optimise_command
 from .quickstart import quickstart_command
 from .simulate import simulate_command
 from .size_study import size_command
+from .study import study_command
 from .surface import surface_command
 from .sweep import sweep_command
 
@@ -24,6 +25,7 @@ app.command("sweep")(sweep_command)
 app.command("size")(size_command)
 app.command("chart")(chart_command)
 app.command("quickstart")(quickstart_command)
+app.command("study")(study_command)
 app.command("surface")(surface_command)
 app.add_typer(bench_app, name="bench")
 
