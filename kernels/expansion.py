@@ -140,6 +140,10 @@ def make_adjoint_kernel(s: Structure, dtype: type, hard: bool, inertia_scaling: 
         if status[world] != wp.static(SOLVED):  # no gradient exists: say so instead of inventing one
             for j in range(wp.static(NX)):
                 g[j] = dtype(wp.NAN)
+            if us_grad.shape[0] > 0:
+                for k in range(steps):
+                    for j in range(wp.static(NU)):
+                        us_grad[world, k, j] = dtype(wp.NAN)
         if x0_grad.shape[0] > 0:
             for j in range(wp.static(NX)):
                 x0_grad[world, j] = x0_grad[world, j] + g[j]

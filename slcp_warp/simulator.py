@@ -147,6 +147,8 @@ class Simulator:
     ) -> Step:
         """One time step of every world, eq. (1). Pure: nothing is remembered.
 
+        Recorded on an active `wp.Tape` when x or u are Warp arrays with `requires_grad`.
+
         Args:
             x: (B, nx) or (nx,) states (q, v). u: (B, nu) controls, None: zero.
             params: see `Simulator.params`; per-world tables need B rows.
@@ -177,6 +179,7 @@ class Simulator:
             status,
         ]
         launch(rollout.make_step_kernel(*self._key), worlds, inputs, self.device)
+        tape.record_step(self._key, table, state.array, control, inputs[3], out[0], status, self.device)
         impulse = out[1]
         contact = contact_impulse(self.scene, impulse.numpy(), (params or self.params)["friction"])
         contact_array = wp.array(contact, dtype=self.dtype, device=self.device)
@@ -223,6 +226,7 @@ class Simulator:
             if steps is None or steps < 1:
                 raise ValueError(f"steps is {steps}; a policy needs a positive number of steps")
             us = None
+            tape.refuse_policy(state.array)
             name, struct = policy.arrays(self)
         states = self.empty(worlds, steps + 1, self.nx)
         recorded = {

@@ -1,0 +1,186 @@
+"""Gradients of rollouts recorded on a `wp.Tape` against differences of the rollouts themselves, in float64."""
+
+import functools
+
+import numpy as np
+import pytest
+import warp as wp
+from simulators import scene, simulator
+
+STEPS, H = 75, 0.05
+SHIFTS = {1: 0.75, 2: -0.15, 3: 1.0 / 60.0}  # sixth-order central difference (Richardson, twice)
+
+
+@wp.kernel(module="unique")
+def weighted_sum(
+    states: wp.array3d(dtype=wp.float64),
+    weight: wp.array3d(dtype=wp.float64),
+    loss: wp.array(dtype=wp.float64),
+):
+    b, k = wp.tid()
+    total = wp.float64(0.0)
+    for j in range(states.shape[2]):
+        total += weight[b, k, j] * states[b, k, j]
+    wp.atomic_add(loss, 0, total)
+
+
+@functools.cache
+def start(worlds=3):
+    """States, controls and weights of a loss; the finger flicks the ellipse within the rollouts."""
+    rng = np.random.default_rng(5)
+    x0 = scene("flicking_finger").x0 + 0.1 * rng.standard_normal((worlds, 6))
+    us = rng.standard_normal((worlds, STEPS, 2))
+    return x0, us, rng.standard_normal((worlds, STEPS + 1, 6))
+
+
+def finger(device):
+    return simulator("flicking_finger", device, wp.float64, "none")
+
+
+def on_device(array, device, grad=True):
+    return wp.array(np.ascontiguousarray(array), dtype=wp.float64, device=device, requires_grad=grad)
+
+
+def loss_of(states, weight, device):
+    loss = wp.zeros(1, dtype=wp.float64, device=device, requires_grad=True)
+    wp.launch(weighted_sum, dim=states.shape[:2], inputs=[states, on_device(weight, device, False), loss],
+              device=device)  # fmt: skip
+    return loss
+
+
+def tape_gradient(x0, us, weight, device):
+    """Gradients by x0 and controls of sum(weight * states), and the rollout's status."""
+    x0, us = on_device(x0, device), on_device(us, device)
+    with wp.Tape() as tape:
+        traj = finger(device).rollout(x0, us)
+        loss = loss_of(traj.states, weight, device)
+    tape.backward(loss)
+    return x0.grad.numpy(), us.grad.numpy(), traj.status.numpy()
+
+
+def directional(x0, us, weight, dx, du, device, step=2e-4):
+    """Derivative of the loss along (dx, du) for every world, by one batch of rollouts."""
+    factors = [s * k * step for k in SHIFTS for s in (-1, 1)]
+    moved_x = np.concatenate([x0 + f * dx for f in factors])
+    moved_u = np.concatenate([us + f * du for f in factors])
+    states = finger(device).rollout(moved_x, moved_u).states.reshape(len(factors), *weight.shape)
+    # the loss is linear in the states: differences of states lose fewer digits than differences of losses
+    value = np.einsum("fbkj,bkj->fb", states - states[:1], weight)
+    return sum(w * (value[2 * i + 1] - value[2 * i]) for i, w in enumerate(SHIFTS.values())) / step
+
+
+def test_gradient_of_a_rollout_through_contact(device):
+    x0, us, weight = start()
+    traj = finger(device).rollout(x0, us, record=("impulse",))
+    touching = (traj.impulse[..., 4:] > 1e-2).any(axis=(1, 2))
+    assert touching.all() and (traj.status == 0).all()
+    gx, gu, _ = tape_gradient(x0, us, weight, device)
+    rng, errors = np.random.default_rng(8), []
+    for j in range(12):
+        dx = np.zeros_like(x0) if j >= 6 else np.eye(6)[j] + np.zeros_like(x0)
+        du = np.zeros_like(us) if j < 6 else rng.standard_normal(us.shape) / np.sqrt(us[0].size)
+        got = (gx * dx).sum(axis=1) + (gu * du).sum(axis=(1, 2))
+        exact = directional(x0, us, weight, dx, du, device)
+        errors.append(np.abs(got - exact) / np.linalg.norm(gx if j < 6 else gu.reshape(len(gu), -1), axis=1))
+    assert np.max(errors) < 1e-6, np.max(errors, axis=1)
+
+
+def test_gradient_by_single_controls(device):
+    x0, us, weight = (a[:1] for a in start())
+    _, gu, _ = tape_gradient(x0, us, weight, device)
+    for k, j in ((0, 0), (20, 1), (STEPS - 1, 0)):
+        du = np.zeros_like(us)
+        du[0, k, j] = 1.0
+        exact = directional(x0, us, weight, np.zeros_like(x0), du, device)
+        assert abs(gu[0, k, j] - exact[0]) < 1e-6 * np.abs(gu).max()
+
+
+def test_chained_rollouts_on_one_tape_are_one_rollout(device):
+    x0, us, weight = start()
+    gx, gu, _ = tape_gradient(x0, us, weight, device)
+    half = 30
+    x, first, second = on_device(x0, device), on_device(us[:, :half], device), on_device(us[:, half:], device)
+    with wp.Tape() as tape:
+        one = finger(device).rollout(x, first)
+        two = finger(device).rollout(one.states[:, half], second)
+        early, late = weight[:, : half + 1].copy(), weight[:, half:].copy()
+        late[:, 0] = 0.0  # the state in the middle counts once
+        loss = loss_of(one.states, early, device)
+        rest = loss_of(two.states, late, device)
+    tape.backward(grads={loss: on_device([1.0], device, False), rest: on_device([1.0], device, False)})
+    scale = np.abs(gx).max()
+    np.testing.assert_allclose(x.grad.numpy(), gx, atol=1e-9 * scale)
+    np.testing.assert_allclose(
+        np.concatenate([first.grad.numpy(), second.grad.numpy()], 1), gu, atol=1e-9 * scale
+    )
+
+
+def test_steps_on_a_tape_are_a_rollout(device):
+    sim = finger(device)
+    x0, us, weight = start()
+    count = 12
+    gx, gu, _ = tape_gradient(x0, us[:, :count], weight[:, : count + 1], device)
+    x, controls = on_device(x0, device), [on_device(us[:, k], device) for k in range(count)]
+    losses = []
+    with wp.Tape() as tape:
+        state = x
+        for k in range(count):
+            state = sim.step(state, controls[k]).state
+            losses.append(loss_of(state.reshape((len(x0), 1, 6)), weight[:, k + 1 : k + 2], device))
+    tape.backward(grads={loss: on_device([1.0], device, False) for loss in losses})
+    np.testing.assert_allclose(x.grad.numpy() + weight[:, 0], gx, rtol=1e-8, atol=1e-8)
+    np.testing.assert_allclose(np.stack([u.grad.numpy() for u in controls], 1), gu, rtol=1e-8, atol=1e-8)
+
+
+def test_gradients_accumulate_until_zeroed(device):
+    x0, us, weight = start()
+    x, u = on_device(x0, device), on_device(us, device)
+    with wp.Tape() as tape:
+        traj = finger(device).rollout(x, u)
+        loss = loss_of(traj.states, weight, device)
+    tape.backward(loss)
+    once = x.grad.numpy().copy(), u.grad.numpy().copy()
+    tape.backward(loss)
+    np.testing.assert_allclose(x.grad.numpy(), 2.0 * once[0], rtol=1e-12)
+    np.testing.assert_allclose(u.grad.numpy(), 2.0 * once[1], rtol=1e-12)
+    tape.zero()
+    assert not x.grad.numpy().any() and not u.grad.numpy().any()
+    tape.backward(loss)
+    np.testing.assert_array_equal(x.grad.numpy(), once[0])
+
+
+def test_a_failed_world_has_a_nan_gradient_and_its_neighbours_their_own(device):
+    x0, us, weight = start()
+    clean = tape_gradient(x0, us, weight, device)
+    broken = us.copy()
+    broken[1, 40, 0] = np.nan
+    gx, gu, status = tape_gradient(x0, broken, weight, device)
+    assert status[1] == 3 and status[0] == status[2] == 0
+    assert np.isnan(gx[1]).all() and np.isnan(gu[1]).all()
+    for got, exact in ((gx, clean[0]), (gu, clean[1])):
+        np.testing.assert_array_equal(np.delete(got, 1, 0), np.delete(exact, 1, 0))
+
+
+def test_only_what_requires_a_gradient_gets_one(device):
+    x0, us, weight = start()
+    gx, _, _ = tape_gradient(x0, us, weight, device)
+    x, u = on_device(x0, device), on_device(us, device, grad=False)
+    with wp.Tape() as tape:
+        traj = finger(device).rollout(x, u)
+        loss = loss_of(traj.states, weight, device)
+    tape.backward(loss)
+    assert u.grad is None
+    np.testing.assert_array_equal(x.grad.numpy(), gx)
+
+
+def test_torch_in_torch_out(device):
+    torch = pytest.importorskip("torch")
+    sim = finger(device)
+    x0, us, _ = start()
+    where = wp.device_to_torch(sim.device)
+    traj = sim.rollout(torch.tensor(x0, device=where), torch.tensor(us, device=where))
+    assert isinstance(traj.states, torch.Tensor) and traj.states.dtype == torch.float64
+    np.testing.assert_array_equal(traj.states.cpu().numpy(), sim.rollout(x0, us).states)
+    step = sim.step(torch.tensor(x0[0], device=where), torch.tensor(us[0, 0], device=where))
+    assert step.state.shape == (6,)
+    np.testing.assert_array_equal(step.state.cpu().numpy(), sim.step(x0[0], us[0, 0]).state)
