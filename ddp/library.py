@@ -1,12 +1,15 @@
 """A library of local feedback controllers (section IV.C) and its file.
 
-Every entry is the first step of a plan: u = u_i + K_i (x - x_i), with what tells good plans from passive ones.
-The file is an uncompressed-readable NumPy archive (.npz) of plain arrays and a JSON header; nothing is pickled.
+Every entry is the first step of a plan: u = u_i + K_i (x - x_i), with what tells good plans from passive
+ones.
+The file is an uncompressed-readable NumPy archive (.npz) of plain arrays and a JSON header; nothing is
+pickled.
 """
 
 import hashlib
 import json
 import zipfile
+import zlib
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -34,7 +37,8 @@ class Library:
 
     Attributes:
         x: (L, nx) states where the controllers were planned. u: (L, nu). K: (L, nu, nx).
-        cost: (L,) cost of the plan. gain: (L,) how much less than with zero controls from the plan's first state.
+        cost: (L,) cost of the plan. gain: (L,) how much less than with zero controls from the plan's first
+        state.
         age: (L,) step within its plan. chain, plan: (L,) which chain and which of its plans.
         period: (nx,) period of every state component, 0 where there is none.
         header: what it was built with (scene, digest, sigma, step size, seed, ...), JSON values.
@@ -81,15 +85,19 @@ class Library:
 
         Raises:
             FileNotFoundError: no such file.
-            LibraryError: truncated, not a library, of a newer version, or with inconsistent or non-finite arrays.
+            LibraryError: truncated, not a library, of a newer version, or with inconsistent or non-finite
+            arrays.
         """
         path = Path(path)
         try:
-            with np.load(path, allow_pickle=False) as archive:
+            archive = np.load(path, allow_pickle=False)
+            if not isinstance(archive, np.lib.npyio.NpzFile):
+                raise ValueError("it holds a single array")
+            with archive:
                 data = {name: archive[name] for name in archive.files}
         except FileNotFoundError:
             raise
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as error:
             raise LibraryError(f"{path} cannot be read as a trajectory library: {error}") from error
         return cls._checked(path, data)
 
@@ -106,8 +114,13 @@ class Library:
         missing = [name for name in (*ARRAYS, "period") if name not in data]
         if missing:
             raise LibraryError(f"{path} lacks the arrays {missing}")
+        for name in (*ARRAYS, "period"):
+            if data[name].dtype.kind not in "iuf":
+                raise LibraryError(
+                    f"{path}: array {name!r} is of type {data[name].dtype}; numbers are needed"
+                )
         count, nx = data["x"].shape if data["x"].ndim == 2 else (-1, -1)
-        nu = data["u"].shape[-1]
+        nu = data["u"].shape[-1] if data["u"].ndim == 2 else -1
         need = {"x": (count, nx), "u": (count, nu), "K": (count, nu, nx), "period": (nx,)}
         for name in (*ARRAYS, "period"):
             shape = need.get(name, (count,))

@@ -21,13 +21,16 @@ def wrap(difference: np.ndarray, period: np.ndarray) -> np.ndarray:
 
 
 def whitening(library: Library, metric: str) -> np.ndarray:
-    """W (nx, nx) with |W dx| the norm of (20), scaled by the covariance of the x_i; periodic components wrapped."""
+    """W (nx, nx) with |W dx| the norm of (20), scaled by the covariance of the x_i; periodic components
+    wrapped.
+    """
     x = wrap(library.x, library.period)
     centred = x - x.mean(axis=0)
     covariance = centred.T @ centred / max(len(x) - 1, 1)
     if metric == "variance":
         covariance = np.diag(np.diag(covariance))
-    covariance += 1e-9 * np.trace(covariance) / len(covariance) * np.eye(len(covariance))
+    spread = np.trace(covariance) / len(covariance)
+    covariance += (1e-9 * spread if spread > 0.0 else 1.0) * np.eye(len(covariance))
     return np.linalg.inv(np.linalg.cholesky(covariance))
 
 

@@ -1,9 +1,9 @@
 """Receding horizon off line (IV.C): chains of plans that leave a library of local controllers behind.
 
-Every shift moves a chain d steps along its plan and plans again. The starts of one shift are one batch: the shifted
-policy (19) rolled out with its feedback, the policies of earlier good plans near the state, and smoothed noise. The best
-plan is kept. Without the last two a chain settles in passive plans, and a library of passive plans attracts a
-controller to them.
+Every shift moves a chain d steps along its plan and plans again. The starts of one shift are one batch: the
+shifted policy (19) rolled out with its feedback, the policies of earlier good plans near the state, and
+smoothed noise. The best plan is kept. Without the last two a chain settles in passive plans, and a library
+of passive plans attracts a controller to them.
 """
 
 from collections.abc import Callable
@@ -29,7 +29,8 @@ class RecedingOptions:
         offset: steps d of a shift. chains: independent chains, one batch.
         recalled: starts from earlier good plans; noisy: starts from smoothed noise, per chain and shift.
         noise: standard deviation of that noise [control units]. noise_time: its correlation time [steps].
-        perturb_every: kick the velocities every so many steps (0: never); perturb_variance: of the kick (the paper's 4).
+        perturb_every: kick the velocities every so many steps (0: never); perturb_variance: of the kick (the
+        paper's 4).
         unperturbed: the first so many chains are never kicked.
         passes: DDP passes of a shift; first_passes: of the first plan.
         entries: controllers stored of every plan, at its steps 0, 1, .. (at most the offset).
@@ -105,7 +106,8 @@ def build_library(
         progress: called with (entries so far, count) after every shift.
 
     Raises:
-        ValueError: illegal options. A keyboard interrupt returns what there is if there are entries, else is raised.
+        ValueError: illegal options. A keyboard interrupt returns what there is if there are entries, else is
+        raised.
     """
     if count < 1:
         raise ValueError(f"count is {count}; it must be at least 1")

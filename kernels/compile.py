@@ -1,8 +1,9 @@
 """Declaring specialised kernels.
 
-Warp 1.19 leaves functions reached through `wp.static(f[k])(...)` with a loop index k out of a module's content hash, so
-two scenes, or two versions of this package, could share one cached binary. `specialised` puts the specialisation and a
-digest of this package's sources into the kernel's name, and with it into the hash.
+Warp 1.19 leaves functions reached through `wp.static(f[k])(...)` with a loop index k out of a module's
+content hash, so two scenes, or two versions of this package, could share one cached binary. `specialised`
+puts the specialisation and a digest of this package's sources into the kernel's name, and with it into the
+hash.
 """
 
 import functools

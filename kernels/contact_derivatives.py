@@ -1,8 +1,8 @@
 """Derivatives of a contact pair's rows J_n, J_t with respect to q.
 
-The normal's angle alpha follows q by the implicit function theorem: with R = n.Delta + h_A'' + h_B'' (minus the
-curvature of the distance), alpha_k = (t.Delta_k + h_A'' phiA_k + h_B'' phiB_k)/R. For a half-plane A the normal turns
-with its body, alpha_k = phiA_k, and h_A' is the lever of the touched point.
+The normal's angle alpha follows q by the implicit function theorem: with R = n.Delta + h_A'' + h_B'' (minus
+the curvature of the distance), alpha_k = (t.Delta_k + h_A'' phiA_k + h_B'' phiB_k)/R. For a half-plane A the
+normal turns with its body, alpha_k = phiA_k, and h_A' is the lever of the touched point.
 """
 
 import functools
@@ -151,7 +151,6 @@ def make_pair_derivatives(s: Structure, pair: int, dtype: type) -> SimpleNamespa
         ta = wp.dot(wp.static(TURN_A), y)
         tb = wp.dot(wp.static(TURN_B), y)
         n = g.n
-        reach = n[0] * g.delta[0] + n[1] * g.delta[1]
         lever = n[0] * g.delta[1] - n[1] * g.delta[0]
         normal = n[0] * dy[0] + n[1] * dy[1]
         tangent = n[0] * dy[1] - n[1] * dy[0]

@@ -1,7 +1,8 @@
 """Second derivatives of the solved step, for full second-order DDP (the V_x . f_xx terms of III.C.2).
 
 For an output c . v' let (P, rho) solve the transposed linear system and Lambda = P.F1 + rho.F2. Then
-d2(c . v') = - Z' H Z, with H the Hessian of Lambda in (q, v, v', z) at fixed (P, rho) and Z = d(q, v, v', z)/d(q, v, u).
+d2(c . v') = - Z' H Z, with H the Hessian of Lambda in (q, v, v', z) at fixed (P, rho) and Z = d(q, v, v',
+z)/d(q, v, u).
 Controls enter linearly. The step itself adds q' = q + h v', so that V_x . f_xx needs only these nv tensors.
 """
 
@@ -15,7 +16,9 @@ from .structure import Structure, layout
 
 @functools.cache
 def make_curvature(s: Structure, dtype: type, hard: bool, inertia_scaling: bool) -> wp.Function:
-    """curvature(params, row, x, sol, lin, output) -> (nz, nz) second derivatives of v'[output] by (q, v, u)."""
+    """curvature(params, row, x, sol, lin, output) -> (nz, nz) second derivatives of v'[output] by (q, v,
+    u).
+    """
     linear = make_linearization(s, dtype, hard, inertia_scaling)
     step, motion, pairs, sweep = linear.step, linear.motion, linear.pairs, linear.sweep
     mech, rows, t = step.mech, step.rows, step.types
@@ -32,7 +35,6 @@ def make_curvature(s: Structure, dtype: type, hard: bool, inertia_scaling: bool)
 
     def make_pair_curvature(k: int) -> wp.Function:
         d = pairs[k]
-        frictional = len(pair_rows[k]) == 2
 
         @wp.func
         def row_gradient(params: wp.array2d(dtype=dtype), row: int, g: d.PairGeometry, y: VQ, sgn: dtype):

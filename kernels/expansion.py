@@ -1,4 +1,6 @@
-"""Kernels for derivatives along trajectories: Jacobians and second derivatives in batch, and the adjoint of a rollout."""
+"""Kernels for derivatives along trajectories: Jacobians and second derivatives in batch, and the adjoint of
+a rollout.
+"""
 
 import functools
 
@@ -16,7 +18,9 @@ from .structure import Structure
 def make_linearize_kernel(
     s: Structure, dtype: type, hard: bool, inertia_scaling: bool, second: bool
 ) -> wp.Kernel:
-    """A = df/dx, B = df/du (and d2v'/d(x, u)2) at every (problem, step): item i is step i mod N of problem i div N."""
+    """A = df/dx, B = df/du (and d2v'/d(x, u)2) at every (problem, step): item i is step i mod N of problem i
+    div N.
+    """
     linear = make_linearization(s, dtype, hard, inertia_scaling)
     step = linear.step
     world_of = make_world(s, dtype, hard, inertia_scaling, False)
@@ -85,9 +89,11 @@ def make_linearize_kernel(
 
 @functools.cache
 def make_adjoint_kernel(s: Structure, dtype: type, hard: bool, inertia_scaling: bool) -> wp.Kernel:
-    """Reverse sweep of open-loop rollouts: gradients by x0 and controls from gradients by the recorded states.
+    """Reverse sweep of open-loop rollouts: gradients by x0 and controls from gradients by the recorded
+    states.
 
-    Every step is solved again at its recorded state and differentiated at the solution; nothing else is stored.
+    Every step is solved again at its recorded state and differentiated at the solution; nothing else is
+    stored.
     """
     linear = make_linearization(s, dtype, hard, inertia_scaling)
     step = linear.step

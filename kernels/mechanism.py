@@ -1,8 +1,9 @@
 """Kinematics and dynamics of a planar tree in closed form: M(q), r(q, v) of the equations of motion (1a).
 
-In the plane every derivative of a point p on a body is a rotated column of its Jacobian: with degrees of freedom
-numbered along the chain, d^n p / dq_i..dq_m = perp^(n-1) J_max when all but the deepest index are revolute, and zero
-otherwise (perp turns by +90 degrees). Sensitivities use the same rule (see `sensitivity.py`, `curvature.py`).
+In the plane every derivative of a point p on a body is a rotated column of its Jacobian: with degrees of
+freedom numbered along the chain, d^n p / dq_i..dq_m = perp^(n-1) J_max when all but the deepest index are
+revolute, and zero otherwise (perp turns by +90 degrees). Sensitivities use the same rule (see
+`sensitivity.py`, `curvature.py`).
 """
 
 import functools
@@ -16,7 +17,9 @@ from .structure import PRISMATIC, WORLD, Structure, layout
 
 @functools.cache
 def make_types(s: Structure, dtype: type) -> SimpleNamespace:
-    """Warp vector and matrix types of a structure: VQ (nv), VX (2 nv), VU (nu), VR (nr), V2, MQ (nv, nv), ..."""
+    """Warp vector and matrix types of a structure: VQ (nv), VX (2 nv), VU (nu), VR (nr), V2, MQ (nv, nv),
+    ...
+    """
     nv, nu, nr = s.nv, max(s.nu, 1), max(s.nr, 1)
     vector, matrix = wp.types.vector, wp.types.matrix
     return SimpleNamespace(
@@ -35,12 +38,14 @@ def make_types(s: Structure, dtype: type) -> SimpleNamespace:
 
 @functools.cache
 def make_mechanism(s: Structure, dtype: type) -> SimpleNamespace:
-    """Warp functions of one mechanism; FRAMES holds a row (cos, sin, x, y) per body: orientation and joint position."""
+    """Warp functions of one mechanism; FRAMES holds a row (cos, sin, x, y) per body: orientation and joint
+    position.
+    """
     t = make_types(s, dtype)
     lay = layout(s)
     NB, NV = s.nb, s.nv
     ZERO, ONE, TWO = dtype(0.0), dtype(1.0), dtype(2.0)
-    V2, VQ, MQ, FRAMES, JB = t.V2, t.VQ, t.MQ, t.FRAMES, t.JB
+    VQ, MQ, FRAMES, JB = t.VQ, t.MQ, t.FRAMES, t.JB
     PHI = wp.types.vector(NB, dtype)
     parent = tuple(b.parent for b in s.bodies)
     joint = tuple(b.joint for b in s.bodies)

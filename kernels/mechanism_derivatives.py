@@ -1,7 +1,8 @@
 """Derivatives of M(q) w and r(q, v) of a planar tree, by the rule of `mechanism.py`.
 
-With P2(w, k) = sum_i w_i d2p/dq_i dq_k for a body's centre of mass p, one more (shallower or equal) index k below l gives
-P3(w, k, l) = rev_k perp P2(w, l), and the bias acceleration is perp sum_k J_k s_k with the weights s of the mechanism.
+With P2(w, k) = sum_i w_i d2p/dq_i dq_k for a body's centre of mass p, one more (shallower or equal) index k
+below l gives P3(w, k, l) = rev_k perp P2(w, l), and the bias acceleration is perp sum_k J_k s_k with the
+weights s of the mechanism.
 """
 
 import functools
@@ -42,7 +43,9 @@ def make_second(s: Structure, body: int, dtype: type) -> wp.Function:
 
 @functools.cache
 def make_mechanism_derivatives(s: Structure, dtype: type) -> SimpleNamespace:
-    """Warp functions: first derivatives of the equations of motion and their contraction for second derivatives."""
+    """Warp functions: first derivatives of the equations of motion and their contraction for second
+    derivatives.
+    """
     mech = make_mechanism(s, dtype)
     t = mech.types
     lay = layout(s)

@@ -1,7 +1,7 @@
 """Control policies evaluated inside a rollout: u = control(policy, world, step, x).
 
-Each maker returns the policy's struct of arrays and its Warp function. Differences of periodic state components are
-wrapped to half a period (the finger's free ellipse looks the same after a turn by pi).
+Each maker returns the policy's struct of arrays and its Warp function. Differences of periodic state
+components are wrapped to half a period (the finger's free ellipse looks the same after a turn by pi).
 """
 
 import functools
@@ -33,7 +33,9 @@ def make_open_loop(nx: int, nu: int, dtype: type) -> SimpleNamespace:
 
 @functools.cache
 def make_tracking(nx: int, nu: int, dtype: type) -> SimpleNamespace:
-    """u = us_k + K_k (x - xs_k) along one nominal trajectory per world or one for all; its last step is held."""
+    """u = us_k + K_k (x - xs_k) along one nominal trajectory per world or one for all; its last step is
+    held.
+    """
     VX, VU = wp.types.vector(nx, dtype), wp.types.vector(max(nu, 1), dtype)
 
     @wp.struct
@@ -64,11 +66,12 @@ def make_tracking(nx: int, nu: int, dtype: type) -> SimpleNamespace:
 
 @functools.cache
 def make_nearest(nx: int, nu: int, dtype: type) -> SimpleNamespace:
-    """The nearest-neighbour rule (20): u = u_j + K_j (x - x_j), j = argmin |W (x - x_j)|, W' W = inverse covariance.
+    """The nearest-neighbour rule (20): u = u_j + K_j (x - x_j), j = argmin |W (x - x_j)|, W' W = inverse
+    covariance.
 
-    Points y = W x_j are stored as a balanced k-d tree in one array: the node of a range is its middle, its split
-    dimension stands beside it. Entries with a periodic component are stored with their images within half a period of
-    [0, period), so that the search needs no wrapping. The search is exact.
+    Points y = W x_j are stored as a balanced k-d tree in one array: the node of a range is its middle, its
+    split dimension stands beside it. Entries with a periodic component are stored with their images within
+    half a period of [0, period), so that the search needs no wrapping. The search is exact.
     """
     VX, VU = wp.types.vector(nx, dtype), wp.types.vector(max(nu, 1), dtype)
     VI, VD = wp.types.vector(STACK, wp.int32), wp.types.vector(STACK, dtype)

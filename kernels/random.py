@@ -1,6 +1,7 @@
 """Counter-based random numbers: Philox4x32-10 (Salmon et al. 2011), addressed by (seed, world, step, stream).
 
-A number depends on its address only, so results do not change with the batch split, the number of threads or the device.
+A number depends on its address only, so results do not change with the batch split, the number of threads or
+the device.
 """
 
 import functools
@@ -43,7 +44,7 @@ def make_normal(dtype: type) -> SimpleNamespace:
     """Standard normal numbers of a dtype, by Box-Muller from 53-bit uniforms (24-bit in float32)."""
     V2 = wp.types.vector(2, dtype)
     TWO_PI, TWO = wp.float64(2.0 * math.pi), wp.float64(2.0)
-    SCALE, HIGH = wp.float64(2.0**-53), wp.float64(2.0**32)
+    SCALE = wp.float64(2.0**-53)
     HALF = wp.float64(0.5)
     SHIFT_11 = wp.uint64(11)
 

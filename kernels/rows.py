@@ -1,9 +1,10 @@
 """Rows of the complementarity problem: J, d/h and the scale D, with contacts that cannot act left out.
 
-J_n = n.(J_pB - J_pA) and J_t = t.(J_pB - J_pA) at each body's own support point; a frictional contact is the two rows
-J_n +- mu J_t with the same gap (Anitescu's relaxation, the paper's [9]). In the vectors N = (n, h_A', h_B') and
-E = (t, -h_A, -h_B): J_n = n.Delta_j + h_A' phiA_j + h_B' phiB_j, J_t = t.Delta_j - h_A phiA_j - h_B phiB_j, where
-Delta = dc_B/dq - dc_A/dq and phi_j tells whether degree of freedom j turns the body.
+J_n = n.(J_pB - J_pA) and J_t = t.(J_pB - J_pA) at each body's own support point; a frictional contact is the
+two rows J_n +- mu J_t with the same gap (Anitescu's relaxation, the paper's [9]). In the vectors N = (n,
+h_A', h_B') and E = (t, -h_A, -h_B): J_n = n.Delta_j + h_A' phiA_j + h_B' phiB_j, J_t = t.Delta_j - h_A
+phiA_j - h_B phiB_j, where Delta = dc_B/dq - dc_A/dq and phi_j tells whether degree of freedom j turns the
+body.
 """
 
 import functools
@@ -22,7 +23,7 @@ def make_pair_jacobian(s: Structure, pair: int, dtype: type) -> wp.Function:
     mech = make_mechanism(s, dtype)
     t = mech.types
     p = make_pair(s, pair, dtype)
-    V4, GEO = wp.types.vector(4, dtype), wp.types.vector(8, dtype)
+    GEO = wp.types.vector(8, dtype)
     jac_a, jac_b = mech.point_jacobian(p.body_a), mech.point_jacobian(p.body_b)
 
     @wp.func
@@ -52,7 +53,9 @@ def make_pair_jacobian(s: Structure, pair: int, dtype: type) -> wp.Function:
 
 @functools.cache
 def make_rows(s: Structure, dtype: type, inertia_scaling: bool) -> SimpleNamespace:
-    """Warp functions on the set of rows; a row's Jacobian is stored for contacts only (limits are unit vectors)."""
+    """Warp functions on the set of rows; a row's Jacobian is stored for contacts only (limits are unit
+    vectors).
+    """
     mech = make_mechanism(s, dtype)
     t = mech.types
     lay = layout(s)

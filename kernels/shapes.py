@@ -1,12 +1,13 @@
 """Support functions and signed distance of shape pairs.
 
-d = max over unit n of n.(c_B - c_A) - h_A(n) - h_B(-n), with h the support function: positive when separated, negative
-when penetrating. With the angle alpha of n, n = (cos alpha, sin alpha) and t = dn/dalpha, the distance is stationary
-where t.(c_B - c_A) - h_A' - h_B' = 0, and its curvature there is -(d + rho_A + rho_B). Only a positive maximum is
-unique, so a local search is trusted when it ends at d > 0; otherwise the circle is searched.
+d = max over unit n of n.(c_B - c_A) - h_A(n) - h_B(-n), with h the support function: positive when
+separated, negative when penetrating. With the angle alpha of n, n = (cos alpha, sin alpha) and t =
+dn/dalpha, the distance is stationary where t.(c_B - c_A) - h_A' - h_B' = 0, and its curvature there is -(d +
+rho_A + rho_B). Only a positive maximum is unique, so a local search is trusted when it ends at d > 0;
+otherwise the circle is searched.
 
-GEO = (n_x, n_y, d, h_A, h_A', h_B, h_B', _) at the solution. For a half-plane A: h_A = 0 and h_A' is the lever of the
-touched point along t, so that the same Jacobian formulas hold.
+GEO = (n_x, n_y, d, h_A, h_A', h_B, h_B', _) at the solution. For a half-plane A: h_A = 0 and h_A' is the
+lever of the touched point along t, so that the same Jacobian formulas hold.
 """
 
 import functools
@@ -24,7 +25,9 @@ LOCAL_ITERATIONS = 12
 
 @functools.cache
 def make_support(dtype: type) -> wp.Function:
-    """support(a, b, c, s): h, h', h'', h''' of an ellipse at the unit vector c e1 + s e2 (primes: d/dalpha)."""
+    """support(a, b, c, s): h, h', h'', h''' of an ellipse at the unit vector c e1 + s e2 (primes:
+    d/dalpha).
+    """
     V4 = wp.types.vector(4, dtype)
     ZERO, ONE, THREE = dtype(0.0), dtype(1.0), dtype(3.0)
 
@@ -72,7 +75,9 @@ def make_shape_pose(s: Structure, shape: int, dtype: type) -> wp.Function:
 
 
 def oriented_pair(s: Structure, pair: int) -> tuple[int, int]:
-    """(shape_a, shape_b) with a half-plane first; the swap turns n and t both, so J_n and J_t do not change."""
+    """(shape_a, shape_b) with a half-plane first; the swap turns n and t both, so J_n and J_t do not
+    change.
+    """
     p = s.pairs[pair]
     return (p.shape_b, p.shape_a) if s.shapes[p.shape_b].kind == HALFPLANE else (p.shape_a, p.shape_b)
 
@@ -154,7 +159,9 @@ def make_pair(s: Structure, pair: int, dtype: type) -> SimpleNamespace:
 
 @functools.cache
 def make_round_support(s: Structure, dtype: type):
-    """Maker of support(params, row, pose, n) -> (h, h', h'', h''') for a disc or an ellipse of the structure."""
+    """Maker of support(params, row, pose, n) -> (h, h', h'', h''') for a disc or an ellipse of the
+    structure.
+    """
     support = make_support(dtype)
     RADIUS = layout(s).offset("radius")
     V2, V4 = wp.types.vector(2, dtype), wp.types.vector(4, dtype)

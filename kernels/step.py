@@ -1,8 +1,10 @@
 """One time step (1a)-(1d) with smoothed or hard complementarity, as a Warp function.
 
-Stages: kinematics and M; free velocity v + h M^-1 (r + u); rows that can act; their solution v', lambda; q' = q + h v'.
-A row is left out while w = J v' + d/h > cut sigma, where its smoothed impulse sigma exp(-w/sigma)/D is below the dtype's
-resolution; the test is repeated with the solved v' until no row has to be added, so leaving out is exact to rounding.
+Stages: kinematics and M; free velocity v + h M^-1 (r + u); rows that can act; their solution v', lambda; q'
+= q + h v'.
+A row is left out while w = J v' + d/h > cut sigma, where its smoothed impulse sigma exp(-w/sigma)/D is below
+the dtype's resolution; the test is repeated with the solved v' until no row has to be added, so leaving out
+is exact to rounding.
 """
 
 import functools
@@ -35,7 +37,7 @@ def make_step(
     VN = wp.types.vector(2 * max(NP, 1), dtype)
     V2 = t.V2
     H, SIGMA = lay.offset("step_size"), lay.offset("sigma")
-    ZERO = dtype(0.0)
+
     UNUSED = dtype(COLD)
     CUT = dtype(0.0 if hard else (37.0 if dtype is wp.float64 else 17.0))
     pairs = tuple(make_pair(s, k, dtype) for k in range(NP))
@@ -109,7 +111,8 @@ def make_step(
 
         @wp.func
         def near(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, v: VQ):
-            # whether the pair can act at velocity v, from a lower bound of d and a bound on the approach speed
+            # whether the pair can act at velocity v, from a lower bound of d and a bound on the approach
+            # speed
             if wp.static(exact_gap or pairs[k].exact_bound):
                 return True
             gap = wp.static(pairs[k].bound)(params, row, fr) / params[row, wp.static(H)]
@@ -236,7 +239,9 @@ def make_step(
 
 @functools.cache
 def make_speed(s: Structure, pair: int, dtype: type) -> wp.Function:
-    """Bound on |(J_n +- mu J_t) v| of a pair: speed of the centres plus rate of turning times largest radius."""
+    """Bound on |(J_n +- mu J_t) v| of a pair: speed of the centres plus rate of turning times largest
+    radius.
+    """
     mech = make_mechanism(s, dtype)
     t = mech.types
     p = make_pair(s, pair, dtype)
@@ -245,7 +250,7 @@ def make_speed(s: Structure, pair: int, dtype: type) -> wp.Function:
     RADIUS, FRICTION = lay.offset("radius"), lay.offset("friction")
     jac_a, jac_b = mech.point_jacobian(p.body_a), mech.point_jacobian(p.body_b)
     ONE, ZERO = dtype(1.0), dtype(0.0)
-    V4 = wp.types.vector(4, dtype)
+
     body_a, body_b = s.shapes[a].body, s.shapes[b].body
 
     @wp.func

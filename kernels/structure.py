@@ -1,12 +1,13 @@
 """Compile-time structure of a planar mechanism: what selects a specialised kernel.
 
-Everything here is hashable and holds no physical number: topology, joint kinds, which limits exist, shape kinds, which
-pairs touch and whether they have friction. Masses, lengths, radii and the like are run-time numbers in a parameter
-table whose columns `Layout` assigns.
+Everything here is hashable and holds no physical number: topology, joint kinds, which limits exist, shape
+kinds, which pairs touch and whether they have friction. Masses, lengths, radii and the like are run-time
+numbers in a parameter table whose columns `Layout` assigns.
 
-Notation used by all kernels: nv degrees of freedom, nu controls, nr rows of the complementarity problem. Rows come in
-this order: for every degree of freedom its lower then its upper limit, then for every contact pair either one
-frictionless row n or the two rows n + mu t and n - mu t (Anitescu's relaxation, the paper's [9]).
+Notation used by all kernels: nv degrees of freedom, nu controls, nr rows of the complementarity problem.
+Rows come in this order: for every degree of freedom its lower then its upper limit, then for every contact
+pair either one frictionless row n or the two rows n + mu t and n - mu t (Anitescu's relaxation, the paper's
+[9]).
 """
 
 import functools
@@ -46,7 +47,9 @@ class PairStructure:
 
 @dataclass(frozen=True)
 class RowStructure:
-    """One complementarity row: a joint limit (dof, sign) or a contact (pair, sign of the tangent; 0 = frictionless)."""
+    """One complementarity row: a joint limit (dof, sign) or a contact (pair, sign of the tangent; 0 =
+    frictionless).
+    """
 
     kind: str
     index: int
@@ -55,7 +58,9 @@ class RowStructure:
 
 @dataclass(frozen=True)
 class Structure:
-    """A mechanism's topology. Bodies come parents first, so degrees of freedom are ordered along every chain."""
+    """A mechanism's topology. Bodies come parents first, so degrees of freedom are ordered along every
+    chain.
+    """
 
     bodies: tuple[BodyStructure, ...]
     shapes: tuple[ShapeStructure, ...]

@@ -1,4 +1,6 @@
-"""Kernels of robustness sweeps: draw each world's parameters and start, roll it out under a policy with disturbances."""
+"""Kernels of robustness sweeps: draw each world's parameters and start, roll it out under a policy with
+disturbances.
+"""
 
 import functools
 
@@ -58,12 +60,14 @@ def make_draw_kernel(nx: int, dtype: type) -> wp.Kernel:
 def make_sweep_kernel(
     s: Structure, dtype: type, hard: bool, inertia_scaling: bool, policy_name: str
 ) -> wp.Kernel:
-    """Roll out one world a thread for a duration, with torque noise and velocity kicks; samples one state component."""
+    """Roll out one world a thread for a duration, with torque noise and velocity kicks; samples one state
+    component.
+    """
     world_of = make_world(s, dtype, hard, inertia_scaling, False)
     step = world_of.step
     policy = POLICIES[policy_name](2 * s.nv, s.nu, dtype)
     rng = make_normal(dtype)
-    NX, NV, NU, NR = 2 * s.nv, s.nv, s.nu, s.nr
+    NV, NU, NR = s.nv, s.nu, s.nr
     H = layout(s).offset("step_size")
     Policy = policy.Struct
     contact_rows = sum(1 << i for i, r in enumerate(s.rows) if r.kind == "contact")

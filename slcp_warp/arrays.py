@@ -8,7 +8,9 @@ import warp as wp
 
 
 class ArrayError(ValueError):
-    """An array argument of the wrong kind, shape or dtype; the message names it, what came and what is needed."""
+    """An array argument of the wrong kind, shape or dtype; the message names it, what came and what is
+    needed.
+    """
 
 
 @dataclass(frozen=True)
@@ -21,7 +23,7 @@ class Batch:
 
 
 def kind_of(value: Any) -> str:
-    """ "warp", "torch" or "numpy"."""
+    """Return "warp", "torch" or "numpy"."""
     if isinstance(value, wp.array):
         return "warp"
     return "torch" if type(value).__module__.split(".")[0] == "torch" else "numpy"
@@ -57,12 +59,18 @@ def to_batch(name: str, value: Any, shape: tuple[int | str, ...], dtype: Any, de
     if kind == "torch":
         import torch
 
+        if value.requires_grad:
+            raise ArrayError(
+                f"{name} is a torch tensor that requires a gradient; torch's autograd is not supported here: "
+                f"pass {name}.detach(), or record Warp arrays on a wp.Tape"
+            )
         tensor = value.detach().to(device=wp.device_to_torch(device), dtype=getattr(torch, dtype.__name__))
         tensor = (tensor if batched else tensor[None]).contiguous()
         return Batch(wp.from_torch(tensor, dtype=dtype), kind, batched)
     if value.dtype is not dtype or value.device != wp.get_device(device):
         raise ArrayError(
-            f"{name} is a Warp array of {value.dtype.__name__} on {value.device}; {dtype.__name__} on {device} is needed"
+            f"{name} is a Warp array of {value.dtype.__name__} on {value.device}; "
+            f"{dtype.__name__} on {device} is needed"
         )
     return Batch(value if batched else value.reshape((1, *given)), kind, batched)
 

@@ -32,7 +32,8 @@ class Options:
 
     Attributes:
         residual: "rem-logistic", the smoothed problem (17), or "hard", the original one (3), sigma = 0.
-        scaling: "inertia": D = diag(A), so that both arguments of the residual are velocities and results do not
+        scaling: "inertia": D = diag(A), so that both arguments of the residual are velocities and results do
+        not
             depend on the unit of mass; "none": D = 1, the paper's.
         friction: "anitescu", the relaxed planar model (the paper's [9]).
         integrator: "euler", eq. (1).
@@ -51,8 +52,10 @@ class Options:
 
     @property
     def hard(self) -> bool:
+        """Whether sigma = 0."""
         return self.residual == "hard"
 
     @property
     def inertia_scaling(self) -> bool:
+        """Whether D = diag(A)."""
         return self.scaling == "inertia"

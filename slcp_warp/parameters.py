@@ -20,9 +20,10 @@ class ParameterError(ValueError):
 class Parameters:
     """Named parameters of one scene, immutable; `replace` makes a changed copy.
 
-    Names and units: step_size h [s]; sigma per row [m/s, rad/s]; gravity [m/s^2]; mass [kg]; inertia [kg m^2]; com,
-    anchor, axis per body [m]; angle per body [rad]; damping per degree of freedom; lower, upper limits per degree of
-    freedom; gear per actuator; friction per contact; radius (2), shape_offset (2) [m], shape_angle [rad] per shape.
+    Names and units: step_size h [s]; sigma per row [m/s, rad/s]; gravity [m/s^2]; mass [kg]; inertia [kg
+    m^2]; com, anchor, axis per body [m]; angle per body [rad]; damping per degree of freedom; lower, upper
+    limits per degree of freedom; gear per actuator; friction per contact; radius (2), shape_offset (2) [m],
+    shape_angle [rad] per shape.
     """
 
     def __init__(self, scene: Scene, values: dict[str, np.ndarray] | None = None) -> None:
@@ -52,7 +53,8 @@ class Parameters:
         """A copy with some parameters changed.
 
         Args:
-            changes: name=value; a scalar (for every component), the parameter's own shape, (B,) or (B, *shape).
+            changes: name=value; a scalar (for every component), the parameter's own shape, (B,) or (B,
+            *shape).
 
         Raises:
             ParameterError: unknown name, shape that does not fit, non-finite or illegal value.

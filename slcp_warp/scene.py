@@ -1,7 +1,8 @@
-"""Description of a planar mechanism: bodies in a tree, shapes on them, and the pairs of shapes that may touch.
+"""Description of a planar mechanism: bodies in a tree, shapes on them, and the pairs of shapes that may
+touch.
 
-World x points right, y up, angles are counter-clockwise from +x; lengths in m, masses in kg, angles in rad (or any
-self-consistent units). A scene only describes; `Simulator` makes specialised kernels from it.
+World x points right, y up, angles are counter-clockwise from +x; lengths in m, masses in kg, angles in rad
+(or any self-consistent units). A scene only describes; `Simulator` makes specialised kernels from it.
 """
 
 import math
@@ -26,7 +27,9 @@ Pair2 = tuple[float, float]
 
 
 class SceneError(ValueError):
-    """A scene that does not describe a mechanism; the message names the field, what came and what is needed."""
+    """A scene that does not describe a mechanism; the message names the field, what came and what is
+    needed.
+    """
 
 
 @dataclass(frozen=True)
@@ -79,7 +82,9 @@ class Shape:
 
 @dataclass(frozen=True)
 class Contact:
-    """Two shapes that may touch, by name; friction coefficient, or None for a frictionless contact (one row)."""
+    """Two shapes that may touch, by name; friction coefficient, or None for a frictionless contact (one
+    row).
+    """
 
     shape_a: str
     shape_b: str
@@ -88,7 +93,9 @@ class Contact:
 
 @dataclass(frozen=True)
 class Actuator:
-    """A control that pushes one degree of freedom (`dof` counts within the body's joint): force = gear * u."""
+    """A control that pushes one degree of freedom (`dof` counts within the body's joint): force = gear *
+    u.
+    """
 
     body: str
     dof: int = 0
@@ -102,7 +109,8 @@ class Scene:
     Attributes:
         bodies: parents before children. shapes, contacts, actuators: see the classes.
         gravity: [m/s^2]. step_size: default h [s]. sigma: default noise level of the smoothing [m/s, rad/s].
-        initial_state: x0 = (q, v), (2 nv,). period: per degree of freedom, or None: q_j and q_j + period look alike.
+        initial_state: x0 = (q, v), (2 nv,). period: per degree of freedom, or None: q_j and q_j + period
+        look alike.
     """
 
     name: str
@@ -252,8 +260,8 @@ def _check_body(body: Body) -> None:
     for name in ("damping", "lower", "upper"):
         value = getattr(body, name)
         if isinstance(value, Sequence) and len(value) != JOINTS[body.joint]:
-            raise SceneError(f"body {body.name!r}: {name} has {len(value)} entries; a {body.joint} joint needs "
-                             f"{JOINTS[body.joint]}")  # fmt: skip
+            raise SceneError(f"body {body.name!r}: {name} has {len(value)} entries; "
+                             f"a {body.joint} joint needs {JOINTS[body.joint]}")  # fmt: skip
 
 
 def _check_shape(shape: Shape) -> None:

@@ -1,4 +1,6 @@
-"""Named scenes. Each function returns a `Scene`; its numbers can be replaced at run time through the parameters."""
+"""Named scenes. Each function returns a `Scene`; its numbers can be replaced at run time through the
+parameters.
+"""
 
 import math
 
@@ -15,10 +17,12 @@ def _ellipse_inertia(radii: tuple[float, float], density: float = 1.0) -> tuple[
 
 
 def flicking_finger(gravity: float = -4.0) -> Scene:
-    """The paper's system (section V-B): a two-link finger of ellipses over an anchored, free-spinning ellipse.
+    """The paper's system (section V-B): a two-link finger of ellipses over an anchored, free-spinning
+    ellipse.
 
-    State (theta1, theta2, theta3, rates): theta2 is relative to link 1, theta3 is the free ellipse's major axis. A
-    link's joint sits at the tip of its major axis. Density 1, drag .2, .2, .7, mu = .5, h = .05, sigma = .1.
+    State (theta1, theta2, theta3, rates): theta2 is relative to link 1, theta3 is the free ellipse's major
+    axis. A link's joint sits at the tip of its major axis. Density 1, drag .2, .2, .7, mu = .5, h = .05,
+    sigma = .1.
     """
     mass, inertia = _ellipse_inertia(FINGER_RADII)
     free_mass, free_inertia = _ellipse_inertia(FREE_RADII)
@@ -27,8 +31,8 @@ def flicking_finger(gravity: float = -4.0) -> Scene:
         name="flicking_finger",
         bodies=(
             Body("link1", mass, inertia, com=(long, 0.0), damping=0.2, lower=-math.pi, upper=0.0),
-            Body("link2", mass, inertia, parent="link1", anchor=(2.0 * long, 0.0), com=(long, 0.0), damping=0.2,
-                 lower=-2.0 * math.pi / 3.0, upper=0.0),
+            Body("link2", mass, inertia, parent="link1", anchor=(2.0 * long, 0.0), com=(long, 0.0),
+                 damping=0.2, lower=-2.0 * math.pi / 3.0, upper=0.0),
             Body("ellipse", free_mass, free_inertia, anchor=(0.0, -3.0), damping=0.7),
         ),
         shapes=(
@@ -62,7 +66,8 @@ def ball_drop(
 def sliding_block(
     friction: float = 0.5, mass: float = 1.0, slope: float = 0.0, corner_radius: float = 0.0
 ) -> Scene:
-    """A box of 0.4 m x 0.2 m on four corner discs (points by default) on a half-plane tilted by `slope` [rad].
+    """A box of 0.4 m x 0.2 m on four corner discs (points by default) on a half-plane tilted by `slope`
+    [rad].
 
     The box starts at rest on the plane, at gap 0. Its frame's origin is the centre.
     """
@@ -97,7 +102,9 @@ def particle(friction: float | None = None, mass: float = 1.0, slope: float = 0.
 
 
 def grasp(friction: float = 0.5) -> Scene:
-    """Section II: two fingers hold a disc against gravity. Controls: the fingers' horizontal forces (left, right)."""
+    """Section II: two fingers hold a disc against gravity. Controls: the fingers' horizontal forces (left,
+    right).
+    """
     radius, finger = 0.1, 0.05
     return Scene(
         name="grasp",

@@ -1,5 +1,6 @@
 """The simulator: steps, rollouts and their derivatives for a batch of worlds of one scene."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,22 +27,31 @@ class Step:
     """Outcome of a step; arrays are of the caller's kind, batch first.
 
     Attributes:
-        state: (B, nx) = (q', v'). impulse: (B, nr) lambda [N s, N m s]. gap: (B, nr) signed distance of every row before
-        the step [m, rad]. multiplier: (B, nr + 2 pairs) for `warm_start`. status: (B,) see `Status`.
-        contact_impulse: (B, pairs, 2) normal and tangential impulse on shape_b along (n, t) [N s].
+        state: (B, nx) = (q', v'). impulse: (B, nr) lambda [N s, N m s]. gap: (B, nr) signed distance of
+        every row before the step [m, rad]. multiplier: (B, nr + 2 pairs) for `warm_start`. status: (B,) see
+        `Status`.
     """
 
     state: Any
     impulse: Any
-    contact_impulse: Any
     gap: Any
     multiplier: Any
     status: Any
+    _by_pair: Callable[[], Any]
+
+    @property
+    def contact_impulse(self) -> Any:
+        """Normal and tangential impulse on shape_b along (n, t), (B, pairs, 2) [N s]; computed when asked
+        for.
+        """
+        return self._by_pair()
 
 
 @dataclass(frozen=True)
 class Trajectory:
-    """Outcome of a rollout: states (B, N+1, nx), controls, impulse, gap (B, N, .) where asked for, status (B,)."""
+    """Outcome of a rollout: states (B, N+1, nx), controls, impulse, gap (B, N, .) where asked for, status
+    (B,).
+    """
 
     states: Any
     status: Any
@@ -52,7 +62,9 @@ class Trajectory:
 
 @dataclass(frozen=True)
 class Linearization:
-    """A = df/dx (B, nx, nx), B = df/du (B, nx, nu), second (B, nv, nz, nz) of v' by (x, u) or None, status (B,)."""
+    """A = df/dx (B, nx, nx), B = df/du (B, nx, nu), second (B, nv, nz, nz) of v' by (x, u) or None, status
+    (B,).
+    """
 
     A: Any
     B: Any
@@ -180,13 +192,16 @@ class Simulator:
         ]
         launch(rollout.make_step_kernel(*self._key), worlds, inputs, self.device)
         tape.record_step(self._key, table, state.array, control, inputs[3], out[0], status, self.device)
-        impulse = out[1]
-        contact = contact_impulse(self.scene, impulse.numpy(), (params or self.params)["friction"])
-        contact_array = wp.array(contact, dtype=self.dtype, device=self.device)
-        give = lambda a: from_batch(a, state.kind, state.batched)  # noqa: E731
-        return Step(
-            give(out[0]), give(impulse), give(contact_array), give(out[2]), give(out[3]), give(status)
-        )
+        friction = (params or self.params)["friction"]
+
+        def give(a: wp.array) -> Any:
+            return from_batch(a, state.kind, state.batched)
+
+        def by_pair() -> Any:
+            contact = contact_impulse(self.scene, out[1].numpy(), friction)
+            return give(wp.array(contact, dtype=self.dtype, device=self.device))
+
+        return Step(give(out[0]), give(out[1]), give(out[2]), give(out[3]), give(status), by_pair)
 
     def rollout(
         self,
@@ -255,7 +270,8 @@ class Simulator:
         second: bool = False,
         external_force: Any = None,
     ) -> Linearization:
-        """Jacobians of the step at (x, u) by the implicit function theorem; `second` adds second derivatives of v'.
+        """Jacobians of the step at (x, u) by the implicit function theorem; `second` adds second derivatives
+        of v'.
 
         Worlds that are not solved have zero derivatives and a status.
         """

@@ -31,7 +31,9 @@ def share_interval(successes: int, total: int) -> tuple[float, float, float]:
 
 
 def quantile_interval(values: np.ndarray, q: float = 0.5) -> tuple[float, float, float]:
-    """A quantile and its distribution-free interval by order statistics; NaN without values, infinite values count."""
+    """A quantile and its distribution-free interval by order statistics; NaN without values, infinite values
+    count.
+    """
     values = np.sort(values[~np.isnan(values)])
     n = len(values)
     if n == 0:
@@ -48,13 +50,14 @@ def spin_statistics(
     """Rates of one observed coordinate.
 
     Args:
-        samples: (B, S) coordinate at times 0, interval, ... window: of a rate [s]. threshold: of "spinning" [1/s].
+        samples: (B, S) coordinate at times 0, interval, ... window: of a rate [s]. threshold: of "spinning"
+        [1/s].
         kicks: times of kicks [s]; time 0 counts as one (the perturbed start).
 
     Returns:
-        Columns (B,): rate over the whole time; late_rate over its second half; spinning (late_rate above threshold);
-        recovery_time after the last kick: first time from which the rate over the next window exceeds the threshold, inf
-        if never.
+        Columns (B,): rate over the whole time; late_rate over its second half; spinning (late_rate above
+        threshold); recovery_time after the last kick: first time from which the rate over the next window
+        exceeds the threshold, inf if never.
     """
     count = samples.shape[1]
     total = (count - 1) * interval

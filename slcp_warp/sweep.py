@@ -1,4 +1,6 @@
-"""Robustness sweeps: thousands of perturbed worlds under a policy, on smoothed and hard dynamics, with statistics."""
+"""Robustness sweeps: thousands of perturbed worlds under a policy, on smoothed and hard dynamics, with
+statistics.
+"""
 
 import csv
 import json
@@ -31,12 +33,15 @@ class SweepSpec:
 
     Attributes:
         worlds: per case. duration: simulated [s]. residuals, step_sizes: their product makes the cases.
-        start: (M, nx) states, one drawn per world; None: the scene's. position_sd, velocity_sd: normal noise on it.
-        parameter_sd: name -> standard deviation of the logarithm of a factor on it (one factor per body, shape,
+        start: (M, nx) states, one drawn per world; None: the scene's. position_sd, velocity_sd: normal noise
+        on it.
+        parameter_sd: name -> standard deviation of the logarithm of a factor on it (one factor per body,
+        shape,
             contact or degree of freedom; mass and inertia of a body share theirs).
         parameters: name -> other base value (Simulator.params.replace).
         torque_sd: white noise on the controls. kick_times, kick_sd: normal velocity kicks [s; rad/s, m/s].
-        observe: state component whose rate is judged. threshold: "spinning" [1/s]. window: of the moving rate [s].
+        observe: state component whose rate is judged. threshold: "spinning" [1/s]. window: of the moving
+        rate [s].
         sample_every: [s].
     """
 
@@ -95,8 +100,10 @@ class SweepReport:
     """Outcome of a sweep.
 
     Attributes:
-        cases: one summary per (residual, step_size): counts, statuses and (value, low, high) with 95 % intervals.
-        table: tidy columns, one row per world and case. samples: per case, (B, S) the observed coordinate less its start.
+        cases: one summary per (residual, step_size): counts, statuses and (value, low, high) with 95 %
+        intervals.
+        table: tidy columns, one row per world and case. samples: per case, (B, S) the observed coordinate
+        less its start.
         spec: the specification. complete: False if interrupted; then only finished worlds are in.
     """
 
@@ -168,7 +175,8 @@ def sweep(
     """Run every case of a sweep in chunks of bounded memory.
 
     Args:
-        policy: as for `Simulator.rollout`. chunk: worlds per launch, default by memory; results do not depend on it.
+        policy: as for `Simulator.rollout`. chunk: worlds per launch, default by memory; results do not
+        depend on it.
         progress: called with (worlds done, worlds in all).
 
     A keyboard interrupt ends the sweep with what is finished (`complete` False).
@@ -303,7 +311,9 @@ class _Case:
 
 
 def _spread(sim: Simulator, parameter_sd: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
-    """Per column of the parameter table: log standard deviation, and the group that shares a random number."""
+    """Per column of the parameter table: log standard deviation, and the group that shares a random
+    number.
+    """
     width = sim.params.layout.width
     spread, group = np.zeros(width), np.arange(width, dtype=np.int32)
     first = {name: start for name, start, _ in sim.params.layout.columns}

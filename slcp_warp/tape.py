@@ -1,7 +1,7 @@
 """Rollouts on a `wp.Tape`: the implicit adjoint of every step, attached by hand.
 
-Gradients flow from the recorded states to x0 and controls. They are exact to solver tolerance wherever the status is
-SOLVED; a world with another status gets NaN. Nothing flows through impulses, gaps or the status.
+Gradients flow from the recorded states to x0 and controls. They are exact to solver tolerance wherever the
+status is SOLVED; a world with another status gets NaN. Nothing flows through impulses, gaps or the status.
 """
 
 from typing import Any
@@ -27,7 +27,9 @@ def record_rollout(
     status: wp.array,
     device: Any,
 ) -> None:
-    """Record the backward pass of an open-loop rollout if a tape is active and an input requires a gradient."""
+    """Record the backward pass of an open-loop rollout if a tape is active and an input requires a
+    gradient.
+    """
     tape = active_tape()
     if tape is None or not (x0.requires_grad or us.requires_grad):
         return
@@ -50,7 +52,9 @@ def record_step(
     status: wp.array,
     device: Any,
 ) -> None:
-    """Record the backward pass of one step from x (B, nx) under u (B, nu) to `after`: a rollout of length one."""
+    """Record the backward pass of one step from x (B, nx) under u (B, nu) to `after`: a rollout of length
+    one.
+    """
     tape = active_tape()
     if tape is None or not (x.requires_grad or u.requires_grad):
         return

@@ -2,7 +2,9 @@
 
 import struct
 
-SECTION = struct.Struct("<IIQQQQIIQQ")  # name, type, flags, address, offset, size, link, info, align, entry size
+SECTION = struct.Struct(
+    "<IIQQQQIIQQ"
+)  # name, type, flags, address, offset, size, link, info, align, entry size
 FRAME, REGISTERS = 0x11, 0x2F  # attributes of .nv.info: bytes of local memory, registers per thread
 SIZED_VALUE = 4  # format of an attribute that carries its size
 

@@ -1,4 +1,4 @@
-"""The main kernels compile for an NVIDIA H100 (sm_90) without one, and the finger's rollout keeps to registers."""
+"""The main kernels compile for sm_90 without a GPU, and the finger's rollout keeps to registers."""
 
 import pytest
 import warp as wp
