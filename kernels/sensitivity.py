@@ -11,9 +11,9 @@ from types import SimpleNamespace
 import warp as wp
 
 from .contact_derivatives import make_pair_derivatives
+from .elimination import PROXIMAL, make_sweep
 from .mechanism_derivatives import make_mechanism_derivatives
 from .smoothing import make_smoothing
-from .solve import PROXIMAL, make_sweep
 from .step import make_step
 from .structure import Structure, layout
 
@@ -60,7 +60,7 @@ def make_linearization(s: Structure, dtype: type, hard: bool, inertia_scaling: b
         for i in range(wp.static(NR)):
             if (sol.mask & wp.static(1 << i)) != 0:
                 if wp.static(hard):
-                    e = wp.static(sm.chks)(sol.z[i], ZERO)
+                    e = wp.static(sm.kink)(sol.z[i])
                 else:
                     sigma = params[row, wp.static(SIGMA + i)]
                     e = wp.static(sm.logistic)(sol.z[i], sigma, ONE / sigma)

@@ -1,8 +1,7 @@
 """Scalar functions of smoothed complementarity, safe in float32.
 
 The mixed form writes D lambda = s(z), w = s(-z). REM-logistic, eq. (17) with the smoothing function (5):
-s(z) = sigma log(1 + exp(z/sigma)); the hard problem is reached through s(z) = (z + sqrt(z^2 + 4 kappa^2))/2 with
-kappa -> 0 (Chen & Mangasarian's family, the paper's [12]), whose limit is max(z, 0).
+s(z) = sigma log(1 + exp(z/sigma)); the hard problem has its limit, s(z) = max(z, 0).
 """
 
 import functools
@@ -16,13 +15,13 @@ class Smoothing(NamedTuple):
 
     log1p: wp.Function
     logistic: wp.Function
-    chks: wp.Function
+    kink: wp.Function
 
 
 @functools.cache
 def make_smoothing(dtype: type) -> Smoothing:
     """Smoothing functions for `dtype`."""
-    ZERO, HALF, ONE, TWO, FOUR = dtype(0.0), dtype(0.5), dtype(1.0), dtype(2.0), dtype(4.0)
+    ZERO, HALF, ONE = dtype(0.0), dtype(0.5), dtype(1.0)
     V4 = wp.types.vector(4, dtype)
 
     @wp.func
@@ -43,15 +42,11 @@ def make_smoothing(dtype: type) -> Smoothing:
         return V4(tail, tail - z, small, big)
 
     @wp.func
-    def chks(z: dtype, kappa: dtype):
-        a = wp.abs(z)
-        root = wp.sqrt(a * a + FOUR * kappa * kappa)
-        if not root > ZERO:
-            return V4(ZERO, ZERO, HALF, HALF)
-        big = HALF * (a + root)
-        small = kappa * kappa / big
+    def kink(z: dtype):
         if z > ZERO:
-            return V4(big, small, big / root, small / root)
-        return V4(small, big, small / root, big / root)
+            return V4(z, ZERO, ONE, ZERO)
+        if z < ZERO:
+            return V4(ZERO, -z, ZERO, ONE)
+        return V4(ZERO, ZERO, HALF, HALF)
 
-    return Smoothing(log1p, logistic, chks)
+    return Smoothing(log1p, logistic, kink)

@@ -1,99 +1,26 @@
 """Newton's method for the smoothed complementarity problem in mixed form.
 
 Unknowns z, one a row: D lambda = s(z), w = s(-z), and v' = v_free + M^-1 J' lambda exactly; what is left is
-r(z) = J v' + d/h - s(-z) = 0. A Newton step solves [M, -J'; J, C](dv, dlambda) = (0, -r), C = D s'(-z)/s'(z), by
-processing the rows one after the other like measurements of a Kalman filter: g = P J_i', T = D s'(-z) + s'(z) J_i g,
-P -= (s'(z)/T) g g'. No division by C or by s'(z) occurs, so rows may be arbitrarily stiff or slack. Rows that repeat
-others are met by a proximal term, C + tau diag(A): a descent direction of sum r_i^2/A_ii for every tau > 0, tiny unless a
-line search fails. Rows that cannot act are masked.
-
-For REM-logistic, eq. (17), the root is unique (DESIGN 3). `hard` solves (3) with the kink max(z, 0) by semismooth
-Newton and falls back to a continuation in kappa (Chen & Mangasarian).
+r(z) = J v' + d/h - s(-z) = 0. A Newton step solves [M, -J'; J, C](dv, dlambda) = (0, -r), C = D
+s'(-z)/s'(z) (elimination.py) and is shortened until sum r_i^2/A_ii falls. Where it does not, or the
+semismooth Newton of the `hard` problem (3) cycles, an interior-point method (interior.py) finds a better z
+to go on from, or a proof that no velocity opens the rows. For REM-logistic, eq. (17), the root is unique
+(DESIGN 3).
 """
 
 import functools
-from types import SimpleNamespace
 
 import warp as wp
 
+from .elimination import PROXIMAL
+from .interior import make_interior
 from .rows import make_rows
 from .smoothing import make_smoothing
 from .structure import Structure, layout
 
 SOLVED, NOT_CONVERGED, INFEASIBLE, NONFINITE = 0, 1, 2, 3
 COLD = 1.0e30  # a multiplier that stands for "no warm start"
-MAX_ITERATIONS = 200
-PROXIMAL = {wp.float64: 1e-13, wp.float32: 1e-6}  # tau: smallest value
-LARGEST = 1e3  # tau beyond which a step is given up
-SEMISMOOTH_ITERATIONS = 8
-
-
-@functools.cache
-def make_sweep(s: Structure, dtype: type) -> SimpleNamespace:
-    """Sequential elimination of the rows: `eliminate` (factor and forward), `back` (multipliers)."""
-    r = make_rows(s, dtype, False)
-    t = r.types
-    VQ, MQ, VR, JR = t.VQ, t.MQ, t.VR, t.JR
-    NR, NV = s.nr, s.nv
-    ZERO = dtype(0.0)
-
-    @wp.struct
-    class Factor:
-        cov: MQ  # P after all rows: dv'/d(impulse)
-        gain: JR  # g_i
-        weight: VR  # 1/T_i
-
-    @wp.func
-    def factor(minv: MQ, jac: JR, scale: VR, diag: VR, slope: VR, slack: VR, mask: int, tau: dtype):
-        """Factor of the saddle matrix with C + tau diag(A); slope = s'(z), slack = s'(-z), diag = diag(A)."""
-        out = Factor()
-        p = minv
-        for i in range(wp.static(NR)):
-            if (mask & wp.static(1 << i)) != 0:
-                g = wp.static(r.applies[i])(p, jac)
-                stiffness = wp.max(wp.static(r.dots[i])(jac, g), ZERO) + tau * diag[i]
-                total = scale[i] * slack[i] + slope[i] * stiffness
-                inv = dtype(1.0) / total
-                out.weight[i] = inv
-                k = slope[i] * inv
-                for a in range(wp.static(NV)):
-                    out.gain[i, a] = g[a]
-                    for b in range(wp.static(a + 1)):
-                        p[a, b] = p[a, b] - k * g[a] * g[b]
-                        if wp.static(a != b):
-                            p[b, a] = p[a, b]
-        out.cov = p
-        return out
-
-    @wp.func
-    def forward(fac: Factor, jac: JR, slope: VR, mask: int, dv0: VQ, rhs: VR):
-        """dv of [M, -J'; J, C](dv, dlambda) = (M dv0, rhs), and the innovations that `back` needs."""
-        dv = dv0
-        innovation = VR()
-        for i in range(wp.static(NR)):
-            if (mask & wp.static(1 << i)) != 0:
-                innovation[i] = rhs[i] - wp.static(r.dots[i])(jac, dv)
-                k = slope[i] * fac.weight[i] * innovation[i]
-                for a in range(wp.static(NV)):
-                    dv[a] = dv[a] + k * fac.gain[i, a]
-        return dv, innovation
-
-    @wp.func
-    def back(fac: Factor, jac: JR, scale: VR, slope: VR, mask: int, innovation: VR):
-        """dz of the same system (dlambda = s'(z) dz / D)."""
-        dz = VR()
-        f = VQ()
-        for j in range(wp.static(NR)):
-            if (mask & wp.static(1 << (NR - 1 - j))) != 0:
-                inner = innovation[wp.static(NR - 1 - j)]
-                for a in range(wp.static(NV)):
-                    inner -= fac.gain[wp.static(NR - 1 - j), a] * f[a]
-                inner = inner * fac.weight[wp.static(NR - 1 - j)]
-                dz[wp.static(NR - 1 - j)] = scale[wp.static(NR - 1 - j)] * inner
-                f = wp.static(r.adds[NR - 1 - j])(f, jac, slope[wp.static(NR - 1 - j)] * inner)
-        return dz
-
-    return SimpleNamespace(Factor=Factor, factor=factor, forward=forward, back=back)
+ITERATIONS = {False: 20, True: 8}  # of Newton's method for the smoothed and the hard problem
 
 
 @functools.cache
@@ -102,6 +29,7 @@ def make_solver(s: Structure, dtype: type, hard: bool, inertia_scaling: bool) ->
     r = make_rows(s, dtype, False)
     t = r.types
     sm = make_smoothing(dtype)
+    interior = make_interior(s, dtype, hard)
     VQ, MQ, VR, JR = t.VQ, t.MQ, t.VR, t.JR
     NR, NV = s.nr, s.nv
     SIGMA = layout(s).offset("sigma")
@@ -110,13 +38,9 @@ def make_solver(s: Structure, dtype: type, hard: bool, inertia_scaling: bool) ->
     HUGE = dtype(1e300 if dtype is wp.float64 else 1e38)
     TOL = dtype(2e-14 if dtype is wp.float64 else 1e-6)
     ACCEPT = dtype(3e-13 if dtype is wp.float64 else 1e-5)
-    KAPPA_END = dtype(1e-11 if dtype is wp.float64 else 1e-5)
     DECREASE = dtype(1e-4)
-    SHRINK = dtype(0.1)
     SHORTEST = dtype(0.05)
-    SMALLEST_TAU = dtype(PROXIMAL[dtype])
-    TAU_END = dtype(LARGEST)
-    EASE, HARDEN, CAREFUL = dtype(0.1), dtype(100.0), dtype(1e-4)
+    TAU = dtype(PROXIMAL[dtype])
     SMALLEST = dtype(1e-30)
     CERTIFICATE = dtype(1e-6)
     limit, index = r.limit, tuple(row.index for row in s.rows)
@@ -151,7 +75,7 @@ def make_solver(s: Structure, dtype: type, hard: bool, inertia_scaling: bool) ->
 
     @wp.func
     def start(minv: MQ, jac: JR, scale: VR, diag: VR, w0: VR, mask: int, warm: VR):
-        # the hard solution of every joint limit and contact alone; better than the last step's after an impact
+        # the hard solution of every limit and contact alone; after an impact better than the last step's
         z = VR()
         for i in range(wp.static(NR)):
             z[i] = UNUSED
@@ -163,6 +87,11 @@ def make_solver(s: Structure, dtype: type, hard: bool, inertia_scaling: bool) ->
             if wp.static(frictional[i]):
                 if (mask & wp.static(3 << i)) == wp.static(3 << i):
                     z = wp.static(couples[i])(minv, jac, scale, diag, w0, z)
+        # of several contacts together the last step knows more; if it misleads, the second attempt is cold
+        if wp.static(len(s.pairs) > 1):
+            for i in range(wp.static(NR)):
+                if (mask & wp.static(1 << i)) != 0 and wp.abs(warm[i]) < HALF * UNUSED:
+                    z[i] = warm[i]
         return z
 
     @wp.func
@@ -205,14 +134,13 @@ def make_solver(s: Structure, dtype: type, hard: bool, inertia_scaling: bool) ->
         inverse_sigma: VR,
         mask: int,
         z: VR,
-        kappa: dtype,
     ):
         out = Point()
         f = VQ()
         for i in range(wp.static(NR)):
             if (mask & wp.static(1 << i)) != 0:
                 if wp.static(hard):
-                    e = wp.static(sm.chks)(z[i], kappa)
+                    e = wp.static(sm.kink)(z[i])
                 else:
                     e = wp.static(sm.logistic)(z[i], params[row, wp.static(SIGMA + i)], inverse_sigma[i])
                 out.lam[i] = e[0]
@@ -231,21 +159,20 @@ def make_solver(s: Structure, dtype: type, hard: bool, inertia_scaling: bool) ->
         return out
 
     @wp.func
-    def proves_infeasible(minv: MQ, jac: JR, diag: VR, scale: VR, rate: VR, at: Point, dz: VR, mask: int):
-        # Farkas: y >= 0, J'y = 0, y.d/h < 0 proves that no velocity opens the rows; y: where Newton drives lambda
+    def proves_infeasible(minv: MQ, jac: JR, diag: VR, rate: VR, y: VR, mask: int):
+        # Farkas: y >= 0, J'y = 0, y.d/h < 0 proves that no velocity opens the rows
         f = VQ()
         size = ZERO
         work = ZERO
         for i in range(wp.static(NR)):
             if (mask & wp.static(1 << i)) != 0:
-                y = wp.max(at.slope[i] * dz[i] / scale[i], ZERO)
-                size += y * y * diag[i]
-                work += y * rate[i]
-                f = wp.static(r.adds[i])(f, jac, y)
+                size += y[i] * y[i] * diag[i]
+                work += y[i] * rate[i]
+                f = wp.static(r.adds[i])(f, jac, y[i])
         return work < ZERO and wp.dot(f, minv * f) <= CERTIFICATE * size
 
     @wp.func
-    def direction(minv: MQ, jac: JR, scale: VR, diag: VR, at: Point, mask: int, tau: dtype):
+    def direction(minv: MQ, jac: JR, scale: VR, diag: VR, at: Point, mask: int):
         # `factor`, `forward` and `back` of the sweep in one go, without what only derivatives need
         p = minv
         dv = VQ()
@@ -255,7 +182,7 @@ def make_solver(s: Structure, dtype: type, hard: bool, inertia_scaling: bool) ->
         for i in range(wp.static(NR)):
             if (mask & wp.static(1 << i)) != 0:
                 g = wp.static(r.applies[i])(p, jac)
-                stiffness = wp.max(wp.static(r.dots[i])(jac, g), ZERO) + tau * diag[i]
+                stiffness = wp.max(wp.static(r.dots[i])(jac, g), ZERO) + TAU * diag[i]
                 slack = at.slack[i]
                 if wp.static(inertia_scaling):
                     slack = slack * scale[i]
@@ -313,6 +240,69 @@ def make_solver(s: Structure, dtype: type, hard: bool, inertia_scaling: bool) ->
         return out
 
     @wp.func
+    def newton(
+        params: wp.array2d(dtype=dtype),
+        row: int,
+        minv: MQ,
+        vfree: VQ,
+        jac: JR,
+        rate: VR,
+        scale: VR,
+        diag: VR,
+        inverse_diag: VR,
+        inverse_sigma: VR,
+        mask: int,
+        size: dtype,
+        z0: VR,
+    ):
+        # from z0; NOT_CONVERGED where no step length helps or the iterations do not suffice
+        z = z0
+        best = z0
+        dz = VR()
+        old = ZERO + HUGE
+        best_worst = ZERO + HUGE
+        length = dtype(1.0)
+        tolerance = TOL * size
+        it = int(0)
+        last = int(0)
+        status = int(wp.static(NOT_CONVERGED))
+        at = Point()
+        while status == wp.static(NOT_CONVERGED):
+            it += 1
+            at = evaluate(params, row, minv, vfree, jac, rate, scale, inverse_diag, inverse_sigma, mask, z)
+            finite = wp.isfinite(at.merit)
+            if not finite and it == 1:
+                status = wp.static(NONFINITE)
+                break
+            if finite and at.worst <= tolerance:
+                status = wp.static(SOLVED)
+                break
+            if last == 1:
+                break
+            if finite and at.merit <= old * (ONE - DECREASE * length):
+                best = z
+                best_worst = at.worst
+                old = at.merit
+                length = dtype(1.0)
+                dz = direction(minv, jac, scale, diag, at, mask)
+                z = best + dz
+                if wp.static(not hard):
+                    if remainder(scale, diag, inverse_sigma, dz, mask) <= TOL * size:
+                        at = follow(minv, vfree, jac, scale, at, dz, mask)
+                        status = wp.static(SOLVED)
+            else:
+                length = HALF * length
+                z = best + length * dz
+            if length < SHORTEST or it >= wp.static(ITERATIONS[hard]):
+                # rounding may be all that is left: the best point then counts with a wider tolerance
+                if best_worst > ACCEPT * size:
+                    break
+                z = best
+                tolerance = ACCEPT * size
+                last = 1
+        return at, z, status
+
+    @wp.func
     def solve(
         params: wp.array2d(dtype=dtype),
         row: int,
@@ -337,77 +327,32 @@ def make_solver(s: Structure, dtype: type, hard: bool, inertia_scaling: bool) ->
                 w0[i] = wp.static(r.dots[i])(jac, vfree) + rate[i]
         size = magnitude(params, row, jac, vfree, rate, w0, mask)
         z = start(minv, jac, scale, diag, w0, mask, warm)
-        best = z
-        dz = VR()
-        best_worst = ZERO + HUGE
-        old = ZERO + HUGE
-        length = dtype(1.0)
-        kappa = dtype(0.0)
-        tau = ZERO + SMALLEST_TAU
-        it = int(0)
-        last = int(0)
-        status = int(wp.static(NOT_CONVERGED))
         at = Point()
-        while status == wp.static(NOT_CONVERGED):
-            it += 1
-            at = evaluate(
-                params, row, minv, vfree, jac, rate, scale, inverse_diag, inverse_sigma, mask, z, kappa
-            )
-            finite = wp.isfinite(at.merit)
-            if not finite and it == 1:
-                status = wp.static(NONFINITE)
-                break
-            if finite and kappa == ZERO and at.worst <= wp.where(last == 1, ACCEPT, TOL) * size:
-                status = wp.static(SOLVED)
-                break
-            if last == 1:
-                dz = direction(minv, jac, scale, diag, at, mask, SMALLEST_TAU)
-                if proves_infeasible(minv, jac, diag, scale, rate, at, dz, mask):
+        status = int(wp.static(NOT_CONVERGED))
+        attempt = int(0)
+        while status == wp.static(NOT_CONVERGED) and attempt < 2:
+            if attempt == 1:
+                z = start(minv, jac, scale, diag, w0, mask, VR(UNUSED))
+                z, lam, found = interior(params, row, minv, vfree, jac, rate, scale, diag, mask, size, z)
+                if found == 0 and proves_infeasible(minv, jac, diag, rate, lam, mask):
                     status = wp.static(INFEASIBLE)
-                break
-            if wp.static(hard):
-                # not finished at the kink: follow the smooth path from kappa = size down to the kink
-                restart = it == wp.static(SEMISMOOTH_ITERATIONS)
-                if restart:
-                    z = start(minv, jac, scale, diag, w0, mask, VR(UNUSED))
-                    kappa = size
-                arrived = kappa > ZERO and finite and at.worst <= kappa and not restart
-                if arrived:
-                    kappa = wp.where(kappa > KAPPA_END * size, SHRINK * kappa, ZERO)
-                if restart or arrived:
-                    best = z
-                    best_worst = ZERO + HUGE
-                    old = ZERO + HUGE
-                    length = dtype(1.0)
-                    tau = ZERO + SMALLEST_TAU
-                    continue
-            if finite and at.merit <= old * (ONE - DECREASE * length):
-                tau = wp.where(old < HUGE, wp.max(EASE * tau, SMALLEST_TAU), tau)
-                best = z
-                best_worst = at.worst
-                old = at.merit
-                length = dtype(1.0)
-                dz = direction(minv, jac, scale, diag, at, mask, tau)
-                z = best + dz
-                if wp.static(not hard):
-                    if remainder(scale, diag, inverse_sigma, dz, mask) <= TOL * size and tau == SMALLEST_TAU:
-                        at = follow(minv, vfree, jac, scale, at, dz, mask)
-                        status = wp.static(SOLVED)
-            else:
-                length = HALF * length
-                z = best + length * dz
-                if length < SHORTEST:  # no length helps: a more careful direction from the best point
-                    length = dtype(1.0)
-                    z = best
-                    old = ZERO + HUGE
-                    tau = wp.max(HARDEN * tau, CAREFUL)
-                    if best_worst <= ACCEPT * size or tau > TAU_END:
-                        last = 1
-            if it >= wp.static(MAX_ITERATIONS):
-                last = 1
-                z = best
-            if last == 1:
-                kappa = dtype(0.0)
+            if status == wp.static(NOT_CONVERGED):
+                at, z, status = newton(
+                    params,
+                    row,
+                    minv,
+                    vfree,
+                    jac,
+                    rate,
+                    scale,
+                    diag,
+                    inverse_diag,
+                    inverse_sigma,
+                    mask,
+                    size,
+                    z,
+                )
+            attempt += 1
         return at.v, z, at.lam, status
 
     return solve

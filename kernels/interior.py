@@ -1,0 +1,183 @@
+"""Interior-point method for the (smoothed) complementarity problem, where Newton's method on z fails.
+
+Contacts that land together are redundant, and Newton on z then jumps between active sets. Here a = D lambda
+> 0 and w > 0 are both unknowns, kept positive by the step length, and a w = m(a - w) + mu is followed from
+a large mu to none; m(z) = s(z) s(-z) is the product on the curve of the residual (0 if hard). Its
+linearisation is that of a = s(z), w = s(-z) with weights p, q > 0 in place of s'(z), s'(-z): da = p dz + e,
+dw = -q dz + e, p + q = 1, so the elimination is the same. mu follows Mehrotra's rule. 5 to 15 iterations,
+about two Newton steps each.
+"""
+
+import functools
+
+import warp as wp
+
+from .elimination import PROXIMAL, make_sweep
+from .rows import make_rows
+from .smoothing import make_smoothing
+from .structure import Structure, layout
+
+MAX_ITERATIONS = 50
+# end: sqrt(mu) and |r| relative to the size of the problem; a block that lands flat shows its active set late
+END = {
+    (wp.float64, False): (1e-8, 1e-12),
+    (wp.float64, True): (1e-13, 1e-13),
+    (wp.float32, False): (3e-5, 2e-6),
+    (wp.float32, True): (2e-6, 2e-6),
+}
+START = 0.1  # smallest a and w at the start, relative to the same
+
+
+@functools.cache
+def make_interior(s: Structure, dtype: type, hard: bool) -> wp.Function:
+    """interior(params, row, minv, vfree, jac, rate, scale, diag, mask, size, z) -> (z, lambda, converged)."""
+    r = make_rows(s, dtype, False)
+    t = r.types
+    sm = make_smoothing(dtype)
+    sweep = make_sweep(s, dtype)
+    VQ, MQ, VR, JR = t.VQ, t.MQ, t.VR, t.JR
+    NR = s.nr
+    SIGMA = layout(s).offset("sigma")
+    ZERO, ONE = dtype(0.0), dtype(1.0)
+    TAU = dtype(PROXIMAL[dtype])
+    LIMIT, RESIDUAL = (dtype(x) for x in END[dtype, hard])
+    DELTA = dtype(START)
+    POSITIVE = dtype(0.01)  # smallest weight, relative to that of the hard problem
+    NEAREST, FARTHEST = dtype(1e-3), dtype(0.1)  # kept of the way to the boundary
+    TINY = dtype(1e-30)
+    DIVERGED = dtype(1e12 if dtype is wp.float64 else 1e7)
+
+    @wp.struct
+    class Inside:
+        a: VR  # D lambda > 0
+        w: VR  # J v' + d/h > 0
+
+    @wp.struct
+    class Curve:
+        excess: VR  # a w - m(a - w)
+        p: VR  # weight of dz in da
+        q: VR  # weight of dz in -dw
+        total: VR  # what p and q were divided by
+        mean: dtype  # mean |excess|
+
+    @wp.func
+    def curve(params: wp.array2d(dtype=dtype), row: int, at: Inside, mask: int):
+        out = Curve()
+        count = ZERO
+        for i in range(wp.static(NR)):
+            if (mask & wp.static(1 << i)) != 0:
+                a = at.a[i]
+                w = at.w[i]
+                p = a
+                q = w
+                out.excess[i] = a * w
+                if wp.static(not hard):
+                    sigma = params[row, wp.static(SIGMA + i)]
+                    e = wp.static(sm.logistic)(a - w, sigma, ONE / sigma)
+                    out.excess[i] = a * w - e[0] * e[1]
+                    slope = e[2] * e[1] - e[3] * e[0]  # m'(z)
+                    p = wp.max(a + slope, POSITIVE * a)
+                    q = wp.max(w - slope, POSITIVE * w)
+                total = p + q
+                out.p[i] = p / total
+                out.q[i] = q / total
+                out.total[i] = total
+                out.mean += wp.abs(out.excess[i])
+                count += ONE
+        out.mean = out.mean / count
+        return out
+
+    @wp.func
+    def move(
+        minv: MQ, jac: JR, scale: VR, fac: sweep.Factor, now: Curve, res: VR, at: Inside, mask: int, mu: dtype
+    ):
+        # Newton step towards excess = mu, r = 0; Inside holds the changes of a and w
+        out = Inside()
+        e = VR()
+        rhs = VR()
+        f = VQ()
+        for i in range(wp.static(NR)):
+            if (mask & wp.static(1 << i)) != 0:
+                e[i] = (mu - now.excess[i]) / now.total[i]
+                rhs[i] = e[i] - res[i]
+                f = wp.static(r.adds[i])(f, jac, e[i] / scale[i])
+        dv, innovation = wp.static(sweep.forward)(fac, jac, now.p, mask, minv * f, rhs)
+        dz = wp.static(sweep.back)(fac, jac, scale, now.p, mask, innovation)
+        for i in range(wp.static(NR)):
+            if (mask & wp.static(1 << i)) != 0:
+                out.a[i] = now.p[i] * dz[i] + e[i]
+                out.w[i] = e[i] - now.q[i] * dz[i]
+        return out
+
+    @wp.func
+    def advance(at: Inside, step: Inside, mask: int, kept: dtype):
+        # a and w after the step, or after 1 - kept of the way to where the first of them vanishes
+        out = Inside()
+        fall = TINY
+        for i in range(wp.static(NR)):
+            if (mask & wp.static(1 << i)) != 0:
+                fall = wp.max(fall, wp.max(-step.a[i] / at.a[i], -step.w[i] / at.w[i]))
+        length = wp.min((ONE - kept) / fall, ONE)
+        for i in range(wp.static(NR)):
+            if (mask & wp.static(1 << i)) != 0:
+                out.a[i] = at.a[i] + length * step.a[i]
+                out.w[i] = at.w[i] + length * step.w[i]
+        return out
+
+    @wp.func
+    def interior(
+        params: wp.array2d(dtype=dtype),
+        row: int,
+        minv: MQ,
+        vfree: VQ,
+        jac: JR,
+        rate: VR,
+        scale: VR,
+        diag: VR,
+        mask: int,
+        size: dtype,
+        z: VR,
+    ):
+        """z near the solution and lambda; if not converged lambda tends to what proves infeasibility."""
+        at = Inside()
+        for i in range(wp.static(NR)):
+            if (mask & wp.static(1 << i)) != 0:
+                at.a[i] = wp.max(z[i], ZERO) + DELTA * size
+                at.w[i] = wp.max(-z[i], ZERO) + DELTA * size
+        lam = VR()
+        res = VR()
+        out = z
+        it = int(0)
+        status = int(0)
+        while it < wp.static(MAX_ITERATIONS) and status == 0:
+            it += 1
+            f = VQ()
+            largest = ZERO
+            for i in range(wp.static(NR)):
+                if (mask & wp.static(1 << i)) != 0:
+                    lam[i] = at.a[i] / scale[i]
+                    out[i] = at.a[i] - at.w[i]
+                    largest = wp.max(largest, at.a[i])
+                    f = wp.static(r.adds[i])(f, jac, lam[i])
+            v = vfree + minv * f
+            worst = ZERO
+            for i in range(wp.static(NR)):
+                if (mask & wp.static(1 << i)) != 0:
+                    res[i] = rate[i] + wp.static(r.dots[i])(jac, v) - at.w[i]
+                    worst = wp.max(worst, wp.abs(res[i]))
+            now = curve(params, row, at, mask)
+            if worst <= RESIDUAL * size and now.mean <= LIMIT * LIMIT * size * size:
+                status = int(1)
+            elif not (largest < DIVERGED * size):
+                it = wp.static(MAX_ITERATIONS)
+            else:
+                fac = wp.static(sweep.factor)(minv, jac, scale, diag, now.p, now.q, mask, TAU)
+                straight = move(minv, jac, scale, fac, now, res, at, mask, ZERO)
+                there = curve(params, row, advance(at, straight, mask, ZERO), mask)
+                part = wp.min(there.mean / now.mean, ONE)
+                step = move(minv, jac, scale, fac, now, res, at, mask, part * part * part * now.mean)
+                kept = wp.clamp(wp.sqrt(now.mean) / size, NEAREST, FARTHEST)
+                at = advance(at, step, mask, kept)
+        return out, lam, status
+
+    return interior
