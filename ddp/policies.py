@@ -101,6 +101,9 @@ class NearestPolicy:
             )
         self.library = library.select(keep)
         self.whiten = whitening(self.library, metric) if whiten is None else np.asarray(whiten, float)
+        nx = library.x.shape[1]
+        if self.whiten.shape != (nx, nx) or not np.isfinite(self.whiten).all():
+            raise ValueError(f"whiten has shape {self.whiten.shape}; finite numbers ({nx}, {nx}) are needed")
         self.feedback_limit = min(float(feedback_limit), 1e30)
 
     def arrays(self, sim: Simulator) -> tuple[str, Any]:
@@ -135,6 +138,12 @@ class TrackingPolicy:
 
     def arrays(self, sim: Simulator) -> tuple[str, Any]:
         """Kernel name and struct for a simulator."""
+        size = self.xs.shape[-1], self.us.shape[-1], self.period.shape
+        if size != (sim.nx, sim.nu, (sim.nx,)):
+            raise ValueError(
+                f"the trajectory has {size[0]} states, {size[1]} controls and a period of shape {size[2]}; "
+                f"scene {sim.scene.name!r} needs {sim.nx}, {sim.nu} and ({sim.nx},)"
+            )
         struct = kernels.make_tracking(sim.nx, sim.nu, sim.dtype).Struct()
         put = lambda a: wp.array(np.ascontiguousarray(a), dtype=sim.dtype, device=sim.device)  # noqa: E731
         struct.us, struct.gain, struct.period = put(self.us), put(self.K), put(self.period)

@@ -7,7 +7,7 @@ of passive plans attracts a controller to them.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -111,6 +111,12 @@ def build_library(
     """
     if count < 1:
         raise ValueError(f"count is {count}; it must be at least 1")
+    if options is not None and changes:
+        raise ValueError(f"give either options or its fields as keywords, not both: {sorted(changes)}")
+    unknown = set(changes) - {f.name for f in fields(RecedingOptions)}
+    if unknown:
+        names = [f.name for f in fields(RecedingOptions)]
+        raise ValueError(f"RecedingOptions has no {sorted(unknown)}; there are {names}")
     options = RecedingOptions(**changes) if options is None else options
     chains = _Chains(problem, np.asarray(x0, float), options)
     chains.first_plans()
@@ -130,8 +136,18 @@ class _Chains:
     """State of the chains: where each is, its plan, and what has been stored."""
 
     def __init__(self, problem: Problem, x0: np.ndarray, options: RecedingOptions) -> None:
-        if not isinstance(problem.dynamics, Simulator):
+        if not isinstance(getattr(problem, "dynamics", None), Simulator):
             raise TypeError("build_library needs a problem whose dynamics is a slcp_warp.Simulator")
+        if options.offset >= problem.horizon:
+            raise ValueError(
+                f"RecedingOptions.offset is {options.offset}; less than the horizon, {problem.horizon}, "
+                "is needed"
+            )
+        if x0.shape not in ((problem.nx,), (options.chains, problem.nx)) or not np.isfinite(x0).all():
+            raise ValueError(
+                f"x0 has shape {x0.shape}; finite numbers of shape ({problem.nx},) or "
+                f"({options.chains}, {problem.nx}) are needed"
+            )
         self.problem, self.options, self.sim = problem, options, problem.dynamics
         self.period = self.sim.scene.state_period
         self.rng = np.random.default_rng(options.seed)

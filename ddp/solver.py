@@ -275,16 +275,27 @@ class Workspace:
             if value.ptr != target.ptr:
                 wp.copy(target, value)
             return
+        _check_array(name, value, shape)
         array = np.asarray(value, dtype=self.numpy_dtype)
-        if array.shape not in (shape, shape[1:]):
-            raise ValueError(f"{name} must have shape {shape} or {shape[1:]}, got {array.shape}")
-        if not np.isfinite(array).all():
-            bad = np.count_nonzero(~np.isfinite(array))
-            raise ValueError(f"{name} must be finite; {bad} of its values are NaN or infinite")
         if self.device.is_cpu:
             target.numpy()[...] = array
         else:
             target.assign(np.ascontiguousarray(np.broadcast_to(array, shape)))
+
+
+def _check_array(name: str, value: Any, shape: tuple[int, ...]) -> None:
+    """Raise ValueError unless a host array has this shape, or this without its batch axis, and is finite."""
+    if isinstance(value, wp.array):
+        return
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name} must be an array of numbers, got {value!r:.80}") from error
+    if array.shape not in (shape, shape[1:]):
+        raise ValueError(f"{name} must have shape {shape} or {shape[1:]}, got {array.shape}")
+    if not np.isfinite(array).all():
+        bad = np.count_nonzero(~np.isfinite(array))
+        raise ValueError(f"{name} must be finite; {bad} of its values are NaN or infinite")
 
 
 def solve(
@@ -309,11 +320,18 @@ def solve(
         k0: its open-loop step.
     """
     options = options or Options()
+    if not isinstance(problem, Problem) or not isinstance(options, Options):
+        raise TypeError(
+            f"problem and options are a {type(problem).__name__} and a {type(options).__name__}; "
+            "a ddp.Problem and a ddp.Options are needed"
+        )
     if options.sigma_schedule is not None:
         from .continuation import solve_continuation  # they need each other
 
         return solve_continuation(problem, x0, u0, options.sigma_schedule, options, xs0=xs0, K0=K0, k0=k0)[-1]
     single = np.ndim(x0) == 1 and np.ndim(u0) == 2
     batch = 1 if single else (len(x0) if np.ndim(x0) == 2 else len(u0))
+    _check_array("x0", x0, (batch, problem.nx))
+    _check_array("u0", u0, (batch, problem.horizon, problem.nu))
     result = Workspace(problem, batch, options).solve(x0, u0, xs0, K0, k0)
     return result.select(0) if single else result

@@ -42,6 +42,8 @@ def to_batch(name: str, value: Any, shape: tuple[int | str, ...], dtype: Any, de
     kind = kind_of(value)
     if kind == "numpy":
         try:
+            if np.asarray(value).dtype.kind not in "biuf":
+                raise TypeError("not real numbers")
             value = np.asarray(value, dtype=wp.dtype_to_numpy(dtype))
         except (TypeError, ValueError) as error:
             raise ArrayError(f"{name} is {value!r:.80}; an array of numbers is needed") from error
@@ -84,3 +86,17 @@ def from_batch(array: wp.array, kind: str, batched: bool) -> Any:
         return out if batched else out[0]
     out = array.numpy()
     return out if batched else out[0]
+
+
+def policy_arrays(policy: Any, sim: Any, worlds: int | None) -> tuple[str, Any]:
+    """Kernel name and struct of a policy, for so many worlds (None: for any number)."""
+    if not hasattr(policy, "arrays"):
+        raise TypeError(
+            f"policy is a {type(policy).__name__}; a policy is needed, library.policy() or ddp.TrackingPolicy"
+        )
+    name, struct = policy.arrays(sim)
+    given = struct.us.shape[0] if name == "tracking" else 1
+    if given not in (1, worlds):
+        need = "one for all" if worlds is None else f"1 or {worlds}"
+        raise ArrayError(f"policy holds {given} trajectories; {need} is needed, one per world")
+    return name, struct

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from slcp_warp.kernels.structure import Layout, layout
+from slcp_warp.kernels.structure import ELLIPSE, Layout, layout
 
 from .scene import Scene
 
@@ -83,14 +83,19 @@ class Parameters:
         if name in NONNEGATIVE and not np.all(array >= 0.0):
             raise ParameterError(f"{name} is {array.min()}; it must not be negative")
         if array.shape == shape or array.shape[1:] == shape and array.ndim == len(shape) + 1:
-            return array.copy()
-        if array.ndim == 0:
-            return np.full(shape, array)
-        if array.ndim == 1 and shape:
-            return np.broadcast_to(array.reshape((-1,) + (1,) * len(shape)), (len(array), *shape)).copy()
-        raise ParameterError(
-            f"{name} has shape {array.shape}; give a scalar, {shape}, (B,) or {('B', *shape)}"
-        )
+            array = array.copy()
+        elif array.ndim == 0:
+            array = np.full(shape, array)
+        elif array.ndim == 1 and shape:
+            array = np.broadcast_to(array.reshape((-1,) + (1,) * len(shape)), (len(array), *shape)).copy()
+        else:
+            need = ", ".join(["B", *map(str, shape)])
+            raise ParameterError(f"{name} has shape {array.shape}; give a scalar, {shape}, (B,) or ({need})")
+        if name == "radius":
+            for i, shape_ in enumerate(self.scene.shapes):
+                if shape_.kind == ELLIPSE and not np.all(array[..., i, :] > 0.0):
+                    raise ParameterError(f"radius of ellipse {shape_.name!r} is 0; it must be positive")
+        return array
 
     def table(self) -> np.ndarray:
         """All columns, (1 or B, width), float64."""

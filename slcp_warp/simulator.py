@@ -14,7 +14,7 @@ from slcp_warp.kernels.mechanism import make_types
 from slcp_warp.kernels.step import make_step
 
 from . import tape
-from .arrays import ArrayError, Batch, from_batch, to_batch
+from .arrays import ArrayError, Batch, from_batch, policy_arrays, to_batch
 from .options import Options
 from .parameters import Parameters
 from .scene import Scene
@@ -87,6 +87,8 @@ class Simulator:
     ) -> None:
         if not isinstance(scene, Scene):
             raise TypeError(f"scene is a {type(scene).__name__}; a slcp_warp.Scene is needed")
+        if not isinstance(options, Options | None):
+            raise TypeError(f"options is a {type(options).__name__}; a slcp_warp.Options is needed")
         if dtype not in DTYPES:
             raise ValueError(f"dtype is {dtype!r}; choose one of {list(DTYPES)}")
         self.scene = scene
@@ -224,6 +226,7 @@ class Simulator:
 
         Recorded on an active `wp.Tape` when x0 or controls are Warp arrays with `requires_grad`.
         """
+        record = (record,) if isinstance(record, str) else record
         unknown = set(record) - {"controls", "impulse", "gap"}
         if unknown:
             raise ValueError(f"record names {sorted(unknown)}; choose from controls, impulse, gap")
@@ -236,13 +239,17 @@ class Simulator:
             _same_worlds("controls", us.shape[0], worlds)
             name, struct = "open_loop", rollout.POLICIES["open_loop"](self.nx, self.nu, self.dtype).Struct()
             struct.us = us
+            if steps not in (None, us.shape[1]):
+                raise ValueError(f"steps is {steps}, but controls are given for {us.shape[1]}; leave it out")
             steps = us.shape[1]
+            if steps < 1:
+                raise ArrayError(f"controls has shape {us.shape}; at least one step is needed")
         else:
-            if steps is None or steps < 1:
-                raise ValueError(f"steps is {steps}; a policy needs a positive number of steps")
+            if not isinstance(steps, int | np.integer) or steps < 1:
+                raise ValueError(f"steps is {steps!r}; a policy needs a whole, positive number of steps")
             us = None
             tape.refuse_policy(state.array)
-            name, struct = policy.arrays(self)
+            name, struct = policy_arrays(policy, self, worlds)
         states = self.empty(worlds, steps + 1, self.nx)
         recorded = {
             key: self.empty(worlds if key in record else 0, steps, max(size, 1))

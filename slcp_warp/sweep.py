@@ -16,6 +16,7 @@ import warp as wp
 from slcp_warp.kernels.launch import launch
 from slcp_warp.kernels.sweep import make_draw_kernel, make_sweep_kernel
 
+from .arrays import policy_arrays
 from .options import Options, Status
 from .parameters import NONNEGATIVE, POSITIVE
 from .scene import Scene
@@ -64,8 +65,18 @@ class SweepSpec:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        if self.worlds < 1:
-            raise ValueError(f"SweepSpec.worlds is {self.worlds}; at least 1 is needed")
+        if not isinstance(self.worlds, int | np.integer) or self.worlds < 1:
+            raise ValueError(f"SweepSpec.worlds is {self.worlds!r}; a whole number of at least 1 is needed")
+        if not isinstance(self.seed, int | np.integer) or not 0 <= self.seed < 2**31:
+            raise ValueError(f"SweepSpec.seed is {self.seed!r}; a whole number in [0, 2^31) is needed")
+        for name in ("residuals", "step_sizes", "kick_times"):
+            value = getattr(self, name)
+            if isinstance(value, str) or np.ndim(value) != 1:
+                raise ValueError(f"SweepSpec.{name} is {value!r}; a tuple is needed")
+        if not self.residuals or not len(self.step_sizes):
+            raise ValueError("SweepSpec.residuals and step_sizes must name at least one case")
+        for residual in self.residuals:
+            Options(residual=residual)
         for name in ("duration", "window", "sample_every"):
             if not getattr(self, name) > 0.0:
                 raise ValueError(f"SweepSpec.{name} is {getattr(self, name)}; it must be positive")
@@ -84,9 +95,10 @@ class SweepSpec:
         for name, value in self.parameter_sd.items():
             if not 0.0 <= value < 2.0:
                 raise ValueError(f"SweepSpec.parameter_sd[{name!r}] is {value}; a number in [0, 2) is needed")
-        if any(not 0.0 <= t < self.duration for t in self.kick_times):
+        times = np.asarray(self.kick_times, float)
+        if not np.all((times >= 0.0) & (times < self.duration)) or (np.diff(times) < 0.0).any():
             raise ValueError(
-                f"SweepSpec.kick_times is {self.kick_times}; times in [0, {self.duration}) are needed"
+                f"SweepSpec.kick_times is {self.kick_times}; rising times in [0, {self.duration}) are needed"
             )
         for h in self.step_sizes:
             if not 0.0 < h <= self.sample_every:
@@ -181,6 +193,10 @@ def sweep(
 
     A keyboard interrupt ends the sweep with what is finished (`complete` False).
     """
+    if not isinstance(spec, SweepSpec):
+        raise TypeError(f"spec is a {type(spec).__name__}; a slcp_warp.SweepSpec is needed")
+    if chunk is not None and (not isinstance(chunk, int | np.integer) or chunk < 1):
+        raise ValueError(f"chunk is {chunk!r}; a whole number of at least 1 is needed")
     cases, columns, samples = [], [], []
     total = spec.worlds * len(spec.residuals) * len(spec.step_sizes)
     done, complete = 0, True
@@ -221,7 +237,7 @@ class _Case:
                 "SweepSpec.parameters must be shared by all worlds; use parameter_sd to vary them"
             )
         self.base = params.table()[0]
-        self.name, self.struct = policy.arrays(sim)
+        self.name, self.struct = policy_arrays(policy, sim, None)
         self.count = int(round(spec.duration / spec.sample_every)) + 1
         per_world = 8 * (len(self.base) + sim.nx) + 4 * self.count + 16
         self.chunk = chunk or max(1, min(spec.worlds, CHUNK_BYTES // per_world))

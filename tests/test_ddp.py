@@ -297,7 +297,7 @@ def test_illegal_arguments():
     problem, x0, u0 = cart_pole()
     with pytest.raises(ValueError, match=r"x0 must have shape \(1, 4\) or \(4,\), got \(3,\)"):
         ddp.solve(problem, x0[:3], u0)
-    with pytest.raises(ValueError, match=r"us0 must have shape \(1, 40, 1\)"):
+    with pytest.raises(ValueError, match=r"u0 must have shape \(1, 40, 1\)"):
         ddp.solve(problem, x0, u0[:-1])
     with pytest.raises(ValueError, match="x0 must be finite; 1 of its values"):
         ddp.solve(problem, [0.0, np.nan, 0.0, 0.0], u0)

@@ -1,4 +1,4 @@
-"""DDP on the paper's problem (section V): stationarity, quadratic tail, many starts, less noise, no gravity."""
+"""DDP on the paper's problem (section V): stationarity, quadratic tail, starts, less noise, no gravity."""
 
 import functools
 
@@ -152,7 +152,7 @@ def test_control_limits(device):
 
 
 def test_without_gravity_zero_controls_never_touch(device):
-    """Section VI: nothing moves, no gradient tells of the ellipse. Noise or much smoothing finds the contact."""
+    """Section VI: no gradient tells of the ellipse. Noise or much smoothing finds the contact."""
     p = problem(device).with_params(gravity=(0.0, 0.0))
     resting = ddp.solve(p, X0, ZERO)
     assert resting.converged and resting.iterations == 0

@@ -74,7 +74,7 @@ def test_plans_gain_over_zero_controls(device):
 
 @pytest.mark.slow
 def test_only_perturbed_chains_are_kicked(device):
-    """A plan starts `offset` steps along the one before; every second shift (8 of 4 steps) kicks chain 1's rates."""
+    """A plan starts `offset` steps along the one before; every second shift kicks chain 1's rates."""
     lib = library(device, entries=4, perturb_variance=4.0)
     quiet = library(device, entries=4, perturb_every=0)
     sim, params = problem(device).dynamics, problem(device).params

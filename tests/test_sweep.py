@@ -26,8 +26,8 @@ def idle(entries=3):
     zeros = np.zeros(entries)
     header = {"scene": FINGER.name, "digest": scene_digest(FINGER)}
     return ddp.Library(
-        x=FINGER.x0 + rng.standard_normal((entries, 6)), u=np.zeros((entries, 2)), K=np.zeros((entries, 2, 6)),
-        cost=zeros, gain=zeros, age=zeros.astype(int), chain=zeros.astype(int), plan=zeros.astype(int),
+        x=FINGER.x0 + rng.standard_normal((entries, 6)), u=np.zeros((entries, 2)),
+        K=np.zeros((entries, 2, 6)), cost=zeros, gain=zeros, age=zeros, chain=zeros, plan=zeros,
         period=FINGER.state_period, header=header,
     ).policy()  # fmt: skip
 
@@ -119,7 +119,7 @@ def test_starts_vary_as_asked(device):
 
 
 def test_kicks_come_at_their_times_and_sizes(device):
-    """The observed rate of the free ellipse: nothing happens before a kick; then the kick, less one step of drag."""
+    """The observed rate of the free ellipse: nothing before a kick, then the kick less drag."""
     h, kick_sd = 0.05, 0.5  # small: the finger stays away
     quiet = {
         "worlds": 4000,
@@ -264,7 +264,7 @@ def test_spin_statistics_of_known_motions():
     np.testing.assert_allclose(out["rate"], [0.8, 0.0, 0.4, 0.8])
     np.testing.assert_allclose(out["late_rate"], [0.8, 0.0, 0.0, 1.6])
     assert out["spinning"].tolist() == [True, False, False, True]
-    # the rate over the next two seconds exceeds .5: at once; never; never; from 5 s (2 rad in 5..7 s, 1 rad/s)
+    # the rate over the next two seconds exceeds .5: at once, never, never, at once (2 rad in 5..7 s)
     np.testing.assert_array_equal(out["recovery_time"], [0.0, np.inf, np.inf, 0.0])
     slow = np.where(time < 7.5, 0.0, 2.0 * (time - 7.5))
     found = statistics.spin_statistics(slow[None], 0.5, 2.0, 0.5, (5.0,))["recovery_time"]

@@ -1,4 +1,4 @@
-"""Gradients of rollouts recorded on a `wp.Tape` against differences of the rollouts themselves, in float64."""
+"""Gradients of rollouts recorded on a `wp.Tape` against differences of the rollouts, in float64."""
 
 import functools
 
