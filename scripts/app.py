@@ -3,6 +3,7 @@
 from typing import Annotated
 
 import typer
+import warp as wp
 
 from slcp_warp import __version__
 
@@ -45,3 +46,4 @@ def slcp(
     ] = False,
 ) -> None:
     """Contact simulation, trajectory optimisation and robustness sweeps for small planar mechanisms."""
+    wp.config.log_level = wp.LOG_WARNING
