@@ -70,6 +70,8 @@ class Library:
 
     def save(self, path: str | Path) -> Path:
         """Write the library; an existing file is replaced only once the new one is complete."""
+        if not len(self):
+            raise LibraryError("the library is empty; nothing to save")
         path = Path(path)
         header = {"format": FORMAT, "version": VERSION, **self.header}
         arrays = {name: getattr(self, name) for name in (*ARRAYS, "period")}

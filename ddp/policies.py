@@ -94,6 +94,8 @@ class NearestPolicy:
             raise ValueError(f"metric is {metric!r}; choose one of {list(METRICS)}")
         if not feedback_limit > 0.0:
             raise ValueError(f"feedback_limit is {feedback_limit}; it must be positive")
+        if not len(library):
+            raise ValueError("library is empty; a policy needs at least one entry")
         keep = library.gain >= min_gain
         if not keep.any():
             raise ValueError(

@@ -60,15 +60,22 @@ class RecedingOptions:
             ("noisy", 0),
             ("passes", 1),
             ("entries", 1),
+            ("first_passes", 0),
+            ("perturb_every", 0),
+            ("unperturbed", 0),
+            ("seed", 0),
         ):
-            if getattr(self, name) < low:
+            value = getattr(self, name)
+            if not isinstance(value, int | np.integer) or value < low:
                 raise ValueError(
-                    f"RecedingOptions.{name} is {getattr(self, name)}; it must be at least {low}"
+                    f"RecedingOptions.{name} is {value!r}; a whole number of at least {low} is needed"
                 )
         if self.entries > self.offset:
             raise ValueError(f"RecedingOptions.entries is {self.entries}; at most the offset {self.offset}")
-        if self.perturb_variance < 0.0:
-            raise ValueError(f"RecedingOptions.perturb_variance is {self.perturb_variance}; it must be >= 0")
+        for name in ("perturb_variance", "noise", "noise_time"):
+            value = getattr(self, name)
+            if not 0.0 <= value < np.inf or (name == "noise_time" and value == 0.0):
+                raise ValueError(f"RecedingOptions.{name} is {value}; it must be finite and not negative")
 
 
 @dataclass

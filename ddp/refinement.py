@@ -46,9 +46,12 @@ def stuck_states(
     """
     rng = np.random.default_rng(seed)
     params = sim.params if params is None else params
+    if params.worlds is not None:
+        raise ValueError(f"params are given for {params.worlds} worlds; refinement needs one set for all")
     h = float(params["step_size"])
-    x0 = library.x[rng.integers(len(library), size=WORLDS)].copy()
-    x0[:, sim.nx // 2 :] += velocity_sd * rng.standard_normal((WORLDS, sim.nx // 2))
+    worlds = max(WORLDS, 4 * count)
+    x0 = library.x[rng.integers(len(library), size=worlds)].copy()
+    x0[:, sim.nx // 2 :] += velocity_sd * rng.standard_normal((worlds, sim.nx // 2))
     steps, last = round(SECONDS / h), round(WINDOW / h)
     states = sim.rollout(x0, policy=library.policy(), steps=steps, params=params).states[:, -last - 1 :]
     worst = np.argsort(score(states), kind="stable")[:count]
@@ -98,7 +101,7 @@ def build_refined(
                 chains = max(1, each // SHIFTS)
                 seed = options.seed + 1000 * k
                 tried = problem.dynamics if sim is None else sim
-                x = stuck_states(library, tried, score, chains, seed)
+                x = stuck_states(library, tried, score, chains, seed, params=problem.params)
                 settings = replace(
                     options, chains=chains, seed=seed, perturb_every=0, first_passes=60, noisy=3
                 )

@@ -1,8 +1,8 @@
 """Derivatives of the solved step by the implicit function theorem: v'(q, v, u) to first order.
 
-At the solution F1 = M (v' - v) - h (r + u) - J' lambda = 0 and F2 = J v' + d/h - s(-z) = 0 with lambda = s(z)/D, so
-(dv', dz) solves [M, -J' s'(z)/D; J, s'(-z)] (dv', dz) = -(F1, F2)_x, with the factor that Newton uses. No iteration is
-differentiated.
+At the solution F1 = M (v' - v) - h (r + u) - J' lambda = 0 and F2 = J v' + d/h - s(-z) = 0 with lambda =
+s(z)/D, so (dv', dz) solves [M, -J' s'(z)/D; J, s'(-z)] (dv', dz) = -(F1, F2)_x, with the factor that Newton
+uses. No iteration is differentiated.
 """
 
 import functools
@@ -20,7 +20,9 @@ from .structure import Structure, layout
 
 @functools.cache
 def make_linearization(s: Structure, dtype: type, hard: bool, inertia_scaling: bool) -> SimpleNamespace:
-    """Warp functions and the struct `Linear` of a step's first-order expansion (also what `curvature.py` starts from)."""
+    """Warp functions and the struct `Linear` of a step's first-order expansion (also what `curvature.py`
+    starts from).
+    """
     step = make_step(s, dtype, hard, inertia_scaling, False)
     mech, rows, t = step.mech, step.rows, step.types
     motion = make_mechanism_derivatives(s, dtype)
@@ -30,7 +32,7 @@ def make_linearization(s: Structure, dtype: type, hard: bool, inertia_scaling: b
     lay = layout(s)
     NV, NU, NR = s.nv, s.nu, s.nr
     NZ = 2 * NV + NU
-    VQ, VX, VU, VR, MQ, JR, J2, V2 = t.VQ, t.VX, t.VU, t.VR, t.MQ, t.JR, t.J2, t.V2
+    VQ, VX, VR, MQ, JR, V2 = t.VQ, t.VX, t.VR, t.MQ, t.JR, t.V2
     DZ = wp.types.matrix((max(NR, 1), NZ), dtype)
     DV = wp.types.matrix((NV, NZ), dtype)
     TAU = dtype(PROXIMAL[dtype])

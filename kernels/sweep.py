@@ -14,6 +14,7 @@ from .structure import Structure, layout
 
 # streams of the random numbers
 START, CHOICE, PARAMETER, TORQUE, KICK = 0, 100, 200, 300, 400
+STEP_SIZE = 0  # column of the parameter table, see `structure.layout`
 
 
 @functools.cache
@@ -31,6 +32,7 @@ def make_draw_kernel(nx: int, dtype: type) -> wp.Kernel:
         group: wp.array(dtype=wp.int32),  # (P,) columns of one group share their random number
         starts: wp.array2d(dtype=dtype),  # (M, nx)
         deviation: wp.array(dtype=dtype),  # (nx,)
+        longest: dtype,  # largest step size [s]
         params: wp.array2d(dtype=dtype),  # out (B, P)
         x0: wp.array2d(dtype=dtype),  # out (B, nx)
     ):
@@ -40,6 +42,8 @@ def make_draw_kernel(nx: int, dtype: type) -> wp.Kernel:
             value = base[c]
             if spread[c] > dtype(0.0):
                 value *= wp.exp(spread[c] * rng.normals(seed, world, group[c], PARAMETER)[0])
+            if c == STEP_SIZE:
+                value = wp.min(value, longest)
             params[i, c] = value
         word = philox(
             wp.uint64(world),

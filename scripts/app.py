@@ -18,7 +18,7 @@ from .study import study_command
 from .surface import surface_command
 from .sweep import sweep_command
 
-app = typer.Typer(name="slcp", no_args_is_help=True, add_completion=False)
+app = typer.Typer(name="slcp", no_args_is_help=True, add_completion=False, rich_markup_mode=None)
 app.command("simulate")(simulate_command)
 app.command("optimise")(optimise_command)
 app.command("library")(library_command)

@@ -28,7 +28,9 @@ from .bench_workload import Workload, distance, make_workload, mass_matrix, wind
 DTYPES = ("float32", "float64")
 Rows = list[dict[str, Any]]
 
-app = typer.Typer(no_args_is_help=True, help="Measure what the simulator costs, beside MuJoCo's.")
+app = typer.Typer(
+    no_args_is_help=True, rich_markup_mode=None, help="Measure what the simulator costs, beside MuJoCo's."
+)
 Worlds = Annotated[int, typer.Option(min=1, help="Worlds of the workload.")]
 Steps = Annotated[int, typer.Option(min=WINDOW, help="Steps of each world.")]
 Repeats = Annotated[int, typer.Option(min=1, help="Rounds; medians over them are reported.")]

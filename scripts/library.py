@@ -119,7 +119,7 @@ def library_command(
 def library_table(library: ddp.Library) -> Table:
     """Size, and how much the plans gain over zero controls."""
     table = Table(title="library", box=SIMPLE_HEAD)
-    for heading in ("controllers", "plans", "chains", "gain 10 %", "median", "90 %", "turned [rad]"):
+    for heading in ("controllers", "plans", "chains", "gain 10 %", "median", "90 %", "turned, rad"):
         table.add_column(heading, justify="right")
     first = library.age == 0
     low, middle, high = np.quantile(library.gain[first], (0.1, 0.5, 0.9))

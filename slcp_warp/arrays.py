@@ -80,7 +80,9 @@ def to_batch(name: str, value: Any, shape: tuple[int | str, ...], dtype: Any, de
 def from_batch(array: wp.array, kind: str, batched: bool) -> Any:
     """A result in the caller's kind, without the batch axis if the caller gave none."""
     if kind == "warp":
-        return array if batched else array.reshape(array.shape[1:])
+        if batched or array.ndim == 1:  # Warp has no arrays without an axis: a status stays (1,)
+            return array
+        return array.reshape(array.shape[1:])
     if kind == "torch":
         out = wp.to_torch(array)
         return out if batched else out[0]

@@ -55,16 +55,16 @@ def spin_statistics(
         kicks: times of kicks [s]; time 0 counts as one (the perturbed start).
 
     Returns:
-        Columns (B,): rate over the whole time; late_rate over its second half; spinning (late_rate above
-        threshold); recovery_time after the last kick: first time from which the rate over the next window
-        exceeds the threshold, inf if never.
+        Columns (B,): rate over the whole time; late_rate over its second half, or from the last kick on
+        if that is later; spinning (late_rate above threshold); recovery_time after the last kick: first time
+        from which the rate over the next window exceeds the threshold, inf if never.
     """
     count = samples.shape[1]
     total = (count - 1) * interval
-    half = count // 2
+    last = max((0.0, *kicks))
+    half = max(count // 2, round(last / interval))
     span = max(1, min(count - 1, round(window / interval)))
     moving = (samples[:, span:] - samples[:, :-span]) / (span * interval)
-    last = max((0.0, *kicks))
     begin = min(round(last / interval), moving.shape[1] - 1)
     after = moving[:, begin:] > threshold
     first = np.argmax(after, axis=1)

@@ -38,7 +38,8 @@ class SweepSpec:
         on it.
         parameter_sd: name -> standard deviation of the logarithm of a factor on it (one factor per body,
         shape,
-            contact or degree of freedom; mass and inertia of a body share theirs).
+            contact or degree of freedom; mass and inertia of a body share theirs); a drawn step size is at
+            most sample_every. The drawn values are columns of the report's table.
         parameters: name -> other base value (Simulator.params.replace).
         torque_sd: white noise on the controls. kick_times, kick_sd: normal velocity kicks [s; rad/s, m/s].
         observe: state component whose rate is judged. threshold: "spinning" [1/s]. window: of the moving
@@ -78,15 +79,17 @@ class SweepSpec:
         for residual in self.residuals:
             Options(residual=residual)
         for name in ("duration", "window", "sample_every"):
-            if not getattr(self, name) > 0.0:
-                raise ValueError(f"SweepSpec.{name} is {getattr(self, name)}; it must be positive")
+            if not 0.0 < getattr(self, name) < np.inf:
+                raise ValueError(f"SweepSpec.{name} is {getattr(self, name)}; it must be positive and finite")
         if self.sample_every > self.duration / 2.0:
             raise ValueError(
                 f"SweepSpec.sample_every is {self.sample_every}; at most half the duration {self.duration}"
             )
         for name in ("position_sd", "velocity_sd", "torque_sd", "kick_sd"):
-            if not getattr(self, name) >= 0.0:
-                raise ValueError(f"SweepSpec.{name} is {getattr(self, name)}; it must not be negative")
+            if not 0.0 <= getattr(self, name) < np.inf:
+                raise ValueError(
+                    f"SweepSpec.{name} is {getattr(self, name)}; it must be finite, not negative"
+                )
         unknown = set(self.parameter_sd) - set(PERTURBABLE)
         if unknown:
             raise ValueError(
@@ -100,6 +103,13 @@ class SweepSpec:
             raise ValueError(
                 f"SweepSpec.kick_times is {self.kick_times}; rising times in [0, {self.duration}) are needed"
             )
+        if len(times) and times[-1] + self.window > self.duration:
+            raise ValueError(
+                f"SweepSpec.kick_times ends at {times[-1]}; recovery needs window = {self.window} after it, "
+                f"within duration = {self.duration}"
+            )
+        if "step_size" in self.parameters:
+            raise ValueError("SweepSpec.parameters names step_size; the cases' are given by step_sizes")
         for h in self.step_sizes:
             if not 0.0 < h <= self.sample_every:
                 raise ValueError(
@@ -266,7 +276,8 @@ class _Case:
             self.array(spread),
             wp.array(group, dtype=wp.int32, device=sim.device),
         ]
-        shared += [self.array(start), self.array(deviation)]
+        shared += [self.array(start), self.array(deviation), spec.sample_every]
+        self.varied = np.flatnonzero(spread)
         kicks = wp.array(np.array(spec.kick_times, float), dtype=wp.float64, device=sim.device)
         for world0 in range(0, spec.worlds, self.chunk):
             count = min(self.chunk, spec.worlds - world0)
@@ -307,7 +318,14 @@ class _Case:
         inputs += [spec.sample_every, spec.observe, sim.empty(0, 0), samples, share, lowest, status]
         launch(kernel, count, inputs, sim.device, grain=1)
         out = {"samples": samples, "contact_share": share, "lowest_gap": lowest, "status": status}
-        return {name: array.numpy().copy() for name, array in out.items()}
+        drawn = params.numpy()[:, self.varied].astype(np.float32)
+        columns = {self.column(c): drawn[:, i] for i, c in enumerate(self.varied)}
+        return {name: array.numpy().copy() for name, array in out.items()} | columns
+
+    def column(self, c: int) -> str:
+        """Name of a parameter's column in the table: "drawn_mass_0", .."""
+        name, start, shape = next(e for e in reversed(self.sim.params.layout.columns) if e[1] <= c)
+        return f"drawn_{name}" + (f"_{c - start}" if shape else "")
 
     def collect(self, residual: str) -> tuple[dict[str, np.ndarray], np.ndarray]:
         """Tidy columns and samples of the finished worlds."""
