@@ -66,7 +66,7 @@ def tree(seed: int, *joints: str) -> Scene:
 
 def touching_tree() -> Scene:
     """A random tree with ellipses and a tilted ground: every row depends on every coordinate."""
-    return random_tree(np.random.default_rng(11), 3, ("free", "revolute", "prismatic"), contacts=True)
+    return random_tree(np.random.default_rng(11), 2, ("free", "prismatic"), contacts=True)
 
 
 MAKERS = {

@@ -29,7 +29,7 @@ CASES = [
     ("grasp", "inertia", False),
     slow("sliding_block", "inertia", False),
     slow("moving_plane", "inertia", False),
-    slow("touching_tree", "none", False),
+    slow("touching_tree", "inertia", False),
 ]
 SECOND = [
     ("flicking_finger", "none", False),
