@@ -150,5 +150,7 @@ def concatenate(libraries: list[Library]) -> Library:
             raise LibraryError("the libraries were built for different scenes")
         parts.append(replace(library, chain=library.chain + offset))
         offset += int(library.chain.max()) + 1
-    arrays = {name: np.concatenate([getattr(part, name) for part in parts]) for name in ARRAYS}
+    arrays: dict[str, Any] = {
+        name: np.concatenate([getattr(part, name) for part in parts]) for name in ARRAYS
+    }
     return replace(libraries[0], **arrays)

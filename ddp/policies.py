@@ -1,5 +1,6 @@
 """Policies that a rollout or a sweep evaluates inside its kernel."""
 
+import functools
 from typing import Any
 
 import numpy as np
@@ -71,6 +72,10 @@ def tree(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return order, split
 
 
+def _put(sim: Simulator, values: np.ndarray) -> wp.array:
+    return wp.array(np.ascontiguousarray(values), dtype=sim.dtype, device=sim.device)
+
+
 class NearestPolicy:
     """The nearest-neighbour rule (20) over a library.
 
@@ -113,7 +118,7 @@ class NearestPolicy:
         self.library.check_scene(sim.scene)
         lib = self.library
         struct = kernels.make_nearest(sim.nx, sim.nu, sim.dtype).Struct()
-        put = lambda a: wp.array(np.ascontiguousarray(a), dtype=sim.dtype, device=sim.device)  # noqa: E731
+        put = functools.partial(_put, sim)
         struct.us, struct.xs, struct.gain = put(lib.u), put(lib.x), put(lib.K)
         points, owner = images(lib.x, lib.period)
         order, split = tree(points @ self.whiten.T)
@@ -147,7 +152,7 @@ class TrackingPolicy:
                 f"scene {sim.scene.name!r} needs {sim.nx}, {sim.nu} and ({sim.nx},)"
             )
         struct = kernels.make_tracking(sim.nx, sim.nu, sim.dtype).Struct()
-        put = lambda a: wp.array(np.ascontiguousarray(a), dtype=sim.dtype, device=sim.device)  # noqa: E731
+        put = functools.partial(_put, sim)
         struct.us, struct.gain, struct.period = put(self.us), put(self.K), put(self.period)
         struct.xs = put(self.xs[:, : self.us.shape[1]])
         return "tracking", struct

@@ -60,7 +60,7 @@ def _outcome(result: ddp.Result) -> tuple[Any, ...]:
         int(result.iterations),
         float(result.gradient),
         definite,
-        ddp.Status(result.status).name,
+        ddp.Status(int(result.status)).name,
     )
 
 
@@ -99,7 +99,7 @@ def _continuation(problem: ddp.Problem, x0: np.ndarray, cold: ddp.Result) -> Tab
     rows = []
     for sigma, result in zip(NOISE_LEVELS, chain, strict=True):
         direct = _solve(problem.with_params(sigma=sigma), x0, np.zeros((HORIZON, 2)))
-        rows.append((sigma, *_outcome(result), float(direct.cost), ddp.Status(direct.status).name))
+        rows.append((sigma, *_outcome(result), float(direct.cost), ddp.Status(int(direct.status)).name))
     columns = ("sigma", "cost", "passes", "max |Q_u|", "Q_uu > 0", "status", "from u = 0", "status")
     return _table("Continuation in sigma from the solution at .1, beside u = 0 directly", rows, *columns)
 

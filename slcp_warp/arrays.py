@@ -68,7 +68,8 @@ def to_batch(name: str, value: Any, shape: tuple[int | str, ...], dtype: Any, de
             )
         tensor = value.detach().to(device=wp.device_to_torch(device), dtype=getattr(torch, dtype.__name__))
         tensor = (tensor if batched else tensor[None]).contiguous()
-        return Batch(wp.from_torch(tensor, dtype=dtype), kind, batched)
+        shared: Any = wp.from_torch(tensor, dtype=dtype)
+        return Batch(shared, kind, batched)
     if value.dtype is not dtype or value.device != wp.get_device(device):
         raise ArrayError(
             f"{name} is a Warp array of {value.dtype.__name__} on {value.device}; "

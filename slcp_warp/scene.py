@@ -8,6 +8,7 @@ World x points right, y up, angles are counter-clockwise from +x; lengths in m, 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -185,7 +186,7 @@ class Scene:
         }
 
 
-def _spread(value, i: int, default):
+def _spread(value: Any, i: int, default: Any) -> Any:
     if value is None:
         return default
     return value[i] if isinstance(value, Sequence) else value
@@ -219,7 +220,9 @@ def _structure(scene: Scene) -> Structure:
         raise SceneError(f"bodies: scene {scene.name!r} has none; it needs at least one")
     names = _unique(scene.bodies, "bodies")
     shape_names = _unique(scene.shapes, "shapes")
-    bodies, lower, upper = [], [], []
+    bodies: list[BodyStructure] = []
+    lower: list[bool] = []
+    upper: list[bool] = []
     for b, body in enumerate(scene.bodies):
         _check_body(body)
         parent = _index(names[:b], body.parent, "earlier body", f"body {body.name!r}, parent")
@@ -231,8 +234,8 @@ def _structure(scene: Scene) -> Structure:
     shapes = []
     for shape in scene.shapes:
         _check_shape(shape)
-        body = _index(names, shape.body, "body", f"shape {shape.name!r}, body")
-        shapes.append(ShapeStructure(body, shape.kind, shape.angle != 0.0))
+        holder = _index(names, shape.body, "body", f"shape {shape.name!r}, body")
+        shapes.append(ShapeStructure(holder, shape.kind, shape.angle != 0.0))
     pairs = []
     for c in scene.contacts:
         a = _index(shape_names, c.shape_a, "shape", "contacts, shape_a")
@@ -241,10 +244,10 @@ def _structure(scene: Scene) -> Structure:
         pairs.append(PairStructure(a, b, c.friction is not None))
     actuators = []
     for i, act in enumerate(scene.actuators):
-        body = _index(names, act.body, "body", f"actuators[{i}], body")
-        if not 0 <= act.dof < JOINTS[scene.bodies[body].joint]:
+        driven = _index(names, act.body, "body", f"actuators[{i}], body")
+        if not 0 <= act.dof < JOINTS[scene.bodies[driven].joint]:
             raise SceneError(f"actuators[{i}]: dof {act.dof} is outside the joint of body {act.body!r}")
-        actuators.append(bodies[body].dofs[act.dof])
+        actuators.append(bodies[driven].dofs[act.dof])
     return Structure(tuple(bodies), tuple(shapes), tuple(pairs), tuple(lower), tuple(upper), tuple(actuators))
 
 

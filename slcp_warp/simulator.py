@@ -214,7 +214,7 @@ class Simulator:
         policy: Any = None,
         steps: int | None = None,
         external_force: Any = None,
-        record: tuple[str, ...] = (),
+        record: tuple[str, ...] | str = (),
     ) -> Trajectory:
         """Step every world N times in one launch.
 
@@ -222,7 +222,7 @@ class Simulator:
             x0: (B, nx) or (nx,). controls: (B, N, nu), open loop, or None with `policy` and `steps`.
             policy: an object with `arrays(sim)` -> (name, struct), see `slcp_warp.ddp` policies.
             external_force: constant over the rollout, as in `step`.
-            record: any of "controls", "impulse", "gap".
+            record: any of "controls", "impulse", "gap", one name or several.
 
         Recorded on an active `wp.Tape` when x0 or controls are Warp arrays with `requires_grad`.
         """

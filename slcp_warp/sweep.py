@@ -271,14 +271,14 @@ class _Case:
                 f"SweepSpec.observe is {spec.observe}; a state component 0..{sim.nx - 1} is needed"
             )
         deviation = np.repeat([spec.position_sd, spec.velocity_sd], sim.nx // 2)
-        shared = [
+        shared: list[Any] = [
             self.array(self.base),
             self.array(spread),
             wp.array(group, dtype=wp.int32, device=sim.device),
         ]
         shared += [self.array(start), self.array(deviation), spec.sample_every]
         self.varied = np.flatnonzero(spread)
-        kicks = wp.array(np.array(spec.kick_times, float), dtype=wp.float64, device=sim.device)
+        kicks: wp.array = wp.array(np.array(spec.kick_times, float), dtype=wp.float64, device=sim.device)
         for world0 in range(0, spec.worlds, self.chunk):
             count = min(self.chunk, spec.worlds - world0)
             began = time.perf_counter()
@@ -286,9 +286,7 @@ class _Case:
             self.seconds += time.perf_counter() - began
             yield count
 
-    def launch(
-        self, world0: int, count: int, shared: list[wp.array], kicks: wp.array
-    ) -> dict[str, np.ndarray]:
+    def launch(self, world0: int, count: int, shared: list[Any], kicks: wp.array) -> dict[str, np.ndarray]:
         """One chunk of worlds."""
         sim, spec = self.sim, self.spec
         params, x0 = sim.empty(count, len(self.base)), sim.empty(count, sim.nx)
@@ -317,9 +315,14 @@ class _Case:
         ]
         inputs += [spec.sample_every, spec.observe, sim.empty(0, 0), samples, share, lowest, status]
         launch(kernel, count, inputs, sim.device, grain=1)
-        out = {"samples": samples, "contact_share": share, "lowest_gap": lowest, "status": status}
+        out: dict[str, Any] = {
+            "samples": samples,
+            "contact_share": share,
+            "lowest_gap": lowest,
+            "status": status,
+        }
         drawn = params.numpy()[:, self.varied].astype(np.float32)
-        columns = {self.column(c): drawn[:, i] for i, c in enumerate(self.varied)}
+        columns = {self.column(int(c)): drawn[:, i] for i, c in enumerate(self.varied)}
         return {name: array.numpy().copy() for name, array in out.items()} | columns
 
     def column(self, c: int) -> str:

@@ -14,7 +14,7 @@ from slcp_warp.kernels.launch import launch
 
 def active_tape() -> wp.Tape | None:
     """The tape that is recording, if any."""
-    return wp._src.context.runtime.tape
+    return getattr(wp._src.context.runtime, "tape", None)  # Warp 1.19 has no public way to ask
 
 
 def record_rollout(
