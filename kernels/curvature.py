@@ -10,16 +10,17 @@ import functools
 
 import warp as wp
 
+from .method import Method
 from .sensitivity import make_linearization
 from .structure import Structure, layout
 
 
 @functools.cache
-def make_curvature(s: Structure, dtype: type, hard: bool, inertia_scaling: bool) -> wp.Function:
+def make_curvature(s: Structure, dtype: type, method: Method) -> wp.Function:
     """curvature(params, row, x, sol, lin, output) -> (nz, nz) second derivatives of v'[output] by (q, v,
     u).
     """
-    linear = make_linearization(s, dtype, hard, inertia_scaling)
+    linear = make_linearization(s, dtype, method)
     step, motion, pairs, sweep = linear.step, linear.motion, linear.pairs, linear.sweep
     mech, rows, t = step.mech, step.rows, step.types
     lay = layout(s)
@@ -108,7 +109,7 @@ def make_curvature(s: Structure, dtype: type, hard: bool, inertia_scaling: bool)
                 for b in range(wp.static(NV)):
                     out[a, b] = out[a, b] + qq[a, b]
                     out[a, wp.static(2 * NV + b)] = out[a, wp.static(2 * NV + b)] + by[b, a]
-            if wp.static(inertia_scaling):
+            if wp.static(method.inertia_scaling):
                 for i in range(wp.static(NR)):
                     if wp.static(i in pair_rows[k]):
                         if (sol.mask & wp.static(1 << i)) != 0:
@@ -206,10 +207,10 @@ def make_curvature(s: Structure, dtype: type, hard: bool, inertia_scaling: bool)
         for k in range(wp.static(len(s.pairs))):
             if (sol.mask & wp.static(pair_mask[k])) != 0:
                 hess = wp.static(pair_curvatures[k])(params, row, fr, sol, lin, p, rho, hess)
-        if wp.static(inertia_scaling):
+        if wp.static(method.inertia_scaling):
             hess = limit_scaling(params, row, sol, lin, p, hess)
         for i in range(wp.static(NR)):
-            if wp.static(not hard):
+            if wp.static(not method.hard):
                 if (sol.mask & wp.static(1 << i)) != 0:
                     bend = lin.slope[i] * lin.slack[i] / params[row, wp.static(SIGMA + i)]  # s''(z)
                     force = wp.static(rows.dots[i])(sol.jac, p) / sol.scale[i] + rho[i]

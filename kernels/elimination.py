@@ -11,6 +11,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
+from .method import Method
 from .rows import make_rows
 from .structure import Structure
 
@@ -18,9 +19,9 @@ PROXIMAL = {wp.float64: 1e-13, wp.float32: 1e-6}  # tau
 
 
 @functools.cache
-def make_sweep(s: Structure, dtype: type) -> SimpleNamespace:
+def make_sweep(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
     """Sequential elimination of the rows: `eliminate` (factor and forward), `back` (multipliers)."""
-    r = make_rows(s, dtype, False)
+    r = make_rows(s, dtype, method)
     t = r.types
     VQ, MQ, VR, JR = t.VQ, t.MQ, t.VR, t.JR
     NR, NV = s.nr, s.nv

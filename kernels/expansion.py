@@ -8,6 +8,7 @@ import warp as wp
 
 from .compile import specialised
 from .curvature import make_curvature
+from .method import Method
 from .rollout import make_world
 from .sensitivity import make_linearization
 from .solve import SOLVED
@@ -15,16 +16,14 @@ from .structure import Structure
 
 
 @functools.cache
-def make_linearize_kernel(
-    s: Structure, dtype: type, hard: bool, inertia_scaling: bool, second: bool
-) -> wp.Kernel:
+def make_linearize_kernel(s: Structure, dtype: type, method: Method, second: bool) -> wp.Kernel:
     """A = df/dx, B = df/du (and d2v'/d(x, u)2) at every (problem, step): item i is step i mod N of problem i
     div N.
     """
-    linear = make_linearization(s, dtype, hard, inertia_scaling)
+    linear = make_linearization(s, dtype, method)
     step = linear.step
-    world_of = make_world(s, dtype, hard, inertia_scaling, False)
-    curvature = make_curvature(s, dtype, hard, inertia_scaling) if second else None
+    world_of = make_world(s, dtype, method, False)
+    curvature = make_curvature(s, dtype, method) if second else None
     NV, NX, NU, NZ = s.nv, 2 * s.nv, s.nu, linear.NZ
     VX, VU = step.types.VX, step.types.VU
     ZERO, ONE = dtype(0.0), dtype(1.0)
@@ -44,7 +43,7 @@ def make_linearize_kernel(
                 fu[b, k, wp.static(NV + i), j] = value
                 fu[b, k, i, j] = h * value
 
-    @specialised(s, dtype, hard, inertia_scaling, second)
+    @specialised(s, dtype, method, second)
     def linearize_kernel(
         first: int,
         params: wp.array2d(dtype=dtype),
@@ -88,19 +87,19 @@ def make_linearize_kernel(
 
 
 @functools.cache
-def make_adjoint_kernel(s: Structure, dtype: type, hard: bool, inertia_scaling: bool) -> wp.Kernel:
+def make_adjoint_kernel(s: Structure, dtype: type, method: Method) -> wp.Kernel:
     """Reverse sweep of open-loop rollouts: gradients by x0 and controls from gradients by the recorded
     states.
 
     Every step is solved again at its recorded state and differentiated at the solution; nothing else is
     stored.
     """
-    linear = make_linearization(s, dtype, hard, inertia_scaling)
+    linear = make_linearization(s, dtype, method)
     step = linear.step
     NV, NX, NU = s.nv, 2 * s.nv, s.nu
     VX, VU = step.types.VX, step.types.VU
 
-    @specialised(s, dtype, hard, inertia_scaling)
+    @specialised(s, dtype, method)
     def adjoint_kernel(
         first: int,
         params: wp.array2d(dtype=dtype),

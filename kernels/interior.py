@@ -13,6 +13,7 @@ import functools
 import warp as wp
 
 from .elimination import PROXIMAL, make_sweep
+from .method import Method
 from .rows import make_rows
 from .smoothing import make_smoothing
 from .structure import Structure, layout
@@ -29,18 +30,18 @@ START = 0.1  # smallest a and w at the start, relative to the same
 
 
 @functools.cache
-def make_interior(s: Structure, dtype: type, hard: bool) -> wp.Function:
+def make_interior(s: Structure, dtype: type, method: Method) -> wp.Function:
     """interior(params, row, minv, vfree, jac, rate, scale, diag, mask, size, z) -> (z, lambda, converged)."""
-    r = make_rows(s, dtype, False)
+    r = make_rows(s, dtype, method)
     t = r.types
     sm = make_smoothing(dtype)
-    sweep = make_sweep(s, dtype)
+    sweep = make_sweep(s, dtype, method)
     VQ, MQ, VR, JR = t.VQ, t.MQ, t.VR, t.JR
     NR = s.nr
     SIGMA = layout(s).offset("sigma")
     ZERO, ONE = dtype(0.0), dtype(1.0)
     TAU = dtype(PROXIMAL[dtype])
-    LIMIT, RESIDUAL = (dtype(x) for x in END[dtype, hard])
+    LIMIT, RESIDUAL = (dtype(x) for x in END[dtype, method.hard])
     DELTA = dtype(START)
     POSITIVE = dtype(0.01)  # smallest weight, relative to that of the hard problem
     NEAREST, FARTHEST = dtype(1e-3), dtype(0.1)  # kept of the way to the boundary
@@ -71,7 +72,7 @@ def make_interior(s: Structure, dtype: type, hard: bool) -> wp.Function:
                 p = a
                 q = w
                 out.excess[i] = a * w
-                if wp.static(not hard):
+                if wp.static(not method.hard):
                     sigma = params[row, wp.static(SIGMA + i)]
                     e = wp.static(sm.logistic)(a - w, sigma, ONE / sigma)
                     out.excess[i] = a * w - e[0] * e[1]

@@ -12,6 +12,7 @@ import warp as wp
 
 from . import policy as policies
 from .compile import specialised
+from .method import Method
 from .solve import COLD, NONFINITE, SOLVED
 from .step import make_step
 from .structure import Structure
@@ -24,11 +25,9 @@ POLICIES = {
 
 
 @functools.cache
-def make_world(
-    s: Structure, dtype: type, hard: bool, inertia_scaling: bool, exact_gap: bool
-) -> SimpleNamespace:
+def make_world(s: Structure, dtype: type, method: Method, exact_gap: bool) -> SimpleNamespace:
     """Warp functions that read and write one world's rows of the batch arrays."""
-    step = make_step(s, dtype, hard, inertia_scaling, exact_gap)
+    step = make_step(s, dtype, method, exact_gap)
     t = step.types
     NX, NU, NR, NP = 2 * s.nv, s.nu, s.nr, len(s.pairs)
     VX, VU = t.VX, t.VU
@@ -79,9 +78,9 @@ def make_world(
 
 
 @functools.cache
-def make_transition(s: Structure, dtype: type, hard: bool, inertia_scaling: bool) -> SimpleNamespace:
+def make_transition(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
     """The step as others roll it out: advance(params, row, x, u, carry) -> (x', carry', status)."""
-    world_of = make_world(s, dtype, hard, inertia_scaling, False)
+    world_of = make_world(s, dtype, method, False)
     step = world_of.step
     t = step.types
 
@@ -98,13 +97,13 @@ def make_transition(s: Structure, dtype: type, hard: bool, inertia_scaling: bool
 
 
 @functools.cache
-def make_step_kernel(s: Structure, dtype: type, hard: bool, inertia_scaling: bool) -> wp.Kernel:
+def make_step_kernel(s: Structure, dtype: type, method: Method) -> wp.Kernel:
     """One step of every world with all of its outputs (gaps exact)."""
-    world_of = make_world(s, dtype, hard, inertia_scaling, True)
+    world_of = make_world(s, dtype, method, True)
     step = world_of.step
     NX, NR, NP = 2 * s.nv, s.nr, len(s.pairs)
 
-    @specialised(s, dtype, hard, inertia_scaling)
+    @specialised(s, dtype, method)
     def step_kernel(
         first: int,
         params: wp.array2d(dtype=dtype),
@@ -144,16 +143,16 @@ def make_step_kernel(s: Structure, dtype: type, hard: bool, inertia_scaling: boo
 
 @functools.cache
 def make_rollout_kernel(
-    s: Structure, dtype: type, hard: bool, inertia_scaling: bool, policy_name: str, exact_gap: bool
+    s: Structure, dtype: type, method: Method, policy_name: str, exact_gap: bool
 ) -> wp.Kernel:
     """Roll every world out under a policy; `exact_gap` as in `make_step`."""
-    world_of = make_world(s, dtype, hard, inertia_scaling, exact_gap)
+    world_of = make_world(s, dtype, method, exact_gap)
     step = world_of.step
     policy = POLICIES[policy_name](2 * s.nv, s.nu, dtype)
     NX, NU, NR = 2 * s.nv, s.nu, s.nr
     Policy = policy.Struct
 
-    @specialised(s, dtype, hard, inertia_scaling, policy_name, exact_gap)
+    @specialised(s, dtype, method, policy_name, exact_gap)
     def rollout_kernel(
         first: int,
         params: wp.array2d(dtype=dtype),

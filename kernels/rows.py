@@ -13,6 +13,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from .mechanism import make_mechanism
+from .method import Method
 from .shapes import make_pair
 from .structure import Structure, layout
 
@@ -52,7 +53,7 @@ def make_pair_jacobian(s: Structure, pair: int, dtype: type) -> wp.Function:
 
 
 @functools.cache
-def make_rows(s: Structure, dtype: type, inertia_scaling: bool) -> SimpleNamespace:
+def make_rows(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
     """Warp functions on the set of rows; a row's Jacobian is stored for contacts only (limits are unit
     vectors).
     """
@@ -160,7 +161,7 @@ def make_rows(s: Structure, dtype: type, inertia_scaling: bool) -> SimpleNamespa
         out = VR()
         for i in range(wp.static(NR)):
             out[i] = ONE
-            if wp.static(inertia_scaling):
+            if wp.static(method.inertia_scaling):
                 if (mask & wp.static(1 << i)) != 0:
                     out[i] = wp.max(wp.static(dots[i])(jac, wp.static(applies[i])(minv, jac)), FLOOR)
         return out

@@ -13,21 +13,22 @@ import warp as wp
 from .contact_derivatives import make_pair_derivatives
 from .elimination import PROXIMAL, make_sweep
 from .mechanism_derivatives import make_mechanism_derivatives
+from .method import Method
 from .smoothing import make_smoothing
 from .step import make_step
 from .structure import Structure, layout
 
 
 @functools.cache
-def make_linearization(s: Structure, dtype: type, hard: bool, inertia_scaling: bool) -> SimpleNamespace:
+def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
     """Warp functions and the struct `Linear` of a step's first-order expansion (also what `curvature.py`
     starts from).
     """
-    step = make_step(s, dtype, hard, inertia_scaling, False)
+    step = make_step(s, dtype, method, False)
     mech, rows, t = step.mech, step.rows, step.types
     motion = make_mechanism_derivatives(s, dtype)
     pairs = tuple(make_pair_derivatives(s, k, dtype) for k in range(len(s.pairs)))
-    sweep = make_sweep(s, dtype)
+    sweep = make_sweep(s, dtype, method)
     sm = make_smoothing(dtype)
     lay = layout(s)
     NV, NU, NR = s.nv, s.nu, s.nr
@@ -61,7 +62,7 @@ def make_linearization(s: Structure, dtype: type, hard: bool, inertia_scaling: b
         out = lin
         for i in range(wp.static(NR)):
             if (sol.mask & wp.static(1 << i)) != 0:
-                if wp.static(hard):
+                if wp.static(method.hard):
                     e = wp.static(sm.kink)(sol.z[i])
                 else:
                     sigma = params[row, wp.static(SIGMA + i)]
@@ -190,9 +191,9 @@ def make_linearization(s: Structure, dtype: type, hard: bool, inertia_scaling: b
                 n = V2(sol.normal[wp.static(2 * k)], sol.normal[wp.static(2 * k + 1)])
                 g = wp.static(pairs[k].geometry)(params, row, fr, n)
                 f1q, f2q, lin = wp.static(pair_terms[k].rows)(params, row, sol, g, lin, f1q, f2q)
-                if wp.static(inertia_scaling):
+                if wp.static(method.inertia_scaling):
                     lin = wp.static(pair_terms[k].scale)(params, row, g, lin)
-        if wp.static(inertia_scaling):
+        if wp.static(method.inertia_scaling):
             f1q, lin = scaling_terms(params, row, sol, lin, f1q, v)
         if wp.static(NR > 0):
             lin.factor = wp.static(sweep.factor)(

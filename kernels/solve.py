@@ -14,6 +14,7 @@ import warp as wp
 
 from .elimination import PROXIMAL
 from .interior import make_interior
+from .method import Method
 from .rows import make_rows
 from .smoothing import make_smoothing
 from .structure import Structure, layout
@@ -24,12 +25,12 @@ ITERATIONS = {False: 20, True: 8}  # of Newton's method for the smoothed and the
 
 
 @functools.cache
-def make_solver(s: Structure, dtype: type, hard: bool, inertia_scaling: bool) -> wp.Function:
+def make_solver(s: Structure, dtype: type, method: Method) -> wp.Function:
     """solve(params, row, minv, vfree, jac, rate, scale, mask, warm) -> (v', z, lambda, status)."""
-    r = make_rows(s, dtype, False)
+    r = make_rows(s, dtype, method)
     t = r.types
     sm = make_smoothing(dtype)
-    interior = make_interior(s, dtype, hard)
+    interior = make_interior(s, dtype, method)
     VQ, MQ, VR, JR = t.VQ, t.MQ, t.VR, t.JR
     NR, NV = s.nr, s.nv
     SIGMA = layout(s).offset("sigma")
@@ -106,7 +107,7 @@ def make_solver(s: Structure, dtype: type, hard: bool, inertia_scaling: bool) ->
                 else:
                     for j in range(wp.static(s.nv)):
                         terms += wp.abs(jac[i, j] * vfree[j])
-                if wp.static(not hard):
+                if wp.static(not method.hard):
                     terms += params[row, wp.static(SIGMA + i)]
                 size = wp.max(size, terms)
         return size
@@ -139,12 +140,12 @@ def make_solver(s: Structure, dtype: type, hard: bool, inertia_scaling: bool) ->
         f = VQ()
         for i in range(wp.static(NR)):
             if (mask & wp.static(1 << i)) != 0:
-                if wp.static(hard):
+                if wp.static(method.hard):
                     e = wp.static(sm.kink)(z[i])
                 else:
                     e = wp.static(sm.logistic)(z[i], params[row, wp.static(SIGMA + i)], inverse_sigma[i])
                 out.lam[i] = e[0]
-                if wp.static(inertia_scaling):
+                if wp.static(method.inertia_scaling):
                     out.lam[i] = e[0] / scale[i]
                 out.res[i] = rate[i] - e[1]
                 out.slope[i] = e[2]
@@ -184,7 +185,7 @@ def make_solver(s: Structure, dtype: type, hard: bool, inertia_scaling: bool) ->
                 g = wp.static(r.applies[i])(p, jac)
                 stiffness = wp.max(wp.static(r.dots[i])(jac, g), ZERO) + TAU * diag[i]
                 slack = at.slack[i]
-                if wp.static(inertia_scaling):
+                if wp.static(method.inertia_scaling):
                     slack = slack * scale[i]
                 inverse = ONE / (slack + at.slope[i] * stiffness)
                 innovation[i] = -inverse * (at.res[i] + wp.static(r.dots[i])(jac, dv))
@@ -206,7 +207,7 @@ def make_solver(s: Structure, dtype: type, hard: bool, inertia_scaling: bool) ->
                     inner += gain[wp.static(NR - 1 - j), a] * f[a]
                 step = innovation[wp.static(NR - 1 - j)] - weight[wp.static(NR - 1 - j)] * inner
                 f = wp.static(r.adds[NR - 1 - j])(f, jac, at.slope[wp.static(NR - 1 - j)] * step)
-                if wp.static(inertia_scaling):
+                if wp.static(method.inertia_scaling):
                     step = step * scale[wp.static(NR - 1 - j)]
                 dz[wp.static(NR - 1 - j)] = step
         return dz
@@ -232,7 +233,7 @@ def make_solver(s: Structure, dtype: type, hard: bool, inertia_scaling: bool) ->
         for i in range(wp.static(NR)):
             if (mask & wp.static(1 << i)) != 0:
                 change = at.slope[i] * dz[i]
-                if wp.static(inertia_scaling):
+                if wp.static(method.inertia_scaling):
                     change = change / scale[i]
                 out.lam[i] = at.lam[i] + change
                 f = wp.static(r.adds[i])(f, jac, out.lam[i])
@@ -286,14 +287,14 @@ def make_solver(s: Structure, dtype: type, hard: bool, inertia_scaling: bool) ->
                 length = dtype(1.0)
                 dz = direction(minv, jac, scale, diag, at, mask)
                 z = best + dz
-                if wp.static(not hard):
+                if wp.static(not method.hard):
                     if remainder(scale, diag, inverse_sigma, dz, mask) <= TOL * size:
                         at = follow(minv, vfree, jac, scale, at, dz, mask)
                         status = wp.static(SOLVED)
             else:
                 length = HALF * length
                 z = best + length * dz
-            if length < SHORTEST or it >= wp.static(ITERATIONS[hard]):
+            if length < SHORTEST or it >= wp.static(ITERATIONS[method.hard]):
                 # rounding may be all that is left: the best point then counts with a wider tolerance
                 if best_worst > ACCEPT * size:
                     break
@@ -320,7 +321,7 @@ def make_solver(s: Structure, dtype: type, hard: bool, inertia_scaling: bool) ->
         w0 = VR()
         for i in range(wp.static(NR)):
             if (mask & wp.static(1 << i)) != 0:
-                if wp.static(not hard):
+                if wp.static(not method.hard):
                     inverse_sigma[i] = ONE / params[row, wp.static(SIGMA + i)]
                 diag[i] = wp.max(wp.static(r.dots[i])(jac, wp.static(r.applies[i])(minv, jac)), SMALLEST)
                 inverse_diag[i] = ONE / diag[i]

@@ -13,6 +13,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from .mechanism import make_mechanism
+from .method import Method
 from .rows import make_pair_jacobian, make_rows
 from .shapes import make_pair
 from .solve import COLD, SOLVED, make_solver
@@ -20,9 +21,7 @@ from .structure import Structure, layout
 
 
 @functools.cache
-def make_step(
-    s: Structure, dtype: type, hard: bool, inertia_scaling: bool, exact_gap: bool
-) -> SimpleNamespace:
+def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> SimpleNamespace:
     """Warp functions of a step; `exact_gap` computes every pair's distance even where it cannot act.
 
     solve_step(params, row, x, u, external, world, carry) -> Solution (world < 0: no external forces);
@@ -30,7 +29,7 @@ def make_step(
     """
     mech = make_mechanism(s, dtype)
     t = mech.types
-    rows = make_rows(s, dtype, inertia_scaling)
+    rows = make_rows(s, dtype, method)
     lay = layout(s)
     NV, NR, NP = s.nv, s.nr, len(s.pairs)
     VQ, VX, VU, VR, MQ, JR = t.VQ, t.VX, t.VU, t.VR, t.MQ, t.JR
@@ -39,7 +38,7 @@ def make_step(
     H, SIGMA = lay.offset("step_size"), lay.offset("sigma")
 
     UNUSED = dtype(COLD)
-    CUT = dtype(0.0 if hard else (37.0 if dtype is wp.float64 else 17.0))
+    CUT = dtype(0.0 if method.hard else (37.0 if dtype is wp.float64 else 17.0))
     pairs = tuple(make_pair(s, k, dtype) for k in range(NP))
     pair_jacobians = tuple(make_pair_jacobian(s, k, dtype) for k in range(NP))
     pair_rows = tuple(
@@ -47,7 +46,7 @@ def make_step(
     )
     pair_bit = tuple(1 << k for k in range(NP))
     speeds = tuple(make_speed(s, k, dtype) for k in range(NP))
-    solver = make_solver(s, dtype, hard, inertia_scaling) if NR else None
+    solver = make_solver(s, dtype, method) if NR else None
     limits = rows.limit
 
     @wp.struct

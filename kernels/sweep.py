@@ -7,6 +7,7 @@ import functools
 import warp as wp
 
 from .compile import specialised
+from .method import Method
 from .random import make_normal, philox
 from .rollout import POLICIES, make_world
 from .solve import SOLVED
@@ -61,13 +62,11 @@ def make_draw_kernel(nx: int, dtype: type) -> wp.Kernel:
 
 
 @functools.cache
-def make_sweep_kernel(
-    s: Structure, dtype: type, hard: bool, inertia_scaling: bool, policy_name: str
-) -> wp.Kernel:
+def make_sweep_kernel(s: Structure, dtype: type, method: Method, policy_name: str) -> wp.Kernel:
     """Roll out one world a thread for a duration, with torque noise and velocity kicks; samples one state
     component.
     """
-    world_of = make_world(s, dtype, hard, inertia_scaling, False)
+    world_of = make_world(s, dtype, method, False)
     step = world_of.step
     policy = POLICIES[policy_name](2 * s.nv, s.nu, dtype)
     rng = make_normal(dtype)
@@ -76,7 +75,7 @@ def make_sweep_kernel(
     Policy = policy.Struct
     contact_rows = sum(1 << i for i, r in enumerate(s.rows) if r.kind == "contact")
 
-    @specialised(s, dtype, hard, inertia_scaling, policy_name)
+    @specialised(s, dtype, method, policy_name)
     def sweep_kernel(
         first: int,
         world0: int,

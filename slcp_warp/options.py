@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from slcp_warp.kernels import solve
+from slcp_warp.kernels.method import Method
 
 CHOICES = {
     "residual": ("rem-logistic", "hard"),
@@ -51,11 +52,11 @@ class Options:
                 raise OptionError(f"Options.{name} is {value!r}; choose one of {list(choices)}")
 
     @property
-    def hard(self) -> bool:
-        """Whether sigma = 0."""
-        return self.residual == "hard"
+    def method(self) -> Method:
+        """The options as the kernels take them."""
+        return Method(self.residual, self.scaling, self.friction, self.integrator)
 
     @property
-    def inertia_scaling(self) -> bool:
-        """Whether D = diag(A)."""
-        return self.scaling == "inertia"
+    def hard(self) -> bool:
+        """Whether sigma = 0."""
+        return self.method.hard

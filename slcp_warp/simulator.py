@@ -96,7 +96,7 @@ class Simulator:
         self.device = wp.get_preferred_device() if device is None else wp.get_device(device)
         self.dtype = DTYPES[dtype]
         self.params = Parameters(scene)
-        self._key = (scene.structure, self.dtype, self.options.hard, self.options.inertia_scaling)
+        self._key = (scene.structure, self.dtype, self.options.method)
         self._none = wp.zeros((0, 0), dtype=self.dtype, device=self.device)
 
     @property

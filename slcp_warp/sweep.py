@@ -301,7 +301,7 @@ class _Case:
         )
         status = wp.zeros(count, dtype=wp.int32, device=sim.device)
         s = sim.scene.structure
-        kernel = make_sweep_kernel(s, sim.dtype, sim.options.hard, sim.options.inertia_scaling, self.name)
+        kernel = make_sweep_kernel(s, sim.dtype, sim.options.method, self.name)
         inputs = [
             world0,
             spec.seed,

@@ -6,6 +6,7 @@ from cubin import kernel_resources
 
 from slcp_warp import scenes
 from slcp_warp.kernels import rollout
+from slcp_warp.kernels.method import Method
 
 LONG = wp.types.vector(64, float)
 FINGER = scenes.flicking_finger().structure
@@ -23,7 +24,7 @@ def sm90_resources(kernel, folder):
 
 @pytest.mark.slow
 def test_finger_rollout_spills_little(tmp_path):
-    kernel = rollout.make_rollout_kernel(FINGER, wp.float32, False, False, "open_loop", False)
+    kernel = rollout.make_rollout_kernel(FINGER, wp.float32, Method(scaling="none"), "open_loop", False)
     used = sm90_resources(kernel, tmp_path)
     assert 0 < used["registers"] <= 255
     assert used["frame"] <= 448, used  # bytes; almost all in the fallback that few worlds enter

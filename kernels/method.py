@@ -1,0 +1,46 @@
+"""What the step solves, as a value that selects a specialised kernel."""
+
+from dataclasses import dataclass
+
+REM = ("rem-logistic", "rem-normal")
+ERM = ("erm-logistic", "erm-normal")
+
+
+@dataclass(frozen=True)
+class Method:
+    """Residual, scaling, friction model and integrator of a step (names as in `slcp_warp.Options`)."""
+
+    residual: str = "rem-logistic"
+    scaling: str = "inertia"
+    friction: str = "anitescu"
+    integrator: str = "euler"
+
+    @property
+    def hard(self) -> bool:
+        """Whether sigma = 0, eq. (3)."""
+        return self.residual == "hard"
+
+    @property
+    def rem(self) -> bool:
+        """Whether the residual is the root of an expectation, eq. (17) or footnote 3."""
+        return self.residual in REM
+
+    @property
+    def erm(self) -> bool:
+        """Whether the residual is an expected square, eq. (15) or footnote 3."""
+        return self.residual in ERM
+
+    @property
+    def inertia_scaling(self) -> bool:
+        """Whether D = diag(A); else D = 1."""
+        return self.scaling == "inertia"
+
+    @property
+    def coulomb(self) -> bool:
+        """Whether friction is Coulomb's (the paper's [8]); else Anitescu's relaxation ([9])."""
+        return self.friction == "coulomb"
+
+    @property
+    def trapezoidal(self) -> bool:
+        """Whether the free motion is integrated by the linearly implicit trapezoidal method ([6])."""
+        return self.integrator == "trapezoidal"
