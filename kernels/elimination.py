@@ -24,7 +24,7 @@ def make_sweep(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
     r = make_rows(s, dtype, method)
     t = r.types
     VQ, MQ, VR, JR = t.VQ, t.MQ, t.VR, t.JR
-    NR, NV = s.nr, s.nv
+    NR = s.nr
     ZERO = dtype(0.0)
 
     @wp.struct
@@ -46,12 +46,8 @@ def make_sweep(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
                 inv = dtype(1.0) / total
                 out.weight[i] = inv
                 k = slope[i] * inv
-                for a in range(wp.static(NV)):
-                    out.gain[i, a] = g[a]
-                    for b in range(wp.static(a + 1)):
-                        p[a, b] = p[a, b] - k * g[a] * g[b]
-                        if wp.static(a != b):
-                            p[b, a] = p[a, b]
+                out.gain[i] = g
+                p -= k * wp.outer(g, g)
         out.cov = p
         return out
 
@@ -64,8 +60,7 @@ def make_sweep(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
             if (mask & wp.static(1 << i)) != 0:
                 innovation[i] = rhs[i] - wp.static(r.dots[i])(jac, dv)
                 k = slope[i] * fac.weight[i] * innovation[i]
-                for a in range(wp.static(NV)):
-                    dv[a] = dv[a] + k * fac.gain[i, a]
+                dv += k * fac.gain[i]
         return dv, innovation
 
     @wp.func
@@ -75,9 +70,7 @@ def make_sweep(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
         f = VQ()
         for j in range(wp.static(NR)):
             if (mask & wp.static(1 << (NR - 1 - j))) != 0:
-                inner = innovation[wp.static(NR - 1 - j)]
-                for a in range(wp.static(NV)):
-                    inner -= fac.gain[wp.static(NR - 1 - j), a] * f[a]
+                inner = innovation[wp.static(NR - 1 - j)] - wp.dot(fac.gain[wp.static(NR - 1 - j)], f)
                 inner = inner * fac.weight[wp.static(NR - 1 - j)]
                 dz[wp.static(NR - 1 - j)] = scale[wp.static(NR - 1 - j)] * inner
                 f = wp.static(r.adds[NR - 1 - j])(f, jac, slope[wp.static(NR - 1 - j)] * inner)

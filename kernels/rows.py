@@ -61,7 +61,7 @@ def make_rows(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
     t = mech.types
     lay = layout(s)
     VQ, MQ, VR, JR = t.VQ, t.MQ, t.VR, t.JR
-    ZERO, ONE = dtype(0.0), dtype(1.0)
+    ONE = dtype(1.0)
     FLOOR = dtype(1e-30)
     rows = s.rows
     limit = tuple(r.kind == "limit" for r in rows)
@@ -76,10 +76,7 @@ def make_rows(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
             """J_i . x"""
             if wp.static(limit[i]):
                 return wp.static(sign[i]) * x[wp.static(index[i] if limit[i] else 0)]
-            out = ZERO
-            for j in range(wp.static(NV)):
-                out += jac[wp.static(i), j] * x[j]
-            return out
+            return wp.dot(jac[wp.static(i)], x)
 
         return dot
 
@@ -87,17 +84,9 @@ def make_rows(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
         @wp.func
         def apply(p: MQ, jac: JR):
             """P J_i' for a symmetric P"""
-            out = VQ()
             if wp.static(limit[i]):
-                for j in range(wp.static(NV)):
-                    out[j] = wp.static(sign[i]) * p[j, wp.static(index[i] if limit[i] else 0)]
-            else:
-                for j in range(wp.static(NV)):
-                    value = ZERO
-                    for k in range(wp.static(NV)):
-                        value += p[j, k] * jac[wp.static(i), k]
-                    out[j] = value
-            return out
+                return wp.static(sign[i]) * p[wp.static(index[i] if limit[i] else 0)]
+            return p * jac[wp.static(i)]
 
         return apply
 
@@ -105,15 +94,13 @@ def make_rows(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
         @wp.func
         def add(f: VQ, jac: JR, scale: dtype):
             """f + J_i' scale"""
-            out = f
             if wp.static(limit[i]):
+                out = f
                 out[wp.static(index[i] if limit[i] else 0)] = (
                     out[wp.static(index[i] if limit[i] else 0)] + wp.static(sign[i]) * scale
                 )
-            else:
-                for j in range(wp.static(NV)):
-                    out[j] = out[j] + jac[wp.static(i), j] * scale
-            return out
+                return out
+            return f + scale * jac[wp.static(i)]
 
         return add
 

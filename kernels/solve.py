@@ -32,7 +32,7 @@ def make_solver(s: Structure, dtype: type, method: Method) -> wp.Function:
     sm = make_smoothing(dtype)
     interior = make_interior(s, dtype, method)
     VQ, MQ, VR, JR = t.VQ, t.MQ, t.VR, t.JR
-    NR, NV = s.nr, s.nv
+    NR = s.nr
     SIGMA = layout(s).offset("sigma")
     ZERO, HALF, ONE, EIGHTH = dtype(0.0), dtype(0.5), dtype(1.0), dtype(0.125)
     UNUSED = dtype(COLD)
@@ -191,20 +191,14 @@ def make_solver(s: Structure, dtype: type, method: Method) -> wp.Function:
                 innovation[i] = -inverse * (at.res[i] + wp.static(r.dots[i])(jac, dv))
                 weight[i] = inverse
                 k = at.slope[i] * inverse
-                for a in range(wp.static(NV)):
-                    gain[i, a] = g[a]
-                    dv[a] = dv[a] + at.slope[i] * innovation[i] * g[a]
-                    for b in range(wp.static(a + 1)):
-                        p[a, b] = p[a, b] - k * g[a] * g[b]
-                        if wp.static(a != b):
-                            p[b, a] = p[a, b]
+                gain[i] = g
+                dv += (at.slope[i] * innovation[i]) * g
+                p -= k * wp.outer(g, g)
         dz = VR()
         f = VQ()
         for j in range(wp.static(NR)):
             if (mask & wp.static(1 << (NR - 1 - j))) != 0:
-                inner = ZERO
-                for a in range(wp.static(NV)):
-                    inner += gain[wp.static(NR - 1 - j), a] * f[a]
+                inner = wp.dot(gain[wp.static(NR - 1 - j)], f)
                 step = innovation[wp.static(NR - 1 - j)] - weight[wp.static(NR - 1 - j)] * inner
                 f = wp.static(r.adds[NR - 1 - j])(f, jac, at.slope[wp.static(NR - 1 - j)] * step)
                 if wp.static(method.inertia_scaling):
