@@ -1,47 +1,13 @@
-"""Support functions and signed distance of shape pairs.
-
-d = max over unit n of n.(c_B - c_A) - h_A(n) - h_B(-n), with h the support function: positive when
-separated, negative when penetrating. With the angle alpha of n, n = (cos alpha, sin alpha) and t =
-dn/dalpha, the distance is stationary where t.(c_B - c_A) - h_A' - h_B' = 0, and its curvature there is -(d +
-rho_A + rho_B). Only a positive maximum is unique, so a local search is trusted when it ends at d > 0;
-otherwise the circle is searched.
-
-GEO = (n_x, n_y, d, h_A, h_A', h_B, h_B', _) at the solution. For a half-plane A: h_A = 0 and h_A' is the
-lever of the touched point along t, so that the same Jacobian formulas hold.
-"""
+"""Poses of the shapes of a structure and the distance of its pairs (`distance.py` has the mathematics)."""
 
 import functools
-import math
 from types import SimpleNamespace
 
 import warp as wp
 
+from .distance import make_distance, make_round_support
 from .mechanism import make_types
-from .structure import DISC, HALFPLANE, WORLD, Structure, layout
-
-SAMPLES = 12  # boundary points of either shape tried by the global search
-LOCAL_ITERATIONS = 12
-
-
-@functools.cache
-def make_support(dtype: type) -> wp.Function:
-    """support(a, b, c, s): h, h', h'', h''' of an ellipse at the unit vector c e1 + s e2 (primes:
-    d/dalpha).
-    """
-    V4 = wp.types.vector(4, dtype)
-    ZERO, ONE, THREE = dtype(0.0), dtype(1.0), dtype(3.0)
-
-    @wp.func
-    def support(a: dtype, b: dtype, c: dtype, s: dtype):
-        h = wp.sqrt(a * a * c * c + b * b * s * s)
-        if not h > ZERO:
-            return V4(ZERO, ZERO, ZERO, ZERO)
-        inv = ONE / h
-        first = (b * b - a * a) * c * s * inv
-        rho = a * a * b * b * inv * inv * inv
-        return V4(h, first, rho - h, -THREE * rho * first * inv - first)
-
-    return support
+from .structure import HALFPLANE, WORLD, Structure, layout
 
 
 @functools.cache
@@ -86,226 +52,61 @@ def oriented_pair(s: Structure, pair: int) -> tuple[int, int]:
 def make_pair(s: Structure, pair: int, dtype: type) -> SimpleNamespace:
     """Warp functions of one contact pair: geometry, a cheap lower bound of d, and support derivatives."""
     a, b = oriented_pair(s, pair)
-    plane = s.shapes[a].kind == HALFPLANE
-    discs = s.shapes[a].kind == DISC and s.shapes[b].kind == DISC
+    kind_a, kind_b = s.shapes[a].kind, s.shapes[b].kind
+    plane = kind_a == HALFPLANE
     t = make_types(s, dtype)
     pose_a, pose_b = make_shape_pose(s, a, dtype), make_shape_pose(s, b, dtype)
-    body_support = make_round_support(s, dtype)
-    support_a, support_b = body_support(a), body_support(b)
-    V2, V4, GEO = wp.types.vector(2, dtype), wp.types.vector(4, dtype), wp.types.vector(8, dtype)
-    ZERO, ONE = dtype(0.0), dtype(1.0)
-    maximise = None if plane or discs else make_maximiser(s, pair, dtype)
+    distance = make_distance(kind_a, kind_b, dtype)
+    V2 = wp.types.vector(2, dtype)
+    RADIUS = layout(s).offset("radius")
 
-    @wp.func
-    def direct(params: wp.array2d(dtype=dtype), row: int, pa: V4, pb: V4, n: V2):
-        # GEO at a given normal
-        dx = pb[0] - pa[0]
-        dy = pb[1] - pa[1]
-        ha = V4()
-        hb = wp.static(support_b)(params, row, pb, n)
-        if wp.static(plane):
-            ha[1] = n[0] * dy - n[1] * dx - hb[1]
-        else:
-            ha = wp.static(support_a)(params, row, pa, n)
-        return GEO(n[0], n[1], n[0] * dx + n[1] * dy - ha[0] - hb[0], ha[0], ha[1], hb[0], hb[1], ZERO)
+    def make_radii(shape: int) -> wp.Function:
+        @wp.func
+        def radii(params: wp.array2d(dtype=dtype), row: int):
+            return V2(
+                params[row, wp.static(RADIUS + 2 * shape)], params[row, wp.static(RADIUS + 2 * shape + 1)]
+            )
 
-    @wp.func
-    def centre_normal(pa: V4, pb: V4):
-        dx = pb[0] - pa[0]
-        dy = pb[1] - pa[1]
-        norm = wp.sqrt(dx * dx + dy * dy)
-        if not norm > ZERO:
-            return V2(ONE, ZERO)
-        return V2(dx / norm, dy / norm)
+        return radii
+
+    radii_a, radii_b = make_radii(a), make_radii(b)
+
+    def make_pair_support(radii: wp.Function, kind: str) -> wp.Function:
+        round_support = make_round_support(kind, dtype)
+
+        @wp.func
+        def support(params: wp.array2d(dtype=dtype), row: int, pose: wp.types.vector(4, dtype), n: V2):
+            return wp.static(round_support)(wp.static(radii)(params, row), pose, n)
+
+        return support
 
     @wp.func
     def bound(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES):
-        """A lower bound of d: its objective along the line of centres (exact for half-planes and discs)."""
+        """A lower bound of d (exact for half-planes and discs)."""
         pa = wp.static(pose_a)(params, row, fr)
         pb = wp.static(pose_b)(params, row, fr)
-        n = V2(pa[2], pa[3])
-        if wp.static(not plane):
-            n = centre_normal(pa, pb)
-        geo = direct(params, row, pa, pb, n)
-        return geo[2]
+        return wp.static(distance.bound)(
+            wp.static(radii_a)(params, row), wp.static(radii_b)(params, row), pa, pb
+        )
 
     @wp.func
     def geometry(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, warm: V2):
         """GEO of the pair; `warm` starts the search (0, 0: from the line of centres)."""
         pa = wp.static(pose_a)(params, row, fr)
         pb = wp.static(pose_b)(params, row, fr)
-        n = V2(pa[2], pa[3])
-        if wp.static(not plane):
-            n = centre_normal(pa, pb)
-        if wp.static(maximise is not None):
-            if warm[0] * warm[0] + warm[1] * warm[1] > ZERO:
-                n = warm
-            n = wp.static(maximise)(params, row, pa, pb, n)
-        return direct(params, row, pa, pb, n)
+        return wp.static(distance.geometry)(
+            wp.static(radii_a)(params, row), wp.static(radii_b)(params, row), pa, pb, warm
+        )
 
     return SimpleNamespace(
         bound=bound,
         geometry=geometry,
         pose_a=pose_a,
         pose_b=pose_b,
-        support_a=support_a,
-        support_b=support_b,
+        support_a=make_pair_support(radii_a, kind_a),
+        support_b=make_pair_support(radii_b, kind_b),
         plane=plane,
         body_a=s.shapes[a].body,
         body_b=s.shapes[b].body,
-        exact_bound=maximise is None,
+        exact_bound=distance.exact,
     )
-
-
-@functools.cache
-def make_round_support(s: Structure, dtype: type):
-    """Maker of support(params, row, pose, n) -> (h, h', h'', h''') for a disc or an ellipse of the
-    structure.
-    """
-    support = make_support(dtype)
-    RADIUS = layout(s).offset("radius")
-    V2, V4 = wp.types.vector(2, dtype), wp.types.vector(4, dtype)
-    ZERO = dtype(0.0)
-
-    @functools.cache
-    def of(shape: int) -> wp.Function:
-        disc = s.shapes[shape].kind == DISC
-
-        @wp.func
-        def round_support(params: wp.array2d(dtype=dtype), row: int, pose: V4, n: V2):
-            a = params[row, wp.static(RADIUS + 2 * shape)]
-            if wp.static(disc):
-                return V4(a, ZERO, ZERO, ZERO)
-            b = params[row, wp.static(RADIUS + 2 * shape + 1)]
-            return support(a, b, n[0] * pose[2] + n[1] * pose[3], n[1] * pose[2] - n[0] * pose[3])
-
-        return round_support
-
-    return of
-
-
-@functools.cache
-def make_maximiser(s: Structure, pair: int, dtype: type) -> wp.Function:
-    """maximise(params, row, pose_a, pose_b, n) -> n of the signed distance of two round shapes."""
-    a, b = oriented_pair(s, pair)
-    support_a, support_b = make_round_support(s, dtype)(a), make_round_support(s, dtype)(b)
-    V2, V4 = wp.types.vector(2, dtype), wp.types.vector(4, dtype)
-    ZERO, HALF, ONE = dtype(0.0), dtype(0.5), dtype(1.0)
-    TOL = dtype(1e-9 if dtype is wp.float64 else 1e-4)  # quadratic: the next error is its square
-    CUBIC = dtype(3e-6 if dtype is wp.float64 else 3e-3)
-    CAP, TINY = dtype(0.7), dtype(1e-30)
-    HUGE = dtype(1e30)
-    RADIUS = layout(s).offset("radius")
-    SPACING = dtype(2.0 * math.pi / SAMPLES)
-    COS, SIN = dtype(math.cos(2.0 * math.pi / SAMPLES)), dtype(math.sin(2.0 * math.pi / SAMPLES))
-
-    @wp.func
-    def evaluate(params: wp.array2d(dtype=dtype), row: int, pa: V4, pb: V4, n: V2):
-        # objective along alpha, its slope, minus its curvature R, and dR/dalpha
-        dx = pb[0] - pa[0]
-        dy = pb[1] - pa[1]
-        ha = wp.static(support_a)(params, row, pa, n)
-        hb = wp.static(support_b)(params, row, pb, n)
-        reach = n[0] * dx + n[1] * dy
-        lever = n[0] * dy - n[1] * dx
-        return V4(reach - ha[0] - hb[0], lever - ha[1] - hb[1], reach + ha[2] + hb[2], lever + ha[3] + hb[3])
-
-    @wp.func
-    def turn(n: V2, tau: dtype):
-        # rotation by atan(tau): no trigonometry
-        scale = ONE / wp.sqrt(ONE + tau * tau)
-        return V2((n[0] - tau * n[1]) * scale, (n[1] + tau * n[0]) * scale)
-
-    @wp.func
-    def axis_direction(params: wp.array2d(dtype=dtype), row: int, shape: int, pose: V4, c: dtype, sn: dtype):
-        # normal at the boundary point (a c, b sn) of an ellipse: dense where its support function bends
-        a = wp.max(params[row, RADIUS + 2 * shape], TINY)
-        b = wp.max(params[row, RADIUS + 2 * shape + 1], TINY)
-        x = b * c / wp.max(a, b)
-        y = a * sn / wp.max(a, b)
-        norm = wp.sqrt(x * x + y * y)
-        x = x / norm
-        y = y / norm
-        return V2(x * pose[2] - y * pose[3], x * pose[3] + y * pose[2])
-
-    @wp.func
-    def climb(params: wp.array2d(dtype=dtype), row: int, pa: V4, pb: V4, start: V2):
-        # two guarded Newton steps, so that candidates of different basins are compared near their tops
-        n = start
-        for _k in range(2):
-            e = evaluate(params, row, pa, pb, n)
-            tau = wp.clamp(e[1] / wp.max(e[2], TINY), ZERO - SPACING, SPACING)
-            n = turn(n, tau)
-        return n
-
-    @wp.func
-    def search(params: wp.array2d(dtype=dtype), row: int, pa: V4, pb: V4):
-        # best of SAMPLES directions of either shape, then Newton on the slope inside a bracket
-        c = dtype(1.0)
-        sn = dtype(0.0)
-        best = V2(ONE, ZERO)
-        value = ZERO - HUGE
-        for k in range(2 * SAMPLES):
-            shape = wp.where(k % 2 == 0, wp.static(a), wp.static(b))
-            start = axis_direction(params, row, shape, wp.where(k % 2 == 0, pa, pb), c, sn)
-            n = climb(params, row, pa, pb, start)
-            e = evaluate(params, row, pa, pb, start)
-            if e[0] > value:
-                value = e[0] + ZERO
-                best = V2(start[0], start[1])
-            e = evaluate(params, row, pa, pb, n)
-            if e[0] > value:
-                value = e[0] + ZERO
-                best = V2(n[0], n[1])
-            if k % 2 == 1:
-                turned = COS * c - SIN * sn
-                sn = SIN * c + COS * sn
-                c = turned + ZERO
-        low = ZERO - SPACING
-        high = ZERO + SPACING
-        angle = dtype(0.0)
-        step = dtype(1.0)
-        n = V2(best[0], best[1])
-        it = int(0)
-        while wp.abs(step) > TOL and it < 60:
-            e = evaluate(params, row, pa, pb, n)
-            low = wp.where(e[1] > ZERO, angle, low)
-            high = wp.where(e[1] > ZERO, high, angle)
-            newton = angle + e[1] / wp.max(e[2], TINY)
-            inside = e[2] > ZERO and newton > low and newton < high
-            target = wp.where(inside, newton, HALF * (low + high))
-            step = target - angle
-            angle = target + ZERO
-            n = V2(
-                wp.cos(angle) * best[0] - wp.sin(angle) * best[1],
-                wp.cos(angle) * best[1] + wp.sin(angle) * best[0],
-            )
-            it += 1
-        n = climb(params, row, pa, pb, n)  # the last bracket may have been halved: finish quadratically
-        return n
-
-    @wp.func
-    def maximise(params: wp.array2d(dtype=dtype), row: int, pa: V4, pb: V4, start: V2):
-        # Chebyshev's third-order iteration: after a Newton step tau, what is left is of size tau^3
-        n = start
-        tau = dtype(1.0)
-        top = ZERO - HUGE
-        it = int(0)
-        while wp.abs(tau) > CUBIC and it < LOCAL_ITERATIONS:
-            e = evaluate(params, row, pa, pb, n)
-            top = e[0] + ZERO  # at most the maximum that it climbs to
-            tau = e[1] / wp.max(e[2], TINY)
-            bend = HALF * e[3] / wp.max(e[2], TINY) * tau
-            if wp.abs(tau) < CAP and wp.abs(bend) < HALF:
-                n = turn(n, tau * (ONE - bend))
-            else:
-                n = turn(n, wp.clamp(tau, -CAP, CAP))
-            it += 1
-        if wp.abs(tau) <= CUBIC:
-            if top > ZERO:
-                return n
-            if evaluate(params, row, pa, pb, n)[0] > ZERO:
-                return n
-        return search(params, row, pa, pb)
-
-    return maximise
