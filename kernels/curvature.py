@@ -11,6 +11,7 @@ import functools
 import warp as wp
 
 from .method import Method
+from .noise import make_noise
 from .sensitivity import make_linearization
 from .structure import Structure, layout
 
@@ -23,13 +24,14 @@ def make_curvature(s: Structure, dtype: type, method: Method) -> wp.Function:
     linear = make_linearization(s, dtype, method)
     step, motion, pairs, sweep = linear.step, linear.motion, linear.pairs, linear.sweep
     mech, rows, t = step.mech, step.rows, step.types
+    noise = make_noise(s, dtype, method)
     lay = layout(s)
     NV, NR, NZ = s.nv, s.nr, linear.NZ
     NS = 3 * NV + NR  # (q, v, v', z)
     VQ, VX, VR, MQ, V2 = t.VQ, t.VX, t.VR, t.MQ, t.V2
     HESSIAN, MAP = wp.types.matrix((NS, NS), dtype), wp.types.matrix((NS, NZ), dtype)
     ZERO, TWO = dtype(0.0), dtype(2.0)
-    H, SIGMA, FRICTION = (lay.offset(n) for n in ("step_size", "sigma", "friction"))
+    H, FRICTION = (lay.offset(n) for n in ("step_size", "friction"))
     sign = tuple(dtype(float(r.sign)) for r in s.rows)
     pair_rows = step.pair_rows
     pair_mask = tuple(sum(1 << i for i in pair_rows[k]) for k in range(len(s.pairs)))
@@ -212,7 +214,8 @@ def make_curvature(s: Structure, dtype: type, method: Method) -> wp.Function:
         for i in range(wp.static(NR)):
             if wp.static(not method.hard):
                 if (sol.mask & wp.static(1 << i)) != 0:
-                    bend = lin.slope[i] * lin.slack[i] / params[row, wp.static(SIGMA + i)]  # s''(z)
+                    sigma = wp.static(noise.level[i])(params, row, sol.sigma)
+                    bend = lin.slope[i] * lin.slack[i] / sigma  # s''(z)
                     force = wp.static(rows.dots[i])(sol.jac, p) / sol.scale[i] + rho[i]
                     hess[wp.static(3 * NV + i), wp.static(3 * NV + i)] = -bend * force
         for a in range(wp.static(NV)):  # blocks were filled above the diagonal only

@@ -14,9 +14,10 @@ import warp as wp
 
 from .elimination import PROXIMAL, make_sweep
 from .method import Method
+from .noise import make_noise
 from .rows import make_rows
 from .smoothing import make_smoothing
-from .structure import Structure, layout
+from .structure import Structure
 
 MAX_ITERATIONS = 50
 # end: sqrt(mu) and |r| relative to the size of the problem; a block that lands flat shows its active set late
@@ -31,14 +32,14 @@ START = 0.1  # smallest a and w at the start, relative to the same
 
 @functools.cache
 def make_interior(s: Structure, dtype: type, method: Method) -> wp.Function:
-    """interior(params, row, minv, vfree, jac, rate, scale, diag, mask, size, z) -> (z, lambda, converged)."""
+    """interior(params, row, minv, vfree, jac, rate, scale, sigma, diag, mask, size, z) -> (z, lambda, done)."""
     r = make_rows(s, dtype, method)
     t = r.types
     sm = make_smoothing(dtype)
     sweep = make_sweep(s, dtype, method)
     VQ, MQ, VR, JR = t.VQ, t.MQ, t.VR, t.JR
     NR = s.nr
-    SIGMA = layout(s).offset("sigma")
+    noise = make_noise(s, dtype, method)
     ZERO, ONE = dtype(0.0), dtype(1.0)
     TAU = dtype(PROXIMAL[dtype])
     LIMIT, RESIDUAL = (dtype(x) for x in END[dtype, method.hard])
@@ -62,7 +63,7 @@ def make_interior(s: Structure, dtype: type, method: Method) -> wp.Function:
         mean: dtype  # mean |excess|
 
     @wp.func
-    def curve(params: wp.array2d(dtype=dtype), row: int, at: Inside, mask: int):
+    def curve(params: wp.array2d(dtype=dtype), row: int, sigma: VR, at: Inside, mask: int):
         out = Curve()
         count = ZERO
         for i in range(wp.static(NR)):
@@ -73,8 +74,8 @@ def make_interior(s: Structure, dtype: type, method: Method) -> wp.Function:
                 q = w
                 out.excess[i] = a * w
                 if wp.static(not method.hard):
-                    sigma = params[row, wp.static(SIGMA + i)]
-                    e = wp.static(sm.logistic)(a - w, sigma, ONE / sigma)
+                    level = wp.static(noise.level[i])(params, row, sigma)
+                    e = wp.static(sm.logistic)(a - w, level, ONE / level)
                     out.excess[i] = a * w - e[0] * e[1]
                     slope = e[2] * e[1] - e[3] * e[0]  # m'(z)
                     p = wp.max(a + slope, POSITIVE * a)
@@ -134,6 +135,7 @@ def make_interior(s: Structure, dtype: type, method: Method) -> wp.Function:
         jac: JR,
         rate: VR,
         scale: VR,
+        sigma: VR,
         diag: VR,
         mask: int,
         size: dtype,
@@ -166,7 +168,7 @@ def make_interior(s: Structure, dtype: type, method: Method) -> wp.Function:
                 if (mask & wp.static(1 << i)) != 0:
                     res[i] = rate[i] + wp.static(r.dots[i])(jac, v) - at.w[i]
                     worst = wp.max(worst, wp.abs(res[i]))
-            now = curve(params, row, at, mask)
+            now = curve(params, row, sigma, at, mask)
             if worst <= RESIDUAL * size and now.mean <= LIMIT * LIMIT * size * size:
                 status = int(1)
             elif not (largest < DIVERGED * size):
@@ -174,7 +176,7 @@ def make_interior(s: Structure, dtype: type, method: Method) -> wp.Function:
             else:
                 fac = wp.static(sweep.factor)(minv, jac, scale, diag, now.p, now.q, mask, TAU)
                 straight = move(minv, jac, scale, fac, now, res, at, mask, ZERO)
-                there = curve(params, row, advance(at, straight, mask, ZERO), mask)
+                there = curve(params, row, sigma, advance(at, straight, mask, ZERO), mask)
                 part = wp.min(there.mean / now.mean, ONE)
                 step = move(minv, jac, scale, fac, now, res, at, mask, part * part * part * now.mean)
                 kept = wp.clamp(wp.sqrt(now.mean) / size, NEAREST, FARTHEST)

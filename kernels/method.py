@@ -8,12 +8,13 @@ ERM = ("erm-logistic", "erm-normal")
 
 @dataclass(frozen=True)
 class Method:
-    """Residual, scaling, friction model and integrator of a step (names as in `slcp_warp.Options`)."""
+    """Residual, scaling, friction model, integrator and noise of a step (names as in `slcp_warp.Options`)."""
 
     residual: str = "rem-logistic"
     scaling: str = "inertia"
     friction: str = "anitescu"
     integrator: str = "euler"
+    noise: str = "row"
 
     @property
     def hard(self) -> bool:
@@ -44,3 +45,8 @@ class Method:
     def trapezoidal(self) -> bool:
         """Whether the free motion is integrated by the linearly implicit trapezoidal method ([6])."""
         return self.integrator == "trapezoidal"
+
+    @property
+    def state_noise(self) -> bool:
+        """Whether sigma follows from covariances of the state, eq. (18); else it is given for every row."""
+        return not self.hard and self.noise == "state"

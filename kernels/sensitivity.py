@@ -14,6 +14,7 @@ from .contact_derivatives import make_pair_derivatives
 from .elimination import PROXIMAL, make_sweep
 from .mechanism_derivatives import make_mechanism_derivatives
 from .method import Method
+from .noise import make_noise
 from .smoothing import make_smoothing
 from .step import make_step
 from .structure import Structure, layout
@@ -30,6 +31,7 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
     pairs = tuple(make_pair_derivatives(s, k, dtype) for k in range(len(s.pairs)))
     sweep = make_sweep(s, dtype, method)
     sm = make_smoothing(dtype)
+    noise = make_noise(s, dtype, method)
     lay = layout(s)
     NV, NU, NR = s.nv, s.nu, s.nr
     NZ = 2 * NV + NU
@@ -38,7 +40,7 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
     DV = wp.types.matrix((NV, NZ), dtype)
     TAU = dtype(PROXIMAL[dtype])
     ZERO, ONE, HALF, TWO = dtype(0.0), dtype(1.0), dtype(0.5), dtype(2.0)
-    H, SIGMA, FRICTION, GEAR = (lay.offset(n) for n in ("step_size", "sigma", "friction", "gear"))
+    H, FRICTION, GEAR = (lay.offset(n) for n in ("step_size", "friction", "gear"))
     index = tuple(r.index for r in s.rows)
     sign = tuple(dtype(float(r.sign)) for r in s.rows)
     contact = tuple(r.kind == "contact" for r in s.rows)
@@ -65,7 +67,7 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
                 if wp.static(method.hard):
                     e = wp.static(sm.kink)(sol.z[i])
                 else:
-                    sigma = params[row, wp.static(SIGMA + i)]
+                    sigma = wp.static(noise.level[i])(params, row, sol.sigma)
                     e = wp.static(sm.logistic)(sol.z[i], sigma, ONE / sigma)
                 out.slope[i] = e[2]
                 out.slack[i] = e[3]

@@ -15,9 +15,10 @@ import warp as wp
 from .elimination import PROXIMAL
 from .interior import make_interior
 from .method import Method
+from .noise import make_noise
 from .rows import make_rows
 from .smoothing import make_smoothing
-from .structure import Structure, layout
+from .structure import Structure
 
 SOLVED, NOT_CONVERGED, INFEASIBLE, NONFINITE = 0, 1, 2, 3
 COLD = 1.0e30  # a multiplier that stands for "no warm start"
@@ -26,14 +27,14 @@ ITERATIONS = {False: 20, True: 8}  # of Newton's method for the smoothed and the
 
 @functools.cache
 def make_solver(s: Structure, dtype: type, method: Method) -> wp.Function:
-    """solve(params, row, minv, vfree, jac, rate, scale, mask, warm) -> (v', z, lambda, status)."""
+    """solve(params, row, minv, vfree, jac, rate, scale, sigma, mask, warm) -> (v', z, lambda, status)."""
     r = make_rows(s, dtype, method)
     t = r.types
     sm = make_smoothing(dtype)
     interior = make_interior(s, dtype, method)
     VQ, MQ, VR, JR = t.VQ, t.MQ, t.VR, t.JR
     NR = s.nr
-    SIGMA = layout(s).offset("sigma")
+    noise = make_noise(s, dtype, method)
     ZERO, HALF, ONE, EIGHTH = dtype(0.0), dtype(0.5), dtype(1.0), dtype(0.125)
     UNUSED = dtype(COLD)
     HUGE = dtype(1e300 if dtype is wp.float64 else 1e38)
@@ -96,7 +97,16 @@ def make_solver(s: Structure, dtype: type, method: Method) -> wp.Function:
         return z
 
     @wp.func
-    def magnitude(params: wp.array2d(dtype=dtype), row: int, jac: JR, vfree: VQ, rate: VR, w0: VR, mask: int):
+    def magnitude(
+        params: wp.array2d(dtype=dtype),
+        row: int,
+        jac: JR,
+        vfree: VQ,
+        rate: VR,
+        sigma: VR,
+        w0: VR,
+        mask: int,
+    ):
         # size of the terms of the residual: what its rounding is relative to
         size = ZERO
         for i in range(wp.static(NR)):
@@ -108,7 +118,7 @@ def make_solver(s: Structure, dtype: type, method: Method) -> wp.Function:
                     for j in range(wp.static(s.nv)):
                         terms += wp.abs(jac[i, j] * vfree[j])
                 if wp.static(not method.hard):
-                    terms += params[row, wp.static(SIGMA + i)]
+                    terms += wp.static(noise.level[i])(params, row, sigma)
                 size = wp.max(size, terms)
         return size
 
@@ -131,6 +141,7 @@ def make_solver(s: Structure, dtype: type, method: Method) -> wp.Function:
         jac: JR,
         rate: VR,
         scale: VR,
+        sigma: VR,
         inverse_diag: VR,
         inverse_sigma: VR,
         mask: int,
@@ -143,7 +154,8 @@ def make_solver(s: Structure, dtype: type, method: Method) -> wp.Function:
                 if wp.static(method.hard):
                     e = wp.static(sm.kink)(z[i])
                 else:
-                    e = wp.static(sm.logistic)(z[i], params[row, wp.static(SIGMA + i)], inverse_sigma[i])
+                    level = wp.static(noise.level[i])(params, row, sigma)
+                    e = wp.static(sm.logistic)(z[i], level, inverse_sigma[i])
                 out.lam[i] = e[0]
                 if wp.static(method.inertia_scaling):
                     out.lam[i] = e[0] / scale[i]
@@ -243,6 +255,7 @@ def make_solver(s: Structure, dtype: type, method: Method) -> wp.Function:
         jac: JR,
         rate: VR,
         scale: VR,
+        sigma: VR,
         diag: VR,
         inverse_diag: VR,
         inverse_sigma: VR,
@@ -264,7 +277,9 @@ def make_solver(s: Structure, dtype: type, method: Method) -> wp.Function:
         at = Point()
         while status == wp.static(NOT_CONVERGED):
             it += 1
-            at = evaluate(params, row, minv, vfree, jac, rate, scale, inverse_diag, inverse_sigma, mask, z)
+            at = evaluate(
+                params, row, minv, vfree, jac, rate, scale, sigma, inverse_diag, inverse_sigma, mask, z
+            )
             finite = wp.isfinite(at.merit)
             if not finite and it == 1:
                 status = wp.static(NONFINITE)
@@ -306,6 +321,7 @@ def make_solver(s: Structure, dtype: type, method: Method) -> wp.Function:
         jac: JR,
         rate: VR,
         scale: VR,
+        sigma: VR,
         mask: int,
         warm: VR,
     ):
@@ -316,11 +332,11 @@ def make_solver(s: Structure, dtype: type, method: Method) -> wp.Function:
         for i in range(wp.static(NR)):
             if (mask & wp.static(1 << i)) != 0:
                 if wp.static(not method.hard):
-                    inverse_sigma[i] = ONE / params[row, wp.static(SIGMA + i)]
+                    inverse_sigma[i] = ONE / wp.static(noise.level[i])(params, row, sigma)
                 diag[i] = wp.max(wp.static(r.dots[i])(jac, wp.static(r.applies[i])(minv, jac)), SMALLEST)
                 inverse_diag[i] = ONE / diag[i]
                 w0[i] = wp.static(r.dots[i])(jac, vfree) + rate[i]
-        size = magnitude(params, row, jac, vfree, rate, w0, mask)
+        size = magnitude(params, row, jac, vfree, rate, sigma, w0, mask)
         z = start(minv, jac, scale, diag, w0, mask, warm)
         at = Point()
         status = int(wp.static(NOT_CONVERGED))
@@ -328,7 +344,9 @@ def make_solver(s: Structure, dtype: type, method: Method) -> wp.Function:
         while status == wp.static(NOT_CONVERGED) and attempt < 2:
             if attempt == 1:
                 z = start(minv, jac, scale, diag, w0, mask, VR(UNUSED))
-                z, lam, found = interior(params, row, minv, vfree, jac, rate, scale, diag, mask, size, z)
+                z, lam, found = interior(
+                    params, row, minv, vfree, jac, rate, scale, sigma, diag, mask, size, z
+                )
                 if found == 0 and proves_infeasible(minv, jac, diag, rate, lam, mask):
                     status = wp.static(INFEASIBLE)
             if status == wp.static(NOT_CONVERGED):
@@ -340,6 +358,7 @@ def make_solver(s: Structure, dtype: type, method: Method) -> wp.Function:
                     jac,
                     rate,
                     scale,
+                    sigma,
                     diag,
                     inverse_diag,
                     inverse_sigma,

@@ -14,6 +14,7 @@ import warp as wp
 
 from .mechanism import make_mechanism
 from .method import Method
+from .noise import make_noise
 from .rows import make_pair_jacobian, make_rows
 from .shapes import make_pair
 from .solve import COLD, SOLVED, make_solver
@@ -35,7 +36,7 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
     VQ, VX, VU, VR, MQ, JR = t.VQ, t.VX, t.VU, t.VR, t.MQ, t.JR
     VN = wp.types.vector(2 * max(NP, 1), dtype)
     V2 = t.V2
-    H, SIGMA = lay.offset("step_size"), lay.offset("sigma")
+    H = lay.offset("step_size")
 
     UNUSED = dtype(COLD)
     CUT = dtype(0.0 if method.hard else (37.0 if dtype is wp.float64 else 17.0))
@@ -48,6 +49,7 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
     speeds = tuple(make_speed(s, k, dtype) for k in range(NP))
     solver = make_solver(s, dtype, method) if NR else None
     limits = rows.limit
+    noise = make_noise(s, dtype, method)
 
     @wp.struct
     class Carry:
@@ -61,6 +63,7 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
         z: VR
         rate: VR  # d/h
         scale: VR  # D
+        sigma: VR  # noise levels, where they depend on the state
         jac: JR
         minv: MQ
         vfree: VQ
@@ -94,13 +97,15 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
         return v + params[row, wp.static(H)] * (minv * f)
 
     @wp.func
-    def grow_limits(params: wp.array2d(dtype=dtype), row: int, rate: VR, jac: JR, v: VQ, mask: int):
+    def grow_limits(
+        params: wp.array2d(dtype=dtype), row: int, rate: VR, jac: JR, sigma: VR, v: VQ, mask: int
+    ):
         # rows of known gap that the velocity v lets act
         out = mask
         for i in range(wp.static(NR)):
             if wp.static(limits[i]):
                 w = wp.static(rows.dots[i])(jac, v) + rate[i]
-                if not (w > CUT * params[row, wp.static(SIGMA + i)]):
+                if not (w > CUT * wp.static(noise.level[i])(params, row, sigma)):
                     out = out | wp.static(1 << i)
         return out
 
@@ -112,20 +117,19 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
         def near(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, v: VQ):
             # whether the pair can act at velocity v, from a lower bound of d and a bound on the approach
             # speed
-            if wp.static(exact_gap or pairs[k].exact_bound):
+            if wp.static(exact_gap or pairs[k].exact_bound or method.state_noise):
                 return True
             gap = wp.static(pairs[k].bound)(params, row, fr) / params[row, wp.static(H)]
-            return not (
-                gap - wp.static(speeds[k])(params, row, fr, v) > CUT * params[row, wp.static(SIGMA + first)]
-            )
+            level = wp.static(noise.level[first])(params, row, VR())
+            return not (gap - wp.static(speeds[k])(params, row, fr, v) > CUT * level)
 
         @wp.func
-        def grow(params: wp.array2d(dtype=dtype), row: int, rate: VR, jac: JR, v: VQ, mask: int):
+        def grow(params: wp.array2d(dtype=dtype), row: int, rate: VR, jac: JR, sigma: VR, v: VQ, mask: int):
             out = mask
             for i in range(wp.static(NR)):
                 if wp.static(i in rows_k):
                     w = wp.static(rows.dots[i])(jac, v) + rate[i]
-                    if not (w > CUT * params[row, wp.static(SIGMA + i)]):
+                    if not (w > CUT * wp.static(noise.level[i])(params, row, sigma)):
                         out = out | wp.static(1 << i)
             return out
 
@@ -176,7 +180,7 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
         more = int(1)
         while more == 1:
             before = mask
-            mask = grow_limits(params, row, rate, jac, out.v, mask)
+            mask = grow_limits(params, row, rate, jac, out.sigma, out.v, mask)
             for k in range(wp.static(NP)):
                 if (known & wp.static(pair_bit[k])) == 0:
                     if wp.static(grow_pairs[k].near)(params, row, fr, out.v):
@@ -192,12 +196,12 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
                             if wp.static(i in pair_rows[k]):
                                 rate[i] = g[2] / params[row, wp.static(H)]
                 if (known & wp.static(pair_bit[k])) != 0:
-                    mask = wp.static(grow_pairs[k].grow)(params, row, rate, jac, out.v, mask)
+                    mask = wp.static(grow_pairs[k].grow)(params, row, rate, jac, out.sigma, out.v, mask)
             more = wp.where(mask != before, 1, 0)
             if more == 1:
                 out.scale = wp.static(rows.scale)(out.minv, jac, mask)
                 v, z, lam, status = wp.static(solver)(
-                    params, row, out.minv, out.vfree, jac, rate, out.scale, mask, z
+                    params, row, out.minv, out.vfree, jac, rate, out.scale, out.sigma, mask, z
                 )
                 out.v = v
                 out.lam = lam
