@@ -32,7 +32,7 @@ START = 0.1  # smallest a and w at the start, relative to the same
 
 @functools.cache
 def make_interior(s: Structure, dtype: type, method: Method) -> wp.Function:
-    """interior(params, row, minv, vfree, jac, rate, scale, sigma, diag, mask, size, z) -> (z, lambda, done)."""
+    """interior(params, row, minv, vfree, jac, rate, scale, sigma, diag, mask, size, z) -> z, lambda, done."""
     r = make_rows(s, dtype, method)
     t = r.types
     sm = make_smoothing(dtype)
