@@ -1,0 +1,226 @@
+"""Interior-point method of a large scene, primal and dual: finds the rows that act, for Newton to finish.
+
+a = D lambda > 0 and w > 0, a w = m(a - w) + mu, as in `interior.py`, but v' is an unknown too and need not
+balance the impulses before the end. It starts with a as large as all momentum of the scene on one row could
+make it (a hundredth of that): from small impulses a heap of unequal masses took several times the iterations.
+"""
+
+import functools
+from types import SimpleNamespace
+
+import warp as wp
+
+from .large_newton import make_large_newton
+from .large_topology import Topology
+from .large_work import make_work
+from .solve import INFEASIBLE, NONFINITE, NOT_CONVERGED, SOLVED
+
+MAX_ITERATIONS = 50
+WARM_ITERATIONS, POLISHING = 8, 12  # of Newton's method before and after
+# end: sqrt(mu) and residuals relative to the size of the problem
+END = {
+    (wp.float64, False): (1e-8, 1e-12),
+    (wp.float64, True): (1e-11, 1e-12),
+    (wp.float32, False): (3e-5, 3e-6),
+    (wp.float32, True): (3e-6, 3e-6),
+}
+MOMENTUM = 0.01
+
+
+@functools.cache
+def make_large_solver(dtype: type, residual: str) -> SimpleNamespace:
+    """solve(t, k, params, row, b, n) -> status: k.v, k.z, k.lam of the acting rows."""
+    Work = make_work(dtype)
+    nt = make_large_newton(dtype, residual)
+    hard = residual == "hard"
+    SIGMA = nt.SIGMA
+    LIMIT, RESIDUAL = (dtype(x) for x in END[dtype, hard])
+    ZERO, ONE = dtype(0.0), dtype(1.0)
+    SHARE = dtype(MOMENTUM)
+    POSITIVE = dtype(0.01)  # smallest weight, relative to that of the hard problem
+    NEAREST, FARTHEST = dtype(1e-3), dtype(0.1)  # kept of the way to the boundary
+    TINY = dtype(1e-30)
+    FLOOR = dtype(1e-30)
+    DIVERGED = dtype(1e12 if dtype is wp.float64 else 1e7)
+    CERTIFICATE = dtype(1e-6)
+
+    @wp.func
+    def product(t: Topology, params: wp.array2d(dtype=dtype), row: int, i: int, a: dtype, w: dtype):
+        """(a w - m(a - w), m'(a - w))"""
+        if wp.static(hard):
+            return a * w, ZERO
+        e = nt.smooth(t, params, row, i, a - w)
+        return a * w - e[0] * e[1], e[2] * e[1] - e[3] * e[0]
+
+    @wp.func
+    def curve(t: Topology, k: Work, params: wp.array2d(dtype=dtype), row: int, b: int, n: int):
+        """Excess and weights of every active row; mean |excess|."""
+        mean = dtype(0.0)
+        for r in range(n):
+            i = k.active[r, b]
+            a = k.a[i, b]
+            w = k.w[i, b]
+            excess, slope = product(t, params, row, i, a, w)
+            p = wp.max(a + slope, POSITIVE * a)
+            q = wp.max(w - slope, POSITIVE * w)
+            total = p + q
+            k.excess[i, b] = excess
+            k.p[i, b] = p / total
+            k.slack[i, b] = q / total
+            k.total[i, b] = total
+            mean += wp.abs(excess)
+        return mean / dtype(n)
+
+    @wp.func
+    def length(k: Work, b: int, n: int, mu: dtype, kept: dtype):
+        """Length of the step after which all a and w keep at least `kept` of themselves; at most 1."""
+        fall = ZERO + TINY
+        for r in range(n):
+            i = k.active[r, b]
+            e = nt.shift(k, i, b, mu, 1)
+            da = k.p[i, b] * k.dz[i, b] + e
+            dw = e - k.slack[i, b] * k.dz[i, b]
+            fall = wp.max(fall, wp.max(-da / k.a[i, b], -dw / k.w[i, b]))
+        return wp.min((ONE - kept) / fall, ONE)
+
+    @wp.func
+    def mean_after(
+        t: Topology, k: Work, params: wp.array2d(dtype=dtype), row: int, b: int, n: int, step: dtype
+    ):
+        """Mean |excess| after the straight step (mu = 0)."""
+        mean = dtype(0.0)
+        for r in range(n):
+            i = k.active[r, b]
+            e = nt.shift(k, i, b, ZERO, 1)
+            a = k.a[i, b] + step * (k.p[i, b] * k.dz[i, b] + e)
+            w = k.w[i, b] + step * (e - k.slack[i, b] * k.dz[i, b])
+            excess, _slope = product(t, params, row, i, a, w)
+            mean += wp.abs(excess)
+        return mean / dtype(n)
+
+    @wp.func
+    def proves_infeasible(t: Topology, k: Work, b: int, n: int):
+        """Farkas: lambda >= 0, J' lambda = 0, lambda . d/h < 0 proves that no velocity opens the rows."""
+        for i in range(t.nv):
+            k.move[i, b] = ZERO
+        size = dtype(0.0)
+        work = dtype(0.0)
+        for r in range(n):
+            i = k.active[r, b]
+            lam = k.lam[i, b]
+            size += lam * lam * k.diag[i, b]
+            work += lam * k.rate[i, b]
+            nt.add(t, k, k.move, i, lam, b)
+        nt.env.forward(k.mass_factor, t.mass_first, t.mass_at, k.move, 0, t.nv, b)
+        norm = dtype(0.0)
+        for i in range(t.nv):
+            norm += k.move[i, b] * k.move[i, b]
+        return work < ZERO and norm <= CERTIFICATE * size
+
+    @wp.func
+    def interior(
+        t: Topology, k: Work, params: wp.array2d(dtype=dtype), row: int, b: int, n: int, size: dtype
+    ):
+        """k.v and k.z near the solution; 1 if they are."""
+        momentum = dtype(0.0)
+        for i in range(t.nv):
+            k.v[i, b] = k.vfree[i, b]
+            momentum += k.mass[t.mass_at[i] + i, b] * wp.abs(k.vfree[i, b])
+        largest = dtype(0.0)
+        for r in range(n):
+            i = k.active[r, b]
+            alone = nt.smooth(t, params, row, i, -k.rate[i, b] - nt.dot(t, k, k.v, i, b))
+            k.a[i, b] = alone[0] + size + SHARE * k.scale[i, b] * momentum
+            k.w[i, b] = alone[1] + size
+            largest = wp.max(largest, k.a[i, b])
+        bound = DIVERGED * (largest + size)
+        it = int(0)
+        found = int(0)
+        while it < wp.static(MAX_ITERATIONS) and found == 0:
+            it += 1
+            largest = dtype(0.0)
+            for r in range(n):
+                i = k.active[r, b]
+                k.lam[i, b] = k.a[i, b] / k.scale[i, b]
+                k.z[i, b] = k.a[i, b] - k.w[i, b]
+                largest = wp.max(largest, k.a[i, b])
+            worst = nt.residuals(t, k, b, n, size)
+            mean = curve(t, k, params, row, b, n)
+            if worst <= RESIDUAL and mean <= LIMIT * LIMIT * size * size:
+                found = int(1)
+            elif not (largest < bound and wp.isfinite(mean)):
+                it = wp.static(MAX_ITERATIONS)
+            else:
+                nt.factor(t, k, b, n)
+                nt.direction(t, k, b, n, ZERO, 1)
+                there = mean_after(t, k, params, row, b, n, length(k, b, n, ZERO, ZERO))
+                part = wp.min(there / mean, ONE)
+                mu = part * part * part * mean
+                nt.direction(t, k, b, n, mu, 1)
+                step = length(k, b, n, mu, wp.clamp(wp.sqrt(mean) / size, NEAREST, FARTHEST))
+                for i in range(t.nv):
+                    k.v[i, b] = k.v[i, b] + step * k.move[i, b]
+                for r in range(n):
+                    i = k.active[r, b]
+                    e = nt.shift(k, i, b, mu, 1)
+                    dz = k.dz[i, b]
+                    a = k.a[i, b] + step * (k.p[i, b] * dz + e)
+                    w = k.w[i, b] + step * (e - k.slack[i, b] * dz)
+                    if wp.static(not hard):  # below the curve steps would get shorter and shorter
+                        least = nt.smooth(t, params, row, i, a - w)
+                        a = wp.max(a, least[0])
+                        w = wp.max(w, least[1])
+                    k.a[i, b] = a
+                    k.w[i, b] = w
+        return found
+
+    @wp.func
+    def prepare(t: Topology, k: Work, params: wp.array2d(dtype=dtype), row: int, b: int, n: int):
+        """diag(A) and D of the active rows; the size of the residual's terms."""
+        size = dtype(0.0)
+        for r in range(n):
+            i = k.active[r, b]
+            value = dtype(0.0)
+            for side in range(2):
+                start = t.row_trees[4 * i + 2 * side]
+                end = t.row_trees[4 * i + 2 * side + 1]
+                for j in range(start, end):
+                    k.move[j, b] = ZERO
+                for at in range(t.row_start[i], t.row_start[i + 1]):
+                    k.move[t.row_place[at], b] = k.jac[at, b]
+                nt.env.forward(k.mass_factor, t.mass_first, t.mass_at, k.move, start, end, b)
+                for j in range(start, end):
+                    value += k.move[j, b] * k.move[j, b]
+            k.diag[i, b] = wp.max(value, FLOOR)
+            k.scale[i, b] = wp.where(t.inertia_scaling == 1, k.diag[i, b], ONE)
+            terms = wp.abs(k.rate[i, b])
+            w = k.rate[i, b]
+            for at in range(t.row_start[i], t.row_start[i + 1]):
+                change = k.jac[at, b] * k.vfree[t.row_place[at], b]
+                terms += wp.abs(change)
+                w += change
+            terms += wp.abs(w)
+            if wp.static(not hard):
+                terms += params[row, t.columns[SIGMA] + i]
+            size = wp.max(size, terms)
+            if not wp.isfinite(terms):
+                size = terms
+                break
+        return size
+
+    @wp.func
+    def solve(t: Topology, k: Work, params: wp.array2d(dtype=dtype), row: int, b: int, n: int):
+        """Newton from k.v, k.z; where it fails, the interior-point method and Newton from its end."""
+        size = prepare(t, k, params, row, b, n)
+        if not wp.isfinite(size):
+            return wp.static(NONFINITE)
+        size = wp.max(size, TINY)
+        done = nt.newton(t, k, params, row, b, n, size, wp.static(WARM_ITERATIONS))
+        if done == 0:
+            found = interior(t, k, params, row, b, n, size)
+            if found == 0 and proves_infeasible(t, k, b, n):
+                return wp.static(INFEASIBLE)
+            done = nt.newton(t, k, params, row, b, n, size, wp.static(POLISHING))
+        return wp.where(done == 1, wp.static(SOLVED), wp.static(NOT_CONVERGED))
+
+    return SimpleNamespace(solve=solve)

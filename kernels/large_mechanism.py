@@ -1,0 +1,163 @@
+"""Kinematics and dynamics of a planar tree by loops over its tables; the formulas are those of
+`mechanism.py`.
+"""
+
+import functools
+from types import SimpleNamespace
+
+import warp as wp
+
+from .large_topology import AXIS, JOINT, NUMBERS, SHIFT_Y, TURN, Topology
+from .large_work import make_work
+from .structure import WORLD
+
+COLUMN = {name: i for i, name in enumerate(NUMBERS)}
+
+
+@functools.cache
+def make_large_mechanism(dtype: type) -> SimpleNamespace:
+    """Warp functions of a mechanism given by tables; `b` is the slot of a world's workspace."""
+    Work = make_work(dtype)
+    V2 = wp.types.vector(2, dtype)
+    ZERO, ONE, TWO = dtype(0.0), dtype(1.0), dtype(2.0)
+    ANCHOR, ANGLE, AXIS_OF, COM, MASS, INERTIA, GRAVITY, DAMPING, GEAR = (
+        COLUMN[n] for n in ("anchor", "angle", "axis", "com", "mass", "inertia", "gravity", "damping", "gear")
+    )
+    PRISMATIC, FREE = JOINT["prismatic"], JOINT["free"]
+
+    @wp.func
+    def number(t: Topology, params: wp.array2d(dtype=dtype), row: int, name: int, i: int):
+        return params[row, t.columns[name] + i]
+
+    @wp.func
+    def frames(t: Topology, k: Work, params: wp.array2d(dtype=dtype), row: int, b: int):
+        """Orientation and joint position of every body."""
+        for i in range(t.nb):
+            x = number(t, params, row, ANCHOR, 2 * i)
+            y = number(t, params, row, ANCHOR, 2 * i + 1)
+            angle = number(t, params, row, ANGLE, i)
+            dof = t.first_dof[i]
+            if t.joint[i] == PRISMATIC:
+                x += number(t, params, row, AXIS_OF, 2 * i) * k.q[dof, b]
+                y += number(t, params, row, AXIS_OF, 2 * i + 1) * k.q[dof, b]
+            elif t.joint[i] == FREE:
+                x += k.q[dof, b]
+                y += k.q[dof + 1, b]
+                angle += k.q[dof + 2, b]
+            else:
+                angle += k.q[dof, b]
+            up = t.parent[i]
+            if up != WORLD:
+                c = k.frame[4 * up, b]
+                sn = k.frame[4 * up + 1, b]
+                angle += k.angle[up, b]
+                k.frame[4 * i + 2, b] = k.frame[4 * up + 2, b] + c * x - sn * y
+                k.frame[4 * i + 3, b] = k.frame[4 * up + 3, b] + sn * x + c * y
+            else:
+                k.frame[4 * i + 2, b] = x
+                k.frame[4 * i + 3, b] = y
+            k.angle[i, b] = angle
+            k.frame[4 * i, b] = wp.cos(angle)
+            k.frame[4 * i + 1, b] = wp.sin(angle)
+
+    @wp.func
+    def column(
+        t: Topology, k: Work, params: wp.array2d(dtype=dtype), row: int, b: int, dof: int, x: dtype, y: dtype
+    ):
+        """Velocity of a point of a body that `dof` moves, at unit rate."""
+        body = t.dof_body[dof]
+        kind = t.dof_kind[dof]
+        if kind == TURN:
+            return V2(k.frame[4 * body + 3, b] - y, x - k.frame[4 * body + 2, b])
+        ax = ONE
+        ay = ZERO
+        if kind == AXIS:
+            ax = number(t, params, row, AXIS_OF, 2 * body)
+            ay = number(t, params, row, AXIS_OF, 2 * body + 1)
+        elif kind == SHIFT_Y:
+            ax = ZERO
+            ay = ONE
+        up = t.parent[body]
+        if up == WORLD:
+            return V2(ax, ay)
+        c = k.frame[4 * up, b]
+        sn = k.frame[4 * up + 1, b]
+        return V2(c * ax - sn * ay, sn * ax + c * ay)
+
+    @wp.func
+    def dynamics(
+        t: Topology,
+        k: Work,
+        params: wp.array2d(dtype=dtype),
+        row: int,
+        b: int,
+        external: wp.array2d(dtype=dtype),
+        world: int,
+    ):
+        """M into k.mass, r(q, v) and the external forces into k.move."""
+        gx = number(t, params, row, GRAVITY, 0)
+        gy = number(t, params, row, GRAVITY, 1)
+        for j in range(t.nv):
+            k.move[t.place[j], b] = -number(t, params, row, DAMPING, j) * k.v0[j, b]
+        for i in range(k.mass.shape[0]):
+            k.mass[i, b] = ZERO
+        for i in range(t.nb):
+            mass = number(t, params, row, MASS, i)
+            inertia = number(t, params, row, INERTIA, i)
+            cx = number(t, params, row, COM, 2 * i)
+            cy = number(t, params, row, COM, 2 * i + 1)
+            x = k.frame[4 * i + 2, b] + k.frame[4 * i, b] * cx - k.frame[4 * i + 1, b] * cy
+            y = k.frame[4 * i + 3, b] + k.frame[4 * i + 1, b] * cx + k.frame[4 * i, b] * cy
+            start = t.chain_start[i]
+            end = t.chain_start[i + 1]
+            ax = gx + ZERO
+            ay = gy + ZERO
+            turning = dtype(0.0)  # rate of the revolute joints before this one
+            for at in range(start, end):
+                j = t.chain[at]
+                arm = column(t, k, params, row, b, j, x, y)
+                k.column[2 * j, b] = arm[0]
+                k.column[2 * j + 1, b] = arm[1]
+                rate = TWO * turning
+                if t.dof_kind[j] == TURN:
+                    rate += k.v0[j, b]
+                    turning += k.v0[j, b]
+                weight = rate * k.v0[j, b]
+                ax += arm[1] * weight
+                ay -= arm[0] * weight
+            fx = mass * ax
+            fy = mass * ay
+            torque = dtype(0.0)
+            if external.shape[0] > 0:
+                fx += external[world, 3 * i]
+                fy += external[world, 3 * i + 1]
+                torque += external[world, 3 * i + 2]
+            for at in range(start, end):
+                j = t.chain[at]
+                pj = t.place[j]
+                jx = k.column[2 * j, b]
+                jy = k.column[2 * j + 1, b]
+                turns = t.dof_kind[j] == TURN
+                k.move[pj, b] = k.move[pj, b] + jx * fx + jy * fy
+                if turns:
+                    k.move[pj, b] = k.move[pj, b] + torque
+                for other in range(start, at + 1):
+                    i2 = t.chain[other]
+                    value = mass * (jx * k.column[2 * i2, b] + jy * k.column[2 * i2 + 1, b])
+                    if turns and t.dof_kind[i2] == TURN:
+                        value += inertia
+                    low = wp.max(pj, t.place[i2])
+                    slot = t.mass_at[low] + wp.min(pj, t.place[i2])
+                    k.mass[slot, b] = k.mass[slot, b] + value
+
+    @wp.func
+    def control_force(
+        t: Topology, k: Work, params: wp.array2d(dtype=dtype), row: int, b: int, i: int, u: dtype
+    ):
+        """Add the force of actuator i."""
+        p = t.place[t.actuator[i]]
+        k.move[p, b] = k.move[p, b] + number(t, params, row, GEAR, i) * u
+
+    return SimpleNamespace(
+        number=number, frames=frames, column=column, dynamics=dynamics, control_force=control_force
+    )

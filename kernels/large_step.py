@@ -1,0 +1,242 @@
+"""Step and rollout kernels that serve every large scene: compiled once per precision and residual.
+
+The same inputs, outputs and meaning as the kernels of `rollout.py` (which are specialised on a scene, one
+world per thread in registers), with the scene in tables and a world's state in a workspace.
+"""
+
+import functools
+from types import SimpleNamespace
+
+import warp as wp
+
+from .compile import specialised
+from .envelope import make_envelope
+from .large_contact import make_large_contact
+from .large_interior import make_large_solver
+from .large_mechanism import COLUMN, make_large_mechanism
+from .large_topology import Topology
+from .large_work import make_work
+from .method import Method
+from .solve import COLD, NONFINITE, SOLVED
+
+
+def large_residual(method: Method, rows: int) -> str:
+    """What the kernels are specialised on: the residual, or that there is no contact to solve."""
+    return method.residual if rows else "none"
+
+
+@functools.cache
+def make_large_step(dtype: type, residual: str) -> SimpleNamespace:
+    """Warp functions of a step on a world's workspace; residual "none" leaves the solver out."""
+    Work = make_work(dtype)
+    mech = make_large_mechanism(dtype)
+    env = make_envelope(dtype)
+    contact = make_large_contact(dtype, residual == "hard") if residual != "none" else None
+    solver = make_large_solver(dtype, residual) if residual != "none" else None
+    H = COLUMN["step_size"]
+    UNUSED, HALF, ZERO = dtype(COLD), dtype(0.5), dtype(0.0)
+    NOWHERE = dtype(-1e30)
+    number = mech.number
+
+    @wp.func
+    def begin(
+        t: Topology,
+        k: Work,
+        params: wp.array2d(dtype=dtype),
+        row: int,
+        b: int,
+        external: wp.array2d(dtype=dtype),
+        world: int,
+    ):
+        """Kinematics, M and the forces but the controls' of the state (k.q, k.v0)."""
+        mech.frames(t, k, params, row, b)
+        mech.dynamics(t, k, params, row, b, external, world)
+
+    @wp.func
+    def free_motion(t: Topology, k: Work, params: wp.array2d(dtype=dtype), row: int, b: int):
+        """v_free = v + h M^-1 (r + u)."""
+        for i in range(k.mass.shape[0]):
+            k.mass_factor[i, b] = k.mass[i, b]
+        env.factor(k.mass_factor, t.mass_first, t.mass_at, t.nv, b)
+        env.solve(k.mass_factor, t.mass_first, t.mass_at, k.move, t.nv, b)
+        h = number(t, params, row, H, 0)
+        for j in range(t.nv):
+            p = t.place[j]
+            k.vfree[p, b] = k.v0[j, b] + h * k.move[p, b]
+            k.v[p, b] = k.vfree[p, b]
+
+    @wp.func
+    def contacts(t: Topology, k: Work, params: wp.array2d(dtype=dtype), row: int, b: int, exact_gap: int):
+        """Add rows until none is missing, solve after every addition. The first time also those within reach
+        of the largest approach are added: in a heap they act next.
+        """
+        contact.start(t, k, params, row, b)
+        _none, margin = contact.grow(t, k, params, row, b, exact_gap, NOWHERE)
+        status = int(wp.static(SOLVED))
+        n = int(0)
+        added, _approach = contact.grow(t, k, params, row, b, exact_gap, margin)
+        while added > 0 and status == wp.static(SOLVED):
+            n = int(0)
+            for i in range(t.nr):
+                if k.acting[i, b] > 0:
+                    k.active[n, b] = i
+                    n += 1
+                    if k.acting[i, b] == 1:
+                        if not (wp.abs(k.z[i, b]) < HALF * UNUSED):
+                            k.z[i, b] = -k.rate[i, b] - contact.velocity(t, k, b, i)
+                        k.acting[i, b] = 2
+            status = solver.solve(t, k, params, row, b, n)
+            added, _approach = contact.grow(t, k, params, row, b, exact_gap, ZERO)
+        for i in range(t.nr):
+            if k.acting[i, b] == 0:
+                k.z[i, b] = UNUSED
+        return status
+
+    @wp.func
+    def solve_step(t: Topology, k: Work, params: wp.array2d(dtype=dtype), row: int, b: int, exact_gap: int):
+        """k.v = v' and, on success, the next state in (k.q, k.v0); the status."""
+        free_motion(t, k, params, row, b)
+        status = int(wp.static(SOLVED))
+        if wp.static(residual != "none"):
+            status = contacts(t, k, params, row, b, exact_gap)
+        if status == wp.static(SOLVED):
+            h = number(t, params, row, H, 0)
+            for j in range(t.nv):
+                v = k.v[t.place[j], b]
+                if not (wp.isfinite(v) and wp.isfinite(k.q[j, b] + h * v)):
+                    status = wp.static(NONFINITE)
+            if status == wp.static(SOLVED):
+                for j in range(t.nv):
+                    k.v0[j, b] = k.v[t.place[j], b]
+                    k.q[j, b] = k.q[j, b] + h * k.v0[j, b]
+        return status
+
+    return SimpleNamespace(begin=begin, solve_step=solve_step, control_force=mech.control_force, Work=Work)
+
+
+@functools.cache
+def make_large_step_kernel(dtype: type, residual: str) -> wp.Kernel:
+    """One step of every world with all of its outputs (gaps exact); world - base is the slot."""
+    step = make_large_step(dtype, residual)
+    Work = step.Work
+    UNUSED, ZERO = dtype(COLD), dtype(0.0)
+    H = COLUMN["step_size"]
+
+    @specialised("large step", dtype, residual)
+    def large_step_kernel(
+        first: int,
+        base: int,
+        t: Topology,
+        k: Work,
+        params: wp.array2d(dtype=dtype),
+        x: wp.array2d(dtype=dtype),  # (B, nx)
+        u: wp.array2d(dtype=dtype),  # (B, nu)
+        external: wp.array2d(dtype=dtype),  # (0 or B, 3 nb)
+        warm: wp.array2d(dtype=dtype),  # (0 or B, nr + 2 pairs)
+        state: wp.array2d(dtype=dtype),  # out (B, nx)
+        impulse: wp.array2d(dtype=dtype),  # out (B, nr)
+        gap: wp.array2d(dtype=dtype),  # out (B, nr)
+        multiplier: wp.array2d(dtype=dtype),  # out (B, nr + 2 pairs)
+        status: wp.array(dtype=wp.int32),  # out (B,)
+    ):
+        b = first + wp.tid()
+        world = base + b
+        row = wp.where(params.shape[0] == 1, 0, world)
+        for j in range(t.nv):
+            k.q[j, b] = x[world, j]
+            k.v0[j, b] = x[world, t.nv + j]
+        for i in range(t.nr):
+            k.z[i, b] = UNUSED
+            if warm.shape[0] > 0:
+                k.z[i, b] = warm[world, i]
+        for i in range(t.pairs):
+            nx = ZERO
+            ny = ZERO
+            if warm.shape[0] > 0:
+                nx = warm[world, t.nr + 2 * i]
+                ny = warm[world, t.nr + 2 * i + 1]
+                norm = wp.sqrt(nx * nx + ny * ny)
+                if norm > ZERO:
+                    nx = nx / norm
+                    ny = ny / norm
+            k.normal[2 * i, b] = nx
+            k.normal[2 * i + 1, b] = ny
+        step.begin(t, k, params, row, b, external, world)
+        for i in range(t.nu):
+            step.control_force(t, k, params, row, b, i, u[world, i])
+        code = step.solve_step(t, k, params, row, b, 1)
+        for j in range(t.nv):
+            state[world, j] = k.q[j, b]
+            state[world, t.nv + j] = k.v0[j, b]
+        solved = code == wp.static(SOLVED)
+        for i in range(t.nr):
+            impulse[world, i] = wp.where(solved, k.lam[i, b], ZERO)
+            gap[world, i] = k.rate[i, b] * params[row, t.columns[H]]
+            multiplier[world, i] = wp.where(solved, k.z[i, b], UNUSED)
+        for i in range(2 * t.pairs):
+            multiplier[world, t.nr + i] = wp.where(solved, k.normal[i, b], ZERO)
+        status[world] = code
+
+    return large_step_kernel
+
+
+@functools.cache
+def make_large_rollout_kernel(dtype: type, residual: str) -> wp.Kernel:
+    """Roll every world out under its controls, as `rollout.make_rollout_kernel` does under an open loop."""
+    step = make_large_step(dtype, residual)
+    Work = step.Work
+    UNUSED, ZERO = dtype(COLD), dtype(0.0)
+    H = COLUMN["step_size"]
+
+    @specialised("large rollout", dtype, residual)
+    def large_rollout_kernel(
+        first: int,
+        base: int,
+        exact_gap: int,
+        t: Topology,
+        k: Work,
+        params: wp.array2d(dtype=dtype),
+        x0: wp.array2d(dtype=dtype),  # (B, nx)
+        us: wp.array3d(dtype=dtype),  # (B, N, nu)
+        external: wp.array2d(dtype=dtype),  # (0 or B, 3 nb), constant over the rollout
+        states: wp.array3d(dtype=dtype),  # out (B, N+1, nx)
+        controls: wp.array3d(dtype=dtype),  # out (0 or B, N, nu)
+        impulse: wp.array3d(dtype=dtype),  # out (0 or B, N, nr)
+        gap: wp.array3d(dtype=dtype),  # out (0 or B, N, nr)
+        status: wp.array(dtype=wp.int32),  # out (B,)
+    ):
+        b = first + wp.tid()
+        world = base + b
+        row = wp.where(params.shape[0] == 1, 0, world)
+        for j in range(t.nv):
+            k.q[j, b] = x0[world, j]
+            k.v0[j, b] = x0[world, t.nv + j]
+            states[world, 0, j] = k.q[j, b]
+            states[world, 0, t.nv + j] = k.v0[j, b]
+        for i in range(t.nr):
+            k.z[i, b] = UNUSED
+        for i in range(2 * t.pairs):
+            k.normal[i, b] = ZERO
+        code = int(wp.static(SOLVED))
+        for n in range(states.shape[1] - 1):
+            if code == wp.static(SOLVED):
+                step.begin(t, k, params, row, b, external, world)
+                for i in range(t.nu):
+                    step.control_force(t, k, params, row, b, i, us[world, n, i])
+                code = step.solve_step(t, k, params, row, b, exact_gap)
+                if code == wp.static(SOLVED):
+                    if controls.shape[0] > 0:
+                        for i in range(t.nu):
+                            controls[world, n, i] = us[world, n, i]
+                    if impulse.shape[0] > 0:
+                        for i in range(t.nr):
+                            impulse[world, n, i] = k.lam[i, b]
+                    if gap.shape[0] > 0:
+                        for i in range(t.nr):
+                            gap[world, n, i] = k.rate[i, b] * params[row, t.columns[H]]
+            for j in range(t.nv):
+                states[world, n + 1, j] = k.q[j, b]
+                states[world, n + 1, t.nv + j] = k.v0[j, b]
+        status[world] = code
+
+    return large_rollout_kernel
