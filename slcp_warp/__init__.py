@@ -9,6 +9,7 @@ from .options import OptionError, Options, Status
 from .parameters import ParameterError, Parameters
 from .scene import Actuator, Body, Contact, Scene, SceneError, Shape
 from .simulator import Linearization, Simulator, Step, Trajectory
+from .strategy import StrategyError
 from .sweep import SweepReport, SweepSpec, sweep
 
 __version__ = "0.1.0"
@@ -29,6 +30,7 @@ __all__ = [
     "Simulator",
     "Status",
     "Step",
+    "StrategyError",
     "SweepReport",
     "SweepSpec",
     "Trajectory",

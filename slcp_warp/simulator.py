@@ -18,6 +18,7 @@ from .arrays import ArrayError, Batch, from_batch, policy_arrays, to_batch
 from .options import Options
 from .parameters import Parameters
 from .scene import Scene
+from .strategy import MemoryKernels, StrategyError, choose
 
 DTYPES = {"float32": wp.float32, "float64": wp.float64}
 
@@ -80,10 +81,17 @@ class Simulator:
         options: what the step solves.
         device: "cpu", "cuda:0", ...; None: the best one present.
         dtype: "float64" (accurate to 1e-12) or "float32" (fast, 2e-5 of the problem's scale).
+        strategy: "registers", kernels specialised on the scene; "memory", kernels for large scenes, without
+            derivatives and policies; "auto": by the scene's size. The attribute says which it is.
     """
 
     def __init__(
-        self, scene: Scene, options: Options | None = None, device: Any = None, dtype: str = "float64"
+        self,
+        scene: Scene,
+        options: Options | None = None,
+        device: Any = None,
+        dtype: str = "float64",
+        strategy: str = "auto",
     ) -> None:
         if not isinstance(scene, Scene):
             raise TypeError(f"scene is a {type(scene).__name__}; a slcp_warp.Scene is needed")
@@ -97,6 +105,8 @@ class Simulator:
         self.dtype = DTYPES[dtype]
         self.params = Parameters(scene)
         self._key = (scene.structure, self.dtype, self.options.method)
+        self.strategy = choose(strategy, scene.structure, self.options.method)
+        self._memory = MemoryKernels(*self._key, self.device) if self.strategy == "memory" else None
         self._none = wp.zeros((0, 0), dtype=self.dtype, device=self.device)
 
     @property
@@ -134,6 +144,17 @@ class Simulator:
         if params.worlds not in (None, worlds):
             raise ArrayError(f"params are given for {params.worlds} worlds, the arrays for {worlds}")
         return params.array(self.dtype, self.device)
+
+    def _need_registers(self, what: str) -> None:
+        if self._memory is not None:
+            raise StrategyError(
+                f"{what} needs the kernels in registers; scene {self.scene.name!r} ({self.scene.nv} degrees "
+                f"of freedom, {self.nr} rows) runs with strategy='memory', which has none"
+            )
+
+    def _refuse_gradient(self, *arrays: wp.array) -> None:
+        if tape.wants_gradient(*arrays):
+            self._need_registers("a gradient on a wp.Tape")
 
     def _external(self, external_force: Any, worlds: int) -> wp.array:
         if external_force is None:
@@ -192,8 +213,12 @@ class Simulator:
             *out,
             status,
         ]
-        launch(rollout.make_step_kernel(*self._key), worlds, inputs, self.device)
-        tape.record_step(self._key, table, state.array, control, inputs[3], out[0], status, self.device)
+        if self._memory is not None:
+            self._refuse_gradient(state.array, control)
+            self._memory.step(worlds, inputs)
+        else:
+            launch(rollout.make_step_kernel(*self._key), worlds, inputs, self.device)
+            tape.record_step(self._key, table, state.array, control, inputs[3], out[0], status, self.device)
         friction = (params or self.params)["friction"]
 
         def give(a: wp.array) -> Any:
@@ -248,6 +273,7 @@ class Simulator:
             if not isinstance(steps, int | np.integer) or steps < 1:
                 raise ValueError(f"steps is {steps!r}; a policy needs a whole, positive number of steps")
             us = None
+            self._need_registers("a rollout under a policy")
             tape.refuse_policy(state.array)
             name, struct = policy_arrays(policy, self, worlds)
         states = self.empty(worlds, steps + 1, self.nx)
@@ -258,10 +284,15 @@ class Simulator:
         status = wp.zeros(worlds, dtype=wp.int32, device=self.device)
         table = self.parameter_array(params, worlds)
         external = self._external(external_force, worlds)
-        kernel = rollout.make_rollout_kernel(*self._key, name, "gap" in record)
-        inputs = [table, state.array, struct, external, states, *recorded.values(), status]
-        launch(kernel, worlds, inputs, self.device, grain=max(1, 128 // steps))
-        if us is not None:
+        outputs = [external, states, *recorded.values(), status]
+        if self._memory is not None:
+            self._refuse_gradient(state.array, us)
+            self._memory.rollout(worlds, "gap" in record, [table, state.array, us, *outputs])
+        else:
+            kernel = rollout.make_rollout_kernel(*self._key, name, "gap" in record)
+            inputs = [table, state.array, struct, *outputs]
+            launch(kernel, worlds, inputs, self.device, grain=max(1, 128 // steps))
+        if us is not None and self._memory is None:
             tape.record_rollout(self._key, table, state.array, us, external, states, status, self.device)
         give = lambda a: from_batch(a, state.kind, state.batched)  # noqa: E731
         return Trajectory(
@@ -282,6 +313,7 @@ class Simulator:
 
         Worlds that are not solved have zero derivatives and a status.
         """
+        self._need_registers("linearize")
         state = self.batch("x", x, self.nx)
         worlds = state.array.shape[0]
         control = self._controls(u, worlds)
@@ -329,10 +361,12 @@ class Simulator:
     @property
     def carry_type(self) -> Any:
         """Warp struct that a rollout passes from step to step (warm start)."""
+        self._need_registers("the protocol of slcp_warp.ddp")
         return make_step(*self._key, False).Carry
 
     def step_function(self) -> wp.Function:
         """Warp function (params, row, x, u, carry) -> (x', carry', status)."""
+        self._need_registers("the protocol of slcp_warp.ddp")
         return rollout.make_transition(*self._key).advance
 
     def initial_carry(self) -> wp.Function:
@@ -356,6 +390,7 @@ class Simulator:
         active: wp.array,
     ) -> Prepared:
         """A repeatable launch: derivatives along trajectories (B, N+1, nx), (B, N, nu) into given arrays."""
+        self._need_registers("linearize")
         steps = us.shape[1]
         fzz = self.empty(0, 0, 0, 0) if second is None else second
         kernel = expansion.make_linearize_kernel(*self._key, second is not None)

@@ -17,6 +17,11 @@ def active_tape() -> wp.Tape | None:
     return getattr(wp._src.context.runtime, "tape", None)  # Warp 1.19 has no public way to ask
 
 
+def wants_gradient(*arrays: wp.array) -> bool:
+    """Whether a tape is recording and one of these requires a gradient."""
+    return active_tape() is not None and any(a.requires_grad for a in arrays)
+
+
 def record_rollout(
     key: tuple[Any, ...],
     table: wp.array,

@@ -1,0 +1,91 @@
+"""Which kernels a scene gets: specialised ones in registers, or common ones with their state in memory.
+
+"registers": every (scene, options, precision) compiles kernels of its own, unrolled, one world per thread in
+registers: fastest for small mechanisms, and the only ones with derivatives. "memory": one kernel per
+precision and residual serves every scene by tables (`kernels/large_step.py`): for scenes whose unrolled
+kernels would take minutes to compile and spill anyway.
+"""
+
+from typing import Any
+
+import warp as wp
+
+from slcp_warp.kernels import large_step
+from slcp_warp.kernels.large_topology import NUMBERS, make_topology
+from slcp_warp.kernels.large_work import allocate_work, bytes_per_world
+from slcp_warp.kernels.launch import launch
+from slcp_warp.kernels.method import Method
+from slcp_warp.kernels.structure import Structure, layout
+
+STRATEGIES = ("auto", "registers", "memory")
+MOST_ROWS = 31  # of the kernels in registers: a set of rows is one int
+WORKSPACE_BYTES = 256 * 2**20  # worlds are stepped in chunks whose workspaces fit in here
+
+
+class StrategyError(ValueError):
+    """What was asked for is not offered with the kernels of this scene."""
+
+
+def missing(s: Structure, method: Method) -> str:
+    """What keeps a scene from the kernels in memory, or ""."""
+    if method.residual not in ("hard", "rem-logistic"):
+        return f"residual {method.residual!r}"
+    if method.friction != "anitescu":
+        return f"friction {method.friction!r}"
+    if method.integrator != "euler":
+        return f"integrator {method.integrator!r}"
+    unknown = [name for name in layout(s).names if name not in NUMBERS]
+    return f"parameters {unknown}" if unknown else ""
+
+
+def choose(strategy: str, s: Structure, method: Method) -> str:
+    """Registers or memory for a scene; a clear error where neither serves."""
+    if strategy not in STRATEGIES:
+        raise ValueError(f"strategy is {strategy!r}; choose one of {list(STRATEGIES)}")
+    lacks = missing(s, method)
+    if strategy == "memory" and lacks:
+        raise StrategyError(f"{lacks} is not offered by the kernels in memory; use strategy='registers'")
+    if s.nr > MOST_ROWS and (strategy == "registers" or lacks):
+        reason = f"; the kernels in memory do not offer {lacks}" if lacks else "; use strategy='memory'"
+        raise StrategyError(
+            f"the scene has {s.nr} rows, the kernels in registers take at most {MOST_ROWS}{reason}"
+        )
+    if strategy != "auto":
+        return strategy
+    return "memory" if s.nr > MOST_ROWS else "registers"
+
+
+class MemoryKernels:
+    """Launches of the kernels in memory for one scene on one device; keeps their workspaces."""
+
+    def __init__(self, s: Structure, dtype: type, method: Method, device: Any) -> None:
+        self.structure, self.dtype, self.device = s, dtype, device
+        self.residual = large_step.large_residual(method, s.nr)
+        self.topology = make_topology(s, method.inertia_scaling, device)
+        self.chunk = max(1, WORKSPACE_BYTES // bytes_per_world(s, dtype))
+        self._slots, self._work = 0, None
+
+    def reserve(self, worlds: int) -> None:
+        """Allocate workspaces for that many worlds (of one chunk at most)."""
+        slots = min(worlds, self.chunk)
+        if slots > self._slots:
+            self._work = allocate_work(self.structure, self.dtype, slots, self.device)
+            self._slots = slots
+
+    def _launch(
+        self, kernel: wp.Kernel, worlds: int, flags: list[int], arrays: list[Any], grain: int
+    ) -> None:
+        self.reserve(worlds)
+        for base in range(0, worlds, self.chunk):
+            count = min(self.chunk, worlds - base)
+            inputs = [base, *flags, self.topology, self._work, *arrays]
+            launch(kernel, count, inputs, self.device, grain=grain)
+
+    def step(self, worlds: int, arrays: list[Any]) -> None:
+        """As a launch of `rollout.make_step_kernel`."""
+        self._launch(large_step.make_large_step_kernel(self.dtype, self.residual), worlds, [], arrays, 8)
+
+    def rollout(self, worlds: int, exact_gap: bool, arrays: list[Any]) -> None:
+        """As a launch of `rollout.make_rollout_kernel` for an open loop, whose controls are an array here."""
+        kernel = large_step.make_large_rollout_kernel(self.dtype, self.residual)
+        self._launch(kernel, worlds, [int(exact_gap)], arrays, 1)
