@@ -15,7 +15,7 @@ from .large_topology import Topology
 from .large_work import make_work
 from .solve import INFEASIBLE, NONFINITE, NOT_CONVERGED, SOLVED
 
-MAX_ITERATIONS = 50
+MAX_ITERATIONS = 60
 WARM_ITERATIONS, POLISHING = 8, 12  # of Newton's method before and after
 # end: sqrt(mu) and residuals relative to the size of the problem
 END = {
@@ -35,7 +35,7 @@ def make_large_solver(dtype: type, residual: str) -> SimpleNamespace:
     hard = residual == "hard"
     SIGMA = nt.SIGMA
     LIMIT, RESIDUAL = (dtype(x) for x in END[dtype, hard])
-    ZERO, ONE = dtype(0.0), dtype(1.0)
+    ZERO, HALF, ONE = dtype(0.0), dtype(0.5), dtype(1.0)
     SHARE = dtype(MOMENTUM)
     POSITIVE = dtype(0.01)  # smallest weight, relative to that of the hard problem
     NEAREST, FARTHEST = dtype(1e-3), dtype(0.1)  # kept of the way to the boundary
@@ -150,8 +150,8 @@ def make_large_solver(dtype: type, residual: str) -> SimpleNamespace:
                 nt.factor(t, k, b, n)
                 nt.direction(t, k, b, n, ZERO, 1)
                 there = mean_after(t, k, params, row, b, n, length(k, b, n, ZERO, ZERO))
-                part = wp.min(there / mean, ONE)
-                mu = part * part * part * mean
+                part = there / mean
+                mu = wp.min(part * part * part, HALF) * mean  # never all of it, else short steps stall it
                 nt.direction(t, k, b, n, mu, 1)
                 step = length(k, b, n, mu, wp.clamp(wp.sqrt(mean) / size, NEAREST, FARTHEST))
                 for i in range(t.nv):

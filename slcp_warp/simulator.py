@@ -152,7 +152,7 @@ class Simulator:
                 f"of freedom, {self.nr} rows) runs with strategy='memory', which has none"
             )
 
-    def _refuse_gradient(self, *arrays: wp.array) -> None:
+    def _refuse_gradient(self, *arrays: wp.array | None) -> None:
         if tape.wants_gradient(*arrays):
             self._need_registers("a gradient on a wp.Tape")
 

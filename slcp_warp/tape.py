@@ -17,9 +17,9 @@ def active_tape() -> wp.Tape | None:
     return getattr(wp._src.context.runtime, "tape", None)  # Warp 1.19 has no public way to ask
 
 
-def wants_gradient(*arrays: wp.array) -> bool:
+def wants_gradient(*arrays: wp.array | None) -> bool:
     """Whether a tape is recording and one of these requires a gradient."""
-    return active_tape() is not None and any(a.requires_grad for a in arrays)
+    return active_tape() is not None and any(a is not None and a.requires_grad for a in arrays)
 
 
 def record_rollout(
