@@ -11,8 +11,8 @@ from typing import Any
 
 import warp as wp
 
+from .kinematics import make_second
 from .mechanism import make_mechanism
-from .mechanism_derivatives import make_second
 from .shapes import make_pair
 from .structure import REVOLUTE, Structure
 

@@ -63,11 +63,11 @@ def make_curvature(s: Structure, dtype: type, method: Method) -> wp.Function:
             m = VQ()
             for j in range(wp.static(NV)):
                 m[j] = lin.m[i, j]
-            dm = wp.static(motion.motion_by_q)(params, row, lin.jb, m, VQ(), ZERO)
+            dm = wp.static(motion.motion_by_q)(params, row, lin.fr, lin.jb, m, VQ(), ZERO)
             y = wp.static(d.force_by_q)(g, dtype(1.0), mu) - dm  # (j, k): d/dq_k of J_i' - M m
             out = TWO * (wp.transpose(y) * (sol.minv * y))
             out += TWO * wp.static(d.hessian)(g, m, dtype(1.0), mu)
-            out -= wp.static(motion.hessian_qq)(params, row, lin.jb, m, m, VQ(), ZERO)
+            out -= wp.static(motion.hessian_qq)(params, row, lin.fr, lin.jb, m, m, VQ(), ZERO)
             return out
 
         @wp.func
@@ -160,9 +160,9 @@ def make_curvature(s: Structure, dtype: type, method: Method) -> wp.Function:
                     m = VQ()
                     for j in range(wp.static(NV)):
                         m[j] = lin.m[i, j]
-                    dm = wp.static(motion.motion_by_q)(params, row, lin.jb, m, VQ(), ZERO)
+                    dm = wp.static(motion.motion_by_q)(params, row, lin.fr, lin.jb, m, VQ(), ZERO)
                     second = TWO * (wp.transpose(dm) * (sol.minv * dm))
-                    second -= wp.static(motion.hessian_qq)(params, row, lin.jb, m, m, VQ(), ZERO)
+                    second -= wp.static(motion.hessian_qq)(params, row, lin.fr, lin.jb, m, m, VQ(), ZERO)
                     out = add_scaling(sol, lin, i, wp.static(rows.dots[i])(sol.jac, p), VQ(), second, out)
         return out
 
@@ -173,10 +173,12 @@ def make_curvature(s: Structure, dtype: type, method: Method) -> wp.Function:
         # P.(M (v' - v) - h r)
         out = hess
         h = params[row, wp.static(H)]
-        qq = wp.static(motion.hessian_qq)(params, row, lin.jb, p, lin.w, v, h)
-        qv = wp.static(motion.hessian_qv)(params, row, lin.jb, p, v, h)
+        qq = wp.static(motion.hessian_qq)(params, row, lin.fr, lin.jb, p, lin.w, v, h)
+        qv = wp.static(motion.hessian_qv)(params, row, lin.fr, lin.jb, p, v, h)
         vv = wp.static(motion.hessian_vv)(params, row, lin.jb, p, h)
-        mass_p = wp.static(motion.motion_by_q)(params, row, lin.jb, p, v, ZERO)  # (m, k): d(M P)_m/dq_k
+        mass_p = wp.static(motion.motion_by_q)(
+            params, row, lin.fr, lin.jb, p, v, ZERO
+        )  # (m, k): d(M P)_m/dq_k
         for a in range(wp.static(NV)):
             for b in range(wp.static(NV)):
                 out[a, b] = out[a, b] + qq[a, b]

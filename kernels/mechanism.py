@@ -1,9 +1,6 @@
 """Kinematics and dynamics of a planar tree in closed form: M(q), r(q, v) of the equations of motion (1a).
 
-In the plane every derivative of a point p on a body is a rotated column of its Jacobian: with degrees of
-freedom numbered along the chain, d^n p / dq_i..dq_m = perp^(n-1) J_max when all but the deepest index are
-revolute, and zero otherwise (perp turns by +90 degrees). Sensitivities use the same rule (see
-`sensitivity.py`, `curvature.py`).
+`kinematics.py` has the frames and the Jacobians of points, `springs.py` the forces between points.
 """
 
 import functools
@@ -12,115 +9,26 @@ from typing import Any
 
 import warp as wp
 
-from .structure import PRISMATIC, WORLD, Structure, layout
-
-
-@functools.cache
-def make_types(s: Structure, dtype: type) -> SimpleNamespace:
-    """Warp vector and matrix types of a structure: VQ (nv), VX (2 nv), VU (nu), VR (nr), V2, MQ (nv, nv),
-    ...
-    """
-    nv, nu, nr = s.nv, max(s.nu, 1), max(s.nr, 1)
-    vector, matrix = wp.types.vector, wp.types.matrix
-    return SimpleNamespace(
-        V2=vector(2, dtype),
-        VQ=vector(nv, dtype),
-        VX=vector(2 * nv, dtype),
-        VU=vector(nu, dtype),
-        VR=vector(nr, dtype),
-        MQ=matrix((nv, nv), dtype),
-        FRAMES=matrix((s.nb, 4), dtype),
-        JB=matrix((2 * s.nb, nv), dtype),
-        JR=matrix((nr, nv), dtype),
-        J2=matrix((2, nv), dtype),
-    )
+from .kinematics import make_kinematics, make_types
+from .springs import make_spring
+from .structure import Structure, layout
 
 
 @functools.cache
 def make_mechanism(s: Structure, dtype: type) -> SimpleNamespace:
-    """Warp functions of one mechanism; FRAMES holds a row (cos, sin, x, y) per body: orientation and joint
-    position.
-    """
-    t = make_types(s, dtype)
+    """Warp functions of one mechanism, those of its kinematics among them."""
+    kin = make_kinematics(s, dtype)
+    t = kin.types
     lay = layout(s)
     NB, NV = s.nb, s.nv
-    ZERO, ONE, TWO = dtype(0.0), dtype(1.0), dtype(2.0)
+    ZERO, TWO = dtype(0.0), dtype(2.0)
     VQ, MQ, FRAMES, JB = t.VQ, t.MQ, t.FRAMES, t.JB
-    PHI = wp.types.vector(NB, dtype)
-    parent = tuple(b.parent for b in s.bodies)
-    joint = tuple(b.joint for b in s.bodies)
-    dofs = tuple(b.dofs for b in s.bodies)
-    ANCHOR, ANGLE, AXIS, COM = (lay.offset(n) for n in ("anchor", "angle", "axis", "com"))
-    MASS, INERTIA, GRAVITY, DAMPING, GEAR = (
-        lay.offset(n) for n in ("mass", "inertia", "gravity", "damping", "gear")
+    MASS, INERTIA, COM, GRAVITY, DAMPING, GEAR = (
+        lay.offset(n) for n in ("mass", "inertia", "com", "gravity", "damping", "gear")
     )
-
-    @wp.func
-    def frames(params: wp.array2d(dtype=dtype), row: int, q: VQ):
-        """Orientation and joint position of every body."""
-        out = FRAMES()
-        phi = PHI()
-        for b in range(wp.static(NB)):
-            c = ONE
-            sn = ZERO
-            x = params[row, wp.static(ANCHOR + 2 * b)]
-            y = params[row, wp.static(ANCHOR + 2 * b + 1)]
-            angle = params[row, wp.static(ANGLE + b)]
-            if wp.static(joint[b] == "prismatic"):
-                x += params[row, wp.static(AXIS + 2 * b)] * q[wp.static(dofs[b][0])]
-                y += params[row, wp.static(AXIS + 2 * b + 1)] * q[wp.static(dofs[b][0])]
-            if wp.static(joint[b] == "free"):
-                x += q[wp.static(dofs[b][0])]
-                y += q[wp.static(dofs[b][0] + 1)]
-            if wp.static(joint[b] != "prismatic"):
-                angle += q[wp.static(dofs[b][-1])]
-            if wp.static(parent[b] != WORLD):
-                c = out[wp.static(parent[b]), 0]
-                sn = out[wp.static(parent[b]), 1]
-                angle += phi[wp.static(parent[b])]
-                out[b, 2] = out[wp.static(parent[b]), 2] + c * x - sn * y
-                out[b, 3] = out[wp.static(parent[b]), 3] + sn * x + c * y
-            else:
-                out[b, 2] = x
-                out[b, 3] = y
-            phi[b] = angle
-            out[b, 0] = wp.cos(angle)
-            out[b, 1] = wp.sin(angle)
-        return out
-
-    def make_point_jacobian(body: int) -> wp.Function:
-        """Jacobian (2, nv) of a point given in world coordinates, fixed to `body` (zero for WORLD)."""
-        J2 = t.J2
-
-        @wp.func
-        def point_jacobian(params: wp.array2d(dtype=dtype), row: int, fr: FRAMES, x: dtype, y: dtype):
-            out = J2()
-            for j in range(wp.static(NV)):
-                if wp.static(s.turns(body, j)):
-                    out[0, j] = fr[wp.static(s.dof_body[j]), 3] - y
-                    out[1, j] = x - fr[wp.static(s.dof_body[j]), 2]
-                if wp.static(s.in_chain(body, j) and s.dof_kind[j] == PRISMATIC):
-                    ax = ONE
-                    ay = ZERO
-                    if wp.static(joint[s.dof_body[j]] == "prismatic"):
-                        ax = params[row, wp.static(AXIS + 2 * s.dof_body[j])]
-                        ay = params[row, wp.static(AXIS + 2 * s.dof_body[j] + 1)]
-                    if wp.static(joint[s.dof_body[j]] == "free" and dofs[s.dof_body[j]][1] == j):
-                        ax = ZERO
-                        ay = ONE
-                    if wp.static(parent[s.dof_body[j]] == WORLD):
-                        out[0, j] = ax
-                        out[1, j] = ay
-                    else:
-                        c = fr[wp.static(parent[s.dof_body[j]]), 0]
-                        sn = fr[wp.static(parent[s.dof_body[j]]), 1]
-                        out[0, j] = c * ax - sn * ay
-                        out[1, j] = sn * ax + c * ay
-            return out
-
-        return point_jacobian
-
-    jacobian_of = tuple(make_point_jacobian(b) for b in range(NB))
+    STIFFNESS, REST = (lay.offset(n) if s.sprung else 0 for n in ("stiffness", "rest"))
+    springs = tuple(make_spring(s, i, dtype) for i in range(len(s.springs)))
+    jacobian_of = tuple(kin.point_jacobian(b) for b in range(NB))
 
     @wp.func
     def com_jacobians(params: wp.array2d(dtype=dtype), row: int, fr: FRAMES):
@@ -181,13 +89,17 @@ def make_mechanism(s: Structure, dtype: type) -> SimpleNamespace:
     bias_weights_of = tuple(make_bias_weights(b) for b in range(NB))
 
     @wp.func
-    def force(params: wp.array2d(dtype=dtype), row: int, jac: JB, v: VQ):
-        """r(q, v): gravity, centripetal and Coriolis terms, joint damping."""
+    def force(params: wp.array2d(dtype=dtype), row: int, q: VQ, fr: FRAMES, jac: JB, v: VQ):
+        """r(q, v): gravity, centripetal and Coriolis terms, joint damping and stiffness, springs."""
         out = VQ()
         gx = params[row, wp.static(GRAVITY)]
         gy = params[row, wp.static(GRAVITY + 1)]
         for j in range(wp.static(NV)):
             out[j] = -params[row, wp.static(DAMPING + j)] * v[j]
+            if wp.static(j in s.sprung):
+                out[j] = out[j] - params[row, wp.static(STIFFNESS + j)] * (
+                    q[j] - params[row, wp.static(REST + j)]
+                )
         for b in range(wp.static(NB)):
             mass = params[row, wp.static(MASS + b)]
             weights = wp.static(bias_weights_of[b])(v)
@@ -202,6 +114,8 @@ def make_mechanism(s: Structure, dtype: type) -> SimpleNamespace:
                     out[j] = out[j] + mass * (
                         jac[wp.static(2 * b), j] * ax + jac[wp.static(2 * b + 1), j] * ay
                     )
+        for i in range(wp.static(len(springs))):
+            out = wp.static(springs[i].force)(params, row, fr, v, out)
         return out
 
     @wp.func
@@ -231,8 +145,8 @@ def make_mechanism(s: Structure, dtype: type) -> SimpleNamespace:
 
     return SimpleNamespace(
         types=t,
-        frames=frames,
-        point_jacobian=make_point_jacobian,
+        frames=kin.frames,
+        point_jacobian=kin.point_jacobian,
         com_jacobians=com_jacobians,
         mass_matrix=mass_matrix,
         force=force,

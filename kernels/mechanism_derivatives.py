@@ -1,4 +1,4 @@
-"""Derivatives of M(q) w and r(q, v) of a planar tree, by the rule of `mechanism.py`.
+"""Derivatives of M(q) w and r(q, v) of a planar tree, by the rule of `kinematics.py`.
 
 With P2(w, k) = sum_i w_i d2p/dq_i dq_k for a body's centre of mass p, one more (shallower or equal) index k
 below l gives P3(w, k, l) = rev_k perp P2(w, l), and the bias acceleration is perp sum_k J_k s_k with the
@@ -10,35 +10,10 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from .mechanism import make_mechanism, make_types
+from .kinematics import make_second
+from .mechanism import make_mechanism
+from .springs import make_spring
 from .structure import REVOLUTE, Structure, layout
-
-
-@functools.cache
-def make_second(s: Structure, body: int, dtype: type) -> wp.Function:
-    """(J, w) -> P2(w, .): columns sum_i w_i d2p/dq_i dq_k of a point on `body` with Jacobian J, (2, nv)."""
-    t = make_types(s, dtype)
-    ZERO = dtype(0.0)
-
-    @wp.func
-    def second(jac: t.J2, w: t.VQ):
-        out = t.J2()
-        for k in range(wp.static(s.nv)):
-            if wp.static(s.in_chain(body, k)):
-                rate = ZERO
-                x = ZERO
-                y = ZERO
-                for i in range(wp.static(s.nv)):
-                    if wp.static(i <= k and s.turns(body, i)):
-                        rate += w[i]
-                    if wp.static(i > k and s.in_chain(body, i) and s.turns(body, k)):
-                        x += w[i] * jac[0, i]
-                        y += w[i] * jac[1, i]
-                out[0, k] = -(rate * jac[1, k] + y)
-                out[1, k] = rate * jac[0, k] + x
-        return out
-
-    return second
 
 
 @functools.cache
@@ -53,6 +28,8 @@ def make_mechanism_derivatives(s: Structure, dtype: type) -> SimpleNamespace:
     VQ, MQ, JB, J2 = t.VQ, t.MQ, t.JB, t.J2
     ZERO, TWO = dtype(0.0), dtype(2.0)
     MASS, GRAVITY, DAMPING = lay.offset("mass"), lay.offset("gravity"), lay.offset("damping")
+    STIFFNESS = lay.offset("stiffness") if s.sprung else 0
+    springs = tuple(make_spring(s, i, dtype) for i in range(len(s.springs)))
     rev = tuple(kind == REVOLUTE for kind in s.dof_kind)
     second = tuple(make_second(s, b, dtype) for b in range(NB))
     both = tuple(
@@ -90,7 +67,7 @@ def make_mechanism_derivatives(s: Structure, dtype: type) -> SimpleNamespace:
     accelerations = tuple(make_acceleration(b) for b in range(NB))
 
     @wp.func
-    def motion_by_q(params: wp.array2d(dtype=dtype), row: int, jb: JB, w: VQ, v: VQ, h: dtype):
+    def motion_by_q(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, jb: JB, w: VQ, v: VQ, h: dtype):
         """d/dq_k of (M w - h r)_j at constant w and v; with h = 0: of (M w)_j."""
         out = MQ()
         for b in range(wp.static(NB)):
@@ -114,10 +91,16 @@ def make_mechanism_derivatives(s: Structure, dtype: type) -> SimpleNamespace:
                                 jac[0, wp.static(max(j, k))] * acc[1] - jac[1, wp.static(max(j, k))] * acc[0]
                             )
                         out[j, k] = out[j, k] + mass * value
+        for j in range(wp.static(NV)):
+            if wp.static(j in s.sprung):
+                out[j, j] = out[j, j] + h * params[row, wp.static(STIFFNESS + j)]
+        for i in range(wp.static(len(springs))):
+            if h != ZERO:
+                out = wp.static(springs[i].by_q)(params, row, fr, v, h, out)
         return out
 
     @wp.func
-    def motion_by_v(params: wp.array2d(dtype=dtype), row: int, jb: JB, v: VQ, h: dtype):
+    def motion_by_v(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, jb: JB, v: VQ, h: dtype):
         """d/dv_k of (-h r)_j."""
         out = MQ()
         for j in range(wp.static(NV)):
@@ -130,10 +113,14 @@ def make_mechanism_derivatives(s: Structure, dtype: type) -> SimpleNamespace:
                 for j in range(wp.static(NV)):
                     if wp.static(both[b][j][k]):
                         out[j, k] = out[j, k] + factor * (jac[0, j] * pv[0, k] + jac[1, j] * pv[1, k])
+        for i in range(wp.static(len(springs))):
+            out = wp.static(springs[i].by_v)(params, row, fr, v, h, out)
         return out
 
     @wp.func
-    def hessian_qq(params: wp.array2d(dtype=dtype), row: int, jb: JB, p: VQ, w: VQ, v: VQ, h: dtype):
+    def hessian_qq(
+        params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, jb: JB, p: VQ, w: VQ, v: VQ, h: dtype
+    ):
         """d2/dq_k dq_l of p.(M w - h r); with h = 0: of p.M w."""
         out = MQ()
         for b in range(wp.static(NB)):
@@ -162,10 +149,13 @@ def make_mechanism_derivatives(s: Structure, dtype: type) -> SimpleNamespace:
         for k in range(wp.static(NV)):
             for l in range(wp.static(k)):
                 out[k, l] = out[l, k]
+        for i in range(wp.static(len(springs))):
+            if h != ZERO:
+                out = wp.static(springs[i].hessian_qq)(params, row, fr, p, v, h, out)
         return out
 
     @wp.func
-    def hessian_qv(params: wp.array2d(dtype=dtype), row: int, jb: JB, p: VQ, v: VQ, h: dtype):
+    def hessian_qv(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, jb: JB, p: VQ, v: VQ, h: dtype):
         """d2/dq_k dv_m of p.(-h r), (nv, nv)."""
         out = MQ()
         for b in range(wp.static(NB)):
@@ -181,6 +171,8 @@ def make_mechanism_derivatives(s: Structure, dtype: type) -> SimpleNamespace:
                         if wp.static(rev[min(k, m)]):
                             value += pv[0, wp.static(max(k, m))] * jp[1] - pv[1, wp.static(max(k, m))] * jp[0]
                         out[k, m] = out[k, m] + factor * value
+        for i in range(wp.static(len(springs))):
+            out = wp.static(springs[i].hessian_qv)(params, row, fr, p, v, h, out)
         return out
 
     @wp.func

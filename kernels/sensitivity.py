@@ -48,6 +48,7 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
 
     @wp.struct
     class Linear:
+        fr: t.FRAMES
         jb: t.JB
         w: VQ  # v' - v
         slope: VR  # s'(z)
@@ -150,7 +151,7 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
                 m = VQ()
                 for j in range(wp.static(NV)):
                     m[j] = lin.m[i, j]
-                by_q = wp.static(motion.motion_by_q)(params, row, lin.jb, m, v, ZERO)
+                by_q = wp.static(motion.motion_by_q)(params, row, lin.fr, lin.jb, m, v, ZERO)
                 share = sol.lam[i] / sol.scale[i]
                 for k in range(wp.static(NV)):
                     value = lin.scale_by_q[i, k]
@@ -173,9 +174,10 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
             v[j] = x[wp.static(NV + j)]
         h = params[row, wp.static(H)]
         fr = wp.static(mech.frames)(params, row, q)
+        lin.fr = fr
         lin.jb = wp.static(mech.com_jacobians)(params, row, fr)
         lin.w = sol.v - v
-        f1q = wp.static(motion.motion_by_q)(params, row, lin.jb, lin.w, v, h)
+        f1q = wp.static(motion.motion_by_q)(params, row, lin.fr, lin.jb, lin.w, v, h)
         f2q = JR()
         diag = VR()
         lin = slopes(params, row, sol, lin)
@@ -203,7 +205,9 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
             )
         else:
             lin.factor.cov = sol.minv
-        return fill(params, row, sol, lin, f1q, wp.static(motion.motion_by_v)(params, row, lin.jb, v, h), f2q)
+        return fill(
+            params, row, sol, lin, f1q, wp.static(motion.motion_by_v)(params, row, lin.fr, lin.jb, v, h), f2q
+        )
 
     @wp.func
     def column(sol: step.Solution, lin: Linear, f1: VQ, f2: VR, c: int):

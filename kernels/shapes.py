@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from .distance import make_distance, make_round_support
-from .mechanism import make_types
+from .kinematics import make_types
 from .structure import HALFPLANE, WORLD, Structure, layout
 
 

@@ -82,6 +82,8 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
     def free_velocity(
         params: wp.array2d(dtype=dtype),
         row: int,
+        q: VQ,
+        fr: t.FRAMES,
         jb: t.JB,
         minv: MQ,
         v: VQ,
@@ -89,7 +91,7 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
         external: wp.array2d(dtype=dtype),
         world: int,
     ):
-        f = wp.static(mech.force)(params, row, jb, v)
+        f = wp.static(mech.force)(params, row, q, fr, jb, v)
         if wp.static(s.nu > 0):
             f += wp.static(mech.control_force)(params, row, u)
         if world >= 0 and external.shape[0] > 0:  # world < 0: no external forces
@@ -157,7 +159,7 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
         fr = wp.static(mech.frames)(params, row, q)
         jb = wp.static(mech.com_jacobians)(params, row, fr)
         minv = wp.static(mech.inverse)(wp.static(mech.mass_matrix)(params, row, jb))
-        vfree = free_velocity(params, row, jb, minv, v, u, external, world)
+        vfree = free_velocity(params, row, q, fr, jb, minv, v, u, external, world)
         out.minv = minv
         out.vfree = vfree
         out.v = vfree

@@ -68,6 +68,8 @@ class Structure:
     lower: tuple[bool, ...]
     upper: tuple[bool, ...]
     actuators: tuple[int, ...]
+    sprung: tuple[int, ...] = ()  # degrees of freedom with a joint spring
+    springs: tuple[tuple[int, int], ...] = ()  # bodies that a spring ties
 
     @property
     def nb(self) -> int:
@@ -159,7 +161,7 @@ class Layout:
 def layout(s: Structure) -> Layout:
     """The parameter table's columns for a structure (SI units; see `slcp_warp.params` for their meaning)."""
     nb, ns = s.nb, len(s.shapes)
-    shapes = {
+    shapes: dict[str, tuple[int, ...]] = {
         "step_size": (),
         "gravity": (2,),
         "sigma": (s.nr,),
@@ -178,6 +180,16 @@ def layout(s: Structure) -> Layout:
         "shape_offset": (ns, 2),
         "shape_angle": (ns,),
     }
+    if s.sprung:
+        shapes |= {"stiffness": (s.nv,), "rest": (s.nv,)}
+    if s.springs:
+        n = len(s.springs)
+        shapes |= {
+            "spring_stiffness": (n,),
+            "spring_damping": (n,),
+            "spring_length": (n,),
+            "spring_point": (n, 2, 2),
+        }
     columns, start = [], 0
     for name, shape in shapes.items():
         size = 1

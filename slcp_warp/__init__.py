@@ -7,7 +7,7 @@ from . import scenes
 from .arrays import ArrayError
 from .options import OptionError, Options, Status
 from .parameters import ParameterError, Parameters
-from .scene import Actuator, Body, Contact, Scene, SceneError, Shape
+from .scene import Actuator, Body, Contact, Scene, SceneError, Shape, Spring
 from .simulator import Linearization, Simulator, Step, Trajectory
 from .strategy import StrategyError
 from .sweep import SweepReport, SweepSpec, sweep
@@ -28,6 +28,7 @@ __all__ = [
     "SceneError",
     "Shape",
     "Simulator",
+    "Spring",
     "Status",
     "Step",
     "StrategyError",

@@ -10,7 +10,7 @@ from slcp_warp.kernels.structure import ELLIPSE, Layout, layout
 from .scene import Scene
 
 POSITIVE = ("step_size", "sigma", "mass", "inertia")
-NONNEGATIVE = ("friction", "radius")
+NONNEGATIVE = ("friction", "radius", "spring_damping", "spring_length")
 
 
 class ParameterError(ValueError):
@@ -21,9 +21,10 @@ class Parameters:
     """Named parameters of one scene, immutable; `replace` makes a changed copy.
 
     Names and units: step_size h [s]; sigma per row [m/s, rad/s]; gravity [m/s^2]; mass [kg]; inertia [kg
-    m^2]; com, anchor, axis per body [m]; angle per body [rad]; damping per degree of freedom; lower, upper
-    limits per degree of freedom; gear per actuator; friction per contact; radius (2), shape_offset (2) [m],
-    shape_angle [rad] per shape.
+    m^2]; com, anchor, axis per body [m]; angle per body [rad]; damping, lower, upper per degree of freedom,
+    and stiffness, rest where the scene has joint springs; gear per actuator; friction per contact; radius
+    (2), shape_offset (2) [m], shape_angle [rad] per shape; spring_stiffness [N/m], spring_damping [N s/m],
+    spring_length [m], spring_point (2 ends, 2) [m] per spring.
     """
 
     def __init__(self, scene: Scene, values: dict[str, np.ndarray] | None = None) -> None:

@@ -46,6 +46,8 @@ class Body:
         axis: unit direction of a prismatic joint in the parent's frame.
         com: centre of mass in the body's frame, whose origin is the joint [m].
         damping: joint damping, one number per degree of freedom [N m s/rad, N s/m].
+        stiffness, rest: joint spring per degree of freedom, force -stiffness (q - rest) [N m/rad, N/m; rad,
+            m]; stiffness None: no spring.
         lower, upper: limits per degree of freedom (None: no limit, no row).
     """
 
@@ -59,6 +61,8 @@ class Body:
     axis: Pair2 = (1.0, 0.0)
     com: Pair2 = (0.0, 0.0)
     damping: tuple[float, ...] | float = 0.0
+    stiffness: tuple[float | None, ...] | float | None = None
+    rest: tuple[float, ...] | float = 0.0
     lower: tuple[float | None, ...] | float | None = None
     upper: tuple[float | None, ...] | float | None = None
 
@@ -104,11 +108,32 @@ class Actuator:
 
 
 @dataclass(frozen=True)
+class Spring:
+    """A spring and damper between two points of bodies (or of the world, None).
+
+    The force along the line of the points is stiffness (l - length) + damping dl/dt with l their distance,
+    rounded off below length/1000 + 1e-5 so that coincident points give finite derivatives.
+
+    Attributes:
+        point_a, point_b: in the frame of their body [m]. stiffness [N/m], damping [N s/m] >= 0.
+        length: rest length [m], >= 0.
+    """
+
+    body_a: str | None
+    body_b: str | None
+    point_a: Pair2 = (0.0, 0.0)
+    point_b: Pair2 = (0.0, 0.0)
+    stiffness: float = 0.0
+    damping: float = 0.0
+    length: float = 0.0
+
+
+@dataclass(frozen=True)
 class Scene:
     """A planar mechanism with its default numbers.
 
     Attributes:
-        bodies: parents before children. shapes, contacts, actuators: see the classes.
+        bodies: parents before children. shapes, contacts, actuators, springs: see the classes.
         gravity: [m/s^2]. step_size: default h [s]. sigma: default noise level of the smoothing [m/s, rad/s].
         initial_state: x0 = (q, v), (2 nv,). period: per degree of freedom, or None: q_j and q_j + period
         look alike.
@@ -124,6 +149,7 @@ class Scene:
     sigma: float = 0.1
     initial_state: tuple[float, ...] | None = None
     period: tuple[float | None, ...] | None = None
+    springs: tuple[Spring, ...] = ()
     structure: Structure = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -165,7 +191,7 @@ class Scene:
         per_dof = [(_spread(b.damping, i, 0.0), _spread(b.lower, i, None), _spread(b.upper, i, None))
                    for b in self.bodies for i in range(JOINTS[b.joint])]  # fmt: skip
         radii = [_radii(shape) for shape in self.shapes]
-        return {
+        values = {
             "step_size": np.array(self.step_size),
             "gravity": np.array(self.gravity, float),
             "sigma": np.full(s.nr, self.sigma),
@@ -184,6 +210,15 @@ class Scene:
             "shape_offset": np.array([sh.offset for sh in self.shapes], float).reshape(-1, 2),
             "shape_angle": np.array([sh.angle for sh in self.shapes], float),
         }
+        if s.sprung:
+            for name in ("stiffness", "rest"):
+                per = [_spread(getattr(b, name), i, 0.0) for b in self.bodies for i in range(JOINTS[b.joint])]
+                values[name] = np.array([0.0 if x is None else x for x in per], float)
+        if s.springs:
+            for name in ("stiffness", "damping", "length"):
+                values[f"spring_{name}"] = np.array([getattr(sp, name) for sp in self.springs], float)
+            values["spring_point"] = np.array([(sp.point_a, sp.point_b) for sp in self.springs], float)
+        return values
 
 
 def _spread(value: Any, i: int, default: Any) -> Any:
@@ -223,6 +258,7 @@ def _structure(scene: Scene) -> Structure:
     bodies: list[BodyStructure] = []
     lower: list[bool] = []
     upper: list[bool] = []
+    sprung: list[int] = []
     for b, body in enumerate(scene.bodies):
         _check_body(body)
         parent = _index(names[:b], body.parent, "earlier body", f"body {body.name!r}, parent")
@@ -231,6 +267,7 @@ def _structure(scene: Scene) -> Structure:
         bodies.append(BodyStructure(parent, body.joint, tuple(range(start, start + n))))
         lower += [_spread(body.lower, i, None) is not None for i in range(n)]
         upper += [_spread(body.upper, i, None) is not None for i in range(n)]
+        sprung += [start + i for i in range(n) if _spread(body.stiffness, i, None) is not None]
     shapes = []
     for shape in scene.shapes:
         _check_shape(shape)
@@ -248,7 +285,16 @@ def _structure(scene: Scene) -> Structure:
         if not 0 <= act.dof < JOINTS[scene.bodies[driven].joint]:
             raise SceneError(f"actuators[{i}]: dof {act.dof} is outside the joint of body {act.body!r}")
         actuators.append(bodies[driven].dofs[act.dof])
-    return Structure(tuple(bodies), tuple(shapes), tuple(pairs), tuple(lower), tuple(upper), tuple(actuators))
+    springs = []
+    for i, spring in enumerate(scene.springs):
+        a = _index(names, spring.body_a, "body", f"springs[{i}], body_a")
+        b = _index(names, spring.body_b, "body", f"springs[{i}], body_b")
+        _check_spring(f"springs[{i}]", spring, a, b)
+        springs.append((a, b))
+    return Structure(
+        tuple(bodies), tuple(shapes), tuple(pairs), tuple(lower), tuple(upper), tuple(actuators),
+        tuple(sprung), tuple(springs),
+    )  # fmt: skip
 
 
 def _check_body(body: Body) -> None:
@@ -260,7 +306,7 @@ def _check_body(body: Body) -> None:
         value = getattr(body, name)
         if not (math.isfinite(value) and value > 0.0):
             raise SceneError(f"body {body.name!r}: {name} is {value}; it must be positive and finite")
-    for name in ("damping", "lower", "upper"):
+    for name in ("damping", "stiffness", "rest", "lower", "upper"):
         value = getattr(body, name)
         if isinstance(value, Sequence) and len(value) != JOINTS[body.joint]:
             raise SceneError(f"body {body.name!r}: {name} has {len(value)} entries; "
@@ -281,6 +327,16 @@ def _check_shape(shape: Shape) -> None:
         raise SceneError(
             f"shape {shape.name!r}: radius {shape.radius} must be positive (a disc's may be zero)"
         )
+
+
+def _check_spring(label: str, spring: Spring, a: int, b: int) -> None:
+    if a == b:
+        raise SceneError(f"{label}: both ends are on {spring.body_a!r}; a spring needs two bodies, "
+                         "or a body and the world (None)")  # fmt: skip
+    for name in ("damping", "length"):
+        value = getattr(spring, name)
+        if not (math.isfinite(value) and value >= 0.0):
+            raise SceneError(f"{label}: {name} is {value}; it must be >= 0")
 
 
 def _check_pair(contact: Contact, a: ShapeStructure, b: ShapeStructure) -> None:

@@ -9,8 +9,8 @@ import warp as wp
 
 from slcp_warp.kernels import expansion, rollout
 from slcp_warp.kernels.compile import source_digest
+from slcp_warp.kernels.kinematics import make_types
 from slcp_warp.kernels.launch import Prepared, launch
-from slcp_warp.kernels.mechanism import make_types
 from slcp_warp.kernels.step import make_step
 
 from . import tape

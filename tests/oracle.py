@@ -114,10 +114,32 @@ class Oracle:
         if external is not None:
             wrench += np.asarray(external, float).reshape(np.shape(external)[:-2] + (-1,))
         out = np.einsum("...ki,...k->...i", g, wrench) - self.p["damping"] * v
+        if self.structure.sprung:
+            out = out - self.p["stiffness"] * (q - self.p["rest"])
+        for i in range(len(self.structure.springs)):
+            out = out + self.spring_force(q, v, i)
         if u is not None:
             for i, dof in enumerate(self.structure.actuators):
                 out[..., dof] += self.p["gear"][..., i] * u[..., i]
         return out
+
+    def spring_force(self, q, v, i):
+        """Generalised force (..., nv) of spring i: k (l - L) + c dl/dt towards the other end, where the
+        length l is rounded off at zero.
+        """
+        ends = self.p["spring_point"][..., i, :, :]
+        a, b = self.structure.springs[i]
+
+        def span(z):
+            return self.point(z, b, ends[..., 1, :]) - self.point(z, a, ends[..., 0, :])
+
+        delta, jac = span(q), complex_step(span, q)
+        short = 1e-3 * self.p["spring_length"][..., i] + 1e-5
+        length = np.sqrt(np.sum(delta * delta, axis=-1) + short**2)
+        rate = np.einsum("...i,...ij,...j->...", delta, jac, v) / length
+        pull = self.p["spring_stiffness"][..., i] * (length - self.p["spring_length"][..., i])
+        pull = pull + self.p["spring_damping"][..., i] * rate
+        return -np.einsum("...,...i,...ij->...j", pull / length, delta, jac)
 
     def energy(self, q, v):
         """Kinetic plus potential energy (...)."""

@@ -1,5 +1,6 @@
 """Simulators that the tests share: every (scene, options, precision) compiles kernels once per test run."""
 
+import dataclasses
 import functools
 
 import numpy as np
@@ -8,7 +9,7 @@ from random_scenes import random_tree
 
 import slcp_warp as slcp
 from slcp_warp import scenes
-from slcp_warp.scene import Body, Contact, Scene, Shape
+from slcp_warp.scene import Body, Contact, Scene, Shape, Spring
 
 WIDTH = {wp.float32: "float32", wp.float64: "float64"}
 NUMPY = {wp.float32: np.float32, wp.float64: np.float64}
@@ -64,6 +65,23 @@ def tree(seed: int, *joints: str) -> Scene:
     return random_tree(rng, len(joints), joints) if joints else random_tree(rng, 4)
 
 
+def sprung() -> Scene:
+    """A chain and a free body with joint springs, tied to each other and to the world by springs."""
+    base = random_tree(np.random.default_rng(5), 3, ("prismatic", "revolute", "revolute"))
+    first, second, third = base.bodies
+    bodies = (
+        first, dataclasses.replace(second, stiffness=3.0, rest=0.4), third,
+        Body("stone", 1.0, 0.1, joint="free", anchor=(1.5, 0.5),
+             stiffness=(None, 2.0, 0.3), rest=(0.0, 0.2, -0.1)),
+    )  # fmt: skip
+    springs = (
+        Spring("body2", "stone", (0.4, -0.1), (0.1, 0.2), stiffness=20.0, damping=1.5, length=0.5),
+        Spring(None, "body2", (-0.5, 0.8), (0.3, 0.3), stiffness=8.0, damping=0.7),
+        Spring("body0", "body2", (0.3, 0.2), (0.5, 0.1), stiffness=5.0, length=1.0),
+    )
+    return dataclasses.replace(base, name="sprung", bodies=bodies, springs=springs)
+
+
 def touching_tree() -> Scene:
     """A random tree with ellipses and a tilted ground: every row depends on every coordinate."""
     return random_tree(np.random.default_rng(11), 2, ("free", "prismatic"), contacts=True)
@@ -77,6 +95,7 @@ MAKERS = {
     "touching_tree": touching_tree,
     "tree0": lambda: tree(0),
     "tree1": lambda: tree(1),
+    "sprung": sprung,
     "carts": lambda: tree(2, "prismatic", "revolute", "prismatic"),
     "floating": lambda: tree(3, "free", "revolute", "revolute"),
     "rubbing_particle": lambda: scenes.particle(friction=0.5),

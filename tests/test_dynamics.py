@@ -6,7 +6,7 @@ from oracle import Oracle
 from scipy.integrate import solve_ivp
 from simulators import numbers, rounded, scene, simulator
 
-FREE = ["pendulum_chain", "tree0", "tree1", "carts", "floating"]
+FREE = ["pendulum_chain", "tree0", "tree1", "carts", "floating", "sprung"]
 TOLERANCE = {"float32": 3e-5, "float64": 1e-11}
 
 
