@@ -22,7 +22,7 @@ def make_curvature(s: Structure, dtype: type, method: Method) -> wp.Function:
     u).
     """
     linear = make_linearization(s, dtype, method)
-    step, motion, pairs, sweep = linear.step, linear.motion, linear.pairs, linear.sweep
+    step, motion, pairs = linear.step, linear.motion, linear.pairs
     mech, rows, t = step.mech, step.rows, step.types
     noise = make_noise(s, dtype, method)
     lay = layout(s)
@@ -63,11 +63,15 @@ def make_curvature(s: Structure, dtype: type, method: Method) -> wp.Function:
             m = VQ()
             for j in range(wp.static(NV)):
                 m[j] = lin.m[i, j]
-            dm = wp.static(motion.motion_by_q)(params, row, lin.fr, lin.jb, m, VQ(), ZERO)
+            dm = wp.static(motion.motion_by_q)(
+                params, row, lin.fr, lin.jb, m, VQ(), ZERO, params, wp.static(-1)
+            )
             y = wp.static(d.force_by_q)(g, dtype(1.0), mu) - dm  # (j, k): d/dq_k of J_i' - M m
             out = TWO * (wp.transpose(y) * (sol.minv * y))
             out += TWO * wp.static(d.hessian)(g, m, dtype(1.0), mu)
-            out -= wp.static(motion.hessian_qq)(params, row, lin.fr, lin.jb, m, m, VQ(), ZERO)
+            out -= wp.static(motion.hessian_qq)(
+                params, row, lin.fr, lin.jb, m, m, VQ(), ZERO, params, wp.static(-1)
+            )
             return out
 
         @wp.func
@@ -160,25 +164,35 @@ def make_curvature(s: Structure, dtype: type, method: Method) -> wp.Function:
                     m = VQ()
                     for j in range(wp.static(NV)):
                         m[j] = lin.m[i, j]
-                    dm = wp.static(motion.motion_by_q)(params, row, lin.fr, lin.jb, m, VQ(), ZERO)
+                    dm = wp.static(motion.motion_by_q)(
+                        params, row, lin.fr, lin.jb, m, VQ(), ZERO, params, wp.static(-1)
+                    )
                     second = TWO * (wp.transpose(dm) * (sol.minv * dm))
-                    second -= wp.static(motion.hessian_qq)(params, row, lin.fr, lin.jb, m, m, VQ(), ZERO)
+                    second -= wp.static(motion.hessian_qq)(
+                        params, row, lin.fr, lin.jb, m, m, VQ(), ZERO, params, wp.static(-1)
+                    )
                     out = add_scaling(sol, lin, i, wp.static(rows.dots[i])(sol.jac, p), VQ(), second, out)
         return out
 
     @wp.func
     def motion_hessian(
-        params: wp.array2d(dtype=dtype), row: int, lin: linear.Linear, p: VQ, v: VQ, hess: HESSIAN
+        params: wp.array2d(dtype=dtype),
+        row: int,
+        lin: linear.Linear,
+        p: VQ,
+        v: VQ,
+        external: wp.array2d(dtype=dtype),
+        world: int,
+        hess: HESSIAN,
     ):
         # P.(M (v' - v) - h r)
         out = hess
         h = params[row, wp.static(H)]
-        qq = wp.static(motion.hessian_qq)(params, row, lin.fr, lin.jb, p, lin.w, v, h)
+        qq = wp.static(motion.hessian_qq)(params, row, lin.fr, lin.jb, p, lin.w, v, h, external, world)
         qv = wp.static(motion.hessian_qv)(params, row, lin.fr, lin.jb, p, v, h)
         vv = wp.static(motion.hessian_vv)(params, row, lin.jb, p, h)
-        mass_p = wp.static(motion.motion_by_q)(
-            params, row, lin.fr, lin.jb, p, v, ZERO
-        )  # (m, k): d(M P)_m/dq_k
+        # mass_p (m, k): d(M P)_m/dq_k
+        mass_p = wp.static(motion.motion_by_q)(params, row, lin.fr, lin.jb, p, v, ZERO, params, wp.static(-1))
         for a in range(wp.static(NV)):
             for b in range(wp.static(NV)):
                 out[a, b] = out[a, b] + qq[a, b]
@@ -189,7 +203,14 @@ def make_curvature(s: Structure, dtype: type, method: Method) -> wp.Function:
 
     @wp.func
     def curvature(
-        params: wp.array2d(dtype=dtype), row: int, x: VX, sol: step.Solution, lin: linear.Linear, output: int
+        params: wp.array2d(dtype=dtype),
+        row: int,
+        x: VX,
+        sol: step.Solution,
+        lin: linear.Linear,
+        output: int,
+        external: wp.array2d(dtype=dtype),
+        world: int,
     ):
         """Second derivatives of v'[output], symmetric."""
         q = VQ()
@@ -200,14 +221,8 @@ def make_curvature(s: Structure, dtype: type, method: Method) -> wp.Function:
             v[j] = x[wp.static(NV + j)]
         target[output] = dtype(1.0)
         fr = wp.static(mech.frames)(params, row, q)
-        p = sol.minv * target
-        rho = VR()
-        if sol.mask != 0:
-            p, innovation = wp.static(sweep.forward)(lin.factor, sol.jac, lin.slope, sol.mask, p, VR())
-            dz = wp.static(sweep.back)(lin.factor, sol.jac, sol.scale, lin.slope, sol.mask, innovation)
-            for i in range(wp.static(NR)):
-                rho[i] = -lin.slope[i] * dz[i] / sol.scale[i]
-        hess = motion_hessian(params, row, lin, p, v, HESSIAN())
+        p, rho = wp.static(linear.transposed)(sol, lin, target)
+        hess = motion_hessian(params, row, lin, p, v, external, world, HESSIAN())
         for k in range(wp.static(len(s.pairs))):
             if (sol.mask & wp.static(pair_mask[k])) != 0:
                 hess = wp.static(pair_curvatures[k])(params, row, fr, sol, lin, p, rho, hess)

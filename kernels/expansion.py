@@ -9,6 +9,7 @@ import warp as wp
 from .compile import specialised
 from .curvature import make_curvature
 from .method import Method
+from .parameter_gradient import make_parameter_gradient
 from .rollout import make_world
 from .sensitivity import make_linearization
 from .solve import SOLVED
@@ -74,11 +75,11 @@ def make_linearize_kernel(s: Structure, dtype: type, method: Method, second: boo
         code = world_of.status_of(sol, step.next_state(params, row, x, sol.v))
         status[b, k] = code
         if code == wp.static(SOLVED):
-            lin = linear.linearize(params, row, x, sol)
+            lin = linear.linearize(params, row, x, sol, external, b)
             write(fx, fu, b, k, params[row, 0], lin)
             if wp.static(second):
                 for output in range(NV):
-                    hess = wp.static(curvature)(params, row, x, sol, lin, output)
+                    hess = wp.static(curvature)(params, row, x, sol, lin, output, external, b)
                     for i in range(wp.static(NZ)):
                         for j in range(wp.static(NZ)):
                             fzz[item, output, i, j] = hess[i, j]
@@ -87,9 +88,9 @@ def make_linearize_kernel(s: Structure, dtype: type, method: Method, second: boo
 
 
 @functools.cache
-def make_adjoint_kernel(s: Structure, dtype: type, method: Method) -> wp.Kernel:
-    """Reverse sweep of open-loop rollouts: gradients by x0 and controls from gradients by the recorded
-    states.
+def make_adjoint_kernel(s: Structure, dtype: type, method: Method, by_parameters: bool) -> wp.Kernel:
+    """Reverse sweep of open-loop rollouts: gradients by x0, controls and parameters from gradients by the
+    recorded states.
 
     Every step is solved again at its recorded state and differentiated at the solution; nothing else is
     stored.
@@ -99,7 +100,10 @@ def make_adjoint_kernel(s: Structure, dtype: type, method: Method) -> wp.Kernel:
     NV, NX, NU = s.nv, 2 * s.nv, s.nu
     VX, VU = step.types.VX, step.types.VU
 
-    @specialised(s, dtype, method)
+    parameters = make_parameter_gradient(s, dtype, method) if by_parameters else None
+    VQ = step.types.VQ
+
+    @specialised(s, dtype, method, by_parameters)
     def adjoint_kernel(
         first: int,
         params: wp.array2d(dtype=dtype),
@@ -110,6 +114,7 @@ def make_adjoint_kernel(s: Structure, dtype: type, method: Method) -> wp.Kernel:
         states_grad: wp.array3d(dtype=dtype),  # (B, N+1, nx)
         x0_grad: wp.array2d(dtype=dtype),  # accumulated (0 or B, nx)
         us_grad: wp.array3d(dtype=dtype),  # accumulated (0 or B, N, nu)
+        params_grad: wp.array2d(dtype=dtype),  # accumulated (0 or B, width)
     ):
         world = first + wp.tid()
         row = wp.where(params.shape[0] == 1, 0, world)
@@ -132,7 +137,13 @@ def make_adjoint_kernel(s: Structure, dtype: type, method: Method) -> wp.Kernel:
             sol = step.solve_step(params, row, x, u, external, world, carry)
             carry.z = sol.z
             carry.normal = sol.normal
-            lin = linear.linearize(params, row, x, sol)
+            lin = linear.linearize(params, row, x, sol, external, world)
+            if wp.static(by_parameters):
+                weights = VQ()
+                for i in range(wp.static(NV)):
+                    weights[i] = g[wp.static(NV + i)] + h * g[i]
+                    params_grad[world, 0] = params_grad[world, 0] + g[i] * sol.v[i]  # q' = q + h v'
+                wp.static(parameters)(params, row, x, u, external, world, sol, lin, weights, params_grad)
             for i in range(wp.static(NV)):
                 weight = g[wp.static(NV + i)] + h * g[i]
                 total[i] = total[i] + g[i]
@@ -149,6 +160,9 @@ def make_adjoint_kernel(s: Structure, dtype: type, method: Method) -> wp.Kernel:
                 for k in range(steps):
                     for j in range(wp.static(NU)):
                         us_grad[world, k, j] = dtype(wp.NAN)
+            if wp.static(by_parameters):
+                for j in range(params_grad.shape[1]):
+                    params_grad[world, j] = dtype(wp.NAN)
         if x0_grad.shape[0] > 0:
             for j in range(wp.static(NX)):
                 x0_grad[world, j] = x0_grad[world, j] + g[j]

@@ -52,14 +52,27 @@ def make_mechanism_derivatives(s: Structure, dtype: type) -> SimpleNamespace:
 
     def make_acceleration(b: int) -> wp.Function:
         @wp.func
-        def acceleration(params: wp.array2d(dtype=dtype), row: int, jac: J2, w: VQ, weights: VQ, h: dtype):
-            """J w + h (perp J s - g): the change of the centre's velocity less what gravity gives."""
+        def acceleration(
+            params: wp.array2d(dtype=dtype),
+            row: int,
+            jac: J2,
+            w: VQ,
+            weights: VQ,
+            h: dtype,
+            external: wp.array2d(dtype=dtype),
+            world: int,
+        ):
+            """J w + h (perp J s - g - F/m): the centre's change of velocity less what forces on it give."""
             x = -h * params[row, wp.static(GRAVITY)]
             y = -h * params[row, wp.static(GRAVITY + 1)]
             for k in range(wp.static(NV)):
                 if wp.static(s.in_chain(b, k)):
                     x += jac[0, k] * w[k] - h * jac[1, k] * weights[k]
                     y += jac[1, k] * w[k] + h * jac[0, k] * weights[k]
+            if world >= 0 and external.shape[0] > 0:
+                share = h / params[row, wp.static(MASS + b)]
+                x -= share * external[world, wp.static(3 * b)]
+                y -= share * external[world, wp.static(3 * b + 1)]
             return t.V2(x, y)
 
         return acceleration
@@ -67,14 +80,24 @@ def make_mechanism_derivatives(s: Structure, dtype: type) -> SimpleNamespace:
     accelerations = tuple(make_acceleration(b) for b in range(NB))
 
     @wp.func
-    def motion_by_q(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, jb: JB, w: VQ, v: VQ, h: dtype):
+    def motion_by_q(
+        params: wp.array2d(dtype=dtype),
+        row: int,
+        fr: t.FRAMES,
+        jb: JB,
+        w: VQ,
+        v: VQ,
+        h: dtype,
+        external: wp.array2d(dtype=dtype),
+        world: int,
+    ):
         """d/dq_k of (M w - h r)_j at constant w and v; with h = 0: of (M w)_j."""
         out = MQ()
         for b in range(wp.static(NB)):
             mass = params[row, wp.static(MASS + b)]
             jac = wp.static(body_jacobians[b])(jb)
             weights = wp.static(mech.bias_weights[b])(v)
-            acc = wp.static(accelerations[b])(params, row, jac, w, weights, h)
+            acc = wp.static(accelerations[b])(params, row, jac, w, weights, h, external, world)
             pw = wp.static(second[b])(jac, w)
             ps = wp.static(second[b])(jac, weights)
             gravity_free = h == ZERO
@@ -119,7 +142,16 @@ def make_mechanism_derivatives(s: Structure, dtype: type) -> SimpleNamespace:
 
     @wp.func
     def hessian_qq(
-        params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, jb: JB, p: VQ, w: VQ, v: VQ, h: dtype
+        params: wp.array2d(dtype=dtype),
+        row: int,
+        fr: t.FRAMES,
+        jb: JB,
+        p: VQ,
+        w: VQ,
+        v: VQ,
+        h: dtype,
+        external: wp.array2d(dtype=dtype),
+        world: int,
     ):
         """d2/dq_k dq_l of p.(M w - h r); with h = 0: of p.M w."""
         out = MQ()
@@ -127,7 +159,7 @@ def make_mechanism_derivatives(s: Structure, dtype: type) -> SimpleNamespace:
             mass = params[row, wp.static(MASS + b)]
             jac = wp.static(body_jacobians[b])(jb)
             weights = wp.static(mech.bias_weights[b])(v)
-            acc = wp.static(accelerations[b])(params, row, jac, w, weights, h)
+            acc = wp.static(accelerations[b])(params, row, jac, w, weights, h, external, world)
             if h == ZERO:
                 acc = jac * w
             jp = jac * p
@@ -192,6 +224,8 @@ def make_mechanism_derivatives(s: Structure, dtype: type) -> SimpleNamespace:
         return out
 
     return SimpleNamespace(
+        body_jacobians=body_jacobians,
+        accelerations=accelerations,
         motion_by_q=motion_by_q,
         motion_by_v=motion_by_v,
         hessian_qq=hessian_qq,

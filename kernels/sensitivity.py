@@ -151,7 +151,9 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
                 m = VQ()
                 for j in range(wp.static(NV)):
                     m[j] = lin.m[i, j]
-                by_q = wp.static(motion.motion_by_q)(params, row, lin.fr, lin.jb, m, v, ZERO)
+                by_q = wp.static(motion.motion_by_q)(
+                    params, row, lin.fr, lin.jb, m, v, ZERO, params, wp.static(-1)
+                )
                 share = sol.lam[i] / sol.scale[i]
                 for k in range(wp.static(NV)):
                     value = lin.scale_by_q[i, k]
@@ -164,7 +166,14 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
         return out, lin
 
     @wp.func
-    def linearize(params: wp.array2d(dtype=dtype), row: int, x: VX, sol: step.Solution):
+    def linearize(
+        params: wp.array2d(dtype=dtype),
+        row: int,
+        x: VX,
+        sol: step.Solution,
+        external: wp.array2d(dtype=dtype),
+        world: int,
+    ):
         """First-order expansion of v' (and z) around the solution of a step from x."""
         lin = Linear()
         q = VQ()
@@ -177,7 +186,7 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
         lin.fr = fr
         lin.jb = wp.static(mech.com_jacobians)(params, row, fr)
         lin.w = sol.v - v
-        f1q = wp.static(motion.motion_by_q)(params, row, lin.fr, lin.jb, lin.w, v, h)
+        f1q = wp.static(motion.motion_by_q)(params, row, lin.fr, lin.jb, lin.w, v, h, external, world)
         f2q = JR()
         diag = VR()
         lin = slopes(params, row, sol, lin)
@@ -247,6 +256,18 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
             out = column(sol, out, f1, VR(), wp.static(2 * NV + k))
         return out
 
+    @wp.func
+    def transposed(sol: step.Solution, lin: Linear, target: VQ):
+        """(P, rho) with target . dv' = -(P . dF1 + rho . dF2)."""
+        p = sol.minv * target
+        rho = VR()
+        if sol.mask != 0:
+            p, innovation = wp.static(sweep.forward)(lin.factor, sol.jac, lin.slope, sol.mask, p, VR())
+            dz = wp.static(sweep.back)(lin.factor, sol.jac, sol.scale, lin.slope, sol.mask, innovation)
+            for i in range(wp.static(NR)):
+                rho[i] = -lin.slope[i] * dz[i] / sol.scale[i]
+        return p, rho
+
     return SimpleNamespace(
         step=step,
         motion=motion,
@@ -254,6 +275,7 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
         sweep=sweep,
         Linear=Linear,
         linearize=linearize,
+        transposed=transposed,
         NZ=NZ,
         DV=DV,
         DZ=DZ,

@@ -27,10 +27,13 @@ class Parameters:
     spring_length [m], spring_point (2 ends, 2) [m] per spring.
     """
 
-    def __init__(self, scene: Scene, values: dict[str, np.ndarray] | None = None) -> None:
+    def __init__(
+        self, scene: Scene, values: dict[str, np.ndarray] | None = None, requires_grad: bool = False
+    ) -> None:
         self.scene = scene
         self.layout: Layout = layout(scene.structure)
         self._values = dict(scene.default_parameters()) if values is None else values
+        self.requires_grad = requires_grad
         self._uploaded: dict[tuple[Any, str], wp.array] = {}
 
     @property
@@ -66,7 +69,32 @@ class Parameters:
         sizes = {n: len(v) for n, v in values.items() if np.ndim(v) > len(self.layout.shape(n))}
         if len(set(sizes.values())) > 1:
             raise ParameterError(f"parameters disagree on the number of worlds: {sizes}")
-        return Parameters(self.scene, values)
+        return Parameters(self.scene, values, self.requires_grad)
+
+    def track(self) -> "Parameters":
+        """A copy whose gradients steps and rollouts on a `wp.Tape` collect; see `gradient`."""
+        return Parameters(self.scene, self._values, True)
+
+    def gradient(self, name: str) -> np.ndarray:
+        """The gradient collected by backward passes of tapes, of the shape that the parameter has: its own
+        where all worlds share the table (then the sum over worlds), else (B, *shape).
+
+        Raises:
+            ParameterError: unknown name, or parameters that are not tracked.
+        """
+        if name not in self.names:
+            raise ParameterError(f"no parameter {name!r}; there are {list(self.names)}")
+        if not self.requires_grad:
+            raise ParameterError("these parameters are not tracked; use params.track() in the rollout")
+        start, shape = self.layout.offset(name), self.layout.shape(name)
+        table = sum((a.grad.numpy() for a in self._uploaded.values()), np.zeros_like(self.table()))
+        block = table[:, start : start + int(np.prod(shape, dtype=int))].reshape((-1, *shape))
+        return block[0] if self.worlds is None else block
+
+    def zero_gradient(self) -> None:
+        """Forget the gradients collected so far (`wp.Tape.zero` does so too)."""
+        for array in self._uploaded.values():
+            array.grad.zero_()
 
     def _fit(self, name: str, value: Any) -> np.ndarray:
         if name not in self.names:
@@ -111,5 +139,7 @@ class Parameters:
         """The table on a device, uploaded once."""
         key = (dtype, str(device))
         if key not in self._uploaded:
-            self._uploaded[key] = wp.array(self.table(), dtype=dtype, device=device)
+            self._uploaded[key] = wp.array(
+                self.table(), dtype=dtype, device=device, requires_grad=self.requires_grad
+            )
         return self._uploaded[key]

@@ -182,7 +182,7 @@ class Simulator:
     ) -> Step:
         """One time step of every world, eq. (1). Pure: nothing is remembered.
 
-        Recorded on an active `wp.Tape` when x or u are Warp arrays with `requires_grad`.
+        Recorded on an active `wp.Tape` when x or u are Warp arrays with `requires_grad`, or params are tracked.
 
         Args:
             x: (B, nx) or (nx,) states (q, v). u: (B, nu) controls, None: zero.
@@ -214,11 +214,13 @@ class Simulator:
             status,
         ]
         if self._memory is not None:
-            self._refuse_gradient(state.array, control)
+            self._refuse_gradient(table, state.array, control)
             self._memory.step(worlds, inputs)
         else:
             launch(rollout.make_step_kernel(*self._key), worlds, inputs, self.device)
-            tape.record_step(self._key, table, state.array, control, inputs[3], out[0], status, self.device)
+            tape.record_step(
+                tape.Recorded(self._key, table, state.array, control, inputs[3], out[0], status)
+            )
         friction = (params or self.params)["friction"]
 
         def give(a: wp.array) -> Any:
@@ -249,7 +251,7 @@ class Simulator:
             external_force: constant over the rollout, as in `step`.
             record: any of "controls", "impulse", "gap", one name or several.
 
-        Recorded on an active `wp.Tape` when x0 or controls are Warp arrays with `requires_grad`.
+        Recorded on an active `wp.Tape` as `step` is.
         """
         record = (record,) if isinstance(record, str) else record
         unknown = set(record) - {"controls", "impulse", "gap"}
@@ -286,14 +288,14 @@ class Simulator:
         external = self._external(external_force, worlds)
         outputs = [external, states, *recorded.values(), status]
         if self._memory is not None:
-            self._refuse_gradient(state.array, us)
+            self._refuse_gradient(table, state.array, us)
             self._memory.rollout(worlds, "gap" in record, [table, state.array, us, *outputs])
         else:
             kernel = rollout.make_rollout_kernel(*self._key, name, "gap" in record)
             inputs = [table, state.array, struct, *outputs]
             launch(kernel, worlds, inputs, self.device, grain=max(1, 128 // steps))
         if us is not None and self._memory is None:
-            tape.record_rollout(self._key, table, state.array, us, external, states, status, self.device)
+            tape.record_rollout(tape.Recorded(self._key, table, state.array, us, external, states, status))
         give = lambda a: from_batch(a, state.kind, state.batched)  # noqa: E731
         return Trajectory(
             give(states), give(status), *(give(recorded[k]) if k in record else None for k in recorded)

@@ -1,15 +1,17 @@
 """Rollouts on a `wp.Tape`: the implicit adjoint of every step, attached by hand.
 
-Gradients flow from the recorded states to x0 and controls. They are exact to solver tolerance wherever the
+Gradients flow from the recorded states to x0, controls and parameters (`Parameters.track`). They are exact to solver tolerance wherever the
 status is SOLVED; a world with another status gets NaN. Nothing flows through impulses, gaps or the status.
 """
 
+from dataclasses import dataclass, replace
 from typing import Any
 
 import warp as wp
 
 from slcp_warp.kernels.expansion import make_adjoint_kernel
 from slcp_warp.kernels.launch import launch
+from slcp_warp.kernels.reduce import make_sum_kernel
 
 
 def active_tape() -> wp.Tape | None:
@@ -22,64 +24,68 @@ def wants_gradient(*arrays: wp.array | None) -> bool:
     return active_tape() is not None and any(a is not None and a.requires_grad for a in arrays)
 
 
-def record_rollout(
-    key: tuple[Any, ...],
-    table: wp.array,
-    x0: wp.array,
-    us: wp.array,
-    external: wp.array,
-    states: wp.array,
-    status: wp.array,
-    device: Any,
-) -> None:
+@dataclass(frozen=True)
+class Recorded:
+    """What the backward pass of a rollout needs: its kernels' key and the arrays that went in and came out."""
+
+    key: tuple[Any, ...]
+    table: wp.array
+    x0: wp.array
+    us: wp.array
+    external: wp.array
+    states: wp.array
+    status: wp.array
+
+    @property
+    def inputs(self) -> list[wp.array]:
+        """The arrays that may require a gradient."""
+        return [self.x0, self.us, self.table]
+
+    @property
+    def wanted(self) -> bool:
+        """Whether a tape records and an input requires a gradient."""
+        return wants_gradient(*self.inputs)
+
+
+def record_rollout(run: Recorded) -> None:
     """Record the backward pass of an open-loop rollout if a tape is active and an input requires a
     gradient.
     """
-    tape = active_tape()
-    if tape is None or not (x0.requires_grad or us.requires_grad):
+    if not run.wanted:
         return
-    states.requires_grad = True
+    run.states.requires_grad = True
 
     def backward() -> None:
-        _adjoint(key, table, x0, us, external, states, status, states.grad, device)
-        states.grad.zero_()
+        _adjoint(run, run.states.grad)
+        run.states.grad.zero_()
 
-    tape.record_func(backward, arrays=_with_gradient(x0, us, states))
+    active_tape().record_func(backward, arrays=_with_gradient(*run.inputs, run.states))
 
 
-def record_step(
-    key: tuple[Any, ...],
-    table: wp.array,
-    x: wp.array,
-    u: wp.array,
-    external: wp.array,
-    after: wp.array,
-    status: wp.array,
-    device: Any,
-) -> None:
-    """Record the backward pass of one step from x (B, nx) under u (B, nu) to `after`: a rollout of length
-    one.
+def record_step(run: Recorded) -> None:
+    """Record the backward pass of one step, a rollout of length one: here x0, us and states of `run` are
+    (B, nx), (B, nu) and (B, nx).
     """
-    tape = active_tape()
-    if tape is None or not (x.requires_grad or u.requires_grad):
+    if not run.wanted:
         return
+    x, u, after = run.x0, run.us, run.states
     after.requires_grad = True
     worlds, nx = x.shape
-    states, states_grad = (wp.zeros((worlds, 2, nx), dtype=x.dtype, device=device) for _ in range(2))
-    us = wp.zeros((worlds, 1, u.shape[1]), dtype=x.dtype, device=device, requires_grad=u.requires_grad)
+    states, states_grad = (wp.zeros((worlds, 2, nx), dtype=x.dtype, device=x.device) for _ in range(2))
+    us = wp.zeros((worlds, 1, u.shape[1]), dtype=x.dtype, device=x.device, requires_grad=u.requires_grad)
     wp.copy(states[:, 0], x)
     wp.copy(us[:, 0], u)
+    longer = replace(run, us=us, states=states)
 
     def backward() -> None:
         wp.copy(states_grad[:, 1], after.grad)
-        _adjoint(key, table, x, us, external, states, status, states_grad, device)
+        _adjoint(longer, states_grad)
         if u.requires_grad:
-            add = us.grad.numpy()[:, 0] + u.grad.numpy()
-            u.grad.assign(add)
+            launch(make_sum_kernel(x.dtype), u.shape[1], [us.grad[:, 0], u.grad], x.device)
             us.grad.zero_()
         after.grad.zero_()
 
-    tape.record_func(backward, arrays=_with_gradient(x, u, after))
+    active_tape().record_func(backward, arrays=_with_gradient(*run.inputs, after))
 
 
 def refuse_policy(x0: wp.array) -> None:
@@ -94,19 +100,16 @@ def _with_gradient(*arrays: wp.array) -> list[wp.array]:
     return [a for a in arrays if a.requires_grad]
 
 
-def _adjoint(
-    key: tuple[Any, ...],
-    table: wp.array,
-    x0: wp.array,
-    us: wp.array,
-    external: wp.array,
-    states: wp.array,
-    status: wp.array,
-    states_grad: wp.array,
-    device: Any,
-) -> None:
-    """Add the gradients by x0 and controls to theirs, where they are wanted."""
-    x_grad = x0.grad if x0.requires_grad else wp.zeros((0, x0.shape[1]), dtype=x0.dtype, device=device)
-    u_grad = us.grad if us.requires_grad else wp.zeros((0, 1, 1), dtype=x0.dtype, device=device)
-    inputs = [table, us, external, states, status, states_grad, x_grad, u_grad]
-    launch(make_adjoint_kernel(*key), x0.shape[0], inputs, device, grain=max(1, 64 // us.shape[1]))
+def _adjoint(run: Recorded, states_grad: wp.array) -> None:
+    """Add the gradients by x0, controls and parameters to theirs, where they are wanted."""
+    x0, us, table = run.x0, run.us, run.table
+    dtype, device = x0.dtype, x0.device
+    x_grad = x0.grad if x0.requires_grad else wp.zeros((0, x0.shape[1]), dtype=dtype, device=device)
+    u_grad = us.grad if us.requires_grad else wp.zeros((0, 1, 1), dtype=dtype, device=device)
+    worlds = x0.shape[0] if table.requires_grad else 0
+    part = wp.zeros((worlds, table.shape[1]), dtype=dtype, device=device)
+    kernel = make_adjoint_kernel(*run.key, table.requires_grad)
+    inputs = [table, us, run.external, run.states, run.status, states_grad, x_grad, u_grad, part]
+    launch(kernel, x0.shape[0], inputs, device, grain=max(1, 64 // us.shape[1]))
+    if table.requires_grad:
+        launch(make_sum_kernel(dtype), table.shape[1], [part, table.grad], device)

@@ -1,0 +1,145 @@
+"""How a contact pair's rows answer to displacements and radii of its shapes, for gradients by parameters.
+
+A pair adds G = gap d + J_n.y_n + J_t.y_t to the scalar whose derivative is wanted. With V(y) the velocity of
+B's centre against A's under joint rates y and Omega(y) a body's rate of turning,
+J_n.y = n.V + h_A' Omega_A + h_B' Omega_B and J_t.y = t.V - h_A Omega_A - h_B Omega_B (`rows.py`). The normal
+turns by R delta(alpha) = t.delta(Delta) + h_A'' delta(psi_A) + h_B'' delta(psi_B) - delta(h_A' + h_B'), the last
+at a fixed direction; the normal of a half-plane A turns with its body.
+"""
+
+import functools
+from types import SimpleNamespace
+from typing import Any
+
+import warp as wp
+
+from .contact_derivatives import make_pair_derivatives
+from .mechanism import make_mechanism
+from .shapes import make_pair, oriented_pair
+from .structure import DISC, HALFPLANE, Structure, layout
+
+
+@functools.cache
+def make_answer(s: Structure, dtype: type) -> Any:
+    """Struct of derivatives of a pair's G by what its shapes may do, the same type for all pairs."""
+    V2 = make_mechanism(s, dtype).types.V2
+
+    @wp.struct
+    class Answer:
+        shift: V2  # by delta(Delta), the centre of B against that of A
+        turn_a: dtype  # by an angle psi of A, of B
+        turn_b: dtype
+        support_a: V2  # by the support function and its derivative, (h, h')
+        support_b: V2
+        by_friction: dtype  # J_t.(change of y_t by the friction coefficient)
+
+    return Answer
+
+
+@functools.cache
+def make_pair_answer(s: Structure, pair: int, dtype: type) -> SimpleNamespace:
+    """answer(g, gap, y_n, y_t, y_mu) -> Answer at the geometry g of `make_pair_derivatives`;
+    radii(params, row, fr, g, answer, grad, world, scale) adds the gradient by the radii.
+    """
+    mech = make_mechanism(s, dtype)
+    t = mech.types
+    p = make_pair(s, pair, dtype)
+    d = make_pair_derivatives(s, pair, dtype)
+    Answer = make_answer(s, dtype)
+    lay = layout(s)
+    V2, V4, VQ = t.V2, wp.types.vector(4, dtype), t.VQ
+    shape_a, shape_b = oriented_pair(s, pair)
+    plane = p.plane
+    ONE = dtype(1.0)
+    RADIUS = lay.offset("radius")
+    TURN_A, TURN_B = (
+        VQ(*(dtype(float(s.turns(body, j))) for j in range(s.nv))) for body in (p.body_a, p.body_b)
+    )
+
+    @wp.func
+    def answer(g: d.PairGeometry, gap: dtype, yn: VQ, yt: VQ, ymu: VQ):
+        out = Answer()
+        n = g.n
+        tangent = V2(-n[1], n[0])
+        vn = g.jb * yn - g.ja * yn
+        vt = g.jb * yt - g.ja * yt
+        an = wp.dot(wp.static(TURN_A), yn)
+        bn = wp.dot(wp.static(TURN_B), yn)
+        at = wp.dot(wp.static(TURN_A), yt)
+        bt = wp.dot(wp.static(TURN_B), yt)
+        alpha = wp.dot(tangent, vn) - wp.dot(n, vt) - bt * g.hb[1]  # dG/dalpha at fixed places
+        if wp.static(plane):
+            lever = bn - an  # weight of h_B'
+            alpha += lever * g.hb[2] - an * wp.dot(n, g.delta)
+            out.shift = gap * n + an * tangent
+            out.turn_a = gap * g.ha[1] + alpha
+            out.turn_b = gap * g.hb[1] - lever * g.hb[2] + bt * g.hb[1]
+            out.support_b = V2(-gap - bt, lever)
+        else:
+            alpha += an * g.ha[2] + bn * g.hb[2] - at * g.ha[1]
+            share = alpha / g.radius
+            out.shift = gap * n + share * tangent
+            out.turn_a = gap * g.ha[1] + share * g.ha[2] - an * g.ha[2] + at * g.ha[1]
+            out.turn_b = gap * g.hb[1] + share * g.hb[2] - bn * g.hb[2] + bt * g.hb[1]
+            out.support_a = V2(-gap - at, an - share)
+            out.support_b = V2(-gap - bt, bn - share)
+        vm = g.jb * ymu - g.ja * ymu
+        out.by_friction = wp.dot(tangent, vm)
+        out.by_friction -= g.ha[0] * wp.dot(wp.static(TURN_A), ymu)
+        out.by_friction -= g.hb[0] * wp.dot(wp.static(TURN_B), ymu)
+        return out
+
+    def make_radius(shape: int) -> wp.Function:
+        FIRST = RADIUS + 2 * shape
+        disc, round_ = s.shapes[shape].kind == DISC, s.shapes[shape].kind != HALFPLANE
+
+        @wp.func
+        def radius(
+            params: wp.array2d(dtype=dtype),
+            row: int,
+            pose: V4,
+            n: V2,
+            by: V2,
+            grad: wp.array2d(dtype=dtype),
+            world: int,
+        ):
+            # h = sqrt(a^2 c^2 + b^2 s^2), h' = (b^2 - a^2) c s/h at the unit vector c e1 + s e2
+            if wp.static(disc):
+                grad[world, wp.static(FIRST)] = grad[world, wp.static(FIRST)] + by[0]
+            elif wp.static(round_):
+                a = params[row, wp.static(FIRST)]
+                b = params[row, wp.static(FIRST + 1)]
+                c = n[0] * pose[2] + n[1] * pose[3]
+                sn = n[1] * pose[2] - n[0] * pose[3]
+                inverse = ONE / wp.sqrt(a * a * c * c + b * b * sn * sn)
+                slope = (b * b - a * a) * c * sn * inverse
+                ha = a * c * c * inverse
+                hb = b * sn * sn * inverse
+                da = -(a + a) * c * sn * inverse - slope * ha * inverse
+                db = (b + b) * c * sn * inverse - slope * hb * inverse
+                grad[world, wp.static(FIRST)] = grad[world, wp.static(FIRST)] + by[0] * ha + by[1] * da
+                grad[world, wp.static(FIRST + 1)] = (
+                    grad[world, wp.static(FIRST + 1)] + by[0] * hb + by[1] * db
+                )
+
+        return radius
+
+    radius_a, radius_b = make_radius(shape_a), make_radius(shape_b)
+
+    @wp.func
+    def radii(
+        params: wp.array2d(dtype=dtype),
+        row: int,
+        fr: t.FRAMES,
+        g: d.PairGeometry,
+        out: Answer,
+        grad: wp.array2d(dtype=dtype),
+        world: int,
+    ):
+        """Adds the derivatives of G by the radii of both shapes to their columns."""
+        radius_a(params, row, wp.static(p.pose_a)(params, row, fr), g.n, out.support_a, grad, world)
+        radius_b(params, row, wp.static(p.pose_b)(params, row, fr), g.n, out.support_b, grad, world)
+
+    return SimpleNamespace(
+        Answer=Answer, geometry=d.geometry, PairGeometry=d.PairGeometry, answer=answer, radii=radii
+    )
