@@ -21,6 +21,12 @@ from .shapes import oriented_pair
 from .structure import WORLD, Structure, layout
 
 
+def offered(method: Method) -> bool:
+    """Whether the gradient by parameters exists for a method."""
+    saddle = method.rem or (method.hard and not method.coulomb)
+    return saddle and not method.trapezoidal and not method.state_noise
+
+
 @functools.cache
 def make_parameter_gradient(s: Structure, dtype: type, method: Method) -> wp.Function:
     """gradient(params, row, x, u, external, world, sol, lin, weight, grad): adds to row `world` of `grad`

@@ -88,7 +88,7 @@ class Parameters:
             raise ParameterError("these parameters are not tracked; use params.track() in the rollout")
         start, shape = self.layout.offset(name), self.layout.shape(name)
         table = sum((a.grad.numpy() for a in self._uploaded.values()), np.zeros_like(self.table()))
-        block = table[:, start : start + int(np.prod(shape, dtype=int))].reshape((-1, *shape))
+        block = table[:, start : start + int(np.prod(shape, dtype=int))].reshape((len(table), *shape))
         return block[0] if self.worlds is None else block
 
     def zero_gradient(self) -> None:
@@ -124,6 +124,14 @@ class Parameters:
             for i, shape_ in enumerate(self.scene.shapes):
                 if shape_.kind == ELLIPSE and not np.all(array[..., i, :] > 0.0):
                     raise ParameterError(f"radius of ellipse {shape_.name!r} is 0; it must be positive")
+        if name == "shape_angle":
+            for i, kind in enumerate(self.scene.structure.shapes):
+                if not kind.turned and np.any(array[..., i] != 0.0):
+                    given = np.ravel(array[..., i])[0]
+                    raise ParameterError(
+                        f"shape_angle of {self.scene.shapes[i].name!r} is {given}; it was built with the "
+                        "angle 0, which the kernels leave out: build the scene with another angle"
+                    )
         return array
 
     def table(self) -> np.ndarray:

@@ -182,7 +182,8 @@ class Simulator:
     ) -> Step:
         """One time step of every world, eq. (1). Pure: nothing is remembered.
 
-        Recorded on an active `wp.Tape` when x or u are Warp arrays with `requires_grad`, or params are tracked.
+        Recorded on an active `wp.Tape` when x or u are Warp arrays with `requires_grad` or params are
+        tracked.
 
         Args:
             x: (B, nx) or (nx,) states (q, v). u: (B, nu) controls, None: zero.

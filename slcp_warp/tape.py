@@ -1,7 +1,8 @@
 """Rollouts on a `wp.Tape`: the implicit adjoint of every step, attached by hand.
 
-Gradients flow from the recorded states to x0, controls and parameters (`Parameters.track`). They are exact to solver tolerance wherever the
-status is SOLVED; a world with another status gets NaN. Nothing flows through impulses, gaps or the status.
+Gradients flow from the recorded states to x0, controls and parameters (`Parameters.track`). They are exact to
+solver tolerance wherever the status is SOLVED; a world with another status gets NaN. Nothing flows through
+impulses, gaps or the status.
 """
 
 from dataclasses import dataclass, replace
@@ -11,7 +12,10 @@ import warp as wp
 
 from slcp_warp.kernels.expansion import make_adjoint_kernel
 from slcp_warp.kernels.launch import launch
+from slcp_warp.kernels.parameter_gradient import offered
 from slcp_warp.kernels.reduce import make_sum_kernel
+
+from .options import OptionError
 
 
 def active_tape() -> wp.Tape | None:
@@ -26,7 +30,7 @@ def wants_gradient(*arrays: wp.array | None) -> bool:
 
 @dataclass(frozen=True)
 class Recorded:
-    """What the backward pass of a rollout needs: its kernels' key and the arrays that went in and came out."""
+    """What the backward pass of a rollout needs: the kernels' key, the arrays that went in and came out."""
 
     key: tuple[Any, ...]
     table: wp.array
@@ -43,7 +47,13 @@ class Recorded:
 
     @property
     def wanted(self) -> bool:
-        """Whether a tape records and an input requires a gradient."""
+        """Whether a tape records and an input requires a gradient.
+
+        Raises:
+            OptionError: gradients by parameters are wanted, and the options have none.
+        """
+        if wants_gradient(self.table) and not offered(self.key[-1]):
+            raise OptionError(f"params are tracked, but {self.key[-1]} has no gradients by parameters")
         return wants_gradient(*self.inputs)
 
 
