@@ -219,9 +219,7 @@ class Simulator:
             self._memory.step(worlds, inputs)
         else:
             launch(rollout.make_step_kernel(*self._key), worlds, inputs, self.device)
-            tape.record_step(
-                tape.Recorded(self._key, table, state.array, control, inputs[3], out[0], status)
-            )
+            tape.record_step(tape.Recorded(self._key, table, state.array, control, inputs[3], out[0], status))
         friction = (params or self.params)["friction"]
 
         def give(a: wp.array) -> Any:
