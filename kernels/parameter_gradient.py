@@ -21,10 +21,10 @@ from .shapes import oriented_pair
 from .structure import WORLD, Structure, layout
 
 
-def offered(method: Method) -> bool:
-    """Whether the gradient by parameters exists for a method."""
+def offered(s: Structure, method: Method) -> bool:
+    """Whether the gradient by parameters exists for a structure and a method."""
     saddle = method.rem or (method.hard and not method.coulomb)
-    return saddle and not method.trapezoidal and not method.state_noise
+    return saddle and not method.trapezoidal and not method.state_noise and not s.springs
 
 
 @functools.cache
@@ -285,6 +285,16 @@ def make_parameter_gradient(s: Structure, dtype: type, method: Method) -> wp.Fun
         add2(grad, world, wp.static(col["gravity"]), -h * pulled)
         for j in range(wp.static(s.nv)):
             add(grad, world, wp.static(col["damping"] + j), h * p[j] * motion.v[j])
+        for i in range(wp.static(len(s.sprung))):
+            stretch = q[wp.static(s.sprung[i])] - params[row, wp.static(col["rest"] + s.sprung[i])]
+            add(
+                grad,
+                world,
+                wp.static(col["stiffness"] + s.sprung[i]),
+                h * p[wp.static(s.sprung[i])] * stretch,
+            )
+            pull = h * p[wp.static(s.sprung[i])] * params[row, wp.static(col["stiffness"] + s.sprung[i])]
+            add(grad, world, wp.static(col["rest"] + s.sprung[i]), -pull)
         for i in range(wp.static(s.nu)):
             add(grad, world, wp.static(col["gear"] + i), -h * p[wp.static(s.actuators[i])] * u[i])
         mass = wp.static(mech.mass_matrix)(params, row, lin.jb)

@@ -52,8 +52,12 @@ class Recorded:
         Raises:
             OptionError: gradients by parameters are wanted, and the options have none.
         """
-        if wants_gradient(self.table) and not offered(self.key[-1]):
-            raise OptionError(f"params are tracked, but {self.key[-1]} has no gradients by parameters")
+        structure, _, method = self.key
+        if wants_gradient(self.table) and not offered(structure, method):
+            raise OptionError(
+                "params are tracked, but gradients by parameters exist neither for springs between points "
+                f"nor for every method; this is {method}"
+            )
         return wants_gradient(*self.inputs)
 
 

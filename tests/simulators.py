@@ -59,6 +59,13 @@ def moving_plane() -> Scene:
     return Scene("moving_plane", bodies, shapes, contacts)
 
 
+def sprung_plane() -> Scene:
+    """`moving_plane` with a joint spring."""
+    base = moving_plane()
+    plate = dataclasses.replace(base.bodies[0], stiffness=40.0, rest=0.1)
+    return dataclasses.replace(base, name="sprung_plane", bodies=(plate, *base.bodies[1:]))
+
+
 def tree(seed: int, *joints: str) -> Scene:
     """A random chain with these joints, or a random tree of four bodies; no contacts."""
     rng = np.random.default_rng(seed)
@@ -96,6 +103,7 @@ MAKERS = {
     "tree0": lambda: tree(0),
     "tree1": lambda: tree(1),
     "sprung": sprung,
+    "sprung_plane": sprung_plane,
     "carts": lambda: tree(2, "prismatic", "revolute", "prismatic"),
     "floating": lambda: tree(3, "free", "revolute", "revolute"),
     "rubbing_particle": lambda: scenes.particle(friction=0.5),

@@ -13,7 +13,7 @@ WORLDS, STEPS, EPS = 12, 3, 1e-6
 CASES = (
     ("flicking_finger", "none", "rem-logistic"),  # revolute joints, ellipses, limits
     ("touching_tree", "inertia", "rem-logistic"),  # free and prismatic joints, all offsets, a fixed plane
-    ("moving_plane", "inertia", "hard"),  # a plane that turns, discs, friction in both orders
+    ("sprung_plane", "inertia", "hard"),  # a plane that turns on a spring, discs, friction in both orders
 )
 
 
@@ -90,6 +90,9 @@ def test_shared_parameters_collect_the_sum_and_forget_it(device):
 
 
 def test_errors_name_what_is_needed():
+    spring = simulator("sprung")
+    with wp.Tape(), pytest.raises(slcp.OptionError, match="neither for springs"):
+        spring.rollout(scene("sprung").x0, np.zeros((1, spring.nu)), spring.params.track())
     params = simulator("flicking_finger").params
     with pytest.raises(slcp.ParameterError, match="not tracked"):
         params.gradient("mass")
