@@ -148,12 +148,21 @@ def make_large_solver(dtype: type, residual: str) -> SimpleNamespace:
                 it = wp.static(MAX_ITERATIONS)
             else:
                 nt.factor(t, k, b, n)
-                nt.direction(t, k, b, n, ZERO, 1)
-                there = mean_after(t, k, params, row, b, n, length(k, b, n, ZERO, ZERO))
-                part = there / mean
-                mu = wp.min(part * part * part, HALF) * mean  # never all of it, else short steps stall it
-                nt.direction(t, k, b, n, mu, 1)
-                step = length(k, b, n, mu, wp.clamp(wp.sqrt(mean) / size, NEAREST, FARTHEST))
+                mu = dtype(0.0)  # straight first, then towards the mu that this suggests
+                kept = dtype(0.0)
+                step = dtype(0.0)
+                looking = int(1)
+                more = int(1)
+                while more == 1:
+                    nt.direction(t, k, b, n, mu, 1)
+                    step = length(k, b, n, mu, kept)
+                    more = int(0)
+                    if looking == 1:
+                        looking = 0
+                        more = 1
+                        part = mean_after(t, k, params, row, b, n, step) / mean
+                        mu = wp.min(part * part * part, HALF) * mean  # never all of it, or short steps stall
+                        kept = wp.clamp(wp.sqrt(mean) / size, NEAREST, FARTHEST)
                 for i in range(t.nv):
                     k.v[i, b] = k.v[i, b] + step * k.move[i, b]
                 for r in range(n):
@@ -211,12 +220,18 @@ def make_large_solver(dtype: type, residual: str) -> SimpleNamespace:
         if not wp.isfinite(size):
             return wp.static(NONFINITE)
         size = wp.max(size, TINY)
-        done = nt.newton(t, k, params, row, b, n, size, wp.static(WARM_ITERATIONS))
-        if done == 0:
-            found = interior(t, k, params, row, b, n, size)
-            if found == 0 and proves_infeasible(t, k, b, n, size):
-                return wp.static(INFEASIBLE)
-            done = nt.newton(t, k, params, row, b, n, size, wp.static(POLISHING))
-        return wp.where(done == 1, wp.static(SOLVED), wp.static(NOT_CONVERGED))
+        status = int(wp.static(NOT_CONVERGED))
+        attempt = int(0)
+        while status == wp.static(NOT_CONVERGED) and attempt < 2:
+            iterations = int(wp.static(WARM_ITERATIONS))
+            if attempt == 1:
+                iterations = int(wp.static(POLISHING))
+                if interior(t, k, params, row, b, n, size) == 0 and proves_infeasible(t, k, b, n, size):
+                    status = int(wp.static(INFEASIBLE))
+            if status == wp.static(NOT_CONVERGED):
+                if nt.newton(t, k, params, row, b, n, size, iterations) == 1:
+                    status = int(wp.static(SOLVED))
+            attempt += 1
+        return status
 
     return SimpleNamespace(solve=solve)

@@ -71,22 +71,31 @@ def make_large_step(dtype: type, residual: str) -> SimpleNamespace:
         of the largest approach are added: in a heap they act next.
         """
         contact.start(t, k, params, row, b)
-        _none, margin = contact.grow(t, k, params, row, b, exact_gap, NOWHERE)
         status = int(wp.static(SOLVED))
-        n = int(0)
-        added, _approach = contact.grow(t, k, params, row, b, exact_gap, margin)
-        while added > 0 and status == wp.static(SOLVED):
-            n = int(0)
-            for i in range(t.nr):
-                if k.acting[i, b] > 0:
-                    k.active[n, b] = i
-                    n += 1
-                    if k.acting[i, b] == 1:
-                        if not (wp.abs(k.z[i, b]) < HALF * UNUSED):
-                            k.z[i, b] = -k.rate[i, b] - contact.velocity(t, k, b, i)
-                        k.acting[i, b] = 2
-            status = solver.solve(t, k, params, row, b, n)
-            added, _approach = contact.grow(t, k, params, row, b, exact_gap, ZERO)
+        margin = ZERO + NOWHERE
+        looking = int(1)
+        more = int(1)
+        while more == 1:  # the first pass only looks how large the approach is
+            added, approach = contact.grow(t, k, params, row, b, exact_gap, margin)
+            if looking == 1:
+                looking = 0
+                margin = approach
+            elif added == 0:
+                more = 0
+            else:
+                n = int(0)
+                for i in range(t.nr):
+                    if k.acting[i, b] > 0:
+                        k.active[n, b] = i
+                        n += 1
+                        if k.acting[i, b] == 1:
+                            if not (wp.abs(k.z[i, b]) < HALF * UNUSED):
+                                k.z[i, b] = -k.rate[i, b] - contact.velocity(t, k, b, i)
+                            k.acting[i, b] = 2
+                status = solver.solve(t, k, params, row, b, n)
+                margin = dtype(0.0)
+                if status != wp.static(SOLVED):
+                    more = 0
         for i in range(t.nr):
             if k.acting[i, b] == 0:
                 k.z[i, b] = UNUSED

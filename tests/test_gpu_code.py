@@ -2,24 +2,14 @@
 
 import pytest
 import warp as wp
-from cubin import kernel_resources
 
 from slcp_warp import scenes
-from slcp_warp.kernels import rollout
+from slcp_warp.kernels import large_step, rollout
 from slcp_warp.kernels.method import Method
+from slcp_warp.scripts.cubin import sm90_resources
 
 LONG = wp.types.vector(64, float)
 FINGER = scenes.flicking_finger().structure
-
-
-def sm90_resources(kernel, folder):
-    wp.compile_aot_module(kernel.module, arch=90, module_dir=str(folder), use_ptx=False)
-    files = list(folder.rglob("*.cubin"))
-    assert len(files) == 1, f"one cubin was expected, {files} were written"
-    resources = kernel_resources(files[0].read_bytes())
-    forward = {name: used for name, used in resources.items() if name.endswith("kernel_forward")}
-    assert len(forward) == 1 and "registers" in next(iter(forward.values())), forward
-    return next(iter(forward.values()))
 
 
 @pytest.mark.slow
@@ -28,6 +18,13 @@ def test_finger_rollout_spills_little(tmp_path):
     used = sm90_resources(kernel, tmp_path)
     assert 0 < used["registers"] <= 255
     assert used["frame"] <= 448, used  # bytes; almost all in the fallback that few worlds enter
+
+
+@pytest.mark.slow
+def test_kernel_of_large_scenes_spills_little(tmp_path):
+    used = sm90_resources(large_step.make_large_rollout_kernel(wp.float32, "hard"), tmp_path)
+    assert 0 < used["registers"] <= 255
+    assert used["frame"] <= 160, used
 
 
 def test_parser_sees_local_memory(tmp_path):

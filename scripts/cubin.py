@@ -1,6 +1,9 @@
 """Registers and stack frame of the kernels in a CUDA cubin (ELF64), read without CUDA tools."""
 
 import struct
+from pathlib import Path
+
+import warp as wp
 
 SECTION = struct.Struct(
     "<IIQQQQIIQQ"
@@ -10,7 +13,9 @@ SIZED_VALUE = 4  # format of an attribute that carries its size
 
 
 def kernel_resources(cubin: bytes) -> dict[str, dict[str, int]]:
-    """{kernel: {"registers": .., "frame": ..}}; a frame is local memory (spills and indexed arrays)."""
+    """{kernel: {"registers": .., "frame": .., "code": bytes}}; a frame is local memory (spills and indexed
+    arrays).
+    """
     start = struct.unpack_from("<Q", cubin, 0x28)[0]
     _size, count, names = struct.unpack_from("<HHH", cubin, 0x3A)
     sections = [SECTION.unpack_from(cubin, start + i * SECTION.size) for i in range(count)]
@@ -23,6 +28,8 @@ def kernel_resources(cubin: bytes) -> dict[str, dict[str, int]]:
     symbols = sections[label.index(".symtab")]
     out: dict[str, dict[str, int]] = {}
     for section, name in zip(sections, label, strict=True):
+        if name.startswith(".text."):
+            out.setdefault(name.removeprefix(".text."), {})["code"] = section[5]
         if name != ".nv.info":
             continue
         at, end = section[4], section[4] + section[5]
@@ -38,3 +45,18 @@ def kernel_resources(cubin: bytes) -> dict[str, dict[str, int]]:
                 out.setdefault(symbol, {})[key] = value
             at += size
     return out
+
+
+def sm90_resources(kernel: wp.Kernel, folder: Path) -> dict[str, int]:
+    """Registers, frame and bytes of code of a kernel compiled for sm_90, which needs no GPU."""
+    wp.compile_aot_module(kernel.module, arch=90, module_dir=str(folder), use_ptx=False)
+    files = list(folder.rglob("*.cubin"))
+    if len(files) != 1:
+        raise RuntimeError(f"one cubin was expected in {folder}, {files} were written")
+    cubin = files[0].read_bytes()
+    forward = {
+        name: used for name, used in kernel_resources(cubin).items() if name.endswith("kernel_forward")
+    }
+    if len(forward) != 1:
+        raise RuntimeError(f"one forward kernel was expected, there are {sorted(forward)}")
+    return {"frame": 0, "registers": 0} | next(iter(forward.values()))
