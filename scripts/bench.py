@@ -9,17 +9,20 @@ simulator's own rollouts in which every step touches.
 """
 
 import functools
+import tempfile
 import time
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 import typer
+import warp as wp
 
 import slcp_warp as slcp
 from slcp_warp import ddp
 from slcp_warp.kernels import launch
 
+from .bench_kernels import SIZES, bench_reach, bench_sizes, print_sizes
 from .bench_mujoco import Peer, import_mujoco
 from .bench_ours import PAPER, TOUCH, WINDOW, Ours, cpu_threads
 from .bench_timing import Case, Result, print_table, tidy_rows, time_interleaved, write_csv
@@ -217,6 +220,30 @@ def threads_command(
 def ddp_command(repeats: Repeats = 9, csv: Csv = None) -> None:
     """A pass of DDP on the flicking finger."""
     _save(csv, bench_ddp(repeats))
+
+
+@app.command("kernels")
+def kernels_command(
+    sizes: Annotated[str, typer.Option(help="Sizes nv x nc.")] = ",".join(f"{a}x{b}" for a, b in SIZES),
+    repeats: Repeats = 3,
+    gpu_code: Annotated[bool, typer.Option(help="Also compile for sm_90 and read the registers.")] = True,
+    cache: Annotated[
+        bool, typer.Option(help="Use compiled kernels; compile times then mean nothing.")
+    ] = False,
+    csv: Csv = None,
+) -> None:
+    """Registers, compile time and step time over the size of a scene, both strategies; rows out of reach."""
+    try:
+        chosen = tuple((int(a), int(b)) for a, b in (size.split("x") for size in sizes.split(",")))
+    except ValueError:
+        raise typer.BadParameter(f"--sizes is {sizes!r}; give sizes such as 3x4,6x12") from None
+    with tempfile.TemporaryDirectory() as folder:
+        if not cache:
+            wp.config.kernel_cache_dir = folder
+        rows = bench_sizes(chosen, repeats=repeats, gpu_code=gpu_code)
+        print_sizes(rows)
+        rows += bench_reach()
+    _save(csv, rows)
 
 
 @app.command("all")
