@@ -26,23 +26,21 @@ def make_linearize_kernel(s: Structure, dtype: type, method: Method, second: boo
     world_of = make_world(s, dtype, method, False)
     curvature = make_curvature(s, dtype, method) if second else None
     NV, NX, NU, NZ = s.nv, 2 * s.nv, s.nu, linear.NZ
-    VX, VU = step.types.VX, step.types.VU
+    VX, VU, DV = step.types.VX, step.types.VU, linear.DV
     ZERO, ONE = dtype(0.0), dtype(1.0)
 
     @wp.func
     def write(
-        fx: wp.array4d(dtype=dtype), fu: wp.array4d(dtype=dtype), b: int, k: int, h: dtype, lin: linear.Linear
+        fx: wp.array4d(dtype=dtype), fu: wp.array4d(dtype=dtype), b: int, k: int, h: dtype, dv: DV, drift: DV
     ):
-        # x' = (q + h v', v')
+        # x' = (q + h v*, v'), v* = v' but for the trapezoidal integrator
         for i in range(wp.static(NV)):
             for j in range(wp.static(NX)):
-                value = lin.dv[i, j]
-                fx[b, k, wp.static(NV + i), j] = value
-                fx[b, k, i, j] = h * value + wp.where(wp.static(i == j), ONE, ZERO)
+                fx[b, k, wp.static(NV + i), j] = dv[i, j]
+                fx[b, k, i, j] = h * drift[i, j] + wp.where(wp.static(i == j), ONE, ZERO)
             for j in range(wp.static(NU)):
-                value = lin.dv[i, wp.static(NX + j)]
-                fu[b, k, wp.static(NV + i), j] = value
-                fu[b, k, i, j] = h * value
+                fu[b, k, wp.static(NV + i), j] = dv[i, wp.static(NX + j)]
+                fu[b, k, i, j] = h * drift[i, wp.static(NX + j)]
 
     @specialised(s, dtype, method, second)
     def linearize_kernel(
@@ -72,11 +70,11 @@ def make_linearize_kernel(s: Structure, dtype: type, method: Method, second: boo
         for j in range(wp.static(NU)):
             u[j] = us[b, k, j]
         sol = step.solve_step(params, row, x, u, external, b, step.cold_carry())
-        code = world_of.status_of(sol, step.next_state(params, row, x, sol.v))
+        code = world_of.status_of(sol, step.next_state(params, row, x, sol))
         status[b, k] = code
         if code == wp.static(SOLVED):
-            lin = linear.linearize(params, row, x, sol, external, b)
-            write(fx, fu, b, k, params[row, 0], lin)
+            lin, drift = linear.linearize(params, row, x, sol, external, b)
+            write(fx, fu, b, k, params[row, 0], lin.dv, drift)
             if wp.static(second):
                 for output in range(NV):
                     hess = wp.static(curvature)(params, row, x, sol, lin, output, external, b)
@@ -137,7 +135,7 @@ def make_adjoint_kernel(s: Structure, dtype: type, method: Method, by_parameters
             sol = step.solve_step(params, row, x, u, external, world, carry)
             carry.z = sol.z
             carry.normal = sol.normal
-            lin = linear.linearize(params, row, x, sol, external, world)
+            lin, drift = linear.linearize(params, row, x, sol, external, world)
             if wp.static(by_parameters):
                 weights = VQ()
                 for i in range(wp.static(NV)):
@@ -145,13 +143,14 @@ def make_adjoint_kernel(s: Structure, dtype: type, method: Method, by_parameters
                     params_grad[world, 0] = params_grad[world, 0] + g[i] * sol.v[i]  # q' = q + h v'
                 wp.static(parameters)(params, row, x, u, external, world, sol, lin, weights, params_grad)
             for i in range(wp.static(NV)):
-                weight = g[wp.static(NV + i)] + h * g[i]
                 total[i] = total[i] + g[i]
                 for j in range(wp.static(NX)):
-                    total[j] = total[j] + weight * lin.dv[i, j]
+                    total[j] = total[j] + (g[wp.static(NV + i)] * lin.dv[i, j] + h * g[i] * drift[i, j])
                 if us_grad.shape[0] > 0:
                     for j in range(wp.static(NU)):
-                        us_grad[world, k, j] = us_grad[world, k, j] + weight * lin.dv[i, wp.static(NX + j)]
+                        c = wp.static(NX + j)
+                        value = g[wp.static(NV + i)] * lin.dv[i, c] + h * g[i] * drift[i, c]
+                        us_grad[world, k, j] = us_grad[world, k, j] + value
             g = total
         if status[world] != wp.static(SOLVED):  # no gradient exists: say so instead of inventing one
             for j in range(wp.static(NX)):

@@ -87,7 +87,7 @@ def make_transition(s: Structure, dtype: type, method: Method) -> SimpleNamespac
     @wp.func
     def advance(params: wp.array2d(dtype=dtype), row: int, x: t.VX, u: t.VU, carry: step.Carry):
         sol = step.solve_step(params, row, x, u, params, wp.static(-1), carry)
-        after = step.next_state(params, row, x, sol.v)
+        after = step.next_state(params, row, x, sol)
         out = step.Carry()
         out.z = sol.z
         out.normal = sol.normal
@@ -122,7 +122,7 @@ def make_step_kernel(s: Structure, dtype: type, method: Method) -> wp.Kernel:
         before = world_of.load_state(x, world)
         carry = world_of.warm_carry(warm, world)
         sol = step.solve_step(params, row, before, world_of.load_control(u, world), external, world, carry)
-        after = step.next_state(params, row, before, sol.v)
+        after = step.next_state(params, row, before, sol)
         code = world_of.status_of(sol, after)
         if code != wp.static(SOLVED):
             after = before
@@ -176,7 +176,7 @@ def make_rollout_kernel(
             if code == wp.static(SOLVED):
                 u = policy.control(control, world, k, x)
                 sol = step.solve_step(params, row, x, u, external, world, carry)
-                after = step.next_state(params, row, x, sol.v)
+                after = step.next_state(params, row, x, sol)
                 code = world_of.status_of(sol, after)
                 if code == wp.static(SOLVED):
                     x = after

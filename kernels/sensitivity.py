@@ -2,7 +2,8 @@
 
 At the solution F1 = M (v' - v) - h (r + u) - J' lambda = 0 and F2 = J v' + d/h - s(-z) = 0 with lambda =
 s(z)/D, so (dv', dz) solves [M, -J' s'(z)/D; J, s'(-z)] (dv', dz) = -(F1, F2)_x, with the factor that Newton
-uses. No iteration is differentiated.
+uses. No iteration is differentiated. With the trapezoidal integrator F1 = M (v' - v_free) - J' lambda, where
+v_free(q, v, u) has derivatives of its own, and so for the velocity v* that positions move with.
 """
 
 import functools
@@ -33,14 +34,14 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
     sm = make_smoothing(dtype)
     noise = make_noise(s, dtype, method)
     lay = layout(s)
-    NV, NU, NR = s.nv, s.nu, s.nr
-    NZ = 2 * NV + NU
+    NV, NR = s.nv, s.nr
+    NZ = 2 * NV + s.nu
     VQ, VX, VR, MQ, JR, V2 = t.VQ, t.VX, t.VR, t.MQ, t.JR, t.V2
     DZ = wp.types.matrix((max(NR, 1), NZ), dtype)
-    DV = wp.types.matrix((NV, NZ), dtype)
+    DV = step.free.DV
     TAU = dtype(PROXIMAL[dtype])
     ZERO, ONE, HALF, TWO = dtype(0.0), dtype(1.0), dtype(0.5), dtype(2.0)
-    H, FRICTION, GEAR = (lay.offset(n) for n in ("step_size", "friction", "gear"))
+    H, FRICTION = lay.offset("step_size"), lay.offset("friction")
     index = tuple(r.index for r in s.rows)
     sign = tuple(dtype(float(r.sign)) for r in s.rows)
     contact = tuple(r.kind == "contact" for r in s.rows)
@@ -174,19 +175,48 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
         external: wp.array2d(dtype=dtype),
         world: int,
     ):
-        """First-order expansion of v' (and z) around the solution of a step from x."""
+        """First-order expansion of v' (and z) at a step's solution, and of what positions move with."""
         lin = Linear()
         q = VQ()
         v = VQ()
         for j in range(wp.static(NV)):
             q[j] = x[j]
             v[j] = x[wp.static(NV + j)]
-        h = params[row, wp.static(H)]
         fr = wp.static(mech.frames)(params, row, q)
         lin.fr = fr
         lin.jb = wp.static(mech.com_jacobians)(params, row, fr)
         lin.w = sol.v - v
-        f1q = wp.static(motion.motion_by_q)(params, row, lin.fr, lin.jb, lin.w, v, h, external, world)
+        if wp.static(method.trapezoidal):
+            free = wp.static(step.free.by_state)(
+                params, row, lin.fr, lin.jb, sol.minv, v, sol.vfree, sol.acceleration, external, world
+            )
+            moving = step.drift(params, row, fr, q, v, sol)
+            mean = HALF * free
+            for j in range(wp.static(NV)):
+                mean[j, wp.static(NV + j)] = mean[j, wp.static(NV + j)] + HALF
+            drift = wp.static(step.free.held)(params, row, lin.fr, lin.jb, moving.v - moving.vfree, mean)
+            source = wp.static(step.free.held)(params, row, lin.fr, lin.jb, sol.v - sol.vfree, free)
+            return respond(params, row, fr, v, sol, lin, source), respond(
+                params, row, fr, v, moving, lin, drift
+            ).dv
+        source = wp.static(step.free.source)(params, row, lin.fr, lin.jb, lin.w, v, external, world)
+        lin = respond(params, row, fr, v, sol, lin, source)
+        return lin, lin.dv
+
+    @wp.func
+    def respond(
+        params: wp.array2d(dtype=dtype),
+        row: int,
+        fr: t.FRAMES,
+        v: VQ,
+        sol: step.Solution,
+        start: Linear,
+        source: DV,
+    ):
+        # response of the contact problem to (q, v, u): `source` is -F1_(q, v, u) without the contact's part
+        lin = start
+        h = params[row, wp.static(H)]
+        f1q = MQ()
         f2q = JR()
         diag = VR()
         lin = slopes(params, row, sol, lin)
@@ -214,9 +244,7 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
             )
         else:
             lin.factor.cov = sol.minv
-        return fill(
-            params, row, sol, lin, f1q, wp.static(motion.motion_by_v)(params, row, lin.fr, lin.jb, v, h), f2q
-        )
+        return fill(sol, lin, source, f1q, f2q)
 
     @wp.func
     def column(sol: step.Solution, lin: Linear, f1: VQ, f2: VR, c: int):
@@ -232,28 +260,19 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
         return lin
 
     @wp.func
-    def fill(
-        params: wp.array2d(dtype=dtype), row: int, sol: step.Solution, lin: Linear, f1q: MQ, f1v: MQ, f2q: JR
-    ):
+    def fill(sol: step.Solution, lin: Linear, source: DV, f1q: MQ, f2q: JR):
         out = lin
-        mass = wp.static(mech.mass_matrix)(params, row, lin.jb)
-        for k in range(wp.static(NV)):
+        for c in range(wp.static(NZ)):
             f1 = VQ()
             f2 = VR()
             for j in range(wp.static(NV)):
-                f1[j] = -f1q[j, k]
-            for i in range(wp.static(NR)):
-                f2[i] = -f2q[i, k]
-            out = column(sol, out, f1, f2, k)
-        for k in range(wp.static(NV)):
-            f1 = VQ()
-            for j in range(wp.static(NV)):
-                f1[j] = mass[j, k] - f1v[j, k]
-            out = column(sol, out, f1, VR(), wp.static(NV + k))
-        for k in range(wp.static(NU)):
-            f1 = VQ()
-            f1[wp.static(s.actuators[k])] = params[row, wp.static(H)] * params[row, wp.static(GEAR + k)]
-            out = column(sol, out, f1, VR(), wp.static(2 * NV + k))
+                f1[j] = source[j, c]
+                if wp.static(c < NV):
+                    f1[j] = f1[j] - f1q[j, c]
+            if wp.static(c < NV):
+                for i in range(wp.static(NR)):
+                    f2[i] = -f2q[i, c]
+            out = column(sol, out, f1, f2, c)
         return out
 
     @wp.func

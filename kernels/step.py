@@ -1,7 +1,9 @@
 """One time step (1a)-(1d) with smoothed or hard complementarity, as a Warp function.
 
-Stages: kinematics and M; free velocity v + h M^-1 (r + u); rows that can act; their solution v', lambda; q'
-= q + h v'.
+Stages: kinematics and M; free velocity (`free_motion.py`); rows that can act; their solution v', lambda;
+q' = q + h v'. With the trapezoidal integrator q' = q + h v*, where v* solves the same contact problem from
+the mean free velocity (v + v_free)/2: free flight follows the trapezoidal rule, what rests stays, nothing
+penetrates.
 A row is left out while w = J v' + d/h > cut sigma, where its smoothed impulse sigma exp(-w/sigma)/D is below
 the dtype's resolution; the test is repeated with the solved v' until no row has to be added, so leaving out
 is exact to rounding.
@@ -12,6 +14,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
+from .free_motion import make_free_motion
 from .mechanism import make_mechanism
 from .method import Method
 from .noise import make_noise
@@ -26,11 +29,12 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
     """Warp functions of a step; `exact_gap` computes every pair's distance even where it cannot act.
 
     solve_step(params, row, x, u, external, world, carry) -> Solution (world < 0: no external forces);
-    next_state(params, row, x, v') -> x'.
+    next_state(params, row, x, solution) -> x'.
     """
     mech = make_mechanism(s, dtype)
     t = mech.types
     rows = make_rows(s, dtype, method)
+    free = make_free_motion(s, dtype, method)
     lay = layout(s)
     NV, NR, NP = s.nv, s.nr, len(s.pairs)
     VQ, VX, VU, VR, MQ, JR = t.VQ, t.VX, t.VU, t.VR, t.MQ, t.JR
@@ -38,6 +42,7 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
     V2 = t.V2
     H = lay.offset("step_size")
 
+    HALF = dtype(0.5)
     UNUSED = dtype(COLD)
     CUT = dtype(0.0 if method.hard else (37.0 if dtype is wp.float64 else 17.0))
     pairs = tuple(make_pair(s, k, dtype) for k in range(NP))
@@ -59,6 +64,7 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
     @wp.struct
     class Solution:
         v: VQ  # v' [rad/s, m/s]
+        drift: VQ  # v*, where positions move with another velocity than v'
         lam: VR  # impulses
         z: VR
         rate: VR  # d/h
@@ -67,6 +73,7 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
         jac: JR
         minv: MQ
         vfree: VQ
+        acceleration: VQ  # M^-1 (r + u) at the start of the step
         mask: int  # bit i: row i is in the system
         normal: VN
         status: int
@@ -79,13 +86,12 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
         return out
 
     @wp.func
-    def free_velocity(
+    def generalised_force(
         params: wp.array2d(dtype=dtype),
         row: int,
         q: VQ,
         fr: t.FRAMES,
         jb: t.JB,
-        minv: MQ,
         v: VQ,
         u: VU,
         external: wp.array2d(dtype=dtype),
@@ -96,7 +102,7 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
             f += wp.static(mech.control_force)(params, row, u)
         if world >= 0 and external.shape[0] > 0:  # world < 0: no external forces
             f += wp.static(mech.body_force)(params, row, jb, external, world)
-        return v + params[row, wp.static(H)] * (minv * f)
+        return f
 
     @wp.func
     def grow_limits(
@@ -159,12 +165,33 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
         fr = wp.static(mech.frames)(params, row, q)
         jb = wp.static(mech.com_jacobians)(params, row, fr)
         minv = wp.static(mech.inverse)(wp.static(mech.mass_matrix)(params, row, jb))
-        vfree = free_velocity(params, row, q, fr, jb, minv, v, u, external, world)
+        force = generalised_force(params, row, q, fr, jb, v, u, external, world)
+        vfree, a = wp.static(free.velocity)(params, row, fr, jb, minv, v, force)
         out.minv = minv
         out.vfree = vfree
+        out.acceleration = a
         out.v = vfree
         out.z = carry.z
         out.normal = carry.normal
+        out.status = wp.static(SOLVED)
+        if wp.static(NR > 0):
+            out = contact(params, row, fr, q, out)
+        if wp.static(method.trapezoidal):
+            moving = drift(params, row, fr, q, v, out)
+            out.drift = moving.v
+            if out.status == wp.static(SOLVED):
+                out.status = moving.status
+        return out
+
+    @wp.func
+    def drift(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, q: VQ, v: VQ, sol: Solution):
+        """The contact problem of a step with the mean free velocity: its v is what positions move with."""
+        out = Solution()
+        out.minv = sol.minv
+        out.vfree = HALF * (v + sol.vfree)
+        out.v = out.vfree
+        out.z = sol.z
+        out.normal = sol.normal
         out.status = wp.static(SOLVED)
         if wp.static(NR > 0):
             out = contact(params, row, fr, q, out)
@@ -220,12 +247,15 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
         return out
 
     @wp.func
-    def next_state(params: wp.array2d(dtype=dtype), row: int, x: VX, v: VQ):
-        """x' = (q + h v', v'), eq. (1)."""
+    def next_state(params: wp.array2d(dtype=dtype), row: int, x: VX, sol: Solution):
+        """x' = (q + h v', v'), eq. (1), or (q + h v*, v')."""
         out = VX()
+        v = sol.v
+        if wp.static(method.trapezoidal):
+            v = sol.drift
         for j in range(wp.static(NV)):
             out[j] = x[j] + params[row, wp.static(H)] * v[j]
-            out[wp.static(NV + j)] = v[j]
+            out[wp.static(NV + j)] = sol.v[j]
         return out
 
     return SimpleNamespace(
@@ -238,6 +268,8 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
         Solution=Solution,
         cold_carry=cold_carry,
         solve_step=solve_step,
+        drift=drift,
+        free=free,
         next_state=next_state,
     )
 

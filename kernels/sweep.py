@@ -124,7 +124,7 @@ def make_sweep_kernel(s: Structure, dtype: type, method: Method, policy_name: st
                     for j in range(wp.static(NU)):
                         u[j] = u[j] + torque * rng.normals(seed, world, k, TORQUE + j)[0]
                 sol = step.solve_step(params, i, x, u, external, i, carry)
-                after = step.next_state(params, i, x, sol.v)
+                after = step.next_state(params, i, x, sol)
                 code = world_of.status_of(sol, after)
                 if code == wp.static(SOLVED):
                     x = after

@@ -10,7 +10,7 @@ CHOICES = {
     "residual": ("rem-logistic", "hard"),
     "scaling": ("inertia", "none"),
     "friction": ("anitescu",),
-    "integrator": ("euler",),
+    "integrator": ("euler", "trapezoidal"),
 }
 
 
@@ -37,7 +37,8 @@ class Options:
         not
             depend on the unit of mass; "none": D = 1, the paper's.
         friction: "anitescu", the relaxed planar model (the paper's [9]).
-        integrator: "euler", eq. (1).
+        integrator: "euler", eq. (1), first order; "trapezoidal", the linearly implicit method of footnote 1
+            (the paper's [6]), second order where motion is smooth.
     """
 
     residual: str = "rem-logistic"

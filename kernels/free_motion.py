@@ -1,0 +1,177 @@
+"""The motion of one step without contact: v_free, and what its derivatives put into the contact problem.
+
+`euler`, eq. (1): v_free = v + h M^-1 (r + u). `trapezoidal`, the linearly implicit method of footnote 1 (the
+paper's [6]) on the acceleration a = M^-1 (r + u): (I - h/2 a_v - h^2/4 a_q) v_free = v + h (a - a_v v/2 + h
+a_q v/4), q' = q + h (v + v_free)/2 in free flight. With K_q = d(M a - r)/dq at constant a and K_v = -dr/dv it
+is, for D = v_free - v,
+
+    E D = h (r + u) - h^2/2 K_q v,  E = M + h/2 K_v + h^2/4 K_q.
+
+External forces are held: the generalised force that they have at q counts as constant over the step. E is
+solved by elimination without pivoting, which needs h small against the fastest instability of the free motion
+(an inverted pendulum's 1/omega); beyond that the step reports a state that is not finite or is merely wrong,
+as the integrator itself would be.
+"""
+
+import functools
+from types import SimpleNamespace
+
+import warp as wp
+
+from .mechanism import make_mechanism
+from .mechanism_derivatives import make_mechanism_derivatives
+from .method import Method
+from .structure import Structure, layout
+
+
+@functools.cache
+def make_elimination(n: int, dtype: type) -> SimpleNamespace:
+    """Warp functions `factor(a)` -> LU in one matrix, without pivoting, and `solve(lu, b)` -> a^-1 b."""
+    V, M = wp.types.vector(n, dtype), wp.types.matrix((n, n), dtype)
+
+    @wp.func
+    def factor(a: M):
+        lu = a
+        for k in range(wp.static(n)):
+            for i in range(wp.static(k + 1), wp.static(n)):
+                lu[i, k] = lu[i, k] / lu[k, k]
+                for j in range(wp.static(k + 1), wp.static(n)):
+                    lu[i, j] = lu[i, j] - lu[i, k] * lu[k, j]
+        return lu
+
+    @wp.func
+    def solve(lu: M, b: V):
+        x = b
+        for i in range(wp.static(n)):
+            for j in range(wp.static(i)):
+                x[i] = x[i] - lu[i, j] * x[j]
+        for r in range(wp.static(n)):
+            for j in range(wp.static(n - r), wp.static(n)):
+                x[wp.static(n - 1 - r)] = x[wp.static(n - 1 - r)] - lu[wp.static(n - 1 - r), j] * x[j]
+            x[wp.static(n - 1 - r)] = x[wp.static(n - 1 - r)] / lu[wp.static(n - 1 - r), wp.static(n - 1 - r)]
+        return x
+
+    return SimpleNamespace(factor=factor, solve=solve)
+
+
+@functools.cache
+def make_free_motion(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
+    """Warp functions of the free motion.
+
+    velocity(params, row, fr, jb, minv, v, force) -> (v_free, a), force = r + u.
+    source(params, row, fr, jb, w, v) -> -d(M w - h (r + u))/d(q, v, u) at w = v' - v (euler), (nv, nz).
+    by_state(params, row, fr, jb, minv, v, vfree, a) -> d v_free/d(q, v, u) (trapezoidal).
+    held(params, row, fr, jb, w, by_state) -> M dv_free - d(M w) at w = v' - v_free, then in place of source.
+    """
+    mech = make_mechanism(s, dtype)
+    motion = make_mechanism_derivatives(s, dtype)
+    lu = make_elimination(s.nv, dtype)
+    t = mech.types
+    lay = layout(s)
+    NV, NU = s.nv, s.nu
+    VQ, MQ = t.VQ, t.MQ
+    DV = wp.types.matrix((NV, 2 * NV + NU), dtype)
+    H, GEAR = lay.offset("step_size"), lay.offset("gear")
+    ZERO, ONE, HALF, TWO = dtype(0.0), dtype(1.0), dtype(0.5), dtype(2.0)
+
+    @wp.func
+    def velocity(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, jb: t.JB, minv: MQ, v: VQ, force: VQ):
+        h = params[row, wp.static(H)]
+        a = minv * force
+        if wp.static(method.trapezoidal):
+            kq = wp.static(motion.motion_by_q)(params, row, fr, jb, a, v, ONE)
+            kv = wp.static(motion.motion_by_v)(params, row, fr, jb, v, ONE)
+            e = wp.static(mech.mass_matrix)(params, row, jb) + HALF * h * (kv + HALF * h * kq)
+            rhs = h * (force - HALF * h * (kq * v))
+            return v + wp.static(lu.solve)(wp.static(lu.factor)(e), rhs), a
+        return v + h * a, a
+
+    @wp.func
+    def source(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, jb: t.JB, w: VQ, v: VQ):
+        out = DV()
+        h = params[row, wp.static(H)]
+        by_q = wp.static(motion.motion_by_q)(params, row, fr, jb, w, v, h)
+        by_v = wp.static(motion.motion_by_v)(params, row, fr, jb, v, h)
+        mass = wp.static(mech.mass_matrix)(params, row, jb)
+        for k in range(wp.static(NV)):
+            for j in range(wp.static(NV)):
+                out[j, k] = -by_q[j, k]
+                out[j, wp.static(NV + k)] = mass[j, k] - by_v[j, k]
+        for k in range(wp.static(NU)):
+            out[wp.static(s.actuators[k]), wp.static(2 * NV + k)] = h * params[row, wp.static(GEAR + k)]
+        return out
+
+    @wp.func
+    def slopes_of_stiffness(
+        params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, jb: t.JB, v: VQ, a: VQ, yq: VQ, yv: VQ
+    ):
+        # d/dq and d/dv of K_v yv + K_q yq at constant yv, yq and a
+        by_q = MQ()
+        by_v = MQ()
+        for i in range(wp.static(NV)):
+            p = VQ()
+            p[i] = ONE
+            qq = wp.static(motion.hessian_qq)(params, row, fr, jb, p, a, v, ONE)
+            qv = wp.static(motion.hessian_qv)(params, row, fr, jb, p, v, ONE)
+            vv = wp.static(motion.hessian_vv)(params, row, fr, jb, p, ONE)
+            for k in range(wp.static(NV)):
+                for m in range(wp.static(NV)):
+                    by_q[i, k] = by_q[i, k] + qv[k, m] * yv[m] + qq[k, m] * yq[m]
+                    by_v[i, k] = by_v[i, k] + vv[k, m] * yv[m] + qv[m, k] * yq[m]
+        return by_q, by_v
+
+    @wp.func
+    def by_state(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, jb: t.JB, minv: MQ, v: VQ, vfree: VQ, a: VQ):
+        # G = E D - h (r + u) + h^2/2 K_q v = 0 with D = v_free - v, a = M^-1 (r + u): dD = -E^-1 G_(q, v, u)
+        h = params[row, wp.static(H)]
+        d = vfree - v
+        kq = wp.static(motion.motion_by_q)(params, row, fr, jb, a, v, ONE)
+        kv = wp.static(motion.motion_by_v)(params, row, fr, jb, v, ONE)
+        e = wp.static(mech.mass_matrix)(params, row, jb) + HALF * h * (kv + HALF * h * kq)
+        factor = wp.static(lu.factor)(e)
+        yv = HALF * h * d
+        yq = HALF * HALF * h * h * (d + TWO * v)
+        change = MQ()
+        for j in range(wp.static(NV)):
+            p = VQ()
+            p[j] = ONE
+            column = wp.static(motion.motion_by_q)(params, row, fr, jb, p, VQ(), ZERO) * yq
+            for i in range(wp.static(NV)):
+                change[i, j] = column[i]
+        pull = change * minv  # d(K_q yq)/da da/d(r + u)
+        by_q, by_v = slopes_of_stiffness(params, row, fr, jb, v, a, yq, yv)
+        by_q += wp.static(motion.motion_by_q)(params, row, fr, jb, d, v, h) - pull * kq
+        by_v += h * kv - pull * kv + HALF * h * h * kq
+        out = DV()
+        for k in range(wp.static(NV)):
+            gq = VQ()
+            gv = VQ()
+            for j in range(wp.static(NV)):
+                gq[j] = -by_q[j, k]
+                gv[j] = -by_v[j, k]
+            dq = wp.static(lu.solve)(factor, gq)
+            dv = wp.static(lu.solve)(factor, gv)
+            for j in range(wp.static(NV)):
+                out[j, k] = dq[j]
+                out[j, wp.static(NV + k)] = dv[j]
+            out[k, wp.static(NV + k)] = out[k, wp.static(NV + k)] + ONE
+        for k in range(wp.static(NU)):
+            g = VQ()
+            for j in range(wp.static(NV)):
+                g[j] = -pull[j, wp.static(s.actuators[k])]
+            g[wp.static(s.actuators[k])] = g[wp.static(s.actuators[k])] + h
+            du = wp.static(lu.solve)(factor, params[row, wp.static(GEAR + k)] * g)
+            for j in range(wp.static(NV)):
+                out[j, wp.static(2 * NV + k)] = du[j]
+        return out
+
+    @wp.func
+    def held(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, jb: t.JB, w: VQ, free: DV):
+        out = wp.static(mech.mass_matrix)(params, row, jb) * free
+        by_q = wp.static(motion.motion_by_q)(params, row, fr, jb, w, VQ(), ZERO)
+        for k in range(wp.static(NV)):
+            for j in range(wp.static(NV)):
+                out[j, k] = out[j, k] - by_q[j, k]
+        return out
+
+    return SimpleNamespace(velocity=velocity, source=source, by_state=by_state, held=held, DV=DV)
