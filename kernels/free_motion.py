@@ -75,7 +75,9 @@ def make_free_motion(s: Structure, dtype: type, method: Method) -> SimpleNamespa
     ZERO, ONE, HALF, TWO = dtype(0.0), dtype(1.0), dtype(0.5), dtype(2.0)
 
     @wp.func
-    def velocity(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, jb: t.JB, minv: MQ, v: VQ, force: VQ):
+    def velocity(
+        params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, jb: t.JB, minv: MQ, v: VQ, force: VQ
+    ):
         h = params[row, wp.static(H)]
         a = minv * force
         if wp.static(method.trapezoidal):
@@ -121,7 +123,9 @@ def make_free_motion(s: Structure, dtype: type, method: Method) -> SimpleNamespa
         return by_q, by_v
 
     @wp.func
-    def by_state(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, jb: t.JB, minv: MQ, v: VQ, vfree: VQ, a: VQ):
+    def by_state(
+        params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, jb: t.JB, minv: MQ, v: VQ, vfree: VQ, a: VQ
+    ):
         # G = E D - h (r + u) + h^2/2 K_q v = 0 with D = v_free - v, a = M^-1 (r + u): dD = -E^-1 G_(q, v, u)
         h = params[row, wp.static(H)]
         d = vfree - v

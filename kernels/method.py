@@ -47,6 +47,11 @@ class Method:
         return self.integrator == "trapezoidal"
 
     @property
+    def closed_second(self) -> bool:
+        """Whether second derivatives have a closed form (`curvature.py`); else differences give them."""
+        return not (self.trapezoidal or self.erm or self.coulomb or self.state_noise)
+
+    @property
     def state_noise(self) -> bool:
         """Whether sigma follows from covariances of the state, eq. (18); else it is given for every row."""
         return not self.hard and self.noise == "state"

@@ -270,6 +270,7 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
         solve_step=solve_step,
         drift=drift,
         free=free,
+        noise=noise,
         next_state=next_state,
     )
 

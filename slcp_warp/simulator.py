@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from slcp_warp.kernels import expansion, rollout
+from slcp_warp.kernels import rollout
 from slcp_warp.kernels.compile import source_digest
 from slcp_warp.kernels.kinematics import make_types
-from slcp_warp.kernels.launch import Prepared, launch
+from slcp_warp.kernels.launch import launch
 from slcp_warp.kernels.step import make_step
 
-from . import tape
+from . import derivatives, tape
 from .arrays import ArrayError, Batch, from_batch, policy_arrays, to_batch
 from .options import Options
 from .parameters import Parameters
@@ -63,8 +63,10 @@ class Trajectory:
 
 @dataclass(frozen=True)
 class Linearization:
-    """A = df/dx (B, nx, nx), B = df/du (B, nx, nu), second (B, nv, nz, nz) of v' by (x, u) or None, status
-    (B,).
+    """A = df/dx (B, nx, nx), B = df/du (B, nx, nu), second (B, nw, nz, nz) or None, status (B,).
+
+    `second` holds the second derivatives by z = (x, u) of v' (nw = nv), or of v* and v' (nw = 2 nv) with the
+    trapezoidal integrator, where q' = q + h v*.
     """
 
     A: Any
@@ -309,8 +311,8 @@ class Simulator:
         second: bool = False,
         external_force: Any = None,
     ) -> Linearization:
-        """Jacobians of the step at (x, u) by the implicit function theorem; `second` adds second derivatives
-        of v'.
+        """Jacobians of the step at (x, u) by the implicit function theorem; `second` adds second derivatives,
+        in closed form, or for methods that have none by differences (`kernels/second_differences.py`).
 
         Worlds that are not solved have zero derivatives and a status.
         """
@@ -320,7 +322,7 @@ class Simulator:
         control = self._controls(u, worlds)
         nz = self.nx + self.nu
         fx, fu = self.empty(worlds, 1, self.nx, self.nx), self.empty(worlds, 1, self.nx, max(self.nu, 1))
-        fzz = self.empty(worlds if second else 0, self.scene.nv, nz, nz)
+        fzz = self.empty(worlds if second else 0, self.nw, nz, nz)
         status = wp.zeros((worlds, 1), dtype=wp.int32, device=self.device)
         inputs = [
             self.parameter_array(params, worlds),
@@ -329,12 +331,8 @@ class Simulator:
             control.reshape((worlds, 1, max(self.nu, 1))),
             self._external(external_force, worlds),
             wp.zeros(0, dtype=wp.int32, device=self.device),
-            fx,
-            fu,
-            fzz,
-            status,
         ]
-        launch(expansion.make_linearize_kernel(*self._key, second), worlds, inputs, self.device)
+        derivatives.prepare(self._key, self.device, *inputs, (fx, fu, fzz, status), second)()
 
         def give(a: wp.array) -> Any:
             return from_batch(a.reshape((worlds, *a.shape[2:])), state.kind, state.batched)
@@ -346,8 +344,8 @@ class Simulator:
 
     @property
     def nw(self) -> int:
-        """Outputs whose second derivatives are independent: v'."""
-        return self.scene.nv
+        """Outputs whose second derivatives are independent, see `derivatives.curved_outputs`."""
+        return derivatives.curved_outputs(self._key)
 
     @property
     def state_type(self) -> Any:
@@ -389,26 +387,21 @@ class Simulator:
         second: wp.array | None,
         status: wp.array,
         active: wp.array,
-    ) -> Prepared:
+    ) -> Callable[[], None]:
         """A repeatable launch: derivatives along trajectories (B, N+1, nx), (B, N, nu) into given arrays."""
         self._need_registers("linearize")
         steps = us.shape[1]
         fzz = self.empty(0, 0, 0, 0) if second is None else second
-        kernel = expansion.make_linearize_kernel(*self._key, second is not None)
-        inputs = [params, steps, xs, us, self._none, active, fx, fu, fzz, status]
-        return Prepared(kernel, us.shape[0] * steps, inputs, self.device, grain=8)
+        inputs = (params, steps, xs, us, self._none, active, (fx, fu, fzz, status))
+        return derivatives.prepare(self._key, self.device, *inputs, second is not None)
 
     def linearize_into(self, *arrays: Any) -> None:
         """As `prepare_linearize`, once."""
         self.prepare_linearize(*arrays)()
 
     def lift_into(self, params: wp.array, lift: wp.array) -> None:
-        """lift (B, nv, nx) = [h I, I]: V . f_zz = sum_i (lift V)_i second[i], since q' = q + h v'."""
-        nv = self.scene.nv
-        h = params.numpy()[:, 0]
-        values = np.zeros(lift.shape)
-        values[:, :, :nv] = h[:, None, None] * np.eye(nv)
-        values[:, :, nv:] = np.eye(nv)
+        """lift (B, nw, nx): V . f_zz = sum_i (lift V)_i second[i], see `derivatives.lift`."""
+        values = np.broadcast_to(derivatives.lift(self._key, params.numpy()[:, 0]), lift.shape)
         lift.assign(values.astype(wp.dtype_to_numpy(self.dtype)))
 
 
