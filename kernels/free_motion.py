@@ -115,7 +115,7 @@ def make_free_motion(s: Structure, dtype: type, method: Method) -> SimpleNamespa
             p[i] = ONE
             qq = wp.static(motion.hessian_qq)(params, row, fr, jb, p, a, v, ONE)
             qv = wp.static(motion.hessian_qv)(params, row, fr, jb, p, v, ONE)
-            vv = wp.static(motion.hessian_vv)(params, row, fr, jb, p, ONE)
+            vv = wp.static(motion.hessian_vv)(params, row, jb, p, ONE)
             for k in range(wp.static(NV)):
                 for m in range(wp.static(NV)):
                     by_q[i, k] = by_q[i, k] + qv[k, m] * yv[m] + qq[k, m] * yq[m]
