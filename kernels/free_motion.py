@@ -7,10 +7,9 @@ is, for D = v_free - v,
 
     E D = h (r + u) - h^2/2 K_q v,  E = M + h/2 K_v + h^2/4 K_q.
 
-External forces are held: the generalised force that they have at q counts as constant over the step. E is
-solved by elimination without pivoting, which needs h small against the fastest instability of the free motion
-(an inverted pendulum's 1/omega); beyond that the step reports a state that is not finite or is merely wrong,
-as the integrator itself would be.
+External forces are constant in the world over the step; their generalised force follows q. E is solved by
+elimination without pivoting, which needs h small against the fastest instability of the free motion (an
+inverted pendulum's 1/omega); beyond that the result is not finite or merely wrong, as the method itself is.
 """
 
 import functools
@@ -58,10 +57,11 @@ def make_elimination(n: int, dtype: type) -> SimpleNamespace:
 def make_free_motion(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
     """Warp functions of the free motion.
 
-    velocity(params, row, fr, jb, minv, v, force) -> (v_free, a), force = r + u.
-    source(params, row, fr, jb, w, v) -> -d(M w - h (r + u))/d(q, v, u) at w = v' - v (euler), (nv, nz).
-    by_state(params, row, fr, jb, minv, v, vfree, a) -> d v_free/d(q, v, u) (trapezoidal).
+    velocity(params, row, fr, jb, minv, v, force, ...) -> (v_free, a), force = r + u.
+    source(params, row, fr, jb, w, v, ...) -> -d(M w - h (r + u))/d(q, v, u) at w = v' - v (euler), (nv, nz).
+    by_state(params, row, fr, jb, minv, v, vfree, a, ...) -> d v_free/d(q, v, u) (trapezoidal), (nv, nz).
     held(params, row, fr, jb, w, by_state) -> M dv_free - d(M w) at w = v' - v_free, then in place of source.
+    Dots stand for external forces and the world they are of.
     """
     mech = make_mechanism(s, dtype)
     motion = make_mechanism_derivatives(s, dtype)
@@ -76,12 +76,20 @@ def make_free_motion(s: Structure, dtype: type, method: Method) -> SimpleNamespa
 
     @wp.func
     def velocity(
-        params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, jb: t.JB, minv: MQ, v: VQ, force: VQ
+        params: wp.array2d(dtype=dtype),
+        row: int,
+        fr: t.FRAMES,
+        jb: t.JB,
+        minv: MQ,
+        v: VQ,
+        force: VQ,
+        external: wp.array2d(dtype=dtype),
+        world: int,
     ):
         h = params[row, wp.static(H)]
         a = minv * force
         if wp.static(method.trapezoidal):
-            kq = wp.static(motion.motion_by_q)(params, row, fr, jb, a, v, ONE)
+            kq = wp.static(motion.motion_by_q)(params, row, fr, jb, a, v, ONE, external, world)
             kv = wp.static(motion.motion_by_v)(params, row, fr, jb, v, ONE)
             e = wp.static(mech.mass_matrix)(params, row, jb) + HALF * h * (kv + HALF * h * kq)
             rhs = h * (force - HALF * h * (kq * v))
@@ -89,10 +97,19 @@ def make_free_motion(s: Structure, dtype: type, method: Method) -> SimpleNamespa
         return v + h * a, a
 
     @wp.func
-    def source(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, jb: t.JB, w: VQ, v: VQ):
+    def source(
+        params: wp.array2d(dtype=dtype),
+        row: int,
+        fr: t.FRAMES,
+        jb: t.JB,
+        w: VQ,
+        v: VQ,
+        external: wp.array2d(dtype=dtype),
+        world: int,
+    ):
         out = DV()
         h = params[row, wp.static(H)]
-        by_q = wp.static(motion.motion_by_q)(params, row, fr, jb, w, v, h)
+        by_q = wp.static(motion.motion_by_q)(params, row, fr, jb, w, v, h, external, world)
         by_v = wp.static(motion.motion_by_v)(params, row, fr, jb, v, h)
         mass = wp.static(mech.mass_matrix)(params, row, jb)
         for k in range(wp.static(NV)):
@@ -105,7 +122,16 @@ def make_free_motion(s: Structure, dtype: type, method: Method) -> SimpleNamespa
 
     @wp.func
     def slopes_of_stiffness(
-        params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, jb: t.JB, v: VQ, a: VQ, yq: VQ, yv: VQ
+        params: wp.array2d(dtype=dtype),
+        row: int,
+        fr: t.FRAMES,
+        jb: t.JB,
+        v: VQ,
+        a: VQ,
+        yq: VQ,
+        yv: VQ,
+        external: wp.array2d(dtype=dtype),
+        world: int,
     ):
         # d/dq and d/dv of K_v yv + K_q yq at constant yv, yq and a
         by_q = MQ()
@@ -113,7 +139,7 @@ def make_free_motion(s: Structure, dtype: type, method: Method) -> SimpleNamespa
         for i in range(wp.static(NV)):
             p = VQ()
             p[i] = ONE
-            qq = wp.static(motion.hessian_qq)(params, row, fr, jb, p, a, v, ONE)
+            qq = wp.static(motion.hessian_qq)(params, row, fr, jb, p, a, v, ONE, external, world)
             qv = wp.static(motion.hessian_qv)(params, row, fr, jb, p, v, ONE)
             vv = wp.static(motion.hessian_vv)(params, row, jb, p, ONE)
             for k in range(wp.static(NV)):
@@ -124,12 +150,21 @@ def make_free_motion(s: Structure, dtype: type, method: Method) -> SimpleNamespa
 
     @wp.func
     def by_state(
-        params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, jb: t.JB, minv: MQ, v: VQ, vfree: VQ, a: VQ
+        params: wp.array2d(dtype=dtype),
+        row: int,
+        fr: t.FRAMES,
+        jb: t.JB,
+        minv: MQ,
+        v: VQ,
+        vfree: VQ,
+        a: VQ,
+        external: wp.array2d(dtype=dtype),
+        world: int,
     ):
         # G = E D - h (r + u) + h^2/2 K_q v = 0 with D = v_free - v, a = M^-1 (r + u): dD = -E^-1 G_(q, v, u)
         h = params[row, wp.static(H)]
         d = vfree - v
-        kq = wp.static(motion.motion_by_q)(params, row, fr, jb, a, v, ONE)
+        kq = wp.static(motion.motion_by_q)(params, row, fr, jb, a, v, ONE, external, world)
         kv = wp.static(motion.motion_by_v)(params, row, fr, jb, v, ONE)
         e = wp.static(mech.mass_matrix)(params, row, jb) + HALF * h * (kv + HALF * h * kq)
         factor = wp.static(lu.factor)(e)
@@ -139,12 +174,14 @@ def make_free_motion(s: Structure, dtype: type, method: Method) -> SimpleNamespa
         for j in range(wp.static(NV)):
             p = VQ()
             p[j] = ONE
-            column = wp.static(motion.motion_by_q)(params, row, fr, jb, p, VQ(), ZERO) * yq
+            column = (
+                wp.static(motion.motion_by_q)(params, row, fr, jb, p, VQ(), ZERO, params, wp.static(-1)) * yq
+            )
             for i in range(wp.static(NV)):
                 change[i, j] = column[i]
         pull = change * minv  # d(K_q yq)/da da/d(r + u)
-        by_q, by_v = slopes_of_stiffness(params, row, fr, jb, v, a, yq, yv)
-        by_q += wp.static(motion.motion_by_q)(params, row, fr, jb, d, v, h) - pull * kq
+        by_q, by_v = slopes_of_stiffness(params, row, fr, jb, v, a, yq, yv, external, world)
+        by_q += wp.static(motion.motion_by_q)(params, row, fr, jb, d, v, h, external, world) - pull * kq
         by_v += h * kv - pull * kv + HALF * h * h * kq
         out = DV()
         for k in range(wp.static(NV)):
@@ -172,7 +209,7 @@ def make_free_motion(s: Structure, dtype: type, method: Method) -> SimpleNamespa
     @wp.func
     def held(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, jb: t.JB, w: VQ, free: DV):
         out = wp.static(mech.mass_matrix)(params, row, jb) * free
-        by_q = wp.static(motion.motion_by_q)(params, row, fr, jb, w, VQ(), ZERO)
+        by_q = wp.static(motion.motion_by_q)(params, row, fr, jb, w, VQ(), ZERO, params, wp.static(-1))
         for k in range(wp.static(NV)):
             for j in range(wp.static(NV)):
                 out[j, k] = out[j, k] - by_q[j, k]

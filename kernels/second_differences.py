@@ -142,7 +142,7 @@ def make_difference_kernel(s: Structure, dtype: type, method: Method) -> wp.Kern
                 if move == 0:
                     status[b, k] = code
                     return
-            lin, drift = linear.linearize(params, row, x, sol)
+            lin, drift = linear.linearize(params, row, x, sol, external, b)
             out = outputs(lin.dv, drift)
             if move == 0:
                 status[b, k] = code

@@ -166,7 +166,7 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
         jb = wp.static(mech.com_jacobians)(params, row, fr)
         minv = wp.static(mech.inverse)(wp.static(mech.mass_matrix)(params, row, jb))
         force = generalised_force(params, row, q, fr, jb, v, u, external, world)
-        vfree, a = wp.static(free.velocity)(params, row, fr, jb, minv, v, force)
+        vfree, a = wp.static(free.velocity)(params, row, fr, jb, minv, v, force, external, world)
         out.minv = minv
         out.vfree = vfree
         out.acceleration = a
