@@ -2,7 +2,8 @@
 
 The normal's angle alpha follows q by the implicit function theorem: with R = n.Delta + h_A'' + h_B'' (minus
 the curvature of the distance), alpha_k = (t.Delta_k + h_A'' phiA_k + h_B'' phiB_k)/R. For a half-plane A the
-normal turns with its body, alpha_k = phiA_k, and h_A' is the lever of the touched point.
+normal turns with its body, alpha_k = phiA_k, and h_A' is the lever of the touched point; so it is for a
+capsule A that is touched between its ends.
 """
 
 import functools
@@ -33,6 +34,7 @@ def make_pair_geometry(s: Structure, dtype: type) -> Any:
         ha: V4  # h_A and its derivatives by the angle
         hb: V4
         radius: dtype  # R, kept away from zero
+        flat: int  # 1: A is a half-plane, or a capsule touched between its ends
         alpha: VQ  # d alpha/dq
         da: VQ  # d h_A'/dq
         db: VQ  # d h_B'/dq
@@ -47,7 +49,7 @@ def make_pair_derivatives(s: Structure, pair: int, dtype: type) -> SimpleNamespa
     t = mech.types
     p = make_pair(s, pair, dtype)
     VQ, MQ, J2, V2 = t.VQ, t.MQ, t.J2, t.V2
-    V4 = wp.types.vector(4, dtype)
+    V3, V4 = wp.types.vector(3, dtype), wp.types.vector(4, dtype)
     NV = s.nv
     ZERO, ONE = dtype(0.0), dtype(1.0)
     EPS = dtype(1e-12 if dtype is wp.float64 else 1e-6)
@@ -64,6 +66,26 @@ def make_pair_derivatives(s: Structure, pair: int, dtype: type) -> SimpleNamespa
     PairGeometry = make_pair_geometry(s, dtype)
 
     @wp.func
+    def flat_normal(g: PairGeometry, along: dtype, turn_a: dtype, turn_b: dtype):
+        # d/dq_k of alpha, h_A', h_B'
+        db = g.hb[2] * (turn_a - turn_b)
+        return V3(turn_a, along - wp.dot(g.n, g.delta) * turn_a - db, db)
+
+    @wp.func
+    def round_normal(g: PairGeometry, along: dtype, turn_a: dtype, turn_b: dtype):
+        alpha = (along + g.ha[2] * turn_a + g.hb[2] * turn_b) / g.radius
+        return V3(alpha, g.ha[2] * (alpha - turn_a), g.hb[2] * (alpha - turn_b))
+
+    @wp.func
+    def normal_by_q(g: PairGeometry, along: dtype, turn_a: dtype, turn_b: dtype):
+        if wp.static(plane):
+            return flat_normal(g, along, turn_a, turn_b)
+        if wp.static(p.capsule):
+            if g.flat == 1:
+                return flat_normal(g, along, turn_a, turn_b)
+        return round_normal(g, along, turn_a, turn_b)
+
+    @wp.func
     def geometry(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, n: V2):
         """What the derivatives need, at the solved normal."""
         g = PairGeometry()
@@ -74,28 +96,27 @@ def make_pair_derivatives(s: Structure, pair: int, dtype: type) -> SimpleNamespa
         g.ja = wp.static(jac_a)(params, row, fr, pa[0], pa[1])
         g.jb = wp.static(jac_b)(params, row, fr, pb[0], pb[1])
         g.hb = wp.static(p.support_b)(params, row, pb, n)
-        reach = n[0] * g.delta[0] + n[1] * g.delta[1]
-        lever = n[0] * g.delta[1] - n[1] * g.delta[0]
+        g.radius = ONE
         if wp.static(plane):
-            g.ha = V4(ZERO, lever - g.hb[1], ZERO, ZERO)
-            g.alpha = wp.static(TURN_A)
-            g.radius = ONE
+            g.flat = 1
         else:
             g.ha = wp.static(p.support_a)(params, row, pa, n)
+            if wp.static(p.capsule):
+                if wp.static(p.flat)(params, row, pa, pb):
+                    g.flat = 1
+            reach = wp.dot(n, g.delta)
             radius = reach + g.ha[2] + g.hb[2]
             floor = EPS * (wp.abs(g.ha[0]) + wp.abs(g.hb[0]) + wp.abs(reach)) + EPS
             g.radius = wp.where(wp.abs(radius) > floor, radius, floor)
+        if wp.static(plane or p.capsule):
+            if g.flat == 1:
+                g.ha = V4(ZERO, n[0] * g.delta[1] - n[1] * g.delta[0] - g.hb[1], ZERO, ZERO)
         for k in range(wp.static(NV)):
             along = n[0] * (g.jb[1, k] - g.ja[1, k]) - n[1] * (g.jb[0, k] - g.ja[0, k])
-            if wp.static(not plane):
-                g.alpha[k] = (
-                    along + g.ha[2] * wp.static(turn_a[k]) + g.hb[2] * wp.static(turn_b[k])
-                ) / g.radius
-            g.db[k] = g.hb[2] * (g.alpha[k] - wp.static(turn_b[k]))
-            if wp.static(plane):
-                g.da[k] = along - reach * g.alpha[k] - g.db[k]
-            else:
-                g.da[k] = g.ha[2] * (g.alpha[k] - wp.static(turn_a[k]))
+            change = normal_by_q(g, along, wp.static(turn_a[k]), wp.static(turn_b[k]))
+            g.alpha[k] = change[0]
+            g.da[k] = change[1]
+            g.db[k] = change[2]
         return g
 
     @wp.func
@@ -142,6 +163,17 @@ def make_pair_derivatives(s: Structure, pair: int, dtype: type) -> SimpleNamespa
         return out
 
     @wp.func
+    def normal_by_qq(g: PairGeometry, rest: dtype, turning: dtype):
+        # second derivatives of alpha and h_A'
+        akl = (rest - g.ha[3] * turning) / g.radius
+        hakl = g.ha[3] * turning + g.ha[2] * akl
+        if wp.static(plane or p.capsule):
+            if g.flat == 1:
+                akl = ZERO
+                hakl = rest
+        return akl, hakl
+
+    @wp.func
     def hessian(g: PairGeometry, y: VQ, fn: dtype, ft: dtype):
         """d2/dq_k dq_l of fn J_n.y + ft J_t.y at constant y."""
         out = MQ()
@@ -184,15 +216,7 @@ def make_pair_derivatives(s: Structure, pair: int, dtype: type) -> SimpleNamespa
                 dly = g.jb[1, l] - g.ja[1, l]
                 cross = n[0] * (dlx * ak + dkx * al) + n[1] * (dly * ak + dky * al)
                 along = n[0] * py - n[1] * px
-                akl = ZERO
-                hakl = ZERO
-                if wp.static(plane):
-                    hakl = along - cross - lever * ak * al - g.hb[3] * ubk * ubl
-                else:
-                    akl = (
-                        along - cross - lever * ak * al - g.ha[3] * uak * ual - g.hb[3] * ubk * ubl
-                    ) / g.radius
-                    hakl = g.ha[3] * uak * ual + g.ha[2] * akl
+                akl, hakl = normal_by_qq(g, along - cross - lever * ak * al - g.hb[3] * ubk * ubl, uak * ual)
                 hbkl = g.hb[3] * ubk * ubl + g.hb[2] * akl
                 # Delta_y differentiated by k and by l
                 ykx = sb[0, k] - sa[0, k]

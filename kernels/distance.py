@@ -8,7 +8,8 @@ otherwise the circle is searched.
 
 A pose is (c_x, c_y, e_x, e_y): centre and first axis (a half-plane's point and outward normal). GEO = (n_x,
 n_y, d, h_A, h_A', h_B, h_B', _) at the solution. For a half-plane A: h_A = 0 and h_A' is the lever of the
-touched point along t, so that the same Jacobian formulas hold.
+touched point along t, so that the same Jacobian formulas hold. The same is true of a capsule A (radii: its
+radius and half length) that a disc touches between the ends; beyond them it is the disc at its end.
 """
 
 import functools
@@ -17,7 +18,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from .structure import DISC, HALFPLANE
+from .structure import CAPSULE, DISC, HALFPLANE
 
 SAMPLES = 12  # boundary points of either shape tried by the global search
 LOCAL_ITERATIONS = 12
@@ -46,7 +47,9 @@ def make_support(dtype: type) -> wp.Function:
 
 @functools.cache
 def make_round_support(kind: str, dtype: type) -> wp.Function:
-    """support(radii, pose, n) -> (h, h', h'', h''') of a disc or an ellipse."""
+    """support(radii, pose, n) -> (h, h', h'', h''') of a disc, an ellipse, or the end of a
+    capsule that n points to.
+    """
     support = make_support(dtype)
     V2, V4 = wp.types.vector(2, dtype), wp.types.vector(4, dtype)
     ZERO = dtype(0.0)
@@ -56,6 +59,10 @@ def make_round_support(kind: str, dtype: type) -> wp.Function:
         if wp.static(kind == DISC):
             return V4(radii[0], ZERO, ZERO, ZERO)
         c = n[0] * pose[2] + n[1] * pose[3]
+        if wp.static(kind == CAPSULE):
+            end = wp.where(c < ZERO, -radii[1], radii[1])
+            across = end * (n[0] * pose[3] - n[1] * pose[2])
+            return V4(radii[0] + end * c, across, -end * c, -across)
         return support(radii[0], radii[1], c, n[1] * pose[2] - n[0] * pose[3])
 
     return round_support
@@ -63,17 +70,23 @@ def make_round_support(kind: str, dtype: type) -> wp.Function:
 
 @functools.cache
 def make_distance(kind_a: str, kind_b: str, dtype: type) -> SimpleNamespace:
-    """geometry(ra, rb, pa, pb, warm) -> GEO and bound(ra, rb, pa, pb) <= d; a half-plane can only be A.
+    """geometry(ra, rb, pa, pb, warm) -> GEO and bound(ra, rb, pa, pb) <= d; a half-plane or a capsule can
+    only be A, a capsule only against a disc.
 
     An ellipse of equal radii (zero too) is a disc to rounding, so one pair of ellipses serves all round
     shapes where the kind is known at run time only.
     """
-    plane = kind_a == HALFPLANE
-    exact = plane or (kind_a == DISC and kind_b == DISC)
+    plane, capsule = kind_a == HALFPLANE, kind_a == CAPSULE
+    exact = plane or capsule or (kind_a == DISC and kind_b == DISC)
     support_a, support_b = make_round_support(kind_a, dtype), make_round_support(kind_b, dtype)
     V2, V4, GEO = wp.types.vector(2, dtype), wp.types.vector(4, dtype), wp.types.vector(8, dtype)
     ZERO, ONE = dtype(0.0), dtype(1.0)
     maximise = None if exact else make_maximiser(kind_a, kind_b, dtype)
+
+    @wp.func
+    def flat(ra: V2, pa: V4, pb: V4):
+        """Whether the centre of B lies beside the segment of a capsule A, not beyond its ends."""
+        return wp.abs((pb[0] - pa[0]) * pa[2] + (pb[1] - pa[1]) * pa[3]) < ra[1]
 
     @wp.func
     def direct(ra: V2, rb: V2, pa: V4, pb: V4, n: V2):
@@ -84,6 +97,10 @@ def make_distance(kind_a: str, kind_b: str, dtype: type) -> SimpleNamespace:
         hb = wp.static(support_b)(rb, pb, n)
         if wp.static(plane):
             ha[1] = n[0] * dy - n[1] * dx - hb[1]
+        elif wp.static(capsule):
+            ha = wp.static(support_a)(ra, pa, n)
+            if flat(ra, pa, pb):
+                ha = V4(ra[0], n[0] * dy - n[1] * dx - hb[1], ZERO, ZERO)
         else:
             ha = wp.static(support_a)(ra, pa, n)
         return GEO(n[0], n[1], n[0] * dx + n[1] * dy - ha[0] - hb[0], ha[0], ha[1], hb[0], hb[1], ZERO)
@@ -98,27 +115,49 @@ def make_distance(kind_a: str, kind_b: str, dtype: type) -> SimpleNamespace:
         return V2(dx / norm, dy / norm)
 
     @wp.func
+    def capsule_normal(ra: V2, pa: V4, pb: V4):
+        # from the nearest point of the segment to the centre of B
+        dx = pb[0] - pa[0]
+        dy = pb[1] - pa[1]
+        along = dx * pa[2] + dy * pa[3]
+        if wp.abs(along) < ra[1]:
+            side = wp.where(pa[2] * dy - pa[3] * dx < ZERO, ZERO - ONE, ONE)
+            return V2(-side * pa[3], side * pa[2])
+        end = wp.where(along < ZERO, -ra[1], ra[1])
+        dx -= end * pa[2]
+        dy -= end * pa[3]
+        norm = wp.sqrt(dx * dx + dy * dy)
+        if not norm > ZERO:
+            return V2(-pa[3], pa[2])
+        return V2(dx / norm, dy / norm)
+
+    @wp.func
+    def first_normal(ra: V2, pa: V4, pb: V4):
+        # the normal, or where a search for it starts
+        if wp.static(plane):
+            return V2(pa[2], pa[3])
+        if wp.static(capsule):
+            return capsule_normal(ra, pa, pb)
+        return centre_normal(pa, pb)
+
+    @wp.func
     def bound(ra: V2, rb: V2, pa: V4, pb: V4):
-        """A lower bound of d: its objective along the line of centres (exact for half-planes and discs)."""
-        n = V2(pa[2], pa[3])
-        if wp.static(not plane):
-            n = centre_normal(pa, pb)
+        """A lower bound of d: its objective along the line of centres (exact where that is the normal)."""
+        n = first_normal(ra, pa, pb)
         geo = direct(ra, rb, pa, pb, n)
         return geo[2]
 
     @wp.func
     def geometry(ra: V2, rb: V2, pa: V4, pb: V4, warm: V2):
         """GEO of the pair; `warm` starts the search (0, 0: from the line of centres)."""
-        n = V2(pa[2], pa[3])
-        if wp.static(not plane):
-            n = centre_normal(pa, pb)
+        n = first_normal(ra, pa, pb)
         if wp.static(maximise is not None):
             if warm[0] * warm[0] + warm[1] * warm[1] > ZERO:
                 n = warm
             n = wp.static(maximise)(ra, rb, pa, pb, n)
         return direct(ra, rb, pa, pb, n)
 
-    return SimpleNamespace(bound=bound, geometry=geometry, exact=exact)
+    return SimpleNamespace(bound=bound, geometry=geometry, flat=flat, exact=exact)
 
 
 @functools.cache

@@ -7,17 +7,20 @@ import warp as wp
 
 from .distance import make_distance, make_round_support
 from .kinematics import make_types
-from .structure import HALFPLANE, WORLD, Structure, layout
+from .structure import CAPSULE, DISC, HALFPLANE, WORLD, Structure, layout
 
 
 @functools.cache
-def make_shape_pose(s: Structure, shape: int, dtype: type) -> wp.Function:
-    """pose -> (c_x, c_y, e_x, e_y): centre and axis of a shape (a half-plane's point and outward normal)."""
+def make_shape_pose(s: Structure, shape: int, end: int, dtype: type) -> wp.Function:
+    """pose -> (c_x, c_y, e_x, e_y): centre and axis of a shape (a half-plane's point and outward normal), or
+    of the disc at an end of a capsule.
+    """
     t = make_types(s, dtype)
     lay = layout(s)
     V4 = wp.types.vector(4, dtype)
     ZERO, ONE = dtype(0.0), dtype(1.0)
     OFFSET, ANGLE = lay.offset("shape_offset") + 2 * shape, lay.offset("shape_angle") + shape
+    HALF_LENGTH, END = lay.offset("radius") + 2 * shape + 1, dtype(float(end))
     body, turned = s.shapes[shape].body, s.shapes[shape].turned
 
     @wp.func
@@ -29,6 +32,9 @@ def make_shape_pose(s: Structure, shape: int, dtype: type) -> wp.Function:
         if wp.static(turned):
             ex = wp.cos(params[row, wp.static(ANGLE)])
             ey = wp.sin(params[row, wp.static(ANGLE)])
+        if wp.static(end != 0):
+            x += END * params[row, wp.static(HALF_LENGTH)] * ex
+            y += END * params[row, wp.static(HALF_LENGTH)] * ey
         if wp.static(body == WORLD):
             return V4(x, y, ex, ey)
         c = fr[wp.static(max(body, 0)), 0]
@@ -41,23 +47,35 @@ def make_shape_pose(s: Structure, shape: int, dtype: type) -> wp.Function:
 
 
 def oriented_pair(s: Structure, pair: int) -> tuple[int, int]:
-    """(shape_a, shape_b) with a half-plane first; the swap turns n and t both, so J_n and J_t do not
-    change.
+    """(shape_a, shape_b) with a half-plane, or a whole capsule, first; the swap turns n and t both, so J_n
+    and J_t do not change.
     """
     p = s.pairs[pair]
-    return (p.shape_b, p.shape_a) if s.shapes[p.shape_b].kind == HALFPLANE else (p.shape_a, p.shape_b)
+    return (p.shape_b, p.shape_a) if _swapped(s, pair) else (p.shape_a, p.shape_b)
+
+
+def _swapped(s: Structure, pair: int) -> bool:
+    p = s.pairs[pair]
+    kind = s.shapes[p.shape_b].kind
+    return kind == HALFPLANE or (kind == CAPSULE and p.end_b == 0)
 
 
 @functools.cache
 def make_pair(s: Structure, pair: int, dtype: type) -> SimpleNamespace:
-    """Warp functions of one contact pair: geometry, a cheap lower bound of d, and support derivatives."""
+    """Warp functions of one contact pair: geometry, a cheap lower bound of d, and support derivatives.
+
+    `flat` tells whether a capsule A is touched between its ends, where it acts like a half-plane on its body.
+    """
     a, b = oriented_pair(s, pair)
-    kind_a, kind_b = s.shapes[a].kind, s.shapes[b].kind
+    end_a, end_b = s.pairs[pair].end_a, s.pairs[pair].end_b
+    if _swapped(s, pair):
+        end_a, end_b = end_b, end_a
+    kind_a, kind_b = DISC if end_a else s.shapes[a].kind, DISC if end_b else s.shapes[b].kind
     plane = kind_a == HALFPLANE
     t = make_types(s, dtype)
-    pose_a, pose_b = make_shape_pose(s, a, dtype), make_shape_pose(s, b, dtype)
+    pose_a, pose_b = make_shape_pose(s, a, end_a, dtype), make_shape_pose(s, b, end_b, dtype)
     distance = make_distance(kind_a, kind_b, dtype)
-    V2 = wp.types.vector(2, dtype)
+    V2, V4 = wp.types.vector(2, dtype), wp.types.vector(4, dtype)
     RADIUS = layout(s).offset("radius")
 
     def make_radii(shape: int) -> wp.Function:
@@ -81,8 +99,12 @@ def make_pair(s: Structure, pair: int, dtype: type) -> SimpleNamespace:
         return support
 
     @wp.func
+    def flat(params: wp.array2d(dtype=dtype), row: int, pa: V4, pb: V4):
+        return wp.static(distance.flat)(wp.static(radii_a)(params, row), pa, pb)
+
+    @wp.func
     def bound(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES):
-        """A lower bound of d (exact for half-planes and discs)."""
+        """A lower bound of d (exact for half-planes, capsules and discs)."""
         pa = wp.static(pose_a)(params, row, fr)
         pb = wp.static(pose_b)(params, row, fr)
         return wp.static(distance.bound)(
@@ -106,6 +128,8 @@ def make_pair(s: Structure, pair: int, dtype: type) -> SimpleNamespace:
         support_a=make_pair_support(radii_a, kind_a),
         support_b=make_pair_support(radii_b, kind_b),
         plane=plane,
+        capsule=kind_a == CAPSULE,
+        flat=flat,
         body_a=s.shapes[a].body,
         body_b=s.shapes[b].body,
         exact_bound=distance.exact,

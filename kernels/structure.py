@@ -14,7 +14,7 @@ import functools
 from dataclasses import dataclass
 
 REVOLUTE, PRISMATIC = "revolute", "prismatic"
-DISC, ELLIPSE, HALFPLANE = "disc", "ellipse", "halfplane"
+DISC, ELLIPSE, HALFPLANE, CAPSULE = "disc", "ellipse", "halfplane", "capsule"
 WORLD = -1
 
 
@@ -38,11 +38,16 @@ class ShapeStructure:
 
 @dataclass(frozen=True)
 class PairStructure:
-    """Two shapes that may touch; the normal points from shape_a to shape_b."""
+    """Two shapes that may touch; the normal points from shape_a to shape_b.
+
+    An end of +1 or -1 stands for the disc at that end of a capsule, 0 for the whole shape.
+    """
 
     shape_a: int
     shape_b: int
     friction: bool
+    end_a: int = 0
+    end_b: int = 0
 
 
 @dataclass(frozen=True)

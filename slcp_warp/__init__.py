@@ -7,7 +7,7 @@ from . import scenes
 from .arrays import ArrayError
 from .options import OptionError, Options, Status
 from .parameters import ParameterError, Parameters
-from .scene import Actuator, Body, Contact, Scene, SceneError, Shape, Spring
+from .scene import Actuator, Body, Contact, Scene, SceneError, Shape, Spring, box, touching
 from .simulator import Linearization, Simulator, Step, Trajectory
 from .strategy import StrategyError
 from .sweep import SweepReport, SweepSpec, sweep
@@ -35,6 +35,8 @@ __all__ = [
     "SweepReport",
     "SweepSpec",
     "Trajectory",
+    "box",
     "scenes",
     "sweep",
+    "touching",
 ]

@@ -6,31 +6,17 @@ World x points right, y up, angles are counter-clockwise from +x; lengths in m, 
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
-from slcp_warp.kernels.structure import (
-    DISC,
-    ELLIPSE,
-    HALFPLANE,
-    WORLD,
-    BodyStructure,
-    PairStructure,
-    ShapeStructure,
-    Structure,
-)
+from slcp_warp.kernels.structure import Structure
 
-JOINTS = {"revolute": 1, "prismatic": 1, "free": 3}
+from .topology import JOINTS, SceneError, contact_ends, radii, spread, structure_of
+
 Pair2 = tuple[float, float]
 
-
-class SceneError(ValueError):
-    """A scene that does not describe a mechanism; the message names the field, what came and what is
-    needed.
-    """
+__all__ = ["Actuator", "Body", "Contact", "Scene", "SceneError", "Shape", "Spring", "box", "touching"]
 
 
 @dataclass(frozen=True)
@@ -72,8 +58,10 @@ class Shape:
     """A shape on a body (or the world, body=None).
 
     Attributes:
-        kind: "disc" (radius; 0 is a point), "ellipse" (two radii along its axes) or "halfplane".
-        radius: (r,) or (rx, ry) [m]. offset: centre, or a point of the half-plane, in the body's frame [m].
+        kind: "disc" (radius; 0 is a point), "ellipse" (two radii along its axes), "capsule" (radius and half
+            length of its segment, which lies along its axis) or "halfplane".
+        radius: (r,), (rx, ry) or a capsule's (r, half length) [m]. offset: centre, or a point of the
+            half-plane, in the body's frame [m].
         angle: of the first axis, or of a half-plane's outward normal, against the body's x [rad].
     """
 
@@ -89,6 +77,9 @@ class Shape:
 class Contact:
     """Two shapes that may touch, by name; friction coefficient, or None for a frictionless contact (one
     row).
+
+    A capsule touches half-planes with the discs at its ends (two pairs), discs with its nearest point (one
+    pair), and another capsule with the ends of either on the other (four pairs). Ellipses do not touch it.
     """
 
     shape_a: str
@@ -153,7 +144,7 @@ class Scene:
     structure: Structure = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "structure", _structure(self))
+        object.__setattr__(self, "structure", structure_of(self))
         nv = self.structure.nv
         if self.initial_state is not None and len(self.initial_state) != 2 * nv:
             raise SceneError(
@@ -188,9 +179,10 @@ class Scene:
     def default_parameters(self) -> dict[str, np.ndarray]:
         """The scene's numbers by parameter name, shapes as in `kernels.structure.layout`."""
         s = self.structure
-        per_dof = [(_spread(b.damping, i, 0.0), _spread(b.lower, i, None), _spread(b.upper, i, None))
+        per_dof = [(spread(b.damping, i, 0.0), spread(b.lower, i, None), spread(b.upper, i, None))
                    for b in self.bodies for i in range(JOINTS[b.joint])]  # fmt: skip
-        radii = [_radii(shape) for shape in self.shapes]
+        friction = [c.friction or 0.0 for c in self.contacts for _ in contact_ends(self, c)]
+        extents = [radii(shape) for shape in self.shapes]
         values = {
             "step_size": np.array(self.step_size),
             "gravity": np.array(self.gravity, float),
@@ -205,14 +197,14 @@ class Scene:
             "lower": np.array([0.0 if lo is None else lo for _, lo, _ in per_dof], float),
             "upper": np.array([0.0 if up is None else up for _, _, up in per_dof], float),
             "gear": np.array([a.gear for a in self.actuators], float),
-            "friction": np.array([c.friction or 0.0 for c in self.contacts], float),
-            "radius": np.array(radii, float).reshape(-1, 2),
+            "friction": np.array(friction, float),
+            "radius": np.array(extents, float).reshape(-1, 2),
             "shape_offset": np.array([sh.offset for sh in self.shapes], float).reshape(-1, 2),
             "shape_angle": np.array([sh.angle for sh in self.shapes], float),
         }
         if s.sprung:
             for name in ("stiffness", "rest"):
-                per = [_spread(getattr(b, name), i, 0.0) for b in self.bodies for i in range(JOINTS[b.joint])]
+                per = [spread(getattr(b, name), i, 0.0) for b in self.bodies for i in range(JOINTS[b.joint])]
                 values[name] = np.array([0.0 if x is None else x for x in per], float)
         if s.springs:
             for name in ("stiffness", "damping", "length"):
@@ -221,131 +213,28 @@ class Scene:
         return values
 
 
-def _spread(value: Any, i: int, default: Any) -> Any:
-    if value is None:
-        return default
-    return value[i] if isinstance(value, Sequence) else value
+def box(
+    name: str,
+    body: str | None,
+    width: float,
+    height: float,
+    corner_radius: float = 0.0,
+    offset: Pair2 = (0.0, 0.0),
+    angle: float = 0.0,
+) -> tuple[Shape, ...]:
+    """The corners `name`0..3 of a box (points, or discs within it), counter-clockwise from the lower left.
+
+    They touch half-planes of any body, and round shapes; `touching` makes the contacts.
+    """
+    x, y = width / 2.0 - corner_radius, height / 2.0 - corner_radius
+    c, s = math.cos(angle), math.sin(angle)
+    corners = [(sx * x, sy * y) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    places = [(offset[0] + c * u - s * w, offset[1] + s * u + c * w) for u, w in corners]
+    return tuple(Shape(f"{name}{i}", body, "disc", corner_radius, place) for i, place in enumerate(places))
 
 
-def _radii(shape: Shape) -> tuple[float, float]:
-    radius = tuple(shape.radius) if isinstance(shape.radius, Sequence) else (shape.radius,)
-    return (radius[0], radius[-1])
-
-
-def _index(names: Sequence[str], name: str | None, what: str, field_name: str) -> int:
-    if name is None:
-        return WORLD
-    if name not in names:
-        raise SceneError(f"{field_name}: no {what} named {name!r}; there are {list(names)}")
-    return list(names).index(name)
-
-
-def _unique(items: Sequence, what: str) -> list[str]:
-    names = [item.name for item in items]
-    for name in names:
-        if names.count(name) > 1:
-            raise SceneError(
-                f"{what}: the name {name!r} is used {names.count(name)} times; names must be unique"
-            )
-    return names
-
-
-def _structure(scene: Scene) -> Structure:
-    if not scene.bodies:
-        raise SceneError(f"bodies: scene {scene.name!r} has none; it needs at least one")
-    names = _unique(scene.bodies, "bodies")
-    shape_names = _unique(scene.shapes, "shapes")
-    bodies: list[BodyStructure] = []
-    lower: list[bool] = []
-    upper: list[bool] = []
-    sprung: list[int] = []
-    for b, body in enumerate(scene.bodies):
-        _check_body(body)
-        parent = _index(names[:b], body.parent, "earlier body", f"body {body.name!r}, parent")
-        n = JOINTS[body.joint]
-        start = len(lower)
-        bodies.append(BodyStructure(parent, body.joint, tuple(range(start, start + n))))
-        lower += [_spread(body.lower, i, None) is not None for i in range(n)]
-        upper += [_spread(body.upper, i, None) is not None for i in range(n)]
-        sprung += [start + i for i in range(n) if _spread(body.stiffness, i, None) is not None]
-    shapes = []
-    for shape in scene.shapes:
-        _check_shape(shape)
-        holder = _index(names, shape.body, "body", f"shape {shape.name!r}, body")
-        shapes.append(ShapeStructure(holder, shape.kind, shape.angle != 0.0))
-    pairs = []
-    for c in scene.contacts:
-        a = _index(shape_names, c.shape_a, "shape", "contacts, shape_a")
-        b = _index(shape_names, c.shape_b, "shape", "contacts, shape_b")
-        _check_pair(c, shapes[a], shapes[b])
-        pairs.append(PairStructure(a, b, c.friction is not None))
-    actuators = []
-    for i, act in enumerate(scene.actuators):
-        driven = _index(names, act.body, "body", f"actuators[{i}], body")
-        if not 0 <= act.dof < JOINTS[scene.bodies[driven].joint]:
-            raise SceneError(f"actuators[{i}]: dof {act.dof} is outside the joint of body {act.body!r}")
-        actuators.append(bodies[driven].dofs[act.dof])
-    springs = []
-    for i, spring in enumerate(scene.springs):
-        a = _index(names, spring.body_a, "body", f"springs[{i}], body_a")
-        b = _index(names, spring.body_b, "body", f"springs[{i}], body_b")
-        _check_spring(f"springs[{i}]", spring, a, b)
-        springs.append((a, b))
-    return Structure(
-        tuple(bodies), tuple(shapes), tuple(pairs), tuple(lower), tuple(upper), tuple(actuators),
-        tuple(sprung), tuple(springs),
-    )  # fmt: skip
-
-
-def _check_body(body: Body) -> None:
-    if body.joint not in JOINTS:
-        raise SceneError(
-            f"body {body.name!r}: joint {body.joint!r} is unknown; choose one of {sorted(JOINTS)}"
-        )
-    for name in ("mass", "inertia"):
-        value = getattr(body, name)
-        if not (math.isfinite(value) and value > 0.0):
-            raise SceneError(f"body {body.name!r}: {name} is {value}; it must be positive and finite")
-    for name in ("damping", "stiffness", "rest", "lower", "upper"):
-        value = getattr(body, name)
-        if isinstance(value, Sequence) and len(value) != JOINTS[body.joint]:
-            raise SceneError(f"body {body.name!r}: {name} has {len(value)} entries; "
-                             f"a {body.joint} joint needs {JOINTS[body.joint]}")  # fmt: skip
-
-
-def _check_shape(shape: Shape) -> None:
-    if shape.kind not in (DISC, ELLIPSE, HALFPLANE):
-        raise SceneError(
-            f"shape {shape.name!r}: kind {shape.kind!r} is unknown; choose {DISC}, {ELLIPSE} or {HALFPLANE}"
-        )
-    radii = _radii(shape)
-    if (
-        min(radii) < 0.0
-        or (shape.kind == ELLIPSE and min(radii) <= 0.0)
-        or not all(map(math.isfinite, radii))
-    ):
-        raise SceneError(
-            f"shape {shape.name!r}: radius {shape.radius} must be positive (a disc's may be zero)"
-        )
-
-
-def _check_spring(label: str, spring: Spring, a: int, b: int) -> None:
-    if a == b:
-        raise SceneError(f"{label}: both ends are on {spring.body_a!r}; a spring needs two bodies, "
-                         "or a body and the world (None)")  # fmt: skip
-    for name in ("damping", "length"):
-        value = getattr(spring, name)
-        if not (math.isfinite(value) and value >= 0.0):
-            raise SceneError(f"{label}: {name} is {value}; it must be >= 0")
-
-
-def _check_pair(contact: Contact, a: ShapeStructure, b: ShapeStructure) -> None:
-    label = f"contact {contact.shape_a!r} - {contact.shape_b!r}"
-    if a.kind == HALFPLANE and b.kind == HALFPLANE:
-        raise SceneError(f"{label}: both are half-planes; at least one shape must be round")
-    if a.body == b.body:
-        raise SceneError(
-            f"{label}: both shapes are on the same body; a pair needs two bodies, or a body and the world"
-        )
-    if contact.friction is not None and not (math.isfinite(contact.friction) and contact.friction >= 0.0):
-        raise SceneError(f"{label}: friction is {contact.friction}; it must be >= 0 (None: frictionless)")
+def touching(
+    shapes: tuple[Shape, ...], others: tuple[Shape, ...], friction: float | None = None
+) -> tuple[Contact, ...]:
+    """A contact of every one of `shapes` with every one of `others`."""
+    return tuple(Contact(other.name, shape.name, friction) for other in others for shape in shapes)

@@ -15,7 +15,7 @@ from slcp_warp.kernels.large_topology import NUMBERS, make_topology
 from slcp_warp.kernels.large_work import allocate_work, bytes_per_world
 from slcp_warp.kernels.launch import launch
 from slcp_warp.kernels.method import Method
-from slcp_warp.kernels.structure import Structure, layout
+from slcp_warp.kernels.structure import CAPSULE, Structure, layout
 
 STRATEGIES = ("auto", "registers", "memory")
 MOST_ROWS = 31  # of the kernels in registers: a set of rows is one int
@@ -34,6 +34,8 @@ def missing(s: Structure, method: Method) -> str:
         return f"friction {method.friction!r}"
     if method.integrator != "euler":
         return f"integrator {method.integrator!r}"
+    if any(shape.kind == CAPSULE for shape in s.shapes):
+        return "capsules"
     unknown = [name for name in layout(s).names if name not in NUMBERS]
     return f"parameters {unknown}" if unknown else ""
 

@@ -10,10 +10,10 @@ Step (1), (17): M v' = h (r + u) + M v + J' lambda,  a = D lambda,  b = J v' + d
 min(a, b) = 0 for the hard problem.
 """
 
-import itertools
-
 import numpy as np
-from scipy.optimize import nnls
+from oracle_solvers import softplus, solve_hard, solve_hard_by_trial, solve_smooth
+
+__all__ = ["Oracle", "residual", "softplus", "solve_hard", "solve_hard_by_trial", "solve_smooth"]
 
 WORLD = -1
 COMPLEX_STEP = 1e-30
@@ -34,11 +34,6 @@ def second_along(function, q, v, points=32):
     values = function(q + radius * circle * v)
     weight = circle.reshape((points,) + (1,) * (values.ndim - 1)) ** -2
     return 2.0 * np.mean(values * weight, axis=0).real / radius**2
-
-
-def softplus(x, sigma):
-    """s(x) = sigma log(1 + exp(x / sigma)), stable."""
-    return np.maximum(x, 0.0) + sigma * np.log1p(np.exp(-np.abs(x) / sigma))
 
 
 class Oracle:
@@ -150,24 +145,27 @@ class Oracle:
 
     # ---------------------------------------------------------------- contact
 
-    def shape_pose(self, q, shape):
-        """Centre (..., 2) and world angle (...) of a shape."""
+    def shape_pose(self, q, shape, end=0):
+        """Centre (..., 2) and world angle (...) of a shape, or of the disc at an end of a capsule."""
         body = self.structure.shapes[shape].body
-        at = self.point(q, body, self.p["shape_offset"][..., shape, :])
+        reach = end * self.p["radius"][..., shape, 1, None] * direction(self.p["shape_angle"][..., shape])
+        at = self.point(q, body, self.p["shape_offset"][..., shape, :] + reach)
         turn = self.p["shape_angle"][..., shape] + 0.0 * q[..., 0]
         return at, turn if body == WORLD else turn + self.frames(q)[body][0]
 
-    def support(self, shape, turn, angle):
+    def support(self, shape, turn, angle, end=0):
         """Largest extent (...) of a round shape along the direction `angle`; analytic in `angle`."""
         rx, ry = self.p["radius"][..., shape, 0], self.p["radius"][..., shape, 1]
-        if self.structure.shapes[shape].kind == "disc":
+        if self.structure.shapes[shape].kind == "disc" or end:
             return rx + 0.0 * (angle - turn)
+        if self.structure.shapes[shape].kind == "capsule":
+            return rx + np.sqrt((ry * np.cos(angle - turn)) ** 2)
         return np.sqrt((rx * np.cos(angle - turn)) ** 2 + (ry * np.sin(angle - turn)) ** 2)
 
-    def farthest(self, shape, centre, turn, angle):
+    def farthest(self, shape, centre, turn, angle, end=0):
         """The boundary point (..., 2) that is farthest along `angle`, by the shape's parametric form."""
         rx, ry = self.p["radius"][..., shape, 0], self.p["radius"][..., shape, 1]
-        if self.structure.shapes[shape].kind == "disc":
+        if self.structure.shapes[shape].kind == "disc" or end:
             return centre + rx[..., None] * direction(angle)
         parameter = np.arctan2(ry * np.sin(angle - turn), rx * np.cos(angle - turn))
         return centre + rotate(turn, np.stack([rx * np.cos(parameter), ry * np.sin(parameter)], -1))
@@ -175,9 +173,10 @@ class Oracle:
     def separation(self, q, k, angle):
         """n.(c_B - c_A) - h_A(n) - h_B(-n) of pair k along `angle`."""
         pair = self.structure.pairs[k]
-        (ca, ta), (cb, tb) = self.shape_pose(q, pair.shape_a), self.shape_pose(q, pair.shape_b)
-        along = np.sum(direction(angle) * (cb - ca), -1)
-        return along - self.support(pair.shape_a, ta, angle) - self.support(pair.shape_b, tb, angle + np.pi)
+        ca, ta = self.shape_pose(q, pair.shape_a, pair.end_a)
+        cb, tb = self.shape_pose(q, pair.shape_b, pair.end_b)
+        along = np.sum(direction(angle) * (cb - ca), -1) - self.support(pair.shape_a, ta, angle, pair.end_a)
+        return along - self.support(pair.shape_b, tb, angle + np.pi, pair.end_b)
 
     def normal_angle(self, q, k):
         """Angle (...) of the normal of pair k, and by how much it beats other maxima (inf: the only one)."""
@@ -203,18 +202,21 @@ class Oracle:
         pair = self.structure.pairs[k]
         a, b = pair.shape_a, pair.shape_b
         angle, margin = self.normal_angle(q, k)
-        (ca, ta), (cb, tb) = self.shape_pose(q, a), self.shape_pose(q, b)
+        (ca, ta), (cb, tb) = self.shape_pose(q, a, pair.end_a), self.shape_pose(q, b, pair.end_b)
+        kind_a = "disc" if pair.end_a else self.structure.shapes[a].kind
+        kind_b = "disc" if pair.end_b else self.structure.shapes[b].kind
         n = direction(angle)
-        if self.structure.shapes[a].kind == "halfplane":
-            pb = self.farthest(b, cb, tb, angle + np.pi)
-            gap = np.sum(n * (pb - ca), -1)
+        if kind_a in ("halfplane", "capsule"):
+            pb = self.farthest(b, cb, tb, angle + np.pi, pair.end_b)
+            gap = np.sum(n * (pb - ca), -1) if kind_a == "halfplane" else self.separation(q, k, angle)
             pa = pb - gap[..., None] * n
-        elif self.structure.shapes[b].kind == "halfplane":
-            pa = self.farthest(a, ca, ta, angle)
-            gap = np.sum(n * (cb - pa), -1)
+        elif kind_b in ("halfplane", "capsule"):
+            pa = self.farthest(a, ca, ta, angle, pair.end_a)
+            gap = np.sum(n * (cb - pa), -1) if kind_b == "halfplane" else self.separation(q, k, angle)
             pb = pa + gap[..., None] * n
         else:
-            pa, pb = self.farthest(a, ca, ta, angle), self.farthest(b, cb, tb, angle + np.pi)
+            pa = self.farthest(a, ca, ta, angle, pair.end_a)
+            pb = self.farthest(b, cb, tb, angle + np.pi, pair.end_b)
             gap = self.separation(q, k, angle)
         return gap, angle, pa, pb, margin
 
@@ -310,89 +312,3 @@ def residual(problem, v, impulse, hard=False):
         return r1, np.minimum(a, b)
     # min(a, b) - s(-|a - b|) is the same number without cancellation
     return r1, np.minimum(a, b) - problem["sigma"] * np.log1p(np.exp(-np.abs(a - b) / problem["sigma"]))
-
-
-def _newton(a_mat, b, scale, sigma, z, floor, iterations=100):
-    """Root z of A s(z) / D + b - s(-z) for one world, by damped Newton; -> z, largest residual.
-
-    `floor` keeps rows that determine the same velocity from making the matrix singular; the root stays.
-    """
-
-    def evaluate(z):
-        return a_mat @ (softplus(z, sigma) / scale) + b - softplus(-z, sigma)
-
-    value = evaluate(z)
-    for _ in range(iterations):
-        up = 0.5 + 0.5 * np.tanh(0.5 * z / sigma)
-        move = np.linalg.solve(a_mat * (up / scale) + np.diag(np.maximum(1.0 - up, floor)), -value)
-        length, old = 1.0, np.linalg.norm(value)
-        while length > 1e-9:
-            trial = evaluate(z + length * move)
-            if np.linalg.norm(trial) <= (1.0 - 1e-4 * length) * old:
-                break
-            length *= 0.5
-        if length <= 1e-9:
-            break
-        z, value = z + length * move, trial
-    return z, np.max(np.abs(value))
-
-
-def solve_smooth(problem):
-    """v' and lambda of REM-logistic (17), sigma lowered from a large value; a world at a time."""
-    shape = problem["b"].shape
-    nr = shape[-1]
-    if nr == 0:
-        return problem["vfree"], np.zeros(shape)
-    flat = {
-        k: problem[k].reshape((-1,) + problem[k].shape[len(shape) - 1 :]) for k in ("A", "b", "D", "sigma")
-    }
-    impulse = np.zeros((len(flat["b"]), nr))
-    for i in range(len(impulse)):
-        a, b, d, sigma = (flat[k][i] for k in ("A", "b", "D", "sigma"))
-        best = np.inf
-        for floor in (1e-14, 1e-10, 1e-7, 1e-4):
-            z = -b
-            for factor in (256.0, 64.0, 16.0, 4.0, 1.0):
-                z, miss = _newton(a, b, d, factor * sigma, z, floor)
-            if miss < best:
-                best, impulse[i] = miss, softplus(z, sigma) / d
-            if miss < 1e-14 * max(1.0, np.max(np.abs(b))):
-                break
-    impulse = impulse.reshape(shape)
-    push = np.einsum("...ij,...i->...j", problem["J"], impulse)
-    return problem["vfree"] + np.linalg.solve(problem["M"], push[..., None])[..., 0], impulse
-
-
-def solve_hard(problem):
-    """v' and lambda of the exact problem (1): Lawson and Hanson's least distances; nan if infeasible."""
-    shape = problem["b"].shape
-    impulse = np.zeros(shape)
-    for i in np.ndindex(shape[:-1]):
-        jac, b, mass = problem["J"][i], problem["b"][i], problem["M"][i]
-        root = np.linalg.cholesky(mass)  # y = L'(v - vfree): min |y| with G y >= -b
-        g = np.linalg.solve(root, jac.T).T
-        dual, _ = nnls(np.vstack([g.T, -b[None]]), np.r_[np.zeros(len(mass)), 1.0], maxiter=1000)
-        rest = np.vstack([g.T, -b[None]]) @ dual - np.r_[np.zeros(len(mass)), 1.0]
-        if -rest[-1] < 1e-12:
-            impulse[i] = np.nan  # no velocity satisfies all rows
-            continue
-        acting = dual > 1e-14 * dual.max(initial=0.0)  # the set is known: solve it afresh for the last digits
-        if acting.any():
-            block = problem["A"][i][np.ix_(acting, acting)]
-            impulse[i][acting] = np.linalg.lstsq(block, -b[acting], rcond=1e-13)[0]
-    push = np.einsum("...ij,...i->...j", problem["J"], impulse)
-    return problem["vfree"] + np.linalg.solve(problem["M"], push[..., None])[..., 0], impulse
-
-
-def solve_hard_by_trial(a, b):
-    """lambda of 0 <= lambda _|_ A lambda + b >= 0 by trying all sets of acting rows, smallest first."""
-    for size in range(len(b) + 1):
-        for active in itertools.combinations(range(len(b)), size):
-            s = list(active)
-            trial = np.zeros(len(b))
-            if s:
-                trial[s] = np.linalg.lstsq(a[np.ix_(s, s)], -b[s], rcond=None)[0]
-            w = a @ trial + b
-            if min(trial.min(initial=0.0), w.min()) > -1e-9 and np.max(np.abs(trial * w)) < 1e-9:
-                return trial
-    return None

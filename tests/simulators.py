@@ -66,6 +66,26 @@ def sprung_plane() -> Scene:
     return dataclasses.replace(base, name="sprung_plane", bodies=(plate, *base.bodies[1:]))
 
 
+def capsules() -> Scene:
+    """A hinged capsule, a free one, a moving plane and a disc, in all pairs that capsules make."""
+    shapes = (
+        Shape("bar", "arm", "capsule", (0.1, 0.5), offset=(0.5, 0.05), angle=0.2),
+        Shape("plate", "arm", "halfplane", offset=(0.0, -0.6), angle=1.3),
+        Shape("pill", "pill", "capsule", (0.15, 0.3), offset=(0.05, 0.0), angle=-0.4),
+        Shape("ball", "ball", "disc", 0.2, offset=(0.05, 0.02)),
+    )
+    bodies = (
+        Body("arm", 2.0, 0.5, damping=0.3),
+        Body("pill", 1.0, 0.1, joint="free", anchor=(0.6, 0.45)),
+        Body("ball", 1.0, 0.1, parent="pill", anchor=(0.0, 0.9), joint="prismatic", axis=(1.0, 0.0)),
+    )
+    contacts = (
+        Contact("bar", "pill", 0.4), Contact("pill", "plate", 0.3), Contact("ball", "bar", 0.5),
+        Contact("ball", "pill"),
+    )  # fmt: skip
+    return Scene("capsules", bodies, shapes, contacts, step_size=0.02)
+
+
 def tree(seed: int, *joints: str) -> Scene:
     """A random chain with these joints, or a random tree of four bodies; no contacts."""
     rng = np.random.default_rng(seed)
@@ -99,6 +119,7 @@ MAKERS = {
     "menagerie": menagerie,
     "turned_pair": turned_pair,
     "moving_plane": moving_plane,
+    "capsules": capsules,
     "touching_tree": touching_tree,
     "tree0": lambda: tree(0),
     "tree1": lambda: tree(1),

@@ -29,6 +29,7 @@ CASES = [
     ("grasp", "inertia", False),
     slow("sliding_block", "inertia", False),
     slow("moving_plane", "inertia", False),
+    slow("capsules", "inertia", False),
     slow("touching_tree", "inertia", False),
 ]
 SECOND = [
@@ -37,6 +38,7 @@ SECOND = [
     slow("flicking_finger", "inertia", True),
     slow("grasp", "inertia", False),
     slow("moving_plane", "inertia", False),
+    slow("capsules", "inertia", False),
     slow("touching_tree", "inertia", False),
 ]
 
