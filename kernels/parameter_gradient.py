@@ -18,13 +18,14 @@ from .parameter_contact import make_pair_answer
 from .parameter_motion import make_motion_gradient
 from .sensitivity import make_linearization
 from .shapes import oriented_pair
-from .structure import WORLD, Structure, layout
+from .structure import CAPSULE, WORLD, Structure, layout
 
 
 def offered(s: Structure, method: Method) -> bool:
     """Whether the gradient by parameters exists for a structure and a method."""
     saddle = method.rem or (method.hard and not method.coulomb)
-    return saddle and not method.trapezoidal and not method.state_noise and not s.springs
+    simple = not s.springs and all(shape.kind != CAPSULE for shape in s.shapes)
+    return saddle and not method.trapezoidal and not method.state_noise and simple
 
 
 @functools.cache

@@ -55,8 +55,8 @@ class Recorded:
         structure, _, method = self.key
         if wants_gradient(self.table) and not offered(structure, method):
             raise OptionError(
-                "params are tracked, but gradients by parameters exist neither for springs between points "
-                f"nor for every method; this is {method}"
+                "params are tracked, but gradients by parameters exist neither for springs between points, "
+                f"nor for capsules, nor for every method; this is {method}"
             )
         return wants_gradient(*self.inputs)
 
