@@ -284,6 +284,7 @@ class _Chains:
             "horizon": self.problem.horizon,
             "scaling": self.sim.options.scaling,
             "residual": self.sim.options.residual,
+            "integrator": self.sim.options.integrator,
             "offset": self.options.offset,
             "chains": self.options.chains,
             "seed": self.options.seed,

@@ -26,6 +26,7 @@ OBSERVED = {"flicking_finger": 2}  # state component whose rate is judged
 SceneName = Annotated[str, typer.Option("--scene", help="Scene: " + ", ".join(slcp.scenes.NAMED) + ".")]
 Residual = Annotated[str, typer.Option(help="smoothed (rem-logistic) or hard.")]
 Scaling = Annotated[str | None, typer.Option(help="inertia or none; the finger's default is none.")]
+Integrator = Annotated[str, typer.Option(help="euler, or trapezoidal: second order where motion is smooth.")]
 Sigma = Annotated[float | None, typer.Option(help="Noise level of the smoothing; default: the scene's.")]
 StepSize = Annotated[float | None, typer.Option("--step-size", help="h [s]; default: the scene's.")]
 Device = Annotated[str | None, typer.Option(help="cpu, cuda:0, ...; default: the best one present.")]
@@ -95,12 +96,13 @@ def make_simulator(
     scaling: str | None = None,
     device: str | None = None,
     dtype: str = "float64",
+    integrator: str = "euler",
 ) -> slcp.Simulator:
     """A simulator from a command's options."""
     if residual not in RESIDUALS:
         raise ValueError(f"--residual is {residual!r}; choose smoothed or hard")
     scaling = scaling or PRESETS.get(scene.name, {}).get("scaling", "inertia")
-    options = slcp.Options(residual=RESIDUALS[residual], scaling=scaling)
+    options = slcp.Options(residual=RESIDUALS[residual], scaling=scaling, integrator=integrator)
     try:
         return slcp.Simulator(scene, options, device=device, dtype=dtype)
     except RuntimeError as error:  # Warp's answer to an unknown device

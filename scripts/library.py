@@ -17,6 +17,7 @@ from .common import (
     OBSERVED,
     Device,
     Dtype,
+    Integrator,
     Scaling,
     Seed,
     Settings,
@@ -90,6 +91,7 @@ def library_command(
     sigma: Sigma = None,
     step_size: StepSize = None,
     scaling: Scaling = None,
+    integrator: Integrator = "euler",
     settings: Settings = None,
     seed: Seed = 0,
     device: Device = None,
@@ -97,7 +99,7 @@ def library_command(
 ) -> None:
     """Build a trajectory library of the flicking finger. Ctrl-C saves the entries there are."""
     path = prepared(out)
-    problem = finger_problem(horizon, sigma, step_size, settings, scaling, device, dtype)
+    problem = finger_problem(horizon, sigma, step_size, settings, scaling, device, dtype, integrator)
     x0 = problem.dynamics.scene.x0 if start is None else numbers(start, "--start", problem.nx)
     options = ddp.RecedingOptions(
         offset=offset, chains=chains, entries=entries, perturb_every=perturb_every, passes=passes,

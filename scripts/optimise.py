@@ -14,6 +14,7 @@ from slcp_warp import ddp
 from .common import (
     Device,
     Dtype,
+    Integrator,
     Scaling,
     Seed,
     Settings,
@@ -55,9 +56,10 @@ def finger_problem(
     scaling: str | None = None,
     device: str | None = None,
     dtype: str = "float64",
+    integrator: str = "euler",
 ) -> ddp.Problem:
     """The paper's problem (section V) with the options' numbers."""
-    sim = make_simulator(named_scene(SCENE), "smoothed", scaling, device, dtype)
+    sim = make_simulator(named_scene(SCENE), "smoothed", scaling, device, dtype, integrator)
     params = make_params(sim, step_size, sigma, settings)
     return ddp.Problem(sim, ddp.costs.flicking_finger(), horizon=horizon, params=params)
 
@@ -124,6 +126,7 @@ def optimise_command(
     horizon: Annotated[int, typer.Option(help="Steps N of the plan.")] = 75,
     step_size: StepSize = None,
     scaling: Scaling = None,
+    integrator: Integrator = "euler",
     settings: Settings = None,
     seed: Seed = 0,
     device: Device = None,
@@ -131,7 +134,7 @@ def optimise_command(
 ) -> None:
     """Plan a trajectory of the flicking finger by DDP and save it with its feedback gains and trace."""
     path = prepared(out)
-    problem = finger_problem(horizon, sigma, step_size, settings, scaling, device, dtype)
+    problem = finger_problem(horizon, sigma, step_size, settings, scaling, device, dtype, integrator)
     scene = problem.dynamics.scene
     x0 = scene.x0 if start is None else numbers(start, "--start", problem.nx)
     sigmas = None if continuation is None else numbers(continuation, "--continuation")

@@ -14,6 +14,7 @@ from slcp_warp.simulator import contact_impulse
 from .common import (
     Device,
     Dtype,
+    Integrator,
     Residual,
     Scaling,
     SceneName,
@@ -85,6 +86,7 @@ def simulate_command(
     velocity_sd: Annotated[float, typer.Option(help="Standard deviation added to velocities.")] = 0.0,
     residual: Residual = "smoothed",
     scaling: Scaling = None,
+    integrator: Integrator = "euler",
     sigma: Sigma = None,
     step_size: StepSize = None,
     settings: Settings = None,
@@ -94,7 +96,7 @@ def simulate_command(
 ) -> None:
     """Simulate worlds of a scene and save states, controls, impulses and gaps."""
     path = prepared(out)
-    sim = make_simulator(named_scene(scene), residual, scaling, device, dtype)
+    sim = make_simulator(named_scene(scene), residual, scaling, device, dtype, integrator)
     params = make_params(sim, step_size, sigma, settings)
     x0 = start_states(sim.scene, start, worlds, velocity_sd, seed)
     record = simulate(sim, params, x0, steps, policy)

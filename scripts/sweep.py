@@ -17,6 +17,7 @@ from .common import (
     PRESETS,
     RESIDUALS,
     Device,
+    Integrator,
     Scaling,
     SceneName,
     Seed,
@@ -55,6 +56,7 @@ def run_sweep(
     policy_file: Path,
     spec: slcp.SweepSpec,
     scaling: str | None = None,
+    integrator: str = "euler",
     device: str | None = None,
     dtype: str = "float32",
     progress: Callable[[int, int], None] | None = None,
@@ -63,10 +65,11 @@ def run_sweep(
     policy, facts = load_policy(policy_file, scene)
     scaling = scaling or PRESETS.get(scene.name, {}).get("scaling", "inertia")
     device = str(make_simulator(scene, device=device, dtype=dtype).device)  # a bad name fails here, clearly
-    report = slcp.sweep(scene, policy, spec, scaling=scaling, dtype=dtype, device=device, progress=progress)
+    method = {"scaling": scaling, "integrator": integrator}
+    report = slcp.sweep(scene, policy, spec, **method, dtype=dtype, device=device, progress=progress)
     if not report.cases:
         raise KeyboardInterrupt
-    report.spec |= {"scene": scene.name, "scaling": scaling, "dtype": dtype, "device": device, **facts}
+    report.spec |= {"scene": scene.name, **method, "dtype": dtype, "device": device, **facts}
     return report
 
 
@@ -98,6 +101,7 @@ def sweep_command(
     observe: Annotated[int | None, typer.Option(help="State component whose rate is judged.")] = None,
     threshold: Annotated[float, typer.Option(help="Rate that counts as spinning.")] = 0.5,
     scaling: Scaling = None,
+    integrator: Integrator = "euler",
     seed: Seed = 0,
     device: Device = None,
     dtype: Annotated[str, typer.Option(help="float32 or float64.")] = "float32",
@@ -116,7 +120,7 @@ def sweep_command(
         observe=OBSERVED.get(scene, 0) if observe is None else observe,
     )  # fmt: skip
     with timed("sweep"), progress_bar("worlds") as progress:
-        report = run_sweep(chosen, policy, spec, scaling, device, dtype, progress)
+        report = run_sweep(chosen, policy, spec, scaling, integrator, device, dtype, progress)
     report.save(path)
     report.save(path.with_suffix(".csv"))
     console.print(sweep_table(report))

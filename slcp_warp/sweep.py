@@ -189,6 +189,7 @@ def sweep(
     spec: SweepSpec,
     *,
     scaling: str = "inertia",
+    integrator: str = "euler",
     dtype: str = "float32",
     device: Any = None,
     chunk: int | None = None,
@@ -211,7 +212,8 @@ def sweep(
     total = spec.worlds * len(spec.residuals) * len(spec.step_sizes)
     done, complete = 0, True
     for residual in spec.residuals:
-        sim = Simulator(scene, Options(residual=residual, scaling=scaling), device=device, dtype=dtype)
+        options = Options(residual=residual, scaling=scaling, integrator=integrator)
+        sim = Simulator(scene, options, device=device, dtype=dtype)
         for step_size in spec.step_sizes:
             case = _Case(sim, policy, spec, step_size, chunk)
             try:
