@@ -27,6 +27,7 @@ from .bench_mujoco import Peer, import_mujoco
 from .bench_ours import PAPER, TOUCH, WINDOW, Ours, cpu_threads
 from .bench_timing import Case, Result, print_table, tidy_rows, time_interleaved, write_csv
 from .bench_workload import Workload, distance, make_workload, mass_matrix, windows
+from .stability import stability_command
 
 DTYPES = ("float32", "float64")
 Rows = list[dict[str, Any]]
@@ -188,6 +189,9 @@ def bench_ddp(repeats: int = 9, horizon: int = 75, passes: int = 30) -> Rows:
                 notes.append(f"{label}: {done} passes, {accepted:.0%} of them with an accepted step")
     results = time_interleaved(cases, repeats, clock=time.perf_counter)
     return _finish("ddp", "ms per pass", results, notes, f"wall time, {launch.thread_count()} threads")
+
+
+app.command("stability")(stability_command)
 
 
 @app.command("step")
