@@ -15,6 +15,7 @@ class Method:
     friction: str = "anitescu"
     integrator: str = "euler"
     noise: str = "row"
+    deviation: str = "scale"
 
     @property
     def hard(self) -> bool:
@@ -55,3 +56,8 @@ class Method:
     def state_noise(self) -> bool:
         """Whether sigma follows from covariances of the state, eq. (18); else it is given for every row."""
         return not self.hard and self.noise == "state"
+
+    @property
+    def converts(self) -> bool:
+        """Whether sigma is the standard deviation of a logistic distribution and not its scale."""
+        return self.residual.endswith("logistic") and self.deviation == "standard-deviation"

@@ -136,7 +136,39 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
                         out.scale_by_q[i, j] = TWO * value
             return out
 
-        return SimpleNamespace(rows=pair_terms, scale=scale_terms)
+        @wp.func
+        def noise_terms(
+            params: wp.array2d(dtype=dtype),
+            row: int,
+            sol: step.Solution,
+            g: d.PairGeometry,
+            lin: Linear,
+            f1: MQ,
+            f2: JR,
+        ):
+            """d sigma_i/dq = (dJ_i/dq) . (C J_i') / sigma_i, eq. (18), and what it adds to F1_q and F2_q."""
+            out1 = f1
+            out2 = f2
+            for i in range(wp.static(NR)):
+                if wp.static(i in pair_rows[k]):
+                    if (sol.mask & wp.static(1 << i)) != 0:
+                        y = noise.spread(params, row, wp.static(rows.adds[i])(VQ(), sol.jac, ONE))
+                        c = wp.static(d.contract)(g, y)
+                        # ds/dlevel at fixed z, the same at z and at -z, times dlevel/dsigma; over sigma
+                        rise = (sol.lam[i] * sol.scale[i] - sol.z[i] * lin.slope[i]) / (
+                            sol.sigma[i] * sol.sigma[i]
+                        )
+                        for j in range(wp.static(NV)):
+                            value = c[0, j]
+                            if wp.static(frictional):
+                                value += wp.static(sign[i]) * params[row, wp.static(FRICTION + k)] * c[1, j]
+                            out2[i, j] = out2[i, j] - rise * value
+                            column = wp.static(rows.adds[i])(VQ(), sol.jac, rise * value / sol.scale[i])
+                            for a in range(wp.static(NV)):
+                                out1[a, j] = out1[a, j] - column[a]
+            return out1, out2
+
+        return SimpleNamespace(rows=pair_terms, scale=scale_terms, noise=noise_terms)
 
     pair_terms = tuple(make_pair_terms(k) for k in range(len(s.pairs)))
     pair_mask = tuple(sum(1 << i for i in pair_rows[k]) for k in range(len(s.pairs)))
@@ -236,6 +268,8 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
                 f1q, f2q, lin = wp.static(pair_terms[k].rows)(params, row, sol, g, lin, f1q, f2q)
                 if wp.static(method.inertia_scaling):
                     lin = wp.static(pair_terms[k].scale)(params, row, g, lin)
+                if wp.static(method.state_noise):
+                    f1q, f2q = wp.static(pair_terms[k].noise)(params, row, sol, g, lin, f1q, f2q)
         if wp.static(method.inertia_scaling):
             f1q, lin = scaling_terms(params, row, sol, lin, f1q, v)
         if wp.static(NR > 0):

@@ -42,7 +42,7 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
     V2 = t.V2
     H = lay.offset("step_size")
 
-    HALF = dtype(0.5)
+    HALF, ONE = dtype(0.5), dtype(1.0)
     UNUSED = dtype(COLD)
     CUT = dtype(0.0 if method.hard else (37.0 if dtype is wp.float64 else 17.0))
     pairs = tuple(make_pair(s, k, dtype) for k in range(NP))
@@ -55,6 +55,17 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
     solver = make_solver(s, dtype, method) if NR else None
     limits = rows.limit
     noise = make_noise(s, dtype, method)
+
+    def make_deviation(i: int) -> wp.Function:
+        @wp.func
+        def deviation(params: wp.array2d(dtype=dtype), row: int, jac: JR):
+            # sigma_i, eq. (18)
+            j = wp.static(rows.adds[i])(VQ(), jac, ONE)
+            return noise.deviation(wp.dot(j, noise.spread(params, row, j)))
+
+        return deviation
+
+    deviations = tuple(make_deviation(i) for i in range(NR))
 
     @wp.struct
     class Carry:
@@ -203,6 +214,10 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
         out = start
         jac = JR()
         rate = wp.static(rows.limit_rates)(params, row, q)
+        if wp.static(method.state_noise):
+            for i in range(wp.static(NR)):
+                if wp.static(limits[i]):
+                    out.sigma[i] = wp.static(deviations[i])(params, row, jac)
         z = out.z
         mask = int(0)
         known = int(0)
@@ -224,6 +239,8 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
                         for i in range(wp.static(NR)):
                             if wp.static(i in pair_rows[k]):
                                 rate[i] = g[2] / params[row, wp.static(H)]
+                                if wp.static(method.state_noise):
+                                    out.sigma[i] = wp.static(deviations[i])(params, row, jac)
                 if (known & wp.static(pair_bit[k])) != 0:
                     mask = wp.static(grow_pairs[k].grow)(params, row, rate, jac, out.sigma, out.v, mask)
             more = wp.where(mask != before, 1, 0)

@@ -75,6 +75,7 @@ class Structure:
     actuators: tuple[int, ...]
     sprung: tuple[int, ...] = ()  # degrees of freedom with a joint spring
     springs: tuple[tuple[int, int], ...] = ()  # bodies that a spring ties
+    uncertain: bool = False  # whether there are covariances of the state, eq. (18)
 
     @property
     def nb(self) -> int:
@@ -195,6 +196,8 @@ def layout(s: Structure) -> Layout:
             "spring_length": (n,),
             "spring_point": (n, 2, 2),
         }
+    if s.uncertain:
+        shapes |= {"position_covariance": (s.nv, s.nv), "velocity_covariance": (s.nv, s.nv)}
     columns, start = [], 0
     for name, shape in shapes.items():
         size = 1

@@ -11,6 +11,8 @@ CHOICES = {
     "scaling": ("inertia", "none"),
     "friction": ("anitescu",),
     "integrator": ("euler", "trapezoidal"),
+    "noise": ("row", "state"),
+    "deviation": (None, "scale", "standard-deviation"),
 }
 
 
@@ -39,12 +41,20 @@ class Options:
         friction: "anitescu", the relaxed planar model (the paper's [9]).
         integrator: "euler", eq. (1), first order; "trapezoidal", the linearly implicit method of footnote 1
             (the paper's [6]), second order where motion is smooth.
+        noise: "row", a constant sigma for every row; "state", eq. (18): sigma follows in every step from the
+            parameters position_covariance and velocity_covariance, (nv, nv).
+        deviation: what sigma is to a logistic residual, the distribution's "scale" or its
+            "standard-deviation" (scale = sqrt(3)/pi of it). None: the scale for noise "row" (the paper's use
+            of (17)), the standard deviation for "state", as (18) gives it. Other residuals always take a
+            standard deviation.
     """
 
     residual: str = "rem-logistic"
     scaling: str = "inertia"
     friction: str = "anitescu"
     integrator: str = "euler"
+    noise: str = "row"
+    deviation: str | None = None
 
     def __post_init__(self) -> None:
         for name, choices in CHOICES.items():
@@ -55,7 +65,8 @@ class Options:
     @property
     def method(self) -> Method:
         """The options as the kernels take them."""
-        return Method(self.residual, self.scaling, self.friction, self.integrator)
+        deviation = self.deviation or ("standard-deviation" if self.noise == "state" else "scale")
+        return Method(self.residual, self.scaling, self.friction, self.integrator, self.noise, deviation)
 
     @property
     def hard(self) -> bool:

@@ -10,6 +10,7 @@ from slcp_warp.kernels.structure import ELLIPSE, Layout, layout
 from .scene import Scene
 
 POSITIVE = ("step_size", "sigma", "mass", "inertia")
+COVARIANCES = ("position_covariance", "velocity_covariance")
 NONNEGATIVE = ("friction", "radius", "spring_damping", "spring_length")
 
 
@@ -111,6 +112,8 @@ class Parameters:
             raise ParameterError(f"{name} is {array.min()}; it must be positive{hint}")
         if name in NONNEGATIVE and not np.all(array >= 0.0):
             raise ParameterError(f"{name} is {array.min()}; it must not be negative")
+        if name in COVARIANCES:
+            return _covariance(name, array, shape)
         if array.shape == shape or array.shape[1:] == shape and array.ndim == len(shape) + 1:
             array = array.copy()
         elif array.ndim == 0:
@@ -151,3 +154,18 @@ class Parameters:
                 self.table(), dtype=dtype, device=device, requires_grad=self.requires_grad
             )
         return self._uploaded[key]
+
+
+def _covariance(name: str, array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """A checked covariance from a number (times the identity), (B,) numbers, a matrix or (B, nv, nv)."""
+    if array.ndim < 2:
+        array = array[..., None, None] * np.eye(shape[0])
+    if array.shape[-2:] != shape or array.ndim > 3:
+        need = f"a scalar (times the identity), {shape}, (B,) or (B, {shape[0]}, {shape[1]})"
+        raise ParameterError(f"{name} has shape {array.shape}; give {need}")
+    if not np.allclose(array, np.swapaxes(array, -1, -2), rtol=1e-9, atol=0.0):
+        raise ParameterError(f"{name} is not symmetric: {array.tolist()}")
+    lowest = np.linalg.eigvalsh(array).min(axis=-1)
+    if np.any(lowest < -1e-12 * np.abs(array).max(axis=(-1, -2))):
+        raise ParameterError(f"{name} has the eigenvalue {lowest.min()}; a covariance has none below 0")
+    return array.copy()

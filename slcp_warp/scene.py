@@ -5,8 +5,9 @@ World x points right, y up, angles are counter-clockwise from +x; lengths in m, 
 (or any self-consistent units). A scene only describes; `Simulator` makes specialised kernels from it.
 """
 
+import copy
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -210,7 +211,16 @@ class Scene:
             for name in ("stiffness", "damping", "length"):
                 values[f"spring_{name}"] = np.array([getattr(sp, name) for sp in self.springs], float)
             values["spring_point"] = np.array([(sp.point_a, sp.point_b) for sp in self.springs], float)
+        if s.uncertain:
+            values["position_covariance"] = np.zeros((s.nv, s.nv))
+            values["velocity_covariance"] = self.sigma**2 * np.eye(s.nv)
         return values
+
+    def with_covariances(self) -> "Scene":
+        """The same scene with `position_covariance` and `velocity_covariance` among its numbers."""
+        out = copy.copy(self)
+        object.__setattr__(out, "structure", replace(self.structure, uncertain=True))
+        return out
 
 
 def box(

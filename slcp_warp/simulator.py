@@ -101,8 +101,10 @@ class Simulator:
             raise TypeError(f"options is a {type(options).__name__}; a slcp_warp.Options is needed")
         if dtype not in DTYPES:
             raise ValueError(f"dtype is {dtype!r}; choose one of {list(DTYPES)}")
-        self.scene = scene
         self.options = options or Options()
+        if self.options.method.state_noise:
+            scene = scene.with_covariances()
+        self.scene = scene
         self.device = wp.get_preferred_device() if device is None else wp.get_device(device)
         self.dtype = DTYPES[dtype]
         self.params = Parameters(scene)

@@ -34,6 +34,10 @@ def missing(s: Structure, method: Method) -> str:
         return f"friction {method.friction!r}"
     if method.integrator != "euler":
         return f"integrator {method.integrator!r}"
+    if method.state_noise:
+        return f"noise {method.noise!r}"
+    if method.converts:
+        return f"deviation {method.deviation!r}"
     if any(shape.kind == CAPSULE for shape in s.shapes):
         return "capsules"
     unknown = [name for name in layout(s).names if name not in NUMBERS]
