@@ -18,12 +18,17 @@ COLUMN = {name: i for i, name in enumerate(NUMBERS)}
 def make_large_mechanism(dtype: type) -> SimpleNamespace:
     """Warp functions of a mechanism given by tables; `b` is the slot of a world's workspace."""
     Work = make_work(dtype)
-    V2 = wp.types.vector(2, dtype)
+    V2, V4 = wp.types.vector(2, dtype), wp.types.vector(4, dtype)
     ZERO, ONE, TWO = dtype(0.0), dtype(1.0), dtype(2.0)
     ANCHOR, ANGLE, AXIS_OF, COM, MASS, INERTIA, GRAVITY, DAMPING, GEAR = (
         COLUMN[n] for n in ("anchor", "angle", "axis", "com", "mass", "inertia", "gravity", "damping", "gear")
     )
+    STIFFNESS, REST, PULL, DAMP, LENGTH, TIED = (
+        COLUMN[n]
+        for n in ("stiffness", "rest", "spring_stiffness", "spring_damping", "spring_length", "spring_point")
+    )
     PRISMATIC, FREE = JOINT["prismatic"], JOINT["free"]
+    SHORT, TINY = dtype(1e-3), dtype(1e-5)  # as in `springs.py`
 
     @wp.func
     def number(t: Topology, params: wp.array2d(dtype=dtype), row: int, name: int, i: int):
@@ -151,6 +156,58 @@ def make_large_mechanism(dtype: type) -> SimpleNamespace:
                     k.mass[slot, b] = k.mass[slot, b] + value
 
     @wp.func
+    def tied_point(t: Topology, k: Work, params: wp.array2d(dtype=dtype), row: int, b: int, end: int):
+        """End of a spring: place (x, y) and velocity of a point of a body."""
+        body = t.spring_body[end]
+        x = number(t, params, row, TIED, 2 * end)
+        y = number(t, params, row, TIED, 2 * end + 1)
+        if body == WORLD:
+            return V4(x, y, ZERO, ZERO)
+        c = k.frame[4 * body, b]
+        sn = k.frame[4 * body + 1, b]
+        px = k.frame[4 * body + 2, b] + c * x - sn * y
+        py = k.frame[4 * body + 3, b] + sn * x + c * y
+        vx = dtype(0.0)
+        vy = dtype(0.0)
+        for at in range(t.chain_start[body], t.chain_start[body + 1]):
+            arm = column(t, k, params, row, b, t.chain[at], px, py)
+            vx += arm[0] * k.v0[t.chain[at], b]
+            vy += arm[1] * k.v0[t.chain[at], b]
+        return V4(px, py, vx, vy)
+
+    @wp.func
+    def push(
+        t: Topology, k: Work, params: wp.array2d(dtype=dtype), row: int, b: int, body: int, p: V4, f: V2
+    ):
+        """Add the generalised force of f at point p of a body to k.move."""
+        if body != WORLD:
+            for at in range(t.chain_start[body], t.chain_start[body + 1]):
+                arm = column(t, k, params, row, b, t.chain[at], p[0], p[1])
+                place = t.place[t.chain[at]]
+                k.move[place, b] = k.move[place, b] + arm[0] * f[0] + arm[1] * f[1]
+
+    @wp.func
+    def springs(t: Topology, k: Work, params: wp.array2d(dtype=dtype), row: int, b: int):
+        """Add the forces of springs at joints and between points, as `springs.py` has them."""
+        for i in range(t.sprung):
+            j = t.sprung_dof[i]
+            p = t.place[j]
+            stretch = k.q[j, b] - number(t, params, row, REST, j)
+            k.move[p, b] = k.move[p, b] - number(t, params, row, STIFFNESS, j) * stretch
+        for i in range(t.springs):
+            pa = tied_point(t, k, params, row, b, 2 * i)
+            pb = tied_point(t, k, params, row, b, 2 * i + 1)
+            d = V2(pb[0] - pa[0], pb[1] - pa[1])
+            rate = d[0] * (pb[2] - pa[2]) + d[1] * (pb[3] - pa[3])
+            rest = number(t, params, row, LENGTH, i)
+            eps = SHORT * rest + TINY
+            inv = ONE / (wp.dot(d, d) + eps * eps)
+            g = number(t, params, row, PULL, i) * (ONE - rest * wp.sqrt(inv))
+            g += number(t, params, row, DAMP, i) * rate * inv
+            push(t, k, params, row, b, t.spring_body[2 * i], pa, g * d)
+            push(t, k, params, row, b, t.spring_body[2 * i + 1], pb, -g * d)
+
+    @wp.func
     def control_force(
         t: Topology, k: Work, params: wp.array2d(dtype=dtype), row: int, b: int, i: int, u: dtype
     ):
@@ -159,5 +216,10 @@ def make_large_mechanism(dtype: type) -> SimpleNamespace:
         k.move[p, b] = k.move[p, b] + number(t, params, row, GEAR, i) * u
 
     return SimpleNamespace(
-        number=number, frames=frames, column=column, dynamics=dynamics, control_force=control_force
+        number=number,
+        frames=frames,
+        column=column,
+        dynamics=dynamics,
+        springs=springs,
+        control_force=control_force,
     )

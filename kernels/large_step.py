@@ -51,6 +51,7 @@ def make_large_step(dtype: type, residual: str) -> SimpleNamespace:
         """Kinematics, M and the forces but the controls' of the state (k.q, k.v0)."""
         mech.frames(t, k, params, row, b)
         mech.dynamics(t, k, params, row, b, external, world)
+        mech.springs(t, k, params, row, b)
 
     @wp.func
     def free_motion(t: Topology, k: Work, params: wp.array2d(dtype=dtype), row: int, b: int):

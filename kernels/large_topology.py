@@ -25,6 +25,7 @@ MOVES_A, MOVES_B = 1, 2  # which sides of a pair a degree of freedom moves
 NUMBERS = (
     "step_size", "gravity", "sigma", "mass", "inertia", "com", "anchor", "angle", "axis", "damping", "lower",
     "upper", "gear", "friction", "radius", "shape_offset", "shape_angle",
+    "stiffness", "rest", "spring_stiffness", "spring_damping", "spring_length", "spring_point",
 )  # fmt: skip
 
 
@@ -37,8 +38,10 @@ class Topology:
     nu: int
     nr: int
     pairs: int
+    sprung: int  # dofs with a joint spring
+    springs: int
     inertia_scaling: int
-    columns: wp.array(dtype=wp.int32)  # first column of every parameter, in the order of NUMBERS
+    columns: wp.array(dtype=wp.int32)  # first column of every parameter, in the order of NUMBERS, -1: none
     parent: wp.array(dtype=wp.int32)  # (nb)
     joint: wp.array(dtype=wp.int32)  # (nb)
     first_dof: wp.array(dtype=wp.int32)  # (nb)
@@ -48,6 +51,8 @@ class Topology:
     dof_kind: wp.array(dtype=wp.int32)  # (nv)
     place: wp.array(dtype=wp.int32)  # (nv)
     actuator: wp.array(dtype=wp.int32)  # (nu) dof
+    sprung_dof: wp.array(dtype=wp.int32)  # (sprung)
+    spring_body: wp.array(dtype=wp.int32)  # (2 springs)
     mass_first: wp.array(dtype=wp.int32)  # (nv) envelope of M
     mass_at: wp.array(dtype=wp.int32)
     first: wp.array(dtype=wp.int32)  # (nv) envelope of M + J' W J
@@ -84,9 +89,9 @@ def tables(s: Structure) -> tuple[dict[str, list[int]], Sizes]:
     """Every table of `Topology` by name, and the sizes of a world's workspaces."""
     out: dict[str, list[int]] = {}
     lay = layout(s)
-    if lay.names != NUMBERS:
-        raise NotImplementedError(f"large scenes know the parameters {NUMBERS}; there are {lay.names}")
-    out["columns"] = [lay.offset(name) for name in NUMBERS]
+    out["columns"] = [lay.offset(name) if name in lay.names else -1 for name in NUMBERS]
+    out["sprung_dof"] = list(s.sprung)
+    out["spring_body"] = [body for spring in s.springs for body in spring]
     chains = [[j for j in range(s.nv) if s.in_chain(b, j)] for b in range(s.nb)]
     out["parent"] = [b.parent for b in s.bodies]
     out["joint"] = [JOINT[b.joint] for b in s.bodies]
@@ -134,6 +139,7 @@ def make_topology(s: Structure, inertia_scaling: bool, device: object) -> Topolo
     lists, _ = tables(s)
     out = Topology()
     out.nb, out.nv, out.nu, out.nr, out.pairs = s.nb, s.nv, s.nu, s.nr, len(s.pairs)
+    out.sprung, out.springs = len(s.sprung), len(s.springs)
     out.inertia_scaling = int(inertia_scaling)
     for name, values in lists.items():
         setattr(out, name, wp.array(values, dtype=wp.int32, device=device))
