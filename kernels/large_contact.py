@@ -7,9 +7,9 @@ import warp as wp
 
 from .distance import make_distance
 from .large_mechanism import COLUMN, make_large_mechanism
-from .large_topology import CONTACT, LOWER, MOVES_A, MOVES_B, PLANE, TURN, Topology
+from .large_topology import CONTACT, LONG, LOWER, MOVES_A, MOVES_B, PLANE, TURN, Topology
 from .large_work import make_work
-from .structure import ELLIPSE, HALFPLANE, WORLD
+from .structure import CAPSULE, DISC, ELLIPSE, HALFPLANE, WORLD
 
 
 @functools.cache
@@ -25,12 +25,13 @@ def make_large_contact(dtype: type, hard: bool) -> SimpleNamespace:
         COLUMN[n]
         for n in ("step_size", "sigma", "lower", "upper", "friction", "radius", "shape_offset", "shape_angle")
     )
+    long_distance = make_distance(CAPSULE, DISC, dtype)
     plane_distance = make_distance(HALFPLANE, ELLIPSE, dtype)
     round_distance = make_distance(ELLIPSE, ELLIPSE, dtype)
 
     @wp.func
-    def pose(t: Topology, k: Work, params: wp.array2d(dtype=dtype), row: int, b: int, shape: int):
-        """Centre and axis of a shape."""
+    def pose(t: Topology, k: Work, params: wp.array2d(dtype=dtype), row: int, b: int, shape: int, end: int):
+        """Centre and axis of a shape, or of the disc at an end of a capsule."""
         x = number(t, params, row, OFFSET, 2 * shape)
         y = number(t, params, row, OFFSET, 2 * shape + 1)
         ex = ONE
@@ -39,6 +40,10 @@ def make_large_contact(dtype: type, hard: bool) -> SimpleNamespace:
             angle = number(t, params, row, TURNED, shape)
             ex = wp.cos(angle)
             ey = wp.sin(angle)
+        if end != 0:
+            reach = dtype(end) * number(t, params, row, RADIUS, 2 * shape + 1)
+            x += reach * ex
+            y += reach * ey
         body = t.shape_body[shape]
         if body == WORLD:
             return V4(x, y, ex, ey)
@@ -49,21 +54,40 @@ def make_large_contact(dtype: type, hard: bool) -> SimpleNamespace:
         return V4(px, py, c * ex - sn * ey, sn * ex + c * ey)
 
     @wp.func
-    def radii(t: Topology, params: wp.array2d(dtype=dtype), row: int, shape: int):
-        return V2(number(t, params, row, RADIUS, 2 * shape), number(t, params, row, RADIUS, 2 * shape + 1))
+    def radii(t: Topology, params: wp.array2d(dtype=dtype), row: int, shape: int, end: int):
+        r = number(t, params, row, RADIUS, 2 * shape)
+        if end != 0:
+            return V2(r, r)
+        return V2(r, number(t, params, row, RADIUS, 2 * shape + 1))
+
+    @wp.func
+    def pose_a(t: Topology, k: Work, params: wp.array2d(dtype=dtype), row: int, b: int, pair: int):
+        return pose(t, k, params, row, b, t.pair_a[pair], t.pair_ends[2 * pair])
+
+    @wp.func
+    def pose_b(t: Topology, k: Work, params: wp.array2d(dtype=dtype), row: int, b: int, pair: int):
+        return pose(t, k, params, row, b, t.pair_b[pair], t.pair_ends[2 * pair + 1])
+
+    @wp.func
+    def radii_a(t: Topology, params: wp.array2d(dtype=dtype), row: int, pair: int):
+        return radii(t, params, row, t.pair_a[pair], t.pair_ends[2 * pair])
+
+    @wp.func
+    def radii_b(t: Topology, params: wp.array2d(dtype=dtype), row: int, pair: int):
+        return radii(t, params, row, t.pair_b[pair], t.pair_ends[2 * pair + 1])
 
     @wp.func
     def geometry(t: Topology, k: Work, params: wp.array2d(dtype=dtype), row: int, b: int, pair: int):
         """GEO of a pair; the search starts at the last normal, which it replaces."""
-        a = t.pair_a[pair]
-        c = t.pair_b[pair]
-        pa = pose(t, k, params, row, b, a)
-        pb = pose(t, k, params, row, b, c)
-        ra = radii(t, params, row, a)
-        rb = radii(t, params, row, c)
+        pa = pose_a(t, k, params, row, b, pair)
+        pb = pose_b(t, k, params, row, b, pair)
+        ra = radii_a(t, params, row, pair)
+        rb = radii_b(t, params, row, pair)
         g = GEO()
         if t.pair_kind[pair] == PLANE:
             g = plane_distance.geometry(ra, rb, pa, pb, V2())
+        elif t.pair_kind[pair] == LONG:
+            g = long_distance.geometry(ra, rb, pa, pb, V2())
         else:
             g = round_distance.geometry(ra, rb, pa, pb, V2(k.normal[2 * pair, b], k.normal[2 * pair + 1, b]))
         k.normal[2 * pair, b] = g[0]
@@ -73,8 +97,8 @@ def make_large_contact(dtype: type, hard: bool) -> SimpleNamespace:
     @wp.func
     def pair_rows(t: Topology, k: Work, params: wp.array2d(dtype=dtype), row: int, b: int, pair: int, g: GEO):
         """J_n +- mu J_t, or J_n alone, and d/h of a pair."""
-        pa = pose(t, k, params, row, b, t.pair_a[pair])
-        pb = pose(t, k, params, row, b, t.pair_b[pair])
+        pa = pose_a(t, k, params, row, b, pair)
+        pb = pose_b(t, k, params, row, b, pair)
         mu = number(t, params, row, FRICTION, pair)
         begin = t.pair_row[pair]
         end = t.pair_row[pair + 1]
@@ -107,10 +131,10 @@ def make_large_contact(dtype: type, hard: bool) -> SimpleNamespace:
         """Whether a pair can act at velocity k.v, from a lower bound of d and a bound on its approach."""
         if t.pair_exact[pair] == 1:
             return True
-        pa = pose(t, k, params, row, b, t.pair_a[pair])
-        pb = pose(t, k, params, row, b, t.pair_b[pair])
-        ra = radii(t, params, row, t.pair_a[pair])
-        rb = radii(t, params, row, t.pair_b[pair])
+        pa = pose_a(t, k, params, row, b, pair)
+        pb = pose_b(t, k, params, row, b, pair)
+        ra = radii_a(t, params, row, pair)
+        rb = radii_b(t, params, row, pair)
         dx = dtype(0.0)
         dy = dtype(0.0)
         wa = dtype(0.0)

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from .shapes import oriented_pair
-from .structure import DISC, HALFPLANE, PRISMATIC, WORLD, Structure, layout
+from .shapes import oriented_ends, oriented_pair
+from .structure import CAPSULE, DISC, HALFPLANE, PRISMATIC, WORLD, Structure, layout
 
 TURN, AXIS, SHIFT_X, SHIFT_Y = 0, 1, 2, 3  # what a degree of freedom does
 LOWER, UPPER, CONTACT = 0, 1, 2  # kinds of rows
-PLANE, ROUND = 0, 1  # first shape of a pair
+PLANE, LONG, ROUND = 0, 1, 2  # first shape of a pair: half-plane, capsule, ellipse or disc
 JOINT = {"revolute": 0, "prismatic": 1, "free": 2}
 MOVES_A, MOVES_B = 1, 2  # which sides of a pair a degree of freedom moves
 
@@ -59,10 +59,11 @@ class Topology:
     at: wp.array(dtype=wp.int32)
     shape_body: wp.array(dtype=wp.int32)
     shape_turned: wp.array(dtype=wp.int32)
-    pair_kind: wp.array(dtype=wp.int32)  # (pairs) PLANE or ROUND
+    pair_kind: wp.array(dtype=wp.int32)  # (pairs) PLANE, LONG or ROUND
     pair_exact: wp.array(dtype=wp.int32)  # 1: the bound of the distance is the distance
     pair_a: wp.array(dtype=wp.int32)
     pair_b: wp.array(dtype=wp.int32)
+    pair_ends: wp.array(dtype=wp.int32)  # (2 pairs) +1, -1: the disc at that end of a capsule; 0: the shape
     pair_row: wp.array(dtype=wp.int32)  # (pairs + 1) first row
     pair_start: wp.array(dtype=wp.int32)  # (pairs + 1) dofs that move the pair, by place
     pair_dof: wp.array(dtype=wp.int32)
@@ -213,11 +214,16 @@ def _pair_tables(s: Structure, chains: list[list[int]], place: list[int], out: d
         )
         dofs.append(sorted(a_moves | b_moves, key=lambda j: place[j]))
         sides.append([MOVES_A * (j in a_moves) + MOVES_B * (j in b_moves) for j in dofs[-1]])
-    kinds = [(s.shapes[a].kind, s.shapes[b].kind) for a, b in pairs]
+    ends = [oriented_ends(s, k) for k in range(len(s.pairs))]
+    kinds = [
+        tuple(DISC if end else s.shapes[i].kind for i, end in zip(pair, at, strict=True))
+        for pair, at in zip(pairs, ends, strict=True)
+    ]
     out["shape_body"] = [shape.body for shape in s.shapes]
     out["shape_turned"] = [int(shape.turned) for shape in s.shapes]
-    out["pair_kind"] = [PLANE if a == HALFPLANE else ROUND for a, _ in kinds]
-    out["pair_exact"] = [int(a == HALFPLANE or a == b == DISC) for a, b in kinds]
+    out["pair_kind"] = [{HALFPLANE: PLANE, CAPSULE: LONG}.get(a, ROUND) for a, _ in kinds]
+    out["pair_exact"] = [int(a in (HALFPLANE, CAPSULE) or a == b == DISC) for a, b in kinds]
+    out["pair_ends"] = [end for at in ends for end in at]
     out["pair_a"] = [a for a, _ in pairs]
     out["pair_b"] = [b for _, b in pairs]
     out["pair_start"], out["pair_dof"] = _ragged(dofs)

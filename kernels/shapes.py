@@ -54,6 +54,12 @@ def oriented_pair(s: Structure, pair: int) -> tuple[int, int]:
     return (p.shape_b, p.shape_a) if _swapped(s, pair) else (p.shape_a, p.shape_b)
 
 
+def oriented_ends(s: Structure, pair: int) -> tuple[int, int]:
+    """(end_a, end_b) in the same order."""
+    p = s.pairs[pair]
+    return (p.end_b, p.end_a) if _swapped(s, pair) else (p.end_a, p.end_b)
+
+
 def _swapped(s: Structure, pair: int) -> bool:
     p = s.pairs[pair]
     kind = s.shapes[p.shape_b].kind
@@ -67,9 +73,7 @@ def make_pair(s: Structure, pair: int, dtype: type) -> SimpleNamespace:
     `flat` tells whether a capsule A is touched between its ends, where it acts like a half-plane on its body.
     """
     a, b = oriented_pair(s, pair)
-    end_a, end_b = s.pairs[pair].end_a, s.pairs[pair].end_b
-    if _swapped(s, pair):
-        end_a, end_b = end_b, end_a
+    end_a, end_b = oriented_ends(s, pair)
     kind_a, kind_b = DISC if end_a else s.shapes[a].kind, DISC if end_b else s.shapes[b].kind
     plane = kind_a == HALFPLANE
     t = make_types(s, dtype)

@@ -18,7 +18,7 @@ from .arrays import ArrayError, Batch, from_batch, policy_arrays, to_batch
 from .options import Options
 from .parameters import Parameters
 from .scene import Scene
-from .strategy import MemoryKernels, StrategyError, choose
+from .strategy import MOST_ROWS, MemoryKernels, StrategyError, choose
 
 DTYPES = {"float32": wp.float32, "float64": wp.float64}
 
@@ -84,7 +84,8 @@ class Simulator:
         device: "cpu", "cuda:0", ...; None: the best one present.
         dtype: "float64" (accurate to 1e-12) or "float32" (fast, 2e-5 of the problem's scale).
         strategy: "registers", kernels specialised on the scene; "memory", kernels for large scenes, without
-            derivatives and policies; "auto": by the scene's size. The attribute says which it is.
+            derivatives and policies; "auto": steps and open-loop rollouts by the scene's size, the rest in
+            registers while the scene has at most 31 rows. The attribute says which kernels step.
     """
 
     def __init__(
@@ -109,7 +110,8 @@ class Simulator:
         self.dtype = DTYPES[dtype]
         self.params = Parameters(scene)
         self._key = (scene.structure, self.dtype, self.options.method)
-        self.strategy = choose(strategy, scene.structure, self.options.method)
+        self.strategy = choose(strategy, scene.structure, self.options.method, self.device)
+        self._only_memory = self.strategy == "memory" and (strategy != "auto" or self.nr > MOST_ROWS)
         self._memory = MemoryKernels(*self._key, self.device) if self.strategy == "memory" else None
         self._none = wp.zeros((0, 0), dtype=self.dtype, device=self.device)
 
@@ -150,15 +152,19 @@ class Simulator:
         return params.array(self.dtype, self.device)
 
     def _need_registers(self, what: str) -> None:
-        if self._memory is not None:
+        """An error where the scene has no kernels in registers, or was not meant to use them."""
+        if self._only_memory:
             raise StrategyError(
                 f"{what} needs the kernels in registers; scene {self.scene.name!r} ({self.scene.nv} degrees "
                 f"of freedom, {self.nr} rows) runs with strategy='memory', which has none"
             )
 
-    def _refuse_gradient(self, *arrays: wp.array | None) -> None:
-        if tape.wants_gradient(*arrays):
+    def _memory_for(self, *arrays: wp.array | None) -> MemoryKernels | None:
+        """The kernels in memory if a step is theirs: not where a tape records."""
+        if self._memory is not None and tape.wants_gradient(*arrays):
             self._need_registers("a gradient on a wp.Tape")
+            return None
+        return self._memory
 
     def _external(self, external_force: Any, worlds: int) -> wp.array:
         if external_force is None:
@@ -218,9 +224,9 @@ class Simulator:
             *out,
             status,
         ]
-        if self._memory is not None:
-            self._refuse_gradient(table, state.array, control)
-            self._memory.step(worlds, inputs)
+        memory = self._memory_for(table, state.array, control)
+        if memory is not None:
+            memory.step(worlds, inputs)
         else:
             launch(rollout.make_step_kernel(*self._key), worlds, inputs, self.device)
             tape.record_step(tape.Recorded(self._key, table, state.array, control, inputs[3], out[0], status))
@@ -290,14 +296,14 @@ class Simulator:
         table = self.parameter_array(params, worlds)
         external = self._external(external_force, worlds)
         outputs = [external, states, *recorded.values(), status]
-        if self._memory is not None:
-            self._refuse_gradient(table, state.array, us)
-            self._memory.rollout(worlds, "gap" in record, [table, state.array, us, *outputs])
+        memory = self._memory_for(table, state.array, us) if us is not None else None
+        if memory is not None:
+            memory.rollout(worlds, "gap" in record, [table, state.array, us, *outputs])
         else:
             kernel = rollout.make_rollout_kernel(*self._key, name, "gap" in record)
             inputs = [table, state.array, struct, *outputs]
             launch(kernel, worlds, inputs, self.device, grain=max(1, 128 // steps))
-        if us is not None and self._memory is None:
+        if us is not None and memory is None:
             tape.record_rollout(tape.Recorded(self._key, table, state.array, us, external, states, status))
         give = lambda a: from_batch(a, state.kind, state.batched)  # noqa: E731
         return Trajectory(

@@ -15,10 +15,13 @@ from slcp_warp.kernels.large_topology import NUMBERS, make_topology
 from slcp_warp.kernels.large_work import allocate_work, bytes_per_world
 from slcp_warp.kernels.launch import launch
 from slcp_warp.kernels.method import Method
-from slcp_warp.kernels.structure import CAPSULE, Structure, layout
+from slcp_warp.kernels.structure import Structure, layout
 
 STRATEGIES = ("auto", "registers", "memory")
 MOST_ROWS = 31  # of the kernels in registers: a set of rows is one int
+# nv times the larger of nr and nv, by whether the device is a CPU: beyond, kernels in registers compile for
+# half a minute on a CPU and for minutes on a GPU (docs/performance.md)
+LARGEST = {True: 200, False: 32}
 WORKSPACE_BYTES = 256 * 2**20  # worlds are stepped in chunks whose workspaces fit in here
 
 
@@ -38,13 +41,11 @@ def missing(s: Structure, method: Method) -> str:
         return f"noise {method.noise!r}"
     if method.converts:
         return f"deviation {method.deviation!r}"
-    if any(shape.kind == CAPSULE for shape in s.shapes):
-        return "capsules"
     unknown = [name for name in layout(s).names if name not in NUMBERS]
     return f"parameters {unknown}" if unknown else ""
 
 
-def choose(strategy: str, s: Structure, method: Method) -> str:
+def choose(strategy: str, s: Structure, method: Method, device: Any) -> str:
     """Registers or memory for a scene; a clear error where neither serves."""
     if strategy not in STRATEGIES:
         raise ValueError(f"strategy is {strategy!r}; choose one of {list(STRATEGIES)}")
@@ -56,9 +57,10 @@ def choose(strategy: str, s: Structure, method: Method) -> str:
         raise StrategyError(
             f"the scene has {s.nr} rows, the kernels in registers take at most {MOST_ROWS}{reason}"
         )
-    if strategy != "auto":
-        return strategy
-    return "memory" if s.nr > MOST_ROWS else "registers"
+    if strategy != "auto" or lacks:
+        return "registers" if strategy == "auto" else strategy
+    large = s.nr > MOST_ROWS or s.nv * max(s.nr, s.nv) > LARGEST[wp.get_device(device).is_cpu]
+    return "memory" if large else "registers"
 
 
 class MemoryKernels:
