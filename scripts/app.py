@@ -12,6 +12,7 @@ from .chart import chart_command
 from .library import library_command
 from .optimise import optimise_command
 from .quickstart import quickstart_command
+from .scenes import scenes_command
 from .simulate import simulate_command
 from .size_study import size_command
 from .study import study_command
@@ -19,6 +20,7 @@ from .surface import surface_command
 from .sweep import sweep_command
 
 app = typer.Typer(name="slcp", no_args_is_help=True, add_completion=False, rich_markup_mode=None)
+app.command("scenes")(scenes_command)
 app.command("simulate")(simulate_command)
 app.command("optimise")(optimise_command)
 app.command("library")(library_command)

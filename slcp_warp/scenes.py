@@ -1,10 +1,22 @@
 """Named scenes. Each function returns a `Scene`; its numbers can be replaced at run time through the
-parameters.
+parameters. Those of loose bodies are in `scenes_contact.py`, those with actuators in `scenes_robots.py`.
 """
 
 import math
 
+from . import scenes_contact, scenes_robots
 from .scene import Actuator, Body, Contact, Scene, Shape
+from .scenes_contact import (
+    beam,
+    box_toss,
+    opposing_limits,
+    painleve_rod,
+    rolling_disc,
+    slope,
+    stack,
+    two_balls,
+)
+from .scenes_robots import cart_pole, hopper, push_block, walker
 
 FINGER_RADII = (0.8, 0.25)
 FREE_RADII = (0.7, 0.5)
@@ -134,4 +146,11 @@ def pendulum_chain(links: int = 3, length: float = 0.5, mass: float = 1.0) -> Sc
     return Scene("pendulum_chain", tuple(bodies), actuators=tuple(Actuator(b.name) for b in bodies))
 
 
-NAMED = {f.__name__: f for f in (flicking_finger, ball_drop, sliding_block, particle, grasp, pendulum_chain)}
+OWN = (flicking_finger, ball_drop, sliding_block, particle, grasp, pendulum_chain)
+NAMED = {f.__name__: f for f in (*OWN, *scenes_contact.SCENES, *scenes_robots.SCENES)}
+
+__all__ = [
+    "NAMED", "ball_drop", "beam", "box_toss", "cart_pole", "flicking_finger", "grasp", "hopper",
+    "opposing_limits", "painleve_rod", "particle", "pendulum_chain", "push_block", "rolling_disc",
+    "sliding_block", "slope", "stack", "two_balls", "walker",
+]  # fmt: skip

@@ -1,0 +1,84 @@
+"""`slcp scenes`: the named scenes, each with a picture of its motion, on one sheet."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+import slcp_warp as slcp
+from slcp_warp.strategy import StrategyError
+
+from .common import PRESETS, Device, one_line_errors, prepared, progress_bar, wrote
+
+GHOSTS = 4
+COLUMNS = 6
+SHOWN = {  # scene: seconds shown (default 1) and constant controls (default none)
+    "flicking_finger": (1.5, ()), "ball_drop": (0.45, ()), "sliding_block": (0.5, ()), "particle": (0.3, ()),
+    "grasp": (0.6, (20.0, -20.0)), "pendulum_chain": (0.5, ()), "stack": (0.5, ()), "painleve_rod": (0.6, ()),
+    "slope": (1.0, ()), "two_balls": (1.2, ()), "box_toss": (1.2, ()), "rolling_disc": (0.5, ()),
+    "beam": (0.3, ()), "opposing_limits": (0.3, ()), "hopper": (0.9, ()), "walker": (0.6, ()),
+    "cart_pole": (0.85, ()), "push_block": (0.4, ()),
+}  # fmt: skip
+
+
+def motion(scene: slcp.Scene, device: str | None = None) -> np.ndarray:
+    """Coordinates (GHOSTS + 1, nv) at equal times of a scene's shown motion, the start first."""
+    options = slcp.Options(scaling=PRESETS.get(scene.name, {}).get("scaling", "inertia"))
+    try:  # one set of kernels serves most scenes
+        sim = slcp.Simulator(scene, options, device=device, strategy="memory")
+    except StrategyError:
+        sim = slcp.Simulator(scene, options, device=device)
+    seconds, controls = SHOWN.get(scene.name, (1.0, ()))
+    steps = round(seconds / scene.step_size)
+    u = np.zeros((1, steps, scene.nu))
+    if controls:
+        u[:] = controls
+    states = sim.rollout(scene.x0[None], u).states[0]
+    return states[np.linspace(0, steps, GHOSTS + 1).round().astype(int), : scene.nv]
+
+
+def sheet(motions: dict[str, tuple[slcp.Scene, np.ndarray]], path: Path) -> Path:
+    """Draw the scenes: the last pose in full, the start and what lies between as ghosts."""
+    from .chart_mechanism import Drawing, Mechanism, view  # they load matplotlib
+    from .chart_style import plt, save
+
+    rows = -(-len(motions) // COLUMNS)
+    figure, axes = plt.subplots(rows, COLUMNS, figsize=(2.1 * COLUMNS, 2.1 * rows), layout="constrained")
+    for ax in axes.flat:
+        ax.set_axis_off()
+    for ax, (name, (scene, qs)) in zip(axes.flat, motions.items()):
+        mechanism = Mechanism(scene, scene.default_parameters())
+        for q in qs[:-1]:
+            Drawing(ax, mechanism, q, ghost=True)
+        Drawing(ax, mechanism, qs[-1])
+        view(ax, square(mechanism.bounds(qs, margin=0.06)))
+        ax.set_title(name, fontsize=9)
+    return save(figure, path)
+
+
+def square(bounds: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+    """The window widened to a square around its middle."""
+    left, right, bottom, top = bounds
+    half = max(right - left, top - bottom) / 2.0
+    x, y = (left + right) / 2.0, (bottom + top) / 2.0
+    return x - half, x + half, y - half, y + half
+
+
+@one_line_errors
+def scenes_command(
+    out: Annotated[Path, typer.Option(help="The picture.")] = Path("scenes.png"),
+    device: Device = None,
+) -> None:
+    """List the named scenes and draw them on one sheet."""
+    path = prepared(out, ".png")
+    motions: dict[str, Any] = {}
+    with progress_bar("scenes") as update:
+        for i, (name, make) in enumerate(slcp.scenes.NAMED.items()):
+            scene = make()
+            motions[name] = (scene, motion(scene, device))
+            update(i + 1, len(slcp.scenes.NAMED))
+    for name, (scene, _) in motions.items():
+        about = (slcp.scenes.NAMED[name].__doc__ or "").strip().splitlines()[0]
+        typer.echo(f"{name}: nv {scene.nv}, nu {scene.nu}, rows {scene.structure.nr}. {about}")
+    wrote(sheet(motions, path))
