@@ -23,6 +23,7 @@ from slcp_warp.scene import Body, Contact, Scene, Shape
 
 from .bench_ours import cpu_threads
 from .bench_timing import machine
+from .bench_workload import make_workload
 from .cubin import sm90_resources
 
 Rows = list[dict[str, Any]]
@@ -119,27 +120,46 @@ def bench_sizes(
 
 
 def bench_reach(supports: int = 8, worlds: int = 500, repeats: int = 5, dtype: str = "float32") -> Rows:
-    """A step of a beam as more of its supports come within reach, both strategies."""
+    """A step as rows come within reach: the finger free, at its limits, touching; a beam on its supports."""
     out: Rows = []
     for strategy in ("registers", "memory"):
+        finger = slcp.scenes.flicking_finger()
+        sim = slcp.Simulator(finger, device="cpu", dtype=dtype, strategy=strategy)
+        for name, x in finger_states(sim, worlds, seed=0).items():
+            out.append(reach_row(sim, f"finger, {name}", x, repeats))
         for near in range(0, supports + 1, 2):
-            sim = slcp.Simulator(
-                beam_on_supports(supports, near), device="cpu", dtype=dtype, strategy=strategy
-            )
-            kind = wp.dtype_to_numpy(sim.dtype)
-            x = np.tile(sim.scene.x0.astype(kind), (worlds, 1))
-            seconds, step = np.inf, sim.step(x)
-            with cpu_threads(1):
-                for _ in range(repeats):
-                    begin = time.process_time()
-                    step = sim.step(x)
-                    seconds = min(seconds, (time.process_time() - begin) / worlds)
-            acting = int((step.multiplier[0, : sim.nr] < 0.5 * COLD).sum())
-            row = {"benchmark": "reach", "strategy": strategy, "dtype": dtype, "nv": 3, "nc": sim.nr,
-                   "near": near, "acting": acting, "seconds": seconds}  # fmt: skip
-            out.append(row | machine())
-            print_row(row)
+            scene = beam_on_supports(supports, near)
+            sim = slcp.Simulator(scene, device="cpu", dtype=dtype, strategy=strategy)
+            x = np.tile(scene.x0, (worlds, 1))
+            out.append(reach_row(sim, f"beam, {near} of {supports} supports near", x, repeats))
     return out
+
+
+def finger_states(sim: slcp.Simulator, worlds: int, seed: int) -> dict[str, np.ndarray]:
+    """States (worlds, nx) in which no row acts, limits only, or the contact."""
+    x = make_workload(sim.scene, 40 * worlds, 1, seed).x0.astype(wp.dtype_to_numpy(sim.dtype))
+    acting = sim.step(x).multiplier[:, : sim.nr] < 0.5 * COLD
+    contact = np.array([row.kind == "contact" for row in sim.scene.structure.rows])
+    touching, limited = acting[:, contact].any(axis=1), acting[:, ~contact].any(axis=1)
+    kinds = {"free": ~touching & ~limited, "limits": ~touching & limited, "touching": touching}
+    return {name: x[np.resize(np.flatnonzero(chosen), worlds)] for name, chosen in kinds.items()}
+
+
+def reach_row(sim: slcp.Simulator, case: str, x: np.ndarray, repeats: int) -> dict[str, Any]:
+    """One step of every state on one thread: its time and the mean number of rows in the system."""
+    x = x.astype(wp.dtype_to_numpy(sim.dtype))
+    controls = np.zeros((len(x), 1, sim.nu), x.dtype)
+    acting = float((sim.step(x).multiplier[:, : sim.nr] < 0.5 * COLD).sum(axis=1).mean())
+    seconds = np.inf
+    with cpu_threads(1):
+        for _ in range(repeats + 1):
+            begin = time.process_time()
+            sim.rollout(x, controls)
+            seconds = min(seconds, (time.process_time() - begin) / len(x))
+    row = {"benchmark": "reach", "case": case, "strategy": sim.strategy, "nv": sim.scene.nv, "nc": sim.nr,
+           "acting": acting, "seconds": seconds}  # fmt: skip
+    print_row(row)
+    return row | machine()
 
 
 def print_row(row: dict[str, Any]) -> None:

@@ -14,6 +14,7 @@ from simulators import WIDTH, numbers, rounded, scene, simulator
 import slcp_warp as slcp
 from slcp_warp.kernels import large_topology
 from slcp_warp.scene import Body, Contact, Scene, Shape
+from slcp_warp.scripts.bench_kernels import beam_on_supports, chain_on_ground
 
 LIMIT = {wp.float64: 1e-12, wp.float32: 1e-5}
 slow = pytest.mark.slow
@@ -193,3 +194,15 @@ def test_strategy_is_chosen_and_refused():
         slcp.Simulator(sc, device="cpu", strategy="registers")
     with pytest.raises(ValueError, match="strategy is 'fast'"):
         slcp.Simulator(sc, device="cpu", strategy="fast")
+
+
+@pytest.mark.parametrize("nv,nc", [(1, 1), (3, 0), (3, 5), (6, 12)])
+def test_benchmarked_chain_has_its_size(nv, nc):
+    s = chain_on_ground(nv, nc).structure
+    assert (s.nv, s.nr) == (nv, nc)
+
+
+def test_supports_out_of_reach_stay_out():
+    sim = slcp.Simulator(beam_on_supports(8, 2), device="cpu", strategy="memory")
+    step = sim.step(sim.scene.x0)
+    assert (step.multiplier[: sim.nr] < 1e29).sum() == 4
