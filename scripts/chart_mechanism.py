@@ -175,17 +175,18 @@ class Drawing:
         for s, shape in enumerate(structure.shapes):
             face = self._colour(shape.body) if shape.body >= 0 else GREY
             order = 1 if shape.kind == "halfplane" else 2
-            patch = Polygon(np.zeros((3, 2)), facecolor=face, edgecolor=BLACK, linewidth=EDGE, zorder=order,
+            patch: Any = Polygon(np.zeros((3, 2)), facecolor=face, edgecolor=BLACK, linewidth=EDGE, zorder=order,
                             alpha=alpha, visible=not (ghost and shape.body < 0))  # fmt: skip
-            self.patches.append(ax.add_patch(patch))
+            ax.add_patch(patch)
+            self.patches.append(patch)
             width = self._width(shape.body) if shape.body >= 0 and shape.kind == "halfplane" else EXTENT
             self.outlines.append(outline(shape.kind, mechanism.params["radius"][s], width))
-        style = {"edgecolor": BLACK, "linewidth": EDGE, "zorder": 1.5, "alpha": alpha}
-        self.hulls = {
+        style: Any = {"edgecolor": BLACK, "linewidth": EDGE, "zorder": 1.5, "alpha": alpha}
+        self.hulls: dict[int, Any] = {
             b: ax.add_patch(Polygon(corners, facecolor=self._colour(b), **style))
             for b, corners in mechanism.hulls(q).items()
         }
-        pale = {"alpha": alpha, "solid_capstyle": "round"}
+        pale: Any = {"alpha": alpha, "solid_capstyle": "round"}
         self.links = [
             ax.plot([], [], color=BLACK, lw=2.0, zorder=1.8, **pale)[0] for _ in mechanism.links(q[None])
         ]

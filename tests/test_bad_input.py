@@ -71,6 +71,11 @@ def replace(**changes):
     return sim().params.replace(**changes)
 
 
+def mechanism(*shapes, **parts):
+    """A scene of one body `a`."""
+    return slcp.Scene("s", (slcp.Body("a", 1.0, 1.0, joint="free"),), shapes, **parts)
+
+
 FIVE = np.zeros((5, 2))
 # what: (call, exception, words of its message in this order)
 ERRORS = {
@@ -112,7 +117,23 @@ ERRORS = {
     "contact of unknown shapes": (
         lambda: slcp.Scene("s", (slcp.Body("a", 1.0, 1.0),), contacts=(slcp.Contact("p", "q"),)), SceneError,
         "no shape named 'p'"),
+    "capsule without a length": (
+        lambda: mechanism(slcp.Shape("s", "a", "capsule", 0.1)), SceneError,
+        r"'s': radius is 0.1; a capsule needs \(radius, half length\)"),
+    "capsule against an ellipse": (
+        lambda: mechanism(
+            slcp.Shape("s", "a", "capsule", (0.1, 0.2)), slcp.Shape("e", None, "ellipse", (1, 2)),
+            contacts=(slcp.Contact("s", "e"),)), SceneError,
+        "a capsule and an ellipse cannot touch"),
+    "spring on one body": (
+        lambda: mechanism(springs=(slcp.Spring("a", "a"),)), SceneError,
+        r"springs\[0\]: both ends are on 'a'; a spring needs two bodies"),
+    "spring of negative length": (
+        lambda: mechanism(springs=(slcp.Spring("a", None, length=-1.0),)), SceneError,
+        r"springs\[0\]: length is -1.0; it must be >= 0"),
     # parameters
+    "stiffness where there is no spring": (
+        lambda: replace(stiffness=1.0), ParameterError, "no parameter 'stiffness'; there are"),
     "unknown parameter": (
         lambda: replace(masss=1.0), ParameterError, "no parameter 'masss'; there are .*'mass'"),
     "negative mass": (
