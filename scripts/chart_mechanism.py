@@ -175,8 +175,10 @@ class Drawing:
         for s, shape in enumerate(structure.shapes):
             face = self._colour(shape.body) if shape.body >= 0 else GREY
             order = 1 if shape.kind == "halfplane" else 2
-            patch: Any = Polygon(np.zeros((3, 2)), facecolor=face, edgecolor=BLACK, linewidth=EDGE, zorder=order,
-                            alpha=alpha, visible=not (ghost and shape.body < 0))  # fmt: skip
+            patch: Any = Polygon(
+                np.zeros((3, 2)), facecolor=face, edgecolor=BLACK, linewidth=EDGE, zorder=order, alpha=alpha,
+                visible=not (ghost and shape.body < 0),
+            )  # fmt: skip
             ax.add_patch(patch)
             self.patches.append(patch)
             width = self._width(shape.body) if shape.body >= 0 and shape.kind == "halfplane" else EXTENT

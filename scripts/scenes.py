@@ -13,13 +13,14 @@ from .common import PRESETS, Device, one_line_errors, prepared, progress_bar, wr
 
 GHOSTS = 4
 COLUMNS = 6
-SHOWN = {  # scene: seconds shown (default 1) and constant controls (default none)
-    "flicking_finger": (1.5, ()), "ball_drop": (0.45, ()), "sliding_block": (0.5, ()), "particle": (0.3, ()),
-    "grasp": (0.6, (20.0, -20.0)), "pendulum_chain": (0.5, ()), "stack": (0.5, ()), "painleve_rod": (0.6, ()),
-    "slope": (1.0, ()), "two_balls": (1.2, ()), "box_toss": (1.2, ()), "rolling_disc": (0.5, ()),
-    "beam": (0.3, ()), "opposing_limits": (0.3, ()), "hopper": (0.9, ()), "walker": (0.6, ()),
-    "cart_pole": (0.85, ()), "push_block": (0.4, ()),
+SECONDS = {  # shown; 1 where a scene is not named
+    "flicking_finger": 1.5, "ball_drop": 0.45, "sliding_block": 0.35, "particle": 0.5, "grasp": 0.6,
+    "pendulum_chain": 0.5, "stack": 0.5, "painleve_rod": 0.6, "two_balls": 1.2, "box_toss": 1.2,
+    "rolling_disc": 0.5, "beam": 0.3, "opposing_limits": 0.3, "hopper": 0.9, "walker": 0.6,
+    "cart_pole": 0.85, "push_block": 0.4,
 }  # fmt: skip
+CONTROLS = {"grasp": (20.0, -20.0)}  # constant; zero where a scene is not named
+RATES = {"sliding_block": {3: 1.5}, "particle": {3: 1.0, 4: 2.0}}  # initial, by state component
 
 
 def motion(scene: slcp.Scene, device: str | None = None) -> np.ndarray:
@@ -29,12 +30,12 @@ def motion(scene: slcp.Scene, device: str | None = None) -> np.ndarray:
         sim = slcp.Simulator(scene, options, device=device, strategy="memory")
     except StrategyError:
         sim = slcp.Simulator(scene, options, device=device)
-    seconds, controls = SHOWN.get(scene.name, (1.0, ()))
-    steps = round(seconds / scene.step_size)
-    u = np.zeros((1, steps, scene.nu))
-    if controls:
-        u[:] = controls
-    states = sim.rollout(scene.x0[None], u).states[0]
+    x0 = scene.x0
+    for component, rate in RATES.get(scene.name, {}).items():
+        x0[component] = rate
+    steps = round(SECONDS.get(scene.name, 1.0) / scene.step_size)
+    u = np.tile(CONTROLS.get(scene.name, (0.0,) * scene.nu), (1, steps, 1))
+    states = sim.rollout(x0[None], u).states[0]
     return states[np.linspace(0, steps, GHOSTS + 1).round().astype(int), : scene.nv]
 
 

@@ -48,6 +48,7 @@ def painleve_rod(friction: float = 1.2, slope: float = 2.0, speed: float = 2.0, 
     State (x, y, angle) of the centre, then rates; 1 kg. With rigid Coulomb friction the end's normal
     acceleration per normal force is proportional to 1 + 3 cos^2 - 3 mu sin cos of the rod's inclination,
     negative beyond mu = 4/3 at tan = 2 (`slope` is that tangent): then no finite force keeps the end out.
+    Either way the end is braked within a few steps, and the rod tips over it.
     """
     angle = math.atan(slope)
     height = length / 2 * math.sin(angle)
