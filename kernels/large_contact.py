@@ -184,8 +184,12 @@ def make_large_contact(dtype: type, hard: bool) -> SimpleNamespace:
                     k.rate[i, b] = (k.q[j, b] - number(t, params, row, LOW, j)) / h
                 else:
                     k.rate[i, b] = (number(t, params, row, UP, j) - k.q[j, b]) / h
+            k.gap[i, b] = k.rate[i, b]
         for pair in range(t.pairs):
             k.known[pair, b] = 0
+            k.lift[pair, b] = ZERO
+            k.miss[pair, b] = ZERO
+            k.target[pair, b] = ZERO
 
     @wp.func
     def grow(
@@ -202,6 +206,7 @@ def make_large_contact(dtype: type, hard: bool) -> SimpleNamespace:
                     g = geometry(t, k, params, row, b, pair)
                     pair_rows(t, k, params, row, b, pair, g)
                     for i in range(t.pair_row[pair], t.pair_row[pair + 1]):
+                        k.gap[i, b] = g[2] / h
                         k.rate[i, b] = g[2] / h
         added = int(0)
         approach = dtype(0.0)

@@ -12,12 +12,13 @@ import warp as wp
 from .compile import specialised
 from .envelope import make_envelope
 from .large_contact import make_large_contact
+from .large_coulomb import COULOMB_PASSES, make_large_coulomb
 from .large_interior import make_large_solver
 from .large_mechanism import COLUMN, make_large_mechanism
 from .large_topology import Topology
 from .large_work import make_work
 from .method import Method
-from .solve import COLD, NONFINITE, SOLVED
+from .solve import COLD, NONFINITE, NOT_CONVERGED, SOLVED
 
 
 def large_residual(method: Method, rows: int) -> str:
@@ -33,6 +34,8 @@ def make_large_step(dtype: type, residual: str) -> SimpleNamespace:
     env = make_envelope(dtype)
     contact = make_large_contact(dtype, residual == "hard") if residual != "none" else None
     solver = make_large_solver(dtype, residual) if residual != "none" else None
+    friction = make_large_coulomb(dtype) if residual == "hard" else None
+    PASSES = COULOMB_PASSES
     H = COLUMN["step_size"]
     UNUSED, HALF, ZERO = dtype(COLD), dtype(0.5), dtype(0.0)
     NOWHERE = dtype(-1e30)
@@ -67,6 +70,20 @@ def make_large_step(dtype: type, residual: str) -> SimpleNamespace:
             k.v[p, b] = k.vfree[p, b]
 
     @wp.func
+    def list_rows(t: Topology, k: Work, b: int):
+        """List the acting rows in k.active; rows that are new start from k.v."""
+        n = int(0)
+        for i in range(t.nr):
+            if k.acting[i, b] > 0:
+                k.active[n, b] = i
+                n += 1
+                if k.acting[i, b] == 1:
+                    if not (wp.abs(k.z[i, b]) < HALF * UNUSED):
+                        k.z[i, b] = -k.rate[i, b] - contact.velocity(t, k, b, i)
+                    k.acting[i, b] = 2
+        return n
+
+    @wp.func
     def contacts(t: Topology, k: Work, params: wp.array2d(dtype=dtype), row: int, b: int, exact_gap: int):
         """Add rows until none is missing, solve after every addition. The first time also those within reach
         of the largest approach are added: in a heap they act next.
@@ -76,27 +93,26 @@ def make_large_step(dtype: type, residual: str) -> SimpleNamespace:
         margin = ZERO + NOWHERE
         looking = int(1)
         more = int(1)
+        passes = int(0)
         while more == 1:  # the first pass only looks how large the approach is
             added, approach = contact.grow(t, k, params, row, b, exact_gap, margin)
             if looking == 1:
                 looking = 0
                 margin = approach
-            elif added == 0:
-                more = 0
             else:
-                n = int(0)
-                for i in range(t.nr):
-                    if k.acting[i, b] > 0:
-                        k.active[n, b] = i
-                        n += 1
-                        if k.acting[i, b] == 1:
-                            if not (wp.abs(k.z[i, b]) < HALF * UNUSED):
-                                k.z[i, b] = -k.rate[i, b] - contact.velocity(t, k, b, i)
-                            k.acting[i, b] = 2
-                status = solver.solve(t, k, params, row, b, n)
-                margin = dtype(0.0)
-                if status != wp.static(SOLVED):
-                    more = 0
+                n = list_rows(t, k, b)
+                more = wp.where(added > 0, 1, 0)
+                if wp.static(residual == "hard"):
+                    if t.coulomb == 1 and n > 0:
+                        more = wp.max(more, friction.lift(t, k, b, n, passes))
+                        passes += 1
+                if more == 1:
+                    status = solver.solve(t, k, params, row, b, n)
+                    margin = dtype(0.0)
+                    if passes > PASSES and status == wp.static(SOLVED):
+                        status = int(wp.static(NOT_CONVERGED))
+                    if status != wp.static(SOLVED):
+                        more = 0
         for i in range(t.nr):
             if k.acting[i, b] == 0:
                 k.z[i, b] = UNUSED
@@ -181,7 +197,7 @@ def make_large_step_kernel(dtype: type, residual: str) -> wp.Kernel:
         solved = code == wp.static(SOLVED)
         for i in range(t.nr):
             impulse[world, i] = wp.where(solved, k.lam[i, b], ZERO)
-            gap[world, i] = k.rate[i, b] * params[row, t.columns[H]]
+            gap[world, i] = k.gap[i, b] * params[row, t.columns[H]]
             multiplier[world, i] = wp.where(solved, k.z[i, b], UNUSED)
         for i in range(2 * t.pairs):
             multiplier[world, t.nr + i] = wp.where(solved, k.normal[i, b], ZERO)
@@ -243,7 +259,7 @@ def make_large_rollout_kernel(dtype: type, residual: str) -> wp.Kernel:
                             impulse[world, n, i] = k.lam[i, b]
                     if gap.shape[0] > 0:
                         for i in range(t.nr):
-                            gap[world, n, i] = k.rate[i, b] * params[row, t.columns[H]]
+                            gap[world, n, i] = k.gap[i, b] * params[row, t.columns[H]]
             for j in range(t.nv):
                 states[world, n + 1, j] = k.q[j, b]
                 states[world, n + 1, t.nv + j] = k.v0[j, b]

@@ -41,6 +41,7 @@ class Topology:
     sprung: int  # dofs with a joint spring
     springs: int
     inertia_scaling: int
+    coulomb: int
     columns: wp.array(dtype=wp.int32)  # first column of every parameter, in the order of NUMBERS, -1: none
     parent: wp.array(dtype=wp.int32)  # (nb)
     joint: wp.array(dtype=wp.int32)  # (nb)
@@ -135,13 +136,13 @@ def tables(s: Structure) -> tuple[dict[str, list[int]], Sizes]:
     return out, Sizes(mass, matrix, len(out["row_place"]))
 
 
-def make_topology(s: Structure, inertia_scaling: bool, device: object) -> Topology:
+def make_topology(s: Structure, inertia_scaling: bool, coulomb: bool, device: object) -> Topology:
     """The tables on a device."""
     lists, _ = tables(s)
     out = Topology()
     out.nb, out.nv, out.nu, out.nr, out.pairs = s.nb, s.nv, s.nu, s.nr, len(s.pairs)
     out.sprung, out.springs = len(s.sprung), len(s.springs)
-    out.inertia_scaling = int(inertia_scaling)
+    out.inertia_scaling, out.coulomb = int(inertia_scaling), int(coulomb)
     for name, values in lists.items():
         setattr(out, name, wp.array(values, dtype=wp.int32, device=device))
     return out

@@ -29,7 +29,8 @@ def make_work(dtype: type) -> Any:
         mass_factor: wp.array2d(dtype=dtype)  # and of its factor, 1/L on the diagonal
         factor: wp.array2d(dtype=dtype)  # envelope of M + J' W J, then of its factor
         jac: wp.array2d(dtype=dtype)  # entries of J's rows
-        rate: wp.array2d(dtype=dtype)  # (nr) d/h, this and what follows by row
+        gap: wp.array2d(dtype=dtype)  # (nr) d/h, this and what follows by row
+        rate: wp.array2d(dtype=dtype)  # d/h, plus what Coulomb friction lifts it by
         scale: wp.array2d(dtype=dtype)  # D
         diag: wp.array2d(dtype=dtype)  # diag(A)
         z: wp.array2d(dtype=dtype)
@@ -44,6 +45,9 @@ def make_work(dtype: type) -> Any:
         total: wp.array2d(dtype=dtype)  # what both were divided by
         dz: wp.array2d(dtype=dtype)
         normal: wp.array2d(dtype=dtype)  # (2 pairs) last normals
+        lift: wp.array2d(dtype=dtype)  # (pairs) mu |J_t v'| of Coulomb friction, as the solver assumes it
+        target: wp.array2d(dtype=dtype)  # and as it came out last
+        miss: wp.array2d(dtype=dtype)  # difference of the two
         acting: wp.array2d(dtype=wp.int32)  # (nr) 1: the row is in the system
         active: wp.array2d(dtype=wp.int32)  # (nr) list of those rows
         known: wp.array2d(dtype=wp.int32)  # (pairs) 1: geometry and rows are computed
@@ -57,9 +61,9 @@ def lengths(s: Structure) -> dict[str, int]:
     by_body = {"frame": 4 * s.nb, "angle": s.nb, "column": 2 * s.nv}
     matrices = {"mass": sizes.mass, "mass_factor": sizes.mass, "factor": sizes.matrix, "jac": sizes.entries}
     by_dof = dict.fromkeys(("q", "v0", "vfree", "v", "best_v", "balance", "move"), s.nv)
-    rows = ("rate", "scale", "diag", "z", "best_z", "lam", "a", "w", "res", "excess", "p", "slack", "total",
-            "dz", "acting", "active")  # fmt: skip
-    pairs = {"normal": 2 * len(s.pairs), "known": len(s.pairs)}
+    rows = ("gap", "rate", "scale", "diag", "z", "best_z", "lam", "a", "w", "res", "excess", "p", "slack",
+            "total", "dz", "acting", "active")  # fmt: skip
+    pairs = {"normal": 2 * len(s.pairs)} | dict.fromkeys(("lift", "target", "miss", "known"), len(s.pairs))
     return by_body | by_dof | matrices | dict.fromkeys(rows, s.nr) | pairs
 
 

@@ -33,7 +33,7 @@ def missing(s: Structure, method: Method) -> str:
     """What keeps a scene from the kernels in memory, or ""."""
     if method.residual not in ("hard", "rem-logistic"):
         return f"residual {method.residual!r}"
-    if method.friction != "anitescu":
+    if method.friction != "anitescu" and not (method.coulomb and method.hard):
         return f"friction {method.friction!r}"
     if method.integrator != "euler":
         return f"integrator {method.integrator!r}"
@@ -69,7 +69,7 @@ class MemoryKernels:
     def __init__(self, s: Structure, dtype: type, method: Method, device: Any) -> None:
         self.structure, self.dtype, self.device = s, dtype, device
         self.residual = large_step.large_residual(method, s.nr)
-        self.topology = make_topology(s, method.inertia_scaling, device)
+        self.topology = make_topology(s, method.inertia_scaling, method.coulomb, device)
         self.chunk = max(1, WORKSPACE_BYTES // bytes_per_world(s, dtype))
         self._slots, self._work = 0, None
 

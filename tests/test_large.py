@@ -140,6 +140,53 @@ def test_redundant_supports(dtype, hard):
         np.testing.assert_allclose(step.impulse[0].sum(), 2.0 * 9.81 * 0.01, rtol=1e-5)
 
 
+def coulomb():
+    """Options of the hard problem with Coulomb friction."""
+    options = slcp.Options(residual="hard")
+    object.__setattr__(options, "friction", "coulomb")
+    return options
+
+
+@pytest.mark.parametrize("count", [1, 6])
+def test_coulomb_friction_in_a_thrown_stack(count):
+    """Impulses in the cone, on its edge against the slip where a contact slips; contacts neither pull nor
+    sink.
+    """
+    sc = boxes(np.ones(count))
+    rng = np.random.default_rng(6)
+    x = np.tile(sc.x0, (40, 1))
+    x[:, : sc.nv] += 1e-4 * rng.standard_normal((40, sc.nv))
+    x[:, sc.nv :] += 0.5 * rng.standard_normal((40, sc.nv))
+    step = slcp.Simulator(sc, coulomb(), device="cpu", strategy="memory").step(x)
+    assert (step.status == slcp.Status.SOLVED).all()
+    problem = Oracle(sc).problem(x)
+    r1, _ = residual(problem, step.state[:, sc.nv :], step.impulse)
+    assert np.abs(r1).max() <= 1e-11
+    w = problem["rate"] + np.einsum("bij,bj->bi", problem["J"], step.state[:, sc.nv :])
+    normal, slip = 0.5 * (w[:, 0::2] + w[:, 1::2]), (w[:, 0::2] - w[:, 1::2])  # slip: 2 mu v_t
+    push, rub = step.contact_impulse[:, :, 0], step.contact_impulse[:, :, 1]
+    assert np.abs(np.minimum(normal, push)).max() <= 1e-10
+    assert (np.abs(rub) <= 0.5 * push + 1e-10).all()
+    slips = np.abs(slip) > 1e-8
+    assert slips.any() and (~slips & (push > 1e-3)).any()
+    np.testing.assert_allclose(rub[slips], (-0.5 * np.sign(slip) * push)[slips], rtol=0, atol=1e-9)
+
+
+def test_sliding_stack_stops_where_coulomb_says():
+    sc = boxes(np.ones(2))
+    x = sc.x0.copy()
+    x[[6, 9]] = 3.0
+    end = (
+        slcp.Simulator(sc, coulomb(), device="cpu", strategy="memory")
+        .rollout(x, np.zeros((100, 0)))
+        .states[-1]
+    )
+    np.testing.assert_allclose(end[6:], 0.0, atol=1e-12)
+    stop = 3.0**2 / (2 * 0.5 * 9.81) - 3.0 * 0.01 / 2  # implicit Euler; the last step stops it a little early
+    np.testing.assert_allclose(end[[0, 3]], stop, atol=0.5 * 0.5 * 9.81 * 0.01**2)
+    np.testing.assert_allclose(end[[1, 4]], [0.05, 0.15], atol=1e-9)  # and it does not rise meanwhile
+
+
 def test_rollout_is_its_steps():
     """A stack thrown about; chunks of worlds; a world that cannot be solved keeps its state."""
     sc = boxes(np.ones(4))
