@@ -130,7 +130,7 @@ def make_step_kernel(s: Structure, dtype: type, method: Method) -> wp.Kernel:
             state[world, j] = after[j]
         for i in range(wp.static(NR)):
             impulse[world, i] = wp.where(code == wp.static(SOLVED), sol.lam[i], dtype(0.0))
-            gap[world, i] = sol.rate[i] * params[row, 0]
+            gap[world, i] = sol.rate[wp.static(step.gap_row[i])] * params[row, 0]
             multiplier[world, i] = wp.where(code == wp.static(SOLVED), sol.z[i], dtype(wp.static(COLD)))
         for i in range(wp.static(2 * NP)):
             multiplier[world, wp.static(NR + i)] = wp.where(
@@ -190,7 +190,7 @@ def make_rollout_kernel(
                             impulse[world, k, i] = sol.lam[i]
                     if gap.shape[0] > 0:
                         for i in range(wp.static(NR)):
-                            gap[world, k, i] = sol.rate[i] * params[row, 0]
+                            gap[world, k, i] = sol.rate[wp.static(step.gap_row[i])] * params[row, 0]
             for j in range(wp.static(NX)):
                 states[world, k + 1, j] = x[j]
         status[world] = code

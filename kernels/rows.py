@@ -65,6 +65,7 @@ def make_rows(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
     FLOOR = dtype(1e-30)
     rows = s.rows
     limit = tuple(r.kind == "limit" for r in rows)
+    tangent = tuple(method.coulomb and r.kind == "contact" and r.sign < 0 for r in rows)
     index = tuple(r.index for r in rows)
     sign = tuple(dtype(float(r.sign)) for r in rows)
     LOWER, UPPER, H, FRICTION = (lay.offset(n) for n in ("lower", "upper", "step_size", "friction"))
@@ -126,13 +127,15 @@ def make_rows(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
     def make_put_pair(pair: int) -> wp.Function:
         @wp.func
         def put_pair(params: wp.array2d(dtype=dtype), row: int, pj: t.J2, jac: JR):
-            """Store the rows of one pair: J_n +- mu J_t, or J_n alone."""
+            """Store the rows of one pair: J_n +- mu J_t, or J_n alone; (J_n, J_t) for Coulomb's friction."""
             out = jac
             for i in range(wp.static(NR)):
                 if wp.static(not limit[i] and index[i] == pair):
                     for j in range(wp.static(NV)):
-                        if wp.static(rows[i].sign == 0):
+                        if wp.static(rows[i].sign == 0 or (method.coulomb and not tangent[i])):
                             out[i, j] = pj[0, j]
+                        elif wp.static(tangent[i]):
+                            out[i, j] = pj[1, j]
                         else:
                             out[i, j] = (
                                 pj[0, j]
@@ -159,6 +162,7 @@ def make_rows(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
         applies=applies,
         adds=adds,
         limit=limit,
+        tangent=tangent,
         limit_rates=limit_rates,
         put_pairs=tuple(make_put_pair(k) for k in range(len(s.pairs))),
         scale=scale,

@@ -14,6 +14,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
+from .coulomb import make_coulomb_solver
 from .free_motion import make_free_motion
 from .mechanism import make_mechanism
 from .method import Method
@@ -52,7 +53,9 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
     )
     pair_bit = tuple(1 << k for k in range(NP))
     speeds = tuple(make_speed(s, k, dtype) for k in range(NP))
-    solver = make_solver(s, dtype, method) if NR else None
+    solver = None
+    if NR:
+        solver = (make_coulomb_solver if method.coulomb else make_solver)(s, dtype, method)
     limits = rows.limit
     noise = make_noise(s, dtype, method)
 
@@ -131,6 +134,8 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
     def make_grow_pair(k: int) -> wp.Function:
         rows_k = pair_rows[k]
         first = rows_k[0]
+        tested = rows_k[:1] if method.coulomb else rows_k  # a friction row acts where its normal row does
+        bits = tuple(sum(1 << j for j in (rows_k if method.coulomb else (i,))) for i in range(NR))
 
         @wp.func
         def near(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, v: VQ):
@@ -146,10 +151,10 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
         def grow(params: wp.array2d(dtype=dtype), row: int, rate: VR, jac: JR, sigma: VR, v: VQ, mask: int):
             out = mask
             for i in range(wp.static(NR)):
-                if wp.static(i in rows_k):
+                if wp.static(i in tested):
                     w = wp.static(rows.dots[i])(jac, v) + rate[i]
                     if not (w > CUT * wp.static(noise.level[i])(params, row, sigma)):
-                        out = out | wp.static(1 << i)
+                        out = out | wp.static(bits[i])
             return out
 
         return SimpleNamespace(near=near, grow=grow)
@@ -237,7 +242,7 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
                             params, row, wp.static(pair_jacobians[k])(params, row, fr, g), jac
                         )
                         for i in range(wp.static(NR)):
-                            if wp.static(i in pair_rows[k]):
+                            if wp.static(i in pair_rows[k] and not rows.tangent[i]):
                                 rate[i] = g[2] / params[row, wp.static(H)]
                                 if wp.static(method.state_noise):
                                     out.sigma[i] = wp.static(deviations[i])(params, row, jac)
@@ -281,6 +286,7 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
         rows=rows,
         pairs=pairs,
         pair_rows=pair_rows,
+        gap_row=tuple(i - 1 if rows.tangent[i] else i for i in range(NR)),
         Carry=Carry,
         Solution=Solution,
         cold_carry=cold_carry,

@@ -67,7 +67,9 @@ def simulate(
         "states": trajectory.states,
         "controls": trajectory.controls[..., : sim.nu],
         "impulse": trajectory.impulse,
-        "contact_impulse": contact_impulse(sim.scene, trajectory.impulse, params["friction"]),
+        "contact_impulse": contact_impulse(
+            sim.scene, trajectory.impulse, params["friction"], sim.options
+        ),
         "status": trajectory.status,
     }
     if trajectory.gap is not None:

@@ -9,7 +9,7 @@ from slcp_warp.kernels.method import Method
 CHOICES = {
     "residual": ("rem-logistic", "hard"),
     "scaling": ("inertia", "none"),
-    "friction": ("anitescu",),
+    "friction": ("anitescu", "coulomb"),
     "integrator": ("euler", "trapezoidal"),
     "noise": ("row", "state"),
     "deviation": (None, "scale", "standard-deviation"),
@@ -38,7 +38,8 @@ class Options:
         scaling: "inertia": D = diag(A), so that both arguments of the residual are velocities and results do
         not
             depend on the unit of mass; "none": D = 1, the paper's.
-        friction: "anitescu", the relaxed planar model (the paper's [9]).
+        friction: "anitescu", the relaxed planar model (the paper's [9]): convex, lifts sliding contacts;
+            "coulomb", exact planar friction (the paper's [8]), for the hard problem only.
         integrator: "euler", eq. (1), first order; "trapezoidal", the linearly implicit method of footnote 1
             (the paper's [6]), second order where motion is smooth.
         noise: "row", a constant sigma for every row; "state", eq. (18): sigma follows in every step from the
@@ -61,6 +62,11 @@ class Options:
             value = getattr(self, name)
             if value not in choices:
                 raise OptionError(f"Options.{name} is {value!r}; choose one of {list(choices)}")
+        if self.friction == "coulomb" and self.residual != "hard":
+            raise OptionError(
+                f"Options.friction is 'coulomb' with residual {self.residual!r}; Coulomb's friction has no smoothed "
+                "form here: use residual='hard', or friction='anitescu'"
+            )
 
     @property
     def method(self) -> Method:

@@ -236,7 +236,7 @@ class Simulator:
             return from_batch(a, state.kind, state.batched)
 
         def by_pair() -> Any:
-            contact = contact_impulse(self.scene, out[1].numpy(), friction)
+            contact = contact_impulse(self.scene, out[1].numpy(), friction, self.options)
             return give(wp.array(contact, dtype=self.dtype, device=self.device))
 
         return Step(give(out[0]), give(out[1]), give(out[2]), give(out[3]), give(status), by_pair)
@@ -418,13 +418,17 @@ def _same_worlds(name: str, given: int, worlds: int) -> None:
         raise ArrayError(f"{name} is given for {given} worlds, the state for {worlds}")
 
 
-def contact_impulse(scene: Scene, impulse: np.ndarray, friction: np.ndarray) -> np.ndarray:
+def contact_impulse(
+    scene: Scene, impulse: np.ndarray, friction: np.ndarray, options: Options
+) -> np.ndarray:
     """Normal and tangential impulse of every pair, (..., pairs, 2), from row impulses (..., nr)."""
     s = scene.structure
     out = np.zeros((*impulse.shape[:-1], len(s.pairs), 2))
     mu = np.broadcast_to(friction, (*impulse.shape[:1], len(s.pairs)))
     for i, row in enumerate(s.rows):
-        if row.kind == "contact":
+        if row.kind == "contact" and options.method.coulomb:
+            out[..., row.index, int(row.sign < 0)] = impulse[..., i]
+        elif row.kind == "contact":
             out[..., row.index, 0] += impulse[..., i]
             coefficient = mu[:, row.index].reshape(-1, *([1] * (impulse.ndim - 2)))
             out[..., row.index, 1] += row.sign * coefficient * impulse[..., i]

@@ -1,0 +1,167 @@
+"""Lemke's method for hard contact with Coulomb's friction, as the last resort of `coulomb.py`.
+
+The linear complementarity problem of the paper's [8] in the plane, for a contact with normal impulse c,
+friction b+ - b- and slip speed g: w_n = J_n v' + d/h _|_ c, +-J_t v' + g _|_ b+-, mu c - b+ - b- _|_ g. Its
+matrix is copositive, so that the method ends with a solution or on a ray. Always in float64, scaled to
+A_ii = 1; ties between redundant contacts are broken by a perturbation of the right-hand side, far below the
+tolerance of the modes that are wanted from here.
+"""
+
+import functools
+from typing import Any
+
+import warp as wp
+
+from .structure import Structure
+
+FOUND, RAY = 0, 1
+NONE = -1
+PERTURBATION = 1e-10
+SMALLEST_PIVOT = 1e-11
+PER_CONTACT = 4  # c, b+, b-, g
+STEPS_PER_UNKNOWN = 12
+
+
+@functools.cache
+def make_lemke(s: Structure, dtype: type, dense_type: Any) -> wp.Function:
+    """lemke(dense, friction) -> (lambda of the rows, FOUND or RAY); friction = 0 leaves it out."""
+    NR = s.nr
+    frictional = sum(1 for p in s.pairs if p.friction)
+    N = NR - 2 * frictional + PER_CONTACT * frictional
+    D = wp.float64
+    VR = wp.types.vector(NR, dtype)
+    TABLE = wp.types.matrix((N, N + 2), D)  # columns: nonbasic variables, right-hand side
+    INDEX = wp.types.vector(N, wp.int32)
+    COLUMNS = wp.types.vector(N + 1, wp.int32)
+    ZERO, ONE, TWO = D(0.0), D(1.0), D(2.0)
+    GOLDEN = D(0.6180339887498949)
+    PERTURB, SMALLEST = D(PERTURBATION), D(SMALLEST_PIVOT)
+    NORMAL, PLUS, MINUS, SLIP = 0, 1, 2, 3
+
+    @wp.struct
+    class Lifted:
+        size: int
+        kind: INDEX
+        row: INDEX  # of the dense problem
+        sign: wp.types.vector(N, D)
+        root: wp.types.vector(NR, D)  # sqrt(A_ii)
+
+    @wp.func
+    def lift(dense: dense_type, friction: int):
+        out = Lifted()
+        n = int(0)
+        for i in range(dense.count):
+            out.root[i] = wp.sqrt(D(dense.a[i, i]))
+            if dense.tangent[i] == 0:
+                out.kind[n] = wp.static(NORMAL)
+                out.row[n] = i
+                out.sign[n] = ONE
+                n += 1
+            elif friction == 1:
+                for k in range(3):
+                    out.kind[n + k] = wp.static(PLUS) + k
+                    out.row[n + k] = i
+                    out.sign[n + k] = ONE
+                out.sign[n + 1] = ZERO - ONE
+                n += 3
+        out.size = n
+        return out
+
+    @wp.func
+    def entry(dense: dense_type, l: Lifted, i: int, j: int):
+        # M_ij of w = M x + q
+        a = l.row[i]
+        b = l.row[j]
+        if l.kind[i] != wp.static(SLIP) and l.kind[j] != wp.static(SLIP):
+            return l.sign[i] * l.sign[j] * D(dense.a[a, b]) / (l.root[a] * l.root[b])
+        if l.kind[i] != wp.static(SLIP):  # + g in the rows of b+ and b-
+            return wp.where(a == b and l.kind[i] != wp.static(NORMAL), ONE, ZERO)
+        if l.kind[j] == wp.static(NORMAL) and b == a - 1:
+            return D(dense.mu[a]) * l.root[a] / l.root[b]
+        return wp.where(a == b and l.kind[j] != wp.static(SLIP), ZERO - ONE, ZERO)
+
+    @wp.func
+    def lemke(dense: dense_type, friction: int):
+        l = lift(dense, friction)
+        n = l.size
+        largest = D(1e-300)
+        for i in range(n):
+            if l.kind[i] != wp.static(SLIP):
+                largest = wp.max(largest, wp.abs(D(dense.b[l.row[i]])) / l.root[l.row[i]])
+        # the dictionary: basic = right-hand side + sum of columns; variables x_i: i, w_i: n + i, z0: 2 n
+        table = TABLE()
+        basic = INDEX()
+        nonbasic = COLUMNS()
+        jitter = D(0.5)
+        leaving = int(0)
+        for i in range(n):
+            for j in range(n):
+                table[i, j] = entry(dense, l, i, j)
+            table[i, n] = ONE
+            jitter = jitter + GOLDEN
+            jitter = jitter - wp.floor(jitter)
+            q = PERTURB * (ONE + jitter)
+            if l.kind[i] != wp.static(SLIP):
+                q += l.sign[i] * D(dense.b[l.row[i]]) / (l.root[l.row[i]] * largest)
+            table[i, n + 1] = q
+            basic[i] = n + i
+            nonbasic[i] = i
+            if q < table[leaving, n + 1]:
+                leaving = i
+        nonbasic[n] = 2 * n
+        status = int(wp.static(RAY))
+        if table[leaving, n + 1] >= ZERO:
+            status = wp.static(FOUND)
+        entering = int(n)  # column
+        steps = int(0)
+        while status == wp.static(RAY) and steps < wp.static(STEPS_PER_UNKNOWN) * (n + 1):
+            steps += 1
+            # exchange: basic[leaving] against nonbasic[entering]
+            pivot = table[leaving, entering]
+            for j in range(n + 2):
+                if j != entering:
+                    table[leaving, j] = -table[leaving, j] / pivot
+            table[leaving, entering] = ONE / pivot
+            for i in range(n):
+                if i != leaving:
+                    share = table[i, entering]
+                    if share != ZERO:
+                        for j in range(n + 2):
+                            if j != entering:
+                                table[i, j] = table[i, j] + share * table[leaving, j]
+                        table[i, entering] = share * table[leaving, entering]
+            out = basic[leaving]
+            basic[leaving] = nonbasic[entering]
+            nonbasic[entering] = out
+            if out == 2 * n:
+                status = wp.static(FOUND)
+            else:
+                partner = wp.where(out < n, out + n, out - n)
+                for j in range(n + 1):
+                    if nonbasic[j] == partner:
+                        entering = j
+                leaving = wp.static(NONE)
+                least = D(1e300)
+                for i in range(n):
+                    slope = table[i, entering]
+                    if slope < -SMALLEST:
+                        limit = wp.max(table[i, n + 1], ZERO) / (-slope)
+                        better = limit < least
+                        if basic[i] == 2 * n and limit <= least * (ONE + PERTURB):
+                            better = True  # z0 leaves where it can
+                        if better:
+                            least = limit
+                            leaving = i
+                if leaving == wp.static(NONE):
+                    break
+        lam = VR()
+        for i in range(n):
+            k = basic[i]
+            if k < n:
+                if l.kind[k] != wp.static(SLIP):
+                    a = l.row[k]
+                    value = l.sign[k] * table[i, n + 1] * largest / l.root[a]
+                    lam[a] = lam[a] + dtype(value)
+        return lam, status
+
+    return lemke
