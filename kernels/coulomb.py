@@ -18,13 +18,14 @@ import warp as wp
 from .lemke import RAY, make_lemke
 from .method import Method
 from .rows import make_rows
-from .solve import COLD, INFEASIBLE, NONFINITE, NOT_CONVERGED, SOLVED
+from .solve import COLD, INFEASIBLE, JAMMED, NONFINITE, NOT_CONVERGED, SOLVED
 from .structure import Structure, layout
 
 ITERATIONS = 12  # of the active set, and as many more for every row
 TOLERANCE = {wp.float64: 1e-13, wp.float32: 2e-6}  # of the natural map, relative to the problem's size
 ACCEPT = {wp.float64: 3e-12, wp.float32: 1e-5}  # the same where rounding may be all that is left
-PROXIMAL = {wp.float64: 1e-9, wp.float32: 1e-4}  # relative to A_ii
+# relative to A_ii: at first, and where rows are nearly redundant
+PROXIMAL = {wp.float64: (1e-9, 1e-13), wp.float32: (1e-4, 3e-7)}
 OFF, PRESS, STICK, LEFT, RIGHT = 0, 1, 2, 3, 4  # modes; LEFT: lambda_t = -mu lambda_n, RIGHT: + mu lambda_n
 
 
@@ -228,8 +229,9 @@ def make_coulomb_solver(s: Structure, dtype: type, method: Method) -> wp.Functio
     Dense = active.Dense
     ZERO = dtype(0.0)
     TOL, ENOUGH = dtype(TOLERANCE[dtype]), dtype(ACCEPT[dtype])
-    TAU = dtype(PROXIMAL[dtype])
+    TAU, NEARLY_NONE = (dtype(x) for x in PROXIMAL[dtype])
     HUGE, SMALLEST = dtype(1e30), dtype(1e-30)
+    EPSILON = dtype(1.1e-16 if dtype is wp.float64 else 6e-8)
     UNUSED = dtype(0.5 * COLD)
 
     @wp.func
@@ -273,8 +275,10 @@ def make_coulomb_solver(s: Structure, dtype: type, method: Method) -> wp.Functio
         out.lam = lam
         for i in range(dense.count):
             w = dense.b[i]
+            rounding = ZERO
             for j in range(dense.count):
                 w += dense.a[i, j] * lam[j]
+                rounding += wp.abs(dense.a[i, j] * lam[j])
             out.z[i] = dense.a[i, i] * lam[i] - w
             error = ZERO
             if dense.tangent[i] == 0:
@@ -282,15 +286,15 @@ def make_coulomb_solver(s: Structure, dtype: type, method: Method) -> wp.Functio
             else:
                 bound = dense.a[i, i] * dense.mu[i] * wp.max(lam[i - 1], ZERO)
                 error = wp.abs(dense.a[i, i] * lam[i] - wp.clamp(out.z[i], -bound, bound))
+            error = wp.max(error, EPSILON * rounding)  # impulses that cancel prove nothing
             if not (error <= out.worst):  # a NaN stays
                 out.worst = error
         return out
 
     @wp.func
-    def settle(dense: Dense, z: VR, size: dtype):
-        # active sets from z; the best trial
-        best = Trial()
-        best.worst = HUGE
+    def settle(dense: Dense, z: VR, size: dtype, tau: dtype, before: Trial):
+        # active sets from z; the best trial, or the one before
+        best = before
         here = Trial()
         here.z = z
         for i in range(dense.count):
@@ -303,8 +307,8 @@ def make_coulomb_solver(s: Structure, dtype: type, method: Method) -> wp.Functio
         while it < wp.static(ITERATIONS) + dense.count:
             it += 1
             mode = active.modes(dense, here.z)
-            lu = active.factor(dense, mode, TAU)
-            lam = active.impulses(dense, mode, lu, dense.b, here.lam, TAU)
+            lu = active.factor(dense, mode, tau)
+            lam = active.impulses(dense, mode, lu, dense.b, here.lam, tau)
             here = judge(dense, lam)
             if here.worst < best.worst:
                 best = here
@@ -338,23 +342,27 @@ def make_coulomb_solver(s: Structure, dtype: type, method: Method) -> wp.Functio
                 z[i] = before
         status = int(wp.static(NOT_CONVERGED))
         best = Trial()
+        best.worst = HUGE
         if finite == 0:
             status = wp.static(NONFINITE)
-        else:
-            best = settle(dense, z, size)
-            if best.worst > ENOUGH * size:
+        attempt = int(0)
+        while status == wp.static(NOT_CONVERGED) and attempt < 4:
+            if attempt == 2:
                 lam, found = lemke(dense, int(1))
+                z = judge(dense, lam).z
                 if found == wp.static(RAY):
+                    status = wp.static(JAMMED)
                     lam, opens = lemke(dense, int(0))
                     if opens == wp.static(RAY):
                         status = wp.static(INFEASIBLE)
-                else:
-                    start = judge(dense, lam)
-                    best = settle(dense, start.z, size)
-                    if start.worst < best.worst:
-                        best = start
-            if best.worst <= ENOUGH * size:
-                status = wp.static(SOLVED)
+            elif attempt > 0:
+                z = best.z
+            if status == wp.static(NOT_CONVERGED):
+                tau = wp.where(attempt % 2 == 0, TAU, NEARLY_NONE)
+                best = settle(dense, z, size, tau, best)
+                if best.worst <= ENOUGH * size:
+                    status = wp.static(SOLVED)
+            attempt += 1
         v = vfree
         lam_out = VR()
         z_out = VR()

@@ -14,7 +14,7 @@ import warp as wp
 
 from .structure import Structure
 
-FOUND, RAY = 0, 1
+FOUND, RAY, LIMIT = 0, 1, 2
 NONE = -1
 PERTURBATION = 1e-10
 SMALLEST_PIVOT = 1e-11
@@ -24,7 +24,7 @@ STEPS_PER_UNKNOWN = 12
 
 @functools.cache
 def make_lemke(s: Structure, dtype: type, dense_type: Any) -> wp.Function:
-    """lemke(dense, friction) -> (lambda of the rows, FOUND or RAY); friction = 0 leaves it out."""
+    """lemke(dense, friction) -> (lambda of the rows, FOUND, RAY or LIMIT); friction = 0 leaves it out."""
     NR = s.nr
     frictional = sum(1 for p in s.pairs if p.friction)
     N = NR - 2 * frictional + PER_CONTACT * frictional
@@ -109,12 +109,12 @@ def make_lemke(s: Structure, dtype: type, dense_type: Any) -> wp.Function:
             if q < table[leaving, n + 1]:
                 leaving = i
         nonbasic[n] = 2 * n
-        status = int(wp.static(RAY))
+        status = int(wp.static(LIMIT))
         if table[leaving, n + 1] >= ZERO:
             status = wp.static(FOUND)
         entering = int(n)  # column
         steps = int(0)
-        while status == wp.static(RAY) and steps < wp.static(STEPS_PER_UNKNOWN) * (n + 1):
+        while status == wp.static(LIMIT) and steps < wp.static(STEPS_PER_UNKNOWN) * (n + 1):
             steps += 1
             # exchange: basic[leaving] against nonbasic[entering]
             pivot = table[leaving, entering]
@@ -140,7 +140,7 @@ def make_lemke(s: Structure, dtype: type, dense_type: Any) -> wp.Function:
                 for j in range(n + 1):
                     if nonbasic[j] == partner:
                         entering = j
-                leaving = wp.static(NONE)
+                leaving = int(wp.static(NONE))
                 least = D(1e300)
                 for i in range(n):
                     slope = table[i, entering]
@@ -153,7 +153,7 @@ def make_lemke(s: Structure, dtype: type, dense_type: Any) -> wp.Function:
                             least = limit
                             leaving = i
                 if leaving == wp.static(NONE):
-                    break
+                    status = wp.static(RAY)
         lam = VR()
         for i in range(n):
             k = basic[i]

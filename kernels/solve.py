@@ -20,7 +20,7 @@ from .rows import make_rows
 from .smoothing import make_smoothing
 from .structure import Structure
 
-SOLVED, NOT_CONVERGED, INFEASIBLE, NONFINITE = 0, 1, 2, 3
+SOLVED, NOT_CONVERGED, INFEASIBLE, NONFINITE, JAMMED = 0, 1, 2, 3, 4
 COLD = 1.0e30  # a multiplier that stands for "no warm start"
 ITERATIONS = {False: 20, True: 8}  # of Newton's method for the smoothed and the hard problem
 

@@ -21,12 +21,18 @@ class OptionError(ValueError):
 
 
 class Status(IntEnum):
-    """How the step of a world ended; anything but SOLVED leaves the world in its last valid state."""
+    """How the step of a world ended; anything but SOLVED leaves the world in its last valid state.
+
+    INFEASIBLE: no velocity opens the rows. JAMMED: some does, but Coulomb's friction holds against every
+    impulse, so that the problem of the paper's [8] has no solution. NONFINITE: a state or force that is no
+    number. NOT_CONVERGED: the solver gave up.
+    """
 
     SOLVED = solve.SOLVED
     NOT_CONVERGED = solve.NOT_CONVERGED
     INFEASIBLE = solve.INFEASIBLE
     NONFINITE = solve.NONFINITE
+    JAMMED = solve.JAMMED
 
 
 @dataclass(frozen=True)
