@@ -1,4 +1,4 @@
-"""Hard contact with Coulomb's friction in the plane (the paper's [8]), by active sets with Lemke's method behind.
+"""Hard contact with Coulomb's friction in the plane (the paper's [8]), by active sets, Lemke's behind.
 
 Rows of a frictional pair are (n, t): 0 <= lambda_n _|_ w_n = J_n v' + d/h >= 0, and lambda_t in
 [-mu lambda_n, mu lambda_n] opposes v_t = J_t v'. In velocity units, with A = J M^-1 J' (2a):
@@ -224,7 +224,7 @@ def make_coulomb_solver(s: Structure, dtype: type, method: Method) -> wp.Functio
     """solve(params, row, minv, vfree, jac, rate, scale, sigma, mask, warm) -> (v', z, lambda, status)."""
     active = make_active(s, dtype, method)
     lemke = make_lemke(s, dtype, active.Dense)
-    r, t = active.rows, active.types
+    t = active.types
     VQ, MQ, VR, JR = t.VQ, t.MQ, t.VR, t.JR
     Dense = active.Dense
     ZERO = dtype(0.0)

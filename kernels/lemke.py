@@ -33,10 +33,10 @@ def make_lemke(s: Structure, dtype: type, dense_type: Any) -> wp.Function:
     TABLE = wp.types.matrix((N, N + 2), D)  # columns: nonbasic variables, right-hand side
     INDEX = wp.types.vector(N, wp.int32)
     COLUMNS = wp.types.vector(N + 1, wp.int32)
-    ZERO, ONE, TWO = D(0.0), D(1.0), D(2.0)
+    ZERO, ONE = D(0.0), D(1.0)
     GOLDEN = D(0.6180339887498949)
     PERTURB, SMALLEST = D(PERTURBATION), D(SMALLEST_PIVOT)
-    NORMAL, PLUS, MINUS, SLIP = 0, 1, 2, 3
+    NORMAL, PLUS, SLIP = 0, 1, 3  # 2: b-
 
     @wp.struct
     class Lifted:

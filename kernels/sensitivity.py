@@ -12,6 +12,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from .contact_derivatives import make_pair_derivatives
+from .coulomb_response import make_coulomb_response
 from .elimination import PROXIMAL, make_sweep
 from .mechanism_derivatives import make_mechanism_derivatives
 from .method import Method
@@ -31,6 +32,9 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
     motion = make_mechanism_derivatives(s, dtype)
     pairs = tuple(make_pair_derivatives(s, k, dtype) for k in range(len(s.pairs)))
     sweep = make_sweep(s, dtype, method)
+    coulomb = method.coulomb and s.nr > 0
+    scaled = method.inertia_scaling and not coulomb
+    response = make_coulomb_response(s, dtype, method) if coulomb else None
     sm = make_smoothing(dtype)
     noise = make_noise(s, dtype, method)
     lay = layout(s)
@@ -54,7 +58,7 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
         w: VQ  # v' - v
         slope: VR  # s'(z)
         slack: VR  # s'(-z)
-        factor: sweep.Factor
+        factor: response.Factor if coulomb else sweep.Factor
         gap_row: JR  # dd/dq of every active row
         m: JR  # M^-1 J_i'
         scale_by_q: JR  # dD_i/dq
@@ -101,20 +105,25 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
             if wp.static(frictional):
                 mu = params[row, wp.static(FRICTION + k)]
                 other = sol.lam[wp.static(last)]
-                normal = lam + other
-                tangent = mu * (lam - other)
+                normal = lam
+                tangent = other
+                if wp.static(not coulomb):
+                    normal = lam + other
+                    tangent = mu * (lam - other)
             out1 -= wp.static(d.force_by_q)(g, normal, tangent)
             by_q = wp.static(d.contract)(g, sol.v)
             h = params[row, wp.static(H)]
             for i in range(wp.static(NR)):
                 if wp.static(i in pair_rows[k]):
                     for j in range(wp.static(NV)):
-                        gap = sol.jac[i, j]
-                        if wp.static(frictional):
+                        gap = sol.jac[wp.static(first), j]
+                        if wp.static(frictional and not coulomb):
                             gap = HALF * (sol.jac[wp.static(first), j] + sol.jac[wp.static(last), j])
                         lin.gap_row[i, j] = gap
                         value = by_q[0, j] + gap / h
-                        if wp.static(frictional):
+                        if wp.static(rows.tangent[i]):
+                            value = by_q[1, j]
+                        elif wp.static(frictional and not coulomb):
                             value += wp.static(sign[i]) * mu * by_q[1, j]
                         out2[i, j] = value
             return out1, out2, lin
@@ -251,7 +260,8 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
         f1q = MQ()
         f2q = JR()
         diag = VR()
-        lin = slopes(params, row, sol, lin)
+        if wp.static(not coulomb):
+            lin = slopes(params, row, sol, lin)
         for i in range(wp.static(NR)):
             if (sol.mask & wp.static(1 << i)) != 0:
                 m = wp.static(rows.applies[i])(sol.minv, sol.jac)
@@ -266,13 +276,15 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
                 n = V2(sol.normal[wp.static(2 * k)], sol.normal[wp.static(2 * k + 1)])
                 g = wp.static(pairs[k].geometry)(params, row, fr, n)
                 f1q, f2q, lin = wp.static(pair_terms[k].rows)(params, row, sol, g, lin, f1q, f2q)
-                if wp.static(method.inertia_scaling):
+                if wp.static(scaled):
                     lin = wp.static(pair_terms[k].scale)(params, row, g, lin)
                 if wp.static(method.state_noise):
                     f1q, f2q = wp.static(pair_terms[k].noise)(params, row, sol, g, lin, f1q, f2q)
-        if wp.static(method.inertia_scaling):
+        if wp.static(scaled):
             f1q, lin = scaling_terms(params, row, sol, lin, f1q, v)
-        if wp.static(NR > 0):
+        if wp.static(coulomb):
+            lin.factor = response.factor(params, row, sol.minv, sol.vfree, sol.jac, sol.rate, sol.mask, sol.z)
+        elif wp.static(NR > 0):
             lin.factor = wp.static(sweep.factor)(
                 sol.minv, sol.jac, sol.scale, diag, lin.slope, lin.slack, sol.mask, TAU
             )
@@ -285,10 +297,13 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
         # one column of (dv', dz) for the right-hand side (f1, f2)
         dv = sol.minv * f1
         if sol.mask != 0:
-            dv, innovation = wp.static(sweep.forward)(lin.factor, sol.jac, lin.slope, sol.mask, dv, f2)
-            dz = wp.static(sweep.back)(lin.factor, sol.jac, sol.scale, lin.slope, sol.mask, innovation)
-            for i in range(wp.static(NR)):
-                lin.dz[i, c] = dz[i]
+            if wp.static(coulomb):
+                dv = response.solve(lin.factor, sol.jac, dv, f2)
+            else:
+                dv, innovation = wp.static(sweep.forward)(lin.factor, sol.jac, lin.slope, sol.mask, dv, f2)
+                dz = wp.static(sweep.back)(lin.factor, sol.jac, sol.scale, lin.slope, sol.mask, innovation)
+                for i in range(wp.static(NR)):
+                    lin.dz[i, c] = dz[i]
         for j in range(wp.static(NV)):
             lin.dv[j, c] = dv[j]
         return lin

@@ -134,7 +134,9 @@ def make_sweep_kernel(s: Structure, dtype: type, method: Method, policy_name: st
                     for r in range(wp.static(NR)):
                         if wp.static((contact_rows & (1 << r)) != 0):
                             if (sol.mask & wp.static(1 << r)) != 0:
-                                low = wp.min(low, wp.float32(sol.rate[wp.static(step.gap_row[r])]) * wp.float32(h))
+                                low = wp.min(
+                                    low, wp.float32(sol.rate[wp.static(step.gap_row[r])]) * wp.float32(h)
+                                )
                                 if sol.lam[r] > dtype(1.0e-6):
                                     pushed = 1
                     touched += pushed

@@ -67,9 +67,7 @@ def simulate(
         "states": trajectory.states,
         "controls": trajectory.controls[..., : sim.nu],
         "impulse": trajectory.impulse,
-        "contact_impulse": contact_impulse(
-            sim.scene, trajectory.impulse, params["friction"], sim.options
-        ),
+        "contact_impulse": contact_impulse(sim.scene, trajectory.impulse, params["friction"], sim.options),
         "status": trajectory.status,
     }
     if trajectory.gap is not None:

@@ -70,8 +70,8 @@ class Options:
                 raise OptionError(f"Options.{name} is {value!r}; choose one of {list(choices)}")
         if self.friction == "coulomb" and self.residual != "hard":
             raise OptionError(
-                f"Options.friction is 'coulomb' with residual {self.residual!r}; Coulomb's friction has no smoothed "
-                "form here: use residual='hard', or friction='anitescu'"
+                f"Options.friction is 'coulomb' with residual {self.residual!r}; Coulomb's friction has no "
+                "smoothed form here: use residual='hard', or friction='anitescu'"
             )
 
     @property

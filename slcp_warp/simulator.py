@@ -418,9 +418,7 @@ def _same_worlds(name: str, given: int, worlds: int) -> None:
         raise ArrayError(f"{name} is given for {given} worlds, the state for {worlds}")
 
 
-def contact_impulse(
-    scene: Scene, impulse: np.ndarray, friction: np.ndarray, options: Options
-) -> np.ndarray:
+def contact_impulse(scene: Scene, impulse: np.ndarray, friction: np.ndarray, options: Options) -> np.ndarray:
     """Normal and tangential impulse of every pair, (..., pairs, 2), from row impulses (..., nr)."""
     s = scene.structure
     out = np.zeros((*impulse.shape[:-1], len(s.pairs), 2))

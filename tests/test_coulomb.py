@@ -8,7 +8,7 @@ import pytest
 import warp as wp
 from oracle import Oracle
 from random_scenes import near_contact
-from simulators import NUMPY, WIDTH, rounded, scene
+from simulators import WIDTH, rounded, scene
 
 import slcp_warp as slcp
 from slcp_warp import scenes
@@ -34,7 +34,10 @@ def rod() -> Scene:
     return Scene(
         "rod",
         (Body("rod", 1.0, 1.0 / 3.0, joint="free"),),
-        (Shape("end", "rod", "disc", offset=(-1.0, 0.0)), Shape("ground", None, "halfplane", angle=math.pi / 2)),
+        (
+            Shape("end", "rod", "disc", offset=(-1.0, 0.0)),
+            Shape("ground", None, "halfplane", angle=math.pi / 2),
+        ),
         (Contact("ground", "end", 1.0),),
     )
 
@@ -89,3 +92,139 @@ def natural_map(sc, dtype, x, u, step, **changes):
             miss = np.abs(a - np.clip(a - w[:, i], -bound, bound))
         worst = np.maximum(worst, miss / size)
     return worst
+
+
+def states(name, rng, count):
+    """States in and near contact, slow, fast and at rest, with the gaps of every kind."""
+    sc = named(name)
+    if name == "flicking_finger":
+        x = near_contact(sc, rng, count)
+        x[:, sc.nv :] *= rng.choice([0, 1, 30], (count, 1))
+        return x
+    x = np.tile(sc.x0, (count, 1))
+    x[:, : sc.nv] += rng.choice([0, 1e-3, 0.02, 0.2], (count, 1)) * rng.standard_normal((count, sc.nv))
+    x[:, sc.nv :] = rng.choice([0, 1, 30], (count, 1)) * rng.standard_normal((count, sc.nv))
+    return x
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["flicking_finger", "sliding_block"])
+def test_contact_law_holds(device, name, dtype):
+    rng, count = np.random.default_rng(1), 5000
+    x, sim = states(name, rng, count), simulator(name, device, dtype)
+    u = rng.standard_normal((count, sim.nu))
+    changes = {
+        "friction": rng.choice([0, 0.2, 0.5, 1.3, 5.0], (count, 1)) * np.ones(len(named(name).contacts)),
+        "step_size": rng.choice([0.001, 0.01, 0.05], count),
+    }
+    step = sim.step(x, u, sim.params.replace(**changes))
+    solved = step.status == slcp.Status.SOLVED
+    assert solved.mean() > 0.999 and (np.abs(step.impulse).sum(1) > 0).mean() > 0.5
+    worst = natural_map(named(name), dtype, x, u, step, **changes)[solved]
+    assert worst.max() < (5e-11 if dtype is wp.float64 else 2e-5)
+
+
+@pytest.mark.slow
+def test_redundant_planes_and_jams(device):
+    rng, count = np.random.default_rng(1), 1000
+    x, sim = states("wedge", rng, count), simulator("wedge", device)
+    mu = rng.choice([0.0, 0.2, 0.5, 1.5], count)
+    changes = {"friction": mu[:, None] * np.ones(8), "step_size": 0.01 * np.ones(count)}
+    step = sim.step(x, None, sim.params.replace(**changes))
+    assert (step.status[mu < 0.3] == slcp.Status.SOLVED).all()
+    solved = step.status == slcp.Status.SOLVED
+    assert natural_map(named("wedge"), wp.float64, x, x[:, :0], step, **changes)[solved].max() < 1e-11
+    # planes within each other's cones that are both pressed: friction holds against whatever pushes
+    assert set(step.status[~solved]) == {slcp.Status.JAMMED}
+    apart = (step.gap >= 0).all(1)
+    assert apart.any() and solved[apart].all()  # without penetration a solution always exists [8]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mu", [1.2, 1.5])
+def test_painleve_rod(device, mu):
+    # tan = 2: above mu = 4/3 one sense of sliding is inconsistent in continuous time; an impulse ends it
+    angle = math.atan(2.0)
+    x = np.array([[0.0, math.sin(angle), angle, speed, 0.0, 0.0] for speed in (-1.0, 1.0, 0.0)])
+    sim = simulator("rod", device)
+    h = 1e-3
+    step = sim.step(x, None, sim.params.replace(friction=mu, step_size=h))
+    assert not step.status.any()
+    changes = {"friction": np.full((3, 1), mu), "step_size": np.full(3, h)}
+    assert natural_map(rod(), wp.float64, x, x[:, :0], step, **changes).max() < 1e-12
+    end = step.state[:, 3] + math.sin(angle) * step.state[:, 5]  # velocity of the sliding end
+    stopped = np.abs(end) < 1e-9
+    assert stopped[2] and not stopped[1]
+    assert stopped[0] == (mu > 4.0 / 3.0) or stopped[1] == (mu > 4.0 / 3.0)
+
+
+def slide(device, x0, steps, h, **changes):
+    sim = simulator("rubbing_particle", device)
+    x0 = np.atleast_2d(x0)
+    params = sim.params.replace(step_size=h, **changes)
+    traj = sim.rollout(x0, np.zeros((len(x0), steps, 0)), params, record=("impulse",))
+    assert not traj.status.any()
+    return traj
+
+
+def test_sliding_stop(device):
+    h, mu, v = 0.01, 0.5, 3.0
+    traj = slide(device, [0.0, 0.0, 0.0, v, 0.0, 0.0], 120, h, friction=mu)
+    loss = mu * G * h
+    rates = np.maximum(v - loss * np.arange(1, 121), 0.0)  # the discrete law, to rounding
+    np.testing.assert_allclose(traj.states[0, 1:, 3], rates, atol=1e-12)
+    assert traj.states[0, -1, 0] == pytest.approx(v * v / (2 * mu * G), abs=0.5 * h * v)
+    np.testing.assert_allclose(traj.states[0, :, 1], 0.0, atol=1e-13)  # no lift
+    assert (np.abs(traj.impulse[..., 1]) <= mu * traj.impulse[..., 0] * (1 + 1e-12)).all()
+
+
+@pytest.mark.parametrize("factor", [0.99, 1.01])
+def test_stick_and_slip_on_a_slope(device, factor):
+    mu, h, steps = 0.5, 0.05, 200  # 10 s
+    slope = math.atan(factor * mu)
+    angle = np.array([0.0, math.pi / 2 + slope])
+    traj = slide(device, np.zeros(6), steps, h, friction=mu, shape_angle=angle)
+    along = traj.states[0, :, :2] @ [math.cos(slope), math.sin(slope)]
+    if factor < 1.0:
+        assert np.abs(along).max() < 1e-12
+    else:
+        pull = -G * (math.sin(slope) - mu * math.cos(slope))
+        exact = pull * h * h * np.arange(steps + 1) * (np.arange(steps + 1) + 1) / 2
+        np.testing.assert_allclose(along, exact, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.slow
+def test_sliding_disc_rolls_at_two_thirds(device):
+    disc = scenes.ball_drop(radius=0.1, height=0.0, friction=0.3)
+    sim = slcp.Simulator(disc, COULOMB, device=device)
+    traj = sim.rollout(
+        np.array([0.0, 0.1, 0.0, 3.0, 0.0, 0.0]), np.zeros((300, 0)), sim.params.replace(step_size=0.01)
+    )
+    v, turn = traj.states[-1, 3], traj.states[-1, 5]
+    assert v == pytest.approx(2.0, abs=1e-9) and v + 0.1 * turn == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.slow
+def test_derivatives_where_modes_do_not_change(device):
+    sim, rng = simulator("flicking_finger", device), np.random.default_rng(2)
+    x = near_contact(named("flicking_finger"), rng, 400, gaps=(0.0, -0.01))
+    u = rng.standard_normal((400, 2))
+    lin = sim.linearize(x, u)
+    eps, slopes = 1e-6, []
+    columns = [np.eye(6)[j] for j in range(6)]
+    for c in columns:
+        slopes.append((sim.step(x + eps * c, u).state - sim.step(x - eps * c, u).state) / (2 * eps))
+    error = np.abs(np.stack(slopes, -1) - lin.A).max((1, 2)) / (1.0 + np.abs(lin.A).max((1, 2)))
+    touching = np.abs(sim.step(x, u).impulse[:, 4:]).sum(1) > 0
+    assert touching.sum() > 100 and not lin.status.any()
+    assert np.quantile(error[touching], 0.98) < 1e-6  # the rest straddles a change of mode
+    slopes = [
+        (sim.step(x, u + eps * c).state - sim.step(x, u - eps * c).state) / (2 * eps) for c in np.eye(2)
+    ]
+    error = np.abs(np.stack(slopes, -1) - lin.B).max((1, 2)) / (1.0 + np.abs(lin.B).max((1, 2)))
+    assert np.quantile(error[touching], 0.98) < 1e-6
+
+
+def test_smoothed_coulomb_is_refused():
+    with pytest.raises(slcp.OptionError, match="no smoothed form"):
+        slcp.Options(friction="coulomb")

@@ -1,0 +1,60 @@
+"""First derivatives of a step with Coulomb's friction, at fixed modes (stick, slide, separate).
+
+Where modes change the solution has a kink: a row with z = 0 counts as separate and a contact on the edge of
+its cone as sticking, so what is returned there is a one-sided derivative. Rows that hold keep J dv' given, a
+sliding contact keeps lambda_t/lambda_n; the same nonsymmetric system as in `coulomb.py`.
+"""
+
+import functools
+from types import SimpleNamespace
+
+import warp as wp
+
+from .coulomb import PROXIMAL, make_active
+from .method import Method
+from .structure import Structure
+
+
+@functools.cache
+def make_coulomb_response(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
+    """factor(params, row, minv, vfree, jac, rate, mask, z) -> Factor; solve(factor, jac, dv0, f2) -> dv."""
+    active = make_active(s, dtype, method)
+    r, t = active.rows, active.types
+    VQ, MQ, VR, JR = t.VQ, t.MQ, t.VR, t.JR
+    TAU = dtype(PROXIMAL[dtype][1])
+
+    @wp.struct
+    class Factor:
+        dense: active.Dense
+        mode: active.MODES
+        lu: active.Lu
+
+    @wp.func
+    def factor(
+        params: wp.array2d(dtype=dtype), row: int, minv: MQ, vfree: VQ, jac: JR, rate: VR, mask: int, z: VR
+    ):
+        out = Factor()
+        out.dense = active.gather(params, row, minv, vfree, jac, rate, mask)
+        own = VR()
+        for i in range(out.dense.count):
+            own[i] = z[out.dense.row[i]]
+        out.mode = active.modes(out.dense, own)
+        out.lu = active.factor(out.dense, out.mode, TAU)
+        return out
+
+    @wp.func
+    def solve(fac: Factor, jac: JR, dv0: VQ, f2: VR):
+        """dv = dv0 + M^-1 J' dlambda with J_i dv = f2_i in the rows that hold."""
+        target = VR()
+        moved = VR()
+        for i in range(wp.static(s.nr)):
+            moved[i] = wp.static(r.dots[i])(jac, dv0) - f2[i]
+        for i in range(fac.dense.count):
+            target[i] = moved[fac.dense.row[i]]
+        dlam = active.impulses(fac.dense, fac.mode, fac.lu, target, VR(), TAU)
+        dv = dv0
+        for i in range(fac.dense.count):
+            dv += dlam[i] * fac.dense.response[i]
+        return dv
+
+    return SimpleNamespace(Factor=Factor, factor=factor, solve=solve)
