@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from slcp_warp.kernels.method import Method
+from slcp_warp.kernels.structure import Structure
 from slcp_warp.scene import Scene
 
 Array = np.ndarray
@@ -249,61 +250,83 @@ class Checker:
         mass, force, size, energy = self.dynamics(q, v, u)
         last = self.dynamics(q1, v1, None)[3]
         gap_after = self.contacts(q1, v1)[0].min(-1)
-        motion = contact = np.full(q.shape[:-1], np.inf)
-        moved = h[..., None] * (0.5 * (v + v1) if method.trapezoidal else v1)
+        moved = h[..., None] * v1
         update = np.abs(q1 - q - moved) / (np.abs(q1) + np.abs(q) + np.abs(moved) + 1e-30)
+        motion = contact = np.full(q.shape[:-1], np.inf)
         for choice in range(self.contacts(q[:, :1], v[:, :1])[4]):
             d, jn, jt, lengths, _ = self.contacts(q, v, choice)
-            problem = _Problem(mass, h, v, v1, force, size, d, jn, jt, lengths, self.p["friction"])
-            m_error, c_error = problem.errors(self.s, impulse, self.p["sigma"], method)
-            if not method.trapezoidal:
+            problem = _Problem(self.s, mass, h, v, v1, force, size, d, jn, jt, lengths, self.p["friction"])
+            m_error = problem.motion(impulse)
+            c_error = problem.contact(impulse, self.p["sigma"], method)
+            if method.trapezoidal:  # positions move with a velocity of their own, which opens the rows, too
+                c_error = np.maximum(c_error, problem.entered((q1 - q) / h[..., None]))
+            else:
                 m_error = np.maximum(m_error, update.max(-1))
-            better = m_error + c_error < motion + contact
+            better = ~(m_error + c_error >= motion + contact)
             motion, contact = np.where(better, m_error, motion), np.where(better, c_error, contact)
+        if method.trapezoidal and not self.constant_forces():
+            motion = motion * np.nan
         return Verdict(motion, contact, gap_after, np.concatenate([energy, last[:, -1:]], 1))
 
+    def constant_forces(self) -> bool:
+        """Whether the free acceleration does not depend on the state: then both integrators have one v_free."""
+        return not (np.any(self.p["com"]) or np.any(self.p["damping"]) or self.s.sprung or self.s.springs)
 
-@dataclass(frozen=True)
+
 class _Problem:
-    """One step's numbers: see `Checker.dynamics` and `Checker.contacts`."""
+    """One step's numbers, see `Checker.dynamics` and `Checker.contacts`, and its rows J, d / h."""
 
-    mass: Array
-    h: Array
-    v: Array
-    v1: Array
-    force: Array
-    size: Array
-    d: Array
-    jn: Array
-    jt: Array
-    lengths: Array
-    friction: Array
+    def __init__(self, s: Structure, mass: Array, h: Array, v: Array, v1: Array, force: Array, size: Array,
+                 d: Array, jn: Array, jt: Array, lengths: Array, friction: Array) -> None:  # fmt: skip
+        self.s, self.mass, self.h, self.v, self.v1, self.force, self.size = (
+            s,
+            mass,
+            h[..., None],
+            v,
+            v1,
+            force,
+            size,
+        )
+        limits = sum(row.kind == "limit" for row in s.rows)
+        self.place = [i if r.kind == "limit" else limits + r.index for i, r in enumerate(s.rows)]
+        rows = []
+        for row, k in zip(s.rows, self.place):
+            rubs = row.kind == "contact" and row.sign != 0
+            slope = row.sign * friction[..., row.index, None] if rubs else 0.0
+            rows.append(jn[..., k, :] + slope * jt[..., k, :])
+        self.jac = np.stack(rows, -2)
+        self.rate = d[..., self.place] / self.h
+        self.lengths = lengths[..., self.place] / self.h
+        self.free = v + self.h * np.linalg.solve(mass, force[..., None])[..., 0]
+        response = np.linalg.solve(mass, np.swapaxes(self.jac, -1, -2))
+        self.delassus = np.einsum("...ij,...ji->...i", self.jac, response)
 
-    def errors(self, s: Any, impulse: Array, sigma: Array, method: Method) -> tuple[Array, Array]:
-        """Relative errors (B, N) of the equation of motion and of the complementarity problem."""
-        rows, lengths, pairs = [], [], [r for r in s.rows if r.kind == "contact"]
-        limits = len(s.rows) - len(pairs)
-        place = [*range(limits), *(limits + r.index for r in pairs)]
-        for row, k in zip(s.rows, place):
-            mu = self.friction[..., row.index, None] if row.kind == "contact" and row.sign else 0.0
-            sign = row.sign if row.kind == "contact" else 0.0
-            rows.append(self.jn[..., k, :] + sign * mu * self.jt[..., k, :])
-            lengths.append(self.lengths[..., k])
-        jac, h = np.stack(rows, -2), self.h[..., None]
-        rate = self.d[..., place] / h
+    def motion(self, impulse: Array) -> Array:
+        """Error (B, N) of M v' = h (r + u) + M v + J' lambda; a body's coordinates are weighed by energy."""
         momentum = np.einsum("...ij,...j->...i", self.mass, self.v1 - self.v)
-        push = np.einsum("...ij,...i->...j", jac, impulse)
+        push = np.einsum("...ij,...i->...j", self.jac, impulse)
         terms = np.einsum("...ij,...j->...i", np.abs(self.mass), np.abs(self.v1) + np.abs(self.v))
-        terms += h * self.size + np.einsum("...ij,...i->...j", np.abs(jac), np.abs(impulse)) + 1e-30
-        motion = (np.abs(momentum - h * self.force - push) / terms).max(-1)
-        free = self.v + h * np.linalg.solve(self.mass, self.force[..., None])[..., 0]
-        delassus = np.einsum("...ij,...ji->...i", jac, np.linalg.solve(self.mass, np.swapaxes(jac, -1, -2)))
-        approach = np.einsum("...ij,...j->...i", np.abs(jac), np.abs(self.v1) + np.abs(free))
-        weight = (np.stack(lengths, -1) / h + approach).max(-1) + (delassus * np.abs(impulse)).max(-1) + 1e-30
-        scale = np.maximum(delassus, FLOOR) if method.inertia_scaling else np.ones(delassus.shape)
-        a = scale * impulse
-        b = rate + np.einsum("...ij,...j->...i", jac, self.v1)
-        return motion, np.abs(complementarity(a, b, sigma, method)).max(-1) / weight
+        terms += self.h * self.size + np.einsum("...ij,...i->...j", np.abs(self.jac), np.abs(impulse)) + 1e-30
+        root = np.sqrt(np.einsum("...jj->...j", self.mass))
+        ratio, body = terms / root, np.array(self.s.dof_body)
+        largest = np.stack([ratio[..., body == b].max(-1) for b in body], -1)
+        return (np.abs(momentum - self.h * self.force - push) / (root * largest)).max(-1)
+
+    def weight(self, impulse: Array) -> Array:
+        """Size (B, N) of the velocities that the complementarity problem is made of."""
+        approach = np.einsum("...ij,...j->...i", np.abs(self.jac), np.abs(self.v1) + np.abs(self.free))
+        return (self.lengths + approach).max(-1) + (self.delassus * np.abs(impulse)).max(-1) + 1e-30
+
+    def contact(self, impulse: Array, sigma: Array, method: Method) -> Array:
+        """Error (B, N) of the complementarity problem."""
+        scale = np.maximum(self.delassus, FLOOR) if method.inertia_scaling else np.ones(self.delassus.shape)
+        b = self.rate + np.einsum("...ij,...j->...i", self.jac, self.v1)
+        return np.abs(complementarity(scale * impulse, b, sigma, method)).max(-1) / self.weight(impulse)
+
+    def entered(self, v: Array) -> Array:
+        """By how much (B, N) moving with v enters the rows' half spaces."""
+        b = self.rate + np.einsum("...ij,...j->...i", self.jac, v)
+        return np.maximum(-b, 0.0).max(-1) / self.weight(np.zeros(b.shape))
 
 
 def complementarity(a: Array, b: Array, sigma: Array, method: Method) -> Array:

@@ -17,7 +17,7 @@ import slcp_warp as slcp
 from slcp_warp.options import CHOICES, OptionError, Options, Status
 from slcp_warp.strategy import StrategyError
 
-from .stability_cases import Case, Grid, Run
+from .stability_case import Case, Grid, Run
 from .stability_check import Checker
 
 PASS, DEGRADES, STATUS, SILENT, UNCHECKED = "pass", "degrades", "status", "silent", "unchecked"

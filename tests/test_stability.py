@@ -12,7 +12,8 @@ from simulators import scene as named_scene
 import slcp_warp as slcp
 from slcp_warp.kernels.method import Method
 from slcp_warp.scripts import stability_scenes as scenes
-from slcp_warp.scripts.stability_cases import CASES, Grid
+from slcp_warp.scripts.stability_case import Grid
+from slcp_warp.scripts.stability_cases import CASES
 from slcp_warp.scripts.stability_check import Checker, complementarity
 from slcp_warp.scripts.stability_report import axes, markdown
 from slcp_warp.scripts.stability_run import (
