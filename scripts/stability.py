@@ -11,8 +11,9 @@ from slcp_warp.options import CHOICES
 
 from .bench_timing import machine, write_csv
 from .stability_cases import CASES
-from .stability_report import draw, markdown, print_table
-from .stability_run import SILENT, Selection, run_battery
+from .stability_mujoco import compare
+from .stability_report import draw, lines, markdown, print_table
+from .stability_run import FAMILY, SILENT, Selection, run_battery
 
 QUICK = Selection(residuals=("hard", "rem-logistic"), dtypes=("float64",))
 
@@ -26,6 +27,10 @@ def stability_command(
     dtype: Annotated[list[str] | None, typer.Option(help="float64 or float32; both if not given.")] = None,
     csv: Annotated[Path | None, typer.Option(help="Write a row per cell here.")] = None,
     chart: Annotated[Path | None, typer.Option(help="Draw the verdicts here (PNG).")] = None,
+    mujoco: Annotated[
+        float | None,
+        typer.Option(help="Also run MuJoCo (extra `bench`) at this step size, beside hard mode."),
+    ] = None,
     table: Annotated[Path | None, typer.Option(help="Write the table here as Markdown.")] = None,
 ) -> None:
     """Scenes that hurt solvers, judged cell by cell by an independent float64 check; exit 1 if one fails
@@ -55,19 +60,22 @@ def stability_command(
         raise typer.Exit(2)
     print_table(rows)
     console.print(f"  {time.perf_counter() - began:.0f} s, compiling included")
+    peers = compare(mujoco, rows) if mujoco is not None else []
+    if peers:
+        console.print(f"\nhard mode and MuJoCo, h = {mujoco}\n{lines(peers)}", markup=False, soft_wrap=True)
     facts = machine()
     if csv is not None:
         write_csv(csv, [row | facts for row in rows])
         typer.echo(f"wrote {csv}")
     if table is not None:
         table.parent.mkdir(parents=True, exist_ok=True)
-        table.write_text(markdown(rows))
+        table.write_text(markdown(rows) + ("\n" + lines(peers) if peers else ""))
         typer.echo(f"wrote {table}")
     if chart is not None:
         typer.echo(f"wrote {draw(rows, chart)}")
     silent = [row for row in rows if row["verdict"] == SILENT]
     for row in silent:
-        keys = ("case", *CHOICES, "dtype", "h", "sigma", "variant")
+        keys = ("case", *FAMILY, "dtype", "h", "sigma", "variant")
         console.print("  silent: " + ", ".join(f"{k} {row[k]}" for k in keys) + f", error {row['error']:.1e}")
     if silent:
         raise typer.Exit(1)

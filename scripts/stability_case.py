@@ -76,7 +76,8 @@ class Case:
 
     Attributes:
         name, what: for tables. scene: maker. start: Grid, steps -> Start. measure: Run -> (B,).
-        limit: largest number that passes, per world or for all. unit: of the number. duration: [s], or
+        limit: largest number that passes, per world or for all. unit: of the number. single: added to the
+        limit in float32, where positions have seven digits. duration: [s], or
         `steps`: the same number at every h. variants: of the case's own number, `label` names it.
         expect: the status that passes. only: methods that the case applies to. memory: kernels in memory.
     """
@@ -88,6 +89,7 @@ class Case:
     measure: Callable[[Run], Array]
     limit: Callable[[Grid], Any] | float
     unit: str = "m"
+    single: float = 0.0
     duration: float = 1.0
     steps: int | None = None
     label: str = ""
@@ -99,9 +101,10 @@ class Case:
     memory: bool = False
     quick: bool = False
 
-    def bound(self, grid: Grid) -> Array:
+    def bound(self, grid: Grid, dtype: str) -> Array:
         """The limit of every world (B,)."""
         limit = self.limit(grid) if callable(self.limit) else self.limit
+        limit = limit + (self.single if dtype == "float32" else 0.0)
         return np.broadcast_to(np.asarray(limit, float), (grid.size,))
 
     def count(self, h: float) -> int:

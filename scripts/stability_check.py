@@ -269,7 +269,7 @@ class Checker:
         return Verdict(motion, contact, gap_after, np.concatenate([energy, last[:, -1:]], 1))
 
     def constant_forces(self) -> bool:
-        """Whether the free acceleration does not depend on the state: then both integrators have one v_free."""
+        """Whether the acceleration does not depend on the state: both integrators agree on v_free then."""
         return not (np.any(self.p["com"]) or np.any(self.p["damping"]) or self.s.sprung or self.s.springs)
 
 

@@ -152,6 +152,16 @@ def _departure_limit(grid: Grid) -> float:
     return 1.01 * fastest_departure(2.0 / 1.25 if grid.method.inertia_scaling else 2.0)
 
 
+def _fast(grid: Grid, steps: int) -> Start:
+    x0 = states(grid, 3, q1=0.37 * grid.h * grid.variant, v1=-grid.variant)
+    return Start(x0, {"gravity": np.zeros((grid.size, 2))})
+
+
+def _fast_limit(grid: Grid) -> Array:
+    noise = 0.0 if grid.method.hard else _departure_limit(grid) * grid.sigma
+    return 1e-6 * grid.variant + noise
+
+
 def _deep(grid: Grid, steps: int) -> Start:
     return Start(states(grid, 3, q1=-grid.variant), {"gravity": np.zeros((grid.size, 2))})
 
@@ -188,9 +198,12 @@ DISC_CASES = (
          quick=True),
     Case("impact", "no departure faster than the noise makes it", scenes.disc, _impact, _rebound,
          lambda g: 1e-9 if g.method.hard else _departure_limit(g), "sigma",
-         steps=60, label="v/sigma", variants=(0.5, 5.0, 50.0, 1000.0), quick=True),
+         steps=60, single=1e-3, label="v/sigma", variants=(0.5, 5.0, 50.0, 1000.0), quick=True),
+    Case("rebound", "an impact in m/s: nothing leaves faster than the noise makes it", scenes.disc, _fast,
+         lambda r: r.states[:, :, r.nv + 1].max(1), _fast_limit, "m/s", steps=40, label="speed",
+         variants=(10.0, 100.0, 1000.0)),
     Case("deep", "deep penetration is resolved in a step", scenes.disc, _deep, _deep_rest, 1e-9,
-         steps=20, label="depth", variants=(1e-3, 0.1, 10.0)),
+         steps=20, single=1e-5, label="depth", variants=(1e-3, 0.1, 10.0)),
     Case("10^6 steps", "a disc at rest does not drift", scenes.disc, _rest, _drift, 1e-6, steps=1_000_000,
-         sigmas=(0.01,), step_sizes=(0.01,), label="mass"),
+         sigmas=(0.01,), step_sizes=(0.01,), single=1e-4, label="mass"),
 )  # fmt: skip

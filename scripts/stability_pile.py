@@ -41,7 +41,7 @@ def _beam(grid: Grid, steps: int) -> Start:
 def _stack_case(boxes: int, ratios: tuple[float, ...], hs: tuple[float, ...], what: str) -> Case:
     return Case(
         f"stack of {boxes}", what, functools.partial(scenes.stack, boxes), functools.partial(_stack, boxes),
-        _shift, 1e-3, duration=1.0, label="top mass", variants=ratios, step_sizes=hs, sigmas=(0.1, 0.01, 1e-3, 1e-4),
+        _shift, 1e-3, duration=1.0, label="top mass", variants=ratios, step_sizes=hs,
         memory=True,
     )  # fmt: skip
 

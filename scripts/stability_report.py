@@ -9,9 +9,9 @@ from rich.table import Table
 
 from slcp_warp.options import CHOICES
 
-from .stability_run import DEGRADES, PASS, SILENT, STATUS, UNCHECKED, VERDICTS, Row
+from .stability_run import DEGRADES, FAMILY, PASS, SILENT, STATUS, UNCHECKED, VERDICTS, Row
 
-DEFAULTS = {name: choices[0] for name, choices in CHOICES.items() if name != "residual"}
+DEFAULTS = {name: CHOICES[name][0] for name in FAMILY[1:]}
 SHADES = {PASS: "#009E73", DEGRADES: "#F0E442", STATUS: "#56B4E9", SILENT: "#D55E00", UNCHECKED: "#BBBBBB"}
 STYLES = {PASS: "green", DEGRADES: "yellow", STATUS: "cyan", SILENT: "bold red", UNCHECKED: "dim"}
 ORDER = (UNCHECKED, PASS, DEGRADES, STATUS, SILENT)  # the worst last
@@ -74,6 +74,16 @@ def markdown(rows: list[Row]) -> str:
     for case in cases:
         lines.append(f"| {case} | " + " | ".join(_cell(counts.get((case, c)), False) for c in columns) + " |")
     return "\n".join(lines) + "\n"
+
+
+def lines(rows: list[Row]) -> str:
+    """Any rows as Markdown, numbers to two digits."""
+    columns = list(dict.fromkeys(key for row in rows for key in row))
+    text = ["| " + " | ".join(columns) + " |", "|---|" + "---|" * (len(columns) - 1)]
+    for row in rows:
+        cells = [row.get(c, "") for c in columns]
+        text.append("| " + " | ".join(c if isinstance(c, str) else f"{c:.2g}" for c in cells) + " |")
+    return "\n".join(text) + "\n"
 
 
 def draw(rows: list[Row], path: Path) -> Path:

@@ -23,6 +23,7 @@ from .stability_check import Checker
 PASS, DEGRADES, STATUS, SILENT, UNCHECKED = "pass", "degrades", "status", "silent", "unchecked"
 VERDICTS = (PASS, DEGRADES, STATUS, SILENT, UNCHECKED)
 TOLERANCE = {"float64": 1e-10, "float32": 2e-5}  # of the size of the terms; float32: the documented accuracy
+FAMILY = ("residual", "scaling", "friction", "integrator")  # options that the battery combines
 CHECKED_STEPS = 400  # of a run at most: the first half of them, the rest evenly
 Row = dict[str, Any]
 
@@ -41,8 +42,8 @@ class Selection:
 def methods(selection: Selection) -> list[Options]:
     """Every combination of the options that the library offers; scaling does not matter without noise."""
     out = []
-    for choice in itertools.product(*CHOICES.values()):
-        values = dict(zip(CHOICES, choice))
+    for choice in itertools.product(*(CHOICES[name] for name in FAMILY)):
+        values: Any = dict(zip(FAMILY, choice))
         if selection.residuals and values["residual"] not in selection.residuals:
             continue
         if values["residual"] == "hard" and values["scaling"] != CHOICES["scaling"][0]:
@@ -119,7 +120,7 @@ def judge(
             states[:, kept], states[:, kept + 1], impulse[:, kept], controls[:, kept], grid.method
         )
         run = Run(grid, states, impulse, verdict.gap, verdict.energy)
-        value, limit = case.measure(run), case.bound(grid)
+        value, limit = case.measure(run), case.bound(grid, dtype)
         error = np.maximum(verdict.motion, verdict.contact).max(1)
     rows = []
     for i in range(grid.size):
@@ -136,7 +137,7 @@ def judge(
             kind = PASS if value[i] <= limit[i] else DEGRADES
         rows.append({
             "case": case.name, "scene": scene.name,
-            **{name: getattr(grid.method, name) for name in CHOICES}, "dtype": dtype, "h": grid.h,
+            **{name: getattr(grid.method, name) for name in FAMILY}, "dtype": dtype, "h": grid.h,
             "sigma": "" if np.isnan(grid.sigma[i]) else grid.sigma[i], "variable": case.label,
             "variant": grid.variant[i], "verdict": kind, "value": value[i], "limit": limit[i],
             "unit": case.unit, "error": error[i], "status": Status(int(status[i])).name,
@@ -156,7 +157,7 @@ def run_battery(cases: Iterable[Case], selection: Selection, say: Any = print) -
                 new = run_case(case, options, dtype, selection)
                 if new:
                     counts = {v: sum(r["verdict"] == v for r in new) for v in VERDICTS}
-                    label = f"{case.name}: " + " ".join([*(getattr(options, n) for n in CHOICES), dtype])
+                    label = f"{case.name}: " + " ".join([*(getattr(options, n) for n in FAMILY), dtype])
                     say(f"{label}: " + ", ".join(f"{n} {v}" for v, n in counts.items() if n))
                 rows += new
     return rows

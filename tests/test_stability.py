@@ -11,6 +11,7 @@ from simulators import scene as named_scene
 
 import slcp_warp as slcp
 from slcp_warp.kernels.method import Method
+from slcp_warp.scripts import stability_mujoco
 from slcp_warp.scripts import stability_scenes as scenes
 from slcp_warp.scripts.stability_case import Grid
 from slcp_warp.scripts.stability_cases import CASES
@@ -156,3 +157,14 @@ def test_every_offered_method_is_in_the_battery():
     assert len(offered) == len(set(offered)) and {o.residual for o in offered} == set(
         slcp.options.CHOICES["residual"]
     )
+
+
+def test_mujoco_runs_the_same_scenes():
+    pytest.importorskip("mujoco")
+    rows = stability_mujoco.compare(0.05, [])
+    names = {case.name for case in CASES}
+    assert {row["case"] for row in rows} <= names
+    assert all(row["MuJoCo, default"] >= 0.0 for row in rows)
+    wrong = dataclasses.replace(stability_mujoco.scenarios(0.05)[0], gap=0.01)
+    with pytest.raises(RuntimeError, match="differs"):
+        stability_mujoco.simulate(wrong, 0.05, "default")
