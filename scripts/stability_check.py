@@ -1,27 +1,23 @@
 """An independent float64 account of recorded steps, in NumPy alone: the judge of the stability battery.
 
 It shares no code with the kernels: kinematics, M and the forces are closed forms of a planar tree's
-recursion, distances come from trying directions all round. A recorded step is judged by its own equations,
-
-    M v' = h (r + u) + M v + J' lambda,    a = D lambda,  b = J v' + d / h,    min(a, b) - s(-|a - b|) = 0,
-
-with s = 0 (hard), the logistic's (17) or the normal's (footnote 3). Arrays are (B, N, ...): worlds, steps.
-Where a distance has several equal maximisers each of them may be the normal.
+recursion, distances come from trying directions all round. What a recorded step is held against is in
+stability_equations.py. Arrays are (B, N, ...): worlds, steps. Where a distance has several equal maximisers
+each of them may be the normal.
 """
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from slcp_warp.kernels.method import Method
-from slcp_warp.kernels.structure import Structure
 from slcp_warp.scene import Scene
+
+from .stability_equations import Problem
 
 Array = np.ndarray
 DIRECTIONS, CANDIDATES = 360, 4
-FLOOR = 1e-30  # of D, as the solver documents it: a row whose J is 0 acts on nothing
 EQUAL = 1e-9  # two maxima of a distance that differ by less are both taken for the maximum [m]
 
 
@@ -255,9 +251,11 @@ class Checker:
         motion = contact = np.full(q.shape[:-1], np.inf)
         for choice in range(self.contacts(q[:, :1], v[:, :1])[4]):
             d, jn, jt, lengths, _ = self.contacts(q, v, choice)
-            problem = _Problem(self.s, mass, h, v, v1, force, size, d, jn, jt, lengths, self.p["friction"])
+            problem = Problem(
+                self.s, method, mass, h, v, v1, force, size, d, jn, jt, lengths, self.p["friction"]
+            )
             m_error = problem.motion(impulse)
-            c_error = problem.contact(impulse, self.p["sigma"], method)
+            c_error = problem.contact(impulse, self.p["sigma"])
             if method.trapezoidal:  # positions move with a velocity of their own, which opens the rows, too
                 c_error = np.maximum(c_error, problem.entered((q1 - q) / h[..., None]))
             else:
@@ -271,77 +269,3 @@ class Checker:
     def constant_forces(self) -> bool:
         """Whether the acceleration does not depend on the state: both integrators agree on v_free then."""
         return not (np.any(self.p["com"]) or np.any(self.p["damping"]) or self.s.sprung or self.s.springs)
-
-
-class _Problem:
-    """One step's numbers, see `Checker.dynamics` and `Checker.contacts`, and its rows J, d / h."""
-
-    def __init__(self, s: Structure, mass: Array, h: Array, v: Array, v1: Array, force: Array, size: Array,
-                 d: Array, jn: Array, jt: Array, lengths: Array, friction: Array) -> None:  # fmt: skip
-        self.s, self.mass, self.h, self.v, self.v1, self.force, self.size = (
-            s,
-            mass,
-            h[..., None],
-            v,
-            v1,
-            force,
-            size,
-        )
-        limits = sum(row.kind == "limit" for row in s.rows)
-        self.place = [i if r.kind == "limit" else limits + r.index for i, r in enumerate(s.rows)]
-        rows = []
-        for row, k in zip(s.rows, self.place):
-            rubs = row.kind == "contact" and row.sign != 0
-            slope = row.sign * friction[..., row.index, None] if rubs else 0.0
-            rows.append(jn[..., k, :] + slope * jt[..., k, :])
-        self.jac = np.stack(rows, -2)
-        self.rate = d[..., self.place] / self.h
-        self.lengths = lengths[..., self.place] / self.h
-        self.free = v + self.h * np.linalg.solve(mass, force[..., None])[..., 0]
-        response = np.linalg.solve(mass, np.swapaxes(self.jac, -1, -2))
-        self.delassus = np.einsum("...ij,...ji->...i", self.jac, response)
-
-    def motion(self, impulse: Array) -> Array:
-        """Error (B, N) of M v' = h (r + u) + M v + J' lambda; a body's coordinates are weighed by energy."""
-        momentum = np.einsum("...ij,...j->...i", self.mass, self.v1 - self.v)
-        push = np.einsum("...ij,...i->...j", self.jac, impulse)
-        terms = np.einsum("...ij,...j->...i", np.abs(self.mass), np.abs(self.v1) + np.abs(self.v))
-        terms += self.h * self.size + np.einsum("...ij,...i->...j", np.abs(self.jac), np.abs(impulse)) + 1e-30
-        root = np.sqrt(np.einsum("...jj->...j", self.mass))
-        ratio, body = terms / root, np.array(self.s.dof_body)
-        largest = np.stack([ratio[..., body == b].max(-1) for b in body], -1)
-        return (np.abs(momentum - self.h * self.force - push) / (root * largest)).max(-1)
-
-    def weight(self, impulse: Array) -> Array:
-        """Size (B, N) of the velocities that the complementarity problem is made of."""
-        approach = np.einsum("...ij,...j->...i", np.abs(self.jac), np.abs(self.v1) + np.abs(self.free))
-        return (self.lengths + approach).max(-1) + (self.delassus * np.abs(impulse)).max(-1) + 1e-30
-
-    def contact(self, impulse: Array, sigma: Array, method: Method) -> Array:
-        """Error (B, N) of the complementarity problem."""
-        scale = np.maximum(self.delassus, FLOOR) if method.inertia_scaling else np.ones(self.delassus.shape)
-        b = self.rate + np.einsum("...ij,...j->...i", self.jac, self.v1)
-        return np.abs(complementarity(scale * impulse, b, sigma, method)).max(-1) / self.weight(impulse)
-
-    def entered(self, v: Array) -> Array:
-        """By how much (B, N) moving with v enters the rows' half spaces."""
-        b = self.rate + np.einsum("...ij,...j->...i", self.jac, v)
-        return np.maximum(-b, 0.0).max(-1) / self.weight(np.zeros(b.shape))
-
-
-def complementarity(a: Array, b: Array, sigma: Array, method: Method) -> Array:
-    """min(a, b) - s(-|a - b|): 0 where (3), (17) or footnote 3's REM-normal holds; nan for other methods."""
-    if method.hard:
-        return np.minimum(a, b)
-    gap = np.abs(a - b) / sigma
-    if method.residual == "rem-logistic":
-        return np.minimum(a, b) - sigma * np.log1p(np.exp(-gap))
-    if method.residual == "rem-normal":
-        tail = np.exp(-0.5 * gap**2) / math.sqrt(2 * math.pi) - gap * normal_tail(gap)
-        return np.minimum(a, b) - sigma * tail
-    return np.full(np.broadcast_shapes(a.shape, b.shape), np.nan)
-
-
-def normal_tail(x: Array) -> Array:
-    """1 - Phi(x) for x >= 0."""
-    return 0.5 * np.vectorize(math.erfc)(x / math.sqrt(2.0))

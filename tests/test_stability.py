@@ -15,7 +15,8 @@ from slcp_warp.scripts import stability_mujoco
 from slcp_warp.scripts import stability_scenes as scenes
 from slcp_warp.scripts.stability_case import Grid
 from slcp_warp.scripts.stability_cases import CASES
-from slcp_warp.scripts.stability_check import Checker, complementarity
+from slcp_warp.scripts.stability_check import Checker
+from slcp_warp.scripts.stability_equations import complementarity
 from slcp_warp.scripts.stability_report import axes, markdown
 from slcp_warp.scripts.stability_run import (
     DEGRADES,

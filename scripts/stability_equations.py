@@ -1,0 +1,96 @@
+"""The equations that the stability battery holds a recorded step against, in NumPy float64.
+
+    M v' = h (r + u) + M v + J' lambda,    a = D lambda,  b = J v' + d / h,    min(a, b) - s(-|a - b|) = 0,
+
+with s = 0 (hard), the logistic's (17) or the normal's (footnote 3). Coulomb's friction has rows (n, t):
+min(a, b) = 0 in n, and lambda_t is the projection of lambda_t - v_t / A_tt on [-mu lambda_n, mu lambda_n].
+"""
+
+import math
+
+import numpy as np
+
+from slcp_warp.kernels.method import Method
+from slcp_warp.kernels.structure import Structure
+
+Array = np.ndarray
+FLOOR = 1e-30  # of D, as the solver documents it: a row whose J is 0 acts on nothing
+
+
+class Problem:
+    """One step's numbers, see `Checker.dynamics` and `Checker.contacts`, and its rows J, d / h."""
+
+    def __init__(self, s: Structure, method: Method, mass: Array, h: Array, v: Array, v1: Array,
+                 force: Array, size: Array, d: Array, jn: Array, jt: Array, lengths: Array,
+                 friction: Array) -> None:  # fmt: skip
+        self.s, self.method, self.mass, self.h = s, method, mass, h[..., None]
+        self.v, self.v1, self.force, self.size = v, v1, force, size
+        limits = sum(row.kind == "limit" for row in s.rows)
+        self.place = [i if r.kind == "limit" else limits + r.index for i, r in enumerate(s.rows)]
+        rows = []
+        for row, k in zip(s.rows, self.place):
+            rubs = row.kind == "contact" and row.sign != 0
+            if method.coulomb:
+                rows.append(jt[..., k, :] if rubs and row.sign < 0 else jn[..., k, :])
+            else:
+                slope = row.sign * friction[..., row.index, None] if rubs else 0.0
+                rows.append(jn[..., k, :] + slope * jt[..., k, :])
+        self.tangent = np.array([method.coulomb and r.kind == "contact" and r.sign < 0 for r in s.rows])
+        self.mu = [friction[..., row.index] if row.kind == "contact" else None for row in s.rows]
+        self.jac = np.stack(rows, -2)
+        self.rate = np.where(self.tangent, 0.0, d[..., self.place] / self.h)
+        self.lengths = lengths[..., self.place] / self.h
+        self.free = v + self.h * np.linalg.solve(mass, force[..., None])[..., 0]
+        response = np.linalg.solve(mass, np.swapaxes(self.jac, -1, -2))
+        self.delassus = np.einsum("...ij,...ji->...i", self.jac, response)
+
+    def motion(self, impulse: Array) -> Array:
+        """Error (B, N) of M v' = h (r + u) + M v + J' lambda; a body's coordinates are weighed by energy."""
+        momentum = np.einsum("...ij,...j->...i", self.mass, self.v1 - self.v)
+        push = np.einsum("...ij,...i->...j", self.jac, impulse)
+        terms = np.einsum("...ij,...j->...i", np.abs(self.mass), np.abs(self.v1) + np.abs(self.v))
+        terms += self.h * self.size + np.einsum("...ij,...i->...j", np.abs(self.jac), np.abs(impulse)) + 1e-30
+        root = np.sqrt(np.einsum("...jj->...j", self.mass))
+        ratio, body = terms / root, np.array(self.s.dof_body)
+        largest = np.stack([ratio[..., body == b].max(-1) for b in body], -1)
+        return (np.abs(momentum - self.h * self.force - push) / (root * largest)).max(-1)
+
+    def weight(self, impulse: Array) -> Array:
+        """Size (B, N) of the velocities that the complementarity problem is made of."""
+        approach = np.einsum("...ij,...j->...i", np.abs(self.jac), np.abs(self.v1) + np.abs(self.free))
+        return (self.lengths + approach).max(-1) + (self.delassus * np.abs(impulse)).max(-1) + 1e-30
+
+    def contact(self, impulse: Array, sigma: Array) -> Array:
+        """Error (B, N) of the complementarity problem."""
+        unscaled = np.ones(self.delassus.shape)
+        scale = np.maximum(self.delassus, FLOOR) if self.method.inertia_scaling else unscaled
+        b = self.rate + np.einsum("...ij,...j->...i", self.jac, self.v1)
+        error = complementarity(scale * impulse, b, sigma, self.method)
+        for i in np.flatnonzero(self.tangent):  # the row before it is the pair's normal row
+            bound = self.mu[i] * impulse[..., i - 1]
+            moved = impulse[..., i] - b[..., i] / np.maximum(self.delassus[..., i], FLOOR)
+            error[..., i] = self.delassus[..., i] * (impulse[..., i] - np.clip(moved, -bound, bound))
+        return np.abs(error).max(-1) / self.weight(impulse)
+
+    def entered(self, v: Array) -> Array:
+        """By how much (B, N) moving with v enters the rows' half spaces."""
+        b = self.rate + np.einsum("...ij,...j->...i", self.jac, v)
+        return np.where(self.tangent, 0.0, np.maximum(-b, 0.0)).max(-1) / self.weight(np.zeros(b.shape))
+
+
+def complementarity(a: Array, b: Array, sigma: Array, method: Method) -> Array:
+    """min(a, b) - s(-|a - b|): 0 where (3), (17) or footnote 3's REM-normal holds; nan for other methods."""
+    if method.hard:
+        return np.minimum(a, b)
+    gap = np.abs(a - b) / sigma
+    if method.residual == "rem-logistic":
+        return np.minimum(a, b) - sigma * np.log1p(np.exp(-gap))
+    if method.residual == "rem-normal":
+        tail = np.exp(-0.5 * gap**2) / math.sqrt(2 * math.pi) - gap * normal_tail(gap)
+        return np.minimum(a, b) - sigma * tail
+    return np.full(np.broadcast_shapes(a.shape, b.shape), np.nan)
+
+
+def normal_tail(x: Array) -> Array:
+    """1 - Phi(x) for x >= 0."""
+    return 0.5 * np.vectorize(math.erfc)(x / math.sqrt(2.0))
