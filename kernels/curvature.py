@@ -13,6 +13,7 @@ import warp as wp
 from .method import Method
 from .noise import make_noise
 from .sensitivity import make_linearization
+from .smoothing import make_smoothing
 from .structure import Structure, layout
 
 
@@ -25,12 +26,13 @@ def make_curvature(s: Structure, dtype: type, method: Method) -> wp.Function:
     step, motion, pairs = linear.step, linear.motion, linear.pairs
     mech, rows, t = step.mech, step.rows, step.types
     noise = make_noise(s, dtype, method)
+    sm = make_smoothing(dtype, method.residual)
     lay = layout(s)
     NV, NR, NZ = s.nv, s.nr, linear.NZ
     NS = 3 * NV + NR  # (q, v, v', z)
     VQ, VX, VR, MQ, V2 = t.VQ, t.VX, t.VR, t.MQ, t.V2
     HESSIAN, MAP = wp.types.matrix((NS, NS), dtype), wp.types.matrix((NS, NZ), dtype)
-    ZERO, TWO = dtype(0.0), dtype(2.0)
+    ZERO, ONE, TWO = dtype(0.0), dtype(1.0), dtype(2.0)
     H, FRICTION = (lay.offset(n) for n in ("step_size", "friction"))
     sign = tuple(dtype(float(r.sign)) for r in s.rows)
     pair_rows = step.pair_rows
@@ -232,7 +234,7 @@ def make_curvature(s: Structure, dtype: type, method: Method) -> wp.Function:
             if wp.static(not method.hard):
                 if (sol.mask & wp.static(1 << i)) != 0:
                     sigma = wp.static(noise.level[i])(params, row, sol.sigma)
-                    bend = lin.slope[i] * lin.slack[i] / sigma  # s''(z)
+                    bend = wp.static(sm.bend)(sol.z[i], ONE / sigma)  # s''(z)
                     force = wp.static(rows.dots[i])(sol.jac, p) / sol.scale[i] + rho[i]
                     hess[wp.static(3 * NV + i), wp.static(3 * NV + i)] = -bend * force
         for a in range(wp.static(NV)):  # blocks were filled above the diagonal only

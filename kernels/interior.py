@@ -35,7 +35,7 @@ def make_interior(s: Structure, dtype: type, method: Method) -> wp.Function:
     """interior(params, row, minv, vfree, jac, rate, scale, sigma, diag, mask, size, z) -> z, lambda, done."""
     r = make_rows(s, dtype, method)
     t = r.types
-    sm = make_smoothing(dtype)
+    sm = make_smoothing(dtype, method.residual)
     sweep = make_sweep(s, dtype, method)
     VQ, MQ, VR, JR = t.VQ, t.MQ, t.VR, t.JR
     NR = s.nr
@@ -75,7 +75,7 @@ def make_interior(s: Structure, dtype: type, method: Method) -> wp.Function:
                 out.excess[i] = a * w
                 if wp.static(not method.hard):
                     level = wp.static(noise.level[i])(params, row, sigma)
-                    e = wp.static(sm.logistic)(a - w, level, ONE / level)
+                    e = wp.static(sm.smooth)(a - w, level, ONE / level)
                     out.excess[i] = a * w - e[0] * e[1]
                     slope = e[2] * e[1] - e[3] * e[0]  # m'(z)
                     p = wp.max(a + slope, POSITIVE * a)

@@ -29,7 +29,7 @@ def make_large_newton(dtype: type, residual: str) -> SimpleNamespace:
     """Warp functions: linear algebra on the list of active rows (n of them), residuals and `newton`."""
     Work = make_work(dtype)
     env = make_envelope(dtype)
-    sm = make_smoothing(dtype)
+    sm = make_smoothing(dtype, "rem-logistic")
     hard = residual == "hard"
     SIGMA = COLUMN["sigma"]
     ZERO, ONE, HALF = dtype(0.0), dtype(1.0), dtype(0.5)
@@ -42,7 +42,7 @@ def make_large_newton(dtype: type, residual: str) -> SimpleNamespace:
         if wp.static(hard):
             return wp.static(sm.kink)(z)
         sigma = params[row, t.columns[SIGMA] + i]
-        return wp.static(sm.logistic)(z, sigma, ONE / sigma)
+        return wp.static(sm.smooth)(z, sigma, ONE / sigma)
 
     @wp.func
     def dot(t: Topology, k: Work, x: wp.array2d(dtype=dtype), i: int, b: int):

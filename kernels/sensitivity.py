@@ -35,7 +35,7 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
     coulomb = method.coulomb and s.nr > 0
     scaled = method.inertia_scaling and not coulomb
     response = make_coulomb_response(s, dtype, method) if coulomb else None
-    sm = make_smoothing(dtype)
+    sm = make_smoothing(dtype, method.residual)
     noise = make_noise(s, dtype, method)
     lay = layout(s)
     NV, NR = s.nv, s.nr
@@ -74,7 +74,7 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
                     e = wp.static(sm.kink)(sol.z[i])
                 else:
                     sigma = wp.static(noise.level[i])(params, row, sol.sigma)
-                    e = wp.static(sm.logistic)(sol.z[i], sigma, ONE / sigma)
+                    e = wp.static(sm.smooth)(sol.z[i], sigma, ONE / sigma)
                 out.slope[i] = e[2]
                 out.slack[i] = e[3]
         return out

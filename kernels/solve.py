@@ -30,12 +30,13 @@ def make_solver(s: Structure, dtype: type, method: Method) -> wp.Function:
     """solve(params, row, minv, vfree, jac, rate, scale, sigma, mask, warm) -> (v', z, lambda, status)."""
     r = make_rows(s, dtype, method)
     t = r.types
-    sm = make_smoothing(dtype)
+    sm = make_smoothing(dtype, method.residual)
     interior = make_interior(s, dtype, method)
     VQ, MQ, VR, JR = t.VQ, t.MQ, t.VR, t.JR
     NR = s.nr
     noise = make_noise(s, dtype, method)
-    ZERO, HALF, ONE, EIGHTH = dtype(0.0), dtype(0.5), dtype(1.0), dtype(0.125)
+    ZERO, HALF, ONE = dtype(0.0), dtype(0.5), dtype(1.0)
+    BEND = dtype(0.5 * sm.steepest)
     UNUSED = dtype(COLD)
     HUGE = dtype(1e300 if dtype is wp.float64 else 1e38)
     TOL = dtype(2e-14 if dtype is wp.float64 else 1e-6)
@@ -155,7 +156,7 @@ def make_solver(s: Structure, dtype: type, method: Method) -> wp.Function:
                     e = wp.static(sm.kink)(z[i])
                 else:
                     level = wp.static(noise.level[i])(params, row, sigma)
-                    e = wp.static(sm.logistic)(z[i], level, inverse_sigma[i])
+                    e = wp.static(sm.smooth)(z[i], level, inverse_sigma[i])
                 out.lam[i] = e[0]
                 if wp.static(method.inertia_scaling):
                     out.lam[i] = e[0] / scale[i]
@@ -220,13 +221,13 @@ def make_solver(s: Structure, dtype: type, method: Method) -> wp.Function:
 
     @wp.func
     def remainder(scale: VR, diag: VR, inverse_sigma: VR, dz: VR, mask: int):
-        # bound on |r| after a full Newton step: s is quadratic up to s'' dz^2/2, s'' <= 1/(4 sigma)
+        # bound on |r| after a full Newton step: s is quadratic up to s'' dz^2/2, s'' <= steepest/sigma
         bend = ZERO
         largest = ZERO
         smallest = ZERO + HUGE
         for i in range(wp.static(NR)):
             if (mask & wp.static(1 << i)) != 0:
-                bend += EIGHTH * inverse_sigma[i] * dz[i] * dz[i]
+                bend += BEND * inverse_sigma[i] * dz[i] * dz[i]
                 largest = wp.max(largest, diag[i])
                 smallest = wp.min(smallest, scale[i])
         return bend * (ONE + largest / smallest)

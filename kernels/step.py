@@ -4,8 +4,8 @@ Stages: kinematics and M; free velocity (`free_motion.py`); rows that can act; t
 q' = q + h v'. With the trapezoidal integrator q' = q + h v*, where v* solves the same contact problem from
 the mean free velocity (v + v_free)/2: free flight follows the trapezoidal rule, what rests stays, nothing
 penetrates.
-A row is left out while w = J v' + d/h > cut sigma, where its smoothed impulse sigma exp(-w/sigma)/D is below
-the dtype's resolution; the test is repeated with the solved v' until no row has to be added, so leaving out
+A row is left out while w = J v' + d/h > cut sigma, where its smoothed impulse s(-w)/D is below the dtype's
+resolution; the test is repeated with the solved v' until no row has to be added, so leaving out
 is exact to rounding.
 """
 
@@ -21,6 +21,7 @@ from .method import Method
 from .noise import make_noise
 from .rows import make_pair_jacobian, make_rows
 from .shapes import make_pair
+from .smoothing import make_smoothing
 from .solve import COLD, SOLVED, make_solver
 from .structure import Structure, layout
 
@@ -45,7 +46,7 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
 
     HALF, ONE = dtype(0.5), dtype(1.0)
     UNUSED = dtype(COLD)
-    CUT = dtype(0.0 if method.hard else (37.0 if dtype is wp.float64 else 17.0))
+    CUT = dtype(make_smoothing(dtype, method.residual).cut)
     pairs = tuple(make_pair(s, k, dtype) for k in range(NP))
     pair_jacobians = tuple(make_pair_jacobian(s, k, dtype) for k in range(NP))
     pair_rows = tuple(

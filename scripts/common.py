@@ -15,11 +15,12 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 import slcp_warp as slcp
+from slcp_warp.options import CHOICES
 
 console = Console()
 BAD_INPUT = 2  # exit code
 INTERRUPTED = 130
-RESIDUALS = {"smoothed": "rem-logistic", "rem-logistic": "rem-logistic", "hard": "hard"}
+RESIDUALS = {"smoothed": "rem-logistic", **{name: name for name in CHOICES["residual"]}}
 PRESETS = {"flicking_finger": {"scaling": "none"}}  # what a scene wants where no option says otherwise
 OBSERVED = {"flicking_finger": 2}  # state component whose rate is judged
 
@@ -100,7 +101,7 @@ def make_simulator(
 ) -> slcp.Simulator:
     """A simulator from a command's options."""
     if residual not in RESIDUALS:
-        raise ValueError(f"--residual is {residual!r}; choose smoothed or hard")
+        raise ValueError(f"--residual is {residual!r}; choose one of {list(RESIDUALS)}")
     scaling = scaling or PRESETS.get(scene.name, {}).get("scaling", "inertia")
     options = slcp.Options(residual=RESIDUALS[residual], scaling=scaling, integrator=integrator)
     try:

@@ -7,7 +7,7 @@ from slcp_warp.kernels import solve
 from slcp_warp.kernels.method import Method
 
 CHOICES = {
-    "residual": ("rem-logistic", "hard"),
+    "residual": ("rem-logistic", "rem-normal", "hard"),
     "scaling": ("inertia", "none"),
     "friction": ("anitescu", "coulomb"),
     "integrator": ("euler", "trapezoidal"),
@@ -40,7 +40,8 @@ class Options:
     """What the step solves.
 
     Attributes:
-        residual: "rem-logistic", the smoothed problem (17), or "hard", the original one (3), sigma = 0.
+        residual: "rem-logistic", the smoothed problem (17); "rem-normal", its twin for normal noise (footnote
+            3); or "hard", the original one (3), sigma = 0.
         scaling: "inertia": D = diag(A), so that both arguments of the residual are velocities and results do
         not
             depend on the unit of mass; "none": D = 1, the paper's.

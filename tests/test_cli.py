@@ -149,7 +149,7 @@ def test_quickstart(tmp_path):
         (["simulate", "--start", "a,b"], "comma-separated numbers"),
         (["simulate", "--start", "nan,0,0,0,0,0"], "finite"),
         (["simulate", "--steps", "0"], "at least 1"),
-        (["simulate", "--residual", "soft"], "smoothed or hard"),
+        (["simulate", "--residual", "soft"], "choose one of"),
         (["simulate", "--dtype", "float16"], "float64"),
         (["simulate", "--device", "gpu9"], "gpu9"),
         (["simulate", "--sigma", "-1"], "positive"),
