@@ -191,18 +191,39 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
         out.z = carry.z
         out.normal = carry.normal
         out.status = wp.static(SOLVED)
+        if wp.static(method.trapezoidal):
+            return both(params, row, fr, q, v, out)
         if wp.static(NR > 0):
             out = contact(params, row, fr, q, out)
-        if wp.static(method.trapezoidal):
-            moving = drift(params, row, fr, q, v, out)
-            out.drift = moving.v
-            if out.status == wp.static(SOLVED):
-                out.status = moving.status
         return out
 
     @wp.func
-    def drift(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, q: VQ, v: VQ, sol: Solution):
-        """The contact problem of a step with the mean free velocity: its v is what positions move with."""
+    def both(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, q: VQ, v: VQ, start: Solution):
+        # the contact problem with the mean free velocity, then with v_free: a loop, to have its code once
+        out = averaged(v, start)
+        moving = VQ()
+        status = int(wp.static(SOLVED))
+        part = int(0)
+        while part < 2:
+            if wp.static(NR > 0):
+                out = contact(params, row, fr, q, out)
+            if part == 0:
+                moving = out.v
+                status = out.status
+                z = out.z
+                normal = out.normal
+                out = start
+                out.z = z
+                out.normal = normal
+            part += 1
+        out.drift = moving
+        if out.status == wp.static(SOLVED):
+            out.status = status
+        return out
+
+    @wp.func
+    def averaged(v: VQ, sol: Solution):
+        # a fresh contact problem, with the mean free velocity
         out = Solution()
         out.minv = sol.minv
         out.vfree = HALF * (v + sol.vfree)
@@ -210,6 +231,12 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
         out.z = sol.z
         out.normal = sol.normal
         out.status = wp.static(SOLVED)
+        return out
+
+    @wp.func
+    def drift(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, q: VQ, v: VQ, sol: Solution):
+        """The solved contact problem with the mean free velocity: its v is what positions move with."""
+        out = averaged(v, sol)
         if wp.static(NR > 0):
             out = contact(params, row, fr, q, out)
         return out
