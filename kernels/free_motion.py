@@ -7,6 +7,8 @@ is, for D = v_free - v,
 
     E D = h (r + u) - h^2/2 K_q v,  E = M + h/2 K_v + h^2/4 K_q.
 
+Contact impulses act through M^-1 and not through E^-1, which is not symmetric. What that would cost is avoided
+by a predicted J' lambda among the forces (see `step.py`): only its error acts through the wrong matrix.
 External forces are constant in the world over the step; their generalised force follows q. E is solved by
 elimination without pivoting, which needs h small against the fastest instability of the free motion (an
 inverted pendulum's 1/omega); beyond that the result is not finite or merely wrong, as the method itself is.
@@ -59,7 +61,8 @@ def make_free_motion(s: Structure, dtype: type, method: Method) -> SimpleNamespa
 
     velocity(params, row, fr, jb, minv, v, force, ...) -> (v_free, a), force = r + u.
     source(params, row, fr, jb, w, v, ...) -> -d(M w - h (r + u))/d(q, v, u) at w = v' - v (euler), (nv, nz).
-    by_state(params, row, fr, jb, minv, v, vfree, a, ...) -> d v_free/d(q, v, u) (trapezoidal), (nv, nz).
+    by_state(params, row, fr, jb, minv, v, reached, a, dforce, ...) -> d reached/d(q, v, u) (trapezoidal),
+        (nv, nz), of what `velocity` gives where the force also depends on (q, v, u) by dforce (nv, nz).
     held(params, row, fr, jb, w, by_state) -> M dv_free - d(M w) at w = v' - v_free, then in place of source.
     Dots stand for external forces and the world they are of.
     """
@@ -156,14 +159,15 @@ def make_free_motion(s: Structure, dtype: type, method: Method) -> SimpleNamespa
         jb: t.JB,
         minv: MQ,
         v: VQ,
-        vfree: VQ,
+        reached: VQ,
         a: VQ,
+        dforce: DV,
         external: wp.array2d(dtype=dtype),
         world: int,
     ):
-        # G = E D - h (r + u) + h^2/2 K_q v = 0 with D = v_free - v, a = M^-1 (r + u): dD = -E^-1 G_(q, v, u)
+        # G = E D - h f + h^2/2 K_q v = 0 with D = reached - v, a = M^-1 f, f = r + u + contact forces
         h = params[row, wp.static(H)]
-        d = vfree - v
+        d = reached - v
         kq = wp.static(motion.motion_by_q)(params, row, fr, jb, a, v, ONE, external, world)
         kv = wp.static(motion.motion_by_v)(params, row, fr, jb, v, ONE)
         e = wp.static(mech.mass_matrix)(params, row, jb) + HALF * h * (kv + HALF * h * kq)
@@ -183,13 +187,14 @@ def make_free_motion(s: Structure, dtype: type, method: Method) -> SimpleNamespa
         by_q, by_v = slopes_of_stiffness(params, row, fr, jb, v, a, yq, yv, external, world)
         by_q += wp.static(motion.motion_by_q)(params, row, fr, jb, d, v, h, external, world) - pull * kq
         by_v += h * kv - pull * kv + HALF * h * h * kq
+        push = h * dforce - pull * dforce
         out = DV()
         for k in range(wp.static(NV)):
             gq = VQ()
             gv = VQ()
             for j in range(wp.static(NV)):
-                gq[j] = -by_q[j, k]
-                gv[j] = -by_v[j, k]
+                gq[j] = push[j, k] - by_q[j, k]
+                gv[j] = push[j, wp.static(NV + k)] - by_v[j, k]
             dq = wp.static(lu.solve)(factor, gq)
             dv = wp.static(lu.solve)(factor, gv)
             for j in range(wp.static(NV)):
@@ -201,7 +206,10 @@ def make_free_motion(s: Structure, dtype: type, method: Method) -> SimpleNamespa
             for j in range(wp.static(NV)):
                 g[j] = -pull[j, wp.static(s.actuators[k])]
             g[wp.static(s.actuators[k])] = g[wp.static(s.actuators[k])] + h
-            du = wp.static(lu.solve)(factor, params[row, wp.static(GEAR + k)] * g)
+            g = params[row, wp.static(GEAR + k)] * g
+            for j in range(wp.static(NV)):
+                g[j] = g[j] + push[j, wp.static(2 * NV + k)]
+            du = wp.static(lu.solve)(factor, g)
             for j in range(wp.static(NV)):
                 out[j, wp.static(2 * NV + k)] = du[j]
         return out

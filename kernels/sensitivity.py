@@ -228,21 +228,68 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
         lin.jb = wp.static(mech.com_jacobians)(params, row, fr)
         lin.w = sol.v - v
         if wp.static(method.trapezoidal):
-            free = wp.static(step.free.by_state)(
-                params, row, lin.fr, lin.jb, sol.minv, v, sol.vfree, sol.acceleration, external, world
-            )
-            moving = step.drift(params, row, fr, q, v, sol)
-            mean = HALF * free
-            for j in range(wp.static(NV)):
-                mean[j, wp.static(NV + j)] = mean[j, wp.static(NV + j)] + HALF
-            drift = wp.static(step.free.held)(params, row, lin.fr, lin.jb, moving.v - moving.vfree, mean)
-            source = wp.static(step.free.held)(params, row, lin.fr, lin.jb, sol.v - sol.vfree, free)
-            return respond(params, row, fr, v, sol, lin, source), respond(
-                params, row, fr, v, moving, lin, drift
-            ).dv
+            return trapezoidal(params, row, q, v, sol, lin, external, world)
         source = wp.static(step.free.source)(params, row, lin.fr, lin.jb, lin.w, v, external, world)
         lin = respond(params, row, fr, v, sol, lin, source)
         return lin, lin.dv
+
+    @wp.func
+    def trapezoidal(
+        params: wp.array2d(dtype=dtype),
+        row: int,
+        q: VQ,
+        v: VQ,
+        sol: step.Solution,
+        start: Linear,
+        external: wp.array2d(dtype=dtype),
+        world: int,
+    ):
+        # predictor, drift, v' in turn, as the step solves them
+        h = params[row, wp.static(H)]
+        first, moving = step.parts(params, row, start.fr, q, v, sol)
+        now = first
+        reached = sol.unpushed
+        acceleration = sol.acceleration - sol.push / h
+        dforce = DV()  # of the predicted contact forces
+        dpush = DV()
+        free = DV()
+        drift = DV()
+        lin = start
+        part = int(0)
+        while part < 3:
+            if part < 2:
+                free = wp.static(step.free.by_state)(
+                    params,
+                    row,
+                    start.fr,
+                    start.jb,
+                    sol.minv,
+                    v,
+                    reached,
+                    acceleration,
+                    dforce,
+                    external,
+                    world,
+                )
+                free = free - dpush
+            given = free
+            if part == 1:
+                given = HALF * free
+                for j in range(wp.static(NV)):
+                    given[j, wp.static(NV + j)] = given[j, wp.static(NV + j)] + HALF
+            source = wp.static(step.free.held)(params, row, start.fr, start.jb, now.v - now.vfree, given)
+            lin = respond(params, row, start.fr, v, now, start, source)
+            if part == 0:
+                dpush = lin.dv - free
+                dforce = wp.static(step.free.held)(params, row, start.fr, start.jb, -sol.push, dpush) / h
+                reached = sol.vfree + sol.push
+                acceleration = sol.acceleration
+                now = moving
+            elif part == 1:
+                drift = lin.dv
+                now = sol
+            part += 1
+        return lin, drift
 
     @wp.func
     def respond(

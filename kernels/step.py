@@ -1,9 +1,10 @@
 """One time step (1a)-(1d) with smoothed or hard complementarity, as a Warp function.
 
 Stages: kinematics and M; free velocity (`free_motion.py`); rows that can act; their solution v', lambda;
-q' = q + h v'. With the trapezoidal integrator q' = q + h v*, where v* solves the same contact problem from
-the mean free velocity (v + v_free)/2: free flight follows the trapezoidal rule, what rests stays, nothing
-penetrates.
+q' = q + h v'. With the trapezoidal integrator a first contact problem predicts J' lambda, which then counts
+among the forces of the free motion and is taken off again, v_free = reached - M^-1 J' lambda; and q' = q +
+h v*, where v* solves the same contact problem from the mean free velocity (v + v_free)/2: free flight
+follows the trapezoidal rule, what rests stays, nothing penetrates.
 A row is left out while w = J v' + d/h > cut sigma, where its smoothed impulse s(-w)/D is below the dtype's
 resolution; the test is repeated with the solved v' until no row has to be added, so leaving out
 is exact to rounding.
@@ -88,7 +89,9 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
         jac: JR
         minv: MQ
         vfree: VQ
-        acceleration: VQ  # M^-1 (r + u) at the start of the step
+        acceleration: VQ  # at the start of the step, with the predicted contact forces
+        push: VQ  # M^-1 J' lambda of the predictor
+        unpushed: VQ  # v_free without contact forces
         mask: int  # bit i: row i is in the system
         normal: VN
         status: int
@@ -192,54 +195,87 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
         out.normal = carry.normal
         out.status = wp.static(SOLVED)
         if wp.static(method.trapezoidal):
-            return both(params, row, fr, q, v, out)
+            return trapezoidal(params, row, fr, jb, q, v, force, external, world, out)
         if wp.static(NR > 0):
             out = contact(params, row, fr, q, out)
         return out
 
     @wp.func
-    def both(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, q: VQ, v: VQ, start: Solution):
-        # the contact problem with the mean free velocity, then with v_free: a loop, to have its code once
-        out = averaged(v, start)
-        moving = VQ()
-        status = int(wp.static(SOLVED))
-        part = int(0)
-        while part < 2:
-            if wp.static(NR > 0):
-                out = contact(params, row, fr, q, out)
-            if part == 0:
-                moving = out.v
-                status = out.status
-                z = out.z
-                normal = out.normal
-                out = start
-                out.z = z
-                out.normal = normal
-            part += 1
-        out.drift = moving
-        if out.status == wp.static(SOLVED):
-            out.status = status
-        return out
-
-    @wp.func
-    def averaged(v: VQ, sol: Solution):
-        # a fresh contact problem, with the mean free velocity
+    def problem(start: Solution, vfree: VQ, z: VR, normal: VN):
+        # a contact problem not yet solved, with another free velocity
         out = Solution()
-        out.minv = sol.minv
-        out.vfree = HALF * (v + sol.vfree)
-        out.v = out.vfree
-        out.z = sol.z
-        out.normal = sol.normal
+        out.minv = start.minv
+        out.vfree = vfree
+        out.acceleration = start.acceleration
+        out.v = vfree
+        out.z = z
+        out.normal = normal
         out.status = wp.static(SOLVED)
         return out
 
     @wp.func
-    def drift(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, q: VQ, v: VQ, sol: Solution):
-        """The solved contact problem with the mean free velocity: its v is what positions move with."""
-        out = averaged(v, sol)
-        if wp.static(NR > 0):
-            out = contact(params, row, fr, q, out)
+    def trapezoidal(
+        params: wp.array2d(dtype=dtype),
+        row: int,
+        fr: t.FRAMES,
+        jb: t.JB,
+        q: VQ,
+        v: VQ,
+        force: VQ,
+        external: wp.array2d(dtype=dtype),
+        world: int,
+        start: Solution,
+    ):
+        # predictor, drift, v': three contact problems in a loop, to have its code once
+        h = params[row, wp.static(H)]
+        out = start
+        push = VQ()
+        moving = VQ()
+        vfree = start.vfree
+        acceleration = start.acceleration
+        status = int(wp.static(SOLVED))
+        part = int(0)
+        while part < 3:
+            if wp.static(NR > 0):
+                out = contact(params, row, fr, q, out)
+            if out.status != wp.static(SOLVED) and status == wp.static(SOLVED):
+                status = out.status
+            if part == 0:
+                if out.mask != 0:
+                    push = out.v - out.vfree
+                    held = force + wp.static(mech.mass_matrix)(params, row, jb) * push / h
+                    reached, a = wp.static(free.velocity)(
+                        params, row, fr, jb, start.minv, v, held, external, world
+                    )
+                    vfree = reached - push
+                    acceleration = a
+                out = problem(start, HALF * (v + vfree), out.z, out.normal)
+            elif part == 1:
+                moving = out.v
+                out = problem(start, vfree, out.z, out.normal)
+            part += 1
+        out.acceleration = acceleration
+        out.drift = moving
+        out.push = push
+        out.unpushed = start.vfree
+        out.status = status
         return out
+
+    @wp.func
+    def parts(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, q: VQ, v: VQ, sol: Solution):
+        """The other two contact problems of a solved trapezoidal step: predictor and drift."""
+        first = problem(sol, sol.unpushed, sol.z, sol.normal)
+        out = problem(sol, HALF * (v + sol.vfree), sol.z, sol.normal)
+        if wp.static(NR > 0):
+            part = int(0)
+            out = first
+            while part < 2:
+                out = contact(params, row, fr, q, out)
+                if part == 0:
+                    first = out
+                    out = problem(sol, HALF * (v + sol.vfree), sol.z, sol.normal)
+                part += 1
+        return first, out
 
     @wp.func
     def contact(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, q: VQ, start: Solution):
@@ -319,7 +355,7 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
         Solution=Solution,
         cold_carry=cold_carry,
         solve_step=solve_step,
-        drift=drift,
+        parts=parts,
         free=free,
         noise=noise,
         next_state=next_state,
