@@ -1,13 +1,12 @@
 """The motion of one step without contact: v_free, and what its derivatives put into the contact problem.
 
 `euler`, eq. (1): v_free = v + h M^-1 (r + u). `trapezoidal`, the linearly implicit method of footnote 1 (the
-paper's [6]) on the acceleration a = M^-1 (r + u): (I - h/2 a_v - h^2/4 a_q) v_free = v + h (a - a_v v/2 + h
-a_q v/4), q' = q + h (v + v_free)/2 in free flight. With K_q = d(M a - r)/dq at constant a and K_v = -dr/dv it
-is, for D = v_free - v,
+paper's [6]) on a = M^-1 (r + u): (I - h/2 a_v - h^2/4 a_q) v_free = v + h (a - a_v v/2 + h a_q v/4), and q'
+= q + h (v + v_free)/2 in free flight. With K_q = d(M a - r)/dq at constant a, K_v = -dr/dv, D = v_free - v:
 
     E D = h (r + u) - h^2/2 K_q v,  E = M + h/2 K_v + h^2/4 K_q.
 
-Contact impulses act through M^-1 and not through E^-1, which is not symmetric. What that would cost is avoided
+Contact impulses act through M^-1, not through E^-1, which is not symmetric. What that would cost is avoided
 by a predicted J' lambda among the forces (see `step.py`): only its error acts through the wrong matrix.
 External forces are constant in the world over the step; their generalised force follows q. E is solved by
 elimination without pivoting, which needs h small against the fastest instability of the free motion (an

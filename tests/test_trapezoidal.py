@@ -1,0 +1,162 @@
+"""The trapezoidal integrator: order, rest and impact, derivatives, and DDP through it."""
+
+import numpy as np
+import pytest
+from oracle import Oracle
+from scipy.integrate import solve_ivp
+from simulators import scene
+from test_linearize import GAPS, differences, near_contact
+
+import slcp_warp as slcp
+from slcp_warp import ddp
+from slcp_warp.kernels.method import Method
+
+H = 0.05
+
+
+def trapezoidal(name, device, **options):
+    sc = scene(name) if isinstance(name, str) else name
+    return slcp.Simulator(sc, slcp.Options(integrator="trapezoidal", **options), device=device)
+
+
+def errors(sim, x0, exact, duration, step_sizes, **changes):
+    """Largest error of the state after `duration`, one for every step size."""
+    out = []
+    for h in step_sizes:
+        steps = round(duration / h)
+        params = sim.params.replace(step_size=h, **changes)
+        run = sim.rollout(x0, np.zeros((steps, sim.nu)), params)
+        assert run.status == 0
+        out.append(np.abs(run.states[-1] - exact).max())
+    return np.array(out)
+
+
+def test_free_swing_of_the_finger_is_second_order(device):
+    """DESIGN 6b: undamped, T = 2 s, no limit and no contact in reach; 1e-2 at h = .05."""
+    sc = scene("flicking_finger")
+    x0 = np.array([-0.6, -0.8, 0.3, 0.0, 0.0, 1.0])
+    truth = Oracle(sc, damping=np.zeros(3))
+
+    def motion(t, x):
+        return np.concatenate([x[3:], np.linalg.solve(truth.mass_matrix(x[:3]), truth.force(x[:3], x[3:]))])
+
+    exact = solve_ivp(motion, (0.0, 2.0), x0, method="DOP853", rtol=1e-12, atol=1e-12).y[:, -1]
+    away = sc.default_parameters()["anchor"].copy()
+    away[2] = (0.0, -30.0)
+    sim = trapezoidal("flicking_finger", device, scaling="none")
+    free = {"damping": 0.0, "lower": -100.0, "upper": 100.0, "anchor": away}
+    error = errors(sim, x0, exact, 2.0, (0.05, 0.025, 0.0125), **free)
+    assert error[0] < 1e-2 and (error[:-1] / error[1:] > 3.5).all(), error
+
+
+def test_swinging_against_a_limit_is_second_order(device):
+    """Gravity holds the first link on its limit; the second one swings as a pendulum of its own."""
+    links = (
+        slcp.Body("arm", 1.0, 0.05, com=(0.5, 0.0), lower=0.0),
+        slcp.Body("bob", 1.0, 0.02, parent="arm", anchor=(1.0, 0.0), com=(0.4, 0.0)),
+    )
+    sim = trapezoidal(slcp.Scene("stop", links), device, residual="hard")
+    x0 = np.array([0.0, -1.0, 0.0, 0.0])
+
+    def swing(t, y):
+        return [y[1], -9.81 * 0.4 / (0.02 + 0.4**2) * np.cos(y[0])]
+
+    angle, rate = solve_ivp(swing, (0.0, 0.4), x0[[1, 3]], rtol=1e-12, atol=1e-12).y[:, -1]
+    error = errors(sim, x0, [0.0, angle, 0.0, rate], 0.4, (0.04, 0.02, 0.01))
+    assert error[0] < 1e-2 and (error[:-1] / error[1:] > 3.5).all(), error
+
+
+def test_what_rests_stays_and_what_lands_neither_enters_nor_rebounds(device):
+    sim = trapezoidal("ball_drop", device, residual="hard")
+    params = sim.params.replace(step_size=H)
+    nv = sim.scene.nv
+    gap = sim.step(np.zeros(2 * nv), None, params).gap.ravel()[0]
+    x = np.zeros((2, 2 * nv))
+    x[:, 1] -= gap  # on the ground
+    x[1, 1] += 1.0
+    run = sim.rollout(x, np.zeros((2, 40, 0)), params, record="gap")
+    assert (run.status == 0).all()
+    np.testing.assert_allclose(run.states[0], np.broadcast_to(x[0], run.states[0].shape), atol=1e-12)
+    heights = run.gap[1].ravel()
+    landed = np.argmax(heights < 1e-9)
+    assert 0 < landed < 20 and heights.min() > -1e-12
+    np.testing.assert_allclose(heights[landed:], 0.0, atol=1e-12)
+    np.testing.assert_allclose(run.states[1, landed + 1 :, nv:], 0.0, atol=1e-12)
+
+
+@pytest.fixture
+def touching(device):
+    """Finger, params, and states near contact where the normal is unique; a force acts on every body."""
+    sim = trapezoidal("flicking_finger", device, scaling="none")
+    params = sim.params.replace(step_size=H, sigma=0.1)
+    rng = np.random.default_rng(21)
+    x = near_contact(sim.scene, rng, 40, GAPS, spread=0.4)
+    x = x[Oracle(sim.scene).problem(x)["margin"] > 0.05]
+    u, force = rng.standard_normal((len(x), 2)), rng.standard_normal((3, 3))
+
+    def apart(x):
+        return {"external_force": np.tile(force, (len(x), 1, 1))}
+
+    return sim, params, x, u, apart
+
+
+def relative(got, exact):
+    axes = tuple(range(1, exact.ndim))
+    return (np.abs(got - exact).max(axis=axes) / (1.0 + np.abs(exact).max(axis=axes))).max()
+
+
+def test_first_derivatives(touching):
+    sim, params, x, u, apart = touching
+    lin = sim.linearize(x, u, params, **apart(x))
+    exact = differences(lambda x, u: sim.step(x, u, params, **apart(x)).state, x, u)
+    push = sim.step(x, u, params, **apart(x)).contact_impulse[..., 0].max(axis=1)
+    assert (lin.status == 0).all() and 0.3 < (push > 1e-3).mean() < 0.97
+    assert relative(np.concatenate([lin.A, lin.B], axis=-1), exact) < 1e-6
+
+
+@pytest.mark.slow
+def test_second_derivatives_by_differences(touching):
+    sim, params, x, u, apart = touching
+
+    def first(x, u):
+        lin = sim.linearize(x, u, params, **apart(x))
+        rows = np.concatenate([lin.A, lin.B], axis=-1)
+        rows[:, :3, :3] -= np.eye(3)
+        rows[:, :3] /= H
+        return rows  # of v* and v'
+
+    full = sim.linearize(x, u, params, second=True, **apart(x))
+    plain = sim.linearize(x, u, params, **apart(x))
+    np.testing.assert_allclose(full.A, plain.A, atol=1e-12)
+    assert full.second.shape == (len(x), 6, 8, 8)
+    assert relative(full.second, differences(first, x, u)) < 2e-6
+
+
+@pytest.mark.slow
+def test_differences_agree_with_the_closed_form(device, dtype, monkeypatch):
+    """Euler has both; the differences are taken in float64 whatever the dtype."""
+    width = dtype.__name__
+    sim = slcp.Simulator(scene("flicking_finger"), slcp.Options(scaling="none"), device=device, dtype=width)
+    rng = np.random.default_rng(21)
+    x = near_contact(sim.scene, rng, 40, GAPS, spread=0.4)
+    x = x[Oracle(sim.scene).problem(x)["margin"] > 0.05]
+    u = rng.standard_normal((len(x), 2))
+    for sigma in (0.1, 0.01):
+        params = sim.params.replace(step_size=H, sigma=sigma)
+        exact = sim.linearize(x, u, params, second=True).second
+        with monkeypatch.context() as patch:
+            patch.setattr(Method, "closed_second", False)
+            got = sim.linearize(x, u, params, second=True).second
+        assert relative(got, exact) < {"float64": 2e-6, "float32": 1e-3}[width]
+
+
+@pytest.mark.slow
+def test_ddp_of_the_finger_converges_from_zero_controls(device):
+    """Full second order through the differences: a quadratic tail ends in a stationary trajectory."""
+    sim = slcp.Simulator(
+        scene("flicking_finger"), slcp.Options(scaling="none", integrator="trapezoidal"), device=device
+    )
+    problem = ddp.Problem(sim, ddp.costs.flicking_finger(), horizon=75)
+    result = ddp.solve(problem, sim.scene.x0, np.zeros((75, 2)), ddp.Options(max_iterations=200))
+    assert result.status == ddp.Status.CONVERGED
+    assert result.cost < -30.0
