@@ -24,7 +24,12 @@ RESIDUALS = {"smoothed": "rem-logistic", **{name: name for name in CHOICES["resi
 PRESETS = {"flicking_finger": {"scaling": "none"}}  # what a scene wants where no option says otherwise
 OBSERVED = {"flicking_finger": 2}  # state component whose rate is judged
 
-SceneName = Annotated[str, typer.Option("--scene", help="Scene: " + ", ".join(slcp.scenes.NAMED) + ".")]
+SceneName = Annotated[
+    str,
+    typer.Option(
+        "--scene", help="A .toml, .json or .xml (MJCF) file, or: " + ", ".join(slcp.scenes.NAMED) + "."
+    ),
+]
 Residual = Annotated[str, typer.Option(help="smoothed (rem-logistic) or hard.")]
 Scaling = Annotated[str | None, typer.Option(help="inertia or none; the finger's default is none.")]
 Integrator = Annotated[str, typer.Option(help="euler, or trapezoidal: second order where motion is smooth.")]
@@ -85,9 +90,12 @@ def timed(what: str, times: dict[str, float] | None = None) -> Iterator[None]:
 
 
 def named_scene(name: str) -> slcp.Scene:
-    """The scene of a name; ValueError lists the names there are."""
+    """The scene of a name or a file; ValueError lists the names there are."""
+    if Path(name).suffix in (".toml", ".json", ".xml"):
+        return slcp.load_scene(name)
     if name not in slcp.scenes.NAMED:
-        raise ValueError(f"--scene is {name!r}; choose one of {', '.join(slcp.scenes.NAMED)}")
+        names = ", ".join(slcp.scenes.NAMED)
+        raise ValueError(f"--scene is {name!r}; give a .toml, .json or .xml (MJCF) file, or one of {names}")
     return slcp.scenes.NAMED[name]()
 
 

@@ -5,9 +5,11 @@ The contact problem of every time step is a stochastic complementarity problem (
 
 from . import scenes
 from .arrays import ArrayError
+from .mjcf import MjcfError, load_mjcf
 from .options import OptionError, Options, Status
 from .parameters import ParameterError, Parameters
 from .scene import Actuator, Body, Contact, Scene, SceneError, Shape, Spring, box, touching
+from .scene_file import SceneFileError, load_scene, save_scene
 from .simulator import Linearization, Simulator, Step, Trajectory
 from .strategy import StrategyError
 from .sweep import SweepReport, SweepSpec, sweep
@@ -20,12 +22,14 @@ __all__ = [
     "Body",
     "Contact",
     "Linearization",
+    "MjcfError",
     "OptionError",
     "Options",
     "ParameterError",
     "Parameters",
     "Scene",
     "SceneError",
+    "SceneFileError",
     "Shape",
     "Simulator",
     "Spring",
@@ -36,6 +40,9 @@ __all__ = [
     "SweepSpec",
     "Trajectory",
     "box",
+    "load_mjcf",
+    "load_scene",
+    "save_scene",
     "scenes",
     "sweep",
     "touching",

@@ -1,0 +1,112 @@
+"""Shapes and contact pairs of a MuJoCo model, for `mjcf.py`."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from .mjcf_plane import FLAT, MjcfError, Plane
+from .scene import Contact, Shape
+
+GEOMS = ("plane", "hfield", "sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh", "sdf")
+Place = dict[int, tuple[str | None, float, np.ndarray]]
+
+
+def read_contacts(m: Any, plane: Plane, place: Place) -> tuple[tuple[Shape, ...], tuple[Contact, ...]]:
+    """Shapes that may touch, and the pairs of them that MuJoCo's filters leave."""
+    pairs = _pairs(m, place)
+    shapes: dict[int, list[Shape]] = {}
+    for geom in sorted({g for a, b, _ in pairs for g in (a, b)}):
+        shapes[geom] = _shapes(m, plane, place, geom)
+    contacts = []
+    for a, b, friction in pairs:
+        kinds = {_kind(m, a), _kind(m, b)}
+        if "box" in kinds and "plane" not in kinds:
+            raise MjcfError(
+                f"geoms {_name(m, a)!r} and {_name(m, b)!r}: a box touches planes only, by its corners; "
+                "exclude the pair"
+            )
+        contacts += [Contact(x.name, y.name, friction) for x in shapes[a] for y in shapes[b]]
+    return tuple(s for group in shapes.values() for s in group), tuple(contacts)
+
+
+def _kind(m: Any, geom: int) -> str:
+    return GEOMS[int(m.geom_type[geom])]
+
+
+def _name(m: Any, geom: int) -> str:
+    return str(m.geom(geom).name or f"geom{geom}")
+
+
+def _pairs(m: Any, place: Place) -> list[tuple[int, int, float | None]]:
+    """(geom, geom, friction or None) by MuJoCo's rules: bits, parents, excludes, explicit pairs."""
+    out = []
+    for i in range(m.npair):
+        friction = float(m.pair_friction[i, 0]) if m.pair_dim[i] > 1 else None
+        out.append((int(m.pair_geom1[i]), int(m.pair_geom2[i]), friction))
+    explicit = {frozenset(p[:2]) for p in out}
+    excluded = {int(s) for s in m.exclude_signature}
+    for a in range(m.ngeom):
+        for b in range(a + 1, m.ngeom):
+            body_a, body_b = int(m.geom_bodyid[a]), int(m.geom_bodyid[b])
+            holder_a, holder_b = place[body_a][0], place[body_b][0]
+            bits = (m.geom_contype[a] & m.geom_conaffinity[b]) | (m.geom_contype[b] & m.geom_conaffinity[a])
+            if not bits or holder_a == holder_b or frozenset((a, b)) in explicit:
+                continue
+            weld_a, weld_b = int(m.body_weldid[body_a]), int(m.body_weldid[body_b])
+            above_a, above_b = (int(m.body_weldid[m.body_parentid[w]]) for w in (weld_a, weld_b))
+            related = (weld_a == above_b and weld_a != 0) or (weld_b == above_a and weld_b != 0)
+            if related or (body_a << 16) + body_b in excluded or (body_b << 16) + body_a in excluded:
+                continue
+            if m.geom_priority[a] != m.geom_priority[b]:
+                leader = a if m.geom_priority[a] > m.geom_priority[b] else b
+                dim, mu = m.geom_condim[leader], m.geom_friction[leader, 0]
+            else:
+                dim = max(m.geom_condim[a], m.geom_condim[b])
+                mu = max(m.geom_friction[a, 0], m.geom_friction[b, 0])
+            out.append((a, b, float(mu) if dim > 1 else None))
+    return out
+
+
+def _shapes(m: Any, plane: Plane, place: Place, geom: int) -> list[Shape]:
+    kind, name = _kind(m, geom), _name(m, geom)
+    label = f"geom {name!r}"
+    holder, turn, origin = place[int(m.geom_bodyid[geom])]
+    axes = plane.matrix(m.geom_quat[geom])
+    size = [float(x) for x in m.geom_size[geom]]
+    local = plane.point(m.geom_pos[geom], label, flat=kind != "plane")
+    c, s = math.cos(turn), math.sin(turn)
+    centre = origin + np.array([c * local[0] - s * local[1], s * local[0] + c * local[1]])
+    offset = (float(centre[0]), float(centre[1]))
+
+    def angle(axis: int) -> float:
+        x, y = plane.vector(axes[:, axis], label)
+        return math.atan2(y, x) + turn
+
+    def normal_axis() -> int:
+        along = np.abs(plane.normal @ axes)
+        if abs(along.max() - 1.0) > FLAT:
+            raise MjcfError(f"{label}: a {kind} must have an axis normal to the plane {plane.name}")
+        return int(along.argmax())
+
+    if kind == "plane":
+        return [Shape(name, holder, "halfplane", offset=offset, angle=angle(2))]
+    if kind == "sphere":
+        return [Shape(name, holder, "disc", size[0], offset)]
+    if kind in ("capsule", "cylinder") and abs(float(plane.normal @ axes[:, 2])) > 1.0 - FLAT:
+        return [Shape(name, holder, "disc", size[0], offset)]
+    if kind == "capsule":
+        return [Shape(name, holder, "capsule", (size[0], size[1]), offset, angle(2))]
+    if kind == "ellipsoid":
+        first, second = (axis for axis in range(3) if axis != normal_axis())
+        return [Shape(name, holder, "ellipse", (size[first], size[second]), offset, angle(first))]
+    if kind == "box":
+        first, second = (axis for axis in range(3) if axis != normal_axis())
+        corners = []
+        for i, (sx, sy) in enumerate(((-1, -1), (1, -1), (-1, 1), (1, 1))):
+            reach = sx * size[first] * axes[:, first] + sy * size[second] * axes[:, second]
+            x, y = plane.vector(reach, label)
+            at = (offset[0] + c * x - s * y, offset[1] + s * x + c * y)
+            corners.append(Shape(f"{name}_corner{i}", holder, "disc", 0.0, at))
+        return corners
+    raise MjcfError(f"{label}: a {kind} is not supported; use sphere, capsule, ellipsoid, box or plane")
