@@ -4,8 +4,9 @@ Contacts that land together are redundant, and Newton on z then jumps between ac
 > 0 and w > 0 are both unknowns, kept positive by the step length, and a w = m(a - w) + mu is followed from
 a large mu to none; m(z) = s(z) s(-z) is the product on the curve of the residual (0 if hard). Its
 linearisation is that of a = s(z), w = s(-z) with weights p, q > 0 in place of s'(z), s'(-z): da = p dz + e,
-dw = -q dz + e, p + q = 1, so the elimination is the same. mu follows Mehrotra's rule. 5 to 15 iterations,
-about two Newton steps each.
+dw = -q dz + e, p + q = 1, so the elimination is the same. mu follows Mehrotra's rule, but falls in every
+iteration, and products far below the path are lifted towards it: a rod that lands flat on its two ends (rank
+3 of 4 rows) stalled without either. 5 to 15 iterations, about two Newton steps each.
 """
 
 import functools
@@ -46,6 +47,8 @@ def make_interior(s: Structure, dtype: type, method: Method) -> wp.Function:
     DELTA = dtype(START)
     POSITIVE = dtype(0.01)  # smallest weight, relative to that of the hard problem
     NEAREST, FARTHEST = dtype(1e-3), dtype(0.1)  # kept of the way to the boundary
+    REJOIN = dtype(0.01)  # smallest a w, relative to what the path has
+    MOST = dtype(0.9)  # largest share of mu kept, to the third power: a step that only centres leads nowhere
     TINY = dtype(1e-30)
     DIVERGED = dtype(1e12 if dtype is wp.float64 else 1e7)
 
@@ -127,6 +130,23 @@ def make_interior(s: Structure, dtype: type, method: Method) -> wp.Function:
         return out
 
     @wp.func
+    def rejoin(params: wp.array2d(dtype=dtype), row: int, sigma: VR, at: Inside, mask: int, mu: dtype):
+        # lift an a or w that fell far below the path, where it would block all further steps; r pays for it
+        out = at
+        for i in range(wp.static(NR)):
+            if (mask & wp.static(1 << i)) != 0:
+                product = mu
+                if wp.static(not method.hard):
+                    level = wp.static(noise.level[i])(params, row, sigma)
+                    e = wp.static(sm.logistic)(at.a[i] - at.w[i], level, ONE / level)
+                    product += e[0] * e[1]
+                if at.a[i] > at.w[i]:
+                    out.w[i] = wp.max(at.w[i], REJOIN * product / at.a[i])
+                else:
+                    out.a[i] = wp.max(at.a[i], REJOIN * product / at.w[i])
+        return out
+
+    @wp.func
     def interior(
         params: wp.array2d(dtype=dtype),
         row: int,
@@ -177,10 +197,11 @@ def make_interior(s: Structure, dtype: type, method: Method) -> wp.Function:
                 fac = wp.static(sweep.factor)(minv, jac, scale, diag, now.p, now.q, mask, TAU)
                 straight = move(minv, jac, scale, fac, now, res, at, mask, ZERO)
                 there = curve(params, row, sigma, advance(at, straight, mask, ZERO), mask)
-                part = wp.min(there.mean / now.mean, ONE)
-                step = move(minv, jac, scale, fac, now, res, at, mask, part * part * part * now.mean)
+                part = wp.min(there.mean / now.mean, MOST)
+                mu = part * part * part * now.mean
+                step = move(minv, jac, scale, fac, now, res, at, mask, mu)
                 kept = wp.clamp(wp.sqrt(now.mean) / size, NEAREST, FARTHEST)
-                at = advance(at, step, mask, kept)
+                at = rejoin(params, row, sigma, advance(at, step, mask, kept), mask, mu)
         return out, lam, status
 
     return interior

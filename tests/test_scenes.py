@@ -142,7 +142,19 @@ def test_critical_friction_of_the_painleve_rod():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("friction,residual", [(1.2, "rem-logistic"), (1.2, "hard"), (1.5, "hard")])
+@pytest.mark.parametrize("sigma", [0.1, 0.01, 1e-3])
+def test_rod_that_lands_flat_is_solved(device, sigma):
+    """Two ends at once with friction: the rank is 3 of 4 rows, impulses cancel to rounding."""
+    scene = scenes.painleve_rod(1.5)
+    sim = slcp.Simulator(scene, device=device)
+    rng = np.random.default_rng(2)
+    q = 10.0 ** rng.uniform(-6, -2, (700, 1)) * rng.standard_normal((700, 3))
+    x = np.concatenate([q, 1.5 * rng.standard_normal((700, 3))], axis=1)
+    assert (sim.step(x, np.zeros((700, 0)), sim.params.replace(sigma=sigma)).status == 0).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("friction,residual", [(1.5, "rem-logistic"), (1.2, "hard"), (1.5, "hard")])
 def test_painleve_rod_is_solved_and_stays_out(device, friction, residual):
     scene = scenes.painleve_rod(friction)
     x = roll(scene, device, 1.5, residual=residual, strategy="auto")
