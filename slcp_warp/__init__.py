@@ -8,6 +8,7 @@ from .arrays import ArrayError
 from .mjcf import MjcfError, load_mjcf
 from .options import OptionError, Options, Status
 from .parameters import ParameterError, Parameters
+from .residuals import residual
 from .scene import Actuator, Body, Contact, Scene, SceneError, Shape, Spring, box, touching
 from .scene_file import SceneFileError, load_scene, save_scene
 from .simulator import Linearization, Simulator, Step, Trajectory
@@ -43,6 +44,7 @@ __all__ = [
     "load_mjcf",
     "load_scene",
     "save_scene",
+    "residual",
     "scenes",
     "sweep",
     "touching",
