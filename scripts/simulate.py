@@ -9,7 +9,7 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 import slcp_warp as slcp
-from slcp_warp.simulator import contact_impulse
+from slcp_warp.results import contact_impulse
 
 from .common import (
     Device,

@@ -9,9 +9,10 @@ from .mjcf import MjcfError, load_mjcf
 from .options import OptionError, Options, Status
 from .parameters import ParameterError, Parameters
 from .residuals import residual
+from .results import Linearization, Step, Trajectory
 from .scene import Actuator, Body, Contact, Scene, SceneError, Shape, Spring, box, touching
 from .scene_file import SceneFileError, load_scene, save_scene
-from .simulator import Linearization, Simulator, Step, Trajectory
+from .simulator import Simulator
 from .strategy import StrategyError
 from .sweep import SweepReport, SweepSpec, sweep
 

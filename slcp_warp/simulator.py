@@ -1,7 +1,6 @@
 """The simulator: steps, rollouts and their derivatives for a batch of worlds of one scene."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,62 +16,11 @@ from . import derivatives, tape
 from .arrays import ArrayError, Batch, from_batch, policy_arrays, to_batch
 from .options import Options
 from .parameters import Parameters
+from .results import Linearization, Step, Trajectory, contact_impulse
 from .scene import Scene
 from .strategy import MOST_ROWS, MemoryKernels, StrategyError, choose
 
 DTYPES = {"float32": wp.float32, "float64": wp.float64}
-
-
-@dataclass(frozen=True)
-class Step:
-    """Outcome of a step; arrays are of the caller's kind, batch first.
-
-    Attributes:
-        state: (B, nx) = (q', v'). impulse: (B, nr) lambda [N s, N m s]. gap: (B, nr) signed distance of
-        every row before the step [m, rad]. multiplier: (B, nr + 2 pairs) for `warm_start`. status: (B,) see
-        `Status`.
-    """
-
-    state: Any
-    impulse: Any
-    gap: Any
-    multiplier: Any
-    status: Any
-    _by_pair: Callable[[], Any]
-
-    @property
-    def contact_impulse(self) -> Any:
-        """Normal and tangential impulse on shape_b along (n, t), (B, pairs, 2) [N s]; computed when asked
-        for.
-        """
-        return self._by_pair()
-
-
-@dataclass(frozen=True)
-class Trajectory:
-    """Outcome of a rollout: states (B, N+1, nx), controls, impulse, gap (B, N, .) where asked for, status
-    (B,).
-    """
-
-    states: Any
-    status: Any
-    controls: Any = None
-    impulse: Any = None
-    gap: Any = None
-
-
-@dataclass(frozen=True)
-class Linearization:
-    """A = df/dx (B, nx, nx), B = df/du (B, nx, nu), second (B, nw, nz, nz) or None, status (B,).
-
-    `second` holds the second derivatives by z = (x, u) of v' (nw = nv), or of v* and v' (nw = 2 nv) with the
-    trapezoidal integrator, where q' = q + h v*.
-    """
-
-    A: Any
-    B: Any
-    second: Any
-    status: Any
 
 
 class Simulator:
@@ -416,18 +364,3 @@ class Simulator:
 def _same_worlds(name: str, given: int, worlds: int) -> None:
     if given != worlds:
         raise ArrayError(f"{name} is given for {given} worlds, the state for {worlds}")
-
-
-def contact_impulse(scene: Scene, impulse: np.ndarray, friction: np.ndarray, options: Options) -> np.ndarray:
-    """Normal and tangential impulse of every pair, (..., pairs, 2), from row impulses (..., nr)."""
-    s = scene.structure
-    out = np.zeros((*impulse.shape[:-1], len(s.pairs), 2))
-    mu = np.broadcast_to(friction, (*impulse.shape[:1], len(s.pairs)))
-    for i, row in enumerate(s.rows):
-        if row.kind == "contact" and options.method.coulomb:
-            out[..., row.index, int(row.sign < 0)] = impulse[..., i]
-        elif row.kind == "contact":
-            out[..., row.index, 0] += impulse[..., i]
-            coefficient = mu[:, row.index].reshape(-1, *([1] * (impulse.ndim - 2)))
-            out[..., row.index, 1] += row.sign * coefficient * impulse[..., i]
-    return out
