@@ -138,7 +138,7 @@ def make_interior(s: Structure, dtype: type, method: Method) -> wp.Function:
                 product = mu
                 if wp.static(not method.hard):
                     level = wp.static(noise.level[i])(params, row, sigma)
-                    e = wp.static(sm.logistic)(at.a[i] - at.w[i], level, ONE / level)
+                    e = wp.static(sm.smooth)(at.a[i] - at.w[i], level, ONE / level)
                     product += e[0] * e[1]
                 if at.a[i] > at.w[i]:
                     out.w[i] = wp.max(at.w[i], REJOIN * product / at.a[i])
