@@ -73,3 +73,20 @@ def test_needle_and_point_shapes(device, dtype):
     for radius in ([[0.8, 0.01], [0.01, 0.8]], [[1.0, 0.05], [1e-3, 1e-3]]):
         got, exact = gaps("turned_pair", device, dtype, q, radius=np.array(radius))
         check(got, exact, dtype, 3.0)
+
+
+@pytest.mark.parametrize("spread", [0.3, 1.5])
+def test_capsules(device, dtype, spread):
+    """Beside and beyond their ends, deep and apart; and the rows of a step, by the oracle's solution."""
+    x = near_contact(
+        scene("capsules"), np.random.default_rng(10), 200, (0.0, 0.01, -0.05, np.inf), spread=spread
+    )
+    got, exact = gaps("capsules", device, dtype, x[:, :5])
+    assert (np.abs(exact) < 0.1).mean() > 0.05
+    check(got, exact, dtype, 3.0)
+    (x64,) = rounded(dtype, x)
+    step = simulator("capsules", device, dtype).step(x)
+    state, _ = Oracle(scene("capsules"), **numbers(scene("capsules"), dtype)).step(x64)
+    assert (step.status == 0).all()
+    error = np.abs(step.state - state).max(axis=1) / (1.0 + np.abs(state).max(axis=1))
+    assert np.quantile(error, 0.95) < 50 * TOLERANCE[dtype.__name__]
