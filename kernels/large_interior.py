@@ -15,14 +15,14 @@ from .large_topology import Topology
 from .large_work import make_work
 from .solve import INFEASIBLE, NONFINITE, NOT_CONVERGED, SOLVED
 
-MAX_ITERATIONS = 60
+MAX_ITERATIONS = 80
 WARM_ITERATIONS, POLISHING = 8, 12  # of Newton's method before and after
 # end: sqrt(mu) and residuals relative to the size of the problem
 END = {
-    (wp.float64, False): (1e-8, 1e-12),
-    (wp.float64, True): (1e-11, 1e-12),
-    (wp.float32, False): (3e-5, 3e-6),
-    (wp.float32, True): (3e-6, 3e-6),
+    (wp.float64, False): (1e-10, 1e-13),
+    (wp.float64, True): (1e-14, 1e-13),  # sqrt(mu) is what a row that only just touches is off by
+    (wp.float32, False): (3e-6, 2e-6),
+    (wp.float32, True): (3e-7, 1e-6),
 }
 MOMENTUM = 0.01
 
@@ -39,6 +39,7 @@ def make_large_solver(dtype: type, residual: str) -> SimpleNamespace:
     SHARE = dtype(MOMENTUM)
     POSITIVE = dtype(0.01)  # smallest weight, relative to that of the hard problem
     NEAREST, FARTHEST = dtype(1e-3), dtype(0.1)  # kept of the way to the boundary
+    ROUNDING = dtype(30.0)  # residuals that do not fall any more are taken up to this times their limit
     TINY = dtype(1e-30)
     FLOOR = dtype(1e-30)
     DIVERGED = dtype(1e12 if dtype is wp.float64 else 1e7)
@@ -130,6 +131,7 @@ def make_large_solver(dtype: type, residual: str) -> SimpleNamespace:
             k.w[i, b] = alone[1] + size
             largest = wp.max(largest, k.a[i, b])
         bound = DIVERGED * (largest + size)
+        last = dtype(1e30)
         it = int(0)
         found = int(0)
         while it < wp.static(MAX_ITERATIONS) and found == 0:
@@ -142,11 +144,14 @@ def make_large_solver(dtype: type, residual: str) -> SimpleNamespace:
                 largest = wp.max(largest, k.a[i, b])
             worst = nt.residuals(t, k, b, n, size)
             mean = curve(t, k, params, row, b, n)
-            if worst <= RESIDUAL and mean <= LIMIT * LIMIT * size * size:
+            centred = mean <= LIMIT * LIMIT * size * size
+            stuck = worst > HALF * last and worst <= ROUNDING * RESIDUAL
+            if centred and (worst <= RESIDUAL or stuck):
                 found = int(1)
             elif not (largest < bound and wp.isfinite(mean)):
                 it = wp.static(MAX_ITERATIONS)
             else:
+                last = worst + ZERO
                 nt.factor(t, k, b, n)
                 mu = dtype(0.0)  # straight first, then towards the mu that this suggests
                 kept = dtype(0.0)

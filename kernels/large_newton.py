@@ -21,7 +21,7 @@ from .smoothing import make_smoothing
 
 PROXIMAL = {wp.float64: 1e-12, wp.float32: 1e-7}  # tau
 TOLERANCE = {wp.float64: 2e-14, wp.float32: 3e-7}  # residual relative to the size of its terms: the aim,
-ACCEPTED = {wp.float64: 1e-12, wp.float32: 5e-6}  # and what is good enough where rounding ends the iteration
+ACCEPTED = {wp.float64: 1e-12, wp.float32: 1e-5}  # and what is good enough where rounding ends the iteration
 
 
 @functools.cache
