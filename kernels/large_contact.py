@@ -8,19 +8,19 @@ import warp as wp
 from .distance import make_distance
 from .large_mechanism import COLUMN, make_large_mechanism
 from .large_topology import CONTACT, LONG, LOWER, MOVES_A, MOVES_B, PLANE, TURN, Topology
-from .large_work import make_work
+from .large_work import WORK, Work
 from .structure import CAPSULE, DISC, ELLIPSE, HALFPLANE, WORLD
 
 
 @functools.cache
-def make_large_contact(dtype: type, hard: bool) -> SimpleNamespace:
+def make_large_contact(given: type, hard: bool) -> SimpleNamespace:
     """Warp functions that fill k.rate and k.jac and choose the rows that can act."""
-    Work = make_work(dtype)
-    mech = make_large_mechanism(dtype)
+    dtype = WORK
+    mech = make_large_mechanism(given)
     number, column = mech.number, mech.column
     V2, V4, GEO = wp.types.vector(2, dtype), wp.types.vector(4, dtype), wp.types.vector(8, dtype)
     ZERO, ONE = dtype(0.0), dtype(1.0)
-    CUT = dtype(0.0 if hard else (37.0 if dtype is wp.float64 else 17.0))  # as in `step.py`
+    CUT = dtype(0.0 if hard else (37.0 if given is wp.float64 else 17.0))  # as in `step.py`
     H, SIGMA, LOW, UP, FRICTION, RADIUS, OFFSET, TURNED = (
         COLUMN[n]
         for n in ("step_size", "sigma", "lower", "upper", "friction", "radius", "shape_offset", "shape_angle")
@@ -30,7 +30,7 @@ def make_large_contact(dtype: type, hard: bool) -> SimpleNamespace:
     round_distance = make_distance(ELLIPSE, ELLIPSE, dtype)
 
     @wp.func
-    def pose(t: Topology, k: Work, params: wp.array2d(dtype=dtype), row: int, b: int, shape: int, end: int):
+    def pose(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, shape: int, end: int):
         """Centre and axis of a shape, or of the disc at an end of a capsule."""
         x = number(t, params, row, OFFSET, 2 * shape)
         y = number(t, params, row, OFFSET, 2 * shape + 1)
@@ -54,30 +54,30 @@ def make_large_contact(dtype: type, hard: bool) -> SimpleNamespace:
         return V4(px, py, c * ex - sn * ey, sn * ex + c * ey)
 
     @wp.func
-    def radii(t: Topology, params: wp.array2d(dtype=dtype), row: int, shape: int, end: int):
+    def radii(t: Topology, params: wp.array2d(dtype=given), row: int, shape: int, end: int):
         r = number(t, params, row, RADIUS, 2 * shape)
         if end != 0:
             return V2(r, r)
         return V2(r, number(t, params, row, RADIUS, 2 * shape + 1))
 
     @wp.func
-    def pose_a(t: Topology, k: Work, params: wp.array2d(dtype=dtype), row: int, b: int, pair: int):
+    def pose_a(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, pair: int):
         return pose(t, k, params, row, b, t.pair_a[pair], t.pair_ends[2 * pair])
 
     @wp.func
-    def pose_b(t: Topology, k: Work, params: wp.array2d(dtype=dtype), row: int, b: int, pair: int):
+    def pose_b(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, pair: int):
         return pose(t, k, params, row, b, t.pair_b[pair], t.pair_ends[2 * pair + 1])
 
     @wp.func
-    def radii_a(t: Topology, params: wp.array2d(dtype=dtype), row: int, pair: int):
+    def radii_a(t: Topology, params: wp.array2d(dtype=given), row: int, pair: int):
         return radii(t, params, row, t.pair_a[pair], t.pair_ends[2 * pair])
 
     @wp.func
-    def radii_b(t: Topology, params: wp.array2d(dtype=dtype), row: int, pair: int):
+    def radii_b(t: Topology, params: wp.array2d(dtype=given), row: int, pair: int):
         return radii(t, params, row, t.pair_b[pair], t.pair_ends[2 * pair + 1])
 
     @wp.func
-    def geometry(t: Topology, k: Work, params: wp.array2d(dtype=dtype), row: int, b: int, pair: int):
+    def geometry(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, pair: int):
         """GEO of a pair; the search starts at the last normal, which it replaces."""
         pa = pose_a(t, k, params, row, b, pair)
         pb = pose_b(t, k, params, row, b, pair)
@@ -95,7 +95,7 @@ def make_large_contact(dtype: type, hard: bool) -> SimpleNamespace:
         return g
 
     @wp.func
-    def pair_rows(t: Topology, k: Work, params: wp.array2d(dtype=dtype), row: int, b: int, pair: int, g: GEO):
+    def pair_rows(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, pair: int, g: GEO):
         """J_n +- mu J_t, or J_n alone, and d/h of a pair."""
         pa = pose_a(t, k, params, row, b, pair)
         pb = pose_b(t, k, params, row, b, pair)
@@ -127,7 +127,7 @@ def make_large_contact(dtype: type, hard: bool) -> SimpleNamespace:
                 k.jac[t.row_start[i] + at - start, b] = normal + dtype(t.row_sign[i]) * mu * tangent
 
     @wp.func
-    def near(t: Topology, k: Work, params: wp.array2d(dtype=dtype), row: int, b: int, pair: int):
+    def near(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, pair: int):
         """Whether a pair can act at velocity k.v, from a lower bound of d and a bound on its approach."""
         if t.pair_exact[pair] == 1:
             return True
@@ -170,7 +170,7 @@ def make_large_contact(dtype: type, hard: bool) -> SimpleNamespace:
         return out
 
     @wp.func
-    def start(t: Topology, k: Work, params: wp.array2d(dtype=dtype), row: int, b: int):
+    def start(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int):
         """No row acts; d/h and J of the limits."""
         h = number(t, params, row, H, 0)
         for i in range(t.nr):
@@ -193,7 +193,7 @@ def make_large_contact(dtype: type, hard: bool) -> SimpleNamespace:
 
     @wp.func
     def grow(
-        t: Topology, k: Work, params: wp.array2d(dtype=dtype), row: int, b: int, exact_gap: int, margin: dtype
+        t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, exact_gap: int, margin: dtype
     ):
         """Add the rows that k.v lets act (or comes within `margin` of it); their number and the largest
         approach.

@@ -13,19 +13,19 @@ import warp as wp
 
 from .large_newton import make_large_newton
 from .large_topology import CONTACT, Topology
-from .large_work import make_work
+from .large_work import WORK, Work
 
 COULOMB_PASSES = 100
-TOLERANCE = {wp.float64: 1e-12, wp.float32: 1e-5}  # of mu s, relative to the velocities at hand
+TOLERANCE = 1e-12  # of mu s, relative to the velocities at hand
 
 
 @functools.cache
-def make_large_coulomb(dtype: type) -> SimpleNamespace:
+def make_large_coulomb(given: type) -> SimpleNamespace:
     """lift(t, k, b, n, passes) -> 1 if k.rate of the acting pairs had to change."""
-    Work = make_work(dtype)
-    dot = make_large_newton(dtype, "hard").dot
+    dtype = WORK
+    dot = make_large_newton(given, "hard").dot
     HALF, ONE, ZERO = dtype(0.5), dtype(1.0), dtype(0.0)
-    ENOUGH = dtype(TOLERANCE[dtype])
+    ENOUGH = dtype(TOLERANCE)
     FARTHEST, SMALLEST = dtype(2.0), dtype(1e-30)
 
     @wp.func

@@ -12,29 +12,27 @@ import warp as wp
 
 from .large_newton import make_large_newton
 from .large_topology import Topology
-from .large_work import make_work
+from .large_work import WORK, Work
 from .solve import INFEASIBLE, NONFINITE, NOT_CONVERGED, SOLVED
 
 MAX_ITERATIONS = 80
 WARM_ITERATIONS, POLISHING = 8, 12  # of Newton's method before and after
 # end: sqrt(mu) and residuals relative to the size of the problem
 END = {
-    (wp.float64, False): (1e-10, 1e-13),
-    (wp.float64, True): (1e-14, 1e-13),  # sqrt(mu) is what a row that only just touches is off by
-    (wp.float32, False): (3e-6, 2e-6),
-    (wp.float32, True): (3e-7, 1e-6),
+    False: (1e-10, 1e-13),
+    True: (1e-14, 1e-13),  # hard: sqrt(mu) is what a row that only just touches is off by
 }
 MOMENTUM = 0.01
 
 
 @functools.cache
-def make_large_solver(dtype: type, residual: str) -> SimpleNamespace:
+def make_large_solver(given: type, residual: str) -> SimpleNamespace:
     """solve(t, k, params, row, b, n) -> status: k.v, k.z, k.lam of the acting rows."""
-    Work = make_work(dtype)
-    nt = make_large_newton(dtype, residual)
+    dtype = WORK
+    nt = make_large_newton(given, residual)
     hard = residual == "hard"
     SIGMA = nt.SIGMA
-    LIMIT, RESIDUAL = (dtype(x) for x in END[dtype, hard])
+    LIMIT, RESIDUAL = (dtype(x) for x in END[hard])
     ZERO, HALF, ONE = dtype(0.0), dtype(0.5), dtype(1.0)
     SHARE = dtype(MOMENTUM)
     POSITIVE = dtype(0.01)  # smallest weight, relative to that of the hard problem
@@ -42,11 +40,11 @@ def make_large_solver(dtype: type, residual: str) -> SimpleNamespace:
     ROUNDING = dtype(30.0)  # residuals that do not fall any more are taken up to this times their limit
     TINY = dtype(1e-30)
     FLOOR = dtype(1e-30)
-    DIVERGED = dtype(1e12 if dtype is wp.float64 else 1e7)
-    FASTEST = dtype(1e6 if dtype is wp.float64 else 1e4)  # V, relative to the size of the problem
+    DIVERGED = dtype(1e12)
+    FASTEST = dtype(1e6)  # V, relative to the size of the problem
 
     @wp.func
-    def product(t: Topology, params: wp.array2d(dtype=dtype), row: int, i: int, a: dtype, w: dtype):
+    def product(t: Topology, params: wp.array2d(dtype=given), row: int, i: int, a: dtype, w: dtype):
         """(a w - m(a - w), m'(a - w))"""
         if wp.static(hard):
             return a * w, ZERO
@@ -54,7 +52,7 @@ def make_large_solver(dtype: type, residual: str) -> SimpleNamespace:
         return a * w - e[0] * e[1], e[2] * e[1] - e[3] * e[0]
 
     @wp.func
-    def curve(t: Topology, k: Work, params: wp.array2d(dtype=dtype), row: int, b: int, n: int):
+    def curve(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, n: int):
         """Excess and weights of every active row; mean |excess|."""
         mean = dtype(0.0)
         for r in range(n):
@@ -86,7 +84,7 @@ def make_large_solver(dtype: type, residual: str) -> SimpleNamespace:
 
     @wp.func
     def mean_after(
-        t: Topology, k: Work, params: wp.array2d(dtype=dtype), row: int, b: int, n: int, step: dtype
+        t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, n: int, step: dtype
     ):
         """Mean |excess| after the straight step (mu = 0)."""
         mean = dtype(0.0)
@@ -116,7 +114,7 @@ def make_large_solver(dtype: type, residual: str) -> SimpleNamespace:
 
     @wp.func
     def interior(
-        t: Topology, k: Work, params: wp.array2d(dtype=dtype), row: int, b: int, n: int, size: dtype
+        t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, n: int, size: dtype
     ):
         """k.v and k.z near the solution; 1 if they are."""
         momentum = dtype(0.0)
@@ -185,7 +183,7 @@ def make_large_solver(dtype: type, residual: str) -> SimpleNamespace:
         return found
 
     @wp.func
-    def prepare(t: Topology, k: Work, params: wp.array2d(dtype=dtype), row: int, b: int, n: int):
+    def prepare(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, n: int):
         """diag(A) and D of the active rows; the size of the residual's terms."""
         size = dtype(0.0)
         for r in range(n):
@@ -211,7 +209,7 @@ def make_large_solver(dtype: type, residual: str) -> SimpleNamespace:
                 w += change
             terms += wp.abs(w)
             if wp.static(not hard):
-                terms += params[row, t.columns[SIGMA] + i]
+                terms += dtype(params[row, t.columns[SIGMA] + i])
             size = wp.max(size, terms)
             if not wp.isfinite(terms):
                 size = terms
@@ -219,7 +217,7 @@ def make_large_solver(dtype: type, residual: str) -> SimpleNamespace:
         return size
 
     @wp.func
-    def solve(t: Topology, k: Work, params: wp.array2d(dtype=dtype), row: int, b: int, n: int):
+    def solve(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, n: int):
         """Newton from k.v, k.z; where it fails, the interior-point method and Newton from its end."""
         size = prepare(t, k, params, row, b, n)
         if not wp.isfinite(size):

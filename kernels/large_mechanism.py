@@ -8,16 +8,16 @@ from types import SimpleNamespace
 import warp as wp
 
 from .large_topology import AXIS, JOINT, NUMBERS, SHIFT_Y, TURN, Topology
-from .large_work import make_work
+from .large_work import WORK, Work
 from .structure import WORLD
 
 COLUMN = {name: i for i, name in enumerate(NUMBERS)}
 
 
 @functools.cache
-def make_large_mechanism(dtype: type) -> SimpleNamespace:
+def make_large_mechanism(given: type) -> SimpleNamespace:
     """Warp functions of a mechanism given by tables; `b` is the slot of a world's workspace."""
-    Work = make_work(dtype)
+    dtype = WORK
     V2, V4 = wp.types.vector(2, dtype), wp.types.vector(4, dtype)
     ZERO, ONE, TWO = dtype(0.0), dtype(1.0), dtype(2.0)
     ANCHOR, ANGLE, AXIS_OF, COM, MASS, INERTIA, GRAVITY, DAMPING, GEAR = (
@@ -31,11 +31,11 @@ def make_large_mechanism(dtype: type) -> SimpleNamespace:
     SHORT, TINY = dtype(1e-3), dtype(1e-5)  # as in `springs.py`
 
     @wp.func
-    def number(t: Topology, params: wp.array2d(dtype=dtype), row: int, name: int, i: int):
-        return params[row, t.columns[name] + i]
+    def number(t: Topology, params: wp.array2d(dtype=given), row: int, name: int, i: int):
+        return dtype(params[row, t.columns[name] + i])
 
     @wp.func
-    def frames(t: Topology, k: Work, params: wp.array2d(dtype=dtype), row: int, b: int):
+    def frames(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int):
         """Orientation and joint position of every body."""
         for i in range(t.nb):
             x = number(t, params, row, ANCHOR, 2 * i)
@@ -67,7 +67,7 @@ def make_large_mechanism(dtype: type) -> SimpleNamespace:
 
     @wp.func
     def column(
-        t: Topology, k: Work, params: wp.array2d(dtype=dtype), row: int, b: int, dof: int, x: dtype, y: dtype
+        t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, dof: int, x: dtype, y: dtype
     ):
         """Velocity of a point of a body that `dof` moves, at unit rate."""
         body = t.dof_body[dof]
@@ -93,10 +93,10 @@ def make_large_mechanism(dtype: type) -> SimpleNamespace:
     def dynamics(
         t: Topology,
         k: Work,
-        params: wp.array2d(dtype=dtype),
+        params: wp.array2d(dtype=given),
         row: int,
         b: int,
-        external: wp.array2d(dtype=dtype),
+        external: wp.array2d(dtype=given),
         world: int,
     ):
         """M into k.mass, r(q, v) and the external forces into k.move."""
@@ -134,9 +134,9 @@ def make_large_mechanism(dtype: type) -> SimpleNamespace:
             fy = mass * ay
             torque = dtype(0.0)
             if external.shape[0] > 0:
-                fx += external[world, 3 * i]
-                fy += external[world, 3 * i + 1]
-                torque += external[world, 3 * i + 2]
+                fx += dtype(external[world, 3 * i])
+                fy += dtype(external[world, 3 * i + 1])
+                torque += dtype(external[world, 3 * i + 2])
             for at in range(start, end):
                 j = t.chain[at]
                 pj = t.place[j]
@@ -156,7 +156,7 @@ def make_large_mechanism(dtype: type) -> SimpleNamespace:
                     k.mass[slot, b] = k.mass[slot, b] + value
 
     @wp.func
-    def tied_point(t: Topology, k: Work, params: wp.array2d(dtype=dtype), row: int, b: int, end: int):
+    def tied_point(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, end: int):
         """End of a spring: place (x, y) and velocity of a point of a body."""
         body = t.spring_body[end]
         x = number(t, params, row, TIED, 2 * end)
@@ -177,7 +177,7 @@ def make_large_mechanism(dtype: type) -> SimpleNamespace:
 
     @wp.func
     def push(
-        t: Topology, k: Work, params: wp.array2d(dtype=dtype), row: int, b: int, body: int, p: V4, f: V2
+        t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, body: int, p: V4, f: V2
     ):
         """Add the generalised force of f at point p of a body to k.move."""
         if body != WORLD:
@@ -187,7 +187,7 @@ def make_large_mechanism(dtype: type) -> SimpleNamespace:
                 k.move[place, b] = k.move[place, b] + arm[0] * f[0] + arm[1] * f[1]
 
     @wp.func
-    def springs(t: Topology, k: Work, params: wp.array2d(dtype=dtype), row: int, b: int):
+    def springs(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int):
         """Add the forces of springs at joints and between points, as `springs.py` has them."""
         for i in range(t.sprung):
             j = t.sprung_dof[i]
@@ -209,7 +209,7 @@ def make_large_mechanism(dtype: type) -> SimpleNamespace:
 
     @wp.func
     def control_force(
-        t: Topology, k: Work, params: wp.array2d(dtype=dtype), row: int, b: int, i: int, u: dtype
+        t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, i: int, u: dtype
     ):
         """Add the force of actuator i."""
         p = t.place[t.actuator[i]]

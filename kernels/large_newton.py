@@ -16,32 +16,31 @@ import warp as wp
 from .envelope import make_envelope
 from .large_mechanism import COLUMN
 from .large_topology import Topology
-from .large_work import make_work
+from .large_work import WORK, Work
 from .smoothing import make_smoothing
 
-PROXIMAL = {wp.float64: 1e-12, wp.float32: 1e-7}  # tau
-TOLERANCE = {wp.float64: 2e-14, wp.float32: 3e-7}  # residual relative to the size of its terms: the aim,
-ACCEPTED = {wp.float64: 1e-12, wp.float32: 1e-5}  # and what is good enough where rounding ends the iteration
+PROXIMAL = 1e-12  # tau
+TOLERANCE = 2e-14  # residual relative to the size of its terms: the aim,
+ACCEPTED = 1e-12  # and what is good enough where rounding ends the iteration
 
 
 @functools.cache
-def make_large_newton(dtype: type, residual: str) -> SimpleNamespace:
+def make_large_newton(given: type, residual: str) -> SimpleNamespace:
     """Warp functions: linear algebra on the list of active rows (n of them), residuals and `newton`."""
-    Work = make_work(dtype)
+    dtype = WORK
     env = make_envelope(dtype)
-    sm = make_smoothing(dtype, "rem-logistic")
+    sm = make_smoothing(dtype, residual)
     hard = residual == "hard"
     SIGMA = COLUMN["sigma"]
     ZERO, ONE, HALF = dtype(0.0), dtype(1.0), dtype(0.5)
-    TAU, AIM, GOOD = dtype(PROXIMAL[dtype]), dtype(TOLERANCE[dtype]), dtype(ACCEPTED[dtype])
-    HUGE = dtype(1e300 if dtype is wp.float64 else 1e38)
+    TAU, AIM, GOOD, HUGE = dtype(PROXIMAL), dtype(TOLERANCE), dtype(ACCEPTED), dtype(1e300)
 
     @wp.func
-    def smooth(t: Topology, params: wp.array2d(dtype=dtype), row: int, i: int, z: dtype):
+    def smooth(t: Topology, params: wp.array2d(dtype=given), row: int, i: int, z: dtype):
         """s(z), s(-z), s'(z), s'(-z) of row i."""
         if wp.static(hard):
             return wp.static(sm.kink)(z)
-        sigma = params[row, t.columns[SIGMA] + i]
+        sigma = dtype(params[row, t.columns[SIGMA] + i])
         return wp.static(sm.smooth)(z, sigma, ONE / sigma)
 
     @wp.func
@@ -150,7 +149,7 @@ def make_large_newton(dtype: type, residual: str) -> SimpleNamespace:
 
     @wp.func
     def evaluate(
-        t: Topology, k: Work, params: wp.array2d(dtype=dtype), row: int, b: int, n: int, size: dtype
+        t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, n: int, size: dtype
     ):
         """lambda, slopes and residuals at (k.v, k.z); the largest of these."""
         for r in range(n):
@@ -166,7 +165,7 @@ def make_large_newton(dtype: type, residual: str) -> SimpleNamespace:
     def newton(
         t: Topology,
         k: Work,
-        params: wp.array2d(dtype=dtype),
+        params: wp.array2d(dtype=given),
         row: int,
         b: int,
         n: int,

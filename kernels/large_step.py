@@ -16,7 +16,7 @@ from .large_coulomb import COULOMB_PASSES, make_large_coulomb
 from .large_interior import make_large_solver
 from .large_mechanism import COLUMN, make_large_mechanism
 from .large_topology import Topology
-from .large_work import make_work
+from .large_work import WORK, Work
 from .method import Method
 from .solve import COLD, NONFINITE, NOT_CONVERGED, SOLVED
 
@@ -27,14 +27,14 @@ def large_residual(method: Method, rows: int) -> str:
 
 
 @functools.cache
-def make_large_step(dtype: type, residual: str) -> SimpleNamespace:
+def make_large_step(given: type, residual: str) -> SimpleNamespace:
     """Warp functions of a step on a world's workspace; residual "none" leaves the solver out."""
-    Work = make_work(dtype)
-    mech = make_large_mechanism(dtype)
+    dtype = WORK
+    mech = make_large_mechanism(given)
     env = make_envelope(dtype)
-    contact = make_large_contact(dtype, residual == "hard") if residual != "none" else None
-    solver = make_large_solver(dtype, residual) if residual != "none" else None
-    friction = make_large_coulomb(dtype) if residual == "hard" else None
+    contact = make_large_contact(given, residual == "hard") if residual != "none" else None
+    solver = make_large_solver(given, residual) if residual != "none" else None
+    friction = make_large_coulomb(given) if residual == "hard" else None
     PASSES = COULOMB_PASSES
     H = COLUMN["step_size"]
     UNUSED, HALF, ZERO = dtype(COLD), dtype(0.5), dtype(0.0)
@@ -45,10 +45,10 @@ def make_large_step(dtype: type, residual: str) -> SimpleNamespace:
     def begin(
         t: Topology,
         k: Work,
-        params: wp.array2d(dtype=dtype),
+        params: wp.array2d(dtype=given),
         row: int,
         b: int,
-        external: wp.array2d(dtype=dtype),
+        external: wp.array2d(dtype=given),
         world: int,
     ):
         """Kinematics, M and the forces but the controls' of the state (k.q, k.v0)."""
@@ -57,7 +57,7 @@ def make_large_step(dtype: type, residual: str) -> SimpleNamespace:
         mech.springs(t, k, params, row, b)
 
     @wp.func
-    def free_motion(t: Topology, k: Work, params: wp.array2d(dtype=dtype), row: int, b: int):
+    def free_motion(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int):
         """v_free = v + h M^-1 (r + u)."""
         for i in range(k.mass.shape[0]):
             k.mass_factor[i, b] = k.mass[i, b]
@@ -84,7 +84,7 @@ def make_large_step(dtype: type, residual: str) -> SimpleNamespace:
         return n
 
     @wp.func
-    def contacts(t: Topology, k: Work, params: wp.array2d(dtype=dtype), row: int, b: int, exact_gap: int):
+    def contacts(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, exact_gap: int):
         """Add rows until none is missing, solve after every addition. The first time also those within reach
         of the largest approach are added: in a heap they act next.
         """
@@ -119,7 +119,7 @@ def make_large_step(dtype: type, residual: str) -> SimpleNamespace:
         return status
 
     @wp.func
-    def solve_step(t: Topology, k: Work, params: wp.array2d(dtype=dtype), row: int, b: int, exact_gap: int):
+    def solve_step(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, exact_gap: int):
         """k.v = v' and, on success, the next state in (k.q, k.v0); the status."""
         free_motion(t, k, params, row, b)
         status = int(wp.static(SOLVED))
@@ -137,50 +137,49 @@ def make_large_step(dtype: type, residual: str) -> SimpleNamespace:
                     k.q[j, b] = k.q[j, b] + h * k.v0[j, b]
         return status
 
-    return SimpleNamespace(begin=begin, solve_step=solve_step, control_force=mech.control_force, Work=Work)
+    return SimpleNamespace(begin=begin, solve_step=solve_step, control_force=mech.control_force)
 
 
 @functools.cache
-def make_large_step_kernel(dtype: type, residual: str) -> wp.Kernel:
+def make_large_step_kernel(given: type, residual: str) -> wp.Kernel:
     """One step of every world with all of its outputs (gaps exact); world - base is the slot."""
-    step = make_large_step(dtype, residual)
-    Work = step.Work
-    UNUSED, ZERO = dtype(COLD), dtype(0.0)
+    step = make_large_step(given, residual)
+    UNUSED, ZERO = WORK(COLD), WORK(0.0)
     H = COLUMN["step_size"]
 
-    @specialised("large step", dtype, residual)
+    @specialised("large step", given, residual)
     def large_step_kernel(
         first: int,
         base: int,
         t: Topology,
         k: Work,
-        params: wp.array2d(dtype=dtype),
-        x: wp.array2d(dtype=dtype),  # (B, nx)
-        u: wp.array2d(dtype=dtype),  # (B, nu)
-        external: wp.array2d(dtype=dtype),  # (0 or B, 3 nb)
-        warm: wp.array2d(dtype=dtype),  # (0 or B, nr + 2 pairs)
-        state: wp.array2d(dtype=dtype),  # out (B, nx)
-        impulse: wp.array2d(dtype=dtype),  # out (B, nr)
-        gap: wp.array2d(dtype=dtype),  # out (B, nr)
-        multiplier: wp.array2d(dtype=dtype),  # out (B, nr + 2 pairs)
+        params: wp.array2d(dtype=given),
+        x: wp.array2d(dtype=given),  # (B, nx)
+        u: wp.array2d(dtype=given),  # (B, nu)
+        external: wp.array2d(dtype=given),  # (0 or B, 3 nb)
+        warm: wp.array2d(dtype=given),  # (0 or B, nr + 2 pairs)
+        state: wp.array2d(dtype=given),  # out (B, nx)
+        impulse: wp.array2d(dtype=given),  # out (B, nr)
+        gap: wp.array2d(dtype=given),  # out (B, nr)
+        multiplier: wp.array2d(dtype=given),  # out (B, nr + 2 pairs)
         status: wp.array(dtype=wp.int32),  # out (B,)
     ):
         b = first + wp.tid()
         world = base + b
         row = wp.where(params.shape[0] == 1, 0, world)
         for j in range(t.nv):
-            k.q[j, b] = x[world, j]
-            k.v0[j, b] = x[world, t.nv + j]
+            k.q[j, b] = WORK(x[world, j])
+            k.v0[j, b] = WORK(x[world, t.nv + j])
         for i in range(t.nr):
             k.z[i, b] = UNUSED
             if warm.shape[0] > 0:
-                k.z[i, b] = warm[world, i]
+                k.z[i, b] = WORK(warm[world, i])
         for i in range(t.pairs):
             nx = ZERO
             ny = ZERO
             if warm.shape[0] > 0:
-                nx = warm[world, t.nr + 2 * i]
-                ny = warm[world, t.nr + 2 * i + 1]
+                nx = WORK(warm[world, t.nr + 2 * i])
+                ny = WORK(warm[world, t.nr + 2 * i + 1])
                 norm = wp.sqrt(nx * nx + ny * ny)
                 if norm > ZERO:
                     nx = nx / norm
@@ -189,56 +188,55 @@ def make_large_step_kernel(dtype: type, residual: str) -> wp.Kernel:
             k.normal[2 * i + 1, b] = ny
         step.begin(t, k, params, row, b, external, world)
         for i in range(t.nu):
-            step.control_force(t, k, params, row, b, i, u[world, i])
+            step.control_force(t, k, params, row, b, i, WORK(u[world, i]))
         code = step.solve_step(t, k, params, row, b, 1)
         for j in range(t.nv):
-            state[world, j] = k.q[j, b]
-            state[world, t.nv + j] = k.v0[j, b]
+            state[world, j] = given(k.q[j, b])
+            state[world, t.nv + j] = given(k.v0[j, b])
         solved = code == wp.static(SOLVED)
         for i in range(t.nr):
-            impulse[world, i] = wp.where(solved, k.lam[i, b], ZERO)
-            gap[world, i] = k.gap[i, b] * params[row, t.columns[H]]
-            multiplier[world, i] = wp.where(solved, k.z[i, b], UNUSED)
+            impulse[world, i] = given(wp.where(solved, k.lam[i, b], ZERO))
+            gap[world, i] = given(k.gap[i, b] * WORK(params[row, t.columns[H]]))
+            multiplier[world, i] = given(wp.where(solved, k.z[i, b], UNUSED))
         for i in range(2 * t.pairs):
-            multiplier[world, t.nr + i] = wp.where(solved, k.normal[i, b], ZERO)
+            multiplier[world, t.nr + i] = given(wp.where(solved, k.normal[i, b], ZERO))
         status[world] = code
 
     return large_step_kernel
 
 
 @functools.cache
-def make_large_rollout_kernel(dtype: type, residual: str) -> wp.Kernel:
+def make_large_rollout_kernel(given: type, residual: str) -> wp.Kernel:
     """Roll every world out under its controls, as `rollout.make_rollout_kernel` does under an open loop."""
-    step = make_large_step(dtype, residual)
-    Work = step.Work
-    UNUSED, ZERO = dtype(COLD), dtype(0.0)
+    step = make_large_step(given, residual)
+    UNUSED, ZERO = WORK(COLD), WORK(0.0)
     H = COLUMN["step_size"]
 
-    @specialised("large rollout", dtype, residual)
+    @specialised("large rollout", given, residual)
     def large_rollout_kernel(
         first: int,
         base: int,
         exact_gap: int,
         t: Topology,
         k: Work,
-        params: wp.array2d(dtype=dtype),
-        x0: wp.array2d(dtype=dtype),  # (B, nx)
-        us: wp.array3d(dtype=dtype),  # (B, N, nu)
-        external: wp.array2d(dtype=dtype),  # (0 or B, 3 nb), constant over the rollout
-        states: wp.array3d(dtype=dtype),  # out (B, N+1, nx)
-        controls: wp.array3d(dtype=dtype),  # out (0 or B, N, nu)
-        impulse: wp.array3d(dtype=dtype),  # out (0 or B, N, nr)
-        gap: wp.array3d(dtype=dtype),  # out (0 or B, N, nr)
+        params: wp.array2d(dtype=given),
+        x0: wp.array2d(dtype=given),  # (B, nx)
+        us: wp.array3d(dtype=given),  # (B, N, nu)
+        external: wp.array2d(dtype=given),  # (0 or B, 3 nb), constant over the rollout
+        states: wp.array3d(dtype=given),  # out (B, N+1, nx)
+        controls: wp.array3d(dtype=given),  # out (0 or B, N, nu)
+        impulse: wp.array3d(dtype=given),  # out (0 or B, N, nr)
+        gap: wp.array3d(dtype=given),  # out (0 or B, N, nr)
         status: wp.array(dtype=wp.int32),  # out (B,)
     ):
         b = first + wp.tid()
         world = base + b
         row = wp.where(params.shape[0] == 1, 0, world)
         for j in range(t.nv):
-            k.q[j, b] = x0[world, j]
-            k.v0[j, b] = x0[world, t.nv + j]
-            states[world, 0, j] = k.q[j, b]
-            states[world, 0, t.nv + j] = k.v0[j, b]
+            k.q[j, b] = WORK(x0[world, j])
+            k.v0[j, b] = WORK(x0[world, t.nv + j])
+            states[world, 0, j] = x0[world, j]
+            states[world, 0, t.nv + j] = x0[world, t.nv + j]
         for i in range(t.nr):
             k.z[i, b] = UNUSED
         for i in range(2 * t.pairs):
@@ -248,7 +246,7 @@ def make_large_rollout_kernel(dtype: type, residual: str) -> wp.Kernel:
             if code == wp.static(SOLVED):
                 step.begin(t, k, params, row, b, external, world)
                 for i in range(t.nu):
-                    step.control_force(t, k, params, row, b, i, us[world, n, i])
+                    step.control_force(t, k, params, row, b, i, WORK(us[world, n, i]))
                 code = step.solve_step(t, k, params, row, b, exact_gap)
                 if code == wp.static(SOLVED):
                     if controls.shape[0] > 0:
@@ -256,13 +254,13 @@ def make_large_rollout_kernel(dtype: type, residual: str) -> wp.Kernel:
                             controls[world, n, i] = us[world, n, i]
                     if impulse.shape[0] > 0:
                         for i in range(t.nr):
-                            impulse[world, n, i] = k.lam[i, b]
+                            impulse[world, n, i] = given(k.lam[i, b])
                     if gap.shape[0] > 0:
                         for i in range(t.nr):
-                            gap[world, n, i] = k.gap[i, b] * params[row, t.columns[H]]
+                            gap[world, n, i] = given(k.gap[i, b] * WORK(params[row, t.columns[H]]))
             for j in range(t.nv):
-                states[world, n + 1, j] = k.q[j, b]
-                states[world, n + 1, t.nv + j] = k.v0[j, b]
+                states[world, n + 1, j] = given(k.q[j, b])
+                states[world, n + 1, t.nv + j] = given(k.v0[j, b])
         status[world] = code
 
     return large_rollout_kernel

@@ -70,14 +70,14 @@ class MemoryKernels:
         self.structure, self.dtype, self.device = s, dtype, device
         self.residual = large_step.large_residual(method, s.nr)
         self.topology = make_topology(s, method.inertia_scaling, method.coulomb, device)
-        self.chunk = max(1, WORKSPACE_BYTES // bytes_per_world(s, dtype))
+        self.chunk = max(1, WORKSPACE_BYTES // bytes_per_world(s))
         self._slots, self._work = 0, None
 
     def reserve(self, worlds: int) -> None:
         """Allocate workspaces for that many worlds (of one chunk at most)."""
         slots = min(worlds, self.chunk)
         if slots > self._slots:
-            self._work = allocate_work(self.structure, self.dtype, slots, self.device)
+            self._work = allocate_work(self.structure, slots, self.device)
             self._slots = slots
 
     def _launch(
