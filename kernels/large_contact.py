@@ -20,7 +20,7 @@ def make_large_contact(given: type, hard: bool) -> SimpleNamespace:
     number, column = mech.number, mech.column
     V2, V4, GEO = wp.types.vector(2, dtype), wp.types.vector(4, dtype), wp.types.vector(8, dtype)
     ZERO, ONE = dtype(0.0), dtype(1.0)
-    CUT = dtype(0.0 if hard else (37.0 if given is wp.float64 else 17.0))  # as in `step.py`
+    CUT = dtype(0.0 if hard else 37.0)  # as in `step.py`
     H, SIGMA, LOW, UP, FRICTION, RADIUS, OFFSET, TURNED = (
         COLUMN[n]
         for n in ("step_size", "sigma", "lower", "upper", "friction", "radius", "shape_offset", "shape_angle")

@@ -37,7 +37,7 @@ def make_large_solver(given: type, residual: str) -> SimpleNamespace:
     SHARE = dtype(MOMENTUM)
     POSITIVE = dtype(0.01)  # smallest weight, relative to that of the hard problem
     NEAREST, FARTHEST = dtype(1e-3), dtype(0.1)  # kept of the way to the boundary
-    ROUNDING = dtype(30.0)  # residuals that do not fall any more are taken up to this times their limit
+    GOOD = nt.GOOD
     TINY = dtype(1e-30)
     FLOOR = dtype(1e-30)
     DIVERGED = dtype(1e12)
@@ -143,7 +143,7 @@ def make_large_solver(given: type, residual: str) -> SimpleNamespace:
             worst = nt.residuals(t, k, b, n, size)
             mean = curve(t, k, params, row, b, n)
             centred = mean <= LIMIT * LIMIT * size * size
-            stuck = worst > HALF * last and worst <= ROUNDING * RESIDUAL
+            stuck = worst > HALF * last and worst <= GOOD
             if centred and (worst <= RESIDUAL or stuck):
                 found = int(1)
             elif not (largest < bound and wp.isfinite(mean)):

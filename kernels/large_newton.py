@@ -21,7 +21,8 @@ from .smoothing import make_smoothing
 
 PROXIMAL = 1e-12  # tau
 TOLERANCE = 2e-14  # residual relative to the size of its terms: the aim,
-ACCEPTED = 1e-12  # and what is good enough where rounding ends the iteration
+# and what is good enough where rounding, or rows that all but repeat others, end the iteration
+ACCEPTED = {wp.float64: 2e-11, wp.float32: 1e-6}
 
 
 @functools.cache
@@ -33,7 +34,7 @@ def make_large_newton(given: type, residual: str) -> SimpleNamespace:
     hard = residual == "hard"
     SIGMA = COLUMN["sigma"]
     ZERO, ONE, HALF = dtype(0.0), dtype(1.0), dtype(0.5)
-    TAU, AIM, GOOD, HUGE = dtype(PROXIMAL), dtype(TOLERANCE), dtype(ACCEPTED), dtype(1e300)
+    TAU, AIM, GOOD, HUGE = dtype(PROXIMAL), dtype(TOLERANCE), dtype(ACCEPTED[given]), dtype(1e300)
 
     @wp.func
     def smooth(t: Topology, params: wp.array2d(dtype=given), row: int, i: int, z: dtype):
@@ -215,6 +216,7 @@ def make_large_newton(given: type, residual: str) -> SimpleNamespace:
         direction=direction,
         shift=shift,
         newton=newton,
+        GOOD=GOOD,
         env=env,
         SIGMA=SIGMA,
     )
