@@ -9,18 +9,19 @@ from .distance import make_distance
 from .large_mechanism import COLUMN, make_large_mechanism
 from .large_topology import CONTACT, LONG, LOWER, MOVES_A, MOVES_B, PLANE, TURN, Topology
 from .large_work import WORK, Work
+from .smoothing import make_smoothing
 from .structure import CAPSULE, DISC, ELLIPSE, HALFPLANE, WORLD
 
 
 @functools.cache
-def make_large_contact(given: type, hard: bool) -> SimpleNamespace:
+def make_large_contact(given: type, residual: str) -> SimpleNamespace:
     """Warp functions that fill k.rate and k.jac and choose the rows that can act."""
     dtype = WORK
     mech = make_large_mechanism(given)
     number, column = mech.number, mech.column
     V2, V4, GEO = wp.types.vector(2, dtype), wp.types.vector(4, dtype), wp.types.vector(8, dtype)
     ZERO, ONE = dtype(0.0), dtype(1.0)
-    CUT = dtype(0.0 if hard else 37.0)  # as in `step.py`
+    CUT = dtype(0.0 if residual == "hard" else make_smoothing(dtype, residual).cut)  # as in `step.py`
     H, SIGMA, LOW, UP, FRICTION, RADIUS, OFFSET, TURNED = (
         COLUMN[n]
         for n in ("step_size", "sigma", "lower", "upper", "friction", "radius", "shape_offset", "shape_angle")

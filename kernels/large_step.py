@@ -15,7 +15,7 @@ from .large_contact import make_large_contact
 from .large_coulomb import COULOMB_PASSES, make_large_coulomb
 from .large_interior import make_large_solver
 from .large_mechanism import COLUMN, make_large_mechanism
-from .large_topology import Topology
+from .large_topology import CONTACT, Topology
 from .large_work import WORK, Work
 from .method import Method
 from .solve import COLD, NONFINITE, NOT_CONVERGED, SOLVED
@@ -32,11 +32,11 @@ def make_large_step(given: type, residual: str) -> SimpleNamespace:
     dtype = WORK
     mech = make_large_mechanism(given)
     env = make_envelope(dtype)
-    contact = make_large_contact(given, residual == "hard") if residual != "none" else None
+    contact = make_large_contact(given, residual) if residual != "none" else None
     solver = make_large_solver(given, residual) if residual != "none" else None
     friction = make_large_coulomb(given) if residual == "hard" else None
     PASSES = COULOMB_PASSES
-    H = COLUMN["step_size"]
+    H, FRICTION = COLUMN["step_size"], COLUMN["friction"]
     UNUSED, HALF, ZERO = dtype(COLD), dtype(0.5), dtype(0.0)
     NOWHERE = dtype(-1e30)
     number = mech.number
@@ -119,6 +119,18 @@ def make_large_step(given: type, residual: str) -> SimpleNamespace:
         return status
 
     @wp.func
+    def impulse(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, i: int):
+        """What row i reports: lambda, and with Coulomb friction the normal, then the tangential impulse."""
+        if t.coulomb == 0 or t.row_sign[i] == 0 or t.row_kind[i] != CONTACT:
+            return k.lam[i, b]
+        pair = t.row_index[i]
+        plus = k.lam[t.pair_row[pair], b]
+        minus = k.lam[t.pair_row[pair] + 1, b]
+        if t.row_sign[i] > 0:
+            return plus + minus
+        return number(t, params, row, FRICTION, pair) * (plus - minus)
+
+    @wp.func
     def solve_step(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, exact_gap: int):
         """k.v = v' and, on success, the next state in (k.q, k.v0); the status."""
         free_motion(t, k, params, row, b)
@@ -137,7 +149,9 @@ def make_large_step(given: type, residual: str) -> SimpleNamespace:
                     k.q[j, b] = k.q[j, b] + h * k.v0[j, b]
         return status
 
-    return SimpleNamespace(begin=begin, solve_step=solve_step, control_force=mech.control_force)
+    return SimpleNamespace(
+        begin=begin, solve_step=solve_step, impulse=impulse, control_force=mech.control_force
+    )
 
 
 @functools.cache
@@ -195,7 +209,7 @@ def make_large_step_kernel(given: type, residual: str) -> wp.Kernel:
             state[world, t.nv + j] = given(k.v0[j, b])
         solved = code == wp.static(SOLVED)
         for i in range(t.nr):
-            impulse[world, i] = given(wp.where(solved, k.lam[i, b], ZERO))
+            impulse[world, i] = given(wp.where(solved, step.impulse(t, k, params, row, b, i), ZERO))
             gap[world, i] = given(k.gap[i, b] * WORK(params[row, t.columns[H]]))
             multiplier[world, i] = given(wp.where(solved, k.z[i, b], UNUSED))
         for i in range(2 * t.pairs):
@@ -254,7 +268,7 @@ def make_large_rollout_kernel(given: type, residual: str) -> wp.Kernel:
                             controls[world, n, i] = us[world, n, i]
                     if impulse.shape[0] > 0:
                         for i in range(t.nr):
-                            impulse[world, n, i] = given(k.lam[i, b])
+                            impulse[world, n, i] = given(step.impulse(t, k, params, row, b, i))
                     if gap.shape[0] > 0:
                         for i in range(t.nr):
                             gap[world, n, i] = given(k.gap[i, b] * WORK(params[row, t.columns[H]]))

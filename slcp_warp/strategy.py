@@ -31,7 +31,7 @@ class StrategyError(ValueError):
 
 def missing(s: Structure, method: Method) -> str:
     """What keeps a scene from the kernels in memory, or ""."""
-    if method.residual not in ("hard", "rem-logistic"):
+    if not (method.hard or method.rem):
         return f"residual {method.residual!r}"
     if method.friction != "anitescu" and not (method.coulomb and method.hard):
         return f"friction {method.friction!r}"
