@@ -173,15 +173,15 @@ def make_solver(s: Structure, dtype: type, method: Method) -> wp.Function:
         return out
 
     @wp.func
-    def proves_infeasible(minv: MQ, jac: JR, diag: VR, rate: VR, y: VR, mask: int):
-        # Farkas: y >= 0, J'y = 0, y.d/h < 0 proves that no velocity opens the rows
+    def proves_infeasible(minv: MQ, jac: JR, diag: VR, w0: VR, y: VR, mask: int):
+        # Farkas: y >= 0, J'y = 0, y.w0 = y.d/h < 0 proves that no velocity opens the rows
         f = VQ()
         size = ZERO
         work = ZERO
         for i in range(wp.static(NR)):
             if (mask & wp.static(1 << i)) != 0:
                 size += y[i] * y[i] * diag[i]
-                work += y[i] * rate[i]
+                work += y[i] * w0[i]
                 f = wp.static(r.adds[i])(f, jac, y[i])
         return work < ZERO and wp.dot(f, minv * f) <= CERTIFICATE * size
 
@@ -348,7 +348,7 @@ def make_solver(s: Structure, dtype: type, method: Method) -> wp.Function:
                 z, lam, found = interior(
                     params, row, minv, vfree, jac, rate, scale, sigma, diag, mask, size, z
                 )
-                if found == 0 and proves_infeasible(minv, jac, diag, rate, lam, mask):
+                if found == 0 and proves_infeasible(minv, jac, diag, w0, lam, mask):
                     status = wp.static(INFEASIBLE)
             if status == wp.static(NOT_CONVERGED):
                 at, z, status = newton(

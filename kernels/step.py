@@ -6,8 +6,8 @@ among the forces of the free motion and is taken off again, v_free = reached - M
 h v*, where v* solves the same contact problem from the mean free velocity (v + v_free)/2: free flight
 follows the trapezoidal rule, what rests stays, nothing penetrates.
 A row is left out while w = J v' + d/h > cut sigma, where its smoothed impulse s(-w)/D is below the dtype's
-resolution; the test is repeated with the solved v' until no row has to be added, so leaving out
-is exact to rounding.
+resolution (with ERM all rows or none, see `erm.py`); the test is repeated with the solved v' until no row has
+to be added, so leaving out is exact to rounding.
 """
 
 import functools
@@ -16,6 +16,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from .coulomb import make_coulomb_solver
+from .erm import make_erm_solver
 from .free_motion import make_free_motion
 from .mechanism import make_mechanism
 from .method import Method
@@ -57,7 +58,8 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
     speeds = tuple(make_speed(s, k, dtype) for k in range(NP))
     solver = None
     if NR:
-        solver = (make_coulomb_solver if method.coulomb else make_solver)(s, dtype, method)
+        make = make_coulomb_solver if method.coulomb else make_erm_solver if method.erm else make_solver
+        solver = make(s, dtype, method)
     limits = rows.limit
     noise = make_noise(s, dtype, method)
 
@@ -145,7 +147,7 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
         def near(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, v: VQ):
             # whether the pair can act at velocity v, from a lower bound of d and a bound on the approach
             # speed
-            if wp.static(exact_gap or pairs[k].exact_bound or method.state_noise):
+            if wp.static(exact_gap or pairs[k].exact_bound or method.state_noise or method.erm):
                 return True
             gap = wp.static(pairs[k].bound)(params, row, fr) / params[row, wp.static(H)]
             level = wp.static(noise.level[first])(params, row, VR())
@@ -312,6 +314,9 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
                                     out.sigma[i] = wp.static(deviations[i])(params, row, jac)
                 if (known & wp.static(pair_bit[k])) != 0:
                     mask = wp.static(grow_pairs[k].grow)(params, row, rate, jac, out.sigma, out.v, mask)
+            if wp.static(method.erm):
+                if mask != 0:
+                    mask = wp.static((1 << NR) - 1)
             more = wp.where(mask != before, 1, 0)
             if more == 1:
                 out.scale = wp.static(rows.scale)(out.minv, jac, mask)

@@ -5,6 +5,7 @@ The contact problem of every time step is a stochastic complementarity problem (
 
 from . import scenes
 from .arrays import ArrayError
+from .complementarity import Complementarity, solve_complementarity
 from .mjcf import MjcfError, load_mjcf
 from .options import OptionError, Options, Status
 from .parameters import ParameterError, Parameters
@@ -22,6 +23,7 @@ __all__ = [
     "Actuator",
     "ArrayError",
     "Body",
+    "Complementarity",
     "Contact",
     "Linearization",
     "MjcfError",
@@ -47,6 +49,7 @@ __all__ = [
     "save_scene",
     "residual",
     "scenes",
+    "solve_complementarity",
     "sweep",
     "touching",
 ]
