@@ -65,10 +65,13 @@ def run_sweep(
     policy, facts = load_policy(policy_file, scene)
     scaling = scaling or PRESETS.get(scene.name, {}).get("scaling", "inertia")
     device = str(make_simulator(scene, device=device, dtype=dtype).device)  # a bad name fails here, clearly
-    method = {"scaling": scaling, "integrator": integrator}
-    report = slcp.sweep(scene, policy, spec, **method, dtype=dtype, device=device, progress=progress)
+    report = slcp.sweep(
+        scene, policy, spec, scaling=scaling, integrator=integrator, dtype=dtype, device=device,
+        progress=progress,
+    )  # fmt: skip
     if not report.cases:
         raise KeyboardInterrupt
+    method = {"scaling": scaling, "integrator": integrator}
     report.spec |= {"scene": scene.name, **method, "dtype": dtype, "device": device, **facts}
     return report
 

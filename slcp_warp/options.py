@@ -69,6 +69,11 @@ class Options:
             value = getattr(self, name)
             if value not in choices:
                 raise OptionError(f"Options.{name} is {value!r}; choose one of {list(choices)}")
+        if self.noise == "state" and (self.method.hard or self.method.erm):
+            why = "has no noise" if self.method.hard else "has no derivatives by sigma here"
+            raise OptionError(
+                f"Options.noise is 'state' with residual {self.residual!r}, which {why}; use a rem- residual"
+            )
         if self.friction == "coulomb" and self.residual != "hard":
             raise OptionError(
                 f"Options.friction is 'coulomb' with residual {self.residual!r}; Coulomb's friction has no "

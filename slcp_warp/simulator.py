@@ -280,15 +280,16 @@ class Simulator:
         fx, fu = self.empty(worlds, 1, self.nx, self.nx), self.empty(worlds, 1, self.nx, max(self.nu, 1))
         fzz = self.empty(worlds if second else 0, self.nw, nz, nz)
         status = wp.zeros((worlds, 1), dtype=wp.int32, device=self.device)
-        inputs = [
+        inputs = (
             self.parameter_array(params, worlds),
             1,
             state.array.reshape((worlds, 1, self.nx)),
             control.reshape((worlds, 1, max(self.nu, 1))),
             self._external(external_force, worlds),
             wp.zeros(0, dtype=wp.int32, device=self.device),
-        ]
-        derivatives.prepare(self._key, self.device, *inputs, (fx, fu, fzz, status), second)()
+            (fx, fu, fzz, status),
+        )
+        derivatives.prepare(self._key, self.device, *inputs, second)()
 
         def give(a: wp.array) -> Any:
             return from_batch(a.reshape((worlds, *a.shape[2:])), state.kind, state.batched)

@@ -110,6 +110,11 @@ def test_bad_covariances(finger, value, words):
         finger.params.replace(velocity_covariance=value)
 
 
+def test_noise_of_the_state_needs_a_residual_with_noise():
+    with pytest.raises(slcp.OptionError, match="has no noise"):
+        slcp.Options(noise="state", residual="hard")
+
+
 def test_covariances_belong_to_noise_of_the_state(device):
     sim = slcp.Simulator(scene("flicking_finger"), device=device, dtype="float32")
     assert sim.dtype is wp.float32
