@@ -40,12 +40,13 @@ def make_solver(s: Structure, dtype: type, method: Method) -> wp.Function:
     UNUSED = dtype(COLD)
     HUGE = dtype(1e300 if dtype is wp.float64 else 1e38)
     TOL = dtype(2e-14 if dtype is wp.float64 else 1e-6)
-    ACCEPT = dtype(3e-13 if dtype is wp.float64 else 1e-5)
+    ACCEPT, LARGEST = (dtype(x) for x in ((3e-13, 1e-10) if dtype is wp.float64 else (1e-5, 1e-5)))
+    ROUNDING = dtype(1e-15)  # of the impulses' own velocities, which cancel between heavy and light bodies
     DECREASE = dtype(1e-4)
     SHORTEST = dtype(0.05)
     TAU = dtype(PROXIMAL[dtype])
     SMALLEST = dtype(1e-30)
-    CERTIFICATE = dtype(1e-6)
+    CERTIFICATE = dtype(1e-18 if dtype is wp.float64 else 1e-11)  # a square: tells 1:1e6 in mass from zero
     limit, index = r.limit, tuple(row.index for row in s.rows)
 
     def make_couple(first: int) -> wp.Function:
@@ -306,10 +307,14 @@ def make_solver(s: Structure, dtype: type, method: Method) -> wp.Function:
                 z = best + length * dz
             if length < SHORTEST or it >= wp.static(ITERATIONS[method.hard]):
                 # rounding may be all that is left: the best point then counts with a wider tolerance
-                if best_worst > ACCEPT * size:
+                tolerance = ACCEPT * size
+                for i in range(wp.static(NR)):
+                    if (mask & wp.static(1 << i)) != 0:
+                        tolerance = wp.max(tolerance, ROUNDING * best[i] * diag[i] / scale[i])
+                tolerance = wp.min(tolerance, LARGEST * size)
+                if best_worst > tolerance:
                     break
                 z = best
-                tolerance = ACCEPT * size
                 last = 1
         return at, z, status
 
