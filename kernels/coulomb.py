@@ -232,7 +232,7 @@ def make_coulomb_solver(s: Structure, dtype: type, method: Method) -> wp.Functio
     TAU, NEARLY_NONE = (dtype(x) for x in PROXIMAL[dtype])
     HUGE, SMALLEST = dtype(1e30), dtype(1e-30)
     EPSILON = dtype(4e-16 if dtype is wp.float64 else 6e-8)
-    PROOF = dtype(0.03 if dtype is wp.float64 else 1.0)  # worst is compared with 3e-12 or 1e-5
+    PROOF = dtype(0.0015 if dtype is wp.float64 else 1.0)  # worst is compared with 3e-12 or 1e-5
     UNUSED = dtype(0.5 * COLD)
 
     @wp.func
