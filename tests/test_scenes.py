@@ -8,17 +8,18 @@ import math
 import numpy as np
 import pytest
 from oracle import Oracle
+from simulators import scene
 
 import slcp_warp as slcp
 from slcp_warp import scenes
 
 
-def roll(scene, device, seconds, u=None, residual="rem-logistic", strategy="memory"):
+def roll(sc, device, seconds, u=None, residual="rem-logistic", strategy="memory"):
     """States (N + 1, nx) of a rollout from the scene's initial state."""
-    sim = slcp.Simulator(scene, slcp.Options(residual=residual), device=device, strategy=strategy)
-    steps = round(seconds / scene.step_size)
-    controls = np.zeros((1, steps, scene.nu)) if u is None else np.tile(u, (1, steps, 1))
-    traj = sim.rollout(scene.x0[None], controls)
+    sim = slcp.Simulator(sc, slcp.Options(residual=residual), device=device, strategy=strategy)
+    steps = round(seconds / sc.step_size)
+    controls = np.zeros((1, steps, sc.nu)) if u is None else np.tile(u, (1, steps, 1))
+    traj = sim.rollout(sc.x0[None], controls)
     assert (traj.status == 0).all()
     assert np.isfinite(traj.states).all()
     return traj.states[0]
@@ -26,10 +27,19 @@ def roll(scene, device, seconds, u=None, residual="rem-logistic", strategy="memo
 
 @pytest.mark.parametrize("name", scenes.NAMED)
 def test_scene_is_documented_and_small(name):
-    scene = scenes.NAMED[name]()
-    assert scene.name == name and scenes.NAMED[name].__doc__
-    assert scene.structure.nr <= 31  # what the kernels in registers take
-    assert np.isfinite(scene.x0).all()
+    sc = scenes.NAMED[name]()
+    assert sc.name == name and scenes.NAMED[name].__doc__
+    assert sc.structure.nr <= 31  # what the kernels in registers take
+    assert np.isfinite(sc.x0).all()
+
+
+def test_every_scene_can_be_drawn(tmp_path):
+    """Points, capsules, half-planes on bodies, links and springs, without stepping."""
+    from slcp_warp.scripts.scenes import sheet
+
+    drawn = {name: scene(name) for name in (*scenes.NAMED, "sprung", "capsules", "moving_plane")}
+    still = {name: (sc, np.tile(sc.x0[: sc.nv], (2, 1))) for name, sc in drawn.items()}
+    assert sheet(still, tmp_path / "scenes.png").stat().st_size > 10_000
 
 
 def test_stack_stands(device):
@@ -45,9 +55,9 @@ def test_beam_comes_to_rest_level_on_its_supports(device, spread):
 
 
 def test_box_lands_and_rests_on_a_side(device):
-    scene = scenes.box_toss()
-    x = roll(scene, device, 2.0)
-    oracle = Oracle(scene)
+    sc = scenes.box_toss()
+    x = roll(sc, device, 2.0)
+    oracle = Oracle(sc)
     quarter = x[-1, 2] / (math.pi / 2)
     assert abs(quarter - round(quarter)) < 1e-3
     np.testing.assert_allclose(x[-1, 3:], 0.0, atol=1e-3)
@@ -107,10 +117,10 @@ def test_pushed_block_moves_and_stops(device):
 
 
 def test_opposing_limits_hold(device):
-    scene = scenes.opposing_limits()
-    layer = scene.step_size * scene.sigma
-    assert np.abs(roll(scene, device, 1.0)[:, 0]).max() < 10 * layer
-    hard = roll(scene, device, 1.0, residual="hard")
+    sc = scenes.opposing_limits()
+    layer = sc.step_size * sc.sigma
+    assert np.abs(roll(sc, device, 1.0)[:, 0]).max() < 10 * layer
+    hard = roll(sc, device, 1.0, residual="hard")
     assert np.abs(hard[1:, 0]).max() <= 0.5e-4 + 1e-12
 
 
@@ -132,12 +142,12 @@ def test_walker_lands_and_stands(device):
 def test_critical_friction_of_the_painleve_rod():
     """The force of one sliding contact accelerates its end out of the ground below mu = 4/3 only."""
     for friction, sign in ((4 / 3 - 1e-6, 1), (4 / 3 + 1e-6, -1)):
-        scene = scenes.painleve_rod(friction)
-        q = scene.x0[None, :3]
-        oracle = Oracle(scene)
+        sc = scenes.painleve_rod(friction)
+        q = sc.x0[None, :3]
+        oracle = Oracle(sc)
         gap, jn, jt, _ = oracle.contact_jacobian(q, 1)  # the leading end
         assert abs(gap[0]) < 1e-12
-        push = jn[0] - friction * jt[0] * np.sign(jt[0] @ scene.x0[3:])
+        push = jn[0] - friction * jt[0] * np.sign(jt[0] @ sc.x0[3:])
         assert np.sign(jn[0] @ np.linalg.solve(oracle.mass_matrix(q)[0], push)) == sign
 
 
@@ -145,8 +155,8 @@ def test_critical_friction_of_the_painleve_rod():
 @pytest.mark.parametrize("sigma", [0.1, 0.01, 1e-3])
 def test_rod_that_lands_flat_is_solved(device, sigma):
     """Two ends at once with friction: the rank is 3 of 4 rows, impulses cancel to rounding."""
-    scene = scenes.painleve_rod(1.5)
-    sim = slcp.Simulator(scene, device=device)
+    sc = scenes.painleve_rod(1.5)
+    sim = slcp.Simulator(sc, device=device)
     rng = np.random.default_rng(2)
     q = 10.0 ** rng.uniform(-6, -2, (700, 1)) * rng.standard_normal((700, 3))
     x = np.concatenate([q, 1.5 * rng.standard_normal((700, 3))], axis=1)
@@ -156,8 +166,8 @@ def test_rod_that_lands_flat_is_solved(device, sigma):
 @pytest.mark.slow
 @pytest.mark.parametrize("friction,residual", [(1.5, "rem-logistic"), (1.2, "hard"), (1.5, "hard")])
 def test_painleve_rod_is_solved_and_stays_out(device, friction, residual):
-    scene = scenes.painleve_rod(friction)
-    x = roll(scene, device, 1.5, residual=residual, strategy="auto")
-    assert Oracle(scene).rows(x[:, :3])[0].min() > -1e-4
+    sc = scenes.painleve_rod(friction)
+    x = roll(sc, device, 1.5, residual=residual, strategy="auto")
+    assert Oracle(sc).rows(x[:, :3])[0].min() > -1e-4
     np.testing.assert_allclose(x[-1, 3:], 0.0, atol=1e-3)
     np.testing.assert_allclose(x[-1, 1], 0.0, atol=1e-3)
