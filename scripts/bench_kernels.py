@@ -102,7 +102,13 @@ def bench_sizes(
         for nv, nc in sizes:
             for strategy in ("registers", "memory"):
                 sim = slcp.Simulator(chain_on_ground(nv, nc), device="cpu", dtype=dtype, strategy=strategy)
-                row = {"benchmark": "kernels", "strategy": strategy, "dtype": dtype, "nv": nv, "nc": nc}
+                row: dict[str, Any] = {
+                    "benchmark": "kernels",
+                    "strategy": strategy,
+                    "dtype": dtype,
+                    "nv": nv,
+                    "nc": nc,
+                }
                 kernel = rollout_kernel(sim)
                 begin = time.process_time()
                 wp.load_module(kernel.module, device="cpu")
