@@ -25,6 +25,7 @@ from .rows import make_pair_jacobian, make_rows, make_speed
 from .shapes import make_pair
 from .smoothing import make_smoothing
 from .solve import COLD, SOLVED, make_solver
+from .speed import make_speed
 from .structure import Structure, layout
 
 
