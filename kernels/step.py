@@ -25,7 +25,6 @@ from .rows import make_pair_jacobian, make_rows, make_speed
 from .shapes import make_pair
 from .smoothing import make_smoothing
 from .solve import COLD, SOLVED, make_solver
-from .speed import make_speed
 from .structure import Structure, layout
 
 
