@@ -14,6 +14,7 @@ import warp as wp
 from .contact_derivatives import make_pair_derivatives
 from .coulomb_response import make_coulomb_response
 from .elimination import PROXIMAL, make_sweep
+from .erm_response import make_erm_response
 from .mechanism_derivatives import make_mechanism_derivatives
 from .method import Method
 from .noise import make_noise
@@ -28,13 +29,15 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
     starts from).
     """
     step = make_step(s, dtype, method, False)
-    mech, rows, t = step.mech, step.rows, step.types
+    mech, rows, t, Solution = step.mech, step.rows, step.types, step.Solution
     motion = make_mechanism_derivatives(s, dtype)
     pairs = tuple(make_pair_derivatives(s, k, dtype) for k in range(len(s.pairs)))
     sweep = make_sweep(s, dtype, method)
     coulomb = method.coulomb and s.nr > 0
     scaled = method.inertia_scaling and not coulomb
+    erm = method.erm and s.nr > 0
     response = make_coulomb_response(s, dtype, method) if coulomb else None
+    least = make_erm_response(s, dtype, method) if erm else None
     sm = make_smoothing(dtype, method.residual)
     noise = make_noise(s, dtype, method)
     lay = layout(s)
@@ -58,7 +61,7 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
         w: VQ  # v' - v
         slope: VR  # s'(z)
         slack: VR  # s'(-z)
-        factor: response.Factor if coulomb else sweep.Factor
+        factor: response.Factor if coulomb else least.Factor if erm else sweep.Factor
         gap_row: JR  # dd/dq of every active row
         m: JR  # M^-1 J_i'
         scale_by_q: JR  # dD_i/dq
@@ -328,8 +331,13 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
                 if wp.static(method.state_noise):
                     f1q, f2q = wp.static(pair_terms[k].noise)(params, row, sol, g, lin, f1q, f2q)
         if wp.static(scaled):
-            f1q, lin = scaling_terms(params, row, sol, lin, f1q, v)
-        if wp.static(coulomb):
+            moved, lin = scaling_terms(params, row, sol, lin, f1q, v)
+            if wp.static(not erm):  # there lambda is the unknown, not z
+                f1q = moved
+        if wp.static(erm):
+            if sol.mask != 0:
+                lin.factor = expected(params, row, fr, v, sol, lin)
+        elif wp.static(coulomb):
             lin.factor = response.factor(params, row, sol.minv, sol.vfree, sol.jac, sol.rate, sol.mask, sol.z)
         elif wp.static(NR > 0):
             lin.factor = wp.static(sweep.factor)(
@@ -340,12 +348,43 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
         return fill(sol, lin, source, f1q, f2q)
 
     @wp.func
+    def expected(
+        params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, v: VQ, sol: step.Solution, lin: Linear
+    ):
+        # ERM: the rows' derivatives once more, with y and p in place of lambda and v'
+        fac = least.prepare(params, row, sol.minv, sol.jac, sol.scale, sol.sigma, sol.lam, sol.z)
+        twin = Solution()
+        twin.jac = sol.jac
+        twin.lam = fac.r_w
+        twin.v = fac.p
+        force = MQ()
+        motion_p = JR()
+        other = lin
+        for k in range(wp.static(len(s.pairs))):
+            if (sol.mask & wp.static(pair_mask[k])) != 0:
+                n = V2(sol.normal[wp.static(2 * k)], sol.normal[wp.static(2 * k + 1)])
+                g = wp.static(pairs[k].geometry)(params, row, fr, n)
+                force, motion_p, other = wp.static(pair_terms[k].rows)(
+                    params, row, twin, g, other, force, motion_p
+                )
+                for i in range(wp.static(NR)):
+                    if wp.static(i in pair_rows[k]):
+                        for j in range(wp.static(NV)):
+                            motion_p[i, j] = motion_p[i, j] - lin.gap_row[i, j] / params[row, wp.static(H)]
+        force += wp.static(motion.motion_by_q)(
+            params, row, lin.fr, lin.jb, fac.p, VQ(), ZERO, params, wp.static(-1)
+        )
+        return least.complete(fac, sol.minv, sol.jac, sol.lam, -force, motion_p, lin.scale_by_q)
+
+    @wp.func
     def column(sol: step.Solution, lin: Linear, f1: VQ, f2: VR, c: int):
         # one column of (dv', dz) for the right-hand side (f1, f2)
         dv = sol.minv * f1
         if sol.mask != 0:
             if wp.static(coulomb):
                 dv = response.solve(lin.factor, sol.jac, dv, f2)
+            elif wp.static(erm):
+                dv = least.solve(lin.factor, sol.minv, sol.jac, dv, f2, c)
             else:
                 dv, innovation = wp.static(sweep.forward)(lin.factor, sol.jac, lin.slope, sol.mask, dv, f2)
                 dz = wp.static(sweep.back)(lin.factor, sol.jac, sol.scale, lin.slope, sol.mask, innovation)

@@ -7,7 +7,7 @@ from slcp_warp.kernels import solve
 from slcp_warp.kernels.method import Method
 
 CHOICES = {
-    "residual": ("rem-logistic", "rem-normal", "hard"),
+    "residual": ("rem-logistic", "rem-normal", "erm-logistic", "erm-normal", "hard"),
     "scaling": ("inertia", "none"),
     "friction": ("anitescu", "coulomb"),
     "integrator": ("euler", "trapezoidal"),
@@ -41,7 +41,8 @@ class Options:
 
     Attributes:
         residual: "rem-logistic", the smoothed problem (17); "rem-normal", its twin for normal noise (footnote
-            3); or "hard", the original one (3), sigma = 0.
+            3); "erm-normal" (15) and "erm-logistic" (footnote 3), the least expected square, not
+            convex; or "hard", the original one (3), sigma = 0.
         scaling: "inertia": D = diag(A), so that both arguments of the residual are velocities and results do
         not
             depend on the unit of mass; "none": D = 1, the paper's.

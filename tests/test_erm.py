@@ -1,0 +1,75 @@
+"""ERM in the step: stationary points, derivatives, what it does at a distance."""
+
+import functools
+
+import numpy as np
+import pytest
+import warp as wp
+from oracle import Oracle
+from simulators import scene, simulator
+from test_linearize import _states, differences
+
+from slcp_warp.residuals import residual
+
+H, SIGMA = 0.05, 0.1
+
+
+def finger(device, name="erm-normal", scaling="inertia", dtype=wp.float64):
+    sim = simulator("flicking_finger", device, dtype, scaling, name)
+    x, u = _states("flicking_finger", 60)
+    keep = Oracle(scene("flicking_finger")).problem(x)["margin"] > 0.05
+    return sim, sim.params.replace(step_size=H, sigma=SIGMA), x[keep], u[keep]
+
+
+def objective(lam, a, b, d, name):
+    return residual(name, d * lam, a @ lam + b, SIGMA).sum()
+
+
+@pytest.mark.parametrize(
+    "name,scaling",
+    [("erm-normal", "inertia"), pytest.param("erm-logistic", "none", marks=pytest.mark.slow)],
+)
+def test_step_minimises_the_expected_square(device, name, scaling):
+    sim, params, x, u = finger(device, name, scaling)
+    step = sim.step(x, u, params)
+    assert (step.status == 0).all()
+    start = simulator("flicking_finger", device, wp.float64, scaling, name.replace("erm", "rem")).step(
+        x, u, params
+    )
+    p = Oracle(scene("flicking_finger"), step_size=H).problem(x, u)
+    b = p["rate"] + np.einsum("bij,bj->bi", p["J"], p["vfree"])
+    d = p["D"] if scaling == "inertia" else np.ones_like(p["D"])
+    for i in range(len(x)):
+        f = functools.partial(objective, a=p["A"][i], b=b[i], d=d[i], name=name)
+        if np.abs(step.impulse[i]).max() == 0.0:
+            assert f(step.impulse[i]) < 1e-12
+            continue
+        assert f(step.impulse[i]) <= f(start.impulse[i]) * (1.0 + 1e-12)
+        e = 1e-6 * np.eye(len(b[i]))
+        slope = [(f(step.impulse[i] + k) - f(step.impulse[i] - k)) / 2e-6 for k in e]
+        assert np.abs(slope).max() < 1e-7 * (1.0 + np.abs(p["A"][i]).max())
+
+
+@pytest.mark.parametrize(
+    "name,scaling",
+    [("erm-normal", "inertia"), pytest.param("erm-logistic", "none", marks=pytest.mark.slow)],
+)
+def test_first_derivatives(device, name, scaling):
+    sim, params, x, u = finger(device, name, scaling)
+    lin = sim.linearize(x, u, params)
+    exact = differences(lambda x, u: sim.step(x, u, params).state, x, u)
+    got = np.concatenate([lin.A, lin.B], axis=-1)
+    error = np.abs(got - exact).max(axis=(1, 2)) / np.abs(exact).max(axis=(1, 2))
+    assert np.median(error) < 1e-8 and error.max() < 1e-5, (
+        f"{error.max():.2g}, x = {x[error.argmax()].tolist()}"
+    )
+
+
+def test_one_row_scaled_by_inertia_is_the_rem_step(device):
+    states, controls = np.zeros((3, 6)), np.zeros((3, 0))
+    states[:, 1], states[:, 4] = (0.003, 0.02, 0.1), (0.0, -1.0, -8.0)
+    after = [
+        simulator("particle", device, wp.float64, "inertia", name).step(states, controls).state
+        for name in ("erm-normal", "rem-normal")
+    ]
+    np.testing.assert_allclose(after[0], after[1], atol=1e-9)
