@@ -160,6 +160,23 @@ def test_coulomb_friction_in_a_thrown_stack(count):
     np.testing.assert_allclose(rub[slips], (-0.5 * np.sign(slip) * push)[slips], rtol=0, atol=1e-9)
 
 
+@slow
+@pytest.mark.parametrize(
+    "name,options", [("sliding_block", coulomb()), ("grasp", slcp.Options(residual="rem-normal"))]
+)
+def test_same_step_as_in_registers_for_other_methods(name, options):
+    sc = scene(name)
+    rng = np.random.default_rng(0)
+    x, u = near_contact(sc, rng, 200, (0.0, 1e-3, -1e-3, 0.02, np.inf)), rng.standard_normal((200, sc.nu))
+    ours, theirs = (
+        slcp.Simulator(sc, options, device="cpu", strategy=strategy).step(x, u)
+        for strategy in ("memory", "registers")
+    )
+    assert (ours.status == slcp.Status.SOLVED).all() and (theirs.status == slcp.Status.SOLVED).all()
+    np.testing.assert_allclose(ours.state, theirs.state, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(ours.contact_impulse, theirs.contact_impulse, rtol=0, atol=1e-8)
+
+
 def test_sliding_stack_stops_where_coulomb_says():
     sc = boxes(np.ones(2))
     x = sc.x0.copy()
