@@ -348,7 +348,7 @@ def make_coulomb_solver(s: Structure, dtype: type, method: Method) -> wp.Functio
         if finite == 0:
             status = wp.static(NONFINITE)
         attempt = int(0)
-        while status == wp.static(NOT_CONVERGED) and attempt < 4:
+        while status == wp.static(NOT_CONVERGED) and attempt < 6:
             if attempt == 2:
                 lam, found = lemke(dense, int(1))
                 z = judge(dense, lam).z
@@ -357,6 +357,8 @@ def make_coulomb_solver(s: Structure, dtype: type, method: Method) -> wp.Functio
                     lam, opens = lemke(dense, int(0))
                     if opens == wp.static(RAY):
                         status = wp.static(INFEASIBLE)
+            elif attempt == 4:
+                z = alone(dense)  # where the warm start misled
             elif attempt > 0:
                 z = best.z
             if status == wp.static(NOT_CONVERGED):
