@@ -23,6 +23,7 @@ from slcp_warp import ddp
 from slcp_warp.kernels import launch
 
 from .bench_kernels import SIZES, bench_reach, bench_sizes, print_sizes
+from .bench_methods import bench_methods
 from .bench_mujoco import Peer, import_mujoco
 from .bench_ours import PAPER, TOUCH, WINDOW, Ours, cpu_threads
 from .bench_timing import Case, Result, print_table, tidy_rows, time_interleaved, write_csv
@@ -210,6 +211,14 @@ def jacobian_command(
     """A = df/dx and B = df/du at touching states, beside a step and MuJoCo's finite differences."""
     _need_mujoco()
     _save(csv, bench_jacobian(worlds, steps, repeats, seed))
+
+
+@app.command("methods")
+def methods_command(
+    worlds: Worlds = 1000, steps: Steps = 75, repeats: Repeats = 5, seed: Seed = 0, csv: Csv = None
+) -> None:
+    """A step with every residual, friction model, integrator and noise, against the default."""
+    _save(csv, bench_methods(worlds, steps, repeats, seed))
 
 
 @app.command("threads")
