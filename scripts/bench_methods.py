@@ -1,5 +1,6 @@
 """`slcp bench methods`: what a step costs with every residual, friction model, integrator and noise."""
 
+import functools
 from typing import Any
 
 import slcp_warp as slcp
@@ -25,7 +26,8 @@ def methods() -> dict[str, dict[str, str]]:
 def bench_methods(worlds: int, steps: int, repeats: int, seed: int) -> list[dict[str, Any]]:
     """Rollouts of the finger on one core, the cases taking turns; ratios to the default residual."""
     work = make_workload(slcp.scenes.flicking_finger(), worlds, steps, seed)
-    cases, notes = [], []
+    cases: list[Case] = []
+    notes: list[str] = []
     with cpu_threads(1):
         for dtype in ("float32", "float64"):
             for name, choices in methods().items():
@@ -35,7 +37,7 @@ def bench_methods(worlds: int, steps: int, repeats: int, seed: int) -> list[dict
                 cases.append(
                     Case(
                         label,
-                        lambda ours=ours: ours.rollout(ours.work),
+                        functools.partial(ours.rollout, ours.work),
                         ours.work.steps,
                         None if label == reference else reference,
                         facts=facts,

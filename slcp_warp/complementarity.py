@@ -16,7 +16,7 @@ from slcp_warp.kernels.method import ERM, REM
 
 from .arrays import ArrayError, from_batch, kind_of, to_batch
 from .options import CHOICES, OptionError
-from .tape import active_tape, wants_gradient
+from .tape import record, wants_gradient
 
 MOST_ROWS = 31
 RESIDUALS = (*REM, *ERM, "hard")
@@ -122,7 +122,7 @@ def solve_complementarity(
     arrays = (given.array, right.array, levels, impulse, w, status)
     launch(make_complementarity_kernel(*key), worlds, list(arrays), device)
     out = [from_batch(x, kind, given.batched) for x in (impulse, w, status)]
-    solution = Complementarity(*out, arrays, key, kind, given.batched, shape)
+    solution = Complementarity(out[0], out[1], out[2], arrays, key, kind, given.batched, shape)
     _record(solution)
     return solution
 
@@ -138,7 +138,7 @@ def _record(solution: Complementarity) -> None:
         solution._adjoint(impulse.grad, grads)
         impulse.grad.zero_()
 
-    active_tape().record_func(backward, arrays=[x for x in (*inputs, impulse) if x.requires_grad])
+    record(backward, inputs, impulse)
 
 
 def _dtype_name(A: Any) -> str:

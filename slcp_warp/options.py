@@ -2,11 +2,12 @@
 
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Any
 
 from slcp_warp.kernels import solve
 from slcp_warp.kernels.method import Method
 
-CHOICES = {
+CHOICES: dict[str, tuple[Any, ...]] = {
     "residual": ("rem-logistic", "rem-normal", "erm-logistic", "erm-normal", "hard"),
     "scaling": ("inertia", "none"),
     "friction": ("anitescu", "coulomb"),

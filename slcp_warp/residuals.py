@@ -43,7 +43,9 @@ def residual(name: str, a: Any, b: Any, sigma: Any = 1.0, dtype: str = "float64"
     if not (arrays[2] > 0).all():
         raise ArrayError(f"sigma is {arrays[2].min():g}; positive numbers are needed")
     kind = getattr(wp, dtype)
-    given = [wp.array(np.ascontiguousarray(x).reshape(-1), dtype=kind, device="cpu") for x in arrays]
+    given: list[wp.array] = [
+        wp.array(np.ascontiguousarray(x).reshape(-1), dtype=kind, device="cpu") for x in arrays
+    ]
     out = wp.zeros(arrays[0].size, dtype=kind, device="cpu")
     launch(make_residual_kernel(kind, name), out.shape[0], [*given, out], "cpu")
     return out.numpy().reshape(arrays[0].shape)

@@ -71,7 +71,8 @@ class MemoryKernels:
         self.residual = large_step.large_residual(method, s.nr)
         self.topology = make_topology(s, method.inertia_scaling, method.coulomb, device)
         self.chunk = max(1, WORKSPACE_BYTES // bytes_per_world(s))
-        self._slots, self._work = 0, None
+        self._slots = 0
+        self._work: Any = None
 
     def reserve(self, worlds: int) -> None:
         """Allocate workspaces for that many worlds (of one chunk at most)."""

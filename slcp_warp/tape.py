@@ -5,6 +5,7 @@ solver tolerance wherever the status is SOLVED; a world with another status gets
 impulses, gaps or the status.
 """
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -26,6 +27,13 @@ def active_tape() -> wp.Tape | None:
 def wants_gradient(*arrays: wp.array | None) -> bool:
     """Whether a tape is recording and one of these requires a gradient."""
     return active_tape() is not None and any(a is not None and a.requires_grad for a in arrays)
+
+
+def record(backward: Callable[[], None], inputs: Sequence[wp.array], output: wp.array) -> None:
+    """Put a backward pass on the tape that is recording."""
+    tape = active_tape()
+    if tape is not None:
+        tape.record_func(backward, arrays=[a for a in (*inputs, output) if a.requires_grad])
 
 
 @dataclass(frozen=True)
@@ -73,7 +81,7 @@ def record_rollout(run: Recorded) -> None:
         _adjoint(run, run.states.grad)
         run.states.grad.zero_()
 
-    active_tape().record_func(backward, arrays=_with_gradient(*run.inputs, run.states))
+    record(backward, run.inputs, run.states)
 
 
 def record_step(run: Recorded) -> None:
@@ -99,7 +107,7 @@ def record_step(run: Recorded) -> None:
             us.grad.zero_()
         after.grad.zero_()
 
-    active_tape().record_func(backward, arrays=_with_gradient(*run.inputs, after))
+    record(backward, run.inputs, after)
 
 
 def refuse_policy(x0: wp.array) -> None:
@@ -108,10 +116,6 @@ def refuse_policy(x0: wp.array) -> None:
         raise ValueError(
             "x0 requires a gradient, but only open-loop rollouts (controls=...) are recorded on a tape"
         )
-
-
-def _with_gradient(*arrays: wp.array) -> list[wp.array]:
-    return [a for a in arrays if a.requires_grad]
 
 
 def _adjoint(run: Recorded, states_grad: wp.array) -> None:
