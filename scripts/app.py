@@ -16,6 +16,7 @@ from .scenes import scenes_command
 from .simulate import simulate_command
 from .size_study import size_command
 from .study import study_command
+from .study_particles import truth_command
 from .surface import surface_command
 from .sweep import sweep_command
 
@@ -29,6 +30,7 @@ app.command("size")(size_command)
 app.command("chart")(chart_command)
 app.command("quickstart")(quickstart_command)
 app.command("study")(study_command)
+app.command("truth")(truth_command)
 app.command("surface")(surface_command)
 app.add_typer(bench_app, name="bench")
 

@@ -9,6 +9,7 @@ from .complementarity import Complementarity, solve_complementarity
 from .mjcf import MjcfError, load_mjcf
 from .options import OptionError, Options, Status
 from .parameters import ParameterError, Parameters
+from .particles import Particles, particles
 from .residuals import residual
 from .results import Linearization, Step, Trajectory
 from .scene import Actuator, Body, Contact, Scene, SceneError, Shape, Spring, box, touching
@@ -31,6 +32,7 @@ __all__ = [
     "Options",
     "ParameterError",
     "Parameters",
+    "Particles",
     "Scene",
     "SceneError",
     "SceneFileError",
@@ -46,8 +48,9 @@ __all__ = [
     "box",
     "load_mjcf",
     "load_scene",
-    "save_scene",
+    "particles",
     "residual",
+    "save_scene",
     "scenes",
     "solve_complementarity",
     "sweep",
