@@ -25,6 +25,9 @@ def stability_command(
         list[str] | None, typer.Option(help="Only this residual; may be given again.")
     ] = None,
     dtype: Annotated[list[str] | None, typer.Option(help="float64 or float32; both if not given.")] = None,
+    everything: Annotated[
+        bool, typer.Option("--everything", help="Also float32 of all methods, and all their combinations.")
+    ] = False,
     csv: Annotated[Path | None, typer.Option(help="Write a row per cell here.")] = None,
     chart: Annotated[Path | None, typer.Option(help="Draw the verdicts here (PNG).")] = None,
     mujoco: Annotated[
@@ -49,6 +52,7 @@ def stability_command(
         cases=tuple(case or ()),
         residuals=tuple(residual or (QUICK.residuals if quick else ())),
         dtypes=tuple(dtype or (QUICK.dtypes if quick else Selection().dtypes)),
+        everything=everything,
     )
     cases = [c for c in CASES if c.quick or not quick]
     console, began = Console(), time.perf_counter()

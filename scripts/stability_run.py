@@ -6,6 +6,7 @@ its last valid state. silent: the solver says SOLVED and the check disagrees. un
 equations of the method.
 """
 
+import functools
 import itertools
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -37,6 +38,15 @@ class Selection:
     dtypes: tuple[str, ...] = ("float64", "float32")
     sigmas: tuple[float, ...] = ()
     step_sizes: tuple[float, ...] = ()
+    everything: bool = False
+
+    def wants(self, options: Options, dtype: str) -> bool:
+        """Whether a method is run in a precision: unless `everything`, what differs from the library's default
+        in several ways is left out, and float32 is for the main methods.
+        """
+        main = options.residual in ("hard", "rem-logistic") and options.integrator == "euler"
+        several = options.scaling != "inertia" and options.integrator != "euler"
+        return dtype in self.dtypes and (self.everything or main or not several and dtype == "float64")
 
 
 def methods(selection: Selection) -> list[Options]:
@@ -153,7 +163,7 @@ def run_battery(cases: Iterable[Case], selection: Selection, say: Any = print) -
         if selection.cases and case.name not in selection.cases:
             continue
         for options in methods(selection):
-            for dtype in selection.dtypes:
+            for dtype in filter(functools.partial(selection.wants, options), selection.dtypes):
                 new = run_case(case, options, dtype, selection)
                 if new:
                     counts = {v: sum(r["verdict"] == v for r in new) for v in VERDICTS}
