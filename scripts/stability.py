@@ -12,7 +12,7 @@ from slcp_warp.options import CHOICES
 from .bench_timing import machine, write_csv
 from .stability_cases import CASES
 from .stability_mujoco import compare
-from .stability_report import draw, lines, markdown, print_table
+from .stability_report import draw, lines, markdown, print_table, read_rows
 from .stability_run import FAMILY, SILENT, Selection, run_battery
 
 QUICK = Selection(residuals=("hard", "rem-logistic"), dtypes=("float64",))
@@ -33,6 +33,10 @@ def stability_command(
     mujoco: Annotated[
         float | None,
         typer.Option(help="Also run MuJoCo (extra `bench`) at this step size, beside hard mode."),
+    ] = None,
+    read: Annotated[
+        list[Path] | None,
+        typer.Option(help="Run nothing: take the cells of this CSV; of several, the later one's count."),
     ] = None,
     table: Annotated[Path | None, typer.Option(help="Write the table here as Markdown.")] = None,
 ) -> None:
@@ -56,9 +60,11 @@ def stability_command(
     )
     cases = [c for c in CASES if c.quick or not quick]
     console, began = Console(), time.perf_counter()
-    rows = run_battery(
-        cases, chosen, lambda line: console.print(f"  {line}", highlight=False, soft_wrap=True)
-    )
+
+    def say(line: str) -> None:
+        console.print(f"  {line}", highlight=False, soft_wrap=True)
+
+    rows = read_rows(read) if read else run_battery(cases, chosen, say)
     if not rows:
         typer.echo("slcp: nothing to run: no case with these residuals and precisions", err=True)
         raise typer.Exit(2)
@@ -69,7 +75,7 @@ def stability_command(
         console.print(f"\nhard mode and MuJoCo, h = {mujoco}\n{lines(peers)}", markup=False, soft_wrap=True)
     facts = machine()
     if csv is not None:
-        write_csv(csv, [row | facts for row in rows])
+        write_csv(csv, rows if read else [row | facts for row in rows])
         typer.echo(f"wrote {csv}")
     if table is not None:
         table.parent.mkdir(parents=True, exist_ok=True)

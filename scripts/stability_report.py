@@ -1,5 +1,6 @@
 """The stability battery's rows as a table on the screen, as Markdown, and as one picture."""
 
+import csv
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,22 @@ DEFAULTS = {name: CHOICES[name][0] for name in FAMILY[1:]}
 SHADES = {PASS: "#009E73", DEGRADES: "#F0E442", STATUS: "#56B4E9", SILENT: "#D55E00", UNCHECKED: "#BBBBBB"}
 STYLES = {PASS: "green", DEGRADES: "yellow", STATUS: "cyan", SILENT: "bold red", UNCHECKED: "dim"}
 ORDER = (UNCHECKED, PASS, DEGRADES, STATUS, SILENT)  # the worst last
+
+
+def read_rows(paths: list[Path]) -> list[Row]:
+    """The battery's rows from its CSV files; a cell that comes again replaces what was there."""
+    cells: dict[tuple[Any, ...], Row] = {}
+    for path in paths:
+        with path.open(newline="") as file:
+            for row in csv.DictReader(file):
+                cell: Row = dict(row)
+                for name in ("h", "variant", "value", "limit", "error"):
+                    cell[name] = float(row[name])
+                cell["sigma"] = float(row["sigma"]) if row["sigma"] else ""
+                cells[
+                    tuple(cell[k] for k in ("case", "scene", *FAMILY, "dtype", "h", "sigma", "variant"))
+                ] = cell
+    return list(cells.values())
 
 
 def method_name(row: Row) -> str:

@@ -41,7 +41,7 @@ class Selection:
     everything: bool = False
 
     def wants(self, options: Options, dtype: str) -> bool:
-        """Whether a method is run in a precision: unless `everything`, what differs from the library's default
+        """Whether a method runs in a precision: unless `everything`, what differs from the library's default
         in several ways is left out, and float32 is for the main methods.
         """
         main = options.residual in ("hard", "rem-logistic") and options.integrator == "euler"
