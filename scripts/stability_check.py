@@ -256,7 +256,9 @@ class Checker:
             )
             m_error = problem.motion(impulse)
             c_error = problem.contact(impulse, self.p["sigma"])
-            if method.trapezoidal:  # positions move with a velocity of their own, which opens the rows, too
+            if method.trapezoidal and method.erm:  # promises no open rows, and records no second impulse
+                pass
+            elif method.trapezoidal:  # positions move with a velocity of their own, which opens the rows, too
                 c_error = np.maximum(c_error, problem.entered((q1 - q) / h[..., None]))
             else:
                 m_error = np.maximum(m_error, update.max(-1))

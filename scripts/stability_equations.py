@@ -41,8 +41,8 @@ class Problem:
         self.rate = np.where(self.tangent, 0.0, d[..., self.place] / self.h)
         self.lengths = lengths[..., self.place] / self.h
         self.free = v + self.h * np.linalg.solve(mass, force[..., None])[..., 0]
-        response = np.linalg.solve(mass, np.swapaxes(self.jac, -1, -2))
-        self.delassus = np.einsum("...ij,...ji->...i", self.jac, response)
+        self.matrix = self.jac @ np.linalg.solve(mass, np.swapaxes(self.jac, -1, -2))  # A (2a)
+        self.delassus = np.einsum("...ii->...i", self.matrix)
 
     def motion(self, impulse: Array) -> Array:
         """Error (B, N) of M v' = h (r + u) + M v + J' lambda; a body's coordinates are weighed by energy."""
@@ -65,6 +65,11 @@ class Problem:
         unscaled = np.ones(self.delassus.shape)
         scale = np.maximum(self.delassus, FLOOR) if self.method.inertia_scaling else unscaled
         b = self.rate + np.einsum("...ij,...j->...i", self.jac, self.v1)
+        if self.method.erm:  # stationary: D r_a + A r_b = 0, relative to the larger of D and A's diagonal
+            by_a, by_b = expected_square_slopes(scale * impulse, b, sigma, self.method)
+            slope = scale * by_a + np.einsum("...ij,...j->...i", self.matrix, by_b)
+            size = np.maximum(self.delassus, scale) * self.weight(impulse)[..., None]
+            return (np.abs(slope) / (size + scale * np.abs(scale * impulse))).max(-1)
         error = complementarity(scale * impulse, b, sigma, self.method)
         for i in np.flatnonzero(self.tangent):  # the row before it is the pair's normal row
             bound = self.mu[i] * impulse[..., i - 1]
@@ -76,6 +81,21 @@ class Problem:
         """By how much (B, N) moving with v enters the rows' half spaces."""
         b = self.rate + np.einsum("...ij,...j->...i", self.jac, v)
         return np.where(self.tangent, 0.0, np.maximum(-b, 0.0)).max(-1) / self.weight(np.zeros(b.shape))
+
+
+def expected_square_slopes(a: Array, b: Array, sigma: Array, method: Method) -> tuple[Array, Array]:
+    """Derivatives by a and b of E[min(a, b + noise)^2], (15): 2 a P(B > a) and 2 E[B; B < a]."""
+    z = (a - b) / sigma
+    small = np.exp(-np.abs(z))
+    if method.residual == "erm-logistic":
+        above = np.where(z > 0.0, small, 1.0) / (1.0 + small)
+        excess = sigma * np.log1p(small)  # E[(a - B)+] - (a - b)+
+    else:
+        tail = normal_tail(np.abs(z))
+        above = np.where(z > 0.0, tail, 1.0 - tail)
+        excess = sigma * (np.exp(-0.5 * z * z) / math.sqrt(2 * math.pi) - np.abs(z) * tail)
+    below = np.where(z > 0.0, b - a * above, a * (1.0 - above)) - excess
+    return 2.0 * a * above, 2.0 * below
 
 
 def complementarity(a: Array, b: Array, sigma: Array, method: Method) -> Array:

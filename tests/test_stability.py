@@ -16,7 +16,7 @@ from slcp_warp.scripts import stability_scenes as scenes
 from slcp_warp.scripts.stability_case import Grid
 from slcp_warp.scripts.stability_cases import CASES
 from slcp_warp.scripts.stability_check import Checker
-from slcp_warp.scripts.stability_equations import complementarity
+from slcp_warp.scripts.stability_equations import complementarity, expected_square_slopes
 from slcp_warp.scripts.stability_report import axes, markdown
 from slcp_warp.scripts.stability_run import (
     DEGRADES,
@@ -74,6 +74,26 @@ def test_normal_residual_is_an_expectation():
     for a, b, sigma in [(0.3, 0.1, 0.2), (1.0, 0.5, 0.1), (0.0, 0.01, 0.05)]:
         got = complementarity(np.array(a), np.array(b), np.array(sigma), Method("rem-normal"))
         assert got == pytest.approx(expected(a, b, sigma), abs=1e-12)
+
+
+@pytest.mark.parametrize("residual", ["erm-logistic", "erm-normal"])
+def test_slopes_of_the_expected_square(residual):
+    """Against differences of E[min(a, b + noise)^2] by quadrature."""
+    logistic = residual == "erm-logistic"
+
+    def expected(a, b, sigma):
+        def square(z):
+            density = 0.25 / np.cosh(z / 2) ** 2 if logistic else np.exp(-0.5 * z * z) / np.sqrt(2 * np.pi)
+            return min(a, b + sigma * z) ** 2 * density
+
+        return quad(square, -40, 40, points=[(a - b) / sigma, 0.0], limit=400, epsabs=1e-13)[0]
+
+    for a, b, sigma in [(0.3, 0.1, 0.2), (0.2, 0.5, 0.1), (0.0, 0.01, 0.05)]:
+        got = expected_square_slopes(np.array(a), np.array(b), np.array(sigma), Method(residual))
+        e = 1e-4
+        by_a = (expected(a + e, b, sigma) - expected(a - e, b, sigma)) / (2 * e)
+        by_b = (expected(a, b + e, sigma) - expected(a, b - e, sigma)) / (2 * e)
+        np.testing.assert_allclose(got, [by_a, by_b], atol=2e-7)
 
 
 def world(spoil=None):
