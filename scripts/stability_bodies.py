@@ -119,7 +119,8 @@ BODY_CASES = (
     Case("box toss", "a thrown, spinning box gains no energy", scenes.box, _toss, energy_gain, 1e-9, "",
          duration=2.0, single=1e-5, label="spin", only=cheap, variants=(3.0, 8.0, -15.0)),
     Case("ellipses inside", "concentric and axis-aligned ellipses part", scenes.ellipses, _inside,
-         _left_inside, 1e-9, steps=5, single=1e-6, label="placing", only=cheap, variants=(0.0, 1.0, 2.0, 3.0)),
+         _left_inside, 1e-9, steps=5, single=1e-6, label="placing", only=cheap,
+         variants=(0.0, 1.0, 2.0, 3.0)),
     Case("thin wall", "a ball does not pass a wall of 5 cm", scenes.ellipses, _throw, _through, 1e-3,
          steps=40, label="speed", only=cheap, variants=(10.0, 30.0, 100.0, 1000.0)),
 )  # fmt: skip

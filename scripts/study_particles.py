@@ -1,4 +1,4 @@
-"""`slcp truth`: the smoothed step beside the mean of the hard step under noise, and the units question."""
+"""`slcp truth`: the smoothed step beside the mean of the hard step under noise, units, costs under noise."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -8,6 +8,7 @@ import typer
 from rich.table import Table
 
 import slcp_warp as slcp
+from slcp_warp import ddp
 from slcp_warp.scene import Contact, Scene, Shape
 
 from .bench_timing import write_csv
@@ -16,6 +17,9 @@ from .common import Seed, console, one_line_errors
 HEIGHTS = (-0.002, 0.0, 0.002, 0.005)  # gap [m]
 SD = 0.1  # of the noise on b [m/s]
 H = 0.02
+HORIZON = 75
+SIGMAS = (0.2, 0.1, 0.05, 0.01, 0.003)  # of the plans
+NOISE = (0.0, 0.02, 0.05, 0.1)  # on every velocity, before every step [rad/s]
 UNITS = ((1e3, 1.0, "gram"), (1.0, 1e3, "millimetre"), (1e3, 1e3, "gram, millimetre"))
 
 
@@ -108,6 +112,32 @@ def unit_differences(worlds: int, seed: int) -> list[dict[str, Any]]:
     return rows
 
 
+def costs_under_noise(count: int, seed: int) -> list[dict[str, Any]]:
+    """Plans for the finger made at several noise levels, on the hard system with noise on the velocity."""
+    scene = slcp.scenes.flicking_finger()
+    problem = ddp.Problem(slcp.Simulator(scene), ddp.costs.flicking_finger(), horizon=HORIZON)
+    hard = slcp.Simulator(scene, slcp.Options(residual="hard"))
+    options = ddp.Options(max_iterations=300)
+    plans = ddp.solve_continuation(problem, scene.x0, np.zeros((HORIZON, 2)), SIGMAS, options)
+    rows = []
+    for sigma, plan in zip(SIGMAS, plans):
+        feedback = {"xs": plan.xs, "K": plan.K}
+        for sd in NOISE:
+            spread = np.diag([0.0] * 3 + [sd**2] * 3)
+            for name, policy in (("open loop", {}), ("feedback", feedback)):
+                run = slcp.particle_rollout(
+                    hard, scene.x0, plan.us, covariance=spread, count=count, seed=seed, **policy
+                )
+                effort = 0.05 * (run.controls**2).sum((1, 2))
+                cost = effort - run.states[:, :-1, 2].sum(1)  # as ddp.costs.flicking_finger
+                rows.append({
+                    "sigma": sigma, "predicted": float(plan.cost), "noise": sd, "policy": name,
+                    "mean": float(cost.mean()), "error": float(cost.std() / np.sqrt(count)),
+                    "95 %": float(np.quantile(cost, 0.95)), "unsolved": int((run.status != 0).sum()),
+                })  # fmt: skip
+    return rows
+
+
 def _show(title: str, rows: list[dict[str, Any]]) -> None:
     table = Table(title=title, title_justify="left")
     for name in rows[0]:
@@ -124,10 +154,12 @@ def truth_command(
     seed: Seed = 0,
     csv: Annotated[Path | None, typer.Option(help="Also write the particles' rows here.")] = None,
 ) -> None:
-    """Compare the smoothed step with the mean of the hard one under noise, and units with each other."""
+    """Compare the smoothed step with the mean of the hard one under noise, units, and plans under noise."""
     rows = against_particles(count, seed)
     _show(f"impulse on the ground [N s]: noise of {SD} m/s on b, h = {H}", rows)
     _show("finger: largest change of a step by the units alone", unit_differences(worlds, seed))
+    costs = costs_under_noise(max(count // 50, 2), seed)
+    _show(f"finger: cost of {HORIZON} hard steps, the velocity disturbed before each", costs)
     if csv is not None:
         write_csv(csv, rows)
         typer.echo(f"wrote {csv}")

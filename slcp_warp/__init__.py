@@ -9,7 +9,7 @@ from .complementarity import Complementarity, solve_complementarity
 from .mjcf import MjcfError, load_mjcf
 from .options import OptionError, Options, Status
 from .parameters import ParameterError, Parameters
-from .particles import Particles, particles
+from .particles import ParticleRollout, Particles, particle_rollout, particles
 from .residuals import residual
 from .results import Linearization, Step, Trajectory
 from .scene import Actuator, Body, Contact, Scene, SceneError, Shape, Spring, box, touching
@@ -32,6 +32,7 @@ __all__ = [
     "Options",
     "ParameterError",
     "Parameters",
+    "ParticleRollout",
     "Particles",
     "Scene",
     "SceneError",
@@ -48,6 +49,7 @@ __all__ = [
     "box",
     "load_mjcf",
     "load_scene",
+    "particle_rollout",
     "particles",
     "residual",
     "save_scene",

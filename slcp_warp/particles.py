@@ -1,9 +1,10 @@
-"""The true stochastic system, one step: many hard worlds around a state, and their mean (paper, section VI).
+"""The true stochastic system: many hard worlds under noise, and their means (paper, section VI).
 
 What the smoothed step replaces by a fuzzy layer is here simulated: states are drawn around x, the original
 hard problem (3) is solved for each, and the mean impulse and state are taken. For one row without friction
 the smoothed impulse *is* that mean under inertia scaling; with friction and with several rows it is an
-approximation, whose error this measures.
+approximation, whose error `particles` measures for one step. `particle_rollout` draws anew before every
+step: what a plan costs over the distribution of outcomes, without any smoothing.
 """
 
 from dataclasses import dataclass
@@ -56,24 +57,9 @@ def particles(
     Raises:
         ParameterError: a simulator that is not hard, a covariance of another shape or not one.
     """
-    if not sim.options.hard:
-        raise ParameterError(f"sim has residual {sim.options.residual!r}; particles need residual='hard'")
-    if count < 2:
-        raise ParameterError(f"count is {count}; two particles or more are needed")
-    centre = np.asarray(x, float)
-    spread = np.asarray(covariance, float)
-    if spread.shape != (sim.nx, sim.nx) or not np.allclose(spread, spread.T):
-        raise ParameterError(
-            f"covariance has shape {spread.shape}; ({sim.nx}, {sim.nx}) and symmetric is needed"
-        )
-    values, axes = np.linalg.eigh(spread)
-    if values.min() < -1e-12 * max(values.max(), 1e-300):
-        raise ParameterError(f"covariance has the eigenvalue {values.min()}; none below 0 is needed")
-    rng = np.random.default_rng(seed)
-    drawn = rng.standard_normal((count, sim.nx))
-    if logistic:
-        drawn = rng.logistic(scale=np.sqrt(3.0) / np.pi, size=drawn.shape)
-    states = centre + (drawn * np.sqrt(np.maximum(values, 0.0))) @ axes.T
+    _check(sim, count)
+    factor = _factor(sim, covariance)
+    states = np.asarray(x, float) + _noise(np.random.default_rng(seed), count, factor, logistic)
     control = None if u is None else np.broadcast_to(np.asarray(u, float), (count, sim.nu))
     step = sim.step(states, control, params)
     solved = step.status == Status.SOLVED
@@ -87,3 +73,97 @@ def particles(
         np.cov(after.T),
         len(after),
     )
+
+
+@dataclass(frozen=True)
+class ParticleRollout:
+    """Every particle's trajectory: states (count, N+1, nx), controls (count, N, nu), status (count,)."""
+
+    states: np.ndarray
+    controls: np.ndarray
+    status: np.ndarray
+
+
+def particle_rollout(
+    sim: Simulator,
+    x0: Any,
+    us: Any,
+    params: Parameters | None = None,
+    *,
+    covariance: Any,
+    count: int = 10000,
+    xs: Any = None,
+    K: Any = None,
+    logistic: bool = False,
+    seed: int = 0,
+) -> ParticleRollout:
+    """Roll out `count` particles of the hard system, with noise of its own on each state before every step.
+
+    A particle that cannot be solved keeps its last valid state and its first failing status.
+
+    Args:
+        sim: a simulator with residual="hard". x0: (nx,), where all start. us: controls (N, nu).
+        covariance: of the noise on the state before each step, (nx, nx).
+        xs, K: nominal states (N+1, nx) and gains (N, nu, nx): u = us + K (x - xs), x after the noise; both
+            or none.
+        logistic: as for `particles`.
+
+    Raises:
+        ParameterError: a simulator that is not hard, another shape, a covariance that is not one.
+    """
+    _check(sim, count)
+    factor = _factor(sim, covariance)
+    us = np.asarray(us, float)
+    steps = len(us)
+    _shape("us", us, (steps, sim.nu))
+    if (xs is None) != (K is None):
+        raise ParameterError("xs and K belong together; give both, or none for open loop")
+    xs = np.zeros((steps + 1, sim.nx)) if xs is None else np.asarray(xs, float)
+    K = np.zeros((steps, sim.nu, sim.nx)) if K is None else np.asarray(K, float)
+    _shape("x0", np.asarray(x0), (sim.nx,))
+    _shape("xs", xs, (steps + 1, sim.nx))
+    _shape("K", K, (steps, sim.nu, sim.nx))
+    rng = np.random.default_rng(seed)
+    states = np.empty((count, steps + 1, sim.nx))
+    controls = np.empty((count, steps, sim.nu))
+    status = np.full(count, int(Status.SOLVED))
+    states[:, 0] = np.asarray(x0, float)
+    for k in range(steps):
+        x = states[:, k] + _noise(rng, count, factor, logistic)
+        controls[:, k] = us[k] + (x - xs[k]) @ K[k].T
+        step = sim.step(x, controls[:, k], params)
+        status = np.where(status == Status.SOLVED, step.status, status)
+        going = (status == Status.SOLVED)[:, None]
+        states[:, k + 1] = np.where(going, step.state, states[:, k])
+    return ParticleRollout(states, controls, status)
+
+
+def _check(sim: Simulator, count: int) -> None:
+    if not sim.options.hard:
+        raise ParameterError(f"sim has residual {sim.options.residual!r}; particles need residual='hard'")
+    if count < 2:
+        raise ParameterError(f"count is {count}; two particles or more are needed")
+
+
+def _shape(name: str, value: np.ndarray, shape: tuple[int, ...]) -> None:
+    if value.shape != shape or not np.isfinite(value).all():
+        raise ParameterError(f"{name} has shape {value.shape}; finite numbers of shape {shape} are needed")
+
+
+def _factor(sim: Simulator, covariance: Any) -> np.ndarray:
+    """L with L L' = covariance, from its principal axes: it may be singular."""
+    spread = np.asarray(covariance, float)
+    if spread.shape != (sim.nx, sim.nx) or not np.allclose(spread, spread.T):
+        raise ParameterError(
+            f"covariance has shape {spread.shape}; ({sim.nx}, {sim.nx}) and symmetric is needed"
+        )
+    values, axes = np.linalg.eigh(spread)
+    if values.min() < -1e-12 * max(values.max(), 1e-300):
+        raise ParameterError(f"covariance has the eigenvalue {values.min()}; none below 0 is needed")
+    return np.asarray(axes * np.sqrt(np.maximum(values, 0.0)))
+
+
+def _noise(rng: np.random.Generator, count: int, factor: np.ndarray, logistic: bool) -> np.ndarray:
+    size = (count, len(factor))
+    drawn = rng.logistic(scale=np.sqrt(3.0) / np.pi, size=size) if logistic else rng.standard_normal(size)
+    return np.asarray(drawn @ factor.T)

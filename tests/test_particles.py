@@ -49,3 +49,33 @@ def test_bad_particles_are_refused():
         slcp.particles(hard, np.zeros(6), covariance=-np.eye(6))
     with pytest.raises(slcp.ParameterError, match="count is 1"):
         slcp.particles(hard, np.zeros(6), covariance=VERTICAL, count=1)
+    us, zero = np.zeros((4, 0)), np.zeros((6, 6))
+    with pytest.raises(slcp.ParameterError, match="xs and K belong together"):
+        slcp.particle_rollout(hard, np.zeros(6), us, covariance=zero, xs=np.zeros((5, 6)))
+    with pytest.raises(
+        slcp.ParameterError, match=r"K has shape \(3, 0, 6\); finite numbers of shape \(4, 0, 6\)"
+    ):
+        slcp.particle_rollout(
+            hard, np.zeros(6), us, covariance=zero, xs=np.zeros((5, 6)), K=np.zeros((3, 0, 6))
+        )
+
+
+@pytest.mark.slow
+def test_particle_rollout_diffuses_in_flight_and_is_the_rollout_without_noise():
+    scene = slcp.scenes.particle()
+    hard = slcp.Simulator(scene, slcp.Options(residual="hard"), device="cpu")
+    params = hard.params.replace(step_size=H)
+    x0, us = np.array([0.0, 0.1, 0.0, 0.3, 0.0, 0.0]), np.zeros((20, 0))
+    still = slcp.particle_rollout(hard, x0, us, params, covariance=np.zeros((6, 6)), count=3)
+    plain = hard.rollout(x0, us, params)
+    np.testing.assert_array_equal(still.states, np.broadcast_to(plain.states, still.states.shape))
+    assert still.states[0, -1, 1] < 1e-3  # it has landed: contact is in the comparison
+
+    spread = np.diag([0.0, 0.0, 0.0, SD**2, 0.0, 0.0])
+    flying = slcp.particle_rollout(
+        hard, [0.0, 9.0, 0.0, 0.0, 0.0, 0.0], us, params, covariance=spread, count=20000
+    )
+    count = np.arange(21)  # free flight: v is a random walk, q' = q + h v'
+    np.testing.assert_allclose(flying.states[:, :, 3].var(0), count * SD**2, rtol=0.05)
+    walked = np.cumsum(count**2) * (H * SD) ** 2
+    np.testing.assert_allclose(flying.states[:, 1:, 0].var(0), walked[1:], rtol=0.05)
