@@ -121,10 +121,10 @@ def costs_under_noise(count: int, seed: int) -> list[dict[str, Any]]:
     plans = ddp.solve_continuation(problem, scene.x0, np.zeros((HORIZON, 2)), SIGMAS, options)
     rows = []
     for sigma, plan in zip(SIGMAS, plans):
-        feedback = {"xs": plan.xs, "K": plan.K}
+        feedback: dict[str, Any] = {"xs": plan.xs, "K": plan.K}
         for sd in NOISE:
             spread = np.diag([0.0] * 3 + [sd**2] * 3)
-            for name, policy in (("open loop", {}), ("feedback", feedback)):
+            for name, policy in (("open loop", dict[str, Any]()), ("feedback", feedback)):
                 run = slcp.particle_rollout(
                     hard, scene.x0, plan.us, covariance=spread, count=count, seed=seed, **policy
                 )
