@@ -13,6 +13,7 @@ import typer
 import warp as wp
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
 
 import slcp_warp as slcp
 from slcp_warp.options import CHOICES
@@ -164,6 +165,16 @@ def start_states(
     x = np.tile(x0, (worlds, 1))
     x[:, scene.nv :] += velocity_sd * np.random.default_rng(seed).standard_normal((worlds, scene.nv))
     return x
+
+
+def show_rows(title: str, rows: list[dict[str, Any]]) -> None:
+    """Print rows with the same columns as a table."""
+    table = Table(title=title, title_justify="left")
+    for name in rows[0]:
+        table.add_column(name, justify="right")
+    for row in rows:
+        table.add_row(*(f"{v:.4g}" if isinstance(v, float) else str(v) for v in row.values()))
+    console.print(table)
 
 
 def prepared(path: Path, suffix: str = ".npz") -> Path:

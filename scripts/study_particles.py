@@ -5,14 +5,13 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
-from rich.table import Table
 
 import slcp_warp as slcp
 from slcp_warp import ddp
 from slcp_warp.scene import Contact, Scene, Shape
 
 from .bench_timing import write_csv
-from .common import Seed, console, one_line_errors
+from .common import Seed, one_line_errors, show_rows
 
 HEIGHTS = (-0.002, 0.0, 0.002, 0.005)  # gap [m]
 SD = 0.1  # of the noise on b [m/s]
@@ -138,15 +137,6 @@ def costs_under_noise(count: int, seed: int) -> list[dict[str, Any]]:
     return rows
 
 
-def _show(title: str, rows: list[dict[str, Any]]) -> None:
-    table = Table(title=title, title_justify="left")
-    for name in rows[0]:
-        table.add_column(name, justify="right")
-    for row in rows:
-        table.add_row(*(f"{v:.4g}" if isinstance(v, float) else str(v) for v in row.values()))
-    console.print(table)
-
-
 @one_line_errors
 def truth_command(
     count: Annotated[int, typer.Option(min=2, help="Particles of each state.")] = 100000,
@@ -156,10 +146,10 @@ def truth_command(
 ) -> None:
     """Compare the smoothed step with the mean of the hard one under noise, units, and plans under noise."""
     rows = against_particles(count, seed)
-    _show(f"impulse on the ground [N s]: noise of {SD} m/s on b, h = {H}", rows)
-    _show("finger: largest change of a step by the units alone", unit_differences(worlds, seed))
+    show_rows(f"impulse on the ground [N s]: noise of {SD} m/s on b, h = {H}", rows)
+    show_rows("finger: largest change of a step by the units alone", unit_differences(worlds, seed))
     costs = costs_under_noise(max(count // 50, 2), seed)
-    _show(f"finger: cost of {HORIZON} hard steps, the velocity disturbed before each", costs)
+    show_rows(f"finger: cost of {HORIZON} hard steps, the velocity disturbed before each", costs)
     if csv is not None:
         write_csv(csv, rows)
         typer.echo(f"wrote {csv}")
