@@ -8,6 +8,7 @@ import warp as wp
 from slcp_warp import __version__
 
 from .bench import app as bench_app
+from .car import car_command
 from .chart import chart_command
 from .grip import grip_command
 from .library import library_command
@@ -32,6 +33,7 @@ app.command("chart")(chart_command)
 app.command("quickstart")(quickstart_command)
 app.command("study")(study_command)
 app.command("truth")(truth_command)
+app.command("car")(car_command)
 app.command("grip")(grip_command)
 app.command("surface")(surface_command)
 app.add_typer(bench_app, name="bench")
