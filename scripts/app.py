@@ -11,6 +11,7 @@ from .bench import app as bench_app
 from .car import car_command
 from .chart import chart_command
 from .grip import grip_command
+from .impact import impact_command
 from .library import library_command
 from .optimise import optimise_command
 from .quickstart import quickstart_command
@@ -35,6 +36,7 @@ app.command("study")(study_command)
 app.command("truth")(truth_command)
 app.command("car")(car_command)
 app.command("grip")(grip_command)
+app.command("impact")(impact_command)
 app.command("surface")(surface_command)
 app.add_typer(bench_app, name="bench")
 
