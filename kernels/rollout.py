@@ -163,13 +163,13 @@ def make_rollout_kernel(
         controls: wp.array3d(dtype=dtype),  # out (0 or B, N, nu)
         impulse: wp.array3d(dtype=dtype),  # out (0 or B, N, nr)
         gap: wp.array3d(dtype=dtype),  # out (0 or B, N, nr)
-        status: wp.array(dtype=wp.int32),  # out (B,)
+        status: wp.array(dtype=wp.int32),  # in and out (B,): a world that comes in unsolved stays where it is
     ):
         world = first + wp.tid()
         row = wp.where(params.shape[0] == 1, 0, world)
         x = world_of.load_state(x0, world)
         carry = step.cold_carry()
-        code = int(0)
+        code = status[world]
         for j in range(wp.static(NX)):
             states[world, 0, j] = x[j]
         for k in range(states.shape[1] - 1):

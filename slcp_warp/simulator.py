@@ -14,6 +14,7 @@ from slcp_warp.kernels.step import make_step
 
 from . import derivatives, tape
 from .arrays import ArrayError, Batch, from_batch, policy_arrays, to_batch
+from .checkpoint import checkpointed
 from .options import Options
 from .parameters import Parameters
 from .results import Linearization, Step, Trajectory, contact_impulse
@@ -199,6 +200,7 @@ class Simulator:
         steps: int | None = None,
         external_force: Any = None,
         record: tuple[str, ...] | str = (),
+        checkpoint: int | None = None,
     ) -> Trajectory:
         """Step every world N times in one launch.
 
@@ -207,6 +209,8 @@ class Simulator:
             policy: an object with `arrays(sim)` -> (name, struct), see `slcp_warp.ddp` policies.
             external_force: constant over the rollout, as in `step`.
             record: any of "controls", "impulse", "gap", one name or several.
+            checkpoint: keep the states of steps 0, k, 2k, ..., N only, and recompute the others in a backward
+                pass (open loop, nothing else recorded): for long horizons, k near the root of N.
 
         Recorded on an active `wp.Tape` as `step` is.
         """
@@ -235,14 +239,24 @@ class Simulator:
             self._need_registers("a rollout under a policy")
             tape.refuse_policy(state.array)
             name, struct = policy_arrays(policy, self, worlds)
+        status = wp.zeros(worlds, dtype=wp.int32, device=self.device)
+        table = self.parameter_array(params, worlds)
+        external = self._external(external_force, worlds)
+        give = lambda a: from_batch(a, state.kind, state.batched)  # noqa: E731
+        if checkpoint is not None:
+            if not isinstance(checkpoint, int | np.integer) or checkpoint < 1 or us is None or record:
+                raise ValueError(
+                    f"checkpoint is {checkpoint!r}; a whole, positive number is needed, with controls and "
+                    "without record"
+                )
+            self._need_registers("a rollout with checkpoints")
+            kept = checkpointed(self._key, table, state.array, us, external, status, checkpoint)
+            return Trajectory(give(kept), give(status), None, None, None)
         states = self.empty(worlds, steps + 1, self.nx)
         recorded = {
             key: self.empty(worlds if key in record else 0, steps, max(size, 1))
             for key, size in (("controls", self.nu), ("impulse", self.nr), ("gap", self.nr))
         }
-        status = wp.zeros(worlds, dtype=wp.int32, device=self.device)
-        table = self.parameter_array(params, worlds)
-        external = self._external(external_force, worlds)
         outputs = [external, states, *recorded.values(), status]
         memory = self._memory_for(table, state.array, us) if us is not None else None
         if memory is not None:
@@ -253,7 +267,6 @@ class Simulator:
             launch(kernel, worlds, inputs, self.device, grain=max(1, 128 // steps))
         if us is not None and memory is None:
             tape.record_rollout(tape.Recorded(self._key, table, state.array, us, external, states, status))
-        give = lambda a: from_batch(a, state.kind, state.batched)  # noqa: E731
         return Trajectory(
             give(states), give(status), *(give(recorded[k]) if k in record else None for k in recorded)
         )

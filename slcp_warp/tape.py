@@ -78,7 +78,7 @@ def record_rollout(run: Recorded) -> None:
     run.states.requires_grad = True
 
     def backward() -> None:
-        _adjoint(run, run.states.grad)
+        adjoint(run, run.states.grad)
         run.states.grad.zero_()
 
     record(backward, run.inputs, run.states)
@@ -101,7 +101,7 @@ def record_step(run: Recorded) -> None:
 
     def backward() -> None:
         wp.copy(states_grad[:, 1], after.grad)
-        _adjoint(longer, states_grad)
+        adjoint(longer, states_grad)
         if u.requires_grad:
             launch(make_sum_kernel(x.dtype), u.shape[1], [us.grad[:, 0], u.grad], x.device)
             us.grad.zero_()
@@ -118,7 +118,7 @@ def refuse_policy(x0: wp.array) -> None:
         )
 
 
-def _adjoint(run: Recorded, states_grad: wp.array) -> None:
+def adjoint(run: Recorded, states_grad: wp.array) -> None:
     """Add the gradients by x0, controls and parameters to theirs, where they are wanted."""
     x0, us, table = run.x0, run.us, run.table
     dtype, device = x0.dtype, x0.device

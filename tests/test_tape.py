@@ -184,3 +184,55 @@ def test_torch_in_torch_out(device):
     step = sim.step(torch.tensor(x0[0], device=where), torch.tensor(us[0, 0], device=where))
     assert step.state.shape == (6,)
     np.testing.assert_array_equal(step.state.cpu().numpy(), sim.step(x0[0], us[0, 0]).state)
+
+
+@pytest.mark.parametrize("every", [1, 20, 75, 100])
+def test_checkpoints_give_the_same_gradient(device, every):
+    sim = finger(device)
+    x0, us, weight = start()
+    bounds = [*range(0, STEPS, every), STEPS]
+    sparse = np.zeros_like(weight)
+    sparse[:, bounds] = weight[:, bounds]  # only kept states can be part of a loss
+    gx, gu, _ = tape_gradient(x0, us, sparse, device)
+    params = sim.params.track()
+    x, u = on_device(x0, device), on_device(us, device)
+    with wp.Tape() as tape:
+        traj = sim.rollout(x, u, params, checkpoint=every)
+    assert traj.states.shape == (len(x0), len(bounds), 6)
+    np.testing.assert_allclose(traj.states.numpy(), sim.rollout(x0, us).states[:, bounds], atol=1e-9)
+    tape.backward(grads={traj.states: on_device(weight[:, bounds], device, False)})
+    np.testing.assert_allclose(x.grad.numpy(), gx, atol=1e-9 * np.abs(gx).max())
+    np.testing.assert_allclose(u.grad.numpy(), gu, atol=1e-9 * np.abs(gu).max())
+    plain = sim.params.track()
+    with wp.Tape() as tape:
+        traj = sim.rollout(on_device(x0, device), on_device(us, device), plain)
+    tape.backward(grads={traj.states: on_device(sparse, device, False)})
+    for name in ("mass", "friction", "step_size"):
+        expected = plain.gradient(name)
+        np.testing.assert_allclose(params.gradient(name), expected, atol=1e-8 * np.abs(expected).max())
+
+
+def test_checkpoints_of_a_failed_world(device):
+    sim = finger(device)
+    x0, us, weight = (a.copy() for a in start())
+    us[1, 30, 0] = np.nan
+    x, u = on_device(x0, device), on_device(us, device)
+    with wp.Tape() as tape:
+        traj = sim.rollout(x, u, checkpoint=20)
+    plain = sim.rollout(x0, us)
+    np.testing.assert_array_equal(traj.status.numpy(), plain.status)
+    assert plain.status[1] != 0
+    np.testing.assert_allclose(traj.states.numpy()[1], plain.states[1, [0, 20, 40, 60, 75]], atol=1e-9)
+    tape.backward(grads={traj.states: on_device(weight[:, [0, 20, 40, 60, 75]], device, False)})
+    assert np.isnan(x.grad.numpy()[1]).all() and np.isnan(u.grad.numpy()[1]).all()
+    assert np.isfinite(x.grad.numpy()[[0, 2]]).all()
+
+
+def test_bad_checkpoints_are_refused(device):
+    sim = finger(device)
+    x0, us, _ = start()
+    for bad in (0, -3, 2.5):
+        with pytest.raises(ValueError, match="checkpoint is"):
+            sim.rollout(x0, us, checkpoint=bad)
+    with pytest.raises(ValueError, match="checkpoint is 5; .* without record"):
+        sim.rollout(x0, us, checkpoint=5, record="impulse")
