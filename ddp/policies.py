@@ -10,7 +10,6 @@ from slcp_warp import Simulator
 from slcp_warp.kernels import policy as kernels
 
 from .library import Library
-from .result import Result
 
 METRICS = ("covariance", "variance")
 
@@ -72,7 +71,14 @@ def tree(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return order, split
 
 
-def _put(sim: Simulator, values: np.ndarray) -> wp.array:
+def _put(sim: Simulator, values: Any) -> wp.array:
+    if isinstance(values, wp.array):
+        if values.dtype is not sim.dtype or values.device != sim.device or not values.is_contiguous:
+            raise ValueError(
+                f"a policy's Warp array is of {values.dtype.__name__} on {values.device}; a contiguous array "
+                f"of {sim.dtype.__name__} on {sim.device} is needed"
+            )
+        return values
     return wp.array(np.ascontiguousarray(values), dtype=sim.dtype, device=sim.device)
 
 
@@ -131,14 +137,16 @@ class NearestPolicy:
 
 
 class TrackingPolicy:
-    """u = us_k + K_k (x - xs_k) along the trajectories of a DDP result, by time; the last step is held.
+    """u = us_k + K_k (x - xs_k) along trajectories, by time; the last step is held.
 
     Args:
-        result: of one problem, or of as many as there are worlds.
+        result: of `ddp.solve`, for one problem or as many as there are worlds; or any object with `us`
+            (N, nu), `xs` (N+1, nx) and `K` (N, nu, nx), or with a batch axis. Warp arrays (with a batch axis)
+            that require gradients collect them from rollouts on a `wp.Tape`.
         period: (nx,) as in `Scene.state_period`.
     """
 
-    def __init__(self, result: Result, period: np.ndarray | None = None) -> None:
+    def __init__(self, result: Any, period: np.ndarray | None = None) -> None:
         single = result.us.ndim == 2
         self.us, self.xs, self.K = (a[None] if single else a for a in (result.us, result.xs, result.K))
         self.period = np.zeros(self.xs.shape[-1]) if period is None else np.asarray(period, float)
@@ -151,8 +159,14 @@ class TrackingPolicy:
                 f"the trajectory has {size[0]} states, {size[1]} controls and a period of shape {size[2]}; "
                 f"scene {sim.scene.name!r} needs {sim.nx}, {sim.nu} and ({sim.nx},)"
             )
+        worlds, steps = self.us.shape[:2]
+        if self.K.shape != (worlds, steps, sim.nu, sim.nx) or self.xs.shape[0] != worlds:
+            raise ValueError(
+                f"K has shape {self.K.shape} and xs {self.xs.shape}; with us {self.us.shape} K must be "
+                f"({worlds}, {steps}, {sim.nu}, {sim.nx}) and xs ({worlds}, {steps} or more, {sim.nx})"
+            )
         struct = kernels.make_tracking(sim.nx, sim.nu, sim.dtype).Struct()
         put = functools.partial(_put, sim)
         struct.us, struct.gain, struct.period = put(self.us), put(self.K), put(self.period)
-        struct.xs = put(self.xs[:, : self.us.shape[1]])
+        struct.xs = put(self.xs)
         return "tracking", struct

@@ -41,7 +41,7 @@ def make_tracking(nx: int, nu: int, dtype: type) -> SimpleNamespace:
     @wp.struct
     class Tracking:
         us: wp.array3d(dtype=dtype)  # (1 or B, N, nu)
-        xs: wp.array3d(dtype=dtype)  # (1 or B, N, nx)
+        xs: wp.array3d(dtype=dtype)  # (1 or B, >= N, nx)
         gain: wp.array4d(dtype=dtype)  # (1 or B, N, nu, nx)
         period: wp.array(dtype=dtype)  # (nx,), 0: none
 

@@ -237,7 +237,6 @@ class Simulator:
                 raise ValueError(f"steps is {steps!r}; a policy needs a whole, positive number of steps")
             us = None
             self._need_registers("a rollout under a policy")
-            tape.refuse_policy(state.array)
             name, struct = policy_arrays(policy, self, worlds)
         status = wp.zeros(worlds, dtype=wp.int32, device=self.device)
         table = self.parameter_array(params, worlds)
@@ -253,8 +252,10 @@ class Simulator:
             kept = checkpointed(self._key, table, state.array, us, external, status, checkpoint)
             return Trajectory(give(kept), give(status), None, None, None)
         states = self.empty(worlds, steps + 1, self.nx)
+        taped = us is None and tape.differentiable_policy(name, struct, state.array, table)
+        stored = {*record, "controls"} if taped else record
         recorded = {
-            key: self.empty(worlds if key in record else 0, steps, max(size, 1))
+            key: self.empty(worlds if key in stored else 0, steps, max(size, 1))
             for key, size in (("controls", self.nu), ("impulse", self.nr), ("gap", self.nr))
         }
         outputs = [external, states, *recorded.values(), status]
@@ -267,6 +268,11 @@ class Simulator:
             launch(kernel, worlds, inputs, self.device, grain=max(1, 128 // steps))
         if us is not None and memory is None:
             tape.record_rollout(tape.Recorded(self._key, table, state.array, us, external, states, status))
+        if taped:
+            run = tape.Recorded(
+                self._key, table, state.array, recorded["controls"], external, states, status, struct
+            )
+            tape.record_rollout(run)
         return Trajectory(
             give(states), give(status), *(give(recorded[k]) if k in record else None for k in recorded)
         )

@@ -1,8 +1,8 @@
 """Rollouts on a `wp.Tape`: the implicit adjoint of every step, attached by hand.
 
-Gradients flow from the recorded states to x0, controls and parameters (`Parameters.track`). They are exact to
-solver tolerance wherever the status is SOLVED; a world with another status gets NaN. Nothing flows through
-impulses, gaps or the status.
+Gradients flow from the recorded states to x0, controls, parameters (`Parameters.track`) and the nominal
+states, controls and gains of a tracking policy. They are exact to solver tolerance wherever the status is
+SOLVED; a world with another status gets NaN. Nothing flows through impulses, gaps or the status.
 """
 
 from collections.abc import Callable, Sequence
@@ -11,9 +11,10 @@ from typing import Any
 
 import warp as wp
 
-from slcp_warp.kernels.expansion import make_adjoint_kernel
+from slcp_warp.kernels.adjoint import make_adjoint_kernel
 from slcp_warp.kernels.launch import launch
 from slcp_warp.kernels.parameter_gradient import offered
+from slcp_warp.kernels.policy import make_tracking
 from slcp_warp.kernels.reduce import make_sum_kernel
 
 from .options import OptionError
@@ -38,7 +39,10 @@ def record(backward: Callable[[], None], inputs: Sequence[wp.array], output: wp.
 
 @dataclass(frozen=True)
 class Recorded:
-    """What the backward pass of a rollout needs: the kernels' key, the arrays that went in and came out."""
+    """What the backward pass of a rollout needs: the kernels' key, the arrays that went in and came out.
+
+    us: controls as they were applied. policy: the struct of the tracking policy that made them, if one did.
+    """
 
     key: tuple[Any, ...]
     table: wp.array
@@ -47,11 +51,14 @@ class Recorded:
     external: wp.array
     states: wp.array
     status: wp.array
+    policy: Any = None
 
     @property
     def inputs(self) -> list[wp.array]:
         """The arrays that may require a gradient."""
-        return [self.x0, self.us, self.table]
+        if self.policy is None:
+            return [self.x0, self.us, self.table]
+        return [self.x0, self.policy.us, self.policy.xs, self.policy.gain, self.table]
 
     @property
     def wanted(self) -> bool:
@@ -70,9 +77,7 @@ class Recorded:
 
 
 def record_rollout(run: Recorded) -> None:
-    """Record the backward pass of an open-loop rollout if a tape is active and an input requires a
-    gradient.
-    """
+    """Record the backward pass of a rollout if a tape is active and an input requires a gradient."""
     if not run.wanted:
         return
     run.states.requires_grad = True
@@ -110,24 +115,50 @@ def record_step(run: Recorded) -> None:
     record(backward, run.inputs, after)
 
 
-def refuse_policy(x0: wp.array) -> None:
-    """A rollout under a policy has no recorded gradient: an error instead of a silent zero."""
-    if active_tape() is not None and x0.requires_grad:
+def differentiable_policy(name: str, struct: Any, x0: wp.array, table: wp.array) -> bool:
+    """Whether a rollout under a policy is to be recorded.
+
+    Raises:
+        ValueError: a gradient is wanted through a policy that has none; better than a silent zero.
+    """
+    arrays = (struct.us, struct.xs, struct.gain) if name == "tracking" else ()
+    if not wants_gradient(x0, table, *arrays):
+        return False
+    if name != "tracking":
         raise ValueError(
-            "x0 requires a gradient, but only open-loop rollouts (controls=...) are recorded on a tape"
+            f"a gradient is wanted through a rollout under a {name!r} policy; only open-loop rollouts and "
+            "those under a ddp.TrackingPolicy are recorded on a tape"
         )
+    return True
 
 
 def adjoint(run: Recorded, states_grad: wp.array) -> None:
-    """Add the gradients by x0, controls and parameters to theirs, where they are wanted."""
-    x0, us, table = run.x0, run.us, run.table
-    dtype, device = x0.dtype, x0.device
-    x_grad = x0.grad if x0.requires_grad else wp.zeros((0, x0.shape[1]), dtype=dtype, device=device)
-    u_grad = us.grad if us.requires_grad else wp.zeros((0, 1, 1), dtype=dtype, device=device)
-    worlds = x0.shape[0] if table.requires_grad else 0
-    part = wp.zeros((worlds, table.shape[1]), dtype=dtype, device=device)
-    kernel = make_adjoint_kernel(*run.key, table.requires_grad)
-    inputs = [table, us, run.external, run.states, run.status, states_grad, x_grad, u_grad, part]
-    launch(kernel, x0.shape[0], inputs, device, grain=max(1, 64 // us.shape[1]))
-    if table.requires_grad:
-        launch(make_sum_kernel(dtype), table.shape[1], [part, table.grad], device)
+    """Add the gradients by x0, controls or policy, and parameters to theirs, where they are wanted."""
+    x0, us, table, policy = run.x0, run.us, run.table, run.policy
+    structure, dtype, _ = run.key
+    device, worlds = x0.device, x0.shape[0]
+
+    def part(like: wp.array | None) -> wp.array:
+        """A gradient of every world's own, to be summed if the worlds share what it is by."""
+        if like is None or not like.requires_grad:
+            return wp.zeros((0,) * (1 if like is None else like.ndim), dtype=dtype, device=device)
+        return wp.zeros((worlds, *like.shape[1:]), dtype=dtype, device=device)
+
+    x_grad = x0.grad if x0.requires_grad else wp.zeros((0, 0), dtype=dtype, device=device)
+    by_table, sums = part(table), []
+    if policy is None:
+        policy = make_tracking(x0.shape[1], structure.nu, dtype).Struct()
+        by_us = us.grad if us.requires_grad else wp.zeros((0, 0, 0), dtype=dtype, device=device)
+        by_xs = wp.zeros((0, 0, 0), dtype=dtype, device=device)
+        by_gain = wp.zeros((0, 0, 0, 0), dtype=dtype, device=device)
+    else:
+        by_us, by_xs, by_gain = part(policy.us), part(policy.xs), part(policy.gain)
+        sums = [(by_us, policy.us), (by_xs, policy.xs), (by_gain, policy.gain)]
+    kernel = make_adjoint_kernel(*run.key, table.requires_grad, run.policy is not None)
+    inputs = [table, us, policy, run.external, run.states, run.status, states_grad]
+    launch(kernel, worlds, [*inputs, x_grad, by_us, by_xs, by_gain, by_table], device,
+           grain=max(1, 64 // us.shape[1]))  # fmt: skip
+    for each, target in [*sums, (by_table, table)]:
+        if target.requires_grad:
+            flat, total = each.reshape((worlds, -1)), target.grad.reshape((target.shape[0], -1))
+            launch(make_sum_kernel(dtype), total.shape[1], [flat, total], device)

@@ -352,10 +352,3 @@ def test_a_sweep_file_that_is_none_is_refused(tmp_path):
     library().save(path)
     with pytest.raises(ValueError, match="format 'slcp-warp-library'"):
         slcp.SweepReport.load(path)
-
-
-def test_a_gradient_through_a_policy_is_refused(device):
-    simulated = simulator("flicking_finger", device, wp.float64, "none")
-    x = wp.array(WORLDS, dtype=wp.float64, device=device, requires_grad=True)
-    with wp.Tape(), pytest.raises(ValueError, match="x0 requires a gradient, but only open-loop"):
-        simulated.rollout(x, policy=tracking(), steps=3)

@@ -1,11 +1,14 @@
 """Gradients of rollouts recorded on a `wp.Tape` against differences of the rollouts, in float64."""
 
 import functools
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import warp as wp
 from simulators import scene, simulator
+
+from slcp_warp import ddp
 
 STEPS, H = 75, 0.05
 SHIFTS = {1: 0.75, 2: -0.15, 3: 1.0 / 60.0}  # sixth-order central difference (Richardson, twice)
@@ -184,6 +187,56 @@ def test_torch_in_torch_out(device):
     step = sim.step(torch.tensor(x0[0], device=where), torch.tensor(us[0, 0], device=where))
     assert step.state.shape == (6,)
     np.testing.assert_array_equal(step.state.cpu().numpy(), sim.step(x0[0], us[0, 0]).state)
+
+
+@pytest.mark.parametrize("rows, held", [(3, 0), (1, 25)])
+def test_gradient_through_a_tracking_policy(device, rows, held):
+    sim = finger(device)
+    x0, us, weight = start()
+    rng = np.random.default_rng(11)
+    nominal = sim.rollout(x0, us).states[:rows]
+    plan = {
+        "us": us[:rows, : STEPS - held],
+        "xs": nominal[:, : STEPS - held + 1] + 0.02 * rng.standard_normal((rows, STEPS - held + 1, 6)),
+        "K": 0.3 * rng.standard_normal((rows, STEPS - held, 2, 6)),
+    }
+    period = scene("flicking_finger").state_period
+
+    def roll(x, arrays):
+        policy = ddp.TrackingPolicy(SimpleNamespace(**arrays), period)
+        return sim.rollout(x, policy=policy, steps=STEPS)
+
+    x = on_device(x0, device)
+    arrays = {name: on_device(value, device) for name, value in plan.items()}
+    with wp.Tape() as tape:
+        traj = roll(x, arrays)
+    assert not traj.status.numpy().any()
+    tape.backward(grads={traj.states: on_device(weight, device, False)})
+    got = {name: array.grad.numpy() for name, array in arrays.items()}
+    assert not got["xs"][:, STEPS - held :].any()  # what the policy never looks at
+    got["x0"] = x.grad.numpy()
+    moved = plan | {"x0": x0}
+    for name, gradient in got.items():
+        direction = rng.standard_normal(gradient.shape) / np.sqrt(gradient.size)
+        value = {}
+        for k in SHIFTS:
+            for sign in (-1, 1):
+                shifted = moved | {name: moved[name] + sign * k * 2e-4 * direction}
+                states = roll(shifted.pop("x0"), shifted).states
+                value[sign * k] = (weight * states).sum()
+        exact = sum(w * (value[k] - value[-k]) for k, w in SHIFTS.items()) / 2e-4
+        assert abs((gradient * direction).sum() - exact) < 1e-6 * np.linalg.norm(gradient), name
+
+
+def test_policies_without_a_gradient_say_so(device):
+    sim = finger(device)
+    x0, us, _ = start()
+    library = SimpleNamespace(arrays=lambda sim: ("nearest", SimpleNamespace()))
+    with wp.Tape(), pytest.raises(ValueError, match="'nearest' policy; only open-loop rollouts and those"):
+        sim.rollout(on_device(x0, device), policy=library, steps=3)
+    short = SimpleNamespace(us=us, xs=np.zeros((3, 5, 6)), K=np.zeros((3, 70, 2, 6)))
+    with pytest.raises(ValueError, match=r"K has shape \(3, 70, 2, 6\) .* must be \(3, 75, 2, 6\)"):
+        sim.rollout(x0, policy=ddp.TrackingPolicy(short), steps=3)
 
 
 @pytest.mark.parametrize("every", [1, 20, 75, 100])

@@ -1,0 +1,128 @@
+"""The adjoint of a rollout: gradients by x0, controls or a tracking policy, and parameters."""
+
+import functools
+
+import warp as wp
+
+from .compile import specialised
+from .method import Method
+from .parameter_gradient import make_parameter_gradient
+from .policy import make_tracking, make_wrap
+from .sensitivity import make_linearization
+from .solve import SOLVED
+from .structure import Structure
+
+
+@functools.cache
+def make_adjoint_kernel(
+    s: Structure, dtype: type, method: Method, by_parameters: bool, feedback: bool
+) -> wp.Kernel:
+    """Reverse sweep of rollouts, from gradients by the recorded states; open loop, or with `feedback` under
+    u = us_k + K_k (x - xs_k).
+
+    Every step is solved again at its recorded state and differentiated at the solution; nothing else is
+    stored.
+    """
+    linear = make_linearization(s, dtype, method)
+    step = linear.step
+    NV, NX, NU = s.nv, 2 * s.nv, s.nu
+    VX, VU, VQ = step.types.VX, step.types.VU, step.types.VQ
+    parameters = make_parameter_gradient(s, dtype, method) if by_parameters else None
+    Tracking = make_tracking(NX, NU, dtype).Struct
+    wrapped = make_wrap(dtype)
+
+    @specialised(s, dtype, method, by_parameters, feedback)
+    def adjoint_kernel(
+        first: int,
+        params: wp.array2d(dtype=dtype),
+        us: wp.array3d(dtype=dtype),  # (B, N, nu), as applied
+        policy: Tracking,  # of N' steps, the last of which is held
+        external: wp.array2d(dtype=dtype),
+        states: wp.array3d(dtype=dtype),  # (B, N+1, nx)
+        status: wp.array(dtype=wp.int32),  # (B,)
+        states_grad: wp.array3d(dtype=dtype),  # (B, N+1, nx)
+        x0_grad: wp.array2d(dtype=dtype),  # accumulated (0 or B, nx)
+        us_grad: wp.array3d(dtype=dtype),  # accumulated (0 or B, N or N', nu)
+        xs_grad: wp.array3d(dtype=dtype),  # accumulated (0 or B, >= N', nx)
+        gain_grad: wp.array4d(dtype=dtype),  # accumulated (0 or B, N', nu, nx)
+        params_grad: wp.array2d(dtype=dtype),  # accumulated (0 or B, width)
+    ):
+        world = first + wp.tid()
+        row = wp.where(params.shape[0] == 1, 0, world)
+        steps = us.shape[1]
+        h = params[row, 0]
+        g = VX()
+        for j in range(wp.static(NX)):
+            g[j] = states_grad[world, steps, j]
+        carry = step.cold_carry()
+        for back in range(steps):
+            k = steps - 1 - back
+            x = VX()
+            u = VU()
+            total = VX()
+            for j in range(wp.static(NX)):
+                x[j] = states[world, k, j]
+                total[j] = states_grad[world, k, j]
+            for j in range(wp.static(NU)):
+                u[j] = us[world, k, j]
+            sol = step.solve_step(params, row, x, u, external, world, carry)
+            carry.z = sol.z
+            carry.normal = sol.normal
+            lin, drift = linear.linearize(params, row, x, sol, external, world)
+            if wp.static(by_parameters):
+                weights = VQ()
+                for i in range(wp.static(NV)):
+                    weights[i] = g[wp.static(NV + i)] + h * g[i]
+                    params_grad[world, 0] = params_grad[world, 0] + g[i] * sol.v[i]  # q' = q + h v'
+                wp.static(parameters)(params, row, x, u, external, world, sol, lin, weights, params_grad)
+            by_control = VU()
+            for i in range(wp.static(NV)):
+                total[i] = total[i] + g[i]
+                for j in range(wp.static(NX)):
+                    total[j] = total[j] + (g[wp.static(NV + i)] * lin.dv[i, j] + h * g[i] * drift[i, j])
+                for j in range(wp.static(NU)):
+                    c = wp.static(NX + j)
+                    by_control[j] = (
+                        by_control[j] + g[wp.static(NV + i)] * lin.dv[i, c] + h * g[i] * drift[i, c]
+                    )
+            if us_grad.shape[0] > 0:
+                at = wp.min(k, us_grad.shape[1] - 1)
+                for j in range(wp.static(NU)):
+                    us_grad[world, at, j] = us_grad[world, at, j] + by_control[j]
+            if wp.static(feedback):
+                tracked = wp.where(policy.gain.shape[0] == 1, 0, world)
+                held = wp.min(k, policy.us.shape[1] - 1)
+                for j in range(wp.static(NX)):
+                    slope = dtype(0.0)
+                    dx = wrapped(x[j] - policy.xs[tracked, held, j], policy.period[j])
+                    for i in range(wp.static(NU)):
+                        slope += by_control[i] * policy.gain[tracked, held, i, j]
+                        if gain_grad.shape[0] > 0:
+                            gain_grad[world, held, i, j] = gain_grad[world, held, i, j] + by_control[i] * dx
+                    total[j] = total[j] + slope
+                    if xs_grad.shape[0] > 0:
+                        xs_grad[world, held, j] = xs_grad[world, held, j] - slope
+            g = total
+        if status[world] != wp.static(SOLVED):  # no gradient exists: say so instead of inventing one
+            for j in range(wp.static(NX)):
+                g[j] = dtype(wp.NAN)
+            if us_grad.shape[0] > 0:
+                for k in range(us_grad.shape[1]):
+                    for j in range(wp.static(NU)):
+                        us_grad[world, k, j] = dtype(wp.NAN)
+            if wp.static(by_parameters):
+                for j in range(params_grad.shape[1]):
+                    params_grad[world, j] = dtype(wp.NAN)
+            if wp.static(feedback):
+                for k in range(policy.us.shape[1]):
+                    for j in range(wp.static(NX)):
+                        if xs_grad.shape[0] > 0:
+                            xs_grad[world, k, j] = dtype(wp.NAN)
+                        if gain_grad.shape[0] > 0:
+                            for i in range(wp.static(NU)):
+                                gain_grad[world, k, i, j] = dtype(wp.NAN)
+        if x0_grad.shape[0] > 0:
+            for j in range(wp.static(NX)):
+                x0_grad[world, j] = x0_grad[world, j] + g[j]
+
+    return adjoint_kernel
