@@ -10,6 +10,7 @@ from .mjcf import MjcfError, load_mjcf
 from .options import OptionError, Options, Status
 from .parameters import ParameterError, Parameters
 from .particles import ParticleRollout, Particles, particle_rollout, particles
+from .products import Pullback, Pushforward, jvp, vjp, weighted_hessian
 from .residuals import residual
 from .results import Linearization, Step, Trajectory
 from .scene import Actuator, Body, Contact, Scene, SceneError, Shape, Spring, box, touching
@@ -34,6 +35,8 @@ __all__ = [
     "Parameters",
     "ParticleRollout",
     "Particles",
+    "Pullback",
+    "Pushforward",
     "Scene",
     "SceneError",
     "SceneFileError",
@@ -47,6 +50,7 @@ __all__ = [
     "SweepSpec",
     "Trajectory",
     "box",
+    "jvp",
     "load_mjcf",
     "load_scene",
     "particle_rollout",
@@ -57,4 +61,6 @@ __all__ = [
     "solve_complementarity",
     "sweep",
     "touching",
+    "vjp",
+    "weighted_hessian",
 ]

@@ -1,0 +1,162 @@
+"""Products with the derivatives of rollouts, in NumPy: vector-Jacobian, Jacobian-vector, weighted Hessian.
+
+The same numbers come from a `wp.Tape` (vjp) or from `Simulator.linearize`; these ways need neither.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from . import derivatives
+from .arrays import ArrayError
+from .parameters import ParameterError, Parameters
+from .simulator import Simulator
+
+
+@dataclass(frozen=True)
+class Pullback:
+    """Gradients of sum(weights * states): by x0 (B, nx), by controls (B, N, nu), and by each parameter that
+    was asked for, (B, *its shape). `states` (B, N+1, nx) and `status` (B,) are the rollout's.
+    """
+
+    x0: np.ndarray
+    controls: np.ndarray
+    parameters: dict[str, np.ndarray]
+    states: np.ndarray
+    status: np.ndarray
+
+
+@dataclass(frozen=True)
+class Pushforward:
+    """Derivatives of the states along a direction, (B, N+1, nx); `states` and `status` are the rollout's."""
+
+    tangent: np.ndarray
+    states: np.ndarray
+    status: np.ndarray
+
+
+def vjp(
+    sim: Simulator,
+    x0: Any,
+    controls: Any,
+    weights: Any,
+    params: Parameters | None = None,
+    *,
+    parameters: Sequence[str] = (),
+    external_force: Any = None,
+) -> Pullback:
+    """Roll out and pull weights on the states back: one forward and one backward launch.
+
+    Args:
+        x0: (B, nx). controls: (B, N, nu). weights: (B, N+1, nx), of the states.
+        parameters: names of parameters whose gradients are wanted, too; they come per world.
+
+    Returns:
+        Gradients; NaN in worlds that were not solved.
+
+    Raises:
+        ArrayError: another shape. OptionError, ParameterError: a gradient that does not exist.
+    """
+    x0, controls = _pair(sim, x0, controls)
+    worlds = len(x0)
+    shape = (worlds, controls.shape[1] + 1, sim.nx)
+    weights = _array("weights", weights, shape)
+    given = sim.params if params is None else params
+    if parameters:
+        unknown = set(parameters) - set(given.names)
+        if unknown:
+            raise ParameterError(f"parameters names {sorted(unknown)}; choose from {list(given.names)}")
+        own = {name: np.broadcast_to(given[name], (worlds, *sim.params[name].shape)) for name in given.names}
+        given = given.replace(**own).track()
+
+    def put(array: np.ndarray) -> wp.array:
+        return wp.array(array, dtype=sim.dtype, device=sim.device, requires_grad=True)
+
+    x, us, force = put(x0), put(controls), external_force
+    if force is not None:
+        force = wp.array(np.asarray(force, float), dtype=sim.dtype, device=sim.device)
+    with wp.Tape() as tape:
+        traj = sim.rollout(x, us, given, external_force=force)
+    tape.backward(grads={traj.states: wp.array(weights, dtype=sim.dtype, device=sim.device)})
+    found = {name: given.gradient(name) for name in parameters}
+    return Pullback(x.grad.numpy(), us.grad.numpy(), found, traj.states.numpy(), traj.status.numpy())
+
+
+def jvp(
+    sim: Simulator, x0: Any, controls: Any, dx0: Any, dcontrols: Any = None, params: Parameters | None = None
+) -> Pushforward:
+    """Roll out and push a direction of x0 and controls forward: the Jacobians of all steps in one launch.
+
+    Args:
+        x0, dx0: (B, nx). controls, dcontrols: (B, N, nu); dcontrols None: zero.
+
+    Returns:
+        Derivatives of the states; NaN from the step on that was not solved.
+
+    Raises:
+        ArrayError: another shape.
+    """
+    x0, controls = _pair(sim, x0, controls)
+    worlds, steps = controls.shape[:2]
+    dx0 = _array("dx0", dx0, x0.shape)
+    dus = np.zeros(controls.shape) if dcontrols is None else _array("dcontrols", dcontrols, controls.shape)
+    traj = sim.rollout(x0, controls, params)
+    nx, width = sim.nx, max(sim.nu, 1)
+    fx, fu = sim.empty(worlds, steps, nx, nx), sim.empty(worlds, steps, nx, width)
+    status = wp.zeros((worlds, steps), dtype=wp.int32, device=sim.device)
+    everything = wp.zeros(0, dtype=wp.int32, device=sim.device)
+    us = np.zeros((worlds, steps, width))
+    us[..., : sim.nu] = controls
+
+    def put(a: np.ndarray) -> wp.array:
+        return wp.array(np.ascontiguousarray(a), dtype=sim.dtype, device=sim.device)
+
+    table = sim.parameter_array(params, worlds)
+    sim.linearize_into(put(traj.states), put(us), table, fx, fu, None, status, everything)
+    jacobians, by_control, code = fx.numpy(), fu.numpy()[..., : sim.nu], status.numpy()
+    jacobians[code != 0] = np.nan
+    tangent = np.empty((worlds, steps + 1, nx), dtype=jacobians.dtype)
+    tangent[:, 0] = dx0
+    for k in range(steps):
+        tangent[:, k + 1] = np.einsum("bij,bj->bi", jacobians[:, k], tangent[:, k])
+        tangent[:, k + 1] += np.einsum("bij,bj->bi", by_control[:, k], dus[:, k])
+    return Pushforward(tangent, traj.states, traj.status)
+
+
+def weighted_hessian(
+    sim: Simulator, x: Any, u: Any, weights: Any, params: Parameters | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """sum_i weights_i d2 x'_i / d(x, u)2 of one step: (B, nz, nz), and the status (B,).
+
+    Args:
+        x: (B, nx). u: (B, nu). weights: (B, nx), of the next state's components.
+
+    Raises:
+        ArrayError: another shape.
+    """
+    x, u = _array("x", x, (None, sim.nx)), _array("u", u, (len(np.asarray(x)), sim.nu))
+    weights = _array("weights", weights, x.shape)
+    lin = sim.linearize(x, u, params, second=True)
+    step_size = np.broadcast_to((params or sim.params)["step_size"], (len(x),))
+    lift = derivatives.lift((sim.scene.structure, sim.dtype, sim.options.method), step_size)
+    each = np.einsum("bwi,bi->bw", lift, weights)
+    return np.einsum("bw,bwjk->bjk", each, lin.second), lin.status
+
+
+def _array(name: str, value: Any, shape: tuple[int | None, ...]) -> np.ndarray:
+    array = np.asarray(value, float)
+    if array.ndim != len(shape) or any(want not in (None, got) for want, got in zip(shape, array.shape)):
+        need = ", ".join("B" if n is None else str(n) for n in shape)
+        raise ArrayError(f"{name} has shape {array.shape}; ({need}) is needed")
+    return array
+
+
+def _pair(sim: Simulator, x0: Any, controls: Any) -> tuple[np.ndarray, np.ndarray]:
+    x0 = _array("x0", x0, (None, sim.nx))
+    controls = np.asarray(controls, float)
+    if controls.ndim != 3 or controls.shape[::2] != (len(x0), sim.nu) or controls.shape[1] < 1:
+        raise ArrayError(f"controls has shape {controls.shape}; ({len(x0)}, N, {sim.nu}) is needed")
+    return x0, controls
