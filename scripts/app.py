@@ -20,6 +20,7 @@ from .simulate import simulate_command
 from .size_study import size_command
 from .study import study_command
 from .study_particles import truth_command
+from .study_residuals import residuals_command
 from .surface import surface_command
 from .sweep import sweep_command
 
@@ -37,6 +38,7 @@ app.command("truth")(truth_command)
 app.command("car")(car_command)
 app.command("grip")(grip_command)
 app.command("impact")(impact_command)
+app.command("residuals")(residuals_command)
 app.command("surface")(surface_command)
 app.add_typer(bench_app, name="bench")
 
