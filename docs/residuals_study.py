@@ -1,5 +1,8 @@
-"""Numbers of residuals.md: minima of ERM from other starts, its distance from REM, time of a step."""
+"""Numbers of residuals.md: minima of ERM from other starts, its distance from REM, time of a step, routes to
+the hard solution (`python docs/residuals_study.py routes`: only these).
+"""
 
+import sys
 import time
 
 import numpy as np
@@ -49,8 +52,34 @@ def times(rng: np.random.Generator) -> None:
         print(f"{name}: {best / WORLDS * 1e6:.2f} us, not solved {(step.status != 0).sum()}")
 
 
+def routes(rng: np.random.Generator, n: int, rank: int, dtype: str) -> None:
+    """Iterations and process time of the two methods for hard problems."""
+    g = rng.normal(size=(WORLDS, n, rank))
+    a = g @ g.swapaxes(1, 2)
+    b = np.einsum("bij,bj->bi", a, rng.normal(size=(WORLDS, n))) + 0.3 * np.abs(rng.normal(size=(WORLDS, n)))
+    for method in ("direct", "continuation"):
+        given = {"residual": "hard", "method": method, "device": "cpu", "dtype": dtype}
+        sol, best = slcp.solve_complementarity(a, b, **given), np.inf
+        for _ in range(3):
+            start = time.process_time()
+            slcp.solve_complementarity(a, b, check=False, **given)
+            best = min(best, time.process_time() - start)
+        own = np.einsum("bii->bi", a) * sol.impulse
+        w = np.einsum("bij,bj->bi", a, sol.impulse.astype(float)) + b
+        error = np.abs(np.minimum(own, w)).max(axis=1) / np.abs(b).max(axis=1)
+        print(
+            f"{dtype} n {n}, rank {rank}, {method}: solved {(sol.status == 0).sum()} of {WORLDS}, iterations "
+            f"{sol.iterations.mean():.1f} (most {sol.iterations.max()}), {best / WORLDS * 1e6:.1f} us, "
+            f"residual/|b| {error[sol.status == 0].max():.0e}"
+        )
+
+
 if __name__ == "__main__":
     generator = np.random.default_rng(1)
-    for size in ((2, 1), (3, 1), (3, 2), (3, 3)):
-        minima(generator, *size)
-    times(np.random.default_rng(0))
+    for size in ((1, 1), (4, 4), (4, 2), (8, 8), (8, 4), (12, 12), (12, 5)):
+        for number in ("float64", "float32"):
+            routes(np.random.default_rng(2), *size, number)
+    if sys.argv[1:] != ["routes"]:
+        for size in ((2, 1), (3, 1), (3, 2), (3, 3)):
+            minima(generator, *size)
+        times(np.random.default_rng(0))

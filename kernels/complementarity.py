@@ -15,6 +15,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from .compile import specialised
+from .continuation import make_continuation_solver
 from .elimination import PROXIMAL, make_sweep
 from .erm import PROXIMAL as ERM_PROXIMAL
 from .erm import make_erm, make_erm_solver
@@ -70,15 +71,16 @@ def make_problem(n: int, dtype: type, method: Method) -> SimpleNamespace:
 
 
 @functools.cache
-def make_complementarity_kernel(n: int, dtype: type, method: Method) -> wp.Kernel:
-    """Solves one problem an item."""
+def make_complementarity_kernel(n: int, dtype: type, method: Method, continuation: bool) -> wp.Kernel:
+    """Solves one problem an item, hard ones by `continuation.py` if asked."""
     problem = make_problem(n, dtype, method)
     t = problem.types
-    solver = (make_erm_solver if method.erm else make_solver)(problem.structure, dtype, method)
+    make = make_continuation_solver if continuation else make_erm_solver if method.erm else make_solver
+    solver = make(problem.structure, dtype, method)
     ALL = problem.ALL
     UNUSED = dtype(COLD)
 
-    @specialised(n, dtype, method)
+    @specialised(n, dtype, method, continuation)
     def complementarity_kernel(
         first: int,
         A: wp.array3d(dtype=dtype),  # (B, n, n)
@@ -87,16 +89,18 @@ def make_complementarity_kernel(n: int, dtype: type, method: Method) -> wp.Kerne
         impulse: wp.array2d(dtype=dtype),  # out (B, n)
         slack: wp.array2d(dtype=dtype),  # out (B, n), w = A lambda + b
         status: wp.array(dtype=wp.int32),  # out (B,)
+        iterations: wp.array(dtype=wp.int32),  # out (B,)
     ):
         item = first + wp.tid()
         p = problem.read(A, b, sigma, item)
-        v, _z, lam, code = wp.static(solver)(
+        v, _z, lam, code, count = wp.static(solver)(
             sigma, item, p.A, p.b, p.jac, t.VR(), p.scale, p.sigma, wp.static(ALL), t.VR(UNUSED)
         )
         finite = wp.isfinite(wp.dot(lam, lam))
         if code == wp.static(SOLVED) and not finite:
             code = wp.static(NONFINITE)
         status[item] = code
+        iterations[item] = count
         for i in range(n):
             impulse[item, i] = lam[i]
             slack[item, i] = v[i]

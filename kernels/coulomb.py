@@ -221,7 +221,7 @@ def make_active(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
 
 @functools.cache
 def make_coulomb_solver(s: Structure, dtype: type, method: Method) -> wp.Function:
-    """solve(params, row, minv, vfree, jac, rate, scale, sigma, mask, warm) -> (v', z, lambda, status)."""
+    """solve(params, row, minv, vfree, jac, rate, scale, sigma, mask, warm) -> v', z, lambda, status, it."""
     active = make_active(s, dtype, method)
     lemke = make_lemke(s, dtype, active.Dense)
     t = active.types
@@ -375,6 +375,6 @@ def make_coulomb_solver(s: Structure, dtype: type, method: Method) -> wp.Functio
             lam_out[k] = best.lam[i]
             z_out[k] = best.z[i]
             v += best.lam[i] * dense.response[i]
-        return v, z_out, lam_out, status
+        return v, z_out, lam_out, status, attempt
 
     return solve

@@ -176,7 +176,7 @@ def make_erm(n: int, dtype: type, residual: str) -> SimpleNamespace:
                     it = wp.static(MAX_ITERATIONS)
         if status == wp.static(NOT_CONVERGED) and at.worst <= ACCEPT * unit:
             status = wp.static(SOLVED)
-        return lam, at.w, status
+        return lam, at.w, status, it
 
     return SimpleNamespace(
         VR=VR, MR=MR, terms=terms, hessian=hessian, factor=factor, substitute=substitute, sizes=sizes,
@@ -214,20 +214,23 @@ def make_erm_solver(s: Structure, dtype: type, method: Method) -> wp.Function:
         mask: int,
         warm: VR,
     ):
-        v, z, lam, status = wp.static(rem)(params, row, minv, vfree, jac, rate, scale, sigma, mask, warm)
+        v, z, lam, status, iterations = wp.static(rem)(
+            params, row, minv, vfree, jac, rate, scale, sigma, mask, warm
+        )
         if status == wp.static(SOLVED):
             level = VR()
             w0 = VR()
             for i in range(wp.static(NR)):
                 level[i] = wp.static(noise.level[i])(params, row, sigma)
                 w0[i] = wp.static(r.dots[i])(jac, vfree) + rate[i]
-            lam, w, status = wp.static(erm.minimise)(gather(minv, jac), w0, scale, level, lam)
+            lam, w, status, count = wp.static(erm.minimise)(gather(minv, jac), w0, scale, level, lam)
+            iterations += count
             f = VQ()
             for i in range(wp.static(NR)):
                 z[i] = scale[i] * lam[i] - w[i]
                 f = wp.static(r.adds[i])(f, jac, lam[i])
             v = vfree + minv * f
-        return v, z, lam, status
+        return v, z, lam, status, iterations
 
     return solve
 

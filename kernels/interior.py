@@ -33,7 +33,7 @@ START = 0.1  # smallest a and w at the start, relative to the same
 
 @functools.cache
 def make_interior(s: Structure, dtype: type, method: Method) -> wp.Function:
-    """interior(params, row, minv, vfree, jac, rate, scale, sigma, diag, mask, size, z) -> z, lambda, done."""
+    """interior(params, row, minv, vfree, ..., sigma, diag, mask, size, z) -> z, lambda, done, iterations."""
     r = make_rows(s, dtype, method)
     t = r.types
     sm = make_smoothing(dtype, method.residual)
@@ -202,6 +202,6 @@ def make_interior(s: Structure, dtype: type, method: Method) -> wp.Function:
                 step = move(minv, jac, scale, fac, now, res, at, mask, mu)
                 kept = wp.clamp(wp.sqrt(now.mean) / size, NEAREST, FARTHEST)
                 at = rejoin(params, row, sigma, advance(at, step, mask, kept), mask, mu)
-        return out, lam, status
+        return out, lam, status, it
 
     return interior

@@ -320,7 +320,7 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
             more = wp.where(mask != before, 1, 0)
             if more == 1:
                 out.scale = wp.static(rows.scale)(out.minv, jac, mask)
-                v, z, lam, status = wp.static(solver)(
+                v, z, lam, status, _iterations = wp.static(solver)(
                     params, row, out.minv, out.vfree, jac, rate, out.scale, out.sigma, mask, z
                 )
                 out.v = v

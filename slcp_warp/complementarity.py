@@ -20,6 +20,7 @@ from .tape import record, wants_gradient
 
 MOST_ROWS = 31
 RESIDUALS = (*REM, *ERM, "hard")
+METHODS = ("direct", "continuation")
 DEFINITE = 1e-6  # an eigenvalue below minus this part of the largest is negative
 
 
@@ -30,11 +31,13 @@ class Complementarity:
     Attributes:
         impulse: lambda, (B, n). w: A lambda + b, (B, n). status: (B,), as `Status`; where it is not SOLVED
             impulses mean nothing. With redundant rows lambda is not unique, A lambda is.
+        iterations: (B,), linear systems solved, about; at most the limit where the solver gave up.
     """
 
     impulse: Any
     w: Any
     status: Any
+    iterations: Any
     _arrays: tuple[wp.array, ...]
     _key: tuple[Any, ...]
     _kind: str
@@ -72,6 +75,7 @@ def solve_complementarity(
     sigma: Any = 0.1,
     residual: str = "rem-logistic",
     scaling: str = "inertia",
+    method: str = "direct",
     *,
     device: Any = None,
     dtype: str | None = None,
@@ -89,17 +93,19 @@ def solve_complementarity(
         sigma: noise levels, > 0, scalar, (n,), (B,) (if B != n) or (B, n), in units of b.
         residual: "rem-logistic", "rem-normal", "erm-logistic", "erm-normal" or "hard".
         scaling: "inertia", D = diag(A), or "none", D = 1.
+        method: "direct", Newton's method at the sigma asked for, with an interior-point method where that
+            fails; or, for "hard" only, "continuation", eqs. (5)-(6) (Chen and Mangasarian): smoothed problems
+            with sigma lowered to zero, each solved from the solution of the last. Slower, and without a proof
+            of infeasibility (NOT_CONVERGED); see docs/residuals.md.
         device: where NumPy arrays are solved; default that of A, or Warp's default device.
         dtype: "float64" or "float32"; default that of A, float64 for anything else.
         check: whether A is tested (on the host) for symmetry and definiteness.
 
     Raises:
-        OptionError: residual or scaling not offered. ArrayError: bad shape, non-finite, asymmetric or
-            indefinite A.
+        OptionError: residual, scaling or method not offered, or not together. ArrayError: bad shape,
+            non-finite, asymmetric or indefinite A.
     """
-    for name, value, choices in (("residual", residual, RESIDUALS), ("scaling", scaling, CHOICES["scaling"])):
-        if value not in choices:
-            raise OptionError(f"{name} is {value!r}; choose one of {list(choices)}")
+    _choose(residual, scaling, method)
     kind = kind_of(A)
     dtype = dtype or _dtype_name(A)
     number = getattr(wp, dtype)
@@ -118,13 +124,29 @@ def solve_complementarity(
     levels, shape = _levels(sigma, residual, worlds, n, number, device)
     key = (n, number, method_of(residual, scaling))
     impulse, w = (wp.zeros((worlds, n), dtype=number, device=device) for _ in range(2))
-    status = wp.zeros(worlds, dtype=wp.int32, device=device)
+    status, iterations = (wp.zeros(worlds, dtype=wp.int32, device=device) for _ in range(2))
     arrays = (given.array, right.array, levels, impulse, w, status)
-    launch(make_complementarity_kernel(*key), worlds, list(arrays), device)
-    out = [from_batch(x, kind, given.batched) for x in (impulse, w, status)]
-    solution = Complementarity(out[0], out[1], out[2], arrays, key, kind, given.batched, shape)
+    kernel = make_complementarity_kernel(*key, method == "continuation")
+    launch(kernel, worlds, [*arrays, iterations], device)
+    out = [from_batch(x, kind, given.batched) for x in (impulse, w, status, iterations)]
+    solution = Complementarity(*out, arrays, key, kind, given.batched, shape)
     _record(solution)
     return solution
+
+
+def _choose(residual: str, scaling: str, method: str) -> None:
+    for name, value, choices in (
+        ("residual", residual, RESIDUALS),
+        ("scaling", scaling, CHOICES["scaling"]),
+        ("method", method, METHODS),
+    ):
+        if value not in choices:
+            raise OptionError(f"{name} is {value!r}; choose one of {list(choices)}")
+    if method == "continuation" and residual != "hard":
+        raise OptionError(
+            f"method is 'continuation' with residual {residual!r}; it leads to the hard solution: use "
+            "residual='hard', or method='direct'"
+        )
 
 
 def _record(solution: Complementarity) -> None:

@@ -67,6 +67,25 @@ def test_solutions_of_random_problems(device, name, n, rank):
         np.testing.assert_allclose(sol.w, w, atol=1e-12)
 
 
+@pytest.mark.parametrize("n,rank", SIZES)
+def test_continuation_ends_at_the_hard_solution(device, n, rank):
+    a, b = problems(n, rank, 300, seed=7)
+    sol = slcp.solve_complementarity(a, b, residual="hard", method="continuation", device=device)
+    assert (sol.status == 0).all()
+    w = np.einsum("bij,bj->bi", a, sol.impulse) + b
+    assert np.abs(np.minimum(diagonal(a) * sol.impulse, w)).max() < 1e-10
+    direct = slcp.solve_complementarity(a, b, residual="hard", device=device)
+    np.testing.assert_allclose(sol.w, direct.w, atol=1e-9)  # of the two A lambda
+    assert sol.iterations.mean() > direct.iterations.mean() > 1.0
+
+
+def test_continuation_without_a_solution(device):
+    a = np.kron(np.eye(2), [[1.0, -1.0], [-1.0, 1.0]])  # w1 + w2 = b1 + b2 < 0
+    b = [-1.0, 0.0, 1.0, 1.0]
+    sol = slcp.solve_complementarity(a, b, residual="hard", method="continuation", device=device)
+    assert sol.status == slcp.Status.NOT_CONVERGED
+
+
 def test_rem_agrees_with_an_independent_solver(device):
     for rank in (4, 2):
         a, b = problems(4, rank, 12, seed=1)
@@ -172,6 +191,8 @@ def test_no_solution(device):
         ({"sigma": 0.0}, "positive"),
         ({"sigma": np.ones(3)}, "sigma has shape"),
         ({"residual": "erm"}, "choose one of"),
+        ({"method": "lemke"}, "method is 'lemke'; choose one of"),
+        ({"method": "continuation"}, "use residual='hard'"),
     ],
 )
 def test_bad_input(change, message):

@@ -1,0 +1,224 @@
+"""Damped Newton steps on z for the (smoothed) complementarity problem in mixed form, as in `solve.py`.
+
+A step solves [M, -J'; J, C](dv, dlambda) = (0, -r), C = D s'(-z)/s'(z) (elimination.py) and is shortened
+until sum r_i^2/A_ii falls.
+"""
+
+import functools
+from types import SimpleNamespace
+
+import warp as wp
+
+from .elimination import PROXIMAL
+from .method import Method
+from .noise import make_noise
+from .rows import make_rows
+from .smoothing import make_smoothing
+from .structure import Structure
+
+SOLVED, NOT_CONVERGED, INFEASIBLE, NONFINITE, JAMMED = 0, 1, 2, 3, 4
+ITERATIONS = {False: 20, True: 8}  # of Newton's method for the smoothed and the hard problem
+RESOLUTION = {wp.float64: 2e-14, wp.float32: 1e-6}  # |r| that counts as none, relative to the problem's size
+
+
+@functools.cache
+def make_newton(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
+    """`evaluate` r at z, the Newton `direction` there, and the damped iteration `newton`."""
+    r = make_rows(s, dtype, method)
+    t = r.types
+    sm = make_smoothing(dtype, method.residual)
+    VQ, MQ, VR, JR = t.VQ, t.MQ, t.VR, t.JR
+    NR = s.nr
+    noise = make_noise(s, dtype, method)
+    ZERO, HALF, ONE = dtype(0.0), dtype(0.5), dtype(1.0)
+    BEND = dtype(0.5 * sm.steepest)
+    HUGE = dtype(1e300 if dtype is wp.float64 else 1e38)
+    TOL = dtype(RESOLUTION[dtype])
+    ACCEPT, LARGEST = (dtype(x) for x in ((3e-13, 1e-10) if dtype is wp.float64 else (1e-5, 1e-5)))
+    ROUNDING = dtype(1e-15)  # of the impulses' own velocities, which cancel between heavy and light bodies
+    DECREASE = dtype(1e-4)
+    SHORTEST = dtype(0.05)
+    TAU = dtype(PROXIMAL[dtype])
+
+    @wp.struct
+    class Point:
+        v: VQ
+        lam: VR
+        res: VR  # r(z)
+        slope: VR  # s'(z)
+        slack: VR  # s'(-z)
+        merit: dtype  # sum r_i^2 / A_ii
+        worst: dtype  # max |r_i|
+
+    @wp.func
+    def evaluate(
+        params: wp.array2d(dtype=dtype),
+        row: int,
+        minv: MQ,
+        vfree: VQ,
+        jac: JR,
+        rate: VR,
+        scale: VR,
+        sigma: VR,
+        inverse_diag: VR,
+        inverse_sigma: VR,
+        mask: int,
+        z: VR,
+    ):
+        out = Point()
+        f = VQ()
+        for i in range(wp.static(NR)):
+            if (mask & wp.static(1 << i)) != 0:
+                if wp.static(method.hard):
+                    e = wp.static(sm.kink)(z[i])
+                else:
+                    level = wp.static(noise.level[i])(params, row, sigma)
+                    e = wp.static(sm.smooth)(z[i], level, inverse_sigma[i])
+                out.lam[i] = e[0]
+                if wp.static(method.inertia_scaling):
+                    out.lam[i] = e[0] / scale[i]
+                out.res[i] = rate[i] - e[1]
+                out.slope[i] = e[2]
+                out.slack[i] = e[3]
+                f = wp.static(r.adds[i])(f, jac, out.lam[i])
+        out.v = vfree + minv * f
+        for i in range(wp.static(NR)):
+            if (mask & wp.static(1 << i)) != 0:
+                out.res[i] = out.res[i] + wp.static(r.dots[i])(jac, out.v)
+                out.merit += out.res[i] * out.res[i] * inverse_diag[i]
+                out.worst = wp.max(out.worst, wp.abs(out.res[i]))
+        return out
+
+    @wp.func
+    def direction(minv: MQ, jac: JR, scale: VR, diag: VR, at: Point, mask: int):
+        # `factor`, `forward` and `back` of the sweep in one go, without what only derivatives need
+        p = minv
+        dv = VQ()
+        gain = JR()
+        innovation = VR()  # divided by T
+        weight = VR()  # 1/T
+        for i in range(wp.static(NR)):
+            if (mask & wp.static(1 << i)) != 0:
+                g = wp.static(r.applies[i])(p, jac)
+                stiffness = wp.max(wp.static(r.dots[i])(jac, g), ZERO) + TAU * diag[i]
+                slack = at.slack[i]
+                if wp.static(method.inertia_scaling):
+                    slack = slack * scale[i]
+                inverse = ONE / (slack + at.slope[i] * stiffness)
+                innovation[i] = -inverse * (at.res[i] + wp.static(r.dots[i])(jac, dv))
+                weight[i] = inverse
+                k = at.slope[i] * inverse
+                gain[i] = g
+                dv += (at.slope[i] * innovation[i]) * g
+                p -= k * wp.outer(g, g)
+        dz = VR()
+        f = VQ()
+        for j in range(wp.static(NR)):
+            if (mask & wp.static(1 << (NR - 1 - j))) != 0:
+                inner = wp.dot(gain[wp.static(NR - 1 - j)], f)
+                step = innovation[wp.static(NR - 1 - j)] - weight[wp.static(NR - 1 - j)] * inner
+                f = wp.static(r.adds[NR - 1 - j])(f, jac, at.slope[wp.static(NR - 1 - j)] * step)
+                if wp.static(method.inertia_scaling):
+                    step = step * scale[wp.static(NR - 1 - j)]
+                dz[wp.static(NR - 1 - j)] = step
+        return dz
+
+    @wp.func
+    def remainder(scale: VR, diag: VR, inverse_sigma: VR, dz: VR, mask: int):
+        # bound on |r| after a full Newton step: s is quadratic up to s'' dz^2/2, s'' <= steepest/sigma
+        bend = ZERO
+        largest = ZERO
+        smallest = ZERO + HUGE
+        for i in range(wp.static(NR)):
+            if (mask & wp.static(1 << i)) != 0:
+                bend += BEND * inverse_sigma[i] * dz[i] * dz[i]
+                largest = wp.max(largest, diag[i])
+                smallest = wp.min(smallest, scale[i])
+        return bend * (ONE + largest / smallest)
+
+    @wp.func
+    def follow(minv: MQ, vfree: VQ, jac: JR, scale: VR, at: Point, dz: VR, mask: int):
+        # the end of a Newton step that needs no other: lambda and v' to first order in dz
+        out = at
+        f = VQ()
+        for i in range(wp.static(NR)):
+            if (mask & wp.static(1 << i)) != 0:
+                change = at.slope[i] * dz[i]
+                if wp.static(method.inertia_scaling):
+                    change = change / scale[i]
+                out.lam[i] = at.lam[i] + change
+                f = wp.static(r.adds[i])(f, jac, out.lam[i])
+        out.v = vfree + minv * f
+        return out
+
+    @wp.func
+    def newton(
+        params: wp.array2d(dtype=dtype),
+        row: int,
+        minv: MQ,
+        vfree: VQ,
+        jac: JR,
+        rate: VR,
+        scale: VR,
+        sigma: VR,
+        diag: VR,
+        inverse_diag: VR,
+        inverse_sigma: VR,
+        mask: int,
+        size: dtype,
+        z0: VR,
+    ):
+        # from z0; NOT_CONVERGED where no step length helps or the iterations do not suffice
+        z = z0
+        best = z0
+        dz = VR()
+        old = ZERO + HUGE
+        best_worst = ZERO + HUGE
+        length = dtype(1.0)
+        tolerance = TOL * size
+        it = int(0)
+        last = int(0)
+        status = int(wp.static(NOT_CONVERGED))
+        at = Point()
+        while status == wp.static(NOT_CONVERGED):
+            it += 1
+            at = evaluate(
+                params, row, minv, vfree, jac, rate, scale, sigma, inverse_diag, inverse_sigma, mask, z
+            )
+            finite = wp.isfinite(at.merit)
+            if not finite and it == 1:
+                status = wp.static(NONFINITE)
+                break
+            if finite and at.worst <= tolerance:
+                status = wp.static(SOLVED)
+                break
+            if last == 1:
+                break
+            if finite and at.merit <= old * (ONE - DECREASE * length):
+                best = z
+                best_worst = at.worst
+                old = at.merit
+                length = dtype(1.0)
+                dz = direction(minv, jac, scale, diag, at, mask)
+                z = best + dz
+                if wp.static(not method.hard):
+                    if remainder(scale, diag, inverse_sigma, dz, mask) <= TOL * size:
+                        at = follow(minv, vfree, jac, scale, at, dz, mask)
+                        status = wp.static(SOLVED)
+            else:
+                length = HALF * length
+                z = best + length * dz
+            if length < SHORTEST or it >= wp.static(ITERATIONS[method.hard]):
+                # rounding may be all that is left: the best point then counts with a wider tolerance
+                tolerance = ACCEPT * size
+                for i in range(wp.static(NR)):
+                    if (mask & wp.static(1 << i)) != 0:
+                        tolerance = wp.max(tolerance, ROUNDING * best[i] * diag[i] / scale[i])
+                tolerance = wp.min(tolerance, LARGEST * size)
+                if best_worst > tolerance:
+                    break
+                z = best
+                last = 1
+        return at, z, status, it
+
+    return SimpleNamespace(Point=Point, evaluate=evaluate, direction=direction, newton=newton)
