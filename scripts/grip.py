@@ -66,10 +66,14 @@ def optimal_grip(sim: slcp.Simulator, sigma: float) -> ddp.Result:
 
 
 def held(plan: ddp.Result, feedback: bool) -> ddp.TrackingPolicy:
-    """The middle of a plan, away from both ends, as a stationary policy."""
+    """The middle of a plan, away from both ends, as a stationary policy about the state of rest.
+
+    Not about the plan's own states: those creep, and a hard object, which does not, would be held less firmly
+    for it.
+    """
     k = HORIZON // 2
-    gain = plan.K[k : k + 1] if feedback else np.zeros_like(plan.K[:1])
-    return ddp.TrackingPolicy(replace(plan, us=plan.us[k : k + 1], xs=plan.xs[k : k + 2], K=gain))
+    gain = plan.K[k : k + 1] if feedback else 0.0 * plan.K[:1]
+    return ddp.TrackingPolicy(replace(plan, us=plan.us[k : k + 1], xs=0.0 * plan.xs[:2], K=gain))
 
 
 def constant(plan: ddp.Result, force: float) -> ddp.TrackingPolicy:
