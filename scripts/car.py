@@ -23,7 +23,6 @@ from .car_model import (
     slip,
     with_noise,
 )
-from .chart_car import car_chart
 from .common import Device, Seed, one_line_errors, prepared, show_rows
 
 SIGMAS = (0.5, 0.35, 0.2, 0.14, 0.1, 0.07, 0.05, 0.035, 0.02)  # of the continuation [m/s]
@@ -127,6 +126,8 @@ def car_command(
     """Plan a fast drive through a slippery hairpin at falling noise; drive the plans in a calm world and in
     thousands of noisy ones.
     """
+    from .chart_car import car_chart  # it loads matplotlib
+
     path = prepared(out, ".png")
     plans = plans_at(device)
     show_rows(f"plans, a calm hard car, and {worlds} noisy ones each", [row(p, worlds, seed) for p in plans])

@@ -12,7 +12,6 @@ import slcp_warp as slcp
 from slcp_warp import ddp
 from slcp_warp.statistics import share_interval
 
-from .chart_grip import grip_chart
 from .common import Device, Seed, console, one_line_errors, prepared, show_rows
 
 SIGMAS = (0.1, 0.05, 0.02, 0.01, 0.002)
@@ -125,6 +124,8 @@ def grip_command(
     seed: Seed = 0,
 ) -> None:
     """Optimise the grip of the scene `grasp` at falling noise, and let thousands of hard worlds judge it."""
+    from .chart_grip import grip_chart  # it loads matplotlib
+
     path = prepared(out, ".png")
     scene = slcp.scenes.grasp()
     sim = slcp.Simulator(scene, device=device)
