@@ -89,7 +89,8 @@ def solve_complementarity(
     arrays that require a gradient (then sigma must be a (B, n) Warp array to get one).
 
     Args:
-        A: (B, n, n), symmetric positive semidefinite, n <= 31. b: (B, n). Without B: one problem.
+        A: (B, n, n), symmetric positive semidefinite, n <= 31; NumPy, torch (no autograd) or Warp array. b:
+            (B, n). Without B: one problem.
         sigma: noise levels, > 0, scalar, (n,), (B,) (if B != n) or (B, n), in units of b.
         residual: "rem-logistic", "rem-normal", "erm-logistic", "erm-normal" or "hard".
         scaling: "inertia", D = diag(A), or "none", D = 1.

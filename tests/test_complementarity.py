@@ -67,7 +67,34 @@ def test_solutions_of_random_problems(device, name, n, rank):
         np.testing.assert_allclose(sol.w, w, atol=1e-12)
 
 
-@pytest.mark.parametrize("n,rank", SIZES)
+@pytest.mark.parametrize(
+    "name", ["rem-logistic", *(pytest.param(x, marks=pytest.mark.slow) for x in ("erm-normal", "hard"))]
+)
+def test_float32_torch_tensors(device, name):
+    torch = pytest.importorskip("torch")
+    a, b = problems(4, 3, 300, seed=8)
+    where = wp.device_to_torch(wp.get_device(device))
+    given = [torch.tensor(x, dtype=torch.float32, device=where) for x in (a, b)]
+    sol = slcp.solve_complementarity(*given, 0.1, name)
+    for x in (sol.impulse, sol.w, sol.status, sol.iterations, *sol.vjp(torch.ones_like(given[1]))[:2]):
+        assert isinstance(x, torch.Tensor) and x.device == given[0].device
+    assert sol.impulse.dtype == torch.float32
+    status, lam = (x.cpu().numpy() for x in (sol.status, sol.impulse))
+    assert (status == 0).mean() > (0.95 if name == "erm-normal" else 0.999)
+    own = diagonal(a) * lam
+    w = np.einsum("bij,bj->bi", a, lam.astype(float)) + b
+    size = np.abs(b).max(axis=1, keepdims=True) + np.abs(own).max(axis=1, keepdims=True)
+    if name == "erm-normal":
+        exact = slcp.solve_complementarity(a, b, 0.1, name, device=device)
+        f = [[objective(x[i], a[i], b[i], 0.1, name) for i in range(len(a))] for x in (lam, exact.impulse)]
+        better = np.array(f[0]) <= np.array(f[1]) * 1.001 + 1e-5 * size[:, 0] ** 2
+        assert better[(status == 0) & (exact.status == 0)].mean() > 0.98
+        return
+    error = np.minimum(own, w) if name == "hard" else own - smooth(own - w, 0.1, name[4:])
+    assert (np.abs(error) / size)[status == 0].max() < 1e-5
+
+
+@pytest.mark.parametrize("n,rank", [(4, 4), (4, 2), pytest.param(12, 5, marks=pytest.mark.slow)])
 def test_continuation_ends_at_the_hard_solution(device, n, rank):
     a, b = problems(n, rank, 300, seed=7)
     sol = slcp.solve_complementarity(a, b, residual="hard", method="continuation", device=device)
@@ -76,7 +103,7 @@ def test_continuation_ends_at_the_hard_solution(device, n, rank):
     assert np.abs(np.minimum(diagonal(a) * sol.impulse, w)).max() < 1e-10
     direct = slcp.solve_complementarity(a, b, residual="hard", device=device)
     np.testing.assert_allclose(sol.w, direct.w, atol=1e-9)  # of the two A lambda
-    assert sol.iterations.mean() > direct.iterations.mean() > 1.0
+    assert sol.iterations.mean() >= direct.iterations.mean() >= 1.0
 
 
 def test_continuation_without_a_solution(device):
