@@ -8,7 +8,9 @@ import warp as wp
 from oracle import Oracle
 from simulators import scene, simulator
 from test_linearize import _states, differences
+from test_tape import loss_of, on_device
 
+import slcp_warp as slcp
 from slcp_warp.residuals import residual
 
 H, SIGMA = 0.05, 0.1
@@ -73,3 +75,25 @@ def test_one_row_scaled_by_inertia_is_the_rem_step(device):
         for name in ("erm-normal", "rem-normal")
     ]
     np.testing.assert_allclose(after[0], after[1], atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["erm-normal", pytest.param("erm-logistic", marks=pytest.mark.slow)])
+def test_gradient_of_a_trapezoidal_rollout_on_a_tape(device, name):
+    options = slcp.Options(residual=name, integrator="trapezoidal")
+    sim = slcp.Simulator(scene("rubbing_particle"), options, device, "float64")
+    rng, steps = np.random.default_rng(0), 6
+    x0, us = rng.normal(size=(4, 6)), np.zeros((4, steps, 0))
+    x0[:, 1], x0[:, 4] = rng.uniform(0.02, 0.1, 4), -1.0  # lands within the rollout
+    weight = rng.normal(size=(4, steps + 1, 6))
+    start = on_device(x0, device)
+    with wp.Tape() as tape:
+        traj = sim.rollout(start, on_device(us, device, False))
+        loss = loss_of(traj.states, weight, device)
+    tape.backward(loss)
+    assert (traj.status.numpy() == 0).all()
+    exact, step = np.zeros((4, 6)), 1e-6
+    for j in range(6):
+        ends = [sim.rollout(x0 + k * step * np.eye(6)[j], us, record=("impulse",)) for k in (1, -1)]
+        assert (ends[0].impulse.max(axis=(1, 2)) > 0.1).all()
+        exact[:, j] = np.einsum("bkj,bkj->b", weight, ends[0].states - ends[1].states) / (2.0 * step)
+    np.testing.assert_allclose(start.grad.numpy(), exact, atol=1e-7 * np.abs(exact).max())
