@@ -83,7 +83,7 @@ def test_gradient_of_a_trapezoidal_rollout_on_a_tape(device, name):
     sim = slcp.Simulator(scene("rubbing_particle"), options, device, "float64")
     rng, steps = np.random.default_rng(0), 6
     x0, us = rng.normal(size=(4, 6)), np.zeros((4, steps, 0))
-    x0[:, 1], x0[:, 4] = rng.uniform(0.02, 0.1, 4), -1.0  # lands within the rollout
+    x0[:, 1], x0[:, 4] = rng.uniform(0.01, 0.06, 4), -2.0  # lands within the rollout
     weight = rng.normal(size=(4, steps + 1, 6))
     start = on_device(x0, device)
     with wp.Tape() as tape:
