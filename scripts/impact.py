@@ -9,7 +9,6 @@ import typer
 import slcp_warp as slcp
 
 from .bench_mujoco import Peer
-from .chart_style import CASES, GREY, plt, save
 from .common import Seed, console, one_line_errors, show_rows
 
 START = np.array([-2.2, -0.6, 0.4, 1.0, -1.0, 0.0])  # strikes the ellipse, misses, strikes again
@@ -100,6 +99,8 @@ def peers() -> list[dict[str, Any]]:
 
 def draw(rows: list[dict[str, Any]], out: Path) -> Path:
     """Norm of dx(T)/dx0 over the step size."""
+    from .chart_style import CASES, GREY, plt, save  # it loads matplotlib
+
     figure, axes = plt.subplots(figsize=(7, 4.2), layout="constrained")
     models = list(dict.fromkeys(row["model"] for row in rows))
     for i, model in enumerate(models):
