@@ -130,3 +130,16 @@ def test_plan_made_with_noise_keeps_away_from_walls_and_gets_more_cars_through()
     assert margins[0] > 0.5 > 0.2 > margins[1]
     assert calm[1] > calm[0] + 3.0  # the bold plan is the faster one where nothing disturbs it
     assert shares[0] > shares[1] + 0.2
+
+
+@pytest.mark.slow
+def test_command_drives_and_draws(tmp_path, monkeypatch):
+    typer_testing = pytest.importorskip("typer.testing")
+    app = pytest.importorskip("slcp_warp.scripts.app").app
+    monkeypatch.setattr(car, "SIGMAS", (0.5, 0.2))
+    monkeypatch.setattr(car, "PASSES", 40)
+    arguments = ["car", "--worlds", "20", "--device", "cpu", "--out", str(tmp_path / "car.png")]
+    result = typer_testing.CliRunner().invoke(app, arguments, env={"COLUMNS": "200"})
+    assert result.exit_code == 0, result.output
+    assert "0.5 m/s, 0.25 m" in result.output
+    assert (tmp_path / "car.png").stat().st_size > 10_000

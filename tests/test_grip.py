@@ -8,6 +8,7 @@ import warp as wp
 from simulators import simulator
 
 import slcp_warp as slcp
+from slcp_warp.scripts import grip
 from slcp_warp.scripts.grip import cone_edge, creep, optimal_grip
 
 HEIGHT_RATE = 8
@@ -53,3 +54,15 @@ def test_optimal_grip_sits_on_the_edge_without_noise_and_inside_with_it():
         np.testing.assert_allclose(plan.us[:, 0], -plan.us[:, 1], rtol=1e-6)  # symmetric, as the task
         ratios.append(plan.us[len(plan.us) // 2, 0] / edge)
     assert ratios[0] > 1.5 > 1.3 > ratios[1] > 1.1 > 1.02 > ratios[2] > 1.0
+
+
+@pytest.mark.slow
+def test_command_judges_and_draws(tmp_path, monkeypatch):
+    typer_testing = pytest.importorskip("typer.testing")
+    app = pytest.importorskip("slcp_warp.scripts.app").app
+    monkeypatch.setattr(grip, "SIGMAS", (0.1,))
+    arguments = ["grip", "--worlds", "20", "--device", "cpu", "--out", str(tmp_path / "grip.png")]
+    result = typer_testing.CliRunner().invoke(app, arguments, env={"COLUMNS": "200"})
+    assert result.exit_code == 0, result.output
+    assert "hard steps hold from 9.810 N" in result.output
+    assert (tmp_path / "grip.png").stat().st_size > 10_000
