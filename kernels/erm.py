@@ -39,6 +39,7 @@ def make_erm(n: int, dtype: type, residual: str) -> SimpleNamespace:
     ROUND = dtype(1e-15 if dtype is wp.float64 else 3e-7)
     SMALLEST, LARGEST = dtype(1e-9 if dtype is wp.float64 else 1e-6), dtype(1e12)
     FIRST = dtype(1e-3)
+    FLAT = dtype(1e-10 if dtype is wp.float64 else 1e-4)  # share of the value whose gain rounding may hide
     TAU = dtype(PROXIMAL[dtype])
 
     @wp.func
@@ -158,10 +159,11 @@ def make_erm(n: int, dtype: type, residual: str) -> SimpleNamespace:
             if ok == 1:
                 trial = lam - substitute(l, at.gradient)
                 there = evaluate(A, w0, scale, sigma, trial)
-                # where only rounding tells the values apart the gradient decides
+                # values this close differ by rounding (tails cancel): twice the gain by the trapezoidal rule
                 gain = at.value - there.value
-                flat = wp.abs(gain) <= TEN * ROUND * at.value
-                better = (gain > ZERO and not flat) or (flat and there.worst < at.worst)
+                if wp.abs(gain) <= FLAT * at.value:
+                    gain = wp.dot(at.gradient + there.gradient, lam - trial)
+                better = gain > ZERO
                 if wp.isfinite(there.worst) and better:
                     lam = trial
                     at = there
