@@ -6,7 +6,7 @@
 # PYTHON        the interpreter to make the environment with (python3)
 # SLCP_TORCH    the requirement that installs PyTorch; empty: do without it. On Linux the registry's own
 #               PyTorch brings gigabytes of CUDA libraries: point pip at a CPU build, or leave it out
-# SLCP_WORKERS  processes to spread the tests over with pytest-xdist (2); 0: this one. Most of the time
+# SLCP_WORKERS  processes to spread the test files over with pytest-xdist (2); 0: this one. Most of the time
 #               goes into compiling kernels, which one process does on one core
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
@@ -52,5 +52,5 @@ else
 fi
 "${pip[@]}" --no-deps --force-reinstall "$wheel"
 
-if [ "$workers" -gt 0 ]; then arguments=(-n "$workers" ${arguments[@]+"${arguments[@]}"}); fi
+if [ "$workers" -gt 0 ]; then arguments=(-n "$workers" --dist loadfile ${arguments[@]+"${arguments[@]}"}); fi
 "$venv/bin/pytest" ${arguments[@]+"${arguments[@]}"}

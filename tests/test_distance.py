@@ -83,8 +83,8 @@ def test_capsules(device, dtype=wp.float64):
     """
     sc, rng = scene("capsules"), np.random.default_rng(10)
     x = near_contact(sc, rng, 300, (0.0, 0.01, -0.05, np.inf))
-    x = x[Oracle(sc).rows(x[:, :5])[0].min(axis=1) > -0.2]
-    got, exact = gaps("capsules", device, dtype, x[:, :5])
+    x = x[Oracle(sc).rows(x[:, : sc.nv])[0].min(axis=1) > -0.2]
+    got, exact = gaps("capsules", device, dtype, x[:, : sc.nv])
     assert (np.abs(exact).min(axis=1) < 0.06).mean() > 0.5
     check(got, exact, dtype, 3.0)
     (x64,) = rounded(dtype, x)
