@@ -21,7 +21,10 @@ import warp as wp
 import slcp_warp as slcp
 from slcp_warp import ddp
 from slcp_warp.kernels import launch
+from slcp_warp.options import CHOICES
 
+from .bench_differences import bench_differences
+from .bench_gradients import bench_gradients
 from .bench_kernels import SIZES, bench_reach, bench_sizes, print_sizes
 from .bench_methods import bench_methods
 from .bench_mujoco import Peer, import_mujoco
@@ -219,6 +222,43 @@ def methods_command(
 ) -> None:
     """A step with every residual, friction model, integrator and noise, against the default."""
     _save(csv, bench_methods(worlds, steps, repeats, seed))
+
+
+@app.command("gradients")
+def gradients_command(
+    worlds: Worlds = 4096,
+    steps: Steps = 500,
+    every: Annotated[int, typer.Option(min=1, help="Steps between checkpoints.")] = 22,
+    repeats: Repeats = 3,
+    seed: Seed = 0,
+    csv: Csv = None,
+) -> None:
+    """Gradients of rollouts, with and without checkpoints: time against the rollout, and memory."""
+    _save(csv, bench_gradients(worlds, steps, every, repeats, seed))
+
+
+@app.command("differences")
+def differences_command(
+    scene: Annotated[list[str] | None, typer.Option(help="Only this scene; may be given again.")] = None,
+    residual: Annotated[
+        list[str] | None, typer.Option(help="Only this residual; may be given again.")
+    ] = None,
+    count: Annotated[int, typer.Option(min=8, help="States of each scene.")] = 64,
+    seed: Seed = 0,
+    csv: Csv = None,
+) -> None:
+    """Exact derivatives of a step against central differences, over the named scenes, in float64."""
+    for name in scene or ():
+        if name not in slcp.scenes.NAMED:
+            typer.echo(f"slcp: --scene is {name!r}; choose from {sorted(slcp.scenes.NAMED)}", err=True)
+            raise typer.Exit(2)
+    chosen = tuple(residual or ("rem-logistic", "hard"))
+    for name in chosen:
+        if name not in CHOICES["residual"]:
+            typer.echo(f"slcp: --residual is {name!r}; choose from {list(CHOICES['residual'])}", err=True)
+            raise typer.Exit(2)
+    names = tuple(scene or slcp.scenes.NAMED)
+    _save(csv, bench_differences(names, chosen, count, seed, typer.echo))
 
 
 @app.command("threads")

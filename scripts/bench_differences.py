@@ -32,7 +32,7 @@ def errors(sim: Any, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarr
     NaN where a step was not solved.
     """
     lin = sim.linearize(x, u)
-    exact = np.concatenate([lin.A, lin.B], 2)
+    exact = np.concatenate([lin.A, lin.B], 2)  # (B, nx, nz)
     here = sim.step(x, u)
     solved = (lin.status == 0) & (here.status == 0)
     best = np.full(len(x), np.inf)
@@ -65,8 +65,8 @@ def bench_differences(
                 scene = slcp.scenes.NAMED[name]()
                 sim = slcp.Simulator(scene, slcp.Options(residual=residual), device="cpu", dtype="float64",
                                      strategy="registers")  # fmt: skip
-            except (OptionError, StrategyError) as error:
-                say(f"{name}, {residual}: {error}")
+            except (OptionError, StrategyError) as why:
+                say(f"{name}, {residual}: {why}")
                 continue
             error, gap = errors(sim, *states(sim, count, seed))
             for kind, low, high in GAPS:
@@ -79,5 +79,9 @@ def bench_differences(
                         "within 1e-6": float((found <= RELATIVE).mean()),
                         "unsolved": int(np.isnan(error[chosen]).sum()),
                     })  # fmt: skip
-                    say(", ".join(f"{k} {v:.3g}" if isinstance(v, float) else f"{v}" for k, v in rows[-1].items()))
+                    say(", ".join(_text(k, v) for k, v in rows[-1].items()))
     return rows
+
+
+def _text(name: str, value: Any) -> str:
+    return f"{name} {value:.3g}" if isinstance(value, float) else str(value)

@@ -296,7 +296,7 @@ class Simulator:
         worlds = state.array.shape[0]
         control = self._controls(u, worlds)
         nz = self.nx + self.nu
-        fx, fu = self.empty(worlds, 1, self.nx, self.nx), self.empty(worlds, 1, self.nx, max(self.nu, 1))
+        fx, fu = self.empty(worlds, 1, self.nx, self.nx), self.empty(worlds, 1, self.nx, self.nu)
         fzz = self.empty(worlds if second else 0, self.nw, nz, nz)
         status = wp.zeros((worlds, 1), dtype=wp.int32, device=self.device)
         inputs = (

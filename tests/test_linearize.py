@@ -156,3 +156,9 @@ def test_unsolved_worlds_have_a_status_and_finite_derivatives(device, dtype):
     assert lin.status[2] == 3 and (np.delete(lin.status, 2) == 0).all()
     assert np.isfinite(lin.A).all() and np.isfinite(lin.B).all()
     np.testing.assert_array_equal(np.delete(lin.A, 2, 0), np.delete(clean.A, 2, 0))
+
+
+def test_without_controls_b_is_empty(device):
+    sim = simulator("sliding_block", device, wp.float64, "inertia")
+    lin = sim.linearize(np.tile(scene("sliding_block").x0, (3, 1)))
+    assert lin.A.shape == (3, 6, 6) and lin.B.shape == (3, 6, 0)
