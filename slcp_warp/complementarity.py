@@ -129,8 +129,8 @@ def solve_complementarity(
     arrays = (given.array, right.array, levels, impulse, w, status)
     kernel = make_complementarity_kernel(*key, method == "continuation")
     launch(kernel, worlds, [*arrays, iterations], device)
-    out = [from_batch(x, kind, given.batched) for x in (impulse, w, status, iterations)]
-    solution = Complementarity(*out, arrays, key, kind, given.batched, shape)
+    found, slack, code, count = (from_batch(x, kind, given.batched) for x in (impulse, w, status, iterations))
+    solution = Complementarity(found, slack, code, count, arrays, key, kind, given.batched, shape)
     _record(solution)
     return solution
 

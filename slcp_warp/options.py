@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
 
-from slcp_warp.kernels import solve
+from slcp_warp.kernels import newton
 from slcp_warp.kernels.method import Method
 
 CHOICES: dict[str, tuple[Any, ...]] = {
@@ -29,11 +29,11 @@ class Status(IntEnum):
     number. NOT_CONVERGED: the solver gave up.
     """
 
-    SOLVED = solve.SOLVED
-    NOT_CONVERGED = solve.NOT_CONVERGED
-    INFEASIBLE = solve.INFEASIBLE
-    NONFINITE = solve.NONFINITE
-    JAMMED = solve.JAMMED
+    SOLVED = newton.SOLVED
+    NOT_CONVERGED = newton.NOT_CONVERGED
+    INFEASIBLE = newton.INFEASIBLE
+    NONFINITE = newton.NONFINITE
+    JAMMED = newton.JAMMED
 
 
 @dataclass(frozen=True)
