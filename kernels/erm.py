@@ -2,10 +2,11 @@
 
 With x = a - w, p = s'(x), q = 1 - p, k = s''(x) of the smoothing s of the REM twin, r(a, w) = E[min(a, w +
 noise)^2] has r_a = 2 a q, r_w = 2 (a p - s(x)) and the second derivatives 2 (q - a k), 2 a k, 2 (p - a k). r
-is not convex: Levenberg-Marquardt from the REM solution, never to a larger objective; a status says whether
-it ends where the gradient vanishes. No row is far enough to be left out: where one row cannot close its
-residual, any row that moves with it takes part of it, D_i 2 a_i = -(A r_w)_i, at any distance. Only where no
-row can act are all impulses zero.
+is not convex: Levenberg-Marquardt from the REM solution, never to a larger objective, with damped steps made
+longer as long as that helps (the descent from a saddle starts slowly); a status says whether it ends where
+the gradient vanishes. No row is far enough to be left out: where one row cannot close its residual, any row
+that moves with it takes part of it, D_i 2 a_i = -(A r_w)_i, at any distance. Only where no row can act are
+all impulses zero.
 """
 
 import dataclasses
@@ -23,6 +24,7 @@ from .solve import NOT_CONVERGED, SOLVED, make_solver
 from .structure import Structure
 
 MAX_ITERATIONS = 100
+TRIES = 6  # a damped step, of a region that is not convex, is lengthened as often as the value falls
 PROXIMAL = {wp.float64: 1e-13, wp.float32: 1e-6}  # of the Hessian's diagonal, for rows that repeat others
 
 
@@ -33,7 +35,8 @@ def make_erm(n: int, dtype: type, residual: str) -> SimpleNamespace:
     TERMS = wp.types.vector(5, dtype)
     sm = make_smoothing(dtype, residual)
     value = make_residuals(dtype).by_name[residual]
-    ZERO, ONE, TWO, TEN = (dtype(x) for x in (0.0, 1.0, 2.0, 10.0))
+    ZERO, HALF, ONE, TWO, TEN = (dtype(x) for x in (0.0, 0.5, 1.0, 2.0, 10.0))
+    GROW = dtype(4.0)
     TOL = dtype(1e-14 if dtype is wp.float64 else 1e-6)
     ACCEPT = dtype(1e-11 if dtype is wp.float64 else 2e-5)
     ROUND = dtype(1e-15 if dtype is wp.float64 else 3e-7)
@@ -138,6 +141,14 @@ def make_erm(n: int, dtype: type, residual: str) -> SimpleNamespace:
         return out
 
     @wp.func
+    def gain(at: Point, there: Point, step: VR):
+        # values this close differ by rounding (tails cancel): the trapezoidal rule
+        out = at.value - there.value
+        if wp.abs(out) <= FLAT * at.value:
+            out = -HALF * wp.dot(at.gradient + there.gradient, step)
+        return out
+
+    @wp.func
     def minimise(A: MR, w0: VR, scale: VR, sigma: VR, start: VR):
         """lambda, w and the status, from lambda = start."""
         lam = start
@@ -156,18 +167,23 @@ def make_erm(n: int, dtype: type, residual: str) -> SimpleNamespace:
                 break
             moved = int(0)
             l, ok = factor(hessian(A, scale, sigma, at.a, at.w), size, damping + TAU)
+            tries = int(0)
+            step = VR()
             if ok == 1:
-                trial = lam - substitute(l, at.gradient)
-                there = evaluate(A, w0, scale, sigma, trial)
-                # values this close differ by rounding (tails cancel): twice the gain by the trapezoidal rule
-                gain = at.value - there.value
-                if wp.abs(gain) <= FLAT * at.value:
-                    gain = wp.dot(at.gradient + there.gradient, lam - trial)
-                better = gain > ZERO
-                if wp.isfinite(there.worst) and better:
-                    lam = trial
+                tries = int(wp.static(TRIES))
+                step = -substitute(l, at.gradient)
+            while tries > 0:
+                tries -= 1
+                there = evaluate(A, w0, scale, sigma, lam + step)
+                if wp.isfinite(there.worst) and gain(at, there, step) > ZERO:
+                    lam += step
                     at = there
                     moved = int(1)
+                    step = GROW * step
+                    if damping == ZERO:
+                        tries = int(0)
+                else:
+                    tries = int(0)
             if moved == 1:
                 damping = damping / TEN
                 if damping < SMALLEST:
