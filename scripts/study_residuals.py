@@ -151,7 +151,9 @@ def residuals_command(
     device: Device = None,
     seed: Seed = 0,
 ) -> None:
-    """Compare the finger's plans and libraries under the residuals (15) and (17): a quarter of an hour."""
+    """Compare the finger's plans and libraries under the residuals (15) and (17): half an hour on two
+    cores.
+    """
     show_rows(f"{starts} plans of the first residual, each solved again with the others",
               plan_rows(starts, seed, device))  # fmt: skip
     own, anew = library_rows(plans, range(seed, seed + seeds), worlds, device)
