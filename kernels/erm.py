@@ -23,7 +23,7 @@ from .smoothing import make_smoothing
 from .solve import NOT_CONVERGED, SOLVED, make_solver
 from .structure import Structure
 
-MAX_ITERATIONS = 100
+MAX_ITERATIONS = 200
 TRIES = 6  # a damped step, of a region that is not convex, is lengthened as often as the value falls
 PROXIMAL = {wp.float64: 1e-13, wp.float32: 1e-6}  # of the Hessian's diagonal, for rows that repeat others
 
