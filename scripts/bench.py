@@ -29,6 +29,7 @@ from .bench_kernels import SIZES, bench_reach, bench_sizes, print_sizes
 from .bench_methods import bench_methods
 from .bench_mujoco import Peer, import_mujoco
 from .bench_ours import PAPER, TOUCH, WINDOW, Ours, cpu_threads
+from .bench_precision import bench_finite, bench_precision
 from .bench_timing import Case, Result, print_table, tidy_rows, time_interleaved, write_csv
 from .bench_workload import Workload, distance, make_workload, mass_matrix, windows
 from .stability import stability_command
@@ -259,6 +260,17 @@ def differences_command(
             raise typer.Exit(2)
     names = tuple(scene or slcp.scenes.NAMED)
     _save(csv, bench_differences(names, chosen, count, seed, typer.echo))
+
+
+@app.command("precision")
+def precision_command(
+    count: Annotated[int, typer.Option(min=8, help="States at which precisions are compared.")] = 20000,
+    random: Annotated[int, typer.Option(min=1, help="States among which NaN and Inf are sought.")] = 1000000,
+    seed: Seed = 0,
+    csv: Csv = None,
+) -> None:
+    """Derivatives of the finger's step: float32 beside float64, and whether any is no number."""
+    _save(csv, bench_precision(count, seed, typer.echo) + bench_finite(random, seed, typer.echo))
 
 
 @app.command("threads")
