@@ -34,6 +34,9 @@ class Segments:
 
     def controls(self, i: int) -> wp.array:
         """Controls of segment i, (B, L, nu), with their gradient."""
+        if self.us.shape[2] == 0:  # Warp has no slices of arrays without entries
+            steps = self.bounds[i + 1] - self.bounds[i]
+            return wp.zeros((self.us.shape[0], steps, 0), dtype=self.us.dtype, device=self.us.device)
         return self.us[:, self.bounds[i] : self.bounds[i + 1]]
 
     def run(self, i: int, start: wp.array, status: wp.array) -> wp.array:
@@ -80,11 +83,11 @@ def checkpointed(
     run = Recorded(key, table, x0, us, external, kept, status)
     if run.wanted:
         kept.requires_grad = True
-        record(lambda: _backward(run, segments), run.inputs, kept)
+        record(lambda: pull_back(run, segments), run.inputs, kept)
     return kept
 
 
-def _backward(run: Recorded, segments: Segments) -> None:
+def pull_back(run: Recorded, segments: Segments) -> None:
     """Segment by segment from the last: recompute its states, then the adjoint of its steps."""
     kept, bounds, device = run.states, segments.bounds, run.x0.device
     worlds, last = kept.shape[0], len(bounds) - 1

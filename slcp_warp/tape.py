@@ -13,9 +13,11 @@ import warp as wp
 
 from slcp_warp.kernels.adjoint import make_adjoint_kernel
 from slcp_warp.kernels.launch import launch
+from slcp_warp.kernels.method import Method
 from slcp_warp.kernels.parameter_gradient import offered
 from slcp_warp.kernels.policy import make_tracking
 from slcp_warp.kernels.reduce import make_sum_kernel
+from slcp_warp.kernels.structure import Structure
 
 from .options import OptionError
 
@@ -35,6 +37,15 @@ def record(backward: Callable[[], None], inputs: Sequence[wp.array], output: wp.
     tape = active_tape()
     if tape is not None:
         tape.record_func(backward, arrays=[a for a in (*inputs, output) if a.requires_grad])
+
+
+def parameter_gradients(structure: Structure, method: Method) -> None:
+    """An OptionError where gradients by parameters do not exist."""
+    if not offered(structure, method):
+        raise OptionError(
+            "params are tracked, but gradients by parameters exist neither for springs between points, "
+            f"nor for capsules, nor for every method; this is {method}"
+        )
 
 
 @dataclass(frozen=True)
@@ -68,11 +79,8 @@ class Recorded:
             OptionError: gradients by parameters are wanted, and the options have none.
         """
         structure, _, method = self.key
-        if wants_gradient(self.table) and not offered(structure, method):
-            raise OptionError(
-                "params are tracked, but gradients by parameters exist neither for springs between points, "
-                f"nor for capsules, nor for every method; this is {method}"
-            )
+        if wants_gradient(self.table):
+            parameter_gradients(structure, method)
         return wants_gradient(*self.inputs)
 
 

@@ -1,0 +1,185 @@
+"""Rollouts in PyTorch: gradcheck, the tape's numbers, torch.func, torch.compile, and what is refused."""
+
+import numpy as np
+import pytest
+import warp as wp
+from simulators import scene, simulator
+from test_tape import STEPS, start, tape_gradient
+
+import slcp_warp as slcp
+
+torch = pytest.importorskip("torch")
+slcp_torch = pytest.importorskip("slcp_warp.torch")
+
+
+def finger(device, dtype=wp.float64):
+    return simulator("flicking_finger", device, dtype, "none")
+
+
+def tensor(array, device, dtype=torch.float64, grad=True):
+    return torch.tensor(array, dtype=dtype, device=wp.device_to_torch(device), requires_grad=grad)
+
+
+def contact(device, worlds=3, steps=4):
+    """A few steps from states in contact."""
+    x0, us, _ = start()
+    states = finger(device).rollout(x0, us).states[:, 18]
+    return tensor(states[:worlds], device), tensor(us[:worlds, 18 : 18 + steps], device)
+
+
+def test_gradcheck_by_states_controls_and_parameters(device):
+    sim = finger(device)
+    x, us = contact(device)
+    numbers = {
+        "friction": tensor([0.4, 0.5, 0.6], device), "mass": tensor(sim.params["mass"], device),
+        "step_size": tensor(0.05, device), "sigma": tensor(0.08, device),
+    }  # fmt: skip
+
+    def states(x, us, *values):
+        return slcp_torch.rollout(sim, x, us, dict(zip(numbers, values))).states
+
+    assert torch.autograd.gradcheck(states, (x, us, *numbers.values()), eps=1e-6, atol=1e-6, rtol=1e-4)
+
+    def kept(x, us):
+        return slcp_torch.rollout(sim, x, us, checkpoint=3).states
+
+    assert kept(x, us).shape == (3, 3, 6)
+    assert torch.autograd.gradcheck(kept, (x, us), eps=1e-6, atol=1e-6, rtol=1e-4)
+
+
+@pytest.mark.slow
+def test_gradcheck_of_a_free_body_that_rubs(device):
+    sim = simulator("rubbing_particle", device, wp.float64, "inertia")
+    x = tensor([[0.0, 0.001, 0.1, 0.3, -0.2, 0.0], [0.0, 0.05, 0.0, 0.0, 0.0, 1.0]], device)
+    us = torch.zeros((2, 3, 0), dtype=x.dtype, device=x.device)
+    friction = tensor([[0.5], [0.7]], device)
+
+    def states(x, friction):
+        return slcp_torch.rollout(sim, x, us, {"friction": friction}).states
+
+    assert torch.autograd.gradcheck(states, (x, friction), eps=1e-6, atol=1e-6, rtol=1e-4)
+
+
+def test_same_gradient_as_the_tape_and_no_copy(device):
+    x0, us, weight = start()
+    gx, gu, _ = tape_gradient(x0, us, weight, device)
+    x, u = tensor(x0, device), tensor(us, device)
+    out = slcp_torch.rollout(finger(device), x, u)
+    (out.states * tensor(weight, device, grad=False)).sum().backward()
+    np.testing.assert_allclose(x.grad.cpu(), gx, atol=1e-9 * np.abs(gx).max())
+    np.testing.assert_allclose(u.grad.cpu(), gu, atol=1e-9 * np.abs(gu).max())
+    assert out.status.dtype == torch.int32 and not out.status.requires_grad
+    one = slcp_torch.rollout(finger(device), x[0], u[0])  # without the batch axis
+    assert one.states.shape == (STEPS + 1, 6) and one.status.shape == ()
+    torch.testing.assert_close(one.states, out.states[0])
+
+
+@pytest.mark.slow
+def test_float32_steps_chain_to_a_rollout(device):
+    sim = finger(device, wp.float32)
+    x0, us, _ = start()
+    x, u = tensor(x0, device, torch.float32), tensor(us[:, :5], device, torch.float32)
+    whole = slcp_torch.rollout(sim, x, u).states[:, -1]
+    (gradient,) = torch.autograd.grad(whole.sum(), x)
+    state = x
+    for k in range(5):
+        state = slcp_torch.step(sim, state, u[:, k]).states
+    (chained,) = torch.autograd.grad(state.sum(), x)
+    torch.testing.assert_close(state, whole, atol=1e-5, rtol=1e-5)
+    torch.testing.assert_close(chained, gradient, atol=1e-4, rtol=1e-3)
+
+
+def test_a_failed_world_has_a_status_and_nan(device):
+    x0, us, _ = start()
+    us = us[:, :5].copy()
+    us[1, 2, 0] = np.nan
+    x, u = tensor(x0, device), tensor(us, device)
+    out = slcp_torch.rollout(finger(device), x, u)
+    assert out.status.tolist() == [0, int(slcp.Status.NONFINITE), 0]
+    out.states[:, -1].sum().backward()
+    assert x.grad[1].isnan().all() and x.grad[[0, 2]].isfinite().all()
+
+
+def test_torch_func(device):
+    sim = finger(device)
+    x, us = (t.detach() for t in contact(device))
+
+    def last(x, u):
+        return slcp_torch.rollout(sim, x, u).states[-1]
+
+    by_hand = torch.autograd.functional.jacobian(lambda x: last(x, us[0]), x[0])
+    torch.testing.assert_close(torch.func.jacrev(last)(x[0], us[0]), by_hand)
+    each = torch.func.vmap(last)(x, us)  # worlds by vmap are worlds by batch
+    torch.testing.assert_close(each, slcp_torch.rollout(sim, x, us).states[:, -1], atol=1e-10, rtol=1e-10)
+
+    def loss(friction):
+        return slcp_torch.rollout(sim, x, us, {"friction": friction}).states[:, -1].sum()
+
+    values = torch.tensor([0.3, 0.6], dtype=torch.float64, device=x.device)
+    slopes = torch.func.vmap(torch.func.grad(loss))(values)
+    for value, slope in zip(values, slopes):
+        torch.testing.assert_close(torch.func.grad(loss)(value), slope, atol=1e-9, rtol=1e-9)
+
+
+def test_torch_compile_keeps_it_whole(device):
+    sim = finger(device)
+    x, us = contact(device)
+
+    def loss(x, us):
+        return slcp_torch.rollout(sim, x, us).states[:, -1].square().sum()
+
+    compiled = torch.compile(loss, backend="aot_eager", fullgraph=True)
+    expected, found = (torch.autograd.grad(f(x, us), (x, us)) for f in (loss, compiled))
+    torch.testing.assert_close(found, expected)
+
+
+def test_a_module_learns_friction(device):
+    sim = finger(device)
+    x0, us, _ = start()
+    x, u = tensor(x0, device, grad=False), tensor(us[:, :40], device, grad=False)
+    with torch.no_grad():
+        truth = slcp_torch.rollout(sim, x, u, {"friction": tensor(0.3, device)}).states
+    module = slcp_torch.Rollout(sim, learn=("friction",))
+    optimiser = torch.optim.LBFGS(module.parameters(), line_search_fn="strong_wolfe")
+
+    def closure():
+        optimiser.zero_grad()
+        loss = (module(x, u).states - truth).square().mean()
+        loss.backward()
+        return loss
+
+    for _ in range(3):
+        optimiser.step(closure)
+    assert abs(module.physical["friction"].item() - 0.3) < 1e-4
+
+
+def test_bad_input_is_named(device):
+    sim = finger(device)
+    x, us = contact(device)
+    with pytest.raises(slcp.ArrayError, match="x0 is torch.float32 on .*; a tensor of torch.float64"):
+        slcp_torch.rollout(sim, x.float(), us)
+    with pytest.raises(slcp.ArrayError, match="controls is a ndarray; a tensor of torch.float64"):
+        slcp_torch.rollout(sim, x, us.detach().cpu().numpy())
+    with pytest.raises(slcp.ArrayError, match=r"controls has shape \(3, 4, 1\); \(B, N, 2\) or \(N, 2\)"):
+        slcp_torch.rollout(sim, x, us[..., :1])
+    with pytest.raises(slcp.ParameterError, match=r"no parameter \['weight'\]"):
+        slcp_torch.rollout(sim, x, us, {"weight": x})
+    with pytest.raises(slcp.ParameterError, match="friction is -0.5; it must not be negative"):
+        slcp_torch.rollout(sim, x, us, {"friction": tensor(-0.5, device)})
+    with pytest.raises(slcp.ArrayError, match="params are given for 2 worlds, x0 for 3"):
+        slcp_torch.rollout(sim, x, us, {"friction": tensor([0.5, 0.6], device)})
+    with pytest.raises(ValueError, match="checkpoint is 0"):
+        slcp_torch.rollout(sim, x, us, checkpoint=0)
+    state = slcp_torch.rollout(sim, x, us).states[:, -1].square().sum()
+    (gradient,) = torch.autograd.grad(state, x, create_graph=True)
+    with pytest.raises(NotImplementedError, match="second derivatives of slcp_warp.torch rollouts"):
+        gradient.sum().backward()
+
+
+def test_options_without_parameter_gradients_say_so(device):
+    sim = slcp.Simulator(
+        scene("flicking_finger"), slcp.Options(integrator="trapezoidal"), device=device, dtype="float64"
+    )
+    x, us = contact(device)
+    with pytest.raises(slcp.OptionError, match="params are tracked, but gradients by parameters exist"):
+        slcp_torch.rollout(sim, x, us, {"friction": tensor(0.5, device)})
