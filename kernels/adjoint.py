@@ -126,3 +126,42 @@ def make_adjoint_kernel(
                 x0_grad[world, j] = x0_grad[world, j] + g[j]
 
     return adjoint_kernel
+
+
+@functools.cache
+def make_control_kernel(nx: int, nu: int, dtype: type) -> wp.Kernel:
+    """What gradients by the controls u = us_k + K_k (x - xs_k) themselves add to those by the policy and the
+    states, before the adjoint.
+    """
+    Tracking = make_tracking(nx, nu, dtype).Struct
+    wrapped = make_wrap(dtype)
+
+    @specialised(nx, nu, dtype)
+    def control_kernel(
+        first: int,
+        policy: Tracking,
+        states: wp.array3d(dtype=dtype),  # (B, N+1, nx)
+        controls_grad: wp.array3d(dtype=dtype),  # (B, N, nu)
+        states_grad: wp.array3d(dtype=dtype),  # accumulated (B, N+1, nx)
+        us_grad: wp.array3d(dtype=dtype),  # accumulated (0 or B, N', nu)
+        xs_grad: wp.array3d(dtype=dtype),  # accumulated (0 or B, >= N', nx)
+        gain_grad: wp.array4d(dtype=dtype),  # accumulated (0 or B, N', nu, nx)
+    ):
+        world = first + wp.tid()
+        row = wp.where(policy.gain.shape[0] == 1, 0, world)
+        for k in range(controls_grad.shape[1]):
+            at = wp.min(k, policy.us.shape[1] - 1)
+            for i in range(wp.static(nu)):
+                by_control = controls_grad[world, k, i]
+                if us_grad.shape[0] > 0:
+                    us_grad[world, at, i] = us_grad[world, at, i] + by_control
+                for j in range(wp.static(nx)):
+                    slope = by_control * policy.gain[row, at, i, j]
+                    states_grad[world, k, j] = states_grad[world, k, j] + slope
+                    if xs_grad.shape[0] > 0:
+                        xs_grad[world, at, j] = xs_grad[world, at, j] - slope
+                    if gain_grad.shape[0] > 0:
+                        dx = wrapped(states[world, k, j] - policy.xs[row, at, j], policy.period[j])
+                        gain_grad[world, at, i, j] = gain_grad[world, at, i, j] + by_control * dx
+
+    return control_kernel

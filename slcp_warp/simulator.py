@@ -120,6 +120,7 @@ class Simulator:
             return self._none
         nb = self.scene.structure.nb
         force = self.batch("external_force", external_force, nb, 3).array
+        tape.refuse("external_force", "forces have none: give them as controls of an actuator", force)
         _same_worlds("external_force", force.shape[0], worlds)
         return force.reshape((worlds, 3 * nb))
 
@@ -258,6 +259,7 @@ class Simulator:
             key: self.empty(worlds if key in stored else 0, steps, max(size, 1))
             for key, size in (("controls", self.nu), ("impulse", self.nr), ("gap", self.nr))
         }
+        shown = recorded["controls"] if "controls" in record and self.nu else None
         outputs = [external, states, *recorded.values(), status]
         memory = self._memory_for(table, state.array, us) if us is not None else None
         if memory is not None:
@@ -266,12 +268,10 @@ class Simulator:
             kernel = rollout.make_rollout_kernel(*self._key, name, "gap" in record)
             inputs = [table, state.array, struct, *outputs]
             launch(kernel, worlds, inputs, self.device, grain=max(1, 128 // steps))
-        if us is not None and memory is None:
-            tape.record_rollout(tape.Recorded(self._key, table, state.array, us, external, states, status))
-        if taped:
-            run = tape.Recorded(
-                self._key, table, state.array, recorded["controls"], external, states, status, struct
-            )
+        if taped or (us is not None and memory is None):
+            applied, feedback = (us, None) if us is not None else (recorded["controls"], struct)
+            kept = external, states, status
+            run = tape.Recorded(self._key, table, state.array, applied, *kept, feedback, shown)
             tape.record_rollout(run)
         return Trajectory(
             give(states), give(status), *(give(recorded[k]) if k in record else None for k in recorded)
@@ -295,12 +295,14 @@ class Simulator:
         state = self.batch("x", x, self.nx)
         worlds = state.array.shape[0]
         control = self._controls(u, worlds)
+        table = self.parameter_array(params, worlds)
+        tape.refuse("x, u or params", "linearize is not recorded", state.array, control, table)
         nz = self.nx + self.nu
         fx, fu = self.empty(worlds, 1, self.nx, self.nx), self.empty(worlds, 1, self.nx, self.nu)
         fzz = self.empty(worlds if second else 0, self.nw, nz, nz)
         status = wp.zeros((worlds, 1), dtype=wp.int32, device=self.device)
         inputs = (
-            self.parameter_array(params, worlds),
+            table,
             1,
             state.array.reshape((worlds, 1, self.nx)),
             control.reshape((worlds, 1, max(self.nu, 1))),

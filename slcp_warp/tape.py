@@ -1,8 +1,8 @@
 """Rollouts on a `wp.Tape`: the implicit adjoint of every step, attached by hand.
 
-Gradients flow from the recorded states to x0, controls, parameters (`Parameters.track`) and the nominal
-states, controls and gains of a tracking policy. They are exact to solver tolerance wherever the status is
-SOLVED; a world with another status gets NaN. Nothing flows through impulses, gaps or the status.
+Gradients flow from the recorded states and controls to x0, controls, parameters (`Parameters.track`) and the
+nominal states, controls and gains of a tracking policy. They are exact to solver tolerance wherever the
+status is SOLVED; a world with another status gets NaN. Nothing flows through impulses, gaps or the status.
 """
 
 from collections.abc import Callable, Sequence
@@ -11,7 +11,7 @@ from typing import Any
 
 import warp as wp
 
-from slcp_warp.kernels.adjoint import make_adjoint_kernel
+from slcp_warp.kernels.adjoint import make_adjoint_kernel, make_control_kernel
 from slcp_warp.kernels.launch import launch
 from slcp_warp.kernels.method import Method
 from slcp_warp.kernels.parameter_gradient import offered
@@ -32,11 +32,11 @@ def wants_gradient(*arrays: wp.array | None) -> bool:
     return active_tape() is not None and any(a is not None and a.requires_grad for a in arrays)
 
 
-def record(backward: Callable[[], None], inputs: Sequence[wp.array], output: wp.array) -> None:
+def record(backward: Callable[[], None], inputs: Sequence[wp.array], *outputs: wp.array) -> None:
     """Put a backward pass on the tape that is recording."""
     tape = active_tape()
     if tape is not None:
-        tape.record_func(backward, arrays=[a for a in (*inputs, output) if a.requires_grad])
+        tape.record_func(backward, arrays=[a for a in (*inputs, *outputs) if a.requires_grad])
 
 
 def parameter_gradients(structure: Structure, method: Method) -> None:
@@ -53,6 +53,7 @@ class Recorded:
     """What the backward pass of a rollout needs: the kernels' key, the arrays that went in and came out.
 
     us: controls as they were applied. policy: the struct of the tracking policy that made them, if one did.
+    controls: those that the caller got, if any: a loss may contain them.
     """
 
     key: tuple[Any, ...]
@@ -63,6 +64,7 @@ class Recorded:
     states: wp.array
     status: wp.array
     policy: Any = None
+    controls: wp.array | None = None
 
     @property
     def inputs(self) -> list[wp.array]:
@@ -88,13 +90,16 @@ def record_rollout(run: Recorded) -> None:
     """Record the backward pass of a rollout if a tape is active and an input requires a gradient."""
     if not run.wanted:
         return
-    run.states.requires_grad = True
+    outputs = [run.states] if run.controls is None else [run.states, run.controls]
+    for array in outputs:
+        array.requires_grad = True
 
     def backward() -> None:
         adjoint(run, run.states.grad)
-        run.states.grad.zero_()
+        for array in outputs:
+            array.grad.zero_()
 
-    record(backward, run.inputs, run.states)
+    record(backward, run.inputs, *outputs)
 
 
 def record_step(run: Recorded) -> None:
@@ -121,6 +126,12 @@ def record_step(run: Recorded) -> None:
         after.grad.zero_()
 
     record(backward, run.inputs, after)
+
+
+def refuse(name: str, why: str, *arrays: wp.array | None) -> None:
+    """A gradient that does not exist is wanted: an error instead of a silent zero."""
+    if wants_gradient(*arrays):
+        raise ValueError(f"{name} requires a gradient on the wp.Tape that records, but {why}")
 
 
 def differentiable_policy(name: str, struct: Any, x0: wp.array, table: wp.array) -> bool:
@@ -162,6 +173,8 @@ def adjoint(run: Recorded, states_grad: wp.array) -> None:
     else:
         by_us, by_xs, by_gain = part(policy.us), part(policy.xs), part(policy.gain)
         sums = [(by_us, policy.us), (by_xs, policy.xs), (by_gain, policy.gain)]
+    if run.controls is not None:
+        _by_controls(run, states_grad, by_us, by_xs, by_gain)
     kernel = make_adjoint_kernel(*run.key, table.requires_grad, run.policy is not None)
     inputs = [table, us, policy, run.external, run.states, run.status, states_grad]
     launch(kernel, worlds, [*inputs, x_grad, by_us, by_xs, by_gain, by_table], device,
@@ -170,3 +183,19 @@ def adjoint(run: Recorded, states_grad: wp.array) -> None:
         if target.requires_grad:
             flat, total = each.reshape((worlds, -1)), target.grad.reshape((target.shape[0], -1))
             launch(make_sum_kernel(dtype), total.shape[1], [flat, total], device)
+
+
+def _by_controls(
+    run: Recorded, states_grad: wp.array, by_us: wp.array, by_xs: wp.array, by_gain: wp.array
+) -> None:
+    """Carry the gradient by recorded controls to the states and to what made the controls."""
+    assert run.controls is not None
+    grad, (structure, dtype, _) = run.controls.grad, run.key
+    worlds, steps, nu = grad.shape
+    if run.policy is not None:
+        kernel = make_control_kernel(run.x0.shape[1], structure.nu, dtype)
+        inputs = [run.policy, run.states, grad, states_grad, by_us, by_xs, by_gain]
+        launch(kernel, worlds, inputs, run.x0.device, grain=max(1, 4096 // steps))
+    elif run.us.requires_grad:
+        flat = [array.reshape((worlds, steps * nu)) for array in (grad, by_us)]
+        launch(make_sum_kernel(dtype), steps * nu, flat, run.x0.device)

@@ -204,14 +204,20 @@ def test_gradient_through_a_tracking_policy(device, rows, held):
 
     def roll(x, arrays):
         policy = ddp.TrackingPolicy(SimpleNamespace(**arrays), period)
-        return sim.rollout(x, policy=policy, steps=STEPS)
+        return sim.rollout(x, policy=policy, steps=STEPS, record="controls")
 
     x = on_device(x0, device)
     arrays = {name: on_device(value, device) for name, value in plan.items()}
+    by_control = rng.standard_normal(us.shape)  # the loss contains the controls, too
     with wp.Tape() as tape:
         traj = roll(x, arrays)
     assert not traj.status.numpy().any()
-    tape.backward(grads={traj.states: on_device(weight, device, False)})
+    tape.backward(
+        grads={
+            traj.states: on_device(weight, device, False),
+            traj.controls: on_device(by_control, device, False),
+        }
+    )
     got = {name: array.grad.numpy() for name, array in arrays.items()}
     assert not got["xs"][:, STEPS - held :].any()  # what the policy never looks at
     got["x0"] = x.grad.numpy()
@@ -222,10 +228,32 @@ def test_gradient_through_a_tracking_policy(device, rows, held):
         for k in SHIFTS:
             for sign in (-1, 1):
                 shifted = moved | {name: moved[name] + sign * k * 2e-4 * direction}
-                states = roll(shifted.pop("x0"), shifted).states
-                value[sign * k] = (weight * states).sum()
+                traj = roll(shifted.pop("x0"), shifted)
+                value[sign * k] = (weight * traj.states).sum() + (by_control * traj.controls).sum()
         exact = sum(w * (value[k] - value[-k]) for k, w in SHIFTS.items()) / 2e-4
         assert abs((gradient * direction).sum() - exact) < 1e-6 * np.linalg.norm(gradient), name
+
+
+def test_a_loss_of_recorded_controls_reaches_the_controls(device):
+    x0, us, weight = start()
+    _, gu, _ = tape_gradient(x0, us, weight, device)
+    x, u = on_device(x0, device), on_device(us, device)
+    with wp.Tape() as tape:
+        traj = finger(device).rollout(x, u, record="controls")
+    ones = wp.full_like(traj.controls, 1.0)
+    tape.backward(grads={traj.states: on_device(weight, device, False), traj.controls: ones})
+    np.testing.assert_allclose(u.grad.numpy(), gu + 1.0, rtol=1e-9, atol=1e-9)
+
+
+def test_gradients_that_do_not_exist_are_refused(device):
+    sim = finger(device)
+    x0, us, _ = start()
+    force = on_device(np.zeros((len(x0), 3, 3)), device)
+    with wp.Tape():
+        with pytest.raises(ValueError, match="external_force requires a gradient"):
+            sim.rollout(x0, us, external_force=force)
+        with pytest.raises(ValueError, match="linearize is not recorded"):
+            sim.linearize(on_device(x0, device), on_device(us[:, 0], device))
 
 
 def test_policies_without_a_gradient_say_so(device):
