@@ -24,7 +24,7 @@ from slcp_warp.kernels import launch
 from slcp_warp.options import CHOICES
 
 from .bench_differences import bench_differences
-from .bench_gradients import bench_gradients
+from .bench_gradients import bench_gradients, bench_products
 from .bench_kernels import SIZES, bench_reach, bench_sizes, print_sizes
 from .bench_methods import bench_methods
 from .bench_mujoco import Peer, import_mujoco
@@ -260,6 +260,14 @@ def differences_command(
             raise typer.Exit(2)
     names = tuple(scene or slcp.scenes.NAMED)
     _save(csv, bench_differences(names, chosen, count, seed, typer.echo))
+
+
+@app.command("products")
+def products_command(
+    worlds: Worlds = 1000, steps: Steps = 50, repeats: Repeats = 5, seed: Seed = 0, csv: Csv = None
+) -> None:
+    """Vector-Jacobian and Jacobian-vector products, A and B, and weighted Hessians against a rollout."""
+    _save(csv, bench_products(worlds, steps, repeats, seed))
 
 
 @app.command("precision")

@@ -1,5 +1,8 @@
-"""`slcp bench gradients`: what gradients of rollouts cost, in time against the rollout and in memory."""
+"""`slcp bench gradients`: what gradients of rollouts cost, in time against the rollout and in memory, and
+`slcp bench products`: what products with derivatives cost.
+"""
 
+import functools
 import resource
 from typing import Any
 
@@ -8,8 +11,9 @@ import warp as wp
 
 import slcp_warp as slcp
 
-from .bench_ours import PAPER, cpu_threads
+from .bench_ours import PAPER, Ours, cpu_threads
 from .bench_timing import Case, print_table, tidy_rows, time_interleaved
+from .bench_workload import make_workload
 
 MEGABYTE = 1024.0  # ru_maxrss is in kilobytes on Linux
 
@@ -55,6 +59,36 @@ def bench_gradients(worlds: int, steps: int, every: int, repeats: int, seed: int
     clock = "process CPU time, one thread, copies included; ratios are rollout / case"
     print_table(f"gradients of {worlds} rollouts of {steps} steps: {clock}", "us per step", results, peaks)
     return tidy_rows("gradients", results, clock)
+
+
+def bench_products(worlds: int, steps: int, repeats: int, seed: int) -> list[dict[str, Any]]:
+    """Products with derivatives along rollouts of the finger, in NumPy, one thread."""
+    cases = []
+    with cpu_threads(1):
+        for dtype in ("float32", "float64"):
+            ours = Ours(make_workload(slcp.scenes.flicking_finger(), worlds, steps, seed), dtype)
+            sim, params = ours.sim, ours.params
+            x0, us = ours.work.x0, ours.work.controls
+            count = us.shape[0] * us.shape[1]
+            states = sim.rollout(x0, us, params).states
+            weights, dx0, dus = np.ones(states.shape), np.ones(x0.shape), np.ones(us.shape)
+            x, u = states[:, :-1].reshape(count, -1), us.reshape(count, -1)
+            along = weights[:, 1:].reshape(x.shape)
+            runs = {
+                "rollout": functools.partial(sim.rollout, x0, us, params),
+                "vjp": functools.partial(slcp.vjp, sim, x0, us, weights, params),
+                "jvp": functools.partial(slcp.jvp, sim, x0, us, dx0, dus, params),
+                "A, B": functools.partial(sim.linearize, x, u, params),
+                "weighted Hessian": functools.partial(slcp.weighted_hessian, sim, x, u, along, params),
+            }
+            reference = f"{dtype} rollout"
+            for name, run in runs.items():
+                label = f"{dtype} {name}"
+                cases.append(Case(label, run, count, None if label == reference else reference))
+        results = time_interleaved(cases, repeats)
+    clock = "process CPU time, one thread, copies included; ratios are rollout / case"
+    print_table(f"products with derivatives: {clock}", "us per step", results, [])
+    return tidy_rows("products", results, clock)
 
 
 def _peak() -> float:

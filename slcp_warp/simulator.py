@@ -269,9 +269,9 @@ class Simulator:
             inputs = [table, state.array, struct, *outputs]
             launch(kernel, worlds, inputs, self.device, grain=max(1, 128 // steps))
         if taped or (us is not None and memory is None):
-            applied, feedback = (us, None) if us is not None else (recorded["controls"], struct)
-            kept = external, states, status
-            run = tape.Recorded(self._key, table, state.array, applied, *kept, feedback, shown)
+            used, feedback = (us, None) if us is not None else (recorded["controls"], struct)
+            start = state.array
+            run = tape.Recorded(self._key, table, start, used, external, states, status, feedback, shown)
             tape.record_rollout(run)
         return Trajectory(
             give(states), give(status), *(give(recorded[k]) if k in record else None for k in recorded)
