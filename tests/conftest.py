@@ -37,7 +37,7 @@ QUICK = {  # file: pattern of the quick tests' names; files that are not here ma
     "test_contact_formulas.py": r"frictionless_body_rests|a_gram_and_a_tonne",
     "test_ddp.py": r"linear_quadratic|illegal|options",
     "test_distance.py": r"(?!)",
-    "test_dynamics.py": r"float64-tree0|test_energy",
+    "test_dynamics.py": r"test_free_step.*tree0|test_energy",
     "test_library.py": r"file|saved|save|concatenation|another_scenes",
     "test_linearize.py": r"first_derivatives.*flicking_finger-none|position_rows",
     "test_refinement.py": r"negative|unknown|refused",

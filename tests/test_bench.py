@@ -143,19 +143,22 @@ def test_interleaved_times_and_ratios(tmp_path):
 
 
 @pytest.mark.slow
-def test_commands_run_and_write_their_rows(tmp_path):
-    """Through the command line, on workloads far too small to time anything."""
+def test_commands_run_and_write_their_rows(tmp_path, monkeypatch):
+    """Through the command line, on workloads far too small to time anything, float32 once."""
     pytest.importorskip("mujoco")
     typer_testing = pytest.importorskip("typer.testing")
+    from slcp_warp.scripts import bench
     from slcp_warp.scripts.app import app
 
     small = ["--worlds", "60", "--steps", "40", "--repeats", "1"]
-    for command, options, count in (
-        ("step", small, 10),
-        ("jacobian", small, 6),
-        ("threads", small, 4),
-        ("ddp", ["--repeats", "1"], 8),
+    both, wide = bench.DTYPES, ("float64",)
+    for command, options, dtypes, count in (
+        ("step", small, wide, 6),
+        ("jacobian", small, wide, 4),
+        ("threads", small, both, 4),
+        ("ddp", ["--repeats", "1"], wide, 4),
     ):
+        monkeypatch.setattr(bench, "DTYPES", dtypes)
         path = tmp_path / f"{command}.csv"
         result = typer_testing.CliRunner().invoke(app, ["bench", command, *options, "--csv", str(path)])
         assert result.exit_code == 0, result.output

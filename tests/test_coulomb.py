@@ -108,7 +108,11 @@ def states(name, rng, count):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["flicking_finger", "sliding_block"])
+@pytest.mark.parametrize(
+    "name,dtype",
+    [("flicking_finger", wp.float64), ("sliding_block", wp.float64), ("sliding_block", wp.float32)],
+    ids=["flicking_finger-float64", "sliding_block-float64", "sliding_block-float32"],
+)
 def test_contact_law_holds(device, name, dtype):
     rng, count = np.random.default_rng(1), 5000
     x, sim = states(name, rng, count), simulator(name, device, dtype)

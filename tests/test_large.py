@@ -162,7 +162,7 @@ def test_coulomb_friction_in_a_thrown_stack(count):
 
 @slow
 @pytest.mark.parametrize(
-    "name,options", [("sliding_block", coulomb()), ("grasp", slcp.Options(residual="rem-normal"))]
+    "name,options", [("sliding_block", coulomb()), ("flicking_finger", slcp.Options(residual="rem-normal"))]
 )
 def test_same_step_as_in_registers_for_other_methods(name, options):
     sc = scene(name)

@@ -31,12 +31,11 @@ SMOOTH64 = [
     ("particle", "inertia"),
     ("rubbing_particle", "inertia"),
     slow("grasp", "none"),
-    slow("sliding_block", "none"),
     slow("moving_plane", "inertia"),
     slow("touching_tree", "inertia"),
 ]
 HARD = ["flicking_finger", "sliding_block"]
-HARD64 = ["grasp", slow("ball_drop"), slow("touching_tree"), slow("moving_plane")]
+HARD64 = ["grasp", slow("ball_drop")]
 
 
 @functools.cache
