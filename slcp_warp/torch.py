@@ -65,6 +65,8 @@ def rollout(
     bodies = sim.scene.structure.nb
     force = x.new_zeros((0, 3 * bodies))
     if external_force is not None:
+        if isinstance(external_force, Tensor) and external_force.requires_grad:
+            raise ArrayError("external_force requires a gradient, which does not exist; detach it")
         force = _given(sim, "external_force", external_force, (bodies, 3)).reshape(-1, 3 * bodies)
         if len(force) != len(x):
             raise ArrayError(f"external_force is given for {len(force)} worlds, x0 for {len(x)}")

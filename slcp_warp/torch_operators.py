@@ -5,8 +5,6 @@ the worlds.
 """
 
 import contextlib
-import itertools
-import weakref
 from collections.abc import Iterator
 from typing import Any
 
@@ -20,24 +18,23 @@ from .parameters import NONNEGATIVE, POSITIVE, ParameterError
 from .simulator import Simulator
 from .tape import Recorded, adjoint, parameter_gradients
 
-_simulators: "weakref.WeakValueDictionary[int, Simulator]" = weakref.WeakValueDictionary()
-_handles: "weakref.WeakKeyDictionary[Simulator, int]" = weakref.WeakKeyDictionary()
-_count = itertools.count()
+_simulators: list[Simulator] = []  # kept for the process: a backward pass may come after its maker's scope
+_handles: dict[Simulator, int] = {}
 
 
 def handle_of(sim: Simulator) -> int:
     """The number by which an operator finds its simulator."""
     if sim not in _handles:
-        _handles[sim] = next(_count)
-        _simulators[_handles[sim]] = sim
+        _handles[sim] = len(_simulators)
+        _simulators.append(sim)
     return _handles[sim]
 
 
 def _check(sim: Simulator, table: Tensor) -> None:
     for name, start, shape in sim.params.layout.columns:
         value = table[:, start : start + int(np.prod(shape, dtype=int))]
-        if bool(value.isnan().any()):
-            raise ParameterError(f"{name} contains nan; it must be finite")
+        if not bool(value.isfinite().all()):
+            raise ParameterError(f"{name} contains {value[~value.isfinite()][0].item()}; it must be finite")
         if name in POSITIVE and not bool((value > 0.0).all()):
             raise ParameterError(f"{name} is {value.min().item()}; it must be positive")
         if name in NONNEGATIVE and not bool((value >= 0.0).all()):

@@ -1,5 +1,7 @@
 """Rollouts in PyTorch: gradcheck, the tape's numbers, torch.func, torch.compile, and what is refused."""
 
+import gc
+
 import numpy as np
 import pytest
 import warp as wp
@@ -168,12 +170,33 @@ def test_bad_input_is_named(device):
         slcp_torch.rollout(sim, x, us, {"friction": tensor(-0.5, device)})
     with pytest.raises(slcp.ArrayError, match="params are given for 2 worlds, x0 for 3"):
         slcp_torch.rollout(sim, x, us, {"friction": tensor([0.5, 0.6], device)})
+    with pytest.raises(slcp.ParameterError, match="mass contains inf; it must be finite"):
+        slcp_torch.rollout(sim, x, us, {"mass": np.inf})
+    with pytest.raises(slcp.ArrayError, match="external_force requires a gradient"):
+        slcp_torch.rollout(sim, x, us, external_force=tensor(np.zeros((3, 3, 3)), device))
     with pytest.raises(ValueError, match="checkpoint is 0"):
         slcp_torch.rollout(sim, x, us, checkpoint=0)
     state = slcp_torch.rollout(sim, x, us).states[:, -1].square().sum()
     (gradient,) = torch.autograd.grad(state, x, create_graph=True)
     with pytest.raises(NotImplementedError, match="second derivatives of slcp_warp.torch rollouts"):
         gradient.sum().backward()
+
+
+def test_backward_after_the_simulator_went_out_of_scope(device):
+    x, us = contact(device)
+
+    def states():
+        options = slcp.Options(scaling="none")
+        sim = slcp.Simulator(scene("flicking_finger"), options, device=device, dtype="float64")
+        return slcp_torch.rollout(sim, x, us).states
+
+    late = states()
+    gc.collect()
+    late.sum().backward()
+    found = x.grad.clone()
+    x.grad = None
+    slcp_torch.rollout(finger(device), x, us).states.sum().backward()
+    torch.testing.assert_close(found, x.grad)
 
 
 def test_options_without_parameter_gradients_say_so(device):
