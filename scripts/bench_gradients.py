@@ -4,6 +4,7 @@
 
 import functools
 import resource
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -74,7 +75,7 @@ def bench_products(worlds: int, steps: int, repeats: int, seed: int) -> list[dic
             weights, dx0, dus = np.ones(states.shape), np.ones(x0.shape), np.ones(us.shape)
             x, u = states[:, :-1].reshape(count, -1), us.reshape(count, -1)
             along = weights[:, 1:].reshape(x.shape)
-            runs = {
+            runs: dict[str, Callable[[], Any]] = {
                 "rollout": functools.partial(sim.rollout, x0, us, params),
                 "vjp": functools.partial(slcp.vjp, sim, x0, us, weights, params),
                 "jvp": functools.partial(slcp.jvp, sim, x0, us, dx0, dus, params),
