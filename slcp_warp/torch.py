@@ -74,6 +74,7 @@ def rollout(
     if len(table) not in (1, len(x)):
         raise ArrayError(f"params are given for {len(table)} worlds, x0 for {len(x)}")
     apply: Any = rollout_op if torch.compiler.is_compiling() else RolloutFunction.apply
+    check = check and isinstance(params, Mapping) and len(params) > 0  # `Parameters` were looked at before
     states, status = apply(x, us, table, force, handle_of(sim), checkpoint or 0, check)
     return Outcome(states, status) if batched else Outcome(states[0], status[0])
 
