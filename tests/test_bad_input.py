@@ -280,7 +280,7 @@ def test_the_table_in_the_docs_is_complete(request):
 
 @pytest.mark.parametrize("residual", ["rem-logistic", "hard"])
 def test_a_state_or_control_that_is_no_number_is_a_status(device, dtype, residual):
-    simulated = simulator("flicking_finger", device, dtype, "none", residual)
+    simulated = simulator("flicking_finger", device, dtype, "inertia", residual)  # as in test_step
     x, u = WORLDS.copy(), np.zeros((3, 2))
     x[0, 4] = NAN
     u[1, 0] = np.inf

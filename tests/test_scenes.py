@@ -1,6 +1,6 @@
 """The named scenes step without failure and do what they are named after.
 
-One set of kernels (those in memory) serves most of them; capsules and springs need kernels of their own.
+One set of kernels (those in memory) serves most of them.
 """
 
 import math
@@ -126,7 +126,7 @@ def test_opposing_limits_hold(device):
 
 @pytest.mark.slow
 def test_hopper_leaves_the_ground_again(device):
-    x = roll(scenes.hopper(), device, 0.8, strategy="auto")
+    x = roll(scenes.hopper(), device, 0.8)
     lowest = np.argmin(x[:120, 1])
     assert x[lowest:, 1].max() > x[lowest, 1] + 0.25
     assert -0.31 < x[:, 4].min() < -0.05  # on its spring
@@ -134,7 +134,7 @@ def test_hopper_leaves_the_ground_again(device):
 
 @pytest.mark.slow
 def test_walker_lands_and_stands(device):
-    x = roll(scenes.walker(), device, 2.0, strategy="auto")
+    x = roll(scenes.walker(), device, 2.0)
     assert x[:, 1].min() > 0.75 and x[-1, 1] == pytest.approx(0.81, abs=0.02)
     assert np.abs(x[:, 2]).max() < 0.4
 

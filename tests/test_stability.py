@@ -151,6 +151,7 @@ def test_a_jam_that_is_called_solved_is_silent():
         assert row["verdict"] == verdict
 
 
+@pytest.mark.slow
 def test_no_cell_fails_silently():
     """The cheapest kernels of the quick battery: joint limits, and a lever with noise."""
     slider, numbers = ("opposing limits", "jam", "torque spike"), (("float64",), (0.1, 1e-4), (1e-3, 0.05))

@@ -30,12 +30,11 @@ SMOOTH64 = [
     ("grasp", "inertia"),
     ("particle", "inertia"),
     ("rubbing_particle", "inertia"),
-    slow("grasp", "none"),
     slow("moving_plane", "inertia"),
     slow("touching_tree", "inertia"),
 ]
 HARD = ["flicking_finger", "sliding_block"]
-HARD64 = ["grasp", slow("ball_drop")]
+HARD64 = ["grasp", slow("ball_drop")]  # the rows are those of the smooth steps above
 
 
 @functools.cache
