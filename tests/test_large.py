@@ -63,8 +63,15 @@ def judge(sc, x, dtype, hard, **changes):
     return step
 
 
-@pytest.mark.parametrize("hard", [False, True])
-@pytest.mark.parametrize("name,scaling", [("flicking_finger", "none"), ("grasp", "inertia")])
+@pytest.mark.parametrize(
+    "name,scaling,hard",
+    [
+        ("flicking_finger", "none", False),
+        ("flicking_finger", "inertia", True),
+        ("grasp", "inertia", False),
+        ("grasp", "inertia", True),
+    ],
+)
 def test_same_step_as_in_registers(name, scaling, hard):
     sc = scene(name)
     rng = np.random.default_rng(0)
