@@ -88,9 +88,7 @@ def test_same_step_as_in_registers(name, scaling, hard):
 
 
 @slow
-@pytest.mark.parametrize(
-    "name", ["menagerie", "moving_plane", "touching_tree", "sprung", "capsules"]
-)
+@pytest.mark.parametrize("name", ["menagerie", "moving_plane", "touching_tree", "sprung", "capsules"])
 def test_same_step_as_in_registers_of_more_scenes(name):
     sc = scene(name)
     rng = np.random.default_rng(1)
