@@ -16,10 +16,17 @@ from slcp_warp.residuals import residual
 H, SIGMA = 0.05, 0.1
 
 
-def finger(device, name="erm-normal", scaling="inertia", dtype=wp.float64):
-    sim = simulator("flicking_finger", device, dtype, scaling, name)
-    x, u = _states("flicking_finger", 60)
-    keep = Oracle(scene("flicking_finger")).problem(x)["margin"] > 0.05
+CASES = [
+    ("flicking_finger", "erm-normal", "inertia"),
+    pytest.param("rubbing_particle", "erm-logistic", "none", marks=pytest.mark.slow),
+]
+
+
+def near(device, where, name, scaling):
+    """Simulator, params, states near contact where the normal is unique, and controls."""
+    sim = simulator(where, device, wp.float64, scaling, name)
+    x, u = _states(where, 60)
+    keep = Oracle(scene(where)).problem(x)["margin"] > 0.05
     return sim, sim.params.replace(step_size=H, sigma=SIGMA), x[keep], u[keep]
 
 
@@ -27,18 +34,13 @@ def objective(lam, a, b, d, name):
     return residual(name, d * lam, a @ lam + b, SIGMA).sum()
 
 
-@pytest.mark.parametrize(
-    "name,scaling",
-    [("erm-normal", "inertia"), pytest.param("erm-logistic", "none", marks=pytest.mark.slow)],
-)
-def test_step_minimises_the_expected_square(device, name, scaling):
-    sim, params, x, u = finger(device, name, scaling)
+@pytest.mark.parametrize("where,name,scaling", CASES)
+def test_step_minimises_the_expected_square(device, where, name, scaling):
+    sim, params, x, u = near(device, where, name, scaling)
     step = sim.step(x, u, params)
     assert (step.status == 0).all()
-    start = simulator("flicking_finger", device, wp.float64, scaling, name.replace("erm", "rem")).step(
-        x, u, params
-    )
-    p = Oracle(scene("flicking_finger"), step_size=H).problem(x, u)
+    start = simulator(where, device, wp.float64, scaling, name.replace("erm", "rem")).step(x, u, params)
+    p = Oracle(scene(where), step_size=H).problem(x, u)
     b = p["rate"] + np.einsum("bij,bj->bi", p["J"], p["vfree"])
     d = p["D"] if scaling == "inertia" else np.ones_like(p["D"])
     for i in range(len(x)):
@@ -52,15 +54,12 @@ def test_step_minimises_the_expected_square(device, name, scaling):
         assert np.abs(slope).max() < 1e-7 * (1.0 + np.abs(p["A"][i]).max())
 
 
-@pytest.mark.parametrize(
-    "name,scaling",
-    [("erm-normal", "inertia"), pytest.param("erm-logistic", "none", marks=pytest.mark.slow)],
-)
-def test_first_derivatives(device, name, scaling):
-    sim, params, x, u = finger(device, name, scaling)
+@pytest.mark.parametrize("where,name,scaling", CASES)
+def test_first_derivatives(device, where, name, scaling):
+    sim, params, x, u = near(device, where, name, scaling)
     lin = sim.linearize(x, u, params)
     exact = differences(lambda x, u: sim.step(x, u, params).state, x, u)
-    got = np.concatenate([lin.A, lin.B], axis=-1)
+    got = np.concatenate([lin.A, lin.B[..., : sim.nu]], axis=-1)
     error = np.abs(got - exact).max(axis=(1, 2)) / np.abs(exact).max(axis=(1, 2))
     assert np.median(error) < 1e-8 and error.max() < 1e-5, (
         f"{error.max():.2g}, x = {x[error.argmax()].tolist()}"

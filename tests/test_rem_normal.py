@@ -1,7 +1,6 @@
 """REM with normal noise (footnote 3): what a step solves, its derivatives, rows that are left out."""
 
 import numpy as np
-import pytest
 import warp as wp
 from oracle import Oracle
 from scipy.stats import norm
@@ -16,20 +15,19 @@ def smooth(z, sigma):
     return z * norm.cdf(z / sigma) + sigma * norm.pdf(z / sigma)
 
 
-def finger(device, dtype=wp.float64, scaling="inertia"):
-    sim = simulator("flicking_finger", device, dtype, scaling, "rem-normal")
+def finger(device, dtype=wp.float64):
+    sim = simulator("flicking_finger", device, dtype, "inertia", "rem-normal")
     x, u = _states("flicking_finger", 60)
     keep = Oracle(scene("flicking_finger")).problem(x)["margin"] > 0.05
     return sim, sim.params.replace(step_size=H, sigma=SIGMA), x[keep], u[keep]
 
 
-@pytest.mark.parametrize("scaling", ["inertia", pytest.param("none", marks=pytest.mark.slow)])
-def test_step_solves_the_problem_of_normal_noise(device, scaling):
-    sim, params, x, u = finger(device, scaling=scaling)
+def test_step_solves_the_problem_of_normal_noise(device):
+    sim, params, x, u = finger(device)
     step = sim.step(x, u, params)
     assert (step.status == 0).all()
     problem = Oracle(scene("flicking_finger"), step_size=H).problem(x, u)
-    d = problem["D"] if scaling == "inertia" else 1.0
+    d = problem["D"]
     v = step.state[:, 3:]
     w = problem["rate"] + np.einsum("bij,bj->bi", problem["J"], v)
     assert np.abs(d * step.impulse - smooth(d * step.impulse - w, SIGMA)).max() < 1e-10
