@@ -1,6 +1,7 @@
 """The simulator: steps, rollouts and their derivatives for a batch of worlds of one scene."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -179,7 +180,8 @@ class Simulator:
             memory.step(worlds, inputs)
         else:
             launch(rollout.make_step_kernel(*self._key), worlds, inputs, self.device)
-            tape.record_step(tape.Recorded(self._key, table, state.array, control, inputs[3], out[0], status))
+            run = tape.Recorded(self._key, table, state.array, control, inputs[3], out[0], status)
+            tape.record_step(replace(run, blocked=(("impulse", out[1]), ("gap", out[2]))))
         friction = (params or self.params)["friction"]
 
         def give(a: wp.array) -> Any:
@@ -272,7 +274,8 @@ class Simulator:
             used, feedback = (us, None) if us is not None else (recorded["controls"], struct)
             start = state.array
             run = tape.Recorded(self._key, table, start, used, external, states, status, feedback, shown)
-            tape.record_rollout(run)
+            blocked = tuple((key, recorded[key]) for key in ("impulse", "gap") if key in record)
+            tape.record_rollout(replace(run, blocked=blocked))
         return Trajectory(
             give(states), give(status), *(give(recorded[k]) if k in record else None for k in recorded)
         )

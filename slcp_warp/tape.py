@@ -2,7 +2,8 @@
 
 Gradients flow from the recorded states and controls to x0, controls, parameters (`Parameters.track`) and the
 nominal states, controls and gains of a tracking policy. They are exact to solver tolerance wherever the
-status is SOLVED; a world with another status gets NaN. Nothing flows through impulses, gaps or the status.
+status is SOLVED; a world with another status gets NaN. Nothing flows through impulses and gaps: a loss of
+them is refused.
 """
 
 from collections.abc import Callable, Sequence
@@ -53,7 +54,8 @@ class Recorded:
     """What the backward pass of a rollout needs: the kernels' key, the arrays that went in and came out.
 
     us: controls as they were applied. policy: the struct of the tracking policy that made them, if one did.
-    controls: those that the caller got, if any: a loss may contain them.
+    controls: those that the caller got, if any: a loss may contain them. blocked: other outputs by name, of
+        which no loss may depend.
     """
 
     key: tuple[Any, ...]
@@ -65,6 +67,7 @@ class Recorded:
     status: wp.array
     policy: Any = None
     controls: wp.array | None = None
+    blocked: tuple[tuple[str, wp.array], ...] = ()
 
     @property
     def inputs(self) -> list[wp.array]:
@@ -91,15 +94,30 @@ def record_rollout(run: Recorded) -> None:
     if not run.wanted:
         return
     outputs = [run.states] if run.controls is None else [run.states, run.controls]
+    blocked = _watch(run)
     for array in outputs:
         array.requires_grad = True
 
     def backward() -> None:
+        _refuse_blocked(run)
         adjoint(run, run.states.grad)
         for array in outputs:
             array.grad.zero_()
 
-    record(backward, run.inputs, *outputs)
+    record(backward, run.inputs, *outputs, *blocked)
+
+
+def _watch(run: Recorded) -> list[wp.array]:
+    """Let outputs without a derivative collect what a loss asks of them, to be refused."""
+    for _, array in run.blocked:
+        array.requires_grad = True
+    return [array for _, array in run.blocked]
+
+
+def _refuse_blocked(run: Recorded) -> None:
+    for name, array in run.blocked:
+        if array.grad.numpy().any():
+            raise ValueError(f"the loss depends on {name}, through which no gradient flows; use the states")
 
 
 def record_step(run: Recorded) -> None:
@@ -110,6 +128,7 @@ def record_step(run: Recorded) -> None:
         return
     x, u, after = run.x0, run.us, run.states
     after.requires_grad = True
+    blocked = _watch(run)
     worlds, nx = x.shape
     states, states_grad = (wp.zeros((worlds, 2, nx), dtype=x.dtype, device=x.device) for _ in range(2))
     us = wp.zeros((worlds, 1, u.shape[1]), dtype=x.dtype, device=x.device, requires_grad=u.requires_grad)
@@ -118,6 +137,7 @@ def record_step(run: Recorded) -> None:
     longer = replace(run, us=us, states=states)
 
     def backward() -> None:
+        _refuse_blocked(run)
         wp.copy(states_grad[:, 1], after.grad)
         adjoint(longer, states_grad)
         if u.requires_grad:
@@ -125,7 +145,7 @@ def record_step(run: Recorded) -> None:
             us.grad.zero_()
         after.grad.zero_()
 
-    record(backward, run.inputs, after)
+    record(backward, run.inputs, after, *blocked)
 
 
 def refuse(name: str, why: str, *arrays: wp.array | None) -> None:

@@ -317,3 +317,22 @@ def test_bad_checkpoints_are_refused(device):
             sim.rollout(x0, us, checkpoint=bad)
     with pytest.raises(ValueError, match="checkpoint is 5; .* without record"):
         sim.rollout(x0, us, checkpoint=5, record="impulse")
+
+
+def test_a_loss_of_impulses_or_gaps_is_refused(device):
+    sim = finger(device)
+    x0, us, weight = start()
+    with wp.Tape() as tape:
+        traj = sim.rollout(on_device(x0, device), on_device(us, device), record=("impulse",))
+    weights = on_device(np.ones(traj.impulse.shape), device, False)
+    with pytest.raises(ValueError, match="the loss depends on impulse, through which no gradient flows"):
+        tape.backward(grads={traj.impulse: weights})
+    with wp.Tape() as tape:
+        step = sim.step(on_device(x0, device), on_device(us[:, 0], device))
+    with pytest.raises(ValueError, match="the loss depends on gap"):
+        tape.backward(grads={step.gap: on_device(np.ones(step.gap.shape), device, False)})
+    x = on_device(x0, device)
+    with wp.Tape() as tape:  # recording them is no loss of them
+        traj = sim.rollout(x, on_device(us, device), record=("impulse", "gap"))
+    tape.backward(grads={traj.states: on_device(weight, device, False)})
+    np.testing.assert_allclose(x.grad.numpy(), tape_gradient(x0, us, weight, device)[0], rtol=1e-9)
