@@ -68,7 +68,8 @@ class Problem:
         if self.method.erm:  # stationary: D r_a + A r_b = 0, relative to the larger of D and A's diagonal
             by_a, by_b = expected_square_slopes(scale * impulse, b, sigma, self.method)
             slope = scale * by_a + np.einsum("...ij,...j->...i", self.matrix, by_b)
-            size = np.maximum(self.delassus, scale) * self.weight(impulse)[..., None]
+            terms = self.weight(impulse)[..., None] + sigma  # b + noise: at rest only the noise is left
+            size = np.maximum(self.delassus, scale) * terms
             return (np.abs(slope) / (size + scale * np.abs(scale * impulse))).max(-1)
         error = complementarity(scale * impulse, b, sigma, self.method)
         for i in np.flatnonzero(self.tangent):  # the row before it is the pair's normal row
