@@ -105,7 +105,7 @@ class Rollout(torch.nn.Module):
             raise ParameterError(f"learn names {sorted(unknown)}; choose from {list(sim.params.names)}")
         dtype, device = getattr(torch, sim.dtype.__name__), wp.device_to_torch(sim.device)
         self.physical = torch.nn.ParameterDict(
-            {n: torch.nn.Parameter(torch.as_tensor(sim.params[n], dtype=dtype, device=device)) for n in learn}
+            {n: torch.nn.Parameter(torch.tensor(sim.params[n], dtype=dtype, device=device)) for n in learn}
         )
 
     def forward(self, x0: Tensor, controls: Tensor) -> Outcome:

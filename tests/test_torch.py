@@ -153,6 +153,7 @@ def test_a_module_learns_friction(device):
     for _ in range(3):
         optimiser.step(closure)
     assert abs(module.physical["friction"].item() - 0.3) < 1e-4
+    assert sim.params["friction"] == 0.5  # the module learns on a copy
 
 
 def test_bad_input_is_named(device):
