@@ -138,8 +138,10 @@ def test_command_drives_and_draws(tmp_path, monkeypatch):
     app = pytest.importorskip("slcp_warp.scripts.app").app
     monkeypatch.setattr(car, "SIGMAS", (0.5, 0.2))
     monkeypatch.setattr(car, "PASSES", 40)
+    shown = []
+    monkeypatch.setattr(car, "show_rows", lambda title, rows: shown.extend(rows))  # a terminal may be narrow
     arguments = ["car", "--worlds", "20", "--device", "cpu", "--out", str(tmp_path / "car.png")]
-    result = typer_testing.CliRunner().invoke(app, arguments, env={"COLUMNS": "200"})
+    result = typer_testing.CliRunner().invoke(app, arguments)
     assert result.exit_code == 0, result.output
-    assert "0.5 m/s" in result.output
+    assert "0.5 m/s, 0.25 m" in shown[0].values()
     assert (tmp_path / "car.png").stat().st_size > 10_000
