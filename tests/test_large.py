@@ -121,7 +121,11 @@ def test_heavy_on_light(dtype, ratio, hard):
     sc = boxes([1.0, ratio, 1.0, ratio, ratio])
     x = np.tile(sc.x0, (4, 1))
     x[1:, sc.nv :] += 0.1 * np.random.default_rng(3).standard_normal((3, sc.nv))
-    judge(sc, x, dtype, hard)
+    step = judge(sc, x, dtype, hard)
+    assert (step.contact_impulse[:, :, 0] >= 0.0).all()
+    if hard and dtype is wp.float64:  # at rest the ground carries all
+        weight = (2.0 + 3.0 * ratio) * 9.81 * 0.01
+        np.testing.assert_allclose(step.contact_impulse[0, :2, 0].sum(), weight, rtol=1e-6)
 
 
 @pytest.mark.parametrize("hard", [False, True])

@@ -97,7 +97,8 @@ def test_smoothed_residual(device, dtype, name, scaling, sigma):
 @pytest.mark.parametrize("sigma", [0.1, 0.005])
 @pytest.mark.parametrize("name,scaling", SMOOTH64)
 def test_smoothed_residual_of_more_scenes(device, name, scaling, sigma):
-    judge(name, device, wp.float64, scaling, False, sigma)
+    step, _, solved = judge(name, device, wp.float64, scaling, False, sigma)
+    assert (step.impulse[solved] > 1e-3).any()  # contact was in it
 
 
 NUMBERS = ("step_size", "gravity", "sigma", "mass", "inertia", "com", "anchor", "angle", "damping", "gear")
@@ -117,12 +118,14 @@ def test_judge_notices_wrong_numbers(device, number):
 
 @pytest.mark.parametrize("name", HARD)
 def test_hard_residual(device, dtype, name):
-    judge(name, device, dtype, "inertia", True)
+    step, _, solved = judge(name, device, dtype, "inertia", True)
+    assert (step.impulse[solved] > 1e-3).any()  # contact was in it
 
 
 @pytest.mark.parametrize("name", HARD64)
 def test_hard_residual_of_more_scenes(device, name):
-    judge(name, device, wp.float64, "inertia", True)
+    step, _, solved = judge(name, device, wp.float64, "inertia", True)
+    assert (step.impulse[solved] > 1e-3).any()  # contact was in it
 
 
 @pytest.mark.parametrize(
