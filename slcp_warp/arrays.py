@@ -63,8 +63,8 @@ def to_batch(name: str, value: Any, shape: tuple[int | str, ...], dtype: Any, de
 
         if value.requires_grad:
             raise ArrayError(
-                f"{name} is a torch tensor that requires a gradient; torch's autograd is not supported here: "
-                f"pass {name}.detach(), or record Warp arrays on a wp.Tape"
+                f"{name} is a torch tensor that requires a gradient; for gradients use slcp_warp.torch, "
+                f"otherwise pass {name}.detach()"
             )
         tensor = value.detach().to(device=wp.device_to_torch(device), dtype=getattr(torch, dtype.__name__))
         tensor = (tensor if batched else tensor[None]).contiguous()
