@@ -1,63 +1,62 @@
-"""MuJoCo's model of a planar scene of revolute bodies, its step and its Jacobians.
+"""MuJoCo's model of a planar scene, its step and its Jacobians.
 
 The extra `bench` installs MuJoCo; nothing here imports it before it is asked for. The plane is MuJoCo's x-y
-plane, joints are hinges about z, ellipses are ellipsoids (their out-of-plane radius does not enter a planar
-distance), and only the scene's contact pairs may touch. Numbers are the scene's, options MuJoCo's defaults.
+plane, joints are hinges about z and slides (a free body has two slides and a hinge), discs are spheres,
+ellipses ellipsoids (their out-of-plane radius does not enter a planar distance), half-planes of the world
+planes, and only the scene's contact pairs may touch. Numbers are the scene's, options MuJoCo's defaults.
 """
 
-import importlib
-from dataclasses import dataclass
+import math
 from typing import Any
 from xml.etree import ElementTree as xml
 
 import numpy as np
 
-from slcp_warp.scene import Body, Scene, SceneError
+from slcp_warp.scene import Body, Scene, SceneError, Shape
+from slcp_warp.topology import spread
 
 from .bench_workload import Workload
+from .peer import Deviation, deviation_of, load
 
 OUT_OF_PLANE = 0.3  # radius of the ellipsoids along z [m]
+POINT = 1e-12  # radius of a point: MuJoCo has no sphere of radius 0 [m]
 OTHER_FRICTION = "0.005 0.0001 0.0001"  # torsional and rolling, MuJoCo's defaults: they do not act here
 
 
 def import_mujoco() -> Any:
     """The module `mujoco` with `mujoco.rollout`, or an error that says what installs it."""
-    try:
-        mujoco = importlib.import_module("mujoco")
-        importlib.import_module("mujoco.rollout")
-    except ModuleNotFoundError as error:
-        raise ModuleNotFoundError(
-            "this benchmark compares with MuJoCo: pip install 'slcp-warp[bench]'", name=error.name
-        ) from error
+    mujoco = load("mujoco", "MuJoCo", "bench")
+    load("mujoco.rollout", "MuJoCo", "bench")
     return mujoco
-
-
-def _scalar(value: tuple[float | None, ...] | float | None) -> float | None:
-    """A body's number for its one degree of freedom."""
-    return value[0] if isinstance(value, tuple) else value
 
 
 def _text(*numbers: float) -> str:
     return " ".join(repr(float(x)) for x in numbers)
 
 
-def mjcf(scene: Scene, **option: str) -> str:
-    """The scene as MJCF; `option` sets attributes of <option> beside the time step and gravity."""
+def mjcf(
+    scene: Scene, contact: dict[str, str] | None = None, flags: tuple[str, ...] = (), /, **option: str
+) -> str:
+    """The scene as MJCF.
+
+    `option` sets attributes of <option> beside the time step and gravity, `contact` the attributes solref and
+    solimp of every contact pair and joint limit, `flags` enables flags.
+    """
     root = xml.Element("mujoco", model=scene.name)
     xml.SubElement(root, "compiler", angle="radian", autolimits="true")
     gravity = _text(*scene.gravity, 0.0)
-    xml.SubElement(root, "option", {"timestep": _text(scene.step_size), "gravity": gravity, **option})
+    options = {"timestep": _text(scene.step_size), "gravity": gravity, **option}
+    element = xml.SubElement(root, "option", options)
+    xml.SubElement(element, "flag", dict.fromkeys(flags, "enable"))
+    defaults = xml.SubElement(root, "default")
+    xml.SubElement(defaults, "pair", contact or {})
+    xml.SubElement(defaults, "joint", {f"{name}limit": x for name, x in (contact or {}).items()})
     nodes: dict[str | None, xml.Element] = {None: xml.SubElement(root, "worldbody")}
     for body in scene.bodies:
         nodes[body.name] = _body(nodes[body.parent], body)
     touching = {name for c in scene.contacts for name in (c.shape_a, c.shape_b)}
     for shape in (shape for shape in scene.shapes if shape.name in touching):
-        if shape.kind == "halfplane":
-            raise SceneError(f"shape {shape.name!r}: the MuJoCo benchmark takes ellipses and discs")
-        radius = shape.radius if isinstance(shape.radius, tuple) else (shape.radius,)
-        xml.SubElement(nodes[shape.body], "geom", name=shape.name, type="ellipsoid", mass="0", contype="0",
-                       conaffinity="0", size=_text(radius[0], radius[-1], OUT_OF_PLANE),
-                       pos=_text(*shape.offset, 0.0), euler=_text(0.0, 0.0, shape.angle))  # fmt: skip
+        _geom(nodes[shape.body], shape)
     contacts = xml.SubElement(root, "contact")
     for c in scene.contacts:
         mu = c.friction or 0.0
@@ -66,32 +65,56 @@ def mjcf(scene: Scene, **option: str) -> str:
                        friction=f"{_text(mu, mu)} {OTHER_FRICTION}")  # fmt: skip
     actuators = xml.SubElement(root, "actuator")
     for a in scene.actuators:
-        xml.SubElement(actuators, "motor", joint=a.body, gear=_text(a.gear))
+        xml.SubElement(actuators, "motor", joint=f"{a.body}.{a.dof}", gear=_text(a.gear))
+    if scene.springs:
+        raise SceneError(f"scene {scene.name!r}: the MuJoCo benchmark takes no springs between points")
     return xml.tostring(root, encoding="unicode")
 
 
+def _geom(parent: xml.Element, shape: Shape) -> None:
+    """A half-plane, disc or ellipse as a plane, a sphere or an ellipsoid under its body's element."""
+    geom = xml.SubElement(parent, "geom", name=shape.name, mass="0", contype="0", conaffinity="0",
+                          pos=_text(*shape.offset, 0.0))  # fmt: skip
+    radius = shape.radius if isinstance(shape.radius, tuple) else (shape.radius,)
+    if shape.kind == "halfplane":
+        if shape.body is not None:
+            raise SceneError(f"shape {shape.name!r}: MuJoCo's planes are the world's, not {shape.body!r}'s")
+        geom.set("type", "plane")
+        geom.set("size", "0 0 1")
+        geom.set("zaxis", _text(math.cos(shape.angle), math.sin(shape.angle), 0.0))
+    elif shape.kind == "disc":
+        geom.set("type", "sphere")
+        geom.set("size", _text(max(radius[0], POINT)))
+    elif shape.kind == "ellipse":
+        geom.set("type", "ellipsoid")
+        geom.set("size", _text(radius[0], radius[-1], OUT_OF_PLANE))
+        geom.set("euler", _text(0.0, 0.0, shape.angle))
+    else:
+        raise SceneError(f"shape {shape.name!r}: the MuJoCo benchmark takes no {shape.kind}s")
+
+
 def _body(parent: xml.Element, body: Body) -> xml.Element:
-    """A body with its hinge and inertia under its parent's element."""
-    if body.joint != "revolute":
-        raise SceneError(f"body {body.name!r}: the benchmark takes revolute joints, not {body.joint!r}")
+    """A body with its joints and inertia under its parent's element; joints are named body.dof."""
     node = xml.SubElement(parent, "body", name=body.name, pos=_text(*body.anchor, 0.0),
                           euler=_text(0.0, 0.0, body.angle))  # fmt: skip
-    damping, lower, upper = _scalar(body.damping), _scalar(body.lower), _scalar(body.upper)
-    hinge = xml.SubElement(node, "joint", name=body.name, type="hinge", axis="0 0 1")
-    hinge.set("damping", _text(damping or 0.0))
-    if lower is not None or upper is not None:
-        hinge.set("range", _text(-1e6 if lower is None else lower, 1e6 if upper is None else upper))
+    slides = {"revolute": (), "prismatic": (body.axis,), "free": ((1.0, 0.0), (0.0, 1.0))}[body.joint]
+    c, s = math.cos(body.angle), math.sin(body.angle)
+    axes = [("slide", (c * x + s * y, c * y - s * x, 0.0)) for x, y in slides]  # in the body's own frame
+    if body.joint != "prismatic":
+        axes.append(("hinge", (0.0, 0.0, 1.0)))
+    for i, (kind, axis) in enumerate(axes):
+        joint = xml.SubElement(node, "joint", name=f"{body.name}.{i}", type=kind, axis=_text(*axis))
+        joint.set("damping", _text(spread(body.damping, i, 0.0) or 0.0))
+        lower, upper = spread(body.lower, i, None), spread(body.upper, i, None)
+        if lower is not None or upper is not None:
+            joint.set("range", _text(-1e6 if lower is None else lower, 1e6 if upper is None else upper))
+        stiffness = spread(body.stiffness, i, None)
+        if stiffness is not None:
+            joint.set("stiffness", _text(stiffness))
+            joint.set("springref", _text(spread(body.rest, i, 0.0) or 0.0))
     xml.SubElement(node, "inertial", pos=_text(*body.com, 0.0), mass=_text(body.mass),
                    diaginertia=_text(body.inertia, body.inertia, body.inertia))  # fmt: skip
     return node
-
-
-@dataclass
-class Deviation:
-    """Largest differences between MuJoCo's model and the scene's own numbers over some states."""
-
-    mass_matrix: float
-    distance: float
 
 
 class Peer:
@@ -101,13 +124,15 @@ class Peer:
         mujoco: the module. model: mjModel. data: one mjData per thread.
     """
 
-    def __init__(self, scene: Scene, threads: int = 1, **option: str) -> None:
+    def __init__(
+        self, scene: Scene, threads: int = 1, contact: dict[str, str] | None = None,
+        flags: tuple[str, ...] = (), /, **option: str,
+    ) -> None:  # fmt: skip
         self.mujoco = import_mujoco()
         self.scene = scene
-        self.model = self.mujoco.MjModel.from_xml_string(mjcf(scene, **option))
+        self.model = self.mujoco.MjModel.from_xml_string(mjcf(scene, contact, flags, **option))
         self.data = [self.mujoco.MjData(self.model) for _ in range(threads)]
         self._physics = self.mujoco.mjtState.mjSTATE_FULLPHYSICS
-        self._control = self.mujoco.mjtState.mjSTATE_CTRL
 
     @property
     def version(self) -> str:
@@ -144,21 +169,19 @@ class Peer:
             out[i] = data.ncon > 0
         return out.reshape(x.shape[:-1])
 
-    def deviation(self, q: np.ndarray, mass_matrix: np.ndarray, distance: np.ndarray) -> Deviation:
-        """Largest deviation of M and of the first pair's distance from given ones, at q (B, nv)."""
+    def deviation(self, q: np.ndarray) -> Deviation:
+        """Deviation of M and of all pairs' distances from the scene's own, at q (B, nv)."""
         mujoco, model, data = self.mujoco, self.model, self.data[0]
-        worst_m = worst_d = 0.0
-        full, ends = np.zeros((model.nv, model.nv)), np.zeros(6)
-        names = (self.scene.contacts[0].shape_a, self.scene.contacts[0].shape_b)
-        first, second = (mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, name) for name in names)
+        masses = np.zeros((len(q), model.nv, model.nv))
+        gaps, ends = np.zeros((len(q), len(self.scene.contacts))), np.zeros(6)
         for i, qi in enumerate(q):
             data.qpos[:], data.qvel[:] = qi, 0.0
             mujoco.mj_forward(model, data)
-            mujoco.mj_fullM(model, data, full)
-            d = mujoco.mj_geomDistance(model, data, first, second, 100.0, ends)
-            worst_m = max(worst_m, float(np.abs(full - mass_matrix[i]).max()))
-            worst_d = max(worst_d, abs(d - float(distance[i])))
-        return Deviation(worst_m, worst_d)
+            mujoco.mj_fullM(model, data, masses[i])
+            for k, c in enumerate(self.scene.contacts):
+                first, second = (model.geom(name).id for name in (c.shape_a, c.shape_b))
+                gaps[i, k] = mujoco.mj_geomDistance(model, data, first, second, 100.0, ends)
+        return deviation_of(self.scene, q, masses, gaps)
 
     def finite_differences(
         self, x: np.ndarray, u: np.ndarray, centred: bool = False, eps: float = 1e-6

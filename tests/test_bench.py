@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from slcp_warp import scenes
+from slcp_warp.scripts.bench_mechanism import distance, mass_matrix
 from slcp_warp.scripts.bench_timing import Case, tidy_rows, time_interleaved, write_csv
-from slcp_warp.scripts.bench_workload import distance, legal_states, make_workload, mass_matrix, windows
+from slcp_warp.scripts.bench_workload import legal_states, make_workload, windows
 
 SCENE = scenes.flicking_finger()
 
@@ -66,7 +67,7 @@ def test_mujoco_model_has_the_scenes_masses_and_distances():
 
     q = legal_states(SCENE, 200, np.random.default_rng(0))[:, :3]
     peer = Peer(SCENE, ccd_tolerance="1e-12")  # its distance is iterative
-    deviation = peer.deviation(q, mass_matrix(SCENE, q), distance(SCENE, q))
+    deviation = peer.deviation(q)
     assert deviation.mass_matrix < 1e-13
     assert deviation.distance < 1e-12
     model = peer.model

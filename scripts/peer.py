@@ -1,0 +1,111 @@
+"""What a peer simulator offers to the work-precision diagrams: runs of a scene, and a check of its model."""
+
+import importlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from slcp_warp.scene import Scene
+
+from .bench_mechanism import distance, mass_matrix
+
+SPREAD = 0.5  # half width of the configurations about the starts at which models are compared [m, rad]
+SAME = 1e-4  # largest deviation, relative to M's largest entry or in m, of a model that counts as the same
+
+
+@dataclass(frozen=True)
+class Run:
+    """A scene ready to run with one peer, one step size and one set of options.
+
+    Attributes:
+        rollout: gives all states (B, N+1, nx), the starts first. simulate: the same motion of `worlds`
+            worlds, to be timed; nothing is compiled in it.
+        seconds: simulated by `simulate`. compile_seconds: spent on compiling. facts: columns of the rows.
+    """
+
+    rollout: Callable[[], np.ndarray]
+    simulate: Callable[[], Any]
+    worlds: int
+    seconds: float
+    compile_seconds: float
+    facts: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """Largest differences of a peer's model from the scene's own numbers over some configurations.
+
+    mass_matrix: relative to the largest entry of M. distance: [m]. normal: angle [rad], where it is known.
+    """
+
+    mass_matrix: float
+    distance: float
+    normal: float | None = None
+
+    @property
+    def note(self) -> str:
+        """One line, beginning with MODEL DIFFERS where the deviation is not just rounding."""
+        parts = [f"M off {self.mass_matrix:.0e}", f"distance off {self.distance:.0e} m"]
+        if self.normal is not None:
+            parts.append(f"normal off {self.normal:.0e} rad")
+        worst = max(self.mass_matrix, self.distance, self.normal or 0.0)
+        return ("" if worst <= SAME else "MODEL DIFFERS: ") + ", ".join(parts)
+
+
+class Peer(Protocol):
+    """A simulator beside ours.
+
+    name: as charts have it. version: of what is installed. settings: names of its sets of options for a
+    scene with or without contacts, the best for accuracy among them.
+    """
+
+    name: str
+    version: str
+
+    def settings(self, contacts: bool) -> tuple[str, ...]:
+        """Names of the sets of options worth a curve."""
+
+    def prepare(self, scene: Scene, starts: np.ndarray, duration: float, h: float, setting: str) -> Run:
+        """A run of `duration` [s] from starts (B, nx) in steps of h [s], compiled."""
+
+    def deviation(self, scene: Scene, q: np.ndarray) -> Deviation:
+        """How far its model is from the scene at configurations (K, nv)."""
+
+
+def load(module: str, program: str, extra: str) -> Any:
+    """An optional module, or an error that says what installs it."""
+    try:
+        return importlib.import_module(module)
+    except ModuleNotFoundError as error:
+        raise ModuleNotFoundError(
+            f"this comparison runs {program}: pip install 'slcp-warp[{extra}]'", name=error.name
+        ) from error
+
+
+def step_count(duration: float, h: float) -> int:
+    """Steps of h in `duration`. Raises ValueError where it is no whole number of them."""
+    count = round(duration / h)
+    if abs(count * h - duration) > 1e-9 * duration:
+        raise ValueError(f"h is {h}; {duration} s must be a whole number of steps")
+    return count
+
+
+def configurations(scene: Scene, starts: np.ndarray, count: int = 40) -> np.ndarray:
+    """Up to `count` random configurations (K, nv) about the starts at which every pair is apart."""
+    rng = np.random.default_rng(0)
+    q = starts[rng.integers(len(starts), size=8 * count), : scene.nv]
+    q = q + SPREAD * rng.uniform(-1.0, 1.0, q.shape)
+    apart = np.all(
+        [distance(scene, q, k) > 0.0 for k in range(len(scene.contacts))] or [q[:, 0] == q[:, 0]], 0
+    )
+    return q[apart][:count]
+
+
+def deviation_of(scene: Scene, q: np.ndarray, masses: np.ndarray, gaps: np.ndarray) -> Deviation:
+    """Deviation of a peer's M (K, nv, nv) and signed distances (K, pairs) from the scene's at q (K, nv)."""
+    own = mass_matrix(scene, q)
+    worst = np.abs(masses - own).max(initial=0.0) / np.abs(own).max(initial=1e-300)
+    own_gaps = np.array([distance(scene, q, k) for k in range(len(scene.contacts))]).reshape(-1, len(q)).T
+    return Deviation(float(worst), float(np.abs(gaps - own_gaps).max(initial=0.0)))

@@ -1,0 +1,83 @@
+"""MuJoCo C as a peer: its documented options, rollouts of starts, and Jacobians by differences."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from slcp_warp.scene import Scene
+
+from .bench_mujoco import Peer as Model
+from .bench_mujoco import import_mujoco
+from .bench_workload import Workload
+from .peer import Deviation, Run, step_count
+
+Options = dict[str, str]
+_EXACT = {"ccd_tolerance": "1e-12", "tolerance": "1e-12"}
+_ELLIPTIC = {"cone": "elliptic", "impratio": "10", **_EXACT}
+_STIFF = {"solref": "2h 1", "solimp": "0.9999 0.9999 0.0001"}  # the stiffest reference and impedance
+_DAMPED = {**_STIFF, "solref": "2h 20"}  # the same, overdamped: impacts do not rebound
+
+
+@dataclass(frozen=True)
+class Setting:
+    """Attributes of <option>, of every contact and limit ("2h" is twice the step), and flags."""
+
+    option: Options = field(default_factory=dict)
+    contact: Options = field(default_factory=dict)
+    flags: tuple[str, ...] = ()
+
+
+SETTINGS = {
+    "default": Setting(),
+    "stiff": Setting(_ELLIPTIC, _STIFF),
+    "overdamped": Setting(_ELLIPTIC, _DAMPED, ("speculative",)),
+    "RK4": Setting({"integrator": "RK4"}),
+}
+TIMED = 4000  # world steps of a run that is timed
+
+
+class MuJoCo:
+    """MuJoCo C. `threads` roll out the worlds side by side."""
+
+    name = "MuJoCo"
+
+    def __init__(self, threads: int = 1) -> None:
+        self.version: str = import_mujoco().__version__
+        self.threads = threads
+
+    def settings(self, contacts: bool) -> tuple[str, ...]:
+        """Its default; the stiffest contacts; the same without rebound, the most accurate; Runge-Kutta."""
+        return ("default", "stiff", "overdamped") if contacts else ("default", "RK4")
+
+    def model(self, scene: Scene, h: float, setting: str) -> Model:
+        """The scene with these options and step [s]."""
+        chosen = SETTINGS[setting]
+        contact = {name: value.replace("2h", repr(2.0 * h)) for name, value in chosen.contact.items()}
+        scene = replace(scene, step_size=h)
+        return Model(scene, self.threads, contact, chosen.flags, **chosen.option)
+
+    def prepare(self, scene: Scene, starts: np.ndarray, duration: float, h: float, setting: str) -> Run:
+        """A run of the starts (B, nx); nothing is compiled."""
+        model = self.model(scene, h, setting)
+        steps = step_count(duration, h)
+        work, timed = (
+            Workload(x0, np.zeros((len(x0), steps, scene.nu)))
+            for x0 in (starts, np.resize(starts, (max(1, TIMED // steps), starts.shape[1])))
+        )
+
+        def rollout() -> np.ndarray:
+            return np.concatenate([starts[:, None], model.rollout(work)], axis=1)
+
+        facts = {"dtype": "float64", "threads": self.threads, "batch": len(timed.x0), "device": "cpu"}
+        return Run(rollout, lambda: model.rollout(timed), len(timed.x0), duration, 0.0, facts)
+
+    def jacobians(
+        self, scene: Scene, h: float, x: np.ndarray, u: np.ndarray, setting: str = "default",
+        centred: bool = False,
+    ) -> np.ndarray:  # fmt: skip
+        """Jacobians (B, nx, nx + nu) of a step from x (B, nx) under u (B, nu), by mjd_transitionFD."""
+        return self.model(scene, h, setting).finite_differences(x, u, centred)
+
+    def deviation(self, scene: Scene, q: np.ndarray) -> Deviation:
+        """Of M and of all pairs' distances, at the tolerance of the accurate options."""
+        return self.model(scene, scene.step_size, "overdamped" if scene.contacts else "default").deviation(q)
