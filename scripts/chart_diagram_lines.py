@@ -1,0 +1,56 @@
+"""Lines of work-precision charts: rows of one panel grouped into curves."""
+
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+from .chart_style import CASES
+
+Rows = list[dict[str, Any]]
+Points = list[tuple[float, float]]
+
+
+def choose(rows: Rows, **wanted: Any) -> Rows:
+    """The rows that have these values."""
+    return [row for row in rows if all(str(row.get(k)) == str(v) for k, v in wanted.items())]
+
+
+def different(rows: Rows, name: str) -> list[Any]:
+    """The values of a column in the order they come."""
+    return list(dict.fromkeys(row[name] for row in rows))
+
+
+def points(rows: Rows, x: str, y: str) -> Points:
+    """(x, y) of the rows that have both, positive, sorted by x."""
+    both = [(row.get(x), row.get(y)) for row in rows]
+    found = [(float(a), float(b)) for a, b in both if a not in (None, "") and b not in (None, "")]
+    return sorted((a, b) for a, b in found if a > 0.0 and b > 0.0)
+
+
+def curves(rows: Rows, by: str = "curve") -> Iterator[tuple[str, Rows, str]]:
+    """(label, rows, colour) of every curve."""
+    for i, label in enumerate(different(rows, by)):
+        yield str(label), choose(rows, **{by: label}), CASES[i % len(CASES)]
+
+
+def plot(axes: Any, found: Points, style: str = "o-", /, **options: Any) -> None:
+    """Points on logarithmic axes; nothing where there are none."""
+    if found:
+        axes.loglog(*zip(*found), style, **{"markersize": 4, **options})
+
+
+def need(rows: Rows, study: str) -> Rows:
+    """The rows of a study.
+
+    Raises:
+        ValueError: there are none.
+    """
+    found = choose(rows, study=study)
+    if not found:
+        raise ValueError(f"there are no rows of study {study!r}; there are {different(rows, 'study')}")
+    return found
+
+
+def titles(axes: Iterable[Any], *texts: tuple[str, ...]) -> None:
+    """(title, x label, y label) of each panel."""
+    for ax, (title, x, y) in zip(axes, texts):
+        ax.set(title=title, xlabel=x, ylabel=y)

@@ -1,0 +1,69 @@
+"""Work-precision studies: their counts, errors and charts, at tiny sizes."""
+
+import csv
+
+import numpy as np
+import pytest
+
+from slcp_warp.scripts import chart_diagram_scaling, chart_diagram_sweep, diagram_sweep
+from slcp_warp.scripts.diagram_roofline import Peak, Work, step_work
+
+
+def through_csv(rows, path):
+    """Rows as a chart reads them back from a file."""
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    with open(path, "w", newline="") as file:
+        writer = csv.DictWriter(file, names, restval="")
+        writer.writeheader()
+        writer.writerows(rows)
+    with open(path, newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_step_work_has_the_orders_of_its_algorithms():
+    """Newton's part is linear in rows and iterations and quadratic in nv; inverting M is cubic."""
+    rows = [step_work(20, n).operations for n in (10, 20, 30)]
+    assert rows[2] - rows[1] == pytest.approx(rows[1] - rows[0])
+    newton = [step_work(nv, 1e6).operations - step_work(nv, 0.0).operations for nv in (100, 200)]
+    assert 3.5 < newton[1] / newton[0] < 4.1
+    assert 7.5 < step_work(8000, 0.0).operations / step_work(4000, 0.0).operations < 8.1
+    assert (
+        800.0 < step_work(3, 1.0, 2, ellipses=1).operations < 2500.0
+    )  # docs/performance.md: 1,200 and 21 long
+
+
+def test_roofline_is_the_slower_of_arithmetic_and_memory():
+    peak = Peak(scalar=1e9, serial=1e8, wide=4e9, bandwidth=1e9)
+    bound = [peak.roofline(Work(*counts), 2)["roofline_seconds"] for counts in ((4.0, 1.0), (1.0, 4.0))]
+    np.testing.assert_allclose(bound, [2e-9, 4e-9])
+
+
+def test_error_of_blocks_falls_with_the_square_root():
+    values = np.random.default_rng(0).standard_normal(1 << 18)
+    errors = [diagram_sweep.block_error(values, n, 0.0) for n in (16, 256, 4096)]
+    np.testing.assert_allclose(errors, [1 / 4, 1 / 16, 1 / 64], rtol=0.25)
+
+
+@pytest.mark.slow
+def test_sweep_study(tmp_path):
+    """Errors agree with the expected ones within chance (64 blocks: 9 %), in both precisions."""
+    rows = diagram_sweep.study((16, 1024), 2048, 1)
+    for row in rows:
+        if row["value"] == 16:
+            assert 0.6 < row["error"] / row["expected"] < 1.5
+        assert row["seconds"] > 0.0 and row["solved_share"] == 1.0
+    assert len(rows) == 8
+    assert chart_diagram_sweep.draw(through_csv(rows, tmp_path / "rows.csv"), tmp_path / "sweep.png").exists()
+
+
+def test_scaling_chart_reads_rows_of_a_file(tmp_path):
+    """Without curves that were not measured (a GPU's), and with a scene of no contact rows."""
+    rows = [
+        {"study": "scaling", "problem": problem, "curve": curve, "value": value, "rate": 1e5,
+         "roofline_seconds": 1e-6, "fraction": 0.1}
+        for problem, *_ in chart_diagram_scaling.PANELS for curve in ("one", "two") for value in (0, 10)
+    ]  # fmt: skip
+    path = chart_diagram_scaling.draw(through_csv(rows, tmp_path / "rows.csv"), tmp_path / "scaling.png")
+    assert path.stat().st_size > 10_000
+    with pytest.raises(ValueError, match="no rows of study 'scaling'"):
+        chart_diagram_scaling.draw([{"study": "ddp"}], path)
