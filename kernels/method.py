@@ -8,7 +8,7 @@ ERM = ("erm-logistic", "erm-normal")
 
 @dataclass(frozen=True)
 class Method:
-    """Residual, scaling, friction model, integrator and noise of a step (names as in `slcp_warp.Options`)."""
+    """What `slcp_warp.Options` chooses: residual, scaling, friction, integrator, noise and tolerance."""
 
     residual: str = "rem-logistic"
     scaling: str = "inertia"
@@ -16,6 +16,7 @@ class Method:
     integrator: str = "euler"
     noise: str = "row"
     deviation: str = "scale"
+    tolerance: float | None = None
 
     @property
     def hard(self) -> bool:

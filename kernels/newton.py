@@ -33,7 +33,7 @@ def make_newton(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
     ZERO, HALF, ONE = dtype(0.0), dtype(0.5), dtype(1.0)
     BEND = dtype(0.5 * sm.steepest)
     HUGE = dtype(1e300 if dtype is wp.float64 else 1e38)
-    TOL = dtype(RESOLUTION[dtype])
+    TOL = dtype(max(RESOLUTION[dtype], method.tolerance or 0.0))
     ACCEPT, LARGEST = (dtype(x) for x in ((2e-12, 1e-10) if dtype is wp.float64 else (1e-5, 1e-5)))
     ROUNDING = dtype(1e-15)  # of the impulses' own velocities, which cancel between heavy and light bodies
     DECREASE = dtype(1e-4)

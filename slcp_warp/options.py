@@ -15,6 +15,7 @@ CHOICES: dict[str, tuple[Any, ...]] = {
     "noise": ("row", "state"),
     "deviation": (None, "scale", "standard-deviation"),
 }
+TOLERANCES = (1e-15, 0.1)  # least and largest of Options.tolerance
 
 
 class OptionError(ValueError):
@@ -57,6 +58,9 @@ class Options:
             "standard-deviation" (scale = sqrt(3)/pi of it). None: the scale for noise "row" (the paper's use
             of (17)), the standard deviation for "state", as (18) gives it. Other residuals always take a
             standard deviation.
+        tolerance: residual, relative to the size of its terms, at which Newton's iteration stops, in
+            [1e-15, 0.1]; never below rounding. None: rounding (2e-14, float32: 1e-6). A coarser one makes v',
+            lambda and all derivatives as coarse. For REM and hard residuals with Anitescu's friction.
     """
 
     residual: str = "rem-logistic"
@@ -65,6 +69,7 @@ class Options:
     integrator: str = "euler"
     noise: str = "row"
     deviation: str | None = None
+    tolerance: float | None = None
 
     def __post_init__(self) -> None:
         for name, choices in CHOICES.items():
@@ -82,11 +87,32 @@ class Options:
                 "smoothed form here: use residual='hard', or friction='anitescu'"
             )
 
+        self._check_tolerance()
+
+    def _check_tolerance(self) -> None:
+        """Raise OptionError for a tolerance out of range, or of a solver that has none."""
+        tolerance = self.tolerance
+        if tolerance is None:
+            return
+        number = isinstance(tolerance, (int, float)) and not isinstance(tolerance, bool)
+        low, high = TOLERANCES
+        if not number or not low <= tolerance <= high:
+            raise OptionError(
+                f"Options.tolerance is {tolerance!r}; a number in [{low:g}, {high:g}] or None is needed"
+            )
+        if self.method.erm or self.method.coulomb:
+            which = f"friction {self.friction!r}" if self.method.coulomb else f"residual {self.residual!r}"
+            raise OptionError(
+                f"Options.tolerance is {tolerance!r} with {which}, whose solver has a tolerance of its own; "
+                "leave it None"
+            )
+
     @property
     def method(self) -> Method:
         """The options as the kernels take them."""
         deviation = self.deviation or ("standard-deviation" if self.noise == "state" else "scale")
-        return Method(self.residual, self.scaling, self.friction, self.integrator, self.noise, deviation)
+        return Method(self.residual, self.scaling, self.friction, self.integrator, self.noise, deviation,
+                      None if self.tolerance is None else float(self.tolerance))  # fmt: skip
 
     @property
     def hard(self) -> bool:
