@@ -13,6 +13,7 @@ import numpy as np
 import slcp_warp as slcp
 from slcp_warp.scene import Body, Scene, Shape, box, touching
 
+from .diagram_events import integrate
 from .diagram_mechanics import Mechanism, scipy_module
 from .diagram_plate import PLATE, SPRING, bounce, sprung_plate
 
@@ -181,18 +182,55 @@ def finger_swing() -> Problem:
     return swung("finger swing", scene, start, 2.0, tuple(range(6)))
 
 
+def finger_impact() -> Problem:
+    """The finger strikes the ellipse, slides on it, sticks and slides again; from event to event."""
+    scene = slcp.scenes.flicking_finger()
+    middle = np.array([-2.2, -0.6, 0.4, 1.0, -1.0, 0.0])
+    starts = middle + 0.01 * np.random.default_rng(0).uniform(-1.0, 1.0, (STARTS, 6))
+    mechanism = Mechanism(scene)
+    exact = np.array([integrate(mechanism, start, 2.0).end for start in starts])
+    return Problem("finger impact", scene, starts, 2.0, exact, tuple(range(6)), "rad, rad/s")
+
+
+# -------------------------------------------------------------------- all
+
+
+def sliding_stop() -> Problem:
+    """A block that friction stops."""
+    return sliding("sliding stop", 0.0, 0.5, np.linspace(1.0, 3.0, STARTS), 1.0)
+
+
+def slope_sticks() -> Problem:
+    """A block on a slope below the friction angle, set off downhill or uphill: it stops and stays."""
+    speeds = np.concatenate([-np.linspace(0.4, 1.4, STARTS // 2), np.linspace(0.4, 2.0, STARTS // 2)])
+    return sliding("slope sticks", 0.3, 0.4, speeds, 2.0)
+
+
+def slope_slips() -> Problem:
+    """A block on a slope above the friction angle, set off uphill: it turns and slides down."""
+    return sliding("slope slips", 0.3, 0.2, np.linspace(0.5, 2.0, STARTS), 1.0)
+
+
+MAKERS = {
+    "sliding stop": sliding_stop,
+    "ball lands and rests": ball_rests,
+    "block lands and stops": block_lands,
+    "ball bounces on a sprung plate": bouncing,
+    "slope sticks": slope_sticks,
+    "slope slips": slope_slips,
+    "rolling disc": rolling,
+    "pendulum chain": chain,
+    "finger swing": finger_swing,
+    "finger impact": finger_impact,
+}
+
+
 @functools.cache
+def problem(name: str) -> Problem:
+    """One of MAKERS, with its exact solution (finger impact: ten seconds)."""
+    return MAKERS[name]()
+
+
 def problems() -> tuple[Problem, ...]:
-    """All problems; the exact solutions are computed on the first call (seconds)."""
-    uphill = np.concatenate([-np.linspace(0.4, 1.4, STARTS // 2), np.linspace(0.4, 2.0, STARTS // 2)])
-    return (
-        sliding("sliding stop", 0.0, 0.5, np.linspace(1.0, 3.0, STARTS), 1.0),
-        ball_rests(),
-        block_lands(),
-        bouncing(),
-        sliding("slope sticks", 0.3, 0.4, uphill, 2.0),
-        sliding("slope slips", 0.3, 0.2, np.linspace(0.5, 2.0, STARTS), 1.0),
-        rolling(),
-        chain(),
-        finger_swing(),
-    )
+    """All problems."""
+    return tuple(problem(name) for name in MAKERS)

@@ -4,19 +4,24 @@ import numpy as np
 import pytest
 from oracle import Oracle
 
+import slcp_warp as slcp
 from slcp_warp import scenes
 from slcp_warp.scripts import diagram_plate, diagram_problems
+from slcp_warp.scripts.diagram_events import integrate
+from slcp_warp.scripts.diagram_flow import Flow
 from slcp_warp.scripts.diagram_mechanics import Mechanism
+from slcp_warp.scripts.diagram_modes import BACKWARD, FORWARD, OFF, STICK, Row, choose
 
 G = diagram_problems.G
 
 
-def named(name):
-    return next(p for p in diagram_problems.problems() if p.name == name)
+named = diagram_problems.problem
+EXACT = [name for name in diagram_problems.MAKERS if name != "finger impact"]  # that one takes seconds
 
 
 def test_problems_are_legal():
-    for p in diagram_problems.problems():
+    for p in map(named, EXACT):
+        assert p.name in diagram_problems.MAKERS
         nv = p.scene.nv
         assert p.starts.shape == p.exact.shape and np.isfinite(p.exact).all(), p.name
         assert len(p.starts) >= 32 or not p.contacts, p.name
@@ -100,3 +105,88 @@ def test_mechanism_against_the_oracle():
         tangent_bias = (fore.tangent_speed - back.tangent_speed) / (2 * e)
         assert touch.normal_bias == pytest.approx(normal_bias, abs=1e-7)
         assert touch.tangent_bias == pytest.approx(tangent_bias, abs=1e-7)
+
+
+@pytest.mark.parametrize("sideways, expected", [(0.3, STICK), (1.0, FORWARD), (-1.0, BACKWARD)])
+def test_modes_of_a_landing_particle(sideways, expected):
+    mass = np.diag([2.0, 2.0])
+    row = Row(np.array([0.0, 1.0]), 0.0, np.array([1.0, 0.0]), 0.0, friction=0.5)
+    (answer,) = choose(mass, mass @ np.array([sideways, -1.0]), [row])
+    assert answer.modes == (expected,)
+    left = np.sign(sideways) * max(abs(sideways) - 0.5, 0.0)
+    np.testing.assert_allclose(answer.x, [left, 0.0], atol=1e-15)
+    (answer,) = choose(mass, mass @ np.array([sideways, 1.0]), [row])
+    assert answer.modes == (OFF,)
+
+
+STRIKE = (-2.2, -0.6, 0.4, 1.0, -1.0, 0.0)
+FINGERS = {  # start: what happens to it for two seconds
+    STRIKE: ["starts", "impact", "halts", "slips"],
+    (-2.14, -0.16, -0.18, 3.17, 1.21, 1.0): ["starts", "impact", "releases", "impact"],  # the last on a limit
+    (-0.78, -0.89, 0.74, -2.08, -3.24, 2.3): ["starts", "impact", "impact", "impact"],  # limit and pair
+}
+
+
+@pytest.mark.parametrize("start", FINGERS)
+def test_events_obey_the_contact_law(start):
+    """Equations of motion, complementarity and cone at points between events, and the balance of energy."""
+    scene = scenes.flicking_finger()
+    mechanism, oracle = Mechanism(scene), Oracle(scene)
+    flow, x0, nv = Flow(mechanism), np.array(start), scene.nv
+    motion = integrate(mechanism, x0, 2.0)
+    assert [event.what for event in motion.events] == FINGERS[start]
+    assert motion.drift < 1e-11 and motion.doubt < 1e-12 and motion.graze > 0.1
+    assert all(event.lost >= 0.0 for event in motion.events)
+    energy = oracle.energy(motion.end[:nv], motion.end[nv:]) - oracle.energy(x0[:nv], x0[nv:])
+    assert energy + motion.lost == pytest.approx(0.0, abs=1e-9)
+    before = np.append(x0, 0.0)
+    for piece in motion.pieces[::4]:
+        time, e = 0.5 * (piece.start + piece.end), 1e-4 * (piece.end - piece.start)
+        y = piece.at(time)
+        q, v = y[:nv], y[nv : 2 * nv]
+        total = oracle.energy(q, v) + y[-1]
+        assert total == pytest.approx(oracle.energy(x0[:nv], x0[nv:]), abs=1e-9) and y[-1] >= before[-1]
+        before = y
+        forces = flow.solve(y, piece.modes)[1]
+        gaps, rows, _ = oracle.rows(q)
+        gaps, limits = gaps[:5], rows[:4]  # four limits, then both rows of the pair have its gap
+        assert gaps.min() > -1e-10 and forces[:, 0].min() >= 0.0
+        assert np.abs(gaps * forces[:, 0]).max() < 1e-9
+        _, normal, tangent, _ = oracle.contact_jacobian(q, 0)
+        f_n, f_t = forces[4]
+        assert abs(f_t) <= 0.5 * f_n + 1e-9
+        if f_n > 0.0:
+            assert abs(normal @ v) < 1e-10
+            assert abs((0.5 * f_n - abs(f_t)) * (tangent @ v)) < 1e-9 and f_t * (tangent @ v) <= 1e-9
+        acceleration = (piece.at(time + e) - piece.at(time - e))[nv : 2 * nv] / (2.0 * e)
+        pushed = oracle.force(q, v) + limits.T @ forces[:4, 0] + normal * f_n + tangent * f_t
+        np.testing.assert_allclose(oracle.mass_matrix(q) @ acceleration, pushed, atol=1e-5)
+
+
+def test_events_do_not_depend_on_tolerances():
+    mechanism = Mechanism(scenes.flicking_finger())
+    end = integrate(mechanism, np.array(STRIKE), 2.0).end
+    for tolerance, max_step in ((1e-13, 0.007), (1e-11, 0.03)):
+        other = integrate(mechanism, np.array(STRIKE), 2.0, tolerance, max_step).end
+        assert np.abs(other - end).max() < 1e-10
+
+
+def test_events_say_what_they_cannot():
+    with pytest.raises(slcp.scene.SceneError, match="revolute"):
+        Mechanism(scenes.ball_drop())
+
+
+@pytest.mark.slow
+def test_time_stepping_converges_to_the_events():
+    """Hard Coulomb steps of the simulator, first order in h."""
+    scene = scenes.flicking_finger()
+    mechanism, starts = Mechanism(scene), np.array(list(FINGERS))
+    exact = np.array([integrate(mechanism, start, 2.0).end for start in starts])
+    options = slcp.Options(residual="hard", friction="coulomb")
+    sim = slcp.Simulator(scene, options, device="cpu")
+    for h, worst in ((5e-3, 5e-2), (5e-4, 5e-3), (5e-5, 5e-4)):
+        run = sim.rollout(
+            starts, np.zeros((len(starts), round(2.0 / h), sim.nu)), sim.params.replace(step_size=h)
+        )
+        assert not run.status.any()
+        assert np.abs(run.states[:, -1] - exact).max() < worst
