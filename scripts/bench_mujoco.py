@@ -6,7 +6,9 @@ ellipses ellipsoids (their out-of-plane radius does not enter a planar distance)
 planes, and only the scene's contact pairs may touch. Numbers are the scene's, options MuJoCo's defaults.
 """
 
+import copy
 import math
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 from xml.etree import ElementTree as xml
 
@@ -20,7 +22,10 @@ from .peer import Deviation, deviation_of, load
 
 OUT_OF_PLANE = 0.3  # radius of the ellipsoids along z [m]
 POINT = 1e-12  # radius of a point: MuJoCo has no sphere of radius 0 [m]
+FAR = 100.0  # margin at which models are compared [m]
 OTHER_FRICTION = "0.005 0.0001 0.0001"  # torsional and rolling, MuJoCo's defaults: they do not act here
+
+Forward = Callable[[Any, np.ndarray], Iterable[Any]]
 
 
 def import_mujoco() -> Any:
@@ -169,19 +174,33 @@ class Peer:
             out[i] = data.ncon > 0
         return out.reshape(x.shape[:-1])
 
-    def deviation(self, q: np.ndarray) -> Deviation:
-        """Deviation of M and of all pairs' distances from the scene's own, at q (B, nv)."""
-        mujoco, model, data = self.mujoco, self.model, self.data[0]
+    def deviation(self, q: np.ndarray, forward: Forward | None = None) -> Deviation:
+        """Deviation of M and of all pairs' distances and normals from the scene's own, at q (K, nv).
+
+        `forward` stands in for mj_forward: it gives an mjData for each configuration, contacts included.
+        """
+        model = copy.copy(self.model)
+        model.pair_margin[:] = FAR  # contacts are made at any distance
         masses = np.zeros((len(q), model.nv, model.nv))
-        gaps, ends = np.zeros((len(q), len(self.scene.contacts))), np.zeros(6)
-        for i, qi in enumerate(q):
-            data.qpos[:], data.qvel[:] = qi, 0.0
-            mujoco.mj_forward(model, data)
-            mujoco.mj_fullM(model, data, masses[i])
-            for k, c in enumerate(self.scene.contacts):
-                first, second = (model.geom(name).id for name in (c.shape_a, c.shape_b))
-                gaps[i, k] = mujoco.mj_geomDistance(model, data, first, second, 100.0, ends)
-        return deviation_of(self.scene, q, masses, gaps)
+        gaps = np.full((len(q), len(self.scene.contacts)), np.inf)
+        normals = np.zeros((*gaps.shape, 2))
+        pairs = [tuple(model.geom(name).id for name in (c.shape_a, c.shape_b)) for c in self.scene.contacts]
+        for i, data in enumerate((forward or self._forward)(model, q)):
+            self.mujoco.mj_fullM(model, data, masses[i])
+            for touch in data.contact:
+                ends = tuple(touch.geom.tolist())
+                k = pairs.index(ends if ends in pairs else ends[::-1])
+                if touch.dist < gaps[i, k]:
+                    gaps[i, k] = touch.dist
+                    normals[i, k] = touch.frame[:2] if ends in pairs else -touch.frame[:2]
+        return deviation_of(self.scene, q, masses, gaps, normals)
+
+    def _forward(self, model: Any, q: np.ndarray) -> Iterator[Any]:
+        data = self.mujoco.MjData(model)
+        for qi in q:
+            data.qpos[:] = qi
+            self.mujoco.mj_forward(model, data)
+            yield data
 
     def finite_differences(
         self, x: np.ndarray, u: np.ndarray, centred: bool = False, eps: float = 1e-6

@@ -37,7 +37,7 @@ def overlap(scene: Scene, states: np.ndarray, h: float) -> Overlap:
     for pair in range(len(scene.contacts)):
         d, normal = contact(scene, fine.reshape(-1, scene.nv), pair, DIRECTIONS)
         d, normal = d.reshape(worlds, -1), normal.reshape(worlds, -1)
-        deepest = max(deepest, float(-d[:, ::parts].min()))
+        deepest = max(deepest, float(-d[:, ::parts].min(initial=0.0)))
         inside = (d[:, 1:] < 0.0) & (d[:, :-1] < 0.0)
         flipped = np.cos(np.diff(normal, axis=1)) < 0.0
         missed += int(np.count_nonzero(inside & flipped))

@@ -11,15 +11,20 @@ from .diagram_overlap import overlap
 from .diagram_problems import STEP_SIZES, Problem, problems
 from .peer import Peer, Run, configurations
 from .peer_mujoco import MuJoCo
+from .peer_mujoco_warp import MuJoCoWarp
 
 Rows = list[dict[str, Any]]
 REPEATS = 3
+SHARE = (  # of the peers that take long: they run these problems with these step sizes
+    ("finger impacts", "sliding stop", "pendulum chain"),
+    (0.05, 0.02, 0.01, 0.005),
+)
 
 
 def installed(say: Callable[[str], Any]) -> list[Peer]:
     """The peers whose packages are there; a line for each that is not."""
     found: list[Peer] = []
-    for make in (MuJoCo,):
+    for make in (MuJoCo, MuJoCoWarp):
         try:
             found.append(make())
         except ModuleNotFoundError as error:
@@ -28,28 +33,34 @@ def installed(say: Callable[[str], Any]) -> list[Peer]:
 
 
 def rows(
-    say: Callable[[str], Any], peers: Iterable[Peer] | None = None, chosen: Iterable[Problem] | None = None,
-    step_sizes: Iterable[float] = STEP_SIZES,
-) -> Rows:  # fmt: skip
-    """A row for every peer, problem, set of options and step size."""
+    say: Callable[[str], Any],
+    peers: Iterable[Peer] | None = None,
+    chosen: Iterable[Problem] | None = None,
+    step_sizes: Iterable[float] | None = None,
+) -> Rows:
+    """A row for every peer, problem, set of options and step size; by default all that fit in minutes."""
     out: Rows = []
-    todo = tuple(problems() if chosen is None else chosen)
     for peer in installed(say) if peers is None else peers:
-        start = time.perf_counter()
+        start, whole = time.perf_counter(), isinstance(peer, MuJoCo)
+        todo = tuple(chosen or (p for p in problems() if whole or p.name in SHARE[0]))
+        sizes = tuple(step_sizes or (STEP_SIZES if whole else SHARE[1]))
         for problem in todo:
-            out += problem_rows(peer, problem, tuple(step_sizes))
+            out += problem_rows(peer, problem, sizes)
         say(f"{peer.name} {peer.version}: {len(todo)} problems in {time.perf_counter() - start:.0f} s")
     return out
 
 
 def problem_rows(peer: Peer, problem: Problem, step_sizes: tuple[float, ...]) -> Rows:
     """A peer on a problem: its errors, overlaps and times, with its model's deviation as a note."""
-    deviation = peer.deviation(problem.scene, configurations(problem.scene, problem.starts))
     runs = [
         (setting, h, peer.prepare(problem.scene, problem.starts, problem.duration, h, setting))
         for setting in peer.settings(problem.contacts)
         for h in step_sizes
     ]
+    deviation = peer.deviation(problem.scene, configurations(problem.scene, problem.starts))
+    compiling: dict[str, float] = {}
+    for setting, _, run in runs:
+        compiling[setting] = compiling.get(setting, 0.0) + run.compile_seconds
     clock = (
         time.process_time if all(run.facts["device"] == "cpu" for _, _, run in runs) else time.perf_counter
     )
@@ -57,7 +68,8 @@ def problem_rows(peer: Peer, problem: Problem, step_sizes: tuple[float, ...]) ->
     results = time_interleaved(cases, REPEATS, clock)
     return [
         {"study": "contact", "problem": problem.name, "program": peer.name, "version": peer.version,
-         "curve": f"{peer.name}, {setting}", "knob": "h", "value": h, "h": h, "note": deviation.note}
+         "curve": f"{peer.name}, {setting}", "knob": "h", "value": h, "h": h,
+         "compile_seconds": compiling[setting], "note": deviation.note}
         | accuracy(problem, run, h) | cost(run, result)
         for (setting, h, run), result in zip(runs, results)
     ]  # fmt: skip
@@ -84,5 +96,4 @@ def cost(run: Run, result: Result) -> dict[str, Any]:
         "seconds": middle, "seconds_p10": low, "seconds_p90": high, "seconds_best": seconds.min(),
         "repeats": len(seconds), "cost_of": "simulated second",
         "clock": "process CPU" if run.facts["device"] == "cpu" else "wall",
-        "compile_seconds": run.compile_seconds,
     } | run.facts  # fmt: skip

@@ -9,7 +9,7 @@ import numpy as np
 
 from slcp_warp.scene import Scene
 
-from .bench_mechanism import distance, mass_matrix
+from .bench_mechanism import contact, distance, mass_matrix
 
 SPREAD = 0.5  # half width of the configurations about the starts at which models are compared [m, rad]
 SAME = 1e-4  # largest deviation, relative to M's largest entry or in m, of a model that counts as the same
@@ -37,21 +37,18 @@ class Run:
 class Deviation:
     """Largest differences of a peer's model from the scene's own numbers over some configurations.
 
-    mass_matrix: relative to the largest entry of M. distance: [m]. normal: angle [rad], where it is known.
+    mass_matrix: relative to the largest entry of M. distance: [m]. normal: angle between normals [rad].
     """
 
     mass_matrix: float
     distance: float
-    normal: float | None = None
+    normal: float
 
     @property
     def note(self) -> str:
         """One line, beginning with MODEL DIFFERS where the deviation is not just rounding."""
-        parts = [f"M off {self.mass_matrix:.0e}", f"distance off {self.distance:.0e} m"]
-        if self.normal is not None:
-            parts.append(f"normal off {self.normal:.0e} rad")
-        worst = max(self.mass_matrix, self.distance, self.normal or 0.0)
-        return ("" if worst <= SAME else "MODEL DIFFERS: ") + ", ".join(parts)
+        off = f"M off {self.mass_matrix:.0e}, distance {self.distance:.0e} m, normal {self.normal:.0e} rad"
+        return off if max(self.mass_matrix, self.distance, self.normal) <= SAME else f"MODEL DIFFERS: {off}"
 
 
 class Peer(Protocol):
@@ -103,9 +100,19 @@ def configurations(scene: Scene, starts: np.ndarray, count: int = 40) -> np.ndar
     return q[apart][:count]
 
 
-def deviation_of(scene: Scene, q: np.ndarray, masses: np.ndarray, gaps: np.ndarray) -> Deviation:
-    """Deviation of a peer's M (K, nv, nv) and signed distances (K, pairs) from the scene's at q (K, nv)."""
+def deviation_of(
+    scene: Scene, q: np.ndarray, masses: np.ndarray, gaps: np.ndarray, normals: np.ndarray
+) -> Deviation:
+    """Deviation of a peer's M (K, nv, nv), signed distances (K, pairs) and unit normals (K, pairs, 2).
+
+    Normals point from the first shape of a pair to the second.
+    """
     own = mass_matrix(scene, q)
     worst = np.abs(masses - own).max(initial=0.0) / np.abs(own).max(initial=1e-300)
-    own_gaps = np.array([distance(scene, q, k) for k in range(len(scene.contacts))]).reshape(-1, len(q)).T
-    return Deviation(float(worst), float(np.abs(gaps - own_gaps).max(initial=0.0)))
+    gap = turn = 0.0
+    for k in range(len(scene.contacts)):
+        d, angle = contact(scene, q, k)
+        gap = max(gap, float(np.abs(gaps[:, k] - d).max(initial=0.0)))
+        other = np.arctan2(normals[:, k, 1], normals[:, k, 0])
+        turn = max(turn, float(np.abs(np.angle(np.exp(1j * (other - angle)))).max(initial=0.0)))
+    return Deviation(float(worst), gap, turn)

@@ -36,6 +36,12 @@ SETTINGS = {
 TIMED = 4000  # world steps of a run that is timed
 
 
+def model_of(scene: Scene, h: float, setting: Setting, threads: int = 1) -> Model:
+    """The scene with these options and step [s]."""
+    contact = {name: value.replace("2h", repr(2.0 * h)) for name, value in setting.contact.items()}
+    return Model(replace(scene, step_size=h), threads, contact, setting.flags, **setting.option)
+
+
 class MuJoCo:
     """MuJoCo C. `threads` roll out the worlds side by side."""
 
@@ -49,16 +55,9 @@ class MuJoCo:
         """Its default; the stiffest contacts; the same without rebound, the most accurate; Runge-Kutta."""
         return ("default", "stiff", "overdamped") if contacts else ("default", "RK4")
 
-    def model(self, scene: Scene, h: float, setting: str) -> Model:
-        """The scene with these options and step [s]."""
-        chosen = SETTINGS[setting]
-        contact = {name: value.replace("2h", repr(2.0 * h)) for name, value in chosen.contact.items()}
-        scene = replace(scene, step_size=h)
-        return Model(scene, self.threads, contact, chosen.flags, **chosen.option)
-
     def prepare(self, scene: Scene, starts: np.ndarray, duration: float, h: float, setting: str) -> Run:
         """A run of the starts (B, nx); nothing is compiled."""
-        model = self.model(scene, h, setting)
+        model = model_of(scene, h, SETTINGS[setting], self.threads)
         steps = step_count(duration, h)
         work, timed = (
             Workload(x0, np.zeros((len(x0), steps, scene.nu)))
@@ -76,8 +75,8 @@ class MuJoCo:
         centred: bool = False,
     ) -> np.ndarray:  # fmt: skip
         """Jacobians (B, nx, nx + nu) of a step from x (B, nx) under u (B, nu), by mjd_transitionFD."""
-        return self.model(scene, h, setting).finite_differences(x, u, centred)
+        return model_of(scene, h, SETTINGS[setting]).finite_differences(x, u, centred)
 
     def deviation(self, scene: Scene, q: np.ndarray) -> Deviation:
-        """Of M and of all pairs' distances, at the tolerance of the accurate options."""
-        return self.model(scene, scene.step_size, "overdamped" if scene.contacts else "default").deviation(q)
+        """Of its model at the tolerance of the accurate options, at q (K, nv)."""
+        return model_of(scene, scene.step_size, SETTINGS["overdamped"]).deviation(q)

@@ -1,6 +1,7 @@
 """Peers of the work-precision diagrams: their models are the scene's; what is measured of them."""
 
 import dataclasses
+import importlib
 import math
 
 import numpy as np
@@ -73,7 +74,7 @@ def test_mujoco_has_the_scenes_masses_and_distances(name):
 
     scene = scenes.NAMED[name]()
     found = MuJoCo().deviation(scene, configurations(scene, scene.x0[None]))
-    assert found.mass_matrix < 1e-13 and found.distance < 1e-11
+    assert found.mass_matrix < 1e-13 and found.distance < 1e-11 and found.normal < 1e-6
     assert found.note.startswith("M off")
 
 
@@ -115,3 +116,20 @@ def test_mujoco_refuses_what_it_has_not():
 
     with pytest.raises(SceneError, match="planes are the world's"):
         mjcf(scenes.beam())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("package, where, name", [("mujoco_warp", "peer_mujoco_warp", "MuJoCoWarp")])
+def test_other_peers_have_the_scenes_model_and_fall_like_it(package, where, name):
+    """In single precision: a ball that falls for a quarter of a second, on first-order steps."""
+    pytest.importorskip(package, reason=f"{package} is not installed (extra `peers`)")
+    peer = getattr(importlib.import_module(f"slcp_warp.scripts.{where}"), name)()
+    scene, h, steps = scenes.ball_drop(height=5.0), 0.025, 10
+    found = peer.deviation(scene, configurations(scene, scene.x0[None]))
+    assert found.mass_matrix < 1e-6 and found.distance < 1e-5 and found.normal < 1e-5
+    starts = np.array([[0.1, 5.0, 0.3, 1.0, 0.5, -2.0], [0.0, 4.0, 0.0, 0.0, 0.0, 0.0]])
+    states = peer.prepare(scene, starts, h * steps, h, peer.settings(True)[0]).rollout()
+    t = h * np.arange(steps + 1)
+    expected = starts[:, None, :3] + t[:, None] * starts[:, None, 3:]
+    expected[:, :, 1] -= 0.5 * 9.81 * (t**2 + h * t)
+    np.testing.assert_allclose(states[:, :, :3], expected, atol=1e-5)
