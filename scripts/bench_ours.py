@@ -39,7 +39,7 @@ class Ours:
         touching: which steps of its rollout touch, (B, N).
     """
 
-    def __init__(self, work: Workload, dtype: str, residual: str = "rem-logistic", **choices: str) -> None:
+    def __init__(self, work: Workload, dtype: str, residual: str = "rem-logistic", **choices: Any) -> None:
         options = dataclasses.replace(PAPER, residual=residual, **choices)
         self.sim = slcp.Simulator(slcp.scenes.flicking_finger(), options, device="cpu", dtype=dtype)
         self.params = self.sim.params

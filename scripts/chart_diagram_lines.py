@@ -26,10 +26,12 @@ def points(rows: Rows, x: str, y: str) -> Points:
     return sorted((a, b) for a, b in found if a > 0.0 and b > 0.0)
 
 
-def curves(rows: Rows, by: str = "curve") -> Iterator[tuple[str, Rows, str]]:
-    """(label, rows, colour) of every curve."""
-    for i, label in enumerate(different(rows, by)):
-        yield str(label), choose(rows, **{by: label}), CASES[i % len(CASES)]
+def curves(rows: Rows, by: str = "curve", of: Rows | None = None) -> Iterator[tuple[str, Rows, str]]:
+    """(label, rows, colour) of every curve; colours are counted in the rows `of` a whole chart, if given."""
+    for i, label in enumerate(different(rows if of is None else of, by)):
+        part = choose(rows, **{by: label})
+        if part:
+            yield str(label), part, CASES[i % len(CASES)]
 
 
 def plot(axes: Any, found: Points, style: str = "o-", /, **options: Any) -> None:

@@ -14,7 +14,6 @@ import warp as wp
 import slcp_warp as slcp
 from slcp_warp import ddp
 from slcp_warp.kernels import launch
-from slcp_warp.kernels.solve import COLD
 
 from .bench_kernels import chain_on_ground
 from .bench_ours import PAPER
@@ -69,11 +68,14 @@ def with_fraction(rows: Rows) -> Rows:
     return rows
 
 
-def acting(sim: slcp.Simulator, x: np.ndarray) -> float:
-    """Mean number of rows in the Newton system of a step from the states x (B, nx)."""
-    if not sim.nr:
-        return 0.0
-    return float((sim.step(x).multiplier[:, : sim.nr] < 0.5 * COLD).sum(axis=1).mean())
+def acting(sim: slcp.Simulator, x: np.ndarray, u: np.ndarray) -> tuple[float, float]:
+    """Mean rows in the Newton system of a step, and share of solved worlds.
+
+    The worlds start from x (B, nx) under u (B, N, nu). Smoothed impulses are positive, those of rows left out
+    are zero.
+    """
+    done = sim.rollout(x, u, record=("impulse",))
+    return float((done.impulse > 0.0).sum(axis=2).mean()), float((done.status == slcp.Status.SOLVED).mean())
 
 
 def against_batch(batches: tuple[int, ...], repeats: int, dtype: str = "float32") -> Rows:
@@ -84,8 +86,8 @@ def against_batch(batches: tuple[int, ...], repeats: int, dtype: str = "float32"
     for device in devices():
         sim = slcp.Simulator(scene, PAPER, device=device, dtype=dtype)
         kind = wp.dtype_to_numpy(sim.dtype)
-        work = step_work(sim.scene.nv, acting(sim, some.x0[:1000].astype(kind)), sim.nu, ellipses=1,
-                         size=np.dtype(kind).itemsize)  # fmt: skip
+        rows_in, _ = acting(sim, some.x0[:1000].astype(kind), some.controls[:1000].astype(kind))
+        work = step_work(sim.scene.nv, rows_in, sim.nu, ellipses=1, size=np.dtype(kind).itemsize)
         for threads in thread_counts(device):
             for batch in batches:
                 index = np.arange(batch) % len(some.x0)
@@ -112,13 +114,13 @@ def against_size(sizes: dict[str, list[tuple[int, int]]], knob: str, repeats: in
             rng = np.random.default_rng(0)
             x = (sim.scene.x0 + 1e-4 * rng.standard_normal((worlds, sim.nx))).astype(np.float32)
             u = np.zeros((worlds, STEPS, sim.nu), np.float32)
-            done = sim.rollout(x, u)
-            work = step_work(nv, acting(sim, done.states[:, -1]), pairs=-(-rows // 2))
+            rows_in, solved = acting(sim, x, u)
+            work = step_work(nv, rows_in, pairs=-(-rows // 2))
             facts = point(f"chain, steps by {knob}", knob, nv if knob == "nv" else rows, work, "cpu", 1,
                           dtype="float32", curve=f"in {strategy}", strategy=strategy, batch=worlds, nv=nv,
                           nr=rows, cost_of="step", residual="rem-logistic", h=sim.scene.step_size,
                           sigma=sim.scene.sigma,
-                          solved_share=float((done.status == slcp.Status.SOLVED).mean()))  # fmt: skip
+                          solved_share=solved)  # fmt: skip
             run = functools.partial(sim.rollout, x, u)
             cases.append(Case(f"{strategy} {nv} {rows}", run, worlds * STEPS, facts=facts))
     return with_fraction(timed(cases, repeats))

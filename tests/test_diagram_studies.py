@@ -5,7 +5,13 @@ import csv
 import numpy as np
 import pytest
 
-from slcp_warp.scripts import chart_diagram_scaling, chart_diagram_sweep, diagram_sweep
+from slcp_warp.scripts import (
+    chart_diagram_scaling,
+    chart_diagram_solver,
+    chart_diagram_sweep,
+    diagram_solver,
+    diagram_sweep,
+)
 from slcp_warp.scripts.diagram_roofline import Peak, Work, step_work
 
 
@@ -67,3 +73,16 @@ def test_scaling_chart_reads_rows_of_a_file(tmp_path):
     assert path.stat().st_size > 10_000
     with pytest.raises(ValueError, match="no rows of study 'scaling'"):
         chart_diagram_scaling.draw([{"study": "ddp"}], path)
+
+
+@pytest.mark.slow
+def test_solver_study(tmp_path):
+    """Both strategies agree to rounding, float32 to its own, and a tolerance of 1e-3 leaves about that."""
+    chosen = diagram_solver.variants({"float64": (1e-3, None)}, ())
+    case = diagram_solver.finger_case(64)
+    rows = diagram_solver.study("finger", case, chosen, (0.1,), 1)
+    coarse, fine, memory = (row["error_max"] for row in rows)
+    assert 1e-7 < coarse < 1e-2 and fine < 1e-12 and memory < 1e-12
+    assert [row["solved_share"] for row in rows] == [1.0] * 3
+    assert [row["value"] for row in rows] == [1e-3, 2e-14, 2e-14]
+    assert chart_diagram_solver.draw(through_csv(rows, tmp_path / "rows.csv"), tmp_path / "s.png").exists()
