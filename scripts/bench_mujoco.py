@@ -18,11 +18,10 @@ from slcp_warp.scene import Body, Scene, SceneError, Shape
 from slcp_warp.topology import spread
 
 from .bench_workload import Workload
-from .peer import Deviation, deviation_of, load
+from .peer import NEAR, Deviation, deviation_of, load
 
 OUT_OF_PLANE = 0.3  # radius of the ellipsoids along z [m]
 POINT = 1e-12  # radius of a point: MuJoCo has no sphere of radius 0 [m]
-FAR = 100.0  # margin at which models are compared [m]
 OTHER_FRICTION = "0.005 0.0001 0.0001"  # torsional and rolling, MuJoCo's defaults: they do not act here
 
 Forward = Callable[[Any, np.ndarray], Iterable[Any]]
@@ -180,7 +179,7 @@ class Peer:
         `forward` stands in for mj_forward: it gives an mjData for each configuration, contacts included.
         """
         model = copy.copy(self.model)
-        model.pair_margin[:] = FAR  # contacts are made at any distance
+        model.pair_margin[:] = 1.01 * NEAR  # contacts are made as far away
         masses = np.zeros((len(q), model.nv, model.nv))
         gaps = np.full((len(q), len(self.scene.contacts)), np.inf)
         normals = np.zeros((*gaps.shape, 2))

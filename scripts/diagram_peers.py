@@ -10,13 +10,14 @@ from .bench_timing import Case, Result, time_interleaved
 from .diagram_overlap import overlap
 from .diagram_problems import STEP_SIZES, Problem, problems
 from .peer import Peer, Run, configurations
+from .peer_mjx import MJX
 from .peer_mujoco import MuJoCo
 from .peer_mujoco_warp import MuJoCoWarp
 
 Rows = list[dict[str, Any]]
 REPEATS = 3
 SHARE = (  # of the peers that take long: they run these problems with these step sizes
-    ("finger impacts", "sliding stop", "pendulum chain"),
+    ("finger impact", "sliding stop", "pendulum chain"),
     (0.05, 0.02, 0.01, 0.005),
 )
 
@@ -24,7 +25,7 @@ SHARE = (  # of the peers that take long: they run these problems with these ste
 def installed(say: Callable[[str], Any]) -> list[Peer]:
     """The peers whose packages are there; a line for each that is not."""
     found: list[Peer] = []
-    for make in (MuJoCo, MuJoCoWarp):
+    for make in (MuJoCo, MuJoCoWarp, MJX):
         try:
             found.append(make())
         except ModuleNotFoundError as error:

@@ -42,6 +42,12 @@ def model_of(scene: Scene, h: float, setting: Setting, threads: int = 1) -> Mode
     return Model(replace(scene, step_size=h), threads, contact, setting.flags, **setting.option)
 
 
+def in_single(setting: Setting) -> Setting:
+    """The options that MuJoCo's descendants in single precision take: default cones and tolerances."""
+    option = {name: value for name, value in setting.option.items() if name == "integrator"}
+    return Setting(option, setting.contact)
+
+
 class MuJoCo:
     """MuJoCo C. `threads` roll out the worlds side by side."""
 

@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,8 +10,8 @@ import warp as wp
 from slcp_warp.scene import Scene
 
 from .bench_mujoco import import_mujoco
-from .peer import Deviation, Run, load, step_count
-from .peer_mujoco import SETTINGS, model_of
+from .peer import Deviation, Run, load, places, step_count
+from .peer_mujoco import SETTINGS, in_single, model_of
 
 BATCH = 1024  # worlds that are timed
 TIMED = 5  # steps that are timed
@@ -38,7 +37,7 @@ class MuJoCoWarp:
 
     def prepare(self, scene: Scene, starts: Array, duration: float, h: float, setting: str) -> Run:
         """A run of the starts (B, nx), already done; timed on worlds anywhere on these trajectories."""
-        mujoco_model = model_of(scene, h, replace(SETTINGS[setting], flags=())).model
+        mujoco_model = model_of(scene, h, in_single(SETTINGS[setting])).model
         steps = step_count(duration, h)
         begin = time.perf_counter()
         worlds = Worlds(self.module, mujoco_model, len(starts), self.device)
@@ -52,11 +51,10 @@ class MuJoCoWarp:
             states.append(worlds.states())
         every = np.stack(states, axis=1)
         many = Worlds(self.module, mujoco_model, self.batch, self.device)
-        places = np.random.default_rng(0).choice(every[:, :-1].reshape(-1, every.shape[2]), self.batch)
-        places = np.where(np.isfinite(places).all(1, keepdims=True), places, starts[:1])
+        timed = places(every, self.batch)
 
         def simulate() -> None:
-            many.set(places)
+            many.set(timed)
             for _ in range(TIMED):
                 many.step()
             wp.synchronize_device(self.device)
@@ -67,7 +65,7 @@ class MuJoCoWarp:
         return Run(lambda: every, simulate, self.batch, TIMED * h, compiling, facts)
 
     def deviation(self, scene: Scene, q: Array) -> Deviation:
-        """Of its model at the tolerance of the accurate options, at q (K, nv)."""
+        """Of its model, at q (K, nv)."""
         mujoco = import_mujoco()
 
         def forward(model: Any, q: Array) -> Iterator[Any]:
@@ -79,7 +77,7 @@ class MuJoCoWarp:
                 self.module.get_data_into(data, model, worlds.data, i)
                 yield data
 
-        setting = replace(SETTINGS["overdamped"], flags=())
+        setting = in_single(SETTINGS["default"])
         return model_of(scene, scene.step_size, setting).deviation(q, forward)
 
 
