@@ -36,7 +36,7 @@ class Ours:
     Attributes:
         sim, params: the simulator and its numbers.
         work: the workload, without the worlds that were not solved. failed: their share.
-        touching: which steps of its rollout touch, (B, N).
+        touching: which steps of its rollout touch, (B, N). states: of the rollout, (B, N+1, nx).
     """
 
     def __init__(self, work: Workload, dtype: str, residual: str = "rem-logistic", **choices: Any) -> None:
@@ -51,12 +51,12 @@ class Ours:
         rows = self.sim.scene.structure.rows
         contact = [i for i, row in enumerate(rows) if row.kind == "contact"]
         self.touching = traj.impulse[solved][:, :, contact].sum(axis=2) >= TOUCH
-        self._states = traj.states[solved]
+        self.states = traj.states[solved]
 
     @functools.cached_property
     def touching_windows(self) -> Workload:
         """Stretches of the rollout in which every step touches."""
-        return self.cast(windows(self._states, self.work.controls, self.touching, WINDOW))
+        return self.cast(windows(self.states, self.work.controls, self.touching, WINDOW))
 
     def cast(self, work: Workload) -> Workload:
         """A workload in the simulator's dtype, contiguous."""

@@ -3,10 +3,11 @@
 from collections.abc import Iterable, Iterator
 from typing import Any
 
-from .chart_style import CASES
+from .chart_style import BLACK, CASES, GREY
 
 Rows = list[dict[str, Any]]
 Points = list[tuple[float, float]]
+COLOURS = (*CASES, BLACK, GREY)
 
 
 def choose(rows: Rows, **wanted: Any) -> Rows:
@@ -31,7 +32,7 @@ def curves(rows: Rows, by: str = "curve", of: Rows | None = None) -> Iterator[tu
     for i, label in enumerate(different(rows if of is None else of, by)):
         part = choose(rows, **{by: label})
         if part:
-            yield str(label), part, CASES[i % len(CASES)]
+            yield str(label), part, COLOURS[i % len(COLOURS)]
 
 
 def plot(axes: Any, found: Points, style: str = "o-", /, **options: Any) -> None:

@@ -18,7 +18,7 @@ def draw(rows: Rows, out: Path) -> Path:
             _panel(ax, choose(rows, problem=problem, sigma=sigma), rows)
             ax.set(title=f"{problem}, σ = {float(sigma):g}", xlabel="CPU time of a step [µs]")
         line[0].set_ylabel("error of v′, relative to 1 + |v′|")
-    grid[0][0].legend(fontsize=8, loc="lower right")
+    grid[0][0].legend(fontsize=8, loc="upper right")
     figure.suptitle("the smoothed step: what a finer solution costs (numbers: tolerance)", fontsize=12)
     return save(figure, out)
 

@@ -5,13 +5,18 @@ import csv
 import numpy as np
 import pytest
 
+from slcp_warp import scenes
 from slcp_warp.scripts import (
+    chart_diagram_derivatives,
     chart_diagram_scaling,
     chart_diagram_solver,
     chart_diagram_sweep,
+    diagram_derivatives,
     diagram_solver,
     diagram_sweep,
 )
+from slcp_warp.scripts.bench_mechanism import distance
+from slcp_warp.scripts.diagram_differences import SIXTH, central, converged, forward, relative
 from slcp_warp.scripts.diagram_roofline import Peak, Work, step_work
 
 
@@ -86,3 +91,58 @@ def test_solver_study(tmp_path):
     assert [row["solved_share"] for row in rows] == [1.0] * 3
     assert [row["value"] for row in rows] == [1e-3, 2e-14, 2e-14]
     assert chart_diagram_solver.draw(through_csv(rows, tmp_path / "rows.csv"), tmp_path / "s.png").exists()
+
+
+def smooth(z):
+    """Two functions of three variables."""
+    return np.stack([np.sin(z[:, 0] + 2 * z[:, 1]) * np.exp(z[:, 2]), z[:, 0] * z[:, 1] ** 3], axis=1)
+
+
+def smooth_jacobian(z):
+    a, b, c = z.T
+    wave, slope = np.sin(a + 2 * b) * np.exp(c), np.cos(a + 2 * b) * np.exp(c)
+    return np.stack([np.stack([slope, 2 * slope, wave], 1), np.stack([b**3, 3 * a * b**2, 0 * a], 1)], axis=1)
+
+
+def test_differences_have_their_orders():
+    z = np.random.default_rng(0).standard_normal((20, 3))
+    exact = smooth_jacobian(z)
+    for method, order in (
+        (forward, 1), (central, 2), (lambda f, z, eps: central(f, z, eps, SIXTH), 6)
+    ):  # fmt: skip
+        coarse, fine = (np.median(relative(method(smooth, z, eps), exact)) for eps in (0.1, 0.05))
+        assert np.log2(coarse / fine) == pytest.approx(order, abs=0.3)
+
+
+def test_converged_differences_know_how_far_they_are_settled():
+    """To rounding where the function is smooth; noise of 1e-9 leaves about 1e-7, and it is noticed."""
+    z = np.random.default_rng(0).standard_normal((20, 3))
+    jacobian, apart = converged(smooth, z)
+    assert relative(jacobian, smooth_jacobian(z)).max() < 1e-11
+    rng = np.random.default_rng(1)
+    noisy, noticed = converged(lambda z: smooth(z) + 1e-9 * rng.standard_normal((len(z), 2)), z)
+    error = relative(noisy, smooth_jacobian(z))
+    assert np.median(error) < 1e-5 and np.median(noticed) > 0.1 * np.median(error)
+    assert np.median(noticed) > 1e3 * np.median(apart)
+
+
+def test_states_are_moved_to_a_gap():
+    finger, rng = scenes.flicking_finger(), np.random.default_rng(0)
+    z = np.tile([-1.0, -1.2, 0.4, 0.0, 0.0, 0.0, 0.0, 0.0], (8, 1)) + 0.1 * rng.standard_normal((8, 8))
+    target = rng.uniform(0.0, 1e-6, 8)
+    moved = diagram_derivatives.at_gap(finger, z, target)
+    np.testing.assert_allclose(distance(finger, moved[:, :3]), target, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(moved[:, 3:], z[:, 3:])
+
+
+@pytest.mark.slow
+def test_derivatives_study(tmp_path):
+    """Exact ones to rounding at every kind of state; MuJoCo's differences across its edge are far off."""
+    pytest.importorskip("mujoco")
+    rows = diagram_derivatives.study(40, (0.1,), (1e-6,), 1)
+    for row in rows:
+        if row["curve"].startswith("exact"):
+            assert row["error_p90"] < (1e-10 if row["dtype"] == "float64" else 1e-4)
+    across = [r for r in rows if r["program"] == "MuJoCo" and r["problem"] == "finger, edge"]
+    assert across and all(row["error_p90"] > 1.0 for row in across)
+    assert chart_diagram_derivatives.draw(through_csv(rows, tmp_path / "r.csv"), tmp_path / "d.png").exists()
