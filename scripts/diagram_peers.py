@@ -10,6 +10,7 @@ from .bench_timing import Case, Result, time_interleaved
 from .diagram_overlap import overlap
 from .diagram_problems import STEP_SIZES, Problem, problems
 from .peer import Peer, Run, configurations
+from .peer_drake import Drake
 from .peer_mjx import MJX
 from .peer_mujoco import MuJoCo
 from .peer_mujoco_warp import MuJoCoWarp
@@ -25,7 +26,7 @@ SHARE = (  # of the peers that take long: they run these problems with these ste
 def installed(say: Callable[[str], Any]) -> list[Peer]:
     """The peers whose packages are there; a line for each that is not."""
     found: list[Peer] = []
-    for make in (MuJoCo, MuJoCoWarp, MJX):
+    for make in (MuJoCo, MuJoCoWarp, MJX, Drake):
         try:
             found.append(make())
         except ModuleNotFoundError as error:

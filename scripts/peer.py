@@ -102,16 +102,14 @@ def places(states: np.ndarray, count: int) -> np.ndarray:
 
 
 def configurations(scene: Scene, starts: np.ndarray, count: int = 40) -> np.ndarray:
-    """Random configurations (count, nv) about the starts: of many at which no pair overlaps, those with the
-    nearest pairs.
+    """Random configurations (count, nv) about the starts: of many, those whose pairs are nearest to touching,
+    apart or overlapping a little.
     """
     rng = np.random.default_rng(0)
     q = starts[rng.integers(len(starts), size=DRAWS * count), : scene.nv]
     q = q + SPREAD * rng.uniform(-1.0, 1.0, q.shape)
     gaps = [distance(scene, q, k) for k in range(len(scene.contacts))]
-    nearest = np.min(gaps, axis=0) if gaps else np.ones(len(q))
-    order = np.argsort(np.where(nearest > 0.0, nearest, np.inf), kind="stable")
-    return q[order[: min(count, np.count_nonzero(nearest > 0.0))]]
+    return q[np.argsort(np.abs(np.min(gaps, axis=0)) if gaps else np.zeros(len(q)))[:count]]
 
 
 def deviation_of(

@@ -54,10 +54,10 @@ def test_a_disc_that_passes_through_another_is_missed():
     assert overlap(scene, states[1:], h).missed == 0
 
 
-def test_configurations_are_apart_and_steps_are_whole():
+def test_configurations_are_near_and_steps_are_whole():
     scene = scenes.flicking_finger()
     q = configurations(scene, REACHING)
-    assert len(q) == 40 and (contact(scene, q)[0] > 0.0).all()
+    assert len(q) == 40 and np.abs(contact(scene, q)[0][:10]).max() < NEAR
     assert step_count(2.0, 0.05) == 40
     with pytest.raises(ValueError, match="whole number of steps"):
         step_count(2.0, 0.03)
@@ -77,7 +77,9 @@ def test_mujoco_has_the_scenes_masses_and_distances(name):
     q = configurations(scene, REACHING if name == "flicking_finger" else scene.x0[None])
     assert contact(scene, q)[0].min() < 0.5 * NEAR
     found = MuJoCo().deviation(scene, q)
-    assert found.mass_matrix < 1e-13 and found.distance < 1e-11 and found.normal < 1e-6
+    iterated = name == "flicking_finger"  # the depth of two ellipses that overlap
+    assert found.mass_matrix < 1e-13
+    assert found.distance < (1e-5 if iterated else 1e-11) and found.normal < (1e-2 if iterated else 1e-6)
     assert found.note.startswith("M off")
 
 
@@ -124,7 +126,11 @@ def test_mujoco_refuses_what_it_has_not():
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "package, where, name",
-    [("mujoco_warp", "peer_mujoco_warp", "MuJoCoWarp"), ("mujoco.mjx", "peer_mjx", "MJX")],
+    [
+        ("mujoco_warp", "peer_mujoco_warp", "MuJoCoWarp"),
+        ("mujoco.mjx", "peer_mjx", "MJX"),
+        ("pydrake", "peer_drake", "Drake"),
+    ],
 )
 def test_other_peers_have_the_scenes_model_and_fall_like_it(package, where, name):
     """In single precision: a ball that falls for a quarter of a second, on first-order steps."""
