@@ -3,6 +3,8 @@
 from collections.abc import Iterable, Iterator
 from typing import Any
 
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+
 from .chart_style import BLACK, CASES, GREY
 
 Rows = list[dict[str, Any]]
@@ -39,6 +41,13 @@ def plot(axes: Any, found: Points, style: str = "o-", /, **options: Any) -> None
     """Points on logarithmic axes; nothing where there are none."""
     if found:
         axes.loglog(*zip(*found), style, **{"markersize": 4, **options})
+
+
+def cost_ticks(ax: Any) -> None:
+    """Plain numbers 1, 2, 5, 10, .. along a logarithmic x axis of less than two decades."""
+    ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    ax.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    ax.xaxis.set_minor_formatter(NullFormatter())
 
 
 def need(rows: Rows, study: str) -> Rows:

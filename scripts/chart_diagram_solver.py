@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from .chart_diagram_lines import Rows, choose, curves, different, need
+from .chart_diagram_lines import Rows, choose, cost_ticks, curves, different, need
 from .chart_style import GREY, plt, save
 
 
@@ -36,3 +36,4 @@ def _panel(ax: Any, rows: Rows, everything: Rows) -> None:
                 ax.annotate(f"{float(row['tolerance']):g}", (a, b), xytext=(5, 3), textcoords="offset points",
                             fontsize=7, color=GREY)  # fmt: skip
     ax.set(xscale="log", yscale="log")
+    cost_ticks(ax)

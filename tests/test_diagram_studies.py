@@ -7,10 +7,12 @@ import pytest
 
 from slcp_warp import scenes
 from slcp_warp.scripts import (
+    chart_diagram_bias,
     chart_diagram_derivatives,
     chart_diagram_scaling,
     chart_diagram_solver,
     chart_diagram_sweep,
+    diagram_bias,
     diagram_derivatives,
     diagram_solver,
     diagram_sweep,
@@ -146,3 +148,32 @@ def test_derivatives_study(tmp_path):
     across = [r for r in rows if r["program"] == "MuJoCo" and r["problem"] == "finger, edge"]
     assert across and all(row["error_p90"] > 1.0 for row in across)
     assert chart_diagram_derivatives.draw(through_csv(rows, tmp_path / "r.csv"), tmp_path / "d.png").exists()
+
+
+@pytest.mark.parametrize("residual", ["rem-logistic", "rem-normal"])
+def test_resting_gap_solves_its_equation(residual):
+    """s(z) = push and s(-z) = w: w - push + z = 0 with z found again from s, at every noise level."""
+    for sigma in (3.0, 0.3, 0.05):
+        w = diagram_bias.resting_gap(residual, sigma, 0.2)
+        z = 0.2 - w
+        noise = np.linspace(-45.0, 45.0, 400001)  # s(z) is the mean of max(z + noise, 0)
+        if residual == "rem-logistic":
+            density = 1.0 / (2.0 * np.cosh(noise / 2.0)) ** 2  # of the logistic distribution
+        else:
+            density = np.exp(-0.5 * noise**2) / np.sqrt(2.0 * np.pi)
+        mean = (np.maximum(z + sigma * noise, 0.0) * density).sum() * (noise[1] - noise[0])
+        assert mean == pytest.approx(0.2, rel=1e-4)
+
+
+@pytest.mark.slow
+def test_bias_study(tmp_path):
+    """The ball rests at the closed form; the finger's distance falls with sigma."""
+    chosen = {"finger impact": ("rem-logistic",), "resting ball": ("rem-logistic",)}
+    rows = diagram_bias.study(chosen, (0.1, 0.003), 4, 1)
+    finger = [row["error"] for row in rows if row["problem"] == "finger impact" and row["value"]]
+    ball = [row for row in rows if row["problem"] == "resting ball"]
+    assert finger[1] < 0.5 * finger[0] < 0.1
+    for row in ball:
+        assert row["error"] == pytest.approx(row["closed_form"], rel=1e-9, abs=1e-15)
+        assert row["speed"] < 1e-12
+    assert chart_diagram_bias.draw(through_csv(rows, tmp_path / "r.csv"), tmp_path / "b.png").exists()
