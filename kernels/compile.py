@@ -4,6 +4,10 @@ Warp 1.19 leaves functions reached through `wp.static(f[k])(...)` with a loop in
 content hash, so two scenes, or two versions of this package, could share one cached binary. `specialised`
 puts the specialisation and a digest of this package's sources into the kernel's name, and with it into the
 hash.
+
+On a CPU the compiler may fuse a b + c, divide by multiplying with a reciprocal and drop additions of zero: a
+step costs a fifth less (docs/performance.md). It must not reassociate sums, which would undo the
+compensation of log(1 + e).
 """
 
 import functools
@@ -13,6 +17,15 @@ from collections.abc import Callable
 from typing import Any
 
 import warp as wp
+
+
+CPU_ARITHMETIC = "-ffp-contract=fast -freciprocal-math -fno-signed-zeros"
+
+
+def cpu_compiler_flags() -> str:
+    """Warp's present flags for the CPU's compiler and this package's."""
+    flags = wp.config.cpu_compiler_flags
+    return f"{'-march=native' if flags is None else flags} {CPU_ARITHMETIC}"
 
 
 @functools.cache
@@ -35,6 +48,7 @@ def specialised(*key: Any) -> Callable[[Callable], wp.Kernel]:
 
     def declare(function: Callable) -> wp.Kernel:
         function.__qualname__ = f"{function.__name__}_{tag}"
-        return wp.kernel(function, module="unique", enable_backward=False)
+        options = {"cpu_compiler_flags": cpu_compiler_flags()}
+        return wp.kernel(function, module="unique", enable_backward=False, module_options=options)
 
     return declare

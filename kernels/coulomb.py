@@ -15,6 +15,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
+from .coulomb_alone import make_alone
 from .lemke import RAY, make_lemke
 from .method import Method
 from .rows import make_rows
@@ -224,6 +225,7 @@ def make_coulomb_solver(s: Structure, dtype: type, method: Method) -> wp.Functio
     """solve(params, row, minv, vfree, jac, rate, scale, sigma, mask, warm) -> v', z, lambda, status, it."""
     active = make_active(s, dtype, method)
     lemke = make_lemke(s, dtype, active.Dense)
+    single = make_alone(s, dtype, method)
     t = active.types
     VQ, MQ, VR, JR = t.VQ, t.MQ, t.VR, t.JR
     Dense = active.Dense
@@ -331,6 +333,9 @@ def make_coulomb_solver(s: Structure, dtype: type, method: Method) -> wp.Functio
         mask: int,
         warm: VR,
     ):
+        v, z_alone, lam_alone, found = single(params, row, minv, vfree, jac, rate, mask)
+        if found == 1:
+            return v, z_alone, lam_alone, wp.static(SOLVED), int(0)
         dense = active.gather(params, row, minv, vfree, jac, rate, mask)
         finite = int(1)
         for i in range(dense.count):

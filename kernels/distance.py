@@ -3,8 +3,9 @@
 d = max over unit n of n.(c_B - c_A) - h_A(n) - h_B(-n), with h the support function: positive when
 separated, negative when penetrating. With the angle alpha of n, n = (cos alpha, sin alpha) and t =
 dn/dalpha, the distance is stationary where t.(c_B - c_A) - h_A' - h_B' = 0, and its curvature there is -(d +
-rho_A + rho_B). Only a positive maximum is unique, so a local search is trusted when it ends at d > 0;
-otherwise the circle is searched.
+rho_A + rho_B). A local search is trusted when it ends at d > -R, R = the sum of both shapes' smallest radii of
+curvature: the circle of radius R rolls freely inside the Minkowski sum of the shapes (Blaschke's theorem), so
+no other point of its boundary is nearer than a stationary one at depth < R. Deeper, the circle is searched.
 
 A pose is (c_x, c_y, e_x, e_y): centre and first axis (a half-plane's point and outward normal). GEO = (n_x,
 n_y, d, h_A, h_A', h_B, h_B', _) at the solution. For a half-plane A: h_A = 0 and h_A' is the lever of the
@@ -258,6 +259,12 @@ def make_maximiser(kind_a: str, kind_b: str, dtype: type) -> wp.Function:
         return n
 
     @wp.func
+    def sharpest(radii: V2):
+        # smallest radius of curvature of an ellipse
+        b = wp.min(radii[0], radii[1])
+        return b * b / wp.max(wp.max(radii[0], radii[1]), TINY)
+
+    @wp.func
     def maximise(ra: V2, rb: V2, pa: V4, pb: V4, start: V2):
         # Chebyshev's third-order iteration: after a Newton step tau, what is left is of size tau^3
         n = start
@@ -277,7 +284,7 @@ def make_maximiser(kind_a: str, kind_b: str, dtype: type) -> wp.Function:
         if wp.abs(tau) <= CUBIC:
             if top > ZERO:
                 return n
-            if evaluate(ra, rb, pa, pb, n)[0] > ZERO:
+            if top > -(sharpest(ra) + sharpest(rb)):
                 return n
         return search(ra, rb, pa, pb)
 

@@ -12,6 +12,7 @@ import functools
 
 import warp as wp
 
+from .few_rows import make_few_rows
 from .interior import make_interior
 from .method import Method
 from .newton import INFEASIBLE, NOT_CONVERGED, make_newton
@@ -32,6 +33,7 @@ def make_solver(s: Structure, dtype: type, method: Method) -> wp.Function:
     t = r.types
     interior = make_interior(s, dtype, method)
     n = make_newton(s, dtype, method)
+    solve_few = make_few_rows(s, dtype, method)
     VQ, MQ, VR, JR = t.VQ, t.MQ, t.VR, t.JR
     NR = s.nr
     noise = make_noise(s, dtype, method)
@@ -155,10 +157,13 @@ def make_solver(s: Structure, dtype: type, method: Method) -> wp.Function:
                 w0[i] = wp.static(r.dots[i])(jac, vfree) + rate[i]
         size = magnitude(params, row, jac, vfree, rate, sigma, w0, mask)
         z = start(minv, jac, scale, diag, w0, mask, warm)
+        v, z_few, lam_few, status, iterations = solve_few(
+            params, row, minv, vfree, jac, scale, sigma, diag, inverse_sigma, w0, mask, size, z
+        )
+        if status == wp.static(SOLVED):
+            return v, z_few, lam_few, status, iterations
         at = n.Point()
-        status = int(wp.static(NOT_CONVERGED))
         attempt = int(0)
-        iterations = int(0)
         while status == wp.static(NOT_CONVERGED) and attempt < 2:
             if attempt == 1:
                 z = start(minv, jac, scale, diag, w0, mask, VR(UNUSED))

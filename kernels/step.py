@@ -141,7 +141,8 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
         rows_k = pair_rows[k]
         first = rows_k[0]
         tested = rows_k[:1] if method.coulomb else rows_k  # a friction row acts where its normal row does
-        bits = tuple(sum(1 << j for j in (rows_k if method.coulomb else (i,))) for i in range(NR))
+        # the two rows of a hard contact come together: one after the other costs a solve each
+        bits = tuple(sum(1 << j for j in (rows_k if method.hard else (i,))) for i in range(NR))
 
         @wp.func
         def near(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, v: VQ):

@@ -1,0 +1,113 @@
+"""Hard contact with Coulomb's friction where a single limit or a single pair acts, in closed form.
+
+A row without friction: lambda = max(-w/A, 0) at w = J v_free + d/h. A frictional pair (n, t), A = J M^-1 J':
+it sticks where the impulses of w_n = v_t = 0 lie in the cone |lambda_t| <= mu lambda_n, else it slides with
+lambda_t = +-mu lambda_n against v_t (the paper's [8] in the plane).
+"""
+
+import functools
+
+import warp as wp
+
+from .method import Method
+from .rows import make_rows
+from .structure import Structure, layout
+
+
+@functools.cache
+def make_alone(s: Structure, dtype: type, method: Method) -> wp.Function:
+    """alone(params, row, minv, vfree, jac, rate, mask) -> v', z, lambda, found: 1 where the mask is a single
+    limit or pair and the law holds (Painleve's cases are left to others).
+    """
+    r = make_rows(s, dtype, method)
+    VQ, MQ, VR, JR = r.types.VQ, r.types.MQ, r.types.VR, r.types.JR
+    V2 = wp.types.vector(2, dtype)
+    ZERO, SMALLEST = dtype(0.0), dtype(1e-30)
+    FRICTION = layout(s).offset("friction")
+    frictional = tuple(row.kind == "contact" and row.sign > 0 for row in s.rows)
+    pair = tuple(row.index if row.kind == "contact" else 0 for row in s.rows)
+
+    @wp.func
+    def cone(mu: dtype, ann: dtype, ant: dtype, att: dtype, bn: dtype, bt: dtype):
+        """(lambda_n, lambda_t) of a pair."""
+        out = V2()
+        if bn < ZERO:
+            det = ann * att - ant * ant
+            out[0] = (ant * bt - att * bn) / det
+            out[1] = (ant * bn - ann * bt) / det
+            if not (out[0] > ZERO and wp.abs(out[1]) <= mu * out[0]):
+                slide = wp.where(out[1] > ZERO, mu, -mu)
+                if not (ann + slide * ant > ZERO):
+                    slide = -slide
+                out[0] = -bn / (ann + slide * ant)
+                out[1] = slide * out[0]
+        return out
+
+    def make_pair(i: int) -> wp.Function:
+        @wp.func
+        def of_pair(params: wp.array2d(dtype=dtype), row: int, minv: MQ, vfree: VQ, jac: JR, rate: VR):
+            # found: 1 where it sticks or slides against v_t, or separates
+            gn = wp.static(r.applies[i])(minv, jac)
+            gt = wp.static(r.applies[i + 1])(minv, jac)
+            ann = wp.max(wp.static(r.dots[i])(jac, gn), SMALLEST)
+            att = wp.max(wp.static(r.dots[i + 1])(jac, gt), SMALLEST)
+            ant = wp.static(r.dots[i])(jac, gt)
+            bn = wp.static(r.dots[i])(jac, vfree) + rate[wp.static(i)]
+            bt = wp.static(r.dots[i + 1])(jac, vfree)
+            mu = params[row, wp.static(FRICTION + pair[i])]
+            lam = cone(mu, ann, ant, att, bn, bt)
+            wn = bn + ann * lam[0] + ant * lam[1]
+            vt = bt + ant * lam[0] + att * lam[1]
+            lam_out = VR()
+            z_out = VR()
+            lam_out[wp.static(i)] = lam[0]
+            lam_out[wp.static(i + 1)] = lam[1]
+            z_out[wp.static(i)] = ann * lam[0] - wn
+            z_out[wp.static(i + 1)] = att * lam[1] - vt
+            inside = wp.abs(lam[1]) < mu * lam[0] or lam[0] == ZERO
+            against = lam[0] > ZERO and vt * lam[1] <= ZERO
+            found = wp.where(wp.isfinite(lam[0]) and wp.isfinite(lam[1]) and (inside or against), 1, 0)
+            return vfree + lam[0] * gn + lam[1] * gt, z_out, lam_out, found
+
+        return of_pair
+
+    def make_row(i: int) -> wp.Function:
+        @wp.func
+        def of_row(params: wp.array2d(dtype=dtype), row: int, minv: MQ, vfree: VQ, jac: JR, rate: VR):
+            g = wp.static(r.applies[i])(minv, jac)
+            a = wp.max(wp.static(r.dots[i])(jac, g), SMALLEST)
+            b = wp.static(r.dots[i])(jac, vfree) + rate[wp.static(i)]
+            lam_out = VR()
+            z_out = VR()
+            lam_out[wp.static(i)] = wp.max(-b / a, ZERO)
+            z_out[wp.static(i)] = -b
+            return vfree + lam_out[wp.static(i)] * g, z_out, lam_out, wp.where(wp.isfinite(b), 1, 0)
+
+        return of_row
+
+    single = tuple(
+        None if r.tangent[i] else (make_pair if frictional[i] else make_row)(i) for i in range(s.nr)
+    )
+    bits = tuple((3 if frictional[i] else 1) << i for i in range(s.nr))
+
+    @wp.func
+    def alone(
+        params: wp.array2d(dtype=dtype),
+        row: int,
+        minv: MQ,
+        vfree: VQ,
+        jac: JR,
+        rate: VR,
+        mask: int,
+    ):
+        v = vfree
+        z = VR()
+        lam = VR()
+        found = int(0)
+        for i in range(wp.static(s.nr)):
+            if wp.static(single[i] is not None):
+                if mask == wp.static(bits[i]):
+                    v, z, lam, found = wp.static(single[i])(params, row, minv, vfree, jac, rate)
+        return v, z, lam, found
+
+    return alone

@@ -1,0 +1,230 @@
+"""Newton's method for a contact problem of at most FEW rows, in the space of the rows.
+
+The same equations as in `solve.py`, r(z) = A lambda(z) + J v_free + d/h - s(-z) = 0 with D lambda = s(z), but
+A = J M^-1 J' is formed once, so that an iteration works on FEW numbers instead of on vectors of nv. Steps are
+not shortened: where one does not let sum r_i^2/A_ii fall, the general method starts afresh.
+"""
+
+import functools
+
+import warp as wp
+
+from .elimination import PROXIMAL
+from .method import Method
+from .newton import NOT_CONVERGED, RESOLUTION, SOLVED
+from .noise import make_noise
+from .rows import make_rows
+from .smoothing import make_smoothing
+from .structure import Structure
+
+FEW = 3
+ITERATIONS = 10
+DECREASE = 0.99  # of the sum of squares, at least, in every step
+
+
+@functools.cache
+def make_few_rows(s: Structure, dtype: type, method: Method) -> wp.Function:
+    """solve_few(params, row, minv, vfree, jac, scale, sigma, diag, 1/sigma, w0, mask, size, z) -> v', z,
+    lambda, status, iterations; NOT_CONVERGED also where there are more than FEW rows.
+    """
+    r = make_rows(s, dtype, method)
+    sm = make_smoothing(dtype, method.residual)
+    noise = make_noise(s, dtype, method)
+    VQ, MQ, VR, JR = r.types.VQ, r.types.MQ, r.types.VR, r.types.JR
+    NR, NV, K = s.nr, s.nv, min(FEW, s.nr)
+    V = wp.types.vector(K, dtype)
+    M = wp.types.matrix((K, K), dtype)
+    J = wp.types.matrix((K, NV), dtype)
+    ZERO, ONE = dtype(0.0), dtype(1.0)
+    HUGE = dtype(1e300 if dtype is wp.float64 else 1e38)
+    TOL, TAU = dtype(RESOLUTION[dtype]), dtype(PROXIMAL[dtype])
+    BEND, FALL = dtype(0.5 * sm.steepest), dtype(DECREASE)
+
+    @wp.struct
+    class Few:
+        jac: J
+        a: M  # J M^-1 J'
+        w0: V  # J v_free + d/h
+        scale: V  # D
+        sigma: V
+        inverse_sigma: V
+        z: V
+
+    @wp.func
+    def gather(
+        params: wp.array2d(dtype=dtype),
+        row: int,
+        minv: MQ,
+        jac: JR,
+        scale: VR,
+        sigma: VR,
+        diag: VR,
+        inverse_sigma: VR,
+        w0: VR,
+        mask: int,
+        z: VR,
+    ):
+        # the rows of the mask, one after the other; unused places hold rows that stay as they are
+        out = Few()
+        place = int(0)
+        for k in range(wp.static(K)):
+            out.a[k, k] = ONE
+            out.scale[k] = ONE
+        for i in range(wp.static(NR)):
+            if (mask & wp.static(1 << i)) != 0:
+                row_i = wp.static(r.adds[i])(VQ(), jac, ONE)
+                for k in range(wp.static(K)):
+                    if place == k:
+                        for j in range(wp.static(NV)):
+                            out.jac[k, j] = row_i[j]
+                        out.a[k, k] = diag[i]
+                        out.w0[k] = w0[i]
+                        out.scale[k] = scale[i]
+                        out.z[k] = z[i]
+                        if wp.static(not method.hard):
+                            out.sigma[k] = wp.static(noise.level[i])(params, row, sigma)
+                            out.inverse_sigma[k] = inverse_sigma[i]
+                place += 1
+        for k in range(wp.static(K)):
+            if wp.static(k > 0):
+                g = minv * out.jac[k]
+                for l in range(wp.static(K)):
+                    if wp.static(l < k):
+                        out.a[k, l] = wp.dot(out.jac[l], g)
+                        out.a[l, k] = out.a[k, l]
+        return out, place
+
+    @wp.struct
+    class At:
+        lam: V
+        res: V  # r(z)
+        slope: V  # s'(z)
+        slack: V  # s'(-z)
+        merit: dtype  # sum r_i^2 / A_ii
+        worst: dtype  # max |r_i|
+
+    @wp.func
+    def evaluate(p: Few, count: int, z: V):
+        out = At()
+        for k in range(wp.static(K)):
+            out.slack[k] = ONE
+            if wp.static(k) < count:
+                if wp.static(method.hard):
+                    e = wp.static(sm.kink)(z[k])
+                else:
+                    e = wp.static(sm.smooth)(z[k], p.sigma[k], p.inverse_sigma[k])
+                out.lam[k] = e[0]
+                if wp.static(method.inertia_scaling):
+                    out.lam[k] = e[0] / p.scale[k]
+                out.res[k] = p.w0[k] - e[1]
+                out.slope[k] = e[2]
+                out.slack[k] = e[3]
+        out.res = out.res + p.a * out.lam
+        for k in range(wp.static(K)):
+            out.merit += out.res[k] * out.res[k] / p.a[k, k]
+            out.worst = wp.max(out.worst, wp.abs(out.res[k]))
+        return out
+
+    @wp.func
+    def direction(p: Few, at: At):
+        # elimination.py's sweep, in the space of the rows
+        left = p.a
+        moved = V()  # J dv
+        innovation = V()
+        weight = V()
+        dz = V()
+        for i in range(wp.static(K)):
+            slack = at.slack[i]
+            if wp.static(method.inertia_scaling):
+                slack = slack * p.scale[i]
+            weight[i] = ONE / (slack + at.slope[i] * (wp.max(left[i, i], ZERO) + TAU * p.a[i, i]))
+            innovation[i] = -weight[i] * (at.res[i] + moved[i])
+            gain = at.slope[i] * weight[i]
+            for l in range(wp.static(K)):
+                if wp.static(l > i):
+                    moved[l] += at.slope[i] * innovation[i] * left[l, i]
+                    for m in range(wp.static(K)):
+                        if wp.static(m > i and m <= l):
+                            left[l, m] -= gain * left[l, i] * left[m, i]
+        for j in range(wp.static(K)):
+            dz[wp.static(K - 1 - j)] = innovation[wp.static(K - 1 - j)]
+            for l in range(wp.static(K)):
+                if wp.static(l > K - 1 - j):
+                    coupling = weight[wp.static(K - 1 - j)] * left[l, wp.static(K - 1 - j)]
+                    dz[wp.static(K - 1 - j)] = dz[wp.static(K - 1 - j)] - coupling * at.slope[l] * dz[l]
+        if wp.static(method.inertia_scaling):
+            for k in range(wp.static(K)):
+                dz[k] = dz[k] * p.scale[k]
+        return dz
+
+    @wp.func
+    def remainder(p: Few, count: int, dz: V):
+        # bound on |r| after a full step, as in newton.py
+        bend = ZERO
+        largest = ZERO
+        smallest = ZERO + HUGE
+        for k in range(wp.static(K)):
+            if wp.static(k) < count:
+                bend += BEND * p.inverse_sigma[k] * dz[k] * dz[k]
+                largest = wp.max(largest, p.a[k, k])
+                smallest = wp.min(smallest, p.scale[k])
+        return bend * (ONE + largest / smallest)
+
+    @wp.func
+    def solve_few(
+        params: wp.array2d(dtype=dtype),
+        row: int,
+        minv: MQ,
+        vfree: VQ,
+        jac: JR,
+        scale: VR,
+        sigma: VR,
+        diag: VR,
+        inverse_sigma: VR,
+        w0: VR,
+        mask: int,
+        size: dtype,
+        z0: VR,
+    ):
+        p, count = gather(params, row, minv, jac, scale, sigma, diag, inverse_sigma, w0, mask, z0)
+        z = p.z
+        lam = V()
+        old = ZERO + HUGE
+        status = int(wp.static(NOT_CONVERGED))
+        it = int(0)
+        while status == wp.static(NOT_CONVERGED) and it < wp.static(ITERATIONS) and count <= wp.static(K):
+            it += 1
+            at = evaluate(p, count, z)
+            lam = at.lam
+            if at.worst <= TOL * size:
+                status = wp.static(SOLVED)
+            elif at.merit <= FALL * old or wp.static(method.hard):
+                old = at.merit
+                dz = direction(p, at)
+                z = z + dz
+                if wp.static(not method.hard):
+                    if remainder(p, count, dz) <= TOL * size:
+                        # lambda to first order in dz
+                        for k in range(wp.static(K)):
+                            change = at.slope[k] * dz[k]
+                            if wp.static(method.inertia_scaling):
+                                change = change / p.scale[k]
+                            lam[k] = lam[k] + change
+                        status = wp.static(SOLVED)
+            else:  # no number, or a step too long
+                it = wp.static(ITERATIONS)
+        # back to the places of the rows
+        z_out = z0
+        lam_out = VR()
+        place = int(0)
+        for i in range(wp.static(NR)):
+            if (mask & wp.static(1 << i)) != 0:
+                for k in range(wp.static(K)):
+                    if place == k:
+                        z_out[i] = z[k]
+                        lam_out[i] = lam[k]
+                place += 1
+        v = vfree + minv * (wp.transpose(p.jac) * lam)
+        return v, z_out, lam_out, status, it
+
+    return solve_few
