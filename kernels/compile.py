@@ -18,7 +18,6 @@ from typing import Any
 
 import warp as wp
 
-
 CPU_ARITHMETIC = "-ffp-contract=fast -freciprocal-math -fno-signed-zeros"
 
 

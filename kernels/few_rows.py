@@ -11,7 +11,7 @@ import warp as wp
 
 from .elimination import PROXIMAL
 from .method import Method
-from .newton import NOT_CONVERGED, RESOLUTION, SOLVED
+from .newton import NOT_CONVERGED, SOLVED, resolution
 from .noise import make_noise
 from .rows import make_rows
 from .smoothing import make_smoothing
@@ -37,7 +37,7 @@ def make_few_rows(s: Structure, dtype: type, method: Method) -> wp.Function:
     J = wp.types.matrix((K, NV), dtype)
     ZERO, ONE = dtype(0.0), dtype(1.0)
     HUGE = dtype(1e300 if dtype is wp.float64 else 1e38)
-    TOL, TAU = dtype(RESOLUTION[dtype]), dtype(PROXIMAL[dtype])
+    TOL, TAU = dtype(resolution(dtype, method)), dtype(PROXIMAL[dtype])
     BEND, FALL = dtype(0.5 * sm.steepest), dtype(DECREASE)
 
     @wp.struct

@@ -8,7 +8,7 @@ ERM = ("erm-logistic", "erm-normal")
 
 @dataclass(frozen=True)
 class Method:
-    """What `slcp_warp.Options` chooses: residual, scaling, friction, integrator, noise and tolerance."""
+    """What `slcp_warp.Options` chooses: residual, scaling, friction, integrator, noise, tolerance, gap."""
 
     residual: str = "rem-logistic"
     scaling: str = "inertia"
@@ -17,6 +17,7 @@ class Method:
     noise: str = "row"
     deviation: str = "scale"
     tolerance: float | None = None
+    gap: str = "start"
 
     @property
     def hard(self) -> bool:
@@ -47,6 +48,11 @@ class Method:
     def trapezoidal(self) -> bool:
         """Whether the free motion is integrated by the linearly implicit trapezoidal method ([6])."""
         return self.integrator == "trapezoidal"
+
+    @property
+    def end_gap(self) -> bool:
+        """Whether rows hold the gap at the end of the step; else its linearisation at the start."""
+        return self.gap == "end"
 
     @property
     def closed_second(self) -> bool:

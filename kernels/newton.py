@@ -18,7 +18,12 @@ from .structure import Structure
 
 SOLVED, NOT_CONVERGED, INFEASIBLE, NONFINITE, JAMMED = 0, 1, 2, 3, 4
 ITERATIONS = {False: 20, True: 8}  # of Newton's method for the smoothed and the hard problem
-RESOLUTION = {wp.float64: 2e-14, wp.float32: 1e-6}  # |r| that counts as none, relative to the problem's size
+RESOLUTION = {wp.float64: 2e-14, wp.float32: 1e-6}  # rounding of r, relative to the problem's size
+
+
+def resolution(dtype: type, method: Method) -> float:
+    """|r| that counts as none, relative to the problem's size."""
+    return max(RESOLUTION[dtype], method.tolerance or 0.0)
 
 
 @functools.cache
@@ -33,7 +38,7 @@ def make_newton(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
     ZERO, HALF, ONE = dtype(0.0), dtype(0.5), dtype(1.0)
     BEND = dtype(0.5 * sm.steepest)
     HUGE = dtype(1e300 if dtype is wp.float64 else 1e38)
-    TOL = dtype(max(RESOLUTION[dtype], method.tolerance or 0.0))
+    TOL = dtype(resolution(dtype, method))
     ACCEPT, LARGEST = (dtype(x) for x in ((2e-12, 1e-10) if dtype is wp.float64 else (1e-5, 1e-5)))
     ROUNDING = dtype(1e-15)  # of the impulses' own velocities, which cancel between heavy and light bodies
     DECREASE = dtype(1e-4)

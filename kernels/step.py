@@ -16,6 +16,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from .coulomb import make_coulomb_solver
+from .end_gap import make_end_gap
 from .erm import make_erm_solver
 from .free_motion import make_free_motion
 from .mechanism import make_mechanism
@@ -60,6 +61,8 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
     if NR:
         make = make_coulomb_solver if method.coulomb else make_erm_solver if method.erm else make_solver
         solver = make(s, dtype, method)
+    end_gap = make_end_gap(s, dtype, method) if method.end_gap and NP else None  # bend(..), see there
+    STEADY = dtype(1e-10 if dtype is wp.float64 else 1e-5)  # [m/s], of rows at the end of the step
     limits = rows.limit
     noise = make_noise(s, dtype, method)
 
@@ -294,6 +297,10 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
         mask = int(0)
         known = int(0)
         more = int(1)
+        bent = VR()
+        refined = int(0)
+        stale = int(0)
+        out.rate = rate
         while more == 1:
             before = mask
             mask = grow_limits(params, row, rate, jac, out.sigma, out.v, mask)
@@ -311,6 +318,7 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
                         for i in range(wp.static(NR)):
                             if wp.static(i in pair_rows[k] and not rows.tangent[i]):
                                 rate[i] = g[2] / params[row, wp.static(H)]
+                                out.rate[i] = rate[i]
                                 if wp.static(method.state_noise):
                                     out.sigma[i] = wp.static(deviations[i])(params, row, jac)
                 if (known & wp.static(pair_bit[k])) != 0:
@@ -318,7 +326,8 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
             if wp.static(method.erm):
                 if mask != 0:
                     mask = wp.static((1 << NR) - 1)
-            more = wp.where(mask != before, 1, 0)
+            more = wp.where(mask != before or (stale == 1 and mask != 0), 1, 0)
+            stale = 0
             if more == 1:
                 out.scale = wp.static(rows.scale)(out.minv, jac, mask)
                 v, z, lam, status, _iterations = wp.static(solver)(
@@ -329,13 +338,21 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
                 out.status = status
                 if status != wp.static(SOLVED):
                     more = int(0)
+            if wp.static(end_gap is not None):
+                if known != 0 and out.status == wp.static(SOLVED) and refined < wp.static(REFINEMENTS):
+                    now = wp.static(end_gap)(params, row, q, out.v, out.normal, jac, out.rate, known)
+                    if wp.max(wp.abs(now - bent)) > STEADY:
+                        bent = now
+                        rate = out.rate + bent
+                        refined += 1
+                        stale = 1
+                        more = 1
         for i in range(wp.static(NR)):
             if (mask & wp.static(1 << i)) == 0:
                 z[i] = UNUSED
         out.z = z
         out.mask = mask
         out.jac = jac
-        out.rate = rate
         return out
 
     @wp.func

@@ -14,6 +14,7 @@ CHOICES: dict[str, tuple[Any, ...]] = {
     "integrator": ("euler", "trapezoidal"),
     "noise": ("row", "state"),
     "deviation": (None, "scale", "standard-deviation"),
+    "gap": ("start", "end"),
 }
 TOLERANCES = (1e-15, 0.1)  # least and largest of Options.tolerance
 
@@ -61,6 +62,9 @@ class Options:
         tolerance: residual, relative to the size of its terms, at which Newton's iteration stops, in
             [1e-15, 0.1]; never below rounding. None: rounding (2e-14, float32: 1e-6). A coarser one makes v',
             lambda and all derivatives as coarse. For REM and hard residuals with Anitescu's friction.
+        gap: "start", w = J v' + d/h, eq. (2): the gap and its slope at the start of the step; "end", w =
+            d(q + h v')/h: curved shapes that slide on each other do not sink in. For the hard problem; no
+            derivatives.
     """
 
     residual: str = "rem-logistic"
@@ -70,6 +74,7 @@ class Options:
     noise: str = "row"
     deviation: str | None = None
     tolerance: float | None = None
+    gap: str = "start"
 
     def __post_init__(self) -> None:
         for name, choices in CHOICES.items():
@@ -87,6 +92,10 @@ class Options:
                 "smoothed form here: use residual='hard', or friction='anitescu'"
             )
 
+        if self.gap == "end" and self.residual != "hard":
+            raise OptionError(
+                f"Options.gap is 'end' with residual {self.residual!r}; it is offered for residual='hard'"
+            )
         self._check_tolerance()
 
     def _check_tolerance(self) -> None:
@@ -111,8 +120,9 @@ class Options:
     def method(self) -> Method:
         """The options as the kernels take them."""
         deviation = self.deviation or ("standard-deviation" if self.noise == "state" else "scale")
+        tolerance = None if self.tolerance is None else float(self.tolerance)
         return Method(self.residual, self.scaling, self.friction, self.integrator, self.noise, deviation,
-                      None if self.tolerance is None else float(self.tolerance))  # fmt: skip
+                      tolerance, self.gap)  # fmt: skip
 
     @property
     def hard(self) -> bool:

@@ -1,0 +1,71 @@
+"""The gap at the end of a step, in place of its value and slope at the start.
+
+The row of a contact is w = J_n v' + d(q)/h (+- mu J_t v'). Between curved shapes d(q + h v') falls below h w
+by a second-order term, so bodies that slide on each other sink in. Here w = d(q + h v')/h (+- mu J_t v')
+instead: the difference is added to the row and the problem solved again until it stays.
+"""
+
+import functools
+
+import warp as wp
+
+from .mechanism import make_mechanism
+from .method import Method
+from .rows import make_rows
+from .shapes import make_pair
+from .structure import Structure, layout
+
+REFINEMENTS = 12
+
+
+@functools.cache
+def make_end_gap(s: Structure, dtype: type, method: Method) -> wp.Function:
+    """bend(params, row, q, v, normal, jac, rate, known) -> d(q + h v)/h - (J_n v + d/h) of every row, zero
+    for limits and for pairs that are not `known` (bit k: pair k).
+    """
+    mech = make_mechanism(s, dtype)
+    r = make_rows(s, dtype, method)
+    VQ, VR, JR, V2 = mech.types.VQ, mech.types.VR, mech.types.JR, mech.types.V2
+    VN = wp.types.vector(2 * max(len(s.pairs), 1), dtype)
+    H = layout(s).offset("step_size")
+    HALF = dtype(0.5)
+    pairs = tuple(make_pair(s, k, dtype) for k in range(len(s.pairs)))
+    rows_of = tuple(
+        tuple(i for i, row in enumerate(s.rows) if row.kind == "contact" and row.index == k)
+        for k in range(len(s.pairs))
+    )
+    pair_bit = tuple(1 << k for k in range(len(s.pairs)))
+
+    def make_approach(k: int) -> wp.Function:
+        first, last = rows_of[k][0], rows_of[k][-1]
+
+        @wp.func
+        def approach(jac: JR, v: VQ):
+            # J_n v: the first row (Coulomb, frictionless) or the mean of the two rows J_n +- mu J_t
+            out = wp.static(r.dots[first])(jac, v)
+            if wp.static(last != first and not method.coulomb):
+                out = HALF * (out + wp.static(r.dots[last])(jac, v))
+            return out
+
+        return approach
+
+    approaches = tuple(make_approach(k) for k in range(len(s.pairs)))
+
+    @wp.func
+    def bend(
+        params: wp.array2d(dtype=dtype), row: int, q: VQ, v: VQ, normal: VN, jac: JR, rate: VR, known: int
+    ):
+        out = VR()
+        h = params[row, wp.static(H)]
+        frames = wp.static(mech.frames)(params, row, q + h * v)
+        for k in range(wp.static(len(s.pairs))):
+            if (known & wp.static(pair_bit[k])) != 0:
+                warm = V2(normal[wp.static(2 * k)], normal[wp.static(2 * k + 1)])
+                g = wp.static(pairs[k].geometry)(params, row, frames, warm)
+                change = g[2] / h - wp.static(approaches[k])(jac, v) - rate[wp.static(rows_of[k][0])]
+                for i in range(wp.static(s.nr)):
+                    if wp.static(i in rows_of[k] and not r.tangent[i]):
+                        out[i] = change
+        return out
+
+    return bend
