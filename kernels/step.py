@@ -16,7 +16,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from .coulomb import make_coulomb_solver
-from .end_gap import make_end_gap
+from .end_gap import REFINEMENTS, make_end_gap
 from .erm import make_erm_solver
 from .free_motion import make_free_motion
 from .mechanism import make_mechanism
@@ -62,7 +62,7 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
         make = make_coulomb_solver if method.coulomb else make_erm_solver if method.erm else make_solver
         solver = make(s, dtype, method)
     end_gap = make_end_gap(s, dtype, method) if method.end_gap and NP else None  # bend(..), see there
-    STEADY = dtype(1e-10 if dtype is wp.float64 else 1e-5)  # [m/s], of rows at the end of the step
+    STEADY = dtype(1e-8 if dtype is wp.float64 else 1e-5)  # [m/s], of rows at the end of the step
     limits = rows.limit
     noise = make_noise(s, dtype, method)
 
@@ -339,7 +339,9 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
                 if status != wp.static(SOLVED):
                     more = int(0)
             if wp.static(end_gap is not None):
-                if known != 0 and out.status == wp.static(SOLVED) and refined < wp.static(REFINEMENTS):
+                moved = more == 1 or refined == 0  # since the gaps were last seen
+                good = out.status == wp.static(SOLVED) and refined < wp.static(REFINEMENTS)
+                if known != 0 and moved and good:
                     now = wp.static(end_gap)(params, row, q, out.v, out.normal, jac, out.rate, known)
                     if wp.max(wp.abs(now - bent)) > STEADY:
                         bent = now

@@ -109,6 +109,11 @@ class Simulator:
                 f"of freedom, {self.nr} rows) runs with strategy='memory', which has none"
             )
 
+    def _need_derivatives(self, what: str) -> None:
+        """An error where the scene's kernels or the options have no derivatives."""
+        self._need_registers(what)
+        tape.derivatives_exist(self.options.method)
+
     def _memory_for(self, *arrays: wp.array | None) -> MemoryKernels | None:
         """The kernels in memory if a step is theirs: not where a tape records."""
         if self._memory is not None and tape.wants_gradient(*arrays):
@@ -294,7 +299,7 @@ class Simulator:
 
         Worlds that are not solved have zero derivatives and a status.
         """
-        self._need_registers("linearize")
+        self._need_derivatives("linearize")
         state = self.batch("x", x, self.nx)
         worlds = state.array.shape[0]
         control = self._controls(u, worlds)
@@ -341,12 +346,12 @@ class Simulator:
     @property
     def carry_type(self) -> Any:
         """Warp struct that a rollout passes from step to step (warm start)."""
-        self._need_registers("the protocol of slcp_warp.ddp")
+        self._need_derivatives("the protocol of slcp_warp.ddp")
         return make_step(*self._key, False).Carry
 
     def step_function(self) -> wp.Function:
         """Warp function (params, row, x, u, carry) -> (x', carry', status)."""
-        self._need_registers("the protocol of slcp_warp.ddp")
+        self._need_derivatives("the protocol of slcp_warp.ddp")
         return rollout.make_transition(*self._key).advance
 
     def initial_carry(self) -> wp.Function:
@@ -370,7 +375,7 @@ class Simulator:
         active: wp.array,
     ) -> Callable[[], None]:
         """A repeatable launch: derivatives along trajectories (B, N+1, nx), (B, N, nu) into given arrays."""
-        self._need_registers("linearize")
+        self._need_derivatives("linearize")
         steps = us.shape[1]
         fzz = self.empty(0, 0, 0, 0) if second is None else second
         inputs = (params, steps, xs, us, self._none, active, (fx, fu, fzz, status))

@@ -41,6 +41,8 @@ def missing(s: Structure, method: Method) -> str:
         return f"noise {method.noise!r}"
     if method.tolerance is not None:
         return f"tolerance {method.tolerance!r}"
+    if method.end_gap:
+        return f"gap {method.gap!r}"
     if method.converts:
         return f"deviation {method.deviation!r}"
     unknown = [name for name in layout(s).names if name not in NUMBERS]

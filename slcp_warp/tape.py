@@ -49,6 +49,12 @@ def parameter_gradients(structure: Structure, method: Method) -> None:
         )
 
 
+def derivatives_exist(method: Method) -> None:
+    """An OptionError where a step has no derivatives at all."""
+    if method.end_gap:
+        raise OptionError("Options.gap is 'end', which has no derivatives; use gap='start'")
+
+
 @dataclass(frozen=True)
 class Recorded:
     """What the backward pass of a rollout needs: the kernels' key, the arrays that went in and came out.
@@ -81,12 +87,15 @@ class Recorded:
         """Whether a tape records and an input requires a gradient.
 
         Raises:
-            OptionError: gradients by parameters are wanted, and the options have none.
+            OptionError: gradients are wanted that the options do not have.
         """
         structure, _, method = self.key
         if wants_gradient(self.table):
             parameter_gradients(structure, method)
-        return wants_gradient(*self.inputs)
+        wanted = wants_gradient(*self.inputs)
+        if wanted:
+            derivatives_exist(method)
+        return wanted
 
 
 def record_rollout(run: Recorded) -> None:

@@ -55,7 +55,7 @@ def rollout(
         ArrayError: another shape, dtype or device. ParameterError: an unknown name or an illegal value.
         OptionError: a gradient by parameters that the options do not have. StrategyError: kernels in memory.
     """
-    sim._need_registers("slcp_warp.torch")
+    sim._need_derivatives("slcp_warp.torch")
     batched = x0.ndim == 2
     x, us = _given(sim, "x0", x0, (sim.nx,)), _given(sim, "controls", controls, (None, sim.nu))
     if len(x) != len(us) or us.shape[1] < 1:

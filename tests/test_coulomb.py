@@ -233,3 +233,33 @@ def test_derivatives_where_modes_do_not_change(device):
 def test_smoothed_coulomb_is_refused():
     with pytest.raises(slcp.OptionError, match="no smoothed form"):
         slcp.Options(friction="coulomb")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("friction", ["coulomb", "anitescu"])
+def test_gap_at_the_end_keeps_curved_shapes_apart(friction):
+    """0 <= lambda_n _|_ d(q + h v')/h by the oracle; with the gap at the start bodies sink in."""
+    name = "flicking_finger"
+    sc = scene(name)
+    x = near_contact(sc, np.random.default_rng(5), 300, gaps=(0.0, 0.01, 0.05))
+    deepest = {}
+    for gap in ("start", "end"):
+        sim = simulator(name, "cpu", options=slcp.Options(residual="hard", friction=friction, gap=gap))
+        step = sim.step(x)
+        assert (step.status == 0).all()
+        after = Oracle(sc).rows(step.state[:, : sc.nv])[0][:, 4]
+        deepest[gap] = after.min()
+        if gap == "end":
+            pressed = step.contact_impulse[:, 0, 0] > 1e-9
+            assert 20 < pressed.sum() < len(x)
+            if friction == "coulomb":  # Anitescu's lifts what slides
+                assert np.abs(after[pressed]).max() < 1e-8
+    assert deepest["end"] > -1e-8
+    assert friction == "anitescu" or deepest["start"] < -1e-3
+    with pytest.raises(slcp.OptionError, match="gap is 'end'.*no derivatives"):
+        sim.linearize(x)
+
+
+def test_gap_at_the_end_is_for_the_hard_problem():
+    with pytest.raises(slcp.OptionError, match="Options.gap is 'end' with residual 'rem-logistic'"):
+        slcp.Options(gap="end")
