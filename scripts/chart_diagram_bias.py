@@ -21,7 +21,8 @@ def draw(rows: Rows, out: Path) -> Path:
     for ax in (left, right) if steps else ():
         ax.axhline(steps[0], color=GREY, linestyle=":")
     if steps:
-        left.text(1e-4, 1.15 * steps[0], "error of the step size", fontsize=8, color=GREY)
+        smallest = min(float(row["value"]) for row in finger if row["value"])
+        left.text(smallest, 1.15 * steps[0], "error of the step size", fontsize=8, color=GREY)
     for row in choose(finger, curve="hard"):
         right.axvline(1e6 * float(row["seconds"]), color=GREY, linewidth=0.9)
         right.text(1e6 * float(row["seconds"]), 1e-6, " hard", fontsize=8, color=GREY)

@@ -8,11 +8,13 @@ import pytest
 from slcp_warp import scenes
 from slcp_warp.scripts import (
     chart_diagram_bias,
+    chart_diagram_ddp,
     chart_diagram_derivatives,
     chart_diagram_scaling,
     chart_diagram_solver,
     chart_diagram_sweep,
     diagram_bias,
+    diagram_ddp,
     diagram_derivatives,
     diagram_solver,
     diagram_sweep,
@@ -177,3 +179,19 @@ def test_bias_study(tmp_path):
         assert row["error"] == pytest.approx(row["closed_form"], rel=1e-9, abs=1e-15)
         assert row["speed"] < 1e-12
     assert chart_diagram_bias.draw(through_csv(rows, tmp_path / "r.csv"), tmp_path / "b.png").exists()
+
+
+@pytest.mark.slow
+def test_ddp_study(tmp_path):
+    """Cost never rises; near an optimum three passes of second-order DDP do what Gauss-Newton's do not."""
+    rows = diagram_ddp.study({"second-order": 60, "gauss-newton": 5}, ("float64",), 1, horizon=30)
+    last = {}
+    for key in {(row["problem"], row["method"]) for row in rows}:
+        part = [row for row in rows if (row["problem"], row["method"]) == key]
+        cost = np.array([row["cost"] for row in part])
+        assert (np.diff(cost) <= 0.0).all() and [row["value"] for row in part] == list(range(len(part)))
+        last[key] = part[-1]
+    near = "finger from near an optimum"
+    assert last[near, "second-order"]["error"] < 1e-9 < last[near, "gauss-newton"]["error"]
+    assert last[near, "second-order"]["value"] <= 6
+    assert chart_diagram_ddp.draw(through_csv(rows, tmp_path / "r.csv"), tmp_path / "d.png").exists()
