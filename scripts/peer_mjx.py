@@ -12,6 +12,7 @@ from .peer_mujoco import SETTINGS, Setting, in_single, model_of
 
 BATCH = 64  # worlds that are timed
 TIMED = 20  # steps that are timed
+STILL = 1e-6  # step in which nothing moves [s]
 Array = np.ndarray
 
 
@@ -31,8 +32,8 @@ class MJX:
         )
 
     def settings(self, contacts: bool) -> tuple[str, ...]:
-        """MuJoCo's, as far as they are supported."""
-        return ("default", "overdamped") if contacts else ("default", "RK4")
+        """MuJoCo's, as far as they are supported and compile in half a minute."""
+        return ("default", "overdamped") if contacts else ("RK4",)
 
     def _steps(self, model: Any, data: Any, count: Any) -> Any:
         return self.jax.lax.fori_loop(0, count, lambda _, d: self.mjx.step(model, d), data)
@@ -53,7 +54,8 @@ class MJX:
         """A batch of worlds at states x (B, nx), at time 0 and without a warm start."""
         nv, single = x.shape[1] // 2, np.float32
         many = self.jax.tree_util.tree_map(lambda leaf: np.broadcast_to(leaf, (len(x), *leaf.shape)), data)
-        return many.replace(qpos=x[:, :nv].astype(single), qvel=x[:, nv:].astype(single))
+        many = many.replace(qpos=x[:, :nv].astype(single), qvel=x[:, nv:].astype(single))
+        return self.jax.device_put(many, self.jax.devices()[0])  # as results are: nothing compiles twice
 
     def prepare(self, scene: Scene, starts: Array, duration: float, h: float, setting: str) -> Run:
         """A run of the starts (B, nx), already done; timed on worlds anywhere on these trajectories."""
@@ -84,7 +86,7 @@ class MJX:
 
     def deviation(self, scene: Scene, q: Array) -> Deviation:
         """Of its model, at q (K, nv), BATCH of them at most."""
-        model, single = self._put(scene, scene.step_size, "default")
+        model, single = self._put(scene, STILL, self.settings(bool(scene.contacts))[0])
         x = np.concatenate([q, 0.0 * q], axis=1)
         data = self._advance(model, self._worlds(single, np.resize(x, (self.batch, x.shape[1]))), 1)
         masses = np.asarray(self.jax.vmap(self.mjx.full_m, in_axes=(None, 0))(model, data), float)[: len(q)]

@@ -33,7 +33,7 @@ class MuJoCoWarp:
 
     def settings(self, contacts: bool) -> tuple[str, ...]:
         """MuJoCo's, as far as they are supported."""
-        return ("default", "overdamped") if contacts else ("default", "RK4")
+        return ("default", "overdamped") if contacts else ("RK4",)
 
     def prepare(self, scene: Scene, starts: Array, duration: float, h: float, setting: str) -> Run:
         """A run of the starts (B, nx), already done; timed on worlds anywhere on these trajectories."""
