@@ -32,6 +32,7 @@ from .bench_ours import PAPER, TOUCH, WINDOW, Ours, cpu_threads
 from .bench_precision import bench_finite, bench_precision
 from .bench_timing import Case, Result, print_table, tidy_rows, time_interleaved, write_csv
 from .bench_workload import Workload, make_workload, windows
+from .diagram import charts_command
 from .stability import stability_command
 
 DTYPES = ("float32", "float64")
@@ -196,6 +197,7 @@ def bench_ddp(repeats: int = 9, horizon: int = 75, passes: int = 30) -> Rows:
     return _finish("ddp", "ms per pass", results, notes, f"wall time, {launch.thread_count()} threads")
 
 
+app.command("charts")(charts_command)
 app.command("stability")(stability_command)
 
 

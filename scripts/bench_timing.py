@@ -28,7 +28,7 @@ class Case:
 
     name: str
     run: Callable[[], Any]
-    count: int
+    count: float
     reference: str | None = None
     overhead: Callable[[], Any] | None = None
     facts: dict[str, Any] = field(default_factory=dict)

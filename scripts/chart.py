@@ -10,6 +10,8 @@ import slcp_warp as slcp
 from slcp_warp import ddp
 
 from .common import one_line_errors, wrote
+from .diagram import RESULTS, draw_charts
+from .diagram_results import is_results, read_results
 from .records import Record, RecordError, load_record, read_kind
 
 
@@ -23,7 +25,7 @@ def chart_files(files: list[Path], out: Path, world: int = 0) -> list[Path]:
     """
     from . import chart_cycle, chart_ddp, chart_space, chart_sweep  # they load matplotlib
 
-    kinds = {path: "size" if path.suffix == ".csv" else read_kind(path) for path in files}
+    kinds = {path: file_kind(path) for path in files}
     surfaces = [load_record(path, "surface") for path, kind in kinds.items() if kind == "surface"]
     surface = surfaces[0] if surfaces else None
     pictures: list[Path] = []
@@ -40,6 +42,11 @@ def chart_files(files: list[Path], out: Path, world: int = 0) -> list[Path]:
             pictures.append(chart_sweep.sweep_chart(slcp.SweepReport.load(path), place.with_suffix(".png")))
         elif kind == "size":
             pictures.append(chart_sweep.size_chart(path, place.with_suffix(".png")))
+        elif kind == "results":
+            made, failures = draw_charts(read_results(path), out)
+            pictures += made
+            if failures:
+                raise ValueError(f"{path}: {'; '.join(failures)}")
         elif kind == "trajectory":
             record = _checked_world(path, world)
             if record.header["scene"] == "flicking_finger":
@@ -50,6 +57,13 @@ def chart_files(files: list[Path], out: Path, world: int = 0) -> list[Path]:
         else:
             raise RecordError(f"{path} holds a {kind!r}, which no picture is made of")
     return pictures
+
+
+def file_kind(path: Path) -> str:
+    """What a file holds: "results" of the studies, a "size" table, or what `read_kind` says."""
+    if path.suffix != ".csv":
+        return read_kind(path)
+    return "results" if is_results(path) else "size"
 
 
 def _checked_world(path: Path, world: int) -> Record:
@@ -72,9 +86,9 @@ def chart_command(
     chosen: list[Path] = []
     for path in files:
         if path.is_dir():
-            inside = sorted(path.glob("*.npz")) + sorted(path.glob("size*.csv"))
+            inside = [file for name in ("*.npz", "size*.csv", RESULTS) for file in sorted(path.glob(name))]
             if not inside:
-                raise ValueError(f"{path} holds no .npz file and no size*.csv")
+                raise ValueError(f"{path} holds no .npz file, no size*.csv and no {RESULTS}")
             chosen += inside
         else:
             chosen.append(path)

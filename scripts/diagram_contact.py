@@ -1,0 +1,176 @@
+"""Study "contact": error against cost on problems with exact solutions, ours and then the peers'.
+
+Each curve is a way to simulate, its knob the step size. Errors are judged on the problem's own starts; timed
+are the same starts repeated until a call takes STEPS world steps, from Python with NumPy arrays, copies
+included. Every point is timed in turn with the others of its problem.
+"""
+
+import functools
+import multiprocessing
+import time
+from collections.abc import Iterable
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+import slcp_warp as slcp
+from slcp_warp.kernels import launch
+from slcp_warp.scene import Scene
+
+from . import diagram_peers
+from .bench_timing import Case
+from .diagram_overlap import overlap
+from .diagram_problems import MAKERS, STEP_SIZES, Problem, problem
+from .diagram_rows import Rows, Say, timed
+
+STEPS = 20_000  # world steps of a timed call, at least
+REPEATS = 3
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A way to simulate: options, noise level, precision, device and threads. Its step size is the knob."""
+
+    name: str
+    residual: str = "hard"
+    friction: str = "coulomb"
+    integrator: str = "euler"
+    scaling: str = "inertia"
+    sigma: float | None = None
+    dtype: str = "float64"
+    device: str = "cpu"
+    threads: int = 1
+    free: bool = True  # also for problems without contact
+
+    def simulator(self, scene: Scene) -> slcp.Simulator:
+        """The scene's simulator."""
+        options = slcp.Options(residual=self.residual, friction=self.friction, integrator=self.integrator,
+                               scaling=self.scaling)  # fmt: skip
+        return slcp.Simulator(scene, options, device=self.device, dtype=self.dtype)
+
+    def facts(self) -> dict[str, Any]:
+        """Columns of its rows."""
+        return {
+            "program": "slcp-warp", "version": slcp.__version__, "curve": self.name,
+            "residual": self.residual, "friction": self.friction, "integrator": self.integrator,
+            "scaling": self.scaling, "sigma": "" if self.sigma is None else self.sigma, "dtype": self.dtype,
+            "device": self.device, "threads": self.threads,
+        }  # fmt: skip
+
+
+CURVES = (
+    Curve("Coulomb"),
+    Curve("Coulomb, float32", dtype="float32"),
+    Curve("Coulomb, trapezoidal", integrator="trapezoidal"),
+    Curve("Anitescu", friction="anitescu", free=False),
+    Curve("smoothed, sigma = .02", residual="rem-logistic", friction="anitescu", sigma=0.02, free=False),
+)
+
+
+def curves_of(chosen: Iterable[Curve], contacts: bool) -> list[Curve]:
+    """The curves that differ for a problem with or without contacts."""
+    return [curve for curve in chosen if contacts or curve.free]
+
+
+# -------------------------------------------------------------------- compiling
+
+
+def set_up(cache: str | None) -> None:
+    """Make a process compile quietly into this cache."""
+    wp.config.kernel_cache_dir = cache
+    wp.config.log_level = wp.LOG_ERROR
+
+
+def compile_once(scene: Scene, curve: Curve) -> float:
+    """Seconds until a first step has run, kernels compiled or taken from the cache on disk."""
+    begin = time.perf_counter()
+    sim = curve.simulator(scene)
+    sim.rollout(scene.x0, np.zeros((1, sim.nu)))
+    return time.perf_counter() - begin
+
+
+def compile_all(chosen: list[tuple[Scene, Curve]], processes: int) -> dict[tuple[str, Curve], float]:
+    """Compile what scenes and curves need, each once, side by side; seconds by scene's name and curve."""
+    needed = {(scene.structure, curve): (scene, curve) for scene, curve in chosen}
+    calls = list(needed.values())
+    if processes > 1:
+        context = multiprocessing.get_context("spawn")
+        with ProcessPoolExecutor(processes, context, set_up, (wp.config.kernel_cache_dir,)) as pool:
+            seconds = list(pool.map(compile_once, *zip(*calls)))
+    else:
+        seconds = [compile_once(*call) for call in calls]
+    took = dict(zip(needed, seconds))
+    return {(scene.name, curve): took[scene.structure, curve] for scene, curve in chosen}
+
+
+# -------------------------------------------------------------------- points
+
+
+def point(p: Problem, curve: Curve, h: float) -> Case:
+    """A curve on a problem at a step size: its errors and overlaps as facts, and the call to be timed."""
+    sim = curve.simulator(p.scene)
+    params = sim.params.replace(step_size=h)
+    if curve.sigma is not None:
+        params = params.replace(sigma=curve.sigma)
+    count = round(p.duration / h)
+    kind = np.dtype(curve.dtype)
+
+    def run(starts: np.ndarray) -> Any:
+        return sim.rollout(starts.astype(kind), np.zeros((len(starts), count, sim.nu), kind), params)
+
+    done = run(p.starts)
+    states = done.states.astype(float)
+    error, found = p.errors(states[:, -1]), overlap(p.scene, states, h)
+    copies = max(1, -(-STEPS // (count * len(p.starts))))
+    starts = np.tile(p.starts, (copies, 1)).astype(kind)
+    controls = np.zeros((len(starts), count, sim.nu), kind)
+    facts = {"study": "contact", "problem": p.name} | curve.facts() | {
+        "knob": "h", "value": h, "h": h, "batch": len(starts),
+        "error": error.mean(), "error_p90": np.percentile(error, 90),
+        "error_of": f"mean over {len(error)} starts at T = {p.duration:g} s [{p.unit}]",
+        "penetration": found.penetration, "missed": found.missed,
+        "solved_share": (done.status == slcp.Status.SOLVED).mean(), "cost_of": "simulated second",
+    }  # fmt: skip
+    call = functools.partial(sim.rollout, starts, controls, params)
+    return Case(f"{curve.name} {h}", call, len(starts) * p.duration, facts=facts)
+
+
+def problem_rows(p: Problem, curves: list[Curve], step_sizes: Iterable[float], repeats: int) -> Rows:
+    """Our rows of a problem, all points timed in turn."""
+    cases = [point(p, curve, h) for curve in curves for h in step_sizes]
+    out: Rows = []
+    for threads in sorted({curve.threads for curve in curves}):
+        out += timed([case for case in cases if case.facts["threads"] == threads], repeats, threads)
+    return out
+
+
+def own_rows(
+    say: Say,
+    names: Iterable[str] = tuple(MAKERS),
+    curves: Iterable[Curve] = CURVES,
+    step_sizes: Iterable[float] = STEP_SIZES,
+    repeats: int = REPEATS,
+    processes: int | None = None,
+) -> Rows:
+    """Our rows of the named problems, compiled before by as many processes as there are cores."""
+    chosen = [problem(name) for name in names]
+    begin = time.perf_counter()
+    needed = [(p.scene, curve) for p in chosen for curve in curves_of(curves, p.contacts)]
+    compiling = compile_all(needed, processes or launch.thread_count())
+    say(f"slcp-warp: compiled in {time.perf_counter() - begin:.0f} s")
+    out: Rows = []
+    for p in chosen:
+        begin = time.perf_counter()
+        for row in problem_rows(p, curves_of(curves, p.contacts), tuple(step_sizes), repeats):
+            curve = next(c for c in curves if c.name == row["curve"])
+            out.append(row | {"compile_seconds": compiling[p.scene.name, curve]})
+        say(f"slcp-warp on {p.name}: {time.perf_counter() - begin:.0f} s")
+    return out
+
+
+def rows(say: Say) -> Rows:
+    """All of the study: ours, and those of the peers that are installed."""
+    return own_rows(say) + diagram_peers.rows(say)
