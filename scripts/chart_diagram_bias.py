@@ -25,7 +25,8 @@ def draw(rows: Rows, out: Path) -> Path:
         left.text(smallest, 1.15 * steps[0], "error of the step size", fontsize=8, color=GREY)
     for row in choose(finger, curve="hard"):
         right.axvline(1e6 * float(row["seconds"]), color=GREY, linewidth=0.9)
-        right.text(1e6 * float(row["seconds"]), 1e-6, " hard", fontsize=8, color=GREY)
+        right.text(1e6 * float(row["seconds"]), 0.1, " hard", fontsize=8, color=GREY,
+                   transform=right.get_xaxis_transform())  # fmt: skip
     for label, part, colour in curves(ball, of=rows):
         plot(middle, points(part, "value", "closed_form"), "--", color=colour, label=f"{label}, closed form")
         plot(middle, points(part, "value", "error"), "o", color=colour, label=label)

@@ -37,8 +37,8 @@ WHAT = "A and B, largest error relative to the largest entry, median over states
 def states(count: int, seed: int = 0) -> dict[str, np.ndarray]:
     """(x, u) of every kind, (count, nx + nu), float32's numbers."""
     scene = slcp.scenes.flicking_finger()
-    ours = Ours(make_workload(scene, 1500, 50, seed), "float32")
-    z = np.concatenate([ours.states[:, :-1], ours.work.controls], axis=2)
+    ours = Ours(make_workload(scene, 1500, 50, seed), "float64")
+    z = np.concatenate([ours.states[:, :-1], ours.work.controls], axis=2).astype(np.float32)
     acts = ours.touching
     gap = distance(scene, z[..., : scene.nv].reshape(-1, scene.nv).astype(float)).reshape(acts.shape)
     first = acts & (gap > 1e-3)
@@ -123,10 +123,12 @@ def judged(error: np.ndarray, uncertainty: np.ndarray) -> dict[str, Any]:
             "truth_p90": float(np.quantile(uncertainty[known], 0.9))}  # fmt: skip
 
 
-def our_cases(kind: str, z: np.ndarray, sigma: float, epsilons: tuple[float, ...]) -> list[Case]:
-    """Exact Jacobians in both precisions, and differences of the step."""
+def our_cases(
+    kind: str, z: np.ndarray, sigma: float, epsilons: tuple[float, ...], dtypes: tuple[str, ...]
+) -> list[Case]:
+    """Exact Jacobians in each precision, float64 first, and differences of the step."""
     sims = {d: slcp.Simulator(slcp.scenes.flicking_finger(), PAPER, device="cpu", dtype=d)
-            for d in ("float64", "float32")}  # fmt: skip
+            for d in dtypes}  # fmt: skip
     params = {d: sim.params.replace(sigma=sigma) for d, sim in sims.items()}
     truth, uncertainty = converged(our_step(sims["float64"], params["float64"]), z)
     cases = []
@@ -189,13 +191,18 @@ def peer_cases(kind: str, z: np.ndarray, epsilons: tuple[float, ...]) -> list[Ca
 
 
 def study(
-    count: int, sigmas: tuple[float, ...], epsilons: tuple[float, ...], repeats: int, mujoco: bool = True
+    count: int,
+    sigmas: tuple[float, ...],
+    epsilons: tuple[float, ...],
+    repeats: int,
+    mujoco: bool = True,
+    dtypes: tuple[str, ...] = ("float64", "float32"),
 ) -> Rows:
     """Rows of all kinds of states, one thread."""
     rows = []
     for kind, z in states(count).items():
         for sigma in sigmas:
-            cases = our_cases(kind, z, sigma, epsilons)
+            cases = our_cases(kind, z, sigma, epsilons, dtypes)
             if mujoco and sigma == sigmas[0]:
                 some = max(count // 5, 1)
                 cases += peer_cases(kind, peer_touching(some) if kind == "touching" else z[:some], epsilons)

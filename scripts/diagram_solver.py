@@ -70,9 +70,9 @@ def simulator(scene: Scene, variant: Variant) -> slcp.Simulator:
 def finger_case(count: int, seed: int = 0) -> tuple[Scene, np.ndarray, np.ndarray]:
     """The finger, states (count, nx) whose next steps touch, and controls (count, nu), float32's numbers."""
     scene = slcp.scenes.flicking_finger()
-    work = Ours(make_workload(scene, 400, 50, seed), "float32").touching_windows
+    work = Ours(make_workload(scene, 400, 50, seed), "float64").touching_windows
     index = np.resize(np.random.default_rng(seed).permutation(len(work.x0)), count)
-    return scene, work.x0[index], work.controls[index, 0]
+    return scene, work.x0[index].astype(np.float32), work.controls[index, 0].astype(np.float32)
 
 
 def chain_case(count: int, seed: int = 0) -> tuple[Scene, np.ndarray, np.ndarray]:

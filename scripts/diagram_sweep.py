@@ -63,18 +63,18 @@ def block_error(values: np.ndarray, count: int, truth: float) -> float:
     return float(np.sqrt(np.mean((means - truth) ** 2)))
 
 
-def study(counts: tuple[int, ...], truth_worlds: int, repeats: int) -> Rows:
+def study(counts: tuple[int, ...], truth_worlds: int, repeats: int, dtypes: tuple[str, ...] = DTYPES) -> Rows:
     """Rows of both statistics and precisions over the numbers of worlds."""
     exact = outcomes(run_sweep(kicked(truth_worlds, seed=1), "float64"))
     kept: dict[str, dict[str, Any]] = {}
-    for dtype in DTYPES:
+    for dtype in dtypes:
         done = run_sweep(kicked(BLOCKS * max(counts)), dtype)  # it compiles, too
         solved = float((done.table["status"] == slcp.Status.SOLVED).mean())
         kept[dtype] = {"dtype": dtype, "values": outcomes(done), "solved_share": solved}
     rows: Rows = []
     for count in counts:
         cases = [Case(dtype, functools.partial(run_sweep, kicked(count), dtype), 1,
-                      facts={"worlds": count} | kept[dtype]) for dtype in DTYPES]  # fmt: skip
+                      facts={"worlds": count} | kept[dtype]) for dtype in dtypes]  # fmt: skip
         rows += timed(cases, repeats, None) if count < max(counts) else [timed_once(c) for c in cases]
     return [point(row, name, exact[name]) for name in STATISTICS for row in rows]
 

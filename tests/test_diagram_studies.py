@@ -61,13 +61,13 @@ def test_error_of_blocks_falls_with_the_square_root():
 
 @pytest.mark.slow
 def test_sweep_study(tmp_path):
-    """Errors agree with the expected ones within chance (64 blocks: 9 %), in both precisions."""
-    rows = diagram_sweep.study((16, 1024), 2048, 1)
+    """Errors of blocks agree with the expected ones within chance."""
+    rows = diagram_sweep.study((16, 1024), 2048, 1, ("float64",))
     for row in rows:
         if row["value"] == 16:
             assert 0.6 < row["error"] / row["expected"] < 1.5
         assert row["seconds"] > 0.0 and row["solved_share"] == 1.0
-    assert len(rows) == 8
+    assert len(rows) == 4
     assert chart_diagram_sweep.draw(through_csv(rows, tmp_path / "rows.csv"), tmp_path / "sweep.png").exists()
 
 
@@ -143,10 +143,10 @@ def test_states_are_moved_to_a_gap():
 def test_derivatives_study(tmp_path):
     """Exact ones to rounding at every kind of state; MuJoCo's differences across its edge are far off."""
     pytest.importorskip("mujoco")
-    rows = diagram_derivatives.study(40, (0.1,), (1e-6,), 1)
+    rows = diagram_derivatives.study(40, (0.1,), (1e-6,), 1, dtypes=("float64",))
     for row in rows:
         if row["curve"].startswith("exact"):
-            assert row["error_p90"] < (1e-10 if row["dtype"] == "float64" else 1e-4)
+            assert row["error_p90"] < 1e-10
     across = [r for r in rows if r["program"] == "MuJoCo" and r["problem"] == "finger, edge"]
     assert across and all(row["error_p90"] > 1.0 for row in across)
     assert chart_diagram_derivatives.draw(through_csv(rows, tmp_path / "r.csv"), tmp_path / "d.png").exists()
