@@ -2,8 +2,8 @@
 
 Warp runs a CPU launch on one core, but releases the interpreter lock meanwhile. Every kernel of this package
 therefore takes ``first: int`` as its first argument and works on item ``first + wp.tid()``, so that a range
-of items can be split into chunks that run on a pool of threads. Items must not depend on each other. On a GPU
-the whole range is one launch with ``first = 0``.
+of items can be split into chunks that run on a pool of threads. Items must not depend on each other. On a
+GPU, and where a graph is captured, the whole range is one launch with ``first = 0``.
 """
 
 import collections
@@ -60,7 +60,7 @@ def launch(kernel, dim, inputs, device, threads=None, grain=DEFAULT_GRAIN):
         grain: smallest number of items worth a thread of its own (1 for whole trajectories).
     """
     device = wp.get_device(device)
-    if not device.is_cpu:
+    if not device.is_cpu or device.is_capturing:
         wp.launch(kernel, dim=dim, inputs=[0, *inputs], device=device, record_tape=False)
         return
     chunks = split(dim, _default_threads if threads is None else threads, grain)
