@@ -42,7 +42,6 @@ def make_few_rows(s: Structure, dtype: type, method: Method) -> wp.Function:
 
     @wp.struct
     class Few:
-        jac: J
         a: M  # J M^-1 J'
         w0: V  # J v_free + d/h
         scale: V  # D
@@ -66,6 +65,7 @@ def make_few_rows(s: Structure, dtype: type, method: Method) -> wp.Function:
     ):
         # the rows of the mask, one after the other; unused places hold rows that stay as they are
         out = Few()
+        own = J()  # J_i of the rows in the system
         place = int(0)
         for k in range(wp.static(K)):
             out.a[k, k] = ONE
@@ -76,7 +76,7 @@ def make_few_rows(s: Structure, dtype: type, method: Method) -> wp.Function:
                 for k in range(wp.static(K)):
                     if place == k:
                         for j in range(wp.static(NV)):
-                            out.jac[k, j] = row_i[j]
+                            own[k, j] = row_i[j]
                         out.a[k, k] = diag[i]
                         out.w0[k] = w0[i]
                         out.scale[k] = scale[i]
@@ -87,10 +87,10 @@ def make_few_rows(s: Structure, dtype: type, method: Method) -> wp.Function:
                 place += 1
         for k in range(wp.static(K)):
             if wp.static(k > 0):
-                g = minv * out.jac[k]
+                g = minv * own[k]
                 for l in range(wp.static(K)):
                     if wp.static(l < k):
-                        out.a[k, l] = wp.dot(out.jac[l], g)
+                        out.a[k, l] = wp.dot(own[l], g)
                         out.a[l, k] = out.a[k, l]
         return out, place
 
@@ -216,6 +216,7 @@ def make_few_rows(s: Structure, dtype: type, method: Method) -> wp.Function:
         # back to the places of the rows
         z_out = z0
         lam_out = VR()
+        f = VQ()
         place = int(0)
         for i in range(wp.static(NR)):
             if (mask & wp.static(1 << i)) != 0:
@@ -223,8 +224,9 @@ def make_few_rows(s: Structure, dtype: type, method: Method) -> wp.Function:
                     if place == k:
                         z_out[i] = z[k]
                         lam_out[i] = lam[k]
+                f = wp.static(r.adds[i])(f, jac, lam_out[i])
                 place += 1
-        v = vfree + minv * (wp.transpose(p.jac) * lam)
+        v = vfree + minv * f
         return v, z_out, lam_out, status, it
 
     return solve_few

@@ -17,7 +17,7 @@ def test_finger_rollout_spills_little(tmp_path):
     kernel = rollout.make_rollout_kernel(FINGER, wp.float32, Method(scaling="none"), "open_loop", False)
     used = sm90_resources(kernel, tmp_path)
     assert 0 < used["registers"] <= 255
-    assert used["frame"] <= 480, used  # bytes; almost all in the fallback that few worlds enter
+    assert used["frame"] <= 560, used  # bytes; almost all in the fallback that few worlds enter
 
 
 @pytest.mark.slow
