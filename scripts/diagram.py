@@ -35,6 +35,7 @@ STUDIES = {
     "solver": Study("diagram_solver", {"solver.png": "chart_diagram_solver"}),
     "derivatives": Study("diagram_derivatives", {"derivatives.png": "chart_diagram_derivatives"}),
     "bias": Study("diagram_bias", {"bias.png": "chart_diagram_bias"}),
+    "ddp": Study("diagram_ddp", {"ddp.png": "chart_diagram_ddp"}),
     "sweep": Study("diagram_sweep", {"sweep.png": "chart_diagram_sweep"}),
     "scaling": Study("diagram_scaling", {"scaling.png": "chart_diagram_scaling"}),
 }  # fmt: skip
