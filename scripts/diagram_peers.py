@@ -1,7 +1,7 @@
 """Contact study of the peers: error against cost on the problems of the work-precision diagrams."""
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -9,13 +9,13 @@ import numpy as np
 from .bench_timing import Case, Result, time_interleaved
 from .diagram_overlap import overlap
 from .diagram_problems import STEP_SIZES, Problem, problems
+from .diagram_rows import ONE_THREAD, Rows, Say
 from .peer import Peer, Run, configurations
 from .peer_drake import Drake
 from .peer_mjx import MJX
 from .peer_mujoco import MuJoCo
 from .peer_mujoco_warp import MuJoCoWarp
 
-Rows = list[dict[str, Any]]
 REPEATS = 3
 SHARE = (  # of the peers that take long: they run these problems with these step sizes
     ("finger impact", "sliding stop", "pendulum chain"),
@@ -23,7 +23,7 @@ SHARE = (  # of the peers that take long: they run these problems with these ste
 )
 
 
-def installed(say: Callable[[str], Any]) -> list[Peer]:
+def installed(say: Say) -> list[Peer]:
     """The peers whose packages are there; a line for each that is not."""
     found: list[Peer] = []
     for make in (MuJoCo, MuJoCoWarp, MJX, Drake):
@@ -35,7 +35,7 @@ def installed(say: Callable[[str], Any]) -> list[Peer]:
 
 
 def rows(
-    say: Callable[[str], Any],
+    say: Say,
     peers: Iterable[Peer] | None = None,
     chosen: Iterable[Problem] | None = None,
     step_sizes: Iterable[float] | None = None,
@@ -92,10 +92,10 @@ def accuracy(problem: Problem, run: Run, h: float) -> dict[str, Any]:
 
 def cost(run: Run, result: Result) -> dict[str, Any]:
     """Columns of cost per simulated second and world."""
-    seconds = result.seconds / run.seconds
+    seconds, single = result.seconds / run.seconds, run.facts.get("threads") == 1
     low, middle, high = np.percentile(seconds, [10, 50, 90])
     return {
         "seconds": middle, "seconds_p10": low, "seconds_p90": high, "seconds_best": seconds.min(),
         "repeats": len(seconds), "cost_of": "simulated second",
-        "clock": "process CPU" if run.facts["device"] == "cpu" else "wall",
+        "clock": "wall" if run.facts["device"] != "cpu" else ONE_THREAD if single else "process CPU",
     } | run.facts  # fmt: skip

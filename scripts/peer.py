@@ -55,6 +55,17 @@ class Deviation:
         return off if same else f"MODEL DIFFERS: {off}"
 
 
+@dataclass(frozen=True)
+class Linearization:
+    """A peer's step as a function of rows z = (x, u), (B, nx + nu), and its Jacobians by name.
+
+    step: next states (B, nx), each world without a warm start. jacobians: dx'/dz (B, nx, nx + nu).
+    """
+
+    step: Callable[[np.ndarray], np.ndarray]
+    jacobians: dict[str, Callable[[np.ndarray], np.ndarray]]
+
+
 class Peer(Protocol):
     """A simulator beside ours.
 

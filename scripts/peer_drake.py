@@ -12,8 +12,10 @@ from slcp_warp.scene import Body, Scene, SceneError, Shape
 from slcp_warp.topology import JOINTS, spread
 
 from .bench_mujoco import OUT_OF_PLANE
-from .peer import Deviation, Run, deviation_of, load, step_count
+from .diagram_differences import forward
+from .peer import Deviation, Linearization, Run, deviation_of, load, step_count
 
+EPS = 1e-6  # spacing of the differences [rad, rad/s, N m]
 TIMED = 1000  # world steps of a run that is timed
 # name: Drake's discrete contact approximation; None: continuous, fixed steps of Runge-Kutta
 SETTINGS = {"default": "lagged", "similar": "similar", "SAP": "sap", "RK3": None}
@@ -64,20 +66,22 @@ class Drake:
         facts = {"dtype": "float64", "threads": 1, "batch": len(timed), "device": "cpu"}
         return Run(rollout, simulate, len(timed), duration, 0.0, facts)
 
-    def jacobians(
-        self, scene: Scene, h: float, x: Array, u: Array, setting: str = "default", eps: float = 1e-6
-    ) -> Array:
-        """Jacobians (B, nx, nx + nu) of a step from x (B, nx) under u (B, nu), by forward differences."""
+    def linearization(self, scene: Scene, h: float, setting: str = "default") -> Linearization:
+        """Its discrete step, and forward differences of it: there is no other derivative through contact."""
         model = Model(self.lib, scene, h, SETTINGS[setting])
-        nx, nu = x.shape[1], u.shape[1]
-        out = np.zeros((len(x), nx, nx + nu))
-        for b, z in enumerate(np.concatenate([x, u], axis=1)):
-            ends = []
-            for moved in (z, *(z + eps * np.eye(nx + nu))):
-                model.start(moved[:nx], moved[nx:])
-                ends.append(model.advance(h))
-            out[b] = (np.array(ends[1:]) - ends[0]).T / eps
-        return out
+        nx = 2 * scene.nv
+
+        def step(z: Array) -> Array:
+            out = np.full((len(z), nx), np.nan)
+            for row, after in zip(z, out):
+                model.start(row[:nx], row[nx:])
+                after[:] = model.advance(h)
+            return out
+
+        def differences(z: Array) -> Array:
+            return forward(step, z, EPS)
+
+        return Linearization(step, {"forward differences": differences})
 
     def deviation(self, scene: Scene, q: Array) -> Deviation:
         """Of its model at q (K, nv); pairs that overlap by their penetration, others by their distance."""

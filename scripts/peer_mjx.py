@@ -7,7 +7,7 @@ import numpy as np
 
 from slcp_warp.scene import Scene
 
-from .peer import Deviation, Run, deviation_of, load, places, step_count
+from .peer import Deviation, Linearization, Run, deviation_of, load, places, step_count
 from .peer_mujoco import SETTINGS, Setting, in_single, model_of
 
 BATCH = 64  # worlds that are timed
@@ -27,9 +27,6 @@ class MJX:
         self.version: str = load("importlib.metadata", "MJX", "peers").version("mujoco-mjx")
         self.batch = batch
         self._advance = self.jax.jit(self.jax.vmap(self._steps, in_axes=(None, 0, None)))
-        self._jacobian = self.jax.jit(
-            self.jax.vmap(self.jax.jacfwd(self._map, argnums=2), in_axes=(None, None, 0))
-        )
 
     def settings(self, contacts: bool) -> tuple[str, ...]:
         """MuJoCo's, as far as they are supported and compile in half a minute."""
@@ -79,10 +76,23 @@ class MJX:
 
         return Run(lambda: every, simulate, batch, TIMED * h, compiling, facts)
 
-    def jacobians(self, scene: Scene, h: float, x: Array, u: Array, setting: str = "default") -> Array:
-        """Jacobians (B, nx, nx + nu) of a step from x (B, nx) under u (B, nu), by jax.jacfwd."""
-        model, data = self._put(scene, h, setting)
-        return np.asarray(self._jacobian(model, data, np.concatenate([x, u], axis=1).astype(np.float32)))
+    def linearization(self, scene: Scene, h: float, setting: str = "default") -> Linearization:
+        """Its step in float64, and jax.jacfwd of it in float32."""
+        with self.jax.enable_x64(True):
+            wide = self._put(scene, h, setting)
+        single = self._put(scene, h, setting)
+        one = self.jax.jit(self.jax.vmap(self._map, in_axes=(None, None, 0)))
+        derivative = self.jax.jacfwd(self._map, argnums=2)
+        many = self.jax.jit(self.jax.vmap(derivative, in_axes=(None, None, 0)))
+
+        def step(z: Array) -> Array:
+            with self.jax.enable_x64(True):
+                return np.asarray(one(*wide, z.astype(np.float64)))
+
+        def jacobian(z: Array) -> Array:
+            return np.asarray(many(*single, z.astype(np.float32)))
+
+        return Linearization(step, {"jacfwd": jacobian})
 
     def deviation(self, scene: Scene, q: Array) -> Deviation:
         """Of its model, at q (K, nv), BATCH of them at most."""

@@ -1,4 +1,4 @@
-"""MuJoCo C as a peer: its documented options, rollouts of starts, and Jacobians by differences."""
+"""MuJoCo C as a peer: its documented options, rollouts of starts."""
 
 from dataclasses import dataclass, field, replace
 
@@ -75,13 +75,6 @@ class MuJoCo:
 
         facts = {"dtype": "float64", "threads": self.threads, "batch": len(timed.x0), "device": "cpu"}
         return Run(rollout, lambda: model.rollout(timed), len(timed.x0), duration, 0.0, facts)
-
-    def jacobians(
-        self, scene: Scene, h: float, x: np.ndarray, u: np.ndarray, setting: str = "default",
-        centred: bool = False,
-    ) -> np.ndarray:  # fmt: skip
-        """Jacobians (B, nx, nx + nu) of a step from x (B, nx) under u (B, nu), by mjd_transitionFD."""
-        return model_of(scene, h, SETTINGS[setting]).finite_differences(x, u, centred)
 
     def deviation(self, scene: Scene, q: np.ndarray) -> Deviation:
         """Of its model at the tolerance of the accurate options, at q (K, nv)."""

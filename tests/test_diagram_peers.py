@@ -145,3 +145,10 @@ def test_other_peers_have_the_scenes_model_and_fall_like_it(package, where, name
     expected = starts[:, None, :3] + t[:, None] * starts[:, None, 3:]
     expected[:, :, 1] -= 0.5 * 9.81 * (t**2 + h * t)
     np.testing.assert_allclose(states[:, :, :3], expected, atol=1e-5)
+    if hasattr(peer, "linearization"):
+        linear = peer.linearization(scene, h, peer.settings(True)[0])
+        one = np.eye(3)
+        free = np.block([[one, h * one], [0.0 * one, one]])
+        np.testing.assert_allclose(linear.step(starts)[:, 3:5], starts[:, 3:5] - [0.0, 9.81 * h], atol=1e-12)
+        for jacobian in linear.jacobians.values():
+            np.testing.assert_allclose(jacobian(starts), np.stack([free, free]), atol=1e-6)
