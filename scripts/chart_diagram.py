@@ -12,8 +12,8 @@ from .diagram_ratios import LEAST, OURS
 
 DEEP = 0.005  # penetration from which a point is drawn hollow [m]
 COLUMNS = 4
-OWN = (BLUE, SKY, GREEN, BLACK, GREY)  # curves in the order they come
-PEERS = (RED, ORANGE, PINK, "#8C564B", "#7F6FB5")  # programs in the order they come
+OWN = (BLUE, SKY, GREEN, PINK, BLACK, GREY)  # curves in the order they come
+PEERS = (RED, ORANGE, "#8C564B", "#7F6FB5")  # programs in the order they come
 MARKERS = "o^sDvP"  # options of a peer in the order they come
 
 
@@ -91,7 +91,8 @@ def draw(rows: Rows, out: Path) -> Path:
         ax.tick_params(labelsize=7.5)
     for ax in axes[len(problems) :]:
         ax.axis("off")
-    axes[-2].legend(handles=handles(looks), loc="center left", fontsize=7.5)
+    legend = axes[len(problems)].legend(handles=handles(looks), loc="center left", fontsize=7.5, ncols=2)
+    legend.set_in_layout(False)
     figure.supxlabel("CPU time of a simulated second and world [µs], one thread", fontsize=9)
     figure.suptitle("error against cost; step sizes .05 to .001 s along each curve", fontsize=11)
     return save(figure, out)

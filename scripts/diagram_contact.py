@@ -25,6 +25,8 @@ from .bench_timing import Case
 from .diagram_overlap import overlap
 from .diagram_problems import MAKERS, STEP_SIZES, Problem, problem
 from .diagram_rows import Rows, Say, timed
+from .peer import Peer
+from .peer_mujoco import MuJoCo
 
 STEPS = 20_000  # world steps of a timed call, at least
 REPEATS = 3
@@ -32,23 +34,27 @@ REPEATS = 3
 
 @dataclass(frozen=True)
 class Curve:
-    """A way to simulate: options, noise level, precision, device and threads. Its step size is the knob."""
+    """A way to simulate: options, noise level, precision, device and threads. Its step size is the knob.
+
+    `problems` names those it runs.
+    """
 
     name: str
     residual: str = "hard"
     friction: str = "coulomb"
     integrator: str = "euler"
     scaling: str = "inertia"
+    gap: str = "start"
     sigma: float | None = None
     dtype: str = "float64"
     device: str = "cpu"
     threads: int = 1
-    free: bool = True  # also for problems without contact
+    problems: tuple[str, ...] = tuple(MAKERS)
 
     def simulator(self, scene: Scene) -> slcp.Simulator:
         """The scene's simulator."""
         options = slcp.Options(residual=self.residual, friction=self.friction, integrator=self.integrator,
-                               scaling=self.scaling)  # fmt: skip
+                               scaling=self.scaling, gap=self.gap)  # fmt: skip
         return slcp.Simulator(scene, options, device=self.device, dtype=self.dtype)
 
     def facts(self) -> dict[str, Any]:
@@ -56,23 +62,20 @@ class Curve:
         return {
             "program": "slcp-warp", "version": slcp.__version__, "curve": self.name,
             "residual": self.residual, "friction": self.friction, "integrator": self.integrator,
-            "scaling": self.scaling, "sigma": "" if self.sigma is None else self.sigma, "dtype": self.dtype,
-            "device": self.device, "threads": self.threads,
+            "scaling": self.scaling, "gap": self.gap, "sigma": "" if self.sigma is None else self.sigma,
+            "dtype": self.dtype, "device": self.device, "threads": self.threads,
         }  # fmt: skip
 
 
+TOUCHING = tuple(name for name in MAKERS if name not in ("pendulum chain", "finger swing"))
 CURVES = (
     Curve("Coulomb"),
     Curve("Coulomb, float32", dtype="float32"),
     Curve("Coulomb, trapezoidal", integrator="trapezoidal"),
-    Curve("Anitescu", friction="anitescu", free=False),
-    Curve("smoothed, sigma = .02", residual="rem-logistic", friction="anitescu", sigma=0.02, free=False),
+    Curve("Coulomb, end gap", gap="end", problems=("finger impact",)),  # the only one with two curved shapes
+    Curve("Anitescu", friction="anitescu", problems=TOUCHING),
+    Curve("smoothed, sigma = .02", "rem-logistic", "anitescu", sigma=0.02, problems=TOUCHING),
 )
-
-
-def curves_of(chosen: Iterable[Curve], contacts: bool) -> list[Curve]:
-    """The curves that differ for a problem with or without contacts."""
-    return [curve for curve in chosen if contacts or curve.free]
 
 
 # -------------------------------------------------------------------- compiling
@@ -138,7 +141,7 @@ def point(p: Problem, curve: Curve, h: float) -> Case:
     return Case(f"{curve.name} {h}", call, len(starts) * p.duration, facts=facts)
 
 
-def problem_rows(p: Problem, curves: list[Curve], step_sizes: Iterable[float], repeats: int) -> Rows:
+def problem_rows(p: Problem, curves: list[Curve], step_sizes: tuple[float, ...], repeats: int) -> Rows:
     """Our rows of a problem, all points timed in turn."""
     cases = [point(p, curve, h) for curve in curves for h in step_sizes]
     out: Rows = []
@@ -147,30 +150,39 @@ def problem_rows(p: Problem, curves: list[Curve], step_sizes: Iterable[float], r
     return out
 
 
-def own_rows(
+def all_rows(
     say: Say,
+    beside: Iterable[Peer] = (),
     names: Iterable[str] = tuple(MAKERS),
     curves: Iterable[Curve] = CURVES,
-    step_sizes: Iterable[float] = STEP_SIZES,
+    step_sizes: tuple[float, ...] = STEP_SIZES,
     repeats: int = REPEATS,
     processes: int | None = None,
 ) -> Rows:
-    """Our rows of the named problems, compiled before by as many processes as there are cores."""
-    chosen = [problem(name) for name in names]
+    """Rows of the named problems: ours, and at once after them those of the peers `beside`.
+
+    Kernels are compiled before, by as many processes as there are cores.
+    """
+    chosen = {name: [curve for curve in curves if name in curve.problems] for name in names}
     begin = time.perf_counter()
-    needed = [(p.scene, curve) for p in chosen for curve in curves_of(curves, p.contacts)]
+    needed = [(problem(name).scene, curve) for name, those in chosen.items() for curve in those]
     compiling = compile_all(needed, processes or launch.thread_count())
     say(f"slcp-warp: compiled in {time.perf_counter() - begin:.0f} s")
     out: Rows = []
-    for p in chosen:
-        begin = time.perf_counter()
-        for row in problem_rows(p, curves_of(curves, p.contacts), tuple(step_sizes), repeats):
-            curve = next(c for c in curves if c.name == row["curve"])
-            out.append(row | {"compile_seconds": compiling[p.scene.name, curve]})
-        say(f"slcp-warp on {p.name}: {time.perf_counter() - begin:.0f} s")
+    for name, those in chosen.items():
+        begin, p = time.perf_counter(), problem(name)
+        took = {curve.name: compiling[p.scene.name, curve] for curve in those}
+        found = problem_rows(p, those, step_sizes, repeats)
+        out += [row | {"compile_seconds": took[row["curve"]]} for row in found]
+        for peer in beside:
+            out += diagram_peers.problem_rows(peer, p, step_sizes)
+        programs = " and ".join(["slcp-warp", *(peer.name for peer in beside)])
+        say(f"{programs} on {name}: {time.perf_counter() - begin:.0f} s")
     return out
 
 
 def rows(say: Say) -> Rows:
-    """All of the study: ours, and those of the peers that are installed."""
-    return own_rows(say) + diagram_peers.rows(say)
+    """All of the study: ours beside MuJoCo, then the other peers that are installed."""
+    peers = diagram_peers.installed(say)
+    beside = [peer for peer in peers if isinstance(peer, MuJoCo)]
+    return all_rows(say, beside) + diagram_peers.rows(say, [peer for peer in peers if peer not in beside])

@@ -170,10 +170,8 @@ def test_points_that_miss_contacts_reach_no_error():
 @pytest.mark.slow
 def test_a_problem_in_earnest():
     """The block that friction stops: first order with Euler's method, nothing overlaps."""
-    said = []
-    rows = diagram_contact.own_rows(
-        said.append, ("sliding stop",), diagram_contact.CURVES[:1], (0.02, 0.01), 2, 1
-    )
+    coulomb = diagram_contact.CURVES[:1]
+    rows = diagram_contact.all_rows(print, (), ("sliding stop",), coulomb, (0.02, 0.01), 2, processes=1)
     coarse, fine = rows
     assert fine["error"] < 0.011 and 1.8 < coarse["error"] / fine["error"] < 2.2
     for row in rows:
