@@ -8,11 +8,11 @@ from matplotlib.lines import Line2D
 
 from .chart_diagram_lines import Rows, choose, different, need
 from .chart_style import BLACK, BLUE, GREEN, GREY, ORANGE, PINK, RED, SKY, plt, save
-from .diagram_ratios import LEAST, OURS
+from .diagram_ratios import LEAST, OURS, compare, span
 
 DEEP = 0.005  # penetration from which a point is drawn hollow [m]
 COLUMNS = 4
-OWN = (BLUE, SKY, GREEN, PINK, BLACK, GREY)  # curves in the order they come
+OWN = (BLUE, SKY, GREEN, PINK, GREY, BLACK)  # curves in the order they come
 PEERS = (RED, ORANGE, "#8C564B", "#7F6FB5")  # programs in the order they come
 MARKERS = "o^sDvP"  # options of a peer in the order they come
 
@@ -76,6 +76,17 @@ def handles(looks: dict[str, dict[str, Any]]) -> list[Line2D]:
     return lines + marks
 
 
+def caption(rows: Rows, program: str = "MuJoCo") -> str:
+    """Of one problem: where a peer is ahead, else a program's cost over ours at equal error."""
+    found = compare(rows)
+    ahead = [(error, -cost, c.curve) for c in found for error, cost, ratio in c.equal_error if ratio < 1.0]
+    if ahead:
+        error, _, curve = max(ahead)
+        return f"{curve} ahead at {error:.0e}"
+    ratios = [ratio for c in found if c.program == program for *_, ratio in c.equal_error]
+    return f"{program}: {span(ratios)} times the CPU" if ratios else ""
+
+
 def draw(rows: Rows, out: Path) -> Path:
     """Small panels of all problems, and the legend in the cells that are left."""
     rows = need(rows, "contact")
@@ -88,11 +99,14 @@ def draw(rows: Rows, out: Path) -> Path:
         panel(ax, part, looks)
         ax.set_title(textwrap.fill(problem, 20), fontsize=9)
         ax.set_ylabel(f"error [{part[0]['error_of'].rpartition('[')[2]}", fontsize=8)
+        ax.set_xlabel(caption(part), fontsize=7.5, style="italic")
         ax.tick_params(labelsize=7.5)
     for ax in axes[len(problems) :]:
         ax.axis("off")
     legend = axes[len(problems)].legend(handles=handles(looks), loc="center left", fontsize=7.5, ncols=2)
     legend.set_in_layout(False)
-    figure.supxlabel("CPU time of a simulated second and world [µs], one thread", fontsize=9)
-    figure.suptitle("error against cost; step sizes .05 to .001 s along each curve", fontsize=11)
+    figure.supxlabel(
+        "CPU time of a simulated second and world [µs], one thread; steps of .05 to .001 s", fontsize=9
+    )
+    figure.suptitle("error against CPU time, lower left is better (in italics: at equal error)", fontsize=11)
     return save(figure, out)

@@ -182,7 +182,14 @@ def all_rows(
 
 
 def rows(say: Say) -> Rows:
-    """All of the study: ours beside MuJoCo, then the other peers that are installed."""
+    """All of the study: ours beside MuJoCo, then the other installed peers, each on its own."""
     peers = diagram_peers.installed(say)
     beside = [peer for peer in peers if isinstance(peer, MuJoCo)]
-    return all_rows(say, beside) + diagram_peers.rows(say, [peer for peer in peers if peer not in beside])
+    out = all_rows(say, beside)
+    for peer in peers:
+        if peer not in beside:
+            try:
+                out += diagram_peers.rows(say, [peer])
+            except Exception as error:
+                say(f"left out: {peer.name} failed, {type(error).__name__}: {error}")
+    return out
