@@ -22,7 +22,7 @@ def look(rows: Rows) -> dict[str, dict[str, Any]]:
     found: dict[str, dict[str, Any]] = {}
     peers = [name for name in different(rows, "program") if name != OURS]
     options = list(dict.fromkeys(_option(row) for row in rows if row["program"] != OURS))
-    for row in rows:
+    for row in sorted(rows, key=lambda row: row["program"] != OURS):
         if row["curve"] in found:
             continue
         if row["program"] == OURS:
@@ -79,10 +79,10 @@ def handles(looks: dict[str, dict[str, Any]]) -> list[Line2D]:
 def caption(rows: Rows, program: str = "MuJoCo") -> str:
     """Of one problem: where a peer is ahead, else a program's cost over ours at equal error."""
     found = compare(rows)
-    ahead = [(error, -cost, c.curve) for c in found for error, cost, ratio in c.equal_error if ratio < 1.0]
-    if ahead:
-        error, _, curve = max(ahead)
-        return f"{curve} ahead at {error:.0e}"
+    ahead = {c.curve: [error for error, _, ratio in c.equal_error if ratio < 1.0] for c in found}
+    if any(ahead.values()):
+        _, curve = min((min(errors), curve) for curve, errors in ahead.items() if errors)
+        return f"{curve} ahead from {max(ahead[curve]):.0e}"
     ratios = [ratio for c in found if c.program == program for *_, ratio in c.equal_error]
     return f"{program}: {span(ratios)} times the CPU" if ratios else ""
 
@@ -103,10 +103,10 @@ def draw(rows: Rows, out: Path) -> Path:
         ax.tick_params(labelsize=7.5)
     for ax in axes[len(problems) :]:
         ax.axis("off")
-    legend = axes[len(problems)].legend(handles=handles(looks), loc="center left", fontsize=7.5, ncols=2)
-    legend.set_in_layout(False)
-    figure.supxlabel(
-        "CPU time of a simulated second and world [µs], one thread; steps of .05 to .001 s", fontsize=9
+    legend = axes[len(problems)].legend(
+        handles=handles(looks), loc="center left", fontsize=7.2, ncols=2, columnspacing=1.0
     )
+    legend.set_in_layout(False)
+    figure.supxlabel("CPU time of a simulated second and world [µs]; steps of .05 to .001 s", fontsize=9)
     figure.suptitle("error against CPU time, lower left is better (in italics: at equal error)", fontsize=11)
     return save(figure, out)

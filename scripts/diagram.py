@@ -59,15 +59,26 @@ def checked(names: list[str]) -> tuple[str, ...]:
 
 
 def kept_rows(path: Path, facts: dict[str, Any], again: tuple[str, ...]) -> Rows:
-    """Rows of an earlier run that may stand beside new ones, without those of the studies to run again."""
+    """Rows of an earlier run that may stand beside new ones, without those of the studies to run again.
+
+    Where others are left out, the file is kept under another name.
+    """
     if not path.exists():
         return []
     old = read_results(path)
     kept = [row for row in old if same_run(row, facts) and row["study"] not in again]
     dropped = [name for name in studies_in(old) if name not in (*studies_in(kept), *again)]
     if dropped:
-        typer.echo(f"{path}: another commit, version or machine; left out: {', '.join(dropped)}")
+        typer.echo(f"{path}: {', '.join(dropped)}: of another commit, version or machine, left out")
+        set_aside(path)
     return kept
+
+
+def set_aside(path: Path) -> None:
+    """Rename results that a run does not go on with."""
+    if path.exists():
+        aside = path.replace(path.with_stem(path.stem + "_before"))
+        typer.echo(f"{path}: now {aside.name}")
 
 
 def run_studies(names: tuple[str, ...], path: Path, kept: Rows) -> tuple[Rows, list[str]]:
@@ -116,8 +127,11 @@ def charts_command(
     """Speed against accuracy beside the peers: all studies into one CSV, then the charts."""
     names, path, facts = checked(study or []), out / RESULTS, machine()
     out.mkdir(parents=True, exist_ok=True)
-    whole = not study and not resume
-    kept = [] if whole else kept_rows(path, facts, () if resume else names)
+    if study or resume:
+        kept = kept_rows(path, facts, () if resume else names)
+    else:
+        set_aside(path)
+        kept = []
     finished = studies_in(kept)
     for name in [name for name in names if name in finished]:
         typer.echo(f"{name}: in {path} already")

@@ -116,8 +116,9 @@ def test_studies_run_and_resume(tmp_path, two_studies):
     assert two_studies[-1] == "solver" and len(read_results(tmp_path / "results.csv")) == 13
     write_results(tmp_path / "results.csv", [row | {"commit": "another"} for row in kept])
     output = call("bench", "charts", "--out", tmp_path, "--resume", "--study", "contact")
-    assert "another commit, version or machine; left out: contact" in output
+    assert "contact: of another commit, version or machine, left out" in output
     assert two_studies[-1] == "contact"
+    assert len(read_results(tmp_path / "results_before.csv")) == 12
 
 
 def test_an_unknown_study_names_the_choices(tmp_path):
