@@ -82,7 +82,7 @@ def caption(rows: Rows, program: str = "MuJoCo") -> str:
     ahead = {c.curve: [error for error, _, ratio in c.equal_error if ratio < 1.0] for c in found}
     if any(ahead.values()):
         _, curve = min((min(errors), curve) for curve, errors in ahead.items() if errors)
-        return f"{curve} ahead from {max(ahead[curve]):.0e}"
+        return f"{curve} ahead below {max(ahead[curve]):.0e}"
     ratios = [ratio for c in found if c.program == program for *_, ratio in c.equal_error]
     return f"{program}: {span(ratios)} times the CPU" if ratios else ""
 

@@ -71,6 +71,8 @@ def kept_rows(path: Path, facts: dict[str, Any], again: tuple[str, ...]) -> Rows
     if dropped:
         typer.echo(f"{path}: {', '.join(dropped)}: of another commit, version or machine, left out")
         set_aside(path)
+        if kept:
+            write_results(path, kept)
     return kept
 
 
@@ -104,6 +106,10 @@ def run_studies(names: tuple[str, ...], path: Path, kept: Rows) -> tuple[Rows, l
 def draw_charts(rows: Rows, out: Path) -> tuple[list[Path], list[str]]:
     """Every picture and table of the studies that have rows, into a folder; a line per failure."""
     made, failures = [], []
+    if not any(name in STUDIES for name in studies_in(rows)):
+        failures.append(
+            f"no charts of {', '.join(studies_in(rows))}; there are charts of {', '.join(STUDIES)}"
+        )
     for study in studies_in(rows):
         charts = STUDIES[study].charts if study in STUDIES else {}
         for file, module in charts.items():
