@@ -1,6 +1,7 @@
 """MJX as a peer: MuJoCo's model and options compiled by JAX in float32, and its forward-mode derivatives."""
 
 import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -75,6 +76,19 @@ class MJX:
             self.jax.block_until_ready(self._advance(model, timed, TIMED))
 
         return Run(lambda: every, simulate, batch, TIMED * h, compiling, facts)
+
+    def stepper(self, scene: Scene, h: float, x: Array, u: Array, count: int) -> Callable[[], Array]:
+        """A call that takes `count` steps from x (B, nx) under u (B, nu) and gives the states (B, nx)."""
+        model, single = self._put(scene, h, "default")
+        nv, data = scene.nv, self._worlds(single, x)
+
+        def call() -> Array:
+            begun = data.replace(qpos=x[:, :nv].astype(np.float32), qvel=x[:, nv:].astype(np.float32),
+                                 ctrl=u.astype(np.float32))  # fmt: skip
+            done = self._advance(model, begun, count)
+            return np.concatenate([done.qpos, done.qvel], axis=1)
+
+        return call
 
     def linearization(self, scene: Scene, h: float, setting: str = "default") -> Linearization:
         """Its step in float64, and jax.jacfwd of it in float32."""

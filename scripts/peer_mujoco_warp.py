@@ -93,11 +93,13 @@ class Worlds:
                 mujoco_model, nworld=count, nconmax=CONTACTS, njmax=CONTACTS * CONTACTS
             )
 
-    def set(self, x: Array) -> None:
-        """Put states (B, nx) into all worlds, at time 0 and without a warm start."""
+    def set(self, x: Array, u: Array | None = None) -> None:
+        """Put states (B, nx) and controls (B, nu) into all worlds, at time 0 and without a warm start."""
         nv = x.shape[1] // 2
         self.data.qpos.assign(x[:, :nv].astype(np.float32))
         self.data.qvel.assign(x[:, nv:].astype(np.float32))
+        if u is not None and u.shape[1]:
+            self.data.ctrl.assign(u.astype(np.float32))
         self.data.qacc_warmstart.zero_()
         self.data.time.zero_()
 
