@@ -20,7 +20,7 @@ def draw(rows: Rows, out: Path) -> Path:
         _cost(grid[1][i], part + [r for r in choose(rows, problem=kind, knob="sigma") if r not in part], rows)
         grid[0][i].set(title=f"{kind}, σ = {sigma:g}", xlabel="spacing of the differences")
         grid[1][i].set(title=f"{kind}: a point for every spacing", xlabel="CPU time of a Jacobian [µs]")
-        grid[1][i].set_xlim(1.0, 300.0)
+        grid[1][i].set_xlim(1.0, 5000.0)
     for line in grid:
         line[0].set_ylabel("error of A, B, relative to the largest entry")
     figure.legend(*grid[0][0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8)
@@ -39,7 +39,9 @@ def _spacing(ax: Any, rows: Rows, everything: Rows) -> None:
             plot(ax, points(part, "value", "error"), f"o{_style(part[0])}", color=colour, label=label,
                  linewidth=1.2)  # fmt: skip
         else:
-            ax.axhline(float(part[0]["error"]), color=colour, label=label, linewidth=2.4)
+            ours = _style(part[0]) == "-"
+            ax.axhline(float(part[0]["error"]), color=colour, label=label, linewidth=2.4 if ours else 1.2,
+                       linestyle=_style(part[0]))  # fmt: skip
 
 
 def _cost(ax: Any, rows: Rows, everything: Rows) -> None:

@@ -31,10 +31,12 @@ def draw(rows: Rows, out: Path) -> Path:
 def _rates(ax: Any, rows: Rows) -> None:
     """Rates against the knob with the roofline of each curve; a row of zero contacts is drawn at a half."""
     for label, part, colour in curves(rows):
-        shown = [row | {"value": max(float(row["value"]), 0.5), "limit": 1.0 / float(row["roofline_seconds"])}
-                 for row in part]  # fmt: skip
-        plot(ax, points(shown, "value", "rate"), color=colour, label=label.removeprefix("finger, "))
-        plot(ax, points(shown, "value", "limit"), "--", color=colour, linewidth=0.9)
+        shown = [row | {"value": max(float(row["value"]), 0.5)} for row in part]
+        counted = [row for row in shown if row.get("roofline_seconds") not in (None, "")]  # ours
+        shown_limits = [row | {"limit": 1.0 / float(row["roofline_seconds"])} for row in counted]
+        style = "o-" if counted else "s:"
+        plot(ax, points(shown, "value", "rate"), style, color=colour, label=label.removeprefix("finger, "))
+        plot(ax, points(shown_limits, "value", "limit"), "--", color=colour, linewidth=0.9)
     ax.legend(fontsize=8)
 
 
@@ -46,6 +48,8 @@ def _fractions(ax: Any, rows: Rows) -> None:
             text = label if label.startswith("finger") else f"{problem.split(',')[0]}, {label}"
             if problem.startswith("chain"):
                 text += f", by {problem[-2:]}"
+            if not any(row.get("fraction") for row in part):
+                continue  # a peer's
             bars.append((text, max(float(row["fraction"]) for row in part), CASES[i % len(CASES)]))
     bars.reverse()
     ax.barh([b[0] for b in bars], [100.0 * b[1] for b in bars], color=[b[2] for b in bars], height=0.6)

@@ -22,10 +22,14 @@ RESULTS = "results.csv"
 
 @dataclass(frozen=True)
 class Study:
-    """Where a study's rows come from, and modules that draw them, by the picture's or table's file name."""
+    """Where a study's rows come from, and modules that draw them, by the picture's or table's file name.
+
+    peers: a second module of rows, those of other programs, where the first has not got them all.
+    """
 
     module: str
     charts: dict[str, str]
+    peers: str | None = None
 
 
 STUDIES = {
@@ -33,11 +37,12 @@ STUDIES = {
         "contact.png": "chart_diagram", "finger.png": "chart_diagram_finger", "ratios.md": "diagram_ratios",
     }),
     "solver": Study("diagram_solver", {"solver.png": "chart_diagram_solver"}),
-    "derivatives": Study("diagram_derivatives", {"derivatives.png": "chart_diagram_derivatives"}),
+    "derivatives": Study("diagram_derivatives", {"derivatives.png": "chart_diagram_derivatives"},
+                         "diagram_peer_derivatives"),
     "bias": Study("diagram_bias", {"bias.png": "chart_diagram_bias"}),
     "ddp": Study("diagram_ddp", {"ddp.png": "chart_diagram_ddp"}),
     "sweep": Study("diagram_sweep", {"sweep.png": "chart_diagram_sweep"}),
-    "scaling": Study("diagram_scaling", {"scaling.png": "chart_diagram_scaling"}),
+    "scaling": Study("diagram_scaling", {"scaling.png": "chart_diagram_scaling"}, "diagram_peer_scaling"),
 }  # fmt: skip
 
 
@@ -90,7 +95,13 @@ def run_studies(names: tuple[str, ...], path: Path, kept: Rows) -> tuple[Rows, l
         typer.echo(f"{name} ...")
         begin = time.perf_counter()
         try:
-            new = load(STUDIES[name].module).rows(lambda text: typer.echo(f"  {text}"))
+            study = STUDIES[name]
+            new = [
+                row
+                for module in (study.module, study.peers)
+                if module is not None
+                for row in load(module).rows(lambda text: typer.echo(f"  {text}"))
+            ]
         except Exception as error:  # one study's failure is not another's
             failures.append(f"study {name} failed: {type(error).__name__}: {' '.join(str(error).split())}")
             typer.echo(f"  {failures[-1]}", err=True)

@@ -72,6 +72,7 @@ def two_studies(monkeypatch):
 def test_every_study_and_chart_is_there():
     for study in diagram.STUDIES.values():
         assert callable(diagram.load(study.module).rows)
+        assert study.peers is None or callable(diagram.load(study.peers).rows)
         assert all(callable(diagram.load(module).draw) for module in study.charts.values())
 
 
