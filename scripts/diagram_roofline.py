@@ -35,7 +35,7 @@ class Work:
 
 
 def step_work(
-    nv: int, acting: float, nu: int = 0, pairs: int = 0, ellipses: int = 0, size: int = 4,
+    nv: int, acting: float, nu: int = 0, pairs: int = 0, ellipses: int = 0, near: float = 0.0, size: int = 4,
     iterations: float = ITERATIONS,
 ) -> Work:  # fmt: skip
     """A smoothed step of nv degrees of freedom with `acting` rows in the Newton system on average.
@@ -46,11 +46,12 @@ def step_work(
     (5 nv^2 + 10 nv and a division).
 
     Args:
-        pairs: of simple shapes (a disc and a plane: 30 operations). ellipses: pairs of ellipses.
+        pairs: of simple shapes (a disc and a plane: 30 operations). ellipses: pairs of ellipses, each with a
+            bound on its distance (70 operations, 4 long ones); near: how many are searched on average.
         size: bytes of a number. State in and out and controls are what memory sees.
     """
     motion = nv * (LONG + 52.0) + 12.0 * nv * (nv + 1) / 2.0 + nv**3 + nv * LONG + 14.0 * nv**2
-    reach = 30.0 * pairs + ellipses * (EVALUATIONS * (70.0 + 5.0 * LONG) + 70.0 + 4.0 * LONG)
+    reach = 30.0 * pairs + ellipses * (70.0 + 4.0 * LONG) + near * EVALUATIONS * (70.0 + 5.0 * LONG)
     rows = acting * (12.0 * nv + 2.0 * nv**2 + 4.0 * nv + LONG)
     row = 4.0 * nv + 30.0 + 4.0 * LONG + 5.0 * nv**2 + 10.0 * nv + LONG
     newton = iterations * (acting * row + (2.0 * nv**2 if acting else 0.0))

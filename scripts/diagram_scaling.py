@@ -14,17 +14,21 @@ import warp as wp
 import slcp_warp as slcp
 from slcp_warp import ddp
 from slcp_warp.kernels import launch
+from slcp_warp.kernels.smoothing import CUT
 
 from .bench_kernels import chain_on_ground
+from .bench_mechanism import distance
 from .bench_ours import PAPER
 from .bench_timing import Case
 from .bench_workload import make_workload
 from .diagram_roofline import Work, pass_work, peak, step_work
 from .diagram_rows import Rows, Say, repeated, report, timed, timed_once
-from .diagram_sweep import kicked, run_sweep
+from .diagram_sweep import controller, kicked, run_sweep
 
 STEPS = 10  # a call
 BATCHES = (1, 10, 100, 1000, 10_000, 100_000, 1_000_000)
+LEVERS = np.array([3.2, 1.6, 0.7])  # [m] by which the finger's speeds bound an approach
+SAMPLE = 2000  # states at which the pair's distance is looked at
 LARGE = 100_000  # from here on a call is long enough to be timed alone, beyond to be timed once
 CHAINS = {  # by strategy: degrees of freedom at ROWS rows, and rows at LINKS degrees of freedom
     "registers": ((1, 2, 3, 5), (0, 2, 4, 8)),
@@ -78,6 +82,24 @@ def acting(sim: slcp.Simulator, x: np.ndarray, u: np.ndarray) -> tuple[float, fl
     return float((done.impulse > 0.0).sum(axis=2).mean()), float((done.status == slcp.Status.SOLVED).mean())
 
 
+def finger_work(sim: slcp.Simulator, x: np.ndarray, u: np.ndarray) -> Work:
+    """A step of the finger on the way from x (B, nx) under u (B, N, nu), by its rows and its near pairs."""
+    kind = wp.dtype_to_numpy(sim.dtype)
+    x, u = x.astype(kind), u.astype(kind)
+    rows_in, _ = acting(sim, x, u)
+    way = sim.rollout(x, u).states[:, :-1].reshape(-1, sim.nx).astype(float)
+    way = way[:: max(1, len(way) // SAMPLE)]
+    speed = np.abs(way[:, 3:]) @ LEVERS
+    reach = speed + CUT["logistic", wp.float32] * sim.scene.sigma
+    near = float((distance(sim.scene, way[:, :3]) <= sim.scene.step_size * reach).mean())
+    return step_work(3, rows_in, 2, ellipses=1, near=near, size=np.dtype(kind).itemsize)
+
+
+def planned_work(sim: slcp.Simulator) -> Work:
+    """A step of the finger along its plan."""
+    return finger_work(sim, sim.scene.x0[None], controller().us)
+
+
 def against_batch(batches: tuple[int, ...], repeats: int, dtype: str = "float32") -> Rows:
     """The finger from random legal states under random torques."""
     scene = slcp.scenes.flicking_finger()
@@ -86,8 +108,7 @@ def against_batch(batches: tuple[int, ...], repeats: int, dtype: str = "float32"
     for device in devices():
         sim = slcp.Simulator(scene, PAPER, device=device, dtype=dtype)
         kind = wp.dtype_to_numpy(sim.dtype)
-        rows_in, _ = acting(sim, some.x0[:1000].astype(kind), some.controls[:1000].astype(kind))
-        work = step_work(sim.scene.nv, rows_in, sim.nu, ellipses=1, size=np.dtype(kind).itemsize)
+        work = finger_work(sim, some.x0[:1000], some.controls[:1000])
         for threads in thread_counts(device):
             for batch in batches:
                 index = np.arange(batch) % len(some.x0)
@@ -134,8 +155,7 @@ def passes(problems: tuple[int, ...], repeats: int, dtype: str = "float32") -> R
         problem = ddp.Problem(sim, ddp.costs.flicking_finger(), horizon=HORIZON, params=sim.params)
         options = ddp.Options(max_iterations=PASSES, gradient_tolerance=0.0)
         size = 4 if dtype == "float32" else 8
-        step = step_work(3, 1.0, 2, ellipses=1, size=size)
-        work = pass_work(3, 2, HORIZON, len(options.step_sizes), step, 6, size)
+        work = pass_work(3, 2, HORIZON, len(options.step_sizes), planned_work(sim), 6, size)
         threads = launch.thread_count() if wp.get_device(device).is_cpu else None
         rng = np.random.default_rng(0)
         for count in problems:
@@ -147,7 +167,7 @@ def passes(problems: tuple[int, ...], repeats: int, dtype: str = "float32") -> R
                           curve=f"second-order DDP, {dtype}, {device}", batch=count, cost_of="pass",
                           h=sim.scene.step_size, sigma=sim.scene.sigma)  # fmt: skip
             case = Case(str(count), run, done * count, facts=facts)
-            rows += timed([case], max(2, repeats // 2) if count > 16 else repeats, threads)
+            rows += timed([case], repeats, threads) if count <= 16 else [timed_once(case, threads)]
     return with_fraction(rows)
 
 
@@ -156,9 +176,9 @@ def sweeps(counts: tuple[int, ...], repeats: int, dtype: str = "float32") -> Row
     rows = []
     for device in devices():
         threads = launch.thread_count() if wp.get_device(device).is_cpu else None
+        step = planned_work(slcp.Simulator(slcp.scenes.flicking_finger(), PAPER, device=device, dtype=dtype))
         for count in counts:
             spec = kicked(count)
-            step = step_work(3, 1.0, 2, ellipses=1)
             work = step.times(round(spec.duration / spec.step_sizes[0]))
             run = functools.partial(run_sweep, spec, dtype, device)
             facts = point("finger, sweep", "worlds", count, work, device, threads, dtype=dtype,
