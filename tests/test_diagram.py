@@ -122,6 +122,19 @@ def test_studies_run_and_resume(tmp_path, two_studies):
     assert len(read_results(tmp_path / "results_before.csv")) == 12
 
 
+def test_an_interrupted_run_keeps_what_is_finished(tmp_path, two_studies, monkeypatch):
+    def stop(say):
+        raise KeyboardInterrupt
+
+    load = diagram.load
+    monkeypatch.setattr(
+        diagram, "load",
+        lambda name: types.SimpleNamespace(rows=stop) if name == "diagram_solver" else load(name),
+    )  # fmt: skip
+    assert "--resume goes on" in call("bench", "charts", "--out", tmp_path, code=130)
+    assert len(read_results(tmp_path / "results.csv")) == 12
+
+
 def test_an_unknown_study_names_the_choices(tmp_path):
     output = call("bench", "charts", "--out", tmp_path, "--study", "contacts", code=2)
     assert "--study is 'contacts'; choose from contact, solver" in output
