@@ -36,7 +36,7 @@ def make_active(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
 
     gather(params, row, minv, vfree, jac, rate, mask) -> Dense; modes(dense, z) -> MODES;
     factor(dense, modes, tau) -> Lu; impulses(dense, modes, lu, target, centre) -> lambda with
-    A lambda + target = 0 in the rows that hold.
+    A lambda + target = 0 in the rows that hold; `transposed` is its adjoint.
     """
     r = make_rows(s, dtype, method)
     t = r.types
@@ -207,6 +207,35 @@ def make_active(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
                     out[j + 1] = slide * value
         return out
 
+    @wp.func
+    def transposed(dense: Dense, mode: MODES, lu: Lu, target: VR):
+        """rho in the rows that hold, of the transposed system: with S the impulses lambda = S lambda_hold
+        of all rows, (J_hold M^-1 J' S)' rho = S' target.
+        """
+        x = VR()
+        for c in range(lu.size):
+            j = lu.unknown[c]
+            value = target[j]
+            if dense.tangent[j] == 0:
+                slide = ratio(dense, mode, j)
+                if slide != ZERO:
+                    value += slide * target[j + 1]
+            value = value / wp.sqrt(dense.a[j, j])
+            for k in range(c):
+                value -= lu.m[k, c] * x[k]
+            pivot = lu.m[c, c]
+            x[c] = wp.where(wp.abs(pivot) > SMALLEST, value / pivot, ZERO)
+        out = VR()
+        for back in range(lu.size):
+            c = lu.size - 1 - back
+            value = x[c]
+            for k in range(c + 1, lu.size):
+                value -= lu.m[k, c] * x[k]
+            x[c] = value
+            i = lu.unknown[lu.order[c]]
+            out[i] = value / wp.sqrt(dense.a[i, i])
+        return out
+
     return SimpleNamespace(
         types=t,
         rows=r,
@@ -217,6 +246,7 @@ def make_active(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
         modes=modes,
         factor=factor,
         impulses=impulses,
+        transposed=transposed,
     )
 
 

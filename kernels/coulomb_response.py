@@ -10,18 +10,21 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from .coulomb import PROXIMAL, make_active
+from .coulomb import LEFT, PROXIMAL, RIGHT, make_active
 from .method import Method
 from .structure import Structure
 
 
 @functools.cache
 def make_coulomb_response(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
-    """factor(params, row, minv, vfree, jac, rate, mask, z) -> Factor; solve(factor, jac, dv0, f2) -> dv."""
+    """factor(params, row, minv, vfree, jac, rate, mask, z) -> Factor; solve(factor, jac, dv0, f2) -> dv;
+    transposed(factor, jac, p0) -> (P, rho, sides), see there.
+    """
     active = make_active(s, dtype, method)
     r, t = active.rows, active.types
     VQ, MQ, VR, JR = t.VQ, t.MQ, t.VR, t.JR
     TAU = dtype(PROXIMAL[dtype][1])
+    ONE = dtype(1.0)
 
     @wp.struct
     class Factor:
@@ -57,4 +60,29 @@ def make_coulomb_response(s: Structure, dtype: type, method: Method) -> SimpleNa
             dv += dlam[i] * fac.dense.response[i]
         return dv
 
-    return SimpleNamespace(Factor=Factor, factor=factor, solve=solve)
+    @wp.func
+    def transposed(fac: Factor, jac: JR, p0: VQ):
+        """P = p0 - M^-1 J' rho that no impulse changes: target . dv' = -(P . dF1 + rho . dF2) for M p0 =
+        target, with rho = 0 in rows that do not hold. Sides: lambda_t/(mu lambda_n) of sliding contacts, in
+        the friction row.
+        """
+        target = VR()
+        moved = VR()
+        for i in range(wp.static(s.nr)):
+            moved[i] = wp.static(r.dots[i])(jac, p0)
+        for i in range(fac.dense.count):
+            target[i] = moved[fac.dense.row[i]]
+        own = active.transposed(fac.dense, fac.mode, fac.lu, target)
+        p = p0
+        rho = VR()
+        side = VR()
+        for i in range(fac.dense.count):
+            rho[fac.dense.row[i]] = own[i]
+            p -= own[i] * fac.dense.response[i]
+            if fac.mode[i] == wp.static(RIGHT):
+                side[fac.dense.row[i]] = ONE
+            if fac.mode[i] == wp.static(LEFT):
+                side[fac.dense.row[i]] = -ONE
+        return p, rho, side
+
+    return SimpleNamespace(Factor=Factor, factor=factor, solve=solve, transposed=transposed)

@@ -45,6 +45,11 @@ class Method:
         return self.friction == "coulomb"
 
     @property
+    def scaled(self) -> bool:
+        """Whether D enters the solution's derivatives; the active sets of Coulomb's friction have none."""
+        return self.inertia_scaling and not self.coulomb
+
+    @property
     def trapezoidal(self) -> bool:
         """Whether the free motion is integrated by the linearly implicit trapezoidal method ([6])."""
         return self.integrator == "trapezoidal"

@@ -16,16 +16,16 @@ import warp as wp
 from .method import Method
 from .parameter_contact import make_pair_answer
 from .parameter_motion import make_motion_gradient
+from .parameter_places import below, make_places
+from .parameter_springs import make_spring_gradient
 from .sensitivity import make_linearization
-from .shapes import oriented_pair
-from .structure import CAPSULE, WORLD, Structure, layout
+from .shapes import oriented_ends, oriented_pair
+from .structure import Structure, layout
 
 
-def offered(s: Structure, method: Method) -> bool:
-    """Whether the gradient by parameters exists for a structure and a method."""
-    saddle = method.rem or (method.hard and not method.coulomb)
-    simple = not s.springs and all(shape.kind != CAPSULE for shape in s.shapes)
-    return saddle and not method.trapezoidal and not method.state_noise and simple
+def offered(method: Method) -> bool:
+    """Whether the gradient by parameters exists for a method."""
+    return (method.rem or method.hard) and not method.trapezoidal
 
 
 @functools.cache
@@ -37,36 +37,20 @@ def make_parameter_gradient(s: Structure, dtype: type, method: Method) -> wp.Fun
     step = linear.step
     mech, rows, t = step.mech, step.rows, step.types
     part = make_motion_gradient(s, dtype, method)
+    places = make_places(s, dtype)
     lay = layout(s)
     V2, VQ, VX, VU, VR, JR = t.V2, t.VQ, t.VX, t.VU, t.VR, t.JR
     NR, NP, NB = s.nr, len(s.pairs), s.nb
-    ZERO, TWO = dtype(0.0), dtype(2.0)
+    ZERO, HALF, TWO = dtype(0.0), dtype(0.5), dtype(2.0)
     col = {name: lay.offset(name) for name in lay.names}
     pairs = tuple(make_pair_answer(s, k, dtype) for k in range(NP))
     pair_rows = step.pair_rows
     pair_mask = tuple(sum(1 << i for i in pair_rows[k]) for k in range(NP))
     sign = tuple(dtype(float(r.sign)) for r in s.rows)
-    subtree = tuple(tuple(b for b in range(NB) if _below(s, b, k)) for k in range(NB))
+    subtree = tuple(tuple(b for b in range(NB) if below(s, b, k)) for k in range(NB))
     inertia_of = tuple(part.make_inertia(b) for b in range(NB))
-    back, perp = part.back, part.perp
-
-    @wp.func
-    def frame_axes(params: wp.array2d(dtype=dtype), fr: t.FRAMES, by: V2, body: int):
-        """A weight on world directions in the axes of a body's frame."""
-        if body < 0:
-            return by
-        c = fr[body, 0]
-        sn = fr[body, 1]
-        return V2(c * by[0] + sn * by[1], c * by[1] - sn * by[0])
-
-    @wp.func
-    def add(grad: wp.array2d(dtype=dtype), world: int, column: int, value: dtype):
-        grad[world, column] = grad[world, column] + value
-
-    @wp.func
-    def add2(grad: wp.array2d(dtype=dtype), world: int, column: int, value: V2):
-        grad[world, column] = grad[world, column] + value[0]
-        grad[world, column + 1] = grad[world, column + 1] + value[1]
+    add, add2, frame_axes = places.add, places.add2, places.frame_axes
+    springs = tuple(make_spring_gradient(s, i, dtype) for i in range(len(s.springs)))
 
     def make_joint(j: int) -> wp.Function:
         """Columns of one body's joint: anchor, angle and, if prismatic, axis."""
@@ -99,11 +83,11 @@ def make_parameter_gradient(s: Structure, dtype: type, method: Method) -> wp.Fun
                 turned += wp.static(rotations[k])(params, row, fr, jb, motion, normals, external, world)
                 if wp.static(sliding):
                     direction += wp.static(slides[k])(params, row, jb, motion, normals, external, world)
-            place = frame_axes(params, fr, place, wp.static(parent))
+            place = frame_axes(fr, place, wp.static(parent))
             add2(grad, world, wp.static(col["anchor"] + 2 * j), place)
             add(grad, world, wp.static(col["angle"] + j), turned)
             if wp.static(sliding):
-                direction = frame_axes(params, fr, direction, wp.static(parent))
+                direction = frame_axes(fr, direction, wp.static(parent))
                 add2(grad, world, wp.static(col["axis"] + 2 * j), direction + q[wp.static(dof)] * place)
 
         return joint
@@ -112,16 +96,12 @@ def make_parameter_gradient(s: Structure, dtype: type, method: Method) -> wp.Fun
 
     def make_side(k: int, b_side: bool) -> wp.Function:
         """Columns of what moves one shape of pair k: its own place and every joint above it."""
-        shape = oriented_pair(s, k)[1 if b_side else 0]
-        body = s.shapes[shape].body
-        above = tuple(j for j in range(NB) if body != WORLD and body in subtree[j])
-        parents = tuple(s.bodies[j].parent for j in above)
-        parent_turns = tuple(part.turns[b] for b in parents)
-        sliding = tuple(s.bodies[j].joint == "prismatic" for j in above)
-        dofs = tuple(s.bodies[j].dofs[0] for j in above)
-        points = tuple(mech.point_jacobian(j) for j in above)
-        own_turn = part.turns[body]
-        SIDE = dtype(1.0 if b_side else -1.0)
+        shape, end = (pair[1 if b_side else 0] for pair in (oriented_pair(s, k), oriented_ends(s, k)))
+        body, turned_shape = s.shapes[shape].body, s.shapes[shape].turned
+        chain = places.make_chain(body)
+        pose = step.pairs[k].pose_b if b_side else step.pairs[k].pose_a
+        SIDE, END = dtype(1.0 if b_side else -1.0), dtype(float(end))
+        ANGLE, HALF_LENGTH = col["shape_angle"] + shape, col["radius"] + 2 * shape + 1
 
         @wp.func
         def side(
@@ -137,33 +117,24 @@ def make_parameter_gradient(s: Structure, dtype: type, method: Method) -> wp.Fun
             world: int,
         ):
             n = wp.static(SIDE) * g.n
-            tangent = perp(n)
+            tangent = places.perp(n)
             shift = wp.static(SIDE) * out.shift
             turned = out.turn_a
             jac = g.ja
             if wp.static(b_side):
                 turned = out.turn_b
                 jac = g.jb
-            own = shift + own_turn(yn) * back(n) + own_turn(yt) * back(tangent)
-            own = frame_axes(params, fr, own, wp.static(body))
+            place = wp.static(pose)(params, row, fr)
+            centre = V2(place[0], place[1])
+            own = chain(params, row, fr, q, centre, jac, shift, n, yn, tangent, yt, turned, grad, world)
             add2(grad, world, wp.static(col["shape_offset"] + 2 * shape), own)
-            add(grad, world, wp.static(col["shape_angle"] + shape), turned)
-            centre = wp.static(step.pairs[k].pose_b if b_side else step.pairs[k].pose_a)(params, row, fr)
-            for i in range(wp.static(len(above))):
-                place = shift + wp.static(parent_turns[i])(yn) * back(n)
-                place += wp.static(parent_turns[i])(yt) * back(tangent)
-                place = frame_axes(params, fr, place, wp.static(parents[i]))
-                add2(grad, world, wp.static(col["anchor"] + 2 * above[i]), place)
-                if wp.static(sliding[i]):
-                    way = yn[wp.static(dofs[i])] * n + yt[wp.static(dofs[i])] * tangent
-                    way = frame_axes(params, fr, way, wp.static(parents[i])) + q[wp.static(dofs[i])] * place
-                    add2(grad, world, wp.static(col["axis"] + 2 * above[i]), way)
-                o = V2(fr[wp.static(above[i]), 2], fr[wp.static(above[i]), 3])
-                origin = wp.static(points[i])(params, row, fr, o[0], o[1])
-                value = turned + wp.dot(shift, perp(V2(centre[0], centre[1]) - o))
-                value += wp.dot(n, perp(jac * yn - origin * yn))
-                value += wp.dot(tangent, perp(jac * yt - origin * yt))
-                add(grad, world, wp.static(col["angle"] + above[i]), value)
+            if wp.static(end != 0):  # the end of a capsule: its centre is at half the length along the axis
+                axis = V2(wp.static(dtype(1.0)), ZERO)
+                if wp.static(turned_shape):
+                    axis = V2(wp.cos(params[row, wp.static(ANGLE)]), wp.sin(params[row, wp.static(ANGLE)]))
+                add(grad, world, wp.static(HALF_LENGTH), END * wp.dot(own, axis))
+                turned += END * params[row, wp.static(HALF_LENGTH)] * wp.dot(own, places.perp(axis))
+            add(grad, world, wp.static(ANGLE), turned)
 
         return side
 
@@ -184,6 +155,7 @@ def make_parameter_gradient(s: Structure, dtype: type, method: Method) -> wp.Fun
             lin: linear.Linear,
             motion: part.Motion,
             rho: VR,
+            slides: VR,
             grad: wp.array2d(dtype=dtype),
             world: int,
         ):
@@ -197,11 +169,18 @@ def make_parameter_gradient(s: Structure, dtype: type, method: Method) -> wp.Fun
                 if wp.static(i in pair_rows[k]):
                     if (sol.mask & wp.static(1 << i)) != 0:
                         y = rho[i] * sol.v - sol.lam[i] * motion.p
-                        if wp.static(method.inertia_scaling):
+                        if wp.static(method.scaled):
                             y += (TWO * motion.kappa[i]) * lin.m[i]
-                        yn += y
-                        gap += rho[i] / motion.h
-                        if wp.static(frictional):
+                        if wp.static(method.state_noise):
+                            y += motion.spread[i]
+                        if wp.static(rows.tangent[i]):
+                            yt += y
+                            # lambda_t = +-mu lambda_n, of the normal row before it
+                            ymu -= (slides[i] * sol.lam[wp.static(max(i - 1, 0))]) * motion.p
+                        else:
+                            yn += y
+                            gap += rho[i] / motion.h
+                        if wp.static(frictional and not method.coulomb):
                             yt += (wp.static(sign[i]) * params[row, wp.static(col["friction"] + k)]) * y
                             ymu += wp.static(sign[i]) * y
             out = wp.static(d.answer)(g, gap, yn, yt, ymu)
@@ -215,6 +194,39 @@ def make_parameter_gradient(s: Structure, dtype: type, method: Method) -> wp.Fun
 
     contacts = tuple(make_contact(k) for k in range(NP))
 
+    def make_level(i: int) -> wp.Function:
+        POSITION, VELOCITY = (col.get(f"{name}_covariance", 0) for name in ("position", "velocity"))
+
+        @wp.func
+        def level(
+            params: wp.array2d(dtype=dtype),
+            row: int,
+            sol: step.Solution,
+            by_sigma: dtype,
+            h: dtype,
+            grad: wp.array2d(dtype=dtype),
+            world: int,
+        ):
+            """Columns of the covariances by row i, and their part in that of h; from sigma dG/dsigma, with
+            sigma^2 = J_i C J_i', eq. (18). Returns the weight of dJ_i.
+            """
+            j = wp.static(rows.adds[i])(VQ(), sol.jac, wp.static(dtype(1.0)))
+            share = by_sigma / (sol.sigma[wp.static(i)] * sol.sigma[wp.static(i)])
+            by_h = ZERO
+            for a in range(wp.static(s.nv)):
+                for b in range(wp.static(s.nv)):
+                    value = HALF * share * j[a] * j[b]
+                    add(grad, world, wp.static(VELOCITY) + wp.static(s.nv) * a + b, value)
+                    value = value / (h * h)
+                    add(grad, world, wp.static(POSITION) + wp.static(s.nv) * a + b, value)
+                    by_h -= TWO * value * params[row, wp.static(POSITION) + wp.static(s.nv) * a + b] / h
+            add(grad, world, wp.static(col["step_size"]), by_h)
+            return share * step.noise.spread(params, row, j)
+
+        return level
+
+    levels = tuple(make_level(i) for i in range(NR))
+
     @wp.func
     def row_columns(
         params: wp.array2d(dtype=dtype),
@@ -226,7 +238,7 @@ def make_parameter_gradient(s: Structure, dtype: type, method: Method) -> wp.Fun
         grad: wp.array2d(dtype=dtype),
         world: int,
     ):
-        """Columns of limits, sigma and what the rows add to that of the step size."""
+        """Columns of limits, sigma and what the rows add to that of the step size; fills motion.spread."""
         for i in range(wp.static(NR)):
             if (sol.mask & wp.static(1 << i)) != 0:
                 push = wp.static(rows.dots[i])(sol.jac, motion.p)
@@ -235,17 +247,19 @@ def make_parameter_gradient(s: Structure, dtype: type, method: Method) -> wp.Fun
                 if wp.static(s.rows[i].kind == "limit" and s.rows[i].sign < 0):
                     add(grad, world, wp.static(col["upper"] + s.rows[i].index), rho[i] / motion.h)
                 if wp.static(not method.hard):
-                    sigma = params[row, wp.static(col["sigma"] + i)]
                     # s = D lambda, and ds/dsigma = (s - z s')/sigma, the same at z and at -z
-                    slope = (sol.lam[i] * sol.scale[i] - sol.z[i] * lin.slope[i]) / sigma
-                    add(
-                        grad,
-                        world,
-                        wp.static(col["sigma"] + i),
-                        -slope * (push / sol.scale[i] + rho[i]),
-                    )
+                    rise = sol.lam[i] * sol.scale[i] - sol.z[i] * lin.slope[i]
+                    by_sigma = -rise * (push / sol.scale[i] + rho[i])
+                    if wp.static(method.state_noise):
+                        motion.spread[i] = wp.static(levels[i])(
+                            params, row, sol, by_sigma, motion.h, grad, world
+                        )
+                    else:
+                        by_sigma = by_sigma / params[row, wp.static(col["sigma"] + i)]
+                        add(grad, world, wp.static(col["sigma"] + i), by_sigma)
                 by_step = (sol.lam[i] * push - rho[i] * sol.rate[i]) / motion.h
                 add(grad, world, wp.static(col["step_size"]), by_step)
+        return motion
 
     @wp.func
     def gradient(
@@ -260,7 +274,7 @@ def make_parameter_gradient(s: Structure, dtype: type, method: Method) -> wp.Fun
         weight: VQ,
         grad: wp.array2d(dtype=dtype),
     ):
-        p, rho = wp.static(linear.transposed)(sol, lin, weight)
+        p, rho, slides = wp.static(linear.transposed)(sol, lin, weight)
         p = -p
         rho = -rho
         q = VQ()
@@ -272,7 +286,7 @@ def make_parameter_gradient(s: Structure, dtype: type, method: Method) -> wp.Fun
         motion.p = p
         motion.w = lin.w
         motion.h = h
-        if wp.static(method.inertia_scaling):
+        if wp.static(method.scaled):
             for i in range(wp.static(NR)):
                 if (sol.mask & wp.static(1 << i)) != 0:
                     motion.kappa[i] = wp.static(rows.dots[i])(sol.jac, p) * sol.lam[i] / sol.scale[i]
@@ -281,7 +295,7 @@ def make_parameter_gradient(s: Structure, dtype: type, method: Method) -> wp.Fun
         for b in range(wp.static(NB)):
             pulled += wp.static(inertia_of[b])(params, row, lin.jb, motion, lin.m, grad, world)
             own = wp.static(part.make_shift(b, b))(params, row, lin.jb, motion, lin.m, external, world)
-            add2(grad, world, wp.static(col["com"] + 2 * b), frame_axes(params, fr, own, b))
+            add2(grad, world, wp.static(col["com"] + 2 * b), frame_axes(fr, own, b))
             wp.static(joints[b])(params, row, fr, lin.jb, q, motion, lin.m, external, world, grad)
         add2(grad, world, wp.static(col["gravity"]), -h * pulled)
         for j in range(wp.static(s.nv)):
@@ -296,23 +310,16 @@ def make_parameter_gradient(s: Structure, dtype: type, method: Method) -> wp.Fun
             )
             pull = h * p[wp.static(s.sprung[i])] * params[row, wp.static(col["stiffness"] + s.sprung[i])]
             add(grad, world, wp.static(col["rest"] + s.sprung[i]), -pull)
+        for i in range(wp.static(len(springs))):
+            wp.static(springs[i])(params, row, fr, q, motion.v, p, h, grad, world)
         for i in range(wp.static(s.nu)):
             add(grad, world, wp.static(col["gear"] + i), -h * p[wp.static(s.actuators[i])] * u[i])
         mass = wp.static(mech.mass_matrix)(params, row, lin.jb)
         add(grad, world, wp.static(col["step_size"]), -wp.dot(p, mass * lin.w) / h)
         if sol.mask != 0:
-            row_columns(params, row, sol, lin, motion, rho, grad, world)
+            motion = row_columns(params, row, sol, lin, motion, rho, grad, world)
             for k in range(wp.static(NP)):
                 if (sol.mask & wp.static(pair_mask[k])) != 0:
-                    wp.static(contacts[k])(params, row, fr, q, sol, lin, motion, rho, grad, world)
+                    wp.static(contacts[k])(params, row, fr, q, sol, lin, motion, rho, slides, grad, world)
 
     return gradient
-
-
-def _below(s: Structure, body: int, joint: int) -> bool:
-    """Whether `body` hangs on the joint of body `joint`."""
-    while body != WORLD:
-        if body == joint:
-            return True
-        body = s.bodies[body].parent
-    return False

@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from .method import Method
+from .parameter_places import make_places
 from .sensitivity import make_linearization
 from .structure import Structure, layout
 
@@ -19,8 +20,9 @@ def make_motion_gradient(s: Structure, dtype: type, method: Method) -> SimpleNam
     """Warp functions of the motion part: mass, inertia and displacements of centres of mass."""
     linear = make_linearization(s, dtype, method)
     mech, motion, t = linear.step.mech, linear.motion, linear.step.types
+    places = make_places(s, dtype)
     lay = layout(s)
-    V2, VQ, VR, JR = t.V2, t.VQ, t.VR, t.JR
+    VQ, VR, JR = t.VQ, t.VR, t.JR
     NR = s.nr
     TWO = dtype(2.0)
     MASS, INERTIA = lay.offset("mass"), lay.offset("inertia")
@@ -31,28 +33,10 @@ def make_motion_gradient(s: Structure, dtype: type, method: Method) -> SimpleNam
         w: VQ  # v' - v
         v: VQ
         h: dtype
+        spread: JR  # weight of dJ_i through sigma, eq. (18); zero without state noise
         kappa: VR  # (J_i P) lambda_i/D_i, the weight of dD_i; zero without inertia scaling
 
-    @wp.func
-    def perp(a: V2):
-        return V2(-a[1], a[0])
-
-    @wp.func
-    def back(a: V2):
-        """The transpose of perp: perp(e).a = e.back(a)."""
-        return V2(a[1], -a[0])
-
-    def make_turn(body: int) -> wp.Function:
-        TURN = VQ(*(dtype(float(s.turns(body, j))) for j in range(s.nv)))
-
-        @wp.func
-        def turn(y: VQ):
-            """Rate of turning of a body (zero for the world)."""
-            return wp.dot(wp.static(TURN), y)
-
-        return turn
-
-    turns = {body: make_turn(body) for body in range(-1, s.nb)}
+    perp, back, turns = places.perp, places.back, places.turns
 
     def make_shift(body: int, frame: int) -> wp.Function:
         """Weight of a shift of the body's centre of mass in the axes of `frame`."""
@@ -74,7 +58,7 @@ def make_motion_gradient(s: Structure, dtype: type, method: Method) -> SimpleNam
             acc = wp.static(motion.accelerations[body])(params, row, jac, m.w, weights, m.h, external, world)
             along = jac * m.p
             out = mass * (turn(m.p) * back(acc) + turn(m.w) * back(along) - (m.h * turn(weights)) * along)
-            if wp.static(method.inertia_scaling):
+            if wp.static(method.scaled):
                 for i in range(wp.static(NR)):
                     mi = rows[i]
                     out -= (TWO * mass * m.kappa[i] * turn(mi)) * back(jac * mi)
@@ -106,7 +90,7 @@ def make_motion_gradient(s: Structure, dtype: type, method: Method) -> SimpleNam
             turned = perp(along - origin * m.p)
             change = perp(jac * m.w - origin * m.w) - m.h * (jac * weights - origin * weights)
             out = mass * (wp.dot(turned, acc) + wp.dot(along, change))
-            if wp.static(method.inertia_scaling):
+            if wp.static(method.scaled):
                 for i in range(wp.static(NR)):
                     mi = rows[i]
                     out += TWO * mass * m.kappa[i] * wp.dot(perp(origin * mi), jac * mi)
@@ -133,7 +117,7 @@ def make_motion_gradient(s: Structure, dtype: type, method: Method) -> SimpleNam
             acc = wp.static(motion.accelerations[body])(params, row, jac, m.w, weights, m.h, external, world)
             along = jac * m.p
             out = mass * (m.p[dof] * acc + m.w[dof] * along + (m.h * weights[dof]) * back(along))
-            if wp.static(method.inertia_scaling):
+            if wp.static(method.scaled):
                 for i in range(wp.static(NR)):
                     mi = rows[i]
                     out -= (TWO * mass * m.kappa[i] * mi[dof]) * (jac * mi)
@@ -164,7 +148,7 @@ def make_motion_gradient(s: Structure, dtype: type, method: Method) -> SimpleNam
             along = jac * m.p
             by_mass = wp.dot(along, acc)
             by_inertia = turn(m.p) * turn(m.w)
-            if wp.static(method.inertia_scaling):
+            if wp.static(method.scaled):
                 for i in range(wp.static(NR)):
                     mi = rows[i]
                     velocity = jac * mi
@@ -178,9 +162,6 @@ def make_motion_gradient(s: Structure, dtype: type, method: Method) -> SimpleNam
 
     return SimpleNamespace(
         Motion=Motion,
-        perp=perp,
-        back=back,
-        turns=turns,
         make_shift=functools.cache(make_shift),
         make_rotation=functools.cache(make_rotation),
         make_slide=functools.cache(make_slide),

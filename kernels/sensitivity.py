@@ -35,7 +35,6 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
     pairs = tuple(make_pair_derivatives(s, k, dtype) for k in range(len(s.pairs)))
     sweep = make_sweep(s, dtype, method)
     coulomb = method.coulomb and s.nr > 0
-    scaled = method.inertia_scaling and not coulomb
     erm = method.erm and s.nr > 0
     response = make_coulomb_response(s, dtype, method) if coulomb else None
     least = make_erm_response(s, dtype, method) if erm else None
@@ -229,11 +228,11 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
                 n = V2(sol.normal[wp.static(2 * k)], sol.normal[wp.static(2 * k + 1)])
                 g = wp.static(pairs[k].geometry)(params, row, fr, n)
                 f1q, f2q, lin = wp.static(pair_terms[k].rows)(params, row, sol, g, lin, f1q, f2q)
-                if wp.static(scaled):
+                if wp.static(method.scaled):
                     lin = wp.static(pair_terms[k].scale)(params, row, g, lin)
                 if wp.static(method.state_noise):
                     f1q, f2q = wp.static(pair_terms[k].noise)(params, row, sol, g, lin, f1q, f2q)
-        if wp.static(scaled):
+        if wp.static(method.scaled):
             moved, lin = scaling_terms(params, row, sol, lin, f1q, v)
             if wp.static(not erm):  # there lambda is the unknown, not z
                 f1q = moved
@@ -315,15 +314,19 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
 
     @wp.func
     def transposed(sol: step.Solution, lin: Linear, target: VQ):
-        """(P, rho) with target . dv' = -(P . dF1 + rho . dF2)."""
+        """(P, rho, sides) with target . dv' = -(P . dF1 + rho . dF2); sides: see `coulomb_response.py`."""
         p = sol.minv * target
         rho = VR()
-        if sol.mask != 0:
+        side = VR()
+        if wp.static(coulomb):
+            if sol.mask != 0:
+                p, rho, side = response.transposed(lin.factor, sol.jac, p)
+        elif sol.mask != 0:
             p, innovation = wp.static(sweep.forward)(lin.factor, sol.jac, lin.slope, sol.mask, p, VR())
             dz = wp.static(sweep.back)(lin.factor, sol.jac, sol.scale, lin.slope, sol.mask, innovation)
             for i in range(wp.static(NR)):
                 rho[i] = -lin.slope[i] * dz[i] / sol.scale[i]
-        return p, rho
+        return p, rho, side
 
     return SimpleNamespace(
         step=step,

@@ -18,7 +18,10 @@ from .structure import REVOLUTE, WORLD, Structure, layout
 
 @functools.cache
 def make_spring(s: Structure, index: int, dtype: type) -> SimpleNamespace:
-    """Warp functions of spring `index`; the derivatives are those of -h r, and add to what they are given."""
+    """Warp functions of spring `index`; the derivatives are those of -h r, and add to what they are given.
+
+    span(params, row, frames, v) -> Span: what all of them are made of; rounding(L) = eps, of slope SHORT.
+    """
     kin = make_kinematics(s, dtype)
     t = kin.types
     lay = layout(s)
@@ -56,17 +59,27 @@ def make_spring(s: Structure, index: int, dtype: type) -> SimpleNamespace:
 
     @wp.struct
     class Span:
+        pa: V2
+        pb: V2
         delta: V2
         ja: J2
         jb: J2
         a: VQ  # d(s/2)/dq
+        inv: dtype  # 1/s
         g: V6  # G, G_s, G_m, G_ss, G_sm
+
+    @wp.func
+    def rounding(rest: dtype):
+        """eps"""
+        return SHORT * rest + TINY
 
     @wp.func
     def span(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, v: VQ):
         out = Span()
         pa = wp.static(point_a)(params, row, fr)
         pb = wp.static(point_b)(params, row, fr)
+        out.pa = pa
+        out.pb = pb
         out.delta = pb - pa
         out.ja = wp.static(jac_a)(params, row, fr, pa[0], pa[1])
         out.jb = wp.static(jac_b)(params, row, fr, pb[0], pb[1])
@@ -79,8 +92,9 @@ def make_spring(s: Structure, index: int, dtype: type) -> SimpleNamespace:
         k = params[row, wp.static(K)]
         c = params[row, wp.static(C)]
         rest = params[row, wp.static(L)]
-        eps = SHORT * rest + TINY
+        eps = rounding(rest)
         inv = ONE / (wp.dot(out.delta, out.delta) + eps * eps)
+        out.inv = inv
         pull = k * rest * wp.sqrt(inv)
         out.g[0] = k - pull + c * m * inv
         out.g[1] = inv * (HALF * pull - c * m * inv)
@@ -200,4 +214,14 @@ def make_spring(s: Structure, index: int, dtype: type) -> SimpleNamespace:
         slope = e.g[2] * bend(e, p) + (TWO * e.g[4] * along) * e.a
         return total + h * (wp.outer(slope, e.a) + (e.g[2] * along) * second(e))
 
-    return SimpleNamespace(force=force, by_q=by_q, by_v=by_v, hessian_qq=hessian_qq, hessian_qv=hessian_qv)
+    return SimpleNamespace(
+        types=t,
+        force=force,
+        by_q=by_q,
+        by_v=by_v,
+        hessian_qq=hessian_qq,
+        hessian_qv=hessian_qv,
+        span=span,
+        rounding=rounding,
+        SHORT=SHORT,
+    )

@@ -18,7 +18,6 @@ from slcp_warp.kernels.method import Method
 from slcp_warp.kernels.parameter_gradient import offered
 from slcp_warp.kernels.policy import make_tracking
 from slcp_warp.kernels.reduce import make_sum_kernel
-from slcp_warp.kernels.structure import Structure
 
 from .options import OptionError
 
@@ -40,12 +39,12 @@ def record(backward: Callable[[], None], inputs: Sequence[wp.array], *outputs: w
         tape.record_func(backward, arrays=[a for a in (*inputs, *outputs) if a.requires_grad])
 
 
-def parameter_gradients(structure: Structure, method: Method) -> None:
+def parameter_gradients(method: Method) -> None:
     """An OptionError where gradients by parameters do not exist."""
-    if not offered(structure, method):
+    if not offered(method):
         raise OptionError(
-            "params are tracked, but gradients by parameters exist neither for springs between points, "
-            f"nor for capsules, nor for every method; this is {method}"
+            "params are tracked, but gradients by parameters exist neither for residual 'erm-logistic' and "
+            f"'erm-normal' nor for integrator 'trapezoidal'; this is {method}"
         )
 
 
@@ -89,9 +88,9 @@ class Recorded:
         Raises:
             OptionError: gradients are wanted that the options do not have.
         """
-        structure, _, method = self.key
+        _, _, method = self.key
         if wants_gradient(self.table):
-            parameter_gradients(structure, method)
+            parameter_gradients(method)
         wanted = wants_gradient(*self.inputs)
         if wanted:
             derivatives_exist(method)

@@ -124,7 +124,7 @@ def parameter_table(sim: Simulator, params: Values, like: Tensor) -> Tensor:
     if params is None or isinstance(params, Parameters):
         return table
     if any(isinstance(value, Tensor) and value.requires_grad for value in params.values()):
-        parameter_gradients(sim.scene.structure, sim.options.method)
+        parameter_gradients(sim.options.method)
     unknown = set(params) - set(base.names)
     if unknown:
         raise ParameterError(f"no parameter {sorted(unknown)}; there are {list(base.names)}")

@@ -92,7 +92,7 @@ def pull_op(
     sim = _simulators[handle]
     key = (sim.scene.structure, sim.dtype, sim.options.method)
     if parameters:
-        parameter_gradients(sim.scene.structure, sim.options.method)
+        parameter_gradients(sim.options.method)
     out = [torch.zeros_like(t, memory_format=torch.contiguous_format) for t in (x0, us, table)]
     with _stream(x0):
         arrays = _share(sim, x0, us, table, force, states, by_states)
