@@ -92,7 +92,8 @@ def load(module: str, program: str, extra: str) -> Any:
         return importlib.import_module(module)
     except ModuleNotFoundError as error:
         raise ModuleNotFoundError(
-            f"this comparison runs {program}: pip install 'slcp-warp[{extra}]'", name=error.name
+            f"this comparison runs {program}: pip install 'slcp-warp[{extra}]' (Python 3.11 or newer)",
+            name=error.name,
         ) from error
 
 
