@@ -63,8 +63,8 @@ def two_studies(monkeypatch):
     load = diagram.load
     monkeypatch.setattr(diagram, "load", lambda name: modules.get(name) or load(name))
     monkeypatch.setattr(diagram, "STUDIES", {
-        "contact": diagram.STUDIES["contact"], "solver": diagram.Study("diagram_solver", {}),
-        "sweep": diagram.Study("diagram_none", {}),
+        "contact": diagram.Study("diagram_contact", {"ratios.md": "diagram_ratios"}),
+        "solver": diagram.Study("diagram_solver", {}), "sweep": diagram.Study("diagram_none", {}),
     })  # fmt: skip
     return ran
 
