@@ -10,7 +10,8 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from .coulomb import LEFT, PROXIMAL, RIGHT, make_active
+from .coulomb import PROXIMAL
+from .coulomb_modes import LEFT, RIGHT, make_active
 from .method import Method
 from .structure import Structure
 
