@@ -2,7 +2,8 @@
 
 The same equations as in `solve.py`, r(z) = A lambda(z) + J v_free + d/h - s(-z) = 0 with D lambda = s(z), but
 A = J M^-1 J' is formed once, so that an iteration works on FEW numbers instead of on vectors of nv. Steps are
-not shortened: where one does not let sum r_i^2/A_ii fall, the general method starts afresh.
+not shortened: where one does not let sum r_i^2/A_ii fall, or where large impulses cancel, the general method
+starts afresh.
 """
 
 import functools
@@ -19,6 +20,7 @@ from .structure import Structure
 
 FEW = 3
 ITERATIONS = 10
+LARGEST = 8.0  # of sums of |A_ij lambda_j|, relative to the terms of the residual
 DECREASE = 0.99  # of the sum of squares, at least, in every step
 
 
@@ -38,6 +40,7 @@ def make_few_rows(s: Structure, dtype: type, method: Method) -> wp.Function:
     ZERO, ONE = dtype(0.0), dtype(1.0)
     HUGE = dtype(1e300 if dtype is wp.float64 else 1e38)
     TOL, TAU = dtype(resolution(dtype, method)), dtype(PROXIMAL[dtype])
+    CANCEL = dtype(LARGEST)
     BEND, FALL = dtype(0.5 * sm.steepest), dtype(DECREASE)
 
     @wp.struct
@@ -171,6 +174,17 @@ def make_few_rows(s: Structure, dtype: type, method: Method) -> wp.Function:
         return bend * (ONE + largest / smallest)
 
     @wp.func
+    def cancels(p: Few, lam: V, size: dtype):
+        # whether impulses against each other are so large that rounding of A lambda is not rounding of J v'
+        largest = ZERO
+        for k in range(wp.static(K)):
+            total = ZERO
+            for l in range(wp.static(K)):
+                total += wp.abs(p.a[k, l] * lam[l])
+            largest = wp.max(largest, total)
+        return not (largest <= CANCEL * size)
+
+    @wp.func
     def solve_few(
         params: wp.array2d(dtype=dtype),
         row: int,
@@ -213,6 +227,8 @@ def make_few_rows(s: Structure, dtype: type, method: Method) -> wp.Function:
                         status = wp.static(SOLVED)
             else:  # no number, or a step too long
                 it = wp.static(ITERATIONS)
+        if status == wp.static(SOLVED) and cancels(p, lam, size):
+            status = wp.static(NOT_CONVERGED)
         # back to the places of the rows
         z_out = z0
         lam_out = VR()

@@ -259,7 +259,7 @@ class Checker:
             if method.trapezoidal and method.erm:  # promises no open rows, and records no second impulse
                 pass
             elif method.trapezoidal:  # positions move with a velocity of their own, which opens the rows, too
-                c_error = np.maximum(c_error, problem.entered((q1 - q) / h[..., None]))
+                c_error = np.maximum(c_error, problem.entered((q1 - q) / h[..., None], self.p["sigma"]))
             else:
                 m_error = np.maximum(m_error, update.max(-1))
             better = ~(m_error + c_error >= motion + contact)

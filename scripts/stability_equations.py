@@ -78,10 +78,11 @@ class Problem:
             error[..., i] = self.delassus[..., i] * (impulse[..., i] - np.clip(moved, -bound, bound))
         return np.abs(error).max(-1) / self.weight(impulse)
 
-    def entered(self, v: Array) -> Array:
-        """By how much (B, N) moving with v enters the rows' half spaces."""
+    def entered(self, v: Array, sigma: Array) -> Array:
+        """By how much (B, N) moving with v enters the rows' half spaces, relative to velocities and sigma."""
         b = self.rate + np.einsum("...ij,...j->...i", self.jac, v)
-        return np.where(self.tangent, 0.0, np.maximum(-b, 0.0)).max(-1) / self.weight(np.zeros(b.shape))
+        size = self.weight(np.zeros(b.shape)) + (0.0 if self.method.hard else sigma.max(-1))
+        return np.where(self.tangent, 0.0, np.maximum(-b, 0.0)).max(-1) / size
 
 
 def expected_square_slopes(a: Array, b: Array, sigma: Array, method: Method) -> tuple[Array, Array]:
