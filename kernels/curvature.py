@@ -223,7 +223,7 @@ def make_curvature(s: Structure, dtype: type, method: Method) -> wp.Function:
             v[j] = x[wp.static(NV + j)]
         target[output] = dtype(1.0)
         fr = wp.static(mech.frames)(params, row, q)
-        p, rho, _side = wp.static(linear.transposed)(sol, lin, target)
+        p, rho = wp.static(linear.transposed)(sol, lin, target)
         hess = motion_hessian(params, row, lin, p, v, external, world, HESSIAN())
         for k in range(wp.static(len(s.pairs))):
             if (sol.mask & wp.static(pair_mask[k])) != 0:

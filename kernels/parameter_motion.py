@@ -10,7 +10,8 @@ from types import SimpleNamespace
 import warp as wp
 
 from .method import Method
-from .parameter_places import make_places
+from .parameter_places import below, make_places
+from .parameter_springs import make_spring_gradient
 from .sensitivity import make_linearization
 from .structure import Structure, layout
 
@@ -22,21 +23,24 @@ def make_motion_gradient(s: Structure, dtype: type, method: Method) -> SimpleNam
     mech, motion, t = linear.step.mech, linear.motion, linear.step.types
     places = make_places(s, dtype)
     lay = layout(s)
-    VQ, VR, JR = t.VQ, t.VR, t.JR
-    NR = s.nr
-    TWO = dtype(2.0)
-    MASS, INERTIA = lay.offset("mass"), lay.offset("inertia")
+    V2, VQ, VR, JR = t.V2, t.VQ, t.VR, t.JR
+    NB, NR = s.nb, s.nr
+    ZERO, TWO = dtype(0.0), dtype(2.0)
+    col = {name: lay.offset(name) for name in lay.names}
+    MASS, INERTIA = col["mass"], col["inertia"]
+    subtree = tuple(tuple(b for b in range(NB) if below(s, b, k)) for k in range(NB))
+    springs = tuple(make_spring_gradient(s, i, dtype) for i in range(len(s.springs)))
 
     @wp.struct
     class Motion:
         p: VQ  # P
-        w: VQ  # v' - v
+        w: VQ
         v: VQ
         h: dtype
-        spread: JR  # weight of dJ_i through sigma, eq. (18); zero without state noise
-        kappa: VR  # (J_i P) lambda_i/D_i, the weight of dD_i; zero without inertia scaling
+        kappa: VR  # weight of dD_i; zero without inertia scaling
 
     perp, back, turns = places.perp, places.back, places.turns
+    add, add2, frame_axes = places.add, places.add2, places.frame_axes
 
     def make_shift(body: int, frame: int) -> wp.Function:
         """Weight of a shift of the body's centre of mass in the axes of `frame`."""
@@ -160,10 +164,85 @@ def make_motion_gradient(s: Structure, dtype: type, method: Method) -> SimpleNam
 
         return inertial
 
-    return SimpleNamespace(
-        Motion=Motion,
-        make_shift=functools.cache(make_shift),
-        make_rotation=functools.cache(make_rotation),
-        make_slide=functools.cache(make_slide),
-        make_inertia=make_inertia,
-    )
+    make_shift, make_rotation, make_slide = map(functools.cache, (make_shift, make_rotation, make_slide))
+
+    def make_joint(j: int) -> wp.Function:
+        """Columns of one body's joint: anchor, angle and, if prismatic, axis."""
+        parent = s.bodies[j].parent
+        sliding = s.bodies[j].joint == "prismatic"
+        dof = s.bodies[j].dofs[0]
+        moved = subtree[j]
+        shifts = tuple(make_shift(b, parent) for b in moved)
+        rotations = tuple(make_rotation(b, j) for b in moved)
+        slides = tuple(make_slide(b, dof) if sliding else None for b in moved)
+
+        @wp.func
+        def joint(
+            params: wp.array2d(dtype=dtype),
+            row: int,
+            fr: t.FRAMES,
+            jb: t.JB,
+            q: VQ,
+            motion: Motion,
+            normals: JR,
+            external: wp.array2d(dtype=dtype),
+            world: int,
+            grad: wp.array2d(dtype=dtype),
+        ):
+            place = V2()
+            turned = ZERO
+            direction = V2()
+            for k in range(wp.static(len(moved))):
+                place += wp.static(shifts[k])(params, row, jb, motion, normals, external, world)
+                turned += wp.static(rotations[k])(params, row, fr, jb, motion, normals, external, world)
+                if wp.static(sliding):
+                    direction += wp.static(slides[k])(params, row, jb, motion, normals, external, world)
+            place = frame_axes(fr, place, wp.static(parent))
+            add2(grad, world, wp.static(col["anchor"] + 2 * j), place)
+            add(grad, world, wp.static(col["angle"] + j), turned)
+            if wp.static(sliding):
+                direction = frame_axes(fr, direction, wp.static(parent))
+                add2(grad, world, wp.static(col["axis"] + 2 * j), direction + q[wp.static(dof)] * place)
+
+        return joint
+
+    joints = tuple(make_joint(j) for j in range(NB))
+
+    inertia_of = tuple(make_inertia(b) for b in range(NB))
+    own_shifts = tuple(make_shift(b, b) for b in range(NB))
+
+    @wp.func
+    def moving(
+        params: wp.array2d(dtype=dtype),
+        row: int,
+        fr: t.FRAMES,
+        jb: t.JB,
+        q: VQ,
+        u: t.VU,
+        m: Motion,
+        normals: JR,
+        external: wp.array2d(dtype=dtype),
+        world: int,
+        grad: wp.array2d(dtype=dtype),
+    ):
+        """Adds the derivative of the scalar by every column but h."""
+        pulled = V2()
+        for b in range(wp.static(NB)):
+            pulled += wp.static(inertia_of[b])(params, row, jb, m, normals, grad, world)
+            own = wp.static(own_shifts[b])(params, row, jb, m, normals, external, world)
+            add2(grad, world, wp.static(col["com"] + 2 * b), frame_axes(fr, own, b))
+            wp.static(joints[b])(params, row, fr, jb, q, m, normals, external, world, grad)
+        add2(grad, world, wp.static(col["gravity"]), -m.h * pulled)
+        for j in range(wp.static(s.nv)):
+            add(grad, world, wp.static(col["damping"] + j), m.h * m.p[j] * m.v[j])
+            if wp.static(j in s.sprung):
+                stretch = q[j] - params[row, wp.static(col["rest"] + j)]
+                add(grad, world, wp.static(col["stiffness"] + j), m.h * m.p[j] * stretch)
+                pull = m.h * m.p[j] * params[row, wp.static(col["stiffness"] + j)]
+                add(grad, world, wp.static(col["rest"] + j), -pull)
+        for i in range(wp.static(len(springs))):
+            wp.static(springs[i])(params, row, fr, q, m.v, m.p, m.h, grad, world)
+        for i in range(wp.static(s.nu)):
+            add(grad, world, wp.static(col["gear"] + i), -m.h * m.p[wp.static(s.actuators[i])] * u[i])
+
+    return SimpleNamespace(Motion=Motion, moving=moving)

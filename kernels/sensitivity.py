@@ -197,6 +197,34 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
         return lin, drift
 
     @wp.func
+    def factored(params: wp.array2d(dtype=dtype), row: int, sol: step.Solution, start: Linear):
+        """`start` with what does not depend on what the step is differentiated by."""
+        lin = start
+        diag = VR()
+        if wp.static(not coulomb):
+            lin = slopes(params, row, sol, lin)
+        for i in range(wp.static(NR)):
+            if (sol.mask & wp.static(1 << i)) != 0:
+                m = wp.static(rows.applies[i])(sol.minv, sol.jac)
+                diag[i] = wp.static(rows.dots[i])(sol.jac, m)
+                for j in range(wp.static(NV)):
+                    lin.m[i, j] = m[j]
+        if wp.static(erm):
+            if sol.mask != 0:
+                lin.factor = least.prepare(
+                    params, row, sol.minv, sol.jac, sol.scale, sol.sigma, sol.lam, sol.z
+                )
+        elif wp.static(coulomb):
+            lin.factor = response.factor(params, row, sol.minv, sol.vfree, sol.jac, sol.rate, sol.mask, sol.z)
+        elif wp.static(NR > 0):
+            lin.factor = wp.static(sweep.factor)(
+                sol.minv, sol.jac, sol.scale, diag, lin.slope, lin.slack, sol.mask, TAU
+            )
+        else:
+            lin.factor.cov = sol.minv
+        return lin
+
+    @wp.func
     def respond(
         params: wp.array2d(dtype=dtype),
         row: int,
@@ -207,20 +235,13 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
         source: DV,
     ):
         # response of the contact problem to (q, v, u): `source` is -F1_(q, v, u) without the contact's part
-        lin = start
+        lin = factored(params, row, sol, start)
         h = params[row, wp.static(H)]
         f1q = MQ()
         f2q = JR()
-        diag = VR()
-        if wp.static(not coulomb):
-            lin = slopes(params, row, sol, lin)
         for i in range(wp.static(NR)):
-            if (sol.mask & wp.static(1 << i)) != 0:
-                m = wp.static(rows.applies[i])(sol.minv, sol.jac)
-                diag[i] = wp.static(rows.dots[i])(sol.jac, m)
-                for j in range(wp.static(NV)):
-                    lin.m[i, j] = m[j]
-                if wp.static(not contact[i]):
+            if wp.static(not contact[i]):
+                if (sol.mask & wp.static(1 << i)) != 0:
                     lin.gap_row[i, wp.static(index[i])] = wp.static(sign[i])
                     f2q[i, wp.static(index[i])] = wp.static(sign[i]) / h
         for k in range(wp.static(len(s.pairs))):
@@ -239,14 +260,6 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
         if wp.static(erm):
             if sol.mask != 0:
                 lin.factor = expected(params, row, fr, v, sol, lin)
-        elif wp.static(coulomb):
-            lin.factor = response.factor(params, row, sol.minv, sol.vfree, sol.jac, sol.rate, sol.mask, sol.z)
-        elif wp.static(NR > 0):
-            lin.factor = wp.static(sweep.factor)(
-                sol.minv, sol.jac, sol.scale, diag, lin.slope, lin.slack, sol.mask, TAU
-            )
-        else:
-            lin.factor.cov = sol.minv
         return fill(sol, lin, source, f1q, f2q)
 
     @wp.func
@@ -254,7 +267,7 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
         params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, v: VQ, sol: step.Solution, lin: Linear
     ):
         # ERM: the rows' derivatives once more, with y and p in place of lambda and v'
-        fac = least.prepare(params, row, sol.minv, sol.jac, sol.scale, sol.sigma, sol.lam, sol.z)
+        fac = lin.factor
         twin = Solution()
         twin.jac = sol.jac
         twin.lam = fac.r_w
@@ -314,19 +327,15 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
 
     @wp.func
     def transposed(sol: step.Solution, lin: Linear, target: VQ):
-        """(P, rho, sides) with target . dv' = -(P . dF1 + rho . dF2); sides: see `coulomb_response.py`."""
+        """(P, rho) with target . dv' = -(P . dF1 + rho . dF2)."""
         p = sol.minv * target
         rho = VR()
-        side = VR()
-        if wp.static(coulomb):
-            if sol.mask != 0:
-                p, rho, side = response.transposed(lin.factor, sol.jac, p)
-        elif sol.mask != 0:
+        if sol.mask != 0:
             p, innovation = wp.static(sweep.forward)(lin.factor, sol.jac, lin.slope, sol.mask, p, VR())
             dz = wp.static(sweep.back)(lin.factor, sol.jac, sol.scale, lin.slope, sol.mask, innovation)
             for i in range(wp.static(NR)):
                 rho[i] = -lin.slope[i] * dz[i] / sol.scale[i]
-        return p, rho, side
+        return p, rho
 
     return SimpleNamespace(
         step=step,
@@ -336,6 +345,8 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
         Linear=Linear,
         linearize=linearize,
         transposed=transposed,
+        factored=factored,
+        response=response,
         NZ=NZ,
         DV=DV,
         DZ=DZ,

@@ -43,8 +43,8 @@ def parameter_gradients(method: Method) -> None:
     """An OptionError where gradients by parameters do not exist."""
     if not offered(method):
         raise OptionError(
-            "params are tracked, but gradients by parameters exist neither for residual 'erm-logistic' and "
-            f"'erm-normal' nor for integrator 'trapezoidal'; this is {method}"
+            "params are tracked, but gradients by parameters exist for integrator 'euler' only; "
+            f"this is {method}"
         )
 
 

@@ -246,11 +246,18 @@ def test_springs_capsules_and_noise_of_the_state(device):
     check(errors(sim, x, u, params, force, smooth))
 
 
+@pytest.mark.slow
+def test_minimum_of_the_expected_residual(device):
+    sim = simulator("flicking_finger", device, wp.float64, "inertia", "erm-normal")
+    x, u, force = states(sim.scene, 40)
+    check(errors(sim, x, u, sim.params, force, smooth))
+
+
 def test_errors_name_what_is_needed():
     finger = scene("flicking_finger")
-    least = slcp.Simulator(finger, slcp.Options(residual="erm-normal"))
-    with wp.Tape(), pytest.raises(slcp.OptionError, match="neither for residual 'erm-logistic'"):
-        least.rollout(finger.x0, np.zeros((1, finger.nu)), least.params.track())
+    smoother = slcp.Simulator(finger, slcp.Options(integrator="trapezoidal"))
+    with wp.Tape(), pytest.raises(slcp.OptionError, match="for integrator 'euler' only"):
+        smoother.rollout(finger.x0, np.zeros((1, finger.nu)), smoother.params.track())
     params = simulator("flicking_finger").params
     with pytest.raises(slcp.ParameterError, match="not tracked"):
         params.gradient("mass")
