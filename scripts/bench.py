@@ -32,7 +32,7 @@ from .bench_ours import PAPER, TOUCH, WINDOW, Ours, cpu_threads
 from .bench_precision import bench_finite, bench_precision
 from .bench_timing import Case, Result, print_table, tidy_rows, time_interleaved, write_csv
 from .bench_workload import Workload, make_workload, windows
-from .diagram import charts_command
+from .diagrams.command import charts_command
 from .stability import stability_command
 
 DTYPES = ("float32", "float64")

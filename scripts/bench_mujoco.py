@@ -18,7 +18,7 @@ from slcp_warp.scene import Body, Scene, SceneError, Shape
 from slcp_warp.topology import spread
 
 from .bench_workload import Workload
-from .peer import NEAR, Deviation, deviation_of, load
+from .diagrams.peer import NEAR, Deviation, deviation_of, load
 
 OUT_OF_PLANE = 0.3  # radius of the ellipsoids along z [m]
 POINT = 1e-12  # radius of a point: MuJoCo has no sphere of radius 0 [m]

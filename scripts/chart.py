@@ -10,8 +10,8 @@ import slcp_warp as slcp
 from slcp_warp import ddp
 
 from .common import one_line_errors, wrote
-from .diagram import RESULTS, draw_charts
-from .diagram_results import is_results, read_results
+from .diagrams.command import RESULTS, draw_charts
+from .diagrams.results import is_results, read_results
 from .records import Record, RecordError, load_record, read_kind
 
 

@@ -12,9 +12,9 @@ pytest.importorskip("scipy")
 
 from typer.testing import CliRunner
 
-from slcp_warp.scripts import diagram, diagram_contact, diagram_ratios
 from slcp_warp.scripts.app import app
-from slcp_warp.scripts.diagram_results import ResultsError, read_results, write_results
+from slcp_warp.scripts.diagrams import command, contact, ratios
+from slcp_warp.scripts.diagrams.results import ResultsError, read_results, write_results
 
 SIZES = (0.05, 0.02, 0.01)
 
@@ -57,23 +57,23 @@ def two_studies(monkeypatch):
         return types.SimpleNamespace(rows=run)
 
     modules = {
-        "diagram_contact": rows("contact", ROWS),
-        "diagram_solver": rows("solver", [{**ROWS[0], "study": "solver"}]),
+        "contact": rows("contact", ROWS),
+        "solver": rows("solver", [{**ROWS[0], "study": "solver"}]),
     }
-    load = diagram.load
-    monkeypatch.setattr(diagram, "load", lambda name: modules.get(name) or load(name))
-    monkeypatch.setattr(diagram, "STUDIES", {
-        "contact": diagram.Study("diagram_contact", {"ratios.md": "diagram_ratios"}),
-        "solver": diagram.Study("diagram_solver", {}), "sweep": diagram.Study("diagram_none", {}),
+    load = command.load
+    monkeypatch.setattr(command, "load", lambda name: modules.get(name) or load(name))
+    monkeypatch.setattr(command, "STUDIES", {
+        "contact": command.Study("contact", {"ratios.md": "ratios"}),
+        "solver": command.Study("solver", {}), "sweep": command.Study("none", {}),
     })  # fmt: skip
     return ran
 
 
 def test_every_study_and_chart_is_there():
-    for study in diagram.STUDIES.values():
-        assert callable(diagram.load(study.module).rows)
-        assert study.peers is None or callable(diagram.load(study.peers).rows)
-        assert all(callable(diagram.load(module).draw) for module in study.charts.values())
+    for study in command.STUDIES.values():
+        assert callable(command.load(study.module).rows)
+        assert study.peers is None or callable(command.load(study.peers).rows)
+        assert all(callable(command.load(module).draw) for module in study.charts.values())
 
 
 def test_a_file_gives_its_rows_back(tmp_path):
@@ -126,10 +126,10 @@ def test_an_interrupted_run_keeps_what_is_finished(tmp_path, two_studies, monkey
     def stop(say):
         raise KeyboardInterrupt
 
-    load = diagram.load
+    load = command.load
     monkeypatch.setattr(
-        diagram, "load",
-        lambda name: types.SimpleNamespace(rows=stop) if name == "diagram_solver" else load(name),
+        command, "load",
+        lambda name: types.SimpleNamespace(rows=stop) if name == "solver" else load(name),
     )  # fmt: skip
     assert "--resume goes on" in call("bench", "charts", "--out", tmp_path, code=130)
     assert len(read_results(tmp_path / "results.csv")) == 12
@@ -143,7 +143,7 @@ def test_an_unknown_study_names_the_choices(tmp_path):
 def test_charts_from_the_file_alone(tmp_path):
     write_results(tmp_path / "results.csv", ROWS + [{**ROWS[0], "error": math.inf}])
     output = call("chart", tmp_path, "--out", tmp_path / "figures")
-    for name in diagram.STUDIES["contact"].charts:
+    for name in command.STUDIES["contact"].charts:
         assert name in output and (tmp_path / "figures" / name).stat().st_size > 100
 
 
@@ -151,45 +151,45 @@ def test_cost_of_an_error():
     """cost = 1 / error between the points; nothing beyond them."""
     curve = [(1e-3, 1e3), (1e-2, 1e2), (1e-1, 1e1)]
     for error in (1e-3, 3e-3, 0.05):
-        assert diagram_ratios.cost_of_error(curve, error) == pytest.approx(1.0 / error)
-    assert diagram_ratios.cost_of_error(curve, 1.0) == 10.0
-    assert diagram_ratios.cost_of_error(curve, 1e-4) == math.inf
+        assert ratios.cost_of_error(curve, error) == pytest.approx(1.0 / error)
+    assert ratios.cost_of_error(curve, 1.0) == 10.0
+    assert ratios.cost_of_error(curve, 1e-4) == math.inf
 
 
 def test_ratios_at_equal_step_and_error():
     """Our error is h^2 at a cost of 1e-6 / h, the peer's h / 2 at 2e-5 / h, which is ours at sqrt(h / 2), or
     already at h = .05. The chain's fourth order is not reached.
     """
-    finger, chain = diagram_ratios.compare(ROWS)
+    finger, chain = ratios.compare(ROWS)
     np.testing.assert_allclose(finger.equal_step["Coulomb"], 20.0)
     assert finger.equal_step["Anitescu"] == []
     expected = {0.5 * h: (2e-5 / h) / (1e-6 / min(math.sqrt(0.5 * h), 0.05)) for h in SIZES}
     for error, _, ratio in finger.equal_error:
         assert ratio == pytest.approx(expected[error])
     assert chain.worst[2] == 0.0
-    assert diagram_ratios.behind(ROWS) == [
+    assert ratios.behind(ROWS) == [
         "MuJoCo, RK4 on pendulum chain: error 1e-08 at 8e+03 us; ours does not reach it"
     ]
-    assert diagram_ratios.short(ROWS) == [
+    assert ratios.short(ROWS) == [
         "pendulum chain: 0 at equal error (median 0); the goal is 10",
     ]
-    assert len(diagram_ratios.table(ROWS)) == 4 and "100 mm, 3 missed" in diagram_ratios.table(ROWS)[2]
+    assert len(ratios.table(ROWS)) == 4 and "100 mm, 3 missed" in ratios.table(ROWS)[2]
 
 
 def test_points_that_miss_contacts_reach_no_error():
     ours = made_up("Coulomb", missed=1) + made_up("Anitescu", per_step=1e-5)
-    (found,) = diagram_ratios.compare(ours + made_up("MuJoCo", "MuJoCo", per_step=1e-5))
+    (found,) = ratios.compare(ours + made_up("MuJoCo", "MuJoCo", per_step=1e-5))
     assert [ratio for *_, ratio in found.equal_error] == pytest.approx([1.0, 1.0, 1.0])
 
 
 @pytest.mark.slow
 def test_a_problem_in_earnest():
     """The block that friction stops: first order with Euler's method, nothing overlaps."""
-    coulomb = diagram_contact.CURVES[:1]
-    rows = diagram_contact.all_rows(print, (), ("sliding stop",), coulomb, (0.02, 0.01), 2, processes=1)
+    coulomb = contact.CURVES[:1]
+    rows = contact.all_rows(print, (), ("sliding stop",), coulomb, (0.02, 0.01), 2, processes=1)
     coarse, fine = rows
     assert fine["error"] < 0.011 and 1.8 < coarse["error"] / fine["error"] < 2.2
     for row in rows:
         assert row["penetration"] < 1e-9 and row["missed"] == 0 and row["solved_share"] == 1.0
-        assert row["batch"] % 32 == 0 and row["batch"] / row["h"] >= diagram_contact.STEPS
+        assert row["batch"] % 32 == 0 and row["batch"] / row["h"] >= contact.STEPS
         assert 0.0 < row["seconds"] < 1.0 and row["compile_seconds"] > 0.0

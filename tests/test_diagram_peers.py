@@ -10,8 +10,8 @@ import pytest
 from slcp_warp import scenes
 from slcp_warp.scene import SceneError
 from slcp_warp.scripts.bench_mechanism import contact, mass_matrix
-from slcp_warp.scripts.diagram_overlap import overlap
-from slcp_warp.scripts.peer import NEAR, configurations, load, step_count
+from slcp_warp.scripts.diagrams.overlap import overlap
+from slcp_warp.scripts.diagrams.peer import NEAR, configurations, load, step_count
 
 SCENES = ("flicking_finger", "sliding_block", "grasp", "walker", "cart_pole", "rolling_disc")
 REACHING = np.array([[-2.2, -0.6, 0.4, 1.0, -1.0, 0.0]])  # the finger before it strikes
@@ -71,7 +71,7 @@ def test_a_missing_package_names_its_extra():
 @pytest.mark.parametrize("name", SCENES)
 def test_mujoco_has_the_scenes_masses_and_distances(name):
     pytest.importorskip("mujoco")
-    from slcp_warp.scripts.peer_mujoco import MuJoCo
+    from slcp_warp.scripts.diagrams.peer_mujoco import MuJoCo
 
     scene = scenes.NAMED[name]()
     q = configurations(scene, REACHING if name == "flicking_finger" else scene.x0[None])
@@ -86,7 +86,7 @@ def test_mujoco_has_the_scenes_masses_and_distances(name):
 def test_mujoco_runs_in_our_coordinates():
     """A ball in free fall: the first-order step's own sum, exactly; RK4 the parabola; starts come first."""
     pytest.importorskip("mujoco")
-    from slcp_warp.scripts.peer_mujoco import MuJoCo
+    from slcp_warp.scripts.diagrams.peer_mujoco import MuJoCo
 
     scene, h, steps = scenes.ball_drop(height=5.0), 0.05, 10
     starts = np.array([[0.1, 5.0, 0.3, 1.0, 0.5, -2.0], [0.0, 4.0, 0.0, 0.0, 0.0, 0.0]])
@@ -104,7 +104,7 @@ def test_mujoco_runs_in_our_coordinates():
 def test_mujocos_spring_holds_the_scenes_weight():
     """A damped cart on a spring at an incline comes to rest where its spring carries it."""
     pytest.importorskip("mujoco")
-    from slcp_warp.scripts.peer_mujoco import MuJoCo
+    from slcp_warp.scripts.diagrams.peer_mujoco import MuJoCo
 
     axis = (math.cos(0.3), math.sin(0.3))
     cart = dataclasses.replace(scenes.cart_pole().bodies[0], axis=axis, angle=0.8, stiffness=50.0, rest=0.1,

@@ -6,26 +6,26 @@ from oracle import Oracle
 
 import slcp_warp as slcp
 from slcp_warp import scenes
-from slcp_warp.scripts import diagram_plate, diagram_problems
-from slcp_warp.scripts.diagram_events import integrate
-from slcp_warp.scripts.diagram_flow import Flow
-from slcp_warp.scripts.diagram_mechanics import Mechanism
-from slcp_warp.scripts.diagram_modes import BACKWARD, FORWARD, OFF, STICK, Row, choose
+from slcp_warp.scripts.diagrams import plate, problems
+from slcp_warp.scripts.diagrams.events import integrate
+from slcp_warp.scripts.diagrams.flow import Flow
+from slcp_warp.scripts.diagrams.mechanics import Mechanism
+from slcp_warp.scripts.diagrams.modes import BACKWARD, FORWARD, OFF, STICK, Row, choose
 
-G = diagram_problems.G
+G = problems.G
 
 
-named = diagram_problems.problem
-EXACT = [name for name in diagram_problems.MAKERS if name != "finger impact"]  # that one takes seconds
+named = problems.problem
+EXACT = [name for name in problems.MAKERS if name != "finger impact"]  # that one takes seconds
 
 
 def test_problems_are_legal():
     for p in map(named, EXACT):
-        assert p.name in diagram_problems.MAKERS
+        assert p.name in problems.MAKERS
         nv = p.scene.nv
         assert p.starts.shape == p.exact.shape and np.isfinite(p.exact).all(), p.name
         assert len(p.starts) >= 32 or not p.contacts, p.name
-        steps = p.duration / np.array(diagram_problems.STEP_SIZES)
+        steps = p.duration / np.array(problems.STEP_SIZES)
         assert np.allclose(steps, steps.round()), p.name
         oracle = Oracle(p.scene)
         for states in (p.starts, p.exact):
@@ -64,16 +64,16 @@ def test_rolling_against_small_steps():
 
 def test_plate_against_small_steps():
     p, h = named("ball bounces on a sprung plate"), 1e-4
-    mass = np.array([diagram_plate.PLATE, diagram_plate.BALL])
+    mass = np.array([plate.PLATE, plate.BALL])
     q, v = p.starts[:, :2].copy(), p.starts[:, 2:].copy()
     for _ in range(round(p.duration / h)):
-        v[:, 0] -= h * diagram_plate.SPRING / mass[0] * q[:, 0]
+        v[:, 0] -= h * plate.SPRING / mass[0] * q[:, 0]
         v -= h * G
         push = np.maximum(-(q[:, 1] - q[:, 0]) / h - (v[:, 1] - v[:, 0]), 0.0) / np.sum(1.0 / mass)
         v += push[:, None] * np.array([-1.0, 1.0]) / mass
         q = q + h * v
     assert p.errors(np.hstack([q, v])).mean() < 2e-4
-    events = [diagram_plate.bounce(start, p.duration)[1] for start in p.starts]
+    events = [plate.bounce(start, p.duration)[1] for start in p.starts]
     assert min(len(e) for e in events) >= 3  # lands, leaves, lands again
 
 

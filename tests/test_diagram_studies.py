@@ -6,22 +6,22 @@ import numpy as np
 import pytest
 
 from slcp_warp import scenes
-from slcp_warp.scripts import (
-    chart_diagram_bias,
-    chart_diagram_ddp,
-    chart_diagram_derivatives,
-    chart_diagram_scaling,
-    chart_diagram_solver,
-    chart_diagram_sweep,
-    diagram_bias,
-    diagram_ddp,
-    diagram_derivatives,
-    diagram_solver,
-    diagram_sweep,
-)
 from slcp_warp.scripts.bench_mechanism import distance
-from slcp_warp.scripts.diagram_differences import SIXTH, central, converged, forward, relative
-from slcp_warp.scripts.diagram_roofline import Peak, Work, step_work
+from slcp_warp.scripts.diagrams import (
+    bias,
+    chart_bias,
+    chart_ddp,
+    chart_derivatives,
+    chart_scaling,
+    chart_solver,
+    chart_sweep,
+    ddp,
+    derivatives,
+    solver,
+    sweep,
+)
+from slcp_warp.scripts.diagrams.differences import SIXTH, central, converged, forward, relative
+from slcp_warp.scripts.diagrams.roofline import Peak, Work, step_work
 
 
 def through_csv(rows, path):
@@ -53,20 +53,20 @@ def test_roofline_is_the_slower_of_arithmetic_and_memory():
 
 def test_error_of_blocks_falls_with_the_square_root():
     values = np.random.default_rng(0).standard_normal(1 << 18)
-    errors = [diagram_sweep.block_error(values, n, 0.0) for n in (16, 256, 4096)]
+    errors = [sweep.block_error(values, n, 0.0) for n in (16, 256, 4096)]
     np.testing.assert_allclose(errors, [1 / 4, 1 / 16, 1 / 64], rtol=0.25)
 
 
 @pytest.mark.slow
 def test_sweep_study(tmp_path):
     """Errors of blocks agree with the expected ones within chance."""
-    rows = diagram_sweep.study((16, 1024), 2048, 1, ("float64",))
+    rows = sweep.study((16, 1024), 2048, 1, ("float64",))
     for row in rows:
         if row["value"] == 16:
             assert 0.6 < row["error"] / row["expected"] < 1.5
         assert row["seconds"] > 0.0 and row["solved_share"] == 1.0
     assert len(rows) == 4
-    assert chart_diagram_sweep.draw(through_csv(rows, tmp_path / "rows.csv"), tmp_path / "sweep.png").exists()
+    assert chart_sweep.draw(through_csv(rows, tmp_path / "rows.csv"), tmp_path / "sweep.png").exists()
 
 
 def test_scaling_chart_reads_rows_of_a_file(tmp_path):
@@ -74,25 +74,25 @@ def test_scaling_chart_reads_rows_of_a_file(tmp_path):
     rows = [
         {"study": "scaling", "problem": problem, "curve": curve, "value": value, "rate": 1e5,
          "roofline_seconds": 1e-6, "fraction": 0.1}
-        for problem, *_ in chart_diagram_scaling.PANELS for curve in ("one", "two") for value in (0, 10)
+        for problem, *_ in chart_scaling.PANELS for curve in ("one", "two") for value in (0, 10)
     ]  # fmt: skip
-    path = chart_diagram_scaling.draw(through_csv(rows, tmp_path / "rows.csv"), tmp_path / "scaling.png")
+    path = chart_scaling.draw(through_csv(rows, tmp_path / "rows.csv"), tmp_path / "scaling.png")
     assert path.stat().st_size > 10_000
     with pytest.raises(ValueError, match="no rows of study 'scaling'"):
-        chart_diagram_scaling.draw([{"study": "ddp"}], path)
+        chart_scaling.draw([{"study": "ddp"}], path)
 
 
 @pytest.mark.slow
 def test_solver_study(tmp_path):
     """Both strategies agree to rounding, float32 to its own, and a tolerance of 1e-3 leaves about that."""
-    chosen = diagram_solver.variants({"float64": (1e-3, None)}, ())
-    case = diagram_solver.finger_case(64)
-    rows = diagram_solver.study("finger", case, chosen, (0.1,), 1)
+    chosen = solver.variants({"float64": (1e-3, None)}, ())
+    case = solver.finger_case(64)
+    rows = solver.study("finger", case, chosen, (0.1,), 1)
     coarse, fine, memory = (row["error_max"] for row in rows)
     assert 1e-7 < coarse < 1e-2 and fine < 1e-12 and memory < 1e-12
     assert [row["solved_share"] for row in rows] == [1.0] * 3
     assert [row["value"] for row in rows] == [1e-3, 2e-14, 2e-14]
-    assert chart_diagram_solver.draw(through_csv(rows, tmp_path / "rows.csv"), tmp_path / "s.png").exists()
+    assert chart_solver.draw(through_csv(rows, tmp_path / "rows.csv"), tmp_path / "s.png").exists()
 
 
 def smooth(z):
@@ -132,7 +132,7 @@ def test_states_are_moved_to_a_gap():
     finger, rng = scenes.flicking_finger(), np.random.default_rng(0)
     z = np.tile([-1.0, -1.2, 0.4, 0.0, 0.0, 0.0, 0.0, 0.0], (8, 1)) + 0.1 * rng.standard_normal((8, 8))
     target = rng.uniform(0.0, 1e-6, 8)
-    moved = diagram_derivatives.at_gap(finger, z, target)
+    moved = derivatives.at_gap(finger, z, target)
     np.testing.assert_allclose(distance(finger, moved[:, :3]), target, rtol=0, atol=1e-12)
     np.testing.assert_array_equal(moved[:, 3:], z[:, 3:])
 
@@ -141,20 +141,20 @@ def test_states_are_moved_to_a_gap():
 def test_derivatives_study(tmp_path):
     """Exact ones to rounding at every kind of state; MuJoCo's differences across its edge are far off."""
     pytest.importorskip("mujoco")
-    rows = diagram_derivatives.study(40, (0.1,), (1e-6,), 1, dtypes=("float64",))
+    rows = derivatives.study(40, (0.1,), (1e-6,), 1, dtypes=("float64",))
     for row in rows:
         if row["curve"].startswith("exact"):
             assert row["error_p90"] < 1e-10
     across = [r for r in rows if r["program"] == "MuJoCo" and r["problem"] == "finger, edge"]
     assert across and all(row["error_p90"] > 1.0 for row in across)
-    assert chart_diagram_derivatives.draw(through_csv(rows, tmp_path / "r.csv"), tmp_path / "d.png").exists()
+    assert chart_derivatives.draw(through_csv(rows, tmp_path / "r.csv"), tmp_path / "d.png").exists()
 
 
 @pytest.mark.parametrize("residual", ["rem-logistic", "rem-normal"])
 def test_resting_gap_solves_its_equation(residual):
     """s(z) = push and s(-z) = w: w - push + z = 0 with z found again from s, at every noise level."""
     for sigma in (3.0, 0.3, 0.05):
-        w = diagram_bias.resting_gap(residual, sigma, 0.2)
+        w = bias.resting_gap(residual, sigma, 0.2)
         z = 0.2 - w
         noise = np.linspace(-45.0, 45.0, 400001)  # s(z) is the mean of max(z + noise, 0)
         if residual == "rem-logistic":
@@ -169,20 +169,20 @@ def test_resting_gap_solves_its_equation(residual):
 def test_bias_study(tmp_path):
     """The ball rests at the closed form; the finger's distance falls with sigma."""
     chosen = {"finger impact": ("rem-logistic",), "resting ball": ("rem-logistic",)}
-    rows = diagram_bias.study(chosen, (0.1, 0.003), 4, 1)
+    rows = bias.study(chosen, (0.1, 0.003), 4, 1)
     finger = [row["error"] for row in rows if row["problem"] == "finger impact" and row["value"]]
     ball = [row for row in rows if row["problem"] == "resting ball"]
     assert finger[1] < 0.5 * finger[0] < 0.1
     for row in ball:
         assert row["error"] == pytest.approx(row["closed_form"], rel=1e-9, abs=1e-15)
         assert row["speed"] < 1e-12
-    assert chart_diagram_bias.draw(through_csv(rows, tmp_path / "r.csv"), tmp_path / "b.png").exists()
+    assert chart_bias.draw(through_csv(rows, tmp_path / "r.csv"), tmp_path / "b.png").exists()
 
 
 @pytest.mark.slow
 def test_ddp_study(tmp_path):
     """Cost never rises; near an optimum three passes of second-order DDP do what Gauss-Newton's do not."""
-    rows = diagram_ddp.study({"second-order": 60, "gauss-newton": 5}, ("float64",), 1, horizon=30)
+    rows = ddp.study({"second-order": 60, "gauss-newton": 5}, ("float64",), 1, horizon=30)
     last = {}
     for key in {(row["problem"], row["method"]) for row in rows}:
         part = [row for row in rows if (row["problem"], row["method"]) == key]
@@ -192,4 +192,4 @@ def test_ddp_study(tmp_path):
     near = "finger from near an optimum"
     assert last[near, "second-order"]["error"] < 1e-9 < last[near, "gauss-newton"]["error"]
     assert last[near, "second-order"]["value"] <= 6
-    assert chart_diagram_ddp.draw(through_csv(rows, tmp_path / "r.csv"), tmp_path / "d.png").exists()
+    assert chart_ddp.draw(through_csv(rows, tmp_path / "r.csv"), tmp_path / "d.png").exists()

@@ -1,0 +1,1 @@
+"""Speed against accuracy, charted: studies, their references, peers and pictures (`slcp bench charts`)."""
