@@ -26,7 +26,7 @@ DECREASE = 0.99  # of the sum of squares, at least, in every step
 
 @functools.cache
 def make_few_rows(s: Structure, dtype: type, method: Method) -> wp.Function:
-    """solve_few(params, row, minv, vfree, jac, scale, sigma, diag, 1/sigma, w0, mask, size, z) -> v', z,
+    """solve_few(params, row, minv, vfree, jac, scale, sigma, 1/sigma, w0, mask, size, z) -> v', z,
     lambda, status, iterations; NOT_CONVERGED also where there are more than FEW rows.
     """
     r = make_rows(s, dtype, method)
@@ -40,12 +40,13 @@ def make_few_rows(s: Structure, dtype: type, method: Method) -> wp.Function:
     ZERO, ONE = dtype(0.0), dtype(1.0)
     HUGE = dtype(1e300 if dtype is wp.float64 else 1e38)
     TOL, TAU = dtype(resolution(dtype, method)), dtype(PROXIMAL[dtype])
-    CANCEL = dtype(LARGEST)
+    CANCEL, SMALLEST = dtype(LARGEST), dtype(1e-30)
     BEND, FALL = dtype(0.5 * sm.steepest), dtype(DECREASE)
 
     @wp.struct
     class Few:
         a: M  # J M^-1 J'
+        diag: V  # its diagonal; above zero even where J = 0
         w0: V  # J v_free + d/h
         scale: V  # D
         sigma: V
@@ -60,7 +61,6 @@ def make_few_rows(s: Structure, dtype: type, method: Method) -> wp.Function:
         jac: JR,
         scale: VR,
         sigma: VR,
-        diag: VR,
         inverse_sigma: VR,
         w0: VR,
         mask: int,
@@ -71,7 +71,6 @@ def make_few_rows(s: Structure, dtype: type, method: Method) -> wp.Function:
         own = J()  # J_i of the rows in the system
         place = int(0)
         for k in range(wp.static(K)):
-            out.a[k, k] = ONE
             out.scale[k] = ONE
         for i in range(wp.static(NR)):
             if (mask & wp.static(1 << i)) != 0:
@@ -80,7 +79,6 @@ def make_few_rows(s: Structure, dtype: type, method: Method) -> wp.Function:
                     if place == k:
                         for j in range(wp.static(NV)):
                             own[k, j] = row_i[j]
-                        out.a[k, k] = diag[i]
                         out.w0[k] = w0[i]
                         out.scale[k] = scale[i]
                         out.z[k] = z[i]
@@ -89,12 +87,12 @@ def make_few_rows(s: Structure, dtype: type, method: Method) -> wp.Function:
                             out.inverse_sigma[k] = inverse_sigma[i]
                 place += 1
         for k in range(wp.static(K)):
-            if wp.static(k > 0):
-                g = minv * own[k]
-                for l in range(wp.static(K)):
-                    if wp.static(l < k):
-                        out.a[k, l] = wp.dot(own[l], g)
-                        out.a[l, k] = out.a[k, l]
+            g = minv * own[k]
+            for l in range(wp.static(K)):
+                if wp.static(l <= k):
+                    out.a[k, l] = wp.dot(own[l], g)
+                    out.a[l, k] = out.a[k, l]
+            out.diag[k] = wp.where(place > k, wp.max(out.a[k, k], SMALLEST), ONE)
         return out, place
 
     @wp.struct
@@ -124,7 +122,7 @@ def make_few_rows(s: Structure, dtype: type, method: Method) -> wp.Function:
                 out.slack[k] = e[3]
         out.res = out.res + p.a * out.lam
         for k in range(wp.static(K)):
-            out.merit += out.res[k] * out.res[k] / p.a[k, k]
+            out.merit += out.res[k] * out.res[k] / p.diag[k]
             out.worst = wp.max(out.worst, wp.abs(out.res[k]))
         return out
 
@@ -140,7 +138,7 @@ def make_few_rows(s: Structure, dtype: type, method: Method) -> wp.Function:
             slack = at.slack[i]
             if wp.static(method.inertia_scaling):
                 slack = slack * p.scale[i]
-            weight[i] = ONE / (slack + at.slope[i] * (wp.max(left[i, i], ZERO) + TAU * p.a[i, i]))
+            weight[i] = ONE / (slack + at.slope[i] * (wp.max(left[i, i], ZERO) + TAU * p.diag[i]))
             innovation[i] = -weight[i] * (at.res[i] + moved[i])
             gain = at.slope[i] * weight[i]
             for l in range(wp.static(K)):
@@ -169,7 +167,7 @@ def make_few_rows(s: Structure, dtype: type, method: Method) -> wp.Function:
         for k in range(wp.static(K)):
             if wp.static(k) < count:
                 bend += BEND * p.inverse_sigma[k] * dz[k] * dz[k]
-                largest = wp.max(largest, p.a[k, k])
+                largest = wp.max(largest, p.diag[k])
                 smallest = wp.min(smallest, p.scale[k])
         return bend * (ONE + largest / smallest)
 
@@ -193,14 +191,13 @@ def make_few_rows(s: Structure, dtype: type, method: Method) -> wp.Function:
         jac: JR,
         scale: VR,
         sigma: VR,
-        diag: VR,
         inverse_sigma: VR,
         w0: VR,
         mask: int,
         size: dtype,
         z0: VR,
     ):
-        p, count = gather(params, row, minv, jac, scale, sigma, diag, inverse_sigma, w0, mask, z0)
+        p, count = gather(params, row, minv, jac, scale, sigma, inverse_sigma, w0, mask, z0)
         z = p.z
         lam = V()
         old = ZERO + HUGE

@@ -158,7 +158,7 @@ def make_solver(s: Structure, dtype: type, method: Method) -> wp.Function:
         size = magnitude(params, row, jac, vfree, rate, sigma, w0, mask)
         z = start(minv, jac, scale, diag, w0, mask, warm)
         v, z_few, lam_few, status, iterations = solve_few(
-            params, row, minv, vfree, jac, scale, sigma, diag, inverse_sigma, w0, mask, size, z
+            params, row, minv, vfree, jac, scale, sigma, inverse_sigma, w0, mask, size, z
         )
         if status == wp.static(SOLVED):
             return v, z_few, lam_few, status, iterations
