@@ -26,7 +26,7 @@ def make_adjoint_kernel(
     linear = make_linearization(s, dtype, method)
     step = linear.step
     NV, NX, NU = s.nv, 2 * s.nv, s.nu
-    VX, VU, VQ = step.types.VX, step.types.VU, step.types.VQ
+    VX, VU = step.types.VX, step.types.VU
     parameters = make_parameter_gradient(s, dtype, method) if by_parameters else None
     Tracking = make_tracking(NX, NU, dtype).Struct
     wrapped = make_wrap(dtype)
@@ -70,11 +70,7 @@ def make_adjoint_kernel(
             carry.normal = sol.normal
             lin, drift = linear.linearize(params, row, x, sol, external, world)
             if wp.static(by_parameters):
-                weights = VQ()
-                for i in range(wp.static(NV)):
-                    weights[i] = g[wp.static(NV + i)] + h * g[i]
-                    params_grad[world, 0] = params_grad[world, 0] + g[i] * sol.v[i]  # q' = q + h v'
-                wp.static(parameters)(params, row, x, u, external, world, sol, lin, weights, params_grad)
+                wp.static(parameters)(params, row, x, u, external, world, sol, lin, g, params_grad)
             by_control = VU()
             for i in range(wp.static(NV)):
                 total[i] = total[i] + g[i]

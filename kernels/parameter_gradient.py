@@ -16,19 +16,17 @@ from .method import Method
 from .parameter_dual import make_dual
 from .parameter_motion import make_motion_gradient
 from .parameter_rows import make_row_gradient
+from .parameter_trapezoidal import make_trapezoidal_gradient
 from .structure import Structure, layout
-
-
-def offered(method: Method) -> bool:
-    """Whether the gradient by parameters exists for a method."""
-    return not method.trapezoidal
 
 
 @functools.cache
 def make_parameter_gradient(s: Structure, dtype: type, method: Method) -> wp.Function:
     """gradient(params, row, x, u, external, world, sol, lin, weight, grad): adds to row `world` of `grad`
-    the derivative of weight.v' by every column of the parameter table.
+    the derivative of weight.x' by every column of the parameter table.
     """
+    if method.trapezoidal:
+        return make_trapezoidal_gradient(s, dtype, method)
     duals = make_dual(s, dtype, method)
     linear = duals.linear
     step = linear.step
@@ -50,16 +48,19 @@ def make_parameter_gradient(s: Structure, dtype: type, method: Method) -> wp.Fun
         world: int,
         sol: step.Solution,
         lin: linear.Linear,
-        weight: VQ,
+        weight: VX,
         grad: wp.array2d(dtype=dtype),
     ):
-        dual = duals.dual(sol, lin, weight)
         h = params[row, wp.static(H)]
         q = VQ()
+        target = VQ()  # q' = q + h v'
         motion = part.Motion()
         for j in range(wp.static(s.nv)):
             q[j] = x[j]
             motion.v[j] = x[wp.static(s.nv + j)]
+            target[j] = weight[wp.static(s.nv + j)] + h * weight[j]
+            grad[world, wp.static(H)] = grad[world, wp.static(H)] + weight[j] * sol.v[j]
+        dual = duals.dual(sol, lin, target)
         motion.p = dual.p
         motion.w = lin.w
         motion.h = h

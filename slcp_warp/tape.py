@@ -15,7 +15,6 @@ import warp as wp
 from slcp_warp.kernels.adjoint import make_adjoint_kernel, make_control_kernel
 from slcp_warp.kernels.launch import launch
 from slcp_warp.kernels.method import Method
-from slcp_warp.kernels.parameter_gradient import offered
 from slcp_warp.kernels.policy import make_tracking
 from slcp_warp.kernels.reduce import make_sum_kernel
 
@@ -37,15 +36,6 @@ def record(backward: Callable[[], None], inputs: Sequence[wp.array], *outputs: w
     tape = active_tape()
     if tape is not None:
         tape.record_func(backward, arrays=[a for a in (*inputs, *outputs) if a.requires_grad])
-
-
-def parameter_gradients(method: Method) -> None:
-    """An OptionError where gradients by parameters do not exist."""
-    if not offered(method):
-        raise OptionError(
-            "params are tracked, but gradients by parameters exist for integrator 'euler' only; "
-            f"this is {method}"
-        )
 
 
 def derivatives_exist(method: Method) -> None:
@@ -88,12 +78,9 @@ class Recorded:
         Raises:
             OptionError: gradients are wanted that the options do not have.
         """
-        _, _, method = self.key
-        if wants_gradient(self.table):
-            parameter_gradients(method)
         wanted = wants_gradient(*self.inputs)
         if wanted:
-            derivatives_exist(method)
+            derivatives_exist(self.key[2])
         return wanted
 
 

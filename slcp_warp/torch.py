@@ -17,7 +17,7 @@ from torch import Tensor
 from .arrays import ArrayError
 from .parameters import ParameterError, Parameters
 from .simulator import Simulator
-from .tape import parameter_gradients
+from .tape import derivatives_exist
 from .torch_operators import RolloutFunction, handle_of, rollout_op
 
 Values = Parameters | Mapping[str, Tensor] | None
@@ -124,7 +124,7 @@ def parameter_table(sim: Simulator, params: Values, like: Tensor) -> Tensor:
     if params is None or isinstance(params, Parameters):
         return table
     if any(isinstance(value, Tensor) and value.requires_grad for value in params.values()):
-        parameter_gradients(sim.options.method)
+        derivatives_exist(sim.options.method)
     unknown = set(params) - set(base.names)
     if unknown:
         raise ParameterError(f"no parameter {sorted(unknown)}; there are {list(base.names)}")

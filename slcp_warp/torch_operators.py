@@ -16,7 +16,7 @@ from torch import Tensor
 from .checkpoint import Segments, checkpointed, pull_back
 from .parameters import NONNEGATIVE, POSITIVE, ParameterError
 from .simulator import Simulator
-from .tape import Recorded, adjoint, parameter_gradients
+from .tape import Recorded, adjoint, derivatives_exist
 
 _simulators: list[Simulator] = []  # kept for the process: a backward pass may come after its maker's scope
 _handles: dict[Simulator, int] = {}
@@ -91,8 +91,7 @@ def pull_op(
     """Gradients by x0, controls and, with `parameters`, the table, from those by the states."""
     sim = _simulators[handle]
     key = (sim.scene.structure, sim.dtype, sim.options.method)
-    if parameters:
-        parameter_gradients(sim.options.method)
+    derivatives_exist(sim.options.method)
     out = [torch.zeros_like(t, memory_format=torch.contiguous_format) for t in (x0, us, table)]
     with _stream(x0):
         arrays = _share(sim, x0, us, table, force, states, by_states)

@@ -6,16 +6,7 @@ import warp as wp
 from simulators import simulator
 
 import slcp_warp as slcp
-from slcp_warp.kernels.parameter_gradient import offered
 from slcp_warp.scripts.bench_differences import bench_differences
-
-
-def test_options_with_gradients_by_parameters():
-    yes = [{"residual": r} for r in ("rem-logistic", "rem-normal", "hard", "erm-logistic", "erm-normal")]
-    yes += [{"tolerance": 1e-4}, {"scaling": "none"}, {"deviation": "standard-deviation"}]
-    yes += [{"residual": "hard", "friction": "coulomb"}, {"noise": "state"}]
-    assert all(offered(slcp.Options(**choice).method) for choice in yes)
-    assert not offered(slcp.Options(integrator="trapezoidal").method)
 
 
 @pytest.mark.parametrize(

@@ -234,6 +234,14 @@ def crane():
     return Scene("crane", bodies, shapes, contacts, springs=springs, step_size=0.02)
 
 
+def lever():
+    """`crane` without its capsules, the disc on the plate, a motor."""
+    base = crane()
+    shapes = tuple(shape for shape in base.shapes if shape.name in ("plate", "ball"))
+    return dataclasses.replace(base, name="lever", shapes=shapes, contacts=(Contact("ball", "plate", 0.4),),
+                               actuators=(Actuator("arm", gear=2.0),))  # fmt: skip
+
+
 @pytest.mark.slow
 def test_springs_capsules_and_noise_of_the_state(device):
     sc = crane()
@@ -253,11 +261,19 @@ def test_minimum_of_the_expected_residual(device):
     check(errors(sim, x, u, sim.params, force, smooth))
 
 
+@pytest.mark.slow
+def test_trapezoidal_integrator(device):
+    sc = lever()
+    sim = slcp.Simulator(sc, slcp.Options(integrator="trapezoidal"), device=device, dtype="float64")
+    x, u, force = states(sc, 40)
+    check(errors(sim, x, u, sim.params, force, smooth))
+
+
 def test_errors_name_what_is_needed():
     finger = scene("flicking_finger")
-    smoother = slcp.Simulator(finger, slcp.Options(integrator="trapezoidal"))
-    with wp.Tape(), pytest.raises(slcp.OptionError, match="for integrator 'euler' only"):
-        smoother.rollout(finger.x0, np.zeros((1, finger.nu)), smoother.params.track())
+    late = slcp.Simulator(finger, slcp.Options(residual="hard", gap="end"))
+    with wp.Tape(), pytest.raises(slcp.OptionError, match="'end', which has no derivatives"):
+        late.rollout(finger.x0, np.zeros((1, finger.nu)), late.params.track())
     params = simulator("flicking_finger").params
     with pytest.raises(slcp.ParameterError, match="not tracked"):
         params.gradient("mass")
