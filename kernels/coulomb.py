@@ -15,6 +15,7 @@ import functools
 import warp as wp
 
 from .coulomb_alone import make_alone
+from .coulomb_few import make_coulomb_few
 from .coulomb_modes import make_active
 from .lemke import RAY, make_lemke
 from .method import Method
@@ -34,6 +35,7 @@ def make_coulomb_solver(s: Structure, dtype: type, method: Method) -> wp.Functio
     active = make_active(s, dtype, method)
     lemke = make_lemke(s, dtype, active.Dense)
     single = make_alone(s, dtype, method)
+    few = make_coulomb_few(s, dtype, method)
     t = active.types
     VQ, MQ, VR, JR = t.VQ, t.MQ, t.VR, t.JR
     Dense = active.Dense
@@ -144,6 +146,9 @@ def make_coulomb_solver(s: Structure, dtype: type, method: Method) -> wp.Functio
         v, z_alone, lam_alone, found = single(params, row, minv, vfree, jac, rate, mask)
         if found == 1:
             return v, z_alone, lam_alone, wp.static(SOLVED), int(0)
+        v_few, z_few, lam_few, settled = few(params, row, minv, vfree, jac, rate, mask, warm)
+        if settled == 1:
+            return v_few, z_few, lam_few, wp.static(SOLVED), int(0)
         dense = active.gather(params, row, minv, vfree, jac, rate, mask)
         finite = int(1)
         for i in range(dense.count):

@@ -15,17 +15,10 @@ from .structure import Structure, layout
 
 
 @functools.cache
-def make_alone(s: Structure, dtype: type, method: Method) -> wp.Function:
-    """alone(params, row, minv, vfree, jac, rate, mask) -> v', z, lambda, found: 1 where the mask is a single
-    limit or pair and the law holds (Painleve's cases are left to others).
-    """
-    r = make_rows(s, dtype, method)
-    VQ, MQ, VR, JR = r.types.VQ, r.types.MQ, r.types.VR, r.types.JR
+def make_cone(dtype: type) -> wp.Function:
+    """cone(mu, A_nn, A_nt, A_tt, w_n, w_t) -> (lambda_n, lambda_t) of a pair alone."""
     V2 = wp.types.vector(2, dtype)
-    ZERO, SMALLEST = dtype(0.0), dtype(1e-30)
-    FRICTION = layout(s).offset("friction")
-    frictional = tuple(row.kind == "contact" and row.sign > 0 for row in s.rows)
-    pair = tuple(row.index if row.kind == "contact" else 0 for row in s.rows)
+    ZERO = dtype(0.0)
 
     @wp.func
     def cone(mu: dtype, ann: dtype, ant: dtype, att: dtype, bn: dtype, bt: dtype):
@@ -42,6 +35,22 @@ def make_alone(s: Structure, dtype: type, method: Method) -> wp.Function:
                 out[0] = -bn / (ann + slide * ant)
                 out[1] = slide * out[0]
         return out
+
+    return cone
+
+
+@functools.cache
+def make_alone(s: Structure, dtype: type, method: Method) -> wp.Function:
+    """alone(params, row, minv, vfree, jac, rate, mask) -> v', z, lambda, found: 1 where the mask is a single
+    limit or pair and the law holds (Painleve's cases are left to others).
+    """
+    r = make_rows(s, dtype, method)
+    VQ, MQ, VR, JR = r.types.VQ, r.types.MQ, r.types.VR, r.types.JR
+    cone = make_cone(dtype)
+    ZERO, SMALLEST = dtype(0.0), dtype(1e-30)
+    FRICTION = layout(s).offset("friction")
+    frictional = tuple(row.kind == "contact" and row.sign > 0 for row in s.rows)
+    pair = tuple(row.index if row.kind == "contact" else 0 for row in s.rows)
 
     def make_pair(i: int) -> wp.Function:
         @wp.func
