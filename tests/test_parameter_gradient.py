@@ -255,16 +255,11 @@ def test_springs_capsules_and_noise_of_the_state(device):
 
 
 @pytest.mark.slow
-def test_minimum_of_the_expected_residual(device):
-    sim = simulator("flicking_finger", device, wp.float64, "inertia", "erm-normal")
-    x, u, force = states(sim.scene, 40)
-    check(errors(sim, x, u, sim.params, force, smooth))
-
-
-@pytest.mark.slow
-def test_trapezoidal_integrator(device):
+def test_trapezoidal_integrator_and_expected_residual(device):
     sc = lever()
-    sim = slcp.Simulator(sc, slcp.Options(integrator="trapezoidal"), device=device, dtype="float64")
+    sim = slcp.Simulator(
+        sc, slcp.Options("erm-logistic", integrator="trapezoidal"), device=device, dtype="float64"
+    )
     x, u, force = states(sc, 40)
     check(errors(sim, x, u, sim.params, force, smooth))
 
