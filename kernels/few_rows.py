@@ -18,7 +18,7 @@ from .rows import make_rows
 from .smoothing import make_smoothing
 from .structure import Structure
 
-FEW = 3
+FEW = {False: 3, True: 4}  # rows, by whether there are several pairs: one with a limit, or two
 ITERATIONS = 10
 LARGEST = 8.0  # of sums of |A_ij lambda_j|, relative to the terms of the residual
 DECREASE = 0.99  # of the sum of squares, at least, in every step
@@ -33,7 +33,7 @@ def make_few_rows(s: Structure, dtype: type, method: Method) -> wp.Function:
     sm = make_smoothing(dtype, method.residual)
     noise = make_noise(s, dtype, method)
     VQ, MQ, VR, JR = r.types.VQ, r.types.MQ, r.types.VR, r.types.JR
-    NR, NV, K = s.nr, s.nv, min(FEW, s.nr)
+    NR, NV, K = s.nr, s.nv, min(FEW[len(s.pairs) > 1], s.nr)
     V = wp.types.vector(K, dtype)
     M = wp.types.matrix((K, K), dtype)
     J = wp.types.matrix((K, NV), dtype)
