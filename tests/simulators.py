@@ -79,6 +79,16 @@ def capsules() -> Scene:
     return Scene("capsules", bodies, shapes, contacts, step_size=0.02)
 
 
+def pill() -> Scene:
+    """A hinged capsule against a hinged disc: beside its segment and at its ends."""
+    shapes = (
+        Shape("bar", "arm", "capsule", (0.1, 0.4), offset=(0.5, 0.05), angle=0.2),
+        Shape("ball", "mate", "disc", 0.2, offset=(0.5, 0.1)),
+    )
+    bodies = (Body("arm", 2.0, 0.5, damping=0.3), Body("mate", 1.0, 0.1, anchor=(0.4, 0.45)))
+    return Scene("pill", bodies, shapes, (Contact("bar", "ball", 0.4),), step_size=0.02)
+
+
 def tree(seed: int, *joints: str) -> Scene:
     """A random chain with these joints, or a random tree of four bodies; no contacts."""
     rng = np.random.default_rng(seed)
@@ -113,6 +123,7 @@ MAKERS = {
     "turned_pair": turned_pair,
     "moving_plane": moving_plane,
     "capsules": capsules,
+    "pill": pill,
     "touching_tree": touching_tree,
     "tree0": lambda: tree(0),
     "tree1": lambda: tree(1),

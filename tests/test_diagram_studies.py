@@ -72,10 +72,13 @@ def test_sweep_study(tmp_path):
 def test_scaling_chart_reads_rows_of_a_file(tmp_path):
     """Without curves that were not measured (a GPU's), and with a scene of no contact rows."""
     rows = [
-        {"study": "scaling", "problem": problem, "curve": curve, "value": value, "rate": 1e5,
-         "roofline_seconds": 1e-6, "fraction": 0.1}
+        {"study": "scaling", "program": "slcp-warp", "problem": problem, "curve": curve, "value": value,
+         "rate": 1e5, "roofline_seconds": 1e-6, "fraction": 0.1}
         for problem, *_ in chart_scaling.PANELS for curve in ("one", "two") for value in (0, 10)
     ]  # fmt: skip
+    peer = [row | {"program": "Peer", "curve": "Peer, 1 thread"} for row in rows[:1]]
+    assert chart_scaling.ahead(rows + peer) == ""
+    assert chart_scaling.ahead(rows + [peer[0] | {"rate": 2e5}]) == "ahead of ours: Peer, 1 thread at 0"
     path = chart_scaling.draw(through_csv(rows, tmp_path / "rows.csv"), tmp_path / "scaling.png")
     assert path.stat().st_size > 10_000
     with pytest.raises(ValueError, match="no rows of study 'scaling'"):

@@ -23,9 +23,25 @@ def draw(rows: Rows, out: Path) -> Path:
     for ax, (problem, *_) in zip(axes, PANELS):
         _rates(ax, choose(rows, problem=problem))
     titles(axes, *(texts[1:] for texts in PANELS))
+    lines = ahead(choose(rows, problem=PANELS[0][0]))
+    if lines:
+        axes[0].set_xlabel(f"{PANELS[0][2]}\n{lines}")
     _fractions(axes[-1], rows)
     figure.suptitle("how far the work scales, and the roofline of counted operations (dashed)", fontsize=12)
     return save(figure, out)
+
+
+def ahead(rows: Rows) -> str:
+    """Peers that make more steps than all of ours at a batch size; empty if there are none."""
+    ours: dict[float, float] = {}
+    for row in rows:
+        if row["program"] == "slcp-warp":
+            batch = float(row["value"])
+            ours[batch] = max(ours.get(batch, 0.0), float(row["rate"]))
+    peers = [row for row in rows if row["program"] != "slcp-warp" and float(row["value"]) in ours]
+    faster = [row for row in peers if float(row["rate"]) > ours[float(row["value"])]]
+    found = [f"{row['curve']} at {row['value']}" for row in faster]
+    return f"ahead of ours: {', '.join(found)}" if found else ""
 
 
 def _rates(ax: Any, rows: Rows) -> None:

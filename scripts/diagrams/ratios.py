@@ -12,11 +12,11 @@ Rows = list[dict[str, Any]]
 OURS = "slcp-warp"
 LEAST = 1e-15  # error that counts as none
 GOALS = (15.0, 10.0)  # times less CPU than MuJoCo: at equal step, at equal error
-SAME_STEP = ("Coulomb", "Anitescu")  # our curves that stand beside peers at equal step
-ABOUT = """Equal step: over all step sizes, beside our curves "Coulomb" (exact friction) and "Anitescu"
-(relaxed, convex), both hard, Euler, float64. Equal error: over all points of the peer, beside our cheapest
-curve that misses no contact, its cost interpolated between our step sizes. One thread. Our penetration:
-"Coulomb"."""
+SAME_STEP = ("Coulomb", "Coulomb, float32", "Anitescu")  # our curves that stand beside peers at equal step
+ABOUT = """Equal step: over all step sizes, beside our curves "Coulomb" (exact friction; float64 and float32)
+and "Anitescu" (relaxed, convex; float64), all hard and Euler. Equal error: over all points of the peer,
+beside our cheapest curve that misses no contact, its cost interpolated between our step sizes. One thread.
+Our penetration: "Coulomb"."""
 SKIPPED = ("scaling", "sweep", "bias")  # studies without peers or errors against cost
 
 
@@ -135,9 +135,9 @@ def table(rows: Rows) -> list[str]:
     """Lines of the contact study's table: a line per problem and curve of a peer."""
     part = [row for row in rows if row["study"] == "contact"]
     lines = [
-        "| problem | peer | equal step, Coulomb | Anitescu | equal error | peer's least error | there | "
-        "deepest: peer | ours |",
-        "|---|---|---|---|---|---|---|---|---|",
+        "| problem | peer | equal step, Coulomb | float32 | Anitescu | equal error | peer's least error | "
+        "there | deepest: peer | ours |",
+        "|---|---|---|---|---|---|---|---|---|---|",
     ]
     for c in compare(part):
         here = [row for row in part if row["problem"] == c.problem]
