@@ -14,7 +14,7 @@ import functools
 
 import warp as wp
 
-from .coulomb_alone import make_alone
+from .coulomb_alone import make_alone, make_cone
 from .coulomb_few import make_coulomb_few
 from .coulomb_modes import make_active
 from .lemke import RAY, make_lemke
@@ -34,7 +34,7 @@ def make_coulomb_solver(s: Structure, dtype: type, method: Method) -> wp.Functio
     """solve(params, row, minv, vfree, jac, rate, scale, sigma, mask, warm) -> v', z, lambda, status, it."""
     active = make_active(s, dtype, method)
     lemke = make_lemke(s, dtype, active.Dense)
-    single = make_alone(s, dtype, method)
+    single, cone = make_alone(s, dtype, method), make_cone(dtype)
     few = make_coulomb_few(s, dtype, method)
     t = active.types
     VQ, MQ, VR, JR = t.VQ, t.MQ, t.VR, t.JR
@@ -61,18 +61,9 @@ def make_coulomb_solver(s: Structure, dtype: type, method: Method) -> wp.Functio
                     ann = dense.a[i, i]
                     att = dense.a[i + 1, i + 1]
                     ant = dense.a[i, i + 1]
-                    mu = dense.mu[i + 1]
-                    det = ann * att - ant * ant
-                    ln = (ant * dense.b[i + 1] - att * dense.b[i]) / det
-                    lt = (ant * dense.b[i] - ann * dense.b[i + 1]) / det
-                    if not (ln > ZERO and wp.abs(lt) <= mu * ln):
-                        slide = wp.where(lt > ZERO, mu, -mu)
-                        if not (ann + slide * ant > ZERO):
-                            slide = -slide
-                        ln = -dense.b[i] / (ann + slide * ant)
-                        lt = slide * ln
-                    z[i] = ann * ln
-                    z[i + 1] = att * lt - (dense.b[i + 1] + ant * ln + att * lt)
+                    lam = cone(dense.mu[i + 1], ann, ant, att, dense.b[i], dense.b[i + 1])
+                    z[i] = ann * lam[0]
+                    z[i + 1] = -(dense.b[i + 1] + ant * lam[0])
         return z
 
     @wp.struct
@@ -131,6 +122,15 @@ def make_coulomb_solver(s: Structure, dtype: type, method: Method) -> wp.Functio
         return best
 
     @wp.func
+    def kept(z: VR, warm: VR, mask: int):
+        # z of the rows in the system; others keep what they had, for the time that they join it
+        out = warm
+        for i in range(wp.static(s.nr)):
+            if (mask & wp.static(1 << i)) != 0:
+                out[i] = z[i]
+        return out
+
+    @wp.func
     def solve(
         params: wp.array2d(dtype=dtype),
         row: int,
@@ -145,10 +145,10 @@ def make_coulomb_solver(s: Structure, dtype: type, method: Method) -> wp.Functio
     ):
         v, z_alone, lam_alone, found = single(params, row, minv, vfree, jac, rate, mask)
         if found == 1:
-            return v, z_alone, lam_alone, wp.static(SOLVED), int(0)
+            return v, kept(z_alone, warm, mask), lam_alone, wp.static(SOLVED), int(0)
         v_few, z_few, lam_few, settled = few(params, row, minv, vfree, jac, rate, mask, warm)
         if settled == 1:
-            return v_few, z_few, lam_few, wp.static(SOLVED), int(0)
+            return v_few, kept(z_few, warm, mask), lam_few, wp.static(SOLVED), int(0)
         dense = active.gather(params, row, minv, vfree, jac, rate, mask)
         finite = int(1)
         for i in range(dense.count):
@@ -193,6 +193,6 @@ def make_coulomb_solver(s: Structure, dtype: type, method: Method) -> wp.Functio
             lam_out[k] = best.lam[i]
             z_out[k] = best.z[i]
             v += best.lam[i] * dense.response[i]
-        return v, z_out, lam_out, status, attempt
+        return v, kept(z_out, warm, mask), lam_out, status, attempt
 
     return solve

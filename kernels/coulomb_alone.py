@@ -75,7 +75,8 @@ def make_alone(s: Structure, dtype: type, method: Method) -> wp.Function:
             z_out[wp.static(i + 1)] = att * lam[1] - vt
             inside = wp.abs(lam[1]) < mu * lam[0] or lam[0] == ZERO
             against = lam[0] > ZERO and vt * lam[1] <= ZERO
-            found = wp.where(wp.isfinite(lam[0]) and wp.isfinite(lam[1]) and (inside or against), 1, 0)
+            finite = wp.isfinite(bn) and wp.isfinite(lam[0]) and wp.isfinite(lam[1])
+            found = wp.where(finite and (inside or against), 1, 0)
             return vfree + lam[0] * gn + lam[1] * gt, z_out, lam_out, found
 
         return of_pair

@@ -185,7 +185,7 @@ def make_coulomb_few(s: Structure, dtype: type, method: Method) -> wp.Function:
 
     @wp.func
     def violation(p: Few, lam: V, z: V):
-        # largest error of the natural map, huge where impulses against each other hide it
+        # largest error of the natural map, huge where impulses against each other hide it, or are no number
         worst = ZERO
         for k in range(wp.static(K)):
             error = ZERO
@@ -201,8 +201,7 @@ def make_coulomb_few(s: Structure, dtype: type, method: Method) -> wp.Function:
                     if p.mu[k] >= ZERO:
                         bound = p.a[k, k] * p.mu[k] * wp.max(lam[l], ZERO)
                         error = wp.max(error, wp.abs(p.a[k, k] * lam[k] - wp.clamp(z[k], -bound, bound)))
-            if not (error <= worst):  # a NaN stays
-                worst = error
+            worst = wp.max(worst, error)
         return worst
 
     @wp.func

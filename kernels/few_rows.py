@@ -207,7 +207,7 @@ def make_few_rows(s: Structure, dtype: type, method: Method) -> wp.Function:
             it += 1
             at = evaluate(p, count, z)
             lam = at.lam
-            if at.worst <= TOL * size:
+            if at.worst <= TOL * size and wp.isfinite(at.merit):  # wp.max drops a NaN
                 status = wp.static(SOLVED)
             elif at.merit <= FALL * old or wp.static(method.hard):
                 old = at.merit

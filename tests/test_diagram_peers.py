@@ -135,7 +135,7 @@ def test_mujoco_refuses_what_it_has_not():
 def test_other_peers_have_the_scenes_model_and_fall_like_it(package, where, name):
     """In single precision: a ball that falls for a quarter of a second, on first-order steps."""
     pytest.importorskip(package, reason=f"{package} is not installed (extra `peers`)")
-    peer = getattr(importlib.import_module(f"slcp_warp.scripts.{where}"), name)()
+    peer = getattr(importlib.import_module(f"slcp_warp.scripts.diagrams.{where}"), name)()
     scene, h, steps = scenes.ball_drop(height=0.1), 0.025, 10
     found = peer.deviation(scene, configurations(scene, scene.x0[None]))
     assert found.mass_matrix < 1e-6 and found.distance < 1e-5 and found.normal < 1e-5

@@ -94,17 +94,15 @@ def run_studies(names: tuple[str, ...], path: Path, kept: Rows) -> tuple[Rows, l
     for name in names:
         typer.echo(f"{name} ...")
         begin = time.perf_counter()
-        try:
-            study = STUDIES[name]
-            new = [
-                row
-                for module in (study.module, study.peers)
-                if module is not None
-                for row in load(module).rows(lambda text: typer.echo(f"  {text}"))
-            ]
-        except Exception as error:  # one study's failure is not another's
-            failures.append(f"study {name} failed: {type(error).__name__}: {' '.join(str(error).split())}")
-            typer.echo(f"  {failures[-1]}", err=True)
+        new: Rows = []
+        for module in (STUDIES[name].module, STUDIES[name].peers):
+            try:
+                new += [] if module is None else load(module).rows(lambda text: typer.echo(f"  {text}"))
+            except Exception as error:  # neither another study's failure nor that of the rows there are
+                text = " ".join(str(error).split())
+                failures.append(f"study {name} failed: {type(error).__name__}: {text}")
+                typer.echo(f"  {failures[-1]}", err=True)
+        if not new:
             continue
         facts = machine()
         order = list(STUDIES)

@@ -14,9 +14,10 @@ LEAST = 1e-15  # error that counts as none
 GOALS = (15.0, 10.0)  # times less CPU than MuJoCo: at equal step, at equal error
 SAME_STEP = ("Coulomb", "Coulomb, float32", "Anitescu")  # our curves that stand beside peers at equal step
 ABOUT = """Equal step: over all step sizes, beside our curves "Coulomb" (exact friction; float64 and float32)
-and "Anitescu" (relaxed, convex; float64), all hard and Euler. Equal error: over all points of the peer,
-beside our cheapest curve that misses no contact, its cost interpolated between our step sizes. One thread.
-Our penetration: "Coulomb"."""
+and "Anitescu" (relaxed, convex; float64), all hard and Euler. Equal error: over the points of the
+peer's curve that none of its own betters, beside our cheapest curve that misses no contact, its cost
+interpolated between our step sizes. One thread where a program allows it. "Other model": the peer's
+distances or normals of two ellipses are not the scene's. Our penetration: "Coulomb"."""
 SKIPPED = ("scaling", "sweep", "bias")  # studies without peers or errors against cost
 
 
@@ -27,8 +28,8 @@ class Comparison:
     Attributes:
         study, problem, program, curve: whose they are.
         equal_step: for each of SAME_STEP, the peer's cost over ours at every step size that both have.
-        equal_error: for every point of the peer, (its error, its cost, its cost over our least cost at that
-            error, 0 where we do not reach it).
+        equal_error: for every point of the peer that no other of its curve betters, (its error, its cost, its
+            cost over our least cost at that error, 0 where we do not reach it).
     """
 
     study: str
@@ -55,6 +56,11 @@ def points(rows: Rows) -> list[tuple[float, float]]:
         (float(r["value"]), float(r["error"]), float(r["seconds"])) for r in rows if r.get("error", "") != ""
     ]
     return [(max(error, LEAST), seconds) for _, error, seconds in sorted(found) if math.isfinite(error)]
+
+
+def undominated(curve: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Points than which no other of the curve is both cheaper and at least as accurate."""
+    return [(e, s) for e, s in curve if not any(other <= e and less < s for other, less in curve)]
 
 
 def cost_of_error(curve: list[tuple[float, float]], error: float) -> float:
@@ -100,7 +106,7 @@ def compare(rows: Rows) -> list[Comparison]:
             step = {name: [float(row["seconds"]) / at_step[name, row["value"]] for row in theirs
                            if (name, row["value"]) in at_step] for name in SAME_STEP}  # fmt: skip
             error = [(e, s, s / min((cost_of_error(o, e) for o in ours), default=math.inf))
-                     for e, s in points(theirs)]  # fmt: skip
+                     for e, s in undominated(points(theirs))]  # fmt: skip
             out.append(Comparison(study, problem, program, curve, step, error))
     return out
 
@@ -151,7 +157,15 @@ def table(rows: Rows) -> list[str]:
             errors += figure(ratio) if ratio > 0.0 else "not reached"
         else:
             errors = "- | none finite | -"
-        cells = (c.problem, c.curve, steps, errors, extremes(theirs), extremes(own))
+        other = any(str(row.get("note", "")).startswith("MODEL DIFFERS") for row in theirs)
+        cells = (
+            c.problem,
+            c.curve + " (other model)" * other,
+            steps,
+            errors,
+            extremes(theirs),
+            extremes(own),
+        )
         lines.append(f"| {' | '.join(cells)} |")
     return lines
 
