@@ -25,7 +25,7 @@ def check(got, exact, dtype, size=1.0):
 
 
 @pytest.mark.parametrize("spread", [0.3, 1.5, 10.0])
-def test_random_places(device, dtype, spread):
+def test_random_places(device, spread, dtype=wp.float64):
     """Deep, touching and far apart; the greatest value is unique even where its direction is not."""
     q = spread * np.random.default_rng(7).standard_normal((400, 4))
     got, exact = gaps("menagerie", device, dtype, q)
