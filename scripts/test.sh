@@ -52,5 +52,7 @@ else
 fi
 "${pip[@]}" --no-deps --force-reinstall "$wheel"
 
-if [ "$workers" -gt 0 ]; then arguments=(-n "$workers" --dist loadfile ${arguments[@]+"${arguments[@]}"}); fi
+if [ "$workers" -gt 0 ]; then  # in order of names: files of few tests, which compile the longest, would come last
+  arguments=(-n "$workers" --dist loadfile --no-loadscope-reorder ${arguments[@]+"${arguments[@]}"})
+fi
 "$venv/bin/pytest" ${arguments[@]+"${arguments[@]}"}
