@@ -226,7 +226,12 @@ def test_oracle_agrees_where_every_world_has_its_own_numbers(device, dtype):
         "damping": rng.uniform(0, 1, (len(x), 3)),
         "gear": rng.uniform(-2, 2, (len(x), 2)),
     }
-    judge("flicking_finger", device, dtype, "none", False, 0.1, x, u, **changes)
+    step, _, solved = judge("flicking_finger", device, dtype, "none", False, 0.1, x, u, **changes)
+    assert solved.mean() > 0.9 and (step.impulse[solved] > 1e-3).any()  # contact was in it
+    for number in ("friction", "damping", "gear"):  # another world's number is noticed
+        with pytest.raises(AssertionError):
+            wrong = {number: rounded(dtype, changes[number][::-1])[0]}
+            judge("flicking_finger", device, dtype, "none", False, 0.1, x, u, wrong, **changes)
 
 
 def test_external_force_in_contact(device, dtype):
