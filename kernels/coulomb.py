@@ -163,6 +163,8 @@ def make_coulomb_solver(s: Structure, dtype: type, method: Method) -> wp.Functio
         status = int(wp.static(NOT_CONVERGED))
         best = Trial()
         best.worst = HUGE
+        if dense.shut == 1:
+            status = wp.static(INFEASIBLE)
         if finite == 0:
             status = wp.static(NONFINITE)
         attempt = int(0)

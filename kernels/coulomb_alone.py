@@ -42,7 +42,7 @@ def make_cone(dtype: type) -> wp.Function:
 @functools.cache
 def make_alone(s: Structure, dtype: type, method: Method) -> wp.Function:
     """alone(params, row, minv, vfree, jac, rate, mask) -> v', z, lambda, found: 1 where the mask is a single
-    limit or pair and the law holds (Painleve's cases are left to others).
+    limit or pair and the law holds (Painleve's cases and rows that no impulse moves are left to others).
     """
     r = make_rows(s, dtype, method)
     VQ, MQ, VR, JR = r.types.VQ, r.types.MQ, r.types.VR, r.types.JR
@@ -76,7 +76,7 @@ def make_alone(s: Structure, dtype: type, method: Method) -> wp.Function:
             inside = wp.abs(lam[1]) < mu * lam[0] or lam[0] == ZERO
             against = lam[0] > ZERO and vt * lam[1] <= ZERO
             finite = wp.isfinite(bn) and wp.isfinite(lam[0]) and wp.isfinite(lam[1])
-            found = wp.where(finite and (inside or against), 1, 0)
+            found = wp.where(finite and ann > SMALLEST and (inside or against), 1, 0)
             return vfree + lam[0] * gn + lam[1] * gt, z_out, lam_out, found
 
         return of_pair
@@ -91,7 +91,8 @@ def make_alone(s: Structure, dtype: type, method: Method) -> wp.Function:
             z_out = VR()
             lam_out[wp.static(i)] = wp.max(-b / a, ZERO)
             z_out[wp.static(i)] = -b
-            return vfree + lam_out[wp.static(i)] * g, z_out, lam_out, wp.where(wp.isfinite(b), 1, 0)
+            found = wp.where(wp.isfinite(b) and a > SMALLEST, 1, 0)
+            return vfree + lam_out[wp.static(i)] * g, z_out, lam_out, found
 
         return of_row
 

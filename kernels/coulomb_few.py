@@ -92,7 +92,10 @@ def make_coulomb_few(s: Structure, dtype: type, method: Method) -> wp.Function:
                 if wp.static(l <= k):
                     out.a[k, l] = wp.dot(own[l], g)
                     out.a[l, k] = out.a[k, l]
-            out.a[k, k] = wp.max(out.a[k, k], SMALLEST)
+            if out.mu[k] < -ONE:
+                out.a[k, k] = ONE
+            elif not (out.a[k, k] > SMALLEST):  # no impulse moves the row
+                place = wp.static(FEW + 1)
         return out, place
 
     @wp.func

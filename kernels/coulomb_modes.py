@@ -32,6 +32,7 @@ def make_active(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
     MODES = wp.types.vector(NR, wp.int32)
     ZERO = dtype(0.0)
     SMALLEST = dtype(1e-30)
+    ROUNDING = dtype(1e-12 if dtype is wp.float64 else 1e-5)
     FRICTION = layout(s).offset("friction")
     pair = tuple(row.index if row.kind == "contact" else 0 for row in s.rows)
 
@@ -45,6 +46,7 @@ def make_active(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
         mu: VR
         response: JR  # M^-1 J_i'
         size: dtype  # of the terms of the natural map
+        shut: int  # 1: a row that no impulse moves (J = 0) is violated
 
     @wp.struct
     class Lu:
@@ -81,6 +83,9 @@ def make_active(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
                     value = wp.static(r.dots[i])(jac, out.response[k])
                     out.a[n, k] = value
                     out.a[k, n] = value
+                if wp.static(not r.tangent[i]):
+                    if not (out.a[n, n] > SMALLEST) and out.b[n] < -ROUNDING * size:
+                        out.shut = 1
                 out.a[n, n] = wp.max(out.a[n, n], SMALLEST)
                 if wp.static(r.tangent[i]):
                     out.tangent[n] = 1

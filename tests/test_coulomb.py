@@ -258,6 +258,22 @@ def test_gap_at_the_end_keeps_curved_shapes_apart():
         sim.linearize(x)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("pairs", [1, 2])
+@pytest.mark.parametrize("friction", [None, 0.5])
+def test_a_row_that_no_impulse_moves_is_infeasible_where_it_is_violated(friction, pairs):
+    """A slider along x over a wall below it: its normal lies across the only direction there is."""
+    shapes = (Shape("foot", "cart", "disc", 0.1), Shape("ground", None, "halfplane", angle=math.pi / 2),
+              Shape("toe", "cart", "disc", 0.1, offset=(0.3, 0.0)))  # fmt: skip
+    contacts = (Contact("ground", "foot", friction), Contact("ground", "toe", friction))[:pairs]
+    body = Body("cart", 1.0, 0.1, joint="prismatic", axis=(1.0, 0.0))
+    sim = slcp.Simulator(Scene("cart", (body,), shapes, contacts), COULOMB, device="cpu", dtype="float64")
+    for depth, status in ((0.02, slcp.Status.INFEASIBLE), (0.0, slcp.Status.SOLVED)):
+        anchor = np.array([[0.0, 0.1 - depth]])
+        step = sim.step(np.array([[0.0, 1.0]]), None, sim.params.replace(anchor=anchor))
+        assert step.status[0] == status and np.isfinite(step.state).all()
+
+
 def test_gap_at_the_end_is_for_the_hard_problem():
     with pytest.raises(slcp.OptionError, match="Options.gap is 'end' with residual 'rem-logistic'"):
         slcp.Options(gap="end")
