@@ -2,7 +2,8 @@
 
 The row of a contact is w = J_n v' + d(q)/h (+- mu J_t v'). Between curved shapes d(q + h v') falls below h w
 by a second-order term, so bodies that slide on each other sink in. Here w = d(q + h v')/h (+- mu J_t v')
-instead: the difference is added to the row and the problem solved again until it stays.
+instead: the difference is added to the row and the problem solved again until it stays. Where a correction is
+larger than the one before, half of it is made from then on. One that never settles ends NOT_CONVERGED.
 """
 
 import functools
@@ -15,7 +16,22 @@ from .rows import make_rows
 from .shapes import make_pair
 from .structure import Structure, layout
 
-REFINEMENTS = 12
+REFINEMENTS = 24
+STEADY = {wp.float64: 1e-8, wp.float32: 3e-5}  # change of a row that ends the corrections [m/s]
+ROUNDING = {wp.float64: 1e-15, wp.float32: 4e-7}  # of a gap, relative to positions
+
+
+@functools.cache
+def make_unsteady(s: Structure, dtype: type) -> wp.Function:
+    """unsteady(q, change, h) -> whether rows changed by more than STEADY and the rounding of a gap."""
+    types = make_mechanism(s, dtype).types
+    ONE, LEFT, ROUND = dtype(1.0), dtype(STEADY[dtype]), dtype(ROUNDING[dtype])
+
+    @wp.func
+    def unsteady(q: types.VQ, change: types.VR, h: dtype):
+        return wp.max(wp.abs(change)) > LEFT + ROUND * wp.max(ONE, wp.max(wp.abs(q))) / h
+
+    return unsteady
 
 
 @functools.cache

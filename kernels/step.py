@@ -16,7 +16,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from .coulomb import make_coulomb_solver
-from .end_gap import REFINEMENTS, make_end_gap
+from .end_gap import REFINEMENTS, make_end_gap, make_unsteady
 from .erm import make_erm_solver
 from .free_motion import make_free_motion
 from .mechanism import make_mechanism
@@ -25,7 +25,7 @@ from .noise import make_noise
 from .rows import make_pair_jacobian, make_rows, make_speed
 from .shapes import make_pair
 from .smoothing import make_smoothing
-from .solve import COLD, SOLVED, make_solver
+from .solve import COLD, NOT_CONVERGED, SOLVED, make_solver
 from .structure import Structure, layout
 
 
@@ -62,7 +62,7 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
         make = make_coulomb_solver if method.coulomb else make_erm_solver if method.erm else make_solver
         solver = make(s, dtype, method)
     end_gap = make_end_gap(s, dtype, method) if method.end_gap and NP else None  # bend(..), see there
-    STEADY = dtype(1e-8 if dtype is wp.float64 else 1e-5)  # [m/s], of rows at the end of the step
+    unsteady = make_unsteady(s, dtype)
     limits = rows.limit
     noise = make_noise(s, dtype, method)
 
@@ -298,6 +298,8 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
         known = int(0)
         more = int(1)
         bent = VR()
+        last = dtype(1e30)  # correction of the rows
+        part = dtype(1.0)  # of a correction that is made
         refined = int(0)
         stale = int(0)
         out.rate = rate
@@ -340,11 +342,18 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
                     more = int(0)
             if wp.static(end_gap is not None):
                 moved = more == 1 or refined == 0  # since the gaps were last seen
-                good = out.status == wp.static(SOLVED) and refined < wp.static(REFINEMENTS)
-                if known != 0 and moved and good:
+                if known != 0 and moved and out.status == wp.static(SOLVED):
                     now = wp.static(end_gap)(params, row, q, out.v, out.normal, jac, out.rate, known)
-                    if wp.max(wp.abs(now - bent)) > STEADY:
-                        bent = now
+                    again = unsteady(q, now - bent, params[row, wp.static(H)])
+                    if again and refined == wp.static(REFINEMENTS):
+                        out.status = wp.static(NOT_CONVERGED)
+                        more = int(0)
+                    elif again:
+                        change = wp.max(wp.abs(now - bent))
+                        if change > last:  # past the solution by more than before
+                            part = HALF * part
+                        last = change
+                        bent = bent + part * (now - bent)
                         rate = out.rate + bent
                         refined += 1
                         stale = 1

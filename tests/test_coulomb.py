@@ -259,6 +259,26 @@ def test_gap_at_the_end_keeps_curved_shapes_apart():
 
 
 @pytest.mark.slow
+def test_gap_at_the_end_that_does_not_settle_is_not_called_solved():
+    """A walker that lands in steps of .02 s: worlds meet the gap at the end, or are NOT_CONVERGED."""
+    sc = scene("walker")
+    oracle = Oracle(sc)
+    sim = simulator("walker", "cpu", options=slcp.Options(residual="hard", friction="coulomb", gap="end"))
+    x = near_contact(sc, np.random.default_rng(1), 400, gaps=(0.0, 0.005))
+    share = {}
+    for h in (0.005, 0.02):
+        step = sim.step(x, params=sim.params.replace(step_size=h))
+        solved = step.status == slcp.Status.SOLVED
+        assert np.isin(step.status, (slcp.Status.SOLVED, slcp.Status.NOT_CONVERGED)).all()
+        pressed = (step.contact_impulse[:, :, 0] > 1e-9) & solved[:, None]
+        gaps = np.stack([oracle.contact_jacobian(step.state[:, : sc.nv], k)[0] for k in range(2)], 1)
+        assert pressed.sum() > 50
+        assert np.abs(gaps[pressed]).max() < 1e-9
+        share[h] = solved.mean()
+    assert share[0.005] > 0.9 > share[0.02]
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("pairs", [1, 2])
 @pytest.mark.parametrize("friction", [None, 0.5])
 def test_a_row_that_no_impulse_moves_is_infeasible_where_it_is_violated(friction, pairs):
