@@ -9,21 +9,62 @@ from slcp_warp.options import OptionError
 from slcp_warp.strategy import StrategyError
 
 SHIFTS = {1: 0.75, 2: -0.15, 3: 1.0 / 60.0}  # sixth-order central difference
-STEPS = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7)  # of the differences; the best one counts, state by state
+STEPS = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)  # of the differences; the best one counts, state by state
 RELATIVE = 1e-6
-GAPS = (("penetrating", -np.inf, -1e-4), ("touching", -1e-4, 1e-3), ("separated", 1e-3, np.inf))
+TOUCHING = (-1e-4, 1e-3)  # gaps [m, rad]
+DEEPEST = -0.05  # of the states that penetrate [m, rad]
+GAPS = (("penetrating", -np.inf, TOUCHING[0]), ("touching", *TOUCHING), ("separated", TOUCHING[1], np.inf))
+
+
+def nearest_gap(sim: Any, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Gap of the nearest row of each state (K,) [m, rad], and whether its step is solved."""
+    here = sim.step(x, np.zeros((len(x), sim.nu)))
+    return (here.gap.min(1) if sim.nr else np.full(len(x), np.inf)), here.status == 0
+
+
+def candidates(sim: Any, rng: np.random.Generator) -> np.ndarray:
+    """States (K, nx) of disturbed rollouts, their configurations moved by about 1 mm, 3 cm and .3."""
+    worlds, steps, kept = 48, 120, 16
+    x0 = sim.scene.x0 + 0.05 * rng.standard_normal((worlds, sim.nx))
+    traj = sim.rollout(x0, rng.standard_normal((worlds, steps, sim.nu)))
+    step = rng.integers(0, steps, (worlds, kept))
+    x = traj.states[np.arange(worlds)[:, None], step].reshape(-1, sim.nx)
+    copies = []
+    for scale in (1e-3, 0.03, 0.3):
+        moved = x.copy()
+        moved[:, : sim.nx // 2] += scale * rng.standard_normal((len(x), sim.nx // 2))
+        copies.append(moved)
+    return np.concatenate(copies)
+
+
+def between(sim: Any, apart: np.ndarray, into: np.ndarray) -> np.ndarray:
+    """Touching states on the straight lines from separated to penetrating ones (K, nx), by bisection."""
+    low, high = np.zeros(len(apart)), np.ones(len(apart))
+    for _ in range(30):
+        t = 0.5 * (low + high)
+        gap, _ = nearest_gap(sim, apart + t[:, None] * (into - apart))
+        low = np.where(gap > TOUCHING[0], t, low)  # a touching state is both ends
+        high = np.where(gap <= TOUCHING[1], t, high)
+    return apart + low[:, None] * (into - apart)
 
 
 def states(sim: Any, count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """States (count, nx) on the way of disturbed rollouts, moved a little, and controls (count, nu)."""
+    """States (count, nx), a third each penetrating, touching and separated (what a scene without rows lacks
+    goes to the others), and controls (count, nu).
+    """
     rng = np.random.default_rng(seed)
-    worlds, steps = max(count // 8, 1), 60
-    x0 = sim.scene.x0 + 0.05 * rng.standard_normal((worlds, sim.nx))
-    us = rng.standard_normal((worlds, steps, sim.nu))
-    traj = sim.rollout(x0, us)
-    step = rng.integers(0, steps, (worlds, 8))
-    x = traj.states[np.arange(worlds)[:, None], step].reshape(-1, sim.nx)[:count]
-    x[:, : sim.nx // 2] += 1e-3 * rng.standard_normal((len(x), sim.nx // 2))
+    x = candidates(sim, rng)
+    gap, solved = nearest_gap(sim, x)
+    into = x[solved & (gap <= TOUCHING[0]) & (gap > DEEPEST)]
+    apart = x[solved & (gap > TOUCHING[1])]
+    third = count // 3
+    chosen = [into[rng.permutation(len(into))[:third]]]
+    if len(into) and len(apart):
+        ends = (part[rng.integers(0, len(part), third)] for part in (apart, into))
+        chosen.append(between(sim, *ends))
+    rest = count - sum(len(part) for part in chosen)
+    chosen.append((apart if len(apart) else into)[-rest:])
+    x = np.concatenate(chosen)
     return x, rng.standard_normal((len(x), sim.nu))
 
 

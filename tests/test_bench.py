@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from slcp_warp import scenes
+from slcp_warp.scripts.bench_differences import bench_differences
 from slcp_warp.scripts.bench_mechanism import distance, mass_matrix
 from slcp_warp.scripts.bench_timing import Case, tidy_rows, time_interleaved, write_csv
 from slcp_warp.scripts.bench_workload import legal_states, make_workload, windows
@@ -167,3 +168,14 @@ def test_commands_run_and_write_their_rows(tmp_path, monkeypatch):
             rows = list(csv.DictReader(file))
         assert len(rows) == count
         assert all(float(row["items"]) > 0 for row in rows)
+
+
+@pytest.mark.slow
+def test_differences_see_every_kind_of_state():
+    """A third each penetrates, touches and is apart; derivatives are within 1e-6 of differences."""
+    said = []
+    rows = bench_differences(("particle",), ("rem-logistic",), 24, 3, said.append)
+    assert [row["state"] for row in rows] == ["penetrating", "touching", "separated"]
+    assert [row["states"] for row in rows] == [8, 8, 8]
+    assert all(row["largest"] < 1e-6 and row["unsolved"] == 0 for row in rows)
+    assert len(said) == 3
