@@ -20,6 +20,7 @@ from .elimination import PROXIMAL, make_sweep
 from .erm import PROXIMAL as ERM_PROXIMAL
 from .erm import make_erm, make_erm_solver
 from .method import Method
+from .problem import make_problem
 from .rows import make_rows
 from .smoothing import make_smoothing
 from .solve import COLD, NONFINITE, SOLVED, make_solver
@@ -39,20 +40,13 @@ def method_of(residual: str, scaling: str) -> Method:
 
 
 @functools.cache
-def make_problem(n: int, dtype: type, method: Method) -> SimpleNamespace:
+def make_reader(n: int, dtype: type, method: Method) -> SimpleNamespace:
     """read(A, b, sigma, item) -> Problem; what both kernels share."""
     s = sliders(n)
     r = make_rows(s, dtype, method)
     t = r.types
+    Problem = make_problem(s, dtype)
     ALL = (1 << n) - 1
-
-    @wp.struct
-    class Problem:
-        A: t.MQ
-        b: t.VQ
-        jac: t.JR  # not read: limits are unit vectors
-        scale: t.VR
-        sigma: t.VR
 
     @wp.func
     def read(
@@ -60,24 +54,24 @@ def make_problem(n: int, dtype: type, method: Method) -> SimpleNamespace:
     ):
         out = Problem()
         for i in range(n):
-            out.b[i] = b[item, i]
+            out.vfree[i] = b[item, i]
             out.sigma[i] = sigma[item, i]
             for j in range(n):
-                out.A[i, j] = A[item, i, j]
-        out.scale = wp.static(r.scale)(out.A, out.jac, wp.static(ALL))
+                out.minv[i, j] = A[item, i, j]
+        out.mask = wp.static(ALL)
+        out.scale = wp.static(r.scale)(out.minv, out.jac, out.mask)
         return out
 
-    return SimpleNamespace(structure=s, types=t, rows=r, ALL=ALL, Problem=Problem, read=read)
+    return SimpleNamespace(structure=s, types=t, rows=r, Problem=Problem, read=read)
 
 
 @functools.cache
 def make_complementarity_kernel(n: int, dtype: type, method: Method, continuation: bool) -> wp.Kernel:
     """Solves one problem an item, hard ones by `continuation.py` if asked."""
-    problem = make_problem(n, dtype, method)
+    problem = make_reader(n, dtype, method)
     t = problem.types
     make = make_continuation_solver if continuation else make_erm_solver if method.erm else make_solver
     solver = make(problem.structure, dtype, method)
-    ALL = problem.ALL
     UNUSED = dtype(COLD)
 
     @specialised(n, dtype, method, continuation)
@@ -93,9 +87,7 @@ def make_complementarity_kernel(n: int, dtype: type, method: Method, continuatio
     ):
         item = first + wp.tid()
         p = problem.read(A, b, sigma, item)
-        v, _z, lam, code, count = wp.static(solver)(
-            sigma, item, p.A, p.b, p.jac, t.VR(), p.scale, p.sigma, wp.static(ALL), t.VR(UNUSED)
-        )
+        v, _z, lam, code, count = wp.static(solver)(sigma, item, p, t.VR(UNUSED))
         finite = wp.isfinite(wp.dot(lam, lam))
         if code == wp.static(SOLVED) and not finite:
             code = wp.static(NONFINITE)
@@ -111,10 +103,9 @@ def make_complementarity_kernel(n: int, dtype: type, method: Method, continuatio
 @functools.cache
 def make_complementarity_adjoint_kernel(n: int, dtype: type, method: Method) -> wp.Kernel:
     """Adds the gradients by A (symmetric), b and sigma; NaN where the problem was not solved."""
-    problem = make_problem(n, dtype, method)
+    problem = make_reader(n, dtype, method)
     t = problem.types
     VR = t.VR
-    ALL = problem.ALL
     sm = make_smoothing(dtype, method.residual)
     sweep = make_sweep(problem.structure, dtype, method)
     erm = make_erm(n, dtype, method.residual) if method.erm else None
@@ -148,10 +139,10 @@ def make_complementarity_adjoint_kernel(n: int, dtype: type, method: Method) -> 
                     rise[i] = (e[1] + x * e[3]) / p.sigma[i]
             slope[i] = e[2]
             slack[i] = e[3]
-            diag[i] = p.A[i, i]
-        fac = wp.static(sweep.factor)(p.A, p.jac, p.scale, diag, slope, slack, wp.static(ALL), TAU)
-        _dv, innovation = wp.static(sweep.forward)(fac, p.jac, slope, wp.static(ALL), t.VQ(), grad)
-        dz = wp.static(sweep.back)(fac, p.jac, p.scale, slope, wp.static(ALL), innovation)
+            diag[i] = p.minv[i, i]
+        fac = wp.static(sweep.factor)(p.minv, p.jac, p.scale, diag, slope, slack, p.mask, TAU)
+        _dv, innovation = wp.static(sweep.forward)(fac, p.jac, slope, p.mask, t.VQ(), grad)
+        dz = wp.static(sweep.back)(fac, p.jac, p.scale, slope, p.mask, innovation)
         for i in range(wp.static(n)):
             nu = dz[i] / p.scale[i]
             out.left[i] = -slope[i] * nu
@@ -165,12 +156,12 @@ def make_complementarity_adjoint_kernel(n: int, dtype: type, method: Method) -> 
         out = Gradient()
         a = wp.cw_mul(p.scale, lam)
         l, _ok = wp.static(erm.factor if erm else None)(
-            wp.static(erm.hessian if erm else None)(p.A, p.scale, p.sigma, a, w),
-            wp.static(erm.sizes if erm else None)(p.A, p.scale),
+            wp.static(erm.hessian if erm else None)(p.minv, p.scale, p.sigma, a, w),
+            wp.static(erm.sizes if erm else None)(p.minv, p.scale),
             TAU,
         )
         mu = -wp.static(erm.substitute if erm else None)(l, grad)
-        moved = p.A * mu
+        moved = p.minv * mu
         for i in range(wp.static(n)):
             e = wp.static(erm.terms if erm else None)(a[i], w[i], p.sigma[i])
             out.outer[i] = mu[i]

@@ -17,9 +17,11 @@ import functools
 
 import warp as wp
 
+from .kinematics import make_types
 from .method import Method
 from .newton import NOT_CONVERGED, RESOLUTION, make_newton
-from .rows import make_rows
+from .problem import SMALLEST as LEAST
+from .problem import make_measure, make_problem
 from .structure import Structure
 
 START = 0.3  # first sigma relative to the size of w
@@ -34,38 +36,27 @@ PROBLEMS = 200
 
 @functools.cache
 def make_continuation_solver(s: Structure, dtype: type, method: Method) -> wp.Function:
-    """As `make_solver`, for the hard problem; `sigma` and `warm` are not read."""
+    """As `make_solver`, for the hard problem; noise levels and `warm` are not read."""
     smooth = make_newton(s, dtype, dataclasses.replace(method, residual="rem-logistic"))
     hard = make_newton(s, dtype, method)
-    r = make_rows(s, dtype, method)
-    t = r.types
-    VQ, MQ, VR, JR = t.VQ, t.MQ, t.VR, t.JR
-    NR = s.nr
+    Problem, measure = make_problem(s, dtype), make_measure(s, dtype, method)
+    NR, VR = s.nr, make_types(s, dtype).VR
     ZERO, HALF, ONE = dtype(0.0), dtype(0.5), dtype(1.0)
     FIRST, KEPT, LAST, LOW, CLOSE = (dtype(x) for x in (START, SHARE, END[dtype], LOWEST_START, INEXACT))
     TOL, SLOW = dtype(RESOLUTION[dtype]), dtype(SLOWEST)
     SHORTEST, DECREASE = dtype(0.01), dtype(1e-4)
-    HUGE, SMALLEST = dtype(1e300 if dtype is wp.float64 else 1e38), dtype(1e-30)
+    HUGE, SMALLEST = dtype(1e300 if dtype is wp.float64 else 1e38), dtype(LEAST)
 
     @wp.func
-    def correct(
-        params: wp.array2d(dtype=dtype),
-        row: int,
-        minv: MQ,
-        vfree: VQ,
-        jac: JR,
-        rate: VR,
-        scale: VR,
-        level: dtype,
-        diag: VR,
-        inverse_diag: VR,
-        mask: int,
-        tolerance: dtype,
-        z0: VR,
-    ):
+    def at_level(p: Problem, level: dtype):
+        out = p
+        out.sigma = VR(level)
+        out.inverse_sigma = VR(ONE / level)
+        return out
+
+    @wp.func
+    def correct(params: wp.array2d(dtype=dtype), row: int, p: Problem, tolerance: dtype, z0: VR):
         # damped Newton steps at one sigma; z, whether |r| <= tolerance, iterations
-        sigma = VR(level)
-        inverse_sigma = VR(ONE / level)
         z = z0
         best = z0
         dz = VR()
@@ -75,16 +66,14 @@ def make_continuation_solver(s: Structure, dtype: type, method: Method) -> wp.Fu
         found = int(0)
         while found == 0 and it < wp.static(CORRECTIONS) and length >= SHORTEST:
             it += 1
-            at = wp.static(smooth.evaluate)(
-                params, row, minv, vfree, jac, rate, scale, sigma, inverse_diag, inverse_sigma, mask, z
-            )
+            at = wp.static(smooth.evaluate)(params, row, p, z)
             if at.worst <= tolerance and wp.isfinite(at.merit):
                 found = int(1)
             elif wp.isfinite(at.merit) and at.merit <= old * (ONE - DECREASE * length):
                 best = z
                 old = at.merit
                 length = dtype(1.0)
-                dz = wp.static(smooth.direction)(minv, jac, scale, diag, at, mask)
+                dz = wp.static(smooth.direction)(p, at)
                 z = best + dz
             else:
                 length = HALF * length
@@ -92,81 +81,49 @@ def make_continuation_solver(s: Structure, dtype: type, method: Method) -> wp.Fu
         return z, found, it
 
     @wp.func
-    def solve(
-        params: wp.array2d(dtype=dtype),
-        row: int,
-        minv: MQ,
-        vfree: VQ,
-        jac: JR,
-        rate: VR,
-        scale: VR,
-        sigma: VR,
-        mask: int,
-        warm: VR,
-    ):
-        diag = VR()
-        inverse_diag = VR()
+    def solve(params: wp.array2d(dtype=dtype), row: int, problem: Problem, warm: VR):
+        p = measure(params, row, problem)
         z = VR()
-        size = ZERO
+        p.size = SMALLEST
         for i in range(wp.static(NR)):
-            if (mask & wp.static(1 << i)) != 0:
-                diag[i] = wp.max(wp.static(r.dots[i])(jac, wp.static(r.applies[i])(minv, jac)), SMALLEST)
-                inverse_diag[i] = ONE / diag[i]
-                z[i] = -wp.static(r.dots[i])(jac, vfree) - rate[i]
-                size = wp.max(size, wp.abs(z[i]))
-        size = wp.max(size, SMALLEST)
+            if (p.mask & wp.static(1 << i)) != 0:
+                z[i] = -p.w0[i]
+                p.size = wp.max(p.size, wp.abs(z[i]))
         z0 = z
         level = ZERO
-        trial = FIRST * size
+        trial = FIRST * p.size
         share = ZERO + KEPT
         problems = int(0)
         iterations = int(0)
         on = int(1)
         while on == 1:
             problems += 1
-            tolerance = wp.max(CLOSE * trial, TOL * size)
-            there, found, count = correct(
-                params, row, minv, vfree, jac, rate, scale, trial, diag, inverse_diag, mask, tolerance, z
-            )
+            tolerance = wp.max(CLOSE * trial, TOL * p.size)
+            there, found, count = correct(params, row, at_level(p, trial), tolerance, z)
             iterations += count
             if found == 1:
                 z = there
                 level = trial
                 share = wp.max(share * share, KEPT)
-                if level <= LAST * size:
+                if level <= LAST * p.size:
                     on = int(0)
             elif level > ZERO:
                 share = wp.sqrt(share)
                 if share > SLOW:
                     on = int(0)
             if level > ZERO:
-                trial = wp.max(share * level, LAST * size)
+                trial = wp.max(share * level, LAST * p.size)
             else:
                 z = z0
                 trial = HALF * trial
-                if trial < LOW * size:
+                if trial < LOW * p.size:
                     on = int(0)
             if problems >= wp.static(PROBLEMS):
                 on = int(0)
         at = hard.Point()
         status = int(wp.static(NOT_CONVERGED))
-        if level > ZERO and level <= LAST * size:
-            at, z, status, count = wp.static(hard.newton)(
-                params,
-                row,
-                minv,
-                vfree,
-                jac,
-                rate,
-                scale,
-                sigma,
-                diag,
-                inverse_diag,
-                VR(),
-                mask,
-                size,
-                z,
-            )
+        if level > ZERO and level <= LAST * p.size:
+            at, z, status, count = wp.static(hard.newton)(params, row, p, z)
             iterations += count
         return at.v, z, at.lam, status, iterations
 

@@ -19,6 +19,7 @@ from .coulomb_few import make_coulomb_few
 from .coulomb_modes import make_active
 from .lemke import RAY, make_lemke
 from .method import Method
+from .problem import make_problem
 from .solve import COLD, INFEASIBLE, JAMMED, NONFINITE, NOT_CONVERGED, SOLVED
 from .structure import Structure
 
@@ -31,13 +32,13 @@ PROXIMAL = {wp.float64: (1e-9, 1e-13), wp.float32: (1e-4, 3e-7)}
 
 @functools.cache
 def make_coulomb_solver(s: Structure, dtype: type, method: Method) -> wp.Function:
-    """solve(params, row, minv, vfree, jac, rate, scale, sigma, mask, warm) -> v', z, lambda, status, it."""
+    """As `make_solver`; D and noise levels are not read."""
     active = make_active(s, dtype, method)
     lemke = make_lemke(s, dtype, active.Dense)
     single, cone = make_alone(s, dtype, method), make_cone(dtype)
     few = make_coulomb_few(s, dtype, method)
     t = active.types
-    VQ, MQ, VR, JR = t.VQ, t.MQ, t.VR, t.JR
+    VR, Problem = t.VR, make_problem(s, dtype)
     Dense = active.Dense
     ZERO = dtype(0.0)
     TOL, ENOUGH = dtype(TOLERANCE[dtype]), dtype(ACCEPT[dtype])
@@ -131,25 +132,14 @@ def make_coulomb_solver(s: Structure, dtype: type, method: Method) -> wp.Functio
         return out
 
     @wp.func
-    def solve(
-        params: wp.array2d(dtype=dtype),
-        row: int,
-        minv: MQ,
-        vfree: VQ,
-        jac: JR,
-        rate: VR,
-        scale: VR,
-        sigma: VR,
-        mask: int,
-        warm: VR,
-    ):
-        v, z_alone, lam_alone, found = single(params, row, minv, vfree, jac, rate, mask)
+    def solve(params: wp.array2d(dtype=dtype), row: int, p: Problem, warm: VR):
+        v_alone, z_alone, lam_alone, found = single(params, row, p)
         if found == 1:
-            return v, kept(z_alone, warm, mask), lam_alone, wp.static(SOLVED), int(0)
-        v_few, z_few, lam_few, settled = few(params, row, minv, vfree, jac, rate, mask, warm)
+            return v_alone, kept(z_alone, warm, p.mask), lam_alone, wp.static(SOLVED), int(0)
+        v_few, z_few, lam_few, settled = few(params, row, p, warm)
         if settled == 1:
-            return v_few, kept(z_few, warm, mask), lam_few, wp.static(SOLVED), int(0)
-        dense = active.gather(params, row, minv, vfree, jac, rate, mask)
+            return v_few, z_few, lam_few, wp.static(SOLVED), int(0)
+        dense = active.gather(params, row, p)
         finite = int(1)
         for i in range(dense.count):
             if not wp.isfinite(dense.b[i]):
@@ -187,7 +177,7 @@ def make_coulomb_solver(s: Structure, dtype: type, method: Method) -> wp.Functio
                 if best.worst <= ENOUGH * size:
                     status = wp.static(SOLVED)
             attempt += 1
-        v = vfree
+        v = p.vfree
         lam_out = VR()
         z_out = VR()
         for i in range(dense.count):
@@ -195,6 +185,6 @@ def make_coulomb_solver(s: Structure, dtype: type, method: Method) -> wp.Functio
             lam_out[k] = best.lam[i]
             z_out[k] = best.z[i]
             v += best.lam[i] * dense.response[i]
-        return v, kept(z_out, warm, mask), lam_out, status, attempt
+        return v, kept(z_out, warm, p.mask), lam_out, status, attempt
 
     return solve

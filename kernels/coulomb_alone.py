@@ -10,6 +10,7 @@ import functools
 import warp as wp
 
 from .method import Method
+from .problem import make_problem
 from .rows import make_rows
 from .structure import Structure, layout
 
@@ -41,11 +42,11 @@ def make_cone(dtype: type) -> wp.Function:
 
 @functools.cache
 def make_alone(s: Structure, dtype: type, method: Method) -> wp.Function:
-    """alone(params, row, minv, vfree, jac, rate, mask) -> v', z, lambda, found: 1 where the mask is a single
-    limit or pair and the law holds (Painleve's cases and rows that no impulse moves are left to others).
+    """alone(params, row, problem) -> v', z, lambda, found: 1 where the mask is a single limit or pair and the
+    law holds (Painleve's cases and rows that no impulse moves are left to others).
     """
     r = make_rows(s, dtype, method)
-    VQ, MQ, VR, JR = r.types.VQ, r.types.MQ, r.types.VR, r.types.JR
+    VR, Problem = r.types.VR, make_problem(s, dtype)
     cone = make_cone(dtype)
     ZERO, SMALLEST = dtype(0.0), dtype(1e-30)
     FRICTION = layout(s).offset("friction")
@@ -54,15 +55,15 @@ def make_alone(s: Structure, dtype: type, method: Method) -> wp.Function:
 
     def make_pair(i: int) -> wp.Function:
         @wp.func
-        def of_pair(params: wp.array2d(dtype=dtype), row: int, minv: MQ, vfree: VQ, jac: JR, rate: VR):
+        def of_pair(params: wp.array2d(dtype=dtype), row: int, p: Problem):
             # found: 1 where it sticks or slides against v_t, or separates
-            gn = wp.static(r.applies[i])(minv, jac)
-            gt = wp.static(r.applies[i + 1])(minv, jac)
-            ann = wp.max(wp.static(r.dots[i])(jac, gn), SMALLEST)
-            att = wp.max(wp.static(r.dots[i + 1])(jac, gt), SMALLEST)
-            ant = wp.static(r.dots[i])(jac, gt)
-            bn = wp.static(r.dots[i])(jac, vfree) + rate[wp.static(i)]
-            bt = wp.static(r.dots[i + 1])(jac, vfree)
+            gn = wp.static(r.applies[i])(p.minv, p.jac)
+            gt = wp.static(r.applies[i + 1])(p.minv, p.jac)
+            ann = wp.max(wp.static(r.dots[i])(p.jac, gn), SMALLEST)
+            att = wp.max(wp.static(r.dots[i + 1])(p.jac, gt), SMALLEST)
+            ant = wp.static(r.dots[i])(p.jac, gt)
+            bn = wp.static(r.dots[i])(p.jac, p.vfree) + p.rate[wp.static(i)]
+            bt = wp.static(r.dots[i + 1])(p.jac, p.vfree)
             mu = params[row, wp.static(FRICTION + pair[i])]
             lam = cone(mu, ann, ant, att, bn, bt)
             wn = bn + ann * lam[0] + ant * lam[1]
@@ -77,22 +78,22 @@ def make_alone(s: Structure, dtype: type, method: Method) -> wp.Function:
             against = lam[0] > ZERO and vt * lam[1] <= ZERO
             finite = wp.isfinite(bn) and wp.isfinite(lam[0]) and wp.isfinite(lam[1])
             found = wp.where(finite and ann > SMALLEST and (inside or against), 1, 0)
-            return vfree + lam[0] * gn + lam[1] * gt, z_out, lam_out, found
+            return p.vfree + lam[0] * gn + lam[1] * gt, z_out, lam_out, found
 
         return of_pair
 
     def make_row(i: int) -> wp.Function:
         @wp.func
-        def of_row(params: wp.array2d(dtype=dtype), row: int, minv: MQ, vfree: VQ, jac: JR, rate: VR):
-            g = wp.static(r.applies[i])(minv, jac)
-            a = wp.max(wp.static(r.dots[i])(jac, g), SMALLEST)
-            b = wp.static(r.dots[i])(jac, vfree) + rate[wp.static(i)]
+        def of_row(params: wp.array2d(dtype=dtype), row: int, p: Problem):
+            g = wp.static(r.applies[i])(p.minv, p.jac)
+            a = wp.max(wp.static(r.dots[i])(p.jac, g), SMALLEST)
+            b = wp.static(r.dots[i])(p.jac, p.vfree) + p.rate[wp.static(i)]
             lam_out = VR()
             z_out = VR()
             lam_out[wp.static(i)] = wp.max(-b / a, ZERO)
             z_out[wp.static(i)] = -b
             found = wp.where(wp.isfinite(b) and a > SMALLEST, 1, 0)
-            return vfree + lam_out[wp.static(i)] * g, z_out, lam_out, found
+            return p.vfree + lam_out[wp.static(i)] * g, z_out, lam_out, found
 
         return of_row
 
@@ -102,23 +103,15 @@ def make_alone(s: Structure, dtype: type, method: Method) -> wp.Function:
     bits = tuple((3 if frictional[i] else 1) << i for i in range(s.nr))
 
     @wp.func
-    def alone(
-        params: wp.array2d(dtype=dtype),
-        row: int,
-        minv: MQ,
-        vfree: VQ,
-        jac: JR,
-        rate: VR,
-        mask: int,
-    ):
-        v = vfree
+    def alone(params: wp.array2d(dtype=dtype), row: int, p: Problem):
+        v = p.vfree
         z = VR()
         lam = VR()
         found = int(0)
         for i in range(wp.static(s.nr)):
             if wp.static(single[i] is not None):
-                if mask == wp.static(bits[i]):
-                    v, z, lam, found = wp.static(single[i])(params, row, minv, vfree, jac, rate)
+                if p.mask == wp.static(bits[i]):
+                    v, z, lam, found = wp.static(single[i])(params, row, p)
         return v, z, lam, found
 
     return alone

@@ -13,6 +13,8 @@ import warp as wp
 from .coulomb_alone import make_cone
 from .few_rows import LARGEST
 from .method import Method
+from .problem import SMALLEST as LEAST
+from .problem import make_places, make_problem
 from .rows import make_rows
 from .solve import COLD
 from .structure import Structure, layout
@@ -25,17 +27,16 @@ PROXIMAL = {wp.float64: 1e-9, wp.float32: 1e-4}  # relative to A_ii
 
 @functools.cache
 def make_coulomb_few(s: Structure, dtype: type, method: Method) -> wp.Function:
-    """few(params, row, minv, vfree, jac, rate, mask, warm) -> v', z, lambda, found: 0 where there are more
-    than FEW rows, or no solution was found.
+    """few(params, row, problem, warm) -> v', z, lambda, found: 0 where there are more than FEW rows, or no
+    solution was found.
     """
     r = make_rows(s, dtype, method)
-    VQ, MQ, VR, JR = r.types.VQ, r.types.MQ, r.types.VR, r.types.JR
+    VQ, VR = r.types.VQ, r.types.VR
     NR, NV, K = s.nr, s.nv, min(FEW, s.nr)
-    V = wp.types.vector(K, dtype)
-    M = wp.types.matrix((K, K), dtype)
-    J = wp.types.matrix((K, NV), dtype)
+    Problem, places = make_problem(s, dtype), make_places(s, dtype, method, K)
+    V, M, J = places.V, places.A, places.J
     cone = make_cone(dtype)
-    ZERO, ONE, SMALLEST = dtype(0.0), dtype(1.0), dtype(1e-30)
+    ZERO, ONE, SMALLEST = dtype(0.0), dtype(1.0), dtype(LEAST)
     TOL, TAU = dtype(TOLERANCE[dtype]), dtype(PROXIMAL[dtype])
     UNUSED, HUGE, CANCEL = dtype(0.5 * COLD), dtype(1e30), dtype(LARGEST)
     FRICTION = layout(s).offset("friction")
@@ -51,16 +52,7 @@ def make_coulomb_few(s: Structure, dtype: type, method: Method) -> wp.Function:
         size: dtype  # of the terms of the natural map
 
     @wp.func
-    def gather(
-        params: wp.array2d(dtype=dtype),
-        row: int,
-        minv: MQ,
-        vfree: VQ,
-        jac: JR,
-        rate: VR,
-        mask: int,
-        warm: VR,
-    ):
+    def gather(params: wp.array2d(dtype=dtype), row: int, problem: Problem, warm: VR):
         out = Few()
         own = J()
         place = int(0)
@@ -68,13 +60,13 @@ def make_coulomb_few(s: Structure, dtype: type, method: Method) -> wp.Function:
             out.mu[k] = -ONE - ONE
             out.z[k] = UNUSED
         for i in range(wp.static(NR)):
-            if (mask & wp.static(1 << i)) != 0:
-                row_i = wp.static(r.adds[i])(VQ(), jac, ONE)
-                b = wp.static(r.dots[i])(jac, vfree) + rate[i]
-                size = wp.abs(b) + wp.abs(rate[i])
+            if (problem.mask & wp.static(1 << i)) != 0:
+                row_i = wp.static(r.adds[i])(VQ(), problem.jac, ONE)
+                b = wp.static(r.dots[i])(problem.jac, problem.vfree) + problem.rate[i]
+                terms = wp.abs(b) + wp.abs(problem.rate[i])
                 for j in range(wp.static(NV)):
-                    size += wp.abs(row_i[j] * vfree[j])
-                out.size = wp.max(out.size, size)
+                    terms += wp.abs(row_i[j] * problem.vfree[j])
+                out.size = wp.max(out.size, terms)
                 for k in range(wp.static(K)):
                     if place == k:
                         for j in range(wp.static(NV)):
@@ -86,12 +78,8 @@ def make_coulomb_few(s: Structure, dtype: type, method: Method) -> wp.Function:
                         if wp.static(warmed):
                             out.z[k] = warm[i]
                 place += 1
+        out.a = places.product(own, problem.minv)
         for k in range(wp.static(K)):
-            g = minv * own[k]
-            for l in range(wp.static(K)):
-                if wp.static(l <= k):
-                    out.a[k, l] = wp.dot(own[l], g)
-                    out.a[l, k] = out.a[k, l]
             if out.mu[k] < -ONE:
                 out.a[k, k] = ONE
             elif not (out.a[k, k] > SMALLEST):  # no impulse moves the row
@@ -208,17 +196,8 @@ def make_coulomb_few(s: Structure, dtype: type, method: Method) -> wp.Function:
         return worst
 
     @wp.func
-    def few(
-        params: wp.array2d(dtype=dtype),
-        row: int,
-        minv: MQ,
-        vfree: VQ,
-        jac: JR,
-        rate: VR,
-        mask: int,
-        warm: VR,
-    ):
-        p, count = gather(params, row, minv, vfree, jac, rate, mask, warm)
+    def few(params: wp.array2d(dtype=dtype), row: int, problem: Problem, warm: VR):
+        p, count = gather(params, row, problem, warm)
         z = start(p)
         lam = V()
         for k in range(wp.static(K)):
@@ -239,18 +218,7 @@ def make_coulomb_few(s: Structure, dtype: type, method: Method) -> wp.Function:
                 it = wp.static(ITERATIONS)
             elif violation(p, lam, z) <= TOL * p.size:
                 found = 1
-        z_out = VR()
-        lam_out = VR()
-        f = VQ()
-        place = int(0)
-        for i in range(wp.static(NR)):
-            if (mask & wp.static(1 << i)) != 0:
-                for k in range(wp.static(K)):
-                    if place == k:
-                        z_out[i] = z[k]
-                        lam_out[i] = lam[k]
-                f = wp.static(r.adds[i])(f, jac, lam_out[i])
-                place += 1
-        return vfree + minv * f, z_out, lam_out, found
+        v, z_out, lam_out = places.spread(problem, z, lam, warm)
+        return v, z_out, lam_out, found
 
     return few

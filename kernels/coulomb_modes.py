@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from .method import Method
+from .problem import make_problem
 from .rows import make_rows
 from .structure import Structure, layout
 
@@ -20,14 +21,15 @@ OFF, PRESS, STICK, LEFT, RIGHT = 0, 1, 2, 3, 4  # modes; LEFT: lambda_t = -mu la
 def make_active(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
     """The dense problem of the rows in the mask, and the linear system of given modes.
 
-    gather(params, row, minv, vfree, jac, rate, mask) -> Dense; modes(dense, z) -> MODES;
+    gather(params, row, problem) -> Dense; modes(dense, z) -> MODES;
     factor(dense, modes, tau) -> Lu; impulses(dense, modes, lu, target, centre) -> lambda with
     A lambda + target = 0 in the rows that hold; `transposed` is its adjoint.
     """
     r = make_rows(s, dtype, method)
     t = r.types
     NR = s.nr
-    VQ, MQ, VR, JR = t.VQ, t.MQ, t.VR, t.JR
+    VR, JR = t.VR, t.JR
+    Problem = make_problem(s, dtype)
     AR = wp.types.matrix((NR, NR), dtype)
     MODES = wp.types.vector(NR, wp.int32)
     ZERO = dtype(0.0)
@@ -56,35 +58,27 @@ def make_active(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
         m: AR
 
     @wp.func
-    def gather(
-        params: wp.array2d(dtype=dtype),
-        row: int,
-        minv: MQ,
-        vfree: VQ,
-        jac: JR,
-        rate: VR,
-        mask: int,
-    ):
+    def gather(params: wp.array2d(dtype=dtype), row: int, p: Problem):
         out = Dense()
         n = int(0)
         for i in range(wp.static(NR)):
-            if (mask & wp.static(1 << i)) != 0:
+            if (p.mask & wp.static(1 << i)) != 0:
                 out.row[n] = wp.static(i)
-                out.response[n] = wp.static(r.applies[i])(minv, jac)
-                out.b[n] = wp.static(r.dots[i])(jac, vfree) + rate[i]
-                size = wp.abs(out.b[n]) + wp.abs(rate[i])
+                out.response[n] = wp.static(r.applies[i])(p.minv, p.jac)
+                out.b[n] = wp.static(r.dots[i])(p.jac, p.vfree) + p.rate[i]
+                terms = wp.abs(out.b[n]) + wp.abs(p.rate[i])
                 if wp.static(r.limit[i]):
-                    size += wp.abs(vfree[wp.static(s.rows[i].index)])
+                    terms += wp.abs(p.vfree[wp.static(s.rows[i].index)])
                 else:
                     for j in range(wp.static(s.nv)):
-                        size += wp.abs(jac[i, j] * vfree[j])
-                out.size = wp.max(out.size, size)
+                        terms += wp.abs(p.jac[i, j] * p.vfree[j])
+                out.size = wp.max(out.size, terms)
                 for k in range(n + 1):
-                    value = wp.static(r.dots[i])(jac, out.response[k])
+                    value = wp.static(r.dots[i])(p.jac, out.response[k])
                     out.a[n, k] = value
                     out.a[k, n] = value
                 if wp.static(not r.tangent[i]):
-                    if not (out.a[n, n] > SMALLEST) and out.b[n] < -ROUNDING * size:
+                    if not (out.a[n, n] > SMALLEST) and out.b[n] < -ROUNDING * terms:
                         out.shut = 1
                 out.a[n, n] = wp.max(out.a[n, n], SMALLEST)
                 if wp.static(r.tangent[i]):

@@ -13,17 +13,19 @@ import warp as wp
 from .coulomb import PROXIMAL
 from .coulomb_modes import LEFT, RIGHT, make_active
 from .method import Method
+from .problem import make_problem
 from .structure import Structure
 
 
 @functools.cache
 def make_coulomb_response(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
-    """factor(params, row, minv, vfree, jac, rate, mask, z) -> Factor; solve(factor, jac, dv0, f2) -> dv;
+    """factor(params, row, problem, z) -> Factor; solve(factor, jac, dv0, f2) -> dv;
     transposed(factor, jac, p0) -> (P, rho, sides), see there.
     """
     active = make_active(s, dtype, method)
     r, t = active.rows, active.types
-    VQ, MQ, VR, JR = t.VQ, t.MQ, t.VR, t.JR
+    VQ, VR, JR = t.VQ, t.VR, t.JR
+    Problem = make_problem(s, dtype)
     TAU = dtype(PROXIMAL[dtype][1])
     ONE = dtype(1.0)
 
@@ -34,11 +36,9 @@ def make_coulomb_response(s: Structure, dtype: type, method: Method) -> SimpleNa
         lu: active.Lu
 
     @wp.func
-    def factor(
-        params: wp.array2d(dtype=dtype), row: int, minv: MQ, vfree: VQ, jac: JR, rate: VR, mask: int, z: VR
-    ):
+    def factor(params: wp.array2d(dtype=dtype), row: int, problem: Problem, z: VR):
         out = Factor()
-        out.dense = active.gather(params, row, minv, vfree, jac, rate, mask)
+        out.dense = active.gather(params, row, problem)
         own = VR()
         for i in range(out.dense.count):
             own[i] = z[out.dense.row[i]]

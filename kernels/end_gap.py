@@ -10,6 +10,7 @@ import functools
 
 import warp as wp
 
+from .acting import rows_of_pairs
 from .mechanism import make_mechanism
 from .method import Method
 from .rows import make_rows
@@ -46,10 +47,7 @@ def make_end_gap(s: Structure, dtype: type, method: Method) -> wp.Function:
     H = layout(s).offset("step_size")
     HALF = dtype(0.5)
     pairs = tuple(make_pair(s, k, dtype) for k in range(len(s.pairs)))
-    rows_of = tuple(
-        tuple(i for i, row in enumerate(s.rows) if row.kind == "contact" and row.index == k)
-        for k in range(len(s.pairs))
-    )
+    rows_of = rows_of_pairs(s)
     pair_bit = tuple(1 << k for k in range(len(s.pairs)))
 
     def make_approach(k: int) -> wp.Function:

@@ -17,6 +17,7 @@ import warp as wp
 
 from .method import Method
 from .noise import make_noise
+from .problem import make_problem
 from .residuals import make_residuals
 from .rows import make_rows
 from .smoothing import make_smoothing
@@ -213,41 +214,28 @@ def make_erm_solver(s: Structure, dtype: type, method: Method) -> wp.Function:
     erm = make_erm(s.nr, dtype, method.residual)
     r = make_rows(s, dtype, method)
     t = r.types
-    VQ, MQ, VR, JR = t.VQ, t.MQ, t.VR, t.JR
-    NR = s.nr
+    VQ, VR = t.VQ, t.VR
+    NR, Problem = s.nr, make_problem(s, dtype)
     noise = make_noise(s, dtype, method)
     rem = make_solver(s, dtype, twin(method))
     gather = make_gather(s, dtype, method)
 
     @wp.func
-    def solve(
-        params: wp.array2d(dtype=dtype),
-        row: int,
-        minv: MQ,
-        vfree: VQ,
-        jac: JR,
-        rate: VR,
-        scale: VR,
-        sigma: VR,
-        mask: int,
-        warm: VR,
-    ):
-        v, z, lam, status, iterations = wp.static(rem)(
-            params, row, minv, vfree, jac, rate, scale, sigma, mask, warm
-        )
+    def solve(params: wp.array2d(dtype=dtype), row: int, p: Problem, warm: VR):
+        v, z, lam, status, iterations = wp.static(rem)(params, row, p, warm)
         if status == wp.static(SOLVED):
             level = VR()
             w0 = VR()
             for i in range(wp.static(NR)):
-                level[i] = wp.static(noise.level[i])(params, row, sigma)
-                w0[i] = wp.static(r.dots[i])(jac, vfree) + rate[i]
-            lam, w, status, count = wp.static(erm.minimise)(gather(minv, jac), w0, scale, level, lam)
+                level[i] = wp.static(noise.level[i])(params, row, p.sigma)
+                w0[i] = wp.static(r.dots[i])(p.jac, p.vfree) + p.rate[i]
+            lam, w, status, count = wp.static(erm.minimise)(gather(p.minv, p.jac), w0, p.scale, level, lam)
             iterations += count
             f = VQ()
             for i in range(wp.static(NR)):
-                z[i] = scale[i] * lam[i] - w[i]
-                f = wp.static(r.adds[i])(f, jac, lam[i])
-            v = vfree + minv * f
+                z[i] = p.scale[i] * lam[i] - w[i]
+                f = wp.static(r.adds[i])(f, p.jac, lam[i])
+            v = p.vfree + p.minv * f
         return v, z, lam, status, iterations
 
     return solve

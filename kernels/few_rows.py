@@ -14,6 +14,7 @@ from .elimination import PROXIMAL
 from .method import Method
 from .newton import NOT_CONVERGED, SOLVED, resolution
 from .noise import make_noise
+from .problem import SMALLEST, make_places, make_problem
 from .rows import make_rows
 from .smoothing import make_smoothing
 from .structure import Structure
@@ -26,21 +27,20 @@ DECREASE = 0.99  # of the sum of squares, at least, in every step
 
 @functools.cache
 def make_few_rows(s: Structure, dtype: type, method: Method) -> wp.Function:
-    """solve_few(params, row, minv, vfree, jac, scale, sigma, 1/sigma, w0, mask, size, z) -> v', z,
-    lambda, status, iterations; NOT_CONVERGED also where there are more than FEW rows.
+    """solve_few(params, row, problem, z) -> v', z, lambda, status, iterations; NOT_CONVERGED also where there
+    are more than FEW rows. The problem is measured.
     """
     r = make_rows(s, dtype, method)
     sm = make_smoothing(dtype, method.residual)
     noise = make_noise(s, dtype, method)
-    VQ, MQ, VR, JR = r.types.VQ, r.types.MQ, r.types.VR, r.types.JR
+    VQ, VR = r.types.VQ, r.types.VR
     NR, NV, K = s.nr, s.nv, min(FEW[len(s.pairs) > 1], s.nr)
-    V = wp.types.vector(K, dtype)
-    M = wp.types.matrix((K, K), dtype)
-    J = wp.types.matrix((K, NV), dtype)
+    Problem, places = make_problem(s, dtype), make_places(s, dtype, method, K)
+    V, M, J = places.V, places.A, places.J
     ZERO, ONE = dtype(0.0), dtype(1.0)
     HUGE = dtype(1e300 if dtype is wp.float64 else 1e38)
     TOL, TAU = dtype(resolution(dtype, method)), dtype(PROXIMAL[dtype])
-    CANCEL, SMALLEST = dtype(LARGEST), dtype(1e-30)
+    CANCEL, FLOOR = dtype(LARGEST), dtype(SMALLEST)
     BEND, FALL = dtype(0.5 * sm.steepest), dtype(DECREASE)
 
     @wp.struct
@@ -54,18 +54,7 @@ def make_few_rows(s: Structure, dtype: type, method: Method) -> wp.Function:
         z: V
 
     @wp.func
-    def gather(
-        params: wp.array2d(dtype=dtype),
-        row: int,
-        minv: MQ,
-        jac: JR,
-        scale: VR,
-        sigma: VR,
-        inverse_sigma: VR,
-        w0: VR,
-        mask: int,
-        z: VR,
-    ):
+    def gather(params: wp.array2d(dtype=dtype), row: int, problem: Problem, z: VR):
         # the rows of the mask, one after the other; unused places hold rows that stay as they are
         out = Few()
         own = J()  # J_i of the rows in the system
@@ -73,26 +62,22 @@ def make_few_rows(s: Structure, dtype: type, method: Method) -> wp.Function:
         for k in range(wp.static(K)):
             out.scale[k] = ONE
         for i in range(wp.static(NR)):
-            if (mask & wp.static(1 << i)) != 0:
-                row_i = wp.static(r.adds[i])(VQ(), jac, ONE)
+            if (problem.mask & wp.static(1 << i)) != 0:
+                row_i = wp.static(r.adds[i])(VQ(), problem.jac, ONE)
                 for k in range(wp.static(K)):
                     if place == k:
                         for j in range(wp.static(NV)):
                             own[k, j] = row_i[j]
-                        out.w0[k] = w0[i]
-                        out.scale[k] = scale[i]
+                        out.w0[k] = problem.w0[i]
+                        out.scale[k] = problem.scale[i]
                         out.z[k] = z[i]
                         if wp.static(not method.hard):
-                            out.sigma[k] = wp.static(noise.level[i])(params, row, sigma)
-                            out.inverse_sigma[k] = inverse_sigma[i]
+                            out.sigma[k] = wp.static(noise.level[i])(params, row, problem.sigma)
+                            out.inverse_sigma[k] = problem.inverse_sigma[i]
                 place += 1
+        out.a = places.product(own, problem.minv)
         for k in range(wp.static(K)):
-            g = minv * own[k]
-            for l in range(wp.static(K)):
-                if wp.static(l <= k):
-                    out.a[k, l] = wp.dot(own[l], g)
-                    out.a[l, k] = out.a[k, l]
-            out.diag[k] = wp.where(place > k, wp.max(out.a[k, k], SMALLEST), ONE)
+            out.diag[k] = wp.where(place > k, wp.max(out.a[k, k], FLOOR), ONE)
         return out, place
 
     @wp.struct
@@ -183,27 +168,16 @@ def make_few_rows(s: Structure, dtype: type, method: Method) -> wp.Function:
         return not (largest <= CANCEL * size)
 
     @wp.func
-    def solve_few(
-        params: wp.array2d(dtype=dtype),
-        row: int,
-        minv: MQ,
-        vfree: VQ,
-        jac: JR,
-        scale: VR,
-        sigma: VR,
-        inverse_sigma: VR,
-        w0: VR,
-        mask: int,
-        size: dtype,
-        z0: VR,
-    ):
-        p, count = gather(params, row, minv, jac, scale, sigma, inverse_sigma, w0, mask, z0)
+    def solve_few(params: wp.array2d(dtype=dtype), row: int, problem: Problem, z0: VR):
+        p, count = gather(params, row, problem, z0)
+        size = problem.size
         z = p.z
         lam = V()
         old = ZERO + HUGE
         status = int(wp.static(NOT_CONVERGED))
         it = int(0)
-        while status == wp.static(NOT_CONVERGED) and it < wp.static(ITERATIONS) and count <= wp.static(K):
+        on = wp.where(count <= wp.static(K), 1, 0)
+        while on == 1 and status == wp.static(NOT_CONVERGED) and it < wp.static(ITERATIONS):
             it += 1
             at = evaluate(p, count, z)
             lam = at.lam
@@ -223,23 +197,10 @@ def make_few_rows(s: Structure, dtype: type, method: Method) -> wp.Function:
                             lam[k] = lam[k] + change
                         status = wp.static(SOLVED)
             else:  # no number, or a step too long
-                it = wp.static(ITERATIONS)
+                on = int(0)
         if status == wp.static(SOLVED) and cancels(p, lam, size):
             status = wp.static(NOT_CONVERGED)
-        # back to the places of the rows
-        z_out = z0
-        lam_out = VR()
-        f = VQ()
-        place = int(0)
-        for i in range(wp.static(NR)):
-            if (mask & wp.static(1 << i)) != 0:
-                for k in range(wp.static(K)):
-                    if place == k:
-                        z_out[i] = z[k]
-                        lam_out[i] = lam[k]
-                f = wp.static(r.adds[i])(f, jac, lam_out[i])
-                place += 1
-        v = vfree + minv * f
+        v, z_out, lam_out = places.spread(problem, z, lam, z0)
         return v, z_out, lam_out, status, it
 
     return solve_few

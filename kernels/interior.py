@@ -16,6 +16,7 @@ import warp as wp
 from .elimination import PROXIMAL, make_sweep
 from .method import Method
 from .noise import make_noise
+from .problem import make_problem
 from .rows import make_rows
 from .smoothing import make_smoothing
 from .structure import Structure
@@ -33,13 +34,13 @@ START = 0.1  # smallest a and w at the start, relative to the same
 
 @functools.cache
 def make_interior(s: Structure, dtype: type, method: Method) -> wp.Function:
-    """interior(params, row, minv, vfree, ..., sigma, diag, mask, size, z) -> z, lambda, done, iterations."""
+    """interior(params, row, problem, z) -> z, lambda, done, iterations; the problem is measured."""
     r = make_rows(s, dtype, method)
     t = r.types
     sm = make_smoothing(dtype, method.residual)
     sweep = make_sweep(s, dtype, method)
-    VQ, MQ, VR, JR = t.VQ, t.MQ, t.VR, t.JR
-    NR = s.nr
+    VQ, VR = t.VQ, t.VR
+    NR, Problem = s.nr, make_problem(s, dtype)
     noise = make_noise(s, dtype, method)
     ZERO, ONE = dtype(0.0), dtype(1.0)
     TAU = dtype(PROXIMAL[dtype])
@@ -66,26 +67,26 @@ def make_interior(s: Structure, dtype: type, method: Method) -> wp.Function:
         mean: dtype  # mean |excess|
 
     @wp.func
-    def curve(params: wp.array2d(dtype=dtype), row: int, sigma: VR, at: Inside, mask: int):
+    def curve(params: wp.array2d(dtype=dtype), row: int, p: Problem, at: Inside):
         out = Curve()
         count = ZERO
         for i in range(wp.static(NR)):
-            if (mask & wp.static(1 << i)) != 0:
+            if (p.mask & wp.static(1 << i)) != 0:
                 a = at.a[i]
                 w = at.w[i]
-                p = a
-                q = w
+                up = a
+                down = w
                 out.excess[i] = a * w
                 if wp.static(not method.hard):
-                    level = wp.static(noise.level[i])(params, row, sigma)
+                    level = wp.static(noise.level[i])(params, row, p.sigma)
                     e = wp.static(sm.smooth)(a - w, level, ONE / level)
                     out.excess[i] = a * w - e[0] * e[1]
                     slope = e[2] * e[1] - e[3] * e[0]  # m'(z)
-                    p = wp.max(a + slope, POSITIVE * a)
-                    q = wp.max(w - slope, POSITIVE * w)
-                total = p + q
-                out.p[i] = p / total
-                out.q[i] = q / total
+                    up = wp.max(a + slope, POSITIVE * a)
+                    down = wp.max(w - slope, POSITIVE * w)
+                total = up + down
+                out.p[i] = up / total
+                out.q[i] = down / total
                 out.total[i] = total
                 out.mean += wp.abs(out.excess[i])
                 count += ONE
@@ -93,51 +94,49 @@ def make_interior(s: Structure, dtype: type, method: Method) -> wp.Function:
         return out
 
     @wp.func
-    def move(
-        minv: MQ, jac: JR, scale: VR, fac: sweep.Factor, now: Curve, res: VR, at: Inside, mask: int, mu: dtype
-    ):
+    def move(p: Problem, fac: sweep.Factor, now: Curve, res: VR, at: Inside, mu: dtype):
         # Newton step towards excess = mu, r = 0; Inside holds the changes of a and w
         out = Inside()
         e = VR()
         rhs = VR()
         f = VQ()
         for i in range(wp.static(NR)):
-            if (mask & wp.static(1 << i)) != 0:
+            if (p.mask & wp.static(1 << i)) != 0:
                 e[i] = (mu - now.excess[i]) / now.total[i]
                 rhs[i] = e[i] - res[i]
-                f = wp.static(r.adds[i])(f, jac, e[i] / scale[i])
-        dv, innovation = wp.static(sweep.forward)(fac, jac, now.p, mask, minv * f, rhs)
-        dz = wp.static(sweep.back)(fac, jac, scale, now.p, mask, innovation)
+                f = wp.static(r.adds[i])(f, p.jac, e[i] / p.scale[i])
+        dv, innovation = wp.static(sweep.forward)(fac, p.jac, now.p, p.mask, p.minv * f, rhs)
+        dz = wp.static(sweep.back)(fac, p.jac, p.scale, now.p, p.mask, innovation)
         for i in range(wp.static(NR)):
-            if (mask & wp.static(1 << i)) != 0:
+            if (p.mask & wp.static(1 << i)) != 0:
                 out.a[i] = now.p[i] * dz[i] + e[i]
                 out.w[i] = e[i] - now.q[i] * dz[i]
         return out
 
     @wp.func
-    def advance(at: Inside, step: Inside, mask: int, kept: dtype):
+    def advance(p: Problem, at: Inside, step: Inside, kept: dtype):
         # a and w after the step, or after 1 - kept of the way to where the first of them vanishes
         out = Inside()
         fall = TINY
         for i in range(wp.static(NR)):
-            if (mask & wp.static(1 << i)) != 0:
+            if (p.mask & wp.static(1 << i)) != 0:
                 fall = wp.max(fall, wp.max(-step.a[i] / at.a[i], -step.w[i] / at.w[i]))
         length = wp.min((ONE - kept) / fall, ONE)
         for i in range(wp.static(NR)):
-            if (mask & wp.static(1 << i)) != 0:
+            if (p.mask & wp.static(1 << i)) != 0:
                 out.a[i] = at.a[i] + length * step.a[i]
                 out.w[i] = at.w[i] + length * step.w[i]
         return out
 
     @wp.func
-    def rejoin(params: wp.array2d(dtype=dtype), row: int, sigma: VR, at: Inside, mask: int, mu: dtype):
+    def rejoin(params: wp.array2d(dtype=dtype), row: int, p: Problem, at: Inside, mu: dtype):
         # lift an a or w that fell far below the path, where it would block all further steps; r pays for it
         out = at
         for i in range(wp.static(NR)):
-            if (mask & wp.static(1 << i)) != 0:
+            if (p.mask & wp.static(1 << i)) != 0:
                 product = mu
                 if wp.static(not method.hard):
-                    level = wp.static(noise.level[i])(params, row, sigma)
+                    level = wp.static(noise.level[i])(params, row, p.sigma)
                     e = wp.static(sm.smooth)(at.a[i] - at.w[i], level, ONE / level)
                     product += e[0] * e[1]
                 if at.a[i] > at.w[i]:
@@ -147,26 +146,13 @@ def make_interior(s: Structure, dtype: type, method: Method) -> wp.Function:
         return out
 
     @wp.func
-    def interior(
-        params: wp.array2d(dtype=dtype),
-        row: int,
-        minv: MQ,
-        vfree: VQ,
-        jac: JR,
-        rate: VR,
-        scale: VR,
-        sigma: VR,
-        diag: VR,
-        mask: int,
-        size: dtype,
-        z: VR,
-    ):
+    def interior(params: wp.array2d(dtype=dtype), row: int, p: Problem, z: VR):
         """z near the solution and lambda; if not converged lambda tends to what proves infeasibility."""
         at = Inside()
         for i in range(wp.static(NR)):
-            if (mask & wp.static(1 << i)) != 0:
-                at.a[i] = wp.max(z[i], ZERO) + DELTA * size
-                at.w[i] = wp.max(-z[i], ZERO) + DELTA * size
+            if (p.mask & wp.static(1 << i)) != 0:
+                at.a[i] = wp.max(z[i], ZERO) + DELTA * p.size
+                at.w[i] = wp.max(-z[i], ZERO) + DELTA * p.size
         lam = VR()
         res = VR()
         out = z
@@ -177,31 +163,31 @@ def make_interior(s: Structure, dtype: type, method: Method) -> wp.Function:
             f = VQ()
             largest = ZERO
             for i in range(wp.static(NR)):
-                if (mask & wp.static(1 << i)) != 0:
-                    lam[i] = at.a[i] / scale[i]
+                if (p.mask & wp.static(1 << i)) != 0:
+                    lam[i] = at.a[i] / p.scale[i]
                     out[i] = at.a[i] - at.w[i]
                     largest = wp.max(largest, at.a[i])
-                    f = wp.static(r.adds[i])(f, jac, lam[i])
-            v = vfree + minv * f
+                    f = wp.static(r.adds[i])(f, p.jac, lam[i])
+            v = p.vfree + p.minv * f
             worst = ZERO
             for i in range(wp.static(NR)):
-                if (mask & wp.static(1 << i)) != 0:
-                    res[i] = rate[i] + wp.static(r.dots[i])(jac, v) - at.w[i]
+                if (p.mask & wp.static(1 << i)) != 0:
+                    res[i] = p.rate[i] + wp.static(r.dots[i])(p.jac, v) - at.w[i]
                     worst = wp.max(worst, wp.abs(res[i]))
-            now = curve(params, row, sigma, at, mask)
-            if worst <= RESIDUAL * size and now.mean <= LIMIT * LIMIT * size * size:
+            now = curve(params, row, p, at)
+            if worst <= RESIDUAL * p.size and now.mean <= LIMIT * LIMIT * p.size * p.size:
                 status = int(1)
-            elif not (largest < DIVERGED * size):
+            elif not (largest < DIVERGED * p.size):
                 it = wp.static(MAX_ITERATIONS)
             else:
-                fac = wp.static(sweep.factor)(minv, jac, scale, diag, now.p, now.q, mask, TAU)
-                straight = move(minv, jac, scale, fac, now, res, at, mask, ZERO)
-                there = curve(params, row, sigma, advance(at, straight, mask, ZERO), mask)
+                fac = wp.static(sweep.factor)(p.minv, p.jac, p.scale, p.diag, now.p, now.q, p.mask, TAU)
+                straight = move(p, fac, now, res, at, ZERO)
+                there = curve(params, row, p, advance(p, at, straight, ZERO))
                 part = wp.min(there.mean / now.mean, MOST)
                 mu = part * part * part * now.mean
-                step = move(minv, jac, scale, fac, now, res, at, mask, mu)
-                kept = wp.clamp(wp.sqrt(now.mean) / size, NEAREST, FARTHEST)
-                at = rejoin(params, row, sigma, advance(at, step, mask, kept), mask, mu)
+                step = move(p, fac, now, res, at, mu)
+                kept = wp.clamp(wp.sqrt(now.mean) / p.size, NEAREST, FARTHEST)
+                at = rejoin(params, row, p, advance(p, at, step, kept), mu)
         return out, lam, status, it
 
     return interior

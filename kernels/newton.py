@@ -12,6 +12,7 @@ import warp as wp
 from .elimination import PROXIMAL
 from .method import Method
 from .noise import make_noise
+from .problem import make_problem
 from .rows import make_rows
 from .smoothing import make_smoothing
 from .structure import Structure
@@ -28,12 +29,12 @@ def resolution(dtype: type, method: Method) -> float:
 
 @functools.cache
 def make_newton(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
-    """`evaluate` r at z, the Newton `direction` there, and the damped iteration `newton`."""
+    """Of a measured problem: `evaluate` r at z, Newton's `direction` there, the damped iteration `newton`."""
     r = make_rows(s, dtype, method)
     t = r.types
     sm = make_smoothing(dtype, method.residual)
-    VQ, MQ, VR, JR = t.VQ, t.MQ, t.VR, t.JR
-    NR = s.nr
+    VQ, VR, JR = t.VQ, t.VR, t.JR
+    NR, Problem = s.nr, make_problem(s, dtype)
     noise = make_noise(s, dtype, method)
     ZERO, HALF, ONE = dtype(0.0), dtype(0.5), dtype(1.0)
     BEND = dtype(0.5 * sm.steepest)
@@ -56,123 +57,95 @@ def make_newton(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
         worst: dtype  # max |r_i|
 
     @wp.func
-    def evaluate(
-        params: wp.array2d(dtype=dtype),
-        row: int,
-        minv: MQ,
-        vfree: VQ,
-        jac: JR,
-        rate: VR,
-        scale: VR,
-        sigma: VR,
-        inverse_diag: VR,
-        inverse_sigma: VR,
-        mask: int,
-        z: VR,
-    ):
+    def evaluate(params: wp.array2d(dtype=dtype), row: int, p: Problem, z: VR):
         out = Point()
         f = VQ()
         for i in range(wp.static(NR)):
-            if (mask & wp.static(1 << i)) != 0:
+            if (p.mask & wp.static(1 << i)) != 0:
                 if wp.static(method.hard):
                     e = wp.static(sm.kink)(z[i])
                 else:
-                    level = wp.static(noise.level[i])(params, row, sigma)
-                    e = wp.static(sm.smooth)(z[i], level, inverse_sigma[i])
+                    level = wp.static(noise.level[i])(params, row, p.sigma)
+                    e = wp.static(sm.smooth)(z[i], level, p.inverse_sigma[i])
                 out.lam[i] = e[0]
                 if wp.static(method.inertia_scaling):
-                    out.lam[i] = e[0] / scale[i]
-                out.res[i] = rate[i] - e[1]
+                    out.lam[i] = e[0] / p.scale[i]
+                out.res[i] = p.rate[i] - e[1]
                 out.slope[i] = e[2]
                 out.slack[i] = e[3]
-                f = wp.static(r.adds[i])(f, jac, out.lam[i])
-        out.v = vfree + minv * f
+                f = wp.static(r.adds[i])(f, p.jac, out.lam[i])
+        out.v = p.vfree + p.minv * f
         for i in range(wp.static(NR)):
-            if (mask & wp.static(1 << i)) != 0:
-                out.res[i] = out.res[i] + wp.static(r.dots[i])(jac, out.v)
-                out.merit += out.res[i] * out.res[i] * inverse_diag[i]
+            if (p.mask & wp.static(1 << i)) != 0:
+                out.res[i] = out.res[i] + wp.static(r.dots[i])(p.jac, out.v)
+                out.merit += out.res[i] * out.res[i] * p.inverse_diag[i]
                 out.worst = wp.max(out.worst, wp.abs(out.res[i]))
         return out
 
     @wp.func
-    def direction(minv: MQ, jac: JR, scale: VR, diag: VR, at: Point, mask: int):
+    def direction(p: Problem, at: Point):
         # `factor`, `forward` and `back` of the sweep in one go, without what only derivatives need
-        p = minv
+        left = p.minv
         dv = VQ()
         gain = JR()
         innovation = VR()  # divided by T
         weight = VR()  # 1/T
         for i in range(wp.static(NR)):
-            if (mask & wp.static(1 << i)) != 0:
-                g = wp.static(r.applies[i])(p, jac)
-                stiffness = wp.max(wp.static(r.dots[i])(jac, g), ZERO) + TAU * diag[i]
+            if (p.mask & wp.static(1 << i)) != 0:
+                g = wp.static(r.applies[i])(left, p.jac)
+                stiffness = wp.max(wp.static(r.dots[i])(p.jac, g), ZERO) + TAU * p.diag[i]
                 slack = at.slack[i]
                 if wp.static(method.inertia_scaling):
-                    slack = slack * scale[i]
+                    slack = slack * p.scale[i]
                 inverse = ONE / (slack + at.slope[i] * stiffness)
-                innovation[i] = -inverse * (at.res[i] + wp.static(r.dots[i])(jac, dv))
+                innovation[i] = -inverse * (at.res[i] + wp.static(r.dots[i])(p.jac, dv))
                 weight[i] = inverse
                 k = at.slope[i] * inverse
                 gain[i] = g
                 dv += (at.slope[i] * innovation[i]) * g
-                p -= k * wp.outer(g, g)
+                left -= k * wp.outer(g, g)
         dz = VR()
         f = VQ()
         for j in range(wp.static(NR)):
-            if (mask & wp.static(1 << (NR - 1 - j))) != 0:
+            if (p.mask & wp.static(1 << (NR - 1 - j))) != 0:
                 inner = wp.dot(gain[wp.static(NR - 1 - j)], f)
                 step = innovation[wp.static(NR - 1 - j)] - weight[wp.static(NR - 1 - j)] * inner
-                f = wp.static(r.adds[NR - 1 - j])(f, jac, at.slope[wp.static(NR - 1 - j)] * step)
+                f = wp.static(r.adds[NR - 1 - j])(f, p.jac, at.slope[wp.static(NR - 1 - j)] * step)
                 if wp.static(method.inertia_scaling):
-                    step = step * scale[wp.static(NR - 1 - j)]
+                    step = step * p.scale[wp.static(NR - 1 - j)]
                 dz[wp.static(NR - 1 - j)] = step
         return dz
 
     @wp.func
-    def remainder(scale: VR, diag: VR, inverse_sigma: VR, dz: VR, mask: int):
+    def remainder(p: Problem, dz: VR):
         # bound on |r| after a full Newton step: s is quadratic up to s'' dz^2/2, s'' <= steepest/sigma
         bend = ZERO
         largest = ZERO
         smallest = ZERO + HUGE
         for i in range(wp.static(NR)):
-            if (mask & wp.static(1 << i)) != 0:
-                bend += BEND * inverse_sigma[i] * dz[i] * dz[i]
-                largest = wp.max(largest, diag[i])
-                smallest = wp.min(smallest, scale[i])
+            if (p.mask & wp.static(1 << i)) != 0:
+                bend += BEND * p.inverse_sigma[i] * dz[i] * dz[i]
+                largest = wp.max(largest, p.diag[i])
+                smallest = wp.min(smallest, p.scale[i])
         return bend * (ONE + largest / smallest)
 
     @wp.func
-    def follow(minv: MQ, vfree: VQ, jac: JR, scale: VR, at: Point, dz: VR, mask: int):
+    def follow(p: Problem, at: Point, dz: VR):
         # the end of a Newton step that needs no other: lambda and v' to first order in dz
         out = at
         f = VQ()
         for i in range(wp.static(NR)):
-            if (mask & wp.static(1 << i)) != 0:
+            if (p.mask & wp.static(1 << i)) != 0:
                 change = at.slope[i] * dz[i]
                 if wp.static(method.inertia_scaling):
-                    change = change / scale[i]
+                    change = change / p.scale[i]
                 out.lam[i] = at.lam[i] + change
-                f = wp.static(r.adds[i])(f, jac, out.lam[i])
-        out.v = vfree + minv * f
+                f = wp.static(r.adds[i])(f, p.jac, out.lam[i])
+        out.v = p.vfree + p.minv * f
         return out
 
     @wp.func
-    def newton(
-        params: wp.array2d(dtype=dtype),
-        row: int,
-        minv: MQ,
-        vfree: VQ,
-        jac: JR,
-        rate: VR,
-        scale: VR,
-        sigma: VR,
-        diag: VR,
-        inverse_diag: VR,
-        inverse_sigma: VR,
-        mask: int,
-        size: dtype,
-        z0: VR,
-    ):
+    def newton(params: wp.array2d(dtype=dtype), row: int, p: Problem, z0: VR):
         # from z0; NOT_CONVERGED where no step length helps or the iterations do not suffice
         z = z0
         best = z0
@@ -180,16 +153,14 @@ def make_newton(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
         old = ZERO + HUGE
         best_worst = ZERO + HUGE
         length = dtype(1.0)
-        tolerance = TOL * size
+        tolerance = TOL * p.size
         it = int(0)
         last = int(0)
         status = int(wp.static(NOT_CONVERGED))
         at = Point()
         while status == wp.static(NOT_CONVERGED):
             it += 1
-            at = evaluate(
-                params, row, minv, vfree, jac, rate, scale, sigma, inverse_diag, inverse_sigma, mask, z
-            )
+            at = evaluate(params, row, p, z)
             finite = wp.isfinite(at.merit)
             if not finite and it == 1:
                 status = wp.static(NONFINITE)
@@ -204,22 +175,22 @@ def make_newton(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
                 best_worst = at.worst
                 old = at.merit
                 length = dtype(1.0)
-                dz = direction(minv, jac, scale, diag, at, mask)
+                dz = direction(p, at)
                 z = best + dz
                 if wp.static(not method.hard):
-                    if remainder(scale, diag, inverse_sigma, dz, mask) <= TOL * size:
-                        at = follow(minv, vfree, jac, scale, at, dz, mask)
+                    if remainder(p, dz) <= TOL * p.size:
+                        at = follow(p, at, dz)
                         status = wp.static(SOLVED)
             else:
                 length = HALF * length
                 z = best + length * dz
             if length < SHORTEST or it >= wp.static(ITERATIONS[method.hard]):
                 # rounding may be all that is left: the best point then counts with a wider tolerance
-                tolerance = ACCEPT * size
+                tolerance = ACCEPT * p.size
                 for i in range(wp.static(NR)):
-                    if (mask & wp.static(1 << i)) != 0:
-                        tolerance = wp.max(tolerance, ROUNDING * best[i] * diag[i] / scale[i])
-                tolerance = wp.min(tolerance, LARGEST * size)
+                    if (p.mask & wp.static(1 << i)) != 0:
+                        tolerance = wp.max(tolerance, ROUNDING * best[i] * p.diag[i] / p.scale[i])
+                tolerance = wp.min(tolerance, LARGEST * p.size)
                 if best_worst > tolerance:
                     break
                 z = best

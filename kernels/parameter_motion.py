@@ -42,6 +42,26 @@ def make_motion_gradient(s: Structure, dtype: type, method: Method) -> SimpleNam
     perp, back, turns = places.perp, places.back, places.turns
     add, add2, frame_axes = places.add, places.add2, places.frame_axes
 
+    def make_move(body: int) -> wp.Function:
+        @wp.func
+        def move(
+            params: wp.array2d(dtype=dtype),
+            row: int,
+            jb: t.JB,
+            m: Motion,
+            external: wp.array2d(dtype=dtype),
+            world: int,
+        ):
+            # mass, Jacobian of the centre of mass, its bias weights, acceleration, velocity under P
+            jac = wp.static(motion.body_jacobians[body])(jb)
+            weights = wp.static(mech.bias_weights[body])(m.v)
+            acc = wp.static(motion.accelerations[body])(params, row, jac, m.w, weights, m.h, external, world)
+            return params[row, wp.static(MASS + body)], jac, weights, acc, jac * m.p
+
+        return move
+
+    moves = tuple(make_move(b) for b in range(NB))
+
     def make_shift(body: int, frame: int) -> wp.Function:
         """Weight of a shift of the body's centre of mass in the axes of `frame`."""
         turn = turns[frame]
@@ -56,11 +76,7 @@ def make_motion_gradient(s: Structure, dtype: type, method: Method) -> SimpleNam
             external: wp.array2d(dtype=dtype),
             world: int,
         ):
-            mass = params[row, wp.static(MASS + body)]
-            jac = wp.static(motion.body_jacobians[body])(jb)
-            weights = wp.static(mech.bias_weights[body])(m.v)
-            acc = wp.static(motion.accelerations[body])(params, row, jac, m.w, weights, m.h, external, world)
-            along = jac * m.p
+            mass, jac, weights, acc, along = wp.static(moves[body])(params, row, jb, m, external, world)
             out = mass * (turn(m.p) * back(acc) + turn(m.w) * back(along) - (m.h * turn(weights)) * along)
             if wp.static(method.scaled):
                 for i in range(wp.static(NR)):
@@ -85,12 +101,8 @@ def make_motion_gradient(s: Structure, dtype: type, method: Method) -> SimpleNam
             external: wp.array2d(dtype=dtype),
             world: int,
         ):
-            mass = params[row, wp.static(MASS + body)]
-            jac = wp.static(motion.body_jacobians[body])(jb)
-            weights = wp.static(mech.bias_weights[body])(m.v)
-            acc = wp.static(motion.accelerations[body])(params, row, jac, m.w, weights, m.h, external, world)
+            mass, jac, weights, acc, along = wp.static(moves[body])(params, row, jb, m, external, world)
             origin = wp.static(point)(params, row, fr, fr[wp.static(joint), 2], fr[wp.static(joint), 3])
-            along = jac * m.p
             turned = perp(along - origin * m.p)
             change = perp(jac * m.w - origin * m.w) - m.h * (jac * weights - origin * weights)
             out = mass * (wp.dot(turned, acc) + wp.dot(along, change))
@@ -115,11 +127,7 @@ def make_motion_gradient(s: Structure, dtype: type, method: Method) -> SimpleNam
             external: wp.array2d(dtype=dtype),
             world: int,
         ):
-            mass = params[row, wp.static(MASS + body)]
-            jac = wp.static(motion.body_jacobians[body])(jb)
-            weights = wp.static(mech.bias_weights[body])(m.v)
-            acc = wp.static(motion.accelerations[body])(params, row, jac, m.w, weights, m.h, external, world)
-            along = jac * m.p
+            mass, jac, weights, acc, along = wp.static(moves[body])(params, row, jb, m, external, world)
             out = mass * (m.p[dof] * acc + m.w[dof] * along + (m.h * weights[dof]) * back(along))
             if wp.static(method.scaled):
                 for i in range(wp.static(NR)):
@@ -143,13 +151,9 @@ def make_motion_gradient(s: Structure, dtype: type, method: Method) -> SimpleNam
             world: int,
         ):
             """Adds the gradient by mass and inertia; returns the mass-weighted P velocity (for gravity)."""
-            mass = params[row, wp.static(MASS + body)]
-            jac = wp.static(motion.body_jacobians[body])(jb)
-            weights = wp.static(mech.bias_weights[body])(m.v)
-            acc = wp.static(motion.accelerations[body])(
-                params, row, jac, m.w, weights, m.h, params, wp.static(-1)
+            mass, jac, _weights, acc, along = wp.static(moves[body])(
+                params, row, jb, m, params, wp.static(-1)
             )
-            along = jac * m.p
             by_mass = wp.dot(along, acc)
             by_inertia = turn(m.p) * turn(m.w)
             if wp.static(method.scaled):

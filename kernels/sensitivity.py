@@ -215,7 +215,7 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
                     params, row, sol.minv, sol.jac, sol.scale, sol.sigma, sol.lam, sol.z
                 )
         elif wp.static(coulomb):
-            lin.factor = response.factor(params, row, sol.minv, sol.vfree, sol.jac, sol.rate, sol.mask, sol.z)
+            lin.factor = response.factor(params, row, step.posed(sol), sol.z)
         elif wp.static(NR > 0):
             lin.factor = wp.static(sweep.factor)(
                 sol.minv, sol.jac, sol.scale, diag, lin.slope, lin.slack, sol.mask, TAU

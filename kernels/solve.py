@@ -19,7 +19,7 @@ from .newton import INFEASIBLE, NOT_CONVERGED, make_newton
 from .newton import JAMMED as JAMMED
 from .newton import NONFINITE as NONFINITE
 from .newton import SOLVED as SOLVED
-from .noise import make_noise
+from .problem import make_measure, make_problem
 from .rows import make_rows
 from .structure import Structure
 
@@ -28,31 +28,29 @@ COLD = 1.0e30  # a multiplier that stands for "no warm start"
 
 @functools.cache
 def make_solver(s: Structure, dtype: type, method: Method) -> wp.Function:
-    """solve(params, row, minv, vfree, jac, rate, scale, sigma, mask, warm) -> v', z, lambda, status, it."""
+    """solve(params, row, problem, warm) -> v', z, lambda, status, iterations; warm: z of the last step."""
     r = make_rows(s, dtype, method)
-    t = r.types
     interior = make_interior(s, dtype, method)
     n = make_newton(s, dtype, method)
     solve_few = make_few_rows(s, dtype, method)
-    VQ, MQ, VR, JR = t.VQ, t.MQ, t.VR, t.JR
+    Problem, measure = make_problem(s, dtype), make_measure(s, dtype, method)
+    VQ, VR = r.types.VQ, r.types.VR
     NR = s.nr
-    noise = make_noise(s, dtype, method)
-    ZERO, HALF, ONE = dtype(0.0), dtype(0.5), dtype(1.0)
-    UNUSED = dtype(COLD)
-    SMALLEST = dtype(1e-30)
+    ZERO, HALF, UNUSED = dtype(0.0), dtype(0.5), dtype(COLD)
     CERTIFICATE = dtype(1e-18 if dtype is wp.float64 else 1e-11)  # a square: tells 1:1e6 in mass from zero
-    limit, index = r.limit, tuple(row.index for row in s.rows)
 
     def make_couple(first: int) -> wp.Function:
         @wp.func
-        def couple(minv: MQ, jac: JR, scale: VR, diag: VR, w0: VR, z: VR):
+        def couple(p: Problem, z: VR):
             """z of the hard two-row problem of one frictional contact, alone."""
             out = z
-            c = wp.static(r.dots[first + 1])(jac, wp.static(r.applies[first])(minv, jac))
-            w1 = w0[wp.static(first)]
-            w2 = w0[wp.static(first + 1)]
-            a1 = diag[wp.static(first)]
-            a2 = diag[wp.static(first + 1)]
+            c = wp.static(r.dots[first + 1])(p.jac, wp.static(r.applies[first])(p.minv, p.jac))
+            w1 = p.w0[wp.static(first)]
+            w2 = p.w0[wp.static(first + 1)]
+            a1 = p.diag[wp.static(first)]
+            a2 = p.diag[wp.static(first + 1)]
+            d1 = p.scale[wp.static(first)]
+            d2 = p.scale[wp.static(first + 1)]
             det = a1 * a2 - c * c
             l1 = (c * w2 - a2 * w1) / det
             l2 = (c * w1 - a1 * w2) / det
@@ -62,8 +60,8 @@ def make_solver(s: Structure, dtype: type, method: Method) -> wp.Function:
                 if w2 + c * l1 < ZERO:
                     l1 = ZERO
                     l2 = wp.max(-w2 / a2, ZERO)
-            out[wp.static(first)] = scale[wp.static(first)] * l1 - wp.max(w1 + a1 * l1 + c * l2, ZERO)
-            out[wp.static(first + 1)] = scale[wp.static(first + 1)] * l2 - wp.max(w2 + c * l1 + a2 * l2, ZERO)
+            out[wp.static(first)] = d1 * l1 - wp.max(w1 + a1 * l1 + c * l2, ZERO)
+            out[wp.static(first + 1)] = d2 * l2 - wp.max(w2 + c * l1 + a2 * l2, ZERO)
             return out
 
         return couple
@@ -72,124 +70,56 @@ def make_solver(s: Structure, dtype: type, method: Method) -> wp.Function:
     couples = tuple(make_couple(i) if frictional[i] else None for i in range(NR))
 
     @wp.func
-    def start(minv: MQ, jac: JR, scale: VR, diag: VR, w0: VR, mask: int, warm: VR):
+    def start(p: Problem, warm: VR):
         # the hard solution of every limit and contact alone; after an impact better than the last step's
         z = VR()
         for i in range(wp.static(NR)):
             z[i] = UNUSED
-            if (mask & wp.static(1 << i)) != 0:
-                z[i] = -w0[i]
-                if w0[i] < ZERO:
-                    z[i] = -w0[i] * scale[i] / diag[i]
+            if (p.mask & wp.static(1 << i)) != 0:
+                z[i] = -p.w0[i]
+                if p.w0[i] < ZERO:
+                    z[i] = -p.w0[i] * p.scale[i] / p.diag[i]
         for i in range(wp.static(NR)):
             if wp.static(frictional[i]):
-                if (mask & wp.static(3 << i)) == wp.static(3 << i):
-                    z = wp.static(couples[i])(minv, jac, scale, diag, w0, z)
+                if (p.mask & wp.static(3 << i)) == wp.static(3 << i):
+                    z = wp.static(couples[i])(p, z)
         # of several contacts together the last step knows more; if it misleads, the second attempt is cold
         if wp.static(len(s.pairs) > 1):
             for i in range(wp.static(NR)):
-                if (mask & wp.static(1 << i)) != 0 and wp.abs(warm[i]) < HALF * UNUSED:
+                if (p.mask & wp.static(1 << i)) != 0 and wp.abs(warm[i]) < HALF * UNUSED:
                     z[i] = warm[i]
         return z
 
     @wp.func
-    def magnitude(
-        params: wp.array2d(dtype=dtype),
-        row: int,
-        jac: JR,
-        vfree: VQ,
-        rate: VR,
-        sigma: VR,
-        w0: VR,
-        mask: int,
-    ):
-        # size of the terms of the residual: what its rounding is relative to
-        size = ZERO
-        for i in range(wp.static(NR)):
-            if (mask & wp.static(1 << i)) != 0:
-                terms = wp.abs(rate[i]) + wp.abs(w0[i])
-                if wp.static(limit[i]):
-                    terms += wp.abs(vfree[wp.static(index[i])])
-                else:
-                    for j in range(wp.static(s.nv)):
-                        terms += wp.abs(jac[i, j] * vfree[j])
-                if wp.static(not method.hard):
-                    terms += wp.static(noise.level[i])(params, row, sigma)
-                size = wp.max(size, terms)
-        return size
-
-    @wp.func
-    def proves_infeasible(minv: MQ, jac: JR, diag: VR, w0: VR, y: VR, mask: int):
+    def proves_infeasible(p: Problem, y: VR):
         # Farkas: y >= 0, J'y = 0, y.w0 = y.d/h < 0 proves that no velocity opens the rows
         f = VQ()
-        size = ZERO
+        length = ZERO
         work = ZERO
         for i in range(wp.static(NR)):
-            if (mask & wp.static(1 << i)) != 0:
-                size += y[i] * y[i] * diag[i]
-                work += y[i] * w0[i]
-                f = wp.static(r.adds[i])(f, jac, y[i])
-        return work < ZERO and wp.dot(f, minv * f) <= CERTIFICATE * size
+            if (p.mask & wp.static(1 << i)) != 0:
+                length += y[i] * y[i] * p.diag[i]
+                work += y[i] * p.w0[i]
+                f = wp.static(r.adds[i])(f, p.jac, y[i])
+        return work < ZERO and wp.dot(f, p.minv * f) <= CERTIFICATE * length
 
     @wp.func
-    def solve(
-        params: wp.array2d(dtype=dtype),
-        row: int,
-        minv: MQ,
-        vfree: VQ,
-        jac: JR,
-        rate: VR,
-        scale: VR,
-        sigma: VR,
-        mask: int,
-        warm: VR,
-    ):
-        diag = VR()
-        inverse_diag = VR()
-        inverse_sigma = VR()
-        w0 = VR()
-        for i in range(wp.static(NR)):
-            if (mask & wp.static(1 << i)) != 0:
-                if wp.static(not method.hard):
-                    inverse_sigma[i] = ONE / wp.static(noise.level[i])(params, row, sigma)
-                diag[i] = wp.max(wp.static(r.dots[i])(jac, wp.static(r.applies[i])(minv, jac)), SMALLEST)
-                inverse_diag[i] = ONE / diag[i]
-                w0[i] = wp.static(r.dots[i])(jac, vfree) + rate[i]
-        size = magnitude(params, row, jac, vfree, rate, sigma, w0, mask)
-        z = start(minv, jac, scale, diag, w0, mask, warm)
-        v, z_few, lam_few, status, iterations = solve_few(
-            params, row, minv, vfree, jac, scale, sigma, inverse_sigma, w0, mask, size, z
-        )
+    def solve(params: wp.array2d(dtype=dtype), row: int, problem: Problem, warm: VR):
+        p = measure(params, row, problem)
+        z = start(p, warm)
+        v, z_few, lam_few, status, iterations = solve_few(params, row, p, z)
         if status == wp.static(SOLVED):
             return v, z_few, lam_few, status, iterations
         at = n.Point()
         attempt = int(0)
         while status == wp.static(NOT_CONVERGED) and attempt < 2:
             if attempt == 1:
-                z = start(minv, jac, scale, diag, w0, mask, VR(UNUSED))
-                z, lam, found, count = interior(
-                    params, row, minv, vfree, jac, rate, scale, sigma, diag, mask, size, z
-                )
+                z, lam, found, count = interior(params, row, p, start(p, VR(UNUSED)))
                 iterations += count
-                if found == 0 and proves_infeasible(minv, jac, diag, w0, lam, mask):
+                if found == 0 and proves_infeasible(p, lam):
                     status = wp.static(INFEASIBLE)
             if status == wp.static(NOT_CONVERGED):
-                at, z, status, count = wp.static(n.newton)(
-                    params,
-                    row,
-                    minv,
-                    vfree,
-                    jac,
-                    rate,
-                    scale,
-                    sigma,
-                    diag,
-                    inverse_diag,
-                    inverse_sigma,
-                    mask,
-                    size,
-                    z,
-                )
+                at, z, status, count = wp.static(n.newton)(params, row, p, z)
                 iterations += count
             attempt += 1
         return at.v, z, at.lam, status, iterations

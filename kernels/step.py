@@ -15,6 +15,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
+from .acting import make_acting, rows_of_pairs
 from .coulomb import make_coulomb_solver
 from .end_gap import REFINEMENTS, make_end_gap, make_unsteady
 from .erm import make_erm_solver
@@ -22,9 +23,9 @@ from .free_motion import make_free_motion
 from .mechanism import make_mechanism
 from .method import Method
 from .noise import make_noise
-from .rows import make_pair_jacobian, make_rows, make_speed
+from .problem import make_problem
+from .rows import make_pair_jacobian, make_rows
 from .shapes import make_pair
-from .smoothing import make_smoothing
 from .solve import COLD, NOT_CONVERGED, SOLVED, make_solver
 from .structure import Structure, layout
 
@@ -40,29 +41,26 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
     t = mech.types
     rows = make_rows(s, dtype, method)
     free = make_free_motion(s, dtype, method)
-    lay = layout(s)
     NV, NR, NP = s.nv, s.nr, len(s.pairs)
     VQ, VX, VU, VR, MQ, JR = t.VQ, t.VX, t.VU, t.VR, t.MQ, t.JR
     VN = wp.types.vector(2 * max(NP, 1), dtype)
     V2 = t.V2
-    H = lay.offset("step_size")
+    H = layout(s).offset("step_size")
 
     HALF, ONE = dtype(0.5), dtype(1.0)
     UNUSED = dtype(COLD)
-    CUT = dtype(make_smoothing(dtype, method.residual).cut)
     pairs = tuple(make_pair(s, k, dtype) for k in range(NP))
     pair_jacobians = tuple(make_pair_jacobian(s, k, dtype) for k in range(NP))
-    pair_rows = tuple(
-        tuple(i for i, r in enumerate(s.rows) if r.kind == "contact" and r.index == k) for k in range(NP)
-    )
+    pair_rows = rows_of_pairs(s)
     pair_bit = tuple(1 << k for k in range(NP))
-    speeds = tuple(make_speed(s, k, dtype) for k in range(NP))
+    acting = make_acting(s, dtype, method, exact_gap)
     solver = None
     if NR:
         make = make_coulomb_solver if method.coulomb else make_erm_solver if method.erm else make_solver
         solver = make(s, dtype, method)
     end_gap = make_end_gap(s, dtype, method) if method.end_gap and NP else None  # bend(..), see there
     unsteady = make_unsteady(s, dtype)
+    Problem = make_problem(s, dtype)
     limits = rows.limit
     noise = make_noise(s, dtype, method)
 
@@ -102,6 +100,19 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
         status: int
 
     @wp.func
+    def posed(sol: Solution):
+        """The contact problem that a solution solves."""
+        out = Problem()
+        out.minv = sol.minv
+        out.vfree = sol.vfree
+        out.jac = sol.jac
+        out.rate = sol.rate
+        out.scale = sol.scale
+        out.sigma = sol.sigma
+        out.mask = sol.mask
+        return out
+
+    @wp.func
     def cold_carry():
         out = Carry()
         for i in range(wp.static(NR)):
@@ -126,50 +137,6 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
         if world >= 0 and external.shape[0] > 0:  # world < 0: no external forces
             f += wp.static(mech.body_force)(params, row, jb, external, world)
         return f
-
-    @wp.func
-    def grow_limits(
-        params: wp.array2d(dtype=dtype), row: int, rate: VR, jac: JR, sigma: VR, v: VQ, mask: int
-    ):
-        # rows of known gap that the velocity v lets act
-        out = mask
-        for i in range(wp.static(NR)):
-            if wp.static(limits[i]):
-                w = wp.static(rows.dots[i])(jac, v) + rate[i]
-                if not (w > CUT * wp.static(noise.level[i])(params, row, sigma)):
-                    out = out | wp.static(1 << i)
-        return out
-
-    def make_grow_pair(k: int) -> wp.Function:
-        rows_k = pair_rows[k]
-        first = rows_k[0]
-        tested = rows_k[:1] if method.coulomb else rows_k  # a friction row acts where its normal row does
-        # the two rows of a hard contact come together: one after the other costs a solve each
-        bits = tuple(sum(1 << j for j in (rows_k if method.hard else (i,))) for i in range(NR))
-
-        @wp.func
-        def near(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, v: VQ):
-            # whether the pair can act at velocity v, from a lower bound of d and a bound on the approach
-            # speed
-            if wp.static(exact_gap or pairs[k].exact_bound or method.state_noise or method.erm):
-                return True
-            gap = wp.static(pairs[k].bound)(params, row, fr) / params[row, wp.static(H)]
-            level = wp.static(noise.level[first])(params, row, VR())
-            return not (gap - wp.static(speeds[k])(params, row, fr, v) > CUT * level)
-
-        @wp.func
-        def grow(params: wp.array2d(dtype=dtype), row: int, rate: VR, jac: JR, sigma: VR, v: VQ, mask: int):
-            out = mask
-            for i in range(wp.static(NR)):
-                if wp.static(i in tested):
-                    w = wp.static(rows.dots[i])(jac, v) + rate[i]
-                    if not (w > CUT * wp.static(noise.level[i])(params, row, sigma)):
-                        out = out | wp.static(bits[i])
-            return out
-
-        return SimpleNamespace(near=near, grow=grow)
-
-    grow_pairs = tuple(make_grow_pair(k) for k in range(NP))
 
     @wp.func
     def solve_step(
@@ -305,10 +272,10 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
         out.rate = rate
         while more == 1:
             before = mask
-            mask = grow_limits(params, row, rate, jac, out.sigma, out.v, mask)
+            mask = wp.static(acting.limits)(params, row, rate, jac, out.sigma, out.v, mask)
             for k in range(wp.static(NP)):
                 if (known & wp.static(pair_bit[k])) == 0:
-                    if wp.static(grow_pairs[k].near)(params, row, fr, out.v):
+                    if wp.static(acting.near[k])(params, row, fr, out.v):
                         known = known | wp.static(pair_bit[k])
                         warm = V2(out.normal[wp.static(2 * k)], out.normal[wp.static(2 * k + 1)])
                         g = wp.static(pairs[k].geometry)(params, row, fr, warm)
@@ -324,7 +291,7 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
                                 if wp.static(method.state_noise):
                                     out.sigma[i] = wp.static(deviations[i])(params, row, jac)
                 if (known & wp.static(pair_bit[k])) != 0:
-                    mask = wp.static(grow_pairs[k].grow)(params, row, rate, jac, out.sigma, out.v, mask)
+                    mask = wp.static(acting.contacts[k])(params, row, rate, jac, out.sigma, out.v, mask)
             if wp.static(method.erm):
                 if mask != 0:
                     mask = wp.static((1 << NR) - 1)
@@ -332,9 +299,11 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
             stale = 0
             if more == 1:
                 out.scale = wp.static(rows.scale)(out.minv, jac, mask)
-                v, z, lam, status, _iterations = wp.static(solver)(
-                    params, row, out.minv, out.vfree, jac, rate, out.scale, out.sigma, mask, z
-                )
+                out.jac = jac
+                out.mask = mask
+                p = posed(out)
+                p.rate = rate
+                v, z, lam, status, _iterations = wp.static(solver)(params, row, p, z)
                 out.v = v
                 out.lam = lam
                 out.status = status
@@ -390,6 +359,7 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
         cold_carry=cold_carry,
         solve_step=solve_step,
         parts=parts,
+        posed=posed,
         free=free,
         noise=noise,
         next_state=next_state,
