@@ -5,6 +5,10 @@ content hash, so two scenes, or two versions of this package, could share one ca
 puts the specialisation and a digest of this package's sources into the kernel's name, and with it into the
 hash.
 
+To find the values of such expressions Warp translates a kernel, for seconds, before it can look for it in its
+cache. The name determines the code, so it is told not to: a program that finds its kernels there starts their
+work at once.
+
 On a CPU the compiler may fuse a b + c, divide by multiplying with a reciprocal and drop additions of zero: a
 step costs a fifth less (docs/performance.md). It must not reassociate sums, which would undo the
 compensation of log(1 + e).
@@ -40,14 +44,43 @@ def specialised(*key: Any) -> Callable[[Callable], wp.Kernel]:
     """Decorator: a forward-only kernel in a module of its own, named after the values it was specialised on.
 
     Args:
-        key: everything the kernel's factory was called with; each value needs a repr that determines it.
+        key: everything the kernel's factory was called with; each value needs a repr that determines it
+            (`code_digest` of a user's functions).
     """
     text = "|".join(k.__name__ if isinstance(k, type) else repr(k) for k in key) + source_digest()
     tag = hashlib.sha256(text.encode()).hexdigest()[:12]
 
     def declare(function: Callable) -> wp.Kernel:
         function.__qualname__ = f"{function.__name__}_{tag}"
-        options = {"cpu_compiler_flags": cpu_compiler_flags()}
-        return wp.kernel(function, module="unique", enable_backward=False, module_options=options)
+        module = wp.get_module(f"{__package__}.{function.__qualname__}")
+        wp.set_module_options({"cpu_compiler_flags": cpu_compiler_flags()}, module)
+        kernel = wp.kernel(function, module=module, enable_backward=False)
+        _forget(kernel.adj, set())
+        module.has_unresolved_static_expressions = False
+        module.get_module_hash()
+        return kernel
 
     return declare
+
+
+def code_digest(function: Callable) -> str:
+    """Digest of a kernel's code and of all that it calls, with the values of its `wp.static` expressions."""
+    module = type(wp.get_module(__name__))(function.__name__, None)
+    kernel = wp.kernel(function, module=module, enable_backward=False)
+    _forget(kernel.adj, set())
+    module.has_unresolved_static_expressions = True  # also those of functions, of which Warp does not ask
+    return module.get_module_hash().hex()
+
+
+def _forget(adjoint: Any, seen: set[int]) -> None:
+    """Drop what earlier translations left behind in shared functions: it would go into the hash."""
+    if id(adjoint) in seen:
+        return
+    seen.add(id(adjoint))
+    adjoint.deferred_static_expressions = []
+    _, _, called = adjoint.get_references()
+    static = (v for v in adjoint.resolved_static_expressions.values() if isinstance(v, wp.Function))
+    for function in (*called, *static):
+        if not function.is_builtin():
+            for overload in function.user_overloads.values():
+                _forget(overload.adj, seen)
