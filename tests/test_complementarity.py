@@ -67,6 +67,25 @@ def test_solutions_of_random_problems(device, name, n, rank):
         np.testing.assert_allclose(sol.w, w, atol=1e-12)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["rem-logistic", "hard"])
+def test_few_rows_and_many_have_the_same_solution(device, name):
+    """Three rows are solved in their own space (few_rows.py), the same beside another in that of v."""
+    a, b = problems(3, 3, 3000, seed=5)
+    a += 0.05 * np.eye(3)
+    beside = np.broadcast_to(np.eye(4), (len(a), 4, 4)).copy()
+    beside[:, :3, :3] = a
+    more = np.concatenate([b, np.full((len(b), 1), 0.7)], axis=1)
+    for sigma in SIGMAS:
+        few, many = (
+            slcp.solve_complementarity(A, c, sigma, name, device=device) for A, c in ((a, b), (beside, more))
+        )
+        assert (few.status == 0).all() and (many.status == 0).all()
+        scale = np.abs(few.impulse).max(axis=1, keepdims=True) + 1.0
+        assert (np.abs(few.impulse - many.impulse[:, :3]) / scale).max() < 1e-10
+        assert (few.impulse > 0.1).sum() > 2000
+
+
 @pytest.mark.parametrize(
     "name", ["rem-logistic", *(pytest.param(x, marks=pytest.mark.slow) for x in ("erm-normal", "hard"))]
 )
