@@ -22,10 +22,12 @@ def timed(cases: list[Case], repeats: int, threads: int | None = 1) -> Rows:
     """A row per case: its facts, and seconds per item with their spread, repeats in turn.
 
     Args:
-        threads: 1: CPU time of the process on one thread; more, or None for all: wall time.
+        threads: 1: CPU time of the process on one thread; more, None for all, or a GPU among the cases'
+            devices: wall time of all.
     """
+    wall = threads != 1 or any(case.facts.get("device", "cpu") != "cpu" for case in cases)
     with cpu_threads(launch.thread_count() if threads is None else threads):
-        clock = time.process_time if threads == 1 else time.perf_counter
+        clock = time.perf_counter if wall else time.process_time
         results = time_interleaved(cases, repeats, clock=clock)
     rows = []
     for r in results:
@@ -33,7 +35,7 @@ def timed(cases: list[Case], repeats: int, threads: int | None = 1) -> Rows:
         rows.append(r.case.facts | {
             "seconds": middle, "seconds_p10": low, "seconds_p90": high,
             "seconds_best": float(r.seconds.min()), "repeats": repeats,
-            "clock": ONE_THREAD if threads == 1 else WALL,
+            "clock": WALL if wall else ONE_THREAD,
         })  # fmt: skip
     return rows
 
