@@ -50,22 +50,36 @@ def specialised(*key: Any) -> Callable[[Callable], wp.Kernel]:
     text = "|".join(k.__name__ if isinstance(k, type) else repr(k) for k in key) + source_digest()
     tag = hashlib.sha256(text.encode()).hexdigest()[:12]
 
-    def declare(function: Callable) -> wp.Kernel:
-        function.__qualname__ = f"{function.__name__}_{tag}"
-        module = wp.get_module(f"{__package__}.{function.__qualname__}")
-        wp.set_module_options({"cpu_compiler_flags": cpu_compiler_flags()}, module)
-        kernel = wp.kernel(function, module=module, enable_backward=False)
-        _forget(kernel.adj, set())
-        module.has_unresolved_static_expressions = False
-        module.get_module_hash()
-        return kernel
-
-    return declare
+    return lambda function: _declare(function, tag, {"cpu_compiler_flags": cpu_compiler_flags()})
 
 
-def code_digest(function: Callable) -> str:
+def named_by_code(**options: Any) -> Callable[[Callable], wp.Kernel]:
+    """Decorator: a forward-only kernel in a module of its own, named after its code (`code_digest`).
+
+    For kernels that call functions of a user's. Warp by itself does not see values of `wp.static` in loops of
+    these, and would take one cost's kernel for another's.
+
+    Args:
+        options: Warp's options of the module.
+    """
+    return lambda function: _declare(function, code_digest(function, **options)[:12], options)
+
+
+def _declare(function: Callable, tag: str, options: dict[str, Any]) -> wp.Kernel:
+    function.__qualname__ = f"{function.__name__}_{tag}"
+    module = wp.get_module(f"{__package__}.{function.__qualname__}")
+    wp.set_module_options(options, module)
+    kernel = wp.kernel(function, module=module, enable_backward=False)
+    _forget(kernel.adj, set())
+    module.has_unresolved_static_expressions = False
+    module.get_module_hash()
+    return kernel
+
+
+def code_digest(function: Callable, **options: Any) -> str:
     """Digest of a kernel's code and of all that it calls, with the values of its `wp.static` expressions."""
     module = type(wp.get_module(__name__))(function.__name__, None)
+    module.options.update(options)
     kernel = wp.kernel(function, module=module, enable_backward=False)
     _forget(kernel.adj, set())
     module.has_unresolved_static_expressions = True  # also those of functions, of which Warp does not ask

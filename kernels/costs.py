@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
+from .compile import named_by_code
 from .differences import make_scalar_differences
 from .solver_state import make_derivative_arrays
 
@@ -47,7 +48,7 @@ def make_cost_kernel(functions, nx, nu, dtype):
         running_derivatives = running_derivatives or made[0]
         final_derivatives = final_derivatives or made[1]
 
-    @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
+    @named_by_code(max_unroll=1)
     def cost_derivatives(
         first: int,
         xs: wp.array3d(dtype=dtype),

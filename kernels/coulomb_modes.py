@@ -14,6 +14,7 @@ from .problem import make_problem
 from .rows import make_rows
 from .structure import Structure, layout
 
+TOUCHING = {wp.float64: 1e-12, wp.float32: 1e-6}  # rounding of a gap [m]
 OFF, PRESS, STICK, LEFT, RIGHT = 0, 1, 2, 3, 4  # modes; LEFT: lambda_t = -mu lambda_n, RIGHT: + mu lambda_n
 
 
@@ -35,7 +36,8 @@ def make_active(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
     ZERO = dtype(0.0)
     SMALLEST = dtype(1e-30)
     ROUNDING = dtype(1e-12 if dtype is wp.float64 else 1e-5)
-    FRICTION = layout(s).offset("friction")
+    CLOSE = dtype(TOUCHING[dtype])
+    FRICTION, H = layout(s).offset("friction"), layout(s).offset("step_size")
     pair = tuple(row.index if row.kind == "contact" else 0 for row in s.rows)
 
     @wp.struct
@@ -78,7 +80,8 @@ def make_active(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
                     out.a[n, k] = value
                     out.a[k, n] = value
                 if wp.static(not r.tangent[i]):
-                    if not (out.a[n, n] > SMALLEST) and out.b[n] < -ROUNDING * terms:
+                    allowed = ROUNDING * terms + CLOSE / params[row, wp.static(H)]
+                    if not (out.a[n, n] > SMALLEST) and out.b[n] < -allowed:
                         out.shut = 1
                 out.a[n, n] = wp.max(out.a[n, n], SMALLEST)
                 if wp.static(r.tangent[i]):

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
+from .compile import named_by_code
 from .differences import FIRST_STEP, SECOND_STEP
 from .line_search import NOT_FINITE
 
@@ -122,7 +123,7 @@ def make_linearize_kernel(functions, nx, nu, second_order, dtype):
                     second[cell, i, r, c] = dtype(value[i])
                     second[cell, i, c, r] = dtype(value[i])
 
-    @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
+    @named_by_code(max_unroll=1)
     def linearize(
         first: int,
         xs: wp.array3d(dtype=dtype),

@@ -63,6 +63,42 @@ def test_differences_of_a_cost_in_double_precision(device, dtype):
     np.testing.assert_allclose(out["lxx"][:, 3].reshape(2, 4), bend, rtol=tolerance_2, atol=4 * tolerance_2)
 
 
+@pytest.mark.parametrize("style", ["values", "functions"])
+def test_costs_that_differ_by_what_a_loop_looks_up_are_told_apart(device, style):
+    """The same source with other `wp.static` values: Warp's own hash is the same, the kernel must not be."""
+
+    def make_cost(weights):
+        def make(dtype, VX, VU):
+            def make_term(weight):
+                @wp.func
+                def term(y: dtype):
+                    return dtype(weight) * y * y
+
+                return term
+
+            values, terms = tuple(dtype(w) for w in weights), tuple(make_term(w) for w in weights)
+
+            @wp.func
+            def running(x: VX, u: VU, k: int):
+                total = u[0] * u[0]
+                for i in range(2):
+                    if wp.static(style == "values"):
+                        total += wp.static(values[i]) * x[i] * x[i]
+                    else:
+                        total += wp.static(terms[i])(x[i])
+                return total
+
+            return running, None
+
+        return ddp.costs.plain(make)
+
+    rng = np.random.default_rng(2)
+    xs, us = rng.normal(size=(1, 3, 2)), rng.normal(size=(1, 2, 1))
+    for weights in ((1.0, 2.0), (1.0, 3.0), (4.0, 3.0)):
+        lx = evaluate(make_cost(weights), xs, us, device)["lx"]
+        np.testing.assert_allclose(lx[:, :2], 2.0 * np.array(weights) * xs[:, :2], rtol=1e-10)
+
+
 def test_flicking_finger_cost_of_section_v(device, dtype):
     rng = np.random.default_rng(1)
     xs, us = rng.normal(size=(1, 3, 6)), rng.normal(size=(1, 2, 2))

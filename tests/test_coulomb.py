@@ -288,7 +288,8 @@ def test_a_row_that_no_impulse_moves_is_infeasible_where_it_is_violated(friction
     contacts = (Contact("ground", "foot", friction), Contact("ground", "toe", friction))[:pairs]
     body = Body("cart", 1.0, 0.1, joint="prismatic", axis=(1.0, 0.0))
     sim = slcp.Simulator(Scene("cart", (body,), shapes, contacts), COULOMB, device="cpu", dtype="float64")
-    for depth, status in ((0.02, slcp.Status.INFEASIBLE), (0.0, slcp.Status.SOLVED)):
+    shut, fine = slcp.Status.INFEASIBLE, slcp.Status.SOLVED
+    for depth, status in ((0.02, shut), (1e-6, shut), (1e-14, fine), (0.0, fine)):  # 1e-14: rounding
         anchor = np.array([[0.0, 0.1 - depth]])
         step = sim.step(np.array([[0.0, 1.0]]), None, sim.params.replace(anchor=anchor))
         assert step.status[0] == status and np.isfinite(step.state).all()
