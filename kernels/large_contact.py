@@ -9,6 +9,7 @@ from .distance import make_distance
 from .large_mechanism import COLUMN, make_large_mechanism
 from .large_topology import CONTACT, LONG, LOWER, MOVES_A, MOVES_B, PLANE, TURN, Topology
 from .large_work import WORK, Work
+from .shapes import make_upright
 from .smoothing import make_smoothing
 from .structure import CAPSULE, DISC, ELLIPSE, HALFPLANE, WORLD
 
@@ -26,6 +27,7 @@ def make_large_contact(given: type, residual: str) -> SimpleNamespace:
         COLUMN[n]
         for n in ("step_size", "sigma", "lower", "upper", "friction", "radius", "shape_offset", "shape_angle")
     )
+    upright = make_upright(dtype)
     long_distance = make_distance(CAPSULE, DISC, dtype)
     plane_distance = make_distance(HALFPLANE, ELLIPSE, dtype)
     round_distance = make_distance(ELLIPSE, ELLIPSE, dtype)
@@ -39,8 +41,8 @@ def make_large_contact(given: type, residual: str) -> SimpleNamespace:
         ey = ZERO
         if t.shape_turned[shape] == 1:
             angle = number(t, params, row, TURNED, shape)
-            ex = wp.cos(angle)
-            ey = wp.sin(angle)
+            ex = upright(wp.cos(angle))
+            ey = upright(wp.sin(angle))
         if end != 0:
             reach = dtype(end) * number(t, params, row, RADIUS, 2 * shape + 1)
             x += reach * ex

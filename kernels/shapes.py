@@ -11,6 +11,20 @@ from .structure import CAPSULE, DISC, HALFPLANE, WORLD, Structure, layout
 
 
 @functools.cache
+def make_upright(dtype: type) -> wp.Function:
+    """upright(c) -> c, or 0 where the cosine or sine of a right angle left its rounding: the normal of level
+    ground has no part along it, by which it could move what slides on it.
+    """
+    ZERO, ROUNDING = dtype(0.0), dtype(4e-16 if dtype is wp.float64 else 2e-7)
+
+    @wp.func
+    def upright(c: dtype):
+        return wp.where(wp.abs(c) < ROUNDING, ZERO, c)
+
+    return upright
+
+
+@functools.cache
 def make_shape_pose(s: Structure, shape: int, end: int, dtype: type) -> wp.Function:
     """pose -> (c_x, c_y, e_x, e_y): centre and axis of a shape (a half-plane's point and outward normal), or
     of the disc at an end of a capsule.
@@ -22,6 +36,7 @@ def make_shape_pose(s: Structure, shape: int, end: int, dtype: type) -> wp.Funct
     OFFSET, ANGLE = lay.offset("shape_offset") + 2 * shape, lay.offset("shape_angle") + shape
     HALF_LENGTH, END = lay.offset("radius") + 2 * shape + 1, dtype(float(end))
     body, turned = s.shapes[shape].body, s.shapes[shape].turned
+    upright = make_upright(dtype)
 
     @wp.func
     def pose(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES):
@@ -30,8 +45,8 @@ def make_shape_pose(s: Structure, shape: int, end: int, dtype: type) -> wp.Funct
         ex = ONE
         ey = ZERO
         if wp.static(turned):
-            ex = wp.cos(params[row, wp.static(ANGLE)])
-            ey = wp.sin(params[row, wp.static(ANGLE)])
+            ex = upright(wp.cos(params[row, wp.static(ANGLE)]))
+            ey = upright(wp.sin(params[row, wp.static(ANGLE)]))
         if wp.static(end != 0):
             x += END * params[row, wp.static(HALF_LENGTH)] * ex
             y += END * params[row, wp.static(HALF_LENGTH)] * ey

@@ -37,6 +37,7 @@ def make_solver(s: Structure, dtype: type, method: Method) -> wp.Function:
     VQ, VR = r.types.VQ, r.types.VR
     NR = s.nr
     ZERO, HALF, UNUSED = dtype(0.0), dtype(0.5), dtype(COLD)
+    RANK = dtype(1e-14 if dtype is wp.float64 else 1e-6)
     CERTIFICATE = dtype(1e-18 if dtype is wp.float64 else 1e-11)  # a square: tells 1:1e6 in mass from zero
 
     def make_couple(first: int) -> wp.Function:
@@ -54,7 +55,7 @@ def make_solver(s: Structure, dtype: type, method: Method) -> wp.Function:
             det = a1 * a2 - c * c
             l1 = (c * w2 - a2 * w1) / det
             l2 = (c * w1 - a1 * w2) / det
-            if not (l1 > ZERO and l2 > ZERO):
+            if not (l1 > ZERO and l2 > ZERO and det > RANK * a1 * a2):  # opposed rows: det = 0
                 l1 = wp.max(-w1 / a1, ZERO)
                 l2 = ZERO
                 if w2 + c * l1 < ZERO:

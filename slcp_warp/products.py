@@ -45,14 +45,14 @@ def vjp(
     weights: Any,
     params: Parameters | None = None,
     *,
-    parameters: Sequence[str] = (),
+    parameters: str | Sequence[str] = (),
     external_force: Any = None,
 ) -> Pullback:
     """Roll out and pull weights on the states back: one forward and one backward launch.
 
     Args:
         x0: (B, nx). controls: (B, N, nu). weights: (B, N+1, nx), of the states.
-        parameters: names of parameters whose gradients are wanted, too; they come per world.
+        parameters: name or names of parameters whose gradients are wanted, too; they come per world.
 
     Returns:
         Gradients; NaN in worlds that were not solved.
@@ -64,6 +64,8 @@ def vjp(
     worlds = len(x0)
     shape = (worlds, controls.shape[1] + 1, sim.nx)
     weights = _array("weights", weights, shape)
+    if isinstance(parameters, str):
+        parameters = (parameters,)
     given = sim.params if params is None else params
     if parameters:
         unknown = set(parameters) - set(given.names)

@@ -7,6 +7,9 @@ import pytest
 import warp as wp
 from simulators import scene, simulator
 
+import slcp_warp as slcp
+from slcp_warp.scene import Body, Contact, Scene, Shape
+
 H, G, SIGMA = 0.01, 9.81, 0.05
 
 
@@ -138,3 +141,19 @@ def test_inelastic_impact_rebounds_at_no_more_than_1_03_sigma(device):
     for sigma in (0.1, 0.02):
         x = particle("particle", device, start, (0.0, -4.0), 60, gravity=np.zeros(2), sigma=sigma)
         assert 0.95 * speed < x[..., 3].max() / sigma <= speed * (1 + 1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("strategy", ["registers", "memory"])
+@pytest.mark.parametrize("residual", ["rem-logistic", "hard"])
+def test_a_wall_along_the_only_direction_there_is_does_not_push(residual, strategy, device):
+    """A slider along x over level ground, whose normal is (cos, sin) of pi/2: no push along x by rounding."""
+    shapes = (Shape("foot", "cart", "disc", 0.1), Shape("ground", None, "halfplane", angle=math.pi / 2))
+    body = Body("cart", 1.0, 0.1, joint="prismatic", axis=(1.0, 0.0), anchor=(0.0, 0.1))
+    level = Scene("cart", (body,), shapes, (Contact("ground", "foot"),))
+    sim = slcp.Simulator(level, slcp.Options(residual=residual), device=device, strategy=strategy)
+    for depth, status in ((0.0, slcp.Status.SOLVED), (0.02, slcp.Status.INFEASIBLE)):
+        params = sim.params.replace(anchor=np.array([[0.0, 0.1 - depth]]))
+        step = sim.step(np.array([[0.0, 1.0]]), params=params)
+        assert step.status[0] == status
+        assert step.state[0, 1] == 1.0
