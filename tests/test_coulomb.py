@@ -156,7 +156,8 @@ def test_painleve_rod(device, mu):
     step = sim.step(x, None, sim.params.replace(friction=mu, step_size=h))
     assert not step.status.any()
     changes = {"friction": np.full((3, 1), mu), "step_size": np.full(3, h)}
-    assert natural_map(rod(), wp.float64, x, x[:, :0], step, **changes).max() < 1e-12
+    # the oracle's level normal has cos(pi/2) = 6e-17 along x, over h
+    assert natural_map(rod(), wp.float64, x, x[:, :0], step, **changes).max() < 1e-11
     end = step.state[:, 3] + math.sin(angle) * step.state[:, 5]  # velocity of the sliding end
     stopped = np.abs(end) < 1e-9
     assert stopped[2] and not stopped[1]
