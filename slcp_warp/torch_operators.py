@@ -52,7 +52,14 @@ def _stream(tensor: Tensor) -> Iterator[None]:
 
 
 def _share(sim: Simulator, *tensors: Tensor) -> list[Any]:
-    return [wp.from_torch(t.detach().contiguous(), dtype=sim.dtype, requires_grad=False) for t in tensors]
+    """Warp arrays of the tensors, with the strides of a fresh array.
+
+    PyTorch ignores the stride of an axis of length one and `contiguous` keeps it; Warp compares it
+    with that of the gradient.
+    """
+    rows = (t.detach().contiguous() for t in tensors)
+    plain = (t.as_strided(t.shape, torch.empty(t.shape, device="meta").stride()) for t in rows)
+    return [wp.from_torch(t, dtype=sim.dtype, requires_grad=False) for t in plain]
 
 
 @torch.library.custom_op("slcp_warp::rollout", mutates_args=())

@@ -91,6 +91,22 @@ def test_float32_steps_chain_to_a_rollout(device):
     torch.testing.assert_close(chained, gradient, atol=1e-4, rtol=1e-3)
 
 
+@pytest.mark.parametrize("first", [slice(0, 1), 0], ids=["one world", "no batch axis"])
+def test_slices_of_one_world(device, first):
+    sim = finger(device)
+    x, us = contact(device)
+
+    def gradients(worlds):
+        state, u = x[worlds], us[worlds]
+        state = slcp_torch.rollout(sim, state, u[..., 2:3, :]).states[..., -1, :]  # slices with odd strides
+        for k in range(2):
+            state = slcp_torch.step(sim, state, u[..., k, :]).states
+        state = slcp_torch.rollout(sim, state, u, checkpoint=3).states[..., -1, :]
+        return torch.autograd.grad(state.reshape(-1, sim.nx)[0].square().sum(), (x, us))
+
+    torch.testing.assert_close(gradients(first), gradients(slice(0, 2)))
+
+
 def test_a_failed_world_has_a_status_and_nan(device):
     x0, us, _ = start()
     us = us[:, :5].copy()
