@@ -6,10 +6,10 @@ solver tolerance where a world's status is SOLVED, NaN where it is not. It can b
 second derivative is an error.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-import numpy as np
 import torch
 import warp as wp
 from torch import Tensor
@@ -18,7 +18,7 @@ from .arrays import ArrayError
 from .parameters import ParameterError, Parameters
 from .simulator import Simulator
 from .tape import derivatives_exist
-from .torch_operators import RolloutFunction, handle_of, rollout_op
+from .torch_operators import RolloutFunction, handle_of, rollout_op, table_op
 
 Values = Parameters | Mapping[str, Tensor] | None
 
@@ -110,7 +110,7 @@ class Rollout(torch.nn.Module):
 
     def forward(self, x0: Tensor, controls: Tensor) -> Outcome:
         """States and status, as `rollout`."""
-        return rollout(self.sim, x0, controls, dict(self.physical), checkpoint=self.checkpoint)
+        return rollout(self.sim, x0, controls, dict(self.physical.items()), checkpoint=self.checkpoint)
 
 
 def parameter_table(sim: Simulator, params: Values, like: Tensor) -> Tensor:
@@ -130,7 +130,7 @@ def parameter_table(sim: Simulator, params: Values, like: Tensor) -> Tensor:
         raise ParameterError(f"no parameter {sorted(unknown)}; there are {list(base.names)}")
     columns = []
     for name, start, shape in base.layout.columns:
-        size = int(np.prod(shape, dtype=int))
+        size = math.prod(shape)
         given = params.get(name)
         columns.append(
             table[:, start : start + size] if given is None else _column(name, given, shape, size, like)
@@ -142,8 +142,9 @@ def parameter_table(sim: Simulator, params: Values, like: Tensor) -> Tensor:
     return torch.cat([c.expand(count, -1) for c in columns], 1)
 
 
-@torch.compiler.assume_constant_result
 def _base_table(params: Parameters, dtype: torch.dtype, device: torch.device) -> Tensor:
+    if torch.compiler.is_compiling():
+        return table_op(handle_of(params), dtype, device)
     return torch.as_tensor(params.table(), dtype=dtype, device=device)
 
 

@@ -5,34 +5,46 @@ the worlds.
 """
 
 import contextlib
+import math
 from collections.abc import Iterator
 from typing import Any
 
-import numpy as np
 import torch
 import warp as wp
 from torch import Tensor
 
 from .checkpoint import Segments, checkpointed, pull_back
-from .parameters import NONNEGATIVE, POSITIVE, ParameterError
+from .parameters import NONNEGATIVE, POSITIVE, ParameterError, Parameters
 from .simulator import Simulator
 from .tape import Recorded, adjoint, derivatives_exist
 
-_simulators: list[Simulator] = []  # kept for the process: a backward pass may come after its maker's scope
-_handles: dict[Simulator, int] = {}
+_kept: list[Any] = []  # for the process: a backward pass may come after its maker's scope
+_handles: dict[Simulator | Parameters, int] = {}
 
 
-def handle_of(sim: Simulator) -> int:
-    """The number by which an operator finds its simulator."""
-    if sim not in _handles:
-        _handles[sim] = len(_simulators)
-        _simulators.append(sim)
-    return _handles[sim]
+@torch.compiler.assume_constant_result
+def handle_of(thing: Simulator | Parameters) -> int:
+    """The number by which an operator finds its simulator or parameters; given while torch.compile traces."""
+    if thing not in _handles:
+        _handles[thing] = len(_kept)
+        _kept.append(thing)
+    return _handles[thing]
+
+
+@torch.library.custom_op("slcp_warp::table", mutates_args=())
+def table_op(handle: int, dtype: torch.dtype, device: torch.device) -> Tensor:
+    """The table of kept parameters."""
+    return torch.as_tensor(_kept[handle].table(), dtype=dtype, device=device)
+
+
+@table_op.register_fake
+def _(handle: int, dtype: torch.dtype, device: torch.device) -> Tensor:
+    return torch.empty(_kept[handle].table().shape, dtype=dtype, device=device)
 
 
 def _check(sim: Simulator, table: Tensor) -> None:
     for name, start, shape in sim.params.layout.columns:
-        value = table[:, start : start + int(np.prod(shape, dtype=int))]
+        value = table[:, start : start + math.prod(shape)]
         if not bool(value.isfinite().all()):
             raise ParameterError(f"{name} contains {value[~value.isfinite()][0].item()}; it must be finite")
         if name in POSITIVE and not bool((value > 0.0).all()):
@@ -67,7 +79,7 @@ def rollout_op(
     x0: Tensor, us: Tensor, table: Tensor, force: Tensor, handle: int, every: int, check: bool
 ) -> tuple[Tensor, Tensor]:
     """States (B, N+1, nx), or every `every`-th of them, and status (B,)."""
-    sim = _simulators[handle]
+    sim = _kept[handle]
     if check:
         _check(sim, table)
     status = torch.zeros(len(x0), dtype=torch.int32, device=x0.device)
@@ -96,7 +108,7 @@ def pull_op(
     handle: int, every: int, parameters: bool,
 ) -> tuple[Tensor, Tensor, Tensor]:  # fmt: skip
     """Gradients by x0, controls and, with `parameters`, the table, from those by the states."""
-    sim = _simulators[handle]
+    sim = _kept[handle]
     key = (sim.scene.structure, sim.dtype, sim.options.method)
     derivatives_exist(sim.options.method)
     out = [torch.zeros_like(t, memory_format=torch.contiguous_format) for t in (x0, us, table)]

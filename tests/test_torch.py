@@ -139,16 +139,52 @@ def test_torch_func(device):
         torch.testing.assert_close(torch.func.grad(loss)(value), slope, atol=1e-9, rtol=1e-9)
 
 
+def compiled_like_eager(loss, *inputs):
+    """A function compiled as one graph has the gradients that it has in eager mode."""
+    torch._dynamo.reset()
+    compiled = torch.compile(loss, backend="aot_eager", fullgraph=True)
+    found, expected = (torch.autograd.grad(f(*inputs), inputs) for f in (compiled, loss))
+    torch.testing.assert_close(found, expected)
+
+
 def test_torch_compile_keeps_it_whole(device):
+    x, us = contact(device)
+    fresh = slcp.Simulator(  # the first use of this simulator is under torch.compile
+        scene("flicking_finger"), slcp.Options(scaling="none"), device=device, dtype="float64"
+    )
+    compiled_like_eager(lambda *xu: slcp_torch.rollout(fresh, *xu).states[:, -1].square().sum(), x, us)
+
+
+@pytest.mark.slow
+def test_torch_compile_with_parameters(device):
+    sim = finger(device)
+    x, us = contact(device)
+    friction = tensor(0.4, device)
+
+    def loss(x, friction):
+        return slcp_torch.rollout(sim, x, us, {"friction": friction}).states[:, -1].square().sum()
+
+    compiled_like_eager(loss, x, friction)
+    module = slcp_torch.Rollout(sim, learn=("friction", "mass"))
+    compiled_like_eager(lambda x, *_: module(x, us).states[:, -1].square().sum(), x, *module.parameters())
+    other = sim.params.replace(friction=0.2)
+    compiled = torch.compile(slcp_torch.rollout, backend="aot_eager", fullgraph=True)
+    for params in (sim.params, other):  # a constant of the graph: another one traces again
+        expected = slcp_torch.rollout(sim, x, us, params).states
+        torch.testing.assert_close(compiled(sim, x, us, params).states, expected)
+
+
+@pytest.mark.slow
+def test_torch_compile_with_two_calls(device):
     sim = finger(device)
     x, us = contact(device)
 
-    def loss(x, us):
+    def steps(x, us):
+        for k in range(2):
+            x = slcp_torch.step(sim, x, us[:, k], {"friction": 0.4}).states
         return slcp_torch.rollout(sim, x, us).states[:, -1].square().sum()
 
-    compiled = torch.compile(loss, backend="aot_eager", fullgraph=True)
-    expected, found = (torch.autograd.grad(f(x, us), (x, us)) for f in (loss, compiled))
-    torch.testing.assert_close(found, expected)
+    compiled_like_eager(steps, x, us)
 
 
 def test_a_module_learns_friction(device):
