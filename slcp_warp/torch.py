@@ -120,6 +120,11 @@ def parameter_table(sim: Simulator, params: Values, like: Tensor) -> Tensor:
         raise ParameterError(
             f"params belong to scene {base.scene.name!r}; this simulator has {sim.scene.name!r}"
         )
+    if isinstance(params, Parameters) and params.requires_grad:
+        raise ParameterError(
+            "params are tracked, which is for wp.Tape; for gradients in PyTorch give tensors by name, "
+            'as params={"friction": tensor}'
+        )
     table = _base_table(base, like.dtype, like.device)
     if params is None or isinstance(params, Parameters):
         return table

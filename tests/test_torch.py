@@ -225,6 +225,8 @@ def test_bad_input_is_named(device):
         slcp_torch.rollout(sim, x, us, {"friction": tensor([0.5, 0.6], device)})
     with pytest.raises(slcp.ParameterError, match="mass contains inf; it must be finite"):
         slcp_torch.rollout(sim, x, us, {"mass": np.inf})
+    with pytest.raises(slcp.ParameterError, match="params are tracked, .* give tensors by name"):
+        slcp_torch.rollout(sim, x, us, sim.params.track())
     with pytest.raises(slcp.ArrayError, match="external_force requires a gradient"):
         slcp_torch.rollout(sim, x, us, external_force=tensor(np.zeros((3, 3, 3)), device))
     with pytest.raises(ValueError, match="checkpoint is 0"):
