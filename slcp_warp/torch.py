@@ -15,7 +15,7 @@ import warp as wp
 from torch import Tensor
 
 from .arrays import ArrayError
-from .parameters import ParameterError, Parameters
+from .parameters import COVARIANCES, ParameterError, Parameters
 from .simulator import Simulator
 from .tape import derivatives_exist
 from .torch_operators import RolloutFunction, handle_of, rollout_op, table_op
@@ -160,6 +160,8 @@ def _column(name: str, value: Any, shape: tuple[int, ...], size: int, like: Tens
         raise ParameterError(
             f"{name} is a tensor of {value.dtype} on {value.device}; {like.dtype} on {like.device} is needed"
         )
+    if name in COVARIANCES and value.ndim < 2:  # times the identity, as in `Parameters.replace`
+        value = value[..., None, None] * torch.eye(shape[0], dtype=like.dtype, device=like.device)
     if value.shape == shape or value.ndim == 0:
         return value.reshape(1, -1).expand(1, size)
     if value.shape[1:] == shape:

@@ -9,12 +9,13 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
 import torch
 import warp as wp
 from torch import Tensor
 
 from .checkpoint import Segments, checkpointed, pull_back
-from .parameters import NONNEGATIVE, POSITIVE, ParameterError, Parameters
+from .parameters import COVARIANCES, ParameterError, Parameters
 from .simulator import Simulator
 from .tape import Recorded, adjoint, derivatives_exist
 
@@ -43,14 +44,16 @@ def _(handle: int, dtype: torch.dtype, device: torch.device) -> Tensor:
 
 
 def _check(sim: Simulator, table: Tensor) -> None:
-    for name, start, shape in sim.params.layout.columns:
-        value = table[:, start : start + math.prod(shape)]
-        if not bool(value.isfinite().all()):
-            raise ParameterError(f"{name} contains {value[~value.isfinite()][0].item()}; it must be finite")
-        if name in POSITIVE and not bool((value > 0.0).all()):
-            raise ParameterError(f"{name} is {value.min().item()}; it must be positive")
-        if name in NONNEGATIVE and not bool((value >= 0.0).all()):
-            raise ParameterError(f"{name} is {value.min().item()}; it must not be negative")
+    """The errors of `Parameters.replace` for illegal values; a covariance need be finite only."""
+    rows = table.detach().double().cpu().numpy()
+    values = {
+        name: rows[:, start : start + math.prod(shape)].reshape(len(rows), *shape)
+        for name, start, shape in sim.params.layout.columns
+    }
+    for name in COVARIANCES:
+        if not np.all(np.isfinite(values.pop(name, 0.0))):
+            raise ParameterError(f"{name} contains numbers that are not finite")
+    Parameters(sim.scene).replace(**values)
 
 
 @contextlib.contextmanager

@@ -225,6 +225,10 @@ def test_bad_input_is_named(device):
         slcp_torch.rollout(sim, x, us, {"friction": tensor([0.5, 0.6], device)})
     with pytest.raises(slcp.ParameterError, match="mass contains inf; it must be finite"):
         slcp_torch.rollout(sim, x, us, {"mass": np.inf})
+    with pytest.raises(slcp.ParameterError, match="radius of ellipse .* is 0; it must be positive"):
+        slcp_torch.rollout(sim, x, us, {"radius": tensor(0.0, device)})
+    with pytest.raises(slcp.ParameterError, match="shape_angle of .* is 0.3; it was built with the angle 0"):
+        slcp_torch.rollout(sim, x, us, {"shape_angle": tensor(0.3, device)})
     with pytest.raises(slcp.ParameterError, match="params are tracked, .* give tensors by name"):
         slcp_torch.rollout(sim, x, us, sim.params.track())
     with pytest.raises(slcp.ArrayError, match="external_force requires a gradient"):
@@ -235,6 +239,20 @@ def test_bad_input_is_named(device):
     (gradient,) = torch.autograd.grad(state, x, create_graph=True)
     with pytest.raises(NotImplementedError, match="second derivatives of slcp_warp.torch rollouts"):
         gradient.sum().backward()
+
+
+@pytest.mark.slow
+def test_a_number_as_covariance_is_times_the_identity(device):
+    sim = slcp.Simulator(
+        scene("flicking_finger"), slcp.Options(noise="state", scaling="none"), device=device, dtype="float64"
+    )
+    x, us = contact(device)
+    for value in (0.01, [0.01, 0.02, 0.03]):
+        given = {"position_covariance": tensor(value, device)}
+        expected = slcp_torch.rollout(sim, x, us, sim.params.replace(position_covariance=value)).states
+        torch.testing.assert_close(slcp_torch.rollout(sim, x, us, given).states, expected)
+    with pytest.raises(slcp.ParameterError, match="position_covariance contains numbers that are not finite"):
+        slcp_torch.rollout(sim, x, us, {"position_covariance": tensor(np.nan, device)})
 
 
 def test_backward_after_the_simulator_went_out_of_scope(device):
