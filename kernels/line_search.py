@@ -5,7 +5,7 @@ import functools
 import warp as wp
 
 from .box_qp import EPSILON
-from .compile import code_digest, specialised
+from .compile import code_digest, cpu_compiler_flags, named_by_code, specialised
 from .solver_state import (
     SolverState,
     lower_regularization,
@@ -60,40 +60,21 @@ def costs_digest(running, final, nx, nu, dtype):
     return code_digest(costs)
 
 
-def dynamics_digest(step, initial_carry, nx, nu, dtype):
-    """Digest of the code of a user's dynamics."""
-    VX, VU = wp.types.vector(nx, dtype), wp.types.vector(nu, dtype)
-
-    def dynamics(
-        params: wp.array2d(dtype=dtype),
-        x: wp.array(dtype=VX),
-        u: wp.array(dtype=VU),
-        out: wp.array(dtype=int),
-    ):
-        carry = initial_carry()
-        x_next, _carry, status = step(params, 0, x[0], u[0], carry)
-        x[0] = x_next
-        out[0] = status
-
-    return code_digest(dynamics)
-
-
 @functools.cache
 def make_rollout_kernel(step, initial_carry, running, final, nx, nu, has_limits, dtype, key=""):
     """Kernel ``(first, problems, x0, Policy, Candidates, params, weights, active)`` over B A items.
 
     Item i is problem i mod B under step size i div B: u = clamp(us + alpha k + K (x - xs)), x' = step(x, u),
-    costs summed in double precision. ``key`` names what the dynamics were specialised on (see `compile.py`).
+    costs summed in double precision. ``key`` names what the dynamics were specialised on (see `compile.py`);
+    without one the kernel is named after all of its code.
     A failed or non-finite world costs +inf and keeps its last valid state.
     """
     VX, VU = wp.types.vector(nx, dtype), wp.types.vector(nu, dtype)
     Policy, Candidates = make_policy_arrays(dtype), make_candidate_arrays(dtype)
-    names = (
-        costs_digest(running, final, nx, nu, dtype),
-        key or dynamics_digest(step, initial_carry, nx, nu, dtype),
-    )
+    flags = cpu_compiler_flags()
+    costs = costs_digest(running, final, nx, nu, dtype) if key else ""
 
-    @specialised(*names, nx, nu, has_limits, dtype)
+    @(specialised(key, costs, nx, nu, has_limits, dtype) if key else named_by_code(cpu_compiler_flags=flags))
     def rollout(
         first: int,
         problems: int,

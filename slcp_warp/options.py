@@ -63,8 +63,9 @@ class Options:
             [1e-15, 0.1]; never below rounding. None: rounding (2e-14, float32: 1e-6). A coarser one makes v',
             lambda and all derivatives as coarse. For REM and hard residuals with Anitescu's friction.
         gap: "start", w = J v' + d/h, eq. (2): the gap and its slope at the start of the step; "end", w =
-            d(q + h v')/h, to 1e-8 m/s (float32: 1e-5) by at most 12 corrections: curved shapes that slide on
-            each other do not sink in. For the hard problem; no derivatives.
+            d(q + h v')/h, to 1e-8 m/s (float32: 3e-5, and 4e-7 m/h of positions' rounding) by at most 24
+            corrections, else NOT_CONVERGED: curved shapes that slide on each other do not sink in. For the
+            hard problem; no derivatives.
     """
 
     residual: str = "rem-logistic"

@@ -51,8 +51,9 @@ def _check(sim: Simulator, table: Tensor) -> None:
         for name, start, shape in sim.params.layout.columns
     }
     for name in COVARIANCES:
-        if not np.all(np.isfinite(values.pop(name, 0.0))):
-            raise ParameterError(f"{name} contains numbers that are not finite")
+        value = values.pop(name, np.zeros(1))
+        if not np.isfinite(value).all():
+            raise ParameterError(f"{name} contains {value[~np.isfinite(value)][0]}; it must be finite")
     Parameters(sim.scene).replace(**values)
 
 

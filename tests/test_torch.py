@@ -139,12 +139,19 @@ def test_torch_func(device):
         torch.testing.assert_close(torch.func.grad(loss)(value), slope, atol=1e-9, rtol=1e-9)
 
 
-def compiled_like_eager(loss, *inputs):
-    """A function compiled as one graph has the gradients that it has in eager mode."""
+def compiled_and_eager(loss, *inputs):
+    """Gradients (2, inputs) of a function compiled as one graph, and then in eager mode."""
     torch._dynamo.reset()
     compiled = torch.compile(loss, backend="aot_eager", fullgraph=True)
-    found, expected = (torch.autograd.grad(f(*inputs), inputs) for f in (compiled, loss))
-    torch.testing.assert_close(found, expected)
+    return [torch.autograd.grad(f(*inputs), inputs) for f in (compiled, loss)]
+
+
+def assert_same(found, expected):
+    """Equal to rounding, finite, and none of them zero everywhere."""
+    assert len(found) == len(expected) > 0
+    for one, other in zip(found, expected):
+        assert one.isfinite().all() and one.abs().max() > 1e-6
+        torch.testing.assert_close(one, other)
 
 
 def test_torch_compile_keeps_it_whole(device):
@@ -152,7 +159,11 @@ def test_torch_compile_keeps_it_whole(device):
     fresh = slcp.Simulator(  # the first use of this simulator is under torch.compile
         scene("flicking_finger"), slcp.Options(scaling="none"), device=device, dtype="float64"
     )
-    compiled_like_eager(lambda *xu: slcp_torch.rollout(fresh, *xu).states[:, -1].square().sum(), x, us)
+    found, expected = compiled_and_eager(
+        lambda *xu: slcp_torch.rollout(fresh, *xu).states[:, -1].square().sum(), x, us
+    )
+    assert found[0].shape == x.shape and found[1].shape == us.shape
+    assert_same(found, expected)
 
 
 @pytest.mark.slow
@@ -164,9 +175,12 @@ def test_torch_compile_with_parameters(device):
     def loss(x, friction):
         return slcp_torch.rollout(sim, x, us, {"friction": friction}).states[:, -1].square().sum()
 
-    compiled_like_eager(loss, x, friction)
+    assert_same(*compiled_and_eager(loss, x, friction))
     module = slcp_torch.Rollout(sim, learn=("friction", "mass"))
-    compiled_like_eager(lambda x, *_: module(x, us).states[:, -1].square().sum(), x, *module.parameters())
+    learned = compiled_and_eager(
+        lambda x, *_: module(x, us).states[:, -1].square().sum(), x, *module.parameters()
+    )
+    assert_same(*learned)
     other = sim.params.replace(friction=0.2)
     compiled = torch.compile(slcp_torch.rollout, backend="aot_eager", fullgraph=True)
     for params in (sim.params, other):  # a constant of the graph: another one traces again
@@ -184,7 +198,9 @@ def test_torch_compile_with_two_calls(device):
             x = slcp_torch.step(sim, x, us[:, k], {"friction": 0.4}).states
         return slcp_torch.rollout(sim, x, us).states[:, -1].square().sum()
 
-    compiled_like_eager(steps, x, us)
+    found, expected = compiled_and_eager(steps, x, us)
+    assert found[0].shape == x.shape and found[1].shape == us.shape
+    assert_same(found, expected)
 
 
 def test_a_module_learns_friction(device):
@@ -251,7 +267,7 @@ def test_a_number_as_covariance_is_times_the_identity(device):
         given = {"position_covariance": tensor(value, device)}
         expected = slcp_torch.rollout(sim, x, us, sim.params.replace(position_covariance=value)).states
         torch.testing.assert_close(slcp_torch.rollout(sim, x, us, given).states, expected)
-    with pytest.raises(slcp.ParameterError, match="position_covariance contains numbers that are not finite"):
+    with pytest.raises(slcp.ParameterError, match="position_covariance contains nan; it must be finite"):
         slcp_torch.rollout(sim, x, us, {"position_covariance": tensor(np.nan, device)})
 
 
