@@ -12,10 +12,15 @@ work at once.
 On a CPU the compiler may fuse a b + c, divide by multiplying with a reciprocal and drop additions of zero: a
 step costs a fifth less (docs/performance.md). It must not reassociate sums, which would undo the
 compensation of log(1 + e).
+
+The environment variable SLCP_CPU_FLAGS replaces all flags of the CPU's compiler, these and Warp's:
+"-march=x86-64-v2 -ffp-contract=off" rounds as a processor without fused operations does. Flags go into a
+kernel's hash, so that caches do not mix; `.ci/full rounding` runs all tests that way.
 """
 
 import functools
 import hashlib
+import os
 import pathlib
 from collections.abc import Callable
 from typing import Any
@@ -26,7 +31,10 @@ CPU_ARITHMETIC = "-ffp-contract=fast -freciprocal-math -fno-signed-zeros"
 
 
 def cpu_compiler_flags() -> str:
-    """Warp's present flags for the CPU's compiler and this package's."""
+    """Flags for the CPU's compiler: SLCP_CPU_FLAGS where set, else Warp's present ones and this package's."""
+    given = os.environ.get("SLCP_CPU_FLAGS")
+    if given is not None:
+        return given
     flags = wp.config.cpu_compiler_flags
     return f"{'-march=native' if flags is None else flags} {CPU_ARITHMETIC}"
 

@@ -5,8 +5,8 @@
 make_venv() {
   local dir=$1 python=${PYTHON:-python3}
   if "$dir/bin/python" -c 'import pip' 2>/dev/null; then return; fi
-  if ! "$python" -c 'import sys; sys.exit(sys.version_info < (3, 10))'; then
-    echo "error: Python 3.10 or newer is needed; '$python' is not. Name another one with PYTHON=..." >&2
+  if ! "$python" -c 'import sys; sys.exit(sys.version_info < (3, 11))'; then
+    echo "error: Python 3.11 or newer is needed; '$python' is not. Name another one with PYTHON=..." >&2
     return 1
   fi
   "$python" -m venv --clear "$dir"

@@ -5,7 +5,7 @@ import difflib
 import json
 import math
 import os
-import sys
+import tomllib
 import types
 import typing
 from pathlib import Path
@@ -14,11 +14,6 @@ from typing import Any
 from .scene import Scene
 from .scene_schema import CHOICES, FORMAT, NO_VALUE, VERSION, file_fields, json_schema
 from .topology import SceneError
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 __all__ = ["json_schema", "load_scene", "save_scene"]
 

@@ -4,13 +4,15 @@ Every (scene, options, precision, kind of kernel) compiles for seconds the first
 tests of the files that compile much stay in the quick run (`scripts/test.sh --fast`); others are marked slow.
 """
 
+import os
 import re
 
 import pytest
 import warp as wp
 
 wp.config.log_level = wp.LOG_WARNING  # before wp.init(); the older config.quiet does nothing in 1.19
-wp.config.cpu_compiler_flags = "-march=native"  # LLVM's own limit of inlining: clang takes 20 to 30 % less
+# LLVM's own limit of inlining: clang takes 20 to 30 % less. SLCP_CPU_FLAGS: slcp_warp.kernels.compile
+wp.config.cpu_compiler_flags = os.environ.get("SLCP_CPU_FLAGS", "-march=native")
 wp.init()
 
 try:

@@ -136,7 +136,9 @@ def test_events_obey_the_contact_law(start):
     motion = integrate(mechanism, x0, 2.0)
     assert [event.what for event in motion.events] == FINGERS[start]
     assert motion.drift < 1e-11 and motion.doubt < 1e-12 and motion.graze > 0.1
-    assert all(event.lost >= 0.0 for event in motion.events)
+    rounding = 1e-13 * sum(abs(oracle.energy(x0[:nv], v)) for v in (x0[nv:], np.zeros(nv)))  # of energies
+    assert all(event.lost >= -rounding for event in motion.events)  # at a start nothing is lost
+    assert all(event.lost > 1e3 * rounding for event in motion.events if event.what == "impact")
     energy = oracle.energy(motion.end[:nv], motion.end[nv:]) - oracle.energy(x0[:nv], x0[nv:])
     assert energy + motion.lost == pytest.approx(0.0, abs=1e-9)
     before = np.append(x0, 0.0)
@@ -145,7 +147,8 @@ def test_events_obey_the_contact_law(start):
         y = piece.at(time)
         q, v = y[:nv], y[nv : 2 * nv]
         total = oracle.energy(q, v) + y[-1]
-        assert total == pytest.approx(oracle.energy(x0[:nv], x0[nv:]), abs=1e-9) and y[-1] >= before[-1]
+        assert total == pytest.approx(oracle.energy(x0[:nv], x0[nv:]), abs=1e-9)
+        assert y[-1] >= before[-1] - rounding
         before = y
         forces = flow.solve(y, piece.modes)[1]
         gaps, rows, _ = oracle.rows(q)
