@@ -29,6 +29,7 @@ from .bench_kernels import SIZES, bench_reach, bench_sizes, print_sizes
 from .bench_methods import bench_methods
 from .bench_mujoco import Peer, import_mujoco
 from .bench_ours import PAPER, TOUCH, WINDOW, Ours, cpu_threads
+from .bench_pair import PairError, bench_pair, print_pairs
 from .bench_precision import bench_finite, bench_precision
 from .bench_timing import Case, Result, print_table, tidy_rows, time_interleaved, write_csv
 from .bench_workload import Workload, make_workload, windows
@@ -318,6 +319,23 @@ def kernels_command(
         rows = bench_sizes(chosen, repeats=repeats, gpu_code=gpu_code)
         print_sizes(rows)
         rows += bench_reach()
+    _save(csv, rows)
+
+
+@app.command("pair")
+def pair_command(
+    other: Annotated[str, typer.Argument(help="Python interpreter of the environment to compare with.")],
+    repeats: Annotated[int, typer.Option(min=3, help="Rounds; a ratio is taken inside a round.")] = 15,
+    case: Annotated[str | None, typer.Option(help="Only cases whose name contains this.")] = None,
+    csv: Csv = None,
+) -> None:
+    """This version against the one of another environment, case by case in turn."""
+    try:
+        rows = bench_pair(other, repeats, case)
+    except PairError as error:
+        typer.echo(f"slcp: {error}", err=True)
+        raise typer.Exit(1) from None
+    print_pairs(rows)
     _save(csv, rows)
 
 
