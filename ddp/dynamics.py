@@ -7,6 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 import warp as wp
 
+from slcp_warp.kernels.cache import get_device
 from slcp_warp.kernels.generic_dynamics import (
     DynamicsFunctions,
     NoCarry,
@@ -143,7 +144,7 @@ class WarpDynamics:
             if not isinstance(value, int) or value < 1:
                 raise ValueError(f"{name} must be a whole number of at least 1, got {value!r}")
         self.make, self.nx, self.nu, self.nw = make, nx, nu, nx
-        self.device = wp.get_device(device)
+        self.device = get_device(device)
         self.period = None
         shapes = {name: np.shape(value) for name, value in (parameters or {}).items()}
         self.params = Parameters(shapes, parameters or {}, self.dtype, self.device)

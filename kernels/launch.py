@@ -9,10 +9,11 @@ GPU, and where a graph is captured, the whole range is one launch with ``first =
 import collections
 import os
 import threading
-import weakref
 from concurrent.futures import ThreadPoolExecutor
 
 import warp as wp
+
+from .cache import load
 
 CHUNKS_PER_THREAD = 4  # more chunks than threads: worlds take unequal numbers of iterations
 DEFAULT_GRAIN = 128  # items of about a microsecond that are worth waking another thread for
@@ -21,7 +22,6 @@ _pool: ThreadPoolExecutor | None = None
 _pool_size = 0
 _pool_pid = 0
 _pool_lock = threading.Lock()
-_loaded: "weakref.WeakSet[wp.Kernel]" = weakref.WeakSet()
 
 
 def thread_count():
@@ -61,18 +61,17 @@ def launch(kernel, dim, inputs, device, threads=None, grain=DEFAULT_GRAIN):
     """
     device = wp.get_device(device)
     if not device.is_cpu or device.is_capturing:
+        load(kernel, device)
         wp.launch(kernel, dim=dim, inputs=[0, *inputs], device=device, record_tape=False)
         return
     chunks = split(dim, _default_threads if threads is None else threads, grain)
     if not chunks:
         return
+    load(kernel, device)  # compiles on this thread: compiling on several at once is slow
 
     def run(chunk):
         wp.launch(kernel, dim=chunk[1], inputs=[chunk[0], *inputs], device=device, record_tape=False)
 
-    if kernel not in _loaded:  # compiles on this thread: compiling on several at once is slow
-        run(chunks.pop(0))
-        _loaded.add(kernel)
     _drain(run, chunks, _default_threads if threads is None else threads)
 
 
@@ -85,6 +84,7 @@ class Prepared:
 
     def __init__(self, kernel, dim, inputs, device, threads=None, grain=DEFAULT_GRAIN):
         self.device = wp.get_device(device)
+        load(kernel, self.device)
         self.inputs = list(inputs)
         self.threads = _default_threads if threads is None else threads
         chunks = split(dim, self.threads if self.device.is_cpu else 1, grain)

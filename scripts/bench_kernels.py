@@ -18,6 +18,7 @@ from rich.table import Table
 
 import slcp_warp as slcp
 from slcp_warp.kernels import large_step, rollout
+from slcp_warp.kernels.cache import load
 from slcp_warp.kernels.solve import COLD
 from slcp_warp.scene import Body, Contact, Scene, Shape
 
@@ -111,7 +112,7 @@ def bench_sizes(
                 }
                 kernel = rollout_kernel(sim)
                 begin = time.process_time()
-                wp.load_module(kernel.module, device="cpu")
+                load(kernel, sim.device)
                 row["compile_seconds"] = time.process_time() - begin
                 row["seconds"], row["unsolved"] = step_time(sim, worlds, steps, repeats)
                 if gpu_code and kernel not in compiled:

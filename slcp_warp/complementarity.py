@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from slcp_warp.kernels.cache import get_device
 from slcp_warp.kernels.complementarity import (
     make_complementarity_adjoint_kernel,
     make_complementarity_kernel,
@@ -111,7 +112,7 @@ def solve_complementarity(
     kind = kind_of(A)
     dtype = dtype or _dtype_name(A)
     number = getattr(wp, dtype)
-    device = wp.get_device(device or (str(A.device) if kind != "numpy" else None))
+    device = get_device(device or (str(A.device) if kind != "numpy" else None))
     given = to_batch("A", A, ("n", "n"), number, device)
     worlds, n = given.array.shape[:2]
     if given.array.shape[2] != n or not 0 < n <= MOST_ROWS:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from slcp_warp.kernels.cache import get_device
 from slcp_warp.kernels.launch import launch
 from slcp_warp.kernels.residuals import NAMES, make_residual_kernel
 
@@ -42,10 +43,10 @@ def residual(name: str, a: Any, b: Any, sigma: Any = 1.0, dtype: str = "float64"
         raise ArrayError(f"a, b, sigma are no arrays of numbers that broadcast together: {error}") from error
     if not (arrays[2] > 0).all():
         raise ArrayError(f"sigma is {arrays[2].min():g}; positive numbers are needed")
-    kind = getattr(wp, dtype)
+    kind, device = getattr(wp, dtype), get_device("cpu")
     given: list[wp.array] = [
-        wp.array(np.ascontiguousarray(x).reshape(-1), dtype=kind, device="cpu") for x in arrays
+        wp.array(np.ascontiguousarray(x).reshape(-1), dtype=kind, device=device) for x in arrays
     ]
-    out = wp.zeros(arrays[0].size, dtype=kind, device="cpu")
-    launch(make_residual_kernel(kind, name), out.shape[0], [*given, out], "cpu")
+    out = wp.zeros(arrays[0].size, dtype=kind, device=device)
+    launch(make_residual_kernel(kind, name), out.shape[0], [*given, out], device)
     return out.numpy().reshape(arrays[0].shape)

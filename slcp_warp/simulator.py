@@ -8,6 +8,7 @@ import numpy as np
 import warp as wp
 
 from slcp_warp.kernels import rollout
+from slcp_warp.kernels.cache import get_device
 from slcp_warp.kernels.compile import source_digest
 from slcp_warp.kernels.kinematics import make_types
 from slcp_warp.kernels.launch import launch
@@ -56,7 +57,7 @@ class Simulator:
         if self.options.method.state_noise:
             scene = scene.with_covariances()
         self.scene = scene
-        self.device = wp.get_preferred_device() if device is None else wp.get_device(device)
+        self.device = get_device(device)
         self.dtype = DTYPES[dtype]
         self.params = Parameters(scene)
         self._key = (scene.structure, self.dtype, self.options.method)
