@@ -16,13 +16,13 @@ from typing import Any
 
 import numpy as np
 
-from slcp_warp import Scene
+from slcp_warp import ArgumentError, Scene
 
 FORMAT, VERSION = "slcp-warp-library", 1
 ARRAYS = ("x", "u", "K", "cost", "gain", "age", "chain", "plan")
 
 
-class LibraryError(ValueError):
+class LibraryError(ArgumentError):
     """A library file that cannot be read, or a library that does not fit its use."""
 
 

@@ -6,6 +6,7 @@ The contact problem of every time step is a stochastic complementarity problem (
 from . import scenes
 from .arrays import ArrayError
 from .complementarity import Complementarity, solve_complementarity
+from .errors import ArgumentError, ArgumentTypeError, InputError
 from .mjcf import MjcfError, load_mjcf
 from .options import OptionError, Options, Status
 from .parameters import ParameterError, Parameters
@@ -23,10 +24,13 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Actuator",
+    "ArgumentError",
+    "ArgumentTypeError",
     "ArrayError",
     "Body",
     "Complementarity",
     "Contact",
+    "InputError",
     "Linearization",
     "MjcfError",
     "OptionError",

@@ -6,8 +6,10 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from .errors import ArgumentError
 
-class ArrayError(ValueError):
+
+class ArrayError(ArgumentError):
     """An array argument of the wrong kind, shape or dtype; the message names it, what came and what is
     needed.
     """

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from .errors import SceneError
 from .mjcf_contacts import read_contacts
 from .mjcf_plane import MjcfError, Plane
 from .scene import Actuator, Body, Scene
@@ -42,7 +43,12 @@ def load_mjcf(path: str | os.PathLike[str], plane: str = "xz") -> Scene:
     except ValueError as error:
         raise MjcfError(f"{path}: {error}") from error
     reader = _Reader(model, Plane(plane))
-    return reader.scene(model.names.split(b"\0")[0].decode() or path.stem)
+    try:
+        return reader.scene(model.names.split(b"\0")[0].decode() or path.stem)
+    except MjcfError:
+        raise
+    except SceneError as error:  # a number that MuJoCo takes and a scene does not
+        raise MjcfError(f"{path}: {error}") from error
 
 
 class _Reader:

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from .topology import SceneError
+from .errors import SceneError
 
 FLAT = 1e-6  # what counts as in the plane
 

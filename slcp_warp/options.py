@@ -7,6 +7,8 @@ from typing import Any
 from slcp_warp.kernels import newton
 from slcp_warp.kernels.method import Method
 
+from .errors import ArgumentError
+
 CHOICES: dict[str, tuple[Any, ...]] = {
     "residual": ("rem-logistic", "rem-normal", "erm-logistic", "erm-normal", "hard"),
     "scaling": ("inertia", "none"),
@@ -19,7 +21,7 @@ CHOICES: dict[str, tuple[Any, ...]] = {
 TOLERANCES = (1e-15, 0.1)  # least and largest of Options.tolerance
 
 
-class OptionError(ValueError):
+class OptionError(ArgumentError):
     """An option that is not offered; the message names it, what came and what there is."""
 
 

@@ -1,20 +1,22 @@
 """The run-time numbers of a scene: one value for all worlds, or one per world."""
 
+import copy
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import warp as wp
 
-from slcp_warp.kernels.structure import ELLIPSE, Layout, layout
+from slcp_warp.kernels.structure import Layout, layout
 
+from . import rules
+from .checks import flag, instance, shown
+from .errors import ArgumentError
+from .rules import COVARIANCES
 from .scene import Scene
 
-POSITIVE = ("step_size", "sigma", "mass", "inertia")
-COVARIANCES = ("position_covariance", "velocity_covariance")
-NONNEGATIVE = ("friction", "radius", "spring_damping", "spring_length")
 
-
-class ParameterError(ValueError):
+class ParameterError(ArgumentError):
     """A parameter with an unknown name, wrong shape or illegal value."""
 
 
@@ -29,13 +31,22 @@ class Parameters:
     """
 
     def __init__(
-        self, scene: Scene, values: dict[str, np.ndarray] | None = None, requires_grad: bool = False
+        self, scene: Scene, values: Mapping[str, Any] | None = None, requires_grad: bool = False
     ) -> None:
+        instance("scene", scene, Scene, "a slcp_warp.Scene")
         self.scene = scene
         self.layout: Layout = layout(scene.structure)
-        self._values = dict(scene.default_parameters()) if values is None else values
-        self.requires_grad = requires_grad
+        self._values = dict(scene.default_parameters())
+        self.requires_grad = flag("requires_grad", requires_grad)
         self._uploaded: dict[tuple[Any, str], wp.array] = {}
+        if values is not None:
+            self._values = self.replace(**instance("values", values, Mapping, "a dict"))._values
+
+    def _with(self, values: dict[str, np.ndarray], requires_grad: bool) -> "Parameters":
+        """A copy with values that were checked."""
+        out = copy.copy(self)
+        out._values, out.requires_grad, out._uploaded = values, requires_grad, {}
+        return out
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -44,9 +55,12 @@ class Parameters:
 
     def __getitem__(self, name: str) -> np.ndarray:
         """A parameter's value: its own shape, or (B, *shape)."""
-        if name not in self._values:
-            raise ParameterError(f"no parameter {name!r}; there are {list(self.names)}")
+        self._known(name)
         return self._values[name]
+
+    def _known(self, name: Any) -> None:
+        if not isinstance(name, str) or name not in self._values:
+            raise ParameterError(f"no parameter {shown(name)}; there are {list(self.names)}")
 
     @property
     def worlds(self) -> int | None:
@@ -59,7 +73,8 @@ class Parameters:
 
         Args:
             changes: name=value; a scalar (for every component), the parameter's own shape, (B,) or (B,
-            *shape).
+            *shape). A disc has one radius, twice; an axis is of unit length; lower above upper is a world
+            without a solution (its status says so).
 
         Raises:
             ParameterError: unknown name, shape that does not fit, non-finite or illegal value.
@@ -70,11 +85,11 @@ class Parameters:
         sizes = {n: len(v) for n, v in values.items() if np.ndim(v) > len(self.layout.shape(n))}
         if len(set(sizes.values())) > 1:
             raise ParameterError(f"parameters disagree on the number of worlds: {sizes}")
-        return Parameters(self.scene, values, self.requires_grad)
+        return self._with(values, self.requires_grad)
 
     def track(self) -> "Parameters":
         """A copy whose gradients steps and rollouts on a `wp.Tape` collect; see `gradient`."""
-        return Parameters(self.scene, self._values, True)
+        return self._with(self._values, True)
 
     def gradient(self, name: str) -> np.ndarray:
         """The gradient collected by backward passes of tapes, of the shape that the parameter has: its own
@@ -83,8 +98,7 @@ class Parameters:
         Raises:
             ParameterError: unknown name, or parameters that are not tracked.
         """
-        if name not in self.names:
-            raise ParameterError(f"no parameter {name!r}; there are {list(self.names)}")
+        self._known(name)
         if not self.requires_grad:
             raise ParameterError("these parameters are not tracked; use params.track() in the rollout")
         start, shape = self.layout.offset(name), self.layout.shape(name)
@@ -98,22 +112,11 @@ class Parameters:
             array.grad.zero_()
 
     def _fit(self, name: str, value: Any) -> np.ndarray:
-        if name not in self.names:
-            raise ParameterError(f"no parameter {name!r}; there are {list(self.names)}")
+        self._known(name)
         shape = self.layout.shape(name)
-        try:
-            array = np.asarray(value, dtype=np.float64)
-        except (TypeError, ValueError) as error:
-            raise ParameterError(f"{name} is {value!r}; numbers are needed") from error
-        if not np.all(np.isfinite(array)):
-            raise ParameterError(f"{name} contains {array[~np.isfinite(array)].flat[0]}; it must be finite")
-        if name in POSITIVE and not np.all(array > 0.0):
-            hint = '; for the problem without noise use Options(residual="hard")' if name == "sigma" else ""
-            raise ParameterError(f"{name} is {array.min()}; it must be positive{hint}")
-        if name in NONNEGATIVE and not np.all(array >= 0.0):
-            raise ParameterError(f"{name} is {array.min()}; it must not be negative")
+        array = rules.numbers(name, value, ParameterError, name)
         if name in COVARIANCES:
-            return _covariance(name, array, shape)
+            return rules.covariance(name, array, shape[0], ParameterError)
         if array.shape == shape or array.shape[1:] == shape and array.ndim == len(shape) + 1:
             array = array.copy()
         elif array.ndim == 0:
@@ -123,49 +126,51 @@ class Parameters:
         else:
             need = ", ".join(["B", *map(str, shape)])
             raise ParameterError(f"{name} has shape {array.shape}; give a scalar, {shape}, (B,) or ({need})")
+        if name == "axis":
+            rules.check_axis(name, array, ParameterError)
         if name == "radius":
-            for i, shape_ in enumerate(self.scene.shapes):
-                if shape_.kind == ELLIPSE and not np.all(array[..., i, :] > 0.0):
-                    raise ParameterError(f"radius of ellipse {shape_.name!r} is 0; it must be positive")
+            for i, part in enumerate(self.scene.shapes):
+                label = f"radius of {part.kind} {part.name!r}"
+                rules.check_radius(label, part.kind, array[..., i, :], ParameterError)
         if name == "shape_angle":
-            for i, kind in enumerate(self.scene.structure.shapes):
-                if not kind.turned and np.any(array[..., i] != 0.0):
-                    given = np.ravel(array[..., i])[0]
-                    raise ParameterError(
-                        f"shape_angle of {self.scene.shapes[i].name!r} is {given}; it was built with the "
-                        "angle 0, which the kernels leave out: build the scene with another angle"
-                    )
+            self._check_angles(array)
         return array
+
+    def _check_angles(self, array: np.ndarray) -> None:
+        for i, kind in enumerate(self.scene.structure.shapes):
+            if not kind.turned and np.any(array[..., i] != 0.0):
+                given = np.ravel(array[..., i])[0]
+                raise ParameterError(
+                    f"shape_angle of {self.scene.shapes[i].name!r} is {given}; it was built with the "
+                    "angle 0, which the kernels leave out: build the scene with another angle"
+                )
 
     def table(self) -> np.ndarray:
         """All columns, (1 or B, width), float64."""
-        rows = self.worlds or 1
+        rows = 1 if self.worlds is None else self.worlds
         table = np.empty((rows, self.layout.width))
         for name, start, shape in self.layout.columns:
             size = int(np.prod(shape, dtype=int))
             table[:, start : start + size] = np.reshape(self._values[name], (-1, size) if size else (1, 0))
         return table
 
+    def _check_range(self, table: np.ndarray, dtype: Any) -> None:
+        """Raise ParameterError for a number that is infinite or 0 in the kernels' precision and was not."""
+        with np.errstate(over="ignore"):
+            kept = table.astype(dtype)
+        lost = ~np.isfinite(kept) | ((kept == 0.0) & (table != 0.0))
+        if lost.any():
+            row, at = np.argwhere(lost)[0]
+            name = next(n for n, start, _ in reversed(self.layout.columns) if start <= at)
+            raise ParameterError(f"{name} is {table[row, at]}; {np.dtype(dtype)} does not hold that number")
+
     def array(self, dtype: Any, device: Any) -> wp.array:
         """The table on a device, uploaded once."""
         key = (dtype, str(device))
         if key not in self._uploaded:
+            table = self.table()
+            self._check_range(table, wp.dtype_to_numpy(dtype))
             self._uploaded[key] = wp.array(
-                self.table(), dtype=dtype, device=device, requires_grad=self.requires_grad
+                table, dtype=dtype, device=device, requires_grad=self.requires_grad
             )
         return self._uploaded[key]
-
-
-def _covariance(name: str, array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """A checked covariance from a number (times the identity), (B,) numbers, a matrix or (B, nv, nv)."""
-    if array.ndim < 2:
-        array = array[..., None, None] * np.eye(shape[0])
-    if array.shape[-2:] != shape or array.ndim > 3:
-        need = f"a scalar (times the identity), {shape}, (B,) or (B, {shape[0]}, {shape[1]})"
-        raise ParameterError(f"{name} has shape {array.shape}; give {need}")
-    if not np.allclose(array, np.swapaxes(array, -1, -2), rtol=1e-9, atol=0.0):
-        raise ParameterError(f"{name} is not symmetric: {array.tolist()}")
-    lowest = np.linalg.eigvalsh(array).min(axis=-1)
-    if np.any(lowest < -1e-12 * np.abs(array).max(axis=(-1, -2))):
-        raise ParameterError(f"{name} has the eigenvalue {lowest.min()}; a covariance has none below 0")
-    return array.copy()

@@ -1,6 +1,9 @@
 """Description of a planar mechanism: bodies in a tree, shapes on them, and the pairs of shapes that may
 touch.
 
+Every part is checked when it is made (`SceneError`); its numbers obey the rules of `rules.py`, which hold for
+`Parameters.replace` and for files, too, and are kept as floats and tuples of floats.
+
 World x points right, y up, angles are counter-clockwise from +x; lengths in m, masses in kg, angles in rad
 (or any self-consistent units). A scene only describes; `Simulator` makes specialised kernels from it.
 """
@@ -13,7 +16,9 @@ import numpy as np
 
 from slcp_warp.kernels.structure import Structure
 
-from .topology import JOINTS, SceneError, contact_ends, radii, spread, structure_of
+from . import scene_fields
+from .errors import SceneError
+from .topology import JOINTS, KINDS, contact_ends, radii, spread, structure_of
 
 Pair2 = tuple[float, float]
 
@@ -30,12 +35,12 @@ class Body:
         parent: name of an earlier body, or None for the world.
         joint: "revolute" (angle), "prismatic" (shift along `axis`) or "free" (x, y, angle).
         anchor: joint position in the parent's frame [m]. angle: turn of this body's frame at q = 0 [rad].
-        axis: unit direction of a prismatic joint in the parent's frame.
+        axis: unit direction of a prismatic joint in the parent's frame (of length 1 to 0.005).
         com: centre of mass in the body's frame, whose origin is the joint [m].
-        damping: joint damping, one number per degree of freedom [N m s/rad, N s/m].
+        damping: joint damping >= 0, one number per degree of freedom [N m s/rad, N s/m].
         stiffness, rest: joint spring per degree of freedom, force -stiffness (q - rest) [N m/rad, N/m; rad,
             m]; stiffness None: no spring.
-        lower, upper: limits per degree of freedom (None: no limit, no row).
+        lower, upper: limits per degree of freedom, lower <= upper (None: no limit, no row).
     """
 
     name: str
@@ -52,6 +57,9 @@ class Body:
     rest: tuple[float, ...] | float = 0.0
     lower: tuple[float | None, ...] | float | None = None
     upper: tuple[float | None, ...] | float | None = None
+
+    def __post_init__(self) -> None:
+        scene_fields.settle_body(self, JOINTS)
 
 
 @dataclass(frozen=True)
@@ -73,6 +81,9 @@ class Shape:
     offset: Pair2 = (0.0, 0.0)
     angle: float = 0.0
 
+    def __post_init__(self) -> None:
+        scene_fields.settle_shape(self, KINDS)
+
 
 @dataclass(frozen=True)
 class Contact:
@@ -87,6 +98,9 @@ class Contact:
     shape_b: str
     friction: float | None = None
 
+    def __post_init__(self) -> None:
+        scene_fields.settle_contact(self)
+
 
 @dataclass(frozen=True)
 class Actuator:
@@ -97,6 +111,9 @@ class Actuator:
     body: str
     dof: int = 0
     gear: float = 1.0
+
+    def __post_init__(self) -> None:
+        scene_fields.settle_actuator(self)
 
 
 @dataclass(frozen=True)
@@ -119,6 +136,12 @@ class Spring:
     damping: float = 0.0
     length: float = 0.0
 
+    def __post_init__(self) -> None:
+        scene_fields.settle_spring(self)
+
+
+PARTS = {"bodies": Body, "shapes": Shape, "contacts": Contact, "actuators": Actuator, "springs": Spring}
+
 
 @dataclass(frozen=True)
 class Scene:
@@ -126,9 +149,10 @@ class Scene:
 
     Attributes:
         bodies: parents before children. shapes, contacts, actuators, springs: see the classes.
-        gravity: [m/s^2]. step_size: default h [s]. sigma: default noise level of the smoothing [m/s, rad/s].
-        initial_state: x0 = (q, v), (2 nv,). period: per degree of freedom, or None: q_j and q_j + period
-        look alike.
+        gravity: [m/s^2]. step_size: default h > 0 [s]. sigma: default noise level of the smoothing, > 0 [m/s,
+            rad/s].
+        initial_state: x0 = (q, v), (2 nv,). period: per degree of freedom > 0, or None: q_j and q_j + period
+            look alike.
     """
 
     name: str
@@ -145,16 +169,16 @@ class Scene:
     structure: Structure = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        scene_fields.Fields(self, "scene, ").text("name")
+        fields = scene_fields.Fields(self, f"scene {self.name!r}: ")
+        for name, kind in PARTS.items():
+            fields.objects(name, kind)
+        fields.pair("gravity")
+        fields.number("step_size")
+        fields.number("sigma")
         object.__setattr__(self, "structure", structure_of(self))
-        nv = self.structure.nv
-        if self.initial_state is not None and len(self.initial_state) != 2 * nv:
-            raise SceneError(
-                f"initial_state has {len(self.initial_state)} numbers; scene {self.name!r} needs {2 * nv}"
-            )
-        if self.period is not None and len(self.period) != nv:
-            raise SceneError(
-                f"period has {len(self.period)} entries; scene {self.name!r} needs {nv}, one per dof"
-            )
+        fields.entries("initial_state", 2 * self.structure.nv)
+        fields.entries("period", self.structure.nv, optional=True)
 
     @property
     def nv(self) -> int:

@@ -17,6 +17,8 @@ from slcp_warp.kernels.launch import launch
 from slcp_warp.kernels.method import Method
 from slcp_warp.kernels.structure import Structure, layout
 
+from .errors import ArgumentError
+
 STRATEGIES = ("auto", "registers", "memory")
 MOST_ROWS = 31  # of the kernels in registers: a set of rows is one int
 # nv times the larger of nr and nv, by whether the device is a CPU: beyond, kernels in registers compile for
@@ -25,7 +27,7 @@ LARGEST = {True: 200, False: 32}
 WORKSPACE_BYTES = 256 * 2**20  # worlds are stepped in chunks whose workspaces fit in here
 
 
-class StrategyError(ValueError):
+class StrategyError(ArgumentError):
     """What was asked for is not offered with the kernels of this scene."""
 
 

@@ -18,13 +18,13 @@ from slcp_warp.kernels.sweep import make_draw_kernel, make_sweep_kernel
 
 from .arrays import policy_arrays
 from .options import Options, Status
-from .parameters import NONNEGATIVE, POSITIVE
+from .rules import NONNEGATIVE, POSITIVE
 from .scene import Scene
 from .simulator import Simulator
 from .statistics import mean_interval, quantile_interval, share_interval, spin_statistics
 
 FORMAT, VERSION = "slcp-warp-sweep", 1
-PERTURBABLE = (*POSITIVE, *NONNEGATIVE, "gravity", "damping", "gear")
+PERTURBABLE = sorted({*POSITIVE, *NONNEGATIVE, "gravity", "gear"} - {"period"})
 CHUNK_BYTES = 128 * 2**20
 
 
@@ -92,9 +92,7 @@ class SweepSpec:
                 )
         unknown = set(self.parameter_sd) - set(PERTURBABLE)
         if unknown:
-            raise ValueError(
-                f"SweepSpec.parameter_sd names {sorted(unknown)}; choose from {sorted(PERTURBABLE)}"
-            )
+            raise ValueError(f"SweepSpec.parameter_sd names {sorted(unknown)}; choose from {PERTURBABLE}")
         for name, value in self.parameter_sd.items():
             if not 0.0 <= value < 2.0:
                 raise ValueError(f"SweepSpec.parameter_sd[{name!r}] is {value}; a number in [0, 2) is needed")

@@ -1,7 +1,7 @@
 """From a scene's description to the structure that selects its kernels; one clear error for what is wrong."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from slcp_warp.kernels.structure import (
@@ -16,17 +16,14 @@ from slcp_warp.kernels.structure import (
     Structure,
 )
 
+from .checks import shown
+from .errors import SceneError
+
 if TYPE_CHECKING:
     from .scene import Body, Contact, Scene, Shape, Spring
 
 JOINTS = {"revolute": 1, "prismatic": 1, "free": 3}
 KINDS = (DISC, ELLIPSE, HALFPLANE, CAPSULE)
-
-
-class SceneError(ValueError):
-    """A scene that does not describe a mechanism; the message names the field, what came and what is
-    needed.
-    """
 
 
 def contact_ends(scene: "Scene", contact: "Contact") -> tuple[tuple[int, int], ...]:
@@ -46,7 +43,8 @@ def spread(value: Any, i: int, default: Any) -> Any:
     """Entry i of a number per degree of freedom, or of one number for all."""
     if value is None:
         return default
-    return value[i] if isinstance(value, Sequence) else value
+    entry = value[i] if isinstance(value, Sequence) else value
+    return default if entry is None else entry
 
 
 def radii(shape: "Shape") -> tuple[float, float]:
@@ -55,37 +53,40 @@ def radii(shape: "Shape") -> tuple[float, float]:
     return (radius[0], radius[-1])
 
 
-def _index(names: Sequence[str], name: str | None, what: str, field_name: str) -> int:
+def _index(places: Mapping[str, int], name: str | None, what: str, field_name: str) -> int:
     if name is None:
         return WORLD
-    if name not in names:
-        raise SceneError(f"{field_name}: no {what} named {name!r}; there are {list(names)}")
-    return list(names).index(name)
+    if name not in places:
+        raise SceneError(f"{field_name}: no {what} named {name!r}; there are {shown(list(places))}")
+    return places[name]
 
 
-def _unique(items: Sequence, what: str) -> list[str]:
-    names = [item.name for item in items]
-    for name in names:
-        if names.count(name) > 1:
-            raise SceneError(
-                f"{what}: the name {name!r} is used {names.count(name)} times; names must be unique"
-            )
-    return names
+def _places(items: Sequence, what: str) -> dict[str, int]:
+    """Where each name is; they must be unique."""
+    places: dict[str, int] = {}
+    for i, item in enumerate(items):
+        if item.name in places:
+            raise SceneError(f"{what}: {what}[{places[item.name]}] and {what}[{i}] are both named "
+                             f"{item.name!r}; names must be unique")  # fmt: skip
+        places[item.name] = i
+    return places
 
 
 def structure_of(scene: "Scene") -> Structure:
     """The structure of a scene. Raises SceneError."""
     if not scene.bodies:
         raise SceneError(f"bodies: scene {scene.name!r} has none; it needs at least one")
-    names = _unique(scene.bodies, "bodies")
-    shape_names = _unique(scene.shapes, "shapes")
+    names, shape_names = _places(scene.bodies, "bodies"), _places(scene.shapes, "shapes")
     bodies: list[BodyStructure] = []
     lower: list[bool] = []
     upper: list[bool] = []
     sprung: list[int] = []
     for b, body in enumerate(scene.bodies):
-        _check_body(body)
-        parent = _index(names[:b], body.parent, "earlier body", f"body {body.name!r}, parent")
+        _check_limits(body)
+        parent = _index(names, body.parent, "body", f"body {body.name!r}, parent")
+        if parent >= b:
+            raise SceneError(f"body {body.name!r}: parent is {body.parent!r}, which does not come before it; "
+                             "parents come before their children")  # fmt: skip
         n = JOINTS[body.joint]
         start = len(lower)
         bodies.append(BodyStructure(parent, body.joint, tuple(range(start, start + n))))
@@ -94,7 +95,6 @@ def structure_of(scene: "Scene") -> Structure:
         sprung += [start + i for i in range(n) if spread(body.stiffness, i, None) is not None]
     shapes = []
     for shape in scene.shapes:
-        _check_shape(shape)
         holder = _index(names, shape.body, "body", f"shape {shape.name!r}, body")
         shapes.append(ShapeStructure(holder, shape.kind, shape.angle != 0.0))
     pairs = []
@@ -121,43 +121,18 @@ def structure_of(scene: "Scene") -> Structure:
     )  # fmt: skip
 
 
-def _check_body(body: "Body") -> None:
-    if body.joint not in JOINTS:
-        raise SceneError(
-            f"body {body.name!r}: joint {body.joint!r} is unknown; choose one of {sorted(JOINTS)}"
-        )
-    for name in ("mass", "inertia"):
-        value = getattr(body, name)
-        if not (math.isfinite(value) and value > 0.0):
-            raise SceneError(f"body {body.name!r}: {name} is {value}; it must be positive and finite")
-    for name in ("damping", "stiffness", "rest", "lower", "upper"):
-        value = getattr(body, name)
-        if isinstance(value, Sequence) and len(value) != JOINTS[body.joint]:
-            raise SceneError(f"body {body.name!r}: {name} has {len(value)} entries; "
-                             f"a {body.joint} joint needs {JOINTS[body.joint]}")  # fmt: skip
-
-
-def _check_shape(shape: "Shape") -> None:
-    if shape.kind not in KINDS:
-        raise SceneError(f"shape {shape.name!r}: kind {shape.kind!r} is unknown; choose one of {list(KINDS)}")
-    if shape.kind == CAPSULE and not (isinstance(shape.radius, Sequence) and len(shape.radius) == 2):
-        raise SceneError(f"shape {shape.name!r}: radius is {shape.radius}; "
-                         "a capsule needs (radius, half length)")  # fmt: skip
-    size = radii(shape)
-    if min(size) < 0.0 or (shape.kind == ELLIPSE and min(size) <= 0.0) or not all(map(math.isfinite, size)):
-        raise SceneError(
-            f"shape {shape.name!r}: radius {shape.radius} must be positive (a disc's or capsule's >= 0)"
-        )
+def _check_limits(body: "Body") -> None:
+    for i in range(JOINTS[body.joint]):
+        lower, upper = spread(body.lower, i, -math.inf), spread(body.upper, i, math.inf)
+        if lower > upper:
+            raise SceneError(f"body {body.name!r}: lower is {lower}, above upper, {upper}; "
+                             "at most as much is needed")  # fmt: skip
 
 
 def _check_spring(label: str, spring: "Spring", a: int, b: int) -> None:
     if a == b:
         raise SceneError(f"{label}: both ends are on {spring.body_a!r}; a spring needs two bodies, "
                          "or a body and the world (None)")  # fmt: skip
-    for name in ("damping", "length"):
-        value = getattr(spring, name)
-        if not (math.isfinite(value) and value >= 0.0):
-            raise SceneError(f"{label}: {name} is {value}; it must be >= 0")
 
 
 def _check_pair(contact: "Contact", a: ShapeStructure, b: ShapeStructure) -> None:
@@ -171,5 +146,3 @@ def _check_pair(contact: "Contact", a: ShapeStructure, b: ShapeStructure) -> Non
         raise SceneError(
             f"{label}: both shapes are on the same body; a pair needs two bodies, or a body and the world"
         )
-    if contact.friction is not None and not (math.isfinite(contact.friction) and contact.friction >= 0.0):
-        raise SceneError(f"{label}: friction is {contact.friction}; it must be >= 0 (None: frictionless)")

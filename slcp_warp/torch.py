@@ -15,7 +15,8 @@ import warp as wp
 from torch import Tensor
 
 from .arrays import ArrayError
-from .parameters import COVARIANCES, ParameterError, Parameters
+from .parameters import ParameterError, Parameters
+from .rules import COVARIANCES
 from .simulator import Simulator
 from .tape import derivatives_exist
 from .torch_operators import RolloutFunction, handle_of, rollout_op, table_op
@@ -110,7 +111,18 @@ class Rollout(torch.nn.Module):
 
     def forward(self, x0: Tensor, controls: Tensor) -> Outcome:
         """States and status, as `rollout`."""
-        return rollout(self.sim, x0, controls, dict(self.physical.items()), checkpoint=self.checkpoint)
+        return rollout(self.sim, x0, controls, self.values(), checkpoint=self.checkpoint)
+
+    def values(self) -> dict[str, Tensor]:
+        """The learned parameters by name; a disc's one radius, whose gradient is that of the first number of
+        two, is both of them.
+        """
+        out = dict(self.physical.items())
+        if "radius" in out:
+            discs = [[shape.kind == "disc"] for shape in self.sim.scene.shapes]
+            both = torch.tensor(discs, device=out["radius"].device)
+            out["radius"] = torch.where(both, out["radius"][:, :1], out["radius"])
+        return out
 
 
 def parameter_table(sim: Simulator, params: Values, like: Tensor) -> Tensor:

@@ -15,7 +15,8 @@ import warp as wp
 from torch import Tensor
 
 from .checkpoint import Segments, checkpointed, pull_back
-from .parameters import COVARIANCES, ParameterError, Parameters
+from .parameters import ParameterError, Parameters
+from .rules import COVARIANCES
 from .simulator import Simulator
 from .tape import Recorded, adjoint, derivatives_exist
 

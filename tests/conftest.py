@@ -56,7 +56,7 @@ QUICK = {  # file: pattern of the quick tests' names; files that are not here ma
     "test_step.py": r"float64-flicking_finger-none",
     "test_sweep.py": r"interval|spin_statistics",
     "test_tape.py": r"(?!)",
-    "test_torch.py": r"options_without",
+    "test_torch.py": r"options_without|one_radius",
     "test_trapezoidal.py": r"what_rests",
 }
 

@@ -130,7 +130,7 @@ ERRORS = {
         r"springs\[0\]: both ends are on 'a'; a spring needs two bodies"),
     "spring of negative length": (
         lambda: mechanism(springs=(slcp.Spring("a", None, length=-1.0),)), SceneError,
-        r"springs\[0\]: length is -1.0; it must be >= 0"),
+        "spring 'a' - None: length is -1.0; it must not be negative"),
     # parameters
     "stiffness where there is no spring": (
         lambda: replace(stiffness=1.0), ParameterError, "no parameter 'stiffness'; there are"),
@@ -146,7 +146,7 @@ ERRORS = {
         lambda: replace(friction=-0.5), ParameterError, "friction is -0.5; it must not be negative"),
     "ellipse without width": (lambda: replace(radius=0.0), ParameterError, "radius of ellipse 'link1' is 0"),
     "NaN parameter": (
-        lambda: replace(damping=NAN), ParameterError, "damping contains nan; it must be finite"),
+        lambda: replace(damping=NAN), ParameterError, "damping is nan; it must be finite"),
     "text for a parameter": (
         lambda: replace(mass="heavy"), ParameterError, "mass is 'heavy'; numbers are needed"),
     "parameter of wrong shape": (

@@ -295,3 +295,16 @@ def test_options_without_derivatives_say_so(device):
     x, us = contact(device)
     with pytest.raises(slcp.OptionError, match="'end', which has no derivatives"):
         slcp_torch.rollout(sim, x, us, {"friction": tensor(0.5, device)})
+
+
+def test_a_disc_that_is_learned_keeps_one_radius():
+    """Only the first number of its two has a gradient; `Parameters.replace` refuses two different ones."""
+    sim = simulator("grasp")
+    module = slcp_torch.Rollout(sim, learn=("radius",))
+    with torch.no_grad():
+        module.physical["radius"][:, 0] += 0.01
+    like = torch.zeros(1, dtype=torch.float64)
+    table = slcp_torch.parameter_table(sim, module.values(), like).detach().numpy()
+    start = sim.params.layout.offset("radius")
+    radius = table[0, start : start + 6].reshape(3, 2)
+    np.testing.assert_array_equal(sim.params.replace(radius=radius)["radius"], sim.params["radius"] + 0.01)
