@@ -1,6 +1,5 @@
 """Costs of optimal control problems: sums over k of l(x_k, u_k, k), and a final cost l_f(x_N)."""
 
-import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -9,6 +8,7 @@ import warp as wp
 
 from slcp_warp.kernels.cost_functions import make_flicking_finger, make_plain, make_quadratic
 from slcp_warp.kernels.costs import CostFunctions
+from slcp_warp.kernels.factories import cached
 
 __all__ = ["Cost", "CostFunctions", "flicking_finger", "plain", "quadratic"]
 
@@ -60,7 +60,7 @@ class Cost:
         return rows if rows.shape[1] else np.zeros((1, 1))
 
 
-@functools.cache
+@cached
 def _functions(make: Callable[..., CostFunctions], dtype: Any, nx: int, nu: int) -> CostFunctions:
     functions = make(dtype, wp.types.vector(nx, dtype), wp.types.vector(nu, dtype))
     if not isinstance(functions, CostFunctions):

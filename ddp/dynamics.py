@@ -1,6 +1,5 @@
 """What the solver asks of its dynamics, and dynamics made from a user's own Warp function."""
 
-import functools
 from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
@@ -8,6 +7,7 @@ import numpy as np
 import warp as wp
 
 from slcp_warp.kernels.cache import get_device
+from slcp_warp.kernels.factories import cached
 from slcp_warp.kernels.generic_dynamics import (
     DynamicsFunctions,
     NoCarry,
@@ -203,7 +203,7 @@ class WarpDynamics:
         lift.assign(np.broadcast_to(np.eye(self.nx), lift.shape))
 
 
-@functools.cache
+@cached
 def _dynamics_functions(make: Callable[..., Any], dtype: Any, nx: int, nu: int) -> DynamicsFunctions:
     made = make(dtype, wp.types.vector(nx, dtype), wp.types.vector(nu, dtype))
     return made if isinstance(made, DynamicsFunctions) else DynamicsFunctions(made)

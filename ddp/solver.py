@@ -1,5 +1,6 @@
 """The loop of DDP: linearise, sweep backwards, try all step sizes, choose."""
 
+import threading
 from typing import Any
 
 import numpy as np
@@ -105,6 +106,7 @@ class Workspace:
             s.pivot,
         )
         self._all = wp.ones(B, dtype=i32, device=self.device)
+        self._using = threading.RLock()
 
     def _prepare(self) -> None:
         """Kernels, and their launches with arguments packed."""
@@ -212,26 +214,27 @@ class Workspace:
         B, N, nx, nu = self.batch, self.problem.horizon, self.problem.nx, self.problem.nu
         if (xs0 is None) != (K0 is None):
             raise ValueError("xs0 and K0 belong together: give both for a closed-loop warm start, or neither")
-        self._fill(self.x0, x0, "x0", (B, nx))
-        self._fill(self.us, us0, "us0", (B, N, nu))
-        for target, value, name, shape in (
-            (self.xs, xs0, "xs0", (B, N + 1, nx)),
-            (self.K, K0, "K0", (B, N, nu, nx)),
-            (self.k, k0, "k0", (B, N, nu)),
-        ):
-            if value is None:
-                target.zero_()
-            else:
-                self._fill(target, value, name, shape)
-        self._run_first()
-        self._run_start()
-        for count in range(limit):
-            if not self._sweep(self._run_backward):
-                return count
-            self._run_search()
-            self._run_accept()
-        self._sweep(self._run_last_backward)
-        return limit
+        with self._using:
+            self._fill(self.x0, x0, "x0", (B, nx))
+            self._fill(self.us, us0, "us0", (B, N, nu))
+            for target, value, name, shape in (
+                (self.xs, xs0, "xs0", (B, N + 1, nx)),
+                (self.K, K0, "K0", (B, N, nu, nx)),
+                (self.k, k0, "k0", (B, N, nu)),
+            ):
+                if value is None:
+                    target.zero_()
+                else:
+                    self._fill(target, value, name, shape)
+            self._run_first()
+            self._run_start()
+            for count in range(limit):
+                if not self._sweep(self._run_backward):
+                    return count
+                self._run_search()
+                self._run_accept()
+            self._sweep(self._run_last_backward)
+            return limit
 
     def solve(
         self,
@@ -242,8 +245,9 @@ class Workspace:
         k0: Any = None,
         max_iterations: int | None = None,
     ) -> Result:
-        """`run`, with the solution copied into a `Result`."""
-        return self.result(self.run(x0, us0, xs0, K0, k0, max_iterations))
+        """`run`, with the solution copied into a `Result`; other threads wait meanwhile."""
+        with self._using:
+            return self.result(self.run(x0, us0, xs0, K0, k0, max_iterations))
 
     def result(self, passes: int | None = None) -> Result:
         """Copy of the solution that the workspace holds."""

@@ -4,11 +4,11 @@ A row whose w = J v + d/h is more than `cut` noise levels above zero has an impu
 whose distance is not known yet is left alone while a lower bound of it says the same.
 """
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
 
+from .factories import cached
 from .method import Method
 from .noise import make_noise
 from .rows import make_rows, make_speed
@@ -17,7 +17,7 @@ from .smoothing import make_smoothing
 from .structure import Structure, layout
 
 
-@functools.cache
+@cached
 def make_acting(s: Structure, dtype: type, method: Method, exact_gap: bool) -> SimpleNamespace:
     """Warp functions: near[k](params, row, frames, v), whether pair k can act; limits and contacts[k],
     (params, row, rate, jac, sigma, v, mask) -> the mask with the limits' or pair k's rows that can act.

@@ -1,10 +1,9 @@
 """The adjoint of a rollout: gradients by x0, controls or a tracking policy, and parameters."""
 
-import functools
-
 import warp as wp
 
 from .compile import specialised
+from .factories import cached
 from .method import Method
 from .parameter_gradient import make_parameter_gradient
 from .policy import make_tracking, make_wrap
@@ -13,7 +12,7 @@ from .solve import SOLVED
 from .structure import Structure
 
 
-@functools.cache
+@cached
 def make_adjoint_kernel(
     s: Structure, dtype: type, method: Method, by_parameters: bool, feedback: bool
 ) -> wp.Kernel:
@@ -124,7 +123,7 @@ def make_adjoint_kernel(
     return adjoint_kernel
 
 
-@functools.cache
+@cached
 def make_control_kernel(nx: int, nu: int, dtype: type) -> wp.Kernel:
     """What gradients by the controls u = us_k + K_k (x - xs_k) themselves add to those by the policy and the
     states, before the adjoint.

@@ -1,14 +1,15 @@
 """Small dense factorisations and the box-constrained quadratic program of one DDP step, one thread each."""
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
 
+from .factories import cached
+
 EPSILON = {wp.float32: 1.1920929e-07, wp.float64: 2.220446049250313e-16}
 
 
-@functools.cache
+@cached
 def make_small_solver(nx, nu, dtype):
     """Warp functions on (nu, nu) matrices: Cholesky that detects failure, substitution, projected Newton."""
     VU = wp.types.vector(nu, dtype)

@@ -14,7 +14,6 @@ import os
 import pathlib
 import shutil
 import tempfile
-import threading
 import time
 import warnings
 import weakref
@@ -23,6 +22,8 @@ from contextlib import contextmanager
 from typing import Any
 
 import warp as wp
+
+from .factories import building
 
 try:
     import fcntl
@@ -33,7 +34,6 @@ CHECKSUMS = "checksums.json"
 CHECKED = (".o", ".cubin", ".ptx", ".meta")
 PATIENCE = 600.0  # seconds that a process waits for another one's compiler before it compiles itself
 
-_lock = threading.RLock()
 _loaded: dict[str, "weakref.WeakSet[wp.Kernel]"] = {}
 _prepared = False
 
@@ -57,7 +57,7 @@ def load(kernel: wp.Kernel, device: wp.Device) -> None:
     done = _loaded.get(device.alias)
     if done is not None and kernel in done:
         return
-    with _lock:
+    with building():
         _prepare()
         with _alone(kernel.module.name):
             _load(kernel.module, device)
@@ -157,7 +157,7 @@ def _prepare() -> None:
     global _prepared
     if _prepared:
         return
-    with _lock:
+    with building():
         try:
             wp.init()
             str(wp.config.kernel_cache_dir).encode("utf-8")
@@ -223,13 +223,3 @@ def _wait_for(file: Any, byte: int) -> None:
             time.sleep(0.02)
         except OSError:
             return
-
-
-def _after_fork() -> None:
-    """A lock that another thread of the parent held would never be released in the child."""
-    global _lock
-    _lock = threading.RLock()
-
-
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_after_fork)

@@ -18,7 +18,6 @@ The environment variable SLCP_CPU_FLAGS replaces all flags of the CPU's compiler
 kernel's hash, so that caches do not mix; `.ci/full rounding` runs all tests that way.
 """
 
-import functools
 import hashlib
 import os
 import pathlib
@@ -26,6 +25,8 @@ from collections.abc import Callable
 from typing import Any
 
 import warp as wp
+
+from .factories import cached
 
 CPU_ARITHMETIC = "-ffp-contract=fast -freciprocal-math -fno-signed-zeros"
 
@@ -39,7 +40,7 @@ def cpu_compiler_flags() -> str:
     return f"{'-march=native' if flags is None else flags} {CPU_ARITHMETIC}"
 
 
-@functools.cache
+@cached
 def source_digest() -> str:
     """Digest of every source file of the kernels."""
     digest = hashlib.sha256()

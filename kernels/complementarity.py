@@ -8,7 +8,6 @@ Adjoint of the roots F = s(x) - D lambda = 0, x = D lambda - w: with p = s'(x), 
 Adjoint of ERM: `erm.py`'s gradient G = D r_a + A r_w = 0 with mu = -H^-1 g.
 """
 
-import functools
 import math
 from types import SimpleNamespace
 
@@ -19,6 +18,7 @@ from .continuation import make_continuation_solver
 from .elimination import PROXIMAL, make_sweep
 from .erm import PROXIMAL as ERM_PROXIMAL
 from .erm import make_erm, make_erm_solver
+from .factories import cached
 from .method import Method
 from .problem import make_problem
 from .rows import make_rows
@@ -27,7 +27,7 @@ from .solve import COLD, NONFINITE, SOLVED, make_solver
 from .structure import PRISMATIC, WORLD, BodyStructure, Structure
 
 
-@functools.cache
+@cached
 def sliders(n: int) -> Structure:
     """n sliders, each with a lower limit: as many rows with J = 1."""
     bodies = tuple(BodyStructure(WORLD, PRISMATIC, (i,)) for i in range(n))
@@ -39,7 +39,7 @@ def method_of(residual: str, scaling: str) -> Method:
     return Method(residual, scaling, noise="state", deviation="scale")
 
 
-@functools.cache
+@cached
 def make_reader(n: int, dtype: type, method: Method) -> SimpleNamespace:
     """read(A, b, sigma, item) -> Problem; what both kernels share."""
     s = sliders(n)
@@ -65,7 +65,7 @@ def make_reader(n: int, dtype: type, method: Method) -> SimpleNamespace:
     return SimpleNamespace(structure=s, types=t, rows=r, Problem=Problem, read=read)
 
 
-@functools.cache
+@cached
 def make_complementarity_kernel(n: int, dtype: type, method: Method, continuation: bool) -> wp.Kernel:
     """Solves one problem an item, hard ones by `continuation.py` if asked."""
     problem = make_reader(n, dtype, method)
@@ -100,7 +100,7 @@ def make_complementarity_kernel(n: int, dtype: type, method: Method, continuatio
     return complementarity_kernel
 
 
-@functools.cache
+@cached
 def make_complementarity_adjoint_kernel(n: int, dtype: type, method: Method) -> wp.Kernel:
     """Adds the gradients by A (symmetric), b and sigma; NaN where the problem was not solved."""
     problem = make_reader(n, dtype, method)

@@ -6,19 +6,19 @@ normal turns with its body, alpha_k = phiA_k, and h_A' is the lever of the touch
 capsule A that is touched between its ends.
 """
 
-import functools
 from types import SimpleNamespace
 from typing import Any
 
 import warp as wp
 
+from .factories import cached
 from .kinematics import make_second
 from .mechanism import make_mechanism
 from .shapes import make_pair
 from .structure import REVOLUTE, Structure
 
 
-@functools.cache
+@cached
 def make_pair_geometry(s: Structure, dtype: type) -> Any:
     """Struct of one pair's geometry, the same type for all pairs."""
     t = make_mechanism(s, dtype).types
@@ -42,7 +42,7 @@ def make_pair_geometry(s: Structure, dtype: type) -> Any:
     return PairGeometry
 
 
-@functools.cache
+@cached
 def make_pair_derivatives(s: Structure, pair: int, dtype: type) -> SimpleNamespace:
     """Warp functions of one pair; `geometry` gathers what the others need at a normal n."""
     mech = make_mechanism(s, dtype)

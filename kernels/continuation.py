@@ -13,10 +13,10 @@ some lambda >= 0 makes w > 0: rows that can but touch zero may end NOT_CONVERGED
 """
 
 import dataclasses
-import functools
 
 import warp as wp
 
+from .factories import cached
 from .kinematics import make_types
 from .method import Method
 from .newton import NOT_CONVERGED, RESOLUTION, make_newton
@@ -34,7 +34,7 @@ CORRECTIONS = 15  # iterations of Newton's method at one sigma
 PROBLEMS = 200
 
 
-@functools.cache
+@cached
 def make_continuation_solver(s: Structure, dtype: type, method: Method) -> wp.Function:
     """As `make_solver`, for the hard problem; noise levels and `warm` are not read."""
     smooth = make_newton(s, dtype, dataclasses.replace(method, residual="rem-logistic"))

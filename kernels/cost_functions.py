@@ -1,13 +1,12 @@
 """Costs that come with the package, as Warp functions; `ddp.costs` gives them their weights."""
 
-import functools
-
 import warp as wp
 
 from .costs import CostFunctions
+from .factories import cached
 
 
-@functools.cache
+@cached
 def make_plain(make):
     """A cost from ``make(dtype, VX, VU) -> (running(x, u, k), final(x) or None)``."""
 

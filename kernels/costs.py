@@ -8,13 +8,13 @@ relative to the cost and for variables of order one, gradients are good to about
 that assign a vector's component twice.
 """
 
-import functools
 from typing import Any, NamedTuple
 
 import warp as wp
 
 from .compile import named_by_code
 from .differences import make_scalar_differences
+from .factories import cached
 from .solver_state import make_derivative_arrays
 
 
@@ -31,7 +31,7 @@ class CostFunctions(NamedTuple):
     final_derivatives: Any = None
 
 
-@functools.cache
+@cached
 def make_cost_kernel(functions, nx, nu, dtype):
     """Kernel ``(first, xs, us, weights, mask, Derivatives)`` over B (N+1): derivatives of l and l_f.
 

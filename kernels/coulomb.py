@@ -10,13 +10,12 @@ cycle, Lemke's method (lemke.py) finds modes to start from: a solution exists [8
 the rows. Several solutions may exist (Painleve); the one found first is returned, and it is checked.
 """
 
-import functools
-
 import warp as wp
 
 from .coulomb_alone import make_alone, make_cone
 from .coulomb_few import make_coulomb_few
 from .coulomb_modes import make_active
+from .factories import cached
 from .lemke import RAY, make_lemke
 from .method import Method
 from .problem import make_problem
@@ -30,7 +29,7 @@ ACCEPT = {wp.float64: 3e-12, wp.float32: 1e-5}  # the same where rounding may be
 PROXIMAL = {wp.float64: (1e-9, 1e-13), wp.float32: (1e-4, 3e-7)}
 
 
-@functools.cache
+@cached
 def make_coulomb_solver(s: Structure, dtype: type, method: Method) -> wp.Function:
     """As `make_solver`; D and noise levels are not read."""
     active = make_active(s, dtype, method)

@@ -5,17 +5,16 @@ it sticks where the impulses of w_n = v_t = 0 lie in the cone |lambda_t| <= mu l
 lambda_t = +-mu lambda_n against v_t (the paper's [8] in the plane).
 """
 
-import functools
-
 import warp as wp
 
+from .factories import cached
 from .method import Method
 from .problem import make_problem
 from .rows import make_rows
 from .structure import Structure, layout
 
 
-@functools.cache
+@cached
 def make_cone(dtype: type) -> wp.Function:
     """cone(mu, A_nn, A_nt, A_tt, w_n, w_t) -> (lambda_n, lambda_t) of a pair alone."""
     V2 = wp.types.vector(2, dtype)
@@ -40,7 +39,7 @@ def make_cone(dtype: type) -> wp.Function:
     return cone
 
 
-@functools.cache
+@cached
 def make_alone(s: Structure, dtype: type, method: Method) -> wp.Function:
     """alone(params, row, problem) -> v', z, lambda, found: 1 where the mask is a single limit or pair and the
     law holds (Painleve's cases and rows that no impulse moves are left to others).

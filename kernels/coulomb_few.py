@@ -6,11 +6,10 @@ met by elimination without pivoting and a proximal term about the last impulses,
 is not positive (Painleve) or the modes do not settle, the general method starts afresh.
 """
 
-import functools
-
 import warp as wp
 
 from .coulomb_alone import make_cone
+from .factories import cached
 from .few_rows import LARGEST
 from .method import Method
 from .problem import SMALLEST as LEAST
@@ -25,7 +24,7 @@ TOLERANCE = {wp.float64: 1e-13, wp.float32: 2e-6}  # of the natural map, relativ
 PROXIMAL = {wp.float64: 1e-9, wp.float32: 1e-4}  # relative to A_ii
 
 
-@functools.cache
+@cached
 def make_coulomb_few(s: Structure, dtype: type, method: Method) -> wp.Function:
     """few(params, row, problem, warm) -> v', z, lambda, found: 0 where there are more than FEW rows, or no
     solution was found.

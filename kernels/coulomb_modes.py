@@ -4,11 +4,11 @@ Rows are (n, t) as in `coulomb.py`. A row presses (z_n > 0) or not; a pressed co
 lambda_n, or slides either way.
 """
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
 
+from .factories import cached
 from .method import Method
 from .problem import make_problem
 from .rows import make_rows
@@ -18,7 +18,7 @@ TOUCHING = {wp.float64: 1e-12, wp.float32: 1e-6}  # rounding of a gap [m]
 OFF, PRESS, STICK, LEFT, RIGHT = 0, 1, 2, 3, 4  # modes; LEFT: lambda_t = -mu lambda_n, RIGHT: + mu lambda_n
 
 
-@functools.cache
+@cached
 def make_active(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
     """The dense problem of the rows in the mask, and the linear system of given modes.
 

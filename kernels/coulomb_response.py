@@ -5,19 +5,19 @@ its cone as sticking, so what is returned there is a one-sided derivative. Rows 
 sliding contact keeps lambda_t/lambda_n; the same nonsymmetric system as in `coulomb.py`.
 """
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
 
 from .coulomb import PROXIMAL
 from .coulomb_modes import LEFT, RIGHT, make_active
+from .factories import cached
 from .method import Method
 from .problem import make_problem
 from .structure import Structure
 
 
-@functools.cache
+@cached
 def make_coulomb_response(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
     """factor(params, row, problem, z) -> Factor; solve(factor, jac, dv0, f2) -> dv;
     transposed(factor, jac, p0) -> (P, rho, sides), see there.

@@ -6,10 +6,9 @@ z)/d(q, v, u).
 Controls enter linearly. The step itself adds q' = q + h v', so that V_x . f_xx needs only these nv tensors.
 """
 
-import functools
-
 import warp as wp
 
+from .factories import cached
 from .method import Method
 from .noise import make_noise
 from .sensitivity import make_linearization
@@ -17,7 +16,7 @@ from .smoothing import make_smoothing
 from .structure import Structure, layout
 
 
-@functools.cache
+@cached
 def make_curvature(s: Structure, dtype: type, method: Method) -> wp.Function:
     """curvature(params, row, x, sol, lin, output) -> (nz, nz) second derivatives of v'[output] by (q, v,
     u).

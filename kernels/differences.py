@@ -5,15 +5,15 @@ D(d) = (-f(-2d) + 16 f(-d) - 30 f(0) + 16 f(d) - f(2d)) / 12, mixed ones
 (D(d_i + d_j) - D(d_i - d_j)) / 4. Steps are relative to max(1, |z_i|).
 """
 
-import functools
-
 import warp as wp
+
+from .factories import cached
 
 FIRST_STEP = 1.0e-3
 SECOND_STEP = 4.0e-3
 
 
-@functools.cache
+@cached
 def make_scalar_differences(running, final, nx, nu):
     """Warp functions like `CostFunctions.running_derivatives` and `.final_derivatives`, float64."""
     dtype = wp.float64

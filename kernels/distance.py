@@ -14,19 +14,19 @@ touched point along t, so that the same Jacobian formulas hold. The same is true
 radius and half length) that a disc touches between the ends; beyond them it is the disc at its end.
 """
 
-import functools
 import math
 from types import SimpleNamespace
 
 import warp as wp
 
+from .factories import cached
 from .structure import CAPSULE, DISC, HALFPLANE
 
 SAMPLES = 12  # boundary points of either shape tried by the global search
 LOCAL_ITERATIONS = 12
 
 
-@functools.cache
+@cached
 def make_support(dtype: type) -> wp.Function:
     """support(a, b, c, s): h, h', h'', h''' of an ellipse at the unit vector c e1 + s e2 (primes:
     d/dalpha).
@@ -47,7 +47,7 @@ def make_support(dtype: type) -> wp.Function:
     return support
 
 
-@functools.cache
+@cached
 def make_round_support(kind: str, dtype: type) -> wp.Function:
     """support(radii, pose, n) -> (h, h', h'', h''') of a disc, an ellipse, or the end of a
     capsule that n points to.
@@ -70,7 +70,7 @@ def make_round_support(kind: str, dtype: type) -> wp.Function:
     return round_support
 
 
-@functools.cache
+@cached
 def make_distance(kind_a: str, kind_b: str, dtype: type) -> SimpleNamespace:
     """geometry(ra, rb, pa, pb, warm) -> GEO and bound(ra, rb, pa, pb) <= d; a half-plane or a capsule can
     only be A, a capsule only against a disc.
@@ -162,7 +162,7 @@ def make_distance(kind_a: str, kind_b: str, dtype: type) -> SimpleNamespace:
     return SimpleNamespace(bound=bound, geometry=geometry, flat=flat, exact=exact)
 
 
-@functools.cache
+@cached
 def make_maximiser(kind_a: str, kind_b: str, dtype: type) -> wp.Function:
     """maximise(ra, rb, pa, pb, n) -> n of the signed distance of two round shapes."""
     support_a, support_b = make_round_support(kind_a, dtype), make_round_support(kind_b, dtype)

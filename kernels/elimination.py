@@ -6,11 +6,11 @@ division by C or by s'(z) occurs, so rows may be arbitrarily stiff or slack. Row
 by a proximal term, C + tau diag(A), of the size of rounding. Rows that cannot act are masked.
 """
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
 
+from .factories import cached
 from .method import Method
 from .rows import make_rows
 from .structure import Structure
@@ -18,7 +18,7 @@ from .structure import Structure
 PROXIMAL = {wp.float64: 1e-13, wp.float32: 1e-6}  # tau
 
 
-@functools.cache
+@cached
 def make_sweep(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
     """Sequential elimination of the rows: `eliminate` (factor and forward), `back` (multipliers)."""
     r = make_rows(s, dtype, method)

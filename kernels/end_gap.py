@@ -6,11 +6,10 @@ instead: the difference is added to the row and the problem solved again until i
 larger than the one before, half of it is made from then on. One that never settles ends NOT_CONVERGED.
 """
 
-import functools
-
 import warp as wp
 
 from .acting import rows_of_pairs
+from .factories import cached
 from .mechanism import make_mechanism
 from .method import Method
 from .rows import make_rows
@@ -22,7 +21,7 @@ STEADY = {wp.float64: 1e-8, wp.float32: 3e-5}  # change of a row that ends the c
 ROUNDING = {wp.float64: 1e-15, wp.float32: 4e-7}  # of a gap, relative to positions
 
 
-@functools.cache
+@cached
 def make_unsteady(s: Structure, dtype: type) -> wp.Function:
     """unsteady(q, change, h) -> whether rows changed by more than STEADY and the rounding of a gap."""
     types = make_mechanism(s, dtype).types
@@ -35,7 +34,7 @@ def make_unsteady(s: Structure, dtype: type) -> wp.Function:
     return unsteady
 
 
-@functools.cache
+@cached
 def make_end_gap(s: Structure, dtype: type, method: Method) -> wp.Function:
     """bend(params, row, q, v, normal, jac, rate, known) -> d(q + h v)/h - (J_n v + d/h) of every row, zero
     for limits and for pairs that are not `known` (bit k: pair k).

@@ -3,13 +3,14 @@
 Entry (i, j), first[i] <= j <= i, of a matrix is m[at[i] + j, world]. A factor stores 1/L_ii on its diagonal.
 """
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
 
+from .factories import cached
 
-@functools.cache
+
+@cached
 def make_envelope(dtype: type) -> SimpleNamespace:
     """factor(m, first, at, n, world), solve(m, first, at, x, n, world) and forward(.., start, end, ..)."""
     ONE = dtype(1.0)

@@ -10,11 +10,11 @@ all impulses zero.
 """
 
 import dataclasses
-import functools
 from types import SimpleNamespace
 
 import warp as wp
 
+from .factories import cached
 from .method import Method
 from .noise import make_noise
 from .problem import make_problem
@@ -29,7 +29,7 @@ TRIES = 6  # a damped step, of a region that is not convex, is lengthened as oft
 PROXIMAL = {wp.float64: 1e-13, wp.float32: 1e-6}  # of the Hessian's diagonal, for rows that repeat others
 
 
-@functools.cache
+@cached
 def make_erm(n: int, dtype: type, residual: str) -> SimpleNamespace:
     """Warp functions for n rows: `terms`, `hessian`, `factor`, `substitute` and `minimise`."""
     VR, MR = wp.types.vector(n, dtype), wp.types.matrix((n, n), dtype)
@@ -208,7 +208,7 @@ def twin(method: Method) -> Method:
     return dataclasses.replace(method, residual=method.residual.replace("erm", "rem"))
 
 
-@functools.cache
+@cached
 def make_erm_solver(s: Structure, dtype: type, method: Method) -> wp.Function:
     """As `make_solver`; z = D lambda - w. `mask` must hold every row."""
     erm = make_erm(s.nr, dtype, method.residual)
@@ -241,7 +241,7 @@ def make_erm_solver(s: Structure, dtype: type, method: Method) -> wp.Function:
     return solve
 
 
-@functools.cache
+@cached
 def make_gather(s: Structure, dtype: type, method: Method) -> wp.Function:
     """gather(minv, jac) -> A = J M^-1 J' (2a)."""
     r = make_rows(s, dtype, method)

@@ -5,19 +5,19 @@ dw = J dv0 + dJ v' + d(d/h), and with it
 dG = dD (r_a + D r_aa lambda) + D r_aw dw + dJ p + J M^-1 (dJ' y - dM p + J' (r_aw lambda dD + r_ww dw)).
 """
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
 
 from .erm import PROXIMAL, make_erm, make_gather
+from .factories import cached
 from .method import Method
 from .noise import make_noise
 from .rows import make_rows
 from .structure import Structure
 
 
-@functools.cache
+@cached
 def make_erm_response(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
     """prepare(params, row, minv, jac, scale, sigma, lam, z) -> Factor, with y and p; complete(Factor, minv,
     jac, lam, force, motion, scale_by_q) adds what depends on q; solve(Factor, minv, jac, dv0, f2, c) -> dv'.

@@ -1,11 +1,10 @@
 """Kernels for derivatives along trajectories: Jacobians and second derivatives in batch."""
 
-import functools
-
 import warp as wp
 
 from .compile import specialised
 from .curvature import make_curvature
+from .factories import cached
 from .method import Method
 from .rollout import make_world
 from .sensitivity import make_linearization
@@ -13,7 +12,7 @@ from .solve import SOLVED
 from .structure import Structure
 
 
-@functools.cache
+@cached
 def make_linearize_kernel(s: Structure, dtype: type, method: Method, second: bool) -> wp.Kernel:
     """A = df/dx, B = df/du (and d2v'/d(x, u)2) at every (problem, step): item i is step i mod N of problem i
     div N.

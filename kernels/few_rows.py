@@ -6,11 +6,10 @@ not shortened: where one does not let sum r_i^2/A_ii fall, or where large impuls
 starts afresh.
 """
 
-import functools
-
 import warp as wp
 
 from .elimination import PROXIMAL
+from .factories import cached
 from .method import Method
 from .newton import NOT_CONVERGED, SOLVED, resolution
 from .noise import make_noise
@@ -25,7 +24,7 @@ LARGEST = 8.0  # of sums of |A_ij lambda_j|, relative to the terms of the residu
 DECREASE = 0.99  # of the sum of squares, at least, in every step
 
 
-@functools.cache
+@cached
 def make_few_rows(s: Structure, dtype: type, method: Method) -> wp.Function:
     """solve_few(params, row, problem, z) -> v', z, lambda, status, iterations; NOT_CONVERGED also where there
     are more than FEW rows. The problem is measured.

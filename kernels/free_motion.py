@@ -13,18 +13,18 @@ elimination without pivoting, which needs h small against the fastest instabilit
 inverted pendulum's 1/omega); beyond that the result is not finite or merely wrong, as the method itself is.
 """
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
 
+from .factories import cached
 from .mechanism import make_mechanism
 from .mechanism_derivatives import make_mechanism_derivatives
 from .method import Method
 from .structure import Structure, layout
 
 
-@functools.cache
+@cached
 def make_elimination(n: int, dtype: type) -> SimpleNamespace:
     """Warp functions `factor(a)` -> LU in one matrix, without pivoting, and `solve(lu, b)` -> a^-1 b."""
     V, M = wp.types.vector(n, dtype), wp.types.matrix((n, n), dtype)
@@ -54,7 +54,7 @@ def make_elimination(n: int, dtype: type) -> SimpleNamespace:
     return SimpleNamespace(factor=factor, solve=solve)
 
 
-@functools.cache
+@cached
 def make_free_motion(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
     """Warp functions of the free motion.
 

@@ -4,13 +4,13 @@ Derivatives that the user does not supply are central differences of fourth orde
 float64 version of the step (`differences.py` says how accurate and why not Warp's adjoint).
 """
 
-import functools
 from typing import Any, NamedTuple
 
 import warp as wp
 
 from .compile import named_by_code
 from .differences import FIRST_STEP, SECOND_STEP
+from .factories import cached
 from .line_search import NOT_FINITE
 
 
@@ -40,7 +40,7 @@ def no_carry() -> NoCarry:
     return NoCarry()
 
 
-@functools.cache
+@cached
 def make_protocol_step(step, nx, nu, dtype):
     """The step in the solver's form: ``(params, row, x, u, carry) -> (x', carry, status)``."""
     VX, VU = wp.types.vector(nx, dtype), wp.types.vector(nu, dtype)
@@ -52,7 +52,7 @@ def make_protocol_step(step, nx, nu, dtype):
     return protocol_step
 
 
-@functools.cache
+@cached
 def make_linearize_kernel(functions, nx, nu, second_order, dtype):
     """Kernel ``(first, xs, us, params, mask, fx, fu, second, status)`` over B N.
 

@@ -9,11 +9,10 @@ iteration, and products far below the path are lifted towards it: a rod that lan
 3 of 4 rows) stalled without either. 5 to 15 iterations, about two Newton steps each.
 """
 
-import functools
-
 import warp as wp
 
 from .elimination import PROXIMAL, make_sweep
+from .factories import cached
 from .method import Method
 from .noise import make_noise
 from .problem import make_problem
@@ -32,7 +31,7 @@ END = {
 START = 0.1  # smallest a and w at the start, relative to the same
 
 
-@functools.cache
+@cached
 def make_interior(s: Structure, dtype: type, method: Method) -> wp.Function:
     """interior(params, row, problem, z) -> z, lambda, done, iterations; the problem is measured."""
     r = make_rows(s, dtype, method)

@@ -5,15 +5,15 @@ freedom numbered along the chain, d^n p / dq_i..dq_m = perp^(n-1) J_max when all
 revolute, and zero otherwise (perp turns by +90 degrees).
 """
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
 
+from .factories import cached
 from .structure import PRISMATIC, WORLD, Structure, layout
 
 
-@functools.cache
+@cached
 def make_types(s: Structure, dtype: type) -> SimpleNamespace:
     """Warp vector and matrix types of a structure: VQ (nv), VX (2 nv), VU (nu), VR (nr), V2, MQ (nv, nv),
     ...
@@ -34,7 +34,7 @@ def make_types(s: Structure, dtype: type) -> SimpleNamespace:
     )
 
 
-@functools.cache
+@cached
 def make_kinematics(s: Structure, dtype: type) -> SimpleNamespace:
     """Warp functions `frames` and `point_jacobian(body)`; FRAMES holds a row (cos, sin, x, y) per body:
     orientation and joint position.
@@ -83,7 +83,7 @@ def make_kinematics(s: Structure, dtype: type) -> SimpleNamespace:
             out[b, 1] = wp.sin(angle)
         return out
 
-    @functools.cache
+    @cached
     def make_point_jacobian(body: int) -> wp.Function:
         """Jacobian (2, nv) of a point given in world coordinates, fixed to `body` (zero for WORLD)."""
         J2 = t.J2
@@ -119,7 +119,7 @@ def make_kinematics(s: Structure, dtype: type) -> SimpleNamespace:
     return SimpleNamespace(types=t, frames=frames, point_jacobian=make_point_jacobian)
 
 
-@functools.cache
+@cached
 def make_second(s: Structure, body: int, dtype: type) -> wp.Function:
     """(J, w) -> P2(w, .): columns sum_i w_i d2p/dq_i dq_k of a point on `body` with Jacobian J, (2, nv)."""
     t = make_types(s, dtype)

@@ -1,11 +1,11 @@
 """Gaps and rows of the contact pairs and limits of a large scene; the formulas are those of `rows.py`."""
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
 
 from .distance import make_distance
+from .factories import cached
 from .large_mechanism import COLUMN, make_large_mechanism
 from .large_topology import CONTACT, LONG, LOWER, MOVES_A, MOVES_B, PLANE, TURN, Topology
 from .large_work import WORK, Work
@@ -14,7 +14,7 @@ from .smoothing import make_smoothing
 from .structure import CAPSULE, DISC, ELLIPSE, HALFPLANE, WORLD
 
 
-@functools.cache
+@cached
 def make_large_contact(given: type, residual: str) -> SimpleNamespace:
     """Warp functions that fill k.rate and k.jac and choose the rows that can act."""
     dtype = WORK

@@ -6,11 +6,11 @@ v'|/2. Convex solves alternate with new values of mu s, extrapolated from the la
 depth one). Nothing guarantees convergence: a status says where it fails.
 """
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
 
+from .factories import cached
 from .large_newton import make_large_newton
 from .large_topology import CONTACT, Topology
 from .large_work import WORK, Work
@@ -19,7 +19,7 @@ COULOMB_PASSES = 100
 TOLERANCE = 1e-12  # of mu s, relative to the velocities at hand
 
 
-@functools.cache
+@cached
 def make_large_coulomb(given: type) -> SimpleNamespace:
     """lift(t, k, b, n, passes) -> 1 if k.rate of the acting pairs had to change."""
     dtype = WORK

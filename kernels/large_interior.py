@@ -5,11 +5,11 @@ balance the impulses before the end. It starts with a as large as all momentum o
 make it (a hundredth of that): from small impulses a heap of unequal masses took several times the iterations.
 """
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
 
+from .factories import cached
 from .large_newton import make_large_newton
 from .large_topology import Topology
 from .large_work import WORK, Work
@@ -25,7 +25,7 @@ END = {
 MOMENTUM = 0.01
 
 
-@functools.cache
+@cached
 def make_large_solver(given: type, residual: str) -> SimpleNamespace:
     """solve(t, k, params, row, b, n) -> status: k.v, k.z, k.lam of the acting rows."""
     dtype = WORK

@@ -2,11 +2,11 @@
 `mechanism.py`.
 """
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
 
+from .factories import cached
 from .large_topology import AXIS, JOINT, NUMBERS, SHIFT_Y, TURN, Topology
 from .large_work import WORK, Work
 from .structure import WORLD
@@ -14,7 +14,7 @@ from .structure import WORLD
 COLUMN = {name: i for i, name in enumerate(NUMBERS)}
 
 
-@functools.cache
+@cached
 def make_large_mechanism(given: type) -> SimpleNamespace:
     """Warp functions of a mechanism given by tables; `b` is the slot of a world's workspace."""
     dtype = WORK

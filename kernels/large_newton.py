@@ -8,12 +8,12 @@ digits down. v' is an unknown of its own (not v_free + M^-1 J' lambda) because a
 lose all digits of it.
 """
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
 
 from .envelope import make_envelope
+from .factories import cached
 from .large_mechanism import COLUMN
 from .large_topology import Topology
 from .large_work import WORK, Work
@@ -25,7 +25,7 @@ TOLERANCE = 2e-14  # residual relative to the size of its terms: the aim,
 ACCEPTED = {wp.float64: 2e-11, wp.float32: 1e-6}
 
 
-@functools.cache
+@cached
 def make_large_newton(given: type, residual: str) -> SimpleNamespace:
     """Warp functions: linear algebra on the list of active rows (n of them), residuals and `newton`."""
     dtype = WORK

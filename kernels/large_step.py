@@ -4,13 +4,13 @@ The same inputs, outputs and meaning as the kernels of `rollout.py` (which are s
 world per thread in registers), with the scene in tables and a world's state in a workspace.
 """
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
 
 from .compile import specialised
 from .envelope import make_envelope
+from .factories import cached
 from .large_contact import make_large_contact
 from .large_coulomb import COULOMB_PASSES, make_large_coulomb
 from .large_interior import make_large_solver
@@ -26,7 +26,7 @@ def large_residual(method: Method, rows: int) -> str:
     return method.residual if rows else "none"
 
 
-@functools.cache
+@cached
 def make_large_step(given: type, residual: str) -> SimpleNamespace:
     """Warp functions of a step on a world's workspace; residual "none" leaves the solver out."""
     dtype = WORK
@@ -154,7 +154,7 @@ def make_large_step(given: type, residual: str) -> SimpleNamespace:
     )
 
 
-@functools.cache
+@cached
 def make_large_step_kernel(given: type, residual: str) -> wp.Kernel:
     """One step of every world with all of its outputs (gaps exact); world - base is the slot."""
     step = make_large_step(given, residual)
@@ -219,7 +219,7 @@ def make_large_step_kernel(given: type, residual: str) -> wp.Kernel:
     return large_step_kernel
 
 
-@functools.cache
+@cached
 def make_large_rollout_kernel(given: type, residual: str) -> wp.Kernel:
     """Roll every world out under its controls, as `rollout.make_rollout_kernel` does under an open loop."""
     step = make_large_step(given, residual)

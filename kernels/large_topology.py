@@ -8,11 +8,11 @@ is stored by the rows of its lower envelope, entry (i, j), j >= first[i], at ind
 lies within that of M + J' W J, and ends at the trees' borders.
 """
 
-import functools
 from dataclasses import dataclass
 
 import warp as wp
 
+from .factories import cached
 from .shapes import oriented_ends, oriented_pair
 from .structure import CAPSULE, DISC, HALFPLANE, PRISMATIC, WORLD, Structure, layout
 
@@ -86,7 +86,7 @@ class Sizes:
     entries: int  # entries of J
 
 
-@functools.cache
+@cached
 def tables(s: Structure) -> tuple[dict[str, list[int]], Sizes]:
     """Every table of `Topology` by name, and the sizes of a world's workspaces."""
     out: dict[str, list[int]] = {}

@@ -7,11 +7,11 @@ A_ii = 1; ties between redundant contacts are broken by a perturbation of the ri
 tolerance of the modes that are wanted from here.
 """
 
-import functools
 from typing import Any
 
 import warp as wp
 
+from .factories import cached
 from .structure import Structure
 
 FOUND, RAY, LIMIT = 0, 1, 2
@@ -22,7 +22,7 @@ PER_CONTACT = 4  # c, b+, b-, g
 STEPS_PER_UNKNOWN = 12
 
 
-@functools.cache
+@cached
 def make_lemke(s: Structure, dtype: type, dense_type: Any) -> wp.Function:
     """lemke(dense, friction) -> (lambda of the rows, FOUND, RAY or LIMIT); friction = 0 leaves it out."""
     NR = s.nr

@@ -1,11 +1,10 @@
 """Forward pass of DDP: all step sizes of all problems rolled out in one launch, and the choice among them."""
 
-import functools
-
 import warp as wp
 
 from .box_qp import EPSILON
 from .compile import code_digest, cpu_compiler_flags, named_by_code, specialised
+from .factories import cached
 from .solver_state import (
     SolverState,
     lower_regularization,
@@ -30,7 +29,7 @@ from .status import (
 NOT_FINITE = 1000  # candidate status of a rollout that left the numbers
 
 
-@functools.cache
+@cached
 def make_candidate_arrays(dtype):
     """Struct of the trajectories tried, one per problem and step size."""
 
@@ -60,7 +59,7 @@ def costs_digest(running, final, nx, nu, dtype):
     return code_digest(costs)
 
 
-@functools.cache
+@cached
 def make_rollout_kernel(step, initial_carry, running, final, nx, nu, has_limits, dtype, key=""):
     """Kernel ``(first, problems, x0, Policy, Candidates, params, weights, active)`` over B A items.
 
@@ -137,7 +136,7 @@ def make_rollout_kernel(step, initial_carry, running, final, nx, nu, has_limits,
     return rollout
 
 
-@functools.cache
+@cached
 def make_choice_kernels(nx, nu, dtype):
     """Kernels ``start`` and ``accept`` over problems: adopt the first rollout; choose a step size."""
     Policy, Candidates = make_policy_arrays(dtype), make_candidate_arrays(dtype)

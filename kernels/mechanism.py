@@ -3,18 +3,18 @@
 `kinematics.py` has the frames and the Jacobians of points, `springs.py` the forces between points.
 """
 
-import functools
 from types import SimpleNamespace
 from typing import Any
 
 import warp as wp
 
+from .factories import cached
 from .kinematics import make_kinematics, make_types
 from .springs import make_spring
 from .structure import Structure, layout
 
 
-@functools.cache
+@cached
 def make_mechanism(s: Structure, dtype: type) -> SimpleNamespace:
     """Warp functions of one mechanism, those of its kinematics among them."""
     kin = make_kinematics(s, dtype)
@@ -157,7 +157,7 @@ def make_mechanism(s: Structure, dtype: type) -> SimpleNamespace:
     )
 
 
-@functools.cache
+@cached
 def make_inverse(s: Structure, dtype: type) -> Any:
     """Inverse of M by Cholesky factors, skipping entries that the tree makes zero."""
     MQ = make_types(s, dtype).MQ

@@ -5,18 +5,18 @@ below l gives P3(w, k, l) = rev_k perp P2(w, l), and the bias acceleration is pe
 weights s of the mechanism.
 """
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
 
+from .factories import cached
 from .kinematics import make_second
 from .mechanism import make_mechanism
 from .springs import make_spring
 from .structure import REVOLUTE, Structure, layout
 
 
-@functools.cache
+@cached
 def make_mechanism_derivatives(s: Structure, dtype: type) -> SimpleNamespace:
     """Warp functions: first derivatives of the equations of motion and their contraction for second
     derivatives.

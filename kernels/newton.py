@@ -4,12 +4,12 @@ A step solves [M, -J'; J, C](dv, dlambda) = (0, -r), C = D s'(-z)/s'(z) (elimina
 until sum r_i^2/A_ii falls.
 """
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
 
 from .elimination import PROXIMAL
+from .factories import cached
 from .method import Method
 from .noise import make_noise
 from .problem import make_problem
@@ -27,7 +27,7 @@ def resolution(dtype: type, method: Method) -> float:
     return max(RESOLUTION[dtype], method.tolerance or 0.0)
 
 
-@functools.cache
+@cached
 def make_newton(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
     """Of a measured problem: `evaluate` r at z, Newton's `direction` there, the damped iteration `newton`."""
     r = make_rows(s, dtype, method)

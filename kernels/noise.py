@@ -7,12 +7,12 @@ level given for a row is read where it is used. A logistic distribution's scale 
 deviation: `Method.deviation` says which of the two a level is.
 """
 
-import functools
 import math
 from types import SimpleNamespace
 
 import warp as wp
 
+from .factories import cached
 from .kinematics import make_types
 from .method import Method
 from .structure import Structure, layout
@@ -21,7 +21,7 @@ FLOOR = 1e-6  # [m/s, rad/s]
 LOGISTIC = math.sqrt(3.0) / math.pi  # scale of a logistic distribution of standard deviation 1
 
 
-@functools.cache
+@cached
 def make_noise(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
     """Warp functions of the noise.
 

@@ -8,19 +8,19 @@ in `contact_derivatives.py` the normal turns by R delta(alpha) = t.delta(Delta) 
 capsule touched between its ends, turns with it. An end of a capsule is a disc that its half length moves.
 """
 
-import functools
 from types import SimpleNamespace
 from typing import Any
 
 import warp as wp
 
 from .contact_derivatives import make_pair_derivatives
+from .factories import cached
 from .mechanism import make_mechanism
 from .shapes import make_pair, oriented_ends, oriented_pair
 from .structure import CAPSULE, DISC, HALFPLANE, Structure, layout
 
 
-@functools.cache
+@cached
 def make_answer(s: Structure, dtype: type) -> Any:
     """Struct of derivatives of a pair's G by what its shapes may do, the same type for all pairs."""
     V2 = make_mechanism(s, dtype).types.V2
@@ -37,7 +37,7 @@ def make_answer(s: Structure, dtype: type) -> Any:
     return Answer
 
 
-@functools.cache
+@cached
 def make_pair_answer(s: Structure, pair: int, dtype: type) -> SimpleNamespace:
     """answer(g, gap, y_n, y_t, y_mu) -> Answer at the geometry g of `make_pair_derivatives`;
     radii(params, row, fr, g, answer, grad, world) adds the gradient by the radii.

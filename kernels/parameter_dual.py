@@ -9,18 +9,18 @@ Roots: rho weighs F2 = w - s(-z), and D lambda = s(z) is put into F1. ERM (`erm_
 the second degree in (a, w, sigma) together, sigma r_(a sigma) = r_a - a r_aa - w r_aw, and so for r_w.
 """
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
 
 from .erm import make_erm
+from .factories import cached
 from .method import Method
 from .sensitivity import make_linearization
 from .structure import Structure
 
 
-@functools.cache
+@cached
 def make_dual(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
     """dual(sol, lin, target) -> Dual, at the factors in `lin`."""
     linear = make_linearization(s, dtype, method)

@@ -8,10 +8,9 @@ needs only velocities of points under the few joint rates in the scalar: P, w, t
 every pair's rows, and M^-1 J_i' where D = diag(A).
 """
 
-import functools
-
 import warp as wp
 
+from .factories import cached
 from .method import Method
 from .parameter_dual import make_dual
 from .parameter_motion import make_motion_gradient
@@ -20,7 +19,7 @@ from .parameter_trapezoidal import make_trapezoidal_gradient
 from .structure import Structure, layout
 
 
-@functools.cache
+@cached
 def make_parameter_gradient(s: Structure, dtype: type, method: Method) -> wp.Function:
     """gradient(params, row, x, u, external, world, sol, lin, weight, grad): adds to row `world` of `grad`
     the derivative of weight.x' by every column of the parameter table.

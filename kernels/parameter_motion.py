@@ -4,11 +4,11 @@ See `parameter_gradient.py` for the rule. The scalar is P.(M w - h r) - sum_i ka
 m_i = M^-1 J_i' and the last term only under inertia scaling.
 """
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
 
+from .factories import cached
 from .method import Method
 from .parameter_places import below, make_places
 from .parameter_springs import make_spring_gradient
@@ -16,7 +16,7 @@ from .sensitivity import make_linearization
 from .structure import Structure, layout
 
 
-@functools.cache
+@cached
 def make_motion_gradient(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
     """Warp functions of the motion part: mass, inertia and displacements of centres of mass."""
     linear = make_linearization(s, dtype, method)
@@ -168,7 +168,7 @@ def make_motion_gradient(s: Structure, dtype: type, method: Method) -> SimpleNam
 
         return inertial
 
-    make_shift, make_rotation, make_slide = map(functools.cache, (make_shift, make_rotation, make_slide))
+    make_shift, make_rotation, make_slide = map(cached, (make_shift, make_rotation, make_slide))
 
     def make_joint(j: int) -> wp.Function:
         """Columns of one body's joint: anchor, angle and, if prismatic, axis."""

@@ -6,11 +6,11 @@ on a frame adds perp(e) times the frame's rate of turning to V(y); turning it ab
 perp(V(y) - V_o(y)).
 """
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
 
+from .factories import cached
 from .mechanism import make_mechanism
 from .structure import WORLD, Structure, layout
 
@@ -24,7 +24,7 @@ def below(s: Structure, body: int, joint: int) -> bool:
     return False
 
 
-@functools.cache
+@cached
 def make_places(s: Structure, dtype: type) -> SimpleNamespace:
     """Warp functions on places: perp, back, turns[body](y), frame_axes; add and add2 add to a gradient's
     columns; make_chain(body) adds the columns of all joints above a point of the body.
@@ -74,7 +74,7 @@ def make_places(s: Structure, dtype: type) -> SimpleNamespace:
 
     turns = {body: make_turn(body) for body in range(-1, s.nb)}
 
-    @functools.cache
+    @cached
     def make_chain(body: int) -> wp.Function:
         """Returns the derivative by the point's own place in its body's axes; `turned` is what the scalar
         has beside from a rotation of the body.

@@ -3,10 +3,9 @@
 See `parameter_dual.py` for the scalar and `parameter_gradient.py` for the rule.
 """
 
-import functools
-
 import warp as wp
 
+from .factories import cached
 from .method import Method
 from .parameter_contact import make_pair_answer
 from .parameter_dual import make_dual
@@ -15,7 +14,7 @@ from .shapes import oriented_ends, oriented_pair
 from .structure import Structure, layout
 
 
-@functools.cache
+@cached
 def make_row_gradient(s: Structure, dtype: type, method: Method) -> wp.Function:
     """constraints(params, row, fr, q, sol, lin, dual, h, grad, world): adds a solved problem's."""
     duals = make_dual(s, dtype, method)

@@ -4,16 +4,15 @@ A spring adds h G A to the scalar P.F1, A = a.P = Delta.V(P) with V(y) the veloc
 against the first, and G(s, m; k, c, L) with s = |Delta|^2 + eps(L)^2, m = Delta.V(v).
 """
 
-import functools
-
 import warp as wp
 
+from .factories import cached
 from .parameter_places import make_places
 from .springs import make_spring
 from .structure import Structure, layout
 
 
-@functools.cache
+@cached
 def make_spring_gradient(s: Structure, index: int, dtype: type) -> wp.Function:
     """gradient(params, row, fr, q, v, P, h, grad, world): adds the columns of spring `index` and of all
     joints above its points.

@@ -10,10 +10,9 @@ Of L.G the part K_v y_v + K_q y_q is the slope of L.(M a - r) along (y_q, y_v), 
 the gradient that `parameter_motion.py` has: taken as a central difference of sixth order, exact to rounding.
 """
 
-import functools
-
 import warp as wp
 
+from .factories import cached
 from .free_motion import make_elimination
 from .method import Method
 from .parameter_dual import make_dual
@@ -25,7 +24,7 @@ STEP = {wp.float64: 1e-3, wp.float32: 3e-2}  # [m, rad] of the difference
 POINTS = 6
 
 
-@functools.cache
+@cached
 def make_trapezoidal_gradient(s: Structure, dtype: type, method: Method) -> wp.Function:
     """As `make_parameter_gradient`."""
     duals = make_dual(s, dtype, method)

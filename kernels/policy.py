@@ -4,15 +4,16 @@ Each maker returns the policy's struct of arrays and its Warp function. Differen
 components are wrapped to half a period (the finger's free ellipse looks the same after a turn by pi).
 """
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
 
+from .factories import cached
+
 STACK = 64  # pending branches of a tree search: more than twice the depth of any tree that fits in memory
 
 
-@functools.cache
+@cached
 def make_open_loop(nx: int, nu: int, dtype: type) -> SimpleNamespace:
     """Controls (B, N, nu), one sequence per world."""
     VX, VU = wp.types.vector(nx, dtype), wp.types.vector(max(nu, 1), dtype)
@@ -31,7 +32,7 @@ def make_open_loop(nx: int, nu: int, dtype: type) -> SimpleNamespace:
     return SimpleNamespace(name="open_loop", Struct=OpenLoop, control=control)
 
 
-@functools.cache
+@cached
 def make_tracking(nx: int, nu: int, dtype: type) -> SimpleNamespace:
     """u = us_k + K_k (x - xs_k) along one nominal trajectory per world or one for all; its last step is
     held.
@@ -64,7 +65,7 @@ def make_tracking(nx: int, nu: int, dtype: type) -> SimpleNamespace:
     return SimpleNamespace(name="tracking", Struct=Tracking, control=control)
 
 
-@functools.cache
+@cached
 def make_nearest(nx: int, nu: int, dtype: type) -> SimpleNamespace:
     """The nearest-neighbour rule (20): u = u_j + K_j (x - x_j), j = argmin |W (x - x_j)|, W' W = inverse
     covariance.
@@ -159,7 +160,7 @@ def make_nearest(nx: int, nu: int, dtype: type) -> SimpleNamespace:
     return SimpleNamespace(name="nearest", Struct=Nearest, control=control, nearest=nearest)
 
 
-@functools.cache
+@cached
 def make_wrap(dtype: type) -> wp.Function:
     """wrapped(d, period): d less the nearest multiple of the period; d itself where the period is 0."""
 

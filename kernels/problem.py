@@ -1,10 +1,10 @@
 """The contact problem of a step as its solvers take and measure it, and a few of its rows by themselves."""
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
 
+from .factories import cached
 from .kinematics import make_types
 from .method import Method
 from .noise import make_noise
@@ -14,7 +14,7 @@ from .structure import Structure
 SMALLEST = 1e-30  # of an A_ii
 
 
-@functools.cache
+@cached
 def make_problem(s: Structure, dtype: type) -> type:
     """The struct of a problem: 0 <= lambda _|_ J v' + d/h >= 0 with v' = v_free + M^-1 J' lambda, eq. (3)."""
     t = make_types(s, dtype)
@@ -38,7 +38,7 @@ def make_problem(s: Structure, dtype: type) -> type:
     return Problem
 
 
-@functools.cache
+@cached
 def make_measure(s: Structure, dtype: type, method: Method) -> wp.Function:
     """measure(params, row, problem) -> the problem with what `Problem` derives."""
     r = make_rows(s, dtype, method)
@@ -73,7 +73,7 @@ def make_measure(s: Structure, dtype: type, method: Method) -> wp.Function:
     return measure
 
 
-@functools.cache
+@cached
 def make_places(s: Structure, dtype: type, method: Method, count: int) -> SimpleNamespace:
     """The rows in the mask in the first of `count` places, one after the other.
 

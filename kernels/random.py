@@ -4,11 +4,12 @@ A number depends on its address only, so results do not change with the batch sp
 the device.
 """
 
-import functools
 import math
 from types import SimpleNamespace
 
 import warp as wp
+
+from .factories import cached
 
 ROUNDS = 10
 M0, M1 = wp.constant(wp.uint64(0xD2511F53)), wp.constant(wp.uint64(0xCD9E8D57))
@@ -39,7 +40,7 @@ def philox(c0: wp.uint64, c1: wp.uint64, c2: wp.uint64, c3: wp.uint64, k0: wp.ui
     return V4(a, b, c, d)
 
 
-@functools.cache
+@cached
 def make_normal(dtype: type) -> SimpleNamespace:
     """Standard normal numbers of a dtype, by Box-Muller from 53-bit uniforms (24-bit in float32)."""
     V2 = wp.types.vector(2, dtype)

@@ -1,13 +1,12 @@
 """Sums over worlds, in a fixed order."""
 
-import functools
-
 import warp as wp
 
 from .compile import specialised
+from .factories import cached
 
 
-@functools.cache
+@cached
 def make_sum_kernel(dtype: type) -> wp.Kernel:
     """One item a column: total[0 or b, j] += sum over worlds, or each world's own, of part[b, j]."""
 

@@ -7,13 +7,13 @@ deviation of normal and uniform noise, the scale of a logistic one. Li_2 here is
 negative of footnote 3's.
 """
 
-import functools
 import math
 from fractions import Fraction
 from typing import NamedTuple
 
 import warp as wp
 
+from .factories import cached
 from .smoothing import make_smoothing
 
 NAMES = (
@@ -35,7 +35,7 @@ class Residuals(NamedTuple):
     dilogarithm: wp.Function
 
 
-@functools.cache
+@cached
 def make_residuals(dtype: type) -> Residuals:
     """Residual functions for `dtype`."""
     ZERO, HALF, ONE, TWO, THREE = (dtype(x) for x in (0.0, 0.5, 1.0, 2.0, 3.0))
@@ -131,7 +131,7 @@ def make_residuals(dtype: type) -> Residuals:
     return Residuals(dict(zip(NAMES, functions, strict=True)), dilogarithm)
 
 
-@functools.cache
+@cached
 def make_residual_kernel(dtype: type, name: str) -> wp.Kernel:
     """out[i] = residual `name` at (a[i], b[i], sigma[i])."""
     function = make_residuals(dtype).by_name[name]

@@ -19,11 +19,10 @@ quadratic running cost k = u* - u exactly; for others it is one Newton step towa
 pass.
 """
 
-import functools
-
 import warp as wp
 
 from .box_qp import make_small_solver
+from .factories import cached
 from .solver_state import (
     SolverState,
     make_derivative_arrays,
@@ -50,7 +49,7 @@ from .status import (
 METHODS = ("second-order", "gauss-newton", "first-order")
 
 
-@functools.cache
+@cached
 def make_backward_kernel(nx, nu, nw, method, has_limits, dtype):
     """Kernel ``(first, Derivatives, Policy, SolverState, gradient_tolerance, last)`` over problems.
 

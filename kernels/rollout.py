@@ -5,13 +5,13 @@ A thread owns a world and keeps its state in registers. A world whose step is no
 state to the end and reports the first status that was not SOLVED.
 """
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
 
 from . import policy as policies
 from .compile import specialised
+from .factories import cached
 from .method import Method
 from .solve import COLD, NONFINITE, SOLVED
 from .step import make_step
@@ -24,7 +24,7 @@ POLICIES = {
 }
 
 
-@functools.cache
+@cached
 def make_world(s: Structure, dtype: type, method: Method, exact_gap: bool) -> SimpleNamespace:
     """Warp functions that read and write one world's rows of the batch arrays."""
     step = make_step(s, dtype, method, exact_gap)
@@ -77,7 +77,7 @@ def make_world(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Si
     )
 
 
-@functools.cache
+@cached
 def make_transition(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
     """The step as others roll it out: advance(params, row, x, u, carry) -> (x', carry', status)."""
     world_of = make_world(s, dtype, method, False)
@@ -96,7 +96,7 @@ def make_transition(s: Structure, dtype: type, method: Method) -> SimpleNamespac
     return SimpleNamespace(advance=advance, cold_carry=step.cold_carry)
 
 
-@functools.cache
+@cached
 def make_step_kernel(s: Structure, dtype: type, method: Method) -> wp.Kernel:
     """One step of every world with all of its outputs (gaps exact)."""
     world_of = make_world(s, dtype, method, True)
@@ -141,7 +141,7 @@ def make_step_kernel(s: Structure, dtype: type, method: Method) -> wp.Kernel:
     return step_kernel
 
 
-@functools.cache
+@cached
 def make_rollout_kernel(
     s: Structure, dtype: type, method: Method, policy_name: str, exact_gap: bool
 ) -> wp.Kernel:

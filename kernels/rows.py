@@ -7,18 +7,18 @@ phiA_j - h_B phiB_j, where Delta = dc_B/dq - dc_A/dq and phi_j tells whether deg
 body.
 """
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
 
+from .factories import cached
 from .mechanism import make_mechanism
 from .method import Method
 from .shapes import make_pair
 from .structure import Structure, layout
 
 
-@functools.cache
+@cached
 def make_pair_jacobian(s: Structure, pair: int, dtype: type) -> wp.Function:
     """(params, row, frames, GEO) -> rows (J_n, J_t) of one pair, (2, nv)."""
     mech = make_mechanism(s, dtype)
@@ -52,7 +52,7 @@ def make_pair_jacobian(s: Structure, pair: int, dtype: type) -> wp.Function:
     return pair_jacobian
 
 
-@functools.cache
+@cached
 def make_rows(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
     """Warp functions on the set of rows; a row's Jacobian is stored for contacts only (limits are unit
     vectors).
@@ -169,7 +169,7 @@ def make_rows(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
     )
 
 
-@functools.cache
+@cached
 def make_speed(s: Structure, pair: int, dtype: type) -> wp.Function:
     """Bound on |(J_n +- mu J_t) v| of a pair: speed of the centres plus rate of turning times largest
     radius.

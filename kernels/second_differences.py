@@ -9,11 +9,10 @@ perturbed step that is not solved gets zero second derivatives (a Gauss-Newton s
 Cost: 1 + 4 nz steps with their first derivatives, in float64 whatever the dtype of the arrays.
 """
 
-import functools
-
 import warp as wp
 
 from .compile import specialised
+from .factories import cached
 from .method import Method
 from .rollout import make_world
 from .sensitivity import make_linearization
@@ -25,7 +24,7 @@ LARGEST_LAYER = 0.1  # the finest sigma counts up to this; also where there are 
 HARD_LAYER = 1e-3  # what stands for sigma in the hard problem, to stay on one side of its kinks
 
 
-@functools.cache
+@cached
 def make_widen_kernel(dtype: type) -> wp.Kernel:
     """Copies a table to double precision."""
 
@@ -38,7 +37,7 @@ def make_widen_kernel(dtype: type) -> wp.Kernel:
     return widen_kernel
 
 
-@functools.cache
+@cached
 def make_difference_kernel(s: Structure, dtype: type, method: Method) -> wp.Kernel:
     """As `expansion.make_linearize_kernel` with second derivatives, but params and external in float64.
 

@@ -6,7 +6,6 @@ uses. No iteration is differentiated. With the trapezoidal integrator F1 = M (v'
 v_free(q, v, u) has derivatives of its own, and so for the velocity v* that positions move with.
 """
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
@@ -15,6 +14,7 @@ from .contact_derivatives import make_pair_derivatives
 from .coulomb_response import make_coulomb_response
 from .elimination import PROXIMAL, make_sweep
 from .erm_response import make_erm_response
+from .factories import cached
 from .mechanism_derivatives import make_mechanism_derivatives
 from .method import Method
 from .noise import make_noise
@@ -24,7 +24,7 @@ from .step import make_step
 from .structure import Structure, layout
 
 
-@functools.cache
+@cached
 def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
     """Warp functions and the struct `Linear` of a step's first-order expansion (also what `curvature.py`
     starts from).

@@ -1,16 +1,16 @@
 """Poses of the shapes of a structure and the distance of its pairs (`distance.py` has the mathematics)."""
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
 
 from .distance import make_distance, make_round_support
+from .factories import cached
 from .kinematics import make_types
 from .structure import CAPSULE, DISC, HALFPLANE, WORLD, Structure, layout
 
 
-@functools.cache
+@cached
 def make_upright(dtype: type) -> wp.Function:
     """upright(c) -> c, or 0 where the cosine or sine of a right angle left its rounding: the normal of level
     ground has no part along it, by which it could move what slides on it.
@@ -24,7 +24,7 @@ def make_upright(dtype: type) -> wp.Function:
     return upright
 
 
-@functools.cache
+@cached
 def make_shape_pose(s: Structure, shape: int, end: int, dtype: type) -> wp.Function:
     """pose -> (c_x, c_y, e_x, e_y): centre and axis of a shape (a half-plane's point and outward normal), or
     of the disc at an end of a capsule.
@@ -81,7 +81,7 @@ def _swapped(s: Structure, pair: int) -> bool:
     return kind == HALFPLANE or (kind == CAPSULE and p.end_b == 0)
 
 
-@functools.cache
+@cached
 def make_pair(s: Structure, pair: int, dtype: type) -> SimpleNamespace:
     """Warp functions of one contact pair: geometry, a cheap lower bound of d, and support derivatives.
 

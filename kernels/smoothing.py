@@ -6,11 +6,12 @@ Phi(z/sigma) + sigma phi(z/sigma). The hard problem has their limit, s(z) = max(
 of them. A rounding of z far below 0 changes s(z) by as much as the cancellation in the normal's tail does.
 """
 
-import functools
 import math
 from typing import NamedTuple
 
 import warp as wp
+
+from .factories import cached
 
 
 class Smoothing(NamedTuple):
@@ -38,7 +39,7 @@ CUT = {  # by distribution and precision
 STEEPEST = {"logistic": 0.25, "normal": 1.0 / math.sqrt(2.0 * math.pi)}  # largest sigma s''
 
 
-@functools.cache
+@cached
 def make_smoothing(dtype: type, residual: str) -> Smoothing:
     """Smoothing functions for `dtype` and a residual of `Method`; both of a distribution share them."""
     distribution = "normal" if residual.endswith("normal") else "logistic"

@@ -8,10 +8,9 @@ to go on from, or a proof that no velocity opens the rows. For REM-logistic, eq.
 (DESIGN 3).
 """
 
-import functools
-
 import warp as wp
 
+from .factories import cached
 from .few_rows import make_few_rows
 from .interior import make_interior
 from .method import Method
@@ -26,7 +25,7 @@ from .structure import Structure
 COLD = 1.0e30  # a multiplier that stands for "no warm start"
 
 
-@functools.cache
+@cached
 def make_solver(s: Structure, dtype: type, method: Method) -> wp.Function:
     """solve(params, row, problem, warm) -> v', z, lambda, status, iterations; warm: z of the last step."""
     r = make_rows(s, dtype, method)

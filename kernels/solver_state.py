@@ -1,9 +1,8 @@
 """Arrays that the kernels of one DDP pass share, grouped by who writes them."""
 
-import functools
-
 import warp as wp
 
+from .factories import cached
 from .status import SCHEDULE_FACTOR, SCHEDULE_MAX, SCHEDULE_MIN
 
 
@@ -25,7 +24,7 @@ class SolverState:
     trace: wp.array(ndim=3, dtype=wp.float64)  # (B, max passes + 1, TRACE_COLUMNS)
 
 
-@functools.cache
+@cached
 def make_derivative_arrays(dtype):
     """Struct of the derivatives of dynamics and cost along the nominal trajectories, z = (x, u)."""
 
@@ -45,7 +44,7 @@ def make_derivative_arrays(dtype):
     return Derivatives
 
 
-@functools.cache
+@cached
 def make_policy_arrays(dtype):
     """Struct of nominal trajectories, affine policies u = us + alpha k + K (x - xs), and value functions."""
 
@@ -63,7 +62,7 @@ def make_policy_arrays(dtype):
     return Policy
 
 
-@functools.cache
+@cached
 def make_drop_policy(nx, nu, dtype):
     """Warp function that sets the gains and steps of a problem without a backward pass to zero."""
     Policy = make_policy_arrays(dtype)

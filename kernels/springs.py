@@ -7,16 +7,16 @@ a_j = Delta.Delta_j, H = da/dq has H_jk = Delta_j.Delta_k + Delta.Delta_jk, and 
 from the rule of `kinematics.py`.
 """
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
 
+from .factories import cached
 from .kinematics import make_kinematics, make_second
 from .structure import REVOLUTE, WORLD, Structure, layout
 
 
-@functools.cache
+@cached
 def make_spring(s: Structure, index: int, dtype: type) -> SimpleNamespace:
     """Warp functions of spring `index`; the derivatives are those of -h r, and add to what they are given.
 

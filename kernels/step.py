@@ -10,7 +10,6 @@ resolution (with ERM all rows or none, see `erm.py`); the test is repeated with 
 to be added, so leaving out is exact to rounding.
 """
 
-import functools
 from types import SimpleNamespace
 
 import warp as wp
@@ -19,6 +18,7 @@ from .acting import make_acting, rows_of_pairs
 from .coulomb import make_coulomb_solver
 from .end_gap import REFINEMENTS, make_end_gap, make_unsteady
 from .erm import make_erm_solver
+from .factories import cached
 from .free_motion import make_free_motion
 from .mechanism import make_mechanism
 from .method import Method
@@ -30,7 +30,7 @@ from .solve import COLD, NOT_CONVERGED, SOLVED, make_solver
 from .structure import Structure, layout
 
 
-@functools.cache
+@cached
 def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> SimpleNamespace:
     """Warp functions of a step; `exact_gap` computes every pair's distance even where it cannot act.
 

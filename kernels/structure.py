@@ -13,6 +13,8 @@ pair either one frictionless row n or the two rows n + mu t and n - mu t (Anites
 import functools
 from dataclasses import dataclass
 
+from .factories import cached
+
 REVOLUTE, PRISMATIC = "revolute", "prismatic"
 DISC, ELLIPSE, HALFPLANE, CAPSULE = "disc", "ellipse", "halfplane", "capsule"
 WORLD = -1
@@ -163,7 +165,7 @@ class Layout:
         return tuple(key for key, _, _ in self.columns)
 
 
-@functools.cache
+@cached
 def layout(s: Structure) -> Layout:
     """The parameter table's columns for a structure (SI units; see `slcp_warp.params` for their meaning)."""
     nb, ns = s.nb, len(s.shapes)

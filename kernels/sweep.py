@@ -2,11 +2,10 @@
 disturbances.
 """
 
-import functools
-
 import warp as wp
 
 from .compile import specialised
+from .factories import cached
 from .method import Method
 from .random import make_normal, philox
 from .rollout import POLICIES, make_world
@@ -18,7 +17,7 @@ START, CHOICE, PARAMETER, TORQUE, KICK = 0, 100, 200, 300, 400
 STEP_SIZE = 0  # column of the parameter table, see `structure.layout`
 
 
-@functools.cache
+@cached
 def make_draw_kernel(nx: int, dtype: type) -> wp.Kernel:
     """Parameter tables and initial states of worlds `world0 + i` from a base row and a set of starts."""
     rng = make_normal(dtype)
@@ -61,7 +60,7 @@ def make_draw_kernel(nx: int, dtype: type) -> wp.Kernel:
     return draw_kernel
 
 
-@functools.cache
+@cached
 def make_sweep_kernel(s: Structure, dtype: type, method: Method, policy_name: str) -> wp.Kernel:
     """Roll out one world a thread for a duration, with torque noise and velocity kicks; samples one state
     component.

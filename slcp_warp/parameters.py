@@ -1,6 +1,7 @@
 """The run-time numbers of a scene: one value for all worlds, or one per world."""
 
 import copy
+import threading
 from collections.abc import Mapping
 from typing import Any
 
@@ -14,6 +15,8 @@ from .checks import flag, instance, shown
 from .errors import ArgumentError
 from .rules import COVARIANCES
 from .scene import Scene
+
+_uploading = threading.Lock()
 
 
 class ParameterError(ArgumentError):
@@ -167,10 +170,11 @@ class Parameters:
     def array(self, dtype: Any, device: Any) -> wp.array:
         """The table on a device, uploaded once."""
         key = (dtype, str(device))
-        if key not in self._uploaded:
-            table = self.table()
-            self._check_range(table, wp.dtype_to_numpy(dtype))
-            self._uploaded[key] = wp.array(
-                table, dtype=dtype, device=device, requires_grad=self.requires_grad
-            )
-        return self._uploaded[key]
+        with _uploading:  # a second table would take gradients of its own
+            if key not in self._uploaded:
+                table = self.table()
+                self._check_range(table, wp.dtype_to_numpy(dtype))
+                self._uploaded[key] = wp.array(
+                    table, dtype=dtype, device=device, requires_grad=self.requires_grad
+                )
+            return self._uploaded[key]

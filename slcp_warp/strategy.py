@@ -6,13 +6,16 @@ precision and residual serves every scene by tables (`kernels/large_step.py`): f
 kernels would take minutes to compile and spill anyway.
 """
 
+import contextlib
+import threading
+from collections.abc import Iterator
 from typing import Any
 
 import warp as wp
 
 from slcp_warp.kernels import large_step
 from slcp_warp.kernels.large_topology import NUMBERS, make_topology
-from slcp_warp.kernels.large_work import allocate_work, bytes_per_world
+from slcp_warp.kernels.large_work import Work, allocate_work, bytes_per_world
 from slcp_warp.kernels.launch import launch
 from slcp_warp.kernels.method import Method
 from slcp_warp.kernels.structure import Structure, layout
@@ -69,32 +72,53 @@ def choose(strategy: str, s: Structure, method: Method, device: Any) -> str:
     return "memory" if large else "registers"
 
 
+class Workspaces:
+    """Workspaces of one scene on one device, each lent to one call at a time; some are kept for later calls.
+
+    On a GPU they belong to the stream that they were used on, whose order keeps calls apart.
+    """
+
+    def __init__(self, s: Structure, device: Any) -> None:
+        self.structure, self.device = s, wp.get_device(device)
+        self.most = max(1, WORKSPACE_BYTES // bytes_per_world(s))  # slots of a workspace, and of those kept
+        self._lock = threading.Lock()
+        self._kept: dict[Any, list[tuple[int, Work]]] = {}
+
+    @contextlib.contextmanager
+    def lend(self, slots: int) -> Iterator[Work]:
+        """A workspace of at least that many slots that no other call has."""
+        stream = self.device.stream if self.device.is_cuda else None
+        with self._lock:
+            kept = self._kept.setdefault(stream, [])
+            size, work = kept.pop() if kept else (0, None)
+        if work is None or size < slots:
+            size, work = slots, allocate_work(self.structure, slots, self.device)
+        try:
+            yield work
+        finally:
+            with self._lock:
+                if size + sum(other for other, _ in kept) <= self.most:
+                    kept.append((size, work))
+
+
 class MemoryKernels:
-    """Launches of the kernels in memory for one scene on one device; keeps their workspaces."""
+    """Launches of the kernels in memory for one scene on one device; any number of threads may call them."""
 
     def __init__(self, s: Structure, dtype: type, method: Method, device: Any) -> None:
-        self.structure, self.dtype, self.device = s, dtype, device
+        self.dtype, self.device = dtype, device
         self.residual = large_step.large_residual(method, s.nr)
         self.topology = make_topology(s, method.inertia_scaling, method.coulomb, device)
-        self.chunk = max(1, WORKSPACE_BYTES // bytes_per_world(s))
-        self._slots = 0
-        self._work: Any = None
-
-    def reserve(self, worlds: int) -> None:
-        """Allocate workspaces for that many worlds (of one chunk at most)."""
-        slots = min(worlds, self.chunk)
-        if slots > self._slots:
-            self._work = allocate_work(self.structure, slots, self.device)
-            self._slots = slots
+        self.workspaces = Workspaces(s, device)
+        self.chunk = self.workspaces.most  # worlds of a launch
 
     def _launch(
         self, kernel: wp.Kernel, worlds: int, flags: list[int], arrays: list[Any], grain: int
     ) -> None:
-        self.reserve(worlds)
-        for base in range(0, worlds, self.chunk):
-            count = min(self.chunk, worlds - base)
-            inputs = [base, *flags, self.topology, self._work, *arrays]
-            launch(kernel, count, inputs, self.device, grain=grain)
+        with self.workspaces.lend(min(worlds, self.chunk)) as work:
+            for base in range(0, worlds, self.chunk):
+                count = min(self.chunk, worlds - base)
+                inputs = [base, *flags, self.topology, work, *arrays]
+                launch(kernel, count, inputs, self.device, grain=grain)
 
     def step(self, worlds: int, arrays: list[Any]) -> None:
         """As a launch of `rollout.make_step_kernel`."""

@@ -6,6 +6,7 @@ the worlds.
 
 import contextlib
 import math
+import threading
 from collections.abc import Iterator
 from typing import Any
 
@@ -22,15 +23,17 @@ from .tape import Recorded, adjoint, derivatives_exist
 
 _kept: list[Any] = []  # for the process: a backward pass may come after its maker's scope
 _handles: dict[Simulator | Parameters, int] = {}
+_handling = threading.Lock()
 
 
 @torch.compiler.assume_constant_result
 def handle_of(thing: Simulator | Parameters) -> int:
     """The number by which an operator finds its simulator or parameters; given while torch.compile traces."""
-    if thing not in _handles:
-        _handles[thing] = len(_kept)
-        _kept.append(thing)
-    return _handles[thing]
+    with _handling:
+        if thing not in _handles:
+            _handles[thing] = len(_kept)
+            _kept.append(thing)
+        return _handles[thing]
 
 
 @torch.library.custom_op("slcp_warp::table", mutates_args=())
