@@ -51,6 +51,19 @@ def test_same_mass_matrix_and_forces(pair):
         np.testing.assert_allclose(force[i], FLIP * (data.qfrc_passive - data.qfrc_bias), atol=1e-7)
 
 
+def test_motors_push_as_hard_as_in_mujoco(pair):
+    """Gears of different sizes, on joints of both senses of turning."""
+    scene, model = pair
+    data, oracle = mujoco.MjData(model), Oracle(scene)
+    q, v = states(model, 1)
+    for u in np.eye(model.nu):
+        data.qpos[:], data.qvel[:], data.ctrl[:] = FLIP * q[0], FLIP * v[0], u
+        mujoco.mj_forward(model, data)
+        push = oracle.force(q[0], v[0], u) - oracle.force(q[0], v[0], 0.0 * u)
+        np.testing.assert_allclose(push, FLIP * data.qfrc_actuator, atol=1e-9)
+        assert np.abs(push).max() > 10.0
+
+
 def _new_order():
     return "qM" not in dir(mujoco.MjData)
 

@@ -1,0 +1,76 @@
+"""The parameter table: every number in its own column and world."""
+
+import numpy as np
+import pytest
+from simulators import scene
+
+import slcp_warp as slcp
+from slcp_warp.parameters import COVARIANCES
+
+SCENES = ("flicking_finger", "sprung", "capsules", "grasp")
+
+
+def block(params, name):
+    """What the kernels read of a parameter, (1 or B, *shape)."""
+    start, shape = params.layout.offset(name), params.layout.shape(name)
+    table = params.table()
+    return table[:, start : start + int(np.prod(shape, dtype=int))].reshape((len(table), *shape))
+
+
+def uncertain():
+    return slcp.Simulator(scene("flicking_finger"), slcp.Options(noise="state"), device="cpu").params
+
+
+def params_of(name):
+    return slcp.parameters.Parameters(scene(name))
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_columns_do_not_overlap(name):
+    params = params_of(name)
+    taken = np.zeros(params.layout.width, int)
+    for start, shape in ((start, shape) for _, start, shape in params.layout.columns):
+        taken[start : start + int(np.prod(shape, dtype=int))] += 1
+    assert (taken == 1).all()
+    assert [column for column, _, _ in params.layout.columns] == list(params.names)
+
+
+@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("worlds", [2, 5])
+def test_every_number_lands_in_its_own_column_and_world(name, worlds):
+    """One number, one for each world, one for each component, and one for each of both."""
+    params, rng = params_of(name), np.random.default_rng(0)
+    before = {other: block(params, other) for other in params.names}
+    for key in set(params.names) - set(COVARIANCES):
+        shape = params.layout.shape(key)
+        if key == "shape_angle":  # an angle that was 0 stays 0
+            given = [np.where(before[key][0] == 0.0, 0.0, rng.uniform(1.0, 2.0, shape))]
+        else:
+            given = [1.5, rng.uniform(1.0, 2.0, shape), rng.uniform(1.0, 2.0, (worlds, *shape))]
+            if (worlds,) != shape:
+                given.append(rng.uniform(1.0, 2.0, worlds))
+        for value in given:
+            changed, value = params.replace(**{key: value}), np.asarray(value)
+            by_world = value.shape != shape and value.ndim > 0
+            assert changed.worlds == (worlds if by_world else None)
+            rows = value.reshape(worlds, *value.shape[1:], *(1,) * (len(shape) + 1 - value.ndim)) \
+                if by_world else value  # fmt: skip
+            expected = np.broadcast_to(rows, (worlds if by_world else 1, *shape))
+            np.testing.assert_array_equal(block(changed, key), expected, err_msg=f"{key} {value.shape}")
+            for other in set(params.names) - {key}:
+                now = block(changed, other)
+                np.testing.assert_array_equal(now, np.broadcast_to(before[other], now.shape), err_msg=other)
+
+
+def test_covariances_land_in_their_own_columns_and_worlds():
+    params, rng = uncertain(), np.random.default_rng(1)
+    root = rng.standard_normal((4, 3, 3))
+    matrices = np.einsum("bij,bkj->bik", root, root)
+    for key in COVARIANCES:
+        for value, expected in (
+            (2.0, 2.0 * np.eye(3)[None]),
+            (np.arange(1.0, 5.0), np.arange(1.0, 5.0)[:, None, None] * np.eye(3)),
+            (matrices[0], matrices[:1]),
+            (matrices, matrices),
+        ):
+            np.testing.assert_array_equal(block(params.replace(**{key: value}), key), expected)
