@@ -27,16 +27,17 @@ def case(residual, step_size, rate, shares, failed, worlds=40):
 
 
 def report():
-    """Two cases of different numbers everywhere."""
+    """Three cases of different numbers everywhere; two share a residual, two a step size."""
     cases = [case("rem-logistic", 0.05, 0.83, (0.91, 0.72, 0.64), 3),
-             case("hard", 0.03, 0.55, (0.47, 0.38, 0.29), 7)]  # fmt: skip
+             case("hard", 0.05, 0.55, (0.47, 0.38, 0.29), 7),
+             case("hard", 0.03, 0.25, (0.22, 0.14, 0.07), 11)]  # fmt: skip
     table = {
-        "residual": np.repeat(["rem-logistic", "hard"], 40),
-        "step_size": np.repeat([0.05, 0.03], 40),
-        "rate": np.concatenate([RNG.uniform(0.6, 1.0, 40), RNG.uniform(0.2, 0.5, 40)]),
-        "recovery_time": np.concatenate([RNG.uniform(0.0, 2.0, 40), RNG.uniform(3.0, 5.0, 40)]),
+        "residual": np.repeat(["rem-logistic", "hard", "hard"], 40),
+        "step_size": np.repeat([0.05, 0.05, 0.03], 40),
+        "rate": np.concatenate([RNG.uniform(low, low + 0.2, 40) for low in (0.7, 0.4, 0.1)]),
+        "recovery_time": np.concatenate([RNG.uniform(low, low + 2.0, 40) for low in (0.0, 3.0, 6.0)]),
     }
-    table["recovery_time"][[3, 5, 50]] = np.inf
+    table["recovery_time"][[3, 5, 50, 90]] = np.inf
     return slcp.SweepReport(cases, table, [], {"threshold": 0.5, "duration": 20.0, "window": 4.0, "seed": 0})
 
 
@@ -54,7 +55,7 @@ def test_chart_of_a_sweep_shows_its_rates_shares_and_recoveries(figures, tmp_pat
     made = report()
     chart_sweep.sweep_chart(made, tmp_path / "sweep.png")
     rates, shares, recovery = figures[0].axes
-    rows = np.split(np.arange(80), 2)
+    rows = np.split(np.arange(120), 3)
     means = [line.get_xdata()[0] for line in rates.lines if len(set(line.get_xdata())) == 1]
     for own in rows:
         assert np.isclose(means, made.table["rate"][own].mean(), rtol=1e-12).sum() == 1
@@ -67,9 +68,9 @@ def test_chart_of_a_sweep_shows_its_rates_shares_and_recoveries(figures, tmp_pat
     assert len(drawn) == len(expected)
     for got, exact in zip(drawn, expected):
         np.testing.assert_allclose(got, exact, rtol=1e-12)
-    assert [text.get_text() for text in shares.texts] == ["91.0", "72.0", "47.0", "38.0"]
+    assert [text.get_text() for text in shares.texts] == ["91.0", "72.0", "47.0", "38.0", "22.0", "14.0"]
     heights = [line.get_ydata()[0] for line in shares.lines]
-    assert min(heights[:4]) > max(heights[4:])  # the first case on top, beside its rates
+    assert min(heights[:4]) > max(heights[4:8]) > max(heights[8:])  # from the top, beside their rates
     for line, own in zip(recovery.lines, rows, strict=True):
         times = made.table["recovery_time"][own]
         for x, y in zip(line.get_xdata(), line.get_ydata()):
@@ -107,13 +108,13 @@ def test_report_of_a_sweep_says_what_its_cases_say():
     rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines if line.startswith("|")]
     head = rows[0]
     assert head[:2] == ["case", "mean rate [rad/s]"] and head[-1] == "failed"
-    assert [row[-1] for row in rows[2:]] == ["3", "7"]
+    assert [row[-1] for row in rows[2:]] == ["3", "7", "11"]
     for row, entry in zip(rows[2:], report().cases, strict=True):
         assert row[0] == sweep.case_name(entry)
         numbers = [row[1].split()[0], *(cell.split()[0] for cell in row[2:5])]
         expected = [entry[name][0] * (1.0 if name == "mean_rate" else 100.0) for name in NAMES]
         np.testing.assert_allclose([float(n) for n in numbers], expected, rtol=1e-3)
-    assert "**not reached**" in lines[-1]  # .47 of the second case
+    assert "**not reached**" in lines[-1]  # .47 of the second case, .22 of the third
     good = report()
     for entry in good.cases:
         entry["share_above"] = interval(0.95)

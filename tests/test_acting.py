@@ -1,0 +1,33 @@
+"""Contacts that a bound on the approach must not leave out: bodies that turn into each other."""
+
+import numpy as np
+import pytest
+from oracle import Oracle
+from random_scenes import near_contact
+from simulators import scene
+
+import slcp_warp as slcp
+
+SPINS = {"a": (2,), "b": (5,), "both": (2, 5)}  # degrees of freedom of the pair that turn
+
+
+@pytest.mark.parametrize("strategy", ["registers", "memory"])
+@pytest.mark.parametrize("who", SPINS)
+def test_a_body_that_only_turns_is_not_left_out(device, strategy, who):
+    """A rollout leaves pairs out by a bound on their approach, a step never does: the same states."""
+    sc = scene("turned_pair")
+    sim = slcp.Simulator(sc, device=device, dtype="float64", strategy=strategy)
+    rng = np.random.default_rng(0)
+    x = near_contact(sc, rng, 300, gaps=(0.05, 0.2, 0.4), spread=0.3)
+    x[:, sc.nv :] = 0.0
+    spins = [sc.nv + j for j in SPINS[who]]
+    x[:, spins] = rng.choice([-1, 1], (300, len(spins))) * rng.uniform(10.0, 60.0, (300, len(spins)))
+    params = sim.params.replace(gravity=0.0)
+    step = sim.step(x, None, params)
+    run = sim.rollout(x, np.zeros((300, 1, 0)), params, record="impulse")
+    solved = (step.status == 0) & (Oracle(sc).problem(x)["margin"] > 0.05)
+    hit = np.abs(step.impulse).max(axis=1) > 1e-3
+    assert (hit & solved).sum() > 20 and (~hit).sum() > 20
+    np.testing.assert_array_equal(run.status[solved], 0)
+    np.testing.assert_allclose(run.states[solved, 1], step.state[solved], rtol=0, atol=1e-8)
+    np.testing.assert_allclose(run.impulse[solved, 0], step.impulse[solved], rtol=0, atol=1e-7)
