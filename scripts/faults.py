@@ -192,7 +192,7 @@ def run(faults: list[Fault], workers: int, expected_only: bool) -> list[Outcome]
 def main() -> int:
     """The command."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("names", nargs="*", help="faults or parts of their names; default: all")
+    parser.add_argument("names", nargs="*", help="parts of their files or names; default: all")
     parser.add_argument("--workers", type=int, default=2, help="faults at a time (2)")
     parser.add_argument("--expected-only", action="store_true", help="run no other tests")
     parser.add_argument("--list", action="store_true", help="check that all fit the sources, run nothing")
@@ -203,7 +203,7 @@ def main() -> int:
         print("\n".join(wrong), file=sys.stderr)
         return 1
     if options.names:
-        faults = [fault for fault in faults if any(name in fault.name for name in options.names)]
+        faults = [fault for fault in faults if any(name in f"{fault.file} {fault.name}" for name in options.names)]
     real = [fault for fault in faults if not fault.equivalent]
     print(f"{len(faults)} faults, {len(faults) - len(real)} of them equivalent")
     if options.list or not real:

@@ -6,6 +6,7 @@
 # PYTHON        the interpreter to make the environment with (python3)
 # SLCP_TORCH    the requirement that installs PyTorch; empty: do without it. On Linux the registry's own
 #               PyTorch brings gigabytes of CUDA libraries: point pip at a CPU build, or leave it out
+# SLCP_VENV     the folder of the environment (.venv-test)
 # SLCP_WORKERS  processes to spread the test files over with pytest-xdist (2); 0: this one. Most of the time
 #               goes into compiling kernels, which one process does on one core
 set -euo pipefail
@@ -14,7 +15,7 @@ source scripts/venv.sh
 
 torch=${SLCP_TORCH-torch==2.13.0}
 workers=${SLCP_WORKERS:-2}
-venv=.venv-test
+venv=${SLCP_VENV:-.venv-test}
 export PYTHONSAFEPATH=1  # never import the bare folders kernels/ and ddp/ from here
 
 arguments=()

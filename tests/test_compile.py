@@ -7,7 +7,7 @@ import sys
 import pytest
 import warp as wp
 
-from slcp_warp.kernels.compile import code_digest
+from slcp_warp.kernels.compile import CPU_ARITHMETIC, code_digest, cpu_compiler_flags
 
 RUN = """
 import sys, numpy as np, warp as wp
@@ -33,6 +33,31 @@ def test_kernels_are_found_whatever_ran_before(tmp_path):
     assert len(first) == 2
     assert binaries("rollout", "step") == first
     assert binaries("rollout") == first
+
+
+@pytest.mark.slow
+def test_kernels_of_other_compiler_flags_are_others(tmp_path):
+    """SLCP_CPU_FLAGS replaces all flags, and caches do not mix."""
+    environment = os.environ | {"WARP_CACHE_PATH": str(tmp_path), "PYTHONSAFEPATH": "1"}
+
+    def binaries(flags):
+        own = environment | ({} if flags is None else {"SLCP_CPU_FLAGS": flags})
+        if flags is None:
+            own.pop("SLCP_CPU_FLAGS", None)
+        subprocess.run([sys.executable, "-c", RUN, "step"], env=own, check=True, cwd=tmp_path)
+        return {path.relative_to(tmp_path) for path in tmp_path.rglob("*.o")}
+
+    plain = binaries(None)
+    both = binaries("-ffp-contract=off")
+    assert len(plain) == 1 and len(both) == 2 and plain < both
+    assert binaries("-ffp-contract=off") == binaries(None) == both
+
+
+def test_flags_of_the_environment_replace_all_others(monkeypatch):
+    monkeypatch.setenv("SLCP_CPU_FLAGS", "-ffp-contract=off")
+    assert cpu_compiler_flags() == "-ffp-contract=off"
+    monkeypatch.delenv("SLCP_CPU_FLAGS")
+    assert cpu_compiler_flags().endswith(CPU_ARITHMETIC) and "-march=native" in cpu_compiler_flags()
 
 
 def test_a_users_functions_are_told_apart_by_values_in_loops():
