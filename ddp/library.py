@@ -2,14 +2,11 @@
 
 Every entry is the first step of a plan: u = u_i + K_i (x - x_i), with what tells good plans from passive
 ones.
-The file is an uncompressed-readable NumPy archive (.npz) of plain arrays and a JSON header; nothing is
+The file is a NumPy archive (.npz) of plain arrays and a JSON header (`slcp_warp.archive`); nothing is
 pickled.
 """
 
 import hashlib
-import json
-import zipfile
-import zlib
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -17,9 +14,13 @@ from typing import Any
 import numpy as np
 
 from slcp_warp import ArgumentError, Scene
+from slcp_warp.archive import open_archive, write_archive
+from slcp_warp.files import reading
 
 FORMAT, VERSION = "slcp-warp-library", 1
 ARRAYS = ("x", "u", "K", "cost", "gain", "age", "chain", "plan")
+NEEDED = (*ARRAYS, "period")
+WHOLE = ("age", "chain", "plan")
 
 
 class LibraryError(ArgumentError):
@@ -72,14 +73,9 @@ class Library:
         """Write the library; an existing file is replaced only once the new one is complete."""
         if not len(self):
             raise LibraryError("the library is empty; nothing to save")
-        path = Path(path)
-        header = {"format": FORMAT, "version": VERSION, **self.header}
-        arrays = {name: getattr(self, name) for name in (*ARRAYS, "period")}
-        temporary = path.with_name(path.name + ".part")
-        with open(temporary, "wb") as file:
-            np.savez_compressed(file, allow_pickle=False, header=np.array(json.dumps(header)), **arrays)
-        temporary.replace(path)
-        return path
+        header = {**self.header, "format": FORMAT, "version": VERSION}
+        write_archive(path, header, {name: getattr(self, name) for name in NEEDED})
+        return Path(path)
 
     @classmethod
     def load(cls, path: str | Path) -> "Library":
@@ -90,47 +86,13 @@ class Library:
             LibraryError: truncated, not a library, of a newer version, or with inconsistent or non-finite
             arrays.
         """
-        path = Path(path)
-        try:
-            archive = np.load(path, allow_pickle=False)
-            if not isinstance(archive, np.lib.npyio.NpzFile):
-                raise ValueError("it holds a single array")
-            with archive:
-                data = {name: archive[name] for name in archive.files}
-        except FileNotFoundError:
-            raise
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as error:
-            raise LibraryError(f"{path} cannot be read as a trajectory library: {error}") from error
-        return cls._checked(path, data)
-
-    @classmethod
-    def _checked(cls, path: Path, data: dict[str, np.ndarray]) -> "Library":
-        try:
-            header = json.loads(str(data["header"]))
-        except (KeyError, json.JSONDecodeError) as error:
-            raise LibraryError(f"{path} has no library header; was it written by Library.save?") from error
-        if not isinstance(header, dict) or header.get("format") != FORMAT:
-            raise LibraryError(f"{path} is not a {FORMAT} file")
-        if header.get("version") != VERSION:
-            raise LibraryError(f"{path} has version {header.get('version')}; this program reads {VERSION}")
-        missing = [name for name in (*ARRAYS, "period") if name not in data]
-        if missing:
-            raise LibraryError(f"{path} lacks the arrays {missing}")
-        for name in (*ARRAYS, "period"):
-            if data[name].dtype.kind not in "iuf":
-                raise LibraryError(
-                    f"{path}: array {name!r} is of type {data[name].dtype}; numbers are needed"
-                )
-        count, nx = data["x"].shape if data["x"].ndim == 2 else (-1, -1)
-        nu = data["u"].shape[-1] if data["u"].ndim == 2 else -1
-        need = {"x": (count, nx), "u": (count, nu), "K": (count, nu, nx), "period": (nx,)}
-        for name in (*ARRAYS, "period"):
-            shape = need.get(name, (count,))
-            if data[name].shape != shape or count < 1:
-                raise LibraryError(f"{path}: array {name!r} has shape {data[name].shape}, {shape} is needed")
-            if not np.all(np.isfinite(data[name])):
-                raise LibraryError(f"{path}: array {name!r} contains numbers that are not finite")
-        return cls(**{name: data[name] for name in (*ARRAYS, "period")}, header=header)
+        with reading(path, "a trajectory library", LibraryError), open_archive(path) as archive:
+            if archive.header.get("format") is None:
+                raise LibraryError("it has no library header; was it written by Library.save?")
+            archive.check_format(FORMAT, VERSION)
+            data = archive.read_all(NEEDED)
+            _check(data)
+            return cls(**data, header=archive.header)
 
     def check_scene(self, scene: Scene) -> None:
         """Raise LibraryError if the library was built for another mechanism."""
@@ -138,6 +100,23 @@ class Library:
             raise LibraryError(
                 f"the library was built for scene {self.header.get('scene')!r}, not {scene.name!r}"
             )
+
+
+def _check(data: dict[str, np.ndarray]) -> None:
+    """Raise LibraryError unless a file's arrays fit each other and are finite."""
+    count, nx = data["x"].shape if data["x"].ndim == 2 else (-1, -1)
+    nu = data["u"].shape[-1] if data["u"].ndim == 2 else -1
+    need = {"x": (count, nx), "u": (count, nu), "K": (count, nu, nx), "period": (nx,)}
+    for name, array in data.items():
+        shape = need.get(name, (count,))
+        if array.shape != shape or count < 1 or nx < 1:
+            raise LibraryError(f"array {name!r} has shape {array.shape}, {shape} is needed")
+        if not np.all(np.isfinite(array)):
+            raise LibraryError(f"array {name!r} contains numbers that are not finite")
+        if name in WHOLE and (array.dtype.kind not in "iu" or array.min() < 0):
+            raise LibraryError(f"array {name!r} contains what is no index; whole numbers >= 0 are needed")
+    if data["period"].min() < 0.0:
+        raise LibraryError(f"array 'period' contains {data['period'].min()}; numbers >= 0 are needed")
 
 
 def concatenate(libraries: list[Library]) -> Library:

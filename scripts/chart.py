@@ -9,7 +9,7 @@ import typer
 import slcp_warp as slcp
 from slcp_warp import ddp
 
-from .common import one_line_errors, wrote
+from .common import FINGER, mechanism_name, one_line_errors, wrote
 from .diagrams.command import RESULTS, draw_charts
 from .diagrams.results import is_results, read_results
 from .records import Record, RecordError, load_record, read_kind
@@ -49,7 +49,7 @@ def chart_files(files: list[Path], out: Path, world: int = 0) -> list[Path]:
                 raise ValueError(f"{path}: {'; '.join(failures)}")
         elif kind == "trajectory":
             record = _checked_world(path, world)
-            if record.header["scene"] == "flicking_finger":
+            if mechanism_name(record.scene) == FINGER:
                 cycle = out / f"{path.stem}_cycle.png"
                 pictures.append(chart_cycle.cycle_chart(record, cycle, surface, world))
             pictures.append(chart_cycle.frames_chart(record, out / f"{path.stem}_frames.png", world))

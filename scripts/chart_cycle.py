@@ -13,6 +13,7 @@ from matplotlib.colors import Normalize
 from .chart_mechanism import Drawing, Mechanism, view
 from .chart_space import add_path, add_surface, space_axes
 from .chart_style import BLACK, BLUE, IMPULSE, plt, save
+from .common import FINGER, mechanism_name
 from .records import Record
 
 FRAMES = 10
@@ -36,12 +37,16 @@ def whole(record: Record, world: int = 0) -> Cycle:
     """The whole trajectory of a world."""
     states = record["states"][world].astype(float)
     impulse = record["contact_impulse"][world, :, :, 0].sum(axis=-1).astype(float)
-    return Cycle(np.arange(len(states)) * record.header["step_size"], states, impulse)
+    return Cycle(np.arange(len(states)) * record.step_size, states, impulse)
 
 
 def last_turn(record: Record, world: int = 0, turns: int = 1) -> Cycle:
-    """The last stretch in which theta3 advances by `turns` periods; the whole trajectory if it never does."""
+    """The finger's last stretch in which theta3 advances by `turns` periods; the whole trajectory if it never
+    does, and of other mechanisms.
+    """
     all_ = whole(record, world)
+    if mechanism_name(record.scene) != FINGER:
+        return all_
     period = np.pi
     angle = all_.states[:, 2]
     begin = np.flatnonzero(angle <= angle[-1] - turns * period)
@@ -86,8 +91,9 @@ def cycle_chart(record: Record, path: Path, surface: Record | None = None, world
     place = figure.add_axes((0.12, 0.1, 0.3, 0.02))
     bar = figure.colorbar(ScalarMappable(norm, IMPULSE), cax=place, orientation="horizontal")
     bar.set_label("contact impulse of a step [N s]")
-    kind = "smoothed" if record.header["residual"] == "rem-logistic" else record.header["residual"]
-    h = record.header["step_size"]
+    residual = record.simulated.options.residual
+    kind = "smoothed" if residual == "rem-logistic" else residual
+    h = record.step_size
     figure.suptitle(f"Last two half turns of the controlled {kind} system, h = {h:g} s", fontsize=11)
     return save(figure, path)
 
@@ -138,8 +144,8 @@ def frames_chart(record: Record, path: Path, world: int = 0) -> Path:
 def animation(record: Record, path: Path, seconds: float = 8.0, world: int = 0) -> Path:
     """A GIF in real time of the trajectory's last seconds."""
     cycle, mechanism = whole(record, world), Mechanism.of(record, world)
-    nv, h = mechanism.scene.nv, record.header["step_size"]
-    count = int(min(seconds, cycle.time[-1]) * GIF_RATE)
+    nv, h = mechanism.scene.nv, record.step_size
+    count = max(1, int(min(seconds, cycle.time[-1]) * GIF_RATE))
     last = len(cycle.impulse) - 1
     chosen = np.round(last - (count - 1 - np.arange(count)) / GIF_RATE / h).astype(int).clip(0, last)
     shown = cycle.states[chosen, :nv]

@@ -10,7 +10,6 @@ from matplotlib.patches import Polygon
 import slcp_warp as slcp
 
 from .chart_style import BLACK, BLUE, GREY, ORANGE, SKY
-from .common import named_scene
 from .records import Record
 
 EXTENT = 100.0  # half-planes are drawn this wide
@@ -33,13 +32,7 @@ class Mechanism:
     @classmethod
     def of(cls, record: Record, world: int = 0) -> "Mechanism":
         """The mechanism of a world of a trajectory file."""
-        scene = named_scene(record.header["scene"])
-        own = slcp.Parameters(scene)
-        values = {}
-        for name in own.names:
-            value = record[f"param_{name}"]
-            values[name] = value[world] if value.ndim > own[name].ndim else value
-        return cls(scene, values)
+        return cls(record.scene, record.simulated.world(world))
 
     def frames(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Origin (T, nb, 2) [m] and angle (T, nb) [rad] of every body's frame at q (T, nv)."""

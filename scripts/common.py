@@ -5,6 +5,7 @@ import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -19,11 +20,12 @@ import slcp_warp as slcp
 from slcp_warp.options import CHOICES
 
 console = Console()
+FINGER = "flicking_finger"
 BAD_INPUT = 2  # exit code
 INTERRUPTED = 130
 RESIDUALS = {"smoothed": "rem-logistic", **{name: name for name in CHOICES["residual"]}}
-PRESETS = {"flicking_finger": {"scaling": "none"}}  # what a scene wants where no option says otherwise
-OBSERVED = {"flicking_finger": 2}  # state component whose rate is judged
+PRESETS = {FINGER: "none"}  # scaling that a named scene wants; inertia where it is not named
+OBSERVED = {FINGER: 2}  # state component whose rate is judged
 
 SceneName = Annotated[
     str,
@@ -100,6 +102,18 @@ def named_scene(name: str) -> slcp.Scene:
     return slcp.scenes.NAMED[name]()
 
 
+def mechanism_name(scene: slcp.Scene) -> str:
+    """The scene's name if its mechanism is that of the named scene, whatever its numbers; else ""."""
+    make = slcp.scenes.NAMED.get(scene.name)
+    known = make is not None and make().structure == replace(scene.structure, uncertain=False)
+    return scene.name if known else ""
+
+
+def default_scaling(scene: slcp.Scene) -> str:
+    """The scaling that a scene wants where no option says otherwise."""
+    return PRESETS.get(mechanism_name(scene), "inertia")
+
+
 def make_simulator(
     scene: slcp.Scene,
     residual: str = "smoothed",
@@ -111,7 +125,7 @@ def make_simulator(
     """A simulator from a command's options."""
     if residual not in RESIDUALS:
         raise ValueError(f"--residual is {residual!r}; choose one of {list(RESIDUALS)}")
-    scaling = scaling or PRESETS.get(scene.name, {}).get("scaling", "inertia")
+    scaling = scaling or default_scaling(scene)
     options = slcp.Options(residual=RESIDUALS[residual], scaling=scaling, integrator=integrator)
     try:
         return slcp.Simulator(scene, options, device=device, dtype=dtype)

@@ -10,6 +10,7 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from slcp_warp import ddp
+from slcp_warp.simulated import Simulated
 
 from .common import (
     Device,
@@ -31,7 +32,7 @@ from .common import (
     timed,
     wrote,
 )
-from .records import Record, result_arrays, scene_facts
+from .records import Record, device_facts, result_arrays
 
 SCENE = "flicking_finger"  # the scene that has a named cost
 HEAD, TAIL = 4, 14  # rows of a long trace that are printed
@@ -78,7 +79,9 @@ def optimise(
         starts: controls (S, N, nu). schedules: try eight regularisation schedules for each of them.
         sigmas: noise levels of a continuation that begins at the best solution.
     """
-    arrays, header = scene_facts(problem.dynamics, problem.params)
+    simulated = Simulated.of(problem.dynamics, problem.params)
+    arrays: dict[str, np.ndarray] = {}
+    header: dict[str, Any] = device_facts(problem.dynamics)
     if len(starts) > 1 or schedules:
         rows = ddp.multistart.SCHEDULES if schedules else ddp.Regularization()
         many = ddp.solve_multistart(problem, x0, starts, options, rows)
@@ -92,14 +95,14 @@ def optimise(
         results += ddp.solve_continuation(
             problem, x0, last.us, sigmas.tolist(), options, xs0=last.xs, K0=last.K
         )
-    levels = np.array([header["sigma"], *([] if sigmas is None else sigmas)])
+    levels = np.array([simulated.header()["sigma"], *([] if sigmas is None else sigmas)])
     arrays |= result_arrays(results[-1])
     for f in fields(ddp.Trace):
         arrays[f"trace_{f.name}"] = np.concatenate([_passes(r, f.name) for r in results])
     arrays["trace_level"] = np.repeat(np.arange(len(results)), [len(_passes(r, "cost")) for r in results])
     arrays["level_sigma"], arrays["level_cost"] = levels, np.array([float(r.cost) for r in results])
     header |= {"horizon": problem.horizon, "method": options.method, "sigma": float(levels[-1])}
-    return Record("plan", arrays, header), results
+    return Record("plan", arrays, simulated, header), results
 
 
 def _passes(result: ddp.Result, name: str) -> np.ndarray:

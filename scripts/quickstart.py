@@ -181,7 +181,7 @@ def _typical_world(record: Record) -> Record:
     chosen = solved[np.argsort(turn[solved])[len(solved) // 2]]
     per_world = ("states", "controls", "impulse", "gap", "contact_impulse", "status")
     arrays = {k: v[chosen : chosen + 1] if k in per_world else v for k, v in record.arrays.items()}
-    return Record(record.kind, arrays, record.header)
+    return Record(record.kind, arrays, record.simulated, record.header)
 
 
 @one_line_errors

@@ -1,12 +1,11 @@
-"""The commands' own files: NumPy archives (.npz) of plain arrays and a JSON header; nothing is pickled.
+"""The commands' own files: archives (`slcp_warp.archive`) of a mechanism and what came out of it.
 
 Kinds: "trajectory" (states of worlds over time), "plan" (a result of DDP with its trace) and "surface"
-(signed distances on a grid). Libraries and sweeps have files of their own: `ddp.Library`,
-`slcp_warp.SweepReport`.
+(signed distances on a grid). Each holds its scene, options and parameters (`slcp_warp.simulated`). Libraries
+and sweeps have files of their own: `ddp.Library`, `slcp_warp.SweepReport`.
 """
 
-import json
-import zipfile
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
@@ -15,38 +14,52 @@ import numpy as np
 
 import slcp_warp as slcp
 from slcp_warp import ddp
+from slcp_warp.archive import open_archive, write_archive
+from slcp_warp.ddp.library import scene_digest
+from slcp_warp.files import FileError, reading
+from slcp_warp.simulated import OLDER, Simulated
 
-PREFIX, VERSION = "slcp-warp-", 1
-NEEDED = {
-    "trajectory": ("states", "controls", "impulse", "contact_impulse", "status"),
-    "plan": ("xs", "us", "K", "cost", "status"),
-    "surface": ("axis0", "axis1", "axis2", "gap"),
+from .record_checks import check_plan, check_surface, check_trajectory
+
+PREFIX, VERSION = "slcp-warp-", 2
+CHECKS: dict[str, Callable[[dict[str, np.ndarray], Simulated], None]] = {
+    "trajectory": check_trajectory,
+    "plan": check_plan,
+    "surface": check_surface,
 }
 
 
-class RecordError(ValueError):
+class RecordError(FileError):
     """A file that cannot be read, or is of another kind than needed."""
 
 
 @dataclass(frozen=True)
 class Record:
-    """A file's content: kind, arrays by name, and the header's JSON values."""
+    """A file's content: kind, arrays by name, the header's other JSON values, and what was simulated."""
 
     kind: str
     arrays: dict[str, np.ndarray]
+    simulated: Simulated
     header: dict[str, Any] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> np.ndarray:
         return self.arrays[name]
 
+    @property
+    def scene(self) -> slcp.Scene:
+        """The scene that was simulated."""
+        return self.simulated.scene
+
+    @property
+    def step_size(self) -> float:
+        """The time step h, of the first world if they differ [s]."""
+        return float(np.ravel(self.simulated.parameters["step_size"])[0])
+
     def save(self, path: Path) -> Path:
         """Write the file; an existing one is replaced only once the new one is complete."""
-        header = {"format": PREFIX + self.kind, "version": VERSION, "slcp_warp": slcp.__version__}
-        temporary = path.with_name(path.name + ".part")
-        with open(temporary, "wb") as file:
-            text = np.array(json.dumps(header | self.header))
-            np.savez_compressed(file, allow_pickle=False, header=text, **self.arrays)
-        temporary.replace(path)
+        form = {"format": PREFIX + self.kind, "version": VERSION, "slcp_warp": slcp.__version__}
+        header = self.simulated.header() | self.header | form
+        write_archive(path, header, self.arrays | self.simulated.arrays())
         return path
 
 
@@ -56,55 +69,35 @@ def read_kind(path: Path) -> str:
     Raises:
         RecordError: not a file of this project. FileNotFoundError: no such file.
     """
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            header = json.loads(str(archive["header"]))
-        kind = str(header["format"])
-    except FileNotFoundError:
-        raise FileNotFoundError(f"{path}: no such file") from None
-    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
-        raise RecordError(f"{path} cannot be read as a file of slcp: {error}") from error
-    return kind.removeprefix(PREFIX)
+    with reading(path, "a file of slcp", RecordError), open_archive(path) as archive:
+        form = archive.header.get("format")
+        if not isinstance(form, str) or not form.startswith(PREFIX):
+            raise RecordError(f"its format is {form!r:.60}")
+        return form.removeprefix(PREFIX)
 
 
 def load_record(path: Path, kind: str) -> Record:
     """Read a file of a kind.
 
     Raises:
-        RecordError: truncated, of another kind or of a newer version. FileNotFoundError: no such file.
+        RecordError: truncated, of another kind or of a newer version, without its scene, or inconsistent.
+        FileNotFoundError: no such file.
     """
     found = read_kind(path)
     if found != kind:
-        raise RecordError(f"{path} holds a {found}; a {kind} is needed")
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        raise RecordError(f"{path} cannot be read as a {kind}: {error}") from error
-    header = json.loads(str(arrays.pop("header")))
-    if header.get("version") != VERSION:
-        raise RecordError(f"{path} has version {header.get('version')}; this program reads {VERSION}")
-    missing = [name for name in NEEDED[kind] if name not in arrays]
-    if missing:
-        raise RecordError(f"{path} lacks the arrays {missing}")
-    return Record(kind, arrays, header)
+        raise RecordError(f"{path} holds a {found:.60}; a {kind} is needed")
+    with reading(path, f"a {kind}", RecordError), open_archive(path) as archive:
+        version = archive.check_format(PREFIX + kind, OLDER, VERSION)
+        simulated = Simulated.read(archive, version)
+        own = {f"param_{name}" for name in simulated.parameters.names}
+        arrays = archive.read_all(name for name in archive.names if name not in own)
+        CHECKS[kind](arrays, simulated)
+        return Record(kind, arrays, simulated, archive.header)
 
 
-def scene_facts(sim: slcp.Simulator, params: slcp.Parameters) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Arrays (every parameter, as param_<name>) and header entries that say what was simulated."""
-    arrays = {f"param_{name}": np.asarray(params[name]) for name in params.names}
-    header = {
-        "scene": sim.scene.name,
-        "residual": sim.options.residual,
-        "scaling": sim.options.scaling,
-        "friction": sim.options.friction,
-        "integrator": sim.options.integrator,
-        "device": str(sim.device),
-        "dtype": sim.dtype.__name__,
-        "step_size": float(np.ravel(params["step_size"])[0]),
-        "sigma": None if sim.options.hard else float(np.ravel(params["sigma"])[0]),
-    }
-    return arrays, header
+def device_facts(sim: slcp.Simulator) -> dict[str, Any]:
+    """Header entries: where and in which precision was simulated."""
+    return {"device": str(sim.device), "dtype": sim.dtype.__name__}
 
 
 def result_arrays(result: ddp.Result) -> dict[str, np.ndarray]:
@@ -128,7 +121,7 @@ def load_policy(path: Path, scene: slcp.Scene) -> tuple[Any, dict[str, Any]]:
         library.check_scene(scene)
         return library.policy(), {"policy": "nearest", "policy_file": path.name, "entries": len(library)}
     plan = load_record(path, "plan")
-    if plan.header["scene"] != scene.name:
-        raise RecordError(f"{path} was planned for scene {plan.header['scene']!r}, not {scene.name!r}")
-    facts = {"policy": "tracking", "policy_file": path.name, "planned_step_size": plan.header["step_size"]}
+    if scene_digest(plan.scene) != scene_digest(scene):
+        raise RecordError(f"{path} was planned for scene {plan.scene.name!r}, not {scene.name!r}")
+    facts = {"policy": "tracking", "policy_file": path.name, "planned_step_size": plan.step_size}
     return ddp.TrackingPolicy(result_of(plan), scene.state_period), facts

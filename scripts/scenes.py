@@ -9,7 +9,7 @@ import typer
 import slcp_warp as slcp
 from slcp_warp.strategy import StrategyError
 
-from .common import PRESETS, Device, one_line_errors, prepared, progress_bar, wrote
+from .common import Device, default_scaling, one_line_errors, prepared, progress_bar, wrote
 
 GHOSTS = 4
 COLUMNS = 6
@@ -25,7 +25,7 @@ RATES = {"sliding_block": {3: 1.5}, "particle": {3: 1.0, 4: 2.0}}  # initial, by
 
 def motion(scene: slcp.Scene, device: str | None = None) -> np.ndarray:
     """Coordinates (GHOSTS + 1, nv) at equal times of a scene's shown motion, the start first."""
-    options = slcp.Options(scaling=PRESETS.get(scene.name, {}).get("scaling", "inertia"))
+    options = slcp.Options(scaling=default_scaling(scene))
     try:  # one set of kernels serves most scenes
         sim = slcp.Simulator(scene, options, device=device, strategy="memory")
     except StrategyError:

@@ -10,6 +10,7 @@ from rich.table import Table
 
 import slcp_warp as slcp
 from slcp_warp.results import contact_impulse
+from slcp_warp.simulated import Simulated
 
 from .common import (
     Device,
@@ -32,7 +33,7 @@ from .common import (
     start_states,
     wrote,
 )
-from .records import Record, load_policy, scene_facts
+from .records import Record, device_facts, load_policy
 
 RECORD = ("controls", "impulse", "gap")
 
@@ -62,17 +63,17 @@ def simulate(
     else:
         controller, facts = load_policy(Path(policy), sim.scene)
         trajectory = sim.rollout(x0, policy=controller, steps=steps, params=params, record=recorded)
-    arrays, header = scene_facts(sim, params)
-    arrays |= {
+    impulse = trajectory.impulse[..., : sim.nr]
+    arrays = {
         "states": trajectory.states,
         "controls": trajectory.controls[..., : sim.nu],
-        "impulse": trajectory.impulse,
-        "contact_impulse": contact_impulse(sim.scene, trajectory.impulse, params["friction"], sim.options),
+        "impulse": impulse,
+        "contact_impulse": contact_impulse(sim.scene, impulse, params["friction"], sim.options),
         "status": trajectory.status,
     }
     if trajectory.gap is not None:
-        arrays["gap"] = trajectory.gap
-    return Record("trajectory", arrays, header | facts)
+        arrays["gap"] = trajectory.gap[..., : sim.nr]
+    return Record("trajectory", arrays, Simulated.of(sim, params), device_facts(sim) | facts)
 
 
 @one_line_errors
@@ -109,12 +110,14 @@ def simulate_command(
 def _summary(scene: slcp.Scene, record: Record) -> Table:
     """First and last state of the first world, and the statuses of all."""
     states, status = record["states"], record["status"]
-    duration = record.header["step_size"] * (states.shape[1] - 1)
+    residual = record.simulated.options.residual
+    duration = record.step_size * (states.shape[1] - 1)
     counts = ", ".join(
         f"{n} {slcp.Status(s).name.lower()}" for s, n in zip(*np.unique(status, return_counts=True))
     )
     table = Table(
-        title=f"{scene.name}, {record.header['residual']}, {duration:g} s; worlds: {counts}", box=SIMPLE_HEAD
+        title=f"{scene.name}, {residual}, {duration:g} s; worlds: {counts}",
+        box=SIMPLE_HEAD,
     )
     table.add_column("first world")
     names = [f"q{i + 1}" for i in range(scene.nv)] + [f"v{i + 1}" for i in range(scene.nv)]

@@ -12,9 +12,10 @@ from slcp_warp import ddp
 
 from .common import (
     OBSERVED,
-    PRESETS,
     Device,
     Seed,
+    default_scaling,
+    mechanism_name,
     named_scene,
     numbers,
     one_line_errors,
@@ -37,7 +38,7 @@ def size_rows(
     """A row per number of plans and case; a smaller library is the plans that were made first."""
     library.check_scene(scene)
     rows: list[dict[str, Any]] = []
-    scaling = PRESETS.get(scene.name, {}).get("scaling", "inertia")
+    scaling = default_scaling(scene)
     number = np.cumsum(library.age == 0)  # of an entry's plan, from 1
     for done, count in enumerate(plans):
         if not 0 < count <= number[-1]:
@@ -87,7 +88,7 @@ def size_command(
         worlds=worlds, velocity_sd=velocity_sd,
         step_sizes=tuple(numbers(step_sizes, "--step-sizes").tolist()),
         start=None if start is None else cycle_states(load_record(start, "trajectory"), scene, skip),
-        observe=OBSERVED.get(scene.name, 0), seed=seed,
+        observe=OBSERVED.get(mechanism_name(scene), 0), seed=seed,
     )  # fmt: skip
     counts = [int(n) for n in numbers(plans, "--plans")]
     with progress_bar("sizes") as progress:

@@ -7,9 +7,10 @@ import numpy as np
 import typer
 
 import slcp_warp as slcp
+from slcp_warp.simulated import Simulated
 
 from .common import Device, SceneName, make_simulator, named_scene, numbers, one_line_errors, prepared, wrote
-from .records import Record, scene_facts
+from .records import Record, device_facts
 
 FINGER_RANGE = ((-np.pi, 0.0), (-2.0 * np.pi / 3.0, 2.0 * np.pi / 3.0), (0.0, np.pi))
 
@@ -31,9 +32,8 @@ def surface(sim: slcp.Simulator, ranges: tuple[tuple[float, float], ...], resolu
     x = np.tile(scene.x0, (grid[..., 0].size, 1))
     x[:, :3], x[:, scene.nv :] = grid.reshape(-1, 3), 0.0
     gap = sim.step(x).gap[:, rows[0]].reshape(grid.shape[:3])
-    arrays, header = scene_facts(sim, sim.params)
-    arrays |= {f"axis{i}": axis for i, axis in enumerate(axes)}
-    return Record("surface", arrays | {"gap": gap}, header)
+    arrays = {f"axis{i}": axis for i, axis in enumerate(axes)}
+    return Record("surface", arrays | {"gap": gap}, Simulated.of(sim), device_facts(sim))
 
 
 @one_line_errors

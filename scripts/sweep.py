@@ -10,11 +10,11 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 import slcp_warp as slcp
+from slcp_warp.ddp.library import scene_digest
 
 from .common import (
     INTERRUPTED,
     OBSERVED,
-    PRESETS,
     RESIDUALS,
     Device,
     Integrator,
@@ -23,7 +23,9 @@ from .common import (
     Seed,
     Settings,
     console,
+    default_scaling,
     make_simulator,
+    mechanism_name,
     named_scene,
     numbers,
     one_line_errors,
@@ -38,9 +40,9 @@ from .records import Record, load_policy, load_record
 
 def cycle_states(record: Record, scene: slcp.Scene, skip: float) -> np.ndarray:
     """States (M, nx) of a trajectory after `skip` seconds, solved worlds only; angles in one period."""
-    if record.header["scene"] != scene.name:
-        raise ValueError(f"the start states are of scene {record.header['scene']!r}, not {scene.name!r}")
-    first = round(skip / record.header["step_size"])
+    if scene_digest(record.scene) != scene_digest(scene):
+        raise ValueError(f"the start states are of scene {record.scene.name!r}, not {scene.name!r}")
+    first = round(skip / record.step_size)
     states = record["states"][record["status"] == slcp.Status.SOLVED][:, first:]
     if not states.size:
         raise ValueError(
@@ -63,7 +65,7 @@ def run_sweep(
 ) -> slcp.SweepReport:
     """Sweep a policy's file; the report's `spec` also says which scene and policy they were."""
     policy, facts = load_policy(policy_file, scene)
-    scaling = scaling or PRESETS.get(scene.name, {}).get("scaling", "inertia")
+    scaling = scaling or default_scaling(scene)
     device = str(make_simulator(scene, device=device, dtype=dtype).device)  # a bad name fails here, clearly
     report = slcp.sweep(
         scene, policy, spec, scaling=scaling, integrator=integrator, dtype=dtype, device=device,
@@ -120,7 +122,7 @@ def sweep_command(
         kick_times=tuple(numbers(kick_times, "--kick-times").tolist()) if kick_times else (),
         kick_sd=kick_sd, parameter_sd=parse_settings(vary, "--vary"),
         parameters=parse_settings(settings, "--set"), threshold=threshold, seed=seed,
-        observe=OBSERVED.get(scene, 0) if observe is None else observe,
+        observe=OBSERVED.get(mechanism_name(chosen), 0) if observe is None else observe,
     )  # fmt: skip
     with timed("sweep"), progress_bar("worlds") as progress:
         report = run_sweep(chosen, policy, spec, scaling, integrator, device, dtype, progress)

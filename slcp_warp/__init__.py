@@ -7,6 +7,7 @@ from . import scenes
 from .arrays import ArrayError
 from .complementarity import Complementarity, solve_complementarity
 from .errors import ArgumentError, ArgumentTypeError, InputError
+from .files import FileError
 from .mjcf import MjcfError, load_mjcf
 from .options import OptionError, Options, Status
 from .parameters import ParameterError, Parameters
@@ -31,6 +32,7 @@ __all__ = [
     "Complementarity",
     "Contact",
     "InputError",
+    "FileError",
     "Linearization",
     "MjcfError",
     "OptionError",

@@ -4,15 +4,17 @@ import dataclasses
 import difflib
 import json
 import os
-import tomllib
 import types
 import typing
 from pathlib import Path
 from typing import Any
 
 from .errors import SceneError
+from .files import parse_json, parse_toml, read_text, reading, write_text
 from .scene import Scene
 from .scene_schema import FORMAT, NO_VALUE, VERSION, file_fields, json_schema
+
+MOST_ENTRIES = 4096  # of a list
 
 __all__ = ["json_schema", "load_scene", "save_scene"]
 
@@ -25,23 +27,40 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
     """Read a scene from a .toml or .json file, or from MJCF (.xml, see `load_mjcf`).
 
     Raises:
-        SceneFileError: not a scene file, another version, a field that is unknown, missing or of a wrong
-            type; SceneError: fields that do not describe a mechanism. FileNotFoundError.
+        SceneFileError: not a scene file, too large, another version, a field that is unknown, missing, twice
+            or of a wrong type, or fields that do not describe a mechanism. FileNotFoundError.
     """
     path = Path(path)
     if path.suffix == ".xml":
         from .mjcf import load_mjcf  # needs mujoco: only where it is asked for
 
         return load_mjcf(path)
-    content = _parse(path)
+    with reading(path, "a scene", SceneFileError):
+        return scene_of(_parse(path))
+
+
+def scene_of(content: Any) -> Scene:
+    """The scene of a scene file's content, as `scene_content` gives it.
+
+    Raises:
+        SceneFileError: as `load_scene`, without a file's name.
+    """
     if not isinstance(content, dict) or content.get("format") != FORMAT:
-        found = repr(content.get("format")) if isinstance(content, dict) else f"a {type(content).__name__}"
-        raise SceneFileError(f"{path}: format is {found}; a scene file has format = {FORMAT!r}")
-    if content.get("version") != VERSION:
-        raise SceneFileError(f"{path}: version is {content.get('version')!r}; this program reads {VERSION}")
+        found = (
+            f"{content.get('format')!r:.60}" if isinstance(content, dict) else f"a {type(content).__name__}"
+        )
+        raise SceneFileError(f"format is {found}; a scene file has format = {FORMAT!r}")
+    version = content.get("version")
+    if isinstance(version, bool) or version != VERSION:
+        raise SceneFileError(f"version is {version!r:.60}; this program reads {VERSION}")
     fields = {k: v for k, v in content.items() if k not in ("format", "version", "$schema")}
-    scene: Scene = _build(Scene, fields, f"{path}")
+    scene: Scene = _build(Scene, fields, "")
     return scene
+
+
+def scene_content(scene: Scene) -> dict[str, Any]:
+    """What a scene's file holds, as JSON values."""
+    return {"format": FORMAT, "version": VERSION, **_plain(scene)}
 
 
 def save_scene(scene: Scene, path: str | os.PathLike[str]) -> None:
@@ -53,24 +72,17 @@ def save_scene(scene: Scene, path: str | os.PathLike[str]) -> None:
         raise SceneFileError(
             f"{path}: scenes are written as .json, not as {path.suffix or 'a file without ending'}"
         )
-    content = {"format": FORMAT, "version": VERSION, **_plain(scene)}
-    part = path.with_name(path.name + ".part")
-    part.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    part.replace(path)
+    write_text(path, json.dumps(scene_content(scene), indent=2, allow_nan=False) + "\n")
 
 
 def _parse(path: Path) -> Any:
     if path.suffix not in (".toml", ".json"):
-        raise SceneFileError(f"{path}: a scene is a .toml, .json or .xml (MJCF) file")
+        raise SceneFileError("a scene is a .toml, .json or .xml (MJCF) file")
+    text = read_text(path)
     try:
-        text = path.read_text(encoding="utf-8")
-        if path.suffix == ".json":
-            return json.loads(text)
-        return tomllib.loads(text)
-    except ValueError as error:  # what both parsers and a wrong encoding raise
-        raise SceneFileError(f"{path}: not readable as {path.suffix[1:].upper()}: {error}") from error
-    except IsADirectoryError as error:
-        raise SceneFileError(f"{path}: a directory; a scene is a file") from error
+        return parse_json(text) if path.suffix == ".json" else parse_toml(text)
+    except ValueError as error:  # what both parsers raise
+        raise SceneFileError(f"not readable as {path.suffix[1:].upper()}: {error}") from error
 
 
 def _plain(item: Any) -> dict[str, Any]:
@@ -89,28 +101,32 @@ def _plain(item: Any) -> dict[str, Any]:
 def _build(kind: Any, values: Any, where: str) -> Any:
     """An instance of a scene class from a table of the file."""
     if not isinstance(values, dict):
-        raise SceneFileError(f"{where}: {values!r:.60}; a table of fields is needed")
+        raise SceneFileError(_said(where, f"{values!r:.60}; a table of fields is needed"))
     fields = file_fields(kind)
     for name in values:
         if name not in fields:
             near = difflib.get_close_matches(name, fields, 1)
             hint = f"; did you mean {near[0]!r}?" if near else f"; there are {', '.join(fields)}"
-            raise SceneFileError(f"{where}: no field {name!r}{hint}")
+            raise SceneFileError(_said(where, f"no field {name!r:.60}{hint}"))
     arguments = {}
     for field in dataclasses.fields(kind):
         if field.name not in fields:
             continue
         name, (hint, required) = field.name, fields[field.name]
         if name in values:
-            arguments[name] = _convert(hint, values[name], f"{where}, {name}")
+            arguments[name] = _convert(hint, values[name], f"{where}, {name}" if where else name)
         elif required:
-            raise SceneFileError(f"{where}: {name} is missing")
+            raise SceneFileError(_said(where, f"{name} is missing"))
         elif field.default is dataclasses.MISSING:
             arguments[name] = None
     try:
         return kind(**arguments)
     except SceneError as error:
-        raise SceneFileError(f"{where}: {error}") from error
+        raise SceneFileError(_said(where, str(error))) from error
+
+
+def _said(where: str, text: str) -> str:
+    return f"{where}: {text}" if where else text
 
 
 def _convert(hint: Any, value: Any, where: str) -> Any:
@@ -124,6 +140,8 @@ def _convert(hint: Any, value: Any, where: str) -> Any:
     items = typing.get_args(hint)
     if not isinstance(value, list):
         raise SceneFileError(f"{where}: {value!r:.60}; a list is needed")
+    if len(value) > MOST_ENTRIES:
+        raise SceneFileError(f"{where}: {len(value)} entries; at most {MOST_ENTRIES} are read")
     return tuple(_convert(items[0], v, f"{where}[{i}]") for i, v in enumerate(value))
 
 

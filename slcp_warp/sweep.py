@@ -2,12 +2,10 @@
 statistics.
 """
 
-import csv
 import json
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,8 +20,8 @@ from .rules import NONNEGATIVE, POSITIVE
 from .scene import Scene
 from .simulator import Simulator
 from .statistics import mean_interval, quantile_interval, share_interval, spin_statistics
+from .sweep_report import SweepReport
 
-FORMAT, VERSION = "slcp-warp-sweep", 1
 PERTURBABLE = sorted({*POSITIVE, *NONNEGATIVE, "gravity", "gear"} - {"period"})
 CHUNK_BYTES = 128 * 2**20
 
@@ -113,72 +111,6 @@ class SweepSpec:
                 raise ValueError(
                     f"SweepSpec.step_sizes contains {h}; in (0, sample_every = {self.sample_every}] please"
                 )
-
-
-@dataclass
-class SweepReport:
-    """Outcome of a sweep.
-
-    Attributes:
-        cases: one summary per (residual, step_size): counts, statuses and (value, low, high) with 95 %
-        intervals.
-        table: tidy columns, one row per world and case. samples: per case, (B, S) the observed coordinate
-        less its start.
-        spec: the specification. complete: False if interrupted; then only finished worlds are in.
-    """
-
-    cases: list[dict[str, Any]]
-    table: dict[str, np.ndarray]
-    samples: list[np.ndarray]
-    spec: dict[str, Any]
-    complete: bool = True
-
-    def save(self, path: str | Path) -> Path:
-        """Write .csv (the table) or .npz (everything, no pickle); replaced only once complete."""
-        path = Path(path)
-        temporary = path.with_name(path.name + ".part")
-        if path.suffix == ".csv":
-            with open(temporary, "w", newline="") as file:
-                writer = csv.writer(file)
-                writer.writerow(self.table)
-                writer.writerows(zip(*(column.tolist() for column in self.table.values()), strict=True))
-        elif path.suffix == ".npz":
-            header = {
-                "format": FORMAT,
-                "version": VERSION,
-                "spec": self.spec,
-                "cases": self.cases,
-                "complete": self.complete,
-            }
-            arrays = {f"table_{name}": column for name, column in self.table.items()}
-            arrays |= {f"samples_{i}": a for i, a in enumerate(self.samples)}
-            with open(temporary, "wb") as file:
-                np.savez_compressed(file, allow_pickle=False, header=np.array(json.dumps(header)), **arrays)
-        else:
-            raise ValueError(f"path {path} ends in {path.suffix!r}; .csv or .npz is needed")
-        temporary.replace(path)
-        return path
-
-    @classmethod
-    def load(cls, path: str | Path) -> "SweepReport":
-        """Read an .npz written by `save`.
-
-        Raises:
-            FileNotFoundError, ValueError: not there; truncated or not a sweep.
-        """
-        try:
-            with np.load(path, allow_pickle=False) as archive:
-                data = {name: archive[name] for name in archive.files}
-            header = json.loads(str(data["header"]))
-            if header["format"] != FORMAT or header["version"] != VERSION:
-                raise ValueError(f"format {header['format']!r} version {header['version']}")
-        except FileNotFoundError:
-            raise
-        except Exception as error:
-            raise ValueError(f"{path} cannot be read as a sweep: {error}") from error
-        table = {name[6:]: data[name] for name in data if name.startswith("table_")}
-        samples = [data[f"samples_{i}"] for i in range(len(header["cases"]))]
-        return cls(header["cases"], table, samples, header["spec"], header["complete"])
 
 
 def sweep(

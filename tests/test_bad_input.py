@@ -348,5 +348,5 @@ def test_a_sweep_file_that_is_none_is_refused(tmp_path):
         with pytest.raises(ValueError, match="sweep.npz cannot be read as a sweep"):
             slcp.SweepReport.load(path)
     library().save(path)
-    with pytest.raises(ValueError, match="format 'slcp-warp-library'"):
+    with pytest.raises(ValueError, match="format is 'slcp-warp-library'; 'slcp-warp-sweep' is needed"):
         slcp.SweepReport.load(path)

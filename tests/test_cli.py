@@ -16,12 +16,14 @@ from typer.testing import CliRunner
 
 import slcp_warp as slcp
 from slcp_warp import ddp, scenes
+from slcp_warp.archive import write_archive
 from slcp_warp.ddp import refinement
 from slcp_warp.scripts.app import app
 from slcp_warp.scripts.chart_cycle import frame_times, last_turn
 from slcp_warp.scripts.chart_mechanism import Mechanism
 from slcp_warp.scripts.isosurface import isosurface
 from slcp_warp.scripts.records import Record, RecordError, load_policy, load_record, read_kind
+from slcp_warp.simulated import Simulated
 
 FLOAT32 = ["--device", "cpu", "--dtype", "float32"]
 
@@ -68,8 +70,8 @@ def test_simulate_saves_what_the_simulator_gives(tmp_path):
     params = sim.params.replace(step_size=0.03, friction=0.3)
     expected = sim.rollout(np.array([[-0.4, -0.5, 0.2, 0.0, 0.0, 1.0]]), np.zeros((1, 12, 2)), params)
     np.testing.assert_array_equal(record["states"], expected.states)
-    np.testing.assert_array_equal(record["param_friction"], [0.3])
-    assert record.header["step_size"] == 0.03 and record.header["residual"] == "rem-logistic"
+    np.testing.assert_array_equal(record.simulated.parameters["friction"], [0.3])
+    assert record.step_size == 0.03 and record.simulated.options.residual == "rem-logistic"
     assert record["impulse"].shape == (1, 12, 6) and record["contact_impulse"].shape == (1, 12, 1, 2)
 
 
@@ -216,13 +218,18 @@ def _empty(folder):
 
 
 def test_records_of_other_versions_and_contents(tmp_path):
-    record = Record("surface", {f"axis{i}": np.zeros(2) for i in range(3)} | {"gap": np.zeros((2, 2, 2))})
+    arrays = {f"axis{i}": np.arange(2.0) for i in range(3)} | {"gap": np.zeros((2, 2, 2))}
+    simulated = Simulated.of(slcp.Simulator(scenes.flicking_finger(), device="cpu"))
+    record = Record("surface", arrays, simulated)
     record.save(tmp_path / "a.npz")
-    assert load_record(tmp_path / "a.npz", "surface").header["version"] == 1
-    Record("surface", record.arrays, {"version": 9}).save(tmp_path / "b.npz")
-    with pytest.raises(RecordError, match="version 9"):
+    assert load_record(tmp_path / "a.npz", "surface").header["version"] == 2
+    with np.load(tmp_path / "a.npz") as archive:
+        data = dict(archive)
+    header = json.loads(str(data.pop("header"))) | {"version": 9}
+    write_archive(tmp_path / "b.npz", header, data)
+    with pytest.raises(RecordError, match="version 9; this program reads 1 or 2"):
         load_record(tmp_path / "b.npz", "surface")
-    Record("surface", {"gap": np.zeros(3)}).save(tmp_path / "c.npz")
+    Record("surface", {"gap": np.zeros(3)}, simulated).save(tmp_path / "c.npz")
     with pytest.raises(RecordError, match="axis0"):
         load_record(tmp_path / "c.npz", "surface")
     with np.load(tmp_path / "a.npz", allow_pickle=False) as archive:
@@ -314,7 +321,9 @@ def test_last_turn_and_frames():
     states[0, :, 2] = angle
     impulse = np.zeros((1, 140, 1, 2))
     impulse[0, 103, 0, 0] = 1.0
-    record = Record("trajectory", {"states": states, "contact_impulse": impulse}, {"step_size": 0.1})
+    sim = slcp.Simulator(scenes.flicking_finger(), device="cpu")
+    simulated = Simulated.of(sim, sim.params.replace(step_size=0.1))
+    record = Record("trajectory", {"states": states, "contact_impulse": impulse}, simulated)
     cycle = last_turn(record)
     assert np.pi <= cycle.states[-1, 2] - cycle.states[0, 2] < np.pi + 0.06
     chosen = frame_times(cycle, 10)

@@ -96,7 +96,7 @@ def test_foreign_files(tmp_path):
     (tmp_path / "folder.json").mkdir()
     (tmp_path / "scene.yaml").write_text("name: x")
     (tmp_path / "scene.toml").write_text("name = ")
-    messages = {"binary.json": "not readable as JSON", "folder.json": "a directory",
+    messages = {"binary.json": "it is no text", "folder.json": "a directory",
                 "scene.yaml": "toml, .json or .xml", "scene.toml": "not readable as TOML"}  # fmt: skip
     for name, message in messages.items():
         with pytest.raises(slcp.SceneError, match=message):
