@@ -17,8 +17,10 @@ from slcp_warp import ArgumentError, Scene
 from slcp_warp.archive import open_archive, write_archive
 from slcp_warp.files import reading
 
-FORMAT, VERSION = "slcp-warp-library", 1
-ARRAYS = ("x", "u", "K", "cost", "gain", "age", "chain", "plan")
+FORMAT, VERSION = "slcp-warp-library", 2
+WITHOUT_LIMITS = 1  # version of files that state no control limits
+LIMITS = ("lower", "upper")
+ARRAYS = ("x", "u", "K", "cost", "gain", "age", "chain", "plan", *LIMITS)
 NEEDED = (*ARRAYS, "period")
 WHOLE = ("age", "chain", "plan")
 
@@ -43,6 +45,8 @@ class Library:
         age: (L,) step within its plan. chain, plan: (L,) which chain and which of its plans.
         period: (nx,) period of every state component, 0 where there is none.
         header: what it was built with (scene, digest, sigma, step size, seed, ...), JSON values.
+        lower, upper: (L, nu) limits within which the controllers were planned, infinite where there is none;
+            the library's policy keeps them. None: no limits.
     """
 
     x: np.ndarray
@@ -55,6 +59,18 @@ class Library:
     plan: np.ndarray
     period: np.ndarray
     header: dict[str, Any] = field(default_factory=dict)
+    lower: Any = None
+    upper: Any = None
+
+    def __post_init__(self) -> None:
+        for name, none in zip(LIMITS, (-np.inf, np.inf), strict=True):
+            given = getattr(self, name)
+            limit = np.full(self.u.shape, none) if given is None else np.asarray(given, np.float64)
+            if limit.shape != self.u.shape:
+                raise LibraryError(f"{name} has shape {limit.shape}; {self.u.shape} is needed, as of u")
+            object.__setattr__(self, name, limit)
+        if not (self.lower <= self.upper).all():
+            raise LibraryError("every lower control limit must be at most the upper one")
 
     def __len__(self) -> int:
         return len(self.x)
@@ -89,8 +105,9 @@ class Library:
         with reading(path, "a trajectory library", LibraryError), open_archive(path) as archive:
             if archive.header.get("format") is None:
                 raise LibraryError("it has no library header; was it written by Library.save?")
-            archive.check_format(FORMAT, VERSION)
-            data = archive.read_all(NEEDED)
+            version = archive.check_format(FORMAT, WITHOUT_LIMITS, VERSION)
+            older = LIMITS if version == WITHOUT_LIMITS else ()
+            data = archive.read_all(tuple(name for name in NEEDED if name not in older))
             _check(data)
             return cls(**data, header=archive.header)
 
@@ -106,12 +123,13 @@ def _check(data: dict[str, np.ndarray]) -> None:
     """Raise LibraryError unless a file's arrays fit each other and are finite."""
     count, nx = data["x"].shape if data["x"].ndim == 2 else (-1, -1)
     nu = data["u"].shape[-1] if data["u"].ndim == 2 else -1
-    need = {"x": (count, nx), "u": (count, nu), "K": (count, nu, nx), "period": (nx,)}
+    need = {"x": (count, nx), "K": (count, nu, nx), "period": (nx,)}
+    need |= dict.fromkeys(("u", *LIMITS), (count, nu))
     for name, array in data.items():
         shape = need.get(name, (count,))
         if array.shape != shape or count < 1 or nx < 1:
             raise LibraryError(f"array {name!r} has shape {array.shape}, {shape} is needed")
-        if not np.all(np.isfinite(array)):
+        if np.isnan(array).any() or (name not in LIMITS and np.isinf(array).any()):
             raise LibraryError(f"array {name!r} contains numbers that are not finite")
         if name in WHOLE and (array.dtype.kind not in "iu" or array.min() < 0):
             raise LibraryError(f"array {name!r} contains what is no index; whole numbers >= 0 are needed")

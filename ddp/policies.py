@@ -1,6 +1,7 @@
 """Policies that a rollout or a sweep evaluates inside its kernel."""
 
 import functools
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -8,6 +9,7 @@ import warp as wp
 
 from slcp_warp import Simulator
 from slcp_warp.kernels import policy as kernels
+from slcp_warp.limits import bounded, limit_rows
 
 from .library import Library
 
@@ -82,8 +84,21 @@ def _put(sim: Simulator, values: Any) -> wp.array:
     return wp.array(np.ascontiguousarray(values), dtype=sim.dtype, device=sim.device)
 
 
+def _rows(name: str, values: np.ndarray, count: int) -> np.ndarray:
+    """One row for each of `count` entries."""
+    if len(values) not in (1, count):
+        raise ValueError(f"{name} are for {len(values)} entries; there are {count}")
+    return np.tile(values, (count // len(values), 1))
+
+
+def _put_limits(sim: Simulator, struct: Any, limits: tuple[np.ndarray, np.ndarray]) -> None:
+    """Limits of the controls in a policy's struct; a policy without any has none there."""
+    if bounded(*limits):
+        struct.lower, struct.upper = (_put(sim, a) for a in limits)
+
+
 class NearestPolicy:
-    """The nearest-neighbour rule (20) over a library.
+    """The nearest-neighbour rule (20) over a library; its controls stay within the entries' limits.
 
     Args:
         library: the entries.
@@ -91,6 +106,7 @@ class NearestPolicy:
         min_gain: entries whose plan gains less over zero controls are left out (passive plans).
         feedback_limit: the feedback term K (x - x_j) is clamped to this size [control units].
         whiten: (nx, nx) matrix of another norm.
+        control_limits: (lower, upper), each a number or (nu,), for all entries; None: the library's.
     """
 
     def __init__(
@@ -100,6 +116,7 @@ class NearestPolicy:
         min_gain: float = -np.inf,
         feedback_limit: float = np.inf,
         whiten: np.ndarray | None = None,
+        control_limits: Any = None,
     ) -> None:
         if metric not in METRICS:
             raise ValueError(f"metric is {metric!r}; choose one of {list(METRICS)}")
@@ -113,6 +130,10 @@ class NearestPolicy:
                 f"min_gain {min_gain} leaves no entry; the largest gain is {library.gain.max():.3g}"
             )
         self.library = library.select(keep)
+        if control_limits is not None:
+            limits = limit_rows(control_limits, library.u.shape[1])
+            lower, upper = (_rows("control_limits", a, len(self.library)) for a in limits)
+            self.library = replace(self.library, lower=lower, upper=upper)
         self.whiten = whitening(self.library, metric) if whiten is None else np.asarray(whiten, float)
         nx = library.x.shape[1]
         if self.whiten.shape != (nx, nx) or not np.isfinite(self.whiten).all():
@@ -133,23 +154,30 @@ class NearestPolicy:
         struct.entry = wp.array(owner[order], dtype=wp.int32, device=sim.device)
         struct.period = put(lib.period)
         struct.limit = self.feedback_limit
+        _put_limits(sim, struct, (lib.lower, lib.upper))
         return "nearest", struct
 
 
 class TrackingPolicy:
-    """u = us_k + K_k (x - xs_k) along trajectories, by time; the last step is held.
+    """u = us_k + K_k (x - xs_k) along trajectories, by time, within the limits of the plan; the last step is
+    held.
 
     Args:
         result: of `ddp.solve`, for one problem or as many as there are worlds; or any object with `us`
             (N, nu), `xs` (N+1, nx) and `K` (N, nu, nx), or with a batch axis. Warp arrays (with a batch axis)
-            that require gradients collect them from rollouts on a `wp.Tape`.
+            that require gradients collect them from rollouts on a `wp.Tape`; a control at its limit has the
+            derivative 0.
         period: (nx,) as in `Scene.state_period`.
+        control_limits: as of a `Problem`; None: `lower` and `upper` of the result where it has them.
     """
 
-    def __init__(self, result: Any, period: np.ndarray | None = None) -> None:
+    def __init__(self, result: Any, period: np.ndarray | None = None, control_limits: Any = None) -> None:
         single = result.us.ndim == 2
         self.us, self.xs, self.K = (a[None] if single else a for a in (result.us, result.xs, result.K))
         self.period = np.zeros(self.xs.shape[-1]) if period is None else np.asarray(period, float)
+        if control_limits is None and hasattr(result, "lower"):
+            control_limits = result.lower, result.upper
+        self.limits = limit_rows(control_limits, self.us.shape[-1])
 
     def arrays(self, sim: Simulator) -> tuple[str, Any]:
         """Kernel name and struct for a simulator."""
@@ -165,8 +193,11 @@ class TrackingPolicy:
                 f"K has shape {self.K.shape} and xs {self.xs.shape}; with us {self.us.shape} K must be "
                 f"({worlds}, {steps}, {sim.nu}, {sim.nx}) and xs ({worlds}, {steps} or more, {sim.nx})"
             )
+        if len(self.limits[0]) not in (1, worlds):
+            raise ValueError(f"control_limits are for {len(self.limits[0])} trajectories; there are {worlds}")
         struct = kernels.make_tracking(sim.nx, sim.nu, sim.dtype).Struct()
         put = functools.partial(_put, sim)
         struct.us, struct.gain, struct.period = put(self.us), put(self.K), put(self.period)
         struct.xs = put(self.xs)
+        _put_limits(sim, struct, self.limits)
         return "tracking", struct

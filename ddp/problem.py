@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from slcp_warp.limits import limit_rows
+
 from .costs import Cost
 
 
@@ -79,31 +81,12 @@ class Problem:
         return replace(self, params=self.params.replace(**changes))
 
     def limit_rows(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lower and upper control limits (1 or B, nu).
+        """Lower and upper control limits (1 or B, nu), infinite where there is none.
 
         Raises:
             ValueError: wrong shapes, NaN, or a lower limit above an upper one.
         """
-        if self.control_limits is None:
-            return np.full((1, self.nu), -np.inf), np.full((1, self.nu), np.inf)
-        try:
-            lower, upper = self.control_limits
-        except (TypeError, ValueError):
-            raise ValueError(f"control_limits must be (lower, upper), got {self.control_limits!r}") from None
-        rows = []
-        for name, value in (("lower", lower), ("upper", upper)):
-            array = np.array(value, dtype=np.float64)
-            if array.ndim > 2 or (array.ndim and array.shape[-1] != self.nu):
-                raise ValueError(
-                    f"{name} limit must be a number, ({self.nu},) or (B, {self.nu}), got {array.shape}"
-                )
-            rows.append(np.atleast_2d(np.broadcast_to(array, (self.nu,) if array.ndim == 0 else array.shape)))
-        low, high = np.broadcast_arrays(*rows)
-        if not (low <= high).all():
-            raise ValueError(
-                f"every lower control limit must be at most the upper one, got {self.control_limits!r}"
-            )
-        return np.ascontiguousarray(low), np.ascontiguousarray(high)
+        return limit_rows(self.control_limits, self.nu)
 
     def param_array(self, batch: int) -> Any:
         """The dynamics' numbers on the device, (1 or B, P)."""

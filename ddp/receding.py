@@ -203,6 +203,7 @@ class _Chains:
             np.where(np.isfinite(groups), groups, np.inf), axis=1
         )
         self.us, self.xs, self.K = result.us[best], result.xs[best], result.K[best]
+        self.lower, self.upper = result.lower[best], result.upper[best]
         self.cost = result.cost[best]
         self.gain = self._passive_cost() - self.cost
         self.choice = best % self.starts
@@ -267,6 +268,7 @@ class _Chains:
                     {
                         "x": self.xs[c, k], "u": self.us[c, k], "K": self.K[c, k], "cost": self.cost[c],
                         "gain": self.gain[c], "age": k, "chain": c, "plan": self.index,
+                        "lower": self.lower[c], "upper": self.upper[c],
                     }
                 )  # fmt: skip
                 self.stored += 1

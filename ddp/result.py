@@ -68,6 +68,8 @@ class Result:
         iterations: line searches done (B,).
         gradient: largest |Q_u| at the returned trajectory (B,).
         min_pivot: smallest pivot of the unregularised Q_uu there (B,).
+        lower, upper: limits of the controls (B, nu), infinite where there is none; `TrackingPolicy` keeps
+            them.
         trace: history.
     """
 
@@ -82,6 +84,8 @@ class Result:
     iterations: np.ndarray
     gradient: np.ndarray
     min_pivot: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
     trace: Trace
 
     @property

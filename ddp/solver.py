@@ -254,10 +254,13 @@ class Workspace:
         if passes is None:
             passes = int(self.passes.numpy().max())
         names = ("xs", "us", "K", "k", "Vx", "Vxx", "cost", "status", "gradient")
+        lower, upper = (np.tile(a, (self.batch // len(a), 1)) for a in self.problem.limit_rows())
         return Result(
             **{name: getattr(self, name).numpy().copy() for name in names},
             iterations=self.passes.numpy().copy(),
             min_pivot=self.pivot.numpy().copy(),
+            lower=lower,
+            upper=upper,
             trace=Trace.from_rows(self._state.trace.numpy()[:, : passes + 1]),
         )
 

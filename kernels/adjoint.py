@@ -28,7 +28,7 @@ def make_adjoint_kernel(
     VX, VU = step.types.VX, step.types.VU
     parameters = make_parameter_gradient(s, dtype, method) if by_parameters else None
     Tracking = make_tracking(NX, NU, dtype).Struct
-    wrapped = make_wrap(dtype)
+    wrapped, free = make_wrap(dtype), make_free(NX, NU, dtype)
 
     @specialised(s, dtype, method, by_parameters, feedback)
     def adjoint_kernel(
@@ -80,6 +80,9 @@ def make_adjoint_kernel(
                     by_control[j] = (
                         by_control[j] + g[wp.static(NV + i)] * lin.dv[i, c] + h * g[i] * drift[i, c]
                     )
+            if wp.static(feedback):
+                for j in range(wp.static(NU)):
+                    by_control[j] = by_control[j] * free(policy, world, j, u[j])
             if us_grad.shape[0] > 0:
                 at = wp.min(k, us_grad.shape[1] - 1)
                 for j in range(wp.static(NU)):
@@ -124,17 +127,34 @@ def make_adjoint_kernel(
 
 
 @cached
+def make_free(nx: int, nu: int, dtype: type) -> wp.Function:
+    """free(policy, world, i, u): slope of control i by what the policy asks for, 0 at a limit, else 1."""
+    Tracking = make_tracking(nx, nu, dtype).Struct
+
+    @wp.func
+    def free(policy: Tracking, world: int, i: int, u: dtype):
+        if policy.lower.shape[0] > 0:
+            row = wp.where(policy.lower.shape[0] == 1, 0, world)
+            if u <= policy.lower[row, i] or u >= policy.upper[row, i]:
+                return dtype(0.0)
+        return dtype(1.0)
+
+    return free
+
+
+@cached
 def make_control_kernel(nx: int, nu: int, dtype: type) -> wp.Kernel:
     """What gradients by the controls u = us_k + K_k (x - xs_k) themselves add to those by the policy and the
     states, before the adjoint.
     """
     Tracking = make_tracking(nx, nu, dtype).Struct
-    wrapped = make_wrap(dtype)
+    wrapped, free = make_wrap(dtype), make_free(nx, nu, dtype)
 
     @specialised(nx, nu, dtype)
     def control_kernel(
         first: int,
         policy: Tracking,
+        us: wp.array3d(dtype=dtype),  # (B, N, nu), as applied
         states: wp.array3d(dtype=dtype),  # (B, N+1, nx)
         controls_grad: wp.array3d(dtype=dtype),  # (B, N, nu)
         states_grad: wp.array3d(dtype=dtype),  # accumulated (B, N+1, nx)
@@ -147,7 +167,7 @@ def make_control_kernel(nx: int, nu: int, dtype: type) -> wp.Kernel:
         for k in range(controls_grad.shape[1]):
             at = wp.min(k, policy.us.shape[1] - 1)
             for i in range(wp.static(nu)):
-                by_control = controls_grad[world, k, i]
+                by_control = controls_grad[world, k, i] * free(policy, world, i, us[world, k, i])
                 if us_grad.shape[0] > 0:
                     us_grad[world, at, i] = us_grad[world, at, i] + by_control
                 for j in range(wp.static(nx)):

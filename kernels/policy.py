@@ -45,6 +45,8 @@ def make_tracking(nx: int, nu: int, dtype: type) -> SimpleNamespace:
         xs: wp.array3d(dtype=dtype)  # (1 or B, >= N, nx)
         gain: wp.array4d(dtype=dtype)  # (1 or B, N, nu, nx)
         period: wp.array(dtype=dtype)  # (nx,), 0: none
+        lower: wp.array2d(dtype=dtype)  # (0, 1 or B, nu) limits of the controls
+        upper: wp.array2d(dtype=dtype)
 
     @wp.func
     def control(policy: Tracking, world: int, k: int, x: VX):
@@ -58,10 +60,13 @@ def make_tracking(nx: int, nu: int, dtype: type) -> SimpleNamespace:
             value = policy.us[row, at, i]
             for j in range(wp.static(nx)):
                 value += policy.gain[row, at, i, j] * dx[j]
+            if policy.lower.shape[0] > 0:
+                limits = wp.where(policy.lower.shape[0] == 1, 0, world)
+                value = held(value, policy.lower[limits, i], policy.upper[limits, i])
             u[i] = value
         return u
 
-    wrapped = make_wrap(dtype)
+    wrapped, held = make_wrap(dtype), make_hold(dtype)
     return SimpleNamespace(name="tracking", Struct=Tracking, control=control)
 
 
@@ -78,7 +83,7 @@ def make_nearest(nx: int, nu: int, dtype: type) -> SimpleNamespace:
     VI, VD = wp.types.vector(STACK, wp.int32), wp.types.vector(STACK, dtype)
     ZERO = dtype(0.0)
     FAR = dtype(1e30)
-    wrapped = make_wrap(dtype)
+    wrapped, held = make_wrap(dtype), make_hold(dtype)
 
     @wp.struct
     class Nearest:
@@ -91,6 +96,8 @@ def make_nearest(nx: int, nu: int, dtype: type) -> SimpleNamespace:
         whitening: wp.array2d(dtype=dtype)  # (nx, nx) W
         period: wp.array(dtype=dtype)  # (nx,)
         limit: dtype  # the feedback term K dx is clamped to +- limit
+        lower: wp.array2d(dtype=dtype)  # (0 or L, nu) limits of the controls
+        upper: wp.array2d(dtype=dtype)
 
     @wp.func
     def whitened(policy: Nearest, x: VX):
@@ -155,6 +162,8 @@ def make_nearest(nx: int, nu: int, dtype: type) -> SimpleNamespace:
             for j in range(wp.static(nx)):
                 value += policy.gain[e, i, j] * wrapped(x[j] - policy.xs[e, j], policy.period[j])
             u[i] = policy.us[e, i] + wp.clamp(value, -policy.limit, policy.limit)
+            if policy.lower.shape[0] > 0:
+                u[i] = held(u[i], policy.lower[e, i], policy.upper[e, i])
         return u
 
     return SimpleNamespace(name="nearest", Struct=Nearest, control=control, nearest=nearest)
@@ -171,3 +180,18 @@ def make_wrap(dtype: type) -> wp.Function:
         return d
 
     return wrapped
+
+
+@cached
+def make_hold(dtype: type) -> wp.Function:
+    """held(u, lower, upper): u within its limits; NaN stays NaN."""
+
+    @wp.func
+    def held(u: dtype, lower: dtype, upper: dtype):
+        if u < lower:
+            return lower
+        if u > upper:
+            return upper
+        return u
+
+    return held

@@ -74,7 +74,10 @@ def check_plan(arrays: Arrays, simulated: Simulated) -> None:
         "Vx": (steps + 1, nx), "Vxx": (steps + 1, nx, nx), **dict.fromkeys(each, ()),
         **dict.fromkeys(columns, (passes,)), "level_sigma": (levels,), "level_cost": (levels,),
     }  # fmt: skip
-    _shapes(arrays, need)
+    limits = ("lower", "upper") if {"lower", "upper"} & arrays.keys() else ()  # files without state none
+    _shapes(arrays, need | dict.fromkeys(limits, (nu,)))
+    if limits and not (arrays["lower"] <= arrays["upper"]).all():
+        raise FileError("a lower control limit is above the upper one")
     _finite(arrays, "xs", "us", "K")
     _statuses(arrays["status"], ddp.Status)
     if np.setdiff1d(arrays["trace_level"], np.arange(levels)).size:

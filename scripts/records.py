@@ -109,7 +109,11 @@ def result_arrays(result: ddp.Result) -> dict[str, np.ndarray]:
 def result_of(record: Record) -> ddp.Result:
     """The result that a plan file holds."""
     trace = ddp.Trace(**{f.name: record[f"trace_{f.name}"] for f in fields(ddp.Trace)})
-    values: dict[str, Any] = {f.name: record[f.name] for f in fields(ddp.Result) if f.name != "trace"}
+    values: dict[str, Any] = {
+        "lower": np.full(record["us"].shape[-1], -np.inf),  # of files that state no limits
+        "upper": np.full(record["us"].shape[-1], np.inf),
+    }
+    values |= {f.name: record[f.name] for f in fields(ddp.Result) if f.name in record.arrays}
     return ddp.Result(**values, trace=trace)
 
 

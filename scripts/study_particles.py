@@ -125,7 +125,14 @@ def costs_under_noise(count: int, seed: int) -> list[dict[str, Any]]:
             spread = np.diag([0.0] * 3 + [sd**2] * 3)
             for name, policy in (("open loop", dict[str, Any]()), ("feedback", feedback)):
                 run = slcp.particle_rollout(
-                    hard, scene.x0, plan.us, covariance=spread, count=count, seed=seed, **policy
+                    hard,
+                    scene.x0,
+                    plan.us,
+                    covariance=spread,
+                    count=count,
+                    seed=seed,
+                    control_limits=(plan.lower, plan.upper),
+                    **policy,
                 )
                 effort = 0.05 * (run.controls**2).sum((1, 2))
                 cost = effort - run.states[:, :-1, 2].sum(1)  # as ddp.costs.flicking_finger

@@ -109,7 +109,8 @@ def replanned(library: ddp.Library, device: str | None) -> Iterator[tuple[Case, 
             library, x=result.xs[:, :n].reshape(n * count, -1), u=result.us[:, :n].reshape(n * count, -1),
             K=result.K[:, :n].reshape(n * count, 2, -1), cost=np.repeat(result.cost, n),
             gain=np.zeros(n * count), age=np.tile(np.arange(n), count), chain=np.zeros(n * count, int),
-            plan=np.repeat(np.arange(count), n),
+            plan=np.repeat(np.arange(count), n), lower=np.repeat(result.lower, n, 0),
+            upper=np.repeat(result.upper, n, 0),
         )  # fmt: skip
 
 

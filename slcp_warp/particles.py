@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from .limits import limit_rows
 from .options import Status
 from .parameters import ParameterError, Parameters
 from .simulator import Simulator
@@ -94,6 +95,7 @@ def particle_rollout(
     count: int = 10000,
     xs: Any = None,
     K: Any = None,
+    control_limits: Any = None,
     logistic: bool = False,
     seed: int = 0,
 ) -> ParticleRollout:
@@ -106,6 +108,7 @@ def particle_rollout(
         covariance: of the noise on the state before each step, (nx, nx).
         xs, K: nominal states (N+1, nx) and gains (N, nu, nx): u = us + K (x - xs), x after the noise; both
             or none.
+        control_limits: (lower, upper), each a number or (nu,): what u is held within.
         logistic: as for `particles`.
 
     Raises:
@@ -123,6 +126,9 @@ def particle_rollout(
     _shape("x0", np.asarray(x0), (sim.nx,))
     _shape("xs", xs, (steps + 1, sim.nx))
     _shape("K", K, (steps, sim.nu, sim.nx))
+    lower, upper = limit_rows(control_limits, sim.nu)
+    if len(lower) != 1:
+        raise ParameterError(f"control_limits are for {len(lower)} problems; one for all particles is needed")
     rng = np.random.default_rng(seed)
     states = np.empty((count, steps + 1, sim.nx))
     controls = np.empty((count, steps, sim.nu))
@@ -130,7 +136,7 @@ def particle_rollout(
     states[:, 0] = np.asarray(x0, float)
     for k in range(steps):
         x = states[:, k] + _noise(rng, count, factor, logistic)
-        controls[:, k] = us[k] + (x - xs[k]) @ K[k].T
+        controls[:, k] = np.clip(us[k] + (x - xs[k]) @ K[k].T, lower, upper)
         step = sim.step(x, controls[:, k], params)
         status = np.where(status == Status.SOLVED, step.status, status)
         going = (status == Status.SOLVED)[:, None]

@@ -1,9 +1,9 @@
 """Rollouts on a `wp.Tape`: the implicit adjoint of every step, attached by hand.
 
 Gradients flow from the recorded states and controls to x0, controls, parameters (`Parameters.track`) and the
-nominal states, controls and gains of a tracking policy. They are exact to solver tolerance wherever the
-status is SOLVED; a world with another status gets NaN. Nothing flows through impulses and gaps: a loss of
-them is refused.
+nominal states, controls and gains of a tracking policy (none where its control is at a limit). They are
+exact to solver tolerance wherever the status is SOLVED; a world with another status gets NaN. Nothing flows
+through impulses and gaps: a loss of them is refused.
 """
 
 from collections.abc import Callable, Sequence
@@ -209,7 +209,7 @@ def _by_controls(
     worlds, steps, nu = grad.shape
     if run.policy is not None:
         kernel = make_control_kernel(run.x0.shape[1], structure.nu, dtype)
-        inputs = [run.policy, run.states, grad, states_grad, by_us, by_xs, by_gain]
+        inputs = [run.policy, run.us, run.states, grad, states_grad, by_us, by_xs, by_gain]
         launch(kernel, worlds, inputs, run.x0.device, grain=max(1, 4096 // steps))
     elif run.us.requires_grad:
         flat = [array.reshape((worlds, steps * nu)) for array in (grad, by_us)]

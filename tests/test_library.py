@@ -142,7 +142,7 @@ def test_a_saved_library_comes_back_bit_for_bit(tmp_path):
     for name in (*ARRAYS, "period"):
         mine, theirs = getattr(lib, name), getattr(loaded, name)
         assert mine.dtype == theirs.dtype and mine.tobytes() == theirs.tobytes(), name
-    assert loaded.header == {"format": "slcp-warp-library", "version": 1, **lib.header}
+    assert loaded.header == {"format": "slcp-warp-library", "version": 2, **lib.header}
     assert not list(tmp_path.glob("*.part"))
 
 
@@ -167,13 +167,18 @@ DAMAGE = {
     "plain array": (lambda p: np.save(open(p, "wb"), np.zeros(3)), "cannot be read"),
     "no header": (lambda p: rewrite(p, header=np.array("hello")), "cannot be read"),
     "other format": (lambda p: rewrite(p, {"format": "slcp-warp-sweep"}), "'slcp-warp-library' is needed"),
-    "newer": (lambda p: rewrite(p, {"version": 2}), "version 2; this program reads 1"),
+    "newer": (lambda p: rewrite(p, {"version": 3}), "version 3; this program reads 1 or 2"),
     "missing array": (lambda p: rewrite(p, K=None), r"lacks the arrays \['K'\]"),
     "wrong shape": (lambda p: rewrite(p, K=np.zeros((6, 2, 5))), r"'K' has shape \(6, 2, 5\), \(6, 2, 6\)"),
     "scalar": (lambda p: rewrite(p, u=np.array(3.0)), r"'u' has shape \(\)"),
     "not finite": (
         lambda p: rewrite(p, x=np.full((6, 6), np.nan)),
         "'x' contains numbers that are not finite",
+    ),
+    "limits of NaN": (lambda p: rewrite(p, lower=np.full((6, 2), np.nan)), "'lower' contains numbers"),
+    "limits crossed": (
+        lambda p: rewrite(p, lower=np.ones((6, 2)), upper=np.zeros((6, 2))),
+        "above the upper",
     ),
     "text array": (lambda p: rewrite(p, x=np.full((6, 6), "a")), "'x'"),
 }

@@ -189,8 +189,11 @@ def test_torch_in_torch_out(device):
     np.testing.assert_array_equal(step.state.cpu().numpy(), sim.step(x0[0], us[0, 0]).state)
 
 
-@pytest.mark.parametrize("rows, held", [(3, 0), (1, 25)])
-def test_gradient_through_a_tracking_policy(device, rows, held):
+@pytest.mark.parametrize(
+    "rows, held, limit", [(3, 0, None), (1, 25, None), (3, 0, 0.9), (1, 25, (-0.9, 0.4))]
+)
+def test_gradient_through_a_tracking_policy(device, rows, held, limit):
+    """Also where limits hold some of the controls: their derivative is 0 there."""
     sim = finger(device)
     x0, us, weight = start()
     rng = np.random.default_rng(11)
@@ -203,7 +206,8 @@ def test_gradient_through_a_tracking_policy(device, rows, held):
     period = scene("flicking_finger").state_period
 
     def roll(x, arrays):
-        policy = ddp.TrackingPolicy(SimpleNamespace(**arrays), period)
+        limits = None if limit is None else limit if isinstance(limit, tuple) else (-limit, limit)
+        policy = ddp.TrackingPolicy(SimpleNamespace(**arrays), period, limits)
         return sim.rollout(x, policy=policy, steps=STEPS, record="controls")
 
     x = on_device(x0, device)
@@ -212,6 +216,9 @@ def test_gradient_through_a_tracking_policy(device, rows, held):
     with wp.Tape() as tape:
         traj = roll(x, arrays)
     assert not traj.status.numpy().any()
+    if limit is not None:
+        at_limit = np.abs(traj.controls.numpy()) == 0.9
+        assert 0.1 < at_limit.mean() < 0.9
     tape.backward(
         grads={
             traj.states: on_device(weight, device, False),

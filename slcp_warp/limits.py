@@ -1,0 +1,44 @@
+"""Limits of controls, as a plan, a library or a policy has them."""
+
+from typing import Any
+
+import numpy as np
+
+from .errors import ArgumentError
+
+
+def limit_rows(given: Any, nu: int) -> tuple[np.ndarray, np.ndarray]:
+    """Lower and upper limits (1 or B, nu), infinite where there is none.
+
+    Args:
+        given: (lower, upper), each a number, (nu,) or (B, nu); None: no limits.
+
+    Raises:
+        ArgumentError: wrong shapes, NaN, or a lower limit above an upper one.
+    """
+    if given is None:
+        return np.full((1, nu), -np.inf), np.full((1, nu), np.inf)
+    try:
+        lower, upper = given
+    except (TypeError, ValueError):
+        raise ArgumentError(f"control_limits must be (lower, upper), got {given!r:.100}") from None
+    rows = []
+    for name, value in (("lower", lower), ("upper", upper)):
+        try:
+            array = np.array(value, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise ArgumentError(f"{name} limit must be numbers, got {value!r:.80}") from None
+        if array.ndim > 2 or (array.ndim and array.shape[-1] != nu) or array.shape[:-1] == (0,):
+            raise ArgumentError(f"{name} limit must be a number, ({nu},) or (B, {nu}), got {array.shape}")
+        rows.append(np.atleast_2d(np.broadcast_to(array, (nu,) if array.ndim == 0 else array.shape)))
+    if len({len(row) for row in rows} - {1}) > 1:
+        raise ArgumentError(f"the limits are for {len(rows[0])} and for {len(rows[1])} problems")
+    low, high = np.broadcast_arrays(*rows)
+    if not (low <= high).all():
+        raise ArgumentError(f"every lower control limit must be at most the upper one, got {given!r:.100}")
+    return np.ascontiguousarray(low), np.ascontiguousarray(high)
+
+
+def bounded(lower: np.ndarray, upper: np.ndarray) -> bool:
+    """Whether any limit is finite."""
+    return bool(np.isfinite(lower).any() or np.isfinite(upper).any())
