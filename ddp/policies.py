@@ -175,7 +175,7 @@ class TrackingPolicy:
         single = result.us.ndim == 2
         self.us, self.xs, self.K = (a[None] if single else a for a in (result.us, result.xs, result.K))
         self.period = np.zeros(self.xs.shape[-1]) if period is None else np.asarray(period, float)
-        if control_limits is None and hasattr(result, "lower"):
+        if control_limits is None and getattr(result, "lower", None) is not None:
             control_limits = result.lower, result.upper
         self.limits = limit_rows(control_limits, self.us.shape[-1])
 

@@ -38,7 +38,7 @@ def library(**header):
 def tracking(worlds=1, nx=6, period=None):
     """A policy that tracks zeros."""
     numbers = dict.fromkeys(
-        ("k", "Vx", "Vxx", "cost", "status", "iterations", "gradient", "min_pivot", "trace")
+        ("k", "Vx", "Vxx", "cost", "status", "iterations", "gradient", "min_pivot", "lower", "upper", "trace")
     )
     xs, us, K = np.zeros((worlds, 6, nx)), np.zeros((worlds, 5, 2)), np.zeros((worlds, 5, 2, nx))
     result = ddp.Result(xs=xs, us=us, K=K, **numbers)
@@ -206,7 +206,7 @@ ERRORS = {
         lambda: problem(dynamics=grasp()), ValueError, "cost is for nx = 6, .* nx = 10"),
     "horizon 0": (lambda: problem(horizon=0), ValueError, "horizon must be .* at least 1, got 0"),
     "limits crossed": (
-        lambda: problem(control_limits=(1.0, -1.0)), ValueError, "lower control limit .* upper"),
+        lambda: problem(control_limits=(1.0, -1.0)), slcp.ArgumentError, "lower control limit .* upper"),
     "problem with other parameters": (
         lambda: solve(params=grasp().params), ValueError, "params belong to scene 'grasp'"),
     "initial state too short": (
