@@ -203,7 +203,9 @@ def main() -> int:
         print("\n".join(wrong), file=sys.stderr)
         return 1
     if options.names:
-        faults = [fault for fault in faults if any(name in f"{fault.file} {fault.name}" for name in options.names)]
+        faults = [
+            fault for fault in faults if any(name in f"{fault.file} {fault.name}" for name in options.names)
+        ]
     real = [fault for fault in faults if not fault.equivalent]
     print(f"{len(faults)} faults, {len(faults) - len(real)} of them equivalent")
     if options.list or not real:

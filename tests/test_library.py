@@ -178,7 +178,7 @@ DAMAGE = {
     "limits of NaN": (lambda p: rewrite(p, lower=np.full((6, 2), np.nan)), "'lower' contains numbers"),
     "limits crossed": (
         lambda p: rewrite(p, lower=np.ones((6, 2)), upper=np.zeros((6, 2))),
-        "above the upper",
+        "at most the upper",
     ),
     "text array": (lambda p: rewrite(p, x=np.full((6, 6), "a")), "'x'"),
 }

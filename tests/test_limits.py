@@ -3,7 +3,6 @@
 import functools
 import json
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,7 +12,8 @@ from simulators import simulator
 
 import slcp_warp as slcp
 from slcp_warp import ddp, scenes
-from slcp_warp.scripts.records import Record, load_policy, load_record, result_arrays, result_of
+from slcp_warp.scripts.optimise import optimise
+from slcp_warp.scripts.records import load_policy, load_record, result_of
 from slcp_warp.scripts.simulate import simulate
 
 pytestmark = pytest.mark.slow
@@ -148,18 +148,20 @@ def test_a_library_file_of_version_1_states_no_limits(tmp_path):
     assert ddp.Library.load(path).header["version"] == 2
 
 
-def plan_file(path, **changes):
-    header = {"scene": FINGER.name, "step_size": 0.05, "sigma": 0.1}
-    arrays = {**result_arrays(plan()), **changes}
-    return Record("plan", {k: a for k, a in arrays.items() if a is not None}, header).save(path)
+def plan_file(path, *without):
+    """What `slcp optimise` saves, without some of the arrays."""
+    options = ddp.Options(max_iterations=15)
+    record, _ = optimise(problem(), FINGER.x0, np.zeros((1, N, 2)), options)
+    kept = {name: array for name, array in record.arrays.items() if name not in without}
+    return replace(record, arrays=kept).save(path)
 
 
 def test_simulate_under_a_plan_file_keeps_its_limits(tmp_path):
-    path = plan_file(Path(tmp_path / "plan.npz"))
+    path = plan_file(tmp_path / "plan.npz")
     np.testing.assert_array_equal(result_of(load_record(path, "plan")).upper, [BOUND, 1.0])
     record = simulate(problem().dynamics, problem().params, pushed(), N, path)
     assert np.abs(record["controls"]).max() == BOUND
-    old = plan_file(Path(tmp_path / "old.npz"), lower=None, upper=None)
+    old = plan_file(tmp_path / "old.npz", "lower", "upper")
     assert np.isinf(result_of(load_record(old, "plan")).upper).all()
     assert np.abs(simulate(problem().dynamics, problem().params, pushed(), N, old)["controls"]).max() > BOUND
 
