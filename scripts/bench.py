@@ -31,10 +31,11 @@ from .bench_mujoco import Peer, import_mujoco
 from .bench_ours import PAPER, TOUCH, WINDOW, Ours, cpu_threads
 from .bench_pair import PairError, bench_pair, print_pairs
 from .bench_precision import bench_finite, bench_precision
-from .bench_timing import Case, Result, print_table, tidy_rows, time_interleaved, write_csv
+from .bench_timing import Case, Result, print_table, tidy_rows, time_interleaved
 from .bench_workload import Workload, make_workload, windows
 from .diagrams.command import charts_command
 from .stability import stability_command
+from .tables import write_csv
 
 DTYPES = ("float32", "float64")
 Rows = list[dict[str, Any]]

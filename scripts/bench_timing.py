@@ -1,6 +1,5 @@
 """Interleaved timing, and its results as a table on the screen and as tidy rows in a CSV file."""
 
-import csv
 import datetime
 import gc
 import importlib.metadata
@@ -162,13 +161,3 @@ def _commit() -> str:
     except (OSError, subprocess.SubprocessError):
         return ""
     return head + ("+" if changed else "")
-
-
-def write_csv(path: Path, rows: list[dict[str, Any]]) -> None:
-    """Write rows to a new file; columns in order of first appearance, empty where a row has no value."""
-    columns = list(dict.fromkeys(key for row in rows for key in row))
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("w", newline="") as file:
-        writer = csv.DictWriter(file, columns, restval="")
-        writer.writeheader()
-        writer.writerows(rows)

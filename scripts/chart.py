@@ -86,7 +86,12 @@ def chart_command(
     chosen: list[Path] = []
     for path in files:
         if path.is_dir():
-            inside = [file for name in ("*.npz", "size*.csv", RESULTS) for file in sorted(path.glob(name))]
+            inside = [
+                file
+                for name in ("*.npz", "size*.csv", RESULTS)
+                for file in sorted(path.glob(name))
+                if not file.name.startswith(".")
+            ]
             if not inside:
                 raise ValueError(f"{path} holds no .npz file, no size*.csv and no {RESULTS}")
             chosen += inside

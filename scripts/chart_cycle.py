@@ -10,6 +10,8 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
 
+from slcp_warp.files import replacing
+
 from .chart_mechanism import Drawing, Mechanism, view
 from .chart_space import add_path, add_surface, space_axes
 from .chart_style import BLACK, BLUE, IMPULSE, plt, save
@@ -160,7 +162,7 @@ def animation(record: Record, path: Path, seconds: float = 8.0, world: int = 0) 
     ax.text(0.97, 0.03, f"h = {h:g} s", transform=ax.transAxes, color=BLUE, fontsize=9, ha="right")
     path.parent.mkdir(parents=True, exist_ok=True)
     writer = PillowWriter(fps=GIF_RATE)
-    with writer.saving(figure, str(path), dpi=80):
+    with replacing(path) as part, writer.saving(figure, str(part), dpi=80):
         for k, q in zip(chosen, shown):
             low = max(0, k - round(0.5 / GIF_RATE / h))
             peak = cycle.impulse[low : k + 1].max()  # a flick shorter than a frame is shown, too

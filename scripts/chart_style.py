@@ -10,6 +10,8 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 from matplotlib.colors import Colormap, LinearSegmentedColormap
 
+from slcp_warp.files import replacing
+
 BLACK, ORANGE, SKY, GREEN = "#222222", "#E69F00", "#56B4E9", "#009E73"
 BLUE, RED, PINK, GREY = "#0072B2", "#D55E00", "#CC79A7", "#9A9A9A"
 CASES = (BLUE, SKY, RED, ORANGE, GREEN, PINK)  # series in the order they come
@@ -34,6 +36,7 @@ __all__ = [
 def save(figure: Any, path: Path) -> Path:
     """Write a figure as a PNG and close it."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path)
+    with replacing(path) as part:
+        figure.savefig(part)
     plt.close(figure)
     return path

@@ -1,6 +1,5 @@
 """Pictures of sweeps: how fast and how dependably worlds spin, and how that grows with the library."""
 
-import csv
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +9,7 @@ import slcp_warp as slcp
 
 from .chart_style import BLACK, CASES, GREY, plt, save
 from .sweep import case_name
+from .tables import number, read_csv
 
 RIDGE = 0.85  # height of the tallest histogram, in rows
 SIZE_COLUMNS = ("plans", "controllers", "residual", "step_size", "worlds", "mean_rate", "mean_rate_low",
@@ -90,14 +90,12 @@ def _recovery(ax: Any, times: np.ndarray, colour: str, label: str) -> None:
 
 
 def read_sizes(path: Path) -> list[dict[str, Any]]:
-    """Rows of `slcp size`; ValueError where the columns are others."""
-    with open(path, newline="") as file:
-        rows: list[dict[str, Any]] = list(csv.DictReader(file))
-    if not rows or set(SIZE_COLUMNS) - set(rows[0]):
-        raise ValueError(f"{path} is no table of `slcp size`; it needs the columns {', '.join(SIZE_COLUMNS)}")
-    for row in rows:
-        row.update({k: float(row[k]) for k in SIZE_COLUMNS if k != "residual"})
-    return rows
+    """Rows of `slcp size`. Raises FileError."""
+    rows = read_csv(path, "a table of `slcp size`", SIZE_COLUMNS)
+    finite = ("plans", "step_size")  # rates of sweeps in which nothing was solved are not
+    return [
+        row | {k: number(path, row, k, k in finite) for k in SIZE_COLUMNS if k != "residual"} for row in rows
+    ]
 
 
 def size_chart(path_in: Path, path: Path) -> Path:

@@ -30,9 +30,10 @@ from .optimise import finger_problem, optimise, outcome_table, random_starts
 from .quickstart_report import write_report
 from .records import Record, load_record
 from .simulate import simulate
-from .size_study import size_rows, write_sizes
+from .size_study import size_rows
 from .surface import FINGER_RANGE, surface
 from .sweep import cycle_states, run_sweep, sweep_table
+from .tables import write_csv
 
 SCENE = "flicking_finger"
 NO_GAP = ("controls", "impulse")  # a kernel that also records gaps would have to be compiled
@@ -163,7 +164,7 @@ class Run:
         spec = self.spec(worlds=self.scale.size_worlds)
         with progress_bar("sizes") as progress:
             rows = size_rows(self.scene, library, list(self.scale.sizes), spec, self.device, progress)
-        write_sizes(self.file("size.csv"), rows)
+        write_csv(self.file("size.csv"), rows)
 
     def pictures(self) -> list[Path]:
         """All figures, from the saved files."""

@@ -9,6 +9,7 @@ import numpy as np
 
 import slcp_warp as slcp
 from slcp_warp import ddp
+from slcp_warp.files import write_text
 
 from .records import Record
 from .sweep import case_name, percent, plus_minus
@@ -66,7 +67,7 @@ def write_report(
     ]
     parts += [f"| {name} | {seconds:.1f} |" for name, seconds in times.items()]
     parts += ["", "Stages include the compilation of their kernels where these were not cached."]
-    path.write_text("\n".join(parts) + "\n")
+    write_text(path, "\n".join(parts) + "\n")
     return path
 
 

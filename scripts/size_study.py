@@ -1,6 +1,5 @@
 """`slcp size`: how a library's robustness grows with its number of plans."""
 
-import csv
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -25,6 +24,7 @@ from .common import (
 )
 from .records import load_record
 from .sweep import cycle_states
+from .tables import write_csv
 
 
 def size_rows(
@@ -59,14 +59,6 @@ def size_rows(
     return rows
 
 
-def write_sizes(path: Path, rows: list[dict[str, Any]]) -> None:
-    """Write rows as CSV."""
-    with open(path, "w", newline="") as file:
-        writer = csv.DictWriter(file, list(rows[0]))
-        writer.writeheader()
-        writer.writerows(rows)
-
-
 @one_line_errors
 def size_command(
     library: Annotated[Path, typer.Option(help="File of `slcp library`.")],
@@ -95,5 +87,5 @@ def size_command(
         rows = size_rows(scene, loaded, counts, spec, device, progress)
     if not rows:
         raise KeyboardInterrupt
-    write_sizes(path, rows)
+    write_csv(path, rows)
     wrote(path)

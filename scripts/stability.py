@@ -7,13 +7,15 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from slcp_warp.files import write_text
 from slcp_warp.options import CHOICES
 
-from .bench_timing import machine, write_csv
+from .bench_timing import machine
 from .stability_cases import CASES
 from .stability_mujoco import compare
 from .stability_report import draw, lines, markdown, print_table, read_rows
 from .stability_run import FAMILY, SILENT, Selection, run_battery
+from .tables import write_csv
 
 QUICK = Selection(residuals=("hard", "rem-logistic"), dtypes=("float64",))
 
@@ -79,7 +81,7 @@ def stability_command(
         typer.echo(f"wrote {csv}")
     if table is not None:
         table.parent.mkdir(parents=True, exist_ok=True)
-        table.write_text(markdown(rows) + ("\n" + lines(peers) if peers else ""))
+        write_text(table, markdown(rows) + ("\n" + lines(peers) if peers else ""))
         typer.echo(f"wrote {table}")
     if chart is not None:
         typer.echo(f"wrote {draw(rows, chart)}")

@@ -1,6 +1,5 @@
 """The stability battery's rows as a table on the screen, as Markdown, and as one picture."""
 
-import csv
 from pathlib import Path
 from typing import Any
 
@@ -8,13 +7,17 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from slcp_warp.files import FileError
 from slcp_warp.options import CHOICES
 
 from .stability_run import DEGRADES, FAMILY, PASS, SILENT, STATUS, UNCHECKED, VERDICTS, Row
+from .tables import number, read_csv
 
 DEFAULTS = {name: CHOICES[name][0] for name in FAMILY[1:]}
 SHADES = {PASS: "#009E73", DEGRADES: "#F0E442", STATUS: "#56B4E9", SILENT: "#D55E00", UNCHECKED: "#BBBBBB"}
 STYLES = {PASS: "green", DEGRADES: "yellow", STATUS: "cyan", SILENT: "bold red", UNCHECKED: "dim"}
+KEYS = ("case", "scene", *FAMILY, "dtype", "h", "sigma", "variant")
+NUMBERS = ("h", "variant", "value", "limit", "error")
 ORDER = (UNCHECKED, PASS, DEGRADES, STATUS, SILENT)  # the worst last
 
 
@@ -22,15 +25,14 @@ def read_rows(paths: list[Path]) -> list[Row]:
     """The battery's rows from its CSV files; a cell that comes again replaces what was there."""
     cells: dict[tuple[Any, ...], Row] = {}
     for path in paths:
-        with path.open(newline="") as file:
-            for row in csv.DictReader(file):
-                cell: Row = dict(row)
-                for name in ("h", "variant", "value", "limit", "error"):
-                    cell[name] = float(row[name])
-                cell["sigma"] = float(row["sigma"]) if row["sigma"] else ""
-                cells[
-                    tuple(cell[k] for k in ("case", "scene", *FAMILY, "dtype", "h", "sigma", "variant"))
-                ] = cell
+        for row in read_csv(path, "a table of `slcp bench stability`", (*KEYS, *NUMBERS, "verdict")):
+            cell: Row = dict(row)
+            for name in NUMBERS:
+                cell[name] = number(path, row, name, finite=False)
+            cell["sigma"] = number(path, row, "sigma") if row["sigma"] else ""
+            if row["verdict"] not in VERDICTS:
+                raise FileError(f"{path}: verdict is {row['verdict']!r:.60}; choose one of {VERDICTS}")
+            cells[tuple(cell[k] for k in KEYS)] = cell
     return list(cells.values())
 
 

@@ -10,8 +10,8 @@ import slcp_warp as slcp
 from slcp_warp import ddp
 from slcp_warp.scene import Contact, Scene, Shape
 
-from .bench_timing import write_csv
 from .common import Seed, one_line_errors, show_rows
+from .tables import write_csv
 
 HEIGHTS = (-0.002, 0.0, 0.002, 0.005)  # gap [m]
 SD = 0.1  # of the noise on b [m/s]

@@ -9,8 +9,9 @@ import pytest
 from slcp_warp import scenes
 from slcp_warp.scripts.bench_differences import bench_differences
 from slcp_warp.scripts.bench_mechanism import distance, mass_matrix
-from slcp_warp.scripts.bench_timing import Case, tidy_rows, time_interleaved, write_csv
+from slcp_warp.scripts.bench_timing import Case, tidy_rows, time_interleaved
 from slcp_warp.scripts.bench_workload import legal_states, make_workload, windows
+from slcp_warp.scripts.tables import write_csv
 
 SCENE = scenes.flicking_finger()
 

@@ -12,9 +12,11 @@ pytest.importorskip("scipy")
 
 from typer.testing import CliRunner
 
+import slcp_warp as slcp
 from slcp_warp.scripts.app import app
 from slcp_warp.scripts.diagrams import command, contact, ratios
-from slcp_warp.scripts.diagrams.results import ResultsError, read_results, write_results
+from slcp_warp.scripts.diagrams.results import read_results
+from slcp_warp.scripts.tables import write_csv
 
 SIZES = (0.05, 0.02, 0.01)
 
@@ -79,29 +81,29 @@ def test_every_study_and_chart_is_there():
 def test_a_file_gives_its_rows_back(tmp_path):
     path = tmp_path / "results.csv"
     rows = [row | {"commit": "12e4567", "mujoco": "4.0", "note": "a, b"} for row in ROWS]
-    write_results(path, rows)
+    write_csv(path, rows)
     assert read_results(path) == rows
     assert [file.name for file in tmp_path.iterdir()] == ["results.csv"]
 
 
 def test_bad_files_are_named(tmp_path):
     path = tmp_path / "results.csv"
-    write_results(path, ROWS)
+    write_csv(path, ROWS)
     text = path.read_bytes()
     for content, message in (
         (text[:-40], "cut off or damaged: line 13"),
         (text[:-2], "cut off"),
         (text.split(b"\n")[0] + b"\n", "no rows"),
         (b"study,program\n1,2\n", "no columns problem, curve"),
-        (b"\xff\xfe\x00", "no text file"),
+        (b"\xff\xfe\x00", "it is no text"),
     ):
         path.write_bytes(content)
-        with pytest.raises(ResultsError, match=message):
+        with pytest.raises(slcp.FileError, match=message):
             read_results(path)
     path.write_bytes(text[:-40])
     assert "is cut off" in call("chart", path, "--out", tmp_path, code=2)
     path.write_text("a,b\n1,2\n")
-    assert "is no table of `slcp size`" in call("chart", path, "--out", tmp_path, code=2)
+    assert "cannot be read as a table of `slcp size`" in call("chart", path, "--out", tmp_path, code=2)
 
 
 def test_studies_run_and_resume(tmp_path, two_studies):
@@ -115,7 +117,7 @@ def test_studies_run_and_resume(tmp_path, two_studies):
     assert [row["study"] for row in read_results(tmp_path / "results.csv")] == ["contact"] * 12 + ["solver"]
     call("bench", "charts", "--out", tmp_path, "--study", "solver")
     assert two_studies[-1] == "solver" and len(read_results(tmp_path / "results.csv")) == 13
-    write_results(tmp_path / "results.csv", [row | {"commit": "another"} for row in kept])
+    write_csv(tmp_path / "results.csv", [row | {"commit": "another"} for row in kept])
     output = call("bench", "charts", "--out", tmp_path, "--resume", "--study", "contact")
     assert "contact: of another commit, version or machine, left out" in output
     assert two_studies[-1] == "contact"
@@ -141,7 +143,7 @@ def test_an_unknown_study_names_the_choices(tmp_path):
 
 
 def test_charts_from_the_file_alone(tmp_path):
-    write_results(tmp_path / "results.csv", ROWS + [{**ROWS[0], "error": math.inf}])
+    write_csv(tmp_path / "results.csv", ROWS + [{**ROWS[0], "error": math.inf}])
     output = call("chart", tmp_path, "--out", tmp_path / "figures")
     for name in command.STUDIES["contact"].charts:
         assert name in output and (tmp_path / "figures" / name).stat().st_size > 100

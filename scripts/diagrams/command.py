@@ -14,7 +14,8 @@ import typer
 
 from ..bench_timing import machine
 from ..common import INTERRUPTED, one_line_errors, wrote
-from .results import Rows, read_results, same_run, studies_in, write_results
+from ..tables import write_csv
+from .results import Rows, read_results, same_run, studies_in
 
 FAILED = 1  # exit code
 RESULTS = "results.csv"
@@ -77,7 +78,7 @@ def kept_rows(path: Path, facts: dict[str, Any], again: tuple[str, ...]) -> Rows
         typer.echo(f"{path}: {', '.join(dropped)}: of another commit, version or machine, left out")
         set_aside(path)
         if kept:
-            write_results(path, kept)
+            write_csv(path, kept)
     return kept
 
 
@@ -107,7 +108,7 @@ def run_studies(names: tuple[str, ...], path: Path, kept: Rows) -> tuple[Rows, l
         facts = machine()
         order = list(STUDIES)
         rows = sorted(rows + [facts | row for row in new], key=lambda row: order.index(row["study"]))
-        write_results(path, rows)
+        write_csv(path, rows)
         typer.echo(f"  {len(new)} rows in {time.perf_counter() - begin:.0f} s")
     return rows, failures
 

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from slcp_warp.files import write_text
+
 Rows = list[dict[str, Any]]
 OURS = "slcp-warp"
 LEAST = 1e-15  # error that counts as none
@@ -214,5 +216,5 @@ def draw(rows: Rows, out: Path) -> Path:
     ):
         text += [f"## {title}", "", *([f"- {line}" for line in lines] or ["Nowhere."]), ""]
     out.parent.mkdir(parents=True, exist_ok=True)
-    out.write_text("\n".join(text))
+    write_text(out, "\n".join(text))
     return out
