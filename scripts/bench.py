@@ -24,6 +24,7 @@ from slcp_warp.kernels import launch
 from slcp_warp.options import CHOICES
 
 from .bench_differences import bench_differences
+from .bench_fallbacks import bench_fallbacks
 from .bench_gradients import bench_gradients, bench_products
 from .bench_kernels import SIZES, bench_reach, bench_sizes, print_sizes
 from .bench_methods import bench_methods
@@ -283,6 +284,12 @@ def precision_command(
 ) -> None:
     """Derivatives of the finger's step: float32 beside float64, and whether any is no number."""
     _save(csv, bench_precision(count, seed, typer.echo) + bench_finite(random, seed, typer.echo))
+
+
+@app.command("fallbacks")
+def fallbacks_command(worlds: Worlds = 32768, steps: Steps = 75, seed: Seed = 0, csv: Csv = None) -> None:
+    """How many steps of the finger need more than the solver of few rows."""
+    _save(csv, [row for dtype in DTYPES for row in bench_fallbacks(worlds, steps, seed, dtype, typer.echo)])
 
 
 @app.command("threads")

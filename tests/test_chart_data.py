@@ -10,6 +10,7 @@ pytest.importorskip("matplotlib")
 
 import slcp_warp as slcp
 from slcp_warp.scripts import chart_sweep, quickstart_report, sweep
+from slcp_warp.scripts.diagrams import ratios
 
 RNG = np.random.default_rng(0)
 NAMES = ("mean_rate", "share_above", "share_spinning", "share_recovered")
@@ -101,6 +102,18 @@ def test_chart_of_sizes_shows_the_table(figures, tmp_path):
                 for row in mine:
                     apart = np.abs(corners - [row["plans"], scale * row[name + end]]).max(axis=1)
                     assert apart.min() < 1e-9
+
+
+def test_points_that_are_not_sound_reach_no_error():
+    """At equal error only what solved every world and passed through nothing is compared."""
+    fine = {"study": "contact", "problem": "p", "knob": "h", "error": 0.01, "missed": 0, "solved_share": 1.0}
+    peer = fine | {"program": "peer", "curve": "peer", "value": 0.1, "seconds": 1.0}
+    costs = {}
+    for what, change in (("sound", {}), ("unsolved", {"solved_share": 0.9}), ("passed", {"missed": 1})):
+        ours = fine | {"program": ratios.OURS, "curve": "Coulomb", "value": 0.1, "seconds": 0.25} | change
+        (found,) = ratios.compare([ours, peer])
+        costs[what] = found.equal_error[0][2]
+    assert costs == {"sound": 4.0, "unsolved": 0.0, "passed": 0.0}
 
 
 def test_report_of_a_sweep_says_what_its_cases_say():

@@ -25,6 +25,17 @@ def params_of(name):
     return slcp.parameters.Parameters(scene(name))
 
 
+def legal(sc, key, values):
+    """The values (..., *shape) as the scene can take them."""
+    values = np.array(values)
+    if key == "axis":  # a unit vector
+        values /= np.linalg.norm(values, axis=-1, keepdims=True)
+    if key == "radius":  # a disc has one
+        discs = [i for i, shape in enumerate(sc.shapes) if shape.kind == "disc"]
+        values[..., discs, 1] = values[..., discs, 0]
+    return values
+
+
 @pytest.mark.parametrize("name", SCENES)
 def test_columns_do_not_overlap(name):
     params = params_of(name)
@@ -46,8 +57,12 @@ def test_every_number_lands_in_its_own_column_and_world(name, worlds):
         if key == "shape_angle":  # an angle that was 0 stays 0
             given = [np.where(before[key][0] == 0.0, 0.0, rng.uniform(1.0, 2.0, shape))]
         else:
-            given = [1.5, rng.uniform(1.0, 2.0, shape), rng.uniform(1.0, 2.0, (worlds, *shape))]
-            if (worlds,) != shape:
+            given = [
+                legal(params.scene, key, rng.uniform(1.0, 2.0, size)) for size in (shape, (worlds, *shape))
+            ]
+            if key != "axis":
+                given.append(1.5)
+            if (worlds,) != shape and key != "axis":
                 given.append(rng.uniform(1.0, 2.0, worlds))
         for value in given:
             changed, value = params.replace(**{key: value}), np.asarray(value)
