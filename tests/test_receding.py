@@ -53,6 +53,7 @@ def test_an_entry_is_the_plan_at_its_age():
     made.options = receding.RecedingOptions(offset=3, entries=3)
     made.entries, made.stored, made.index = [], 0, 7
     made.cost, made.gain = np.array([10.0, 20.0]), np.array([1.0, 2.0])
+    made.lower, made.upper = -np.arange(1.0, 5.0).reshape(2, NU), np.arange(1.0, 5.0).reshape(2, NU)
     made.store()
     assert made.stored == len(made.entries) == 6 and made.index == 8
     for entry in made.entries:
@@ -60,5 +61,8 @@ def test_an_entry_is_the_plan_at_its_age():
         np.testing.assert_array_equal(entry["x"], made.xs[chain, age])
         np.testing.assert_array_equal(entry["u"], made.us[chain, age])
         np.testing.assert_array_equal(entry["K"], made.K[chain, age])
+        np.testing.assert_array_equal(
+            (entry["lower"], entry["upper"]), (made.lower[chain], made.upper[chain])
+        )
         assert (entry["cost"], entry["gain"], entry["plan"]) == (10.0 + 10.0 * chain, 1.0 + chain, 7)
     assert [(e["chain"], e["age"]) for e in made.entries] == [(c, k) for c in (0, 1) for k in (0, 1, 2)]
