@@ -6,10 +6,13 @@ from typing import Any
 
 import numpy as np
 
+from slcp_warp.checks import instance, numeric, shown
+from slcp_warp.errors import ArgumentError, ArgumentTypeError
+
 from .options import Options
 from .problem import Problem
 from .result import Result
-from .solver import Workspace
+from .solver import Workspace, batch_of
 
 
 def solve_continuation(
@@ -32,14 +35,18 @@ def solve_continuation(
     Returns:
         One result per level; the last one is the answer.
     """
-    if len(sigmas) == 0:
-        raise ValueError("sigmas must hold at least one value")
+    instance("problem", problem, Problem, "a ddp.Problem")
+    instance("options", options, Options | None, "a ddp.Options")
+    levels = numeric(sigmas)
+    if levels is None or levels.ndim != 1 or not levels.size:
+        raise ArgumentError(f"sigmas must hold at least one value, all numbers; got {shown(sigmas)}")
+    if not isinstance(parameter, str):
+        raise ArgumentTypeError(f"parameter is {shown(parameter)}; the name of a parameter is needed")
     options = replace(options or Options(), sigma_schedule=None)
-    single = np.ndim(x0) == 1 and np.ndim(u0) == 2
-    batch = 1 if single else (len(x0) if np.ndim(x0) == 2 else len(u0))
+    single, batch = batch_of(problem, x0, u0)
     results: list[Result] = []
     workspace = None
-    for sigma in sigmas:
+    for sigma in levels:
         level = problem.with_params(**{parameter: sigma})
         if workspace is None:
             workspace = Workspace(level, batch, options)

@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from slcp_warp.checks import array, function, number, whole
+from slcp_warp.errors import ArgumentError, ArgumentTypeError
 from slcp_warp.kernels.cost_functions import make_flicking_finger, make_plain, make_quadratic
 from slcp_warp.kernels.costs import CostFunctions
 from slcp_warp.kernels.factories import cached
@@ -32,9 +34,13 @@ class Cost:
         nx: int | None = None,
         nu: int | None = None,
     ) -> None:
-        values = np.array(weights, dtype=np.float64, ndmin=1)
+        function("make", make)
+        for name, size in (("nx", nx), ("nu", nu)):
+            if size is not None:
+                whole(name, size)
+        values = np.atleast_1d(array("weights", weights, finite=False))
         if values.ndim > 2 or not np.isfinite(values).all():
-            raise ValueError(
+            raise ArgumentError(
                 f"weights must be finite numbers of shape (P,) or (B, P), got shape {values.shape}"
             )
         self.make, self.weights, self.nx, self.nu = make, values, nx, nu
@@ -47,7 +53,7 @@ class Cost:
         """The same functions with other numbers, (P,) or (B, P); nothing is compiled."""
         other = Cost(self.make, weights, self.nx, self.nu)
         if other.weights.shape[-1] != self.weights.shape[-1]:
-            raise ValueError(
+            raise ArgumentError(
                 f"weights must have {self.weights.shape[-1]} columns, got {other.weights.shape[-1]}"
             )
         return other
@@ -56,7 +62,7 @@ class Cost:
         """Weights as rows (1 or B, max(P, 1))."""
         rows = np.atleast_2d(self.weights)
         if rows.shape[0] not in (1, batch):
-            raise ValueError(f"cost weights have {rows.shape[0]} rows, the batch has {batch} problems")
+            raise ArgumentError(f"cost weights have {rows.shape[0]} rows, the batch has {batch} problems")
         return rows if rows.shape[1] else np.zeros((1, 1))
 
 
@@ -64,7 +70,9 @@ class Cost:
 def _functions(make: Callable[..., CostFunctions], dtype: Any, nx: int, nu: int) -> CostFunctions:
     functions = make(dtype, wp.types.vector(nx, dtype), wp.types.vector(nu, dtype))
     if not isinstance(functions, CostFunctions):
-        raise TypeError(f"a cost's make must return ddp.costs.CostFunctions, got {type(functions).__name__}")
+        raise ArgumentTypeError(
+            f"a cost's make must return ddp.costs.CostFunctions, got {type(functions).__name__}"
+        )
     return functions
 
 
@@ -73,12 +81,13 @@ def plain(make: Callable[..., Any]) -> Cost:
 
     Derivatives come from differences in double precision (see `slcp_warp.kernels.costs`).
     """
+    function("make", make)
     return Cost(make_plain(make))
 
 
 def flicking_finger(c_x: float = 1.0, c_u: float = 0.05) -> Cost:
     """Section V: l = -c_x theta_3 + c_u |u|^2, x = (theta_1, theta_2, theta_3, rates), and no final cost."""
-    return Cost(make_flicking_finger, (c_x, c_u), nx=6, nu=2)
+    return Cost(make_flicking_finger, (number("c_x", c_x), number("c_u", c_u)), nx=6, nu=2)
 
 
 def quadratic(Q: Any, R: Any, Qf: Any = None, target: Any = None) -> Cost:
@@ -90,13 +99,15 @@ def quadratic(Q: Any, R: Any, Qf: Any = None, target: Any = None) -> Cost:
         Qf: symmetric (nx, nx), default 0.
         target: state (nx,), or one per node (N+1, nx); default 0.
     """
-    Q, R = np.array(Q, dtype=np.float64), np.array(R, dtype=np.float64)
+    Q, R = array("Q", Q, ("nx", "nx")), array("R", R, ("nu", "nu"))
     nx, nu = Q.shape[0], R.shape[0]
-    Qf = np.zeros((nx, nx)) if Qf is None else np.array(Qf, dtype=np.float64)
-    target = np.zeros(nx) if target is None else np.array(target, dtype=np.float64)
+    Qf = np.zeros((nx, nx)) if Qf is None else array("Qf", Qf)
+    target = np.zeros(nx) if target is None else array("target", target)
     for name, value, size in (("Q", Q, nx), ("R", R, nu), ("Qf", Qf, nx)):
         if value.shape != (size, size) or not np.allclose(value, value.T, rtol=1e-12, atol=1e-14):
-            raise ValueError(f"{name} must be a symmetric matrix ({size}, {size}), got shape {value.shape}")
+            raise ArgumentError(
+                f"{name} must be a symmetric matrix ({size}, {size}), got shape {value.shape}"
+            )
     if target.ndim not in (1, 2) or target.shape[-1] != nx:
-        raise ValueError(f"target must have shape ({nx},) or (N+1, {nx}), got {target.shape}")
+        raise ArgumentError(f"target must have shape ({nx},) or (N+1, {nx}), got {target.shape}")
     return Cost(make_quadratic, np.concatenate([a.ravel() for a in (Q, R, Qf, target)]), nx=nx, nu=nu)

@@ -6,7 +6,9 @@ from typing import Any, Protocol
 import numpy as np
 import warp as wp
 
-from slcp_warp.kernels.cache import get_device
+from slcp_warp.checks import array, function, instance, shown, whole
+from slcp_warp.checks import device as checked_device
+from slcp_warp.errors import ArgumentError, ArgumentTypeError
 from slcp_warp.kernels.factories import cached
 from slcp_warp.kernels.generic_dynamics import (
     DynamicsFunctions,
@@ -76,19 +78,24 @@ class Parameters:
     def __init__(
         self, shapes: Mapping[str, tuple[int, ...]], values: Mapping[str, Any], dtype: Any, device: Any
     ):
+        instance("shapes", shapes, Mapping, "a dict of shapes by name")
+        instance("values", values, Mapping, "a dict of values by name")
+        lacking = set(shapes) ^ set(values) if set(values) <= set(shapes) else set()
+        if lacking:
+            raise ArgumentError(f"values lacks {shown(sorted(map(str, lacking)))}")
         self.shapes, self.dtype, self.device = dict(shapes), dtype, device
         self.values = {}
         for name, value in values.items():
             if name not in self.shapes:
-                raise ValueError(f"unknown parameter {name!r}; known: {', '.join(self.shapes) or 'none'}")
-            array, shape = np.array(value, dtype=np.float64), self.shapes[name]
-            if array.shape != shape and array.shape[1:] != shape:
-                raise ValueError(
-                    f"parameter {name!r} must have shape {shape} or (B,) + {shape}, got {array.shape}"
+                raise ArgumentError(f"unknown parameter {name!r}; known: {', '.join(self.shapes) or 'none'}")
+            given, shape = array(f"parameter {name!r}", value, finite=False), self.shapes[name]
+            if given.shape != shape and given.shape[1:] != shape:
+                raise ArgumentError(
+                    f"parameter {name!r} must have shape {shape} or (B,) + {shape}, got {given.shape}"
                 )
-            if not np.isfinite(array).all():
-                raise ValueError(f"parameter {name!r} must be finite, got {value!r}")
-            self.values[name] = array
+            if not np.isfinite(given).all():
+                raise ArgumentError(f"parameter {name!r} must be finite, got {shown(value)}")
+            self.values[name] = given
 
     def replace(self, **changes: Any) -> "Parameters":
         """The same with other numbers."""
@@ -102,7 +109,7 @@ class Parameters:
             flat.append(value.reshape(1 if value.shape == shape else value.shape[0], -1))
         rows = max((a.shape[0] for a in flat), default=1)
         if rows not in (1, batch):
-            raise ValueError(f"params are for {rows} problems, the batch has {batch}")
+            raise ArgumentError(f"params are for {rows} problems, the batch has {batch}")
         flat = [np.broadcast_to(a, (rows, a.shape[1])) for a in flat] or [np.zeros((1, 1))]
         numbers = np.ascontiguousarray(np.concatenate(flat, axis=1))
         return wp.array(numbers.astype(wp.dtype_to_numpy(self.dtype)), dtype=self.dtype, device=self.device)
@@ -133,21 +140,25 @@ class WarpDynamics:
         device: Any = None,
         dtype: Any = "float64",
     ) -> None:
-        self.dtype = (
-            {"float32": wp.float32, "float64": wp.float64}.get(dtype, dtype)
-            if isinstance(dtype, str)
-            else dtype
-        )
-        if self.dtype not in (wp.float32, wp.float64):
-            raise ValueError(f"dtype must be float32 or float64, got {dtype!r}")
-        for name, value in (("nx", nx), ("nu", nu)):
-            if not isinstance(value, int) or value < 1:
-                raise ValueError(f"{name} must be a whole number of at least 1, got {value!r}")
+        kinds = [
+            kind for kind in (wp.float32, wp.float64) if dtype is kind
+            or isinstance(dtype, str) and dtype == kind.__name__
+        ]  # fmt: skip
+        if not kinds:
+            raise ArgumentError(f"dtype must be float32 or float64, got {shown(dtype)}")
+        self.dtype: Any = kinds[0]
+        function("make", make)
+        nx, nu = whole("nx", nx), whole("nu", nu)
         self.make, self.nx, self.nu, self.nw = make, nx, nu, nx
-        self.device = get_device(device)
+        self.device = checked_device(device)
         self.period = None
-        shapes = {name: np.shape(value) for name, value in (parameters or {}).items()}
-        self.params = Parameters(shapes, parameters or {}, self.dtype, self.device)
+        instance("parameters", parameters, Mapping | None, "a dict of values by name")
+        values = {
+            name: array(f"parameter {name!r}", value, finite=False)
+            for name, value in (parameters or {}).items()
+        }
+        shapes = {name: value.shape for name, value in values.items()}
+        self.params = Parameters(shapes, values, self.dtype, self.device)
         self.state_type = wp.types.vector(nx, self.dtype)
         self.control_type = wp.types.vector(nu, self.dtype)
         self.carry_type = NoCarry
@@ -168,7 +179,7 @@ class WarpDynamics:
     def parameter_array(self, params: Parameters, batch: int) -> Any:
         """See `Dynamics`."""
         if not isinstance(params, Parameters):
-            raise TypeError(f"params must be ddp.Parameters, got {type(params).__name__}")
+            raise ArgumentTypeError(f"params must be ddp.Parameters, got {type(params).__name__}")
         return params.array(batch)
 
     def linearize_into(self, *arrays: Any) -> None:
@@ -219,9 +230,9 @@ def linear_system(A: Any, B: Any, c: Any = None, device: Any = None, dtype: Any 
         device: Warp device.
         dtype: "float64", "float32" or the Warp type.
     """
-    A, B = np.array(A, dtype=np.float64), np.array(B, dtype=np.float64)
+    A, B = array("A", A, ("nx", "nx")), array("B", B, ("nx", "nu"))
     nx = A.shape[0]
     if A.shape != (nx, nx) or B.ndim != 2 or B.shape[0] != nx:
-        raise ValueError(f"A must be (nx, nx) and B (nx, nu), got {A.shape} and {B.shape}")
-    c = np.zeros(nx) if c is None else np.array(c, dtype=np.float64)
+        raise ArgumentError(f"A must be (nx, nx) and B (nx, nu), got {A.shape} and {B.shape}")
+    c = np.zeros(nx) if c is None else array("c", c, (nx,))
     return WarpDynamics(make_linear, nx, B.shape[1], {"A": A, "B": B, "c": c}, device, dtype)

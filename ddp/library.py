@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from slcp_warp import ArgumentError, Scene
+from slcp_warp import Scene
 from slcp_warp.archive import open_archive, write_archive
+from slcp_warp.errors import ArgumentError
 from slcp_warp.files import reading
 
 FORMAT, VERSION = "slcp-warp-library", 2

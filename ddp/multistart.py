@@ -5,6 +5,9 @@ from typing import Any
 
 import numpy as np
 
+from slcp_warp.checks import array, instance
+from slcp_warp.errors import ArgumentError
+
 from .options import Options, Regularization
 from .problem import Problem
 from .result import Result
@@ -49,11 +52,17 @@ def solve_multistart(
         options: ``regularization`` is replaced by ``schedules``.
         schedules: a `Regularization` with fields of length M.
     """
-    starts = np.asarray(starts, dtype=np.float64)
+    instance("problem", problem, Problem, "a ddp.Problem")
+    instance("options", options, Options | None, "a ddp.Options")
+    instance("schedules", schedules, Regularization, "a ddp.Regularization")
+    starts = array("starts", starts)
     starts = starts[None] if starts.ndim == 2 else starts
-    x0 = np.asarray(x0, dtype=np.float64)
+    if starts.shape[1:] != (problem.horizon, problem.nu) or not len(starts):
+        need = f"{problem.horizon}, {problem.nu}"
+        raise ArgumentError(f"starts must have shape (S, {need}) or ({need}), got {starts.shape}")
+    x0 = array("x0", x0)
     if x0.shape != (problem.nx,):
-        raise ValueError(f"x0 must have shape ({problem.nx},), got {x0.shape}")
+        raise ArgumentError(f"x0 must have shape ({problem.nx},), got {x0.shape}")
     rows = schedules.rows()
     batch = len(starts) * len(rows)
     initial, factor, minimum, maximum, state_weight, control_weight = np.tile(rows, (len(starts), 1)).T

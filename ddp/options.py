@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from slcp_warp.checks import numeric, shown, whole
+from slcp_warp.errors import ArgumentError, ArgumentTypeError
 from slcp_warp.kernels.riccati import METHODS
 
 DEFAULT_STEP_SIZES = tuple(float(a) for a in 2.0 ** -np.arange(11.0))
@@ -36,26 +38,29 @@ class Regularization:
         """
         columns = []
         for name in ("initial", "factor", "minimum", "maximum", "state_weight", "control_weight"):
-            values = np.atleast_1d(np.asarray(getattr(self, name), dtype=np.float64))
+            given = numeric(getattr(self, name))
+            values = np.atleast_1d(np.full(1, np.nan) if given is None else given)
             floor = 1.0 if name == "factor" else 0.0
             bad = ~np.isfinite(values) | (values < floor)
             if name in ("factor", "minimum", "maximum"):
                 bad |= values <= floor
             if values.ndim != 1 or values.size == 0 or bad.any():
                 bound = f"above {floor:g}" if name in ("factor", "minimum", "maximum") else "of at least 0"
-                raise ValueError(
+                raise ArgumentError(
                     f"regularization.{name} must be a finite number {bound}, or one per problem; "
-                    f"got {getattr(self, name)!r}"
+                    f"got {shown(getattr(self, name))}"
                 )
             columns.append(values)
         sizes = {c.size for c in columns if c.size > 1}
         if len(sizes) > 1:
-            raise ValueError(
+            raise ArgumentError(
                 f"the fields of regularization have different numbers of problems: {sorted(sizes)}"
             )
         rows = np.stack(np.broadcast_arrays(*columns), axis=1)
         if (rows[:, 4] + rows[:, 5] <= 0.0).any():
-            raise ValueError("regularization needs a positive state_weight or control_weight, got 0 for both")
+            raise ArgumentError(
+                "regularization needs a positive state_weight or control_weight, got 0 for both"
+            )
         return np.ascontiguousarray(rows)
 
 
@@ -88,31 +93,33 @@ class Options:
     sigma_schedule: Sequence[float] | None = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.max_iterations, int) or self.max_iterations < 0:
-            raise ValueError(
-                f"max_iterations must be a whole number of at least 0, got {self.max_iterations!r}"
-            )
-        if self.method not in METHODS:
-            raise ValueError(f"method must be one of {', '.join(METHODS)}; got {self.method!r}")
-        sizes = np.asarray(self.step_sizes, dtype=np.float64)
-        if (
-            sizes.ndim != 1
-            or sizes.size == 0
-            or not (np.isfinite(sizes) & (sizes > 0.0) & (sizes <= 1.0)).all()
-        ):
-            raise ValueError(f"step_sizes must be numbers in (0, 1], got {self.step_sizes!r}")
+        whole("max_iterations", self.max_iterations, 0)
+        if not isinstance(self.method, str) or self.method not in METHODS:
+            raise ArgumentError(f"method must be one of {', '.join(METHODS)}; got {shown(self.method)}")
+        sizes = numeric(self.step_sizes)
+        if sizes is None or sizes.ndim != 1 or sizes.size == 0 or not ((sizes > 0.0) & (sizes <= 1.0)).all():
+            raise ArgumentError(f"step_sizes must be numbers in (0, 1], got {shown(self.step_sizes)}")
         for name in ("gradient_tolerance", "improvement_tolerance", "min_reduction_ratio"):
             value = getattr(self, name)
-            if value is not None and not (np.isfinite(value) and value >= 0.0):
-                raise ValueError(f"{name} must be a finite number of at least 0, got {value!r}")
+            found = numeric(value)
+            if not (value is None and name == "gradient_tolerance") and (
+                found is None or found.ndim or not (np.isfinite(found) and found >= 0.0)
+            ):
+                raise ArgumentError(f"{name} must be a finite number of at least 0, got {shown(value)}")
         if not isinstance(self.regularization, Regularization):
-            raise TypeError(
+            raise ArgumentTypeError(
                 f"regularization must be a ddp.Regularization, got {type(self.regularization).__name__}"
             )
         self.regularization.rows()
         if self.sigma_schedule is not None:
-            sigmas = np.asarray(self.sigma_schedule, dtype=np.float64)
-            if sigmas.ndim != 1 or sigmas.size == 0 or not (np.isfinite(sigmas) & (sigmas > 0.0)).all():
-                raise ValueError(f"sigma_schedule must be positive numbers, got {self.sigma_schedule!r}")
-            if (np.diff(sigmas) >= 0.0).any():
-                raise ValueError(f"sigma_schedule must decrease, got {self.sigma_schedule!r}")
+            check_levels("sigma_schedule", self.sigma_schedule)
+
+
+def check_levels(name: str, value: Any) -> None:
+    """Raise ArgumentError unless these are decreasing noise levels."""
+    sigmas = numeric(value)
+    positive = sigmas is not None and sigmas.ndim == 1 and sigmas.size > 0 and (sigmas > 0.0).all()
+    if sigmas is None or not positive or not np.isfinite(sigmas).all():
+        raise ArgumentError(f"{name} must be positive numbers, got {shown(value)}")
+    if (np.diff(sigmas) >= 0.0).any():
+        raise ArgumentError(f"{name} must decrease, got {shown(value)}")

@@ -8,6 +8,8 @@ import numpy as np
 import warp as wp
 
 from slcp_warp import Simulator
+from slcp_warp.checks import array, choice, instance, number
+from slcp_warp.errors import ArgumentError, ArgumentTypeError
 from slcp_warp.kernels import policy as kernels
 from slcp_warp.limits import bounded, limit_rows
 
@@ -76,7 +78,7 @@ def tree(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _put(sim: Simulator, values: Any) -> wp.array:
     if isinstance(values, wp.array):
         if values.dtype is not sim.dtype or values.device != sim.device or not values.is_contiguous:
-            raise ValueError(
+            raise ArgumentError(
                 f"a policy's Warp array is of {values.dtype.__name__} on {values.device}; a contiguous array "
                 f"of {sim.dtype.__name__} on {sim.device} is needed"
             )
@@ -87,7 +89,7 @@ def _put(sim: Simulator, values: Any) -> wp.array:
 def _rows(name: str, values: np.ndarray, count: int) -> np.ndarray:
     """One row for each of `count` entries."""
     if len(values) not in (1, count):
-        raise ValueError(f"{name} are for {len(values)} entries; there are {count}")
+        raise ArgumentError(f"{name} are for {len(values)} entries; there are {count}")
     return np.tile(values, (count // len(values), 1))
 
 
@@ -118,15 +120,15 @@ class NearestPolicy:
         whiten: np.ndarray | None = None,
         control_limits: Any = None,
     ) -> None:
-        if metric not in METRICS:
-            raise ValueError(f"metric is {metric!r}; choose one of {list(METRICS)}")
-        if not feedback_limit > 0.0:
-            raise ValueError(f"feedback_limit is {feedback_limit}; it must be positive")
+        instance("library", library, Library, "a ddp.Library")
+        choice("metric", metric, METRICS)
+        feedback_limit = number("feedback_limit", feedback_limit, 0.0, above=True, infinite=True)
+        min_gain = number("min_gain", min_gain, infinite=True)
         if not len(library):
-            raise ValueError("library is empty; a policy needs at least one entry")
+            raise ArgumentError("library is empty; a policy needs at least one entry")
         keep = library.gain >= min_gain
         if not keep.any():
-            raise ValueError(
+            raise ArgumentError(
                 f"min_gain {min_gain} leaves no entry; the largest gain is {library.gain.max():.3g}"
             )
         self.library = library.select(keep)
@@ -134,10 +136,12 @@ class NearestPolicy:
             limits = limit_rows(control_limits, library.u.shape[1])
             lower, upper = (_rows("control_limits", a, len(self.library)) for a in limits)
             self.library = replace(self.library, lower=lower, upper=upper)
-        self.whiten = whitening(self.library, metric) if whiten is None else np.asarray(whiten, float)
+        self.whiten = whitening(self.library, metric) if whiten is None else array("whiten", whiten)
         nx = library.x.shape[1]
         if self.whiten.shape != (nx, nx) or not np.isfinite(self.whiten).all():
-            raise ValueError(f"whiten has shape {self.whiten.shape}; finite numbers ({nx}, {nx}) are needed")
+            raise ArgumentError(
+                f"whiten has shape {self.whiten.shape}; finite numbers ({nx}, {nx}) are needed"
+            )
         self.feedback_limit = min(float(feedback_limit), 1e30)
 
     def arrays(self, sim: Simulator) -> tuple[str, Any]:
@@ -172,9 +176,14 @@ class TrackingPolicy:
     """
 
     def __init__(self, result: Any, period: np.ndarray | None = None, control_limits: Any = None) -> None:
+        for name in ("us", "xs", "K"):
+            if not isinstance(getattr(result, name, None), np.ndarray | wp.array):
+                raise ArgumentTypeError(
+                    f"result is a {type(result).__name__}; us, xs and K, arrays, are needed: a ddp.Result"
+                )
         single = result.us.ndim == 2
         self.us, self.xs, self.K = (a[None] if single else a for a in (result.us, result.xs, result.K))
-        self.period = np.zeros(self.xs.shape[-1]) if period is None else np.asarray(period, float)
+        self.period = np.zeros(self.xs.shape[-1]) if period is None else array("period", period)
         if control_limits is None and getattr(result, "lower", None) is not None:
             control_limits = result.lower, result.upper
         self.limits = limit_rows(control_limits, self.us.shape[-1])
@@ -183,18 +192,20 @@ class TrackingPolicy:
         """Kernel name and struct for a simulator."""
         size = self.xs.shape[-1], self.us.shape[-1], self.period.shape
         if size != (sim.nx, sim.nu, (sim.nx,)):
-            raise ValueError(
+            raise ArgumentError(
                 f"the trajectory has {size[0]} states, {size[1]} controls and a period of shape {size[2]}; "
                 f"scene {sim.scene.name!r} needs {sim.nx}, {sim.nu} and ({sim.nx},)"
             )
         worlds, steps = self.us.shape[:2]
         if self.K.shape != (worlds, steps, sim.nu, sim.nx) or self.xs.shape[0] != worlds:
-            raise ValueError(
+            raise ArgumentError(
                 f"K has shape {self.K.shape} and xs {self.xs.shape}; with us {self.us.shape} K must be "
                 f"({worlds}, {steps}, {sim.nu}, {sim.nx}) and xs ({worlds}, {steps} or more, {sim.nx})"
             )
         if len(self.limits[0]) not in (1, worlds):
-            raise ValueError(f"control_limits are for {len(self.limits[0])} trajectories; there are {worlds}")
+            raise ArgumentError(
+                f"control_limits are for {len(self.limits[0])} trajectories; there are {worlds}"
+            )
         struct = kernels.make_tracking(sim.nx, sim.nu, sim.dtype).Struct()
         put = functools.partial(_put, sim)
         struct.us, struct.gain, struct.period = put(self.us), put(self.K), put(self.period)

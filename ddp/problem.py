@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from slcp_warp.checks import whole
+from slcp_warp.errors import ArgumentError, ArgumentTypeError
 from slcp_warp.limits import limit_rows
 
 from .costs import Cost
@@ -44,25 +46,23 @@ class Problem:
             "parameter_array",
         ):
             if not hasattr(self.dynamics, name):
-                raise TypeError(
+                raise ArgumentTypeError(
                     f"dynamics must have {name!r} (see ddp.Dynamics), {type(self.dynamics).__name__} has not"
                 )
         if not isinstance(self.cost, Cost):
-            raise TypeError(f"cost must be a ddp.Cost, got {type(self.cost).__name__}")
+            raise ArgumentTypeError(f"cost must be a ddp.Cost, got {type(self.cost).__name__}")
         for name, need in (("nx", self.cost.nx), ("nu", self.cost.nu)):
             if need is not None and need != getattr(self.dynamics, name):
-                raise ValueError(
+                raise ArgumentError(
                     f"cost is for {name} = {need}, the dynamics has {name} = {getattr(self.dynamics, name)}"
                 )
-        if (
-            isinstance(self.horizon, bool)
-            or not isinstance(self.horizon, (int, np.integer))
-            or self.horizon < 1
-        ):
-            raise ValueError(f"horizon must be a whole number of at least 1, got {self.horizon!r}")
-        object.__setattr__(self, "horizon", int(self.horizon))
+        object.__setattr__(self, "horizon", whole("horizon", self.horizon))
         if self.params is None:
             object.__setattr__(self, "params", self.dynamics.params)
+        elif not isinstance(self.params, wp.array | type(self.dynamics.params)):
+            raise ArgumentTypeError(
+                f"params is a {type(self.params).__name__}; parameters of the dynamics are needed"
+            )
         if self.control_limits is not None:
             self.limit_rows()
 
@@ -93,5 +93,5 @@ class Problem:
         given = self.params
         array = given if isinstance(given, wp.array) else self.dynamics.parameter_array(given, batch)
         if array.ndim != 2 or array.shape[0] not in (1, batch):
-            raise ValueError(f"params must have 1 or {batch} rows, got shape {array.shape}")
+            raise ArgumentError(f"params must have 1 or {batch} rows, got shape {array.shape}")
         return array

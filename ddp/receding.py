@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 
 from slcp_warp import Simulator
+from slcp_warp.checks import array, function, instance, number, whole
+from slcp_warp.errors import ArgumentError, ArgumentTypeError
 
 from .library import Library, scene_digest
 from .options import Options
@@ -65,17 +67,14 @@ class RecedingOptions:
             ("unperturbed", 0),
             ("seed", 0),
         ):
-            value = getattr(self, name)
-            if not isinstance(value, int | np.integer) or value < low:
-                raise ValueError(
-                    f"RecedingOptions.{name} is {value!r}; a whole number of at least {low} is needed"
-                )
+            whole(f"RecedingOptions.{name}", getattr(self, name), low)
         if self.entries > self.offset:
-            raise ValueError(f"RecedingOptions.entries is {self.entries}; at most the offset {self.offset}")
+            raise ArgumentError(
+                f"RecedingOptions.entries is {self.entries}; at most the offset {self.offset}"
+            )
         for name in ("perturb_variance", "noise", "noise_time"):
-            value = getattr(self, name)
-            if not 0.0 <= value < np.inf or (name == "noise_time" and value == 0.0):
-                raise ValueError(f"RecedingOptions.{name} is {value}; it must be finite and not negative")
+            number(f"RecedingOptions.{name}", getattr(self, name), 0.0, above=name == "noise_time")
+        instance("RecedingOptions.solver", self.solver, Options, "a ddp.Options")
 
 
 @dataclass
@@ -116,16 +115,17 @@ def build_library(
         ValueError: illegal options. A keyboard interrupt returns what there is if there are entries, else is
         raised.
     """
-    if count < 1:
-        raise ValueError(f"count is {count}; it must be at least 1")
+    whole("count", count)
+    instance("options", options, RecedingOptions | None, "a ddp.RecedingOptions")
+    function("progress", progress, optional=True)
     if options is not None and changes:
-        raise ValueError(f"give either options or its fields as keywords, not both: {sorted(changes)}")
+        raise ArgumentError(f"give either options or its fields as keywords, not both: {sorted(changes)}")
     unknown = set(changes) - {f.name for f in fields(RecedingOptions)}
     if unknown:
         names = [f.name for f in fields(RecedingOptions)]
-        raise ValueError(f"RecedingOptions has no {sorted(unknown)}; there are {names}")
+        raise ArgumentError(f"RecedingOptions has no {sorted(unknown)}; there are {names}")
     options = RecedingOptions(**changes) if options is None else options
-    chains = _Chains(problem, np.asarray(x0, float), options)
+    chains = _Chains(problem, array("x0", x0, finite=False), options)
     chains.first_plans()
     try:
         while chains.stored < count:
@@ -143,15 +143,15 @@ class _Chains:
     """State of the chains: where each is, its plan, and what has been stored."""
 
     def __init__(self, problem: Problem, x0: np.ndarray, options: RecedingOptions) -> None:
-        if not isinstance(getattr(problem, "dynamics", None), Simulator):
-            raise TypeError("build_library needs a problem whose dynamics is a slcp_warp.Simulator")
+        if not isinstance(problem, Problem) or not isinstance(problem.dynamics, Simulator):
+            raise ArgumentTypeError("build_library needs a problem whose dynamics is a slcp_warp.Simulator")
         if options.offset >= problem.horizon:
-            raise ValueError(
+            raise ArgumentError(
                 f"RecedingOptions.offset is {options.offset}; less than the horizon, {problem.horizon}, "
                 "is needed"
             )
         if x0.shape not in ((problem.nx,), (options.chains, problem.nx)) or not np.isfinite(x0).all():
-            raise ValueError(
+            raise ArgumentError(
                 f"x0 has shape {x0.shape}; finite numbers of shape ({problem.nx},) or "
                 f"({options.chains}, {problem.nx}) are needed"
             )

@@ -12,7 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from slcp_warp import Simulator
+from slcp_warp import Parameters, Simulator
+from slcp_warp.checks import function, instance, number, whole
+from slcp_warp.errors import ArgumentError
 
 from .library import Library, concatenate
 from .problem import Problem
@@ -25,6 +27,7 @@ WORLDS, SECONDS, WINDOW = 256, 15.0, 5.0  # of a test rollout; its last seconds 
 
 def turning(component: int) -> Callable[[np.ndarray], np.ndarray]:
     """Score of trajectories (B, T, nx): how far a state component advances."""
+    component = whole("component", component, 0)
     return lambda states: states[:, -1, component] - states[:, 0, component]
 
 
@@ -44,10 +47,15 @@ def stuck_states(
         score: of the last WINDOW seconds, (B, T, nx) -> (B,); larger is better.
         velocity_sd: of the kicks at the start. params: of the rollout.
     """
-    rng = np.random.default_rng(seed)
+    instance("library", library, Library, "a ddp.Library")
+    instance("sim", sim, Simulator, "a slcp_warp.Simulator")
+    function("score", score)
+    count, velocity_sd = whole("count", count), number("velocity_sd", velocity_sd, 0.0)
+    rng = np.random.default_rng(whole("seed", seed, 0))
     params = sim.params if params is None else params
+    sim.parameter_array(params, params.worlds if isinstance(params, Parameters) and params.worlds else 1)
     if params.worlds is not None:
-        raise ValueError(f"params are given for {params.worlds} worlds; refinement needs one set for all")
+        raise ArgumentError(f"params are given for {params.worlds} worlds; refinement needs one set for all")
     h = float(params["step_size"])
     worlds = max(WORLDS, 4 * count)
     x0 = library.x[rng.integers(len(library), size=worlds)].copy()
@@ -79,8 +87,12 @@ def build_refined(
 
     A keyboard interrupt returns what there is if there are entries, else is raised.
     """
-    if rounds < 0:
-        raise ValueError(f"rounds is {rounds}; it must not be negative")
+    instance("problem", problem, Problem, "a ddp.Problem")
+    instance("options", options, RecedingOptions | None, "a ddp.RecedingOptions")
+    instance("sim", sim, Simulator | None, "a slcp_warp.Simulator")
+    function("score", score)
+    function("progress", progress, optional=True)
+    count, rounds = whole("count", count), whole("rounds", rounds, 0)
     options = RecedingOptions() if options is None else options
     plans = -(-count // options.entries)
     each = 0 if rounds == 0 else int(plans * (1.0 - FIRST_SHARE) / rounds)

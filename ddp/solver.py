@@ -1,11 +1,14 @@
 """The loop of DDP: linearise, sweep backwards, try all step sizes, choose."""
 
+import math
 import threading
 from typing import Any
 
 import numpy as np
 import warp as wp
 
+from slcp_warp.checks import instance, memory, numeric, shown, whole
+from slcp_warp.errors import ArgumentError, ArgumentTypeError
 from slcp_warp.kernels import status as codes
 from slcp_warp.kernels.costs import make_cost_kernel
 from slcp_warp.kernels.launch import Prepared
@@ -26,9 +29,9 @@ class Workspace:
     """
 
     def __init__(self, problem: Problem, batch: int, options: Options | None = None) -> None:
-        if isinstance(batch, bool) or not isinstance(batch, (int, np.integer)) or batch < 1:
-            raise ValueError(f"batch must be a whole number of at least 1, got {batch!r}")
-        self.problem, self.batch, self.options = problem, int(batch), options or Options()
+        instance("problem", problem, Problem, "a ddp.Problem")
+        instance("options", options, Options | None, "a ddp.Options")
+        self.problem, self.batch, self.options = problem, whole("batch", batch, 0), options or Options()
         self.dynamics, self.device, self.dtype = (
             problem.dynamics,
             problem.dynamics.device,
@@ -43,7 +46,10 @@ class Workspace:
         self._prepare()
 
     def _zeros(self, *shape: int, dtype: Any = None) -> Any:
-        return wp.zeros(shape, dtype=dtype or self.dtype, device=self.device)
+        kind = dtype or self.dtype
+        what = f"batch {self.batch}, horizon {self.problem.horizon} and max_iterations: an array {shape}"
+        memory(what, math.prod(shape), wp.types.type_size_in_bytes(kind), self.device)
+        return wp.zeros(shape, dtype=kind, device=self.device)
 
     def _allocate(self) -> None:
         """Arrays in the four structs that the kernels share."""
@@ -59,7 +65,7 @@ class Workspace:
         p.K, p.Vx, p.Vxx = self._zeros(B, N, nu, nx), self._zeros(B, N + 1, nx), self._zeros(B, N + 1, nx, nx)
         low, high = problem.limit_rows()
         if low.shape[0] not in (1, B):
-            raise ValueError(f"control_limits are for {low.shape[0]} problems, the batch has {B}")
+            raise ArgumentError(f"control_limits are for {low.shape[0]} problems, the batch has {B}")
         p.lower, p.upper = (
             wp.array(a.astype(self.numpy_dtype), dtype=self.dtype, device=self.device) for a in (low, high)
         )
@@ -93,7 +99,7 @@ class Workspace:
         s.expected = self._zeros(B, 2, dtype=f64)
         schedule = options.regularization.rows()
         if schedule.shape[0] not in (1, B):
-            raise ValueError(f"regularization is for {schedule.shape[0]} problems, the batch has {B}")
+            raise ArgumentError(f"regularization is for {schedule.shape[0]} problems, the batch has {B}")
         s.schedule = wp.array(schedule, dtype=f64, device=self.device)
         s.trace = self._zeros(B, options.max_iterations + 1, codes.TRACE_COLUMNS, dtype=f64)
 
@@ -185,7 +191,7 @@ class Workspace:
         """Use other numbers for the dynamics from now on, of the same number of rows."""
         array = params if isinstance(params, wp.array) else self.dynamics.parameter_array(params, self.batch)
         if array.shape != self.params.shape:
-            raise ValueError(f"params must have shape {self.params.shape} as before, got {array.shape}")
+            raise ArgumentError(f"params must have shape {self.params.shape} as before, got {array.shape}")
         wp.copy(self.params, array)
         self.dynamics.lift_into(self.params, self._derivatives.lift)
 
@@ -210,10 +216,12 @@ class Workspace:
             max_iterations: fewer line searches than the options allow.
         """
         limit = self.options.max_iterations
-        limit = limit if max_iterations is None else min(int(max_iterations), limit)
+        limit = limit if max_iterations is None else min(whole("max_iterations", max_iterations, 0), limit)
         B, N, nx, nu = self.batch, self.problem.horizon, self.problem.nx, self.problem.nu
         if (xs0 is None) != (K0 is None):
-            raise ValueError("xs0 and K0 belong together: give both for a closed-loop warm start, or neither")
+            raise ArgumentError(
+                "xs0 and K0 belong together: give both for a closed-loop warm start, or neither"
+            )
         with self._using:
             self._fill(self.x0, x0, "x0", (B, nx))
             self._fill(self.us, us0, "us0", (B, N, nu))
@@ -252,7 +260,7 @@ class Workspace:
     def result(self, passes: int | None = None) -> Result:
         """Copy of the solution that the workspace holds."""
         if passes is None:
-            passes = int(self.passes.numpy().max())
+            passes = int(self.passes.numpy().max(initial=0))
         names = ("xs", "us", "K", "k", "Vx", "Vxx", "cost", "status", "gradient")
         lower, upper = (np.tile(a, (self.batch // len(a), 1)) for a in self.problem.limit_rows())
         return Result(
@@ -275,7 +283,7 @@ class Workspace:
         """Copy an argument into a device array, checking its shape, and host arrays for NaN."""
         if isinstance(value, wp.array):
             if value.shape != shape or value.dtype != self.dtype:
-                raise ValueError(
+                raise ArgumentError(
                     f"{name} must have shape {shape} and dtype {self.dtype.__name__}, got {value.shape}, "
                     f"{value.dtype.__name__}"
                 )
@@ -294,15 +302,30 @@ def _check_array(name: str, value: Any, shape: tuple[int, ...]) -> None:
     """Raise ValueError unless a host array has this shape, or this without its batch axis, and is finite."""
     if isinstance(value, wp.array):
         return
-    try:
-        array = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{name} must be an array of numbers, got {value!r:.80}") from error
+    array = numeric(value)
+    if array is None:
+        raise ArgumentError(f"{name} must be an array of numbers, got {shown(value)}")
     if array.shape not in (shape, shape[1:]):
-        raise ValueError(f"{name} must have shape {shape} or {shape[1:]}, got {array.shape}")
+        raise ArgumentError(f"{name} must have shape {shape} or {shape[1:]}, got {array.shape}")
     if not np.isfinite(array).all():
         bad = np.count_nonzero(~np.isfinite(array))
-        raise ValueError(f"{name} must be finite; {bad} of its values are NaN or infinite")
+        raise ArgumentError(f"{name} must be finite; {bad} of its values are NaN or infinite")
+
+
+def batch_of(problem: Problem, x0: Any, u0: Any) -> tuple[bool, int]:
+    """Whether the batch axis is left out, and how many problems there are; the arrays are checked."""
+    given = []
+    for name, value in (("x0", x0), ("u0", u0)):
+        array = value if isinstance(value, wp.array) else numeric(value)
+        if array is None:
+            raise ArgumentError(f"{name} must be an array of numbers, got {shown(value)}")
+        given.append(array)
+    x, u = given
+    single = x.ndim == 1 and u.ndim == 2
+    batch = 1 if single or not (x.ndim == 2 or u.ndim == 3) else len(x if x.ndim == 2 else u)
+    _check_array("x0", x, (batch, problem.nx))
+    _check_array("u0", u, (batch, problem.horizon, problem.nu))
+    return single, batch
 
 
 def solve(
@@ -326,9 +349,9 @@ def solve(
         K0: its gains.
         k0: its open-loop step.
     """
-    options = options or Options()
+    options = Options() if options is None else options
     if not isinstance(problem, Problem) or not isinstance(options, Options):
-        raise TypeError(
+        raise ArgumentTypeError(
             f"problem and options are a {type(problem).__name__} and a {type(options).__name__}; "
             "a ddp.Problem and a ddp.Options are needed"
         )
@@ -336,9 +359,6 @@ def solve(
         from .continuation import solve_continuation  # they need each other
 
         return solve_continuation(problem, x0, u0, options.sigma_schedule, options, xs0=xs0, K0=K0, k0=k0)[-1]
-    single = np.ndim(x0) == 1 and np.ndim(u0) == 2
-    batch = 1 if single else (len(x0) if np.ndim(x0) == 2 else len(u0))
-    _check_array("x0", x0, (batch, problem.nx))
-    _check_array("u0", u0, (batch, problem.horizon, problem.nu))
+    single, batch = batch_of(problem, x0, u0)
     result = Workspace(problem, batch, options).solve(x0, u0, xs0, K0, k0)
     return result.select(0) if single else result

@@ -19,7 +19,9 @@ from .scene import Actuator, Body, Contact, Scene, SceneError, Shape, Spring, bo
 from .scene_file import SceneFileError, load_scene, save_scene
 from .simulator import Simulator
 from .strategy import StrategyError
-from .sweep import SweepReport, SweepSpec, sweep
+from .sweep import sweep
+from .sweep_report import SweepReport
+from .sweep_spec import SweepSpec
 
 __version__ = "0.1.0"
 

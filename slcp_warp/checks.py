@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from slcp_warp.kernels.cache import KernelCacheError, get_device
+
 from .errors import ArgumentError, ArgumentTypeError
 
 _short = reprlib.Repr()
@@ -103,6 +105,19 @@ def choice(name: str, value: Any, choices: Collection[Any], *, error: type[Excep
     raise error(f"{name} is {shown(value)}; choose one of {list(choices)}")
 
 
+def names(
+    name: str, value: Any, known: Collection[str], *, error: type[Exception] = ArgumentError
+) -> tuple[str, ...]:
+    """One name or several, all of them known."""
+    given = (value,) if isinstance(value, str) else value
+    if not isinstance(given, list | tuple | set | frozenset) or not all(isinstance(n, str) for n in given):
+        raise ArgumentTypeError(f"{name} is {shown(value)}; names out of {list(known)} are needed")
+    unknown = sorted(set(given) - set(known))
+    if unknown:
+        raise error(f"{name} names {unknown}; choose from {', '.join(known)}")
+    return tuple(given)
+
+
 def instance(name: str, value: Any, kind: type | types.UnionType, need: str) -> Any:
     """An object of a class."""
     if isinstance(value, kind):
@@ -150,8 +165,10 @@ def array(
 def device(value: Any) -> wp.Device:
     """A Warp device by name, or the preferred one for None."""
     try:
-        return wp.get_preferred_device() if value is None else wp.get_device(value)
-    except Exception as error:  # Warp raises several kinds
+        return get_device(value)
+    except KernelCacheError:
+        raise
+    except (AttributeError, RuntimeError, TypeError, ValueError) as error:  # whatever Warp makes of it
         present = [each.alias for each in wp.get_devices()]
         raise ArgumentError(f"device is {shown(value)}; choose one of {present}") from error
 

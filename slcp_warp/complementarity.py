@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from slcp_warp.kernels.cache import get_device
 from slcp_warp.kernels.complementarity import (
     make_complementarity_adjoint_kernel,
     make_complementarity_kernel,
@@ -15,7 +14,9 @@ from slcp_warp.kernels.complementarity import (
 from slcp_warp.kernels.launch import launch
 from slcp_warp.kernels.method import ERM, REM
 
+from . import checks
 from .arrays import ArrayError, from_batch, kind_of, to_batch
+from .checks import choice
 from .options import CHOICES, OptionError
 from .tape import record, wants_gradient
 
@@ -110,9 +111,10 @@ def solve_complementarity(
     """
     _choose(residual, scaling, method)
     kind = kind_of(A)
-    dtype = dtype or _dtype_name(A)
-    number = getattr(wp, dtype)
-    device = get_device(device or (str(A.device) if kind != "numpy" else None))
+    dtype = _dtype_name(A) if dtype is None else dtype
+    number = getattr(wp, choice("dtype", dtype, ("float32", "float64"), error=OptionError))
+    device = checks.device(str(A.device) if device is None and kind != "numpy" else device)
+    checks.flag("check", check)
     given = to_batch("A", A, ("n", "n"), number, device)
     worlds, n = given.array.shape[:2]
     if given.array.shape[2] != n or not 0 < n <= MOST_ROWS:
@@ -143,8 +145,7 @@ def _choose(residual: str, scaling: str, method: str) -> None:
         ("scaling", scaling, CHOICES["scaling"]),
         ("method", method, METHODS),
     ):
-        if value not in choices:
-            raise OptionError(f"{name} is {value!r}; choose one of {list(choices)}")
+        choice(name, value, choices, error=OptionError)
     if method == "continuation" and residual != "hard":
         raise OptionError(
             f"method is 'continuation' with residual {residual!r}; it leads to the hard solution: use "
@@ -179,15 +180,13 @@ def _levels(
         return to_batch("sigma", sigma, (n,), number, device).array, (worlds, n)
     if kind_of(sigma) == "torch":
         sigma = sigma.detach().cpu()
-    try:
-        value = np.asarray(sigma.numpy() if isinstance(sigma, wp.array) else sigma, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ArrayError(f"sigma is {sigma!r:.80}; numbers are needed") from error
+    value = checks.array("sigma", sigma.numpy() if isinstance(sigma, wp.array) else sigma,
+                         finite=residual != "hard", error=ArrayError)  # fmt: skip
     if value.shape not in ((), (n,), (worlds,), (worlds, n)):
         raise ArrayError(
             f"sigma has shape {value.shape}; (), ({n},), ({worlds},) or ({worlds}, {n}) is needed"
         )
-    if residual != "hard" and not (np.isfinite(value).all() and (value > 0.0).all()):
+    if residual != "hard" and not (value > 0.0).all():
         raise ArrayError(f"sigma is {value.min():g}; positive numbers are needed, or residual='hard'")
     full = value[:, None] if value.shape == (worlds,) != (n,) else value
     full = np.ascontiguousarray(np.broadcast_to(full, (worlds, n)))

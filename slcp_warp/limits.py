@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from .checks import numeric, shown
 from .errors import ArgumentError
 
 
@@ -18,24 +19,24 @@ def limit_rows(given: Any, nu: int) -> tuple[np.ndarray, np.ndarray]:
     """
     if given is None:
         return np.full((1, nu), -np.inf), np.full((1, nu), np.inf)
-    try:
-        lower, upper = given
-    except (TypeError, ValueError):
-        raise ArgumentError(f"control_limits must be (lower, upper), got {given!r:.100}") from None
+    several = isinstance(given, tuple | list) or isinstance(given, np.ndarray) and given.ndim > 0
+    if not several or len(given) != 2:
+        raise ArgumentError(f"control_limits must be (lower, upper), got {shown(given)}")
     rows = []
-    for name, value in (("lower", lower), ("upper", upper)):
-        try:
-            array = np.array(value, dtype=np.float64)
-        except (TypeError, ValueError):
-            raise ArgumentError(f"{name} limit must be numbers, got {value!r:.80}") from None
+    for name, value in zip(("lower", "upper"), given):
+        array = numeric(value)
+        if array is None:
+            raise ArgumentError(f"control_limits: {name} limit must be numbers, got {shown(value)}")
         if array.ndim > 2 or (array.ndim and array.shape[-1] != nu) or array.shape[:-1] == (0,):
-            raise ArgumentError(f"{name} limit must be a number, ({nu},) or (B, {nu}), got {array.shape}")
+            raise ArgumentError(
+                f"control_limits: {name} limit must be a number, ({nu},) or (B, {nu}), got {array.shape}"
+            )
         rows.append(np.atleast_2d(np.broadcast_to(array, (nu,) if array.ndim == 0 else array.shape)))
     if len({len(row) for row in rows} - {1}) > 1:
-        raise ArgumentError(f"the limits are for {len(rows[0])} and for {len(rows[1])} problems")
+        raise ArgumentError(f"control_limits are for {len(rows[0])} and for {len(rows[1])} problems")
     low, high = np.broadcast_arrays(*rows)
     if not (low <= high).all():
-        raise ArgumentError(f"every lower control limit must be at most the upper one, got {given!r:.100}")
+        raise ArgumentError(f"every lower control limit must be at most the upper one, got {shown(given)}")
     return np.ascontiguousarray(low), np.ascontiguousarray(high)
 
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from .errors import SceneError
+from .errors import ArgumentError, SceneError
 
 FLAT = 1e-6  # what counts as in the plane
 
@@ -20,7 +20,7 @@ class Plane:
     def __init__(self, name: str) -> None:
         planes = {"xz": (0, 2, (0.0, -1.0, 0.0)), "xy": (0, 1, (0.0, 0.0, 1.0))}
         if name not in planes:
-            raise ValueError(f"plane is {name!r}; choose xz or xy")
+            raise ArgumentError(f"plane is {name!r}; choose xz or xy")
         first, second, normal = planes[name]
         self.name, self.axes, self.normal = name, [first, second], np.array(normal)
 

@@ -7,6 +7,7 @@ from typing import Any
 from slcp_warp.kernels import newton
 from slcp_warp.kernels.method import Method
 
+from .checks import choice, numeric, shown
 from .errors import ArgumentError
 
 CHOICES: dict[str, tuple[Any, ...]] = {
@@ -81,9 +82,7 @@ class Options:
 
     def __post_init__(self) -> None:
         for name, choices in CHOICES.items():
-            value = getattr(self, name)
-            if value not in choices:
-                raise OptionError(f"Options.{name} is {value!r}; choose one of {list(choices)}")
+            choice(f"Options.{name}", getattr(self, name), choices, error=OptionError)
         if self.noise == "state" and (self.method.hard or self.method.erm):
             why = "has no noise" if self.method.hard else "has no derivatives by sigma here"
             raise OptionError(
@@ -106,11 +105,11 @@ class Options:
         tolerance = self.tolerance
         if tolerance is None:
             return
-        number = isinstance(tolerance, (int, float)) and not isinstance(tolerance, bool)
+        found = numeric(tolerance)
         low, high = TOLERANCES
-        if not number or not low <= tolerance <= high:
+        if found is None or found.ndim or not low <= found <= high:
             raise OptionError(
-                f"Options.tolerance is {tolerance!r}; a number in [{low:g}, {high:g}] or None is needed"
+                f"Options.tolerance is {shown(tolerance)}; a number in [{low:g}, {high:g}] or None is needed"
             )
         if self.method.erm or self.method.coulomb:
             which = f"friction {self.friction!r}" if self.method.coulomb else f"residual {self.residual!r}"

@@ -11,7 +11,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import warp as wp
 
+from . import rules
+from .checks import array, flag, instance, memory, whole
 from .limits import limit_rows
 from .options import Status
 from .parameters import ParameterError, Parameters
@@ -56,13 +59,13 @@ def particles(
             principal axes).
 
     Raises:
-        ParameterError: a simulator that is not hard, a covariance of another shape or not one.
+        ParameterError: a simulator that is not hard, another shape, a covariance that is not one.
     """
-    _check(sim, count)
+    rng = _check(sim, count, logistic, seed)
     factor = _factor(sim, covariance)
-    states = np.asarray(x, float) + _noise(np.random.default_rng(seed), count, factor, logistic)
-    control = None if u is None else np.broadcast_to(np.asarray(u, float), (count, sim.nu))
-    step = sim.step(states, control, params)
+    control = np.zeros(sim.nu) if u is None else array("u", u, (sim.nu,), error=ParameterError)
+    states = array("x", x, (sim.nx,), error=ParameterError) + _noise(rng, count, factor, logistic)
+    step = sim.step(states, np.broadcast_to(control, (count, sim.nu)), params)
     solved = step.status == Status.SOLVED
     after, impulse = np.asarray(step.state, float)[solved], np.asarray(step.impulse, float)[solved]
     n = max(len(after), 1)
@@ -114,26 +117,25 @@ def particle_rollout(
     Raises:
         ParameterError: a simulator that is not hard, another shape, a covariance that is not one.
     """
-    _check(sim, count)
+    rng = _check(sim, count, logistic, seed)
     factor = _factor(sim, covariance)
-    us = np.asarray(us, float)
+    us = array("us", us, ("N", sim.nu), error=ParameterError)
     steps = len(us)
-    _shape("us", us, (steps, sim.nu))
     if (xs is None) != (K is None):
         raise ParameterError("xs and K belong together; give both, or none for open loop")
-    xs = np.zeros((steps + 1, sim.nx)) if xs is None else np.asarray(xs, float)
-    K = np.zeros((steps, sim.nu, sim.nx)) if K is None else np.asarray(K, float)
-    _shape("x0", np.asarray(x0), (sim.nx,))
-    _shape("xs", xs, (steps + 1, sim.nx))
-    _shape("K", K, (steps, sim.nu, sim.nx))
+    x0 = array("x0", x0, (sim.nx,), error=ParameterError)
+    shape = (steps + 1, sim.nx)
+    xs = np.zeros(shape) if xs is None else array("xs", xs, shape, error=ParameterError)
+    wide = (steps, sim.nu, sim.nx)
+    K = np.zeros(wide) if K is None else array("K", K, wide, error=ParameterError)
+    memory(f"count = {count}: the states", count * (steps + 1) * sim.nx, 8, wp.get_device("cpu"))
     lower, upper = limit_rows(control_limits, sim.nu)
     if len(lower) != 1:
         raise ParameterError(f"control_limits are for {len(lower)} problems; one for all particles is needed")
-    rng = np.random.default_rng(seed)
     states = np.empty((count, steps + 1, sim.nx))
     controls = np.empty((count, steps, sim.nu))
     status = np.full(count, int(Status.SOLVED))
-    states[:, 0] = np.asarray(x0, float)
+    states[:, 0] = x0
     for k in range(steps):
         x = states[:, k] + _noise(rng, count, factor, logistic)
         controls[:, k] = np.clip(us[k] + (x - xs[k]) @ K[k].T, lower, upper)
@@ -144,28 +146,20 @@ def particle_rollout(
     return ParticleRollout(states, controls, status)
 
 
-def _check(sim: Simulator, count: int) -> None:
+def _check(sim: Simulator, count: int, logistic: bool, seed: int) -> np.random.Generator:
+    instance("sim", sim, Simulator, "a slcp_warp.Simulator")
     if not sim.options.hard:
         raise ParameterError(f"sim has residual {sim.options.residual!r}; particles need residual='hard'")
-    if count < 2:
-        raise ParameterError(f"count is {count}; two particles or more are needed")
-
-
-def _shape(name: str, value: np.ndarray, shape: tuple[int, ...]) -> None:
-    if value.shape != shape or not np.isfinite(value).all():
-        raise ParameterError(f"{name} has shape {value.shape}; finite numbers of shape {shape} are needed")
+    whole("count", count, 2, error=ParameterError)
+    memory(f"count = {count}: the states", count * sim.nx, 8, wp.get_device("cpu"))
+    flag("logistic", logistic)
+    return np.random.default_rng(whole("seed", seed, 0, 2**63 - 1))
 
 
 def _factor(sim: Simulator, covariance: Any) -> np.ndarray:
     """L with L L' = covariance, from its principal axes: it may be singular."""
-    spread = np.asarray(covariance, float)
-    if spread.shape != (sim.nx, sim.nx) or not np.allclose(spread, spread.T):
-        raise ParameterError(
-            f"covariance has shape {spread.shape}; ({sim.nx}, {sim.nx}) and symmetric is needed"
-        )
-    values, axes = np.linalg.eigh(spread)
-    if values.min() < -1e-12 * max(values.max(), 1e-300):
-        raise ParameterError(f"covariance has the eigenvalue {values.min()}; none below 0 is needed")
+    spread = array("covariance", covariance, (sim.nx, sim.nx), error=ParameterError)
+    values, axes = np.linalg.eigh(rules.covariance("covariance", spread, sim.nx, ParameterError))
     return np.asarray(axes * np.sqrt(np.maximum(values, 0.0)))
 
 

@@ -12,6 +12,7 @@ import warp as wp
 
 from . import derivatives
 from .arrays import ArrayError
+from .checks import array, instance, names
 from .parameters import ParameterError, Parameters
 from .simulator import Simulator
 
@@ -60,26 +61,25 @@ def vjp(
     Raises:
         ArrayError: another shape. OptionError, ParameterError: a gradient that does not exist.
     """
+    instance("sim", sim, Simulator, "a slcp_warp.Simulator")
     x0, controls = _pair(sim, x0, controls)
     worlds = len(x0)
     shape = (worlds, controls.shape[1] + 1, sim.nx)
     weights = _array("weights", weights, shape)
-    if isinstance(parameters, str):
-        parameters = (parameters,)
+    sim.parameter_array(params, worlds)  # whether they fit
     given = sim.params if params is None else params
+    parameters = names("parameters", parameters, given.names, error=ParameterError)
     if parameters:
-        unknown = set(parameters) - set(given.names)
-        if unknown:
-            raise ParameterError(f"parameters names {sorted(unknown)}; choose from {list(given.names)}")
         own = {name: np.broadcast_to(given[name], (worlds, *sim.params[name].shape)) for name in given.names}
         given = given.replace(**own).track()
 
-    def put(array: np.ndarray) -> wp.array:
-        return wp.array(array, dtype=sim.dtype, device=sim.device, requires_grad=True)
+    def put(a: np.ndarray) -> wp.array:
+        return wp.array(a, dtype=sim.dtype, device=sim.device, requires_grad=True)
 
     x, us, force = put(x0), put(controls), external_force
     if force is not None:
-        force = wp.array(np.asarray(force, float), dtype=sim.dtype, device=sim.device)
+        force = array("external_force", force, ("B", "bodies", 3), finite=False, error=ArrayError)
+        force = wp.array(force, dtype=sim.dtype, device=sim.device)
     with wp.Tape() as tape:
         traj = sim.rollout(x, us, given, external_force=force)
     tape.backward(grads={traj.states: wp.array(weights, dtype=sim.dtype, device=sim.device)})
@@ -101,6 +101,7 @@ def jvp(
     Raises:
         ArrayError: another shape.
     """
+    instance("sim", sim, Simulator, "a slcp_warp.Simulator")
     x0, controls = _pair(sim, x0, controls)
     worlds, steps = controls.shape[:2]
     dx0 = _array("dx0", dx0, x0.shape)
@@ -139,26 +140,24 @@ def weighted_hessian(
     Raises:
         ArrayError: another shape.
     """
-    x, u = _array("x", x, (None, sim.nx)), _array("u", u, (len(np.asarray(x)), sim.nu))
+    instance("sim", sim, Simulator, "a slcp_warp.Simulator")
+    x = _array("x", x, ("B", sim.nx))
+    u = _array("u", u, (len(x), sim.nu))
     weights = _array("weights", weights, x.shape)
     lin = sim.linearize(x, u, params, second=True)
-    step_size = np.broadcast_to((params or sim.params)["step_size"], (len(x),))
+    step_size = np.broadcast_to((sim.params if params is None else params)["step_size"], (len(x),))
     lift = derivatives.lift((sim.scene.structure, sim.dtype, sim.options.method), step_size)
     each = np.einsum("bwi,bi->bw", lift, weights)
     return np.einsum("bw,bwjk->bjk", each, lin.second), lin.status
 
 
-def _array(name: str, value: Any, shape: tuple[int | None, ...]) -> np.ndarray:
-    array = np.asarray(value, float)
-    if array.ndim != len(shape) or any(want not in (None, got) for want, got in zip(shape, array.shape)):
-        need = ", ".join("B" if n is None else str(n) for n in shape)
-        raise ArrayError(f"{name} has shape {array.shape}; ({need}) is needed")
-    return array
+def _array(name: str, value: Any, shape: tuple[int | str, ...]) -> np.ndarray:
+    return array(name, value, shape, finite=False, error=ArrayError)
 
 
 def _pair(sim: Simulator, x0: Any, controls: Any) -> tuple[np.ndarray, np.ndarray]:
-    x0 = _array("x0", x0, (None, sim.nx))
-    controls = np.asarray(controls, float)
-    if controls.ndim != 3 or controls.shape[::2] != (len(x0), sim.nu) or controls.shape[1] < 1:
-        raise ArrayError(f"controls has shape {controls.shape}; ({len(x0)}, N, {sim.nu}) is needed")
+    x0 = _array("x0", x0, ("B", sim.nx))
+    controls = _array("controls", controls, (len(x0), "N", sim.nu))
+    if controls.shape[1] < 1:
+        raise ArrayError(f"controls has shape {controls.shape}; at least one step is needed")
     return x0, controls

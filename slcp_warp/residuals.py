@@ -14,6 +14,7 @@ from slcp_warp.kernels.launch import launch
 from slcp_warp.kernels.residuals import NAMES, make_residual_kernel
 
 from .arrays import ArrayError
+from .checks import array, choice
 from .options import OptionError
 
 
@@ -33,16 +34,18 @@ def residual(name: str, a: Any, b: Any, sigma: Any = 1.0, dtype: str = "float64"
     Raises:
         OptionError: unknown name or dtype. ArrayError: not numbers, or sigma not positive.
     """
-    if name not in NAMES:
-        raise OptionError(f"name is {name!r}; choose one of {list(NAMES)}")
-    if dtype not in ("float32", "float64"):
-        raise OptionError(f"dtype is {dtype!r}; choose 'float32' or 'float64'")
+    choice("name", name, NAMES, error=OptionError)
+    choice("dtype", dtype, ("float32", "float64"), error=OptionError)
+    given_numbers = [
+        array(label, value, finite=False, error=ArrayError).astype(dtype)
+        for label, value in (("a", a), ("b", b), ("sigma", sigma))
+    ]
     try:
-        arrays = np.broadcast_arrays(*(np.asarray(x, dtype=dtype) for x in (a, b, sigma)))
-    except (TypeError, ValueError) as error:
+        arrays = np.broadcast_arrays(*given_numbers)
+    except ValueError as error:
         raise ArrayError(f"a, b, sigma are no arrays of numbers that broadcast together: {error}") from error
-    if not (arrays[2] > 0).all():
-        raise ArrayError(f"sigma is {arrays[2].min():g}; positive numbers are needed")
+    if not ((arrays[2] > 0) & (arrays[2] < np.inf)).all():
+        raise ArrayError(f"sigma is {arrays[2].min():g}; positive and finite numbers are needed")
     kind, device = getattr(wp, dtype), get_device("cpu")
     given: list[wp.array] = [
         wp.array(np.ascontiguousarray(x).reshape(-1), dtype=kind, device=device) for x in arrays

@@ -17,6 +17,7 @@ import numpy as np
 from slcp_warp.kernels.structure import Structure
 
 from . import scene_fields
+from .checks import array, number, shown
 from .errors import SceneError
 from .topology import JOINTS, KINDS, contact_ends, radii, spread, structure_of
 
@@ -260,10 +261,15 @@ def box(
 
     They touch half-planes of any body, and round shapes; `touching` makes the contacts.
     """
+    offset_x, offset_y = array("offset", offset, (2,), error=SceneError)
+    half = min(number("width", width, 0.0, above=True, error=SceneError),
+               number("height", height, 0.0, above=True, error=SceneError)) / 2.0  # fmt: skip
+    number("corner_radius", corner_radius, 0.0, half, error=SceneError)
+    angle = number("angle", angle, error=SceneError)
     x, y = width / 2.0 - corner_radius, height / 2.0 - corner_radius
     c, s = math.cos(angle), math.sin(angle)
     corners = [(sx * x, sy * y) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
-    places = [(offset[0] + c * u - s * w, offset[1] + s * u + c * w) for u, w in corners]
+    places = [(offset_x + c * u - s * w, offset_y + s * u + c * w) for u, w in corners]
     return tuple(Shape(f"{name}{i}", body, "disc", corner_radius, place) for i, place in enumerate(places))
 
 
@@ -271,4 +277,7 @@ def touching(
     shapes: tuple[Shape, ...], others: tuple[Shape, ...], friction: float | None = None
 ) -> tuple[Contact, ...]:
     """A contact of every one of `shapes` with every one of `others`."""
+    for name, group in (("shapes", shapes), ("others", others)):
+        if not isinstance(group, list | tuple) or not all(isinstance(shape, Shape) for shape in group):
+            raise SceneError(f"{name} is {shown(group)}; a tuple of Shape is needed")
     return tuple(Contact(other.name, shape.name, friction) for other in others for shape in shapes)

@@ -6,6 +6,7 @@ import math
 
 from . import scenes_contact, scenes_robots
 from .scene import Actuator, Body, Contact, Scene, Shape
+from .scene_arguments import checked
 from .scenes_contact import (
     beam,
     box_toss,
@@ -28,6 +29,7 @@ def _ellipse_inertia(radii: tuple[float, float], density: float = 1.0) -> tuple[
     return mass, mass * (a * a + b * b) / 4.0
 
 
+@checked
 def flicking_finger(gravity: float = -4.0) -> Scene:
     """The paper's system (section V-B): a two-link finger of ellipses over an anchored, free-spinning
     ellipse.
@@ -62,6 +64,7 @@ def flicking_finger(gravity: float = -4.0) -> Scene:
     )  # fmt: skip
 
 
+@checked
 def ball_drop(
     radius: float = 0.1, mass: float = 1.0, height: float = 1.0, friction: float | None = None
 ) -> Scene:
@@ -75,6 +78,7 @@ def ball_drop(
     )
 
 
+@checked
 def sliding_block(
     friction: float = 0.5, mass: float = 1.0, slope: float = 0.0, corner_radius: float = 0.0
 ) -> Scene:
@@ -100,6 +104,7 @@ def sliding_block(
     )
 
 
+@checked
 def particle(friction: float | None = None, mass: float = 1.0, slope: float = 0.0) -> Scene:
     """A point mass on a half-plane tilted by `slope` [rad], at gap 0; its angle takes no part."""
     return Scene(
@@ -113,6 +118,7 @@ def particle(friction: float | None = None, mass: float = 1.0, slope: float = 0.
     )
 
 
+@checked
 def grasp(friction: float = 0.5) -> Scene:
     """Section II: two fingers hold a disc against gravity. Controls: the fingers' horizontal forces (left,
     right).
@@ -136,6 +142,7 @@ def grasp(friction: float = 0.5) -> Scene:
     )
 
 
+@checked
 def pendulum_chain(links: int = 3, length: float = 0.5, mass: float = 1.0) -> Scene:
     """A chain of uniform rods without contact or damping; every joint is driven."""
     bodies = [

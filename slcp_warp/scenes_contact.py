@@ -3,7 +3,9 @@
 import math
 from collections.abc import Sequence
 
+from .errors import SceneError
 from .scene import Actuator, Body, Contact, Scene, Shape, box, touching
+from .scene_arguments import checked
 
 GROUND = Shape("ground", None, "halfplane", angle=math.pi / 2)
 
@@ -12,6 +14,7 @@ def _box_inertia(mass: float, width: float, height: float) -> float:
     return mass * (width**2 + height**2) / 12.0
 
 
+@checked
 def stack(
     count: int = 3, masses: float | Sequence[float] = 1.0, friction: float = 0.5, size: float = 0.2
 ) -> Scene:
@@ -22,7 +25,7 @@ def stack(
     """
     each = list(masses) if isinstance(masses, Sequence) else [masses] * count
     if len(each) != count:
-        raise ValueError(f"masses has {len(each)} entries; a stack of {count} needs {count}")
+        raise SceneError(f"masses has {len(each)} entries; a stack of {count} needs {count}")
     bodies: list[Body] = []
     shapes: list[Shape] = [GROUND]
     contacts: list[Contact] = []
@@ -42,6 +45,7 @@ def stack(
     )  # fmt: skip
 
 
+@checked
 def painleve_rod(friction: float = 1.2, slope: float = 2.0, speed: float = 2.0, length: float = 1.0) -> Scene:
     """Painleve's rod: slender, pushed along the ground on its lower, leading end.
 
@@ -63,6 +67,7 @@ def painleve_rod(friction: float = 1.2, slope: float = 2.0, speed: float = 2.0, 
     )
 
 
+@checked
 def slope(kind: str = "block", angle: float = 0.3, friction: float = 0.4) -> Scene:
     """A block (.4 m x .2 m), a particle or a disc (radius .1 m) at rest on a slope of `angle` [rad].
 
@@ -76,7 +81,7 @@ def slope(kind: str = "block", angle: float = 0.3, friction: float = 0.4) -> Sce
     elif kind == "particle":
         up, inertia, shapes = 0.0, 1.0, (Shape("particle", "body", "disc"),)
     else:
-        raise ValueError(f"kind is {kind!r}; choose block, particle or disc")
+        raise SceneError(f"kind is {kind!r}; choose block, particle or disc")
     return Scene(
         name="slope", bodies=(Body("body", 1.0, inertia, joint="free"),), shapes=(*shapes, ground),
         contacts=touching(shapes, (ground,), friction), step_size=0.01, sigma=0.01,
@@ -84,6 +89,7 @@ def slope(kind: str = "block", angle: float = 0.3, friction: float = 0.4) -> Sce
     )  # fmt: skip
 
 
+@checked
 def two_balls(speed: float = 1.0, offset: float = 0.05, friction: float | None = 0.3) -> Scene:
     """Two discs (radius .1 m, 1 kg and 2 kg) that meet off centre in free space, without gravity.
 
@@ -104,6 +110,7 @@ def two_balls(speed: float = 1.0, offset: float = 0.05, friction: float | None =
     )
 
 
+@checked
 def box_toss(friction: float = 0.4) -> Scene:
     """A box (.3 m x .2 m, 1 kg) thrown forward with spin; it lands on a corner, tumbles and comes to rest.
 
@@ -121,6 +128,7 @@ def box_toss(friction: float = 0.4) -> Scene:
     )
 
 
+@checked
 def rolling_disc(speed: float = 1.0, friction: float = 0.5, radius: float = 0.1) -> Scene:
     """A disc (1 kg) that rolls without slip on the ground, at the gap where the smoothed contact carries it.
 
@@ -139,6 +147,7 @@ def rolling_disc(speed: float = 1.0, friction: float = 0.5, radius: float = 0.1)
     )
 
 
+@checked
 def beam(
     count: int = 8, spread: bool = True, friction: float | None = None, drop: float = 0.15, tilt: float = 0.2
 ) -> Scene:
@@ -148,7 +157,7 @@ def beam(
     coincident in two heaps under its ends. Its lower face is a half-plane that turns with it.
     """
     if count < 2:
-        raise ValueError(f"count is {count}; a beam needs at least 2 supports")
+        raise SceneError(f"count is {count}; a beam needs at least 2 supports")
     half = [-0.4] * (count // 2) + [0.4] * (count - count // 2)
     places = [-0.45 + 0.9 * i / (count - 1) for i in range(count)] if spread else half
     supports = tuple(Shape(f"support{i}", None, "disc", offset=(x, 0.0)) for i, x in enumerate(places))
@@ -164,6 +173,7 @@ def beam(
     )
 
 
+@checked
 def opposing_limits(width: float = 1e-4) -> Scene:
     """A pendulum (1 kg, .5 m) held level between two joint limits `width` [rad] apart, swinging at 1 rad/s.
 

@@ -3,10 +3,12 @@
 import math
 
 from .scene import Actuator, Body, Contact, Scene, Shape, box, touching
+from .scene_arguments import checked
 
 GROUND = Shape("ground", None, "halfplane", angle=math.pi / 2)
 
 
+@checked
 def hopper(friction: float = 0.8, stiffness: float = 2000.0) -> Scene:
     """A one-legged planar hopper: torso, a leg turning at the hip, and a foot sliding out of it on a spring.
 
@@ -37,6 +39,7 @@ def hopper(friction: float = 0.8, stiffness: float = 2000.0) -> Scene:
     )  # fmt: skip
 
 
+@checked
 def walker(friction: float = 0.8) -> Scene:
     """A planar biped: torso, two thighs, two shanks with round feet. 20 kg, 1.25 m tall.
 
@@ -71,6 +74,7 @@ def walker(friction: float = 0.8) -> Scene:
     )
 
 
+@checked
 def cart_pole(wall: float = 0.6) -> Scene:
     """A cart (1 kg) on a rail with a pole (.2 kg, .6 m) between two walls at x = +-`wall` [m].
 
@@ -97,6 +101,7 @@ def cart_pole(wall: float = 0.6) -> Scene:
     )
 
 
+@checked
 def push_block(friction: float = 0.4) -> Scene:
     """A pusher (disc of radius .05 m, 1 kg, on a rail) pushes a block (.3 m x .2 m, 1 kg) over the ground.
 

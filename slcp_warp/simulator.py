@@ -1,5 +1,6 @@
 """The simulator: steps, rollouts and their derivatives for a batch of worlds of one scene."""
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -8,21 +9,22 @@ import numpy as np
 import warp as wp
 
 from slcp_warp.kernels import rollout
-from slcp_warp.kernels.cache import get_device
 from slcp_warp.kernels.compile import source_digest
 from slcp_warp.kernels.kinematics import make_types
 from slcp_warp.kernels.launch import launch
 from slcp_warp.kernels.step import make_step
 
-from . import derivatives, tape
-from .arrays import ArrayError, Batch, from_batch, policy_arrays, to_batch
+from . import checks, derivatives, tape
+from .arrays import ArrayError, Batch, from_batch, policy_arrays, same_worlds, to_batch
 from .checkpoint import checkpointed
+from .errors import ArgumentError, ArgumentTypeError
 from .options import Options
 from .parameters import Parameters
 from .results import Linearization, Step, Trajectory, contact_impulse
 from .scene import Scene
 from .strategy import MOST_ROWS, MemoryKernels, StrategyError, choose
 
+RECORDED = ("controls", "impulse", "gap")
 DTYPES = {"float32": wp.float32, "float64": wp.float64}
 
 
@@ -47,17 +49,14 @@ class Simulator:
         dtype: str = "float64",
         strategy: str = "auto",
     ) -> None:
-        if not isinstance(scene, Scene):
-            raise TypeError(f"scene is a {type(scene).__name__}; a slcp_warp.Scene is needed")
-        if not isinstance(options, Options | None):
-            raise TypeError(f"options is a {type(options).__name__}; a slcp_warp.Options is needed")
-        if dtype not in DTYPES:
-            raise ValueError(f"dtype is {dtype!r}; choose one of {list(DTYPES)}")
+        checks.instance("scene", scene, Scene, "a slcp_warp.Scene")
+        checks.instance("options", options, Options | None, "a slcp_warp.Options")
+        checks.choice("dtype", dtype, DTYPES)
         self.options = options or Options()
         if self.options.method.state_noise:
             scene = scene.with_covariances()
         self.scene = scene
-        self.device = get_device(device)
+        self.device = checks.device(device)
         self.dtype = DTYPES[dtype]
         self.params = Parameters(scene)
         self._key = (scene.structure, self.dtype, self.options.method)
@@ -83,6 +82,8 @@ class Simulator:
 
     def empty(self, *shape: int) -> wp.array:
         """A zeroed array of the simulator's dtype on its device."""
+        size = wp.types.type_size_in_bytes(self.dtype)
+        checks.memory(f"an array {shape}", math.prod(shape), size, self.device)
         return wp.zeros(shape, dtype=self.dtype, device=self.device)
 
     def batch(self, name: str, value: Any, *shape: int | str) -> Batch:
@@ -93,9 +94,9 @@ class Simulator:
         """The parameter table for a number of worlds."""
         params = self.params if params is None else params
         if not isinstance(params, Parameters):
-            raise TypeError(f"params is a {type(params).__name__}; use sim.params.replace(...)")
+            raise ArgumentTypeError(f"params is a {type(params).__name__}; use sim.params.replace(...)")
         if params.scene.structure != self.scene.structure:
-            raise ValueError(
+            raise ArgumentError(
                 f"params belong to scene {params.scene.name!r}; this simulator has {self.scene.name!r}"
             )
         if params.worlds not in (None, worlds):
@@ -128,14 +129,14 @@ class Simulator:
         nb = self.scene.structure.nb
         force = self.batch("external_force", external_force, nb, 3).array
         tape.refuse("external_force", "forces have none: give them as controls of an actuator", force)
-        _same_worlds("external_force", force.shape[0], worlds)
+        same_worlds("external_force", force.shape[0], worlds)
         return force.reshape((worlds, 3 * nb))
 
     def _controls(self, u: Any, worlds: int) -> wp.array:
         if u is None:
             return self.empty(worlds, max(self.nu, 1))
         control = self.batch("u", u, self.nu).array
-        _same_worlds("u", control.shape[0], worlds)
+        same_worlds("u", control.shape[0], worlds)
         return control if self.nu else self.empty(worlds, 1)
 
     def step(
@@ -168,7 +169,7 @@ class Simulator:
         warm = self._none
         if warm_start is not None:
             warm = self.batch("warm_start", warm_start, self.nr + 2 * pairs).array
-            _same_worlds("warm_start", warm.shape[0], worlds)
+            same_worlds("warm_start", warm.shape[0], worlds)
         out = [self.empty(worlds, n) for n in (self.nx, self.nr, self.nr, self.nr + 2 * pairs)]
         status = wp.zeros(worlds, dtype=wp.int32, device=self.device)
         table = self.parameter_array(params, worlds)
@@ -214,36 +215,42 @@ class Simulator:
         """Step every world N times in one launch.
 
         Args:
-            x0: (B, nx) or (nx,). controls: (B, N, nu), open loop, or None with `policy` and `steps`.
+            x0: (B, nx) or (nx,). controls: (B, N, nu), open loop, or None with `policy` and `steps`, or with
+                `steps` alone where the scene has no actuators.
             policy: an object with `arrays(sim)` -> (name, struct), see `slcp_warp.ddp` policies.
             external_force: constant over the rollout, as in `step`.
             record: any of "controls", "impulse", "gap", one name or several.
             checkpoint: keep the states of steps 0, k, 2k, ..., N only, and recompute the others in a backward
                 pass (open loop, nothing else recorded): for long horizons, k near the root of N.
 
+        Raises:
+            InputError: bad arguments. A world that cannot be solved has a status instead.
+
         Recorded on an active `wp.Tape` as `step` is.
         """
-        record = (record,) if isinstance(record, str) else record
-        unknown = set(record) - {"controls", "impulse", "gap"}
-        if unknown:
-            raise ValueError(f"record names {sorted(unknown)}; choose from controls, impulse, gap")
-        if (controls is None) == (policy is None):
-            raise ValueError("give either controls or policy (with steps)")
+        record = checks.names("record", record, RECORDED)
         state = self.batch("x0", x0, self.nx)
         worlds = state.array.shape[0]
+        if controls is None and policy is None and steps is not None and not self.nu:
+            steps = checks.whole("steps", steps)
+            checks.memory(f"steps = {steps}: the states", worlds * (steps + 1) * self.nx, 8, self.device)
+            controls = np.zeros((worlds, steps, 0))
+        if (controls is None) == (policy is None):
+            raise ArgumentError("give either controls or policy (with steps)")
         if policy is None:
             us = self.batch("controls", controls, "N", self.nu).array
-            _same_worlds("controls", us.shape[0], worlds)
+            same_worlds("controls", us.shape[0], worlds)
             name, struct = "open_loop", rollout.POLICIES["open_loop"](self.nx, self.nu, self.dtype).Struct()
             struct.us = us
-            if steps not in (None, us.shape[1]):
-                raise ValueError(f"steps is {steps}, but controls are given for {us.shape[1]}; leave it out")
+            if steps is not None and checks.whole("steps", steps) != us.shape[1]:
+                raise ArgumentError(
+                    f"steps is {steps}, but controls are given for {us.shape[1]}; leave it out"
+                )
             steps = us.shape[1]
             if steps < 1:
                 raise ArrayError(f"controls has shape {us.shape}; at least one step is needed")
         else:
-            if not isinstance(steps, int | np.integer) or steps < 1:
-                raise ValueError(f"steps is {steps!r}; a policy needs a whole, positive number of steps")
+            steps = checks.whole("steps", steps)
             us = None
             self._need_registers("a rollout under a policy")
             name, struct = policy_arrays(policy, self, worlds)
@@ -252,11 +259,9 @@ class Simulator:
         external = self._external(external_force, worlds)
         give = lambda a: from_batch(a, state.kind, state.batched)  # noqa: E731
         if checkpoint is not None:
-            if not isinstance(checkpoint, int | np.integer) or checkpoint < 1 or us is None or record:
-                raise ValueError(
-                    f"checkpoint is {checkpoint!r}; a whole, positive number is needed, with controls and "
-                    "without record"
-                )
+            checkpoint = checks.whole("checkpoint", checkpoint)
+            if us is None or record:
+                raise ArgumentError(f"checkpoint is {checkpoint}; it needs controls, and no record")
             self._need_registers("a rollout with checkpoints")
             kept = checkpointed(self._key, table, state.array, us, external, status, checkpoint)
             return Trajectory(give(kept), give(status), None, None, None)
@@ -301,6 +306,7 @@ class Simulator:
         Worlds that are not solved have zero derivatives and a status.
         """
         self._need_derivatives("linearize")
+        checks.flag("second", second)
         state = self.batch("x", x, self.nx)
         worlds = state.array.shape[0]
         control = self._controls(u, worlds)
@@ -390,8 +396,3 @@ class Simulator:
         """lift (B, nw, nx): V . f_zz = sum_i (lift V)_i second[i], see `derivatives.lift`."""
         values = np.broadcast_to(derivatives.lift(self._key, params.numpy()[:, 0]), lift.shape)
         lift.assign(values.astype(wp.dtype_to_numpy(self.dtype)))
-
-
-def _same_worlds(name: str, given: int, worlds: int) -> None:
-    if given != worlds:
-        raise ArrayError(f"{name} is given for {given} worlds, the state for {worlds}")

@@ -20,6 +20,7 @@ from slcp_warp.kernels.launch import launch
 from slcp_warp.kernels.method import Method
 from slcp_warp.kernels.structure import Structure, layout
 
+from .checks import choice
 from .errors import ArgumentError
 
 STRATEGIES = ("auto", "registers", "memory")
@@ -56,8 +57,7 @@ def missing(s: Structure, method: Method) -> str:
 
 def choose(strategy: str, s: Structure, method: Method, device: Any) -> str:
     """Registers or memory for a scene; a clear error where neither serves."""
-    if strategy not in STRATEGIES:
-        raise ValueError(f"strategy is {strategy!r}; choose one of {list(STRATEGIES)}")
+    choice("strategy", strategy, STRATEGIES)
     lacks = missing(s, method)
     if strategy == "memory" and lacks:
         raise StrategyError(f"{lacks} is not offered by the kernels in memory; use strategy='registers'")

@@ -5,7 +5,7 @@ statistics.
 import json
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -14,103 +14,17 @@ import warp as wp
 from slcp_warp.kernels.launch import launch
 from slcp_warp.kernels.sweep import make_draw_kernel, make_sweep_kernel
 
+from . import checks
 from .arrays import policy_arrays
+from .errors import ArgumentError
 from .options import Options, Status
-from .rules import NONNEGATIVE, POSITIVE
 from .scene import Scene
 from .simulator import Simulator
 from .statistics import mean_interval, quantile_interval, share_interval, spin_statistics
 from .sweep_report import SweepReport
+from .sweep_spec import SweepSpec
 
-PERTURBABLE = sorted({*POSITIVE, *NONNEGATIVE, "gravity", "gear"} - {"period"})
 CHUNK_BYTES = 128 * 2**20
-
-
-@dataclass(frozen=True)
-class SweepSpec:
-    """What is varied and measured; every number is reproducible from `seed` and the world's index.
-
-    Attributes:
-        worlds: per case. duration: simulated [s]. residuals, step_sizes: their product makes the cases.
-        start: (M, nx) states, one drawn per world; None: the scene's. position_sd, velocity_sd: normal noise
-        on it.
-        parameter_sd: name -> standard deviation of the logarithm of a factor on it (one factor per body,
-        shape,
-            contact or degree of freedom; mass and inertia of a body share theirs); a drawn step size is at
-            most sample_every. The drawn values are columns of the report's table.
-        parameters: name -> other base value (Simulator.params.replace).
-        torque_sd: white noise on the controls. kick_times, kick_sd: normal velocity kicks [s; rad/s, m/s].
-        observe: state component whose rate is judged. threshold: "spinning" [1/s]. window: of the moving
-        rate [s].
-        sample_every: [s].
-    """
-
-    worlds: int = 4096
-    duration: float = 20.0
-    residuals: tuple[str, ...] = ("rem-logistic", "hard")
-    step_sizes: tuple[float, ...] = (0.05,)
-    start: np.ndarray | None = None
-    position_sd: float = 0.0
-    velocity_sd: float = 0.0
-    parameter_sd: dict[str, float] = field(default_factory=dict)
-    parameters: dict[str, Any] = field(default_factory=dict)
-    torque_sd: float = 0.0
-    kick_times: tuple[float, ...] = ()
-    kick_sd: float = 2.0
-    observe: int = 0
-    threshold: float = 0.5
-    window: float = 4.0
-    sample_every: float = 0.5
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.worlds, int | np.integer) or self.worlds < 1:
-            raise ValueError(f"SweepSpec.worlds is {self.worlds!r}; a whole number of at least 1 is needed")
-        if not isinstance(self.seed, int | np.integer) or not 0 <= self.seed < 2**31:
-            raise ValueError(f"SweepSpec.seed is {self.seed!r}; a whole number in [0, 2^31) is needed")
-        for name in ("residuals", "step_sizes", "kick_times"):
-            value = getattr(self, name)
-            if isinstance(value, str) or np.ndim(value) != 1:
-                raise ValueError(f"SweepSpec.{name} is {value!r}; a tuple is needed")
-        if not self.residuals or not len(self.step_sizes):
-            raise ValueError("SweepSpec.residuals and step_sizes must name at least one case")
-        for residual in self.residuals:
-            Options(residual=residual)
-        for name in ("duration", "window", "sample_every"):
-            if not 0.0 < getattr(self, name) < np.inf:
-                raise ValueError(f"SweepSpec.{name} is {getattr(self, name)}; it must be positive and finite")
-        if self.sample_every > self.duration / 2.0:
-            raise ValueError(
-                f"SweepSpec.sample_every is {self.sample_every}; at most half the duration {self.duration}"
-            )
-        for name in ("position_sd", "velocity_sd", "torque_sd", "kick_sd"):
-            if not 0.0 <= getattr(self, name) < np.inf:
-                raise ValueError(
-                    f"SweepSpec.{name} is {getattr(self, name)}; it must be finite, not negative"
-                )
-        unknown = set(self.parameter_sd) - set(PERTURBABLE)
-        if unknown:
-            raise ValueError(f"SweepSpec.parameter_sd names {sorted(unknown)}; choose from {PERTURBABLE}")
-        for name, value in self.parameter_sd.items():
-            if not 0.0 <= value < 2.0:
-                raise ValueError(f"SweepSpec.parameter_sd[{name!r}] is {value}; a number in [0, 2) is needed")
-        times = np.asarray(self.kick_times, float)
-        if not np.all((times >= 0.0) & (times < self.duration)) or (np.diff(times) < 0.0).any():
-            raise ValueError(
-                f"SweepSpec.kick_times is {self.kick_times}; rising times in [0, {self.duration}) are needed"
-            )
-        if len(times) and times[-1] + self.window > self.duration:
-            raise ValueError(
-                f"SweepSpec.kick_times ends at {times[-1]}; recovery needs window = {self.window} after it, "
-                f"within duration = {self.duration}"
-            )
-        if "step_size" in self.parameters:
-            raise ValueError("SweepSpec.parameters names step_size; the cases' are given by step_sizes")
-        for h in self.step_sizes:
-            if not 0.0 < h <= self.sample_every:
-                raise ValueError(
-                    f"SweepSpec.step_sizes contains {h}; in (0, sample_every = {self.sample_every}] please"
-                )
 
 
 def sweep(
@@ -134,10 +48,10 @@ def sweep(
 
     A keyboard interrupt ends the sweep with what is finished (`complete` False).
     """
-    if not isinstance(spec, SweepSpec):
-        raise TypeError(f"spec is a {type(spec).__name__}; a slcp_warp.SweepSpec is needed")
-    if chunk is not None and (not isinstance(chunk, int | np.integer) or chunk < 1):
-        raise ValueError(f"chunk is {chunk!r}; a whole number of at least 1 is needed")
+    checks.instance("scene", scene, Scene, "a slcp_warp.Scene")
+    checks.instance("spec", spec, SweepSpec, "a slcp_warp.SweepSpec")
+    chunk = None if chunk is None else checks.whole("chunk", chunk)
+    checks.function("progress", progress, optional=True)
     cases, columns, samples = [], [], []
     total = spec.worlds * len(spec.residuals) * len(spec.step_sizes)
     done, complete = 0, True
@@ -175,12 +89,14 @@ class _Case:
         self.sim, self.spec, self.step_size = sim, spec, step_size
         params = sim.params.replace(**spec.parameters).replace(step_size=step_size)
         if params.worlds is not None:
-            raise ValueError(
+            raise ArgumentError(
                 "SweepSpec.parameters must be shared by all worlds; use parameter_sd to vary them"
             )
         self.base = params.table()[0]
         self.name, self.struct = policy_arrays(policy, sim, None)
         self.count = int(round(spec.duration / spec.sample_every)) + 1
+        kept = "SweepSpec.duration / sample_every: the samples"
+        checks.memory(kept, spec.worlds * self.count, 4, sim.device)
         per_world = 8 * (len(self.base) + sim.nx) + 4 * self.count + 16
         self.chunk = chunk or max(1, min(spec.worlds, CHUNK_BYTES // per_world))
         self.parts: list[dict[str, np.ndarray]] = []
@@ -195,11 +111,11 @@ class _Case:
         spread, group = _spread(sim, spec.parameter_sd)
         start = sim.scene.x0[None] if spec.start is None else np.atleast_2d(np.asarray(spec.start, float))
         if start.ndim != 2 or start.shape[1] != sim.nx or not np.all(np.isfinite(start)):
-            raise ValueError(
+            raise ArgumentError(
                 f"SweepSpec.start has shape {start.shape}; finite numbers (M, {sim.nx}) are needed"
             )
         if not 0 <= spec.observe < sim.nx:
-            raise ValueError(
+            raise ArgumentError(
                 f"SweepSpec.observe is {spec.observe}; a state component 0..{sim.nx - 1} is needed"
             )
         deviation = np.repeat([spec.position_sd, spec.velocity_sd], sim.nx // 2)

@@ -18,6 +18,7 @@ from slcp_warp.kernels.method import Method
 from slcp_warp.kernels.policy import make_tracking
 from slcp_warp.kernels.reduce import make_sum_kernel
 
+from .errors import ArgumentError
 from .options import OptionError
 
 
@@ -112,7 +113,9 @@ def _watch(run: Recorded) -> list[wp.array]:
 def _refuse_blocked(run: Recorded) -> None:
     for name, array in run.blocked:
         if array.grad.numpy().any():
-            raise ValueError(f"the loss depends on {name}, through which no gradient flows; use the states")
+            raise ArgumentError(
+                f"the loss depends on {name}, through which no gradient flows; use the states"
+            )
 
 
 def record_step(run: Recorded) -> None:
@@ -146,7 +149,7 @@ def record_step(run: Recorded) -> None:
 def refuse(name: str, why: str, *arrays: wp.array | None) -> None:
     """A gradient that does not exist is wanted: an error instead of a silent zero."""
     if wants_gradient(*arrays):
-        raise ValueError(f"{name} requires a gradient on the wp.Tape that records, but {why}")
+        raise ArgumentError(f"{name} requires a gradient on the wp.Tape that records, but {why}")
 
 
 def differentiable_policy(name: str, struct: Any, x0: wp.array, table: wp.array) -> bool:
@@ -159,7 +162,7 @@ def differentiable_policy(name: str, struct: Any, x0: wp.array, table: wp.array)
     if not wants_gradient(x0, table, *arrays):
         return False
     if name != "tracking":
-        raise ValueError(
+        raise ArgumentError(
             f"a gradient is wanted through a rollout under a {name!r} policy; only open-loop rollouts and "
             "those under a ddp.TrackingPolicy are recorded on a tape"
         )

@@ -15,6 +15,8 @@ import warp as wp
 from torch import Tensor
 
 from .arrays import ArrayError
+from .checks import array, flag, instance, names, shown, whole
+from .errors import ArgumentTypeError
 from .parameters import ParameterError, Parameters
 from .rules import COVARIANCES
 from .simulator import Simulator
@@ -56,13 +58,14 @@ def rollout(
         ArrayError: another shape, dtype or device. ParameterError: an unknown name or an illegal value.
         OptionError: a gradient by parameters that the options do not have. StrategyError: kernels in memory.
     """
+    instance("sim", sim, Simulator, "a slcp_warp.Simulator")
     sim._need_derivatives("slcp_warp.torch")
-    batched = x0.ndim == 2
+    flag("check", check)
     x, us = _given(sim, "x0", x0, (sim.nx,)), _given(sim, "controls", controls, (None, sim.nu))
+    batched = x0.ndim == 2
     if len(x) != len(us) or us.shape[1] < 1:
         raise ArrayError(f"controls has shape {tuple(controls.shape)}; ({len(x)}, N, {sim.nu}) is needed")
-    if checkpoint is not None and checkpoint < 1:
-        raise ValueError(f"checkpoint is {checkpoint}; a whole, positive number is needed")
+    checkpoint = None if checkpoint is None else whole("checkpoint", checkpoint)
     bodies = sim.scene.structure.nb
     force = x.new_zeros((0, 3 * bodies))
     if external_force is not None:
@@ -84,7 +87,10 @@ def step(
     sim: Simulator, x: Tensor, u: Tensor | None = None, params: Values = None, **options: Any
 ) -> Outcome:
     """One step: a rollout of length one from x (B, nx) or (nx,) under u (B, nu) or (nu,); see `rollout`."""
+    instance("sim", sim, Simulator, "a slcp_warp.Simulator")
+    _given(sim, "x", x, (sim.nx,))
     u = x.new_zeros((*x.shape[:-1], sim.nu)) if u is None else u
+    _given(sim, "u", u, (sim.nu,))
     states, status = rollout(sim, x, u.unsqueeze(-2), params, **options)
     return Outcome(states[..., 1, :], status)
 
@@ -100,10 +106,9 @@ class Rollout(torch.nn.Module):
 
     def __init__(self, sim: Simulator, learn: Sequence[str] = (), checkpoint: int | None = None) -> None:
         super().__init__()
-        self.sim, self.checkpoint = sim, checkpoint
-        unknown = set(learn) - set(sim.params.names)
-        if unknown:
-            raise ParameterError(f"learn names {sorted(unknown)}; choose from {list(sim.params.names)}")
+        self.sim: Simulator = instance("sim", sim, Simulator, "a slcp_warp.Simulator")
+        self.checkpoint = None if checkpoint is None else whole("checkpoint", checkpoint)
+        learn = names("learn", learn, sim.params.names, error=ParameterError)
         dtype, device = getattr(torch, sim.dtype.__name__), wp.device_to_torch(sim.device)
         self.physical = torch.nn.ParameterDict(
             {n: torch.nn.Parameter(torch.tensor(sim.params[n], dtype=dtype, device=device)) for n in learn}
@@ -127,6 +132,10 @@ class Rollout(torch.nn.Module):
 
 def parameter_table(sim: Simulator, params: Values, like: Tensor) -> Tensor:
     """The kernels' table of parameters, (1 or B, width), with gradients to the tensors that went in."""
+    if not isinstance(params, Parameters | Mapping | None):
+        raise ArgumentTypeError(
+            f"params is a {type(params).__name__}; Parameters or a dict of tensors by name is needed"
+        )
     base = params if isinstance(params, Parameters) else sim.params
     if base.scene is not sim.scene:
         raise ParameterError(
@@ -142,16 +151,14 @@ def parameter_table(sim: Simulator, params: Values, like: Tensor) -> Tensor:
         return table
     if any(isinstance(value, Tensor) and value.requires_grad for value in params.values()):
         derivatives_exist(sim.options.method)
-    unknown = set(params) - set(base.names)
+    unknown = [name for name in params if name not in base.names]
     if unknown:
-        raise ParameterError(f"no parameter {sorted(unknown)}; there are {list(base.names)}")
+        raise ParameterError(f"no parameter {shown(unknown)}; there are {list(base.names)}")
     columns = []
     for name, start, shape in base.layout.columns:
         size = math.prod(shape)
-        given = params.get(name)
-        columns.append(
-            table[:, start : start + size] if given is None else _column(name, given, shape, size, like)
-        )
+        kept = table[:, start : start + size]
+        columns.append(_column(name, params[name], shape, size, like) if name in params else kept)
     rows = {len(c) for c in columns} - {1}
     if len(rows) > 1:
         raise ParameterError(f"params disagree on the number of worlds: {sorted(rows)}")
@@ -167,6 +174,7 @@ def _base_table(params: Parameters, dtype: torch.dtype, device: torch.device) ->
 
 def _column(name: str, value: Any, shape: tuple[int, ...], size: int, like: Tensor) -> Tensor:
     if not isinstance(value, Tensor):
+        value = value if type(value) in (int, float) else array(name, value, error=ParameterError)
         value = torch.as_tensor(value, dtype=like.dtype, device=like.device)
     if value.dtype != like.dtype or value.device != like.device:
         raise ParameterError(

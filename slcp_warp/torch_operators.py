@@ -15,6 +15,7 @@ import torch
 import warp as wp
 from torch import Tensor
 
+from . import rules
 from .checkpoint import Segments, checkpointed, pull_back
 from .parameters import ParameterError, Parameters
 from .rules import COVARIANCES
@@ -55,9 +56,7 @@ def _check(sim: Simulator, table: Tensor) -> None:
         for name, start, shape in sim.params.layout.columns
     }
     for name in COVARIANCES:
-        value = values.pop(name, np.zeros(1))
-        if not np.isfinite(value).all():
-            raise ParameterError(f"{name} contains {value[~np.isfinite(value)][0]}; it must be finite")
+        rules.check(name, values.pop(name, np.zeros(1)), ParameterError, name)
     Parameters(sim.scene).replace(**values)
 
 

@@ -175,7 +175,7 @@ ERRORS = {
     "steps and controls disagree": (
         lambda: sim().rollout(X, FIVE, steps=4), ValueError, "steps is 4.* for 5"),
     "policy without steps": (
-        lambda: sim().rollout(X, policy=tracking()), ValueError, "steps is None; a policy needs"),
+        lambda: sim().rollout(X, policy=tracking()), ValueError, "steps is None; a whole number"),
     "steps not whole": (lambda: sim().rollout(X, policy=tracking(), steps=2.5), ValueError, "steps is 2.5"),
     "unknown record": (
         lambda: sim().rollout(X, FIVE, record=("forces",)), ValueError,
@@ -204,7 +204,7 @@ ERRORS = {
         lambda: problem(cost=lambda x: x), TypeError, "cost must be a ddp.Cost, got function"),
     "cost of another mechanism": (
         lambda: problem(dynamics=grasp()), ValueError, "cost is for nx = 6, .* nx = 10"),
-    "horizon 0": (lambda: problem(horizon=0), ValueError, "horizon must be .* at least 1, got 0"),
+    "horizon 0": (lambda: problem(horizon=0), ValueError, "horizon is 0; a whole number of at least 1"),
     "limits crossed": (
         lambda: problem(control_limits=(1.0, -1.0)), slcp.ArgumentError, "lower control limit .* upper"),
     "problem with other parameters": (
@@ -220,7 +220,7 @@ ERRORS = {
     "noise levels rising": (
         lambda: ddp.Options(sigma_schedule=(0.1, 0.2)), ValueError, "sigma_schedule must decrease"),
     # library
-    "library of no entries": (lambda: build(count=0), ValueError, "count is 0; it must be at least 1"),
+    "library of no entries": (lambda: build(count=0), ValueError, "count is 0; a whole number of at least 1"),
     "misspelt library option": (lambda: build(ofset=3), ValueError, r"no \['ofset'\]; there are .*'offset'"),
     "options given twice": (
         lambda: build(options=ddp.RecedingOptions(), offset=2), ValueError, "not both: .*'offset'"),
@@ -267,13 +267,21 @@ def test_error(what):
     call, kind, message = ERRORS[what]
     with pytest.raises(kind, match=message) as caught:
         call()
-    assert type(caught.value) is kind and len(str(caught.value)) < 400
+    own = {ValueError: slcp.ArgumentError, TypeError: slcp.ArgumentTypeError}
+    assert type(caught.value) is own.get(kind, kind) and len(str(caught.value)) < 400
+    assert isinstance(caught.value, slcp.InputError)
 
 
-def test_the_table_in_the_docs_is_complete(request):
+@pytest.mark.parametrize("what", ERRORS)
+def test_the_table_in_the_docs_tells_what_comes_back(request, what):
     path = request.config.rootpath / "docs" / "bad_input.md"
-    missing = [what for what in ERRORS if f"| {what} |" not in path.read_text()]
-    assert not missing
+    row = next(line for line in path.read_text().splitlines() if line.startswith(f"| {what} |"))
+    kind, message = row.strip("| ").split(" | ", 2)[1:]
+    with pytest.raises(slcp.InputError) as caught:
+        ERRORS[what][0]()
+    assert kind == type(caught.value).__name__
+    assert str(caught.value).startswith(message.removesuffix("..."))
+    assert message.endswith("...") or message == str(caught.value)
 
 
 @pytest.mark.parametrize("residual", ["rem-logistic", "hard"])

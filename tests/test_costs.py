@@ -179,8 +179,10 @@ def test_illegal_costs():
         ddp.costs.quadratic(np.eye(3), [[1.0, 2.0], [0.0, 1.0]])
     with pytest.raises(ValueError, match=r"target must have shape \(3,\) or \(N\+1, 3\), got \(2,\)"):
         ddp.costs.quadratic(np.eye(3), np.eye(2), target=[0.0, 1.0])
-    with pytest.raises(ValueError, match="weights must be finite numbers"):
+    with pytest.raises(ValueError, match="c_x is nan; a finite number is needed"):
         ddp.costs.flicking_finger(c_x=float("nan"))
+    with pytest.raises(ValueError, match="weights must be finite numbers"):
+        ddp.costs.flicking_finger().with_weights([1.0, float("nan")])
     with pytest.raises(ValueError, match="weights must have 2 columns, got 3"):
         ddp.costs.flicking_finger().with_weights([1.0, 2.0, 3.0])
     with pytest.raises(TypeError, match="must return ddp.costs.CostFunctions, got tuple"):

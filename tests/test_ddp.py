@@ -272,7 +272,7 @@ def test_multistart_keeps_the_best(device):
     ("changes", "message"),
     [
         ({"method": "newton"}, "method must be one of second-order"),
-        ({"max_iterations": -1}, "max_iterations must be"),
+        ({"max_iterations": -1}, "max_iterations is -1"),
         ({"step_sizes": ()}, "step_sizes must be"),
         ({"step_sizes": (1.0, 2.0)}, "step_sizes must be"),
         ({"gradient_tolerance": float("nan")}, "gradient_tolerance must be"),
@@ -310,7 +310,7 @@ def test_illegal_arguments():
 def test_illegal_problems():
     problem, _, _ = cart_pole()
     dynamics, cost = problem.dynamics, problem.cost
-    with pytest.raises(ValueError, match="horizon must be a whole number of at least 1, got 0"):
+    with pytest.raises(ValueError, match="horizon is 0; a whole number of at least 1"):
         ddp.Problem(dynamics, cost, 0)
     with pytest.raises(TypeError, match="cost must be a ddp.Cost, got str"):
         ddp.Problem(dynamics, "quadratic", 5)
