@@ -10,14 +10,15 @@ from types import SimpleNamespace
 import warp as wp
 
 from .factories import cached
-from .structure import PRISMATIC, WORLD, Structure, layout
+from .structure import PRISMATIC, WORLD, Structure, check_capacity, layout
 
 
 @cached
 def make_types(s: Structure, dtype: type) -> SimpleNamespace:
     """Warp vector and matrix types of a structure: VQ (nv), VX (2 nv), VU (nu), VR (nr), V2, MQ (nv, nv),
-    ...
+    ... Every specialised kernel has them, so this is where a scene with too many rows for one ends.
     """
+    check_capacity(s)
     nv, nu, nr = s.nv, max(s.nu, 1), max(s.nr, 1)
     vector, matrix = wp.types.vector, wp.types.matrix
     return SimpleNamespace(

@@ -19,6 +19,19 @@ REVOLUTE, PRISMATIC = "revolute", "prismatic"
 DISC, ELLIPSE, HALFPLANE, CAPSULE = "disc", "ellipse", "halfplane", "capsule"
 WORLD = -1
 
+STEP_SIZE = 0  # column of the parameter table, see `layout`
+MOST_ROWS = 31  # of a specialised kernel: a set of rows, and one of pairs, is the bits of one int
+
+
+class CapacityError(ValueError):
+    """More rows than a specialised kernel has bits for."""
+
+
+def check_capacity(s: "Structure") -> None:
+    """Raise CapacityError unless sets of the rows and pairs fit in an int (a pair has one row or two)."""
+    if s.nr > MOST_ROWS:
+        raise CapacityError(f"a specialised kernel takes at most {MOST_ROWS} rows; the scene has {s.nr}")
+
 
 @dataclass(frozen=True)
 class BodyStructure:

@@ -2,6 +2,8 @@
 disturbances.
 """
 
+from types import SimpleNamespace
+
 import warp as wp
 
 from .compile import specialised
@@ -10,11 +12,13 @@ from .method import Method
 from .random import make_normal, philox
 from .rollout import POLICIES, make_world
 from .solve import SOLVED
-from .structure import Structure, layout
+from .structure import STEP_SIZE, Structure, layout
 
 # streams of the random numbers
 START, CHOICE, PARAMETER, TORQUE, KICK = 0, 100, 200, 300, 400
-STEP_SIZE = 0  # column of the parameter table, see `structure.layout`
+FAR = 1 << 20  # streams of the torques beyond the hundredth, which would meet those of the kicks
+TOUCH = 1e-6  # impulse above which a contact counts as one
+NOWHERE = 1e30  # lowest gap of a world without an acting contact
 
 
 @cached
@@ -61,6 +65,56 @@ def make_draw_kernel(nx: int, dtype: type) -> wp.Kernel:
 
 
 @cached
+def make_disturbances(nv: int, nu: int, dtype: type) -> SimpleNamespace:
+    """Warp functions of what disturbs a world, and of when it is looked at; the same in every sweep."""
+    rng = make_normal(dtype)
+    VX, VU = wp.types.vector(2 * nv, dtype), wp.types.vector(max(nu, 1), dtype)
+    HALF = wp.float64(0.5)
+
+    @wp.func
+    def due(times: wp.array(dtype=wp.float64), event: int, time: wp.float64, h: wp.float64):
+        """Events up to the step that begins at `time`, from the first one that is still to come."""
+        last = event
+        while last < times.shape[0] and time >= times[last] - HALF * h:
+            last += 1
+        return last
+
+    @wp.func
+    def kicked(seed: int, world: int, event: int, kick: dtype, x: VX):
+        out = x
+        for j in range(nv):
+            out[nv + j] = x[nv + j] + kick * rng.normals(seed, world, event, KICK + j)[0]
+        return out
+
+    @wp.func
+    def noisy(seed: int, world: int, k: int, torque: dtype, u: VU):
+        out = u
+        for j in range(nu):
+            stream = wp.where(j < KICK - TORQUE, TORQUE + j, FAR + j)
+            out[j] = u[j] + torque * rng.normals(seed, world, k, stream)[0]
+        return out
+
+    @wp.func
+    def sampled(
+        samples: wp.array2d(dtype=wp.float32),
+        i: int,
+        sample: int,
+        interval: wp.float64,
+        time: wp.float64,
+        h: wp.float64,
+        value: wp.float32,
+    ):
+        """Write the samples up to `time`; the first one that is still to come."""
+        out = sample
+        while out < samples.shape[1] and time >= wp.float64(out) * interval - HALF * h:
+            samples[i, out] = value
+            out += 1
+        return out
+
+    return SimpleNamespace(due=due, kicked=kicked, noisy=noisy, sampled=sampled)
+
+
+@cached
 def make_sweep_kernel(s: Structure, dtype: type, method: Method, policy_name: str) -> wp.Kernel:
     """Roll out one world a thread for a duration, with torque noise and velocity kicks; samples one state
     component.
@@ -68,8 +122,8 @@ def make_sweep_kernel(s: Structure, dtype: type, method: Method, policy_name: st
     world_of = make_world(s, dtype, method, False)
     step = world_of.step
     policy = POLICIES[policy_name](2 * s.nv, s.nu, dtype)
-    rng = make_normal(dtype)
-    NV, NU, NR = s.nv, s.nu, s.nr
+    disturb = make_disturbances(s.nv, s.nu, dtype)
+    NR = s.nr
     H = layout(s).offset("step_size")
     Policy = policy.Struct
     contact_rows = sum(1 << i for i, r in enumerate(s.rows) if r.kind == "contact")
@@ -104,24 +158,19 @@ def make_sweep_kernel(s: Structure, dtype: type, method: Method, policy_name: st
         touched = int(0)
         sample = int(0)
         event = int(0)
-        low = float(1.0e30)
+        low = float(NOWHERE)
         base = x[component]  # samples are relative to the start: float32 keeps its digits
         for k in range(steps):
             time = wp.float64(k) * h
-            while sample < samples.shape[1] and time >= wp.float64(sample) * interval - wp.float64(0.5) * h:
-                samples[i, sample] = wp.float32(x[component] - base)
-                sample += 1
-            while event < kick_times.shape[0] and time >= kick_times[event] - wp.float64(0.5) * h:
-                for j in range(wp.static(NV)):
-                    x[wp.static(NV + j)] = (
-                        x[wp.static(NV + j)] + kick * rng.normals(seed, world, event, KICK + j)[0]
-                    )
+            sample = disturb.sampled(samples, i, sample, interval, time, h, wp.float32(x[component] - base))
+            coming = disturb.due(kick_times, event, time, h)
+            while event < coming:
+                x = disturb.kicked(seed, world, event, kick, x)
                 event += 1
             if code == wp.static(SOLVED):
                 u = policy.control(control, i, k, x)
                 if torque > dtype(0.0):
-                    for j in range(wp.static(NU)):
-                        u[j] = u[j] + torque * rng.normals(seed, world, k, TORQUE + j)[0]
+                    u = disturb.noisy(seed, world, k, torque, u)
                 sol = step.solve_step(params, i, x, u, external, i, carry)
                 after = step.next_state(params, i, x, sol)
                 code = world_of.status_of(sol, after)
@@ -136,7 +185,7 @@ def make_sweep_kernel(s: Structure, dtype: type, method: Method, policy_name: st
                                 low = wp.min(
                                     low, wp.float32(sol.rate[wp.static(step.gap_row[r])]) * wp.float32(h)
                                 )
-                                if sol.lam[r] > dtype(1.0e-6):
+                                if sol.lam[r] > dtype(TOUCH):
                                     pushed = 1
                     touched += pushed
         while sample < samples.shape[1]:

@@ -13,6 +13,7 @@ from slcp_warp.kernels.complementarity import (
 )
 from slcp_warp.kernels.launch import launch
 from slcp_warp.kernels.method import ERM, REM
+from slcp_warp.kernels.structure import MOST_ROWS
 
 from . import checks
 from .arrays import ArrayError, from_batch, kind_of, to_batch
@@ -20,7 +21,6 @@ from .checks import choice
 from .options import CHOICES, OptionError
 from .tape import record, wants_gradient
 
-MOST_ROWS = 31
 RESIDUALS = (*REM, *ERM, "hard")
 METHODS = ("direct", "continuation")
 DEFINITE = 1e-6  # an eigenvalue below minus this part of the largest is negative

@@ -13,6 +13,7 @@ from slcp_warp.kernels.compile import source_digest
 from slcp_warp.kernels.kinematics import make_types
 from slcp_warp.kernels.launch import launch
 from slcp_warp.kernels.step import make_step
+from slcp_warp.kernels.structure import MOST_ROWS
 
 from . import checks, derivatives, tape
 from .arrays import ArrayError, Batch, from_batch, policy_arrays, same_worlds, to_batch
@@ -22,7 +23,7 @@ from .options import Options
 from .parameters import Parameters
 from .results import Linearization, Step, Trajectory, contact_impulse
 from .scene import Scene
-from .strategy import MOST_ROWS, MemoryKernels, StrategyError, choose
+from .strategy import MemoryKernels, StrategyError, choose
 
 RECORDED = ("controls", "impulse", "gap")
 DTYPES = {"float32": wp.float32, "float64": wp.float64}

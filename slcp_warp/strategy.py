@@ -18,13 +18,12 @@ from slcp_warp.kernels.large_topology import NUMBERS, make_topology
 from slcp_warp.kernels.large_work import Work, allocate_work, bytes_per_world
 from slcp_warp.kernels.launch import launch
 from slcp_warp.kernels.method import Method
-from slcp_warp.kernels.structure import Structure, layout
+from slcp_warp.kernels.structure import MOST_ROWS, Structure, layout
 
 from .checks import choice
 from .errors import ArgumentError
 
 STRATEGIES = ("auto", "registers", "memory")
-MOST_ROWS = 31  # of the kernels in registers: a set of rows is one int
 # nv times the larger of nr and nv, by whether the device is a CPU: beyond, kernels in registers compile for
 # half a minute on a CPU and for minutes on a GPU (docs/performance.md)
 LARGEST = {True: 200, False: 32}

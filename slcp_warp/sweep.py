@@ -14,7 +14,7 @@ import warp as wp
 from slcp_warp.kernels.launch import launch
 from slcp_warp.kernels.sweep import make_draw_kernel, make_sweep_kernel
 
-from . import checks
+from . import checks, large_sweep
 from .arrays import policy_arrays
 from .errors import ArgumentError
 from .options import Options, Status
@@ -36,6 +36,7 @@ def sweep(
     integrator: str = "euler",
     dtype: str = "float32",
     device: Any = None,
+    strategy: str = "auto",
     chunk: int | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> SweepReport:
@@ -44,9 +45,13 @@ def sweep(
     Args:
         policy: as for `Simulator.rollout`. chunk: worlds per launch, default by memory; results do not
         depend on it.
+        strategy: as of a `Simulator`; with "memory", and "auto" where that takes it, a step is a launch.
         progress: called with (worlds done, worlds in all).
 
     A keyboard interrupt ends the sweep with what is finished (`complete` False).
+
+    Raises:
+        StrategyError: more rows than the kernels for these options take.
     """
     checks.instance("scene", scene, Scene, "a slcp_warp.Scene")
     checks.instance("spec", spec, SweepSpec, "a slcp_warp.SweepSpec")
@@ -57,7 +62,7 @@ def sweep(
     done, complete = 0, True
     for residual in spec.residuals:
         options = Options(residual=residual, scaling=scaling, integrator=integrator)
-        sim = Simulator(scene, options, device=device, dtype=dtype)
+        sim = Simulator(scene, options, device=device, dtype=dtype, strategy=strategy)
         for step_size in spec.step_sizes:
             case = _Case(sim, policy, spec, step_size, chunk)
             try:
@@ -98,6 +103,8 @@ class _Case:
         kept = "SweepSpec.duration / sample_every: the samples"
         checks.memory(kept, spec.worlds * self.count, 4, sim.device)
         per_world = 8 * (len(self.base) + sim.nx) + 4 * self.count + 16
+        if sim.strategy == "memory":
+            per_world += large_sweep.bytes_of_world(sim)
         self.chunk = chunk or max(1, min(spec.worlds, CHUNK_BYTES // per_world))
         self.parts: list[dict[str, np.ndarray]] = []
         self.seconds = 0.0
@@ -141,28 +148,9 @@ class _Case:
         launch(
             make_draw_kernel(sim.nx, sim.dtype), count, [world0, spec.seed, *shared, params, x0], sim.device
         )
-        f32 = {"dtype": wp.float32, "device": sim.device}
-        samples, share, lowest = (
-            wp.zeros((count, self.count), **f32),
-            wp.zeros(count, **f32),
-            wp.zeros(count, **f32),
-        )
-        status = wp.zeros(count, dtype=wp.int32, device=sim.device)
-        s = sim.scene.structure
-        kernel = make_sweep_kernel(s, sim.dtype, sim.options.method, self.name)
-        inputs = [
-            world0,
-            spec.seed,
-            params,
-            x0,
-            self.struct,
-            spec.torque_sd,
-            spec.kick_sd,
-            kicks,
-            spec.duration,
-        ]
-        inputs += [spec.sample_every, spec.observe, sim.empty(0, 0), samples, share, lowest, status]
-        launch(kernel, count, inputs, sim.device, grain=1)
+        samples: wp.array = wp.zeros((count, self.count), dtype=wp.float32, device=sim.device)
+        run = self.by_steps if sim.strategy == "memory" else self.at_once
+        share, lowest, status = run(world0, params, x0, kicks, samples)
         out: dict[str, Any] = {
             "samples": samples,
             "contact_share": share,
@@ -172,6 +160,24 @@ class _Case:
         drawn = params.numpy()[:, self.varied].astype(np.float32)
         columns = {self.column(int(c)): drawn[:, i] for i, c in enumerate(self.varied)}
         return {name: array.numpy().copy() for name, array in out.items()} | columns
+
+    def by_steps(self, world0: int, *arrays: wp.array) -> tuple[wp.array, wp.array, wp.array]:
+        """Generic kernels: share of steps in contact, lowest gap and status of every world."""
+        return large_sweep.roll_out(self.sim, (self.name, self.struct), self.spec, world0, *arrays)
+
+    def at_once(
+        self, world0: int, params: wp.array, x0: wp.array, kicks: wp.array, samples: wp.array
+    ) -> tuple[wp.array, wp.array, wp.array]:
+        """The same with the specialised kernel."""
+        sim, spec, count = self.sim, self.spec, len(x0)
+        share, lowest = (wp.zeros(count, dtype=wp.float32, device=sim.device) for _ in range(2))
+        status: wp.array = wp.zeros(count, dtype=wp.int32, device=sim.device)
+        kernel = make_sweep_kernel(sim.scene.structure, sim.dtype, sim.options.method, self.name)
+        noise = [self.struct, spec.torque_sd, spec.kick_sd, kicks, spec.duration, spec.sample_every]
+        outputs = [samples, share, lowest, status]
+        inputs = [world0, spec.seed, params, x0, *noise, spec.observe, sim.empty(0, 0), *outputs]
+        launch(kernel, count, inputs, sim.device, grain=1)
+        return share, lowest, status
 
     def column(self, c: int) -> str:
         """Name of a parameter's column in the table: "drawn_mass_0", .."""
