@@ -1,6 +1,6 @@
 """Sweeps of scenes whose steps are the generic kernels': a launch a step instead of one for the whole run."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -11,9 +11,7 @@ from slcp_warp.kernels.solve import COLD
 from slcp_warp.kernels.sweep import NOWHERE
 
 from .simulator import Simulator
-
-if TYPE_CHECKING:
-    from .sweep import SweepSpec
+from .sweep_spec import SweepSpec
 
 
 def bytes_of_world(sim: Simulator) -> int:
@@ -24,7 +22,7 @@ def bytes_of_world(sim: Simulator) -> int:
 def roll_out(
     sim: Simulator,
     policy: tuple[str, Any],
-    spec: "SweepSpec",
+    spec: SweepSpec,
     world0: int,
     params: wp.array,
     state: wp.array,
