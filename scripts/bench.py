@@ -35,6 +35,7 @@ from .bench_precision import bench_finite, bench_precision
 from .bench_timing import Case, Result, print_table, tidy_rows, time_interleaved
 from .bench_workload import Workload, make_workload, windows
 from .diagrams.command import charts_command
+from .fuzz.command import fuzz_command
 from .stability import stability_command
 from .tables import write_csv
 
@@ -202,6 +203,7 @@ def bench_ddp(repeats: int = 9, horizon: int = 75, passes: int = 30) -> Rows:
 
 app.command("charts")(charts_command)
 app.command("stability")(stability_command)
+app.command("fuzz")(fuzz_command)
 
 
 @app.command("step")

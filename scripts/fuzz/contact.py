@@ -1,0 +1,185 @@
+"""The oracle's contacts: signed distances by search all round, touched points, and their Jacobians.
+
+d = max over unit n of n.(c_B - c_A) - h_A(n) - h_B(-n), h the support function. Between discs, capsules and
+half-planes the maximiser is elementary; with an ellipse it is sought in DIRECTIONS all round, the best peaks
+are bisected, and the largest is taken. Where two differ by less than a rounding either may be the normal.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .mechanics import Array, Frame, Mechanics, across, turn
+
+DIRECTIONS, PEAKS, HALVINGS = 192, 3, 46
+
+
+@dataclass(frozen=True)
+class Touches:
+    """All pairs of all worlds, (B, pairs): signed distance; rows J_n, J_t (B, pairs, nv); `size`, the lengths
+    that the distance is the sum of; `margin`, by how much its maximum beats the next one; `bend`, size over
+    the radius by which the normal turns with the shapes.
+    """
+
+    gap: Array
+    normal: Array
+    tangent: Array
+    size: Array
+    margin: Array
+    bend: Array
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A shape of every world: kind, centre (B, 2), angle (B,), radii (B,), and lengths of its pose (B,)."""
+
+    kind: str
+    body: int
+    at: Array
+    angle: Array
+    a: Array
+    b: Array
+    reach: Array
+
+    def support(self, angle: Array) -> tuple[Array, Array, Array]:
+        """h, h' and the radius of curvature h + h'' of a disc or ellipse at a direction (B, ...)."""
+        wide = (slice(None),) + (None,) * (angle.ndim - 1)
+        a, b = self.a[wide], self.b[wide]
+        if self.kind == "disc":
+            return a + 0.0 * angle, 0.0 * angle, a + 0.0 * angle
+        c, s = np.cos(angle - self.angle[wide]), np.sin(angle - self.angle[wide])
+        h = np.sqrt((a * c) ** 2 + (b * s) ** 2)
+        return h, (b * b - a * a) * c * s / h, (a * b) ** 2 / h**3
+
+
+def place(m: Mechanics, frames: list[Frame], shape: int, end: int) -> Placed:
+    """A shape, or the disc at an end of a capsule."""
+    kind, body = m.s.shapes[shape].kind, m.s.shapes[shape].body
+    offset, angle = m.p["shape_offset"][:, shape], m.p["shape_angle"][:, shape]
+    radius, half = m.p["radius"][:, shape, 0], m.p["radius"][:, shape, 1]
+    if end:
+        offset = offset + end * half[:, None] * np.stack([np.cos(angle), np.sin(angle)], -1)
+        kind = "disc"
+    elif kind == "disc":
+        half = radius
+    worlds = len(frames[0].at)
+    if body < 0:
+        at, reach = offset + np.zeros((worlds, 2)), np.abs(offset).sum(-1)
+        angle = angle + np.zeros(worlds)
+    else:
+        frame = frames[body]
+        at, angle = frame.at + turn(frame.angle, offset + 0.0 * frame.at), frame.angle + angle
+        reach = frame.reach + np.abs(offset).sum(-1)
+    return Placed(kind, body, at, angle, radius + 0.0 * angle, half + 0.0 * angle, reach + 0.0 * angle)
+
+
+def direction(angle: Array) -> Array:
+    """Unit vectors (..., 2)."""
+    return np.stack([np.cos(angle), np.sin(angle)], -1)
+
+
+def search(a: Placed, b: Placed, directions: int = DIRECTIONS) -> tuple[Array, Array]:
+    """Angle (B,) of the best normal between round shapes, and by how much it beats the next maximum (B,)."""
+    delta = b.at - a.at
+    grid = np.broadcast_to(2 * np.pi * np.arange(directions) / directions, (len(delta), directions))
+
+    def value(angle: Array) -> tuple[Array, Array]:
+        ha, da, _ = a.support(angle)
+        hb, db, _ = b.support(angle + np.pi)
+        c, s = np.cos(angle), np.sin(angle)
+        x, y = delta[:, :1], delta[:, 1:]
+        return c * x + s * y - ha - hb, c * y - s * x - da - db
+
+    tried = value(grid)[0]
+    peak = (tried >= np.roll(tried, 1, -1)) & (tried > np.roll(tried, -1, -1))
+    peak[~peak.any(-1), 0] = True  # concentric discs: all directions alike
+    best = np.argpartition(np.where(peak, -tried, np.inf), PEAKS, -1)[:, :PEAKS]
+    real = np.take_along_axis(peak, best, -1)
+    middle = np.take_along_axis(grid, best, -1)
+    lo, hi = middle - 2 * np.pi / directions, middle + 2 * np.pi / directions
+    for _ in range(HALVINGS):
+        mid = 0.5 * (lo + hi)
+        rising = value(mid)[1] > 0.0
+        lo, hi = np.where(rising, mid, lo), np.where(rising, hi, mid)
+    angle = 0.5 * (lo + hi)
+    tops = np.where(real, value(angle)[0], -np.inf)
+    order = np.argsort(-tops, -1)
+    angle, tops = np.take_along_axis(angle, order, -1), np.take_along_axis(tops, order, -1)
+    return angle[:, 0], tops[:, 0] - tops[:, 1]
+
+
+def nearest(a: Placed, b: Placed) -> tuple[Array, Array]:
+    """Unit normal (B, 2) and signed distance (B,) of a capsule or disc A and a disc B, or the other way."""
+    if b.kind == "capsule":
+        n, gap = nearest(b, a)
+        return -n, gap
+    half = a.b if a.kind == "capsule" else np.zeros(len(a.at))
+    axis = direction(a.angle)
+    along = np.clip(np.sum((b.at - a.at) * axis, -1), -half, half)
+    delta = b.at - a.at - along[:, None] * axis
+    length = np.linalg.norm(delta, axis=-1)
+    safe = np.where(length > 0.0, length, 1.0)
+    n = np.where(length[:, None] > 0.0, delta / safe[:, None], across(axis))
+    return n, length - a.a - b.a
+
+
+def touch(a: Placed, b: Placed, directions: int = DIRECTIONS) -> tuple[Array, ...]:
+    """Of a pair: normal (B, 2), gap, points on A and B (B, 2), margin of the maximum, radius of turning."""
+    infinite = np.full(len(a.at), np.inf)
+    if "halfplane" in (a.kind, b.kind):
+        plane, body, side = (a, b, 1.0) if a.kind == "halfplane" else (b, a, -1.0)
+        out = direction(plane.angle)  # outwards of the half-plane
+        h, slope, _ = body.support(plane.angle + np.pi)
+        point = body.at - h[:, None] * out - slope[:, None] * across(out)
+        gap = np.sum(out * (point - plane.at), -1)
+        foot = point - gap[:, None] * out
+        pa, pb = (foot, point) if side > 0.0 else (point, foot)
+        return side * out, gap, pa, pb, infinite, infinite
+    if "ellipse" not in (a.kind, b.kind):
+        n, gap = nearest(a, b)
+        radius = gap + a.a + b.a  # 0 where the centres are in one place
+        if "capsule" not in (a.kind, b.kind):
+            return n, gap, a.at + a.a[:, None] * n, b.at - b.a[:, None] * n, infinite, radius
+        disc, at = (b, b.at - b.a[:, None] * n) if a.kind == "capsule" else (a, a.at + a.a[:, None] * n)
+        shift = gap[:, None] * n
+        return (n, gap, at - shift, at, infinite, radius) if disc is b else (
+            n, gap, at, at + shift, infinite, radius)  # fmt: skip
+    angle, margin = search(a, b, directions)
+    n = direction(angle)
+    ha, da, ra = a.support(angle)
+    hb, db, rb = b.support(angle + np.pi)
+    pa = a.at + ha[:, None] * n + da[:, None] * across(n)
+    pb = b.at - hb[:, None] * n - db[:, None] * across(n)
+    gap = np.sum(n * (b.at - a.at), -1) - ha - hb
+    return n, gap, pa, pb, margin, gap + ra + rb
+
+
+def gaps(m: Mechanics, q: Array, directions: int = DIRECTIONS) -> Array:
+    """Signed distances (B, pairs) alone."""
+    frames = m.frames(q)
+    out = [touch(place(m, frames, p.shape_a, p.end_a), place(m, frames, p.shape_b, p.end_b), directions)[1]
+           for p in m.s.pairs]  # fmt: skip
+    return np.stack(out, -1) if out else np.zeros((len(q), 0))
+
+
+def touches(m: Mechanics, q: Array) -> Touches:
+    """Distances and rows of all pairs at positions q (B, nv)."""
+    frames, nv = m.frames(q), m.s.nv
+    out: list[tuple[Array, ...]] = []
+    for pair in m.s.pairs:
+        a, b = place(m, frames, pair.shape_a, pair.end_a), place(m, frames, pair.shape_b, pair.end_b)
+        n, gap, pa, pb, margin, radius = touch(a, b)
+        jac = np.zeros((len(q), 2, nv))
+        for sign, shape, point in ((-1.0, a, pa), (1.0, b, pb)):
+            if shape.body >= 0:
+                frame = frames[shape.body]
+                jac += sign * frame.jacobian(point - frame.at)
+        size = a.reach + b.reach + np.maximum(a.a, a.b) + np.maximum(b.a, b.b)
+        out.append((
+            gap, np.einsum("bi,bij->bj", n, jac), np.einsum("bi,bij->bj", across(n), jac), size, margin,
+            size / np.maximum(np.abs(radius), 1e-12),
+        ))  # fmt: skip
+    if not out:
+        none = np.zeros((len(q), 0))
+        return Touches(none, np.zeros((len(q), 0, nv)), np.zeros((len(q), 0, nv)), none, none, none)
+    return Touches(*(np.stack(part, 1) for part in zip(*out)))

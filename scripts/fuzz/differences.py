@@ -1,0 +1,95 @@
+"""A, B and gradients by parameters against central differences of the package's own step in float64.
+
+Differences know no closed form, so they judge the derivatives; the step that they difference is judged by the
+oracle. Of several step lengths the one whose neighbours agree best counts, world by world and column by
+column; where none agree the step has a kink there, and the world is left out.
+"""
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from .mechanics import Array
+
+STEPS = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
+AGREE = 1e-5  # of the largest entry: neighbours that agree to this are trusted
+WRONG_BY = 30.0  # times what the differences themselves are uncertain by, at least LIMIT
+LIMIT = 1e-5
+
+
+def compare(exact: Array, tried: Array) -> tuple[Array, Array]:
+    """Error of `exact` (B, n) against differences (steps, B, n), relative to the largest entry of a world,
+    and whether they can be trusted (B,).
+    """
+    size = np.maximum(np.abs(exact).max(1), np.nanmax(np.abs(tried), (0, 2), initial=0.0)) + 1e-300
+    apart = np.abs(np.diff(tried, axis=0)) / size[:, None]
+    apart = np.where(np.isfinite(apart), apart, np.inf)
+    best = apart.argmin(0)[None]
+    value = np.take_along_axis(tried, best + 1, 0)[0]
+    unsure = np.take_along_axis(apart, best, 0)[0]
+    error = np.abs(exact - value) / size[:, None]
+    trusted = (unsure < AGREE).all(1)
+    return np.max(error / np.maximum(1.0, WRONG_BY * unsure / LIMIT), 1), trusted
+
+
+def jacobian_errors(sim: Any, x: Array, u: Array, params: Any) -> tuple[Array, Array]:
+    """Errors of (A, B) at states, and which of them can be trusted (B,)."""
+    lin = sim.linearize(x, u if sim.nu else None, params)
+    exact = np.concatenate([lin.A, lin.B], 2)
+    z = np.concatenate([x, u], 1)
+    good = np.asarray(lin.status) == 0
+
+    def after(moved: Array) -> Array:
+        done = sim.step(moved[:, : sim.nx], moved[:, sim.nx :] if sim.nu else None, params)
+        return np.where((done.status == 0)[:, None], done.state, np.nan)
+
+    tried = []
+    for e in STEPS:
+        columns = [(after(z + e * unit) - after(z - e * unit)) / (2.0 * e) for unit in np.eye(z.shape[1])]
+        tried.append(np.stack(columns, 2).reshape(len(x), -1))
+    error, trusted = compare(exact.reshape(len(x), -1), np.stack(tried))
+    return error, trusted & good
+
+
+def gradient_errors(sim: Any, x: Array, u: Array, params: Any, seed: int) -> tuple[Array, Array]:
+    """Errors of the gradient of a random weight of x' by every parameter, and whether to trust them (B,)."""
+    weight = np.random.default_rng(seed).standard_normal(x.shape)
+    tracked = params.track()
+    kinds = {"dtype": sim.dtype, "device": "cpu"}
+    start, control = wp.array(x, requires_grad=True, **kinds), wp.array(u, requires_grad=True, **kinds)
+    with wp.Tape() as tape:
+        done = sim.step(start, control if sim.nu else None, tracked)
+    tape.backward(grads={done.state: wp.array(weight, **kinds)})
+    good = done.status.numpy() == 0
+    exact, tried = [], []
+
+    def value(name: str, moved: Array) -> Array:
+        out = sim.step(x, u if sim.nu else None, params.replace(**{name: moved}))
+        return np.where(out.status == 0, np.sum(weight * out.state, 1), np.nan)
+
+    for name in params.names:
+        base = np.asarray(params[name], float)
+        shape = sim.params.layout.shape(name)
+        base = np.broadcast_to(base, (len(x), *shape)).copy()
+        gradient = tracked.gradient(name).reshape(len(x), -1)
+        for k in np.ndindex(*shape):
+            size = np.maximum(np.abs(base[(slice(None), *k)]), 1e-3 if name not in ONE_SIDED else 0.0)
+            if not size.all() or name in SKIPPED:
+                continue
+            columns = []
+            for e in STEPS:
+                up, down = base.copy(), base.copy()
+                up[(slice(None), *k)] += e * size
+                down[(slice(None), *k)] -= e * size
+                columns.append((value(name, up) - value(name, down)) / (2.0 * e))
+            tried.append(np.stack(columns))
+            place = int(np.ravel_multi_index(k, shape)) if shape else 0
+            exact.append(gradient[:, place] * size)
+    error, trusted = compare(np.stack(exact, 1), np.stack(tried, 2))
+    return error, trusted & good
+
+
+ONE_SIDED = ("mass", "inertia", "step_size", "sigma", "radius", "damping", "friction", "spring_damping",
+             "spring_length", "shape_angle")  # fmt: skip
+SKIPPED = ("axis", "position_covariance", "velocity_covariance", "radius")  # constrained, not free numbers

@@ -1,0 +1,113 @@
+"""A verdict for every judged world: holds, ambiguous, a status with or without its proof, or silent.
+
+`silent`: SOLVED, and an equation does not hold. `wrong status`: a status that a proof refutes (INFEASIBLE
+where a velocity opens the rows, JAMMED where a solution exists, NONFINITE from finite numbers), or a failed
+world whose state moved. `ambiguous`: two normals are equally right, so the oracle cannot say which rows there
+are. `unproven`: there was no proof to be had, or too many to make.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from slcp_warp.options import Status
+
+from .judge import Errors, Outcome, ended, judge
+from .mechanics import Array
+from .problem import EPSILON, FLOOR, Problem
+from .proofs import coulomb_solution, least_motion, widest_opening
+
+HOLDS, AMBIGUOUS, STATUS, UNPROVEN, WRONG, SILENT = (
+    "holds", "ambiguous", "status", "unproven", "wrong status", "silent"
+)  # fmt: skip
+VERDICTS = (HOLDS, AMBIGUOUS, STATUS, UNPROVEN, WRONG, SILENT)
+PROOFS = 500  # of one kind for a batch at most: the rest is counted as unproven
+SLACK = 10.0  # by which an answer may be larger than an independent solution
+CLEAR = 1e-5  # an opening this wide, in units of the world's speeds, refutes INFEASIBLE
+
+
+class Verdicts:
+    """Verdicts (B,) as texts, what is wrong (B,), and the worst error that holds."""
+
+    def __init__(self, problem: Problem, out: Outcome, part: Callable[[Array], Problem]) -> None:
+        self.problem, self.out, self.part = problem, out, part
+        worlds = len(out.status)
+        self.verdict = np.full(worlds, HOLDS, dtype=object)
+        self.reason = np.full(worlds, "", dtype=object)
+        solved = out.status == Status.SOLVED
+        finite = np.isfinite(out.x).all(1) & np.isfinite(out.impulse).all(1)
+        with np.errstate(all="ignore"):
+            self.errors = judge(problem, out)
+        self.worst = np.where(solved, np.minimum(self.errors.worst(), self.errors.worst("lenient")), 0.0)
+        bad = solved & ((self.errors.worst("lenient") > 1.0) | ~finite)
+        for i in np.flatnonzero(bad):
+            self._set(i, SILENT, "not finite" if not finite[i] else self.errors.name(i))
+        for count, i in enumerate(np.flatnonzero(solved & ~bad & (self.errors.worst() > 1.0))):
+            self._earn(i, count < PROOFS)
+        for count, i in enumerate(np.flatnonzero(~solved)):
+            self._status(i, count < PROOFS)
+        if len(problem.tangent):
+            unclear = (problem.unclear & ~(problem.free > 1e3 * problem.terms(np.abs(problem.truth.v)))).any(
+                1
+            )
+            self.verdict[unclear & (self.verdict != HOLDS)] = AMBIGUOUS
+
+    def _set(self, i: int, verdict: str, reason: str) -> None:
+        self.verdict[i], self.reason[i] = verdict, reason
+
+    def _earn(self, i: int, prove: bool) -> None:
+        """Judge a large answer by the size of an independent solution."""
+        if not prove:
+            return self._set(i, UNPROVEN, "a large answer")
+        p = self.part(np.array([i]))
+        if p.method.end_gap:  # the answer solves the problem with the gaps that it ends at
+            x, nv = self.out.x[i : i + 1], p.truth.s.nv
+            p.start_from(ended(p, x[:, :nv], x[:, nv:]))
+        found: Any = coulomb_solution(p, 0) if p.method.coulomb else least_motion(p, 0)
+        if found is False:
+            return self._set(i, UNPROVEN, "too many modes")
+        if found is None:
+            return self._set(i, SILENT, "no solution exists")
+        noise = p.sigma / np.maximum(p.diag, FLOOR)  # what smoothing alone may push
+        v = SLACK * (
+            np.abs(found[0][None]) + np.abs(np.linalg.solve(p.drive.h_mass[0], p.jac[0].T @ noise[0]))
+        )
+        lam = SLACK * (np.abs(found[1][None]) + noise)
+        with np.errstate(all="ignore"):
+            again: Errors = judge(self.part(np.array([i])), self.out.part(i), (v, lam))
+        if again.worst("lenient")[0] > 1.0:
+            self._set(i, SILENT, f"runaway {again.name(0)}")
+        return None
+
+    def _status(self, i: int, prove: bool) -> None:
+        """Judge a status that is not SOLVED."""
+        status = Status(int(self.out.status[i]))
+        self._set(i, STATUS, status.name)
+        truth = self.problem.truth
+        before = truth.worlds.x[i]
+        if not (np.array_equal(self.out.x[i], before) and not self.out.impulse[i].any()):
+            return self._set(i, WRONG, f"{status.name}, and the state moved")
+        if status == Status.NONFINITE:
+            h_mass = self.problem.drive.h_mass[i]
+            root = np.sqrt(np.diagonal(h_mass))
+            singular = np.linalg.cond(h_mass / np.outer(root, root)) * EPSILON[self.problem.dtype] > 0.02
+            return None if singular else self._set(i, WRONG, "NONFINITE from finite numbers")
+        if status == Status.NOT_CONVERGED:
+            return None
+        if not prove or self.problem.method.end_gap or self.problem.method.trapezoidal:
+            return self._set(i, UNPROVEN, status.name)  # there the problem without solution is another one
+        p = self.part(np.array([i]))
+        cache = truth.openings.setdefault(p.method.coulomb, {})
+        if i not in cache:
+            cache[i] = widest_opening(p, 0)
+        opening = cache[i]
+        if status == Status.INFEASIBLE and opening > CLEAR:
+            self._set(i, WRONG, f"INFEASIBLE, but rows open by {opening:.1e}")
+        if status == Status.JAMMED:
+            found = coulomb_solution(p, 0)
+            if found is False:
+                self._set(i, UNPROVEN, status.name)
+            elif found is not None:
+                self._set(i, WRONG, "JAMMED, but a solution exists")
+        return None
