@@ -14,7 +14,6 @@ from slcp_warp.scripts.fuzz.draws import CLASSES, Worlds, draw_worlds
 from slcp_warp.scripts.fuzz.judge import Outcome, judge
 from slcp_warp.scripts.fuzz.problem import Problem, Truth
 from slcp_warp.scripts.fuzz.proofs import coulomb_solution, least_motion, widest_opening
-from slcp_warp.scripts.fuzz.run import Task, run_task
 from slcp_warp.scripts.fuzz.shrink import shrink
 from slcp_warp.scripts.fuzz.structures import baked, random_scene
 from slcp_warp.scripts.fuzz.verdicts import SILENT, WRONG, Verdicts
@@ -294,15 +293,5 @@ def test_a_case_comes_back_from_its_files(tmp_path):
     ):
         np.testing.assert_array_equal(one, other)
     (tmp_path / "case.json").write_text("{}")
-    with pytest.raises(cases.CaseError, match="no case"):
+    with pytest.raises(cases.CaseError, match="cannot be read as a case"):
         cases.load_case(tmp_path / "case.json")
-
-
-@pytest.mark.slow
-def test_small_run_of_the_common_kernels_has_no_silent_failure():
-    worlds = 0
-    for scene in range(8):
-        tally = run_task(Task(1, scene, "memory", per_chunk=40))
-        assert [f for f in tally.failures if f.verdict in (SILENT, WRONG)] == []
-        worlds += sum(n for key, n in tally.counts.items() if key[-1] == "worlds")
-    assert worlds >= 8 * 40 * 14

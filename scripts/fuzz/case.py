@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 import slcp_warp as slcp
+from slcp_warp.files import parse_json, read_text, reading, write_text
 from slcp_warp.options import Options
 from slcp_warp.scene import Scene
 
@@ -87,29 +88,27 @@ def save_case(case: Case, path: Path) -> None:
         "numbers": {name: value.tolist() for name, value in case.numbers.items()}, "x": case.x.tolist(),
         "u": case.u.tolist(),
     }  # fmt: skip
-    path.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+    write_text(path, json.dumps(content, indent=2) + "\n")
 
 
 def load_case(path: Path) -> Case:
     """Read a case.
 
     Raises:
-        CaseError: no such case. FileNotFoundError, SceneError: of the files.
+        CaseError: no such case. FileNotFoundError: no such file, or none of its scene.
     """
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        if content["format"] != FORMAT or content["version"] != VERSION:
-            raise CaseError(f"{path}: a case has format {FORMAT!r}, version {VERSION}")
-        scene = slcp.load_scene(path.with_name(content["scene"]))
+    with reading(path, "a case of `slcp bench fuzz`", CaseError):
+        content = parse_json(read_text(path))
+        if (content["format"], content["version"]) != (FORMAT, VERSION):
+            raise ValueError(f"format {FORMAT!r}, version {VERSION} are needed")
+        scene = slcp.load_scene(path.with_name(Path(content["scene"]).name))
         numbers = {name: np.array(content["numbers"][name], float) for name in EXTRA}
         x, u = (np.array(content[name], float) for name in ("x", "u"))
         sizes = (scene.structure.nr, scene.nv, scene.nv, 2 * scene.nv, scene.nu)
         if [n.shape for n in (*numbers.values(), x, u)] != [(size,) for size in sizes]:
-            raise CaseError(f"{path}: {EXTRA}, x and u need {sizes} numbers")
+            raise ValueError(f"{EXTRA}, x and u need {sizes} numbers")
         return Case(scene, numbers, x, u, Options(**content["options"]), str(content["dtype"]),
                     str(content["strategy"]), str(content["note"]))  # fmt: skip
-    except (KeyError, TypeError, AttributeError, json.JSONDecodeError) as error:
-        raise CaseError(f"{path} is no case of `slcp bench fuzz`: {error!r}") from error
 
 
 def describe(case: Case) -> str:

@@ -11,10 +11,12 @@ import typer
 import warp as wp
 from rich.console import Console
 
+from slcp_warp.files import write_text
 from slcp_warp.options import CHOICES
 
-from ..bench_timing import machine, write_csv
+from ..bench_timing import machine
 from ..common import one_line_errors
+from ..tables import write_csv
 from .case import case_of, describe, load_case, save_case
 from .draws import CHUNK
 from .report import markdown, rows_of, show
@@ -155,7 +157,7 @@ def fuzz_command(
         typer.echo(f"wrote {csv}")
     if table is not None:
         table.parent.mkdir(parents=True, exist_ok=True)
-        table.write_text(markdown(rows), encoding="utf-8")
+        write_text(table, markdown(rows))
         typer.echo(f"wrote {table}")
     if save is not None and tally.failures:
         save_failures(tally.failures, save, not whole, console)
