@@ -1,10 +1,24 @@
 """Rollouts and their gradients inside a captured graph: the same bits as without one."""
 
 import numpy as np
+import pytest
 import warp as wp
 from simulators import simulator
 
 STEPS, WORLDS = 20, 300  # enough worlds that launches outside of a graph are split over threads
+
+
+def test_a_step_that_a_tape_records_is_not_captured():
+    """docs/gradients.md: a rollout over one step is what a graph takes."""
+    sim = simulator("flicking_finger", "cpu", wp.float64, "none")
+    x = wp.array(sim.scene.x0[None], dtype=wp.float64, device="cpu", requires_grad=True)
+    plain = sim.step(x).state.numpy().copy()
+    with wp.ScopedCapture(device="cpu") as capture:  # without a tape it is
+        state = sim.step(x).state
+    wp.capture_launch(capture.graph)
+    np.testing.assert_array_equal(state.numpy(), plain)
+    with pytest.raises(NotImplementedError), wp.ScopedCapture(device="cpu"), wp.Tape():
+        sim.step(x)
 
 
 def test_forward_and_backward_in_a_graph(device):

@@ -73,7 +73,7 @@ def test_standard_deviation_is_the_scale_times_pi_over_root_three(device):
 def test_row_whose_jacobian_vanishes_stays_regular(device):
     """A slider across the contact's normal: J -> 0, so do D and sigma, and the change of v stays finite.
 
-    With a constant sigma the same rows throw it: dv ~ sigma log 2/|J| (DESIGN 3).
+    With a constant sigma the same rows throw it: dv ~ sigma log 2/|J|.
     """
     body = slcp.Body("slider", 1.0, 0.1, joint="prismatic", axis=(1.0, 0.0))
     shapes = (

@@ -32,7 +32,7 @@ def errors(sim, x0, exact, duration, step_sizes, **changes):
 
 
 def test_free_swing_of_the_finger_is_second_order(device):
-    """DESIGN 6b: undamped, T = 2 s, no limit and no contact in reach; 1e-2 at h = .05."""
+    """Undamped, T = 2 s, no limit and no contact in reach; 1e-2 at h = .05."""
     sc = scene("flicking_finger")
     x0 = np.array([-0.6, -0.8, 0.3, 0.0, 0.0, 1.0])
     truth = Oracle(sc, damping=np.zeros(3))
