@@ -47,6 +47,18 @@ def test_a_shift_starts_from_the_rest_of_the_last_plan(offset):
     assert before.steps == offset
 
 
+def test_recall_takes_the_nearest_of_the_plans_that_gain_more():
+    made = chains(3)
+    made.options = receding.RecedingOptions(offset=3, entries=1, recalled=2)
+    made.period = np.array([0.0, np.pi, 0.0, 0.0])
+    starts = np.array(
+        [[0.0, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.2, 0.0, 0.0, 0.0], [0.1, 3.0, 0.0, 0.0]]
+    )
+    for start, gain in zip(starts, (10.0, 30.0, 25.0, 40.0)):  # the median is 27.5
+        made.plans.add(np.zeros((N, NU)), np.tile(start, (N + 1, 1)), np.zeros((N, NU, NX)), gain)
+    assert made._recall(np.zeros(4)).tolist() == [3, 1]  # half a turn away is near; the others gain less
+
+
 def test_an_entry_is_the_plan_at_its_age():
     """x, u and K of an entry belong to the same step, and to the chain and plan that it names."""
     made = chains(3)
