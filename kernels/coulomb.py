@@ -6,15 +6,20 @@ z_n = A_nn lambda_n - w_n decides whether a row presses (z_n > 0); z_t = A_tt la
 sticks (|z_t| <= A_tt mu lambda_n) or slides. Given every row's mode the impulses follow from one linear
 system; its solution gives new modes, a semismooth Newton step on the natural map. Redundant contacts are met
 by a proximal term about the last impulses, which leaves no trace where the iteration ends. Where the modes
-cycle, Lemke's method (lemke.py) finds modes to start from: a solution exists [8] unless no velocity opens
-the rows. Several solutions may exist (Painleve); the one found first is returned, and it is checked.
+cycle, Lemke's method (lemke.py) finds modes to start from. Several solutions may exist (Painleve); the one
+found first is returned, and it is checked, on the scale of J v_free and d/h. Where Lemke's method ends on a
+ray every combination of modes is tried (of at most MOST_TRIED rows): a linear complementarity problem that
+has a solution has one in which the rows that hold are independent, so that there is none where no
+combination fits, and the world is JAMMED. Without friction the method's ray is a proof that no velocity opens
+the rows: INFEASIBLE. Rows may be off by the rounding of a gap: what rests in a jam would else be entering
+half the time.
 """
 
 import warp as wp
 
-from .coulomb_alone import make_alone, make_cone
+from .coulomb_alone import ACCEPT, make_alone, make_cone
 from .coulomb_few import make_coulomb_few
-from .coulomb_modes import make_active
+from .coulomb_modes import LEFT, OFF, PRESS, RIGHT, STICK, make_active
 from .factories import cached
 from .lemke import RAY, make_lemke
 from .method import Method
@@ -23,8 +28,11 @@ from .solve import COLD, INFEASIBLE, JAMMED, NONFINITE, NOT_CONVERGED, SOLVED
 from .structure import Structure
 
 ITERATIONS = 12  # of the active set, and as many more for every row
+CORRECTIONS = 3  # of the proximal term, where the modes are given
+ATTEMPTS = 6  # from several starts, before all modes are tried
 TOLERANCE = {wp.float64: 1e-13, wp.float32: 2e-6}  # of the natural map, relative to the problem's size
-ACCEPT = {wp.float64: 3e-12, wp.float32: 1e-5}  # the same where rounding may be all that is left
+MOST_TRIED = 8  # rows, of which all combinations of modes are tried: four frictional contacts
+NEAR = 30.0  # times the accepted error: modes that fit so far are not a proof that none do
 # relative to A_ii: at first, and where rows are nearly redundant
 PROXIMAL = {wp.float64: (1e-9, 1e-13), wp.float32: (1e-4, 3e-7)}
 
@@ -33,18 +41,20 @@ PROXIMAL = {wp.float64: (1e-9, 1e-13), wp.float32: (1e-4, 3e-7)}
 def make_coulomb_solver(s: Structure, dtype: type, method: Method) -> wp.Function:
     """As `make_solver`; D and noise levels are not read."""
     active = make_active(s, dtype, method)
-    lemke = make_lemke(s, dtype, active.Dense)
+    lemke = make_lemke(s, dtype, method, active.Dense)
     single, cone = make_alone(s, dtype, method), make_cone(dtype)
     few = make_coulomb_few(s, dtype, method)
     t = active.types
     VR, Problem = t.VR, make_problem(s, dtype)
-    Dense = active.Dense
+    Dense, MODES = active.Dense, active.MODES
     ZERO = dtype(0.0)
     TOL, ENOUGH = dtype(TOLERANCE[dtype]), dtype(ACCEPT[dtype])
     TAU, NEARLY_NONE = (dtype(x) for x in PROXIMAL[dtype])
-    HUGE, SMALLEST = dtype(1e30), dtype(1e-30)
+    HUGE, NEARLY = dtype(1e30), dtype(NEAR * ACCEPT[dtype])
     EPSILON = dtype(4e-16 if dtype is wp.float64 else 6e-8)
-    PROOF = dtype(0.0015 if dtype is wp.float64 else 1.0)  # worst is compared with 3e-12 or 1e-5
+    # worst is compared with 3e-12 or 1e-5: impulses may cancel up to 2.5e5 or 166 times the problem's size,
+    # which leaves v' and w uncertain by 1e-10 or 1e-5 of it
+    PROOF = dtype(0.03 if dtype is wp.float64 else 1.0)
     UNUSED = dtype(0.5 * COLD)
 
     @wp.func
@@ -70,7 +80,7 @@ def make_coulomb_solver(s: Structure, dtype: type, method: Method) -> wp.Functio
     class Trial:
         lam: VR
         z: VR
-        worst: dtype  # of the natural map
+        worst: dtype  # of the natural map, relative to the rows' sizes
 
     @wp.func
     def judge(dense: Dense, lam: VR):
@@ -91,14 +101,31 @@ def make_coulomb_solver(s: Structure, dtype: type, method: Method) -> wp.Functio
                 bound = dense.a[i, i] * dense.mu[i] * wp.max(lam[i - 1], ZERO)
                 error = wp.abs(dense.a[i, i] * lam[i] - wp.clamp(out.z[i], -bound, bound))
             # impulses that cancel may hide what is wrong, and may be all that is wrong
-            error = wp.max(error - EPSILON * rounding, PROOF * EPSILON * rounding)
+            error = wp.max(error - EPSILON * rounding, PROOF * EPSILON * rounding) / dense.size[i]
             if not (error <= out.worst):  # a NaN stays
                 out.worst = error
         return out
 
     @wp.func
-    def settle(dense: Dense, z: VR, size: dtype, tau: dtype, before: Trial):
-        # active sets from z; the best trial, or the one before
+    def decode(dense: Dense, code: int):
+        # the modes of a combination: rows are on or off, a contact that is on sticks or slides either way
+        out = MODES()
+        left = int(code)
+        for i in range(dense.count):
+            digit = left % 2
+            left = left // 2
+            if dense.tangent[i] == 0:
+                out[i] = wp.where(digit == 1, wp.static(PRESS), wp.static(OFF))
+            elif out[i - 1] == wp.static(PRESS):
+                out[i] = wp.where(digit == 1, wp.static(STICK), wp.static(LEFT))
+            elif digit == 1:
+                out[i - 1] = wp.static(PRESS)
+                out[i] = wp.static(RIGHT)
+        return out
+
+    @wp.func
+    def settle(dense: Dense, z: VR, tau: dtype, before: Trial, code: int):
+        # active sets from z, or the modes of a code >= 0; the best trial, or the one before
         best = before
         here = Trial()
         here.z = z
@@ -109,16 +136,19 @@ def make_coulomb_solver(s: Structure, dtype: type, method: Method) -> wp.Functio
                 bound = dense.mu[i] * here.lam[i - 1]
                 here.lam[i] = wp.clamp(z[i] / dense.a[i, i], -bound, bound)
         it = int(0)
-        while it < wp.static(ITERATIONS) + dense.count:
+        last = wp.where(code >= 0, wp.static(CORRECTIONS), wp.static(ITERATIONS) + dense.count)
+        while it < last:
             it += 1
             mode = active.modes(dense, here.z)
+            if code >= 0:
+                mode = decode(dense, code)
             lu = active.factor(dense, mode, tau)
             lam = active.impulses(dense, mode, lu, dense.b, here.lam, tau)
             here = judge(dense, lam)
             if here.worst < best.worst:
                 best = here
-            if not (here.worst > TOL * size):
-                it = wp.static(ITERATIONS) + dense.count
+            if not (here.worst > TOL):
+                it = last
         return best
 
     @wp.func
@@ -143,7 +173,6 @@ def make_coulomb_solver(s: Structure, dtype: type, method: Method) -> wp.Functio
         for i in range(dense.count):
             if not wp.isfinite(dense.b[i]):
                 finite = 0
-        size = wp.max(dense.size, SMALLEST)
         z = alone(dense)
         for i in range(dense.count):
             before = warm[dense.row[i]]
@@ -156,14 +185,19 @@ def make_coulomb_solver(s: Structure, dtype: type, method: Method) -> wp.Functio
             status = wp.static(INFEASIBLE)
         if finite == 0:
             status = wp.static(NONFINITE)
+        attempts = int(wp.static(ATTEMPTS))
+        if dense.count <= wp.static(MOST_TRIED):
+            attempts += int(1) << dense.count
+        ray = int(0)
         attempt = int(0)
-        while status == wp.static(NOT_CONVERGED) and attempt < 6:
+        while status == wp.static(NOT_CONVERGED) and attempt < attempts:
             if attempt == 2:
-                lam, found = lemke(dense, int(1))
+                lam, found = lemke(p, dense, int(1))
                 z = judge(dense, lam).z
                 if found == wp.static(RAY):
-                    status = wp.static(JAMMED)
-                    lam, opens = lemke(dense, int(0))
+                    ray = 1
+                    attempt = int(wp.static(ATTEMPTS))
+                    lam, opens = lemke(p, dense, int(0))
                     if opens == wp.static(RAY):
                         status = wp.static(INFEASIBLE)
             elif attempt == 4:
@@ -171,11 +205,13 @@ def make_coulomb_solver(s: Structure, dtype: type, method: Method) -> wp.Functio
             elif attempt > 0:
                 z = best.z
             if status == wp.static(NOT_CONVERGED):
-                tau = wp.where(attempt % 2 == 0, TAU, NEARLY_NONE)
-                best = settle(dense, z, size, tau, best)
-                if best.worst <= ENOUGH * size:
+                tau = wp.where(attempt % 2 == 0 and attempt < wp.static(ATTEMPTS), TAU, NEARLY_NONE)
+                best = settle(dense, z, tau, best, attempt - wp.static(ATTEMPTS))
+                if best.worst <= ENOUGH:
                     status = wp.static(SOLVED)
             attempt += 1
+        if status == wp.static(NOT_CONVERGED) and ray == 1 and best.worst > NEARLY:
+            status = wp.static(JAMMED)
         v = p.vfree
         lam_out = VR()
         z_out = VR()

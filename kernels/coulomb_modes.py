@@ -14,7 +14,8 @@ from .problem import make_problem
 from .rows import make_rows
 from .structure import Structure, layout
 
-TOUCHING = {wp.float64: 1e-12, wp.float32: 1e-6}  # rounding of a gap [m]
+TOUCHING = {wp.float64: 1e-12, wp.float32: 1e-6}  # rounding of a gap [m] whose row nothing can open
+LENGTHS = {wp.float64: 3e-3, wp.float32: 4e-2}  # that a gap is the difference of, and rounds with [m]
 OFF, PRESS, STICK, LEFT, RIGHT = 0, 1, 2, 3, 4  # modes; LEFT: lambda_t = -mu lambda_n, RIGHT: + mu lambda_n
 
 
@@ -35,8 +36,8 @@ def make_active(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
     MODES = wp.types.vector(NR, wp.int32)
     ZERO = dtype(0.0)
     SMALLEST = dtype(1e-30)
-    ROUNDING = dtype(1e-12 if dtype is wp.float64 else 1e-5)
-    CLOSE = dtype(TOUCHING[dtype])
+    SHARE = dtype(1e-12 if dtype is wp.float64 else 1e-5)
+    CLOSE, LENGTH = dtype(TOUCHING[dtype]), dtype(LENGTHS[dtype])
     FRICTION, H = layout(s).offset("friction"), layout(s).offset("step_size")
     pair = tuple(row.index if row.kind == "contact" else 0 for row in s.rows)
 
@@ -49,7 +50,7 @@ def make_active(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
         b: VR  # J v_free + d/h
         mu: VR
         response: JR  # M^-1 J_i'
-        size: dtype  # of the terms of the natural map
+        size: VR  # of the terms of the natural map in every row, as J v_free, d/h and A set it
         shut: int  # 1: a row that no impulse moves (J = 0) is violated
 
     @wp.struct
@@ -62,6 +63,7 @@ def make_active(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
     @wp.func
     def gather(params: wp.array2d(dtype=dtype), row: int, p: Problem):
         out = Dense()
+        size = dtype(0.0)
         n = int(0)
         for i in range(wp.static(NR)):
             if (p.mask & wp.static(1 << i)) != 0:
@@ -74,13 +76,13 @@ def make_active(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
                 else:
                     for j in range(wp.static(s.nv)):
                         terms += wp.abs(p.jac[i, j] * p.vfree[j])
-                out.size = wp.max(out.size, terms)
+                size = wp.max(size, terms)
                 for k in range(n + 1):
                     value = wp.static(r.dots[i])(p.jac, out.response[k])
                     out.a[n, k] = value
                     out.a[k, n] = value
                 if wp.static(not r.tangent[i]):
-                    allowed = ROUNDING * terms + CLOSE / params[row, wp.static(H)]
+                    allowed = SHARE * terms + CLOSE / params[row, wp.static(H)]
                     if not (out.a[n, n] > SMALLEST) and out.b[n] < -allowed:
                         out.shut = 1
                 out.a[n, n] = wp.max(out.a[n, n], SMALLEST)
@@ -89,6 +91,13 @@ def make_active(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
                     out.mu[n] = params[row, wp.static(FRICTION + pair[i])]
                 n += 1
         out.count = n
+        for i in range(n):
+            # what opens a violated row may move others much faster than it (a guide along the surface)
+            out.size[i] = wp.max(size, SMALLEST)
+            for k in range(n):
+                if out.tangent[k] == 0 and out.b[k] < ZERO:
+                    out.size[i] = wp.max(out.size[i], -out.b[k] * wp.abs(out.a[i, k]) / out.a[k, k])
+            out.size[i] = out.size[i] + LENGTH / params[row, wp.static(H)]
         return out
 
     @wp.func

@@ -3,8 +3,12 @@
 The row of a contact is w = J_n v' + d(q)/h (+- mu J_t v'). Between curved shapes d(q + h v') falls below h w
 by a second-order term, so bodies that slide on each other sink in. Here w = d(q + h v')/h (+- mu J_t v')
 instead: the difference is added to the row and the problem solved again until it stays. Where a correction is
-larger than the one before, half of it is made from then on. One that never settles ends NOT_CONVERGED.
+larger than the one before, half of it is made from then on. One that never settles ends NOT_CONVERGED. A pair
+that was out of reach by its velocity at the start may turn into reach within the step: a lower bound of its
+distance at the end tells, whatever the motion was.
 """
+
+from types import SimpleNamespace
 
 import warp as wp
 
@@ -35,16 +39,17 @@ def make_unsteady(s: Structure, dtype: type) -> wp.Function:
 
 
 @cached
-def make_end_gap(s: Structure, dtype: type, method: Method) -> wp.Function:
+def make_end_gap(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
     """bend(params, row, q, v, normal, jac, rate, known) -> d(q + h v)/h - (J_n v + d/h) of every row, zero
-    for limits and for pairs that are not `known` (bit k: pair k).
+    for limits and for pairs that are not `known` (bit k: pair k); reached(params, row, q, v, known) -> the
+    other pairs that may touch at q + h v.
     """
     mech = make_mechanism(s, dtype)
     r = make_rows(s, dtype, method)
     VQ, VR, JR, V2 = mech.types.VQ, mech.types.VR, mech.types.JR, mech.types.V2
     VN = wp.types.vector(2 * max(len(s.pairs), 1), dtype)
     H = layout(s).offset("step_size")
-    HALF = dtype(0.5)
+    ZERO, HALF = dtype(0.0), dtype(0.5)
     pairs = tuple(make_pair(s, k, dtype) for k in range(len(s.pairs)))
     rows_of = rows_of_pairs(s)
     pair_bit = tuple(1 << k for k in range(len(s.pairs)))
@@ -81,4 +86,14 @@ def make_end_gap(s: Structure, dtype: type, method: Method) -> wp.Function:
                         out[i] = change
         return out
 
-    return bend
+    @wp.func
+    def reached(params: wp.array2d(dtype=dtype), row: int, q: VQ, v: VQ, known: int):
+        out = int(0)
+        frames = wp.static(mech.frames)(params, row, q + params[row, wp.static(H)] * v)
+        for k in range(wp.static(len(s.pairs))):
+            if (known & wp.static(pair_bit[k])) == 0:
+                if not (wp.static(pairs[k].bound)(params, row, frames) > ZERO):
+                    out = out | wp.static(pair_bit[k])
+        return out
+
+    return SimpleNamespace(bend=bend, reached=reached)

@@ -13,6 +13,8 @@ from .shapes import make_upright
 from .smoothing import make_smoothing
 from .structure import CAPSULE, DISC, ELLIPSE, HALFPLANE, WORLD
 
+ROUNDING = {wp.float64: 1e-14, wp.float32: 4e-7}  # of a gap [m], whatever the precision of the work
+
 
 @cached
 def make_large_contact(given: type, residual: str) -> SimpleNamespace:
@@ -21,7 +23,7 @@ def make_large_contact(given: type, residual: str) -> SimpleNamespace:
     mech = make_large_mechanism(given)
     number, column = mech.number, mech.column
     V2, V4, GEO = wp.types.vector(2, dtype), wp.types.vector(4, dtype), wp.types.vector(8, dtype)
-    ZERO, ONE = dtype(0.0), dtype(1.0)
+    ZERO, ONE, TOUCHING = dtype(0.0), dtype(1.0), dtype(ROUNDING[given])
     CUT = dtype(0.0 if residual == "hard" else make_smoothing(dtype, residual).cut)  # as in `step.py`
     H, SIGMA, LOW, UP, FRICTION, RADIUS, OFFSET, TURNED = (
         COLUMN[n]
@@ -98,11 +100,13 @@ def make_large_contact(given: type, residual: str) -> SimpleNamespace:
         return g
 
     @wp.func
-    def pair_rows(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, pair: int, g: GEO):
-        """J_n +- mu J_t, or J_n alone, and d/h of a pair."""
+    def pair_rows(
+        t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, pair: int, g: GEO, rub: dtype
+    ):
+        """J_n +- mu J_t, or J_n alone, of a pair; rub = 1, or 0 to leave friction out."""
         pa = pose_a(t, k, params, row, b, pair)
         pb = pose_b(t, k, params, row, b, pair)
-        mu = number(t, params, row, FRICTION, pair)
+        mu = rub * number(t, params, row, FRICTION, pair)
         begin = t.pair_row[pair]
         end = t.pair_row[pair + 1]
         start = t.pair_start[pair]
@@ -195,11 +199,34 @@ def make_large_contact(given: type, residual: str) -> SimpleNamespace:
             k.target[pair, b] = ZERO
 
     @wp.func
+    def set_friction(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, rub: dtype):
+        """The rows of all pairs at hand anew, with friction (rub = 1) or without (0), and without a lift;
+        what enters by the rounding of a gap touches.
+        """
+        touching = TOUCHING / number(t, params, row, H, 0)
+        for pair in range(t.pairs):
+            k.lift[pair, b] = ZERO
+            if k.known[pair, b] == 1:
+                g = geometry(t, k, params, row, b, pair)
+                pair_rows(t, k, params, row, b, pair, g, rub)
+                for i in range(t.pair_row[pair], t.pair_row[pair + 1]):
+                    if wp.abs(k.gap[i, b]) <= touching:
+                        k.gap[i, b] = ZERO
+                    k.rate[i, b] = k.gap[i, b]
+
+    @wp.func
     def grow(
-        t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, exact_gap: int, margin: dtype
+        t: Topology,
+        k: Work,
+        params: wp.array2d(dtype=given),
+        row: int,
+        b: int,
+        exact_gap: int,
+        margin: dtype,
+        rub: dtype,
     ):
         """Add the rows that k.v lets act (or comes within `margin` of it); their number and the largest
-        approach.
+        approach. `rub` as in `pair_rows`.
         """
         h = number(t, params, row, H, 0)
         for pair in range(t.pairs):
@@ -207,7 +234,7 @@ def make_large_contact(given: type, residual: str) -> SimpleNamespace:
                 if exact_gap == 1 or near(t, k, params, row, b, pair):
                     k.known[pair, b] = 1
                     g = geometry(t, k, params, row, b, pair)
-                    pair_rows(t, k, params, row, b, pair, g)
+                    pair_rows(t, k, params, row, b, pair, g, rub)
                     for i in range(t.pair_row[pair], t.pair_row[pair + 1]):
                         k.gap[i, b] = g[2] / h
                         k.rate[i, b] = g[2] / h
@@ -226,4 +253,4 @@ def make_large_contact(given: type, residual: str) -> SimpleNamespace:
                         added += 1
         return added, approach
 
-    return SimpleNamespace(start=start, grow=grow, velocity=velocity)
+    return SimpleNamespace(start=start, grow=grow, set_friction=set_friction, velocity=velocity)

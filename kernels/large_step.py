@@ -18,7 +18,7 @@ from .large_mechanism import COLUMN, make_large_mechanism
 from .large_topology import CONTACT, Topology
 from .large_work import WORK, Work
 from .method import Method
-from .solve import COLD, NONFINITE, NOT_CONVERGED, SOLVED
+from .solve import COLD, INFEASIBLE, JAMMED, NONFINITE, NOT_CONVERGED, SOLVED
 
 
 def large_residual(method: Method, rows: int) -> str:
@@ -37,7 +37,7 @@ def make_large_step(given: type, residual: str) -> SimpleNamespace:
     friction = make_large_coulomb(given) if residual == "hard" else None
     PASSES = COULOMB_PASSES
     H, FRICTION = COLUMN["step_size"], COLUMN["friction"]
-    UNUSED, HALF, ZERO = dtype(COLD), dtype(0.5), dtype(0.0)
+    UNUSED, HALF, ZERO, ONE = dtype(COLD), dtype(0.5), dtype(0.0), dtype(1.0)
     NOWHERE = dtype(-1e30)
     number = mech.number
 
@@ -86,7 +86,8 @@ def make_large_step(given: type, residual: str) -> SimpleNamespace:
     @wp.func
     def contacts(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, exact_gap: int):
         """Add rows until none is missing, solve after every addition. The first time also those within reach
-        of the largest approach are added: in a heap they act next.
+        of the largest approach are added: in a heap they act next. Where Coulomb's friction shuts the rows,
+        the problem without friction tells whether they can open, and gives a lift to start from.
         """
         contact.start(t, k, params, row, b)
         status = int(wp.static(SOLVED))
@@ -94,14 +95,17 @@ def make_large_step(given: type, residual: str) -> SimpleNamespace:
         looking = int(1)
         more = int(1)
         passes = int(0)
+        rub = dtype(1.0)
+        freed = int(0)  # rows in the system when friction was last left out
+        n = int(0)
         while more == 1:  # the first pass only looks how large the approach is
-            added, approach = contact.grow(t, k, params, row, b, exact_gap, margin)
+            added, approach = contact.grow(t, k, params, row, b, exact_gap, margin, rub)
             if looking == 1:
                 looking = 0
                 margin = approach
             else:
                 n = list_rows(t, k, b)
-                more = wp.where(added > 0, 1, 0)
+                more = wp.where(added > 0 or rub < ONE, 1, 0)
                 if wp.static(residual == "hard"):
                     if t.coulomb == 1 and n > 0:
                         more = wp.max(more, friction.lift(t, k, b, n, passes))
@@ -111,6 +115,22 @@ def make_large_step(given: type, residual: str) -> SimpleNamespace:
                     margin = dtype(0.0)
                     if passes > PASSES and status == wp.static(SOLVED):
                         status = int(wp.static(NOT_CONVERGED))
+                    if wp.static(residual == "hard"):
+                        if rub < ONE and status == wp.static(SOLVED):
+                            rub = dtype(1.0)
+                            passes = 0
+                            contact.set_friction(t, k, params, row, b, rub)
+                        elif t.coulomb == 1 and status == wp.static(INFEASIBLE) and rub == ONE:
+                            if n > freed:
+                                freed = n
+                                margin = -NOWHERE  # rows that press may free what is jammed without them
+                                rub = dtype(0.0)
+                                status = int(wp.static(SOLVED))
+                                contact.set_friction(t, k, params, row, b, rub)
+                                for j in range(t.nv):
+                                    k.v[j, b] = k.vfree[j, b]
+                            else:
+                                status = int(wp.static(JAMMED))
                     if status != wp.static(SOLVED):
                         more = 0
         for i in range(t.nr):

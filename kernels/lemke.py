@@ -2,9 +2,10 @@
 
 The linear complementarity problem of the paper's [8] in the plane, for a contact with normal impulse c,
 friction b+ - b- and slip speed g: w_n = J_n v' + d/h _|_ c, +-J_t v' + g _|_ b+-, mu c - b+ - b- _|_ g. Its
-matrix is copositive, so that the method ends with a solution or on a ray. Always in float64, scaled to
-A_ii = 1; ties between redundant contacts are broken by a perturbation of the right-hand side, far below the
-tolerance of the modes that are wanted from here.
+matrix is copositive, so that the method ends with a solution or on a ray. Always in float64, A = J M^-1 J'
+and J v_free + d/h too, so that rows that depend on each other do so to 1e-16 and the rounding of float32
+gives them no solutions of their own; scaled to A_ii = 1. Ties between redundant contacts are broken by a
+perturbation of the right-hand side, far below the tolerance of the modes that are wanted from here.
 """
 
 from typing import Any
@@ -12,6 +13,9 @@ from typing import Any
 import warp as wp
 
 from .factories import cached
+from .method import Method
+from .problem import SMALLEST, make_problem
+from .rows import make_rows
 from .structure import Structure
 
 FOUND, RAY, LIMIT = 0, 1, 2
@@ -23,9 +27,13 @@ STEPS_PER_UNKNOWN = 12
 
 
 @cached
-def make_lemke(s: Structure, dtype: type, dense_type: Any) -> wp.Function:
-    """lemke(dense, friction) -> (lambda of the rows, FOUND, RAY or LIMIT); friction = 0 leaves it out."""
-    NR = s.nr
+def make_lemke(s: Structure, dtype: type, method: Method, dense_type: Any) -> wp.Function:
+    """lemke(problem, dense, friction) -> (lambda of the rows, FOUND, RAY or LIMIT); friction = 0 leaves it
+    out.
+    """
+    r = make_rows(s, dtype, method)
+    Problem, VQ = make_problem(s, dtype), r.types.VQ
+    NR, NV = s.nr, s.nv
     frictional = sum(1 for p in s.pairs if p.friction)
     N = NR - 2 * frictional + PER_CONTACT * frictional
     D = wp.float64
@@ -34,8 +42,10 @@ def make_lemke(s: Structure, dtype: type, dense_type: Any) -> wp.Function:
     INDEX = wp.types.vector(N, wp.int32)
     COLUMNS = wp.types.vector(N + 1, wp.int32)
     ZERO, ONE = D(0.0), D(1.0)
+    AR, BR = wp.types.matrix((NR, NR), D), wp.types.vector(NR, D)
+    JR = wp.types.matrix((NR, NV), D)
     GOLDEN = D(0.6180339887498949)
-    PERTURB, SMALLEST = D(PERTURBATION), D(SMALLEST_PIVOT)
+    PERTURB, LEAST, FLOOR = D(PERTURBATION), D(SMALLEST_PIVOT), D(SMALLEST)
     NORMAL, PLUS, SLIP = 0, 1, 3  # 2: b-
 
     @wp.struct
@@ -44,14 +54,46 @@ def make_lemke(s: Structure, dtype: type, dense_type: Any) -> wp.Function:
         kind: INDEX
         row: INDEX  # of the dense problem
         sign: wp.types.vector(N, D)
-        root: wp.types.vector(NR, D)  # sqrt(A_ii)
+        a: AR  # of the dense problem, scaled to a diagonal of 1
+        b: BR
+        root: BR  # sqrt(A_ii)
 
     @wp.func
-    def lift(dense: dense_type, friction: int):
-        out = Lifted()
+    def measure(p: Problem, dense: dense_type, l: Lifted):
+        out = l
+        jac = JR()  # J, then J M^-1, of the rows in the system
+        response = JR()
+        for i in range(wp.static(NR)):
+            row_i = wp.static(r.adds[i])(VQ(), p.jac, dtype(1.0))
+            for n in range(dense.count):
+                if dense.row[n] == i:
+                    out.b[n] = D(p.rate[i])
+                    for j in range(wp.static(NV)):
+                        jac[n, j] = D(row_i[j])
+                        out.b[n] = out.b[n] + D(row_i[j]) * D(p.vfree[j])
+        for n in range(dense.count):
+            for j in range(wp.static(NV)):
+                for k in range(wp.static(NV)):
+                    response[n, j] = response[n, j] + jac[n, k] * D(p.minv[k, j])
+            for m in range(n + 1):
+                value = ZERO
+                for j in range(wp.static(NV)):
+                    value += response[n, j] * jac[m, j]
+                out.a[n, m] = value
+                out.a[m, n] = value
+        for n in range(dense.count):
+            out.root[n] = wp.sqrt(wp.max(out.a[n, n], FLOOR))
+            out.b[n] = out.b[n] / out.root[n]
+        for n in range(dense.count):
+            for m in range(dense.count):
+                out.a[n, m] = out.a[n, m] / (out.root[n] * out.root[m])
+        return out
+
+    @wp.func
+    def lift(p: Problem, dense: dense_type, friction: int):
+        out = measure(p, dense, Lifted())
         n = int(0)
         for i in range(dense.count):
-            out.root[i] = wp.sqrt(D(dense.a[i, i]))
             if dense.tangent[i] == 0:
                 out.kind[n] = wp.static(NORMAL)
                 out.row[n] = i
@@ -73,7 +115,7 @@ def make_lemke(s: Structure, dtype: type, dense_type: Any) -> wp.Function:
         a = l.row[i]
         b = l.row[j]
         if l.kind[i] != wp.static(SLIP) and l.kind[j] != wp.static(SLIP):
-            return l.sign[i] * l.sign[j] * D(dense.a[a, b]) / (l.root[a] * l.root[b])
+            return l.sign[i] * l.sign[j] * l.a[a, b]
         if l.kind[i] != wp.static(SLIP):  # + g in the rows of b+ and b-
             return wp.where(a == b and l.kind[i] != wp.static(NORMAL), ONE, ZERO)
         if l.kind[j] == wp.static(NORMAL) and b == a - 1:
@@ -81,13 +123,13 @@ def make_lemke(s: Structure, dtype: type, dense_type: Any) -> wp.Function:
         return wp.where(a == b and l.kind[j] != wp.static(SLIP), ZERO - ONE, ZERO)
 
     @wp.func
-    def lemke(dense: dense_type, friction: int):
-        l = lift(dense, friction)
+    def lemke(p: Problem, dense: dense_type, friction: int):
+        l = lift(p, dense, friction)
         n = l.size
         largest = D(1e-300)
         for i in range(n):
             if l.kind[i] != wp.static(SLIP):
-                largest = wp.max(largest, wp.abs(D(dense.b[l.row[i]])) / l.root[l.row[i]])
+                largest = wp.max(largest, wp.abs(l.b[l.row[i]]))
         # the dictionary: basic = right-hand side + sum of columns; variables x_i: i, w_i: n + i, z0: 2 n
         table = TABLE()
         basic = INDEX()
@@ -102,7 +144,7 @@ def make_lemke(s: Structure, dtype: type, dense_type: Any) -> wp.Function:
             jitter = jitter - wp.floor(jitter)
             q = PERTURB * (ONE + jitter)
             if l.kind[i] != wp.static(SLIP):
-                q += l.sign[i] * D(dense.b[l.row[i]]) / (l.root[l.row[i]] * largest)
+                q += l.sign[i] * l.b[l.row[i]] / largest
             table[i, n + 1] = q
             basic[i] = n + i
             nonbasic[i] = i
@@ -144,7 +186,7 @@ def make_lemke(s: Structure, dtype: type, dense_type: Any) -> wp.Function:
                 least = D(1e300)
                 for i in range(n):
                     slope = table[i, entering]
-                    if slope < -SMALLEST:
+                    if slope < -LEAST:
                         limit = wp.max(table[i, n + 1], ZERO) / (-slope)
                         better = limit < least
                         if basic[i] == 2 * n and limit <= least * (ONE + PERTURB):

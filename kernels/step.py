@@ -26,7 +26,7 @@ from .noise import make_noise
 from .problem import make_problem
 from .rows import make_pair_jacobian, make_rows
 from .shapes import make_pair
-from .solve import COLD, NOT_CONVERGED, SOLVED, make_solver
+from .solve import COLD, JAMMED, NOT_CONVERGED, SOLVED, make_solver
 from .structure import Structure, layout
 
 
@@ -269,13 +269,18 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
         part = dtype(1.0)  # of a correction that is made
         refined = int(0)
         stale = int(0)
+        every = int(0)  # 1: all rows are in the system
+        late = int(0)  # pairs that only the end of the step brings within reach
         out.rate = rate
         while more == 1:
             before = mask
+            if wp.static(method.coulomb):
+                mask = mask | every * wp.static((1 << NR) - 1)
             mask = wp.static(acting.limits)(params, row, rate, jac, out.sigma, out.v, mask)
             for k in range(wp.static(NP)):
                 if (known & wp.static(pair_bit[k])) == 0:
-                    if wp.static(acting.near[k])(params, row, fr, out.v):
+                    forced = every == 1 or (late & wp.static(pair_bit[k])) != 0
+                    if forced or wp.static(acting.near[k])(params, row, fr, out.v):
                         known = known | wp.static(pair_bit[k])
                         warm = V2(out.normal[wp.static(2 * k)], out.normal[wp.static(2 * k + 1)])
                         g = wp.static(pairs[k].geometry)(params, row, fr, warm)
@@ -309,10 +314,21 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
                 out.status = status
                 if status != wp.static(SOLVED):
                     more = int(0)
+                    if wp.static(method.coulomb):
+                        # rows that press may free what is jammed without them
+                        if status == wp.static(JAMMED) and mask != wp.static((1 << NR) - 1):
+                            every = int(1)
+                            more = int(1)
+                            out.v = out.vfree
             if wp.static(end_gap is not None):
-                moved = more == 1 or refined == 0  # since the gaps were last seen
-                if known != 0 and moved and out.status == wp.static(SOLVED):
-                    now = wp.static(end_gap)(params, row, q, out.v, out.normal, jac, out.rate, known)
+                moved = more == 1 or refined == 0 or late != 0  # since the gaps were last seen
+                late = 0
+                if moved and out.status == wp.static(SOLVED):
+                    now = VR()
+                    if known != 0:
+                        now = wp.static(end_gap.bend if end_gap else None)(
+                            params, row, q, out.v, out.normal, jac, out.rate, known
+                        )
                     again = unsteady(q, now - bent, params[row, wp.static(H)])
                     if again and refined == wp.static(REFINEMENTS):
                         out.status = wp.static(NOT_CONVERGED)
@@ -327,6 +343,10 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
                         refined += 1
                         stale = 1
                         more = 1
+                    else:
+                        late = wp.static(end_gap.reached if end_gap else None)(params, row, q, out.v, known)
+                        if late != 0:
+                            more = 1
         for i in range(wp.static(NR)):
             if (mask & wp.static(1 << i)) == 0:
                 z[i] = UNUSED

@@ -29,9 +29,12 @@ class OptionError(ArgumentError):
 class Status(IntEnum):
     """How the step of a world ended; anything but SOLVED leaves the world in its last valid state.
 
-    INFEASIBLE: no velocity opens the rows. JAMMED: some does, but Coulomb's friction holds against every
-    impulse, so that the problem of the paper's [8] has no solution. NONFINITE: a state or force that is no
-    number. NOT_CONVERGED: the solver gave up.
+    SOLVED: the impulses and v' that are returned satisfy M dv = J' lambda and the contact law, to an accuracy
+    that is relative to what the data sets (J v_free, d/h, sigma), never to the answer. INFEASIBLE: no
+    velocity opens the rows: limits and normal rows, with Anitescu's friction the rows J_n +- mu J_t. JAMMED:
+    some velocity opens limits and normal rows, but Coulomb's friction holds against every impulse, so that
+    the problem of the paper's [8] has no solution (docs/friction.md says how that is decided). NONFINITE: a
+    state or force that is no number. NOT_CONVERGED: the solver gave up; there may be a solution or none.
     """
 
     SOLVED = newton.SOLVED
