@@ -17,7 +17,8 @@ from .compile import specialised
 from .continuation import make_continuation_solver
 from .elimination import PROXIMAL, make_sweep
 from .erm import PROXIMAL as ERM_PROXIMAL
-from .erm import make_erm, make_erm_solver
+from .erm import make_erm
+from .erm_descent import make_erm_solver
 from .factories import cached
 from .method import Method
 from .problem import make_problem

@@ -17,7 +17,7 @@ import warp as wp
 from .acting import make_acting, rows_of_pairs
 from .coulomb import make_coulomb_solver
 from .end_gap import REFINEMENTS, make_end_gap, make_unsteady
-from .erm import make_erm_solver
+from .erm_descent import make_erm_solver
 from .factories import cached
 from .free_motion import make_free_motion
 from .mechanism import make_mechanism
