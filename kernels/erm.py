@@ -116,6 +116,7 @@ def make_erm(n: int, dtype: type, residual: str) -> SimpleNamespace:
     )  # fmt: skip
 
 
+@cached
 def make_gather(s: Structure, dtype: type, method: Method) -> wp.Function:
     """gather(minv, jac) -> A = J M^-1 J' (2a)."""
     r = make_rows(s, dtype, method)

@@ -5,8 +5,9 @@ Contacts that land together are redundant, and Newton on z then jumps between ac
 a large mu to none; m(z) = s(z) s(-z) is the product on the curve of the residual (0 if hard). Its
 linearisation is that of a = s(z), w = s(-z) with weights p, q > 0 in place of s'(z), s'(-z): da = p dz + e,
 dw = -q dz + e, p + q = 1, so the elimination is the same. mu follows Mehrotra's rule, but falls in every
-iteration, and products far below the path are lifted towards it: a rod that lands flat on its two ends (rank
-3 of 4 rows) stalled without either. 5 to 15 iterations, about two Newton steps each.
+iteration, and what falls below the curve is lifted to it (hard: what falls far below the path, towards it): a
+rod that lands flat on its two ends (rank 3 of 4 rows) and boxes on boxes stalled without. 5 to 15 iterations,
+about two Newton steps each.
 """
 
 import warp as wp
@@ -129,19 +130,21 @@ def make_interior(s: Structure, dtype: type, method: Method) -> wp.Function:
 
     @wp.func
     def rejoin(params: wp.array2d(dtype=dtype), row: int, p: Problem, at: Inside, mu: dtype):
-        # lift an a or w that fell far below the path, where it would block all further steps; r pays for it
+        # an a or w far below the path would block all further steps: lift both onto the curve, or towards the
+        # path of the hard problem; r pays for it
         out = at
         for i in range(wp.static(NR)):
             if (p.mask & wp.static(1 << i)) != 0:
-                product = mu
-                if wp.static(not method.hard):
+                if wp.static(method.hard):
+                    if at.a[i] > at.w[i]:
+                        out.w[i] = wp.max(at.w[i], REJOIN * mu / at.a[i])
+                    else:
+                        out.a[i] = wp.max(at.a[i], REJOIN * mu / at.w[i])
+                else:
                     level = wp.static(noise.level[i])(params, row, p.sigma)
                     e = wp.static(sm.smooth)(at.a[i] - at.w[i], level, ONE / level)
-                    product += e[0] * e[1]
-                if at.a[i] > at.w[i]:
-                    out.w[i] = wp.max(at.w[i], REJOIN * product / at.a[i])
-                else:
-                    out.a[i] = wp.max(at.a[i], REJOIN * product / at.w[i])
+                    out.a[i] = wp.max(at.a[i], e[0])
+                    out.w[i] = wp.max(at.w[i], e[1])
         return out
 
     @wp.func

@@ -86,10 +86,10 @@ def solve_complementarity(
     """Solve 0 <= lambda, w = A lambda + b >= 0, lambda w = 0 (3) under noise of b, section IV.A.
 
     REM residuals solve E[min(D_i lambda_i, w_i + noise)] = 0, eqs. (17) and footnote 3: one solution of A
-    lambda. ERM residuals minimise sum_i E[min(D_i lambda_i, w_i + noise)^2], eq. (15) and footnote 3, from
-    the REM solution: not convex, a stationary point, local minimum or (from a symmetric start) saddle. "hard"
-    has no noise. Recorded on a `wp.Tape` for Warp arrays that require a gradient (then sigma must be a (B, n)
-    Warp array to get one).
+    lambda. ERM residuals minimise sum_i E[min(D_i lambda_i, w_i + noise)^2], eq. (15) and footnote 3: not
+    convex, the least of the stationary points that descents from several starts reach, never above the REM
+    solution's objective, not always the least of all (docs/residuals.md). "hard" has no noise. Recorded on a
+    `wp.Tape` for Warp arrays that require a gradient (then sigma must be a (B, n) Warp array to get one).
 
     Args:
         A: (B, n, n), symmetric positive semidefinite, n <= 31; NumPy, torch (no autograd) or Warp array. b:

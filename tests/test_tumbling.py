@@ -1,0 +1,45 @@
+"""Stacks of boxes thrown about: many redundant rows that couple, in the specialised kernels."""
+
+import numpy as np
+import pytest
+from oracle import Oracle
+from scipy.stats import norm
+
+import slcp_warp as slcp
+
+H, STEPS = 0.01, 75
+
+
+@pytest.mark.parametrize(
+    "boxes,name",
+    [
+        (2, "rem-logistic"),
+        pytest.param(3, "rem-logistic", marks=pytest.mark.slow),
+        pytest.param(2, "rem-normal", marks=pytest.mark.slow),
+        pytest.param(3, "hard", marks=pytest.mark.slow),
+    ],
+)
+def test_tumbling_stacks_are_always_solved(device, boxes, name):
+    sc = slcp.scenes.stack(boxes)
+    sim = slcp.Simulator(sc, slcp.Options(residual=name), device, "float64", strategy="registers")
+    x = np.tile(sc.x0, (1000, 1))
+    x[:, sc.nv :] += np.random.default_rng(0).standard_normal((len(x), sc.nv))
+    rolled = sim.rollout(x, np.zeros((len(x), STEPS, 0)), record=("impulse",))
+    assert (rolled.status == slcp.Status.SOLVED).all()
+    problem = Oracle(sc, step_size=H)
+    sigma = sc.sigma
+    for k in range(0, STEPS, 8):  # of every world: M dv = J' lambda and the residual, on scales of the data
+        p = problem.problem(rolled.states[:, k])
+        lam, v = rolled.impulse[:, k], rolled.states[:, k + 1, sc.nv :]
+        size = np.abs(p["rate"]).max(axis=1) + np.abs(p["vfree"]).max(axis=1) + sigma
+        push = np.einsum("bij,bi->bj", p["J"], lam)
+        balance = np.abs(np.linalg.solve(p["M"], push[..., None])[..., 0] - (v - p["vfree"])).max(axis=1)
+        w = np.einsum("bij,bj->bi", p["J"], v) + p["rate"]
+        z = p["D"] * lam - w
+        smooth = {
+            "hard": np.maximum(z, 0.0),
+            "rem-logistic": sigma * np.logaddexp(0.0, z / sigma),
+            "rem-normal": z * norm.cdf(z / sigma) + sigma * norm.pdf(z / sigma),
+        }[name]
+        error = np.abs(p["D"] * lam - smooth).max(axis=1)
+        assert (balance / size).max() < 1e-10 and (error / size).max() < 1e-10
