@@ -83,13 +83,18 @@ def opened(path: str | os.PathLike[str], most: int = MOST_TEXT) -> Iterator[IO[b
         yield file
 
 
-def read_text(path: str | os.PathLike[str], most: int = MOST_TEXT) -> str:
-    """The text (UTF-8) of a plain file of at most `most` bytes."""
+def read_bytes(path: str | os.PathLike[str], most: int = MOST_TEXT) -> bytes:
+    """What is in a plain file of at most `most` bytes."""
     with opened(path, most) as file:
         data = file.read(most + 1)
     if len(data) > most:
         raise FileError(f"it has more than {most} bytes")
-    return data.decode("utf-8")
+    return data
+
+
+def read_text(path: str | os.PathLike[str], most: int = MOST_TEXT) -> str:
+    """The text (UTF-8) of a plain file of at most `most` bytes."""
+    return read_bytes(path, most).decode("utf-8")
 
 
 def parse_json(text: str) -> Any:

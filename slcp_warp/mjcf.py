@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from .errors import SceneError
+from .files import reading
+from .mjcf_bounds import check_bounds
 from .mjcf_contacts import read_contacts
 from .mjcf_plane import MjcfError, Plane
 from .scene import Actuator, Body, Scene
@@ -28,27 +29,19 @@ def load_mjcf(path: str | os.PathLike[str], plane: str = "xz") -> Scene:
             that a hinge about +y of an "xz" model changes its sign. q = 0: the joints' reference positions.
 
     Raises:
-        MjcfError: a file that MuJoCo does not compile, or an element that is not planar or not supported.
+        MjcfError: a file that MuJoCo does not compile, an element that is not planar or not supported, or a
+            model that grows too large (`mjcf_bounds`). FileNotFoundError: no such file.
         ImportError: the package mujoco is not installed.
     """
     try:
         import mujoco
     except ImportError as error:
         raise ImportError("reading MJCF needs the package mujoco: pip install 'slcp-warp[mjcf]'") from error
-    path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(f"{path}: no such file")
-    try:
+    path, chosen = Path(path), Plane(plane)
+    with reading(path, "MJCF", MjcfError):
+        check_bounds(path)
         model = mujoco.MjModel.from_xml_path(str(path))
-    except ValueError as error:
-        raise MjcfError(f"{path}: {error}") from error
-    reader = _Reader(model, Plane(plane))
-    try:
-        return reader.scene(model.names.split(b"\0")[0].decode() or path.stem)
-    except MjcfError:
-        raise
-    except SceneError as error:  # a number that MuJoCo takes and a scene does not
-        raise MjcfError(f"{path}: {error}") from error
+        return _Reader(model, chosen).scene(model.names.split(b"\0")[0].decode() or path.stem)
 
 
 class _Reader:

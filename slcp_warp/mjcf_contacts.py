@@ -9,6 +9,7 @@ from .mjcf_plane import FLAT, MjcfError, Plane
 from .scene import Contact, Shape
 
 GEOMS = ("plane", "hfield", "sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh", "sdf")
+MOST_CONTACTS = 4096
 Place = dict[int, tuple[str | None, float, np.ndarray]]
 
 
@@ -45,27 +46,34 @@ def _pairs(m: Any, place: Place) -> list[tuple[int, int, float | None]]:
         friction = float(m.pair_friction[i, 0]) if m.pair_dim[i] > 1 else None
         out.append((int(m.pair_geom1[i]), int(m.pair_geom2[i]), friction))
     explicit = {frozenset(p[:2]) for p in out}
-    excluded = {int(s) for s in m.exclude_signature}
+    names = {name: i for i, name in enumerate({place[b][0] for b in range(m.nbody)})}
+    body = np.asarray(m.geom_bodyid, np.int64)
+    holder = np.array([names[place[b][0]] for b in range(m.nbody)])[body]
+    weld = np.asarray(m.body_weldid)[body]
+    above = np.asarray(m.body_weldid)[np.asarray(m.body_parentid)[weld]]
     for a in range(m.ngeom):
-        for b in range(a + 1, m.ngeom):
-            body_a, body_b = int(m.geom_bodyid[a]), int(m.geom_bodyid[b])
-            holder_a, holder_b = place[body_a][0], place[body_b][0]
-            bits = (m.geom_contype[a] & m.geom_conaffinity[b]) | (m.geom_contype[b] & m.geom_conaffinity[a])
-            if not bits or holder_a == holder_b or frozenset((a, b)) in explicit:
-                continue
-            weld_a, weld_b = int(m.body_weldid[body_a]), int(m.body_weldid[body_b])
-            above_a, above_b = (int(m.body_weldid[m.body_parentid[w]]) for w in (weld_a, weld_b))
-            related = (weld_a == above_b and weld_a != 0) or (weld_b == above_a and weld_b != 0)
-            if related or (body_a << 16) + body_b in excluded or (body_b << 16) + body_a in excluded:
-                continue
-            if m.geom_priority[a] != m.geom_priority[b]:
-                leader = a if m.geom_priority[a] > m.geom_priority[b] else b
-                dim, mu = m.geom_condim[leader], m.geom_friction[leader, 0]
-            else:
-                dim = max(m.geom_condim[a], m.geom_condim[b])
-                mu = max(m.geom_friction[a, 0], m.geom_friction[b, 0])
-            out.append((a, b, float(mu) if dim > 1 else None))
+        rest = slice(a + 1, None)
+        bits = (m.geom_contype[a] & m.geom_conaffinity[rest]) | (m.geom_contype[rest] & m.geom_conaffinity[a])
+        related = ((weld[a] == above[rest]) & (weld[a] != 0)) | ((weld[rest] == above[a]) & (weld[rest] != 0))
+        signature = ((body[a] << 16) + body[rest], (body[rest] << 16) + body[a])
+        excluded = np.isin(signature, m.exclude_signature).any(axis=0)
+        for b in a + 1 + np.flatnonzero((bits != 0) & (holder[a] != holder[rest]) & ~related & ~excluded):
+            if frozenset((a, int(b))) not in explicit:
+                out.append((a, int(b), _friction(m, a, int(b))))
+        if len(out) > MOST_CONTACTS:
+            raise MjcfError(f"more than {MOST_CONTACTS} pairs of geoms may touch; exclude some")
     return out
+
+
+def _friction(m: Any, a: int, b: int) -> float | None:
+    """Friction of two geoms: of the one with priority, or the larger of both; None: frictionless."""
+    if m.geom_priority[a] != m.geom_priority[b]:
+        leader = a if m.geom_priority[a] > m.geom_priority[b] else b
+        dim, mu = m.geom_condim[leader], m.geom_friction[leader, 0]
+    else:
+        dim = max(m.geom_condim[a], m.geom_condim[b])
+        mu = max(m.geom_friction[a, 0], m.geom_friction[b, 0])
+    return float(mu) if dim > 1 else None
 
 
 def _shapes(m: Any, plane: Plane, place: Place, geom: int) -> list[Shape]:
