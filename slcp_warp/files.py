@@ -13,7 +13,7 @@ import stat
 import threading
 import tomllib
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any
 
@@ -156,7 +156,8 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
             error.errno, f"cannot be written ({said}); what was there is unchanged", str(path)
         ) from error
     finally:
-        part.unlink(missing_ok=True)
+        with suppress(OSError):
+            part.unlink()
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
@@ -171,9 +172,6 @@ def _sync_folder(folder: Path) -> None:
         handle = os.open(folder, os.O_RDONLY)
     except OSError:
         return
-    try:
+    with suppress(OSError):
         os.fsync(handle)
-    except OSError:
-        pass
-    finally:
-        os.close(handle)
+    os.close(handle)

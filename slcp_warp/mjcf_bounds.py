@@ -99,15 +99,12 @@ class _Parser:
     def start(self, name: str, attributes: dict[str, str]) -> None:
         if len(self.times) > DEPTH:
             raise FileError(f"its elements are nested more than {DEPTH} deep")
-        times = self.times[-1]
-        self.scan.add(times)
-        count = 1
+        times = count = self.times[-1]
         for part in attributes.get("count", "1").split():
-            count *= _whole(name, "count", part)
+            count = min(count * max(_whole(name, "count", part), 1), ELEMENTS + 1)
+        self.scan.add(max(count, times))  # what repeats nothing is counted, too: it takes its time
         if name == "replicate":
-            times *= max(count, 1)
-        else:
-            self.scan.add(times * (count - 1))
+            times = max(count, times)
         self.times.append(times)
         self.look(name, attributes, times)
 
