@@ -112,7 +112,7 @@ class Archive:
             if len(shape) > AXES or min((0, *shape)) < 0 or not math.prod(shape) <= size <= info.file_size:
                 raise FileError(f"array {name!r} has shape {shape} in {info.file_size} bytes")
             array = np.empty(math.prod(shape), dtype)
-            _fill(memoryview(array).cast("B") if size else memoryview(b""), member, name)
+            _fill(array.view(np.uint8).data if size else memoryview(b""), member, name)
         self._left -= size
         array = array.astype(dtype.newbyteorder("="), copy=False)
         return array.reshape(shape, order="F" if fortran else "C")
