@@ -64,15 +64,11 @@ def make_curvature(s: Structure, dtype: type, method: Method) -> wp.Function:
             m = VQ()
             for j in range(wp.static(NV)):
                 m[j] = lin.m[i, j]
-            dm = wp.static(motion.motion_by_q)(
-                params, row, lin.fr, lin.jb, m, VQ(), ZERO, params, wp.static(-1)
-            )
+            dm = wp.static(step.mass.by_q)(params, row, lin.fr, lin.jb, m)
             y = wp.static(d.force_by_q)(g, dtype(1.0), mu) - dm  # (j, k): d/dq_k of J_i' - M m
             out = TWO * (wp.transpose(y) * (sol.minv * y))
             out += TWO * wp.static(d.hessian)(g, m, dtype(1.0), mu)
-            out -= wp.static(motion.hessian_qq)(
-                params, row, lin.fr, lin.jb, m, m, VQ(), ZERO, params, wp.static(-1)
-            )
+            out -= wp.static(step.mass.hessian)(params, row, lin.fr, lin.jb, m, m)
             return out
 
         @wp.func
@@ -165,13 +161,9 @@ def make_curvature(s: Structure, dtype: type, method: Method) -> wp.Function:
                     m = VQ()
                     for j in range(wp.static(NV)):
                         m[j] = lin.m[i, j]
-                    dm = wp.static(motion.motion_by_q)(
-                        params, row, lin.fr, lin.jb, m, VQ(), ZERO, params, wp.static(-1)
-                    )
+                    dm = wp.static(step.mass.by_q)(params, row, lin.fr, lin.jb, m)
                     second = TWO * (wp.transpose(dm) * (sol.minv * dm))
-                    second -= wp.static(motion.hessian_qq)(
-                        params, row, lin.fr, lin.jb, m, m, VQ(), ZERO, params, wp.static(-1)
-                    )
+                    second -= wp.static(step.mass.hessian)(params, row, lin.fr, lin.jb, m, m)
                     out = add_scaling(sol, lin, i, wp.static(rows.dots[i])(sol.jac, p), VQ(), second, out)
         return out
 
@@ -193,7 +185,7 @@ def make_curvature(s: Structure, dtype: type, method: Method) -> wp.Function:
         qv = wp.static(motion.hessian_qv)(params, row, lin.fr, lin.jb, p, v, h)
         vv = wp.static(motion.hessian_vv)(params, row, lin.jb, p, h)
         # mass_p (m, k): d(M P)_m/dq_k
-        mass_p = wp.static(motion.motion_by_q)(params, row, lin.fr, lin.jb, p, v, ZERO, params, wp.static(-1))
+        mass_p = wp.static(step.mass.by_q)(params, row, lin.fr, lin.jb, p)
         for a in range(wp.static(NV)):
             for b in range(wp.static(NV)):
                 out[a, b] = out[a, b] + qq[a, b]

@@ -1,12 +1,16 @@
 """The motion of one step without contact: v_free, and what its derivatives put into the contact problem.
 
-`euler`, eq. (1): v_free = v + h M^-1 (r + u). `trapezoidal`, the linearly implicit method of footnote 1 (the
+N stands for M, as `effective_mass.py` has it.
+`euler`, eq. (1): v_free = v + h N^-1 (r + u). `trapezoidal`, the linearly implicit method of footnote 1 (the
 paper's [6]) on a = M^-1 (r + u): (I - h/2 a_v - h^2/4 a_q) v_free = v + h (a - a_v v/2 + h a_q v/4), and q'
 = q + h (v + v_free)/2 in free flight. With K_q = d(M a - r)/dq at constant a, K_v = -dr/dv, D = v_free - v:
 
-    E D = h (r + u) - h^2/2 K_q v,  E = M + h/2 K_v + h^2/4 K_q.
+    E D = h (r + u) - h^2/2 K_q v,  E = N + h/2 K_v + h^2/4 K_q.
 
-Contact impulses act through M^-1, not through E^-1, which is not symmetric. What that would cost is avoided
+With implicit damping K_q and K_v are those of a motion without dampers, which N has, and a = N^-1 (r + u), or
+stiff dampers would make K_q as large as they are; C keeps its value of the start of the step, so that dampers
+between points are of first order in how they turn.
+Contact impulses act through N^-1, not through E^-1, which is not symmetric. What that would cost is avoided
 by a predicted J' lambda among the forces (see `step.py`): only its error acts through the wrong matrix.
 External forces are constant in the world over the step; their generalised force follows q. E is solved by
 elimination without pivoting, which needs h small against the fastest instability of the free motion (an
@@ -17,6 +21,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
+from .effective_mass import make_effective_mass
 from .factories import cached
 from .mechanism import make_mechanism
 from .mechanism_derivatives import make_mechanism_derivatives
@@ -66,7 +71,8 @@ def make_free_motion(s: Structure, dtype: type, method: Method) -> SimpleNamespa
     Dots stand for external forces and the world they are of.
     """
     mech = make_mechanism(s, dtype)
-    motion = make_mechanism_derivatives(s, dtype)
+    motion = make_mechanism_derivatives(s, dtype, method.trapezoidal)
+    mass = make_effective_mass(s, dtype, method)
     lu = make_elimination(s.nv, dtype)
     t = mech.types
     lay = layout(s)
@@ -93,7 +99,7 @@ def make_free_motion(s: Structure, dtype: type, method: Method) -> SimpleNamespa
         if wp.static(method.trapezoidal):
             kq = wp.static(motion.motion_by_q)(params, row, fr, jb, a, v, ONE, external, world)
             kv = wp.static(motion.motion_by_v)(params, row, fr, jb, v, ONE)
-            e = wp.static(mech.mass_matrix)(params, row, jb) + HALF * h * (kv + HALF * h * kq)
+            e = wp.static(mass.matrix)(params, row, fr, jb) + HALF * h * (kv + HALF * h * kq)
             rhs = h * (force - HALF * h * (kq * v))
             return v + wp.static(lu.solve)(wp.static(lu.factor)(e), rhs), a
         return v + h * a, a
@@ -113,11 +119,11 @@ def make_free_motion(s: Structure, dtype: type, method: Method) -> SimpleNamespa
         h = params[row, wp.static(H)]
         by_q = wp.static(motion.motion_by_q)(params, row, fr, jb, w, v, h, external, world)
         by_v = wp.static(motion.motion_by_v)(params, row, fr, jb, v, h)
-        mass = wp.static(mech.mass_matrix)(params, row, jb)
+        effective = wp.static(mass.matrix)(params, row, fr, jb)
         for k in range(wp.static(NV)):
             for j in range(wp.static(NV)):
                 out[j, k] = -by_q[j, k]
-                out[j, wp.static(NV + k)] = mass[j, k] - by_v[j, k]
+                out[j, wp.static(NV + k)] = effective[j, k] - by_v[j, k]
         for k in range(wp.static(NU)):
             out[wp.static(s.actuators[k]), wp.static(2 * NV + k)] = h * params[row, wp.static(GEAR + k)]
         return out
@@ -164,12 +170,12 @@ def make_free_motion(s: Structure, dtype: type, method: Method) -> SimpleNamespa
         external: wp.array2d(dtype=dtype),
         world: int,
     ):
-        # G = E D - h f + h^2/2 K_q v = 0 with D = reached - v, a = M^-1 f, f = r + u + contact forces
+        # G = E D - h f + h^2/2 K_q v = 0 with D = reached - v, a = N^-1 f, f = r + u + contact forces
         h = params[row, wp.static(H)]
         d = reached - v
         kq = wp.static(motion.motion_by_q)(params, row, fr, jb, a, v, ONE, external, world)
         kv = wp.static(motion.motion_by_v)(params, row, fr, jb, v, ONE)
-        e = wp.static(mech.mass_matrix)(params, row, jb) + HALF * h * (kv + HALF * h * kq)
+        e = wp.static(mass.matrix)(params, row, fr, jb) + HALF * h * (kv + HALF * h * kq)
         factor = wp.static(lu.factor)(e)
         yv = HALF * h * d
         yq = HALF * HALF * h * h * (d + TWO * v)
@@ -184,8 +190,16 @@ def make_free_motion(s: Structure, dtype: type, method: Method) -> SimpleNamespa
                 change[i, j] = column[i]
         pull = change * minv  # d(K_q yq)/da da/d(r + u)
         by_q, by_v = slopes_of_stiffness(params, row, fr, jb, v, a, yq, yv, external, world)
-        by_q += wp.static(motion.motion_by_q)(params, row, fr, jb, d, v, h, external, world) - pull * kq
-        by_v += h * kv - pull * kv + HALF * h * h * kq
+        if wp.static(mass.implicit):  # f has dampers, K_q and K_v have none; N a = f
+            still = wp.static(motion.motion_by_q)(params, row, fr, jb, VQ(), v, ONE, external, world)
+            still = wp.static(mass.drag_by_q)(params, row, fr, v, still)
+            drag = wp.static(mass.drag)(params, row, fr, ONE, kv)
+            by_q += wp.static(mass.by_q)(params, row, fr, jb, d) + h * still
+            by_q -= pull * (wp.static(mass.by_q)(params, row, fr, jb, a) + still)
+            by_v += h * drag - pull * drag + HALF * h * h * kq
+        else:
+            by_q += wp.static(motion.motion_by_q)(params, row, fr, jb, d, v, h, external, world) - pull * kq
+            by_v += h * kv - pull * kv + HALF * h * h * kq
         push = h * dforce - pull * dforce
         out = DV()
         for k in range(wp.static(NV)):
@@ -215,8 +229,8 @@ def make_free_motion(s: Structure, dtype: type, method: Method) -> SimpleNamespa
 
     @wp.func
     def held(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, jb: t.JB, w: VQ, free: DV):
-        out = wp.static(mech.mass_matrix)(params, row, jb) * free
-        by_q = wp.static(motion.motion_by_q)(params, row, fr, jb, w, VQ(), ZERO, params, wp.static(-1))
+        out = wp.static(mass.matrix)(params, row, fr, jb) * free
+        by_q = wp.static(mass.by_q)(params, row, fr, jb, w)
         for k in range(wp.static(NV)):
             for j in range(wp.static(NV)):
                 out[j, k] = out[j, k] - by_q[j, k]

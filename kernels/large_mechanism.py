@@ -20,6 +20,7 @@ def make_large_mechanism(given: type) -> SimpleNamespace:
     dtype = WORK
     V2, V4 = wp.types.vector(2, dtype), wp.types.vector(4, dtype)
     ZERO, ONE, TWO = dtype(0.0), dtype(1.0), dtype(2.0)
+    H = COLUMN["step_size"]
     ANCHOR, ANGLE, AXIS_OF, COM, MASS, INERTIA, GRAVITY, DAMPING, GEAR = (
         COLUMN[n] for n in ("anchor", "angle", "axis", "com", "mass", "inertia", "gravity", "damping", "gear")
     )
@@ -99,13 +100,20 @@ def make_large_mechanism(given: type) -> SimpleNamespace:
         external: wp.array2d(dtype=given),
         world: int,
     ):
-        """M into k.mass, r(q, v) and the external forces into k.move."""
+        """M (with implicit damping M + h C, `springs` adds their part) into k.mass, r(q, v) and the external
+        forces into k.move.
+        """
         gx = number(t, params, row, GRAVITY, 0)
         gy = number(t, params, row, GRAVITY, 1)
-        for j in range(t.nv):
-            k.move[t.place[j], b] = -number(t, params, row, DAMPING, j) * k.v0[j, b]
+        h = number(t, params, row, H, 0)
         for i in range(k.mass.shape[0]):
             k.mass[i, b] = ZERO
+        for j in range(t.nv):
+            damping = number(t, params, row, DAMPING, j)
+            p = t.place[j]
+            k.move[p, b] = -damping * k.v0[j, b]
+            if t.implicit_damping == 1:
+                k.mass[t.mass_at[p] + p, b] = h * damping
         for i in range(t.nb):
             mass = number(t, params, row, MASS, i)
             inertia = number(t, params, row, INERTIA, i)
@@ -187,6 +195,43 @@ def make_large_mechanism(given: type) -> SimpleNamespace:
                 k.move[place, b] = k.move[place, b] + arm[0] * f[0] + arm[1] * f[1]
 
     @wp.func
+    def slope(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, j: int, p: V4, d: V2):
+        """How fast a point moves along d at unit rate of `j`."""
+        arm = column(t, k, params, row, b, j, p[0], p[1])
+        return arm[0] * d[0] + arm[1] * d[1]
+
+    @wp.func
+    def couple(
+        t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, left: int, p: V4, right: int,
+        o: V4, d: V2, weight: dtype,
+    ):  # fmt: skip
+        """Add weight (d.J_left)' (d.J_right) of points of two bodies to the lower triangle."""
+        if left != WORLD and right != WORLD:
+            for at in range(t.chain_start[left], t.chain_start[left + 1]):
+                i = t.place[t.chain[at]]
+                push_i = weight * slope(t, k, params, row, b, t.chain[at], p, d)
+                for by in range(t.chain_start[right], t.chain_start[right + 1]):
+                    j = t.place[t.chain[by]]
+                    if j <= i:
+                        slot = t.mass_at[i] + j
+                        value = push_i * slope(t, k, params, row, b, t.chain[by], o, d)
+                        k.mass[slot, b] = k.mass[slot, b] + value
+
+    @wp.func
+    def drag(
+        t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, i: int, pa: V4, pb: V4,
+        d: V2, damping: dtype,
+    ):  # fmt: skip
+        """Add h C of the damper of spring i, c a a'/s, to k.mass."""
+        weight = number(t, params, row, H, 0) * damping
+        first = t.spring_body[2 * i]
+        other = t.spring_body[2 * i + 1]
+        couple(t, k, params, row, b, first, pa, first, pa, d, weight)
+        couple(t, k, params, row, b, other, pb, other, pb, d, weight)
+        couple(t, k, params, row, b, first, pa, other, pb, d, -weight)
+        couple(t, k, params, row, b, other, pb, first, pa, d, -weight)
+
+    @wp.func
     def springs(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int):
         """Add the forces of springs at joints and between points, as `springs.py` has them."""
         for i in range(t.sprung):
@@ -206,6 +251,8 @@ def make_large_mechanism(given: type) -> SimpleNamespace:
             g += number(t, params, row, DAMP, i) * rate * inv
             push(t, k, params, row, b, t.spring_body[2 * i], pa, g * d)
             push(t, k, params, row, b, t.spring_body[2 * i + 1], pb, -g * d)
+            if t.implicit_damping == 1:
+                drag(t, k, params, row, b, i, pa, pb, d, number(t, params, row, DAMP, i) * inv)
 
     @wp.func
     def control_force(

@@ -5,7 +5,8 @@ Two orders of the degrees of freedom occur. `dof` is the scene's. `place` is the
 one after the other (reverse Cuthill and McKee on the graph of the contact pairs), so that the matrix M + J' W
 J has a narrow envelope. Vectors of the solver are in places; q, v and parameters in dofs. A symmetric matrix
 is stored by the rows of its lower envelope, entry (i, j), j >= first[i], at index at[i] + j; M's envelope
-lies within that of M + J' W J, and ends at the trees' borders.
+lies within that of M + J' W J, and ends at the trees' borders. With implicit damping M + h C stands for M
+throughout: trees that a spring ties to each other are one block of it.
 """
 
 from dataclasses import dataclass
@@ -42,6 +43,7 @@ class Topology:
     springs: int
     inertia_scaling: int
     coulomb: int
+    implicit_damping: int
     columns: wp.array(dtype=wp.int32)  # first column of every parameter, in the order of NUMBERS, -1: none
     parent: wp.array(dtype=wp.int32)  # (nb)
     joint: wp.array(dtype=wp.int32)  # (nb)
@@ -74,7 +76,7 @@ class Topology:
     row_sign: wp.array(dtype=wp.int32)
     row_start: wp.array(dtype=wp.int32)  # (nr + 1) entries of J's rows
     row_place: wp.array(dtype=wp.int32)  # their columns
-    row_trees: wp.array(dtype=wp.int32)  # (4 nr) first and end place of the trees a row touches
+    row_trees: wp.array(dtype=wp.int32)  # (4 nr) first and end place of the blocks of M a row touches
 
 
 @dataclass(frozen=True)
@@ -103,13 +105,16 @@ def tables(s: Structure) -> tuple[dict[str, list[int]], Sizes]:
     out["dof_kind"] = [_dof_kind(s, j) for j in range(s.nv)]
     out["actuator"] = list(s.actuators)
     tree = _trees(s)
-    place = _places(s, tree)
+    ties = _ties(s, tree)
+    block = _blocks(tree, ties)
+    place = _places(s, tree, ties, block)
     out["place"] = place
-    extent = {t: (min(p), max(p) + 1) for t in set(tree)
-              for p in [[place[j] for j in range(s.nv) if tree[j] == t]]}  # fmt: skip
+    extent = {t: (min(p), max(p) + 1) for t in set(block)
+              for p in [[place[j] for j in range(s.nv) if block[j] == t]]}  # fmt: skip
+    begin = {t: min(place[j] for j in range(s.nv) if tree[j] == t) for t in set(tree)}
     mass_first = [0] * s.nv
     for j in range(s.nv):
-        mass_first[place[j]] = extent[tree[j]][0]
+        mass_first[place[j]] = min(begin[t] for t in {tree[j], *ties[tree[j]]})
     _pair_tables(s, chains, place, out)
     first = list(mass_first)
     columns = []
@@ -123,7 +128,7 @@ def tables(s: Structure) -> tuple[dict[str, list[int]], Sizes]:
             columns.append([place[j] for j in dofs])
         for p in columns[-1]:
             first[p] = min(first[p], columns[-1][0])
-        touched = sorted({extent[tree[j]] for j in dofs})
+        touched = sorted({extent[block[j]] for j in dofs})
         trees += [x for start_end in (*touched, (0, 0), (0, 0))[:2] for x in start_end]
     kinds = {("limit", 1): LOWER, ("limit", -1): UPPER}
     out["row_kind"] = [kinds.get((row.kind, row.sign), CONTACT) for row in s.rows]
@@ -143,6 +148,7 @@ def make_topology(s: Structure, inertia_scaling: bool, coulomb: bool, device: ob
     out.nb, out.nv, out.nu, out.nr, out.pairs = s.nb, s.nv, s.nu, s.nr, len(s.pairs)
     out.sprung, out.springs = len(s.sprung), len(s.springs)
     out.inertia_scaling, out.coulomb = int(inertia_scaling), int(coulomb)
+    out.implicit_damping = int(s.implicit_damping)
     for name, values in lists.items():
         setattr(out, name, wp.array(values, dtype=wp.int32, device=device))
     return out
@@ -180,28 +186,59 @@ def _trees(s: Structure) -> list[int]:
     return [root[b] for b in s.dof_body]
 
 
-def _places(s: Structure, tree: list[int]) -> list[int]:
-    """Reverse Cuthill-McKee order of the trees, dofs of a tree from its leaves to its root."""
-    dofs_of: dict[int, list[int]] = {}
-    for j, t in enumerate(tree):
-        dofs_of.setdefault(t, []).append(j)
-    near: dict[int, set[int]] = {t: set() for t in dofs_of}
-    root = {body: t for body, t in zip(s.dof_body, tree, strict=True)}
-    for pair in s.pairs:
-        a, b = (root.get(s.shapes[i].body) for i in (pair.shape_a, pair.shape_b))
-        if a is not None and b is not None and a != b:
-            near[a].add(b)
-            near[b].add(a)
+def _ties(s: Structure, tree: list[int]) -> dict[int, set[int]]:
+    """Trees that springs couple in M + h C with each tree."""
+    root = dict(zip(s.dof_body, tree, strict=True))
+    out: dict[int, set[int]] = {t: set() for t in tree}
+    for a, b in s.springs if s.implicit_damping else ():
+        if a != WORLD and b != WORLD and root[a] != root[b]:
+            out[root[a]].add(root[b])
+            out[root[b]].add(root[a])
+    return out
+
+
+def _blocks(tree: list[int], ties: dict[int, set[int]]) -> list[int]:
+    """The block of M of every dof, named by one of its trees."""
+    block: dict[int, int] = {}
+    for start in sorted(ties):
+        found = [] if start in block else [start]
+        while found:
+            t = found.pop()
+            block[t] = start
+            found += [other for other in ties[t] if other not in block]
+    return [block[t] for t in tree]
+
+
+def _cuthill_mckee(near: dict[int, set[int]]) -> list[int]:
+    """Order of Cuthill and McKee of a graph's nodes."""
     order: list[int] = []
-    for start in sorted(dofs_of, key=lambda t: (len(near[t]), t)):
+    for start in sorted(near, key=lambda t: (len(near[t]), t)):
         queue = [] if start in order else [start]
         while queue:
             t = queue.pop(0)
             order.append(t)
             known = set(order) | set(queue)
             queue += sorted(near[t] - known, key=lambda x: (len(near[x]), x))
+    return order
+
+
+def _places(s: Structure, tree: list[int], ties: dict[int, set[int]], block: list[int]) -> list[int]:
+    """Reverse Cuthill-McKee order of the blocks, in each of its trees, dofs of a tree from its leaves to its
+    root.
+    """
+    near: dict[int, set[int]] = {t: set() for t in block}
+    of_body = dict(zip(s.dof_body, block, strict=True))
+    for pair in s.pairs:
+        a, b = (of_body.get(s.shapes[i].body) for i in (pair.shape_a, pair.shape_b))
+        if a is not None and b is not None and a != b:
+            near[a].add(b)
+            near[b].add(a)
+    inside = _cuthill_mckee(ties)
+    block_of = dict(zip(tree, block, strict=True))
+    order = [t for k in _cuthill_mckee(near) for t in inside if block_of[t] == k]
     place = [0] * s.nv
-    for position, j in enumerate(j for t in reversed(order) for j in reversed(dofs_of[t])):
+    places = [j for t in reversed(order) for j in range(s.nv - 1, -1, -1) if tree[j] == t]
+    for position, j in enumerate(places):
         place[j] = position
     return place
 

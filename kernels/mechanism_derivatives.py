@@ -17,9 +17,12 @@ from .structure import REVOLUTE, Structure, layout
 
 
 @cached
-def make_mechanism_derivatives(s: Structure, dtype: type) -> SimpleNamespace:
+def make_mechanism_derivatives(s: Structure, dtype: type, trapezoidal: bool) -> SimpleNamespace:
     """Warp functions: first derivatives of the equations of motion and their contraction for second
     derivatives.
+
+    With implicit damping those by q at constant w are of M w - h r for dampers at v + w (Euler), and all of
+    the trapezoidal integrator are without dampers: `effective_mass.py` has what is missing.
     """
     mech = make_mechanism(s, dtype)
     t = mech.types
@@ -32,10 +35,21 @@ def make_mechanism_derivatives(s: Structure, dtype: type) -> SimpleNamespace:
     springs = tuple(make_spring(s, i, dtype) for i in range(len(s.springs)))
     rev = tuple(kind == REVOLUTE for kind in s.dof_kind)
     second = tuple(make_second(s, b, dtype) for b in range(NB))
+    met_late = s.implicit_damping
+    undamped = s.implicit_damping and trapezoidal
     both = tuple(
         tuple(tuple(s.in_chain(b, i) and s.in_chain(b, j) for j in range(NV)) for i in range(NV))
         for b in range(NB)
     )
+
+    @wp.func
+    def damped_velocity(v: VQ, w: VQ, h: dtype):
+        """h times the velocity that dampers act with."""
+        if wp.static(undamped):
+            return VQ()
+        if wp.static(met_late):
+            return h * (v + w)
+        return h * v
 
     def make_body(b: int) -> wp.Function:
         @wp.func
@@ -117,17 +131,20 @@ def make_mechanism_derivatives(s: Structure, dtype: type) -> SimpleNamespace:
         for j in range(wp.static(NV)):
             if wp.static(j in s.sprung):
                 out[j, j] = out[j, j] + h * params[row, wp.static(STIFFNESS + j)]
-        for i in range(wp.static(len(springs))):
+        if wp.static(len(springs) > 0):
             if h != ZERO:
-                out = wp.static(springs[i].by_q)(params, row, fr, v, h, out)
+                y = damped_velocity(v, w, h)
+                for i in range(wp.static(len(springs))):
+                    out = wp.static(springs[i].by_q)(params, row, fr, y, h, out)
         return out
 
     @wp.func
     def motion_by_v(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, jb: JB, v: VQ, h: dtype):
         """d/dv_k of (-h r)_j."""
         out = MQ()
-        for j in range(wp.static(NV)):
-            out[j, j] = h * params[row, wp.static(DAMPING + j)]
+        if wp.static(not undamped):
+            for j in range(wp.static(NV)):
+                out[j, j] = h * params[row, wp.static(DAMPING + j)]
         for b in range(wp.static(NB)):
             factor = TWO * h * params[row, wp.static(MASS + b)]
             jac = wp.static(body_jacobians[b])(jb)
@@ -136,8 +153,9 @@ def make_mechanism_derivatives(s: Structure, dtype: type) -> SimpleNamespace:
                 for j in range(wp.static(NV)):
                     if wp.static(both[b][j][k]):
                         out[j, k] = out[j, k] + factor * (jac[0, j] * pv[0, k] + jac[1, j] * pv[1, k])
-        for i in range(wp.static(len(springs))):
-            out = wp.static(springs[i].by_v)(params, row, fr, v, h, out)
+        if wp.static(not undamped):
+            for i in range(wp.static(len(springs))):
+                out = wp.static(springs[i].by_v)(params, row, fr, h, out)
         return out
 
     @wp.func
@@ -181,9 +199,11 @@ def make_mechanism_derivatives(s: Structure, dtype: type) -> SimpleNamespace:
         for k in range(wp.static(NV)):
             for l in range(wp.static(k)):
                 out[k, l] = out[l, k]
-        for i in range(wp.static(len(springs))):
+        if wp.static(len(springs) > 0):
             if h != ZERO:
-                out = wp.static(springs[i].hessian_qq)(params, row, fr, p, v, h, out)
+                y = damped_velocity(v, w, h)
+                for i in range(wp.static(len(springs))):
+                    out = wp.static(springs[i].hessian_qq)(params, row, fr, p, y, h, out)
         return out
 
     @wp.func
@@ -203,8 +223,9 @@ def make_mechanism_derivatives(s: Structure, dtype: type) -> SimpleNamespace:
                         if wp.static(rev[min(k, m)]):
                             value += pv[0, wp.static(max(k, m))] * jp[1] - pv[1, wp.static(max(k, m))] * jp[0]
                         out[k, m] = out[k, m] + factor * value
-        for i in range(wp.static(len(springs))):
-            out = wp.static(springs[i].hessian_qv)(params, row, fr, p, v, h, out)
+        if wp.static(not undamped):
+            for i in range(wp.static(len(springs))):
+                out = wp.static(springs[i].hessian_qv)(params, row, fr, p, h, out)
         return out
 
     @wp.func

@@ -12,8 +12,8 @@ import warp as wp
 
 from .factories import cached
 from .method import Method
+from .parameter_damping import make_damped_gradient
 from .parameter_dual import make_dual
-from .parameter_motion import make_motion_gradient
 from .parameter_rows import make_row_gradient
 from .parameter_trapezoidal import make_trapezoidal_gradient
 from .structure import Structure, layout
@@ -29,8 +29,8 @@ def make_parameter_gradient(s: Structure, dtype: type, method: Method) -> wp.Fun
     duals = make_dual(s, dtype, method)
     linear = duals.linear
     step = linear.step
-    mech, rows, t = step.mech, step.rows, step.types
-    part = make_motion_gradient(s, dtype, method)
+    rows, t = step.rows, step.types
+    part = make_damped_gradient(s, dtype, method)
     constraints = make_row_gradient(s, dtype, method)
     H = layout(s).offset("step_size")
     VQ, VX, VU, VR = t.VQ, t.VX, t.VU, t.VR
@@ -64,7 +64,7 @@ def make_parameter_gradient(s: Structure, dtype: type, method: Method) -> wp.Fun
         motion.w = lin.w
         motion.h = h
         motion.kappa = dual.kappa
-        force = wp.static(mech.mass_matrix)(params, row, lin.jb) * lin.w / h  # r + u
+        force = wp.static(step.mass.matrix)(params, row, lin.fr, lin.jb) * lin.w / h  # r + u
         for i in range(wp.static(s.nr)):
             if (sol.mask & wp.static(1 << i)) != 0:
                 force = wp.static(rows.adds[i])(force, sol.jac, -sol.lam[i] / h)

@@ -1,7 +1,7 @@
 """The motion part of the gradient by parameters: masses, inertias and places of the centres of mass.
 
-See `parameter_gradient.py` for the rule. The scalar is P.(M w - h r) - sum_i kappa_i m_i' M m_i, with
-m_i = M^-1 J_i' and the last term only under inertia scaling.
+See `parameter_gradient.py` for the rule. The scalar is P.(M w - h r) - sum_i kappa_i m_i' M m_i, with m_i of
+`normals` and the last term only under inertia scaling; where damping is implicit P.C y instead of h P.C v.
 """
 
 from types import SimpleNamespace
@@ -212,6 +212,25 @@ def make_motion_gradient(s: Structure, dtype: type, method: Method) -> SimpleNam
 
     joints = tuple(make_joint(j) for j in range(NB))
 
+    @wp.func
+    def dampers(
+        params: wp.array2d(dtype=dtype),
+        row: int,
+        fr: t.FRAMES,
+        q: VQ,
+        p: VQ,
+        y: VQ,
+        share: dtype,
+        grad: wp.array2d(dtype=dtype),
+        world: int,
+    ):
+        """Adds the derivative of P.C y, and of a share of what springs between points pull along P."""
+        if wp.static(s.implicit_damping):
+            for j in range(wp.static(s.nv)):
+                add(grad, world, wp.static(col["damping"] + j), p[j] * y[j])
+        for i in range(wp.static(len(springs))):
+            wp.static(springs[i])(params, row, fr, q, y, p, share, grad, world)
+
     inertia_of = tuple(make_inertia(b) for b in range(NB))
     own_shifts = tuple(make_shift(b, b) for b in range(NB))
 
@@ -224,6 +243,7 @@ def make_motion_gradient(s: Structure, dtype: type, method: Method) -> SimpleNam
         q: VQ,
         u: t.VU,
         m: Motion,
+        y: VQ,
         normals: JR,
         external: wp.array2d(dtype=dtype),
         world: int,
@@ -238,15 +258,18 @@ def make_motion_gradient(s: Structure, dtype: type, method: Method) -> SimpleNam
             wp.static(joints[b])(params, row, fr, jb, q, m, normals, external, world, grad)
         add2(grad, world, wp.static(col["gravity"]), -m.h * pulled)
         for j in range(wp.static(s.nv)):
-            add(grad, world, wp.static(col["damping"] + j), m.h * m.p[j] * m.v[j])
+            if wp.static(not s.implicit_damping):
+                add(grad, world, wp.static(col["damping"] + j), m.h * m.p[j] * m.v[j])
             if wp.static(j in s.sprung):
                 stretch = q[j] - params[row, wp.static(col["rest"] + j)]
                 add(grad, world, wp.static(col["stiffness"] + j), m.h * m.p[j] * stretch)
                 pull = m.h * m.p[j] * params[row, wp.static(col["stiffness"] + j)]
                 add(grad, world, wp.static(col["rest"] + j), -pull)
-        for i in range(wp.static(len(springs))):
-            wp.static(springs[i])(params, row, fr, q, m.v, m.p, m.h, grad, world)
+        if wp.static(s.implicit_damping):
+            dampers(params, row, fr, q, m.p, y, m.h, grad, world)
+        elif wp.static(len(springs) > 0):
+            dampers(params, row, fr, q, m.p, m.h * m.v, m.h, grad, world)
         for i in range(wp.static(s.nu)):
             add(grad, world, wp.static(col["gear"] + i), -m.h * m.p[wp.static(s.actuators[i])] * u[i])
 
-    return SimpleNamespace(Motion=Motion, moving=moving)
+    return SimpleNamespace(Motion=Motion, moving=moving, dampers=dampers, linear=linear)

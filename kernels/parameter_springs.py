@@ -1,7 +1,7 @@
 """Gradient by the parameters of springs between points; notation of `springs.py`.
 
-A spring adds h G A to the scalar P.F1, A = a.P = Delta.V(P) with V(y) the velocity of its second point
-against the first, and G(s, m; k, c, L) with s = |Delta|^2 + eps(L)^2, m = Delta.V(v).
+A spring adds G A to the scalar P.F1, A = a.P = Delta.V(P) with V(y) the velocity of its second point against
+the first, and G(s, m; k, c, L) with s = |Delta|^2 + eps(L)^2, m = Delta.V(y), and a share of k.
 """
 
 import warp as wp
@@ -14,7 +14,7 @@ from .structure import Structure, layout
 
 @cached
 def make_spring_gradient(s: Structure, index: int, dtype: type) -> wp.Function:
-    """gradient(params, row, fr, q, v, P, h, grad, world): adds the columns of spring `index` and of all
+    """gradient(params, row, fr, q, y, P, share, grad, world): adds the columns of spring `index` and of all
     joints above its points.
     """
     spring = make_spring(s, index, dtype)
@@ -34,28 +34,28 @@ def make_spring_gradient(s: Structure, index: int, dtype: type) -> wp.Function:
         row: int,
         fr: t.FRAMES,
         q: VQ,
-        v: VQ,
+        y: VQ,
         p: VQ,
-        h: dtype,
+        share: dtype,
         grad: wp.array2d(dtype=dtype),
         world: int,
     ):
-        e = wp.static(spring.span)(params, row, fr, v)
-        k = params[row, wp.static(K)]
+        e = wp.static(spring.span)(params, row, fr, y, share)
+        k = share * params[row, wp.static(K)]
         rest = params[row, wp.static(L)]
         root = wp.sqrt(e.inv)
-        work = h * wp.dot(e.a, p)
-        add(grad, world, wp.static(K), work * (ONE - rest * root))
-        add(grad, world, wp.static(C), work * wp.dot(e.a, v) * e.inv)
+        work = wp.dot(e.a, p)
+        add(grad, world, wp.static(K), share * work * (ONE - rest * root))
+        add(grad, world, wp.static(C), work * wp.dot(e.a, y) * e.inv)
         by_eps = TWO * e.g[1] * wp.static(spring.rounding)(rest)
         add(grad, world, wp.static(L), work * (by_eps * SHORT - k * root))
-        along = (h * e.g[0]) * e.delta  # by V(P)
-        across = (work * e.g[2]) * e.delta  # by V(v)
-        shift = (h * e.g[0]) * (e.jb * p - e.ja * p)
-        shift += work * (TWO * e.g[1] * e.delta + e.g[2] * (e.jb * v - e.ja * v))
-        own = chain_a(params, row, fr, q, e.pa, e.ja, -shift, -along, p, -across, v, ZERO, grad, world)
+        along = e.g[0] * e.delta  # by V(P)
+        across = (work * e.g[2]) * e.delta  # by V(y)
+        shift = e.g[0] * (e.jb * p - e.ja * p)
+        shift += work * (TWO * e.g[1] * e.delta + e.g[2] * (e.jb * y - e.ja * y))
+        own = chain_a(params, row, fr, q, e.pa, e.ja, -shift, -along, p, -across, y, ZERO, grad, world)
         add2(grad, world, wp.static(POINT), own)
-        own = chain_b(params, row, fr, q, e.pb, e.jb, shift, along, p, across, v, ZERO, grad, world)
+        own = chain_b(params, row, fr, q, e.pb, e.jb, shift, along, p, across, y, ZERO, grad, world)
         add2(grad, world, wp.static(POINT + 2), own)
 
     return gradient

@@ -2,9 +2,9 @@
 
 From x' back: the contact problems of v' and of v* (`step.py`) weigh v_free = reached - push; `reached` is the
 free motion under the predicted contact forces; push = v_1 - v_0 comes from the predictor's contact problem,
-whose v_0 is the free motion without them. Free motion (`free_motion.py`) with D = reached - v and c = M push:
+whose v_0 is the free motion without them. Free motion (`free_motion.py`) with D = reached - v and c = N push:
 
-    G = M D + h/2 K_v D + h^2/4 K_q (D + 2 v) - h (r + u) - c = 0,  M a = r + u + c/h.
+    G = N D + h/2 K_v D + h^2/4 K_q (D + 2 v) - h (r + u) - c = 0,  N a = r + u + c/h.
 
 Of L.G the part K_v y_v + K_q y_q is the slope of L.(M a - r) along (y_q, y_v), and so is its gradient that of
 the gradient that `parameter_motion.py` has: taken as a central difference of sixth order, exact to rounding.
@@ -15,8 +15,8 @@ import warp as wp
 from .factories import cached
 from .free_motion import make_elimination
 from .method import Method
+from .parameter_damping import make_damped_gradient
 from .parameter_dual import make_dual
-from .parameter_motion import make_motion_gradient
 from .parameter_rows import make_row_gradient
 from .structure import Structure, layout
 
@@ -31,7 +31,7 @@ def make_trapezoidal_gradient(s: Structure, dtype: type, method: Method) -> wp.F
     linear = duals.linear
     step, motion = linear.step, linear.motion
     mech, t = step.mech, step.types
-    part_of = make_motion_gradient(s, dtype, method)
+    part_of = make_damped_gradient(s, dtype, method)
     constraints = make_row_gradient(s, dtype, method)
     lu = make_elimination(s.nv, dtype)
     VQ, VX, VU, VR, MQ, JR = t.VQ, t.VX, t.VU, t.VR, t.MQ, t.JR
@@ -63,7 +63,7 @@ def make_trapezoidal_gradient(s: Structure, dtype: type, method: Method) -> wp.F
         h = params[row, wp.static(H)]
         kq = wp.static(motion.motion_by_q)(params, row, start.fr, start.jb, a, v, ONE, external, world)
         kv = wp.static(motion.motion_by_v)(params, row, start.fr, start.jb, v, ONE)
-        mass = wp.static(mech.mass_matrix)(params, row, start.jb)
+        mass = wp.static(step.mass.matrix)(params, row, start.fr, start.jb)
         e = mass + HALF * h * (kv + HALF * h * kq)
         l = -wp.static(lu.solve)(wp.static(lu.factor)(wp.transpose(e)), target)
         yv = HALF * h * d
@@ -107,7 +107,13 @@ def make_trapezoidal_gradient(s: Structure, dtype: type, method: Method) -> wp.F
                 form.h = ONE
                 fr = wp.static(mech.frames)(params, row, at)
                 jb = wp.static(mech.com_jacobians)(params, row, fr)
-            part_of.moving(params, row, fr, jb, at, u, form, JR(), external, world, grad)
+            if wp.static(step.mass.implicit):
+                if i < wp.static(POINTS):  # K_q and K_v are without dampers
+                    part_of.undamped(params, row, fr, jb, at, u, form, external, world, grad)
+                else:
+                    part_of.moving(params, row, fr, jb, at, u, form, JR(), external, world, grad)
+            else:
+                part_of.moving(params, row, fr, jb, at, u, form, JR(), external, world, grad)
             i += 1
         force = mass * (a - push / h)  # r + u
         by_h = HALF * (kv * d) + h * (kq * (HALF * d + v)) - force
@@ -142,7 +148,7 @@ def make_trapezoidal_gradient(s: Structure, dtype: type, method: Method) -> wp.F
         start = linear.Linear()
         start.fr = lin.fr
         start.jb = lin.jb
-        mass = wp.static(mech.mass_matrix)(params, row, start.jb)
+        mass = wp.static(step.mass.matrix)(params, row, start.fr, start.jb)
         first, drifting = step.parts(params, row, start.fr, q, v, sol)
         now = sol
         onto = VQ()  # weight of v_free, then of v_0

@@ -31,7 +31,7 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
     """
     step = make_step(s, dtype, method, False)
     mech, rows, t, Solution = step.mech, step.rows, step.types, step.Solution
-    motion = make_mechanism_derivatives(s, dtype)
+    motion = make_mechanism_derivatives(s, dtype, method.trapezoidal)
     pairs = tuple(make_pair_derivatives(s, k, dtype) for k in range(len(s.pairs)))
     sweep = make_sweep(s, dtype, method)
     coulomb = method.coulomb and s.nr > 0
@@ -47,7 +47,7 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
     DZ = wp.types.matrix((max(NR, 1), NZ), dtype)
     DV = step.free.DV
     TAU = dtype(PROXIMAL[dtype])
-    ZERO, ONE, HALF = dtype(0.0), dtype(1.0), dtype(0.5)
+    ONE, HALF = dtype(1.0), dtype(0.5)
     H = lay.offset("step_size")
     index = tuple(r.index for r in s.rows)
     sign = tuple(dtype(float(r.sign)) for r in s.rows)
@@ -98,9 +98,7 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
                 m = VQ()
                 for j in range(wp.static(NV)):
                     m[j] = lin.m[i, j]
-                by_q = wp.static(motion.motion_by_q)(
-                    params, row, lin.fr, lin.jb, m, v, ZERO, params, wp.static(-1)
-                )
+                by_q = wp.static(step.mass.by_q)(params, row, lin.fr, lin.jb, m)
                 share = sol.lam[i] / sol.scale[i]
                 for k in range(wp.static(NV)):
                     value = lin.scale_by_q[i, k]
@@ -286,9 +284,7 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
                     if wp.static(i in pair_rows[k]):
                         for j in range(wp.static(NV)):
                             motion_p[i, j] = motion_p[i, j] - lin.gap_row[i, j] / params[row, wp.static(H)]
-        force += wp.static(motion.motion_by_q)(
-            params, row, lin.fr, lin.jb, fac.p, VQ(), ZERO, params, wp.static(-1)
-        )
+        force += wp.static(step.mass.by_q)(params, row, lin.fr, lin.jb, fac.p)
         return least.complete(fac, sol.minv, sol.jac, sol.lam, -force, motion_p, lin.scale_by_q)
 
     @wp.func

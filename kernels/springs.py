@@ -18,9 +18,10 @@ from .structure import REVOLUTE, WORLD, Structure, layout
 
 @cached
 def make_spring(s: Structure, index: int, dtype: type) -> SimpleNamespace:
-    """Warp functions of spring `index`; the derivatives are those of -h r, and add to what they are given.
+    """Warp functions of spring `index`; the derivatives add to what they are given. They are of -r with a
+    share of the stiffness, and the damper seeing y: of -h r with share = h, y = h v.
 
-    span(params, row, frames, v) -> Span: what all of them are made of; rounding(L) = eps, of slope SHORT.
+    span(params, row, frames, y, share) -> Span: what all are made of; rounding(L) = eps, of slope SHORT.
     """
     kin = make_kinematics(s, dtype)
     t = kin.types
@@ -74,7 +75,7 @@ def make_spring(s: Structure, index: int, dtype: type) -> SimpleNamespace:
         return SHORT * rest + TINY
 
     @wp.func
-    def span(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, v: VQ):
+    def span(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, y: VQ, share: dtype):
         out = Span()
         pa = wp.static(point_a)(params, row, fr)
         pb = wp.static(point_b)(params, row, fr)
@@ -88,8 +89,8 @@ def make_spring(s: Structure, index: int, dtype: type) -> SimpleNamespace:
             slope = out.delta[0] * (out.jb[0, j] - out.ja[0, j])
             slope += out.delta[1] * (out.jb[1, j] - out.ja[1, j])
             out.a[j] = slope
-            m += slope * v[j]
-        k = params[row, wp.static(K)]
+            m += slope * y[j]
+        k = share * params[row, wp.static(K)]
         c = params[row, wp.static(C)]
         rest = params[row, wp.static(L)]
         eps = rounding(rest)
@@ -177,39 +178,38 @@ def make_spring(s: Structure, index: int, dtype: type) -> SimpleNamespace:
     @wp.func
     def force(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, v: VQ, total: VQ):
         """total + r"""
-        e = span(params, row, fr, v)
+        e = span(params, row, fr, v, ONE)
         return total - e.g[0] * e.a
 
     @wp.func
-    def by_q(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, v: VQ, h: dtype, total: MQ):
-        e = span(params, row, fr, v)
-        slope = TWO * e.g[1] * e.a + e.g[2] * bend(e, v)
-        return total + h * (e.g[0] * second(e) + wp.outer(e.a, slope))
+    def by_q(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, y: VQ, share: dtype, total: MQ):
+        e = span(params, row, fr, y, share)
+        slope = TWO * e.g[1] * e.a + e.g[2] * bend(e, y)
+        return total + e.g[0] * second(e) + wp.outer(e.a, slope)
 
     @wp.func
-    def by_v(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, v: VQ, h: dtype, total: MQ):
-        e = span(params, row, fr, v)
+    def by_v(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, h: dtype, total: MQ):
+        """total + h C"""
+        e = span(params, row, fr, VQ(), ZERO)
         return total + (h * e.g[2]) * wp.outer(e.a, e.a)
 
     @wp.func
     def hessian_qq(
-        params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, p: VQ, v: VQ, h: dtype, total: MQ
+        params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, p: VQ, y: VQ, share: dtype, total: MQ
     ):
-        e = span(params, row, fr, v)
+        e = span(params, row, fr, y, share)
         along = wp.dot(p, e.a)
-        hv = bend(e, v)
+        hy = bend(e, y)
         hp = bend(e, p)
-        slope = TWO * e.g[1] * e.a + e.g[2] * hv
-        cross = (TWO * e.g[4] * along) * wp.outer(e.a, hv) + wp.outer(slope, hp)
+        slope = TWO * e.g[1] * e.a + e.g[2] * hy
+        cross = (TWO * e.g[4] * along) * wp.outer(e.a, hy) + wp.outer(slope, hp)
         out = (dtype(4.0) * e.g[3] * along) * wp.outer(e.a, e.a) + (TWO * e.g[1] * along) * second(e)
-        out += cross + wp.transpose(cross) + (e.g[2] * along) * third(e, v) + e.g[0] * third(e, p)
-        return total + h * out
+        out += cross + wp.transpose(cross) + (e.g[2] * along) * third(e, y) + e.g[0] * third(e, p)
+        return total + out
 
     @wp.func
-    def hessian_qv(
-        params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, p: VQ, v: VQ, h: dtype, total: MQ
-    ):
-        e = span(params, row, fr, v)
+    def hessian_qv(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, p: VQ, h: dtype, total: MQ):
+        e = span(params, row, fr, VQ(), ZERO)
         along = wp.dot(p, e.a)
         slope = e.g[2] * bend(e, p) + (TWO * e.g[4] * along) * e.a
         return total + h * (wp.outer(slope, e.a) + (e.g[2] * along) * second(e))

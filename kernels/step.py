@@ -1,10 +1,11 @@
 """One time step (1a)-(1d) with smoothed or hard complementarity, as a Warp function.
 
-Stages: kinematics and M; free velocity (`free_motion.py`); rows that can act; their solution v', lambda;
-q' = q + h v'. With the trapezoidal integrator a first contact problem predicts J' lambda, which then counts
-among the forces of the free motion and is taken off again, v_free = reached - M^-1 J' lambda; and q' = q +
-h v*, where v* solves the same contact problem from the mean free velocity (v + v_free)/2: free flight
-follows the trapezoidal rule, what rests stays, nothing penetrates.
+Stages: kinematics and M, or with implicit damping the N that stands for it (`effective_mass.py`); free
+velocity (`free_motion.py`); rows that can act; their solution v', lambda; q' = q + h v'. With the trapezoidal
+integrator a first contact problem predicts J' lambda, which then counts among the forces of the free motion
+and is taken off again, v_free = reached - N^-1 J' lambda; and q' = q + h v*, where v* solves the same contact
+problem from the mean free velocity (v + v_free)/2: free flight follows the trapezoidal rule, what rests
+stays, nothing penetrates.
 A row is left out while w = J v' + d/h > cut sigma, where its smoothed impulse s(-w)/D is below the dtype's
 resolution (with ERM all rows or none, see `erm.py`); the test is repeated with the solved v' until no row has
 to be added, so leaving out is exact to rounding.
@@ -16,6 +17,7 @@ import warp as wp
 
 from .acting import make_acting, rows_of_pairs
 from .coulomb import make_coulomb_solver
+from .effective_mass import make_effective_mass
 from .end_gap import REFINEMENTS, make_end_gap, make_unsteady
 from .erm_descent import make_erm_solver
 from .factories import cached
@@ -41,6 +43,7 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
     t = mech.types
     rows = make_rows(s, dtype, method)
     free = make_free_motion(s, dtype, method)
+    mass = make_effective_mass(s, dtype, method)
     NV, NR, NP = s.nv, s.nr, len(s.pairs)
     VQ, VX, VU, VR, MQ, JR = t.VQ, t.VX, t.VU, t.VR, t.MQ, t.JR
     VN = wp.types.vector(2 * max(NP, 1), dtype)
@@ -157,7 +160,7 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
         out = Solution()
         fr = wp.static(mech.frames)(params, row, q)
         jb = wp.static(mech.com_jacobians)(params, row, fr)
-        minv = wp.static(mech.inverse)(wp.static(mech.mass_matrix)(params, row, jb))
+        minv = wp.static(mech.inverse)(wp.static(mass.matrix)(params, row, fr, jb))
         force = generalised_force(params, row, q, fr, jb, v, u, external, world)
         vfree, a = wp.static(free.velocity)(params, row, fr, jb, minv, v, force, external, world)
         out.minv = minv
@@ -216,7 +219,7 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
             if part == 0:
                 if out.mask != 0:
                     push = out.v - out.vfree
-                    held = force + wp.static(mech.mass_matrix)(params, row, jb) * push / h
+                    held = force + wp.static(mass.matrix)(params, row, fr, jb) * push / h
                     reached, a = wp.static(free.velocity)(
                         params, row, fr, jb, start.minv, v, held, external, world
                     )
@@ -381,6 +384,7 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
         parts=parts,
         posed=posed,
         free=free,
+        mass=mass,
         noise=noise,
         next_state=next_state,
     )

@@ -91,6 +91,7 @@ class Structure:
     sprung: tuple[int, ...] = ()  # degrees of freedom with a joint spring
     springs: tuple[tuple[int, int], ...] = ()  # bodies that a spring ties
     uncertain: bool = False  # whether there are covariances of the state, eq. (18)
+    implicit_damping: bool = False  # whether dampers act with the velocity at the end of a step
 
     @property
     def nb(self) -> int:
@@ -154,8 +155,16 @@ class Structure:
         return self.in_chain(body, dof) and self.dof_kind[dof] == REVOLUTE
 
     def coupled(self, i: int, j: int) -> bool:
-        """Whether M[i, j] can differ from zero: some body is moved by both."""
-        return any(self.in_chain(b, i) and self.in_chain(b, j) for b in range(self.nb))
+        """Whether M[i, j] (with implicit damping M + h C) can differ from zero: both move some body, or the
+        ends of some damper.
+        """
+        groups = [{b} for b in range(self.nb)]
+        if self.implicit_damping:
+            groups += [set(spring) for spring in self.springs]
+        return any(
+            any(self.in_chain(b, i) for b in group) and any(self.in_chain(b, j) for b in group)
+            for group in groups
+        )
 
 
 @dataclass(frozen=True)

@@ -38,7 +38,8 @@ class Body:
         anchor: joint position in the parent's frame [m]. angle: turn of this body's frame at q = 0 [rad].
         axis: unit direction of a prismatic joint in the parent's frame (of length 1 to 0.005).
         com: centre of mass in the body's frame, whose origin is the joint [m].
-        damping: joint damping >= 0, one number per degree of freedom [N m s/rad, N s/m].
+        damping: joint damping >= 0, one number per degree of freedom [N m s/rad, N s/m]; met at the end of
+            a step unless the scene says otherwise (`Scene.implicit_damping`).
         stiffness, rest: joint spring per degree of freedom, force -stiffness (q - rest) [N m/rad, N/m; rad,
             m]; stiffness None: no spring.
         lower, upper: limits per degree of freedom, lower <= upper (None: no limit, no row).
@@ -154,6 +155,9 @@ class Scene:
             rad/s].
         initial_state: x0 = (q, v), (2 nv,). period: per degree of freedom > 0, or None: q_j and q_j + period
             look alike.
+        implicit_damping: whether dampers, of joints and of springs, act with the velocity at the end of a
+            step: stable for every c h/m. False: with that at its start, the paper's r(q, v), which diverges
+            for c h/m > 2.
     """
 
     name: str
@@ -167,6 +171,7 @@ class Scene:
     initial_state: tuple[float, ...] | None = None
     period: tuple[float | None, ...] | None = None
     springs: tuple[Spring, ...] = ()
+    implicit_damping: bool = True
     structure: Structure = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:

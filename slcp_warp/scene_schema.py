@@ -66,7 +66,7 @@ def _type(owner: str, name: str, hint: Any, in_list: bool = False) -> dict[str, 
         return {"$ref": f"#/$defs/{hint.__name__}"}  # type: ignore[union-attr]
     if hint is type(None):
         return {"enum": [None, NO_VALUE]} if in_list else {"type": "null"}
-    simple = {str: "string", int: "integer", float: "number"}
+    simple = {str: "string", int: "integer", float: "number", bool: "boolean"}
     if hint in simple:
         return {"type": simple[hint]}
     arguments = typing.get_args(hint)

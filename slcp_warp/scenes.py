@@ -35,8 +35,8 @@ def flicking_finger(gravity: float = -4.0) -> Scene:
     ellipse.
 
     State (theta1, theta2, theta3, rates): theta2 is relative to link 1, theta3 is the free ellipse's major
-    axis. A link's joint sits at the tip of its major axis. Density 1, drag .2, .2, .7, mu = .5, h = .05,
-    sigma = .1.
+    axis. A link's joint sits at the tip of its major axis. Density 1, drag .2, .2, .7 (explicit, as in the
+    paper's r(q, v)), mu = .5, h = .05, sigma = .1.
     """
     mass, inertia = _ellipse_inertia(FINGER_RADII)
     free_mass, free_inertia = _ellipse_inertia(FREE_RADII)
@@ -60,6 +60,7 @@ def flicking_finger(gravity: float = -4.0) -> Scene:
         step_size=0.05,
         sigma=0.1,
         initial_state=(-0.3, -0.3, 0.4, 0.0, 0.0, 0.0),
+        implicit_damping=False,
         period=(None, None, math.pi),
     )  # fmt: skip
 

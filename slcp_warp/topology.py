@@ -117,7 +117,7 @@ def structure_of(scene: "Scene") -> Structure:
         springs.append((a, b))
     return Structure(
         tuple(bodies), tuple(shapes), tuple(pairs), tuple(lower), tuple(upper), tuple(actuators),
-        tuple(sprung), tuple(springs),
+        tuple(sprung), tuple(springs), implicit_damping=scene.implicit_damping,
     )  # fmt: skip
 
 

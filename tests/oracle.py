@@ -6,6 +6,9 @@ plane; M and r(q, v) are the bodies' own Newton-Euler equations projected on tho
 found by trying directions all round and bisecting; touched points come from the ellipses' parametric form and
 their Jacobians from complex steps of body-fixed points. Functions take any leading batch axes: q (..., nv).
 
+With implicit damping (`Scene.implicit_damping`) the dampers' forces act with the velocity v' and M + h C
+stands where the step is solved, C from forces at unit velocities.
+
 Step (1), (17): M v' = h (r + u) + M v + J' lambda,  a = D lambda,  b = J v' + d / h,  a - s(a - b) = 0, or
 min(a, b) = 0 for the hard problem.
 """
@@ -136,6 +139,15 @@ class Oracle:
         pull = pull + self.p["spring_damping"][..., i] * rate
         return -np.einsum("...,...i,...ij->...j", pull / length, delta, jac)
 
+    def damping_matrix(self, q):
+        """C(q), (..., nv, nv): what dampers oppose to unit velocities."""
+        joints = self.p["damping"][..., None] * np.eye(self.nv) + 0.0 * q[..., None]
+        for i in range(len(self.structure.springs)):
+            still = self.spring_force(q, np.zeros(q.shape), i)
+            moved = [self.spring_force(q, 0.0 * q + unit, i) - still for unit in np.eye(self.nv)]
+            joints = joints - np.stack(moved, axis=-1)
+        return joints
+
     def energy(self, q, v):
         """Kinetic plus potential energy (...)."""
         pose = self.poses(q).reshape(q.shape[:-1] + (-1, 3))
@@ -265,11 +277,17 @@ class Oracle:
     # ---------------------------------------------------------------- one step
 
     def problem(self, x, u=None, external=None, scaling="inertia"):
-        """What one step solves: a dict of M, f = M vfree, J, d, rate = d / h, A, b, D, sigma, h, margin."""
+        """What one step solves: a dict of M (or M + h C), f = M vfree, J, d, rate = d / h, A, b, D,
+        sigma, h, margin.
+        """
         q, v = x[..., : self.nv], x[..., self.nv :]
         h = self.p["step_size"]
         mass = self.mass_matrix(q)
         f = h[..., None] * self.force(q, v, u, external) + np.einsum("...ij,...j->...i", mass, v)
+        if self.scene.implicit_damping:
+            drag = h[..., None, None] * self.damping_matrix(q)
+            f = f + np.einsum("...ij,...j->...i", drag, v)
+            mass = mass + drag
         d, jac, margin = self.rows(q)
         vfree = np.linalg.solve(mass, f[..., None])[..., 0]
         a = jac @ np.linalg.solve(mass, np.swapaxes(jac, -1, -2))
