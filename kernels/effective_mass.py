@@ -38,7 +38,7 @@ def make_effective_mass(s: Structure, dtype: type, method: Method) -> SimpleName
     VQ, MQ = t.VQ, t.MQ
     NV = s.nv
     H, DAMPING = lay.offset("step_size"), lay.offset("damping")
-    ZERO, HALF = dtype(0.0), dtype(0.5)
+    ZERO, ONE, HALF = dtype(0.0), dtype(1.0), dtype(0.5)
     springs = tuple(make_spring(s, i, dtype) for i in range(len(s.springs)))
     implicit, trapezoidal = s.implicit_damping, s.implicit_damping and method.trapezoidal
     damped_springs = implicit and len(springs) > 0
@@ -102,6 +102,19 @@ def make_effective_mass(s: Structure, dtype: type, method: Method) -> SimpleName
         return part_by_q(params, row, fr, jb, w, h * w)
 
     @wp.func
+    def slope_by_rate(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, jb: t.JB, w: VQ):
+        """d/dq of M w, or of what a w does in the trapezoidal rule's K_q: of (M + h C) w."""
+        return part_by_q(params, row, fr, jb, w, params[row, wp.static(H)] * w)
+
+    @wp.func
+    def drag_hessian(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, p: VQ):
+        """d2/dq_k dv_m of p.C v."""
+        out = MQ()
+        for i in range(wp.static(len(springs))):
+            out = wp.static(springs[i].hessian_qv)(params, row, fr, p, ONE, out)
+        return out
+
+    @wp.func
     def hessian(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, jb: t.JB, p: VQ, w: VQ):
         out = wp.static(motion.hessian_qq)(params, row, fr, jb, p, w, VQ(), ZERO, params, wp.static(-1))
         if wp.static(damped_springs):
@@ -116,7 +129,10 @@ def make_effective_mass(s: Structure, dtype: type, method: Method) -> SimpleName
         hessian=hessian,
         drag=drag,
         drag_by_q=drag_by_q,
+        drag_hessian=drag_hessian,
+        damped_springs=damped_springs,
         spread=spread,
+        slope_by_rate=slope_by_rate,
         implicit=implicit,
         trapezoidal=trapezoidal,
     )

@@ -7,9 +7,8 @@ paper's [6]) on a = M^-1 (r + u): (I - h/2 a_v - h^2/4 a_q) v_free = v + h (a - 
 
     E D = h (r + u) - h^2/2 K_q v,  E = N + h/2 K_v + h^2/4 K_q.
 
-With implicit damping K_q and K_v are those of a motion without dampers, which N has, and a = N^-1 (r + u), or
-stiff dampers would make K_q as large as they are; C keeps its value of the start of the step, so that dampers
-between points are of first order in how they turn.
+With implicit damping K_v is that of a motion without dampers, which N has. K_q, needed to O(h) only, has them
+at v + h a with a = N^-1 (r + u), or stiff ones would make it as large as they are.
 Contact impulses act through N^-1, not through E^-1, which is not symmetric. What that would cost is avoided
 by a predicted J' lambda among the forces (see `step.py`): only its error acts through the wrong matrix.
 External forces are constant in the world over the step; their generalised force follows q. E is solved by
@@ -80,7 +79,7 @@ def make_free_motion(s: Structure, dtype: type, method: Method) -> SimpleNamespa
     VQ, MQ = t.VQ, t.MQ
     DV = wp.types.matrix((NV, 2 * NV + NU), dtype)
     H, GEAR = lay.offset("step_size"), lay.offset("gear")
-    ZERO, ONE, HALF, TWO = dtype(0.0), dtype(1.0), dtype(0.5), dtype(2.0)
+    ONE, HALF, TWO = dtype(1.0), dtype(0.5), dtype(2.0)
 
     @wp.func
     def velocity(
@@ -154,6 +153,11 @@ def make_free_motion(s: Structure, dtype: type, method: Method) -> SimpleNamespa
                 for m in range(wp.static(NV)):
                     by_q[i, k] = by_q[i, k] + qv[k, m] * yv[m] + qq[k, m] * yq[m]
                     by_v[i, k] = by_v[i, k] + vv[k, m] * yv[m] + qv[m, k] * yq[m]
+            if wp.static(mass.damped_springs):  # of K_q alone
+                drag = wp.static(mass.drag_hessian)(params, row, fr, p)
+                for k in range(wp.static(NV)):
+                    for m in range(wp.static(NV)):
+                        by_v[i, k] = by_v[i, k] + drag[m, k] * yq[m]
         return by_q, by_v
 
     @wp.func
@@ -183,16 +187,13 @@ def make_free_motion(s: Structure, dtype: type, method: Method) -> SimpleNamespa
         for j in range(wp.static(NV)):
             p = VQ()
             p[j] = ONE
-            column = (
-                wp.static(motion.motion_by_q)(params, row, fr, jb, p, VQ(), ZERO, params, wp.static(-1)) * yq
-            )
+            column = wp.static(mass.slope_by_rate)(params, row, fr, jb, p) * yq
             for i in range(wp.static(NV)):
                 change[i, j] = column[i]
         pull = change * minv  # d(K_q yq)/da da/d(r + u)
         by_q, by_v = slopes_of_stiffness(params, row, fr, jb, v, a, yq, yv, external, world)
-        if wp.static(mass.implicit):  # f has dampers, K_q and K_v have none; N a = f
+        if wp.static(mass.implicit):  # N a = f, whose dampers are at v
             still = wp.static(motion.motion_by_q)(params, row, fr, jb, VQ(), v, ONE, external, world)
-            still = wp.static(mass.drag_by_q)(params, row, fr, v, still)
             drag = wp.static(mass.drag)(params, row, fr, ONE, kv)
             by_q += wp.static(mass.by_q)(params, row, fr, jb, d) + h * still
             by_q -= pull * (wp.static(mass.by_q)(params, row, fr, jb, a) + still)

@@ -21,8 +21,8 @@ def make_mechanism_derivatives(s: Structure, dtype: type, trapezoidal: bool) -> 
     """Warp functions: first derivatives of the equations of motion and their contraction for second
     derivatives.
 
-    With implicit damping those by q at constant w are of M w - h r for dampers at v + w (Euler), and all of
-    the trapezoidal integrator are without dampers: `effective_mass.py` has what is missing.
+    With implicit damping those by q at constant w are of M w - h r for dampers at v + w, where the
+    trapezoidal integrator's w is an acceleration at v + h w; its other derivatives are without dampers.
     """
     mech = make_mechanism(s, dtype)
     t = mech.types
@@ -37,16 +37,17 @@ def make_mechanism_derivatives(s: Structure, dtype: type, trapezoidal: bool) -> 
     second = tuple(make_second(s, b, dtype) for b in range(NB))
     met_late = s.implicit_damping
     undamped = s.implicit_damping and trapezoidal
+    H = lay.offset("step_size")
     both = tuple(
         tuple(tuple(s.in_chain(b, i) and s.in_chain(b, j) for j in range(NV)) for i in range(NV))
         for b in range(NB)
     )
 
     @wp.func
-    def damped_velocity(v: VQ, w: VQ, h: dtype):
+    def damped_velocity(params: wp.array2d(dtype=dtype), row: int, v: VQ, w: VQ, h: dtype):
         """h times the velocity that dampers act with."""
         if wp.static(undamped):
-            return VQ()
+            return h * (v + params[row, wp.static(H)] * w)
         if wp.static(met_late):
             return h * (v + w)
         return h * v
@@ -133,7 +134,7 @@ def make_mechanism_derivatives(s: Structure, dtype: type, trapezoidal: bool) -> 
                 out[j, j] = out[j, j] + h * params[row, wp.static(STIFFNESS + j)]
         if wp.static(len(springs) > 0):
             if h != ZERO:
-                y = damped_velocity(v, w, h)
+                y = damped_velocity(params, row, v, w, h)
                 for i in range(wp.static(len(springs))):
                     out = wp.static(springs[i].by_q)(params, row, fr, y, h, out)
         return out
@@ -201,7 +202,7 @@ def make_mechanism_derivatives(s: Structure, dtype: type, trapezoidal: bool) -> 
                 out[k, l] = out[l, k]
         if wp.static(len(springs) > 0):
             if h != ZERO:
-                y = damped_velocity(v, w, h)
+                y = damped_velocity(params, row, v, w, h)
                 for i in range(wp.static(len(springs))):
                     out = wp.static(springs[i].hessian_qq)(params, row, fr, p, y, h, out)
         return out

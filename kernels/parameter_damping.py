@@ -21,7 +21,7 @@ from .structure import Structure, layout
 @cached
 def make_damped_gradient(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
     """moving(params, row, fr, jb, q, u, Motion, normals, external, world, grad): adds the scalar's
-    derivative by every column, by h only that of N. undamped(..): of P.(M w - h r), r without dampers.
+    derivative by every column, by h only that of N. stiffness(..): of P.(M w - h r) with y for dampers.
     """
     part = make_motion_gradient(s, dtype, method)
     step = part.linear.step
@@ -33,7 +33,7 @@ def make_damped_gradient(s: Structure, dtype: type, method: Method) -> SimpleNam
     ZERO, ONE, HALF, TWO = dtype(0.0), dtype(1.0), dtype(0.5), dtype(2.0)
 
     @wp.func
-    def undamped(
+    def stiffness(
         params: wp.array2d(dtype=dtype),
         row: int,
         fr: t.FRAMES,
@@ -41,11 +41,12 @@ def make_damped_gradient(s: Structure, dtype: type, method: Method) -> SimpleNam
         q: VQ,
         u: t.VU,
         m: Motion,
+        y: VQ,
         external: wp.array2d(dtype=dtype),
         world: int,
         grad: wp.array2d(dtype=dtype),
     ):
-        part.moving(params, row, fr, jb, q, u, m, VQ(), JR(), external, world, grad)
+        part.moving(params, row, fr, jb, q, u, m, y, JR(), external, world, grad)
 
     @wp.func
     def resist(
@@ -123,4 +124,4 @@ def make_damped_gradient(s: Structure, dtype: type, method: Method) -> SimpleNam
                     y = share * (m.w + form.w)
                 term += 1
 
-    return SimpleNamespace(Motion=Motion, moving=moving, undamped=undamped)
+    return SimpleNamespace(Motion=Motion, moving=moving, stiffness=stiffness)

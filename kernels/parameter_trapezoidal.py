@@ -37,7 +37,7 @@ def make_trapezoidal_gradient(s: Structure, dtype: type, method: Method) -> wp.F
     VQ, VX, VU, VR, MQ, JR = t.VQ, t.VX, t.VU, t.VR, t.MQ, t.JR
     H = layout(s).offset("step_size")
     NV = s.nv
-    ZERO, ONE, HALF, TWO = dtype(0.0), dtype(1.0), dtype(0.5), dtype(2.0)
+    ONE, HALF, TWO = dtype(1.0), dtype(0.5), dtype(2.0)
     WIDTH, TINY = dtype(STEP[dtype]), dtype(1e-30)
     WEIGHTS = wp.types.vector(3, dtype)(dtype(0.75), dtype(-0.15), dtype(1.0 / 60.0))
     FORMS = 2 if method.erm and s.nr > 0 else 1
@@ -73,9 +73,7 @@ def make_trapezoidal_gradient(s: Structure, dtype: type, method: Method) -> wp.F
         for j in range(wp.static(NV)):
             unit = VQ()
             unit[j] = ONE
-            moved = wp.static(motion.motion_by_q)(
-                params, row, start.fr, start.jb, unit, VQ(), ZERO, params, wp.static(-1)
-            )
+            moved = wp.static(step.mass.slope_by_rate)(params, row, start.fr, start.jb, unit)
             by_a[j] = wp.dot(l, moved * yq)
             size = wp.max(size, wp.max(wp.abs(yq[j]), h * wp.abs(yv[j])))
         b = minv * by_a
@@ -108,8 +106,8 @@ def make_trapezoidal_gradient(s: Structure, dtype: type, method: Method) -> wp.F
                 fr = wp.static(mech.frames)(params, row, at)
                 jb = wp.static(mech.com_jacobians)(params, row, fr)
             if wp.static(step.mass.implicit):
-                if i < wp.static(POINTS):  # K_q and K_v are without dampers
-                    part_of.undamped(params, row, fr, jb, at, u, form, external, world, grad)
+                if i < wp.static(POINTS):  # K_q has dampers at v + h a, K_v has none
+                    part_of.stiffness(params, row, fr, jb, at, u, form, v + h * a, external, world, grad)
                 else:
                     part_of.moving(params, row, fr, jb, at, u, form, JR(), external, world, grad)
             else:
@@ -117,6 +115,8 @@ def make_trapezoidal_gradient(s: Structure, dtype: type, method: Method) -> wp.F
             i += 1
         force = mass * (a - push / h)  # r + u
         by_h = HALF * (kv * d) + h * (kq * (HALF * d + v)) - force
+        if wp.static(step.mass.damped_springs):
+            by_h += wp.static(step.mass.drag_by_q)(params, row, start.fr, a, MQ()) * yq
         slope = wp.dot(l, by_h) - wp.dot(b, mass * push) / (h * h)
         grad[world, wp.static(H)] = grad[world, wp.static(H)] + slope
         return b / h - l

@@ -244,6 +244,9 @@ class Checker:
         q, v, q1, v1 = x[..., :nv], x[..., nv:], after[..., :nv], after[..., nv:]
         h = self.p["step_size"]
         mass, force, size, energy = self.dynamics(q, v, u)
+        if self.s.implicit_damping:  # (M + h C) (v1 - v) = h (r + u) + J' lambda
+            drag = np.broadcast_to(h[..., None] * self.p["damping"], v.shape)
+            mass = mass + drag[..., None] * np.eye(nv)
         last = self.dynamics(q1, v1, None)[3]
         gap_after = self.contacts(q1, v1)[0].min(-1)
         moved = h[..., None] * v1
