@@ -182,6 +182,7 @@ class Scene:
         fields.pair("gravity")
         fields.number("step_size")
         fields.number("sigma")
+        fields.flag("implicit_damping")
         object.__setattr__(self, "structure", structure_of(self))
         fields.entries("initial_state", 2 * self.structure.nv)
         fields.entries("period", self.structure.nv, optional=True)

@@ -37,6 +37,13 @@ class Fields:
         if not isinstance(value, str) or value not in choices:
             raise SceneError(f"{label} {shown(value)} is unknown; choose one of {sorted(choices)}")
 
+    def flag(self, name: str) -> None:
+        """True or False."""
+        value, label = self._get(name)
+        if not isinstance(value, bool | np.bool_):
+            raise SceneError(f"{label} is {shown(value)}; True or False is needed")
+        self._put(name, bool(value))
+
     def whole(self, name: str) -> None:
         """A whole number of at least 0."""
         value, label = self._get(name)

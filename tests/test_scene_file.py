@@ -41,7 +41,8 @@ def test_files_fit_the_schema(tmp_path):
         slcp.save_scene(MAKERS[name](), tmp_path / "scene.json")
         valid(json.loads((tmp_path / "scene.json").read_text()))
     valid(tomllib.loads(EXAMPLE.read_text()))
-    for key, wrong in (("version", 2), ("bodies", []), ("gravity", [0.0]), ("colour", "red")):
+    for key, wrong in (("version", 2), ("bodies", []), ("gravity", [0.0]), ("colour", "red"),
+                       ("implicit_damping", 1)):  # fmt: skip
         content = json.loads((tmp_path / "scene.json").read_text())
         content[key] = wrong
         if key != "bodies":
@@ -79,6 +80,7 @@ BODY = GOOD["bodies"][0]
     (bad(bodies=[{**BODY, "joint": "ball"}]), "joint 'ball' is unknown; choose one of .*'prismatic'"),
     (bad(gravity=[0.0, float("nan")]), r"gravity\[1\] is nan; it must be finite"),
     (bad(gravity=[1.0]), "gravity has 1 entries; 2 are needed"),
+    (bad(implicit_damping="no"), "implicit_damping is .no.; True or False is needed"),
     (bad(name=3), "name is 3; a name is needed"),
     (bad(bodies={}), "bodies: {}; a list is needed"),
     (bad(bodies=[{**BODY, "mass": -1.0}]), "mass is -1.0; it must be positive"),
