@@ -102,11 +102,6 @@ def make_effective_mass(s: Structure, dtype: type, method: Method) -> SimpleName
         return part_by_q(params, row, fr, jb, w, h * w)
 
     @wp.func
-    def slope_by_rate(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, jb: t.JB, w: VQ):
-        """d/dq of M w, or of what a w does in the trapezoidal rule's K_q: of (M + h C) w."""
-        return part_by_q(params, row, fr, jb, w, params[row, wp.static(H)] * w)
-
-    @wp.func
     def drag_hessian(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, p: VQ):
         """d2/dq_k dv_m of p.C v."""
         out = MQ()
@@ -132,7 +127,6 @@ def make_effective_mass(s: Structure, dtype: type, method: Method) -> SimpleName
         drag_hessian=drag_hessian,
         damped_springs=damped_springs,
         spread=spread,
-        slope_by_rate=slope_by_rate,
         implicit=implicit,
         trapezoidal=trapezoidal,
     )

@@ -79,7 +79,7 @@ def make_free_motion(s: Structure, dtype: type, method: Method) -> SimpleNamespa
     VQ, MQ = t.VQ, t.MQ
     DV = wp.types.matrix((NV, 2 * NV + NU), dtype)
     H, GEAR = lay.offset("step_size"), lay.offset("gear")
-    ONE, HALF, TWO = dtype(1.0), dtype(0.5), dtype(2.0)
+    ZERO, ONE, HALF, TWO = dtype(0.0), dtype(1.0), dtype(0.5), dtype(2.0)
 
     @wp.func
     def velocity(
@@ -187,7 +187,10 @@ def make_free_motion(s: Structure, dtype: type, method: Method) -> SimpleNamespa
         for j in range(wp.static(NV)):
             p = VQ()
             p[j] = ONE
-            column = wp.static(mass.slope_by_rate)(params, row, fr, jb, p) * yq
+            slope = wp.static(motion.motion_by_q)(params, row, fr, jb, p, VQ(), ZERO, params, wp.static(-1))
+            if wp.static(mass.damped_springs):
+                slope = wp.static(mass.drag_by_q)(params, row, fr, h * p, slope)
+            column = slope * yq
             for i in range(wp.static(NV)):
                 change[i, j] = column[i]
         pull = change * minv  # d(K_q yq)/da da/d(r + u)

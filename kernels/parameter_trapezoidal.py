@@ -37,7 +37,7 @@ def make_trapezoidal_gradient(s: Structure, dtype: type, method: Method) -> wp.F
     VQ, VX, VU, VR, MQ, JR = t.VQ, t.VX, t.VU, t.VR, t.MQ, t.JR
     H = layout(s).offset("step_size")
     NV = s.nv
-    ONE, HALF, TWO = dtype(1.0), dtype(0.5), dtype(2.0)
+    ZERO, ONE, HALF, TWO = dtype(0.0), dtype(1.0), dtype(0.5), dtype(2.0)
     WIDTH, TINY = dtype(STEP[dtype]), dtype(1e-30)
     WEIGHTS = wp.types.vector(3, dtype)(dtype(0.75), dtype(-0.15), dtype(1.0 / 60.0))
     FORMS = 2 if method.erm and s.nr > 0 else 1
@@ -73,7 +73,11 @@ def make_trapezoidal_gradient(s: Structure, dtype: type, method: Method) -> wp.F
         for j in range(wp.static(NV)):
             unit = VQ()
             unit[j] = ONE
-            moved = wp.static(step.mass.slope_by_rate)(params, row, start.fr, start.jb, unit)
+            moved = wp.static(motion.motion_by_q)(
+                params, row, start.fr, start.jb, unit, VQ(), ZERO, params, wp.static(-1)
+            )
+            if wp.static(step.mass.damped_springs):
+                moved = wp.static(step.mass.drag_by_q)(params, row, start.fr, h * unit, moved)
             by_a[j] = wp.dot(l, moved * yq)
             size = wp.max(size, wp.max(wp.abs(yq[j]), h * wp.abs(yv[j])))
         b = minv * by_a
