@@ -38,7 +38,7 @@ _loaded: dict[str, "weakref.WeakSet[wp.Kernel]"] = {}
 _prepared = False
 
 
-class KernelCacheError(RuntimeError):
+class KernelCacheError(OSError):
     """No folder for compiled kernels; the message names the folders tried and what to set."""
 
 
@@ -67,11 +67,8 @@ def load(kernel: wp.Kernel, device: wp.Device) -> None:
 def _load(module: Any, device: wp.Device) -> None:
     block = 1 if device.is_cpu else 256  # what a launch takes where none is given
     folder = _folder(module, block)
-    fault = _fault(folder)
-    if fault is not None:
-        _remove(folder, fault)
-    elif folder.exists() and not (folder / CHECKSUMS).exists():
-        _move_away(folder)
+    if folder.exists():
+        _keep_what_is_whole(folder)
     folder = _folder(module, block)
     reason = None if folder.exists() else _unwritable(folder.parent)
     if reason is not None:
@@ -86,7 +83,7 @@ def _load(module: Any, device: wp.Device) -> None:
         _remove(folder, f"it cannot be loaded ({error})")
         module.load(device, block)
         folder = _folder(module, block)
-    if not (folder / CHECKSUMS).exists():
+    if _unlisted(folder, _listed(folder)):
         _write_checksums(folder)
 
 
@@ -96,21 +93,39 @@ def _folder(module: Any, block: int) -> pathlib.Path:
 
 def _checksums(folder: pathlib.Path) -> dict[str, str]:
     """SHA-256 of everything in a kernel's folder that Warp reads."""
-    files = sorted(path for path in folder.iterdir() if path.suffix in CHECKED)
-    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in _unlisted(folder, {})}
 
 
-def _fault(folder: pathlib.Path) -> str | None:
-    """What is wrong with a kernel's folder; None: nothing, or it is not there."""
-    if not folder.exists():
-        return None
+def _listed(folder: pathlib.Path) -> dict[str, str]:
+    """The checksums that were written; none, if none were."""
     try:
-        wanted, found = json.loads((folder / CHECKSUMS).read_bytes()), _checksums(folder)
-    except FileNotFoundError:  # Warp's own work, or a process that was killed: maybe whole, maybe not
-        return None
+        content = json.loads((folder / CHECKSUMS).read_bytes())
+    except FileNotFoundError:
+        return {}
+    if not isinstance(content, dict):
+        raise ValueError("its checksums are no table")
+    return content
+
+
+def _unlisted(folder: pathlib.Path, listed: dict[str, str]) -> list[pathlib.Path]:
+    """What Warp reads and no checksum vouches for."""
+    return sorted(p for p in folder.iterdir() if p.suffix in CHECKED and p.name not in listed)
+
+
+def _keep_what_is_whole(folder: pathlib.Path) -> None:
+    """Take out of the cache what is damaged, and what no checksum vouches for.
+
+    Objects for several processors share a kernel's folder. One without a checksum is Warp's own work or that
+    of a process that was killed, maybe whole, maybe not: it goes without a warning.
+    """
+    try:
+        listed, found = _listed(folder), _checksums(folder)
+        if any(found.get(name) != checksum for name, checksum in listed.items()):
+            raise ValueError("its checksum does not match")
+        for path in _unlisted(folder, listed):
+            path.unlink()
     except (OSError, ValueError) as error:
-        return f"it cannot be read ({error})"
-    return None if wanted == found else "its checksum does not match"
+        _remove(folder, str(error))
 
 
 def _write_checksums(folder: pathlib.Path) -> None:
@@ -126,10 +141,6 @@ def _write_checksums(folder: pathlib.Path) -> None:
 def _remove(folder: pathlib.Path, fault: str) -> None:
     """Take a damaged kernel out of the cache."""
     warnings.warn(f"the compiled kernel in {folder} is compiled again: {fault}", RuntimeWarning, stacklevel=2)
-    _move_away(folder)
-
-
-def _move_away(folder: pathlib.Path) -> None:
     away = folder.with_name(f"{folder.name}_damaged_p{os.getpid()}")
     try:
         folder.replace(away)

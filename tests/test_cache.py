@@ -107,6 +107,18 @@ def test_an_object_without_a_checksum_is_compiled_again(folder):
         again()
 
 
+def test_objects_for_several_processors_share_a_folder(folder):
+    """Those with a checksum stay; one without is not trusted, and is compiled by who needs it."""
+    (folder / "another.o").write_bytes(b"for another processor")
+    (folder / "checksums.json").write_text(json.dumps(cache._checksums(folder)))
+    (folder / "third.o").write_bytes(b"for a third one")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        again()
+    listed = json.loads((folder / "checksums.json").read_text())
+    assert "another.o" in listed and "third.o" not in listed and not (folder / "third.o").exists()
+
+
 def test_an_object_that_was_never_right_is_compiled_again(folder):
     """Damaged before its checksum was written, by a disk that was full, say."""
     halved(next(folder.glob("*.o")))
@@ -115,6 +127,7 @@ def test_an_object_that_was_never_right_is_compiled_again(folder):
         again()
 
 
+@pytest.mark.filterwarnings("ignore:the compiled kernel")
 def test_a_folder_that_cannot_be_written_is_not_needed_for_what_is_in_it(folder, monkeypatch):
     def refuse(path):
         return f"{path} cannot be written"

@@ -158,6 +158,7 @@ def bomb(path, name):
                 file.write(bytes(2**26))
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not os.path.exists("/proc/self/status"), reason="memory is bounded by Linux")
 def test_bombs_take_no_memory(tmp_path):
     """A member that nobody needs is not unpacked; one that is needed is refused before it is."""
