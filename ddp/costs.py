@@ -34,7 +34,7 @@ class Cost:
         nx: int | None = None,
         nu: int | None = None,
     ) -> None:
-        function("make", make)
+        function("make", make, 3)
         for name, size in (("nx", nx), ("nu", nu)):
             if size is not None:
                 whole(name, size)
@@ -81,7 +81,7 @@ def plain(make: Callable[..., Any]) -> Cost:
 
     Derivatives come from differences in double precision (see `slcp_warp.kernels.costs`).
     """
-    function("make", make)
+    function("make", make, 3)
     return Cost(make_plain(make))
 
 
@@ -101,6 +101,8 @@ def quadratic(Q: Any, R: Any, Qf: Any = None, target: Any = None) -> Cost:
     """
     Q, R = array("Q", Q, ("nx", "nx")), array("R", R, ("nu", "nu"))
     nx, nu = Q.shape[0], R.shape[0]
+    if not nx or not nu:
+        raise ArgumentError(f"Q has shape {Q.shape} and R {R.shape}; neither may be empty")
     Qf = np.zeros((nx, nx)) if Qf is None else array("Qf", Qf)
     target = np.zeros(nx) if target is None else array("target", target)
     for name, value, size in (("Q", Q, nx), ("R", R, nu), ("Qf", Qf, nx)):

@@ -87,7 +87,7 @@ class Parameters:
         self.values = {}
         for name, value in values.items():
             if name not in self.shapes:
-                raise ArgumentError(f"unknown parameter {name!r}; known: {', '.join(self.shapes) or 'none'}")
+                raise ArgumentError(f"unknown parameter {name!r}; known: {shown(list(self.shapes))}")
             given, shape = array(f"parameter {name!r}", value, finite=False), self.shapes[name]
             if given.shape != shape and given.shape[1:] != shape:
                 raise ArgumentError(
@@ -147,7 +147,7 @@ class WarpDynamics:
         if not kinds:
             raise ArgumentError(f"dtype must be float32 or float64, got {shown(dtype)}")
         self.dtype: Any = kinds[0]
-        function("make", make)
+        function("make", make, 3)
         nx, nu = whole("nx", nx), whole("nu", nu)
         self.make, self.nx, self.nu, self.nw = make, nx, nu, nx
         self.device = checked_device(device)

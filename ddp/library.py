@@ -15,6 +15,8 @@ import numpy as np
 
 from slcp_warp import Scene
 from slcp_warp.archive import open_archive, write_archive
+from slcp_warp.checks import array, instance, shown
+from slcp_warp.checks import path as checked_path
 from slcp_warp.errors import ArgumentError
 from slcp_warp.files import reading
 
@@ -64,21 +66,38 @@ class Library:
     upper: Any = None
 
     def __post_init__(self) -> None:
+        instance("header", self.header, dict, "a dict")
+        for name in NEEDED:
+            given = getattr(self, name)
+            if given is not None or name not in LIMITS:
+                plain = isinstance(given, np.ndarray) and given.dtype.kind in "iuf"
+                found = given if plain else array(name, given, finite=False, error=LibraryError)
+                object.__setattr__(self, name, found)
+        _check_shapes({name: getattr(self, name) for name in NEEDED if name not in LIMITS})
         for name, none in zip(LIMITS, (-np.inf, np.inf), strict=True):
             given = getattr(self, name)
-            limit = np.full(self.u.shape, none) if given is None else np.asarray(given, np.float64)
+            limit = np.full(self.u.shape, none) if given is None else given.astype(np.float64)
             if limit.shape != self.u.shape:
                 raise LibraryError(f"{name} has shape {limit.shape}; {self.u.shape} is needed, as of u")
             object.__setattr__(self, name, limit)
         if not (self.lower <= self.upper).all():
-            raise LibraryError("every lower control limit must be at most the upper one")
+            raise LibraryError("lower: every lower control limit must be at most the upper one")
 
     def __len__(self) -> int:
         return len(self.x)
 
     def select(self, keep: np.ndarray) -> "Library":
         """The entries of an index or a mask (L,)."""
-        return replace(self, **{name: getattr(self, name)[keep] for name in ARRAYS})
+        given: Any = keep
+        count = len(self)
+        if isinstance(given, list | tuple) and all(isinstance(i, int | np.integer | np.bool_) for i in given):
+            given = np.array(given, dtype=None if given else int)
+        plain = isinstance(given, np.ndarray) and given.ndim == 1
+        mask = plain and given.dtype == bool and len(given) == count
+        index = plain and given.dtype.kind in "iu" and ((given >= -count) & (given < count)).all()
+        if not mask and not index:
+            raise LibraryError(f"keep is {shown(keep)}; indices of entries or a mask ({count},) is needed")
+        return replace(self, **{name: getattr(self, name)[given] for name in ARRAYS})
 
     def policy(self, **options: Any) -> Any:
         """The nearest-neighbour policy (20), see `NearestPolicy`."""
@@ -90,9 +109,10 @@ class Library:
         """Write the library; an existing file is replaced only once the new one is complete."""
         if not len(self):
             raise LibraryError("the library is empty; nothing to save")
+        path = checked_path("path", path)
         header = {**self.header, "format": FORMAT, "version": VERSION}
         write_archive(path, header, {name: getattr(self, name) for name in NEEDED})
-        return Path(path)
+        return path
 
     @classmethod
     def load(cls, path: str | Path) -> "Library":
@@ -120,19 +140,29 @@ class Library:
             )
 
 
-def _check(data: dict[str, np.ndarray]) -> None:
-    """Raise LibraryError unless a file's arrays fit each other and are finite."""
-    count, nx = data["x"].shape if data["x"].ndim == 2 else (-1, -1)
-    nu = data["u"].shape[-1] if data["u"].ndim == 2 else -1
+def _check_shapes(data: dict[str, np.ndarray]) -> None:
+    """Raise LibraryError unless arrays fit each other."""
+    for name in ("x", "u"):
+        if data[name].ndim != 2:
+            raise LibraryError(f"array {name!r} has shape {data[name].shape}, two axes are needed")
+    (count, nx), nu = data["x"].shape, data["u"].shape[1]
     need = {"x": (count, nx), "K": (count, nu, nx), "period": (nx,)}
     need |= dict.fromkeys(("u", *LIMITS), (count, nu))
-    for name, array in data.items():
+    for name, each in data.items():
         shape = need.get(name, (count,))
-        if array.shape != shape or count < 1 or nx < 1:
-            raise LibraryError(f"array {name!r} has shape {array.shape}, {shape} is needed")
-        if np.isnan(array).any() or (name not in LIMITS and np.isinf(array).any()):
+        if each.shape != shape:
+            raise LibraryError(f"array {name!r} has shape {each.shape}, {shape} is needed, as of 'x' and 'u'")
+
+
+def _check(data: dict[str, np.ndarray]) -> None:
+    """Raise LibraryError unless a file's arrays fit each other and are finite."""
+    _check_shapes(data)
+    if not data["x"].size:
+        raise LibraryError(f"array 'x' has shape {data['x'].shape}; at least one entry is needed")
+    for name, each in data.items():
+        if np.isnan(each).any() or (name not in LIMITS and np.isinf(each).any()):
             raise LibraryError(f"array {name!r} contains numbers that are not finite")
-        if name in WHOLE and (array.dtype.kind not in "iu" or array.min() < 0):
+        if name in WHOLE and (each.dtype.kind not in "iu" or each.min() < 0):
             raise LibraryError(f"array {name!r} contains what is no index; whole numbers >= 0 are needed")
     if data["period"].min() < 0.0:
         raise LibraryError(f"array 'period' contains {data['period'].min()}; numbers >= 0 are needed")
@@ -140,8 +170,10 @@ def _check(data: dict[str, np.ndarray]) -> None:
 
 def concatenate(libraries: list[Library]) -> Library:
     """One library of the entries of several; chains are renumbered."""
+    if not isinstance(libraries, list | tuple) or not all(isinstance(each, Library) for each in libraries):
+        raise LibraryError(f"libraries is {shown(libraries)}; a list of ddp.Library is needed")
     if not libraries:
-        raise LibraryError("no libraries to concatenate")
+        raise LibraryError("libraries is empty; nothing to concatenate")
     parts, offset = [], 0
     for library in libraries:
         if library.header.get("digest") != libraries[0].header.get("digest"):

@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 
 from slcp_warp import Simulator
-from slcp_warp.checks import array, choice, instance, number
+from slcp_warp.checks import array, attribute, choice, instance, number
 from slcp_warp.errors import ArgumentError, ArgumentTypeError
 from slcp_warp.kernels import policy as kernels
 from slcp_warp.limits import bounded, limit_rows
@@ -177,7 +177,7 @@ class TrackingPolicy:
 
     def __init__(self, result: Any, period: np.ndarray | None = None, control_limits: Any = None) -> None:
         for name in ("us", "xs", "K"):
-            if not isinstance(getattr(result, name, None), np.ndarray | wp.array):
+            if not isinstance(attribute(result, name), np.ndarray | wp.array):
                 raise ArgumentTypeError(
                     f"result is a {type(result).__name__}; us, xs and K, arrays, are needed: a ddp.Result"
                 )

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from slcp_warp.checks import whole
+from slcp_warp.checks import attribute, whole
 from slcp_warp.errors import ArgumentError, ArgumentTypeError
 from slcp_warp.limits import limit_rows
 
@@ -45,7 +45,7 @@ class Problem:
             "lift_into",
             "parameter_array",
         ):
-            if not hasattr(self.dynamics, name):
+            if attribute(self.dynamics, name) is None:
                 raise ArgumentTypeError(
                     f"dynamics must have {name!r} (see ddp.Dynamics), {type(self.dynamics).__name__} has not"
                 )

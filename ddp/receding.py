@@ -117,7 +117,7 @@ def build_library(
     """
     whole("count", count)
     instance("options", options, RecedingOptions | None, "a ddp.RecedingOptions")
-    function("progress", progress, optional=True)
+    function("progress", progress, 2, optional=True)
     if options is not None and changes:
         raise ArgumentError(f"give either options or its fields as keywords, not both: {sorted(changes)}")
     unknown = set(changes) - {f.name for f in fields(RecedingOptions)}

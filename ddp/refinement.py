@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from slcp_warp import Parameters, Simulator
-from slcp_warp.checks import function, instance, number, whole
+from slcp_warp.checks import array, function, instance, number, whole
 from slcp_warp.errors import ArgumentError
 
 from .library import Library, concatenate
@@ -49,7 +49,7 @@ def stuck_states(
     """
     instance("library", library, Library, "a ddp.Library")
     instance("sim", sim, Simulator, "a slcp_warp.Simulator")
-    function("score", score)
+    function("score", score, 1)
     count, velocity_sd = whole("count", count), number("velocity_sd", velocity_sd, 0.0)
     rng = np.random.default_rng(whole("seed", seed, 0))
     params = sim.params if params is None else params
@@ -62,7 +62,8 @@ def stuck_states(
     x0[:, sim.nx // 2 :] += velocity_sd * rng.standard_normal((worlds, sim.nx // 2))
     steps, last = round(SECONDS / h), round(WINDOW / h)
     states = sim.rollout(x0, policy=library.policy(), steps=steps, params=params).states[:, -last - 1 :]
-    worst = np.argsort(score(states), kind="stable")[:count]
+    scores = array("score: what it gave", score(states), (worlds,), finite=False)
+    worst = np.argsort(scores, kind="stable")[:count]
     x = states[worst, rng.integers(last + 1, size=count)].astype(np.float64)
     period = library.period
     return np.where(period > 0.0, np.mod(x, np.where(period > 0.0, period, 1.0)), x)
@@ -90,8 +91,8 @@ def build_refined(
     instance("problem", problem, Problem, "a ddp.Problem")
     instance("options", options, RecedingOptions | None, "a ddp.RecedingOptions")
     instance("sim", sim, Simulator | None, "a slcp_warp.Simulator")
-    function("score", score)
-    function("progress", progress, optional=True)
+    function("score", score, 1)
+    function("progress", progress, 2, optional=True)
     count, rounds = whole("count", count), whole("rounds", rounds, 0)
     options = RecedingOptions() if options is None else options
     plans = -(-count // options.entries)

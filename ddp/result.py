@@ -4,6 +4,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
+from slcp_warp.checks import whole
 from slcp_warp.kernels import status as codes
 
 from .status import Status
@@ -100,6 +101,7 @@ class Result:
 
     def select(self, index: int) -> "Result":
         """Problem ``index`` alone, without the batch axis."""
+        index = whole("index", index, -len(self.status), len(self.status) - 1)
         return replace(
             self,
             trace=Trace(**{f.name: getattr(self.trace, f.name)[index] for f in fields(Trace)}),

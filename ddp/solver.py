@@ -300,13 +300,13 @@ class Workspace:
 
 def _check_array(name: str, value: Any, shape: tuple[int, ...]) -> None:
     """Raise ValueError unless a host array has this shape, or this without its batch axis, and is finite."""
-    if isinstance(value, wp.array):
-        return
-    array = numeric(value)
+    array = value if isinstance(value, wp.array) else numeric(value)
     if array is None:
         raise ArgumentError(f"{name} must be an array of numbers, got {shown(value)}")
     if array.shape not in (shape, shape[1:]):
         raise ArgumentError(f"{name} must have shape {shape} or {shape[1:]}, got {array.shape}")
+    if isinstance(array, wp.array):
+        return
     if not np.isfinite(array).all():
         bad = np.count_nonzero(~np.isfinite(array))
         raise ArgumentError(f"{name} must be finite; {bad} of its values are NaN or infinite")
@@ -317,6 +317,9 @@ def batch_of(problem: Problem, x0: Any, u0: Any) -> tuple[bool, int]:
     given = []
     for name, value in (("x0", x0), ("u0", u0)):
         array = value if isinstance(value, wp.array) else numeric(value)
+        if isinstance(value, wp.array) and value.dtype is not problem.dynamics.dtype:
+            need = problem.dynamics.dtype.__name__
+            raise ArgumentError(f"{name} is a Warp array of {value.dtype.__name__}; {need} is needed")
         if array is None:
             raise ArgumentError(f"{name} must be an array of numbers, got {shown(value)}")
         given.append(array)

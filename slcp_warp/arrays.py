@@ -116,7 +116,7 @@ def from_batch(array: wp.array, kind: str, batched: bool) -> Any:
 
 def policy_arrays(policy: Any, sim: Any, worlds: int | None) -> tuple[str, Any]:
     """Kernel name and struct of a policy, for so many worlds (None: for any number)."""
-    if isinstance(policy, type) or not callable(getattr(policy, "arrays", None)):
+    if isinstance(policy, type) or not callable(checks.attribute(policy, "arrays")):
         raise ArgumentTypeError(
             f"policy is a {type(policy).__name__}; a policy is needed, library.policy() or ddp.TrackingPolicy"
         )

@@ -2,6 +2,7 @@
 that names the argument, what came and what is needed.
 """
 
+import inspect
 import math
 import os
 import reprlib
@@ -114,7 +115,7 @@ def names(
         raise ArgumentTypeError(f"{name} is {shown(value)}; names out of {list(known)} are needed")
     unknown = sorted(set(given) - set(known))
     if unknown:
-        raise error(f"{name} names {unknown}; choose from {', '.join(known)}")
+        raise error(f"{name} names {shown(unknown)}; choose from {', '.join(known)}")
     return tuple(given)
 
 
@@ -125,17 +126,33 @@ def instance(name: str, value: Any, kind: type | types.UnionType, need: str) -> 
     raise ArgumentTypeError(f"{name} is a {type(value).__name__}; {need} is needed")
 
 
-def function(name: str, value: Any, optional: bool = False) -> Callable[..., Any] | None:
-    """Something that can be called."""
-    if callable(value) or (value is None and optional):
-        out: Callable[..., Any] | None = value
-        return out
-    raise ArgumentTypeError(f"{name} is {shown(value)}; a function is needed")
+def function(name: str, value: Any, takes: int, optional: bool = False) -> Callable[..., Any] | None:
+    """Something that can be called with so many arguments."""
+    if value is None and optional:
+        return None
+    if not callable(value):
+        raise ArgumentTypeError(f"{name} is {shown(value)}; a function is needed")
+    try:
+        inspect.signature(value).bind(*(None,) * takes)
+    except TypeError as error:
+        raise ArgumentTypeError(f"{name} is {shown(value)}; it must take {takes} arguments") from error
+    except ValueError:  # no signature to be seen
+        pass
+    out: Callable[..., Any] = value
+    return out
+
+
+def attribute(value: Any, name: str) -> Any:
+    """An attribute, None where there is none or a foreign object does not give it."""
+    try:
+        return getattr(value, name, None)
+    except Exception:
+        return None
 
 
 def path(name: str, value: Any) -> Path:
     """A path of a file."""
-    if isinstance(value, str | os.PathLike) and str(value) and "\0" not in str(value):
+    if isinstance(value, str | os.PathLike) and 0 < len(str(value)) < 4096 and "\0" not in str(value):
         return Path(value)
     raise ArgumentTypeError(f"{name} is {shown(value)}; a path is needed")
 

@@ -168,7 +168,7 @@ def _record(solution: Complementarity) -> None:
 
 
 def _dtype_name(A: Any) -> str:
-    name = A.dtype.__name__ if isinstance(A, wp.array) else str(getattr(A, "dtype", "float64"))
+    name = A.dtype.__name__ if isinstance(A, wp.array) else str(checks.attribute(A, "dtype"))
     return "float32" if name.endswith("float32") else "float64"
 
 
@@ -178,7 +178,7 @@ def _levels(
     """Noise levels as (B, n), and the shape that they came in."""
     if isinstance(sigma, wp.array) and sigma.shape == (worlds, n):
         return to_batch("sigma", sigma, (n,), number, device).array, (worlds, n)
-    if kind_of(sigma) == "torch":
+    if kind_of(sigma) == "torch" and not sigma.is_meta:
         sigma = sigma.detach().cpu()
     value = checks.array("sigma", sigma.numpy() if isinstance(sigma, wp.array) else sigma,
                          finite=residual != "hard", error=ArrayError)  # fmt: skip

@@ -17,6 +17,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any
 
+from . import checks
 from .errors import ArgumentError
 
 MOST_TEXT = 16 * 2**20  # bytes of a text file, or of an archive's header
@@ -49,6 +50,7 @@ def reading(path: str | os.PathLike[str], what: str, kind: Callable[[str], Value
 
     A file that is not there stays a FileNotFoundError.
     """
+    checks.path("path", path)
     try:
         yield
     except FileNotFoundError as error:

@@ -36,7 +36,7 @@ def limit_rows(given: Any, nu: int) -> tuple[np.ndarray, np.ndarray]:
         raise ArgumentError(f"control_limits are for {len(rows[0])} and for {len(rows[1])} problems")
     low, high = np.broadcast_arrays(*rows)
     if not (low <= high).all():
-        raise ArgumentError(f"every lower control limit must be at most the upper one, got {shown(given)}")
+        raise ArgumentError(f"control_limits: a lower limit is above the upper one, got {shown(given)}")
     return np.ascontiguousarray(low), np.ascontiguousarray(high)
 
 

@@ -7,11 +7,11 @@ and are not read. docs/scene_files.md has the table.
 
 import math
 import os
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from . import checks
 from .files import reading
 from .mjcf_bounds import check_bounds
 from .mjcf_contacts import read_contacts
@@ -37,7 +37,7 @@ def load_mjcf(path: str | os.PathLike[str], plane: str = "xz") -> Scene:
         import mujoco
     except ImportError as error:
         raise ImportError("reading MJCF needs the package mujoco: pip install 'slcp-warp[mjcf]'") from error
-    path, chosen = Path(path), Plane(plane)
+    path, chosen = checks.path("path", path), Plane(plane)
     with reading(path, "MJCF", MjcfError):
         check_bounds(path)
         model = mujoco.MjModel.from_xml_path(str(path))

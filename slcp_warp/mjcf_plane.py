@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from .errors import ArgumentError, SceneError
+from .checks import choice
+from .errors import SceneError
 
 FLAT = 1e-6  # what counts as in the plane
 
@@ -19,8 +20,7 @@ class Plane:
 
     def __init__(self, name: str) -> None:
         planes = {"xz": (0, 2, (0.0, -1.0, 0.0)), "xy": (0, 1, (0.0, 0.0, 1.0))}
-        if name not in planes:
-            raise ArgumentError(f"plane is {name!r}; choose xz or xy")
+        choice("plane", name, planes)
         first, second, normal = planes[name]
         self.name, self.axes, self.normal = name, [first, second], np.array(normal)
 

@@ -43,7 +43,9 @@ class Parameters:
         self.requires_grad = flag("requires_grad", requires_grad)
         self._uploaded: dict[tuple[Any, str], wp.array] = {}
         if values is not None:
-            self._values = self.replace(**instance("values", values, Mapping, "a dict"))._values
+            for name in instance("values", values, Mapping, "a dict"):
+                self._known(name)
+            self._values = self.replace(**values)._values
 
     def _with(self, values: dict[str, np.ndarray], requires_grad: bool) -> "Parameters":
         """A copy with values that were checked."""

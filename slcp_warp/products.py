@@ -73,6 +73,11 @@ def vjp(
         own = {name: np.broadcast_to(given[name], (worlds, *sim.params[name].shape)) for name in given.names}
         given = given.replace(**own).track()
 
+    if not worlds:  # a tape has no gradients of empty arrays
+        traj = sim.rollout(x0, controls, given)
+        none = {name: np.zeros((0, *sim.params[name].shape)) for name in parameters}
+        return Pullback(x0, controls, none, traj.states, traj.status)
+
     def put(a: np.ndarray) -> wp.array:
         return wp.array(a, dtype=sim.dtype, device=sim.device, requires_grad=True)
 

@@ -267,6 +267,8 @@ def box(
 
     They touch half-planes of any body, and round shapes; `touching` makes the contacts.
     """
+    if not isinstance(name, str) or not name:
+        raise SceneError(f"name is {shown(name)}; a name is needed")
     offset_x, offset_y = array("offset", offset, (2,), error=SceneError)
     half = min(number("width", width, 0.0, above=True, error=SceneError),
                number("height", height, 0.0, above=True, error=SceneError)) / 2.0  # fmt: skip

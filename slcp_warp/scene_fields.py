@@ -12,6 +12,13 @@ from .checks import shown, whole
 from .errors import SceneError
 
 
+def _several(value: Any) -> bool:
+    """Whether a value has entries that may be numbers."""
+    if isinstance(value, np.ndarray):
+        return value.ndim > 0
+    return isinstance(value, Sequence) and not isinstance(value, str | bytes)
+
+
 class Fields:
     """The fields of one object of a scene, for errors that say which."""
 
@@ -66,7 +73,7 @@ class Fields:
         value, label = self._get(name)
         if value is None and optional:
             return
-        if isinstance(value, Sequence | np.ndarray) and not isinstance(value, str) and np.ndim(value) != 0:
+        if _several(value):
             self._put(name, self._entries(label, value, count, name, optional))
         else:
             self.number(name)
@@ -78,8 +85,7 @@ class Fields:
             self._put(name, self._entries(label, value, count, rule or name, optional))
 
     def _entries(self, label: str, value: Any, count: int, rule: str, optional: bool) -> tuple[Any, ...]:
-        some = isinstance(value, Sequence | np.ndarray) and not isinstance(value, str | bytes)
-        if not some or np.ndim(value) == 0:
+        if not _several(value):
             raise SceneError(f"{label} is {shown(value)}; {count} numbers are needed")
         if len(value) != count:
             raise SceneError(f"{label} has {len(value)} entries; {count} are needed")
@@ -125,7 +131,7 @@ def settle_shape(shape: Any, kinds: Sequence[str]) -> None:
     fields.text("body", optional=True)
     fields.choice("kind", kinds)
     radius = shape.radius
-    several = isinstance(radius, Sequence | np.ndarray) and not isinstance(radius, str) and np.ndim(radius)
+    several = _several(radius)
     if shape.kind == "capsule" and not (several and len(radius) == 2):
         raise SceneError(f"{label}radius is {shown(radius)}; a capsule needs (radius, half length)")
     if several:

@@ -9,6 +9,7 @@ import typing
 from pathlib import Path
 from typing import Any
 
+from . import checks
 from .errors import SceneError
 from .files import parse_json, parse_toml, read_text, reading, write_text
 from .scene import Scene
@@ -30,7 +31,7 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
         SceneFileError: not a scene file, too large, another version, a field that is unknown, missing, twice
             or of a wrong type, or fields that do not describe a mechanism. FileNotFoundError.
     """
-    path = Path(path)
+    path = checks.path("path", path)
     if path.suffix == ".xml":
         from .mjcf import load_mjcf  # needs mujoco: only where it is asked for
 
@@ -67,7 +68,8 @@ def save_scene(scene: Scene, path: str | os.PathLike[str]) -> None:
     """Write a scene to a .json file, exactly: reading it gives an equal scene. The file appears whole or not
     at all.
     """
-    path = Path(path)
+    checks.instance("scene", scene, Scene, "a slcp_warp.Scene")
+    path = checks.path("path", path)
     if path.suffix != ".json":
         raise SceneFileError(
             f"{path}: scenes are written as .json, not as {path.suffix or 'a file without ending'}"

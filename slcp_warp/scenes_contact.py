@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 
+from .checks import shown
 from .errors import SceneError
 from .scene import Actuator, Body, Contact, Scene, Shape, box, touching
 from .scene_arguments import checked
@@ -81,7 +82,7 @@ def slope(kind: str = "block", angle: float = 0.3, friction: float = 0.4) -> Sce
     elif kind == "particle":
         up, inertia, shapes = 0.0, 1.0, (Shape("particle", "body", "disc"),)
     else:
-        raise SceneError(f"kind is {kind!r}; choose block, particle or disc")
+        raise SceneError(f"kind is {shown(kind)}; choose block, particle or disc")
     return Scene(
         name="slope", bodies=(Body("body", 1.0, inertia, joint="free"),), shapes=(*shapes, ground),
         contacts=touching(shapes, (ground,), friction), step_size=0.01, sigma=0.01,

@@ -131,7 +131,7 @@ class Simulator:
         force = self.batch("external_force", external_force, nb, 3).array
         tape.refuse("external_force", "forces have none: give them as controls of an actuator", force)
         same_worlds("external_force", force.shape[0], worlds)
-        return force.reshape((worlds, 3 * nb))
+        return force.contiguous().reshape((worlds, 3 * nb))
 
     def _controls(self, u: Any, worlds: int) -> wp.array:
         if u is None:
@@ -320,8 +320,8 @@ class Simulator:
         inputs = (
             table,
             1,
-            state.array.reshape((worlds, 1, self.nx)),
-            control.reshape((worlds, 1, max(self.nu, 1))),
+            state.array.contiguous().reshape((worlds, 1, self.nx)),
+            control.contiguous().reshape((worlds, 1, max(self.nu, 1))),
             self._external(external_force, worlds),
             wp.zeros(0, dtype=wp.int32, device=self.device),
             (fx, fu, fzz, status),

@@ -56,7 +56,7 @@ def sweep(
     checks.instance("scene", scene, Scene, "a slcp_warp.Scene")
     checks.instance("spec", spec, SweepSpec, "a slcp_warp.SweepSpec")
     chunk = None if chunk is None else checks.whole("chunk", chunk)
-    checks.function("progress", progress, optional=True)
+    checks.function("progress", progress, 2, optional=True)
     cases, columns, samples = [], [], []
     total = spec.worlds * len(spec.residuals) * len(spec.step_sizes)
     done, complete = 0, True

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from . import checks
 from .archive import Archive, open_archive, write_archive
 from .errors import ArgumentError
 from .files import FileError, reading, replacing
@@ -40,7 +41,7 @@ class SweepReport:
 
     def save(self, path: str | Path) -> Path:
         """Write .csv (the table) or .npz (everything, no pickle); replaced only once complete."""
-        path = Path(path)
+        path = checks.path("path", path)
         if path.suffix == ".csv":
             with replacing(path) as part, open(part, "w", newline="", encoding="utf-8") as file:
                 writer = csv.writer(file)

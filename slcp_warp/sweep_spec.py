@@ -76,7 +76,8 @@ class SweepSpec:
     def _check_cases(self) -> None:
         for name in ("residuals", "step_sizes", "kick_times"):
             value = getattr(self, name)
-            if isinstance(value, str) or not isinstance(value, Sequence | np.ndarray) or np.ndim(value) != 1:
+            listed = isinstance(value, Sequence) and not isinstance(value, str | bytes)
+            if not listed and not (isinstance(value, np.ndarray) and value.ndim == 1):
                 raise ArgumentError(f"SweepSpec.{name} is {shown(value)}; a tuple is needed")
             object.__setattr__(self, name, tuple(value))
         if not self.residuals or not self.step_sizes:
@@ -122,7 +123,7 @@ class SweepSpec:
 
     def _check_kicks(self) -> None:
         times = checks.numeric(self.kick_times)
-        inside = times is not None and ((times >= 0.0) & (times < self.duration)).all()
+        inside = times is not None and times.ndim == 1 and ((times >= 0.0) & (times < self.duration)).all()
         if times is None or not inside or (np.diff(times) < 0.0).any():
             raise ArgumentError(
                 f"SweepSpec.kick_times is {shown(self.kick_times)}; rising times in [0, {self.duration}) are "

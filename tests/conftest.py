@@ -7,6 +7,7 @@ tests of the files that compile much stay in the quick run (`scripts/test.sh --f
 import os
 import re
 
+import hypothesis
 import pytest
 import warp as wp
 
@@ -22,6 +23,20 @@ except ModuleNotFoundError as error:
     raise pytest.UsageError(message) from error
 
 
+# The same examples on every run; `HYPOTHESIS_PROFILE=full` (.ci/full) tries many, new ones every time.
+QUIET = {"deadline": None, "database": None, "suppress_health_check": list(hypothesis.HealthCheck)}
+hypothesis.settings.register_profile("quick", derandomize=True, max_examples=40, **QUIET)
+hypothesis.settings.register_profile("full", max_examples=1500, print_blob=True, **QUIET)
+hypothesis.settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "quick"))
+
+
+@pytest.fixture(scope="session")
+def monkeypatch_session():
+    """A monkeypatch for tests whose examples undo it themselves."""
+    with pytest.MonkeyPatch.context() as patch:
+        yield patch
+
+
 @pytest.fixture(params=[device.alias for device in wp.get_devices()])
 def device(request) -> str:
     """The name of a Warp device; the test runs once for each one present."""
@@ -35,7 +50,8 @@ def dtype(request) -> type:
 
 
 QUICK = {  # file: pattern of the quick tests' names; files that are not here mark their slow tests themselves
-    "test_bad_input.py": r"test_error|docs|file",
+    "test_bad_input.py": r"test_error|docs|file|no_worlds|memory",
+    "test_bad_worlds.py": r"(?!)",
     "test_cli.py": r"isosurface|last_turn|bad_input_is_one_line|starts_without",
     "test_complementarity.py": r"random_problems.*4-4|rem_agrees|bad_input",
     "test_contact_formulas.py": r"frictionless_body_rests|a_gram_and_a_tonne",

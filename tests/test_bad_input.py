@@ -9,7 +9,7 @@ import warp as wp
 from simulators import scene, simulator
 
 import slcp_warp as slcp
-from slcp_warp import ArrayError, OptionError, ParameterError, SceneError, Status, ddp
+from slcp_warp import ArrayError, OptionError, ParameterError, SceneError, ddp
 from slcp_warp.ddp.library import LibraryError, scene_digest
 
 FINGER = scene("flicking_finger")
@@ -24,6 +24,13 @@ def sim():
 
 def grasp():
     return simulator("grasp")
+
+
+class Stranger:
+    """A policy that no kernel knows."""
+
+    def arrays(self, sim):
+        return "mine", None
 
 
 def library(**header):
@@ -110,10 +117,15 @@ ERRORS = {
         lambda: slcp.Options(scaling="mass"), OptionError, "Options.scaling is 'mass'; choose"),
     "unknown dtype": (
         lambda: slcp.Simulator(FINGER, dtype="float16"), ValueError, "dtype is 'float16'; choose"),
+    "dtype as a list": (lambda: slcp.Simulator(FINGER, dtype=[]), ValueError, r"dtype is \[\]; choose"),
+    "device as a list": (lambda: slcp.Simulator(FINGER, device=[]), ValueError, r"device is \[\]; choose"),
     "no such device": (lambda: slcp.Simulator(FINGER, device="cuda:77"), ValueError, "cuda:77"),
     "negative mass in a scene": (
         lambda: slcp.Scene("s", (slcp.Body("a", -1.0, 1.0),)), SceneError,
         "'a': mass is -1.0; it must be positive"),
+    "a body without a mass": (lambda: slcp.Body("a", None, 1.0), SceneError, "'a': mass is None; a number"),
+    "gravity as one number": (lambda: mechanism(gravity=-9.81), SceneError, "gravity is -9.81; 2 numbers"),
+    "bodies as text": (lambda: slcp.Scene("s", "x"), SceneError, "bodies is 'x'; a tuple of Body"),
     "contact of unknown shapes": (
         lambda: slcp.Scene("s", (slcp.Body("a", 1.0, 1.0),), contacts=(slcp.Contact("p", "q"),)), SceneError,
         "no shape named 'p'"),
@@ -164,6 +176,10 @@ ERRORS = {
         lambda: sim().step(WORLDS, params=replace(mass=np.ones((2, 3)))), ArrayError,
         "params are given for 2 worlds, the arrays for 3"),
     # rollouts
+    "record by number": (
+        lambda: sim().rollout(X, FIVE, record=1), TypeError, "record is 1; names out of .*'impulse'"),
+    "a policy of a kind of its own": (
+        lambda: sim().rollout(X, policy=Stranger(), steps=3), ValueError, "name 'mine'; choose one of"),
     "controls of no length": (
         lambda: sim().rollout(X, np.zeros((0, 2))), ArrayError, "controls has shape .*one step"),
     "sequences for other worlds": (
@@ -206,7 +222,7 @@ ERRORS = {
         lambda: problem(dynamics=grasp()), ValueError, "cost is for nx = 6, .* nx = 10"),
     "horizon 0": (lambda: problem(horizon=0), ValueError, "horizon is 0; a whole number of at least 1"),
     "limits crossed": (
-        lambda: problem(control_limits=(1.0, -1.0)), slcp.ArgumentError, "lower control limit .* upper"),
+        lambda: problem(control_limits=(1.0, -1.0)), ValueError, "control_limits: a lower limit .* upper"),
     "problem with other parameters": (
         lambda: solve(params=grasp().params), ValueError, "params belong to scene 'grasp'"),
     "initial state too short": (
@@ -284,67 +300,53 @@ def test_the_table_in_the_docs_tells_what_comes_back(request, what):
     assert message.endswith("...") or message == str(caught.value)
 
 
-@pytest.mark.parametrize("residual", ["rem-logistic", "hard"])
-def test_a_state_or_control_that_is_no_number_is_a_status(device, dtype, residual):
-    simulated = simulator("flicking_finger", device, dtype, "inertia", residual)  # as in test_step
-    x, u = WORLDS.copy(), np.zeros((3, 2))
-    x[0, 4] = NAN
-    u[1, 0] = np.inf
-    step = simulated.step(x, u)
-    assert step.status.tolist() == [Status.NONFINITE, Status.NONFINITE, Status.SOLVED]
-    np.testing.assert_array_equal(step.state[:2], x[:2].astype(step.state.dtype))  # the last valid state
-    np.testing.assert_array_equal(step.state[2], simulated.step(X).state)  # the neighbour does not notice
-
-
-def test_a_force_that_is_no_number_is_a_status(device):
-    simulated = simulator("flicking_finger", device, wp.float64, "none")
-    force = np.zeros((3, 3, 3))
-    force[1, 2, 0] = NAN
-    assert simulated.step(WORLDS, external_force=force).status.tolist() == [0, 3, 0]
-
-
-def test_a_world_that_fails_on_the_way_stays_where_it_was(device):
-    us = np.zeros((3, 10, 2))
-    us[1, 6, 1] = NAN
-    traj = simulator("flicking_finger", device, wp.float64, "none").rollout(WORLDS, us)
-    assert traj.status.tolist() == [0, 3, 0] and np.isfinite(traj.states).all()
-    np.testing.assert_array_equal(traj.states[1, 6:], np.tile(traj.states[1, 6], (5, 1)))
-    np.testing.assert_array_equal(traj.states[0], traj.states[2])
-
-
-def test_a_penetrating_start_opens(device):
-    """Pushed .02 to .3 m into each other: the first step is solved and moves the bodies apart."""
-    simulated = simulator("flicking_finger", device, wp.float64, "none")
-    q = np.linspace(-1.2, -1.55, 40)
-    x = np.zeros((40, 6))
-    x[:, 0], x[:, 1] = q, -0.02
-    before = simulated.step(x)
-    deep = (before.gap[:, 4] < -0.02) & (before.gap[:, 4] > -0.3)
-    assert deep.sum() > 5 and (before.status[deep] == 0).all()
-    traj = simulated.rollout(x[deep], np.zeros((deep.sum(), 3, 2)), record=("gap",))
-    assert (traj.status == 0).all()
-    assert (traj.gap[:, 1, 4] > before.gap[deep, 4] + 0.01).all()
-
-
-def test_crossed_joint_limits_are_infeasible(device):
-    simulated = simulator("flicking_finger", device, wp.float64, "none")
-    step = simulated.step(X, params=simulated.params.replace(lower=3.0))
-    assert step.status == Status.INFEASIBLE
-    np.testing.assert_array_equal(step.state, X)
-
-
-def test_a_warm_start_that_is_no_number_does_no_harm(device):
-    simulated = simulator("flicking_finger", device, wp.float64, "none")
-    warm = np.full((3, simulated.nr + 2), NAN)
-    step = simulated.step(WORLDS, warm_start=warm)
-    assert (step.status == 0).all()
-    np.testing.assert_allclose(step.state, simulated.step(WORLDS).state, atol=1e-10)
-
-
 def test_no_worlds_at_all(device):
     simulated = simulator("flicking_finger", device, wp.float64, "none")
     assert simulated.step(np.zeros((0, 6))).state.shape == (0, 6)
-    assert simulated.rollout(np.zeros((0, 6)), np.zeros((0, 5, 2))).states.shape == (0, 6, 6)
+    none, us = np.zeros((0, 6)), np.zeros((0, 5, 2))
+    assert simulated.rollout(none, us).states.shape == (0, 6, 6)
+    assert simulated.rollout(none, policy=library().policy(), steps=5).states.shape == (0, 6, 6)
+    assert simulated.rollout(none, us, simulated.params.replace(mass=np.ones((0, 3)))).states.shape == (
+        0,
+        6,
+        6,
+    )
+    assert simulated.linearize(none, second=True).A.shape == (0, 6, 6)
+    back = slcp.vjp(simulated, none, us, np.zeros((0, 6, 6)), parameters="mass")
+    assert (back.x0.shape, back.controls.shape, back.parameters["mass"].shape) == ((0, 6), (0, 5, 2), (0, 3))
+    assert slcp.jvp(simulated, none, us, none).tangent.shape == (0, 6, 6)
+    hessian, status = slcp.weighted_hessian(simulated, none, us[:, 0], none)
+    assert hessian.shape == (0, 8, 8) and status.shape == (0,)
+    solution = slcp.solve_complementarity(np.zeros((0, 3, 3)), np.zeros((0, 3)), device=device)
+    assert solution.impulse.shape == (0, 3) and solution.vjp(np.zeros((0, 3)))[0].shape == (0, 3, 3)
+    assert slcp.residual("min", none, none).shape == (0, 6)
+    result = ddp.solve(ddp.Problem(simulated, ddp.costs.flicking_finger(), 5), none, us)
+    assert result.xs.shape == (0, 6, 6) and result.K.shape == (0, 5, 2, 6) and result.converged.shape == (0,)
+
+
+def test_what_does_not_fit_into_the_memory_is_named(monkeypatch):
+    monkeypatch.setattr("slcp_warp.checks.os.sysconf", lambda name: 2**14)  # 256 MiB
+    hard = slcp.Simulator(FINGER, slcp.Options(residual="hard"), device="cpu")
+    many = 10**8
+    for call, words in (
+        (lambda: sim().rollout(X, policy=tracking(), steps=many), r"array \(1, 100000001, 6\) would take"),
+        (lambda: slcp.particles(hard, X, covariance=np.eye(6), count=many), "count = 100000000: the states"),
+        (lambda: ddp.Workspace(problem(horizon=many), 3), "batch 3, horizon 100000000 .* would take"),
+        (lambda: sweep(spec=spec(worlds=many)), "the samples would take 4.098 GiB; cpu has 0.25 GiB"),
+    ):  # fmt: skip
+        with pytest.raises(slcp.ArgumentError, match=words):
+            call()
+
+
+def test_a_scene_without_actuators_needs_steps_alone(device):
+    simulated = simulator("ball_drop", device)
+    traj = simulated.rollout(simulated.scene.x0, steps=5)
+    controls = np.zeros((5, 0))
+    np.testing.assert_array_equal(traj.states, simulated.rollout(simulated.scene.x0, controls).states)
+    with pytest.raises(slcp.ArgumentError, match="steps is 0; a whole number"):
+        simulated.rollout(simulated.scene.x0, steps=0)
+    with pytest.raises(slcp.ArgumentError, match="give either controls or policy"):
+        sim().rollout(X, steps=5)
 
 
 def test_a_sweep_file_that_is_none_is_refused(tmp_path):

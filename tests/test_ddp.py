@@ -318,7 +318,7 @@ def test_illegal_problems():
         ddp.Problem(object(), cost, 5)
     with pytest.raises(ValueError, match="cost is for nx = 6, the dynamics has nx = 4"):
         ddp.Problem(dynamics, ddp.costs.flicking_finger(), 5)
-    with pytest.raises(ValueError, match="lower control limit must be at most"):
+    with pytest.raises(ValueError, match="control_limits: a lower limit is above the upper one"):
         ddp.Problem(dynamics, cost, 5, control_limits=(1.0, -1.0))
     with pytest.raises(ValueError, match="unknown parameter 'sigma'; known: step_size"):
         problem.with_params(sigma=0.1)
