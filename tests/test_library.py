@@ -123,7 +123,7 @@ def test_concatenation_renumbers_the_chains():
     np.testing.assert_array_equal(both.x, np.concatenate([a.x, b.x]))
     with pytest.raises(ddp.LibraryError, match="different scenes"):
         ddp.concatenate([a, made(b.x, header={"scene": "grasp", "digest": "x"})])
-    with pytest.raises(ddp.LibraryError, match="no libraries"):
+    with pytest.raises(ddp.LibraryError, match="libraries is empty"):
         ddp.concatenate([])
 
 

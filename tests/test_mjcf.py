@@ -117,5 +117,5 @@ def test_what_is_refused_is_named(tmp_path, change, message):
 def test_missing_file_and_plane(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"nowhere\.xml"):
         slcp.load_mjcf(tmp_path / "nowhere.xml")
-    with pytest.raises(ValueError, match="choose xz or xy"):
+    with pytest.raises(ValueError, match="choose one of .'xz', 'xy'"):
         slcp.load_mjcf(HOPPER, plane="yz")
