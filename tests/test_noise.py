@@ -61,12 +61,13 @@ def test_derivatives_follow_sigma_through_the_jacobian(finger, params, states):
 
 def test_standard_deviation_is_the_scale_times_pi_over_root_three(device):
     sc = scene("ball_drop")
-    x = np.array([0.0, 0.01, 0.3, 0.4, -0.3, 0.1])[: 2 * sc.nv]
+    x = np.array([0.0, 0.102, 0.3, 0.4, -0.3, 0.1])  # inside the layer, where sigma shows
     scale = slcp.Simulator(sc, slcp.Options(deviation="scale"), device=device)
     spread = slcp.Simulator(sc, slcp.Options(deviation="standard-deviation"), device=device)
     one = scale.step(x, None, scale.params.replace(sigma=RATIO * 0.2)).state
     two = spread.step(x, None, spread.params.replace(sigma=0.2)).state
     np.testing.assert_allclose(one, two, atol=1e-13)
+    assert np.abs(scale.step(x, None, scale.params.replace(sigma=0.2)).state - two).max() > 1e-3
     assert slcp.Options(noise="state").method.converts and not slcp.Options().method.converts
 
 

@@ -2,9 +2,12 @@
 
 import numpy as np
 import pytest
+import warp as wp
 from scipy.integrate import quad
+from scipy.special import spence
 from scipy.stats import logistic, norm, uniform
 
+from slcp_warp.kernels.residuals import make_residuals
 from slcp_warp.residuals import residual
 
 NOISE = {"logistic": logistic(), "normal": norm(), "uniform": uniform(-np.sqrt(3.0), 2.0 * np.sqrt(3.0))}
@@ -71,3 +74,17 @@ def test_rem_is_at_most_erm(noise):
     a, b, sigma = samples().T
     rem, erm = (residual(f"{kind}-{noise}", a, b, sigma) for kind in ("rem", "erm"))
     assert (rem**2 <= erm * (1.0 + 1e-12)).all()
+
+
+def test_dilogarithm_on_both_sides_of_its_inversion(device):
+    """Li_2(x) of the standard definition, x <= 0, against scipy's spence(1 - x)."""
+    dilogarithm = make_residuals(wp.float64).dilogarithm
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def evaluate(x: wp.array(dtype=wp.float64), out: wp.array(dtype=wp.float64)):
+        out[wp.tid()] = dilogarithm(x[wp.tid()])
+
+    x = -np.concatenate([[0.0, 1.0], 10.0 ** np.linspace(-8.0, 8.0, 81)])
+    out = wp.zeros(len(x), dtype=wp.float64, device=device)
+    wp.launch(evaluate, dim=len(x), inputs=[wp.array(x, dtype=wp.float64, device=device), out], device=device)
+    np.testing.assert_allclose(out.numpy(), spence(1.0 - x), rtol=1e-13, atol=4e-16)  # 1 - x rounds

@@ -59,6 +59,44 @@ def test_a_warm_start_brings_both_components_of_every_normal(device):
     assert (z.numpy() > 1e20).all()  # no multiplier: every row starts from the velocity
 
 
+@pytest.mark.parametrize("strategy", ["registers", "memory"])
+def test_a_rollout_is_its_steps_in_every_world(device, strategy):
+    """Every step has its own controls, every world its own numbers and external force."""
+    sc, steps, worlds = scene("flicking_finger"), 3, 4
+    sim = slcp.Simulator(sc, slcp.Options(scaling="none"), device=device, dtype="float64", strategy=strategy)
+    rng = np.random.default_rng(2)
+    x0 = np.array([-1.0, -1.0, 0.3, 0.0, 0.0, 0.0]) + 0.1 * rng.standard_normal((worlds, 6))
+    us, force = rng.standard_normal((worlds, steps, 2)), rng.standard_normal((worlds, 3, 3))
+    numbers = {"mass": rng.uniform(0.8, 1.2, (worlds, 3)), "step_size": rng.uniform(0.03, 0.05, worlds)}
+    params = sim.params.replace(**numbers)
+    run = sim.rollout(x0, us, params, external_force=force)
+    assert not run.status.any()
+    for world in range(worlds):
+        own = sim.params.replace(**{name: value[world] for name, value in numbers.items()})
+        x = x0[world]
+        for k in range(steps):
+            x = sim.step(x, us[world, k], own, external_force=force[world]).state
+            np.testing.assert_allclose(run.states[world, k + 1], x, rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize("dtype, far, accuracy", [("float64", 34.0, 1e-9), ("float32", 15.0, 2e-4)])
+def test_an_impulse_below_rounding_is_right(device, dtype, far, accuracy):
+    """A particle above the ground: (17) for one row, e^(-dv/sigma) + e^(-w/sigma) = 1 with w = d/h + dv."""
+    sim = slcp.Simulator(scene("particle"), device=device, dtype=dtype)
+    sigma, h = 0.1, sim.scene.step_size
+    params = sim.params.replace(gravity=0.0, sigma=sigma)
+    w = sigma * np.linspace(1.0, far, 30)
+    change = -sigma * np.log1p(-np.exp(-w / sigma))
+    x = np.zeros((30, 6))
+    x[:, 1] = h * (w - change)
+    x = x.astype(dtype).astype(float)
+    for _ in range(3):  # the state as the kernel sees it
+        change = -sigma * np.log1p(-np.exp(-(x[:, 1] / h + change) / sigma))
+    step = sim.step(x, None, params)
+    assert not step.status.any()
+    np.testing.assert_allclose(step.impulse[:, 0], change, rtol=accuracy)  # of a mass of 1
+
+
 def test_a_warm_start_changes_no_solution(device):
     sim = simulator("turned_pair", device)
     rng = np.random.default_rng(1)
