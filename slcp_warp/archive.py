@@ -28,8 +28,15 @@ _END = struct.Struct("<4s4H2LH")
 def write_archive(
     path: str | os.PathLike[str], header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]
 ) -> None:
-    """Write a header of JSON values and arrays, whole or not at all. Raises OSError, which names the file."""
-    text = np.array(json.dumps(dict(header)))
+    """Write a header of JSON values and arrays, whole or not at all.
+
+    Raises:
+        FileError: a header that is no JSON. OSError: the file cannot be written; both name the file.
+    """
+    try:
+        text = np.array(json.dumps(dict(header)))
+    except (TypeError, ValueError, RecursionError) as error:
+        raise FileError(f"{path}: its header holds what JSON cannot: {error}") from error
     with replacing(path) as part, open(part, "wb") as file:
         np.savez_compressed(file, allow_pickle=False, header=text, **arrays)
 

@@ -164,7 +164,7 @@ def test_quickstart(tmp_path):
         (["optimise", "--method", "newton"], "newton"),
         (["optimise", "--continuation", "0.1,0.2"], "decrease"),
         (["library", "--plans", "0"], "at least 1"),
-        (["library", "--rounds", "-1"], "not be negative"),
+        (["library", "--rounds", "-1"], "at least 0"),
         (["library", "--entries", "9"], "at most the offset"),
         (["surface", "--scene", "pendulum_chain"], "contact pair"),
         (["chart", "nowhere.npz"], "no such file"),

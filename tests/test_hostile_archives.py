@@ -13,7 +13,7 @@ import pytest
 pytest.importorskip("typer")
 pytest.importorskip("matplotlib")
 
-from file_examples import FORMATS, outcome, rewritten
+from file_examples import FORMATS, library, outcome, rewritten
 
 from slcp_warp import ddp
 from slcp_warp.archive import open_archive
@@ -276,6 +276,15 @@ def test_cases_that_make_no_sense(tmp_path, change):
         (case,) = json.loads(str(archive["header"]))["cases"]
     rewritten(path, {"cases": [case | change]})
     assert outcome(form, path) is None
+
+
+def test_a_header_that_cannot_be_written_is_refused(tmp_path):
+    endless = {}
+    endless["itself"] = endless
+    for header in ({"a": object()}, {"a": np.zeros(3)}, endless):
+        with pytest.raises(FileError, match="file.npz: its header holds what JSON cannot"):
+            library(header=header).save(tmp_path / "file.npz")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_only_what_is_needed_is_looked_at(tmp_path):
