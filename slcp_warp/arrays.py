@@ -64,7 +64,8 @@ def to_batch(name: str, value: Any, shape: tuple[int | str, ...], dtype: Any, de
     ):
         need = ", ".join(str(n) for n in shape)
         raise ArrayError(f"{name} has shape {given}; (B, {need}) or ({need}) is needed")
-    checks.memory(name, math.prod(given), wp.types.type_size_in_bytes(dtype), wp.get_device(device))
+    if math.prod(given) > checks.FEW:
+        checks.memory(name, math.prod(given), wp.types.type_size_in_bytes(dtype), wp.get_device(device))
     if kind == "numpy":
         full = value if batched else value[None]
         return Batch(wp.array(np.ascontiguousarray(full), dtype=dtype, device=device), kind, batched)

@@ -22,6 +22,7 @@ _short = reprlib.Repr()
 _short.maxstring = _short.maxother = 80
 _short.maxlist = _short.maxtuple = _short.maxdict = 8
 MOST = 2**31 - 1  # of what kernels count in 32 bits
+FEW = 2**24  # numbers that fit into any memory: not worth a look
 
 
 def shown(value: Any) -> str:
@@ -193,8 +194,6 @@ def device(value: Any) -> wp.Device:
 def memory(what: str, count: int, bytes_each: int, where: wp.Device) -> None:
     """Raise ArgumentError where so many numbers cannot fit into the device's memory."""
     need = count * bytes_each
-    if need < 2**28:
-        return
     if where.is_cuda:
         total = where.total_memory
     else:

@@ -1,6 +1,7 @@
 """The run-time numbers of a scene: one value for all worlds, or one per world."""
 
 import copy
+import functools
 import threading
 from collections.abc import Mapping
 from typing import Any
@@ -50,6 +51,7 @@ class Parameters:
     def _with(self, values: dict[str, np.ndarray], requires_grad: bool) -> "Parameters":
         """A copy with values that were checked."""
         out = copy.copy(self)
+        out.__dict__.pop("worlds", None)  # looked up once an object: a step asks for it
         out._values, out.requires_grad, out._uploaded = values, requires_grad, {}
         return out
 
@@ -67,7 +69,7 @@ class Parameters:
         if not isinstance(name, str) or name not in self._values:
             raise ParameterError(f"no parameter {shown(name)}; there are {list(self.names)}")
 
-    @property
+    @functools.cached_property
     def worlds(self) -> int | None:
         """Number of worlds that the parameters differ over, None if shared by all."""
         sizes = {len(v) for n, v in self._values.items() if np.ndim(v) > len(self.layout.shape(n))}

@@ -83,8 +83,9 @@ class Simulator:
 
     def empty(self, *shape: int) -> wp.array:
         """A zeroed array of the simulator's dtype on its device."""
-        size = wp.types.type_size_in_bytes(self.dtype)
-        checks.memory(f"an array {shape}", math.prod(shape), size, self.device)
+        if math.prod(shape) > checks.FEW:
+            size = wp.types.type_size_in_bytes(self.dtype)
+            checks.memory(f"an array {shape}", math.prod(shape), size, self.device)
         return wp.zeros(shape, dtype=self.dtype, device=self.device)
 
     def batch(self, name: str, value: Any, *shape: int | str) -> Batch:
