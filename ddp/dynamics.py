@@ -232,7 +232,7 @@ def linear_system(A: Any, B: Any, c: Any = None, device: Any = None, dtype: Any 
     """
     A, B = array("A", A, ("nx", "nx")), array("B", B, ("nx", "nu"))
     nx = A.shape[0]
-    if A.shape != (nx, nx) or B.ndim != 2 or B.shape[0] != nx:
+    if A.shape != (nx, nx) or B.shape[0] != nx or not B.size:
         raise ArgumentError(f"A must be (nx, nx) and B (nx, nu), got {A.shape} and {B.shape}")
     c = np.zeros(nx) if c is None else array("c", c, (nx,))
     return WarpDynamics(make_linear, nx, B.shape[1], {"A": A, "B": B, "c": c}, device, dtype)

@@ -26,7 +26,7 @@ except ModuleNotFoundError as error:
 # The same examples on every run; `HYPOTHESIS_PROFILE=full` (.ci/full) tries many, new ones every time.
 QUIET = {"deadline": None, "database": None, "suppress_health_check": list(hypothesis.HealthCheck)}
 hypothesis.settings.register_profile("quick", derandomize=True, max_examples=40, **QUIET)
-hypothesis.settings.register_profile("full", max_examples=1500, print_blob=True, **QUIET)
+hypothesis.settings.register_profile("full", max_examples=500, print_blob=True, **QUIET)
 hypothesis.settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "quick"))
 
 
