@@ -116,7 +116,7 @@ class Archive:
             if dtype.kind not in kinds:
                 need = "a text" if kinds == "U" else "numbers"
                 raise FileError(f"array {name!r} is of type {dtype}; {need} needed")
-            if len(shape) > AXES or min((0, *shape)) < 0 or not math.prod(shape) <= size <= info.file_size:
+            if len(shape) > AXES or min((0, *shape)) < 0 or size != info.file_size - member.tell():
                 raise FileError(f"array {name!r} has shape {shape} in {info.file_size} bytes")
             array = np.empty(math.prod(shape), dtype)
             _fill(array.view(np.uint8).data if size else memoryview(b""), member, name)

@@ -83,6 +83,25 @@ def test_members_that_are_not_what_they_say(tmp_path, what):
     assert outcome(form, path) is None
 
 
+@pytest.mark.parametrize(
+    "shape", ["(6, 1000000000000)", f"(6, {10**30})", "(-6, -4)", "(0, 1000000000000)", "(6, 5)"]
+)
+def test_a_shape_is_judged_before_memory_is_set_aside(tmp_path, shape):
+    """Whatever memory there is: a system may promise what it does not have."""
+    _, path = written(tmp_path, "library")
+    repacked(path, only(X, npy(FLOAT % shape, bytes(192))))
+    with pytest.raises(FileError, match="'x' has shape"), open_archive(path) as archive:
+        archive.read("x")
+
+
+@pytest.mark.parametrize("kind", [bool, complex, "U3", "S3", "M8[s]"])
+def test_only_numbers_are_numbers(tmp_path, kind):
+    path = tmp_path / "file.npz"
+    np.savez(path, header=np.array("{}"), x=np.zeros(3, kind))
+    with pytest.raises(FileError, match="'x' is of type .*; numbers needed"), open_archive(path) as archive:
+        archive.read("x")
+
+
 @pytest.mark.parametrize("text", [
     '{"format": "slcp-warp-library", "version": 1, "version": 1}', "[1]", "3", "null", "", "{",
     '{"a": ' * 100_000, "[" * 100_000, '{"format": "slcp-warp-library", "version": true}',
