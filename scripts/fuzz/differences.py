@@ -57,7 +57,8 @@ def gradient_errors(sim: Any, x: Array, u: Array, params: Any, seed: int) -> tup
     weight = np.random.default_rng(seed).standard_normal(x.shape)
     tracked = params.track()
     kinds = {"dtype": sim.dtype, "device": "cpu"}
-    start, control = wp.array(x, requires_grad=True, **kinds), wp.array(u, requires_grad=True, **kinds)
+    start: Any = wp.array(x, requires_grad=True, **kinds)
+    control: Any = wp.array(u, requires_grad=True, **kinds)
     with wp.Tape() as tape:
         done = sim.step(start, control if sim.nu else None, tracked)
     tape.backward(grads={done.state: wp.array(weight, **kinds)})

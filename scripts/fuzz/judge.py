@@ -31,8 +31,8 @@ class Outcome:
     @staticmethod
     def of(step: Any) -> "Outcome":
         """From a `slcp_warp.Step`."""
-        values = (np.asarray(a, float) for a in (step.state, step.impulse, step.gap))
-        return Outcome(*values, np.asarray(step.status))
+        x, impulse, gap = (np.asarray(a, float) for a in (step.state, step.impulse, step.gap))
+        return Outcome(x, impulse, gap, np.asarray(step.status))
 
     def part(self, keep: Any) -> "Outcome":
         """Some of the worlds."""

@@ -73,6 +73,11 @@ class Mechanics:
             self.p[name] = given if given.ndim > value.ndim else given[None]
 
     @property
+    def implicit(self) -> bool:
+        """Whether dampers act with the velocity at the end of the step."""
+        return bool(getattr(self.scene, "implicit_damping", False))
+
+    @property
     def h(self) -> Array:
         """Step size (B or 1,)."""
         return self.p["step_size"]
@@ -150,7 +155,7 @@ class Mechanics:
 
     def spring(self, frames: list[Frame], q: Array, i: int) -> tuple[Array, Array, Array, Array]:
         """Of spring i: tension k (l - L) (B,), dl/dq (B, nv), the tension's terms and its energy (B,)."""
-        p, ends, reach = self.p, [], 0.0
+        p, ends, reach = self.p, [], np.zeros(len(q))
         for end, body in enumerate(self.s.springs[i]):
             local = p["spring_point"][:, i, end] + 0.0 * q[:, :1]
             if body < 0:
@@ -166,25 +171,30 @@ class Mechanics:
         grad = np.einsum("bk,bkj->bj", delta, jac) / length[:, None]
         return k * (length - rest), grad, np.abs(k) * (reach + rest), 0.5 * k * (length - rest) ** 2
 
-    def trapezoid(self, q: Array, v: Array, u: Array | None, push: Array) -> tuple[Array, Array]:
-        """Where the linearly implicit trapezoidal method takes v, and E: E (reached - v) = h f - h^2/2 K_q v,
-        E = M + h/2 K_v + h^2/4 K_q, K_q = d(M a - f)/dq at constant a, K_v = -df/dv, f = r + u + push.
+    def trapezoid(self, q: Array, v: Array, u: Array | None, push: Array) -> Array:
+        """Where the linearly implicit trapezoidal method takes v: E (reached - v) = h f - h^2/2 K_q v, E = N +
+        h/2 K_v + h^2/4 K_q, K_q = d(N a - f)/dq at constant a = N^-1 f, K_v = -df/dv, f = r + u + push. With
+        implicit damping N = M + h C, and K_v has no dampers; else N = M.
         """
         h, nv = self.h[:, None, None], q.shape[1]
         here = self.motion(q, v, u, push)
-        mass, force = here.mass, here.force - np.einsum("bij,bj->bi", here.damping, v)
-        a = np.linalg.solve(mass, force[..., None])[..., 0]
-        kq, kv = np.zeros(mass.shape), np.zeros(mass.shape)
+        ahead = h[..., 0] if self.implicit else 0.0 * h[..., 0]
+        n = here.mass + ahead[..., None] * here.damping
+        force = here.force - np.einsum("bij,bj->bi", here.damping, v)
+        a = np.linalg.solve(n, force[..., None])[..., 0]
+        kq, kv = np.zeros(n.shape), np.zeros(n.shape)
         for j in range(nv):
             step = 1j * COMPLEX_STEP * np.eye(nv)[j]
             by_q, by_v = self.motion(q + step, v + 0j, u), self.motion(q + 0j, v + step, u)
-            pull = by_q.force - np.einsum("bij,bj->bi", by_q.damping, v)
-            kq[..., j] = (np.einsum("bij,bj->bi", by_q.mass, a) - pull).imag / COMPLEX_STEP
-            drag = np.einsum("bij,bj->bi", by_v.damping, v + step)
+            drag = np.einsum("bij,bj->bi", by_q.damping, v + ahead * a)
+            total = np.einsum("bij,bj->bi", by_q.mass, a) + drag - by_q.force
+            kq[..., j] = total.imag / COMPLEX_STEP
+            drag = np.zeros(v.shape) if self.implicit else np.einsum("bij,bj->bi", by_v.damping, v + step)
             kv[..., j] = (drag - by_v.force).imag / COMPLEX_STEP
-        e = mass + 0.5 * h * (kv + 0.5 * h * kq)
+        e = n + 0.5 * h * (kv + 0.5 * h * kq)
         rhs = h[..., 0] * (force - 0.5 * h[..., 0] * np.einsum("bij,bj->bi", kq, v))
-        return v + np.linalg.solve(e, rhs[..., None])[..., 0], e
+        out: Array = v + np.linalg.solve(e, rhs[..., None])[..., 0]
+        return out
 
     def wrenches(self, q: Array, force: Array) -> Array:
         """Forces and torques at the centres of mass (B, nb, 3) whose generalised force is `force` (B, nv)."""

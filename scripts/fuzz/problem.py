@@ -46,7 +46,6 @@ class Truth:
         self.motion = self.mech.motion(self.q, self.v, worlds.u, force)
         self.touches = touches(self.mech, self.q)
         self.openings: dict[bool, dict[int, float]] = {}  # proofs, by Coulomb's friction and world
-        self.implicit = bool(getattr(scene, "implicit_damping", False))
 
     def drive(self, push: Array | None = None) -> Drive:
         """The equation of motion of Euler's step, or of the trapezoidal one with the predicted contact force
@@ -55,11 +54,13 @@ class Truth:
         h, mo = self.h[:, None], self.motion
         drag = np.einsum("bij,bj->bi", mo.damping, self.v)
         size = np.einsum("bij,bj->bi", np.abs(mo.mass), np.abs(self.v)) + h * (mo.size + np.abs(drag))
-        h_mass = mo.mass + h[..., None] * mo.damping if self.implicit else mo.mass
-        rhs = np.einsum("bij,bj->bi", mo.mass, self.v) + h * (mo.force - (0.0 if self.implicit else drag))
+        h_mass = mo.mass + h[..., None] * mo.damping if self.mech.implicit else mo.mass
+        rhs = np.einsum("bij,bj->bi", mo.mass, self.v) + h * (
+            mo.force - (0.0 if self.mech.implicit else drag)
+        )
         if push is not None:
             pull = np.einsum("bij,bj->bi", h_mass, push)
-            reached, _ = self.mech.trapezoid(self.q, self.v, self.worlds.u, pull / h)
+            reached = self.mech.trapezoid(self.q, self.v, self.worlds.u, pull / h)
             return Drive(h_mass, np.einsum("bij,bj->bi", h_mass, reached - push), size, reached - push)
         return Drive(h_mass, rhs, size, solved(h_mass, rhs))
 

@@ -20,8 +20,8 @@ COMPARED = ("compared single", "compared threads", "compared derivatives", "comp
 def rows_of(tally: Tally) -> list[Row]:
     """A row per kernels, method, precision and class of state."""
     grouped: dict[tuple[str, ...], Counter[str]] = {}
-    for (*key, what), count in tally.counts.items():
-        grouped.setdefault(tuple(key), Counter())[what] += count
+    for name, count in tally.counts.items():
+        grouped.setdefault(name[:-1], Counter())[name[-1]] += count
     out = []
     for key, counts in sorted(grouped.items()):
         row: Row = dict(zip(("kernels", *FIELDS, "dtype", "class"), key))

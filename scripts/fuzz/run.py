@@ -181,7 +181,7 @@ def predicted(scene: Scene, worlds: Worlds, options: Options) -> tuple[Array, Ar
     except StrategyError:
         return none
     truth = Truth(scene, worlds)
-    reached, _ = truth.mech.trapezoid(truth.q, truth.v, worlds.u, np.zeros(truth.q.shape))
+    reached = truth.mech.trapezoid(truth.q, truth.v, worlds.u, np.zeros(truth.q.shape))
     drive = truth.drive()
     force = np.einsum("bij,bj->bi", drive.h_mass, reached - drive.free) / truth.h[:, None]
     verdicts, done = judged(worlds, sim, force=force)

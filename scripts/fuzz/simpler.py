@@ -79,7 +79,8 @@ def bodies(case: Case) -> Makers:
 
 def parts(case: Case) -> Makers:
     """A spring, an actuator, a limit, a joint spring or a friction less."""
-    scene, out = case.scene, []
+    scene = case.scene
+    out: Makers = []
     for i in range(len(scene.springs)):
         out.append(partial(changed, case, springs=scene.springs[:i] + scene.springs[i + 1 :]))
     for i in range(len(scene.actuators)):
@@ -110,7 +111,8 @@ def _state(case: Case, i: int, value: float) -> Case:
 
 def zeros(case: Case) -> Makers:
     """A number of the state or the scene that is zero or one."""
-    scene, out = case.scene, []
+    scene = case.scene
+    out: Makers = []
     for i, value in enumerate(case.x):
         if value != 0.0:
             out.append(partial(_state, case, i, 0.0))
@@ -136,7 +138,8 @@ def short(value: Any) -> Any:
 
 def digits(case: Case) -> Makers:
     """A number of the state, or a body's or shape's numbers, with two digits."""
-    scene, out = case.scene, []
+    scene = case.scene
+    out: Makers = []
     for i, value in enumerate(case.x):
         if short(float(value)) != value:
             out.append(partial(_state, case, i, short(float(value))))

@@ -118,7 +118,7 @@ def baked(scene: Scene, numbers: dict[str, Any], sigma: float | None = None) -> 
     other, which a scene refuses, become one limit.
     """
 
-    def flat(value: Any) -> tuple[float, ...]:
+    def flat(value: Any) -> Any:
         return tuple(float(x) for x in np.ravel(value))
 
     bodies, shapes, contacts, springs, at, pair = [], [], [], [], 0, 0

@@ -41,11 +41,11 @@ class Verdicts:
             self.errors = judge(problem, out)
         self.worst = np.where(solved, np.minimum(self.errors.worst(), self.errors.worst("lenient")), 0.0)
         bad = solved & ((self.errors.worst("lenient") > 1.0) | ~finite)
-        for i in np.flatnonzero(bad):
+        for i in np.flatnonzero(bad).tolist():
             self._set(i, SILENT, "not finite" if not finite[i] else self.errors.name(i))
-        for count, i in enumerate(np.flatnonzero(solved & ~bad & (self.errors.worst() > 1.0))):
+        for count, i in enumerate(np.flatnonzero(solved & ~bad & (self.errors.worst() > 1.0)).tolist()):
             self._earn(i, count < PROOFS)
-        for count, i in enumerate(np.flatnonzero(~solved)):
+        for count, i in enumerate(np.flatnonzero(~solved).tolist()):
             self._status(i, count < PROOFS)
         if len(problem.tangent):
             unclear = (problem.unclear & ~(problem.free > 1e3 * problem.terms(np.abs(problem.truth.v)))).any(
