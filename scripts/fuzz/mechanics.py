@@ -173,8 +173,8 @@ class Mechanics:
 
     def trapezoid(self, q: Array, v: Array, u: Array | None, push: Array) -> Array:
         """Where the linearly implicit trapezoidal method takes v: E (reached - v) = h f - h^2/2 K_q v,
-        E = N + h/2 K_v + h^2/4 K_q, K_q = d(N a - f)/dq at constant a = N^-1 f, K_v = -df/dv, f = r + u + push. With
-        implicit damping N = M + h C, and K_v has no dampers; else N = M.
+        E = N + h/2 K_v + h^2/4 K_q, K_q = d(N a - f)/dq at constant a = N^-1 f, K_v = -df/dv, f = r + u +
+        push. With implicit damping N = M + h C, and K_v has no dampers; else N = M.
         """
         h, nv = self.h[:, None, None], q.shape[1]
         here = self.motion(q, v, u, push)
