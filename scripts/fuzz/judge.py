@@ -182,7 +182,8 @@ def _energy(p: Problem, v1: Array, like: Array) -> tuple[Array, Array]:
         return none, none
     energy = p.truth.mech.kinetic(p.drive.h_mass, v1)
     free = p.truth.mech.kinetic(p.drive.h_mass, p.drive.free)
-    size = p.truth.mech.kinetic(np.abs(p.drive.h_mass), np.abs(p.drive.free)) + TINY
+    rounded = np.abs(p.drive.free) + np.abs(p.truth.v)
+    size = p.truth.mech.kinetic(np.abs(p.drive.h_mass), rounded) + TINY
     legal = (p.rate >= 0.0).all(1)
     gain = np.where(legal, energy - free, 0.0) / (20.0 * TOLERANCE[p.dtype])
     answer = size + p.truth.mech.kinetic(np.abs(p.drive.h_mass), np.abs(like))

@@ -57,7 +57,7 @@ def least_motion(p: Problem, i: int) -> tuple[Array, Array] | None:
     return p.drive.free[i] + move, lam
 
 
-def coulomb_solution(p: Problem, i: int, accuracy: float = 1e-7) -> tuple[Array, Array] | None | bool:
+def coulomb_solution(p: Problem, i: int, accuracy: float = 1e-11) -> tuple[Array, Array] | None | bool:
     """v' and lambda of a solution of Coulomb contact with the least impulses, by trying all modes of all
     rows; None where there is none, False where there are too many modes to try.
     """
