@@ -171,15 +171,28 @@ class Mechanics:
         grad = np.einsum("bk,bkj->bj", delta, jac) / length[:, None]
         return k * (length - rest), grad, np.abs(k) * (reach + rest), 0.5 * k * (length - rest) ** 2
 
+    def effective(self, motion: Motion, trapezoidal: bool) -> Array:
+        """N (B, nv, nv), which stands for M where v' is solved. Implicit damping: M + h C (Euler), K + B K^-1
+        B with B = h C / 2, K = M + B (trapezoidal); else M.
+        """
+        if not self.implicit:
+            return motion.mass
+        drag = self.h[:, None, None] * motion.damping
+        if not trapezoidal:
+            return motion.mass + drag
+        k = motion.mass + 0.5 * drag
+        out: Array = k + 0.25 * drag @ np.linalg.solve(k, drag)
+        return out
+
     def trapezoid(self, q: Array, v: Array, u: Array | None, push: Array) -> Array:
         """Where the linearly implicit trapezoidal method takes v: E (reached - v) = h f - h^2/2 K_q v,
-        E = N + h/2 K_v + h^2/4 K_q, K_q = d(N a - f)/dq at constant a = N^-1 f, K_v = -df/dv, f = r + u +
-        push. With implicit damping N = M + h C, and K_v has no dampers; else N = M.
+        E = N + h/2 K_v + h^2/4 K_q, K_q = d(M a - f)/dq at constant a = N^-1 f, K_v = -df/dv, f = r + u +
+        push. With implicit damping K_v has no dampers and K_q has them at v + h a.
         """
         h, nv = self.h[:, None, None], q.shape[1]
         here = self.motion(q, v, u, push)
         ahead = h[..., 0] if self.implicit else 0.0 * h[..., 0]
-        n = here.mass + ahead[..., None] * here.damping
+        n = self.effective(here, True)
         force = here.force - np.einsum("bij,bj->bi", here.damping, v)
         a = np.linalg.solve(n, force[..., None])[..., 0]
         kq, kv = np.zeros(n.shape), np.zeros(n.shape)

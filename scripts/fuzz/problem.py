@@ -49,12 +49,12 @@ class Truth:
 
     def drive(self, push: Array | None = None) -> Drive:
         """The equation of motion of Euler's step, or of the trapezoidal one with the predicted contact force
-        `push` = M^-1 J' lambda (B, nv).
+        `push` = N^-1 J' lambda (B, nv).
         """
         h, mo = self.h[:, None], self.motion
         drag = np.einsum("bij,bj->bi", mo.damping, self.v)
         size = np.einsum("bij,bj->bi", np.abs(mo.mass), np.abs(self.v)) + h * (mo.size + np.abs(drag))
-        h_mass = mo.mass + h[..., None] * mo.damping if self.mech.implicit else mo.mass
+        h_mass = self.mech.effective(mo, push is not None)
         rhs = np.einsum("bij,bj->bi", mo.mass, self.v) + h * (
             mo.force - (0.0 if self.mech.implicit else drag)
         )

@@ -20,6 +20,7 @@ from .draws import CHUNK, CLASSES, Worlds, draw_worlds
 from .judge import Outcome
 from .mechanics import Array
 from .problem import Problem, Truth
+from .proofs import least_motion
 from .structures import SMALL, Size, random_scene
 from .verdicts import HOLDS, SILENT, WRONG, Verdicts
 
@@ -170,24 +171,36 @@ def judged(worlds: Worlds, sim: Any, push: Array | None = None, truth: Truth | N
 
 
 def predicted(scene: Scene, worlds: Worlds, options: Options) -> tuple[Array, Array]:
-    """M^-1 J' lambda (B, nv) that the trapezoidal method predicts, and in which worlds it is known: the
-    common kernels solve Euler's problem under a force that gives it the same free velocity, and the oracle
-    confirms it.
+    """N^-1 J' lambda (B, nv) that the trapezoidal method predicts, and in which worlds it is known: where no
+    row can act, where the hard problem is solved by least distances, and where without dampers the common
+    kernels solve Euler's problem under a force that gives it the same free velocity and the oracle confirms
+    it.
     """
+    none = np.zeros((len(worlds.x), scene.nv))
+    truth = Truth(scene, worlds)
+    drive = truth.drive(none)
+    method = dataclasses.replace(options, noise="row", gap="start").method
+    p = Problem(truth, drive, method, "float64")
+    known = np.full(len(worlds.x), method.hard) & (p.free > 0.0).all(1)
+    push = none.copy()
+    if method.hard and not method.coulomb:
+        for i in np.flatnonzero(~known).tolist():
+            found = least_motion(p, i)
+            if found is not None:
+                push[i], known[i] = found[0] - drive.free[i], True
+        return push, known
     euler = dataclasses.replace(options, integrator="euler", gap="start")
-    none = np.zeros((len(worlds.x), scene.nv)), np.zeros(len(worlds.x), bool)
     try:
         sim = slcp.Simulator(scene, euler, device="cpu", strategy="memory")
     except StrategyError:
-        return none
-    truth = Truth(scene, worlds)
-    reached = truth.mech.trapezoid(truth.q, truth.v, worlds.u, np.zeros(truth.q.shape))
-    drive = truth.drive()
-    force = np.einsum("bij,bj->bi", drive.h_mass, reached - drive.free) / truth.h[:, None]
+        return push, known
+    start = truth.drive()
+    force = np.einsum("bij,bj->bi", start.h_mass, drive.free - start.free) / truth.h[:, None]
     verdicts, done = judged(worlds, sim, force=force)
-    known = (verdicts.verdict == HOLDS) & (np.asarray(done.status) == Status.SOLVED)
-    push = np.asarray(done.state, float)[:, scene.nv :] - verdicts.problem.drive.free
-    return np.where(known[:, None], push, none[0]), known
+    sure = (verdicts.verdict == HOLDS) & (np.asarray(done.status) == Status.SOLVED)
+    sure &= ~known & ~truth.motion.damping.any((1, 2))
+    found = np.asarray(done.state, float)[:, scene.nv :] - drive.free
+    return np.where(sure[:, None], found, push), known | sure
 
 
 def run_task(task: Task, threads: int = 1) -> Tally:
