@@ -26,6 +26,7 @@ from .verdicts import HOLDS, SILENT, WRONG, Verdicts
 
 DTYPES = ("float64", "float32")
 FIELDS = ("residual", "scaling", "friction", "integrator", "noise", "deviation", "gap")
+WELL_POSED = 1e4  # condition of a mass matrix in units of its diagonal
 SHOWN = 5  # failures that a task keeps of each kind
 MEMORY = [
     Options(residual, scaling, friction)
@@ -174,7 +175,7 @@ def predicted(scene: Scene, worlds: Worlds, options: Options) -> tuple[Array, Ar
     """N^-1 J' lambda (B, nv) that the trapezoidal method predicts, and in which worlds it is known: where no
     row can act, where the hard problem is solved by least distances, and where without dampers the common
     kernels solve Euler's problem under a force that gives it the same free velocity and the oracle confirms
-    it.
+    it. Mass matrices that amplify what is left of an error are left out.
     """
     none = np.zeros((len(worlds.x), scene.nv))
     truth = Truth(scene, worlds)
@@ -199,6 +200,8 @@ def predicted(scene: Scene, worlds: Worlds, options: Options) -> tuple[Array, Ar
     verdicts, done = judged(worlds, sim, force=force)
     sure = (verdicts.verdict == HOLDS) & (np.asarray(done.status) == Status.SOLVED)
     sure &= ~known & ~truth.motion.damping.any((1, 2))
+    root = np.sqrt(np.einsum("bjj->bj", drive.h_mass))
+    sure &= np.linalg.cond(drive.h_mass / (root[:, :, None] * root[:, None])) < WELL_POSED
     found = np.asarray(done.state, float)[:, scene.nv :] - drive.free
     return np.where(sure[:, None], found, push), known | sure
 
