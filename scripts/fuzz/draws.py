@@ -71,7 +71,7 @@ def draw_numbers(rng: Rng, scene: Scene, worlds: int) -> dict[str, Array]:
         if shape.kind == "disc":
             radius[:, i] = radius[:, i, :1] if base["radius"][i, 0] > 0.0 else 0.0
     cosine = u(-np.pi, np.pi, nb)
-    most = 4.0 if getattr(scene, "implicit_damping", False) else 0.0  # of c h / m, decades
+    most = 4.0 if getattr(scene, "implicit_damping", True) else 0.0  # of c h / m, decades
     stiff = mass[:, [b for b in s.dof_body]] / h[:, None] * decades(rng, -1, most, n, nv)
     damping = np.where(rng.random((n, 1)) < 0.3, stiff, often(0.6, u(0.0, 0.5, nv)))
     out: dict[str, Any] = {

@@ -174,17 +174,25 @@ def _contact(p: Problem, rate: Array, v1: Array, lam: Array, data: Array) -> Arr
 
 
 def _energy(p: Problem, v1: Array, like: Array) -> tuple[Array, Array]:
-    """By how much hard contact whose rows are all open, or closed without overlap, adds kinetic energy: v'
-    is a projection of v_free then (Anitescu), or friction and normal both oppose it (Coulomb).
+    """By how much a step adds kinetic energy where it must not. Hard contact whose rows are all open, or
+    closed without overlap: v' is a projection of v_free (Anitescu), or friction and normal both oppose it
+    (Coulomb). Dampers, where nothing touches: against the velocity without them, unless the scene wants
+    them explicit.
     """
-    none = np.zeros(len(v1))
-    if not p.method.hard or p.method.trapezoidal or p.method.end_gap:
+    truth, none = p.truth, np.zeros(len(v1))
+    if p.method.trapezoidal:
         return none, none
-    energy = p.truth.mech.kinetic(p.drive.h_mass, v1)
-    free = p.truth.mech.kinetic(p.drive.h_mass, p.drive.free)
-    rounded = np.abs(p.drive.free) + np.abs(p.truth.v)
-    size = p.truth.mech.kinetic(np.abs(p.drive.h_mass), rounded) + TINY
-    legal = (p.rate >= 0.0).all(1)
-    gain = np.where(legal, energy - free, 0.0) / (20.0 * TOLERANCE[p.dtype])
-    answer = size + p.truth.mech.kinetic(np.abs(p.drive.h_mass), np.abs(like))
-    return gain / size, gain / answer
+    kinetic, h_mass, free = truth.mech.kinetic, p.drive.h_mass, np.abs(p.drive.free)
+    undamped = truth.undamped()
+    alone = (p.free > 0.0).all(1) & truth.damped if p.method.hard else none > 0.0
+    gain = np.where(alone, kinetic(truth.motion.mass, v1) - kinetic(truth.motion.mass, undamped), 0.0)
+    size = kinetic(np.abs(truth.motion.mass), np.abs(undamped) + np.abs(truth.v)) + TINY
+    strict = lenient = gain / (20.0 * TOLERANCE[p.dtype]) / size
+    if p.method.hard and not p.method.end_gap:
+        legal = (p.rate >= 0.0).all(1)
+        gain = np.where(legal, kinetic(h_mass, v1) - kinetic(h_mass, p.drive.free), 0.0)
+        gain = gain / (20.0 * TOLERANCE[p.dtype])
+        size = kinetic(np.abs(h_mass), free + np.abs(truth.v)) + TINY
+        strict = np.maximum(strict, gain / size)
+        lenient = np.maximum(lenient, gain / (size + kinetic(np.abs(h_mass), np.abs(like))))
+    return strict, lenient

@@ -47,6 +47,16 @@ class Truth:
         self.touches = touches(self.mech, self.q)
         self.openings: dict[bool, dict[int, float]] = {}  # proofs, by Coulomb's friction and world
 
+    @property
+    def damped(self) -> bool:
+        """Whether dampers may only take energy: unless the scene wants their explicit rule."""
+        return bool(getattr(self.scene, "implicit_damping", True))
+
+    def undamped(self) -> Array:
+        """Where the forces alone take the velocity without dampers (B, nv)."""
+        momentum = np.einsum("bij,bj->bi", self.motion.mass, self.v) + self.h[:, None] * self.motion.force
+        return solved(self.motion.mass, momentum)
+
     def drive(self, push: Array | None = None) -> Drive:
         """The equation of motion of Euler's step, or of the trapezoidal one with the predicted contact force
         `push` = N^-1 J' lambda (B, nv).
