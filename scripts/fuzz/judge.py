@@ -17,6 +17,7 @@ from .problem import EPSILON, FLOOR, TOLERANCE, Problem
 
 STEADY = {"float64": (4e-8, 4e-15), "float32": (1e-4, 2e-6)}  # gap="end": [m/s], and of positions [m]
 TINY = 1e-300
+MOST_LOSS = 1e-2  # of an equation of motion, whatever the mass matrix
 
 
 @dataclass(frozen=True)
@@ -118,8 +119,9 @@ def _motion(p: Problem, v1: Array, lam: Array, like_v: Array, like_lam: Array) -
     answer = np.einsum("bij,bj->bi", np.abs(drive.h_mass), np.abs(like_v))
     answer = data + answer + np.einsum("bri,br->bi", p.bound, np.abs(like_lam))
     out = []
+    loss = np.minimum(p.condition * p.loose / 4.0, MOST_LOSS / TOLERANCE[p.dtype])  # of digits in H^-1
     for size in (data, answer):
-        ratio = size / root
+        ratio = size / root * np.maximum(1.0, loss)[:, None]
         body = np.stack([ratio[:, mine == b].max(1) for b in mine], 1)
         out.append((error / (root * np.maximum(body, TINY))).max(1) / TOLERANCE[p.dtype])
     return out[0], out[1]
@@ -150,6 +152,8 @@ def _contact(p: Problem, rate: Array, v1: Array, lam: Array, data: Array) -> Arr
     """Errors (B, nr) of the complementarity problem, as velocities."""
     b = rate + np.einsum("bij,bj->bi", p.jac, v1)
     a, method = p.scale * lam, p.method
+    if not lam.size:
+        return np.zeros(lam.shape)
     if method.erm:
         by_a, by_b = expected_square_slopes(a, b, p.sigma, method)
         slope = p.scale * by_a + np.einsum("bij,bj->bi", p.a, by_b)

@@ -5,6 +5,7 @@ Euler: H v' = M v + h f + J' lambda with H = M and f = r + u where damping is ex
 state, the numbers, the free velocity) and never from the answer that is judged.
 """
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -153,6 +154,13 @@ class Problem:
             variance = np.einsum("bri,bij,brj->br", self.jac, noise, self.jac)
             sigma = np.sqrt(np.maximum(variance, 0.0) + 1e-12)
         return sigma * (LOGISTIC if method.converts else 1.0)
+
+    @functools.cached_property
+    def condition(self) -> Array:
+        """Condition of H in units of its diagonal (B,): 1 / condition of the motion's digits are lost."""
+        root = np.sqrt(np.einsum("bjj->bj", self.drive.h_mass))
+        out: Array = np.linalg.cond(self.drive.h_mass / (root[:, :, None] * root[:, None]))
+        return out
 
     @property
     def scale(self) -> Array:

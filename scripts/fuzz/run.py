@@ -200,8 +200,7 @@ def predicted(scene: Scene, worlds: Worlds, options: Options) -> tuple[Array, Ar
     verdicts, done = judged(worlds, sim, force=force)
     sure = (verdicts.verdict == HOLDS) & (np.asarray(done.status) == Status.SOLVED)
     sure &= ~known & ~truth.motion.damping.any((1, 2))
-    root = np.sqrt(np.einsum("bjj->bj", drive.h_mass))
-    sure &= np.linalg.cond(drive.h_mass / (root[:, :, None] * root[:, None])) < WELL_POSED
+    sure &= p.condition < WELL_POSED
     found = np.asarray(done.state, float)[:, scene.nv :] - drive.free
     return np.where(sure[:, None], found, push), known | sure
 

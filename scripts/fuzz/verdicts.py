@@ -13,7 +13,7 @@ import numpy as np
 
 from slcp_warp.options import Status
 
-from .judge import Errors, Outcome, ended, judge
+from .judge import MOST_LOSS, Errors, Outcome, ended, judge
 from .mechanics import Array
 from .problem import EPSILON, FLOOR, Problem
 from .proofs import coulomb_solution, least_motion, widest_opening
@@ -89,9 +89,7 @@ class Verdicts:
         if not (np.array_equal(self.out.x[i], before) and not self.out.impulse[i].any()):
             return self._set(i, WRONG, f"{status.name}, and the state moved")
         if status == Status.NONFINITE:
-            h_mass = self.problem.drive.h_mass[i]
-            root = np.sqrt(np.diagonal(h_mass))
-            singular = np.linalg.cond(h_mass / np.outer(root, root)) * EPSILON[self.problem.dtype] > 0.02
+            singular = self.problem.condition[i] * EPSILON[self.problem.dtype] > MOST_LOSS
             return None if singular else self._set(i, WRONG, "NONFINITE from finite numbers")
         if status == Status.NOT_CONVERGED:
             return None
