@@ -139,7 +139,7 @@ def baked(scene: Scene, numbers: dict[str, Any], sigma: float | None = None) -> 
             axis=flat(numbers["axis"][i]), com=flat(numbers["com"][i]),
             damping=flat([numbers["damping"][j] for j in dofs]),
             stiffness=kept(b.stiffness, "stiffness"), lower=kept(b.lower, "lower"),
-            upper=kept(b.upper, "upper"),
+            upper=kept(b.upper, "upper", "lower"),
             rest=flat([numbers["rest"][j] for j in dofs]) if "rest" in numbers else b.rest,
         ))  # fmt: skip
     for i, shape in enumerate(scene.shapes):
