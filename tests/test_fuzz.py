@@ -295,3 +295,27 @@ def test_a_case_comes_back_from_its_files(tmp_path):
     (tmp_path / "case.json").write_text("{}")
     with pytest.raises(cases.CaseError, match="cannot be read as a case"):
         cases.load_case(tmp_path / "case.json")
+
+
+@pytest.mark.parametrize(
+    ("dtype", "status"), [("float32", slcp.Status.NONFINITE), ("float64", slcp.Status.SOLVED)]
+)
+def test_a_mass_matrix_without_inverse_is_no_number(dtype, status):
+    """A slider of tonnes on a body of a gram: in float32 M^-1 has no digit, and M dv = J' lambda was off by
+    more than dv, SOLVED.
+    """
+    bodies = (
+        Body("light", 1e-3, 1e-5, joint="free"),
+        Body("heavy", 5e3, 40.0, "light", "prismatic", anchor=(0.4, 0.3)),
+    )
+    scene = Scene("heavy on light", bodies)
+    x = np.array([[0.0, 0.1, 0.2, 0.3, 1.0, -1.0, 2.0, 0.5]])
+    sim = slcp.Simulator(scene, HARD, device="cpu", dtype=dtype, strategy="registers")
+    numbers = {name: value[None] for name, value in scene.default_parameters().items()}
+    numbers["sigma"] = np.zeros((1, 0))
+    worlds = Worlds(numbers, x, np.zeros((1, 0)), np.zeros(1, int))
+    done = sim.step(x.astype(dtype))
+    assert done.status[0] == status
+    if status == slcp.Status.SOLVED:
+        found = verdicts(scene, worlds, Outcome.of(done))
+        assert found.verdict[0] == "holds" and found.worst[0] < 1.0

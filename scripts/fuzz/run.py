@@ -16,6 +16,7 @@ from slcp_warp.options import OptionError, Options, Status
 from slcp_warp.scene import Scene
 from slcp_warp.strategy import StrategyError
 
+from .differences import LIMIT, gradient_errors, jacobian_errors
 from .draws import CHUNK, CLASSES, Worlds, draw_worlds
 from .judge import Outcome
 from .mechanics import Array
@@ -27,6 +28,7 @@ from .verdicts import HOLDS, SILENT, WRONG, Verdicts
 DTYPES = ("float64", "float32")
 FIELDS = ("residual", "scaling", "friction", "integrator", "noise", "deviation", "gap")
 WELL_POSED = 1e4  # condition of a mass matrix in units of its diagonal
+DIFFERENTIATED, COMPARED = 4, 12  # every so many scenes with kernels of their own; worlds of it
 SHOWN = 5  # failures that a task keeps of each kind
 MEMORY = [
     Options(residual, scaling, friction)
@@ -48,6 +50,11 @@ class Task:
     chunks: int = 1
     residuals: tuple[str, ...] = ()
     per_chunk: int = CHUNK
+
+    @property
+    def differentiates(self) -> bool:
+        """Whether derivatives are compared, too: they compile as long again."""
+        return self.strategy == "registers" and self.scene % DIFFERENTIATED == 0
 
     def make_scene(self) -> Scene:
         """The random scene."""
@@ -223,6 +230,8 @@ def run_task(task: Task, threads: int = 1) -> Tally:
             verdicts, done = judged(worlds, sim, push, truth)
             _count(tally, task, chunk, worlds, options, dtype, verdicts, known)
             _twins(tally, task, chunk, worlds, sim, done)
+            if chunk == 0 and task.differentiates and dtype == "float64" and options.gap == "start":
+                _derivatives(tally, task, worlds, sim, verdicts)
     return tally
 
 
@@ -277,3 +286,26 @@ def _twins(tally: Tally, task: Task, chunk: int, worlds: Worlds, sim: Any, done:
             place, kind = chunk * task.per_chunk + int(i), CLASSES[worlds.kind[i]]
             tally.failures.append(Failure(task, place, sim.options, sim.dtype.__name__, kind, WRONG,
                                           f"differs: {what}", np.inf))  # fmt: skip
+
+
+def _derivatives(tally: Tally, task: Task, worlds: Worlds, sim: Any, verdicts: Verdicts) -> None:
+    """A, B and gradients by all parameters at a few solved worlds, against differences of the step."""
+    solved = np.flatnonzero((verdicts.verdict == HOLDS) & (verdicts.out.status == Status.SOLVED))
+    places = solved[:: max(1, len(solved) // COMPARED)][:COMPARED]
+    if not len(places) or not task.differentiates:
+        return
+    part = worlds.part(places)
+    params = sim.params.replace(**{n: v for n, v in numbers_for(sim, part).items() if np.size(v)})
+    key = (*key_of(task, sim.options, sim.dtype.__name__), "all")
+    with np.errstate(all="ignore"):
+        found = {
+            "derivatives": jacobian_errors(sim, part.x, part.u, params),
+            "gradients": gradient_errors(sim, part.x, part.u, params, task.seed),
+        }
+    for what, (error, trusted) in found.items():
+        tally.counts[(*key, f"compared {what}")] += int(trusted.sum())
+        for i in np.flatnonzero(trusted & ~(error <= LIMIT)).tolist()[:SHOWN]:
+            tally.failures.append(
+                Failure(task, int(places[i]), sim.options, sim.dtype.__name__, CLASSES[part.kind[i]], WRONG,
+                        f"differs: {what}", float(error[i]))
+            )  # fmt: skip
