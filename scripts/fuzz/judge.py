@@ -17,7 +17,6 @@ from .problem import EPSILON, FLOOR, TOLERANCE, Problem
 
 STEADY = {"float64": (4e-8, 4e-15), "float32": (1e-4, 2e-6)}  # gap="end": [m/s], and of positions [m]
 TINY = 1e-300
-MOST_LOSS = 1e-2  # of an equation of motion, whatever the mass matrix
 
 
 @dataclass(frozen=True)
@@ -63,7 +62,7 @@ def judge(problem: Problem, out: Outcome, answer: tuple[Array, Array] | None = N
     """Errors of the worlds' steps. `answer`: velocities and impulses whose sizes count as the answer's, in
     place of the judged ones.
     """
-    truth, method, tol = problem.truth, problem.method, TOLERANCE[problem.dtype]
+    truth, method, tol = problem.truth, problem.method, problem.tolerance
     nv = truth.s.nv
     q1, v1, lam = out.x[:, :nv], out.x[:, nv:], out.impulse
     like_v, like_lam = answer if answer is not None else (v1, lam)
@@ -83,7 +82,7 @@ def judge(problem: Problem, out: Outcome, answer: tuple[Array, Array] | None = N
     free = np.abs(truth.v) + np.abs(problem.drive.free)
     acts = (lam != 0.0) | (problem.free < 0.0) | (rate + np.einsum("bij,bj->bi", problem.jac, v1) < 0.0)
     data = problem.terms(free) + problem.sigma + TINY
-    data = np.maximum(data, _highest(data, acts)[:, None])
+    data = np.maximum(data, _highest(data, acts)[:, None]) * problem.loss[:, None]
     swing = problem.terms(np.abs(like_v)) + problem.diag * np.abs(like_lam)
     swing = data + np.maximum(swing, _highest(swing, acts)[:, None])
     error = _contact(problem, rate, v1, lam, data)
@@ -119,11 +118,10 @@ def _motion(p: Problem, v1: Array, lam: Array, like_v: Array, like_lam: Array) -
     answer = np.einsum("bij,bj->bi", np.abs(drive.h_mass), np.abs(like_v))
     answer = data + answer + np.einsum("bri,br->bi", p.bound, np.abs(like_lam))
     out = []
-    loss = np.minimum(p.condition * p.loose / 4.0, MOST_LOSS / TOLERANCE[p.dtype])  # of digits in H^-1
     for size in (data, answer):
-        ratio = size / root * np.maximum(1.0, loss)[:, None]
+        ratio = size / root * p.loss[:, None]
         body = np.stack([ratio[:, mine == b].max(1) for b in mine], 1)
-        out.append((error / (root * np.maximum(body, TINY))).max(1) / TOLERANCE[p.dtype])
+        out.append((error / (root * np.maximum(body, TINY))).max(1) / p.tolerance)
     return out[0], out[1]
 
 

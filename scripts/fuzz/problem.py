@@ -20,6 +20,8 @@ from .mechanics import Array, Mechanics
 TOLERANCE = {"float64": 1e-10, "float32": 2e-5}  # of the size of the terms: the documented accuracy
 EPSILON = {"float64": 2.2e-16, "float32": 1.2e-7}
 LOGISTIC = np.sqrt(3.0) / np.pi  # scale of the logistic distribution of standard deviation 1
+ERM_SLACK = 10.0  # of TOLERANCE: a vanishing gradient of squares has the square of a residual's condition
+MOST_LOSS = 1e-2  # relative error, whatever the mass matrix
 FLOOR = 1e-30
 
 
@@ -90,8 +92,12 @@ class Problem:
         rows. mu (B, nr). a: A = J H^-1 J'. diag: its diagonal. free: b = J v_free + d/h. sigma: noise levels.
     """
 
-    def __init__(self, truth: Truth, drive: Drive, method: Method, dtype: str) -> None:
+    def __init__(
+        self, truth: Truth, drive: Drive, method: Method, dtype: str, inner: str | None = None
+    ) -> None:
         self.truth, self.drive, self.method, self.dtype = truth, drive, method, dtype
+        self.inner = inner or dtype  # the precision that the kernels work in
+        self.tolerance = TOLERANCE[dtype] * (ERM_SLACK if method.erm else 1.0)
         s, p, t = truth.s, truth.mech.p, truth.touches
         self.loose = 4.0 * EPSILON[dtype] / TOLERANCE[dtype]  # a rounding error in units of the tolerance
         rows, rates, bounds, mus, sizes, unclear = [], [], [], [], [], []
@@ -155,9 +161,16 @@ class Problem:
             sigma = np.sqrt(np.maximum(variance, 0.0) + 1e-12)
         return sigma * (LOGISTIC if method.converts else 1.0)
 
+    @property
+    def loss(self) -> Array:
+        """How many times the tolerance the digits are that H^-1 costs (B,), at least 1."""
+        lost = self.condition * EPSILON[self.inner] / self.tolerance
+        out: Array = np.clip(lost, 1.0, MOST_LOSS / self.tolerance)
+        return out
+
     @functools.cached_property
     def condition(self) -> Array:
-        """Condition of H in units of its diagonal (B,): 1 / condition of the motion's digits are lost."""
+        """Condition of H in units of its diagonal (B,)."""
         root = np.sqrt(np.einsum("bjj->bj", self.drive.h_mass))
         out: Array = np.linalg.cond(self.drive.h_mass / (root[:, :, None] * root[:, None]))
         return out

@@ -161,6 +161,7 @@ def judged(worlds: Worlds, sim: Any, push: Array | None = None, truth: Truth | N
     numbers, dtype = numbers_for(sim, worlds), sim.dtype.__name__
     full = dataclasses.replace(worlds, numbers=numbers | {"sigma": worlds.numbers["sigma"]})
     method, nv = sim.options.method, sim.scene.nv
+    inner = "float64" if sim.strategy == "memory" else dtype
 
     def pose(keep: Array | None) -> Problem:
         if keep is None and truth is not None and not method.state_noise:
@@ -169,7 +170,8 @@ def judged(worlds: Worlds, sim: Any, push: Array | None = None, truth: Truth | N
             here = Truth(sim.scene, full, force)
         else:
             here = Truth(sim.scene, full.part(keep), None if force is None else force[keep])
-        return Problem(here, here.drive(push if keep is None or push is None else push[keep]), method, dtype)
+        force_there = push if keep is None or push is None else push[keep]
+        return Problem(here, here.drive(force_there), method, dtype, inner)
 
     problem = pose(None)
     external = None if force is None else problem.truth.mech.wrenches(worlds.x[:, :nv], force)

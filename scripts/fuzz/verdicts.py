@@ -13,9 +13,9 @@ import numpy as np
 
 from slcp_warp.options import Status
 
-from .judge import MOST_LOSS, Errors, Outcome, ended, judge
+from .judge import Errors, Outcome, ended, judge
 from .mechanics import Array
-from .problem import EPSILON, FLOOR, Problem
+from .problem import EPSILON, FLOOR, MOST_LOSS, Problem
 from .proofs import coulomb_solution, least_motion, widest_opening
 
 HOLDS, AMBIGUOUS, STATUS, UNPROVEN, WRONG, SILENT = (
@@ -89,7 +89,7 @@ class Verdicts:
         if not (np.array_equal(self.out.x[i], before) and not self.out.impulse[i].any()):
             return self._set(i, WRONG, f"{status.name}, and the state moved")
         if status == Status.NONFINITE:
-            singular = self.problem.condition[i] * EPSILON[self.problem.dtype] > MOST_LOSS
+            singular = self.problem.condition[i] * EPSILON[self.problem.inner] > MOST_LOSS
             return None if singular else self._set(i, WRONG, "NONFINITE from finite numbers")
         if status == Status.NOT_CONVERGED:
             return None
