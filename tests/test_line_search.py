@@ -5,6 +5,7 @@ import pytest
 from ddp_examples import cart_pole
 
 from slcp_warp import ddp
+from slcp_warp.kernels.status import TRACE_COST, TRACE_REDUCTION, TRACE_STEP_SIZE
 
 SIZES = (1.0, 0.5, 0.25)
 
@@ -47,7 +48,9 @@ def accept(costs, cost, expected=(-1.0, 0.0), failed=()):
     ],
 )
 def test_the_lowest_cost_below_the_nominal_is_taken(costs, chosen):
-    taken, cost, raised, _ = accept(costs, 10.0)
+    taken, cost, raised, trace = accept(costs, 10.0)
+    assert trace[TRACE_COST] == cost and trace[TRACE_REDUCTION] == 10.0 - cost
+    assert trace[TRACE_STEP_SIZE] == (0.0 if chosen is None else SIZES[chosen])
     assert taken == chosen
     assert cost == (10.0 if chosen is None else costs[chosen])
     assert raised == (chosen is None)  # nothing gained: the next direction is more careful
@@ -57,7 +60,7 @@ def test_a_step_that_expects_a_rise_is_not_taken():
     """J should change by alpha dV1 + alpha^2 dV2: here it falls for the short step only."""
     taken, cost, _, trace = accept((9.0, 9.5, 9.9), 10.0, expected=(-1.0, 3.0))
     assert (taken, cost) == (2, 9.9)
-    assert trace[1] == pytest.approx(0.1) and trace[3] == 0.25  # what was gained, by which step
+    assert trace[TRACE_REDUCTION] == pytest.approx(0.1) and trace[TRACE_STEP_SIZE] == 0.25
 
 
 @pytest.mark.parametrize("method", ["second-order", "gauss-newton", "first-order"])
