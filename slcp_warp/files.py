@@ -1,8 +1,8 @@
 """Files at the door: written whole or not at all, read within bounds, every failure one error with the name.
 
-A file that is read may come from anywhere. It is a plain file of at most so many bytes, its JSON and TOML are
-of bounded depth and name every key once, and whatever else goes wrong while it is read and checked
-(`reading`) is one error of the caller's kind.
+A file that is read may come from anywhere. It is a plain file of at most so many bytes, its JSON and TOML
+name every key once, and whatever else goes wrong while it is read and checked (`reading`) is one error of the
+caller's kind.
 """
 
 import errno
@@ -21,12 +21,14 @@ from . import checks
 from .errors import ArgumentError
 
 MOST_TEXT = 16 * 2**20  # bytes of a text file, or of an archive's header
-DEPTH = 32  # nested lists and tables of a JSON or TOML text
+MOST_TOML = 4 * 2**20  # bytes of a TOML file, which is read at a megabyte a second
+DEPTH = 32  # nested lists and tables of a JSON text
 KEY_PARTS = 16  # of a dotted TOML key
 MOST_BYTES = 8 * 2**30  # of an archive, packed and unpacked; SLCP_WARP_MOST_BYTES has another number
 
-_KEY = r"""(?:[A-Za-z0-9_-]+|"[^"\n]*"|'[^'\n]*')"""
-_LONG_KEY = re.compile(rf"{_KEY}(?:[ \t]*\.[ \t]*{_KEY}){{{KEY_PARTS}}}")
+_KEY = r"""(?:[A-Za-z0-9_-]++|"[^"\n]*+"|'[^'\n]*+')"""
+_LONG_KEY = re.compile(rf"(?<![A-Za-z0-9_-]){_KEY}(?:[ \t]*+\.[ \t]*+{_KEY}){{{KEY_PARTS}}}")
+_JSON_TEXT = re.compile(r'"(?:[^"\\]|\\.)*+"')
 
 
 class FileError(ArgumentError):
@@ -101,13 +103,16 @@ def read_text(path: str | os.PathLike[str], most: int = MOST_TEXT) -> str:
 
 def parse_json(text: str) -> Any:
     """JSON of bounded depth in which no key comes twice."""
-    _check_depth(text)
+    depth = 0
+    for bracket in re.finditer(r"[\[\]{}]", _JSON_TEXT.sub("", text)):
+        depth += 1 if bracket[0] in "[{" else -1
+        if depth > DEPTH:
+            raise FileError(f"lists and tables are nested more than {DEPTH} deep")
     return json.loads(text, object_pairs_hook=_unique)
 
 
 def parse_toml(text: str) -> Any:
-    """TOML of bounded depth (which knows no key twice) with keys of bounded length."""
-    _check_depth(text)
+    """TOML, which knows no key twice, with keys of bounded length (longer ones take hours)."""
     if _LONG_KEY.search(text):
         raise FileError(f"a key has more than {KEY_PARTS} parts")
     return tomllib.loads(text)
@@ -120,15 +125,6 @@ def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
             raise FileError(f"the key {key!r:.60} comes twice")
         out[key] = value
     return out
-
-
-def _check_depth(text: str) -> None:
-    """Bound nested brackets; those in texts count where they do not close."""
-    depth = 0
-    for bracket in re.finditer(r"[\[\]{}]", text):
-        depth += 1 if bracket[0] in "[{" else -1
-        if depth > DEPTH:
-            raise FileError(f"lists and tables are nested more than {DEPTH} deep")
 
 
 @contextmanager

@@ -11,7 +11,7 @@ from typing import Any
 
 from . import checks
 from .errors import SceneError
-from .files import parse_json, parse_toml, read_text, reading, write_text
+from .files import MOST_TEXT, MOST_TOML, parse_json, parse_toml, read_text, reading, write_text
 from .scene import Scene
 from .scene_schema import FORMAT, NO_VALUE, VERSION, file_fields, json_schema
 
@@ -80,7 +80,7 @@ def save_scene(scene: Scene, path: str | os.PathLike[str]) -> None:
 def _parse(path: Path) -> Any:
     if path.suffix not in (".toml", ".json"):
         raise SceneFileError("a scene is a .toml, .json or .xml (MJCF) file")
-    text = read_text(path)
+    text = read_text(path, MOST_TEXT if path.suffix == ".json" else MOST_TOML)
     try:
         return parse_json(text) if path.suffix == ".json" else parse_toml(text)
     except ValueError as error:  # what both parsers raise

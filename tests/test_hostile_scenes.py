@@ -59,8 +59,13 @@ def test_json(tmp_path, what):
 
 
 TOMLS = {
-    "deep lists": (TOML + "\nperiod = " + "[" * 100_000, "nested more than 32"),
-    "deep tables": (TOML + "\nperiod = " + "{a=" * 100_000, "nested more than 32"),
+    "deep lists": (TOML + "\nperiod = " + "[" * 100_000, "nested too deeply"),
+    "deep tables": (TOML + "\nperiod = " + "{a=" * 100_000, "nested too deeply"),
+    "a long word": ("a" * 4 * 10**6, "not readable as TOML"),
+    "a long text": ('"' + "a." * 10**6, "not readable as TOML"),
+    "many spaces": ("a" + " " * 4 * 10**6, "not readable as TOML"),
+    "a large file": (TOML + "\n" * 2**22, "at most 4194304 are read"),
+    "many quotes": ('"' * 10**6, "not readable as TOML"),
     "a key of many parts": ("a." * 100_000 + "b = 1", "more than 16 parts"),
     "a table of many parts": ("[" + "a . " * 100_000 + "b]", "more than 16 parts"),
     "a key twice": (TOML + '\nname = "x"\nname = "y"\n', "not readable as TOML"),
@@ -79,9 +84,11 @@ def test_toml(tmp_path, what):
 
 
 def test_a_name_may_have_brackets_and_dots(tmp_path):
-    name = "[" * 20 + "a.b.c.d"
+    name = "[" * 50 + '"a.b.c.d\\"' + "{" * 50
     slcp.save_scene(slcp.Scene(name, (slcp.Body("b", 1.0, 1.0),)), tmp_path / "scene.json")
     assert slcp.load_scene(tmp_path / "scene.json").name == name
+    (tmp_path / "scene.toml").write_text("# in [0, 1)\n" * 100 + TOML)
+    assert slcp.load_scene(tmp_path / "scene.toml").name == "two"
 
 
 BODIES = '<body pos="{x} 0 0"><joint type="slide" axis="1 0 0"/><geom size=".1" mass="1"/></body>'
