@@ -184,8 +184,9 @@ def make_large_solver(given: type, residual: str) -> SimpleNamespace:
 
     @wp.func
     def prepare(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, n: int):
-        """diag(A) and D of the active rows; the size of the residual's terms."""
+        """diag(A) and D of the active rows; the size of velocities, and what the residuals are judged by."""
         size = dtype(0.0)
+        heaviest = dtype(0.0)  # mass that a row meets on a side of its own
         for r in range(n):
             i = k.active[r, b]
             value = dtype(0.0)
@@ -197,8 +198,12 @@ def make_large_solver(given: type, residual: str) -> SimpleNamespace:
                 for at in range(t.row_start[i], t.row_start[i + 1]):
                     k.move[t.row_place[at], b] = k.jac[at, b]
                 nt.env.forward(k.mass_factor, t.mass_first, t.mass_at, k.move, start, end, b)
+                part = dtype(0.0)
                 for j in range(start, end):
-                    value += k.move[j, b] * k.move[j, b]
+                    part += k.move[j, b] * k.move[j, b]
+                value += part
+                if part > FLOOR:
+                    heaviest = wp.max(heaviest, ONE / part)
             k.diag[i, b] = wp.max(value, FLOOR)
             k.scale[i, b] = wp.where(t.inertia_scaling == 1, k.diag[i, b], ONE)
             terms = wp.abs(k.rate[i, b])
@@ -214,6 +219,7 @@ def make_large_solver(given: type, residual: str) -> SimpleNamespace:
             if not wp.isfinite(terms):
                 size = terms
                 break
+        nt.bounds(t, k, b, n, size, heaviest * size)
         return size
 
     @wp.func
@@ -237,4 +243,4 @@ def make_large_solver(given: type, residual: str) -> SimpleNamespace:
             attempt += 1
         return status
 
-    return SimpleNamespace(solve=solve)
+    return SimpleNamespace(solve=solve, rounding=nt.rounding)

@@ -20,6 +20,7 @@ from .large_work import WORK, Work
 from .smoothing import make_smoothing
 
 PROXIMAL = 1e-12  # tau
+ROUNDING = 2e-14  # of M (v' - v_free) where v' and v_free are stored, relative to |M| |v_free|
 TOLERANCE = 2e-14  # residual relative to the size of its terms: the aim,
 # and what is good enough where rounding, or rows that all but repeat others, end the iteration
 ACCEPTED = {wp.float64: 2e-11, wp.float32: 1e-6}
@@ -34,6 +35,8 @@ def make_large_newton(given: type, residual: str) -> SimpleNamespace:
     hard = residual == "hard"
     SIGMA = COLUMN["sigma"]
     ZERO, ONE, HALF = dtype(0.0), dtype(1.0), dtype(0.5)
+    LOST = dtype(ROUNDING)
+    NEAR, PATIENCE = dtype(1e-4), 6
     TAU, AIM, GOOD, HUGE = dtype(PROXIMAL), dtype(TOLERANCE), dtype(ACCEPTED[given]), dtype(1e300)
 
     @wp.func
@@ -74,11 +77,44 @@ def make_large_newton(given: type, residual: str) -> SimpleNamespace:
             k.balance[i, b] = k.balance[i, b] + value + k.mass[t.mass_at[i] + i, b] * xi
 
     @wp.func
+    def rounding(t: Topology, k: Work, b: int):
+        """k.lost: what rounding of v' and v_free makes of M (v' - v_free)."""
+        for i in range(t.nv):
+            k.lost[i, b] = ZERO
+        for i in range(t.nv):
+            for j in range(t.mass_first[i], i + 1):
+                m = LOST * wp.abs(k.mass[t.mass_at[i] + j, b])
+                k.lost[i, b] = k.lost[i, b] + m * wp.abs(k.vfree[j, b])
+                if j < i:
+                    k.lost[j, b] = k.lost[j, b] + m * wp.abs(k.vfree[i, b])
+
+    @wp.func
+    def bounds(t: Topology, k: Work, b: int, n: int, size: dtype, largest: dtype):
+        """k.most: what the data allow of M (v' - v_free).
+
+        `size` is that of velocities; no row presses harder than `largest`, the impulse that stops the heavier
+        side of one.
+        """
+        for i in range(t.nv):
+            k.most[i, b] = k.mass[t.mass_at[i] + i, b] * size
+        for r in range(n):
+            i = k.active[r, b]
+            for at in range(t.row_start[i], t.row_start[i + 1]):
+                p = t.row_place[at]
+                k.most[p, b] = k.most[p, b] + wp.abs(k.jac[at, b]) * largest
+
+    @wp.func
     def residuals(t: Topology, k: Work, b: int, n: int, size: dtype):
-        """k.balance and the largest residual, relative to the size of its terms; needs k.lam, k.res, k.w."""
+        """k.balance and the largest residual; needs k.lam, k.res, k.w.
+
+        A row's is relative to the size of velocities, which the data set. That of a place is relative to the
+        momentum that it exchanges, beyond rounding: so a light body is judged on its own scale, and a heavy
+        one that a light one hits by what it takes up. An exchange that the data do not allow counts as the
+        most that they do.
+        """
         mass_times(t, k, b)
         for i in range(t.nv):
-            k.move[i, b] = wp.abs(k.balance[i, b]) + k.mass[t.mass_at[i] + i, b] * size
+            k.move[i, b] = wp.abs(k.balance[i, b])
         worst = dtype(0.0)
         bad = int(0)
         for r in range(n):
@@ -94,7 +130,9 @@ def make_large_newton(given: type, residual: str) -> SimpleNamespace:
                 k.balance[p, b] = k.balance[p, b] - impulse
                 k.move[p, b] = k.move[p, b] + wp.abs(impulse)
         for i in range(t.nv):
-            worst = wp.max(worst, wp.abs(k.balance[i, b]) / k.move[i, b])
+            miss = wp.abs(k.balance[i, b]) - k.lost[i, b]
+            if miss > ZERO:
+                worst = wp.max(worst, miss / wp.min(k.move[i, b], k.most[i, b]))
             if not wp.isfinite(k.balance[i, b]):
                 bad = 1
         if bad == 1:
@@ -176,8 +214,9 @@ def make_large_newton(given: type, residual: str) -> SimpleNamespace:
         """Full steps from (k.v, k.z) while they help; the best point stays, 1 if it is a solution."""
         best = ZERO + HUGE
         misses = int(0)
+        patience = int(2)
         it = int(0)
-        while it < iterations and misses < 2 and best > AIM:
+        while it < iterations and misses < patience and best > AIM:
             worst = evaluate(t, k, params, row, b, n, size)
             if worst > HALF * best:
                 misses += 1
@@ -188,10 +227,11 @@ def make_large_newton(given: type, residual: str) -> SimpleNamespace:
                 for r in range(n):
                     i = k.active[r, b]
                     k.best_z[i, b] = k.z[i, b]
+            patience = wp.where(best > GOOD and best < NEAR, PATIENCE, 2)  # nearly solved: refine it further
             if not (worst < HUGE):
-                misses = 2
+                misses = patience
             it += 1
-            if it < iterations and misses < 2 and best > AIM:
+            if it < iterations and misses < patience and best > AIM:
                 factor(t, k, b, n)
                 direction(t, k, b, n, ZERO, 0)
                 for i in range(t.nv):
@@ -211,6 +251,8 @@ def make_large_newton(given: type, residual: str) -> SimpleNamespace:
         smooth=smooth,
         dot=dot,
         add=add,
+        rounding=rounding,
+        bounds=bounds,
         residuals=residuals,
         factor=factor,
         direction=direction,

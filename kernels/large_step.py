@@ -93,6 +93,7 @@ def make_large_step(given: type, residual: str) -> SimpleNamespace:
         status = int(wp.static(SOLVED))
         margin = ZERO + NOWHERE
         looking = int(1)
+        rounded = int(0)
         more = int(1)
         passes = int(0)
         rub = dtype(1.0)
@@ -111,6 +112,9 @@ def make_large_step(given: type, residual: str) -> SimpleNamespace:
                         more = wp.max(more, friction.lift(t, k, b, n, passes))
                         passes += 1
                 if more == 1:
+                    if rounded == 0:
+                        solver.rounding(t, k, b)
+                        rounded = 1
                     status = solver.solve(t, k, params, row, b, n)
                     margin = dtype(0.0)
                     if passes > PASSES and status == wp.static(SOLVED):

@@ -28,6 +28,8 @@ class Work:
     best_v: wp.array2d(dtype=WORK)
     balance: wp.array2d(dtype=WORK)  # M (v' - v_free) - J' lambda
     move: wp.array2d(dtype=WORK)  # right hand sides and their solutions
+    most: wp.array2d(dtype=WORK)  # momentum that a step can exchange, as the data have it
+    lost: wp.array2d(dtype=WORK)  # rounding of M (v' - v_free)
     mass: wp.array2d(dtype=WORK)  # envelope of M
     mass_factor: wp.array2d(dtype=WORK)  # and of its factor, 1/L on the diagonal
     factor: wp.array2d(dtype=WORK)  # envelope of M + J' W J, then of its factor
@@ -61,7 +63,7 @@ def lengths(s: Structure) -> dict[str, int]:
     sizes = tables(s)[1]
     by_body = {"frame": 4 * s.nb, "angle": s.nb, "column": 2 * s.nv}
     matrices = {"mass": sizes.mass, "mass_factor": sizes.mass, "factor": sizes.matrix, "jac": sizes.entries}
-    by_dof = dict.fromkeys(("q", "v0", "vfree", "v", "best_v", "balance", "move"), s.nv)
+    by_dof = dict.fromkeys(("q", "v0", "vfree", "v", "best_v", "balance", "move", "most", "lost"), s.nv)
     rows = ("gap", "rate", "scale", "diag", "z", "best_z", "lam", "a", "w", "res", "excess", "p", "slack",
             "total", "dz", "acting", "active")  # fmt: skip
     pairs = {"normal": 2 * len(s.pairs)} | dict.fromkeys(("lift", "target", "miss", "known"), len(s.pairs))

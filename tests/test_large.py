@@ -3,12 +3,13 @@ do.
 """
 
 import functools
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import warp as wp
 from oracle import Oracle, residual
-from random_scenes import near_contact
+from random_scenes import near_contact, random_tree
 from simulators import WIDTH, numbers, rounded, scene, simulator
 
 import slcp_warp as slcp
@@ -126,6 +127,34 @@ def test_heavy_on_light(dtype, ratio, hard):
     if hard and dtype is wp.float64:  # at rest the ground carries all
         weight = (2.0 + 3.0 * ratio) * 9.81 * 0.01
         np.testing.assert_allclose(step.contact_impulse[0, :2, 0].sum(), weight, rtol=1e-6)
+
+
+@slow
+@pytest.mark.parametrize("seed", [3, 15, 21])
+def test_momentum_is_conserved_on_the_scale_that_is_exchanged(seed):
+    """Trees whose masses span 1e14, without scaling: M dv = J' lambda up to what rounding of the outputs is.
+
+    Judged relative to M_ii times the largest speed, a heavy body that a light one hits may take up anything.
+    """
+    rng = np.random.default_rng(seed)
+    sc = random_tree(rng, int(rng.integers(2, 6)), contacts=True)
+    factors = 10.0 ** rng.uniform(-7.0, 7.0, len(sc.bodies))
+    bodies = tuple(replace(b, mass=b.mass * f, inertia=b.inertia * f, damping=0.0)
+                   for b, f in zip(sc.bodies, factors))  # fmt: skip
+    sc = replace(sc, bodies=bodies)
+    (x,) = rounded(wp.float32, near_contact(sc, np.random.default_rng(seed), 50))
+    options = slcp.Options(residual="hard", scaling="none")
+    step = slcp.Simulator(sc, options, device="cpu", dtype="float32", strategy="memory").step(x)
+    problem = Oracle(sc, **numbers(sc, wp.float32)).problem(x)
+    solved, v = step.status == slcp.Status.SOLVED, step.state[:, sc.nv :].astype(float)
+    r1, _ = residual(problem, v, step.impulse.astype(float), True)
+    mass = np.abs(problem["M"])
+    forces = np.einsum("bij,bi->bj", np.abs(problem["J"]), step.impulse.astype(float))
+    stored = np.einsum("bij,bj->bi", mass, np.abs(v) + np.abs(problem["vfree"])) + forces
+    exchanged = np.einsum("bij,bj->bi", mass, np.abs(v - problem["vfree"])) + forces
+    bound = 4.0 * np.finfo(np.float32).eps * stored + 1e-7 * exchanged
+    assert solved.mean() > 0.8
+    assert (np.abs(r1) <= bound)[solved].all()
 
 
 @pytest.mark.parametrize("hard", [False, True])
