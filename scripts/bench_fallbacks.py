@@ -81,9 +81,9 @@ def _replace(part: str) -> None:
         return n
 
     if part == "newton":
-        solve.make_newton = make_no_newton
+        vars(solve)["make_newton"] = make_no_newton
     else:
-        solve.make_interior = make_no_interior
+        vars(solve)["make_interior"] = make_no_interior
 
 
 def _count(part: str, residual: str, dtype: str, file: str) -> int:
