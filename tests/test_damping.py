@@ -144,7 +144,7 @@ def net():
     shapes = (slcp.Shape("ground", None, "halfplane", angle=np.pi / 2),
               *(slcp.Shape(n, n, "disc", 0.2) for n in names))  # fmt: skip
     contacts = (*(slcp.Contact("ground", n, 0.5) for n in names), slcp.Contact("b", "c", 0.3))
-    ties = (("a", "d"), ("d", "b"), ("e", None), ("a", "d"))
+    ties = (("a", "d"), ("d", "b"), ("e", None), ("d", "a"))
     springs = tuple(slcp.Spring(one, other, (0.1, 0.05 * i), (-0.1, 0.1 * i), stiffness=20.0, damping=3.0,
                                 length=0.4) for i, (one, other) in enumerate(ties))  # fmt: skip
     start = np.array([[0.5 * i, 0.21, 0.0] for i in (0, 2, 3, 1, 5)]).ravel()
