@@ -320,7 +320,7 @@ def test_illegal_problems():
         ddp.Problem(dynamics, ddp.costs.flicking_finger(), 5)
     with pytest.raises(ValueError, match="control_limits: a lower limit is above the upper one"):
         ddp.Problem(dynamics, cost, 5, control_limits=(1.0, -1.0))
-    with pytest.raises(ValueError, match="unknown parameter 'sigma'; known: step_size"):
+    with pytest.raises(ValueError, match=r"unknown parameter 'sigma'; known: \['step_size'\]"):
         problem.with_params(sigma=0.1)
     with pytest.raises(ValueError, match="dtype must be float32 or float64, got 'float16'"):
         ddp.WarpDynamics(make_cart_pole, 4, 1, dtype="float16")

@@ -89,7 +89,7 @@ def test_large_impulses_excuse_no_gradient(device, name):
     b = -np.abs(rng.normal(size=(len(a), 2))).astype(np.float32)
     sol = slcp.solve_complementarity(a, b, 0.1, name, device=device)
     solved = np.flatnonzero(sol.status == 0)
-    assert len(solved) > 100 and sol.impulse[solved].max() > 1e3
+    assert len(solved) > 100 and sol.impulse[solved].max() > 200.0  # of data of about 1
     assert np.isin(sol.status, (slcp.Status.SOLVED, slcp.Status.NOT_CONVERGED)).all()
     wide = [np.asarray(x, dtype=np.float64) for x in (sol.impulse, a, b)]
     for i in solved:
