@@ -80,6 +80,28 @@ def slider() -> Scene:
     )
 
 
+def damped() -> Scene:
+    """One damped prismatic joint between far limits: 2 rows that never act."""
+    return Scene(
+        "damped",
+        (Body("slider", 1.0, 1.0, joint="prismatic", lower=-100.0, upper=100.0, damping=1.0),),
+        gravity=(0.0, 0.0),
+    )
+
+
+def guide() -> Scene:
+    """A disc that slides along a guide, without gravity, above a half-plane with friction that `shape_angle`
+    tilts towards it: 2 rows, whose normal part is small where the tilt is.
+    """
+    return Scene(
+        "guide",
+        (Body("slider", 1.0, 0.1, joint="prismatic"),),
+        (Shape("disc", "slider", "disc", 0.1), _ground()),
+        (Contact("ground", "disc", 0.5),),
+        gravity=(0.0, 0.0),
+    )
+
+
 def lever() -> Scene:
     """A body turning about its centre of mass, with a point at `shape_offset` above a half-plane: 1 row."""
     return Scene(
