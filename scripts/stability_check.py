@@ -244,9 +244,7 @@ class Checker:
         q, v, q1, v1 = x[..., :nv], x[..., nv:], after[..., :nv], after[..., nv:]
         h = self.p["step_size"]
         mass, force, size, energy = self.dynamics(q, v, u)
-        if self.s.implicit_damping:  # (M + h C) (v1 - v) = h (r + u) + J' lambda
-            drag = np.broadcast_to(h[..., None] * self.p["damping"], v.shape)
-            mass = mass + drag[..., None] * np.eye(nv)
+        mass = self.effective(mass, h, method)
         last = self.dynamics(q1, v1, None)[3]
         gap_after = self.contacts(q1, v1)[0].min(-1)
         moved = h[..., None] * v1
@@ -255,21 +253,9 @@ class Checker:
         for choice in range(self.contacts(q[:, :1], v[:, :1])[4]):
             d, jn, jt, lengths, _ = self.contacts(q, v, choice)
             problem = Problem(
-                self.s,
-                method,
-                mass,
-                h,
-                v,
-                v1,
-                force,
-                size,
-                d,
-                jn,
-                jt,
-                lengths,
-                self.p["friction"],
+                self.s, method, mass, h, v, v1, force, size, d, jn, jt, lengths, self.p["friction"],
                 self.p["sigma"],
-            )
+            )  # fmt: skip
             m_error = problem.motion(impulse)
             c_error = problem.contact(impulse, self.p["sigma"])
             if method.trapezoidal and method.erm:  # promises no open rows, and records no second impulse
@@ -292,7 +278,8 @@ class Checker:
         """
         if not self.s.implicit_damping:
             return mass
-        part = (0.5 * h[..., None] * self.p["damping"])[..., None] * np.eye(self.s.nv)
+        part = np.broadcast_to(0.5 * h[..., None] * self.p["damping"], mass.shape[:-1])
+        part = part[..., None] * np.eye(self.s.nv)
         if method.trapezoidal:
             return mass + part + part @ np.linalg.solve(mass + part, part)
         return mass + 2.0 * part

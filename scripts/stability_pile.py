@@ -5,7 +5,7 @@ import functools
 import numpy as np
 
 from . import stability_scenes as scenes
-from .stability_bodies import cheap
+from .stability_bodies import cheap, energy_gain
 from .stability_case import Array, Case, Grid, Run, Start
 
 
@@ -35,6 +35,20 @@ def _shift(run: Run) -> Array:
     return moved.max(1)
 
 
+def _thrown(boxes: int, grid: Grid, steps: int) -> Start:
+    """Velocities N(0, 1), other ones for every world."""
+    scene = scenes.stack(boxes)
+    x0 = np.tile(scene.x0, (grid.size, 1))
+    x0[:, scene.nv :] += np.random.default_rng([boxes, grid.size]).standard_normal((grid.size, scene.nv))
+    return Start(x0)
+
+
+def _thrown_gain(grid: Grid) -> Array:
+    """Rows at gap 0 push each other as far as their layers reach; hard contact adds nothing."""
+    noise = np.nan_to_num(grid.sigma)
+    return 1e-9 + 50.0 * grid.layer + 10.0 * noise**2
+
+
 def _beam(grid: Grid, steps: int) -> Start:
     return Start(np.tile([0.0, 0.1, 0.0, 0.0, 0.0, 0.0], (grid.size, 1)))
 
@@ -44,6 +58,16 @@ def _stack_case(boxes: int, ratios: tuple[float, ...], hs: tuple[float, ...], wh
         f"stack of {boxes}", what, functools.partial(scenes.stack, boxes), functools.partial(_stack, boxes),
         _shift, 1e-3, duration=1.0, label="top mass", variants=ratios, step_sizes=hs,
         memory=True,
+    )  # fmt: skip
+
+
+def _thrown_case(boxes: int, worlds: int, hs: tuple[float, ...]) -> Case:
+    many = 4 * boxes >= 32
+    return Case(
+        f"{boxes} tumbling boxes", "a stack thrown apart gains no energy",
+        functools.partial(scenes.stack, boxes),
+        functools.partial(_thrown, boxes), energy_gain, _thrown_gain, "", steps=75, single=1e-3,
+        label="world", variants=tuple(map(float, range(worlds))), step_sizes=hs, only=cheap, memory=many,
     )  # fmt: skip
 
 
@@ -59,9 +83,13 @@ def _beam_case(supports: int, spread: bool) -> Case:
 PILE_CASES = (
     Case("column", "three discs on each other, frictionless; the top one heavy", scenes.column, _column,
          _largest_shift, 1e-3, duration=2.0, label="top mass", only=cheap, variants=(1.0, 1e3, 1e6)),
-    _stack_case(2, (1.0, 1e3, 1e6), (1e-3, 0.01, 0.05, 0.1), "two boxes; the top one heavy"),
+    _stack_case(2, (1.0, 1e3, 1e6, 1e7, 1e8), (1e-3, 0.01, 0.05, 0.1), "two boxes; the top one heavy"),
     _stack_case(3, (1.0, 1e3), (0.01, 0.05, 0.1), "three boxes"),
     _stack_case(10, (1.0,), (0.01, 0.05, 0.1), "ten boxes"),
     _stack_case(30, (1.0,), (0.05, 0.1), "thirty boxes"),
-    *(_beam_case(n, spread) for spread in (True, False) for n in (2, 4, 8, 16, 64)),
+    *(_beam_case(n, spread) for spread in (True, False) for n in (2, 4, 8, 16, 64, 100)),
+    _thrown_case(2, 50, (0.01, 0.05)),
+    _thrown_case(3, 50, (0.01, 0.05)),
+    _thrown_case(8, 20, (0.01, 0.05)),
+    _thrown_case(50, 2, (0.01,)),
 )  # fmt: skip
