@@ -91,5 +91,4 @@ PILE_CASES = (
     _thrown_case(2, 50, (0.01, 0.05)),
     _thrown_case(3, 50, (0.01, 0.05)),
     _thrown_case(8, 20, (0.01, 0.05)),
-    _thrown_case(50, 2, (0.01,)),
 )  # fmt: skip
