@@ -23,6 +23,7 @@ from slcp_warp.scripts.stability_run import (
     PASS,
     SILENT,
     STATUS,
+    TOLERANCE,
     Selection,
     judge,
     methods,
@@ -149,6 +150,36 @@ def test_a_jam_that_is_called_solved_is_silent():
     for status, verdict in ((slcp.Status.SOLVED, SILENT), (slcp.Status.INFEASIBLE, PASS)):
         row = judge(case, grid, "float64", scene, scene.default_parameters(), *zero, np.array([status]))[0]
         assert row["verdict"] == verdict
+
+
+def test_runaway_impulses_excuse_nothing():
+    """A jammed slider that is thrown out at 3.5 m/s by impulses of 3e17 against each other."""
+    case, method = BY_NAME["slider jams"], Method("hard", friction="coulomb")
+    grid = Grid(0.01, np.array([np.nan]), np.array([10.0]), method)
+    start, scene = case.start(grid, 1), case.scene()
+    numbers = scene.default_parameters() | start.numbers | {"step_size": np.array(0.01)}
+    checker, x = Checker(scene, numbers), start.x0[:, None]
+    _, normal, tangent, *_ = checker.contacts(x[..., :1], x[..., 1:])
+    after = x + np.array([-0.0347, -3.47])
+    impulse = 3e17 * np.stack([np.ones((1, 1)), -(normal / tangent)[..., 0, 0]], -1)
+    verdict = checker.judge(x, after, impulse, None, method)
+    assert verdict.motion.max() > 1e4 * TOLERANCE["float64"] < verdict.contact.max()
+
+
+@pytest.mark.slow
+def test_stiff_dampers_slow_down_and_guides_along_a_surface_are_judged():
+    names = (
+        "stiff damping",
+        "slider strikes",
+        "slider leaves",
+        "slider jams",
+        "slider wedged",
+        "guide along",
+    )
+    rows = run_battery(CASES, Selection(names, ("hard",), ("float64",), (), (0.01,)), lambda line: None)
+    assert {row["case"] for row in rows} == set(names)
+    assert {row["integrator"] for row in rows} == {"euler", "trapezoidal"}
+    assert {row["verdict"] for row in rows} == {PASS}
 
 
 @pytest.mark.slow
