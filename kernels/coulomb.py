@@ -52,9 +52,9 @@ def make_coulomb_solver(s: Structure, dtype: type, method: Method) -> wp.Functio
     TAU, NEARLY_NONE = (dtype(x) for x in PROXIMAL[dtype])
     HUGE, NEARLY = dtype(1e30), dtype(NEAR * ACCEPT[dtype])
     EPSILON = dtype(4e-16 if dtype is wp.float64 else 6e-8)
-    # worst is compared with 3e-12 or 1e-5: impulses may cancel up to 2.5e5 or 166 times the problem's size,
-    # which leaves v' and w uncertain by 1e-10 or 1e-5 of it
-    PROOF = dtype(0.03 if dtype is wp.float64 else 1.0)
+    # worst is compared with 3e-12 or 1e-5: impulses may cancel up to 5e6 or 166 times the problem's size (a
+    # tonne on a gram), which leaves v' and w uncertain by 2e-9 or 1e-5 of it
+    PROOF = dtype(0.0015 if dtype is wp.float64 else 1.0)
     UNUSED = dtype(0.5 * COLD)
 
     @wp.func

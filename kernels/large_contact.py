@@ -11,6 +11,7 @@ from .large_topology import CONTACT, LONG, LOWER, MOVES_A, MOVES_B, PLANE, TURN,
 from .large_work import WORK, Work
 from .shapes import make_upright
 from .smoothing import make_smoothing
+from .solve import COLD
 from .structure import CAPSULE, DISC, ELLIPSE, HALFPLANE, WORLD
 
 ROUNDING = {wp.float64: 1e-14, wp.float32: 4e-7}  # of a gap [m], whatever the precision of the work
@@ -23,7 +24,7 @@ def make_large_contact(given: type, residual: str) -> SimpleNamespace:
     mech = make_large_mechanism(given)
     number, column = mech.number, mech.column
     V2, V4, GEO = wp.types.vector(2, dtype), wp.types.vector(4, dtype), wp.types.vector(8, dtype)
-    ZERO, ONE, TOUCHING = dtype(0.0), dtype(1.0), dtype(ROUNDING[given])
+    ZERO, ONE, TOUCHING, UNUSED = dtype(0.0), dtype(1.0), dtype(ROUNDING[given]), dtype(COLD)
     CUT = dtype(0.0 if residual == "hard" else make_smoothing(dtype, residual).cut)  # as in `step.py`
     H, SIGMA, LOW, UP, FRICTION, RADIUS, OFFSET, TURNED = (
         COLUMN[n]
@@ -213,6 +214,8 @@ def make_large_contact(given: type, residual: str) -> SimpleNamespace:
                     if wp.abs(k.gap[i, b]) <= touching:
                         k.gap[i, b] = ZERO
                     k.rate[i, b] = k.gap[i, b]
+                    k.z[i, b] = UNUSED  # what the other rows had is far from what these have
+                    k.acting[i, b] = wp.min(k.acting[i, b], 1)
 
     @wp.func
     def grow(

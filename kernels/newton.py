@@ -19,6 +19,9 @@ from .structure import Structure
 
 SOLVED, NOT_CONVERGED, INFEASIBLE, NONFINITE, JAMMED = 0, 1, 2, 3, 4
 ITERATIONS = {False: 20, True: 8}  # of Newton's method for the smoothed and the hard problem
+# rounding of impulses against each other that v' may hide, relative to the problem's size, as the data set
+# it: in float64 impulses may be 1e7 times what the data ask of a row (a tonne on a gram), not more
+CANCELLED = {wp.float64: 1e-9, wp.float32: 1e-5}
 RESOLUTION = {wp.float64: 2e-14, wp.float32: 1e-6}  # rounding of r, relative to the problem's size
 
 
@@ -42,9 +45,17 @@ def make_newton(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
     TOL = dtype(resolution(dtype, method))
     ACCEPT, LARGEST = (dtype(x) for x in ((2e-12, 1e-10) if dtype is wp.float64 else (1e-5, 1e-5)))
     ROUNDING = dtype(1e-15)  # of the impulses' own velocities, which cancel between heavy and light bodies
+    WQ, bounded = wp.types.vector(s.nv, wp.float64), dtype is wp.float64
+    ROUND, HIDDEN = wp.float64(1e-16 if bounded else 1.0), dtype(CANCELLED[dtype])
     DECREASE = dtype(1e-4)
     SHORTEST = dtype(0.05)
     TAU = dtype(PROXIMAL[dtype])
+
+    @wp.func
+    def weigh(x: dtype):
+        if wp.static(bounded):
+            return wp.float64(wp.abs(x))
+        return wp.float64(x)
 
     @wp.struct
     class Point:
@@ -145,6 +156,32 @@ def make_newton(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
         return out
 
     @wp.func
+    def hidden(p: Problem, at: Point):
+        # what the rounding of impulses against each other left in J v', where r, of the same v', does not see
+        # it: the error itself in float32, in float64 a bound of it
+        f = WQ()
+        for i in range(wp.static(NR)):
+            if (p.mask & wp.static(1 << i)) != 0:
+                j = wp.static(r.adds[i])(VQ(), p.jac, at.lam[i])
+                for k in range(wp.static(s.nv)):
+                    f[k] = f[k] + wp.static(weigh)(j[k])
+        v = WQ()
+        for k in range(wp.static(s.nv)):
+            if wp.static(not bounded):
+                v[k] = wp.float64(p.vfree[k]) - wp.float64(at.v[k])
+            for l in range(wp.static(s.nv)):
+                v[k] = v[k] + wp.static(weigh)(p.minv[k, l]) * f[l]
+        worst = wp.float64(0.0)
+        for i in range(wp.static(NR)):
+            if (p.mask & wp.static(1 << i)) != 0:
+                j = wp.static(r.adds[i])(VQ(), p.jac, ONE)
+                moved = wp.float64(0.0)
+                for k in range(wp.static(s.nv)):
+                    moved += wp.static(weigh)(j[k]) * v[k]
+                worst = wp.max(worst, wp.abs(moved))
+        return dtype(worst * ROUND)
+
+    @wp.func
     def newton(params: wp.array2d(dtype=dtype), row: int, p: Problem, z0: VR):
         # from z0; NOT_CONVERGED where no step length helps or the iterations do not suffice
         z = z0
@@ -195,6 +232,8 @@ def make_newton(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
                     break
                 z = best
                 last = 1
+        if status == wp.static(SOLVED) and hidden(p, at) > HIDDEN * p.size:
+            status = wp.static(NOT_CONVERGED)
         return at, z, status, it
 
     return SimpleNamespace(Point=Point, evaluate=evaluate, direction=direction, newton=newton)

@@ -145,9 +145,10 @@ def test_the_kernels_for_large_scenes_call_a_jam_so(name):
     s = slcp.Status
     assert error[truth != "touching"].max() < HELD[wp.float64]
     # what has none, and how: the fixed point may give up, but calls nothing what it is not
-    for kind, name in (("solvable", s.SOLVED), ("jammed", s.JAMMED), ("shut", s.INFEASIBLE)):
+    for kind, name, share in (("solvable", s.SOLVED, 0.95), ("jammed", s.JAMMED, 0.75),
+                              ("shut", s.INFEASIBLE, 0.95)):  # fmt: skip
         assert np.isin(status[truth == kind], (name, s.NOT_CONVERGED)).all()
-        assert (status[truth == kind] == name).sum() >= 0.9 * (truth == kind).sum()
+        assert (status[truth == kind] == name).sum() >= share * (truth == kind).sum()
 
 
 @pytest.mark.parametrize("strategy", ["registers", "memory"])
