@@ -36,10 +36,12 @@ def creep(force: Any, scene: slcp.Scene, sigma: float) -> Any:
 
     Logistic REM: D lambda = s(z) and w = s(-z) give w = -sigma log(1 - exp(-D lambda / sigma)); the normal
     force and the weight fix the impulses of a contact's two rows, and mu v_t is half the difference of their
-    w. Infinite at the cone's edge and beyond; D is the diagonal of the inertia seen by either row.
+    w. Infinite at the cone's edge and beyond; D is the diagonal of the inertia seen by either row, in which a
+    finger's damper counts as mass h c.
     """
     values, h = scene.default_parameters(), scene.step_size
     mu, (finger, _, mass), radius = values["friction"][0], values["mass"], values["radius"][2, 0]
+    finger = finger + h * values["damping"][0] * scene.implicit_damping
     D = 1.0 / finger + (1.0 + mu**2) / mass + (mu * radius) ** 2 / values["inertia"][2]
     edge, force = cone_edge(scene), np.asarray(force, float)
     inside = np.maximum(force - edge, 1e-300)

@@ -144,7 +144,7 @@ def net():
     shapes = (slcp.Shape("ground", None, "halfplane", angle=np.pi / 2),
               *(slcp.Shape(n, n, "disc", 0.2) for n in names))  # fmt: skip
     contacts = (*(slcp.Contact("ground", n, 0.5) for n in names), slcp.Contact("b", "c", 0.3))
-    ties = (("a", "d"), ("d", "b"), ("e", None), ("a", "d"))
+    ties = (("a", "d"), ("d", "b"), ("e", None), ("d", "a"))
     springs = tuple(slcp.Spring(one, other, (0.1, 0.05 * i), (-0.1, 0.1 * i), stiffness=20.0, damping=3.0,
                                 length=0.4) for i, (one, other) in enumerate(ties))  # fmt: skip
     start = np.array([[0.5 * i, 0.21, 0.0] for i in (0, 2, 3, 1, 5)]).ravel()
@@ -202,6 +202,20 @@ def test_lightly_damped_motion_is_second_order(device):
             miss.append(np.abs(run.states[-1] - exact).max())
         miss = np.array(miss)
         assert miss[0] < 2e-2 and (miss[:-1] / miss[1:] > 3.5).all(), (numbers, miss)
+
+
+def test_stiff_springs_with_dampers(device):
+    """Euler is stable for h^2 k < 4 m + 2 h c, the trapezoidal rule for all k and c."""
+    body = slcp.Body("slider", 1.0, 0.1, joint="prismatic", stiffness=1.0, damping=1.0)
+    scene = slcp.Scene("sprung_slider", (body,), gravity=(0.0, 0.0), step_size=H)
+    x = np.repeat([0.01, 1.0, 100.0, 1e4], 3)
+    limit = 4.0 + 2.0 * x
+    for name, sim in simulators(scene, device).items():
+        share = np.tile([0.5, 0.99, 1.01], 4) if name != "trapezoidal" else np.tile([0.5, 10.0, 1e4], 4)
+        params = sim.params.replace(damping=x[:, None] / H, stiffness=(share * limit)[:, None] / H**2)
+        run = sim.rollout(np.tile([1e-3, 0.0], (len(x), 1)), np.zeros((len(x), 4000, 0)), params)
+        stretch = np.abs(run.states[:, :, 0]).max(1)
+        np.testing.assert_array_equal(stretch < 1e-2, (share < 1.0) | (name == "trapezoidal"), err_msg=name)
 
 
 STIFF = {"damping": 80.0, "spring_damping": 300.0}
