@@ -91,7 +91,7 @@ class Result:
 
     @property
     def converged(self) -> np.ndarray:
-        """Whether the largest |Q_u| is within its tolerance (B,)."""
+        """Whether |Q_u| is within its tolerance and the cost felt the controls (B,)."""
         return np.asarray(self.status == Status.CONVERGED)
 
     @property

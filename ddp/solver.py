@@ -39,7 +39,7 @@ class Workspace:
         )
         self.numpy_dtype = wp.dtype_to_numpy(self.dtype)
         self.second_order = self.options.method == "second-order"
-        default = 1.0e-6 if self.dtype == wp.float64 else 1.0e-3
+        default = float(np.sqrt(np.finfo(self.numpy_dtype).eps))
         tolerance = self.options.gradient_tolerance
         self.gradient_tolerance = default if tolerance is None else float(tolerance)
         self._allocate()
@@ -92,10 +92,12 @@ class Workspace:
         )
         c.xs, c.us = self._zeros(B, A, N + 1, nx), self._zeros(B, A, N, nu)
         c.cost, c.status = self._zeros(B, A, dtype=f64), self._zeros(B, A, dtype=i32)
+        c.size = self._zeros(B, A, dtype=f64)
 
         s = self._state = SolverState()
         s.status, s.active, s.fresh, s.passes = (self._zeros(B, dtype=i32) for _ in range(4))
         s.cost, s.mu, s.delta, s.gradient, s.pivot = (self._zeros(B, dtype=f64) for _ in range(5))
+        s.size, s.relative, s.flat = (self._zeros(B, dtype=k) for k in (f64, f64, i32))
         s.expected = self._zeros(B, 2, dtype=f64)
         schedule = options.regularization.rows()
         if schedule.shape[0] not in (1, B):
@@ -173,18 +175,15 @@ class Workspace:
         self._run_search = Prepared(rollout, B * len(options.step_sizes), inputs, self.device, grain=1)
         first = make_candidate_arrays(dtype)()
         first.step_sizes = wp.array([1.0], dtype=wp.float64, device=self.device)
-        first.xs, first.us, first.cost, first.status = (
-            candidates.xs,
-            candidates.us,
-            candidates.cost,
-            candidates.status,
-        )
+        for name in ("xs", "us", "cost", "size", "status"):
+            setattr(first, name, getattr(candidates, name))
         inputs = [B, self.x0, policy, first, *shared, self._all]
         self._run_first = Prepared(rollout, B, inputs, self.device, grain=1)
 
         start, accept = make_choice_kernels(nx, nu, dtype)
         self._run_start = Prepared(start, B, [policy, candidates, state], self.device, grain=64)
         inputs = [policy, candidates, state, options.min_reduction_ratio, options.improvement_tolerance]
+        inputs.append(self.gradient_tolerance)
         self._run_accept = Prepared(accept, B, inputs, self.device, grain=64)
 
     def set_params(self, params: Any) -> None:

@@ -15,6 +15,7 @@ class Status(IntEnum):
     REGULARIZATION_LIMIT = codes.REGULARIZATION_LIMIT
     LINE_SEARCH_FAILED = codes.LINE_SEARCH_FAILED
     DYNAMICS_FAILED = codes.DYNAMICS_FAILED
+    FLAT = codes.FLAT
 
     @property
     def explanation(self) -> str:
@@ -24,10 +25,11 @@ class Status(IntEnum):
 
 _EXPLANATIONS = {
     Status.RUNNING: "still running",
-    Status.CONVERGED: "largest |Q_u| is within the gradient tolerance",
+    Status.CONVERGED: "|Q_u| is within the gradient tolerance, relative to the size of its terms",
     Status.SMALL_IMPROVEMENT: "the last improvement is within its tolerance, or the next drowns in rounding",
     Status.MAX_ITERATIONS: "stopped at the limit of iterations",
     Status.REGULARIZATION_LIMIT: "Q_uu is not positive definite at the largest regularisation",
     Status.LINE_SEARCH_FAILED: "no step size lowers the cost at the largest regularisation",
     Status.DYNAMICS_FAILED: "the dynamics, the cost or their derivatives failed or were not finite",
+    Status.FLAT: "nothing can be felt from here: the controls do not reach what the cost would gain from",
 }

@@ -14,7 +14,9 @@ from .solver_state import (
     schedule_row,
 )
 from .status import (
+    CONVERGED,
     DYNAMICS_FAILED,
+    FLAT,
     LINE_SEARCH_FAILED,
     RUNNING,
     SCHEDULE_INITIAL,
@@ -39,6 +41,7 @@ def make_candidate_arrays(dtype):
         xs: wp.array(ndim=4, dtype=dtype)  # (B, A, N+1, nx)
         us: wp.array(ndim=4, dtype=dtype)  # (B, A, N, nu)
         cost: wp.array(ndim=2, dtype=wp.float64)  # (B, A), +inf where the rollout failed
+        size: wp.array(ndim=2, dtype=wp.float64)  # (B, A) sum of the sizes of the cost's terms
         status: wp.array(ndim=2, dtype=wp.int32)  # (B, A), 0 or the step's status, NOT_FINITE
 
     return Candidates
@@ -101,6 +104,7 @@ def make_rollout_kernel(step, initial_carry, running, final, nx, nu, has_limits,
         carry = initial_carry()
         status = int(0)
         cost = wp.float64(0.0)
+        size = wp.float64(0.0)
         for k in range(horizon):
             u = VU()
             for i in range(wp.static(nu)):
@@ -115,7 +119,9 @@ def make_rollout_kernel(step, initial_carry, running, final, nx, nu, has_limits,
                 u[i] = value
                 out.us[b, a, k, i] = value
             if status == 0:
-                cost += wp.float64(running(weights, weight_row, x, u, k))
+                term = wp.float64(running(weights, weight_row, x, u, k))
+                cost += term
+                size += wp.abs(term)
                 x_next, carry_next, code = step(params, row, x, u, carry)
                 status = code
                 if status == 0 and not (wp.isfinite(x_next) and wp.isfinite(cost)):
@@ -125,12 +131,15 @@ def make_rollout_kernel(step, initial_carry, running, final, nx, nu, has_limits,
                     carry = carry_next
             for i in range(wp.static(nx)):
                 out.xs[b, a, k + 1, i] = x[i]
-        cost += wp.float64(final(weights, weight_row, x))
+        last = wp.float64(final(weights, weight_row, x))
+        cost += last
+        size += wp.abs(last)
         if status == 0 and not wp.isfinite(cost):
             status = NOT_FINITE
         if status != 0:
             cost = wp.float64(wp.INF)
         out.cost[b, a] = cost
+        out.size[b, a] = size
         out.status[b, a] = status
 
     return rollout
@@ -142,6 +151,7 @@ def make_choice_kernels(nx, nu, dtype):
     Policy, Candidates = make_policy_arrays(dtype), make_candidate_arrays(dtype)
     drop_policy = make_drop_policy(nx, nu, dtype)
     ROUNDING = wp.float64(8.0 * EPSILON[dtype])
+    NEARLY = wp.float64(8.0)  # times the tolerance: converged where no step can be seen in J any more
 
     @wp.func
     def adopt(policy: Policy, out: Candidates, b: int, a: int):
@@ -166,6 +176,9 @@ def make_choice_kernels(nx, nu, dtype):
         state.fresh[b] = good
         state.passes[b] = 0
         state.cost[b] = out.cost[b, 0]
+        state.size[b] = out.size[b, 0]
+        state.flat[b] = 0
+        state.relative[b] = wp.float64(wp.INF)
         state.mu[b] = state.schedule[schedule_row(state, b), SCHEDULE_INITIAL]
         state.delta[b] = wp.float64(1.0)
         state.expected[b, 0] = wp.float64(0.0)
@@ -184,6 +197,7 @@ def make_choice_kernels(nx, nu, dtype):
         state: SolverState,
         min_ratio: wp.float64,
         min_improvement: wp.float64,
+        tolerance: wp.float64,  # of the relative gradient
     ):
         b = first + wp.tid()
         if state.active[b] == 0:
@@ -206,7 +220,7 @@ def make_choice_kernels(nx, nu, dtype):
         p = state.passes[b]
         state.passes[b] = p + 1
         reduction = cost - best_cost
-        drowned = largest <= ROUNDING * (wp.float64(1.0) + wp.abs(cost))  # what is left to gain is rounding
+        drowned = largest <= ROUNDING * state.size[b]  # what is left to gain is rounding
         if p < state.trace.shape[1]:
             state.trace[b, p, TRACE_COST] = best_cost
             state.trace[b, p, TRACE_REDUCTION] = reduction
@@ -218,12 +232,16 @@ def make_choice_kernels(nx, nu, dtype):
         if best >= 0:
             adopt(policy, out, b, best)
             state.cost[b] = best_cost
+            state.size[b] = out.size[b, best]
             state.fresh[b] = 1
             lower_regularization(state, b)
             if reduction <= min_improvement:
                 state.status[b] = SMALL_IMPROVEMENT  # one more backward pass makes its policy
         elif drowned:
-            state.status[b] = SMALL_IMPROVEMENT
+            near = state.relative[b] <= NEARLY * tolerance
+            state.status[b] = wp.where(near, CONVERGED, SMALL_IMPROVEMENT)
+            if state.flat[b] == 1:
+                state.status[b] = FLAT
             state.active[b] = 0
         elif raise_regularization(state, b) == 0:
             state.status[b] = LINE_SEARCH_FAILED

@@ -21,7 +21,7 @@ pass.
 
 import warp as wp
 
-from .box_qp import make_small_solver
+from .box_qp import EPSILON, make_small_solver
 from .factories import cached
 from .solver_state import (
     SolverState,
@@ -34,6 +34,7 @@ from .solver_state import (
 from .status import (
     CONVERGED,
     DYNAMICS_FAILED,
+    FLAT,
     MAX_ITERATIONS,
     REGULARIZATION_LIMIT,
     RUNNING,
@@ -66,6 +67,7 @@ def make_backward_kernel(nx, nu, nw, method, has_limits, dtype):
     box_qp, masked = small.box_qp, small.masked
     drop_policy = make_drop_policy(nx, nu, dtype)
     ZERO, HALF = dtype(0.0), dtype(0.5)
+    ROUNDING = wp.float64(8.0 * EPSILON[dtype])
     curved = method == "second-order"
     quadratic = method != "first-order"
 
@@ -111,9 +113,19 @@ def make_backward_kernel(nx, nu, nw, method, has_limits, dtype):
         return qx, qu, qxx, qux, quu
 
     @wp.func
+    def terms(d: Derivatives, b: int, k: int, vx: VX, fu: MXU):
+        """Sizes of the terms of Q_u = l_u + f_u' V_x."""
+        out = VU()
+        for i in range(nu):
+            out[i] = wp.abs(d.lu[b, k, i])
+            for j in range(nx):
+                out[i] += wp.abs(fu[j, i] * vx[j])
+        return out
+
+    @wp.func
     def steepest(policy: Policy, b: int, k: int, row: int, qu: VU):
-        """Largest |Q_u| of the controls that their limits do not hold."""
-        largest = ZERO
+        """|Q_u| of the controls that their limits do not hold, 0 of those that they do."""
+        out = VU()
         for i in range(nu):
             size = wp.abs(qu[i])
             if wp.static(has_limits):
@@ -122,8 +134,8 @@ def make_backward_kernel(nx, nu, nw, method, has_limits, dtype):
                     u >= policy.upper[row, i] and qu[i] < ZERO
                 ):
                     size = ZERO
-            largest = wp.max(largest, size)
-        return largest
+            out[i] = size
+        return out
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
     def backward(
@@ -151,6 +163,9 @@ def make_backward_kernel(nx, nu, nw, method, has_limits, dtype):
         lowest = wp.float64(0.0)
         change_1 = wp.float64(0.0)
         change_2 = wp.float64(0.0)
+        felt = wp.float64(0.0)
+        wanted = ZERO
+        highest, widest = VU(), VU()
         while unsolved == 1:
             mu_x = dtype(state.mu[b] * state.schedule[row, SCHEDULE_STATE])
             mu_u = dtype(state.mu[b] * state.schedule[row, SCHEDULE_CONTROL])
@@ -159,6 +174,9 @@ def make_backward_kernel(nx, nu, nw, method, has_limits, dtype):
             gradient = wp.float64(0.0)
             change_1 = wp.float64(0.0)
             change_2 = wp.float64(0.0)
+            felt = wp.float64(0.0)
+            wanted = ZERO
+            highest, widest = VU(), VU()
             broken = int(0)
             vx, vxx, step = VX(), MXX(), VU()
             for i in range(nx):
@@ -177,6 +195,9 @@ def make_backward_kernel(nx, nu, nw, method, has_limits, dtype):
                     for j in range(nu):
                         fu[i, j] = d.fu[b, k, i, j]
                 qx, qu, qxx, qux, quu = model(d, b, k, vx, vxx, fx, fu)
+                sizes = terms(d, b, k, vx, fu)
+                for j in range(nx):
+                    wanted = wp.max(wanted, wp.abs(vx[j]))
                 # regularised copies, and the direction
                 ruu, rux = quu, qux
                 if wp.static(quadratic):
@@ -215,7 +236,12 @@ def make_backward_kernel(nx, nu, nw, method, has_limits, dtype):
                         ignored, bare = cholesky(free_quu)
                     if k == horizon - 1 or wp.float64(bare) < lowest:
                         lowest = wp.float64(bare)
-                    gradient = wp.max(gradient, wp.float64(steepest(policy, b, k, limits, qu)))
+                    slopes = steepest(policy, b, k, limits, qu)
+                    for i in range(nu):
+                        gradient = wp.max(gradient, wp.float64(slopes[i]))
+                        highest[i] = wp.max(highest[i], slopes[i])
+                        widest[i] = wp.max(widest[i], sizes[i])
+                        felt += wp.float64(sizes[i]) * wp.float64(sizes[i]) / wp.float64(ruu[i, i])
                     bent = quu * step
                     change_1 += wp.float64(wp.dot(step, qu))
                     change_2 += wp.float64(HALF * wp.dot(step, bent))
@@ -260,8 +286,17 @@ def make_backward_kernel(nx, nu, nw, method, has_limits, dtype):
         state.expected[b, 1] = change_2
         state.gradient[b] = gradient
         state.pivot[b] = lowest
-        if gradient <= tolerance:
-            state.status[b] = CONVERGED
+        relative = ZERO
+        for i in range(nu):
+            if highest[i] > ZERO:
+                relative = wp.max(relative, highest[i] / widest[i])
+        state.relative[b] = wp.float64(relative)
+        # all that Q_u consists of, were it free, would not be seen in J; yet the state is worth changing, or
+        # the point is no minimum
+        unseen = felt <= ROUNDING * state.size[b]
+        state.flat[b] = wp.where(unseen and (wanted > ZERO or not (lowest > wp.float64(0.0))), 1, 0)
+        if wp.float64(relative) <= tolerance:
+            state.status[b] = wp.where(state.flat[b] == 1, FLAT, CONVERGED)
         elif state.status[b] == RUNNING and last == 1:
             state.status[b] = MAX_ITERATIONS
         if state.status[b] != RUNNING:

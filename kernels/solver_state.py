@@ -15,6 +15,9 @@ class SolverState:
     fresh: wp.array(dtype=wp.int32)  # 1 if the trajectory changed since it was linearised
     passes: wp.array(dtype=wp.int32)  # line searches done
     cost: wp.array(dtype=wp.float64)  # J of the nominal trajectory
+    size: wp.array(dtype=wp.float64)  # sum of the sizes of its terms: what J's rounding is relative to
+    flat: wp.array(dtype=wp.int32)  # 1 where all terms of Q_u are too small to be felt in J
+    relative: wp.array(dtype=wp.float64)  # largest |Q_u| of a control over the largest of its terms
     mu: wp.array(dtype=wp.float64)  # regularisation
     delta: wp.array(dtype=wp.float64)  # its present growth factor
     expected: wp.array(ndim=2, dtype=wp.float64)  # (B, 2): dV1, dV2; J changes by alpha dV1 + alpha^2 dV2

@@ -7,6 +7,7 @@ MAX_ITERATIONS = 2
 REGULARIZATION_LIMIT = 3
 LINE_SEARCH_FAILED = 4
 DYNAMICS_FAILED = 5
+FLAT = 6
 
 # Columns of the trace (B, max_iterations + 1, TRACE_COLUMNS): one row a pass, NaN where nothing was written.
 TRACE_COST, TRACE_REDUCTION, TRACE_RATIO, TRACE_STEP_SIZE, TRACE_EXPECTED = 0, 1, 2, 3, 4  # line search
