@@ -185,10 +185,10 @@ def test_particles_keep_the_limits():
     "limits, message",
     [
         (3.0, "must be"),
-        ((1.0, -1.0), "at most the upper"),
+        ((1.0, -1.0), "above the upper"),
         ((-1.0, [1.0] * 3), "upper limit must be a number"),
         (("a", 1.0), "lower limit must be numbers"),
-        ((np.nan, 1.0), "at most the upper"),
+        ((np.nan, 1.0), "above the upper"),
     ],
 )
 def test_bad_limits_are_refused(limits, message):
