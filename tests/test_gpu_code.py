@@ -46,12 +46,12 @@ def test_backward_pass_of_ddp_spills_nothing(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "residual, registers, frame", [("hard", None, 1024), ("none", 168, 64)], ids=["hard", "no rows"]
+    "residual, registers, frame", [("hard", None, 1664), ("none", 184, 64)], ids=["hard", "no rows"]
 )
 def test_kernels_of_large_scenes_spill_little(tmp_path, residual, registers, frame):
     used = sm90_resources(large_step.make_large_rollout_kernel(wp.float32, residual), tmp_path)
     assert used["frame"] <= frame, used
-    assert registers is None or 0 < used["registers"] <= registers, used  # 168: 12 warps a multiprocessor
+    assert registers is None or 0 < used["registers"] <= registers, used  # 184: 10 warps a multiprocessor
 
 
 def test_parser_sees_local_memory(tmp_path):
