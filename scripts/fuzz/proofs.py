@@ -11,7 +11,7 @@ from ..diagrams.mechanics import scipy_module
 from .mechanics import Array
 from .problem import FLOOR, Problem
 
-MOST_MODES = 20_000
+MOST_MODES = 4_096
 OPEN, PRESS, STICK, LEFT, RIGHT = range(5)
 
 
@@ -57,15 +57,20 @@ def least_motion(p: Problem, i: int) -> tuple[Array, Array] | None:
     return p.drive.free[i] + move, lam
 
 
-def coulomb_solution(p: Problem, i: int, accuracy: float = 1e-11) -> tuple[Array, Array] | None | bool:
-    """v' and lambda of a solution of Coulomb contact with the least impulses, by trying all modes of all
-    rows; None where there is none, False where there are too many modes to try.
+def coulomb_solution(
+    p: Problem, i: int, acting: Array | None = None, accuracy: float = 1e-11
+) -> tuple[Array, Array] | None | bool:
+    """v' and lambda of a solution of Coulomb contact with the least impulses, by trying all modes of all rows
+    (or of those `acting` (nr,), the others open); None where there is none, False where there are too many
+    modes to try.
     """
     groups: list[tuple[tuple[int, ...], tuple[int, ...]]] = []
     for r in range(len(p.tangent)):
         if p.tangent[r]:
             continue
-        if r + 1 < len(p.tangent) and p.tangent[r + 1]:
+        if acting is not None and not acting[r]:
+            groups.append(((r, r + 1) if p.tangent[r + 1 : r + 2].any() else (r,), (OPEN,)))
+        elif r + 1 < len(p.tangent) and p.tangent[r + 1]:
             groups.append(((r, r + 1), (OPEN, STICK, LEFT, RIGHT)))
         else:
             groups.append(((r,), (OPEN, PRESS)))

@@ -64,7 +64,9 @@ class Verdicts:
         if p.method.end_gap:  # the answer solves the problem with the gaps that it ends at
             x, nv = self.out.x[i : i + 1], p.truth.s.nv
             p.start_from(ended(p, x[:, :nv], x[:, nv:]))
-        found: Any = coulomb_solution(p, 0) if p.method.coulomb else least_motion(p, 0)
+        w = p.rate[0] + p.jac[0] @ self.out.x[i, p.truth.s.nv :]
+        near = (self.out.impulse[i] > 0.0) | (w < 1e-2 * p.terms(np.abs(p.truth.v))[0])
+        found: Any = coulomb_solution(p, 0, near) if p.method.coulomb else least_motion(p, 0)
         if found is False:
             return self._set(i, UNPROVEN, "too many modes")
         if found is None:
@@ -93,8 +95,12 @@ class Verdicts:
             return None if singular else self._set(i, WRONG, "NONFINITE from finite numbers")
         if status == Status.NOT_CONVERGED:
             return None
-        if not prove or self.problem.method.end_gap or self.problem.method.trapezoidal:
-            return self._set(i, UNPROVEN, status.name)  # there the problem without solution is another one
+        method = self.problem.method
+        other = (
+            method.trapezoidal and status == Status.JAMMED
+        )  # one of three problems, which the oracle lacks
+        if not prove or method.end_gap or other:
+            return self._set(i, UNPROVEN, status.name)
         p = self.part(np.array([i]))
         cache = truth.openings.setdefault(p.method.coulomb, {})
         if i not in cache:
