@@ -2,7 +2,6 @@
 
 import multiprocessing
 import time
-from collections.abc import Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from pathlib import Path
 from typing import Annotated
@@ -28,17 +27,21 @@ OWN_CHUNKS = 4  # of CHUNK worlds for every scene with kernels of its own
 MOST_SHRUNK = 12  # failures that are made small: one of each method and reason
 
 
-def tasks_of(seed: int, worlds: int, structures: int, residuals: tuple[str, ...]) -> Iterator[Task]:
-    """The tasks of a run: scenes for the common kernels until there are enough worlds, then own kernels."""
+def tasks_of(seed: int, worlds: int, structures: int, residuals: tuple[str, ...]) -> list[Task]:
+    """The tasks of a run: scenes for the common kernels until there are enough worlds, and those with kernels
+    of their own, evenly between them.
+    """
     methods = [o for o in MEMORY if not residuals or o.residual in residuals]
     each = CHUNK * len(methods) * len(DTYPES)
-    for scene in range(-(-worlds // each) if methods else 0):
-        yield Task(seed, scene, "memory", 1, residuals)
-    for scene in range(structures):
-        yield Task(seed, scene, "registers", OWN_CHUNKS, residuals)
+    count = -(-worlds // each) if methods else 0
+    common = [(i / max(1, count), Task(seed, i, "memory", 1, residuals)) for i in range(count)]
+    own = [
+        (i / max(1, structures), Task(seed, i, "registers", OWN_CHUNKS, residuals)) for i in range(structures)
+    ]
+    return [task for _, task in sorted(common + own, key=lambda item: item[0])]
 
 
-def run_all(tasks: Iterator[Task], jobs: int, until: float, console: Console) -> Tally:
+def run_all(tasks: list[Task], jobs: int, until: float, console: Console) -> Tally:
     """Every task, or those that begin in time, in `jobs` processes."""
     tally, done = Tally(), 0
 
