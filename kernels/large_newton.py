@@ -20,6 +20,7 @@ from .large_work import WORK, Work
 from .smoothing import make_smoothing
 
 PROXIMAL = 1e-12  # tau
+GIVEN = {wp.float64: 1.1e-16, wp.float32: 6e-8}  # rounding of the impulses that are given back
 ROUNDING = 2e-14  # of M (v' - v_free) where v' and v_free are stored, relative to |M| |v_free|
 TOLERANCE = 2e-14  # residual relative to the size of its terms: the aim,
 # and what is good enough where rounding, or rows that all but repeat others, end the iteration
@@ -35,7 +36,7 @@ def make_large_newton(given: type, residual: str) -> SimpleNamespace:
     hard = residual == "hard"
     SIGMA = COLUMN["sigma"]
     ZERO, ONE, HALF = dtype(0.0), dtype(1.0), dtype(0.5)
-    LOST = dtype(ROUNDING)
+    LOST, TOLD = dtype(ROUNDING), dtype(GIVEN[given])
     NEAR, PATIENCE = dtype(1e-4), 6
     TAU, AIM, GOOD, HUGE = dtype(PROXIMAL), dtype(TOLERANCE), dtype(ACCEPTED[given]), dtype(1e300)
 
@@ -110,7 +111,7 @@ def make_large_newton(given: type, residual: str) -> SimpleNamespace:
         A row's is relative to the size of velocities, which the data set. That of a place is relative to the
         momentum that it exchanges, beyond rounding: so a light body is judged on its own scale, and a heavy
         one that a light one hits by what it takes up. An exchange that the data do not allow counts as the
-        most that they do.
+        most that they do, and impulses so large that what is given back of them no longer sums up count, too.
         """
         mass_times(t, k, b)
         for i in range(t.nv):
@@ -133,6 +134,9 @@ def make_large_newton(given: type, residual: str) -> SimpleNamespace:
             miss = wp.abs(k.balance[i, b]) - k.lost[i, b]
             if miss > ZERO:
                 worst = wp.max(worst, miss / wp.min(k.move[i, b], k.most[i, b]))
+            told = TOLD * k.move[i, b]
+            if told > GOOD * k.most[i, b]:
+                worst = wp.max(worst, told / k.most[i, b])
             if not wp.isfinite(k.balance[i, b]):
                 bad = 1
         if bad == 1:

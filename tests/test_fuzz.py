@@ -14,6 +14,7 @@ from slcp_warp.scripts.fuzz.draws import CLASSES, Worlds, draw_worlds
 from slcp_warp.scripts.fuzz.judge import Outcome, judge
 from slcp_warp.scripts.fuzz.problem import Problem, Truth
 from slcp_warp.scripts.fuzz.proofs import coulomb_solution, least_motion, widest_opening
+from slcp_warp.scripts.fuzz.run import Task, judged, run_task
 from slcp_warp.scripts.fuzz.shrink import shrink
 from slcp_warp.scripts.fuzz.structures import baked, random_scene
 from slcp_warp.scripts.fuzz.verdicts import SILENT, WRONG, Verdicts
@@ -319,3 +320,29 @@ def test_a_mass_matrix_without_inverse_is_no_number(dtype, status):
     if status == slcp.Status.SOLVED:
         found = verdicts(scene, worlds, Outcome.of(done))
         assert found.verdict[0] == "holds" and found.worst[0] < 1.0
+
+
+@pytest.mark.slow
+def test_small_run_of_the_common_kernels_has_no_silent_failure():
+    worlds = 0
+    for scene in (0, 1, 3, 4, 5, 6):
+        tally = run_task(Task(1, scene, "memory", per_chunk=40))
+        assert [f for f in tally.failures if f.verdict in (SILENT, WRONG)] == []
+        worlds += sum(n for key, n in tally.counts.items() if key[-1] == "worlds")
+    assert worlds == 6 * 40 * 14
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("friction", ["anitescu", "coulomb"])
+def test_limits_that_all_but_exclude_each_other_in_float32(friction):
+    """Opposed impulses of 1e6 hold what needs .02: rounded to float32 they do not sum up, and were SOLVED."""
+    scene = Scene("limits", (Body("a", 1.0, 0.1, lower=-1.0, upper=1.0),), step_size=0.05006)
+    x = np.array([[0.0, -14.0]], np.float32)
+    numbers = {name: value[None] for name, value in scene.default_parameters().items()}
+    numbers["lower"], numbers["upper"] = np.array([[-0.68924]]), np.array([[-0.6892415]])
+    numbers = {name: value.astype(np.float32).astype(float) for name, value in numbers.items()}
+    options = slcp.Options(residual="hard", friction=friction)
+    sim = slcp.Simulator(scene, options, device="cpu", dtype="float32", strategy="memory")
+    found, done = judged(Worlds(numbers, x.astype(float), np.zeros((1, 0)), np.zeros(1, int)), sim)
+    assert done.status[0] in (slcp.Status.NOT_CONVERGED, slcp.Status.INFEASIBLE)
+    assert found.verdict[0] == "status"

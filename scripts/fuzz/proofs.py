@@ -11,7 +11,7 @@ from ..diagrams.mechanics import scipy_module
 from .mechanics import Array
 from .problem import FLOOR, Problem
 
-MOST_MODES = 4_096
+MOST_MODES = 1_024
 OPEN, PRESS, STICK, LEFT, RIGHT = range(5)
 
 

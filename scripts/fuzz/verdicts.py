@@ -23,6 +23,7 @@ HOLDS, AMBIGUOUS, STATUS, UNPROVEN, WRONG, SILENT = (
 )  # fmt: skip
 VERDICTS = (HOLDS, AMBIGUOUS, STATUS, UNPROVEN, WRONG, SILENT)
 PROOFS = 500  # of one kind for a batch at most: the rest is counted as unproven
+TRIALS = 15  # of all modes: the same
 SLACK = 10.0  # by which an answer may be larger than an independent solution
 CLEAR = 1e-5  # an opening this wide, in units of the world's speeds, refutes INFEASIBLE
 
@@ -32,6 +33,7 @@ class Verdicts:
 
     def __init__(self, problem: Problem, out: Outcome, part: Callable[[Array], Problem]) -> None:
         self.problem, self.out, self.part = problem, out, part
+        self.trials = TRIALS
         worlds = len(out.status)
         self.verdict = np.full(worlds, HOLDS, dtype=object)
         self.reason = np.full(worlds, "", dtype=object)
@@ -56,6 +58,11 @@ class Verdicts:
     def _set(self, i: int, verdict: str, reason: str) -> None:
         self.verdict[i], self.reason[i] = verdict, reason
 
+    def _tried(self, p: Problem, acting: Array | None) -> Any:
+        """`coulomb_solution`, while there are trials left."""
+        self.trials -= 1
+        return coulomb_solution(p, 0, acting) if self.trials >= 0 else False
+
     def _earn(self, i: int, prove: bool) -> None:
         """Judge a large answer by the size of an independent solution."""
         if not prove:
@@ -66,7 +73,7 @@ class Verdicts:
             p.start_from(ended(p, x[:, :nv], x[:, nv:]))
         w = p.rate[0] + p.jac[0] @ self.out.x[i, p.truth.s.nv :]
         near = (self.out.impulse[i] > 0.0) | (w < 1e-2 * p.terms(np.abs(p.truth.v))[0])
-        found: Any = coulomb_solution(p, 0, near) if p.method.coulomb else least_motion(p, 0)
+        found: Any = self._tried(p, near) if p.method.coulomb else least_motion(p, 0)
         if found is False:
             return self._set(i, UNPROVEN, "too many modes")
         if found is None:
@@ -109,7 +116,7 @@ class Verdicts:
         if status == Status.INFEASIBLE and opening > CLEAR:
             self._set(i, WRONG, f"INFEASIBLE, but rows open by {opening:.1e}")
         if status == Status.JAMMED:
-            found = coulomb_solution(p, 0)
+            found = self._tried(p, None)
             if found is False:
                 self._set(i, UNPROVEN, status.name)
             elif found is not None:
