@@ -238,7 +238,7 @@ def make_choice_kernels(nx, nu, dtype):
             if reduction <= min_improvement:
                 state.status[b] = SMALL_IMPROVEMENT  # one more backward pass makes its policy
         elif drowned:
-            near = state.relative[b] <= NEARLY * tolerance
+            near = state.relative[b] <= NEARLY * tolerance or state.size[b] == wp.float64(0.0)
             state.status[b] = wp.where(near, CONVERGED, SMALL_IMPROVEMENT)
             if state.flat[b] == 1:
                 state.status[b] = FLAT

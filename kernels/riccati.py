@@ -292,8 +292,9 @@ def make_backward_kernel(nx, nu, nw, method, has_limits, dtype):
                 relative = wp.max(relative, highest[i] / widest[i])
         state.relative[b] = wp.float64(relative)
         # all that Q_u consists of, were it free, would not be seen in J; yet the state is worth changing, or
-        # the point is no minimum
-        unseen = felt <= ROUNDING * state.size[b]
+        # the point is no minimum. Where passes brought every term of J to 0 there is nothing left to gain
+        left = state.size[b] > wp.float64(0.0) or state.passes[b] == 0
+        unseen = left and felt <= ROUNDING * state.size[b]
         state.flat[b] = wp.where(unseen and (wanted > ZERO or not (lowest > wp.float64(0.0))), 1, 0)
         if wp.float64(relative) <= tolerance:
             state.status[b] = wp.where(state.flat[b] == 1, FLAT, CONVERGED)

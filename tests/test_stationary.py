@@ -84,6 +84,17 @@ def test_a_start_at_the_optimum_is_converged():
     assert result.status == ddp.Status.CONVERGED and result.iterations == 0
 
 
+@pytest.mark.parametrize("dtype", sorted(NAMES))
+def test_what_vanishes_is_converged(dtype):
+    """All terms of J and of Q_u go to 0 with the controls: no tolerance is relative to anything then."""
+    A, B = np.eye(4) + 0.1 * np.eye(4, k=1), np.zeros((4, 2))
+    B[1] = 0.1, 0.05
+    cost = ddp.costs.quadratic(np.diag([1.0, 1.0, 0.0, 0.0]), 0.1 * np.eye(2))
+    problem = ddp.Problem(ddp.linear_system(A, B, device="cpu", dtype=dtype), cost, 15)
+    result = ddp.solve(problem, np.zeros(4), np.ones((15, 2)))
+    assert result.status == ddp.Status.CONVERGED and result.cost == 0.0
+
+
 @pytest.mark.slow
 def test_the_racing_car_in_both_precisions():
     """Single precision finds the cost of double precision."""
