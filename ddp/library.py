@@ -7,7 +7,7 @@ pickled.
 """
 
 import hashlib
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -33,8 +33,12 @@ class LibraryError(ArgumentError):
 
 
 def scene_digest(scene: Scene) -> str:
-    """Digest of a scene's topology; numbers may differ between building and using a library."""
-    return hashlib.sha256(repr(scene.structure).encode()).hexdigest()[:16]
+    """Digest of a scene's topology; numbers, and the rule by which dampers act, may differ between building
+    and using a library. It is what it was before there was a choice of that rule: files stay readable.
+    """
+    s = scene.structure
+    parts = (f"{f.name}={getattr(s, f.name)!r}" for f in fields(s) if f.repr and f.name != "implicit_damping")
+    return hashlib.sha256(f"Structure({', '.join(parts)})".encode()).hexdigest()[:16]
 
 
 @dataclass(frozen=True)
@@ -179,7 +183,7 @@ def concatenate(libraries: list[Library]) -> Library:
         if library.header.get("digest") != libraries[0].header.get("digest"):
             raise LibraryError("the libraries were built for different scenes")
         parts.append(replace(library, chain=library.chain + offset))
-        offset += int(library.chain.max()) + 1
+        offset += int(library.chain.max(initial=-1)) + 1
     arrays: dict[str, Any] = {
         name: np.concatenate([getattr(part, name) for part in parts]) for name in ARRAYS
     }

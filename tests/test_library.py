@@ -2,12 +2,14 @@
 
 import functools
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import warp as wp
 from simulators import NUMPY, scene, simulator
 
+import slcp_warp as slcp
 from slcp_warp import ddp
 from slcp_warp.ddp.library import ARRAYS, scene_digest
 from slcp_warp.ddp.policies import whitening
@@ -39,6 +41,22 @@ def made(x, **changes):
               "plan": order, "period": FINGER.state_period,
               "header": {"scene": FINGER.name, "digest": scene_digest(FINGER)}}  # fmt: skip
     return ddp.Library(**{**values, **changes})
+
+
+def test_files_of_earlier_versions_fit_their_scene():
+    """The digest that they state is from before scenes had a rule of damping."""
+    before = "c0c5a8888eb050e5"
+    made(np.zeros((2, 6)), header={"scene": FINGER.name, "digest": before}).check_scene(FINGER)
+    assert scene_digest(replace(FINGER, implicit_damping=True)) == scene_digest(FINGER)
+    with pytest.raises(ddp.LibraryError, match="built for scene"):
+        made(np.zeros((2, 6))).check_scene(slcp.scenes.hopper())
+
+
+def test_a_library_without_entries_can_be_among_others():
+    some = made(np.zeros((2, 6)))
+    both = ddp.concatenate([some.select([]), some])
+    assert len(both) == 2
+    np.testing.assert_array_equal(both.chain, some.chain)
 
 
 # --- chains ---
