@@ -25,6 +25,7 @@ class Cost:
         weights: numbers (P,), or one row per problem (B, P).
         nx: number of states that the cost needs, or None for any.
         nu: number of controls, or None for any.
+        nodes: N + 1 for the horizon N that the weights belong to, or None for any.
     """
 
     def __init__(
@@ -33,9 +34,10 @@ class Cost:
         weights: Any = (),
         nx: int | None = None,
         nu: int | None = None,
+        nodes: int | None = None,
     ) -> None:
         function("make", make, 3)
-        for name, size in (("nx", nx), ("nu", nu)):
+        for name, size in (("nx", nx), ("nu", nu), ("nodes", nodes)):
             if size is not None:
                 whole(name, size)
         values = np.atleast_1d(array("weights", weights, finite=False))
@@ -43,7 +45,8 @@ class Cost:
             raise ArgumentError(
                 f"weights must be finite numbers of shape (P,) or (B, P), got shape {values.shape}"
             )
-        self.make, self.weights, self.nx, self.nu = make, values, nx, nu
+        self.make, self.weights = make, values
+        self.nx, self.nu, self.nodes = nx, nu, nodes
 
     def functions(self, dtype: Any, nx: int, nu: int) -> CostFunctions:
         """Warp functions for a scalar type and sizes, made once."""
@@ -51,7 +54,7 @@ class Cost:
 
     def with_weights(self, weights: Any) -> "Cost":
         """The same functions with other numbers, (P,) or (B, P); nothing is compiled."""
-        other = Cost(self.make, weights, self.nx, self.nu)
+        other = Cost(self.make, weights, self.nx, self.nu, self.nodes)
         if other.weights.shape[-1] != self.weights.shape[-1]:
             raise ArgumentError(
                 f"weights must have {self.weights.shape[-1]} columns, got {other.weights.shape[-1]}"
@@ -97,7 +100,7 @@ def quadratic(Q: Any, R: Any, Qf: Any = None, target: Any = None) -> Cost:
         Q: symmetric (nx, nx).
         R: symmetric (nu, nu).
         Qf: symmetric (nx, nx), default 0.
-        target: state (nx,), or one per node (N+1, nx); default 0.
+        target: state (nx,), or one per node (N+1, nx), for problems of that horizon only; default 0.
     """
     Q, R = array("Q", Q, ("nx", "nx")), array("R", R, ("nu", "nu"))
     nx, nu = Q.shape[0], R.shape[0]
@@ -106,10 +109,18 @@ def quadratic(Q: Any, R: Any, Qf: Any = None, target: Any = None) -> Cost:
     Qf = np.zeros((nx, nx)) if Qf is None else array("Qf", Qf)
     target = np.zeros(nx) if target is None else array("target", target)
     for name, value, size in (("Q", Q, nx), ("R", R, nu), ("Qf", Qf, nx)):
-        if value.shape != (size, size) or not np.allclose(value, value.T, rtol=1e-12, atol=1e-14):
+        if value.shape != (size, size):
             raise ArgumentError(
                 f"{name} must be a symmetric matrix ({size}, {size}), got shape {value.shape}"
             )
+        if not np.allclose(value, value.T, rtol=1e-12, atol=1e-14):
+            i, j = np.unravel_index(np.argmax(np.abs(value - value.T)), value.shape)
+            raise ArgumentError(
+                f"{name} must be symmetric, got {name}[{i}, {j}] = {value[i, j]:g} and "
+                f"{name}[{j}, {i}] = {value[j, i]:g}"
+            )
     if target.ndim not in (1, 2) or target.shape[-1] != nx:
         raise ArgumentError(f"target must have shape ({nx},) or (N+1, {nx}), got {target.shape}")
-    return Cost(make_quadratic, np.concatenate([a.ravel() for a in (Q, R, Qf, target)]), nx=nx, nu=nu)
+    weights = np.concatenate([a.ravel() for a in (Q, R, Qf, target)])
+    nodes = len(target) if target.ndim == 2 and len(target) > 1 else None
+    return Cost(make_quadratic, weights, nx=nx, nu=nu, nodes=nodes)

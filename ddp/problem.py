@@ -57,6 +57,10 @@ class Problem:
                     f"cost is for {name} = {need}, the dynamics has {name} = {getattr(self.dynamics, name)}"
                 )
         object.__setattr__(self, "horizon", whole("horizon", self.horizon))
+        if self.cost.nodes is not None and self.cost.nodes != self.horizon + 1:
+            raise ArgumentError(
+                f"cost is for {self.cost.nodes} nodes, horizon {self.horizon} has {self.horizon + 1}"
+            )
         if self.params is None:
             object.__setattr__(self, "params", self.dynamics.params)
         elif not isinstance(self.params, wp.array | type(self.dynamics.params)):

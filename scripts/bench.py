@@ -34,6 +34,7 @@ from .bench_pair import PairError, bench_pair, print_pairs
 from .bench_precision import bench_finite, bench_precision
 from .bench_timing import Case, Result, print_table, tidy_rows, time_interleaved
 from .bench_workload import Workload, make_workload, windows
+from .common import one_line_errors
 from .diagrams.command import charts_command
 from .fuzz.command import fuzz_command
 from .stability import stability_command
@@ -202,11 +203,12 @@ def bench_ddp(repeats: int = 9, horizon: int = 75, passes: int = 30) -> Rows:
 
 
 app.command("charts")(charts_command)
-app.command("stability")(stability_command)
+app.command("stability")(one_line_errors(stability_command))
 app.command("fuzz")(fuzz_command)
 
 
 @app.command("step")
+@one_line_errors
 def step_command(
     worlds: Worlds = 2000, steps: Steps = 75, repeats: Repeats = 9, seed: Seed = 0, csv: Csv = None
 ) -> None:
@@ -216,6 +218,7 @@ def step_command(
 
 
 @app.command("jacobian")
+@one_line_errors
 def jacobian_command(
     worlds: Worlds = 1000, steps: Steps = 75, repeats: Repeats = 9, seed: Seed = 0, csv: Csv = None
 ) -> None:
@@ -225,6 +228,7 @@ def jacobian_command(
 
 
 @app.command("methods")
+@one_line_errors
 def methods_command(
     worlds: Worlds = 1000, steps: Steps = 75, repeats: Repeats = 5, seed: Seed = 0, csv: Csv = None
 ) -> None:
@@ -233,6 +237,7 @@ def methods_command(
 
 
 @app.command("gradients")
+@one_line_errors
 def gradients_command(
     worlds: Worlds = 4096,
     steps: Steps = 500,
@@ -246,6 +251,7 @@ def gradients_command(
 
 
 @app.command("differences")
+@one_line_errors
 def differences_command(
     scene: Annotated[list[str] | None, typer.Option(help="Only this scene; may be given again.")] = None,
     residual: Annotated[
@@ -270,6 +276,7 @@ def differences_command(
 
 
 @app.command("products")
+@one_line_errors
 def products_command(
     worlds: Worlds = 1000, steps: Steps = 50, repeats: Repeats = 5, seed: Seed = 0, csv: Csv = None
 ) -> None:
@@ -278,6 +285,7 @@ def products_command(
 
 
 @app.command("precision")
+@one_line_errors
 def precision_command(
     count: Annotated[int, typer.Option(min=8, help="States at which precisions are compared.")] = 20000,
     random: Annotated[int, typer.Option(min=1, help="States among which NaN and Inf are sought.")] = 1000000,
@@ -289,12 +297,14 @@ def precision_command(
 
 
 @app.command("fallbacks")
+@one_line_errors
 def fallbacks_command(worlds: Worlds = 32768, steps: Steps = 75, seed: Seed = 0, csv: Csv = None) -> None:
     """How many steps of the finger need more than the solver of few rows."""
     _save(csv, [row for dtype in DTYPES for row in bench_fallbacks(worlds, steps, seed, dtype, typer.echo)])
 
 
 @app.command("threads")
+@one_line_errors
 def threads_command(
     worlds: Worlds = 20000, steps: Steps = 50, repeats: Repeats = 9, seed: Seed = 0, csv: Csv = None
 ) -> None:
@@ -303,12 +313,14 @@ def threads_command(
 
 
 @app.command("ddp")
+@one_line_errors
 def ddp_command(repeats: Repeats = 9, csv: Csv = None) -> None:
     """A pass of DDP on the flicking finger."""
     _save(csv, bench_ddp(repeats))
 
 
 @app.command("kernels")
+@one_line_errors
 def kernels_command(
     sizes: Annotated[str, typer.Option(help="Sizes nv x nc.")] = ",".join(f"{a}x{b}" for a, b in SIZES),
     repeats: Repeats = 3,
@@ -333,6 +345,7 @@ def kernels_command(
 
 
 @app.command("pair")
+@one_line_errors
 def pair_command(
     other: Annotated[str, typer.Argument(help="Python interpreter of the environment to compare with.")],
     repeats: Annotated[int, typer.Option(min=3, help="Rounds; a ratio is taken inside a round.")] = 15,
@@ -350,6 +363,7 @@ def pair_command(
 
 
 @app.command("all")
+@one_line_errors
 def all_command(repeats: Repeats = 9, seed: Seed = 0, csv: Csv = None) -> None:
     """Every benchmark, into one CSV."""
     _need_mujoco()

@@ -33,7 +33,9 @@ SceneName = Annotated[
         "--scene", help="A .toml, .json or .xml (MJCF) file, or: " + ", ".join(slcp.scenes.NAMED) + "."
     ),
 ]
-Residual = Annotated[str, typer.Option(help="smoothed (rem-logistic) or hard.")]
+Residual = Annotated[
+    str, typer.Option(help="smoothed (rem-logistic), hard, rem-normal, erm-logistic or erm-normal.")
+]
 Scaling = Annotated[str | None, typer.Option(help="inertia or none; the finger's default is none.")]
 Integrator = Annotated[str, typer.Option(help="euler, or trapezoidal: second order where motion is smooth.")]
 Sigma = Annotated[float | None, typer.Option(help="Noise level of the smoothing; default: the scene's.")]
@@ -61,11 +63,19 @@ def one_line_errors(command: Callable[..., None]) -> Callable[..., None]:
         except KeyboardInterrupt:
             typer.echo("slcp: interrupted; nothing was saved", err=True)
             raise typer.Exit(INTERRUPTED) from None
-        except (ValueError, OSError) as error:
-            typer.echo(f"slcp: {' '.join(str(error).split())}", err=True)
+        except (ValueError, OSError, ImportError) as error:  # ImportError: an extra is missing
+            typer.echo(f"slcp: {one_line(error)}", err=True)
             raise typer.Exit(BAD_INPUT) from None
 
     return run
+
+
+def one_line(error: Exception) -> str:
+    """An error's message in one line; of an error of the system the file first, without its number."""
+    text = str(error)
+    if isinstance(error, OSError) and error.filename and error.strerror:
+        text = f"{error.filename}: {error.strerror}"
+    return " ".join(text.split())
 
 
 @contextmanager

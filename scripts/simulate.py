@@ -6,6 +6,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 from rich.box import SIMPLE_HEAD
+from rich.markup import escape
 from rich.table import Table
 
 import slcp_warp as slcp
@@ -120,9 +121,18 @@ def _summary(scene: slcp.Scene, record: Record) -> Table:
         box=SIMPLE_HEAD,
     )
     table.add_column("first world")
-    names = [f"q{i + 1}" for i in range(scene.nv)] + [f"v{i + 1}" for i in range(scene.nv)]
-    for name in names:
+    for name in ("q, start", "q, end", "v, start", "v, end"):
         table.add_column(name, justify="right")
-    for label, x in (("start", states[0, 0]), ("end", states[0, -1])):
-        table.add_row(label, *(f"{value:.4g}" for value in x))
+    columns = np.concatenate([states[0, [0, -1], : scene.nv], states[0, [0, -1], scene.nv :]])
+    for name, numbers in zip(_freedoms(scene), columns.T):
+        table.add_row(name, *(f"{value:.4g}" for value in numbers))
     return table
+
+
+def _freedoms(scene: slcp.Scene) -> list[str]:
+    """A name for every degree of freedom: its body's, and which one where a joint has several."""
+    return [
+        escape(body.name) + (f", {part}" if body.joint == "free" else "")
+        for body in scene.bodies
+        for part in (("x", "y", "angle") if body.joint == "free" else ("",))
+    ]

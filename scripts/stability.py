@@ -1,5 +1,6 @@
 """`slcp bench stability`: where each method holds, degrades, fails with a status, or fails silently."""
 
+import math
 import time
 from pathlib import Path
 from typing import Annotated
@@ -46,7 +47,7 @@ def stability_command(
     silently.
     """
     for name, given, offered in (
-        ("--case", case, [c.name for c in CASES]),
+        ("--case", case, list(dict.fromkeys(c.name for c in CASES))),
         ("--residual", residual, CHOICES["residual"]),
         ("--dtype", dtype, ("float64", "float32")),
     ):
@@ -60,6 +61,8 @@ def stability_command(
         dtypes=tuple(dtype or (QUICK.dtypes if quick else Selection().dtypes)),
         everything=everything,
     )
+    if mujoco is not None and not 0.0 < mujoco < math.inf:
+        raise ValueError(f"--mujoco is {mujoco}; a positive step size is needed")
     cases = [c for c in CASES if c.quick or not quick]
     console, began = Console(), time.perf_counter()
 

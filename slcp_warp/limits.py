@@ -31,6 +31,8 @@ def limit_rows(given: Any, nu: int) -> tuple[np.ndarray, np.ndarray]:
             raise ArgumentError(
                 f"control_limits: {name} limit must be a number, ({nu},) or (B, {nu}), got {array.shape}"
             )
+        if np.isnan(array).any():
+            raise ArgumentError(f"control_limits: {name} limit is {shown(value)}; NaN is no limit")
         rows.append(np.atleast_2d(np.broadcast_to(array, (nu,) if array.ndim == 0 else array.shape)))
     if len({len(row) for row in rows} - {1}) > 1:
         raise ArgumentError(f"control_limits are for {len(rows[0])} and for {len(rows[1])} problems")

@@ -1,5 +1,6 @@
 """The command line: every command on tiny settings, its files, and what bad input comes to."""
 
+import io
 import json
 import os
 import subprocess
@@ -12,6 +13,7 @@ pytest.importorskip("typer")
 pytest.importorskip("matplotlib")
 
 from PIL import Image
+from rich.console import Console
 from typer.testing import CliRunner
 
 import slcp_warp as slcp
@@ -19,10 +21,13 @@ from slcp_warp import ddp, scenes
 from slcp_warp.archive import write_archive
 from slcp_warp.ddp import refinement
 from slcp_warp.scripts.app import app
+from slcp_warp.scripts.bench import app as bench_app
 from slcp_warp.scripts.chart_cycle import frame_times, last_turn
 from slcp_warp.scripts.chart_mechanism import Mechanism
+from slcp_warp.scripts.common import one_line_errors
 from slcp_warp.scripts.isosurface import isosurface
 from slcp_warp.scripts.records import Record, RecordError, load_policy, load_record, read_kind
+from slcp_warp.scripts.simulate import _summary
 from slcp_warp.simulated import Simulated
 
 FLOAT32 = ["--device", "cpu", "--dtype", "float32"]
@@ -124,6 +129,18 @@ def test_every_picture_is_drawn(made, tmp_path):
         assert gif.n_frames == 15 and (tmp_path / "cycle.gif").stat().st_size < 1.5e6
 
 
+def test_every_number_of_the_summary_can_be_read():
+    """Of a mechanism of many degrees of freedom, with long names, on a narrow terminal."""
+    scene = scenes.walker()
+    states = np.random.default_rng(0).normal(size=(1, 3, 2 * scene.nv)) * 1e-5
+    simulated = Simulated.of(slcp.Simulator(scene, device="cpu"))
+    console = Console(width=80, record=True, file=io.StringIO())
+    console.print(_summary(scene, Record("trajectory", {"states": states, "status": np.zeros(1)}, simulated)))
+    text = console.export_text()
+    assert "1 solved" in text and all(f" {value:.4g}" in text for value in states[0, [0, 2]].ravel())
+    assert all(f" {body.name}" in text for body in scene.bodies)
+
+
 def test_a_scene_with_a_ground_is_drawn(tmp_path):
     call("simulate", "--scene", "ball_drop", "--steps", 60, "--device", "cpu", "--out", tmp_path / "ball.npz")
     call("chart", tmp_path / "ball.npz", "--out", tmp_path)
@@ -176,6 +193,40 @@ def test_bad_input_is_one_line(arguments, says, tmp_path, monkeypatch):
     device = [] if "--device" in arguments or arguments[0] == "chart" else ["--device", "cpu"]
     assert says in fails(*arguments, *device)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--read", "nowhere.csv"], "nowhere.csv: no such file"),
+        (["--case", "nowhere"], "choose from ['rest', "),
+        (["--mujoco", "-1"], "--mujoco is -1.0; a positive step size is needed"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else "",
+)
+def test_bad_batteries_are_one_line(arguments, says, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert says in fails("bench", "stability", *arguments)
+
+
+def test_errors_of_every_command_are_one_line():
+    commands = app.registered_commands + bench_app.registered_commands
+    wrapper = one_line_errors(print).__code__
+    assert len(commands) > 30
+    assert [c.name for c in commands if c.callback.__code__ is not wrapper] == []
+
+
+def test_a_missing_extra_is_one_line(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "mujoco", None)  # as where it is not installed
+    (tmp_path / "s.xml").write_text("<mujoco/>")
+    said = fails("simulate", "--scene", tmp_path / "s.xml", "--out", tmp_path / "t.npz")
+    assert said == "slcp: reading MJCF needs the package mujoco: pip install 'slcp-warp[mjcf]'"
+
+
+def test_a_folder_that_cannot_be_made_is_one_line(tmp_path):
+    (tmp_path / "file").write_text("")
+    said = fails("simulate", "--out", tmp_path / "file" / "t.npz")
+    assert said.startswith(f"slcp: {tmp_path / 'file'}: ") and "Errno" not in said
 
 
 @pytest.mark.parametrize(

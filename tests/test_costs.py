@@ -175,7 +175,9 @@ def test_differences_of_user_dynamics(device, dtype):
 
 
 def test_illegal_costs():
-    with pytest.raises(ValueError, match=r"R must be a symmetric matrix \(2, 2\)"):
+    with pytest.raises(ValueError, match=r"R must be a symmetric matrix \(1, 1\), got shape \(1, 2\)"):
+        ddp.costs.quadratic(np.eye(3), [[1.0, 2.0]])
+    with pytest.raises(ValueError, match=r"R must be symmetric, got R\[0, 1\] = 2 and R\[1, 0\] = 0"):
         ddp.costs.quadratic(np.eye(3), [[1.0, 2.0], [0.0, 1.0]])
     with pytest.raises(ValueError, match=r"target must have shape \(3,\) or \(N\+1, 3\), got \(2,\)"):
         ddp.costs.quadratic(np.eye(3), np.eye(2), target=[0.0, 1.0])

@@ -320,6 +320,13 @@ def test_illegal_problems():
         ddp.Problem(dynamics, ddp.costs.flicking_finger(), 5)
     with pytest.raises(ValueError, match="control_limits: a lower limit is above the upper one"):
         ddp.Problem(dynamics, cost, 5, control_limits=(1.0, -1.0))
+    with pytest.raises(ValueError, match="control_limits: upper limit is nan; NaN is no limit"):
+        ddp.Problem(dynamics, cost, 5, control_limits=(-1.0, float("nan")))
+    moving = ddp.costs.quadratic(np.eye(4), np.eye(1), target=np.zeros((6, 4)))
+    assert ddp.Problem(dynamics, moving, 5).cost is moving
+    for horizon in (4, 6, 20):  # neither cut off nor held at its last row
+        with pytest.raises(ValueError, match=f"cost is for 6 nodes, horizon {horizon} has {horizon + 1}"):
+            ddp.Problem(dynamics, moving.with_weights(2.0 * moving.weights), horizon)
     with pytest.raises(ValueError, match=r"unknown parameter 'sigma'; known: \['step_size'\]"):
         problem.with_params(sigma=0.1)
     with pytest.raises(ValueError, match="dtype must be float32 or float64, got 'float16'"):
