@@ -131,7 +131,8 @@ def make_large_newton(given: type, residual: str) -> SimpleNamespace:
                 k.balance[p, b] = k.balance[p, b] - impulse
                 k.move[p, b] = k.move[p, b] + wp.abs(impulse)
         for i in range(t.nv):
-            miss = wp.abs(k.balance[i, b]) - k.lost[i, b]
+            unseen = LOST * k.mass[t.mass_at[i] + i, b] * size  # by the rows
+            miss = wp.abs(k.balance[i, b]) - k.lost[i, b] - unseen
             if miss > ZERO:
                 worst = wp.max(worst, miss / wp.min(k.move[i, b], k.most[i, b]))
             told = TOLD * k.move[i, b]
