@@ -11,7 +11,8 @@ work at once.
 
 On a CPU the compiler may fuse a b + c, divide by multiplying with a reciprocal and drop additions of zero: a
 step costs a fifth less (docs/performance.md). It must not reassociate sums, which would undo the
-compensation of log(1 + e).
+compensation of log(1 + e). Functions are inlined up to more than twice the size that Warp asks for: a step's
+parts lie near that limit, where a line more in a part that is seldom run cost all steps a twelfth.
 
 The environment variable SLCP_CPU_FLAGS replaces all flags of the CPU's compiler, these and Warp's:
 "-march=x86-64-v2 -ffp-contract=off" rounds as a processor without fused operations does. Flags go into a
@@ -21,6 +22,7 @@ kernel's hash, so that caches do not mix; `.ci/full rounding` runs all tests tha
 import hashlib
 import os
 import pathlib
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -29,6 +31,8 @@ import warp as wp
 from .factories import cached
 
 CPU_ARITHMETIC = "-ffp-contract=fast -freciprocal-math -fno-signed-zeros"
+INLINING = re.compile(r"(-inline(?:-cold-callsite)?-threshold=)\d+")
+INLINED = r"\g<1>20000"
 
 
 def cpu_compiler_flags() -> str:
@@ -37,7 +41,7 @@ def cpu_compiler_flags() -> str:
     if given is not None:
         return given
     flags = wp.config.cpu_compiler_flags
-    return f"{'-march=native' if flags is None else flags} {CPU_ARITHMETIC}"
+    return f"{'-march=native' if flags is None else INLINING.sub(INLINED, flags)} {CPU_ARITHMETIC}"
 
 
 @cached

@@ -159,11 +159,10 @@ def make_backward_kernel(nx, nu, nw, method, has_limits, dtype):
         unsolved = int(1)
         restarts = int(0)
         broken = int(0)
-        gradient = wp.float64(0.0)
         lowest = wp.float64(0.0)
         change_1 = wp.float64(0.0)
         change_2 = wp.float64(0.0)
-        felt = wp.float64(0.0)
+        felt = ZERO
         wanted = ZERO
         highest, widest = VU(), VU()
         while unsolved == 1:
@@ -171,10 +170,9 @@ def make_backward_kernel(nx, nu, nw, method, has_limits, dtype):
             mu_u = dtype(state.mu[b] * state.schedule[row, SCHEDULE_CONTROL])
             if wp.static(not quadratic):  # no V_xx to regularise
                 mu_u += mu_x
-            gradient = wp.float64(0.0)
             change_1 = wp.float64(0.0)
             change_2 = wp.float64(0.0)
-            felt = wp.float64(0.0)
+            felt = ZERO
             wanted = ZERO
             highest, widest = VU(), VU()
             broken = int(0)
@@ -195,7 +193,6 @@ def make_backward_kernel(nx, nu, nw, method, has_limits, dtype):
                     for j in range(nu):
                         fu[i, j] = d.fu[b, k, i, j]
                 qx, qu, qxx, qux, quu = model(d, b, k, vx, vxx, fx, fu)
-                sizes = terms(d, b, k, vx, fu)
                 for j in range(nx):
                     wanted = wp.max(wanted, wp.abs(vx[j]))
                 # regularised copies, and the direction
@@ -236,12 +233,12 @@ def make_backward_kernel(nx, nu, nw, method, has_limits, dtype):
                         ignored, bare = cholesky(free_quu)
                     if k == horizon - 1 or wp.float64(bare) < lowest:
                         lowest = wp.float64(bare)
+                    sizes = terms(d, b, k, vx, fu)
                     slopes = steepest(policy, b, k, limits, qu)
                     for i in range(nu):
-                        gradient = wp.max(gradient, wp.float64(slopes[i]))
                         highest[i] = wp.max(highest[i], slopes[i])
                         widest[i] = wp.max(widest[i], sizes[i])
-                        felt += wp.float64(sizes[i]) * wp.float64(sizes[i]) / wp.float64(ruu[i, i])
+                        felt += sizes[i] * sizes[i] / ruu[i, i]
                     bent = quu * step
                     change_1 += wp.float64(wp.dot(step, qu))
                     change_2 += wp.float64(HALF * wp.dot(step, bent))
@@ -275,7 +272,7 @@ def make_backward_kernel(nx, nu, nw, method, has_limits, dtype):
             state.trace[b, row_out, TRACE_REGULARIZATION] = state.mu[b]
             state.trace[b, row_out, TRACE_RESTARTS] = wp.float64(restarts)
             if unsolved == 0:
-                state.trace[b, row_out, TRACE_GRADIENT] = gradient
+                state.trace[b, row_out, TRACE_GRADIENT] = wp.float64(wp.max(highest))
                 state.trace[b, row_out, TRACE_PIVOT] = lowest
         if unsolved == 2:
             drop_policy(policy, b)
@@ -284,7 +281,7 @@ def make_backward_kernel(nx, nu, nw, method, has_limits, dtype):
             return
         state.expected[b, 0] = change_1
         state.expected[b, 1] = change_2
-        state.gradient[b] = gradient
+        state.gradient[b] = wp.float64(wp.max(highest))
         state.pivot[b] = lowest
         relative = ZERO
         for i in range(nu):
@@ -294,7 +291,7 @@ def make_backward_kernel(nx, nu, nw, method, has_limits, dtype):
         # all that Q_u consists of, were it free, would not be seen in J; yet the state is worth changing, or
         # the point is no minimum. Where passes brought every term of J to 0 there is nothing left to gain
         left = state.size[b] > wp.float64(0.0) or state.passes[b] == 0
-        unseen = left and felt <= ROUNDING * state.size[b]
+        unseen = left and wp.float64(felt) <= ROUNDING * state.size[b]
         state.flat[b] = wp.where(unseen and (wanted > ZERO or not (lowest > wp.float64(0.0))), 1, 0)
         if wp.float64(relative) <= tolerance:
             state.status[b] = wp.where(state.flat[b] == 1, FLAT, CONVERGED)

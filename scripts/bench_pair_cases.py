@@ -69,10 +69,14 @@ def passes(dtype: str) -> tuple[Callable[[], Any], int]:
 
 
 def sweep() -> tuple[Callable[[], Any], int]:
-    """A sweep of the finger without a policy."""
+    """A sweep of the finger that tracks a plan."""
     spec = slcp.SweepSpec(worlds=2000, duration=2.5, parameter_sd={"mass": 0.1}, torque_sd=0.1)
     scene = scene_of("flicking_finger")
-    return functools.partial(slcp.sweep, scene, None, spec, device="cpu"), 2 * 2000 * STEPS
+    sim = slcp.Simulator(scene, slcp.Options(scaling="none"), device="cpu")
+    problem = ddp.Problem(sim, ddp.costs.flicking_finger(), horizon=75)
+    plan = ddp.solve(problem, scene.x0, np.zeros((75, sim.nu)), ddp.Options(max_iterations=3))
+    policy = ddp.TrackingPolicy(plan)
+    return functools.partial(slcp.sweep, scene, policy, spec, device="cpu"), 2 * 2000 * STEPS
 
 
 def cases() -> dict[str, Callable[[], tuple[Callable[[], Any], int]]]:

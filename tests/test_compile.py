@@ -59,6 +59,8 @@ def test_flags_of_the_environment_replace_all_others(monkeypatch):
     monkeypatch.delenv("SLCP_CPU_FLAGS")
     monkeypatch.setattr(wp.config, "cpu_compiler_flags", "-march=native")
     assert cpu_compiler_flags().endswith(CPU_ARITHMETIC) and "-march=native" in cpu_compiler_flags()
+    monkeypatch.setattr(wp.config, "cpu_compiler_flags", "-mllvm=-inline-threshold=9000 -mllvm=-slp-x=4")
+    assert cpu_compiler_flags().startswith("-mllvm=-inline-threshold=20000 -mllvm=-slp-x=4 ")
 
 
 def test_a_users_functions_are_told_apart_by_values_in_loops():

@@ -9,6 +9,7 @@ import warp as wp
 from simulators import scene, simulator
 
 from slcp_warp import ddp
+from slcp_warp.kernels.rollout import POLICIES
 
 STEPS, H = 75, 0.05
 SHIFTS = {1: 0.75, 2: -0.15, 3: 1.0 / 60.0}  # sixth-order central difference (Richardson, twice)
@@ -266,7 +267,8 @@ def test_gradients_that_do_not_exist_are_refused(device):
 def test_policies_without_a_gradient_say_so(device):
     sim = finger(device)
     x0, us, _ = start()
-    library = SimpleNamespace(arrays=lambda sim: ("nearest", SimpleNamespace()))
+    nearest = POLICIES["nearest"](sim.nx, sim.nu, sim.dtype).Struct()
+    library = SimpleNamespace(arrays=lambda sim: ("nearest", nearest))
     with wp.Tape(), pytest.raises(ValueError, match="'nearest' policy; only open-loop rollouts and those"):
         sim.rollout(on_device(x0, device), policy=library, steps=3)
     short = SimpleNamespace(us=us, xs=np.zeros((3, 5, 6)), K=np.zeros((3, 70, 2, 6)))
@@ -322,7 +324,7 @@ def test_bad_checkpoints_are_refused(device):
     for bad in (0, -3, 2.5):
         with pytest.raises(ValueError, match="checkpoint is"):
             sim.rollout(x0, us, checkpoint=bad)
-    with pytest.raises(ValueError, match="checkpoint is 5; .* without record"):
+    with pytest.raises(ValueError, match="checkpoint is 5; .* no record"):
         sim.rollout(x0, us, checkpoint=5, record="impulse")
 
 

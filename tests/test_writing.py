@@ -79,7 +79,7 @@ except OSError as error:
     print('No space left' in str(error), path.read_bytes() == whole, len(list(path.parent.iterdir())))
 "
     """
-    paths = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
+    paths = os.pathsep.join(filter(None, [str(Path(__file__).parent), os.environ.get("PYTHONPATH")]))
     if shutil.which("unshare") is None:
         pytest.skip("no small file system can be made here")
     done = subprocess.run(["unshare", "--mount", "bash", "-c", script], capture_output=True, text=True,
