@@ -33,7 +33,8 @@ class Status(IntEnum):
     that is relative to what the data sets (J v_free, d/h, sigma), never to the answer. INFEASIBLE: no
     velocity opens the rows: limits and normal rows, with Anitescu's friction the rows J_n +- mu J_t. JAMMED:
     some velocity opens limits and normal rows, but Coulomb's friction holds against every impulse, so that
-    the problem of the paper's [8] has no solution (docs/friction.md says how that is decided). NONFINITE: a
+    the problem of the paper's [8] has no solution (docs/friction.md says how that is decided, and that the
+    generic kernels have no proof of it). NONFINITE: a
     state or force that is no number. NOT_CONVERGED: the solver gave up; there may be a solution or none.
     """
 
@@ -53,8 +54,7 @@ class Options:
             3); "erm-normal" (15) and "erm-logistic" (footnote 3), the least expected square, not
             convex; or "hard", the original one (3), sigma = 0.
         scaling: "inertia": D = diag(A), so that both arguments of the residual are velocities and results do
-        not
-            depend on the unit of mass; "none": D = 1, the paper's.
+            not depend on the unit of mass; "none": D = 1, the paper's.
         friction: "anitescu", the relaxed planar model (the paper's [9]): convex, lifts sliding contacts;
             "coulomb", exact planar friction (the paper's [8]), for the hard problem only.
         integrator: "euler", eq. (1), first order; "trapezoidal", the linearly implicit method of footnote 1
