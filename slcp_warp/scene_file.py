@@ -1,4 +1,4 @@
-"""Scenes in files: TOML or JSON, versioned (`format = "slcp-scene"`, `version = 1`); docs/scene_files.md."""
+"""Scenes in files: TOML or JSON, versioned (`format = "slcp-scene"`, `version = 2`); docs/scene_files.md."""
 
 import dataclasses
 import difflib
@@ -13,7 +13,7 @@ from . import checks
 from .errors import SceneError
 from .files import MOST_TEXT, MOST_TOML, parse_json, parse_toml, read_text, reading, write_text
 from .scene import Scene
-from .scene_schema import FORMAT, NO_VALUE, VERSION, file_fields, json_schema
+from .scene_schema import FORMAT, NO_VALUE, VERSION, VERSIONS, file_fields, json_schema
 
 MOST_ENTRIES = 4096  # of a list
 
@@ -52,9 +52,13 @@ def scene_of(content: Any) -> Scene:
         )
         raise SceneFileError(f"format is {found}; a scene file has format = {FORMAT!r}")
     version = content.get("version")
-    if isinstance(version, bool) or version != VERSION:
-        raise SceneFileError(f"version is {version!r:.60}; this program reads {VERSION}")
+    if isinstance(version, bool) or version not in VERSIONS:
+        raise SceneFileError(
+            f"version is {version!r:.60}; this program reads {' and '.join(map(str, VERSIONS))}"
+        )
     fields = {k: v for k, v in content.items() if k not in ("format", "version", "$schema")}
+    if version == 1:  # when it was written damping was explicit
+        fields.setdefault("implicit_damping", False)
     scene: Scene = _build(Scene, fields, "")
     return scene
 

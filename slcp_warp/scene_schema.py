@@ -11,7 +11,8 @@ from typing import Any
 from .scene import Actuator, Body, Contact, Scene, Shape, Spring
 from .topology import JOINTS, KINDS
 
-FORMAT, VERSION = "slcp-scene", 1
+FORMAT, VERSION = "slcp-scene", 2
+VERSIONS = (1, 2)  # that are read; in 1 damping was explicit
 CHOICES = {("Body", "joint"): tuple(JOINTS), ("Shape", "kind"): KINDS}
 NO_VALUE = "none"  # stands for "no value" in a list, where TOML has no null
 
@@ -35,7 +36,7 @@ def json_schema() -> dict[str, Any]:
     scene["properties"] = {
         "$schema": {"type": "string"},
         "format": {"const": FORMAT},
-        "version": {"const": VERSION},
+        "version": {"enum": list(VERSIONS)},
         **scene["properties"],
     }
     scene["required"] = ["format", "version", *scene["required"]]

@@ -22,7 +22,7 @@ from slcp_warp.simulated import Simulated
 PARTICLE = slcp.scenes.particle()
 TOML = """
 format = "slcp-scene"
-version = 1
+version = 2
 name = "two"
 gravity = [0.0, -9.81]
 [[bodies]]

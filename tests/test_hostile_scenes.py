@@ -9,7 +9,7 @@ from file_examples import MJCF, TOML
 
 import slcp_warp as slcp
 
-GOOD = {"format": "slcp-scene", "version": 1, "name": "a",
+GOOD = {"format": "slcp-scene", "version": 2, "name": "a",
         "bodies": [{"name": "b", "mass": 1.0, "inertia": 1.0}]}  # fmt: skip
 
 

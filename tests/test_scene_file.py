@@ -41,7 +41,7 @@ def test_files_fit_the_schema(tmp_path):
         slcp.save_scene(MAKERS[name](), tmp_path / "scene.json")
         valid(json.loads((tmp_path / "scene.json").read_text()))
     valid(tomllib.loads(EXAMPLE.read_text()))
-    for key, wrong in (("version", 2), ("bodies", []), ("gravity", [0.0]), ("colour", "red"),
+    for key, wrong in (("version", 3), ("bodies", []), ("gravity", [0.0]), ("colour", "red"),
                        ("implicit_damping", 1)):  # fmt: skip
         content = json.loads((tmp_path / "scene.json").read_text())
         content[key] = wrong
@@ -55,7 +55,7 @@ def test_shipped_schema_is_the_one_of_the_classes():
     assert json.loads(path.read_text()) == json_schema()  # python -m slcp_warp.scene_schema
 
 
-GOOD = {"format": "slcp-scene", "version": 1, "name": "a",
+GOOD = {"format": "slcp-scene", "version": 2, "name": "a",
         "bodies": [{"name": "b", "mass": 1.0, "inertia": 1.0}]}  # fmt: skip
 
 
@@ -71,7 +71,7 @@ BODY = GOOD["bodies"][0]
     (json.dumps(GOOD)[:40], "not readable as JSON"),
     ("[1, 2]", "format is a list"),
     (bad(format="urdf"), "format is 'urdf'; a scene file has format = 'slcp-scene'"),
-    (bad(version=7), "version is 7; this program reads 1"),
+    (bad(version=7), "version is 7; this program reads 1 and 2"),
     (bad(bodys=[]), "no field 'bodys'; did you mean 'bodies'"),
     (bad(bodies=[{**BODY, "mas": 1}]), r"bodies\[0\]: no field 'mas'; did you mean 'mass'"),
     (bad(bodies=[{"name": "b", "mass": 1.0}]), r"bodies\[0\]: inertia is missing"),
@@ -91,6 +91,22 @@ def test_what_is_no_scene_is_named(tmp_path, text, message):
     path.write_text(text)
     with pytest.raises(slcp.SceneError, match=message):
         slcp.load_scene(path)
+
+
+def test_files_from_when_damping_was_explicit_keep_it(tmp_path):
+    path = tmp_path / "scene.json"
+    for content, implicit in (
+        (bad(), True),
+        (bad(version=1), False),
+        (bad(version=1, implicit_damping=True), True),
+    ):
+        path.write_text(content)
+        assert slcp.load_scene(path).implicit_damping is implicit
+    slcp.save_scene(slcp.scenes.flicking_finger(), path)
+    content = json.loads(path.read_text())
+    del content["implicit_damping"]
+    path.write_text(json.dumps(content | {"version": 1}))
+    assert slcp.load_scene(path) == slcp.scenes.flicking_finger()
 
 
 def test_foreign_files(tmp_path):

@@ -19,7 +19,7 @@ from slcp_warp.simulated import Simulated
 
 PENDULUM = """
 format = "slcp-scene"
-version = 1
+version = 2
 name = "{name}"
 bodies = [{{ name = "rod", mass = 2.0, inertia = 0.3, com = [0.0, -1.5], damping = 0.25 }}]
 initial_state = [0.4, 0.0]
