@@ -38,6 +38,7 @@ def make_solver(s: Structure, dtype: type, method: Method) -> wp.Function:
     ZERO, HALF, UNUSED = dtype(0.0), dtype(0.5), dtype(COLD)
     RANK = dtype(1e-14 if dtype is wp.float64 else 1e-6)
     CERTIFICATE = dtype(1e-18 if dtype is wp.float64 else 1e-11)  # a square: tells 1:1e6 in mass from zero
+    SPEED = dtype(1e6 if dtype is wp.float64 else 1e3)  # opens nothing, relative to the problem's
 
     def make_couple(first: int) -> wp.Function:
         @wp.func
@@ -92,16 +93,21 @@ def make_solver(s: Structure, dtype: type, method: Method) -> wp.Function:
 
     @wp.func
     def proves_infeasible(p: Problem, y: VR):
-        # Farkas: y >= 0, J'y = 0, y.w0 = y.d/h < 0 proves that no velocity opens the rows
+        # Farkas: y >= 0, J'y = 0, y.w0 = y.d/h < 0 proves that no velocity opens the rows; where J'y is not
+        # quite 0, that no velocity below SPEED times the problem's does
         f = VQ()
         length = ZERO
         work = ZERO
+        smallest = ZERO + UNUSED
         for i in range(wp.static(NR)):
             if (p.mask & wp.static(1 << i)) != 0:
                 length += y[i] * y[i] * p.diag[i]
                 work += y[i] * p.w0[i]
+                smallest = wp.min(smallest, p.diag[i])
                 f = wp.static(r.adds[i])(f, p.jac, y[i])
-        return work < ZERO and wp.dot(f, p.minv * f) <= CERTIFICATE * length
+        left = wp.dot(f, p.minv * f)
+        moves = SPEED * p.size * wp.sqrt(left / smallest)
+        return work < -moves and left <= CERTIFICATE * length
 
     @wp.func
     def solve(params: wp.array2d(dtype=dtype), row: int, problem: Problem, warm: VR):
