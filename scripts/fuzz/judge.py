@@ -186,7 +186,7 @@ def _energy(p: Problem, v1: Array, like: Array) -> tuple[Array, Array]:
         return none, none
     kinetic, h_mass, free = truth.mech.kinetic, p.drive.h_mass, np.abs(p.drive.free)
     undamped = truth.undamped()
-    alone = (p.free > 0.0).all(1) & truth.damped if p.method.hard else none > 0.0
+    alone = (p.free > 0.0).all(1) & truth.damped if p.method.hard and not p.method.end_gap else none > 0.0
     gain = np.where(alone, kinetic(truth.motion.mass, v1) - kinetic(truth.motion.mass, undamped), 0.0)
     size = kinetic(np.abs(truth.motion.mass), np.abs(undamped) + np.abs(truth.v)) + TINY
     strict = lenient = gain / (20.0 * TOLERANCE[p.dtype]) / size

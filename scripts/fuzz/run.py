@@ -23,7 +23,7 @@ from .mechanics import Array
 from .problem import Problem, Truth
 from .proofs import least_motion
 from .structures import SMALL, Size, random_scene
-from .verdicts import HOLDS, SILENT, WRONG, Verdicts
+from .verdicts import HOLDS, SILENT, UNPROVEN, WRONG, Verdicts
 
 DTYPES = ("float64", "float32")
 FIELDS = ("residual", "scaling", "friction", "integrator", "noise", "deviation", "gap")
@@ -184,7 +184,8 @@ def predicted(scene: Scene, worlds: Worlds, options: Options) -> tuple[Array, Ar
     """N^-1 J' lambda (B, nv) that the trapezoidal method predicts, and in which worlds it is known: where no
     row can act, where the hard problem is solved by least distances, and where without dampers the common
     kernels solve Euler's problem under a force that gives it the same free velocity and the oracle confirms
-    it. Mass matrices that amplify what is left of an error are left out.
+    it. Mass matrices that amplify what is left of an error are left out, Coulomb's friction, which may have
+    several solutions, and gaps at the end, whose predictor bends its rows.
     """
     none = np.zeros((len(worlds.x), scene.nv))
     truth = Truth(scene, worlds)
@@ -193,10 +194,12 @@ def predicted(scene: Scene, worlds: Worlds, options: Options) -> tuple[Array, Ar
     p = Problem(truth, drive, method, "float64")
     known = np.full(len(worlds.x), method.hard) & (p.free > 0.0).all(1)
     push = none.copy()
-    if method.hard and not method.coulomb:
+    if method.coulomb or options.gap == "end":
+        return push, known & (options.gap == "start")
+    if method.hard:
         for i in np.flatnonzero(~known).tolist():
             found = least_motion(p, i)
-            if found is not None:
+            if found is not None and p.condition[i] < WELL_POSED:
                 push[i], known[i] = found[0] - drive.free[i], True
         return push, known
     euler = dataclasses.replace(options, integrator="euler", gap="start")
@@ -246,10 +249,11 @@ def _count(tally: Tally, task: Task, chunk: int, worlds: Worlds, options: Option
            verdicts: Verdicts, known: Array) -> None:  # fmt: skip
     """Put the verdicts into the tally; `known`: worlds whose equation of motion the oracle can write down."""
     kept: Counter[str] = Counter()
+    unknown = ("motion", "update", "contact") if options.gap == "end" else ("motion", "update")
     for i, kind in enumerate(worlds.kind):
         verdict, reason = verdicts.verdict[i], verdicts.reason[i]
-        if not known[i] and verdict == SILENT and "motion" in reason:
-            verdict = HOLDS
+        if not known[i] and verdict == SILENT and any(part in reason for part in unknown):
+            verdict = UNPROVEN
         key = (*key_of(task, options, dtype), CLASSES[kind])
         status = Status(int(verdicts.out.status[i])).name
         tally.counts.update([(*key, "worlds"), (*key, status), (*key, f"verdict {verdict}")])
