@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from .factories import cached
+from .large_islands import make_large_islands
 from .large_newton import make_large_newton
 from .large_topology import Topology
 from .large_work import WORK, Work
@@ -23,6 +24,10 @@ END = {
     True: (1e-14, 1e-13),  # hard: sqrt(mu) is what a row that only just touches is off by
 }
 MOMENTUM = 0.01
+YIELDING = {
+    wp.float64: 2e-12,
+    wp.float32: 1e-7,
+}  # of rows whose impulses must be the least there are
 
 
 @cached
@@ -30,6 +35,7 @@ def make_large_solver(given: type, residual: str) -> SimpleNamespace:
     """solve(t, k, params, row, b, n) -> status: k.v, k.z, k.lam of the acting rows."""
     dtype = WORK
     nt = make_large_newton(given, residual)
+    islands = make_large_islands(given)
     hard = residual == "hard"
     SIGMA = nt.SIGMA
     LIMIT, RESIDUAL = (dtype(x) for x in END[hard])
@@ -41,6 +47,7 @@ def make_large_solver(given: type, residual: str) -> SimpleNamespace:
     TINY = dtype(1e-30)
     FLOOR = dtype(1e-30)
     DIVERGED = dtype(1e12)
+    YIELDS = dtype(YIELDING[given])
     FASTEST = dtype(1e6)  # V, relative to the size of the problem
 
     @wp.func
@@ -114,9 +121,16 @@ def make_large_solver(given: type, residual: str) -> SimpleNamespace:
 
     @wp.func
     def interior(
-        t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, n: int, size: dtype
+        t: Topology,
+        k: Work,
+        params: wp.array2d(dtype=given),
+        row: int,
+        b: int,
+        n: int,
+        size: dtype,
+        yielding: dtype,
     ):
-        """k.v and k.z near the solution; 1 if they are."""
+        """k.v and k.z near the solution; 1 if they are. Rows yield by `yielding` diag(A) lambda."""
         momentum = dtype(0.0)
         for i in range(t.nv):
             k.v[i, b] = k.vfree[i, b]
@@ -140,7 +154,7 @@ def make_large_solver(given: type, residual: str) -> SimpleNamespace:
                 k.lam[i, b] = k.a[i, b] / k.scale[i, b]
                 k.z[i, b] = k.a[i, b] - k.w[i, b]
                 largest = wp.max(largest, k.a[i, b])
-            worst = nt.residuals(t, k, b, n, size)
+            worst = nt.residuals(t, k, b, n, size, yielding)
             mean = curve(t, k, params, row, b, n)
             centred = mean <= LIMIT * LIMIT * size * size
             stuck = worst > HALF * last and worst <= GOOD
@@ -150,14 +164,14 @@ def make_large_solver(given: type, residual: str) -> SimpleNamespace:
                 it = wp.static(MAX_ITERATIONS)
             else:
                 last = worst + ZERO
-                nt.factor(t, k, b, n)
+                nt.factor(t, k, b, n, yielding)
                 mu = dtype(0.0)  # straight first, then towards the mu that this suggests
                 kept = dtype(0.0)
                 step = dtype(0.0)
                 looking = int(1)
                 more = int(1)
                 while more == 1:
-                    nt.direction(t, k, b, n, mu, 1)
+                    nt.direction(t, k, b, n, mu, 1, yielding)
                     step = length(k, b, n, mu, kept)
                     more = int(0)
                     if looking == 1:
@@ -213,33 +227,51 @@ def make_large_solver(given: type, residual: str) -> SimpleNamespace:
                 terms += wp.abs(change)
                 w += change
             terms += wp.abs(w)
+            alone = wp.max(-w, ZERO)
             if wp.static(not hard):
-                terms += dtype(params[row, t.columns[SIGMA] + i])
+                sigma = dtype(params[row, t.columns[SIGMA] + i])
+                terms += sigma
+                alone += sigma
+            k.alone[i, b] = wp.where(value > FLOOR, alone / k.diag[i, b], ZERO)
             size = wp.max(size, terms)
             if not wp.isfinite(terms):
                 size = terms
                 break
-        nt.bounds(t, k, b, n, size, heaviest * size)
+        islands.bounds(t, k, b, n, size, heaviest * size)
         return size
 
     @wp.func
     def solve(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, n: int):
-        """Newton from k.v, k.z; where it fails, the interior-point method and Newton from its end."""
+        """Newton from k.v, k.z; where it fails, the interior-point method and Newton from its end. Impulses
+        that do not add up on the scale of the data are looked for once more, the least that there are: rows
+        that yield a little need no opposed ones.
+        """
         size = prepare(t, k, params, row, b, n)
         if not wp.isfinite(size):
             return wp.static(NONFINITE)
         size = wp.max(size, TINY)
         status = int(wp.static(NOT_CONVERGED))
         attempt = int(0)
-        while status == wp.static(NOT_CONVERGED) and attempt < 2:
+        yielding = dtype(0.0)
+        while status == wp.static(NOT_CONVERGED) and attempt < 3:
             iterations = int(wp.static(WARM_ITERATIONS))
-            if attempt == 1:
+            if attempt > 0:
                 iterations = int(wp.static(POLISHING))
-                if interior(t, k, params, row, b, n, size) == 0 and proves_infeasible(t, k, b, n, size):
+                if attempt == 2:
+                    islands.island_bounds(t, k, b, n)
+                    yielding = YIELDS
+                found = interior(t, k, params, row, b, n, size, yielding)
+                if attempt == 1 and found == 0 and proves_infeasible(t, k, b, n, size):
                     status = int(wp.static(INFEASIBLE))
             if status == wp.static(NOT_CONVERGED):
                 if nt.newton(t, k, params, row, b, n, size, iterations) == 1:
                     status = int(wp.static(SOLVED))
+                    if attempt < 2:
+                        if islands.adds_up(t, k, b, n) == 0:
+                            status = int(wp.static(NOT_CONVERGED))
+                            attempt = 1
+                    elif islands.is_earned(t, k, b, n) == 0:
+                        status = int(wp.static(NOT_CONVERGED))
             attempt += 1
         return status
 

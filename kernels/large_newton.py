@@ -20,11 +20,12 @@ from .large_work import WORK, Work
 from .smoothing import make_smoothing
 
 PROXIMAL = 1e-12  # tau
-GIVEN = {wp.float64: 1.1e-16, wp.float32: 6e-8}  # rounding of the impulses that are given back
 ROUNDING = 2e-14  # of M (v' - v_free) where v' and v_free are stored, relative to |M| |v_free|
 TOLERANCE = 2e-14  # residual relative to the size of its terms: the aim,
 # and what is good enough where rounding, or rows that all but repeat others, end the iteration
 ACCEPTED = {wp.float64: 2e-11, wp.float32: 1e-6}
+GIVEN = {wp.float64: 1.1e-16, wp.float32: 6e-8}  # rounding of the impulses that are given back
+SUMMED = {wp.float64: 5e-11, wp.float32: 1e-5}  # what it may make of momenta, relative to those in the data
 
 
 @cached
@@ -36,7 +37,7 @@ def make_large_newton(given: type, residual: str) -> SimpleNamespace:
     hard = residual == "hard"
     SIGMA = COLUMN["sigma"]
     ZERO, ONE, HALF = dtype(0.0), dtype(1.0), dtype(0.5)
-    LOST, TOLD = dtype(ROUNDING), dtype(GIVEN[given])
+    LOST, TOLD = dtype(ROUNDING), dtype(GIVEN[given] * ACCEPTED[given] / SUMMED[given])
     NEAR, PATIENCE = dtype(1e-4), 6
     TAU, AIM, GOOD, HUGE = dtype(PROXIMAL), dtype(TOLERANCE), dtype(ACCEPTED[given]), dtype(1e300)
 
@@ -90,28 +91,15 @@ def make_large_newton(given: type, residual: str) -> SimpleNamespace:
                     k.lost[j, b] = k.lost[j, b] + m * wp.abs(k.vfree[i, b])
 
     @wp.func
-    def bounds(t: Topology, k: Work, b: int, n: int, size: dtype, largest: dtype):
-        """k.most: what the data allow of M (v' - v_free).
-
-        `size` is that of velocities; no row presses harder than `largest`, the impulse that stops the heavier
-        side of one.
-        """
-        for i in range(t.nv):
-            k.most[i, b] = k.mass[t.mass_at[i] + i, b] * size
-        for r in range(n):
-            i = k.active[r, b]
-            for at in range(t.row_start[i], t.row_start[i + 1]):
-                p = t.row_place[at]
-                k.most[p, b] = k.most[p, b] + wp.abs(k.jac[at, b]) * largest
-
-    @wp.func
-    def residuals(t: Topology, k: Work, b: int, n: int, size: dtype):
-        """k.balance and the largest residual; needs k.lam, k.res, k.w.
+    def residuals(t: Topology, k: Work, b: int, n: int, size: dtype, yielding: dtype):
+        """k.balance and the largest residual; needs k.lam, k.res, k.w. A row yields to its impulse by
+        `yielding` diag(A) lambda.
 
         A row's is relative to the size of velocities, which the data set. That of a place is relative to the
         momentum that it exchanges, beyond rounding: so a light body is judged on its own scale, and a heavy
         one that a light one hits by what it takes up. An exchange that the data do not allow counts as the
-        most that they do, and impulses so large that what is given back of them no longer sums up count, too.
+        most that they do (k.most), and impulses so large that what is given back of them no longer sums up
+        count, too.
         """
         mass_times(t, k, b)
         for i in range(t.nv):
@@ -120,7 +108,8 @@ def make_large_newton(given: type, residual: str) -> SimpleNamespace:
         bad = int(0)
         for r in range(n):
             i = k.active[r, b]
-            k.res[i, b] = k.rate[i, b] + dot(t, k, k.v, i, b) - k.w[i, b]
+            yields = yielding * k.diag[i, b] * k.lam[i, b]
+            k.res[i, b] = k.rate[i, b] + dot(t, k, k.v, i, b) + yields - k.w[i, b]
             worst = wp.max(worst, wp.abs(k.res[i, b]) / size)
             if not wp.isfinite(k.res[i, b]):
                 bad = 1
@@ -145,8 +134,9 @@ def make_large_newton(given: type, residual: str) -> SimpleNamespace:
         return worst
 
     @wp.func
-    def factor(t: Topology, k: Work, b: int, n: int):
+    def factor(t: Topology, k: Work, b: int, n: int, yielding: dtype):
         """Factor of M + J' W J for k.p and k.slack."""
+        tau = TAU + yielding
         for i in range(t.nv):
             at = t.at[i]
             for j in range(t.first[i], t.mass_first[i]):
@@ -156,7 +146,7 @@ def make_large_newton(given: type, residual: str) -> SimpleNamespace:
         for r in range(n):
             i = k.active[r, b]
             p = k.p[i, b]
-            weight = p / (k.slack[i, b] * k.scale[i, b] + TAU * k.diag[i, b] * p)
+            weight = p / (k.slack[i, b] * k.scale[i, b] + tau * k.diag[i, b] * p)
             start = t.row_start[i]
             for one in range(start, t.row_start[i + 1]):
                 at = t.at[t.row_place[one]]
@@ -174,22 +164,26 @@ def make_large_newton(given: type, residual: str) -> SimpleNamespace:
         return (mu - k.excess[i, b]) / k.total[i, b]
 
     @wp.func
-    def direction(t: Topology, k: Work, b: int, n: int, mu: dtype, interior: int):
+    def direction(t: Topology, k: Work, b: int, n: int, mu: dtype, interior: int, yielding: dtype):
         """dv into k.move and dz into k.dz with the factor at hand."""
+        tau = TAU + yielding
         for i in range(t.nv):
             k.move[i, b] = -k.balance[i, b]
         for r in range(n):
             i = k.active[r, b]
             e = shift(k, i, b, mu, interior)
             p = k.p[i, b]
-            total = k.slack[i, b] + TAU * k.diag[i, b] / k.scale[i, b] * p
-            add(t, k, k.move, i, (p * (e - k.res[i, b]) / total + e) / k.scale[i, b], b)
+            ratio = k.diag[i, b] / k.scale[i, b]
+            total = k.slack[i, b] + tau * ratio * p
+            miss = e - yielding * ratio * e - k.res[i, b]
+            add(t, k, k.move, i, (p * miss / total + e) / k.scale[i, b], b)
         env.solve(k.factor, t.first, t.at, k.move, t.nv, b)
         for r in range(n):
             i = k.active[r, b]
             e = shift(k, i, b, mu, interior)
-            total = k.slack[i, b] + TAU * k.diag[i, b] / k.scale[i, b] * k.p[i, b]
-            k.dz[i, b] = (e - k.res[i, b] - dot(t, k, k.move, i, b)) / total
+            ratio = k.diag[i, b] / k.scale[i, b]
+            total = k.slack[i, b] + tau * ratio * k.p[i, b]
+            k.dz[i, b] = (e - yielding * ratio * e - k.res[i, b] - dot(t, k, k.move, i, b)) / total
 
     @wp.func
     def evaluate(
@@ -203,7 +197,7 @@ def make_large_newton(given: type, residual: str) -> SimpleNamespace:
             k.w[i, b] = e[1]
             k.p[i, b] = e[2]
             k.slack[i, b] = e[3]
-        return residuals(t, k, b, n, size)
+        return residuals(t, k, b, n, size, ZERO)
 
     @wp.func
     def newton(
@@ -237,8 +231,8 @@ def make_large_newton(given: type, residual: str) -> SimpleNamespace:
                 misses = patience
             it += 1
             if it < iterations and misses < patience and best > AIM:
-                factor(t, k, b, n)
-                direction(t, k, b, n, ZERO, 0)
+                factor(t, k, b, n, ZERO)
+                direction(t, k, b, n, ZERO, 0, ZERO)
                 for i in range(t.nv):
                     k.v[i, b] = k.v[i, b] + k.move[i, b]
                 for r in range(n):
@@ -257,13 +251,14 @@ def make_large_newton(given: type, residual: str) -> SimpleNamespace:
         dot=dot,
         add=add,
         rounding=rounding,
-        bounds=bounds,
         residuals=residuals,
         factor=factor,
         direction=direction,
         shift=shift,
         newton=newton,
         GOOD=GOOD,
+        TOLD=TOLD,
+        LOST=LOST,
         env=env,
         SIGMA=SIGMA,
     )

@@ -29,6 +29,8 @@ class Work:
     balance: wp.array2d(dtype=WORK)  # M (v' - v_free) - J' lambda
     move: wp.array2d(dtype=WORK)  # right hand sides and their solutions
     most: wp.array2d(dtype=WORK)  # momentum that a step can exchange, as the data have it
+    island_push: wp.array2d(dtype=WORK)  # by the place that names an island: the hardest push of a row in it
+    island_mass: wp.array2d(dtype=WORK)  # and the heaviest mass in it
     lost: wp.array2d(dtype=WORK)  # rounding of M (v' - v_free)
     mass: wp.array2d(dtype=WORK)  # envelope of M
     mass_factor: wp.array2d(dtype=WORK)  # and of its factor, 1/L on the diagonal
@@ -38,6 +40,7 @@ class Work:
     rate: wp.array2d(dtype=WORK)  # d/h, plus what Coulomb friction lifts it by
     scale: wp.array2d(dtype=WORK)  # D
     diag: wp.array2d(dtype=WORK)  # diag(A)
+    alone: wp.array2d(dtype=WORK)  # impulse of the row if it were the only one
     z: wp.array2d(dtype=WORK)
     best_z: wp.array2d(dtype=WORK)
     lam: wp.array2d(dtype=WORK)
@@ -55,6 +58,7 @@ class Work:
     miss: wp.array2d(dtype=WORK)  # difference of the two
     acting: wp.array2d(dtype=wp.int32)  # (nr) 1: the row is in the system
     active: wp.array2d(dtype=wp.int32)  # (nr) list of those rows
+    island: wp.array2d(dtype=wp.int32)  # (nv) by place: the first place that acting rows or M couple it to
     known: wp.array2d(dtype=wp.int32)  # (pairs) 1: geometry and rows are computed
 
 
@@ -63,18 +67,19 @@ def lengths(s: Structure) -> dict[str, int]:
     sizes = tables(s)[1]
     by_body = {"frame": 4 * s.nb, "angle": s.nb, "column": 2 * s.nv}
     matrices = {"mass": sizes.mass, "mass_factor": sizes.mass, "factor": sizes.matrix, "jac": sizes.entries}
-    by_dof = dict.fromkeys(("q", "v0", "vfree", "v", "best_v", "balance", "move", "most", "lost"), s.nv)
-    rows = ("gap", "rate", "scale", "diag", "z", "best_z", "lam", "a", "w", "res", "excess", "p", "slack",
-            "total", "dz", "acting", "active")  # fmt: skip
+    by_dof = ("q", "v0", "vfree", "v", "best_v", "balance", "move", "most", "lost", "island", "island_push",
+              "island_mass")  # fmt: skip
+    rows = ("gap", "rate", "scale", "diag", "alone", "z", "best_z", "lam", "a", "w", "res", "excess", "p",
+            "slack", "total", "dz", "acting", "active")  # fmt: skip
     pairs = {"normal": 2 * len(s.pairs)} | dict.fromkeys(("lift", "target", "miss", "known"), len(s.pairs))
-    return by_body | by_dof | matrices | dict.fromkeys(rows, s.nr) | pairs
+    return by_body | dict.fromkeys(by_dof, s.nv) | matrices | dict.fromkeys(rows, s.nr) | pairs
 
 
 def allocate_work(s: Structure, slots: int, device: Any) -> Work:
     """Workspaces of `slots` worlds: neighbours in memory are worlds on a GPU, items on a CPU."""
     work = Work()
     for name, length in lengths(s).items():
-        kind = wp.int32 if name in ("acting", "active", "known") else WORK
+        kind = wp.int32 if name in ("acting", "active", "known", "island") else WORK
         if wp.get_device(device).is_cpu:
             array = wp.zeros((slots, length), dtype=kind, device=device).transpose()
         else:

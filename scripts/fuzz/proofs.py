@@ -12,12 +12,15 @@ from .mechanics import Array
 from .problem import FLOOR, Problem
 
 MOST_MODES = 1_024
+FASTEST = (
+    1e5  # velocities that open rows, in units of the world's speeds: pi/2 in float32 is a direction, too
+)
 OPEN, PRESS, STICK, LEFT, RIGHT = range(5)
 
 
 def widest_opening(p: Problem, i: int) -> float:
     """The largest t <= 1 such that some velocity gives every row (Coulomb: every normal row) w >= t, with w
-    in units of the world's own speeds: below 0 no velocity opens the rows.
+    in units of the world's own speeds: below 0 no velocity up to FASTEST of them opens the rows.
     """
     rows = ~p.tangent
     jac, rate = p.jac[i][rows], p.rate[i][rows]
@@ -29,7 +32,7 @@ def widest_opening(p: Problem, i: int) -> float:
     linprog = scipy_module("optimize").linprog
     goal = np.r_[np.zeros(jac.shape[1]), -1.0]
     sides = np.c_[-jac, np.ones(len(rate))]
-    bounds = [(-1e7, 1e7)] * jac.shape[1] + [(None, 1.0)]
+    bounds = [(-FASTEST, FASTEST)] * jac.shape[1] + [(None, 1.0)]
     found = linprog(goal, sides, rate / speed, bounds=bounds, method="highs")
     return float(-found.fun) if found.status == 0 else np.nan
 
@@ -114,7 +117,9 @@ def _impulses(p: Problem, i: int, groups: list[Any], modes: tuple[int, ...]) -> 
     columns = np.array(basis).T
     scale = np.sqrt(np.maximum(p.diag[i], FLOOR))
     matrix = (p.a[i] @ columns)[zero] / scale[zero][:, None]
-    x, *_ = np.linalg.lstsq(matrix, -p.free[i][zero] / scale[zero], rcond=1e-12)
+    goal = -p.free[i][zero] / scale[zero]
+    x, *_ = np.linalg.lstsq(matrix, goal, rcond=1e-12)
+    x = x + np.linalg.lstsq(matrix, goal - matrix @ x, rcond=1e-12)[0]  # where masses differ by much
     out: Array = columns @ x
     return out
 

@@ -1,0 +1,145 @@
+"""What the data of a large scene allow a step to exchange: the judge of impulses beside the equations.
+
+Rows that all but exclude each other can be answered by opposed impulses of any size, so an error relative to
+the impulses proves nothing, and neither does one relative to what happens elsewhere in the world. Here every
+place is judged by the momenta of its own island, the places that acting rows and M couple to it.
+"""
+
+from types import SimpleNamespace
+
+import warp as wp
+
+from .factories import cached
+from .large_newton import make_large_newton
+from .large_topology import Topology
+from .large_work import WORK, Work
+
+SHARED = 10.0  # by which a row may push harder than all momentum of its island
+
+
+@cached
+def make_large_islands(given: type) -> SimpleNamespace:
+    """Warp functions `bounds`, `island_bounds` and `adds_up`."""
+    dtype = WORK
+    nt = make_large_newton(given, "hard")
+    ZERO = dtype(0.0)
+    TOLD, GOOD, LOST = nt.TOLD, nt.GOOD, nt.LOST
+    TINY, MOST = dtype(1e-30), dtype(SHARED)
+
+    @wp.func
+    def bounds(t: Topology, k: Work, b: int, n: int, size: dtype, largest: dtype):
+        """k.most: what a row allows of M (v' - v_free) that presses no harder than `largest`, the impulse
+        that stops the heavier side of one, in a world of speeds `size`.
+        """
+        for i in range(t.nv):
+            k.most[i, b] = k.mass[t.mass_at[i] + i, b] * size
+        for r in range(n):
+            i = k.active[r, b]
+            for at in range(t.row_start[i], t.row_start[i + 1]):
+                p = t.row_place[at]
+                k.most[p, b] = k.most[p, b] + wp.abs(k.jac[at, b]) * largest
+
+    @wp.func
+    def adds_up(t: Topology, k: Work, b: int, n: int):
+        """1 if the impulses, as they are given back, add up on the scale of what the data do at every place:
+        its own momentum, those of its rows by themselves, and what they exchange with it (at most k.most).
+        """
+        for i in range(t.nv):
+            k.move[i, b] = ZERO
+            k.balance[i, b] = ZERO
+        for r in range(n):
+            i = k.active[r, b]
+            lam = k.lam[i, b]
+            for at in range(t.row_start[i], t.row_start[i + 1]):
+                p = t.row_place[at]
+                j = k.jac[at, b]
+                k.balance[p, b] = k.balance[p, b] + j * lam
+                # what it may be less what it is
+                k.move[p, b] = k.move[p, b] + wp.abs(j) * (GOOD * k.alone[i, b] - TOLD * lam)
+        good = int(1)
+        for i in range(t.nv):
+            moved = wp.min(wp.abs(k.balance[i, b]), k.most[i, b])
+            if not (k.move[i, b] + GOOD * (k.lost[i, b] / LOST + moved) >= ZERO):
+                good = 0
+        return good
+
+    @wp.func
+    def find_islands(t: Topology, k: Work, b: int, n: int):
+        """k.island: the first place that M and the acting rows couple a place to."""
+        for i in range(t.nv):
+            k.island[i, b] = i
+        changed = int(1)
+        while changed == 1:
+            changed = int(0)
+            for i in range(t.nv):
+                for j in range(t.mass_first[i], i):
+                    if k.mass[t.mass_at[i] + j, b] != ZERO:
+                        name = wp.min(k.island[i, b], k.island[j, b])
+                        if k.island[i, b] != name or k.island[j, b] != name:
+                            changed = 1
+                        k.island[i, b] = name
+                        k.island[j, b] = name
+            for r in range(n):
+                i = k.active[r, b]
+                name = int(t.nv)
+                for at in range(t.row_start[i], t.row_start[i + 1]):
+                    name = wp.min(name, k.island[t.row_place[at], b])
+                for at in range(t.row_start[i], t.row_start[i + 1]):
+                    if k.island[t.row_place[at], b] != name:
+                        changed = 1
+                    k.island[t.row_place[at], b] = name
+
+    @wp.func
+    def length(t: Topology, k: Work, i: int, b: int):
+        """|J_i|"""
+        square = dtype(0.0)
+        for at in range(t.row_start[i], t.row_start[i + 1]):
+            square += k.jac[at, b] * k.jac[at, b]
+        return wp.sqrt(wp.max(square, TINY))
+
+    @wp.func
+    def island_bounds(t: Topology, k: Work, b: int, n: int):
+        """k.most: what the rows of a place allow of M (v' - v_free) that press no harder than all momentum of
+        their island and what opening its violated rows gives to its heaviest mass.
+        """
+        find_islands(t, k, b, n)
+        for i in range(t.nv):
+            k.island_push[i, b] = ZERO
+            k.island_mass[i, b] = ZERO
+            k.most[i, b] = k.lost[i, b] / LOST
+        for i in range(t.nv):
+            p = k.island[i, b]
+            momentum = k.lost[i, b] / LOST
+            heavy = dtype(0.0)
+            for j in range(t.mass_first[i], i + 1):
+                heavy = wp.max(heavy, k.mass[t.mass_at[j] + j, b])
+            turning = wp.sqrt(wp.abs(k.vfree[i, b]) * momentum * heavy)  # by the lever that gives most
+            k.island_push[p, b] = k.island_push[p, b] + momentum + turning
+            k.island_mass[p, b] = wp.max(k.island_mass[p, b], heavy)
+        for r in range(n):
+            i = k.active[r, b]
+            if t.row_start[i + 1] > t.row_start[i]:
+                p = k.island[t.row_place[t.row_start[i]], b]
+                opening = wp.max(-k.rate[i, b], ZERO) / length(t, k, i, b)
+                k.island_push[p, b] = k.island_push[p, b] + opening * k.island_mass[p, b]
+                k.island_push[p, b] = wp.max(k.island_push[p, b], k.alone[i, b])
+        for r in range(n):
+            i = k.active[r, b]
+            for at in range(t.row_start[i], t.row_start[i + 1]):
+                p = t.row_place[at]
+                push = k.island_push[k.island[p, b], b] / length(t, k, i, b)
+                k.most[p, b] = k.most[p, b] + wp.abs(k.jac[at, b]) * push
+
+    @wp.func
+    def is_earned(t: Topology, k: Work, b: int, n: int):
+        """1 if no row presses much harder than all momentum of its island."""
+        good = int(1)
+        for r in range(n):
+            i = k.active[r, b]
+            if t.row_start[i + 1] > t.row_start[i]:
+                p = k.island[t.row_place[t.row_start[i]], b]
+                if not (k.lam[i, b] * length(t, k, i, b) <= MOST * k.island_push[p, b]):
+                    good = 0
+        return good
+
+    return SimpleNamespace(bounds=bounds, adds_up=adds_up, island_bounds=island_bounds, is_earned=is_earned)
