@@ -24,6 +24,7 @@ END = {
     True: (1e-14, 1e-13),  # hard: sqrt(mu) is what a row that only just touches is off by
 }
 MOMENTUM = 0.01
+ROUNDS = 3  # for impulses that are the least there are
 YIELDING = {
     wp.float64: 2e-12,
     wp.float32: 1e-7,
@@ -48,6 +49,7 @@ def make_large_solver(given: type, residual: str) -> SimpleNamespace:
     FLOOR = dtype(1e-30)
     DIVERGED = dtype(1e12)
     YIELDS = dtype(YIELDING[given])
+    SHRINK = dtype(1e-3)  # of the yielding, from round to round
     FASTEST = dtype(1e6)  # V, relative to the size of the problem
 
     @wp.func
@@ -241,10 +243,32 @@ def make_large_solver(given: type, residual: str) -> SimpleNamespace:
         return size
 
     @wp.func
+    def least(
+        t: Topology,
+        k: Work,
+        params: wp.array2d(dtype=given),
+        row: int,
+        b: int,
+        n: int,
+        size: dtype,
+        yielding: dtype,
+    ):
+        """k.v and k.z near a solution whose impulses are the nearest to k.lam that there are: rows yield a
+        little to what they press more than that.
+        """
+        for r in range(n):
+            i = k.active[r, b]
+            k.best_z[i, b] = k.rate[i, b]
+            k.rate[i, b] = k.rate[i, b] - yielding * k.diag[i, b] * k.lam[i, b]
+        interior(t, k, params, row, b, n, size, yielding)
+        for r in range(n):
+            i = k.active[r, b]
+            k.rate[i, b] = k.best_z[i, b]
+
+    @wp.func
     def solve(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, n: int):
         """Newton from k.v, k.z; where it fails, the interior-point method and Newton from its end. Impulses
-        that do not add up on the scale of the data are looked for once more, the least that there are: rows
-        that yield a little need no opposed ones.
+        that do not add up on the scale of the data are looked for once more, the least that there are.
         """
         size = prepare(t, k, params, row, b, n)
         if not wp.isfinite(size):
@@ -252,17 +276,22 @@ def make_large_solver(given: type, residual: str) -> SimpleNamespace:
         size = wp.max(size, TINY)
         status = int(wp.static(NOT_CONVERGED))
         attempt = int(0)
-        yielding = dtype(0.0)
-        while status == wp.static(NOT_CONVERGED) and attempt < 3:
+        yielding = ZERO + YIELDS
+        while status == wp.static(NOT_CONVERGED) and attempt < 2 + wp.static(ROUNDS):
             iterations = int(wp.static(WARM_ITERATIONS))
             if attempt > 0:
                 iterations = int(wp.static(POLISHING))
-                if attempt == 2:
-                    islands.island_bounds(t, k, b, n)
-                    yielding = YIELDS
-                found = interior(t, k, params, row, b, n, size, yielding)
-                if attempt == 1 and found == 0 and proves_infeasible(t, k, b, n, size):
-                    status = int(wp.static(INFEASIBLE))
+            if attempt == 1:
+                if interior(t, k, params, row, b, n, size, ZERO) == 0:
+                    if proves_infeasible(t, k, b, n, size):
+                        status = int(wp.static(INFEASIBLE))
+            if attempt == 2:
+                islands.island_bounds(t, k, b, n)
+                for r in range(n):
+                    k.lam[k.active[r, b], b] = ZERO
+            if attempt >= 2:
+                least(t, k, params, row, b, n, size, yielding)
+                yielding *= SHRINK
             if status == wp.static(NOT_CONVERGED):
                 if nt.newton(t, k, params, row, b, n, size, iterations) == 1:
                     status = int(wp.static(SOLVED))
@@ -270,8 +299,10 @@ def make_large_solver(given: type, residual: str) -> SimpleNamespace:
                         if islands.adds_up(t, k, b, n) == 0:
                             status = int(wp.static(NOT_CONVERGED))
                             attempt = 1
-                    elif islands.is_earned(t, k, b, n) == 0:
+                if attempt >= 2:
+                    if islands.is_earned(t, k, b, n) == 0:
                         status = int(wp.static(NOT_CONVERGED))
+                        attempt = wp.static(ROUNDS) + 2
             attempt += 1
         return status
 
