@@ -235,6 +235,7 @@ def make_large_solver(given: type, residual: str) -> SimpleNamespace:
                 terms += sigma
                 alone += sigma
             k.alone[i, b] = wp.where(value > FLOOR, alone / k.diag[i, b], ZERO)
+            k.own[i, b] = terms
             size = wp.max(size, terms)
             if not wp.isfinite(terms):
                 size = terms
@@ -277,6 +278,7 @@ def make_large_solver(given: type, residual: str) -> SimpleNamespace:
         status = int(wp.static(NOT_CONVERGED))
         attempt = int(0)
         yielding = ZERO + YIELDS
+        good = int(0)
         while status == wp.static(NOT_CONVERGED) and attempt < 2 + wp.static(ROUNDS):
             iterations = int(wp.static(WARM_ITERATIONS))
             if attempt > 0:
@@ -294,15 +296,13 @@ def make_large_solver(given: type, residual: str) -> SimpleNamespace:
                 yielding *= SHRINK
             if status == wp.static(NOT_CONVERGED):
                 if nt.newton(t, k, params, row, b, n, size, iterations) == 1:
-                    status = int(wp.static(SOLVED))
                     if attempt < 2:
-                        if islands.adds_up(t, k, b, n) == 0:
-                            status = int(wp.static(NOT_CONVERGED))
-                            attempt = 1
-                if attempt >= 2:
-                    if islands.is_earned(t, k, b, n) == 0:
-                        status = int(wp.static(NOT_CONVERGED))
-                        attempt = wp.static(ROUNDS) + 2
+                        good = islands.adds_up(t, k, b, n, size)
+                        attempt = wp.where(good == 1, attempt, 1)
+                    else:
+                        good = islands.is_earned(t, k, b, n, size)
+                    if good == 1:
+                        status = int(wp.static(SOLVED))
             attempt += 1
         return status
 

@@ -10,10 +10,12 @@ from types import SimpleNamespace
 import warp as wp
 
 from .factories import cached
-from .large_newton import make_large_newton
+from .large_newton import ACCEPTED, make_large_newton
 from .large_topology import Topology
 from .large_work import WORK, Work
 
+ROW = 10.0  # what is good enough of a row relative to its own terms, in units of ACCEPTED
+ROUNDED = 1e-12  # and relative to the largest of all rows
 SHARED = 10.0  # by which a row may push harder than all momentum of its island
 
 
@@ -24,6 +26,7 @@ def make_large_islands(given: type) -> SimpleNamespace:
     nt = make_large_newton(given, "hard")
     ZERO = dtype(0.0)
     TOLD, GOOD, LOST = nt.TOLD, nt.GOOD, nt.LOST
+    OPEN, LEAST = dtype(ROW * ACCEPTED[given]), dtype(ROUNDED)
     TINY, MOST = dtype(1e-30), dtype(SHARED)
 
     @wp.func
@@ -40,23 +43,33 @@ def make_large_islands(given: type) -> SimpleNamespace:
                 k.most[p, b] = k.most[p, b] + wp.abs(k.jac[at, b]) * largest
 
     @wp.func
-    def adds_up(t: Topology, k: Work, b: int, n: int):
-        """1 if the impulses, as they are given back, add up on the scale of what the data do at every place:
-        its own momentum, those of its rows by themselves, and what they exchange with it (at most k.most).
+    def is_open(k: Work, i: int, w: dtype, size: dtype, b: int):
+        """Whether J v' + d/h = w of row i is no violation, on the row's own scale."""
+        return w >= -(OPEN * k.own[i, b] + LEAST * size)
+
+    @wp.func
+    def adds_up(t: Topology, k: Work, b: int, n: int, size: dtype):
+        """1 if every row is open on its own scale, and the impulses, as they are given back, add up on the
+        scale of what the data do at every place: its own momentum, those of its rows by themselves, and what
+        they exchange with it (at most k.most).
         """
         for i in range(t.nv):
             k.move[i, b] = ZERO
             k.balance[i, b] = ZERO
+        good = int(1)
         for r in range(n):
             i = k.active[r, b]
             lam = k.lam[i, b]
+            w = k.rate[i, b]
             for at in range(t.row_start[i], t.row_start[i + 1]):
                 p = t.row_place[at]
                 j = k.jac[at, b]
+                w += j * k.v[p, b]
                 k.balance[p, b] = k.balance[p, b] + j * lam
                 # what it may be less what it is
                 k.move[p, b] = k.move[p, b] + wp.abs(j) * (GOOD * k.alone[i, b] - TOLD * lam)
-        good = int(1)
+            if not is_open(k, i, w, size, b):
+                good = 0
         for i in range(t.nv):
             moved = wp.min(wp.abs(k.balance[i, b]), k.most[i, b])
             if not (k.move[i, b] + GOOD * (k.lost[i, b] / LOST + moved) >= ZERO):
@@ -131,11 +144,15 @@ def make_large_islands(given: type) -> SimpleNamespace:
                 k.most[p, b] = k.most[p, b] + wp.abs(k.jac[at, b]) * push
 
     @wp.func
-    def is_earned(t: Topology, k: Work, b: int, n: int):
-        """1 if no row presses much harder than all momentum of its island."""
+    def is_earned(t: Topology, k: Work, b: int, n: int, size: dtype):
+        """1 if every row is open on its own scale and none presses much harder than all momentum of its
+        island.
+        """
         good = int(1)
         for r in range(n):
             i = k.active[r, b]
+            if not is_open(k, i, k.rate[i, b] + nt.dot(t, k, k.v, i, b), size, b):
+                good = 0
             if t.row_start[i + 1] > t.row_start[i]:
                 p = k.island[t.row_place[t.row_start[i]], b]
                 if not (k.lam[i, b] * length(t, k, i, b) <= MOST * k.island_push[p, b]):

@@ -41,6 +41,7 @@ class Work:
     scale: wp.array2d(dtype=WORK)  # D
     diag: wp.array2d(dtype=WORK)  # diag(A)
     alone: wp.array2d(dtype=WORK)  # impulse of the row if it were the only one
+    own: wp.array2d(dtype=WORK)  # size of the terms that the data set of J v' + d/h
     z: wp.array2d(dtype=WORK)
     best_z: wp.array2d(dtype=WORK)
     lam: wp.array2d(dtype=WORK)
@@ -69,8 +70,8 @@ def lengths(s: Structure) -> dict[str, int]:
     matrices = {"mass": sizes.mass, "mass_factor": sizes.mass, "factor": sizes.matrix, "jac": sizes.entries}
     by_dof = ("q", "v0", "vfree", "v", "best_v", "balance", "move", "most", "lost", "island", "island_push",
               "island_mass")  # fmt: skip
-    rows = ("gap", "rate", "scale", "diag", "alone", "z", "best_z", "lam", "a", "w", "res", "excess", "p",
-            "slack", "total", "dz", "acting", "active")  # fmt: skip
+    rows = ("gap", "rate", "scale", "diag", "alone", "own", "z", "best_z", "lam", "a", "w", "res", "excess",
+            "p", "slack", "total", "dz", "acting", "active")  # fmt: skip
     pairs = {"normal": 2 * len(s.pairs)} | dict.fromkeys(("lift", "target", "miss", "known"), len(s.pairs))
     return by_body | dict.fromkeys(by_dof, s.nv) | matrices | dict.fromkeys(rows, s.nr) | pairs
 
