@@ -254,17 +254,18 @@ def make_large_solver(given: type, residual: str) -> SimpleNamespace:
         size: dtype,
         yielding: dtype,
     ):
-        """k.v and k.z near a solution whose impulses are the nearest to k.lam that there are: rows yield a
-        little to what they press more than that.
+        """k.v and k.z near a solution whose impulses are the nearest to k.lam that there are; rows yield
+        by `yielding` of what they press more than that. 1 if they are.
         """
         for r in range(n):
             i = k.active[r, b]
             k.best_z[i, b] = k.rate[i, b]
             k.rate[i, b] = k.rate[i, b] - yielding * k.diag[i, b] * k.lam[i, b]
-        interior(t, k, params, row, b, n, size, yielding)
+        found = interior(t, k, params, row, b, n, size, yielding)
         for r in range(n):
             i = k.active[r, b]
             k.rate[i, b] = k.best_z[i, b]
+        return found
 
     @wp.func
     def solve(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, n: int):
@@ -277,22 +278,23 @@ def make_large_solver(given: type, residual: str) -> SimpleNamespace:
         size = wp.max(size, TINY)
         status = int(wp.static(NOT_CONVERGED))
         attempt = int(0)
-        yielding = ZERO + YIELDS
+        yielding = dtype(0.0)
         good = int(0)
         while status == wp.static(NOT_CONVERGED) and attempt < 2 + wp.static(ROUNDS):
             iterations = int(wp.static(WARM_ITERATIONS))
             if attempt > 0:
                 iterations = int(wp.static(POLISHING))
-            if attempt == 1:
-                if interior(t, k, params, row, b, n, size, ZERO) == 0:
-                    if proves_infeasible(t, k, b, n, size):
-                        status = int(wp.static(INFEASIBLE))
             if attempt == 2:
                 islands.island_bounds(t, k, b, n)
+                yielding = ZERO + YIELDS
+            if attempt == 1 or attempt == 2:
                 for r in range(n):
                     k.lam[k.active[r, b], b] = ZERO
-            if attempt >= 2:
-                least(t, k, params, row, b, n, size, yielding)
+            if attempt > 0:
+                found = least(t, k, params, row, b, n, size, yielding)
+                if attempt == 1 and found == 0:
+                    if proves_infeasible(t, k, b, n, size):
+                        status = int(wp.static(INFEASIBLE))
                 yielding *= SHRINK
             if status == wp.static(NOT_CONVERGED):
                 if nt.newton(t, k, params, row, b, n, size, iterations) == 1:

@@ -50,12 +50,13 @@ def make_large_islands(given: type) -> SimpleNamespace:
     @wp.func
     def adds_up(t: Topology, k: Work, b: int, n: int, size: dtype):
         """1 if every row is open on its own scale, and the impulses, as they are given back, add up on the
-        scale of what the data do at every place: its own momentum, those of its rows by themselves, and what
-        they exchange with it (at most k.most).
+        scale of what the data do to every body, its coordinates weighed by energy: its own momentum, those of
+        its rows by themselves, and what they exchange with it (at most k.most).
         """
         for i in range(t.nv):
             k.move[i, b] = ZERO
             k.balance[i, b] = ZERO
+            k.momentum[i, b] = k.lost[i, b] / LOST
         good = int(1)
         for r in range(n):
             i = k.active[r, b]
@@ -66,14 +67,26 @@ def make_large_islands(given: type) -> SimpleNamespace:
                 j = k.jac[at, b]
                 w += j * k.v[p, b]
                 k.balance[p, b] = k.balance[p, b] + j * lam
-                # what it may be less what it is
-                k.move[p, b] = k.move[p, b] + wp.abs(j) * (GOOD * k.alone[i, b] - TOLD * lam)
+                k.move[p, b] = k.move[p, b] + wp.abs(j) * lam
+                k.momentum[p, b] = k.momentum[p, b] + wp.abs(j) * k.alone[i, b]
             if not is_open(k, i, w, size, b):
                 good = 0
-        for i in range(t.nv):
-            moved = wp.min(wp.abs(k.balance[i, b]), k.most[i, b])
-            if not (k.move[i, b] + GOOD * (k.lost[i, b] / LOST + moved) >= ZERO):
-                good = 0
+        for j in range(t.nv):
+            p = t.place[j]
+            k.momentum[p, b] = k.momentum[p, b] + wp.min(wp.abs(k.balance[p, b]), k.most[p, b])
+        for j in range(t.nv):
+            p = t.place[j]
+            if not (TOLD * k.move[p, b] <= GOOD * k.momentum[p, b]):
+                told = TOLD * k.move[p, b] / GOOD
+                held = int(0)
+                for other in range(wp.max(j - 2, 0), wp.min(j + 3, t.nv)):
+                    if t.dof_body[other] == t.dof_body[j]:
+                        q = t.place[other]
+                        there = k.momentum[q, b] * k.momentum[q, b] * k.mass[t.mass_at[p] + p, b]
+                        if told * told * k.mass[t.mass_at[q] + q, b] <= there:
+                            held = 1
+                if held == 0:
+                    good = 0
         return good
 
     @wp.func
@@ -117,30 +130,30 @@ def make_large_islands(given: type) -> SimpleNamespace:
         """
         find_islands(t, k, b, n)
         for i in range(t.nv):
-            k.island_push[i, b] = ZERO
+            k.momentum[i, b] = ZERO
             k.island_mass[i, b] = ZERO
             k.most[i, b] = k.lost[i, b] / LOST
         for i in range(t.nv):
             p = k.island[i, b]
-            momentum = k.lost[i, b] / LOST
+            own = k.lost[i, b] / LOST
             heavy = dtype(0.0)
             for j in range(t.mass_first[i], i + 1):
                 heavy = wp.max(heavy, k.mass[t.mass_at[j] + j, b])
-            turning = wp.sqrt(wp.abs(k.vfree[i, b]) * momentum * heavy)  # by the lever that gives most
-            k.island_push[p, b] = k.island_push[p, b] + momentum + turning
+            turning = wp.sqrt(wp.abs(k.vfree[i, b]) * own * heavy)  # by the lever that gives most
+            k.momentum[p, b] = k.momentum[p, b] + own + turning
             k.island_mass[p, b] = wp.max(k.island_mass[p, b], heavy)
         for r in range(n):
             i = k.active[r, b]
             if t.row_start[i + 1] > t.row_start[i]:
                 p = k.island[t.row_place[t.row_start[i]], b]
                 opening = wp.max(-k.rate[i, b], ZERO) / length(t, k, i, b)
-                k.island_push[p, b] = k.island_push[p, b] + opening * k.island_mass[p, b]
-                k.island_push[p, b] = wp.max(k.island_push[p, b], k.alone[i, b])
+                k.momentum[p, b] = k.momentum[p, b] + opening * k.island_mass[p, b]
+                k.momentum[p, b] = wp.max(k.momentum[p, b], k.alone[i, b])
         for r in range(n):
             i = k.active[r, b]
             for at in range(t.row_start[i], t.row_start[i + 1]):
                 p = t.row_place[at]
-                push = k.island_push[k.island[p, b], b] / length(t, k, i, b)
+                push = k.momentum[k.island[p, b], b] / length(t, k, i, b)
                 k.most[p, b] = k.most[p, b] + wp.abs(k.jac[at, b]) * push
 
     @wp.func
@@ -155,7 +168,7 @@ def make_large_islands(given: type) -> SimpleNamespace:
                 good = 0
             if t.row_start[i + 1] > t.row_start[i]:
                 p = k.island[t.row_place[t.row_start[i]], b]
-                if not (k.lam[i, b] * length(t, k, i, b) <= MOST * k.island_push[p, b]):
+                if not (k.lam[i, b] * length(t, k, i, b) <= MOST * k.momentum[p, b]):
                     good = 0
         return good
 

@@ -29,8 +29,8 @@ class Work:
     balance: wp.array2d(dtype=WORK)  # M (v' - v_free) - J' lambda
     move: wp.array2d(dtype=WORK)  # right hand sides and their solutions
     most: wp.array2d(dtype=WORK)  # momentum that a step can exchange, as the data have it
-    island_push: wp.array2d(dtype=WORK)  # by the place that names an island: the hardest push of a row in it
-    island_mass: wp.array2d(dtype=WORK)  # and the heaviest mass in it
+    momentum: wp.array2d(dtype=WORK)  # in the data, by place; or by island, at the place that names it
+    island_mass: wp.array2d(dtype=WORK)  # the heaviest mass in an island
     lost: wp.array2d(dtype=WORK)  # rounding of M (v' - v_free)
     mass: wp.array2d(dtype=WORK)  # envelope of M
     mass_factor: wp.array2d(dtype=WORK)  # and of its factor, 1/L on the diagonal
@@ -68,7 +68,7 @@ def lengths(s: Structure) -> dict[str, int]:
     sizes = tables(s)[1]
     by_body = {"frame": 4 * s.nb, "angle": s.nb, "column": 2 * s.nv}
     matrices = {"mass": sizes.mass, "mass_factor": sizes.mass, "factor": sizes.matrix, "jac": sizes.entries}
-    by_dof = ("q", "v0", "vfree", "v", "best_v", "balance", "move", "most", "lost", "island", "island_push",
+    by_dof = ("q", "v0", "vfree", "v", "best_v", "balance", "move", "most", "lost", "island", "momentum",
               "island_mass")  # fmt: skip
     rows = ("gap", "rate", "scale", "diag", "alone", "own", "z", "best_z", "lam", "a", "w", "res", "excess",
             "p", "slack", "total", "dz", "acting", "active")  # fmt: skip
