@@ -24,7 +24,7 @@ def make_large_islands(given: type) -> SimpleNamespace:
     """Warp functions `bounds`, `island_bounds` and `adds_up`."""
     dtype = WORK
     nt = make_large_newton(given, "hard")
-    ZERO = dtype(0.0)
+    ZERO, HALF = dtype(0.0), dtype(0.5)
     TOLD, GOOD, LOST = nt.TOLD, nt.GOOD, nt.LOST
     OPEN, LEAST = dtype(ROW * ACCEPTED[given]), dtype(ROUNDED)
     TINY, MOST = dtype(1e-30), dtype(SHARED)
@@ -32,15 +32,20 @@ def make_large_islands(given: type) -> SimpleNamespace:
     @wp.func
     def bounds(t: Topology, k: Work, b: int, n: int, size: dtype, largest: dtype):
         """k.most: what a row allows of M (v' - v_free) that presses no harder than `largest`, the impulse
-        that stops the heavier side of one, in a world of speeds `size`.
+        that stops the heavier side of one, in a world of speeds `size`. k.unseen, too.
         """
         for i in range(t.nv):
             k.most[i, b] = k.mass[t.mass_at[i] + i, b] * size
+            k.unseen[i, b] = k.lost[i, b] / LOST
         for r in range(n):
             i = k.active[r, b]
             for at in range(t.row_start[i], t.row_start[i + 1]):
                 p = t.row_place[at]
                 k.most[p, b] = k.most[p, b] + wp.abs(k.jac[at, b]) * largest
+                k.unseen[p, b] = k.unseen[p, b] + wp.abs(k.jac[at, b]) * k.alone[i, b]
+        for i in range(t.nv):
+            allowed = HALF * GOOD * k.unseen[i, b]
+            k.unseen[i, b] = wp.min(allowed, LOST * k.mass[t.mass_at[i] + i, b] * size)
 
     @wp.func
     def is_open(k: Work, i: int, w: dtype, size: dtype, b: int):

@@ -120,8 +120,7 @@ def make_large_newton(given: type, residual: str) -> SimpleNamespace:
                 k.balance[p, b] = k.balance[p, b] - impulse
                 k.move[p, b] = k.move[p, b] + wp.abs(impulse)
         for i in range(t.nv):
-            unseen = LOST * k.mass[t.mass_at[i] + i, b] * size  # by the rows
-            miss = wp.abs(k.balance[i, b]) - k.lost[i, b] - unseen
+            miss = wp.abs(k.balance[i, b]) - k.lost[i, b] - k.unseen[i, b]
             if miss > ZERO:
                 worst = wp.max(worst, miss / wp.min(k.move[i, b], k.most[i, b]))
             told = TOLD * k.move[i, b]
