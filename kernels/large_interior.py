@@ -285,7 +285,7 @@ def make_large_solver(given: type, residual: str) -> SimpleNamespace:
             if attempt > 0:
                 iterations = int(wp.static(POLISHING))
             if attempt == 2:
-                islands.island_bounds(t, k, b, n)
+                islands.island_momentum(t, k, b, n)
                 yielding = ZERO + YIELDS
             if attempt == 1 or attempt == 2:
                 for r in range(n):

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from .factories import cached
-from .large_newton import ACCEPTED, make_large_newton
+from .large_newton import ACCEPTED, GIVEN, SUMMED, make_large_newton
 from .large_topology import Topology
 from .large_work import WORK, Work
 
@@ -21,11 +21,11 @@ SHARED = 10.0  # by which a row may push harder than all momentum of its island
 
 @cached
 def make_large_islands(given: type) -> SimpleNamespace:
-    """Warp functions `bounds`, `island_bounds` and `adds_up`."""
+    """Warp functions `bounds`, `island_momentum` and `adds_up`."""
     dtype = WORK
     nt = make_large_newton(given, "hard")
-    ZERO, HALF = dtype(0.0), dtype(0.5)
-    TOLD, GOOD, LOST = nt.TOLD, nt.GOOD, nt.LOST
+    ZERO = dtype(0.0)
+    LOST, ROUND, ENOUGH = nt.LOST, dtype(GIVEN[given]), dtype(SUMMED[given])
     OPEN, LEAST = dtype(ROW * ACCEPTED[given]), dtype(ROUNDED)
     TINY, MOST = dtype(1e-30), dtype(SHARED)
 
@@ -36,16 +36,12 @@ def make_large_islands(given: type) -> SimpleNamespace:
         """
         for i in range(t.nv):
             k.most[i, b] = k.mass[t.mass_at[i] + i, b] * size
-            k.unseen[i, b] = k.lost[i, b] / LOST
+            k.unseen[i, b] = LOST * k.most[i, b]
         for r in range(n):
             i = k.active[r, b]
             for at in range(t.row_start[i], t.row_start[i + 1]):
                 p = t.row_place[at]
                 k.most[p, b] = k.most[p, b] + wp.abs(k.jac[at, b]) * largest
-                k.unseen[p, b] = k.unseen[p, b] + wp.abs(k.jac[at, b]) * k.alone[i, b]
-        for i in range(t.nv):
-            allowed = HALF * GOOD * k.unseen[i, b]
-            k.unseen[i, b] = wp.min(allowed, LOST * k.mass[t.mass_at[i] + i, b] * size)
 
     @wp.func
     def is_open(k: Work, i: int, w: dtype, size: dtype, b: int):
@@ -54,14 +50,15 @@ def make_large_islands(given: type) -> SimpleNamespace:
 
     @wp.func
     def adds_up(t: Topology, k: Work, b: int, n: int, size: dtype):
-        """1 if every row is open on its own scale, and the impulses, as they are given back, add up on the
+        """1 if every row is open on its own scale, and M dv = J' lambda, as it is given back, holds on the
         scale of what the data do to every body, its coordinates weighed by energy: its own momentum, those of
         its rows by themselves, and what they exchange with it (at most k.most).
         """
+        nt.mass_times(t, k, b)
         for i in range(t.nv):
             k.move[i, b] = ZERO
-            k.balance[i, b] = ZERO
-            k.momentum[i, b] = k.lost[i, b] / LOST
+            moved = wp.min(wp.abs(k.balance[i, b]), k.most[i, b])
+            k.momentum[i, b] = k.lost[i, b] / LOST + moved
         good = int(1)
         for r in range(n):
             i = k.active[r, b]
@@ -71,18 +68,16 @@ def make_large_islands(given: type) -> SimpleNamespace:
                 p = t.row_place[at]
                 j = k.jac[at, b]
                 w += j * k.v[p, b]
-                k.balance[p, b] = k.balance[p, b] + j * lam
+                k.balance[p, b] = k.balance[p, b] - j * lam
                 k.move[p, b] = k.move[p, b] + wp.abs(j) * lam
                 k.momentum[p, b] = k.momentum[p, b] + wp.abs(j) * k.alone[i, b]
             if not is_open(k, i, w, size, b):
                 good = 0
         for j in range(t.nv):
             p = t.place[j]
-            k.momentum[p, b] = k.momentum[p, b] + wp.min(wp.abs(k.balance[p, b]), k.most[p, b])
-        for j in range(t.nv):
-            p = t.place[j]
-            if not (TOLD * k.move[p, b] <= GOOD * k.momentum[p, b]):
-                told = TOLD * k.move[p, b] / GOOD
+            miss = wp.max(wp.abs(k.balance[p, b]) - k.lost[p, b], ZERO)
+            told = (miss + ROUND * k.move[p, b]) / ENOUGH
+            if not (told <= k.momentum[p, b]):
                 held = int(0)
                 for other in range(wp.max(j - 2, 0), wp.min(j + 3, t.nv)):
                     if t.dof_body[other] == t.dof_body[j]:
@@ -129,15 +124,15 @@ def make_large_islands(given: type) -> SimpleNamespace:
         return wp.sqrt(wp.max(square, TINY))
 
     @wp.func
-    def island_bounds(t: Topology, k: Work, b: int, n: int):
-        """k.most: what the rows of a place allow of M (v' - v_free) that press no harder than all momentum of
-        their island and what opening its violated rows gives to its heaviest mass.
+    def island_momentum(t: Topology, k: Work, b: int, n: int):
+        """k.momentum: all of an island, and what opening its rows gives to its heaviest mass. Nothing
+        is left to the rows' rounding from here on.
         """
         find_islands(t, k, b, n)
         for i in range(t.nv):
             k.momentum[i, b] = ZERO
             k.island_mass[i, b] = ZERO
-            k.most[i, b] = k.lost[i, b] / LOST
+            k.unseen[i, b] = ZERO
         for i in range(t.nv):
             p = k.island[i, b]
             own = k.lost[i, b] / LOST
@@ -154,12 +149,6 @@ def make_large_islands(given: type) -> SimpleNamespace:
                 opening = wp.max(-k.rate[i, b], ZERO) / length(t, k, i, b)
                 k.momentum[p, b] = k.momentum[p, b] + opening * k.island_mass[p, b]
                 k.momentum[p, b] = wp.max(k.momentum[p, b], k.alone[i, b])
-        for r in range(n):
-            i = k.active[r, b]
-            for at in range(t.row_start[i], t.row_start[i + 1]):
-                p = t.row_place[at]
-                push = k.momentum[k.island[p, b], b] / length(t, k, i, b)
-                k.most[p, b] = k.most[p, b] + wp.abs(k.jac[at, b]) * push
 
     @wp.func
     def is_earned(t: Topology, k: Work, b: int, n: int, size: dtype):
@@ -177,4 +166,6 @@ def make_large_islands(given: type) -> SimpleNamespace:
                     good = 0
         return good
 
-    return SimpleNamespace(bounds=bounds, adds_up=adds_up, island_bounds=island_bounds, is_earned=is_earned)
+    return SimpleNamespace(
+        bounds=bounds, adds_up=adds_up, island_momentum=island_momentum, is_earned=is_earned
+    )

@@ -24,6 +24,7 @@ ROUNDING = 2e-14  # of M (v' - v_free) where v' and v_free are stored, relative 
 TOLERANCE = 2e-14  # residual relative to the size of its terms: the aim,
 # and what is good enough where rounding, or rows that all but repeat others, end the iteration
 ACCEPTED = {wp.float64: 2e-11, wp.float32: 1e-6}
+REFINED = 1e-12  # what is worse is refined further: of light bodies' v' the residual of M dv is 30 times that
 GIVEN = {wp.float64: 1.1e-16, wp.float32: 6e-8}  # rounding of the impulses that are given back
 SUMMED = {wp.float64: 5e-11, wp.float32: 1e-5}  # what it may make of momenta, relative to those in the data
 
@@ -38,7 +39,7 @@ def make_large_newton(given: type, residual: str) -> SimpleNamespace:
     SIGMA = COLUMN["sigma"]
     ZERO, ONE, HALF = dtype(0.0), dtype(1.0), dtype(0.5)
     LOST, TOLD = dtype(ROUNDING), dtype(GIVEN[given] * ACCEPTED[given] / SUMMED[given])
-    NEAR, PATIENCE = dtype(1e-4), 6
+    FINE, NEAR, PATIENCE = dtype(min(ACCEPTED[given], REFINED)), dtype(1e-4), 6
     TAU, AIM, GOOD, HUGE = dtype(PROXIMAL), dtype(TOLERANCE), dtype(ACCEPTED[given]), dtype(1e300)
 
     @wp.func
@@ -225,7 +226,7 @@ def make_large_newton(given: type, residual: str) -> SimpleNamespace:
                 for r in range(n):
                     i = k.active[r, b]
                     k.best_z[i, b] = k.z[i, b]
-            patience = wp.where(best > GOOD and best < NEAR, PATIENCE, 2)  # nearly solved: refine it further
+            patience = wp.where(best > FINE and best < NEAR, PATIENCE, 2)  # nearly solved: refine it further
             if not (worst < HUGE):
                 misses = patience
             it += 1
@@ -256,7 +257,7 @@ def make_large_newton(given: type, residual: str) -> SimpleNamespace:
         shift=shift,
         newton=newton,
         GOOD=GOOD,
-        TOLD=TOLD,
+        mass_times=mass_times,
         LOST=LOST,
         env=env,
         SIGMA=SIGMA,

@@ -32,7 +32,7 @@ class Work:
     momentum: wp.array2d(dtype=WORK)  # in the data, by place; or by island, at the place that names it
     island_mass: wp.array2d(dtype=WORK)  # the heaviest mass in an island
     lost: wp.array2d(dtype=WORK)  # rounding of M (v' - v_free)
-    unseen: wp.array2d(dtype=WORK)  # what of it the rows do not see, as far as the data of a place allow it
+    unseen: wp.array2d(dtype=WORK)  # what of it the rows do not see
     mass: wp.array2d(dtype=WORK)  # envelope of M
     mass_factor: wp.array2d(dtype=WORK)  # and of its factor, 1/L on the diagonal
     factor: wp.array2d(dtype=WORK)  # envelope of M + J' W J, then of its factor
@@ -69,8 +69,8 @@ def lengths(s: Structure) -> dict[str, int]:
     sizes = tables(s)[1]
     by_body = {"frame": 4 * s.nb, "angle": s.nb, "column": 2 * s.nv}
     matrices = {"mass": sizes.mass, "mass_factor": sizes.mass, "factor": sizes.matrix, "jac": sizes.entries}
-    by_dof = ("q", "v0", "vfree", "v", "best_v", "balance", "move", "most", "lost", "unseen", "island", "momentum",
-              "island_mass")  # fmt: skip
+    by_dof = ("q", "v0", "vfree", "v", "best_v", "balance", "move", "most", "lost", "unseen", "island",
+              "momentum", "island_mass")  # fmt: skip
     rows = ("gap", "rate", "scale", "diag", "alone", "own", "z", "best_z", "lam", "a", "w", "res", "excess",
             "p", "slack", "total", "dz", "acting", "active")  # fmt: skip
     pairs = {"normal": 2 * len(s.pairs)} | dict.fromkeys(("lift", "target", "miss", "known"), len(s.pairs))
