@@ -14,7 +14,7 @@ from slcp_warp.scripts.fuzz.draws import CLASSES, Worlds, draw_worlds
 from slcp_warp.scripts.fuzz.judge import Outcome, judge
 from slcp_warp.scripts.fuzz.problem import Problem, Truth
 from slcp_warp.scripts.fuzz.proofs import coulomb_solution, least_motion, widest_opening
-from slcp_warp.scripts.fuzz.run import Task, judged, run_task
+from slcp_warp.scripts.fuzz.run import Task, run_task
 from slcp_warp.scripts.fuzz.shrink import shrink
 from slcp_warp.scripts.fuzz.structures import baked, random_scene
 from slcp_warp.scripts.fuzz.verdicts import SILENT, WRONG, Verdicts
