@@ -5,8 +5,8 @@ descent from a saddle starts slowly); a status says whether it ends where the gr
 the REM solution, and minima of sum c_i w_i^2 + (1 - c_i) a_i^2, which the objective looks like where c_i = 1
 for closed rows, 0 for open ones. c is the REM solution's choice but for one row; 1/2 but for one closed row;
 or 1/2, which is ERM for sigma to infinity. After TRIAL iterations from each of these the best goes on to the
-end; it counts where it beats the descent from the REM solution. docs/residuals.md has how often that misses
-the least minimum.
+end; it counts where it beats the descent from the REM solution. How often that misses the least minimum is in
+docs/understand/residuals.md.
 """
 
 import dataclasses

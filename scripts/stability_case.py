@@ -2,7 +2,7 @@
 
 A case is run over its own variants (masses, speeds, slopes ...) times noise levels at every step size; all
 worlds of one step size are one launch of one kernel. `measure` turns a run into one number per world, which
-passes up to `limit`. See docs/stability.md for what each case tests and what a miss means.
+passes up to `limit`. See docs/understand/stability.md for what each case tests and what a miss means.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""All cases of the stability battery, in the order of its table; docs/stability.md says what each tests."""
+"""All cases of the stability battery, in the order of its table (docs/understand/stability.md)."""
 
 from .stability_bodies import BODY_CASES
 from .stability_case import Case

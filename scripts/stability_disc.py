@@ -71,7 +71,7 @@ def along(run: Run, slope: Any) -> Array:
 
 
 def creep_speed(grid: Grid, slope: float, mu: float = 0.5) -> Array:
-    """Downhill speed of a smoothed contact under REM-logistic and inertia scaling (docs/stability.md)."""
+    """Downhill speed of a contact, REM-logistic, inertia scaling (docs/understand/stability.md)."""
     if grid.method.hard:
         return np.zeros(grid.size)
     weight = (1 + mu * mu) * G * grid.h / (2 * grid.sigma)

@@ -87,7 +87,7 @@ def print_table(rows: list[Row]) -> None:
 
 
 def markdown(rows: list[Row]) -> str:
-    """The same table for docs/stability.md."""
+    """The same table for docs/understand/stability.md."""
     counts, (cases, columns) = tally(rows), axes(rows)
     lines = ["| case | " + " | ".join(columns) + " |", "|---|" + "---|" * len(columns)]
     for case in cases:

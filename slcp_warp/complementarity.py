@@ -88,8 +88,9 @@ def solve_complementarity(
     REM residuals solve E[min(D_i lambda_i, w_i + noise)] = 0, eqs. (17) and footnote 3: one solution of A
     lambda. ERM residuals minimise sum_i E[min(D_i lambda_i, w_i + noise)^2], eq. (15) and footnote 3: not
     convex, the least of the stationary points that descents from several starts reach, never above the REM
-    solution's objective, not always the least of all (docs/residuals.md). "hard" has no noise. Recorded on a
-    `wp.Tape` for Warp arrays that require a gradient (then sigma must be a (B, n) Warp array to get one).
+    solution's objective, not always the least of all (docs/understand/residuals.md). "hard" has no noise.
+    Recorded on a `wp.Tape` for Warp arrays that require a gradient (then sigma must be a (B, n) Warp array to
+    get one).
 
     Args:
         A: (B, n, n), symmetric positive semidefinite, n <= 31; NumPy, torch (no autograd) or Warp array. b:
@@ -100,7 +101,7 @@ def solve_complementarity(
         method: "direct", Newton's method at the sigma asked for, with an interior-point method where that
             fails; or, for "hard" only, "continuation", eqs. (5)-(6) (Chen and Mangasarian): smoothed problems
             with sigma lowered to zero, each solved from the solution of the last. Slower, and without a proof
-            of infeasibility (NOT_CONVERGED); see docs/residuals.md.
+            of infeasibility (NOT_CONVERGED); see docs/understand/residuals.md.
         device: where NumPy arrays are solved; default that of A, or Warp's default device.
         dtype: "float64" or "float32"; default that of A, float64 for anything else.
         check: whether A is tested (on the host) for symmetry and definiteness.

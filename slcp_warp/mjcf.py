@@ -2,7 +2,7 @@
 
 MuJoCo resolves defaults, includes and angles; what it compiled is mapped to a `Scene` where that is exact,
 and refused by name where it is not. Solver settings (solref, solimp, margins, integrator) have no counterpart
-and are not read. docs/scene_files.md has the table.
+and are not read. docs/reference/scene_files.md has the table.
 """
 
 import math

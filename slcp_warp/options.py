@@ -33,9 +33,9 @@ class Status(IntEnum):
     that is relative to what the data sets (J v_free, d/h, sigma), never to the answer. INFEASIBLE: no
     velocity opens the rows: limits and normal rows, with Anitescu's friction the rows J_n +- mu J_t. JAMMED:
     some velocity opens limits and normal rows, but Coulomb's friction holds against every impulse, so that
-    the problem of the paper's [8] has no solution (docs/friction.md says how that is decided, and that the
-    generic kernels have no proof of it). NONFINITE: a
-    state or force that is no number. NOT_CONVERGED: the solver gave up; there may be a solution or none.
+    the problem of the paper's [8] has no solution (docs/understand/friction.md says how that is decided, and
+    that the generic kernels have no proof of it). NONFINITE: a state or force that is no number.
+    NOT_CONVERGED: the solver gave up; there may be a solution or none.
     """
 
     SOLVED = newton.SOLVED

@@ -1,4 +1,4 @@
-"""Scenes in files: TOML or JSON, versioned (`format = "slcp-scene"`, `version = 2`); docs/scene_files.md."""
+"""Scenes in files: TOML or JSON, `format = "slcp-scene"`, `version = 2`; docs/reference/scene_files.md."""
 
 import dataclasses
 import difflib

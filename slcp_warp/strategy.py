@@ -25,7 +25,7 @@ from .errors import ArgumentError
 
 STRATEGIES = ("auto", "registers", "memory")
 # nv times the larger of nr and nv, by whether the device is a CPU: beyond, kernels in registers compile for
-# half a minute on a CPU and for minutes on a GPU (docs/performance.md)
+# half a minute on a CPU and for minutes on a GPU (docs/understand/performance.md)
 LARGEST = {True: 200, False: 32}
 WORKSPACE_BYTES = 256 * 2**20  # worlds are stepped in chunks whose workspaces fit in here
 

@@ -1,6 +1,6 @@
 """Bad input: one clear error that names the argument, what came and what is needed; or a world's status.
 
-docs/bad_input.md holds the table of these cases.
+docs/reference/bad_input.md holds the table of these cases.
 """
 
 import numpy as np

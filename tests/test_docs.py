@@ -8,7 +8,7 @@ import shlex
 import pytest
 from test_layout import LAYERS, ROOT, source_files
 
-TEXTS = sorted([ROOT / "README.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").glob("*.md")])
+TEXTS = sorted([ROOT / "README.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").rglob("*.md")])
 CODE = source_files(*LAYERS, "tests", "examples")
 FOLDERS = "kernels|slcp_warp|ddp|scripts|tests|docs|examples"
 FILE = re.compile(

@@ -1,4 +1,4 @@
-"""What docs/gradients.md states of options and kinks; the property test behind `slcp bench differences`."""
+"""What docs/understand/gradients.md states of options and kinks; the test behind `slcp bench differences`."""
 
 import numpy as np
 import pytest

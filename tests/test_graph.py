@@ -9,7 +9,7 @@ STEPS, WORLDS = 20, 300  # enough worlds that launches outside of a graph are sp
 
 
 def test_a_step_that_a_tape_records_is_not_captured():
-    """docs/gradients.md: a rollout over one step is what a graph takes."""
+    """docs/understand/gradients.md: a rollout over one step is what a graph takes."""
     sim = simulator("flicking_finger", "cpu", wp.float64, "none")
     x = wp.array(sim.scene.x0[None], dtype=wp.float64, device="cpu", requires_grad=True)
     plain = sim.step(x).state.numpy().copy()

@@ -102,7 +102,7 @@ def summary(rows: list[Row]) -> str:
 
 
 def markdown(rows: list[Row]) -> str:
-    """The table for docs/stability.md."""
+    """The table for docs/understand/stability.md."""
     head, *lines = lines_of(rows)
     out = [head, ["---"] * len(head), *lines]
     return "\n".join("| " + " | ".join(cells) + " |" for cells in out) + "\n"
