@@ -4,13 +4,13 @@ from . import costs
 from .continuation import solve_continuation
 from .costs import Cost
 from .dynamics import Dynamics, DynamicsFunctions, Parameters, WarpDynamics, linear_system
-from .library import Library, LibraryError, concatenate
+from .library.library import Library, LibraryError, concatenate
+from .library.receding import RecedingOptions, build_library
+from .library.refinement import build_refined, stuck_states, turning
 from .multistart import Multistart, solve_multistart
 from .options import Options, Regularization
 from .policies import NearestPolicy, TrackingPolicy
 from .problem import Problem
-from .receding import RecedingOptions, build_library
-from .refinement import build_refined, stuck_states, turning
 from .result import Result, Trace
 from .solver import Workspace, solve
 from .status import Status

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from slcp_warp.checks import instance, numeric, shown
-from slcp_warp.errors import ArgumentError, ArgumentTypeError
+from slcp_warp.inputs.checks import instance, numeric, shown
+from slcp_warp.inputs.errors import ArgumentError, ArgumentTypeError
 
 from .options import Options
 from .problem import Problem

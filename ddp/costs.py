@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from slcp_warp.checks import array, function, number, whole
-from slcp_warp.errors import ArgumentError, ArgumentTypeError
-from slcp_warp.kernels.cost_functions import make_flicking_finger, make_plain, make_quadratic
-from slcp_warp.kernels.costs import CostFunctions
+from slcp_warp.inputs.checks import array, function, number, whole
+from slcp_warp.inputs.errors import ArgumentError, ArgumentTypeError
+from slcp_warp.kernels.control.cost_functions import make_flicking_finger, make_plain, make_quadratic
+from slcp_warp.kernels.control.costs import CostFunctions
 from slcp_warp.kernels.factories import cached
 
 __all__ = ["Cost", "CostFunctions", "flicking_finger", "plain", "quadratic"]
@@ -82,7 +82,7 @@ def _functions(make: Callable[..., CostFunctions], dtype: Any, nx: int, nu: int)
 def plain(make: Callable[..., Any]) -> Cost:
     """A cost without weights: ``make(dtype, VX, VU) -> (running(x, u, k), final(x) or None)`` in Warp.
 
-    Derivatives come from differences in double precision (see `slcp_warp.kernels.costs`).
+    Derivatives come from differences in double precision (see `slcp_warp.kernels.control.costs`).
     """
     function("make", make, 3)
     return Cost(make_plain(make))

@@ -6,11 +6,10 @@ from typing import Any, Protocol
 import numpy as np
 import warp as wp
 
-from slcp_warp.checks import array, function, instance, shown, whole
-from slcp_warp.checks import device as checked_device
-from slcp_warp.errors import ArgumentError, ArgumentTypeError
-from slcp_warp.kernels.factories import cached
-from slcp_warp.kernels.generic_dynamics import (
+from slcp_warp.inputs.checks import array, function, instance, shown, whole
+from slcp_warp.inputs.checks import device as checked_device
+from slcp_warp.inputs.errors import ArgumentError, ArgumentTypeError
+from slcp_warp.kernels.control.user_dynamics import (
     DynamicsFunctions,
     NoCarry,
     make_linear,
@@ -18,7 +17,8 @@ from slcp_warp.kernels.generic_dynamics import (
     make_protocol_step,
     no_carry,
 )
-from slcp_warp.kernels.launch import Prepared
+from slcp_warp.kernels.device.launch import Prepared
+from slcp_warp.kernels.factories import cached
 
 __all__ = ["Dynamics", "DynamicsFunctions", "Parameters", "WarpDynamics", "linear_system"]
 

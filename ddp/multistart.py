@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from slcp_warp.checks import array, instance
-from slcp_warp.errors import ArgumentError
+from slcp_warp.inputs.checks import array, instance
+from slcp_warp.inputs.errors import ArgumentError
 
 from .options import Options, Regularization
 from .problem import Problem

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from slcp_warp.checks import numeric, shown, whole
-from slcp_warp.errors import ArgumentError, ArgumentTypeError
-from slcp_warp.kernels.riccati import METHODS
+from slcp_warp.inputs.checks import numeric, shown, whole
+from slcp_warp.inputs.errors import ArgumentError, ArgumentTypeError
+from slcp_warp.kernels.control.riccati import METHODS
 
 DEFAULT_STEP_SIZES = tuple(float(a) for a in 2.0 ** -np.arange(11.0))
 

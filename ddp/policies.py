@@ -8,12 +8,12 @@ import numpy as np
 import warp as wp
 
 from slcp_warp import Simulator
-from slcp_warp.checks import array, attribute, choice, instance, number
-from slcp_warp.errors import ArgumentError, ArgumentTypeError
-from slcp_warp.kernels import policy as kernels
-from slcp_warp.limits import bounded, limit_rows
+from slcp_warp.inputs.checks import array, attribute, choice, instance, number
+from slcp_warp.inputs.errors import ArgumentError, ArgumentTypeError
+from slcp_warp.inputs.limits import bounded, limit_rows
+from slcp_warp.kernels.policies import policies as kernels
 
-from .library import Library
+from .library.library import Library
 
 METRICS = ("covariance", "variance")
 

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from slcp_warp.checks import attribute, whole
-from slcp_warp.errors import ArgumentError, ArgumentTypeError
-from slcp_warp.limits import limit_rows
+from slcp_warp.inputs.checks import attribute, whole
+from slcp_warp.inputs.errors import ArgumentError, ArgumentTypeError
+from slcp_warp.inputs.limits import limit_rows
 
 from .costs import Cost
 

@@ -4,8 +4,8 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from slcp_warp.checks import whole
-from slcp_warp.kernels import status as codes
+from slcp_warp.inputs.checks import whole
+from slcp_warp.kernels.control import status as codes
 
 from .status import Status
 

@@ -7,14 +7,18 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from slcp_warp.checks import instance, memory, numeric, shown, whole
-from slcp_warp.errors import ArgumentError, ArgumentTypeError
-from slcp_warp.kernels import status as codes
-from slcp_warp.kernels.costs import make_cost_kernel
-from slcp_warp.kernels.launch import Prepared
-from slcp_warp.kernels.line_search import make_candidate_arrays, make_choice_kernels, make_rollout_kernel
-from slcp_warp.kernels.riccati import make_backward_kernel
-from slcp_warp.kernels.solver_state import SolverState, make_derivative_arrays, make_policy_arrays
+from slcp_warp.inputs.checks import instance, memory, numeric, shown, whole
+from slcp_warp.inputs.errors import ArgumentError, ArgumentTypeError
+from slcp_warp.kernels.control import status as codes
+from slcp_warp.kernels.control.costs import make_cost_kernel
+from slcp_warp.kernels.control.line_search import (
+    make_candidate_arrays,
+    make_choice_kernels,
+    make_rollout_kernel,
+)
+from slcp_warp.kernels.control.riccati import make_backward_kernel
+from slcp_warp.kernels.control.solver_state import SolverState, make_derivative_arrays, make_policy_arrays
+from slcp_warp.kernels.device.launch import Prepared
 
 from .options import Options
 from .problem import Problem

@@ -2,7 +2,7 @@
 
 from enum import IntEnum
 
-from slcp_warp.kernels import status as codes
+from slcp_warp.kernels.control import status as codes
 
 
 class Status(IntEnum):

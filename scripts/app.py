@@ -8,19 +8,19 @@ import warp as wp
 from slcp_warp import __version__
 
 from .bench import app as bench_app
-from .car import car_command
 from .chart import chart_command
-from .grip import grip_command
-from .impact import impact_command
 from .library import library_command
 from .optimise import optimise_command
 from .quickstart import quickstart_command
 from .scenes import scenes_command
 from .simulate import simulate_command
-from .size_study import size_command
-from .study import study_command
-from .study_particles import truth_command
-from .study_residuals import residuals_command
+from .studies.car import car_command
+from .studies.ddp import study_command
+from .studies.grip import grip_command
+from .studies.impact import impact_command
+from .studies.particles import truth_command
+from .studies.residuals import residuals_command
+from .studies.size import size_command
 from .surface import surface_command
 from .sweep import sweep_command
 

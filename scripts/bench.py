@@ -20,25 +20,25 @@ import warp as wp
 
 import slcp_warp as slcp
 from slcp_warp import ddp
-from slcp_warp.kernels import launch
+from slcp_warp.kernels.device import launch
 from slcp_warp.options import CHOICES
 
-from .bench_differences import bench_differences
-from .bench_fallbacks import bench_fallbacks
-from .bench_gradients import bench_gradients, bench_products
-from .bench_kernels import SIZES, bench_reach, bench_sizes, print_sizes
-from .bench_methods import bench_methods
-from .bench_mujoco import Peer, import_mujoco
-from .bench_ours import PAPER, TOUCH, WINDOW, Ours, cpu_threads
-from .bench_pair import PairError, bench_pair, print_pairs
-from .bench_precision import bench_finite, bench_precision
-from .bench_timing import Case, Result, print_table, tidy_rows, time_interleaved
-from .bench_workload import Workload, make_workload, windows
-from .common import one_line_errors
-from .diagrams.command import charts_command
-from .fuzz.command import fuzz_command
-from .stability import stability_command
-from .tables import write_csv
+from .benchmarks.accuracy.command import charts_command
+from .benchmarks.accuracy.jacobians import bench_differences
+from .benchmarks.accuracy.precision import bench_finite, bench_precision
+from .benchmarks.cost.fallbacks import bench_fallbacks
+from .benchmarks.cost.gradients import bench_gradients, bench_products
+from .benchmarks.cost.kernels import SIZES, bench_reach, bench_sizes, print_sizes
+from .benchmarks.cost.methods import bench_methods
+from .benchmarks.cost.pair import PairError, bench_pair, print_pairs
+from .benchmarks.fuzz.command import fuzz_command
+from .benchmarks.peers.mujoco_model import Peer, import_mujoco
+from .benchmarks.shared.ours import PAPER, TOUCH, WINDOW, Ours, cpu_threads
+from .benchmarks.shared.timing import Case, Result, print_table, tidy_rows, time_interleaved
+from .benchmarks.shared.workload import Workload, make_workload, windows
+from .benchmarks.stability.command import stability_command
+from .support.common import one_line_errors
+from .support.tables import write_csv
 
 DTYPES = ("float32", "float64")
 Rows = list[dict[str, Any]]

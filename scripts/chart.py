@@ -9,10 +9,10 @@ import typer
 import slcp_warp as slcp
 from slcp_warp import ddp
 
-from .common import FINGER, mechanism_name, one_line_errors, wrote
-from .diagrams.command import RESULTS, draw_charts
-from .diagrams.results import is_results, read_results
-from .records import Record, RecordError, load_record, read_kind
+from .benchmarks.accuracy.command import RESULTS, draw_charts
+from .benchmarks.accuracy.results import is_results, read_results
+from .support.common import FINGER, mechanism_name, one_line_errors, wrote
+from .support.records import Record, RecordError, load_record, read_kind
 
 
 def chart_files(files: list[Path], out: Path, world: int = 0) -> list[Path]:
@@ -23,7 +23,10 @@ def chart_files(files: list[Path], out: Path, world: int = 0) -> list[Path]:
     Raises:
         RecordError, LibraryError, ValueError: a file that cannot be drawn. FileNotFoundError: no such file.
     """
-    from . import chart_cycle, chart_ddp, chart_space, chart_sweep  # they load matplotlib
+    from .charts import cycle as chart_cycle  # they load matplotlib
+    from .charts import ddp as chart_ddp
+    from .charts import space as chart_space
+    from .charts import sweep as chart_sweep
 
     kinds = {path: file_kind(path) for path in files}
     surfaces = [load_record(path, "surface") for path, kind in kinds.items() if kind == "surface"]

@@ -9,7 +9,7 @@ The faults are data, tests/faults/*.toml; each changes one place of one file:
     file = "slcp_warp/parameters.py"
     find = "text that is there exactly once"
     replace = "what stands there instead"
-    tests = ["tests/test_sweep.py::test_y"] # expected to notice it
+    tests = ["tests/ensembles/test_sweep.py::test_y"] # expected to notice it
     equivalent = "why no result changes"    # instead of tests, where none can notice
 
 Every fault goes into a copy of the tree. The tests expected to notice it run first, the others only if these
@@ -131,7 +131,7 @@ class Tree:
             code, output = self.pytest(["-x", *fault.tests], kernel)
             expected = True
             if code == 0 and not expected_only:
-                code, output = self.pytest(["-x", "--deselect", "tests/test_faults.py"], kernel)
+                code, output = self.pytest(["-x", "--deselect", "tests/house/test_faults.py"], kernel)
                 expected = False
         finally:
             (self.root / fault.file).write_bytes(original)

@@ -12,7 +12,8 @@ from rich.table import Table
 import slcp_warp as slcp
 from slcp_warp import ddp
 
-from .common import (
+from .optimise import finger_problem
+from .support.common import (
     INTERRUPTED,
     OBSERVED,
     Device,
@@ -32,7 +33,6 @@ from .common import (
     timed,
     wrote,
 )
-from .optimise import finger_problem
 
 
 class Interrupted(Exception):

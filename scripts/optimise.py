@@ -12,7 +12,7 @@ from rich.table import Table
 from slcp_warp import ddp
 from slcp_warp.simulated import Simulated
 
-from .common import (
+from .support.common import (
     Device,
     Dtype,
     Integrator,
@@ -32,7 +32,7 @@ from .common import (
     timed,
     wrote,
 )
-from .records import Record, device_facts, result_arrays
+from .support.records import Record, device_facts, result_arrays
 
 SCENE = "flicking_finger"  # the scene that has a named cost
 HEAD, TAIL = 4, 14  # rows of a long trace that are printed

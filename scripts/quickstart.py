@@ -11,7 +11,12 @@ import slcp_warp as slcp
 from slcp_warp import ddp
 
 from .chart import chart_files
-from .common import (
+from .charts.quickstart_report import write_report
+from .library import Interrupted, build, library_table
+from .optimise import finger_problem, optimise, outcome_table, random_starts
+from .simulate import simulate
+from .studies.size import size_rows
+from .support.common import (
     INTERRUPTED,
     OBSERVED,
     Device,
@@ -25,15 +30,10 @@ from .common import (
     start_states,
     timed,
 )
-from .library import Interrupted, build, library_table
-from .optimise import finger_problem, optimise, outcome_table, random_starts
-from .quickstart_report import write_report
-from .records import Record, load_record
-from .simulate import simulate
-from .size_study import size_rows
+from .support.records import Record, load_record
+from .support.tables import write_csv
 from .surface import FINGER_RANGE, surface
 from .sweep import cycle_states, run_sweep, sweep_table
-from .tables import write_csv
 
 SCENE = "flicking_finger"
 NO_GAP = ("controls", "impulse")  # a kernel that also records gaps would have to be compiled

@@ -9,7 +9,7 @@ import typer
 import slcp_warp as slcp
 from slcp_warp.strategy import StrategyError
 
-from .common import Device, default_scaling, one_line_errors, prepared, progress_bar, wrote
+from .support.common import Device, default_scaling, one_line_errors, prepared, progress_bar, wrote
 
 GHOSTS = 4
 COLUMNS = 6
@@ -41,8 +41,8 @@ def motion(scene: slcp.Scene, device: str | None = None) -> np.ndarray:
 
 def sheet(motions: dict[str, tuple[slcp.Scene, np.ndarray]], path: Path) -> Path:
     """Draw the scenes: the last pose in full, the start and what lies between as ghosts."""
-    from .chart_mechanism import Drawing, Mechanism, view  # they load matplotlib
-    from .chart_style import plt, save
+    from .charts.mechanism import Drawing, Mechanism, view  # they load matplotlib
+    from .charts.style import plt, save
 
     rows = -(-len(motions) // COLUMNS)
     figure, axes = plt.subplots(rows, COLUMNS, figsize=(2.1 * COLUMNS, 2.1 * rows), layout="constrained")

@@ -13,7 +13,7 @@ import slcp_warp as slcp
 from slcp_warp.results import contact_impulse
 from slcp_warp.simulated import Simulated
 
-from .common import (
+from .support.common import (
     Device,
     Dtype,
     Integrator,
@@ -34,7 +34,7 @@ from .common import (
     start_states,
     wrote,
 )
-from .records import Record, device_facts, load_policy
+from .support.records import Record, device_facts, load_policy
 
 RECORD = ("controls", "impulse", "gap")
 

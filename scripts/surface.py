@@ -9,8 +9,17 @@ import typer
 import slcp_warp as slcp
 from slcp_warp.simulated import Simulated
 
-from .common import Device, SceneName, make_simulator, named_scene, numbers, one_line_errors, prepared, wrote
-from .records import Record, device_facts
+from .support.common import (
+    Device,
+    SceneName,
+    make_simulator,
+    named_scene,
+    numbers,
+    one_line_errors,
+    prepared,
+    wrote,
+)
+from .support.records import Record, device_facts
 
 FINGER_RANGE = ((-np.pi, 0.0), (-2.0 * np.pi / 3.0, 2.0 * np.pi / 3.0), (0.0, np.pi))
 

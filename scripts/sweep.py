@@ -10,9 +10,9 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 import slcp_warp as slcp
-from slcp_warp.ddp.library import scene_digest
+from slcp_warp.ddp.library.library import scene_digest
 
-from .common import (
+from .support.common import (
     INTERRUPTED,
     OBSERVED,
     RESIDUALS,
@@ -35,7 +35,7 @@ from .common import (
     timed,
     wrote,
 )
-from .records import Record, load_policy, load_record
+from .support.records import Record, load_policy, load_record
 
 
 def cycle_states(record: Record, scene: slcp.Scene, skip: float) -> np.ndarray:

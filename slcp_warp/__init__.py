@@ -4,24 +4,24 @@ The contact problem of every time step is a stochastic complementarity problem (
 """
 
 from . import scenes
-from .arrays import ArrayError
-from .complementarity import Complementarity, solve_complementarity
-from .errors import ArgumentError, ArgumentTypeError, InputError
-from .files import FileError
-from .mjcf import MjcfError, load_mjcf
+from .description.mjcf import MjcfError, load_mjcf
+from .description.scene import Actuator, Body, Contact, Scene, SceneError, Shape, Spring, box, touching
+from .description.scene_file import SceneFileError, load_scene, save_scene
+from .ensembles.particles import ParticleRollout, Particles, particle_rollout, particles
+from .ensembles.report import SweepReport
+from .ensembles.spec import SweepSpec
+from .ensembles.sweep import sweep
+from .inputs.arrays import ArrayError
+from .inputs.errors import ArgumentError, ArgumentTypeError, InputError
 from .options import OptionError, Options, Status
 from .parameters import ParameterError, Parameters
-from .particles import ParticleRollout, Particles, particle_rollout, particles
+from .plain.complementarity import Complementarity, solve_complementarity
+from .plain.residuals import residual
 from .products import Pullback, Pushforward, jvp, vjp, weighted_hessian
-from .residuals import residual
 from .results import Linearization, Step, Trajectory
-from .scene import Actuator, Body, Contact, Scene, SceneError, Shape, Spring, box, touching
-from .scene_file import SceneFileError, load_scene, save_scene
 from .simulator import Simulator
+from .storage.files import FileError
 from .strategy import StrategyError
-from .sweep import sweep
-from .sweep_report import SweepReport
-from .sweep_spec import SweepSpec
 
 __version__ = "0.1.0"
 

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
 
-from slcp_warp.kernels import newton
 from slcp_warp.kernels.method import Method
+from slcp_warp.kernels.solvers import newton
 
-from .checks import choice, numeric, shown
-from .errors import ArgumentError
+from .inputs.checks import choice, numeric, shown
+from .inputs.errors import ArgumentError
 
 CHOICES: dict[str, tuple[Any, ...]] = {
     "residual": ("rem-logistic", "rem-normal", "erm-logistic", "erm-normal", "hard"),

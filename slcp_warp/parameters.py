@@ -11,11 +11,11 @@ import warp as wp
 
 from slcp_warp.kernels.structure import Layout, layout
 
-from . import rules
-from .checks import flag, instance, shown
-from .errors import ArgumentError
-from .rules import COVARIANCES
-from .scene import Scene
+from .description.scene import Scene
+from .inputs import rules
+from .inputs.checks import flag, instance, shown
+from .inputs.errors import ArgumentError
+from .inputs.rules import COVARIANCES
 
 _uploading = threading.Lock()
 

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from . import derivatives
-from .arrays import ArrayError
-from .checks import array, instance, names
+from .gradients import launches as derivatives
+from .inputs.arrays import ArrayError
+from .inputs.checks import array, instance, names
 from .parameters import ParameterError, Parameters
 from .simulator import Simulator
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from .description.scene import Scene
 from .options import Options
-from .scene import Scene
 
 
 @dataclass(frozen=True)

@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from .archive import Archive
-from .files import FileError
+from .description.scene import Scene
+from .description.scene_file import scene_content, scene_of
 from .options import Options
 from .parameters import Parameters
-from .scene import Scene
-from .scene_file import scene_content, scene_of
 from .scenes import NAMED
 from .simulator import Simulator
+from .storage.archive import Archive
+from .storage.files import FileError
 
 OLDER = 1  # version of files of results that hold the name of their scene only
 PREFIX = "param_"

@@ -8,21 +8,22 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from slcp_warp.kernels import rollout
-from slcp_warp.kernels.compile import source_digest
-from slcp_warp.kernels.kinematics import make_types
-from slcp_warp.kernels.launch import launch
-from slcp_warp.kernels.step import make_step
+from slcp_warp.kernels.device.compile import source_digest
+from slcp_warp.kernels.device.launch import launch
+from slcp_warp.kernels.mechanism.kinematics import make_types
+from slcp_warp.kernels.step import rollout
+from slcp_warp.kernels.step.step import make_step
 from slcp_warp.kernels.structure import MOST_ROWS
 
-from . import checks, derivatives, tape
-from .arrays import ArrayError, Batch, from_batch, policy_arrays, same_worlds, to_batch
-from .checkpoint import checkpointed
-from .errors import ArgumentError, ArgumentTypeError
+from .description.scene import Scene
+from .gradients import launches, tape
+from .gradients.checkpoint import checkpointed
+from .inputs import checks
+from .inputs.arrays import ArrayError, Batch, from_batch, policy_arrays, same_worlds, to_batch
+from .inputs.errors import ArgumentError, ArgumentTypeError
 from .options import Options
 from .parameters import Parameters
 from .results import Linearization, Step, Trajectory, contact_impulse
-from .scene import Scene
 from .strategy import MemoryKernels, StrategyError, choose
 
 RECORDED = ("controls", "impulse", "gap")
@@ -303,9 +304,8 @@ class Simulator:
         external_force: Any = None,
     ) -> Linearization:
         """Jacobians of the step at (x, u) by the implicit function theorem; `second` adds second derivatives,
-        in closed form, or for methods that have none by differences (`kernels/second_differences.py`).
-
-        Worlds that are not solved have zero derivatives and a status.
+        in closed form, or by differences for methods that have none. Worlds that are not solved
+        have zero derivatives and a status.
         """
         self._need_derivatives("linearize")
         checks.flag("second", second)
@@ -327,7 +327,7 @@ class Simulator:
             wp.zeros(0, dtype=wp.int32, device=self.device),
             (fx, fu, fzz, status),
         )
-        derivatives.prepare(self._key, self.device, *inputs, second)()
+        launches.prepare(self._key, self.device, *inputs, second)()
 
         def give(a: wp.array) -> Any:
             return from_batch(a.reshape((worlds, *a.shape[2:])), state.kind, state.batched)
@@ -339,8 +339,8 @@ class Simulator:
 
     @property
     def nw(self) -> int:
-        """Outputs whose second derivatives are independent, see `derivatives.curved_outputs`."""
-        return derivatives.curved_outputs(self._key)
+        """Outputs whose second derivatives are independent, see `launches.curved_outputs`."""
+        return launches.curved_outputs(self._key)
 
     @property
     def state_type(self) -> Any:
@@ -388,13 +388,13 @@ class Simulator:
         steps = us.shape[1]
         fzz = self.empty(0, 0, 0, 0) if second is None else second
         inputs = (params, steps, xs, us, self._none, active, (fx, fu, fzz, status))
-        return derivatives.prepare(self._key, self.device, *inputs, second is not None)
+        return launches.prepare(self._key, self.device, *inputs, second is not None)
 
     def linearize_into(self, *arrays: Any) -> None:
         """As `prepare_linearize`, once."""
         self.prepare_linearize(*arrays)()
 
     def lift_into(self, params: wp.array, lift: wp.array) -> None:
-        """lift (B, nw, nx): V . f_zz = sum_i (lift V)_i second[i], see `derivatives.lift`."""
-        values = np.broadcast_to(derivatives.lift(self._key, params.numpy()[:, 0]), lift.shape)
+        """lift (B, nw, nx): V . f_zz = sum_i (lift V)_i second[i], see `launches.lift`."""
+        values = np.broadcast_to(launches.lift(self._key, params.numpy()[:, 0]), lift.shape)
         lift.assign(values.astype(wp.dtype_to_numpy(self.dtype)))

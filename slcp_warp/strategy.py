@@ -2,7 +2,7 @@
 
 "registers": every (scene, options, precision) compiles kernels of its own, unrolled, one world per thread in
 registers: fastest for small mechanisms, and the only ones with derivatives. "memory": one kernel per
-precision and residual serves every scene by tables (`kernels/large_step.py`): for scenes whose unrolled
+precision and residual serves every scene by tables (`kernels/generic/step.py`): for scenes whose unrolled
 kernels would take minutes to compile and spill anyway.
 """
 
@@ -13,15 +13,15 @@ from typing import Any
 
 import warp as wp
 
-from slcp_warp.kernels import large_step
-from slcp_warp.kernels.large_topology import NUMBERS, make_topology
-from slcp_warp.kernels.large_work import Work, allocate_work, bytes_per_world
-from slcp_warp.kernels.launch import launch
+from slcp_warp.kernels.device.launch import launch
+from slcp_warp.kernels.generic import step as large_step
+from slcp_warp.kernels.generic.topology import NUMBERS, make_topology
+from slcp_warp.kernels.generic.work import Work, allocate_work, bytes_per_world
 from slcp_warp.kernels.method import Method
 from slcp_warp.kernels.structure import MOST_ROWS, Structure, layout
 
-from .checks import choice
-from .errors import ArgumentError
+from .inputs.checks import choice
+from .inputs.errors import ArgumentError
 
 STRATEGIES = ("auto", "registers", "memory")
 # nv times the larger of nr and nv, by whether the device is a CPU: beyond, kernels in registers compile for

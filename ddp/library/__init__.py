@@ -1,0 +1,1 @@
+"""Libraries of local feedback controllers: receding horizon, refinement, files."""

@@ -1,0 +1,299 @@
+"""Receding horizon off line (IV.C): chains of plans that leave a library of local controllers behind.
+
+Every shift moves a chain d steps along its plan and plans again. The starts of one shift are one batch: the
+shifted policy (19) rolled out with its feedback, the policies of earlier good plans near the state, and
+smoothed noise. The best plan is kept. Without the last two a chain settles in passive plans, and a library
+of passive plans attracts a controller to them.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
+
+import numpy as np
+
+from slcp_warp import Simulator
+from slcp_warp.inputs.checks import array, function, instance, number, whole
+from slcp_warp.inputs.errors import ArgumentError, ArgumentTypeError
+
+from ..options import Options
+from ..policies import wrap
+from ..problem import Problem
+from ..solver import Workspace
+from .library import Library, scene_digest
+
+
+@dataclass(frozen=True)
+class RecedingOptions:
+    """How chains are propagated.
+
+    Attributes:
+        offset: steps d of a shift. chains: independent chains, one batch.
+        recalled: starts from earlier good plans; noisy: starts from smoothed noise, per chain and shift.
+        noise: standard deviation of that noise [control units]. noise_time: its correlation time [steps].
+        perturb_every: kick the velocities every so many steps (0: never); perturb_variance: of the kick (the
+        paper's 4).
+        unperturbed: the first so many chains are never kicked.
+        passes: DDP passes of a shift; first_passes: of the first plan.
+        entries: controllers stored of every plan, at its steps 0, 1, .. (at most the offset).
+        seed: of all random numbers.
+    """
+
+    offset: int = 4
+    chains: int = 1
+    recalled: int = 2
+    noisy: int = 1
+    noise: float = 1.0
+    noise_time: float = 8.0
+    perturb_every: int = 15
+    perturb_variance: float = 4.0
+    unperturbed: int = 0
+    passes: int = 10
+    first_passes: int = 200
+    entries: int = 1
+    seed: int = 0
+    solver: Options = field(default_factory=lambda: Options(step_sizes=tuple(2.0 ** -np.arange(8.0))))
+
+    def __post_init__(self) -> None:
+        for name, low in (
+            ("offset", 1),
+            ("chains", 1),
+            ("recalled", 0),
+            ("noisy", 0),
+            ("passes", 1),
+            ("entries", 1),
+            ("first_passes", 0),
+            ("perturb_every", 0),
+            ("unperturbed", 0),
+            ("seed", 0),
+        ):
+            whole(f"RecedingOptions.{name}", getattr(self, name), low)
+        if self.entries > self.offset:
+            raise ArgumentError(
+                f"RecedingOptions.entries is {self.entries}; at most the offset {self.offset}"
+            )
+        for name in ("perturb_variance", "noise", "noise_time"):
+            number(f"RecedingOptions.{name}", getattr(self, name), 0.0, above=name == "noise_time")
+        instance("RecedingOptions.solver", self.solver, Options, "a ddp.Options")
+
+
+@dataclass
+class Plans:
+    """Plans kept for recall: policies (P, ...) with their gain over zero controls."""
+
+    us: list[np.ndarray] = field(default_factory=list)
+    xs: list[np.ndarray] = field(default_factory=list)
+    K: list[np.ndarray] = field(default_factory=list)
+    gain: list[float] = field(default_factory=list)
+
+    def add(self, us: np.ndarray, xs: np.ndarray, K: np.ndarray, gain: float) -> None:
+        """Keep a plan."""
+        self.us.append(us)
+        self.xs.append(xs)
+        self.K.append(K)
+        self.gain.append(gain)
+
+
+def build_library(
+    problem: Problem,
+    x0: Any,
+    count: int,
+    options: RecedingOptions | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    **changes: Any,
+) -> Library:
+    """Propagate receding-horizon chains until the library has `count` entries.
+
+    Args:
+        problem: dynamics, cost and horizon of every plan; the dynamics is a `Simulator`.
+        x0: (nx,) initial state of every chain, or (chains, nx).
+        count: entries wanted.
+        options: or single fields of it as keywords (offset=4, ...).
+        progress: called with (entries so far, count) after every shift.
+
+    Raises:
+        ValueError: illegal options. A keyboard interrupt returns what there is if there are entries, else is
+        raised.
+    """
+    whole("count", count)
+    instance("options", options, RecedingOptions | None, "a ddp.RecedingOptions")
+    function("progress", progress, 2, optional=True)
+    if options is not None and changes:
+        raise ArgumentError(f"give either options or its fields as keywords, not both: {sorted(changes)}")
+    unknown = set(changes) - {f.name for f in fields(RecedingOptions)}
+    if unknown:
+        names = [f.name for f in fields(RecedingOptions)]
+        raise ArgumentError(f"RecedingOptions has no {sorted(unknown)}; there are {names}")
+    options = RecedingOptions(**changes) if options is None else options
+    chains = _Chains(problem, array("x0", x0, finite=False), options)
+    chains.first_plans()
+    try:
+        while chains.stored < count:
+            if progress is not None:
+                progress(min(chains.stored, count), count)
+            chains.store()
+            chains.shift()
+    except KeyboardInterrupt:
+        if not chains.stored:
+            raise
+    return chains.library(count)
+
+
+class _Chains:
+    """State of the chains: where each is, its plan, and what has been stored."""
+
+    def __init__(self, problem: Problem, x0: np.ndarray, options: RecedingOptions) -> None:
+        if not isinstance(problem, Problem) or not isinstance(problem.dynamics, Simulator):
+            raise ArgumentTypeError("build_library needs a problem whose dynamics is a slcp_warp.Simulator")
+        if options.offset >= problem.horizon:
+            raise ArgumentError(
+                f"RecedingOptions.offset is {options.offset}; less than the horizon, {problem.horizon}, "
+                "is needed"
+            )
+        if x0.shape not in ((problem.nx,), (options.chains, problem.nx)) or not np.isfinite(x0).all():
+            raise ArgumentError(
+                f"x0 has shape {x0.shape}; finite numbers of shape ({problem.nx},) or "
+                f"({options.chains}, {problem.nx}) are needed"
+            )
+        self.problem, self.options, self.sim = problem, options, problem.dynamics
+        self.period = self.sim.scene.state_period
+        self.rng = np.random.default_rng(options.seed)
+        self.x = np.broadcast_to(x0, (options.chains, problem.nx)).copy()
+        self.starts = 1 + options.recalled + options.noisy
+        batch = options.chains * self.starts
+        solver = options.solver
+        self.shifting = Workspace(problem, batch, _limited(solver, options.passes))
+        self.plans = Plans()
+        self.entries: list[dict[str, Any]] = []
+        self.stored = 0
+        self.steps = 0
+        self.index = 0
+
+    def first_plans(self) -> None:
+        """The first plan of every chain: from zero and from noise, to convergence."""
+        first = Workspace(
+            self.problem, len(self.shifting_x()), _limited(self.options.solver, self.options.first_passes)
+        )
+        us = np.stack([self._noise() if start else np.zeros((self.problem.horizon, self.problem.nu))
+                       for _ in self.x for start in range(self.starts)])  # fmt: skip
+        self._keep_best(first, first.solve(self.shifting_x(), us))
+
+    def shifting_x(self) -> np.ndarray:
+        """Initial states of the batch: every chain's, once per start."""
+        return np.repeat(self.x, self.starts, axis=0)
+
+    def shift(self) -> None:
+        """Advance every chain by the offset, kick it if due, and plan again."""
+        d = self.options.offset
+        self.x = self.xs[:, d].copy()
+        before, self.steps = self.steps, self.steps + d
+        every = self.options.perturb_every
+        if every and self.steps // every != before // every:
+            kick = np.sqrt(self.options.perturb_variance) * self.rng.standard_normal(
+                (len(self.x), self.problem.nx // 2)
+            )
+            kick[: self.options.unperturbed] = 0.0
+            self.x[:, self.problem.nx // 2 :] += kick
+        us, xs, K = self._starts()
+        self._keep_best(self.shifting, self.shifting.solve(self.shifting_x(), us, xs, K))
+
+    def _keep_best(self, workspace: Workspace, result: Any) -> None:
+        groups = result.cost.reshape(len(self.x), self.starts)
+        best = np.arange(len(self.x)) * self.starts + np.nanargmin(
+            np.where(np.isfinite(groups), groups, np.inf), axis=1
+        )
+        self.us, self.xs, self.K = result.us[best], result.xs[best], result.K[best]
+        self.lower, self.upper = result.lower[best], result.upper[best]
+        self.cost = result.cost[best]
+        self.gain = self._passive_cost() - self.cost
+        self.choice = best % self.starts
+
+    def _passive_cost(self) -> np.ndarray:
+        """Cost of zero controls from every chain's state."""
+        zero = np.zeros((len(self.x), self.problem.horizon, self.problem.nu))
+        if not hasattr(self, "passive"):
+            self.passive = Workspace(self.problem, len(self.x), Options(max_iterations=0))
+        return self.passive.solve(self.x, zero).cost
+
+    def _starts(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Warm starts of the batch: policies (us, xs, K)."""
+        d, N = self.options.offset, self.problem.horizon
+        at = np.minimum(np.arange(N) + d, N - 1)  # (19): shifted, the last control repeated
+        out = []
+        for c in range(len(self.x)):
+            gain = self.K[c][at].copy()
+            gain[N - d :] = 0.0
+            states = np.concatenate([self.xs[c][d:], np.repeat(self.xs[c][-1:], d, axis=0)])
+            out.append((self.us[c][at], states, gain))
+            for plan in self._recall(self.x[c]):
+                turn = self.x[c] - self.plans.xs[plan][0]
+                turn = turn - wrap(turn, self.period)
+                out.append((self.plans.us[plan], self.plans.xs[plan] + turn, self.plans.K[plan]))
+            while len(out) % self.starts:
+                out.append(
+                    (self._noise(), np.repeat(self.x[c][None], N + 1, axis=0), np.zeros_like(self.K[c]))
+                )
+        us, xs, K = (np.stack(part) for part in zip(*out, strict=True))
+        return us, xs, K
+
+    def _recall(self, x: np.ndarray) -> np.ndarray:
+        """Plans of the better half that start nearest to x, in units of the spread of their starts."""
+        if not self.options.recalled or len(self.plans.us) < 2:
+            return np.zeros(0, int)
+        starts, gain = np.stack([xs[0] for xs in self.plans.xs]), np.array(self.plans.gain)
+        good = np.flatnonzero(gain >= np.median(gain))
+        spread = wrap(starts, self.period).std(axis=0) + 1e-6
+        distance = (wrap(starts[good] - x, self.period) / spread) ** 2
+        return good[np.argsort(distance.sum(axis=1), kind="stable")[: self.options.recalled]]
+
+    def _noise(self) -> np.ndarray:
+        """Smoothed noise controls (N, nu)."""
+        white = self.rng.standard_normal((self.problem.horizon, self.problem.nu))
+        keep = np.exp(-1.0 / self.options.noise_time)
+        out = np.empty_like(white)
+        value = white[0]
+        for k, step in enumerate(white):
+            value = keep * value + np.sqrt(1.0 - keep**2) * step
+            out[k] = value
+        return self.options.noise * out
+
+    def store(self) -> None:
+        """Store the first controllers of the current plans."""
+        for c in range(len(self.x)):
+            if not np.isfinite(self.cost[c]):
+                continue
+            self.plans.add(self.us[c], self.xs[c], self.K[c], float(self.gain[c]))
+            for k in range(self.options.entries):
+                self.entries.append(
+                    {
+                        "x": self.xs[c, k], "u": self.us[c, k], "K": self.K[c, k], "cost": self.cost[c],
+                        "gain": self.gain[c], "age": k, "chain": c, "plan": self.index,
+                        "lower": self.lower[c], "upper": self.upper[c],
+                    }
+                )  # fmt: skip
+                self.stored += 1
+        self.index += 1
+
+    def library(self, count: int) -> Library:
+        """The first `count` entries."""
+        rows = self.entries[:count]
+        arrays = {name: np.array([row[name] for row in rows]) for name in rows[0]}
+        header = {
+            "scene": self.sim.scene.name,
+            "digest": scene_digest(self.sim.scene),
+            "sigma": float(self.problem.params["sigma"].flat[0]),
+            "step_size": float(self.problem.params["step_size"].flat[0]),
+            "horizon": self.problem.horizon,
+            "scaling": self.sim.options.scaling,
+            "residual": self.sim.options.residual,
+            "integrator": self.sim.options.integrator,
+            "offset": self.options.offset,
+            "chains": self.options.chains,
+            "seed": self.options.seed,
+        }
+        return Library(**arrays, period=self.period, header=header)
+
+
+def _limited(options: Options, passes: int) -> Options:
+    """The same options with another number of passes."""
+    return replace(options, max_iterations=passes)

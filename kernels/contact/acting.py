@@ -1,0 +1,83 @@
+"""Which rows can act in a step: they join the system when a velocity brings them within reach.
+
+A row whose w = J v + d/h is more than `cut` noise levels above zero has an impulse below rounding. A pair
+whose distance is not known yet is left alone while a lower bound of it says the same.
+"""
+
+from types import SimpleNamespace
+
+import warp as wp
+
+from ..factories import cached
+from ..method import Method
+from ..residual.noise import make_noise
+from ..residual.smoothing import make_smoothing
+from ..structure import Structure, layout
+from .rows import make_rows, make_speed
+from .shapes import make_pair
+
+
+@cached
+def make_acting(s: Structure, dtype: type, method: Method, exact_gap: bool) -> SimpleNamespace:
+    """Warp functions: near[k](params, row, frames, v), whether pair k can act; limits and contacts[k],
+    (params, row, rate, jac, sigma, v, mask) -> the mask with the limits' or pair k's rows that can act.
+
+    `exact_gap`: every pair counts as near.
+    """
+    rows = make_rows(s, dtype, method)
+    noise = make_noise(s, dtype, method)
+    t = rows.types
+    VQ, VR, JR = t.VQ, t.VR, t.JR
+    NR, NP = s.nr, len(s.pairs)
+    H = layout(s).offset("step_size")
+    CUT = dtype(make_smoothing(dtype, method.residual).cut)
+    rows_of = rows_of_pairs(s)
+
+    def make_near(k: int) -> wp.Function:
+        pair, first = make_pair(s, k, dtype), rows_of[k][0]
+        speed = make_speed(s, k, dtype)
+
+        @wp.func
+        def near(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, v: VQ):
+            # from a lower bound of d and a bound on the approach speed
+            if wp.static(exact_gap or pair.exact_bound or method.state_noise or method.erm):
+                return True
+            gap = wp.static(pair.bound)(params, row, fr) / params[row, wp.static(H)]
+            level = wp.static(noise.level[first])(params, row, VR())
+            return not (gap - wp.static(speed)(params, row, fr, v) > CUT * level)
+
+        return near
+
+    def make_grow(tested: tuple[int, ...], bits: tuple[int, ...]) -> wp.Function:
+        @wp.func
+        def grow(params: wp.array2d(dtype=dtype), row: int, rate: VR, jac: JR, sigma: VR, v: VQ, mask: int):
+            out = mask
+            for i in range(wp.static(NR)):
+                if wp.static(i in tested):
+                    w = wp.static(rows.dots[i])(jac, v) + rate[i]
+                    if not (w > CUT * wp.static(noise.level[i])(params, row, sigma)):
+                        out = out | wp.static(bits[i])
+            return out
+
+        return grow
+
+    def make_contact(k: int) -> wp.Function:
+        tested = rows_of[k][:1] if method.coulomb else rows_of[k]  # friction acts where its normal row does
+        # the two rows of a hard contact come together: one after the other costs a solve each
+        bits = tuple(sum(1 << j for j in (rows_of[k] if method.hard else (i,))) for i in range(NR))
+        return make_grow(tested, bits)
+
+    limits = tuple(i for i in range(NR) if rows.limit[i])
+    return SimpleNamespace(
+        near=tuple(make_near(k) for k in range(NP)),
+        limits=make_grow(limits, tuple(1 << i for i in range(NR))),
+        contacts=tuple(make_contact(k) for k in range(NP)),
+    )
+
+
+def rows_of_pairs(s: Structure) -> tuple[tuple[int, ...], ...]:
+    """The rows of every pair."""
+    return tuple(
+        tuple(i for i, row in enumerate(s.rows) if row.kind == "contact" and row.index == k)
+        for k in range(len(s.pairs))
+    )

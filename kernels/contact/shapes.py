@@ -1,0 +1,155 @@
+"""Poses of the shapes of a structure and the distance of its pairs (`distance.py` has the mathematics)."""
+
+from types import SimpleNamespace
+
+import warp as wp
+
+from ..factories import cached
+from ..mechanism.kinematics import make_types
+from ..structure import CAPSULE, DISC, HALFPLANE, WORLD, Structure, layout
+from .distance import make_distance, make_round_support
+
+
+@cached
+def make_upright(dtype: type) -> wp.Function:
+    """upright(c) -> c, or 0 where the cosine or sine of a right angle left its rounding: the normal of level
+    ground has no part along it, by which it could move what slides on it.
+    """
+    ZERO, ROUNDING = dtype(0.0), dtype(4e-16 if dtype is wp.float64 else 2e-7)
+
+    @wp.func
+    def upright(c: dtype):
+        return wp.where(wp.abs(c) < ROUNDING, ZERO, c)
+
+    return upright
+
+
+@cached
+def make_shape_pose(s: Structure, shape: int, end: int, dtype: type) -> wp.Function:
+    """pose -> (c_x, c_y, e_x, e_y): centre and axis of a shape (a half-plane's point and outward normal), or
+    of the disc at an end of a capsule.
+    """
+    t = make_types(s, dtype)
+    lay = layout(s)
+    V4 = wp.types.vector(4, dtype)
+    ZERO, ONE = dtype(0.0), dtype(1.0)
+    OFFSET, ANGLE = lay.offset("shape_offset") + 2 * shape, lay.offset("shape_angle") + shape
+    HALF_LENGTH, END = lay.offset("radius") + 2 * shape + 1, dtype(float(end))
+    body, turned = s.shapes[shape].body, s.shapes[shape].turned
+    upright = make_upright(dtype)
+
+    @wp.func
+    def pose(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES):
+        x = params[row, wp.static(OFFSET)]
+        y = params[row, wp.static(OFFSET + 1)]
+        ex = ONE
+        ey = ZERO
+        if wp.static(turned):
+            ex = upright(wp.cos(params[row, wp.static(ANGLE)]))
+            ey = upright(wp.sin(params[row, wp.static(ANGLE)]))
+        if wp.static(end != 0):
+            x += END * params[row, wp.static(HALF_LENGTH)] * ex
+            y += END * params[row, wp.static(HALF_LENGTH)] * ey
+        if wp.static(body == WORLD):
+            return V4(x, y, ex, ey)
+        c = fr[wp.static(max(body, 0)), 0]
+        sn = fr[wp.static(max(body, 0)), 1]
+        px = fr[wp.static(max(body, 0)), 2] + c * x - sn * y
+        py = fr[wp.static(max(body, 0)), 3] + sn * x + c * y
+        return V4(px, py, c * ex - sn * ey, sn * ex + c * ey)
+
+    return pose
+
+
+def oriented_pair(s: Structure, pair: int) -> tuple[int, int]:
+    """(shape_a, shape_b) with a half-plane, or a whole capsule, first; the swap turns n and t both, so J_n
+    and J_t do not change.
+    """
+    p = s.pairs[pair]
+    return (p.shape_b, p.shape_a) if _swapped(s, pair) else (p.shape_a, p.shape_b)
+
+
+def oriented_ends(s: Structure, pair: int) -> tuple[int, int]:
+    """(end_a, end_b) in the same order."""
+    p = s.pairs[pair]
+    return (p.end_b, p.end_a) if _swapped(s, pair) else (p.end_a, p.end_b)
+
+
+def _swapped(s: Structure, pair: int) -> bool:
+    p = s.pairs[pair]
+    kind = s.shapes[p.shape_b].kind
+    return kind == HALFPLANE or (kind == CAPSULE and p.end_b == 0)
+
+
+@cached
+def make_pair(s: Structure, pair: int, dtype: type) -> SimpleNamespace:
+    """Warp functions of one contact pair: geometry, a cheap lower bound of d, and support derivatives.
+
+    `flat` tells whether a capsule A is touched between its ends, where it acts like a half-plane on its body.
+    """
+    a, b = oriented_pair(s, pair)
+    end_a, end_b = oriented_ends(s, pair)
+    kind_a, kind_b = DISC if end_a else s.shapes[a].kind, DISC if end_b else s.shapes[b].kind
+    plane = kind_a == HALFPLANE
+    t = make_types(s, dtype)
+    pose_a, pose_b = make_shape_pose(s, a, end_a, dtype), make_shape_pose(s, b, end_b, dtype)
+    distance = make_distance(kind_a, kind_b, dtype)
+    V2, V4 = wp.types.vector(2, dtype), wp.types.vector(4, dtype)
+    RADIUS = layout(s).offset("radius")
+
+    def make_radii(shape: int) -> wp.Function:
+        @wp.func
+        def radii(params: wp.array2d(dtype=dtype), row: int):
+            return V2(
+                params[row, wp.static(RADIUS + 2 * shape)], params[row, wp.static(RADIUS + 2 * shape + 1)]
+            )
+
+        return radii
+
+    radii_a, radii_b = make_radii(a), make_radii(b)
+
+    def make_pair_support(radii: wp.Function, kind: str) -> wp.Function:
+        round_support = make_round_support(kind, dtype)
+
+        @wp.func
+        def support(params: wp.array2d(dtype=dtype), row: int, pose: wp.types.vector(4, dtype), n: V2):
+            return wp.static(round_support)(wp.static(radii)(params, row), pose, n)
+
+        return support
+
+    @wp.func
+    def flat(params: wp.array2d(dtype=dtype), row: int, pa: V4, pb: V4):
+        return wp.static(distance.flat)(wp.static(radii_a)(params, row), pa, pb)
+
+    @wp.func
+    def bound(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES):
+        """A lower bound of d (exact for half-planes, capsules and discs)."""
+        pa = wp.static(pose_a)(params, row, fr)
+        pb = wp.static(pose_b)(params, row, fr)
+        return wp.static(distance.bound)(
+            wp.static(radii_a)(params, row), wp.static(radii_b)(params, row), pa, pb
+        )
+
+    @wp.func
+    def geometry(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, warm: V2):
+        """GEO of the pair; `warm` starts the search (0, 0: from the line of centres)."""
+        pa = wp.static(pose_a)(params, row, fr)
+        pb = wp.static(pose_b)(params, row, fr)
+        return wp.static(distance.geometry)(
+            wp.static(radii_a)(params, row), wp.static(radii_b)(params, row), pa, pb, warm
+        )
+
+    return SimpleNamespace(
+        bound=bound,
+        geometry=geometry,
+        pose_a=pose_a,
+        pose_b=pose_b,
+        support_a=make_pair_support(radii_a, kind_a),
+        support_b=make_pair_support(radii_b, kind_b),
+        plane=plane,
+        capsule=kind_a == CAPSULE,
+        flat=flat,
+        body_a=s.shapes[a].body,
+        body_b=s.shapes[b].body,
+        exact_bound=distance.exact,
+    )

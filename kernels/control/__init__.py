@@ -1,0 +1,1 @@
+"""Optimal control: costs, backward pass, line search, dynamics of users."""

@@ -1,0 +1,303 @@
+"""The backward pass of DDP, one problem per thread (Tassa & Todorov 2010, section III-C).
+
+Notation: z = (x, u), primes are transposes, V is the value function of the next step. Per step, backwards in
+    time,
+
+    Q_x  = l_x + f_x' V_x                      Q_u  = l_u + f_u' V_x
+    Q_xx = l_xx + f_x' V_xx f_x + V_x.f_xx     (11); Q_ux and Q_uu alike
+    k = -R^-1 Q_u,  K = -R^-1 S                (12), with R, S the regularised Q_uu, Q_ux
+    V_x  = Q_x + K' Q_uu k + K' Q_u + Q_ux' k
+    V_xx = Q_xx + K' Q_uu K + K' Q_ux + Q_ux' K
+
+R = Q_uu + mu (w_x f_u' f_u + w_u I), S = Q_ux + mu w_x f_u' f_x: the weights w_x, w_u choose regularisation
+of the state or of the control (Tassa, Erez & Todorov 2012, section II-F). Where R is not positive definite,
+mu is raised and the pass starts again in the same kernel. The value update holds for any K, k, so it needs no
+regularisation.
+
+The first-order method (9)-(10) is the same sweep with R = l_uu + mu (w_x + w_u) I, K = 0 and no V_xx: for a
+quadratic running cost k = u* - u exactly; for others it is one Newton step towards u*, continued by the next
+pass.
+"""
+
+import warp as wp
+
+from ..factories import cached
+from .box_qp import EPSILON, make_small_solver
+from .solver_state import (
+    SolverState,
+    make_derivative_arrays,
+    make_drop_policy,
+    make_policy_arrays,
+    raise_regularization,
+    schedule_row,
+)
+from .status import (
+    CONVERGED,
+    DYNAMICS_FAILED,
+    FLAT,
+    MAX_ITERATIONS,
+    REGULARIZATION_LIMIT,
+    RUNNING,
+    SCHEDULE_CONTROL,
+    SCHEDULE_STATE,
+    TRACE_COST,
+    TRACE_GRADIENT,
+    TRACE_PIVOT,
+    TRACE_REGULARIZATION,
+    TRACE_RESTARTS,
+)
+
+METHODS = ("second-order", "gauss-newton", "first-order")
+
+
+@cached
+def make_backward_kernel(nx, nu, nw, method, has_limits, dtype):
+    """Kernel ``(first, Derivatives, Policy, SolverState, gradient_tolerance, last)`` over problems.
+
+    Writes K, k, Vx, Vxx and, in the state, the expected change, largest |Q_u|, smallest pivot, mu and status.
+    With ``last`` = 1 a problem still running ends at its iteration limit. Problems with ``active`` = 0 are
+    skipped.
+    """
+    VX, VU = wp.types.vector(nx, dtype), wp.types.vector(nu, dtype)
+    MXX, MXU = wp.types.matrix((nx, nx), dtype), wp.types.matrix((nx, nu), dtype)
+    MUX, MUU = wp.types.matrix((nu, nx), dtype), wp.types.matrix((nu, nu), dtype)
+    Derivatives, Policy = make_derivative_arrays(dtype), make_policy_arrays(dtype)
+    small = make_small_solver(nx, nu, dtype)
+    cholesky, solve_vector, solve_matrix = small.cholesky, small.solve_vector, small.solve_matrix
+    box_qp, masked = small.box_qp, small.masked
+    drop_policy = make_drop_policy(nx, nu, dtype)
+    ZERO, HALF = dtype(0.0), dtype(0.5)
+    ROUNDING = wp.float64(8.0 * EPSILON[dtype])
+    curved = method == "second-order"
+    quadratic = method != "first-order"
+
+    @wp.func
+    def model(d: Derivatives, b: int, k: int, vx: VX, vxx: MXX, fx: MXX, fu: MXU):
+        """Unminimised value (11): Q_x, Q_u, Q_xx, Q_ux, Q_uu of step k."""
+        qx, qu = VX(), VU()
+        qxx, qux, quu = MXX(), MUX(), MUU()
+        for i in range(nx):
+            qx[i] = d.lx[b, k, i]
+            for j in range(nx):
+                qxx[i, j] = d.lxx[b, k, i, j]
+        for i in range(nu):
+            qu[i] = d.lu[b, k, i]
+            for j in range(nx):
+                qux[i, j] = d.lux[b, k, i, j]
+            for j in range(nu):
+                quu[i, j] = d.luu[b, k, i, j]
+        qx = qx + wp.transpose(fx) * vx
+        qu = qu + wp.transpose(fu) * vx
+        if wp.static(quadratic):
+            product = vxx * fx
+            qxx = qxx + wp.transpose(fx) * product
+            qux = qux + wp.transpose(fu) * product
+            quu = quu + wp.transpose(fu) * (vxx * fu)
+        if wp.static(curved):
+            cell = b * d.fx.shape[1] + k
+            for i in range(nw):
+                y = ZERO
+                for j in range(nx):
+                    y += d.lift[b, i, j] * vx[j]
+                for r in range(nx):
+                    for c in range(r + 1):
+                        value = y * d.second[cell, i, r, c]
+                        qxx[r, c] += value
+                        if c < r:
+                            qxx[c, r] += value
+                for r in range(nu):
+                    for c in range(nx):
+                        qux[r, c] += y * d.second[cell, i, nx + r, c]
+                    for c in range(nu):
+                        quu[r, c] += y * d.second[cell, i, nx + r, nx + c]
+        return qx, qu, qxx, qux, quu
+
+    @wp.func
+    def terms(d: Derivatives, b: int, k: int, vx: VX, fu: MXU):
+        """Sizes of the terms of Q_u = l_u + f_u' V_x."""
+        out = VU()
+        for i in range(nu):
+            out[i] = wp.abs(d.lu[b, k, i])
+            for j in range(nx):
+                out[i] += wp.abs(fu[j, i] * vx[j])
+        return out
+
+    @wp.func
+    def steepest(policy: Policy, b: int, k: int, row: int, qu: VU):
+        """|Q_u| of the controls that their limits do not hold, 0 of those that they do."""
+        out = VU()
+        for i in range(nu):
+            size = wp.abs(qu[i])
+            if wp.static(has_limits):
+                u = policy.us[b, k, i]
+                if (u <= policy.lower[row, i] and qu[i] > ZERO) or (
+                    u >= policy.upper[row, i] and qu[i] < ZERO
+                ):
+                    size = ZERO
+            out[i] = size
+        return out
+
+    @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
+    def backward(
+        first: int, d: Derivatives, policy: Policy, state: SolverState, tolerance: wp.float64, last: int
+    ):
+        b = first + wp.tid()
+        if state.active[b] == 0:
+            return
+        horizon = policy.us.shape[1]
+        row = schedule_row(state, b)
+        limits = wp.where(policy.lower.shape[0] == 1, 0, b)
+        for k in range(horizon):
+            if d.status[b, k] != 0:
+                state.status[b] = DYNAMICS_FAILED
+        if state.status[b] == DYNAMICS_FAILED:
+            drop_policy(policy, b)
+            state.active[b] = 0
+            state.fresh[b] = 0
+            return
+
+        unsolved = int(1)
+        restarts = int(0)
+        broken = int(0)
+        lowest = wp.float64(0.0)
+        change_1 = wp.float64(0.0)
+        change_2 = wp.float64(0.0)
+        felt = ZERO
+        wanted = ZERO
+        highest, widest = VU(), VU()
+        while unsolved == 1:
+            mu_x = dtype(state.mu[b] * state.schedule[row, SCHEDULE_STATE])
+            mu_u = dtype(state.mu[b] * state.schedule[row, SCHEDULE_CONTROL])
+            if wp.static(not quadratic):  # no V_xx to regularise
+                mu_u += mu_x
+            change_1 = wp.float64(0.0)
+            change_2 = wp.float64(0.0)
+            felt = ZERO
+            wanted = ZERO
+            highest, widest = VU(), VU()
+            broken = int(0)
+            vx, vxx, step = VX(), MXX(), VU()
+            for i in range(nx):
+                vx[i] = d.lx[b, horizon, i]
+                policy.Vx[b, horizon, i] = vx[i]
+                for j in range(nx):
+                    vxx[i, j] = d.lxx[b, horizon, i, j]
+                    policy.Vxx[b, horizon, i, j] = vxx[i, j]
+            k = horizon - 1
+            good = int(1)
+            while good == 1 and k >= 0:
+                fx, fu = MXX(), MXU()
+                for i in range(nx):
+                    for j in range(nx):
+                        fx[i, j] = d.fx[b, k, i, j]
+                    for j in range(nu):
+                        fu[i, j] = d.fu[b, k, i, j]
+                qx, qu, qxx, qux, quu = model(d, b, k, vx, vxx, fx, fu)
+                for j in range(nx):
+                    wanted = wp.max(wanted, wp.abs(vx[j]))
+                # regularised copies, and the direction
+                ruu, rux = quu, qux
+                if wp.static(quadratic):
+                    if mu_x != ZERO:
+                        ruu = ruu + mu_x * (wp.transpose(fu) * fu)
+                        rux = rux + mu_x * (wp.transpose(fu) * fx)
+                for i in range(nu):
+                    ruu[i, i] += mu_u
+                gain = MUX()
+                free_quu = quu
+                if wp.static(has_limits):
+                    low, high = VU(), VU()
+                    for i in range(nu):
+                        low[i] = policy.lower[limits, i] - policy.us[b, k, i]
+                        high[i] = policy.upper[limits, i] - policy.us[b, k, i]
+                    new_step, free, factor, pivot = box_qp(ruu, qu, low, high, step)
+                    step = new_step
+                    free_quu = masked(quu, free)
+                    if wp.static(quadratic):
+                        for i in range(nu):
+                            for j in range(nx):
+                                rux[i, j] = rux[i, j] * free[i]
+                        gain = -solve_matrix(factor, rux)
+                else:
+                    factor, pivot = cholesky(ruu)
+                    step = -solve_vector(factor, qu)
+                    if wp.static(quadratic):
+                        gain = -solve_matrix(factor, rux)
+                if not (pivot > ZERO) or not wp.isfinite(step) or not wp.isfinite(qx):
+                    good = 0
+                    if not wp.isfinite(pivot) or not wp.isfinite(qx) or not wp.isfinite(qu):
+                        broken = 1
+                else:
+                    bare = pivot
+                    if mu_x != ZERO or mu_u != ZERO:
+                        ignored, bare = cholesky(free_quu)
+                    if k == horizon - 1 or wp.float64(bare) < lowest:
+                        lowest = wp.float64(bare)
+                    sizes = terms(d, b, k, vx, fu)
+                    slopes = steepest(policy, b, k, limits, qu)
+                    for i in range(nu):
+                        highest[i] = wp.max(highest[i], slopes[i])
+                        widest[i] = wp.max(widest[i], sizes[i])
+                        felt += sizes[i] * sizes[i] / ruu[i, i]
+                    bent = quu * step
+                    change_1 += wp.float64(wp.dot(step, qu))
+                    change_2 += wp.float64(HALF * wp.dot(step, bent))
+                    if wp.static(quadratic):
+                        vx = qx + wp.transpose(gain) * (bent + qu) + wp.transpose(qux) * step
+                        cross = wp.transpose(gain) * qux
+                        vxx = qxx + wp.transpose(gain) * (quu * gain) + cross + wp.transpose(cross)
+                        vxx = HALF * (vxx + wp.transpose(vxx))
+                    else:
+                        vx = qx
+                    for i in range(nx):
+                        policy.Vx[b, k, i] = vx[i]
+                        for j in range(nx):
+                            policy.Vxx[b, k, i, j] = vxx[i, j]
+                    for i in range(nu):
+                        policy.k[b, k, i] = step[i]
+                        for j in range(nx):
+                            policy.K[b, k, i, j] = gain[i, j]
+                    k -= 1
+            if good == 1:
+                unsolved = 0
+            elif raise_regularization(state, b) == 0:
+                unsolved = 2
+            else:
+                restarts += 1
+
+        state.fresh[b] = 0
+        row_out = state.passes[b]
+        if row_out < state.trace.shape[1]:
+            state.trace[b, row_out, TRACE_COST] = state.cost[b]
+            state.trace[b, row_out, TRACE_REGULARIZATION] = state.mu[b]
+            state.trace[b, row_out, TRACE_RESTARTS] = wp.float64(restarts)
+            if unsolved == 0:
+                state.trace[b, row_out, TRACE_GRADIENT] = wp.float64(wp.max(highest))
+                state.trace[b, row_out, TRACE_PIVOT] = lowest
+        if unsolved == 2:
+            drop_policy(policy, b)
+            state.status[b] = wp.where(broken == 1, DYNAMICS_FAILED, REGULARIZATION_LIMIT)
+            state.active[b] = 0
+            return
+        state.expected[b, 0] = change_1
+        state.expected[b, 1] = change_2
+        state.gradient[b] = wp.float64(wp.max(highest))
+        state.pivot[b] = lowest
+        relative = ZERO
+        for i in range(nu):
+            if highest[i] > ZERO:
+                relative = wp.max(relative, highest[i] / widest[i])
+        state.relative[b] = wp.float64(relative)
+        # all that Q_u consists of, were it free, would not be seen in J; yet the state is worth changing, or
+        # the point is no minimum. Where passes brought every term of J to 0 there is nothing left to gain
+        left = state.size[b] > wp.float64(0.0) or state.passes[b] == 0
+        unseen = left and wp.float64(felt) <= ROUNDING * state.size[b]
+        state.flat[b] = wp.where(unseen and (wanted > ZERO or not (lowest > wp.float64(0.0))), 1, 0)
+        if wp.float64(relative) <= tolerance:
+            state.status[b] = wp.where(state.flat[b] == 1, FLAT, CONVERGED)
+        elif state.status[b] == RUNNING and last == 1:
+            state.status[b] = MAX_ITERATIONS
+        if state.status[b] != RUNNING:
+            state.active[b] = 0
+
+    return backward

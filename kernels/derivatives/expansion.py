@@ -1,0 +1,81 @@
+"""Kernels for derivatives along trajectories: Jacobians and second derivatives in batch."""
+
+import warp as wp
+
+from ..device.compile import specialised
+from ..factories import cached
+from ..method import Method
+from ..solvers.convex import SOLVED
+from ..step.rollout import make_world
+from ..structure import Structure
+from .curvature import make_curvature
+from .sensitivity import make_linearization
+
+
+@cached
+def make_linearize_kernel(s: Structure, dtype: type, method: Method, second: bool) -> wp.Kernel:
+    """A = df/dx, B = df/du (and d2v'/d(x, u)2) at every (problem, step): item i is step i mod N of problem i
+    div N.
+    """
+    linear = make_linearization(s, dtype, method)
+    step = linear.step
+    world_of = make_world(s, dtype, method, False)
+    curvature = make_curvature(s, dtype, method) if second else None
+    NV, NX, NU, NZ = s.nv, 2 * s.nv, s.nu, linear.NZ
+    VX, VU, DV = step.types.VX, step.types.VU, linear.DV
+    ZERO, ONE = dtype(0.0), dtype(1.0)
+
+    @wp.func
+    def write(
+        fx: wp.array4d(dtype=dtype), fu: wp.array4d(dtype=dtype), b: int, k: int, h: dtype, dv: DV, drift: DV
+    ):
+        # x' = (q + h v*, v'), v* = v' but for the trapezoidal integrator
+        for i in range(wp.static(NV)):
+            for j in range(wp.static(NX)):
+                fx[b, k, wp.static(NV + i), j] = dv[i, j]
+                fx[b, k, i, j] = h * drift[i, j] + wp.where(wp.static(i == j), ONE, ZERO)
+            for j in range(wp.static(NU)):
+                fu[b, k, wp.static(NV + i), j] = dv[i, wp.static(NX + j)]
+                fu[b, k, i, j] = h * drift[i, wp.static(NX + j)]
+
+    @specialised(s, dtype, method, second)
+    def linearize_kernel(
+        first: int,
+        params: wp.array2d(dtype=dtype),
+        steps: int,
+        xs: wp.array3d(dtype=dtype),  # (B, >= N, nx)
+        us: wp.array3d(dtype=dtype),  # (B, N, nu)
+        external: wp.array2d(dtype=dtype),
+        active: wp.array(dtype=wp.int32),  # (0 or B,) zero: skip the problem
+        fx: wp.array4d(dtype=dtype),  # out (B, N, nx, nx)
+        fu: wp.array4d(dtype=dtype),  # out (B, N, nx, nu)
+        fzz: wp.array4d(dtype=dtype),  # out (B N, nv, nz, nz) or empty
+        status: wp.array2d(dtype=wp.int32),  # out (B, N)
+    ):
+        item = first + wp.tid()
+        b = item / steps
+        k = item - b * steps
+        if active.shape[0] > 0:
+            if active[b] == 0:
+                return
+        row = wp.where(params.shape[0] == 1, 0, b)
+        x = VX()
+        u = VU()
+        for j in range(wp.static(NX)):
+            x[j] = xs[b, k, j]
+        for j in range(wp.static(NU)):
+            u[j] = us[b, k, j]
+        sol = step.solve_step(params, row, x, u, external, b, step.cold_carry())
+        code = world_of.status_of(sol, step.next_state(params, row, x, sol))
+        status[b, k] = code
+        if code == wp.static(SOLVED):
+            lin, drift = linear.linearize(params, row, x, sol, external, b)
+            write(fx, fu, b, k, params[row, 0], lin.dv, drift)
+            if wp.static(second):
+                for output in range(NV):
+                    hess = wp.static(curvature)(params, row, x, sol, lin, output, external, b)
+                    for i in range(wp.static(NZ)):
+                        for j in range(wp.static(NZ)):
+                            fzz[item, output, i, j] = hess[i, j]
+
+    return linearize_kernel

@@ -1,0 +1,123 @@
+"""What one contact pair adds to the linearised step of `sensitivity.py`."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import warp as wp
+
+from ..method import Method
+from ..residual.noise import make_noise
+from ..structure import Structure, layout
+
+
+def make_pair_terms(
+    s: Structure, dtype: type, method: Method, step: SimpleNamespace, d: SimpleNamespace, Linear: Any, k: int
+) -> SimpleNamespace:
+    """Of pair k with the derivatives d: rows(...) adds to F1_q and F2_q and fills gap gradients, scale(...)
+    gives dD/dq at fixed M, noise(...) adds what sigma's dependence on q does.
+    """
+    t, rows = step.types, step.rows
+    noise = make_noise(s, dtype, method)
+    own = step.pair_rows[k]
+    first, last = own[0], own[-1]
+    frictional = len(own) == 2
+    coulomb = method.coulomb
+    lay = layout(s)
+    NV, NR = s.nv, s.nr
+    VQ, MQ, JR = t.VQ, t.MQ, t.JR
+    ZERO, ONE, HALF, TWO = dtype(0.0), dtype(1.0), dtype(0.5), dtype(2.0)
+    H, FRICTION = lay.offset("step_size"), lay.offset("friction")
+    sign = tuple(dtype(float(r.sign)) for r in s.rows)
+
+    @wp.func
+    def pair_terms(
+        params: wp.array2d(dtype=dtype),
+        row: int,
+        sol: step.Solution,
+        g: d.PairGeometry,
+        lin: Linear,
+        f1: MQ,
+        f2: JR,
+    ):
+        out1 = f1
+        out2 = f2
+        lam = sol.lam[wp.static(first)]
+        normal = lam
+        tangent = ZERO
+        mu = ZERO
+        if wp.static(frictional):
+            mu = params[row, wp.static(FRICTION + k)]
+            other = sol.lam[wp.static(last)]
+            normal = lam
+            tangent = other
+            if wp.static(not coulomb):
+                normal = lam + other
+                tangent = mu * (lam - other)
+        out1 -= wp.static(d.force_by_q)(g, normal, tangent)
+        by_q = wp.static(d.contract)(g, sol.v)
+        h = params[row, wp.static(H)]
+        for i in range(wp.static(NR)):
+            if wp.static(i in own):
+                for j in range(wp.static(NV)):
+                    gap = sol.jac[wp.static(first), j]
+                    if wp.static(frictional and not coulomb):
+                        gap = HALF * (sol.jac[wp.static(first), j] + sol.jac[wp.static(last), j])
+                    lin.gap_row[i, j] = gap
+                    value = by_q[0, j] + gap / h
+                    if wp.static(rows.tangent[i]):
+                        value = by_q[1, j]
+                    elif wp.static(frictional and not coulomb):
+                        value += wp.static(sign[i]) * mu * by_q[1, j]
+                    out2[i, j] = value
+        return out1, out2, lin
+
+    @wp.func
+    def scale_terms(params: wp.array2d(dtype=dtype), row: int, g: d.PairGeometry, lin: Linear):
+        """2 (dJ_i/dq) . m_i of the pair's rows, m_i = M^-1 J_i'."""
+        out = lin
+        for i in range(wp.static(NR)):
+            if wp.static(i in own):
+                m = VQ()
+                for j in range(wp.static(NV)):
+                    m[j] = lin.m[i, j]
+                c = wp.static(d.contract)(g, m)
+                for j in range(wp.static(NV)):
+                    value = c[0, j]
+                    if wp.static(frictional):
+                        value += wp.static(sign[i]) * params[row, wp.static(FRICTION + k)] * c[1, j]
+                    out.scale_by_q[i, j] = TWO * value
+        return out
+
+    @wp.func
+    def noise_terms(
+        params: wp.array2d(dtype=dtype),
+        row: int,
+        sol: step.Solution,
+        g: d.PairGeometry,
+        lin: Linear,
+        f1: MQ,
+        f2: JR,
+    ):
+        """d sigma_i/dq = (dJ_i/dq) . (C J_i') / sigma_i, eq. (18), and what it adds to F1_q and F2_q."""
+        out1 = f1
+        out2 = f2
+        for i in range(wp.static(NR)):
+            if wp.static(i in own):
+                if (sol.mask & wp.static(1 << i)) != 0:
+                    y = noise.spread(params, row, wp.static(rows.adds[i])(VQ(), sol.jac, ONE))
+                    c = wp.static(d.contract)(g, y)
+                    # ds/dlevel at fixed z, the same at z and at -z, times dlevel/dsigma; over sigma
+                    rise = (sol.lam[i] * sol.scale[i] - sol.z[i] * lin.slope[i]) / (
+                        sol.sigma[i] * sol.sigma[i]
+                    )
+                    for j in range(wp.static(NV)):
+                        value = c[0, j]
+                        if wp.static(frictional):
+                            value += wp.static(sign[i]) * params[row, wp.static(FRICTION + k)] * c[1, j]
+                        out2[i, j] = out2[i, j] - rise * value
+                        column = wp.static(rows.adds[i])(VQ(), sol.jac, rise * value / sol.scale[i])
+                        for a in range(wp.static(NV)):
+                            out1[a, j] = out1[a, j] - column[a]
+        return out1, out2
+
+    return SimpleNamespace(rows=pair_terms, scale=scale_terms, noise=noise_terms)

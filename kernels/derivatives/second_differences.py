@@ -1,0 +1,179 @@
+"""Second derivatives of the step as central differences of its exact first derivatives, in double precision.
+
+For every method without closed second derivatives (`Method.closed_second`). Of each of z = (q, v, u) in turn
+the Jacobian is taken at +-e and +-2e, (8 (J(e) - J(-e)) - (J(2e) - J(-2e))) / 12e, an error of e^4. What
+limits e is the smoothing, which a velocity w of the size of sigma passes: e is a part REACH of sigma for
+velocities, of h sigma for positions, and for controls of what changes a velocity by sigma. A world with a
+perturbed step that is not solved gets zero second derivatives (a Gauss-Newton step there).
+
+Cost: 1 + 4 nz steps with their first derivatives, in float64 whatever the dtype of the arrays.
+"""
+
+import warp as wp
+
+from ..device.compile import specialised
+from ..factories import cached
+from ..method import Method
+from ..solvers.convex import SOLVED
+from ..step.rollout import make_world
+from ..structure import Structure, layout
+from .sensitivity import make_linearization
+
+REACH = 0.03
+LARGEST_LAYER = 0.1  # the finest sigma counts up to this; also where there are no rows
+HARD_LAYER = 1e-3  # what stands for sigma in the hard problem, to stay on one side of its kinks
+
+
+@cached
+def make_widen_kernel(dtype: type) -> wp.Kernel:
+    """Copies a table to double precision."""
+
+    @specialised(dtype)
+    def widen_kernel(first: int, source: wp.array2d(dtype=dtype), target: wp.array2d(dtype=wp.float64)):
+        i = first + wp.tid()
+        for j in range(source.shape[1]):
+            target[i, j] = wp.float64(source[i, j])
+
+    return widen_kernel
+
+
+@cached
+def make_difference_kernel(s: Structure, dtype: type, method: Method) -> wp.Kernel:
+    """As `expansion.make_linearize_kernel` with second derivatives, but params and external in float64.
+
+    fzz holds the curved outputs: those of v', or (v*, v') where positions move with another velocity v*.
+    """
+    real = wp.float64
+    linear = make_linearization(s, real, method)
+    step = linear.step
+    world_of = make_world(s, real, method, False)
+    NV, NX, NU, NR, NZ = s.nv, 2 * s.nv, s.nu, s.nr, linear.NZ
+    NW = 2 * NV if method.trapezoidal else NV
+    VX, VU, VZ = step.types.VX, step.types.VU, wp.types.vector(linear.NZ, real)
+    DV, DW = linear.DV, wp.types.matrix((NW, NZ), real)
+    ZERO, HALF, ONE, TWO, EIGHT, TWELVE = (real(x) for x in (0.0, 0.5, 1.0, 2.0, 8.0, 12.0))
+    PART, LARGEST = real(REACH), real(LARGEST_LAYER)
+    H, GEAR = layout(s).offset("step_size"), layout(s).offset("gear")
+
+    @wp.func
+    def steps_of(params: wp.array2d(dtype=real), row: int, sol: step.Solution):
+        """Size of the differences in every component of z."""
+        layer = LARGEST
+        if wp.static(method.hard):
+            layer = real(wp.static(HARD_LAYER))
+        else:
+            for i in range(wp.static(NR)):
+                if (sol.mask & wp.static(1 << i)) != 0:
+                    layer = wp.min(layer, wp.static(step.noise.level[i])(params, row, sol.sigma))
+        out = VZ()
+        h = params[row, wp.static(H)]
+        for j in range(wp.static(NV)):
+            out[j] = PART * h * layer
+            out[wp.static(NV + j)] = PART * layer
+        for j in range(wp.static(NU)):
+            a = wp.static(s.actuators[j])
+            reaction = wp.abs(params[row, wp.static(GEAR + j)]) * sol.minv[a, a] * h
+            out[wp.static(NX + j)] = PART * wp.min(layer / wp.max(reaction, real(1e-6)), ONE)
+        return out
+
+    @wp.func
+    def outputs(dv: DV, drift: DV):
+        out = DW()
+        for i in range(wp.static(NV)):
+            for j in range(wp.static(NZ)):
+                if wp.static(method.trapezoidal):
+                    out[i, j] = drift[i, j]
+                out[wp.static(NW - NV + i), j] = dv[i, j]
+        return out
+
+    @specialised(s, dtype, method)
+    def difference_kernel(
+        first: int,
+        params: wp.array2d(dtype=real),
+        steps: int,
+        xs: wp.array3d(dtype=dtype),  # (B, >= N, nx)
+        us: wp.array3d(dtype=dtype),  # (B, N, nu)
+        external: wp.array2d(dtype=real),
+        active: wp.array(dtype=wp.int32),  # (0 or B,) zero: skip the problem
+        fx: wp.array4d(dtype=dtype),  # out (B, N, nx, nx)
+        fu: wp.array4d(dtype=dtype),  # out (B, N, nx, nu)
+        fzz: wp.array4d(dtype=dtype),  # out (B N, nw, nz, nz)
+        status: wp.array2d(dtype=wp.int32),  # out (B, N)
+    ):
+        item = first + wp.tid()
+        b = item / steps
+        k = item - b * steps
+        if active.shape[0] > 0:
+            if active[b] == 0:
+                return
+        row = wp.where(params.shape[0] == 1, 0, b)
+        h = params[row, wp.static(H)]
+        carry = step.cold_carry()
+        size = VZ()
+        column = DW()
+        good = int(1)
+        move = int(0)
+        while move <= wp.static(4 * NZ):  # 0: the point itself; then component c at +1, -1, +2, -2
+            c = (move - 1) / 4
+            kind = move - 1 - 4 * c
+            times = ZERO
+            weight = ZERO
+            if move > 0:
+                times = wp.where(kind < 2, ONE, TWO)
+                weight = wp.where(kind < 2, EIGHT, -ONE)
+                if (kind & 1) == 1:
+                    times = -times
+                    weight = -weight
+            x = VX()
+            u = VU()
+            for j in range(wp.static(NX)):
+                x[j] = real(xs[b, k, j])
+                if j == c and move > 0:
+                    x[j] = x[j] + times * size[j]
+            for j in range(wp.static(NU)):
+                u[j] = real(us[b, k, j])
+                if wp.static(NX) + j == c and move > 0:
+                    u[j] = u[j] + times * size[wp.static(NX) + j]
+            sol = step.solve_step(params, row, x, u, external, b, carry)
+            code = world_of.status_of(sol, step.next_state(params, row, x, sol))
+            if code != wp.static(SOLVED):
+                good = 0
+                if move == 0:
+                    status[b, k] = code
+                    return
+            lin, drift = linear.linearize(params, row, x, sol, external, b)
+            out = outputs(lin.dv, drift)
+            if move == 0:
+                status[b, k] = code
+                carry.z = sol.z
+                carry.normal = sol.normal
+                size = steps_of(params, row, sol)
+                for i in range(wp.static(NV)):
+                    for j in range(wp.static(NX)):
+                        fx[b, k, wp.static(NV + i), j] = dtype(lin.dv[i, j])
+                        fx[b, k, i, j] = dtype(h * drift[i, j] + wp.where(wp.static(i == j), ONE, ZERO))
+                    for j in range(wp.static(NU)):
+                        fu[b, k, wp.static(NV + i), j] = dtype(lin.dv[i, wp.static(NX + j)])
+                        fu[b, k, i, j] = dtype(h * drift[i, wp.static(NX + j)])
+                for i in range(wp.static(NW)):
+                    for r in range(NZ):
+                        for j in range(NZ):
+                            fzz[item, i, r, j] = dtype(ZERO)
+            else:
+                if kind == 0:
+                    column = DW()
+                column += weight / (TWELVE * size[c]) * out
+                if kind == 3:  # half of it to row and half to column c: symmetric
+                    for i in range(wp.static(NW)):
+                        for j in range(wp.static(NZ)):
+                            value = dtype(HALF * column[i, j])
+                            fzz[item, i, c, j] = fzz[item, i, c, j] + value
+                            fzz[item, i, j, c] = fzz[item, i, j, c] + value
+            move += 1
+        if good == 0:
+            for i in range(wp.static(NW)):
+                for r in range(NZ):
+                    for j in range(NZ):
+                        fzz[item, i, r, j] = dtype(ZERO)
+
+    return difference_kernel

@@ -1,0 +1,1 @@
+"""Making, loading and launching kernels, whatever they compute."""

@@ -1,0 +1,236 @@
+"""Warp's cache of compiled kernels: nothing damaged is run, and a folder that cannot be used is replaced.
+
+Warp runs what it finds in its cache. A truncated object is a bare exception there, one with a flipped byte a
+crash or another result. So beside every object lies its checksum, written once the object is whole; a kernel
+without a matching one is compiled again. Processes that need the same kernel wait for each other, threads
+too. Where the folder cannot be written, or its name cannot be given to the compiler, kernels are compiled
+into a temporary folder, with a warning.
+"""
+
+import atexit
+import hashlib
+import json
+import os
+import pathlib
+import shutil
+import tempfile
+import time
+import warnings
+import weakref
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import warp as wp
+
+from ..factories import building
+
+try:
+    import fcntl
+except ImportError:  # Windows: processes do not wait for each other, and may compile the same twice
+    fcntl = None  # type: ignore[assignment]
+
+CHECKSUMS = "checksums.json"
+CHECKED = (".o", ".cubin", ".ptx", ".meta")
+PATIENCE = 600.0  # seconds that a process waits for another one's compiler before it compiles itself
+
+_loaded: dict[str, "weakref.WeakSet[wp.Kernel]"] = {}
+_prepared = False
+
+
+class KernelCacheError(OSError):
+    """No folder for compiled kernels; the message names the folders tried and what to set."""
+
+
+def get_device(device: Any = None) -> wp.Device:
+    """A Warp device by its name (None: the preferred one), with a folder for kernels that can be used."""
+    _prepare()
+    return wp.get_preferred_device() if device is None else wp.get_device(device)
+
+
+def load(kernel: wp.Kernel, device: wp.Device) -> None:
+    """Compile a kernel, or take it from the cache if it is whole there, before its first launch.
+
+    Raises:
+        KernelCacheError: it has to be compiled, and there is no folder that can be written.
+    """
+    done = _loaded.get(device.alias)
+    if done is not None and kernel in done:
+        return
+    with building():
+        _prepare()
+        with _alone(kernel.module.name):
+            _load(kernel.module, device)
+        _loaded.setdefault(device.alias, weakref.WeakSet()).add(kernel)
+
+
+def _load(module: Any, device: wp.Device) -> None:
+    block = 1 if device.is_cpu else 256  # what a launch takes where none is given
+    folder = _folder(module, block)
+    if folder.exists():
+        _keep_what_is_whole(folder)
+    folder = _folder(module, block)
+    reason = None if folder.exists() else _unwritable(folder.parent)
+    if reason is not None:
+        _use_temporary_folder(reason)
+        folder = _folder(module, block)
+    cached = folder.exists()
+    try:
+        module.load(device, block)
+    except Exception as error:
+        if not cached:
+            raise
+        _remove(folder, f"it cannot be loaded ({error})")
+        module.load(device, block)
+        folder = _folder(module, block)
+    if _unlisted(folder, _listed(folder)):
+        _write_checksums(folder)
+
+
+def _folder(module: Any, block: int) -> pathlib.Path:
+    return pathlib.Path(wp.config.kernel_cache_dir, module.get_module_identifier(block))
+
+
+def _checksums(folder: pathlib.Path) -> dict[str, str]:
+    """SHA-256 of everything in a kernel's folder that Warp reads."""
+    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in _unlisted(folder, {})}
+
+
+def _listed(folder: pathlib.Path) -> dict[str, str]:
+    """The checksums that were written; none, if none were."""
+    try:
+        content = json.loads((folder / CHECKSUMS).read_bytes())
+    except FileNotFoundError:
+        return {}
+    if not isinstance(content, dict):
+        raise ValueError("its checksums are no table")
+    return content
+
+
+def _unlisted(folder: pathlib.Path, listed: dict[str, str]) -> list[pathlib.Path]:
+    """What Warp reads and no checksum vouches for."""
+    return sorted(p for p in folder.iterdir() if p.suffix in CHECKED and p.name not in listed)
+
+
+def _keep_what_is_whole(folder: pathlib.Path) -> None:
+    """Take out of the cache what is damaged, and what no checksum vouches for.
+
+    Objects for several processors share a kernel's folder. One without a checksum is Warp's own work or that
+    of a process that was killed, maybe whole, maybe not: it goes without a warning.
+    """
+    try:
+        listed, found = _listed(folder), _checksums(folder)
+        if any(found.get(name) != checksum for name, checksum in listed.items()):
+            raise ValueError("its checksum does not match")
+        for path in _unlisted(folder, listed):
+            path.unlink()
+    except (OSError, ValueError) as error:
+        _remove(folder, str(error))
+
+
+def _write_checksums(folder: pathlib.Path) -> None:
+    """Put the checksums beside a kernel; where that fails, the next process compiles it again."""
+    try:
+        part = folder / f"{CHECKSUMS}.{os.getpid()}.part"
+        part.write_text(json.dumps(_checksums(folder)), encoding="utf-8")
+        part.replace(folder / CHECKSUMS)
+    except OSError as error:
+        warnings.warn(f"{folder}: its checksum cannot be written ({error})", RuntimeWarning, stacklevel=2)
+
+
+def _remove(folder: pathlib.Path, fault: str) -> None:
+    """Take a damaged kernel out of the cache."""
+    warnings.warn(f"the compiled kernel in {folder} is compiled again: {fault}", RuntimeWarning, stacklevel=2)
+    away = folder.with_name(f"{folder.name}_damaged_p{os.getpid()}")
+    try:
+        folder.replace(away)
+    except OSError as error:
+        _use_temporary_folder(f"{folder} is not whole and cannot be removed ({error.strerror})")
+    shutil.rmtree(away, ignore_errors=True)
+
+
+def _unwritable(folder: pathlib.Path) -> str | None:
+    """Why no file can be written below a folder; None if one can."""
+    try:
+        os.makedirs(folder, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=folder, prefix="slcp-warp-") as file:
+            file.write(b"\0")
+        str(folder).encode("utf-8")
+    except UnicodeEncodeError:
+        return f"the name of {str(folder)!a} cannot be encoded in this locale"
+    except OSError as error:
+        return f"{folder} cannot be written ({error.strerror})"
+    return None
+
+
+def _prepare() -> None:
+    """Initialise Warp, with a temporary folder for kernels where it cannot make its own."""
+    global _prepared
+    if _prepared:
+        return
+    with building():
+        try:
+            wp.init()
+            str(wp.config.kernel_cache_dir).encode("utf-8")
+        except UnicodeEncodeError:
+            name = ascii(str(wp.config.kernel_cache_dir))
+            _use_temporary_folder(f"the name of {name} cannot be encoded in this locale")
+        except OSError as error:
+            if error.filename is None:  # a library of Warp's that is not there, not a folder
+                raise
+            _use_temporary_folder(f"{error.filename} cannot be made ({error.strerror})")
+            wp.init()
+        _prepared = True
+
+
+def _use_temporary_folder(reason: str) -> None:
+    """Compile kernels into a folder of this process's own from now on."""
+    hint = "set WARP_CACHE_PATH to a folder that can be written"
+    try:
+        folder = tempfile.mkdtemp(prefix="slcp-warp-kernels-")
+        folder.encode("utf-8")
+    except (OSError, UnicodeEncodeError) as error:
+        raise KernelCacheError(
+            f"no folder for compiled kernels: {reason}, and there is no temporary one; {hint}"
+        ) from error
+    warnings.warn(
+        f"{reason}; kernels are compiled into {folder} for this process alone: {hint}",
+        RuntimeWarning,
+        stacklevel=2,
+    )
+    wp.config.kernel_cache_dir = folder
+    atexit.register(_remove_own, folder, os.getpid())
+
+
+def _remove_own(folder: str, pid: int) -> None:
+    if os.getpid() == pid:  # not at the end of a process forked from the one that made it
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+@contextmanager
+def _alone(name: str) -> Iterator[None]:
+    """Hold a kernel against other processes: the byte of one lock file that its name falls on."""
+    try:
+        if fcntl is None:
+            raise OSError
+        file = open(pathlib.Path(wp.config.kernel_cache_dir, "slcp-warp.lock"), "ab")
+    except OSError:  # no locks, or a folder that can only be read: objects appear there as a whole anyway
+        yield
+        return
+    byte = int.from_bytes(hashlib.sha256(name.encode()).digest()[:4], "little") % 2**30
+    with file:
+        _wait_for(file, byte)
+        yield
+
+
+def _wait_for(file: Any, byte: int) -> None:
+    """Lock a byte, or give up where locks do not work or the other process takes too long."""
+    deadline = time.monotonic() + PATIENCE
+    while time.monotonic() < deadline:
+        try:
+            fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, byte)
+            return
+        except (BlockingIOError, PermissionError):
+            time.sleep(0.02)
+        except OSError:
+            return

@@ -1,0 +1,1 @@
+"""Robustness sweeps: random numbers, draws, and perturbed rollouts."""

@@ -1,0 +1,141 @@
+"""Sweeps with the generic step kernel: what happens to a world between two of its steps.
+
+`sweep.py` rolls a world out in one launch. Here a step is three: `begin` samples, kicks and asks the policy,
+the generic kernel steps (`large_step.py`), `end` takes the step over or the status and counts contacts. The
+random numbers are those of `sweep.py`, by world and step, so nothing depends on the split.
+"""
+
+from types import SimpleNamespace
+
+import warp as wp
+
+from ..device.compile import specialised
+from ..factories import cached
+from ..solvers.convex import COLD, SOLVED
+from ..step.rollout import POLICIES
+from ..structure import STEP_SIZE
+from .sweep import TOUCH, make_disturbances
+
+
+@wp.struct
+class Progress:
+    """Where every world (B) of a sweep stands."""
+
+    sample: wp.array(dtype=wp.int32)  # next sample
+    event: wp.array(dtype=wp.int32)  # next kick
+    steps: wp.array(dtype=wp.int32)  # number of steps in all
+    touched: wp.array(dtype=wp.int32)  # steps with a contact impulse
+    lowest: wp.array(dtype=wp.float32)  # lowest gap of an acting contact [m]
+    status: wp.array(dtype=wp.int32)
+    start: wp.array(dtype=wp.float64)  # the observed component at the start
+    samples: wp.array2d(dtype=wp.float32)  # (B, S)
+
+
+@cached
+def make_sweep_begin_kernel(nv: int, nu: int, dtype: type, policy_name: str) -> wp.Kernel:
+    """Before step k: samples, kicks, and the controls with their noise."""
+    policy = POLICIES[policy_name](2 * nv, nu, dtype)
+    disturb = make_disturbances(nv, nu, dtype)
+    VX = wp.types.vector(2 * nv, dtype)
+    Policy = policy.Struct
+
+    @specialised("sweep begin", nv, nu, dtype, policy_name)
+    def sweep_begin_kernel(
+        first: int,
+        world0: int,
+        seed: int,
+        k: int,
+        params: wp.array2d(dtype=dtype),  # (B, P)
+        control: Policy,
+        torque: dtype,
+        kick: dtype,
+        kick_times: wp.array(dtype=wp.float64),
+        interval: wp.float64,
+        component: int,
+        p: Progress,
+        state: wp.array2d(dtype=dtype),  # in and out (B, nx)
+        us: wp.array2d(dtype=dtype),  # out (B, nu)
+    ):
+        i = first + wp.tid()
+        world = world0 + i
+        if k >= p.steps[i]:
+            return
+        x = VX()
+        for j in range(2 * nv):
+            x[j] = state[i, j]
+        if k == 0:
+            p.start[i] = wp.float64(x[component])
+        h = wp.float64(params[i, STEP_SIZE])
+        time = wp.float64(k) * h
+        moved = wp.float32(x[component] - dtype(p.start[i]))
+        p.sample[i] = disturb.sampled(p.samples, i, p.sample[i], interval, time, h, moved)
+        event = p.event[i]
+        coming = disturb.due(kick_times, event, time, h)
+        if coming > event:
+            while event < coming:
+                x = disturb.kicked(seed, world, event, kick, x)
+                event += 1
+            for j in range(2 * nv):
+                state[i, j] = x[j]
+            p.event[i] = event
+        if p.status[i] == wp.static(SOLVED):
+            u = policy.control(control, i, k, x)
+            if torque > dtype(0.0):
+                u = disturb.noisy(seed, world, k, torque, u)
+            for j in range(nu):
+                us[i, j] = u[j]
+
+    return sweep_begin_kernel
+
+
+@cached
+def make_sweep_end_kernels(dtype: type) -> SimpleNamespace:
+    """`end`, after step k: the new state or the status, contacts counted. `finish`, after the last step."""
+    ACTS = dtype(0.5 * COLD)
+
+    @specialised("sweep end", dtype)
+    def sweep_end_kernel(
+        first: int,
+        k: int,
+        is_contact: wp.array(dtype=wp.int32),  # (nr,) 1 for rows of contacts
+        after: wp.array2d(dtype=dtype),  # (B, nx) of the step
+        impulse: wp.array2d(dtype=dtype),  # (B, nr)
+        gap: wp.array2d(dtype=dtype),  # (B, nr)
+        multiplier: wp.array2d(dtype=dtype),  # (B, nr + 2 pairs)
+        code: wp.array(dtype=wp.int32),  # (B,)
+        p: Progress,
+        state: wp.array2d(dtype=dtype),  # out (B, nx)
+        warm: wp.array2d(dtype=dtype),  # out (B, nr + 2 pairs)
+    ):
+        i = first + wp.tid()
+        if k >= p.steps[i] or p.status[i] != wp.static(SOLVED):
+            return
+        p.status[i] = code[i]
+        if code[i] != wp.static(SOLVED):
+            return
+        for j in range(state.shape[1]):
+            state[i, j] = after[i, j]
+        for j in range(warm.shape[1]):
+            warm[i, j] = multiplier[i, j]
+        pushed = int(0)
+        for r in range(is_contact.shape[0]):
+            if is_contact[r] == 1 and multiplier[i, r] < ACTS:
+                p.lowest[i] = wp.min(p.lowest[i], wp.float32(gap[i, r]))
+                if impulse[i, r] > dtype(TOUCH):
+                    pushed = 1
+        p.touched[i] = p.touched[i] + pushed
+
+    @specialised("sweep finish", dtype)
+    def sweep_finish_kernel(
+        first: int,
+        component: int,
+        state: wp.array2d(dtype=dtype),
+        p: Progress,
+        contact_share: wp.array(dtype=wp.float32),  # out (B,)
+    ):
+        i = first + wp.tid()
+        for n in range(p.sample[i], p.samples.shape[1]):
+            p.samples[i, n] = wp.float32(state[i, component] - dtype(p.start[i]))
+        contact_share[i] = wp.float32(p.touched[i]) / wp.float32(wp.max(p.steps[i], 1))
+
+    return SimpleNamespace(end=sweep_end_kernel, finish=sweep_finish_kernel)

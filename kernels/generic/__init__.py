@@ -1,0 +1,1 @@
+"""The kernels for any scene by tables: their state lies in memory."""

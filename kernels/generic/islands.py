@@ -1,0 +1,171 @@
+"""What the data of a large scene allow a step to exchange: the judge of impulses beside the equations.
+
+Rows that all but exclude each other can be answered by opposed impulses of any size, so an error relative to
+the impulses proves nothing, and neither does one relative to what happens elsewhere in the world. Here every
+place is judged by the momenta of its own island, the places that acting rows and M couple to it.
+"""
+
+from types import SimpleNamespace
+
+import warp as wp
+
+from ..factories import cached
+from .newton import ACCEPTED, GIVEN, SUMMED, make_large_newton
+from .topology import Topology
+from .work import WORK, Work
+
+ROW = 10.0  # what is good enough of a row relative to its own terms, in units of ACCEPTED
+ROUNDED = 1e-12  # and relative to the largest of all rows
+SHARED = 10.0  # by which a row may push harder than all momentum of its island
+
+
+@cached
+def make_large_islands(given: type) -> SimpleNamespace:
+    """Warp functions `bounds`, `island_momentum` and `adds_up`."""
+    dtype = WORK
+    nt = make_large_newton(given, "hard")
+    ZERO = dtype(0.0)
+    LOST, ROUND, ENOUGH = nt.LOST, dtype(GIVEN[given]), dtype(SUMMED[given])
+    OPEN, LEAST = dtype(ROW * ACCEPTED[given]), dtype(ROUNDED)
+    TINY, MOST = dtype(1e-30), dtype(SHARED)
+
+    @wp.func
+    def bounds(t: Topology, k: Work, b: int, n: int, size: dtype, largest: dtype):
+        """k.most: what a row allows of M (v' - v_free) that presses no harder than `largest`, the impulse
+        that stops the heavier side of one, in a world of speeds `size`. k.unseen, too.
+        """
+        for i in range(t.nv):
+            k.most[i, b] = k.mass[t.mass_at[i] + i, b] * size
+            k.unseen[i, b] = LOST * k.most[i, b]
+        for r in range(n):
+            i = k.active[r, b]
+            for at in range(t.row_start[i], t.row_start[i + 1]):
+                p = t.row_place[at]
+                k.most[p, b] = k.most[p, b] + wp.abs(k.jac[at, b]) * largest
+
+    @wp.func
+    def is_open(k: Work, i: int, w: dtype, size: dtype, b: int):
+        """Whether J v' + d/h = w of row i is no violation, on the row's own scale."""
+        return w >= -(OPEN * k.own[i, b] + LEAST * size)
+
+    @wp.func
+    def adds_up(t: Topology, k: Work, b: int, n: int, size: dtype):
+        """1 if every row is open on its own scale, and M dv = J' lambda, as it is given back, holds on the
+        scale of what the data do to every body, its coordinates weighed by energy: its own momentum, those of
+        its rows by themselves, and what they exchange with it (at most k.most).
+        """
+        nt.mass_times(t, k, b)
+        for i in range(t.nv):
+            k.move[i, b] = ZERO
+            moved = wp.min(wp.abs(k.balance[i, b]), k.most[i, b])
+            k.momentum[i, b] = k.lost[i, b] / LOST + moved
+        good = int(1)
+        for r in range(n):
+            i = k.active[r, b]
+            lam = k.lam[i, b]
+            w = k.rate[i, b]
+            for at in range(t.row_start[i], t.row_start[i + 1]):
+                p = t.row_place[at]
+                j = k.jac[at, b]
+                w += j * k.v[p, b]
+                k.balance[p, b] = k.balance[p, b] - j * lam
+                k.move[p, b] = k.move[p, b] + wp.abs(j) * lam
+                k.momentum[p, b] = k.momentum[p, b] + wp.abs(j) * k.alone[i, b]
+            if not is_open(k, i, w, size, b):
+                good = 0
+        for j in range(t.nv):
+            p = t.place[j]
+            miss = wp.max(wp.abs(k.balance[p, b]) - k.lost[p, b], ZERO)
+            told = (miss + ROUND * k.move[p, b]) / ENOUGH
+            if not (told <= k.momentum[p, b]):
+                held = int(0)
+                for other in range(wp.max(j - 2, 0), wp.min(j + 3, t.nv)):
+                    if t.dof_body[other] == t.dof_body[j]:
+                        q = t.place[other]
+                        there = k.momentum[q, b] * k.momentum[q, b] * k.mass[t.mass_at[p] + p, b]
+                        if told * told * k.mass[t.mass_at[q] + q, b] <= there:
+                            held = 1
+                if held == 0:
+                    good = 0
+        return good
+
+    @wp.func
+    def find_islands(t: Topology, k: Work, b: int, n: int):
+        """k.island: the first place that M and the acting rows couple a place to."""
+        for i in range(t.nv):
+            k.island[i, b] = i
+        changed = int(1)
+        while changed == 1:
+            changed = int(0)
+            for i in range(t.nv):
+                for j in range(t.mass_first[i], i):
+                    if k.mass[t.mass_at[i] + j, b] != ZERO:
+                        name = wp.min(k.island[i, b], k.island[j, b])
+                        if k.island[i, b] != name or k.island[j, b] != name:
+                            changed = 1
+                        k.island[i, b] = name
+                        k.island[j, b] = name
+            for r in range(n):
+                i = k.active[r, b]
+                name = int(t.nv)
+                for at in range(t.row_start[i], t.row_start[i + 1]):
+                    name = wp.min(name, k.island[t.row_place[at], b])
+                for at in range(t.row_start[i], t.row_start[i + 1]):
+                    if k.island[t.row_place[at], b] != name:
+                        changed = 1
+                    k.island[t.row_place[at], b] = name
+
+    @wp.func
+    def length(t: Topology, k: Work, i: int, b: int):
+        """|J_i|"""
+        square = dtype(0.0)
+        for at in range(t.row_start[i], t.row_start[i + 1]):
+            square += k.jac[at, b] * k.jac[at, b]
+        return wp.sqrt(wp.max(square, TINY))
+
+    @wp.func
+    def island_momentum(t: Topology, k: Work, b: int, n: int):
+        """k.momentum: all of an island, and what opening its rows gives to its heaviest mass. Nothing
+        is left to the rows' rounding from here on.
+        """
+        find_islands(t, k, b, n)
+        for i in range(t.nv):
+            k.momentum[i, b] = ZERO
+            k.island_mass[i, b] = ZERO
+            k.unseen[i, b] = ZERO
+        for i in range(t.nv):
+            p = k.island[i, b]
+            own = k.lost[i, b] / LOST
+            heavy = dtype(0.0)
+            for j in range(t.mass_first[i], i + 1):
+                heavy = wp.max(heavy, k.mass[t.mass_at[j] + j, b])
+            turning = wp.sqrt(wp.abs(k.vfree[i, b]) * own * heavy)  # by the lever that gives most
+            k.momentum[p, b] = k.momentum[p, b] + own + turning
+            k.island_mass[p, b] = wp.max(k.island_mass[p, b], heavy)
+        for r in range(n):
+            i = k.active[r, b]
+            if t.row_start[i + 1] > t.row_start[i]:
+                p = k.island[t.row_place[t.row_start[i]], b]
+                opening = wp.max(-k.rate[i, b], ZERO) / length(t, k, i, b)
+                k.momentum[p, b] = k.momentum[p, b] + opening * k.island_mass[p, b]
+                k.momentum[p, b] = wp.max(k.momentum[p, b], k.alone[i, b])
+
+    @wp.func
+    def is_earned(t: Topology, k: Work, b: int, n: int, size: dtype):
+        """1 if every row is open on its own scale and none presses much harder than all momentum of its
+        island.
+        """
+        good = int(1)
+        for r in range(n):
+            i = k.active[r, b]
+            if not is_open(k, i, k.rate[i, b] + nt.dot(t, k, k.v, i, b), size, b):
+                good = 0
+            if t.row_start[i + 1] > t.row_start[i]:
+                p = k.island[t.row_place[t.row_start[i]], b]
+                if not (k.lam[i, b] * length(t, k, i, b) <= MOST * k.momentum[p, b]):
+                    good = 0
+        return good
+
+    return SimpleNamespace(
+        bounds=bounds, adds_up=adds_up, island_momentum=island_momentum, is_earned=is_earned
+    )

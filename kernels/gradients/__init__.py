@@ -1,0 +1,1 @@
+"""Adjoints of rollouts, and gradients by every column of the parameter table."""

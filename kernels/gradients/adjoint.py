@@ -1,0 +1,182 @@
+"""The adjoint of a rollout: gradients by x0, controls or a tracking policy, and parameters."""
+
+import warp as wp
+
+from ..derivatives.sensitivity import make_linearization
+from ..device.compile import specialised
+from ..factories import cached
+from ..method import Method
+from ..policies.policies import make_tracking, make_wrap
+from ..solvers.convex import SOLVED
+from ..structure import Structure
+from .parameters import make_parameter_gradient
+
+
+@cached
+def make_adjoint_kernel(
+    s: Structure, dtype: type, method: Method, by_parameters: bool, feedback: bool
+) -> wp.Kernel:
+    """Reverse sweep of rollouts, from gradients by the recorded states; open loop, or with `feedback` under
+    u = us_k + K_k (x - xs_k).
+
+    Every step is solved again at its recorded state and differentiated at the solution; nothing else is
+    stored.
+    """
+    linear = make_linearization(s, dtype, method)
+    step = linear.step
+    NV, NX, NU = s.nv, 2 * s.nv, s.nu
+    VX, VU = step.types.VX, step.types.VU
+    parameters = make_parameter_gradient(s, dtype, method) if by_parameters else None
+    Tracking = make_tracking(NX, NU, dtype).Struct
+    wrapped, free = make_wrap(dtype), make_free(NX, NU, dtype)
+
+    @specialised(s, dtype, method, by_parameters, feedback)
+    def adjoint_kernel(
+        first: int,
+        params: wp.array2d(dtype=dtype),
+        us: wp.array3d(dtype=dtype),  # (B, N, nu), as applied
+        policy: Tracking,  # of N' steps, the last of which is held
+        external: wp.array2d(dtype=dtype),
+        states: wp.array3d(dtype=dtype),  # (B, N+1, nx)
+        status: wp.array(dtype=wp.int32),  # (B,)
+        states_grad: wp.array3d(dtype=dtype),  # (B, N+1, nx)
+        x0_grad: wp.array2d(dtype=dtype),  # accumulated (0 or B, nx)
+        us_grad: wp.array3d(dtype=dtype),  # accumulated (0 or B, N or N', nu)
+        xs_grad: wp.array3d(dtype=dtype),  # accumulated (0 or B, >= N', nx)
+        gain_grad: wp.array4d(dtype=dtype),  # accumulated (0 or B, N', nu, nx)
+        params_grad: wp.array2d(dtype=dtype),  # accumulated (0 or B, width)
+    ):
+        world = first + wp.tid()
+        row = wp.where(params.shape[0] == 1, 0, world)
+        steps = us.shape[1]
+        h = params[row, 0]
+        g = VX()
+        for j in range(wp.static(NX)):
+            g[j] = states_grad[world, steps, j]
+        carry = step.cold_carry()
+        for back in range(steps):
+            k = steps - 1 - back
+            x = VX()
+            u = VU()
+            total = VX()
+            for j in range(wp.static(NX)):
+                x[j] = states[world, k, j]
+                total[j] = states_grad[world, k, j]
+            for j in range(wp.static(NU)):
+                u[j] = us[world, k, j]
+            sol = step.solve_step(params, row, x, u, external, world, carry)
+            carry.z = sol.z
+            carry.normal = sol.normal
+            lin, drift = linear.linearize(params, row, x, sol, external, world)
+            if wp.static(by_parameters):
+                wp.static(parameters)(params, row, x, u, external, world, sol, lin, g, params_grad)
+            by_control = VU()
+            for i in range(wp.static(NV)):
+                total[i] = total[i] + g[i]
+                for j in range(wp.static(NX)):
+                    total[j] = total[j] + (g[wp.static(NV + i)] * lin.dv[i, j] + h * g[i] * drift[i, j])
+                for j in range(wp.static(NU)):
+                    c = wp.static(NX + j)
+                    by_control[j] = (
+                        by_control[j] + g[wp.static(NV + i)] * lin.dv[i, c] + h * g[i] * drift[i, c]
+                    )
+            if wp.static(feedback):
+                for j in range(wp.static(NU)):
+                    by_control[j] = by_control[j] * free(policy, world, j, u[j])
+            if us_grad.shape[0] > 0:
+                at = wp.min(k, us_grad.shape[1] - 1)
+                for j in range(wp.static(NU)):
+                    us_grad[world, at, j] = us_grad[world, at, j] + by_control[j]
+            if wp.static(feedback):
+                tracked = wp.where(policy.gain.shape[0] == 1, 0, world)
+                held = wp.min(k, policy.us.shape[1] - 1)
+                for j in range(wp.static(NX)):
+                    slope = dtype(0.0)
+                    dx = wrapped(x[j] - policy.xs[tracked, held, j], policy.period[j])
+                    for i in range(wp.static(NU)):
+                        slope += by_control[i] * policy.gain[tracked, held, i, j]
+                        if gain_grad.shape[0] > 0:
+                            gain_grad[world, held, i, j] = gain_grad[world, held, i, j] + by_control[i] * dx
+                    total[j] = total[j] + slope
+                    if xs_grad.shape[0] > 0:
+                        xs_grad[world, held, j] = xs_grad[world, held, j] - slope
+            g = total
+        if status[world] != wp.static(SOLVED):  # no gradient exists: say so instead of inventing one
+            for j in range(wp.static(NX)):
+                g[j] = dtype(wp.NAN)
+            if us_grad.shape[0] > 0:
+                for k in range(us_grad.shape[1]):
+                    for j in range(wp.static(NU)):
+                        us_grad[world, k, j] = dtype(wp.NAN)
+            if wp.static(by_parameters):
+                for j in range(params_grad.shape[1]):
+                    params_grad[world, j] = dtype(wp.NAN)
+            if wp.static(feedback):
+                for k in range(policy.us.shape[1]):
+                    for j in range(wp.static(NX)):
+                        if xs_grad.shape[0] > 0:
+                            xs_grad[world, k, j] = dtype(wp.NAN)
+                        if gain_grad.shape[0] > 0:
+                            for i in range(wp.static(NU)):
+                                gain_grad[world, k, i, j] = dtype(wp.NAN)
+        if x0_grad.shape[0] > 0:
+            for j in range(wp.static(NX)):
+                x0_grad[world, j] = x0_grad[world, j] + g[j]
+
+    return adjoint_kernel
+
+
+@cached
+def make_free(nx: int, nu: int, dtype: type) -> wp.Function:
+    """free(policy, world, i, u): slope of control i by what the policy asks for, 0 at a limit, else 1."""
+    Tracking = make_tracking(nx, nu, dtype).Struct
+
+    @wp.func
+    def free(policy: Tracking, world: int, i: int, u: dtype):
+        if policy.lower.shape[0] > 0:
+            row = wp.where(policy.lower.shape[0] == 1, 0, world)
+            if u <= policy.lower[row, i] or u >= policy.upper[row, i]:
+                return dtype(0.0)
+        return dtype(1.0)
+
+    return free
+
+
+@cached
+def make_control_kernel(nx: int, nu: int, dtype: type) -> wp.Kernel:
+    """What gradients by the controls u = us_k + K_k (x - xs_k) themselves add to those by the policy and the
+    states, before the adjoint.
+    """
+    Tracking = make_tracking(nx, nu, dtype).Struct
+    wrapped, free = make_wrap(dtype), make_free(nx, nu, dtype)
+
+    @specialised(nx, nu, dtype)
+    def control_kernel(
+        first: int,
+        policy: Tracking,
+        us: wp.array3d(dtype=dtype),  # (B, N, nu), as applied
+        states: wp.array3d(dtype=dtype),  # (B, N+1, nx)
+        controls_grad: wp.array3d(dtype=dtype),  # (B, N, nu)
+        states_grad: wp.array3d(dtype=dtype),  # accumulated (B, N+1, nx)
+        us_grad: wp.array3d(dtype=dtype),  # accumulated (0 or B, N', nu)
+        xs_grad: wp.array3d(dtype=dtype),  # accumulated (0 or B, >= N', nx)
+        gain_grad: wp.array4d(dtype=dtype),  # accumulated (0 or B, N', nu, nx)
+    ):
+        world = first + wp.tid()
+        row = wp.where(policy.gain.shape[0] == 1, 0, world)
+        for k in range(controls_grad.shape[1]):
+            at = wp.min(k, policy.us.shape[1] - 1)
+            for i in range(wp.static(nu)):
+                by_control = controls_grad[world, k, i] * free(policy, world, i, us[world, k, i])
+                if us_grad.shape[0] > 0:
+                    us_grad[world, at, i] = us_grad[world, at, i] + by_control
+                for j in range(wp.static(nx)):
+                    slope = by_control * policy.gain[row, at, i, j]
+                    states_grad[world, k, j] = states_grad[world, k, j] + slope
+                    if xs_grad.shape[0] > 0:
+                        xs_grad[world, at, j] = xs_grad[world, at, j] - slope
+                    if gain_grad.shape[0] > 0:
+                        dx = wrapped(states[world, k, j] - policy.xs[row, at, j], policy.period[j])
+                        gain_grad[world, at, i, j] = gain_grad[world, at, i, j] + by_control * dx
+
+    return control_kernel

@@ -1,0 +1,176 @@
+"""How a contact pair's rows answer to displacements and radii of its shapes, for gradients by parameters.
+
+A pair adds G = gap d + J_n.y_n + J_t.y_t to the scalar whose derivative is wanted. With V(y) the velocity of
+B's centre against A's under joint rates y and Omega(y) a body's rate of turning,
+J_n.y = n.V + h_A' Omega_A + h_B' Omega_B and J_t.y = t.V - h_A Omega_A - h_B Omega_B (`rows.py`). With R as
+in `contact_derivatives.py` the normal turns by R delta(alpha) = t.delta(Delta) + h_A'' delta(psi_A)
++ h_B'' delta(psi_B) - delta(h_A' + h_B'), the last at a fixed direction; that of a half-plane, or of a
+capsule touched between its ends, turns with it. An end of a capsule is a disc that its half length moves.
+"""
+
+from types import SimpleNamespace
+from typing import Any
+
+import warp as wp
+
+from ..contact.derivatives import make_pair_derivatives
+from ..contact.shapes import make_pair, oriented_ends, oriented_pair
+from ..factories import cached
+from ..mechanism.dynamics import make_mechanism
+from ..structure import CAPSULE, DISC, HALFPLANE, Structure, layout
+
+
+@cached
+def make_answer(s: Structure, dtype: type) -> Any:
+    """Struct of derivatives of a pair's G by what its shapes may do, the same type for all pairs."""
+    V2 = make_mechanism(s, dtype).types.V2
+
+    @wp.struct
+    class Answer:
+        shift: V2  # by delta(Delta), the centre of B against that of A
+        turn_a: dtype  # by an angle psi of A, of B
+        turn_b: dtype
+        support_a: V2  # by the support function and its derivative, (h, h')
+        support_b: V2
+        by_friction: dtype  # J_t.(change of y_t by the friction coefficient)
+
+    return Answer
+
+
+@cached
+def make_pair_answer(s: Structure, pair: int, dtype: type) -> SimpleNamespace:
+    """answer(g, gap, y_n, y_t, y_mu) -> Answer at the geometry g of `make_pair_derivatives`;
+    radii(params, row, fr, g, answer, grad, world) adds the gradient by the radii.
+    """
+    mech = make_mechanism(s, dtype)
+    t = mech.types
+    p = make_pair(s, pair, dtype)
+    d = make_pair_derivatives(s, pair, dtype)
+    Answer = make_answer(s, dtype)
+    lay = layout(s)
+    V2, V4, VQ = t.V2, wp.types.vector(4, dtype), t.VQ
+    (shape_a, shape_b), (end_a, end_b) = oriented_pair(s, pair), oriented_ends(s, pair)
+    plane = p.plane
+    ZERO, ONE = dtype(0.0), dtype(1.0)
+    RADIUS = lay.offset("radius")
+    TURN_A, TURN_B = (
+        VQ(*(dtype(float(s.turns(body, j))) for j in range(s.nv))) for body in (p.body_a, p.body_b)
+    )
+
+    @wp.func
+    def flat_answer(g: d.PairGeometry, gap: dtype, alpha: dtype, an: dtype, bn: dtype, at: dtype, bt: dtype):
+        # the normal turns with A, whose h_A is constant and h_A' the lever of the touched point
+        out = Answer()
+        n = g.n
+        lever = bn - an  # weight of h_B'
+        turning = alpha + lever * g.hb[2] - an * wp.dot(n, g.delta)
+        out.shift = gap * n + an * V2(-n[1], n[0])
+        out.turn_a = gap * g.ha[1] + turning
+        out.turn_b = gap * g.hb[1] - lever * g.hb[2] + bt * g.hb[1]
+        out.support_a = V2(-gap - at, ZERO)
+        out.support_b = V2(-gap - bt, lever)
+        return out
+
+    @wp.func
+    def round_answer(g: d.PairGeometry, gap: dtype, alpha: dtype, an: dtype, bn: dtype, at: dtype, bt: dtype):
+        out = Answer()
+        n = g.n
+        share = (alpha + an * g.ha[2] + bn * g.hb[2] - at * g.ha[1]) / g.radius
+        out.shift = gap * n + share * V2(-n[1], n[0])
+        out.turn_a = gap * g.ha[1] + share * g.ha[2] - an * g.ha[2] + at * g.ha[1]
+        out.turn_b = gap * g.hb[1] + share * g.hb[2] - bn * g.hb[2] + bt * g.hb[1]
+        out.support_a = V2(-gap - at, an - share)
+        out.support_b = V2(-gap - bt, bn - share)
+        return out
+
+    @wp.func
+    def answer(g: d.PairGeometry, gap: dtype, yn: VQ, yt: VQ, ymu: VQ):
+        out = Answer()
+        n = g.n
+        tangent = V2(-n[1], n[0])
+        vn = g.jb * yn - g.ja * yn
+        vt = g.jb * yt - g.ja * yt
+        an = wp.dot(wp.static(TURN_A), yn)
+        bn = wp.dot(wp.static(TURN_B), yn)
+        at = wp.dot(wp.static(TURN_A), yt)
+        bt = wp.dot(wp.static(TURN_B), yt)
+        alpha = wp.dot(tangent, vn) - wp.dot(n, vt) - bt * g.hb[1]  # dG/dalpha at fixed places
+        if wp.static(plane):
+            out = flat_answer(g, gap, alpha, an, bn, at, bt)
+        elif wp.static(p.capsule):
+            if g.flat == 1:
+                out = flat_answer(g, gap, alpha, an, bn, at, bt)
+            else:
+                out = round_answer(g, gap, alpha, an, bn, at, bt)
+        else:
+            out = round_answer(g, gap, alpha, an, bn, at, bt)
+        vm = g.jb * ymu - g.ja * ymu
+        out.by_friction = wp.dot(tangent, vm)
+        out.by_friction -= g.ha[0] * wp.dot(wp.static(TURN_A), ymu)
+        out.by_friction -= g.hb[0] * wp.dot(wp.static(TURN_B), ymu)
+        return out
+
+    def make_radius(shape: int, end: int) -> wp.Function:
+        FIRST = RADIUS + 2 * shape
+        kind = DISC if end else s.shapes[shape].kind
+        disc, capsule, round_ = kind == DISC, kind == CAPSULE, kind != HALFPLANE
+
+        @wp.func
+        def radius(
+            params: wp.array2d(dtype=dtype),
+            row: int,
+            pose: V4,
+            n: V2,
+            by: V2,
+            flat: int,
+            grad: wp.array2d(dtype=dtype),
+            world: int,
+        ):
+            # h = sqrt(a^2 c^2 + b^2 s^2), h' = (b^2 - a^2) c s/h at the unit vector c e1 + s e2; of a
+            # capsule h = r + L |c|
+            if wp.static(disc):
+                grad[world, wp.static(FIRST)] = grad[world, wp.static(FIRST)] + by[0]
+            elif wp.static(capsule):
+                grad[world, wp.static(FIRST)] = grad[world, wp.static(FIRST)] + by[0]
+                if flat == 0:
+                    c = n[0] * pose[2] + n[1] * pose[3]
+                    slope = n[0] * pose[3] - n[1] * pose[2]
+                    value = wp.where(c < ZERO, -by[0] * c - by[1] * slope, by[0] * c + by[1] * slope)
+                    grad[world, wp.static(FIRST + 1)] = grad[world, wp.static(FIRST + 1)] + value
+            elif wp.static(round_):
+                a = params[row, wp.static(FIRST)]
+                b = params[row, wp.static(FIRST + 1)]
+                c = n[0] * pose[2] + n[1] * pose[3]
+                sn = n[1] * pose[2] - n[0] * pose[3]
+                inverse = ONE / wp.sqrt(a * a * c * c + b * b * sn * sn)
+                slope = (b * b - a * a) * c * sn * inverse
+                ha = a * c * c * inverse
+                hb = b * sn * sn * inverse
+                da = -(a + a) * c * sn * inverse - slope * ha * inverse
+                db = (b + b) * c * sn * inverse - slope * hb * inverse
+                grad[world, wp.static(FIRST)] = grad[world, wp.static(FIRST)] + by[0] * ha + by[1] * da
+                grad[world, wp.static(FIRST + 1)] = (
+                    grad[world, wp.static(FIRST + 1)] + by[0] * hb + by[1] * db
+                )
+
+        return radius
+
+    radius_a, radius_b = make_radius(shape_a, end_a), make_radius(shape_b, end_b)
+
+    @wp.func
+    def radii(
+        params: wp.array2d(dtype=dtype),
+        row: int,
+        fr: t.FRAMES,
+        g: d.PairGeometry,
+        out: Answer,
+        grad: wp.array2d(dtype=dtype),
+        world: int,
+    ):
+        """Adds the derivatives of G by the radii of both shapes to their columns."""
+        radius_a(params, row, wp.static(p.pose_a)(params, row, fr), g.n, out.support_a, g.flat, grad, world)
+        radius_b(params, row, wp.static(p.pose_b)(params, row, fr), g.n, out.support_b, 0, grad, world)
+
+    return SimpleNamespace(
+        Answer=Answer, geometry=d.geometry, PairGeometry=d.PairGeometry, answer=answer, radii=radii
+    )

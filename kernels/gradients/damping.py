@@ -1,0 +1,127 @@
+"""The motion part of the gradient by parameters with what stands for M, N of `effective_mass.py`.
+
+The scalar is P.(N w - h r) - sum_i kappa_i m_i' N m_i, m_i = N^-1 J_i'. Euler's N = M + h C adds h P.C w
+to that of M. The trapezoidal rule's is the sum of two such scalars: with y_X = K^-1 B X
+
+    L.N R = L.M R + h/2 L.C (R + y_R)  -  y_L.M y_R + h/2 y_L.C (R - y_R)
+
+has the derivative that y_L and y_R at fixed values give. By h itself these are C's terms over h.
+"""
+
+from types import SimpleNamespace
+
+import warp as wp
+
+from ..factories import cached
+from ..method import Method
+from ..structure import Structure, layout
+from .motion import make_motion_gradient
+
+
+@cached
+def make_damped_gradient(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
+    """moving(params, row, fr, jb, q, u, Motion, normals, external, world, grad): adds the scalar's
+    derivative by every column, by h only that of N. stiffness(..): of P.(M w - h r) with y for dampers.
+    """
+    part = make_motion_gradient(s, dtype, method)
+    step = part.linear.step
+    mass, t = step.mass, step.types
+    Motion, dampers = part.Motion, part.dampers
+    VQ, VR, JR, MQ = t.VQ, t.VR, t.JR, t.MQ
+    NR = s.nr
+    H = layout(s).offset("step_size")
+    ZERO, ONE, HALF, TWO = dtype(0.0), dtype(1.0), dtype(0.5), dtype(2.0)
+
+    @wp.func
+    def stiffness(
+        params: wp.array2d(dtype=dtype),
+        row: int,
+        fr: t.FRAMES,
+        jb: t.JB,
+        q: VQ,
+        u: t.VU,
+        m: Motion,
+        y: VQ,
+        external: wp.array2d(dtype=dtype),
+        world: int,
+        grad: wp.array2d(dtype=dtype),
+    ):
+        part.moving(params, row, fr, jb, q, u, m, y, JR(), external, world, grad)
+
+    @wp.func
+    def resist(
+        params: wp.array2d(dtype=dtype),
+        row: int,
+        fr: t.FRAMES,
+        q: VQ,
+        c: MQ,
+        h: dtype,
+        kappa: VR,
+        rows: JR,
+        grad: wp.array2d(dtype=dtype),
+        world: int,
+    ):
+        # - h sum_i kappa_i m_i' C m_i, by h as well
+        i = int(0)
+        while i < wp.static(NR):
+            if kappa[i] != ZERO:
+                m = VQ()
+                for j in range(wp.static(s.nv)):
+                    m[j] = rows[i, j]
+                dampers(params, row, fr, q, -kappa[i] * m, h * m, ZERO, grad, world)
+                slope = h / params[row, wp.static(H)] * kappa[i] * wp.dot(m, c * m)
+                grad[world, wp.static(H)] = grad[world, wp.static(H)] - slope
+            i += 1
+
+    @wp.func
+    def moving(
+        params: wp.array2d(dtype=dtype),
+        row: int,
+        fr: t.FRAMES,
+        jb: t.JB,
+        q: VQ,
+        u: t.VU,
+        m: Motion,
+        normals: JR,
+        external: wp.array2d(dtype=dtype),
+        world: int,
+        grad: wp.array2d(dtype=dtype),
+    ):
+        if wp.static(not mass.implicit):
+            part.moving(params, row, fr, jb, q, u, m, VQ(), normals, external, world, grad)
+        else:
+            h = params[row, wp.static(H)]
+            c = wp.static(mass.drag)(params, row, fr, ONE, MQ())
+            share = ONE  # of h that N has C with
+            spread = MQ()
+            if wp.static(mass.trapezoidal):
+                share = HALF
+                spread = wp.static(mass.spread)(params, row, fr, jb)
+            form = m
+            rows = normals
+            y = share * (m.w + spread * m.w)
+            term = int(0)
+            while term < wp.static(2 if mass.trapezoidal else 1):
+                seen = form.h * form.v + h * y
+                part.moving(params, row, fr, jb, q, u, form, seen, rows, external, world, grad)
+                grad[world, wp.static(H)] = grad[world, wp.static(H)] + wp.dot(form.p, c * y)
+                if wp.static(method.scaled and NR > 0):
+                    seen_rows = rows
+                    weight = h * share
+                    if wp.static(mass.trapezoidal):
+                        if term == 0:
+                            seen_rows = rows + rows * wp.transpose(spread)
+                        else:
+                            weight = TWO * weight
+                    resist(params, row, fr, q, c, weight, form.kappa, seen_rows, grad, world)
+                if wp.static(mass.trapezoidal):
+                    form.p = spread * m.p
+                    form.w = -(spread * m.w)
+                    form.v = VQ()
+                    form.h = ZERO
+                    form.kappa = -m.kappa
+                    rows = normals * wp.transpose(spread)
+                    y = share * (m.w + form.w)
+                term += 1
+
+    return SimpleNamespace(Motion=Motion, moving=moving, stiffness=stiffness)

@@ -1,0 +1,83 @@
+"""Gradient of one solved step by the physical parameters, exact and in closed form.
+
+The weights of `parameter_dual.py` make the change of weight.v' one of P.F1 and of the rows at the solution.
+Every length and angle of the mechanism moves a part of it without changing the joints' motion: shifting
+what hangs on a frame by e changes the velocity V(y) of its points under joint rates y by perp(e) times the
+frame's rate of turning; turning it about a point o changes V(y) by perp(V(y) - V_o(y)). So each column
+needs only velocities of points under the few joint rates in the scalar: P, w, the bias weights, those of
+every pair's rows, and M^-1 J_i' where D = diag(A).
+"""
+
+import warp as wp
+
+from ..factories import cached
+from ..method import Method
+from ..structure import Structure, layout
+from .damping import make_damped_gradient
+from .dual import make_dual
+from .rows import make_row_gradient
+from .trapezoidal import make_trapezoidal_gradient
+
+
+@cached
+def make_parameter_gradient(s: Structure, dtype: type, method: Method) -> wp.Function:
+    """gradient(params, row, x, u, external, world, sol, lin, weight, grad): adds to row `world` of `grad`
+    the derivative of weight.x' by every column of the parameter table.
+    """
+    if method.trapezoidal:
+        return make_trapezoidal_gradient(s, dtype, method)
+    duals = make_dual(s, dtype, method)
+    linear = duals.linear
+    step = linear.step
+    rows, t = step.rows, step.types
+    part = make_damped_gradient(s, dtype, method)
+    constraints = make_row_gradient(s, dtype, method)
+    H = layout(s).offset("step_size")
+    VQ, VX, VU, VR = t.VQ, t.VX, t.VU, t.VR
+    ZERO = dtype(0.0)
+    PARTS = 2 if method.erm and s.nr > 0 else 1
+
+    @wp.func
+    def gradient(
+        params: wp.array2d(dtype=dtype),
+        row: int,
+        x: VX,
+        u: VU,
+        external: wp.array2d(dtype=dtype),
+        world: int,
+        sol: step.Solution,
+        lin: linear.Linear,
+        weight: VX,
+        grad: wp.array2d(dtype=dtype),
+    ):
+        h = params[row, wp.static(H)]
+        q = VQ()
+        target = VQ()  # q' = q + h v'
+        motion = part.Motion()
+        for j in range(wp.static(s.nv)):
+            q[j] = x[j]
+            motion.v[j] = x[wp.static(s.nv + j)]
+            target[j] = weight[wp.static(s.nv + j)] + h * weight[j]
+            grad[world, wp.static(H)] = grad[world, wp.static(H)] + weight[j] * sol.v[j]
+        dual = duals.dual(sol, lin, target)
+        motion.p = dual.p
+        motion.w = lin.w
+        motion.h = h
+        motion.kappa = dual.kappa
+        force = wp.static(step.mass.matrix)(params, row, lin.fr, lin.jb) * lin.w / h  # r + u
+        for i in range(wp.static(s.nr)):
+            if (sol.mask & wp.static(1 << i)) != 0:
+                force = wp.static(rows.adds[i])(force, sol.jac, -sol.lam[i] / h)
+        grad[world, wp.static(H)] = grad[world, wp.static(H)] - wp.dot(dual.p, force)
+        term = int(0)
+        while term < wp.static(PARTS):
+            part.moving(params, row, lin.fr, lin.jb, q, u, motion, lin.m, external, world, grad)
+            if wp.static(PARTS > 1):
+                motion.p = dual.left
+                motion.w = dual.right
+                motion.h = ZERO
+                motion.kappa = VR()
+            term += 1
+        wp.static(constraints)(params, row, lin.fr, q, sol, lin, dual, h, grad, world)
+
+    return gradient

@@ -1,0 +1,215 @@
+"""The rows' part of the gradient by parameters: limits, noise levels, and all that moves a contact's shapes.
+
+See `parameter_dual.py` for the scalar and `parameter_gradient.py` for the rule.
+"""
+
+import warp as wp
+
+from ..contact.shapes import oriented_ends, oriented_pair
+from ..factories import cached
+from ..method import Method
+from ..structure import Structure, layout
+from .contact import make_pair_answer
+from .dual import make_dual
+from .places import make_places
+
+
+@cached
+def make_row_gradient(s: Structure, dtype: type, method: Method) -> wp.Function:
+    """constraints(params, row, fr, q, sol, lin, dual, h, grad, world): adds a solved problem's."""
+    duals = make_dual(s, dtype, method)
+    linear = duals.linear
+    step = linear.step
+    rows, t = step.rows, step.types
+    places = make_places(s, dtype)
+    lay = layout(s)
+    V2, VQ = t.V2, t.VQ
+    NR, NP = s.nr, len(s.pairs)
+    ZERO, HALF, TWO = dtype(0.0), dtype(0.5), dtype(2.0)
+    col = {name: lay.offset(name) for name in lay.names}
+    pairs = tuple(make_pair_answer(s, k, dtype) for k in range(NP))
+    pair_rows = step.pair_rows
+    pair_mask = tuple(sum(1 << i for i in pair_rows[k]) for k in range(NP))
+    sign = tuple(dtype(float(r.sign)) for r in s.rows)
+    add, add2 = places.add, places.add2
+
+    def make_side(k: int, b_side: bool) -> wp.Function:
+        """Columns of what moves one shape of pair k: its own place and every joint above it."""
+        shape, end = (pair[1 if b_side else 0] for pair in (oriented_pair(s, k), oriented_ends(s, k)))
+        body, turned_shape = s.shapes[shape].body, s.shapes[shape].turned
+        chain = places.make_chain(body)
+        pose = step.pairs[k].pose_b if b_side else step.pairs[k].pose_a
+        SIDE, END = dtype(1.0 if b_side else -1.0), dtype(float(end))
+        ANGLE, HALF_LENGTH = col["shape_angle"] + shape, col["radius"] + 2 * shape + 1
+
+        @wp.func
+        def side(
+            params: wp.array2d(dtype=dtype),
+            row: int,
+            fr: t.FRAMES,
+            q: VQ,
+            g: pairs[k].PairGeometry,
+            out: pairs[k].Answer,
+            yn: VQ,
+            yt: VQ,
+            grad: wp.array2d(dtype=dtype),
+            world: int,
+        ):
+            n = wp.static(SIDE) * g.n
+            tangent = places.perp(n)
+            shift = wp.static(SIDE) * out.shift
+            turned = out.turn_a
+            jac = g.ja
+            if wp.static(b_side):
+                turned = out.turn_b
+                jac = g.jb
+            place = wp.static(pose)(params, row, fr)
+            centre = V2(place[0], place[1])
+            own = chain(params, row, fr, q, centre, jac, shift, n, yn, tangent, yt, turned, grad, world)
+            add2(grad, world, wp.static(col["shape_offset"] + 2 * shape), own)
+            if wp.static(end != 0):  # the end of a capsule: its centre is at half the length along the axis
+                axis = V2(wp.static(dtype(1.0)), ZERO)
+                if wp.static(turned_shape):
+                    axis = V2(wp.cos(params[row, wp.static(ANGLE)]), wp.sin(params[row, wp.static(ANGLE)]))
+                add(grad, world, wp.static(HALF_LENGTH), END * wp.dot(own, axis))
+                turned += END * params[row, wp.static(HALF_LENGTH)] * wp.dot(own, places.perp(axis))
+            add(grad, world, wp.static(ANGLE), turned)
+
+        return side
+
+    sides = tuple((make_side(k, False), make_side(k, True)) for k in range(NP))
+
+    def make_contact(k: int) -> wp.Function:
+        d = pairs[k]
+        side_a, side_b = sides[k]
+        frictional = len(pair_rows[k]) == 2
+
+        @wp.func
+        def contact(
+            params: wp.array2d(dtype=dtype),
+            row: int,
+            fr: t.FRAMES,
+            q: VQ,
+            sol: step.Solution,
+            lin: linear.Linear,
+            dual: duals.Dual,
+            h: dtype,
+            grad: wp.array2d(dtype=dtype),
+            world: int,
+        ):
+            """Columns of one pair: its shapes' places and radii, friction."""
+            g = wp.static(d.geometry)(params, row, fr, V2(sol.normal[2 * k], sol.normal[2 * k + 1]))
+            yn = VQ()
+            yt = VQ()
+            ymu = VQ()
+            gap = ZERO
+            for i in range(wp.static(NR)):
+                if wp.static(i in pair_rows[k]):
+                    if (sol.mask & wp.static(1 << i)) != 0:
+                        y = dual.rho[i] * sol.v - sol.lam[i] * dual.p
+                        if wp.static(method.scaled):
+                            y += (TWO * dual.kappa[i]) * lin.m[i]
+                        if wp.static(method.state_noise or method.erm):
+                            y += dual.bend[i]
+                        if wp.static(rows.tangent[i]):
+                            yt += y
+                            # lambda_t = +-mu lambda_n, of the normal row before it
+                            ymu -= (dual.slides[i] * sol.lam[wp.static(max(i - 1, 0))]) * dual.p
+                        else:
+                            yn += y
+                            gap += dual.rho[i] / h
+                        if wp.static(frictional and not method.coulomb):
+                            yt += (wp.static(sign[i]) * params[row, wp.static(col["friction"] + k)]) * y
+                            ymu += wp.static(sign[i]) * y
+            out = wp.static(d.answer)(g, gap, yn, yt, ymu)
+            wp.static(d.radii)(params, row, fr, g, out, grad, world)
+            side_a(params, row, fr, q, g, out, yn, yt, grad, world)
+            side_b(params, row, fr, q, g, out, yn, yt, grad, world)
+            if wp.static(frictional):
+                add(grad, world, wp.static(col["friction"] + k), out.by_friction)
+
+        return contact
+
+    contacts = tuple(make_contact(k) for k in range(NP))
+
+    def make_level(i: int) -> wp.Function:
+        POSITION, VELOCITY = (col.get(f"{name}_covariance", 0) for name in ("position", "velocity"))
+
+        @wp.func
+        def level(
+            params: wp.array2d(dtype=dtype),
+            row: int,
+            sol: step.Solution,
+            by_sigma: dtype,
+            h: dtype,
+            grad: wp.array2d(dtype=dtype),
+            world: int,
+        ):
+            """Columns of the covariances by row i, and their part in that of h; from sigma dG/dsigma, with
+            sigma^2 = J_i C J_i', eq. (18). Returns the weight of dJ_i.
+            """
+            j = wp.static(rows.adds[i])(VQ(), sol.jac, wp.static(dtype(1.0)))
+            share = by_sigma / (sol.sigma[wp.static(i)] * sol.sigma[wp.static(i)])
+            by_h = ZERO
+            for a in range(wp.static(s.nv)):
+                for b in range(wp.static(s.nv)):
+                    value = HALF * share * j[a] * j[b]
+                    add(grad, world, wp.static(VELOCITY) + wp.static(s.nv) * a + b, value)
+                    value = value / (h * h)
+                    add(grad, world, wp.static(POSITION) + wp.static(s.nv) * a + b, value)
+                    by_h -= TWO * value * params[row, wp.static(POSITION) + wp.static(s.nv) * a + b] / h
+            add(grad, world, wp.static(col["step_size"]), by_h)
+            return share * step.noise.spread(params, row, j)
+
+        return level
+
+    levels = tuple(make_level(i) for i in range(NR))
+
+    @wp.func
+    def row_columns(
+        params: wp.array2d(dtype=dtype),
+        row: int,
+        sol: step.Solution,
+        start: duals.Dual,
+        h: dtype,
+        grad: wp.array2d(dtype=dtype),
+        world: int,
+    ):
+        """Columns of limits, sigma, and h through d/h and eq. (18); adds what that does to `bend`."""
+        dual = start
+        for i in range(wp.static(NR)):
+            if (sol.mask & wp.static(1 << i)) != 0:
+                rate = dual.rho[i] / h
+                if wp.static(s.rows[i].kind == "limit" and s.rows[i].sign > 0):
+                    add(grad, world, wp.static(col["lower"] + s.rows[i].index), -rate)
+                if wp.static(s.rows[i].kind == "limit" and s.rows[i].sign < 0):
+                    add(grad, world, wp.static(col["upper"] + s.rows[i].index), rate)
+                add(grad, world, wp.static(col["step_size"]), -rate * sol.rate[i])
+                if wp.static(method.state_noise):
+                    bent = wp.static(levels[i])(params, row, sol, dual.sigma[i], h, grad, world)
+                    dual.bend[i] = dual.bend[i] + bent
+                elif wp.static(not method.hard):
+                    by_sigma = dual.sigma[i] / params[row, wp.static(col["sigma"] + i)]
+                    add(grad, world, wp.static(col["sigma"] + i), by_sigma)
+        return dual
+
+    @wp.func
+    def constraints(
+        params: wp.array2d(dtype=dtype),
+        row: int,
+        fr: t.FRAMES,
+        q: VQ,
+        sol: step.Solution,
+        lin: linear.Linear,
+        start: duals.Dual,
+        h: dtype,
+        grad: wp.array2d(dtype=dtype),
+        world: int,
+    ):
+        if sol.mask != 0:
+            dual = row_columns(params, row, sol, start, h, grad, world)
+            for k in range(wp.static(NP)):
+                if (sol.mask & wp.static(pair_mask[k])) != 0:
+                    wp.static(contacts[k])(params, row, fr, q, sol, lin, dual, h, grad, world)
+
+    return constraints

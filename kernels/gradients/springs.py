@@ -1,0 +1,61 @@
+"""Gradient by the parameters of springs between points; notation of `springs.py`.
+
+A spring adds G A to the scalar P.F1, A = a.P = Delta.V(P) with V(y) the velocity of its second point against
+the first, and G(s, m; k, c, L) with s = |Delta|^2 + eps(L)^2, m = Delta.V(y), and a share of k.
+"""
+
+import warp as wp
+
+from ..factories import cached
+from ..mechanism.springs import make_spring
+from ..structure import Structure, layout
+from .places import make_places
+
+
+@cached
+def make_spring_gradient(s: Structure, index: int, dtype: type) -> wp.Function:
+    """gradient(params, row, fr, q, y, P, share, grad, world): adds the columns of spring `index` and of all
+    joints above its points.
+    """
+    spring = make_spring(s, index, dtype)
+    places = make_places(s, dtype)
+    t = spring.types
+    lay = layout(s)
+    VQ = t.VQ
+    ZERO, ONE, TWO, SHORT = dtype(0.0), dtype(1.0), dtype(2.0), spring.SHORT
+    K, C, L = (lay.offset(f"spring_{n}") + index for n in ("stiffness", "damping", "length"))
+    POINT = lay.offset("spring_point") + 4 * index
+    add, add2 = places.add, places.add2
+    chain_a, chain_b = (places.make_chain(body) for body in s.springs[index])
+
+    @wp.func
+    def gradient(
+        params: wp.array2d(dtype=dtype),
+        row: int,
+        fr: t.FRAMES,
+        q: VQ,
+        y: VQ,
+        p: VQ,
+        share: dtype,
+        grad: wp.array2d(dtype=dtype),
+        world: int,
+    ):
+        e = wp.static(spring.span)(params, row, fr, y, share)
+        k = share * params[row, wp.static(K)]
+        rest = params[row, wp.static(L)]
+        root = wp.sqrt(e.inv)
+        work = wp.dot(e.a, p)
+        add(grad, world, wp.static(K), share * work * (ONE - rest * root))
+        add(grad, world, wp.static(C), work * wp.dot(e.a, y) * e.inv)
+        by_eps = TWO * e.g[1] * wp.static(spring.rounding)(rest)
+        add(grad, world, wp.static(L), work * (by_eps * SHORT - k * root))
+        along = e.g[0] * e.delta  # by V(P)
+        across = (work * e.g[2]) * e.delta  # by V(y)
+        shift = e.g[0] * (e.jb * p - e.ja * p)
+        shift += work * (TWO * e.g[1] * e.delta + e.g[2] * (e.jb * y - e.ja * y))
+        own = chain_a(params, row, fr, q, e.pa, e.ja, -shift, -along, p, -across, y, ZERO, grad, world)
+        add2(grad, world, wp.static(POINT), own)
+        own = chain_b(params, row, fr, q, e.pb, e.jb, shift, along, p, across, y, ZERO, grad, world)
+        add2(grad, world, wp.static(POINT + 2), own)
+
+    return gradient

@@ -1,0 +1,202 @@
+"""Gradient of one solved step of the trapezoidal integrator by the physical parameters.
+
+From x' back: the contact problems of v' and of v* (`step.py`) weigh v_free = reached - push; `reached` is the
+free motion under the predicted contact forces; push = v_1 - v_0 comes from the predictor's contact problem,
+whose v_0 is the free motion without them. Free motion (`free_motion.py`) with D = reached - v and c = N push:
+
+    G = N D + h/2 K_v D + h^2/4 K_q (D + 2 v) - h (r + u) - c = 0,  N a = r + u + c/h.
+
+Of L.G the part K_v y_v + K_q y_q is the slope of L.(M a - r) along (y_q, y_v), and so is its gradient that of
+the gradient that `parameter_motion.py` has: taken as a central difference of sixth order, exact to rounding.
+"""
+
+import warp as wp
+
+from ..factories import cached
+from ..mechanism.free_motion import make_elimination
+from ..method import Method
+from ..structure import Structure, layout
+from .damping import make_damped_gradient
+from .dual import make_dual
+from .rows import make_row_gradient
+
+STEP = {wp.float64: 1e-3, wp.float32: 3e-2}  # [m, rad] of the difference
+POINTS = 6
+
+
+@cached
+def make_trapezoidal_gradient(s: Structure, dtype: type, method: Method) -> wp.Function:
+    """As `make_parameter_gradient`."""
+    duals = make_dual(s, dtype, method)
+    linear = duals.linear
+    step, motion = linear.step, linear.motion
+    mech, t = step.mech, step.types
+    part_of = make_damped_gradient(s, dtype, method)
+    constraints = make_row_gradient(s, dtype, method)
+    lu = make_elimination(s.nv, dtype)
+    VQ, VX, VU, VR, MQ, JR = t.VQ, t.VX, t.VU, t.VR, t.MQ, t.JR
+    H = layout(s).offset("step_size")
+    NV = s.nv
+    ZERO, ONE, HALF, TWO = dtype(0.0), dtype(1.0), dtype(0.5), dtype(2.0)
+    WIDTH, TINY = dtype(STEP[dtype]), dtype(1e-30)
+    WEIGHTS = wp.types.vector(3, dtype)(dtype(0.75), dtype(-0.15), dtype(1.0 / 60.0))
+    FORMS = 2 if method.erm and s.nr > 0 else 1
+
+    @wp.func
+    def swing(
+        params: wp.array2d(dtype=dtype),
+        row: int,
+        start: linear.Linear,
+        q: VQ,
+        v: VQ,
+        u: VU,
+        minv: MQ,
+        d: VQ,
+        a: VQ,
+        push: VQ,
+        target: VQ,
+        external: wp.array2d(dtype=dtype),
+        world: int,
+        grad: wp.array2d(dtype=dtype),
+    ):
+        """Adds the gradient of target . reached at fixed c; returns the weight of c."""
+        h = params[row, wp.static(H)]
+        kq = wp.static(motion.motion_by_q)(params, row, start.fr, start.jb, a, v, ONE, external, world)
+        kv = wp.static(motion.motion_by_v)(params, row, start.fr, start.jb, v, ONE)
+        mass = wp.static(step.mass.matrix)(params, row, start.fr, start.jb)
+        e = mass + HALF * h * (kv + HALF * h * kq)
+        l = -wp.static(lu.solve)(wp.static(lu.factor)(wp.transpose(e)), target)
+        yv = HALF * h * d
+        yq = HALF * HALF * h * h * (d + TWO * v)
+        by_a = VQ()
+        size = TINY
+        for j in range(wp.static(NV)):
+            unit = VQ()
+            unit[j] = ONE
+            moved = wp.static(motion.motion_by_q)(
+                params, row, start.fr, start.jb, unit, VQ(), ZERO, params, wp.static(-1)
+            )
+            if wp.static(step.mass.damped_springs):
+                moved = wp.static(step.mass.drag_by_q)(params, row, start.fr, h * unit, moved)
+            by_a[j] = wp.dot(l, moved * yq)
+            size = wp.max(size, wp.max(wp.abs(yq[j]), h * wp.abs(yv[j])))
+        b = minv * by_a
+        width = WIDTH / size
+        form = part_of.Motion()
+        i = int(0)
+        while i < wp.static(POINTS + 2):
+            at = q
+            fr = start.fr
+            jb = start.jb
+            form.v = v
+            form.p = l
+            form.w = d
+            form.h = h
+            if i == wp.static(POINTS):
+                form.p = -b
+                form.w = a
+                form.h = ONE
+            if i < wp.static(POINTS):
+                shift = dtype(i // 2 + 1)
+                weight = WEIGHTS[i // 2] / width
+                if i % 2 == 1:
+                    shift = -shift
+                    weight = -weight
+                at = q + (shift * width) * yq
+                form.v = v + (shift * width) * yv
+                form.p = weight * l
+                form.w = a
+                form.h = ONE
+                fr = wp.static(mech.frames)(params, row, at)
+                jb = wp.static(mech.com_jacobians)(params, row, fr)
+            if wp.static(step.mass.implicit):
+                if i < wp.static(POINTS):  # K_q has dampers at v + h a, K_v has none
+                    part_of.stiffness(params, row, fr, jb, at, u, form, v + h * a, external, world, grad)
+                else:
+                    part_of.moving(params, row, fr, jb, at, u, form, JR(), external, world, grad)
+            else:
+                part_of.moving(params, row, fr, jb, at, u, form, JR(), external, world, grad)
+            i += 1
+        force = mass * (a - push / h)  # r + u
+        by_h = HALF * (kv * d) + h * (kq * (HALF * d + v)) - force
+        if wp.static(step.mass.damped_springs):
+            by_h += wp.static(step.mass.drag_by_q)(params, row, start.fr, a, MQ()) * yq
+        slope = wp.dot(l, by_h) - wp.dot(b, mass * push) / (h * h)
+        grad[world, wp.static(H)] = grad[world, wp.static(H)] + slope
+        return b / h - l
+
+    @wp.func
+    def gradient(
+        params: wp.array2d(dtype=dtype),
+        row: int,
+        x: VX,
+        u: VU,
+        external: wp.array2d(dtype=dtype),
+        world: int,
+        sol: step.Solution,
+        lin: linear.Linear,
+        weight: VX,
+        grad: wp.array2d(dtype=dtype),
+    ):
+        h = params[row, wp.static(H)]
+        q = VQ()
+        v = VQ()
+        by_drift = VQ()
+        target = VQ()
+        for j in range(wp.static(NV)):
+            q[j] = x[j]
+            v[j] = x[wp.static(NV + j)]
+            by_drift[j] = h * weight[j]
+            target[j] = weight[wp.static(NV + j)]
+        grad[world, wp.static(H)] = grad[world, wp.static(H)] + wp.dot(by_drift, sol.drift) / h
+        start = linear.Linear()
+        start.fr = lin.fr
+        start.jb = lin.jb
+        mass = wp.static(step.mass.matrix)(params, row, start.fr, start.jb)
+        first, drifting = step.parts(params, row, start.fr, q, v, sol)
+        now = sol
+        onto = VQ()  # weight of v_free, then of v_0
+        part = int(0)
+        while part < 3:
+            here = linear.factored(params, row, now, start)
+            dual = duals.dual(now, here, target)
+            form = part_of.Motion()
+            form.v = v
+            form.p = dual.p
+            form.w = now.v - now.vfree
+            form.kappa = dual.kappa
+            term = int(0)
+            while term < wp.static(FORMS):
+                part_of.moving(params, row, start.fr, start.jb, q, u, form, here.m, external, world, grad)
+                if wp.static(FORMS > 1):
+                    form.p = dual.left
+                    form.w = dual.right
+                    form.kappa = VR()
+                term += 1
+            wp.static(constraints)(params, row, start.fr, q, now, here, dual, h, grad, world)
+            if part == 0:
+                onto = -(mass * dual.p)
+                target = by_drift
+                now = drifting
+            else:
+                d = sol.unpushed - v
+                a = sol.acceleration - sol.push / h
+                push = VQ()
+                if part == 1:
+                    onto -= HALF * (mass * dual.p)
+                    d = sol.vfree + sol.push - v
+                    a = sol.acceleration
+                    push = sol.push
+                else:
+                    onto -= mass * dual.p
+                pushed = swing(params, row, start, q, v, u, sol.minv, d, a, push, onto, external, world, grad)
+                form.p = pushed
+                form.w = push
+                form.kappa = VR()
+                part_of.moving(params, row, start.fr, start.jb, q, u, form, here.m, external, world, grad)
+                target = mass * pushed - onto
+                onto = -target
+                now = first
+            part += 1
+
+    return gradient

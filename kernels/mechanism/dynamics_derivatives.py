@@ -1,0 +1,256 @@
+"""Derivatives of M(q) w and r(q, v) of a planar tree, by the rule of `kinematics.py`.
+
+With P2(w, k) = sum_i w_i d2p/dq_i dq_k for a body's centre of mass p, one more (shallower or equal) index k
+below l gives P3(w, k, l) = rev_k perp P2(w, l), and the bias acceleration is perp sum_k J_k s_k with the
+weights s of the mechanism.
+"""
+
+from types import SimpleNamespace
+
+import warp as wp
+
+from ..factories import cached
+from ..structure import REVOLUTE, Structure, layout
+from .dynamics import make_mechanism
+from .kinematics import make_second
+from .springs import make_spring
+
+
+@cached
+def make_mechanism_derivatives(s: Structure, dtype: type, trapezoidal: bool) -> SimpleNamespace:
+    """Warp functions: first derivatives of the equations of motion and their contraction for second
+    derivatives.
+
+    With implicit damping those by q at constant w are of M w - h r for dampers at v + w, where the
+    trapezoidal integrator's w is an acceleration at v + h w; its other derivatives are without dampers.
+    """
+    mech = make_mechanism(s, dtype)
+    t = mech.types
+    lay = layout(s)
+    NB, NV = s.nb, s.nv
+    VQ, MQ, JB, J2 = t.VQ, t.MQ, t.JB, t.J2
+    ZERO, TWO = dtype(0.0), dtype(2.0)
+    MASS, GRAVITY, DAMPING = lay.offset("mass"), lay.offset("gravity"), lay.offset("damping")
+    STIFFNESS = lay.offset("stiffness") if s.sprung else 0
+    springs = tuple(make_spring(s, i, dtype) for i in range(len(s.springs)))
+    rev = tuple(kind == REVOLUTE for kind in s.dof_kind)
+    second = tuple(make_second(s, b, dtype) for b in range(NB))
+    met_late = s.implicit_damping
+    undamped = s.implicit_damping and trapezoidal
+    H = lay.offset("step_size")
+    both = tuple(
+        tuple(tuple(s.in_chain(b, i) and s.in_chain(b, j) for j in range(NV)) for i in range(NV))
+        for b in range(NB)
+    )
+
+    @wp.func
+    def damped_velocity(params: wp.array2d(dtype=dtype), row: int, v: VQ, w: VQ, h: dtype):
+        """h times the velocity that dampers act with."""
+        if wp.static(undamped):
+            return h * (v + params[row, wp.static(H)] * w)
+        if wp.static(met_late):
+            return h * (v + w)
+        return h * v
+
+    def make_body(b: int) -> wp.Function:
+        @wp.func
+        def body_jacobian(jb: JB):
+            out = J2()
+            for j in range(wp.static(NV)):
+                out[0, j] = jb[wp.static(2 * b), j]
+                out[1, j] = jb[wp.static(2 * b + 1), j]
+            return out
+
+        return body_jacobian
+
+    body_jacobians = tuple(make_body(b) for b in range(NB))
+
+    def make_acceleration(b: int) -> wp.Function:
+        @wp.func
+        def acceleration(
+            params: wp.array2d(dtype=dtype),
+            row: int,
+            jac: J2,
+            w: VQ,
+            weights: VQ,
+            h: dtype,
+            external: wp.array2d(dtype=dtype),
+            world: int,
+        ):
+            """J w + h (perp J s - g - F/m): the centre's change of velocity less what forces on it give."""
+            x = -h * params[row, wp.static(GRAVITY)]
+            y = -h * params[row, wp.static(GRAVITY + 1)]
+            for k in range(wp.static(NV)):
+                if wp.static(s.in_chain(b, k)):
+                    x += jac[0, k] * w[k] - h * jac[1, k] * weights[k]
+                    y += jac[1, k] * w[k] + h * jac[0, k] * weights[k]
+            if world >= 0 and external.shape[0] > 0:
+                share = h / params[row, wp.static(MASS + b)]
+                x -= share * external[world, wp.static(3 * b)]
+                y -= share * external[world, wp.static(3 * b + 1)]
+            return t.V2(x, y)
+
+        return acceleration
+
+    accelerations = tuple(make_acceleration(b) for b in range(NB))
+
+    @wp.func
+    def motion_by_q(
+        params: wp.array2d(dtype=dtype),
+        row: int,
+        fr: t.FRAMES,
+        jb: JB,
+        w: VQ,
+        v: VQ,
+        h: dtype,
+        external: wp.array2d(dtype=dtype),
+        world: int,
+    ):
+        """d/dq_k of (M w - h r)_j at constant w and v; with h = 0: of (M w)_j."""
+        out = MQ()
+        for b in range(wp.static(NB)):
+            mass = params[row, wp.static(MASS + b)]
+            jac = wp.static(body_jacobians[b])(jb)
+            weights = wp.static(mech.bias_weights[b])(v)
+            acc = wp.static(accelerations[b])(params, row, jac, w, weights, h, external, world)
+            pw = wp.static(second[b])(jac, w)
+            ps = wp.static(second[b])(jac, weights)
+            gravity_free = h == ZERO
+            if gravity_free:
+                acc = jac * w
+            for k in range(wp.static(NV)):
+                bx = pw[0, k] - h * ps[1, k]
+                by = pw[1, k] + h * ps[0, k]
+                for j in range(wp.static(NV)):
+                    if wp.static(both[b][j][k]):
+                        value = jac[0, j] * bx + jac[1, j] * by
+                        if wp.static(rev[min(j, k)]):
+                            value += (
+                                jac[0, wp.static(max(j, k))] * acc[1] - jac[1, wp.static(max(j, k))] * acc[0]
+                            )
+                        out[j, k] = out[j, k] + mass * value
+        for j in range(wp.static(NV)):
+            if wp.static(j in s.sprung):
+                out[j, j] = out[j, j] + h * params[row, wp.static(STIFFNESS + j)]
+        if wp.static(len(springs) > 0):
+            if h != ZERO:
+                y = damped_velocity(params, row, v, w, h)
+                for i in range(wp.static(len(springs))):
+                    out = wp.static(springs[i].by_q)(params, row, fr, y, h, out)
+        return out
+
+    @wp.func
+    def motion_by_v(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, jb: JB, v: VQ, h: dtype):
+        """d/dv_k of (-h r)_j."""
+        out = MQ()
+        if wp.static(not undamped):
+            for j in range(wp.static(NV)):
+                out[j, j] = h * params[row, wp.static(DAMPING + j)]
+        for b in range(wp.static(NB)):
+            factor = TWO * h * params[row, wp.static(MASS + b)]
+            jac = wp.static(body_jacobians[b])(jb)
+            pv = wp.static(second[b])(jac, v)
+            for k in range(wp.static(NV)):
+                for j in range(wp.static(NV)):
+                    if wp.static(both[b][j][k]):
+                        out[j, k] = out[j, k] + factor * (jac[0, j] * pv[0, k] + jac[1, j] * pv[1, k])
+        if wp.static(not undamped):
+            for i in range(wp.static(len(springs))):
+                out = wp.static(springs[i].by_v)(params, row, fr, h, out)
+        return out
+
+    @wp.func
+    def hessian_qq(
+        params: wp.array2d(dtype=dtype),
+        row: int,
+        fr: t.FRAMES,
+        jb: JB,
+        p: VQ,
+        w: VQ,
+        v: VQ,
+        h: dtype,
+        external: wp.array2d(dtype=dtype),
+        world: int,
+    ):
+        """d2/dq_k dq_l of p.(M w - h r); with h = 0: of p.M w."""
+        out = MQ()
+        for b in range(wp.static(NB)):
+            mass = params[row, wp.static(MASS + b)]
+            jac = wp.static(body_jacobians[b])(jb)
+            weights = wp.static(mech.bias_weights[b])(v)
+            acc = wp.static(accelerations[b])(params, row, jac, w, weights, h, external, world)
+            if h == ZERO:
+                acc = jac * w
+            jp = jac * p
+            pp = wp.static(second[b])(jac, p)
+            pw = wp.static(second[b])(jac, w)
+            ps = wp.static(second[b])(jac, weights)
+            for k in range(wp.static(NV)):
+                for i in range(wp.static(NV - k)):
+                    if wp.static(both[b][k][k + i]):
+                        l = wp.static(k + i)
+                        bkx = pw[0, k] - h * ps[1, k]
+                        bky = pw[1, k] + h * ps[0, k]
+                        blx = pw[0, l] - h * ps[1, l]
+                        bly = pw[1, l] + h * ps[0, l]
+                        value = pp[0, k] * blx + pp[1, k] * bly + pp[0, l] * bkx + pp[1, l] * bky
+                        if wp.static(rev[k]):  # one more shallow index: perp of what is at l
+                            value += pp[0, l] * acc[1] - pp[1, l] * acc[0] + blx * jp[1] - bly * jp[0]
+                        out[k, l] = out[k, l] + mass * value
+        for k in range(wp.static(NV)):
+            for l in range(wp.static(k)):
+                out[k, l] = out[l, k]
+        if wp.static(len(springs) > 0):
+            if h != ZERO:
+                y = damped_velocity(params, row, v, w, h)
+                for i in range(wp.static(len(springs))):
+                    out = wp.static(springs[i].hessian_qq)(params, row, fr, p, y, h, out)
+        return out
+
+    @wp.func
+    def hessian_qv(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, jb: JB, p: VQ, v: VQ, h: dtype):
+        """d2/dq_k dv_m of p.(-h r), (nv, nv)."""
+        out = MQ()
+        for b in range(wp.static(NB)):
+            factor = TWO * h * params[row, wp.static(MASS + b)]
+            jac = wp.static(body_jacobians[b])(jb)
+            jp = jac * p
+            pp = wp.static(second[b])(jac, p)
+            pv = wp.static(second[b])(jac, v)
+            for k in range(wp.static(NV)):
+                for m in range(wp.static(NV)):
+                    if wp.static(both[b][k][m]):
+                        value = pp[0, k] * pv[0, m] + pp[1, k] * pv[1, m]
+                        if wp.static(rev[min(k, m)]):
+                            value += pv[0, wp.static(max(k, m))] * jp[1] - pv[1, wp.static(max(k, m))] * jp[0]
+                        out[k, m] = out[k, m] + factor * value
+        if wp.static(not undamped):
+            for i in range(wp.static(len(springs))):
+                out = wp.static(springs[i].hessian_qv)(params, row, fr, p, h, out)
+        return out
+
+    @wp.func
+    def hessian_vv(params: wp.array2d(dtype=dtype), row: int, jb: JB, p: VQ, h: dtype):
+        """d2/dv_k dv_m of p.(-h r), (nv, nv)."""
+        out = MQ()
+        for b in range(wp.static(NB)):
+            factor = TWO * h * params[row, wp.static(MASS + b)]
+            jac = wp.static(body_jacobians[b])(jb)
+            jp = jac * p
+            for k in range(wp.static(NV)):
+                for m in range(wp.static(NV)):
+                    if wp.static(both[b][k][m] and rev[min(k, m)]):
+                        out[k, m] = out[k, m] + factor * (
+                            jac[0, wp.static(max(k, m))] * jp[1] - jac[1, wp.static(max(k, m))] * jp[0]
+                        )
+        return out
+
+    return SimpleNamespace(
+        body_jacobians=body_jacobians,
+        accelerations=accelerations,
+        motion_by_q=motion_by_q,
+        motion_by_v=motion_by_v,
+        hessian_qq=hessian_qq,
+        hessian_qv=hessian_qv,
+        hessian_vv=hessian_vv,
+    )

@@ -1,0 +1,132 @@
+"""The matrix that stands in the place of M where a step's velocity is solved, and its derivatives.
+
+With implicit damping the forces -C v of joint dampers (diagonal) and of dampers between points (c a a'/s
+each, notation of `springs.py`, so that C depends on q) are met at the end of the step, F1 = N (v' - v)
+- h (r + u) - J' lambda with r(q, v) at its start:
+
+    euler:        N = M + h C, so that v' = v/(1 + x) for one damper, x = h c/m;
+    trapezoidal:  N = K + B K^-1 B, B = h/2 C, K = M + B: v' = v/(1 + x + x^2/2), the Pade approximant of
+                  e^-x that is of second order and decays for every x without a change of sign.
+
+Both are symmetric and positive definite; contact impulses act through N^-1, D = diag(J N^-1 J'). Where
+damping is explicit, as in the paper, N = M. With y_X = K^-1 B X the trapezoidal rule's L.N R = L.K R
++ L.B y_R, and d(L.N R) = L.dK R + L.dB y_R + y_L.dB R - y_L.dK y_R.
+"""
+
+from types import SimpleNamespace
+
+import warp as wp
+
+from ..factories import cached
+from ..method import Method
+from ..structure import Structure, layout
+from .dynamics import make_mechanism
+from .dynamics_derivatives import make_mechanism_derivatives
+from .springs import make_spring
+
+
+@cached
+def make_effective_mass(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
+    """matrix(params, row, fr, jb) = N; by_q(params, row, fr, jb, w): d(N w)/dq at constant w; and of Euler's
+    hessian(params, row, fr, jb, p, w): d2/dq dq of p.N w. drag(params, row, fr, h, total): total + h C;
+    drag_by_q(params, row, fr, y, total): total + d(C y)/dq. spread(params, row, fr, jb) = K^-1 B.
+    """
+    mech = make_mechanism(s, dtype)
+    motion = make_mechanism_derivatives(s, dtype, method.trapezoidal)
+    t = mech.types
+    lay = layout(s)
+    VQ, MQ = t.VQ, t.MQ
+    NV = s.nv
+    H, DAMPING = lay.offset("step_size"), lay.offset("damping")
+    ZERO, ONE, HALF = dtype(0.0), dtype(1.0), dtype(0.5)
+    springs = tuple(make_spring(s, i, dtype) for i in range(len(s.springs)))
+    implicit, trapezoidal = s.implicit_damping, s.implicit_damping and method.trapezoidal
+    damped_springs = implicit and len(springs) > 0
+
+    @wp.func
+    def drag(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, h: dtype, total: MQ):
+        out = total
+        for j in range(wp.static(NV)):
+            out[j, j] = out[j, j] + h * params[row, wp.static(DAMPING + j)]
+        for i in range(wp.static(len(springs))):
+            out = wp.static(springs[i].by_v)(params, row, fr, h, out)
+        return out
+
+    @wp.func
+    def drag_by_q(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, y: VQ, total: MQ):
+        out = total
+        for i in range(wp.static(len(springs))):
+            out = wp.static(springs[i].by_q)(params, row, fr, y, ZERO, out)
+        return out
+
+    @wp.func
+    def part(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, jb: t.JB):
+        """B and K."""
+        b = drag(params, row, fr, HALF * params[row, wp.static(H)], MQ())
+        return b, wp.static(mech.mass_matrix)(params, row, jb) + b
+
+    @wp.func
+    def spread(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, jb: t.JB):
+        b, k = part(params, row, fr, jb)
+        return wp.static(mech.inverse)(k) * b
+
+    @wp.func
+    def matrix(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, jb: t.JB):
+        if wp.static(trapezoidal):
+            b, k = part(params, row, fr, jb)
+            if wp.ddot(b, b) == ZERO:
+                return k
+            return k + b * (wp.static(mech.inverse)(k) * b)
+        out = wp.static(mech.mass_matrix)(params, row, jb)
+        if wp.static(implicit):
+            out = drag(params, row, fr, params[row, wp.static(H)], out)
+        return out
+
+    @wp.func
+    def part_by_q(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, jb: t.JB, w: VQ, y: VQ):
+        """d(M w + C y)/dq at constant w and y."""
+        out = wp.static(motion.motion_by_q)(params, row, fr, jb, w, VQ(), ZERO, params, wp.static(-1))
+        if wp.static(damped_springs):
+            out = drag_by_q(params, row, fr, y, out)
+        return out
+
+    @wp.func
+    def by_q(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, jb: t.JB, w: VQ):
+        h = params[row, wp.static(H)]
+        if wp.static(trapezoidal):
+            spreading = spread(params, row, fr, jb)
+            y = spreading * w
+            out = part_by_q(params, row, fr, jb, w, HALF * h * (w + y))
+            # B K^-1 (dB w - dK y)
+            return out + wp.transpose(spreading) * part_by_q(params, row, fr, jb, -y, HALF * h * (w - y))
+        return part_by_q(params, row, fr, jb, w, h * w)
+
+    @wp.func
+    def drag_hessian(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, p: VQ):
+        """d2/dq_k dv_m of p.C v."""
+        out = MQ()
+        for i in range(wp.static(len(springs))):
+            out = wp.static(springs[i].hessian_qv)(params, row, fr, p, ONE, out)
+        return out
+
+    @wp.func
+    def hessian(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, jb: t.JB, p: VQ, w: VQ):
+        out = wp.static(motion.hessian_qq)(params, row, fr, jb, p, w, VQ(), ZERO, params, wp.static(-1))
+        if wp.static(damped_springs):
+            y = params[row, wp.static(H)] * w
+            for i in range(wp.static(len(springs))):
+                out = wp.static(springs[i].hessian_qq)(params, row, fr, p, y, ZERO, out)
+        return out
+
+    return SimpleNamespace(
+        matrix=matrix,
+        by_q=by_q,
+        hessian=hessian,
+        drag=drag,
+        drag_by_q=drag_by_q,
+        drag_hessian=drag_hessian,
+        damped_springs=damped_springs,
+        spread=spread,
+        implicit=implicit,
+        trapezoidal=trapezoidal,
+    )

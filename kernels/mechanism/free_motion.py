@@ -1,0 +1,243 @@
+"""The motion of one step without contact: v_free, and what its derivatives put into the contact problem.
+
+N stands for M, as `effective_mass.py` has it.
+`euler`, eq. (1): v_free = v + h N^-1 (r + u). `trapezoidal`, the linearly implicit method of footnote 1 (the
+paper's [6]) on a = M^-1 (r + u): (I - h/2 a_v - h^2/4 a_q) v_free = v + h (a - a_v v/2 + h a_q v/4), and q'
+= q + h (v + v_free)/2 in free flight. With K_q = d(M a - r)/dq at constant a, K_v = -dr/dv, D = v_free - v:
+
+    E D = h (r + u) - h^2/2 K_q v,  E = N + h/2 K_v + h^2/4 K_q.
+
+With implicit damping K_v is that of a motion without dampers, which N has. K_q, needed to O(h) only, has them
+at v + h a with a = N^-1 (r + u), or stiff ones would make it as large as they are.
+Contact impulses act through N^-1, not through E^-1, which is not symmetric. What that would cost is avoided
+by a predicted J' lambda among the forces (see `step.py`): only its error acts through the wrong matrix.
+External forces are constant in the world over the step; their generalised force follows q. E is solved by
+elimination without pivoting, which needs h small against the fastest instability of the free motion (an
+inverted pendulum's 1/omega); beyond that the result is not finite or merely wrong, as the method itself is.
+"""
+
+from types import SimpleNamespace
+
+import warp as wp
+
+from ..factories import cached
+from ..method import Method
+from ..structure import Structure, layout
+from .dynamics import make_mechanism
+from .dynamics_derivatives import make_mechanism_derivatives
+from .effective_mass import make_effective_mass
+
+
+@cached
+def make_elimination(n: int, dtype: type) -> SimpleNamespace:
+    """Warp functions `factor(a)` -> LU in one matrix, without pivoting, and `solve(lu, b)` -> a^-1 b."""
+    V, M = wp.types.vector(n, dtype), wp.types.matrix((n, n), dtype)
+
+    @wp.func
+    def factor(a: M):
+        lu = a
+        for k in range(wp.static(n)):
+            for i in range(wp.static(k + 1), wp.static(n)):
+                lu[i, k] = lu[i, k] / lu[k, k]
+                for j in range(wp.static(k + 1), wp.static(n)):
+                    lu[i, j] = lu[i, j] - lu[i, k] * lu[k, j]
+        return lu
+
+    @wp.func
+    def solve(lu: M, b: V):
+        x = b
+        for i in range(wp.static(n)):
+            for j in range(wp.static(i)):
+                x[i] = x[i] - lu[i, j] * x[j]
+        for r in range(wp.static(n)):
+            for j in range(wp.static(n - r), wp.static(n)):
+                x[wp.static(n - 1 - r)] = x[wp.static(n - 1 - r)] - lu[wp.static(n - 1 - r), j] * x[j]
+            x[wp.static(n - 1 - r)] = x[wp.static(n - 1 - r)] / lu[wp.static(n - 1 - r), wp.static(n - 1 - r)]
+        return x
+
+    return SimpleNamespace(factor=factor, solve=solve)
+
+
+@cached
+def make_free_motion(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
+    """Warp functions of the free motion.
+
+    velocity(params, row, fr, jb, minv, v, force, ...) -> (v_free, a), force = r + u.
+    source(params, row, fr, jb, w, v, ...) -> -d(M w - h (r + u))/d(q, v, u) at w = v' - v (euler), (nv, nz).
+    by_state(params, row, fr, jb, minv, v, reached, a, dforce, ...) -> d reached/d(q, v, u) (trapezoidal),
+        (nv, nz), of what `velocity` gives where the force also depends on (q, v, u) by dforce (nv, nz).
+    held(params, row, fr, jb, w, by_state) -> M dv_free - d(M w) at w = v' - v_free, then in place of source.
+    Dots stand for external forces and the world they are of.
+    """
+    mech = make_mechanism(s, dtype)
+    motion = make_mechanism_derivatives(s, dtype, method.trapezoidal)
+    mass = make_effective_mass(s, dtype, method)
+    lu = make_elimination(s.nv, dtype)
+    t = mech.types
+    lay = layout(s)
+    NV, NU = s.nv, s.nu
+    VQ, MQ = t.VQ, t.MQ
+    DV = wp.types.matrix((NV, 2 * NV + NU), dtype)
+    H, GEAR = lay.offset("step_size"), lay.offset("gear")
+    ZERO, ONE, HALF, TWO = dtype(0.0), dtype(1.0), dtype(0.5), dtype(2.0)
+
+    @wp.func
+    def velocity(
+        params: wp.array2d(dtype=dtype),
+        row: int,
+        fr: t.FRAMES,
+        jb: t.JB,
+        minv: MQ,
+        v: VQ,
+        force: VQ,
+        external: wp.array2d(dtype=dtype),
+        world: int,
+    ):
+        h = params[row, wp.static(H)]
+        a = minv * force
+        if wp.static(method.trapezoidal):
+            kq = wp.static(motion.motion_by_q)(params, row, fr, jb, a, v, ONE, external, world)
+            kv = wp.static(motion.motion_by_v)(params, row, fr, jb, v, ONE)
+            e = wp.static(mass.matrix)(params, row, fr, jb) + HALF * h * (kv + HALF * h * kq)
+            rhs = h * (force - HALF * h * (kq * v))
+            return v + wp.static(lu.solve)(wp.static(lu.factor)(e), rhs), a
+        return v + h * a, a
+
+    @wp.func
+    def source(
+        params: wp.array2d(dtype=dtype),
+        row: int,
+        fr: t.FRAMES,
+        jb: t.JB,
+        w: VQ,
+        v: VQ,
+        external: wp.array2d(dtype=dtype),
+        world: int,
+    ):
+        out = DV()
+        h = params[row, wp.static(H)]
+        by_q = wp.static(motion.motion_by_q)(params, row, fr, jb, w, v, h, external, world)
+        by_v = wp.static(motion.motion_by_v)(params, row, fr, jb, v, h)
+        effective = wp.static(mass.matrix)(params, row, fr, jb)
+        for k in range(wp.static(NV)):
+            for j in range(wp.static(NV)):
+                out[j, k] = -by_q[j, k]
+                out[j, wp.static(NV + k)] = effective[j, k] - by_v[j, k]
+        for k in range(wp.static(NU)):
+            out[wp.static(s.actuators[k]), wp.static(2 * NV + k)] = h * params[row, wp.static(GEAR + k)]
+        return out
+
+    @wp.func
+    def slopes_of_stiffness(
+        params: wp.array2d(dtype=dtype),
+        row: int,
+        fr: t.FRAMES,
+        jb: t.JB,
+        v: VQ,
+        a: VQ,
+        yq: VQ,
+        yv: VQ,
+        external: wp.array2d(dtype=dtype),
+        world: int,
+    ):
+        # d/dq and d/dv of K_v yv + K_q yq at constant yv, yq and a
+        by_q = MQ()
+        by_v = MQ()
+        for i in range(wp.static(NV)):
+            p = VQ()
+            p[i] = ONE
+            qq = wp.static(motion.hessian_qq)(params, row, fr, jb, p, a, v, ONE, external, world)
+            qv = wp.static(motion.hessian_qv)(params, row, fr, jb, p, v, ONE)
+            vv = wp.static(motion.hessian_vv)(params, row, jb, p, ONE)
+            for k in range(wp.static(NV)):
+                for m in range(wp.static(NV)):
+                    by_q[i, k] = by_q[i, k] + qv[k, m] * yv[m] + qq[k, m] * yq[m]
+                    by_v[i, k] = by_v[i, k] + vv[k, m] * yv[m] + qv[m, k] * yq[m]
+            if wp.static(mass.damped_springs):  # of K_q alone
+                drag = wp.static(mass.drag_hessian)(params, row, fr, p)
+                for k in range(wp.static(NV)):
+                    for m in range(wp.static(NV)):
+                        by_v[i, k] = by_v[i, k] + drag[m, k] * yq[m]
+        return by_q, by_v
+
+    @wp.func
+    def by_state(
+        params: wp.array2d(dtype=dtype),
+        row: int,
+        fr: t.FRAMES,
+        jb: t.JB,
+        minv: MQ,
+        v: VQ,
+        reached: VQ,
+        a: VQ,
+        dforce: DV,
+        external: wp.array2d(dtype=dtype),
+        world: int,
+    ):
+        # G = E D - h f + h^2/2 K_q v = 0 with D = reached - v, a = N^-1 f, f = r + u + contact forces
+        h = params[row, wp.static(H)]
+        d = reached - v
+        kq = wp.static(motion.motion_by_q)(params, row, fr, jb, a, v, ONE, external, world)
+        kv = wp.static(motion.motion_by_v)(params, row, fr, jb, v, ONE)
+        e = wp.static(mass.matrix)(params, row, fr, jb) + HALF * h * (kv + HALF * h * kq)
+        factor = wp.static(lu.factor)(e)
+        yv = HALF * h * d
+        yq = HALF * HALF * h * h * (d + TWO * v)
+        change = MQ()
+        for j in range(wp.static(NV)):
+            p = VQ()
+            p[j] = ONE
+            slope = wp.static(motion.motion_by_q)(params, row, fr, jb, p, VQ(), ZERO, params, wp.static(-1))
+            if wp.static(mass.damped_springs):
+                slope = wp.static(mass.drag_by_q)(params, row, fr, h * p, slope)
+            column = slope * yq
+            for i in range(wp.static(NV)):
+                change[i, j] = column[i]
+        pull = change * minv  # d(K_q yq)/da da/d(r + u)
+        by_q, by_v = slopes_of_stiffness(params, row, fr, jb, v, a, yq, yv, external, world)
+        if wp.static(mass.implicit):  # N a = f, whose dampers are at v
+            still = wp.static(motion.motion_by_q)(params, row, fr, jb, VQ(), v, ONE, external, world)
+            drag = wp.static(mass.drag)(params, row, fr, ONE, kv)
+            by_q += wp.static(mass.by_q)(params, row, fr, jb, d) + h * still
+            by_q -= pull * (wp.static(mass.by_q)(params, row, fr, jb, a) + still)
+            by_v += h * drag - pull * drag + HALF * h * h * kq
+        else:
+            by_q += wp.static(motion.motion_by_q)(params, row, fr, jb, d, v, h, external, world) - pull * kq
+            by_v += h * kv - pull * kv + HALF * h * h * kq
+        push = h * dforce - pull * dforce
+        out = DV()
+        for k in range(wp.static(NV)):
+            gq = VQ()
+            gv = VQ()
+            for j in range(wp.static(NV)):
+                gq[j] = push[j, k] - by_q[j, k]
+                gv[j] = push[j, wp.static(NV + k)] - by_v[j, k]
+            dq = wp.static(lu.solve)(factor, gq)
+            dv = wp.static(lu.solve)(factor, gv)
+            for j in range(wp.static(NV)):
+                out[j, k] = dq[j]
+                out[j, wp.static(NV + k)] = dv[j]
+            out[k, wp.static(NV + k)] = out[k, wp.static(NV + k)] + ONE
+        for k in range(wp.static(NU)):
+            g = VQ()
+            for j in range(wp.static(NV)):
+                g[j] = -pull[j, wp.static(s.actuators[k])]
+            g[wp.static(s.actuators[k])] = g[wp.static(s.actuators[k])] + h
+            g = params[row, wp.static(GEAR + k)] * g
+            for j in range(wp.static(NV)):
+                g[j] = g[j] + push[j, wp.static(2 * NV + k)]
+            du = wp.static(lu.solve)(factor, g)
+            for j in range(wp.static(NV)):
+                out[j, wp.static(2 * NV + k)] = du[j]
+        return out
+
+    @wp.func
+    def held(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, jb: t.JB, w: VQ, free: DV):
+        out = wp.static(mass.matrix)(params, row, fr, jb) * free
+        by_q = wp.static(mass.by_q)(params, row, fr, jb, w)
+        for k in range(wp.static(NV)):
+            for j in range(wp.static(NV)):
+                out[j, k] = out[j, k] - by_q[j, k]
+        return out
+
+    return SimpleNamespace(velocity=velocity, source=source, by_state=by_state, held=held, DV=DV)

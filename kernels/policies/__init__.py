@@ -1,0 +1,1 @@
+"""What gives the control inside a rollout."""

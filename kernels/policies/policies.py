@@ -1,0 +1,197 @@
+"""Control policies evaluated inside a rollout: u = control(policy, world, step, x).
+
+Each maker returns the policy's struct of arrays and its Warp function. Differences of periodic state
+components are wrapped to half a period (the finger's free ellipse looks the same after a turn by pi).
+"""
+
+from types import SimpleNamespace
+
+import warp as wp
+
+from ..factories import cached
+
+STACK = 64  # pending branches of a tree search: more than twice the depth of any tree that fits in memory
+
+
+@cached
+def make_open_loop(nx: int, nu: int, dtype: type) -> SimpleNamespace:
+    """Controls (B, N, nu), one sequence per world."""
+    VX, VU = wp.types.vector(nx, dtype), wp.types.vector(max(nu, 1), dtype)
+
+    @wp.struct
+    class OpenLoop:
+        us: wp.array3d(dtype=dtype)
+
+    @wp.func
+    def control(policy: OpenLoop, world: int, k: int, x: VX):
+        u = VU()
+        for i in range(wp.static(nu)):
+            u[i] = policy.us[world, k, i]
+        return u
+
+    return SimpleNamespace(name="open_loop", Struct=OpenLoop, control=control)
+
+
+@cached
+def make_tracking(nx: int, nu: int, dtype: type) -> SimpleNamespace:
+    """u = us_k + K_k (x - xs_k) along one nominal trajectory per world or one for all; its last step is
+    held.
+    """
+    VX, VU = wp.types.vector(nx, dtype), wp.types.vector(max(nu, 1), dtype)
+
+    @wp.struct
+    class Tracking:
+        us: wp.array3d(dtype=dtype)  # (1 or B, N, nu)
+        xs: wp.array3d(dtype=dtype)  # (1 or B, >= N, nx)
+        gain: wp.array4d(dtype=dtype)  # (1 or B, N, nu, nx)
+        period: wp.array(dtype=dtype)  # (nx,), 0: none
+        lower: wp.array2d(dtype=dtype)  # (0, 1 or B, nu) limits of the controls
+        upper: wp.array2d(dtype=dtype)
+
+    @wp.func
+    def control(policy: Tracking, world: int, k: int, x: VX):
+        row = wp.where(policy.us.shape[0] == 1, 0, world)
+        at = wp.min(k, policy.us.shape[1] - 1)
+        dx = VX()
+        for j in range(wp.static(nx)):
+            dx[j] = wrapped(x[j] - policy.xs[row, at, j], policy.period[j])
+        u = VU()
+        for i in range(wp.static(nu)):
+            value = policy.us[row, at, i]
+            for j in range(wp.static(nx)):
+                value += policy.gain[row, at, i, j] * dx[j]
+            if policy.lower.shape[0] > 0:
+                limits = wp.where(policy.lower.shape[0] == 1, 0, world)
+                value = held(value, policy.lower[limits, i], policy.upper[limits, i])
+            u[i] = value
+        return u
+
+    wrapped, held = make_wrap(dtype), make_hold(dtype)
+    return SimpleNamespace(name="tracking", Struct=Tracking, control=control)
+
+
+@cached
+def make_nearest(nx: int, nu: int, dtype: type) -> SimpleNamespace:
+    """The nearest-neighbour rule (20): u = u_j + K_j (x - x_j), j = argmin |W (x - x_j)|, W' W = inverse
+    covariance.
+
+    Points y = W x_j are stored as a balanced k-d tree in one array: the node of a range is its middle, its
+    split dimension stands beside it. Entries with a periodic component are stored with their images within
+    half a period of [0, period), so that the search needs no wrapping. The search is exact.
+    """
+    VX, VU = wp.types.vector(nx, dtype), wp.types.vector(max(nu, 1), dtype)
+    VI, VD = wp.types.vector(STACK, wp.int32), wp.types.vector(STACK, dtype)
+    ZERO = dtype(0.0)
+    FAR = dtype(1e30)
+    wrapped, held = make_wrap(dtype), make_hold(dtype)
+
+    @wp.struct
+    class Nearest:
+        us: wp.array2d(dtype=dtype)  # (L, nu)
+        xs: wp.array2d(dtype=dtype)  # (L, nx)
+        gain: wp.array3d(dtype=dtype)  # (L, nu, nx)
+        nodes: wp.array2d(dtype=dtype)  # (T, nx) tree of W x_j and its images
+        split: wp.array(dtype=wp.int32)  # (T,) dimension that a node splits
+        entry: wp.array(dtype=wp.int32)  # (T,) entry of a node
+        whitening: wp.array2d(dtype=dtype)  # (nx, nx) W
+        period: wp.array(dtype=dtype)  # (nx,)
+        limit: dtype  # the feedback term K dx is clamped to +- limit
+        lower: wp.array2d(dtype=dtype)  # (0 or L, nu) limits of the controls
+        upper: wp.array2d(dtype=dtype)
+
+    @wp.func
+    def whitened(policy: Nearest, x: VX):
+        """W x with periodic components taken into [0, period)."""
+        turned = VX()
+        for j in range(wp.static(nx)):
+            turned[j] = x[j]
+            if policy.period[j] > ZERO:
+                turned[j] = x[j] - policy.period[j] * wp.floor(x[j] / policy.period[j])
+        y = VX()
+        for i in range(wp.static(nx)):
+            value = ZERO
+            for j in range(wp.static(nx)):
+                value += policy.whitening[i, j] * turned[j]
+            y[i] = value
+        return y
+
+    @wp.func
+    def nearest(policy: Nearest, x: VX):
+        """Index of the nearest entry."""
+        y = whitened(policy, x)
+        low = VI()
+        high = VI()
+        gap = VD()
+        high[0] = policy.nodes.shape[0]
+        depth = int(1)
+        best = int(0)
+        least = ZERO + FAR
+        while depth > 0:
+            depth -= 1
+            if gap[depth] < least:
+                a = low[depth]
+                b = high[depth]
+                while a < b:
+                    m = (a + b) / 2
+                    distance = ZERO
+                    for i in range(wp.static(nx)):
+                        delta = y[i] - policy.nodes[m, i]
+                        distance += delta * delta
+                    if distance < least:
+                        least = distance
+                        best = m
+                    k = policy.split[m]
+                    across = y[k] - policy.nodes[m, k]
+                    far_low = wp.where(across < ZERO, m + 1, a)
+                    far_high = wp.where(across < ZERO, b, m)
+                    a = wp.where(across < ZERO, a, m + 1)
+                    b = wp.where(across < ZERO, m, b)
+                    if across * across < least and far_low < far_high:
+                        low[depth] = far_low
+                        high[depth] = far_high
+                        gap[depth] = across * across
+                        depth += 1
+        return policy.entry[best]
+
+    @wp.func
+    def control(policy: Nearest, world: int, k: int, x: VX):
+        e = nearest(policy, x)
+        u = VU()
+        for i in range(wp.static(nu)):
+            value = ZERO
+            for j in range(wp.static(nx)):
+                value += policy.gain[e, i, j] * wrapped(x[j] - policy.xs[e, j], policy.period[j])
+            u[i] = policy.us[e, i] + wp.clamp(value, -policy.limit, policy.limit)
+            if policy.lower.shape[0] > 0:
+                u[i] = held(u[i], policy.lower[e, i], policy.upper[e, i])
+        return u
+
+    return SimpleNamespace(name="nearest", Struct=Nearest, control=control, nearest=nearest)
+
+
+@cached
+def make_wrap(dtype: type) -> wp.Function:
+    """wrapped(d, period): d less the nearest multiple of the period; d itself where the period is 0."""
+
+    @wp.func
+    def wrapped(d: dtype, period: dtype):
+        if period > dtype(0.0):
+            return d - period * wp.round(d / period)
+        return d
+
+    return wrapped
+
+
+@cached
+def make_hold(dtype: type) -> wp.Function:
+    """held(u, lower, upper): u within its limits; NaN stays NaN."""
+
+    @wp.func
+    def held(u: dtype, lower: dtype, upper: dtype):
+        if u < lower:
+            return lower
+        if u > upper:
+            return upper
+        return u
+
+    return held

@@ -1,0 +1,1 @@
+"""One complementarity condition: smoothing, noise, and the residuals of the paper."""

@@ -1,0 +1,1 @@
+"""Solvers of a step's complementarity problem, by contact law: convex, Coulomb, ERM."""

@@ -1,0 +1,225 @@
+"""Hard contact with Coulomb's friction in the plane (the paper's [8]), by active sets, Lemke's behind.
+
+Rows of a frictional pair are (n, t): 0 <= lambda_n _|_ w_n = J_n v' + d/h >= 0, and lambda_t in
+[-mu lambda_n, mu lambda_n] opposes v_t = J_t v'. In velocity units, with A = J M^-1 J' (2a):
+z_n = A_nn lambda_n - w_n decides whether a row presses (z_n > 0); z_t = A_tt lambda_t - v_t whether it
+sticks (|z_t| <= A_tt mu lambda_n) or slides. Given every row's mode the impulses follow from one linear
+system; its solution gives new modes, a semismooth Newton step on the natural map. Redundant contacts are met
+by a proximal term about the last impulses, which leaves no trace where the iteration ends. Where the modes
+cycle, Lemke's method (lemke.py) finds modes to start from. Several solutions may exist (Painleve); the one
+found first is returned, and it is checked, on the scale of J v_free and d/h. Where Lemke's method ends on a
+ray every combination of modes is tried (of at most MOST_TRIED rows): a linear complementarity problem that
+has a solution has one in which the rows that hold are independent, so that there is none where no
+combination fits, and the world is JAMMED. Without friction the method's ray is a proof that no velocity opens
+the rows: INFEASIBLE. Rows may be off by the rounding of a gap: what rests in a jam would else be entering
+half the time.
+"""
+
+import warp as wp
+
+from ..contact.problem import make_problem
+from ..factories import cached
+from ..method import Method
+from ..structure import Structure
+from .convex import COLD, INFEASIBLE, JAMMED, NONFINITE, NOT_CONVERGED, SOLVED
+from .coulomb_alone import ACCEPT, make_alone, make_cone
+from .coulomb_few import make_coulomb_few
+from .coulomb_modes import LEFT, OFF, PRESS, RIGHT, STICK, make_active
+from .lemke import RAY, make_lemke
+
+ITERATIONS = 12  # of the active set, and as many more for every row
+CORRECTIONS = 3  # of the proximal term, where the modes are given
+ATTEMPTS = 6  # from several starts, before all modes are tried
+TOLERANCE = {wp.float64: 1e-13, wp.float32: 2e-6}  # of the natural map, relative to the problem's size
+MOST_TRIED = 8  # rows, of which all combinations of modes are tried: four frictional contacts
+NEAR = 30.0  # times the accepted error: modes that fit so far are not a proof that none do
+# relative to A_ii: at first, and where rows are nearly redundant
+PROXIMAL = {wp.float64: (1e-9, 1e-13), wp.float32: (1e-4, 3e-7)}
+
+
+@cached
+def make_coulomb_solver(s: Structure, dtype: type, method: Method) -> wp.Function:
+    """As `make_solver`; D and noise levels are not read."""
+    active = make_active(s, dtype, method)
+    lemke = make_lemke(s, dtype, method, active.Dense)
+    single, cone = make_alone(s, dtype, method), make_cone(dtype)
+    few = make_coulomb_few(s, dtype, method)
+    t = active.types
+    VR, Problem = t.VR, make_problem(s, dtype)
+    Dense, MODES = active.Dense, active.MODES
+    ZERO = dtype(0.0)
+    TOL, ENOUGH = dtype(TOLERANCE[dtype]), dtype(ACCEPT[dtype])
+    TAU, NEARLY_NONE = (dtype(x) for x in PROXIMAL[dtype])
+    HUGE, NEARLY = dtype(1e30), dtype(NEAR * ACCEPT[dtype])
+    EPSILON = dtype(4e-16 if dtype is wp.float64 else 6e-8)
+    # worst is compared with 3e-12 or 1e-5: impulses may cancel up to 5e6 or 166 times the problem's size (a
+    # tonne on a gram), which leaves v' and w uncertain by 2e-9 or 1e-5 of it
+    PROOF = dtype(0.0015 if dtype is wp.float64 else 1.0)
+    UNUSED = dtype(0.5 * COLD)
+
+    @wp.func
+    def alone(dense: Dense):
+        # z of every contact as if it were the only one
+        z = VR()
+        for i in range(dense.count):
+            if dense.tangent[i] == 0:
+                z[i] = -dense.b[i]
+                with_friction = int(0)
+                if i + 1 < dense.count:
+                    with_friction = dense.tangent[i + 1]
+                if with_friction == 1 and dense.b[i] < ZERO:
+                    ann = dense.a[i, i]
+                    att = dense.a[i + 1, i + 1]
+                    ant = dense.a[i, i + 1]
+                    lam = cone(dense.mu[i + 1], ann, ant, att, dense.b[i], dense.b[i + 1])
+                    z[i] = ann * lam[0]
+                    z[i + 1] = -(dense.b[i + 1] + ant * lam[0])
+        return z
+
+    @wp.struct
+    class Trial:
+        lam: VR
+        z: VR
+        worst: dtype  # of the natural map, relative to the rows' sizes
+
+    @wp.func
+    def judge(dense: Dense, lam: VR):
+        # z and the natural map at these impulses
+        out = Trial()
+        out.lam = lam
+        for i in range(dense.count):
+            w = dense.b[i]
+            rounding = ZERO
+            for j in range(dense.count):
+                w += dense.a[i, j] * lam[j]
+                rounding += wp.abs(dense.a[i, j] * lam[j])
+            out.z[i] = dense.a[i, i] * lam[i] - w
+            error = ZERO
+            if dense.tangent[i] == 0:
+                error = wp.abs(wp.min(dense.a[i, i] * lam[i], w))
+            else:
+                bound = dense.a[i, i] * dense.mu[i] * wp.max(lam[i - 1], ZERO)
+                error = wp.abs(dense.a[i, i] * lam[i] - wp.clamp(out.z[i], -bound, bound))
+            # impulses that cancel may hide what is wrong, and may be all that is wrong
+            error = wp.max(error - EPSILON * rounding, PROOF * EPSILON * rounding) / dense.size[i]
+            if not (error <= out.worst):  # a NaN stays
+                out.worst = error
+        return out
+
+    @wp.func
+    def decode(dense: Dense, code: int):
+        # the modes of a combination: rows are on or off, a contact that is on sticks or slides either way
+        out = MODES()
+        left = int(code)
+        for i in range(dense.count):
+            digit = left % 2
+            left = left // 2
+            if dense.tangent[i] == 0:
+                out[i] = wp.where(digit == 1, wp.static(PRESS), wp.static(OFF))
+            elif out[i - 1] == wp.static(PRESS):
+                out[i] = wp.where(digit == 1, wp.static(STICK), wp.static(LEFT))
+            elif digit == 1:
+                out[i - 1] = wp.static(PRESS)
+                out[i] = wp.static(RIGHT)
+        return out
+
+    @wp.func
+    def settle(dense: Dense, z: VR, tau: dtype, before: Trial, code: int):
+        # active sets from z, or the modes of a code >= 0; the best trial, or the one before
+        best = before
+        here = Trial()
+        here.z = z
+        for i in range(dense.count):
+            if dense.tangent[i] == 0:
+                here.lam[i] = wp.max(z[i], ZERO) / dense.a[i, i]
+            else:
+                bound = dense.mu[i] * here.lam[i - 1]
+                here.lam[i] = wp.clamp(z[i] / dense.a[i, i], -bound, bound)
+        it = int(0)
+        last = wp.where(code >= 0, wp.static(CORRECTIONS), wp.static(ITERATIONS) + dense.count)
+        while it < last:
+            it += 1
+            mode = active.modes(dense, here.z)
+            if code >= 0:
+                mode = decode(dense, code)
+            lu = active.factor(dense, mode, tau)
+            lam = active.impulses(dense, mode, lu, dense.b, here.lam, tau)
+            here = judge(dense, lam)
+            if here.worst < best.worst:
+                best = here
+            if not (here.worst > TOL):
+                it = last
+        return best
+
+    @wp.func
+    def kept(z: VR, warm: VR, mask: int):
+        # z of the rows in the system; others keep what they had, for the time that they join it
+        out = warm
+        for i in range(wp.static(s.nr)):
+            if (mask & wp.static(1 << i)) != 0:
+                out[i] = z[i]
+        return out
+
+    @wp.func
+    def solve(params: wp.array2d(dtype=dtype), row: int, p: Problem, warm: VR):
+        v_alone, z_alone, lam_alone, found = single(params, row, p)
+        if found == 1:
+            return v_alone, kept(z_alone, warm, p.mask), lam_alone, wp.static(SOLVED), int(0)
+        v_few, z_few, lam_few, settled = few(params, row, p, warm)
+        if settled == 1:
+            return v_few, z_few, lam_few, wp.static(SOLVED), int(0)
+        dense = active.gather(params, row, p)
+        finite = int(1)
+        for i in range(dense.count):
+            if not wp.isfinite(dense.b[i]):
+                finite = 0
+        z = alone(dense)
+        for i in range(dense.count):
+            before = warm[dense.row[i]]
+            if wp.static(len(s.pairs) > 1) and wp.abs(before) < UNUSED:
+                z[i] = before
+        status = int(wp.static(NOT_CONVERGED))
+        best = Trial()
+        best.worst = HUGE
+        if dense.shut == 1:
+            status = wp.static(INFEASIBLE)
+        if finite == 0:
+            status = wp.static(NONFINITE)
+        attempts = int(wp.static(ATTEMPTS))
+        if dense.count <= wp.static(MOST_TRIED):
+            attempts += int(1) << dense.count
+        ray = int(0)
+        attempt = int(0)
+        while status == wp.static(NOT_CONVERGED) and attempt < attempts:
+            if attempt == 2:
+                lam, found = lemke(p, dense, int(1))
+                z = judge(dense, lam).z
+                if found == wp.static(RAY):
+                    ray = 1
+                    attempt = int(wp.static(ATTEMPTS))
+                    lam, opens = lemke(p, dense, int(0))
+                    if opens == wp.static(RAY):
+                        status = wp.static(INFEASIBLE)
+            elif attempt == 4:
+                z = alone(dense)  # where the warm start misled
+            elif attempt > 0:
+                z = best.z
+            if status == wp.static(NOT_CONVERGED):
+                tau = wp.where(attempt % 2 == 0 and attempt < wp.static(ATTEMPTS), TAU, NEARLY_NONE)
+                best = settle(dense, z, tau, best, attempt - wp.static(ATTEMPTS))
+                if best.worst <= ENOUGH:
+                    status = wp.static(SOLVED)
+            attempt += 1
+        if status == wp.static(NOT_CONVERGED) and ray == 1 and best.worst > NEARLY:
+            status = wp.static(JAMMED)
+        v = p.vfree
+        lam_out = VR()
+        z_out = VR()
+        for i in range(dense.count):
+            k = dense.row[i]
+            lam_out[k] = best.lam[i]
+            z_out[k] = best.z[i]
+            v += best.lam[i] * dense.response[i]
+        return v, kept(z_out, warm, p.mask), lam_out, status, attempt
+
+    return solve

@@ -1,0 +1,247 @@
+"""The modes of contacts under Coulomb's friction, and the linear system of given modes.
+
+Rows are (n, t) as in `coulomb.py`. A row presses (z_n > 0) or not; a pressed contact sticks, |z_t| <= A_tt mu
+lambda_n, or slides either way.
+"""
+
+from types import SimpleNamespace
+
+import warp as wp
+
+from ..contact.problem import make_problem
+from ..contact.rows import make_rows
+from ..factories import cached
+from ..method import Method
+from ..structure import Structure, layout
+
+TOUCHING = {wp.float64: 1e-12, wp.float32: 1e-6}  # rounding of a gap [m] whose row nothing can open
+LENGTHS = {wp.float64: 3e-3, wp.float32: 4e-2}  # that a gap is the difference of, and rounds with [m]
+OFF, PRESS, STICK, LEFT, RIGHT = 0, 1, 2, 3, 4  # modes; LEFT: lambda_t = -mu lambda_n, RIGHT: + mu lambda_n
+
+
+@cached
+def make_active(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
+    """The dense problem of the rows in the mask, and the linear system of given modes.
+
+    gather(params, row, problem) -> Dense; modes(dense, z) -> MODES;
+    factor(dense, modes, tau) -> Lu; impulses(dense, modes, lu, target, centre) -> lambda with
+    A lambda + target = 0 in the rows that hold; `transposed` is its adjoint.
+    """
+    r = make_rows(s, dtype, method)
+    t = r.types
+    NR = s.nr
+    VR, JR = t.VR, t.JR
+    Problem = make_problem(s, dtype)
+    AR = wp.types.matrix((NR, NR), dtype)
+    MODES = wp.types.vector(NR, wp.int32)
+    ZERO = dtype(0.0)
+    SMALLEST = dtype(1e-30)
+    SHARE = dtype(1e-12 if dtype is wp.float64 else 1e-5)
+    CLOSE, LENGTH = dtype(TOUCHING[dtype]), dtype(LENGTHS[dtype])
+    FRICTION, H = layout(s).offset("friction"), layout(s).offset("step_size")
+    pair = tuple(row.index if row.kind == "contact" else 0 for row in s.rows)
+
+    @wp.struct
+    class Dense:
+        count: int
+        row: MODES  # row of the structure
+        tangent: MODES  # 1: friction row of the normal row before it
+        a: AR  # A
+        b: VR  # J v_free + d/h
+        mu: VR
+        response: JR  # M^-1 J_i'
+        size: VR  # of the terms of the natural map in every row, as J v_free, d/h and A set it
+        shut: int  # 1: a row that no impulse moves (J = 0) is violated
+
+    @wp.struct
+    class Lu:
+        size: int
+        unknown: MODES  # row of every unknown
+        order: MODES
+        m: AR
+
+    @wp.func
+    def gather(params: wp.array2d(dtype=dtype), row: int, p: Problem):
+        out = Dense()
+        size = dtype(0.0)
+        n = int(0)
+        for i in range(wp.static(NR)):
+            if (p.mask & wp.static(1 << i)) != 0:
+                out.row[n] = wp.static(i)
+                out.response[n] = wp.static(r.applies[i])(p.minv, p.jac)
+                out.b[n] = wp.static(r.dots[i])(p.jac, p.vfree) + p.rate[i]
+                terms = wp.abs(out.b[n]) + wp.abs(p.rate[i])
+                if wp.static(r.limit[i]):
+                    terms += wp.abs(p.vfree[wp.static(s.rows[i].index)])
+                else:
+                    for j in range(wp.static(s.nv)):
+                        terms += wp.abs(p.jac[i, j] * p.vfree[j])
+                size = wp.max(size, terms)
+                for k in range(n + 1):
+                    value = wp.static(r.dots[i])(p.jac, out.response[k])
+                    out.a[n, k] = value
+                    out.a[k, n] = value
+                if wp.static(not r.tangent[i]):
+                    allowed = SHARE * terms + CLOSE / params[row, wp.static(H)]
+                    if not (out.a[n, n] > SMALLEST) and out.b[n] < -allowed:
+                        out.shut = 1
+                out.a[n, n] = wp.max(out.a[n, n], SMALLEST)
+                if wp.static(r.tangent[i]):
+                    out.tangent[n] = 1
+                    out.mu[n] = params[row, wp.static(FRICTION + pair[i])]
+                n += 1
+        out.count = n
+        for i in range(n):
+            # what opens a violated row may move others much faster than it (a guide along the surface)
+            out.size[i] = wp.max(size, SMALLEST)
+            for k in range(n):
+                if out.tangent[k] == 0 and out.b[k] < ZERO:
+                    out.size[i] = wp.max(out.size[i], -out.b[k] * wp.abs(out.a[i, k]) / out.a[k, k])
+            out.size[i] = out.size[i] + LENGTH / params[row, wp.static(H)]
+        return out
+
+    @wp.func
+    def modes(dense: Dense, z: VR):
+        """The mode of every row; a tie presses not, and sticks."""
+        out = MODES()
+        for i in range(dense.count):
+            if dense.tangent[i] == 0:
+                if z[i] > ZERO:
+                    out[i] = wp.static(PRESS)
+            elif out[i - 1] == wp.static(PRESS):
+                bound = dense.a[i, i] * dense.mu[i] * z[i - 1] / dense.a[i - 1, i - 1]
+                out[i] = wp.static(STICK)
+                if z[i] > bound:
+                    out[i] = wp.static(RIGHT)
+                if z[i] < -bound:
+                    out[i] = wp.static(LEFT)
+        return out
+
+    @wp.func
+    def ratio(dense: Dense, mode: MODES, i: int):
+        """lambda_t/lambda_n of the normal row i while its contact slides, else 0."""
+        out = ZERO
+        if i + 1 < dense.count:
+            if dense.tangent[i + 1] == 1:
+                if mode[i + 1] == wp.static(RIGHT):
+                    out = dense.mu[i + 1]
+                if mode[i + 1] == wp.static(LEFT):
+                    out = -dense.mu[i + 1]
+        return out
+
+    @wp.func
+    def factor(dense: Dense, mode: MODES, tau: dtype):
+        """LU factors with partial pivoting of the rows that hold, A + tau diag(A)."""
+        out = Lu()
+        n = int(0)
+        for i in range(dense.count):
+            if mode[i] == wp.static(PRESS) or mode[i] == wp.static(STICK):
+                out.unknown[n] = i
+                n += 1
+        out.size = n
+        for c in range(n):
+            j = out.unknown[c]
+            slide = ratio(dense, mode, j)
+            if dense.tangent[j] == 1:
+                slide = ZERO
+            for k in range(n):
+                i = out.unknown[k]
+                # in units of sqrt(A_ii): pivots of heavy and of light bodies compare
+                value = dense.a[i, j]
+                if slide != ZERO:
+                    value += slide * dense.a[i, j + 1]
+                if i == j:
+                    value += tau * dense.a[i, i]
+                out.m[k, c] = value / wp.sqrt(dense.a[i, i] * dense.a[j, j])
+            out.order[c] = c
+        for c in range(n):
+            best = int(c)
+            for k in range(c + 1, n):
+                if wp.abs(out.m[k, c]) > wp.abs(out.m[best, c]):
+                    best = k
+            if best != c:
+                held = out.order[c]
+                out.order[c] = out.order[best]
+                out.order[best] = held
+                for j in range(n):
+                    value = out.m[c, j]
+                    out.m[c, j] = out.m[best, j]
+                    out.m[best, j] = value
+            pivot = out.m[c, c]
+            if wp.abs(pivot) > SMALLEST:
+                for k in range(c + 1, n):
+                    share = out.m[k, c] / pivot
+                    out.m[k, c] = share
+                    for j in range(c + 1, n):
+                        out.m[k, j] = out.m[k, j] - share * out.m[c, j]
+        return out
+
+    @wp.func
+    def impulses(dense: Dense, mode: MODES, lu: Lu, target: VR, centre: VR, tau: dtype):
+        """lambda with (A + tau diag(A)) lambda = tau diag(A) centre - target in the rows that hold."""
+        x = VR()
+        for c in range(lu.size):
+            i = lu.unknown[lu.order[c]]
+            value = (tau * dense.a[i, i] * centre[i] - target[i]) / wp.sqrt(dense.a[i, i])
+            for k in range(c):
+                value -= lu.m[c, k] * x[k]
+            x[c] = value
+        for back in range(lu.size):
+            c = lu.size - 1 - back
+            value = x[c]
+            for k in range(c + 1, lu.size):
+                value -= lu.m[c, k] * x[k]
+            pivot = lu.m[c, c]
+            x[c] = wp.where(wp.abs(pivot) > SMALLEST, value / pivot, ZERO)
+        out = VR()
+        for c in range(lu.size):
+            j = lu.unknown[c]
+            value = x[c] / wp.sqrt(dense.a[j, j])
+            out[j] = value
+            if dense.tangent[j] == 0:
+                slide = ratio(dense, mode, j)
+                if slide != ZERO:
+                    out[j + 1] = slide * value
+        return out
+
+    @wp.func
+    def transposed(dense: Dense, mode: MODES, lu: Lu, target: VR):
+        """rho in the rows that hold, of the transposed system: with S the impulses lambda = S lambda_hold
+        of all rows, (J_hold M^-1 J' S)' rho = S' target.
+        """
+        x = VR()
+        for c in range(lu.size):
+            j = lu.unknown[c]
+            value = target[j]
+            if dense.tangent[j] == 0:
+                slide = ratio(dense, mode, j)
+                if slide != ZERO:
+                    value += slide * target[j + 1]
+            value = value / wp.sqrt(dense.a[j, j])
+            for k in range(c):
+                value -= lu.m[k, c] * x[k]
+            pivot = lu.m[c, c]
+            x[c] = wp.where(wp.abs(pivot) > SMALLEST, value / pivot, ZERO)
+        out = VR()
+        for back in range(lu.size):
+            c = lu.size - 1 - back
+            value = x[c]
+            for k in range(c + 1, lu.size):
+                value -= lu.m[k, c] * x[k]
+            x[c] = value
+            i = lu.unknown[lu.order[c]]
+            out[i] = value / wp.sqrt(dense.a[i, i])
+        return out
+
+    return SimpleNamespace(
+        types=t,
+        rows=r,
+        Dense=Dense,
+        Lu=Lu,
+        MODES=MODES,
+        gather=gather,
+        modes=modes,
+        factor=factor,
+        impulses=impulses,
+        transposed=transposed,
+    )

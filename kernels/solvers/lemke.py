@@ -1,0 +1,209 @@
+"""Lemke's method for hard contact with Coulomb's friction, as the last resort of `coulomb.py`.
+
+The linear complementarity problem of the paper's [8] in the plane, for a contact with normal impulse c,
+friction b+ - b- and slip speed g: w_n = J_n v' + d/h _|_ c, +-J_t v' + g _|_ b+-, mu c - b+ - b- _|_ g. Its
+matrix is copositive, so that the method ends with a solution or on a ray. Always in float64, A = J M^-1 J'
+and J v_free + d/h too, so that rows that depend on each other do so to 1e-16 and the rounding of float32
+gives them no solutions of their own; scaled to A_ii = 1. Ties between redundant contacts are broken by a
+perturbation of the right-hand side, far below the tolerance of the modes that are wanted from here.
+"""
+
+from typing import Any
+
+import warp as wp
+
+from ..contact.problem import SMALLEST, make_problem
+from ..contact.rows import make_rows
+from ..factories import cached
+from ..method import Method
+from ..structure import Structure
+
+FOUND, RAY, LIMIT = 0, 1, 2
+NONE = -1
+PERTURBATION = 1e-10
+SMALLEST_PIVOT = 1e-11
+PER_CONTACT = 4  # c, b+, b-, g
+STEPS_PER_UNKNOWN = 12
+
+
+@cached
+def make_lemke(s: Structure, dtype: type, method: Method, dense_type: Any) -> wp.Function:
+    """lemke(problem, dense, friction) -> (lambda of the rows, FOUND, RAY or LIMIT); friction = 0 leaves it
+    out.
+    """
+    r = make_rows(s, dtype, method)
+    Problem, VQ = make_problem(s, dtype), r.types.VQ
+    NR, NV = s.nr, s.nv
+    frictional = sum(1 for p in s.pairs if p.friction)
+    N = NR - 2 * frictional + PER_CONTACT * frictional
+    D = wp.float64
+    VR = wp.types.vector(NR, dtype)
+    TABLE = wp.types.matrix((N, N + 2), D)  # columns: nonbasic variables, right-hand side
+    INDEX = wp.types.vector(N, wp.int32)
+    COLUMNS = wp.types.vector(N + 1, wp.int32)
+    ZERO, ONE = D(0.0), D(1.0)
+    AR, BR = wp.types.matrix((NR, NR), D), wp.types.vector(NR, D)
+    JR = wp.types.matrix((NR, NV), D)
+    GOLDEN = D(0.6180339887498949)
+    PERTURB, LEAST, FLOOR = D(PERTURBATION), D(SMALLEST_PIVOT), D(SMALLEST)
+    NORMAL, PLUS, SLIP = 0, 1, 3  # 2: b-
+
+    @wp.struct
+    class Lifted:
+        size: int
+        kind: INDEX
+        row: INDEX  # of the dense problem
+        sign: wp.types.vector(N, D)
+        a: AR  # of the dense problem, scaled to a diagonal of 1
+        b: BR
+        root: BR  # sqrt(A_ii)
+
+    @wp.func
+    def measure(p: Problem, dense: dense_type, l: Lifted):
+        out = l
+        jac = JR()  # J, then J M^-1, of the rows in the system
+        response = JR()
+        for i in range(wp.static(NR)):
+            row_i = wp.static(r.adds[i])(VQ(), p.jac, dtype(1.0))
+            for n in range(dense.count):
+                if dense.row[n] == i:
+                    out.b[n] = D(p.rate[i])
+                    for j in range(wp.static(NV)):
+                        jac[n, j] = D(row_i[j])
+                        out.b[n] = out.b[n] + D(row_i[j]) * D(p.vfree[j])
+        for n in range(dense.count):
+            for j in range(wp.static(NV)):
+                for k in range(wp.static(NV)):
+                    response[n, j] = response[n, j] + jac[n, k] * D(p.minv[k, j])
+            for m in range(n + 1):
+                value = ZERO
+                for j in range(wp.static(NV)):
+                    value += response[n, j] * jac[m, j]
+                out.a[n, m] = value
+                out.a[m, n] = value
+        for n in range(dense.count):
+            out.root[n] = wp.sqrt(wp.max(out.a[n, n], FLOOR))
+            out.b[n] = out.b[n] / out.root[n]
+        for n in range(dense.count):
+            for m in range(dense.count):
+                out.a[n, m] = out.a[n, m] / (out.root[n] * out.root[m])
+        return out
+
+    @wp.func
+    def lift(p: Problem, dense: dense_type, friction: int):
+        out = measure(p, dense, Lifted())
+        n = int(0)
+        for i in range(dense.count):
+            if dense.tangent[i] == 0:
+                out.kind[n] = wp.static(NORMAL)
+                out.row[n] = i
+                out.sign[n] = ONE
+                n += 1
+            elif friction == 1:
+                for k in range(3):
+                    out.kind[n + k] = wp.static(PLUS) + k
+                    out.row[n + k] = i
+                    out.sign[n + k] = ONE
+                out.sign[n + 1] = ZERO - ONE
+                n += 3
+        out.size = n
+        return out
+
+    @wp.func
+    def entry(dense: dense_type, l: Lifted, i: int, j: int):
+        # M_ij of w = M x + q
+        a = l.row[i]
+        b = l.row[j]
+        if l.kind[i] != wp.static(SLIP) and l.kind[j] != wp.static(SLIP):
+            return l.sign[i] * l.sign[j] * l.a[a, b]
+        if l.kind[i] != wp.static(SLIP):  # + g in the rows of b+ and b-
+            return wp.where(a == b and l.kind[i] != wp.static(NORMAL), ONE, ZERO)
+        if l.kind[j] == wp.static(NORMAL) and b == a - 1:
+            return D(dense.mu[a]) * l.root[a] / l.root[b]
+        return wp.where(a == b and l.kind[j] != wp.static(SLIP), ZERO - ONE, ZERO)
+
+    @wp.func
+    def lemke(p: Problem, dense: dense_type, friction: int):
+        l = lift(p, dense, friction)
+        n = l.size
+        largest = D(1e-300)
+        for i in range(n):
+            if l.kind[i] != wp.static(SLIP):
+                largest = wp.max(largest, wp.abs(l.b[l.row[i]]))
+        # the dictionary: basic = right-hand side + sum of columns; variables x_i: i, w_i: n + i, z0: 2 n
+        table = TABLE()
+        basic = INDEX()
+        nonbasic = COLUMNS()
+        jitter = D(0.5)
+        leaving = int(0)
+        for i in range(n):
+            for j in range(n):
+                table[i, j] = entry(dense, l, i, j)
+            table[i, n] = ONE
+            jitter = jitter + GOLDEN
+            jitter = jitter - wp.floor(jitter)
+            q = PERTURB * (ONE + jitter)
+            if l.kind[i] != wp.static(SLIP):
+                q += l.sign[i] * l.b[l.row[i]] / largest
+            table[i, n + 1] = q
+            basic[i] = n + i
+            nonbasic[i] = i
+            if q < table[leaving, n + 1]:
+                leaving = i
+        nonbasic[n] = 2 * n
+        status = int(wp.static(LIMIT))
+        if table[leaving, n + 1] >= ZERO:
+            status = wp.static(FOUND)
+        entering = int(n)  # column
+        steps = int(0)
+        while status == wp.static(LIMIT) and steps < wp.static(STEPS_PER_UNKNOWN) * (n + 1):
+            steps += 1
+            # exchange: basic[leaving] against nonbasic[entering]
+            pivot = table[leaving, entering]
+            for j in range(n + 2):
+                if j != entering:
+                    table[leaving, j] = -table[leaving, j] / pivot
+            table[leaving, entering] = ONE / pivot
+            for i in range(n):
+                if i != leaving:
+                    share = table[i, entering]
+                    if share != ZERO:
+                        for j in range(n + 2):
+                            if j != entering:
+                                table[i, j] = table[i, j] + share * table[leaving, j]
+                        table[i, entering] = share * table[leaving, entering]
+            out = basic[leaving]
+            basic[leaving] = nonbasic[entering]
+            nonbasic[entering] = out
+            if out == 2 * n:
+                status = wp.static(FOUND)
+            else:
+                partner = wp.where(out < n, out + n, out - n)
+                for j in range(n + 1):
+                    if nonbasic[j] == partner:
+                        entering = j
+                leaving = int(wp.static(NONE))
+                least = D(1e300)
+                for i in range(n):
+                    slope = table[i, entering]
+                    if slope < -LEAST:
+                        limit = wp.max(table[i, n + 1], ZERO) / (-slope)
+                        better = limit < least
+                        if basic[i] == 2 * n and limit <= least * (ONE + PERTURB):
+                            better = True  # z0 leaves where it can
+                        if better:
+                            least = limit
+                            leaving = i
+                if leaving == wp.static(NONE):
+                    status = wp.static(RAY)
+        lam = VR()
+        for i in range(n):
+            k = basic[i]
+            if k < n:
+                if l.kind[k] != wp.static(SLIP):
+                    a = l.row[k]
+                    value = l.sign[k] * table[i, n + 1] * largest / l.root[a]
+                    lam[a] = lam[a] + dtype(value)
+        return lam, status
+
+    return lemke

@@ -1,0 +1,239 @@
+"""Damped Newton steps on z for the (smoothed) complementarity problem in mixed form, as in `solve.py`.
+
+A step solves [M, -J'; J, C](dv, dlambda) = (0, -r), C = D s'(-z)/s'(z) (elimination.py) and is shortened
+until sum r_i^2/A_ii falls.
+"""
+
+from types import SimpleNamespace
+
+import warp as wp
+
+from ..contact.problem import make_problem
+from ..contact.rows import make_rows
+from ..factories import cached
+from ..method import Method
+from ..residual.noise import make_noise
+from ..residual.smoothing import make_smoothing
+from ..structure import Structure
+from .elimination import PROXIMAL
+
+SOLVED, NOT_CONVERGED, INFEASIBLE, NONFINITE, JAMMED = 0, 1, 2, 3, 4
+ITERATIONS = {False: 20, True: 8}  # of Newton's method for the smoothed and the hard problem
+# rounding of impulses against each other that v' may hide, relative to the problem's size, as the data set
+# it: in float64 impulses may be 1e7 times what the data ask of a row (a tonne on a gram), not more
+CANCELLED = {wp.float64: 1e-9, wp.float32: 1e-5}
+RESOLUTION = {wp.float64: 2e-14, wp.float32: 1e-6}  # rounding of r, relative to the problem's size
+
+
+def resolution(dtype: type, method: Method) -> float:
+    """|r| that counts as none, relative to the problem's size."""
+    return max(RESOLUTION[dtype], method.tolerance or 0.0)
+
+
+@cached
+def make_newton(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
+    """Of a measured problem: `evaluate` r at z, Newton's `direction` there, the damped iteration `newton`."""
+    r = make_rows(s, dtype, method)
+    t = r.types
+    sm = make_smoothing(dtype, method.residual)
+    VQ, VR, JR = t.VQ, t.VR, t.JR
+    NR, Problem = s.nr, make_problem(s, dtype)
+    noise = make_noise(s, dtype, method)
+    ZERO, HALF, ONE = dtype(0.0), dtype(0.5), dtype(1.0)
+    BEND = dtype(0.5 * sm.steepest)
+    HUGE = dtype(1e300 if dtype is wp.float64 else 1e38)
+    TOL = dtype(resolution(dtype, method))
+    ACCEPT, LARGEST = (dtype(x) for x in ((2e-12, 1e-10) if dtype is wp.float64 else (1e-5, 1e-5)))
+    ROUNDING = dtype(1e-15)  # of the impulses' own velocities, which cancel between heavy and light bodies
+    WQ, bounded = wp.types.vector(s.nv, wp.float64), dtype is wp.float64
+    ROUND, HIDDEN = wp.float64(1e-16 if bounded else 1.0), dtype(CANCELLED[dtype])
+    DECREASE = dtype(1e-4)
+    SHORTEST = dtype(0.05)
+    TAU = dtype(PROXIMAL[dtype])
+
+    @wp.func
+    def weigh(x: dtype):
+        if wp.static(bounded):
+            return wp.float64(wp.abs(x))
+        return wp.float64(x)
+
+    @wp.struct
+    class Point:
+        v: VQ
+        lam: VR
+        res: VR  # r(z)
+        slope: VR  # s'(z)
+        slack: VR  # s'(-z)
+        merit: dtype  # sum r_i^2 / A_ii
+        worst: dtype  # max |r_i|
+
+    @wp.func
+    def evaluate(params: wp.array2d(dtype=dtype), row: int, p: Problem, z: VR):
+        out = Point()
+        f = VQ()
+        for i in range(wp.static(NR)):
+            if (p.mask & wp.static(1 << i)) != 0:
+                if wp.static(method.hard):
+                    e = wp.static(sm.kink)(z[i])
+                else:
+                    level = wp.static(noise.level[i])(params, row, p.sigma)
+                    e = wp.static(sm.smooth)(z[i], level, p.inverse_sigma[i])
+                out.lam[i] = e[0]
+                if wp.static(method.inertia_scaling):
+                    out.lam[i] = e[0] / p.scale[i]
+                out.res[i] = p.rate[i] - e[1]
+                out.slope[i] = e[2]
+                out.slack[i] = e[3]
+                f = wp.static(r.adds[i])(f, p.jac, out.lam[i])
+        out.v = p.vfree + p.minv * f
+        for i in range(wp.static(NR)):
+            if (p.mask & wp.static(1 << i)) != 0:
+                out.res[i] = out.res[i] + wp.static(r.dots[i])(p.jac, out.v)
+                out.merit += out.res[i] * out.res[i] * p.inverse_diag[i]
+                out.worst = wp.max(out.worst, wp.abs(out.res[i]))
+        return out
+
+    @wp.func
+    def direction(p: Problem, at: Point):
+        # `factor`, `forward` and `back` of the sweep in one go, without what only derivatives need
+        left = p.minv
+        dv = VQ()
+        gain = JR()
+        innovation = VR()  # divided by T
+        weight = VR()  # 1/T
+        for i in range(wp.static(NR)):
+            if (p.mask & wp.static(1 << i)) != 0:
+                g = wp.static(r.applies[i])(left, p.jac)
+                stiffness = wp.max(wp.static(r.dots[i])(p.jac, g), ZERO) + TAU * p.diag[i]
+                slack = at.slack[i]
+                if wp.static(method.inertia_scaling):
+                    slack = slack * p.scale[i]
+                inverse = ONE / (slack + at.slope[i] * stiffness)
+                innovation[i] = -inverse * (at.res[i] + wp.static(r.dots[i])(p.jac, dv))
+                weight[i] = inverse
+                k = at.slope[i] * inverse
+                gain[i] = g
+                dv += (at.slope[i] * innovation[i]) * g
+                left -= k * wp.outer(g, g)
+        dz = VR()
+        f = VQ()
+        for j in range(wp.static(NR)):
+            if (p.mask & wp.static(1 << (NR - 1 - j))) != 0:
+                inner = wp.dot(gain[wp.static(NR - 1 - j)], f)
+                step = innovation[wp.static(NR - 1 - j)] - weight[wp.static(NR - 1 - j)] * inner
+                f = wp.static(r.adds[NR - 1 - j])(f, p.jac, at.slope[wp.static(NR - 1 - j)] * step)
+                if wp.static(method.inertia_scaling):
+                    step = step * p.scale[wp.static(NR - 1 - j)]
+                dz[wp.static(NR - 1 - j)] = step
+        return dz
+
+    @wp.func
+    def remainder(p: Problem, dz: VR):
+        # bound on |r| after a full Newton step: s is quadratic up to s'' dz^2/2, s'' <= steepest/sigma
+        bend = ZERO
+        largest = ZERO
+        smallest = ZERO + HUGE
+        for i in range(wp.static(NR)):
+            if (p.mask & wp.static(1 << i)) != 0:
+                bend += BEND * p.inverse_sigma[i] * dz[i] * dz[i]
+                largest = wp.max(largest, p.diag[i])
+                smallest = wp.min(smallest, p.scale[i])
+        return bend * (ONE + largest / smallest)
+
+    @wp.func
+    def follow(p: Problem, at: Point, dz: VR):
+        # the end of a Newton step that needs no other: lambda and v' to first order in dz
+        out = at
+        f = VQ()
+        for i in range(wp.static(NR)):
+            if (p.mask & wp.static(1 << i)) != 0:
+                change = at.slope[i] * dz[i]
+                if wp.static(method.inertia_scaling):
+                    change = change / p.scale[i]
+                out.lam[i] = at.lam[i] + change
+                f = wp.static(r.adds[i])(f, p.jac, out.lam[i])
+        out.v = p.vfree + p.minv * f
+        return out
+
+    @wp.func
+    def hidden(p: Problem, at: Point):
+        # what the rounding of impulses against each other left in J v', where r, of the same v', does not see
+        # it: the error itself in float32, in float64 a bound of it
+        f = WQ()
+        for i in range(wp.static(NR)):
+            if (p.mask & wp.static(1 << i)) != 0:
+                j = wp.static(r.adds[i])(VQ(), p.jac, at.lam[i])
+                for k in range(wp.static(s.nv)):
+                    f[k] = f[k] + wp.static(weigh)(j[k])
+        v = WQ()
+        for k in range(wp.static(s.nv)):
+            if wp.static(not bounded):
+                v[k] = wp.float64(p.vfree[k]) - wp.float64(at.v[k])
+            for l in range(wp.static(s.nv)):
+                v[k] = v[k] + wp.static(weigh)(p.minv[k, l]) * f[l]
+        worst = wp.float64(0.0)
+        for i in range(wp.static(NR)):
+            if (p.mask & wp.static(1 << i)) != 0:
+                j = wp.static(r.adds[i])(VQ(), p.jac, ONE)
+                moved = wp.float64(0.0)
+                for k in range(wp.static(s.nv)):
+                    moved += wp.static(weigh)(j[k]) * v[k]
+                worst = wp.max(worst, wp.abs(moved))
+        return dtype(worst * ROUND)
+
+    @wp.func
+    def newton(params: wp.array2d(dtype=dtype), row: int, p: Problem, z0: VR):
+        # from z0; NOT_CONVERGED where no step length helps or the iterations do not suffice
+        z = z0
+        best = z0
+        dz = VR()
+        old = ZERO + HUGE
+        best_worst = ZERO + HUGE
+        length = dtype(1.0)
+        tolerance = TOL * p.size
+        it = int(0)
+        last = int(0)
+        status = int(wp.static(NOT_CONVERGED))
+        at = Point()
+        while status == wp.static(NOT_CONVERGED):
+            it += 1
+            at = evaluate(params, row, p, z)
+            finite = wp.isfinite(at.merit)
+            if not finite and it == 1:
+                status = wp.static(NONFINITE)
+                break
+            if finite and at.worst <= tolerance:
+                status = wp.static(SOLVED)
+                break
+            if last == 1:
+                break
+            if finite and at.merit <= old * (ONE - DECREASE * length):
+                best = z
+                best_worst = at.worst
+                old = at.merit
+                length = dtype(1.0)
+                dz = direction(p, at)
+                z = best + dz
+                if wp.static(not method.hard):
+                    if remainder(p, dz) <= TOL * p.size:
+                        at = follow(p, at, dz)
+                        status = wp.static(SOLVED)
+            else:
+                length = HALF * length
+                z = best + length * dz
+            if length < SHORTEST or it >= wp.static(ITERATIONS[method.hard]):
+                # rounding may be all that is left: the best point then counts with a wider tolerance
+                tolerance = ACCEPT * p.size
+                for i in range(wp.static(NR)):
+                    if (p.mask & wp.static(1 << i)) != 0:
+                        tolerance = wp.max(tolerance, ROUNDING * best[i] * p.diag[i] / p.scale[i])
+                tolerance = wp.min(tolerance, LARGEST * p.size)
+                if best_worst > tolerance:
+                    break
+                z = best
+                last = 1
+        if status == wp.static(SOLVED) and hidden(p, at) > HIDDEN * p.size:
+            status = wp.static(NOT_CONVERGED)
+        return at, z, status, it
+
+    return SimpleNamespace(Point=Point, evaluate=evaluate, direction=direction, newton=newton)

@@ -1,0 +1,1 @@
+"""The specialised step, and rollouts of it."""

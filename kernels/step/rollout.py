@@ -1,0 +1,198 @@
+"""Kernels that step: one step of every world, and whole rollouts under a policy with recording, one launch
+each.
+
+A thread owns a world and keeps its state in registers. A world whose step is not solved keeps its last valid
+state to the end and reports the first status that was not SOLVED.
+"""
+
+from types import SimpleNamespace
+
+import warp as wp
+
+from ..device.compile import specialised
+from ..factories import cached
+from ..method import Method
+from ..policies import policies
+from ..solvers.convex import COLD, NONFINITE, SOLVED
+from ..structure import Structure
+from .step import make_step
+
+POLICIES = {
+    "open_loop": policies.make_open_loop,
+    "tracking": policies.make_tracking,
+    "nearest": policies.make_nearest,
+}
+
+
+@cached
+def make_world(s: Structure, dtype: type, method: Method, exact_gap: bool) -> SimpleNamespace:
+    """Warp functions that read and write one world's rows of the batch arrays."""
+    step = make_step(s, dtype, method, exact_gap)
+    t = step.types
+    NX, NU, NR, NP = 2 * s.nv, s.nu, s.nr, len(s.pairs)
+    VX, VU = t.VX, t.VU
+
+    @wp.func
+    def load_state(x: wp.array2d(dtype=dtype), world: int):
+        out = VX()
+        for j in range(wp.static(NX)):
+            out[j] = x[world, j]
+        return out
+
+    @wp.func
+    def load_control(u: wp.array2d(dtype=dtype), world: int):
+        out = VU()
+        for j in range(wp.static(NU)):
+            out[j] = u[world, j]
+        return out
+
+    @wp.func
+    def warm_carry(multiplier: wp.array2d(dtype=dtype), world: int):
+        """Carry from the last step's multipliers (B, nr + 2 pairs); cold where there are none."""
+        out = step.cold_carry()
+        if multiplier.shape[0] > 0:
+            for i in range(wp.static(NR)):
+                out.z[i] = multiplier[world, i]
+            for k in range(wp.static(NP)):
+                x = multiplier[world, wp.static(NR + 2 * k)]
+                y = multiplier[world, wp.static(NR + 2 * k + 1)]
+                norm = wp.sqrt(x * x + y * y)
+                if norm > dtype(0.0):
+                    out.normal[wp.static(2 * k)] = x / norm
+                    out.normal[wp.static(2 * k + 1)] = y / norm
+        return out
+
+    @wp.func
+    def status_of(sol: step.Solution, x: VX):
+        if sol.status == wp.static(SOLVED) and not wp.isfinite(x):
+            return wp.static(NONFINITE)
+        return sol.status
+
+    return SimpleNamespace(
+        step=step,
+        load_state=load_state,
+        load_control=load_control,
+        warm_carry=warm_carry,
+        status_of=status_of,
+    )
+
+
+@cached
+def make_transition(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
+    """The step as others roll it out: advance(params, row, x, u, carry) -> (x', carry', status)."""
+    world_of = make_world(s, dtype, method, False)
+    step = world_of.step
+    t = step.types
+
+    @wp.func
+    def advance(params: wp.array2d(dtype=dtype), row: int, x: t.VX, u: t.VU, carry: step.Carry):
+        sol = step.solve_step(params, row, x, u, params, wp.static(-1), carry)
+        after = step.next_state(params, row, x, sol)
+        out = step.Carry()
+        out.z = sol.z
+        out.normal = sol.normal
+        return after, out, world_of.status_of(sol, after)
+
+    return SimpleNamespace(advance=advance, cold_carry=step.cold_carry)
+
+
+@cached
+def make_step_kernel(s: Structure, dtype: type, method: Method) -> wp.Kernel:
+    """One step of every world with all of its outputs (gaps exact)."""
+    world_of = make_world(s, dtype, method, True)
+    step = world_of.step
+    NX, NR, NP = 2 * s.nv, s.nr, len(s.pairs)
+
+    @specialised(s, dtype, method)
+    def step_kernel(
+        first: int,
+        params: wp.array2d(dtype=dtype),
+        x: wp.array2d(dtype=dtype),  # (B, nx)
+        u: wp.array2d(dtype=dtype),  # (B, nu)
+        external: wp.array2d(dtype=dtype),  # (0 or B, 3 nb)
+        warm: wp.array2d(dtype=dtype),  # (0 or B, nr + 2 pairs)
+        state: wp.array2d(dtype=dtype),  # out (B, nx)
+        impulse: wp.array2d(dtype=dtype),  # out (B, nr)
+        gap: wp.array2d(dtype=dtype),  # out (B, nr)
+        multiplier: wp.array2d(dtype=dtype),  # out (B, nr + 2 pairs)
+        status: wp.array(dtype=wp.int32),  # out (B,)
+    ):
+        world = first + wp.tid()
+        row = wp.where(params.shape[0] == 1, 0, world)
+        before = world_of.load_state(x, world)
+        carry = world_of.warm_carry(warm, world)
+        sol = step.solve_step(params, row, before, world_of.load_control(u, world), external, world, carry)
+        after = step.next_state(params, row, before, sol)
+        code = world_of.status_of(sol, after)
+        if code != wp.static(SOLVED):
+            after = before
+        for j in range(wp.static(NX)):
+            state[world, j] = after[j]
+        for i in range(wp.static(NR)):
+            impulse[world, i] = wp.where(code == wp.static(SOLVED), sol.lam[i], dtype(0.0))
+            gap[world, i] = sol.rate[wp.static(step.gap_row[i])] * params[row, 0]
+            multiplier[world, i] = wp.where(code == wp.static(SOLVED), sol.z[i], dtype(wp.static(COLD)))
+        for i in range(wp.static(2 * NP)):
+            multiplier[world, wp.static(NR + i)] = wp.where(
+                code == wp.static(SOLVED), sol.normal[i], dtype(0.0)
+            )
+        status[world] = code
+
+    return step_kernel
+
+
+@cached
+def make_rollout_kernel(
+    s: Structure, dtype: type, method: Method, policy_name: str, exact_gap: bool
+) -> wp.Kernel:
+    """Roll every world out under a policy; `exact_gap` as in `make_step`."""
+    world_of = make_world(s, dtype, method, exact_gap)
+    step = world_of.step
+    policy = POLICIES[policy_name](2 * s.nv, s.nu, dtype)
+    NX, NU, NR = 2 * s.nv, s.nu, s.nr
+    Policy = policy.Struct
+
+    @specialised(s, dtype, method, policy_name, exact_gap)
+    def rollout_kernel(
+        first: int,
+        params: wp.array2d(dtype=dtype),
+        x0: wp.array2d(dtype=dtype),  # (B, nx)
+        control: Policy,
+        external: wp.array2d(dtype=dtype),  # (0 or B, 3 nb), constant over the rollout
+        states: wp.array3d(dtype=dtype),  # out (B, N+1, nx)
+        controls: wp.array3d(dtype=dtype),  # out (0 or B, N, nu)
+        impulse: wp.array3d(dtype=dtype),  # out (0 or B, N, nr)
+        gap: wp.array3d(dtype=dtype),  # out (0 or B, N, nr)
+        status: wp.array(dtype=wp.int32),  # in and out (B,): a world that comes in unsolved stays where it is
+    ):
+        world = first + wp.tid()
+        row = wp.where(params.shape[0] == 1, 0, world)
+        x = world_of.load_state(x0, world)
+        carry = step.cold_carry()
+        code = status[world]
+        for j in range(wp.static(NX)):
+            states[world, 0, j] = x[j]
+        for k in range(states.shape[1] - 1):
+            if code == wp.static(SOLVED):
+                u = policy.control(control, world, k, x)
+                sol = step.solve_step(params, row, x, u, external, world, carry)
+                after = step.next_state(params, row, x, sol)
+                code = world_of.status_of(sol, after)
+                if code == wp.static(SOLVED):
+                    x = after
+                    carry.z = sol.z
+                    carry.normal = sol.normal
+                    if controls.shape[0] > 0:
+                        for i in range(wp.static(NU)):
+                            controls[world, k, i] = u[i]
+                    if impulse.shape[0] > 0:
+                        for i in range(wp.static(NR)):
+                            impulse[world, k, i] = sol.lam[i]
+                    if gap.shape[0] > 0:
+                        for i in range(wp.static(NR)):
+                            gap[world, k, i] = sol.rate[wp.static(step.gap_row[i])] * params[row, 0]
+            for j in range(wp.static(NX)):
+                states[world, k + 1, j] = x[j]
+        status[world] = code
+
+    return rollout_kernel

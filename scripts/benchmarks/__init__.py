@@ -1,0 +1,1 @@
+"""Benchmarks: cost, accuracy, stability, peers, and random scenes."""

@@ -1,0 +1,1 @@
+"""Charts of the studies of speed against accuracy."""

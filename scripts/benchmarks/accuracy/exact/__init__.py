@@ -1,0 +1,1 @@
+"""Problems with exact solutions, and the event-driven integration behind them."""

@@ -1,0 +1,1 @@
+"""What steps, Jacobians, gradients and kernels cost."""

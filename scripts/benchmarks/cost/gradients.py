@@ -1,0 +1,97 @@
+"""`slcp bench gradients`: what gradients of rollouts cost, in time against the rollout and in memory, and
+`slcp bench products`: what products with derivatives cost.
+"""
+
+import functools
+import resource
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+import slcp_warp as slcp
+
+from ..shared.ours import PAPER, Ours, cpu_threads
+from ..shared.timing import Case, print_table, tidy_rows, time_interleaved
+from ..shared.workload import make_workload
+
+MEGABYTE = 1024.0  # ru_maxrss is in kilobytes on Linux
+
+
+def bench_gradients(worlds: int, steps: int, every: int, repeats: int, seed: int) -> list[dict[str, Any]]:
+    """Rollouts of the finger, float32, and their gradients by x0, controls and parameters, one thread."""
+    sim = slcp.Simulator(slcp.scenes.flicking_finger(), PAPER, device="cpu", dtype="float32")
+    rng = np.random.default_rng(seed)
+    start = sim.scene.x0 + 0.1 * rng.standard_normal((worlds, sim.nx))
+    torque = rng.standard_normal((worlds, steps, sim.nu))
+
+    def put(a: np.ndarray) -> wp.array:
+        return wp.array(a, dtype=wp.float32, device="cpu", requires_grad=True)
+
+    def gradient(count: int, checkpoint: int | None, tracked: bool) -> None:
+        x0, us = put(start[:count]), put(torque[:count])
+        params = sim.params.track() if tracked else sim.params
+        with wp.Tape() as tape:
+            traj = sim.rollout(x0, us, params, checkpoint=checkpoint)
+        tape.backward(grads={traj.states: wp.full_like(traj.states, 1.0)})
+
+    cases = [
+        Case(
+            "rollout",
+            lambda: sim.rollout(start.astype(np.float32), torque.astype(np.float32)),
+            worlds * steps,
+        )
+    ]
+    peaks = []
+    with cpu_threads(1):
+        for name, checkpoint, tracked in (
+            (f"gradient, every {every}th state kept", every, False),
+            ("gradient", None, False),
+            ("gradient, parameters too", None, True),
+        ):
+            gradient(2, checkpoint, tracked)  # kernels
+            before = _peak()
+            gradient(worlds, checkpoint, tracked)
+            peaks.append(f"{name}: {_peak() - before:.0f} MB more than before, {_peak():.0f} MB in all")
+            run = lambda c=checkpoint, t=tracked: gradient(worlds, c, t)  # noqa: E731
+            cases.append(Case(name, run, worlds * steps, "rollout"))
+        results = time_interleaved(cases, repeats)
+    clock = "process CPU time, one thread, copies included; ratios are rollout / case"
+    print_table(f"gradients of {worlds} rollouts of {steps} steps: {clock}", "us per step", results, peaks)
+    return tidy_rows("gradients", results, clock)
+
+
+def bench_products(worlds: int, steps: int, repeats: int, seed: int) -> list[dict[str, Any]]:
+    """Products with derivatives along rollouts of the finger, in NumPy, one thread."""
+    cases = []
+    with cpu_threads(1):
+        for dtype in ("float32", "float64"):
+            ours = Ours(make_workload(slcp.scenes.flicking_finger(), worlds, steps, seed), dtype)
+            sim, params = ours.sim, ours.params
+            x0, us = ours.work.x0, ours.work.controls
+            count = us.shape[0] * us.shape[1]
+            states = sim.rollout(x0, us, params).states
+            weights, dx0, dus = np.ones(states.shape), np.ones(x0.shape), np.ones(us.shape)
+            x, u = states[:, :-1].reshape(count, -1), us.reshape(count, -1)
+            along = weights[:, 1:].reshape(x.shape)
+            runs: dict[str, Callable[[], Any]] = {
+                "rollout": functools.partial(sim.rollout, x0, us, params),
+                "vjp": functools.partial(slcp.vjp, sim, x0, us, weights, params),
+                "jvp": functools.partial(slcp.jvp, sim, x0, us, dx0, dus, params),
+                "A, B": functools.partial(sim.linearize, x, u, params),
+                "weighted Hessian": functools.partial(slcp.weighted_hessian, sim, x, u, along, params),
+            }
+            reference = f"{dtype} rollout"
+            for name, run in runs.items():
+                label = f"{dtype} {name}"
+                cases.append(Case(label, run, count, None if label == reference else reference))
+        results = time_interleaved(cases, repeats)
+    clock = "process CPU time, one thread, copies included; ratios are rollout / case"
+    print_table(f"products with derivatives: {clock}", "us per step", results, [])
+    return tidy_rows("products", results, clock)
+
+
+def _peak() -> float:
+    """Largest resident memory of this process so far [MB]: what grows from case to case."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / MEGABYTE

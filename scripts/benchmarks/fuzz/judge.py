@@ -1,0 +1,200 @@
+"""The judge: which of a step's equations do not hold, in units of what its precision may miss.
+
+An error counts relative to the size of the terms that the DATA set. Where it is larger, but small beside the
+terms that the ANSWER sets (large impulses between opposed rows, say), the answer must be earned: the size of
+an independent solution (`proofs.py`) takes the answer's place. A runaway answer has none beside it.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..stability.equations import complementarity, expected_square_slopes, normal_tail
+from .contact import gaps
+from .mechanics import Array
+from .problem import EPSILON, FLOOR, TOLERANCE, Problem
+
+STEADY = {"float64": (4e-8, 4e-15), "float32": (1e-4, 2e-6)}  # gap="end": [m/s], and of positions [m]
+TINY = 1e-300
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What the package gave for a step: next state (B, 2 nv), impulses and gaps (B, nr), status (B,)."""
+
+    x: Array
+    impulse: Array
+    gap: Array
+    status: Array
+
+    @staticmethod
+    def of(step: Any) -> "Outcome":
+        """From a `slcp_warp.Step`."""
+        x, impulse, gap = (np.asarray(a, float) for a in (step.state, step.impulse, step.gap))
+        return Outcome(x, impulse, gap, np.asarray(step.status))
+
+    def part(self, keep: Any) -> "Outcome":
+        """Some of the worlds."""
+        keep = np.atleast_1d(keep)
+        return Outcome(self.x[keep], self.impulse[keep], self.gap[keep], self.status[keep])
+
+
+@dataclass(frozen=True)
+class Errors:
+    """By check, (B,): errors over what the data allow (`strict`) and over what data and answer allow."""
+
+    strict: dict[str, Array]
+    lenient: dict[str, Array]
+
+    def worst(self, which: str = "strict") -> Array:
+        """The largest of a world's errors; a NaN is infinite."""
+        parts = np.stack(list(getattr(self, which).values()))
+        return np.where(np.isfinite(parts), parts, np.inf).max(0)
+
+    def name(self, world: int, which: str = "lenient") -> str:
+        """The check that a world misses by most."""
+        parts = {k: v[world] for k, v in getattr(self, which).items()}
+        return max(parts, key=lambda k: parts[k] if np.isfinite(parts[k]) else np.inf)
+
+
+def judge(problem: Problem, out: Outcome, answer: tuple[Array, Array] | None = None) -> Errors:
+    """Errors of the worlds' steps. `answer`: velocities and impulses whose sizes count as the answer's, in
+    place of the judged ones.
+    """
+    truth, method, tol = problem.truth, problem.method, problem.tolerance
+    nv = truth.s.nv
+    q1, v1, lam = out.x[:, :nv], out.x[:, nv:], out.impulse
+    like_v, like_lam = answer if answer is not None else (v1, lam)
+    strict, lenient = {}, {}
+    strict["motion"], lenient["motion"] = _motion(problem, v1, lam, like_v, like_lam)
+    moved = truth.h[:, None] * v1
+    if not method.trapezoidal:
+        size = np.abs(q1) + np.abs(truth.q) + np.abs(moved) + TINY
+        strict["update"] = (np.abs(q1 - truth.q - moved) / size).max(1) / (8.0 * EPSILON[problem.dtype])
+    elif not method.erm:  # positions move with a velocity of their own, which opens the rows, too
+        moved = (q1 - truth.q) / truth.h[:, None]
+        w = problem.rate + np.einsum("bij,bj->bi", problem.jac, moved)
+        size = problem.terms(np.abs(moved) + np.abs(truth.v) + np.abs(problem.drive.free)) + problem.sigma
+        size = size + np.abs(truth.q).max(1)[:, None] * problem.loose / truth.h[:, None]
+        strict["update"] = _highest(np.where(problem.tangent, 0.0, -w) / (tol * size))
+    rate, extra = _rates(problem, q1, v1)
+    free = np.abs(truth.v) + np.abs(problem.drive.free)
+    acts = (lam != 0.0) | (problem.free < 0.0) | (rate + np.einsum("bij,bj->bi", problem.jac, v1) < 0.0)
+    data = problem.terms(free) + problem.sigma + TINY
+    data = np.maximum(data, _highest(data, acts)[:, None]) * problem.loss[:, None]
+    swing = problem.terms(np.abs(like_v)) + problem.diag * np.abs(like_lam)
+    swing = data + np.maximum(swing, _highest(swing, acts)[:, None])
+    error = _contact(problem, rate, v1, lam, data)
+    strict["contact"] = _highest(error / (tol * data + extra))
+    lenient["contact"] = _highest(error / (tol * swing + extra))
+    size = np.maximum(problem.size * truth.h[:, None], 1e-30)
+    wide = np.where(problem.unclear | problem.tangent, np.inf, 40.0 * EPSILON[problem.dtype] * size)
+    known = problem.rate * truth.h[:, None]
+    strict["gap"] = _highest(np.abs(np.where(problem.tangent, 0.0, out.gap - known)) / wide)
+    strict["energy"], lenient["energy"] = _energy(problem, v1, like_v)
+    for name in ("update", "gap"):
+        if name in strict:
+            lenient[name] = strict[name]
+    return Errors(strict, lenient)
+
+
+def _highest(values: Array, where: Array | None = None) -> Array:
+    """The largest of a world's rows (B,), 0 without rows."""
+    values = values if where is None else np.where(where, values, 0.0)
+    return values.max(1, initial=0.0)
+
+
+def _motion(p: Problem, v1: Array, lam: Array, like_v: Array, like_lam: Array) -> tuple[Array, Array]:
+    """Errors of H v' = H v_free + J' lambda, a body's coordinates weighed by energy."""
+    drive, truth = p.drive, p.truth
+    left = np.einsum("bij,bj->bi", drive.h_mass, v1)
+    error = np.abs(left - drive.rhs - np.einsum("bri,br->bi", p.jac, lam))
+    root = np.sqrt(np.einsum("bjj->bj", drive.h_mass))
+    mine = np.array(truth.s.dof_body)
+    alone = (np.maximum(-p.free, 0.0) + p.sigma) / np.maximum(p.diag, FLOOR)  # a row's impulse by itself
+    data = drive.size + np.einsum("bij,bj->bi", np.abs(drive.h_mass), np.abs(drive.free))
+    data = data + np.einsum("bri,br->bi", p.bound, np.where(lam != 0.0, alone, 0.0))
+    answer = np.einsum("bij,bj->bi", np.abs(drive.h_mass), np.abs(like_v))
+    answer = data + answer + np.einsum("bri,br->bi", p.bound, np.abs(like_lam))
+    out = []
+    for size in (data, answer):
+        ratio = size / root * p.loss[:, None]
+        body = np.stack([ratio[:, mine == b].max(1) for b in mine], 1)
+        out.append((error / (root * np.maximum(body, TINY))).max(1) / p.tolerance)
+    return out[0], out[1]
+
+
+def _rates(p: Problem, q1: Array, v1: Array) -> tuple[Array, Any]:
+    """d/h of the rows, and what gap="end" allows beside: there the gap is that of q', less J_n v'."""
+    if not (p.method.end_gap and p.truth.s.pairs):
+        return p.rate, 0.0
+    speed, place = STEADY[p.dtype]
+    extra = speed + place * np.maximum(1.0, np.abs(p.truth.q).max(1)) / p.truth.h
+    return ended(p, q1, v1), extra[:, None]
+
+
+def ended(p: Problem, q1: Array, v1: Array) -> Array:
+    """d/h of the rows such that J v' + d/h has the gap at the end of the step (B, nr)."""
+    truth = p.truth
+    after = gaps(truth.mech, q1)
+    rate = p.rate.copy()
+    for i, row in enumerate(truth.s.rows):
+        if row.kind == "contact" and not p.tangent[i]:
+            approach = np.einsum("bj,bj->b", truth.touches.normal[:, row.index], v1)
+            rate[:, i] = after[:, row.index] / truth.h - approach
+    return rate
+
+
+def _contact(p: Problem, rate: Array, v1: Array, lam: Array, data: Array) -> Array:
+    """Errors (B, nr) of the complementarity problem, as velocities."""
+    b = rate + np.einsum("bij,bj->bi", p.jac, v1)
+    a, method = p.scale * lam, p.method
+    if not lam.size:
+        return np.zeros(lam.shape)
+    if method.erm:
+        by_a, by_b = expected_square_slopes(a, b, p.sigma, method)
+        slope = p.scale * by_a + np.einsum("bij,bj->bi", p.a, by_b)
+        out: Array = np.abs(slope) / np.maximum(p.diag, p.scale)
+        return out
+    if method.hard:
+        error = np.where(b < p.diag * lam, b, p.diag * lam)
+        for i in np.flatnonzero(p.tangent):
+            bound = p.mu[:, i] * np.maximum(lam[:, i - 1], 0.0)
+            size = np.maximum(p.diag[:, i], FLOOR)
+            error[:, i] = size * (lam[:, i] - np.clip(lam[:, i] - b[:, i] / size, -bound, bound))
+        return np.abs(error)
+    error = np.abs(complementarity(a, b, p.sigma, method))
+    x = np.clip((b - a) / p.sigma, -700.0, 700.0)
+    if method.residual == "rem-logistic":
+        by_a = 1.0 / (1.0 + np.exp(-x))
+    else:
+        tail = normal_tail(np.abs(x))
+        by_a = np.where(x > 0.0, 1.0 - tail, tail)
+    gain: Array = np.maximum(1.0 - by_a, by_a * p.scale / np.maximum(p.diag, FLOOR))
+    return error / np.maximum(gain, TINY)
+
+
+def _energy(p: Problem, v1: Array, like: Array) -> tuple[Array, Array]:
+    """By how much a step adds kinetic energy where it must not. Hard contact whose rows are all open, or
+    closed without overlap: v' is a projection of v_free (Anitescu), or friction and normal both oppose it
+    (Coulomb). Dampers, where nothing touches: against the velocity without them, unless the scene wants
+    them explicit.
+    """
+    truth, none = p.truth, np.zeros(len(v1))
+    if p.method.trapezoidal:
+        return none, none
+    kinetic, h_mass, free = truth.mech.kinetic, p.drive.h_mass, np.abs(p.drive.free)
+    undamped = truth.undamped()
+    alone = (p.free > 0.0).all(1) & truth.damped if p.method.hard and not p.method.end_gap else none > 0.0
+    gain = np.where(alone, kinetic(truth.motion.mass, v1) - kinetic(truth.motion.mass, undamped), 0.0)
+    size = kinetic(np.abs(truth.motion.mass), np.abs(undamped) + np.abs(truth.v)) + TINY
+    strict = lenient = gain / (20.0 * TOLERANCE[p.dtype]) / size
+    if p.method.hard and not p.method.end_gap:
+        legal = (p.rate >= 0.0).all(1)
+        gain = np.where(legal, kinetic(h_mass, v1) - kinetic(h_mass, p.drive.free), 0.0)
+        gain = gain / (20.0 * TOLERANCE[p.dtype])
+        size = kinetic(np.abs(h_mass), free + np.abs(truth.v)) + TINY
+        strict = np.maximum(strict, gain / size)
+        lenient = np.maximum(lenient, gain / (size + kinetic(np.abs(h_mass), np.abs(like))))
+    return strict, lenient

@@ -1,0 +1,229 @@
+"""The oracle's mechanics: poses, mass matrix, damping and forces of many worlds of one scene, in NumPy.
+
+Bodies are visited from the root: every one has its frame's angle and origin, the origin's Jacobian V (..., 2,
+nv), which degrees of freedom turn it W (nv,), and the acceleration of its origin at q'' = 0. Arrays are (...,
+) over worlds; q and v may be complex, so that derivatives come from complex steps. Nothing of the kernels is
+used but the scene's structure, which names what there is.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from slcp_warp.description.scene import Scene
+
+Array = np.ndarray
+COMPLEX_STEP = 1e-30
+
+
+def turn(angle: Array, vector: Array) -> Array:
+    """`vector` (..., 2) turned by `angle` (...)."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.stack([c * vector[..., 0] - s * vector[..., 1], s * vector[..., 0] + c * vector[..., 1]], -1)
+
+
+def across(vector: Array) -> Array:
+    """`vector` (..., 2) turned by a right angle."""
+    return np.stack([-vector[..., 1], vector[..., 0]], -1)
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A body in motion: angle (...), origin (..., 2), Jacobians V (..., 2, nv) and W (nv,), spin (...), the
+    origin's acceleration at q'' = 0 (..., 2), a bound of its terms (...), and of the lengths that the origin
+    is the sum of (...).
+    """
+
+    angle: Array
+    at: Array
+    V: Array
+    W: Array
+    spin: Array
+    bias: Array
+    bias_size: Array
+    reach: Array
+
+    def jacobian(self, arm: Array) -> Array:
+        """Jacobian (..., 2, nv) of the point at `arm` (..., 2) from the origin, in world axes."""
+        return self.V + across(arm)[..., None] * self.W
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What drives a step: mass matrix M and damping matrix C (..., nv, nv), forces without C v and the sum of
+    the magnitudes of their terms (..., nv), potential energy (...).
+    """
+
+    mass: Array
+    damping: Array
+    force: Array
+    size: Array
+    potential: Array
+
+
+class Mechanics:
+    """Kinematics and dynamics of a scene; `numbers` by parameter name, shared or with worlds first."""
+
+    def __init__(self, scene: Scene, numbers: dict[str, Array]) -> None:
+        self.scene, self.s = scene, scene.structure
+        self.p: dict[str, Array] = {}
+        for name, value in scene.default_parameters().items():
+            given = np.asarray(numbers.get(name, value), float)
+            self.p[name] = given if given.ndim > value.ndim else given[None]
+
+    @property
+    def implicit(self) -> bool:
+        """Whether dampers act with the velocity at the end of the step."""
+        return bool(getattr(self.scene, "implicit_damping", False))
+
+    @property
+    def h(self) -> Array:
+        """Step size (B or 1,)."""
+        return self.p["step_size"]
+
+    def frames(self, q: Array, v: Array | None = None) -> list[Frame]:
+        """Every body's frame at positions q (B, nv)."""
+        v = np.zeros(q.shape) if v is None else v
+        worlds, nv = q.shape
+        none, flat = np.zeros(worlds), np.zeros((worlds, 2))
+        ground = Frame(none, flat, np.zeros((worlds, 2, nv)), np.zeros(nv), none, flat, none, none)
+        out: list[Frame] = []
+        for i, body in enumerate(self.s.bodies):
+            up = out[body.parent] if body.parent >= 0 else ground
+            local = self.p["anchor"][:, i] + 0.0 * q[:, :1]
+            angle = up.angle + self.p["angle"][:, i]
+            slide, w = np.zeros((worlds, 2, nv), q.dtype), up.W.copy()
+            reach = up.reach + np.abs(local).sum(-1)
+            for n, j in enumerate(body.dofs):
+                if body.joint == "revolute" or n == 2:
+                    w[j] += 1.0
+                    angle = angle + q[:, j]
+                    continue
+                axis = self.p["axis"][:, i] if body.joint == "prismatic" else np.eye(2)[n]
+                local = local + axis * q[:, j, None]
+                slide[:, :, j] = turn(up.angle, axis + 0.0 * local)
+                reach = reach + np.abs(q[:, j])
+            lever = turn(up.angle, local)
+            drift = np.einsum("bij,bj->bi", slide, v)
+            length = np.abs(lever).sum(-1)
+            out.append(Frame(
+                angle, up.at + lever, up.V + across(lever)[..., None] * up.W + slide, w, v @ w,
+                up.bias - up.spin[:, None] ** 2 * lever + 2.0 * up.spin[:, None] * across(drift),
+                up.bias_size + np.abs(up.spin) ** 2 * length
+                + 2.0 * np.abs(up.spin) * np.abs(drift).sum(-1), reach,
+            ))  # fmt: skip
+        return out
+
+    def motion(self, q: Array, v: Array, u: Array | None = None, push: Array | None = None) -> Motion:
+        """M, C and the forces at a state; `push` (B, nv): generalised forces from elsewhere."""
+        p, (worlds, nv) = self.p, q.shape
+        mass = np.zeros((worlds, nv, nv), q.dtype)
+        force = np.zeros((worlds, nv), np.result_type(q, v))
+        size, potential = np.zeros((worlds, nv)), np.zeros(worlds, q.dtype)
+        frames = self.frames(q, v)
+        gravity = np.abs(p["gravity"]).sum(-1)
+        for i, frame in enumerate(frames):
+            m = p["mass"][:, i]
+            com = turn(frame.angle, p["com"][:, i] + 0.0 * frame.at)
+            jac = frame.jacobian(com)
+            mass += m[:, None, None] * np.einsum("bki,bkj->bij", jac, jac)
+            mass += p["inertia"][:, i, None, None] * np.outer(frame.W, frame.W)
+            pull = p["gravity"] - frame.bias + frame.spin[:, None] ** 2 * com
+            force += np.einsum("bki,bk->bi", jac, m[:, None] * pull)
+            terms = gravity + frame.bias_size + np.abs(frame.spin) ** 2 * np.abs(com).sum(-1)
+            size += np.abs(jac).sum(1) * (m * terms)[:, None]
+            potential = potential - m * np.sum(p["gravity"] * (frame.at + com), -1)
+        damping = np.zeros((worlds, nv, nv), q.dtype)
+        damping[:, range(nv), range(nv)] = p["damping"]
+        if self.s.sprung:
+            force -= p["stiffness"] * (q - p["rest"])
+            size += p["stiffness"] * (np.abs(q) + np.abs(p["rest"]))
+            potential = potential + 0.5 * np.sum(p["stiffness"] * (q - p["rest"]) ** 2, -1)
+        for i in range(len(self.s.springs)):
+            pull, grad, loose, energy = self.spring(frames, q, i)
+            force -= pull[:, None] * grad
+            size += loose[:, None] * np.abs(grad)
+            damping += p["spring_damping"][:, i, None, None] * grad[:, :, None] * grad[:, None, :]
+            potential = potential + energy
+        for i, dof in enumerate(self.s.actuators if u is not None else ()):
+            force[:, dof] += p["gear"][:, i] * u[:, i]  # type: ignore[index]
+            size[:, dof] += np.abs(p["gear"][:, i] * u[:, i])  # type: ignore[index]
+        if push is not None:
+            force, size = force + push, size + np.abs(push)
+        return Motion(mass, damping, force, size, potential)
+
+    def spring(self, frames: list[Frame], q: Array, i: int) -> tuple[Array, Array, Array, Array]:
+        """Of spring i: tension k (l - L) (B,), dl/dq (B, nv), the tension's terms and its energy (B,)."""
+        p, ends, reach = self.p, [], np.zeros(len(q))
+        for end, body in enumerate(self.s.springs[i]):
+            local = p["spring_point"][:, i, end] + 0.0 * q[:, :1]
+            if body < 0:
+                ends.append((local, np.zeros((len(q), 2, q.shape[1]))))
+            else:
+                arm = turn(frames[body].angle, local)
+                ends.append((frames[body].at + arm, frames[body].jacobian(arm)))
+                reach = reach + frames[body].reach
+            reach = reach + np.abs(local).sum(-1)
+        delta, jac = ends[1][0] - ends[0][0], ends[1][1] - ends[0][1]
+        rest, k = p["spring_length"][:, i], p["spring_stiffness"][:, i]
+        length = np.sqrt(np.sum(delta * delta, -1) + (1e-3 * rest + 1e-5) ** 2)
+        grad = np.einsum("bk,bkj->bj", delta, jac) / length[:, None]
+        return k * (length - rest), grad, np.abs(k) * (reach + rest), 0.5 * k * (length - rest) ** 2
+
+    def effective(self, motion: Motion, trapezoidal: bool) -> Array:
+        """N (B, nv, nv), which stands for M where v' is solved. Implicit damping: M + h C (Euler), K + B K^-1
+        B with B = h C / 2, K = M + B (trapezoidal); else M.
+        """
+        if not self.implicit:
+            return motion.mass
+        drag = self.h[:, None, None] * motion.damping
+        if not trapezoidal:
+            return motion.mass + drag
+        k = motion.mass + 0.5 * drag
+        out: Array = k + 0.25 * drag @ np.linalg.solve(k, drag)
+        return out
+
+    def trapezoid(self, q: Array, v: Array, u: Array | None, push: Array) -> Array:
+        """Where the linearly implicit trapezoidal method takes v: E (reached - v) = h f - h^2/2 K_q v,
+        E = N + h/2 K_v + h^2/4 K_q, K_q = d(M a - f)/dq at constant a = N^-1 f, K_v = -df/dv, f = r + u +
+        push. With implicit damping K_v has no dampers and K_q has them at v + h a.
+        """
+        h, nv = self.h[:, None, None], q.shape[1]
+        here = self.motion(q, v, u, push)
+        ahead = h[..., 0] if self.implicit else 0.0 * h[..., 0]
+        n = self.effective(here, True)
+        force = here.force - np.einsum("bij,bj->bi", here.damping, v)
+        a = np.linalg.solve(n, force[..., None])[..., 0]
+        kq, kv = np.zeros(n.shape), np.zeros(n.shape)
+        for j in range(nv):
+            step = 1j * COMPLEX_STEP * np.eye(nv)[j]
+            by_q, by_v = self.motion(q + step, v + 0j, u), self.motion(q + 0j, v + step, u)
+            drag = np.einsum("bij,bj->bi", by_q.damping, v + ahead * a)
+            total = np.einsum("bij,bj->bi", by_q.mass, a) + drag - by_q.force
+            kq[..., j] = total.imag / COMPLEX_STEP
+            drag = np.zeros(v.shape) if self.implicit else np.einsum("bij,bj->bi", by_v.damping, v + step)
+            kv[..., j] = (drag - by_v.force).imag / COMPLEX_STEP
+        e = n + 0.5 * h * (kv + 0.5 * h * kq)
+        rhs = h[..., 0] * (force - 0.5 * h[..., 0] * np.einsum("bij,bj->bi", kq, v))
+        out: Array = v + np.linalg.solve(e, rhs[..., None])[..., 0]
+        return out
+
+    def wrenches(self, q: Array, force: Array) -> Array:
+        """Forces and torques at the centres of mass (B, nb, 3) whose generalised force is `force` (B, nv)."""
+        rows = []
+        for i, frame in enumerate(self.frames(q)):
+            jac = frame.jacobian(turn(frame.angle, self.p["com"][:, i] + 0.0 * frame.at))
+            rows.append(np.concatenate([jac, np.broadcast_to(frame.W, (len(q), 1, q.shape[1]))], 1))
+        stack = np.concatenate(rows, 1)  # (B, 3 nb, nv), of full rank
+        out = np.linalg.pinv(np.swapaxes(stack, 1, 2)) @ force[..., None]
+        return out[..., 0].reshape(len(q), -1, 3)
+
+    def kinetic(self, mass: Array, v: Array) -> Array:
+        """v' M v / 2 (B,)."""
+        return 0.5 * np.einsum("bi,bij,bj->b", v, mass, v)
+
+
+def worlds_of(numbers: dict[str, Any], keep: Array) -> dict[str, Any]:
+    """The numbers of the worlds `keep` (indices), where every array has the worlds first."""
+    return {name: value[keep] for name, value in numbers.items()}

@@ -1,0 +1,190 @@
+"""One step of many worlds as the oracle sees it: the rows, what drives them, and the sizes of both.
+
+Euler: H v' = M v + h f + J' lambda with H = M and f = r + u where damping is explicit, H = M + h C and f = r
++ u + C v where it is implicit. Sizes are what a rounding error is relative to. They come from the data (the
+state, the numbers, the free velocity) and never from the answer that is judged.
+"""
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+
+from slcp_warp.description.scene import Scene
+from slcp_warp.kernels.method import Method
+
+from .contact import Touches, touches
+from .draws import Worlds
+from .mechanics import Array, Mechanics
+
+TOLERANCE = {"float64": 1e-10, "float32": 2e-5}  # of the size of the terms: the documented accuracy
+EPSILON = {"float64": 2.2e-16, "float32": 1.2e-7}
+LOGISTIC = np.sqrt(3.0) / np.pi  # scale of the logistic distribution of standard deviation 1
+ERM_SLACK = 10.0  # of TOLERANCE: a vanishing gradient of squares has the square of a residual's condition
+MOST_LOSS = 1e-2  # relative error, whatever the mass matrix
+FLOOR = 1e-30
+
+
+@dataclass(frozen=True)
+class Drive:
+    """H (B, nv, nv), right-hand side H v_free and the size of its terms (B, nv), v_free (B, nv)."""
+
+    h_mass: Array
+    rhs: Array
+    size: Array
+    free: Array
+
+
+class Truth:
+    """The oracle's account of worlds before a step, under generalised forces `force` (B, nv) beside the
+    scene's own; methods share it.
+    """
+
+    def __init__(self, scene: Scene, worlds: Worlds, force: Array | None = None) -> None:
+        self.scene, self.s, self.worlds = scene, scene.structure, worlds
+        self.mech = Mechanics(scene, worlds.numbers)
+        nv = self.s.nv
+        self.q, self.v = worlds.x[:, :nv], worlds.x[:, nv:]
+        self.h = np.broadcast_to(self.mech.h, (len(self.q),))
+        self.motion = self.mech.motion(self.q, self.v, worlds.u, force)
+        self.touches = touches(self.mech, self.q)
+        self.openings: dict[bool, dict[int, float]] = {}  # proofs, by Coulomb's friction and world
+
+    @property
+    def damped(self) -> bool:
+        """Whether dampers may only take energy: unless the scene wants their explicit rule."""
+        return bool(getattr(self.scene, "implicit_damping", True))
+
+    def undamped(self) -> Array:
+        """Where the forces alone take the velocity without dampers (B, nv)."""
+        momentum = np.einsum("bij,bj->bi", self.motion.mass, self.v) + self.h[:, None] * self.motion.force
+        return solved(self.motion.mass, momentum)
+
+    def drive(self, push: Array | None = None) -> Drive:
+        """The equation of motion of Euler's step, or of the trapezoidal one with the predicted contact force
+        `push` = N^-1 J' lambda (B, nv).
+        """
+        h, mo = self.h[:, None], self.motion
+        drag = np.einsum("bij,bj->bi", mo.damping, self.v)
+        size = np.einsum("bij,bj->bi", np.abs(mo.mass), np.abs(self.v)) + h * (mo.size + np.abs(drag))
+        h_mass = self.mech.effective(mo, push is not None)
+        rhs = np.einsum("bij,bj->bi", mo.mass, self.v) + h * (
+            mo.force - (0.0 if self.mech.implicit else drag)
+        )
+        if push is not None:
+            pull = np.einsum("bij,bj->bi", h_mass, push)
+            reached = self.mech.trapezoid(self.q, self.v, self.worlds.u, pull / h)
+            return Drive(h_mass, np.einsum("bij,bj->bi", h_mass, reached - push), size, reached - push)
+        return Drive(h_mass, rhs, size, solved(h_mass, rhs))
+
+
+def solved(matrix: Array, rhs: Array) -> Array:
+    """matrix^-1 rhs, (B, n)."""
+    out: Array = np.linalg.solve(matrix, rhs[..., None])[..., 0]
+    return out
+
+
+class Problem:
+    """Rows of a method, (B, nr, ...), in the scene's order, and the sizes of their terms.
+
+    Attributes:
+        jac: J. rate: d/h. bound: of |J| entries by what they are the sum of. tangent: Coulomb's tangential
+        rows. mu (B, nr). a: A = J H^-1 J'. diag: its diagonal. free: b = J v_free + d/h. sigma: noise levels.
+    """
+
+    def __init__(
+        self, truth: Truth, drive: Drive, method: Method, dtype: str, inner: str | None = None
+    ) -> None:
+        self.truth, self.drive, self.method, self.dtype = truth, drive, method, dtype
+        self.inner = inner or dtype  # the precision that the kernels work in
+        self.tolerance = TOLERANCE[dtype] * (ERM_SLACK if method.erm else 1.0)
+        s, p, t = truth.s, truth.mech.p, truth.touches
+        self.loose = 4.0 * EPSILON[dtype] / TOLERANCE[dtype]  # a rounding error in units of the tolerance
+        rows, rates, bounds, mus, sizes, unclear = [], [], [], [], [], []
+        zero = np.zeros(truth.q.shape)
+        for row in s.rows:
+            if row.kind == "limit":
+                bound = p["lower" if row.sign > 0 else "upper"][:, row.index]
+                unit = zero.copy()
+                unit[:, row.index] = row.sign
+                q = truth.q[:, row.index]
+                rows.append(unit)
+                rates.append(row.sign * (q - bound) / truth.h)
+                bounds.append(np.abs(unit))
+                sizes.append((np.abs(q) + np.abs(bound)) / truth.h)
+                mus.append(np.zeros(len(q)))
+                unclear.append(np.zeros(len(q), bool))
+                continue
+            row_, rate, bound, mu = self._contact(t, row.index, row.sign, p["friction"])
+            rows.append(row_)
+            rates.append(rate)
+            bounds.append(bound)
+            mus.append(mu)
+            sizes.append(np.zeros(len(mu)) if self._is_tangent(row) else t.size[:, row.index] / truth.h)
+            unclear.append(t.margin[:, row.index] < 40.0 * EPSILON[dtype] * t.size[:, row.index])
+        self.tangent = np.array([self._is_tangent(row) for row in s.rows], bool)
+        self.jac, self.bound = _stack(rows, zero), _stack(bounds, zero)
+        self.rate, self.mu, self.size = (_stack(x, truth.h) for x in (rates, mus, sizes))
+        self.unclear = _stack(unclear, truth.h > 0.0)
+        self.a = self.jac @ np.linalg.solve(drive.h_mass, np.swapaxes(self.jac, 1, 2))
+        self.diag = np.einsum("bii->bi", self.a)
+        self.free = self.rate + np.einsum("bij,bj->bi", self.jac, drive.free)
+        self.sigma = self._sigma()
+
+    def start_from(self, rate: Array) -> None:
+        """Take other values of d/h."""
+        self.free, self.rate = self.free + rate - self.rate, rate
+
+    def _is_tangent(self, row: object) -> bool:
+        return self.method.coulomb and row.kind == "contact" and row.sign < 0  # type: ignore[attr-defined]
+
+    def _contact(self, t: Touches, k: int, sign: int, friction: Array) -> tuple[Array, Array, Array, Array]:
+        """J, d/h, the bound of J's entries and mu of a contact's row."""
+        mu = friction[:, k] + np.zeros(len(t.gap))
+        turned = np.maximum(1.0, t.bend[:, k] * self.loose)[:, None]
+        bound = (np.abs(t.normal[:, k]) + np.abs(t.tangent[:, k])) * turned
+        turning = np.array([kind == "revolute" for kind in self.truth.s.dof_kind])
+        bound = (bound + turning * t.size[:, k, None] * self.loose) * (1.0 + mu[:, None])
+        if self.method.coulomb and sign < 0:
+            return t.tangent[:, k], np.zeros(len(mu)), bound, mu
+        slope = 0.0 if self.method.coulomb else sign * mu[:, None]
+        return t.normal[:, k] + slope * t.tangent[:, k], t.gap[:, k] / self.truth.h, bound, mu
+
+    def _sigma(self) -> Array:
+        p, method = self.truth.mech.p, self.method
+        if method.hard:
+            return np.zeros(self.rate.shape)
+        sigma = p["sigma"] + np.zeros(self.rate.shape)
+        if method.state_noise:
+            noise = p["position_covariance"] / self.truth.h[:, None, None] ** 2 + p["velocity_covariance"]
+            variance = np.einsum("bri,bij,brj->br", self.jac, noise, self.jac)
+            sigma = np.sqrt(np.maximum(variance, 0.0) + 1e-12)
+        return sigma * (LOGISTIC if method.converts else 1.0)
+
+    @property
+    def loss(self) -> Array:
+        """How many times the tolerance the digits are that H^-1 costs (B,), at least 1."""
+        lost = self.condition * EPSILON[self.inner] / self.tolerance
+        out: Array = np.clip(lost, 1.0, MOST_LOSS / self.tolerance)
+        return out
+
+    @functools.cached_property
+    def condition(self) -> Array:
+        """Condition of H in units of its diagonal (B,)."""
+        root = np.sqrt(np.einsum("bjj->bj", self.drive.h_mass))
+        out: Array = np.linalg.cond(self.drive.h_mass / (root[:, :, None] * root[:, None]))
+        return out
+
+    @property
+    def scale(self) -> Array:
+        """D (B, nr)."""
+        return np.maximum(self.diag, FLOOR) if self.method.inertia_scaling else np.ones(self.diag.shape)
+
+    def terms(self, velocity: Array) -> Array:
+        """Sizes (B, nr) of the terms of J v + d/h for velocities of this size."""
+        return np.abs(self.rate) + self.loose * self.size + np.einsum("bij,bj->bi", self.bound, velocity)
+
+
+def _stack(parts: list[Array], like: Array) -> Array:
+    """Parts (B, ...) side by side in a new second axis, of extent 0 where there are none."""
+    return np.stack(parts, 1) if parts else like[:, None][:, :0]

@@ -1,0 +1,140 @@
+"""Proofs about single worlds, by SciPy and enumeration: whether any velocity opens the rows, whether Coulomb
+contact has a solution, and how large a solution is.
+"""
+
+import itertools
+from typing import Any
+
+import numpy as np
+
+from ..accuracy.exact.mechanics import scipy_module
+from .mechanics import Array
+from .problem import FLOOR, Problem
+
+MOST_MODES = 1_024
+FASTEST = (
+    1e5  # velocities that open rows, in units of the world's speeds: pi/2 in float32 is a direction, too
+)
+OPEN, PRESS, STICK, LEFT, RIGHT = range(5)
+
+
+def widest_opening(p: Problem, i: int) -> float:
+    """The largest t <= 1 such that some velocity gives every row (Coulomb: every normal row) w >= t, with w
+    in units of the world's own speeds: below 0 no velocity up to FASTEST of them opens the rows.
+    """
+    rows = ~p.tangent
+    jac, rate = p.jac[i][rows], p.rate[i][rows]
+    if not len(rate):
+        return 1.0
+    size = np.maximum(np.abs(jac).max(1), 1e-9)  # every row by itself: its largest entry is 1
+    jac, rate = jac / size[:, None], rate / size
+    speed = max(1e-12, float(np.abs(rate).max()))
+    linprog = scipy_module("optimize").linprog
+    goal = np.r_[np.zeros(jac.shape[1]), -1.0]
+    sides = np.c_[-jac, np.ones(len(rate))]
+    bounds = [(-FASTEST, FASTEST)] * jac.shape[1] + [(None, 1.0)]
+    found = linprog(goal, sides, rate / speed, bounds=bounds, method="highs")
+    return float(-found.fun) if found.status == 0 else np.nan
+
+
+def least_motion(p: Problem, i: int) -> tuple[Array, Array] | None:
+    """v' and lambda of hard contact with Anitescu's friction: the least |v' - v_free|_H that opens the rows
+    (Lawson and Hanson's least distances); None where nothing opens them.
+    """
+    jac, b = p.jac[i], p.free[i]
+    size = np.sqrt(np.maximum(p.diag[i], FLOOR))
+    root = np.linalg.cholesky(p.drive.h_mass[i])
+    g = np.linalg.solve(root, jac.T).T / size[:, None]
+    unit = max(1e-300, float(np.abs(b / size).max(initial=0.0)))
+    matrix = np.vstack([g.T, -(b / size / unit)[None]])
+    goal = np.r_[np.zeros(len(root)), 1.0]
+    try:
+        dual, _ = scipy_module("optimize").nnls(matrix, goal, maxiter=50 * (len(b) + 3))
+    except RuntimeError:
+        return None
+    rest = goal - matrix @ dual
+    if rest[-1] < 1e-13:
+        return None
+    lam = dual / rest[-1] * unit / size
+    move = np.linalg.solve(root.T, np.linalg.solve(root, jac.T @ lam))
+    return p.drive.free[i] + move, lam
+
+
+def coulomb_solution(
+    p: Problem, i: int, acting: Array | None = None, accuracy: float = 1e-11
+) -> tuple[Array, Array] | None | bool:
+    """v' and lambda of a solution of Coulomb contact with the least impulses, by trying all modes of all rows
+    (or of those `acting` (nr,), the others open); None where there is none, False where there are too many
+    modes to try.
+    """
+    groups: list[tuple[tuple[int, ...], tuple[int, ...]]] = []
+    for r in range(len(p.tangent)):
+        if p.tangent[r]:
+            continue
+        if acting is not None and not acting[r]:
+            groups.append(((r, r + 1) if p.tangent[r + 1 : r + 2].any() else (r,), (OPEN,)))
+        elif r + 1 < len(p.tangent) and p.tangent[r + 1]:
+            groups.append(((r, r + 1), (OPEN, STICK, LEFT, RIGHT)))
+        else:
+            groups.append(((r,), (OPEN, PRESS)))
+    if np.prod([len(modes) for _, modes in groups], dtype=float) > MOST_MODES:
+        return False
+    best: Any = None
+    for modes in itertools.product(*(modes for _, modes in groups)):
+        lam = _impulses(p, i, [g for g, _ in groups], modes)
+        if lam is None:
+            continue
+        w = p.free[i] + p.a[i] @ lam
+        size = (np.abs(p.free[i]) + np.abs(p.a[i]) @ np.abs(lam)).max() + 1e-300
+        if _legal(p, i, [g for g, _ in groups], lam, w, accuracy * size):
+            if best is None or np.abs(p.diag[i] * lam).max() < np.abs(p.diag[i] * best).max():
+                best = lam
+    if best is None:
+        return None
+    return p.drive.free[i] + np.linalg.solve(p.drive.h_mass[i], p.jac[i].T @ best), best
+
+
+def _impulses(p: Problem, i: int, groups: list[Any], modes: tuple[int, ...]) -> Array | None:
+    """The impulses that the modes ask for; None where their system has no solution."""
+    n = len(p.tangent)
+    basis, zero = [], []  # columns of lambda = basis x, and rows that must vanish
+    for rows, mode in zip(groups, modes):
+        if mode == OPEN:
+            continue
+        unit = np.zeros(n)
+        unit[rows[0]] = 1.0
+        zero.append(rows[0])
+        if mode in (LEFT, RIGHT):
+            unit[rows[1]] = p.mu[i, rows[1]] * (1.0 if mode == RIGHT else -1.0)
+        basis.append(unit)
+        if mode == STICK:
+            unit = np.zeros(n)
+            unit[rows[1]] = 1.0
+            basis.append(unit)
+            zero.append(rows[1])
+    if not basis:
+        return np.zeros(n)
+    columns = np.array(basis).T
+    scale = np.sqrt(np.maximum(p.diag[i], FLOOR))
+    matrix = (p.a[i] @ columns)[zero] / scale[zero][:, None]
+    goal = -p.free[i][zero] / scale[zero]
+    x, *_ = np.linalg.lstsq(matrix, goal, rcond=1e-12)
+    x = x + np.linalg.lstsq(matrix, goal - matrix @ x, rcond=1e-12)[0]  # where masses differ by much
+    out: Array = columns @ x
+    return out
+
+
+def _legal(p: Problem, i: int, groups: list[Any], lam: Array, w: Array, miss: float) -> bool:
+    """Whether impulses and velocities w obey the contact law to `miss` [m/s]."""
+    a = p.diag[i]
+    for rows in groups:
+        n = rows[0]
+        if w[n] < -miss or a[n] * lam[n] < -miss or min(w[n], a[n] * lam[n]) > miss:
+            return False
+        if len(rows) == 2:
+            t = rows[1]
+            bound = p.mu[i, t] * max(lam[n], 0.0)
+            moved = np.clip(lam[t] - w[t] / max(a[t], FLOOR), -bound, bound)
+            if a[t] * abs(lam[t] - moved) > miss:
+                return False
+    return True

@@ -1,0 +1,170 @@
+"""Random scenes: planar trees with every joint, shape, limit, spring and actuator; the generator seeds them.
+
+A scene here is a topology with legal numbers; `draws.py` gives every world numbers of its own.
+"""
+
+import dataclasses
+import inspect
+from typing import Any
+
+import numpy as np
+
+from slcp_warp.description.scene import Actuator, Body, Contact, Scene, Shape, Spring, box
+from slcp_warp.description.topology import contact_ends
+
+Rng = np.random.Generator
+JOINTS = {"revolute": 1, "prismatic": 1, "free": 3}
+ROUND = ("disc", "point", "ellipse", "capsule", "box")
+
+
+@dataclasses.dataclass(frozen=True)
+class Size:
+    """How large a scene may be: bodies, contacts asked for, rows."""
+
+    bodies: int = 8
+    contacts: int = 5
+    rows: int = 60
+
+
+SMALL = Size(bodies=3, contacts=3, rows=12)
+
+
+def random_scene(rng: Rng, name: str, size: Size = Size()) -> Scene:
+    """A scene of at most this size; drawn again where a draw is too large."""
+    while True:
+        bodies = tuple(_bodies(rng, int(rng.integers(1, size.bodies + 1))))
+        shapes = _shapes(rng, bodies)
+        contacts = _contacts(
+            rng, shapes, int(rng.integers(0 if rng.random() < 0.1 else 1, size.contacts + 1))
+        )
+        used = {n for c in contacts for n in (c.shape_a, c.shape_b)}
+        names = [b.name for b in bodies]
+        arguments: dict[str, Any] = {}
+        if "implicit_damping" in inspect.signature(Scene).parameters:
+            arguments["implicit_damping"] = bool(rng.random() < 0.75)
+        scene = Scene(
+            name, bodies, tuple(s for s in shapes if s.name in used), contacts,
+            tuple(Actuator(n, int(rng.integers(JOINTS[b.joint])), 1.0)
+                  for n, b in zip(names, bodies) if rng.random() < 0.5),
+            springs=tuple(_springs(rng, names)), **arguments,
+        )  # fmt: skip
+        if scene.structure.nr <= size.rows:
+            return scene
+
+
+def _bodies(rng: Rng, count: int) -> list[Body]:
+    out: list[Body] = []
+    for i in range(count):
+        joint = str(rng.choice(list(JOINTS), p=(0.35, 0.3, 0.35)))
+        n = JOINTS[joint]
+        parent = None if not out or rng.random() < 0.4 else str(rng.choice([b.name for b in out]))
+
+        def some(chance: float, value: float, n: int = n) -> tuple[float | None, ...]:
+            return tuple(value if rng.random() < chance else None for _ in range(n))
+
+        out.append(Body(f"body{i}", 1.0, 0.1, parent, joint, angle=0.1, lower=some(0.25, -1.0),
+                        upper=some(0.25, 1.0), stiffness=some(0.12, 1.0)))  # fmt: skip
+    return out
+
+
+def _shapes(rng: Rng, bodies: tuple[Body, ...]) -> tuple[Shape, ...]:
+    holders: list[str | None] = [b.name for b in bodies for _ in range(int(rng.integers(1, 3)))]
+    holders += [None] * int(rng.integers(1, 3))
+    out: list[Shape] = []
+    for i, holder in enumerate(holders):
+        plane = rng.random() < (0.75 if holder is None else 0.15)
+        kind = "halfplane" if plane else str(rng.choice(ROUND))
+        angle = 0.0 if rng.random() < 0.2 else 0.5
+        if kind == "box":
+            out += box(f"box{i}.", holder, 0.4, 0.2, 0.0)[: int(rng.integers(2, 5))]
+        elif kind == "point":
+            out.append(Shape(f"shape{i}", holder, "disc", 0.0, angle=angle))
+        else:
+            radius = {"disc": 0.2, "ellipse": (0.3, 0.2), "capsule": (0.1, 0.2), "halfplane": 0.0}[kind]
+            out.append(Shape(f"shape{i}", holder, kind, radius, angle=angle))  # type: ignore[arg-type]
+    return tuple(out)
+
+
+def _contacts(rng: Rng, shapes: tuple[Shape, ...], count: int) -> tuple[Contact, ...]:
+    """Pairs of shapes that may touch; the corners of a box come together."""
+    pairs = []
+    for i, a in enumerate(shapes):
+        for b in shapes[i + 1 :]:
+            kinds = {a.kind, b.kind}
+            if a.body != b.body and kinds != {"halfplane"} and kinds != {"capsule", "ellipse"}:
+                pairs.append((a, b) if rng.random() < 0.5 else (b, a))
+    groups: dict[tuple[str, str], list[tuple[Shape, Shape]]] = {}
+    for a, b in pairs:
+        groups.setdefault((a.name.split(".")[0], b.name.split(".")[0]), []).append((a, b))
+    out: list[Contact] = []
+    keys = list(groups)
+    for k in rng.permutation(len(keys))[:count]:
+        friction = None if rng.random() < 0.25 else 0.5
+        out += [Contact(a.name, b.name, friction) for a, b in groups[keys[k]]]
+    return tuple(out)
+
+
+def _springs(rng: Rng, names: list[str]) -> list[Spring]:
+    out = []
+    while rng.random() < 0.25:
+        ends: list[str | None] = [*names, None]
+        a, b = rng.permutation(len(ends))[:2]
+        out.append(Spring(ends[a], ends[b], stiffness=1.0, damping=1.0, length=0.3))
+    return out
+
+
+def baked(scene: Scene, numbers: dict[str, Any], sigma: float | None = None) -> Scene:
+    """The scene with one world's numbers (each of its parameter's shape) as its own; limits that exclude each
+    other, which a scene refuses, become one limit.
+    """
+
+    def flat(value: Any) -> Any:
+        return tuple(float(x) for x in np.ravel(value))
+
+    bodies, shapes, contacts, springs, at, pair = [], [], [], [], 0, 0
+    for i, b in enumerate(scene.bodies):
+        dofs = range(at, at + JOINTS[b.joint])
+        at += len(dofs)
+
+        def kept(old: Any, name: str, at_least: str = "", dofs: range = dofs) -> Any:
+            if old is None or name not in numbers:
+                return old
+            olds = old if isinstance(old, tuple) else (old,) * len(dofs)
+            values = np.maximum(numbers[name], numbers[at_least or name])
+            return tuple(None if o is None else float(values[j]) for o, j in zip(olds, dofs))
+
+        bodies.append(dataclasses.replace(
+            b, mass=float(numbers["mass"][i]), inertia=float(numbers["inertia"][i]),
+            anchor=flat(numbers["anchor"][i]), angle=float(numbers["angle"][i]),
+            axis=flat(numbers["axis"][i]), com=flat(numbers["com"][i]),
+            damping=flat([numbers["damping"][j] for j in dofs]),
+            stiffness=kept(b.stiffness, "stiffness"), lower=kept(b.lower, "lower"),
+            upper=kept(b.upper, "upper", "lower"),
+            rest=flat([numbers["rest"][j] for j in dofs]) if "rest" in numbers else b.rest,
+        ))  # fmt: skip
+    for i, shape in enumerate(scene.shapes):
+        radius = flat(numbers["radius"][i])
+        shapes.append(dataclasses.replace(
+            shape, radius=radius if shape.kind in ("ellipse", "capsule") else radius[0],
+            offset=flat(numbers["shape_offset"][i]), angle=float(numbers["shape_angle"][i]),
+        ))  # fmt: skip
+    for contact in scene.contacts:
+        mu = float(numbers["friction"][pair])
+        contacts.append(contact if contact.friction is None else dataclasses.replace(contact, friction=mu))
+        pair += len(contact_ends(scene, contact))
+    for i, spring in enumerate(scene.springs):
+        ends = numbers["spring_point"][i]
+        springs.append(dataclasses.replace(
+            spring, point_a=flat(ends[0]), point_b=flat(ends[1]),
+            stiffness=float(numbers["spring_stiffness"][i]), damping=float(numbers["spring_damping"][i]),
+            length=float(numbers["spring_length"][i]),
+        ))  # fmt: skip
+    actuators = tuple(
+        dataclasses.replace(a, gear=float(numbers["gear"][i])) for i, a in enumerate(scene.actuators)
+    )
+    level = float(np.ravel(numbers["sigma"])[0]) if np.size(numbers["sigma"]) else scene.sigma
+    return dataclasses.replace(
+        scene, bodies=tuple(bodies), shapes=tuple(shapes), contacts=tuple(contacts), actuators=actuators,
+        springs=tuple(springs), gravity=flat(numbers["gravity"]), step_size=float(numbers["step_size"]),
+        sigma=level if sigma is None else sigma,
+    )  # fmt: skip

@@ -1,0 +1,1 @@
+"""What the benchmarks share: timing, workloads, a mechanism in plain NumPy."""

@@ -1,0 +1,1 @@
+"""The stability battery: where each method holds, degrades, or fails."""

@@ -1,0 +1,234 @@
+"""Drawing a planar mechanism: where its shapes are at given coordinates, and what they look like."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.patches import Polygon
+
+import slcp_warp as slcp
+
+from ..support.records import Record
+from .style import BLACK, BLUE, GREY, ORANGE, SKY
+
+EXTENT = 100.0  # half-planes are drawn this wide
+EDGE = 1.2
+POINT = 0.008  # points are drawn with this radius [m]
+HULL = 3  # discs of a body from which its outline is drawn
+
+
+@dataclass(frozen=True)
+class Mechanism:
+    """What is drawn: a scene with the numbers of one world.
+
+    Attributes:
+        scene: topology. params: value of every parameter by name, without a world axis.
+    """
+
+    scene: slcp.Scene
+    params: dict[str, np.ndarray]
+
+    @classmethod
+    def of(cls, record: Record, world: int = 0) -> "Mechanism":
+        """The mechanism of a world of a trajectory file."""
+        return cls(record.scene, record.simulated.world(world))
+
+    def frames(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Origin (T, nb, 2) [m] and angle (T, nb) [rad] of every body's frame at q (T, nv)."""
+        bodies = self.scene.structure.bodies
+        origin, angle = np.zeros((len(q), len(bodies), 2)), np.zeros((len(q), len(bodies)))
+        for b, body in enumerate(bodies):
+            own = q[:, list(body.dofs)]
+            base, turn = np.zeros((len(q), 2)), np.zeros(len(q))
+            if body.parent >= 0:
+                base, turn = origin[:, body.parent], angle[:, body.parent]
+            place = np.tile(self.params["anchor"][b], (len(q), 1))
+            if body.joint == "prismatic":
+                place = place + own * self.params["axis"][b]
+            elif body.joint == "free":
+                place = place + own[:, :2]
+            origin[:, b] = base + turned(place, turn)
+            angle[:, b] = turn + self.params["angle"][b] + (0.0 if body.joint == "prismatic" else own[:, -1])
+        return origin, angle
+
+    def shapes(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Centre (T, ns, 2) [m] and angle (T, ns) [rad] of every shape at q (T, nv)."""
+        origin, angle = self.frames(q)
+        centre = np.zeros((len(q), len(self.scene.structure.shapes), 2))
+        turn = np.tile(self.params["shape_angle"], (len(q), 1))
+        for s, shape in enumerate(self.scene.structure.shapes):
+            offset = np.tile(self.params["shape_offset"][s], (len(q), 1))
+            if shape.body >= 0:
+                turn[:, s] += angle[:, shape.body]
+                offset = origin[:, shape.body] + turned(offset, angle[:, shape.body])
+            centre[:, s] = offset
+        return centre, turn
+
+    def links(self, q: np.ndarray) -> list[np.ndarray]:
+        """Lines (T, 2, 2) that show how bodies hang together: from joint to joint, to shapes, or to the
+        tip of a body that has neither.
+        """
+        origin, angle = self.frames(q)
+        centre, _ = self.shapes(q)
+        structure, lines = self.scene.structure, []
+        for b, body in enumerate(structure.bodies):
+            ends = [origin[:, i] for i, other in enumerate(structure.bodies) if other.parent == b]
+            own = [
+                s for s, shape in enumerate(structure.shapes) if shape.body == b and shape.kind != "halfplane"
+            ]
+            if len(own) < HULL and (ends or body.joint != "free"):
+                ends += [centre[:, s] for s in own]
+            if not ends and not own:
+                com = np.tile(self.params["com"][b], (len(q), 1))
+                ends = [origin[:, b] + 2.0 * turned(com, angle[:, b])]  # a uniform rod's tip
+            lines += [np.stack([origin[:, b], end], axis=1) for end in ends]
+        return lines
+
+    def hulls(self, q: np.ndarray) -> dict[int, np.ndarray]:
+        """Corners (n, 2) of the bodies that have at least three discs, by body, at q (nv,)."""
+        centre, _ = self.shapes(q[None])
+        out = {}
+        for b in range(self.scene.structure.nb):
+            discs = [
+                s for s, sh in enumerate(self.scene.structure.shapes) if sh.body == b and sh.kind == "disc"
+            ]
+            if len(discs) >= HULL:
+                corners = centre[0, discs] - centre[0, discs].mean(axis=0)
+                out[b] = centre[0, discs][np.argsort(np.arctan2(corners[:, 1], corners[:, 0]))]
+        return out
+
+    def springs(self, q: np.ndarray) -> list[np.ndarray]:
+        """Zigzag lines (n, 2) of the springs at q (nv,)."""
+        origin, angle = self.frames(q[None])
+        lines = []
+        for i, pair in enumerate(self.scene.structure.springs):
+            ends = []
+            for body, point in zip(pair, self.params["spring_point"][i]):
+                here = point[None] if body < 0 else origin[:, body] + turned(point[None], angle[:, body])
+                ends.append(here[0])
+            along = ends[1] - ends[0]
+            across = np.array([-along[1], along[0]]) * 0.06
+            share = np.array([0.0, *np.linspace(0.2, 0.8, 9), 1.0])
+            side = np.array([0.0, 0.0, *([1.0, -1.0] * 3), 1.0, 0.0, 0.0])
+            lines.append(ends[0] + share[:, None] * along + side[:, None] * across)
+        return lines
+
+    def joints(self, q: np.ndarray) -> np.ndarray:
+        """Positions (T, n, 2) of the revolute joints."""
+        chosen = [b for b, body in enumerate(self.scene.structure.bodies) if body.joint == "revolute"]
+        return self.frames(q)[0][:, chosen]
+
+    def bounds(self, q: np.ndarray, margin: float = 0.2) -> tuple[float, float, float, float]:
+        """Left, right, bottom and top of the mechanism over time, half-planes left out."""
+        centre, _ = self.shapes(q)
+        structure = self.scene.structure
+        points = [line.reshape(-1, 2) for line in self.links(q)]
+        for s, shape in enumerate(structure.shapes):
+            if shape.kind != "halfplane":
+                radius = self.params["radius"][s]
+                reach = radius.sum() if shape.kind == "capsule" else radius.max()
+                points += [centre[:, s] - reach, centre[:, s] + reach]
+        low, high = np.concatenate(points).min(axis=0) - margin, np.concatenate(points).max(axis=0) + margin
+        return float(low[0]), float(high[0]), float(low[1]), float(high[1])
+
+
+def turned(vectors: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """Vectors (T, 2) turned by angles (T,)."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.stack([c * vectors[:, 0] - s * vectors[:, 1], s * vectors[:, 0] + c * vectors[:, 1]], axis=-1)
+
+
+def outline(kind: str, radius: np.ndarray, plane: float) -> np.ndarray:
+    """Corners (n, 2) of a shape in its own axes; a half-plane's face is `plane` wide either side."""
+    if kind == "halfplane":
+        depth = EXTENT if plane == EXTENT else 0.06 * plane
+        return np.array([[0.0, plane], [0.0, -plane], [-depth, -plane], [-depth, plane]])
+    turn = np.linspace(-np.pi / 2, np.pi / 2, 25)
+    if kind == "capsule":
+        right = np.stack([radius[1] + radius[0] * np.cos(turn), radius[0] * np.sin(turn)], axis=1)
+        return np.concatenate([right, -right])
+    size = np.maximum(radius, POINT)
+    turn = np.linspace(0.0, 2.0 * np.pi, 49)
+    return np.stack([size[0] * np.cos(turn), size[1] * np.sin(turn)], axis=1)
+
+
+class Drawing:
+    """A mechanism on an axes; `update` moves it. A ghost is pale and has no world around it."""
+
+    def __init__(self, ax: Axes, mechanism: Mechanism, q: np.ndarray, ghost: bool = False) -> None:
+        self.mechanism = mechanism
+        structure = mechanism.scene.structure
+        ax.set_aspect("equal")
+        ax.grid(False)
+        alpha = 0.22 if ghost else 1.0
+        self.driven = {structure.dof_body[d] for d in structure.actuators}
+        self.patches: list[Any] = []
+        self.outlines: list[np.ndarray] = []
+        for s, shape in enumerate(structure.shapes):
+            face = self._colour(shape.body) if shape.body >= 0 else GREY
+            order = 1 if shape.kind == "halfplane" else 2
+            patch: Any = Polygon(
+                np.zeros((3, 2)), facecolor=face, edgecolor=BLACK, linewidth=EDGE, zorder=order, alpha=alpha,
+                visible=not (ghost and shape.body < 0),
+            )  # fmt: skip
+            ax.add_patch(patch)
+            self.patches.append(patch)
+            width = self._width(shape.body) if shape.body >= 0 and shape.kind == "halfplane" else EXTENT
+            self.outlines.append(outline(shape.kind, mechanism.params["radius"][s], width))
+        style: Any = {"edgecolor": BLACK, "linewidth": EDGE, "zorder": 1.5, "alpha": alpha}
+        self.hulls: dict[int, Any] = {
+            b: ax.add_patch(Polygon(corners, facecolor=self._colour(b), **style))
+            for b, corners in mechanism.hulls(q).items()
+        }
+        pale: Any = {"alpha": alpha, "solid_capstyle": "round"}
+        self.links = [
+            ax.plot([], [], color=BLACK, lw=2.0, zorder=1.8, **pale)[0] for _ in mechanism.links(q[None])
+        ]
+        self.springs = [ax.plot([], [], color=BLUE, lw=1.0, zorder=3, **pale)[0] for _ in structure.springs]
+        (self.pins,) = ax.plot([], [], "o", color=BLACK, markersize=3.5, zorder=4, alpha=alpha)
+        # The first axes, so that turning shapes are seen to turn.
+        self.axes = [ax.plot([], [], color=BLUE, lw=0.9, zorder=3, alpha=alpha)[0] for _ in self.patches]
+        self.update(q)
+
+    def _colour(self, body: int) -> str:
+        return SKY if body in self.driven else ORANGE
+
+    def _width(self, body: int) -> float:
+        """Half the width of a face that is drawn for a half-plane on a body: as far as its shapes reach."""
+        own = [s for s, sh in enumerate(self.mechanism.scene.structure.shapes) if sh.body == body]
+        reach = np.abs(self.mechanism.params["shape_offset"][own]).max(initial=0.0)
+        return float(max(reach, 0.1))
+
+    def update(self, q: np.ndarray, faces: dict[int, Any] | None = None) -> None:
+        """Move to q (nv,), and paint shapes by index."""
+        mechanism = self.mechanism
+        centre, angle = mechanism.shapes(q[None])
+        joints = mechanism.joints(q[None])[0]
+        self.pins.set_data(joints[:, 0], joints[:, 1])
+        for line, link in zip(self.links, mechanism.links(q[None])):
+            line.set_data(link[0, :, 0], link[0, :, 1])
+        for line, zigzag in zip(self.springs, mechanism.springs(q)):
+            line.set_data(zigzag[:, 0], zigzag[:, 1])
+        for b, corners in mechanism.hulls(q).items():
+            self.hulls[b].set_xy(corners)
+        for s, patch in enumerate(self.patches):
+            corners = self.outlines[s]
+            patch.set_xy(centre[0, s] + turned(corners, np.full(len(corners), angle[0, s])))
+            if mechanism.scene.structure.shapes[s].kind in ("disc", "ellipse"):
+                along = np.array([np.cos(angle[0, s]), np.sin(angle[0, s])])
+                reach = mechanism.params["radius"][s][0] * along
+                ends = np.stack([centre[0, s] - reach, centre[0, s] + reach])
+                self.axes[s].set_data(ends[:, 0], ends[:, 1])
+            if faces and s in faces:
+                patch.set_facecolor(faces[s])
+
+
+def view(ax: Axes, bounds: tuple[float, float, float, float]) -> None:
+    """Set the window (left, right, bottom, top) without ticks."""
+    ax.set_xlim(*bounds[:2])
+    ax.set_ylim(*bounds[2:])
+    ax.set_xticks([])
+    ax.set_yticks([])
+    for spine in ax.spines.values():
+        spine.set_visible(False)

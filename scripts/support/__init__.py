@@ -1,0 +1,1 @@
+"""What the commands share: errors, progress, the commands' files and tables."""

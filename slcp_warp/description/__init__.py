@@ -1,0 +1,1 @@
+"""What a mechanism is: bodies, shapes, contacts; scene files and MJCF."""

@@ -1,0 +1,172 @@
+"""Fields of the scene's classes: each is checked by the rules of `rules.py` and kept as plain floats, texts
+and tuples, whatever kind of sequence and number came.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ..inputs import rules
+from ..inputs.checks import shown, whole
+from ..inputs.errors import SceneError
+
+
+def _several(value: Any) -> bool:
+    """Whether a value has entries that may be numbers."""
+    if isinstance(value, np.ndarray):
+        return value.ndim > 0
+    return isinstance(value, Sequence) and not isinstance(value, str | bytes)
+
+
+class Fields:
+    """The fields of one object of a scene, for errors that say which."""
+
+    def __init__(self, item: Any, label: str) -> None:
+        self.item, self.label = item, label
+
+    def _get(self, name: str) -> tuple[Any, str]:
+        return getattr(self.item, name), f"{self.label}{name}"
+
+    def _put(self, name: str, value: Any) -> None:
+        object.__setattr__(self.item, name, value)  # the classes are frozen
+
+    def text(self, name: str, optional: bool = False) -> None:
+        """A name, not empty, or (optional) None."""
+        value, label = self._get(name)
+        if not (value is None and optional or isinstance(value, str) and value):
+            need = "a name, or None for the world," if optional else "a name"
+            raise SceneError(f"{label} is {shown(value)}; {need} is needed")
+
+    def choice(self, name: str, choices: Sequence[str]) -> None:
+        """One of some texts."""
+        value, label = self._get(name)
+        if not isinstance(value, str) or value not in choices:
+            raise SceneError(f"{label} {shown(value)} is unknown; choose one of {sorted(choices)}")
+
+    def flag(self, name: str) -> None:
+        """True or False."""
+        value, label = self._get(name)
+        if not isinstance(value, bool | np.bool_):
+            raise SceneError(f"{label} is {shown(value)}; True or False is needed")
+        self._put(name, bool(value))
+
+    def whole(self, name: str) -> None:
+        """A whole number of at least 0."""
+        value, label = self._get(name)
+        self._put(name, whole(label, value, 0, error=SceneError))
+
+    def number(self, name: str, rule: str = "", optional: bool = False) -> None:
+        """A number that obeys the rule of a parameter (default: of the field's name)."""
+        value, label = self._get(name)
+        if value is None and optional:
+            return
+        self._put(name, float(rules.numbers(label, value, SceneError, rule or name, ndim=0)))
+
+    def pair(self, name: str, rule: str = "") -> None:
+        """Two numbers."""
+        value, label = self._get(name)
+        self._put(name, self._entries(label, value, 2, rule or name, False))
+
+    def per_dof(self, name: str, count: int, optional: bool = False) -> None:
+        """One number for every degree of freedom, or one for all; None where it may be."""
+        value, label = self._get(name)
+        if value is None and optional:
+            return
+        if _several(value):
+            self._put(name, self._entries(label, value, count, name, optional))
+        else:
+            self.number(name)
+
+    def entries(self, name: str, count: int, rule: str = "", optional: bool = False) -> None:
+        """So many numbers, or None; `optional`: None may stand among them, too."""
+        value, label = self._get(name)
+        if value is not None:
+            self._put(name, self._entries(label, value, count, rule or name, optional))
+
+    def _entries(self, label: str, value: Any, count: int, rule: str, optional: bool) -> tuple[Any, ...]:
+        if not _several(value):
+            raise SceneError(f"{label} is {shown(value)}; {count} numbers are needed")
+        if len(value) != count:
+            raise SceneError(f"{label} has {len(value)} entries; {count} are needed")
+        return tuple(
+            None if entry is None and optional
+            else float(rules.numbers(f"{label}[{i}]", entry, SceneError, rule, ndim=0))
+            for i, entry in enumerate(value)
+        )  # fmt: skip
+
+    def objects(self, name: str, kind: type) -> None:
+        """A tuple of objects of a class."""
+        value, label = self._get(name)
+        if not isinstance(value, list | tuple):
+            raise SceneError(f"{label} is {shown(value)}; a tuple of {kind.__name__} is needed")
+        for i, entry in enumerate(value):
+            if not isinstance(entry, kind):
+                raise SceneError(f"{label}[{i}] is {shown(entry)}; a {kind.__name__} is needed")
+        self._put(name, tuple(value))
+
+
+def settle_body(body: Any, joints: dict[str, int]) -> None:
+    """Check a `Body`."""
+    Fields(body, "body, ").text("name")
+    fields = Fields(body, f"body {body.name!r}: ")
+    fields.text("parent", optional=True)
+    fields.choice("joint", tuple(joints))
+    for name in ("mass", "inertia", "angle"):
+        fields.number(name)
+    for name in ("anchor", "axis", "com"):
+        fields.pair(name)
+    rules.check_axis(f"body {body.name!r}: axis", np.array(body.axis), SceneError)
+    for name in ("damping", "rest"):
+        fields.per_dof(name, joints[body.joint])
+    for name in ("stiffness", "lower", "upper"):
+        fields.per_dof(name, joints[body.joint], optional=True)
+
+
+def settle_shape(shape: Any, kinds: Sequence[str]) -> None:
+    """Check a `Shape`."""
+    Fields(shape, "shape, ").text("name")
+    label = f"shape {shape.name!r}: "
+    fields = Fields(shape, label)
+    fields.text("body", optional=True)
+    fields.choice("kind", kinds)
+    radius = shape.radius
+    several = _several(radius)
+    if shape.kind == "capsule" and not (several and len(radius) == 2):
+        raise SceneError(f"{label}radius is {shown(radius)}; a capsule needs (radius, half length)")
+    if several:
+        fields.entries("radius", 1 if len(radius) == 1 else 2)
+        size = shape.radius
+    else:
+        fields.number("radius")
+        size = (shape.radius,)
+    rules.check_radius(f"{label}radius", shape.kind, np.array((size[0], size[-1])), SceneError)
+    fields.pair("offset", "shape_offset")
+    fields.number("angle", "shape_angle")
+
+
+def settle_contact(contact: Any) -> None:
+    """Check a `Contact`."""
+    for name in ("shape_a", "shape_b"):
+        Fields(contact, "contact, ").text(name)
+    label = f"contact {contact.shape_a!r} - {contact.shape_b!r}: "
+    Fields(contact, label).number("friction", optional=True)
+
+
+def settle_actuator(actuator: Any) -> None:
+    """Check an `Actuator`."""
+    Fields(actuator, "actuator, ").text("body")
+    fields = Fields(actuator, f"actuator on {actuator.body!r}: ")
+    fields.whole("dof")
+    fields.number("gear")
+
+
+def settle_spring(spring: Any) -> None:
+    """Check a `Spring`."""
+    for name in ("body_a", "body_b"):
+        Fields(spring, "spring, ").text(name, optional=True)
+    fields = Fields(spring, f"spring {spring.body_a!r} - {spring.body_b!r}: ")
+    for name in ("point_a", "point_b"):
+        fields.pair(name, "spring_point")
+    for name in ("stiffness", "damping", "length"):
+        fields.number(name, f"spring_{name}")

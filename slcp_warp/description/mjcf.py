@@ -1,0 +1,212 @@
+"""Planar scenes from MJCF, read off the model that the `mujoco` package compiles (extra `mjcf`).
+
+MuJoCo resolves defaults, includes and angles; what it compiled is mapped to a `Scene` where that is exact,
+and refused by name where it is not. Solver settings (solref, solimp, margins, integrator) have no counterpart
+and are not read. docs/reference/scene_files.md has the table.
+"""
+
+import math
+import os
+from typing import Any
+
+import numpy as np
+
+from ..inputs import checks
+from ..storage.files import reading
+from .mjcf_bounds import check_bounds
+from .mjcf_contacts import read_contacts
+from .mjcf_plane import MjcfError, Plane
+from .scene import Actuator, Body, Scene
+
+__all__ = ["MjcfError", "load_mjcf"]
+
+
+def load_mjcf(path: str | os.PathLike[str], plane: str = "xz") -> Scene:
+    """Read a planar mechanism from an MJCF file.
+
+    Args:
+        plane: "xz" (x right, z up) or "xy", the plane of motion. Angles count counter-clockwise in it, so
+            that a hinge about +y of an "xz" model changes its sign. q = 0: the joints' reference positions.
+
+    Raises:
+        MjcfError: a file that MuJoCo does not compile, an element that is not planar or not supported, or a
+            model that grows too large (`mjcf_bounds`). FileNotFoundError: no such file.
+        ImportError: the package mujoco is not installed.
+    """
+    try:
+        import mujoco
+    except ImportError as error:
+        raise ImportError("reading MJCF needs the package mujoco: pip install 'slcp-warp[mjcf]'") from error
+    path, chosen = checks.path("path", path), Plane(plane)
+    with reading(path, "MJCF", MjcfError):
+        check_bounds(path)
+        model = mujoco.MjModel.from_xml_path(str(path))
+        return _Reader(model, chosen).scene(model.names.split(b"\0")[0].decode() or path.stem)
+
+
+class _Reader:
+    def __init__(self, model: Any, plane: Plane) -> None:
+        self.m, self.plane = model, plane
+        self.signs: list[float] = []  # of our degrees of freedom against MuJoCo's
+        self.dof_of_joint: dict[int, tuple[str, int]] = {}
+        # place of every MuJoCo body: (our body or None, turn, origin) in that body's frame
+        self.place: dict[int, tuple[str | None, float, np.ndarray]] = {0: (None, 0.0, np.zeros(2))}
+        self.welded: dict[str, list[tuple[float, np.ndarray, float]]] = {}
+
+    def scene(self, name: str) -> Scene:
+        self._refuse()
+        drafts = [self._body(b) for b in range(1, self.m.nbody)]
+        bodies = tuple(self._with_mass(draft) for draft in drafts if draft is not None)
+        if not bodies:
+            raise MjcfError("the model has no joint; a scene needs a body that moves")
+        shapes, contacts = read_contacts(self.m, self.plane, self.place)
+        m = self.m
+        q = m.key_qpos[0] if m.nkey else m.qpos0
+        v = m.key_qvel[0] if m.nkey else np.zeros(m.nv)
+        signs = np.array(self.signs)
+        state = np.concatenate([signs * (q - m.qpos0), signs * v])
+        return Scene(
+            name=name,
+            bodies=bodies,
+            shapes=shapes,
+            contacts=contacts,
+            actuators=tuple(self._actuator(i) for i in range(m.nu)),
+            gravity=self.plane.vector(m.opt.gravity, "gravity"),
+            step_size=float(m.opt.timestep),
+            initial_state=tuple(state.tolist()),
+        )
+
+    def _refuse(self) -> None:
+        m = self.m
+        for count, what in ((m.neq, "equality constraints"), (m.ntendon, "tendons"), (m.nflex, "flexes")):
+            if count:
+                raise MjcfError(f"the model has {count} {what}; they are not supported")
+        for j in range(m.nv):
+            joint = m.joint(m.dof_jntid[j]).name
+            for field, what in ((m.dof_armature, "armature"), (m.dof_frictionloss, "frictionloss")):
+                if field[j] != 0.0:
+                    raise MjcfError(f"joint {joint!r}: {what} is {field[j]}; it is not supported")
+
+    def _name(self, b: int) -> str:
+        return str(self.m.body(b).name or f"body{b}")
+
+    def _body(self, b: int) -> dict[str, Any] | None:
+        """One MuJoCo body as fields of ours, or None where it is welded to its parent."""
+        m, name = self.m, self._name(b)
+        label = f"body {name!r}"
+        parent, turn, origin = self.place[int(m.body_parentid[b])]
+        angle = turn + self.plane.turn(m.body_quat[b], label)
+        at = origin + _rotate(turn, self.plane.point(m.body_pos[b], label))
+        first, count = int(m.body_jntadr[b]), int(m.body_jntnum[b])
+        mass, inertia, com = self._inertia(b)
+        if count == 0:
+            self.place[b] = (parent, angle, at)
+            if parent is not None:
+                self.welded.setdefault(parent, []).append((mass, at + _rotate(angle, com), inertia))
+            return None
+        joints = list(range(first, first + count))
+        fields, pivot = self._joint(joints, angle, label)
+        for i, j in enumerate(joints):
+            self.dof_of_joint[j] = (name, i)
+        self.place[b] = (name, 0.0, -pivot)
+        return fields | {
+            "name": name,
+            "parent": parent,
+            "anchor": tuple((at + _rotate(angle, pivot)).tolist()),
+            "angle": angle,
+            "parts": [(mass, com - pivot, inertia)],
+        }
+
+    def _joint(self, joints: list[int], angle: float, label: str) -> tuple[dict[str, Any], np.ndarray]:
+        """Joint fields, and the joint's place in the body's frame."""
+        m = self.m
+        kinds = [("free", "ball", "slide", "hinge")[m.jnt_type[j]] for j in joints]
+        pivot = np.zeros(2)
+        signs = []
+        axes = []
+        for j, kind in zip(joints, kinds):
+            where = f"joint {m.joint(j).name!r}"
+            if kind == "hinge":
+                signs.append(self.plane.normal_sign(m.jnt_axis[j], where))
+                pivot = self.plane.point(m.jnt_pos[j], where, flat=False)
+            elif kind == "slide":
+                signs.append(1.0)
+                axes.append(_rotate(angle, np.array(self.plane.vector(m.jnt_axis[j], where))))
+            else:
+                raise MjcfError(f"{where}: a {kind} joint is not planar; use slide, slide and hinge joints")
+        fields: dict[str, Any] = {}
+        if kinds == ["hinge"]:
+            fields["joint"] = "revolute"
+        elif kinds == ["slide"]:
+            fields |= {"joint": "prismatic", "axis": tuple(axes[0].tolist())}
+        elif kinds == ["slide", "slide", "hinge"]:
+            if not np.allclose(axes, np.eye(2), atol=1e-9):
+                raise MjcfError(
+                    f"{label}: its slides point along {np.round(axes, 6).tolist()}; a free planar body needs "
+                    "the parent's first and second axis, in this order"
+                )
+            fields["joint"] = "free"
+        else:
+            raise MjcfError(
+                f"{label}: joints {kinds}; one hinge, one slide, or slide, slide, hinge are supported"
+            )
+        self.signs += signs
+        return fields | self._dof_fields(joints, signs), pivot
+
+    def _dof_fields(self, joints: list[int], signs: list[float]) -> dict[str, Any]:
+        m = self.m
+        damping, stiffness, rest, lower, upper = [], [], [], [], []
+        for j, sign in zip(joints, signs):
+            dof, q = m.jnt_dofadr[j], m.jnt_qposadr[j]
+            damping.append(float(m.dof_damping[dof]))
+            stiffness.append(float(m.jnt_stiffness[j]) or None)
+            rest.append(sign * float(m.qpos_spring[q] - m.qpos0[q]))
+            ends = sorted(sign * (float(x) - float(m.qpos0[q])) for x in m.jnt_range[j])
+            lower.append(ends[0] if m.jnt_limited[j] else None)
+            upper.append(ends[1] if m.jnt_limited[j] else None)
+        return {
+            "damping": tuple(damping), "stiffness": tuple(stiffness), "rest": tuple(rest),
+            "lower": tuple(lower), "upper": tuple(upper),
+        }  # fmt: skip
+
+    def _inertia(self, b: int) -> tuple[float, float, np.ndarray]:
+        """Mass, inertia about the plane's normal through the centre of mass, and that centre in the body."""
+        m = self.m
+        label = f"body {self._name(b)!r}"
+        axes = self.plane.matrix(m.body_iquat[b])
+        along = self.plane.normal @ axes
+        inertia = float(along**2 @ m.body_inertia[b])
+        return float(m.body_mass[b]), inertia, self.plane.point(m.body_ipos[b], label)
+
+    def _with_mass(self, draft: dict[str, Any]) -> Body:
+        """The body with the masses welded to it."""
+        parts = draft.pop("parts") + self.welded.get(draft["name"], [])
+        mass = sum(p[0] for p in parts)
+        if mass <= 0.0:
+            raise MjcfError(f"body {draft['name']!r}: it has no mass; every body that moves needs some")
+        com = sum(p[0] * p[1] for p in parts) / mass
+        inertia = sum(p[2] + p[0] * float((p[1] - com) @ (p[1] - com)) for p in parts)
+        return Body(mass=mass, inertia=inertia, com=tuple(com.tolist()), **draft)
+
+    def _actuator(self, i: int) -> Actuator:
+        import mujoco
+
+        m = self.m
+        label = f"actuator {m.actuator(i).name!r}"
+        plain = (
+            m.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT
+            and m.actuator_gaintype[i] == mujoco.mjtGain.mjGAIN_FIXED
+            and m.actuator_biastype[i] == mujoco.mjtBias.mjBIAS_NONE
+            and m.actuator_dyntype[i] == mujoco.mjtDyn.mjDYN_NONE
+        )
+        if not plain:
+            raise MjcfError(f"{label}: only a <motor> on a joint is supported")
+        joint = int(m.actuator_trnid[i, 0])
+        body, dof = self.dof_of_joint[joint]
+        sign = self.signs[int(m.jnt_dofadr[joint])]
+        return Actuator(body, dof, sign * float(m.actuator_gear[i, 0] * m.actuator_gainprm[i, 0]))
+
+
+def _rotate(angle: float, vector: np.ndarray) -> np.ndarray:
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]])

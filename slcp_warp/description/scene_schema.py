@@ -1,0 +1,84 @@
+"""What a scene file may contain, read off the scene's classes: one description for the reader, its errors and
+the JSON schema that editors use.
+"""
+
+import dataclasses
+import json
+import types
+import typing
+from typing import Any
+
+from .scene import Actuator, Body, Contact, Scene, Shape, Spring
+from .topology import JOINTS, KINDS
+
+FORMAT, VERSION = "slcp-scene", 2
+VERSIONS = (1, 2)  # that are read; in 1 damping was explicit
+CHOICES = {("Body", "joint"): tuple(JOINTS), ("Shape", "kind"): KINDS}
+NO_VALUE = "none"  # stands for "no value" in a list, where TOML has no null
+
+
+def file_fields(kind: type) -> dict[str, tuple[Any, bool]]:
+    """Fields of a scene class as a file has them: name -> (type, required)."""
+    hints = typing.get_type_hints(kind)
+    out = {}
+    for field in dataclasses.fields(kind):
+        if field.init:
+            hint = hints[field.name]
+            optional = type(None) in typing.get_args(hint)
+            out[field.name] = (hint, field.default is dataclasses.MISSING and not optional)
+    return out
+
+
+def json_schema() -> dict[str, Any]:
+    """JSON schema (draft 2020-12) of a scene file."""
+    parts = (Body, Shape, Contact, Actuator, Spring)
+    scene = _object(Scene)
+    scene["properties"] = {
+        "$schema": {"type": "string"},
+        "format": {"const": FORMAT},
+        "version": {"enum": list(VERSIONS)},
+        **scene["properties"],
+    }
+    scene["required"] = ["format", "version", *scene["required"]]
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": f"{FORMAT} {VERSION}",
+        **scene,
+        "$defs": {kind.__name__: _object(kind) for kind in parts},
+    }
+
+
+def _object(kind: type) -> dict[str, Any]:
+    fields = file_fields(kind)
+    properties = {name: _type(kind.__name__, name, hint) for name, (hint, _) in fields.items()}
+    return {
+        "type": "object",
+        "description": " ".join((kind.__doc__ or "").split("\n\n")[0].split()),
+        "properties": properties,
+        "required": [name for name, (_, required) in fields.items() if required],
+        "additionalProperties": False,
+    }
+
+
+def _type(owner: str, name: str, hint: Any, in_list: bool = False) -> dict[str, Any]:
+    if (owner, name) in CHOICES:
+        return {"enum": list(CHOICES[owner, name])}
+    if dataclasses.is_dataclass(hint):
+        return {"$ref": f"#/$defs/{hint.__name__}"}  # type: ignore[union-attr]
+    if hint is type(None):
+        return {"enum": [None, NO_VALUE]} if in_list else {"type": "null"}
+    simple = {str: "string", int: "integer", float: "number", bool: "boolean"}
+    if hint in simple:
+        return {"type": simple[hint]}
+    arguments = typing.get_args(hint)
+    if isinstance(hint, types.UnionType):
+        return {"anyOf": [_type(owner, name, argument, in_list) for argument in arguments]}
+    if arguments[-1] is Ellipsis:
+        return {"type": "array", "items": _type(owner, name, arguments[0], True)}
+    items = [_type(owner, name, argument, True) for argument in arguments]
+    return {"type": "array", "items": items[0], "minItems": len(items), "maxItems": len(items)}
+
+
+# python -m slcp_warp.description.scene_schema > slcp_warp/description/scene_schema.json
+if __name__ == "__main__":
+    print(json.dumps(json_schema(), indent=2))

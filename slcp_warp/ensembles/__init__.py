@@ -1,0 +1,1 @@
+"""Many worlds: robustness sweeps, their reports and statistics, and particles."""

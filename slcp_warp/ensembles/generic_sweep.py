@@ -1,0 +1,80 @@
+"""Sweeps of scenes whose steps are the generic kernels': a launch a step instead of one for the whole run."""
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from slcp_warp.kernels.device.launch import launch
+from slcp_warp.kernels.ensembles.generic_sweep import (
+    Progress,
+    make_sweep_begin_kernel,
+    make_sweep_end_kernels,
+)
+from slcp_warp.kernels.ensembles.sweep import NOWHERE
+from slcp_warp.kernels.solvers.convex import COLD
+
+from ..simulator import Simulator
+from .spec import SweepSpec
+
+
+def bytes_of_world(sim: Simulator) -> int:
+    """Memory of a world beyond its parameters, start and samples."""
+    return 8 * (2 * sim.nx + sim.nu + 4 * sim.nr + 4 * len(sim.scene.structure.pairs)) + 32
+
+
+def roll_out(
+    sim: Simulator,
+    policy: tuple[str, Any],
+    spec: SweepSpec,
+    world0: int,
+    params: wp.array,
+    state: wp.array,
+    kicks: wp.array,
+    samples: wp.array,
+) -> tuple[wp.array, wp.array, wp.array]:
+    """Run worlds world0, world0 + 1, ... to the end, as the kernel of `sweep.py` does in one launch.
+
+    Args:
+        policy: name and struct. params: (B, P). state: (B, nx) starts, overwritten. kicks: times (K,) [s].
+        samples: (B, S), filled.
+
+    Returns:
+        Share of steps with a contact impulse, lowest gap of an acting contact [m], status, each (B,).
+    """
+    memory = sim._memory
+    assert memory is not None
+    worlds, width = len(state), sim.nr + 2 * len(sim.scene.structure.pairs)
+    dtype, device = sim.dtype, sim.device
+    after, us = sim.empty(worlds, sim.nx), sim.empty(worlds, max(sim.nu, 1))
+    impulse, gap = sim.empty(worlds, sim.nr), sim.empty(worlds, sim.nr)
+    cold = np.tile(np.where(np.arange(width) < sim.nr, COLD, 0.0), (worlds, 1))
+    warm: wp.array = wp.array(cold, dtype=dtype, device=device)
+    multiplier, nothing = sim.empty(worlds, width), sim.empty(0, 0)
+    code, share = wp.zeros(worlds, dtype=wp.int32, device=device), wp.zeros(worlds, device=device)
+    contact = [int(row.kind == "contact") for row in sim.scene.structure.rows]
+    rows: wp.array = wp.array(contact, dtype=wp.int32, device=device)
+    steps = np.floor(spec.duration / params.numpy()[:, 0].astype(float) + 0.5).astype(np.int32)
+    p = _progress(worlds, steps, samples, device)
+    name, struct = policy
+    begin = make_sweep_begin_kernel(sim.scene.nv, sim.nu, dtype, name)
+    kernels = make_sweep_end_kernels(dtype)
+    drawn = [params, struct, spec.torque_sd, spec.kick_sd, kicks, spec.sample_every, spec.observe, p]
+    for k in range(int(steps.max())):
+        launch(begin, worlds, [world0, spec.seed, k, *drawn, state, us], device)
+        memory.step(worlds, [params, state, us, nothing, warm, after, impulse, gap, multiplier, code])
+        outcome = [rows, after, impulse, gap, multiplier, code, p, state, warm]
+        launch(kernels.end, worlds, [k, *outcome], device)
+    launch(kernels.finish, worlds, [spec.observe, state, p, share], device)
+    return share, p.lowest, p.status
+
+
+def _progress(worlds: int, steps: np.ndarray, samples: wp.array, device: Any) -> Progress:
+    p = Progress()
+    for name in ("sample", "event", "touched", "status"):
+        setattr(p, name, wp.zeros(worlds, dtype=wp.int32, device=device))
+    p.steps = wp.array(steps, dtype=wp.int32, device=device)
+    p.lowest = wp.full(worlds, NOWHERE, dtype=wp.float32, device=device)
+    p.start = wp.zeros(worlds, dtype=wp.float64, device=device)
+    p.samples = samples
+    return p

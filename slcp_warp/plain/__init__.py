@@ -1,0 +1,1 @@
+"""Complementarity problems and residuals without a mechanism."""

@@ -1,0 +1,46 @@
+"""The judge of the stability battery and fuzz against the oracle: mass, forces, energy, with all numbers."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from oracle import Oracle
+from random_scenes import random_tree
+from simulators import scene
+
+from slcp_warp.description.scene import Actuator
+from slcp_warp.scripts.benchmarks.stability.check import Checker
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_mass_forces_and_energy_of_driven_trees(seed):
+    rng = np.random.default_rng(seed)
+    tree = random_tree(rng, 4)
+    motors = tuple(Actuator(body.name, gear=float(rng.uniform(-5.0, 5.0))) for body in tree.bodies)
+    tree = dataclasses.replace(tree, actuators=motors)
+    oracle, checker = Oracle(tree), Checker(tree, {})
+    q, v = rng.standard_normal((2, 1, 6, tree.nv))
+    u = rng.standard_normal((1, 6, tree.nu))
+    mass, force, size, energy = checker.dynamics(q, v, u)
+    np.testing.assert_allclose(mass[0], oracle.mass_matrix(q[0]), rtol=0, atol=1e-11)
+    np.testing.assert_allclose(force[0], oracle.force(q[0], v[0], u[0]), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(energy[0], oracle.energy(q[0], v[0]), rtol=1e-11)
+    assert (size[0] >= np.abs(force[0]) * (1.0 - 1e-9)).all()  # a sum of magnitudes
+
+
+def test_numbers_of_every_world_are_its_own():
+    finger = scene("flicking_finger")
+    rng = np.random.default_rng(1)
+    numbers = finger.default_parameters()
+    changed = {
+        name: numbers[name] * rng.uniform(0.8, 1.2, (3, *numbers[name].shape))
+        for name in ("mass", "damping", "gear")
+    }
+    checker = Checker(finger, changed)
+    q, v = rng.standard_normal((2, 3, 2, finger.nv))
+    u = rng.standard_normal((3, 2, finger.nu))
+    mass, force, _, _ = checker.dynamics(q, v, u)
+    for i in range(3):
+        own = Oracle(finger, **{name: value[i] for name, value in changed.items()})
+        np.testing.assert_allclose(mass[i], own.mass_matrix(q[i]), rtol=0, atol=1e-11)
+        np.testing.assert_allclose(force[i], own.force(q[i], v[i], u[i]), rtol=0, atol=1e-9)

@@ -1,0 +1,191 @@
+"""Derivatives of costs and of user dynamics against formulas."""
+
+import numpy as np
+import pytest
+import warp as wp
+from ddp_examples import cart_pole, central_differences, make_finite_difference_cost
+
+from slcp_warp import ddp
+from slcp_warp.kernels.control.costs import make_cost_kernel
+from slcp_warp.kernels.control.solver_state import make_derivative_arrays
+from slcp_warp.kernels.device.launch import launch
+
+
+def evaluate(cost, xs, us, device, dtype=wp.float64):
+    """All cost derivatives along trajectories, as a dict of NumPy arrays."""
+    (B, N, nu), nx = us.shape, xs.shape[2]
+    out = make_derivative_arrays(dtype)()
+    shapes = {
+        "lx": (B, N + 1, nx),
+        "lu": us.shape,
+        "lxx": (B, N + 1, nx, nx),
+        "lux": (B, N, nu, nx),
+        "luu": (B, N, nu, nu),
+    }
+    for name, shape in shapes.items():
+        setattr(out, name, wp.zeros(shape, dtype=dtype, device=device))
+    functions = cost.functions(dtype, nx, nu)
+    inner = dtype if functions.running_derivatives is not None else wp.float64
+    weights = wp.array(cost.rows(B), dtype=inner, device=device)
+    kernel = make_cost_kernel(cost.functions(inner, nx, nu), nx, nu, dtype)
+    arrays = [wp.array(a, dtype=dtype, device=device) for a in (xs, us)]
+    mask = wp.ones(B, dtype=wp.int32, device=device)
+    launch(kernel, B * (N + 1), [*arrays, weights, mask, out], device)
+    return {name: getattr(out, name).numpy() for name in shapes}
+
+
+def test_differences_of_a_cost_in_double_precision(device, dtype):
+    rng = np.random.default_rng(0)
+    xs, us = rng.normal(size=(2, 4, 2)), rng.normal(size=(2, 3, 1))
+    if dtype == wp.float32:
+        xs, us = (a.astype(np.float32).astype(float) for a in (xs, us))
+    out = evaluate(ddp.costs.plain(make_finite_difference_cost), xs, us, device, dtype)
+    relax = 1.0 if dtype == wp.float64 else 1e4
+    tolerance_1, tolerance_2 = (max(t, 2e-7 if relax > 1.0 else 0.0) for t in (3e-12, 2e-9))
+    x, y, u, t = xs[:, :3, 0], xs[:, :3, 1], us[:, :, 0], 0.1 * np.arange(3)
+    s = np.exp(0.5 * np.sin(x))
+    ds, dds = 0.5 * np.cos(x) * s, (0.25 * np.cos(x) ** 2 - 0.5 * np.sin(x)) * s
+    expected = {
+        "lx": [ds * (1 + u * u), u * u - np.sin(y + t) * u],
+        "lu": [2 * u * s + np.cos(y + t) + 2 * u * y],
+        "luu": [2 * s + 2 * y],
+        "lux": [2 * u * ds, 2 * u - np.sin(y + t)],
+        "lxx": [dds * (1 + u * u), np.zeros_like(x), np.zeros_like(x), -np.cos(y + t) * u],
+    }
+    for name, parts in expected.items():
+        got = out[name][:, :3].reshape(2, 3, -1)
+        tolerance = tolerance_1 if name in ("lx", "lu") else tolerance_2
+        np.testing.assert_allclose(got, np.stack(parts, -1), rtol=tolerance, atol=4 * tolerance, err_msg=name)
+    x, y = xs[:, 3, 0], xs[:, 3, 1]
+    slope = np.stack([np.cos(x) * y * y, 2 * np.sin(x) * y], -1)
+    bend = np.stack([-np.sin(x) * y * y, 2 * np.cos(x) * y, 2 * np.cos(x) * y, 2 * np.sin(x)], -1)
+    np.testing.assert_allclose(out["lx"][:, 3], slope, rtol=tolerance_1, atol=4 * tolerance_1)
+    np.testing.assert_allclose(out["lxx"][:, 3].reshape(2, 4), bend, rtol=tolerance_2, atol=4 * tolerance_2)
+
+
+@pytest.mark.parametrize("style", ["values", "functions"])
+def test_costs_that_differ_by_what_a_loop_looks_up_are_told_apart(device, style):
+    """The same source with other `wp.static` values: Warp's own hash is the same, the kernel must not be."""
+
+    def make_cost(weights):
+        def make(dtype, VX, VU):
+            def make_term(weight):
+                @wp.func
+                def term(y: dtype):
+                    return dtype(weight) * y * y
+
+                return term
+
+            values, terms = tuple(dtype(w) for w in weights), tuple(make_term(w) for w in weights)
+
+            @wp.func
+            def running(x: VX, u: VU, k: int):
+                total = u[0] * u[0]
+                for i in range(2):
+                    if wp.static(style == "values"):
+                        total += wp.static(values[i]) * x[i] * x[i]
+                    else:
+                        total += wp.static(terms[i])(x[i])
+                return total
+
+            return running, None
+
+        return ddp.costs.plain(make)
+
+    rng = np.random.default_rng(2)
+    xs, us = rng.normal(size=(1, 3, 2)), rng.normal(size=(1, 2, 1))
+    for weights in ((1.0, 2.0), (1.0, 3.0), (4.0, 3.0)):
+        lx = evaluate(make_cost(weights), xs, us, device)["lx"]
+        np.testing.assert_allclose(lx[:, :2], 2.0 * np.array(weights) * xs[:, :2], rtol=1e-10)
+
+
+def test_flicking_finger_cost_of_section_v(device, dtype):
+    rng = np.random.default_rng(1)
+    xs, us = rng.normal(size=(1, 3, 6)), rng.normal(size=(1, 2, 2))
+    out = evaluate(ddp.costs.flicking_finger(2.0, 0.3), xs, us, device, dtype)
+    np.testing.assert_allclose(out["lx"][0, :2], [[0, 0, -2.0, 0, 0, 0]] * 2, rtol=1e-6)
+    np.testing.assert_allclose(out["lu"], 0.6 * us, rtol=1e-6)
+    np.testing.assert_allclose(out["luu"][0], [0.6 * np.eye(2)] * 2, rtol=1e-6)
+    for name in ("lxx", "lux"):
+        assert not out[name].any()
+    assert not out["lx"][0, 2].any()
+
+
+def test_flicking_finger_cost_value(device):
+    dynamics = ddp.linear_system(np.eye(6) + np.diag([0.05] * 3, 3), np.zeros((6, 2)), device=device)
+    problem = ddp.Problem(dynamics, ddp.costs.flicking_finger(), 10)
+    u0 = np.full((10, 2), 0.5)
+    result = ddp.solve(
+        problem, [0, 0, 1.0, 0, 0, 2.0], u0, ddp.Options(max_iterations=0, method="first-order")
+    )
+    theta_3 = 1.0 + 0.1 * np.arange(10)  # the last state costs nothing
+    np.testing.assert_allclose(result.cost, -theta_3.sum() + 0.05 * 10 * 0.5, rtol=1e-13)
+
+
+def test_quadratic_cost_with_a_moving_target(device):
+    rng = np.random.default_rng(2)
+    Q, R, Qf = np.diag([1.0, 2.0]), np.array([[3.0]]), np.array([[2.0, 0.5], [0.5, 1.0]])
+    target = rng.normal(size=(4, 2))
+    xs, us = rng.normal(size=(1, 4, 2)), rng.normal(size=(1, 3, 1))
+    out = evaluate(ddp.costs.quadratic(Q, R, Qf, target), xs, us, device)
+    np.testing.assert_allclose(out["lx"][0, :3], (xs[0, :3] - target[:3]) @ Q, atol=1e-14)
+    np.testing.assert_allclose(out["lx"][0, 3], (xs[0, 3] - target[3]) @ Qf, atol=1e-14)
+    np.testing.assert_allclose(out["lu"], 3.0 * us, atol=1e-14)
+    np.testing.assert_array_equal(out["lxx"][0, 3], Qf)
+
+
+def test_differences_of_user_dynamics(device, dtype):
+    problem, _, _ = cart_pole(device, dtype)
+    rng = np.random.default_rng(3)
+    xs, us = rng.normal(size=(2, 3, 4)), rng.normal(size=(2, 2, 1))
+    if dtype == wp.float32:
+        xs, us = (a.astype(np.float32).astype(float) for a in (xs, us))
+    d = problem.dynamics
+    shapes = [(2, 2, 4, 4), (2, 2, 4, 1), (4, 4, 5, 5)]
+    fx, fu, second = (wp.zeros(s, dtype=dtype, device=device) for s in shapes)
+    arrays = [wp.array(a, dtype=dtype, device=device) for a in (xs, us)]
+    status = wp.full((2, 2), -1, dtype=wp.int32, device=device)
+    mask = wp.array([1, 0], dtype=wp.int32, device=device)
+    d.linearize_into(*arrays, problem.params.array(2), fx, fu, second, status, mask)
+    assert not status.numpy()[0].any()
+    assert (status.numpy()[1] == -1).all() and not fx.numpy()[1].any()  # masked
+
+    def step(z):
+        x, (u,), h = z[:4], z[4:], float(np.float32(0.05)) if dtype == wp.float32 else 0.05
+        s, c = np.sin(x[1]), np.cos(x[1])
+        push = (u + 0.05 * x[3] ** 2 * s) / 1.1
+        turn = (9.81 * s - c * push) / (0.5 * (4.0 / 3.0 - 0.1 * c * c / 1.1))
+        return x + h * np.array([x[2], x[3], push - 0.05 * turn * c / 1.1, turn])
+
+    rough = 1e-6 if dtype == wp.float32 else 0.0
+    for k in range(2):
+        z = np.concatenate([xs[0, k], us[0, k]])
+        for i in range(4):
+            gradient = central_differences(lambda y, i=i: step(y)[i], z, 1e-3)
+            np.testing.assert_allclose(
+                np.append(fx.numpy()[0, k, i], fu.numpy()[0, k, i]), gradient, atol=1e-10 + rough
+            )
+            hessian = [
+                central_differences(
+                    lambda y, i=i, j=j: central_differences(lambda w: step(w)[i], y, 3e-3)[j], z, 3e-3
+                )
+                for j in range(5)
+            ]
+            np.testing.assert_allclose(second.numpy()[k, i], hessian, atol=1e-8 + rough)
+
+
+def test_illegal_costs():
+    with pytest.raises(ValueError, match=r"R must be a symmetric matrix \(1, 1\), got shape \(1, 2\)"):
+        ddp.costs.quadratic(np.eye(3), [[1.0, 2.0]])
+    with pytest.raises(ValueError, match=r"R must be symmetric, got R\[0, 1\] = 2 and R\[1, 0\] = 0"):
+        ddp.costs.quadratic(np.eye(3), [[1.0, 2.0], [0.0, 1.0]])
+    with pytest.raises(ValueError, match=r"target must have shape \(3,\) or \(N\+1, 3\), got \(2,\)"):
+        ddp.costs.quadratic(np.eye(3), np.eye(2), target=[0.0, 1.0])
+    with pytest.raises(ValueError, match="c_x is nan; a finite number is needed"):
+        ddp.costs.flicking_finger(c_x=float("nan"))
+    with pytest.raises(ValueError, match="weights must be finite numbers"):
+        ddp.costs.flicking_finger().with_weights([1.0, float("nan")])
+    with pytest.raises(ValueError, match="weights must have 2 columns, got 3"):
+        ddp.costs.flicking_finger().with_weights([1.0, 2.0, 3.0])
+    with pytest.raises(TypeError, match="must return ddp.costs.CostFunctions, got tuple"):
+        ddp.Cost(make_finite_difference_cost).functions(wp.float64, 2, 1)

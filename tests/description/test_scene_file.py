@@ -1,0 +1,125 @@
+"""Scenes in files: exact round trips, the schema, one clear error for everything else."""
+
+import json
+import pathlib
+import tomllib
+
+import pytest
+from simulators import MAKERS
+
+import slcp_warp as slcp
+from slcp_warp.description.scene_file import json_schema
+
+EXAMPLE = pathlib.Path(__file__).parents[2] / "examples" / "scenes" / "cart_pole.toml"
+
+
+@pytest.mark.parametrize("name", MAKERS)
+def test_round_trip_is_exact(tmp_path, name):
+    scene = MAKERS[name]()
+    slcp.save_scene(scene, tmp_path / "scene.json")
+    again = slcp.load_scene(tmp_path / "scene.json")
+    assert again == scene and again.structure == scene.structure
+    for key, value in scene.default_parameters().items():
+        assert (again.default_parameters()[key] == value).all(), key
+    assert [p.name for p in tmp_path.iterdir()] == ["scene.json"]
+
+
+def test_toml_example_is_a_scene():
+    scene = slcp.load_scene(EXAMPLE)
+    assert scene.nv == 2 and scene.nu == 1 and [c.friction for c in scene.contacts] == [0.3, None]
+    assert scene.bodies[0].lower == -1.0 and scene.structure.lower == (True, False)
+
+
+def test_files_fit_the_schema(tmp_path):
+    fastjsonschema = pytest.importorskip("fastjsonschema")
+    schema = json_schema()
+    schema["$schema"] = (
+        "http://json-schema.org/draft-07/schema#"  # the newest draft that it knows; no difference here
+    )
+    valid = fastjsonschema.compile(schema)
+    for name in MAKERS:
+        slcp.save_scene(MAKERS[name](), tmp_path / "scene.json")
+        valid(json.loads((tmp_path / "scene.json").read_text()))
+    valid(tomllib.loads(EXAMPLE.read_text()))
+    for key, wrong in (("version", 3), ("bodies", []), ("gravity", [0.0]), ("colour", "red"),
+                       ("implicit_damping", 1)):  # fmt: skip
+        content = json.loads((tmp_path / "scene.json").read_text())
+        content[key] = wrong
+        if key != "bodies":
+            with pytest.raises(fastjsonschema.JsonSchemaException):
+                valid(content)
+
+
+def test_shipped_schema_is_the_one_of_the_classes():
+    path = pathlib.Path(slcp.__file__).parent / "description" / "scene_schema.json"
+    assert json.loads(path.read_text()) == json_schema()  # python -m slcp_warp.description.scene_schema
+
+
+GOOD = {"format": "slcp-scene", "version": 2, "name": "a",
+        "bodies": [{"name": "b", "mass": 1.0, "inertia": 1.0}]}  # fmt: skip
+
+
+def bad(**changes):
+    return json.dumps({**GOOD, **changes})
+
+
+BODY = GOOD["bodies"][0]
+
+
+@pytest.mark.parametrize("text, message", [
+    ("", "not readable as JSON"),
+    (json.dumps(GOOD)[:40], "not readable as JSON"),
+    ("[1, 2]", "format is a list"),
+    (bad(format="urdf"), "format is 'urdf'; a scene file has format = 'slcp-scene'"),
+    (bad(version=7), "version is 7; this program reads 1 and 2"),
+    (bad(bodys=[]), "no field 'bodys'; did you mean 'bodies'"),
+    (bad(bodies=[{**BODY, "mas": 1}]), r"bodies\[0\]: no field 'mas'; did you mean 'mass'"),
+    (bad(bodies=[{"name": "b", "mass": 1.0}]), r"bodies\[0\]: inertia is missing"),
+    (bad(bodies=[{**BODY, "mass": "heavy"}]), r"bodies\[0\]: body 'b': mass is 'heavy'; a number is needed"),
+    (bad(bodies=[{**BODY, "mass": True}]), "mass is True; a number is needed"),
+    (bad(bodies=[{**BODY, "joint": "ball"}]), "joint 'ball' is unknown; choose one of .*'prismatic'"),
+    (bad(gravity=[0.0, float("nan")]), r"gravity\[1\] is nan; it must be finite"),
+    (bad(gravity=[1.0]), "gravity has 1 entries; 2 are needed"),
+    (bad(implicit_damping="no"), "implicit_damping is .no.; True or False is needed"),
+    (bad(name=3), "name is 3; a name is needed"),
+    (bad(bodies={}), "bodies: {}; a list is needed"),
+    (bad(bodies=[{**BODY, "mass": -1.0}]), "mass is -1.0; it must be positive"),
+    (bad(actuators=[{"body": "b", "dof": 0.5}]), "dof is 0.5; a whole number of at least 0 is needed"),
+])  # fmt: skip
+def test_what_is_no_scene_is_named(tmp_path, text, message):
+    path = tmp_path / "scene.json"
+    path.write_text(text)
+    with pytest.raises(slcp.SceneError, match=message):
+        slcp.load_scene(path)
+
+
+def test_files_from_when_damping_was_explicit_keep_it(tmp_path):
+    path = tmp_path / "scene.json"
+    for content, implicit in (
+        (bad(), True),
+        (bad(version=1), False),
+        (bad(version=1, implicit_damping=True), True),
+    ):
+        path.write_text(content)
+        assert slcp.load_scene(path).implicit_damping is implicit
+    slcp.save_scene(slcp.scenes.flicking_finger(), path)
+    content = json.loads(path.read_text())
+    del content["implicit_damping"]
+    path.write_text(json.dumps(content | {"version": 1}))
+    assert slcp.load_scene(path) == slcp.scenes.flicking_finger()
+
+
+def test_foreign_files(tmp_path):
+    (tmp_path / "binary.json").write_bytes(bytes(range(256)))
+    (tmp_path / "folder.json").mkdir()
+    (tmp_path / "scene.yaml").write_text("name: x")
+    (tmp_path / "scene.toml").write_text("name = ")
+    messages = {"binary.json": "it is no text", "folder.json": "a directory",
+                "scene.yaml": "toml, .json or .xml", "scene.toml": "not readable as TOML"}  # fmt: skip
+    for name, message in messages.items():
+        with pytest.raises(slcp.SceneError, match=message):
+            slcp.load_scene(tmp_path / name)
+    with pytest.raises(FileNotFoundError):
+        slcp.load_scene(tmp_path / "nowhere.json")
+    with pytest.raises(slcp.SceneError, match="written as .json"):
+        slcp.save_scene(MAKERS["particle"](), tmp_path / "scene.toml")

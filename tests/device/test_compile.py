@@ -1,0 +1,85 @@
+"""Kernels in Warp's cache: found whatever ran before; functions of a user told apart by their code."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+import warp as wp
+
+from slcp_warp.kernels.device.compile import CPU_ARITHMETIC, code_digest, cpu_compiler_flags
+
+RUN = """
+import sys, numpy as np, warp as wp
+wp.config.log_level = wp.LOG_WARNING
+import slcp_warp as slcp
+sim = slcp.Simulator(slcp.scenes.particle(), device="cpu", dtype="float32")
+x = sim.scene.x0[None]
+for name in sys.argv[1:]:
+    sim.step(x) if name == "step" else sim.rollout(x, np.zeros((1, 2, sim.nu), np.float32))
+"""
+
+
+@pytest.mark.slow
+def test_kernels_are_found_whatever_ran_before(tmp_path):
+    """One process compiles a step and a rollout, others need them alone or the other way round."""
+    environment = os.environ | {"WARP_CACHE_PATH": str(tmp_path), "PYTHONSAFEPATH": "1"}
+
+    def binaries(*names):
+        subprocess.run([sys.executable, "-c", RUN, *names], env=environment, check=True, cwd=tmp_path)
+        return sorted(path.relative_to(tmp_path) for path in tmp_path.rglob("*.o"))
+
+    first = binaries("step", "rollout")
+    assert len(first) == 2
+    assert binaries("rollout", "step") == first
+    assert binaries("rollout") == first
+
+
+@pytest.mark.slow
+def test_kernels_of_other_compiler_flags_are_others(tmp_path):
+    """SLCP_CPU_FLAGS replaces all flags, and caches do not mix."""
+    environment = os.environ | {"WARP_CACHE_PATH": str(tmp_path), "PYTHONSAFEPATH": "1"}
+
+    def binaries(flags):
+        own = environment | ({} if flags is None else {"SLCP_CPU_FLAGS": flags})
+        if flags is None:
+            own.pop("SLCP_CPU_FLAGS", None)
+        subprocess.run([sys.executable, "-c", RUN, "step"], env=own, check=True, cwd=tmp_path)
+        return {path.relative_to(tmp_path) for path in tmp_path.rglob("*.o")}
+
+    plain = binaries(None)
+    both = binaries("-ffp-contract=off")
+    assert len(plain) == 1 and len(both) == 2 and plain < both
+    assert binaries("-ffp-contract=off") == binaries(None) == both
+
+
+def test_flags_of_the_environment_replace_all_others(monkeypatch):
+    monkeypatch.setenv("SLCP_CPU_FLAGS", "-ffp-contract=off")
+    assert cpu_compiler_flags() == "-ffp-contract=off"
+    monkeypatch.delenv("SLCP_CPU_FLAGS")
+    monkeypatch.setattr(wp.config, "cpu_compiler_flags", "-march=native")
+    assert cpu_compiler_flags().endswith(CPU_ARITHMETIC) and "-march=native" in cpu_compiler_flags()
+    monkeypatch.setattr(wp.config, "cpu_compiler_flags", "-mllvm=-inline-threshold=9000 -mllvm=-slp-x=4")
+    assert cpu_compiler_flags().startswith("-mllvm=-inline-threshold=20000 -mllvm=-slp-x=4 ")
+
+
+def test_a_users_functions_are_told_apart_by_values_in_loops():
+    """Values of `wp.static` with a loop's index, which Warp leaves out of a module's hash."""
+
+    def digest(weights, again=1):
+        @wp.func
+        def cost(x: wp.vec2d):
+            total = wp.float64(0.0)
+            for i in range(2):
+                total += wp.static(weights[i]) * x[i]
+            return total
+
+        def kernel(x: wp.array(dtype=wp.vec2d), out: wp.array(dtype=wp.float64)):
+            out[0] = cost(x[0])
+
+        return [code_digest(kernel) for _ in range(again)]
+
+    one, other = (wp.float64(1.0), wp.float64(2.0)), (wp.float64(1.0), wp.float64(3.0))
+    assert digest(one) == digest(one)
+    assert digest(one) != digest(other)
+    assert len(set(digest(one, again=2))) == 1

@@ -1,0 +1,68 @@
+"""The main kernels compile for sm_90 without a GPU: registers where there is room, spills, size of the code.
+
+A kernel with contact takes all 255 registers that a thread can have, so that only what it spills and how long
+it is can get worse. Of the finger's 576 bytes of local memory 32 are the argument reduction of the sine; the
+rest is spilled where every step passes, for values that are kept alive around the solvers. Kernels without
+contact, and those of the backward pass, fit.
+"""
+
+import pytest
+import warp as wp
+
+from slcp_warp import scenes
+from slcp_warp.kernels.control import riccati
+from slcp_warp.kernels.generic import step as large_step
+from slcp_warp.kernels.method import Method
+from slcp_warp.kernels.step import rollout
+from slcp_warp.scripts.benchmarks.cost.cubin import sm90_resources
+
+LONG = wp.types.vector(64, float)
+SINE = 32  # bytes of local memory of the argument reduction of sine and cosine
+
+
+@pytest.mark.slow
+def test_finger_rollout_spills_little(tmp_path):
+    structure = scenes.flicking_finger().structure
+    kernel = rollout.make_rollout_kernel(structure, wp.float32, Method(scaling="none"), "open_loop", False)
+    used = sm90_resources(kernel, tmp_path)
+    assert SINE < used["frame"] <= 592, used  # bytes
+    assert used["code"] <= 200_000, used  # bytes; the instruction cache of a multiprocessor is smaller by far
+
+
+@pytest.mark.slow
+def test_rollout_without_contact_fits_in_registers(tmp_path):
+    structure = scenes.pendulum_chain().structure
+    kernel = rollout.make_rollout_kernel(structure, wp.float32, Method(), "open_loop", False)
+    used = sm90_resources(kernel, tmp_path)
+    assert 0 < used["registers"] <= 128 and used["frame"] <= SINE, used  # 16 warps a multiprocessor
+    assert used["code"] <= 40_000, used
+
+
+@pytest.mark.slow
+def test_backward_pass_of_ddp_spills_nothing(tmp_path):
+    kernel = riccati.make_backward_kernel(6, 2, 3, "second-order", False, wp.float32)
+    used = sm90_resources(kernel, tmp_path)
+    assert used["registers"] > 0 and used["frame"] == 0, used
+    assert used["code"] <= 100_000, used
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "residual, registers, frame", [("hard", None, 1792), ("none", 184, 64)], ids=["hard", "no rows"]
+)
+def test_kernels_of_large_scenes_spill_little(tmp_path, residual, registers, frame):
+    used = sm90_resources(large_step.make_large_rollout_kernel(wp.float32, residual), tmp_path)
+    assert used["frame"] <= frame, used
+    assert registers is None or 0 < used["registers"] <= registers, used  # 184: 10 warps a multiprocessor
+
+
+def test_parser_sees_local_memory(tmp_path):
+    @wp.kernel(module="unique", enable_backward=False)
+    def indexed(x: wp.array(dtype=float), i: wp.array(dtype=int)):
+        store = LONG()
+        for k in range(64):
+            store[i[k]] = x[k]
+        x[wp.tid()] = store[i[wp.tid()]]
+
+    used = sm90_resources(indexed, tmp_path)
+    assert used["frame"] >= 256, used  # 64 floats at run-time indices

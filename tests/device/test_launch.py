@@ -1,0 +1,61 @@
+"""Launches split over threads: every item once, the same numbers, errors not swallowed."""
+
+import numpy as np
+import pytest
+import warp as wp
+
+from slcp_warp.kernels.device import launch as launching
+
+
+@wp.kernel(module="unique", enable_backward=False)
+def count_visits(first: int, scale: float, visits: wp.array(dtype=wp.float32)):
+    item = first + wp.tid()
+    visits[item] = visits[item] + scale * float(item + 1)
+
+
+@pytest.mark.parametrize(
+    ("dim", "threads", "grain"), [(1, 4, 1), (11, 2, 1), (1000, 3, 16), (129, 2, 64), (5, 8, 1)]
+)
+def test_split_covers_the_range_in_order(dim, threads, grain):
+    chunks = launching.split(dim, threads, grain)
+    assert [i for first, count in chunks for i in range(first, first + count)] == list(range(dim))
+    assert len(chunks) == 1 or min(count for _, count in chunks) >= grain
+
+
+def test_split_of_nothing_is_nothing():
+    assert launching.split(0, 4, 1) == []
+
+
+@pytest.mark.parametrize("dim", [1, 37, 4096])
+@pytest.mark.parametrize("threads", [1, 2, 5])
+def test_every_item_is_visited_once(device, dim, threads):
+    visits = wp.zeros(dim, dtype=wp.float32, device=device)
+    launching.launch(count_visits, dim, [2.0, visits], device, threads=threads, grain=1)
+    np.testing.assert_array_equal(visits.numpy(), 2.0 * np.arange(1, dim + 1, dtype=np.float32))
+
+
+def test_prepared_launch_repeats_and_takes_other_inputs(device):
+    visits = wp.zeros(100, dtype=wp.float32, device=device)
+    prepared = launching.Prepared(count_visits, 100, [1.0, visits], device, threads=3, grain=1)
+    assert not visits.numpy().any()  # preparing runs nothing
+    prepared()
+    prepared.set_input(0, 10.0)
+    prepared()
+    np.testing.assert_array_equal(visits.numpy(), 11.0 * np.arange(1, 101, dtype=np.float32))
+
+
+def test_errors_of_helper_threads_reach_the_caller():
+    def run(item):
+        if item == 7:
+            raise RuntimeError("item 7")
+
+    with pytest.raises(RuntimeError, match="item 7"):
+        launching._drain(run, range(20), 4)
+
+
+def test_thread_count_from_the_environment(monkeypatch):
+    monkeypatch.setenv("SLCP_WARP_THREADS", "3")
+    assert launching.thread_count() == 3
+    monkeypatch.setenv("SLCP_WARP_THREADS", "none")
+    with pytest.raises(ValueError, match="'none'"):
+        launching.thread_count()

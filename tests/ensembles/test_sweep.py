@@ -1,0 +1,274 @@
+"""Sweeps: the same numbers whatever the split, worlds as asked for, honest statistics, bounded memory."""
+
+import math
+
+import numpy as np
+import pytest
+import scipy.stats
+import warp as wp
+from simulators import scene, simulator
+
+import slcp_warp as slcp
+from slcp_warp import Status, ddp
+from slcp_warp import sweep as public_sweep
+from slcp_warp.ddp.library.library import scene_digest
+from slcp_warp.ensembles import statistics
+from slcp_warp.kernels.device import launch as launching
+from slcp_warp.kernels.device.launch import launch
+from slcp_warp.kernels.ensembles.sweep import make_draw_kernel
+
+FINGER = scene("flicking_finger")
+OPTIONS = {"scaling": "none", "dtype": "float32"}
+
+
+def idle(entries=3):
+    """A policy without control: nearest neighbour over entries that ask for nothing."""
+    rng = np.random.default_rng(2)
+    zeros = np.zeros(entries)
+    header = {"scene": FINGER.name, "digest": scene_digest(FINGER)}
+    return ddp.Library(
+        x=FINGER.x0 + rng.standard_normal((entries, 6)), u=np.zeros((entries, 2)),
+        K=np.zeros((entries, 2, 6)), cost=zeros, gain=zeros, age=zeros, chain=zeros, plan=zeros,
+        period=FINGER.state_period, header=header,
+    ).policy()  # fmt: skip
+
+
+def spec(**changes):
+    values = {"worlds": 40, "duration": 2.0, "residuals": ("rem-logistic",), "velocity_sd": 2.0, "observe": 2,
+              "window": 1.0, "sample_every": 0.1, "seed": 3}  # fmt: skip
+    return slcp.SweepSpec(**{**values, **changes})
+
+
+def run(device="cpu", chunk=None, progress=None, **changes):
+    return public_sweep(
+        FINGER, idle(), spec(**changes), device=device, chunk=chunk, progress=progress, **OPTIONS
+    )
+
+
+def assert_equal(a, b, rows=slice(None)):
+    for name, column in a.table.items():
+        np.testing.assert_array_equal(column, b.table[name][rows], err_msg=name)
+    for mine, other in zip(a.samples, b.samples, strict=True):
+        np.testing.assert_array_equal(mine, other[rows])
+
+
+BUSY = {"torque_sd": 0.5, "kick_times": (0.5, 1.0), "parameter_sd": {"mass": 0.2, "friction": 0.3}}
+
+
+@pytest.mark.parametrize("chunk", [1, 7, 40, 1000])
+def test_the_split_into_chunks_changes_nothing(device, chunk):
+    assert_equal(run(device, **BUSY), run(device, chunk=chunk, **BUSY))
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_the_number_of_threads_changes_nothing(monkeypatch, threads):
+    before = run(**BUSY)
+    monkeypatch.setattr(launching, "_default_threads", threads)
+    assert_equal(before, run(**BUSY))
+
+
+def test_more_worlds_begin_with_the_same_ones(device):
+    assert_equal(run(device, worlds=15, **BUSY), run(device, **BUSY), slice(0, 15))
+
+
+def test_another_seed_gives_other_worlds(device):
+    assert (run(device).samples[0][:, -1] != run(device, seed=4).samples[0][:, -1]).all()
+
+
+def drawn(device, worlds, **changes):
+    """Parameters by name (B, ...) and starts (B, nx) that a sweep would simulate."""
+    sim = simulator("flicking_finger", device, wp.float32, "none")
+    case = slcp.sweep.__globals__["_Case"](sim, idle(), spec(worlds=worlds, **changes), 0.05, None)
+    seen = []
+    case.launch = lambda world0, count, shared, kicks: seen.append((world0, count, shared)) or {}
+    list(case.run())
+    (world0, count, shared), table, x0 = seen[0], sim.empty(worlds, len(case.base)), sim.empty(worlds, 6)
+    launch(make_draw_kernel(6, sim.dtype), count, [world0, 3, *shared, table, x0], sim.device)
+    columns = {
+        n: table.numpy()[:, a : a + int(np.prod(s, dtype=int))] for n, a, s in sim.params.layout.columns
+    }
+    return columns, x0.numpy(), sim.params
+
+
+def test_parameters_vary_as_asked(device):
+    worlds, sd = 20_000, 0.2
+    columns, _, base = drawn(
+        device, worlds, parameter_sd={"mass": sd, "inertia": sd, "friction": 0.1, "radius": sd}
+    )
+    factor = np.log(columns["mass"] / np.ravel(base["mass"]))
+    np.testing.assert_allclose(factor.mean(axis=0), 0.0, atol=4.5 * sd / math.sqrt(worlds))
+    np.testing.assert_allclose(factor.std(axis=0), sd, rtol=4.5 / math.sqrt(2 * worlds))
+    assert (scipy.stats.kstest(factor / sd, "norm").pvalue > 1e-4).all()
+    assert np.abs(np.corrcoef(factor.T) - np.eye(3)).max() < 4.5 / math.sqrt(worlds), "bodies vary together"
+    np.testing.assert_allclose(columns["inertia"] / np.ravel(base["inertia"]), np.exp(factor), rtol=1e-5)
+    radius = (columns["radius"] / np.ravel(base["radius"])).reshape(worlds, -1, 2)
+    np.testing.assert_allclose(radius[..., 0], radius[..., 1], rtol=1e-5)  # a shape keeps its proportions
+    assert abs(np.log(columns["friction"] / 0.5).std() - 0.1) < 0.01
+    for name in ("step_size", "damping", "gravity", "com", "sigma"):
+        np.testing.assert_array_equal(columns[name], np.broadcast_to(columns[name][:1], columns[name].shape))
+
+
+def test_starts_vary_as_asked(device):
+    start = np.stack([FINGER.x0, FINGER.x0 + [0, 0, 50.0, 0, 0, 0]])
+    _, x0, _ = drawn(device, 20_000, start=start, position_sd=0.3, velocity_sd=2.0)
+    second = x0[:, 2] > 25.0
+    assert abs(second.mean() - 0.5) < 4.5 * 0.5 / math.sqrt(len(x0))
+    deviation = x0 - start[second.astype(int)]
+    np.testing.assert_allclose(deviation.mean(axis=0), 0.0, atol=0.1)
+    np.testing.assert_allclose(deviation.std(axis=0), [0.3] * 3 + [2.0] * 3, rtol=0.03)
+    assert np.abs(np.corrcoef(deviation.T) - np.eye(6)).max() < 0.04
+
+
+def test_kicks_come_at_their_times_and_sizes(device):
+    """The observed rate of the free ellipse: nothing before a kick, then the kick less drag."""
+    h, kick_sd = 0.05, 0.5  # small: the finger stays away
+    quiet = {
+        "worlds": 4000,
+        "velocity_sd": 0.0,
+        "observe": 5,
+        "sample_every": h,
+        "duration": 0.4,
+        "window": h,
+    }
+    plain = run(device, **quiet).samples[0]
+    kicked = run(device, kick_times=(0.1, 0.25), kick_sd=kick_sd, **quiet).samples[0]
+    change = (kicked - plain).astype(float)
+    assert not change[:, :3].any()  # samples at 0, .05 and .1 s, the last one just before the kick
+    keep = 1.0 - h * 0.7 / FINGER.bodies[2].inertia
+    assert abs(change[:, 3].std() / (kick_sd * keep) - 1.0) < 0.05
+    assert abs(change[:, 3].mean()) < 4.5 * kick_sd / math.sqrt(len(change))
+    growth = change[:, 1:] - keep * change[:, :-1]
+    early = np.abs(growth[:, [3, 4]]).max()  # between the kicks: drag only (the finger is far away at first)
+    assert early < 1e-4 and abs(growth[:, 5].std() / (kick_sd * keep) - 1.0) < 0.05
+    assert abs(np.corrcoef(change[:, 3], growth[:, 5])[0, 1]) < 4.5 / math.sqrt(len(change))
+
+
+def test_failures_are_counted_by_status(device):
+    start = np.stack([FINGER.x0, FINGER.x0 + [0, 0, 0, 3e37, -3e37, 3e37]])
+    report = run(device, worlds=60, start=start)
+    status = report.table["status"]
+    statuses = report.cases[0]["statuses"]
+    assert 10 < (status != Status.SOLVED).sum() < 50, "half the worlds start at an absurd speed"
+    assert statuses == {s.name: int((status == s).sum()) for s in Status} and sum(statuses.values()) == 60
+    failed = status != Status.SOLVED
+    assert not report.table["spinning"][failed].any()
+    assert np.isinf(report.table["recovery_time"][failed]).all()
+    assert np.isfinite(report.samples[0]).all()
+    assert report.cases[0]["share_spinning"][0] <= 1.0 - failed.mean()
+
+
+def test_an_interrupt_leaves_what_is_finished(device):
+    def stop(done, total):
+        if done >= 50:
+            raise KeyboardInterrupt
+
+    whole = run(device, step_sizes=(0.05, 0.04))
+    report = run(device, chunk=10, progress=stop, step_sizes=(0.05, 0.04))
+    assert whole.complete and not report.complete
+    assert [c["worlds"] for c in report.cases] == [40, 10] and len(report.table["world"]) == 50
+    for name, column in report.table.items():
+        np.testing.assert_array_equal(column, whole.table[name][:50])
+    nothing = run(device, chunk=10, progress=lambda done, total: stop(50, total))
+    assert not nothing.complete and len(nothing.table["world"]) == 10
+
+
+def test_an_interrupt_before_anything_leaves_an_empty_report(monkeypatch):
+    def stop(self, *arguments):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(slcp.sweep.__globals__["_Case"], "launch", stop)
+    report = run()
+    assert not report.complete and report.cases == [] and report.table == {} and report.samples == []
+
+
+def test_progress_counts_the_worlds(device):
+    seen = []
+    run(device, chunk=15, progress=lambda done, total: seen.append((done, total)), step_sizes=(0.05, 0.04))
+    assert seen == [(15, 80), (30, 80), (40, 80), (55, 80), (70, 80), (80, 80)]
+
+
+def test_save_and_load(device, tmp_path):
+    report = run(device, step_sizes=(0.05, 0.04))
+    loaded = slcp.SweepReport.load(report.save(tmp_path / "sweep.npz"))
+    assert_equal(report, loaded)
+    assert loaded.complete and loaded.spec == report.spec
+    assert [c["statuses"] for c in loaded.cases] == [c["statuses"] for c in report.cases]
+    lines = report.save(tmp_path / "sweep.csv").read_text().splitlines()
+    assert lines[0].split(",") == list(report.table) and len(lines) == 81
+    assert not list(tmp_path.glob("*.part"))
+    with pytest.raises(ValueError, match=r"ends in '\.txt'; \.csv or \.npz"):
+        report.save(tmp_path / "sweep.txt")
+
+
+def test_memory_does_not_grow_with_the_worlds(monkeypatch):
+    module = slcp.sweep.__globals__
+    sizes, original = [], module["launch"]
+
+    def measure(kernel, dim, inputs, *rest, **options):
+        sizes.append(sum(a.capacity for a in inputs if isinstance(a, wp.array)))
+        return original(kernel, dim, inputs, *rest, **options)
+
+    monkeypatch.setitem(module, "launch", measure)
+    monkeypatch.setitem(module, "CHUNK_BYTES", 64_000)
+    run(worlds=400, duration=1.0)
+    few, count = max(sizes), len(sizes)
+    sizes.clear()
+    run(worlds=1600, duration=1.0)
+    assert max(sizes) == few < 200_000 and len(sizes) > 3 * count
+
+
+def test_a_million_worlds_are_cut_into_chunks(device):
+    sim = simulator("flicking_finger", device, wp.float32, "none")
+    case = slcp.sweep.__globals__["_Case"](sim, idle(), spec(worlds=10**6, duration=20.0), 0.05, None)
+    assert case.chunk * (8 * (len(case.base) + 6) + 4 * case.count) < 130 * 2**20
+
+
+# --- statistics ---
+
+
+def test_wilson_interval_against_scipy():
+    for successes, total in ((0, 10), (3, 10), (10, 10), (450, 512), (1, 4096)):
+        share, low, high = statistics.share_interval(successes, total)
+        exact = scipy.stats.binomtest(successes, total).proportion_ci(0.95, method="wilson")
+        np.testing.assert_allclose((share, low, high), (successes / total, exact.low, exact.high), atol=1e-12)
+    assert all(math.isnan(v) for v in statistics.share_interval(0, 0))
+
+
+def test_mean_interval_against_scipy():
+    values = np.random.default_rng(0).normal(2.0, 3.0, 400)
+    mean, low, high = statistics.mean_interval(np.append(values, [np.nan, np.inf]))
+    exact = scipy.stats.norm.interval(0.95, values.mean(), scipy.stats.sem(values))
+    np.testing.assert_allclose((mean, low, high), (values.mean(), *exact), rtol=1e-12)
+
+
+@pytest.mark.parametrize("q", [0.5, 0.9])
+def test_quantile_interval_covers_the_quantile_as_often_as_it_says(q):
+    rng, exact = np.random.default_rng(1), -math.log(1.0 - q)
+    found = [statistics.quantile_interval(rng.exponential(size=200), q) for _ in range(2000)]
+    covered = np.mean([low <= exact <= high for _, low, high in found])
+    assert 0.94 < covered < 0.985
+    assert abs(np.mean([value for value, _, _ in found]) - exact) < 0.03
+
+
+def test_quantile_interval_with_infinite_values():
+    value, low, high = statistics.quantile_interval(np.array([1.0] * 30 + [np.inf] * 70))
+    assert value == np.inf and low == np.inf and high == np.inf
+    assert statistics.quantile_interval(np.array([1.0] * 90 + [np.inf] * 10)) == (1.0, 1.0, 1.0)
+
+
+def test_spin_statistics_of_known_motions():
+    time = np.arange(0.0, 10.01, 0.5)
+    steady, still = 0.8 * time, 0.0 * time
+    stopped = np.minimum(time, 4.0)
+    late = np.where(time < 6.0, 0.0, 2.0 * (time - 6.0))  # recovers one second after the kick at 5 s
+    out = statistics.spin_statistics(np.stack([steady, still, stopped, late]), 0.5, 2.0, 0.5, (5.0,))
+    np.testing.assert_allclose(out["rate"], [0.8, 0.0, 0.4, 0.8])
+    np.testing.assert_allclose(out["late_rate"], [0.8, 0.0, 0.0, 1.6])
+    assert out["spinning"].tolist() == [True, False, False, True]
+    # the rate over the next two seconds exceeds .5: at once, never, never, at once (2 rad in 5..7 s)
+    np.testing.assert_array_equal(out["recovery_time"], [0.0, np.inf, np.inf, 0.0])
+    slow = np.where(time < 7.5, 0.0, 2.0 * (time - 7.5))
+    found = statistics.spin_statistics(slow[None], 0.5, 2.0, 0.5, (5.0,))["recovery_time"]
+    np.testing.assert_array_equal(
+        found, [1.5]
+    )  # 1.5 s after the kick: .5 s of motion at 2 rad/s is half a rad/s

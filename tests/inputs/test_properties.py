@@ -1,0 +1,210 @@
+"""Public functions under Hypothesis: one argument is replaced by anything; either the call works, or the
+package's own error names the argument. Never a raw error, a hang or a crash.
+
+No kernel is compiled or run: what is wrong is found before. `HYPOTHESIS_PROFILE=full` tries thousands of
+values for every function.
+"""
+
+import contextlib
+import dataclasses
+import functools
+
+import numpy as np
+import pytest
+import warp as wp
+from hostile import arguments, judge, no_kernels, values
+from hypothesis import given
+from hypothesis import strategies as st
+
+import slcp_warp as slcp
+from slcp_warp import ddp
+from slcp_warp.ddp.library.library import scene_digest
+
+FINGER = slcp.scenes.flicking_finger()
+X, U = np.zeros((2, 6)), np.zeros((2, 2))
+US = np.zeros((2, 5, 2))
+
+
+@functools.cache
+def sim(**options):
+    return slcp.Simulator(FINGER, slcp.Options(**options), device="cpu")
+
+
+def library():
+    zeros = np.zeros(3)
+    return ddp.Library(
+        x=np.arange(18.0).reshape(3, 6), u=np.zeros((3, 2)), K=np.zeros((3, 2, 6)), cost=zeros, gain=zeros,
+        age=zeros, chain=zeros, plan=zeros, period=FINGER.state_period,
+        header={"scene": FINGER.name, "digest": scene_digest(FINGER)},
+    )  # fmt: skip
+
+
+def problem():
+    return ddp.Problem(sim(), ddp.costs.flicking_finger(), 5)
+
+
+def make_step(dtype, VX, VU):
+    raise AssertionError("nothing is compiled")
+
+
+def build(**changes):
+    return ddp.build_library(problem(), X[0], 2, **changes)
+
+
+@dataclasses.dataclass
+class Plan:
+    us: np.ndarray = dataclasses.field(default_factory=lambda: US[0])
+    xs: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((6, 6)))
+    K: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((5, 2, 6)))
+
+
+ROUND = (slcp.Shape("a", "ellipse", "disc", 0.1),)
+A, B = np.stack([np.eye(3)] * 2), np.zeros((2, 3))
+# name: (function, good arguments, names that an error may use for an argument)
+CALLS = {
+    "Body": (slcp.Body, {"name": "a", "mass": 1.0, "inertia": 1.0}, {}),
+    "Body, free": (slcp.Body, {"name": "a", "mass": 1.0, "inertia": 1.0, "joint": "free",
+        "lower": (0.0,) * 3}, {}),
+    "Shape": (slcp.Shape, {"name": "a", "body": None, "kind": "disc"}, {}),
+    "Shape, capsule": (slcp.Shape, {"name": "a", "body": None, "kind": "capsule", "radius": (0.1, 0.2)}, {}),
+    "Contact": (slcp.Contact, {"shape_a": "a", "shape_b": "b"}, {}),
+    "Actuator": (slcp.Actuator, {"body": "a"}, {}),
+    "Spring": (slcp.Spring, {"body_a": "a", "body_b": None}, {}),
+    "Scene": (slcp.Scene, {f.name: getattr(FINGER, f.name) for f in dataclasses.fields(FINGER) if f.init},
+        {"shapes": ("shape",), "bodies": ("body",)}),
+    "box": (slcp.box, {"name": "a", "body": None, "width": 1.0, "height": 1.0}, {"name": ("shape",)}),
+    "touching": (slcp.touching, {"shapes": ROUND, "others": ROUND}, {}),
+    "Options": (slcp.Options, {}, {}),
+    "Options, tolerance": (slcp.Options, {"tolerance": 1e-8}, {}),
+    "Simulator": (slcp.Simulator, {"scene": FINGER, "device": "cpu"}, {}),
+    "Parameters": (slcp.Parameters, {"scene": FINGER}, {"values": ("parameter", "mass")}),
+    "Parameters.gradient": (lambda name: sim().params.track().gradient(name), {"name": "mass"},
+        {"name": ("parameter",)}),
+    "Parameters[]": (lambda name: sim().params[name], {"name": "mass"}, {"name": ("parameter",)}),
+    "Parameters.replace": (
+        lambda **changes: sim().params.replace(**changes), {n: sim().params[n] for n in sim().params.names},
+        {}),
+    "step": (
+        sim().step, {"x": X, "u": U}, {"x": ("state", "params", "worlds")}),
+    "rollout": (
+        sim().rollout, {"x0": X, "controls": US}, {"x0": ("state",), "policy": ("controls",),
+        "steps": ("controls",)}),
+    "rollout under a policy": (
+        sim().rollout, {"x0": X, "policy": library().policy(), "steps": 3}, {"controls": ("policy",)}),
+    "linearize": (sim().linearize, {"x": X, "u": U}, {"x": ("state",)}),
+    "SweepSpec": (slcp.SweepSpec, {}, {"residuals": ("residual",), "step_sizes": ("duration",),
+        "window": ("kick_times",)}),
+    "SweepSpec, kicks": (slcp.SweepSpec, {"kick_times": (1.0,)}, {"residuals": ("residual",),
+        "step_sizes": ("duration",), "duration": ("sample_every", "kick_times"), "window": ("kick_times",)}),
+    "sweep": (
+        slcp.sweep,
+        {"scene": FINGER, "policy": library().policy(), "device": "cpu",
+         "spec": slcp.SweepSpec(2, 1.0, ("hard",), sample_every=0.1)}, {}),
+    "solve_complementarity": (slcp.solve_complementarity, {"A": A, "b": B}, {"A": ("b", "device")}),
+    "vjp of a solution": (
+        lambda impulse_grad: slcp.solve_complementarity(A, B).vjp(impulse_grad), {"impulse_grad": B}, {}),
+    "residual": (slcp.residual, {"name": "min", "a": 1.0, "b": 1.0}, {}),
+    "vjp": (
+        slcp.vjp, {"sim": sim(), "x0": X, "controls": US, "weights": np.zeros((2, 6, 6))},
+        {"x0": ("controls",), "controls": ("weights",)}),
+    "jvp": (
+        slcp.jvp, {"sim": sim(), "x0": X, "controls": US, "dx0": X}, {"x0": ("controls",),
+        "controls": ("dcontrols",)}),
+    "weighted_hessian": (
+        slcp.weighted_hessian, {"sim": sim(), "x": X, "u": U, "weights": X}, {"x": ("u", "weights")}),
+    "particles": (
+        slcp.particles, {"sim": sim(residual="hard"), "x": X[0], "covariance": np.eye(6), "count": 3}, {}),
+    "particle_rollout": (
+        slcp.particle_rollout,
+        {"sim": sim(residual="hard"), "x0": X[0], "us": US[0], "covariance": np.eye(6), "count": 3}, {}),
+    "load_scene": (slcp.load_scene, {"path": "/nowhere/scene.toml"}, {}),
+    "save_scene": (slcp.save_scene, {"scene": FINGER, "path": "/nowhere/scene.json"}, {}),
+    "load_mjcf": (slcp.load_mjcf, {"path": "/nowhere/scene.xml"}, {}),
+    "Regularization": (
+        lambda **fields: ddp.Regularization(**fields).rows(), dataclasses.asdict(ddp.Regularization()),
+        {"state_weight": ("control_weight",)}),
+    "ddp.Options": (ddp.Options, {}, {}),
+    "Problem": (
+        ddp.Problem, {"dynamics": sim(), "cost": ddp.costs.flicking_finger(), "horizon": 5},
+        {"dynamics": ("dynamics",)}),
+    "Cost": (ddp.Cost, {"make": make_step}, {}),
+    "plain": (ddp.costs.plain, {"make": make_step}, {}),
+    "flicking_finger": (ddp.costs.flicking_finger, {}, {}),
+    "quadratic": (ddp.costs.quadratic, {"Q": np.eye(6), "R": np.eye(2)}, {}),
+    "WarpDynamics": (ddp.WarpDynamics, {"make": make_step, "nx": 2, "nu": 1, "device": "cpu"}, {
+        "parameters": ("parameter",)}),
+    "ddp.Parameters": (
+        ddp.Parameters, {"shapes": {"a": ()}, "values": {"a": 1.0}, "dtype": wp.float64, "device": "cpu"},
+        {"shapes": ("values", "parameter"), "values": ("parameter",)}),
+    "linear_system": (ddp.linear_system, {"A": np.eye(2), "B": np.zeros((2, 1)), "device": "cpu"}, {}),
+    "Workspace": (ddp.Workspace, {"problem": problem(), "batch": 2}, {}),
+    "solve": (
+        ddp.solve, {"problem": problem(), "x0": X, "u0": US}, {"x0": ("u0",), "K0": ("xs0",),
+        "xs0": ("K0",)}),
+    "solve_continuation": (
+        ddp.solve_continuation, {"problem": problem(), "x0": X, "u0": US, "sigmas": (0.1, 0.05)},
+        {"sigmas": ("sigma",), "K0": ("xs0",), "xs0": ("K0",), "x0": ("u0",)}),
+    "solve_multistart": (
+        ddp.solve_multistart, {"problem": problem(), "x0": X[0], "starts": US}, {}),
+    "RecedingOptions": (ddp.RecedingOptions, {}, {}),
+    "build_library": (
+        ddp.build_library, {"problem": problem(), "x0": X[0], "count": 2}, {}),
+    "build_refined": (
+        ddp.build_refined, {"problem": problem(), "x0": X[0], "count": 2, "score": ddp.turning(2),
+        "rounds": 0}, {}),
+    "stuck_states": (
+        ddp.stuck_states,
+        {"library": library(), "sim": sim(), "score": ddp.turning(2), "count": 2, "seed": 0}, {}),
+    "turning": (ddp.turning, {"component": 2}, {}),
+    "NearestPolicy": (ddp.NearestPolicy, {"library": library()}, {}),
+    "TrackingPolicy": (ddp.TrackingPolicy, {"result": Plan()}, {"result": ("us",)}),
+    "Library": (ddp.Library, {f.name: getattr(library(), f.name) for f in dataclasses.fields(ddp.Library)},
+        {}),
+    "Library.select": (library().select, {"keep": [0, 2]}, {}),
+    "concatenate": (ddp.concatenate, {"libraries": [library()]}, {}),
+    "Library.load": (ddp.Library.load, {"path": "/nowhere/library.npz"}, {}),
+    "SweepReport.load": (slcp.SweepReport.load, {"path": "/nowhere/sweep.npz"}, {}),
+    **{f"scenes.{name}": (make, {}, {}) for name, make in slcp.scenes.NAMED.items()},
+}  # fmt: skip
+
+
+with contextlib.suppress(ImportError):
+    import torch
+
+    import slcp_warp.torch as slcp_torch
+
+    TENSORS = {"sim": sim(), "x0": torch.zeros(2, 6).double(), "controls": torch.zeros(2, 5, 2).double()}
+    CALLS |= {
+        "torch.rollout": (
+            slcp_torch.rollout, TENSORS, {"x0": ("controls",), "params": ("mass", "parameter")}),
+        "torch.step": (
+            slcp_torch.step, {"sim": sim(), "x": TENSORS["x0"]},
+            {"x": ("x0",), "params": ("mass", "parameter")}),
+        "torch.Rollout": (slcp_torch.Rollout, {"sim": sim(), "learn": ("mass",)}, {}),
+    }  # fmt: skip
+
+
+# What functions give back, and protocols: made by the package, not by its users.
+GIVEN = {
+    "Complementarity", "CostFunctions", "Dynamics", "DynamicsFunctions", "Linearization", "Multistart",
+    "ParticleRollout", "Particles", "Pullback", "Pushforward", "Result", "Status", "Step", "SweepReport",
+    "Trace", "Trajectory",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("module", [slcp, ddp, ddp.costs], ids=lambda module: module.__name__)
+def test_every_public_function_is_tried(module):
+    tried = {call for call, _, _ in CALLS.values()} | {ddp.Regularization}  # its fields are checked by rows()
+    public = {name: getattr(module, name) for name in module.__all__ if name not in GIVEN}
+    errors = {n for n, each in public.items() if isinstance(each, type) and issubclass(each, Exception)}
+    assert [n for n, each in public.items() if callable(each) and each not in tried and n not in errors] == []
+
+
+@pytest.mark.parametrize("name", CALLS)
+@given(data=st.data())
+def test_a_call_works_or_says_what_is_wrong(monkeypatch_session, name, data):
+    call, good, aliases = CALLS[name]
+    argument = data.draw(st.sampled_from(arguments(call) or list(good)), label="argument")
+    value = data.draw(values(), label="value")
+    with no_kernels(monkeypatch_session), np.errstate(all="ignore"):
+        judge(call, good, argument, value, aliases.get(argument, ()))

@@ -1,0 +1,351 @@
+"""Receding-horizon chains, the library's file, and the policies made from it."""
+
+import functools
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import warp as wp
+from simulators import NUMPY, scene, simulator
+
+import slcp_warp as slcp
+from slcp_warp import ddp
+from slcp_warp.ddp.library.library import ARRAYS, scene_digest
+from slcp_warp.ddp.policies import whitening
+
+FINGER = scene("flicking_finger")
+HORIZON = 20
+OPTIONS = {"offset": 4, "entries": 2, "chains": 2, "unperturbed": 1, "perturb_every": 8, "passes": 3,
+           "first_passes": 10, "seed": 5}  # fmt: skip
+
+
+@functools.cache
+def problem(device="cpu"):
+    sim = simulator("flicking_finger", device, wp.float64, "none")
+    params = sim.params.replace(step_size=0.05, sigma=0.1)
+    return ddp.Problem(sim, ddp.costs.flicking_finger(), HORIZON, params)
+
+
+@functools.cache
+def library(device="cpu", **changes):
+    return ddp.build_library(problem(device), FINGER.x0, 24, **{**OPTIONS, **changes})
+
+
+def made(x, **changes):
+    """A library whose entry i says so: u_i = (i, -i), without feedback."""
+    count = len(x)
+    order = np.arange(count)
+    values = {"x": x, "u": np.stack([order, -order], axis=1).astype(float), "K": np.zeros((count, 2, 6)),
+              "cost": np.zeros(count), "gain": order.astype(float), "age": 0 * order, "chain": 0 * order,
+              "plan": order, "period": FINGER.state_period,
+              "header": {"scene": FINGER.name, "digest": scene_digest(FINGER)}}  # fmt: skip
+    return ddp.Library(**{**values, **changes})
+
+
+def test_files_of_earlier_versions_fit_their_scene():
+    """The digest that they state is from before scenes had a rule of damping."""
+    before = "c0c5a8888eb050e5"
+    made(np.zeros((2, 6)), header={"scene": FINGER.name, "digest": before}).check_scene(FINGER)
+    assert scene_digest(replace(FINGER, implicit_damping=True)) == scene_digest(FINGER)
+    with pytest.raises(ddp.LibraryError, match="built for scene"):
+        made(np.zeros((2, 6))).check_scene(slcp.scenes.hopper())
+
+
+def test_a_library_without_entries_can_be_among_others():
+    some = made(np.zeros((2, 6)))
+    both = ddp.concatenate([some.select([]), some])
+    assert len(both) == 2
+    np.testing.assert_array_equal(both.chain, some.chain)
+
+
+# --- chains ---
+
+
+@pytest.mark.slow
+def test_chains_store_the_first_controllers_of_every_plan(device):
+    lib = library(device)
+    assert len(lib) == 24 and lib.K.shape == (24, 2, 6) and lib.u.shape == (24, 2)
+    np.testing.assert_array_equal(lib.age, np.tile([0, 1], 12))
+    np.testing.assert_array_equal(lib.chain, np.tile([0, 0, 1, 1], 6))
+    np.testing.assert_array_equal(lib.plan, np.repeat(np.arange(6), 4))
+    assert (
+        lib.header["offset"] == 4 and lib.header["step_size"] == 0.05 and lib.header["scene"] == FINGER.name
+    )
+    np.testing.assert_array_equal(lib.period, [0, 0, np.pi, 0, 0, 0])
+    first = lib.age == 0  # entries of one plan share its cost, and the second is one step further along it
+    np.testing.assert_array_equal(lib.cost[first], lib.cost[~first])
+    sim, params = problem(device).dynamics, problem(device).params
+    np.testing.assert_allclose(sim.step(lib.x[first], lib.u[first], params).state, lib.x[~first], atol=1e-8)
+
+
+@pytest.mark.slow
+def test_plans_gain_over_zero_controls(device):
+    lib = library(device)
+    sim, params = problem(device).dynamics, problem(device).params
+    start = lib.x[lib.age == 0]
+    rest = sim.rollout(start, np.zeros((len(start), HORIZON, 2)), params).states
+    passive = (-rest[:, :-1, 2]).sum(axis=1)
+    np.testing.assert_allclose(lib.gain[lib.age == 0], passive - lib.cost[lib.age == 0], atol=1e-6)
+    assert (lib.gain > -1e-9).all() and lib.gain.max() > 1e-3
+
+
+@pytest.mark.slow
+def test_only_perturbed_chains_are_kicked(device):
+    """A plan starts `offset` steps along the one before; every second shift kicks chain 1's rates."""
+    lib = library(device, entries=4, perturb_variance=4.0)
+    quiet = library(device, entries=4, perturb_every=0)
+    sim, params = problem(device).dynamics, problem(device).params
+    for one, kicked in ((lib, True), (quiet, False)):
+        for chain in (0, 1):
+            rows = one.chain == chain
+            last, first = rows & (one.age == 3), rows & (one.age == 0)
+            arrived = sim.step(one.x[last], one.u[last], params).state[: first.sum() - 1]
+            jump = one.x[first][1:][: len(arrived)] - arrived
+            np.testing.assert_allclose(jump[:, :3], 0.0, atol=1e-7)
+            size = np.abs(jump[:, 3:]).max(axis=1)
+            if kicked and chain == 1:
+                assert (size[1::2] > 0.1).all() and (size[::2] < 1e-7).all(), size
+            else:
+                assert (size < 1e-7).all()
+
+
+@pytest.mark.slow
+def test_the_seed_determines_a_library(device):
+    again = ddp.build_library(problem(device), FINGER.x0, 24, **OPTIONS)
+    other = ddp.build_library(problem(device), FINGER.x0, 24, **{**OPTIONS, "seed": 6})
+    for name in ARRAYS:
+        np.testing.assert_array_equal(getattr(library(device), name), getattr(again, name))
+    assert not np.array_equal(library(device).x, other.x)
+
+
+@pytest.mark.slow
+def test_interrupt_keeps_the_entries(device):
+    def stop(done, total):
+        if done >= 8:
+            raise KeyboardInterrupt
+
+    part = ddp.build_library(problem(device), FINGER.x0, 24, progress=stop, **OPTIONS)
+    assert 8 <= len(part) < 24
+    np.testing.assert_array_equal(part.x, library(device).x[: len(part)])
+    with pytest.raises(KeyboardInterrupt):
+        ddp.build_library(problem(device), FINGER.x0, 24, progress=lambda *_: stop(8, 24), **OPTIONS)
+
+
+def test_concatenation_renumbers_the_chains():
+    rng = np.random.default_rng(1)
+    a = made(rng.standard_normal((5, 6)), chain=np.array([0, 1, 0, 1, 2]))
+    b = made(rng.standard_normal((3, 6)), chain=np.array([0, 0, 1]))
+    both = ddp.concatenate([a, b])
+    assert both.chain.tolist() == [0, 1, 0, 1, 2, 3, 3, 4] and len(both) == 8
+    np.testing.assert_array_equal(both.x, np.concatenate([a.x, b.x]))
+    with pytest.raises(ddp.LibraryError, match="different scenes"):
+        ddp.concatenate([a, made(b.x, header={"scene": "grasp", "digest": "x"})])
+    with pytest.raises(ddp.LibraryError, match="libraries is empty"):
+        ddp.concatenate([])
+
+
+# --- the file ---
+
+
+def written(tmp_path):
+    rng = np.random.default_rng(3)
+    lib = made(rng.standard_normal((6, 6)), K=rng.standard_normal((6, 2, 6)), cost=rng.standard_normal(6))
+    return lib, lib.save(tmp_path / "library.npz")
+
+
+def test_a_saved_library_comes_back_bit_for_bit(tmp_path):
+    lib, path = written(tmp_path)
+    loaded = ddp.Library.load(path)
+    for name in (*ARRAYS, "period"):
+        mine, theirs = getattr(lib, name), getattr(loaded, name)
+        assert mine.dtype == theirs.dtype and mine.tobytes() == theirs.tobytes(), name
+    assert loaded.header == {"format": "slcp-warp-library", "version": 2, **lib.header}
+    assert not list(tmp_path.glob("*.part"))
+
+
+def rewrite(path, fields=None, **changes):
+    """The file with other header fields or arrays; None leaves an array out."""
+    with np.load(path) as archive:
+        data = {name: archive[name] for name in archive.files}
+    if fields is not None:
+        changes["header"] = np.array(json.dumps({**json.loads(str(data["header"])), **fields}))
+    data |= changes
+    with open(path, "wb") as file:
+        np.savez(file, **{name: value for name, value in data.items() if value is not None})
+
+
+DAMAGE = {
+    "truncated": (lambda p: p.write_bytes(p.read_bytes()[: p.stat().st_size // 2]), "cannot be read"),
+    "empty": (lambda p: p.write_bytes(b""), "cannot be read"),
+    "text": (lambda p: p.write_text("x,u,K\n1,2,3\n"), "cannot be read"),
+    "flipped byte": (lambda p: flip(p), "cannot be read"),
+    "pickle": (lambda p: rewrite(p, x=np.array([None, 1], dtype=object)), "cannot be read"),
+    "foreign archive": (lambda p: np.savez(p, a=np.zeros(3)), "it has no header"),
+    "plain array": (lambda p: np.save(open(p, "wb"), np.zeros(3)), "cannot be read"),
+    "no header": (lambda p: rewrite(p, header=np.array("hello")), "cannot be read"),
+    "other format": (lambda p: rewrite(p, {"format": "slcp-warp-sweep"}), "'slcp-warp-library' is needed"),
+    "newer": (lambda p: rewrite(p, {"version": 3}), "version 3; this program reads 1 or 2"),
+    "missing array": (lambda p: rewrite(p, K=None), r"lacks the arrays \['K'\]"),
+    "wrong shape": (lambda p: rewrite(p, K=np.zeros((6, 2, 5))), r"'K' has shape \(6, 2, 5\), \(6, 2, 6\)"),
+    "scalar": (lambda p: rewrite(p, u=np.array(3.0)), r"'u' has shape \(\)"),
+    "not finite": (
+        lambda p: rewrite(p, x=np.full((6, 6), np.nan)),
+        "'x' contains numbers that are not finite",
+    ),
+    "limits of NaN": (lambda p: rewrite(p, lower=np.full((6, 2), np.nan)), "'lower' contains numbers"),
+    "limits crossed": (
+        lambda p: rewrite(p, lower=np.ones((6, 2)), upper=np.zeros((6, 2))),
+        "at most the upper",
+    ),
+    "text array": (lambda p: rewrite(p, x=np.full((6, 6), "a")), "'x'"),
+}
+
+
+def flip(path):
+    data = bytearray(path.read_bytes())
+    data[len(data) // 3] ^= 0xFF
+    path.write_bytes(bytes(data))
+
+
+@pytest.mark.parametrize("damage", DAMAGE)
+def test_a_file_that_is_no_library_is_refused(tmp_path, damage):
+    _, path = written(tmp_path)
+    change, message = DAMAGE[damage]
+    change(path)
+    with pytest.raises(ddp.LibraryError, match=message) as caught:
+        ddp.Library.load(path)
+    assert "library.npz" in str(caught.value)
+
+
+def test_a_missing_file_is_reported_as_such(tmp_path):
+    with pytest.raises(FileNotFoundError):
+        ddp.Library.load(tmp_path / "nowhere.npz")
+
+
+def test_another_scenes_library_is_refused():
+    grasp = scene("grasp")
+    lib = made(np.zeros((2, 6)), header={"scene": grasp.name, "digest": scene_digest(grasp)})
+    sim = simulator("flicking_finger", "cpu", wp.float64, "none")
+    with pytest.raises(ddp.LibraryError, match="built for scene 'grasp', not 'flicking_finger'"):
+        sim.rollout(FINGER.x0, policy=lib.policy(), steps=1)
+
+
+def test_a_failed_save_leaves_the_old_file(tmp_path, monkeypatch):
+    lib, path = written(tmp_path)
+    before = path.read_bytes()
+
+    def fail(*arguments, **options):
+        raise OSError("disk full")
+
+    monkeypatch.setattr(np, "savez_compressed", fail)
+    with pytest.raises(OSError, match="disk full"):
+        lib.save(path)
+    assert path.read_bytes() == before
+
+
+# --- policies ---
+
+
+def chosen(lib, x, device, dtype=wp.float64, **options):
+    """The entries that the kernel chooses in states x (B, nx); -1 where the step is not solved."""
+    sim = simulator("flicking_finger", device, dtype, "none")
+    x = x.astype(NUMPY[dtype])
+    traj = sim.rollout(x, policy=lib.policy(**options), steps=1, record=("controls",))
+    np.testing.assert_array_equal(traj.controls[:, 0, 0], -traj.controls[:, 0, 1])
+    return np.where(traj.status == 0, traj.controls[:, 0, 0].astype(int), -1)
+
+
+def brute_force(lib, x, white, images=range(-20, 21)):
+    """Squared distances (B, L): |W (x - x_j - m period)|^2, the least over images m."""
+    best = np.full((len(x), len(lib)), np.inf)
+    for m in images:
+        y = (x[:, None] - lib.x[None] - m * lib.period) @ white.T
+        best = np.minimum(best, (y**2).sum(axis=2))
+    return best
+
+
+def random_library(seed, count, correlated):
+    rng = np.random.default_rng(seed)
+    mix = rng.standard_normal((6, 6)) if correlated else np.diag([0.5, 0.5, 1.0, 2.0, 2.0, 2.0])
+    x = rng.standard_normal((count, 6)) @ mix
+    x[:, 2] = rng.uniform(-3.0 * np.pi, 3.0 * np.pi, count)  # many turns
+    return made(x), rng
+
+
+@pytest.mark.parametrize("metric", ["covariance", "variance"])
+@pytest.mark.parametrize("count", [1, 2, 3, 17, 400])
+def test_nearest_neighbour_is_the_one_of_brute_force(device, count, metric):
+    lib, rng = random_library(count, count, correlated=True)
+    white = whitening(lib, metric)
+    x = np.concatenate([lib.x[rng.integers(count, size=300)] + 0.3 * rng.standard_normal((300, 6)),
+                        rng.standard_normal((300, 6)) * 3.0])  # fmt: skip
+    x[:, 2] += np.pi * rng.integers(-3, 4, len(x))
+    got, distance = chosen(lib, x, device, metric=metric), brute_force(lib, x, white)
+    solved, least = got >= 0, distance.min(axis=1)
+    assert solved.mean() > 0.6
+    excess = (distance[np.arange(len(x)), got] - least)[solved]
+    wrong = excess > 1e-9 * (1.0 + least[solved])
+    # far from all entries a correlated metric may prefer an image more than half a period away: not searched
+    limit = 0.0 if metric == "variance" else 0.005
+    assert wrong.mean() <= limit, f"{wrong.mean():.1%}, by {excess.max():.2g}"
+
+
+def test_nearest_neighbour_in_single_precision(device):
+    lib, rng = random_library(7, 300, correlated=False)
+    x = lib.x[rng.integers(300, size=500)] + 0.2 * rng.standard_normal((500, 6))
+    got, distance = chosen(lib, x, device, wp.float32), brute_force(lib, x, whitening(lib, "covariance"))
+    excess = (distance[np.arange(len(x)), got] - distance.min(axis=1))[got >= 0]
+    assert len(excess) > 300 and (excess <= 1e-3 * (0.01 + distance.min(axis=1))[got >= 0]).all()
+
+
+def test_an_entry_answers_for_itself_on_every_turn(device):
+    lib, rng = random_library(9, 50, correlated=True)
+    for turns in (-7, 0, 1, 30):
+        got = chosen(lib, lib.x + turns * lib.period, device)
+        assert (got >= 0).mean() > 0.6
+        np.testing.assert_array_equal(got[got >= 0], np.arange(50)[got >= 0])
+
+
+def test_entries_of_little_gain_are_left_out(device):
+    lib, _ = random_library(11, 30, correlated=False)
+    assert chosen(lib, lib.x, device, min_gain=20.0).min() == 20
+    with pytest.raises(ValueError, match="min_gain 40.0 leaves no entry; the largest gain is 29"):
+        lib.policy(min_gain=40.0)
+
+
+def test_feedback_acts_on_the_wrapped_difference_and_is_clamped(device):
+    rng = np.random.default_rng(13)
+    x = FINGER.x0 + np.arange(4)[:, None] * [0.0, 0.0, 0.5, 0.0, 0.0, 0.0]
+    K = rng.standard_normal((4, 2, 6))
+    lib = made(x, u=rng.standard_normal((4, 2)), K=K)
+    sim = simulator("flicking_finger", device, wp.float64, "none")
+    dx = 0.05 * rng.standard_normal((4, 6))
+    dx[:, 5] = [0.0, 1.0, -1.0, 2.0]
+    at = x + dx + [0.0, 0.0, 3.0 * np.pi, 0.0, 0.0, 0.0]
+    white = np.diag([1.0, 1.0, 10.0, 1e-3, 1e-3, 1e-3])
+    for limit in (np.inf, 0.5):
+        policy = lib.policy(feedback_limit=limit, whiten=white)
+        u = sim.rollout(at, policy=policy, steps=1, record=("controls",)).controls[:, 0]
+        feedback = np.clip(np.einsum("bij,bj->bi", K, dx), -limit, limit)
+        np.testing.assert_allclose(u, lib.u + feedback, atol=1e-12)
+
+
+@pytest.mark.slow
+def test_tracking_reproduces_the_plan_and_holds_its_last_step(device):
+    p = problem(device)
+    result = ddp.solve(p, FINGER.x0, np.zeros((HORIZON, 2)), ddp.Options(max_iterations=15))
+    policy = ddp.TrackingPolicy(result, FINGER.state_period)
+    traj = p.dynamics.rollout(np.tile(FINGER.x0, (3, 1)), policy=policy, steps=HORIZON + 2, params=p.params,
+                              record=("controls",))  # fmt: skip
+    np.testing.assert_allclose(traj.states[0, : HORIZON + 1], result.xs, atol=1e-9)
+    np.testing.assert_allclose(traj.controls[0, :HORIZON], result.us, atol=1e-9)
+    held = result.us[-1] + (traj.states[0, HORIZON] - result.xs[HORIZON - 1]) @ result.K[-1].T
+    np.testing.assert_allclose(traj.controls[0, HORIZON], held, atol=1e-9)
+    turned = p.dynamics.rollout(
+        FINGER.x0 + [0, 0, np.pi, 0, 0, 0], policy=policy, steps=HORIZON, params=p.params
+    )
+    np.testing.assert_allclose(turned.states[:, 2] - np.pi, result.xs[:, 2], atol=1e-8)
+    pushed = FINGER.x0 + 0.02
+    policy_end = p.dynamics.rollout(pushed, policy=policy, steps=HORIZON, params=p.params).states[-1]
+    assert np.isfinite(policy_end).all()

@@ -1,0 +1,69 @@
+"""Limits that meet, or cross by a rounding, in the kernels for large scenes: rows that can press against each
+other without end.
+"""
+
+import numpy as np
+import pytest
+
+import slcp_warp as slcp
+from slcp_warp.description.scene import Body, Scene
+from slcp_warp.scripts.benchmarks.fuzz.draws import Worlds
+from slcp_warp.scripts.benchmarks.fuzz.run import Task, judged
+from slcp_warp.scripts.benchmarks.fuzz.verdicts import SILENT, WRONG
+
+HARD = slcp.Options(residual="hard")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("friction", ["anitescu", "coulomb"])
+def test_limits_that_all_but_exclude_each_other_in_float32(friction):
+    """Opposed impulses of 1e6 hold what needs .02: rounded to float32 they do not sum up, and were SOLVED."""
+    scene = Scene("limits", (Body("a", 1.0, 0.1, lower=-1.0, upper=1.0),), step_size=0.05006)
+    x = np.array([[0.0, -14.0]], np.float32)
+    numbers = {name: value[None] for name, value in scene.default_parameters().items()}
+    numbers["lower"], numbers["upper"] = np.array([[-0.68924]]), np.array([[-0.6892415]])
+    numbers = {name: value.astype(np.float32).astype(float) for name, value in numbers.items()}
+    options = slcp.Options(residual="hard", friction=friction)
+    sim = slcp.Simulator(scene, options, device="cpu", dtype="float32", strategy="memory")
+    found, done = judged(Worlds(numbers, x.astype(float), np.zeros((1, 0)), np.zeros(1, int)), sim)
+    assert found.verdict[0] in ("holds", "status")
+    assert found.errors.worst()[0] < 1.0 or done.status[0] != slcp.Status.SOLVED
+    assert np.abs(done.impulse).max() < 100.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scaling", ["inertia", "none"])
+@pytest.mark.parametrize("residual", ["hard", "rem-logistic"])
+def test_crossed_limits_beside_something_fast_and_heavy(residual, scaling):
+    """A resting slider whose limits cross by 0 to 1e-6 m, in a world where a tonne runs at 2 km/s: opposed
+    impulses of up to 5e6 were nothing on the tonne's scale, and SOLVED.
+    """
+    bodies = (Body("slow", 1.0, 0.1, lower=-1.0, upper=1.0), Body("fast", 1e3, 100.0, lower=-1.0, upper=1.0))
+    scene = Scene("limits", bodies, step_size=0.01)
+    cross = np.array([0.0, 1e-7, 1e-6, 1e-4])
+    numbers = {n: np.repeat(v[None], 4, 0) for n, v in scene.default_parameters().items()}
+    numbers["lower"] = np.tile([0.25, -1.0], (4, 1))
+    numbers["upper"] = np.stack([0.25 - cross, np.ones(4)], 1)
+    numbers = {name: value.astype(np.float32).astype(float) for name, value in numbers.items()}
+    x = np.tile(np.array([0.25, 0.0, -0.02, -2000.0], np.float32).astype(float), (4, 1))
+    options = slcp.Options(residual=residual, scaling=scaling)
+    sim = slcp.Simulator(scene, options, device="cpu", dtype="float32", strategy="memory")
+    found, done = judged(Worlds(numbers, x, np.zeros((4, 0)), np.zeros(4, int)), sim)
+    assert not np.isin(found.verdict, (SILENT, WRONG)).any(), (found.verdict, found.reason, done.impulse)
+    if residual == "hard":  # the limits that meet leave room to rest
+        assert done.status[0] == slcp.Status.SOLVED
+        np.testing.assert_allclose(done.impulse[0], [2e-3, 0.0, 1.9e5, 0.0], rtol=1e-5, atol=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("scene", "world"), [(12, 279), (15, 34), (18, 59), (14, 284)])
+def test_opposed_impulses_are_as_small_as_they_can_be(scene, world):
+    """Limits that meet while other rows act: a solution exists, and impulses of up to 2e12 were given."""
+    task = Task(0, scene, "memory")
+    drawn_scene = task.make_scene()
+    worlds = task.worlds(0, drawn_scene).part([world])
+    for dtype in ("float64", "float32"):
+        sim = slcp.Simulator(drawn_scene, HARD, device="cpu", dtype=dtype, strategy="memory")
+        found, done = judged(worlds, sim)
+        assert done.status[0] == slcp.Status.SOLVED and found.verdict[0] == "holds"
+        assert found.errors.worst()[0] < 1.0
