@@ -25,8 +25,9 @@ def wrap(difference: np.ndarray, period: np.ndarray) -> np.ndarray:
 
 
 def whitening(library: Library, metric: str) -> np.ndarray:
-    """W (nx, nx) with |W dx| the norm of (20), scaled by the covariance of the x_i; periodic components
-    wrapped.
+    """W (nx, nx) with |W dx| the norm of (20), scaled by the covariance of the x_i.
+
+    Periodic components are wrapped.
     """
     x = wrap(library.x, library.period)
     centred = x - x.mean(axis=0)
@@ -163,8 +164,9 @@ class NearestPolicy:
 
 
 class TrackingPolicy:
-    """u = us_k + K_k (x - xs_k) along trajectories, by time, within the limits of the plan; the last step is
-    held.
+    """u = us_k + K_k (x - xs_k) along trajectories, by time, within the limits of the plan.
+
+    The last step is held.
 
     Args:
         result: of `ddp.solve`, for one problem or as many as there are worlds; or any object with `us`

@@ -21,7 +21,8 @@ def chart_files(files: list[Path], out: Path, world: int = 0) -> list[Path]:
     A surface among the files is also drawn into the pictures of libraries and trajectories of its scene.
 
     Raises:
-        RecordError, LibraryError, ValueError: a file that cannot be drawn. FileNotFoundError: no such file.
+        RecordError, LibraryError, ValueError: a file that cannot be drawn.
+        FileNotFoundError: no such file.
     """
     from .charts import cycle as chart_cycle  # they load matplotlib
     from .charts import ddp as chart_ddp

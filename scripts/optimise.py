@@ -76,7 +76,8 @@ def optimise(
     """Solve, and describe the outcome as a plan; the results are those of the noise levels, one or many.
 
     Args:
-        starts: controls (S, N, nu). schedules: try eight regularisation schedules for each of them.
+        starts: controls (S, N, nu).
+        schedules: try eight regularisation schedules for each of them.
         sigmas: noise levels of a continuation that begins at the best solution.
     """
     simulated = Simulated.of(problem.dynamics, problem.params)

@@ -44,10 +44,13 @@ class Scale:
     """How much of everything.
 
     Attributes:
-        starts: of the first optimisation, times eight schedules. plans: of the library.
+        starts: of the first optimisation, times eight schedules.
+        plans: of the library.
         cycle_worlds, cycle_time, skip: rollouts that settle on the limit cycle [s].
-        worlds, duration: of the sweep [s]. disturbed: worlds of the second one.
-        sizes: numbers of plans of the size study; size_worlds: its worlds.
+        worlds, duration: of the sweep [s].
+        disturbed: worlds of the second one.
+        sizes: numbers of plans of the size study.
+        size_worlds: its worlds.
         resolution: grid points of the contact surface per axis.
     """
 

@@ -28,7 +28,8 @@ def surface(sim: slcp.Simulator, ranges: tuple[tuple[float, float], ...], resolu
     """Gap of the first contact pair over the first three coordinates; the others stay as at the start.
 
     Args:
-        ranges: (low, high) of every coordinate [rad, m]. resolution: points per axis.
+        ranges: (low, high) of every coordinate [rad, m].
+        resolution: points per axis.
     """
     if resolution < 2:
         raise ValueError(f"--resolution is {resolution}; it must be at least 2")

@@ -80,8 +80,8 @@ class Parameters:
 
         Args:
             changes: name=value; a scalar (for every component), the parameter's own shape, (B,) or (B,
-            *shape). A disc has one radius, twice; an axis is of unit length; lower above upper is a world
-            without a solution (its status says so).
+                *shape). A disc has one radius, twice; an axis is of unit length; lower above upper is a world
+                without a solution (its status says so).
 
         Raises:
             ParameterError: unknown name, shape that does not fit, non-finite or illegal value.

@@ -52,14 +52,17 @@ def vjp(
     """Roll out and pull weights on the states back: one forward and one backward launch.
 
     Args:
-        x0: (B, nx). controls: (B, N, nu). weights: (B, N+1, nx), of the states.
+        x0: (B, nx).
+        controls: (B, N, nu).
+        weights: (B, N+1, nx), of the states.
         parameters: name or names of parameters whose gradients are wanted, too; they come per world.
 
     Returns:
         Gradients; NaN in worlds that were not solved.
 
     Raises:
-        ArrayError: another shape. OptionError, ParameterError: a gradient that does not exist.
+        ArrayError: another shape.
+        OptionError, ParameterError: a gradient that does not exist.
     """
     instance("sim", sim, Simulator, "a slcp_warp.Simulator")
     x0, controls = _pair(sim, x0, controls)
@@ -98,7 +101,8 @@ def jvp(
     """Roll out and push a direction of x0 and controls forward: the Jacobians of all steps in one launch.
 
     Args:
-        x0, dx0: (B, nx). controls, dcontrols: (B, N, nu); dcontrols None: zero.
+        x0, dx0: (B, nx).
+        controls, dcontrols: (B, N, nu); dcontrols None: zero.
 
     Returns:
         Derivatives of the states; NaN from the step on that was not solved.
@@ -140,7 +144,9 @@ def weighted_hessian(
     """sum_i weights_i d2 x'_i / d(x, u)2 of one step: (B, nz, nz), and the status (B,).
 
     Args:
-        x: (B, nx). u: (B, nu). weights: (B, nx), of the next state's components.
+        x: (B, nx).
+        u: (B, nu).
+        weights: (B, nx), of the next state's components.
 
     Raises:
         ArrayError: another shape.

@@ -15,9 +15,11 @@ class Step:
     """Outcome of a step; arrays are of the caller's kind, batch first.
 
     Attributes:
-        state: (B, nx) = (q', v'). impulse: (B, nr) lambda [N s, N m s]. gap: (B, nr) signed distance of
-        every row before the step [m, rad]. multiplier: (B, nr + 2 pairs) for `warm_start`. status: (B,) see
-        `Status`.
+        state: (B, nx) = (q', v').
+        impulse: (B, nr) lambda [N s, N m s].
+        gap: (B, nr) signed distance of every row before the step [m, rad].
+        multiplier: (B, nr + 2 pairs) for `warm_start`.
+        status: (B,) see `Status`.
     """
 
     state: Any
@@ -29,16 +31,23 @@ class Step:
 
     @property
     def contact_impulse(self) -> Any:
-        """Normal and tangential impulse on shape_b along (n, t), (B, pairs, 2) [N s]; computed when asked
-        for.
+        """Normal and tangential impulse on shape_b along (n, t), (B, pairs, 2) [N s].
+
+        Computed when it is asked for.
         """
         return self._by_pair()
 
 
 @dataclass(frozen=True)
 class Trajectory:
-    """Outcome of a rollout: states (B, N+1, nx), controls, impulse, gap (B, N, .) where asked for, status
-    (B,).
+    """Outcome of a rollout; arrays are of the caller's kind, batch first.
+
+    Attributes:
+        states: (B, N+1, nx), the start first.
+        status: (B,) see `Status`.
+        controls: (B, N, nu) if recorded, else None.
+        impulse: (B, N, nr) of the rows [N s, N m s] if recorded, else None.
+        gap: (B, N, nr) of the rows before every step [m, rad] if recorded, else None.
     """
 
     states: Any
@@ -50,10 +59,14 @@ class Trajectory:
 
 @dataclass(frozen=True)
 class Linearization:
-    """A = df/dx (B, nx, nx), B = df/du (B, nx, nu), second (B, nw, nz, nz) or None, status (B,).
+    """Derivatives of a step x' = f(x, u).
 
-    `second` holds the second derivatives by z = (x, u) of v' (nw = nv), or of v* and v' (nw = 2 nv) with the
-    trapezoidal integrator, where q' = q + h v*.
+    Attributes:
+        A: df/dx (B, nx, nx).
+        B: df/du (B, nx, nu).
+        second: second derivatives by z = (x, u), (B, nw, nz, nz), of v' (nw = nv), or of v* and v' (nw =
+            2 nv) with the trapezoidal integrator, where q' = q + h v*; None where they were not asked for.
+        status: (B,) see `Status`.
     """
 
     A: Any

@@ -157,7 +157,8 @@ class Simulator:
         tracked.
 
         Args:
-            x: (B, nx) or (nx,) states (q, v). u: (B, nu) controls, None: zero.
+            x: (B, nx) or (nx,) states (q, v).
+            u: (B, nu) controls, None: zero.
             params: see `Simulator.params`; per-world tables need B rows.
             external_force: (B, bodies, 3) force and torque at the centres of mass [N, N m].
             warm_start: `multiplier` of the worlds' last step.
@@ -215,11 +216,12 @@ class Simulator:
         record: tuple[str, ...] | str = (),
         checkpoint: int | None = None,
     ) -> Trajectory:
-        """Step every world N times in one launch.
+        """Step every world N times in one launch; recorded on an active `wp.Tape` as `step` is.
 
         Args:
-            x0: (B, nx) or (nx,). controls: (B, N, nu), open loop, or None with `policy` and `steps`, or with
-                `steps` alone where the scene has no actuators.
+            x0: (B, nx) or (nx,).
+            controls: (B, N, nu), open loop, or None with `policy` and `steps`, or with `steps` alone where
+                the scene has no actuators.
             policy: an object with `arrays(sim)` -> (name, struct), see `slcp_warp.ddp` policies.
             external_force: constant over the rollout, as in `step`.
             record: any of "controls", "impulse", "gap", one name or several.
@@ -228,8 +230,6 @@ class Simulator:
 
         Raises:
             InputError: bad arguments. A world that cannot be solved has a status instead.
-
-        Recorded on an active `wp.Tape` as `step` is.
         """
         record = checks.names("record", record, RECORDED)
         state = self.batch("x0", x0, self.nx)

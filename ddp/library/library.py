@@ -46,10 +46,13 @@ class Library:
     """Local controllers, first axis L = number of entries.
 
     Attributes:
-        x: (L, nx) states where the controllers were planned. u: (L, nu). K: (L, nu, nx).
-        cost: (L,) cost of the plan. gain: (L,) how much less than with zero controls from the plan's first
-        state.
-        age: (L,) step within its plan. chain, plan: (L,) which chain and which of its plans.
+        x: (L, nx) states where the controllers were planned.
+        u: (L, nu).
+        K: (L, nu, nx).
+        cost: (L,) cost of the plan.
+        gain: (L,) how much less than with zero controls from the plan's first state.
+        age: (L,) step within its plan.
+        chain, plan: (L,) which chain and which of its plans.
         period: (nx,) period of every state component, 0 where there is none.
         header: what it was built with (scene, digest, sigma, step size, seed, ...), JSON values.
         lower, upper: (L, nu) limits within which the controllers were planned, infinite where there is none;
@@ -125,7 +128,7 @@ class Library:
         Raises:
             FileNotFoundError: no such file.
             LibraryError: truncated, not a library, of a newer version, or with inconsistent or non-finite
-            arrays.
+                arrays.
         """
         with reading(path, "a trajectory library", LibraryError), open_archive(path) as archive:
             if archive.header.get("format") is None:

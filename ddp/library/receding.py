@@ -28,13 +28,17 @@ class RecedingOptions:
     """How chains are propagated.
 
     Attributes:
-        offset: steps d of a shift. chains: independent chains, one batch.
-        recalled: starts from earlier good plans; noisy: starts from smoothed noise, per chain and shift.
-        noise: standard deviation of that noise [control units]. noise_time: its correlation time [steps].
-        perturb_every: kick the velocities every so many steps (0: never); perturb_variance: of the kick (the
-        paper's 4).
+        offset: steps d of a shift.
+        chains: independent chains, one batch.
+        recalled: starts from earlier good plans.
+        noisy: starts from smoothed noise, per chain and shift.
+        noise: standard deviation of that noise [control units].
+        noise_time: its correlation time [steps].
+        perturb_every: kick the velocities every so many steps (0: never).
+        perturb_variance: of the kick (the paper's 4).
         unperturbed: the first so many chains are never kicked.
-        passes: DDP passes of a shift; first_passes: of the first plan.
+        passes: DDP passes of a shift.
+        first_passes: of the first plan.
         entries: controllers stored of every plan, at its steps 0, 1, .. (at most the offset).
         seed: of all random numbers.
     """
@@ -113,7 +117,7 @@ def build_library(
 
     Raises:
         ValueError: illegal options. A keyboard interrupt returns what there is if there are entries, else is
-        raised.
+            raised.
     """
     whole("count", count)
     instance("options", options, RecedingOptions | None, "a ddp.RecedingOptions")

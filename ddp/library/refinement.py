@@ -45,7 +45,8 @@ def stuck_states(
     Args:
         sim: what the policy is tried on.
         score: of the last WINDOW seconds, (B, T, nx) -> (B,); larger is better.
-        velocity_sd: of the kicks at the start. params: of the rollout.
+        velocity_sd: of the kicks at the start.
+        params: of the rollout.
     """
     instance("library", library, Library, "a ddp.Library")
     instance("sim", sim, Simulator, "a slcp_warp.Simulator")
@@ -82,7 +83,8 @@ def build_refined(
     """A library of `count` entries: a part as `build_library` makes it, the rest in rounds from stuck states.
 
     Args:
-        score: see `stuck_states`. rounds: 0 gives `build_library`.
+        score: see `stuck_states`.
+        rounds: 0 gives `build_library`.
         options: of the first part; the new chains differ in their starts and are not kicked.
         sim: what the library is tried on (another precision, say), default the problem's dynamics.
 

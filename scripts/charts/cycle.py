@@ -27,7 +27,9 @@ class Cycle:
     """A piece of one world's trajectory.
 
     Attributes:
-        time: (T+1,) from 0 [s]. states: (T+1, nx). impulse: (T,) normal impulse, all pairs together [N s].
+        time: (T+1,) from 0 [s].
+        states: (T+1, nx).
+        impulse: (T,) normal impulse, all pairs together [N s].
     """
 
     time: np.ndarray

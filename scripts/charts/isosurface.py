@@ -16,7 +16,8 @@ def isosurface(axes: list[np.ndarray], values: np.ndarray) -> np.ndarray:
     """Triangles (n, 3, 3) of the surface values = 0, each counter-clockwise as seen from where values > 0.
 
     Args:
-        axes: three increasing coordinates of lengths l, m, n. values: (l, m, n), negative inside.
+        axes: three increasing coordinates of lengths l, m, n.
+        values: (l, m, n), negative inside.
     """
     corners, inside = _tetrahedra(axes, values)
     triangles = [np.zeros((0, 3, 3))]

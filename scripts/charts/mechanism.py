@@ -23,7 +23,8 @@ class Mechanism:
     """What is drawn: a scene with the numbers of one world.
 
     Attributes:
-        scene: topology. params: value of every parameter by name, without a world axis.
+        scene: topology.
+        params: value of every parameter by name, without a world axis.
     """
 
     scene: slcp.Scene

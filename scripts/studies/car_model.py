@@ -20,8 +20,8 @@ def car_problem(sigma: float, position_sd: float, device: Any = None) -> ddp.Pro
     """To be as far back on the second leg as possible after STEPS steps.
 
     Args:
-        sigma: scale of the noise on the lateral velocity [m/s]. position_sd: of the noise that the walls see
-        [m].
+        sigma: scale of the noise on the lateral velocity [m/s].
+        position_sd: of the noise that the walls see [m].
     """
     numbers = {"step_size": STEP_SIZE, "friction": FRICTION, "sigma": sigma, "gravity": GRAVITY}
     dynamics = ddp.WarpDynamics(make_car, 5, 2, numbers, device)

@@ -67,7 +67,8 @@ def read_kind(path: Path) -> str:
     """The kind of a file by its header: "trajectory", "plan", "surface", "library", "sweep", ..
 
     Raises:
-        RecordError: not a file of this project. FileNotFoundError: no such file.
+        RecordError: not a file of this project.
+        FileNotFoundError: no such file.
     """
     with reading(path, "a file of slcp", RecordError), open_archive(path) as archive:
         form = archive.header.get("format")

@@ -28,10 +28,12 @@ def read_csv(path: Path, what: str, needed: tuple[str, ...]) -> list[dict[str, s
     """Rows as texts by column.
 
     Args:
-        what: what it is read as, "results of `slcp bench charts`". needed: columns that must be there.
+        what: what it is read as, "results of `slcp bench charts`".
+        needed: columns that must be there.
 
     Raises:
-        FileError: no such table, or one that is cut off. FileNotFoundError: no such file.
+        FileError: no such table, or one that is cut off.
+        FileNotFoundError: no such file.
     """
     with reading(path, what, FileError):
         text = read_text(path, MOST_TABLE)

@@ -30,7 +30,8 @@ def load_mjcf(path: str | os.PathLike[str], plane: str = "xz") -> Scene:
 
     Raises:
         MjcfError: a file that MuJoCo does not compile, an element that is not planar or not supported, or a
-            model that grows too large (`mjcf_bounds`). FileNotFoundError: no such file.
+            model that grows too large (`mjcf_bounds`).
+        FileNotFoundError: no such file.
         ImportError: the package mujoco is not installed.
     """
     try:

@@ -1,5 +1,4 @@
-"""Description of a planar mechanism: bodies in a tree, shapes on them, and the pairs of shapes that may
-touch.
+"""Description of a planar mechanism: bodies in a tree, shapes on them, pairs of shapes that may touch.
 
 Every part is checked when it is made (`SceneError`); its numbers obey the rules of `rules.py`, which hold for
 `Parameters.replace` and for files, too, and are kept as floats and tuples of floats.
@@ -32,10 +31,12 @@ class Body:
 
     Attributes:
         name: unique name.
-        mass: [kg], > 0. inertia: about the centre of mass [kg m^2], > 0.
+        mass: [kg], > 0.
+        inertia: about the centre of mass [kg m^2], > 0.
         parent: name of an earlier body, or None for the world.
         joint: "revolute" (angle), "prismatic" (shift along `axis`) or "free" (x, y, angle).
-        anchor: joint position in the parent's frame [m]. angle: turn of this body's frame at q = 0 [rad].
+        anchor: joint position in the parent's frame [m].
+        angle: turn of this body's frame at q = 0 [rad].
         axis: unit direction of a prismatic joint in the parent's frame (of length 1 to 0.005).
         com: centre of mass in the body's frame, whose origin is the joint [m].
         damping: joint damping >= 0, one number per degree of freedom [N m s/rad, N s/m]; met at the end of
@@ -71,8 +72,8 @@ class Shape:
     Attributes:
         kind: "disc" (radius; 0 is a point), "ellipse" (two radii along its axes), "capsule" (radius and half
             length of its segment, which lies along its axis) or "halfplane".
-        radius: (r,), (rx, ry) or a capsule's (r, half length) [m]. offset: centre, or a point of the
-            half-plane, in the body's frame [m].
+        radius: (r,), (rx, ry) or a capsule's (r, half length) [m].
+        offset: centre, or a point of the half-plane, in the body's frame [m].
         angle: of the first axis, or of a half-plane's outward normal, against the body's x [rad].
     """
 
@@ -89,8 +90,7 @@ class Shape:
 
 @dataclass(frozen=True)
 class Contact:
-    """Two shapes that may touch, by name; friction coefficient, or None for a frictionless contact (one
-    row).
+    """Two shapes that may touch, by name, and their friction coefficient (None: a frictionless contact).
 
     A capsule touches half-planes with the discs at its ends (two pairs), discs with its nearest point (one
     pair), and another capsule with the ends of either on the other (four pairs). Ellipses do not touch it.
@@ -106,8 +106,12 @@ class Contact:
 
 @dataclass(frozen=True)
 class Actuator:
-    """A control that pushes one degree of freedom (`dof` counts within the body's joint): force = gear *
-    u.
+    """A control that pushes one degree of freedom with the force gear * u.
+
+    Attributes:
+        body: whose joint is driven.
+        dof: which degree of freedom of that joint, from 0.
+        gear: force or torque per unit of control.
     """
 
     body: str
@@ -150,11 +154,13 @@ class Scene:
     """A planar mechanism with its default numbers.
 
     Attributes:
-        bodies: parents before children. shapes, contacts, actuators, springs: see the classes.
-        gravity: [m/s^2]. step_size: default h > 0 [s]. sigma: default noise level of the smoothing, > 0 [m/s,
-            rad/s].
-        initial_state: x0 = (q, v), (2 nv,). period: per degree of freedom > 0, or None: q_j and q_j + period
-            look alike.
+        bodies: parents before children.
+        shapes, contacts, actuators, springs: see the classes.
+        gravity: [m/s^2].
+        step_size: default h > 0 [s].
+        sigma: default noise level of the smoothing, > 0 [m/s, rad/s].
+        initial_state: x0 = (q, v), (2 nv,).
+        period: per degree of freedom > 0, or None: q_j and q_j + period look alike.
         implicit_damping: whether dampers, of joints and of springs, act with the velocity at the end of a
             step: stable for every c h/m. False: with that at its start, the paper's r(q, v), which diverges
             for c h/m > 2.
@@ -263,9 +269,10 @@ def box(
     offset: Pair2 = (0.0, 0.0),
     angle: float = 0.0,
 ) -> tuple[Shape, ...]:
-    """The corners `name`0..3 of a box (points, or discs within it), counter-clockwise from the lower left.
+    """The corners of a box (points, or discs within it), counter-clockwise from the lower left.
 
-    They touch half-planes of any body, and round shapes; `touching` makes the contacts.
+    Their names are `name` and a number from 0 to 3. They touch half-planes of any body, and round shapes;
+    `touching` makes the contacts.
     """
     if not isinstance(name, str) or not name:
         raise SceneError(f"name is {shown(name)}; a name is needed")

@@ -69,8 +69,9 @@ def scene_content(scene: Scene) -> dict[str, Any]:
 
 
 def save_scene(scene: Scene, path: str | os.PathLike[str]) -> None:
-    """Write a scene to a .json file, exactly: reading it gives an equal scene. The file appears whole or not
-    at all.
+    """Write a scene to a .json file, exactly: reading it gives an equal scene.
+
+    The file appears whole or not at all.
     """
     checks.instance("scene", scene, Scene, "a slcp_warp.Scene")
     path = checks.path("path", path)

@@ -36,7 +36,10 @@ def roll_out(
     """Run worlds world0, world0 + 1, ... to the end, as the kernel of `sweep.py` does in one launch.
 
     Args:
-        policy: name and struct. params: (B, P). state: (B, nx) starts, overwritten. kicks: times (K,) [s].
+        policy: name and struct.
+        params: (B, P).
+        state: (B, nx) starts, overwritten.
+        kicks: times (K,) [s].
         samples: (B, S), filled.
 
     Returns:

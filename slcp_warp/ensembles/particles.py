@@ -26,8 +26,10 @@ class Particles:
     """Means over the particles that were solved, with their standard errors.
 
     Attributes:
-        state (nx,), impulse (nr,): means. state_error, impulse_error: their standard errors.
-        covariance: of the next state, (nx, nx). solved: how many particles were.
+        state, impulse: means, (nx,) and (nr,).
+        state_error, impulse_error: their standard errors.
+        covariance: of the next state, (nx, nx).
+        solved: how many particles were.
     """
 
     state: np.ndarray
@@ -52,7 +54,9 @@ def particles(
     """One step of `count` particles drawn around x.
 
     Args:
-        sim: a simulator with residual="hard". x: (nx,). u: (nu,), the same for all.
+        sim: a simulator with residual="hard".
+        x: (nx,).
+        u: (nu,), the same for all.
         covariance: of the state x, (nx, nx) symmetric with no negative eigenvalue; Sigma_q and Sigma_v of
             (18) are its blocks.
         logistic: draw from the logistic instead of the normal distribution (of this covariance, along its
@@ -107,7 +111,9 @@ def particle_rollout(
     A particle that cannot be solved keeps its last valid state and its first failing status.
 
     Args:
-        sim: a simulator with residual="hard". x0: (nx,), where all start. us: controls (N, nu).
+        sim: a simulator with residual="hard".
+        x0: (nx,), where all start.
+        us: controls (N, nu).
         covariance: of the noise on the state before each step, (nx, nx).
         xs, K: nominal states (N+1, nx) and gains (N, nu, nx): u = us + K (x - xs), x after the noise; both
             or none.

@@ -27,10 +27,11 @@ class SweepReport:
 
     Attributes:
         cases: one summary per (residual, step_size): counts, statuses and (value, low, high) with 95 %
-        intervals.
-        table: tidy columns, one row per world and case. samples: per case, (B, S) the observed coordinate
-        less its start.
-        spec: the specification. complete: False if interrupted; then only finished worlds are in.
+            intervals.
+        table: tidy columns, one row per world and case.
+        samples: per case, (B, S) the observed coordinate less its start.
+        spec: the specification.
+        complete: False if interrupted; then only finished worlds are in.
     """
 
     cases: list[dict[str, Any]]
@@ -62,7 +63,8 @@ class SweepReport:
         """Read an .npz written by `save`.
 
         Raises:
-            FileNotFoundError: not there. FileError: truncated, not a sweep, or inconsistent.
+            FileNotFoundError: not there.
+            FileError: truncated, not a sweep, or inconsistent.
         """
         with reading(path, "a sweep", FileError), open_archive(path) as archive:
             archive.check_format(FORMAT, VERSION)

@@ -20,16 +20,20 @@ class SweepSpec:
     """What is varied and measured; every number is reproducible from `seed` and the world's index.
 
     Attributes:
-        worlds: per case. duration: simulated [s]. residuals, step_sizes: their product makes the cases.
-        start: (M, nx) states, one drawn per world; None: the scene's. position_sd, velocity_sd: normal noise
-            on it.
+        worlds: per case.
+        duration: simulated [s].
+        residuals, step_sizes: their product makes the cases.
+        start: (M, nx) states, one drawn per world; None: the scene's.
+        position_sd, velocity_sd: normal noise on it.
         parameter_sd: name -> standard deviation of the logarithm of a factor on it (one factor per body,
             shape, contact or degree of freedom; mass and inertia of a body share theirs); a drawn step size
             is at most sample_every. The drawn values are columns of the report's table.
         parameters: name -> other base value (Simulator.params.replace).
-        torque_sd: white noise on the controls. kick_times, kick_sd: normal velocity kicks [s; rad/s, m/s].
-        observe: state component whose rate is judged. threshold: "spinning" [1/s]. window: of the moving
-            rate [s].
+        torque_sd: white noise on the controls.
+        kick_times, kick_sd: normal velocity kicks [s; rad/s, m/s].
+        observe: state component whose rate is judged.
+        threshold: "spinning" [1/s].
+        window: of the moving rate [s].
         sample_every: [s].
     """
 

@@ -31,8 +31,9 @@ def share_interval(successes: int, total: int) -> tuple[float, float, float]:
 
 
 def quantile_interval(values: np.ndarray, q: float = 0.5) -> tuple[float, float, float]:
-    """A quantile and its distribution-free interval by order statistics; NaN without values, infinite values
-    count.
+    """A quantile and its distribution-free interval by order statistics.
+
+    Infinite values count; NaN without values.
     """
     values = np.sort(values[~np.isnan(values)])
     n = len(values)
@@ -50,8 +51,9 @@ def spin_statistics(
     """Rates of one observed coordinate.
 
     Args:
-        samples: (B, S) coordinate at times 0, interval, ... window: of a rate [s]. threshold: of "spinning"
-        [1/s].
+        samples: (B, S) coordinate at times 0, interval, ...
+        window: of a rate [s].
+        threshold: of "spinning" [1/s].
         kicks: times of kicks [s]; time 0 counts as one (the perturbed start).
 
     Returns:

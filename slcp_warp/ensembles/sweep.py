@@ -1,6 +1,4 @@
-"""Robustness sweeps: thousands of perturbed worlds under a policy, on smoothed and hard dynamics, with
-statistics.
-"""
+"""Robustness sweeps: thousands of perturbed worlds under a policy, smoothed and hard, with statistics."""
 
 import json
 import time
@@ -44,8 +42,8 @@ def sweep(
     """Run every case of a sweep in chunks of bounded memory.
 
     Args:
-        policy: as for `Simulator.rollout`. chunk: worlds per launch, default by memory; results do not
-        depend on it.
+        policy: as for `Simulator.rollout`.
+        chunk: worlds per launch, default by memory; results do not depend on it.
         strategy: as of a `Simulator`; with "memory", and "auto" where that takes it, a step is a launch.
         progress: called with (worlds done, worlds in all).
 
@@ -203,9 +201,7 @@ class _Case:
 
 
 def _spread(sim: Simulator, parameter_sd: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
-    """Per column of the parameter table: log standard deviation, and the group that shares a random
-    number.
-    """
+    """Per column of the parameters: standard deviation of its logarithm, and whose random number it takes."""
     width = sim.params.layout.width
     spread, group = np.zeros(width), np.arange(width, dtype=np.int32)
     first = {name: start for name, start, _ in sim.params.layout.columns}

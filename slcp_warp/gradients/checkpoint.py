@@ -21,8 +21,9 @@ class Segments:
     """The parts of an open-loop rollout between two kept states.
 
     Attributes:
-        key, table, us, external: what the kernels need, see `Recorded`. bounds: steps at which states are
-            kept, 0 and N among them. states: (B, longest segment + 1, nx), room for one segment.
+        key, table, us, external: what the kernels need, see `Recorded`.
+        bounds: steps at which states are kept, 0 and N among them.
+        states: (B, longest segment + 1, nx), room for one segment.
     """
 
     key: tuple[Any, ...]

@@ -49,9 +49,11 @@ def derivatives_exist(method: Method) -> None:
 class Recorded:
     """What the backward pass of a rollout needs: the kernels' key, the arrays that went in and came out.
 
-    us: controls as they were applied. policy: the struct of the tracking policy that made them, if one did.
-    controls: those that the caller got, if any: a loss may contain them. blocked: other outputs by name, of
-        which no loss may depend.
+    Attributes:
+        us: controls as they were applied.
+        policy: the struct of the tracking policy that made them, if one did.
+        controls: those that the caller got, if any: a loss may contain them.
+        blocked: other outputs by name, of which no loss may depend.
     """
 
     key: tuple[Any, ...]

@@ -16,9 +16,7 @@ from .errors import ArgumentError, ArgumentTypeError
 
 
 class ArrayError(ArgumentError):
-    """An array argument of the wrong kind, shape or dtype; the message names it, what came and what is
-    needed.
-    """
+    """An array of the wrong kind, shape or dtype; the message names it, what came and what is needed."""
 
 
 @dataclass(frozen=True)

@@ -34,8 +34,9 @@ def shown(value: Any) -> str:
 
 
 def numeric(value: Any) -> np.ndarray | None:
-    """Integers and floats as a float64 array; None for text, bools, complex numbers, other objects, ragged
-    lists.
+    """Integers and floats as a float64 array.
+
+    None for text, bools, complex numbers, other objects and ragged lists.
     """
     if _holds_bool(value):
         return None

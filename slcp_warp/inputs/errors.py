@@ -18,6 +18,4 @@ class ArgumentTypeError(InputError, TypeError):
 
 
 class SceneError(ArgumentError):
-    """A scene that does not describe a mechanism; the message names the field, what came and what is
-    needed.
-    """
+    """A scene that describes no mechanism; the message names the field, what came and what is needed."""

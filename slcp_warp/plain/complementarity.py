@@ -31,8 +31,10 @@ class Complementarity:
     """Solution of a batch of problems, in the kind of array that A is.
 
     Attributes:
-        impulse: lambda, (B, n). w: A lambda + b, (B, n). status: (B,), as `Status`; where it is not SOLVED
-            impulses mean nothing. With redundant rows lambda is not unique, A lambda is.
+        impulse: lambda, (B, n).
+        w: A lambda + b, (B, n).
+        status: (B,), as `Status`; where it is not SOLVED impulses mean nothing. With redundant rows lambda is
+            not unique, A lambda is.
         iterations: (B,), linear systems solved, about; at most the limit where the solver gave up.
     """
 
@@ -93,8 +95,8 @@ def solve_complementarity(
     get one).
 
     Args:
-        A: (B, n, n), symmetric positive semidefinite, n <= 31; NumPy, torch (no autograd) or Warp array. b:
-            (B, n). Without B: one problem.
+        A: (B, n, n), symmetric positive semidefinite, n <= 31; NumPy, torch (no autograd) or Warp array.
+        b: (B, n). Without B: one problem.
         sigma: noise levels, > 0, scalar, (n,), (B,) (if B != n) or (B, n), in units of b.
         residual: "rem-logistic", "rem-normal", "erm-logistic", "erm-normal" or "hard".
         scaling: "inertia", D = diag(A), or "none", D = 1.
@@ -107,8 +109,8 @@ def solve_complementarity(
         check: whether A is tested (on the host) for symmetry and definiteness.
 
     Raises:
-        OptionError: residual, scaling or method not offered, or not together. ArrayError: bad shape,
-            non-finite, asymmetric or indefinite A.
+        OptionError: residual, scaling or method not offered, or not together.
+        ArrayError: bad shape, non-finite, asymmetric or indefinite A.
     """
     _choose(residual, scaling, method)
     kind = kind_of(A)

@@ -32,7 +32,8 @@ def residual(name: str, a: Any, b: Any, sigma: Any = 1.0, dtype: str = "float64"
         dtype: "float64" or "float32", the precision of the computation and of the result.
 
     Raises:
-        OptionError: unknown name or dtype. ArrayError: not numbers, or sigma not positive.
+        OptionError: unknown name or dtype.
+        ArrayError: not numbers, or sigma not positive.
     """
     choice("name", name, NAMES, error=OptionError)
     choice("dtype", dtype, ("float32", "float64"), error=OptionError)

@@ -23,8 +23,7 @@ def _ellipse_inertia(radii: tuple[float, float], density: float = 1.0) -> tuple[
 
 @checked
 def flicking_finger(gravity: float = -4.0) -> Scene:
-    """The paper's system (section V-B): a two-link finger of ellipses over an anchored, free-spinning
-    ellipse.
+    """The paper's system (section V-B): a finger of two ellipses above a third one that spins freely.
 
     State (theta1, theta2, theta3, rates): theta2 is relative to link 1, theta3 is the free ellipse's major
     axis. A link's joint sits at the tip of its major axis. Density 1, drag .2, .2, .7 (explicit, as in the
@@ -75,8 +74,7 @@ def ball_drop(
 def sliding_block(
     friction: float = 0.5, mass: float = 1.0, slope: float = 0.0, corner_radius: float = 0.0
 ) -> Scene:
-    """A box of 0.4 m x 0.2 m on four corner discs (points by default) on a half-plane tilted by `slope`
-    [rad].
+    """A box of 0.4 m x 0.2 m on a half-plane tilted by `slope` [rad]; its corners are discs or points.
 
     The box starts at rest on the plane, at gap 0. Its frame's origin is the centre.
     """
@@ -113,8 +111,9 @@ def particle(friction: float | None = None, mass: float = 1.0, slope: float = 0.
 
 @checked
 def grasp(friction: float = 0.5) -> Scene:
-    """Section II: two fingers hold a disc against gravity. Controls: the fingers' horizontal forces (left,
-    right).
+    """Section II: two fingers hold a disc against gravity.
+
+    Controls: the fingers' horizontal forces (left, right).
     """
     radius, finger = 0.1, 0.05
     return Scene(

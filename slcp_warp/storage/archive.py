@@ -31,7 +31,8 @@ def write_archive(
     """Write a header of JSON values and arrays, whole or not at all.
 
     Raises:
-        FileError: a header that is no JSON. OSError: the file cannot be written; both name the file.
+        FileError: a header that is no JSON.
+        OSError: the file cannot be written; both name the file.
     """
     try:
         text = np.array(json.dumps(dict(header)))

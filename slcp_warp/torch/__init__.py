@@ -23,6 +23,8 @@ from ..parameters import ParameterError, Parameters
 from ..simulator import Simulator
 from .operators import RolloutFunction, handle_of, rollout_op, table_op
 
+__all__ = ["Outcome", "Rollout", "rollout", "step"]
+
 Values = Parameters | Mapping[str, Tensor] | None
 
 
@@ -47,7 +49,8 @@ def rollout(
 
     Args:
         sim: a simulator with kernels in registers, on the tensors' device and of their dtype.
-        x0: (B, nx) or (nx,). controls: (B, N, nu) or (N, nu).
+        x0: (B, nx) or (nx,).
+        controls: (B, N, nu) or (N, nu).
         params: `Parameters`, or tensors by name for those that differ from `sim.params`: a scalar, the
             parameter's own shape, (B,) or (B, *shape).
         external_force: as in `Simulator.rollout`; no gradient.
@@ -55,8 +58,10 @@ def rollout(
         check: whether values of parameters are looked at (on a GPU this waits for them).
 
     Raises:
-        ArrayError: another shape, dtype or device. ParameterError: an unknown name or an illegal value.
-        OptionError: a gradient by parameters that the options do not have. StrategyError: kernels in memory.
+        ArrayError: another shape, dtype or device.
+        ParameterError: an unknown name or an illegal value.
+        OptionError: a gradient by parameters that the options do not have.
+        StrategyError: kernels in memory.
     """
     instance("sim", sim, Simulator, "a slcp_warp.Simulator")
     sim._need_derivatives("slcp_warp.torch")
@@ -99,8 +104,9 @@ class Rollout(torch.nn.Module):
     """Rollouts with learnable physical parameters.
 
     Args:
-        sim: a simulator. learn: names of the parameters that become `torch.nn.Parameter`s of this module, one
-            value for all worlds, beginning where `sim.params` is.
+        sim: a simulator.
+        learn: names of the parameters that become `torch.nn.Parameter` of this module, one value for all
+            worlds, beginning where `sim.params` is.
         checkpoint: as in `rollout`.
     """
 
@@ -119,8 +125,9 @@ class Rollout(torch.nn.Module):
         return rollout(self.sim, x0, controls, self.values(), checkpoint=self.checkpoint)
 
     def values(self) -> dict[str, Tensor]:
-        """The learned parameters by name; a disc's one radius, whose gradient is that of the first number of
-        two, is both of them.
+        """The learned parameters by name.
+
+        A disc has one radius, twice: its gradient is that of the first number.
         """
         out = dict(self.physical.items())
         if "radius" in out:

@@ -27,7 +27,8 @@ def read_results(path: Path) -> Rows:
     """Rows of a file, numbers as numbers; "" where a row has no value.
 
     Raises:
-        FileError: the file is cut off, or not of `slcp bench charts`. FileNotFoundError: no such file.
+        FileError: the file is cut off, or not of `slcp bench charts`.
+        FileNotFoundError: no such file.
     """
     rows = read_csv(path, "results of `slcp bench charts`", NEEDED)
     return [{name: _value(name, field) for name, field in row.items()} for row in rows]

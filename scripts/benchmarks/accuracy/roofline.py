@@ -46,8 +46,9 @@ def step_work(
     (5 nv^2 + 10 nv and a division).
 
     Args:
-        pairs: of simple shapes (a disc and a plane: 30 operations). ellipses: pairs of ellipses, each with a
-            bound on its distance (70 operations, 4 long ones); near: how many are searched on average.
+        pairs: of simple shapes (a disc and a plane: 30 operations).
+        ellipses: pairs of ellipses, each with a bound on its distance (70 operations, 4 long ones).
+        near: how many are searched on average.
         size: bytes of a number. State in and out and controls are what memory sees.
     """
     motion = nv * (LONG + 52.0) + 12.0 * nv * (nv + 1) / 2.0 + nv**3 + nv * LONG + 14.0 * nv**2
@@ -81,7 +82,9 @@ class Peak:
 
     Attributes:
         scalar: independent multiplications and additions without vector instructions [1/s]: what a world per
-            thread can use. serial: each waiting for the last. wide: with vector instructions.
+            thread can use.
+        serial: each waiting for the last.
+        wide: with vector instructions.
         bandwidth: of a copy, read and written [bytes/s].
     """
 

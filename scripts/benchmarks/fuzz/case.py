@@ -95,7 +95,8 @@ def load_case(path: Path) -> Case:
     """Read a case.
 
     Raises:
-        CaseError: no such case. FileNotFoundError: no such file, or none of its scene.
+        CaseError: no such case.
+        FileNotFoundError: no such file, or none of its scene.
     """
     with reading(path, "a case of `slcp bench fuzz`", CaseError):
         content = parse_json(read_text(path))

@@ -88,8 +88,15 @@ class Problem:
     """Rows of a method, (B, nr, ...), in the scene's order, and the sizes of their terms.
 
     Attributes:
-        jac: J. rate: d/h. bound: of |J| entries by what they are the sum of. tangent: Coulomb's tangential
-        rows. mu (B, nr). a: A = J H^-1 J'. diag: its diagonal. free: b = J v_free + d/h. sigma: noise levels.
+        jac: J.
+        rate: d/h.
+        bound: of |J| entries by what they are the sum of.
+        tangent: Coulomb's tangential rows.
+        mu: friction coefficients (B, nr).
+        a: A = J H^-1 J'.
+        diag: its diagonal.
+        free: b = J v_free + d/h.
+        sigma: noise levels.
     """
 
     def __init__(

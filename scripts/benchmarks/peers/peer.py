@@ -23,9 +23,11 @@ class Run:
     """A scene ready to run with one peer, one step size and one set of options.
 
     Attributes:
-        rollout: gives all states (B, N+1, nx), the starts first. simulate: the same motion of `worlds`
-            worlds, to be timed; nothing is compiled in it.
-        seconds: simulated by `simulate`. compile_seconds: spent on compiling. facts: columns of the rows.
+        rollout: gives all states (B, N+1, nx), the starts first.
+        simulate: the same motion of `worlds` worlds, to be timed; nothing is compiled in it.
+        seconds: simulated by `simulate`.
+        compile_seconds: spent on compiling.
+        facts: columns of the rows.
     """
 
     rollout: Callable[[], np.ndarray]

@@ -35,8 +35,10 @@ class Ours:
 
     Attributes:
         sim, params: the simulator and its numbers.
-        work: the workload, without the worlds that were not solved. failed: their share.
-        touching: which steps of its rollout touch, (B, N). states: of the rollout, (B, N+1, nx).
+        work: the workload, without the worlds that were not solved.
+        failed: their share.
+        touching: which steps of its rollout touch, (B, N).
+        states: of the rollout, (B, N+1, nx).
     """
 
     def __init__(self, work: Workload, dtype: str, residual: str = "rem-logistic", **choices: Any) -> None:

@@ -55,7 +55,9 @@ def windows(states: np.ndarray, controls: np.ndarray, chosen: np.ndarray, length
     """The stretches of `length` steps, at multiples of it, whose steps are all chosen.
 
     Args:
-        states: (B, N or N+1, nx) before every step. controls: (B, N, nu). chosen: (B, N) bool.
+        states: (B, N or N+1, nx) before every step.
+        controls: (B, N, nu).
+        chosen: (B, N) bool.
 
     Raises:
         ValueError: there is no such stretch.

@@ -75,11 +75,18 @@ class Case:
     """One scene and its criterion.
 
     Attributes:
-        name, what: for tables. scene: maker. start: Grid, steps -> Start. measure: Run -> (B,).
-        limit: largest number that passes, per world or for all. unit: of the number. single: added to the
-        limit in float32, where positions have seven digits. duration: [s], or
-        `steps`: the same number at every h. variants: of the case's own number, `label` names it.
-        expect: the status that passes. only: methods that the case applies to. memory: kernels in memory.
+        name, what: for tables.
+        scene: maker.
+        start: Grid, steps -> Start.
+        measure: Run -> (B,).
+        limit: largest number that passes, per world or for all.
+        unit: of the number.
+        single: added to the limit in float32, where positions have seven digits.
+        duration: [s], or `steps`: the same number at every h.
+        variants: of the case's own number, `label` names it.
+        expect: the status that passes.
+        only: methods that the case applies to.
+        memory: kernels in memory.
     """
 
     name: str

@@ -47,12 +47,14 @@ class Motion:
     """An exact motion.
 
     Attributes:
-        end: state at the end (nx,). lost: energy lost [J]. events, pieces: what happened.
+        end: state at the end (nx,).
+        lost: energy lost [J].
+        events, pieces: what happened.
         drift: largest correction by a projection.
         doubt: largest change of a velocity after an impact if that is split in two, or if its modes are not
             unique; 0: no doubt.
-        graze: smallest speed of approach at an impact [m/s, rad/s]. near: smallest gap or force at which an
-            event was missed (a local minimum in time) [m, rad, N, N m].
+        graze: smallest speed of approach at an impact [m/s, rad/s].
+        near: smallest gap or force at which an event was missed (a local minimum in time) [m, rad, N, N m].
     """
 
     end: Array
@@ -71,8 +73,9 @@ def integrate(
     """The exact motion from a state (nx,) whose gaps are open or closed, for `duration` [s].
 
     Args:
-        mechanism: what moves. tolerance: relative, of the Runge-Kutta steps. max_step: [s], bounds how far
-            apart events are looked for.
+        mechanism: what moves.
+        tolerance: relative, of the Runge-Kutta steps.
+        max_step: [s], bounds how far apart events are looked for.
 
     Raises:
         ModeError: no motion satisfies the contact law (Painleve's paradox).

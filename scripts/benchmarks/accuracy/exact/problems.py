@@ -28,9 +28,11 @@ class Problem:
     """A motion whose end is known.
 
     Attributes:
-        name: of the chart. scene: the model with all its numbers. starts: (B, nx) initial states [SI units].
-        duration: T [s], a multiple of every one of STEP_SIZES. exact: (B, nx) states at T of hard contact
-            with exact Coulomb friction.
+        name: of the chart.
+        scene: the model with all its numbers.
+        starts: (B, nx) initial states [SI units].
+        duration: T [s], a multiple of every one of STEP_SIZES.
+        exact: (B, nx) states at T of hard contact with exact Coulomb friction.
         components: of the state; an error is the largest difference over them, in `unit`.
         contacts: whether anything can touch.
     """
