@@ -4,16 +4,19 @@ from . import costs
 from .continuation import solve_continuation
 from .costs import Cost
 from .dynamics import Dynamics, DynamicsFunctions, Parameters, WarpDynamics, linear_system
-from .library.library import Library, LibraryError, concatenate
+from .library.entries import LibraryError
+from .library.library import Library, concatenate
+from .library.nearest import NearestPolicy
 from .library.receding import RecedingOptions, build_library
 from .library.refinement import build_refined, stuck_states, turning
 from .multistart import Multistart, solve_multistart
 from .options import Options, Regularization
-from .policies import NearestPolicy, TrackingPolicy
+from .policies import TrackingPolicy
 from .problem import Problem
 from .result import Result, Trace
-from .solver import Workspace, solve
+from .solver import solve
 from .status import Status
+from .workspace import Workspace
 
 __all__ = [
     "Cost",

@@ -9,10 +9,11 @@ import numpy as np
 from slcp_warp.inputs.checks import instance, numeric, shown
 from slcp_warp.inputs.errors import ArgumentError, ArgumentTypeError
 
+from .batches import batch_of
 from .options import Options
 from .problem import Problem
 from .result import Result
-from .solver import Workspace, batch_of
+from .workspace import Workspace
 
 
 def solve_continuation(

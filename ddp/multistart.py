@@ -11,7 +11,7 @@ from slcp_warp.inputs.errors import ArgumentError
 from .options import Options, Regularization
 from .problem import Problem
 from .result import Result
-from .solver import Workspace
+from .workspace import Workspace
 
 SCHEDULES = Regularization(  # the same start ends in different minima under these
     initial=np.array([1.0e-6, 1.0e-3, 1.0, 10.0, 1.0e-3, 1.0, 1.0e-3, 1.0]),

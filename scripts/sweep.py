@@ -10,7 +10,7 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 import slcp_warp as slcp
-from slcp_warp.ddp.library.library import scene_digest
+from slcp_warp.ddp.library.entries import scene_digest
 
 from .support.common import (
     INTERRUPTED,

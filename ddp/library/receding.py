@@ -17,10 +17,11 @@ from slcp_warp.inputs.checks import array, function, instance, number, whole
 from slcp_warp.inputs.errors import ArgumentError, ArgumentTypeError
 
 from ..options import Options
-from ..policies import wrap
 from ..problem import Problem
-from ..solver import Workspace
-from .library import Library, scene_digest
+from ..workspace import Workspace
+from .entries import scene_digest
+from .library import Library
+from .nearest import wrap
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ import numpy as np
 
 import slcp_warp as slcp
 from slcp_warp import ddp
-from slcp_warp.ddp.library.library import scene_digest
+from slcp_warp.ddp.library.entries import scene_digest
 from slcp_warp.simulated import OLDER, Simulated
 from slcp_warp.storage.archive import open_archive, write_archive
 from slcp_warp.storage.files import FileError, reading

@@ -9,7 +9,7 @@ from simulators import scene, simulator
 
 import slcp_warp as slcp
 from slcp_warp import ddp
-from slcp_warp.ddp.policies import whitening
+from slcp_warp.ddp.library.nearest import whitening
 
 FINGER = scene("flicking_finger")
 STEPS = 4

@@ -11,7 +11,7 @@ from simulators import scene, simulator
 import slcp_warp as slcp
 from slcp_warp import Status, ddp
 from slcp_warp import sweep as public_sweep
-from slcp_warp.ddp.library.library import scene_digest
+from slcp_warp.ddp.library.entries import scene_digest
 from slcp_warp.ensembles import statistics
 from slcp_warp.kernels.device import launch as launching
 from slcp_warp.kernels.device.launch import launch

@@ -10,7 +10,7 @@ from simulators import scene, simulator
 
 import slcp_warp as slcp
 from slcp_warp import ArrayError, OptionError, ParameterError, SceneError, ddp
-from slcp_warp.ddp.library.library import LibraryError, scene_digest
+from slcp_warp.ddp.library.entries import LibraryError, scene_digest
 
 FINGER = scene("flicking_finger")
 X, U = FINGER.x0, np.zeros(2)

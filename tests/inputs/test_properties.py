@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 import slcp_warp as slcp
 from slcp_warp import ddp
-from slcp_warp.ddp.library.library import scene_digest
+from slcp_warp.ddp.library.entries import scene_digest
 
 FINGER = slcp.scenes.flicking_finger()
 X, U = np.zeros((2, 6)), np.zeros((2, 2))

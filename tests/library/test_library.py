@@ -11,8 +11,8 @@ from simulators import NUMPY, scene, simulator
 
 import slcp_warp as slcp
 from slcp_warp import ddp
-from slcp_warp.ddp.library.library import ARRAYS, scene_digest
-from slcp_warp.ddp.policies import whitening
+from slcp_warp.ddp.library.entries import ARRAYS, scene_digest
+from slcp_warp.ddp.library.nearest import whitening
 
 FINGER = scene("flicking_finger")
 HORIZON = 20

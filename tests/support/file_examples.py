@@ -11,7 +11,7 @@ import pytest
 
 import slcp_warp as slcp
 from slcp_warp import ddp
-from slcp_warp.ddp.library.library import scene_digest
+from slcp_warp.ddp.library.entries import scene_digest
 from slcp_warp.scripts.benchmarks.accuracy.results import read_results
 from slcp_warp.scripts.benchmarks.stability.report import KEYS, NUMBERS, read_rows
 from slcp_warp.scripts.charts.sweep import SIZE_COLUMNS, read_sizes

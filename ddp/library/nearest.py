@@ -1,0 +1,147 @@
+"""The nearest-neighbour rule (20) over a library, evaluated inside a rollout's or a sweep's kernel."""
+
+import functools
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from slcp_warp import Simulator
+from slcp_warp.inputs.checks import array, choice, instance, number
+from slcp_warp.inputs.errors import ArgumentError
+from slcp_warp.inputs.limits import limit_rows
+from slcp_warp.kernels.policies import policies as kernels
+
+from ..policies import put, put_limits
+from .entries import Entries
+
+METRICS = ("covariance", "variance")
+
+
+def wrap(difference: np.ndarray, period: np.ndarray) -> np.ndarray:
+    """Differences (..., nx) less the nearest multiple of each component's period (0: none)."""
+    safe = np.where(period > 0.0, period, 1.0)
+    return np.where(period > 0.0, difference - safe * np.round(difference / safe), difference)
+
+
+def whitening(library: Entries, metric: str) -> np.ndarray:
+    """W (nx, nx) with |W dx| the norm of (20), scaled by the covariance of the x_i.
+
+    Periodic components are wrapped.
+    """
+    x = wrap(library.x, library.period)
+    centred = x - x.mean(axis=0)
+    covariance = centred.T @ centred / max(len(x) - 1, 1)
+    if metric == "variance":
+        covariance = np.diag(np.diag(covariance))
+    spread = np.trace(covariance) / len(covariance)
+    covariance += (1e-9 * spread if spread > 0.0 else 1.0) * np.eye(len(covariance))
+    return np.linalg.inv(np.linalg.cholesky(covariance))
+
+
+def images(x: np.ndarray, period: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """States with periodic components in [0, period) and their images within half a period of that range.
+
+    Returns (T, nx) states and (T,) the rows of x that they belong to.
+    """
+    safe = np.where(period > 0.0, period, 1.0)
+    points = np.where(period > 0.0, x - safe * np.floor(x / safe), x)
+    owner = np.arange(len(x))
+    for j in np.flatnonzero(period > 0.0):
+        shift = np.where(points[:, j] < period[j] / 2.0, period[j], -period[j])
+        copies = points.copy()
+        copies[:, j] += shift
+        points, owner = np.concatenate([points, copies]), np.concatenate([owner, owner])
+    return points, owner
+
+
+def tree(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Balanced k-d tree of points (T, n) as an order (T,) and the dimension (T,) that every place splits.
+
+    The node of a range of places is its middle; each split is along the range's widest dimension.
+    """
+    order = np.arange(len(points))
+    split = np.zeros(len(points), dtype=np.int32)
+    pending = [(0, len(points))]
+    while pending:
+        a, b = pending.pop()
+        if a >= b:
+            continue
+        part = points[order[a:b]]
+        dimension = int(np.argmax(np.ptp(part, axis=0)))
+        middle = (a + b) // 2
+        order[a:b] = order[a:b][np.argsort(part[:, dimension], kind="stable")]
+        split[middle] = dimension
+        pending += [(a, middle), (middle + 1, b)]
+    return order, split
+
+
+def _rows(name: str, values: np.ndarray, count: int) -> np.ndarray:
+    """One row for each of `count` entries."""
+    if len(values) not in (1, count):
+        raise ArgumentError(f"{name} are for {len(values)} entries; there are {count}")
+    return np.tile(values, (count // len(values), 1))
+
+
+class NearestPolicy:
+    """The nearest-neighbour rule (20) over a library; its controls stay within the entries' limits.
+
+    Args:
+        library: the entries.
+        metric: "covariance" (Mahalanobis) or "variance" (its diagonal).
+        min_gain: entries whose plan gains less over zero controls are left out (passive plans).
+        feedback_limit: the feedback term K (x - x_j) is clamped to this size [control units].
+        whiten: (nx, nx) matrix of another norm.
+        control_limits: (lower, upper), each a number or (nu,), for all entries; None: the library's.
+    """
+
+    def __init__(
+        self,
+        library: Entries,
+        metric: str = "covariance",
+        min_gain: float = -np.inf,
+        feedback_limit: float = np.inf,
+        whiten: np.ndarray | None = None,
+        control_limits: Any = None,
+    ) -> None:
+        instance("library", library, Entries, "a ddp.Library")
+        choice("metric", metric, METRICS)
+        feedback_limit = number("feedback_limit", feedback_limit, 0.0, above=True, infinite=True)
+        min_gain = number("min_gain", min_gain, infinite=True)
+        if not len(library):
+            raise ArgumentError("library is empty; a policy needs at least one entry")
+        keep = library.gain >= min_gain
+        if not keep.any():
+            raise ArgumentError(
+                f"min_gain {min_gain} leaves no entry; the largest gain is {library.gain.max():.3g}"
+            )
+        self.library = library.select(keep)
+        if control_limits is not None:
+            limits = limit_rows(control_limits, library.u.shape[1])
+            lower, upper = (_rows("control_limits", a, len(self.library)) for a in limits)
+            self.library = replace(self.library, lower=lower, upper=upper)
+        self.whiten = whitening(self.library, metric) if whiten is None else array("whiten", whiten)
+        nx = library.x.shape[1]
+        if self.whiten.shape != (nx, nx) or not np.isfinite(self.whiten).all():
+            raise ArgumentError(
+                f"whiten has shape {self.whiten.shape}; finite numbers ({nx}, {nx}) are needed"
+            )
+        self.feedback_limit = min(float(feedback_limit), 1e30)
+
+    def arrays(self, sim: Simulator) -> tuple[str, Any]:
+        """Kernel name and struct for a simulator."""
+        self.library.check_scene(sim.scene)
+        lib = self.library
+        struct = kernels.make_nearest(sim.nx, sim.nu, sim.dtype).Struct()
+        own = functools.partial(put, sim)
+        struct.us, struct.xs, struct.gain = own(lib.u), own(lib.x), own(lib.K)
+        points, owner = images(lib.x, lib.period)
+        order, split = tree(points @ self.whiten.T)
+        struct.nodes, struct.whitening = own((points @ self.whiten.T)[order]), own(self.whiten)
+        struct.split = wp.array(split, dtype=wp.int32, device=sim.device)
+        struct.entry = wp.array(owner[order], dtype=wp.int32, device=sim.device)
+        struct.period = own(lib.period)
+        struct.limit = self.feedback_limit
+        put_limits(sim, struct, (lib.lower, lib.upper))
+        return "nearest", struct
