@@ -56,8 +56,7 @@ class Dynamics(Protocol):
         good.
 
         A dynamics may also have ``prepare_linearize``, which takes the same arguments and returns a function
-        without any that does this for the same arrays at less overhead, and ``kernel_key``, a string that
-        names what its functions are specialised on.
+        without any that does this for the same arrays at less overhead.
         """
 
     def lift_into(self, params: Any, lift: Any) -> None:

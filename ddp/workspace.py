@@ -180,7 +180,6 @@ class Workspace:
             nu,
             problem.control_limits is not None,
             dtype,
-            getattr(self.dynamics, "kernel_key", ""),
         )
         shared = [self.params, weights]
         inputs = [B, self.x0, policy, candidates, *shared, state.active]

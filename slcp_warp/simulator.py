@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from slcp_warp.kernels.device.compile import source_digest
 from slcp_warp.kernels.device.launch import launch
 from slcp_warp.kernels.mechanism.kinematics import make_types
 from slcp_warp.kernels.step import rollout
@@ -366,11 +365,6 @@ class Simulator:
     def initial_carry(self) -> wp.Function:
         """Warp function () -> carry of a cold start."""
         return rollout.make_transition(*self._key).cold_carry
-
-    @property
-    def kernel_key(self) -> str:
-        """What the step function was specialised on, for kernels that contain it."""
-        return repr(self._key) + source_digest()
 
     def prepare_linearize(
         self,

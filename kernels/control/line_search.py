@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from ..device.compile import code_digest, cpu_compiler_flags, named_by_code, specialised
+from ..device.compile import named_by_code, specialised
 from ..factories import cached
 from .box_qp import EPSILON
 from .solver_state import (
@@ -47,36 +47,18 @@ def make_candidate_arrays(dtype):
     return Candidates
 
 
-def costs_digest(running, final, nx, nu, dtype):
-    """Digest of the code of a cost's functions."""
-    VX, VU = wp.types.vector(nx, dtype), wp.types.vector(nu, dtype)
-
-    def costs(
-        weights: wp.array2d(dtype=dtype),
-        x: wp.array(dtype=VX),
-        u: wp.array(dtype=VU),
-        out: wp.array(dtype=dtype),
-    ):
-        out[0] = dtype(running(weights, 0, x[0], u[0], 0)) + dtype(final(weights, 0, x[0]))
-
-    return code_digest(costs)
-
-
 @cached
-def make_rollout_kernel(step, initial_carry, running, final, nx, nu, has_limits, dtype, key=""):
+def make_rollout_kernel(step, initial_carry, running, final, nx, nu, has_limits, dtype):
     """Kernel ``(first, problems, x0, Policy, Candidates, params, weights, active)`` over B A items.
 
     Item i is problem i mod B under step size i div B: u = clamp(us + alpha k + K (x - xs)), x' = step(x, u),
-    costs summed in double precision. ``key`` names what the dynamics were specialised on (see `compile.py`);
-    without one the kernel is named after all of its code.
+    costs summed in double precision.
     A failed or non-finite world costs +inf and keeps its last valid state.
     """
     VX, VU = wp.types.vector(nx, dtype), wp.types.vector(nu, dtype)
     Policy, Candidates = make_policy_arrays(dtype), make_candidate_arrays(dtype)
-    flags = cpu_compiler_flags()
-    costs = costs_digest(running, final, nx, nu, dtype) if key else ""
 
-    @(specialised(key, costs, nx, nu, has_limits, dtype) if key else named_by_code(cpu_compiler_flags=flags))
+    @specialised
     def rollout(
         first: int,
         problems: int,
@@ -164,7 +146,7 @@ def make_choice_kernels(nx, nu, dtype):
         for i in range(nx):
             policy.xs[b, policy.us.shape[1], i] = out.xs[b, a, policy.us.shape[1], i]
 
-    @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
+    @named_by_code(max_unroll=1)
     def start(first: int, policy: Policy, out: Candidates, state: SolverState):
         b = first + wp.tid()
         adopt(policy, out, b, 0)
@@ -189,7 +171,7 @@ def make_choice_kernels(nx, nu, dtype):
             for c in range(state.trace.shape[2]):
                 state.trace[b, p, c] = wp.float64(wp.NAN)
 
-    @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
+    @named_by_code(max_unroll=1)
     def accept(
         first: int,
         policy: Policy,

@@ -21,6 +21,7 @@ pass.
 
 import warp as wp
 
+from ..device.compile import named_by_code
 from ..factories import cached
 from .box_qp import EPSILON, make_small_solver
 from .solver_state import (
@@ -137,7 +138,7 @@ def make_backward_kernel(nx, nu, nw, method, has_limits, dtype):
             out[i] = size
         return out
 
-    @wp.kernel(module="unique", enable_backward=False, module_options={"max_unroll": 1})
+    @named_by_code(max_unroll=1)
     def backward(
         first: int, d: Derivatives, policy: Policy, state: SolverState, tolerance: wp.float64, last: int
     ):

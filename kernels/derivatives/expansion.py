@@ -38,7 +38,7 @@ def make_linearize_kernel(s: Structure, dtype: type, method: Method, second: boo
                 fu[b, k, wp.static(NV + i), j] = dv[i, wp.static(NX + j)]
                 fu[b, k, i, j] = h * drift[i, wp.static(NX + j)]
 
-    @specialised(s, dtype, method, second)
+    @specialised
     def linearize_kernel(
         first: int,
         params: wp.array2d(dtype=dtype),

@@ -28,7 +28,7 @@ HARD_LAYER = 1e-3  # what stands for sigma in the hard problem, to stay on one s
 def make_widen_kernel(dtype: type) -> wp.Kernel:
     """Copies a table to double precision."""
 
-    @specialised(dtype)
+    @specialised
     def widen_kernel(first: int, source: wp.array2d(dtype=dtype), target: wp.array2d(dtype=wp.float64)):
         i = first + wp.tid()
         for j in range(source.shape[1]):
@@ -86,7 +86,7 @@ def make_difference_kernel(s: Structure, dtype: type, method: Method) -> wp.Kern
                 out[wp.static(NW - NV + i), j] = dv[i, j]
         return out
 
-    @specialised(s, dtype, method)
+    @specialised
     def difference_kernel(
         first: int,
         params: wp.array2d(dtype=real),

@@ -1,13 +1,10 @@
-"""Declaring specialised kernels.
+"""Declaring kernels that are named after their code.
 
 Warp 1.19 leaves functions reached through `wp.static(f[k])(...)` with a loop index k out of a module's
-content hash, so two scenes, or two versions of this package, could share one cached binary. `specialised`
-puts the specialisation and a digest of this package's sources into the kernel's name, and with it into the
-hash.
-
-To find the values of such expressions Warp translates a kernel, for seconds, before it can look for it in its
-cache. The name determines the code, so it is told not to: a program that finds its kernels there starts their
-work at once.
+content hash, so two scenes, or two versions of this package, could share one cached binary. So a digest of
+everything that determines a kernel's code (`digest.py`) goes into its name. The name says it all: Warp need
+not translate a kernel, for seconds, to find the values of such expressions before it can look for it in its
+cache, nor hash texts in which every comment counts.
 
 On a CPU the compiler may fuse a b + c, divide by multiplying with a reciprocal and drop additions of zero: a
 step costs a fifth less (docs/understand/performance.md). It must not reassociate sums, which would undo the
@@ -19,16 +16,15 @@ The environment variable SLCP_CPU_FLAGS replaces all flags of the CPU's compiler
 kernel's hash, so that caches do not mix; `.ci/full rounding` runs all tests that way.
 """
 
-import hashlib
 import os
-import pathlib
 import re
 from collections.abc import Callable
 from typing import Any
 
 import warp as wp
+from warp._src.context import ModuleHasher
 
-from ..factories import cached
+from .digest import OpaqueError, content_digest
 
 CPU_ARITHMETIC = "-ffp-contract=fast -freciprocal-math -fno-signed-zeros"
 INLINING = re.compile(r"(-inline(?:-cold-callsite)?-threshold=)\d+")
@@ -44,53 +40,41 @@ def cpu_compiler_flags() -> str:
     return f"{'-march=native' if flags is None else INLINING.sub(INLINED, flags)} {CPU_ARITHMETIC}"
 
 
-@cached
-def source_digest() -> str:
-    """Digest of every source file of the kernels."""
-    digest = hashlib.sha256()
-    for path in sorted(pathlib.Path(__file__).parents[1].rglob("*.py")):
-        digest.update(path.read_bytes())
-    return digest.hexdigest()
-
-
-def specialised(*key: Any) -> Callable[[Callable], wp.Kernel]:
-    """Decorator: a forward-only kernel in a module of its own, named after the values it was specialised on.
-
-    Args:
-        key: everything the kernel's factory was called with; each value needs a repr that determines it
-            (`code_digest` of a user's functions).
-    """
-    text = "|".join(k.__name__ if isinstance(k, type) else repr(k) for k in key) + source_digest()
-    tag = hashlib.sha256(text.encode()).hexdigest()[:12]
-
-    return lambda function: _declare(function, tag, {"cpu_compiler_flags": cpu_compiler_flags()})
+def specialised(function: Callable) -> wp.Kernel:
+    """Decorator: a forward-only kernel with this package's arithmetic on a CPU, named after its code."""
+    return named_by_code(cpu_compiler_flags=cpu_compiler_flags())(function)
 
 
 def named_by_code(**options: Any) -> Callable[[Callable], wp.Kernel]:
-    """Decorator: a forward-only kernel in a module of its own, named after its code (`code_digest`).
-
-    For kernels that call functions of a user's. Warp by itself does not see values of `wp.static` in loops of
-    these, and would take one cost's kernel for another's.
+    """Decorator: a forward-only kernel in a module of its own, named after its code.
 
     Args:
         options: Warp's options of the module.
     """
-    return lambda function: _declare(function, code_digest(function, **options)[:12], options)
+    return lambda function: _declare(function, options)
 
 
-def _declare(function: Callable, tag: str, options: dict[str, Any]) -> wp.Kernel:
-    function.__qualname__ = f"{function.__name__}_{tag}"
+def _declare(function: Callable, options: dict[str, Any]) -> wp.Kernel:
+    digest = code_digest(function, **options)
+    function.__qualname__ = f"{function.__name__}_{digest[:12]}"
     module = wp.get_module(f"{__package__}.{function.__qualname__}")
     wp.set_module_options(options, module)
     kernel = wp.kernel(function, module=module, enable_backward=False)
-    _forget(kernel.adj, set())
+    kernel.adj.content_digest = bytes.fromhex(digest)
     module.has_unresolved_static_expressions = False
-    module.get_module_hash()
     return kernel
 
 
 def code_digest(function: Callable, **options: Any) -> str:
     """Digest of a kernel's code and of all that it calls, with the values of its `wp.static` expressions."""
+    try:
+        return content_digest(function, options)
+    except OpaqueError:  # a user's function and an object of theirs: what Warp makes of it tells
+        return _translated_digest(function, options)
+
+
+def _translated_digest(function: Callable, options: dict[str, Any]) -> str:
+    """As `code_digest`, from Warp's translation of the kernel, which takes seconds."""
     module = type(wp.get_module(__name__))(function.__name__, None)
     module.options.update(options)
     kernel = wp.kernel(function, module=module, enable_backward=False)
@@ -111,3 +95,26 @@ def _forget(adjoint: Any, seen: set[int]) -> None:
         if not function.is_builtin():
             for overload in function.user_overloads.values():
                 _forget(overload.adj, seen)
+
+
+def _trust_names() -> None:
+    """Let a kernel that is named after its code go into a module's hash by that digest alone.
+
+    Another version of Warp may hash otherwise; it then hashes these kernels' sources too, so that an edit of
+    a comment compiles again what it need not.
+    """
+    if not wp.__version__.startswith("1.19."):
+        return
+    by_source = ModuleHasher.hash_adjoint
+
+    def hash_adjoint(hasher: Any, adjoint: Any) -> bytes:
+        digest = getattr(adjoint, "content_digest", None)
+        if digest is None:
+            return by_source(hasher, adjoint)
+        adjoint.get_references()  # also finds how many indices `wp.tid()` has
+        return digest
+
+    ModuleHasher.hash_adjoint = hash_adjoint
+
+
+_trust_names()

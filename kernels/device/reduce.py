@@ -10,7 +10,7 @@ from .compile import specialised
 def make_sum_kernel(dtype: type) -> wp.Kernel:
     """One item a column: total[0 or b, j] += sum over worlds, or each world's own, of part[b, j]."""
 
-    @specialised(dtype)
+    @specialised
     def sum_kernel(
         first: int,
         part: wp.array2d(dtype=dtype),  # (B, width)

@@ -39,7 +39,7 @@ def make_sweep_begin_kernel(nv: int, nu: int, dtype: type, policy_name: str) -> 
     VX = wp.types.vector(2 * nv, dtype)
     Policy = policy.Struct
 
-    @specialised("sweep begin", nv, nu, dtype, policy_name)
+    @specialised
     def sweep_begin_kernel(
         first: int,
         world0: int,
@@ -93,7 +93,7 @@ def make_sweep_end_kernels(dtype: type) -> SimpleNamespace:
     """`end`, after step k: the new state or the status, contacts counted. `finish`, after the last step."""
     ACTS = dtype(0.5 * COLD)
 
-    @specialised("sweep end", dtype)
+    @specialised
     def sweep_end_kernel(
         first: int,
         k: int,
@@ -125,7 +125,7 @@ def make_sweep_end_kernels(dtype: type) -> SimpleNamespace:
                     pushed = 1
         p.touched[i] = p.touched[i] + pushed
 
-    @specialised("sweep finish", dtype)
+    @specialised
     def sweep_finish_kernel(
         first: int,
         component: int,

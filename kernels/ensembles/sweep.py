@@ -26,7 +26,7 @@ def make_draw_kernel(nx: int, dtype: type) -> wp.Kernel:
     """Parameter tables and initial states of worlds `world0 + i` from a base row and a set of starts."""
     rng = make_normal(dtype)
 
-    @specialised(nx, dtype)
+    @specialised
     def draw_kernel(
         first: int,
         world0: int,
@@ -128,7 +128,7 @@ def make_sweep_kernel(s: Structure, dtype: type, method: Method, policy_name: st
     Policy = policy.Struct
     contact_rows = sum(1 << i for i, r in enumerate(s.rows) if r.kind == "contact")
 
-    @specialised(s, dtype, method, policy_name)
+    @specialised
     def sweep_kernel(
         first: int,
         world0: int,

@@ -185,7 +185,7 @@ def make_large_step_kernel(given: type, residual: str) -> wp.Kernel:
     UNUSED, ZERO = WORK(COLD), WORK(0.0)
     H = COLUMN["step_size"]
 
-    @specialised("large step", given, residual)
+    @specialised
     def large_step_kernel(
         first: int,
         base: int,
@@ -250,7 +250,7 @@ def make_large_rollout_kernel(given: type, residual: str) -> wp.Kernel:
     UNUSED, ZERO = WORK(COLD), WORK(0.0)
     H = COLUMN["step_size"]
 
-    @specialised("large rollout", given, residual)
+    @specialised
     def large_rollout_kernel(
         first: int,
         base: int,

@@ -30,7 +30,7 @@ def make_adjoint_kernel(
     Tracking = make_tracking(NX, NU, dtype).Struct
     wrapped, free = make_wrap(dtype), make_free(NX, NU, dtype)
 
-    @specialised(s, dtype, method, by_parameters, feedback)
+    @specialised
     def adjoint_kernel(
         first: int,
         params: wp.array2d(dtype=dtype),
@@ -150,7 +150,7 @@ def make_control_kernel(nx: int, nu: int, dtype: type) -> wp.Kernel:
     Tracking = make_tracking(nx, nu, dtype).Struct
     wrapped, free = make_wrap(dtype), make_free(nx, nu, dtype)
 
-    @specialised(nx, nu, dtype)
+    @specialised
     def control_kernel(
         first: int,
         policy: Tracking,

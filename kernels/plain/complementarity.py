@@ -75,7 +75,7 @@ def make_complementarity_kernel(n: int, dtype: type, method: Method, continuatio
     solver = make(problem.structure, dtype, method)
     UNUSED = dtype(COLD)
 
-    @specialised(n, dtype, method, continuation)
+    @specialised
     def complementarity_kernel(
         first: int,
         A: wp.array3d(dtype=dtype),  # (B, n, n)
@@ -178,7 +178,7 @@ def make_complementarity_adjoint_kernel(n: int, dtype: type, method: Method) -> 
 
     adjoint = by_minimum if method.erm else by_root
 
-    @specialised(n, dtype, method)
+    @specialised
     def complementarity_adjoint_kernel(
         first: int,
         A: wp.array3d(dtype=dtype),  # (B, n, n)

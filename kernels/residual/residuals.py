@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import warp as wp
 
+from ..device.compile import named_by_code
 from ..factories import cached
 from .smoothing import make_smoothing
 
@@ -136,7 +137,7 @@ def make_residual_kernel(dtype: type, name: str) -> wp.Kernel:
     """out[i] = residual `name` at (a[i], b[i], sigma[i])."""
     function = make_residuals(dtype).by_name[name]
 
-    @wp.kernel(module="unique", enable_backward=False)
+    @named_by_code()
     def residual_kernel(
         first: int,
         a: wp.array(dtype=dtype),

@@ -103,7 +103,7 @@ def make_step_kernel(s: Structure, dtype: type, method: Method) -> wp.Kernel:
     step = world_of.step
     NX, NR, NP = 2 * s.nv, s.nr, len(s.pairs)
 
-    @specialised(s, dtype, method)
+    @specialised
     def step_kernel(
         first: int,
         params: wp.array2d(dtype=dtype),
@@ -152,7 +152,7 @@ def make_rollout_kernel(
     NX, NU, NR = 2 * s.nv, s.nu, s.nr
     Policy = policy.Struct
 
-    @specialised(s, dtype, method, policy_name, exact_gap)
+    @specialised
     def rollout_kernel(
         first: int,
         params: wp.array2d(dtype=dtype),

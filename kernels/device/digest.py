@@ -1,0 +1,229 @@
+"""Digest of all that determines a kernel's code: its source and every value that its source names.
+
+What Warp makes of a function depends on its syntax tree, the types of its arguments, and the values of the
+names in it: other functions, types, constants, tuples and namespaces of these. A digest over all of them,
+followed through all functions, is another one exactly where an edit can change the code. Comments,
+docstrings, the place of a file and whatever else a file contains do not enter. Nothing is translated for it.
+
+Of a dotted name only the last value counts: `rows.limit` is one function, not all that `rows` holds. Names
+that `wp.static` looks up enter like all others, also where a loop's index picks the value (`gap_row[i]`: all
+of `gap_row`).
+"""
+
+import ast
+import builtins
+import enum
+import functools
+import hashlib
+import inspect
+import sys
+import textwrap
+from collections.abc import Callable, Iterator
+from types import BuiltinFunctionType, CodeType, FunctionType, MethodType, ModuleType, SimpleNamespace
+from typing import Any
+
+import warp as wp
+from warp._src.codegen import Struct
+
+ATOMS = (bool, int, float, complex, str, bytes, type(None), type(Ellipsis))
+SCALARS = (wp.float16, wp.float32, wp.float64, wp.int8, wp.int16, wp.int32, wp.int64,
+           wp.uint8, wp.uint16, wp.uint32, wp.uint64)  # fmt: skip
+LIBRARIES = {"warp", "numpy", *sys.stdlib_module_names}
+MISSING = object()
+
+
+class OpaqueError(TypeError):
+    """A function names a value whose content cannot be told."""
+
+
+def content_digest(function: Callable, *more: Any) -> str:
+    """Digest of a kernel's Python function, and of values beside it, as 64 hexadecimal digits.
+
+    Raises:
+        OpaqueError: the function, or one that it calls, names a value of an unknown type.
+    """
+    walk = _Walk()
+    whole = walk.of((wp.__version__, more)) + walk.of_function(function, function.__annotations__)
+    return hashlib.sha256(whole).hexdigest()
+
+
+class _Walk:
+    """Digests of values, each found once."""
+
+    def __init__(self) -> None:
+        self.known: dict[int, tuple[bytes, Any]] = {}  # by id; the value is kept, and with it its id
+
+    def of(self, value: Any) -> bytes:
+        """Digest of a value."""
+        if isinstance(value, ATOMS) and not isinstance(value, enum.Enum):
+            return _hash(type(value).__name__, repr(value))
+        found = self.known.get(id(value))
+        if found is None:
+            self.known[id(value)] = (b"itself", value)  # in a function that calls itself
+            found = self.known[id(value)] = (self._of_new(value), value)
+        return found[0]
+
+    def _of_new(self, value: Any) -> bytes:
+        if isinstance(value, wp.Function):
+            return self._of_warp_function(value)
+        if isinstance(value, Struct):
+            return _hash("struct", value.hash, *(self.of(var.type) for var in value.vars.values()))
+        if isinstance(value, enum.Enum):
+            return _hash("enum", type(value).__qualname__, value.name, self.of(value.value))
+        if isinstance(value, tuple | list):
+            return _hash(type(value).__name__, *(self.of(item) for item in value))
+        if isinstance(value, set | frozenset):
+            return _hash("set", *sorted(self.of(item) for item in value))
+        if isinstance(value, dict):
+            return _hash("dict", *(self.of(item) for pair in value.items() for item in pair))
+        if isinstance(value, type):
+            return self._of_type(value)
+        if isinstance(value, wp.array):  # an annotation
+            return _hash("array", type(value).__name__, repr(value.ndim), self.of(value.dtype))
+        if hasattr(type(value), "_wp_scalar_type_"):
+            return _hash(self.of(type(value)), bytes(value))
+        if isinstance(value, SCALARS):
+            return _hash(type(value).__name__, repr(value.value))
+        if isinstance(value, BuiltinFunctionType) and isinstance(value.__self__, ModuleType | type(None)):
+            return _hash("builtin", value.__module__ or "", value.__qualname__)
+        if isinstance(value, FunctionType) or hasattr(value, "__wrapped__"):
+            return self._of_python_function(inspect.unwrap(value))
+        if isinstance(value, MethodType):
+            return _hash("method", self.of(value.__self__), self.of(value.__func__))
+        if isinstance(value, functools.partial):
+            return _hash("partial", self.of(value.func), self.of(value.args), self.of(value.keywords))
+        return self._of_object(value)
+
+    def _of_object(self, value: Any) -> bytes:
+        """An object by its attributes, or by its bytes if it is an array."""
+        kind = type(value)
+        if isinstance(value, SimpleNamespace) or hasattr(kind, "__dataclass_fields__"):
+            return _hash(kind.__qualname__, self.of(vars(value)))
+        try:
+            data = memoryview(value)
+            return _hash(kind.__qualname__, data.format, repr(data.shape), data.tobytes())
+        except TypeError:
+            raise OpaqueError(f"the content of a {kind.__qualname__} cannot be told") from None
+
+    def _of_type(self, value: type) -> bytes:
+        scalar = getattr(value, "_wp_scalar_type_", None)
+        if scalar is not None:
+            return _hash("matrix", repr(value._shape_), self.of(scalar))
+        module = value.__module__.partition(".")[0]
+        if module in LIBRARIES:
+            return _hash("type", value.__module__, value.__qualname__)
+        source = _Source.of(value)
+        return _hash("class", value.__qualname__, source.text)
+
+    def _of_warp_function(self, value: wp.Function) -> bytes:
+        if value.is_builtin():
+            return _hash("builtin", value.key, value.native_func)
+        overloads = value.user_overloads | value.user_templates
+        return _hash("overloads", *(self._of_overload(overloads[name]) for name in sorted(overloads)))
+
+    def _of_overload(self, value: wp.Function) -> bytes:
+        parts = [value.key, value.inline_hint, value.native_snippet, value.adj_native_snippet,
+                 value.replay_snippet, value.custom_grad_func, value.custom_replay_func]  # fmt: skip
+        return _hash(self.of(parts), self.of_function(value.func, value.adj.arg_types))
+
+    def _of_python_function(self, value: FunctionType) -> bytes:
+        if value.__module__.partition(".")[0] in LIBRARIES:
+            return _hash("function", value.__module__, value.__qualname__)
+        return self.of_function(value, {})
+
+    def of_function(self, function: FunctionType, annotations: dict[str, Any]) -> bytes:
+        """A function by its syntax tree, its annotations and defaults, and the values of its names."""
+        source = _Source.of(function)
+        names = [self.of(annotations), self.of((function.__defaults__, function.__kwdefaults__))]
+        captured = dict(zip(function.__code__.co_freevars, function.__closure__ or ()))
+        for path in source.names:
+            value = _value(path, captured, function)
+            names += [_hash(*path), b"unset" if value is MISSING else self.of(value)]
+        return _hash("code", source.text, *names)
+
+
+class _Source:
+    """A function's syntax tree as text without docstrings, and the dotted names that it looks up outside."""
+
+    made: dict[int, tuple[Any, "_Source"]] = {}  # by id of what the source belongs to, which is kept
+
+    def __init__(self, thing: Any) -> None:
+        code = getattr(thing, "__code__", None)
+        if code is not None and code.co_name == "<lambda>":  # whose source cannot be cut out of its line
+            self.text = _code_text(code)
+            self.names = sorted((name,) for name in _code_names(code))
+            return
+        try:
+            tree = ast.parse(textwrap.dedent(inspect.getsource(thing)))
+        except (OSError, SyntaxError, TypeError) as error:
+            raise OpaqueError(f"the source of {thing!r} cannot be read ({error})") from None
+        for node in ast.walk(tree):
+            if isinstance(node, ast.FunctionDef | ast.ClassDef) and ast.get_docstring(node, clean=False):
+                node.body = node.body[1:]
+        self.text = ast.dump(tree, annotate_fields=False)
+        local = set() if code is None else {*code.co_varnames, *code.co_cellvars}
+        found = (name for statement in tree.body[0].body for name in _dotted_names(statement))
+        self.names = sorted({name for name in found if name[0] not in local})
+
+    @classmethod
+    def of(cls, thing: Any) -> "_Source":
+        key = getattr(thing, "__code__", thing)
+        if id(key) not in cls.made:
+            cls.made[id(key)] = key, cls(thing)
+        return cls.made[id(key)][1]
+
+
+def _dotted_names(node: ast.AST) -> Iterator[tuple[str, ...]]:
+    """The names that an expression or statement reads, each with the attributes that follow it."""
+    path: list[str] = []
+    end = node
+    while isinstance(end, ast.Attribute):
+        path.append(end.attr)
+        end = end.value
+    if isinstance(end, ast.Name):
+        yield (end.id, *reversed(path))
+        return
+    for child in ast.iter_child_nodes(end):
+        yield from _dotted_names(child)
+
+
+def _value(path: tuple[str, ...], captured: dict[str, Any], function: FunctionType) -> Any:
+    """The value of a dotted name in a function, or of its longest part that has one.
+
+    MISSING where a branch that was not taken would have set it, or where it is local to a part of the
+    function. What other libraries hold goes by its name, unless it is a number: their version counts.
+    """
+    first, *rest = path
+    try:
+        value = captured[first].cell_contents if first in captured else _global(first, function)
+    except ValueError:
+        return MISSING
+    for k, name in enumerate(rest):
+        library = isinstance(value, ModuleType) and value.__name__.partition(".")[0] in LIBRARIES
+        value = getattr(value, name, value)
+        if library and not isinstance(value, ATOMS):
+            return ".".join((path[0], *rest[: k + 1]))
+    return value
+
+
+def _global(name: str, function: FunctionType) -> Any:
+    return function.__globals__.get(name, getattr(builtins, name, MISSING))
+
+
+def _code_text(code: CodeType) -> str:
+    constants = (_code_text(c) if isinstance(c, CodeType) else repr(c) for c in code.co_consts)
+    return repr((code.co_code, code.co_names, code.co_varnames, code.co_freevars, *constants))
+
+
+def _code_names(code: CodeType) -> set[str]:
+    inner = (c for c in code.co_consts if isinstance(c, CodeType))
+    return {*code.co_names, *code.co_freevars}.union(*(_code_names(c) for c in inner))
+
+
+def _hash(*parts: str | bytes) -> bytes:
+    """Digest of a sequence of texts, each with its length."""
+    digest = hashlib.sha256()
+    for part in parts:
+        data = part.encode() if isinstance(part, str) else part
+        digest.update(b"%d:" % len(data) + data)
+    return digest.digest()
