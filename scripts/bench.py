@@ -24,13 +24,13 @@ from slcp_warp.kernels.device import launch
 from slcp_warp.options import CHOICES
 
 from .benchmarks.accuracy.command import charts_command
-from .benchmarks.accuracy.jacobians import bench_differences
-from .benchmarks.accuracy.precision import bench_finite, bench_precision
 from .benchmarks.cost.fallbacks import bench_fallbacks
 from .benchmarks.cost.gradients import bench_gradients, bench_products
 from .benchmarks.cost.kernels import SIZES, bench_reach, bench_sizes, print_sizes
 from .benchmarks.cost.methods import bench_methods
 from .benchmarks.cost.pair import PairError, bench_pair, print_pairs
+from .benchmarks.derivatives.jacobians import bench_differences
+from .benchmarks.derivatives.precision import bench_finite, bench_precision
 from .benchmarks.fuzz.command import fuzz_command
 from .benchmarks.peers.mujoco_model import Peer, import_mujoco
 from .benchmarks.shared.ours import PAPER, TOUCH, WINDOW, Ours, cpu_threads

@@ -126,7 +126,7 @@ def car_command(
     """Plan a fast drive through a slippery hairpin at falling noise; drive the plans in a calm world and in
     thousands of noisy ones.
     """
-    from ..charts.car import car_chart  # it loads matplotlib
+    from .car_chart import car_chart  # it loads matplotlib
 
     path = prepared(out, ".png")
     plans = plans_at(device)

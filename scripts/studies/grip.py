@@ -126,7 +126,7 @@ def grip_command(
     seed: Seed = 0,
 ) -> None:
     """Optimise the grip of the scene `grasp` at falling noise, and let thousands of hard worlds judge it."""
-    from ..charts.grip import grip_chart  # it loads matplotlib
+    from .grip_chart import grip_chart  # it loads matplotlib
 
     path = prepared(out, ".png")
     scene = slcp.scenes.grasp()

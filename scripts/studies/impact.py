@@ -9,13 +9,14 @@ import typer
 import slcp_warp as slcp
 
 from ..benchmarks.peers.mujoco_model import Peer
+from ..benchmarks.shared.scenes import IMPACTS_DURATION as DURATION
+from ..benchmarks.shared.scenes import IMPACTS_SPREAD as SPREAD
+from ..benchmarks.shared.scenes import IMPACTS_START as START
 from ..support.common import Seed, console, one_line_errors, show_rows
 
-START = np.array([-2.2, -0.6, 0.4, 1.0, -1.0, 0.0])  # strikes the ellipse, misses, strikes again
-DURATION = 2.0  # [s]
 STEP_SIZES = (0.05, 0.02, 0.01, 0.005, 0.002, 0.001, 0.0005)
 SIGMAS = (0.1, 0.05, 0.02)
-SPREAD, SHIFT = 0.01, 0.002  # half width of the ensemble's starts, and by how much it is shifted
+SHIFT = 0.002  # of the ensemble's starts
 CHUNK = 64  # worlds whose Jacobians are in memory at a time
 NX = 6
 

@@ -14,7 +14,8 @@ from typer.testing import CliRunner
 
 import slcp_warp as slcp
 from slcp_warp.scripts.app import app
-from slcp_warp.scripts.benchmarks.accuracy import command, contact, ratios
+from slcp_warp.scripts.benchmarks.accuracy import command, contact
+from slcp_warp.scripts.benchmarks.accuracy.charts import ratios
 from slcp_warp.scripts.benchmarks.accuracy.results import read_results
 from slcp_warp.scripts.support.tables import write_csv
 
@@ -65,7 +66,7 @@ def two_studies(monkeypatch):
     load = command.load
     monkeypatch.setattr(command, "load", lambda name: modules.get(name) or load(name))
     monkeypatch.setattr(command, "STUDIES", {
-        "contact": command.Study("contact", {"ratios.md": "ratios"}),
+        "contact": command.Study("contact", {"ratios.md": "charts.ratios"}),
         "solver": command.Study("solver", {}), "sweep": command.Study("none", {}),
     })  # fmt: skip
     return ran

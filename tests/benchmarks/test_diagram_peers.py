@@ -9,9 +9,9 @@ import pytest
 
 from slcp_warp import scenes
 from slcp_warp.description.scene import SceneError
-from slcp_warp.scripts.benchmarks.accuracy.overlap import overlap
 from slcp_warp.scripts.benchmarks.peers.peer import NEAR, configurations, load, step_count
 from slcp_warp.scripts.benchmarks.shared.mechanism import contact, mass_matrix
+from slcp_warp.scripts.benchmarks.shared.overlap import overlap
 
 SCENES = ("flicking_finger", "sliding_block", "grasp", "walker", "cart_pole", "rolling_disc")
 REACHING = np.array([[-2.2, -0.6, 0.4, 1.0, -1.0, 0.0]])  # the finger before it strikes

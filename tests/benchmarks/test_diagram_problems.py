@@ -6,11 +6,11 @@ from oracle import Oracle
 
 import slcp_warp as slcp
 from slcp_warp import scenes
-from slcp_warp.scripts.benchmarks.accuracy.exact import plate, problems
-from slcp_warp.scripts.benchmarks.accuracy.exact.events import integrate
-from slcp_warp.scripts.benchmarks.accuracy.exact.flow import Flow
-from slcp_warp.scripts.benchmarks.accuracy.exact.mechanics import Mechanism
-from slcp_warp.scripts.benchmarks.accuracy.exact.modes import BACKWARD, FORWARD, OFF, STICK, Row, choose
+from slcp_warp.scripts.benchmarks.exact import plate, problems
+from slcp_warp.scripts.benchmarks.exact.events import integrate
+from slcp_warp.scripts.benchmarks.exact.flow import Flow
+from slcp_warp.scripts.benchmarks.exact.mechanics import Mechanism
+from slcp_warp.scripts.benchmarks.exact.modes import BACKWARD, FORWARD, OFF, STICK, Row, choose
 
 G = problems.G
 
@@ -175,7 +175,7 @@ def test_events_do_not_depend_on_tolerances():
 
 
 def test_events_say_what_they_cannot():
-    with pytest.raises(slcp.scene.SceneError, match="revolute"):
+    with pytest.raises(slcp.SceneError, match="revolute"):
         Mechanism(scenes.ball_drop())
 
 

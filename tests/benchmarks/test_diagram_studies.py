@@ -13,8 +13,8 @@ from slcp_warp.scripts.benchmarks.accuracy.charts import derivatives as chart_de
 from slcp_warp.scripts.benchmarks.accuracy.charts import scaling as chart_scaling
 from slcp_warp.scripts.benchmarks.accuracy.charts import solver as chart_solver
 from slcp_warp.scripts.benchmarks.accuracy.charts import sweep as chart_sweep
-from slcp_warp.scripts.benchmarks.accuracy.differences import SIXTH, central, converged, forward, relative
 from slcp_warp.scripts.benchmarks.accuracy.roofline import Peak, Work, step_work
+from slcp_warp.scripts.benchmarks.shared.differences import SIXTH, central, converged, forward, relative
 from slcp_warp.scripts.benchmarks.shared.mechanism import distance
 
 

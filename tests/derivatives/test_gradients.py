@@ -6,7 +6,7 @@ import warp as wp
 from simulators import simulator
 
 import slcp_warp as slcp
-from slcp_warp.scripts.benchmarks.accuracy.jacobians import bench_differences
+from slcp_warp.scripts.benchmarks.derivatives.jacobians import bench_differences
 
 
 @pytest.mark.parametrize(

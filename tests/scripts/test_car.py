@@ -9,7 +9,7 @@ import warp as wp
 from slcp_warp import ddp
 from slcp_warp.kernels.control.racing_car import make_car, make_hairpin
 from slcp_warp.scripts.studies import car
-from slcp_warp.scripts.studies.car_model import (  # fmt: skip
+from slcp_warp.scripts.studies.car_model import (
     FRICTION,
     GRAVITY,
     HALF_WIDTH,

@@ -10,7 +10,7 @@ pytest.importorskip("matplotlib")
 
 import slcp_warp as slcp
 from slcp_warp.scripts import sweep
-from slcp_warp.scripts.benchmarks.accuracy import ratios
+from slcp_warp.scripts.benchmarks.accuracy.charts import ratios
 from slcp_warp.scripts.charts import quickstart_report
 from slcp_warp.scripts.charts import sweep as chart_sweep
 

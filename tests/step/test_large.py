@@ -16,7 +16,7 @@ import slcp_warp as slcp
 from slcp_warp import scenes
 from slcp_warp.description.scene import Body, Contact, Scene, Shape
 from slcp_warp.kernels.generic import topology as large_topology
-from slcp_warp.scripts.benchmarks.cost.kernels import beam_on_supports, chain_on_ground
+from slcp_warp.scripts.benchmarks.shared.scenes import beam_on_supports, chain_on_ground
 
 LIMIT = {wp.float64: 1e-12, wp.float32: 1e-5}
 slow = pytest.mark.slow

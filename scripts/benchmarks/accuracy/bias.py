@@ -17,10 +17,12 @@ import numpy as np
 import slcp_warp as slcp
 from slcp_warp.description.scene import Scene
 
-from ...studies.impact import DURATION, SPREAD, START
 from ..shared.ours import PAPER
+from ..shared.rows import Rows, Say, report, timed
+from ..shared.scenes import IMPACTS_DURATION as DURATION
+from ..shared.scenes import IMPACTS_SPREAD as SPREAD
+from ..shared.scenes import IMPACTS_START as START
 from ..shared.timing import Case
-from .rows import Rows, Say, report, timed
 
 SIGMAS = (0.3, 0.1, 0.03, 0.01, 0.003, 0.001, 3e-4, 1e-4)
 RESIDUALS = ("rem-logistic", "rem-normal", "erm-logistic", "erm-normal")

@@ -35,15 +35,15 @@ class Study:
 
 STUDIES = {
     "contact": Study("contact", {
-        "contact.png": "charts.contact", "finger.png": "charts.finger", "ratios.md": "ratios",
+        "contact.png": "charts.contact", "finger.png": "charts.finger", "ratios.md": "charts.ratios",
     }),
     "solver": Study("solver", {"solver.png": "charts.solver"}),
     "derivatives": Study("derivatives", {"derivatives.png": "charts.derivatives"},
-                         ".peers.derivatives"),
+                         "derivatives_peers"),
     "bias": Study("bias", {"bias.png": "charts.bias"}),
     "ddp": Study("ddp", {"ddp.png": "charts.ddp"}),
     "sweep": Study("sweep", {"sweep.png": "charts.sweep"}),
-    "scaling": Study("scaling", {"scaling.png": "charts.scaling"}, ".peers.scaling"),
+    "scaling": Study("scaling", {"scaling.png": "charts.scaling"}, "scaling_peers"),
 }  # fmt: skip
 
 

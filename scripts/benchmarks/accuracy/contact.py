@@ -20,13 +20,13 @@ import slcp_warp as slcp
 from slcp_warp.description.scene import Scene
 from slcp_warp.kernels.device import launch
 
-from ..peers import contact as other_programs
+from ..exact.problems import MAKERS, STEP_SIZES, Problem, problem
 from ..peers.mujoco import MuJoCo
 from ..peers.peer import Peer
+from ..shared.overlap import overlap
+from ..shared.rows import Rows, Say, timed
 from ..shared.timing import Case
-from .exact.problems import MAKERS, STEP_SIZES, Problem, problem
-from .overlap import overlap
-from .rows import Rows, Say, timed
+from . import contact_peers as other_programs
 
 STEPS = 20_000  # world steps of a timed call, at least
 REPEATS = 3

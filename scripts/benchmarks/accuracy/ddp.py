@@ -15,8 +15,8 @@ import slcp_warp as slcp
 from slcp_warp import ddp
 
 from ..shared.ours import PAPER, cpu_threads
+from ..shared.rows import Rows, Say, report, timed
 from ..shared.timing import Case
-from .rows import Rows, Say, report, timed
 
 HORIZON = 75
 PASSES = {"second-order": 120, "gauss-newton": 300}

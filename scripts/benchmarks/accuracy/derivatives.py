@@ -18,12 +18,12 @@ import numpy as np
 import slcp_warp as slcp
 
 from ..peers.mujoco_model import Peer, import_mujoco
+from ..shared.differences import Step, central, converged, forward, relative
 from ..shared.mechanism import distance
 from ..shared.ours import PAPER, Ours
+from ..shared.rows import ONE_THREAD, Rows, Say, report, timed
 from ..shared.timing import Case
 from ..shared.workload import make_workload
-from .differences import Step, central, converged, forward, relative
-from .rows import ONE_THREAD, Rows, Say, report, timed
 
 SIGMAS = (0.1, 0.02, 0.005)
 EPSILONS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)

@@ -16,13 +16,13 @@ from slcp_warp import ddp
 from slcp_warp.kernels.device import launch
 from slcp_warp.kernels.residual.smoothing import CUT
 
-from ..cost.kernels import chain_on_ground
 from ..shared.mechanism import distance
 from ..shared.ours import PAPER
+from ..shared.rows import Rows, Say, repeated, report, timed, timed_once
+from ..shared.scenes import chain_on_ground
 from ..shared.timing import Case
 from ..shared.workload import make_workload
 from .roofline import Work, pass_work, peak, step_work
-from .rows import Rows, Say, repeated, report, timed, timed_once
 from .sweep import controller, kicked, run_sweep
 
 STEPS = 10  # a call

@@ -17,11 +17,11 @@ from slcp_warp.description.scene import Scene
 from slcp_warp.kernels.solvers.newton import RESOLUTION
 from slcp_warp.simulator import DTYPES
 
-from ..cost.kernels import chain_on_ground
 from ..shared.ours import PAPER, Ours
+from ..shared.rows import Rows, Say, report, timed
+from ..shared.scenes import chain_on_ground
 from ..shared.timing import Case
 from ..shared.workload import make_workload
-from .rows import Rows, Say, report, timed
 
 SIGMAS = (0.1, 0.02, 0.005)
 TOLERANCES = {"float32": (1e-2, None), "float64": (1e-2, 1e-4, 1e-8, None)}

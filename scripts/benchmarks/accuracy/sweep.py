@@ -15,8 +15,8 @@ from slcp_warp import ddp
 from slcp_warp.kernels.device import launch
 
 from ..shared.ours import PAPER
+from ..shared.rows import Rows, Say, report, timed, timed_once
 from ..shared.timing import Case
-from .rows import Rows, Say, report, timed, timed_once
 
 COUNTS = (64, 256, 1024, 4096, 16_384, 65_536)
 TRUTH = 262_144

@@ -12,8 +12,8 @@ from slcp_warp.description.scene import Scene
 from slcp_warp.options import Options
 from slcp_warp.storage.files import parse_json, read_text, reading, write_text
 
+from ..mechanics.tree import Array
 from .draws import Worlds
-from .mechanics import Array
 from .run import FIELDS, Failure, judged, predicted
 from .structures import baked
 from .verdicts import Verdicts

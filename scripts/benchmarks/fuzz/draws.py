@@ -14,8 +14,8 @@ import numpy as np
 from slcp_warp.description.scene import Scene
 from slcp_warp.description.topology import contact_ends
 
-from .contact import gaps, touches
-from .mechanics import Array, Mechanics, worlds_of
+from ..mechanics.contact import gaps, touches
+from ..mechanics.tree import Array, Mechanics, worlds_of
 
 Rng = np.random.Generator
 CLASSES = ("far", "touching", "entering", "deep", "jammed")

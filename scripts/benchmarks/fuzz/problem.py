@@ -13,9 +13,9 @@ import numpy as np
 from slcp_warp.description.scene import Scene
 from slcp_warp.kernels.method import Method
 
-from .contact import Touches, touches
+from ..mechanics.contact import Touches, touches
+from ..mechanics.tree import Array, Mechanics
 from .draws import Worlds
-from .mechanics import Array, Mechanics
 
 TOLERANCE = {"float64": 1e-10, "float32": 2e-5}  # of the size of the terms: the documented accuracy
 EPSILON = {"float64": 2.2e-16, "float32": 1.2e-7}

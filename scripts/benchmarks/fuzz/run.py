@@ -16,10 +16,10 @@ from slcp_warp.kernels.device import launch
 from slcp_warp.options import OptionError, Options, Status
 from slcp_warp.strategy import StrategyError
 
+from ..mechanics.tree import Array
 from .differences import LIMIT, gradient_errors, jacobian_errors
 from .draws import CHUNK, CLASSES, Worlds, draw_worlds
 from .judge import Outcome
-from .mechanics import Array
 from .problem import Problem, Truth
 from .proofs import least_motion
 from .structures import SMALL, Size, random_scene

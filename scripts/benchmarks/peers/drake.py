@@ -11,7 +11,7 @@ import numpy as np
 from slcp_warp.description.scene import Body, Scene, SceneError, Shape
 from slcp_warp.description.topology import JOINTS, spread
 
-from ..accuracy.differences import forward
+from ..shared.differences import forward
 from .mujoco_model import OUT_OF_PLANE
 from .peer import Deviation, Linearization, Run, deviation_of, load, step_count
 

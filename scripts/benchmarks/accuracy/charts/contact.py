@@ -7,8 +7,8 @@ from typing import Any
 from matplotlib.lines import Line2D
 
 from ....charts.style import BLACK, BLUE, GREEN, GREY, ORANGE, PINK, RED, SKY, plt, save
-from ..ratios import LEAST, OURS, compare, span
 from .lines import Rows, choose, different, need
+from .ratios import LEAST, OURS, compare, span
 
 DEEP = 0.005  # penetration from which a point is drawn hollow [m]
 COLUMNS = 4

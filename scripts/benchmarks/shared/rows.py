@@ -8,8 +8,8 @@ import numpy as np
 
 from slcp_warp.kernels.device import launch
 
-from ..shared.ours import cpu_threads
-from ..shared.timing import Case, time_interleaved
+from .ours import cpu_threads
+from .timing import Case, time_interleaved
 
 Rows = list[dict[str, Any]]
 Say = Callable[[str], None]

@@ -13,12 +13,12 @@ import numpy as np
 
 import slcp_warp as slcp
 
-from ..accuracy.derivatives import judged, peer_touching, point, states
-from ..accuracy.differences import converged, relative
-from ..accuracy.rows import Rows, Say, report
+from ..peers.drake import EPS, Drake
+from ..peers.mjx import MJX
+from ..shared.differences import converged, relative
+from ..shared.rows import Rows, Say, report
 from ..shared.timing import Case, time_interleaved
-from .drake import EPS, Drake
-from .mjx import MJX
+from .derivatives import judged, peer_touching, point, states
 
 COUNT = 32  # states of each kind
 REPEATS = 5

@@ -7,7 +7,7 @@ import numpy as np
 
 from slcp_warp.description.scene import Scene
 
-from ..shared.mechanism import contact
+from .mechanism import contact
 
 SAMPLE = 0.005  # longest time between the configurations looked at [s]
 DIRECTIONS = 24  # normals tried at each, before Newton's method

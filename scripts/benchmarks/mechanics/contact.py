@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .mechanics import Array, Frame, Mechanics, across, turn
+from .tree import Array, Frame, Mechanics, across, turn
 
 DIRECTIONS, PEAKS, HALVINGS = 192, 3, 46
 

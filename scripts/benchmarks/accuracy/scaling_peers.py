@@ -15,13 +15,13 @@ import numpy as np
 import slcp_warp as slcp
 from slcp_warp.kernels.device import launch
 
-from ..accuracy.rows import Rows, Say, repeated, report, timed, timed_once
+from ..peers.mjx import MJX
+from ..peers.mujoco import MuJoCo
+from ..peers.mujoco_model import Peer as Model
+from ..peers.mujoco_warp import MuJoCoWarp, Worlds
+from ..shared.rows import Rows, Say, repeated, report, timed, timed_once
 from ..shared.timing import Case
 from ..shared.workload import Workload, make_workload
-from .mjx import MJX
-from .mujoco import MuJoCo
-from .mujoco_model import Peer as Model
-from .mujoco_warp import MuJoCoWarp, Worlds
 
 STEPS = 10  # a call
 BATCHES = (1, 10, 100, 1000, 10_000)

@@ -6,15 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from ..accuracy.exact.problems import STEP_SIZES, Problem, problems
-from ..accuracy.overlap import overlap
-from ..accuracy.rows import ONE_THREAD, Rows, Say
+from ..exact.problems import STEP_SIZES, Problem, problems
+from ..peers.drake import Drake
+from ..peers.mjx import MJX
+from ..peers.mujoco import MuJoCo
+from ..peers.mujoco_warp import MuJoCoWarp
+from ..peers.peer import Peer, Run, configurations
+from ..shared.overlap import overlap
+from ..shared.rows import ONE_THREAD, Rows, Say
 from ..shared.timing import Case, Result, time_interleaved
-from .drake import Drake
-from .mjx import MJX
-from .mujoco import MuJoCo
-from .mujoco_warp import MuJoCoWarp
-from .peer import Peer, Run, configurations
 
 REPEATS = 3
 SHARE = (  # of the peers that take long: they run these problems with these step sizes

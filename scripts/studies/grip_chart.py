@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from .style import BLACK, BLUE, CASES, plt, save
+from ..charts.style import BLACK, BLUE, CASES, plt, save
 
 
 def grip_chart(

@@ -7,8 +7,8 @@ import numpy as np
 
 from slcp_warp import ddp
 
-from ..studies.car_model import HALF_WIDTH, RADIUS, STEP_SIZE
-from .style import BLACK, BLUE, ORANGE, RED, plt, save
+from ..charts.style import BLACK, BLUE, ORANGE, RED, plt, save
+from .car_model import HALF_WIDTH, RADIUS, STEP_SIZE
 
 VIEW = (-42.0, 15.0)
 

@@ -1,0 +1,1 @@
+"""Derivatives of a step against differences, and in single precision."""

@@ -1,0 +1,1 @@
+"""A scene in plain NumPy, apart from the kernels: motion, contact, and what holds at the end of a step."""
