@@ -27,7 +27,7 @@ def motion(scene: slcp.Scene, device: str | None = None) -> np.ndarray:
     """Coordinates (GHOSTS + 1, nv) at equal times of a scene's shown motion, the start first."""
     options = slcp.Options(scaling=default_scaling(scene))
     try:  # one set of kernels serves most scenes
-        sim = slcp.Simulator(scene, options, device=device, strategy="memory")
+        sim = slcp.Simulator(scene, options, device=device, strategy="generic")
     except StrategyError:
         sim = slcp.Simulator(scene, options, device=device)
     x0 = scene.x0

@@ -23,7 +23,7 @@ from .inputs.errors import ArgumentError, ArgumentTypeError
 from .options import Options
 from .parameters import Parameters
 from .results import Linearization, Step, Trajectory, contact_impulse
-from .strategy import MemoryKernels, StrategyError, choose
+from .strategy import GenericKernels, StrategyError, choose, current_name
 
 RECORDED = ("controls", "impulse", "gap")
 DTYPES = {"float32": wp.float32, "float64": wp.float64}
@@ -37,9 +37,9 @@ class Simulator:
         options: what the step solves.
         device: "cpu", "cuda:0", ...; None: the best one present.
         dtype: "float64" (accurate to 1e-12) or "float32" (fast, 2e-5 of the problem's scale).
-        strategy: "registers", kernels specialised on the scene; "memory", kernels for large scenes, without
-            derivatives and policies; "auto": steps and open-loop rollouts by the scene's size, the rest in
-            registers while the scene has at most 31 rows. The attribute says which kernels step.
+        strategy: "specialised" kernels, made for the scene; "generic" ones, for large scenes, without
+            derivatives and policies; "auto": steps and open-loop rollouts by the scene's size, the rest
+            specialised while the scene has at most 31 rows. The attribute says which kernels step.
     """
 
     def __init__(
@@ -61,9 +61,9 @@ class Simulator:
         self.dtype = DTYPES[dtype]
         self.params = Parameters(scene)
         self._key = (scene.structure, self.dtype, self.options.method)
-        self.strategy = choose(strategy, scene.structure, self.options.method, self.device)
-        self._only_memory = self.strategy == "memory" and (strategy != "auto" or self.nr > MOST_ROWS)
-        self._memory = MemoryKernels(*self._key, self.device) if self.strategy == "memory" else None
+        self.strategy = choose(current_name(strategy), scene.structure, self.options.method, self.device)
+        self._only_generic = self.strategy == "generic" and (strategy != "auto" or self.nr > MOST_ROWS)
+        self._generic = GenericKernels(*self._key, self.device) if self.strategy == "generic" else None
         self._none = wp.zeros((0, 0), dtype=self.dtype, device=self.device)
 
     @property
@@ -105,25 +105,25 @@ class Simulator:
             raise ArrayError(f"params are given for {params.worlds} worlds, the arrays for {worlds}")
         return params.array(self.dtype, self.device)
 
-    def _need_registers(self, what: str) -> None:
-        """An error where the scene has no kernels in registers, or was not meant to use them."""
-        if self._only_memory:
+    def _need_specialised(self, what: str) -> None:
+        """An error where the scene has no specialised kernels, or was not meant to use them."""
+        if self._only_generic:
             raise StrategyError(
-                f"{what} needs the kernels in registers; scene {self.scene.name!r} ({self.scene.nv} degrees "
-                f"of freedom, {self.nr} rows) runs with strategy='memory', which has none"
+                f"{what} needs specialised kernels; scene {self.scene.name!r} ({self.scene.nv} degrees of "
+                f"freedom, {self.nr} rows) runs with the generic ones"
             )
 
     def _need_derivatives(self, what: str) -> None:
         """An error where the scene's kernels or the options have no derivatives."""
-        self._need_registers(what)
+        self._need_specialised(what)
         tape.derivatives_exist(self.options.method)
 
-    def _memory_for(self, *arrays: wp.array | None) -> MemoryKernels | None:
-        """The kernels in memory if a step is theirs: not where a tape records."""
-        if self._memory is not None and tape.wants_gradient(*arrays):
-            self._need_registers("a gradient on a wp.Tape")
+    def _generic_for(self, *arrays: wp.array | None) -> GenericKernels | None:
+        """The generic kernels if a step is theirs: not where a tape records."""
+        if self._generic is not None and tape.wants_gradient(*arrays):
+            self._need_specialised("a gradient on a wp.Tape")
             return None
-        return self._memory
+        return self._generic
 
     def _external(self, external_force: Any, worlds: int) -> wp.array:
         if external_force is None:
@@ -185,9 +185,9 @@ class Simulator:
             *out,
             status,
         ]
-        memory = self._memory_for(table, state.array, control)
-        if memory is not None:
-            memory.step(worlds, inputs)
+        generic = self._generic_for(table, state.array, control)
+        if generic is not None:
+            generic.step(worlds, inputs)
         else:
             launch(rollout.make_step_kernel(*self._key), worlds, inputs, self.device)
             run = tape.Recorded(self._key, table, state.array, control, inputs[3], out[0], status)
@@ -254,7 +254,7 @@ class Simulator:
         else:
             steps = checks.whole("steps", steps)
             us = None
-            self._need_registers("a rollout under a policy")
+            self._need_specialised("a rollout under a policy")
             name, struct = policy_arrays(policy, self, worlds)
         status = wp.zeros(worlds, dtype=wp.int32, device=self.device)
         table = self.parameter_array(params, worlds)
@@ -264,7 +264,7 @@ class Simulator:
             checkpoint = checks.whole("checkpoint", checkpoint)
             if us is None or record:
                 raise ArgumentError(f"checkpoint is {checkpoint}; it needs controls, and no record")
-            self._need_registers("a rollout with checkpoints")
+            self._need_specialised("a rollout with checkpoints")
             kept = checkpointed(self._key, table, state.array, us, external, status, checkpoint)
             return Trajectory(give(kept), give(status), None, None, None)
         states = self.empty(worlds, steps + 1, self.nx)
@@ -276,14 +276,14 @@ class Simulator:
         }
         shown = recorded["controls"] if "controls" in record and self.nu else None
         outputs = [external, states, *recorded.values(), status]
-        memory = self._memory_for(table, state.array, us) if us is not None else None
-        if memory is not None:
-            memory.rollout(worlds, "gap" in record, [table, state.array, us, *outputs])
+        generic = self._generic_for(table, state.array, us) if us is not None else None
+        if generic is not None:
+            generic.rollout(worlds, "gap" in record, [table, state.array, us, *outputs])
         else:
             kernel = rollout.make_rollout_kernel(*self._key, name, "gap" in record)
             inputs = [table, state.array, struct, *outputs]
             launch(kernel, worlds, inputs, self.device, grain=max(1, 128 // steps))
-        if taped or (us is not None and memory is None):
+        if taped or (us is not None and generic is None):
             used, feedback = (us, None) if us is not None else (recorded["controls"], struct)
             start = state.array
             run = tape.Recorded(self._key, table, start, used, external, states, status, feedback, shown)

@@ -1,13 +1,14 @@
-"""Which kernels a scene gets: specialised ones in registers, or common ones with their state in memory.
+"""Which kernels a scene gets: specialised ones, or generic ones.
 
-"registers": every (scene, options, precision) compiles kernels of its own, unrolled, one world per thread in
-registers: fastest for small mechanisms, and the only ones with derivatives. "memory": one kernel per
-precision and residual serves every scene by tables (`kernels/generic/step.py`): for scenes whose unrolled
-kernels would take minutes to compile and spill anyway.
+"specialised": every (scene, options, precision) compiles kernels of its own, unrolled, one world per thread
+in registers: fastest for small mechanisms, and the only ones with derivatives. "generic": one kernel per
+precision and residual serves every scene by tables, a world's state in memory (`kernels/generic/step.py`):
+for scenes whose unrolled kernels would take minutes to compile and spill anyway.
 """
 
 import contextlib
 import threading
+import warnings
 from collections.abc import Iterator
 from typing import Any
 
@@ -23,8 +24,9 @@ from slcp_warp.kernels.structure import MOST_ROWS, Structure, layout
 from .inputs.checks import choice
 from .inputs.errors import ArgumentError
 
-STRATEGIES = ("auto", "registers", "memory")
-# nv times the larger of nr and nv, by whether the device is a CPU: beyond, kernels in registers compile for
+STRATEGIES = ("auto", "specialised", "generic")
+RENAMED = {"registers": "specialised", "memory": "generic"}  # as they were called before
+# nv times the larger of nr and nv, by whether the device is a CPU: beyond, specialised kernels compile for
 # half a minute on a CPU and for minutes on a GPU (docs/understand/performance.md)
 LARGEST = {True: 200, False: 32}
 WORKSPACE_BYTES = 256 * 2**20  # worlds are stepped in chunks whose workspaces fit in here
@@ -35,7 +37,7 @@ class StrategyError(ArgumentError):
 
 
 def missing(s: Structure, method: Method) -> str:
-    """What keeps a scene from the kernels in memory, or ""."""
+    """What keeps a scene from the generic kernels, or ""."""
     if not (method.hard or method.rem):
         return f"residual {method.residual!r}"
     if method.friction != "anitescu" and not (method.coulomb and method.hard):
@@ -54,21 +56,30 @@ def missing(s: Structure, method: Method) -> str:
     return f"parameters {unknown}" if unknown else ""
 
 
+def current_name(strategy: Any) -> Any:
+    """A strategy by its name of today; one of before is taken, with a warning where the public call is."""
+    if not isinstance(strategy, str) or strategy not in RENAMED:
+        return strategy
+    name = RENAMED[strategy]
+    warnings.warn(f"strategy {strategy!r} is called {name!r} now", DeprecationWarning, stacklevel=3)
+    return name
+
+
 def choose(strategy: str, s: Structure, method: Method, device: Any) -> str:
-    """Registers or memory for a scene; a clear error where neither serves."""
+    """Specialised or generic kernels for a scene; a clear error where neither serves."""
     choice("strategy", strategy, STRATEGIES)
     lacks = missing(s, method)
-    if strategy == "memory" and lacks:
-        raise StrategyError(f"{lacks} is not offered by the kernels in memory; use strategy='registers'")
-    if s.nr > MOST_ROWS and (strategy == "registers" or lacks):
-        reason = f"; the kernels in memory do not offer {lacks}" if lacks else "; use strategy='memory'"
+    if strategy == "generic" and lacks:
+        raise StrategyError(f"{lacks} is not offered by the generic kernels; use strategy='specialised'")
+    if s.nr > MOST_ROWS and (strategy == "specialised" or lacks):
+        reason = f"; the generic kernels do not offer {lacks}" if lacks else "; use strategy='generic'"
         raise StrategyError(
-            f"the scene has {s.nr} rows, the kernels in registers take at most {MOST_ROWS}{reason}"
+            f"the scene has {s.nr} rows, specialised kernels take at most {MOST_ROWS}{reason}"
         )
     if strategy != "auto" or lacks:
-        return "registers" if strategy == "auto" else strategy
+        return "specialised" if strategy == "auto" else strategy
     large = s.nr > MOST_ROWS or s.nv * max(s.nr, s.nv) > LARGEST[wp.get_device(device).is_cpu]
-    return "memory" if large else "registers"
+    return "generic" if large else "specialised"
 
 
 class Workspaces:
@@ -100,8 +111,8 @@ class Workspaces:
                     kept.append((size, work))
 
 
-class MemoryKernels:
-    """Launches of the kernels in memory for one scene on one device; any number of threads may call them."""
+class GenericKernels:
+    """Launches of the generic kernels for one scene on one device; any number of threads may call them."""
 
     def __init__(self, s: Structure, dtype: type, method: Method, device: Any) -> None:
         self.dtype, self.device = dtype, device

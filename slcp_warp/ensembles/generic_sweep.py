@@ -45,8 +45,8 @@ def roll_out(
     Returns:
         Share of steps with a contact impulse, lowest gap of an acting contact [m], status, each (B,).
     """
-    memory = sim._memory
-    assert memory is not None
+    generic = sim._generic
+    assert generic is not None
     worlds, width = len(state), sim.nr + 2 * len(sim.scene.structure.pairs)
     dtype, device = sim.dtype, sim.device
     after, us = sim.empty(worlds, sim.nx), sim.empty(worlds, max(sim.nu, 1))
@@ -65,7 +65,7 @@ def roll_out(
     drawn = [params, struct, spec.torque_sd, spec.kick_sd, kicks, spec.sample_every, spec.observe, p]
     for k in range(int(steps.max())):
         launch(begin, worlds, [world0, spec.seed, k, *drawn, state, us], device)
-        memory.step(worlds, [params, state, us, nothing, warm, after, impulse, gap, multiplier, code])
+        generic.step(worlds, [params, state, us, nothing, warm, after, impulse, gap, multiplier, code])
         outcome = [rows, after, impulse, gap, multiplier, code, p, state, warm]
         launch(kernels.end, worlds, [k, *outcome], device)
     launch(kernels.finish, worlds, [spec.observe, state, p, share], device)

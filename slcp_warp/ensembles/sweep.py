@@ -18,6 +18,7 @@ from ..inputs.arrays import policy_arrays
 from ..inputs.errors import ArgumentError
 from ..options import Options, Status
 from ..simulator import Simulator
+from ..strategy import current_name
 from . import generic_sweep as large_sweep
 from .report import SweepReport
 from .spec import SweepSpec
@@ -44,7 +45,7 @@ def sweep(
     Args:
         policy: as for `Simulator.rollout`.
         chunk: worlds per launch, default by memory; results do not depend on it.
-        strategy: as of a `Simulator`; with "memory", and "auto" where that takes it, a step is a launch.
+        strategy: as of a `Simulator`; with "generic", and "auto" where that takes it, a step is a launch.
         progress: called with (worlds done, worlds in all).
 
     A keyboard interrupt ends the sweep with what is finished (`complete` False).
@@ -56,6 +57,7 @@ def sweep(
     checks.instance("spec", spec, SweepSpec, "a slcp_warp.SweepSpec")
     chunk = None if chunk is None else checks.whole("chunk", chunk)
     checks.function("progress", progress, 2, optional=True)
+    strategy = current_name(strategy)
     cases, columns, samples = [], [], []
     total = spec.worlds * len(spec.residuals) * len(spec.step_sizes)
     done, complete = 0, True
@@ -102,7 +104,7 @@ class _Case:
         kept = "SweepSpec.duration / sample_every: the samples"
         checks.memory(kept, spec.worlds * self.count, 4, sim.device)
         per_world = 8 * (len(self.base) + sim.nx) + 4 * self.count + 16
-        if sim.strategy == "memory":
+        if sim.strategy == "generic":
             per_world += large_sweep.bytes_of_world(sim)
         self.chunk = chunk or max(1, min(spec.worlds, CHUNK_BYTES // per_world))
         self.parts: list[dict[str, np.ndarray]] = []
@@ -148,7 +150,7 @@ class _Case:
             make_draw_kernel(sim.nx, sim.dtype), count, [world0, spec.seed, *shared, params, x0], sim.device
         )
         samples: wp.array = wp.zeros((count, self.count), dtype=wp.float32, device=sim.device)
-        run = self.by_steps if sim.strategy == "memory" else self.at_once
+        run = self.by_steps if sim.strategy == "generic" else self.at_once
         share, lowest, status = run(world0, params, x0, kicks, samples)
         out: dict[str, Any] = {
             "samples": samples,

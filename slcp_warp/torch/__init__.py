@@ -48,7 +48,7 @@ def rollout(
     """Step every world N times; differentiable by x0, controls and the parameters that are tensors.
 
     Args:
-        sim: a simulator with kernels in registers, on the tensors' device and of their dtype.
+        sim: a simulator with specialised kernels, on the tensors' device and of their dtype.
         x0: (B, nx) or (nx,).
         controls: (B, N, nu) or (N, nu).
         params: `Parameters`, or tensors by name for those that differ from `sim.params`: a scalar, the
@@ -61,7 +61,7 @@ def rollout(
         ArrayError: another shape, dtype or device.
         ParameterError: an unknown name or an illegal value.
         OptionError: a gradient by parameters that the options do not have.
-        StrategyError: kernels in memory.
+        StrategyError: generic kernels.
     """
     instance("sim", sim, Simulator, "a slcp_warp.Simulator")
     sim._need_derivatives("slcp_warp.torch")

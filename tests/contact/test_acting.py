@@ -11,7 +11,7 @@ import slcp_warp as slcp
 SPINS = {"a": (2,), "b": (5,), "both": (2, 5)}  # degrees of freedom of the pair that turn
 
 
-@pytest.mark.parametrize("strategy", ["registers", "memory"])
+@pytest.mark.parametrize("strategy", ["specialised", "generic"])
 @pytest.mark.parametrize("who", SPINS)
 def test_a_body_that_only_turns_is_not_left_out(device, strategy, who):
     """A rollout leaves pairs out by a bound on their approach, a step never does: the same states."""

@@ -144,7 +144,7 @@ def test_inelastic_impact_rebounds_at_no_more_than_1_03_sigma(device):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("strategy", ["registers", "memory"])
+@pytest.mark.parametrize("strategy", ["specialised", "generic"])
 @pytest.mark.parametrize("residual", ["rem-logistic", "hard"])
 def test_a_wall_along_the_only_direction_there_is_does_not_push(residual, strategy, device):
     """A slider along x over level ground, whose normal is (cos, sin) of pi/2: no push along x by rounding."""

@@ -1,6 +1,6 @@
 """The named scenes step without failure and do what they are named after.
 
-One set of kernels (those in memory) serves most of them.
+One set of kernels (the generic ones) serves most of them.
 """
 
 import math
@@ -14,7 +14,7 @@ import slcp_warp as slcp
 from slcp_warp import scenes
 
 
-def roll(sc, device, seconds, u=None, residual="rem-logistic", strategy="memory"):
+def roll(sc, device, seconds, u=None, residual="rem-logistic", strategy="generic"):
     """States (N + 1, nx) of a rollout from the scene's initial state."""
     sim = slcp.Simulator(sc, slcp.Options(residual=residual), device=device, strategy=strategy)
     steps = round(seconds / sc.step_size)
@@ -29,7 +29,7 @@ def roll(sc, device, seconds, u=None, residual="rem-logistic", strategy="memory"
 def test_scene_is_documented_and_small(name):
     sc = scenes.NAMED[name]()
     assert sc.name == name and scenes.NAMED[name].__doc__
-    assert sc.structure.nr <= 31  # what the kernels in registers take
+    assert sc.structure.nr <= 31  # what the specialised kernels take
     assert np.isfinite(sc.x0).all()
 
 

@@ -81,13 +81,13 @@ REFUSED = {
     "ddp": lambda sim, x: ddp.solve(ddp.Problem(sim, cost(sim.scene), 2), x, US[0]),
     "multistart": lambda sim, x: ddp.solve_multistart(ddp.Problem(sim, cost(sim.scene), 2), x, US),
     "library": lambda sim, x: ddp.build_library(ddp.Problem(sim, cost(sim.scene), 9), x, 2),
-    "registers": lambda sim, x: slcp.Simulator(sim.scene, device="cpu", strategy="registers"),
+    "specialised": lambda sim, x: slcp.Simulator(sim.scene, device="cpu", strategy="specialised"),
     "trapezoidal": lambda sim, x: simulator(sim.scene, integrator="trapezoidal"),
     "gap at the end": lambda sim, x: simulator(sim.scene, "hard", gap="end"),
     "erm": lambda sim, x: simulator(sim.scene, "erm-normal"),
     "noise of the state": lambda sim, x: simulator(sim.scene, noise="state"),
-    "sweep in registers": lambda sim, x: slcp.sweep(
-        sim.scene, hold(sim.scene), slcp.SweepSpec(worlds=1), device="cpu", strategy="registers"
+    "specialised sweep": lambda sim, x: slcp.sweep(
+        sim.scene, hold(sim.scene), slcp.SweepSpec(worlds=1), device="cpu", strategy="specialised"
     ),
     "trapezoidal sweep": lambda sim, x: slcp.sweep(
         sim.scene, hold(sim.scene), slcp.SweepSpec(worlds=1), device="cpu", integrator="trapezoidal"
@@ -135,7 +135,7 @@ def test_a_sweep_does_not_depend_on_its_kernels(device):
     )  # fmt: skip
     one, other, split = (
         slcp.sweep(scene, policy, spec, scaling="none", dtype="float64", device=device, **way)
-        for way in ({"strategy": "registers"}, {"strategy": "memory"}, {"strategy": "memory", "chunk": 7})
+        for way in ({"strategy": "specialised"}, {"strategy": "generic"}, {"strategy": "generic", "chunk": 7})
     )
     assert (one.table["status"] == 0).all() and one.table["contact_share"].max() > 0.1
     np.testing.assert_allclose(other.samples[0], one.samples[0], atol=1e-5)

@@ -27,7 +27,7 @@ def together(work, items):
         return list(pool.map(run, items))
 
 
-@pytest.mark.parametrize("strategy", ["memory", "registers"])
+@pytest.mark.parametrize("strategy", ["generic", "specialised"])
 def test_one_simulator_in_many_threads(strategy):
     """Steps and rollouts of batches of unequal size, many times: bitwise those of one thread."""
     sim = slcp.Simulator(slcp.scenes.flicking_finger(), device="cpu", strategy=strategy)
@@ -48,8 +48,8 @@ def test_one_simulator_in_many_threads(strategy):
 
 def test_workspaces_are_lent_to_one_call_at_a_time():
     """None is lent twice; those kept for later stay within the bound of one launch."""
-    sim = slcp.Simulator(slcp.scenes.flicking_finger(), device="cpu", strategy="memory")
-    spaces = sim._memory.workspaces
+    sim = slcp.Simulator(slcp.scenes.flicking_finger(), device="cpu", strategy="generic")
+    spaces = sim._generic.workspaces
     spaces.most = 10
     with spaces.lend(4) as one, spaces.lend(4) as other, spaces.lend(4) as third:
         assert len({work.q.ptr for work in (one, other, third)}) == 3
@@ -124,7 +124,7 @@ def test_kernels_made_by_many_threads_at_once():
     options = slcp.Options(residual="hard", scaling="none")
 
     def work(_):
-        sim = slcp.Simulator(scene, options, device="cpu", strategy="registers")
+        sim = slcp.Simulator(scene, options, device="cpu", strategy="specialised")
         return sim.rollout(scene.x0, np.zeros((5, sim.nu))).states, sim.step(scene.x0).state
 
     found = together(work, range(THREADS))

@@ -20,7 +20,7 @@ def candelabrum() -> Scene:
     ))  # fmt: skip
 
 
-@pytest.mark.parametrize("strategy", ["registers", "memory"])
+@pytest.mark.parametrize("strategy", ["specialised", "generic"])
 def test_free_motion_of_branches(device, strategy):
     sc = candelabrum()
     oracle = Oracle(sc)

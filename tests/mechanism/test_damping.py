@@ -26,7 +26,7 @@ def simulators(scene, device, dtype="float64", **options):
     euler, trapezoidal = (slcp.Options(integrator=name, **options) for name in INTEGRATORS)
     return {
         "euler": slcp.Simulator(scene, euler, device=device, dtype=dtype),
-        "memory": slcp.Simulator(scene, euler, device=device, dtype=dtype, strategy="memory"),
+        "generic": slcp.Simulator(scene, euler, device=device, dtype=dtype, strategy="generic"),
         "trapezoidal": slcp.Simulator(scene, trapezoidal, device=device, dtype=dtype),
     }
 
@@ -34,7 +34,7 @@ def simulators(scene, device, dtype="float64", **options):
 def test_a_slider_decays_as_the_rules_say(device, dtype):
     """v_k = v_0/(1 + x)^k with Euler, v_0/(1 + x + x^2/2)^k with the trapezoidal rule, no change of sign."""
     rounding = {"float64": 1e-14, "float32": 1e-6}[WIDTH[dtype]]
-    factor = {"euler": 1 + RATIOS, "memory": 1 + RATIOS, "trapezoidal": 1 + RATIOS + RATIOS**2 / 2}
+    factor = {"euler": 1 + RATIOS, "generic": 1 + RATIOS, "trapezoidal": 1 + RATIOS + RATIOS**2 / 2}
     x = np.tile([0.0, 1.0], (len(RATIOS), 1))
     for name, sim in simulators(slider(), device, WIDTH[dtype]).items():
         run = sim.rollout(x, np.zeros((len(x), 30, 0)), sim.params.replace(damping=RATIOS[:, None] / H))
@@ -164,7 +164,7 @@ def test_contact_with_dampers_is_the_oracles(device, make, stiff):
     problem = Oracle(scene, **changes).problem(x)
     sims = simulators(scene, device)
     size = np.abs(problem["vfree"]).max(1, keepdims=True) + np.abs(problem["rate"]).max(1, keepdims=True)
-    for name in ("euler", "memory"):
+    for name in ("euler", "generic"):
         sim = sims[name]
         step = sim.step(x, params=sim.params.replace(**changes))
         assert not step.status.any()

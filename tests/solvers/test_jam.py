@@ -54,7 +54,7 @@ MAKERS = {"slider": slider, "vice": vice, "gantry": gantry}
 
 
 @functools.cache
-def simulator(name, dtype, strategy="registers", options=COULOMB):
+def simulator(name, dtype, strategy="specialised", options=COULOMB):
     return slcp.Simulator(MAKERS[name](), options, device="cpu", dtype=WIDTH[dtype], strategy=strategy)
 
 
@@ -126,7 +126,7 @@ IDS = [f"{name}-{WIDTH[dtype]}" for name, dtype in NAMES]
 @pytest.mark.slow
 @pytest.mark.parametrize("name,dtype", NAMES, ids=IDS)
 def test_every_slider_is_solved_or_says_why_not(name, dtype):
-    truth, status, error = verdicts(name, dtype, "registers", 2000)
+    truth, status, error = verdicts(name, dtype, "specialised", 2000)
     s = slcp.Status
     assert error.max() < HELD[dtype]
     assert {"solvable", "jammed"} <= set(truth) and ("shut" in truth) == (name == "vice")
@@ -141,7 +141,7 @@ def test_every_slider_is_solved_or_says_why_not(name, dtype):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["slider", "vice"])
 def test_the_kernels_for_large_scenes_call_a_jam_so(name):
-    truth, status, error = verdicts(name, wp.float64, "memory", 1000)
+    truth, status, error = verdicts(name, wp.float64, "generic", 1000)
     s = slcp.Status
     assert error[truth != "touching"].max() < HELD[wp.float64]
     # what has none, and how: the fixed point may give up, but calls nothing what it is not
@@ -151,7 +151,7 @@ def test_the_kernels_for_large_scenes_call_a_jam_so(name):
         assert (status[truth == kind] == name).sum() >= share * (truth == kind).sum()
 
 
-@pytest.mark.parametrize("strategy", ["registers", "memory"])
+@pytest.mark.parametrize("strategy", ["specialised", "generic"])
 def test_a_slider_in_the_cone_of_its_own_guide_is_jammed(strategy):
     """mu = .5 against tan(.0734), 1 mm deep, at rest: every push along the guide presses it in further."""
     turn = math.pi / 2 + 0.0734
@@ -169,5 +169,5 @@ def test_a_slider_in_the_cone_of_its_own_guide_is_jammed(strategy):
 @pytest.mark.slow
 def test_what_presses_may_free_what_is_jammed_without_it():
     """Rows join as they come within reach: a jam of some is none before all are in the system."""
-    truth, status, _ = verdicts("gantry", wp.float64, "registers", 4000)
+    truth, status, _ = verdicts("gantry", wp.float64, "specialised", 4000)
     assert (status[truth == "solvable"] == slcp.Status.SOLVED).all()

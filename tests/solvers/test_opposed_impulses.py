@@ -24,7 +24,7 @@ def test_limits_that_all_but_exclude_each_other_in_float32(friction):
     numbers["lower"], numbers["upper"] = np.array([[-0.68924]]), np.array([[-0.6892415]])
     numbers = {name: value.astype(np.float32).astype(float) for name, value in numbers.items()}
     options = slcp.Options(residual="hard", friction=friction)
-    sim = slcp.Simulator(scene, options, device="cpu", dtype="float32", strategy="memory")
+    sim = slcp.Simulator(scene, options, device="cpu", dtype="float32", strategy="generic")
     found, done = judged(Worlds(numbers, x.astype(float), np.zeros((1, 0)), np.zeros(1, int)), sim)
     assert found.verdict[0] in ("holds", "status")
     assert found.errors.worst()[0] < 1.0 or done.status[0] != slcp.Status.SOLVED
@@ -47,7 +47,7 @@ def test_crossed_limits_beside_something_fast_and_heavy(residual, scaling):
     numbers = {name: value.astype(np.float32).astype(float) for name, value in numbers.items()}
     x = np.tile(np.array([0.25, 0.0, -0.02, -2000.0], np.float32).astype(float), (4, 1))
     options = slcp.Options(residual=residual, scaling=scaling)
-    sim = slcp.Simulator(scene, options, device="cpu", dtype="float32", strategy="memory")
+    sim = slcp.Simulator(scene, options, device="cpu", dtype="float32", strategy="generic")
     found, done = judged(Worlds(numbers, x, np.zeros((4, 0)), np.zeros(4, int)), sim)
     assert not np.isin(found.verdict, (SILENT, WRONG)).any(), (found.verdict, found.reason, done.impulse)
     if residual == "hard":  # the limits that meet leave room to rest
@@ -59,11 +59,11 @@ def test_crossed_limits_beside_something_fast_and_heavy(residual, scaling):
 @pytest.mark.parametrize(("scene", "world"), [(12, 279), (15, 34), (18, 59), (14, 284)])
 def test_opposed_impulses_are_as_small_as_they_can_be(scene, world):
     """Limits that meet while other rows act: a solution exists, and impulses of up to 2e12 were given."""
-    task = Task(0, scene, "memory")
+    task = Task(0, scene, "generic")
     drawn_scene = task.make_scene()
     worlds = task.worlds(0, drawn_scene).part([world])
     for dtype in ("float64", "float32"):
-        sim = slcp.Simulator(drawn_scene, HARD, device="cpu", dtype=dtype, strategy="memory")
+        sim = slcp.Simulator(drawn_scene, HARD, device="cpu", dtype=dtype, strategy="generic")
         found, done = judged(worlds, sim)
         assert done.status[0] == slcp.Status.SOLVED and found.verdict[0] == "holds"
         assert found.errors.worst()[0] < 1.0

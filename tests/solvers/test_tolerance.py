@@ -28,8 +28,8 @@ def test_solvers_with_tolerances_of_their_own_refuse_it(choice):
 def test_kernels_in_memory_have_no_tolerance():
     finger, options = scene("flicking_finger"), slcp.Options(tolerance=1e-6)
     with pytest.raises(slcp.StrategyError, match="tolerance 1e-06"):
-        slcp.Simulator(finger, options, device="cpu", strategy="memory")
-    assert slcp.Simulator(finger, options, device="cpu").strategy == "registers"
+        slcp.Simulator(finger, options, device="cpu", strategy="generic")
+    assert slcp.Simulator(finger, options, device="cpu").strategy == "specialised"
 
 
 @pytest.mark.slow

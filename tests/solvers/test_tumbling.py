@@ -13,11 +13,11 @@ H, STEPS = 0.01, 75
 @pytest.mark.parametrize(
     "boxes,name,strategy",
     [
-        (2, "rem-logistic", "registers"),
-        (3, "hard", "memory"),
-        pytest.param(3, "rem-logistic", "registers", marks=pytest.mark.slow),
-        pytest.param(2, "rem-normal", "registers", marks=pytest.mark.slow),
-        pytest.param(3, "hard", "registers", marks=pytest.mark.slow),
+        (2, "rem-logistic", "specialised"),
+        (3, "hard", "generic"),
+        pytest.param(3, "rem-logistic", "specialised", marks=pytest.mark.slow),
+        pytest.param(2, "rem-normal", "specialised", marks=pytest.mark.slow),
+        pytest.param(3, "hard", "specialised", marks=pytest.mark.slow),
     ],
 )
 def test_tumbling_stacks_are_always_solved(device, boxes, name, strategy):

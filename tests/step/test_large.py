@@ -1,9 +1,10 @@
-"""The kernels in memory: the same steps as the kernels in registers, and residuals of scenes only they can
+"""The generic kernels: the same steps as the specialised ones, and residuals of scenes only they can
 do.
 """
 
 import functools
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -40,13 +41,13 @@ def beam(supports):
 @functools.cache
 def large(name, dtype=wp.float64, scaling="inertia", hard=False):
     options = slcp.Options(residual="hard" if hard else "rem-logistic", scaling=scaling)
-    return slcp.Simulator(scene(name), options, device="cpu", dtype=WIDTH[dtype], strategy="memory")
+    return slcp.Simulator(scene(name), options, device="cpu", dtype=WIDTH[dtype], strategy="generic")
 
 
 def judge(sc, x, dtype, hard, **changes):
     """Step states of a scene; assert that all are solved and the oracle's residuals small."""
     options = slcp.Options(residual="hard" if hard else "rem-logistic")
-    sim = slcp.Simulator(sc, options, device="cpu", dtype=WIDTH[dtype], strategy="memory")
+    sim = slcp.Simulator(sc, options, device="cpu", dtype=WIDTH[dtype], strategy="generic")
     step = sim.step(x, params=sim.params.replace(**changes))
     assert (step.status == slcp.Status.SOLVED).all(), step.status
     (x64,) = rounded(dtype, x)
@@ -73,7 +74,7 @@ def judge(sc, x, dtype, hard, **changes):
         ("grasp", "inertia", True),
     ],
 )
-def test_same_step_as_in_registers(name, scaling, hard):
+def test_same_step_as_specialised(name, scaling, hard):
     sc = scene(name)
     rng = np.random.default_rng(0)
     x = near_contact(sc, rng, 200, (0.0, 1e-3, -1e-3, 0.02, np.inf))
@@ -90,7 +91,7 @@ def test_same_step_as_in_registers(name, scaling, hard):
 
 @slow
 @pytest.mark.parametrize("name", ["menagerie", "moving_plane", "touching_tree", "sprung", "capsules"])
-def test_same_step_as_in_registers_of_more_scenes(name):
+def test_same_step_as_specialised_of_more_scenes(name):
     sc = scene(name)
     rng = np.random.default_rng(1)
     x = near_contact(sc, rng, 200) if sc.structure.pairs else rng.standard_normal((200, 2 * sc.nv))
@@ -144,7 +145,7 @@ def test_momentum_is_conserved_on_the_scale_that_is_exchanged(seed):
     sc = replace(sc, bodies=bodies)
     (x,) = rounded(wp.float32, near_contact(sc, np.random.default_rng(seed), 50))
     options = slcp.Options(residual="hard", scaling="none")
-    step = slcp.Simulator(sc, options, device="cpu", dtype="float32", strategy="memory").step(x)
+    step = slcp.Simulator(sc, options, device="cpu", dtype="float32", strategy="generic").step(x)
     problem = Oracle(sc, **numbers(sc, wp.float32)).problem(x)
     solved, v = step.status == slcp.Status.SOLVED, step.state[:, sc.nv :].astype(float)
     r1, _ = residual(problem, v, step.impulse.astype(float), True)
@@ -182,7 +183,7 @@ def test_coulomb_friction_in_a_thrown_stack(count):
     x = np.tile(sc.x0, (40, 1))
     x[:, : sc.nv] += 1e-4 * rng.standard_normal((40, sc.nv))
     x[:, sc.nv :] += 0.5 * rng.standard_normal((40, sc.nv))
-    step = slcp.Simulator(sc, coulomb(), device="cpu", strategy="memory").step(x)
+    step = slcp.Simulator(sc, coulomb(), device="cpu", strategy="generic").step(x)
     assert (step.status == slcp.Status.SOLVED).all()
     problem = Oracle(sc).problem(x)
     push, rub = step.contact_impulse[:, :, 0], step.contact_impulse[:, :, 1]
@@ -202,13 +203,13 @@ def test_coulomb_friction_in_a_thrown_stack(count):
 @pytest.mark.parametrize(
     "name,options", [("sliding_block", coulomb()), ("flicking_finger", slcp.Options(residual="rem-normal"))]
 )
-def test_same_step_as_in_registers_for_other_methods(name, options):
+def test_same_step_as_specialised_for_other_methods(name, options):
     sc = scene(name)
     rng = np.random.default_rng(0)
     x, u = near_contact(sc, rng, 200, (0.0, 1e-3, -1e-3, 0.02, np.inf)), rng.standard_normal((200, sc.nu))
     ours, theirs = (
         slcp.Simulator(sc, options, device="cpu", strategy=strategy).step(x, u)
-        for strategy in ("memory", "registers")
+        for strategy in ("generic", "specialised")
     )
     assert (ours.status == slcp.Status.SOLVED).all() and (theirs.status == slcp.Status.SOLVED).all()
     np.testing.assert_allclose(ours.state, theirs.state, rtol=0, atol=1e-9)
@@ -220,7 +221,7 @@ def test_sliding_stack_stops_where_coulomb_says():
     x = sc.x0.copy()
     x[[6, 9]] = 3.0
     end = (
-        slcp.Simulator(sc, coulomb(), device="cpu", strategy="memory")
+        slcp.Simulator(sc, coulomb(), device="cpu", strategy="generic")
         .rollout(x, np.zeros((100, 0)))
         .states[-1]
     )
@@ -239,7 +240,7 @@ def test_tumbling_stacks_are_always_solved(options):
     x = np.tile(sc.x0, (20, 1))
     x[:, : sc.nv] += 1e-3 * rng.standard_normal((20, sc.nv))
     x[:, sc.nv :] += rng.standard_normal((20, sc.nv))
-    sim = slcp.Simulator(sc, options, device="cpu", strategy="memory")
+    sim = slcp.Simulator(sc, options, device="cpu", strategy="generic")
     rolled = sim.rollout(x, np.zeros((20, 60, 0)), sim.params.replace(sigma=0.02))
     assert (rolled.status == slcp.Status.SOLVED).all()
 
@@ -247,9 +248,9 @@ def test_tumbling_stacks_are_always_solved(options):
 def test_rollout_is_its_steps():
     """A stack thrown about; chunks of worlds; a world that cannot be solved keeps its state."""
     sc = boxes(np.ones(4))
-    sim = slcp.Simulator(sc, device="cpu", strategy="memory")
-    assert sim.strategy == "memory"
-    sim._memory.chunk = 2
+    sim = slcp.Simulator(sc, device="cpu", strategy="generic")
+    assert sim.strategy == "generic"
+    sim._generic.chunk = 2
     rng = np.random.default_rng(4)
     x = np.tile(sc.x0, (5, 1)) + 0.01 * rng.standard_normal((5, sc.nv * 2))
     x[3, 0] = np.nan
@@ -275,7 +276,7 @@ def test_jam_is_infeasible():
                (Contact("left", "disc", 0.3), Contact("right", "disc", 0.3)))  # fmt: skip
     for hard in (True, False):
         options = slcp.Options(residual="hard" if hard else "rem-logistic")
-        step = slcp.Simulator(sc, options, device="cpu", strategy="memory").step(np.zeros((1, 6)))
+        step = slcp.Simulator(sc, options, device="cpu", strategy="generic").step(np.zeros((1, 6)))
         assert step.status[0] == slcp.Status.INFEASIBLE
 
 
@@ -288,16 +289,26 @@ def test_envelope_of_a_stack_is_narrow():
 
 
 def test_strategy_is_chosen_and_refused():
-    assert slcp.Simulator(scene("flicking_finger"), device="cpu").strategy == "registers"
+    assert slcp.Simulator(scene("flicking_finger"), device="cpu").strategy == "specialised"
     sc = boxes(np.ones(30))
     sim = slcp.Simulator(sc, device="cpu")
-    assert sim.strategy == "memory"
-    with pytest.raises(slcp.StrategyError, match="linearize needs the kernels in registers"):
+    assert sim.strategy == "generic"
+    with pytest.raises(slcp.StrategyError, match="linearize needs specialised kernels"):
         sim.linearize(sc.x0)
     with pytest.raises(slcp.StrategyError, match="120 rows"):
-        slcp.Simulator(sc, device="cpu", strategy="registers")
+        slcp.Simulator(sc, device="cpu", strategy="specialised")
     with pytest.raises(ValueError, match="strategy is 'fast'"):
         slcp.Simulator(sc, device="cpu", strategy="fast")
+
+
+@pytest.mark.parametrize("old, new", [("registers", "specialised"), ("memory", "generic")])
+def test_strategies_of_old_name_warn_where_they_are_asked_for(old, new):
+    finger, spec = scene("flicking_finger"), slcp.SweepSpec(worlds=1)
+    with pytest.warns(DeprecationWarning, match=f"strategy {old!r} is called {new!r} now") as warned:
+        assert slcp.Simulator(finger, device="cpu", strategy=old).strategy == new
+        with pytest.raises(TypeError, match="a policy is needed"):
+            slcp.sweep(finger, None, spec, device="cpu", strategy=old)
+    assert [Path(warning.filename).name for warning in warned] == ["test_large.py"] * 2
 
 
 @pytest.mark.parametrize("nv,nc", [(1, 1), (3, 0), (3, 5), (6, 12)])
@@ -307,6 +318,6 @@ def test_benchmarked_chain_has_its_size(nv, nc):
 
 
 def test_supports_out_of_reach_stay_out():
-    sim = slcp.Simulator(beam_on_supports(8, 2), device="cpu", strategy="memory")
+    sim = slcp.Simulator(beam_on_supports(8, 2), device="cpu", strategy="generic")
     step = sim.step(sim.scene.x0)
     assert (step.multiplier[: sim.nr] < 1e29).sum() == 4

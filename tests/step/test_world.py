@@ -12,7 +12,7 @@ from slcp_warp.kernels.step.rollout import make_world
 BAD = {"NaN": np.nan, "infinite": np.inf}
 
 
-@pytest.mark.parametrize("strategy", ["registers", "memory"])
+@pytest.mark.parametrize("strategy", ["specialised", "generic"])
 @pytest.mark.parametrize("what", BAD)
 def test_a_state_that_is_not_finite_is_not_solved_without_contacts_either(device, strategy, what):
     """A tree without a single row: nothing but the check of the numbers themselves can notice."""
@@ -59,7 +59,7 @@ def test_a_warm_start_brings_both_components_of_every_normal(device):
     assert (z.numpy() > 1e20).all()  # no multiplier: every row starts from the velocity
 
 
-@pytest.mark.parametrize("strategy", ["registers", "memory"])
+@pytest.mark.parametrize("strategy", ["specialised", "generic"])
 def test_a_rollout_is_its_steps_in_every_world(device, strategy):
     """Every step has its own controls, every world its own numbers and external force."""
     sc, steps, worlds = scene("flicking_finger"), 3, 4

@@ -31,8 +31,8 @@ LEVERS = np.array([3.2, 1.6, 0.7])  # [m] by which the finger's speeds bound an 
 SAMPLE = 2000  # states at which the pair's distance is looked at
 LARGE = 100_000  # from here on a call is long enough to be timed alone, beyond to be timed once
 CHAINS = {  # by strategy: degrees of freedom at ROWS rows, and rows at LINKS degrees of freedom
-    "registers": ((1, 2, 3, 5), (0, 2, 4, 8)),
-    "memory": ((1, 2, 3, 5, 8, 16, 30), (0, 2, 4, 8, 14, 30, 60)),
+    "specialised": ((1, 2, 3, 5), (0, 2, 4, 8)),
+    "generic": ((1, 2, 3, 5, 8, 16, 30), (0, 2, 4, 8, 14, 30, 60)),
 }
 ROWS, LINKS = 4, 3
 PROBLEMS = (1, 4, 16, 64, 256)
@@ -138,7 +138,7 @@ def against_size(sizes: dict[str, list[tuple[int, int]]], knob: str, repeats: in
             rows_in, solved = acting(sim, x, u)
             work = step_work(nv, rows_in, pairs=-(-rows // 2))
             facts = point(f"chain, steps by {knob}", knob, nv if knob == "nv" else rows, work, "cpu", 1,
-                          dtype="float32", curve=f"in {strategy}", strategy=strategy, batch=worlds, nv=nv,
+                          dtype="float32", curve=strategy, strategy=strategy, batch=worlds, nv=nv,
                           nr=rows, cost_of="step", residual="rem-logistic", h=sim.scene.step_size,
                           sigma=sim.scene.sigma,
                           solved_share=solved)  # fmt: skip

@@ -2,7 +2,7 @@
 
 One step from touching states of the finger, and of a chain under four rows of contact. Error: largest
 component of v' relative to 1 + |v'|, from the same states (rounded to float32), against the other strategy in
-float64 at its finest tolerance: kernels in registers and in memory eliminate other unknowns and share no
+float64 at its finest tolerance: specialised and generic kernels eliminate other unknowns and share no
 solver. Knobs: `Options.tolerance`, precision, residual and strategy, for three noise levels.
 """
 
@@ -34,18 +34,18 @@ class Variant:
     dtype: str = "float64"
     tolerance: float | None = None
     residual: str = "rem-logistic"
-    strategy: str = "registers"
+    strategy: str = "specialised"
 
     @property
     def curve(self) -> str:
         """Everything but the tolerance, in words."""
         words = [self.dtype] + [self.residual] * (self.residual != "rem-logistic")
-        return ", ".join(words + ["in memory"] * (self.strategy == "memory"))
+        return ", ".join(words + ["generic"] * (self.strategy == "generic"))
 
     @property
     def judge(self) -> "Variant":
         """What it is compared with: the other strategy."""
-        strategy = "registers" if self.strategy == "memory" else "memory"
+        strategy = "specialised" if self.strategy == "generic" else "generic"
         return Variant(residual=self.residual, strategy=strategy)
 
     @property
@@ -58,7 +58,7 @@ def variants(tolerances: dict[str, tuple[float | None, ...]], residuals: tuple[s
     """Every tolerance of every precision; the other residuals and the other strategy at their finest."""
     out = [Variant(dtype, tolerance) for dtype, levels in tolerances.items() for tolerance in levels]
     out += [Variant(residual=residual) for residual in residuals]
-    return out + [Variant(dtype, strategy="memory") for dtype in tolerances]
+    return out + [Variant(dtype, strategy="generic") for dtype in tolerances]
 
 
 def simulator(scene: Scene, variant: Variant) -> slcp.Simulator:

@@ -50,7 +50,7 @@ def step_time(sim: slcp.Simulator, worlds: int, steps: int, repeats: int) -> tup
 
 def rollout_kernel(sim: slcp.Simulator) -> wp.Kernel:
     """The kernel of an open-loop rollout without recorded gaps."""
-    if sim.strategy == "memory":
+    if sim.strategy == "generic":
         residual = large_step.large_residual(sim.options.method, sim.nr)
         return large_step.make_large_rollout_kernel(sim.dtype, residual)
     return rollout.make_rollout_kernel(sim.scene.structure, sim.dtype, sim.options.method, "open_loop", False)
@@ -69,7 +69,7 @@ def bench_sizes(
     compiled: dict[wp.Kernel, dict[str, Any]] = {}
     for dtype in dtypes:
         for nv, nc in sizes:
-            for strategy in ("registers", "memory"):
+            for strategy in ("specialised", "generic"):
                 sim = slcp.Simulator(chain_on_ground(nv, nc), device="cpu", dtype=dtype, strategy=strategy)
                 row: dict[str, Any] = {
                     "benchmark": "kernels",
@@ -97,7 +97,7 @@ def bench_sizes(
 def bench_reach(supports: int = 8, worlds: int = 500, repeats: int = 5, dtype: str = "float32") -> Rows:
     """A step as rows come within reach: the finger free, at its limits, touching; a beam on its supports."""
     out: Rows = []
-    for strategy in ("registers", "memory"):
+    for strategy in ("specialised", "generic"):
         finger = slcp.scenes.flicking_finger()
         sim = slcp.Simulator(finger, device="cpu", dtype=dtype, strategy=strategy)
         for name, x in finger_states(sim, worlds, seed=0).items():

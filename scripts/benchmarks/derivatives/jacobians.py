@@ -105,7 +105,7 @@ def bench_differences(
             try:
                 scene = slcp.scenes.NAMED[name]()
                 sim = slcp.Simulator(scene, slcp.Options(residual=residual), device="cpu", dtype="float64",
-                                     strategy="registers")  # fmt: skip
+                                     strategy="specialised")  # fmt: skip
             except (OptionError, StrategyError) as why:
                 say(f"{name}, {residual}: {why}")
                 continue

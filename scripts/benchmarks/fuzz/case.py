@@ -11,6 +11,7 @@ import slcp_warp as slcp
 from slcp_warp.description.scene import Scene
 from slcp_warp.options import Options
 from slcp_warp.storage.files import parse_json, read_text, reading, write_text
+from slcp_warp.strategy import RENAMED
 
 from ..mechanics.tree import Array
 from .draws import Worlds
@@ -109,7 +110,7 @@ def load_case(path: Path) -> Case:
         if [n.shape for n in (*numbers.values(), x, u)] != [(size,) for size in sizes]:
             raise ValueError(f"{EXTRA}, x and u need {sizes} numbers")
         return Case(scene, numbers, x, u, Options(**content["options"]), str(content["dtype"]),
-                    str(content["strategy"]), str(content["note"]))  # fmt: skip
+                    RENAMED.get(content["strategy"], content["strategy"]), str(content["note"]))  # fmt: skip
 
 
 def describe(case: Case) -> str:

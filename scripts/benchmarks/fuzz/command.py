@@ -28,17 +28,18 @@ MOST_SHRUNK = 12  # failures that are made small: one of each method and reason
 
 
 def tasks_of(seed: int, worlds: int, structures: int, residuals: tuple[str, ...]) -> list[Task]:
-    """The tasks of a run: scenes for the common kernels until there are enough worlds, and those with kernels
-    of their own, evenly between them.
+    """The tasks of a run: scenes for the generic kernels until there are enough worlds, and those with
+    specialised kernels, evenly between them.
     """
     methods = [o for o in MEMORY if not residuals or o.residual in residuals]
     each = CHUNK * len(methods) * len(DTYPES)
     count = -(-worlds // each) if methods else 0
-    common = [(i / max(1, count), Task(seed, i, "memory", 1, residuals)) for i in range(count)]
+    generic = [(i / max(1, count), Task(seed, i, "generic", 1, residuals)) for i in range(count)]
     own = [
-        (i / max(1, structures), Task(seed, i, "registers", OWN_CHUNKS, residuals)) for i in range(structures)
+        (i / max(1, structures), Task(seed, i, "specialised", OWN_CHUNKS, residuals))
+        for i in range(structures)
     ]
-    return [task for _, task in sorted(common + own, key=lambda item: item[0])]
+    return [task for _, task in sorted(generic + own, key=lambda item: item[0])]
 
 
 def run_all(tasks: list[Task], jobs: int, until: float, console: Console) -> Tally:
@@ -108,7 +109,7 @@ def save_failures(failures: list[Failure], folder: Path, small: bool, console: C
         seen.add(key)
         case = case_of(failure)
         if small and not words.startswith("differs"):
-            case = shrink(case, tries=60 if failure.task.strategy == "registers" else 200)
+            case = shrink(case, tries=60 if failure.task.strategy == "specialised" else 200)
         path = folder / f"case{len(seen)}.json"
         save_case(case, path)
         console.print(f"wrote {path}: {describe(case)}", highlight=False, soft_wrap=True)
@@ -117,7 +118,7 @@ def save_failures(failures: list[Failure], folder: Path, small: bool, console: C
 @one_line_errors
 def fuzz_command(
     worlds: Annotated[
-        int, typer.Option(min=0, help="Worlds (state and method) for the common kernels.")
+        int, typer.Option(min=0, help="Worlds (state and method) for the generic kernels.")
     ] = 200000,
     structures: Annotated[int, typer.Option(min=0, help="Scenes with kernels of their own.")] = 8,
     seed: Annotated[int, typer.Option(min=0, help="Seed of scenes and states.")] = 0,

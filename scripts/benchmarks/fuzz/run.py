@@ -1,7 +1,7 @@
 """Running a random scene: its worlds under its methods, verdicts, and the twins that must agree bit for bit.
 
-A task is one scene under the common ("memory") kernels and many methods, or under kernels of its own
-("registers") and one method, which compile for seconds. World i of scene s of a seed is always the same.
+A task is one scene under the generic kernels and many methods, or under specialised
+kernels and one method, which compile for seconds. World i of scene s of a seed is always the same.
 """
 
 import dataclasses
@@ -54,22 +54,22 @@ class Task:
     @property
     def differentiates(self) -> bool:
         """Whether derivatives are compared, too: they compile as long again."""
-        return self.strategy == "registers" and self.scene % DIFFERENTIATED == 0
+        return self.strategy == "specialised" and self.scene % DIFFERENTIATED == 0
 
     def make_scene(self) -> Scene:
         """The random scene."""
-        rng = np.random.default_rng([self.seed, self.scene, self.strategy == "registers"])
+        rng = np.random.default_rng([self.seed, self.scene, self.strategy == "specialised"])
         name = f"fuzz-{self.seed}-{self.strategy}-{self.scene}"
-        return random_scene(rng, name, SMALL if self.strategy == "registers" else Size())
+        return random_scene(rng, name, SMALL if self.strategy == "specialised" else Size())
 
     def worlds(self, chunk: int, scene: Scene) -> Worlds:
         """One chunk of its worlds."""
-        rng = np.random.default_rng([self.seed, self.scene, self.strategy == "registers", 1 + chunk])
+        rng = np.random.default_rng([self.seed, self.scene, self.strategy == "specialised", 1 + chunk])
         return draw_worlds(rng, scene, self.per_chunk)
 
     def methods(self) -> list[tuple[Options, str]]:
         """Options and precisions that it runs."""
-        if self.strategy == "memory":
+        if self.strategy == "generic":
             chosen = [(o, d) for o in MEMORY for d in DTYPES]
         else:
             rng = np.random.default_rng([self.seed, self.scene, 2])
@@ -161,7 +161,7 @@ def judged(worlds: Worlds, sim: Any, push: Array | None = None, truth: Truth | N
     numbers, dtype = numbers_for(sim, worlds), sim.dtype.__name__
     full = dataclasses.replace(worlds, numbers=numbers | {"sigma": worlds.numbers["sigma"]})
     method, nv = sim.options.method, sim.scene.nv
-    inner = "float64" if sim.strategy == "memory" else dtype
+    inner = "float64" if sim.strategy == "generic" else dtype
 
     def pose(keep: Array | None) -> Problem:
         if keep is None and truth is not None and not method.state_noise:
@@ -204,7 +204,7 @@ def predicted(scene: Scene, worlds: Worlds, options: Options) -> tuple[Array, Ar
         return push, known
     euler = dataclasses.replace(options, integrator="euler", gap="start")
     try:
-        sim = slcp.Simulator(scene, euler, device="cpu", strategy="memory")
+        sim = slcp.Simulator(scene, euler, device="cpu", strategy="generic")
     except StrategyError:
         return push, known
     start = truth.drive()

@@ -86,7 +86,7 @@ class Case:
         variants: of the case's own number, `label` names it.
         expect: the status that passes.
         only: methods that the case applies to.
-        memory: kernels in memory.
+        generic: the generic kernels step it, whatever its size.
     """
 
     name: str
@@ -105,7 +105,7 @@ class Case:
     step_sizes: tuple[float, ...] = STEP_SIZES
     expect: Status = Status.SOLVED
     only: Callable[[Method], bool] = lambda method: True
-    memory: bool = False
+    generic: bool = False
     quick: bool = False
 
     def bound(self, grid: Grid, dtype: str) -> Array:

@@ -57,7 +57,7 @@ def _stack_case(boxes: int, ratios: tuple[float, ...], hs: tuple[float, ...], wh
     return Case(
         f"stack of {boxes}", what, functools.partial(scenes.stack, boxes), functools.partial(_stack, boxes),
         _shift, 1e-3, duration=1.0, label="top mass", variants=ratios, step_sizes=hs,
-        memory=True,
+        generic=True,
     )  # fmt: skip
 
 
@@ -67,7 +67,7 @@ def _thrown_case(boxes: int, worlds: int, hs: tuple[float, ...]) -> Case:
         f"{boxes} tumbling boxes", "a stack thrown apart gains no energy",
         functools.partial(scenes.stack, boxes),
         functools.partial(_thrown, boxes), energy_gain, _thrown_gain, "", steps=75, single=1e-3,
-        label="world", variants=tuple(map(float, range(worlds))), step_sizes=hs, only=cheap, memory=many,
+        label="world", variants=tuple(map(float, range(worlds))), step_sizes=hs, only=cheap, generic=many,
     )  # fmt: skip
 
 
@@ -76,7 +76,7 @@ def _beam_case(supports: int, spread: bool) -> Case:
     return Case(
         f"{kind} supports", "a beam on more points than it needs",
         functools.partial(scenes.beam, supports, spread), _beam, _shift, 1e-3, duration=1.0, label="supports",
-        variants=(float(supports),), step_sizes=(0.01, 0.05, 0.1), memory=True,
+        variants=(float(supports),), step_sizes=(0.01, 0.05, 0.1), generic=True,
     )  # fmt: skip
 
 

@@ -80,7 +80,7 @@ def run_case(case: Case, options: Options, dtype: str, selection: Selection) -> 
     if not case.only(method):
         return []
     try:
-        strategy = "memory" if case.memory else "auto"
+        strategy = "generic" if case.generic else "auto"
         sim = slcp.Simulator(case.scene(), options, device="cpu", dtype=dtype, strategy=strategy)
     except (OptionError, StrategyError, ValueError):
         return []
