@@ -290,7 +290,7 @@ def test_error(what):
 
 @pytest.mark.parametrize("what", ERRORS)
 def test_the_table_in_the_docs_tells_what_comes_back(request, what):
-    path = request.config.rootpath / "docs" / "bad_input.md"
+    path = request.config.rootpath / "docs" / "reference" / "bad_input.md"
     row = next(line for line in path.read_text().splitlines() if line.startswith(f"| {what} |"))
     kind, message = row.strip("| ").split(" | ", 2)[1:]
     with pytest.raises(slcp.InputError) as caught:
