@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 import warp as wp
+from differences import GAPS, differences
 from oracle import Oracle, residual
-from test_linearize import GAPS, differences, near_contact, scene
+from random_scenes import near_contact
+from simulators import scene
 
 import slcp_warp as slcp
 from slcp_warp.kernels.residual.noise import FLOOR

@@ -1,21 +1,11 @@
 """A, B and the second derivatives of the step against central differences of the step itself, in float64."""
 
-import functools
-
 import numpy as np
 import pytest
 import warp as wp
+from differences import differences, states_near_contact
 from oracle import Oracle
-from random_scenes import near_contact
 from simulators import scene, simulator
-
-STEP = 2e-5
-WEIGHTS = {
-    1: 45.0 / 60.0,
-    2: -9.0 / 60.0,
-    3: 1.0 / 60.0,
-}  # sixth-order central difference (Richardson, twice)
-GAPS = (0.0, 1e-3, -1e-3, 0.01, -0.01, 0.03, np.inf)
 
 
 def slow(*values):
@@ -34,26 +24,12 @@ CASES = [  # scene, scaling, hard, second derivatives too: one kernel makes A, B
 ]
 
 
-def differences(function, x, u, step=STEP):
-    """d function / d (x, u), (B, ..., nz), by differences of function(x, u) -> (B, ...) in one batch."""
-    nx, z = x.shape[1], np.concatenate([x, u], axis=1)
-    count, nz = z.shape
-    moves = [(j, k) for j in range(nz) for k in (-3, -2, -1, 1, 2, 3)]
-    shifted = np.concatenate([z + k * step * np.eye(nz)[j] for j, k in moves])
-    values = function(shifted[:, :nx], shifted[:, nx:])
-    out = np.zeros((*values.shape[1:], nz, count))
-    for i, (j, k) in enumerate(moves):
-        value = np.moveaxis(values[i * count : (i + 1) * count], 0, -1)
-        out[..., j, :] += np.sign(k) * WEIGHTS[abs(k)] * value / step
-    return np.moveaxis(out, -1, 0)
-
-
 def case(name, scaling, hard, device, count=60):
     """Simulator, params, states and controls where the step is smooth, and each world's largest impulse."""
     sc = scene(name)
     sim = simulator(name, device, wp.float64, scaling, "hard" if hard else "rem-logistic")
     params = sim.params.replace(step_size=0.05) if hard else sim.params.replace(step_size=0.05, sigma=0.1)
-    x, u = _states(name, count)
+    x, u = states_near_contact(name, count)
     step = sim.step(x, u, params)
     keep = (step.status == 0) & (_margin(name, x) > 0.05)
     if hard:  # away from kinks: every row is clearly acting or clearly open
@@ -62,12 +38,6 @@ def case(name, scaling, hard, device, count=60):
         keep &= (np.abs(problem["D"] * step.impulse - w) > 0.02).all(axis=1)
     assert keep.mean() > 0.6
     return sim, params, x[keep], u[keep], np.abs(step.contact_impulse[keep, :, 0]).max(axis=1)
-
-
-@functools.cache
-def _states(name, count):
-    sc, rng = scene(name), np.random.default_rng(21)
-    return near_contact(sc, rng, count, GAPS, spread=0.4), rng.standard_normal((count, sc.nu))
 
 
 def _margin(name, x):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import warp as wp
 from simulators import simulator
-from test_tape import start
+from taped import start
 
 import slcp_warp as slcp
 

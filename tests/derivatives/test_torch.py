@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import warp as wp
 from simulators import scene, simulator
-from test_tape import STEPS, start, tape_gradient
+from taped import STEPS, start, tape_gradient
 
 import slcp_warp as slcp
 

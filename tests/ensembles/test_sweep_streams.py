@@ -4,7 +4,7 @@ import math
 from types import SimpleNamespace
 
 import numpy as np
-from test_sweep import FINGER, drawn
+from sweeps import FINGER, drawn
 
 import slcp_warp as slcp
 from slcp_warp import ddp

@@ -6,7 +6,7 @@ import re
 import shlex
 
 import pytest
-from test_layout import LAYERS, ROOT, source_files
+from plan import LAYERS, ROOT, source_files
 
 TEXTS = sorted([ROOT / "README.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").rglob("*.md")])
 CODE = source_files(*LAYERS, "tests", "examples")

@@ -4,7 +4,7 @@ import importlib.util
 from collections import Counter
 
 import pytest
-from test_layout import LAYERS, ROOT
+from plan import LAYERS, ROOT
 
 spec = importlib.util.spec_from_file_location("faults_script", ROOT / "scripts" / "faults.py")
 faults = importlib.util.module_from_spec(spec)

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from differences import differences
 from oracle import Oracle, residual
+from parameter_checks import check, errors, lever, smooth, states
 from random_scenes import near_contact
 from scipy.integrate import solve_ivp
 from simulators import WIDTH
-from test_linearize import differences
-from test_parameter_gradient import check, errors, lever, smooth, states
 
 import slcp_warp as slcp
 

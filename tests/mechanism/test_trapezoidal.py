@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from differences import GAPS, differences
 from oracle import Oracle
+from random_scenes import near_contact
 from scipy.integrate import solve_ivp
 from simulators import scene
-from test_linearize import GAPS, differences, near_contact
 
 import slcp_warp as slcp
 from slcp_warp import ddp

@@ -7,6 +7,7 @@ import functools
 import numpy as np
 import pytest
 import warp as wp
+from complementarity_problems import diagonal, problems
 from scipy.optimize import least_squares, minimize
 from scipy.stats import norm
 
@@ -22,23 +23,10 @@ SIZES = [
 ]
 
 
-def problems(n, rank, count, seed=0):
-    """Random feasible problems, (B, n, n) and (B, n)."""
-    rng = np.random.default_rng(seed)
-    g = rng.normal(size=(count, n, rank))
-    a = g @ g.swapaxes(1, 2)
-    b = np.einsum("bij,bj->bi", a, rng.normal(size=(count, n))) + 0.3 * np.abs(rng.normal(size=(count, n)))
-    return a, b
-
-
 def smooth(x, sigma, noise):
     if noise == "normal":
         return x * norm.cdf(x / sigma) + sigma * norm.pdf(x / sigma)
     return sigma * np.logaddexp(0.0, x / sigma)
-
-
-def diagonal(a):
-    return np.einsum("...ii->...i", a)
 
 
 def rem_by_scipy(a, b, sigma, noise):

@@ -5,10 +5,10 @@ import functools
 import numpy as np
 import pytest
 import warp as wp
+from differences import differences, states_near_contact
 from oracle import Oracle
 from simulators import scene, simulator
-from test_linearize import _states, differences
-from test_tape import loss_of, on_device
+from taped import loss_of, on_device
 
 import slcp_warp as slcp
 from slcp_warp.plain.residuals import residual
@@ -25,7 +25,7 @@ CASES = [
 def near(device, where, name, scaling):
     """Simulator, params, states near contact where the normal is unique, and controls."""
     sim = simulator(where, device, wp.float64, scaling, name)
-    x, u = _states(where, 60)
+    x, u = states_near_contact(where, 60)
     keep = Oracle(scene(where)).problem(x)["margin"] > 0.05
     return sim, sim.params.replace(step_size=H, sigma=SIGMA), x[keep], u[keep]
 

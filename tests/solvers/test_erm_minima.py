@@ -4,9 +4,9 @@ import itertools
 
 import numpy as np
 import pytest
+from complementarity_problems import diagonal, problems
 from scipy.optimize import minimize
 from scipy.special import ndtr, spence
-from test_complementarity import diagonal, problems
 
 import slcp_warp as slcp
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 import warp as wp
+from differences import differences, states_near_contact
 from oracle import Oracle
 from scipy.stats import norm
 from simulators import scene, simulator
-from test_linearize import _states, differences
 
 H, SIGMA = 0.05, 0.1
 
@@ -17,7 +17,7 @@ def smooth(z, sigma):
 
 def finger(device, dtype=wp.float64):
     sim = simulator("flicking_finger", device, dtype, "inertia", "rem-normal")
-    x, u = _states("flicking_finger", 60)
+    x, u = states_near_contact("flicking_finger", 60)
     keep = Oracle(scene("flicking_finger")).problem(x)["margin"] > 0.05
     return sim, sim.params.replace(step_size=H, sigma=SIGMA), x[keep], u[keep]
 

@@ -1,0 +1,54 @@
+"""Short sweeps of the finger, and what one would draw."""
+
+import numpy as np
+import warp as wp
+from simulators import scene, simulator
+
+import slcp_warp as slcp
+from slcp_warp import ddp
+from slcp_warp import sweep as public_sweep
+from slcp_warp.ddp.library.entries import scene_digest
+from slcp_warp.kernels.device.launch import launch
+from slcp_warp.kernels.ensembles.sweep import make_draw_kernel
+
+FINGER = scene("flicking_finger")
+OPTIONS = {"scaling": "none", "dtype": "float32"}
+
+
+def idle(entries=3):
+    """A policy without control: nearest neighbour over entries that ask for nothing."""
+    rng = np.random.default_rng(2)
+    zeros = np.zeros(entries)
+    header = {"scene": FINGER.name, "digest": scene_digest(FINGER)}
+    return ddp.Library(
+        x=FINGER.x0 + rng.standard_normal((entries, 6)), u=np.zeros((entries, 2)),
+        K=np.zeros((entries, 2, 6)), cost=zeros, gain=zeros, age=zeros, chain=zeros, plan=zeros,
+        period=FINGER.state_period, header=header,
+    ).policy()  # fmt: skip
+
+
+def spec(**changes):
+    values = {"worlds": 40, "duration": 2.0, "residuals": ("rem-logistic",), "velocity_sd": 2.0, "observe": 2,
+              "window": 1.0, "sample_every": 0.1, "seed": 3}  # fmt: skip
+    return slcp.SweepSpec(**{**values, **changes})
+
+
+def run(device="cpu", chunk=None, progress=None, **changes):
+    return public_sweep(
+        FINGER, idle(), spec(**changes), device=device, chunk=chunk, progress=progress, **OPTIONS
+    )
+
+
+def drawn(device, worlds, **changes):
+    """Parameters by name (B, ...) and starts (B, nx) that a sweep would simulate."""
+    sim = simulator("flicking_finger", device, wp.float32, "none")
+    case = slcp.sweep.__globals__["_Case"](sim, idle(), spec(worlds=worlds, **changes), 0.05, None)
+    seen = []
+    case.launch = lambda world0, count, shared, kicks: seen.append((world0, count, shared)) or {}
+    list(case.run())
+    (world0, count, shared), table, x0 = seen[0], sim.empty(worlds, len(case.base)), sim.empty(worlds, 6)
+    launch(make_draw_kernel(6, sim.dtype), count, [world0, 3, *shared, table, x0], sim.device)
+    columns = {
+        n: table.numpy()[:, a : a + int(np.prod(s, dtype=int))] for n, a, s in sim.params.layout.columns
+    }
+    return columns, x0.numpy(), sim.params
