@@ -2,10 +2,10 @@
 
     python tests/support/plan.py [--folder kernels] [--tree PATH] [--arrows]
 
-A room is a subfolder with all below it, or a file beside the subfolders; those of `ROOMS` that stand in one
-entry are one room. An arrow leads from a room to one that it imports, inside a function too. Rooms that
-import nothing here are the ground floor; every other stands on the floor above the highest that it imports.
-`--tree` reads another checkout, of a version before, say; `--arrows` prints what each room imports.
+A room is a subfolder with all below it, or a file beside the subfolders; of the kernels these files are one
+room. An arrow leads from a room to one that it imports, inside a function too. Rooms that import nothing here
+are the ground floor; every other stands on the floor above the highest that it imports. `--tree` reads
+another checkout, of a version before, say; `--arrows` prints what each room imports.
 """
 
 import argparse
@@ -34,6 +34,10 @@ ROOMS = {  # the order of each layer's rooms: none imports one that is named aft
     "slcp_warp": (
         *("inputs", "storage", "options", "strategy", "description", "scenes", "parameters", "results"),
         *("gradients", "plain", "simulator", "products", "torch", "ensembles", "simulated"),
+    ),
+    "ddp": (
+        *("status", "options", "costs", "dynamics", "problem", "result", "policies", "batches", "workspace"),
+        *("continuation", "solver", "library", "multistart"),
     ),
 }
 
@@ -165,7 +169,7 @@ def floors(arrows: dict[str, set[str]]) -> list[list[str]]:
 
 
 def plan(folder: str, root: Path = ROOT, arrows: bool = False) -> str:
-    """What `python tests/support/house.py` prints of a folder."""
+    """What `python tests/support/plan.py` prints of a folder."""
     rooms = room_graph(folder, root)
     levels = floors(rooms)
     sizes = {room: 0 for room in rooms}
