@@ -5,14 +5,15 @@ The contact problem of every time step is a stochastic complementarity problem (
 
 from . import scenes
 from .description.mjcf import MjcfError, load_mjcf
-from .description.scene import Actuator, Body, Contact, Scene, SceneError, Shape, Spring, box, touching
+from .description.parts import Actuator, Body, Contact, Shape, Spring, box, touching
+from .description.scene import Scene
 from .description.scene_file import SceneFileError, load_scene, save_scene
 from .ensembles.particles import ParticleRollout, Particles, particle_rollout, particles
 from .ensembles.report import SweepReport
 from .ensembles.spec import SweepSpec
 from .ensembles.sweep import sweep
 from .inputs.arrays import ArrayError
-from .inputs.errors import ArgumentError, ArgumentTypeError, InputError
+from .inputs.errors import ArgumentError, ArgumentTypeError, InputError, SceneError
 from .options import OptionError, Options, Status
 from .parameters import ParameterError, Parameters
 from .plain.complementarity import Complementarity, solve_complementarity

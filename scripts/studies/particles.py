@@ -7,8 +7,7 @@ import numpy as np
 import typer
 
 import slcp_warp as slcp
-from slcp_warp import ddp
-from slcp_warp.description.scene import Contact, Scene, Shape
+from slcp_warp import Contact, Scene, Shape, ddp
 
 from ..support.common import Seed, one_line_errors, show_rows
 from ..support.tables import write_csv

@@ -12,7 +12,7 @@ from ..inputs.checks import shown, whole
 from ..inputs.errors import SceneError
 
 
-def _several(value: Any) -> bool:
+def several(value: Any) -> bool:
     """Whether a value has entries that may be numbers."""
     if isinstance(value, np.ndarray):
         return value.ndim > 0
@@ -73,7 +73,7 @@ class Fields:
         value, label = self._get(name)
         if value is None and optional:
             return
-        if _several(value):
+        if several(value):
             self._put(name, self._entries(label, value, count, name, optional))
         else:
             self.number(name)
@@ -85,7 +85,7 @@ class Fields:
             self._put(name, self._entries(label, value, count, rule or name, optional))
 
     def _entries(self, label: str, value: Any, count: int, rule: str, optional: bool) -> tuple[Any, ...]:
-        if not _several(value):
+        if not several(value):
             raise SceneError(f"{label} is {shown(value)}; {count} numbers are needed")
         if len(value) != count:
             raise SceneError(f"{label} has {len(value)} entries; {count} are needed")
@@ -104,69 +104,3 @@ class Fields:
             if not isinstance(entry, kind):
                 raise SceneError(f"{label}[{i}] is {shown(entry)}; a {kind.__name__} is needed")
         self._put(name, tuple(value))
-
-
-def settle_body(body: Any, joints: dict[str, int]) -> None:
-    """Check a `Body`."""
-    Fields(body, "body, ").text("name")
-    fields = Fields(body, f"body {body.name!r}: ")
-    fields.text("parent", optional=True)
-    fields.choice("joint", tuple(joints))
-    for name in ("mass", "inertia", "angle"):
-        fields.number(name)
-    for name in ("anchor", "axis", "com"):
-        fields.pair(name)
-    rules.check_axis(f"body {body.name!r}: axis", np.array(body.axis), SceneError)
-    for name in ("damping", "rest"):
-        fields.per_dof(name, joints[body.joint])
-    for name in ("stiffness", "lower", "upper"):
-        fields.per_dof(name, joints[body.joint], optional=True)
-
-
-def settle_shape(shape: Any, kinds: Sequence[str]) -> None:
-    """Check a `Shape`."""
-    Fields(shape, "shape, ").text("name")
-    label = f"shape {shape.name!r}: "
-    fields = Fields(shape, label)
-    fields.text("body", optional=True)
-    fields.choice("kind", kinds)
-    radius = shape.radius
-    several = _several(radius)
-    if shape.kind == "capsule" and not (several and len(radius) == 2):
-        raise SceneError(f"{label}radius is {shown(radius)}; a capsule needs (radius, half length)")
-    if several:
-        fields.entries("radius", 1 if len(radius) == 1 else 2)
-        size = shape.radius
-    else:
-        fields.number("radius")
-        size = (shape.radius,)
-    rules.check_radius(f"{label}radius", shape.kind, np.array((size[0], size[-1])), SceneError)
-    fields.pair("offset", "shape_offset")
-    fields.number("angle", "shape_angle")
-
-
-def settle_contact(contact: Any) -> None:
-    """Check a `Contact`."""
-    for name in ("shape_a", "shape_b"):
-        Fields(contact, "contact, ").text(name)
-    label = f"contact {contact.shape_a!r} - {contact.shape_b!r}: "
-    Fields(contact, label).number("friction", optional=True)
-
-
-def settle_actuator(actuator: Any) -> None:
-    """Check an `Actuator`."""
-    Fields(actuator, "actuator, ").text("body")
-    fields = Fields(actuator, f"actuator on {actuator.body!r}: ")
-    fields.whole("dof")
-    fields.number("gear")
-
-
-def settle_spring(spring: Any) -> None:
-    """Check a `Spring`."""
-    for name in ("body_a", "body_b"):
-        Fields(spring, "spring, ").text(name, optional=True)
-    fields = Fields(spring, f"spring {spring.body_a!r} - {spring.body_b!r}: ")
-    for name in ("point_a", "point_b"):
-        fields.pair(name, "spring_point")
-    for name in ("stiffness", "damping", "length"):
-        fields.number(name, f"spring_{name}")

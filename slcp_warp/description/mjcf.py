@@ -16,7 +16,8 @@ from ..storage.files import reading
 from .mjcf_bounds import check_bounds
 from .mjcf_contacts import read_contacts
 from .mjcf_plane import MjcfError, Plane
-from .scene import Actuator, Body, Scene
+from .parts import Actuator, Body
+from .scene import Scene
 
 __all__ = ["MjcfError", "load_mjcf"]
 

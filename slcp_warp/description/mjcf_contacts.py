@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from .mjcf_plane import FLAT, MjcfError, Plane
-from .scene import Contact, Shape
+from .parts import Contact, Shape
 
 GEOMS = ("plane", "hfield", "sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh", "sdf")
 MOST_CONTACTS = 4096

@@ -1,150 +1,20 @@
 """Description of a planar mechanism: bodies in a tree, shapes on them, pairs of shapes that may touch.
 
-Every part is checked when it is made (`SceneError`); its numbers obey the rules of `rules.py`, which hold for
-`Parameters.replace` and for files, too, and are kept as floats and tuples of floats.
-
 World x points right, y up, angles are counter-clockwise from +x; lengths in m, masses in kg, angles in rad
-(or any self-consistent units). A scene only describes; `Simulator` makes specialised kernels from it.
+(or any self-consistent units). A scene only describes; `Simulator` makes kernels from it.
 """
 
 import copy
-import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from slcp_warp.kernels.structure import Structure
 
-from ..inputs.checks import array, number, shown
 from ..inputs.errors import SceneError
-from . import fields as scene_fields
-from .topology import JOINTS, KINDS, contact_ends, radii, spread, structure_of
-
-Pair2 = tuple[float, float]
-
-__all__ = ["Actuator", "Body", "Contact", "Scene", "SceneError", "Shape", "Spring", "box", "touching"]
-
-
-@dataclass(frozen=True)
-class Body:
-    """A rigid body and the joint that ties it to its parent.
-
-    Attributes:
-        name: unique name.
-        mass: [kg], > 0.
-        inertia: about the centre of mass [kg m^2], > 0.
-        parent: name of an earlier body, or None for the world.
-        joint: "revolute" (angle), "prismatic" (shift along `axis`) or "free" (x, y, angle).
-        anchor: joint position in the parent's frame [m].
-        angle: turn of this body's frame at q = 0 [rad].
-        axis: unit direction of a prismatic joint in the parent's frame (of length 1 to 0.005).
-        com: centre of mass in the body's frame, whose origin is the joint [m].
-        damping: joint damping >= 0, one number per degree of freedom [N m s/rad, N s/m]; met at the end of
-            a step unless the scene says otherwise (`Scene.implicit_damping`).
-        stiffness, rest: joint spring per degree of freedom, force -stiffness (q - rest) [N m/rad, N/m; rad,
-            m]; stiffness None: no spring.
-        lower, upper: limits per degree of freedom, lower <= upper (None: no limit, no row).
-    """
-
-    name: str
-    mass: float
-    inertia: float
-    parent: str | None = None
-    joint: str = "revolute"
-    anchor: Pair2 = (0.0, 0.0)
-    angle: float = 0.0
-    axis: Pair2 = (1.0, 0.0)
-    com: Pair2 = (0.0, 0.0)
-    damping: tuple[float, ...] | float = 0.0
-    stiffness: tuple[float | None, ...] | float | None = None
-    rest: tuple[float, ...] | float = 0.0
-    lower: tuple[float | None, ...] | float | None = None
-    upper: tuple[float | None, ...] | float | None = None
-
-    def __post_init__(self) -> None:
-        scene_fields.settle_body(self, JOINTS)
-
-
-@dataclass(frozen=True)
-class Shape:
-    """A shape on a body (or the world, body=None).
-
-    Attributes:
-        kind: "disc" (radius; 0 is a point), "ellipse" (two radii along its axes), "capsule" (radius and half
-            length of its segment, which lies along its axis) or "halfplane".
-        radius: (r,), (rx, ry) or a capsule's (r, half length) [m].
-        offset: centre, or a point of the half-plane, in the body's frame [m].
-        angle: of the first axis, or of a half-plane's outward normal, against the body's x [rad].
-    """
-
-    name: str
-    body: str | None
-    kind: str
-    radius: tuple[float, ...] | float = 0.0
-    offset: Pair2 = (0.0, 0.0)
-    angle: float = 0.0
-
-    def __post_init__(self) -> None:
-        scene_fields.settle_shape(self, KINDS)
-
-
-@dataclass(frozen=True)
-class Contact:
-    """Two shapes that may touch, by name, and their friction coefficient (None: a frictionless contact).
-
-    A capsule touches half-planes with the discs at its ends (two pairs), discs with its nearest point (one
-    pair), and another capsule with the ends of either on the other (four pairs). Ellipses do not touch it.
-    """
-
-    shape_a: str
-    shape_b: str
-    friction: float | None = None
-
-    def __post_init__(self) -> None:
-        scene_fields.settle_contact(self)
-
-
-@dataclass(frozen=True)
-class Actuator:
-    """A control that pushes one degree of freedom with the force gear * u.
-
-    Attributes:
-        body: whose joint is driven.
-        dof: which degree of freedom of that joint, from 0.
-        gear: force or torque per unit of control.
-    """
-
-    body: str
-    dof: int = 0
-    gear: float = 1.0
-
-    def __post_init__(self) -> None:
-        scene_fields.settle_actuator(self)
-
-
-@dataclass(frozen=True)
-class Spring:
-    """A spring and damper between two points of bodies (or of the world, None).
-
-    The force along the line of the points is stiffness (l - length) + damping dl/dt with l their distance,
-    rounded off below length/1000 + 1e-5 so that coincident points give finite derivatives.
-
-    Attributes:
-        point_a, point_b: in the frame of their body [m]. stiffness [N/m], damping [N s/m] >= 0.
-        length: rest length [m], >= 0.
-    """
-
-    body_a: str | None
-    body_b: str | None
-    point_a: Pair2 = (0.0, 0.0)
-    point_b: Pair2 = (0.0, 0.0)
-    stiffness: float = 0.0
-    damping: float = 0.0
-    length: float = 0.0
-
-    def __post_init__(self) -> None:
-        scene_fields.settle_spring(self)
-
+from .fields import Fields
+from .parts import JOINTS, Actuator, Body, Contact, Pair2, Shape, Spring, radii, spread
+from .topology import contact_ends, structure_of
 
 PARTS = {"bodies": Body, "shapes": Shape, "contacts": Contact, "actuators": Actuator, "springs": Spring}
 
@@ -181,17 +51,23 @@ class Scene:
     structure: Structure = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        scene_fields.Fields(self, "scene, ").text("name")
-        fields = scene_fields.Fields(self, f"scene {self.name!r}: ")
+        Fields(self, "scene, ").text("name")
+        fields = Fields(self, f"scene {self.name!r}: ")
         for name, kind in PARTS.items():
             fields.objects(name, kind)
         fields.pair("gravity")
         fields.number("step_size")
         fields.number("sigma")
         fields.flag("implicit_damping")
-        object.__setattr__(self, "structure", structure_of(self))
+        object.__setattr__(self, "structure", self._structure())
         fields.entries("initial_state", 2 * self.structure.nv)
         fields.entries("period", self.structure.nv, optional=True)
+
+    def _structure(self) -> Structure:
+        if not self.bodies:
+            raise SceneError(f"bodies: scene {self.name!r} has none; it needs at least one")
+        parts = self.bodies, self.shapes, self.contacts, self.actuators, self.springs
+        return structure_of(*parts, self.implicit_damping)
 
     @property
     def nv(self) -> int:
@@ -219,7 +95,7 @@ class Scene:
         s = self.structure
         per_dof = [(spread(b.damping, i, 0.0), spread(b.lower, i, None), spread(b.upper, i, None))
                    for b in self.bodies for i in range(JOINTS[b.joint])]  # fmt: skip
-        friction = [c.friction or 0.0 for c in self.contacts for _ in contact_ends(self, c)]
+        friction = [c.friction or 0.0 for c in self.contacts for _ in contact_ends(self.shapes, c)]
         extents = [radii(shape) for shape in self.shapes]
         values = {
             "step_size": np.array(self.step_size),
@@ -258,41 +134,3 @@ class Scene:
         out = copy.copy(self)
         object.__setattr__(out, "structure", replace(self.structure, uncertain=True))
         return out
-
-
-def box(
-    name: str,
-    body: str | None,
-    width: float,
-    height: float,
-    corner_radius: float = 0.0,
-    offset: Pair2 = (0.0, 0.0),
-    angle: float = 0.0,
-) -> tuple[Shape, ...]:
-    """The corners of a box (points, or discs within it), counter-clockwise from the lower left.
-
-    Their names are `name` and a number from 0 to 3. They touch half-planes of any body, and round shapes;
-    `touching` makes the contacts.
-    """
-    if not isinstance(name, str) or not name:
-        raise SceneError(f"name is {shown(name)}; a name is needed")
-    offset_x, offset_y = array("offset", offset, (2,), error=SceneError)
-    half = min(number("width", width, 0.0, above=True, error=SceneError),
-               number("height", height, 0.0, above=True, error=SceneError)) / 2.0  # fmt: skip
-    number("corner_radius", corner_radius, 0.0, half, error=SceneError)
-    angle = number("angle", angle, error=SceneError)
-    x, y = width / 2.0 - corner_radius, height / 2.0 - corner_radius
-    c, s = math.cos(angle), math.sin(angle)
-    corners = [(sx * x, sy * y) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
-    places = [(offset_x + c * u - s * w, offset_y + s * u + c * w) for u, w in corners]
-    return tuple(Shape(f"{name}{i}", body, "disc", corner_radius, place) for i, place in enumerate(places))
-
-
-def touching(
-    shapes: tuple[Shape, ...], others: tuple[Shape, ...], friction: float | None = None
-) -> tuple[Contact, ...]:
-    """A contact of every one of `shapes` with every one of `others`."""
-    for name, group in (("shapes", shapes), ("others", others)):
-        if not isinstance(group, list | tuple) or not all(isinstance(shape, Shape) for shape in group):
-            raise SceneError(f"{name} is {shown(group)}; a tuple of Shape is needed")
-    return tuple(Contact(other.name, shape.name, friction) for other in others for shape in shapes)

@@ -12,6 +12,7 @@ from typing import Any
 from ..inputs import checks
 from ..inputs.errors import SceneError
 from ..storage.files import MOST_TEXT, MOST_TOML, parse_json, parse_toml, read_text, reading, write_text
+from .mjcf import load_mjcf
 from .scene import Scene
 from .scene_schema import FORMAT, NO_VALUE, VERSION, VERSIONS, file_fields, json_schema
 
@@ -33,8 +34,6 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
     """
     path = checks.path("path", path)
     if path.suffix == ".xml":
-        from .mjcf import load_mjcf  # needs mujoco: only where it is asked for
-
         return load_mjcf(path)
     with reading(path, "a scene", SceneFileError):
         return scene_of(_parse(path))

@@ -8,8 +8,8 @@ import types
 import typing
 from typing import Any
 
-from .scene import Actuator, Body, Contact, Scene, Shape, Spring
-from .topology import JOINTS, KINDS
+from .parts import JOINTS, KINDS, Actuator, Body, Contact, Shape, Spring
+from .scene import Scene
 
 FORMAT, VERSION = "slcp-scene", 2
 VERSIONS = (1, 2)  # that are read; in 1 damping was explicit

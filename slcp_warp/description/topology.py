@@ -2,11 +2,11 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, field
+from typing import Any
 
 from slcp_warp.kernels.structure import (
     CAPSULE,
-    DISC,
     ELLIPSE,
     HALFPLANE,
     WORLD,
@@ -18,17 +18,44 @@ from slcp_warp.kernels.structure import (
 
 from ..inputs.checks import shown
 from ..inputs.errors import SceneError
-
-if TYPE_CHECKING:
-    from .scene import Body, Contact, Scene, Shape, Spring
-
-JOINTS = {"revolute": 1, "prismatic": 1, "free": 3}
-KINDS = (DISC, ELLIPSE, HALFPLANE, CAPSULE)
+from .parts import JOINTS, Actuator, Body, Contact, Shape, Spring, spread
 
 
-def contact_ends(scene: "Scene", contact: "Contact") -> tuple[tuple[int, int], ...]:
+def structure_of(
+    bodies: Sequence[Body],
+    shapes: Sequence[Shape],
+    contacts: Sequence[Contact],
+    actuators: Sequence[Actuator],
+    springs: Sequence[Spring],
+    implicit_damping: bool,
+) -> Structure:
+    """The structure of a scene of these parts.
+
+    Raises:
+        SceneError: a name that comes twice or is not there, or parts that do not fit together.
+    """
+    body_places, shape_places = _places(bodies, "bodies"), _places(shapes, "shapes")
+    tree = _tree(bodies, body_places)
+    shape_structures = tuple(
+        ShapeStructure(_index(body_places, s.body, "body", f"shape {s.name!r}, body"), s.kind, s.angle != 0.0)
+        for s in shapes
+    )
+    return Structure(
+        tuple(tree.bodies),
+        shape_structures,
+        _pairs(contacts, shapes, shape_places, shape_structures),
+        tuple(tree.lower),
+        tuple(tree.upper),
+        _driven(actuators, bodies, body_places, tree),
+        tuple(tree.sprung),
+        _spring_ends(springs, body_places),
+        implicit_damping=implicit_damping,
+    )
+
+
+def contact_ends(shapes: Sequence[Shape], contact: Contact) -> tuple[tuple[int, int], ...]:
     """The pairs that a contact makes: which ends of capsules (+-1; 0: the whole shape) on either side."""
-    kind = {shape.name: shape.kind for shape in scene.shapes}
+    kind = {shape.name: shape.kind for shape in shapes}
     a, b = kind[contact.shape_a], kind[contact.shape_b]
     if a == b == CAPSULE:
         return ((-1, 0), (1, 0), (0, -1), (0, 1))
@@ -39,18 +66,73 @@ def contact_ends(scene: "Scene", contact: "Contact") -> tuple[tuple[int, int], .
     return ((0, 0),)
 
 
-def spread(value: Any, i: int, default: Any) -> Any:
-    """Entry i of a number per degree of freedom, or of one number for all."""
-    if value is None:
-        return default
-    entry = value[i] if isinstance(value, Sequence) else value
-    return default if entry is None else entry
+@dataclass
+class _Tree:
+    """Bodies, whether every degree of freedom has a lower and an upper limit, and which have a spring."""
+
+    bodies: list[BodyStructure] = field(default_factory=list)
+    lower: list[bool] = field(default_factory=list)
+    upper: list[bool] = field(default_factory=list)
+    sprung: list[int] = field(default_factory=list)
 
 
-def radii(shape: "Shape") -> tuple[float, float]:
-    """Both numbers of a shape's size."""
-    radius = tuple(shape.radius) if isinstance(shape.radius, Sequence) else (shape.radius,)
-    return (radius[0], radius[-1])
+def _tree(bodies: Sequence[Body], places: Mapping[str, int]) -> _Tree:
+    tree = _Tree()
+    for b, body in enumerate(bodies):
+        _check_limits(body)
+        parent = _index(places, body.parent, "body", f"body {body.name!r}, parent")
+        if parent >= b:
+            raise SceneError(f"body {body.name!r}: parent is {body.parent!r}, which does not come before it; "
+                             "parents come before their children")  # fmt: skip
+        n, start = JOINTS[body.joint], len(tree.lower)
+        tree.bodies.append(BodyStructure(parent, body.joint, tuple(range(start, start + n))))
+        tree.lower += [spread(body.lower, i, None) is not None for i in range(n)]
+        tree.upper += [spread(body.upper, i, None) is not None for i in range(n)]
+        tree.sprung += [start + i for i in range(n) if spread(body.stiffness, i, None) is not None]
+    return tree
+
+
+def _pairs(
+    contacts: Sequence[Contact],
+    shapes: Sequence[Shape],
+    places: Mapping[str, int],
+    structures: Sequence[ShapeStructure],
+) -> tuple[PairStructure, ...]:
+    pairs = []
+    for c in contacts:
+        a = _index(places, c.shape_a, "shape", "contacts, shape_a")
+        b = _index(places, c.shape_b, "shape", "contacts, shape_b")
+        _check_pair(c, structures[a], structures[b])
+        pairs += [PairStructure(a, b, c.friction is not None, *ends) for ends in contact_ends(shapes, c)]
+    return tuple(pairs)
+
+
+def _driven(
+    actuators: Sequence[Actuator], bodies: Sequence[Body], places: Mapping[str, int], tree: _Tree
+) -> tuple[int, ...]:
+    """The degree of freedom that every actuator drives."""
+    out = []
+    for i, actuator in enumerate(actuators):
+        body = _index(places, actuator.body, "body", f"actuators[{i}], body")
+        if not 0 <= actuator.dof < JOINTS[bodies[body].joint]:
+            raise SceneError(
+                f"actuators[{i}]: dof {actuator.dof} is outside the joint of body {actuator.body!r}"
+            )
+        out.append(tree.bodies[body].dofs[actuator.dof])
+    return tuple(out)
+
+
+def _spring_ends(springs: Sequence[Spring], places: Mapping[str, int]) -> tuple[tuple[int, int], ...]:
+    """The bodies at the two ends of every spring."""
+    out = []
+    for i, spring in enumerate(springs):
+        a = _index(places, spring.body_a, "body", f"springs[{i}], body_a")
+        b = _index(places, spring.body_b, "body", f"springs[{i}], body_b")
+        if a == b:
+            raise SceneError(f"springs[{i}]: both ends are on {spring.body_a!r}; a spring needs two bodies, "
+                             "or a body and the world (None)")  # fmt: skip
+        out.append((a, b))
+    return tuple(out)
 
 
 def _index(places: Mapping[str, int], name: str | None, what: str, field_name: str) -> int:
@@ -61,7 +143,7 @@ def _index(places: Mapping[str, int], name: str | None, what: str, field_name: s
     return places[name]
 
 
-def _places(items: Sequence, what: str) -> dict[str, int]:
+def _places(items: Sequence[Any], what: str) -> dict[str, int]:
     """Where each name is; they must be unique."""
     places: dict[str, int] = {}
     for i, item in enumerate(items):
@@ -72,56 +154,7 @@ def _places(items: Sequence, what: str) -> dict[str, int]:
     return places
 
 
-def structure_of(scene: "Scene") -> Structure:
-    """The structure of a scene. Raises SceneError."""
-    if not scene.bodies:
-        raise SceneError(f"bodies: scene {scene.name!r} has none; it needs at least one")
-    names, shape_names = _places(scene.bodies, "bodies"), _places(scene.shapes, "shapes")
-    bodies: list[BodyStructure] = []
-    lower: list[bool] = []
-    upper: list[bool] = []
-    sprung: list[int] = []
-    for b, body in enumerate(scene.bodies):
-        _check_limits(body)
-        parent = _index(names, body.parent, "body", f"body {body.name!r}, parent")
-        if parent >= b:
-            raise SceneError(f"body {body.name!r}: parent is {body.parent!r}, which does not come before it; "
-                             "parents come before their children")  # fmt: skip
-        n = JOINTS[body.joint]
-        start = len(lower)
-        bodies.append(BodyStructure(parent, body.joint, tuple(range(start, start + n))))
-        lower += [spread(body.lower, i, None) is not None for i in range(n)]
-        upper += [spread(body.upper, i, None) is not None for i in range(n)]
-        sprung += [start + i for i in range(n) if spread(body.stiffness, i, None) is not None]
-    shapes = []
-    for shape in scene.shapes:
-        holder = _index(names, shape.body, "body", f"shape {shape.name!r}, body")
-        shapes.append(ShapeStructure(holder, shape.kind, shape.angle != 0.0))
-    pairs = []
-    for c in scene.contacts:
-        a = _index(shape_names, c.shape_a, "shape", "contacts, shape_a")
-        b = _index(shape_names, c.shape_b, "shape", "contacts, shape_b")
-        _check_pair(c, shapes[a], shapes[b])
-        pairs += [PairStructure(a, b, c.friction is not None, *ends) for ends in contact_ends(scene, c)]
-    actuators = []
-    for i, act in enumerate(scene.actuators):
-        driven = _index(names, act.body, "body", f"actuators[{i}], body")
-        if not 0 <= act.dof < JOINTS[scene.bodies[driven].joint]:
-            raise SceneError(f"actuators[{i}]: dof {act.dof} is outside the joint of body {act.body!r}")
-        actuators.append(bodies[driven].dofs[act.dof])
-    springs = []
-    for i, spring in enumerate(scene.springs):
-        a = _index(names, spring.body_a, "body", f"springs[{i}], body_a")
-        b = _index(names, spring.body_b, "body", f"springs[{i}], body_b")
-        _check_spring(f"springs[{i}]", spring, a, b)
-        springs.append((a, b))
-    return Structure(
-        tuple(bodies), tuple(shapes), tuple(pairs), tuple(lower), tuple(upper), tuple(actuators),
-        tuple(sprung), tuple(springs), implicit_damping=scene.implicit_damping,
-    )  # fmt: skip
-
-
-def _check_limits(body: "Body") -> None:
+def _check_limits(body: Body) -> None:
     for i in range(JOINTS[body.joint]):
         lower, upper = spread(body.lower, i, -math.inf), spread(body.upper, i, math.inf)
         if lower > upper:
@@ -129,13 +162,7 @@ def _check_limits(body: "Body") -> None:
                              "at most as much is needed")  # fmt: skip
 
 
-def _check_spring(label: str, spring: "Spring", a: int, b: int) -> None:
-    if a == b:
-        raise SceneError(f"{label}: both ends are on {spring.body_a!r}; a spring needs two bodies, "
-                         "or a body and the world (None)")  # fmt: skip
-
-
-def _check_pair(contact: "Contact", a: ShapeStructure, b: ShapeStructure) -> None:
+def _check_pair(contact: Contact, a: ShapeStructure, b: ShapeStructure) -> None:
     label = f"contact {contact.shape_a!r} - {contact.shape_b!r}"
     if a.kind == HALFPLANE and b.kind == HALFPLANE:
         raise SceneError(f"{label}: both are half-planes; at least one shape must be round")

@@ -7,8 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from slcp_warp import scenes
-from slcp_warp.description.scene import SceneError
+from slcp_warp import SceneError, scenes
 from slcp_warp.scripts.benchmarks.peers.peer import NEAR, configurations, load, step_count
 from slcp_warp.scripts.benchmarks.shared.mechanism import contact, mass_matrix
 from slcp_warp.scripts.benchmarks.shared.overlap import overlap

@@ -8,7 +8,7 @@ import pytest
 from oracle import Oracle, residual, solve_hard
 
 import slcp_warp as slcp
-from slcp_warp.description.scene import Body, Contact, Scene, Shape
+from slcp_warp import Body, Contact, Scene, Shape
 from slcp_warp.scripts.benchmarks.fuzz import case as cases
 from slcp_warp.scripts.benchmarks.fuzz.draws import CLASSES, Worlds, draw_worlds
 from slcp_warp.scripts.benchmarks.fuzz.judge import Outcome, judge

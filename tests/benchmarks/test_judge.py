@@ -8,7 +8,7 @@ from oracle import Oracle
 from random_scenes import random_tree
 from simulators import scene
 
-from slcp_warp.description.scene import Actuator
+from slcp_warp import Actuator
 from slcp_warp.scripts.benchmarks.stability.check import Checker
 
 

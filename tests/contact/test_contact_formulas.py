@@ -8,7 +8,7 @@ import warp as wp
 from simulators import scene, simulator
 
 import slcp_warp as slcp
-from slcp_warp.description.scene import Body, Contact, Scene, Shape
+from slcp_warp import Body, Contact, Scene, Shape
 
 H, G, SIGMA = 0.01, 9.81, 0.05
 

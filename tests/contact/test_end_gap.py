@@ -5,7 +5,7 @@ import pytest
 from oracle import Oracle
 
 import slcp_warp as slcp
-from slcp_warp.description.scene import Body, Contact, Scene, Shape
+from slcp_warp import Body, Contact, Scene, Shape
 
 COULOMB = slcp.Options(residual="hard", friction="coulomb", gap="end")
 INSIDE = {"float64": 1e-8, "float32": 1e-5}  # [m]; STEADY h, and the rounding of a position

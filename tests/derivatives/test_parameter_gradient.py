@@ -11,7 +11,7 @@ from simulators import scene, simulator
 from taped import loss_of, on_device
 
 import slcp_warp as slcp
-from slcp_warp.description.scene import Actuator
+from slcp_warp import Actuator
 
 WORLDS, STEPS, EPS = 12, 3, 1e-6
 CASES = (

@@ -7,8 +7,7 @@ import pytest
 import warp as wp
 
 import slcp_warp as slcp
-from slcp_warp import ddp
-from slcp_warp.description.scene import Actuator, Body, Contact, Scene, Shape
+from slcp_warp import Actuator, Body, Contact, Scene, Shape, ddp
 from slcp_warp.kernels.ensembles import sweep
 from slcp_warp.kernels.gradients import adjoint
 from slcp_warp.kernels.mechanism.kinematics import make_types

@@ -7,8 +7,7 @@ import numpy as np
 from sweeps import FINGER, drawn
 
 import slcp_warp as slcp
-from slcp_warp import ddp
-from slcp_warp.description.scene import Actuator, Body, Scene
+from slcp_warp import Actuator, Body, Scene, ddp
 
 WORLDS = 20_000
 VARIED = ("step_size", "sigma", "gravity", "mass", "friction", "damping", "gear", "radius")

@@ -7,8 +7,7 @@ import pytest
 from oracle import Oracle, complex_step, residual, second_along, solve_hard_by_trial
 from random_scenes import near_contact, random_tree
 
-from slcp_warp import scenes
-from slcp_warp.description.scene import Body, Contact, Scene, Shape
+from slcp_warp import Body, Contact, Scene, Shape, scenes
 
 
 def rod_pair(offset=0.0):

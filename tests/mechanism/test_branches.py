@@ -5,7 +5,7 @@ import pytest
 from oracle import Oracle
 
 import slcp_warp as slcp
-from slcp_warp.description.scene import Body, Scene
+from slcp_warp import Body, Scene
 
 
 def candelabrum() -> Scene:

@@ -11,8 +11,7 @@ from random_scenes import near_contact
 from simulators import WIDTH, rounded, scene
 
 import slcp_warp as slcp
-from slcp_warp import scenes
-from slcp_warp.description.scene import Body, Contact, Scene, Shape
+from slcp_warp import Body, Contact, Scene, Shape, scenes
 
 COULOMB = slcp.Options(residual="hard", friction="coulomb")
 G = 9.81

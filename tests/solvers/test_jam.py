@@ -13,7 +13,7 @@ from oracle_coulomb import can_open, solutions, violation
 from simulators import NUMPY, WIDTH, numbers, rounded
 
 import slcp_warp as slcp
-from slcp_warp.description.scene import Body, Contact, Scene, Shape
+from slcp_warp import Body, Contact, Scene, Shape
 
 COULOMB = slcp.Options(residual="hard", friction="coulomb")
 ROUND = {wp.float64: 2e-14, wp.float32: 1e-6}  # of a gap [m]

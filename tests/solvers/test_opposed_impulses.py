@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import slcp_warp as slcp
-from slcp_warp.description.scene import Body, Scene
+from slcp_warp import Body, Scene
 from slcp_warp.scripts.benchmarks.fuzz.draws import Worlds
 from slcp_warp.scripts.benchmarks.fuzz.run import Task, judged
 from slcp_warp.scripts.benchmarks.fuzz.verdicts import SILENT, WRONG

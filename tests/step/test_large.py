@@ -14,8 +14,7 @@ from random_scenes import near_contact, random_tree
 from simulators import WIDTH, numbers, rounded, scene, simulator
 
 import slcp_warp as slcp
-from slcp_warp import scenes
-from slcp_warp.description.scene import Body, Contact, Scene, Shape
+from slcp_warp import Body, Contact, Scene, Shape, scenes
 from slcp_warp.kernels.generic import topology as large_topology
 from slcp_warp.scripts.benchmarks.shared.scenes import beam_on_supports, chain_on_ground
 

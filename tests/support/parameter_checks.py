@@ -6,7 +6,7 @@ import numpy as np
 from random_scenes import near_contact
 
 import slcp_warp as slcp
-from slcp_warp.description.scene import Actuator, Body, Contact, Scene, Shape, Spring
+from slcp_warp import Actuator, Body, Contact, Scene, Shape, Spring
 
 SHIFTS = {1: 0.75, 2: -0.15, 3: 1.0 / 60.0}  # sixth-order central difference
 WIDTHS = (1e-3, 1e-4, 1e-5)  # of the differences; the best one counts, state by state

@@ -3,7 +3,7 @@
 import numpy as np
 from oracle import Oracle
 
-from slcp_warp.description.scene import Actuator, Body, Contact, Scene, Shape
+from slcp_warp import Actuator, Body, Contact, Scene, Shape
 
 JOINTS = ("revolute", "prismatic", "free")
 

@@ -8,8 +8,7 @@ import warp as wp
 from random_scenes import random_tree
 
 import slcp_warp as slcp
-from slcp_warp import scenes
-from slcp_warp.description.scene import Body, Contact, Scene, Shape, Spring
+from slcp_warp import Body, Contact, Scene, Shape, Spring, scenes
 
 WIDTH = {wp.float32: "float32", wp.float64: "float64"}
 NUMPY = {wp.float32: np.float32, wp.float64: np.float64}

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 import slcp_warp as slcp
-from slcp_warp.description.scene import Scene
+from slcp_warp import Scene
 
 from ..shared.ours import PAPER
 from ..shared.rows import Rows, Say, report, timed

@@ -17,7 +17,7 @@ import numpy as np
 import warp as wp
 
 import slcp_warp as slcp
-from slcp_warp.description.scene import Scene
+from slcp_warp import Scene
 from slcp_warp.kernels.device import launch
 
 from ..exact.problems import MAKERS, STEP_SIZES, Problem, problem

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 import slcp_warp as slcp
-from slcp_warp.description.scene import Scene
+from slcp_warp import Scene
 from slcp_warp.kernels.solvers.newton import RESOLUTION
 from slcp_warp.simulator import DTYPES
 

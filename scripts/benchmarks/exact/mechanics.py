@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from slcp_warp.description.scene import Scene, SceneError, Shape
+from slcp_warp import Scene, SceneError, Shape
 
 SEARCH = 128  # directions in which the distance is searched
 Array = np.ndarray

@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from slcp_warp.description.scene import Body, Contact, Scene, Shape
+from slcp_warp import Body, Contact, Scene, Shape
 
 from .mechanics import scipy_module
 

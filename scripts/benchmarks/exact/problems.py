@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 import slcp_warp as slcp
-from slcp_warp.description.scene import Body, Scene, Shape, box, touching
+from slcp_warp import Body, Scene, Shape, box, touching
 
 from .events import integrate
 from .mechanics import Mechanism, scipy_module

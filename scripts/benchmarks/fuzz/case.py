@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 import slcp_warp as slcp
-from slcp_warp.description.scene import Scene
+from slcp_warp import Scene
 from slcp_warp.options import Options
 from slcp_warp.storage.files import parse_json, read_text, reading, write_text
 from slcp_warp.strategy import RENAMED

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from slcp_warp.description.scene import Scene
+from slcp_warp import Scene
 from slcp_warp.description.topology import contact_ends
 
 from ..mechanics.contact import gaps, touches
@@ -104,7 +104,7 @@ def draw_numbers(rng: Rng, scene: Scene, worlds: int) -> dict[str, Array]:
     _lay_guides(rng, scene, out, cosine)
     first = 0  # pair of a contact; all of its pairs have one coefficient
     for contact in scene.contacts:
-        pairs = range(first, first + len(contact_ends(scene, contact)))
+        pairs = range(first, first + len(contact_ends(scene.shapes, contact)))
         out["friction"][:, pairs] = 0.0 if contact.friction is None else out["friction"][:, pairs[:1]]
         first = pairs.stop
     return {name: single(value) for name, value in out.items()}

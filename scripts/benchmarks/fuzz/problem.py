@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slcp_warp.description.scene import Scene
+from slcp_warp import Scene
 from slcp_warp.kernels.method import Method
 
 from ..mechanics.contact import Touches, touches

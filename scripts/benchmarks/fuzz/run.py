@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 import slcp_warp as slcp
-from slcp_warp.description.scene import Scene
+from slcp_warp import Scene
 from slcp_warp.kernels.device import launch
 from slcp_warp.options import OptionError, Options, Status
 from slcp_warp.strategy import StrategyError

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from slcp_warp.description.scene import Body, Contact, Shape
+from slcp_warp import Body, Contact, Shape
 
 from .case import Case
 from .structures import JOINTS

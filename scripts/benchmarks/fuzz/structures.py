@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from slcp_warp.description.scene import Actuator, Body, Contact, Scene, Shape, Spring, box
+from slcp_warp import Actuator, Body, Contact, Scene, Shape, Spring, box
 from slcp_warp.description.topology import contact_ends
 
 Rng = np.random.Generator
@@ -151,7 +151,7 @@ def baked(scene: Scene, numbers: dict[str, Any], sigma: float | None = None) -> 
     for contact in scene.contacts:
         mu = float(numbers["friction"][pair])
         contacts.append(contact if contact.friction is None else dataclasses.replace(contact, friction=mu))
-        pair += len(contact_ends(scene, contact))
+        pair += len(contact_ends(scene.shapes, contact))
     for i, spring in enumerate(scene.springs):
         ends = numbers["spring_point"][i]
         springs.append(dataclasses.replace(

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from slcp_warp.description.scene import Scene
+from slcp_warp import Scene
 
 Array = np.ndarray
 COMPLEX_STEP = 1e-30

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from slcp_warp.description.scene import Body, Scene, SceneError, Shape
-from slcp_warp.description.topology import JOINTS, spread
+from slcp_warp import Body, Scene, SceneError, Shape
+from slcp_warp.description.parts import JOINTS, spread
 
 from ..shared.differences import forward
 from .mujoco_model import OUT_OF_PLANE

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from slcp_warp.description.scene import Scene
+from slcp_warp import Scene
 
 from .mujoco import SETTINGS, Setting, in_single, model_of
 from .peer import Deviation, Linearization, Run, deviation_of, load, places, step_count

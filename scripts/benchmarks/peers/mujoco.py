@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from slcp_warp.description.scene import Scene
+from slcp_warp import Scene
 
 from ..shared.workload import Workload
 from .mujoco_model import Peer as Model

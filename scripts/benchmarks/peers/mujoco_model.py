@@ -14,8 +14,8 @@ from xml.etree import ElementTree as xml
 
 import numpy as np
 
-from slcp_warp.description.scene import Body, Scene, SceneError, Shape
-from slcp_warp.description.topology import spread
+from slcp_warp import Body, Scene, SceneError, Shape
+from slcp_warp.description.parts import spread
 
 from ..shared.workload import Workload
 from .peer import NEAR, Deviation, deviation_of, load

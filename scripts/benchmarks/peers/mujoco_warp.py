@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from slcp_warp.description.scene import Scene
+from slcp_warp import Scene
 
 from .mujoco import SETTINGS, in_single, model_of
 from .mujoco_model import import_mujoco

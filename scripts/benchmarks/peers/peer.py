@@ -7,7 +7,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from slcp_warp.description.scene import Scene
+from slcp_warp import Scene
 
 from ..shared.mechanism import contact, distance, mass_matrix
 

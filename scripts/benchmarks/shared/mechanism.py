@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slcp_warp.description.scene import Scene, SceneError, Shape
+from slcp_warp import Scene, SceneError, Shape
 
 Radii = tuple[float, float]
 DIRECTIONS = 128  # normals tried by the distance search; the best is refined by Newton's method

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slcp_warp.description.scene import Scene
+from slcp_warp import Scene
 
 from .mechanism import contact
 

@@ -4,7 +4,7 @@ seconds of the finger's impacts.
 
 import numpy as np
 
-from slcp_warp.description.scene import Body, Contact, Scene, Shape
+from slcp_warp import Body, Contact, Scene, Shape
 
 LINK, RADIUS = 0.2, 0.02  # [m]
 IMPACTS_START = np.array([-2.2, -0.6, 0.4, 1.0, -1.0, 0.0])  # the finger strikes, misses, strikes again

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slcp_warp.description.scene import Scene, SceneError
+from slcp_warp import Scene, SceneError
 
 from .mechanism import distance
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from slcp_warp.description.scene import Scene
+from slcp_warp import Scene
 from slcp_warp.kernels.method import Method
 from slcp_warp.options import Status
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from slcp_warp.description.scene import Scene
+from slcp_warp import Scene
 from slcp_warp.kernels.method import Method
 
 from .equations import Problem

@@ -5,7 +5,7 @@ Numbers (masses, radii, offsets, slopes, limits) come from the cases as paramete
 
 import math
 
-from slcp_warp.description.scene import Actuator, Body, Contact, Scene, Shape
+from slcp_warp import Actuator, Body, Contact, Scene, Shape
 
 UP = math.pi / 2
 

@@ -1,11 +1,11 @@
-"""Named scenes with actuators: hopper, walker, cart-pole, pushing."""
+"""Legged robots: a hopper and a walker."""
 
 import math
 
-from ..description.scene import Actuator, Body, Contact, Scene, Shape, box, touching
+from ..description.parts import Actuator, Body, Contact, Shape
+from ..description.scene import Scene
 from .arguments import checked
-
-GROUND = Shape("ground", None, "halfplane", angle=math.pi / 2)
+from .pieces import GROUND
 
 
 @checked
@@ -72,57 +72,3 @@ def walker(friction: float = 0.8) -> Scene:
         sigma=0.02,
         initial_state=(0.0, 0.87, 0.0, *joints, *(0.0,) * 7),
     )
-
-
-@checked
-def cart_pole(wall: float = 0.6) -> Scene:
-    """A cart (1 kg) on a rail with a pole (.2 kg, .6 m) between two walls at x = +-`wall` [m].
-
-    State: cart x, pole's angle from upright (counter-clockwise), then rates. Control: force on the cart [N].
-    The pole's tip touches the walls; the rail ends .3 m before them. It starts falling to the right.
-    """
-    up = math.pi / 2
-    return Scene(
-        name="cart_pole",
-        bodies=(
-            Body("cart", 1.0, 0.01, joint="prismatic", damping=0.1, lower=0.3 - wall, upper=wall - 0.3),
-            Body("pole", 0.2, 0.2 * 0.36 / 12.0, parent="cart", angle=up, com=(0.3, 0.0), damping=0.002),
-        ),
-        shapes=(
-            Shape("tip", "pole", "disc", 0.03, offset=(0.6, 0.0)),
-            Shape("left_wall", None, "halfplane", offset=(-wall, 0.0)),
-            Shape("right_wall", None, "halfplane", offset=(wall, 0.0), angle=math.pi),
-        ),
-        contacts=(Contact("left_wall", "tip"), Contact("right_wall", "tip")),
-        actuators=(Actuator("cart"),),
-        step_size=0.01,
-        sigma=0.02,
-        initial_state=(0.0, -0.1, 0.0, -0.5),
-    )
-
-
-@checked
-def push_block(friction: float = 0.4) -> Scene:
-    """A pusher (disc of radius .05 m, 1 kg, on a rail) pushes a block (.3 m x .2 m, 1 kg) over the ground.
-
-    State: pusher x, block (x, y, angle), then rates. Control: force on the pusher [N]. The pusher touches the
-    block's left face, a half-plane fixed to the block. It starts .2 m before the block at 1.5 m/s.
-    """
-    corners = box("corner", "block", 0.3, 0.2)
-    face = Shape("face", "block", "halfplane", offset=(-0.15, 0.0), angle=math.pi)
-    return Scene(
-        name="push_block",
-        bodies=(
-            Body("pusher", 1.0, 1e-3, joint="prismatic", anchor=(-0.4, 0.08), damping=0.5),
-            Body("block", 1.0, (0.3**2 + 0.2**2) / 12.0, joint="free"),
-        ),
-        shapes=(Shape("pusher", "pusher", "disc", 0.05), *corners, face, GROUND),
-        contacts=(*touching(corners[:2], (GROUND,), friction), Contact("face", "pusher", 0.3)),
-        actuators=(Actuator("pusher"),),
-        step_size=0.01,
-        sigma=0.01,
-        initial_state=(0.0, 0.0, 0.1, 0.0, 1.5, 0.0, 0.0, 0.0),
-    )
-
-
-SCENES = (hopper, walker, cart_pole, push_block)

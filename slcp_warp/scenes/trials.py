@@ -1,18 +1,13 @@
-"""Named scenes of loose bodies: stacks, slopes, collisions, tosses, and contacts that hurt a solver."""
+"""Contacts that are hard on a solver: stacks, impacts, jams, redundant supports, limits."""
 
 import math
 from collections.abc import Sequence
 
-from ..description.scene import Actuator, Body, Contact, Scene, Shape, box, touching
-from ..inputs.checks import shown
+from ..description.parts import Actuator, Body, Contact, Shape, box, touching
+from ..description.scene import Scene
 from ..inputs.errors import SceneError
 from .arguments import checked
-
-GROUND = Shape("ground", None, "halfplane", angle=math.pi / 2)
-
-
-def _box_inertia(mass: float, width: float, height: float) -> float:
-    return mass * (width**2 + height**2) / 12.0
+from .pieces import GROUND, box_inertia
 
 
 @checked
@@ -33,7 +28,7 @@ def stack(
     heights: list[float] = []
     below = GROUND
     for i, mass in enumerate(each):
-        bodies.append(Body(f"box{i}", mass, _box_inertia(mass, size, size), joint="free"))
+        bodies.append(Body(f"box{i}", mass, box_inertia(mass, size, size), joint="free"))
         corners = box(f"box{i}_corner", f"box{i}", size, size)
         top = Shape(f"box{i}_top", f"box{i}", "halfplane", offset=(0.0, size / 2), angle=math.pi / 2)
         contacts += touching(corners[:2], (below,), friction)
@@ -69,28 +64,6 @@ def painleve_rod(friction: float = 1.2, slope: float = 2.0, speed: float = 2.0, 
 
 
 @checked
-def slope(kind: str = "block", angle: float = 0.3, friction: float = 0.4) -> Scene:
-    """A block (.4 m x .2 m), a particle or a disc (radius .1 m) at rest on a slope of `angle` [rad].
-
-    State (x, y, angle) of the centre, then rates; 1 kg. It sticks while tan(angle) < friction (a disc rolls).
-    """
-    up, ground = 0.1, Shape("ground", None, "halfplane", angle=math.pi / 2 + angle)
-    if kind == "block":
-        inertia, shapes = _box_inertia(1.0, 0.4, 2 * up), box("corner", "body", 0.4, 2 * up)
-    elif kind == "disc":
-        inertia, shapes = 0.5 * up**2, (Shape("disc", "body", "disc", up),)
-    elif kind == "particle":
-        up, inertia, shapes = 0.0, 1.0, (Shape("particle", "body", "disc"),)
-    else:
-        raise SceneError(f"kind is {shown(kind)}; choose block, particle or disc")
-    return Scene(
-        name="slope", bodies=(Body("body", 1.0, inertia, joint="free"),), shapes=(*shapes, ground),
-        contacts=touching(shapes, (ground,), friction), step_size=0.01, sigma=0.01,
-        initial_state=(-math.sin(angle) * up, math.cos(angle) * up, angle, 0.0, 0.0, 0.0),
-    )  # fmt: skip
-
-
-@checked
 def two_balls(speed: float = 1.0, offset: float = 0.05, friction: float | None = 0.3) -> Scene:
     """Two discs (radius .1 m, 1 kg and 2 kg) that meet off centre in free space, without gravity.
 
@@ -112,43 +85,6 @@ def two_balls(speed: float = 1.0, offset: float = 0.05, friction: float | None =
 
 
 @checked
-def box_toss(friction: float = 0.4) -> Scene:
-    """A box (.3 m x .2 m, 1 kg) thrown forward with spin; it lands on a corner, tumbles and comes to rest.
-
-    State (x, y, angle) of the centre, then rates. No controls.
-    """
-    corners = box("corner", "box", 0.3, 0.2)
-    return Scene(
-        name="box_toss",
-        bodies=(Body("box", 1.0, _box_inertia(1.0, 0.3, 0.2), joint="free"),),
-        shapes=(*corners, GROUND),
-        contacts=touching(corners, (GROUND,), friction),
-        step_size=0.005,
-        sigma=0.02,
-        initial_state=(0.0, 0.5, 0.5, 1.5, 1.5, -5.0),
-    )
-
-
-@checked
-def rolling_disc(speed: float = 1.0, friction: float = 0.5, radius: float = 0.1) -> Scene:
-    """A disc (1 kg) that rolls without slip on the ground, at the gap where the smoothed contact carries it.
-
-    State (x, y, angle) of the centre, then rates. No controls.
-    """
-    h, sigma = 0.01, 0.01
-    gap = -h * sigma * math.log(-math.expm1(-(1.0 + 3.0 * friction**2) * 9.81 * h / (2.0 * sigma)))
-    return Scene(
-        name="rolling_disc",
-        bodies=(Body("disc", 1.0, 0.5 * radius**2, joint="free"),),
-        shapes=(Shape("disc", "disc", "disc", radius), GROUND),
-        contacts=(Contact("ground", "disc", friction),),
-        step_size=h,
-        sigma=sigma,
-        initial_state=(0.0, radius + gap, 0.0, speed, 0.0, -speed / radius),
-    )
-
-
-@checked
 def beam(
     count: int = 8, spread: bool = True, friction: float | None = None, drop: float = 0.15, tilt: float = 0.2
 ) -> Scene:
@@ -165,7 +101,7 @@ def beam(
     face = Shape("face", "beam", "halfplane", offset=(0.0, -0.05), angle=-math.pi / 2)
     return Scene(
         name="beam",
-        bodies=(Body("beam", 2.0, _box_inertia(2.0, 1.0, 0.1), joint="free"),),
+        bodies=(Body("beam", 2.0, box_inertia(2.0, 1.0, 0.1), joint="free"),),
         shapes=(face, *supports, *box("corner", "beam", 1.0, 0.1)),
         contacts=touching(supports, (face,), friction),
         step_size=0.01,
@@ -190,8 +126,3 @@ def opposing_limits(width: float = 1e-4) -> Scene:
         sigma=0.1,
         initial_state=(0.0, 1.0),
     )
-
-
-SCENES = (
-    stack, painleve_rod, slope, two_balls, box_toss, rolling_disc, beam, opposing_limits,
-)  # fmt: skip

@@ -1,0 +1,234 @@
+"""The parts of a scene: bodies with their joints, shapes on them, contacts, actuators and springs.
+
+Every part is checked when it is made (`SceneError`); its numbers obey the rules of `inputs/rules.py`, which
+hold for `Parameters.replace` and for files, too, and are kept as floats and tuples of floats.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from slcp_warp.kernels.structure import CAPSULE, DISC, ELLIPSE, HALFPLANE
+
+from ..inputs import rules
+from ..inputs.checks import array, number, shown
+from ..inputs.errors import SceneError
+from .fields import Fields, several
+
+Pair2 = tuple[float, float]
+JOINTS = {"revolute": 1, "prismatic": 1, "free": 3}  # and their degrees of freedom
+KINDS = (DISC, ELLIPSE, HALFPLANE, CAPSULE)
+
+
+@dataclass(frozen=True)
+class Body:
+    """A rigid body and the joint that ties it to its parent.
+
+    Attributes:
+        name: unique name.
+        mass: [kg], > 0.
+        inertia: about the centre of mass [kg m^2], > 0.
+        parent: name of an earlier body, or None for the world.
+        joint: "revolute" (angle), "prismatic" (shift along `axis`) or "free" (x, y, angle).
+        anchor: joint position in the parent's frame [m].
+        angle: turn of this body's frame at q = 0 [rad].
+        axis: unit direction of a prismatic joint in the parent's frame (of length 1 to 0.005).
+        com: centre of mass in the body's frame, whose origin is the joint [m].
+        damping: joint damping >= 0, one number per degree of freedom [N m s/rad, N s/m]; met at the end of
+            a step unless the scene says otherwise (`Scene.implicit_damping`).
+        stiffness, rest: joint spring per degree of freedom, force -stiffness (q - rest) [N m/rad, N/m; rad,
+            m]; stiffness None: no spring.
+        lower, upper: limits per degree of freedom, lower <= upper (None: no limit, no row).
+    """
+
+    name: str
+    mass: float
+    inertia: float
+    parent: str | None = None
+    joint: str = "revolute"
+    anchor: Pair2 = (0.0, 0.0)
+    angle: float = 0.0
+    axis: Pair2 = (1.0, 0.0)
+    com: Pair2 = (0.0, 0.0)
+    damping: tuple[float, ...] | float = 0.0
+    stiffness: tuple[float | None, ...] | float | None = None
+    rest: tuple[float, ...] | float = 0.0
+    lower: tuple[float | None, ...] | float | None = None
+    upper: tuple[float | None, ...] | float | None = None
+
+    def __post_init__(self) -> None:
+        Fields(self, "body, ").text("name")
+        fields = Fields(self, f"body {self.name!r}: ")
+        fields.text("parent", optional=True)
+        fields.choice("joint", tuple(JOINTS))
+        for name in ("mass", "inertia", "angle"):
+            fields.number(name)
+        for name in ("anchor", "axis", "com"):
+            fields.pair(name)
+        rules.check_axis(f"body {self.name!r}: axis", np.array(self.axis), SceneError)
+        for name in ("damping", "rest"):
+            fields.per_dof(name, JOINTS[self.joint])
+        for name in ("stiffness", "lower", "upper"):
+            fields.per_dof(name, JOINTS[self.joint], optional=True)
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A shape on a body (or the world, body=None).
+
+    Attributes:
+        kind: "disc" (radius; 0 is a point), "ellipse" (two radii along its axes), "capsule" (radius and half
+            length of its segment, which lies along its axis) or "halfplane".
+        radius: (r,), (rx, ry) or a capsule's (r, half length) [m].
+        offset: centre, or a point of the half-plane, in the body's frame [m].
+        angle: of the first axis, or of a half-plane's outward normal, against the body's x [rad].
+    """
+
+    name: str
+    body: str | None
+    kind: str
+    radius: tuple[float, ...] | float = 0.0
+    offset: Pair2 = (0.0, 0.0)
+    angle: float = 0.0
+
+    def __post_init__(self) -> None:
+        Fields(self, "shape, ").text("name")
+        label = f"shape {self.name!r}: "
+        fields = Fields(self, label)
+        fields.text("body", optional=True)
+        fields.choice("kind", KINDS)
+        given: Any = self.radius
+        if self.kind == "capsule" and not (several(given) and len(given) == 2):
+            raise SceneError(f"{label}radius is {shown(given)}; a capsule needs (radius, half length)")
+        if several(given):
+            fields.entries("radius", 1 if len(given) == 1 else 2)
+        else:
+            fields.number("radius")
+        rules.check_radius(f"{label}radius", self.kind, np.array(radii(self)), SceneError)
+        fields.pair("offset", "shape_offset")
+        fields.number("angle", "shape_angle")
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Two shapes that may touch, by name, and their friction coefficient (None: a frictionless contact).
+
+    A capsule touches half-planes with the discs at its ends (two pairs), discs with its nearest point (one
+    pair), and another capsule with the ends of either on the other (four pairs). Ellipses do not touch it.
+    """
+
+    shape_a: str
+    shape_b: str
+    friction: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("shape_a", "shape_b"):
+            Fields(self, "contact, ").text(name)
+        label = f"contact {self.shape_a!r} - {self.shape_b!r}: "
+        Fields(self, label).number("friction", optional=True)
+
+
+@dataclass(frozen=True)
+class Actuator:
+    """A control that pushes one degree of freedom with the force gear * u.
+
+    Attributes:
+        body: whose joint is driven.
+        dof: which degree of freedom of that joint, from 0.
+        gear: force or torque per unit of control.
+    """
+
+    body: str
+    dof: int = 0
+    gear: float = 1.0
+
+    def __post_init__(self) -> None:
+        Fields(self, "actuator, ").text("body")
+        fields = Fields(self, f"actuator on {self.body!r}: ")
+        fields.whole("dof")
+        fields.number("gear")
+
+
+@dataclass(frozen=True)
+class Spring:
+    """A spring and damper between two points of bodies (or of the world, None).
+
+    The force along the line of the points is stiffness (l - length) + damping dl/dt with l their distance,
+    rounded off below length/1000 + 1e-5 so that coincident points give finite derivatives.
+
+    Attributes:
+        point_a, point_b: in the frame of their body [m]. stiffness [N/m], damping [N s/m] >= 0.
+        length: rest length [m], >= 0.
+    """
+
+    body_a: str | None
+    body_b: str | None
+    point_a: Pair2 = (0.0, 0.0)
+    point_b: Pair2 = (0.0, 0.0)
+    stiffness: float = 0.0
+    damping: float = 0.0
+    length: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("body_a", "body_b"):
+            Fields(self, "spring, ").text(name, optional=True)
+        fields = Fields(self, f"spring {self.body_a!r} - {self.body_b!r}: ")
+        for name in ("point_a", "point_b"):
+            fields.pair(name, "spring_point")
+        for name in ("stiffness", "damping", "length"):
+            fields.number(name, f"spring_{name}")
+
+
+def spread(value: Any, i: int, default: Any) -> Any:
+    """Entry i of a number per degree of freedom, or of one number for all."""
+    if value is None:
+        return default
+    entry = value[i] if isinstance(value, Sequence) else value
+    return default if entry is None else entry
+
+
+def radii(shape: Shape) -> tuple[float, float]:
+    """Both numbers of a shape's size."""
+    radius = tuple(shape.radius) if isinstance(shape.radius, Sequence) else (shape.radius,)
+    return (radius[0], radius[-1])
+
+
+def box(
+    name: str,
+    body: str | None,
+    width: float,
+    height: float,
+    corner_radius: float = 0.0,
+    offset: Pair2 = (0.0, 0.0),
+    angle: float = 0.0,
+) -> tuple[Shape, ...]:
+    """The corners of a box (points, or discs within it), counter-clockwise from the lower left.
+
+    Their names are `name` and a number from 0 to 3. They touch half-planes of any body, and round shapes;
+    `touching` makes the contacts.
+    """
+    if not isinstance(name, str) or not name:
+        raise SceneError(f"name is {shown(name)}; a name is needed")
+    offset_x, offset_y = array("offset", offset, (2,), error=SceneError)
+    half = min(number("width", width, 0.0, above=True, error=SceneError),
+               number("height", height, 0.0, above=True, error=SceneError)) / 2.0  # fmt: skip
+    number("corner_radius", corner_radius, 0.0, half, error=SceneError)
+    angle = number("angle", angle, error=SceneError)
+    x, y = width / 2.0 - corner_radius, height / 2.0 - corner_radius
+    c, s = math.cos(angle), math.sin(angle)
+    corners = [(sx * x, sy * y) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    places = [(offset_x + c * u - s * w, offset_y + s * u + c * w) for u, w in corners]
+    return tuple(Shape(f"{name}{i}", body, "disc", corner_radius, place) for i, place in enumerate(places))
+
+
+def touching(
+    shapes: tuple[Shape, ...], others: tuple[Shape, ...], friction: float | None = None
+) -> tuple[Contact, ...]:
+    """A contact of every one of `shapes` with every one of `others`."""
+    for name, group in (("shapes", shapes), ("others", others)):
+        if not isinstance(group, list | tuple) or not all(isinstance(shape, Shape) for shape in group):
+            raise SceneError(f"{name} is {shown(group)}; a tuple of Shape is needed")
+    return tuple(Contact(other.name, shape.name, friction) for other in others for shape in shapes)
