@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
 
+from slcp_warp.kernels import status
 from slcp_warp.kernels.method import Method
-from slcp_warp.kernels.solvers import newton
 
 from .inputs.checks import choice, numeric, shown
 from .inputs.errors import ArgumentError
@@ -38,11 +38,11 @@ class Status(IntEnum):
     NOT_CONVERGED: the solver gave up; there may be a solution or none.
     """
 
-    SOLVED = newton.SOLVED
-    NOT_CONVERGED = newton.NOT_CONVERGED
-    INFEASIBLE = newton.INFEASIBLE
-    NONFINITE = newton.NONFINITE
-    JAMMED = newton.JAMMED
+    SOLVED = status.SOLVED
+    NOT_CONVERGED = status.NOT_CONVERGED
+    INFEASIBLE = status.INFEASIBLE
+    NONFINITE = status.NONFINITE
+    JAMMED = status.JAMMED
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from typing import Any
 import warp as wp
 
 from slcp_warp.kernels.device.launch import launch
-from slcp_warp.kernels.generic import step as large_step
+from slcp_warp.kernels.generic import step as generic_step
 from slcp_warp.kernels.generic.topology import NUMBERS, make_topology
 from slcp_warp.kernels.generic.work import Work, allocate_work, bytes_per_world
 from slcp_warp.kernels.method import Method
@@ -116,7 +116,7 @@ class GenericKernels:
 
     def __init__(self, s: Structure, dtype: type, method: Method, device: Any) -> None:
         self.dtype, self.device = dtype, device
-        self.residual = large_step.large_residual(method, s.nr)
+        self.residual = generic_step.residual_of(method, s.nr)
         self.topology = make_topology(s, method.inertia_scaling, method.coulomb, device)
         self.workspaces = Workspaces(s, device)
         self.chunk = self.workspaces.most  # worlds of a launch
@@ -132,9 +132,9 @@ class GenericKernels:
 
     def step(self, worlds: int, arrays: list[Any]) -> None:
         """As a launch of `rollout.make_step_kernel`."""
-        self._launch(large_step.make_large_step_kernel(self.dtype, self.residual), worlds, [], arrays, 8)
+        self._launch(generic_step.make_step_kernel(self.dtype, self.residual), worlds, [], arrays, 8)
 
     def rollout(self, worlds: int, exact_gap: bool, arrays: list[Any]) -> None:
         """As a launch of `rollout.make_rollout_kernel` for an open loop, whose controls are an array here."""
-        kernel = large_step.make_large_rollout_kernel(self.dtype, self.residual)
+        kernel = generic_step.make_rollout_kernel(self.dtype, self.residual)
         self._launch(kernel, worlds, [int(exact_gap)], arrays, 1)

@@ -12,6 +12,7 @@ from ..structure import Structure
 from .rows import make_rows
 
 SMALLEST = 1e-30  # of an A_ii
+COLD = 1.0e30  # a multiplier that stands for "no warm start"
 
 
 @cached

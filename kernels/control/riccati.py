@@ -14,7 +14,7 @@ of the state or of the control (Tassa, Erez & Todorov 2012, section II-F). Where
 mu is raised and the pass starts again in the same kernel. The value update holds for any K, k, so it needs no
 regularisation.
 
-The first-order method (9)-(10) is the same sweep with R = l_uu + mu (w_x + w_u) I, K = 0 and no V_xx: for a
+The first-order method (9)-(10) is the same pass with R = l_uu + mu (w_x + w_u) I, K = 0 and no V_xx: for a
 quadratic running cost k = u* - u exactly; for others it is one Newton step towards u*, continued by the next
 pass.
 """

@@ -14,7 +14,7 @@ import warp as wp
 from ..device.compile import specialised
 from ..factories import cached
 from ..method import Method
-from ..solvers.convex import SOLVED
+from ..status import SOLVED
 from ..step.rollout import make_world
 from ..structure import Structure, layout
 from .sensitivity import make_linearization

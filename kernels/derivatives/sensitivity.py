@@ -17,7 +17,7 @@ from ..method import Method
 from ..residual.noise import make_noise
 from ..residual.smoothing import make_smoothing
 from ..solvers.coulomb_response import make_coulomb_response
-from ..solvers.elimination import PROXIMAL, make_sweep
+from ..solvers.elimination import PROXIMAL, make_row_elimination
 from ..solvers.erm_response import make_erm_response
 from ..step.step import make_step
 from ..structure import Structure, layout
@@ -33,7 +33,7 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
     mech, rows, t, Solution = step.mech, step.rows, step.types, step.Solution
     motion = make_mechanism_derivatives(s, dtype, method.trapezoidal)
     pairs = tuple(make_pair_derivatives(s, k, dtype) for k in range(len(s.pairs)))
-    sweep = make_sweep(s, dtype, method)
+    elimination = make_row_elimination(s, dtype, method)
     coulomb = method.coulomb and s.nr > 0
     erm = method.erm and s.nr > 0
     response = make_coulomb_response(s, dtype, method) if coulomb else None
@@ -61,7 +61,7 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
         w: VQ  # v' - v
         slope: VR  # s'(z)
         slack: VR  # s'(-z)
-        factor: response.Factor if coulomb else least.Factor if erm else sweep.Factor
+        factor: response.Factor if coulomb else least.Factor if erm else elimination.Factor
         gap_row: JR  # dd/dq of every active row
         m: JR  # M^-1 J_i'
         scale_by_q: JR  # dD_i/dq
@@ -215,7 +215,7 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
         elif wp.static(coulomb):
             lin.factor = response.factor(params, row, step.posed(sol), sol.z)
         elif wp.static(NR > 0):
-            lin.factor = wp.static(sweep.factor)(
+            lin.factor = wp.static(elimination.factor)(
                 sol.minv, sol.jac, sol.scale, diag, lin.slope, lin.slack, sol.mask, TAU
             )
         else:
@@ -297,8 +297,12 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
             elif wp.static(erm):
                 dv = least.solve(lin.factor, sol.minv, sol.jac, dv, f2, c)
             else:
-                dv, innovation = wp.static(sweep.forward)(lin.factor, sol.jac, lin.slope, sol.mask, dv, f2)
-                dz = wp.static(sweep.back)(lin.factor, sol.jac, sol.scale, lin.slope, sol.mask, innovation)
+                dv, innovation = wp.static(elimination.forward)(
+                    lin.factor, sol.jac, lin.slope, sol.mask, dv, f2
+                )
+                dz = wp.static(elimination.back)(
+                    lin.factor, sol.jac, sol.scale, lin.slope, sol.mask, innovation
+                )
                 for i in range(wp.static(NR)):
                     lin.dz[i, c] = dz[i]
         for j in range(wp.static(NV)):
@@ -327,8 +331,8 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
         p = sol.minv * target
         rho = VR()
         if sol.mask != 0:
-            p, innovation = wp.static(sweep.forward)(lin.factor, sol.jac, lin.slope, sol.mask, p, VR())
-            dz = wp.static(sweep.back)(lin.factor, sol.jac, sol.scale, lin.slope, sol.mask, innovation)
+            p, innovation = wp.static(elimination.forward)(lin.factor, sol.jac, lin.slope, sol.mask, p, VR())
+            dz = wp.static(elimination.back)(lin.factor, sol.jac, sol.scale, lin.slope, sol.mask, innovation)
             for i in range(wp.static(NR)):
                 rho[i] = -lin.slope[i] * dz[i] / sol.scale[i]
         return p, rho
@@ -337,7 +341,6 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
         step=step,
         motion=motion,
         pairs=pairs,
-        sweep=sweep,
         Linear=Linear,
         linearize=linearize,
         transposed=transposed,

@@ -1,7 +1,7 @@
 """Sweeps with the generic step kernel: what happens to a world between two of its steps.
 
 `sweep.py` rolls a world out in one launch. Here a step is three: `begin` samples, kicks and asks the policy,
-the generic kernel steps (`large_step.py`), `end` takes the step over or the status and counts contacts. The
+the generic kernel steps (`generic/step.py`), `end` takes the step over or the status and counts contacts. The
 random numbers are those of `sweep.py`, by world and step, so nothing depends on the split.
 """
 
@@ -9,9 +9,10 @@ from types import SimpleNamespace
 
 import warp as wp
 
+from ..contact.problem import COLD
 from ..device.compile import specialised
 from ..factories import cached
-from ..solvers.convex import COLD, SOLVED
+from ..status import SOLVED
 from ..step.rollout import POLICIES
 from ..structure import STEP_SIZE
 from .sweep import TOUCH, make_disturbances

@@ -9,7 +9,7 @@ import warp as wp
 from ..device.compile import specialised
 from ..factories import cached
 from ..method import Method
-from ..solvers.convex import SOLVED
+from ..status import SOLVED
 from ..step.rollout import POLICIES, make_world
 from ..structure import STEP_SIZE, Structure, layout
 from .random import make_normal, philox

@@ -1,1 +1,1 @@
-"""The kernels for any scene by tables: their state lies in memory."""
+"""The generic kernels: any scene by tables, a world's state in a workspace."""

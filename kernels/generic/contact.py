@@ -1,16 +1,18 @@
-"""Gaps and rows of the contact pairs and limits of a large scene; the formulas are those of `rows.py`."""
+"""Gaps and rows of the contact pairs and limits of any scene by its tables; the formulas are those of
+`contact/rows.py`.
+"""
 
 from types import SimpleNamespace
 
 import warp as wp
 
 from ..contact.distance import make_distance
+from ..contact.problem import COLD
 from ..contact.shapes import make_upright
 from ..factories import cached
 from ..residual.smoothing import make_smoothing
-from ..solvers.convex import COLD
 from ..structure import CAPSULE, DISC, ELLIPSE, HALFPLANE, WORLD
-from .mechanism import COLUMN, make_large_mechanism
+from .mechanism import COLUMN, make_mechanism
 from .topology import CONTACT, LONG, LOWER, MOVES_A, MOVES_B, PLANE, TURN, Topology
 from .work import WORK, Work
 
@@ -18,14 +20,14 @@ ROUNDING = {wp.float64: 1e-14, wp.float32: 4e-7}  # of a gap [m], whatever the p
 
 
 @cached
-def make_large_contact(given: type, residual: str) -> SimpleNamespace:
+def make_contact(given: type, residual: str) -> SimpleNamespace:
     """Warp functions that fill k.rate and k.jac and choose the rows that can act."""
     dtype = WORK
-    mech = make_large_mechanism(given)
+    mech = make_mechanism(given)
     number, column = mech.number, mech.column
     V2, V4, GEO = wp.types.vector(2, dtype), wp.types.vector(4, dtype), wp.types.vector(8, dtype)
     ZERO, ONE, TOUCHING, UNUSED = dtype(0.0), dtype(1.0), dtype(ROUNDING[given]), dtype(COLD)
-    CUT = dtype(0.0 if residual == "hard" else make_smoothing(dtype, residual).cut)  # as in `step.py`
+    CUT = dtype(0.0 if residual == "hard" else make_smoothing(dtype, residual).cut)  # as in `acting.py`
     H, SIGMA, LOW, UP, FRICTION, RADIUS, OFFSET, TURNED = (
         COLUMN[n]
         for n in ("step_size", "sigma", "lower", "upper", "friction", "radius", "shape_offset", "shape_angle")

@@ -1,4 +1,4 @@
-"""Coulomb friction in a large scene: a fixed point around the convex problem.
+"""Coulomb friction in the generic kernels: a fixed point around the convex problem.
 
 With d/h + mu s in place of d/h, s = |J_t v'|, the two rows of Anitescu's relaxation are the exact planar law
 (the paper's [8]; De Saxce's change of variables, solved for s as Acary and Cadoux do). mu s is |J_+ v' - J_-
@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from ..factories import cached
-from .newton import make_large_newton
+from .newton import make_newton
 from .topology import CONTACT, Topology
 from .work import WORK, Work
 
@@ -20,10 +20,10 @@ TOLERANCE = 1e-12  # of mu s, relative to the velocities at hand
 
 
 @cached
-def make_large_coulomb(given: type) -> SimpleNamespace:
+def make_coulomb(given: type) -> SimpleNamespace:
     """lift(t, k, b, n, passes) -> 1 if k.rate of the acting pairs had to change."""
     dtype = WORK
-    dot = make_large_newton(given, "hard").dot
+    dot = make_newton(given, "hard").dot
     HALF, ONE, ZERO = dtype(0.5), dtype(1.0), dtype(0.0)
     ENOUGH = dtype(TOLERANCE)
     FARTHEST, SMALLEST = dtype(2.0), dtype(1e-30)

@@ -1,8 +1,9 @@
-"""Interior-point method of a large scene, primal and dual: finds the rows that act, for Newton to finish.
+"""Primal and dual interior-point method of the generic kernels: finds the rows that act for Newton's.
 
-a = D lambda > 0 and w > 0, a w = m(a - w) + mu, as in `interior.py`, but v' is an unknown too and need not
-balance the impulses before the end. It starts with a as large as all momentum of the scene on one row could
-make it (a hundredth of that): from small impulses a heap of unequal masses took several times the iterations.
+a = D lambda > 0 and w > 0, a w = m(a - w) + mu, as in `solvers/interior.py`, but v' is an unknown too and
+need not balance the impulses before the end. It starts with a as large as all momentum of the scene on one
+row could make it (a hundredth of that): from small impulses a heap of unequal masses took several times the
+iterations.
 """
 
 from types import SimpleNamespace
@@ -10,9 +11,9 @@ from types import SimpleNamespace
 import warp as wp
 
 from ..factories import cached
-from ..solvers.convex import INFEASIBLE, NONFINITE, NOT_CONVERGED, SOLVED
-from .islands import make_large_islands
-from .newton import make_large_newton
+from ..status import INFEASIBLE, NONFINITE, NOT_CONVERGED, SOLVED
+from .islands import make_islands
+from .newton import make_newton
 from .topology import Topology
 from .work import WORK, Work
 
@@ -32,11 +33,11 @@ YIELDING = {
 
 
 @cached
-def make_large_solver(given: type, residual: str) -> SimpleNamespace:
+def make_solver(given: type, residual: str) -> SimpleNamespace:
     """solve(t, k, params, row, b, n) -> status: k.v, k.z, k.lam of the acting rows."""
     dtype = WORK
-    nt = make_large_newton(given, residual)
-    islands = make_large_islands(given)
+    nt = make_newton(given, residual)
+    islands = make_islands(given)
     hard = residual == "hard"
     SIGMA = nt.SIGMA
     LIMIT, RESIDUAL = (dtype(x) for x in END[hard])

@@ -1,4 +1,4 @@
-"""What the data of a large scene allow a step to exchange: the judge of impulses beside the equations.
+"""What the data allow a step of the generic kernels to exchange: the judge of impulses beside the equations.
 
 Rows that all but exclude each other can be answered by opposed impulses of any size, so an error relative to
 the impulses proves nothing, and neither does one relative to what happens elsewhere in the world. Here every
@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from ..factories import cached
-from .newton import ACCEPTED, GIVEN, SUMMED, make_large_newton
+from .newton import ACCEPTED, GIVEN, SUMMED, make_newton
 from .topology import Topology
 from .work import WORK, Work
 
@@ -20,10 +20,10 @@ SHARED = 10.0  # by which a row may push harder than all momentum of its island
 
 
 @cached
-def make_large_islands(given: type) -> SimpleNamespace:
+def make_islands(given: type) -> SimpleNamespace:
     """Warp functions `bounds`, `island_momentum` and `adds_up`."""
     dtype = WORK
-    nt = make_large_newton(given, "hard")
+    nt = make_newton(given, "hard")
     ZERO = dtype(0.0)
     LOST, ROUND, ENOUGH = nt.LOST, dtype(GIVEN[given]), dtype(SUMMED[given])
     OPEN, LEAST = dtype(ROW * ACCEPTED[given]), dtype(ROUNDED)

@@ -1,5 +1,5 @@
 """Kinematics and dynamics of a planar tree by loops over its tables; the formulas are those of
-`mechanism.py`.
+`mechanism/dynamics.py`.
 """
 
 from types import SimpleNamespace
@@ -15,7 +15,7 @@ COLUMN = {name: i for i, name in enumerate(NUMBERS)}
 
 
 @cached
-def make_large_mechanism(given: type) -> SimpleNamespace:
+def make_mechanism(given: type) -> SimpleNamespace:
     """Warp functions of a mechanism given by tables; `b` is the slot of a world's workspace."""
     dtype = WORK
     V2, V4 = wp.types.vector(2, dtype), wp.types.vector(4, dtype)

@@ -1,4 +1,4 @@
-"""Linear algebra of a Newton step on (v', z) of a large scene, and Newton's method itself.
+"""Linear algebra of a Newton step on (v', z) of any scene by its tables, and Newton's method itself.
 
 Unknowns are v' and z, lambda = s(z)/D. A step solves M dv - J' dlambda = -r1, J dv + q dz = e - r2, D dlambda
 = p dz + e with p = s'(z), q = s'(-z), e = 0 (the interior-point method has other p, q, e). Eliminating dz
@@ -30,7 +30,7 @@ SUMMED = {wp.float64: 5e-11, wp.float32: 1e-5}  # what it may make of momenta, r
 
 
 @cached
-def make_large_newton(given: type, residual: str) -> SimpleNamespace:
+def make_newton(given: type, residual: str) -> SimpleNamespace:
     """Warp functions: linear algebra on the list of active rows (n of them), residuals and `newton`."""
     dtype = WORK
     env = make_envelope(dtype)

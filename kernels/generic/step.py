@@ -1,40 +1,41 @@
-"""Step and rollout kernels that serve every large scene: compiled once per precision and residual.
+"""Step and rollout kernels that serve any scene by tables: compiled once per precision and residual.
 
-The same inputs, outputs and meaning as the kernels of `rollout.py` (which are specialised on a scene, one
-world per thread in registers), with the scene in tables and a world's state in a workspace.
+The same inputs, outputs and meaning as the kernels of `step/rollout.py` (specialised on a scene), with the
+scene in tables and a world's state in a workspace.
 """
 
 from types import SimpleNamespace
 
 import warp as wp
 
+from ..contact.problem import COLD
 from ..device.compile import specialised
 from ..factories import cached
 from ..method import Method
-from ..solvers.convex import COLD, INFEASIBLE, JAMMED, NONFINITE, NOT_CONVERGED, SOLVED
-from .contact import make_large_contact
-from .coulomb import COULOMB_PASSES, make_large_coulomb
+from ..status import INFEASIBLE, JAMMED, NONFINITE, NOT_CONVERGED, SOLVED
+from .contact import make_contact
+from .coulomb import COULOMB_PASSES, make_coulomb
 from .envelope import make_envelope
-from .interior import make_large_solver
-from .mechanism import COLUMN, make_large_mechanism
+from .interior import make_solver
+from .mechanism import COLUMN, make_mechanism
 from .topology import CONTACT, Topology
 from .work import WORK, Work
 
 
-def large_residual(method: Method, rows: int) -> str:
+def residual_of(method: Method, rows: int) -> str:
     """What the kernels are specialised on: the residual, or that there is no contact to solve."""
     return method.residual if rows else "none"
 
 
 @cached
-def make_large_step(given: type, residual: str) -> SimpleNamespace:
+def make_step(given: type, residual: str) -> SimpleNamespace:
     """Warp functions of a step on a world's workspace; residual "none" leaves the solver out."""
     dtype = WORK
-    mech = make_large_mechanism(given)
+    mech = make_mechanism(given)
     env = make_envelope(dtype)
-    contact = make_large_contact(given, residual) if residual != "none" else None
-    solver = make_large_solver(given, residual) if residual != "none" else None
-    friction = make_large_coulomb(given) if residual == "hard" else None
+    contact = make_contact(given, residual) if residual != "none" else None
+    solver = make_solver(given, residual) if residual != "none" else None
+    friction = make_coulomb(given) if residual == "hard" else None
     PASSES = COULOMB_PASSES
     H, FRICTION = COLUMN["step_size"], COLUMN["friction"]
     UNUSED, HALF, ZERO, ONE = dtype(COLD), dtype(0.5), dtype(0.0), dtype(1.0)
@@ -179,14 +180,14 @@ def make_large_step(given: type, residual: str) -> SimpleNamespace:
 
 
 @cached
-def make_large_step_kernel(given: type, residual: str) -> wp.Kernel:
+def make_step_kernel(given: type, residual: str) -> wp.Kernel:
     """One step of every world with all of its outputs (gaps exact); world - base is the slot."""
-    step = make_large_step(given, residual)
+    step = make_step(given, residual)
     UNUSED, ZERO = WORK(COLD), WORK(0.0)
     H = COLUMN["step_size"]
 
     @specialised
-    def large_step_kernel(
+    def generic_step_kernel(
         first: int,
         base: int,
         t: Topology,
@@ -240,18 +241,18 @@ def make_large_step_kernel(given: type, residual: str) -> wp.Kernel:
             multiplier[world, t.nr + i] = given(wp.where(solved, k.normal[i, b], ZERO))
         status[world] = code
 
-    return large_step_kernel
+    return generic_step_kernel
 
 
 @cached
-def make_large_rollout_kernel(given: type, residual: str) -> wp.Kernel:
+def make_rollout_kernel(given: type, residual: str) -> wp.Kernel:
     """Roll every world out under its controls, as `rollout.make_rollout_kernel` does under an open loop."""
-    step = make_large_step(given, residual)
+    step = make_step(given, residual)
     UNUSED, ZERO = WORK(COLD), WORK(0.0)
     H = COLUMN["step_size"]
 
     @specialised
-    def large_rollout_kernel(
+    def generic_rollout_kernel(
         first: int,
         base: int,
         exact_gap: int,
@@ -301,4 +302,4 @@ def make_large_rollout_kernel(given: type, residual: str) -> wp.Kernel:
                 states[world, n + 1, t.nv + j] = given(k.v0[j, b])
         status[world] = code
 
-    return large_rollout_kernel
+    return generic_rollout_kernel

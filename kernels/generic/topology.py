@@ -1,5 +1,4 @@
-"""A structure as tables of integers: what the kernels for large scenes read instead of being specialised on
-it.
+"""A structure as tables of integers: what the generic kernels read instead of being specialised.
 
 Two orders of the degrees of freedom occur. `dof` is the scene's. `place` is the order of elimination: trees
 one after the other (reverse Cuthill and McKee on the graph of the contact pairs), so that the matrix M + J' W

@@ -1,4 +1,4 @@
-"""Workspace of the kernels for large scenes: everything a world needs between two loops, in global memory.
+"""Workspace of the generic kernels: everything a world needs between two loops, in global memory.
 
 The work is done in double precision whatever the precision of the states and parameters ("given"): a heap of
 unequal masses needs it.

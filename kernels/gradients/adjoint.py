@@ -7,7 +7,7 @@ from ..device.compile import specialised
 from ..factories import cached
 from ..method import Method
 from ..policies.policies import make_tracking, make_wrap
-from ..solvers.convex import SOLVED
+from ..status import SOLVED
 from ..structure import Structure
 from .parameters import make_parameter_gradient
 
@@ -16,7 +16,7 @@ from .parameters import make_parameter_gradient
 def make_adjoint_kernel(
     s: Structure, dtype: type, method: Method, by_parameters: bool, feedback: bool
 ) -> wp.Kernel:
-    """Reverse sweep of rollouts, from gradients by the recorded states; open loop, or with `feedback` under
+    """Backward pass of rollouts, from gradients by the recorded states; open loop, or with `feedback` under
     u = us_k + K_k (x - xs_k).
 
     Every step is solved again at its recorded state and differentiated at the solution; nothing else is

@@ -13,18 +13,19 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ..contact.problem import make_problem
+from ..contact.problem import COLD, make_problem
 from ..contact.rows import make_rows
 from ..device.compile import specialised
 from ..factories import cached
 from ..method import Method
 from ..residual.smoothing import make_smoothing
 from ..solvers.continuation import make_continuation_solver
-from ..solvers.convex import COLD, NONFINITE, SOLVED, make_solver
-from ..solvers.elimination import PROXIMAL, make_sweep
+from ..solvers.convex import make_solver
+from ..solvers.elimination import PROXIMAL, make_row_elimination
 from ..solvers.erm import PROXIMAL as ERM_PROXIMAL
 from ..solvers.erm import make_erm
 from ..solvers.erm_descent import make_erm_solver
+from ..status import NONFINITE, SOLVED
 from ..structure import PRISMATIC, WORLD, BodyStructure, Structure
 
 
@@ -108,7 +109,7 @@ def make_complementarity_adjoint_kernel(n: int, dtype: type, method: Method) -> 
     t = problem.types
     VR = t.VR
     sm = make_smoothing(dtype, method.residual)
-    sweep = make_sweep(problem.structure, dtype, method)
+    elimination = make_row_elimination(problem.structure, dtype, method)
     erm = make_erm(n, dtype, method.residual) if method.erm else None
     TAU = dtype((ERM_PROXIMAL if method.erm else PROXIMAL)[dtype])
     HALF, ONE, NAN = dtype(0.5), dtype(1.0), dtype(math.nan)
@@ -141,9 +142,9 @@ def make_complementarity_adjoint_kernel(n: int, dtype: type, method: Method) -> 
             slope[i] = e[2]
             slack[i] = e[3]
             diag[i] = p.minv[i, i]
-        fac = wp.static(sweep.factor)(p.minv, p.jac, p.scale, diag, slope, slack, p.mask, TAU)
-        _dv, innovation = wp.static(sweep.forward)(fac, p.jac, slope, p.mask, t.VQ(), grad)
-        dz = wp.static(sweep.back)(fac, p.jac, p.scale, slope, p.mask, innovation)
+        fac = wp.static(elimination.factor)(p.minv, p.jac, p.scale, diag, slope, slack, p.mask, TAU)
+        _dv, innovation = wp.static(elimination.forward)(fac, p.jac, slope, p.mask, t.VQ(), grad)
+        dz = wp.static(elimination.back)(fac, p.jac, p.scale, slope, p.mask, innovation)
         for i in range(wp.static(n)):
             nu = dz[i] / p.scale[i]
             out.left[i] = -slope[i] * nu

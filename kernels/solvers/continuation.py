@@ -21,8 +21,9 @@ from ..contact.problem import make_measure, make_problem
 from ..factories import cached
 from ..mechanism.kinematics import make_types
 from ..method import Method
+from ..status import NOT_CONVERGED
 from ..structure import Structure
-from .newton import NOT_CONVERGED, RESOLUTION, make_newton
+from .newton import RESOLUTION, make_newton
 
 START = 0.3  # first sigma relative to the size of w
 SHARE = 0.1  # of sigma kept from one problem to the next, where Newton's method follows

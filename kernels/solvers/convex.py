@@ -10,19 +10,15 @@ to go on from, or a proof that no velocity opens the rows. For REM-logistic, eq.
 
 import warp as wp
 
-from ..contact.problem import make_measure, make_problem
+from ..contact.problem import COLD, make_measure, make_problem
 from ..contact.rows import make_rows
 from ..factories import cached
 from ..method import Method
+from ..status import INFEASIBLE, NOT_CONVERGED, SOLVED
 from ..structure import Structure
 from .few_rows import make_few_rows
 from .interior import make_interior
-from .newton import INFEASIBLE, NOT_CONVERGED, make_newton
-from .newton import JAMMED as JAMMED
-from .newton import NONFINITE as NONFINITE
-from .newton import SOLVED as SOLVED
-
-COLD = 1.0e30  # a multiplier that stands for "no warm start"
+from .newton import make_newton
 
 
 @cached

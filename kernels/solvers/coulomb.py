@@ -17,11 +17,11 @@ half the time.
 
 import warp as wp
 
-from ..contact.problem import make_problem
+from ..contact.problem import COLD, make_problem
 from ..factories import cached
 from ..method import Method
+from ..status import INFEASIBLE, JAMMED, NONFINITE, NOT_CONVERGED, SOLVED
 from ..structure import Structure
-from .convex import COLD, INFEASIBLE, JAMMED, NONFINITE, NOT_CONVERGED, SOLVED
 from .coulomb_alone import ACCEPT, make_alone, make_cone
 from .coulomb_few import make_coulomb_few
 from .coulomb_modes import LEFT, OFF, PRESS, RIGHT, STICK, make_active

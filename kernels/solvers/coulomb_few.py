@@ -8,13 +8,12 @@ is not positive (Painleve) or the modes do not settle, the general method starts
 
 import warp as wp
 
+from ..contact.problem import COLD, make_places, make_problem
 from ..contact.problem import SMALLEST as LEAST
-from ..contact.problem import make_places, make_problem
 from ..contact.rows import make_rows
 from ..factories import cached
 from ..method import Method
 from ..structure import Structure, layout
-from .convex import COLD
 from .coulomb_alone import make_cone
 from .few_rows import LARGEST
 

@@ -19,7 +19,7 @@ PROXIMAL = {wp.float64: 1e-13, wp.float32: 1e-6}  # tau
 
 
 @cached
-def make_sweep(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
+def make_row_elimination(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
     """Sequential elimination of the rows: `eliminate` (factor and forward), `back` (multipliers)."""
     r = make_rows(s, dtype, method)
     t = r.types

@@ -19,8 +19,9 @@ from ..factories import cached
 from ..method import Method
 from ..residual.noise import make_noise
 from ..residual.residuals import make_residuals
+from ..status import NOT_CONVERGED, SOLVED
 from ..structure import Structure
-from .convex import NOT_CONVERGED, SOLVED, make_solver
+from .convex import make_solver
 from .erm import PROXIMAL, make_erm, make_gather
 
 MAX_ITERATIONS = 200

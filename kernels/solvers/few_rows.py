@@ -1,9 +1,9 @@
 """Newton's method for a contact problem of at most FEW rows, in the space of the rows.
 
-The same equations as in `solve.py`, r(z) = A lambda(z) + J v_free + d/h - s(-z) = 0 with D lambda = s(z), but
-A = J M^-1 J' is formed once, so that an iteration works on FEW numbers instead of on vectors of nv. Steps are
-not shortened: where one does not let sum r_i^2/A_ii fall, or where large impulses cancel, the general method
-starts afresh.
+The same equations as in `convex.py`, r(z) = A lambda(z) + J v_free + d/h - s(-z) = 0 with D lambda = s(z),
+but A = J M^-1 J' is formed once, so that an iteration works on FEW numbers instead of on vectors of nv. Steps
+are not shortened: where one does not let sum r_i^2/A_ii fall, or where large impulses cancel, the general
+method starts afresh.
 """
 
 import warp as wp
@@ -14,9 +14,10 @@ from ..factories import cached
 from ..method import Method
 from ..residual.noise import make_noise
 from ..residual.smoothing import make_smoothing
+from ..status import NOT_CONVERGED, SOLVED
 from ..structure import Structure
 from .elimination import PROXIMAL
-from .newton import NOT_CONVERGED, SOLVED, resolution
+from .newton import resolution
 
 FEW = {False: 3, True: 4}  # rows, by whether there are several pairs: one with a limit, or two
 ITERATIONS = 10
@@ -112,7 +113,7 @@ def make_few_rows(s: Structure, dtype: type, method: Method) -> wp.Function:
 
     @wp.func
     def direction(p: Few, at: At):
-        # elimination.py's sweep, in the space of the rows
+        # as in elimination.py, in the space of the rows
         left = p.a
         moved = V()  # J dv
         innovation = V()

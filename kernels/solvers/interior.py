@@ -19,7 +19,7 @@ from ..method import Method
 from ..residual.noise import make_noise
 from ..residual.smoothing import make_smoothing
 from ..structure import Structure
-from .elimination import PROXIMAL, make_sweep
+from .elimination import PROXIMAL, make_row_elimination
 
 MAX_ITERATIONS = 50
 # end: sqrt(mu) and |r| relative to the size of the problem; a block that lands flat shows its active set late
@@ -38,7 +38,7 @@ def make_interior(s: Structure, dtype: type, method: Method) -> wp.Function:
     r = make_rows(s, dtype, method)
     t = r.types
     sm = make_smoothing(dtype, method.residual)
-    sweep = make_sweep(s, dtype, method)
+    elimination = make_row_elimination(s, dtype, method)
     VQ, VR = t.VQ, t.VR
     NR, Problem = s.nr, make_problem(s, dtype)
     noise = make_noise(s, dtype, method)
@@ -94,7 +94,7 @@ def make_interior(s: Structure, dtype: type, method: Method) -> wp.Function:
         return out
 
     @wp.func
-    def move(p: Problem, fac: sweep.Factor, now: Curve, res: VR, at: Inside, mu: dtype):
+    def move(p: Problem, fac: elimination.Factor, now: Curve, res: VR, at: Inside, mu: dtype):
         # Newton step towards excess = mu, r = 0; Inside holds the changes of a and w
         out = Inside()
         e = VR()
@@ -105,8 +105,8 @@ def make_interior(s: Structure, dtype: type, method: Method) -> wp.Function:
                 e[i] = (mu - now.excess[i]) / now.total[i]
                 rhs[i] = e[i] - res[i]
                 f = wp.static(r.adds[i])(f, p.jac, e[i] / p.scale[i])
-        dv, innovation = wp.static(sweep.forward)(fac, p.jac, now.p, p.mask, p.minv * f, rhs)
-        dz = wp.static(sweep.back)(fac, p.jac, p.scale, now.p, p.mask, innovation)
+        dv, innovation = wp.static(elimination.forward)(fac, p.jac, now.p, p.mask, p.minv * f, rhs)
+        dz = wp.static(elimination.back)(fac, p.jac, p.scale, now.p, p.mask, innovation)
         for i in range(wp.static(NR)):
             if (p.mask & wp.static(1 << i)) != 0:
                 out.a[i] = now.p[i] * dz[i] + e[i]
@@ -182,7 +182,7 @@ def make_interior(s: Structure, dtype: type, method: Method) -> wp.Function:
             elif not (largest < DIVERGED * p.size):
                 it = wp.static(MAX_ITERATIONS)
             else:
-                fac = wp.static(sweep.factor)(p.minv, p.jac, p.scale, p.diag, now.p, now.q, p.mask, TAU)
+                fac = wp.static(elimination.factor)(p.minv, p.jac, p.scale, p.diag, now.p, now.q, p.mask, TAU)
                 straight = move(p, fac, now, res, at, ZERO)
                 there = curve(params, row, p, advance(p, at, straight, ZERO))
                 part = wp.min(there.mean / now.mean, MOST)

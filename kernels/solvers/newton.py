@@ -1,4 +1,4 @@
-"""Damped Newton steps on z for the (smoothed) complementarity problem in mixed form, as in `solve.py`.
+"""Damped Newton steps on z for the (smoothed) complementarity problem in mixed form, as in `convex.py`.
 
 A step solves [M, -J'; J, C](dv, dlambda) = (0, -r), C = D s'(-z)/s'(z) (elimination.py) and is shortened
 until sum r_i^2/A_ii falls.
@@ -14,10 +14,10 @@ from ..factories import cached
 from ..method import Method
 from ..residual.noise import make_noise
 from ..residual.smoothing import make_smoothing
+from ..status import NONFINITE, NOT_CONVERGED, SOLVED
 from ..structure import Structure
 from .elimination import PROXIMAL
 
-SOLVED, NOT_CONVERGED, INFEASIBLE, NONFINITE, JAMMED = 0, 1, 2, 3, 4
 ITERATIONS = {False: 20, True: 8}  # of Newton's method for the smoothed and the hard problem
 # rounding of impulses against each other that v' may hide, relative to the problem's size, as the data set
 # it: in float64 impulses may be 1e7 times what the data ask of a row (a tonne on a gram), not more
@@ -95,7 +95,7 @@ def make_newton(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
 
     @wp.func
     def direction(p: Problem, at: Point):
-        # `factor`, `forward` and `back` of the sweep in one go, without what only derivatives need
+        # `factor`, `forward` and `back` of elimination.py in one go, without what only derivatives need
         left = p.minv
         dv = VQ()
         gain = JR()

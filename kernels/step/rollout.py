@@ -1,7 +1,7 @@
 """Kernels that step: one step of every world, and whole rollouts under a policy with recording, one launch
 each.
 
-A thread owns a world and keeps its state in registers. A world whose step is not solved keeps its last valid
+A thread owns a world. A world whose step is not solved keeps its last valid
 state to the end and reports the first status that was not SOLVED.
 """
 
@@ -9,11 +9,12 @@ from types import SimpleNamespace
 
 import warp as wp
 
+from ..contact.problem import COLD
 from ..device.compile import specialised
 from ..factories import cached
 from ..method import Method
 from ..policies import policies
-from ..solvers.convex import COLD, NONFINITE, SOLVED
+from ..status import NONFINITE, SOLVED
 from ..structure import Structure
 from .step import make_step
 

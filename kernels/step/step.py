@@ -17,7 +17,7 @@ import warp as wp
 
 from ..contact.acting import make_acting, rows_of_pairs
 from ..contact.end_gap import REFINEMENTS, make_end_gap, make_unsteady
-from ..contact.problem import make_problem
+from ..contact.problem import COLD, make_problem
 from ..contact.rows import make_pair_jacobian, make_rows
 from ..contact.shapes import make_pair
 from ..factories import cached
@@ -26,9 +26,10 @@ from ..mechanism.effective_mass import make_effective_mass
 from ..mechanism.free_motion import make_free_motion
 from ..method import Method
 from ..residual.noise import make_noise
-from ..solvers.convex import COLD, JAMMED, NOT_CONVERGED, SOLVED, make_solver
+from ..solvers.convex import make_solver
 from ..solvers.coulomb import make_coulomb_solver
 from ..solvers.erm_descent import make_erm_solver
+from ..status import JAMMED, NOT_CONVERGED, SOLVED
 from ..structure import Structure, layout
 
 

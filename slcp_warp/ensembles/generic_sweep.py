@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from slcp_warp.kernels.contact.problem import COLD
 from slcp_warp.kernels.device.launch import launch
 from slcp_warp.kernels.ensembles.generic_sweep import (
     Progress,
@@ -12,7 +13,6 @@ from slcp_warp.kernels.ensembles.generic_sweep import (
     make_sweep_end_kernels,
 )
 from slcp_warp.kernels.ensembles.sweep import NOWHERE
-from slcp_warp.kernels.solvers.convex import COLD
 
 from ..simulator import Simulator
 from .spec import SweepSpec

@@ -24,7 +24,7 @@ wp.config.log_level = wp.LOG_ERROR
 wp.init()
 import slcp_warp as slcp
 from slcp_warp.kernels.ensembles.sweep import make_draw_kernel
-from slcp_warp.kernels.generic.step import make_large_step_kernel
+from slcp_warp.kernels.generic.step import make_step_kernel
 from slcp_warp.kernels.method import Method
 from slcp_warp.kernels.residual.residuals import make_residual_kernel
 from slcp_warp.kernels.step import rollout
@@ -34,7 +34,7 @@ made = {
     "step": rollout.make_step_kernel(scene, f64, Method()),
     "rollout": rollout.make_rollout_kernel(scene, f64, Method(), "open_loop", False),
     "coulomb": rollout.make_step_kernel(scene, f64, Method("hard", friction="coulomb")),
-    "generic": make_large_step_kernel(f64, "hard"),
+    "generic": make_step_kernel(f64, "hard"),
     "draw": make_draw_kernel(4, f64),
     "residual": make_residual_kernel(f64, "min"),
 }
@@ -121,7 +121,7 @@ def test_an_edit_recompiles_what_contains_it(names):
     "name, old, new, what",
     [
         ("ensembles/random.py", "ROUNDS = 10", "ROUNDS = 9", {"draw"}),
-        ("solvers/convex.py", "COLD = ", "COLD = 2.0 * ", {"step", "rollout", "coulomb", "generic"}),
+        ("contact/problem.py", "COLD = ", "COLD = 2.0 * ", {"step", "rollout", "coulomb", "generic"}),
         ("ensembles/random.py", "import warp as wp\n", "import slcp_warp\nimport warp as wp\n", set()),
         ("step/rollout.py", "world = first + wp.tid()", "world = wp.tid() + first", {"step", "coulomb"}),
     ],

@@ -11,7 +11,7 @@ import warp as wp
 
 from slcp_warp import scenes
 from slcp_warp.kernels.control import riccati
-from slcp_warp.kernels.generic import step as large_step
+from slcp_warp.kernels.generic import step as generic_step
 from slcp_warp.kernels.method import Method
 from slcp_warp.kernels.step import rollout
 from slcp_warp.scripts.benchmarks.cost.cubin import sm90_resources
@@ -51,7 +51,7 @@ def test_backward_pass_of_ddp_spills_nothing(tmp_path):
     "residual, registers, frame", [("hard", None, 1792), ("none", 184, 64)], ids=["hard", "no rows"]
 )
 def test_kernels_of_large_scenes_spill_little(tmp_path, residual, registers, frame):
-    used = sm90_resources(large_step.make_large_rollout_kernel(wp.float32, residual), tmp_path)
+    used = sm90_resources(generic_step.make_rollout_kernel(wp.float32, residual), tmp_path)
     assert used["frame"] <= frame, used
     assert registers is None or 0 < used["registers"] <= registers, used  # 184: 10 warps a multiprocessor
 

@@ -20,7 +20,8 @@ import slcp_warp as slcp
 from slcp_warp.kernels.contact.problem import make_problem
 from slcp_warp.kernels.mechanism.kinematics import make_types
 from slcp_warp.kernels.solvers import convex as solve
-from slcp_warp.kernels.solvers.newton import NONFINITE, make_newton
+from slcp_warp.kernels.solvers.newton import make_newton
+from slcp_warp.kernels.status import NONFINITE
 
 from ..shared.workload import make_workload
 

@@ -17,9 +17,9 @@ from rich.console import Console
 from rich.table import Table
 
 import slcp_warp as slcp
+from slcp_warp.kernels.contact.problem import COLD
 from slcp_warp.kernels.device.cache import load
-from slcp_warp.kernels.generic import step as large_step
-from slcp_warp.kernels.solvers.convex import COLD
+from slcp_warp.kernels.generic import step as generic_step
 from slcp_warp.kernels.step import rollout
 
 from ..shared.ours import cpu_threads
@@ -51,8 +51,8 @@ def step_time(sim: slcp.Simulator, worlds: int, steps: int, repeats: int) -> tup
 def rollout_kernel(sim: slcp.Simulator) -> wp.Kernel:
     """The kernel of an open-loop rollout without recorded gaps."""
     if sim.strategy == "generic":
-        residual = large_step.large_residual(sim.options.method, sim.nr)
-        return large_step.make_large_rollout_kernel(sim.dtype, residual)
+        residual = generic_step.residual_of(sim.options.method, sim.nr)
+        return generic_step.make_rollout_kernel(sim.dtype, residual)
     return rollout.make_rollout_kernel(sim.scene.structure, sim.dtype, sim.options.method, "open_loop", False)
 
 
