@@ -8,7 +8,7 @@ import pytest
 from plan import LAYERS, ROOT, source_files
 
 MAX_LINES = 400  # of a file
-MAX_NAMES = 16  # of a folder
+MAX_NAMES = 18  # of a folder: about fifteen
 MAX_CODE = 60  # lines of a function
 COMMANDS = 22  # names of scripts/: a file for every command and one for every shell script
 CODE = (*LAYERS, "examples", "tests")
