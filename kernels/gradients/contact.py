@@ -3,7 +3,7 @@
 A pair adds G = gap d + J_n.y_n + J_t.y_t to the scalar whose derivative is wanted. With V(y) the velocity of
 B's centre against A's under joint rates y and Omega(y) a body's rate of turning,
 J_n.y = n.V + h_A' Omega_A + h_B' Omega_B and J_t.y = t.V - h_A Omega_A - h_B Omega_B (`rows.py`). With R as
-in `contact_derivatives.py` the normal turns by R delta(alpha) = t.delta(Delta) + h_A'' delta(psi_A)
+in `kernels/contact/derivatives.py` the normal turns by R delta(alpha) = t.delta(Delta) + h_A'' delta(psi_A)
 + h_B'' delta(psi_B) - delta(h_A' + h_B'), the last at a fixed direction; that of a half-plane, or of a
 capsule touched between its ends, turns with it. An end of a capsule is a disc that its half length moves.
 """

@@ -1,6 +1,6 @@
 """The motion part of the gradient by parameters: masses, inertias and places of the centres of mass.
 
-See `parameter_gradient.py` for the rule. The scalar is P.(M w - h r) - sum_i kappa_i m_i' M m_i, with m_i of
+See `parameters.py` for the rule. The scalar is P.(M w - h r) - sum_i kappa_i m_i' M m_i, with m_i of
 `normals` and the last term only under inertia scaling; where damping is implicit P.C y instead of h P.C v.
 """
 

@@ -1,6 +1,6 @@
 """Gradient of one solved step by the physical parameters, exact and in closed form.
 
-The weights of `parameter_dual.py` make the change of weight.v' one of P.F1 and of the rows at the solution.
+The weights of `dual.py` make the change of weight.v' one of P.F1 and of the rows at the solution.
 Every length and angle of the mechanism moves a part of it without changing the joints' motion: shifting
 what hangs on a frame by e changes the velocity V(y) of its points under joint rates y by perp(e) times the
 frame's rate of turning; turning it about a point o changes V(y) by perp(V(y) - V_o(y)). So each column

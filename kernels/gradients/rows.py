@@ -1,6 +1,6 @@
 """The rows' part of the gradient by parameters: limits, noise levels, and all that moves a contact's shapes.
 
-See `parameter_dual.py` for the scalar and `parameter_gradient.py` for the rule.
+See `dual.py` for the scalar and `parameters.py` for the rule.
 """
 
 import warp as wp

@@ -7,7 +7,7 @@ whose v_0 is the free motion without them. Free motion (`free_motion.py`) with D
     G = N D + h/2 K_v D + h^2/4 K_q (D + 2 v) - h (r + u) - c = 0,  N a = r + u + c/h.
 
 Of L.G the part K_v y_v + K_q y_q is the slope of L.(M a - r) along (y_q, y_v), and so is its gradient that of
-the gradient that `parameter_motion.py` has: taken as a central difference of sixth order, exact to rounding.
+the gradient that `motion.py` has: taken as a central difference of sixth order, exact to rounding.
 """
 
 import warp as wp

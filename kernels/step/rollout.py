@@ -1,8 +1,7 @@
-"""Kernels that step: one step of every world, and whole rollouts under a policy with recording, one launch
-each.
+"""Kernels that step: one step of every world, and whole rollouts under a policy, one launch each.
 
-A thread owns a world. A world whose step is not solved keeps its last valid
-state to the end and reports the first status that was not SOLVED.
+A thread owns a world. A world whose step is not solved keeps its last valid state to the end and reports the
+first status that was not SOLVED.
 """
 
 from types import SimpleNamespace

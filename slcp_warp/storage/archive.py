@@ -59,7 +59,8 @@ class Archive:
     """An archive that is open.
 
     Attributes:
-        header: its JSON values. names: of the arrays.
+        header: its JSON values.
+        names: of the arrays.
     """
 
     def __init__(self, packed: zipfile.ZipFile) -> None:

@@ -72,7 +72,10 @@ class Mechanism:
     """Mass matrix, forces, contact rows and energy of a scene of revolute bodies.
 
     Attributes:
-        nv: degrees of freedom. limits: of the joints. touches: whether there is a pair. friction: of it.
+        nv: degrees of freedom.
+        limits: of the joints.
+        touches: whether there is a pair.
+        friction: of it.
 
     Raises:
         SceneError: another joint, a spring, or more than one contact or other shapes than ellipses and discs.

@@ -125,7 +125,9 @@ class Peer:
     """MuJoCo's model of a scene with one data per thread.
 
     Attributes:
-        mujoco: the module. model: mjModel. data: one mjData per thread.
+        mujoco: the module.
+        model: mjModel.
+        data: one mjData per thread.
     """
 
     def __init__(

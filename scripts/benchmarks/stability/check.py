@@ -2,7 +2,7 @@
 
 It shares no code with the kernels: kinematics, M and the forces are closed forms of a planar tree's
 recursion, distances come from trying directions all round. What a recorded step is held against is in
-stability_equations.py. Arrays are (B, N, ...): worlds, steps. Where a distance has several equal maximisers
+equations.py. Arrays are (B, N, ...): worlds, steps. Where a distance has several equal maximisers
 each of them may be the normal.
 """
 
