@@ -178,7 +178,7 @@ def bench_threads(worlds: int = 20000, steps: int = 50, repeats: int = 9, seed: 
 
 
 def bench_ddp(repeats: int = 9, horizon: int = 75, passes: int = 30) -> Rows:
-    """A pass of DDP from the canonical start: derivatives, backward sweep, all step sizes, choice."""
+    """A pass of DDP from the canonical start: derivatives, backward pass, all step sizes, choice."""
     scene = slcp.scenes.flicking_finger()
     cases = []
     notes = [f"per problem and pass, from u = 0, N = {horizon}, {len(ddp.Options().step_sizes)} step sizes"]

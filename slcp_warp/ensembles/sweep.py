@@ -19,7 +19,7 @@ from ..inputs.errors import ArgumentError
 from ..options import Options, Status
 from ..simulator import Simulator
 from ..strategy import current_name
-from . import generic_sweep as large_sweep
+from . import generic_sweep
 from .report import SweepReport
 from .spec import SweepSpec
 from .statistics import mean_interval, quantile_interval, share_interval, spin_statistics
@@ -105,7 +105,7 @@ class _Case:
         checks.memory(kept, spec.worlds * self.count, 4, sim.device)
         per_world = 8 * (len(self.base) + sim.nx) + 4 * self.count + 16
         if sim.strategy == "generic":
-            per_world += large_sweep.bytes_of_world(sim)
+            per_world += generic_sweep.bytes_of_world(sim)
         self.chunk = chunk or max(1, min(spec.worlds, CHUNK_BYTES // per_world))
         self.parts: list[dict[str, np.ndarray]] = []
         self.seconds = 0.0
@@ -164,7 +164,7 @@ class _Case:
 
     def by_steps(self, world0: int, *arrays: wp.array) -> tuple[wp.array, wp.array, wp.array]:
         """Generic kernels: share of steps in contact, lowest gap and status of every world."""
-        return large_sweep.roll_out(self.sim, (self.name, self.struct), self.spec, world0, *arrays)
+        return generic_sweep.roll_out(self.sim, (self.name, self.struct), self.spec, world0, *arrays)
 
     def at_once(
         self, world0: int, params: wp.array, x0: wp.array, kicks: wp.array, samples: wp.array

@@ -19,7 +19,7 @@ from ..shared.timing import machine
 from .case import case_of, describe, load_case, save_case
 from .draws import CHUNK
 from .report import markdown, rows_of, show
-from .run import DTYPES, MEMORY, Failure, Tally, Task, run_task
+from .run import DTYPES, GENERIC, Failure, Tally, Task, run_task
 from .shrink import shrink
 from .verdicts import SILENT, WRONG
 
@@ -31,7 +31,7 @@ def tasks_of(seed: int, worlds: int, structures: int, residuals: tuple[str, ...]
     """The tasks of a run: scenes for the generic kernels until there are enough worlds, and those with
     specialised kernels, evenly between them.
     """
-    methods = [o for o in MEMORY if not residuals or o.residual in residuals]
+    methods = [o for o in GENERIC if not residuals or o.residual in residuals]
     each = CHUNK * len(methods) * len(DTYPES)
     count = -(-worlds // each) if methods else 0
     generic = [(i / max(1, count), Task(seed, i, "generic", 1, residuals)) for i in range(count)]

@@ -30,7 +30,7 @@ FIELDS = ("residual", "scaling", "friction", "integrator", "noise", "deviation",
 WELL_POSED = 1e4  # condition of a mass matrix in units of its diagonal
 DIFFERENTIATED, COMPARED = 4, 12  # every so many scenes with kernels of their own; worlds of it
 SHOWN = 5  # failures that a task keeps of each kind
-MEMORY = [
+GENERIC = [
     Options(residual, scaling, friction)
     for residual, friction, scalings in (
         ("hard", "anitescu", ("inertia", "none")), ("hard", "coulomb", ("inertia",)),
@@ -70,7 +70,7 @@ class Task:
     def methods(self) -> list[tuple[Options, str]]:
         """Options and precisions that it runs."""
         if self.strategy == "generic":
-            chosen = [(o, d) for o in MEMORY for d in DTYPES]
+            chosen = [(o, d) for o in GENERIC for d in DTYPES]
         else:
             rng = np.random.default_rng([self.seed, self.scene, 2])
             chosen = [(random_options(rng), DTYPES[int(rng.random() < 0.4)])]
