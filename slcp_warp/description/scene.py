@@ -5,13 +5,17 @@ World x points right, y up, angles are counter-clockwise from +x; lengths in m, 
 """
 
 import copy
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
 from slcp_warp.kernels.structure import Structure
 
+from ..inputs.checks import array, instance
 from ..inputs.errors import SceneError
+from . import names
 from .fields import Fields
 from .parts import JOINTS, Actuator, Body, Contact, Pair2, Shape, Spring, radii, spread
 from .topology import contact_ends, structure_of
@@ -89,6 +93,47 @@ class Scene:
         """Period of every state component, 0 where there is none, (2 nv,)."""
         period = [p or 0.0 for p in (self.period or (None,) * self.nv)]
         return np.array(period + [0.0] * self.nv)
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """Names of the components of a state, (2 nv,): `body.angle`, `body.vangle`, see `names.py`."""
+        return names.state_names(self.bodies)
+
+    @property
+    def state_units(self) -> tuple[str, ...]:
+        """Their units, (2 nv,)."""
+        return names.state_units(self.bodies)
+
+    @property
+    def control_names(self) -> tuple[str, ...]:
+        """Names of the controls, (nu,): those of the degrees of freedom that they drive."""
+        return names.control_names(self.bodies, self.structure)
+
+    @property
+    def pair_names(self) -> tuple[str, ...]:
+        """Names of the pairs that may touch, `shape_a/shape_b`."""
+        return names.pair_names(self.shapes, self.structure)
+
+    @property
+    def row_names(self) -> tuple[str, ...]:
+        """Names of the complementarity rows, (nr,): limits, then contacts."""
+        return names.row_names(self.bodies, self.shapes, self.structure)
+
+    def state_index(self, which: int | str) -> int:
+        """The place of a state component, given by its name or its place."""
+        return names.index_of("state component", which, self.state_names)
+
+    def control_index(self, which: int | str) -> int:
+        """The place of a control, given by its name or its place."""
+        return names.index_of("control", which, self.control_names)
+
+    def state(self, values: Mapping[str, Any], base: Any = None) -> np.ndarray:
+        """A state (2 nv,) with some components set by name; the others as in `base`, by default `x0`."""
+        instance("values", values, Mapping, "a dict of numbers by state name")
+        x = self.x0 if base is None else array("base", base, (2 * self.nv,)).copy()
+        for name, value in values.items():
+            x[self.state_index(name)] = array(f"value of {name!r}", value, ())
+        return x
 
     def default_parameters(self) -> dict[str, np.ndarray]:
         """The scene's numbers by parameter name, shapes as in `kernels.structure.layout`."""

@@ -1,0 +1,91 @@
+"""Names of a scene's states, controls, contact pairs and rows, as tables, files, charts and errors use them.
+
+A degree of freedom is named after its body: `finger1.angle` of a revolute joint, `cart.shift` of a prismatic
+one, `block.x`, `block.y`, `block.angle` of a free body; its velocity has a v before the last word,
+`block.vx`, `finger1.vangle`. A control is named after the degree of freedom that it drives.
+"""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from slcp_warp.kernels.structure import Structure
+
+from ..inputs.checks import shown
+from ..inputs.errors import ArgumentError, ArgumentTypeError
+
+if TYPE_CHECKING:
+    from .parts import Body, Shape
+
+DOFS = {"revolute": ("angle",), "prismatic": ("shift",), "free": ("x", "y", "angle")}
+UNITS = {"angle": "rad", "shift": "m", "x": "m", "y": "m"}
+SIDES = {1: "+", -1: "-"}  # of the tangent, in the two rows n + mu t and n - mu t of a contact with friction
+
+
+def dofs_of(bodies: Sequence["Body"]) -> list[tuple[str, str]]:
+    """(body, word) of every degree of freedom."""
+    return [(body.name, word) for body in bodies for word in DOFS[body.joint]]
+
+
+def state_names(bodies: Sequence["Body"]) -> tuple[str, ...]:
+    """Names of the 2 nv components of a state (q, v)."""
+    dofs = dofs_of(bodies)
+    return tuple([f"{body}.{word}" for body, word in dofs] + [f"{body}.v{word}" for body, word in dofs])
+
+
+def state_units(bodies: Sequence["Body"]) -> tuple[str, ...]:
+    """Units of the 2 nv components of a state (q, v)."""
+    units = [UNITS[word] for _, word in dofs_of(bodies)]
+    return tuple(units + [f"{unit}/s" for unit in units])
+
+
+def control_names(bodies: Sequence["Body"], structure: Structure) -> tuple[str, ...]:
+    """Names of the nu controls; the second one on a degree of freedom has a #2 behind it, and so on."""
+    positions = state_names(bodies)
+    names: list[str] = []
+    for place, dof in enumerate(structure.actuators):
+        before = structure.actuators[:place].count(dof)
+        names.append(positions[dof] + (f"#{before + 1}" if before else ""))
+    return tuple(names)
+
+
+def pair_names(shapes: Sequence["Shape"], structure: Structure) -> tuple[str, ...]:
+    """Names of the pairs that may touch: `shape_a/shape_b`; ends of capsules have (+) or (-) behind them."""
+
+    def end(shape: int, sign: int) -> str:
+        return shapes[shape].name + (f"({SIDES[sign]})" if sign else "")
+
+    return tuple(f"{end(p.shape_a, p.end_a)}/{end(p.shape_b, p.end_b)}" for p in structure.pairs)
+
+
+def row_names(bodies: Sequence["Body"], shapes: Sequence["Shape"], structure: Structure) -> tuple[str, ...]:
+    """Names of the nr rows: `body.word lower`, `body.word upper`, and of contacts the pair.
+
+    With friction there are two rows a pair, `pair +` and `pair -`: n + mu t and n - mu t, with Coulomb's
+    friction the normal and the tangent.
+    """
+    positions, pairs = state_names(bodies), pair_names(shapes, structure)
+    names = []
+    for row in structure.rows:
+        if row.kind == "limit":
+            names.append(f"{positions[row.index]} {'lower' if row.sign > 0 else 'upper'}")
+        else:
+            names.append(pairs[row.index] + (f" {SIDES[row.sign]}" if row.sign else ""))
+    return tuple(names)
+
+
+def index_of(label: str, which: int | str, names: Sequence[str]) -> int:
+    """The place of a component that is given by its name or its place.
+
+    Raises:
+        ArgumentError: there is none.
+        ArgumentTypeError: it is neither a name nor a whole number.
+    """
+    if isinstance(which, str):
+        if which in names:
+            return names.index(which)
+        raise ArgumentError(f"{label} is {shown(which)}; there are {', '.join(names) or 'none'}")
+    if isinstance(which, bool) or not isinstance(which, int):
+        raise ArgumentTypeError(f"{label} is {shown(which)}; a name or a whole number is needed")
+    if not 0 <= which < len(names):
+        raise ArgumentError(f"{label} is {which}; a number from 0 to {len(names) - 1} is needed")
+    return which

@@ -1,0 +1,93 @@
+"""Names of states, controls, pairs and rows: as many as there are, unique, each on its own component."""
+
+import numpy as np
+import pytest
+
+import slcp_warp as slcp
+from slcp_warp.scenes import NAMED
+
+CART = slcp.Scene(
+    "cart",
+    (
+        slcp.Body("cart", 1.0, 0.1, joint="prismatic", lower=-1.0, upper=1.0),
+        slcp.Body("pole", 0.1, 0.01, parent="cart", upper=2.0),
+        slcp.Body("ball", 1.0, 0.1, joint="free"),
+    ),
+    (
+        slcp.Shape("rod", "pole", "capsule", (0.05, 0.4)),
+        slcp.Shape("skin", "ball", "disc", 0.1),
+        slcp.Shape("floor", None, "halfplane", 0.0, (0.0, -5.0), np.pi / 2),
+    ),
+    (slcp.Contact("rod", "skin"), slcp.Contact("floor", "rod", 0.5)),
+    (slcp.Actuator("cart"), slcp.Actuator("ball", 2), slcp.Actuator("cart")),
+)
+
+
+def test_names_follow_the_bodies_and_their_joints():
+    assert CART.state_names == (
+        *("cart.shift", "pole.angle", "ball.x", "ball.y", "ball.angle"),
+        *("cart.vshift", "pole.vangle", "ball.vx", "ball.vy", "ball.vangle"),
+    )
+    assert CART.state_units == ("m", "rad", "m", "m", "rad", "m/s", "rad/s", "m/s", "m/s", "rad/s")
+    assert CART.control_names == ("cart.shift", "ball.angle", "cart.shift#2")
+    assert CART.pair_names == ("rod/skin", "floor/rod(-)", "floor/rod(+)")
+    assert CART.row_names == (
+        *("cart.shift lower", "cart.shift upper", "pole.angle upper", "rod/skin"),
+        *("floor/rod(-) +", "floor/rod(-) -", "floor/rod(+) +", "floor/rod(+) -"),
+    )
+
+
+@pytest.mark.parametrize("name", NAMED)
+def test_there_is_one_name_for_each_component(name):
+    scene = getattr(slcp.scenes, name)()
+    s = scene.structure
+    for names, count in (
+        (scene.state_names, 2 * s.nv),
+        (scene.control_names, s.nu),
+        (scene.pair_names, len(s.pairs)),
+        (scene.row_names, s.nr),
+    ):
+        assert len(names) == len(set(names)) == count
+
+
+def test_a_name_stands_for_its_own_component():
+    """A body that is moved by name moves where it is, and by nothing else."""
+    sim = slcp.Simulator(CART, dtype="float64", device="cpu")
+    still = {name: 0.0 for name in CART.state_names} | {"ball.y": 3.0, "pole.angle": 0.3}
+    x = CART.state(still | {"ball.vx": 2.0})
+    after = sim.step(x, np.zeros(3)).state
+    assert after[CART.state_index("ball.x")] == pytest.approx(2.0 * CART.step_size, rel=1e-12)
+    assert after[CART.state_index("ball.vy")] == pytest.approx(-9.81 * CART.step_size, rel=1e-12)
+    u = np.zeros(3)
+    u[CART.control_index("ball.angle")] = 5.0
+    turned = sim.step(x, u).state[CART.state_index("ball.vangle")]
+    assert turned == pytest.approx(5.0 / 0.1 * CART.step_size, rel=1e-12)
+
+
+def test_states_by_name_leave_the_others():
+    base = np.arange(10.0)
+    assert np.array_equal(CART.state({}, base), base)
+    assert np.array_equal(np.flatnonzero(CART.state({"ball.vy": -1.0}, base) != base), [8])
+    assert CART.state({"pole.angle": 0.5})[1] == 0.5 and base[8] == 8.0
+
+
+@pytest.mark.parametrize(
+    "call, kind, text",
+    [
+        (
+            lambda: CART.state_index("ball.z"),
+            slcp.ArgumentError,
+            "'ball.z'; there are cart.shift,",
+        ),
+        (lambda: CART.state_index(10), slcp.ArgumentError, "is 10; a number from 0 to 9"),
+        (lambda: CART.control_index(-1), slcp.ArgumentError, "is -1; a number from 0 to 2"),
+        (lambda: CART.state_index(True), slcp.ArgumentTypeError, "is True; a name or a whole number"),
+        (lambda: CART.state({"ball.x": "far"}), slcp.InputError, "'ball.x'"),
+        (lambda: CART.state({"ball.x": float("nan")}), slcp.InputError, "'ball.x'"),
+        (lambda: CART.state([("ball.x", 1.0)]), slcp.ArgumentTypeError, "values is"),
+        (lambda: CART.state({}, np.zeros(3)), slcp.InputError, "base"),
+    ],
+)
+def test_what_has_no_place_is_refused(call, kind, text):
+    with pytest.raises(kind, match=text.replace(".", r"\.")):
+        call()
