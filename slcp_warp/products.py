@@ -157,7 +157,7 @@ def weighted_hessian(
     weights = _array("weights", weights, x.shape)
     lin = sim.linearize(x, u, params, second=True)
     step_size = np.broadcast_to((sim.params if params is None else params)["step_size"], (len(x),))
-    lift = derivatives.lift((sim.scene.structure, sim.dtype, sim.options.method), step_size)
+    lift = derivatives.lift(sim.spec, step_size)
     each = np.einsum("bwi,bi->bw", lift, weights)
     return np.einsum("bw,bwjk->bjk", each, lin.second), lin.status
 

@@ -10,6 +10,7 @@ import warp as wp
 
 from slcp_warp.kernels.device.launch import launch
 from slcp_warp.kernels.mechanism.kinematics import make_types
+from slcp_warp.kernels.specialisation import Specialisation
 from slcp_warp.kernels.step import rollout
 from slcp_warp.kernels.step.step import make_step
 from slcp_warp.kernels.structure import MOST_ROWS
@@ -60,10 +61,10 @@ class Simulator:
         self.device = checks.device(device)
         self.dtype = DTYPES[dtype]
         self.params = Parameters(scene)
-        self._key = (scene.structure, self.dtype, self.options.method)
+        self.spec = Specialisation(scene.structure, self.dtype, self.options.method)
         self.strategy = choose(current_name(strategy), scene.structure, self.options.method, self.device)
         self._only_generic = self.strategy == "generic" and (strategy != "auto" or self.nr > MOST_ROWS)
-        self._generic = GenericKernels(*self._key, self.device) if self.strategy == "generic" else None
+        self._generic = GenericKernels(self.spec, self.device) if self.strategy == "generic" else None
         self._none = wp.zeros((0, 0), dtype=self.dtype, device=self.device)
 
     @property
@@ -189,8 +190,8 @@ class Simulator:
         if generic is not None:
             generic.step(worlds, inputs)
         else:
-            launch(rollout.make_step_kernel(*self._key), worlds, inputs, self.device)
-            run = tape.Recorded(self._key, table, state.array, control, inputs[3], out[0], status)
+            launch(rollout.make_step_kernel(self.spec), worlds, inputs, self.device)
+            run = tape.Recorded(self.spec, table, state.array, control, inputs[3], out[0], status)
             tape.record_step(replace(run, blocked=(("impulse", out[1]), ("gap", out[2]))))
         friction = (params or self.params)["friction"]
 
@@ -265,7 +266,7 @@ class Simulator:
             if us is None or record:
                 raise ArgumentError(f"checkpoint is {checkpoint}; it needs controls, and no record")
             self._need_specialised("a rollout with checkpoints")
-            kept = checkpointed(self._key, table, state.array, us, external, status, checkpoint)
+            kept = checkpointed(self.spec, table, state.array, us, external, status, checkpoint)
             return Trajectory(give(kept), give(status), None, None, None)
         states = self.empty(worlds, steps + 1, self.nx)
         taped = us is None and tape.differentiable_policy(name, struct, state.array, table)
@@ -280,13 +281,13 @@ class Simulator:
         if generic is not None:
             generic.rollout(worlds, "gap" in record, [table, state.array, us, *outputs])
         else:
-            kernel = rollout.make_rollout_kernel(*self._key, name, "gap" in record)
+            kernel = rollout.make_rollout_kernel(self.spec, name, "gap" in record)
             inputs = [table, state.array, struct, *outputs]
             launch(kernel, worlds, inputs, self.device, grain=max(1, 128 // steps))
         if taped or (us is not None and generic is None):
             used, feedback = (us, None) if us is not None else (recorded["controls"], struct)
             start = state.array
-            run = tape.Recorded(self._key, table, start, used, external, states, status, feedback, shown)
+            run = tape.Recorded(self.spec, table, start, used, external, states, status, feedback, shown)
             blocked = tuple((key, recorded[key]) for key in ("impulse", "gap") if key in record)
             tape.record_rollout(replace(run, blocked=blocked))
         return Trajectory(
@@ -326,7 +327,7 @@ class Simulator:
             wp.zeros(0, dtype=wp.int32, device=self.device),
             (fx, fu, fzz, status),
         )
-        launches.prepare(self._key, self.device, *inputs, second)()
+        launches.prepare(self.spec, self.device, *inputs, second)()
 
         def give(a: wp.array) -> Any:
             return from_batch(a.reshape((worlds, *a.shape[2:])), state.kind, state.batched)
@@ -339,7 +340,7 @@ class Simulator:
     @property
     def nw(self) -> int:
         """Outputs whose second derivatives are independent, see `launches.curved_outputs`."""
-        return launches.curved_outputs(self._key)
+        return launches.curved_outputs(self.spec)
 
     @property
     def state_type(self) -> Any:
@@ -355,16 +356,16 @@ class Simulator:
     def carry_type(self) -> Any:
         """Warp struct that a rollout passes from step to step (warm start)."""
         self._need_derivatives("the protocol of slcp_warp.ddp")
-        return make_step(*self._key, False).Carry
+        return make_step(self.spec, False).Carry
 
     def step_function(self) -> wp.Function:
         """Warp function (params, row, x, u, carry) -> (x', carry', status)."""
         self._need_derivatives("the protocol of slcp_warp.ddp")
-        return rollout.make_transition(*self._key).advance
+        return rollout.make_transition(self.spec).advance
 
     def initial_carry(self) -> wp.Function:
         """Warp function () -> carry of a cold start."""
-        return rollout.make_transition(*self._key).cold_carry
+        return rollout.make_transition(self.spec).cold_carry
 
     def prepare_linearize(
         self,
@@ -382,7 +383,7 @@ class Simulator:
         steps = us.shape[1]
         fzz = self.empty(0, 0, 0, 0) if second is None else second
         inputs = (params, steps, xs, us, self._none, active, (fx, fu, fzz, status))
-        return launches.prepare(self._key, self.device, *inputs, second is not None)
+        return launches.prepare(self.spec, self.device, *inputs, second is not None)
 
     def linearize_into(self, *arrays: Any) -> None:
         """As `prepare_linearize`, once."""
@@ -390,5 +391,5 @@ class Simulator:
 
     def lift_into(self, params: wp.array, lift: wp.array) -> None:
         """lift (B, nw, nx): V . f_zz = sum_i (lift V)_i second[i], see `launches.lift`."""
-        values = np.broadcast_to(launches.lift(self._key, params.numpy()[:, 0]), lift.shape)
+        values = np.broadcast_to(launches.lift(self.spec, params.numpy()[:, 0]), lift.shape)
         lift.assign(values.astype(wp.dtype_to_numpy(self.dtype)))

@@ -19,6 +19,7 @@ from slcp_warp.kernels.generic import step as generic_step
 from slcp_warp.kernels.generic.topology import NUMBERS, make_topology
 from slcp_warp.kernels.generic.work import Work, allocate_work, bytes_per_world
 from slcp_warp.kernels.method import Method
+from slcp_warp.kernels.specialisation import Specialisation
 from slcp_warp.kernels.structure import MOST_ROWS, Structure, layout
 
 from .inputs.checks import choice
@@ -114,7 +115,8 @@ class Workspaces:
 class GenericKernels:
     """Launches of the generic kernels for one scene on one device; any number of threads may call them."""
 
-    def __init__(self, s: Structure, dtype: type, method: Method, device: Any) -> None:
+    def __init__(self, spec: Specialisation, device: Any) -> None:
+        s, dtype, method = spec
         self.dtype, self.device = dtype, device
         self.residual = generic_step.residual_of(method, s.nr)
         self.topology = make_topology(s, method.inertia_scaling, method.coulomb, device)

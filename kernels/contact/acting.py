@@ -9,23 +9,24 @@ from types import SimpleNamespace
 import warp as wp
 
 from ..factories import cached
-from ..method import Method
 from ..residual.noise import make_noise
 from ..residual.smoothing import make_smoothing
+from ..specialisation import Specialisation
 from ..structure import Structure, layout
 from .rows import make_rows, make_speed
 from .shapes import make_pair
 
 
 @cached
-def make_acting(s: Structure, dtype: type, method: Method, exact_gap: bool) -> SimpleNamespace:
+def make_acting(spec: Specialisation, exact_gap: bool) -> SimpleNamespace:
     """Warp functions: near[k](params, row, frames, v), whether pair k can act; limits and contacts[k],
     (params, row, rate, jac, sigma, v, mask) -> the mask with the limits' or pair k's rows that can act.
 
     `exact_gap`: every pair counts as near.
     """
-    rows = make_rows(s, dtype, method)
-    noise = make_noise(s, dtype, method)
+    s, dtype, method = spec
+    rows = make_rows(spec)
+    noise = make_noise(spec)
     t = rows.types
     VQ, VR, JR = t.VQ, t.VR, t.JR
     NR, NP = s.nr, len(s.pairs)

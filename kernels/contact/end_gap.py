@@ -14,7 +14,7 @@ import warp as wp
 
 from ..factories import cached
 from ..mechanism.dynamics import make_mechanism
-from ..method import Method
+from ..specialisation import Specialisation
 from ..structure import Structure, layout
 from .acting import rows_of_pairs
 from .rows import make_rows
@@ -39,13 +39,14 @@ def make_unsteady(s: Structure, dtype: type) -> wp.Function:
 
 
 @cached
-def make_end_gap(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
+def make_end_gap(spec: Specialisation) -> SimpleNamespace:
     """bend(params, row, q, v, normal, jac, rate, known) -> d(q + h v)/h - (J_n v + d/h) of every row, zero
     for limits and for pairs that are not `known` (bit k: pair k); reached(params, row, q, v, known) -> the
     other pairs that may touch at q + h v.
     """
+    s, dtype, method = spec
     mech = make_mechanism(s, dtype)
-    r = make_rows(s, dtype, method)
+    r = make_rows(spec)
     VQ, VR, JR, V2 = mech.types.VQ, mech.types.VR, mech.types.JR, mech.types.V2
     VN = wp.types.vector(2 * max(len(s.pairs), 1), dtype)
     H = layout(s).offset("step_size")

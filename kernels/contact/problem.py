@@ -6,8 +6,8 @@ import warp as wp
 
 from ..factories import cached
 from ..mechanism.kinematics import make_types
-from ..method import Method
 from ..residual.noise import make_noise
+from ..specialisation import Specialisation
 from ..structure import Structure
 from .rows import make_rows
 
@@ -40,10 +40,11 @@ def make_problem(s: Structure, dtype: type) -> type:
 
 
 @cached
-def make_measure(s: Structure, dtype: type, method: Method) -> wp.Function:
+def make_measure(spec: Specialisation) -> wp.Function:
     """measure(params, row, problem) -> the problem with what `Problem` derives."""
-    r = make_rows(s, dtype, method)
-    noise = make_noise(s, dtype, method)
+    s, dtype, method = spec
+    r = make_rows(spec)
+    noise = make_noise(spec)
     Problem = make_problem(s, dtype)
     ZERO, ONE, FLOOR = dtype(0.0), dtype(1.0), dtype(SMALLEST)
     index = tuple(row.index for row in s.rows)
@@ -75,13 +76,14 @@ def make_measure(s: Structure, dtype: type, method: Method) -> wp.Function:
 
 
 @cached
-def make_places(s: Structure, dtype: type, method: Method, count: int) -> SimpleNamespace:
+def make_places(spec: Specialisation, count: int) -> SimpleNamespace:
     """The rows in the mask in the first of `count` places, one after the other.
 
     product(J, M^-1) -> A = J M^-1 J' of the places; spread(problem, z, lambda, z0) -> v', z (z0 outside the
     mask), lambda of the structure's rows, from the places' z and lambda.
     """
-    r = make_rows(s, dtype, method)
+    s, dtype, _ = spec
+    r = make_rows(spec)
     t = r.types
     Problem = make_problem(s, dtype)
     V = wp.types.vector(count, dtype)

@@ -13,7 +13,7 @@ import warp as wp
 
 from ..factories import cached
 from ..mechanism.dynamics import make_mechanism
-from ..method import Method
+from ..specialisation import Specialisation
 from ..structure import Structure, layout
 from .shapes import make_pair
 
@@ -53,10 +53,11 @@ def make_pair_jacobian(s: Structure, pair: int, dtype: type) -> wp.Function:
 
 
 @cached
-def make_rows(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
+def make_rows(spec: Specialisation) -> SimpleNamespace:
     """Warp functions on the set of rows; a row's Jacobian is stored for contacts only (limits are unit
     vectors).
     """
+    s, dtype, method = spec
     mech = make_mechanism(s, dtype)
     t = mech.types
     lay = layout(s)

@@ -9,22 +9,23 @@ Controls enter linearly. The step itself adds q' = q + h v', so that V_x . f_xx 
 import warp as wp
 
 from ..factories import cached
-from ..method import Method
 from ..residual.noise import make_noise
 from ..residual.smoothing import make_smoothing
-from ..structure import Structure, layout
+from ..specialisation import Specialisation
+from ..structure import layout
 from .sensitivity import make_linearization
 
 
 @cached
-def make_curvature(s: Structure, dtype: type, method: Method) -> wp.Function:
+def make_curvature(spec: Specialisation) -> wp.Function:
     """curvature(params, row, x, sol, lin, output) -> (nz, nz) second derivatives of v'[output] by (q, v,
     u).
     """
-    linear = make_linearization(s, dtype, method)
+    s, dtype, method = spec
+    linear = make_linearization(spec)
     step, motion, pairs = linear.step, linear.motion, linear.pairs
     mech, rows, t = step.mech, step.rows, step.types
-    noise = make_noise(s, dtype, method)
+    noise = make_noise(spec)
     sm = make_smoothing(dtype, method.residual)
     lay = layout(s)
     NV, NR, NZ = s.nv, s.nr, linear.NZ

@@ -4,23 +4,23 @@ import warp as wp
 
 from ..device.compile import specialised
 from ..factories import cached
-from ..method import Method
+from ..specialisation import Specialisation
 from ..status import SOLVED
 from ..step.rollout import make_world
-from ..structure import Structure
 from .curvature import make_curvature
 from .sensitivity import make_linearization
 
 
 @cached
-def make_linearize_kernel(s: Structure, dtype: type, method: Method, second: bool) -> wp.Kernel:
+def make_linearize_kernel(spec: Specialisation, second: bool) -> wp.Kernel:
     """A = df/dx, B = df/du (and d2v'/d(x, u)2) at every (problem, step): item i is step i mod N of problem i
     div N.
     """
-    linear = make_linearization(s, dtype, method)
+    s, dtype, _ = spec
+    linear = make_linearization(spec)
     step = linear.step
-    world_of = make_world(s, dtype, method, False)
-    curvature = make_curvature(s, dtype, method) if second else None
+    world_of = make_world(spec, False)
+    curvature = make_curvature(spec) if second else None
     NV, NX, NU, NZ = s.nv, 2 * s.nv, s.nu, linear.NZ
     VX, VU, DV = step.types.VX, step.types.VU, linear.DV
     ZERO, ONE = dtype(0.0), dtype(1.0)

@@ -5,19 +5,20 @@ from typing import Any
 
 import warp as wp
 
-from ..method import Method
 from ..residual.noise import make_noise
-from ..structure import Structure, layout
+from ..specialisation import Specialisation
+from ..structure import layout
 
 
 def make_pair_terms(
-    s: Structure, dtype: type, method: Method, step: SimpleNamespace, d: SimpleNamespace, Linear: Any, k: int
+    spec: Specialisation, step: SimpleNamespace, d: SimpleNamespace, Linear: Any, k: int
 ) -> SimpleNamespace:
     """Of pair k with the derivatives d: rows(...) adds to F1_q and F2_q and fills gap gradients, scale(...)
     gives dD/dq at fixed M, noise(...) adds what sigma's dependence on q does.
     """
+    s, dtype, method = spec
     t, rows = step.types, step.rows
-    noise = make_noise(s, dtype, method)
+    noise = make_noise(spec)
     own = step.pair_rows[k]
     first, last = own[0], own[-1]
     frictional = len(own) == 2

@@ -13,10 +13,10 @@ import warp as wp
 
 from ..device.compile import specialised
 from ..factories import cached
-from ..method import Method
+from ..specialisation import Specialisation
 from ..status import SOLVED
 from ..step.rollout import make_world
-from ..structure import Structure, layout
+from ..structure import layout
 from .sensitivity import make_linearization
 
 REACH = 0.03
@@ -38,15 +38,17 @@ def make_widen_kernel(dtype: type) -> wp.Kernel:
 
 
 @cached
-def make_difference_kernel(s: Structure, dtype: type, method: Method) -> wp.Kernel:
+def make_difference_kernel(spec: Specialisation) -> wp.Kernel:
     """As `expansion.make_linearize_kernel` with second derivatives, but params and external in float64.
 
     fzz holds the curved outputs: those of v', or (v*, v') where positions move with another velocity v*.
     """
+    s, dtype, method = spec
     real = wp.float64
-    linear = make_linearization(s, real, method)
+    exact = spec._replace(dtype=real)
+    linear = make_linearization(exact)
     step = linear.step
-    world_of = make_world(s, real, method, False)
+    world_of = make_world(exact, False)
     NV, NX, NU, NR, NZ = s.nv, 2 * s.nv, s.nu, s.nr, linear.NZ
     NW = 2 * NV if method.trapezoidal else NV
     VX, VU, VZ = step.types.VX, step.types.VU, wp.types.vector(linear.NZ, real)

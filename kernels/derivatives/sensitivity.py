@@ -13,33 +13,34 @@ import warp as wp
 from ..contact.derivatives import make_pair_derivatives
 from ..factories import cached
 from ..mechanism.dynamics_derivatives import make_mechanism_derivatives
-from ..method import Method
 from ..residual.noise import make_noise
 from ..residual.smoothing import make_smoothing
 from ..solvers.coulomb_response import make_coulomb_response
 from ..solvers.elimination import PROXIMAL, make_row_elimination
 from ..solvers.erm_response import make_erm_response
+from ..specialisation import Specialisation
 from ..step.step import make_step
-from ..structure import Structure, layout
+from ..structure import layout
 from .pair_terms import make_pair_terms
 
 
 @cached
-def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
+def make_linearization(spec: Specialisation) -> SimpleNamespace:
     """Warp functions and the struct `Linear` of a step's first-order expansion (also what `curvature.py`
     starts from).
     """
-    step = make_step(s, dtype, method, False)
+    s, dtype, method = spec
+    step = make_step(spec, False)
     mech, rows, t, Solution = step.mech, step.rows, step.types, step.Solution
     motion = make_mechanism_derivatives(s, dtype, method.trapezoidal)
     pairs = tuple(make_pair_derivatives(s, k, dtype) for k in range(len(s.pairs)))
-    elimination = make_row_elimination(s, dtype, method)
+    elimination = make_row_elimination(spec)
     coulomb = method.coulomb and s.nr > 0
     erm = method.erm and s.nr > 0
-    response = make_coulomb_response(s, dtype, method) if coulomb else None
-    least = make_erm_response(s, dtype, method) if erm else None
+    response = make_coulomb_response(spec) if coulomb else None
+    least = make_erm_response(spec) if erm else None
     sm = make_smoothing(dtype, method.residual)
-    noise = make_noise(s, dtype, method)
+    noise = make_noise(spec)
     lay = layout(s)
     NV, NR = s.nv, s.nr
     NZ = 2 * NV + s.nu
@@ -82,9 +83,7 @@ def make_linearization(s: Structure, dtype: type, method: Method) -> SimpleNames
                 out.slack[i] = e[3]
         return out
 
-    pair_terms = tuple(
-        make_pair_terms(s, dtype, method, step, pairs[k], Linear, k) for k in range(len(s.pairs))
-    )
+    pair_terms = tuple(make_pair_terms(spec, step, pairs[k], Linear, k) for k in range(len(s.pairs)))
     pair_mask = tuple(sum(1 << i for i in pair_rows[k]) for k in range(len(s.pairs)))
 
     @wp.func

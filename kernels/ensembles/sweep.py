@@ -8,10 +8,10 @@ import warp as wp
 
 from ..device.compile import specialised
 from ..factories import cached
-from ..method import Method
+from ..specialisation import Specialisation
 from ..status import SOLVED
 from ..step.rollout import POLICIES, make_world
-from ..structure import STEP_SIZE, Structure, layout
+from ..structure import STEP_SIZE, layout
 from .random import make_normal, philox
 
 # streams of the random numbers
@@ -115,11 +115,12 @@ def make_disturbances(nv: int, nu: int, dtype: type) -> SimpleNamespace:
 
 
 @cached
-def make_sweep_kernel(s: Structure, dtype: type, method: Method, policy_name: str) -> wp.Kernel:
+def make_sweep_kernel(spec: Specialisation, policy_name: str) -> wp.Kernel:
     """Roll out one world a thread for a duration, with torque noise and velocity kicks; samples one state
     component.
     """
-    world_of = make_world(s, dtype, method, False)
+    s, dtype, _ = spec
+    world_of = make_world(spec, False)
     step = world_of.step
     policy = POLICIES[policy_name](2 * s.nv, s.nu, dtype)
     disturb = make_disturbances(s.nv, s.nu, dtype)

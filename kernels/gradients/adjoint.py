@@ -5,28 +5,27 @@ import warp as wp
 from ..derivatives.sensitivity import make_linearization
 from ..device.compile import specialised
 from ..factories import cached
-from ..method import Method
 from ..policies.policies import make_tracking, make_wrap
+from ..specialisation import Specialisation
 from ..status import SOLVED
-from ..structure import Structure
 from .parameters import make_parameter_gradient
 
 
 @cached
-def make_adjoint_kernel(
-    s: Structure, dtype: type, method: Method, by_parameters: bool, feedback: bool
-) -> wp.Kernel:
+def make_adjoint_kernel(spec: Specialisation, by_parameters: bool, feedback: bool) -> wp.Kernel:
     """Backward pass of rollouts, from gradients by the recorded states; open loop, or with `feedback` under
     u = us_k + K_k (x - xs_k).
 
     Every step is solved again at its recorded state and differentiated at the solution; nothing else is
     stored.
     """
-    linear = make_linearization(s, dtype, method)
+    s, dtype, _ = spec
+    s, dtype, _ = spec
+    linear = make_linearization(spec)
     step = linear.step
     NV, NX, NU = s.nv, 2 * s.nv, s.nu
     VX, VU = step.types.VX, step.types.VU
-    parameters = make_parameter_gradient(s, dtype, method) if by_parameters else None
+    parameters = make_parameter_gradient(spec) if by_parameters else None
     Tracking = make_tracking(NX, NU, dtype).Struct
     wrapped, free = make_wrap(dtype), make_free(NX, NU, dtype)
 

@@ -13,17 +13,18 @@ from types import SimpleNamespace
 import warp as wp
 
 from ..factories import cached
-from ..method import Method
-from ..structure import Structure, layout
+from ..specialisation import Specialisation
+from ..structure import layout
 from .motion import make_motion_gradient
 
 
 @cached
-def make_damped_gradient(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
+def make_damped_gradient(spec: Specialisation) -> SimpleNamespace:
     """moving(params, row, fr, jb, q, u, Motion, normals, external, world, grad): adds the scalar's
     derivative by every column, by h only that of N. stiffness(..): of P.(M w - h r) with y for dampers.
     """
-    part = make_motion_gradient(s, dtype, method)
+    s, dtype, method = spec
+    part = make_motion_gradient(spec)
     step = part.linear.step
     mass, t = step.mass, step.types
     Motion, dampers = part.Motion, part.dampers

@@ -15,15 +15,15 @@ import warp as wp
 
 from ..derivatives.sensitivity import make_linearization
 from ..factories import cached
-from ..method import Method
 from ..solvers.erm import make_erm
-from ..structure import Structure
+from ..specialisation import Specialisation
 
 
 @cached
-def make_dual(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
+def make_dual(spec: Specialisation) -> SimpleNamespace:
     """dual(sol, lin, target) -> Dual, at the factors in `lin`."""
-    linear = make_linearization(s, dtype, method)
+    s, dtype, method = spec
+    linear = make_linearization(spec)
     step = linear.step
     rows, t = step.rows, step.types
     VQ, VR, JR = t.VQ, t.VR, t.JR

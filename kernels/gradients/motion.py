@@ -10,16 +10,17 @@ import warp as wp
 
 from ..derivatives.sensitivity import make_linearization
 from ..factories import cached
-from ..method import Method
-from ..structure import Structure, layout
+from ..specialisation import Specialisation
+from ..structure import layout
 from .places import below, make_places
 from .springs import make_spring_gradient
 
 
 @cached
-def make_motion_gradient(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
+def make_motion_gradient(spec: Specialisation) -> SimpleNamespace:
     """Warp functions of the motion part: mass, inertia and displacements of centres of mass."""
-    linear = make_linearization(s, dtype, method)
+    s, dtype, method = spec
+    linear = make_linearization(spec)
     mech, motion, t = linear.step.mech, linear.motion, linear.step.types
     places = make_places(s, dtype)
     lay = layout(s)

@@ -11,8 +11,8 @@ every pair's rows, and M^-1 J_i' where D = diag(A).
 import warp as wp
 
 from ..factories import cached
-from ..method import Method
-from ..structure import Structure, layout
+from ..specialisation import Specialisation
+from ..structure import layout
 from .damping import make_damped_gradient
 from .dual import make_dual
 from .rows import make_row_gradient
@@ -20,18 +20,19 @@ from .trapezoidal import make_trapezoidal_gradient
 
 
 @cached
-def make_parameter_gradient(s: Structure, dtype: type, method: Method) -> wp.Function:
+def make_parameter_gradient(spec: Specialisation) -> wp.Function:
     """gradient(params, row, x, u, external, world, sol, lin, weight, grad): adds to row `world` of `grad`
     the derivative of weight.x' by every column of the parameter table.
     """
+    s, dtype, method = spec
     if method.trapezoidal:
-        return make_trapezoidal_gradient(s, dtype, method)
-    duals = make_dual(s, dtype, method)
+        return make_trapezoidal_gradient(spec)
+    duals = make_dual(spec)
     linear = duals.linear
     step = linear.step
     rows, t = step.rows, step.types
-    part = make_damped_gradient(s, dtype, method)
-    constraints = make_row_gradient(s, dtype, method)
+    part = make_damped_gradient(spec)
+    constraints = make_row_gradient(spec)
     H = layout(s).offset("step_size")
     VQ, VX, VU, VR = t.VQ, t.VX, t.VU, t.VR
     ZERO = dtype(0.0)

@@ -7,17 +7,18 @@ import warp as wp
 
 from ..contact.shapes import oriented_ends, oriented_pair
 from ..factories import cached
-from ..method import Method
-from ..structure import Structure, layout
+from ..specialisation import Specialisation
+from ..structure import layout
 from .contact import make_pair_answer
 from .dual import make_dual
 from .places import make_places
 
 
 @cached
-def make_row_gradient(s: Structure, dtype: type, method: Method) -> wp.Function:
+def make_row_gradient(spec: Specialisation) -> wp.Function:
     """constraints(params, row, fr, q, sol, lin, dual, h, grad, world): adds a solved problem's."""
-    duals = make_dual(s, dtype, method)
+    s, dtype, method = spec
+    duals = make_dual(spec)
     linear = duals.linear
     step = linear.step
     rows, t = step.rows, step.types

@@ -14,8 +14,8 @@ import warp as wp
 
 from ..factories import cached
 from ..mechanism.free_motion import make_elimination
-from ..method import Method
-from ..structure import Structure, layout
+from ..specialisation import Specialisation
+from ..structure import layout
 from .damping import make_damped_gradient
 from .dual import make_dual
 from .rows import make_row_gradient
@@ -25,14 +25,15 @@ POINTS = 6
 
 
 @cached
-def make_trapezoidal_gradient(s: Structure, dtype: type, method: Method) -> wp.Function:
+def make_trapezoidal_gradient(spec: Specialisation) -> wp.Function:
     """As `make_parameter_gradient`."""
-    duals = make_dual(s, dtype, method)
+    s, dtype, method = spec
+    duals = make_dual(spec)
     linear = duals.linear
     step, motion = linear.step, linear.motion
     mech, t = step.mech, step.types
-    part_of = make_damped_gradient(s, dtype, method)
-    constraints = make_row_gradient(s, dtype, method)
+    part_of = make_damped_gradient(spec)
+    constraints = make_row_gradient(spec)
     lu = make_elimination(s.nv, dtype)
     VQ, VX, VU, VR, MQ, JR = t.VQ, t.VX, t.VU, t.VR, t.MQ, t.JR
     H = layout(s).offset("step_size")

@@ -18,19 +18,20 @@ from types import SimpleNamespace
 import warp as wp
 
 from ..factories import cached
-from ..method import Method
-from ..structure import Structure, layout
+from ..specialisation import Specialisation
+from ..structure import layout
 from .dynamics import make_mechanism
 from .dynamics_derivatives import make_mechanism_derivatives
 from .springs import make_spring
 
 
 @cached
-def make_effective_mass(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
+def make_effective_mass(spec: Specialisation) -> SimpleNamespace:
     """matrix(params, row, fr, jb) = N; by_q(params, row, fr, jb, w): d(N w)/dq at constant w; and of Euler's
     hessian(params, row, fr, jb, p, w): d2/dq dq of p.N w. drag(params, row, fr, h, total): total + h C;
     drag_by_q(params, row, fr, y, total): total + d(C y)/dq. spread(params, row, fr, jb) = K^-1 B.
     """
+    s, dtype, method = spec
     mech = make_mechanism(s, dtype)
     motion = make_mechanism_derivatives(s, dtype, method.trapezoidal)
     t = mech.types

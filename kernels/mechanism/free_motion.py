@@ -21,8 +21,8 @@ from types import SimpleNamespace
 import warp as wp
 
 from ..factories import cached
-from ..method import Method
-from ..structure import Structure, layout
+from ..specialisation import Specialisation
+from ..structure import layout
 from .dynamics import make_mechanism
 from .dynamics_derivatives import make_mechanism_derivatives
 from .effective_mass import make_effective_mass
@@ -59,7 +59,7 @@ def make_elimination(n: int, dtype: type) -> SimpleNamespace:
 
 
 @cached
-def make_free_motion(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
+def make_free_motion(spec: Specialisation) -> SimpleNamespace:
     """Warp functions of the free motion.
 
     velocity(params, row, fr, jb, minv, v, force, ...) -> (v_free, a), force = r + u.
@@ -69,9 +69,10 @@ def make_free_motion(s: Structure, dtype: type, method: Method) -> SimpleNamespa
     held(params, row, fr, jb, w, by_state) -> M dv_free - d(M w) at w = v' - v_free, then in place of source.
     Dots stand for external forces and the world they are of.
     """
+    s, dtype, method = spec
     mech = make_mechanism(s, dtype)
     motion = make_mechanism_derivatives(s, dtype, method.trapezoidal)
-    mass = make_effective_mass(s, dtype, method)
+    mass = make_effective_mass(spec)
     lu = make_elimination(s.nv, dtype)
     t = mech.types
     lay = layout(s)

@@ -25,6 +25,7 @@ from ..solvers.elimination import PROXIMAL, make_row_elimination
 from ..solvers.erm import PROXIMAL as ERM_PROXIMAL
 from ..solvers.erm import make_erm
 from ..solvers.erm_descent import make_erm_solver
+from ..specialisation import Specialisation
 from ..status import NONFINITE, SOLVED
 from ..structure import PRISMATIC, WORLD, BodyStructure, Structure
 
@@ -44,10 +45,10 @@ def method_of(residual: str, scaling: str) -> Method:
 @cached
 def make_reader(n: int, dtype: type, method: Method) -> SimpleNamespace:
     """read(A, b, sigma, item) -> Problem; what both kernels share."""
-    s = sliders(n)
-    r = make_rows(s, dtype, method)
+    spec = Specialisation(sliders(n), dtype, method)
+    r = make_rows(spec)
     t = r.types
-    Problem = make_problem(s, dtype)
+    Problem = make_problem(spec.structure, dtype)
     ALL = (1 << n) - 1
 
     @wp.func
@@ -64,7 +65,7 @@ def make_reader(n: int, dtype: type, method: Method) -> SimpleNamespace:
         out.scale = wp.static(r.scale)(out.minv, out.jac, out.mask)
         return out
 
-    return SimpleNamespace(structure=s, types=t, rows=r, Problem=Problem, read=read)
+    return SimpleNamespace(spec=spec, types=t, rows=r, Problem=Problem, read=read)
 
 
 @cached
@@ -73,7 +74,7 @@ def make_complementarity_kernel(n: int, dtype: type, method: Method, continuatio
     problem = make_reader(n, dtype, method)
     t = problem.types
     make = make_continuation_solver if continuation else make_erm_solver if method.erm else make_solver
-    solver = make(problem.structure, dtype, method)
+    solver = make(problem.spec)
     UNUSED = dtype(COLD)
 
     @specialised
@@ -109,7 +110,7 @@ def make_complementarity_adjoint_kernel(n: int, dtype: type, method: Method) -> 
     t = problem.types
     VR = t.VR
     sm = make_smoothing(dtype, method.residual)
-    elimination = make_row_elimination(problem.structure, dtype, method)
+    elimination = make_row_elimination(problem.spec)
     erm = make_erm(n, dtype, method.residual) if method.erm else None
     TAU = dtype((ERM_PROXIMAL if method.erm else PROXIMAL)[dtype])
     HALF, ONE, NAN = dtype(0.5), dtype(1.0), dtype(math.nan)

@@ -14,20 +14,21 @@ import warp as wp
 
 from ..factories import cached
 from ..mechanism.kinematics import make_types
-from ..method import Method
-from ..structure import Structure, layout
+from ..specialisation import Specialisation
+from ..structure import layout
 
 FLOOR = 1e-6  # [m/s, rad/s]
 LOGISTIC = math.sqrt(3.0) / math.pi  # scale of a logistic distribution of standard deviation 1
 
 
 @cached
-def make_noise(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
+def make_noise(spec: Specialisation) -> SimpleNamespace:
     """Warp functions of the noise.
 
     level[i](params, row, sigma): what the residual of row i takes as its sigma. spread(params, row, y): the
     covariance of the rows' velocities times y. deviation(J . y) for y = spread(J): sigma_i.
     """
+    s, dtype, method = spec
     t = make_types(s, dtype)
     lay = layout(s)
     NV = s.nv

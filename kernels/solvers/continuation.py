@@ -20,9 +20,8 @@ from ..contact.problem import SMALLEST as LEAST
 from ..contact.problem import make_measure, make_problem
 from ..factories import cached
 from ..mechanism.kinematics import make_types
-from ..method import Method
+from ..specialisation import Specialisation
 from ..status import NOT_CONVERGED
-from ..structure import Structure
 from .newton import RESOLUTION, make_newton
 
 START = 0.3  # first sigma relative to the size of w
@@ -36,11 +35,12 @@ PROBLEMS = 200
 
 
 @cached
-def make_continuation_solver(s: Structure, dtype: type, method: Method) -> wp.Function:
+def make_continuation_solver(spec: Specialisation) -> wp.Function:
     """As `make_solver`, for the hard problem; noise levels and `warm` are not read."""
-    smooth = make_newton(s, dtype, dataclasses.replace(method, residual="rem-logistic"))
-    hard = make_newton(s, dtype, method)
-    Problem, measure = make_problem(s, dtype), make_measure(s, dtype, method)
+    s, dtype, method = spec
+    smooth = make_newton(spec._replace(method=dataclasses.replace(method, residual="rem-logistic")))
+    hard = make_newton(spec)
+    Problem, measure = make_problem(s, dtype), make_measure(spec)
     NR, VR = s.nr, make_types(s, dtype).VR
     ZERO, HALF, ONE = dtype(0.0), dtype(0.5), dtype(1.0)
     FIRST, KEPT, LAST, LOW, CLOSE = (dtype(x) for x in (START, SHARE, END[dtype], LOWEST_START, INEXACT))

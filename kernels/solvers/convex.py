@@ -13,22 +13,22 @@ import warp as wp
 from ..contact.problem import COLD, make_measure, make_problem
 from ..contact.rows import make_rows
 from ..factories import cached
-from ..method import Method
+from ..specialisation import Specialisation
 from ..status import INFEASIBLE, NOT_CONVERGED, SOLVED
-from ..structure import Structure
 from .few_rows import make_few_rows
 from .interior import make_interior
 from .newton import make_newton
 
 
 @cached
-def make_solver(s: Structure, dtype: type, method: Method) -> wp.Function:
+def make_solver(spec: Specialisation) -> wp.Function:
     """solve(params, row, problem, warm) -> v', z, lambda, status, iterations; warm: z of the last step."""
-    r = make_rows(s, dtype, method)
-    interior = make_interior(s, dtype, method)
-    n = make_newton(s, dtype, method)
-    solve_few = make_few_rows(s, dtype, method)
-    Problem, measure = make_problem(s, dtype), make_measure(s, dtype, method)
+    s, dtype, _ = spec
+    r = make_rows(spec)
+    interior = make_interior(spec)
+    n = make_newton(spec)
+    solve_few = make_few_rows(spec)
+    Problem, measure = make_problem(s, dtype), make_measure(spec)
     VQ, VR = r.types.VQ, r.types.VR
     NR = s.nr
     ZERO, HALF, UNUSED = dtype(0.0), dtype(0.5), dtype(COLD)

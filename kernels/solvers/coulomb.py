@@ -19,9 +19,8 @@ import warp as wp
 
 from ..contact.problem import COLD, make_problem
 from ..factories import cached
-from ..method import Method
+from ..specialisation import Specialisation
 from ..status import INFEASIBLE, JAMMED, NONFINITE, NOT_CONVERGED, SOLVED
-from ..structure import Structure
 from .coulomb_alone import ACCEPT, make_alone, make_cone
 from .coulomb_few import make_coulomb_few
 from .coulomb_modes import LEFT, OFF, PRESS, RIGHT, STICK, make_active
@@ -38,12 +37,13 @@ PROXIMAL = {wp.float64: (1e-9, 1e-13), wp.float32: (1e-4, 3e-7)}
 
 
 @cached
-def make_coulomb_solver(s: Structure, dtype: type, method: Method) -> wp.Function:
+def make_coulomb_solver(spec: Specialisation) -> wp.Function:
     """As `make_solver`; D and noise levels are not read."""
-    active = make_active(s, dtype, method)
-    lemke = make_lemke(s, dtype, method, active.Dense)
-    single, cone = make_alone(s, dtype, method), make_cone(dtype)
-    few = make_coulomb_few(s, dtype, method)
+    s, dtype, _ = spec
+    active = make_active(spec)
+    lemke = make_lemke(spec, active.Dense)
+    single, cone = make_alone(spec), make_cone(dtype)
+    few = make_coulomb_few(spec)
     t = active.types
     VR, Problem = t.VR, make_problem(s, dtype)
     Dense, MODES = active.Dense, active.MODES

@@ -11,8 +11,8 @@ import warp as wp
 from ..contact.problem import make_problem
 from ..contact.rows import make_rows
 from ..factories import cached
-from ..method import Method
-from ..structure import Structure, layout
+from ..specialisation import Specialisation
+from ..structure import layout
 from .few_rows import LARGEST
 
 ACCEPT = {wp.float64: 3e-12, wp.float32: 1e-5}  # of the natural map, relative to J v_free and d/h
@@ -47,12 +47,13 @@ def make_cone(dtype: type) -> wp.Function:
 
 
 @cached
-def make_alone(s: Structure, dtype: type, method: Method) -> wp.Function:
+def make_alone(spec: Specialisation) -> wp.Function:
     """alone(params, row, problem) -> v', z, lambda, found: 1 where the mask is a single limit or pair and the
     natural map of what is returned vanishes, on the scale of J v_free and d/h. Painleve's cases, impulses
     that are large against each other and rows that no impulse moves are left to others.
     """
-    r = make_rows(s, dtype, method)
+    s, dtype, _ = spec
+    r = make_rows(spec)
     VR, Problem = r.types.VR, make_problem(s, dtype)
     cone = make_cone(dtype)
     ZERO, SMALLEST = dtype(0.0), dtype(1e-30)

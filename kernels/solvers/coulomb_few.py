@@ -12,8 +12,8 @@ from ..contact.problem import COLD, make_places, make_problem
 from ..contact.problem import SMALLEST as LEAST
 from ..contact.rows import make_rows
 from ..factories import cached
-from ..method import Method
-from ..structure import Structure, layout
+from ..specialisation import Specialisation
+from ..structure import layout
 from .coulomb_alone import make_cone
 from .few_rows import LARGEST
 
@@ -24,14 +24,15 @@ PROXIMAL = {wp.float64: 1e-9, wp.float32: 1e-4}  # relative to A_ii
 
 
 @cached
-def make_coulomb_few(s: Structure, dtype: type, method: Method) -> wp.Function:
+def make_coulomb_few(spec: Specialisation) -> wp.Function:
     """few(params, row, problem, warm) -> v', z, lambda, found: 0 where there are more than FEW rows, or no
     solution was found.
     """
-    r = make_rows(s, dtype, method)
+    s, dtype, _ = spec
+    r = make_rows(spec)
     VQ, VR = r.types.VQ, r.types.VR
     NR, NV, K = s.nr, s.nv, min(FEW, s.nr)
-    Problem, places = make_problem(s, dtype), make_places(s, dtype, method, K)
+    Problem, places = make_problem(s, dtype), make_places(spec, K)
     V, M, J = places.V, places.A, places.J
     cone = make_cone(dtype)
     ZERO, ONE, SMALLEST = dtype(0.0), dtype(1.0), dtype(LEAST)

@@ -11,8 +11,8 @@ import warp as wp
 from ..contact.problem import make_problem
 from ..contact.rows import make_rows
 from ..factories import cached
-from ..method import Method
-from ..structure import Structure, layout
+from ..specialisation import Specialisation
+from ..structure import layout
 
 TOUCHING = {wp.float64: 1e-12, wp.float32: 1e-6}  # rounding of a gap [m] whose row nothing can open
 LENGTHS = {wp.float64: 3e-3, wp.float32: 4e-2}  # that a gap is the difference of, and rounds with [m]
@@ -20,14 +20,15 @@ OFF, PRESS, STICK, LEFT, RIGHT = 0, 1, 2, 3, 4  # modes; LEFT: lambda_t = -mu la
 
 
 @cached
-def make_active(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
+def make_active(spec: Specialisation) -> SimpleNamespace:
     """The dense problem of the rows in the mask, and the linear system of given modes.
 
     gather(params, row, problem) -> Dense; modes(dense, z) -> MODES;
     factor(dense, modes, tau) -> Lu; impulses(dense, modes, lu, target, centre) -> lambda with
     A lambda + target = 0 in the rows that hold; `transposed` is its adjoint.
     """
-    r = make_rows(s, dtype, method)
+    s, dtype, _ = spec
+    r = make_rows(spec)
     t = r.types
     NR = s.nr
     VR, JR = t.VR, t.JR

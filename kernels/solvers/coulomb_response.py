@@ -11,18 +11,18 @@ import warp as wp
 
 from ..contact.problem import make_problem
 from ..factories import cached
-from ..method import Method
-from ..structure import Structure
+from ..specialisation import Specialisation
 from .coulomb import PROXIMAL
 from .coulomb_modes import LEFT, RIGHT, make_active
 
 
 @cached
-def make_coulomb_response(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
+def make_coulomb_response(spec: Specialisation) -> SimpleNamespace:
     """factor(params, row, problem, z) -> Factor; solve(factor, jac, dv0, f2) -> dv;
     transposed(factor, jac, p0) -> (P, rho, sides), see there.
     """
-    active = make_active(s, dtype, method)
+    s, dtype, _ = spec
+    active = make_active(spec)
     r, t = active.rows, active.types
     VQ, VR, JR = t.VQ, t.VR, t.JR
     Problem = make_problem(s, dtype)

@@ -12,16 +12,17 @@ import warp as wp
 
 from ..contact.rows import make_rows
 from ..factories import cached
-from ..method import Method
-from ..structure import Structure
+from ..specialisation import Specialisation
 
 PROXIMAL = {wp.float64: 1e-13, wp.float32: 1e-6}  # tau
 
 
 @cached
-def make_row_elimination(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
+def make_row_elimination(spec: Specialisation) -> SimpleNamespace:
     """Sequential elimination of the rows: `eliminate` (factor and forward), `back` (multipliers)."""
-    r = make_rows(s, dtype, method)
+    s, dtype, _ = spec
+    s, dtype, _ = spec
+    r = make_rows(spec)
     t = r.types
     VQ, MQ, VR, JR = t.VQ, t.MQ, t.VR, t.JR
     NR = s.nr

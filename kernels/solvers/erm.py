@@ -13,9 +13,8 @@ import warp as wp
 
 from ..contact.rows import make_rows
 from ..factories import cached
-from ..method import Method
 from ..residual.smoothing import make_smoothing
-from ..structure import Structure
+from ..specialisation import Specialisation
 
 PROXIMAL = {wp.float64: 1e-13, wp.float32: 1e-6}  # of the Hessian's diagonal, for rows that repeat others
 
@@ -117,9 +116,10 @@ def make_erm(n: int, dtype: type, residual: str) -> SimpleNamespace:
 
 
 @cached
-def make_gather(s: Structure, dtype: type, method: Method) -> wp.Function:
+def make_gather(spec: Specialisation) -> wp.Function:
     """gather(minv, jac) -> A = J M^-1 J' (2a)."""
-    r = make_rows(s, dtype, method)
+    s, dtype, method = spec
+    r = make_rows(spec)
     t = r.types
     MR = make_erm(s.nr, dtype, method.residual).MR
     NR = s.nr

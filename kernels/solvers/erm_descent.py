@@ -19,8 +19,8 @@ from ..factories import cached
 from ..method import Method
 from ..residual.noise import make_noise
 from ..residual.residuals import make_residuals
+from ..specialisation import Specialisation
 from ..status import NOT_CONVERGED, SOLVED
-from ..structure import Structure
 from .convex import make_solver
 from .erm import PROXIMAL, make_erm, make_gather
 
@@ -228,17 +228,18 @@ def twin(method: Method) -> Method:
 
 
 @cached
-def make_erm_solver(s: Structure, dtype: type, method: Method) -> wp.Function:
+def make_erm_solver(spec: Specialisation) -> wp.Function:
     """As `make_solver`; z = D lambda - w. `mask` must hold every row."""
+    s, dtype, method = spec
     search = make_erm_search(s.nr, dtype, method.residual)
-    r = make_rows(s, dtype, method)
+    r = make_rows(spec)
     t = r.types
     VQ, VR = t.VQ, t.VR
     NR, Problem = s.nr, make_problem(s, dtype)
-    noise = make_noise(s, dtype, method)
-    rem = make_solver(s, dtype, twin(method))
-    measure = make_measure(s, dtype, method)
-    gather = make_gather(s, dtype, method)
+    noise = make_noise(spec)
+    rem = make_solver(spec._replace(method=twin(method)))
+    measure = make_measure(spec)
+    gather = make_gather(spec)
 
     @wp.func
     def solve(params: wp.array2d(dtype=dtype), row: int, p: Problem, warm: VR):

@@ -11,23 +11,23 @@ import warp as wp
 
 from ..contact.rows import make_rows
 from ..factories import cached
-from ..method import Method
 from ..residual.noise import make_noise
-from ..structure import Structure
+from ..specialisation import Specialisation
 from .erm import PROXIMAL, make_erm, make_gather
 
 
 @cached
-def make_erm_response(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
+def make_erm_response(spec: Specialisation) -> SimpleNamespace:
     """prepare(params, row, minv, jac, scale, sigma, lam, z) -> Factor, with y and p; complete(Factor, minv,
     jac, lam, force, motion, scale_by_q) adds what depends on q; solve(Factor, minv, jac, dv0, f2, c) -> dv'.
     """
+    s, dtype, method = spec
     erm = make_erm(s.nr, dtype, method.residual)
-    gather = make_gather(s, dtype, method)
-    r = make_rows(s, dtype, method)
+    gather = make_gather(spec)
+    r = make_rows(spec)
     t = r.types
     VQ, VR, MQ, JR, MR = t.VQ, t.VR, t.MQ, t.JR, erm.MR
-    noise = make_noise(s, dtype, method)
+    noise = make_noise(spec)
     NR, NV = s.nr, s.nv
     TAU = dtype(PROXIMAL[dtype])
 

@@ -11,11 +11,10 @@ import warp as wp
 from ..contact.problem import SMALLEST, make_places, make_problem
 from ..contact.rows import make_rows
 from ..factories import cached
-from ..method import Method
 from ..residual.noise import make_noise
 from ..residual.smoothing import make_smoothing
+from ..specialisation import Specialisation
 from ..status import NOT_CONVERGED, SOLVED
-from ..structure import Structure
 from .elimination import PROXIMAL
 from .newton import resolution
 
@@ -26,16 +25,17 @@ DECREASE = 0.99  # of the sum of squares, at least, in every step
 
 
 @cached
-def make_few_rows(s: Structure, dtype: type, method: Method) -> wp.Function:
+def make_few_rows(spec: Specialisation) -> wp.Function:
     """solve_few(params, row, problem, z) -> v', z, lambda, status, iterations; NOT_CONVERGED also where there
     are more than FEW rows. The problem is measured.
     """
-    r = make_rows(s, dtype, method)
+    s, dtype, method = spec
+    r = make_rows(spec)
     sm = make_smoothing(dtype, method.residual)
-    noise = make_noise(s, dtype, method)
+    noise = make_noise(spec)
     VQ, VR = r.types.VQ, r.types.VR
     NR, NV, K = s.nr, s.nv, min(FEW[len(s.pairs) > 1], s.nr)
-    Problem, places = make_problem(s, dtype), make_places(s, dtype, method, K)
+    Problem, places = make_problem(s, dtype), make_places(spec, K)
     V, M, J = places.V, places.A, places.J
     ZERO, ONE = dtype(0.0), dtype(1.0)
     HUGE = dtype(1e300 if dtype is wp.float64 else 1e38)

@@ -15,10 +15,9 @@ import warp as wp
 from ..contact.problem import make_problem
 from ..contact.rows import make_rows
 from ..factories import cached
-from ..method import Method
 from ..residual.noise import make_noise
 from ..residual.smoothing import make_smoothing
-from ..structure import Structure
+from ..specialisation import Specialisation
 from .elimination import PROXIMAL, make_row_elimination
 
 MAX_ITERATIONS = 50
@@ -33,15 +32,16 @@ START = 0.1  # smallest a and w at the start, relative to the same
 
 
 @cached
-def make_interior(s: Structure, dtype: type, method: Method) -> wp.Function:
+def make_interior(spec: Specialisation) -> wp.Function:
     """interior(params, row, problem, z) -> z, lambda, done, iterations; the problem is measured."""
-    r = make_rows(s, dtype, method)
+    s, dtype, method = spec
+    r = make_rows(spec)
     t = r.types
     sm = make_smoothing(dtype, method.residual)
-    elimination = make_row_elimination(s, dtype, method)
+    elimination = make_row_elimination(spec)
     VQ, VR = t.VQ, t.VR
     NR, Problem = s.nr, make_problem(s, dtype)
-    noise = make_noise(s, dtype, method)
+    noise = make_noise(spec)
     ZERO, ONE = dtype(0.0), dtype(1.0)
     TAU = dtype(PROXIMAL[dtype])
     LIMIT, RESIDUAL = (dtype(x) for x in END[dtype, method.hard])

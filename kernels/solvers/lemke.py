@@ -15,8 +15,7 @@ import warp as wp
 from ..contact.problem import SMALLEST, make_problem
 from ..contact.rows import make_rows
 from ..factories import cached
-from ..method import Method
-from ..structure import Structure
+from ..specialisation import Specialisation
 
 FOUND, RAY, LIMIT = 0, 1, 2
 NONE = -1
@@ -27,11 +26,12 @@ STEPS_PER_UNKNOWN = 12
 
 
 @cached
-def make_lemke(s: Structure, dtype: type, method: Method, dense_type: Any) -> wp.Function:
+def make_lemke(spec: Specialisation, dense_type: Any) -> wp.Function:
     """lemke(problem, dense, friction) -> (lambda of the rows, FOUND, RAY or LIMIT); friction = 0 leaves it
     out.
     """
-    r = make_rows(s, dtype, method)
+    s, dtype, _ = spec
+    r = make_rows(spec)
     Problem, VQ = make_problem(s, dtype), r.types.VQ
     NR, NV = s.nr, s.nv
     frictional = sum(1 for p in s.pairs if p.friction)

@@ -14,8 +14,8 @@ from ..factories import cached
 from ..method import Method
 from ..residual.noise import make_noise
 from ..residual.smoothing import make_smoothing
+from ..specialisation import Specialisation
 from ..status import NONFINITE, NOT_CONVERGED, SOLVED
-from ..structure import Structure
 from .elimination import PROXIMAL
 
 ITERATIONS = {False: 20, True: 8}  # of Newton's method for the smoothed and the hard problem
@@ -31,14 +31,15 @@ def resolution(dtype: type, method: Method) -> float:
 
 
 @cached
-def make_newton(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
+def make_newton(spec: Specialisation) -> SimpleNamespace:
     """Of a measured problem: `evaluate` r at z, Newton's `direction` there, the damped iteration `newton`."""
-    r = make_rows(s, dtype, method)
+    s, dtype, method = spec
+    r = make_rows(spec)
     t = r.types
     sm = make_smoothing(dtype, method.residual)
     VQ, VR, JR = t.VQ, t.VR, t.JR
     NR, Problem = s.nr, make_problem(s, dtype)
-    noise = make_noise(s, dtype, method)
+    noise = make_noise(spec)
     ZERO, HALF, ONE = dtype(0.0), dtype(0.5), dtype(1.0)
     BEND = dtype(0.5 * sm.steepest)
     HUGE = dtype(1e300 if dtype is wp.float64 else 1e38)

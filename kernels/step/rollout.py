@@ -11,10 +11,9 @@ import warp as wp
 from ..contact.problem import COLD
 from ..device.compile import specialised
 from ..factories import cached
-from ..method import Method
 from ..policies import policies
+from ..specialisation import Specialisation
 from ..status import NONFINITE, SOLVED
-from ..structure import Structure
 from .step import make_step
 
 POLICIES = {
@@ -25,9 +24,10 @@ POLICIES = {
 
 
 @cached
-def make_world(s: Structure, dtype: type, method: Method, exact_gap: bool) -> SimpleNamespace:
+def make_world(spec: Specialisation, exact_gap: bool) -> SimpleNamespace:
     """Warp functions that read and write one world's rows of the batch arrays."""
-    step = make_step(s, dtype, method, exact_gap)
+    s, dtype, _ = spec
+    step = make_step(spec, exact_gap)
     t = step.types
     NX, NU, NR, NP = 2 * s.nv, s.nu, s.nr, len(s.pairs)
     VX, VU = t.VX, t.VU
@@ -78,9 +78,10 @@ def make_world(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Si
 
 
 @cached
-def make_transition(s: Structure, dtype: type, method: Method) -> SimpleNamespace:
+def make_transition(spec: Specialisation) -> SimpleNamespace:
     """The step as others roll it out: advance(params, row, x, u, carry) -> (x', carry', status)."""
-    world_of = make_world(s, dtype, method, False)
+    dtype = spec.dtype
+    world_of = make_world(spec, False)
     step = world_of.step
     t = step.types
 
@@ -97,9 +98,10 @@ def make_transition(s: Structure, dtype: type, method: Method) -> SimpleNamespac
 
 
 @cached
-def make_step_kernel(s: Structure, dtype: type, method: Method) -> wp.Kernel:
+def make_step_kernel(spec: Specialisation) -> wp.Kernel:
     """One step of every world with all of its outputs (gaps exact)."""
-    world_of = make_world(s, dtype, method, True)
+    s, dtype, _ = spec
+    world_of = make_world(spec, True)
     step = world_of.step
     NX, NR, NP = 2 * s.nv, s.nr, len(s.pairs)
 
@@ -142,11 +144,10 @@ def make_step_kernel(s: Structure, dtype: type, method: Method) -> wp.Kernel:
 
 
 @cached
-def make_rollout_kernel(
-    s: Structure, dtype: type, method: Method, policy_name: str, exact_gap: bool
-) -> wp.Kernel:
+def make_rollout_kernel(spec: Specialisation, policy_name: str, exact_gap: bool) -> wp.Kernel:
     """Roll every world out under a policy; `exact_gap` as in `make_step`."""
-    world_of = make_world(s, dtype, method, exact_gap)
+    s, dtype, _ = spec
+    world_of = make_world(spec, exact_gap)
     step = world_of.step
     policy = POLICIES[policy_name](2 * s.nv, s.nu, dtype)
     NX, NU, NR = 2 * s.nv, s.nu, s.nr

@@ -24,27 +24,28 @@ from ..factories import cached
 from ..mechanism.dynamics import make_mechanism
 from ..mechanism.effective_mass import make_effective_mass
 from ..mechanism.free_motion import make_free_motion
-from ..method import Method
 from ..residual.noise import make_noise
 from ..solvers.convex import make_solver
 from ..solvers.coulomb import make_coulomb_solver
 from ..solvers.erm_descent import make_erm_solver
+from ..specialisation import Specialisation
 from ..status import JAMMED, NOT_CONVERGED, SOLVED
-from ..structure import Structure, layout
+from ..structure import layout
 
 
 @cached
-def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> SimpleNamespace:
+def make_step(spec: Specialisation, exact_gap: bool) -> SimpleNamespace:
     """Warp functions of a step; `exact_gap` computes every pair's distance even where it cannot act.
 
     solve_step(params, row, x, u, external, world, carry) -> Solution (world < 0: no external forces);
     next_state(params, row, x, solution) -> x'.
     """
+    s, dtype, method = spec
     mech = make_mechanism(s, dtype)
     t = mech.types
-    rows = make_rows(s, dtype, method)
-    free = make_free_motion(s, dtype, method)
-    mass = make_effective_mass(s, dtype, method)
+    rows = make_rows(spec)
+    free = make_free_motion(spec)
+    mass = make_effective_mass(spec)
     NV, NR, NP = s.nv, s.nr, len(s.pairs)
     VQ, VX, VU, VR, MQ, JR = t.VQ, t.VX, t.VU, t.VR, t.MQ, t.JR
     VN = wp.types.vector(2 * max(NP, 1), dtype)
@@ -57,16 +58,16 @@ def make_step(s: Structure, dtype: type, method: Method, exact_gap: bool) -> Sim
     pair_jacobians = tuple(make_pair_jacobian(s, k, dtype) for k in range(NP))
     pair_rows = rows_of_pairs(s)
     pair_bit = tuple(1 << k for k in range(NP))
-    acting = make_acting(s, dtype, method, exact_gap)
+    acting = make_acting(spec, exact_gap)
     solver = None
     if NR:
         make = make_coulomb_solver if method.coulomb else make_erm_solver if method.erm else make_solver
-        solver = make(s, dtype, method)
-    end_gap = make_end_gap(s, dtype, method) if method.end_gap and NP else None  # bend(..), see there
+        solver = make(spec)
+    end_gap = make_end_gap(spec) if method.end_gap and NP else None  # bend(..), see there
     unsteady = make_unsteady(s, dtype)
     Problem = make_problem(s, dtype)
     limits = rows.limit
-    noise = make_noise(s, dtype, method)
+    noise = make_noise(spec)
 
     def make_deviation(i: int) -> wp.Function:
         @wp.func

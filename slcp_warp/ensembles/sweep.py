@@ -173,7 +173,7 @@ class _Case:
         sim, spec, count = self.sim, self.spec, len(x0)
         share, lowest = (wp.zeros(count, dtype=wp.float32, device=sim.device) for _ in range(2))
         status: wp.array = wp.zeros(count, dtype=wp.int32, device=sim.device)
-        kernel = make_sweep_kernel(sim.scene.structure, sim.dtype, sim.options.method, self.name)
+        kernel = make_sweep_kernel(sim.spec, self.name)
         noise = [self.struct, spec.torque_sd, spec.kick_sd, kicks, spec.duration, spec.sample_every]
         outputs = [samples, share, lowest, status]
         inputs = [world0, spec.seed, params, x0, *noise, spec.observe, sim.empty(0, 0), *outputs]

@@ -6,11 +6,11 @@ the square root of N both parts are smallest.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import warp as wp
 
 from slcp_warp.kernels.device.launch import launch
+from slcp_warp.kernels.specialisation import Specialisation
 from slcp_warp.kernels.step import rollout
 
 from .tape import Recorded, adjoint, record
@@ -26,7 +26,7 @@ class Segments:
         states: (B, longest segment + 1, nx), room for one segment.
     """
 
-    key: tuple[Any, ...]
+    key: Specialisation
     table: wp.array
     us: wp.array
     external: wp.array
@@ -49,14 +49,14 @@ class Segments:
         policy = rollout.POLICIES["open_loop"](nx, structure.nu, dtype).Struct()
         policy.us = self.controls(i)
         nothing = [wp.zeros((0, steps, 1), dtype=dtype, device=start.device)] * 3
-        kernel = rollout.make_rollout_kernel(*self.key, "open_loop", False)
+        kernel = rollout.make_rollout_kernel(self.key, "open_loop", False)
         inputs = [self.table, start, policy, self.external, states, *nothing, status]
         launch(kernel, worlds, inputs, start.device, grain=max(1, 128 // steps))
         return states
 
 
 def checkpointed(
-    key: tuple[Any, ...],
+    key: Specialisation,
     table: wp.array,
     x0: wp.array,
     us: wp.array,

@@ -8,21 +8,18 @@ import warp as wp
 
 from slcp_warp.kernels.derivatives import expansion, second_differences
 from slcp_warp.kernels.device.launch import Prepared
-from slcp_warp.kernels.method import Method
-from slcp_warp.kernels.structure import Structure
-
-Key = tuple[Structure, type, Method]
+from slcp_warp.kernels.specialisation import Specialisation
 
 
-def curved_outputs(key: Key) -> int:
+def curved_outputs(spec: Specialisation) -> int:
     """Outputs with second derivatives of their own: v' (nv), or v*, v' (2 nv) where q' = q + h v*."""
-    s, _, method = key
+    s, _, method = spec
     return 2 * s.nv if method.trapezoidal else s.nv
 
 
-def lift(key: Key, step_size: np.ndarray) -> np.ndarray:
+def lift(spec: Specialisation, step_size: np.ndarray) -> np.ndarray:
     """(B, nw, nx) from step sizes (B,): V . f_zz = sum_i (lift V)_i second[i], x' = (q + h v*, v')."""
-    nv, nw = key[0].nv, curved_outputs(key)
+    nv, nw = spec.structure.nv, curved_outputs(spec)
     out = np.zeros((len(step_size), nw, 2 * nv))
     out[:, :nv, :nv] = step_size[:, None, None] * np.eye(nv)
     out[:, nw - nv :, nv:] = np.eye(nv)
@@ -30,7 +27,7 @@ def lift(key: Key, step_size: np.ndarray) -> np.ndarray:
 
 
 def prepare(
-    key: Key,
+    spec: Specialisation,
     device: Any,
     params: wp.array,
     steps: int,
@@ -43,8 +40,8 @@ def prepare(
 ) -> Callable[[], None]:
     """A repeatable launch at B problems of `steps` steps each; outputs are fx, fu, fzz, status."""
     items = us.shape[0] * steps
-    if not second or key[2].closed_second:
-        kernel = expansion.make_linearize_kernel(*key, second)
+    if not second or spec.method.closed_second:
+        kernel = expansion.make_linearize_kernel(spec, second)
         return Prepared(kernel, items, [params, steps, xs, us, external, active, *outputs], device, grain=8)
     tables, widen = [], []
     for source in (params, external):
@@ -55,7 +52,7 @@ def prepare(
                 kernel = second_differences.make_widen_kernel(source.dtype)
                 widen.append(Prepared(kernel, source.shape[0], [source, target], device))
         tables.append(target)
-    kernel = second_differences.make_difference_kernel(*key)
+    kernel = second_differences.make_difference_kernel(spec)
     inputs = [tables[0], steps, xs, us, tables[1], active, *outputs]
     run = Prepared(kernel, items, inputs, device, grain=1)
 

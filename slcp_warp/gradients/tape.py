@@ -17,6 +17,7 @@ from slcp_warp.kernels.device.reduce import make_sum_kernel
 from slcp_warp.kernels.gradients.adjoint import make_adjoint_kernel, make_control_kernel
 from slcp_warp.kernels.method import Method
 from slcp_warp.kernels.policies.policies import make_tracking
+from slcp_warp.kernels.specialisation import Specialisation
 
 from ..inputs.errors import ArgumentError
 from ..options import OptionError
@@ -56,7 +57,7 @@ class Recorded:
         blocked: other outputs by name, of which no loss may depend.
     """
 
-    key: tuple[Any, ...]
+    key: Specialisation
     table: wp.array
     x0: wp.array
     us: wp.array
@@ -83,7 +84,7 @@ class Recorded:
         """
         wanted = wants_gradient(*self.inputs)
         if wanted:
-            derivatives_exist(self.key[2])
+            derivatives_exist(self.key.method)
         return wanted
 
 
@@ -195,7 +196,7 @@ def adjoint(run: Recorded, states_grad: wp.array) -> None:
         sums = [(by_us, policy.us), (by_xs, policy.xs), (by_gain, policy.gain)]
     if run.controls is not None:
         _by_controls(run, states_grad, by_us, by_xs, by_gain)
-    kernel = make_adjoint_kernel(*run.key, table.requires_grad, run.policy is not None)
+    kernel = make_adjoint_kernel(run.key, table.requires_grad, run.policy is not None)
     inputs = [table, us, policy, run.external, run.states, run.status, states_grad]
     launch(kernel, worlds, [*inputs, x_grad, by_us, by_xs, by_gain, by_table], device,
            grain=max(1, 64 // us.shape[1]))  # fmt: skip

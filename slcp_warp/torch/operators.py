@@ -90,7 +90,7 @@ def rollout_op(
     if check:
         _check(sim, table)
     status = torch.zeros(len(x0), dtype=torch.int32, device=x0.device)
-    key = (sim.scene.structure, sim.dtype, sim.options.method)
+    key = sim.spec
     with _stream(x0):
         x, u, numbers, external = _share(sim, x0, us, table, force)
         code: Any = wp.from_torch(status)
@@ -116,7 +116,7 @@ def pull_op(
 ) -> tuple[Tensor, Tensor, Tensor]:  # fmt: skip
     """Gradients by x0, controls and, with `parameters`, the table, from those by the states."""
     sim = _kept[handle]
-    key = (sim.scene.structure, sim.dtype, sim.options.method)
+    key = sim.spec
     derivatives_exist(sim.options.method)
     out = [torch.zeros_like(t, memory_format=torch.contiguous_format) for t in (x0, us, table)]
     with _stream(x0):

@@ -13,6 +13,7 @@ from slcp_warp.kernels.gradients import adjoint
 from slcp_warp.kernels.mechanism.kinematics import make_types
 from slcp_warp.kernels.method import Method
 from slcp_warp.kernels.plain import complementarity
+from slcp_warp.kernels.specialisation import Specialisation
 from slcp_warp.kernels.step import rollout
 from slcp_warp.kernels.structure import MOST_ROWS, CapacityError
 
@@ -143,13 +144,17 @@ def test_a_sweep_does_not_depend_on_its_kernels(device):
     np.testing.assert_array_equal(split.samples[0], other.samples[0])
 
 
+def of(structure, method=None):
+    return Specialisation(structure, wp.float64, method or Method())
+
+
 FACTORIES = {
     "types": lambda s: make_types(s, wp.float64),
-    "step": lambda s: rollout.make_step_kernel(s, wp.float64, Method()),
-    "rollout": lambda s: rollout.make_rollout_kernel(s, wp.float64, Method(), "open_loop", False),
-    "gap at the end": lambda s: rollout.make_step_kernel(s, wp.float64, Method("hard", gap="end")),
-    "sweep": lambda s: sweep.make_sweep_kernel(s, wp.float64, Method(), "open_loop"),
-    "adjoint": lambda s: adjoint.make_adjoint_kernel(s, wp.float64, Method(), True, False),
+    "step": lambda s: rollout.make_step_kernel(of(s)),
+    "rollout": lambda s: rollout.make_rollout_kernel(of(s), "open_loop", False),
+    "gap at the end": lambda s: rollout.make_step_kernel(of(s, Method("hard", gap="end"))),
+    "sweep": lambda s: sweep.make_sweep_kernel(of(s), "open_loop"),
+    "adjoint": lambda s: adjoint.make_adjoint_kernel(of(s), True, False),
 }
 
 

@@ -7,7 +7,9 @@ from simulators import scene, simulator
 
 import slcp_warp as slcp
 from slcp_warp.kernels.method import Method
+from slcp_warp.kernels.specialisation import Specialisation
 from slcp_warp.kernels.step.rollout import make_world
+from slcp_warp.kernels.step.step import make_step
 
 BAD = {"NaN": np.nan, "infinite": np.inf}
 
@@ -33,7 +35,7 @@ def test_a_warm_start_brings_both_components_of_every_normal(device):
     """Normals are stored beside the multipliers, of any length; a pair without one starts cold."""
     structure, dtype = scene("menagerie").structure, wp.float64
     pairs, rows = len(structure.pairs), structure.nr
-    world_of = make_world(structure, dtype, Method(), False)
+    world_of = make_world(Specialisation(structure, dtype, Method()), False)
 
     @wp.kernel(module="unique", enable_backward=False)
     def read(warm: wp.array2d(dtype=dtype), z: wp.array2d(dtype=dtype), normal: wp.array2d(dtype=dtype)):
@@ -110,3 +112,14 @@ def test_a_warm_start_changes_no_solution(device):
     assert 5 < touching.sum() and (first.status == 0).all()
     np.testing.assert_array_equal(again.status, first.status)
     np.testing.assert_allclose(again.state, first.state, rtol=0, atol=1e-9)
+
+
+def test_methods_share_what_depends_on_the_mechanism_alone():
+    """Else every method would translate and compile the mechanism's functions anew."""
+    structure = scene("tree0").structure
+    steps = [
+        make_step(Specialisation(structure, wp.float64, method), False)
+        for method in (Method(), Method("hard"), Method(scaling="none"))
+    ]
+    assert all(step.mech is steps[0].mech and step.types is steps[0].types for step in steps)
+    assert steps[0].solve_step is not steps[1].solve_step

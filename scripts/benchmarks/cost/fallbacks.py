@@ -56,7 +56,8 @@ def _replace(part: str) -> None:
     """Make one part of the solver say NONFINITE as soon as it is entered."""
 
     @no_type_check
-    def make_no_interior(s, dtype, method):
+    def make_no_interior(spec):
+        s, dtype, _ = spec
         t = make_types(s, dtype)
         VR, Problem, NR, BAD = t.VR, make_problem(s, dtype), s.nr, dtype(np.nan)
 
@@ -70,8 +71,9 @@ def _replace(part: str) -> None:
         return interior
 
     @no_type_check
-    def make_no_newton(s, dtype, method):
-        n, t = make_newton(s, dtype, method), make_types(s, dtype)
+    def make_no_newton(spec):
+        s, dtype, _ = spec
+        n, t = make_newton(spec), make_types(s, dtype)
         VR, Problem, Point = t.VR, make_problem(s, dtype), n.Point
 
         @wp.func

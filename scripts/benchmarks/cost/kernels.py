@@ -53,7 +53,7 @@ def rollout_kernel(sim: slcp.Simulator) -> wp.Kernel:
     if sim.strategy == "generic":
         residual = generic_step.residual_of(sim.options.method, sim.nr)
         return generic_step.make_rollout_kernel(sim.dtype, residual)
-    return rollout.make_rollout_kernel(sim.scene.structure, sim.dtype, sim.options.method, "open_loop", False)
+    return rollout.make_rollout_kernel(sim.spec, "open_loop", False)
 
 
 def bench_sizes(
