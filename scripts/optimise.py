@@ -1,17 +1,13 @@
 """`slcp optimise`: DDP on the flicking finger, from one start or many, at one or more noise levels."""
 
-from dataclasses import fields
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
-import numpy as np
 import typer
-from rich.box import SIMPLE_HEAD
-from rich.table import Table
 
 from slcp_warp import ddp
-from slcp_warp.simulated import Simulated
 
+from .stages.plan import finger_problem, optimise, outcome_table, random_starts, trace_table
 from .support.common import (
     Device,
     Dtype,
@@ -23,93 +19,12 @@ from .support.common import (
     Start,
     StepSize,
     console,
-    make_params,
-    make_simulator,
-    named_scene,
     numbers,
     one_line_errors,
     prepared,
     timed,
     wrote,
 )
-from .support.records import Record, device_facts, result_arrays
-
-SCENE = "flicking_finger"  # the scene that has a named cost
-HEAD, TAIL = 4, 14  # rows of a long trace that are printed
-EXPLORE_TIME = 8.0  # correlation time of random starts [steps]
-
-
-def random_starts(count: int, horizon: int, nu: int, scale: float, seed: int) -> np.ndarray:
-    """Controls (count, N, nu): the first zero, the others smoothed noise of standard deviation `scale`."""
-    white = np.random.default_rng(seed).standard_normal((count, horizon, nu))
-    keep = np.exp(-1.0 / EXPLORE_TIME)
-    for k in range(1, horizon):
-        white[:, k] = keep * white[:, k - 1] + np.sqrt(1.0 - keep**2) * white[:, k]
-    white[0] = 0.0
-    return scale * white
-
-
-def finger_problem(
-    horizon: int = 75,
-    sigma: float | None = None,
-    step_size: float | None = None,
-    settings: list[str] | None = None,
-    scaling: str | None = None,
-    device: str | None = None,
-    dtype: str = "float64",
-    integrator: str = "euler",
-) -> ddp.Problem:
-    """The paper's problem (section V) with the options' numbers."""
-    sim = make_simulator(named_scene(SCENE), "smoothed", scaling, device, dtype, integrator)
-    params = make_params(sim, step_size, sigma, settings)
-    return ddp.Problem(sim, ddp.costs.flicking_finger(), horizon=horizon, params=params)
-
-
-def optimise(
-    problem: ddp.Problem,
-    x0: np.ndarray,
-    starts: np.ndarray,
-    options: ddp.Options,
-    schedules: bool = False,
-    sigmas: np.ndarray | None = None,
-) -> tuple[Record, list[ddp.Result]]:
-    """Solve, and describe the outcome as a plan; the results are those of the noise levels, one or many.
-
-    Args:
-        starts: controls (S, N, nu).
-        schedules: try eight regularisation schedules for each of them.
-        sigmas: noise levels of a continuation that begins at the best solution.
-    """
-    simulated = Simulated.of(problem.dynamics, problem.params)
-    arrays: dict[str, np.ndarray] = {}
-    header: dict[str, Any] = device_facts(problem.dynamics)
-    if len(starts) > 1 or schedules:
-        rows = ddp.multistart.SCHEDULES if schedules else ddp.Regularization()
-        many = ddp.solve_multistart(problem, x0, starts, options, rows)
-        results = [many.best]
-        arrays["batch_cost"], arrays["batch_status"] = many.all.trace.cost, many.all.status
-        header["chosen"] = many.index
-    else:
-        results = [ddp.solve(problem, x0, starts[0], options)]
-    if sigmas is not None:
-        last = results[0]
-        results += ddp.solve_continuation(
-            problem, x0, last.us, sigmas.tolist(), options, xs0=last.xs, K0=last.K
-        )
-    levels = np.array([simulated.header()["sigma"], *([] if sigmas is None else sigmas)])
-    arrays |= result_arrays(results[-1])
-    for f in fields(ddp.Trace):
-        arrays[f"trace_{f.name}"] = np.concatenate([_passes(r, f.name) for r in results])
-    arrays["trace_level"] = np.repeat(np.arange(len(results)), [len(_passes(r, "cost")) for r in results])
-    arrays["level_sigma"], arrays["level_cost"] = levels, np.array([float(r.cost) for r in results])
-    header |= {"horizon": problem.horizon, "method": options.method, "sigma": float(levels[-1])}
-    return Record("plan", arrays, simulated, header), results
-
-
-def _passes(result: ddp.Result, name: str) -> np.ndarray:
-    """A column of one result's trace, without the rows that were never written."""
-    written = np.isfinite(result.trace.gradient)
-    return np.asarray(getattr(result.trace, name))[written]
 
 
 @one_line_errors
@@ -152,41 +67,3 @@ def optimise_command(
     console.print(trace_table(results[-1]))
     console.print(outcome_table(record, results))
     wrote(path)
-
-
-def trace_table(result: ddp.Result) -> Table:
-    """The passes of one solve; the middle of a long trace is left out."""
-    table = Table(
-        title="passes (ratio: actual to expected reduction; pivot: smallest of Q_uu)", box=SIMPLE_HEAD
-    )
-    columns: tuple[tuple[str, str, str], ...] = (
-        ("cost", "cost", ".5f"), ("less", "reduction", ".2e"), ("ratio", "reduction_ratio", ".2f"),
-        ("alpha", "step_size", ".3g"), ("mu", "regularization", ".1e"), ("max |Q_u|", "gradient", ".1e"),
-        ("pivot", "min_pivot", ".3g"),
-    )  # fmt: skip
-    table.add_column("pass", justify="right")
-    for heading, _, _ in columns:
-        table.add_column(heading, justify="right")
-    values = {name: _passes(result, name) for _, name, _ in columns}
-    count = len(values["cost"])
-    for k in range(count):
-        if HEAD <= k < count - TAIL:
-            if k == HEAD:
-                table.add_row(*(["..."] * (len(columns) + 1)))
-            continue
-        cells = (values[name][k] for _, name, _ in columns)
-        table.add_row(str(k), *("" if np.isnan(v) else format(v, f) for v, (_, _, f) in zip(cells, columns)))
-    return table
-
-
-def outcome_table(record: Record, results: list[ddp.Result]) -> Table:
-    """One row per noise level."""
-    table = Table(title="result", box=SIMPLE_HEAD)
-    for heading in ("sigma", "cost", "passes", "max |Q_u|", "Q_uu > 0", "status"):
-        table.add_column(heading, justify="right")
-    for sigma, result in zip(record["level_sigma"], results):
-        row: tuple[Any, ...] = (f"{sigma:g}", f"{float(result.cost):.4f}", int(result.iterations))
-        good = "yes" if result.positive_definite else "no"
-        meaning = ddp.Status(int(result.status)).explanation
-        table.add_row(*map(str, row), f"{float(result.gradient):.1e}", good, meaning)
-    return table

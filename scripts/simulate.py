@@ -1,18 +1,11 @@
 """`slcp simulate`: worlds over time, open loop or under a policy, into a file."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
-import numpy as np
 import typer
-from rich.box import SIMPLE_HEAD
-from rich.markup import escape
-from rich.table import Table
 
-import slcp_warp as slcp
-from slcp_warp.results import contact_impulse
-from slcp_warp.simulated import Simulated
-
+from .stages.trajectory import simulate, summary
 from .support.common import (
     Device,
     Dtype,
@@ -34,47 +27,6 @@ from .support.common import (
     start_states,
     wrote,
 )
-from .support.records import Record, device_facts, load_policy
-
-RECORD = ("controls", "impulse", "gap")
-
-
-def simulate(
-    sim: slcp.Simulator,
-    params: slcp.Parameters,
-    x0: np.ndarray,
-    steps: int,
-    policy: str | Path = "zero",
-    recorded: tuple[str, ...] = RECORD,
-) -> Record:
-    """Roll the worlds x0 (B, nx) out under a policy.
-
-    Args:
-        policy: "zero" (no control), or a file written by `slcp library` or `slcp optimise`.
-        recorded: of RECORD, with "controls" and "impulse".
-    """
-    if steps < 1:
-        raise ValueError(f"--steps is {steps}; it must be at least 1")
-    if not np.isfinite(x0).all():
-        raise ValueError(f"--start contains {x0[~np.isfinite(x0)][0]}; it must be finite")
-    facts: dict[str, Any] = {"policy": "zero"}
-    if str(policy) == "zero":
-        controls = np.zeros((len(x0), steps, sim.nu))
-        trajectory = sim.rollout(x0, controls, params, record=recorded)
-    else:
-        controller, facts = load_policy(Path(policy), sim.scene)
-        trajectory = sim.rollout(x0, policy=controller, steps=steps, params=params, record=recorded)
-    impulse = trajectory.impulse[..., : sim.nr]
-    arrays = {
-        "states": trajectory.states,
-        "controls": trajectory.controls[..., : sim.nu],
-        "impulse": impulse,
-        "contact_impulse": contact_impulse(sim.scene, impulse, params["friction"], sim.options),
-        "status": trajectory.status,
-    }
-    if trajectory.gap is not None:
-        arrays["gap"] = trajectory.gap[..., : sim.nr]
-    return Record("trajectory", arrays, Simulated.of(sim, params), device_facts(sim) | facts)
 
 
 @one_line_errors
@@ -104,35 +56,5 @@ def simulate_command(
     record = simulate(sim, params, x0, steps, policy)
     record.header["seed"] = seed
     record.save(path)
-    console.print(_summary(sim.scene, record))
+    console.print(summary(sim.scene, record))
     wrote(path)
-
-
-def _summary(scene: slcp.Scene, record: Record) -> Table:
-    """First and last state of the first world, and the statuses of all."""
-    states, status = record["states"], record["status"]
-    residual = record.simulated.options.residual
-    duration = record.step_size * (states.shape[1] - 1)
-    counts = ", ".join(
-        f"{n} {slcp.Status(s).name.lower()}" for s, n in zip(*np.unique(status, return_counts=True))
-    )
-    table = Table(
-        title=f"{scene.name}, {residual}, {duration:g} s; worlds: {counts}",
-        box=SIMPLE_HEAD,
-    )
-    table.add_column("first world")
-    for name in ("q, start", "q, end", "v, start", "v, end"):
-        table.add_column(name, justify="right")
-    columns = np.concatenate([states[0, [0, -1], : scene.nv], states[0, [0, -1], scene.nv :]])
-    for name, numbers in zip(_freedoms(scene), columns.T):
-        table.add_row(name, *(f"{value:.4g}" for value in numbers))
-    return table
-
-
-def _freedoms(scene: slcp.Scene) -> list[str]:
-    """A name for every degree of freedom: its body's, and which one where a joint has several."""
-    return [
-        escape(body.name) + (f", {part}" if body.joint == "free" else "")
-        for body in scene.bodies
-        for part in (("x", "y", "angle") if body.joint == "free" else ("",))
-    ]

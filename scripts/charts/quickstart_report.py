@@ -11,8 +11,8 @@ import slcp_warp as slcp
 from slcp_warp import ddp
 from slcp_warp.storage.files import write_text
 
+from ..stages.sweep import case_name, percent, plus_minus
 from ..support.records import Record
-from ..sweep import case_name, percent, plus_minus
 
 AIM = 0.9  # share of worlds that must spin faster than the threshold
 CAPTIONS = {

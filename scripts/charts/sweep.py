@@ -7,8 +7,8 @@ import numpy as np
 
 import slcp_warp as slcp
 
+from ..stages.sweep import case_name
 from ..support.tables import number, read_csv
-from ..sweep import case_name
 from .style import BLACK, CASES, GREY, plt, save
 
 RIDGE = 0.85  # height of the tallest histogram, in rows

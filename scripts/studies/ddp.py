@@ -9,7 +9,7 @@ from rich.table import Table
 import slcp_warp as slcp
 from slcp_warp import ddp
 
-from ..optimise import random_starts
+from ..stages.plan import random_starts
 from ..support.common import Device, Seed, console, one_line_errors
 
 HORIZON = 75

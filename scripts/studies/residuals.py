@@ -12,8 +12,8 @@ import typer
 import slcp_warp as slcp
 from slcp_warp import ddp
 
-from ..library import build
-from ..optimise import random_starts
+from ..stages.library import build
+from ..stages.plan import random_starts
 from ..support.common import Device, Seed, one_line_errors, show_rows
 
 HORIZON, ENTRIES = 75, 4

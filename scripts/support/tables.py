@@ -6,9 +6,11 @@ import math
 from pathlib import Path
 from typing import Any
 
-from slcp_warp.storage.files import FileError, read_text, reading, replacing
+from slcp_warp.storage.files import FileError, opened, read_text, reading, replacing
 
 MOST_TABLE = 64 * 2**20  # bytes of a table
+LONGEST_LINE = 2**16  # bytes
+RESULTS = "results.csv"  # of `slcp bench charts`, in its folder
 
 
 def write_csv(path: Path, rows: list[dict[str, Any]]) -> None:
@@ -50,6 +52,13 @@ def read_csv(path: Path, what: str, needed: tuple[str, ...]) -> list[dict[str, s
             if len(line) != len(header) or (number == len(lines) and not text.endswith("\n")):
                 raise FileError(f"it is cut off or damaged: line {number} is not whole")
         return [dict(zip(header, line)) for line in lines[1:]]
+
+
+def is_results(path: Path) -> bool:
+    """Whether a CSV file has the columns of `slcp bench charts`, by its first line. Raises FileError."""
+    with reading(path, "a table", FileError), opened(path, MOST_TABLE) as file:
+        line = file.readline(LONGEST_LINE).decode("utf-8", errors="replace")
+        return {"study", "program"} <= set(next(csv.reader([line]), []))
 
 
 def number(path: Path, row: dict[str, str], name: str, finite: bool = True) -> float:

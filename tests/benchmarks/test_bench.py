@@ -150,18 +150,18 @@ def test_commands_run_and_write_their_rows(tmp_path, monkeypatch):
     """Through the command line, on workloads far too small to time anything, float32 once."""
     pytest.importorskip("mujoco")
     typer_testing = pytest.importorskip("typer.testing")
-    from slcp_warp.scripts import bench
     from slcp_warp.scripts.app import app
+    from slcp_warp.scripts.benchmarks import cost
 
     small = ["--worlds", "60", "--steps", "40", "--repeats", "1"]
-    both, wide = bench.DTYPES, ("float64",)
+    both, wide = ("float32", "float64"), ("float64",)
     for command, options, dtypes, count in (
         ("step", small, wide, 6),
         ("jacobian", small, wide, 4),
         ("threads", small, both, 4),
         ("ddp", ["--repeats", "1"], wide, 4),
     ):
-        monkeypatch.setattr(bench, "DTYPES", dtypes)
+        monkeypatch.setattr(f"{cost.__name__}.{command}.DTYPES", dtypes)
         path = tmp_path / f"{command}.csv"
         result = typer_testing.CliRunner().invoke(app, ["bench", command, *options, "--csv", str(path)])
         assert result.exit_code == 0, result.output

@@ -12,8 +12,8 @@ from simulators import simulator
 
 import slcp_warp as slcp
 from slcp_warp import ddp, scenes
-from slcp_warp.scripts.optimise import optimise
-from slcp_warp.scripts.simulate import simulate
+from slcp_warp.scripts.stages.plan import optimise
+from slcp_warp.scripts.stages.trajectory import simulate
 from slcp_warp.scripts.support.records import load_policy, load_record, result_of
 
 pytestmark = pytest.mark.slow

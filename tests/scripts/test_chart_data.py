@@ -9,10 +9,10 @@ pytest.importorskip("typer")
 pytest.importorskip("matplotlib")
 
 import slcp_warp as slcp
-from slcp_warp.scripts import sweep
 from slcp_warp.scripts.benchmarks.accuracy.charts import ratios
 from slcp_warp.scripts.charts import quickstart_report
 from slcp_warp.scripts.charts import sweep as chart_sweep
+from slcp_warp.scripts.stages import sweep
 
 RNG = np.random.default_rng(0)
 NAMES = ("mean_rate", "share_above", "share_spinning", "share_recovered")

@@ -20,11 +20,11 @@ import slcp_warp as slcp
 from slcp_warp import ddp, scenes
 from slcp_warp.ddp.library import refinement
 from slcp_warp.scripts.app import app
-from slcp_warp.scripts.bench import app as bench_app
+from slcp_warp.scripts.benchmarks.commands import app as bench_app
 from slcp_warp.scripts.charts.cycle import frame_times, last_turn
 from slcp_warp.scripts.charts.isosurface import isosurface
 from slcp_warp.scripts.charts.mechanism import Mechanism
-from slcp_warp.scripts.simulate import _summary
+from slcp_warp.scripts.stages.trajectory import summary
 from slcp_warp.scripts.support.common import one_line_errors
 from slcp_warp.scripts.support.records import Record, RecordError, load_policy, load_record, read_kind
 from slcp_warp.simulated import Simulated
@@ -135,7 +135,7 @@ def test_every_number_of_the_summary_can_be_read():
     states = np.random.default_rng(0).normal(size=(1, 3, 2 * scene.nv)) * 1e-5
     simulated = Simulated.of(slcp.Simulator(scene, device="cpu"))
     console = Console(width=80, record=True, file=io.StringIO())
-    console.print(_summary(scene, Record("trajectory", {"states": states, "status": np.zeros(1)}, simulated)))
+    console.print(summary(scene, Record("trajectory", {"states": states, "status": np.zeros(1)}, simulated)))
     text = console.export_text()
     assert "1 solved" in text and all(f" {value:.4g}" in text for value in states[0, [0, 2]].ravel())
     assert all(f" {body.name}" in text for body in scene.bodies)
@@ -309,7 +309,7 @@ def test_interrupted_library_is_saved(tmp_path, monkeypatch):
 
 
 def test_interrupted_sweep_is_saved(made, tmp_path, monkeypatch):
-    from slcp_warp.scripts import sweep as module
+    from slcp_warp.scripts.stages import sweep as module
 
     original = slcp.sweep
 

@@ -13,12 +13,11 @@ from typing import Annotated, Any
 import typer
 
 from ...support.common import INTERRUPTED, one_line_errors, wrote
-from ...support.tables import write_csv
-from ..shared.timing import machine
+from ...support.tables import RESULTS, write_csv
+from ..shared.machine import machine
 from .results import Rows, read_results, same_run, studies_in
 
 FAILED = 1  # exit code
-RESULTS = "results.csv"
 
 
 @dataclass(frozen=True)

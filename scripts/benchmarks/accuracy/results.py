@@ -1,26 +1,15 @@
 """The studies' one file: a tidy CSV, a row per point, written whole and read with its numbers as numbers."""
 
-import csv
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from slcp_warp.storage.files import FileError, opened, reading
-
-from ...support.tables import MOST_TABLE, read_csv
+from ...support.tables import read_csv
 
 Rows = list[dict[str, Any]]
-LONGEST_LINE = 2**16  # bytes
 NEEDED = ("study", "problem", "program", "curve", "knob", "value")
 TEXT = {"version", "cpu", "system", "python", "slcp-warp", "warp-lang", "numpy", "mujoco", "commit", "time"}
 SAME = ("commit", "cpu", "cores", "slcp-warp", "warp-lang", "mujoco")  # of rows that may stand side by side
-
-
-def is_results(path: Path) -> bool:
-    """Whether a CSV file has the studies' columns, by its first line. Raises FileError."""
-    with reading(path, "a table", FileError), opened(path, MOST_TABLE) as file:
-        line = file.readline(LONGEST_LINE).decode("utf-8", errors="replace")
-        return {"study", "program"} <= set(next(csv.reader([line]), []))
 
 
 def read_results(path: Path) -> Rows:

@@ -22,9 +22,9 @@ from slcp_warp.kernels.device.cache import load
 from slcp_warp.kernels.generic import step as generic_step
 from slcp_warp.kernels.step import rollout
 
+from ..shared.machine import machine
 from ..shared.ours import cpu_threads
 from ..shared.scenes import beam_on_supports, chain_on_ground
-from ..shared.timing import machine
 from ..shared.workload import make_workload
 from .cubin import sm90_resources
 

@@ -12,7 +12,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from ..shared.timing import machine
+from ..shared.machine import machine
 from .pair_cases import cases
 
 RESAMPLES = 2000

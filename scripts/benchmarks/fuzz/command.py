@@ -15,7 +15,7 @@ from slcp_warp.storage.files import write_text
 
 from ...support.common import one_line_errors
 from ...support.tables import write_csv
-from ..shared.timing import machine
+from ..shared.machine import machine
 from .case import case_of, describe, load_case, save_case
 from .draws import CHUNK
 from .report import markdown, rows_of, show

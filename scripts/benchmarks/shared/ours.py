@@ -14,6 +14,7 @@ from slcp_warp.kernels.device import launch
 
 from .workload import Workload, windows
 
+DTYPES = ("float32", "float64")
 PAPER = slcp.Options(residual="rem-logistic", scaling="none", friction="anitescu", integrator="euler")
 TOUCH = 0.01  # normal impulse of a touching step [N s]; a link's weight gives .126 N s in a step of .05 s
 WINDOW = 10  # steps of a touching window

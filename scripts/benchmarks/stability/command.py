@@ -12,7 +12,7 @@ from slcp_warp.options import CHOICES
 from slcp_warp.storage.files import write_text
 
 from ...support.tables import write_csv
-from ..shared.timing import machine
+from ..shared.machine import machine
 from .cases import CASES
 from .mujoco import compare
 from .report import draw, lines, markdown, print_table, read_rows

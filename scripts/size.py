@@ -1,19 +1,19 @@
 """`slcp size`: how a library's robustness grows with its number of plans."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
-import numpy as np
 import typer
 
 import slcp_warp as slcp
 from slcp_warp import ddp
 
-from ..support.common import (
+from .stages.size import size_rows
+from .stages.sweep import cycle_states
+from .support.common import (
     OBSERVED,
     Device,
     Seed,
-    default_scaling,
     mechanism_name,
     named_scene,
     numbers,
@@ -22,41 +22,8 @@ from ..support.common import (
     progress_bar,
     wrote,
 )
-from ..support.records import load_record
-from ..support.tables import write_csv
-from ..sweep import cycle_states
-
-
-def size_rows(
-    scene: slcp.Scene,
-    library: ddp.Library,
-    plans: list[int],
-    spec: slcp.SweepSpec,
-    device: str | None = None,
-    progress: Any = None,
-) -> list[dict[str, Any]]:
-    """A row per number of plans and case; a smaller library is the plans that were made first."""
-    library.check_scene(scene)
-    rows: list[dict[str, Any]] = []
-    scaling = default_scaling(scene)
-    number = np.cumsum(library.age == 0)  # of an entry's plan, from 1
-    for done, count in enumerate(plans):
-        if not 0 < count <= number[-1]:
-            raise ValueError(f"--plans contains {count}; the library has {number[-1]}")
-        part = library.select(number <= count)
-        report = slcp.sweep(scene, part.policy(), spec, scaling=scaling, device=device)
-        for case in report.cases:
-            row = {"plans": count, "controllers": len(part)} | {
-                k: case[k] for k in ("residual", "step_size", "worlds")
-            }
-            for name in ("mean_rate", "share_above"):
-                row |= dict(zip((name, f"{name}_low", f"{name}_high"), case[name]))
-            rows.append(row)
-        if not report.complete:
-            break
-        if progress is not None:
-            progress(done + 1, len(plans))
-    return rows
+from .support.records import load_record
+from .support.tables import write_csv
 
 
 @one_line_errors

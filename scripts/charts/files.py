@@ -1,0 +1,122 @@
+"""Every picture, from saved files only: a drawer for each kind of file."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+import slcp_warp as slcp
+from slcp_warp import ddp
+
+from ..support.common import FINGER, mechanism_name
+from ..support.records import Record, RecordError, load_record, read_kind
+from ..support.tables import is_results
+from . import cycle, space, sweep
+from . import ddp as plans
+
+
+@dataclass(frozen=True)
+class Order:
+    """What is wanted of a file.
+
+    Attributes:
+        path: the file.
+        out: folder for its pictures.
+        world: of a trajectory, its index.
+        surface: a contact surface to draw behind libraries and trajectories; None: none.
+    """
+
+    path: Path
+    out: Path
+    world: int = 0
+    surface: Record | None = None
+
+    @property
+    def picture(self) -> Path:
+        """The file's one picture."""
+        return (self.out / self.path.stem).with_suffix(".png")
+
+
+Drawer = Callable[[Order], list[Path]]
+
+
+def chart_files(
+    files: list[Path], out: Path, world: int = 0, others: dict[str, Drawer] | None = None
+) -> list[Path]:
+    """Draw what the files hold into the folder `out`; returns the pictures.
+
+    A surface among the files is also drawn into the pictures of libraries and trajectories of its scene.
+    `others`: drawers of further kinds.
+
+    Raises:
+        RecordError, LibraryError, ValueError: a file that cannot be drawn.
+        FileNotFoundError: no such file.
+    """
+    drawers = DRAWERS | (others or {})
+    kinds = {path: file_kind(path) for path in files}
+    surfaces = [load_record(path, "surface") for path, kind in kinds.items() if kind == "surface"]
+    pictures: list[Path] = []
+    for path, kind in kinds.items():
+        if kind not in drawers:
+            raise RecordError(f"{path} holds a {kind!r}, which no picture is made of")
+        pictures += drawers[kind](Order(path, out, world, surfaces[0] if surfaces else None))
+    return pictures
+
+
+def file_kind(path: Path) -> str:
+    """What a file holds: "results" of the studies, a "size" table, or what `read_kind` says."""
+    if path.suffix != ".csv":
+        return read_kind(path)
+    return "results" if is_results(path) else "size"
+
+
+def _surface(order: Order) -> list[Path]:
+    return [space.surface_chart(load_record(order.path, "surface"), order.picture)]
+
+
+def _library(order: Order) -> list[Path]:
+    return [space.library_chart(ddp.Library.load(order.path), order.picture, order.surface)]
+
+
+def _plan(order: Order) -> list[Path]:
+    return [plans.trace_chart(load_record(order.path, "plan"), order.picture)]
+
+
+def _sweep(order: Order) -> list[Path]:
+    return [sweep.sweep_chart(slcp.SweepReport.load(order.path), order.picture)]
+
+
+def _size(order: Order) -> list[Path]:
+    return [sweep.size_chart(order.path, order.picture)]
+
+
+def _trajectory(order: Order) -> list[Path]:
+    """The limit cycle where it is the finger's, frames, and an animation."""
+    record, world = _checked_world(order.path, order.world), order.world
+    name, made = order.path.stem, []
+    if mechanism_name(record.scene) == FINGER:
+        made.append(cycle.cycle_chart(record, order.out / f"{name}_cycle.png", order.surface, world))
+    made.append(cycle.frames_chart(record, order.out / f"{name}_frames.png", world))
+    made.append(cycle.animation(record, order.out / f"{name}.gif", world=world))
+    return made
+
+
+def _checked_world(path: Path, world: int) -> Record:
+    """A trajectory file that has a world of this index with finite states."""
+    record = load_record(path, "trajectory")
+    if not 0 <= world < len(record["states"]):
+        raise ValueError(f"--world is {world}; {path} has {len(record['states'])} worlds")
+    if not np.isfinite(record["states"][world]).all():
+        raise ValueError(f"{path}: the states of world {world} are not finite")
+    return record
+
+
+DRAWERS: dict[str, Drawer] = {
+    "surface": _surface,
+    "library": _library,
+    "plan": _plan,
+    "sweep": _sweep,
+    "size": _size,
+    "trajectory": _trajectory,
+}
