@@ -43,10 +43,6 @@ def chart_command(
 def _results(order: "Order") -> list[Path]:
     """The charts of `slcp bench charts`, drawn by the benchmarks."""
     need_checkout("the charts of `slcp bench charts`")
-    from .benchmarks.accuracy.command import draw_charts  # not in the wheel
-    from .benchmarks.accuracy.results import read_results
+    from .benchmarks.accuracy.command import draw_file  # not in the wheel
 
-    made, failures = draw_charts(read_results(order.path), order.out)
-    if failures:
-        raise ValueError(f"{order.path}: {'; '.join(failures)}")
-    return made
+    return draw_file(order.path, order.out)

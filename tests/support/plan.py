@@ -39,6 +39,14 @@ ROOMS = {  # the order of each layer's rooms: none imports one that is named aft
         *("status", "options", "costs", "dynamics", "problem", "result", "policies", "batches", "workspace"),
         *("continuation", "solver", "library", "multistart"),
     ),
+    "scripts": (
+        *("support", "stages", "charts", "benchmarks", "studies"),
+        FILES,  # the commands
+    ),
+    "scripts/benchmarks": (
+        *("mechanics", "shared", "peers", "exact", "cost", "derivatives", "accuracy", "stability", "fuzz"),
+        FILES,
+    ),
 }
 
 
@@ -108,22 +116,26 @@ def graph(*folders: str, root: Path = ROOT) -> dict[Path, dict[Path, list[Import
     return {path: imported_files(path, root) for path in source_files(*folders, root=root)}
 
 
-def room_of(path: Path, root: Path = ROOT) -> str:
-    """The room of a file: the subfolder of its layer, or the file itself; "" for the layer's __init__.py."""
-    layer, room, *below = path.relative_to(root).parts
+def room_of(path: Path, root: Path = ROOT, folder: str = "") -> str:
+    """The room of a file: the subfolder of its layer (or of `folder`), or the file itself; "" for the layer's
+    __init__.py.
+    """
+    folder = folder or path.relative_to(root).parts[0]
+    room, *below = path.relative_to(root / folder).parts
     if room == "__init__.py":
         return ""
-    folders = any((root / layer / name).is_dir() for name in ROOMS.get(layer, ()))
-    return FILES if folders and not below and FILES in ROOMS.get(layer, ()) else room.removesuffix(".py")
+    folders = any((root / folder / name).is_dir() for name in ROOMS.get(folder, ()))
+    return FILES if folders and not below and FILES in ROOMS.get(folder, ()) else room.removesuffix(".py")
 
 
 def room_graph(folder: str, root: Path = ROOT) -> dict[str, set[str]]:
     """For every room of a layer the other rooms of it that it imports; an empty __init__.py is no room."""
     rooms: dict[str, set[str]] = {}
     for path, imported in graph(folder, root=root).items():
-        room = room_of(path, root)
+        room = room_of(path, root, folder)
         if room:
-            inside = {room_of(target, root) for target in imported if target.is_relative_to(root / folder)}
+            targets = [target for target in imported if target.is_relative_to(root / folder)]
+            inside = {room_of(target, root, folder) for target in targets}
             rooms.setdefault(room, set()).update(inside - {room, ""})
     return rooms
 

@@ -129,6 +129,19 @@ def draw_charts(rows: Rows, out: Path) -> tuple[list[Path], list[str]]:
     return made, failures
 
 
+def draw_file(path: Path, out: Path) -> list[Path]:
+    """The charts of a file of results, into a folder.
+
+    Raises:
+        ValueError: a chart that cannot be drawn.
+        FileError: no such results.
+    """
+    made, failures = draw_charts(read_results(path), out)
+    if failures:
+        raise ValueError(f"{path}: {'; '.join(failures)}")
+    return made
+
+
 @one_line_errors
 def charts_command(
     out: Annotated[Path, typer.Option(help="Folder for results.csv and the charts.")],
