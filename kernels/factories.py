@@ -11,6 +11,8 @@ import threading
 from collections.abc import Callable
 from typing import Any, TypeVar
 
+import warp as wp
+
 Made = TypeVar("Made")
 
 _lock = threading.RLock()
@@ -35,6 +37,9 @@ def cached(factory: Callable[..., Made]) -> Callable[..., Made]:
         with building():
             if key not in made:
                 made[key] = factory(*args, **options)
+                for kernel in made[key] if isinstance(made[key], tuple) else (made[key],):
+                    if isinstance(kernel, wp.Kernel):
+                        kernel.made_with = args
             return made[key]
 
     return find

@@ -9,6 +9,7 @@ import numpy as np
 import warp as wp
 
 from slcp_warp.kernels.device.launch import launch
+from slcp_warp.kernels.device.progress import name_scene
 from slcp_warp.kernels.mechanism.kinematics import make_types
 from slcp_warp.kernels.specialisation import Specialisation
 from slcp_warp.kernels.step import rollout
@@ -62,6 +63,7 @@ class Simulator:
         self.dtype = DTYPES[dtype]
         self.params = Parameters(scene)
         self.spec = Specialisation(scene.structure, self.dtype, self.options.method)
+        name_scene(scene.structure, scene.name)
         self.strategy = choose(current_name(strategy), scene.structure, self.options.method, self.device)
         self._only_generic = self.strategy == "generic" and (strategy != "auto" or self.nr > MOST_ROWS)
         self._generic = GenericKernels(self.spec, self.device) if self.strategy == "generic" else None

@@ -11,6 +11,7 @@ import hypothesis
 import pytest
 import warp as wp
 
+os.environ.setdefault("SLCP_PROGRESS", "0")  # tests that look at stderr see what they ask for
 wp.config.log_level = wp.LOG_WARNING  # before wp.init(); the older config.quiet does nothing in 1.19
 # LLVM's own limit of inlining: clang takes 20 to 30 % less. SLCP_CPU_FLAGS: slcp_warp.kernels.device.compile
 wp.config.cpu_compiler_flags = os.environ.get("SLCP_CPU_FLAGS", "-march=native")

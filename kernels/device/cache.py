@@ -24,6 +24,7 @@ from typing import Any
 import warp as wp
 
 from ..factories import building
+from .progress import Loaded, announced, describe, record
 
 try:
     import fcntl
@@ -59,12 +60,17 @@ def load(kernel: wp.Kernel, device: wp.Device) -> None:
         return
     with building():
         _prepare()
-        with _alone(kernel.module.name):
-            _load(kernel.module, device)
+        if kernel in _loaded.get(device.alias, ()):  # by another thread meanwhile
+            return
+        start, what = time.monotonic(), describe(kernel)
+        with announced(f"{what} for {device.alias}"), _alone(kernel.module.name):
+            compiled = _load(kernel.module, device)
+        record(Loaded(what, device.alias, time.monotonic() - start, compiled))
         _loaded.setdefault(device.alias, weakref.WeakSet()).add(kernel)
 
 
-def _load(module: Any, device: wp.Device) -> None:
+def _load(module: Any, device: wp.Device) -> bool:
+    """Load a module; whether it had to be compiled."""
     block = 1 if device.is_cpu else 256  # what a launch takes where none is given
     folder = _folder(module, block)
     if folder.exists():
@@ -83,8 +89,10 @@ def _load(module: Any, device: wp.Device) -> None:
         _remove(folder, f"it cannot be loaded ({error})")
         module.load(device, block)
         folder = _folder(module, block)
-    if _unlisted(folder, _listed(folder)):
+    compiled = bool(_unlisted(folder, _listed(folder)))
+    if compiled:
         _write_checksums(folder)
+    return compiled
 
 
 def _folder(module: Any, block: int) -> pathlib.Path:

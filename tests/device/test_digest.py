@@ -27,13 +27,16 @@ from slcp_warp.kernels.ensembles.sweep import make_draw_kernel
 from slcp_warp.kernels.generic.step import make_step_kernel
 from slcp_warp.kernels.method import Method
 from slcp_warp.kernels.residual.residuals import make_residual_kernel
+from slcp_warp.kernels.specialisation import Specialisation
 from slcp_warp.kernels.step import rollout
 assert slcp.__file__.startswith(sys.argv[1]), slcp.__file__
-scene, f64 = slcp.scenes.sliding_block().structure, wp.float64
+f64, scene = wp.float64, slcp.scenes.sliding_block().structure
+spec = Specialisation(scene, f64, Method())
+hard = Specialisation(scene, f64, Method("hard", friction="coulomb"))
 made = {
-    "step": rollout.make_step_kernel(scene, f64, Method()),
-    "rollout": rollout.make_rollout_kernel(scene, f64, Method(), "open_loop", False),
-    "coulomb": rollout.make_step_kernel(scene, f64, Method("hard", friction="coulomb")),
+    "step": rollout.make_step_kernel(spec),
+    "rollout": rollout.make_rollout_kernel(spec, "open_loop", False),
+    "coulomb": rollout.make_step_kernel(hard),
     "generic": make_step_kernel(f64, "hard"),
     "draw": make_draw_kernel(4, f64),
     "residual": make_residual_kernel(f64, "min"),
