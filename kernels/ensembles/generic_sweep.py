@@ -15,7 +15,7 @@ from ..factories import cached
 from ..status import SOLVED
 from ..step.rollout import POLICIES
 from ..structure import STEP_SIZE
-from .sweep import TOUCH, make_disturbances
+from .disturbances import TOUCH, make_conditions, make_disturbances
 
 
 @wp.struct
@@ -38,51 +38,43 @@ def make_sweep_begin_kernel(nv: int, nu: int, dtype: type, policy_name: str) -> 
     policy = POLICIES[policy_name](2 * nv, nu, dtype)
     disturb = make_disturbances(nv, nu, dtype)
     VX = wp.types.vector(2 * nv, dtype)
-    Policy = policy.Struct
+    Conditions, Policy = make_conditions(dtype), policy.Struct
 
     @specialised
     def sweep_begin_kernel(
         first: int,
-        world0: int,
-        seed: int,
         k: int,
+        c: Conditions,
         params: wp.array2d(dtype=dtype),  # (B, P)
         control: Policy,
-        torque: dtype,
-        kick: dtype,
-        kick_times: wp.array(dtype=wp.float64),
-        interval: wp.float64,
-        component: int,
         p: Progress,
         state: wp.array2d(dtype=dtype),  # in and out (B, nx)
         us: wp.array2d(dtype=dtype),  # out (B, nu)
     ):
         i = first + wp.tid()
-        world = world0 + i
+        world = c.world0 + i
         if k >= p.steps[i]:
             return
         x = VX()
         for j in range(2 * nv):
             x[j] = state[i, j]
         if k == 0:
-            p.start[i] = wp.float64(x[component])
+            p.start[i] = wp.float64(x[c.component])
         h = wp.float64(params[i, STEP_SIZE])
         time = wp.float64(k) * h
-        moved = wp.float32(x[component] - dtype(p.start[i]))
-        p.sample[i] = disturb.sampled(p.samples, i, p.sample[i], interval, time, h, moved)
+        moved = wp.float32(x[c.component] - dtype(p.start[i]))
+        p.sample[i] = disturb.sampled(c, p.samples, i, p.sample[i], time, h, moved)
         event = p.event[i]
-        coming = disturb.due(kick_times, event, time, h)
+        coming = disturb.due(c, event, time, h)
         if coming > event:
             while event < coming:
-                x = disturb.kicked(seed, world, event, kick, x)
+                x = disturb.kicked(c, world, event, x)
                 event += 1
             for j in range(2 * nv):
                 state[i, j] = x[j]
             p.event[i] = event
         if p.status[i] == wp.static(SOLVED):
-            u = policy.control(control, i, k, x)
-            if torque > dtype(0.0):
-                u = disturb.noisy(seed, world, k, torque, u)
+            u = disturb.noisy(c, world, k, policy.control(control, i, k, x))
             for j in range(nu):
                 us[i, j] = u[j]
 

@@ -43,36 +43,3 @@ def quantile_interval(values: np.ndarray, q: float = 0.5) -> tuple[float, float,
     low = values[max(0, math.floor(n * q - half))]
     high = values[min(n - 1, math.ceil(n * q + half))]
     return float(values[min(n - 1, int(n * q))]), float(low), float(high)
-
-
-def spin_statistics(
-    samples: np.ndarray, interval: float, window: float, threshold: float, kicks: tuple[float, ...]
-) -> dict[str, np.ndarray]:
-    """Rates of one observed coordinate.
-
-    Args:
-        samples: (B, S) coordinate at times 0, interval, ...
-        window: of a rate [s].
-        threshold: of "spinning" [1/s].
-        kicks: times of kicks [s]; time 0 counts as one (the perturbed start).
-
-    Returns:
-        Columns (B,): rate over the whole time; late_rate over its second half, or from the last kick on
-        if that is later; spinning (late_rate above threshold); recovery_time after the last kick: first time
-        from which the rate over the next window exceeds the threshold, inf if never.
-    """
-    count = samples.shape[1]
-    total = (count - 1) * interval
-    last = max((0.0, *kicks))
-    half = max(count // 2, round(last / interval))
-    span = max(1, min(count - 1, round(window / interval)))
-    moving = (samples[:, span:] - samples[:, :-span]) / (span * interval)
-    begin = min(round(last / interval), moving.shape[1] - 1)
-    after = moving[:, begin:] > threshold
-    first = np.argmax(after, axis=1)
-    return {
-        "rate": (samples[:, -1] - samples[:, 0]) / total,
-        "late_rate": (samples[:, -1] - samples[:, half]) / ((count - 1 - half) * interval),
-        "spinning": (samples[:, -1] - samples[:, half]) / ((count - 1 - half) * interval) > threshold,
-        "recovery_time": np.where(after.any(axis=1), first * interval, np.inf),
-    }

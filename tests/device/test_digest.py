@@ -23,7 +23,7 @@ import json, sys, warp as wp
 wp.config.log_level = wp.LOG_ERROR
 wp.init()
 import slcp_warp as slcp
-from slcp_warp.kernels.ensembles.sweep import make_draw_kernel
+from slcp_warp.kernels.ensembles.draws import make_draw_kernel
 from slcp_warp.kernels.generic.step import make_step_kernel
 from slcp_warp.kernels.method import Method
 from slcp_warp.kernels.residual.residuals import make_residual_kernel

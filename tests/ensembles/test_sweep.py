@@ -11,7 +11,8 @@ from sweeps import FINGER, drawn, idle, run, spec
 
 import slcp_warp as slcp
 from slcp_warp import Status
-from slcp_warp.ensembles import statistics
+from slcp_warp.ensembles import draws, statistics, summary
+from slcp_warp.ensembles import launch as launches
 from slcp_warp.kernels.device import launch as launching
 
 
@@ -131,7 +132,7 @@ def test_an_interrupt_before_anything_leaves_an_empty_report(monkeypatch):
     def stop(self, *arguments):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(slcp.sweep.__globals__["_Case"], "launch", stop)
+    monkeypatch.setattr(launches.Case, "launch", stop)
     report = run()
     assert not report.complete and report.cases == [] and report.table == {} and report.samples == []
 
@@ -156,15 +157,15 @@ def test_save_and_load(device, tmp_path):
 
 
 def test_memory_does_not_grow_with_the_worlds(monkeypatch):
-    module = slcp.sweep.__globals__
-    sizes, original = [], module["launch"]
+    sizes, original = [], launches.launch
 
     def measure(kernel, dim, inputs, *rest, **options):
         sizes.append(sum(a.capacity for a in inputs if isinstance(a, wp.array)))
         return original(kernel, dim, inputs, *rest, **options)
 
-    monkeypatch.setitem(module, "launch", measure)
-    monkeypatch.setitem(module, "CHUNK_BYTES", 64_000)
+    monkeypatch.setattr(launches, "launch", measure)
+    monkeypatch.setattr(draws, "launch", measure)
+    monkeypatch.setattr(launches, "CHUNK_BYTES", 64_000)
     run(worlds=400, duration=1.0)
     few, count = max(sizes), len(sizes)
     sizes.clear()
@@ -174,8 +175,8 @@ def test_memory_does_not_grow_with_the_worlds(monkeypatch):
 
 def test_a_million_worlds_are_cut_into_chunks(device):
     sim = simulator("flicking_finger", device, wp.float32, "none")
-    case = slcp.sweep.__globals__["_Case"](sim, idle(), spec(worlds=10**6, duration=20.0), 0.05, None)
-    assert case.chunk * (8 * (len(case.base) + 6) + 4 * case.count) < 130 * 2**20
+    case = launches.Case(sim, idle(), spec(worlds=10**6, duration=20.0), 0.05, None)
+    assert case.chunk * (8 * (case.draws.width + 6) + 4 * case.count) < 130 * 2**20
 
 
 # --- statistics ---
@@ -216,14 +217,14 @@ def test_spin_statistics_of_known_motions():
     steady, still = 0.8 * time, 0.0 * time
     stopped = np.minimum(time, 4.0)
     late = np.where(time < 6.0, 0.0, 2.0 * (time - 6.0))  # recovers one second after the kick at 5 s
-    out = statistics.spin_statistics(np.stack([steady, still, stopped, late]), 0.5, 2.0, 0.5, (5.0,))
+    out = summary.spin_statistics(np.stack([steady, still, stopped, late]), 0.5, 2.0, 0.5, (5.0,))
     np.testing.assert_allclose(out["rate"], [0.8, 0.0, 0.4, 0.8])
     np.testing.assert_allclose(out["late_rate"], [0.8, 0.0, 0.0, 1.6])
     assert out["spinning"].tolist() == [True, False, False, True]
     # the rate over the next two seconds exceeds .5: at once, never, never, at once (2 rad in 5..7 s)
     np.testing.assert_array_equal(out["recovery_time"], [0.0, np.inf, np.inf, 0.0])
     slow = np.where(time < 7.5, 0.0, 2.0 * (time - 7.5))
-    found = statistics.spin_statistics(slow[None], 0.5, 2.0, 0.5, (5.0,))["recovery_time"]
+    found = summary.spin_statistics(slow[None], 0.5, 2.0, 0.5, (5.0,))["recovery_time"]
     np.testing.assert_array_equal(
         found, [1.5]
     )  # 1.5 s after the kick: .5 s of motion at 2 rad/s is half a rad/s

@@ -4,10 +4,10 @@ import numpy as np
 
 import slcp_warp as slcp
 from slcp_warp import Status
+from slcp_warp.ensembles.summary import summary_of
 
 
 def test_summary_of_a_known_table():
-    summary = slcp.sweep.__globals__["_summary"]
     table = {
         "status": np.array([0, 0, 0, 0, 2, 3, 0, 0, 0, 0]),
         "rate": np.array([0.6, 0.7, 0.2, 0.9, 0.8, 0.1, 0.5, 0.4, 0.3, 1.1]),
@@ -16,7 +16,7 @@ def test_summary_of_a_known_table():
         "contact_share": np.linspace(0.0, 0.9, 10),
     }
     spec = slcp.SweepSpec(worlds=10, threshold=0.5)
-    found = summary("hard", 0.03, table, spec, 1.5)
+    found = summary_of("hard", 0.03, table, spec, 1.5)
     assert (found["residual"], found["step_size"], found["worlds"], found["seconds"]) == (
         "hard",
         0.03,

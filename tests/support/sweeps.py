@@ -8,8 +8,7 @@ import slcp_warp as slcp
 from slcp_warp import ddp
 from slcp_warp import sweep as public_sweep
 from slcp_warp.ddp.library.entries import scene_digest
-from slcp_warp.kernels.device.launch import launch
-from slcp_warp.kernels.ensembles.sweep import make_draw_kernel
+from slcp_warp.ensembles.draws import Draws
 
 FINGER = scene("flicking_finger")
 OPTIONS = {"scaling": "none", "dtype": "float32"}
@@ -42,12 +41,7 @@ def run(device="cpu", chunk=None, progress=None, **changes):
 def drawn(device, worlds, **changes):
     """Parameters by name (B, ...) and starts (B, nx) that a sweep would simulate."""
     sim = simulator("flicking_finger", device, wp.float32, "none")
-    case = slcp.sweep.__globals__["_Case"](sim, idle(), spec(worlds=worlds, **changes), 0.05, None)
-    seen = []
-    case.launch = lambda world0, count, shared, kicks: seen.append((world0, count, shared)) or {}
-    list(case.run())
-    (world0, count, shared), table, x0 = seen[0], sim.empty(worlds, len(case.base)), sim.empty(worlds, 6)
-    launch(make_draw_kernel(6, sim.dtype), count, [world0, 3, *shared, table, x0], sim.device)
+    table, x0 = Draws(sim, spec(worlds=worlds, **changes), 0.05).worlds(0, worlds)
     columns = {
         n: table.numpy()[:, a : a + int(np.prod(s, dtype=int))] for n, a, s in sim.params.layout.columns
     }

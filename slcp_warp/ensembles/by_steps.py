@@ -1,4 +1,4 @@
-"""Sweeps of scenes whose steps are the generic kernels': a launch a step instead of one for the whole run."""
+"""A sweep's worlds rolled out with generic kernels: a launch a step instead of one for the whole run."""
 
 from typing import Any
 
@@ -7,15 +7,14 @@ import warp as wp
 
 from slcp_warp.kernels.contact.problem import COLD
 from slcp_warp.kernels.device.launch import launch
+from slcp_warp.kernels.ensembles.disturbances import NOWHERE
 from slcp_warp.kernels.ensembles.generic_sweep import (
     Progress,
     make_sweep_begin_kernel,
     make_sweep_end_kernels,
 )
-from slcp_warp.kernels.ensembles.sweep import NOWHERE
 
 from ..simulator import Simulator
-from .spec import SweepSpec
 
 
 def bytes_of_world(sim: Simulator) -> int:
@@ -23,28 +22,15 @@ def bytes_of_world(sim: Simulator) -> int:
     return 8 * (2 * sim.nx + sim.nu + 4 * sim.nr + 4 * len(sim.scene.structure.pairs)) + 32
 
 
-def roll_out(
+def by_steps(
     sim: Simulator,
     policy: tuple[str, Any],
-    spec: SweepSpec,
-    world0: int,
+    conditions: Any,
     params: wp.array,
     state: wp.array,
-    kicks: wp.array,
     samples: wp.array,
 ) -> tuple[wp.array, wp.array, wp.array]:
-    """Run worlds world0, world0 + 1, ... to the end, as the kernel of `sweep.py` does in one launch.
-
-    Args:
-        policy: name and struct.
-        params: (B, P).
-        state: (B, nx) starts, overwritten.
-        kicks: times (K,) [s].
-        samples: (B, S), filled.
-
-    Returns:
-        Share of steps with a contact impulse, lowest gap of an acting contact [m], status, each (B,).
-    """
+    """As `launch.at_once`; the states are overwritten."""
     generic = sim._generic
     assert generic is not None
     worlds, width = len(state), sim.nr + 2 * len(sim.scene.structure.pairs)
@@ -57,18 +43,17 @@ def roll_out(
     code, share = wp.zeros(worlds, dtype=wp.int32, device=device), wp.zeros(worlds, device=device)
     contact = [int(row.kind == "contact") for row in sim.scene.structure.rows]
     rows: wp.array = wp.array(contact, dtype=wp.int32, device=device)
-    steps = np.floor(spec.duration / params.numpy()[:, 0].astype(float) + 0.5).astype(np.int32)
+    steps = np.floor(conditions.duration / params.numpy()[:, 0].astype(float) + 0.5).astype(np.int32)
     p = _progress(worlds, steps, samples, device)
     name, struct = policy
     begin = make_sweep_begin_kernel(sim.scene.nv, sim.nu, dtype, name)
     kernels = make_sweep_end_kernels(dtype)
-    drawn = [params, struct, spec.torque_sd, spec.kick_sd, kicks, spec.sample_every, spec.observe, p]
     for k in range(int(steps.max())):
-        launch(begin, worlds, [world0, spec.seed, k, *drawn, state, us], device)
+        launch(begin, worlds, [k, conditions, params, struct, p, state, us], device)
         generic.step(worlds, [params, state, us, nothing, warm, after, impulse, gap, multiplier, code])
         outcome = [rows, after, impulse, gap, multiplier, code, p, state, warm]
         launch(kernels.end, worlds, [k, *outcome], device)
-    launch(kernels.finish, worlds, [spec.observe, state, p, share], device)
+    launch(kernels.finish, worlds, [conditions.component, state, p, share], device)
     return share, p.lowest, p.status
 
 

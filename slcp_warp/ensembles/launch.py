@@ -1,0 +1,120 @@
+"""The launches of one case of a sweep, chunk after chunk, and what they left."""
+
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from slcp_warp.kernels.device.launch import launch
+from slcp_warp.kernels.ensembles.disturbances import make_conditions
+from slcp_warp.kernels.ensembles.sweep import make_sweep_kernel
+
+from ..inputs import checks
+from ..inputs.arrays import policy_arrays
+from ..inputs.errors import ArgumentError
+from ..simulator import Simulator
+from .by_steps import by_steps, bytes_of_world
+from .draws import Draws
+from .spec import SweepSpec
+
+CHUNK_BYTES = 128 * 2**20
+
+
+class Case:
+    """One (residual, step size) of a sweep.
+
+    Attributes:
+        chunk: worlds of a launch.
+        count: samples of a world.
+        seconds: spent in launches so far.
+    """
+
+    def __init__(
+        self, sim: Simulator, policy: Any, spec: SweepSpec, step_size: float, chunk: int | None
+    ) -> None:
+        self.sim, self.spec, self.step_size = sim, spec, step_size
+        self.draws = Draws(sim, spec, step_size)
+        self.policy = policy_arrays(policy, sim, None)
+        if not 0 <= spec.observe < sim.nx:
+            raise ArgumentError(
+                f"SweepSpec.observe is {spec.observe}; a state component 0..{sim.nx - 1} is needed"
+            )
+        self.count = int(round(spec.duration / spec.sample_every)) + 1
+        kept = "SweepSpec.duration / sample_every: the samples"
+        checks.memory(kept, spec.worlds * self.count, 4, sim.device)
+        generic = sim.strategy == "generic"
+        self.roll_out = by_steps if generic else at_once
+        own = bytes_of_world(sim) if generic else 0
+        per_world = 8 * (self.draws.width + sim.nx) + 4 * self.count + 16 + own
+        self.chunk = chunk or max(1, min(spec.worlds, CHUNK_BYTES // per_world))
+        self.seconds = 0.0
+        self._parts: list[dict[str, np.ndarray]] = []
+        self._conditions = _conditions(sim, spec)
+
+    def run(self) -> Iterator[int]:
+        """Launch chunk after chunk; yields the worlds finished."""
+        for world0 in range(0, self.spec.worlds, self.chunk):
+            count = min(self.chunk, self.spec.worlds - world0)
+            began = time.perf_counter()
+            self._parts.append(self.launch(world0, count))
+            self.seconds += time.perf_counter() - began
+            yield count
+
+    def launch(self, world0: int, count: int) -> dict[str, np.ndarray]:
+        """One chunk of worlds."""
+        params, x0 = self.draws.worlds(world0, count)
+        samples: wp.array = wp.zeros((count, self.count), dtype=wp.float32, device=self.sim.device)
+        self._conditions.world0 = world0
+        share, lowest, status = self.roll_out(self.sim, self.policy, self._conditions, params, x0, samples)
+        found = {"samples": samples, "contact_share": share, "lowest_gap": lowest, "status": status}
+        return {name: array.numpy().copy() for name, array in found.items()} | self.draws.columns(params)
+
+    def finished(self) -> dict[str, np.ndarray]:
+        """Columns of the finished worlds: samples (B, S), contact_share, lowest_gap, status, what was drawn
+        (B,); nothing before the first chunk is through.
+        """
+        if not self._parts:
+            return {}
+        return {name: np.concatenate([part[name] for part in self._parts]) for name in self._parts[0]}
+
+
+def at_once(
+    sim: Simulator,
+    policy: tuple[str, Any],
+    conditions: Any,
+    params: wp.array,
+    x0: wp.array,
+    samples: wp.array,
+) -> tuple[wp.array, wp.array, wp.array]:
+    """Run a chunk of worlds to the end in one launch of the specialised kernel.
+
+    Args:
+        sim: whose steps they make.
+        policy: its name in the kernels, and its struct.
+        conditions: struct of what all worlds go through.
+        params: (B, P).
+        x0: (B, nx).
+        samples: (B, S), filled.
+
+    Returns:
+        Share of steps with a contact impulse, lowest gap of an acting contact [m], status, each (B,).
+    """
+    count, (name, struct) = len(x0), policy
+    share, lowest = (wp.zeros(count, dtype=wp.float32, device=sim.device) for _ in range(2))
+    status: wp.array = wp.zeros(count, dtype=wp.int32, device=sim.device)
+    kernel = make_sweep_kernel(sim.spec, name)
+    inputs = [conditions, params, x0, struct, sim.empty(0, 0), samples, share, lowest, status]
+    launch(kernel, count, inputs, sim.device, grain=1)
+    return share, lowest, status
+
+
+def _conditions(sim: Simulator, spec: SweepSpec) -> Any:
+    """What all worlds go through, as the kernels take it."""
+    out = make_conditions(sim.dtype)()
+    out.seed, out.component = spec.seed, spec.observe
+    out.torque, out.kick = spec.torque_sd, spec.kick_sd
+    out.kick_times = wp.array(np.array(spec.kick_times, float), dtype=wp.float64, device=sim.device)
+    out.duration, out.interval = spec.duration, spec.sample_every
+    return out
