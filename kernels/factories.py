@@ -6,6 +6,7 @@ changes: so whatever makes or loads kernels does it under one lock, and what is 
 """
 
 import functools
+import inspect
 import os
 import threading
 from collections.abc import Callable
@@ -39,7 +40,7 @@ def cached(factory: Callable[..., Made]) -> Callable[..., Made]:
                 made[key] = factory(*args, **options)
                 for kernel in made[key] if isinstance(made[key], tuple) else (made[key],):
                     if isinstance(kernel, wp.Kernel):
-                        kernel.made_with = args
+                        kernel.made_with = inspect.signature(factory).bind(*args, **options).arguments
             return made[key]
 
     return find

@@ -9,6 +9,7 @@ import warp as wp
 from slcp_warp import __version__
 
 from .chart import chart_command
+from .compile import compile_command
 from .library import library_command
 from .optimise import optimise_command
 from .quickstart import quickstart_command
@@ -32,6 +33,7 @@ IN_CHECKOUTS = {  # commands that a wheel leaves out: room and name
 
 app = typer.Typer(name="slcp", no_args_is_help=True, add_completion=False, rich_markup_mode=None)
 app.command("scenes")(scenes_command)
+app.command("compile")(compile_command)
 app.command("simulate")(simulate_command)
 app.command("optimise")(optimise_command)
 app.command("library")(library_command)

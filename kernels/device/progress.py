@@ -44,16 +44,19 @@ def name_scene(structure: Structure, name: str) -> None:
 
 def describe(kernel: wp.Kernel) -> str:
     """A kernel in words: what it does, of which scene, and what else its factory was called with."""
-    given = getattr(kernel, "made_with", ())
-    arguments = [a for value in given for a in (value if isinstance(value, Specialisation) else (value,))]
-    scenes = [_scenes.get(a, "a scene") for a in arguments if isinstance(a, Structure)]
-    details = [word for argument in arguments for word in _words(argument)]
+    given = dict(getattr(kernel, "made_with", {}))
+    for spec in [value for value in given.values() if isinstance(value, Specialisation)]:
+        given = spec._asdict() | given
+    scenes = [_scenes.get(value, "a scene") for value in given.values() if isinstance(value, Structure)]
+    details = [word for name, value in given.items() for word in _words(name, value)]
     what = kernel.key.rpartition("_")[0] or kernel.key  # without the digest
     what = what.removesuffix("_kernel").replace("_", " ")
     return what + "".join(f" of {name}" for name in scenes) + (f" ({', '.join(details)})" if details else "")
 
 
-def _words(argument: Any) -> list[str]:
+def _words(name: str, argument: Any) -> list[str]:
+    if argument is True:
+        return [name.replace("_", " ")]
     if isinstance(argument, Method):
         words = [argument.residual]
         if argument.coulomb:

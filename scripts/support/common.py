@@ -38,6 +38,7 @@ Residual = Annotated[
 ]
 Scaling = Annotated[str | None, typer.Option(help="inertia or none; the finger's default is none.")]
 Integrator = Annotated[str, typer.Option(help="euler, or trapezoidal: second order where motion is smooth.")]
+Friction = Annotated[str, typer.Option(help="anitescu, or coulomb: with the hard residual.")]
 Sigma = Annotated[float | None, typer.Option(help="Noise level of the smoothing; default: the scene's.")]
 StepSize = Annotated[float | None, typer.Option("--step-size", help="h [s]; default: the scene's.")]
 Device = Annotated[str | None, typer.Option(help="cpu, cuda:0, ...; default: the best one present.")]
@@ -102,13 +103,13 @@ def timed(what: str, times: dict[str, float] | None = None) -> Iterator[None]:
     console.print(f"[dim]{what}: {seconds:.1f} s[/dim]")
 
 
-def named_scene(name: str) -> slcp.Scene:
-    """The scene of a name or a file; ValueError lists the names there are."""
+def named_scene(name: str, option: str = "--scene") -> slcp.Scene:
+    """The scene of a name or a file; ValueError names the option and lists the names there are."""
     if Path(name).suffix in (".toml", ".json", ".xml"):
         return slcp.load_scene(name)
     if name not in slcp.scenes.NAMED:
         names = ", ".join(slcp.scenes.NAMED)
-        raise ValueError(f"--scene is {name!r}; give a .toml, .json or .xml (MJCF) file, or one of {names}")
+        raise ValueError(f"{option} is {name!r}; give a .toml, .json or .xml (MJCF) file, or one of {names}")
     return slcp.scenes.NAMED[name]()
 
 
@@ -131,12 +132,13 @@ def make_simulator(
     device: str | None = None,
     dtype: str = "float64",
     integrator: str = "euler",
+    friction: str = "anitescu",
 ) -> slcp.Simulator:
     """A simulator from a command's options."""
     if residual not in RESIDUALS:
         raise ValueError(f"--residual is {residual!r}; choose one of {list(RESIDUALS)}")
     scaling = scaling or default_scaling(scene)
-    options = slcp.Options(residual=RESIDUALS[residual], scaling=scaling, integrator=integrator)
+    options = slcp.Options(RESIDUALS[residual], scaling, integrator=integrator, friction=friction)
     try:
         return slcp.Simulator(scene, options, device=device, dtype=dtype)
     except RuntimeError as error:  # Warp's answer to an unknown device

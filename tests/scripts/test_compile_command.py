@@ -1,0 +1,72 @@
+"""`slcp compile`: what it makes is what its users need."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("typer")
+
+import warp as wp
+from test_cli import call, fails
+
+import slcp_warp as slcp
+from slcp_warp.kernels.device import cache
+from slcp_warp.kernels.device.progress import recorded
+from slcp_warp.kernels.step.rollout import make_rollout_kernel, make_step_kernel
+
+
+@pytest.fixture
+def unloaded(monkeypatch):
+    """As in a new process: no kernel is loaded."""
+    monkeypatch.setattr(cache, "_loaded", {})
+
+
+def uses(sim, name):
+    """What a user of a kernel does, other than the command did it."""
+    x, us = np.tile(sim.scene.x0, (3, 1)), np.zeros((3, 5, sim.nu))
+    if name == "step":
+        sim.step(x, us[:, 0])
+    elif name == "rollout":
+        sim.rollout(x, us, record="impulse")
+    else:
+        sim.linearize(x, us[:, 0], second=name == "second")
+
+
+@pytest.mark.slow
+def test_nothing_is_left_to_compile(unloaded):
+    """Kernels of the finger that other tests compile, too."""
+    names = ("step", "rollout", "linearize", "second")
+    result = call("compile", "flicking_finger", "--what", ", ".join(names), "--device", "cpu")
+    for kernel in ("step of flicking_finger", "rollout of", "linearize of"):
+        assert kernel in result.output
+    sim = slcp.Simulator(slcp.scenes.flicking_finger(), slcp.Options(scaling="none"), device="cpu")
+    with recorded() as kernels:
+        for name in names:
+            uses(sim, name)
+    assert kernels == []
+    cache._loaded.clear()
+    result = call("compile", "flicking_finger", "--what", "step,rollout", "--device", "cpu")
+    assert "0 compiled, 2 found in the cache" in result.output
+
+
+@pytest.mark.slow
+def test_what_it_says_is_so(unloaded, tmp_path, monkeypatch):
+    """An empty cache: two kernels are compiled into it, and found by the next process."""
+    monkeypatch.setattr(wp.config, "kernel_cache_dir", str(tmp_path))
+    scene = slcp.scenes.particle()
+    sim = slcp.Simulator(scene, device="cpu", dtype="float32")
+    for kernel in (make_step_kernel(sim.spec), make_rollout_kernel(sim.spec, "open_loop", False)):
+        kernel.module.unload()
+    command = ("compile", "particle", "--dtype", "float32", "--device", "cpu")
+    assert "2 compiled, 0 found in the cache" in call(*command).output
+    assert len(list(tmp_path.rglob("*.o"))) == 2
+    cache._loaded.clear()
+    assert "0 compiled, 2 found in the cache" in call(*command).output
+
+
+def test_bad_input_is_one_line():
+    line = fails("compile", "particle", "--what", "step,nope")
+    assert "--what is 'step,nope'; choose from step,rollout" in line
+    assert "SCENE is 'nowhere'" in fails("compile", "nowhere")
+    assert "friction is 'coulomb'" in fails("compile", "particle", "--friction", "coulomb")
+    hard = ("--residual", "hard", "--friction", "coulomb")
+    assert "--friction coulomb" in fails("compile", "particle", "--what", "sweep", *hard)
