@@ -45,11 +45,6 @@ class Method:
         return self.friction == "coulomb"
 
     @property
-    def scaled(self) -> bool:
-        """Whether D enters the solution's derivatives; the active sets of Coulomb's friction have none."""
-        return self.inertia_scaling and not self.coulomb
-
-    @property
     def trapezoidal(self) -> bool:
         """Whether the free motion is integrated by the linearly implicit trapezoidal method ([6])."""
         return self.integrator == "trapezoidal"
@@ -58,11 +53,6 @@ class Method:
     def end_gap(self) -> bool:
         """Whether rows hold the gap at the end of the step; else its linearisation at the start."""
         return self.gap == "end"
-
-    @property
-    def closed_second(self) -> bool:
-        """Whether second derivatives have a closed form (`curvature.py`); else differences give them."""
-        return not (self.trapezoidal or self.erm or self.coulomb or self.state_noise)
 
     @property
     def state_noise(self) -> bool:

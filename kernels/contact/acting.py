@@ -41,7 +41,7 @@ def make_acting(spec: Specialisation, exact_gap: bool) -> SimpleNamespace:
         @wp.func
         def near(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, v: VQ):
             # from a lower bound of d and a bound on the approach speed
-            if wp.static(exact_gap or pair.exact_bound or method.state_noise or method.erm):
+            if wp.static(exact_gap or pair.exact_bound or method.state_noise):
                 return True
             gap = wp.static(pair.bound)(params, row, fr) / params[row, wp.static(H)]
             level = wp.static(noise.level[first])(params, row, VR())
@@ -63,7 +63,7 @@ def make_acting(spec: Specialisation, exact_gap: bool) -> SimpleNamespace:
         return grow
 
     def make_contact(k: int) -> wp.Function:
-        tested = rows_of[k][:1] if method.coulomb else rows_of[k]  # friction acts where its normal row does
+        tested = tuple(i for i in rows_of[k] if not rows.tangent[i])  # friction acts where its normal does
         # the two rows of a hard contact come together: one after the other costs a solve each
         bits = tuple(sum(1 << j for j in (rows_of[k] if method.hard else (i,))) for i in range(NR))
         return make_grow(tested, bits)

@@ -62,7 +62,7 @@ def make_end_gap(spec: Specialisation) -> SimpleNamespace:
         def approach(jac: JR, v: VQ):
             # J_n v: the first row (Coulomb, frictionless) or the mean of the two rows J_n +- mu J_t
             out = wp.static(r.dots[first])(jac, v)
-            if wp.static(last != first and not method.coulomb):
+            if wp.static(last != first and not r.tangent[last]):
                 out = HALF * (out + wp.static(r.dots[last])(jac, v))
             return out
 

@@ -9,11 +9,18 @@ Controls enter linearly. The step itself adds q' = q + h v', so that V_x . f_xx 
 import warp as wp
 
 from ..factories import cached
+from ..method import Method
 from ..residual.noise import make_noise
 from ..residual.smoothing import make_smoothing
+from ..solvers.law import law_of
 from ..specialisation import Specialisation
 from ..structure import layout
 from .sensitivity import make_linearization
+
+
+def in_closed_form(method: Method) -> bool:
+    """Whether second derivatives are had in closed form; else differences give them."""
+    return law_of(method).second and not (method.trapezoidal or method.state_noise)
 
 
 @cached
@@ -23,7 +30,7 @@ def make_curvature(spec: Specialisation) -> wp.Function:
     """
     s, dtype, method = spec
     linear = make_linearization(spec)
-    step, motion, pairs = linear.step, linear.motion, linear.pairs
+    step, motion, pairs, pair_mask = linear.step, linear.motion, linear.pairs, linear.pair_mask
     mech, rows, t = step.mech, step.rows, step.types
     noise = make_noise(spec)
     sm = make_smoothing(dtype, method.residual)
@@ -36,7 +43,6 @@ def make_curvature(spec: Specialisation) -> wp.Function:
     H, FRICTION = (lay.offset(n) for n in ("step_size", "friction"))
     sign = tuple(dtype(float(r.sign)) for r in s.rows)
     pair_rows = step.pair_rows
-    pair_mask = tuple(sum(1 << i for i in pair_rows[k]) for k in range(len(s.pairs)))
 
     def make_pair_curvature(k: int) -> wp.Function:
         d = pairs[k]
@@ -103,7 +109,7 @@ def make_curvature(spec: Specialisation) -> wp.Function:
                         rt += mu * rho[i]
                         push = row_gradient(params, row, g, p, wp.static(sign[i]))
                         for a in range(wp.static(NV)):
-                            value = -lin.slope[i] / sol.scale[i] * push[a]
+                            value = -lin.factor.slope[i] / sol.scale[i] * push[a]
                             out[a, wp.static(3 * NV + i)] = out[a, wp.static(3 * NV + i)] + value
             qq -= wp.static(d.hessian)(g, p, fn, ft)
             qq += wp.static(d.hessian)(g, sol.v, rn, rt)
@@ -141,7 +147,7 @@ def make_curvature(spec: Specialisation) -> wp.Function:
                 value = (push[a] * db + push[b] * da + pi * second[a, b]) - TWO * pi * da * db / scale
                 out[a, b] = out[a, b] + lam / scale * value
             c = 3 * wp.static(NV) + i
-            out[a, c] = out[a, c] + lin.slope[i] * pi * da / (scale * scale)
+            out[a, c] = out[a, c] + lin.factor.slope[i] * pi * da / (scale * scale)
         return out
 
     pair_curvatures = tuple(make_pair_curvature(k) for k in range(len(s.pairs)))
@@ -207,15 +213,11 @@ def make_curvature(spec: Specialisation) -> wp.Function:
         world: int,
     ):
         """Second derivatives of v'[output], symmetric."""
-        q = VQ()
-        v = VQ()
+        q, v = step.split(x)
         target = VQ()
-        for j in range(wp.static(NV)):
-            q[j] = x[j]
-            v[j] = x[wp.static(NV + j)]
         target[output] = dtype(1.0)
         fr = wp.static(mech.frames)(params, row, q)
-        p, rho = wp.static(linear.transposed)(sol, lin, target)
+        p, rho = linear.response.transposed(lin.factor, step.posed(sol), target)
         hess = motion_hessian(params, row, lin, p, v, external, world, HESSIAN())
         for k in range(wp.static(len(s.pairs))):
             if (sol.mask & wp.static(pair_mask[k])) != 0:

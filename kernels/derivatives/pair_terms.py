@@ -1,4 +1,4 @@
-"""What one contact pair adds to the linearised step of `sensitivity.py`."""
+"""What one contact pair adds to the linearised step of `rows_by_q.py`."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -22,7 +22,7 @@ def make_pair_terms(
     own = step.pair_rows[k]
     first, last = own[0], own[-1]
     frictional = len(own) == 2
-    coulomb = method.coulomb
+    apart = rows.tangent[last]  # rows are (n, t), not n +- mu t
     lay = layout(s)
     NV, NR = s.nv, s.nr
     VQ, MQ, JR = t.VQ, t.MQ, t.JR
@@ -51,7 +51,7 @@ def make_pair_terms(
             other = sol.lam[wp.static(last)]
             normal = lam
             tangent = other
-            if wp.static(not coulomb):
+            if wp.static(not apart):
                 normal = lam + other
                 tangent = mu * (lam - other)
         out1 -= wp.static(d.force_by_q)(g, normal, tangent)
@@ -61,13 +61,13 @@ def make_pair_terms(
             if wp.static(i in own):
                 for j in range(wp.static(NV)):
                     gap = sol.jac[wp.static(first), j]
-                    if wp.static(frictional and not coulomb):
+                    if wp.static(frictional and not apart):
                         gap = HALF * (sol.jac[wp.static(first), j] + sol.jac[wp.static(last), j])
                     lin.gap_row[i, j] = gap
                     value = by_q[0, j] + gap / h
                     if wp.static(rows.tangent[i]):
                         value = by_q[1, j]
-                    elif wp.static(frictional and not coulomb):
+                    elif wp.static(frictional and not apart):
                         value += wp.static(sign[i]) * mu * by_q[1, j]
                     out2[i, j] = value
         return out1, out2, lin
@@ -108,7 +108,7 @@ def make_pair_terms(
                     y = noise.spread(params, row, wp.static(rows.adds[i])(VQ(), sol.jac, ONE))
                     c = wp.static(d.contract)(g, y)
                     # ds/dlevel at fixed z, the same at z and at -z, times dlevel/dsigma; over sigma
-                    rise = (sol.lam[i] * sol.scale[i] - sol.z[i] * lin.slope[i]) / (
+                    rise = (sol.lam[i] * sol.scale[i] - sol.z[i] * lin.factor.slope[i]) / (
                         sol.sigma[i] * sol.sigma[i]
                     )
                     for j in range(wp.static(NV)):

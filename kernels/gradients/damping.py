@@ -106,7 +106,7 @@ def make_damped_gradient(spec: Specialisation) -> SimpleNamespace:
                 seen = form.h * form.v + h * y
                 part.moving(params, row, fr, jb, q, u, form, seen, rows, external, world, grad)
                 grad[world, wp.static(H)] = grad[world, wp.static(H)] + wp.dot(form.p, c * y)
-                if wp.static(method.scaled and NR > 0):
+                if wp.static(part.linear.response.scaled and NR > 0):
                     seen_rows = rows
                     weight = h * share
                     if wp.static(mass.trapezoidal):

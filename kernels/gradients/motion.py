@@ -79,7 +79,7 @@ def make_motion_gradient(spec: Specialisation) -> SimpleNamespace:
         ):
             mass, jac, weights, acc, along = wp.static(moves[body])(params, row, jb, m, external, world)
             out = mass * (turn(m.p) * back(acc) + turn(m.w) * back(along) - (m.h * turn(weights)) * along)
-            if wp.static(method.scaled):
+            if wp.static(linear.response.scaled):
                 for i in range(wp.static(NR)):
                     mi = rows[i]
                     out -= (TWO * mass * m.kappa[i] * turn(mi)) * back(jac * mi)
@@ -107,7 +107,7 @@ def make_motion_gradient(spec: Specialisation) -> SimpleNamespace:
             turned = perp(along - origin * m.p)
             change = perp(jac * m.w - origin * m.w) - m.h * (jac * weights - origin * weights)
             out = mass * (wp.dot(turned, acc) + wp.dot(along, change))
-            if wp.static(method.scaled):
+            if wp.static(linear.response.scaled):
                 for i in range(wp.static(NR)):
                     mi = rows[i]
                     out += TWO * mass * m.kappa[i] * wp.dot(perp(origin * mi), jac * mi)
@@ -130,7 +130,7 @@ def make_motion_gradient(spec: Specialisation) -> SimpleNamespace:
         ):
             mass, jac, weights, acc, along = wp.static(moves[body])(params, row, jb, m, external, world)
             out = mass * (m.p[dof] * acc + m.w[dof] * along + (m.h * weights[dof]) * back(along))
-            if wp.static(method.scaled):
+            if wp.static(linear.response.scaled):
                 for i in range(wp.static(NR)):
                     mi = rows[i]
                     out -= (TWO * mass * m.kappa[i] * mi[dof]) * (jac * mi)
@@ -157,7 +157,7 @@ def make_motion_gradient(spec: Specialisation) -> SimpleNamespace:
             )
             by_mass = wp.dot(along, acc)
             by_inertia = turn(m.p) * turn(m.w)
-            if wp.static(method.scaled):
+            if wp.static(linear.response.scaled):
                 for i in range(wp.static(NR)):
                     mi = rows[i]
                     velocity = jac * mi

@@ -1,6 +1,6 @@
 """Gradient of one solved step by the physical parameters, exact and in closed form.
 
-The weights of `dual.py` make the change of weight.v' one of P.F1 and of the rows at the solution.
+The weights of `solvers/dual.py` make the change of weight.v' one of P.F1 and of the rows at the solution.
 Every length and angle of the mechanism moves a part of it without changing the joints' motion: shifting
 what hangs on a frame by e changes the velocity V(y) of its points under joint rates y by perp(e) times the
 frame's rate of turning; turning it about a point o changes V(y) by perp(V(y) - V_o(y)). So each column
@@ -10,11 +10,11 @@ every pair's rows, and M^-1 J_i' where D = diag(A).
 
 import warp as wp
 
+from ..derivatives.sensitivity import make_linearization
 from ..factories import cached
 from ..specialisation import Specialisation
 from ..structure import layout
 from .damping import make_damped_gradient
-from .dual import make_dual
 from .rows import make_row_gradient
 from .trapezoidal import make_trapezoidal_gradient
 
@@ -27,8 +27,8 @@ def make_parameter_gradient(spec: Specialisation) -> wp.Function:
     s, dtype, method = spec
     if method.trapezoidal:
         return make_trapezoidal_gradient(spec)
-    duals = make_dual(spec)
-    linear = duals.linear
+    linear = make_linearization(spec)
+    response = linear.response
     step = linear.step
     rows, t = step.rows, step.types
     part = make_damped_gradient(spec)
@@ -36,7 +36,7 @@ def make_parameter_gradient(spec: Specialisation) -> wp.Function:
     H = layout(s).offset("step_size")
     VQ, VX, VU, VR = t.VQ, t.VX, t.VU, t.VR
     ZERO = dtype(0.0)
-    PARTS = 2 if method.erm and s.nr > 0 else 1
+    PARTS = 1 if response.complete is None else 2  # forms in M
 
     @wp.func
     def gradient(
@@ -60,7 +60,7 @@ def make_parameter_gradient(spec: Specialisation) -> wp.Function:
             motion.v[j] = x[wp.static(s.nv + j)]
             target[j] = weight[wp.static(s.nv + j)] + h * weight[j]
             grad[world, wp.static(H)] = grad[world, wp.static(H)] + weight[j] * sol.v[j]
-        dual = duals.dual(sol, lin, target)
+        dual = response.dual(lin.factor, step.posed(sol), sol.lam, sol.z, target)
         motion.p = dual.p
         motion.w = lin.w
         motion.h = h

@@ -1,16 +1,17 @@
 """The rows' part of the gradient by parameters: limits, noise levels, and all that moves a contact's shapes.
 
-See `dual.py` for the scalar and `parameters.py` for the rule.
+See `solvers/dual.py` for the scalar and `parameters.py` for the rule.
 """
 
 import warp as wp
 
 from ..contact.shapes import oriented_ends, oriented_pair
+from ..derivatives.sensitivity import make_linearization
 from ..factories import cached
+from ..solvers.dual import make_dual
 from ..specialisation import Specialisation
 from ..structure import layout
 from .contact import make_pair_answer
-from .dual import make_dual
 from .places import make_places
 
 
@@ -18,9 +19,8 @@ from .places import make_places
 def make_row_gradient(spec: Specialisation) -> wp.Function:
     """constraints(params, row, fr, q, sol, lin, dual, h, grad, world): adds a solved problem's."""
     s, dtype, method = spec
-    duals = make_dual(spec)
-    linear = duals.linear
-    step = linear.step
+    linear = make_linearization(spec)
+    step, response, Dual = linear.step, linear.response, make_dual(s, dtype)
     rows, t = step.rows, step.types
     places = make_places(s, dtype)
     lay = layout(s)
@@ -30,7 +30,7 @@ def make_row_gradient(spec: Specialisation) -> wp.Function:
     col = {name: lay.offset(name) for name in lay.names}
     pairs = tuple(make_pair_answer(s, k, dtype) for k in range(NP))
     pair_rows = step.pair_rows
-    pair_mask = tuple(sum(1 << i for i in pair_rows[k]) for k in range(NP))
+    pair_mask = linear.pair_mask
     sign = tuple(dtype(float(r.sign)) for r in s.rows)
     add, add2 = places.add, places.add2
 
@@ -93,7 +93,7 @@ def make_row_gradient(spec: Specialisation) -> wp.Function:
             q: VQ,
             sol: step.Solution,
             lin: linear.Linear,
-            dual: duals.Dual,
+            dual: Dual,
             h: dtype,
             grad: wp.array2d(dtype=dtype),
             world: int,
@@ -108,9 +108,9 @@ def make_row_gradient(spec: Specialisation) -> wp.Function:
                 if wp.static(i in pair_rows[k]):
                     if (sol.mask & wp.static(1 << i)) != 0:
                         y = dual.rho[i] * sol.v - sol.lam[i] * dual.p
-                        if wp.static(method.scaled):
+                        if wp.static(response.scaled):
                             y += (TWO * dual.kappa[i]) * lin.m[i]
-                        if wp.static(method.state_noise or method.erm):
+                        if wp.static(method.state_noise or response.complete is not None):
                             y += dual.bend[i]
                         if wp.static(rows.tangent[i]):
                             yt += y
@@ -119,7 +119,7 @@ def make_row_gradient(spec: Specialisation) -> wp.Function:
                         else:
                             yn += y
                             gap += dual.rho[i] / h
-                        if wp.static(frictional and not method.coulomb):
+                        if wp.static(frictional and not rows.tangent[pair_rows[k][-1]]):
                             yt += (wp.static(sign[i]) * params[row, wp.static(col["friction"] + k)]) * y
                             ymu += wp.static(sign[i]) * y
             out = wp.static(d.answer)(g, gap, yn, yt, ymu)
@@ -171,7 +171,7 @@ def make_row_gradient(spec: Specialisation) -> wp.Function:
         params: wp.array2d(dtype=dtype),
         row: int,
         sol: step.Solution,
-        start: duals.Dual,
+        start: Dual,
         h: dtype,
         grad: wp.array2d(dtype=dtype),
         world: int,
@@ -202,7 +202,7 @@ def make_row_gradient(spec: Specialisation) -> wp.Function:
         q: VQ,
         sol: step.Solution,
         lin: linear.Linear,
-        start: duals.Dual,
+        start: Dual,
         h: dtype,
         grad: wp.array2d(dtype=dtype),
         world: int,

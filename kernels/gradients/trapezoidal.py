@@ -12,12 +12,12 @@ the gradient that `motion.py` has: taken as a central difference of sixth order,
 
 import warp as wp
 
+from ..derivatives.sensitivity import make_linearization
 from ..factories import cached
 from ..mechanism.free_motion import make_elimination
 from ..specialisation import Specialisation
 from ..structure import layout
 from .damping import make_damped_gradient
-from .dual import make_dual
 from .rows import make_row_gradient
 
 STEP = {wp.float64: 1e-3, wp.float32: 3e-2}  # [m, rad] of the difference
@@ -28,8 +28,8 @@ POINTS = 6
 def make_trapezoidal_gradient(spec: Specialisation) -> wp.Function:
     """As `make_parameter_gradient`."""
     s, dtype, method = spec
-    duals = make_dual(spec)
-    linear = duals.linear
+    linear = make_linearization(spec)
+    response = linear.response
     step, motion = linear.step, linear.motion
     mech, t = step.mech, step.types
     part_of = make_damped_gradient(spec)
@@ -41,7 +41,7 @@ def make_trapezoidal_gradient(spec: Specialisation) -> wp.Function:
     ZERO, ONE, HALF, TWO = dtype(0.0), dtype(1.0), dtype(0.5), dtype(2.0)
     WIDTH, TINY = dtype(STEP[dtype]), dtype(1e-30)
     WEIGHTS = wp.types.vector(3, dtype)(dtype(0.75), dtype(-0.15), dtype(1.0 / 60.0))
-    FORMS = 2 if method.erm and s.nr > 0 else 1
+    FORMS = 1 if response.complete is None else 2
 
     @wp.func
     def swing(
@@ -160,7 +160,7 @@ def make_trapezoidal_gradient(spec: Specialisation) -> wp.Function:
         part = int(0)
         while part < 3:
             here = linear.factored(params, row, now, start)
-            dual = duals.dual(now, here, target)
+            dual = response.dual(here.factor, step.posed(now), now.lam, now.z, target)
             form = part_of.Motion()
             form.v = v
             form.p = dual.p

@@ -1,4 +1,4 @@
-"""First derivatives of a step with Coulomb's friction, at fixed modes (stick, slide, separate).
+"""How a solution with Coulomb's friction changes, at fixed modes (stick, slide, separate).
 
 Where modes change the solution has a kink: a row with z = 0 counts as separate and a contact on the edge of
 its cone as sticking, so what is returned there is a one-sided derivative. Rows that hold keep J dv' given, a
@@ -14,18 +14,17 @@ from ..factories import cached
 from ..specialisation import Specialisation
 from .coulomb import PROXIMAL
 from .coulomb_modes import LEFT, RIGHT, make_active
+from .dual import make_dual
 
 
 @cached
 def make_coulomb_response(spec: Specialisation) -> SimpleNamespace:
-    """factor(params, row, problem, z) -> Factor; solve(factor, jac, dv0, f2) -> dv;
-    transposed(factor, jac, p0) -> (P, rho, sides), see there.
-    """
-    s, dtype, _ = spec
+    """The contract of `law.py`: dv' in the rows that hold, and no D."""
+    s, dtype, method = spec
     active = make_active(spec)
     r, t = active.rows, active.types
     VQ, VR, JR = t.VQ, t.VR, t.JR
-    Problem = make_problem(s, dtype)
+    Problem, Dual = make_problem(s, dtype), make_dual(s, dtype)
     TAU = dtype(PROXIMAL[dtype][1])
     ONE = dtype(1.0)
 
@@ -36,9 +35,9 @@ def make_coulomb_response(spec: Specialisation) -> SimpleNamespace:
         lu: active.Lu
 
     @wp.func
-    def factor(params: wp.array2d(dtype=dtype), row: int, problem: Problem, z: VR):
+    def factor(params: wp.array2d(dtype=dtype), row: int, p: Problem, lam: VR, z: VR, normals: JR):
         out = Factor()
-        out.dense = active.gather(params, row, problem)
+        out.dense = active.gather(params, row, p)
         own = VR()
         for i in range(out.dense.count):
             own[i] = z[out.dense.row[i]]
@@ -47,43 +46,42 @@ def make_coulomb_response(spec: Specialisation) -> SimpleNamespace:
         return out
 
     @wp.func
-    def solve(fac: Factor, jac: JR, dv0: VQ, f2: VR):
+    def solve(fac: Factor, p: Problem, dv0: VQ, f2: VR, column: int):
         """dv = dv0 + M^-1 J' dlambda with J_i dv = f2_i in the rows that hold."""
         target = VR()
         moved = VR()
         for i in range(wp.static(s.nr)):
-            moved[i] = wp.static(r.dots[i])(jac, dv0) - f2[i]
+            moved[i] = wp.static(r.dots[i])(p.jac, dv0) - f2[i]
         for i in range(fac.dense.count):
             target[i] = moved[fac.dense.row[i]]
         dlam = active.impulses(fac.dense, fac.mode, fac.lu, target, VR(), TAU)
         dv = dv0
         for i in range(fac.dense.count):
             dv += dlam[i] * fac.dense.response[i]
-        return dv
+        return dv, VR()
 
     @wp.func
-    def transposed(fac: Factor, jac: JR, p0: VQ):
-        """P = p0 - M^-1 J' rho that no impulse changes: target . dv' = -(P . dF1 + rho . dF2) for M p0 =
-        target, with rho = 0 in rows that do not hold. Sides: lambda_t/(mu lambda_n) of sliding contacts, in
-        the friction row.
-        """
-        target = VR()
-        moved = VR()
-        for i in range(wp.static(s.nr)):
-            moved[i] = wp.static(r.dots[i])(jac, p0)
-        for i in range(fac.dense.count):
-            target[i] = moved[fac.dense.row[i]]
-        own = active.transposed(fac.dense, fac.mode, fac.lu, target)
-        p = p0
-        rho = VR()
-        side = VR()
-        for i in range(fac.dense.count):
-            rho[fac.dense.row[i]] = own[i]
-            p -= own[i] * fac.dense.response[i]
-            if fac.mode[i] == wp.static(RIGHT):
-                side[fac.dense.row[i]] = ONE
-            if fac.mode[i] == wp.static(LEFT):
-                side[fac.dense.row[i]] = -ONE
-        return p, rho, side
+    def dual(fac: Factor, p: Problem, lam: VR, z: VR, target: VQ):
+        """P = -M^-1 (target + J' rho) that no impulse changes, with rho = 0 in rows that do not hold."""
+        out = Dual()
+        out.p = -(p.minv * target)
+        if p.mask != 0:
+            wanted = VR()
+            moved = VR()
+            for i in range(wp.static(s.nr)):
+                moved[i] = wp.static(r.dots[i])(p.jac, out.p)
+            for i in range(fac.dense.count):
+                wanted[i] = moved[fac.dense.row[i]]
+            own = active.transposed(fac.dense, fac.mode, fac.lu, wanted)
+            for i in range(fac.dense.count):
+                out.rho[fac.dense.row[i]] = own[i]
+                out.p = out.p - own[i] * fac.dense.response[i]
+                if fac.mode[i] == wp.static(RIGHT):
+                    out.slides[fac.dense.row[i]] = ONE
+                if fac.mode[i] == wp.static(LEFT):
+                    out.slides[fac.dense.row[i]] = -ONE
+        return out
 
-    return SimpleNamespace(Factor=Factor, factor=factor, solve=solve, transposed=transposed)
+    return SimpleNamespace(
+        Factor=Factor, factor=factor, solve=solve, dual=dual, complete=None, roots=False, scaled=False
+    )

@@ -1,32 +1,37 @@
-"""First derivatives of a step with ERM, dlambda = -H^-1 dG at the minimum of the objective (`erm.py`).
+"""How the minimum of ERM's objective (`erm.py`) changes, dlambda = -H^-1 dG.
 
 G = D r_a + J p = 0, where M p = J' y and y = r_w. At fixed lambda a change of state moves v' by dv0 and w by
 dw = J dv0 + dJ v' + d(d/h), and with it
 dG = dD (r_a + D r_aa lambda) + D r_aw dw + dJ p + J M^-1 (dJ' y - dM p + J' (r_aw lambda dD + r_ww dw)).
+
+Weights (`dual.py`): nu of G = 0 and Q of M p = J' r_w, with H nu = J M^-1 target, Q = -M^-1 J' nu; L = Q and
+R = p. As r is of the second degree in (a, w, sigma) together, sigma r_(a sigma) = r_a - a r_aa - w r_aw, and
+so for r_w.
 """
 
 from types import SimpleNamespace
 
 import warp as wp
 
+from ..contact.problem import make_problem
 from ..contact.rows import make_rows
 from ..factories import cached
 from ..residual.noise import make_noise
 from ..specialisation import Specialisation
+from .dual import make_dual
 from .erm import PROXIMAL, make_erm, make_gather
 
 
 @cached
 def make_erm_response(spec: Specialisation) -> SimpleNamespace:
-    """prepare(params, row, minv, jac, scale, sigma, lam, z) -> Factor, with y and p; complete(Factor, minv,
-    jac, lam, force, motion, scale_by_q) adds what depends on q; solve(Factor, minv, jac, dv0, f2, c) -> dv'.
-    """
+    """The contract of `law.py`; G has a second form in the rows, at (y, p), which `complete` takes."""
     s, dtype, method = spec
     erm = make_erm(s.nr, dtype, method.residual)
     gather = make_gather(spec)
     r = make_rows(spec)
     t = r.types
     VQ, VR, MQ, JR, MR = t.VQ, t.VR, t.MQ, t.JR, erm.MR
+    Problem, Dual = make_problem(s, dtype), make_dual(s, dtype)
     noise = make_noise(spec)
     NR, NV = s.nr, s.nv
     TAU = dtype(PROXIMAL[dtype])
@@ -36,7 +41,7 @@ def make_erm_response(spec: Specialisation) -> SimpleNamespace:
         root: MR  # Cholesky factor of H
         scale: VR
         r_a: VR
-        r_w: VR  # y
+        y: VR  # r_w
         r_aa: VR
         r_aw: VR
         r_ww: VR
@@ -44,35 +49,34 @@ def make_erm_response(spec: Specialisation) -> SimpleNamespace:
         by_q: JR  # dG/dq at fixed lambda and v'
 
     @wp.func
-    def prepare(
-        params: wp.array2d(dtype=dtype), row: int, minv: MQ, jac: JR, scale: VR, sigma: VR, lam: VR, z: VR
-    ):
+    def factor(params: wp.array2d(dtype=dtype), row: int, problem: Problem, lam: VR, z: VR, normals: JR):
         out = Factor()
-        out.scale = scale
         level = VR()
         a = VR()
         w = VR()
         f = VQ()
-        for i in range(wp.static(NR)):
-            level[i] = wp.static(noise.level[i])(params, row, sigma)
-            a[i] = scale[i] * lam[i]
-            w[i] = a[i] - z[i]
-            e = wp.static(erm.terms)(a[i], w[i], level[i])
-            out.r_a[i] = e[0]
-            out.r_w[i] = e[1]
-            out.r_aa[i] = e[2]
-            out.r_aw[i] = e[3]
-            out.r_ww[i] = e[4]
-            f = wp.static(r.adds[i])(f, jac, e[1])
-        out.p = minv * f
-        A = gather(minv, jac)
-        h = wp.static(erm.hessian)(A, scale, level, a, w)
-        root, _ok = wp.static(erm.factor)(h, wp.static(erm.sizes)(A, scale), TAU)
-        out.root = root
+        if problem.mask != 0:
+            out.scale = problem.scale
+            for i in range(wp.static(NR)):
+                level[i] = wp.static(noise.level[i])(params, row, problem.sigma)
+                a[i] = problem.scale[i] * lam[i]
+                w[i] = a[i] - z[i]
+                e = wp.static(erm.terms)(a[i], w[i], level[i])
+                out.r_a[i] = e[0]
+                out.y[i] = e[1]
+                out.r_aa[i] = e[2]
+                out.r_aw[i] = e[3]
+                out.r_ww[i] = e[4]
+                f = wp.static(r.adds[i])(f, problem.jac, e[1])
+            out.p = problem.minv * f
+            A = gather(problem.minv, problem.jac)
+            h = wp.static(erm.hessian)(A, problem.scale, level, a, w)
+            root, _ok = wp.static(erm.factor)(h, wp.static(erm.sizes)(A, problem.scale), TAU)
+            out.root = root
         return out
 
     @wp.func
-    def complete(fac: Factor, minv: MQ, jac: JR, lam: VR, force: MQ, motion: JR, scale_by_q: JR):
+    def complete(fac: Factor, problem: Problem, lam: VR, force: MQ, motion: JR, scale_by_q: JR):
         # force (j, k): d/dq_k of J' y - M p; motion (i, k): d/dq_k of J_i p
         out = fac
         for k in range(wp.static(NV)):
@@ -80,32 +84,76 @@ def make_erm_response(spec: Specialisation) -> SimpleNamespace:
             for j in range(wp.static(NV)):
                 f[j] = force[j, k]
             for i in range(wp.static(NR)):
-                f = wp.static(r.adds[i])(f, jac, fac.r_aw[i] * lam[i] * scale_by_q[i, k])
-            dp = minv * f
+                f = wp.static(r.adds[i])(f, problem.jac, fac.r_aw[i] * lam[i] * scale_by_q[i, k])
+            dp = problem.minv * f
             for i in range(wp.static(NR)):
-                value = motion[i, k] + wp.static(r.dots[i])(jac, dp)
+                value = motion[i, k] + wp.static(r.dots[i])(problem.jac, dp)
                 value += scale_by_q[i, k] * (fac.r_a[i] + fac.scale[i] * fac.r_aa[i] * lam[i])
                 out.by_q[i, k] = value
         return out
 
     @wp.func
-    def solve(fac: Factor, minv: MQ, jac: JR, dv0: VQ, f2: VR, c: int):
-        """dv' of column c, from dv0 and -f2 = dJ v' + d(d/h)."""
+    def solve(fac: Factor, problem: Problem, dv0: VQ, f2: VR, column: int):
+        """dv' of a column, from dv0 and -f2 = dJ v' + d(d/h)."""
         rhs = VR()
         f = VQ()
         for i in range(wp.static(NR)):
-            dw = wp.static(r.dots[i])(jac, dv0) - f2[i]
+            dw = wp.static(r.dots[i])(problem.jac, dv0) - f2[i]
             rhs[i] = fac.scale[i] * fac.r_aw[i] * dw
-            f = wp.static(r.adds[i])(f, jac, fac.r_ww[i] * dw)
-        dp = minv * f
+            f = wp.static(r.adds[i])(f, problem.jac, fac.r_ww[i] * dw)
+        dp = problem.minv * f
         for i in range(wp.static(NR)):
-            rhs[i] = rhs[i] + wp.static(r.dots[i])(jac, dp)
-            if c < wp.static(NV):
-                rhs[i] = rhs[i] + fac.by_q[i, c]
+            rhs[i] = rhs[i] + wp.static(r.dots[i])(problem.jac, dp)
+            if column < wp.static(NV):
+                rhs[i] = rhs[i] + fac.by_q[i, column]
         dlam = -wp.static(erm.substitute)(fac.root, rhs)
         f = VQ()
         for i in range(wp.static(NR)):
-            f = wp.static(r.adds[i])(f, jac, dlam[i])
-        return dv0 + minv * f
+            f = wp.static(r.adds[i])(f, problem.jac, dlam[i])
+        return dv0 + problem.minv * f, VR()
 
-    return SimpleNamespace(Factor=Factor, prepare=prepare, complete=complete, solve=solve)
+    @wp.func
+    def dual(fac: Factor, problem: Problem, lam: VR, z: VR, target: VQ):
+        out = Dual()
+        out.p = -(problem.minv * target)
+        if problem.mask != 0:
+            rhs = VR()
+            for i in range(wp.static(NR)):
+                rhs[i] = wp.static(r.dots[i])(problem.jac, out.p)
+            nu = wp.static(erm.substitute)(fac.root, rhs)
+            f = VQ()
+            for i in range(wp.static(NR)):
+                f = wp.static(r.adds[i])(f, problem.jac, nu[i])
+            out.left = -(problem.minv * f)
+            out.right = fac.p
+            f = VQ()
+            for i in range(wp.static(NR)):
+                scale = problem.scale[i]
+                a = scale * lam[i]
+                w = a - z[i]
+                moved = -wp.static(r.dots[i])(problem.jac, out.left)  # (A nu)_i
+                r_a = fac.r_a[i]
+                r_w = fac.y[i]
+                r_aa = fac.r_aa[i]
+                r_aw = fac.r_aw[i]
+                r_ww = fac.r_ww[i]
+                out.rho[i] = moved * r_ww + scale * r_aw * nu[i]
+                if wp.static(method.inertia_scaling):
+                    out.kappa[i] = moved * r_aw * lam[i] + nu[i] * (r_a + a * r_aa)
+                by_a = r_a - a * r_aa - w * r_aw
+                out.sigma[i] = moved * (r_w - a * r_aw - w * r_ww) + nu[i] * scale * by_a
+                for j in range(wp.static(NV)):
+                    out.bend[i, j] = nu[i] * out.right[j] - r_w * out.left[j]
+                f = wp.static(r.adds[i])(f, problem.jac, out.rho[i])
+            out.p = out.p - problem.minv * f
+        return out
+
+    return SimpleNamespace(
+        Factor=Factor,
+        factor=factor,
+        solve=solve,
+        dual=dual,
+        complete=complete,
+        roots=False,
+        scaled=method.inertia_scaling,
+    )

@@ -25,9 +25,7 @@ from ..mechanism.dynamics import make_mechanism
 from ..mechanism.effective_mass import make_effective_mass
 from ..mechanism.free_motion import make_free_motion
 from ..residual.noise import make_noise
-from ..solvers.convex import make_solver
-from ..solvers.coulomb import make_coulomb_solver
-from ..solvers.erm_descent import make_erm_solver
+from ..solvers.law import law_of
 from ..specialisation import Specialisation
 from ..status import JAMMED, NOT_CONVERGED, SOLVED
 from ..structure import layout
@@ -58,11 +56,9 @@ def make_step(spec: Specialisation, exact_gap: bool) -> SimpleNamespace:
     pair_jacobians = tuple(make_pair_jacobian(s, k, dtype) for k in range(NP))
     pair_rows = rows_of_pairs(s)
     pair_bit = tuple(1 << k for k in range(NP))
-    acting = make_acting(spec, exact_gap)
-    solver = None
-    if NR:
-        make = make_coulomb_solver if method.coulomb else make_erm_solver if method.erm else make_solver
-        solver = make(spec)
+    law = law_of(method, NR)
+    solver = law.make_solver(spec) if NR else None
+    acting = make_acting(spec, exact_gap or law.whole)
     end_gap = make_end_gap(spec) if method.end_gap and NP else None  # bend(..), see there
     unsteady = make_unsteady(s, dtype)
     Problem = make_problem(s, dtype)
@@ -118,6 +114,16 @@ def make_step(spec: Specialisation, exact_gap: bool) -> SimpleNamespace:
         return out
 
     @wp.func
+    def split(x: VX):
+        """(q, v) of a state."""
+        q = VQ()
+        v = VQ()
+        for j in range(wp.static(NV)):
+            q[j] = x[j]
+            v[j] = x[wp.static(NV + j)]
+        return q, v
+
+    @wp.func
     def cold_carry():
         out = Carry()
         for i in range(wp.static(NR)):
@@ -154,11 +160,7 @@ def make_step(spec: Specialisation, exact_gap: bool) -> SimpleNamespace:
         carry: Carry,
     ):
         """The solution of one step from x = (q, v)."""
-        q = VQ()
-        v = VQ()
-        for j in range(wp.static(NV)):
-            q[j] = x[j]
-            v[j] = x[wp.static(NV + j)]
+        q, v = split(x)
         out = Solution()
         fr = wp.static(mech.frames)(params, row, q)
         jb = wp.static(mech.com_jacobians)(params, row, fr)
@@ -279,7 +281,7 @@ def make_step(spec: Specialisation, exact_gap: bool) -> SimpleNamespace:
         out.rate = rate
         while more == 1:
             before = mask
-            if wp.static(method.coulomb):
+            if wp.static(law.joined):
                 mask = mask | every * wp.static((1 << NR) - 1)
             mask = wp.static(acting.limits)(params, row, rate, jac, out.sigma, out.v, mask)
             for k in range(wp.static(NP)):
@@ -302,7 +304,7 @@ def make_step(spec: Specialisation, exact_gap: bool) -> SimpleNamespace:
                                     out.sigma[i] = wp.static(deviations[i])(params, row, jac)
                 if (known & wp.static(pair_bit[k])) != 0:
                     mask = wp.static(acting.contacts[k])(params, row, rate, jac, out.sigma, out.v, mask)
-            if wp.static(method.erm):
+            if wp.static(law.whole):
                 if mask != 0:
                     mask = wp.static((1 << NR) - 1)
             more = wp.where(mask != before or (stale == 1 and mask != 0), 1, 0)
@@ -319,7 +321,7 @@ def make_step(spec: Specialisation, exact_gap: bool) -> SimpleNamespace:
                 out.status = status
                 if status != wp.static(SOLVED):
                     more = int(0)
-                    if wp.static(method.coulomb):
+                    if wp.static(law.joined):
                         # rows that press may free what is jammed without them
                         if status == wp.static(JAMMED) and mask != wp.static((1 << NR) - 1):
                             every = int(1)
@@ -385,6 +387,8 @@ def make_step(spec: Specialisation, exact_gap: bool) -> SimpleNamespace:
         solve_step=solve_step,
         parts=parts,
         posed=posed,
+        split=split,
+        Problem=Problem,
         free=free,
         mass=mass,
         noise=noise,

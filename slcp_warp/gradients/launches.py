@@ -7,6 +7,7 @@ import numpy as np
 import warp as wp
 
 from slcp_warp.kernels.derivatives import expansion, second_differences
+from slcp_warp.kernels.derivatives.curvature import in_closed_form
 from slcp_warp.kernels.device.launch import Prepared
 from slcp_warp.kernels.specialisation import Specialisation
 
@@ -40,7 +41,7 @@ def prepare(
 ) -> Callable[[], None]:
     """A repeatable launch at B problems of `steps` steps each; outputs are fx, fu, fzz, status."""
     items = us.shape[0] * steps
-    if not second or spec.method.closed_second:
+    if not second or in_closed_form(spec.method):
         kernel = expansion.make_linearize_kernel(spec, second)
         return Prepared(kernel, items, [params, steps, xs, us, external, active, *outputs], device, grain=8)
     tables, widen = [], []

@@ -1,0 +1,50 @@
+"""First-order expansion of a contact problem's solution: the struct, and what of it no direction changes."""
+
+from types import SimpleNamespace
+
+import warp as wp
+
+from ..factories import cached
+from ..solvers.law import law_of
+from ..specialisation import Specialisation
+from ..step.step import make_step
+
+
+@cached
+def make_linear(spec: Specialisation) -> SimpleNamespace:
+    """The struct `Linear`, the law's `response`, and factored(params, row, sol, start) -> `start` with what
+    does not depend on what the step is differentiated by.
+    """
+    s, dtype, method = spec
+    step = make_step(spec, False)
+    response = law_of(method, s.nr).make_response(spec)
+    rows, t = step.rows, step.types
+    NZ = 2 * s.nv + s.nu
+    DV, DZ = step.free.DV, wp.types.matrix((max(s.nr, 1), NZ), dtype)
+
+    @wp.struct
+    class Linear:
+        fr: t.FRAMES
+        jb: t.JB
+        w: t.VQ  # v' - v
+        factor: response.Factor
+        gap_row: t.JR  # dd/dq of every active row
+        m: t.JR  # M^-1 J_i'
+        scale_by_q: t.JR  # dD_i/dq
+        dv: DV  # dv'/d(q, v, u)
+        dz: DZ  # dz/d(q, v, u), where z is the law's unknown
+
+    @wp.func
+    def factored(params: wp.array2d(dtype=dtype), row: int, sol: step.Solution, start: Linear):
+        lin = start
+        for i in range(wp.static(s.nr)):
+            if (sol.mask & wp.static(1 << i)) != 0:
+                m = wp.static(rows.applies[i])(sol.minv, sol.jac)
+                for j in range(wp.static(s.nv)):
+                    lin.m[i, j] = m[j]
+        lin.factor = response.factor(params, row, step.posed(sol), sol.lam, sol.z, lin.m)
+        return lin
+
+    return SimpleNamespace(
+        step=step, response=response, Linear=Linear, factored=factored, NZ=NZ, DV=DV, DZ=DZ
+    )
