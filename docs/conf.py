@@ -33,12 +33,11 @@ myst_heading_anchors = 3  # the anchors that git views make, too
 myst_fence_as_directive = ["math"]
 
 PUBLIC = ["slcp_warp", "slcp_warp.scenes", "slcp_warp.ddp", "slcp_warp.ddp.costs"]
-if importlib.util.find_spec("torch"):
+autosummary_generate = ["reference/api.md"]
+TORCH = importlib.util.find_spec("torch") is not None
+if TORCH:
     PUBLIC.append("slcp_warp.torch")
-else:
-    print("PyTorch is not installed: the page of slcp_warp.torch is left out")
-    exclude_patterns.append("reference/api_torch.md")
-    suppress_warnings = ["toc.excluded"]
+    autosummary_generate.append("reference/api_torch.md")
 COMMANDS = "slcp_warp.scripts.app"
 
 default_role = "py:obj"  # `name` in a docstring: a link where it is public, else code
@@ -115,8 +114,10 @@ def signature(
     return (given or "").replace("<factory>", "...") or None, returns
 
 
-def command_line(app: Sphinx, docname: str, source: list[str]) -> None:
-    """Append what every command says of itself to the page of the command line."""
+def complete(app: Sphinx, docname: str, source: list[str]) -> None:
+    """Append what the commands say of themselves to their page; a page that needs PyTorch says so."""
+    if docname == "reference/api_torch" and not TORCH:
+        source[0] = "# PyTorch\n\nPyTorch was not installed where these pages were built."
     if docname == "reference/commands":
         call = [sys.executable, "-m", "typer", COMMANDS, "utils", "docs", "--name", "slcp"]
         said = subprocess.run(call, capture_output=True, text=True, check=True).stdout
@@ -129,4 +130,4 @@ def setup(app: Sphinx) -> None:
     app.connect("missing-reference", resolve)
     app.connect("autodoc-process-docstring", plain_text, priority=400)
     app.connect("autodoc-process-signature", signature)
-    app.connect("source-read", command_line)
+    app.connect("source-read", complete)

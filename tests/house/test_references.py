@@ -3,6 +3,7 @@
 import ast
 import functools
 import importlib
+import importlib.util
 import inspect
 import re
 
@@ -144,6 +145,12 @@ def test_names_in_docstrings_are_there(path):
         if known is not None and not lookup(known + match[2]):
             absent.append(part)
     assert absent == []
+
+
+def test_modules_that_are_run_are_there():
+    for page, text in prose():
+        for module in re.findall(r"python -m (slcp_warp[\w.]*)", text):
+            assert importlib.util.find_spec(module.rstrip(".")) is not None, f"{page}: {module}"
 
 
 def test_files_that_are_called_by_their_bare_name_are_there():

@@ -1,5 +1,7 @@
-"""Numbers of residuals.md: how often ERM misses its least minimum, its distance from REM, time of a step,
-routes to the hard solution. `python docs/residuals_study.py minima` (or `times`, `routes`): only these.
+"""Plain complementarity problems: the numbers of docs/understand/residuals.md.
+
+How often ERM misses its least minimum, its distance from REM, the time of a step, routes to the hard
+solution. `python -m slcp_warp.scripts.studies.complementarity minima` (or `times`, `routes`): only these.
 """
 
 import sys
