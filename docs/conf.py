@@ -11,6 +11,8 @@ import subprocess
 import sys
 from typing import Any
 
+from docutils import nodes
+from docutils.utils.math.latex2mathml import tex2mathml
 from sphinx.application import Sphinx
 
 import slcp_warp
@@ -30,7 +32,7 @@ html_copy_source = False
 
 myst_enable_extensions = ["dollarmath", "amsmath"]
 myst_heading_anchors = 3  # the anchors that git views make, too
-myst_fence_as_directive = ["math"]
+html_math_renderer = "mathml"  # formulas are shown without a network
 
 PUBLIC = ["slcp_warp", "slcp_warp.scenes", "slcp_warp.ddp", "slcp_warp.ddp.costs"]
 autosummary_generate = ["reference/api.md"]
@@ -124,8 +126,23 @@ def complete(app: Sphinx, docname: str, source: list[str]) -> None:
         source[0] += "\n#" + said.replace("\n#", "\n##")
 
 
+def inline_math(self: Any, node: Any) -> None:
+    """A formula in a line of text as MathML, by Docutils."""
+    self.body.append(tex2mathml(node.astext()))
+    raise nodes.SkipNode
+
+
+def displayed_math(self: Any, node: Any) -> None:
+    """A formula of its own as MathML, with its number beside it."""
+    formula, number = re.fullmatch(r"(.*?)(?:\\tag\{(\w+)\})?\s*", node.astext(), re.DOTALL).groups()
+    beside = f'<span class="eqno">({number})</span>' if number else ""
+    self.body.append(f'<div class="math">{beside}{tex2mathml(formula, as_block=True)}</div>')
+    raise nodes.SkipNode
+
+
 def setup(app: Sphinx) -> None:
     """Register the hooks."""
+    app.add_html_math_renderer("mathml", (inline_math, None), (displayed_math, None))
     app.add_config_value("public_names", _public_names(), "env")
     app.connect("missing-reference", resolve)
     app.connect("autodoc-process-docstring", plain_text, priority=400)
