@@ -82,6 +82,8 @@ def resolve(app: Sphinx, env: Any, node: Any, text: Any) -> Any:
 
 def plain_text(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
     """Docstrings are plain text with code in backticks: what else reStructuredText would read is escaped."""
+    if what in ("property", "attribute"):  # napoleon would take what stands before a colon for a type
+        lines.insert(0, "")
     lines[:] = [line for entry in _entries(lines) for line in _one_name_each(entry)]
     for i, line in enumerate(lines):
         parts = re.split(r"(``.+?``|`[^`]+`)", line)
