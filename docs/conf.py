@@ -80,15 +80,24 @@ def resolve(app: Sphinx, env: Any, node: Any, text: Any) -> Any:
     return domain.resolve_xref(env, node["refdoc"], app.builder, "obj", public, node, text)
 
 
+_kept: dict[str, list[str]] = {}
+
+
 def plain_text(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
     """Docstrings are plain text with code in backticks: what else reStructuredText would read is escaped."""
-    if what in ("property", "attribute"):  # napoleon would take what stands before a colon for a type
-        lines.insert(0, "")
     lines[:] = [line for entry in _entries(lines) for line in _one_name_each(entry)]
     for i, line in enumerate(lines):
         parts = re.split(r"(``.+?``|`[^`]+`)", line)
         parts[::2] = [re.sub(r"(?<=\w)_(?!\w)|[*|]", r"\\\g<0>", part) for part in parts[::2]]
         lines[i] = "".join(parts)
+    if what in ("property", "attribute"):  # napoleon would take what stands before a colon for a type
+        _kept[name] = lines[:]
+        lines.clear()
+
+
+def restore(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
+    """What `plain_text` kept from napoleon."""
+    lines.extend(_kept.pop(name, ()))
 
 
 def _entries(lines: list[str]) -> list[list[str]]:
@@ -148,5 +157,6 @@ def setup(app: Sphinx) -> None:
     app.add_config_value("public_names", _public_names(), "env")
     app.connect("missing-reference", resolve)
     app.connect("autodoc-process-docstring", plain_text, priority=400)
+    app.connect("autodoc-process-docstring", restore, priority=600)
     app.connect("autodoc-process-signature", signature)
     app.connect("source-read", complete)
