@@ -1,126 +1,13 @@
-"""Costs of optimal control problems: sums over k of l(x_k, u_k, k), and a final cost l_f(x_N)."""
+"""The costs of `slcp_warp.costs`, and the one of the paper's section V."""
 
-from collections.abc import Callable
-from typing import Any
+from slcp_warp.costs import Cost, CostFunctions, Term, effort, plain, quadratic, terms
+from slcp_warp.costs.terms import sum_of
+from slcp_warp.inputs.checks import number
 
-import numpy as np
-import warp as wp
-
-from slcp_warp.inputs.checks import array, function, number, whole
-from slcp_warp.inputs.errors import ArgumentError, ArgumentTypeError
-from slcp_warp.kernels.control.cost_functions import make_flicking_finger, make_plain, make_quadratic
-from slcp_warp.kernels.control.costs import CostFunctions
-from slcp_warp.kernels.factories import cached
-
-__all__ = ["Cost", "CostFunctions", "flicking_finger", "plain", "quadratic"]
-
-
-class Cost:
-    """A running and a final cost as Warp functions, made for each dtype; their weights are run-time data.
-
-    Args:
-        make: ``make(dtype, VX, VU) -> CostFunctions``, called once per dtype; VX, VU are the vector types of
-            a state and a control. Functions read weights as ``weights[row, i]``. It must be a function of a
-            module, or be kept and passed again, for kernels to be found again instead of being compiled anew.
-        weights: numbers (P,), or one row per problem (B, P).
-        nx: number of states that the cost needs, or None for any.
-        nu: number of controls, or None for any.
-        nodes: N + 1 for the horizon N that the weights belong to, or None for any.
-    """
-
-    def __init__(
-        self,
-        make: Callable[..., CostFunctions],
-        weights: Any = (),
-        nx: int | None = None,
-        nu: int | None = None,
-        nodes: int | None = None,
-    ) -> None:
-        function("make", make, 3)
-        for name, size in (("nx", nx), ("nu", nu), ("nodes", nodes)):
-            if size is not None:
-                whole(name, size)
-        values = np.atleast_1d(array("weights", weights, finite=False))
-        if values.ndim > 2 or not np.isfinite(values).all():
-            raise ArgumentError(
-                f"weights must be finite numbers of shape (P,) or (B, P), got shape {values.shape}"
-            )
-        self.make, self.weights = make, values
-        self.nx, self.nu, self.nodes = nx, nu, nodes
-
-    def functions(self, dtype: Any, nx: int, nu: int) -> CostFunctions:
-        """Warp functions for a scalar type and sizes, made once."""
-        return _functions(self.make, dtype, nx, nu)
-
-    def with_weights(self, weights: Any) -> "Cost":
-        """The same functions with other numbers, (P,) or (B, P); nothing is compiled."""
-        other = Cost(self.make, weights, self.nx, self.nu, self.nodes)
-        if other.weights.shape[-1] != self.weights.shape[-1]:
-            raise ArgumentError(
-                f"weights must have {self.weights.shape[-1]} columns, got {other.weights.shape[-1]}"
-            )
-        return other
-
-    def rows(self, batch: int) -> np.ndarray:
-        """Weights as rows (1 or B, max(P, 1))."""
-        rows = np.atleast_2d(self.weights)
-        if rows.shape[0] not in (1, batch):
-            raise ArgumentError(f"cost weights have {rows.shape[0]} rows, the batch has {batch} problems")
-        return rows if rows.shape[1] else np.zeros((1, 1))
-
-
-@cached
-def _functions(make: Callable[..., CostFunctions], dtype: Any, nx: int, nu: int) -> CostFunctions:
-    functions = make(dtype, wp.types.vector(nx, dtype), wp.types.vector(nu, dtype))
-    if not isinstance(functions, CostFunctions):
-        raise ArgumentTypeError(
-            f"a cost's make must return ddp.costs.CostFunctions, got {type(functions).__name__}"
-        )
-    return functions
-
-
-def plain(make: Callable[..., Any]) -> Cost:
-    """A cost without weights: ``make(dtype, VX, VU) -> (running(x, u, k), final(x) or None)`` in Warp.
-
-    Derivatives come from differences in double precision (see `slcp_warp.kernels.control.costs`).
-    """
-    function("make", make, 3)
-    return Cost(make_plain(make))
+__all__ = ["Cost", "CostFunctions", "Term", "effort", "flicking_finger", "plain", "quadratic", "terms"]
 
 
 def flicking_finger(c_x: float = 1.0, c_u: float = 0.05) -> Cost:
     """Section V: l = -c_x theta_3 + c_u |u|^2, x = (theta_1, theta_2, theta_3, rates), and no final cost."""
-    return Cost(make_flicking_finger, (number("c_x", c_x), number("c_u", c_u)), nx=6, nu=2)
-
-
-def quadratic(Q: Any, R: Any, Qf: Any = None, target: Any = None) -> Cost:
-    """l = (x - t_k)' Q (x - t_k) / 2 + u' R u / 2, final cost (x - t_N)' Qf (x - t_N) / 2.
-
-    Args:
-        Q: symmetric (nx, nx).
-        R: symmetric (nu, nu).
-        Qf: symmetric (nx, nx), default 0.
-        target: state (nx,), or one per node (N+1, nx), for problems of that horizon only; default 0.
-    """
-    Q, R = array("Q", Q, ("nx", "nx")), array("R", R, ("nu", "nu"))
-    nx, nu = Q.shape[0], R.shape[0]
-    if not nx or not nu:
-        raise ArgumentError(f"Q has shape {Q.shape} and R {R.shape}; neither may be empty")
-    Qf = np.zeros((nx, nx)) if Qf is None else array("Qf", Qf)
-    target = np.zeros(nx) if target is None else array("target", target)
-    for name, value, size in (("Q", Q, nx), ("R", R, nu), ("Qf", Qf, nx)):
-        if value.shape != (size, size):
-            raise ArgumentError(
-                f"{name} must be a symmetric matrix ({size}, {size}), got shape {value.shape}"
-            )
-        if not np.allclose(value, value.T, rtol=1e-12, atol=1e-14):
-            i, j = np.unravel_index(np.argmax(np.abs(value - value.T)), value.shape)
-            raise ArgumentError(
-                f"{name} must be symmetric, got {name}[{i}, {j}] = {value[i, j]:g} and "
-                f"{name}[{j}, {i}] = {value[j, i]:g}"
-            )
-    if target.ndim not in (1, 2) or target.shape[-1] != nx:
-        raise ArgumentError(f"target must have shape ({nx},) or (N+1, {nx}), got {target.shape}")
-    weights = np.concatenate([a.ravel() for a in (Q, R, Qf, target)])
-    nodes = len(target) if target.ndim == 2 and len(target) > 1 else None
-    return Cost(make_quadratic, weights, nx=nx, nu=nu, nodes=nodes)
+    turn, work = Term("linear", -number("c_x", c_x), state=2), effort(number("c_u", c_u))
+    return sum_of([f"x{i}" for i in range(6)], ["u0", "u1"], [work, turn])

@@ -3,7 +3,7 @@
 The contact problem of every time step is a stochastic complementarity problem (Tassa & Todorov 2010).
 """
 
-from . import scenes
+from . import costs, scenes
 from .description.mjcf import MjcfError, load_mjcf
 from .description.parts import Actuator, Body, Contact, Shape, Spring, box, touching
 from .description.scene import Scene
@@ -59,6 +59,7 @@ __all__ = [
     "SweepSpec",
     "Trajectory",
     "box",
+    "costs",
     "jvp",
     "load_mjcf",
     "load_scene",

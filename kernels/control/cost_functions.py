@@ -1,4 +1,4 @@
-"""Costs that come with the package, as Warp functions; `ddp.costs` gives them their weights."""
+"""Costs that come with the package, as Warp functions; `slcp_warp.costs` gives them their weights."""
 
 import warp as wp
 
@@ -28,35 +28,6 @@ def make_plain(make):
         return CostFunctions(running, final)
 
     return adapted
-
-
-def make_flicking_finger(dtype, VX, VU):
-    """Section V: l = -c_x theta_3 + c_u |u|^2; weights c_x, c_u."""
-    nx, nu = VX._length_, VU._length_
-    MXX, MUX, MUU = (wp.types.matrix(shape, dtype) for shape in ((nx, nx), (nu, nx), (nu, nu)))
-    ZERO, TWO = dtype(0.0), dtype(2.0)
-
-    @wp.func
-    def running(weights: wp.array2d(dtype=dtype), row: int, x: VX, u: VU, k: int):
-        return weights[row, 1] * wp.dot(u, u) - weights[row, 0] * x[2]
-
-    @wp.func
-    def final(weights: wp.array2d(dtype=dtype), row: int, x: VX):
-        return ZERO
-
-    @wp.func
-    def running_derivatives(weights: wp.array2d(dtype=dtype), row: int, x: VX, u: VU, k: int):
-        lx, luu = VX(), MUU()
-        lx[2] = -weights[row, 0]
-        for i in range(nu):
-            luu[i, i] = TWO * weights[row, 1]
-        return lx, TWO * weights[row, 1] * u, MXX(), MUX(), luu
-
-    @wp.func
-    def final_derivatives(weights: wp.array2d(dtype=dtype), row: int, x: VX):
-        return VX(), MXX()
-
-    return CostFunctions(running, final, running_derivatives, final_derivatives)
 
 
 def make_quadratic(dtype, VX, VU):

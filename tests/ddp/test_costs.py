@@ -5,7 +5,9 @@ import pytest
 import warp as wp
 from ddp_examples import cart_pole, central_differences, make_finite_difference_cost
 
+import slcp_warp as slcp
 from slcp_warp import ddp
+from slcp_warp.kernels.control.cost_terms import KINDS
 from slcp_warp.kernels.control.costs import make_cost_kernel
 from slcp_warp.kernels.control.solver_state import make_derivative_arrays
 from slcp_warp.kernels.device.launch import launch
@@ -185,7 +187,91 @@ def test_illegal_costs():
         ddp.costs.flicking_finger(c_x=float("nan"))
     with pytest.raises(ValueError, match="weights must be finite numbers"):
         ddp.costs.flicking_finger().with_weights([1.0, float("nan")])
-    with pytest.raises(ValueError, match="weights must have 2 columns, got 3"):
+    with pytest.raises(ValueError, match="weights must have 16 columns, got 3"):
         ddp.costs.flicking_finger().with_weights([1.0, 2.0, 3.0])
-    with pytest.raises(TypeError, match="must return ddp.costs.CostFunctions, got tuple"):
+    with pytest.raises(TypeError, match="must return costs.CostFunctions, got tuple"):
         ddp.Cost(make_finite_difference_cost).functions(wp.float64, 2, 1)
+
+
+def expected_term(term: slcp.costs.Term, s: float) -> float:
+    """A term by its formula."""
+    e = s - term.target
+    value = {
+        "linear": e,
+        "square": e**2,
+        "cosine": 1.0 - np.cos(e),
+        "absolute": np.hypot(e, term.width) - term.width,
+        "above": max(e, 0.0) ** 2,
+        "below": min(e, 0.0) ** 2,
+    }[term.kind]
+    return term.weight * value
+
+
+SHIFTED = {"weight": 1.3, "target": 0.2, "width": 0.4}
+RUNNING = [slcp.costs.Term(kind, state="cart.shift", **SHIFTED) for kind in KINDS]
+RUNNING += [slcp.costs.Term("above", 0.7, control="cart.shift", target=-0.5), slcp.costs.effort(0.05)]
+FINAL = [slcp.costs.Term("cosine", 3.0, state="pole.angle", target=1.0), RUNNING[3]]
+
+
+def test_terms_are_their_formulas(device):
+    """The cost of a plan, and its derivatives by differences of the formulas."""
+    scene = slcp.scenes.cart_pole()
+    cost = slcp.costs.terms(scene, RUNNING, FINAL)
+    rng = np.random.default_rng(5)
+    xs, us = rng.normal(size=(1, 9, 4)), rng.normal(size=(1, 8, 1))
+    out = evaluate(cost, xs, us, device)
+    place = {"cart.shift": 0, "pole.angle": 1}
+
+    def value(x, u, group):
+        return sum(expected_term(t, u[0] if t.state is None else x[place[t.state]]) for t in group)
+
+    for k in range(9):
+        group, u = (FINAL, np.zeros(1)) if k == 8 else (RUNNING, us[0, k])
+        for j in range(4):
+            d = 1e-4 * np.eye(4)[j]
+            low, middle, high = (value(xs[0, k] + s * d, u, group) for s in (-1.0, 0.0, 1.0))
+            assert out["lx"][0, k, j] == pytest.approx((high - low) / 2e-4, abs=1e-7)
+            assert out["lxx"][0, k, j, j] == pytest.approx((high - 2.0 * middle + low) / 1e-8, abs=1e-5)
+        if k < 8:
+            low, middle, high = (value(xs[0, k], u + s * 1e-4, group) for s in (-1.0, 0.0, 1.0))
+            assert out["lu"][0, k, 0] == pytest.approx((high - low) / 2e-4, abs=1e-7)
+            assert out["luu"][0, k, 0, 0] == pytest.approx((high - 2.0 * middle + low) / 1e-8, abs=1e-5)
+    assert not out["lux"].any()
+
+
+def test_the_value_of_terms_is_their_sum_over_a_plan(device):
+    dynamics = ddp.linear_system(np.eye(4) + np.diag([0.05] * 2, 2), np.zeros((4, 1)), device=device)
+    cost = slcp.costs.terms(slcp.scenes.cart_pole(), RUNNING, FINAL)
+    x0, us = np.array([0.4, -0.2, 1.0, 2.0]), np.linspace(-1.0, 1.0, 10)[:, None]
+    options = ddp.Options(max_iterations=0, method="first-order")
+    result = ddp.solve(ddp.Problem(dynamics, cost, 10), x0, us, options)
+    expected = 0.0
+    for k in range(10):
+        shift = 0.4 + 0.05 * k * 1.0
+        expected += sum(expected_term(t, us[k, 0] if t.state is None else shift) for t in RUNNING)
+    expected += expected_term(FINAL[0], -0.2 + 1.0) + expected_term(FINAL[1], 0.9)
+    np.testing.assert_allclose(result.cost, expected, rtol=1e-13)
+
+
+@pytest.mark.parametrize(
+    "make, text",
+    [
+        (lambda s: [slcp.costs.Term("cubic", 1.0, state=0)], "Term.kind is 'cubic'"),
+        (lambda s: [slcp.costs.Term("square", 1.0)], "one of them is needed"),
+        (lambda s: [slcp.costs.Term("square", 1.0, state=0, control=0)], "one of them is needed"),
+        (lambda s: [slcp.costs.Term("square", float("nan"), state=0)], "Term.weight"),
+        (lambda s: [slcp.costs.Term("absolute", 1.0, state=0, width=0.0)], "Term.width"),
+        (lambda s: [slcp.costs.Term("square", 1.0, state="block.x")], r"running\[0\].state is 'block.x'"),
+        (lambda s: [slcp.costs.Term("square", 1.0, control=1)], r"running\[0\].control is 1"),
+        (lambda s: [], "at least one is needed"),
+        (lambda s: "square", "a list of costs.Term is needed"),
+    ],
+)
+def test_terms_that_make_no_cost(make, text):
+    with pytest.raises(slcp.InputError, match=text):
+        slcp.costs.terms(slcp.scenes.cart_pole(), make(0))
+
+
+def test_a_final_term_has_no_control():
+    with pytest.raises(slcp.InputError, match="no control follows the last state"):
+        slcp.costs.terms(slcp.scenes.cart_pole(), RUNNING, [slcp.costs.effort(1.0)])

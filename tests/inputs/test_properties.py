@@ -131,6 +131,12 @@ CALLS = {
     "plain": (ddp.costs.plain, {"make": make_step}, {}),
     "flicking_finger": (ddp.costs.flicking_finger, {}, {}),
     "quadratic": (ddp.costs.quadratic, {"Q": np.eye(6), "R": np.eye(2)}, {}),
+    "Term": (slcp.costs.Term, {"kind": "square", "weight": 1.0, "state": 2}, {"state": ("control",)}),
+    "effort": (slcp.costs.effort, {"weight": 1.0}, {"weight": ("Term.weight",)}),
+    "terms": (slcp.costs.terms, {"scene": FINGER, "running": [slcp.costs.effort(1.0)]}, {}),
+    "Scene.state": (FINGER.state, {"values": {"ellipse.angle": 0.5}}, {"values": ("value", "state")}),
+    "Scene.state_index": (FINGER.state_index, {"which": 1}, {"which": ("state component",)}),
+    "Scene.control_index": (FINGER.control_index, {"which": "link1.angle"}, {"which": ("control",)}),
     "WarpDynamics": (ddp.WarpDynamics, {"make": make_step, "nx": 2, "nu": 1, "device": "cpu"}, {
         "parameters": ("parameter",)}),
     "ddp.Parameters": (

@@ -33,6 +33,7 @@ ROOMS = {  # the order of each layer's rooms: none imports one that is named aft
     ),
     "slcp_warp": (
         *("inputs", "storage", "options", "strategy", "description", "scenes", "parameters", "results"),
+        "costs",
         *("gradients", "plain", "simulator", "products", "torch", "ensembles", "simulated"),
     ),
     "ddp": (

@@ -1,0 +1,110 @@
+"""Costs as sums of terms, each of one state or control: the terms are data, so all such costs share a kernel.
+
+Weights hold the number of running terms and then, for every running and then every final term, FIELDS
+numbers: its kind, its component (a state 0 .. nx - 1, or nx + i for control i), its weight w, its target t
+and its width d. With s the component and e = s - t, a term is
+
+    LINEAR    w e                   SQUARE    w e^2
+    COSINE    w (1 - cos e)         ABSOLUTE  w (sqrt(e^2 + d^2) - d)
+    ABOVE     w max(e, 0)^2         BELOW     w min(e, 0)^2
+"""
+
+import warp as wp
+
+from .costs import CostFunctions
+
+KINDS = ("linear", "square", "cosine", "absolute", "above", "below")
+LINEAR, SQUARE, COSINE, ABSOLUTE, ABOVE, BELOW = range(len(KINDS))
+FIELDS = 5
+
+
+def make_terms(dtype, VX, VU):
+    """See the module's docstring; derivatives are exact."""
+    nx, nu = VX._length_, VU._length_
+    MXX, MUX, MUU = (wp.types.matrix(shape, dtype) for shape in ((nx, nx), (nu, nx), (nu, nu)))
+    V3 = wp.types.vector(3, dtype)
+    ZERO, ONE, TWO = dtype(0.0), dtype(1.0), dtype(2.0)
+
+    @wp.func
+    def term(kind: int, e: dtype, d: dtype):
+        """A term of weight 1, its slope and its curvature."""
+        if kind == wp.static(LINEAR):
+            return V3(e, ONE, ZERO)
+        if kind == wp.static(COSINE):
+            return V3(ONE - wp.cos(e), wp.sin(e), wp.cos(e))
+        if kind == wp.static(ABSOLUTE):
+            root = wp.sqrt(e * e + d * d)
+            return V3(root - d, e / root, d * d / (root * root * root))
+        if kind == wp.static(ABOVE) and e < ZERO:
+            return V3()
+        if kind == wp.static(BELOW) and e > ZERO:
+            return V3()
+        return V3(e * e, TWO * e, TWO)
+
+    @wp.func
+    def place(weights: wp.array2d(dtype=dtype), row: int, i: int):
+        return int(weights[row, 1 + FIELDS * i + 1])
+
+    @wp.func
+    def weighed(weights: wp.array2d(dtype=dtype), row: int, i: int, s: dtype):
+        """Term i at the component's value s, its slope and its curvature."""
+        at = 1 + FIELDS * i
+        e = s - weights[row, at + 3]
+        return weights[row, at + 2] * term(int(weights[row, at]), e, weights[row, at + 4])
+
+    @wp.func
+    def counts(weights: wp.array2d(dtype=dtype), row: int):
+        """Number of running terms, and of all."""
+        return int(weights[row, 0]), (weights.shape[1] - 1) / FIELDS
+
+    @wp.func
+    def running(weights: wp.array2d(dtype=dtype), row: int, x: VX, u: VU, k: int):
+        many, _ = counts(weights, row)
+        value = dtype(0.0)
+        for i in range(many):
+            j = place(weights, row, i)
+            s = ZERO
+            if j < nx:
+                s = x[j]
+            else:
+                s = u[j - nx]
+            value += weighed(weights, row, i, s)[0]
+        return value
+
+    @wp.func
+    def final(weights: wp.array2d(dtype=dtype), row: int, x: VX):
+        first, end = counts(weights, row)
+        value = dtype(0.0)
+        for i in range(first, end):
+            value += weighed(weights, row, i, x[place(weights, row, i)])[0]
+        return value
+
+    @wp.func
+    def running_derivatives(weights: wp.array2d(dtype=dtype), row: int, x: VX, u: VU, k: int):
+        many, _ = counts(weights, row)
+        lx, lxx = VX(), MXX()
+        lu, luu = VU(), MUU()
+        for i in range(many):
+            j = place(weights, row, i)
+            if j < nx:
+                t = weighed(weights, row, i, x[j])
+                lx[j] = lx[j] + t[1]
+                lxx[j, j] = lxx[j, j] + t[2]
+            else:
+                t = weighed(weights, row, i, u[j - nx])
+                lu[j - nx] = lu[j - nx] + t[1]
+                luu[j - nx, j - nx] = luu[j - nx, j - nx] + t[2]
+        return lx, lu, lxx, MUX(), luu
+
+    @wp.func
+    def final_derivatives(weights: wp.array2d(dtype=dtype), row: int, x: VX):
+        first, end = counts(weights, row)
+        lx, lxx = VX(), MXX()
+        for i in range(first, end):
+            j = place(weights, row, i)
+            t = weighed(weights, row, i, x[j])
+            lx[j] = lx[j] + t[1]
+            lxx[j, j] = lxx[j, j] + t[2]
+        return lx, lxx
+
+    return CostFunctions(running, final, running_derivatives, final_derivatives)

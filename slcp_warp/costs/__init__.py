@@ -1,0 +1,8 @@
+"""Costs of optimal control problems: sums over k of l(x_k, u_k, k), and a final cost l_f(x_N)."""
+
+from slcp_warp.kernels.control.costs import CostFunctions
+
+from .cost import Cost, plain, quadratic
+from .terms import Term, effort, terms
+
+__all__ = ["Cost", "CostFunctions", "Term", "effort", "plain", "quadratic", "terms"]
