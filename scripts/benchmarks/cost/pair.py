@@ -33,7 +33,7 @@ class Runner:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 text=True,
-                env=os.environ | {"PYTHONSAFEPATH": "1"},
+                env=os.environ | {"PYTHONSAFEPATH": "1", "SLCP_WARP_THREADS": "1"},
             )
         except OSError as error:
             raise PairError(f"cannot start {python!r}: {error}") from None
