@@ -9,6 +9,7 @@ from matplotlib.patches import Polygon
 
 import slcp_warp as slcp
 
+from ..support.kinematics import joint_pose, turn
 from ..support.records import Record
 from .style import BLACK, BLUE, GREY, ORANGE, SKY
 
@@ -40,31 +41,25 @@ class Mechanism:
         bodies = self.scene.structure.bodies
         origin, angle = np.zeros((len(q), len(bodies), 2)), np.zeros((len(q), len(bodies)))
         for b, body in enumerate(bodies):
-            own = q[:, list(body.dofs)]
-            base, turn = np.zeros((len(q), 2)), np.zeros(len(q))
+            base, at = np.zeros(len(q)), np.zeros((len(q), 2))
             if body.parent >= 0:
-                base, turn = origin[:, body.parent], angle[:, body.parent]
-            place = np.tile(self.params["anchor"][b], (len(q), 1))
-            if body.joint == "prismatic":
-                place = place + own * self.params["axis"][b]
-            elif body.joint == "free":
-                place = place + own[:, :2]
-            origin[:, b] = base + turned(place, turn)
-            angle[:, b] = turn + self.params["angle"][b] + (0.0 if body.joint == "prismatic" else own[:, -1])
+                base, at = angle[:, body.parent], origin[:, body.parent]
+            local, angle[:, b] = joint_pose(body, b, self.params, q, base)
+            origin[:, b] = at + turn(base, local)
         return origin, angle
 
     def shapes(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Centre (T, ns, 2) [m] and angle (T, ns) [rad] of every shape at q (T, nv)."""
         origin, angle = self.frames(q)
         centre = np.zeros((len(q), len(self.scene.structure.shapes), 2))
-        turn = np.tile(self.params["shape_angle"], (len(q), 1))
+        angles = np.tile(self.params["shape_angle"], (len(q), 1))
         for s, shape in enumerate(self.scene.structure.shapes):
             offset = np.tile(self.params["shape_offset"][s], (len(q), 1))
             if shape.body >= 0:
-                turn[:, s] += angle[:, shape.body]
-                offset = origin[:, shape.body] + turned(offset, angle[:, shape.body])
+                angles[:, s] += angle[:, shape.body]
+                offset = origin[:, shape.body] + turn(angle[:, shape.body], offset)
             centre[:, s] = offset
-        return centre, turn
+        return centre, angles
 
     def links(self, q: np.ndarray) -> list[np.ndarray]:
         """Lines (T, 2, 2) that show how bodies hang together: from joint to joint, to shapes, or to the
@@ -82,7 +77,7 @@ class Mechanism:
                 ends += [centre[:, s] for s in own]
             if not ends and not own:
                 com = np.tile(self.params["com"][b], (len(q), 1))
-                ends = [origin[:, b] + 2.0 * turned(com, angle[:, b])]  # a uniform rod's tip
+                ends = [origin[:, b] + 2.0 * turn(angle[:, b], com)]  # a uniform rod's tip
             lines += [np.stack([origin[:, b], end], axis=1) for end in ends]
         return lines
 
@@ -106,7 +101,7 @@ class Mechanism:
         for i, pair in enumerate(self.scene.structure.springs):
             ends = []
             for body, point in zip(pair, self.params["spring_point"][i]):
-                here = point[None] if body < 0 else origin[:, body] + turned(point[None], angle[:, body])
+                here = point[None] if body < 0 else origin[:, body] + turn(angle[:, body], point[None])
                 ends.append(here[0])
             along = ends[1] - ends[0]
             across = np.array([-along[1], along[0]]) * 0.06
@@ -132,12 +127,6 @@ class Mechanism:
                 points += [centre[:, s] - reach, centre[:, s] + reach]
         low, high = np.concatenate(points).min(axis=0) - margin, np.concatenate(points).max(axis=0) + margin
         return float(low[0]), float(high[0]), float(low[1]), float(high[1])
-
-
-def turned(vectors: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """Vectors (T, 2) turned by angles (T,)."""
-    c, s = np.cos(angle), np.sin(angle)
-    return np.stack([c * vectors[:, 0] - s * vectors[:, 1], s * vectors[:, 0] + c * vectors[:, 1]], axis=-1)
 
 
 def outline(kind: str, radius: np.ndarray, plane: float) -> np.ndarray:
@@ -215,7 +204,7 @@ class Drawing:
             self.hulls[b].set_xy(corners)
         for s, patch in enumerate(self.patches):
             corners = self.outlines[s]
-            patch.set_xy(centre[0, s] + turned(corners, np.full(len(corners), angle[0, s])))
+            patch.set_xy(centre[0, s] + turn(angle[0, s], corners))
             if mechanism.scene.structure.shapes[s].kind in ("disc", "ellipse"):
                 along = np.array([np.cos(angle[0, s]), np.sin(angle[0, s])])
                 reach = mechanism.params["radius"][s][0] * along

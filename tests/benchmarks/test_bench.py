@@ -8,7 +8,7 @@ import pytest
 
 from slcp_warp import scenes
 from slcp_warp.scripts.benchmarks.derivatives.jacobians import bench_differences
-from slcp_warp.scripts.benchmarks.shared.mechanism import distance, mass_matrix
+from slcp_warp.scripts.benchmarks.mechanics.scene import distance, mass_matrix
 from slcp_warp.scripts.benchmarks.shared.timing import Case, tidy_rows, time_interleaved
 from slcp_warp.scripts.benchmarks.shared.workload import legal_states, make_workload, windows
 from slcp_warp.scripts.support.tables import write_csv

@@ -14,8 +14,8 @@ from slcp_warp.scripts.benchmarks.accuracy.charts import scaling as chart_scalin
 from slcp_warp.scripts.benchmarks.accuracy.charts import solver as chart_solver
 from slcp_warp.scripts.benchmarks.accuracy.charts import sweep as chart_sweep
 from slcp_warp.scripts.benchmarks.accuracy.roofline import Peak, Work, step_work
+from slcp_warp.scripts.benchmarks.mechanics.scene import distance
 from slcp_warp.scripts.benchmarks.shared.differences import SIXTH, central, converged, forward, relative
-from slcp_warp.scripts.benchmarks.shared.mechanism import distance
 
 
 def through_csv(rows, path):

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from oracle import Oracle
+from plan import ROOT, imported_files
 from random_scenes import random_tree
 from simulators import scene
 
@@ -44,3 +45,12 @@ def test_numbers_of_every_world_are_its_own():
         own = Oracle(finger, **{name: value[i] for name, value in changed.items()})
         np.testing.assert_allclose(mass[i], own.mass_matrix(q[i]), rtol=0, atol=1e-11)
         np.testing.assert_allclose(force[i], own.force(q[i], v[i], u[i]), rtol=0, atol=1e-9)
+
+
+def test_the_mechanics_shares_no_code_with_the_kernels():
+    named = {ROOT / "kernels" / f"{name}.py" for name in ("method", "structure")}  # what there is, by name
+    own = [*(ROOT / "scripts/benchmarks/mechanics").glob("*.py"), ROOT / "scripts/support/kinematics.py"]
+    for path in own:
+        kernels = {target for target in imported_files(path) if target.is_relative_to(ROOT / "kernels")}
+        assert kernels <= named, path.name
+    assert len(own) == 6

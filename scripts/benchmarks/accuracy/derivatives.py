@@ -17,9 +17,9 @@ import numpy as np
 
 import slcp_warp as slcp
 
+from ..mechanics.scene import distance
 from ..peers.mujoco_model import Peer, import_mujoco
 from ..shared.differences import Step, central, converged, forward, relative
-from ..shared.mechanism import distance
 from ..shared.ours import PAPER, Ours
 from ..shared.rows import ONE_THREAD, Rows, Say, report, timed
 from ..shared.timing import Case

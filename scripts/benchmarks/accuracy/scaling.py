@@ -16,7 +16,7 @@ from slcp_warp import ddp
 from slcp_warp.kernels.device import launch
 from slcp_warp.kernels.residual.smoothing import CUT
 
-from ..shared.mechanism import distance
+from ..mechanics.scene import distance
 from ..shared.ours import PAPER
 from ..shared.rows import Rows, Say, repeated, report, timed, timed_once
 from ..shared.scenes import chain_on_ground

@@ -13,7 +13,7 @@ from slcp_warp.options import Options
 from slcp_warp.storage.files import parse_json, read_text, reading, write_text
 from slcp_warp.strategy import RENAMED
 
-from ..mechanics.tree import Array
+from ...support.kinematics import Array
 from .draws import Worlds
 from .run import FIELDS, Failure, judged, predicted
 from .structures import baked

@@ -14,8 +14,9 @@ import numpy as np
 from slcp_warp import Scene
 from slcp_warp.description.topology import contact_ends
 
+from ...support.kinematics import Array
 from ..mechanics.contact import gaps, touches
-from ..mechanics.tree import Array, Mechanics, worlds_of
+from ..mechanics.tree import Mechanics, worlds_of
 
 Rng = np.random.Generator
 CLASSES = ("far", "touching", "entering", "deep", "jammed")

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from ...support.kinematics import Array
+from ..mechanics.complementarity import complementarity, expected_square_slopes, normal_tail
 from ..mechanics.contact import gaps
-from ..mechanics.tree import Array
-from ..stability.equations import complementarity, expected_square_slopes, normal_tail
 from .problem import EPSILON, FLOOR, TOLERANCE, Problem
 
 STEADY = {"float64": (4e-8, 4e-15), "float32": (1e-4, 2e-6)}  # gap="end": [m/s], and of positions [m]

@@ -13,8 +13,9 @@ import numpy as np
 from slcp_warp import Scene
 from slcp_warp.kernels.method import Method
 
+from ...support.kinematics import Array
 from ..mechanics.contact import Touches, touches
-from ..mechanics.tree import Array, Mechanics
+from ..mechanics.tree import Mechanics
 from .draws import Worlds
 
 TOLERANCE = {"float64": 1e-10, "float32": 2e-5}  # of the size of the terms: the documented accuracy

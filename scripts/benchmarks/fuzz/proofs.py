@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from ...support.kinematics import Array
 from ..exact.mechanics import scipy_module
-from ..mechanics.tree import Array
 from .problem import FLOOR, Problem
 
 MOST_MODES = 1_024

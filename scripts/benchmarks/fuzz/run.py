@@ -16,7 +16,7 @@ from slcp_warp.kernels.device import launch
 from slcp_warp.options import OptionError, Options, Status
 from slcp_warp.strategy import StrategyError
 
-from ..mechanics.tree import Array
+from ...support.kinematics import Array
 from .differences import LIMIT, gradient_errors, jacobian_errors
 from .draws import CHUNK, CLASSES, Worlds, draw_worlds
 from .judge import Outcome

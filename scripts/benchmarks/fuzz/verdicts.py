@@ -13,7 +13,7 @@ import numpy as np
 
 from slcp_warp.options import Status
 
-from ..mechanics.tree import Array
+from ...support.kinematics import Array
 from .judge import Errors, Outcome, ended, judge
 from .problem import EPSILON, FLOOR, MOST_LOSS, Problem
 from .proofs import coulomb_solution, least_motion, widest_opening

@@ -9,22 +9,27 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .tree import Array, Frame, Mechanics, across, turn
+from ...support.kinematics import Array, across, turn
+from .tree import Frame, Mechanics
 
 DIRECTIONS, PEAKS, HALVINGS = 192, 3, 46
+CHOICES = 4  # maxima of a distance that can be asked for
+EQUAL = 1e-9  # maxima of a distance that differ by less are equal [m]
 
 
 @dataclass(frozen=True)
 class Touches:
     """All pairs of all worlds, (B, pairs): signed distance; rows J_n, J_t (B, pairs, nv); `size`, the lengths
-    that the distance is the sum of; `margin`, by how much its maximum beats the next one; `bend`, size over
-    the radius by which the normal turns with the shapes.
+    that the distance is the sum of, from the root on; `extent`, those from the world's origin to the centres
+    and on to the surfaces; `margin`, by how much its maximum beats the next one; `bend`, size over the radius
+    by which the normal turns with the shapes.
     """
 
     gap: Array
     normal: Array
     tangent: Array
     size: Array
+    extent: Array
     margin: Array
     bend: Array
 
@@ -78,8 +83,10 @@ def direction(angle: Array) -> Array:
     return np.stack([np.cos(angle), np.sin(angle)], -1)
 
 
-def search(a: Placed, b: Placed, directions: int = DIRECTIONS) -> tuple[Array, Array]:
-    """Angle (B,) of the best normal between round shapes, and by how much it beats the next maximum (B,)."""
+def search(a: Placed, b: Placed, directions: int = DIRECTIONS, peaks: int = PEAKS) -> tuple[Array, Array]:
+    """Angles (B, peaks) of the best normals between round shapes, best first, and their distances; minus
+    infinity where there are no more maxima.
+    """
     delta = b.at - a.at
     grid = np.broadcast_to(2 * np.pi * np.arange(directions) / directions, (len(delta), directions))
 
@@ -93,7 +100,7 @@ def search(a: Placed, b: Placed, directions: int = DIRECTIONS) -> tuple[Array, A
     tried = value(grid)[0]
     peak = (tried >= np.roll(tried, 1, -1)) & (tried > np.roll(tried, -1, -1))
     peak[~peak.any(-1), 0] = True  # concentric discs: all directions alike
-    best = np.argpartition(np.where(peak, -tried, np.inf), PEAKS, -1)[:, :PEAKS]
+    best = np.argpartition(np.where(peak, -tried, np.inf), peaks, -1)[:, :peaks]
     real = np.take_along_axis(peak, best, -1)
     middle = np.take_along_axis(grid, best, -1)
     lo, hi = middle - 2 * np.pi / directions, middle + 2 * np.pi / directions
@@ -104,8 +111,7 @@ def search(a: Placed, b: Placed, directions: int = DIRECTIONS) -> tuple[Array, A
     angle = 0.5 * (lo + hi)
     tops = np.where(real, value(angle)[0], -np.inf)
     order = np.argsort(-tops, -1)
-    angle, tops = np.take_along_axis(angle, order, -1), np.take_along_axis(tops, order, -1)
-    return angle[:, 0], tops[:, 0] - tops[:, 1]
+    return np.take_along_axis(angle, order, -1), np.take_along_axis(tops, order, -1)
 
 
 def nearest(a: Placed, b: Placed) -> tuple[Array, Array]:
@@ -123,8 +129,11 @@ def nearest(a: Placed, b: Placed) -> tuple[Array, Array]:
     return n, length - a.a - b.a
 
 
-def touch(a: Placed, b: Placed, directions: int = DIRECTIONS) -> tuple[Array, ...]:
-    """Of a pair: normal (B, 2), gap, points on A and B (B, 2), margin of the maximum, radius of turning."""
+def touch(a: Placed, b: Placed, directions: int = DIRECTIONS, choice: int = 0) -> tuple[Array, ...]:
+    """Of a pair: normal (B, 2), gap, points on A and B (B, 2), margin of the maximum, radius of turning.
+
+    `choice`: which of several maxima is taken, where that many differ by less than EQUAL; else the best.
+    """
     infinite = np.full(len(a.at), np.inf)
     if "halfplane" in (a.kind, b.kind):
         plane, body, side = (a, b, 1.0) if a.kind == "halfplane" else (b, a, -1.0)
@@ -144,7 +153,9 @@ def touch(a: Placed, b: Placed, directions: int = DIRECTIONS) -> tuple[Array, ..
         shift = gap[:, None] * n
         return (n, gap, at - shift, at, infinite, radius) if disc is b else (
             n, gap, at, at + shift, infinite, radius)  # fmt: skip
-    angle, margin = search(a, b, directions)
+    angles, tops = search(a, b, directions, max(PEAKS, choice + 1))
+    margin = tops[:, 0] - tops[:, 1]
+    angle = np.where(tops[:, choice] >= tops[:, 0] - EQUAL, angles[:, choice], angles[:, 0])
     n = direction(angle)
     ha, da, ra = a.support(angle)
     hb, db, rb = b.support(angle + np.pi)
@@ -162,24 +173,27 @@ def gaps(m: Mechanics, q: Array, directions: int = DIRECTIONS) -> Array:
     return np.stack(out, -1) if out else np.zeros((len(q), 0))
 
 
-def touches(m: Mechanics, q: Array) -> Touches:
-    """Distances and rows of all pairs at positions q (B, nv)."""
+def touches(m: Mechanics, q: Array, directions: int = DIRECTIONS, choice: int = 0) -> Touches:
+    """Distances and rows of all pairs at positions q (B, nv); `choice` as `touch` has it."""
     frames, nv = m.frames(q), m.s.nv
     out: list[tuple[Array, ...]] = []
     for pair in m.s.pairs:
         a, b = place(m, frames, pair.shape_a, pair.end_a), place(m, frames, pair.shape_b, pair.end_b)
-        n, gap, pa, pb, margin, radius = touch(a, b)
+        n, gap, pa, pb, margin, radius = touch(a, b, directions, choice)
         jac = np.zeros((len(q), 2, nv))
         for sign, shape, point in ((-1.0, a, pa), (1.0, b, pb)):
             if shape.body >= 0:
                 frame = frames[shape.body]
                 jac += sign * frame.jacobian(point - frame.at)
-        size = a.reach + b.reach + np.maximum(a.a, a.b) + np.maximum(b.a, b.b)
+        radii = np.maximum(a.a, a.b) + np.maximum(b.a, b.b)
+        size, extent = a.reach + b.reach + radii, np.abs(a.at).sum(-1) + np.abs(b.at).sum(-1) + radii
+        projected = [np.einsum("bi,bij->bj", along, jac) for along in (n, across(n))]
         out.append((
-            gap, np.einsum("bi,bij->bj", n, jac), np.einsum("bi,bij->bj", across(n), jac), size, margin,
+            gap, *projected, size, extent, margin,
             size / np.maximum(np.abs(radius), 1e-12),
         ))  # fmt: skip
     if not out:
         none = np.zeros((len(q), 0))
-        return Touches(none, np.zeros((len(q), 0, nv)), np.zeros((len(q), 0, nv)), none, none, none)
+        rows = np.zeros((len(q), 0, nv))
+        return Touches(none, rows, rows, none, none, none, none)
     return Touches(*(np.stack(part, 1) for part in zip(*out)))

@@ -13,19 +13,9 @@ import numpy as np
 
 from slcp_warp import Scene
 
-Array = np.ndarray
+from ...support.kinematics import Array, across, joint_pose, slides, turn
+
 COMPLEX_STEP = 1e-30
-
-
-def turn(angle: Array, vector: Array) -> Array:
-    """`vector` (..., 2) turned by `angle` (...)."""
-    c, s = np.cos(angle), np.sin(angle)
-    return np.stack([c * vector[..., 0] - s * vector[..., 1], s * vector[..., 0] + c * vector[..., 1]], -1)
-
-
-def across(vector: Array) -> Array:
-    """`vector` (..., 2) turned by a right angle."""
-    return np.stack([-vector[..., 1], vector[..., 0]], -1)
 
 
 @dataclass(frozen=True)
@@ -51,13 +41,15 @@ class Frame:
 
 @dataclass(frozen=True)
 class Motion:
-    """What drives a step: mass matrix M and damping matrix C (..., nv, nv), forces without C v and the sum of
-    the magnitudes of their terms (..., nv), potential energy (...).
+    """What drives a step: mass matrix M and damping matrix C (..., nv, nv), forces without C v (..., nv), the
+    sum of the magnitudes of the generalised forces that they are the sum of (`terms`) and a bound of that of
+    the products these are made of (`size`, of which rounding errors are a share), potential energy (...).
     """
 
     mass: Array
     damping: Array
     force: Array
+    terms: Array
     size: Array
     potential: Array
 
@@ -91,19 +83,14 @@ class Mechanics:
         out: list[Frame] = []
         for i, body in enumerate(self.s.bodies):
             up = out[body.parent] if body.parent >= 0 else ground
-            local = self.p["anchor"][:, i] + 0.0 * q[:, :1]
-            angle = up.angle + self.p["angle"][:, i]
+            local, angle = joint_pose(body, i, self.p, q, up.angle)
+            reach = up.reach + np.abs(self.p["anchor"][:, i] + 0.0 * q[:, :1]).sum(-1)
             slide, w = np.zeros((worlds, 2, nv), q.dtype), up.W.copy()
-            reach = up.reach + np.abs(local).sum(-1)
-            for n, j in enumerate(body.dofs):
-                if body.joint == "revolute" or n == 2:
-                    w[j] += 1.0
-                    angle = angle + q[:, j]
-                    continue
-                axis = self.p["axis"][:, i] if body.joint == "prismatic" else np.eye(2)[n]
-                local = local + axis * q[:, j, None]
+            for j, axis in slides(body, i, self.p).items():
                 slide[:, :, j] = turn(up.angle, axis + 0.0 * local)
                 reach = reach + np.abs(q[:, j])
+            if body.joint != "prismatic":
+                w[body.dofs[-1]] += 1.0
             lever = turn(up.angle, local)
             drift = np.einsum("bij,bj->bi", slide, v)
             length = np.abs(lever).sum(-1)
@@ -120,7 +107,8 @@ class Mechanics:
         p, (worlds, nv) = self.p, q.shape
         mass = np.zeros((worlds, nv, nv), q.dtype)
         force = np.zeros((worlds, nv), np.result_type(q, v))
-        size, potential = np.zeros((worlds, nv)), np.zeros(worlds, q.dtype)
+        terms, size = np.zeros((worlds, nv)), np.zeros((worlds, nv))
+        potential = np.zeros(worlds, q.dtype)
         frames = self.frames(q, v)
         gravity = np.abs(p["gravity"]).sum(-1)
         for i, frame in enumerate(frames):
@@ -130,28 +118,31 @@ class Mechanics:
             mass += m[:, None, None] * np.einsum("bki,bkj->bij", jac, jac)
             mass += p["inertia"][:, i, None, None] * np.outer(frame.W, frame.W)
             pull = p["gravity"] - frame.bias + frame.spin[:, None] ** 2 * com
-            force += np.einsum("bki,bk->bi", jac, m[:, None] * pull)
-            terms = gravity + frame.bias_size + np.abs(frame.spin) ** 2 * np.abs(com).sum(-1)
-            size += np.abs(jac).sum(1) * (m * terms)[:, None]
+            part = np.einsum("bki,bk->bi", jac, m[:, None] * pull)
+            force, terms = force + part, terms + np.abs(part)
+            pulls = gravity + frame.bias_size + np.abs(frame.spin) ** 2 * np.abs(com).sum(-1)
+            size += np.abs(jac).sum(1) * (m * pulls)[:, None]
             potential = potential - m * np.sum(p["gravity"] * (frame.at + com), -1)
         damping = np.zeros((worlds, nv, nv), q.dtype)
         damping[:, range(nv), range(nv)] = p["damping"]
         if self.s.sprung:
-            force -= p["stiffness"] * (q - p["rest"])
+            part = p["stiffness"] * (q - p["rest"])
+            force, terms = force - part, terms + np.abs(part)
             size += p["stiffness"] * (np.abs(q) + np.abs(p["rest"]))
             potential = potential + 0.5 * np.sum(p["stiffness"] * (q - p["rest"]) ** 2, -1)
         for i in range(len(self.s.springs)):
             pull, grad, loose, energy = self.spring(frames, q, i)
-            force -= pull[:, None] * grad
+            force, terms = force - pull[:, None] * grad, terms + np.abs(pull[:, None] * grad)
             size += loose[:, None] * np.abs(grad)
             damping += p["spring_damping"][:, i, None, None] * grad[:, :, None] * grad[:, None, :]
             potential = potential + energy
         for i, dof in enumerate(self.s.actuators if u is not None else ()):
-            force[:, dof] += p["gear"][:, i] * u[:, i]  # type: ignore[index]
-            size[:, dof] += np.abs(p["gear"][:, i] * u[:, i])  # type: ignore[index]
+            driven = p["gear"][:, i] * u[:, i]  # type: ignore[index]
+            for total, value in ((force, driven), (terms, np.abs(driven)), (size, np.abs(driven))):
+                total[:, dof] += value
         if push is not None:
-            force, size = force + push, size + np.abs(push)
-        return Motion(mass, damping, force, size, potential)
+            force, terms, size = force + push, terms + np.abs(push), size + np.abs(push)
+        return Motion(mass, damping, force, terms, size, potential)
 
     def spring(self, frames: list[Frame], q: Array, i: int) -> tuple[Array, Array, Array, Array]:
         """Of spring i: tension k (l - L) (B,), dl/dq (B, nv), the tension's terms and its energy (B,)."""

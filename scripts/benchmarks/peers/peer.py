@@ -9,7 +9,7 @@ import numpy as np
 
 from slcp_warp import Scene
 
-from ..shared.mechanism import contact, distance, mass_matrix
+from ..mechanics.scene import contact, distance, mass_matrix
 
 DRAWS = 50  # configurations drawn for each that is kept
 NEAR = 0.1  # distance up to which pairs are compared [m]

@@ -7,7 +7,7 @@ import numpy as np
 
 from slcp_warp import Scene
 
-from .mechanism import contact
+from ..mechanics.scene import contact
 
 SAMPLE = 0.005  # longest time between the configurations looked at [s]
 DIRECTIONS = 24  # normals tried at each, before Newton's method

@@ -7,7 +7,7 @@ import numpy as np
 
 from slcp_warp import Scene, SceneError
 
-from .mechanism import distance
+from ..mechanics.scene import distance
 
 
 @dataclass(frozen=True)

@@ -8,14 +8,14 @@ Errors are relative to the terms of the equations, of which impulses and v', the
 times what the data set: all momentum there is on one row, or what a row needs to open by itself.
 """
 
-import math
-
 import numpy as np
 
 from slcp_warp.kernels.method import Method
 from slcp_warp.kernels.structure import Structure
 
-Array = np.ndarray
+from ...support.kinematics import Array
+from ..mechanics.complementarity import complementarity, expected_square_slopes
+
 EARNED = 100.0  # times what the data set: impulses and velocities beyond are no measure of an error
 FLOOR = 1e-30  # of D, as the solver documents it: a row whose J is 0 acts on nothing
 
@@ -107,36 +107,3 @@ class Problem:
         b = self.rate + np.einsum("...ij,...j->...i", self.jac, v)
         size = self.weight(np.zeros(b.shape)) + (0.0 if self.method.hard else sigma.max(-1))
         return np.where(self.tangent, 0.0, np.maximum(-b, 0.0)).max(-1) / size
-
-
-def expected_square_slopes(a: Array, b: Array, sigma: Array, method: Method) -> tuple[Array, Array]:
-    """Derivatives by a and b of E[min(a, b + noise)^2], (15): 2 a P(B > a) and 2 E[B; B < a]."""
-    z = (a - b) / sigma
-    small = np.exp(-np.abs(z))
-    if method.residual == "erm-logistic":
-        above = np.where(z > 0.0, small, 1.0) / (1.0 + small)
-        excess = sigma * np.log1p(small)  # E[(a - B)+] - (a - b)+
-    else:
-        tail = normal_tail(np.abs(z))
-        above = np.where(z > 0.0, tail, 1.0 - tail)
-        excess = sigma * (np.exp(-0.5 * z * z) / math.sqrt(2 * math.pi) - np.abs(z) * tail)
-    below = np.where(z > 0.0, b - a * above, a * (1.0 - above)) - excess
-    return 2.0 * a * above, 2.0 * below
-
-
-def complementarity(a: Array, b: Array, sigma: Array, method: Method) -> Array:
-    """min(a, b) - s(-|a - b|): 0 where (3), (17) or footnote 3's REM-normal holds; nan for other methods."""
-    if method.hard:
-        return np.minimum(a, b)
-    gap = np.abs(a - b) / sigma
-    if method.residual == "rem-logistic":
-        return np.minimum(a, b) - sigma * np.log1p(np.exp(-gap))
-    if method.residual == "rem-normal":
-        tail = np.exp(-0.5 * gap**2) / math.sqrt(2 * math.pi) - gap * normal_tail(gap)
-        return np.minimum(a, b) - sigma * tail
-    return np.full(np.broadcast_shapes(a.shape, b.shape), np.nan)
-
-
-def normal_tail(x: Array) -> Array:
-    """1 - Phi(x) for x >= 0."""
-    return 0.5 * np.vectorize(math.erfc)(x / math.sqrt(2.0))
