@@ -164,6 +164,18 @@ def test_files_that_are_called_by_their_bare_name_are_there():
             assert found in here, f"{page}: {found}"
 
 
+def test_every_status_and_error_is_listed():
+    page = (ROOT / "docs" / "reference" / "statuses.md").read_text(encoding="utf-8")
+    steps, problems, errors = page.split("\n## ")[1:]
+    codes = re.findall(r"^\| ([A-Z_]+) \| (\d+) \|", steps, re.MULTILINE)
+    assert codes == [(status.name, str(status.value)) for status in slcp_warp.Status]
+    listed = re.findall(r"^\| ([A-Z_]+) \|", problems, re.MULTILINE)
+    assert listed == [status.name for status in ddp.Status]
+    for module, prefix in ((slcp_warp, "slcp"), (ddp, "ddp")):
+        for error in (n for n in module.__all__ if n.endswith("Error")):
+            assert f"`{prefix}.{error}`" in errors, error
+
+
 def test_the_index_leads_to_every_page():
     index = ROOT / "docs" / "index.md"
     text = index.read_text(encoding="utf-8")
