@@ -6,6 +6,7 @@ what the public modules name in `__all__`, the command line from the commands' o
 
 import importlib
 import importlib.util
+import inspect
 import re
 import subprocess
 import sys
@@ -34,7 +35,7 @@ myst_enable_extensions = ["dollarmath", "amsmath"]
 myst_heading_anchors = 3  # the anchors that git views make, too
 html_math_renderer = "mathml"  # formulas are shown without a network
 
-PUBLIC = ["slcp_warp", "slcp_warp.scenes", "slcp_warp.ddp", "slcp_warp.ddp.costs"]
+PUBLIC = ["slcp_warp", "slcp_warp.costs", "slcp_warp.scenes", "slcp_warp.ddp", "slcp_warp.ddp.costs"]
 autosummary_generate = ["reference/api.md"]
 TORCH = importlib.util.find_spec("torch") is not None
 if TORCH:
@@ -59,21 +60,27 @@ nitpick_ignore_regex = [
 ]
 
 
-def _public_names() -> dict[str, str]:
-    """Where every public object was defined -> the name that it is documented by."""
+def _public_names() -> tuple[dict[str, str], dict[str, str]]:
+    """Where a public object was defined -> the name that it is documented by; other names -> that name."""
     names: dict[str, str] = {}
+    aliases: dict[str, str] = {}
     for module in map(importlib.import_module, PUBLIC):
         for name in module.__all__:
-            found = getattr(module, name)
+            found, here = getattr(module, name), f"{module.__name__}.{name}"
             home = f"{getattr(found, '__module__', module.__name__)}.{getattr(found, '__qualname__', name)}"
-            names.setdefault(home, f"{module.__name__}.{name}")
-    return names
+            if names.setdefault(home, here) != here and not inspect.ismodule(found):
+                aliases[here] = names[home]
+    return names, aliases
+
+
+PUBLIC_NAMES, ALIASES = _public_names()
+autosummary_context = {"aliases": ALIASES}
 
 
 def resolve(app: Sphinx, env: Any, node: Any, text: Any) -> Any:
     """A reference to where an object was defined leads to its public name."""
     target = node.get("reftarget", "")
-    public = app.config.public_names.get(target)
+    public = PUBLIC_NAMES.get(target)
     if node.get("refdomain") != "py" or public is None or public == target:
         return None
     domain = env.get_domain("py")
@@ -154,7 +161,6 @@ def displayed_math(self: Any, node: Any) -> None:
 def setup(app: Sphinx) -> None:
     """Register the hooks."""
     app.add_html_math_renderer("mathml", (inline_math, None), (displayed_math, None))
-    app.add_config_value("public_names", _public_names(), "env")
     app.connect("missing-reference", resolve)
     app.connect("autodoc-process-docstring", plain_text, priority=400)
     app.connect("autodoc-process-docstring", restore, priority=600)

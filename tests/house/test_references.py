@@ -176,6 +176,14 @@ def test_every_status_and_error_is_listed():
             assert f"`{prefix}.{error}`" in errors, error
 
 
+def test_the_reference_has_every_public_module():
+    page = (ROOT / "docs" / "reference" / "api.md").read_text(encoding="utf-8")
+    modules = {"slcp_warp", "slcp_warp.ddp"}
+    for module, prefix in ((slcp_warp, "slcp_warp"), (ddp, "slcp_warp.ddp")):
+        modules |= {f"{prefix}.{n}" for n in module.__all__ if inspect.ismodule(getattr(module, n))}
+    assert set(re.findall(r"^   (slcp_warp[\w.]*)$", page, re.MULTILINE)) == modules
+
+
 def test_the_index_leads_to_every_page():
     index = ROOT / "docs" / "index.md"
     text = index.read_text(encoding="utf-8")
