@@ -73,8 +73,8 @@ class Options:
 
     Attributes:
         max_iterations: line searches at most; one more backward pass makes the returned policy.
-        method: "second-order" (full DDP), "gauss-newton" (no second derivatives of the dynamics) or
-            "first-order", the paper's (9)-(10).
+        method: "second-order", full DDP, (M33) to (M35); "gauss-newton", without second derivatives of the
+            dynamics; or "first-order", the paper's (9)-(10).
         step_sizes: the alphas tried, all at once.
         regularization: one schedule, or one per problem.
         gradient_tolerance: converged when the largest |Q_u| of every control is at most this, relative to the

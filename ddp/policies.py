@@ -32,7 +32,7 @@ def put_limits(sim: Simulator, struct: Any, limits: tuple[np.ndarray, np.ndarray
 
 
 class TrackingPolicy:
-    """u = us_k + K_k (x - xs_k) along trajectories, by time, within the limits of the plan.
+    """u = us_k + K_k (x - xs_k) along trajectories (M36), by step, within the limits of the plan.
 
     The last step is held.
 

@@ -15,7 +15,7 @@ from .costs import Cost
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Minimise the cost of N steps of a dynamics, from a given state.
+    """Minimise the cost of N steps of a dynamics (M32), from a given state.
 
     Attributes:
         dynamics: see `Dynamics`; `slcp_warp.Simulator` is one.

@@ -1,6 +1,7 @@
 """slcp-warp: thousands of small contact mechanisms stepped in parallel, differentiable through contact.
 
-The contact problem of every time step is a stochastic complementarity problem (Tassa & Todorov 2010).
+The contact problem of every time step is a stochastic complementarity problem (Tassa & Todorov 2010). In
+docstrings (17) is an equation of that paper, (M17) one of docs/understand/mathematics.md.
 """
 
 from . import costs, scenes

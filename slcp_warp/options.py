@@ -47,20 +47,20 @@ class Status(IntEnum):
 
 @dataclass(frozen=True)
 class Options:
-    """What the step solves.
+    """What the step solves; equations (M..) are those of docs/understand/mathematics.md.
 
     Attributes:
-        residual: "rem-logistic", the smoothed problem (17); "rem-normal", its twin for normal noise (footnote
-            3); "erm-normal" (15) and "erm-logistic" (footnote 3), the least expected square, not
-            convex; or "hard", the original one (3), sigma = 0.
-        scaling: "inertia": D = diag(A), so that both arguments of the residual are velocities and results do
-            not depend on the unit of mass; "none": D = 1, the paper's.
-        friction: "anitescu", the relaxed planar model (the paper's [9]): convex, lifts sliding contacts;
-            "coulomb", exact planar friction (the paper's [8]), for the hard problem only.
-        integrator: "euler", eq. (1), first order; "trapezoidal", the linearly implicit method of footnote 1
-            (the paper's [6]), second order where motion is smooth.
-        noise: "row", a constant sigma for every row; "state", eq. (18): sigma follows in every step from the
-            parameters position_covariance and velocity_covariance, (nv, nv).
+        residual: "rem-logistic", the smoothed problem (17), (M9); "rem-normal", its twin for normal noise
+            (footnote 3); "erm-normal" (15) and "erm-logistic" (footnote 3), the least expected square (M10),
+            not convex; or "hard", the original one (3), sigma = 0.
+        scaling: "inertia": D = diag(A) (M17), so that both arguments of the residual are velocities and
+            results do not depend on the unit of mass; "none": D = 1, the paper's.
+        friction: "anitescu", the relaxed planar model (M7), the paper's [9]: convex, lifts sliding contacts;
+            "coulomb", exact planar friction (M8), the paper's [8], for the hard problem only.
+        integrator: "euler" (M1), first order; "trapezoidal" (M23), (M24), the linearly implicit method of
+            footnote 1 (the paper's [6]), second order where motion is smooth.
+        noise: "row", a constant sigma for every row; "state", eq. (18), (M18): sigma follows in every step
+            from the parameters position_covariance and velocity_covariance, (nv, nv).
         deviation: what sigma is to a logistic residual, the distribution's "scale" or its
             "standard-deviation" (scale = sqrt(3)/pi of it). None: the scale for noise "row" (the paper's use
             of (17)), the standard deviation for "state", as (18) gives it. Other residuals always take a
@@ -68,9 +68,9 @@ class Options:
         tolerance: residual, relative to the size of its terms, at which Newton's iteration stops, in
             [1e-15, 0.1]; never below rounding. None: rounding (2e-14, float32: 1e-6). A coarser one makes v',
             lambda and all derivatives as coarse. For REM and hard residuals with Anitescu's friction.
-        gap: "start", w = J v' + d/h, eq. (2): the gap and its slope at the start of the step; "end", w =
-            d(q + h v')/h, to 1e-8 m/s (float32: 3e-5, and 4e-7 m/h of positions' rounding) by at most 24
-            corrections, else NOT_CONVERGED: curved shapes that slide on each other do not sink in. For the
+        gap: "start", w = J v' + d/h (M2): the gap and its slope at the start of the step; "end", w =
+            d(q + h v')/h (M25), to 1e-8 m/s (float32: 3e-5, and 4e-7 m/h of positions' rounding) by at most
+            24 corrections, else NOT_CONVERGED: curved shapes that slide on each other do not sink in. For the
             hard problem; no derivatives.
     """
 

@@ -153,7 +153,7 @@ class Simulator:
         external_force: Any = None,
         warm_start: Any = None,
     ) -> Step:
-        """One time step of every world, eq. (1). Pure: nothing is remembered.
+        """One time step of every world, (M1) to (M3). Pure: nothing is remembered.
 
         Recorded on an active `wp.Tape` when x or u are Warp arrays with `requires_grad` or params are
         tracked.
@@ -305,9 +305,10 @@ class Simulator:
         second: bool = False,
         external_force: Any = None,
     ) -> Linearization:
-        """Jacobians of the step at (x, u) by the implicit function theorem; `second` adds second derivatives,
-        in closed form, or by differences for methods that have none. Worlds that are not solved
-        have zero derivatives and a status.
+        """Jacobians of the step at (x, u) by the implicit function theorem (M27).
+
+        `second` adds second derivatives, in closed form (M29), or by differences (M30) for methods that have
+        none. Worlds that are not solved have zero derivatives and a status.
         """
         self._need_derivatives("linearize")
         checks.flag("second", second)

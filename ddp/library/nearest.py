@@ -85,7 +85,7 @@ def _rows(name: str, values: np.ndarray, count: int) -> np.ndarray:
 
 
 class NearestPolicy:
-    """The nearest-neighbour rule (20) over a library; its controls stay within the entries' limits.
+    """The nearest-neighbour rule (20), (M37) over a library; controls stay within the entries' limits.
 
     Args:
         library: the entries.

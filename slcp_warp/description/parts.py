@@ -114,7 +114,9 @@ class Shape:
 
 @dataclass(frozen=True)
 class Contact:
-    """Two shapes that may touch, by name, and their friction coefficient (None: a frictionless contact).
+    """Two shapes that may touch, by name, and their friction coefficient (None: no friction).
+
+    What friction does is (M7) or (M8), by `Options.friction`.
 
     A capsule touches half-planes with the discs at its ends (two pairs), discs with its nearest point (one
     pair), and another capsule with the ends of either on the other (four pairs). Ellipses do not touch it.
@@ -157,10 +159,12 @@ class Spring:
     """A spring and damper between two points of bodies (or of the world, None).
 
     The force along the line of the points is stiffness (l - length) + damping dl/dt with l their distance,
-    rounded off below length/1000 + 1e-5 so that coincident points give finite derivatives.
+    rounded off below length/1000 + 1e-5 so that coincident points give finite derivatives (M26).
 
     Attributes:
-        point_a, point_b: in the frame of their body [m]. stiffness [N/m], damping [N s/m] >= 0.
+        point_a, point_b: in the frame of their body [m].
+        stiffness: [N/m], >= 0.
+        damping: [N s/m], >= 0.
         length: rest length [m], >= 0.
     """
 

@@ -17,7 +17,7 @@ PERTURBABLE = sorted({*POSITIVE, *NONNEGATIVE, "gravity", "gear"} - {"period"})
 
 @dataclass(frozen=True)
 class SweepSpec:
-    """What is varied and measured; every number is reproducible from `seed` and the world's index.
+    """What is varied (M41) and measured; every number is reproducible from `seed` and the world's index.
 
     Attributes:
         worlds: per case.

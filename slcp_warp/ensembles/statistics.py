@@ -18,7 +18,7 @@ def mean_interval(values: np.ndarray) -> tuple[float, float, float]:
 
 
 def share_interval(successes: int, total: int) -> tuple[float, float, float]:
-    """A share and its Wilson score interval: (share, low, high); NaN for total = 0."""
+    """A share and its Wilson score interval (M42): (share, low, high); NaN for total = 0."""
     if total == 0:
         return math.nan, math.nan, math.nan
     p = successes / total

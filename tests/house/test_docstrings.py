@@ -11,7 +11,7 @@ from test_layout import LAYERS, source_files
 NODES = (ast.Module, ast.ClassDef, ast.FunctionDef)
 HEADS = ("Args", "Attributes", "Raises")
 ENTRY = re.compile(r" {4}(\*{0,2}\w+(?:, \*{0,2}\w+)*): ")
-INSIDE = re.compile(r"(?<=[.;)\]]) (\w+(?:, \w+)*): ")  # where an entry would begin in the middle of a line
+INSIDE = re.compile(r"(?<=[.;)\]]) (\w+(?:, \w+)*)(?:: | \[)")  # an entry that begins in the middle of a line
 
 
 def documented(path: Path):
@@ -96,6 +96,7 @@ def test_no_line_of_a_docstring_is_cut_short(path):
     [
         ("A.\n\nArgs:\n    x: (B, nx).\n    u: (B, nu),\n        or None.\n", 0),
         ("A.\n\nArgs:\n    x: (B, nx). u: (B, nu).\n", 1),
+        ("A.\n\nArgs:\n    x: (B, nx). u [m].\n", 1),
         ("A.\n\nArgs:\n    x: (B, nx),\n    or (nx,).\n", 1),
         ("A.\n\nArgs:\n    y: none.\n", 1),
         ("A.\n\nRaises:\n    ValueError: one. TypeError: two.\n", 1),
