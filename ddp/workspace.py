@@ -134,9 +134,7 @@ class Workspace:
         self._prepare_rollouts(functions, weights)
 
     def _prepare_derivatives(self, functions: Any, rows: np.ndarray, weights: Any) -> None:
-        """Derivatives of the dynamics, and of the cost: by differences in double precision where it gives
-        none.
-        """
+        """Derivatives of the dynamics, and of the cost: where it gives none, differences in float64."""
         problem, B, N, dtype = self.problem, self.batch, self.problem.horizon, self.dtype
         policy, d, fresh = self._policy, self._derivatives, self._state.fresh
         second = d.second if self.second_order else None

@@ -67,8 +67,9 @@ class PairStructure:
 
 @dataclass(frozen=True)
 class RowStructure:
-    """One complementarity row: a joint limit (dof, sign) or a contact (pair, sign of the tangent; 0 =
-    frictionless).
+    """One complementarity row: a joint limit (dof, sign) or a contact (pair, sign of the tangent).
+
+    The sign of a frictionless contact is 0.
     """
 
     kind: str
@@ -78,8 +79,9 @@ class RowStructure:
 
 @dataclass(frozen=True)
 class Structure:
-    """A mechanism's topology. Bodies come parents first, so degrees of freedom are ordered along every
-    chain.
+    """A mechanism's topology.
+
+    Bodies come parents first, so that degrees of freedom are ordered along every chain.
     """
 
     bodies: tuple[BodyStructure, ...]
@@ -155,8 +157,9 @@ class Structure:
         return self.in_chain(body, dof) and self.dof_kind[dof] == REVOLUTE
 
     def coupled(self, i: int, j: int) -> bool:
-        """Whether M[i, j] (with implicit damping M + h C) can differ from zero: both move some body, or the
-        ends of some damper.
+        """Whether M[i, j] (with implicit damping M + h C) can differ from zero.
+
+        It can where both move some body, or the ends of some damper.
         """
         groups = [{b} for b in range(self.nb)]
         if self.implicit_damping:

@@ -28,8 +28,9 @@ LOCAL_ITERATIONS = 12
 
 @cached
 def make_support(dtype: type) -> wp.Function:
-    """support(a, b, c, s): h, h', h'', h''' of an ellipse at the unit vector c e1 + s e2 (primes:
-    d/dalpha).
+    """support(a, b, c, s): h, h', h'', h''' of an ellipse at the unit vector c e1 + s e2.
+
+    Primes are d/dalpha.
     """
     V4 = wp.types.vector(4, dtype)
     ZERO, ONE, THREE = dtype(0.0), dtype(1.0), dtype(3.0)

@@ -54,8 +54,9 @@ def make_pair_jacobian(s: Structure, pair: int, dtype: type) -> wp.Function:
 
 @cached
 def make_rows(spec: Specialisation) -> SimpleNamespace:
-    """Warp functions on the set of rows; a row's Jacobian is stored for contacts only (limits are unit
-    vectors).
+    """Warp functions on the set of rows.
+
+    A row's Jacobian is stored for contacts only: those of limits are unit vectors.
     """
     s, dtype, method = spec
     mech = make_mechanism(s, dtype)
@@ -172,8 +173,9 @@ def make_rows(spec: Specialisation) -> SimpleNamespace:
 
 @cached
 def make_speed(s: Structure, pair: int, dtype: type) -> wp.Function:
-    """Bound on |(J_n +- mu J_t) v| of a pair: speed of the centres plus rate of turning times largest
-    radius.
+    """Bound on |(J_n +- mu J_t) v| of a pair.
+
+    It is the speed of the centres plus the rate of turning times the largest radius.
     """
     mech = make_mechanism(s, dtype)
     t = mech.types

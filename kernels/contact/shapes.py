@@ -62,8 +62,9 @@ def make_shape_pose(s: Structure, shape: int, end: int, dtype: type) -> wp.Funct
 
 
 def oriented_pair(s: Structure, pair: int) -> tuple[int, int]:
-    """(shape_a, shape_b) with a half-plane, or a whole capsule, first; the swap turns n and t both, so J_n
-    and J_t do not change.
+    """(shape_a, shape_b) with a half-plane, or a whole capsule, first.
+
+    The swap turns n and t both, so that J_n and J_t do not change.
     """
     p = s.pairs[pair]
     return (p.shape_b, p.shape_a) if _swapped(s, pair) else (p.shape_a, p.shape_b)

@@ -1,7 +1,7 @@
 """The backward pass of DDP, one problem per thread (Tassa & Todorov 2010, section III-C).
 
-Notation: z = (x, u), primes are transposes, V is the value function of the next step. Per step, backwards in
-    time,
+Notation: z = (x, u), primes are transposes, V is the value function of the next step. Backwards in time,
+(M33) to (M35):
 
     Q_x  = l_x + f_x' V_x                      Q_u  = l_u + f_u' V_x
     Q_xx = l_xx + f_x' V_xx f_x + V_x.f_xx     (11); Q_ux and Q_uu alike

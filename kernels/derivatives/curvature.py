@@ -25,9 +25,7 @@ def in_closed_form(method: Method) -> bool:
 
 @cached
 def make_curvature(spec: Specialisation) -> wp.Function:
-    """curvature(params, row, x, sol, lin, output) -> (nz, nz) second derivatives of v'[output] by (q, v,
-    u).
-    """
+    """curvature(params, row, x, sol, lin, output): second derivatives (nz, nz) of v'[output] by (q, v, u)."""
     s, dtype, method = spec
     linear = make_linearization(spec)
     step, motion, pairs, pair_mask = linear.step, linear.motion, linear.pairs, linear.pair_mask

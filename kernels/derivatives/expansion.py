@@ -13,8 +13,9 @@ from .sensitivity import make_linearization
 
 @cached
 def make_linearize_kernel(spec: Specialisation, second: bool) -> wp.Kernel:
-    """A = df/dx, B = df/du (and d2v'/d(x, u)2) at every (problem, step): item i is step i mod N of problem i
-    div N.
+    """A = df/dx, B = df/du (and d2v'/d(x, u)2) at every step of every problem.
+
+    Item i is step i mod N of problem i div N.
     """
     s, dtype, _ = spec
     linear = make_linearization(spec)

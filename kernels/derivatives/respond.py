@@ -10,8 +10,9 @@ from .rows_by_q import make_rows_by_q
 
 @cached
 def make_respond(spec: Specialisation) -> wp.Function:
-    """respond(params, row, sol, start, source) -> Linear; `source` is -F1_(q, v, u) without the contact's
-    part.
+    """respond(params, row, sol, start, source) -> Linear.
+
+    `source` is -F1_(q, v, u) without the contact's part.
     """
     s, dtype, method = spec
     linear = make_linear(spec)

@@ -13,8 +13,9 @@ from .disturbances import NOWHERE, TOUCH, make_conditions, make_disturbances
 
 @cached
 def make_sweep_kernel(spec: Specialisation, policy_name: str) -> wp.Kernel:
-    """Roll out one world a thread for a duration, with torque noise and velocity kicks; samples one state
-    component.
+    """Roll out one world a thread for a duration, with torque noise and velocity kicks.
+
+    One state component is sampled.
     """
     s, dtype, _ = spec
     world_of = make_world(spec, False)

@@ -1,5 +1,6 @@
-"""Gaps and rows of the contact pairs and limits of any scene by its tables; the formulas are those of
-`contact/rows.py`.
+"""Gaps and rows of the contact pairs and limits of any scene by its tables.
+
+The formulas are those of `contact/rows.py`.
 """
 
 from types import SimpleNamespace

@@ -152,9 +152,7 @@ def make_islands(given: type) -> SimpleNamespace:
 
     @wp.func
     def is_earned(t: Topology, k: Work, b: int, n: int, size: dtype):
-        """1 if every row is open on its own scale and none presses much harder than all momentum of its
-        island.
-        """
+        """1 if every row is open on its own scale and none presses much harder than its island's momentum."""
         good = int(1)
         for r in range(n):
             i = k.active[r, b]

@@ -1,5 +1,6 @@
-"""Kinematics and dynamics of a planar tree by loops over its tables; the formulas are those of
-`mechanism/dynamics.py`.
+"""Kinematics and dynamics of a planar tree by loops over its tables.
+
+The formulas are those of `mechanism/dynamics.py`.
 """
 
 from types import SimpleNamespace
@@ -100,8 +101,9 @@ def make_mechanism(given: type) -> SimpleNamespace:
         external: wp.array2d(dtype=given),
         world: int,
     ):
-        """M (with implicit damping M + h C, `springs` adds their part) into k.mass, r(q, v) and the external
-        forces into k.move.
+        """M into k.mass, r(q, v) and the external forces into k.move.
+
+        With implicit damping M + h C stands for M; `springs` adds their part.
         """
         gx = number(t, params, row, GRAVITY, 0)
         gy = number(t, params, row, GRAVITY, 1)

@@ -222,9 +222,7 @@ def _cuthill_mckee(near: dict[int, set[int]]) -> list[int]:
 
 
 def _places(s: Structure, tree: list[int], ties: dict[int, set[int]], block: list[int]) -> list[int]:
-    """Reverse Cuthill-McKee order of the blocks, in each of its trees, dofs of a tree from its leaves to its
-    root.
-    """
+    """Reverse Cuthill-McKee order of the blocks; the dofs of each of its trees go from leaves to root."""
     near: dict[int, set[int]] = {t: set() for t in block}
     of_body = dict(zip(s.dof_body, block, strict=True))
     for pair in s.pairs:

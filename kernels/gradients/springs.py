@@ -14,8 +14,9 @@ from .places import make_places
 
 @cached
 def make_spring_gradient(s: Structure, index: int, dtype: type) -> wp.Function:
-    """gradient(params, row, fr, q, y, P, share, grad, world): adds the columns of spring `index` and of all
-    joints above its points.
+    """gradient(params, row, fr, q, y, P, share, grad, world).
+
+    It adds the columns of spring `index` and of all joints above its points.
     """
     spring = make_spring(s, index, dtype)
     places = make_places(s, dtype)

@@ -18,8 +18,7 @@ from .springs import make_spring
 
 @cached
 def make_mechanism_derivatives(s: Structure, dtype: type, trapezoidal: bool) -> SimpleNamespace:
-    """Warp functions: first derivatives of the equations of motion and their contraction for second
-    derivatives.
+    """Warp functions: derivatives of the equations of motion, and their contraction for second ones.
 
     With implicit damping those by q at constant w are of M w - h r for dampers at v + w, where the
     trapezoidal integrator's w is an acceleration at v + h w; its other derivatives are without dampers.

@@ -34,9 +34,7 @@ def make_open_loop(nx: int, nu: int, dtype: type) -> SimpleNamespace:
 
 @cached
 def make_tracking(nx: int, nu: int, dtype: type) -> SimpleNamespace:
-    """u = us_k + K_k (x - xs_k) along one nominal trajectory per world or one for all; its last step is
-    held.
-    """
+    """u = us_k + K_k (x - xs_k) along one trajectory per world or one for all; its last step is held."""
     VX, VU = wp.types.vector(nx, dtype), wp.types.vector(max(nu, 1), dtype)
 
     @wp.struct
@@ -72,8 +70,7 @@ def make_tracking(nx: int, nu: int, dtype: type) -> SimpleNamespace:
 
 @cached
 def make_nearest(nx: int, nu: int, dtype: type) -> SimpleNamespace:
-    """The nearest-neighbour rule (20): u = u_j + K_j (x - x_j), j = argmin |W (x - x_j)|, W' W = inverse
-    covariance.
+    """The nearest-neighbour rule (20), (M37).
 
     Points y = W x_j are stored as a balanced k-d tree in one array: the node of a range is its middle, its
     split dimension stands beside it. Entries with a periodic component are stored with their images within

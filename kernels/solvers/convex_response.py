@@ -20,9 +20,7 @@ from .elimination import PROXIMAL, make_row_elimination
 
 @cached
 def make_convex_response(spec: Specialisation) -> SimpleNamespace:
-    """The contract of `law.py`; beside it `slopes` s'(z) in the factor and `transposed`, for second
-    derivatives.
-    """
+    """The contract of `law.py`, and for second derivatives `slopes` s'(z) in the factor and `transposed`."""
     s, dtype, method = spec
     r = make_rows(spec)
     t = r.types

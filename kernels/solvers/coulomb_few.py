@@ -25,8 +25,9 @@ PROXIMAL = {wp.float64: 1e-9, wp.float32: 1e-4}  # relative to A_ii
 
 @cached
 def make_coulomb_few(spec: Specialisation) -> wp.Function:
-    """few(params, row, problem, warm) -> v', z, lambda, found: 0 where there are more than FEW rows, or no
-    solution was found.
+    """few(params, row, problem, warm) -> v', z, lambda, found.
+
+    found is 0 where there are more than FEW rows, or no solution was found.
     """
     s, dtype, _ = spec
     r = make_rows(spec)

@@ -27,8 +27,9 @@ STEPS_PER_UNKNOWN = 12
 
 @cached
 def make_lemke(spec: Specialisation, dense_type: Any) -> wp.Function:
-    """lemke(problem, dense, friction) -> (lambda of the rows, FOUND, RAY or LIMIT); friction = 0 leaves it
-    out.
+    """lemke(problem, dense, friction) -> (lambda of the rows, FOUND, RAY or LIMIT).
+
+    friction = 0 leaves friction out.
     """
     s, dtype, _ = spec
     r = make_rows(spec)

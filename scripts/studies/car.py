@@ -123,8 +123,9 @@ def car_command(
     device: Device = None,
     seed: Seed = 0,
 ) -> None:
-    """Plan a fast drive through a slippery hairpin at falling noise; drive the plans in a calm world and in
-    thousands of noisy ones.
+    """Plan a fast drive through a slippery hairpin at falling noise.
+
+    The plans are driven in a calm world and in thousands of noisy ones.
     """
     from .car_chart import car_chart  # it loads matplotlib
 

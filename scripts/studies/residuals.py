@@ -1,6 +1,4 @@
-"""`slcp residuals`: the finger's plans and libraries under (15) against (17): are they alike, as the paper
-says?
-"""
+"""`slcp residuals`: are the finger's plans and libraries under (15) and (17) alike, as the paper says?"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -152,8 +150,9 @@ def residuals_command(
     device: Device = None,
     seed: Seed = 0,
 ) -> None:
-    """Compare the finger's plans and libraries under the residuals (15) and (17): half an hour on two
-    cores.
+    """Compare the finger's plans and libraries under the residuals (15) and (17).
+
+    It takes half an hour on two cores.
     """
     show_rows(f"{starts} plans of the first residual, each solved again with the others",
               plan_rows(starts, seed, device))  # fmt: skip

@@ -74,9 +74,7 @@ def _starts(sim: Simulator, spec: SweepSpec) -> np.ndarray:
 
 
 def _spread(sim: Simulator, parameter_sd: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
-    """Per column of the parameter table: log standard deviation, and the group that shares a random
-    number.
-    """
+    """Per column of the parameters: standard deviation of its logarithm, and whose random number it takes."""
     width = sim.params.layout.width
     spread, group = np.zeros(width), np.arange(width, dtype=np.int32)
     first = {name: start for name, start, _ in sim.params.layout.columns}

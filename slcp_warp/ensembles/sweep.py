@@ -1,6 +1,4 @@
-"""Robustness sweeps: thousands of perturbed worlds under a policy, on smoothed and hard dynamics, with
-statistics.
-"""
+"""Robustness sweeps: thousands of perturbed worlds under a policy, smoothed and hard, with statistics."""
 
 import json
 from collections.abc import Callable, Iterator

@@ -13,8 +13,9 @@ SIZED_VALUE = 4  # format of an attribute that carries its size
 
 
 def kernel_resources(cubin: bytes) -> dict[str, dict[str, int]]:
-    """{kernel: {"registers": .., "frame": .., "code": bytes}}; a frame is local memory (spills and indexed
-    arrays).
+    """{kernel: {"registers": .., "frame": .., "code": bytes}}.
+
+    A frame is local memory (spills and indexed arrays).
     """
     start = struct.unpack_from("<Q", cubin, 0x28)[0]
     _size, count, names = struct.unpack_from("<HHH", cubin, 0x3A)

@@ -1,5 +1,6 @@
-"""Random numbers and states for many worlds of one scene; all are exact in float32, so that both precisions
-see the same problem.
+"""Random numbers and states for many worlds of one scene.
+
+All are exact in float32, so that both precisions see the same problem.
 
 Classes of states: far (nothing touches), touching (bisected between far and deep), entering (touching, and
 fast towards it), deep (centimetres inside, limits overrun), jammed (limits crossed, guides nearly along a
@@ -27,8 +28,9 @@ BISECTIONS, TRIES = 12, 9
 
 @dataclass(frozen=True)
 class Worlds:
-    """Worlds of a scene: numbers by parameter name (B, ...), states (B, 2 nv), controls (B, nu), class (B,)
-    as an index of CLASSES.
+    """Worlds of a scene: numbers by parameter name (B, ...), states (B, 2 nv), controls (B, nu), class (B,).
+
+    A class is an index of CLASSES.
     """
 
     numbers: dict[str, Array]

@@ -18,8 +18,9 @@ def mass_matrix(scene: Scene, q: Array) -> Array:
 
 
 def contact(scene: Scene, q: Array, pair: int = 0, directions: int = DIRECTIONS) -> tuple[Array, Array]:
-    """Signed distance (B,) of a pair and the angle (B,) of its normal, which points from A to B (0 where
-    discs are concentric).
+    """Signed distance (B,) of a pair and the angle (B,) of its normal, which points from A to B.
+
+    The angle is 0 where discs are concentric.
 
     Args:
         scene: the scene.

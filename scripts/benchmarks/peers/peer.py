@@ -108,8 +108,9 @@ def step_count(duration: float, h: float) -> int:
 
 
 def places(states: np.ndarray, count: int) -> np.ndarray:
-    """`count` random states (count, nx) of trajectories (B, N+1, nx), their ends and what is not finite
-    left out.
+    """`count` random states (count, nx) of trajectories (B, N+1, nx).
+
+    Their ends and what is not finite are left out.
     """
     flat = states[:, :-1].reshape(-1, states.shape[2])
     return np.random.default_rng(0).choice(flat[np.isfinite(flat).all(axis=1)], count)

@@ -43,8 +43,9 @@ def stability_command(
     ] = None,
     table: Annotated[Path | None, typer.Option(help="Write the table here as Markdown.")] = None,
 ) -> None:
-    """Scenes that hurt solvers, judged cell by cell by an independent float64 check; exit 1 if one fails
-    silently.
+    """Scenes that hurt solvers, judged cell by cell by an independent float64 check.
+
+    The exit status is 1 if one fails silently.
     """
     for name, given, offered in (
         ("--case", case, list(dict.fromkeys(c.name for c in CASES))),

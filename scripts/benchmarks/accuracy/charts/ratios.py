@@ -92,8 +92,9 @@ def sound(row: dict[str, Any]) -> bool:
 
 
 def compare(rows: Rows) -> list[Comparison]:
-    """Every curve of a peer beside ours, by study and problem; of ours only points that are `sound` reach
-    an error.
+    """Every curve of a peer beside ours, by study and problem.
+
+    Of ours only points that are `sound` reach an error.
     """
     out = []
     for (study, problem), part in groups(rows, "study", "problem").items():
