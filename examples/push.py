@@ -10,14 +10,15 @@ gradient. Contact is hard, friction Coulomb's: no smoothing, the gradients are t
 """
 
 import argparse
-from collections.abc import Callable
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-import warp as wp
+import torch
+from torch import Tensor
 
 import slcp_warp as slcp
+import slcp_warp.torch as slcp_torch
 
 STEPS, HOLD = 120, 10  # of .01 s; steps for which a force is held
 X, Y, ANGLE = 1, 2, 3  # the block's coordinates in the state; the pusher's is 0
@@ -28,69 +29,54 @@ SPREAD, RATE = 10.0, 1.0  # [N] of the starts, of a round's change
 SCENE = slcp.scenes.push_block()
 OPTIONS = slcp.Options(residual="hard", friction="coulomb")
 SIM = slcp.Simulator(SCENE, OPTIONS, device="cpu", dtype="float64")
-Evaluation = tuple[np.ndarray, np.ndarray]
+START = torch.tensor(SCENE.x0)
+Outcome = tuple[Tensor, np.ndarray]
 
 
-def cost(force: np.ndarray, last: np.ndarray) -> np.ndarray:
-    """Cost (B,) of forces (B, STEPS/HOLD) that end in the states `last` (B, 8)."""
-    place = PLACE * (last[:, X] - MARK) ** 2 + LEVEL * last[:, ANGLE] ** 2
-    return place + REST * (last[:, 4 + X] ** 2 + last[:, 4 + Y] ** 2) + EFFORT * (force**2).sum(1)
+def evaluate(force: Tensor) -> Tensor:
+    """Cost (B,) of forces (B, STEPS/HOLD); inf where a step was not solved."""
+    controls = force.repeat_interleave(HOLD, 1)[..., None]
+    states, status = slcp_torch.rollout(SIM, START.expand(len(force), -1), controls, check=False)
+    last = states[:, -1]
+    cost = PLACE * (last[:, X] - MARK) ** 2 + LEVEL * last[:, ANGLE] ** 2 + EFFORT * (force**2).sum(1)
+    cost = cost + REST * (last[:, 4 + X] ** 2 + last[:, 4 + Y] ** 2)
+    return torch.where(status == int(slcp.Status.SOLVED), cost, torch.inf)
 
 
-def controls(force: np.ndarray) -> np.ndarray:
-    """Controls (B, STEPS, 1)."""
-    return np.repeat(force, HOLD, axis=1)[..., None]
-
-
-def value(force: np.ndarray) -> np.ndarray:
-    """The cost (B,); inf where a step was not solved."""
-    traj = SIM.rollout(np.tile(SCENE.x0, (len(force), 1)), controls(force))
-    return np.where(traj.status == slcp.Status.SOLVED, cost(force, traj.states[:, -1]), np.inf)
-
-
-def value_and_gradient(force: np.ndarray) -> Evaluation:
-    """The cost (B,) and its gradient by the forces (B, STEPS/HOLD)."""
-    x0 = wp.array(np.tile(SCENE.x0, (len(force), 1)), dtype=wp.float64, device="cpu")
-    us = wp.array(controls(force), dtype=wp.float64, device="cpu", requires_grad=True)
-    with wp.Tape() as tape:
-        traj = SIM.rollout(x0, us)
-    last = traj.states.numpy()[:, -1]
-    seed = np.zeros((len(force), STEPS + 1, 8))
-    seed[:, -1, X] = 2.0 * PLACE * (last[:, X] - MARK)
-    seed[:, -1, ANGLE] = 2.0 * LEVEL * last[:, ANGLE]
-    seed[:, -1, 4 + X : 4 + Y + 1] = 2.0 * REST * last[:, 4 + X : 4 + Y + 1]
-    tape.backward(grads={traj.states: wp.array(seed, dtype=wp.float64, device="cpu")})
-    gradient = us.grad.numpy()[..., 0].reshape(len(force), -1, HOLD).sum(2) + 2.0 * EFFORT * force
-    failed = traj.status.numpy() != slcp.Status.SOLVED
-    return np.where(failed, np.inf, cost(force, last)), np.where(failed[:, None], 0.0, gradient)
-
-
-def descend(force: np.ndarray, rounds: int) -> Evaluation:
-    """Adam from every start: the best forces and the least cost so far, (rounds, B)."""
-    mean, square = np.zeros_like(force), np.zeros_like(force)
-    best, least, history = force.copy(), np.full(len(force), np.inf), []
-    for k in range(1, rounds + 1):
-        now, gradient = value_and_gradient(force)
-        better = now < least
-        least, best = np.where(better, now, least), np.where(better[:, None], force, best)
-        history.append(least)
-        mean, square = 0.8 * mean + 0.2 * gradient, 0.95 * square + 0.05 * gradient**2
-        step = (mean / (1.0 - 0.8**k)) / (np.sqrt(square / (1.0 - 0.95**k)) + 1e-9)
-        force = force - RATE * (1.0 - (k - 1) / rounds) * step
+def descend(start: Tensor, rounds: int) -> Outcome:
+    """Adam from every start: the best forces, and the least cost so far (rounds, B)."""
+    force = start.clone().requires_grad_()
+    optimiser = torch.optim.Adam([force], lr=RATE, betas=(0.8, 0.95))
+    schedule = torch.optim.lr_scheduler.LambdaLR(optimiser, lambda k: 1.0 - k / rounds)
+    best, least, history = start.clone(), torch.full((len(start),), torch.inf, dtype=start.dtype), []
+    for _ in range(rounds):
+        now = evaluate(force)
+        better = now.detach() < least
+        least, best = (
+            torch.where(better, now.detach(), least),
+            torch.where(better[:, None], force.detach(), best),
+        )
+        history.append(least.numpy())
+        optimiser.zero_grad()
+        now.sum().backward()
+        force.grad.nan_to_num_(0.0)  # of worlds that were not solved
+        optimiser.step()
+        schedule.step()
     return best, np.array(history)
 
 
-def evolve(force: np.ndarray, rounds: int, normal: Callable[..., np.ndarray]) -> Evaluation:
+@torch.no_grad()
+def evolve(start: Tensor, rounds: int, rng: np.random.Generator) -> Outcome:
     """(1+1) evolution strategies with the one-fifth rule: the same outcome as `descend`."""
-    best, least = force, value(force)
-    width, history = np.full(len(force), 3.0), [least]
+    best, least = start, evaluate(start)
+    width, history = torch.full_like(least, 3.0), [least.numpy()]
     for _ in range(rounds - 1):
-        trial = best + width[:, None] * normal(size=best.shape)
-        now = value(trial)
+        trial = best + width[:, None] * torch.tensor(rng.normal(size=best.shape))
+        now = evaluate(trial)
         better = now < least
-        least, best = np.where(better, now, least), np.where(better[:, None], trial, best)
-        width *= np.where(better, 1.5, 1.5**-0.25)
-        history.append(least)
+        least, best = torch.where(better, now, least), torch.where(better[:, None], trial, best)
+        width = width * torch.where(better, 1.5, 1.5**-0.25)
+        history.append(least.numpy())
     return best, np.array(history)
 
 
@@ -123,16 +109,16 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
     rng = np.random.default_rng(arguments.seed)
-    force = SPREAD * rng.standard_normal((arguments.starts, STEPS // HOLD))
+    force = torch.tensor(SPREAD * rng.standard_normal((arguments.starts, STEPS // HOLD)))
     best, descent = descend(force, arguments.rounds)
-    _, search = evolve(force, arguments.rounds, rng.normal)
+    _, search = evolve(force, arguments.rounds, rng)
     for name, history in (("gradient", descent), ("evolution strategy", search)):
         middle = np.median(history[-1])
         print(f"{name}: least cost {history[-1].min():.4f}, median of {len(force)} starts {middle:.4f}")
     share = (descent[-1] < search[-1].min()).mean()
     print(f"starts whose gradient descent ends below the best evolution strategy: {share:.0%}")
-    winner = best[[np.argmin(descent[-1])]]
-    states = SIM.rollout(SCENE.x0[None], controls(winner)).states[0]
+    winner = best[int(np.argmin(descent[-1]))].numpy()
+    states = SIM.rollout(SCENE.x0, np.repeat(winner, HOLD)[:, None]).states
     print(
         f"the best plan's block ends at {states[-1, X]:.4f} m at {states[-1, 4 + X]:.4f} m/s; mark {MARK} m"
     )

@@ -14,9 +14,10 @@ from slcp_warp.scripts.benchmarks.fuzz.draws import CLASSES, Worlds, draw_worlds
 from slcp_warp.scripts.benchmarks.fuzz.judge import Outcome, judge
 from slcp_warp.scripts.benchmarks.fuzz.problem import Problem, Truth
 from slcp_warp.scripts.benchmarks.fuzz.proofs import coulomb_solution, least_motion, widest_opening
-from slcp_warp.scripts.benchmarks.fuzz.run import Task, run_task
+from slcp_warp.scripts.benchmarks.fuzz.run import run_task
 from slcp_warp.scripts.benchmarks.fuzz.shrink import shrink
 from slcp_warp.scripts.benchmarks.fuzz.structures import baked, random_scene
+from slcp_warp.scripts.benchmarks.fuzz.tasks import Task
 from slcp_warp.scripts.benchmarks.fuzz.verdicts import SILENT, WRONG, Verdicts
 
 HARD = slcp.Options(residual="hard")

@@ -19,7 +19,7 @@ OPEN = {
     *("kernels/derivatives/second_differences.py", "kernels/generic/interior.py", "slcp_warp/simulator.py"),
     *("kernels/generic/mechanism.py", "kernels/gradients/adjoint.py", "kernels/gradients/trapezoidal.py"),
     *("kernels/mechanism/free_motion.py", "kernels/solvers/lemke.py", "kernels/step/step.py"),
-    *("scripts/benchmarks/stability/command.py", "ddp/solver.py", "ddp/workspace.py"),
+    *("ddp/solver.py", "ddp/workspace.py"),
 }
 
 

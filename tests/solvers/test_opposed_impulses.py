@@ -8,7 +8,8 @@ import pytest
 import slcp_warp as slcp
 from slcp_warp import Body, Scene
 from slcp_warp.scripts.benchmarks.fuzz.draws import Worlds
-from slcp_warp.scripts.benchmarks.fuzz.run import Task, judged
+from slcp_warp.scripts.benchmarks.fuzz.judged import judged
+from slcp_warp.scripts.benchmarks.fuzz.tasks import Task
 from slcp_warp.scripts.benchmarks.fuzz.verdicts import SILENT, WRONG
 
 HARD = slcp.Options(residual="hard")

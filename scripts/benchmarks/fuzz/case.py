@@ -15,8 +15,9 @@ from slcp_warp.strategy import RENAMED
 
 from ...support.kinematics import Array
 from .draws import Worlds
-from .run import FIELDS, Failure, judged, predicted
+from .judged import judged, predicted
 from .structures import baked
+from .tasks import FIELDS, Failure
 from .verdicts import Verdicts
 
 EXTRA = ("sigma", "lower", "upper")

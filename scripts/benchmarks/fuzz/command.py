@@ -19,8 +19,9 @@ from ..shared.machine import machine
 from .case import case_of, describe, load_case, save_case
 from .draws import CHUNK
 from .report import markdown, rows_of, show
-from .run import DTYPES, GENERIC, Failure, Tally, Task, run_task
+from .run import run_task
 from .shrink import shrink
+from .tasks import DTYPES, GENERIC, Failure, Tally, Task
 from .verdicts import SILENT, WRONG
 
 OWN_CHUNKS = 4  # of CHUNK worlds for every scene with kernels of its own

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ...support.kinematics import Array
-from ..mechanics.complementarity import complementarity, expected_square_slopes, normal_tail
+from ..mechanics.complementarity import complementarity, expected_square_slopes, normal_tail, rubbed
 from ..mechanics.contact import gaps
 from .problem import EPSILON, FLOOR, TOLERANCE, Problem
 
@@ -162,7 +162,7 @@ def _contact(p: Problem, rate: Array, v1: Array, lam: Array, data: Array) -> Arr
         for i in np.flatnonzero(p.tangent):
             bound = p.mu[:, i] * np.maximum(lam[:, i - 1], 0.0)
             size = np.maximum(p.diag[:, i], FLOOR)
-            error[:, i] = size * (lam[:, i] - np.clip(lam[:, i] - b[:, i] / size, -bound, bound))
+            error[:, i] = size * (lam[:, i] - rubbed(lam[:, i], b[:, i], size, bound))
         return np.abs(error)
     error = np.abs(complementarity(a, b, p.sigma, method))
     x = np.clip((b - a) / p.sigma, -700.0, 700.0)

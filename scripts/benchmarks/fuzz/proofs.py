@@ -9,6 +9,7 @@ import numpy as np
 
 from ...support.kinematics import Array
 from ..exact.mechanics import scipy_module
+from ..mechanics.complementarity import rubbed
 from .problem import FLOOR, Problem
 
 MOST_MODES = 1_024
@@ -134,7 +135,7 @@ def _legal(p: Problem, i: int, groups: list[Any], lam: Array, w: Array, miss: fl
         if len(rows) == 2:
             t = rows[1]
             bound = p.mu[i, t] * max(lam[n], 0.0)
-            moved = np.clip(lam[t] - w[t] / max(a[t], FLOOR), -bound, bound)
-            if a[t] * abs(lam[t] - moved) > miss:
+            asked = rubbed(lam[t], w[t], max(a[t], FLOOR), bound)
+            if a[t] * abs(lam[t] - asked) > miss:
                 return False
     return True

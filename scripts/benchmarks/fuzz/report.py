@@ -8,7 +8,7 @@ from rich.table import Table
 
 from slcp_warp.options import Status
 
-from .run import FIELDS, Tally
+from .tasks import FIELDS, Tally
 from .verdicts import AMBIGUOUS, SILENT, UNPROVEN, WRONG
 
 Row = dict[str, Any]

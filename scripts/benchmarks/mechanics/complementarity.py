@@ -1,6 +1,7 @@
 """The conditions of a step, from their formulas: (3), (15), (17) and footnote 3, in NumPy float64."""
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -35,6 +36,13 @@ def complementarity(a: Array, b: Array, sigma: Array, method: Method) -> Array:
         tail = np.exp(-0.5 * gap**2) / math.sqrt(2 * math.pi) - gap * normal_tail(gap)
         return np.minimum(a, b) - sigma * tail
     return np.full(np.broadcast_shapes(a.shape, b.shape), np.nan)
+
+
+def rubbed(impulse: Any, speed: Any, diagonal: Any, bound: Any) -> Array:
+    """The tangential impulse that Coulomb's law asks for: the projection on [-bound, bound] of `impulse` moved
+    against the row's velocity; `impulse` itself where the law holds. `diagonal`: of A, positive.
+    """
+    return np.clip(impulse - speed / diagonal, -bound, bound)
 
 
 def normal_tail(x: Array) -> Array:

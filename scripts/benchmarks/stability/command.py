@@ -16,9 +16,46 @@ from ..shared.machine import machine
 from .cases import CASES
 from .mujoco import compare
 from .report import draw, lines, markdown, print_table, read_rows
-from .run import FAMILY, SILENT, Selection, run_battery
+from .run import FAMILY, SILENT, Row, Selection, run_battery
 
 QUICK = Selection(residuals=("hard", "rem-logistic"), dtypes=("float64",))
+
+
+def _selection(
+    cases: list[str], residuals: list[str], dtypes: list[str], quick: bool, everything: bool
+) -> Selection:
+    """What is run of the battery; ends the command with one line where a name is not offered."""
+    for name, given, offered in (
+        ("--case", cases, list(dict.fromkeys(c.name for c in CASES))),
+        ("--residual", residuals, CHOICES["residual"]),
+        ("--dtype", dtypes, ("float64", "float32")),
+    ):
+        for value in given:
+            if value not in offered:
+                typer.echo(f"slcp: {name} is {value!r}; choose from {list(offered)}", err=True)
+                raise typer.Exit(2)
+    return Selection(
+        cases=tuple(cases),
+        residuals=tuple(residuals or (QUICK.residuals if quick else ())),
+        dtypes=tuple(dtypes or (QUICK.dtypes if quick else Selection().dtypes)),
+        everything=everything,
+    )
+
+
+def _write(
+    rows: list[Row], peers: list[Row], csv: Path | None, table: Path | None, chart: Path | None, read: bool
+) -> None:
+    """Write what is asked for of the cells; those that were read keep the facts of their own run."""
+    facts = machine()
+    if csv is not None:
+        write_csv(csv, rows if read else [row | facts for row in rows])
+        typer.echo(f"wrote {csv}")
+    if table is not None:
+        table.parent.mkdir(parents=True, exist_ok=True)
+        write_text(table, markdown(rows) + ("\n" + lines(peers) if peers else ""))
+        typer.echo(f"wrote {table}")
+    if chart is not None:
+        typer.echo(f"wrote {draw(rows, chart)}")
 
 
 def stability_command(
@@ -47,21 +84,7 @@ def stability_command(
 
     The exit status is 1 if one fails silently.
     """
-    for name, given, offered in (
-        ("--case", case, list(dict.fromkeys(c.name for c in CASES))),
-        ("--residual", residual, CHOICES["residual"]),
-        ("--dtype", dtype, ("float64", "float32")),
-    ):
-        for value in given or ():
-            if value not in offered:
-                typer.echo(f"slcp: {name} is {value!r}; choose from {list(offered)}", err=True)
-                raise typer.Exit(2)
-    chosen = Selection(
-        cases=tuple(case or ()),
-        residuals=tuple(residual or (QUICK.residuals if quick else ())),
-        dtypes=tuple(dtype or (QUICK.dtypes if quick else Selection().dtypes)),
-        everything=everything,
-    )
+    chosen = _selection(case or [], residual or [], dtype or [], quick, everything)
     if mujoco is not None and not 0.0 < mujoco < math.inf:
         raise ValueError(f"--mujoco is {mujoco}; a positive step size is needed")
     cases = [c for c in CASES if c.quick or not quick]
@@ -79,16 +102,7 @@ def stability_command(
     peers = compare(mujoco, rows) if mujoco is not None else []
     if peers:
         console.print(f"\nhard mode and MuJoCo, h = {mujoco}\n{lines(peers)}", markup=False, soft_wrap=True)
-    facts = machine()
-    if csv is not None:
-        write_csv(csv, rows if read else [row | facts for row in rows])
-        typer.echo(f"wrote {csv}")
-    if table is not None:
-        table.parent.mkdir(parents=True, exist_ok=True)
-        write_text(table, markdown(rows) + ("\n" + lines(peers) if peers else ""))
-        typer.echo(f"wrote {table}")
-    if chart is not None:
-        typer.echo(f"wrote {draw(rows, chart)}")
+    _write(rows, peers, csv, table, chart, bool(read))
     silent = [row for row in rows if row["verdict"] == SILENT]
     for row in silent:
         keys = ("case", *FAMILY, "dtype", "h", "sigma", "variant")

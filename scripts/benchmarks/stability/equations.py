@@ -14,7 +14,7 @@ from slcp_warp.kernels.method import Method
 from slcp_warp.kernels.structure import Structure
 
 from ...support.kinematics import Array
-from ..mechanics.complementarity import complementarity, expected_square_slopes
+from ..mechanics.complementarity import complementarity, expected_square_slopes, rubbed
 
 EARNED = 100.0  # times what the data set: impulses and velocities beyond are no measure of an error
 FLOOR = 1e-30  # of D, as the solver documents it: a row whose J is 0 acts on nothing
@@ -98,8 +98,8 @@ class Problem:
         error = complementarity(scale * impulse, b, sigma, self.method)
         for i in np.flatnonzero(self.tangent):  # the row before it is the pair's normal row
             bound = self.mu[i] * impulse[..., i - 1]
-            moved = impulse[..., i] - b[..., i] / np.maximum(self.delassus[..., i], FLOOR)
-            error[..., i] = self.delassus[..., i] * (impulse[..., i] - np.clip(moved, -bound, bound))
+            asked = rubbed(impulse[..., i], b[..., i], np.maximum(self.delassus[..., i], FLOOR), bound)
+            error[..., i] = self.delassus[..., i] * (impulse[..., i] - asked)
         return np.abs(error).max(-1) / self.weight(impulse)
 
     def entered(self, v: Array, sigma: Array) -> Array:

@@ -1,0 +1,107 @@
+"""A step of the package's on random worlds, and what the oracle says of it."""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+import slcp_warp as slcp
+from slcp_warp import Scene
+from slcp_warp.options import Options, Status
+from slcp_warp.strategy import StrategyError
+
+from ...support.kinematics import Array
+from .draws import Worlds
+from .judge import Outcome
+from .problem import Problem, Truth
+from .proofs import least_motion
+from .verdicts import HOLDS, Verdicts
+
+WELL_POSED = 1e4  # condition of a mass matrix in units of its diagonal
+
+
+def numbers_for(sim: Any, worlds: Worlds, seed: int = 0) -> dict[str, Array]:
+    """The parameters that the simulator takes, with covariances where it has noise of the state."""
+    numbers = dict(worlds.numbers)
+    if "position_covariance" in sim.params.names:
+        nv, rng = sim.scene.nv, np.random.default_rng(seed)
+        for name, size in (("position_covariance", 1e-3), ("velocity_covariance", 0.1)):
+            root = size * np.asarray(rng.standard_normal((nv, nv)), np.float32).astype(float)
+            numbers[name] = np.broadcast_to(
+                (root @ root.T).astype(np.float32).astype(float), (len(worlds.x), nv, nv)
+            )
+    if not sim.nr:
+        numbers.pop("sigma")
+    return numbers
+
+
+def step(sim: Any, worlds: Worlds, numbers: dict[str, Array], external: Array | None = None) -> Any:
+    """The package's step of the worlds."""
+    kind = {"float64": np.float64, "float32": np.float32}[sim.dtype.__name__]
+    u = worlds.u.astype(kind) if sim.nu else None
+    params = sim.params.replace(**{n: v for n, v in numbers.items() if np.size(v)})
+    return sim.step(worlds.x.astype(kind), u, params, external_force=external)
+
+
+def judged(worlds: Worlds, sim: Any, push: Array | None = None, truth: Truth | None = None,
+           force: Array | None = None) -> tuple[Verdicts, Any]:  # fmt: skip
+    """Verdicts on one step of the worlds, and the step. `push`: of the trapezoidal method, see `predicted`;
+    `force` (B, nv): more generalised forces.
+    """
+    numbers, dtype = numbers_for(sim, worlds), sim.dtype.__name__
+    full = dataclasses.replace(worlds, numbers=numbers | {"sigma": worlds.numbers["sigma"]})
+    method, nv = sim.options.method, sim.scene.nv
+    inner = "float64" if sim.strategy == "generic" else dtype
+
+    def pose(keep: Array | None) -> Problem:
+        if keep is None and truth is not None and not method.state_noise:
+            here = truth
+        elif keep is None:
+            here = Truth(sim.scene, full, force)
+        else:
+            here = Truth(sim.scene, full.part(keep), None if force is None else force[keep])
+        force_there = push if keep is None or push is None else push[keep]
+        return Problem(here, here.drive(force_there), method, dtype, inner)
+
+    problem = pose(None)
+    external = None if force is None else problem.truth.mech.wrenches(worlds.x[:, :nv], force)
+    done = step(sim, worlds, numbers, external)
+    with np.errstate(all="ignore"):
+        return Verdicts(problem, Outcome.of(done), pose), done
+
+
+def predicted(scene: Scene, worlds: Worlds, options: Options) -> tuple[Array, Array]:
+    """N^-1 J' lambda (B, nv) that the trapezoidal method predicts, and in which worlds it is known: where no
+    row can act, where the hard problem is solved by least distances, and where without dampers the common
+    kernels solve Euler's problem under a force that gives it the same free velocity and the oracle confirms
+    it. Mass matrices that amplify what is left of an error are left out, Coulomb's friction, which may have
+    several solutions, and gaps at the end, whose predictor bends its rows.
+    """
+    none = np.zeros((len(worlds.x), scene.nv))
+    truth = Truth(scene, worlds)
+    drive = truth.drive(none)
+    method = dataclasses.replace(options, noise="row", gap="start").method
+    p = Problem(truth, drive, method, "float64")
+    known = np.full(len(worlds.x), method.hard) & (p.free > 0.0).all(1)
+    push = none.copy()
+    if method.coulomb or options.gap == "end":
+        return push, known & (options.gap == "start")
+    if method.hard:
+        for i in np.flatnonzero(~known).tolist():
+            found = least_motion(p, i)
+            if found is not None and p.condition[i] < WELL_POSED:
+                push[i], known[i] = found[0] - drive.free[i], True
+        return push, known
+    euler = dataclasses.replace(options, integrator="euler", gap="start")
+    try:
+        sim = slcp.Simulator(scene, euler, device="cpu", strategy="generic")
+    except StrategyError:
+        return push, known
+    start = truth.drive()
+    force = np.einsum("bij,bj->bi", start.h_mass, drive.free - start.free) / truth.h[:, None]
+    verdicts, done = judged(worlds, sim, force=force)
+    sure = (verdicts.verdict == HOLDS) & (np.asarray(done.status) == Status.SOLVED)
+    sure &= ~known & ~truth.motion.damping.any((1, 2))
+    sure &= p.condition < WELL_POSED
+    found = np.asarray(done.state, float)[:, scene.nv :] - drive.free
+    return np.where(sure[:, None], found, push), known | sure
