@@ -39,8 +39,8 @@ def complementarity(a: Array, b: Array, sigma: Array, method: Method) -> Array:
 
 
 def rubbed(impulse: Any, speed: Any, diagonal: Any, bound: Any) -> Array:
-    """The tangential impulse that Coulomb's law asks for: the projection on [-bound, bound] of `impulse` moved
-    against the row's velocity; `impulse` itself where the law holds. `diagonal`: of A, positive.
+    """The tangential impulse that Coulomb's law asks for: the projection on [-bound, bound] of `impulse` less
+    speed / diagonal; `impulse` itself where the law holds. `diagonal`: of A, positive.
     """
     return np.clip(impulse - speed / diagonal, -bound, bound)
 
