@@ -1,8 +1,9 @@
 """Costs as sums of terms, each of one state or control: the terms are data, so all such costs share a kernel.
 
 Weights hold the number of running terms and then, for every running and then every final term, FIELDS
-numbers: its kind, its component (a state 0 .. nx - 1, or nx + i for control i), its weight w, its target t
-and its width d. With s the component and e = s - t, a term is
+numbers: its kind, its component (a state 0 .. nx - 1, or nx + i for control i), its weight w, its target t,
+its width d, and the state that is taken off its component (-1: none). With s the component or the difference,
+and e = s - t, a term is
 
     LINEAR    w e                   SQUARE    w e^2
     COSINE    w (1 - cos e)         ABSOLUTE  w (sqrt(e^2 + d^2) - d)
@@ -15,7 +16,7 @@ from .costs import CostFunctions
 
 KINDS = ("linear", "square", "cosine", "absolute", "above", "below")
 LINEAR, SQUARE, COSINE, ABSOLUTE, ABOVE, BELOW = range(len(KINDS))
-FIELDS = 5
+FIELDS = 6
 
 
 def make_terms(dtype, VX, VU):
@@ -46,6 +47,36 @@ def make_terms(dtype, VX, VU):
         return int(weights[row, 1 + FIELDS * i + 1])
 
     @wp.func
+    def less(weights: wp.array2d(dtype=dtype), row: int, i: int):
+        return int(weights[row, 1 + FIELDS * i + 5])
+
+    @wp.func
+    def difference(weights: wp.array2d(dtype=dtype), row: int, i: int, x: VX, j: int):
+        """State j, less the one that term i takes off it."""
+        k = less(weights, row, i)
+        if k >= 0:
+            return x[j] - x[k]
+        return x[j]
+
+    @wp.func
+    def slope(lx: VX, j: int, k: int, t: V3):
+        out = lx
+        out[j] = out[j] + t[1]
+        if k >= 0:
+            out[k] = out[k] - t[1]
+        return out
+
+    @wp.func
+    def curvature(lxx: MXX, j: int, k: int, t: V3):
+        out = lxx
+        out[j, j] = out[j, j] + t[2]
+        if k >= 0:
+            out[k, k] = out[k, k] + t[2]
+            out[j, k] = out[j, k] - t[2]
+            out[k, j] = out[k, j] - t[2]
+        return out
+
+    @wp.func
     def weighed(weights: wp.array2d(dtype=dtype), row: int, i: int, s: dtype):
         """Term i at the component's value s, its slope and its curvature."""
         at = 1 + FIELDS * i
@@ -65,7 +96,7 @@ def make_terms(dtype, VX, VU):
             j = place(weights, row, i)
             s = ZERO
             if j < nx:
-                s = x[j]
+                s = difference(weights, row, i, x, j)
             else:
                 s = u[j - nx]
             value += weighed(weights, row, i, s)[0]
@@ -76,20 +107,21 @@ def make_terms(dtype, VX, VU):
         first, end = counts(weights, row)
         value = dtype(0.0)
         for i in range(first, end):
-            value += weighed(weights, row, i, x[place(weights, row, i)])[0]
+            value += weighed(weights, row, i, difference(weights, row, i, x, place(weights, row, i)))[0]
         return value
 
     @wp.func
-    def running_derivatives(weights: wp.array2d(dtype=dtype), row: int, x: VX, u: VU, k: int):
+    def running_derivatives(weights: wp.array2d(dtype=dtype), row: int, x: VX, u: VU, step: int):
         many, _ = counts(weights, row)
         lx, lxx = VX(), MXX()
         lu, luu = VU(), MUU()
         for i in range(many):
             j = place(weights, row, i)
             if j < nx:
-                t = weighed(weights, row, i, x[j])
-                lx[j] = lx[j] + t[1]
-                lxx[j, j] = lxx[j, j] + t[2]
+                t = weighed(weights, row, i, difference(weights, row, i, x, j))
+                k = less(weights, row, i)
+                lx = slope(lx, j, k, t)
+                lxx = curvature(lxx, j, k, t)
             else:
                 t = weighed(weights, row, i, u[j - nx])
                 lu[j - nx] = lu[j - nx] + t[1]
@@ -102,9 +134,9 @@ def make_terms(dtype, VX, VU):
         lx, lxx = VX(), MXX()
         for i in range(first, end):
             j = place(weights, row, i)
-            t = weighed(weights, row, i, x[j])
-            lx[j] = lx[j] + t[1]
-            lxx[j, j] = lxx[j, j] + t[2]
+            t = weighed(weights, row, i, difference(weights, row, i, x, j))
+            lx = slope(lx, j, less(weights, row, i), t)
+            lxx = curvature(lxx, j, less(weights, row, i), t)
         return lx, lxx
 
     return CostFunctions(running, final, running_derivatives, final_derivatives)

@@ -30,6 +30,7 @@ class Term:
         state: a component of the state, by its name (`Scene.state_names`) or its place.
         control: a control, by its name or its place, or "all"; either a state or a control.
         target: [unit of the component].
+        minus: a state that is taken off `state`, by its name or its place: the term is of their difference.
         width: > 0, where "absolute" turns from a parabola into a line [unit of the component].
     """
 
@@ -39,6 +40,7 @@ class Term:
     control: str | int | None = None
     target: float = 0.0
     width: float = WIDTH
+    minus: str | int | None = None
 
     def __post_init__(self) -> None:
         choice("Term.kind", self.kind, KINDS)
@@ -50,6 +52,8 @@ class Term:
                 f"Term.state is {shown(self.state)} and Term.control {shown(self.control)}; "
                 "one of them is needed"
             )
+        if self.minus is not None and self.state is None:
+            raise ArgumentError(f"Term.minus is {shown(self.minus)} without a state that it is taken off")
 
 
 def effort(weight: float) -> Term:
@@ -88,7 +92,8 @@ def sum_of(
                 raise ArgumentError(
                     f"{label}.control is {shown(each.control)}; no control follows the last state"
                 )
-            rows += [(KINDS.index(each.kind), place, each.weight, each.target, each.width)
+            less = -1 if each.minus is None else index_of(f"{label}.minus", each.minus, states)
+            rows += [(KINDS.index(each.kind), place, each.weight, each.target, each.width, less)
                      for place in _places(label, each, states, controls)]  # fmt: skip
         counts.append(len(rows) - before)
     if not rows:

@@ -187,7 +187,7 @@ def test_illegal_costs():
         ddp.costs.flicking_finger(c_x=float("nan"))
     with pytest.raises(ValueError, match="weights must be finite numbers"):
         ddp.costs.flicking_finger().with_weights([1.0, float("nan")])
-    with pytest.raises(ValueError, match="weights must have 16 columns, got 3"):
+    with pytest.raises(ValueError, match="weights must have 19 columns, got 3"):
         ddp.costs.flicking_finger().with_weights([1.0, 2.0, 3.0])
     with pytest.raises(TypeError, match="must return costs.CostFunctions, got tuple"):
         ddp.Cost(make_finite_difference_cost).functions(wp.float64, 2, 1)
@@ -209,8 +209,17 @@ def expected_term(term: slcp.costs.Term, s: float) -> float:
 
 SHIFTED = {"weight": 1.3, "target": 0.2, "width": 0.4}
 RUNNING = [slcp.costs.Term(kind, state="cart.shift", **SHIFTED) for kind in KINDS]
+RUNNING += [slcp.costs.Term("cosine", 0.9, state="pole.angle", minus="cart.vshift", target=0.1)]
 RUNNING += [slcp.costs.Term("above", 0.7, control="cart.shift", target=-0.5), slcp.costs.effort(0.05)]
 FINAL = [slcp.costs.Term("cosine", 3.0, state="pole.angle", target=1.0), RUNNING[3]]
+
+
+def component(term: slcp.costs.Term, x: np.ndarray, u: np.ndarray) -> float:
+    """What a term of the cart-pole is a function of."""
+    places = {"cart.shift": 0, "pole.angle": 1, "cart.vshift": 2}
+    if term.state is None:
+        return u[0]
+    return x[places[term.state]] - (0.0 if term.minus is None else x[places[term.minus]])
 
 
 def test_terms_are_their_formulas(device):
@@ -220,10 +229,9 @@ def test_terms_are_their_formulas(device):
     rng = np.random.default_rng(5)
     xs, us = rng.normal(size=(1, 9, 4)), rng.normal(size=(1, 8, 1))
     out = evaluate(cost, xs, us, device)
-    place = {"cart.shift": 0, "pole.angle": 1}
 
     def value(x, u, group):
-        return sum(expected_term(t, u[0] if t.state is None else x[place[t.state]]) for t in group)
+        return sum(expected_term(t, component(t, x, u)) for t in group)
 
     for k in range(9):
         group, u = (FINAL, np.zeros(1)) if k == 8 else (RUNNING, us[0, k])
@@ -232,6 +240,14 @@ def test_terms_are_their_formulas(device):
             low, middle, high = (value(xs[0, k] + s * d, u, group) for s in (-1.0, 0.0, 1.0))
             assert out["lx"][0, k, j] == pytest.approx((high - low) / 2e-4, abs=1e-7)
             assert out["lxx"][0, k, j, j] == pytest.approx((high - 2.0 * middle + low) / 1e-8, abs=1e-5)
+            for i in range(j):
+                e = 1e-4 * np.eye(4)[i]
+                corners = (
+                    a * b * value(xs[0, k] + a * d + b * e, u, group) for a in (-1, 1) for b in (-1, 1)
+                )
+                mixed = sum(corners) / 4e-8
+                assert out["lxx"][0, k, i, j] == pytest.approx(mixed, abs=1e-5)
+                assert out["lxx"][0, k, j, i] == out["lxx"][0, k, i, j]
         if k < 8:
             low, middle, high = (value(xs[0, k], u + s * 1e-4, group) for s in (-1.0, 0.0, 1.0))
             assert out["lu"][0, k, 0] == pytest.approx((high - low) / 2e-4, abs=1e-7)
@@ -247,8 +263,8 @@ def test_the_value_of_terms_is_their_sum_over_a_plan(device):
     result = ddp.solve(ddp.Problem(dynamics, cost, 10), x0, us, options)
     expected = 0.0
     for k in range(10):
-        shift = 0.4 + 0.05 * k * 1.0
-        expected += sum(expected_term(t, us[k, 0] if t.state is None else shift) for t in RUNNING)
+        x = np.array([0.4 + 0.05 * k * 1.0, -0.2 + 0.05 * k * 2.0, 1.0, 2.0])
+        expected += sum(expected_term(t, component(t, x, us[k])) for t in RUNNING)
     expected += expected_term(FINAL[0], -0.2 + 1.0) + expected_term(FINAL[1], 0.9)
     np.testing.assert_allclose(result.cost, expected, rtol=1e-13)
 
@@ -263,6 +279,8 @@ def test_the_value_of_terms_is_their_sum_over_a_plan(device):
         (lambda s: [slcp.costs.Term("absolute", 1.0, state=0, width=0.0)], "Term.width"),
         (lambda s: [slcp.costs.Term("square", 1.0, state="block.x")], r"running\[0\].state is 'block.x'"),
         (lambda s: [slcp.costs.Term("square", 1.0, control=1)], r"running\[0\].control is 1"),
+        (lambda s: [slcp.costs.Term("square", 1.0, control=0, minus=0)], "Term.minus is 0 without a state"),
+        (lambda s: [slcp.costs.Term("square", 1.0, state=0, minus="a")], r"running\[0\].minus is 'a'"),
         (lambda s: [], "at least one is needed"),
         (lambda s: "square", "a list of costs.Term is needed"),
     ],
