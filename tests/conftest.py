@@ -78,9 +78,17 @@ QUICK = {  # file: pattern of the quick tests' names; files that are not here ma
 }
 
 
-def pytest_collection_modifyitems(items) -> None:
-    """Mark as slow what QUICK does not name."""
+def pytest_addoption(parser) -> None:
+    parser.addoption("--full", action="store_true", help="also the tests marked full (.ci/full long)")
+
+
+def pytest_collection_modifyitems(config, items) -> None:
+    """Mark as slow what QUICK does not name; leave out what is marked full, unless it is asked for."""
     for item in items:
         pattern = QUICK.get(item.path.name)
         if pattern is not None and not re.search(pattern, item.name):
             item.add_marker(pytest.mark.slow)
+    if not config.getoption("--full"):
+        left_out = [item for item in items if item.get_closest_marker("full") is not None]
+        config.hook.pytest_deselected(items=left_out)
+        items[:] = [item for item in items if item.get_closest_marker("full") is None]

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 import warp as wp
-from parameter_checks import alike, check, crane, errors, lever, smooth, states
+from parameter_checks import alike, check, crane, errors, smooth, states
 from random_scenes import near_contact
 from simulators import scene, simulator
 from taped import loss_of, on_device
@@ -152,16 +152,6 @@ def test_springs_capsules_and_noise_of_the_state(device):
     pushed = sim.rollout(x, u[:, None], params, external_force=force, record="impulse").impulse > 1e-2
     assert pushed.any((0, 1)).all()  # every row
     check(errors(sim, x, u, params, force, smooth))
-
-
-@pytest.mark.slow
-def test_trapezoidal_integrator_and_expected_residual(device):
-    sc = lever()
-    sim = slcp.Simulator(
-        sc, slcp.Options("erm-logistic", integrator="trapezoidal"), device=device, dtype="float64"
-    )
-    x, u, force = states(sc, 40)
-    check(errors(sim, x, u, damped(sim.params), force, smooth))
 
 
 def test_errors_name_what_is_needed():

@@ -52,7 +52,11 @@ def test_backward_pass_of_ddp_spills_nothing(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "residual, registers, frame", [("hard", None, 1792), ("none", 184, 64)], ids=["hard", "no rows"]
+    "residual, registers, frame",
+    [
+        pytest.param("hard", None, 1792, marks=pytest.mark.full, id="hard"),
+        pytest.param("none", 184, 64, id="no rows"),
+    ],
 )
 def test_kernels_of_large_scenes_spill_little(tmp_path, residual, registers, frame):
     used = sm90_resources(generic_step.make_rollout_kernel(wp.float32, residual), tmp_path)

@@ -19,7 +19,7 @@ SIZES = [
     (4, 4),
     (4, 2),
     pytest.param(1, 1, marks=pytest.mark.slow),
-    pytest.param(12, 5, marks=pytest.mark.slow),
+    pytest.param(8, 4, marks=pytest.mark.slow),
 ]
 
 
@@ -101,7 +101,7 @@ def test_float32_torch_tensors(device, name):
     assert (np.abs(error) / size)[status == 0].max() < 1e-5
 
 
-@pytest.mark.parametrize("n,rank", [(4, 4), (4, 2), pytest.param(12, 5, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("n,rank", [(4, 4), (4, 2), pytest.param(8, 4, marks=pytest.mark.slow)])
 def test_continuation_ends_at_the_hard_solution(device, n, rank):
     a, b = problems(n, rank, 300, seed=7)
     sol = slcp.solve_complementarity(a, b, residual="hard", method="continuation", device=device)

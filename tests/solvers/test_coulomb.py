@@ -109,11 +109,15 @@ def states(name, rng, count):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "name,dtype",
-    [("flicking_finger", wp.float64), ("sliding_block", wp.float64), ("sliding_block", wp.float32)],
+    [
+        ("flicking_finger", wp.float64),
+        ("sliding_block", wp.float64),
+        pytest.param("sliding_block", wp.float32, marks=pytest.mark.full),
+    ],
     ids=["flicking_finger-float64", "sliding_block-float64", "sliding_block-float32"],
 )
 def test_contact_law_holds(device, name, dtype):
-    rng, count = np.random.default_rng(1), 5000
+    rng, count = np.random.default_rng(1), 2000
     x, sim = states(name, rng, count), simulator(name, device, dtype)
     u = rng.standard_normal((count, sim.nu))
     changes = {

@@ -76,8 +76,9 @@ def test_one_row_scaled_by_inertia_is_the_rem_step(device):
     np.testing.assert_allclose(after[0], after[1], atol=1e-9)
 
 
-@pytest.mark.parametrize("name", ["erm-normal", pytest.param("erm-logistic", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", ["erm-normal", pytest.param("rem-logistic", marks=pytest.mark.slow)])
 def test_gradient_of_a_trapezoidal_rollout_on_a_tape(device, name):
+    """Of REM, too; by all parameters with erm-logistic in tests/mechanism/test_damping.py."""
     options = slcp.Options(residual=name, integrator="trapezoidal")
     sim = slcp.Simulator(scene("rubbing_particle"), options, device, "float64")
     rng, steps = np.random.default_rng(0), 6

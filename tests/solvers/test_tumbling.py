@@ -15,9 +15,10 @@ H, STEPS = 0.01, 75
     [
         (2, "rem-logistic", "specialised"),
         (3, "hard", "generic"),
-        pytest.param(3, "rem-logistic", "specialised", marks=pytest.mark.slow),
         pytest.param(2, "rem-normal", "specialised", marks=pytest.mark.slow),
-        pytest.param(3, "hard", "specialised", marks=pytest.mark.slow),
+        pytest.param(2, "hard", "specialised", marks=pytest.mark.slow),
+        pytest.param(3, "rem-logistic", "specialised", marks=pytest.mark.full),
+        pytest.param(3, "hard", "specialised", marks=pytest.mark.full),
     ],
 )
 def test_tumbling_stacks_are_always_solved(device, boxes, name, strategy):

@@ -66,14 +66,14 @@ def sprung_plane() -> Scene:
 
 
 def capsules() -> Scene:
-    """A hinged capsule and a plane, a free capsule with a disc, in all pairs that capsules make."""
+    """A hinged capsule and a plane, another one with a disc, in all pairs that capsules make."""
     shapes = (
         Shape("bar", "arm", "capsule", (0.1, 0.5), offset=(0.5, 0.05), angle=0.2),
         Shape("plate", "arm", "halfplane", offset=(0.0, -0.6), angle=1.3),
         Shape("pill", "pill", "capsule", (0.15, 0.3), offset=(0.05, 0.0), angle=-0.4),
         Shape("ball", "pill", "disc", 0.2, offset=(0.05, 0.92)),
     )
-    bodies = (Body("arm", 2.0, 0.5, damping=0.3), Body("pill", 1.0, 0.1, joint="free", anchor=(0.6, 0.45)))
+    bodies = (Body("arm", 2.0, 0.5, damping=0.3), Body("pill", 1.0, 0.1, anchor=(0.6, 0.45)))
     contacts = (Contact("bar", "pill", 0.4), Contact("pill", "plate"), Contact("ball", "bar"))
     return Scene("capsules", bodies, shapes, contacts, step_size=0.02)
 
@@ -96,16 +96,16 @@ def tree(seed: int, *joints: str) -> Scene:
 
 def sprung() -> Scene:
     """A chain and a free body with joint springs, tied to each other and to the world by springs."""
-    base = random_tree(np.random.default_rng(5), 3, ("prismatic", "revolute", "revolute"))
-    first, second, third = base.bodies
+    base = random_tree(np.random.default_rng(5), 2, ("prismatic", "revolute"))
+    first, second = base.bodies
     bodies = (
-        first, dataclasses.replace(second, stiffness=3.0, rest=0.4), third,
+        first, dataclasses.replace(second, stiffness=3.0, rest=0.4),
         Body("stone", 1.0, 0.1, joint="free", anchor=(1.5, 0.5),
              stiffness=(None, 2.0, 0.3), rest=(0.0, 0.2, -0.1)),
     )  # fmt: skip
     springs = (
-        Spring("body2", "stone", (0.4, -0.1), (0.1, 0.2), stiffness=20.0, damping=1.5, length=0.5),
-        Spring(None, "body2", (-0.5, 0.8), (0.3, 0.3), stiffness=8.0, damping=0.7),
+        Spring("body1", "stone", (0.4, -0.1), (0.1, 0.2), stiffness=20.0, damping=1.5, length=0.5),
+        Spring(None, "body1", (-0.5, 0.8), (0.3, 0.3), stiffness=8.0, damping=0.7),
     )
     return dataclasses.replace(base, name="sprung", bodies=bodies, springs=springs)
 

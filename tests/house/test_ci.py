@@ -1,0 +1,36 @@
+"""The long checks: every section of .ci/full is told of, and what is left out elsewhere runs in one."""
+
+import re
+
+import pytest
+from plan import ROOT
+
+FULL = (ROOT / ".ci/full").read_text()
+TOLD = (ROOT / "docs/understand/testing.md").read_text()
+
+
+def sections() -> list[str]:
+    """The sections that run without a name, in order."""
+    return re.search(r"sections=\(([a-z ]+)\); fi", FULL)[1].split()
+
+
+def test_every_section_can_be_named_and_is_told_of():
+    assert re.search(r"^    ([a-z |]+)\) ;;$", FULL, re.MULTILINE)[1].split(" | ") == sections()
+    assert re.findall(r"^#   ([a-z]+)  ", FULL, re.MULTILINE) == sections()
+    assert re.findall(r"^\| `([a-z]+)` \| ", TOLD.split("## Bounds")[0], re.MULTILINE) == sections()
+    assert all(f"\n{name}() {{\n" in FULL for name in sections())
+
+
+def test_files_that_the_sections_use_are_there():
+    for path in re.findall(r"(?:bash|python\"?) (scripts/[\w./]+)", FULL):
+        assert (ROOT / path).is_file(), path
+
+
+@pytest.mark.full
+def test_tests_marked_full_run_when_they_are_asked_for():
+    """In the section "long" alone: elsewhere `conftest.py` leaves it out."""
+
+
+def test_tests_marked_full_are_left_out(pytestconfig, request):
+    found = {item.name for item in request.session.items if item.get_closest_marker("full")}
+    assert pytestconfig.getoption("--full") or not found
