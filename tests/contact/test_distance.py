@@ -76,19 +76,20 @@ def test_needle_and_point_shapes(device, dtype):
         check(got, exact, dtype, 3.0)
 
 
-def test_capsules(device, dtype=wp.float64):
+@pytest.mark.parametrize("name", ["capsules", "pill"])
+def test_capsules(device, name, dtype=wp.float64):
     """Beside and beyond their ends; and the rows of a step, by the oracle's solution.
 
     Deeper than the sum of the radii both sides of a segment are as good: too close for the oracle's grid.
     """
-    sc, rng = scene("capsules"), np.random.default_rng(10)
+    sc, rng = scene(name), np.random.default_rng(10)
     x = near_contact(sc, rng, 300, (0.0, 0.01, -0.05, np.inf))
     x = x[Oracle(sc).rows(x[:, : sc.nv])[0].min(axis=1) > -0.2]
-    got, exact = gaps("capsules", device, dtype, x[:, : sc.nv])
+    got, exact = gaps(name, device, dtype, x[:, : sc.nv])
     assert (np.abs(exact).min(axis=1) < 0.06).mean() > 0.5
     check(got, exact, dtype, 3.0)
     (x64,) = rounded(dtype, x)
-    step = simulator("capsules", device, dtype).step(x)
+    step = simulator(name, device, dtype).step(x)
     oracle, solved = Oracle(sc, **numbers(sc, dtype)), step.status == 0
     assert solved.mean() > 0.98
     assert np.isnan(oracle.step(x64[~solved], hard=True)[1]).any(axis=1).all()  # jammed: infeasible
