@@ -78,12 +78,21 @@ QUICK = {  # file: pattern of the quick tests' names; files that are not here ma
 }
 
 
+# What compiles the longest comes first, so that of several workers none is left with a long file at the end.
+FIRST = """
+test_linearize test_coulomb test_parameter_gradient test_damping test_trapezoidal
+test_complementarity test_erm test_stability test_bench test_step test_grip test_tumbling test_fuzz
+test_cli test_jam test_large test_distance test_gpu_code test_torch test_diagram_studies
+test_compile test_cache test_limits test_rem_normal test_tape
+""".split()
+
+
 def pytest_addoption(parser) -> None:
     parser.addoption("--full", action="store_true", help="also the tests marked full (.ci/full long)")
 
 
 def pytest_collection_modifyitems(config, items) -> None:
-    """Mark as slow what QUICK does not name; leave out what is marked full, unless it is asked for."""
+    """Mark as slow what QUICK does not name; leave out what is marked full, unless it is asked for; sort."""
     for item in items:
         pattern = QUICK.get(item.path.name)
         if pattern is not None and not re.search(pattern, item.name):
@@ -92,3 +101,5 @@ def pytest_collection_modifyitems(config, items) -> None:
         left_out = [item for item in items if item.get_closest_marker("full") is not None]
         config.hook.pytest_deselected(items=left_out)
         items[:] = [item for item in items if item.get_closest_marker("full") is None]
+    place = {f"{name}.py": i for i, name in enumerate(FIRST)}
+    items.sort(key=lambda item: place.get(item.path.name, len(place)))

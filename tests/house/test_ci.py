@@ -34,3 +34,9 @@ def test_tests_marked_full_run_when_they_are_asked_for():
 def test_tests_marked_full_are_left_out(pytestconfig, request):
     found = {item.name for item in request.session.items if item.get_closest_marker("full")}
     assert pytestconfig.getoption("--full") or not found
+
+
+def test_files_that_come_first_are_there(pytestconfig):
+    conftest = pytestconfig.pluginmanager.getplugin(str(ROOT / "tests/conftest.py"))
+    there = {path.stem for path in (ROOT / "tests").rglob("test_*.py")}
+    assert set(conftest.FIRST) <= there and {name.removesuffix(".py") for name in conftest.QUICK} <= there
