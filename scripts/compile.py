@@ -46,9 +46,11 @@ def _sweep(sim: slcp.Simulator) -> None:
     spec = slcp.SweepSpec(
         worlds=1, duration=2 * h, window=h, sample_every=h, residuals=(sim.options.residual,), step_sizes=(h,)
     )
-    options = {"scaling": sim.options.scaling, "integrator": sim.options.integrator}
+    scaling, integrator, dtype = sim.options.scaling, sim.options.integrator, sim.dtype.__name__
     for policy in (ddp.TrackingPolicy(plan), ddp.NearestPolicy(entries)):
-        slcp.sweep(sim.scene, policy, spec, dtype=sim.dtype.__name__, device=sim.device, **options)
+        slcp.sweep(
+            sim.scene, policy, spec, scaling=scaling, integrator=integrator, dtype=dtype, device=sim.device
+        )
 
 
 WHAT: dict[str, Callable[[slcp.Simulator], Any]] = {  # each runs once, at its smallest

@@ -22,8 +22,8 @@ from collections.abc import Callable
 from typing import Any
 
 import warp as wp
-from warp._src.context import ModuleHasher
 
+from . import patches
 from .digest import OpaqueError, content_digest
 
 CPU_ARITHMETIC = "-ffp-contract=fast -freciprocal-math -fno-signed-zeros"
@@ -97,24 +97,4 @@ def _forget(adjoint: Any, seen: set[int]) -> None:
                 _forget(overload.adj, seen)
 
 
-def _trust_names() -> None:
-    """Let a kernel that is named after its code go into a module's hash by that digest alone.
-
-    Another version of Warp may hash otherwise; it then hashes these kernels' sources too, so that an edit of
-    a comment compiles again what it need not.
-    """
-    if not wp.__version__.startswith("1.19."):
-        return
-    by_source = ModuleHasher.hash_adjoint
-
-    def hash_adjoint(hasher: Any, adjoint: Any) -> bytes:
-        digest = getattr(adjoint, "content_digest", None)
-        if digest is None:
-            return by_source(hasher, adjoint)
-        adjoint.get_references()  # also finds how many indices `wp.tid()` has
-        return digest
-
-    ModuleHasher.hash_adjoint = hash_adjoint
-
-
-_trust_names()
+patches.apply()

@@ -18,7 +18,7 @@ import hashlib
 import inspect
 import sys
 import textwrap
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from types import BuiltinFunctionType, CodeType, FunctionType, MethodType, ModuleType, SimpleNamespace
 from typing import Any
 
@@ -124,16 +124,18 @@ class _Walk:
     def _of_overload(self, value: wp.Function) -> bytes:
         parts = [value.key, value.inline_hint, value.native_snippet, value.adj_native_snippet,
                  value.replay_snippet, value.custom_grad_func, value.custom_replay_func]  # fmt: skip
-        return _hash(self.of(parts), self.of_function(value.func, value.adj.arg_types))
+        return _hash(self.of(parts), self.of_function(value.func, value.adj.arg_types, value.adj.source))
 
     def _of_python_function(self, value: FunctionType) -> bytes:
         if value.__module__.partition(".")[0] in LIBRARIES:
             return _hash("function", value.__module__, value.__qualname__)
         return self.of_function(value, {})
 
-    def of_function(self, function: FunctionType, annotations: dict[str, Any]) -> bytes:
+    def of_function(
+        self, function: FunctionType, annotations: dict[str, Any], text: str | None = None
+    ) -> bytes:
         """A function by its syntax tree, its annotations and defaults, and the values of its names."""
-        source = _Source.of(function)
+        source = _Source.of(function, text)
         names = [self.of(annotations), self.of((function.__defaults__, function.__kwdefaults__))]
         captured = dict(zip(function.__code__.co_freevars, function.__closure__ or ()))
         for path in source.names:
@@ -147,44 +149,71 @@ class _Source:
 
     made: dict[int, tuple[Any, "_Source"]] = {}  # by id of what the source belongs to, which is kept
 
-    def __init__(self, thing: Any) -> None:
+    def __init__(self, thing: Any, source: str | None) -> None:
         code = getattr(thing, "__code__", None)
         if code is not None and code.co_name == "<lambda>":  # whose source cannot be cut out of its line
             self.text = _code_text(code)
             self.names = sorted((name,) for name in _code_names(code))
             return
         try:
-            tree = ast.parse(textwrap.dedent(inspect.getsource(thing)))
+            tree = ast.parse(textwrap.dedent(inspect.getsource(thing)) if source is None else source)
         except (OSError, SyntaxError, TypeError) as error:
             raise OpaqueError(f"the source of {thing!r} cannot be read ({error})") from None
-        for node in ast.walk(tree):
-            if isinstance(node, ast.FunctionDef | ast.ClassDef) and ast.get_docstring(node, clean=False):
-                node.body = node.body[1:]
-        self.text = ast.dump(tree, annotate_fields=False)
+        words: list[str] = []
+        names: set[tuple[str, ...]] = set()
+        (definition,) = tree.body
+        for field in definition._fields:  # type and default of an argument are values of the function
+            found = names if field == "body" else set()
+            _read_field(definition, field, words, found)
         local = set() if code is None else {*code.co_varnames, *code.co_cellvars}
-        found = (name for statement in tree.body[0].body for name in _dotted_names(statement))
-        self.names = sorted({name for name in found if name[0] not in local})
+        self.text = "\0".join(words)
+        self.names = sorted(name for name in names if name[0] not in local)
 
     @classmethod
-    def of(cls, thing: Any) -> "_Source":
+    def of(cls, thing: Any, source: str | None = None) -> "_Source":
+        """The source of a function or class, read once for all functions that a definition makes."""
         key = getattr(thing, "__code__", thing)
         if id(key) not in cls.made:
-            cls.made[id(key)] = key, cls(thing)
+            cls.made[id(key)] = key, cls(thing, source)
         return cls.made[id(key)][1]
 
 
-def _dotted_names(node: ast.AST) -> Iterator[tuple[str, ...]]:
-    """The names that an expression or statement reads, each with the attributes that follow it."""
+def _read(node: ast.AST, words: list[str], names: set[tuple[str, ...]]) -> None:
+    """Write a syntax tree as words, and collect its names, each with the attributes that follow it."""
     path: list[str] = []
     end = node
-    while isinstance(end, ast.Attribute):
+    while end.__class__ is ast.Attribute:
         path.append(end.attr)
         end = end.value
-    if isinstance(end, ast.Name):
-        yield (end.id, *reversed(path))
+    if end.__class__ is ast.Name:
+        name = (end.id, *reversed(path))
+        names.add(name)
+        words.append("name " + ".".join(name))
         return
-    for child in ast.iter_child_nodes(end):
-        yield from _dotted_names(child)
+    words += ["." + attribute for attribute in path]
+    words.append(end.__class__.__name__)
+    for field in end._fields:
+        _read_field(end, field, words, names)
+
+
+def _read_field(node: ast.AST, field: str, words: list[str], names: set[tuple[str, ...]]) -> None:
+    value = getattr(node, field, None)
+    if isinstance(value, list):
+        described = field == "body" and isinstance(node, ast.FunctionDef | ast.ClassDef)
+        if described and ast.get_docstring(node, clean=False) is not None:
+            value = value[1:]
+        words.append(f"{field} {len(value)}")
+        for item in value:
+            if isinstance(item, ast.AST):
+                _read(item, words, names)
+            else:
+                words.append(repr(item))
+    elif field == "ctx":  # whether it is set or read follows from where it is
+        return
+    elif isinstance(value, ast.AST):
+        _read(value, words, names)
+    else:
+        words.append(repr(value))
 
 
 def _value(path: tuple[str, ...], captured: dict[str, Any], function: FunctionType) -> Any:
