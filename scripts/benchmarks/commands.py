@@ -14,9 +14,10 @@ import warp as wp
 import slcp_warp as slcp
 from slcp_warp.options import CHOICES
 
-from ..support.common import one_line_errors
+from ..support.common import FINGER, Dtype, SceneName, named_scene, one_line_errors
 from ..support.tables import write_csv
 from .accuracy.command import charts_command
+from .cost.compile import bench_compile
 from .cost.ddp import bench_ddp
 from .cost.fallbacks import bench_fallbacks
 from .cost.gradients import bench_gradients, bench_products
@@ -167,6 +168,13 @@ def threads_command(
 ) -> None:
     """A rollout on one core and on all of them."""
     _save(csv, bench_threads(worlds, steps, repeats, seed))
+
+
+@app.command("compile")
+@one_line_errors
+def compile_command(scene: SceneName = FINGER, dtype: Dtype = "float64", csv: Csv = None) -> None:
+    """Where the CPU time of a cold compile goes: the package, Warp's translation, clang."""
+    _save(csv, bench_compile(named_scene(scene), dtype))
 
 
 @app.command("ddp")
