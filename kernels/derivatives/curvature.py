@@ -68,7 +68,7 @@ def make_curvature(spec: Specialisation) -> wp.Function:
             mu = sgn * params[row, wp.static(FRICTION + k)]
             m = VQ()
             for j in range(wp.static(NV)):
-                m[j] = lin.m[i, j]
+                m[j] = lin.rows.m[i, j]
             dm = wp.static(step.mass.by_q)(params, row, lin.fr, lin.jb, m)
             y = wp.static(d.force_by_q)(g, dtype(1.0), mu) - dm  # (j, k): d/dq_k of J_i' - M m
             out = TWO * (wp.transpose(y) * (sol.minv * y))
@@ -139,9 +139,9 @@ def make_curvature(spec: Specialisation) -> wp.Function:
         lam = sol.lam[i]
         scale = sol.scale[i]
         for a in range(wp.static(NV)):
-            da = lin.scale_by_q[i, a]
+            da = lin.rows.scale_by_q[i, a]
             for b in range(wp.static(NV)):
-                db = lin.scale_by_q[i, b]
+                db = lin.rows.scale_by_q[i, b]
                 value = (push[a] * db + push[b] * da + pi * second[a, b]) - TWO * pi * da * db / scale
                 out[a, b] = out[a, b] + lam / scale * value
             c = 3 * wp.static(NV) + i
@@ -165,7 +165,7 @@ def make_curvature(spec: Specialisation) -> wp.Function:
                 if (sol.mask & wp.static(1 << i)) != 0:
                     m = VQ()
                     for j in range(wp.static(NV)):
-                        m[j] = lin.m[i, j]
+                        m[j] = lin.rows.m[i, j]
                     dm = wp.static(step.mass.by_q)(params, row, lin.fr, lin.jb, m)
                     second = TWO * (wp.transpose(dm) * (sol.minv * dm))
                     second -= wp.static(step.mass.hessian)(params, row, lin.fr, lin.jb, m, m)

@@ -23,28 +23,34 @@ def make_linear(spec: Specialisation) -> SimpleNamespace:
     DV, DZ = step.free.DV, wp.types.matrix((max(s.nr, 1), NZ), dtype)
 
     @wp.struct
+    class Rows:
+        gap_row: t.JR  # dd/dq of every active row
+        m: t.JR  # M^-1 J_i'
+        scale_by_q: t.JR  # dD_i/dq
+
+    @wp.struct
     class Linear:
         fr: t.FRAMES
         jb: t.JB
         w: t.VQ  # v' - v
         factor: response.Factor
-        gap_row: t.JR  # dd/dq of every active row
-        m: t.JR  # M^-1 J_i'
-        scale_by_q: t.JR  # dD_i/dq
+        rows: Rows
         dv: DV  # dv'/d(q, v, u)
         dz: DZ  # dz/d(q, v, u), where z is the law's unknown
 
     @wp.func
     def factored(params: wp.array2d(dtype=dtype), row: int, sol: step.Solution, start: Linear):
         lin = start
+        normals = t.JR()
         for i in range(wp.static(s.nr)):
             if (sol.mask & wp.static(1 << i)) != 0:
                 m = wp.static(rows.applies[i])(sol.minv, sol.jac)
                 for j in range(wp.static(s.nv)):
-                    lin.m[i, j] = m[j]
-        lin.factor = response.factor(params, row, step.posed(sol), sol.lam, sol.z, lin.m)
+                    normals[i, j] = m[j]
+        lin.factor = response.factor(params, row, step.posed(sol), sol.lam, sol.z, normals)
+        lin.rows.m = normals
         return lin
 
     return SimpleNamespace(
-        step=step, response=response, Linear=Linear, factored=factored, NZ=NZ, DV=DV, DZ=DZ
+        step=step, response=response, Rows=Rows, Linear=Linear, factored=factored, NZ=NZ, DV=DV, DZ=DZ
     )

@@ -1,7 +1,6 @@
 """What one contact pair adds to the linearised step of `rows_by_q.py`."""
 
 from types import SimpleNamespace
-from typing import Any
 
 import warp as wp
 
@@ -11,12 +10,13 @@ from ..structure import layout
 
 
 def make_pair_terms(
-    spec: Specialisation, step: SimpleNamespace, d: SimpleNamespace, Linear: Any, k: int
+    spec: Specialisation, linear: SimpleNamespace, d: SimpleNamespace, k: int
 ) -> SimpleNamespace:
     """Of pair k with the derivatives d: rows(...) adds to F1_q and F2_q and fills gap gradients, scale(...)
     gives dD/dq at fixed M, noise(...) adds what sigma's dependence on q does.
     """
     s, dtype, method = spec
+    step = linear.step
     t, rows = step.types, step.rows
     noise = make_noise(spec)
     own = step.pair_rows[k]
@@ -36,12 +36,13 @@ def make_pair_terms(
         row: int,
         sol: step.Solution,
         g: d.PairGeometry,
-        lin: Linear,
+        gaps: JR,
         f1: MQ,
         f2: JR,
     ):
         out1 = f1
         out2 = f2
+        out3 = gaps
         lam = sol.lam[wp.static(first)]
         normal = lam
         tangent = ZERO
@@ -63,30 +64,30 @@ def make_pair_terms(
                     gap = sol.jac[wp.static(first), j]
                     if wp.static(frictional and not apart):
                         gap = HALF * (sol.jac[wp.static(first), j] + sol.jac[wp.static(last), j])
-                    lin.gap_row[i, j] = gap
+                    out3[i, j] = gap
                     value = by_q[0, j] + gap / h
                     if wp.static(rows.tangent[i]):
                         value = by_q[1, j]
                     elif wp.static(frictional and not apart):
                         value += wp.static(sign[i]) * mu * by_q[1, j]
                     out2[i, j] = value
-        return out1, out2, lin
+        return out1, out2, out3
 
     @wp.func
-    def scale_terms(params: wp.array2d(dtype=dtype), row: int, g: d.PairGeometry, lin: Linear):
+    def scale_terms(params: wp.array2d(dtype=dtype), row: int, g: d.PairGeometry, m_of: JR, scale_by_q: JR):
         """2 (dJ_i/dq) . m_i of the pair's rows, m_i = M^-1 J_i'."""
-        out = lin
+        out = scale_by_q
         for i in range(wp.static(NR)):
             if wp.static(i in own):
                 m = VQ()
                 for j in range(wp.static(NV)):
-                    m[j] = lin.m[i, j]
+                    m[j] = m_of[i, j]
                 c = wp.static(d.contract)(g, m)
                 for j in range(wp.static(NV)):
                     value = c[0, j]
                     if wp.static(frictional):
                         value += wp.static(sign[i]) * params[row, wp.static(FRICTION + k)] * c[1, j]
-                    out.scale_by_q[i, j] = TWO * value
+                    out[i, j] = TWO * value
         return out
 
     @wp.func
@@ -95,7 +96,7 @@ def make_pair_terms(
         row: int,
         sol: step.Solution,
         g: d.PairGeometry,
-        lin: Linear,
+        fac: linear.response.Factor,
         f1: MQ,
         f2: JR,
     ):
@@ -108,7 +109,7 @@ def make_pair_terms(
                     y = noise.spread(params, row, wp.static(rows.adds[i])(VQ(), sol.jac, ONE))
                     c = wp.static(d.contract)(g, y)
                     # ds/dlevel at fixed z, the same at z and at -z, times dlevel/dsigma; over sigma
-                    rise = (sol.lam[i] * sol.scale[i] - sol.z[i] * lin.factor.slope[i]) / (
+                    rise = (sol.lam[i] * sol.scale[i] - sol.z[i] * fac.slope[i]) / (
                         sol.sigma[i] * sol.sigma[i]
                     )
                     for j in range(wp.static(NV)):

@@ -18,50 +18,46 @@ def make_respond(spec: Specialisation) -> wp.Function:
     linear = make_linear(spec)
     step, response, Linear = linear.step, linear.response, linear.Linear
     contact = make_rows_by_q(spec)
-    Problem, t = step.Problem, step.types
+    t = step.types
     VQ, VR, MQ, JR = t.VQ, t.VR, t.MQ, t.JR
-    NV, NR = s.nv, s.nr
 
     @wp.func
-    def column(problem: Problem, lin: Linear, f1: VQ, f2: VR, c: int):
-        # one column of (dv', dz) for the right-hand side (f1, f2)
-        dv = problem.minv * f1
-        if problem.mask != 0:
-            dv, dz = response.solve(lin.factor, problem, dv, f2, c)
-            if wp.static(response.roots):
-                for i in range(wp.static(NR)):
-                    lin.dz[i, c] = dz[i]
-        for j in range(wp.static(NV)):
-            lin.dv[j, c] = dv[j]
-        return lin
-
-    @wp.func
-    def fill(problem: Problem, lin: Linear, source: linear.DV, f1q: MQ, f2q: JR):
-        out = lin
+    def fill(sol: step.Solution, start: Linear, source: linear.DV, f1q: MQ, f2q: JR):
+        # (dv', dz) column by column
+        lin = start
         for c in range(wp.static(linear.NZ)):
             f1 = VQ()
             f2 = VR()
-            for j in range(wp.static(NV)):
+            for j in range(wp.static(s.nv)):
                 f1[j] = source[j, c]
-                if wp.static(c < NV):
+                if wp.static(c < s.nv):
                     f1[j] = f1[j] - f1q[j, c]
-            if wp.static(c < NV):
-                for i in range(wp.static(NR)):
+            if wp.static(c < s.nv):
+                for i in range(wp.static(s.nr)):
                     f2[i] = -f2q[i, c]
-            out = column(problem, out, f1, f2, c)
-        return out
+            dv = sol.minv * f1
+            if sol.mask != 0:
+                dv, dz = response.solve(lin.factor, sol.minv, sol.jac, sol.scale, sol.mask, dv, f2, c)
+                if wp.static(response.roots):
+                    for i in range(wp.static(s.nr)):
+                        lin.dz[i, c] = dz[i]
+            for j in range(wp.static(s.nv)):
+                lin.dv[j, c] = dv[j]
+        return lin
 
     @wp.func
     def respond(
         params: wp.array2d(dtype=dtype), row: int, sol: step.Solution, start: Linear, source: linear.DV
     ):
-        problem = step.posed(sol)
         lin = linear.factored(params, row, sol, start)
-        f1q, f2q, lin = contact.by_q(params, row, start.fr, sol, lin)
+        f1q, f2q, rows = contact.by_q(params, row, sol, lin)
+        lin.rows = rows
         if wp.static(response.complete is not None):
             if sol.mask != 0:
-                force, motion = contact.second_form(params, row, start.fr, sol, lin)
-                lin.factor = response.complete(lin.factor, problem, sol.lam, force, motion, lin.scale_by_q)
-        return fill(problem, lin, source, f1q, f2q)
+                force, motion = contact.second_form(params, row, sol, lin)
+                lin.factor = response.complete(
+                    lin.factor, step.posed(sol), sol.lam, force, motion, rows.scale_by_q
+                )
+        return fill(sol, lin, source, f1q, f2q)
 
     return respond

@@ -19,12 +19,12 @@ from .pair_terms import make_pair_terms
 
 @cached
 def make_rows_by_q(spec: Specialisation) -> SimpleNamespace:
-    """by_q(params, row, fr, sol, lin) -> F1_q, F2_q and `lin` with gradients of gaps and of D;
-    second_form(params, row, fr, sol, lin) -> force and motion of the law's `complete`.
+    """by_q(params, row, sol, lin) -> F1_q, F2_q and the rows of `lin` with gradients of gaps and of D;
+    second_form(params, row, sol, lin) -> force and motion of the law's `complete`.
     """
     s, dtype, method = spec
     linear = make_linear(spec)
-    step, response, Linear = linear.step, linear.response, linear.Linear
+    step, response, Linear, Rows = linear.step, linear.response, linear.Linear, linear.Rows
     rows, t, Solution = step.rows, step.types, step.Solution
     NV, NR, NP = s.nv, s.nr, len(s.pairs)
     VQ, MQ, JR, V2 = t.VQ, t.MQ, t.JR, t.V2
@@ -32,59 +32,71 @@ def make_rows_by_q(spec: Specialisation) -> SimpleNamespace:
     index = tuple(r.index for r in s.rows)
     sign = tuple(dtype(float(r.sign)) for r in s.rows)
     pairs = tuple(make_pair_derivatives(s, k, dtype) for k in range(NP))
-    pair_terms = tuple(make_pair_terms(spec, step, pairs[k], Linear, k) for k in range(NP))
+    pair_terms = tuple(make_pair_terms(spec, linear, pairs[k], k) for k in range(NP))
     pair_rows = step.pair_rows
     pair_mask = tuple(sum(1 << i for i in pair_rows[k]) for k in range(NP))
 
     @wp.func
-    def scaling(params: wp.array2d(dtype=dtype), row: int, sol: step.Solution, lin: Linear, f1: MQ):
-        # what D's dependence on q adds to F1 at fixed z; `lin` has 2 dJ.m of the contact rows
-        out = f1
+    def scaling(
+        params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, jb: t.JB, sol: step.Solution, start: Rows
+    ):
+        # dD/dq of every row, from 2 dJ.m of the contact rows
+        out = start
         for i in range(wp.static(NR)):
             if (sol.mask & wp.static(1 << i)) != 0:
                 m = VQ()
                 for j in range(wp.static(NV)):
-                    m[j] = lin.m[i, j]
-                by_q = wp.static(step.mass.by_q)(params, row, lin.fr, lin.jb, m)
-                share = sol.lam[i] / sol.scale[i]
+                    m[j] = out.m[i, j]
+                by_q = wp.static(step.mass.by_q)(params, row, fr, jb, m)
                 for k in range(wp.static(NV)):
-                    value = lin.scale_by_q[i, k]
+                    value = out.scale_by_q[i, k]
                     for j in range(wp.static(NV)):
                         value -= m[j] * by_q[j, k]
-                    lin.scale_by_q[i, k] = value
-                    column = wp.static(rows.adds[i])(VQ(), sol.jac, share * value)
-                    for j in range(wp.static(NV)):
-                        out[j, k] = out[j, k] + column[j]
-        return out, lin
+                    out.scale_by_q[i, k] = value
+        return out
 
     @wp.func
-    def by_q(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, sol: step.Solution, start: Linear):
-        lin = start
+    def scaled_force(sol: step.Solution, scale_by_q: JR, f1: MQ):
+        # F1 at fixed z
+        out = f1
+        for i in range(wp.static(NR)):
+            if (sol.mask & wp.static(1 << i)) != 0:
+                share = sol.lam[i] / sol.scale[i]
+                for k in range(wp.static(NV)):
+                    column = wp.static(rows.adds[i])(VQ(), sol.jac, share * scale_by_q[i, k])
+                    for j in range(wp.static(NV)):
+                        out[j, k] = out[j, k] + column[j]
+        return out
+
+    @wp.func
+    def by_q(params: wp.array2d(dtype=dtype), row: int, sol: step.Solution, lin: Linear):
+        out = lin.rows
         h = params[row, wp.static(H)]
         f1q = MQ()
         f2q = JR()
         for i in range(wp.static(NR)):
             if wp.static(rows.limit[i]):
                 if (sol.mask & wp.static(1 << i)) != 0:
-                    lin.gap_row[i, wp.static(index[i])] = wp.static(sign[i])
+                    out.gap_row[i, wp.static(index[i])] = wp.static(sign[i])
                     f2q[i, wp.static(index[i])] = wp.static(sign[i]) / h
         for k in range(wp.static(NP)):
             if (sol.mask & wp.static(pair_mask[k])) != 0:
                 n = V2(sol.normal[wp.static(2 * k)], sol.normal[wp.static(2 * k + 1)])
-                g = wp.static(pairs[k].geometry)(params, row, fr, n)
-                f1q, f2q, lin = wp.static(pair_terms[k].rows)(params, row, sol, g, lin, f1q, f2q)
+                g = wp.static(pairs[k].geometry)(params, row, lin.fr, n)
+                f1q, f2q, gap_row = wp.static(pair_terms[k].rows)(params, row, sol, g, out.gap_row, f1q, f2q)
+                out.gap_row = gap_row
                 if wp.static(response.scaled):
-                    lin = wp.static(pair_terms[k].scale)(params, row, g, lin)
+                    out.scale_by_q = wp.static(pair_terms[k].scale)(params, row, g, out.m, out.scale_by_q)
                 if wp.static(method.state_noise):
-                    f1q, f2q = wp.static(pair_terms[k].noise)(params, row, sol, g, lin, f1q, f2q)
+                    f1q, f2q = wp.static(pair_terms[k].noise)(params, row, sol, g, lin.factor, f1q, f2q)
         if wp.static(response.scaled):
-            moved, lin = scaling(params, row, sol, lin, f1q)
+            out = scaling(params, row, lin.fr, lin.jb, sol, out)
             if wp.static(response.roots):
-                f1q = moved
-        return f1q, f2q, lin
+                f1q = scaled_force(sol, out.scale_by_q, f1q)
+        return f1q, f2q, out
 
     @wp.func
-    def second_form(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, sol: step.Solution, lin: Linear):
+    def second_form(params: wp.array2d(dtype=dtype), row: int, sol: step.Solution, lin: Linear):
         # the rows' derivatives once more, with y and p in place of lambda and v'
         fac = lin.factor
         twin = Solution()
@@ -93,18 +105,17 @@ def make_rows_by_q(spec: Specialisation) -> SimpleNamespace:
         twin.v = fac.p
         force = MQ()
         motion = JR()
-        other = lin
         for k in range(wp.static(NP)):
             if (sol.mask & wp.static(pair_mask[k])) != 0:
                 n = V2(sol.normal[wp.static(2 * k)], sol.normal[wp.static(2 * k + 1)])
-                g = wp.static(pairs[k].geometry)(params, row, fr, n)
-                force, motion, other = wp.static(pair_terms[k].rows)(
-                    params, row, twin, g, other, force, motion
+                g = wp.static(pairs[k].geometry)(params, row, lin.fr, n)
+                force, motion, _gap = wp.static(pair_terms[k].rows)(
+                    params, row, twin, g, lin.rows.gap_row, force, motion
                 )
                 for i in range(wp.static(NR)):
                     if wp.static(i in pair_rows[k]):
                         for j in range(wp.static(NV)):
-                            motion[i, j] = motion[i, j] - lin.gap_row[i, j] / params[row, wp.static(H)]
+                            motion[i, j] = motion[i, j] - lin.rows.gap_row[i, j] / params[row, wp.static(H)]
         force += wp.static(step.mass.by_q)(params, row, lin.fr, lin.jb, fac.p)
         return -force, motion
 

@@ -72,7 +72,7 @@ def make_parameter_gradient(spec: Specialisation) -> wp.Function:
         grad[world, wp.static(H)] = grad[world, wp.static(H)] - wp.dot(dual.p, force)
         term = int(0)
         while term < wp.static(PARTS):
-            part.moving(params, row, lin.fr, lin.jb, q, u, motion, lin.m, external, world, grad)
+            part.moving(params, row, lin.fr, lin.jb, q, u, motion, lin.rows.m, external, world, grad)
             if wp.static(PARTS > 1):
                 motion.p = dual.left
                 motion.w = dual.right

@@ -109,7 +109,7 @@ def make_row_gradient(spec: Specialisation) -> wp.Function:
                     if (sol.mask & wp.static(1 << i)) != 0:
                         y = dual.rho[i] * sol.v - sol.lam[i] * dual.p
                         if wp.static(response.scaled):
-                            y += (TWO * dual.kappa[i]) * lin.m[i]
+                            y += (TWO * dual.kappa[i]) * lin.rows.m[i]
                         if wp.static(method.state_noise or response.complete is not None):
                             y += dual.bend[i]
                         if wp.static(rows.tangent[i]):

@@ -160,6 +160,7 @@ def make_trapezoidal_gradient(spec: Specialisation) -> wp.Function:
         part = int(0)
         while part < 3:
             here = linear.factored(params, row, now, start)
+            normals = here.rows.m
             dual = response.dual(here.factor, step.posed(now), now.lam, now.z, target)
             form = part_of.Motion()
             form.v = v
@@ -168,7 +169,7 @@ def make_trapezoidal_gradient(spec: Specialisation) -> wp.Function:
             form.kappa = dual.kappa
             term = int(0)
             while term < wp.static(FORMS):
-                part_of.moving(params, row, start.fr, start.jb, q, u, form, here.m, external, world, grad)
+                part_of.moving(params, row, start.fr, start.jb, q, u, form, normals, external, world, grad)
                 if wp.static(FORMS > 1):
                     form.p = dual.left
                     form.w = dual.right
@@ -194,7 +195,7 @@ def make_trapezoidal_gradient(spec: Specialisation) -> wp.Function:
                 form.p = pushed
                 form.w = push
                 form.kappa = VR()
-                part_of.moving(params, row, start.fr, start.jb, q, u, form, here.m, external, world, grad)
+                part_of.moving(params, row, start.fr, start.jb, q, u, form, normals, external, world, grad)
                 target = mass * pushed - onto
                 onto = -target
                 now = first

@@ -24,7 +24,7 @@ def make_convex_response(spec: Specialisation) -> SimpleNamespace:
     s, dtype, method = spec
     r = make_rows(spec)
     t = r.types
-    VQ, VR, JR = t.VQ, t.VR, t.JR
+    VQ, VR, MQ, JR = t.VQ, t.VR, t.MQ, t.JR
     NR, Problem = s.nr, make_problem(s, dtype)
     Dual, noise = make_dual(s, dtype), make_noise(spec)
     elimination, sm = make_row_elimination(spec), make_smoothing(dtype, method.residual)
@@ -56,9 +56,9 @@ def make_convex_response(spec: Specialisation) -> SimpleNamespace:
         return out
 
     @wp.func
-    def solve(fac: Factor, p: Problem, dv0: VQ, f2: VR, column: int):
-        dv, innovation = wp.static(elimination.forward)(fac.saddle, p.jac, fac.slope, p.mask, dv0, f2)
-        dz = wp.static(elimination.back)(fac.saddle, p.jac, p.scale, fac.slope, p.mask, innovation)
+    def solve(fac: Factor, minv: MQ, jac: JR, scale: VR, mask: int, dv0: VQ, f2: VR, column: int):
+        dv, innovation = wp.static(elimination.forward)(fac.saddle, jac, fac.slope, mask, dv0, f2)
+        dz = wp.static(elimination.back)(fac.saddle, jac, scale, fac.slope, mask, innovation)
         return dv, dz
 
     @wp.func
@@ -67,7 +67,7 @@ def make_convex_response(spec: Specialisation) -> SimpleNamespace:
         back = p.minv * target
         rho = VR()
         if p.mask != 0:
-            back, dz = solve(fac, p, back, VR(), 0)
+            back, dz = solve(fac, p.minv, p.jac, p.scale, p.mask, back, VR(), 0)
             for i in range(wp.static(NR)):
                 rho[i] = -fac.slope[i] * dz[i] / p.scale[i]
         return back, rho

@@ -23,7 +23,7 @@ def make_coulomb_response(spec: Specialisation) -> SimpleNamespace:
     s, dtype, method = spec
     active = make_active(spec)
     r, t = active.rows, active.types
-    VQ, VR, JR = t.VQ, t.VR, t.JR
+    VQ, VR, MQ, JR = t.VQ, t.VR, t.MQ, t.JR
     Problem, Dual = make_problem(s, dtype), make_dual(s, dtype)
     TAU = dtype(PROXIMAL[dtype][1])
     ONE = dtype(1.0)
@@ -46,12 +46,12 @@ def make_coulomb_response(spec: Specialisation) -> SimpleNamespace:
         return out
 
     @wp.func
-    def solve(fac: Factor, p: Problem, dv0: VQ, f2: VR, column: int):
+    def solve(fac: Factor, minv: MQ, jac: JR, scale: VR, mask: int, dv0: VQ, f2: VR, column: int):
         """dv = dv0 + M^-1 J' dlambda with J_i dv = f2_i in the rows that hold."""
         target = VR()
         moved = VR()
         for i in range(wp.static(s.nr)):
-            moved[i] = wp.static(r.dots[i])(p.jac, dv0) - f2[i]
+            moved[i] = wp.static(r.dots[i])(jac, dv0) - f2[i]
         for i in range(fac.dense.count):
             target[i] = moved[fac.dense.row[i]]
         dlam = active.impulses(fac.dense, fac.mode, fac.lu, target, VR(), TAU)

@@ -93,24 +93,24 @@ def make_erm_response(spec: Specialisation) -> SimpleNamespace:
         return out
 
     @wp.func
-    def solve(fac: Factor, problem: Problem, dv0: VQ, f2: VR, column: int):
+    def solve(fac: Factor, minv: MQ, jac: JR, scale: VR, mask: int, dv0: VQ, f2: VR, column: int):
         """dv' of a column, from dv0 and -f2 = dJ v' + d(d/h)."""
         rhs = VR()
         f = VQ()
         for i in range(wp.static(NR)):
-            dw = wp.static(r.dots[i])(problem.jac, dv0) - f2[i]
+            dw = wp.static(r.dots[i])(jac, dv0) - f2[i]
             rhs[i] = fac.scale[i] * fac.r_aw[i] * dw
-            f = wp.static(r.adds[i])(f, problem.jac, fac.r_ww[i] * dw)
-        dp = problem.minv * f
+            f = wp.static(r.adds[i])(f, jac, fac.r_ww[i] * dw)
+        dp = minv * f
         for i in range(wp.static(NR)):
-            rhs[i] = rhs[i] + wp.static(r.dots[i])(problem.jac, dp)
+            rhs[i] = rhs[i] + wp.static(r.dots[i])(jac, dp)
             if column < wp.static(NV):
                 rhs[i] = rhs[i] + fac.by_q[i, column]
         dlam = -wp.static(erm.substitute)(fac.root, rhs)
         f = VQ()
         for i in range(wp.static(NR)):
-            f = wp.static(r.adds[i])(f, problem.jac, dlam[i])
-        return dv0 + problem.minv * f, VR()
+            f = wp.static(r.adds[i])(f, jac, dlam[i])
+        return dv0 + minv * f, VR()
 
     @wp.func
     def dual(fac: Factor, problem: Problem, lam: VR, z: VR, target: VQ):

@@ -8,8 +8,9 @@ changes with the problem. Another law is a file with these two factories, and it
 
 `make_response(spec)` returns the functions, at a solution (lambda, z) of a problem,
     factor(params, row, problem, lambda, z, normals) -> Factor; normals: M^-1 J_i' of the rows in the mask;
-    solve(factor, problem, dv0, f2, column) -> dv', dz, where dv0 is the change of v' at fixed lambda, -f2
-        that of w by J and d/h, and column the number of what is changed, q first;
+    solve(factor, minv, jac, scale, mask, dv0, f2, column) -> dv', dz, where dv0 is the change of v' at fixed
+        lambda, -f2 that of w by J and d/h, and column the number of what is changed, q first; called for
+        every column, and so without the rest of the problem, which would be copied each time;
     dual(factor, problem, lambda, z, target) -> Dual, the weights of `dual.py`;
 with `scaled`, whether D enters; `roots`, whether z is the unknown, so that at fixed z lambda changes with D
 (then there is `transposed`, too, for second derivatives); and `complete`, or None: what a law adds to its
