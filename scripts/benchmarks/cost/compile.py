@@ -18,7 +18,7 @@ from warp._src.context import Module
 
 import slcp_warp as slcp
 
-from ...compile import WHAT, compile_ahead
+from ...stages.ahead import WHAT, compile_ahead
 from ...support.common import default_scaling
 from ..shared.machine import machine
 from ..shared.timing import Rows
