@@ -6,11 +6,12 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from slcp_warp.inputs.checks import attribute, whole
+from slcp_warp.inputs.checks import whole
 from slcp_warp.inputs.errors import ArgumentError, ArgumentTypeError
 from slcp_warp.inputs.limits import limit_rows
 
 from .costs import Cost
+from .dynamics import dynamics_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,7 +19,7 @@ class Problem:
     """Minimise the cost of N steps of a dynamics (M32), from a given state.
 
     Attributes:
-        dynamics: see `Dynamics`; `slcp_warp.Simulator` is one.
+        dynamics: a `slcp_warp.Simulator`, or a `Dynamics`.
         cost: a `Cost`.
         horizon: number of steps N.
         params: the dynamics' numbers, default its own.
@@ -33,22 +34,7 @@ class Problem:
     control_limits: Any = None
 
     def __post_init__(self) -> None:
-        for name in (
-            "nx",
-            "nu",
-            "nw",
-            "dtype",
-            "device",
-            "step_function",
-            "initial_carry",
-            "linearize_into",
-            "lift_into",
-            "parameter_array",
-        ):
-            if attribute(self.dynamics, name) is None:
-                raise ArgumentTypeError(
-                    f"dynamics must have {name!r} (see ddp.Dynamics), {type(self.dynamics).__name__} has not"
-                )
+        dynamics_of(self.dynamics)
         if not isinstance(self.cost, Cost):
             raise ArgumentTypeError(f"cost must be a ddp.Cost, got {type(self.cost).__name__}")
         for name, need in (("nx", self.cost.nx), ("nu", self.cost.nu)):

@@ -21,6 +21,7 @@ from slcp_warp.kernels.control.solver_state import SolverState, make_derivative_
 from slcp_warp.kernels.device.launch import Prepared
 
 from .batches import fill
+from .dynamics import dynamics_of
 from .options import Options
 from .problem import Problem
 from .result import Result, Trace
@@ -37,7 +38,7 @@ class Workspace:
         instance("problem", problem, Problem, "a ddp.Problem")
         instance("options", options, Options | None, "a ddp.Options")
         self.problem, self.batch, self.options = problem, whole("batch", batch, 0), options or Options()
-        self.dynamics = problem.dynamics
+        self.dynamics = dynamics_of(problem.dynamics)
         self.device, self.dtype = self.dynamics.device, self.dynamics.dtype
         self.numpy_dtype = wp.dtype_to_numpy(self.dtype)
         self.second_order = self.options.method == "second-order"

@@ -22,8 +22,8 @@ from .plain.residuals import residual
 from .products import Pullback, Pushforward, jvp, vjp, weighted_hessian
 from .results import Linearization, Step, Trajectory
 from .simulator import Simulator
+from .stepping.strategy import StrategyError
 from .storage.files import FileError
-from .strategy import StrategyError
 
 __version__ = "0.1.0"
 

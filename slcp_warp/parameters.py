@@ -13,8 +13,9 @@ from slcp_warp.kernels.structure import Layout, layout
 
 from .description.scene import Scene
 from .inputs import rules
+from .inputs.arrays import ArrayError
 from .inputs.checks import flag, instance, shown
-from .inputs.errors import ArgumentError
+from .inputs.errors import ArgumentError, ArgumentTypeError
 from .inputs.rules import COVARIANCES
 
 _uploading = threading.Lock()
@@ -93,6 +94,24 @@ class Parameters:
         if len(set(sizes.values())) > 1:
             raise ParameterError(f"parameters disagree on the number of worlds: {sizes}")
         return self._with(values, self.requires_grad)
+
+    def matching(self, other: "Parameters | None", worlds: int) -> "Parameters":
+        """Other parameters of this scene, for a number of worlds; None: these.
+
+        Raises:
+            ArgumentTypeError, ArgumentError: no parameters, or another scene's.
+            ArrayError: they are for another number of worlds.
+        """
+        given = self if other is None else other
+        if not isinstance(given, Parameters):
+            raise ArgumentTypeError(f"params is a {type(given).__name__}; use sim.params.replace(...)")
+        if given.scene.structure != self.scene.structure:
+            raise ArgumentError(
+                f"params belong to scene {given.scene.name!r}; this simulator has {self.scene.name!r}"
+            )
+        if given.worlds not in (None, worlds):
+            raise ArrayError(f"params are given for {given.worlds} worlds, the arrays for {worlds}")
+        return given
 
     def track(self) -> "Parameters":
         """A copy whose gradients steps and rollouts on a `wp.Tape` collect; see `gradient`."""

@@ -111,6 +111,7 @@ def jvp(
         ArrayError: another shape.
     """
     instance("sim", sim, Simulator, "a slcp_warp.Simulator")
+    sim.need_derivatives("jvp")
     x0, controls = _pair(sim, x0, controls)
     worlds, steps = controls.shape[:2]
     dx0 = _array("dx0", dx0, x0.shape)
@@ -127,7 +128,9 @@ def jvp(
         return wp.array(np.ascontiguousarray(a), dtype=sim.dtype, device=sim.device)
 
     table = sim.parameter_array(params, worlds)
-    sim.linearize_into(put(traj.states), put(us), table, fx, fu, None, status, everything)
+    outputs = (fx, fu, sim.empty(0, 0, 0, 0), status)
+    xs, external = put(traj.states), sim.empty(0, 0)
+    derivatives.prepare(sim.spec, sim.device, table, xs, put(us), external, everything, outputs, False)()
     jacobians, by_control, code = fx.numpy(), fu.numpy()[..., : sim.nu], status.numpy()
     jacobians[code != 0] = np.nan
     tangent = np.empty((worlds, steps + 1, nx), dtype=jacobians.dtype)

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 import slcp_warp as slcp
-from slcp_warp.strategy import StrategyError
+from slcp_warp import StrategyError
 
 from ..support.common import default_scaling
 from .mechanism import Drawing, Mechanism, view

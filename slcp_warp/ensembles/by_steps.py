@@ -15,6 +15,7 @@ from slcp_warp.kernels.ensembles.generic_sweep import (
 )
 
 from ..simulator import Simulator
+from ..stepping.arrays import StepArrays
 
 
 def bytes_of_world(sim: Simulator) -> int:
@@ -31,8 +32,6 @@ def by_steps(
     samples: wp.array,
 ) -> tuple[wp.array, wp.array, wp.array]:
     """As `launch.at_once`; the states are overwritten."""
-    generic = sim._generic
-    assert generic is not None
     worlds, width = len(state), sim.nr + 2 * len(sim.scene.structure.pairs)
     dtype, device = sim.dtype, sim.device
     after, us = sim.empty(worlds, sim.nx), sim.empty(worlds, max(sim.nu, 1))
@@ -46,11 +45,12 @@ def by_steps(
     steps = np.floor(conditions.duration / params.numpy()[:, 0].astype(float) + 0.5).astype(np.int32)
     p = _progress(worlds, steps, samples, device)
     name, struct = policy
+    step = StepArrays(params, state, us, nothing, warm, after, impulse, gap, multiplier, code)
     begin = make_sweep_begin_kernel(sim.scene.nv, sim.nu, dtype, name)
     kernels = make_sweep_end_kernels(dtype)
     for k in range(int(steps.max())):
         launch(begin, worlds, [k, conditions, params, struct, p, state, us], device)
-        generic.step(worlds, [params, state, us, nothing, warm, after, impulse, gap, multiplier, code])
+        sim.kernels.stepping.step(step)
         outcome = [rows, after, impulse, gap, multiplier, code, p, state, warm]
         launch(kernels.end, worlds, [k, *outcome], device)
     launch(kernels.finish, worlds, [conditions.component, state, p, share], device)

@@ -12,9 +12,9 @@ from slcp_warp.kernels.ensembles.disturbances import make_conditions
 from slcp_warp.kernels.ensembles.sweep import make_sweep_kernel
 
 from ..inputs import checks
-from ..inputs.arrays import policy_arrays
 from ..inputs.errors import ArgumentError
 from ..simulator import Simulator
+from ..stepping.arguments import policy_arrays
 from .by_steps import by_steps, bytes_of_world
 from .draws import Draws
 from .spec import SweepSpec

@@ -11,7 +11,7 @@ from ..description.scene import Scene
 from ..inputs import checks
 from ..options import Options
 from ..simulator import Simulator
-from ..strategy import current_name
+from ..stepping.strategy import current_name
 from .launch import Case
 from .report import SweepReport
 from .spec import SweepSpec

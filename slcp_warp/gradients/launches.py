@@ -11,6 +11,8 @@ from slcp_warp.kernels.derivatives.curvature import in_closed_form
 from slcp_warp.kernels.device.launch import Prepared
 from slcp_warp.kernels.specialisation import Specialisation
 
+from ..inputs.arrays import zeros
+
 
 def curved_outputs(spec: Specialisation) -> int:
     """Outputs with second derivatives of their own: v' (nv), or v*, v' (2 nv) where q' = q + h v*."""
@@ -27,11 +29,30 @@ def lift(spec: Specialisation, step_size: np.ndarray) -> np.ndarray:
     return out
 
 
+def at_states(
+    spec: Specialisation, params: wp.array, x: wp.array, u: wp.array, external: wp.array, second: bool
+) -> tuple[wp.array, wp.array, wp.array, wp.array]:
+    """Derivatives of one step at states x (B, nx) under controls u (B, max(nu, 1)).
+
+    Returns:
+        A (B, nx, nx), B (B, nx, nu), second derivatives (B or 0, nw, nz, nz), status (B,).
+    """
+    (s, dtype, _), device, worlds = spec, x.device, x.shape[0]
+    nx, nu, nw = 2 * s.nv, s.nu, curved_outputs(spec)
+    shapes = (worlds, 1, nx, nx), (worlds, 1, nx, nu), (worlds if second else 0, nw, nx + nu, nx + nu)
+    fx, fu, fzz = (zeros(shape, dtype, device) for shape in shapes)
+    status = wp.zeros((worlds, 1), dtype=wp.int32, device=device)
+    xs, us = (a.contiguous().reshape((worlds, 1, a.shape[1])) for a in (x, u))
+    everything = wp.zeros(0, dtype=wp.int32, device=device)
+    prepare(spec, device, params, xs, us, external, everything, (fx, fu, fzz, status), second)()
+    by_x, by_u, codes = (a.reshape((worlds, *a.shape[2:])) for a in (fx, fu, status))
+    return by_x, by_u, fzz, codes
+
+
 def prepare(
     spec: Specialisation,
     device: Any,
     params: wp.array,
-    steps: int,
     xs: wp.array,
     us: wp.array,
     external: wp.array,
@@ -39,7 +60,18 @@ def prepare(
     outputs: tuple[wp.array, wp.array, wp.array, wp.array],
     second: bool,
 ) -> Callable[[], None]:
-    """A repeatable launch at B problems of `steps` steps each; outputs are fx, fu, fzz, status."""
+    """A repeatable launch along B trajectories; the outputs are fx, fu, fzz and status.
+
+    Args:
+        params: (1 or B, P).
+        xs: states (B, N or more, nx).
+        us: controls (B, N, max(nu, 1)).
+        external: (0 or B, 3 bodies).
+        active: (0 or B,), 1 for the trajectories to linearise along.
+        outputs: (B, N, nx, nx), (B, N, nx, nu), (B N, nw, nz, nz) or no second derivatives, (B, N).
+        second: whether second derivatives are wanted.
+    """
+    steps = us.shape[1]
     items = us.shape[0] * steps
     if not second or in_closed_form(spec.method):
         kernel = expansion.make_linearize_kernel(spec, second)

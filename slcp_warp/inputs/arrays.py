@@ -8,11 +8,9 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from slcp_warp.kernels.step.rollout import POLICIES
-
 from . import checks
 from .checks import numeric, shown
-from .errors import ArgumentError, ArgumentTypeError
+from .errors import ArgumentError
 
 
 class ArrayError(ArgumentError):
@@ -26,6 +24,23 @@ class Batch:
     array: wp.array
     kind: str
     batched: bool
+
+    @property
+    def worlds(self) -> int:
+        """Length of the batch axis."""
+        return int(self.array.shape[0])
+
+    def give(self, array: wp.array) -> Any:
+        """A result in the kind of this argument, with a batch axis if this one had it."""
+        return from_batch(array, self.kind, self.batched)
+
+
+def zeros(shape: tuple[int, ...], dtype: Any, device: Any) -> wp.array:
+    """A zeroed array; an ArgumentError instead of one that cannot fit into the device's memory."""
+    if math.prod(shape) > checks.FEW:
+        size = wp.types.type_size_in_bytes(dtype)
+        checks.memory(f"an array {shape}", math.prod(shape), size, device)
+    return wp.zeros(shape, dtype=dtype, device=device)
 
 
 def kind_of(value: Any) -> str:
@@ -111,28 +126,3 @@ def from_batch(array: wp.array, kind: str, batched: bool) -> Any:
         return out if batched else out[0]
     out = array.numpy()
     return out if batched else out[0]
-
-
-def policy_arrays(policy: Any, sim: Any, worlds: int | None) -> tuple[str, Any]:
-    """Kernel name and struct of a policy, for so many worlds (None: for any number)."""
-    if isinstance(policy, type) or not callable(checks.attribute(policy, "arrays")):
-        raise ArgumentTypeError(
-            f"policy is a {type(policy).__name__}; a policy is needed, library.policy() or ddp.TrackingPolicy"
-        )
-    given_arrays = policy.arrays(sim)
-    if not isinstance(given_arrays, tuple) or len(given_arrays) != 2:
-        raise ArgumentTypeError(f"policy.arrays gave {shown(given_arrays)}; (name, struct) is needed")
-    name, struct = given_arrays
-    if not isinstance(name, str) or name not in POLICIES:
-        raise ArgumentError(f"policy.arrays gave the name {shown(name)}; choose one of {list(POLICIES)}")
-    kind = POLICIES[name](sim.nx, sim.nu, sim.dtype).Struct
-    if getattr(struct, "_cls", None) is not kind:
-        raise ArgumentTypeError(
-            f"policy.arrays gave {shown(struct)} with the name {name!r}; the struct of kernels.policy for "
-            f"{sim.nx} states, {sim.nu} controls and {sim.dtype.__name__} is needed"
-        )
-    given = struct.us.shape[0] if name == "tracking" else 1
-    if given not in (1, worlds):
-        need = "one for all" if worlds is None else f"1 or {worlds}"
-        raise ArrayError(f"policy holds {given} trajectories; {need} is needed, one per world")
-    return name, struct

@@ -64,7 +64,7 @@ def rollout(
         StrategyError: generic kernels.
     """
     instance("sim", sim, Simulator, "a slcp_warp.Simulator")
-    sim._need_derivatives("slcp_warp.torch")
+    sim.need_derivatives("slcp_warp.torch")
     flag("check", check)
     x, us = _given(sim, "x0", x0, (sim.nx,)), _given(sim, "controls", controls, (None, sim.nu))
     batched = x0.ndim == 2

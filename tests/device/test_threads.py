@@ -49,7 +49,7 @@ def test_one_simulator_in_many_threads(strategy):
 def test_workspaces_are_lent_to_one_call_at_a_time():
     """None is lent twice; those kept for later stay within the bound of one launch."""
     sim = slcp.Simulator(slcp.scenes.flicking_finger(), device="cpu", strategy="generic")
-    spaces = sim._generic.workspaces
+    spaces = sim.kernels.stepping.workspaces
     spaces.most = 10
     with spaces.lend(4) as one, spaces.lend(4) as other, spaces.lend(4) as third:
         assert len({work.q.ptr for work in (one, other, third)}) == 3

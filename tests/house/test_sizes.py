@@ -16,7 +16,7 @@ REASON = "# long: "
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 OPEN = {
     *("kernels/control/line_search.py", "kernels/control/riccati.py", "kernels/ensembles/sweep.py"),
-    *("kernels/derivatives/second_differences.py", "kernels/generic/interior.py", "slcp_warp/simulator.py"),
+    *("kernels/derivatives/second_differences.py", "kernels/generic/interior.py"),
     *("kernels/generic/mechanism.py", "kernels/gradients/adjoint.py", "kernels/gradients/trapezoidal.py"),
     *("kernels/mechanism/free_motion.py", "kernels/solvers/lemke.py", "kernels/step/step.py"),
     *("ddp/solver.py", "ddp/workspace.py"),

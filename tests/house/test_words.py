@@ -22,7 +22,11 @@ WORDS = {  # what holds: the pattern of what says otherwise; files and folders t
     ),
     "the former names of strategies are taken in one place": (
         r"[\"'`](memory|registers)[\"'`]",
-        ("slcp_warp/strategy.py", "CHANGELOG.md", "scripts/benchmarks/cost/"),  # of GPU code: its registers
+        (
+            "slcp_warp/stepping/strategy.py",
+            "CHANGELOG.md",
+            "scripts/benchmarks/cost/",
+        ),  # of GPU code: its registers
     ),
     "kernels for any scene are generic, not large": (
         r"\b(make_)?large_(step|rollout|sweep|solver|contact)\w*\b",

@@ -249,7 +249,7 @@ def test_rollout_is_its_steps():
     sc = boxes(np.ones(4))
     sim = slcp.Simulator(sc, device="cpu", strategy="generic")
     assert sim.strategy == "generic"
-    sim._generic.chunk = 2
+    sim.kernels.stepping.chunk = 2
     rng = np.random.default_rng(4)
     x = np.tile(sc.x0, (5, 1)) + 0.01 * rng.standard_normal((5, sc.nv * 2))
     x[3, 0] = np.nan

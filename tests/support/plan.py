@@ -32,9 +32,9 @@ ROOMS = {  # the order of each layer's rooms: none imports one that is named aft
         *("derivatives", "gradients", "control", "ensembles"),
     ),
     "slcp_warp": (
-        *("inputs", "storage", "options", "strategy", "description", "scenes", "parameters", "results"),
+        *("inputs", "storage", "options", "description", "scenes", "parameters", "results"),
         "costs",
-        *("gradients", "plain", "simulator", "products", "torch", "ensembles", "simulated"),
+        *("gradients", "stepping", "plain", "simulator", "products", "torch", "ensembles", "simulated"),
     ),
     "ddp": (
         *("status", "options", "costs", "dynamics", "problem", "result", "policies", "batches", "workspace"),

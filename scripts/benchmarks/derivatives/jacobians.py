@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 
 import slcp_warp as slcp
+from slcp_warp import StrategyError
 from slcp_warp.options import OptionError
-from slcp_warp.strategy import StrategyError
 
 SHIFTS = {1: 0.75, 2: -0.15, 3: 1.0 / 60.0}  # sixth-order central difference
 STEPS = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)  # of the differences; the best one counts, state by state

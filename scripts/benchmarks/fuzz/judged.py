@@ -6,9 +6,8 @@ from typing import Any
 import numpy as np
 
 import slcp_warp as slcp
-from slcp_warp import Scene
+from slcp_warp import Scene, StrategyError
 from slcp_warp.options import Options, Status
-from slcp_warp.strategy import StrategyError
 
 from ...support.kinematics import Array
 from .draws import Worlds

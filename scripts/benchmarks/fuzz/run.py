@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 
 import slcp_warp as slcp
+from slcp_warp import StrategyError
 from slcp_warp.kernels.device import launch
 from slcp_warp.options import Options, Status
-from slcp_warp.strategy import StrategyError
 
 from ...support.kinematics import Array
 from .differences import LIMIT, gradient_errors, jacobian_errors

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 import slcp_warp as slcp
+from slcp_warp import StrategyError
 from slcp_warp.options import CHOICES, OptionError, Options, Status
-from slcp_warp.strategy import StrategyError
 
 from .case import Case, Grid, Run
 from .check import Checker

@@ -1,7 +1,7 @@
-"""What the solver asks of its dynamics, and dynamics made from a user's own Warp function."""
+"""Dynamics made from a user's own Warp function."""
 
 from collections.abc import Callable, Mapping
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -11,7 +11,6 @@ from slcp_warp.inputs.checks import device as checked_device
 from slcp_warp.inputs.errors import ArgumentError, ArgumentTypeError
 from slcp_warp.kernels.control.user_dynamics import (
     DynamicsFunctions,
-    NoCarry,
     make_linear,
     make_linearize_kernel,
     make_protocol_step,
@@ -20,50 +19,7 @@ from slcp_warp.kernels.control.user_dynamics import (
 from slcp_warp.kernels.device.launch import Prepared
 from slcp_warp.kernels.factories import cached
 
-__all__ = ["Dynamics", "DynamicsFunctions", "Parameters", "WarpDynamics", "linear_system"]
-
-
-class Dynamics(Protocol):
-    """Discrete-time dynamics x' = f(x, u); `slcp_warp.Simulator` is one, `WarpDynamics` another.
-
-    Attributes:
-        nx, nu: numbers of states and controls.
-        nw: number of curved outputs y: V.f_zz = sum_i (lift V)_i d2y_i/dz2 with z = (x, u).
-        dtype: Warp scalar type.
-        device: Warp device.
-        params: default numbers, an object with ``replace(**changes)``.
-    """
-
-    nx: int
-    nu: int
-    nw: int
-    dtype: Any
-    device: Any
-    params: Any
-
-    def step_function(self) -> Any:
-        """Warp function ``(params, row, x, u, carry) -> (x', carry, status)``, status 0 if solved."""
-
-    def initial_carry(self) -> Any:
-        """Warp function ``() -> carry`` for the first step of a trajectory."""
-
-    def linearize_into(
-        self, xs: Any, us: Any, params: Any, fx: Any, fu: Any, second: Any, status: Any, active: Any
-    ) -> None:
-        """Derivatives along xs (B, N+1, nx), us (B, N, nu) of the problems with active (B,) = 1.
-
-        Writes fx (B, N, nx, nx), fu (B, N, nx, nu), second (B N, nw, nz, nz) unless None, status (B, N), 0 if
-        good.
-
-        A dynamics may also have ``prepare_linearize``, which takes the same arguments and returns a function
-        without any that does this for the same arrays at less overhead.
-        """
-
-    def lift_into(self, params: Any, lift: Any) -> None:
-        """Write lift (B, nw, nx)."""
-
-    def parameter_array(self, params: Any, batch: int) -> Any:
-        """The numbers of ``params`` on the device, wp.array2d (1 or batch rows)."""
+__all__ = ["DynamicsFunctions", "Parameters", "WarpDynamics", "linear_system"]
 
 
 class Parameters:
@@ -150,7 +106,6 @@ class WarpDynamics:
         nx, nu = whole("nx", nx), whole("nu", nu)
         self.make, self.nx, self.nu, self.nw = make, nx, nu, nx
         self.device = checked_device(device)
-        self.period = None
         instance("parameters", parameters, Mapping | None, "a dict of values by name")
         values = {
             name: array(f"parameter {name!r}", value, finite=False)
@@ -158,9 +113,6 @@ class WarpDynamics:
         }
         shapes = {name: value.shape for name, value in values.items()}
         self.params = Parameters(shapes, values, self.dtype, self.device)
-        self.state_type = wp.types.vector(nx, self.dtype)
-        self.control_type = wp.types.vector(nu, self.dtype)
-        self.carry_type = NoCarry
 
     def step_function(self) -> Any:
         """See `Dynamics`."""
@@ -170,10 +122,6 @@ class WarpDynamics:
     def initial_carry(self) -> Any:
         """See `Dynamics`."""
         return no_carry
-
-    def make_params(self, **changes: Any) -> Parameters:
-        """The default parameters with changes."""
-        return self.params.replace(**changes)
 
     def parameter_array(self, params: Parameters, batch: int) -> Any:
         """See `Dynamics`."""

@@ -1,0 +1,76 @@
+"""A simulator's steps as dynamics."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from slcp_warp import Simulator
+from slcp_warp.gradients import launches
+from slcp_warp.inputs.checks import attribute
+from slcp_warp.inputs.errors import ArgumentTypeError
+from slcp_warp.kernels.step.rollout import make_transition
+
+from .protocol import REQUIRED
+
+
+class SimulatorDynamics:
+    """The `Dynamics` of a simulator: its step, and the implicit derivatives of its solution."""
+
+    def __init__(self, sim: Simulator) -> None:
+        self.sim, self.params = sim, sim.params
+        self.nx, self.nu, self.nw = sim.nx, sim.nu, launches.curved_outputs(sim.spec)
+        self.dtype, self.device = sim.dtype, sim.device
+
+    def step_function(self) -> Any:
+        """See `Dynamics`.
+
+        Raises:
+            StrategyError, OptionError: the simulator's steps have no derivatives.
+        """
+        self.sim.need_derivatives("the protocol of slcp_warp.ddp")
+        return make_transition(self.sim.spec).advance
+
+    def initial_carry(self) -> Any:
+        """See `Dynamics`: a cold start."""
+        return make_transition(self.sim.spec).cold_carry
+
+    def linearize_into(self, *arrays: Any) -> None:
+        """See `Dynamics`."""
+        self.prepare_linearize(*arrays)()
+
+    def prepare_linearize(
+        self, xs: Any, us: Any, params: Any, fx: Any, fu: Any, second: Any, status: Any, active: Any
+    ) -> Callable[[], None]:
+        """See `Dynamics`."""
+        self.sim.need_derivatives("linearize")
+        nowhere = wp.zeros((0, 0), dtype=self.dtype, device=self.device)
+        fzz = wp.zeros((0, 0, 0, 0), dtype=self.dtype, device=self.device) if second is None else second
+        outputs, wanted = (fx, fu, fzz, status), second is not None
+        return launches.prepare(self.sim.spec, self.device, params, xs, us, nowhere, active, outputs, wanted)
+
+    def lift_into(self, params: Any, lift: Any) -> None:
+        """See `Dynamics`: of x' = (q + h v*, v') the outputs v* and v' are curved."""
+        values = np.broadcast_to(launches.lift(self.sim.spec, params.numpy()[:, 0]), lift.shape)
+        lift.assign(values.astype(wp.dtype_to_numpy(self.dtype)))
+
+    def parameter_array(self, params: Any, batch: int) -> Any:
+        """See `Dynamics`."""
+        return self.sim.parameter_array(params, batch)
+
+
+def dynamics_of(given: Any) -> Any:
+    """The `Dynamics` of what a problem is given: of a simulator its own, else the object itself.
+
+    Raises:
+        ArgumentTypeError: an object that is none.
+    """
+    if isinstance(given, Simulator):
+        return SimulatorDynamics(given)
+    for name in REQUIRED:
+        if attribute(given, name) is None:
+            raise ArgumentTypeError(
+                f"dynamics must have {name!r} (see ddp.Dynamics), {type(given).__name__} has not"
+            )
+    return given

@@ -1,0 +1,1 @@
+"""How a simulator steps: which kernels a scene gets, and their launches."""

@@ -1,0 +1,111 @@
+"""Arguments of a simulator's calls, checked, as arrays of its sizes and precision on its device."""
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from slcp_warp.kernels.step.rollout import POLICIES
+from slcp_warp.kernels.structure import Structure
+
+from ..gradients import tape
+from ..inputs import checks
+from ..inputs.arrays import ArrayError, Batch, same_worlds, to_batch, zeros
+from ..inputs.checks import shown
+from ..inputs.errors import ArgumentError, ArgumentTypeError
+from .arrays import Controls
+
+
+class Arguments:
+    """What the calls of one simulator are given.
+
+    Attributes:
+        none: an array of no worlds: forces, multipliers that were not given.
+    """
+
+    def __init__(self, structure: Structure, dtype: Any, device: wp.Device) -> None:
+        self.structure, self.dtype, self.device = structure, dtype, device
+        self.nx, self.nu = 2 * structure.nv, structure.nu
+        self.none = wp.zeros((0, 0), dtype=dtype, device=device)
+
+    def empty(self, *shape: int) -> wp.array:
+        """A zeroed array."""
+        return zeros(shape, self.dtype, self.device)
+
+    def status(self, worlds: int) -> wp.array:
+        """A status (B,), SOLVED."""
+        return wp.zeros(worlds, dtype=wp.int32, device=self.device)
+
+    def batch(self, name: str, value: Any, *shape: int | str) -> Batch:
+        """An argument of a shape, not counting its batch axis."""
+        return to_batch(name, value, shape, self.dtype, self.device)
+
+    def external_force(self, given: Any, worlds: int) -> wp.array:
+        """Forces and torques (B, 3 bodies), none of (0, 0)."""
+        if given is None:
+            return self.none
+        nb = self.structure.nb
+        force = self.batch("external_force", given, nb, 3).array
+        tape.refuse("external_force", "forces have none: give them as controls of an actuator", force)
+        same_worlds("external_force", force.shape[0], worlds)
+        return force.contiguous().reshape((worlds, 3 * nb))
+
+    def control(self, given: Any, worlds: int) -> wp.array:
+        """Controls of one step (B, max(nu, 1)), zero where none are given."""
+        if given is None:
+            return self.empty(worlds, max(self.nu, 1))
+        control = self.batch("u", given, self.nu).array
+        same_worlds("u", control.shape[0], worlds)
+        return control if self.nu else self.empty(worlds, 1)
+
+    def warm_start(self, given: Any, worlds: int) -> wp.array:
+        """Multipliers (B, nr + 2 pairs), none of (0, 0)."""
+        if given is None:
+            return self.none
+        width = self.structure.nr + 2 * len(self.structure.pairs)
+        warm = self.batch("warm_start", given, width).array
+        same_worlds("warm_start", warm.shape[0], worlds)
+        return warm
+
+    def nothing(self, steps: Any, worlds: int) -> np.ndarray:
+        """The controls of a scene without actuators, (B, N, 0)."""
+        steps = checks.whole("steps", steps)
+        checks.memory(f"steps = {steps}: the states", worlds * (steps + 1) * self.nx, 8, self.device)
+        return np.zeros((worlds, steps, 0))
+
+    def open_loop(self, given: Any, steps: Any, worlds: int) -> Controls:
+        """Controls of a rollout (B, N, nu); steps: N again, or None."""
+        us = self.batch("controls", given, "N", self.nu).array
+        same_worlds("controls", us.shape[0], worlds)
+        struct = POLICIES["open_loop"](self.nx, self.nu, self.dtype).Struct()
+        struct.us = us
+        if steps is not None and checks.whole("steps", steps) != us.shape[1]:
+            raise ArgumentError(f"steps is {steps}, but controls are given for {us.shape[1]}; leave it out")
+        if us.shape[1] < 1:
+            raise ArrayError(f"controls has shape {us.shape}; at least one step is needed")
+        return Controls("open_loop", struct, us.shape[1], us)
+
+
+def policy_arrays(policy: Any, sim: Any, worlds: int | None) -> tuple[str, Any]:
+    """Kernel name and struct of a policy, for so many worlds (None: for any number)."""
+    if isinstance(policy, type) or not callable(checks.attribute(policy, "arrays")):
+        raise ArgumentTypeError(
+            f"policy is a {type(policy).__name__}; a policy is needed, library.policy() or ddp.TrackingPolicy"
+        )
+    given_arrays = policy.arrays(sim)
+    if not isinstance(given_arrays, tuple) or len(given_arrays) != 2:
+        raise ArgumentTypeError(f"policy.arrays gave {shown(given_arrays)}; (name, struct) is needed")
+    name, struct = given_arrays
+    if not isinstance(name, str) or name not in POLICIES:
+        raise ArgumentError(f"policy.arrays gave the name {shown(name)}; choose one of {list(POLICIES)}")
+    kind = POLICIES[name](sim.nx, sim.nu, sim.dtype).Struct
+    if getattr(struct, "_cls", None) is not kind:
+        raise ArgumentTypeError(
+            f"policy.arrays gave {shown(struct)} with the name {name!r}; the struct of kernels.policy for "
+            f"{sim.nx} states, {sim.nu} controls and {sim.dtype.__name__} is needed"
+        )
+    given = struct.us.shape[0] if name == "tracking" else 1
+    if given not in (1, worlds):
+        need = "one for all" if worlds is None else f"1 or {worlds}"
+        raise ArrayError(f"policy holds {given} trajectories; {need} is needed, one per world")
+    return name, struct

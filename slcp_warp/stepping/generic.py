@@ -1,0 +1,83 @@
+"""Launches of the generic kernels, which serve any scene by tables; a workspace keeps a world's state."""
+
+import contextlib
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+import warp as wp
+
+from slcp_warp.kernels.device.launch import launch
+from slcp_warp.kernels.generic import step as generic_step
+from slcp_warp.kernels.generic.topology import make_topology
+from slcp_warp.kernels.generic.work import Work, allocate_work, bytes_per_world
+from slcp_warp.kernels.specialisation import Specialisation
+from slcp_warp.kernels.structure import Structure
+
+from .arrays import Controls, RolloutArrays, StepArrays
+
+WORKSPACE_BYTES = 256 * 2**20  # worlds are stepped in chunks whose workspaces fit in here
+
+
+class Workspaces:
+    """Workspaces of one scene on one device, each lent to one call at a time; some are kept for later calls.
+
+    On a GPU they belong to the stream that they were used on, whose order keeps calls apart.
+    """
+
+    def __init__(self, s: Structure, device: Any) -> None:
+        self.structure, self.device = s, wp.get_device(device)
+        self.most = max(1, WORKSPACE_BYTES // bytes_per_world(s))  # slots of a workspace, and of those kept
+        self._lock = threading.Lock()
+        self._kept: dict[Any, list[tuple[int, Work]]] = {}
+
+    @contextlib.contextmanager
+    def lend(self, slots: int) -> Iterator[Work]:
+        """A workspace of at least that many slots that no other call has."""
+        stream = self.device.stream if self.device.is_cuda else None
+        with self._lock:
+            kept = self._kept.setdefault(stream, [])
+            size, work = kept.pop() if kept else (0, None)
+        if work is None or size < slots:
+            size, work = slots, allocate_work(self.structure, slots, self.device)
+        try:
+            yield work
+        finally:
+            with self._lock:
+                if size + sum(other for other, _ in kept) <= self.most:
+                    kept.append((size, work))
+
+
+class GenericKernels:
+    """The generic kernels for one scene on one device; any number of threads may call them.
+
+    Nothing is recorded on a tape: they have no derivatives.
+    """
+
+    def __init__(self, spec: Specialisation, device: Any) -> None:
+        s, dtype, method = spec
+        self.dtype, self.device = dtype, device
+        self.residual = generic_step.residual_of(method, s.nr)
+        self.topology = make_topology(s, method.inertia_scaling, method.coulomb, device)
+        self.workspaces = Workspaces(s, device)
+        self.chunk = self.workspaces.most  # worlds of a launch
+
+    def _launch(
+        self, kernel: wp.Kernel, worlds: int, flags: list[int], arrays: list[Any], grain: int
+    ) -> None:
+        with self.workspaces.lend(min(worlds, self.chunk)) as work:
+            for base in range(0, worlds, self.chunk):
+                count = min(self.chunk, worlds - base)
+                inputs = [base, *flags, self.topology, work, *arrays]
+                launch(kernel, count, inputs, self.device, grain=grain)
+
+    def step(self, a: StepArrays) -> None:
+        """One step of every world."""
+        kernel = generic_step.make_step_kernel(self.dtype, self.residual)
+        self._launch(kernel, a.worlds, [], a.in_order(), 8)
+
+    def rollout(self, a: RolloutArrays, controls: Controls, record: tuple[str, ...]) -> None:
+        """All steps of every world, open loop."""
+        assert controls.us is not None
+        kernel = generic_step.make_rollout_kernel(self.dtype, self.residual)
+        self._launch(kernel, a.worlds, [int("gap" in record)], a.in_order(controls.us), 1)

@@ -1,0 +1,63 @@
+"""Launches of the kernels made for one scene, recorded on a `wp.Tape` where an input requires a gradient."""
+
+from typing import Any
+
+import warp as wp
+
+from slcp_warp.kernels.device.launch import launch
+from slcp_warp.kernels.specialisation import Specialisation
+from slcp_warp.kernels.step import rollout
+
+from ..gradients import tape
+from ..gradients.checkpoint import checkpointed
+from .arrays import Controls, RolloutArrays, StepArrays
+
+
+class SpecialisedKernels:
+    """The kernels made for one scene, precision and method, on one device."""
+
+    def __init__(self, spec: Specialisation, device: Any) -> None:
+        self.spec, self.device = spec, device
+
+    def step(self, a: StepArrays) -> None:
+        """One step of every world."""
+        launch(rollout.make_step_kernel(self.spec), a.worlds, a.in_order(), self.device)
+        blocked = (("impulse", a.impulse), ("gap", a.gap))
+        tape.record_step(
+            tape.Recorded(self.spec, a.table, a.x, a.u, a.external, a.state, a.status, blocked=blocked)
+        )
+
+    def rollout(self, a: RolloutArrays, controls: Controls, record: tuple[str, ...]) -> None:
+        """All steps of every world.
+
+        Args:
+            a: where `controls` has room for all worlds if a tape follows the policy (`taped_policy`).
+            record: names of the outputs that the caller gets.
+        """
+        kernel = rollout.make_rollout_kernel(self.spec, controls.name, "gap" in record)
+        inputs = a.in_order(controls.struct)
+        launch(kernel, a.worlds, inputs, self.device, grain=max(1, 128 // controls.steps))
+        if controls.us is None and not taped_policy(controls, a.x0, a.table):
+            return
+        applied, policy = (controls.us, None) if controls.us is not None else (a.controls, controls.struct)
+        shown = a.controls if "controls" in record and self.spec.structure.nu else None
+        blocked = tuple((name, getattr(a, name)) for name in ("impulse", "gap") if name in record)
+        run = tape.Recorded(
+            self.spec, a.table, a.x0, applied, a.external, a.states, a.status, policy, shown, blocked
+        )
+        tape.record_rollout(run)
+
+    def checkpointed(
+        self, table: wp.array, x0: wp.array, us: wp.array, external: wp.array, status: wp.array, every: int
+    ) -> wp.array:
+        """States of steps 0, every, 2 every, ..., N of an open-loop rollout, (B, S+1, nx)."""
+        return checkpointed(self.spec, table, x0, us, external, status, every)
+
+
+def taped_policy(controls: Controls, x0: wp.array, table: wp.array) -> bool:
+    """Whether a tape records a rollout under a policy: its controls are kept, whoever asks for them.
+
+    Raises:
+        ArgumentError: a gradient is wanted through a policy that has none.
+    """
+    return controls.us is None and tape.differentiable_policy(controls.name, controls.struct, x0, table)

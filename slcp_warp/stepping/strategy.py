@@ -1,0 +1,75 @@
+"""Which kernels a scene gets: specialised ones, or generic ones.
+
+"specialised": every (scene, options, precision) compiles kernels of its own, unrolled, one world per thread
+in registers: fastest for small mechanisms, and the only ones with derivatives. "generic": one kernel per
+precision and residual serves every scene by tables, a world's state in memory (`kernels/generic/step.py`):
+for scenes whose unrolled kernels would take minutes to compile and spill anyway.
+"""
+
+import warnings
+from typing import Any
+
+import warp as wp
+
+from slcp_warp.kernels.generic.topology import NUMBERS
+from slcp_warp.kernels.method import Method
+from slcp_warp.kernels.structure import MOST_ROWS, Structure, layout
+
+from ..inputs.checks import choice
+from ..inputs.errors import ArgumentError
+
+STRATEGIES = ("auto", "specialised", "generic")
+RENAMED = {"registers": "specialised", "memory": "generic"}  # as they were called before
+# nv times the larger of nr and nv, by whether the device is a CPU: beyond, specialised kernels compile for
+# half a minute on a CPU and for minutes on a GPU (docs/understand/performance.md)
+LARGEST = {True: 200, False: 32}
+
+
+class StrategyError(ArgumentError):
+    """What was asked for is not offered with the kernels of this scene."""
+
+
+def missing(s: Structure, method: Method) -> str:
+    """What keeps a scene from the generic kernels, or ""."""
+    if not (method.hard or method.rem):
+        return f"residual {method.residual!r}"
+    if method.friction != "anitescu" and not (method.coulomb and method.hard):
+        return f"friction {method.friction!r}"
+    if method.integrator != "euler":
+        return f"integrator {method.integrator!r}"
+    if method.state_noise:
+        return f"noise {method.noise!r}"
+    if method.tolerance is not None:
+        return f"tolerance {method.tolerance!r}"
+    if method.end_gap:
+        return f"gap {method.gap!r}"
+    if method.converts:
+        return f"deviation {method.deviation!r}"
+    unknown = [name for name in layout(s).names if name not in NUMBERS]
+    return f"parameters {unknown}" if unknown else ""
+
+
+def current_name(strategy: Any) -> Any:
+    """A strategy by its name of today; one of before is taken, with a warning where the public call is."""
+    if not isinstance(strategy, str) or strategy not in RENAMED:
+        return strategy
+    name = RENAMED[strategy]
+    warnings.warn(f"strategy {strategy!r} is called {name!r} now", DeprecationWarning, stacklevel=3)
+    return name
+
+
+def choose(strategy: str, s: Structure, method: Method, device: Any) -> str:
+    """Specialised or generic kernels for a scene; a clear error where neither serves."""
+    choice("strategy", strategy, STRATEGIES)
+    lacks = missing(s, method)
+    if strategy == "generic" and lacks:
+        raise StrategyError(f"{lacks} is not offered by the generic kernels; use strategy='specialised'")
+    if s.nr > MOST_ROWS and (strategy == "specialised" or lacks):
+        reason = f"; the generic kernels do not offer {lacks}" if lacks else "; use strategy='generic'"
+        raise StrategyError(
+            f"the scene has {s.nr} rows, specialised kernels take at most {MOST_ROWS}{reason}"
+        )
+    if strategy != "auto" or lacks:
+        return "specialised" if strategy == "auto" else strategy
+    large = s.nr > MOST_ROWS or s.nv * max(s.nr, s.nv) > LARGEST[wp.get_device(device).is_cpu]
+    return "generic" if large else "specialised"
