@@ -17,7 +17,7 @@ from .scenes import scenes_command
 from .simulate import simulate_command
 from .size import size_command
 from .support.checkout import has_checkout, need_checkout
-from .support.common import one_line_errors
+from .support.screen import one_line_errors
 from .surface import surface_command
 from .sweep import sweep_command
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from .support.checkout import need_checkout
-from .support.common import one_line_errors, wrote
+from .support.screen import one_line_errors, wrote
 from .support.tables import RESULTS
 
 if TYPE_CHECKING:

@@ -11,18 +11,9 @@ import slcp_warp as slcp
 from slcp_warp.kernels.device.progress import Loaded
 
 from .stages.ahead import WHAT, compile_ahead
-from .support.common import (
-    Device,
-    Dtype,
-    Friction,
-    Integrator,
-    Residual,
-    Scaling,
-    console,
-    make_simulator,
-    named_scene,
-    one_line_errors,
-)
+from .support.options import Device, Dtype, Friction, Integrator, Residual, Scaling
+from .support.screen import console, one_line_errors
+from .support.simulators import make_simulator, named_scene
 
 
 def chosen(text: str, sim: slcp.Simulator) -> list[str]:

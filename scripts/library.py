@@ -9,25 +9,9 @@ from slcp_warp import ddp
 
 from .stages.library import Interrupted, build, library_table
 from .stages.plan import finger_problem
-from .support.common import (
-    INTERRUPTED,
-    Device,
-    Dtype,
-    Integrator,
-    Scaling,
-    Seed,
-    Settings,
-    Sigma,
-    Start,
-    StepSize,
-    console,
-    numbers,
-    one_line_errors,
-    prepared,
-    progress_bar,
-    timed,
-    wrote,
-)
+from .support.options import Device, Dtype, Integrator, Scaling, Seed, Settings, Sigma, Start, StepSize
+from .support.screen import INTERRUPTED, console, one_line_errors, prepared, progress_bar, timed, wrote
+from .support.simulators import numbers
 
 
 @one_line_errors

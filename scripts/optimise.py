@@ -8,23 +8,9 @@ import typer
 from slcp_warp import ddp
 
 from .stages.plan import finger_problem, optimise, outcome_table, random_starts, trace_table
-from .support.common import (
-    Device,
-    Dtype,
-    Integrator,
-    Scaling,
-    Seed,
-    Settings,
-    Sigma,
-    Start,
-    StepSize,
-    console,
-    numbers,
-    one_line_errors,
-    prepared,
-    timed,
-    wrote,
-)
+from .support.options import Device, Dtype, Integrator, Scaling, Seed, Settings, Sigma, Start, StepSize
+from .support.screen import console, one_line_errors, prepared, timed, wrote
+from .support.simulators import numbers
 
 
 @one_line_errors

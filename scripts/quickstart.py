@@ -10,7 +10,8 @@ from .stages.experiment import FULL, QUICK, STANDARD, Run
 from .stages.library import Interrupted, library_table
 from .stages.plan import outcome_table
 from .stages.sweep import sweep_table
-from .support.common import INTERRUPTED, Device, Seed, console, one_line_errors, timed
+from .support.options import Device, Seed
+from .support.screen import INTERRUPTED, console, one_line_errors, timed
 
 
 @one_line_errors

@@ -7,7 +7,8 @@ import typer
 
 import slcp_warp as slcp
 
-from .support.common import Device, one_line_errors, prepared, progress_bar, wrote
+from .support.options import Device
+from .support.screen import one_line_errors, prepared, progress_bar, wrote
 
 
 @one_line_errors

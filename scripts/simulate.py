@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from .stages.trajectory import simulate, summary
-from .support.common import (
+from .support.options import (
     Device,
     Dtype,
     Integrator,
@@ -18,15 +18,9 @@ from .support.common import (
     Sigma,
     Start,
     StepSize,
-    console,
-    make_params,
-    make_simulator,
-    named_scene,
-    one_line_errors,
-    prepared,
-    start_states,
-    wrote,
 )
+from .support.screen import console, one_line_errors, prepared, wrote
+from .support.simulators import make_params, make_simulator, named_scene, start_states
 
 
 @one_line_errors

@@ -10,19 +10,10 @@ from slcp_warp import ddp
 
 from .stages.size import size_rows
 from .stages.sweep import cycle_states
-from .support.common import (
-    OBSERVED,
-    Device,
-    Seed,
-    mechanism_name,
-    named_scene,
-    numbers,
-    one_line_errors,
-    prepared,
-    progress_bar,
-    wrote,
-)
+from .support.options import Device, Seed
 from .support.records import load_record
+from .support.screen import one_line_errors, prepared, progress_bar, wrote
+from .support.simulators import OBSERVED, mechanism_name, named_scene, numbers
 from .support.tables import write_csv
 
 

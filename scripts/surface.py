@@ -7,16 +7,9 @@ import numpy as np
 import typer
 
 from .stages.surface import FINGER_RANGE, surface
-from .support.common import (
-    Device,
-    SceneName,
-    make_simulator,
-    named_scene,
-    numbers,
-    one_line_errors,
-    prepared,
-    wrote,
-)
+from .support.options import Device, SceneName
+from .support.screen import one_line_errors, prepared, wrote
+from .support.simulators import make_simulator, named_scene, numbers
 
 
 @one_line_errors

@@ -8,28 +8,10 @@ import typer
 import slcp_warp as slcp
 
 from .stages.sweep import cycle_states, run_sweep, sweep_table
-from .support.common import (
-    INTERRUPTED,
-    OBSERVED,
-    RESIDUALS,
-    Device,
-    Integrator,
-    Scaling,
-    SceneName,
-    Seed,
-    Settings,
-    console,
-    mechanism_name,
-    named_scene,
-    numbers,
-    one_line_errors,
-    parse_settings,
-    prepared,
-    progress_bar,
-    timed,
-    wrote,
-)
+from .support.options import Device, Integrator, Scaling, SceneName, Seed, Settings
 from .support.records import load_record
+from .support.screen import INTERRUPTED, console, one_line_errors, prepared, progress_bar, timed, wrote
+from .support.simulators import OBSERVED, RESIDUALS, mechanism_name, named_scene, numbers, parse_settings
 
 
 @one_line_errors

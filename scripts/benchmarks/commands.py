@@ -14,7 +14,9 @@ import warp as wp
 import slcp_warp as slcp
 from slcp_warp.options import CHOICES
 
-from ..support.common import FINGER, Dtype, SceneName, named_scene, one_line_errors
+from ..support.options import Dtype, SceneName
+from ..support.screen import one_line_errors
+from ..support.simulators import FINGER, named_scene
 from ..support.tables import write_csv
 from .accuracy.command import charts_command
 from .cost.compile import bench_compile

@@ -12,8 +12,8 @@ from matplotlib.colors import Normalize
 
 from slcp_warp.storage.files import replacing
 
-from ..support.common import FINGER, mechanism_name
 from ..support.records import Record
+from ..support.simulators import FINGER, mechanism_name
 from .mechanism import Drawing, Mechanism, view
 from .space import add_path, add_surface, space_axes
 from .style import BLACK, BLUE, IMPULSE, plt, save

@@ -9,8 +9,8 @@ import numpy as np
 import slcp_warp as slcp
 from slcp_warp import ddp
 
-from ..support.common import FINGER, mechanism_name
 from ..support.records import Record, RecordError, load_record, read_kind
+from ..support.simulators import FINGER, mechanism_name
 from ..support.tables import is_results
 from . import cycle, space, sweep
 from . import ddp as plans

@@ -7,7 +7,7 @@ import numpy as np
 import slcp_warp as slcp
 from slcp_warp import StrategyError
 
-from ..support.common import default_scaling
+from ..support.simulators import default_scaling
 from .mechanism import Drawing, Mechanism, view
 from .style import plt, save
 

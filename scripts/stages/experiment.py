@@ -9,8 +9,9 @@ import numpy as np
 import slcp_warp as slcp
 from slcp_warp import ddp
 
-from ..support.common import OBSERVED, make_params, make_simulator, named_scene, progress_bar, start_states
 from ..support.records import Record, load_record
+from ..support.screen import progress_bar
+from ..support.simulators import OBSERVED, make_params, make_simulator, named_scene, start_states
 from ..support.tables import write_csv
 from .library import Interrupted, build
 from .plan import finger_problem, optimise, random_starts

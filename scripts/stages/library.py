@@ -9,7 +9,7 @@ from rich.table import Table
 import slcp_warp as slcp
 from slcp_warp import ddp
 
-from ..support.common import OBSERVED
+from ..support.simulators import OBSERVED
 
 
 class Interrupted(Exception):

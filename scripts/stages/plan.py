@@ -10,8 +10,8 @@ from rich.table import Table
 from slcp_warp import ddp
 from slcp_warp.simulated import Simulated
 
-from ..support.common import make_params, make_simulator, named_scene
 from ..support.records import Record, device_facts, result_arrays
+from ..support.simulators import make_params, make_simulator, named_scene
 
 SCENE = "flicking_finger"  # the scene that has a named cost
 HEAD, TAIL = 4, 14  # rows of a long trace that are printed

@@ -7,7 +7,7 @@ import numpy as np
 import slcp_warp as slcp
 from slcp_warp import ddp
 
-from ..support.common import default_scaling
+from ..support.simulators import default_scaling
 
 
 def size_rows(

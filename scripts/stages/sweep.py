@@ -11,8 +11,8 @@ from rich.table import Table
 import slcp_warp as slcp
 from slcp_warp.ddp.library.entries import scene_digest
 
-from ..support.common import default_scaling, make_simulator
 from ..support.records import Record, load_policy
+from ..support.simulators import default_scaling, make_simulator
 
 
 def cycle_states(record: Record, scene: slcp.Scene, skip: float) -> np.ndarray:

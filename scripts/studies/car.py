@@ -10,7 +10,8 @@ import typer
 from slcp_warp import ddp
 from slcp_warp.ensembles.statistics import share_interval
 
-from ..support.common import Device, Seed, one_line_errors, prepared, show_rows
+from ..support.options import Device, Seed
+from ..support.screen import one_line_errors, prepared, show_rows
 from .car_model import (
     FRICTION,
     HALF_WIDTH,

@@ -10,7 +10,8 @@ import slcp_warp as slcp
 from slcp_warp import ddp
 
 from ..stages.plan import random_starts
-from ..support.common import Device, Seed, console, one_line_errors
+from ..support.options import Device, Seed
+from ..support.screen import console, one_line_errors
 
 HORIZON = 75
 NOISE_LEVELS = (0.1, 0.07, 0.05, 0.035, 0.02, 0.01)

@@ -12,7 +12,8 @@ import slcp_warp as slcp
 from slcp_warp import ddp
 from slcp_warp.ensembles.statistics import share_interval
 
-from ..support.common import Device, Seed, console, one_line_errors, prepared, show_rows
+from ..support.options import Device, Seed
+from ..support.screen import console, one_line_errors, prepared, show_rows
 
 SIGMAS = (0.1, 0.05, 0.02, 0.01, 0.002)
 HORIZON = 60

@@ -12,7 +12,8 @@ from ..benchmarks.peers.mujoco_model import Peer
 from ..benchmarks.shared.scenes import IMPACTS_DURATION as DURATION
 from ..benchmarks.shared.scenes import IMPACTS_SPREAD as SPREAD
 from ..benchmarks.shared.scenes import IMPACTS_START as START
-from ..support.common import Seed, console, one_line_errors, show_rows
+from ..support.options import Seed
+from ..support.screen import console, one_line_errors, show_rows
 
 STEP_SIZES = (0.05, 0.02, 0.01, 0.005, 0.002, 0.001, 0.0005)
 SIGMAS = (0.1, 0.05, 0.02)

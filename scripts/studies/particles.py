@@ -9,7 +9,8 @@ import typer
 import slcp_warp as slcp
 from slcp_warp import Contact, Scene, Shape, ddp
 
-from ..support.common import Seed, one_line_errors, show_rows
+from ..support.options import Seed
+from ..support.screen import one_line_errors, show_rows
 from ..support.tables import write_csv
 
 HEIGHTS = (-0.002, 0.0, 0.002, 0.005)  # gap [m]

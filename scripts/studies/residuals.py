@@ -12,7 +12,8 @@ from slcp_warp import ddp
 
 from ..stages.library import build
 from ..stages.plan import random_starts
-from ..support.common import Device, Seed, one_line_errors, show_rows
+from ..support.options import Device, Seed
+from ..support.screen import one_line_errors, show_rows
 
 HORIZON, ENTRIES = 75, 4
 PASSES, REPLAN_PASSES = 150, 20

@@ -55,6 +55,6 @@ def need_checkout(what: str) -> None:
     """Raise CheckoutError unless the benchmarks and studies are there."""
     if not has_checkout():
         raise CheckoutError(
-            f"{what}: in scripts/{' and scripts/'.join(ROOMS)} of a checkout of slcp-warp "
-            f"{slcp_warp.__version__}, not in the installed package; run it inside of one"
+            f"{what}: only inside of a checkout of slcp-warp {slcp_warp.__version__}, which has "
+            f"scripts/{' and scripts/'.join(ROOMS)}; the installed package has not"
         )

@@ -70,9 +70,8 @@ def test_outside_of_a_checkout_one_line_says_where_they_are(python, tmp_path, co
     done = python(tmp_path, "-m", "slcp_warp.scripts.main", *command)
     assert done.returncode == 2 and done.stdout == ""
     (line,) = done.stderr.splitlines()
-    assert line.startswith(
-        f"slcp: slcp {command[0]}: in scripts/benchmarks and scripts/studies of a checkout"
-    )
+    assert line.startswith(f"slcp: slcp {command[0]}: only inside of a checkout")
+    assert "scripts/benchmarks and scripts/studies" in line
     assert slcp_warp.__version__ in line
 
 

@@ -25,8 +25,8 @@ from slcp_warp.scripts.charts.cycle import frame_times, last_turn
 from slcp_warp.scripts.charts.isosurface import isosurface
 from slcp_warp.scripts.charts.mechanism import Mechanism
 from slcp_warp.scripts.stages.trajectory import summary
-from slcp_warp.scripts.support.common import one_line_errors
 from slcp_warp.scripts.support.records import Record, RecordError, load_policy, load_record, read_kind
+from slcp_warp.scripts.support.screen import one_line_errors
 from slcp_warp.simulated import Simulated
 from slcp_warp.storage.archive import write_archive
 

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 import typer
 
-from ...support.common import INTERRUPTED, one_line_errors, wrote
+from ...support.screen import INTERRUPTED, one_line_errors, wrote
 from ...support.tables import RESULTS, write_csv
 from ..shared.machine import machine
 from .results import Rows, read_results, same_run, studies_in

@@ -19,7 +19,7 @@ from warp._src.context import Module
 import slcp_warp as slcp
 
 from ...stages.ahead import WHAT, compile_ahead
-from ...support.common import default_scaling
+from ...support.simulators import default_scaling
 from ..shared.machine import machine
 from ..shared.timing import Rows
 

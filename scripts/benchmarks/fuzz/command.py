@@ -13,7 +13,7 @@ from rich.console import Console
 from slcp_warp.options import CHOICES
 from slcp_warp.storage.files import write_text
 
-from ...support.common import one_line_errors
+from ...support.screen import one_line_errors
 from ...support.tables import write_csv
 from ..shared.machine import machine
 from .case import case_of, describe, load_case, save_case

@@ -1,0 +1,32 @@
+"""Options that several commands have."""
+
+from typing import Annotated
+
+import typer
+
+import slcp_warp as slcp
+
+SceneName = Annotated[
+    str,
+    typer.Option(
+        "--scene", help="A .toml, .json or .xml (MJCF) file, or: " + ", ".join(slcp.scenes.NAMED) + "."
+    ),
+]
+Residual = Annotated[
+    str, typer.Option(help="smoothed (rem-logistic), hard, rem-normal, erm-logistic or erm-normal.")
+]
+Scaling = Annotated[str | None, typer.Option(help="inertia or none; the finger's default is none.")]
+Integrator = Annotated[str, typer.Option(help="euler, or trapezoidal: second order where motion is smooth.")]
+Friction = Annotated[str, typer.Option(help="anitescu, or coulomb: with the hard residual.")]
+Sigma = Annotated[float | None, typer.Option(help="Noise level of the smoothing; default: the scene's.")]
+StepSize = Annotated[float | None, typer.Option("--step-size", help="h [s]; default: the scene's.")]
+Device = Annotated[str | None, typer.Option(help="cpu, cuda:0, ...; default: the best one present.")]
+Dtype = Annotated[str, typer.Option(help="float64 or float32.")]
+Seed = Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option("--set", help="A parameter of the scene, name=value or name=v1,v2,.. (repeatable)."),
+]
+Start = Annotated[
+    str | None, typer.Option(help="Initial state q1,..,v1,..; default: the scene's (the canonical start).")
+]

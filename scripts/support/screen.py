@@ -1,0 +1,91 @@
+"""What the commands say: errors as one line, progress bars, tables, what was written."""
+
+import functools
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import typer
+import warp as wp
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+console = Console()
+BAD_INPUT = 2  # exit code
+INTERRUPTED = 130
+
+
+def one_line_errors(command: Callable[..., None]) -> Callable[..., None]:
+    """A command whose bad input ends it with one line and exit code 2, and Ctrl-C with exit code 130."""
+
+    @functools.wraps(command)
+    def run(*args: Any, **kwargs: Any) -> None:
+        wp.config.log_level = wp.LOG_WARNING
+        try:
+            command(*args, **kwargs)
+        except KeyboardInterrupt:
+            typer.echo("slcp: interrupted; nothing was saved", err=True)
+            raise typer.Exit(INTERRUPTED) from None
+        except (ValueError, OSError, ImportError) as error:  # ImportError: an extra is missing
+            typer.echo(f"slcp: {one_line(error)}", err=True)
+            raise typer.Exit(BAD_INPUT) from None
+
+    return run
+
+
+def one_line(error: Exception) -> str:
+    """An error's message in one line; of an error of the system the file first, without its number."""
+    text = str(error)
+    if isinstance(error, OSError) and error.filename and error.strerror:
+        text = f"{error.filename}: {error.strerror}"
+    return " ".join(text.split())
+
+
+@contextmanager
+def progress_bar(what: str) -> Iterator[Callable[[int, int], None]]:
+    """A progress bar on the screen; yields a callback (done, total)."""
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True) as progress:
+        task = progress.add_task(what, total=None)
+
+        def update(done: int, total: int) -> None:
+            progress.update(task, completed=done, total=total)
+
+        yield update
+
+
+@contextmanager
+def timed(what: str, times: dict[str, float] | None = None) -> Iterator[None]:
+    """Print how long a stage took, and keep it in `times`."""
+    start = time.perf_counter()
+    yield
+    seconds = time.perf_counter() - start
+    if times is not None:
+        times[what] = seconds
+    console.print(f"[dim]{what}: {seconds:.1f} s[/dim]")
+
+
+def show_rows(title: str, rows: list[dict[str, Any]]) -> None:
+    """Print rows with the same columns as a table."""
+    table = Table(title=title, title_justify="left")
+    for name in rows[0]:
+        table.add_column(name, justify="right")
+    for row in rows:
+        table.add_row(*(f"{v:.4g}" if isinstance(v, float) else str(v) for v in row.values()))
+    console.print(table)
+
+
+def prepared(path: Path, suffix: str = ".npz") -> Path:
+    """An output path with its folder made; ValueError for another suffix."""
+    if path.suffix != suffix:
+        raise ValueError(f"--out is {path}; a name that ends in {suffix} is needed")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return path
+
+
+def wrote(path: Path) -> None:
+    """Say what was written, and how large it is."""
+    typer.echo(f"wrote {path} ({path.stat().st_size / 1e3:.0f} kB)")

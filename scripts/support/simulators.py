@@ -1,0 +1,106 @@
+"""A command's options made into scenes, simulators, parameters and states."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import slcp_warp as slcp
+from slcp_warp.options import CHOICES
+
+FINGER = "flicking_finger"
+RESIDUALS = {"smoothed": "rem-logistic", **{name: name for name in CHOICES["residual"]}}
+PRESETS = {FINGER: "none"}  # scaling that a named scene wants; inertia where it is not named
+OBSERVED = {FINGER: 2}  # state component whose rate is judged
+
+
+def named_scene(name: str, option: str = "--scene") -> slcp.Scene:
+    """The scene of a name or a file; ValueError names the option and lists the names there are."""
+    if Path(name).suffix in (".toml", ".json", ".xml"):
+        return slcp.load_scene(name)
+    if name not in slcp.scenes.NAMED:
+        names = ", ".join(slcp.scenes.NAMED)
+        raise ValueError(f"{option} is {name!r}; give a .toml, .json or .xml (MJCF) file, or one of {names}")
+    return slcp.scenes.NAMED[name]()
+
+
+def mechanism_name(scene: slcp.Scene) -> str:
+    """The scene's name if its mechanism is that of the named scene, whatever its numbers; else ""."""
+    make = slcp.scenes.NAMED.get(scene.name)
+    known = make is not None and make().structure == replace(scene.structure, uncertain=False)
+    return scene.name if known else ""
+
+
+def default_scaling(scene: slcp.Scene) -> str:
+    """The scaling that a scene wants where no option says otherwise."""
+    return PRESETS.get(mechanism_name(scene), "inertia")
+
+
+def make_simulator(
+    scene: slcp.Scene,
+    residual: str = "smoothed",
+    scaling: str | None = None,
+    device: str | None = None,
+    dtype: str = "float64",
+    integrator: str = "euler",
+    friction: str = "anitescu",
+) -> slcp.Simulator:
+    """A simulator from a command's options."""
+    if residual not in RESIDUALS:
+        raise ValueError(f"--residual is {residual!r}; choose one of {list(RESIDUALS)}")
+    scaling = scaling or default_scaling(scene)
+    options = slcp.Options(RESIDUALS[residual], scaling, integrator=integrator, friction=friction)
+    try:
+        return slcp.Simulator(scene, options, device=device, dtype=dtype)
+    except RuntimeError as error:  # Warp's answer to an unknown device
+        raise ValueError(f"--device {device!r}: {error}") from error
+
+
+def make_params(
+    sim: slcp.Simulator,
+    step_size: float | None = None,
+    sigma: float | None = None,
+    settings: list[str] | None = None,
+) -> slcp.Parameters:
+    """The scene's numbers with those of the options."""
+    changes = parse_settings(settings, "--set")
+    changes |= {k: v for k, v in (("step_size", step_size), ("sigma", sigma)) if v is not None}
+    return sim.params.replace(**changes)
+
+
+def parse_settings(settings: list[str] | None, option: str) -> dict[str, Any]:
+    """Options of the form name=value or name=v1,v2,.. as a dictionary."""
+    changes: dict[str, Any] = {}
+    for text in settings or []:
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise ValueError(f"{option} is {text!r}; name=value is needed")
+        values = numbers(value, f"{option} {name}")
+        changes[name] = float(values[0]) if len(values) == 1 else values
+    return changes
+
+
+def numbers(text: str, name: str, count: int | None = None) -> np.ndarray:
+    """The numbers of a comma-separated option; ValueError names the option."""
+    try:
+        values = np.array([float(part) for part in text.split(",")])
+    except ValueError:
+        raise ValueError(f"{name} is {text!r}; comma-separated numbers are needed") from None
+    if count is not None and len(values) != count:
+        raise ValueError(f"{name} has {len(values)} numbers; {count} are needed")
+    return values
+
+
+def start_states(
+    scene: slcp.Scene, start: str | None, worlds: int, velocity_sd: float, seed: int
+) -> np.ndarray:
+    """Initial states (worlds, nx): the start with normal noise on the velocities."""
+    nx = 2 * scene.nv
+    x0 = scene.x0 if start is None else numbers(start, "--start", nx)
+    if not (math.isfinite(velocity_sd) and velocity_sd >= 0.0):
+        raise ValueError(f"--velocity-sd is {velocity_sd}; it must be >= 0")
+    x = np.tile(x0, (worlds, 1))
+    x[:, scene.nv :] += velocity_sd * np.random.default_rng(seed).standard_normal((worlds, scene.nv))
+    return x
