@@ -93,7 +93,7 @@ def routes(rng: np.random.Generator, n: int, rank: int, dtype: str) -> None:
     a = g @ g.swapaxes(1, 2)
     b = np.einsum("bij,bj->bi", a, rng.normal(size=(WORLDS, n))) + 0.3 * np.abs(rng.normal(size=(WORLDS, n)))
     for method in ("direct", "continuation"):
-        given = {"residual": "hard", "method": method, "device": "cpu", "dtype": dtype}
+        given: dict[str, Any] = {"residual": "hard", "method": method, "device": "cpu", "dtype": dtype}
         sol, best = slcp.solve_complementarity(a, b, **given), np.inf
         for _ in range(3):
             start = time.process_time()

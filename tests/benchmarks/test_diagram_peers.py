@@ -9,7 +9,8 @@ import pytest
 
 from slcp_warp import SceneError, scenes
 from slcp_warp.scripts.benchmarks.mechanics.scene import contact, mass_matrix
-from slcp_warp.scripts.benchmarks.peers.peer import NEAR, configurations, load, step_count
+from slcp_warp.scripts.benchmarks.peers.peer import NEAR, configurations, step_count
+from slcp_warp.scripts.benchmarks.shared.optional import load
 from slcp_warp.scripts.benchmarks.shared.overlap import overlap
 
 SCENES = ("flicking_finger", "sliding_block", "grasp", "walker", "cart_pole", "rolling_disc")

@@ -45,7 +45,7 @@ ROOMS = {  # the order of each layer's rooms: none imports one that is named aft
         FILES,  # the commands
     ),
     "scripts/benchmarks": (
-        *("mechanics", "shared", "peers", "exact", "cost", "derivatives", "accuracy", "stability", "fuzz"),
+        *("mechanics", "shared", "exact", "peers", "cost", "derivatives", "accuracy", "stability", "fuzz"),
         FILES,
     ),
 }

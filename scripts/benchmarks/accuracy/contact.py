@@ -26,7 +26,7 @@ from ..peers.peer import Peer
 from ..shared.overlap import overlap
 from ..shared.rows import Rows, Say, timed
 from ..shared.timing import Case
-from . import contact_peers as other_programs
+from . import contact_peers
 
 STEPS = 20_000  # world steps of a timed call, at least
 REPEATS = 3
@@ -175,7 +175,7 @@ def all_rows(
         found = problem_rows(p, those, step_sizes, repeats)
         out += [row | {"compile_seconds": took[row["curve"]]} for row in found]
         for peer in beside:
-            out += other_programs.problem_rows(peer, p, step_sizes)
+            out += contact_peers.problem_rows(peer, p, step_sizes)
         programs = " and ".join(["slcp-warp", *(peer.name for peer in beside)])
         say(f"{programs} on {name}: {time.perf_counter() - begin:.0f} s")
     return out
@@ -183,13 +183,13 @@ def all_rows(
 
 def rows(say: Say) -> Rows:
     """All of the study: ours beside MuJoCo, then the other installed peers, each on its own."""
-    peers = other_programs.installed(say)
+    peers = contact_peers.everyone(say)
     beside = [peer for peer in peers if isinstance(peer, MuJoCo)]
     out = all_rows(say, beside)
     for peer in peers:
         if peer not in beside:
             try:
-                out += other_programs.rows(say, [peer])
+                out += contact_peers.rows(say, [peer])
             except Exception as error:
                 say(f"left out: {peer.name} failed, {type(error).__name__}: {error}")
     return out

@@ -11,7 +11,7 @@ from ..peers.drake import Drake
 from ..peers.mjx import MJX
 from ..peers.mujoco import MuJoCo
 from ..peers.mujoco_warp import MuJoCoWarp
-from ..peers.peer import Peer, Run, configurations
+from ..peers.peer import Peer, Run, configurations, installed
 from ..shared.overlap import overlap
 from ..shared.rows import ONE_THREAD, Rows, Say
 from ..shared.timing import Case, Result, time_interleaved
@@ -23,15 +23,9 @@ SHARE = (  # of the peers that take long: they run these problems with these ste
 )
 
 
-def installed(say: Say) -> list[Peer]:
-    """The peers whose packages are there; a line for each that is not."""
-    found: list[Peer] = []
-    for make in (MuJoCo, MuJoCoWarp, MJX, Drake):
-        try:
-            found.append(make())
-        except ModuleNotFoundError as error:
-            say(f"left out: {error}")
-    return found
+def everyone(say: Say) -> list[Peer]:
+    """The peers that are installed."""
+    return installed((MuJoCo, MuJoCoWarp, MJX, Drake), say)
 
 
 def rows(
@@ -42,7 +36,7 @@ def rows(
 ) -> Rows:
     """A row for every peer, problem, set of options and step size; by default all that fit in minutes."""
     out: Rows = []
-    for peer in installed(say) if peers is None else peers:
+    for peer in everyone(say) if peers is None else peers:
         start, whole = time.perf_counter(), isinstance(peer, MuJoCo)
         todo = tuple(chosen or (p for p in problems() if whole or p.name in SHARE[0]))
         sizes = tuple(step_sizes or (STEP_SIZES if whole else SHARE[1]))

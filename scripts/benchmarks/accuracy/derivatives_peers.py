@@ -15,6 +15,7 @@ import slcp_warp as slcp
 
 from ..peers.drake import EPS, Drake
 from ..peers.mjx import MJX
+from ..peers.peer import installed
 from ..shared.differences import converged, relative
 from ..shared.rows import Rows, Say, report
 from ..shared.timing import Case, time_interleaved
@@ -31,13 +32,7 @@ def rows(say: Say) -> Rows:
     out: Rows = []
     scene = slcp.scenes.flicking_finger()
     kinds: dict[str, np.ndarray] = {}
-    programs: tuple[Callable[[], Any], ...] = (MJX, Drake)
-    for make in programs:
-        try:
-            peer = make()
-        except ModuleNotFoundError as error:
-            say(f"left out: {error}")
-            continue
+    for peer in installed((MJX, Drake), say):
         kinds = kinds or {"touching": peer_touching(COUNT), "onset": states(COUNT)["onset"]}
         linear = peer.linearization(scene, H)
         for name, run in linear.jacobians.items():

@@ -19,6 +19,7 @@ from ..peers.mjx import MJX
 from ..peers.mujoco import MuJoCo
 from ..peers.mujoco_model import Peer as Model
 from ..peers.mujoco_warp import MuJoCoWarp, Worlds
+from ..peers.peer import installed
 from ..shared.rows import Rows, Say, repeated, report, timed, timed_once
 from ..shared.timing import Case
 from ..shared.workload import Workload, make_workload
@@ -80,13 +81,8 @@ def rows(say: Say) -> Rows:
     )
     out: Rows = []
     for make, calls in programs:
-        try:
-            peer = make()
-        except ModuleNotFoundError as error:
-            say(f"left out: {error}")
-            continue
-        for curve, batch, threads, call in calls(peer):
-            out.append(row(peer, curve, batch, threads, call))
+        for peer in installed((make,), say):
+            out += [row(peer, *call) for call in calls(peer)]
     return report(say, out, "curve", "batch", "rate")
 
 

@@ -14,8 +14,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..shared.optional import scipy_module
 from .flow import TOUCHING, Flow, Modes
-from .mechanics import Array, Mechanism, scipy_module
+from .mechanics import Array, Mechanism
 from .modes import BACKWARD, FORWARD, OFF, STICK, ModeError
 
 SAMPLES = 6  # points of a step at which events are looked for

@@ -2,14 +2,13 @@
 
 A point of the plane is a complex number, a turn a product with e^(i angle). A body's joint is at o, its
 velocity field is V(p) = V(o) + i omega (p - o), and at zero joint accelerations its material point p has the
-acceleration a(p) = a(o) - omega^2 (p - o). NumPy alone; scipy is imported when it is asked for.
+acceleration a(p) = a(o) - omega^2 (p - o). NumPy alone.
 """
 
 import cmath
-import importlib
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,16 +16,6 @@ from slcp_warp import Scene, SceneError, Shape
 
 SEARCH = 128  # directions in which the distance is searched
 Array = np.ndarray
-
-
-def scipy_module(name: str) -> Any:
-    """The module scipy.`name`, or an error that says what installs it."""
-    try:
-        return importlib.import_module(f"scipy.{name}")
-    except ModuleNotFoundError as error:
-        raise ModuleNotFoundError(
-            "the exact solutions need scipy: pip install 'slcp-warp[bench]'", name=error.name
-        ) from error
 
 
 class Frame(NamedTuple):

@@ -11,7 +11,7 @@ import numpy as np
 
 from slcp_warp import Body, Contact, Scene, Shape
 
-from .mechanics import scipy_module
+from ..shared.optional import scipy_module
 
 G = 9.81
 PLATE, BALL, SPRING = 0.5, 2.0, 200.0  # [kg, kg, N/m]

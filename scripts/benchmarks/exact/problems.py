@@ -13,8 +13,9 @@ import numpy as np
 import slcp_warp as slcp
 from slcp_warp import Body, Scene, Shape, box, touching
 
+from ..shared.optional import scipy_module
 from .events import integrate
-from .mechanics import Mechanism, scipy_module
+from .mechanics import Mechanism
 from .plate import PLATE, SPRING, bounce, sprung_plate
 
 G = 9.81

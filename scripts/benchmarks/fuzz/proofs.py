@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from ...support.kinematics import Array
-from ..exact.mechanics import scipy_module
 from ..mechanics.complementarity import rubbed
+from ..shared.optional import scipy_module
 from .problem import FLOOR, Problem
 
 MOST_MODES = 1_024

@@ -12,8 +12,9 @@ from slcp_warp import Body, Scene, SceneError, Shape
 from slcp_warp.description.parts import JOINTS, spread
 
 from ..shared.differences import forward
+from ..shared.optional import load
 from .mujoco_model import OUT_OF_PLANE
-from .peer import Deviation, Linearization, Run, deviation_of, load, step_count
+from .peer import Deviation, Linearization, Run, deviation_of, step_count
 
 EPS = 1e-6  # spacing of the differences [rad, rad/s, N m]
 TIMED = 1000  # world steps of a run that is timed

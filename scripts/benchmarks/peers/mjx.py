@@ -8,8 +8,9 @@ import numpy as np
 
 from slcp_warp import Scene
 
+from ..shared.optional import load
 from .mujoco import SETTINGS, Setting, in_single, model_of
-from .peer import Deviation, Linearization, Run, deviation_of, load, places, step_count
+from .peer import Deviation, Linearization, Run, deviation_of, places, step_count
 
 BATCH = 64  # worlds that are timed
 TIMED = 20  # steps that are timed

@@ -17,8 +17,9 @@ import numpy as np
 from slcp_warp import Body, Scene, SceneError, Shape
 from slcp_warp.description.parts import spread
 
+from ..shared.optional import load
 from ..shared.workload import Workload
-from .peer import NEAR, Deviation, deviation_of, load
+from .peer import NEAR, Deviation, deviation_of
 
 OUT_OF_PLANE = 0.3  # radius of the ellipsoids along z [m]
 POINT = 1e-12  # radius of a point: MuJoCo has no sphere of radius 0 [m]

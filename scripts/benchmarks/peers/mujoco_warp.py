@@ -9,9 +9,10 @@ import warp as wp
 
 from slcp_warp import Scene
 
+from ..shared.optional import load
 from .mujoco import SETTINGS, in_single, model_of
 from .mujoco_model import import_mujoco
-from .peer import Deviation, Run, load, places, step_count
+from .peer import Deviation, Run, places, step_count
 
 BATCH = 1024  # worlds that are timed
 TIMED = 5  # steps that are timed

@@ -1,7 +1,6 @@
 """What a peer simulator offers to the work-precision diagrams: runs of a scene, and a check of its model."""
 
-import importlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -88,15 +87,15 @@ class Peer(Protocol):
         """How far its model is from the scene at configurations (K, nv)."""
 
 
-def load(module: str, program: str, extra: str) -> Any:
-    """An optional module, or an error that says what installs it."""
-    try:
-        return importlib.import_module(module)
-    except ModuleNotFoundError as error:
-        raise ModuleNotFoundError(
-            f"this comparison runs {program}: pip install 'slcp-warp[{extra}]' (Python 3.11 or newer)",
-            name=error.name,
-        ) from error
+def installed(makers: Iterable[Callable[[], Any]], say: Callable[[str], None]) -> list[Any]:
+    """The peers whose packages are there; a line for each that is not."""
+    found = []
+    for make in makers:
+        try:
+            found.append(make())
+        except ModuleNotFoundError as error:
+            say(f"left out: {error}")
+    return found
 
 
 def step_count(duration: float, h: float) -> int:
