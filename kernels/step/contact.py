@@ -1,0 +1,91 @@
+"""The contact problem of a step: rows join until none is missing, and it is solved after every addition.
+
+A row is left out while w = J v' + d/h > cut sigma, where its smoothed impulse s(-w)/D is below the dtype's
+resolution (of a law that takes the whole system, all rows or none); the test is repeated with the solved v'
+until no row has to be added, so leaving out is exact to rounding.
+"""
+
+import warp as wp
+
+from ..contact.problem import COLD
+from ..contact.rows import make_rows
+from ..factories import cached
+from ..solvers.law import law_of
+from ..specialisation import Specialisation
+from ..status import JAMMED, NOT_CONVERGED, SOLVED
+from .end_gap import make_correction
+from .reach import make_reach
+from .solution import make_solution
+
+
+@cached
+def make_contact(spec: Specialisation, exact_gap: bool) -> wp.Function:
+    """contact(params, row, fr, q, start) -> the solved `start`; without rows it is."""
+    s, dtype, method = spec
+    solution = make_solution(s, dtype)
+    Solution, posed, t = solution.Solution, solution.posed, solution.types
+    if not s.nr:
+
+        @wp.func
+        def untouched(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, q: t.VQ, start: Solution):
+            return start
+
+        return untouched
+
+    law, rows, reach_of = law_of(method, s.nr), make_rows(spec), make_reach(spec, exact_gap)
+    solve = law.make_solver(spec)
+    correction = make_correction(spec, exact_gap)
+    UNUSED = dtype(COLD)
+
+    @wp.func
+    def contact(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, q: t.VQ, start: Solution):
+        out = start
+        reach = reach_of.begin(params, row, q, start.normal)
+        ending = correction.begin()
+        stale = int(0)  # 1: what the rows of the mask say has changed since they were solved
+        more = int(1)
+        while more == 1:
+            before = reach.mask
+            reach = reach_of.look(params, row, fr, out.v, reach)
+            more = wp.where(reach.mask != before or (stale == 1 and reach.mask != 0), 1, 0)
+            stale = 0
+            if more == 1:
+                out.scale = wp.static(rows.scale)(out.minv, reach.jac, reach.mask)
+                out.jac = reach.jac
+                out.rate = reach_of.rates(reach.rate, reach.bent)
+                out.sigma = reach.sigma
+                out.mask = reach.mask
+                v, z, lam, status, _iterations = wp.static(solve)(params, row, posed(out), out.z)
+                out.v = v
+                out.z = z
+                out.lam = lam
+                out.status = status
+                if out.status != wp.static(SOLVED):
+                    more = 0
+                if wp.static(law.joined):
+                    if out.status == wp.static(JAMMED) and reach.mask != wp.static(reach_of.ALL):
+                        # rows that press may free what is jammed without them
+                        reach.mask = wp.static(reach_of.ALL)
+                        reach.wanted = wp.static(reach_of.PAIRS)
+                        out.v = out.vfree
+                        stale = 1
+                        more = 1
+            if wp.static(correction.needed):
+                if out.status == wp.static(SOLVED) and (more == 1 or ending.open == 1):
+                    reach, ending = correction.correct(params, row, q, out.v, reach, ending)
+                    stale = ending.stale
+                    more = wp.max(more, ending.open)
+                    if ending.failed == 1:
+                        out.status = wp.static(NOT_CONVERGED)
+                        more = 0
+        out.mask = reach.mask
+        out.jac = reach.jac
+        out.rate = reach.rate
+        out.sigma = reach.sigma
+        out.normal = reach.normal
+        for i in range(wp.static(s.nr)):
+            if (reach.mask & wp.static(1 << i)) == 0:
+                out.z[i] = UNUSED
+        return out
+
+    return contact

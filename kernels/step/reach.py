@@ -1,0 +1,112 @@
+"""Which rows a velocity brings within reach: a pass over limits and pairs.
+
+A pair's distance and rows are computed when its lower bound of the distance no longer says that it cannot
+act, and then kept for the step.
+"""
+
+from types import SimpleNamespace
+
+import warp as wp
+
+from ..contact.acting import make_acting, rows_of_pairs
+from ..contact.rows import make_pair_jacobian, make_rows
+from ..contact.shapes import make_pair
+from ..factories import cached
+from ..residual.noise import make_noise
+from ..solvers.law import law_of
+from ..specialisation import Specialisation
+from ..structure import layout
+from .solution import make_solution
+
+
+@cached
+def make_reach(spec: Specialisation, exact_gap: bool) -> SimpleNamespace:
+    """The struct `Reach`; begin(params, row, q, normal) -> Reach, no pairs; look(params, row, fr, v, reach)
+    -> Reach with the rows that v brings within reach in its mask.
+    """
+    s, dtype, method = spec
+    rows, noise, law = make_rows(spec), make_noise(spec), law_of(method, s.nr)
+    acting = make_acting(spec, exact_gap or law.whole)
+    solution = make_solution(s, dtype)
+    t, VN = solution.types, solution.VN
+    VQ, VR, JR, V2 = t.VQ, t.VR, t.JR, t.V2
+    NR, NP = s.nr, len(s.pairs)
+    ALL = (1 << NR) - 1
+    ONE = dtype(1.0)
+    H = layout(s).offset("step_size")
+    pairs = tuple(make_pair(s, k, dtype) for k in range(NP))
+    pair_jacobians = tuple(make_pair_jacobian(s, k, dtype) for k in range(NP))
+    pair_rows = rows_of_pairs(s)
+    pair_bit = tuple(1 << k for k in range(NP))
+
+    @wp.struct
+    class Reach:
+        mask: int  # bit i: row i is in the system
+        known: int  # bit k: pair k has its rows
+        wanted: int  # bit k: pair k gets its rows whatever its bound says
+        jac: JR
+        rate: VR  # d/h
+        bent: VR  # what a row has beside it (`end_gap.py`)
+        sigma: VR  # noise levels, where they depend on the state
+        normal: VN
+
+    def make_deviation(i: int) -> wp.Function:
+        @wp.func
+        def deviation(params: wp.array2d(dtype=dtype), row: int, jac: JR):
+            # sigma_i, eq. (18)
+            j = wp.static(rows.adds[i])(VQ(), jac, ONE)
+            return noise.deviation(wp.dot(j, noise.spread(params, row, j)))
+
+        return deviation
+
+    deviations = tuple(make_deviation(i) for i in range(NR))
+
+    @wp.func
+    def begin(params: wp.array2d(dtype=dtype), row: int, q: VQ, normal: VN):
+        out = Reach()
+        out.rate = wp.static(rows.limit_rates)(params, row, q)
+        out.normal = normal
+        if wp.static(method.state_noise):
+            for i in range(wp.static(NR)):
+                if wp.static(rows.limit[i]):
+                    out.sigma[i] = wp.static(deviations[i])(params, row, out.jac)
+        return out
+
+    @wp.func
+    def rates(rate: VR, bent: VR):
+        # d/h as the rows have it
+        out = rate
+        if wp.static(method.end_gap):
+            out += bent
+        return out
+
+    @wp.func
+    def look(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, v: VQ, reach: Reach):
+        out = reach
+        rate = rates(reach.rate, reach.bent)
+        out.mask = wp.static(acting.limits)(params, row, rate, out.jac, out.sigma, v, out.mask)
+        for k in range(wp.static(NP)):
+            if (out.known & wp.static(pair_bit[k])) == 0:
+                wanted = (out.wanted & wp.static(pair_bit[k])) != 0
+                if wanted or wp.static(acting.near[k])(params, row, fr, v):
+                    warm = V2(out.normal[wp.static(2 * k)], out.normal[wp.static(2 * k + 1)])
+                    g = wp.static(pairs[k].geometry)(params, row, fr, warm)
+                    out.known = out.known | wp.static(pair_bit[k])
+                    out.normal[wp.static(2 * k)] = g[0]
+                    out.normal[wp.static(2 * k + 1)] = g[1]
+                    pair_jac = wp.static(pair_jacobians[k])(params, row, fr, g)
+                    out.jac = wp.static(rows.put_pairs[k])(params, row, pair_jac, out.jac)
+                    for i in range(wp.static(NR)):
+                        if wp.static(i in pair_rows[k] and not rows.tangent[i]):
+                            rate[i] = g[2] / params[row, wp.static(H)]
+                            out.rate[i] = rate[i]
+                            if wp.static(method.state_noise):
+                                out.sigma[i] = wp.static(deviations[i])(params, row, out.jac)
+            if (out.known & wp.static(pair_bit[k])) != 0:
+                out.mask = wp.static(acting.contacts[k])(params, row, rate, out.jac, out.sigma, v, out.mask)
+        if wp.static(law.whole):
+            if out.mask != 0:
+                out.mask = wp.static(ALL)
+        return out
+
+    return SimpleNamespace(Reach=Reach, begin=begin, look=look, rates=rates, ALL=ALL, PAIRS=(1 << NP) - 1)
