@@ -10,7 +10,8 @@ paper's [6]) on a = M^-1 (r + u): (I - h/2 a_v - h^2/4 a_q) v_free = v + h (a - 
 With implicit damping K_v is that of a motion without dampers, which N has. K_q, needed to O(h) only, has them
 at v + h a with a = N^-1 (r + u), or stiff ones would make it as large as they are.
 Contact impulses act through N^-1, not through E^-1, which is not symmetric. What that would cost is avoided
-by a predicted J' lambda among the forces (see `step/trapezoidal.py`): only its error acts through the wrong matrix.
+by a predicted J' lambda among the forces (see `step/trapezoidal.py`): only its error acts through the wrong
+matrix.
 External forces are constant in the world over the step; their generalised force follows q. E is solved by
 elimination without pivoting, which needs h small against the fastest instability of the free motion (an
 inverted pendulum's 1/omega); beyond that the result is not finite or merely wrong, as the method itself is.
