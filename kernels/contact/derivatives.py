@@ -1,8 +1,8 @@
 """Derivatives of a contact pair's rows J_n, J_t with respect to q.
 
-The normal's angle alpha follows q by the implicit function theorem: with R = n.Delta + h_A'' + h_B'' (minus
-the curvature of the distance), alpha_k = (t.Delta_k + h_A'' phiA_k + h_B'' phiB_k)/R. For a half-plane A the
-normal turns with its body, alpha_k = phiA_k, and h_A' is the lever of the touched point; so it is for a
+The normal's angle alpha follows q by the implicit function theorem (M28): with R = n.Delta + h_A'' + h_B''
+(minus the curvature of the distance), alpha_k = (t.Delta_k + h_A'' phiA_k + h_B'' phiB_k)/R. For a half-plane
+A the normal turns with its body, alpha_k = phiA_k, and h_A' is the lever of the touched point; so it is for a
 capsule A that is touched between its ends.
 """
 

@@ -1,12 +1,11 @@
 """Signed distance of two convex shapes from their numbers: radii, centre and axis.
 
-d = max over unit n of n.(c_B - c_A) - h_A(n) - h_B(-n), with h the support function: positive when
-separated, negative when penetrating. With the angle alpha of n, n = (cos alpha, sin alpha) and t =
-dn/dalpha, the distance is stationary where t.(c_B - c_A) - h_A' - h_B' = 0, and its curvature there is -(d +
-rho_A + rho_B). A local search is trusted when it ends at d > -R, R = the sum of both shapes' smallest radii
-of curvature: the circle of radius R rolls freely inside the Minkowski sum of the shapes (Blaschke's
-theorem), so no other point of its boundary is nearer than a stationary one at depth < R. Deeper, the circle
-is searched.
+d = max over unit n of n.(c_B - c_A) - h_A(n) - h_B(-n) (M4), with h the support function: positive when
+separated, negative when penetrating. With the angle alpha of n, n = (cos alpha, sin alpha) and t = dn/dalpha,
+the distance is stationary where t.(c_B - c_A) - h_A' - h_B' = 0, and its curvature there is -(d + rho_A +
+rho_B) (M5). A local search is trusted when it ends at d > -R, R = the sum of both shapes' smallest radii of
+curvature: the circle of radius R rolls freely inside the Minkowski sum of the shapes (Blaschke's theorem), so
+no other point of its boundary is nearer than a stationary one at depth < R. Deeper, the circle is searched.
 
 A pose is (c_x, c_y, e_x, e_y): centre and first axis (a half-plane's point and outward normal). GEO = (n_x,
 n_y, d, h_A, h_A', h_B, h_B', _) at the solution. For a half-plane A: h_A = 0 and h_A' is the lever of the

@@ -1,8 +1,8 @@
 """Rows of the complementarity problem: J, d/h and the scale D, with contacts that cannot act left out.
 
-J_n = n.(J_pB - J_pA) and J_t = t.(J_pB - J_pA) at each body's own support point; a frictional contact is the
-two rows J_n +- mu J_t with the same gap (Anitescu's relaxation, the paper's [9]). In the vectors N = (n,
-h_A', h_B') and E = (t, -h_A, -h_B): J_n = n.Delta_j + h_A' phiA_j + h_B' phiB_j, J_t = t.Delta_j - h_A
+J_n = n.(J_pB - J_pA) and J_t = t.(J_pB - J_pA) at each body's own support point (M6); a frictional contact is
+the two rows J_n +- mu J_t with the same gap (Anitescu's relaxation (M7), the paper's [9]). In the vectors N =
+(n, h_A', h_B') and E = (t, -h_A, -h_B): J_n = n.Delta_j + h_A' phiA_j + h_B' phiB_j, J_t = t.Delta_j - h_A
 phiA_j - h_B phiB_j, where Delta = dc_B/dq - dc_A/dq and phi_j tells whether degree of freedom j turns the
 body.
 """

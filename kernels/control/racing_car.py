@@ -4,7 +4,7 @@ State (x, y, heading, v_x, v_y) [m, rad, m/s]; controls (thrust [m/s^2], curvatu
 tyres roll along the heading t and hold across it, along n, with Coulomb friction of at most mu g per mass. A
 step steers, thrusts, and solves for the lateral impulse -p per mass of a box problem of one row: |p| <= mu g
 h, and v_n = 0 after the step unless |p| = mu g h. Its solution is p = clamp(v_n, mu g h). Logistic noise of
-scale sigma [m/s] on v_n turns that into its mean,
+scale sigma [m/s] on v_n turns that into its mean (M40),
 
     p = s(v_n + mu g h) - s(v_n - mu g h) - mu g h,   s(z) = sigma log(1 + e^(z/sigma)) of (5) and (17).
 """

@@ -1,6 +1,6 @@
 """Second derivatives of the solved step, for full second-order DDP (the V_x . f_xx terms of III.C.2).
 
-For an output c . v' let (P, rho) solve the transposed linear system and Lambda = P.F1 + rho.F2. Then
+For an output c . v' (M29) let (P, rho) solve the transposed linear system and Lambda = P.F1 + rho.F2. Then
 d2(c . v') = - Z' H Z, with H the Hessian of Lambda in (q, v, v', z) at fixed (P, rho) and Z = d(q, v, v',
 z)/d(q, v, u).
 Controls enter linearly. The step itself adds q' = q + h v', so that V_x . f_xx needs only these nv tensors.

@@ -1,7 +1,7 @@
 """Second derivatives of the step as central differences of its exact first derivatives, in double precision.
 
-For every method without closed second derivatives (`in_closed_form`). Of each of z = (q, v, u) in turn
-the Jacobian is taken at +-e and +-2e, (8 (J(e) - J(-e)) - (J(2e) - J(-2e))) / 12e, an error of e^4. What
+For every method without closed second derivatives (`in_closed_form`). Of each of z = (q, v, u) in turn the
+Jacobian is taken at +-e and +-2e, (8 (J(e) - J(-e)) - (J(2e) - J(-2e))) / 12e (M30), an error of e^4. What
 limits e is the smoothing, which a velocity w of the size of sigma passes: e is a part REACH of sigma for
 velocities, of h sigma for positions, and for controls of what changes a velocity by sigma. A world with a
 perturbed step that is not solved gets zero second derivatives (a Gauss-Newton step there).

@@ -2,7 +2,7 @@
 
 With implicit damping the forces -C v of joint dampers (diagonal) and of dampers between points (c a a'/s
 each, notation of `springs.py`, so that C depends on q) are met at the end of the step, F1 = N (v' - v)
-- h (r + u) - J' lambda with r(q, v) at its start:
+- h (r + u) - J' lambda with r(q, v) at its start (M22):
 
     euler:        N = M + h C, so that v' = v/(1 + x) for one damper, x = h c/m;
     trapezoidal:  N = K + B K^-1 B, B = h/2 C, K = M + B: v' = v/(1 + x + x^2/2), the Pade approximant of

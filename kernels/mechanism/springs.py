@@ -1,10 +1,10 @@
 """Springs and dampers between two points on bodies, with first and second derivatives.
 
 With Delta = p_B - p_A the length is l = sqrt(s), s = |Delta|^2 + eps^2: eps = rest length / 1000 + 1e-5 keeps
-all derivatives finite at zero length. With a = d(s/2)/dq and m = a.v the generalised force of a stiffness k,
-a damping c and a rest length L is r = -(k (l - L) + c dl/dt) dl/dq = -G a, G = k (1 - L/l) + c m / s. Here
-a_j = Delta.Delta_j, H = da/dq has H_jk = Delta_j.Delta_k + Delta.Delta_jk, and contractions of dH/dq follow
-from the rule of `kinematics.py`.
+all derivatives finite at zero length. With a = d(s/2)/dq and m = a.v the generalised force (M26) of a
+stiffness k, a damping c and a rest length L is r = -(k (l - L) + c dl/dt) dl/dq = -G a, G = k (1 - L/l) + c m
+/ s. Here a_j = Delta.Delta_j, H = da/dq has H_jk = Delta_j.Delta_k + Delta.Delta_jk, and contractions of
+dH/dq follow from the rule of `kinematics.py`.
 """
 
 from types import SimpleNamespace

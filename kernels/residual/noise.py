@@ -1,10 +1,10 @@
 """Noise level sigma of every row, section IV.B: given for each row, or mapped from covariances of the state.
 
 With covariances Sigma_q of positions and Sigma_v of velocities eq. (18) gives w_i = J_i v' + d_i/h the
-variance sigma_i^2 = J_i (Sigma_q/h^2 + Sigma_v) J_i', at the start of every step; FLOOR is added in squares,
-for rows whose J vanishes or that the covariances do not reach. The step keeps these levels in a vector; a
-level given for a row is read where it is used. A logistic distribution's scale is sqrt(3)/pi of its standard
-deviation: `Method.deviation` says which of the two a level is.
+variance sigma_i^2 = J_i (Sigma_q/h^2 + Sigma_v) J_i' (M18), at the start of every step; FLOOR is added in
+squares, for rows whose J vanishes or that the covariances do not reach. The step keeps these levels in a
+vector; a level given for a row is read where it is used. A logistic distribution's scale is sqrt(3)/pi of its
+standard deviation: `Method.deviation` says which of the two a level is.
 """
 
 import math

@@ -1,10 +1,10 @@
 """Residuals of one complementarity condition a >= 0, b >= 0, ab = 0, with and without noise on b.
 
-`expected_min` is E[min(a, b + noise)], eq. (17) and footnote 3; REM squares it. `expected_square` is
-E[min(a, b + noise)^2], eq. (15) and footnote 3; ERM minimises it. Forms are chosen so that float32 neither
-overflows nor cancels: differences a - b enter through what s(z) adds to max(z, 0). sigma is the standard
-deviation of normal and uniform noise, the scale of a logistic one. Li_2 here is the standard dilogarithm, the
-negative of footnote 3's.
+`expected_min` is E[min(a, b + noise)], eq. (17) and footnote 3; REM squares it. `expected_square` is E[min(a,
+b + noise)^2], eq. (15) and footnote 3, in the forms (M14) to (M16); ERM minimises it. Forms are chosen so
+that float32 neither overflows nor cancels: differences a - b enter through what s(z) adds to max(z, 0). sigma
+is the standard deviation of normal and uniform noise, the scale of a logistic one. Li_2 here is the standard
+dilogarithm, the negative of footnote 3's.
 """
 
 import math

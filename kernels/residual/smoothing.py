@@ -1,9 +1,10 @@
 """Scalar functions of smoothed complementarity, safe in float32.
 
-The mixed form writes D lambda = s(z), w = s(-z), where s(z) is the mean of max(z + noise, 0): REM-logistic,
-eq. (17) with the smoothing function (5), s(z) = sigma log(1 + exp(z/sigma)); REM-normal, footnote 3, s(z) = z
-Phi(z/sigma) + sigma phi(z/sigma). The hard problem has their limit, s(z) = max(z, 0). s(z) - s(-z) = z in all
-of them. A rounding of z far below 0 changes s(z) by as much as the cancellation in the normal's tail does.
+The mixed form writes D lambda = s(z), w = s(-z) (M11), where s(z) is the mean of max(z + noise, 0):
+REM-logistic, eq. (17) with the smoothing function (5), s(z) = sigma log(1 + exp(z/sigma)); REM-normal,
+footnote 3, s(z) = z Phi(z/sigma) + sigma phi(z/sigma), both (M12). The hard problem has their limit, s(z) =
+max(z, 0). s(z) - s(-z) = z in all of them. A rounding of z far below 0 changes s(z) by as much as the
+cancellation in the normal's tail does.
 """
 
 import math

@@ -2,7 +2,7 @@
 
 Unknowns z, one a row: D lambda = s(z), w = s(-z), and v' = v_free + M^-1 J' lambda exactly; what is left is
 r(z) = J v' + d/h - s(-z) = 0. A Newton step solves [M, -J'; J, C](dv, dlambda) = (0, -r), C = D
-s'(-z)/s'(z), shortened until sum r_i^2/A_ii falls (newton.py). Where it does not, or the
+s'(-z)/s'(z) (M19), shortened until sum r_i^2/A_ii falls (newton.py). Where it does not, or the
 semismooth Newton of the `hard` problem (3) cycles, an interior-point method (interior.py) finds a better z
 to go on from, or a proof that no velocity opens the rows. For REM-logistic, eq. (17), the root is unique
 (docs/understand/residuals.md).

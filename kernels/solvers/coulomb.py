@@ -1,4 +1,4 @@
-"""Hard contact with Coulomb's friction in the plane (the paper's [8]), by active sets, Lemke's behind.
+"""Hard contact with Coulomb's friction (M8), the paper's [8], by active sets, Lemke's method behind.
 
 Rows of a frictional pair are (n, t): 0 <= lambda_n _|_ w_n = J_n v' + d/h >= 0, and lambda_t in
 [-mu lambda_n, mu lambda_n] opposes v_t = J_t v'. In velocity units, with A = J M^-1 J' (2a):

@@ -1,9 +1,9 @@
 """Sequential elimination of the rows of the saddle matrix of a Newton step.
 
 [M, -J'; J, C](dv, dlambda) = (f, r), C = D s'(-z)/s'(z), is solved by processing the rows one after the
-other, like measurements of a Kalman filter: g = P J_i', T = D s'(-z) + s'(z) J_i g, P -= (s'(z)/T) g g'. No
-division by C or by s'(z) occurs, so rows may be arbitrarily stiff or slack. Rows that repeat others are met
-by a proximal term, C + tau diag(A), of the size of rounding. Rows that cannot act are masked.
+other, like measurements of a Kalman filter (M20): g = P J_i', T = D s'(-z) + s'(z) J_i g, P -= (s'(z)/T) g
+g'. No division by C or by s'(z) occurs, so rows may be arbitrarily stiff or slack. Rows that repeat others
+are met by a proximal term, C + tau diag(A), of the size of rounding. Rows that cannot act are masked.
 """
 
 from types import SimpleNamespace

@@ -1,4 +1,4 @@
-"""Expected residual minimisation (15): lambda minimises sum_i r(D_i lambda_i, w_i), w = w0 + A lambda.
+"""Expected residual minimisation (15), (M10): lambda minimises sum_i r(D_i lambda_i, w_i), w = w0 + A lambda.
 
 With x = a - w, p = s'(x), q = 1 - p, k = s''(x) of the smoothing s of the REM twin, r(a, w) = E[min(a, w +
 noise)^2] has r_a = 2 a q, r_w = 2 (a p - s(x)) and the second derivatives 2 (q - a k), 2 a k, 2 (p - a k). r

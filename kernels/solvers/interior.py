@@ -1,8 +1,8 @@
 """Interior-point method for the (smoothed) complementarity problem, where Newton's method on z fails.
 
-Contacts that land together are redundant, and Newton on z then jumps between active sets. Here a = D lambda
-> 0 and w > 0 are both unknowns, kept positive by the step length, and a w = m(a - w) + mu is followed from
-a large mu to none; m(z) = s(z) s(-z) is the product on the curve of the residual (0 if hard). Its
+Contacts that land together are redundant, and Newton on z then jumps between active sets. Here a = D lambda >
+0 and w > 0 are both unknowns, kept positive by the step length, and a w = m(a - w) + mu (M21) is followed
+from a large mu to none; m(z) = s(z) s(-z) is the product on the curve of the residual (0 if hard). Its
 linearisation is that of a = s(z), w = s(-z) with weights p, q > 0 in place of s'(z), s'(-z): da = p dz + e,
 dw = -q dz + e, p + q = 1, so the elimination is the same. mu follows Mehrotra's rule, but falls in every
 iteration, and what falls below the curve is lifted to it (hard: what falls far below the path, towards it): a
