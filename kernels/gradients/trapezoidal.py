@@ -2,8 +2,8 @@
 
 From x' back: the contact problems of v' and of v* (`step/trapezoidal.py`) weigh v_free = reached - push;
 `reached` is the free motion under the predicted contact forces; push = v_1 - v_0 comes from the predictor's
-contact problem, whose v_0 is the free motion without them. Free motion (`free_motion.py`) with D = reached - v
-and c = N push:
+contact problem, whose v_0 is the free motion without them. Free motion (`free_motion.py`) with D = reached -
+v and c = N push:
 
     G = N D + h/2 K_v D + h^2/4 K_q (D + 2 v) - h (r + u) - c = 0,  N a = r + u + c/h.
 

@@ -1,9 +1,9 @@
 """The motion of one step without contact: v_free, and what its derivatives put into the contact problem.
 
-N stands for M, as `effective_mass.py` has it.
-`euler`, eq. (1): v_free = v + h N^-1 (r + u). `trapezoidal`, the linearly implicit method of footnote 1 (the
-paper's [6]) on a = M^-1 (r + u): (I - h/2 a_v - h^2/4 a_q) v_free = v + h (a - a_v v/2 + h a_q v/4), and q'
-= q + h (v + v_free)/2 in free flight. With K_q = d(M a - r)/dq at constant a, K_v = -dr/dv, D = v_free - v (M23):
+N stands for M, as `effective_mass.py` has it. `euler`, eq. (1): v_free = v + h N^-1 (r + u). `trapezoidal`,
+the linearly implicit method of footnote 1 (the paper's [6]) on a = M^-1 (r + u): (I - h/2 a_v - h^2/4 a_q)
+v_free = v + h (a - a_v v/2 + h a_q v/4), and q' = q + h (v + v_free)/2 in free flight. With K_q = d(M a -
+r)/dq at constant a, K_v = -dr/dv, D = v_free - v (M23):
 
     E D = h (r + u) - h^2/2 K_q v,  E = N + h/2 K_v + h^2/4 K_q.
 
