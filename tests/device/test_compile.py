@@ -7,7 +7,8 @@ import sys
 import pytest
 import warp as wp
 
-from slcp_warp.kernels.device.compile import CPU_ARITHMETIC, code_digest, cpu_compiler_flags
+from slcp_warp.kernels.device.compile import CPU_ARITHMETIC, code_digest, cpu_compiler_flags, named_by_code
+from slcp_warp.kernels.device.digest import OpaqueError, content_digest
 
 RUN = """
 import sys, numpy as np, warp as wp
@@ -83,3 +84,35 @@ def test_a_users_functions_are_told_apart_by_values_in_loops():
     assert digest(one) == digest(one)
     assert digest(one) != digest(other)
     assert len(set(digest(one, again=2))) == 1
+
+
+class Weights:
+    """An object whose content cannot be told: it gives its numbers away one by one."""
+
+    __slots__ = ("numbers",)
+
+    def __init__(self, *numbers):
+        self.numbers = numbers
+
+    def __getitem__(self, i):
+        return wp.float64(self.numbers[i])
+
+
+def test_what_a_digest_cannot_tell_is_told_by_the_translation():
+    def declared(weights):
+        @wp.func
+        def cost(x: wp.vec2d):
+            total = wp.float64(0.0)
+            for i in range(2):
+                total += wp.static(weights[i]) * x[i]
+            return total
+
+        def kernel(x: wp.array(dtype=wp.vec2d), out: wp.array(dtype=wp.float64)):
+            out[0] = cost(x[0])
+
+        with pytest.raises(OpaqueError, match="Weights"):
+            content_digest(kernel)
+        return named_by_code()(kernel)
+
+    names = [declared(Weights(*numbers)).key for numbers in ((1.0, 2.0), (1.0, 3.0), (1.0, 2.0))]
+    assert names[0] != names[1] and names[0] == names[2]
