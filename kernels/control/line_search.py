@@ -58,6 +58,22 @@ def make_rollout_kernel(step, initial_carry, running, final, nx, nu, has_limits,
     VX, VU = wp.types.vector(nx, dtype), wp.types.vector(nu, dtype)
     Policy, Candidates = make_policy_arrays(dtype), make_candidate_arrays(dtype)
 
+    @wp.func
+    def control(policy: Policy, b: int, k: int, limits: int, alpha: dtype, x: VX):
+        """u within its limits."""
+        u = VU()
+        for i in range(wp.static(nu)):
+            value = policy.us[b, k, i] + alpha * policy.k[b, k, i]
+            for j in range(wp.static(nx)):
+                value += policy.K[b, k, i, j] * (x[j] - policy.xs[b, k, j])
+            if wp.static(has_limits):
+                if value < policy.lower[limits, i]:
+                    value = policy.lower[limits, i]
+                if value > policy.upper[limits, i]:
+                    value = policy.upper[limits, i]
+            u[i] = value
+        return u
+
     @specialised
     def rollout(
         first: int,
@@ -88,18 +104,9 @@ def make_rollout_kernel(step, initial_carry, running, final, nx, nu, has_limits,
         cost = wp.float64(0.0)
         size = wp.float64(0.0)
         for k in range(horizon):
-            u = VU()
+            u = control(policy, b, k, limits, alpha, x)
             for i in range(wp.static(nu)):
-                value = policy.us[b, k, i] + alpha * policy.k[b, k, i]
-                for j in range(wp.static(nx)):
-                    value += policy.K[b, k, i, j] * (x[j] - policy.xs[b, k, j])
-                if wp.static(has_limits):
-                    if value < policy.lower[limits, i]:
-                        value = policy.lower[limits, i]
-                    if value > policy.upper[limits, i]:
-                        value = policy.upper[limits, i]
-                u[i] = value
-                out.us[b, a, k, i] = value
+                out.us[b, a, k, i] = u[i]
             if status == 0:
                 term = wp.float64(running(weights, weight_row, x, u, k))
                 cost += term

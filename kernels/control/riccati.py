@@ -138,34 +138,154 @@ def make_backward_kernel(nx, nu, nw, method, has_limits, dtype):
             out[i] = size
         return out
 
-    @named_by_code(max_unroll=1)
-    def backward(
-        first: int, d: Derivatives, policy: Policy, state: SolverState, tolerance: wp.float64, last: int
+    @wp.func
+    def jacobians(d: Derivatives, b: int, k: int):
+        """f_x and f_u of step k."""
+        fx, fu = MXX(), MXU()
+        for i in range(nx):
+            for j in range(nx):
+                fx[i, j] = d.fx[b, k, i, j]
+            for j in range(nu):
+                fu[i, j] = d.fu[b, k, i, j]
+        return fx, fu
+
+    @wp.func
+    def regularised(quu: MUU, qux: MUX, fx: MXX, fu: MXU, mu_x: dtype, mu_u: dtype):
+        """R and S."""
+        ruu, rux = quu, qux
+        if wp.static(quadratic):
+            if mu_x != ZERO:
+                ruu = ruu + mu_x * (wp.transpose(fu) * fu)
+                rux = rux + mu_x * (wp.transpose(fu) * fx)
+        for i in range(nu):
+            ruu[i, i] += mu_u
+        return ruu, rux
+
+    @wp.func
+    def direction(
+        policy: Policy, b: int, k: int, limits: int, ruu: MUU, rux: MUX, qu: VU, quu: MUU, before: VU
     ):
-        b = first + wp.tid()
-        if state.active[b] == 0:
-            return
-        horizon = policy.us.shape[1]
-        row = schedule_row(state, b)
-        limits = wp.where(policy.lower.shape[0] == 1, 0, b)
-        for k in range(horizon):
+        """k, K, Q_uu of the controls that no limit holds, the smallest pivot of R; from `before` on."""
+        gain = MUX()
+        free_quu = quu
+        rows = rux
+        if wp.static(has_limits):
+            low, high = VU(), VU()
+            for i in range(nu):
+                low[i] = policy.lower[limits, i] - policy.us[b, k, i]
+                high[i] = policy.upper[limits, i] - policy.us[b, k, i]
+            step, free, factor, pivot = box_qp(ruu, qu, low, high, before)
+            free_quu = masked(quu, free)
+            if wp.static(quadratic):
+                for i in range(nu):
+                    for j in range(nx):
+                        rows[i, j] = rows[i, j] * free[i]
+        else:
+            factor, pivot = cholesky(ruu)
+            step = -solve_vector(factor, qu)
+        if wp.static(quadratic):
+            gain = -solve_matrix(factor, rows)
+        return step, gain, free_quu, pivot
+
+    @wp.func
+    def value(qx: VX, qu: VU, qxx: MXX, qux: MUX, quu: MUU, bent: VU, step: VU, gain: MUX, vxx: MXX):
+        """V_x and V_xx under the policy; of the first-order method V_xx stays."""
+        if wp.static(quadratic):
+            vx = qx + wp.transpose(gain) * (bent + qu) + wp.transpose(qux) * step
+            cross = wp.transpose(gain) * qux
+            out = qxx + wp.transpose(gain) * (quu * gain) + cross + wp.transpose(cross)
+            out = HALF * (out + wp.transpose(out))
+        else:
+            vx = qx
+            out = vxx
+        return vx, out
+
+    @wp.func
+    def final_value(d: Derivatives, policy: Policy, b: int, horizon: int):
+        """V_x and V_xx of the final cost, which are stored."""
+        vx, vxx = VX(), MXX()
+        for i in range(nx):
+            vx[i] = d.lx[b, horizon, i]
+            policy.Vx[b, horizon, i] = vx[i]
+            for j in range(nx):
+                vxx[i, j] = d.lxx[b, horizon, i, j]
+                policy.Vxx[b, horizon, i, j] = vxx[i, j]
+        return vx, vxx
+
+    @wp.func
+    def store(policy: Policy, b: int, k: int, vx: VX, vxx: MXX, step: VU, gain: MUX):
+        for i in range(nx):
+            policy.Vx[b, k, i] = vx[i]
+            for j in range(nx):
+                policy.Vxx[b, k, i, j] = vxx[i, j]
+        for i in range(nu):
+            policy.k[b, k, i] = step[i]
+            for j in range(nx):
+                policy.K[b, k, i, j] = gain[i, j]
+
+    @wp.func
+    def trace(state: SolverState, b: int, good: bool, restarts: int, gradient: wp.float64, pivot: wp.float64):
+        row = state.passes[b]
+        if row < state.trace.shape[1]:
+            state.trace[b, row, TRACE_COST] = state.cost[b]
+            state.trace[b, row, TRACE_REGULARIZATION] = state.mu[b]
+            state.trace[b, row, TRACE_RESTARTS] = wp.float64(restarts)
+            if good:
+                state.trace[b, row, TRACE_GRADIENT] = gradient
+                state.trace[b, row, TRACE_PIVOT] = pivot
+
+    @wp.func
+    def judge(state: SolverState, b: int, felt: dtype, wanted: dtype, tolerance: wp.float64, last: int):
+        """Whether the problem ends with this pass."""
+        # all that Q_u consists of, were it free, would not be seen in J; yet the state is worth changing, or
+        # the point is no minimum. Where passes brought every term of J to 0 there is nothing left to gain
+        left = state.size[b] > wp.float64(0.0) or state.passes[b] == 0
+        unseen = left and wp.float64(felt) <= ROUNDING * state.size[b]
+        worth = wanted > ZERO or not (state.pivot[b] > wp.float64(0.0))
+        state.flat[b] = wp.where(unseen and worth, 1, 0)
+        if state.relative[b] <= tolerance:
+            state.status[b] = wp.where(state.flat[b] == 1, FLAT, CONVERGED)
+        elif state.status[b] == RUNNING and last == 1:
+            state.status[b] = MAX_ITERATIONS
+        if state.status[b] != RUNNING:
+            state.active[b] = 0
+
+    @wp.func
+    def linearised(d: Derivatives, policy: Policy, state: SolverState, b: int):
+        """Whether all steps have derivatives; where not, the problem has ended."""
+        for k in range(policy.us.shape[1]):
             if d.status[b, k] != 0:
                 state.status[b] = DYNAMICS_FAILED
         if state.status[b] == DYNAMICS_FAILED:
             drop_policy(policy, b)
             state.active[b] = 0
             state.fresh[b] = 0
-            return
+            return False
+        return True
 
+    @named_by_code(max_unroll=1)
+    def backward(
+        first: int, d: Derivatives, policy: Policy, state: SolverState, tolerance: wp.float64, last: int
+    ):
+        # long: what a thread keeps over the whole pass is in registers, all 255 of sm_90; as a struct that
+        # functions hand on it takes 72 bytes of local memory
+        b = first + wp.tid()
+        if state.active[b] == 0:
+            return
+        if not linearised(d, policy, state, b):
+            return
+        horizon = policy.us.shape[1]
+        row = schedule_row(state, b)
+        limits = wp.where(policy.lower.shape[0] == 1, 0, b)
         unsolved = int(1)
         restarts = int(0)
         broken = int(0)
-        lowest = wp.float64(0.0)
-        change_1 = wp.float64(0.0)
+        lowest = wp.float64(0.0)  # pivot of Q_uu
+        change_1 = wp.float64(0.0)  # expected, of first and of second order in the step size
         change_2 = wp.float64(0.0)
-        felt = ZERO
-        wanted = ZERO
-        highest, widest = VU(), VU()
+        felt = ZERO  # what the terms of Q_u by themselves would gain
+        wanted = ZERO  # largest |V_x|
+        highest, widest = VU(), VU()  # largest |Q_u| of each control, and of the sum of its terms' sizes
         while unsolved == 1:
             mu_x = dtype(state.mu[b] * state.schedule[row, SCHEDULE_STATE])
             mu_u = dtype(state.mu[b] * state.schedule[row, SCHEDULE_CONTROL])
@@ -177,53 +297,20 @@ def make_backward_kernel(nx, nu, nw, method, has_limits, dtype):
             wanted = ZERO
             highest, widest = VU(), VU()
             broken = int(0)
-            vx, vxx, step = VX(), MXX(), VU()
-            for i in range(nx):
-                vx[i] = d.lx[b, horizon, i]
-                policy.Vx[b, horizon, i] = vx[i]
-                for j in range(nx):
-                    vxx[i, j] = d.lxx[b, horizon, i, j]
-                    policy.Vxx[b, horizon, i, j] = vxx[i, j]
+            step = VU()
+            vx, vxx = final_value(d, policy, b, horizon)
             k = horizon - 1
             good = int(1)
             while good == 1 and k >= 0:
-                fx, fu = MXX(), MXU()
-                for i in range(nx):
-                    for j in range(nx):
-                        fx[i, j] = d.fx[b, k, i, j]
-                    for j in range(nu):
-                        fu[i, j] = d.fu[b, k, i, j]
+                fx, fu = jacobians(d, b, k)
                 qx, qu, qxx, qux, quu = model(d, b, k, vx, vxx, fx, fu)
                 for j in range(nx):
                     wanted = wp.max(wanted, wp.abs(vx[j]))
-                # regularised copies, and the direction
-                ruu, rux = quu, qux
-                if wp.static(quadratic):
-                    if mu_x != ZERO:
-                        ruu = ruu + mu_x * (wp.transpose(fu) * fu)
-                        rux = rux + mu_x * (wp.transpose(fu) * fx)
-                for i in range(nu):
-                    ruu[i, i] += mu_u
-                gain = MUX()
-                free_quu = quu
-                if wp.static(has_limits):
-                    low, high = VU(), VU()
-                    for i in range(nu):
-                        low[i] = policy.lower[limits, i] - policy.us[b, k, i]
-                        high[i] = policy.upper[limits, i] - policy.us[b, k, i]
-                    new_step, free, factor, pivot = box_qp(ruu, qu, low, high, step)
-                    step = new_step
-                    free_quu = masked(quu, free)
-                    if wp.static(quadratic):
-                        for i in range(nu):
-                            for j in range(nx):
-                                rux[i, j] = rux[i, j] * free[i]
-                        gain = -solve_matrix(factor, rux)
-                else:
-                    factor, pivot = cholesky(ruu)
-                    step = -solve_vector(factor, qu)
-                    if wp.static(quadratic):
-                        gain = -solve_matrix(factor, rux)
+                ruu, rux = regularised(quu, qux, fx, fu, mu_x, mu_u)
+                if wp.static(not quadratic):
+                    quu = ruu
+                new_step, gain, free_quu, pivot = direction(policy, b, k, limits, ruu, rux, qu, quu, step)
+                step = new_step
                 if not (pivot > ZERO) or not wp.isfinite(step) or not wp.isfinite(qx):
                     good = 0
                     if not wp.isfinite(pivot) or not wp.isfinite(qx) or not wp.isfinite(qu):
@@ -243,21 +330,8 @@ def make_backward_kernel(nx, nu, nw, method, has_limits, dtype):
                     bent = quu * step
                     change_1 += wp.float64(wp.dot(step, qu))
                     change_2 += wp.float64(HALF * wp.dot(step, bent))
-                    if wp.static(quadratic):
-                        vx = qx + wp.transpose(gain) * (bent + qu) + wp.transpose(qux) * step
-                        cross = wp.transpose(gain) * qux
-                        vxx = qxx + wp.transpose(gain) * (quu * gain) + cross + wp.transpose(cross)
-                        vxx = HALF * (vxx + wp.transpose(vxx))
-                    else:
-                        vx = qx
-                    for i in range(nx):
-                        policy.Vx[b, k, i] = vx[i]
-                        for j in range(nx):
-                            policy.Vxx[b, k, i, j] = vxx[i, j]
-                    for i in range(nu):
-                        policy.k[b, k, i] = step[i]
-                        for j in range(nx):
-                            policy.K[b, k, i, j] = gain[i, j]
+                    vx, vxx = value(qx, qu, qxx, qux, quu, bent, step, gain, vxx)
+                    store(policy, b, k, vx, vxx, step, gain)
                     k -= 1
             if good == 1:
                 unsolved = 0
@@ -265,16 +339,8 @@ def make_backward_kernel(nx, nu, nw, method, has_limits, dtype):
                 unsolved = 2
             else:
                 restarts += 1
-
         state.fresh[b] = 0
-        row_out = state.passes[b]
-        if row_out < state.trace.shape[1]:
-            state.trace[b, row_out, TRACE_COST] = state.cost[b]
-            state.trace[b, row_out, TRACE_REGULARIZATION] = state.mu[b]
-            state.trace[b, row_out, TRACE_RESTARTS] = wp.float64(restarts)
-            if unsolved == 0:
-                state.trace[b, row_out, TRACE_GRADIENT] = wp.float64(wp.max(highest))
-                state.trace[b, row_out, TRACE_PIVOT] = lowest
+        trace(state, b, unsolved == 0, restarts, wp.float64(wp.max(highest)), lowest)
         if unsolved == 2:
             drop_policy(policy, b)
             state.status[b] = wp.where(broken == 1, DYNAMICS_FAILED, REGULARIZATION_LIMIT)
@@ -289,16 +355,6 @@ def make_backward_kernel(nx, nu, nw, method, has_limits, dtype):
             if highest[i] > ZERO:
                 relative = wp.max(relative, highest[i] / widest[i])
         state.relative[b] = wp.float64(relative)
-        # all that Q_u consists of, were it free, would not be seen in J; yet the state is worth changing, or
-        # the point is no minimum. Where passes brought every term of J to 0 there is nothing left to gain
-        left = state.size[b] > wp.float64(0.0) or state.passes[b] == 0
-        unseen = left and wp.float64(felt) <= ROUNDING * state.size[b]
-        state.flat[b] = wp.where(unseen and (wanted > ZERO or not (lowest > wp.float64(0.0))), 1, 0)
-        if wp.float64(relative) <= tolerance:
-            state.status[b] = wp.where(state.flat[b] == 1, FLAT, CONVERGED)
-        elif state.status[b] == RUNNING and last == 1:
-            state.status[b] = MAX_ITERATIONS
-        if state.status[b] != RUNNING:
-            state.active[b] = 0
+        judge(state, b, felt, wanted, tolerance, last)
 
     return backward

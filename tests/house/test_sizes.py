@@ -15,7 +15,6 @@ CODE = (*LAYERS, "examples", "tests")
 REASON = "# long: "
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 OPEN = {
-    *("kernels/control/line_search.py", "kernels/control/riccati.py", "kernels/ensembles/sweep.py"),
     *("kernels/derivatives/second_differences.py", "kernels/generic/interior.py"),
     *("kernels/generic/mechanism.py", "kernels/gradients/adjoint.py", "kernels/gradients/trapezoidal.py"),
     *("kernels/mechanism/free_motion.py", "kernels/solvers/lemke.py", "kernels/step/step.py"),
