@@ -307,8 +307,6 @@ def make_backward_kernel(nx, nu, nw, method, has_limits, dtype):
                 for j in range(nx):
                     wanted = wp.max(wanted, wp.abs(vx[j]))
                 ruu, rux = regularised(quu, qux, fx, fu, mu_x, mu_u)
-                if wp.static(not quadratic):
-                    quu = ruu
                 new_step, gain, free_quu, pivot = direction(policy, b, k, limits, ruu, rux, qu, quu, step)
                 step = new_step
                 if not (pivot > ZERO) or not wp.isfinite(step) or not wp.isfinite(qx):

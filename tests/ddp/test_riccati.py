@@ -26,6 +26,18 @@ def test_linear_quadratic_problem_is_solved_in_one_pass(device, method):
     np.testing.assert_allclose(result.trace.reduction_ratio[0], 1.0, atol=1e-10)
 
 
+def test_the_pivot_of_the_first_order_method_is_without_regularisation(device):
+    """Q_uu is l_uu there; what is added for the direction is not in its pivot, nor in what is expected."""
+    problem, data = random_linear_problem(0, horizon=N, device=device)
+    least = np.diag(np.linalg.cholesky(data["R"])).min() ** 2
+    for initial in (0.5, 2.0):
+        regularization = ddp.Regularization(initial=initial)
+        options = ddp.Options(method="first-order", max_iterations=1, regularization=regularization)
+        trace = ddp.solve(problem, data["x0"], np.ones((N, 2)), options).trace
+        assert trace.regularization[0] == initial
+        np.testing.assert_allclose(trace.min_pivot[0], least, rtol=1e-12)
+
+
 def test_linear_quadratic_problem_in_float32(device):
     problem, data = random_linear_problem(0, horizon=N, device=device, dtype="float32")
     result = ddp.solve(problem, data["x0"], np.ones((N, 2)), ddp.Options(regularization=UNREGULARIZED))
