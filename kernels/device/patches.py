@@ -1,7 +1,7 @@
 """Two places where Warp 1.19 does more than it needs, done shorter.
 
-Both only save time. Another version of Warp is left as it is: an edit of a comment then compiles kernels
-again, and the translation of a kernel takes a third longer.
+Both only save time. Another version of Warp is left as it is: kernels are then compiled again after an edit
+of a comment, or where others with the same functions came first, and are translated for a third longer.
 """
 
 from typing import Any

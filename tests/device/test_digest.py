@@ -41,14 +41,14 @@ made = {
     "draw": make_draw_kernel(4, f64),
     "residual": make_residual_kernel(f64, "min"),
 }
-print(json.dumps({what: kernel.key for what, kernel in made.items()}))
+print(json.dumps({what: kernel.module.get_module_identifier(1) for what, kernel in made.items()}))
 """
 ALL = {"step", "rollout", "coulomb", "generic", "draw", "residual"}
 
 
 @pytest.fixture(scope="module")
 def names(tmp_path_factory):
-    """A function that edits a copy of the package and gives the names that its kernels have then."""
+    """A function that edits a copy of the package and gives the names of its kernels in Warp's cache."""
     tree = tmp_path_factory.mktemp("tree")
     for folder, module in FOLDERS.items():
         home = Path(importlib.import_module(module).__file__).parent
