@@ -33,6 +33,11 @@ def solve_continuation(
     A problem whose warm start fails at the next level (non-finite, or a step not solved) is started again
     open loop from the last controls. A batch of one may leave out the batch axis.
 
+    Args:
+        problem, x0, u0, options, xs0, K0, k0: as for `solve`.
+        sigmas: values of the parameter, one level after the other.
+        parameter: name of a parameter of the dynamics.
+
     Returns:
         One result per level; the last one is the answer.
     """

@@ -20,7 +20,14 @@ class Regularization:
     When a backward pass or a line search fails, delta = max(factor, delta factor) and mu = max(minimum, mu
     delta); after success delta = min(1/factor, delta/factor) and mu = mu delta, or 0 below the minimum. mu
     ``state_weight`` is added to V_xx as seen through f_x and f_u, mu ``control_weight`` to the diagonal of
-    Q_uu.
+    Q_uu (M34).
+
+    Attributes:
+        initial: mu of the first backward pass.
+        factor: by which delta grows and falls, > 1.
+        minimum: smallest mu but 0.
+        maximum: where the solver gives up.
+        state_weight, control_weight: of mu; one of them is positive.
     """
 
     initial: Any = 1.0e-3

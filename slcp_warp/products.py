@@ -19,8 +19,14 @@ from .simulator import Simulator
 
 @dataclass(frozen=True)
 class Pullback:
-    """Gradients of sum(weights * states): by x0 (B, nx), by controls (B, N, nu), and by each parameter that
-    was asked for, (B, *its shape). `states` (B, N+1, nx) and `status` (B,) are the rollout's.
+    """Gradients of sum(weights * states), and the rollout.
+
+    Attributes:
+        x0: by the initial states, (B, nx).
+        controls: by the controls, (B, N, nu).
+        parameters: by each parameter that was asked for, (B, *its shape).
+        states: of the rollout, (B, N+1, nx).
+        status: of the rollout, (B,).
     """
 
     x0: np.ndarray
@@ -32,7 +38,13 @@ class Pullback:
 
 @dataclass(frozen=True)
 class Pushforward:
-    """Derivatives of the states along a direction, (B, N+1, nx); `states` and `status` are the rollout's."""
+    """Derivatives of the states along a direction, and the rollout.
+
+    Attributes:
+        tangent: (B, N+1, nx).
+        states: of the rollout, (B, N+1, nx).
+        status: of the rollout, (B,).
+    """
 
     tangent: np.ndarray
     states: np.ndarray
@@ -49,13 +61,16 @@ def vjp(
     parameters: str | Sequence[str] = (),
     external_force: Any = None,
 ) -> Pullback:
-    """Roll out and pull weights on the states back: one forward and one backward launch.
+    """Roll out and pull weights on the states back (M31): one forward and one backward launch.
 
     Args:
+        sim: with specialised kernels.
         x0: (B, nx).
         controls: (B, N, nu).
         weights: (B, N+1, nx), of the states.
+        params: as for `Simulator.rollout`.
         parameters: name or names of parameters whose gradients are wanted, too; they come per world.
+        external_force: as for `Simulator.rollout`.
 
     Returns:
         Gradients; NaN in worlds that were not solved.
@@ -101,8 +116,10 @@ def jvp(
     """Roll out and push a direction of x0 and controls forward: the Jacobians of all steps in one launch.
 
     Args:
+        sim: with specialised kernels.
         x0, dx0: (B, nx).
         controls, dcontrols: (B, N, nu); dcontrols None: zero.
+        params: as for `Simulator.rollout`.
 
     Returns:
         Derivatives of the states; NaN from the step on that was not solved.
@@ -147,9 +164,11 @@ def weighted_hessian(
     """sum_i weights_i d2 x'_i / d(x, u)2 of one step: (B, nz, nz), and the status (B,).
 
     Args:
+        sim: with specialised kernels.
         x: (B, nx).
         u: (B, nu).
         weights: (B, nx), of the next state's components.
+        params: as for `Simulator.step`.
 
     Raises:
         ArrayError: another shape.

@@ -160,6 +160,7 @@ class Simulator:
             x0: (B, nx) or (nx,).
             controls: (B, N, nu), open loop, or None with `policy` and `steps`, or with `steps` alone where
                 the scene has no actuators.
+            params: see `Simulator.params`; per-world tables need B rows.
             policy: an object with `arrays(sim)` -> (name, struct), see `slcp_warp.ddp` policies.
             external_force: constant over the rollout, as in `step`.
             record: any of "controls", "impulse", "gap", one name or several.
@@ -205,8 +206,14 @@ class Simulator:
     ) -> Linearization:
         """Jacobians of the step at (x, u) by the implicit function theorem (M27).
 
-        `second` adds second derivatives, in closed form (M29), or by differences (M30) for methods that have
-        none. Worlds that are not solved have zero derivatives and a status.
+        Worlds that are not solved have zero derivatives and a status.
+
+        Args:
+            x, u, params, external_force: as for `step`.
+            second: second derivatives, too, in closed form (M29), or by differences (M30).
+
+        Raises:
+            StrategyError, OptionError: kernels or options without derivatives.
         """
         self.need_derivatives("linearize")
         checks.flag("second", second)

@@ -27,10 +27,22 @@ WHOLE = ("age", "chain", "plan")
 
 @dataclass(frozen=True)
 class Library(Entries):
-    """Local controllers, with their policy and their file; the arrays are those of `Entries`."""
+    """Local controllers, first axis L = number of entries, with their policy and their file.
+
+    Attributes:
+        x: states where the controllers were planned, (L, nx).
+        u, K: controls (L, nu) and gains (L, nu, nx).
+        cost: of the plan, (L,).
+        gain: how much less than with zero controls from the plan's first state, (L,).
+        age: step within its plan, (L,).
+        chain, plan: which chain and which of its plans, (L,).
+        period: of every state component, 0 where there is none, (nx,).
+        header: what it was built with (scene, digest, sigma, step size, seed, ...), JSON values.
+        lower, upper: limits within which the controllers were planned, (L, nu); None: no limits.
+    """
 
     def policy(self, **options: Any) -> NearestPolicy:
-        """The nearest-neighbour policy (20), see `NearestPolicy`."""
+        """The nearest-neighbour policy (20) with these `options` of `NearestPolicy`."""
         return NearestPolicy(self, **options)
 
     def save(self, path: str | Path) -> Path:
@@ -76,7 +88,7 @@ def _check(data: dict[str, np.ndarray]) -> None:
 
 
 def concatenate(libraries: list[Library]) -> Library:
-    """One library of the entries of several; chains are renumbered."""
+    """One library of the entries of several `libraries`; chains are renumbered."""
     if not isinstance(libraries, list | tuple) or not all(isinstance(each, Library) for each in libraries):
         raise LibraryError(f"libraries is {shown(libraries)}; a list of ddp.Library is needed")
     if not libraries:

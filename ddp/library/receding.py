@@ -42,6 +42,7 @@ class RecedingOptions:
         first_passes: of the first plan.
         entries: controllers stored of every plan, at its steps 0, 1, .. (at most the offset).
         seed: of all random numbers.
+        solver: `Options` of DDP; `passes` stand in the place of its max_iterations.
     """
 
     offset: int = 4
@@ -113,8 +114,9 @@ def build_library(
         problem: dynamics, cost and horizon of every plan; the dynamics is a `Simulator`.
         x0: (nx,) initial state of every chain, or (chains, nx).
         count: entries wanted.
-        options: or single fields of it as keywords (offset=4, ...).
+        options: how; or single fields of it as keywords.
         progress: called with (entries so far, count) after every shift.
+        changes: fields of `RecedingOptions` (offset=4, ...).
 
     Raises:
         ValueError: illegal options. A keyboard interrupt returns what there is if there are entries, else is

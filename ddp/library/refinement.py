@@ -43,9 +43,12 @@ def stuck_states(
     """States (count, nx) in which worlds under the library's policy get nowhere, the worst worlds first.
 
     Args:
-        sim: what the policy is tried on.
+        library: whose policy is tried.
+        sim: what it is tried on.
         score: of the last WINDOW seconds, (B, T, nx) -> (B,); larger is better.
-        velocity_sd: of the kicks at the start.
+        count: of states.
+        seed: of the kicks at the start.
+        velocity_sd: their standard deviation.
         params: of the rollout.
     """
     instance("library", library, Library, "a ddp.Library")
@@ -83,6 +86,7 @@ def build_refined(
     """A library of `count` entries: a part as `build_library` makes it, the rest in rounds from stuck states.
 
     Args:
+        problem, x0, count, progress: as for `build_library`.
         score: see `stuck_states`.
         rounds: 0 gives `build_library`.
         options: of the first part; the new chains differ in their starts and are not kicked.

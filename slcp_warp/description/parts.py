@@ -80,6 +80,8 @@ class Shape:
     """A shape on a body (or the world, body=None).
 
     Attributes:
+        name: unique name.
+        body: name of its body, or None for the world.
         kind: "disc" (radius; 0 is a point), "ellipse" (two radii along its axes), "capsule" (radius and half
             length of its segment, which lies along its axis) or "halfplane".
         radius: (r,), (rx, ry) or a capsule's (r, half length) [m].
@@ -116,10 +118,12 @@ class Shape:
 class Contact:
     """Two shapes that may touch, by name, and their friction coefficient (None: no friction).
 
-    What friction does is (M7) or (M8), by `Options.friction`.
-
     A capsule touches half-planes with the discs at its ends (two pairs), discs with its nearest point (one
     pair), and another capsule with the ends of either on the other (four pairs). Ellipses do not touch it.
+
+    Attributes:
+        shape_a, shape_b: names of shapes; the normal points from the first to the second.
+        friction: coefficient mu of (M7) or (M8), as `Options.friction` says, >= 0; or None.
     """
 
     shape_a: str
@@ -162,6 +166,7 @@ class Spring:
     rounded off below length/1000 + 1e-5 so that coincident points give finite derivatives (M26).
 
     Attributes:
+        body_a, body_b: names of bodies, or None for the world.
         point_a, point_b: in the frame of their body [m].
         stiffness: [N/m], >= 0.
         damping: [N s/m], >= 0.
@@ -211,8 +216,15 @@ def box(
 ) -> tuple[Shape, ...]:
     """The corners of a box (points, or discs within it), counter-clockwise from the lower left.
 
-    Their names are `name` and a number from 0 to 3. They touch half-planes of any body, and round shapes;
-    `touching` makes the contacts.
+    They touch half-planes of any body, and round shapes; `touching` makes the contacts.
+
+    Args:
+        name: the corners are called this with a number from 0 to 3 behind it.
+        body: that it is on; None: the world.
+        width, height: [m], > 0.
+        corner_radius: of the discs that round the corners off, 0: points [m].
+        offset: of its centre, in the body's frame [m].
+        angle: of its width against the body's x [rad].
     """
     if not isinstance(name, str) or not name:
         raise SceneError(f"name is {shown(name)}; a name is needed")
@@ -231,7 +243,7 @@ def box(
 def touching(
     shapes: tuple[Shape, ...], others: tuple[Shape, ...], friction: float | None = None
 ) -> tuple[Contact, ...]:
-    """A contact of every one of `shapes` with every one of `others`."""
+    """A contact of every one of `shapes` with every one of `others`, each with this `friction`."""
     for name, group in (("shapes", shapes), ("others", others)):
         if not isinstance(group, list | tuple) or not all(isinstance(shape, Shape) for shape in group):
             raise SceneError(f"{name} is {shown(group)}; a tuple of Shape is needed")

@@ -28,6 +28,7 @@ class Scene:
     """A planar mechanism with its default numbers.
 
     Attributes:
+        name: for messages, charts and files.
         bodies: parents before children.
         shapes, contacts, actuators, springs: see the classes.
         gravity: [m/s^2].

@@ -30,7 +30,8 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
 
     Raises:
         SceneFileError: not a scene file, too large, another version, a field that is unknown, missing, twice
-            or of a wrong type, or fields that do not describe a mechanism. FileNotFoundError.
+            or of a wrong type, or fields that do not describe a mechanism.
+        FileNotFoundError: no such file.
     """
     path = checks.path("path", path)
     if path.suffix == ".xml":

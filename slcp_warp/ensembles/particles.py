@@ -51,16 +51,18 @@ def particles(
     logistic: bool = False,
     seed: int = 0,
 ) -> Particles:
-    """One step of `count` particles drawn around x.
+    """One step of `count` particles drawn around x (M9).
 
     Args:
         sim: a simulator with residual="hard".
         x: (nx,).
         u: (nu,), the same for all.
+        params: as for `Simulator.step`.
         covariance: of the state x, (nx, nx) symmetric with no negative eigenvalue; Sigma_q and Sigma_v of
             (18) are its blocks.
         logistic: draw from the logistic instead of the normal distribution (of this covariance, along its
             principal axes).
+        seed: of the random numbers.
 
     Raises:
         ParameterError: a simulator that is not hard, another shape, a covariance that is not one.
@@ -114,11 +116,12 @@ def particle_rollout(
         sim: a simulator with residual="hard".
         x0: (nx,), where all start.
         us: controls (N, nu).
+        params: as for `Simulator.rollout`.
         covariance: of the noise on the state before each step, (nx, nx).
         xs, K: nominal states (N+1, nx) and gains (N, nu, nx): u = us + K (x - xs), x after the noise; both
             or none.
         control_limits: (lower, upper), each a number or (nu,): what u is held within.
-        logistic: as for `particles`.
+        logistic, seed: as for `particles`.
 
     Raises:
         ParameterError: a simulator that is not hard, another shape, a covariance that is not one.

@@ -34,7 +34,11 @@ def sweep(
     """Run every case of a sweep in chunks of bounded memory.
 
     Args:
+        scene: the mechanism.
         policy: as for `Simulator.rollout`.
+        spec: what is varied and measured.
+        scaling, integrator: of `Options`, for all cases.
+        dtype, device: of the simulators.
         chunk: worlds per launch, default by memory; results do not depend on it.
         strategy: as of a `Simulator`; with "generic", and "auto" where that takes it, a step is a launch.
         progress: called with (worlds done, worlds in all).

@@ -91,7 +91,13 @@ def rollout(
 def step(
     sim: Simulator, x: Tensor, u: Tensor | None = None, params: Values = None, **options: Any
 ) -> Outcome:
-    """One step: a rollout of length one from x (B, nx) or (nx,) under u (B, nu) or (nu,); see `rollout`."""
+    """One step: a rollout of length one.
+
+    Args:
+        sim, params, options: as for `rollout`.
+        x: (B, nx) or (nx,).
+        u: (B, nu) or (nu,), None: zero.
+    """
     instance("sim", sim, Simulator, "a slcp_warp.Simulator")
     _given(sim, "x", x, (sim.nx,))
     u = x.new_zeros((*x.shape[:-1], sim.nu)) if u is None else u

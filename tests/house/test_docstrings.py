@@ -1,12 +1,17 @@
 """Docstrings parse: sections name what the signature has, an entry a line of its own, no line cut short."""
 
 import ast
+import dataclasses
+import inspect
 import re
 from pathlib import Path
 
 import pytest
 from test_docs import name
 from test_layout import LAYERS, source_files
+
+import slcp_warp
+from slcp_warp import ddp
 
 NODES = (ast.Module, ast.ClassDef, ast.FunctionDef)
 HEADS = ("Args", "Attributes", "Raises")
@@ -53,7 +58,7 @@ def is_error(word: str) -> bool:
 
 def faults(node, text: str):
     """What is wrong with the sections of a docstring."""
-    known = parameters(node)
+    known, inherits = parameters(node), bool(getattr(node, "bases", ()))  # from another file, maybe
     for head, lines in sections(text):
         for line in lines:
             entry = ENTRY.match(line)
@@ -61,7 +66,7 @@ def faults(node, text: str):
                 yield f"{head}: {line.strip()!r} is neither an entry nor further in than one"
             names = entry[1].replace("*", "").split(", ") if entry else []
             for word in names:
-                if not (is_error(word) if head == "Raises" else word in known):
+                if not (is_error(word) if head == "Raises" else word in known or inherits):
                     yield f"{head}: {word!r} is none"
             for found in INSIDE.findall(line):
                 if all(is_error(word) if head == "Raises" else word in known for word in found.split(", ")):
@@ -89,6 +94,25 @@ def test_sections_of_docstrings(path):
 @pytest.mark.parametrize("path", source_files(*LAYERS), ids=name)
 def test_no_line_of_a_docstring_is_cut_short(path):
     assert [f"{label}: {line}" for label, _, text in documented(path) for line in cut_lines(text)] == []
+
+
+def public():
+    """(name, object) of what the package hands out, named scenes apart: their sizes speak for themselves."""
+    for module in (slcp_warp, slcp_warp.costs, ddp, ddp.costs):
+        for one in module.__all__:
+            found = getattr(module, one)
+            if inspect.isfunction(found) or dataclasses.is_dataclass(found):
+                yield pytest.param(found, id=f"{module.__name__}.{one}")
+
+
+@pytest.mark.parametrize("thing", public())
+def test_fields_and_arguments_of_what_is_public_are_documented(thing):
+    text = inspect.getdoc(thing) or ""
+    if dataclasses.is_dataclass(thing):
+        names = [field.name for field in dataclasses.fields(thing) if field.init and field.name[0] != "_"]
+    else:
+        names = [name for name in inspect.signature(thing).parameters if name != "path"]
+    assert [name for name in names if not re.search(rf"\b{name}\b", text)] == []
 
 
 @pytest.mark.parametrize(
