@@ -123,17 +123,8 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
         return work > norm * size * FASTEST
 
     @wp.func
-    def interior(
-        t: Topology,
-        k: Work,
-        params: wp.array2d(dtype=given),
-        row: int,
-        b: int,
-        n: int,
-        size: dtype,
-        yielding: dtype,
-    ):
-        """k.v and k.z near the solution; 1 if they are. Rows yield by `yielding` diag(A) lambda."""
+    def enter(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, n: int, size: dtype):
+        """v' = v_free and a, w > 0 to start from; the largest a that does not count as diverged."""
         momentum = dtype(0.0)
         for i in range(t.nv):
             k.v[i, b] = k.vfree[i, b]
@@ -145,18 +136,94 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
             k.a[i, b] = alone[0] + size + SHARE * k.scale[i, b] * momentum
             k.w[i, b] = alone[1] + size
             largest = wp.max(largest, k.a[i, b])
-        bound = DIVERGED * (largest + size)
+        return DIVERGED * (largest + size)
+
+    @wp.func
+    def point(k: Work, b: int, n: int):
+        """lambda and z at a and w; the largest a."""
+        largest = dtype(0.0)
+        for r in range(n):
+            i = k.active[r, b]
+            k.lam[i, b] = k.a[i, b] / k.scale[i, b]
+            k.z[i, b] = k.a[i, b] - k.w[i, b]
+            largest = wp.max(largest, k.a[i, b])
+        return largest
+
+    @wp.func
+    def aim(
+        t: Topology,
+        k: Work,
+        params: wp.array2d(dtype=given),
+        row: int,
+        b: int,
+        n: int,
+        size: dtype,
+        yielding: dtype,
+        mean: dtype,
+    ):
+        """The step from here: straight first, then towards the mu that this suggests; mu and its length."""
+        mu = dtype(0.0)
+        kept = dtype(0.0)
+        step = dtype(0.0)
+        looking = int(1)
+        more = int(1)
+        while more == 1:
+            nt.direction(t, k, b, n, mu, 1, yielding)
+            step = length(k, b, n, mu, kept)
+            more = int(0)
+            if looking == 1:
+                looking = 0
+                more = 1
+                part = mean_after(t, k, params, row, b, n, step) / mean
+                mu = wp.min(part * part * part, HALF) * mean  # never all of it, or short steps stall
+                kept = wp.clamp(wp.sqrt(mean) / size, NEAREST, FARTHEST)
+        return mu, step
+
+    @wp.func
+    def advance(
+        t: Topology,
+        k: Work,
+        params: wp.array2d(dtype=given),
+        row: int,
+        b: int,
+        n: int,
+        mu: dtype,
+        step: dtype,
+    ):
+        for i in range(t.nv):
+            k.v[i, b] = k.v[i, b] + step * k.move[i, b]
+        for r in range(n):
+            i = k.active[r, b]
+            e = nt.shift(k, i, b, mu, 1)
+            dz = k.dz[i, b]
+            a = k.a[i, b] + step * (k.p[i, b] * dz + e)
+            w = k.w[i, b] + step * (e - k.slack[i, b] * dz)
+            if wp.static(not hard):  # below the curve steps would get shorter and shorter
+                least = nt.smooth(t, params, row, i, a - w)
+                a = wp.max(a, least[0])
+                w = wp.max(w, least[1])
+            k.a[i, b] = a
+            k.w[i, b] = w
+
+    @wp.func
+    def interior(
+        t: Topology,
+        k: Work,
+        params: wp.array2d(dtype=given),
+        row: int,
+        b: int,
+        n: int,
+        size: dtype,
+        yielding: dtype,
+    ):
+        """k.v and k.z near the solution; 1 if they are. Rows yield by `yielding` diag(A) lambda."""
+        bound = enter(t, k, params, row, b, n, size)
         last = dtype(1e30)
         it = int(0)
         found = int(0)
         while it < wp.static(MAX_ITERATIONS) and found == 0:
             it += 1
-            largest = dtype(0.0)
-            for r in range(n):
-                i = k.active[r, b]
-                k.lam[i, b] = k.a[i, b] / k.scale[i, b]
-                k.z[i, b] = k.a[i, b] - k.w[i, b]
-                largest = wp.max(largest, k.a[i, b])
+            largest = point(k, b, n)
             worst = nt.residuals(t, k, b, n, size, yielding)
             mean = curve(t, k, params, row, b, n)
             centred = mean <= LIMIT * LIMIT * size * size
@@ -168,35 +235,8 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
             else:
                 last = worst + ZERO
                 nt.factor(t, k, b, n, yielding)
-                mu = dtype(0.0)  # straight first, then towards the mu that this suggests
-                kept = dtype(0.0)
-                step = dtype(0.0)
-                looking = int(1)
-                more = int(1)
-                while more == 1:
-                    nt.direction(t, k, b, n, mu, 1, yielding)
-                    step = length(k, b, n, mu, kept)
-                    more = int(0)
-                    if looking == 1:
-                        looking = 0
-                        more = 1
-                        part = mean_after(t, k, params, row, b, n, step) / mean
-                        mu = wp.min(part * part * part, HALF) * mean  # never all of it, or short steps stall
-                        kept = wp.clamp(wp.sqrt(mean) / size, NEAREST, FARTHEST)
-                for i in range(t.nv):
-                    k.v[i, b] = k.v[i, b] + step * k.move[i, b]
-                for r in range(n):
-                    i = k.active[r, b]
-                    e = nt.shift(k, i, b, mu, 1)
-                    dz = k.dz[i, b]
-                    a = k.a[i, b] + step * (k.p[i, b] * dz + e)
-                    w = k.w[i, b] + step * (e - k.slack[i, b] * dz)
-                    if wp.static(not hard):  # below the curve steps would get shorter and shorter
-                        least = nt.smooth(t, params, row, i, a - w)
-                        a = wp.max(a, least[0])
-                        w = wp.max(w, least[1])
-                    k.a[i, b] = a
-                    k.w[i, b] = w
+                mu, step = aim(t, k, params, row, b, n, size, yielding, mean)
+                advance(t, k, params, row, b, n, mu, step)
         return found
 
     @wp.func

@@ -92,6 +92,28 @@ def make_mechanism(given: type) -> SimpleNamespace:
         return V2(c * ax - sn * ay, sn * ax + c * ay)
 
     @wp.func
+    def bias(
+        t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, i: int, x: dtype, y: dtype
+    ):
+        """What gravity and motion give the body's centre of mass (x, y) as acceleration; its columns."""
+        ax = number(t, params, row, GRAVITY, 0)
+        ay = number(t, params, row, GRAVITY, 1)
+        turning = dtype(0.0)  # rate of the revolute joints before this one
+        for at in range(t.chain_start[i], t.chain_start[i + 1]):
+            j = t.chain[at]
+            arm = column(t, k, params, row, b, j, x, y)
+            k.column[2 * j, b] = arm[0]
+            k.column[2 * j + 1, b] = arm[1]
+            rate = TWO * turning
+            if t.dof_kind[j] == TURN:
+                rate += k.v0[j, b]
+                turning += k.v0[j, b]
+            weight = rate * k.v0[j, b]
+            ax += arm[1] * weight
+            ay -= arm[0] * weight
+        return V2(ax, ay)
+
+    @wp.func
     def dynamics(
         t: Topology,
         k: Work,
@@ -105,8 +127,6 @@ def make_mechanism(given: type) -> SimpleNamespace:
 
         With implicit damping M + h C stands for M; `springs` adds their part.
         """
-        gx = number(t, params, row, GRAVITY, 0)
-        gy = number(t, params, row, GRAVITY, 1)
         h = number(t, params, row, H, 0)
         for i in range(k.mass.shape[0]):
             k.mass[i, b] = ZERO
@@ -125,23 +145,9 @@ def make_mechanism(given: type) -> SimpleNamespace:
             y = k.frame[4 * i + 3, b] + k.frame[4 * i + 1, b] * cx + k.frame[4 * i, b] * cy
             start = t.chain_start[i]
             end = t.chain_start[i + 1]
-            ax = gx + ZERO
-            ay = gy + ZERO
-            turning = dtype(0.0)  # rate of the revolute joints before this one
-            for at in range(start, end):
-                j = t.chain[at]
-                arm = column(t, k, params, row, b, j, x, y)
-                k.column[2 * j, b] = arm[0]
-                k.column[2 * j + 1, b] = arm[1]
-                rate = TWO * turning
-                if t.dof_kind[j] == TURN:
-                    rate += k.v0[j, b]
-                    turning += k.v0[j, b]
-                weight = rate * k.v0[j, b]
-                ax += arm[1] * weight
-                ay -= arm[0] * weight
-            fx = mass * ax
-            fy = mass * ay
+            acceleration = bias(t, k, params, row, b, i, x, y)
+            fx = mass * acceleration[0]
+            fy = mass * acceleration[1]
             torque = dtype(0.0)
             if external.shape[0] > 0:
                 fx += dtype(external[world, 3 * i])

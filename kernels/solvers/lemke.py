@@ -124,14 +124,11 @@ def make_lemke(spec: Specialisation, dense_type: Any) -> wp.Function:
         return wp.where(a == b and l.kind[j] != wp.static(SLIP), ZERO - ONE, ZERO)
 
     @wp.func
-    def lemke(p: Problem, dense: dense_type, friction: int):
-        l = lift(p, dense, friction)
+    def dictionary(dense: dense_type, l: Lifted, largest: D):
+        """basic = right-hand side + sum of columns, for variables x_i: i, w_i: n + i, z0: 2 n; which row
+        leaves first.
+        """
         n = l.size
-        largest = D(1e-300)
-        for i in range(n):
-            if l.kind[i] != wp.static(SLIP):
-                largest = wp.max(largest, wp.abs(l.b[l.row[i]]))
-        # the dictionary: basic = right-hand side + sum of columns; variables x_i: i, w_i: n + i, z0: 2 n
         table = TABLE()
         basic = INDEX()
         nonbasic = COLUMNS()
@@ -152,6 +149,31 @@ def make_lemke(spec: Specialisation, dense_type: Any) -> wp.Function:
             if q < table[leaving, n + 1]:
                 leaving = i
         nonbasic[n] = 2 * n
+        return table, basic, nonbasic, leaving
+
+    @wp.func
+    def impulses(l: Lifted, table: TABLE, basic: INDEX, largest: D):
+        """lambda of the dense problem's rows."""
+        n = l.size
+        lam = VR()
+        for i in range(n):
+            k = basic[i]
+            if k < n:
+                if l.kind[k] != wp.static(SLIP):
+                    a = l.row[k]
+                    value = l.sign[k] * table[i, n + 1] * largest / l.root[a]
+                    lam[a] = lam[a] + dtype(value)
+        return lam
+
+    @wp.func
+    def lemke(p: Problem, dense: dense_type, friction: int):
+        l = lift(p, dense, friction)
+        n = l.size
+        largest = D(1e-300)
+        for i in range(n):
+            if l.kind[i] != wp.static(SLIP):
+                largest = wp.max(largest, wp.abs(l.b[l.row[i]]))
+        table, basic, nonbasic, leaving = dictionary(dense, l, largest)
         status = int(wp.static(LIMIT))
         if table[leaving, n + 1] >= ZERO:
             status = wp.static(FOUND)
@@ -197,14 +219,6 @@ def make_lemke(spec: Specialisation, dense_type: Any) -> wp.Function:
                             leaving = i
                 if leaving == wp.static(NONE):
                     status = wp.static(RAY)
-        lam = VR()
-        for i in range(n):
-            k = basic[i]
-            if k < n:
-                if l.kind[k] != wp.static(SLIP):
-                    a = l.row[k]
-                    value = l.sign[k] * table[i, n + 1] * largest / l.root[a]
-                    lam[a] = lam[a] + dtype(value)
-        return lam, status
+        return impulses(l, table, basic, largest), status
 
     return lemke

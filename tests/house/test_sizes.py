@@ -15,9 +15,8 @@ CODE = (*LAYERS, "examples", "tests")
 REASON = "# long: "
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 OPEN = {
-    *("kernels/derivatives/second_differences.py", "kernels/generic/interior.py"),
-    *("kernels/generic/mechanism.py", "kernels/gradients/adjoint.py", "kernels/gradients/trapezoidal.py"),
-    *("kernels/mechanism/free_motion.py", "kernels/solvers/lemke.py", "kernels/step/step.py"),
+    *("kernels/derivatives/second_differences.py", "kernels/gradients/adjoint.py"),
+    *("kernels/gradients/trapezoidal.py", "kernels/mechanism/free_motion.py"),
     *("ddp/solver.py", "ddp/workspace.py"),
 }
 
