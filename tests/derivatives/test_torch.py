@@ -304,7 +304,7 @@ def test_a_disc_that_is_learned_keeps_one_radius():
     with torch.no_grad():
         module.physical["radius"][:, 0] += 0.01
     like = torch.zeros(1, dtype=torch.float64)
-    table = slcp_torch.parameter_table(sim, module.values(), like).detach().numpy()
+    table = slcp_torch.table.parameter_table(sim, module.values(), like).detach().numpy()
     start = sim.params.layout.offset("radius")
     radius = table[0, start : start + 6].reshape(3, 2)
     np.testing.assert_array_equal(sim.params.replace(radius=radius)["radius"], sim.params["radius"] + 0.01)

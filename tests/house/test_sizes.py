@@ -17,7 +17,6 @@ Function = ast.FunctionDef | ast.AsyncFunctionDef
 OPEN = {
     *("kernels/derivatives/second_differences.py", "kernels/gradients/adjoint.py"),
     *("kernels/gradients/trapezoidal.py", "kernels/mechanism/free_motion.py"),
-    *("ddp/solver.py", "ddp/workspace.py"),
 }
 
 

@@ -1,0 +1,49 @@
+"""A rollout as a `torch.nn.Module` with learnable physical parameters."""
+
+from collections.abc import Sequence
+
+import torch
+import warp as wp
+from torch import Tensor
+
+from ..inputs.checks import instance, names, whole
+from ..parameters import ParameterError
+from ..simulator import Simulator
+from .functions import Outcome, rollout
+
+
+class Rollout(torch.nn.Module):
+    """Rollouts with learnable physical parameters.
+
+    Args:
+        sim: a simulator.
+        learn: names of the parameters that become `torch.nn.Parameter` of this module, one value for all
+            worlds, beginning where `sim.params` is.
+        checkpoint: as in `rollout`.
+    """
+
+    def __init__(self, sim: Simulator, learn: Sequence[str] = (), checkpoint: int | None = None) -> None:
+        super().__init__()
+        self.sim: Simulator = instance("sim", sim, Simulator, "a slcp_warp.Simulator")
+        self.checkpoint = None if checkpoint is None else whole("checkpoint", checkpoint)
+        learn = names("learn", learn, sim.params.names, error=ParameterError)
+        dtype, device = getattr(torch, sim.dtype.__name__), wp.device_to_torch(sim.device)
+        self.physical = torch.nn.ParameterDict(
+            {n: torch.nn.Parameter(torch.tensor(sim.params[n], dtype=dtype, device=device)) for n in learn}
+        )
+
+    def forward(self, x0: Tensor, controls: Tensor) -> Outcome:
+        """States and status, as `rollout`."""
+        return rollout(self.sim, x0, controls, self.values(), checkpoint=self.checkpoint)
+
+    def values(self) -> dict[str, Tensor]:
+        """The learned parameters by name.
+
+        A disc has one radius, twice: its gradient is that of the first number.
+        """
+        out = dict(self.physical.items())
+        if "radius" in out:
+            discs = [[shape.kind == "disc"] for shape in self.sim.scene.shapes]
+            both = torch.tensor(discs, device=out["radius"].device)
+            out["radius"] = torch.where(both, out["radius"][:, :1], out["radius"])
+        return out

@@ -1,0 +1,80 @@
+"""The kernels' table of parameters as a tensor, made from tensors by name."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from ..gradients.tape import derivatives_exist
+from ..inputs.checks import array, shown
+from ..inputs.errors import ArgumentTypeError
+from ..inputs.rules import COVARIANCES
+from ..parameters import ParameterError, Parameters
+from ..simulator import Simulator
+from .operators import handle_of, table_op
+
+Values = Parameters | Mapping[str, Tensor] | None
+
+
+def parameter_table(sim: Simulator, params: Values, like: Tensor) -> Tensor:
+    """The kernels' table of parameters, (1 or B, width), with gradients to the tensors that went in."""
+    if not isinstance(params, Parameters | Mapping | None):
+        raise ArgumentTypeError(
+            f"params is a {type(params).__name__}; Parameters or a dict of tensors by name is needed"
+        )
+    base = params if isinstance(params, Parameters) else sim.params
+    if base.scene is not sim.scene:
+        raise ParameterError(
+            f"params belong to scene {base.scene.name!r}; this simulator has {sim.scene.name!r}"
+        )
+    if isinstance(params, Parameters) and params.requires_grad:
+        raise ParameterError(
+            "params are tracked, which is for wp.Tape; for gradients in PyTorch give tensors by name, "
+            'as params={"friction": tensor}'
+        )
+    table = _base_table(base, like.dtype, like.device)
+    if params is None or isinstance(params, Parameters):
+        return table
+    if any(isinstance(value, Tensor) and value.requires_grad for value in params.values()):
+        derivatives_exist(sim.options.method)
+    unknown = [name for name in params if name not in base.names]
+    if unknown:
+        raise ParameterError(f"no parameter {shown(unknown)}; there are {list(base.names)}")
+    columns = []
+    for name, start, shape in base.layout.columns:
+        size = math.prod(shape)
+        kept = table[:, start : start + size]
+        columns.append(_column(name, params[name], shape, size, like) if name in params else kept)
+    rows = {len(c) for c in columns} - {1}
+    if len(rows) > 1:
+        raise ParameterError(f"params disagree on the number of worlds: {sorted(rows)}")
+    count = rows.pop() if rows else 1
+    return torch.cat([c.expand(count, -1) for c in columns], 1)
+
+
+def _base_table(params: Parameters, dtype: torch.dtype, device: torch.device) -> Tensor:
+    if torch.compiler.is_compiling():
+        return table_op(handle_of(params), dtype, device)
+    return torch.as_tensor(params.table(), dtype=dtype, device=device)
+
+
+def _column(name: str, value: Any, shape: tuple[int, ...], size: int, like: Tensor) -> Tensor:
+    if not isinstance(value, Tensor):
+        value = value if type(value) in (int, float) else array(name, value, error=ParameterError)
+        value = torch.as_tensor(value, dtype=like.dtype, device=like.device)
+    if value.dtype != like.dtype or value.device != like.device:
+        raise ParameterError(
+            f"{name} is a tensor of {value.dtype} on {value.device}; {like.dtype} on {like.device} is needed"
+        )
+    if name in COVARIANCES and value.ndim < 2:  # times the identity, as in `Parameters.replace`
+        value = value[..., None, None] * torch.eye(shape[0], dtype=like.dtype, device=like.device)
+    if value.shape == shape or value.ndim == 0:
+        return value.reshape(1, -1).expand(1, size)
+    if value.shape[1:] == shape:
+        return value.reshape(len(value), size)
+    if value.ndim == 1:
+        return value[:, None].expand(-1, size)
+    need = ", ".join(["B", *map(str, shape)])
+    raise ParameterError(f"{name} has shape {tuple(value.shape)}; give a scalar, {shape}, (B,) or ({need})")
