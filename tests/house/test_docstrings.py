@@ -105,7 +105,7 @@ def public():
                 yield pytest.param(found, id=f"{module.__name__}.{one}")
 
 
-@pytest.mark.parametrize("thing", public())
+@pytest.mark.parametrize("thing", list(public()))
 def test_fields_and_arguments_of_what_is_public_are_documented(thing):
     text = inspect.getdoc(thing) or ""
     if dataclasses.is_dataclass(thing):
