@@ -153,6 +153,7 @@ def test_solution_is_the_oracles(device, name, scaling, hard):
     np.testing.assert_allclose(step.state[good], exact[good], atol=1e-8)
 
 
+@pytest.mark.parametrize("dtype", [pytest.param(wp.float32, marks=pytest.mark.full), wp.float64])
 @pytest.mark.parametrize("residual", ["rem-logistic", "hard"])
 def test_friction_stays_inside_its_cone(device, dtype, residual):
     x, u = states("sliding_block")
@@ -177,9 +178,10 @@ def test_contact_impulse_moves_the_body_along_normal_and_tangent(device, dtype):
 
 
 @pytest.mark.parametrize(
-    "name,residual",
-    [("flicking_finger", "rem-logistic"), ("sliding_block", "rem-logistic"), ("flicking_finger", "hard")],
-)
+    "dtype,name,residual",
+    [*both("flicking_finger", "rem-logistic"), *both("sliding_block", "rem-logistic"),
+     *both("flicking_finger", "hard")],
+)  # fmt: skip
 def test_batch_equals_singles_bit_for_bit(device, dtype, name, residual):
     x, u = states(name)
     sim = simulator(name, device, dtype, "inertia", residual)
@@ -198,7 +200,7 @@ def test_batch_equals_singles_bit_for_bit(device, dtype, name, residual):
         np.testing.assert_array_equal(single.states, traj.states[i])
         np.testing.assert_array_equal(single.status, traj.status[i])
     # another kernel, in which the compiler may fuse other products
-    rounding = 1e-12 if dtype == "float64" else 2e-5
+    rounding = 1e-12 if dtype is wp.float64 else 2e-5
     np.testing.assert_allclose(traj.states[:, 1], step.state, rtol=rounding, atol=rounding)
 
 
