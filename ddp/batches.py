@@ -57,7 +57,7 @@ def fill(target: wp.array, value: Any, name: str, shape: tuple[int, ...]) -> Non
         return
     check_array(name, value, shape)
     array = np.asarray(value, dtype=wp.dtype_to_numpy(target.dtype))
-    if target.device.is_cpu:
+    if wp.get_device(target.device).is_cpu:
         target.numpy()[...] = array
     else:
         target.assign(np.ascontiguousarray(np.broadcast_to(array, shape)))
