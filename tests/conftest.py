@@ -89,6 +89,14 @@ test_compile test_cache test_limits test_rem_normal test_tape
 
 def pytest_addoption(parser) -> None:
     parser.addoption("--full", action="store_true", help="also the tests marked full (.ci/full long)")
+    parser.addoption("--compiled", metavar="FILE", help="write which kernels each test compiled, as CSV")
+
+
+def pytest_configure(config) -> None:
+    if config.getoption("--compiled"):
+        from compiled import Compiled
+
+        config.pluginmanager.register(Compiled(config.getoption("--compiled")))
 
 
 def pytest_collection_modifyitems(config, items) -> None:

@@ -1,9 +1,14 @@
 """The long checks: every section of .ci/full is told of, and what is left out elsewhere runs in one."""
 
+import csv
 import re
+from types import SimpleNamespace
 
 import pytest
+from compiled import Compiled
 from plan import ROOT
+
+from slcp_warp.kernels.device.progress import Loaded, record
 
 FULL = (ROOT / ".ci/full").read_text()
 TOLD = (ROOT / "docs/understand/testing.md").read_text()
@@ -40,3 +45,20 @@ def test_files_that_come_first_are_there(pytestconfig):
     conftest = pytestconfig.pluginmanager.getplugin(str(ROOT / "tests/conftest.py"))
     there = {path.stem for path in (ROOT / "tests").rglob("test_*.py")}
     assert set(conftest.FIRST) <= there and {name.removesuffix(".py") for name in conftest.QUICK} <= there
+
+
+def test_what_tests_compile_is_listed(tmp_path, monkeypatch):
+    """Kernels from the cache are not; the files that compile the longest come first."""
+    monkeypatch.delenv("PYTEST_XDIST_WORKER", raising=False)
+    plugin = Compiled(str(tmp_path / "compiled.csv"))
+    for test, kernels in (("a.py::x", [(2.0, True), (9.0, False)]), ("b.py::y", [(1.5, True), (1.5, True)])):
+        running = plugin.pytest_runtest_protocol(SimpleNamespace(nodeid=test))
+        next(running)
+        for seconds, compiled in kernels:
+            record(Loaded("step of a scene", "cpu", seconds, compiled))
+        with pytest.raises(StopIteration):
+            running.send(True)
+    plugin.pytest_sessionfinish()
+    assert plugin.by_file() == [("b.py", 2, 3.0), ("a.py", 1, 2.0)]
+    with (tmp_path / "compiled.csv").open(newline="") as file:
+        assert [row["seconds"] for row in csv.DictReader(file)] == ["2.0", "1.5", "1.5"]
