@@ -20,7 +20,6 @@ def make_adjoint_kernel(spec: Specialisation, by_parameters: bool, feedback: boo
     stored.
     """
     s, dtype, _ = spec
-    s, dtype, _ = spec
     linear = make_linearization(spec)
     step = linear.step
     NV, NX, NU = s.nv, 2 * s.nv, s.nu

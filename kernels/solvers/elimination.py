@@ -21,7 +21,6 @@ PROXIMAL = {wp.float64: 1e-13, wp.float32: 1e-6}  # tau
 def make_row_elimination(spec: Specialisation) -> SimpleNamespace:
     """Sequential elimination of the rows: `eliminate` (factor and forward), `back` (multipliers)."""
     s, dtype, _ = spec
-    s, dtype, _ = spec
     r = make_rows(spec)
     t = r.types
     VQ, MQ, VR, JR = t.VQ, t.MQ, t.VR, t.JR
