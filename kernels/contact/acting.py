@@ -19,8 +19,8 @@ from .shapes import make_pair
 
 @cached
 def make_acting(spec: Specialisation, exact_gap: bool) -> SimpleNamespace:
-    """Warp functions: near[k](params, row, frames, v), whether pair k can act; limits and contacts[k],
-    (params, row, rate, jac, sigma, v, mask) -> the mask with the limits' or pair k's rows that can act.
+    """Warp functions: near[k](world, frames, v), whether pair k can act; limits and contacts[k],
+    (world, rate, jac, sigma, v, mask) -> the mask with the limits' or pair k's rows that can act.
 
     `exact_gap`: every pair counts as near.
     """
@@ -39,24 +39,24 @@ def make_acting(spec: Specialisation, exact_gap: bool) -> SimpleNamespace:
         speed = make_speed(s, k, dtype)
 
         @wp.func
-        def near(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, v: VQ):
+        def near(world: t.World, fr: t.FRAMES, v: VQ):
             # from a lower bound of d and a bound on the approach speed
             if wp.static(exact_gap or pair.exact_bound or method.state_noise):
                 return True
-            gap = wp.static(pair.bound)(params, row, fr) / params[row, wp.static(H)]
-            level = wp.static(noise.level[first])(params, row, VR())
-            return not (gap - wp.static(speed)(params, row, fr, v) > CUT * level)
+            gap = wp.static(pair.bound)(world, fr) / world.params[wp.static(H)]
+            level = wp.static(noise.level[first])(world, VR())
+            return not (gap - wp.static(speed)(world, fr, v) > CUT * level)
 
         return near
 
     def make_grow(tested: tuple[int, ...], bits: tuple[int, ...]) -> wp.Function:
         @wp.func
-        def grow(params: wp.array2d(dtype=dtype), row: int, rate: VR, jac: JR, sigma: VR, v: VQ, mask: int):
+        def grow(world: t.World, rate: VR, jac: JR, sigma: VR, v: VQ, mask: int):
             out = mask
             for i in range(wp.static(NR)):
                 if wp.static(i in tested):
                     w = wp.static(rows.dots[i])(jac, v) + rate[i]
-                    if not (w > CUT * wp.static(noise.level[i])(params, row, sigma)):
+                    if not (w > CUT * wp.static(noise.level[i])(world, sigma)):
                         out = out | wp.static(bits[i])
             return out
 

@@ -86,23 +86,23 @@ def make_pair_derivatives(s: Structure, pair: int, dtype: type) -> SimpleNamespa
         return round_normal(g, along, turn_a, turn_b)
 
     @wp.func
-    def geometry(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, n: V2):
+    def geometry(world: t.World, fr: t.FRAMES, n: V2):
         """What the derivatives need, at the solved normal."""
         g = PairGeometry()
-        pa = wp.static(p.pose_a)(params, row, fr)
-        pb = wp.static(p.pose_b)(params, row, fr)
+        pa = wp.static(p.pose_a)(world, fr)
+        pb = wp.static(p.pose_b)(world, fr)
         g.n = n
         g.delta = V2(pb[0] - pa[0], pb[1] - pa[1])
-        g.ja = wp.static(jac_a)(params, row, fr, pa[0], pa[1])
-        g.jb = wp.static(jac_b)(params, row, fr, pb[0], pb[1])
-        g.hb = wp.static(p.support_b)(params, row, pb, n)
+        g.ja = wp.static(jac_a)(world, fr, pa[0], pa[1])
+        g.jb = wp.static(jac_b)(world, fr, pb[0], pb[1])
+        g.hb = wp.static(p.support_b)(world, pb, n)
         g.radius = ONE
         if wp.static(plane):
             g.flat = 1
         else:
-            g.ha = wp.static(p.support_a)(params, row, pa, n)
+            g.ha = wp.static(p.support_a)(world, pa, n)
             if wp.static(p.capsule):
-                if wp.static(p.flat)(params, row, pa, pb):
+                if wp.static(p.flat)(world, pa, pb):
                     g.flat = 1
             reach = wp.dot(n, g.delta)
             radius = reach + g.ha[2] + g.hb[2]

@@ -40,14 +40,15 @@ def make_unsteady(s: Structure, dtype: type) -> wp.Function:
 
 @cached
 def make_end_gap(spec: Specialisation) -> SimpleNamespace:
-    """bend(params, row, q, v, normal, jac, rate, known) -> d(q + h v)/h - (J_n v + d/h) of every row, zero
-    for limits and for pairs that are not `known` (bit k: pair k); reached(params, row, q, v, known) -> the
+    """bend(world, q, v, normal, jac, rate, known) -> d(q + h v)/h - (J_n v + d/h) of every row, zero
+    for limits and for pairs that are not `known` (bit k: pair k); reached(world, q, v, known) -> the
     other pairs that may touch at q + h v.
     """
     s, dtype, method = spec
     mech = make_mechanism(s, dtype)
     r = make_rows(spec)
-    VQ, VR, JR, V2 = mech.types.VQ, mech.types.VR, mech.types.JR, mech.types.V2
+    t = mech.types
+    VQ, VR, JR, V2 = t.VQ, t.VR, t.JR, t.V2
     VN = wp.types.vector(2 * max(len(s.pairs), 1), dtype)
     H = layout(s).offset("step_size")
     ZERO, HALF = dtype(0.0), dtype(0.5)
@@ -71,16 +72,14 @@ def make_end_gap(spec: Specialisation) -> SimpleNamespace:
     approaches = tuple(make_approach(k) for k in range(len(s.pairs)))
 
     @wp.func
-    def bend(
-        params: wp.array2d(dtype=dtype), row: int, q: VQ, v: VQ, normal: VN, jac: JR, rate: VR, known: int
-    ):
+    def bend(world: t.World, q: VQ, v: VQ, normal: VN, jac: JR, rate: VR, known: int):
         out = VR()
-        h = params[row, wp.static(H)]
-        frames = wp.static(mech.frames)(params, row, q + h * v)
+        h = world.params[wp.static(H)]
+        frames = wp.static(mech.frames)(world, q + h * v)
         for k in range(wp.static(len(s.pairs))):
             if (known & wp.static(pair_bit[k])) != 0:
                 warm = V2(normal[wp.static(2 * k)], normal[wp.static(2 * k + 1)])
-                g = wp.static(pairs[k].geometry)(params, row, frames, warm)
+                g = wp.static(pairs[k].geometry)(world, frames, warm)
                 change = g[2] / h - wp.static(approaches[k])(jac, v) - rate[wp.static(rows_of[k][0])]
                 for i in range(wp.static(s.nr)):
                     if wp.static(i in rows_of[k] and not r.tangent[i]):
@@ -88,12 +87,12 @@ def make_end_gap(spec: Specialisation) -> SimpleNamespace:
         return out
 
     @wp.func
-    def reached(params: wp.array2d(dtype=dtype), row: int, q: VQ, v: VQ, known: int):
+    def reached(world: t.World, q: VQ, v: VQ, known: int):
         out = int(0)
-        frames = wp.static(mech.frames)(params, row, q + params[row, wp.static(H)] * v)
+        frames = wp.static(mech.frames)(world, q + world.params[wp.static(H)] * v)
         for k in range(wp.static(len(s.pairs))):
             if (known & wp.static(pair_bit[k])) == 0:
-                if not (wp.static(pairs[k].bound)(params, row, frames) > ZERO):
+                if not (wp.static(pairs[k].bound)(world, frames) > ZERO):
                     out = out | wp.static(pair_bit[k])
         return out
 

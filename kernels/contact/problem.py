@@ -41,7 +41,7 @@ def make_problem(s: Structure, dtype: type) -> type:
 
 @cached
 def make_measure(spec: Specialisation) -> wp.Function:
-    """measure(params, row, problem) -> the problem with what `Problem` derives."""
+    """measure(world, problem) -> the problem with what `Problem` derives."""
     s, dtype, method = spec
     r = make_rows(spec)
     noise = make_noise(spec)
@@ -50,7 +50,7 @@ def make_measure(spec: Specialisation) -> wp.Function:
     index = tuple(row.index for row in s.rows)
 
     @wp.func
-    def measure(params: wp.array2d(dtype=dtype), row: int, problem: Problem):
+    def measure(world: r.types.World, problem: Problem):
         out = problem
         out.size = ZERO
         for i in range(wp.static(s.nr)):
@@ -66,7 +66,7 @@ def make_measure(spec: Specialisation) -> wp.Function:
                     for j in range(wp.static(s.nv)):
                         terms += wp.abs(problem.jac[i, j] * problem.vfree[j])
                 if wp.static(not method.hard):
-                    level = wp.static(noise.level[i])(params, row, problem.sigma)
+                    level = wp.static(noise.level[i])(world, problem.sigma)
                     out.inverse_sigma[i] = ONE / level
                     terms += level
                 out.size = wp.max(out.size, terms)

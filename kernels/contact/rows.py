@@ -20,7 +20,7 @@ from .shapes import make_pair
 
 @cached
 def make_pair_jacobian(s: Structure, pair: int, dtype: type) -> wp.Function:
-    """(params, row, frames, GEO) -> rows (J_n, J_t) of one pair, (2, nv)."""
+    """(world, frames, GEO) -> rows (J_n, J_t) of one pair, (2, nv)."""
     mech = make_mechanism(s, dtype)
     t = mech.types
     p = make_pair(s, pair, dtype)
@@ -28,11 +28,11 @@ def make_pair_jacobian(s: Structure, pair: int, dtype: type) -> wp.Function:
     jac_a, jac_b = mech.point_jacobian(p.body_a), mech.point_jacobian(p.body_b)
 
     @wp.func
-    def pair_jacobian(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, g: GEO):
-        ca = wp.static(p.pose_a)(params, row, fr)
-        cb = wp.static(p.pose_b)(params, row, fr)
-        ja = wp.static(jac_a)(params, row, fr, ca[0], ca[1])
-        jb = wp.static(jac_b)(params, row, fr, cb[0], cb[1])
+    def pair_jacobian(world: t.World, fr: t.FRAMES, g: GEO):
+        ca = wp.static(p.pose_a)(world, fr)
+        cb = wp.static(p.pose_b)(world, fr)
+        ja = wp.static(jac_a)(world, fr, ca[0], ca[1])
+        jb = wp.static(jac_b)(world, fr, cb[0], cb[1])
         out = t.J2()
         for j in range(wp.static(s.nv)):
             dx = jb[0, j] - ja[0, j]
@@ -112,23 +112,23 @@ def make_rows(spec: Specialisation) -> SimpleNamespace:
     adds = tuple(make_add(i) for i in range(NR))
 
     @wp.func
-    def limit_rates(params: wp.array2d(dtype=dtype), row: int, q: VQ):
+    def limit_rates(world: t.World, q: VQ):
         """d/h of the limit rows (contact rows zero)."""
         out = VR()
         for i in range(wp.static(NR)):
             if wp.static(limit[i] and rows[i].sign > 0):
                 out[i] = (
-                    q[wp.static(index[i] if limit[i] else 0)] - params[row, wp.static(LOWER + index[i])]
-                ) / params[row, wp.static(H)]
+                    q[wp.static(index[i] if limit[i] else 0)] - world.params[wp.static(LOWER + index[i])]
+                ) / world.params[wp.static(H)]
             if wp.static(limit[i] and rows[i].sign < 0):
                 out[i] = (
-                    params[row, wp.static(UPPER + index[i])] - q[wp.static(index[i] if limit[i] else 0)]
-                ) / params[row, wp.static(H)]
+                    world.params[wp.static(UPPER + index[i])] - q[wp.static(index[i] if limit[i] else 0)]
+                ) / world.params[wp.static(H)]
         return out
 
     def make_put_pair(pair: int) -> wp.Function:
         @wp.func
-        def put_pair(params: wp.array2d(dtype=dtype), row: int, pj: t.J2, jac: JR):
+        def put_pair(world: t.World, pj: t.J2, jac: JR):
             """Store the rows of one pair: J_n +- mu J_t, or J_n alone; (J_n, J_t) for Coulomb's friction."""
             out = jac
             for i in range(wp.static(NR)):
@@ -141,7 +141,7 @@ def make_rows(spec: Specialisation) -> SimpleNamespace:
                         else:
                             out[i, j] = (
                                 pj[0, j]
-                                + wp.static(sign[i]) * params[row, wp.static(FRICTION + pair)] * pj[1, j]
+                                + wp.static(sign[i]) * world.params[wp.static(FRICTION + pair)] * pj[1, j]
                             )
             return out
 
@@ -189,11 +189,11 @@ def make_speed(s: Structure, pair: int, dtype: type) -> wp.Function:
     body_a, body_b = s.shapes[a].body, s.shapes[b].body
 
     @wp.func
-    def speed(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, v: t.VQ):
-        ca = wp.static(p.pose_a)(params, row, fr)
-        cb = wp.static(p.pose_b)(params, row, fr)
-        ja = wp.static(jac_a)(params, row, fr, ca[0], ca[1])
-        jb = wp.static(jac_b)(params, row, fr, cb[0], cb[1])
+    def speed(world: t.World, fr: t.FRAMES, v: t.VQ):
+        ca = wp.static(p.pose_a)(world, fr)
+        cb = wp.static(p.pose_b)(world, fr)
+        ja = wp.static(jac_a)(world, fr, ca[0], ca[1])
+        jb = wp.static(jac_b)(world, fr, cb[0], cb[1])
         dx = ZERO
         dy = ZERO
         wa = ZERO
@@ -205,9 +205,9 @@ def make_speed(s: Structure, pair: int, dtype: type) -> wp.Function:
                 wa += v[j]
             if wp.static(s.turns(body_b, j)):
                 wb += v[j]
-        ra = wp.max(params[row, wp.static(RADIUS + 2 * a)], params[row, wp.static(RADIUS + 2 * a + 1)])
-        rb = wp.max(params[row, wp.static(RADIUS + 2 * b)], params[row, wp.static(RADIUS + 2 * b + 1)])
-        mu = params[row, wp.static(FRICTION + pair)]
+        ra = wp.max(world.params[wp.static(RADIUS + 2 * a)], world.params[wp.static(RADIUS + 2 * a + 1)])
+        rb = wp.max(world.params[wp.static(RADIUS + 2 * b)], world.params[wp.static(RADIUS + 2 * b + 1)])
+        mu = world.params[wp.static(FRICTION + pair)]
         return wp.sqrt(ONE + mu * mu) * (wp.sqrt(dx * dx + dy * dy) + wp.abs(wa) * ra + wp.abs(wb) * rb)
 
     return speed

@@ -39,17 +39,17 @@ def make_shape_pose(s: Structure, shape: int, end: int, dtype: type) -> wp.Funct
     upright = make_upright(dtype)
 
     @wp.func
-    def pose(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES):
-        x = params[row, wp.static(OFFSET)]
-        y = params[row, wp.static(OFFSET + 1)]
+    def pose(world: t.World, fr: t.FRAMES):
+        x = world.params[wp.static(OFFSET)]
+        y = world.params[wp.static(OFFSET + 1)]
         ex = ONE
         ey = ZERO
         if wp.static(turned):
-            ex = upright(wp.cos(params[row, wp.static(ANGLE)]))
-            ey = upright(wp.sin(params[row, wp.static(ANGLE)]))
+            ex = upright(wp.cos(world.params[wp.static(ANGLE)]))
+            ey = upright(wp.sin(world.params[wp.static(ANGLE)]))
         if wp.static(end != 0):
-            x += END * params[row, wp.static(HALF_LENGTH)] * ex
-            y += END * params[row, wp.static(HALF_LENGTH)] * ey
+            x += END * world.params[wp.static(HALF_LENGTH)] * ex
+            y += END * world.params[wp.static(HALF_LENGTH)] * ey
         if wp.static(body == WORLD):
             return V4(x, y, ex, ey)
         c = fr[wp.static(max(body, 0)), 0]
@@ -100,9 +100,9 @@ def make_pair(s: Structure, pair: int, dtype: type) -> SimpleNamespace:
 
     def make_radii(shape: int) -> wp.Function:
         @wp.func
-        def radii(params: wp.array2d(dtype=dtype), row: int):
+        def radii(world: t.World):
             return V2(
-                params[row, wp.static(RADIUS + 2 * shape)], params[row, wp.static(RADIUS + 2 * shape + 1)]
+                world.params[wp.static(RADIUS + 2 * shape)], world.params[wp.static(RADIUS + 2 * shape + 1)]
             )
 
         return radii
@@ -113,31 +113,29 @@ def make_pair(s: Structure, pair: int, dtype: type) -> SimpleNamespace:
         round_support = make_round_support(kind, dtype)
 
         @wp.func
-        def support(params: wp.array2d(dtype=dtype), row: int, pose: wp.types.vector(4, dtype), n: V2):
-            return wp.static(round_support)(wp.static(radii)(params, row), pose, n)
+        def support(world: t.World, pose: wp.types.vector(4, dtype), n: V2):
+            return wp.static(round_support)(wp.static(radii)(world), pose, n)
 
         return support
 
     @wp.func
-    def flat(params: wp.array2d(dtype=dtype), row: int, pa: V4, pb: V4):
-        return wp.static(distance.flat)(wp.static(radii_a)(params, row), pa, pb)
+    def flat(world: t.World, pa: V4, pb: V4):
+        return wp.static(distance.flat)(wp.static(radii_a)(world), pa, pb)
 
     @wp.func
-    def bound(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES):
+    def bound(world: t.World, fr: t.FRAMES):
         """A lower bound of d (exact for half-planes, capsules and discs)."""
-        pa = wp.static(pose_a)(params, row, fr)
-        pb = wp.static(pose_b)(params, row, fr)
-        return wp.static(distance.bound)(
-            wp.static(radii_a)(params, row), wp.static(radii_b)(params, row), pa, pb
-        )
+        pa = wp.static(pose_a)(world, fr)
+        pb = wp.static(pose_b)(world, fr)
+        return wp.static(distance.bound)(wp.static(radii_a)(world), wp.static(radii_b)(world), pa, pb)
 
     @wp.func
-    def geometry(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, warm: V2):
+    def geometry(world: t.World, fr: t.FRAMES, warm: V2):
         """GEO of the pair; `warm` starts the search (0, 0: from the line of centres)."""
-        pa = wp.static(pose_a)(params, row, fr)
-        pb = wp.static(pose_b)(params, row, fr)
+        pa = wp.static(pose_a)(world, fr)
+        pb = wp.static(pose_b)(world, fr)
         return wp.static(distance.geometry)(
-            wp.static(radii_a)(params, row), wp.static(radii_b)(params, row), pa, pb, warm
+            wp.static(radii_a)(world), wp.static(radii_b)(world), pa, pb, warm
         )
 
     return SimpleNamespace(

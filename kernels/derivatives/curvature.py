@@ -25,7 +25,7 @@ def in_closed_form(method: Method) -> bool:
 
 @cached
 def make_curvature(spec: Specialisation) -> wp.Function:
-    """curvature(params, row, x, sol, lin, output): second derivatives (nz, nz) of v'[output] by (q, v, u)."""
+    """curvature(world, x, sol, lin, output): second derivatives (nz, nz) of v'[output] by (q, v, u)."""
     s, dtype, method = spec
     linear = make_linearization(spec)
     step, motion, pairs, pair_mask = linear.step, linear.motion, linear.pairs, linear.pair_mask
@@ -46,40 +46,33 @@ def make_curvature(spec: Specialisation) -> wp.Function:
         d = pairs[k]
 
         @wp.func
-        def row_gradient(params: wp.array2d(dtype=dtype), row: int, g: d.PairGeometry, y: VQ, sgn: dtype):
+        def row_gradient(world: t.World, g: d.PairGeometry, y: VQ, sgn: dtype):
             """d/dq of J_i.y for the row with tangent sign `sgn`."""
             c = wp.static(d.contract)(g, y)
             out = VQ()
             for j in range(wp.static(NV)):
-                out[j] = c[0, j] + sgn * params[row, wp.static(FRICTION + k)] * c[1, j]
+                out[j] = c[0, j] + sgn * world.params[wp.static(FRICTION + k)] * c[1, j]
             return out
 
         @wp.func
         def scaling(
-            params: wp.array2d(dtype=dtype),
-            row: int,
-            sol: step.Solution,
-            lin: linear.Linear,
-            g: d.PairGeometry,
-            i: int,
-            sgn: dtype,
+            world: t.World, sol: step.Solution, lin: linear.Linear, g: d.PairGeometry, i: int, sgn: dtype
         ):
             """d2 D_i / dq dq for a contact row: explicit part and the part through m = M^-1 J_i'."""
-            mu = sgn * params[row, wp.static(FRICTION + k)]
+            mu = sgn * world.params[wp.static(FRICTION + k)]
             m = VQ()
             for j in range(wp.static(NV)):
                 m[j] = lin.rows.m[i, j]
-            dm = wp.static(step.mass.by_q)(params, row, lin.fr, lin.jb, m)
+            dm = wp.static(step.mass.by_q)(world, lin.fr, lin.jb, m)
             y = wp.static(d.force_by_q)(g, dtype(1.0), mu) - dm  # (j, k): d/dq_k of J_i' - M m
             out = TWO * (wp.transpose(y) * (sol.minv * y))
             out += TWO * wp.static(d.hessian)(g, m, dtype(1.0), mu)
-            out -= wp.static(step.mass.hessian)(params, row, lin.fr, lin.jb, m, m)
+            out -= wp.static(step.mass.hessian)(world, lin.fr, lin.jb, m, m)
             return out
 
         @wp.func
         def add(
-            params: wp.array2d(dtype=dtype),
-            row: int,
+            world: t.World,
             fr: t.FRAMES,
             sol: step.Solution,
             lin: linear.Linear,
@@ -90,8 +83,8 @@ def make_curvature(spec: Specialisation) -> wp.Function:
             """The pair's part of H."""
             out = hess
             n = V2(sol.normal[wp.static(2 * k)], sol.normal[wp.static(2 * k + 1)])
-            g = wp.static(d.geometry)(params, row, fr, n)
-            h = params[row, wp.static(H)]
+            g = wp.static(d.geometry)(world, fr, n)
+            h = world.params[wp.static(H)]
             qq = MQ()
             fn = ZERO
             ft = ZERO
@@ -100,12 +93,12 @@ def make_curvature(spec: Specialisation) -> wp.Function:
             for i in range(wp.static(NR)):
                 if wp.static(i in pair_rows[k]):
                     if (sol.mask & wp.static(1 << i)) != 0:
-                        mu = wp.static(sign[i]) * params[row, wp.static(FRICTION + k)]
+                        mu = wp.static(sign[i]) * world.params[wp.static(FRICTION + k)]
                         fn += sol.lam[i]
                         ft += mu * sol.lam[i]
                         rn += rho[i]
                         rt += mu * rho[i]
-                        push = row_gradient(params, row, g, p, wp.static(sign[i]))
+                        push = row_gradient(world, g, p, wp.static(sign[i]))
                         for a in range(wp.static(NV)):
                             value = -lin.factor.slope[i] / sol.scale[i] * push[a]
                             out[a, wp.static(3 * NV + i)] = out[a, wp.static(3 * NV + i)] + value
@@ -121,8 +114,8 @@ def make_curvature(spec: Specialisation) -> wp.Function:
                 for i in range(wp.static(NR)):
                     if wp.static(i in pair_rows[k]):
                         if (sol.mask & wp.static(1 << i)) != 0:
-                            push = row_gradient(params, row, g, p, wp.static(sign[i]))
-                            second = scaling(params, row, sol, lin, g, i, wp.static(sign[i]))
+                            push = row_gradient(world, g, p, wp.static(sign[i]))
+                            second = scaling(world, sol, lin, g, i, wp.static(sign[i]))
                             out = add_scaling(
                                 sol, lin, i, wp.static(rows.dots[i])(sol.jac, p), push, second, out
                             )
@@ -151,14 +144,7 @@ def make_curvature(spec: Specialisation) -> wp.Function:
     pair_curvatures = tuple(make_pair_curvature(k) for k in range(len(s.pairs)))
 
     @wp.func
-    def limit_scaling(
-        params: wp.array2d(dtype=dtype),
-        row: int,
-        sol: step.Solution,
-        lin: linear.Linear,
-        p: VQ,
-        hess: HESSIAN,
-    ):
+    def limit_scaling(world: t.World, sol: step.Solution, lin: linear.Linear, p: VQ, hess: HESSIAN):
         out = hess
         for i in range(wp.static(NR)):
             if wp.static(rows.limit[i]):
@@ -166,31 +152,22 @@ def make_curvature(spec: Specialisation) -> wp.Function:
                     m = VQ()
                     for j in range(wp.static(NV)):
                         m[j] = lin.rows.m[i, j]
-                    dm = wp.static(step.mass.by_q)(params, row, lin.fr, lin.jb, m)
+                    dm = wp.static(step.mass.by_q)(world, lin.fr, lin.jb, m)
                     second = TWO * (wp.transpose(dm) * (sol.minv * dm))
-                    second -= wp.static(step.mass.hessian)(params, row, lin.fr, lin.jb, m, m)
+                    second -= wp.static(step.mass.hessian)(world, lin.fr, lin.jb, m, m)
                     out = add_scaling(sol, lin, i, wp.static(rows.dots[i])(sol.jac, p), VQ(), second, out)
         return out
 
     @wp.func
-    def motion_hessian(
-        params: wp.array2d(dtype=dtype),
-        row: int,
-        lin: linear.Linear,
-        p: VQ,
-        v: VQ,
-        external: wp.array2d(dtype=dtype),
-        world: int,
-        hess: HESSIAN,
-    ):
+    def motion_hessian(world: t.World, lin: linear.Linear, p: VQ, v: VQ, hess: HESSIAN):
         # P.(M (v' - v) - h r)
         out = hess
-        h = params[row, wp.static(H)]
-        qq = wp.static(motion.hessian_qq)(params, row, lin.fr, lin.jb, p, lin.w, v, h, external, world)
-        qv = wp.static(motion.hessian_qv)(params, row, lin.fr, lin.jb, p, v, h)
-        vv = wp.static(motion.hessian_vv)(params, row, lin.jb, p, h)
+        h = world.params[wp.static(H)]
+        qq = wp.static(motion.hessian_qq)(world, lin.fr, lin.jb, p, lin.w, v, h)
+        qv = wp.static(motion.hessian_qv)(world, lin.fr, lin.jb, p, v, h)
+        vv = wp.static(motion.hessian_vv)(world, lin.jb, p, h)
         # mass_p (m, k): d(M P)_m/dq_k
-        mass_p = wp.static(step.mass.by_q)(params, row, lin.fr, lin.jb, p)
+        mass_p = wp.static(step.mass.by_q)(world, lin.fr, lin.jb, p)
         for a in range(wp.static(NV)):
             for b in range(wp.static(NV)):
                 out[a, b] = out[a, b] + qq[a, b]
@@ -200,32 +177,23 @@ def make_curvature(spec: Specialisation) -> wp.Function:
         return out
 
     @wp.func
-    def curvature(
-        params: wp.array2d(dtype=dtype),
-        row: int,
-        x: VX,
-        sol: step.Solution,
-        lin: linear.Linear,
-        output: int,
-        external: wp.array2d(dtype=dtype),
-        world: int,
-    ):
+    def curvature(world: t.World, x: VX, sol: step.Solution, lin: linear.Linear, output: int):
         """Second derivatives of v'[output], symmetric."""
         q, v = step.split(x)
         target = VQ()
         target[output] = dtype(1.0)
-        fr = wp.static(mech.frames)(params, row, q)
+        fr = wp.static(mech.frames)(world, q)
         p, rho = linear.response.transposed(lin.factor, step.posed(sol), target)
-        hess = motion_hessian(params, row, lin, p, v, external, world, HESSIAN())
+        hess = motion_hessian(world, lin, p, v, HESSIAN())
         for k in range(wp.static(len(s.pairs))):
             if (sol.mask & wp.static(pair_mask[k])) != 0:
-                hess = wp.static(pair_curvatures[k])(params, row, fr, sol, lin, p, rho, hess)
+                hess = wp.static(pair_curvatures[k])(world, fr, sol, lin, p, rho, hess)
         if wp.static(method.inertia_scaling):
-            hess = limit_scaling(params, row, sol, lin, p, hess)
+            hess = limit_scaling(world, sol, lin, p, hess)
         for i in range(wp.static(NR)):
             if wp.static(not method.hard):
                 if (sol.mask & wp.static(1 << i)) != 0:
-                    sigma = wp.static(noise.level[i])(params, row, sol.sigma)
+                    sigma = wp.static(noise.level[i])(world, sol.sigma)
                     bend = wp.static(sm.bend)(sol.z[i], ONE / sigma)  # s''(z)
                     force = wp.static(rows.dots[i])(sol.jac, p) / sol.scale[i] + rho[i]
                     hess[wp.static(3 * NV + i), wp.static(3 * NV + i)] = -bend * force

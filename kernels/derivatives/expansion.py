@@ -6,7 +6,7 @@ from ..device.compile import specialised
 from ..factories import cached
 from ..specialisation import Specialisation
 from ..status import SOLVED
-from ..step.rollout import make_world
+from ..step.rollout import make_batch
 from .curvature import make_curvature
 from .sensitivity import make_linearization
 
@@ -20,7 +20,7 @@ def make_linearize_kernel(spec: Specialisation, second: bool) -> wp.Kernel:
     s, dtype, _ = spec
     linear = make_linearization(spec)
     step = linear.step
-    world_of = make_world(spec, False)
+    batch = make_batch(spec, False)
     curvature = make_curvature(spec) if second else None
     NV, NX, NU, NZ = s.nv, 2 * s.nv, s.nu, linear.NZ
     VX, VU, DV = step.types.VX, step.types.VU, linear.DV
@@ -59,22 +59,22 @@ def make_linearize_kernel(spec: Specialisation, second: bool) -> wp.Kernel:
         if active.shape[0] > 0:
             if active[b] == 0:
                 return
-        row = wp.where(params.shape[0] == 1, 0, b)
+        world = step.types.world_at(params, external, b)
         x = VX()
         u = VU()
         for j in range(wp.static(NX)):
             x[j] = xs[b, k, j]
         for j in range(wp.static(NU)):
             u[j] = us[b, k, j]
-        sol = step.solve_step(params, row, x, u, external, b, step.cold_carry())
-        code = world_of.status_of(sol, step.next_state(params, row, x, sol))
+        sol = step.solve_step(world, x, u, step.cold_carry())
+        code = batch.status_of(sol, step.next_state(world, x, sol))
         status[b, k] = code
         if code == wp.static(SOLVED):
-            lin, drift = linear.linearize(params, row, x, sol, external, b)
-            write(fx, fu, b, k, params[row, 0], lin.dv, drift)
+            lin, drift = linear.linearize(world, x, sol)
+            write(fx, fu, b, k, world.params[0], lin.dv, drift)
             if wp.static(second):
                 for output in range(NV):
-                    hess = wp.static(curvature)(params, row, x, sol, lin, output, external, b)
+                    hess = wp.static(curvature)(world, x, sol, lin, output)
                     for i in range(wp.static(NZ)):
                         for j in range(wp.static(NZ)):
                             fzz[item, output, i, j] = hess[i, j]

@@ -12,7 +12,7 @@ from ..step.step import make_step
 
 @cached
 def make_linear(spec: Specialisation) -> SimpleNamespace:
-    """The struct `Linear`, the law's `response`, and factored(params, row, sol, start) -> `start` with what
+    """The struct `Linear`, the law's `response`, and factored(world, sol, start) -> `start` with what
     does not depend on what the step is differentiated by.
     """
     s, dtype, method = spec
@@ -39,7 +39,7 @@ def make_linear(spec: Specialisation) -> SimpleNamespace:
         dz: DZ  # dz/d(q, v, u), where z is the law's unknown
 
     @wp.func
-    def factored(params: wp.array2d(dtype=dtype), row: int, sol: step.Solution, start: Linear):
+    def factored(world: t.World, sol: step.Solution, start: Linear):
         lin = start
         normals = t.JR()
         for i in range(wp.static(s.nr)):
@@ -47,7 +47,7 @@ def make_linear(spec: Specialisation) -> SimpleNamespace:
                 m = wp.static(rows.applies[i])(sol.minv, sol.jac)
                 for j in range(wp.static(s.nv)):
                     normals[i, j] = m[j]
-        lin.factor = response.factor(params, row, step.posed(sol), sol.lam, sol.z, normals)
+        lin.factor = response.factor(world, step.posed(sol), sol.lam, sol.z, normals)
         lin.rows.m = normals
         return lin
 

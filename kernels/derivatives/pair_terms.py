@@ -31,15 +31,7 @@ def make_pair_terms(
     sign = tuple(dtype(float(r.sign)) for r in s.rows)
 
     @wp.func
-    def pair_terms(
-        params: wp.array2d(dtype=dtype),
-        row: int,
-        sol: step.Solution,
-        g: d.PairGeometry,
-        gaps: JR,
-        f1: MQ,
-        f2: JR,
-    ):
+    def pair_terms(world: t.World, sol: step.Solution, g: d.PairGeometry, gaps: JR, f1: MQ, f2: JR):
         out1 = f1
         out2 = f2
         out3 = gaps
@@ -48,7 +40,7 @@ def make_pair_terms(
         tangent = ZERO
         mu = ZERO
         if wp.static(frictional):
-            mu = params[row, wp.static(FRICTION + k)]
+            mu = world.params[wp.static(FRICTION + k)]
             other = sol.lam[wp.static(last)]
             normal = lam
             tangent = other
@@ -57,7 +49,7 @@ def make_pair_terms(
                 tangent = mu * (lam - other)
         out1 -= wp.static(d.force_by_q)(g, normal, tangent)
         by_q = wp.static(d.contract)(g, sol.v)
-        h = params[row, wp.static(H)]
+        h = world.params[wp.static(H)]
         for i in range(wp.static(NR)):
             if wp.static(i in own):
                 for j in range(wp.static(NV)):
@@ -74,7 +66,7 @@ def make_pair_terms(
         return out1, out2, out3
 
     @wp.func
-    def scale_terms(params: wp.array2d(dtype=dtype), row: int, g: d.PairGeometry, m_of: JR, scale_by_q: JR):
+    def scale_terms(world: t.World, g: d.PairGeometry, m_of: JR, scale_by_q: JR):
         """2 (dJ_i/dq) . m_i of the pair's rows, m_i = M^-1 J_i'."""
         out = scale_by_q
         for i in range(wp.static(NR)):
@@ -86,19 +78,13 @@ def make_pair_terms(
                 for j in range(wp.static(NV)):
                     value = c[0, j]
                     if wp.static(frictional):
-                        value += wp.static(sign[i]) * params[row, wp.static(FRICTION + k)] * c[1, j]
+                        value += wp.static(sign[i]) * world.params[wp.static(FRICTION + k)] * c[1, j]
                     out[i, j] = TWO * value
         return out
 
     @wp.func
     def noise_terms(
-        params: wp.array2d(dtype=dtype),
-        row: int,
-        sol: step.Solution,
-        g: d.PairGeometry,
-        fac: linear.response.Factor,
-        f1: MQ,
-        f2: JR,
+        world: t.World, sol: step.Solution, g: d.PairGeometry, fac: linear.response.Factor, f1: MQ, f2: JR
     ):
         """d sigma_i/dq = (dJ_i/dq) . (C J_i') / sigma_i, eq. (18), and what it adds to F1_q and F2_q."""
         out1 = f1
@@ -106,7 +92,7 @@ def make_pair_terms(
         for i in range(wp.static(NR)):
             if wp.static(i in own):
                 if (sol.mask & wp.static(1 << i)) != 0:
-                    y = noise.spread(params, row, wp.static(rows.adds[i])(VQ(), sol.jac, ONE))
+                    y = noise.spread(world, wp.static(rows.adds[i])(VQ(), sol.jac, ONE))
                     c = wp.static(d.contract)(g, y)
                     # ds/dlevel at fixed z, the same at z and at -z, times dlevel/dsigma; over sigma
                     rise = (sol.lam[i] * sol.scale[i] - sol.z[i] * fac.slope[i]) / (
@@ -115,7 +101,7 @@ def make_pair_terms(
                     for j in range(wp.static(NV)):
                         value = c[0, j]
                         if wp.static(frictional):
-                            value += wp.static(sign[i]) * params[row, wp.static(FRICTION + k)] * c[1, j]
+                            value += wp.static(sign[i]) * world.params[wp.static(FRICTION + k)] * c[1, j]
                         out2[i, j] = out2[i, j] - rise * value
                         column = wp.static(rows.adds[i])(VQ(), sol.jac, rise * value / sol.scale[i])
                         for a in range(wp.static(NV)):

@@ -10,7 +10,7 @@ from .rows_by_q import make_rows_by_q
 
 @cached
 def make_respond(spec: Specialisation) -> wp.Function:
-    """respond(params, row, sol, start, source) -> Linear.
+    """respond(world, sol, start, source) -> Linear.
 
     `source` is -F1_(q, v, u) without the contact's part.
     """
@@ -46,15 +46,13 @@ def make_respond(spec: Specialisation) -> wp.Function:
         return lin
 
     @wp.func
-    def respond(
-        params: wp.array2d(dtype=dtype), row: int, sol: step.Solution, start: Linear, source: linear.DV
-    ):
-        lin = linear.factored(params, row, sol, start)
-        f1q, f2q, rows = contact.by_q(params, row, sol, lin)
+    def respond(world: t.World, sol: step.Solution, start: Linear, source: linear.DV):
+        lin = linear.factored(world, sol, start)
+        f1q, f2q, rows = contact.by_q(world, sol, lin)
         lin.rows = rows
         if wp.static(response.complete is not None):
             if sol.mask != 0:
-                force, motion = contact.second_form(params, row, sol, lin)
+                force, motion = contact.second_form(world, sol, lin)
                 lin.factor = response.complete(
                     lin.factor, step.posed(sol), sol.lam, force, motion, rows.scale_by_q
                 )

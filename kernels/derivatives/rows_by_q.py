@@ -19,8 +19,8 @@ from .pair_terms import make_pair_terms
 
 @cached
 def make_rows_by_q(spec: Specialisation) -> SimpleNamespace:
-    """by_q(params, row, sol, lin) -> F1_q, F2_q and the rows of `lin` with gradients of gaps and of D;
-    second_form(params, row, sol, lin) -> force and motion of the law's `complete`.
+    """by_q(world, sol, lin) -> F1_q, F2_q and the rows of `lin` with gradients of gaps and of D;
+    second_form(world, sol, lin) -> force and motion of the law's `complete`.
     """
     s, dtype, method = spec
     linear = make_linear(spec)
@@ -37,9 +37,7 @@ def make_rows_by_q(spec: Specialisation) -> SimpleNamespace:
     pair_mask = tuple(sum(1 << i for i in pair_rows[k]) for k in range(NP))
 
     @wp.func
-    def scaling(
-        params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, jb: t.JB, sol: step.Solution, start: Rows
-    ):
+    def scaling(world: t.World, fr: t.FRAMES, jb: t.JB, sol: step.Solution, start: Rows):
         # dD/dq of every row, from 2 dJ.m of the contact rows
         out = start
         for i in range(wp.static(NR)):
@@ -47,7 +45,7 @@ def make_rows_by_q(spec: Specialisation) -> SimpleNamespace:
                 m = VQ()
                 for j in range(wp.static(NV)):
                     m[j] = out.m[i, j]
-                by_q = wp.static(step.mass.by_q)(params, row, fr, jb, m)
+                by_q = wp.static(step.mass.by_q)(world, fr, jb, m)
                 for k in range(wp.static(NV)):
                     value = out.scale_by_q[i, k]
                     for j in range(wp.static(NV)):
@@ -69,9 +67,9 @@ def make_rows_by_q(spec: Specialisation) -> SimpleNamespace:
         return out
 
     @wp.func
-    def by_q(params: wp.array2d(dtype=dtype), row: int, sol: step.Solution, lin: Linear):
+    def by_q(world: t.World, sol: step.Solution, lin: Linear):
         out = lin.rows
-        h = params[row, wp.static(H)]
+        h = world.params[wp.static(H)]
         f1q = MQ()
         f2q = JR()
         for i in range(wp.static(NR)):
@@ -82,21 +80,21 @@ def make_rows_by_q(spec: Specialisation) -> SimpleNamespace:
         for k in range(wp.static(NP)):
             if (sol.mask & wp.static(pair_mask[k])) != 0:
                 n = V2(sol.normal[wp.static(2 * k)], sol.normal[wp.static(2 * k + 1)])
-                g = wp.static(pairs[k].geometry)(params, row, lin.fr, n)
-                f1q, f2q, gap_row = wp.static(pair_terms[k].rows)(params, row, sol, g, out.gap_row, f1q, f2q)
+                g = wp.static(pairs[k].geometry)(world, lin.fr, n)
+                f1q, f2q, gap_row = wp.static(pair_terms[k].rows)(world, sol, g, out.gap_row, f1q, f2q)
                 out.gap_row = gap_row
                 if wp.static(response.scaled):
-                    out.scale_by_q = wp.static(pair_terms[k].scale)(params, row, g, out.m, out.scale_by_q)
+                    out.scale_by_q = wp.static(pair_terms[k].scale)(world, g, out.m, out.scale_by_q)
                 if wp.static(method.state_noise):
-                    f1q, f2q = wp.static(pair_terms[k].noise)(params, row, sol, g, lin.factor, f1q, f2q)
+                    f1q, f2q = wp.static(pair_terms[k].noise)(world, sol, g, lin.factor, f1q, f2q)
         if wp.static(response.scaled):
-            out = scaling(params, row, lin.fr, lin.jb, sol, out)
+            out = scaling(world, lin.fr, lin.jb, sol, out)
             if wp.static(response.roots):
                 f1q = scaled_force(sol, out.scale_by_q, f1q)
         return f1q, f2q, out
 
     @wp.func
-    def second_form(params: wp.array2d(dtype=dtype), row: int, sol: step.Solution, lin: Linear):
+    def second_form(world: t.World, sol: step.Solution, lin: Linear):
         # the rows' derivatives once more, with y and p in place of lambda and v'
         fac = lin.factor
         twin = Solution()
@@ -108,15 +106,15 @@ def make_rows_by_q(spec: Specialisation) -> SimpleNamespace:
         for k in range(wp.static(NP)):
             if (sol.mask & wp.static(pair_mask[k])) != 0:
                 n = V2(sol.normal[wp.static(2 * k)], sol.normal[wp.static(2 * k + 1)])
-                g = wp.static(pairs[k].geometry)(params, row, lin.fr, n)
+                g = wp.static(pairs[k].geometry)(world, lin.fr, n)
                 force, motion, _gap = wp.static(pair_terms[k].rows)(
-                    params, row, twin, g, lin.rows.gap_row, force, motion
+                    world, twin, g, lin.rows.gap_row, force, motion
                 )
                 for i in range(wp.static(NR)):
                     if wp.static(i in pair_rows[k]):
                         for j in range(wp.static(NV)):
-                            motion[i, j] = motion[i, j] - lin.rows.gap_row[i, j] / params[row, wp.static(H)]
-        force += wp.static(step.mass.by_q)(params, row, lin.fr, lin.jb, fac.p)
+                            motion[i, j] = motion[i, j] - lin.rows.gap_row[i, j] / world.params[wp.static(H)]
+        force += wp.static(step.mass.by_q)(world, lin.fr, lin.jb, fac.p)
         return -force, motion
 
     return SimpleNamespace(by_q=by_q, second_form=second_form, pairs=pairs, pair_mask=pair_mask)

@@ -15,7 +15,7 @@ from ..device.compile import specialised
 from ..factories import cached
 from ..specialisation import Specialisation
 from ..status import SOLVED
-from ..step.rollout import make_world
+from ..step.rollout import make_batch
 from ..structure import layout
 from .sensitivity import make_linearization
 
@@ -48,7 +48,7 @@ def make_difference_kernel(spec: Specialisation) -> wp.Kernel:
     exact = spec._replace(dtype=real)
     linear = make_linearization(exact)
     step = linear.step
-    world_of = make_world(exact, False)
+    batch = make_batch(exact, False)
     NV, NX, NU, NR, NZ = s.nv, 2 * s.nv, s.nu, s.nr, linear.NZ
     NW = 2 * NV if method.trapezoidal else NV
     VX, VU, VZ = step.types.VX, step.types.VU, wp.types.vector(linear.NZ, real)
@@ -58,7 +58,7 @@ def make_difference_kernel(spec: Specialisation) -> wp.Kernel:
     H, GEAR = layout(s).offset("step_size"), layout(s).offset("gear")
 
     @wp.func
-    def steps_of(params: wp.array2d(dtype=real), row: int, sol: step.Solution):
+    def steps_of(world: step.types.World, sol: step.Solution):
         """Size of the differences in every component of z."""
         layer = LARGEST
         if wp.static(method.hard):
@@ -66,15 +66,15 @@ def make_difference_kernel(spec: Specialisation) -> wp.Kernel:
         else:
             for i in range(wp.static(NR)):
                 if (sol.mask & wp.static(1 << i)) != 0:
-                    layer = wp.min(layer, wp.static(step.noise.level[i])(params, row, sol.sigma))
+                    layer = wp.min(layer, wp.static(step.noise.level[i])(world, sol.sigma))
         out = VZ()
-        h = params[row, wp.static(H)]
+        h = world.params[wp.static(H)]
         for j in range(wp.static(NV)):
             out[j] = PART * h * layer
             out[wp.static(NV + j)] = PART * layer
         for j in range(wp.static(NU)):
             a = wp.static(s.actuators[j])
-            reaction = wp.abs(params[row, wp.static(GEAR + j)]) * sol.minv[a, a] * h
+            reaction = wp.abs(world.params[wp.static(GEAR + j)]) * sol.minv[a, a] * h
             out[wp.static(NX + j)] = PART * wp.min(layer / wp.max(reaction, real(1e-6)), ONE)
         return out
 
@@ -108,8 +108,8 @@ def make_difference_kernel(spec: Specialisation) -> wp.Kernel:
         if active.shape[0] > 0:
             if active[b] == 0:
                 return
-        row = wp.where(params.shape[0] == 1, 0, b)
-        h = params[row, wp.static(H)]
+        world = step.types.world_at(params, external, b)
+        h = world.params[wp.static(H)]
         carry = step.cold_carry()
         size = VZ()
         column = DW()
@@ -136,20 +136,20 @@ def make_difference_kernel(spec: Specialisation) -> wp.Kernel:
                 u[j] = real(us[b, k, j])
                 if wp.static(NX) + j == c and move > 0:
                     u[j] = u[j] + times * size[wp.static(NX) + j]
-            sol = step.solve_step(params, row, x, u, external, b, carry)
-            code = world_of.status_of(sol, step.next_state(params, row, x, sol))
+            sol = step.solve_step(world, x, u, carry)
+            code = batch.status_of(sol, step.next_state(world, x, sol))
             if code != wp.static(SOLVED):
                 good = 0
                 if move == 0:
                     status[b, k] = code
                     return
-            lin, drift = linear.linearize(params, row, x, sol, external, b)
+            lin, drift = linear.linearize(world, x, sol)
             out = outputs(lin.dv, drift)
             if move == 0:
                 status[b, k] = code
                 carry.z = sol.z
                 carry.normal = sol.normal
-                size = steps_of(params, row, sol)
+                size = steps_of(world, sol)
                 for i in range(wp.static(NV)):
                     for j in range(wp.static(NX)):
                         fx[b, k, wp.static(NV + i), j] = dtype(lin.dv[i, j])

@@ -20,9 +20,8 @@ from .trapezoidal import make_trapezoidal_expansion
 
 @cached
 def make_linearization(spec: Specialisation) -> SimpleNamespace:
-    """linearize(params, row, x, sol, external, world) -> the first-order expansion `Linear` of v' (and z) at
-    a step's solution, and d/d(q, v, u) of what positions move with; beside it what curvature and gradients
-    by parameters start from.
+    """linearize(world, x, sol) -> the first-order expansion `Linear` of v' (and z) at a step's solution, and
+    d/d(q, v, u) of what positions move with; beside it what curvature and gradients by parameters start from.
     """
     s, dtype, method = spec
     linear = make_linear(spec)
@@ -32,23 +31,16 @@ def make_linearization(spec: Specialisation) -> SimpleNamespace:
     trapezoidal = make_trapezoidal_expansion(spec) if method.trapezoidal else None
 
     @wp.func
-    def linearize(
-        params: wp.array2d(dtype=dtype),
-        row: int,
-        x: t.VX,
-        sol: step.Solution,
-        external: wp.array2d(dtype=dtype),
-        world: int,
-    ):
+    def linearize(world: t.World, x: t.VX, sol: step.Solution):
         q, v = step.split(x)
         lin = Linear()
-        lin.fr = wp.static(mech.frames)(params, row, q)
-        lin.jb = wp.static(mech.com_jacobians)(params, row, lin.fr)
+        lin.fr = wp.static(mech.frames)(world, q)
+        lin.jb = wp.static(mech.com_jacobians)(world, lin.fr)
         lin.w = sol.v - v
         if wp.static(method.trapezoidal):
-            return trapezoidal(params, row, q, v, sol, lin, external, world)
-        source = wp.static(step.free.source)(params, row, lin.fr, lin.jb, lin.w, v, external, world)
-        lin = respond(params, row, sol, lin, source)
+            return trapezoidal(world, q, v, sol, lin)
+        source = wp.static(step.free.source)(world, lin.fr, lin.jb, lin.w, v)
+        lin = respond(world, sol, lin, source)
         return lin, lin.dv
 
     contact = make_rows_by_q(spec)

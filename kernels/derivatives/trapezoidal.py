@@ -15,7 +15,7 @@ from .respond import make_respond
 
 @cached
 def make_trapezoidal_expansion(spec: Specialisation) -> wp.Function:
-    """expand(params, row, q, v, sol, start, external, world) -> Linear of v', d v*/d(q, v, u)."""
+    """expand(world, q, v, sol, start) -> Linear of v', d v*/d(q, v, u)."""
     s, dtype, method = spec
     linear = make_linear(spec)
     step, t = linear.step, linear.step.types
@@ -25,18 +25,9 @@ def make_trapezoidal_expansion(spec: Specialisation) -> wp.Function:
     H = layout(s).offset("step_size")
 
     @wp.func
-    def expand(
-        params: wp.array2d(dtype=dtype),
-        row: int,
-        q: t.VQ,
-        v: t.VQ,
-        sol: step.Solution,
-        start: linear.Linear,
-        external: wp.array2d(dtype=dtype),
-        world: int,
-    ):
-        h = params[row, wp.static(H)]
-        first, moving = step.parts(params, row, start.fr, q, v, sol)
+    def expand(world: t.World, q: t.VQ, v: t.VQ, sol: step.Solution, start: linear.Linear):
+        h = world.params[wp.static(H)]
+        first, moving = step.parts(world, start.fr, q, v, sol)
         now = first
         reached = sol.unpushed
         acceleration = sol.acceleration - sol.push / h
@@ -49,17 +40,7 @@ def make_trapezoidal_expansion(spec: Specialisation) -> wp.Function:
         while part < 3:
             if part < 2:
                 free = wp.static(step.free.by_state)(
-                    params,
-                    row,
-                    start.fr,
-                    start.jb,
-                    sol.minv,
-                    v,
-                    reached,
-                    acceleration,
-                    dforce,
-                    external,
-                    world,
+                    world, start.fr, start.jb, sol.minv, v, reached, acceleration, dforce
                 )
                 free = free - dpush
             given = free
@@ -67,11 +48,11 @@ def make_trapezoidal_expansion(spec: Specialisation) -> wp.Function:
                 given = HALF * free
                 for j in range(wp.static(s.nv)):
                     given[j, wp.static(s.nv + j)] = given[j, wp.static(s.nv + j)] + HALF
-            source = wp.static(step.free.held)(params, row, start.fr, start.jb, now.v - now.vfree, given)
-            lin = respond(params, row, now, start, source)
+            source = wp.static(step.free.held)(world, start.fr, start.jb, now.v - now.vfree, given)
+            lin = respond(world, now, start, source)
             if part == 0:
                 dpush = lin.dv - free
-                dforce = wp.static(step.free.held)(params, row, start.fr, start.jb, -sol.push, dpush) / h
+                dforce = wp.static(step.free.held)(world, start.fr, start.jb, -sol.push, dpush) / h
                 reached = sol.vfree + sol.push
                 acceleration = sol.acceleration
                 now = moving

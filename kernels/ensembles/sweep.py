@@ -6,7 +6,7 @@ from ..device.compile import specialised
 from ..factories import cached
 from ..specialisation import Specialisation
 from ..status import SOLVED
-from ..step.rollout import POLICIES, make_world
+from ..step.rollout import POLICIES, make_batch
 from ..structure import layout
 from .disturbances import NOWHERE, TOUCH, make_conditions, make_disturbances
 
@@ -18,8 +18,8 @@ def make_sweep_kernel(spec: Specialisation, policy_name: str) -> wp.Kernel:
     One state component is sampled.
     """
     s, dtype, _ = spec
-    world_of = make_world(spec, False)
-    step = world_of.step
+    batch = make_batch(spec, False)
+    step = batch.step
     policy = POLICIES[policy_name](2 * s.nv, s.nu, dtype)
     disturb = make_disturbances(s.nv, s.nu, dtype)
     Conditions, Policy = make_conditions(dtype), policy.Struct
@@ -54,10 +54,11 @@ def make_sweep_kernel(spec: Specialisation, policy_name: str) -> wp.Kernel:
         status: wp.array(dtype=wp.int32),  # out (B,)
     ):
         i = first + wp.tid()
-        world = c.world0 + i
-        x = world_of.load_state(x0, i)
+        number = c.world0 + i
+        world = step.types.world_at(params, external, i)
+        x = batch.load_state(x0, i)
         carry = step.cold_carry()
-        h = wp.float64(params[i, H])
+        h = wp.float64(world.params[wp.static(H)])
         steps = int(wp.round(c.duration / h))
         code = int(0)
         touched = int(0)
@@ -70,13 +71,13 @@ def make_sweep_kernel(spec: Specialisation, policy_name: str) -> wp.Kernel:
             sample = disturb.sampled(c, samples, i, sample, time, h, wp.float32(x[c.component] - base))
             coming = disturb.due(c, event, time, h)
             while event < coming:
-                x = disturb.kicked(c, world, event, x)
+                x = disturb.kicked(c, number, event, x)
                 event += 1
             if code == wp.static(SOLVED):
-                u = disturb.noisy(c, world, k, policy.control(control, i, k, x))
-                sol = step.solve_step(params, i, x, u, external, i, carry)
-                after = step.next_state(params, i, x, sol)
-                code = world_of.status_of(sol, after)
+                u = disturb.noisy(c, number, k, policy.control(control, i, k, x))
+                sol = step.solve_step(world, x, u, carry)
+                after = step.next_state(world, x, sol)
+                code = batch.status_of(sol, after)
                 if code == wp.static(SOLVED):
                     x = after
                     carry.z = sol.z

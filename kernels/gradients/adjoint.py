@@ -44,13 +44,13 @@ def make_adjoint_kernel(spec: Specialisation, by_parameters: bool, feedback: boo
         gain_grad: wp.array4d(dtype=dtype),  # accumulated (0 or B, N', nu, nx)
         params_grad: wp.array2d(dtype=dtype),  # accumulated (0 or B, width)
     ):
-        world = first + wp.tid()
-        row = wp.where(params.shape[0] == 1, 0, world)
+        index = first + wp.tid()
+        world = step.types.world_at(params, external, index)
         steps = us.shape[1]
-        h = params[row, 0]
+        h = world.params[0]
         g = VX()
         for j in range(wp.static(NX)):
-            g[j] = states_grad[world, steps, j]
+            g[j] = states_grad[index, steps, j]
         carry = step.cold_carry()
         for back in range(steps):
             k = steps - 1 - back
@@ -58,16 +58,16 @@ def make_adjoint_kernel(spec: Specialisation, by_parameters: bool, feedback: boo
             u = VU()
             total = VX()
             for j in range(wp.static(NX)):
-                x[j] = states[world, k, j]
-                total[j] = states_grad[world, k, j]
+                x[j] = states[index, k, j]
+                total[j] = states_grad[index, k, j]
             for j in range(wp.static(NU)):
-                u[j] = us[world, k, j]
-            sol = step.solve_step(params, row, x, u, external, world, carry)
+                u[j] = us[index, k, j]
+            sol = step.solve_step(world, x, u, carry)
             carry.z = sol.z
             carry.normal = sol.normal
-            lin, drift = linear.linearize(params, row, x, sol, external, world)
+            lin, drift = linear.linearize(world, x, sol)
             if wp.static(by_parameters):
-                wp.static(parameters)(params, row, x, u, external, world, sol, lin, g, params_grad)
+                wp.static(parameters)(world, x, u, sol, lin, g, params_grad[index])
             by_control = VU()
             for i in range(wp.static(NV)):
                 total[i] = total[i] + g[i]
@@ -80,13 +80,13 @@ def make_adjoint_kernel(spec: Specialisation, by_parameters: bool, feedback: boo
                     )
             if wp.static(feedback):
                 for j in range(wp.static(NU)):
-                    by_control[j] = by_control[j] * free(policy, world, j, u[j])
+                    by_control[j] = by_control[j] * free(policy, index, j, u[j])
             if us_grad.shape[0] > 0:
                 at = wp.min(k, us_grad.shape[1] - 1)
                 for j in range(wp.static(NU)):
-                    us_grad[world, at, j] = us_grad[world, at, j] + by_control[j]
+                    us_grad[index, at, j] = us_grad[index, at, j] + by_control[j]
             if wp.static(feedback):
-                tracked = wp.where(policy.gain.shape[0] == 1, 0, world)
+                tracked = wp.where(policy.gain.shape[0] == 1, 0, index)
                 held = wp.min(k, policy.us.shape[1] - 1)
                 for j in range(wp.static(NX)):
                     slope = dtype(0.0)
@@ -94,32 +94,32 @@ def make_adjoint_kernel(spec: Specialisation, by_parameters: bool, feedback: boo
                     for i in range(wp.static(NU)):
                         slope += by_control[i] * policy.gain[tracked, held, i, j]
                         if gain_grad.shape[0] > 0:
-                            gain_grad[world, held, i, j] = gain_grad[world, held, i, j] + by_control[i] * dx
+                            gain_grad[index, held, i, j] = gain_grad[index, held, i, j] + by_control[i] * dx
                     total[j] = total[j] + slope
                     if xs_grad.shape[0] > 0:
-                        xs_grad[world, held, j] = xs_grad[world, held, j] - slope
+                        xs_grad[index, held, j] = xs_grad[index, held, j] - slope
             g = total
-        if status[world] != wp.static(SOLVED):  # no gradient exists: say so instead of inventing one
+        if status[index] != wp.static(SOLVED):  # no gradient exists: say so instead of inventing one
             for j in range(wp.static(NX)):
                 g[j] = dtype(wp.NAN)
             if us_grad.shape[0] > 0:
                 for k in range(us_grad.shape[1]):
                     for j in range(wp.static(NU)):
-                        us_grad[world, k, j] = dtype(wp.NAN)
+                        us_grad[index, k, j] = dtype(wp.NAN)
             if wp.static(by_parameters):
                 for j in range(params_grad.shape[1]):
-                    params_grad[world, j] = dtype(wp.NAN)
+                    params_grad[index, j] = dtype(wp.NAN)
             if wp.static(feedback):
                 for k in range(policy.us.shape[1]):
                     for j in range(wp.static(NX)):
                         if xs_grad.shape[0] > 0:
-                            xs_grad[world, k, j] = dtype(wp.NAN)
+                            xs_grad[index, k, j] = dtype(wp.NAN)
                         if gain_grad.shape[0] > 0:
                             for i in range(wp.static(NU)):
-                                gain_grad[world, k, i, j] = dtype(wp.NAN)
+                                gain_grad[index, k, i, j] = dtype(wp.NAN)
         if x0_grad.shape[0] > 0:
             for j in range(wp.static(NX)):
-                x0_grad[world, j] = x0_grad[world, j] + g[j]
+                x0_grad[index, j] = x0_grad[index, j] + g[j]
 
     return adjoint_kernel
 

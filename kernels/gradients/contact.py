@@ -40,7 +40,7 @@ def make_answer(s: Structure, dtype: type) -> Any:
 @cached
 def make_pair_answer(s: Structure, pair: int, dtype: type) -> SimpleNamespace:
     """answer(g, gap, y_n, y_t, y_mu) -> Answer at the geometry g of `make_pair_derivatives`;
-    radii(params, row, fr, g, answer, grad, world) adds the gradient by the radii.
+    radii(world, fr, g, answer, grad) adds the gradient by the radii.
     """
     mech = make_mechanism(s, dtype)
     t = mech.types
@@ -116,30 +116,21 @@ def make_pair_answer(s: Structure, pair: int, dtype: type) -> SimpleNamespace:
         disc, capsule, round_ = kind == DISC, kind == CAPSULE, kind != HALFPLANE
 
         @wp.func
-        def radius(
-            params: wp.array2d(dtype=dtype),
-            row: int,
-            pose: V4,
-            n: V2,
-            by: V2,
-            flat: int,
-            grad: wp.array2d(dtype=dtype),
-            world: int,
-        ):
+        def radius(world: t.World, pose: V4, n: V2, by: V2, flat: int, grad: wp.array(dtype=dtype)):
             # h = sqrt(a^2 c^2 + b^2 s^2), h' = (b^2 - a^2) c s/h at the unit vector c e1 + s e2; of a
             # capsule h = r + L |c|
             if wp.static(disc):
-                grad[world, wp.static(FIRST)] = grad[world, wp.static(FIRST)] + by[0]
+                grad[wp.static(FIRST)] = grad[wp.static(FIRST)] + by[0]
             elif wp.static(capsule):
-                grad[world, wp.static(FIRST)] = grad[world, wp.static(FIRST)] + by[0]
+                grad[wp.static(FIRST)] = grad[wp.static(FIRST)] + by[0]
                 if flat == 0:
                     c = n[0] * pose[2] + n[1] * pose[3]
                     slope = n[0] * pose[3] - n[1] * pose[2]
                     value = wp.where(c < ZERO, -by[0] * c - by[1] * slope, by[0] * c + by[1] * slope)
-                    grad[world, wp.static(FIRST + 1)] = grad[world, wp.static(FIRST + 1)] + value
+                    grad[wp.static(FIRST + 1)] = grad[wp.static(FIRST + 1)] + value
             elif wp.static(round_):
-                a = params[row, wp.static(FIRST)]
-                b = params[row, wp.static(FIRST + 1)]
+                a = world.params[wp.static(FIRST)]
+                b = world.params[wp.static(FIRST + 1)]
                 c = n[0] * pose[2] + n[1] * pose[3]
                 sn = n[1] * pose[2] - n[0] * pose[3]
                 inverse = ONE / wp.sqrt(a * a * c * c + b * b * sn * sn)
@@ -148,28 +139,18 @@ def make_pair_answer(s: Structure, pair: int, dtype: type) -> SimpleNamespace:
                 hb = b * sn * sn * inverse
                 da = -(a + a) * c * sn * inverse - slope * ha * inverse
                 db = (b + b) * c * sn * inverse - slope * hb * inverse
-                grad[world, wp.static(FIRST)] = grad[world, wp.static(FIRST)] + by[0] * ha + by[1] * da
-                grad[world, wp.static(FIRST + 1)] = (
-                    grad[world, wp.static(FIRST + 1)] + by[0] * hb + by[1] * db
-                )
+                grad[wp.static(FIRST)] = grad[wp.static(FIRST)] + by[0] * ha + by[1] * da
+                grad[wp.static(FIRST + 1)] = grad[wp.static(FIRST + 1)] + by[0] * hb + by[1] * db
 
         return radius
 
     radius_a, radius_b = make_radius(shape_a, end_a), make_radius(shape_b, end_b)
 
     @wp.func
-    def radii(
-        params: wp.array2d(dtype=dtype),
-        row: int,
-        fr: t.FRAMES,
-        g: d.PairGeometry,
-        out: Answer,
-        grad: wp.array2d(dtype=dtype),
-        world: int,
-    ):
+    def radii(world: t.World, fr: t.FRAMES, g: d.PairGeometry, out: Answer, grad: wp.array(dtype=dtype)):
         """Adds the derivatives of G by the radii of both shapes to their columns."""
-        radius_a(params, row, wp.static(p.pose_a)(params, row, fr), g.n, out.support_a, g.flat, grad, world)
-        radius_b(params, row, wp.static(p.pose_b)(params, row, fr), g.n, out.support_b, 0, grad, world)
+        radius_a(world, wp.static(p.pose_a)(world, fr), g.n, out.support_a, g.flat, grad)
+        radius_b(world, wp.static(p.pose_b)(world, fr), g.n, out.support_b, 0, grad)
 
     return SimpleNamespace(
         Answer=Answer, geometry=d.geometry, PairGeometry=d.PairGeometry, answer=answer, radii=radii

@@ -20,8 +20,8 @@ from .motion import make_motion_gradient
 
 @cached
 def make_damped_gradient(spec: Specialisation) -> SimpleNamespace:
-    """moving(params, row, fr, jb, q, u, Motion, normals, external, world, grad): adds the scalar's
-    derivative by every column, by h only that of N. stiffness(..): of P.(M w - h r) with y for dampers.
+    """moving(world, fr, jb, q, u, Motion, normals, grad): adds the scalar's derivative by every column, by h
+    only that of N. stiffness(..): of P.(M w - h r) with y for dampers.
     """
     s, dtype, method = spec
     part = make_motion_gradient(spec)
@@ -35,32 +35,13 @@ def make_damped_gradient(spec: Specialisation) -> SimpleNamespace:
 
     @wp.func
     def stiffness(
-        params: wp.array2d(dtype=dtype),
-        row: int,
-        fr: t.FRAMES,
-        jb: t.JB,
-        q: VQ,
-        u: t.VU,
-        m: Motion,
-        y: VQ,
-        external: wp.array2d(dtype=dtype),
-        world: int,
-        grad: wp.array2d(dtype=dtype),
+        world: t.World, fr: t.FRAMES, jb: t.JB, q: VQ, u: t.VU, m: Motion, y: VQ, grad: wp.array(dtype=dtype)
     ):
-        part.moving(params, row, fr, jb, q, u, m, y, JR(), external, world, grad)
+        part.moving(world, fr, jb, q, u, m, y, JR(), grad)
 
     @wp.func
     def resist(
-        params: wp.array2d(dtype=dtype),
-        row: int,
-        fr: t.FRAMES,
-        q: VQ,
-        c: MQ,
-        h: dtype,
-        kappa: VR,
-        rows: JR,
-        grad: wp.array2d(dtype=dtype),
-        world: int,
+        world: t.World, fr: t.FRAMES, q: VQ, c: MQ, h: dtype, kappa: VR, rows: JR, grad: wp.array(dtype=dtype)
     ):
         # - h sum_i kappa_i m_i' C m_i, by h as well
         i = int(0)
@@ -69,43 +50,40 @@ def make_damped_gradient(spec: Specialisation) -> SimpleNamespace:
                 m = VQ()
                 for j in range(wp.static(s.nv)):
                     m[j] = rows[i, j]
-                dampers(params, row, fr, q, -kappa[i] * m, h * m, ZERO, grad, world)
-                slope = h / params[row, wp.static(H)] * kappa[i] * wp.dot(m, c * m)
-                grad[world, wp.static(H)] = grad[world, wp.static(H)] - slope
+                dampers(world, fr, q, -kappa[i] * m, h * m, ZERO, grad)
+                slope = h / world.params[wp.static(H)] * kappa[i] * wp.dot(m, c * m)
+                grad[wp.static(H)] = grad[wp.static(H)] - slope
             i += 1
 
     @wp.func
     def moving(
-        params: wp.array2d(dtype=dtype),
-        row: int,
+        world: t.World,
         fr: t.FRAMES,
         jb: t.JB,
         q: VQ,
         u: t.VU,
         m: Motion,
         normals: JR,
-        external: wp.array2d(dtype=dtype),
-        world: int,
-        grad: wp.array2d(dtype=dtype),
+        grad: wp.array(dtype=dtype),
     ):
         if wp.static(not mass.implicit):
-            part.moving(params, row, fr, jb, q, u, m, VQ(), normals, external, world, grad)
+            part.moving(world, fr, jb, q, u, m, VQ(), normals, grad)
         else:
-            h = params[row, wp.static(H)]
-            c = wp.static(mass.drag)(params, row, fr, ONE, MQ())
+            h = world.params[wp.static(H)]
+            c = wp.static(mass.drag)(world, fr, ONE, MQ())
             share = ONE  # of h that N has C with
             spread = MQ()
             if wp.static(mass.trapezoidal):
                 share = HALF
-                spread = wp.static(mass.spread)(params, row, fr, jb)
+                spread = wp.static(mass.spread)(world, fr, jb)
             form = m
             rows = normals
             y = share * (m.w + spread * m.w)
             term = int(0)
             while term < wp.static(2 if mass.trapezoidal else 1):
                 seen = form.h * form.v + h * y
-                part.moving(params, row, fr, jb, q, u, form, seen, rows, external, world, grad)
-                grad[world, wp.static(H)] = grad[world, wp.static(H)] + wp.dot(form.p, c * y)
+                part.moving(world, fr, jb, q, u, form, seen, rows, grad)
+                grad[wp.static(H)] = grad[wp.static(H)] + wp.dot(form.p, c * y)
                 if wp.static(part.linear.response.scaled and NR > 0):
                     seen_rows = rows
                     weight = h * share
@@ -114,7 +92,7 @@ def make_damped_gradient(spec: Specialisation) -> SimpleNamespace:
                             seen_rows = rows + rows * wp.transpose(spread)
                         else:
                             weight = TWO * weight
-                    resist(params, row, fr, q, c, weight, form.kappa, seen_rows, grad, world)
+                    resist(world, fr, q, c, weight, form.kappa, seen_rows, grad)
                 if wp.static(mass.trapezoidal):
                     form.p = spread * m.p
                     form.w = -(spread * m.w)

@@ -45,19 +45,12 @@ def make_motion_gradient(spec: Specialisation) -> SimpleNamespace:
 
     def make_move(body: int) -> wp.Function:
         @wp.func
-        def move(
-            params: wp.array2d(dtype=dtype),
-            row: int,
-            jb: t.JB,
-            m: Motion,
-            external: wp.array2d(dtype=dtype),
-            world: int,
-        ):
+        def move(world: t.World, jb: t.JB, m: Motion):
             # mass, Jacobian of the centre of mass, its bias weights, acceleration, velocity under P
             jac = wp.static(motion.body_jacobians[body])(jb)
             weights = wp.static(mech.bias_weights[body])(m.v)
-            acc = wp.static(motion.accelerations[body])(params, row, jac, m.w, weights, m.h, external, world)
-            return params[row, wp.static(MASS + body)], jac, weights, acc, jac * m.p
+            acc = wp.static(motion.accelerations[body])(world, jac, m.w, weights, m.h)
+            return world.params[wp.static(MASS + body)], jac, weights, acc, jac * m.p
 
         return move
 
@@ -68,16 +61,8 @@ def make_motion_gradient(spec: Specialisation) -> SimpleNamespace:
         turn = turns[frame]
 
         @wp.func
-        def shift(
-            params: wp.array2d(dtype=dtype),
-            row: int,
-            jb: t.JB,
-            m: Motion,
-            rows: JR,
-            external: wp.array2d(dtype=dtype),
-            world: int,
-        ):
-            mass, jac, weights, acc, along = wp.static(moves[body])(params, row, jb, m, external, world)
+        def shift(world: t.World, jb: t.JB, m: Motion, rows: JR):
+            mass, jac, weights, acc, along = wp.static(moves[body])(world, jb, m)
             out = mass * (turn(m.p) * back(acc) + turn(m.w) * back(along) - (m.h * turn(weights)) * along)
             if wp.static(linear.response.scaled):
                 for i in range(wp.static(NR)):
@@ -92,18 +77,9 @@ def make_motion_gradient(spec: Specialisation) -> SimpleNamespace:
         point = mech.point_jacobian(joint)
 
         @wp.func
-        def rotation(
-            params: wp.array2d(dtype=dtype),
-            row: int,
-            fr: t.FRAMES,
-            jb: t.JB,
-            m: Motion,
-            rows: JR,
-            external: wp.array2d(dtype=dtype),
-            world: int,
-        ):
-            mass, jac, weights, acc, along = wp.static(moves[body])(params, row, jb, m, external, world)
-            origin = wp.static(point)(params, row, fr, fr[wp.static(joint), 2], fr[wp.static(joint), 3])
+        def rotation(world: t.World, fr: t.FRAMES, jb: t.JB, m: Motion, rows: JR):
+            mass, jac, weights, acc, along = wp.static(moves[body])(world, jb, m)
+            origin = wp.static(point)(world, fr, fr[wp.static(joint), 2], fr[wp.static(joint), 3])
             turned = perp(along - origin * m.p)
             change = perp(jac * m.w - origin * m.w) - m.h * (jac * weights - origin * weights)
             out = mass * (wp.dot(turned, acc) + wp.dot(along, change))
@@ -119,16 +95,8 @@ def make_motion_gradient(spec: Specialisation) -> SimpleNamespace:
         """Weight of the direction in which prismatic joint `dof` moves the body (world axes)."""
 
         @wp.func
-        def slide(
-            params: wp.array2d(dtype=dtype),
-            row: int,
-            jb: t.JB,
-            m: Motion,
-            rows: JR,
-            external: wp.array2d(dtype=dtype),
-            world: int,
-        ):
-            mass, jac, weights, acc, along = wp.static(moves[body])(params, row, jb, m, external, world)
+        def slide(world: t.World, jb: t.JB, m: Motion, rows: JR):
+            mass, jac, weights, acc, along = wp.static(moves[body])(world, jb, m)
             out = mass * (m.p[dof] * acc + m.w[dof] * along + (m.h * weights[dof]) * back(along))
             if wp.static(linear.response.scaled):
                 for i in range(wp.static(NR)):
@@ -142,19 +110,9 @@ def make_motion_gradient(spec: Specialisation) -> SimpleNamespace:
         turn = turns[body]
 
         @wp.func
-        def inertial(
-            params: wp.array2d(dtype=dtype),
-            row: int,
-            jb: t.JB,
-            m: Motion,
-            rows: JR,
-            grad: wp.array2d(dtype=dtype),
-            world: int,
-        ):
+        def inertial(world: t.World, jb: t.JB, m: Motion, rows: JR, grad: wp.array(dtype=dtype)):
             """Adds the gradient by mass and inertia; returns the mass-weighted P velocity (for gravity)."""
-            mass, jac, _weights, acc, along = wp.static(moves[body])(
-                params, row, jb, m, params, wp.static(-1)
-            )
+            mass, jac, _weights, acc, along = wp.static(moves[body])(t.unpushed(world), jb, m)
             by_mass = wp.dot(along, acc)
             by_inertia = turn(m.p) * turn(m.w)
             if wp.static(linear.response.scaled):
@@ -163,8 +121,8 @@ def make_motion_gradient(spec: Specialisation) -> SimpleNamespace:
                     velocity = jac * mi
                     by_mass -= m.kappa[i] * wp.dot(velocity, velocity)
                     by_inertia -= m.kappa[i] * turn(mi) * turn(mi)
-            grad[world, wp.static(MASS + body)] = grad[world, wp.static(MASS + body)] + by_mass
-            grad[world, wp.static(INERTIA + body)] = grad[world, wp.static(INERTIA + body)] + by_inertia
+            grad[wp.static(MASS + body)] = grad[wp.static(MASS + body)] + by_mass
+            grad[wp.static(INERTIA + body)] = grad[wp.static(INERTIA + body)] + by_inertia
             return mass * along
 
         return inertial
@@ -183,62 +141,48 @@ def make_motion_gradient(spec: Specialisation) -> SimpleNamespace:
 
         @wp.func
         def joint(
-            params: wp.array2d(dtype=dtype),
-            row: int,
+            world: t.World,
             fr: t.FRAMES,
             jb: t.JB,
             q: VQ,
             motion: Motion,
             normals: JR,
-            external: wp.array2d(dtype=dtype),
-            world: int,
-            grad: wp.array2d(dtype=dtype),
+            grad: wp.array(dtype=dtype),
         ):
             place = V2()
             turned = ZERO
             direction = V2()
             for k in range(wp.static(len(moved))):
-                place += wp.static(shifts[k])(params, row, jb, motion, normals, external, world)
-                turned += wp.static(rotations[k])(params, row, fr, jb, motion, normals, external, world)
+                place += wp.static(shifts[k])(world, jb, motion, normals)
+                turned += wp.static(rotations[k])(world, fr, jb, motion, normals)
                 if wp.static(sliding):
-                    direction += wp.static(slides[k])(params, row, jb, motion, normals, external, world)
+                    direction += wp.static(slides[k])(world, jb, motion, normals)
             place = frame_axes(fr, place, wp.static(parent))
-            add2(grad, world, wp.static(col["anchor"] + 2 * j), place)
-            add(grad, world, wp.static(col["angle"] + j), turned)
+            add2(grad, wp.static(col["anchor"] + 2 * j), place)
+            add(grad, wp.static(col["angle"] + j), turned)
             if wp.static(sliding):
                 direction = frame_axes(fr, direction, wp.static(parent))
-                add2(grad, world, wp.static(col["axis"] + 2 * j), direction + q[wp.static(dof)] * place)
+                add2(grad, wp.static(col["axis"] + 2 * j), direction + q[wp.static(dof)] * place)
 
         return joint
 
     joints = tuple(make_joint(j) for j in range(NB))
 
     @wp.func
-    def dampers(
-        params: wp.array2d(dtype=dtype),
-        row: int,
-        fr: t.FRAMES,
-        q: VQ,
-        p: VQ,
-        y: VQ,
-        share: dtype,
-        grad: wp.array2d(dtype=dtype),
-        world: int,
-    ):
+    def dampers(world: t.World, fr: t.FRAMES, q: VQ, p: VQ, y: VQ, share: dtype, grad: wp.array(dtype=dtype)):
         """Adds the derivative of P.C y, and of a share of what springs between points pull along P."""
         if wp.static(s.implicit_damping):
             for j in range(wp.static(s.nv)):
-                add(grad, world, wp.static(col["damping"] + j), p[j] * y[j])
+                add(grad, wp.static(col["damping"] + j), p[j] * y[j])
         for i in range(wp.static(len(springs))):
-            wp.static(springs[i])(params, row, fr, q, y, p, share, grad, world)
+            wp.static(springs[i])(world, fr, q, y, p, share, grad)
 
     inertia_of = tuple(make_inertia(b) for b in range(NB))
     own_shifts = tuple(make_shift(b, b) for b in range(NB))
 
     @wp.func
     def moving(
-        params: wp.array2d(dtype=dtype),
-        row: int,
+        world: t.World,
         fr: t.FRAMES,
         jb: t.JB,
         q: VQ,
@@ -246,31 +190,29 @@ def make_motion_gradient(spec: Specialisation) -> SimpleNamespace:
         m: Motion,
         y: VQ,
         normals: JR,
-        external: wp.array2d(dtype=dtype),
-        world: int,
-        grad: wp.array2d(dtype=dtype),
+        grad: wp.array(dtype=dtype),
     ):
         """Adds the derivative of the scalar by every column but h."""
         pulled = V2()
         for b in range(wp.static(NB)):
-            pulled += wp.static(inertia_of[b])(params, row, jb, m, normals, grad, world)
-            own = wp.static(own_shifts[b])(params, row, jb, m, normals, external, world)
-            add2(grad, world, wp.static(col["com"] + 2 * b), frame_axes(fr, own, b))
-            wp.static(joints[b])(params, row, fr, jb, q, m, normals, external, world, grad)
-        add2(grad, world, wp.static(col["gravity"]), -m.h * pulled)
+            pulled += wp.static(inertia_of[b])(world, jb, m, normals, grad)
+            own = wp.static(own_shifts[b])(world, jb, m, normals)
+            add2(grad, wp.static(col["com"] + 2 * b), frame_axes(fr, own, b))
+            wp.static(joints[b])(world, fr, jb, q, m, normals, grad)
+        add2(grad, wp.static(col["gravity"]), -m.h * pulled)
         for j in range(wp.static(s.nv)):
             if wp.static(not s.implicit_damping):
-                add(grad, world, wp.static(col["damping"] + j), m.h * m.p[j] * m.v[j])
+                add(grad, wp.static(col["damping"] + j), m.h * m.p[j] * m.v[j])
             if wp.static(j in s.sprung):
-                stretch = q[j] - params[row, wp.static(col["rest"] + j)]
-                add(grad, world, wp.static(col["stiffness"] + j), m.h * m.p[j] * stretch)
-                pull = m.h * m.p[j] * params[row, wp.static(col["stiffness"] + j)]
-                add(grad, world, wp.static(col["rest"] + j), -pull)
+                stretch = q[j] - world.params[wp.static(col["rest"] + j)]
+                add(grad, wp.static(col["stiffness"] + j), m.h * m.p[j] * stretch)
+                pull = m.h * m.p[j] * world.params[wp.static(col["stiffness"] + j)]
+                add(grad, wp.static(col["rest"] + j), -pull)
         if wp.static(s.implicit_damping):
-            dampers(params, row, fr, q, m.p, y, m.h, grad, world)
+            dampers(world, fr, q, m.p, y, m.h, grad)
         elif wp.static(len(springs) > 0):
-            dampers(params, row, fr, q, m.p, m.h * m.v, m.h, grad, world)
+            dampers(world, fr, q, m.p, m.h * m.v, m.h, grad)
         for i in range(wp.static(s.nu)):
-            add(grad, world, wp.static(col["gear"] + i), -m.h * m.p[wp.static(s.actuators[i])] * u[i])
+            add(grad, wp.static(col["gear"] + i), -m.h * m.p[wp.static(s.actuators[i])] * u[i])
 
     return SimpleNamespace(Motion=Motion, moving=moving, dampers=dampers, linear=linear)

@@ -21,8 +21,8 @@ from .trapezoidal import make_trapezoidal_gradient
 
 @cached
 def make_parameter_gradient(spec: Specialisation) -> wp.Function:
-    """gradient(params, row, x, u, external, world, sol, lin, weight, grad): adds to row `world` of `grad`
-    the derivative of weight.x' by every column of the parameter table.
+    """gradient(world, x, u, sol, lin, weight, grad): adds to `grad` the derivative of weight.x' by every
+    column of the parameter table.
     """
     s, dtype, method = spec
     if method.trapezoidal:
@@ -40,18 +40,15 @@ def make_parameter_gradient(spec: Specialisation) -> wp.Function:
 
     @wp.func
     def gradient(
-        params: wp.array2d(dtype=dtype),
-        row: int,
+        world: t.World,
         x: VX,
         u: VU,
-        external: wp.array2d(dtype=dtype),
-        world: int,
         sol: step.Solution,
         lin: linear.Linear,
         weight: VX,
-        grad: wp.array2d(dtype=dtype),
+        grad: wp.array(dtype=dtype),
     ):
-        h = params[row, wp.static(H)]
+        h = world.params[wp.static(H)]
         q = VQ()
         target = VQ()  # q' = q + h v'
         motion = part.Motion()
@@ -59,26 +56,26 @@ def make_parameter_gradient(spec: Specialisation) -> wp.Function:
             q[j] = x[j]
             motion.v[j] = x[wp.static(s.nv + j)]
             target[j] = weight[wp.static(s.nv + j)] + h * weight[j]
-            grad[world, wp.static(H)] = grad[world, wp.static(H)] + weight[j] * sol.v[j]
+            grad[wp.static(H)] = grad[wp.static(H)] + weight[j] * sol.v[j]
         dual = response.dual(lin.factor, step.posed(sol), sol.lam, sol.z, target)
         motion.p = dual.p
         motion.w = lin.w
         motion.h = h
         motion.kappa = dual.kappa
-        force = wp.static(step.mass.matrix)(params, row, lin.fr, lin.jb) * lin.w / h  # r + u
+        force = wp.static(step.mass.matrix)(world, lin.fr, lin.jb) * lin.w / h  # r + u
         for i in range(wp.static(s.nr)):
             if (sol.mask & wp.static(1 << i)) != 0:
                 force = wp.static(rows.adds[i])(force, sol.jac, -sol.lam[i] / h)
-        grad[world, wp.static(H)] = grad[world, wp.static(H)] - wp.dot(dual.p, force)
+        grad[wp.static(H)] = grad[wp.static(H)] - wp.dot(dual.p, force)
         term = int(0)
         while term < wp.static(PARTS):
-            part.moving(params, row, lin.fr, lin.jb, q, u, motion, lin.rows.m, external, world, grad)
+            part.moving(world, lin.fr, lin.jb, q, u, motion, lin.rows.m, grad)
             if wp.static(PARTS > 1):
                 motion.p = dual.left
                 motion.w = dual.right
                 motion.h = ZERO
                 motion.kappa = VR()
             term += 1
-        wp.static(constraints)(params, row, lin.fr, q, sol, lin, dual, h, grad, world)
+        wp.static(constraints)(world, lin.fr, q, sol, lin, dual, h, grad)
 
     return gradient

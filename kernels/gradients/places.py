@@ -54,13 +54,13 @@ def make_places(s: Structure, dtype: type) -> SimpleNamespace:
         return V2(c * by[0] + sn * by[1], c * by[1] - sn * by[0])
 
     @wp.func
-    def add(grad: wp.array2d(dtype=dtype), world: int, column: int, value: dtype):
-        grad[world, column] = grad[world, column] + value
+    def add(grad: wp.array(dtype=dtype), column: int, value: dtype):
+        grad[column] = grad[column] + value
 
     @wp.func
-    def add2(grad: wp.array2d(dtype=dtype), world: int, column: int, value: V2):
-        grad[world, column] = grad[world, column] + value[0]
-        grad[world, column + 1] = grad[world, column + 1] + value[1]
+    def add2(grad: wp.array(dtype=dtype), column: int, value: V2):
+        grad[column] = grad[column] + value[0]
+        grad[column + 1] = grad[column + 1] + value[1]
 
     def make_turn(body: int) -> wp.Function:
         TURN = VQ(*(dtype(float(s.turns(body, j))) for j in range(s.nv)))
@@ -89,8 +89,7 @@ def make_places(s: Structure, dtype: type) -> SimpleNamespace:
 
         @wp.func
         def chain(
-            params: wp.array2d(dtype=dtype),
-            row: int,
+            world: t.World,
             fr: t.FRAMES,
             q: VQ,
             place: V2,
@@ -101,23 +100,22 @@ def make_places(s: Structure, dtype: type) -> SimpleNamespace:
             b: V2,
             yb: VQ,
             turned: dtype,
-            grad: wp.array2d(dtype=dtype),
-            world: int,
+            grad: wp.array(dtype=dtype),
         ):
             for i in range(wp.static(len(above))):
                 moved = shift + wp.static(parent_turns[i])(ya) * back(a)
                 moved += wp.static(parent_turns[i])(yb) * back(b)
                 moved = frame_axes(fr, moved, wp.static(parents[i]))
-                add2(grad, world, wp.static(ANCHOR + 2 * above[i]), moved)
+                add2(grad, wp.static(ANCHOR + 2 * above[i]), moved)
                 if wp.static(sliding[i]):
                     way = ya[wp.static(dofs[i])] * a + yb[wp.static(dofs[i])] * b
                     way = frame_axes(fr, way, wp.static(parents[i])) + q[wp.static(dofs[i])] * moved
-                    add2(grad, world, wp.static(AXIS + 2 * above[i]), way)
+                    add2(grad, wp.static(AXIS + 2 * above[i]), way)
                 o = V2(fr[wp.static(above[i]), 2], fr[wp.static(above[i]), 3])
-                origin = wp.static(points[i])(params, row, fr, o[0], o[1])
+                origin = wp.static(points[i])(world, fr, o[0], o[1])
                 value = turned + wp.dot(shift, perp(place - o))
                 value += wp.dot(a, perp(jac * ya - origin * ya)) + wp.dot(b, perp(jac * yb - origin * yb))
-                add(grad, world, wp.static(ANGLE + above[i]), value)
+                add(grad, wp.static(ANGLE + above[i]), value)
             own = shift + own_turn(ya) * back(a) + own_turn(yb) * back(b)
             return frame_axes(fr, own, wp.static(body))
 

@@ -17,7 +17,7 @@ from .places import make_places
 
 @cached
 def make_row_gradient(spec: Specialisation) -> wp.Function:
-    """constraints(params, row, fr, q, sol, lin, dual, h, grad, world): adds a solved problem's."""
+    """constraints(world, fr, q, sol, lin, dual, h, grad): adds a solved problem's."""
     s, dtype, method = spec
     linear = make_linearization(spec)
     step, response, Dual = linear.step, linear.response, make_dual(s, dtype)
@@ -45,16 +45,14 @@ def make_row_gradient(spec: Specialisation) -> wp.Function:
 
         @wp.func
         def side(
-            params: wp.array2d(dtype=dtype),
-            row: int,
+            world: t.World,
             fr: t.FRAMES,
             q: VQ,
             g: pairs[k].PairGeometry,
             out: pairs[k].Answer,
             yn: VQ,
             yt: VQ,
-            grad: wp.array2d(dtype=dtype),
-            world: int,
+            grad: wp.array(dtype=dtype),
         ):
             n = wp.static(SIDE) * g.n
             tangent = places.perp(n)
@@ -64,17 +62,17 @@ def make_row_gradient(spec: Specialisation) -> wp.Function:
             if wp.static(b_side):
                 turned = out.turn_b
                 jac = g.jb
-            place = wp.static(pose)(params, row, fr)
+            place = wp.static(pose)(world, fr)
             centre = V2(place[0], place[1])
-            own = chain(params, row, fr, q, centre, jac, shift, n, yn, tangent, yt, turned, grad, world)
-            add2(grad, world, wp.static(col["shape_offset"] + 2 * shape), own)
+            own = chain(world, fr, q, centre, jac, shift, n, yn, tangent, yt, turned, grad)
+            add2(grad, wp.static(col["shape_offset"] + 2 * shape), own)
             if wp.static(end != 0):  # the end of a capsule: its centre is at half the length along the axis
                 axis = V2(wp.static(dtype(1.0)), ZERO)
                 if wp.static(turned_shape):
-                    axis = V2(wp.cos(params[row, wp.static(ANGLE)]), wp.sin(params[row, wp.static(ANGLE)]))
-                add(grad, world, wp.static(HALF_LENGTH), END * wp.dot(own, axis))
-                turned += END * params[row, wp.static(HALF_LENGTH)] * wp.dot(own, places.perp(axis))
-            add(grad, world, wp.static(ANGLE), turned)
+                    axis = V2(wp.cos(world.params[wp.static(ANGLE)]), wp.sin(world.params[wp.static(ANGLE)]))
+                add(grad, wp.static(HALF_LENGTH), END * wp.dot(own, axis))
+                turned += END * world.params[wp.static(HALF_LENGTH)] * wp.dot(own, places.perp(axis))
+            add(grad, wp.static(ANGLE), turned)
 
         return side
 
@@ -87,19 +85,17 @@ def make_row_gradient(spec: Specialisation) -> wp.Function:
 
         @wp.func
         def contact(
-            params: wp.array2d(dtype=dtype),
-            row: int,
+            world: t.World,
             fr: t.FRAMES,
             q: VQ,
             sol: step.Solution,
             lin: linear.Linear,
             dual: Dual,
             h: dtype,
-            grad: wp.array2d(dtype=dtype),
-            world: int,
+            grad: wp.array(dtype=dtype),
         ):
             """Columns of one pair: its shapes' places and radii, friction."""
-            g = wp.static(d.geometry)(params, row, fr, V2(sol.normal[2 * k], sol.normal[2 * k + 1]))
+            g = wp.static(d.geometry)(world, fr, V2(sol.normal[2 * k], sol.normal[2 * k + 1]))
             yn = VQ()
             yt = VQ()
             ymu = VQ()
@@ -120,14 +116,14 @@ def make_row_gradient(spec: Specialisation) -> wp.Function:
                             yn += y
                             gap += dual.rho[i] / h
                         if wp.static(frictional and not rows.tangent[pair_rows[k][-1]]):
-                            yt += (wp.static(sign[i]) * params[row, wp.static(col["friction"] + k)]) * y
+                            yt += (wp.static(sign[i]) * world.params[wp.static(col["friction"] + k)]) * y
                             ymu += wp.static(sign[i]) * y
             out = wp.static(d.answer)(g, gap, yn, yt, ymu)
-            wp.static(d.radii)(params, row, fr, g, out, grad, world)
-            side_a(params, row, fr, q, g, out, yn, yt, grad, world)
-            side_b(params, row, fr, q, g, out, yn, yt, grad, world)
+            wp.static(d.radii)(world, fr, g, out, grad)
+            side_a(world, fr, q, g, out, yn, yt, grad)
+            side_b(world, fr, q, g, out, yn, yt, grad)
             if wp.static(frictional):
-                add(grad, world, wp.static(col["friction"] + k), out.by_friction)
+                add(grad, wp.static(col["friction"] + k), out.by_friction)
 
         return contact
 
@@ -137,15 +133,7 @@ def make_row_gradient(spec: Specialisation) -> wp.Function:
         POSITION, VELOCITY = (col.get(f"{name}_covariance", 0) for name in ("position", "velocity"))
 
         @wp.func
-        def level(
-            params: wp.array2d(dtype=dtype),
-            row: int,
-            sol: step.Solution,
-            by_sigma: dtype,
-            h: dtype,
-            grad: wp.array2d(dtype=dtype),
-            world: int,
-        ):
+        def level(world: t.World, sol: step.Solution, by_sigma: dtype, h: dtype, grad: wp.array(dtype=dtype)):
             """Columns of the covariances by row i, and their part in that of h; from sigma dG/dsigma, with
             sigma^2 = J_i C J_i', eq. (18). Returns the weight of dJ_i.
             """
@@ -155,62 +143,52 @@ def make_row_gradient(spec: Specialisation) -> wp.Function:
             for a in range(wp.static(s.nv)):
                 for b in range(wp.static(s.nv)):
                     value = HALF * share * j[a] * j[b]
-                    add(grad, world, wp.static(VELOCITY) + wp.static(s.nv) * a + b, value)
+                    add(grad, wp.static(VELOCITY) + wp.static(s.nv) * a + b, value)
                     value = value / (h * h)
-                    add(grad, world, wp.static(POSITION) + wp.static(s.nv) * a + b, value)
-                    by_h -= TWO * value * params[row, wp.static(POSITION) + wp.static(s.nv) * a + b] / h
-            add(grad, world, wp.static(col["step_size"]), by_h)
-            return share * step.noise.spread(params, row, j)
+                    add(grad, wp.static(POSITION) + wp.static(s.nv) * a + b, value)
+                    by_h -= TWO * value * world.params[wp.static(POSITION) + wp.static(s.nv) * a + b] / h
+            add(grad, wp.static(col["step_size"]), by_h)
+            return share * step.noise.spread(world, j)
 
         return level
 
     levels = tuple(make_level(i) for i in range(NR))
 
     @wp.func
-    def row_columns(
-        params: wp.array2d(dtype=dtype),
-        row: int,
-        sol: step.Solution,
-        start: Dual,
-        h: dtype,
-        grad: wp.array2d(dtype=dtype),
-        world: int,
-    ):
+    def row_columns(world: t.World, sol: step.Solution, start: Dual, h: dtype, grad: wp.array(dtype=dtype)):
         """Columns of limits, sigma, and h through d/h and eq. (18); adds what that does to `bend`."""
         dual = start
         for i in range(wp.static(NR)):
             if (sol.mask & wp.static(1 << i)) != 0:
                 rate = dual.rho[i] / h
                 if wp.static(s.rows[i].kind == "limit" and s.rows[i].sign > 0):
-                    add(grad, world, wp.static(col["lower"] + s.rows[i].index), -rate)
+                    add(grad, wp.static(col["lower"] + s.rows[i].index), -rate)
                 if wp.static(s.rows[i].kind == "limit" and s.rows[i].sign < 0):
-                    add(grad, world, wp.static(col["upper"] + s.rows[i].index), rate)
-                add(grad, world, wp.static(col["step_size"]), -rate * sol.rate[i])
+                    add(grad, wp.static(col["upper"] + s.rows[i].index), rate)
+                add(grad, wp.static(col["step_size"]), -rate * sol.rate[i])
                 if wp.static(method.state_noise):
-                    bent = wp.static(levels[i])(params, row, sol, dual.sigma[i], h, grad, world)
+                    bent = wp.static(levels[i])(world, sol, dual.sigma[i], h, grad)
                     dual.bend[i] = dual.bend[i] + bent
                 elif wp.static(not method.hard):
-                    by_sigma = dual.sigma[i] / params[row, wp.static(col["sigma"] + i)]
-                    add(grad, world, wp.static(col["sigma"] + i), by_sigma)
+                    by_sigma = dual.sigma[i] / world.params[wp.static(col["sigma"] + i)]
+                    add(grad, wp.static(col["sigma"] + i), by_sigma)
         return dual
 
     @wp.func
     def constraints(
-        params: wp.array2d(dtype=dtype),
-        row: int,
+        world: t.World,
         fr: t.FRAMES,
         q: VQ,
         sol: step.Solution,
         lin: linear.Linear,
         start: Dual,
         h: dtype,
-        grad: wp.array2d(dtype=dtype),
-        world: int,
+        grad: wp.array(dtype=dtype),
     ):
         if sol.mask != 0:
-            dual = row_columns(params, row, sol, start, h, grad, world)
+            dual = row_columns(world, sol, start, h, grad)
             for k in range(wp.static(NP)):
                 if (sol.mask & wp.static(pair_mask[k])) != 0:
-                    wp.static(contacts[k])(params, row, fr, q, sol, lin, dual, h, grad, world)
+                    wp.static(contacts[k])(world, fr, q, sol, lin, dual, h, grad)
 
     return constraints

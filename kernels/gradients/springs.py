@@ -14,7 +14,7 @@ from .places import make_places
 
 @cached
 def make_spring_gradient(s: Structure, index: int, dtype: type) -> wp.Function:
-    """gradient(params, row, fr, q, y, P, share, grad, world).
+    """gradient(world, fr, q, y, P, share, grad).
 
     It adds the columns of spring `index` and of all joints above its points.
     """
@@ -31,32 +31,24 @@ def make_spring_gradient(s: Structure, index: int, dtype: type) -> wp.Function:
 
     @wp.func
     def gradient(
-        params: wp.array2d(dtype=dtype),
-        row: int,
-        fr: t.FRAMES,
-        q: VQ,
-        y: VQ,
-        p: VQ,
-        share: dtype,
-        grad: wp.array2d(dtype=dtype),
-        world: int,
+        world: t.World, fr: t.FRAMES, q: VQ, y: VQ, p: VQ, share: dtype, grad: wp.array(dtype=dtype)
     ):
-        e = wp.static(spring.span)(params, row, fr, y, share)
-        k = share * params[row, wp.static(K)]
-        rest = params[row, wp.static(L)]
+        e = wp.static(spring.span)(world, fr, y, share)
+        k = share * world.params[wp.static(K)]
+        rest = world.params[wp.static(L)]
         root = wp.sqrt(e.inv)
         work = wp.dot(e.a, p)
-        add(grad, world, wp.static(K), share * work * (ONE - rest * root))
-        add(grad, world, wp.static(C), work * wp.dot(e.a, y) * e.inv)
+        add(grad, wp.static(K), share * work * (ONE - rest * root))
+        add(grad, wp.static(C), work * wp.dot(e.a, y) * e.inv)
         by_eps = TWO * e.g[1] * wp.static(spring.rounding)(rest)
-        add(grad, world, wp.static(L), work * (by_eps * SHORT - k * root))
+        add(grad, wp.static(L), work * (by_eps * SHORT - k * root))
         along = e.g[0] * e.delta  # by V(P)
         across = (work * e.g[2]) * e.delta  # by V(y)
         shift = e.g[0] * (e.jb * p - e.ja * p)
         shift += work * (TWO * e.g[1] * e.delta + e.g[2] * (e.jb * y - e.ja * y))
-        own = chain_a(params, row, fr, q, e.pa, e.ja, -shift, -along, p, -across, y, ZERO, grad, world)
-        add2(grad, world, wp.static(POINT), own)
-        own = chain_b(params, row, fr, q, e.pb, e.jb, shift, along, p, across, y, ZERO, grad, world)
-        add2(grad, world, wp.static(POINT + 2), own)
+        own = chain_a(world, fr, q, e.pa, e.ja, -shift, -along, p, -across, y, ZERO, grad)
+        add2(grad, wp.static(POINT), own)
+        own = chain_b(world, fr, q, e.pb, e.jb, shift, along, p, across, y, ZERO, grad)
+        add2(grad, wp.static(POINT + 2), own)
 
     return gradient

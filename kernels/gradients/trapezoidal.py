@@ -46,8 +46,7 @@ def make_trapezoidal_gradient(spec: Specialisation) -> wp.Function:
 
     @wp.func
     def swing(
-        params: wp.array2d(dtype=dtype),
-        row: int,
+        world: t.World,
         start: linear.Linear,
         q: VQ,
         v: VQ,
@@ -57,15 +56,13 @@ def make_trapezoidal_gradient(spec: Specialisation) -> wp.Function:
         a: VQ,
         push: VQ,
         target: VQ,
-        external: wp.array2d(dtype=dtype),
-        world: int,
-        grad: wp.array2d(dtype=dtype),
+        grad: wp.array(dtype=dtype),
     ):
         """Adds the gradient of target . reached at fixed c; returns the weight of c."""
-        h = params[row, wp.static(H)]
-        kq = wp.static(motion.motion_by_q)(params, row, start.fr, start.jb, a, v, ONE, external, world)
-        kv = wp.static(motion.motion_by_v)(params, row, start.fr, start.jb, v, ONE)
-        mass = wp.static(step.mass.matrix)(params, row, start.fr, start.jb)
+        h = world.params[wp.static(H)]
+        kq = wp.static(motion.motion_by_q)(world, start.fr, start.jb, a, v, ONE)
+        kv = wp.static(motion.motion_by_v)(world, start.fr, start.jb, v, ONE)
+        mass = wp.static(step.mass.matrix)(world, start.fr, start.jb)
         e = mass + HALF * h * (kv + HALF * h * kq)
         l = -wp.static(lu.solve)(wp.static(lu.factor)(wp.transpose(e)), target)
         yv = HALF * h * d
@@ -75,11 +72,9 @@ def make_trapezoidal_gradient(spec: Specialisation) -> wp.Function:
         for j in range(wp.static(NV)):
             unit = VQ()
             unit[j] = ONE
-            moved = wp.static(motion.motion_by_q)(
-                params, row, start.fr, start.jb, unit, VQ(), ZERO, params, wp.static(-1)
-            )
+            moved = wp.static(motion.motion_by_q)(t.unpushed(world), start.fr, start.jb, unit, VQ(), ZERO)
             if wp.static(step.mass.damped_springs):
-                moved = wp.static(step.mass.drag_by_q)(params, row, start.fr, h * unit, moved)
+                moved = wp.static(step.mass.drag_by_q)(world, start.fr, h * unit, moved)
             by_a[j] = wp.dot(l, moved * yq)
             size = wp.max(size, wp.max(wp.abs(yq[j]), h * wp.abs(yv[j])))
         b = minv * by_a
@@ -109,38 +104,35 @@ def make_trapezoidal_gradient(spec: Specialisation) -> wp.Function:
                 form.p = weight * l
                 form.w = a
                 form.h = ONE
-                fr = wp.static(mech.frames)(params, row, at)
-                jb = wp.static(mech.com_jacobians)(params, row, fr)
+                fr = wp.static(mech.frames)(world, at)
+                jb = wp.static(mech.com_jacobians)(world, fr)
             if wp.static(step.mass.implicit):
                 if i < wp.static(POINTS):  # K_q has dampers at v + h a, K_v has none
-                    part_of.stiffness(params, row, fr, jb, at, u, form, v + h * a, external, world, grad)
+                    part_of.stiffness(world, fr, jb, at, u, form, v + h * a, grad)
                 else:
-                    part_of.moving(params, row, fr, jb, at, u, form, JR(), external, world, grad)
+                    part_of.moving(world, fr, jb, at, u, form, JR(), grad)
             else:
-                part_of.moving(params, row, fr, jb, at, u, form, JR(), external, world, grad)
+                part_of.moving(world, fr, jb, at, u, form, JR(), grad)
             i += 1
         force = mass * (a - push / h)  # r + u
         by_h = HALF * (kv * d) + h * (kq * (HALF * d + v)) - force
         if wp.static(step.mass.damped_springs):
-            by_h += wp.static(step.mass.drag_by_q)(params, row, start.fr, a, MQ()) * yq
+            by_h += wp.static(step.mass.drag_by_q)(world, start.fr, a, MQ()) * yq
         slope = wp.dot(l, by_h) - wp.dot(b, mass * push) / (h * h)
-        grad[world, wp.static(H)] = grad[world, wp.static(H)] + slope
+        grad[wp.static(H)] = grad[wp.static(H)] + slope
         return b / h - l
 
     @wp.func
     def gradient(
-        params: wp.array2d(dtype=dtype),
-        row: int,
+        world: t.World,
         x: VX,
         u: VU,
-        external: wp.array2d(dtype=dtype),
-        world: int,
         sol: step.Solution,
         lin: linear.Linear,
         weight: VX,
-        grad: wp.array2d(dtype=dtype),
+        grad: wp.array(dtype=dtype),
     ):
-        h = params[row, wp.static(H)]
+        h = world.params[wp.static(H)]
         q = VQ()
         v = VQ()
         by_drift = VQ()
@@ -150,17 +142,17 @@ def make_trapezoidal_gradient(spec: Specialisation) -> wp.Function:
             v[j] = x[wp.static(NV + j)]
             by_drift[j] = h * weight[j]
             target[j] = weight[wp.static(NV + j)]
-        grad[world, wp.static(H)] = grad[world, wp.static(H)] + wp.dot(by_drift, sol.drift) / h
+        grad[wp.static(H)] = grad[wp.static(H)] + wp.dot(by_drift, sol.drift) / h
         start = linear.Linear()
         start.fr = lin.fr
         start.jb = lin.jb
-        mass = wp.static(step.mass.matrix)(params, row, start.fr, start.jb)
-        first, drifting = step.parts(params, row, start.fr, q, v, sol)
+        mass = wp.static(step.mass.matrix)(world, start.fr, start.jb)
+        first, drifting = step.parts(world, start.fr, q, v, sol)
         now = sol
         onto = VQ()  # weight of v_free, then of v_0
         part = int(0)
         while part < 3:
-            here = linear.factored(params, row, now, start)
+            here = linear.factored(world, now, start)
             normals = here.rows.m
             dual = response.dual(here.factor, step.posed(now), now.lam, now.z, target)
             form = part_of.Motion()
@@ -170,13 +162,13 @@ def make_trapezoidal_gradient(spec: Specialisation) -> wp.Function:
             form.kappa = dual.kappa
             term = int(0)
             while term < wp.static(FORMS):
-                part_of.moving(params, row, start.fr, start.jb, q, u, form, normals, external, world, grad)
+                part_of.moving(world, start.fr, start.jb, q, u, form, normals, grad)
                 if wp.static(FORMS > 1):
                     form.p = dual.left
                     form.w = dual.right
                     form.kappa = VR()
                 term += 1
-            wp.static(constraints)(params, row, start.fr, q, now, here, dual, h, grad, world)
+            wp.static(constraints)(world, start.fr, q, now, here, dual, h, grad)
             if part == 0:
                 onto = -(mass * dual.p)
                 target = by_drift
@@ -192,11 +184,11 @@ def make_trapezoidal_gradient(spec: Specialisation) -> wp.Function:
                     push = sol.push
                 else:
                     onto -= mass * dual.p
-                pushed = swing(params, row, start, q, v, u, sol.minv, d, a, push, onto, external, world, grad)
+                pushed = swing(world, start, q, v, u, sol.minv, d, a, push, onto, grad)
                 form.p = pushed
                 form.w = push
                 form.kappa = VR()
-                part_of.moving(params, row, start.fr, start.jb, q, u, form, normals, external, world, grad)
+                part_of.moving(world, start.fr, start.jb, q, u, form, normals, grad)
                 target = mass * pushed - onto
                 onto = -target
                 now = first

@@ -35,15 +35,15 @@ def make_mechanism(s: Structure, dtype: type) -> SimpleNamespace:
     jacobian_of = tuple(kin.point_jacobian(b) for b in range(NB))
 
     @wp.func
-    def com_jacobians(params: wp.array2d(dtype=dtype), row: int, fr: FRAMES):
+    def com_jacobians(world: t.World, fr: FRAMES):
         """Jacobians of all centres of mass, rows (2b, 2b + 1)."""
         out = JB()
         for b in range(wp.static(NB)):
-            cx = params[row, wp.static(COM + 2 * b)]
-            cy = params[row, wp.static(COM + 2 * b + 1)]
+            cx = world.params[wp.static(COM + 2 * b)]
+            cy = world.params[wp.static(COM + 2 * b + 1)]
             x = fr[b, 2] + fr[b, 0] * cx - fr[b, 1] * cy
             y = fr[b, 3] + fr[b, 1] * cx + fr[b, 0] * cy
-            jac = wp.static(jacobian_of[b])(params, row, fr, x, y)
+            jac = wp.static(jacobian_of[b])(world, fr, x, y)
             for j in range(wp.static(NV)):
                 if wp.static(s.in_chain(b, j)):
                     out[wp.static(2 * b), j] = jac[0, j]
@@ -51,11 +51,11 @@ def make_mechanism(s: Structure, dtype: type) -> SimpleNamespace:
         return out
 
     @wp.func
-    def mass_matrix(params: wp.array2d(dtype=dtype), row: int, jac: JB):
+    def mass_matrix(world: t.World, jac: JB):
         """M(q), symmetric positive definite."""
         m = MQ()
         for b in range(wp.static(NB)):
-            mass = params[row, wp.static(MASS + b)]
+            mass = world.params[wp.static(MASS + b)]
             for i in range(wp.static(NV)):
                 for j in range(wp.static(i + 1)):
                     if wp.static(s.in_chain(b, i) and s.in_chain(b, j)):
@@ -64,7 +64,7 @@ def make_mechanism(s: Structure, dtype: type) -> SimpleNamespace:
                             + jac[wp.static(2 * b + 1), i] * jac[wp.static(2 * b + 1), j]
                         )
                         if wp.static(s.turns(b, i) and s.turns(b, j)):
-                            value += params[row, wp.static(INERTIA + b)]
+                            value += world.params[wp.static(INERTIA + b)]
                         m[i, j] = m[i, j] + value
         for i in range(wp.static(NV)):
             for j in range(wp.static(i)):
@@ -93,19 +93,19 @@ def make_mechanism(s: Structure, dtype: type) -> SimpleNamespace:
     bias_weights_of = tuple(make_bias_weights(b) for b in range(NB))
 
     @wp.func
-    def force(params: wp.array2d(dtype=dtype), row: int, q: VQ, fr: FRAMES, jac: JB, v: VQ):
+    def force(world: t.World, q: VQ, fr: FRAMES, jac: JB, v: VQ):
         """r(q, v): gravity, centripetal and Coriolis terms, joint damping and stiffness, springs."""
         out = VQ()
-        gx = params[row, wp.static(GRAVITY)]
-        gy = params[row, wp.static(GRAVITY + 1)]
+        gx = world.params[wp.static(GRAVITY)]
+        gy = world.params[wp.static(GRAVITY + 1)]
         for j in range(wp.static(NV)):
-            out[j] = -params[row, wp.static(DAMPING + j)] * v[j]
+            out[j] = -world.params[wp.static(DAMPING + j)] * v[j]
             if wp.static(j in s.sprung):
-                out[j] = out[j] - params[row, wp.static(STIFFNESS + j)] * (
-                    q[j] - params[row, wp.static(REST + j)]
+                out[j] = out[j] - world.params[wp.static(STIFFNESS + j)] * (
+                    q[j] - world.params[wp.static(REST + j)]
                 )
         for b in range(wp.static(NB)):
-            mass = params[row, wp.static(MASS + b)]
+            mass = world.params[wp.static(MASS + b)]
             weights = wp.static(bias_weights_of[b])(v)
             ax = gx
             ay = gy
@@ -119,32 +119,30 @@ def make_mechanism(s: Structure, dtype: type) -> SimpleNamespace:
                         jac[wp.static(2 * b), j] * ax + jac[wp.static(2 * b + 1), j] * ay
                     )
         for i in range(wp.static(len(springs))):
-            out = wp.static(springs[i].force)(params, row, fr, v, out)
+            out = wp.static(springs[i].force)(world, fr, v, out)
         return out
 
     @wp.func
-    def control_force(params: wp.array2d(dtype=dtype), row: int, u: t.VU):
+    def control_force(world: t.World, u: t.VU):
         """Generalised force of the actuators."""
         out = VQ()
         for i in range(wp.static(s.nu)):
             out[wp.static(s.actuators[i])] = (
-                out[wp.static(s.actuators[i])] + params[row, wp.static(GEAR + i)] * u[i]
+                out[wp.static(s.actuators[i])] + world.params[wp.static(GEAR + i)] * u[i]
             )
         return out
 
     @wp.func
-    def body_force(
-        params: wp.array2d(dtype=dtype), row: int, jac: JB, external: wp.array2d(dtype=dtype), world: int
-    ):
+    def body_force(world: t.World, jac: JB):
         """Generalised force of (fx, fy, torque) at every centre of mass."""
         out = VQ()
         for b in range(wp.static(NB)):
             for j in range(wp.static(NV)):
                 if wp.static(s.in_chain(b, j)):
-                    out[j] = out[j] + jac[wp.static(2 * b), j] * external[world, wp.static(3 * b)]
-                    out[j] = out[j] + jac[wp.static(2 * b + 1), j] * external[world, wp.static(3 * b + 1)]
+                    out[j] = out[j] + jac[wp.static(2 * b), j] * world.external[wp.static(3 * b)]
+                    out[j] = out[j] + jac[wp.static(2 * b + 1), j] * world.external[wp.static(3 * b + 1)]
                 if wp.static(s.turns(b, j)):
-                    out[j] = out[j] + external[world, wp.static(3 * b + 2)]
+                    out[j] = out[j] + world.external[wp.static(3 * b + 2)]
         return out
 
     return SimpleNamespace(

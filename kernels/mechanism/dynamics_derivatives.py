@@ -43,10 +43,10 @@ def make_mechanism_derivatives(s: Structure, dtype: type, trapezoidal: bool) -> 
     )
 
     @wp.func
-    def damped_velocity(params: wp.array2d(dtype=dtype), row: int, v: VQ, w: VQ, h: dtype):
+    def damped_velocity(world: t.World, v: VQ, w: VQ, h: dtype):
         """h times the velocity that dampers act with."""
         if wp.static(undamped):
-            return h * (v + params[row, wp.static(H)] * w)
+            return h * (v + world.params[wp.static(H)] * w)
         if wp.static(met_late):
             return h * (v + w)
         return h * v
@@ -66,27 +66,18 @@ def make_mechanism_derivatives(s: Structure, dtype: type, trapezoidal: bool) -> 
 
     def make_acceleration(b: int) -> wp.Function:
         @wp.func
-        def acceleration(
-            params: wp.array2d(dtype=dtype),
-            row: int,
-            jac: J2,
-            w: VQ,
-            weights: VQ,
-            h: dtype,
-            external: wp.array2d(dtype=dtype),
-            world: int,
-        ):
+        def acceleration(world: t.World, jac: J2, w: VQ, weights: VQ, h: dtype):
             """J w + h (perp J s - g - F/m): the centre's change of velocity less what forces on it give."""
-            x = -h * params[row, wp.static(GRAVITY)]
-            y = -h * params[row, wp.static(GRAVITY + 1)]
+            x = -h * world.params[wp.static(GRAVITY)]
+            y = -h * world.params[wp.static(GRAVITY + 1)]
             for k in range(wp.static(NV)):
                 if wp.static(s.in_chain(b, k)):
                     x += jac[0, k] * w[k] - h * jac[1, k] * weights[k]
                     y += jac[1, k] * w[k] + h * jac[0, k] * weights[k]
-            if world >= 0 and external.shape[0] > 0:
-                share = h / params[row, wp.static(MASS + b)]
-                x -= share * external[world, wp.static(3 * b)]
-                y -= share * external[world, wp.static(3 * b + 1)]
+            if world.pushed == 1:
+                share = h / world.params[wp.static(MASS + b)]
+                x -= share * world.external[wp.static(3 * b)]
+                y -= share * world.external[wp.static(3 * b + 1)]
             return t.V2(x, y)
 
         return acceleration
@@ -94,24 +85,14 @@ def make_mechanism_derivatives(s: Structure, dtype: type, trapezoidal: bool) -> 
     accelerations = tuple(make_acceleration(b) for b in range(NB))
 
     @wp.func
-    def motion_by_q(
-        params: wp.array2d(dtype=dtype),
-        row: int,
-        fr: t.FRAMES,
-        jb: JB,
-        w: VQ,
-        v: VQ,
-        h: dtype,
-        external: wp.array2d(dtype=dtype),
-        world: int,
-    ):
+    def motion_by_q(world: t.World, fr: t.FRAMES, jb: JB, w: VQ, v: VQ, h: dtype):
         """d/dq_k of (M w - h r)_j at constant w and v; with h = 0: of (M w)_j."""
         out = MQ()
         for b in range(wp.static(NB)):
-            mass = params[row, wp.static(MASS + b)]
+            mass = world.params[wp.static(MASS + b)]
             jac = wp.static(body_jacobians[b])(jb)
             weights = wp.static(mech.bias_weights[b])(v)
-            acc = wp.static(accelerations[b])(params, row, jac, w, weights, h, external, world)
+            acc = wp.static(accelerations[b])(world, jac, w, weights, h)
             pw = wp.static(second[b])(jac, w)
             ps = wp.static(second[b])(jac, weights)
             gravity_free = h == ZERO
@@ -130,23 +111,23 @@ def make_mechanism_derivatives(s: Structure, dtype: type, trapezoidal: bool) -> 
                         out[j, k] = out[j, k] + mass * value
         for j in range(wp.static(NV)):
             if wp.static(j in s.sprung):
-                out[j, j] = out[j, j] + h * params[row, wp.static(STIFFNESS + j)]
+                out[j, j] = out[j, j] + h * world.params[wp.static(STIFFNESS + j)]
         if wp.static(len(springs) > 0):
             if h != ZERO:
-                y = damped_velocity(params, row, v, w, h)
+                y = damped_velocity(world, v, w, h)
                 for i in range(wp.static(len(springs))):
-                    out = wp.static(springs[i].by_q)(params, row, fr, y, h, out)
+                    out = wp.static(springs[i].by_q)(world, fr, y, h, out)
         return out
 
     @wp.func
-    def motion_by_v(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, jb: JB, v: VQ, h: dtype):
+    def motion_by_v(world: t.World, fr: t.FRAMES, jb: JB, v: VQ, h: dtype):
         """d/dv_k of (-h r)_j."""
         out = MQ()
         if wp.static(not undamped):
             for j in range(wp.static(NV)):
-                out[j, j] = h * params[row, wp.static(DAMPING + j)]
+                out[j, j] = h * world.params[wp.static(DAMPING + j)]
         for b in range(wp.static(NB)):
-            factor = TWO * h * params[row, wp.static(MASS + b)]
+            factor = TWO * h * world.params[wp.static(MASS + b)]
             jac = wp.static(body_jacobians[b])(jb)
             pv = wp.static(second[b])(jac, v)
             for k in range(wp.static(NV)):
@@ -155,29 +136,18 @@ def make_mechanism_derivatives(s: Structure, dtype: type, trapezoidal: bool) -> 
                         out[j, k] = out[j, k] + factor * (jac[0, j] * pv[0, k] + jac[1, j] * pv[1, k])
         if wp.static(not undamped):
             for i in range(wp.static(len(springs))):
-                out = wp.static(springs[i].by_v)(params, row, fr, h, out)
+                out = wp.static(springs[i].by_v)(world, fr, h, out)
         return out
 
     @wp.func
-    def hessian_qq(
-        params: wp.array2d(dtype=dtype),
-        row: int,
-        fr: t.FRAMES,
-        jb: JB,
-        p: VQ,
-        w: VQ,
-        v: VQ,
-        h: dtype,
-        external: wp.array2d(dtype=dtype),
-        world: int,
-    ):
+    def hessian_qq(world: t.World, fr: t.FRAMES, jb: JB, p: VQ, w: VQ, v: VQ, h: dtype):
         """d2/dq_k dq_l of p.(M w - h r); with h = 0: of p.M w."""
         out = MQ()
         for b in range(wp.static(NB)):
-            mass = params[row, wp.static(MASS + b)]
+            mass = world.params[wp.static(MASS + b)]
             jac = wp.static(body_jacobians[b])(jb)
             weights = wp.static(mech.bias_weights[b])(v)
-            acc = wp.static(accelerations[b])(params, row, jac, w, weights, h, external, world)
+            acc = wp.static(accelerations[b])(world, jac, w, weights, h)
             if h == ZERO:
                 acc = jac * w
             jp = jac * p
@@ -201,17 +171,17 @@ def make_mechanism_derivatives(s: Structure, dtype: type, trapezoidal: bool) -> 
                 out[k, l] = out[l, k]
         if wp.static(len(springs) > 0):
             if h != ZERO:
-                y = damped_velocity(params, row, v, w, h)
+                y = damped_velocity(world, v, w, h)
                 for i in range(wp.static(len(springs))):
-                    out = wp.static(springs[i].hessian_qq)(params, row, fr, p, y, h, out)
+                    out = wp.static(springs[i].hessian_qq)(world, fr, p, y, h, out)
         return out
 
     @wp.func
-    def hessian_qv(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, jb: JB, p: VQ, v: VQ, h: dtype):
+    def hessian_qv(world: t.World, fr: t.FRAMES, jb: JB, p: VQ, v: VQ, h: dtype):
         """d2/dq_k dv_m of p.(-h r), (nv, nv)."""
         out = MQ()
         for b in range(wp.static(NB)):
-            factor = TWO * h * params[row, wp.static(MASS + b)]
+            factor = TWO * h * world.params[wp.static(MASS + b)]
             jac = wp.static(body_jacobians[b])(jb)
             jp = jac * p
             pp = wp.static(second[b])(jac, p)
@@ -225,15 +195,15 @@ def make_mechanism_derivatives(s: Structure, dtype: type, trapezoidal: bool) -> 
                         out[k, m] = out[k, m] + factor * value
         if wp.static(not undamped):
             for i in range(wp.static(len(springs))):
-                out = wp.static(springs[i].hessian_qv)(params, row, fr, p, h, out)
+                out = wp.static(springs[i].hessian_qv)(world, fr, p, h, out)
         return out
 
     @wp.func
-    def hessian_vv(params: wp.array2d(dtype=dtype), row: int, jb: JB, p: VQ, h: dtype):
+    def hessian_vv(world: t.World, jb: JB, p: VQ, h: dtype):
         """d2/dv_k dv_m of p.(-h r), (nv, nv)."""
         out = MQ()
         for b in range(wp.static(NB)):
-            factor = TWO * h * params[row, wp.static(MASS + b)]
+            factor = TWO * h * world.params[wp.static(MASS + b)]
             jac = wp.static(body_jacobians[b])(jb)
             jp = jac * p
             for k in range(wp.static(NV)):

@@ -27,9 +27,9 @@ from .springs import make_spring
 
 @cached
 def make_effective_mass(spec: Specialisation) -> SimpleNamespace:
-    """matrix(params, row, fr, jb) = N; by_q(params, row, fr, jb, w): d(N w)/dq at constant w; and of Euler's
-    hessian(params, row, fr, jb, p, w): d2/dq dq of p.N w. drag(params, row, fr, h, total): total + h C;
-    drag_by_q(params, row, fr, y, total): total + d(C y)/dq. spread(params, row, fr, jb) = K^-1 B.
+    """matrix(world, fr, jb) = N; by_q(world, fr, jb, w): d(N w)/dq at constant w; and of Euler's
+    hessian(world, fr, jb, p, w): d2/dq dq of p.N w. drag(world, fr, h, total): total + h C;
+    drag_by_q(world, fr, y, total): total + d(C y)/dq. spread(world, fr, jb) = K^-1 B.
     """
     s, dtype, method = spec
     mech = make_mechanism(s, dtype)
@@ -45,78 +45,78 @@ def make_effective_mass(spec: Specialisation) -> SimpleNamespace:
     damped_springs = implicit and len(springs) > 0
 
     @wp.func
-    def drag(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, h: dtype, total: MQ):
+    def drag(world: t.World, fr: t.FRAMES, h: dtype, total: MQ):
         out = total
         for j in range(wp.static(NV)):
-            out[j, j] = out[j, j] + h * params[row, wp.static(DAMPING + j)]
+            out[j, j] = out[j, j] + h * world.params[wp.static(DAMPING + j)]
         for i in range(wp.static(len(springs))):
-            out = wp.static(springs[i].by_v)(params, row, fr, h, out)
+            out = wp.static(springs[i].by_v)(world, fr, h, out)
         return out
 
     @wp.func
-    def drag_by_q(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, y: VQ, total: MQ):
+    def drag_by_q(world: t.World, fr: t.FRAMES, y: VQ, total: MQ):
         out = total
         for i in range(wp.static(len(springs))):
-            out = wp.static(springs[i].by_q)(params, row, fr, y, ZERO, out)
+            out = wp.static(springs[i].by_q)(world, fr, y, ZERO, out)
         return out
 
     @wp.func
-    def part(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, jb: t.JB):
+    def part(world: t.World, fr: t.FRAMES, jb: t.JB):
         """B and K."""
-        b = drag(params, row, fr, HALF * params[row, wp.static(H)], MQ())
-        return b, wp.static(mech.mass_matrix)(params, row, jb) + b
+        b = drag(world, fr, HALF * world.params[wp.static(H)], MQ())
+        return b, wp.static(mech.mass_matrix)(world, jb) + b
 
     @wp.func
-    def spread(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, jb: t.JB):
-        b, k = part(params, row, fr, jb)
+    def spread(world: t.World, fr: t.FRAMES, jb: t.JB):
+        b, k = part(world, fr, jb)
         return wp.static(mech.inverse)(k) * b
 
     @wp.func
-    def matrix(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, jb: t.JB):
+    def matrix(world: t.World, fr: t.FRAMES, jb: t.JB):
         if wp.static(trapezoidal):
-            b, k = part(params, row, fr, jb)
+            b, k = part(world, fr, jb)
             if wp.ddot(b, b) == ZERO:
                 return k
             return k + b * (wp.static(mech.inverse)(k) * b)
-        out = wp.static(mech.mass_matrix)(params, row, jb)
+        out = wp.static(mech.mass_matrix)(world, jb)
         if wp.static(implicit):
-            out = drag(params, row, fr, params[row, wp.static(H)], out)
+            out = drag(world, fr, world.params[wp.static(H)], out)
         return out
 
     @wp.func
-    def part_by_q(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, jb: t.JB, w: VQ, y: VQ):
+    def part_by_q(world: t.World, fr: t.FRAMES, jb: t.JB, w: VQ, y: VQ):
         """d(M w + C y)/dq at constant w and y."""
-        out = wp.static(motion.motion_by_q)(params, row, fr, jb, w, VQ(), ZERO, params, wp.static(-1))
+        out = wp.static(motion.motion_by_q)(t.unpushed(world), fr, jb, w, VQ(), ZERO)
         if wp.static(damped_springs):
-            out = drag_by_q(params, row, fr, y, out)
+            out = drag_by_q(world, fr, y, out)
         return out
 
     @wp.func
-    def by_q(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, jb: t.JB, w: VQ):
-        h = params[row, wp.static(H)]
+    def by_q(world: t.World, fr: t.FRAMES, jb: t.JB, w: VQ):
+        h = world.params[wp.static(H)]
         if wp.static(trapezoidal):
-            spreading = spread(params, row, fr, jb)
+            spreading = spread(world, fr, jb)
             y = spreading * w
-            out = part_by_q(params, row, fr, jb, w, HALF * h * (w + y))
+            out = part_by_q(world, fr, jb, w, HALF * h * (w + y))
             # B K^-1 (dB w - dK y)
-            return out + wp.transpose(spreading) * part_by_q(params, row, fr, jb, -y, HALF * h * (w - y))
-        return part_by_q(params, row, fr, jb, w, h * w)
+            return out + wp.transpose(spreading) * part_by_q(world, fr, jb, -y, HALF * h * (w - y))
+        return part_by_q(world, fr, jb, w, h * w)
 
     @wp.func
-    def drag_hessian(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, p: VQ):
+    def drag_hessian(world: t.World, fr: t.FRAMES, p: VQ):
         """d2/dq_k dv_m of p.C v."""
         out = MQ()
         for i in range(wp.static(len(springs))):
-            out = wp.static(springs[i].hessian_qv)(params, row, fr, p, ONE, out)
+            out = wp.static(springs[i].hessian_qv)(world, fr, p, ONE, out)
         return out
 
     @wp.func
-    def hessian(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, jb: t.JB, p: VQ, w: VQ):
-        out = wp.static(motion.hessian_qq)(params, row, fr, jb, p, w, VQ(), ZERO, params, wp.static(-1))
+    def hessian(world: t.World, fr: t.FRAMES, jb: t.JB, p: VQ, w: VQ):
+        out = wp.static(motion.hessian_qq)(t.unpushed(world), fr, jb, p, w, VQ(), ZERO)
         if wp.static(damped_springs):
-            y = params[row, wp.static(H)] * w
+            y = world.params[wp.static(H)] * w
             for i in range(wp.static(len(springs))):
-                out = wp.static(springs[i].hessian_qq)(params, row, fr, p, y, ZERO, out)
+                out = wp.static(springs[i].hessian_qq)(world, fr, p, y, ZERO, out)
         return out
 
     return SimpleNamespace(

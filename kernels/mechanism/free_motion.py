@@ -63,12 +63,11 @@ def make_elimination(n: int, dtype: type) -> SimpleNamespace:
 def make_free_motion(spec: Specialisation) -> SimpleNamespace:
     """Warp functions of the free motion.
 
-    velocity(params, row, fr, jb, minv, v, force, ...) -> (v_free, a), force = r + u.
-    source(params, row, fr, jb, w, v, ...) -> -d(M w - h (r + u))/d(q, v, u) at w = v' - v (euler), (nv, nz).
-    by_state(params, row, fr, jb, minv, v, reached, a, dforce, ...) -> d reached/d(q, v, u) (trapezoidal),
+    velocity(world, fr, jb, minv, v, force) -> (v_free, a), force = r + u.
+    source(world, fr, jb, w, v) -> -d(M w - h (r + u))/d(q, v, u) at w = v' - v (euler), (nv, nz).
+    by_state(world, fr, jb, minv, v, reached, a, dforce) -> d reached/d(q, v, u) (trapezoidal),
         (nv, nz), of what `velocity` gives where the force also depends on (q, v, u) by dforce (nv, nz).
-    held(params, row, fr, jb, w, by_state) -> M dv_free - d(M w) at w = v' - v_free, then in place of source.
-    Dots stand for external forces and the world they are of.
+    held(world, fr, jb, w, by_state) -> M dv_free - d(M w) at w = v' - v_free, then in place of source.
     """
     s, dtype, method = spec
     mech = make_mechanism(s, dtype)
@@ -84,104 +83,62 @@ def make_free_motion(spec: Specialisation) -> SimpleNamespace:
     ZERO, ONE, HALF, TWO = dtype(0.0), dtype(1.0), dtype(0.5), dtype(2.0)
 
     @wp.func
-    def velocity(
-        params: wp.array2d(dtype=dtype),
-        row: int,
-        fr: t.FRAMES,
-        jb: t.JB,
-        minv: MQ,
-        v: VQ,
-        force: VQ,
-        external: wp.array2d(dtype=dtype),
-        world: int,
-    ):
-        h = params[row, wp.static(H)]
+    def velocity(world: t.World, fr: t.FRAMES, jb: t.JB, minv: MQ, v: VQ, force: VQ):
+        h = world.params[wp.static(H)]
         a = minv * force
         if wp.static(method.trapezoidal):
-            kq = wp.static(motion.motion_by_q)(params, row, fr, jb, a, v, ONE, external, world)
-            kv = wp.static(motion.motion_by_v)(params, row, fr, jb, v, ONE)
-            e = wp.static(mass.matrix)(params, row, fr, jb) + HALF * h * (kv + HALF * h * kq)
+            kq = wp.static(motion.motion_by_q)(world, fr, jb, a, v, ONE)
+            kv = wp.static(motion.motion_by_v)(world, fr, jb, v, ONE)
+            e = wp.static(mass.matrix)(world, fr, jb) + HALF * h * (kv + HALF * h * kq)
             rhs = h * (force - HALF * h * (kq * v))
             return v + wp.static(lu.solve)(wp.static(lu.factor)(e), rhs), a
         return v + h * a, a
 
     @wp.func
-    def source(
-        params: wp.array2d(dtype=dtype),
-        row: int,
-        fr: t.FRAMES,
-        jb: t.JB,
-        w: VQ,
-        v: VQ,
-        external: wp.array2d(dtype=dtype),
-        world: int,
-    ):
+    def source(world: t.World, fr: t.FRAMES, jb: t.JB, w: VQ, v: VQ):
         out = DV()
-        h = params[row, wp.static(H)]
-        by_q = wp.static(motion.motion_by_q)(params, row, fr, jb, w, v, h, external, world)
-        by_v = wp.static(motion.motion_by_v)(params, row, fr, jb, v, h)
-        effective = wp.static(mass.matrix)(params, row, fr, jb)
+        h = world.params[wp.static(H)]
+        by_q = wp.static(motion.motion_by_q)(world, fr, jb, w, v, h)
+        by_v = wp.static(motion.motion_by_v)(world, fr, jb, v, h)
+        effective = wp.static(mass.matrix)(world, fr, jb)
         for k in range(wp.static(NV)):
             for j in range(wp.static(NV)):
                 out[j, k] = -by_q[j, k]
                 out[j, wp.static(NV + k)] = effective[j, k] - by_v[j, k]
         for k in range(wp.static(NU)):
-            out[wp.static(s.actuators[k]), wp.static(2 * NV + k)] = h * params[row, wp.static(GEAR + k)]
+            out[wp.static(s.actuators[k]), wp.static(2 * NV + k)] = h * world.params[wp.static(GEAR + k)]
         return out
 
     @wp.func
-    def slopes_of_stiffness(
-        params: wp.array2d(dtype=dtype),
-        row: int,
-        fr: t.FRAMES,
-        jb: t.JB,
-        v: VQ,
-        a: VQ,
-        yq: VQ,
-        yv: VQ,
-        external: wp.array2d(dtype=dtype),
-        world: int,
-    ):
+    def slopes_of_stiffness(world: t.World, fr: t.FRAMES, jb: t.JB, v: VQ, a: VQ, yq: VQ, yv: VQ):
         # d/dq and d/dv of K_v yv + K_q yq at constant yv, yq and a
         by_q = MQ()
         by_v = MQ()
         for i in range(wp.static(NV)):
             p = VQ()
             p[i] = ONE
-            qq = wp.static(motion.hessian_qq)(params, row, fr, jb, p, a, v, ONE, external, world)
-            qv = wp.static(motion.hessian_qv)(params, row, fr, jb, p, v, ONE)
-            vv = wp.static(motion.hessian_vv)(params, row, jb, p, ONE)
+            qq = wp.static(motion.hessian_qq)(world, fr, jb, p, a, v, ONE)
+            qv = wp.static(motion.hessian_qv)(world, fr, jb, p, v, ONE)
+            vv = wp.static(motion.hessian_vv)(world, jb, p, ONE)
             for k in range(wp.static(NV)):
                 for m in range(wp.static(NV)):
                     by_q[i, k] = by_q[i, k] + qv[k, m] * yv[m] + qq[k, m] * yq[m]
                     by_v[i, k] = by_v[i, k] + vv[k, m] * yv[m] + qv[m, k] * yq[m]
             if wp.static(mass.damped_springs):  # of K_q alone
-                drag = wp.static(mass.drag_hessian)(params, row, fr, p)
+                drag = wp.static(mass.drag_hessian)(world, fr, p)
                 for k in range(wp.static(NV)):
                     for m in range(wp.static(NV)):
                         by_v[i, k] = by_v[i, k] + drag[m, k] * yq[m]
         return by_q, by_v
 
     @wp.func
-    def by_state(
-        params: wp.array2d(dtype=dtype),
-        row: int,
-        fr: t.FRAMES,
-        jb: t.JB,
-        minv: MQ,
-        v: VQ,
-        reached: VQ,
-        a: VQ,
-        dforce: DV,
-        external: wp.array2d(dtype=dtype),
-        world: int,
-    ):
+    def by_state(world: t.World, fr: t.FRAMES, jb: t.JB, minv: MQ, v: VQ, reached: VQ, a: VQ, dforce: DV):
         # G = E D - h f + h^2/2 K_q v = 0 with D = reached - v, a = N^-1 f, f = r + u + contact forces
-        h = params[row, wp.static(H)]
+        h = world.params[wp.static(H)]
         d = reached - v
-        kq = wp.static(motion.motion_by_q)(params, row, fr, jb, a, v, ONE, external, world)
-        kv = wp.static(motion.motion_by_v)(params, row, fr, jb, v, ONE)
-        e = wp.static(mass.matrix)(params, row, fr, jb) + HALF * h * (kv + HALF * h * kq)
+        kq = wp.static(motion.motion_by_q)(world, fr, jb, a, v, ONE)
+        kv = wp.static(motion.motion_by_v)(world, fr, jb, v, ONE)
+        e = wp.static(mass.matrix)(world, fr, jb) + HALF * h * (kv + HALF * h * kq)
         factor = wp.static(lu.factor)(e)
         yv = HALF * h * d
         yq = HALF * HALF * h * h * (d + TWO * v)
@@ -189,22 +146,22 @@ def make_free_motion(spec: Specialisation) -> SimpleNamespace:
         for j in range(wp.static(NV)):
             p = VQ()
             p[j] = ONE
-            slope = wp.static(motion.motion_by_q)(params, row, fr, jb, p, VQ(), ZERO, params, wp.static(-1))
+            slope = wp.static(motion.motion_by_q)(t.unpushed(world), fr, jb, p, VQ(), ZERO)
             if wp.static(mass.damped_springs):
-                slope = wp.static(mass.drag_by_q)(params, row, fr, h * p, slope)
+                slope = wp.static(mass.drag_by_q)(world, fr, h * p, slope)
             column = slope * yq
             for i in range(wp.static(NV)):
                 change[i, j] = column[i]
         pull = change * minv  # d(K_q yq)/da da/d(r + u)
-        by_q, by_v = slopes_of_stiffness(params, row, fr, jb, v, a, yq, yv, external, world)
+        by_q, by_v = slopes_of_stiffness(world, fr, jb, v, a, yq, yv)
         if wp.static(mass.implicit):  # N a = f, whose dampers are at v
-            still = wp.static(motion.motion_by_q)(params, row, fr, jb, VQ(), v, ONE, external, world)
-            drag = wp.static(mass.drag)(params, row, fr, ONE, kv)
-            by_q += wp.static(mass.by_q)(params, row, fr, jb, d) + h * still
-            by_q -= pull * (wp.static(mass.by_q)(params, row, fr, jb, a) + still)
+            still = wp.static(motion.motion_by_q)(world, fr, jb, VQ(), v, ONE)
+            drag = wp.static(mass.drag)(world, fr, ONE, kv)
+            by_q += wp.static(mass.by_q)(world, fr, jb, d) + h * still
+            by_q -= pull * (wp.static(mass.by_q)(world, fr, jb, a) + still)
             by_v += h * drag - pull * drag + HALF * h * h * kq
         else:
-            by_q += wp.static(motion.motion_by_q)(params, row, fr, jb, d, v, h, external, world) - pull * kq
+            by_q += wp.static(motion.motion_by_q)(world, fr, jb, d, v, h) - pull * kq
             by_v += h * kv - pull * kv + HALF * h * h * kq
         push = h * dforce - pull * dforce
         out = DV()
@@ -225,7 +182,7 @@ def make_free_motion(spec: Specialisation) -> SimpleNamespace:
             for j in range(wp.static(NV)):
                 g[j] = -pull[j, wp.static(s.actuators[k])]
             g[wp.static(s.actuators[k])] = g[wp.static(s.actuators[k])] + h
-            g = params[row, wp.static(GEAR + k)] * g
+            g = world.params[wp.static(GEAR + k)] * g
             for j in range(wp.static(NV)):
                 g[j] = g[j] + push[j, wp.static(2 * NV + k)]
             du = wp.static(lu.solve)(factor, g)
@@ -234,9 +191,9 @@ def make_free_motion(spec: Specialisation) -> SimpleNamespace:
         return out
 
     @wp.func
-    def held(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, jb: t.JB, w: VQ, free: DV):
-        out = wp.static(mass.matrix)(params, row, fr, jb) * free
-        by_q = wp.static(mass.by_q)(params, row, fr, jb, w)
+    def held(world: t.World, fr: t.FRAMES, jb: t.JB, w: VQ, free: DV):
+        out = wp.static(mass.matrix)(world, fr, jb) * free
+        by_q = wp.static(mass.by_q)(world, fr, jb, w)
         for k in range(wp.static(NV)):
             for j in range(wp.static(NV)):
                 out[j, k] = out[j, k] - by_q[j, k]

@@ -11,17 +11,23 @@ import warp as wp
 
 from ..factories import cached
 from ..structure import PRISMATIC, WORLD, Structure, check_capacity, layout
+from .world import make_world
 
 
 @cached
 def make_types(s: Structure, dtype: type) -> SimpleNamespace:
     """Warp vector and matrix types of a structure: VQ (nv), VX (2 nv), VU (nu), VR (nr), V2, MQ (nv, nv),
-    ... Every specialised kernel has them, so this is where a scene with too many rows for one ends.
+    ... and `World`. Every specialised kernel has them, so this is where a scene with too many rows for one
+    ends.
     """
     check_capacity(s)
     nv, nu, nr = s.nv, max(s.nu, 1), max(s.nr, 1)
     vector, matrix = wp.types.vector, wp.types.matrix
+    world = make_world(dtype)
     return SimpleNamespace(
+        World=world.World,
+        world_at=world.at,
+        unpushed=world.unpushed,
         V2=vector(2, dtype),
         VQ=vector(nv, dtype),
         VX=vector(2 * nv, dtype),
@@ -52,19 +58,19 @@ def make_kinematics(s: Structure, dtype: type) -> SimpleNamespace:
     ANCHOR, ANGLE, AXIS = (lay.offset(n) for n in ("anchor", "angle", "axis"))
 
     @wp.func
-    def frames(params: wp.array2d(dtype=dtype), row: int, q: VQ):
+    def frames(world: t.World, q: VQ):
         """Orientation and joint position of every body."""
         out = FRAMES()
         phi = PHI()
         for b in range(wp.static(NB)):
             c = ONE
             sn = ZERO
-            x = params[row, wp.static(ANCHOR + 2 * b)]
-            y = params[row, wp.static(ANCHOR + 2 * b + 1)]
-            angle = params[row, wp.static(ANGLE + b)]
+            x = world.params[wp.static(ANCHOR + 2 * b)]
+            y = world.params[wp.static(ANCHOR + 2 * b + 1)]
+            angle = world.params[wp.static(ANGLE + b)]
             if wp.static(joint[b] == "prismatic"):
-                x += params[row, wp.static(AXIS + 2 * b)] * q[wp.static(dofs[b][0])]
-                y += params[row, wp.static(AXIS + 2 * b + 1)] * q[wp.static(dofs[b][0])]
+                x += world.params[wp.static(AXIS + 2 * b)] * q[wp.static(dofs[b][0])]
+                y += world.params[wp.static(AXIS + 2 * b + 1)] * q[wp.static(dofs[b][0])]
             if wp.static(joint[b] == "free"):
                 x += q[wp.static(dofs[b][0])]
                 y += q[wp.static(dofs[b][0] + 1)]
@@ -90,7 +96,7 @@ def make_kinematics(s: Structure, dtype: type) -> SimpleNamespace:
         J2 = t.J2
 
         @wp.func
-        def point_jacobian(params: wp.array2d(dtype=dtype), row: int, fr: FRAMES, x: dtype, y: dtype):
+        def point_jacobian(world: t.World, fr: FRAMES, x: dtype, y: dtype):
             out = J2()
             for j in range(wp.static(NV)):
                 if wp.static(s.turns(body, j)):
@@ -100,8 +106,8 @@ def make_kinematics(s: Structure, dtype: type) -> SimpleNamespace:
                     ax = ONE
                     ay = ZERO
                     if wp.static(joint[s.dof_body[j]] == "prismatic"):
-                        ax = params[row, wp.static(AXIS + 2 * s.dof_body[j])]
-                        ay = params[row, wp.static(AXIS + 2 * s.dof_body[j] + 1)]
+                        ax = world.params[wp.static(AXIS + 2 * s.dof_body[j])]
+                        ay = world.params[wp.static(AXIS + 2 * s.dof_body[j] + 1)]
                     if wp.static(joint[s.dof_body[j]] == "free" and dofs[s.dof_body[j]][1] == j):
                         ax = ZERO
                         ay = ONE

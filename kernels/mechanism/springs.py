@@ -21,7 +21,7 @@ def make_spring(s: Structure, index: int, dtype: type) -> SimpleNamespace:
     """Warp functions of spring `index`; the derivatives add to what they are given. They are of -r with a
     share of the stiffness, and the damper seeing y: of -h r with share = h, y = h v.
 
-    span(params, row, frames, y, share) -> Span: what all are made of; rounding(L) = eps, of slope SHORT.
+    span(world, frames, y, share) -> Span: what all are made of; rounding(L) = eps, of slope SHORT.
     """
     kin = make_kinematics(s, dtype)
     t = kin.types
@@ -42,9 +42,9 @@ def make_spring(s: Structure, index: int, dtype: type) -> SimpleNamespace:
 
     def make_point(body: int, column: int) -> wp.Function:
         @wp.func
-        def point(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES):
-            x = params[row, wp.static(column)]
-            y = params[row, wp.static(column + 1)]
+        def point(world: t.World, fr: t.FRAMES):
+            x = world.params[wp.static(column)]
+            y = world.params[wp.static(column + 1)]
             if wp.static(body == WORLD):
                 return V2(x, y)
             c = fr[wp.static(max(body, 0)), 0]
@@ -75,24 +75,24 @@ def make_spring(s: Structure, index: int, dtype: type) -> SimpleNamespace:
         return SHORT * rest + TINY
 
     @wp.func
-    def span(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, y: VQ, share: dtype):
+    def span(world: t.World, fr: t.FRAMES, y: VQ, share: dtype):
         out = Span()
-        pa = wp.static(point_a)(params, row, fr)
-        pb = wp.static(point_b)(params, row, fr)
+        pa = wp.static(point_a)(world, fr)
+        pb = wp.static(point_b)(world, fr)
         out.pa = pa
         out.pb = pb
         out.delta = pb - pa
-        out.ja = wp.static(jac_a)(params, row, fr, pa[0], pa[1])
-        out.jb = wp.static(jac_b)(params, row, fr, pb[0], pb[1])
+        out.ja = wp.static(jac_a)(world, fr, pa[0], pa[1])
+        out.jb = wp.static(jac_b)(world, fr, pb[0], pb[1])
         m = ZERO
         for j in range(wp.static(NV)):
             slope = out.delta[0] * (out.jb[0, j] - out.ja[0, j])
             slope += out.delta[1] * (out.jb[1, j] - out.ja[1, j])
             out.a[j] = slope
             m += slope * y[j]
-        k = share * params[row, wp.static(K)]
-        c = params[row, wp.static(C)]
-        rest = params[row, wp.static(L)]
+        k = share * world.params[wp.static(K)]
+        c = world.params[wp.static(C)]
+        rest = world.params[wp.static(L)]
         eps = rounding(rest)
         inv = ONE / (wp.dot(out.delta, out.delta) + eps * eps)
         out.inv = inv
@@ -176,28 +176,26 @@ def make_spring(s: Structure, index: int, dtype: type) -> SimpleNamespace:
         return out
 
     @wp.func
-    def force(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, v: VQ, total: VQ):
+    def force(world: t.World, fr: t.FRAMES, v: VQ, total: VQ):
         """total + r"""
-        e = span(params, row, fr, v, ONE)
+        e = span(world, fr, v, ONE)
         return total - e.g[0] * e.a
 
     @wp.func
-    def by_q(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, y: VQ, share: dtype, total: MQ):
-        e = span(params, row, fr, y, share)
+    def by_q(world: t.World, fr: t.FRAMES, y: VQ, share: dtype, total: MQ):
+        e = span(world, fr, y, share)
         slope = TWO * e.g[1] * e.a + e.g[2] * bend(e, y)
         return total + e.g[0] * second(e) + wp.outer(e.a, slope)
 
     @wp.func
-    def by_v(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, h: dtype, total: MQ):
+    def by_v(world: t.World, fr: t.FRAMES, h: dtype, total: MQ):
         """total + h C"""
-        e = span(params, row, fr, VQ(), ZERO)
+        e = span(world, fr, VQ(), ZERO)
         return total + (h * e.g[2]) * wp.outer(e.a, e.a)
 
     @wp.func
-    def hessian_qq(
-        params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, p: VQ, y: VQ, share: dtype, total: MQ
-    ):
-        e = span(params, row, fr, y, share)
+    def hessian_qq(world: t.World, fr: t.FRAMES, p: VQ, y: VQ, share: dtype, total: MQ):
+        e = span(world, fr, y, share)
         along = wp.dot(p, e.a)
         hy = bend(e, y)
         hp = bend(e, p)
@@ -208,8 +206,8 @@ def make_spring(s: Structure, index: int, dtype: type) -> SimpleNamespace:
         return total + out
 
     @wp.func
-    def hessian_qv(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, p: VQ, h: dtype, total: MQ):
-        e = span(params, row, fr, VQ(), ZERO)
+    def hessian_qv(world: t.World, fr: t.FRAMES, p: VQ, h: dtype, total: MQ):
+        e = span(world, fr, VQ(), ZERO)
         along = wp.dot(p, e.a)
         slope = e.g[2] * bend(e, p) + (TWO * e.g[4] * along) * e.a
         return total + h * (wp.outer(slope, e.a) + (e.g[2] * along) * second(e))

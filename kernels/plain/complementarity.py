@@ -90,7 +90,7 @@ def make_complementarity_kernel(n: int, dtype: type, method: Method, continuatio
     ):
         item = first + wp.tid()
         p = problem.read(A, b, sigma, item)
-        v, _z, lam, code, count = wp.static(solver)(sigma, item, p, t.VR(UNUSED))
+        v, _z, lam, code, count = wp.static(solver)(t.World(), p, t.VR(UNUSED))
         finite = wp.isfinite(wp.dot(lam, lam))
         if code == wp.static(SOLVED) and not finite:
             code = wp.static(NONFINITE)

@@ -25,7 +25,7 @@ LOGISTIC = math.sqrt(3.0) / math.pi  # scale of a logistic distribution of stand
 def make_noise(spec: Specialisation) -> SimpleNamespace:
     """Warp functions of the noise.
 
-    level[i](params, row, sigma): what the residual of row i takes as its sigma. spread(params, row, y): the
+    level[i](world, sigma): what the residual of row i takes as its sigma. spread(world, y): the
     covariance of the rows' velocities times y. deviation(J . y) for y = spread(J): sigma_i.
     """
     s, dtype, method = spec
@@ -43,25 +43,25 @@ def make_noise(spec: Specialisation) -> SimpleNamespace:
 
     def make_level(i: int) -> wp.Function:
         @wp.func
-        def level(params: wp.array2d(dtype=dtype), row: int, sigma: t.VR):
+        def level(world: t.World, sigma: t.VR):
             if wp.static(method.state_noise and method.converts):
                 return FACTOR * sigma[wp.static(i)]
             if wp.static(method.state_noise):
                 return sigma[wp.static(i)]
             if wp.static(method.converts):
-                return FACTOR * params[row, wp.static(SIGMA + i)]
-            return params[row, wp.static(SIGMA + i)]
+                return FACTOR * world.params[wp.static(SIGMA + i)]
+            return world.params[wp.static(SIGMA + i)]
 
         return level
 
     @wp.func
-    def spread(params: wp.array2d(dtype=dtype), row: int, y: VQ):
+    def spread(world: t.World, y: VQ):
         out = VQ()
-        h = params[row, wp.static(H)]
+        h = world.params[wp.static(H)]
         for i in range(wp.static(NV)):
             for j in range(wp.static(NV)):
-                c = params[row, wp.static(POSITION + NV * i + j)] / (h * h)
-                out[i] = out[i] + (c + params[row, wp.static(VELOCITY + NV * i + j)]) * y[j]
+                c = world.params[wp.static(POSITION + NV * i + j)] / (h * h)
+                out[i] = out[i] + (c + world.params[wp.static(VELOCITY + NV * i + j)]) * y[j]
         return out
 
     @wp.func

@@ -41,7 +41,8 @@ def make_continuation_solver(spec: Specialisation) -> wp.Function:
     smooth = make_newton(spec._replace(method=dataclasses.replace(method, residual="rem-logistic")))
     hard = make_newton(spec)
     Problem, measure = make_problem(s, dtype), make_measure(spec)
-    NR, VR = s.nr, make_types(s, dtype).VR
+    t = make_types(s, dtype)
+    NR, VR, World = s.nr, t.VR, t.World
     ZERO, HALF, ONE = dtype(0.0), dtype(0.5), dtype(1.0)
     FIRST, KEPT, LAST, LOW, CLOSE = (dtype(x) for x in (START, SHARE, END[dtype], LOWEST_START, INEXACT))
     TOL, SLOW = dtype(RESOLUTION[dtype]), dtype(SLOWEST)
@@ -56,7 +57,7 @@ def make_continuation_solver(spec: Specialisation) -> wp.Function:
         return out
 
     @wp.func
-    def correct(params: wp.array2d(dtype=dtype), row: int, p: Problem, tolerance: dtype, z0: VR):
+    def correct(world: World, p: Problem, tolerance: dtype, z0: VR):
         # damped Newton steps at one sigma; z, whether |r| <= tolerance, iterations
         z = z0
         best = z0
@@ -67,7 +68,7 @@ def make_continuation_solver(spec: Specialisation) -> wp.Function:
         found = int(0)
         while found == 0 and it < wp.static(CORRECTIONS) and length >= SHORTEST:
             it += 1
-            at = wp.static(smooth.evaluate)(params, row, p, z)
+            at = wp.static(smooth.evaluate)(world, p, z)
             if at.worst <= tolerance and wp.isfinite(at.merit):
                 found = int(1)
             elif wp.isfinite(at.merit) and at.merit <= old * (ONE - DECREASE * length):
@@ -82,8 +83,8 @@ def make_continuation_solver(spec: Specialisation) -> wp.Function:
         return z, found, it
 
     @wp.func
-    def solve(params: wp.array2d(dtype=dtype), row: int, problem: Problem, warm: VR):
-        p = measure(params, row, problem)
+    def solve(world: World, problem: Problem, warm: VR):
+        p = measure(world, problem)
         z = VR()
         p.size = SMALLEST
         for i in range(wp.static(NR)):
@@ -100,7 +101,7 @@ def make_continuation_solver(spec: Specialisation) -> wp.Function:
         while on == 1:
             problems += 1
             tolerance = wp.max(CLOSE * trial, TOL * p.size)
-            there, found, count = correct(params, row, at_level(p, trial), tolerance, z)
+            there, found, count = correct(world, at_level(p, trial), tolerance, z)
             iterations += count
             if found == 1:
                 z = there
@@ -124,7 +125,7 @@ def make_continuation_solver(spec: Specialisation) -> wp.Function:
         at = hard.Point()
         status = int(wp.static(NOT_CONVERGED))
         if level > ZERO and level <= LAST * p.size:
-            at, z, status, count = wp.static(hard.newton)(params, row, p, z)
+            at, z, status, count = wp.static(hard.newton)(world, p, z)
             iterations += count
         return at.v, z, at.lam, status, iterations
 

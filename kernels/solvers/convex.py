@@ -22,14 +22,14 @@ from .newton import make_newton
 
 @cached
 def make_solver(spec: Specialisation) -> wp.Function:
-    """solve(params, row, problem, warm) -> v', z, lambda, status, iterations; warm: z of the last step."""
+    """solve(world, problem, warm) -> v', z, lambda, status, iterations; warm: z of the last step."""
     s, dtype, _ = spec
     r = make_rows(spec)
     interior = make_interior(spec)
     n = make_newton(spec)
     solve_few = make_few_rows(spec)
     Problem, measure = make_problem(s, dtype), make_measure(spec)
-    VQ, VR = r.types.VQ, r.types.VR
+    VQ, VR, World = r.types.VQ, r.types.VR, r.types.World
     NR = s.nr
     ZERO, HALF, UNUSED = dtype(0.0), dtype(0.5), dtype(COLD)
     RANK = dtype(1e-14 if dtype is wp.float64 else 1e-6)
@@ -106,22 +106,22 @@ def make_solver(spec: Specialisation) -> wp.Function:
         return work < -moves and left <= CERTIFICATE * length
 
     @wp.func
-    def solve(params: wp.array2d(dtype=dtype), row: int, problem: Problem, warm: VR):
-        p = measure(params, row, problem)
+    def solve(world: World, problem: Problem, warm: VR):
+        p = measure(world, problem)
         z = start(p, warm)
-        v, z_few, lam_few, status, iterations = solve_few(params, row, p, z)
+        v, z_few, lam_few, status, iterations = solve_few(world, p, z)
         if status == wp.static(SOLVED):
             return v, z_few, lam_few, status, iterations
         at = n.Point()
         attempt = int(0)
         while status == wp.static(NOT_CONVERGED) and attempt < 2:
             if attempt == 1:
-                z, lam, found, count = interior(params, row, p, start(p, VR(UNUSED)))
+                z, lam, found, count = interior(world, p, start(p, VR(UNUSED)))
                 iterations += count
                 if found == 0 and proves_infeasible(p, lam):
                     status = wp.static(INFEASIBLE)
             if status == wp.static(NOT_CONVERGED):
-                at, z, status, count = wp.static(n.newton)(params, row, p, z)
+                at, z, status, count = wp.static(n.newton)(world, p, z)
                 iterations += count
             attempt += 1
         return at.v, z, at.lam, status, iterations

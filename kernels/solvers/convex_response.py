@@ -36,7 +36,7 @@ def make_convex_response(spec: Specialisation) -> SimpleNamespace:
         slope: VR  # s'(z)
 
     @wp.func
-    def factor(params: wp.array2d(dtype=dtype), row: int, p: Problem, lam: VR, z: VR, normals: JR):
+    def factor(world: t.World, p: Problem, lam: VR, z: VR, normals: JR):
         out = Factor()
         slack = VR()  # s'(-z)
         diag = VR()
@@ -45,7 +45,7 @@ def make_convex_response(spec: Specialisation) -> SimpleNamespace:
                 if wp.static(method.hard):
                     e = wp.static(sm.kink)(z[i])
                 else:
-                    sigma = wp.static(noise.level[i])(params, row, p.sigma)
+                    sigma = wp.static(noise.level[i])(world, p.sigma)
                     e = wp.static(sm.smooth)(z[i], sigma, ONE / sigma)
                 out.slope[i] = e[2]
                 slack[i] = e[3]

@@ -161,14 +161,14 @@ def make_coulomb_solver(spec: Specialisation) -> wp.Function:
         return out
 
     @wp.func
-    def solve(params: wp.array2d(dtype=dtype), row: int, p: Problem, warm: VR):
-        v_alone, z_alone, lam_alone, found = single(params, row, p)
+    def solve(world: t.World, p: Problem, warm: VR):
+        v_alone, z_alone, lam_alone, found = single(world, p)
         if found == 1:
             return v_alone, kept(z_alone, warm, p.mask), lam_alone, wp.static(SOLVED), int(0)
-        v_few, z_few, lam_few, settled = few(params, row, p, warm)
+        v_few, z_few, lam_few, settled = few(world, p, warm)
         if settled == 1:
             return v_few, z_few, lam_few, wp.static(SOLVED), int(0)
-        dense = active.gather(params, row, p)
+        dense = active.gather(world, p)
         finite = int(1)
         for i in range(dense.count):
             if not wp.isfinite(dense.b[i]):

@@ -48,13 +48,13 @@ def make_cone(dtype: type) -> wp.Function:
 
 @cached
 def make_alone(spec: Specialisation) -> wp.Function:
-    """alone(params, row, problem) -> v', z, lambda, found: 1 where the mask is a single limit or pair and the
+    """alone(world, problem) -> v', z, lambda, found: 1 where the mask is a single limit or pair and the
     natural map of what is returned vanishes, on the scale of J v_free and d/h. Painleve's cases, impulses
     that are large against each other and rows that no impulse moves are left to others.
     """
     s, dtype, _ = spec
     r = make_rows(spec)
-    VR, Problem = r.types.VR, make_problem(s, dtype)
+    VR, World, Problem = r.types.VR, r.types.World, make_problem(s, dtype)
     cone = make_cone(dtype)
     ZERO, SMALLEST = dtype(0.0), dtype(1e-30)
     ENOUGH, CANCEL = dtype(ACCEPT[dtype]), dtype(LARGEST)
@@ -64,7 +64,7 @@ def make_alone(spec: Specialisation) -> wp.Function:
 
     def make_pair(i: int) -> wp.Function:
         @wp.func
-        def of_pair(params: wp.array2d(dtype=dtype), row: int, p: Problem):
+        def of_pair(world: World, p: Problem):
             # found: 1 where it sticks or slides against v_t, or separates
             size_n = wp.abs(p.rate[wp.static(i)])
             size_t = ZERO
@@ -79,7 +79,7 @@ def make_alone(spec: Specialisation) -> wp.Function:
             ant = wp.static(r.dots[i])(p.jac, gt)
             bn = wp.static(r.dots[i])(p.jac, p.vfree) + p.rate[wp.static(i)]
             bt = wp.static(r.dots[i + 1])(p.jac, p.vfree)
-            mu = params[row, wp.static(FRICTION + pair[i])]
+            mu = world.params[wp.static(FRICTION + pair[i])]
             lam = cone(mu, ann, ant, att, bn, bt)
             wn = bn + ann * lam[0] + ant * lam[1]
             vt = bt + ant * lam[0] + att * lam[1]
@@ -102,7 +102,7 @@ def make_alone(spec: Specialisation) -> wp.Function:
 
     def make_row(i: int) -> wp.Function:
         @wp.func
-        def of_row(params: wp.array2d(dtype=dtype), row: int, p: Problem):
+        def of_row(world: World, p: Problem):
             g = wp.static(r.applies[i])(p.minv, p.jac)
             a = wp.max(wp.static(r.dots[i])(p.jac, g), SMALLEST)
             b = wp.static(r.dots[i])(p.jac, p.vfree) + p.rate[wp.static(i)]
@@ -121,7 +121,7 @@ def make_alone(spec: Specialisation) -> wp.Function:
     bits = tuple((3 if frictional[i] else 1) << i for i in range(s.nr))
 
     @wp.func
-    def alone(params: wp.array2d(dtype=dtype), row: int, p: Problem):
+    def alone(world: World, p: Problem):
         v = p.vfree
         z = VR()
         lam = VR()
@@ -129,7 +129,7 @@ def make_alone(spec: Specialisation) -> wp.Function:
         for i in range(wp.static(s.nr)):
             if wp.static(single[i] is not None):
                 if p.mask == wp.static(bits[i]):
-                    v, z, lam, found = wp.static(single[i])(params, row, p)
+                    v, z, lam, found = wp.static(single[i])(world, p)
         return v, z, lam, found
 
     return alone

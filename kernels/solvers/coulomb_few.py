@@ -25,13 +25,13 @@ PROXIMAL = {wp.float64: 1e-9, wp.float32: 1e-4}  # relative to A_ii
 
 @cached
 def make_coulomb_few(spec: Specialisation) -> wp.Function:
-    """few(params, row, problem, warm) -> v', z, lambda, found.
+    """few(world, problem, warm) -> v', z, lambda, found.
 
     found is 0 where there are more than FEW rows, or no solution was found.
     """
     s, dtype, _ = spec
     r = make_rows(spec)
-    VQ, VR = r.types.VQ, r.types.VR
+    VQ, VR, World = r.types.VQ, r.types.VR, r.types.World
     NR, NV, K = s.nr, s.nv, min(FEW, s.nr)
     Problem, places = make_problem(s, dtype), make_places(spec, K)
     V, M, J = places.V, places.A, places.J
@@ -52,7 +52,7 @@ def make_coulomb_few(spec: Specialisation) -> wp.Function:
         size: dtype  # of the terms of the natural map
 
     @wp.func
-    def gather(params: wp.array2d(dtype=dtype), row: int, problem: Problem, warm: VR):
+    def gather(world: World, problem: Problem, warm: VR):
         out = Few()
         own = J()
         place = int(0)
@@ -74,7 +74,7 @@ def make_coulomb_few(spec: Specialisation) -> wp.Function:
                         out.b[k] = b
                         out.mu[k] = -ONE
                         if wp.static(r.tangent[i]):
-                            out.mu[k] = params[row, wp.static(FRICTION + pair[i])]
+                            out.mu[k] = world.params[wp.static(FRICTION + pair[i])]
                         if wp.static(warmed):
                             out.z[k] = warm[i]
                 place += 1
@@ -196,8 +196,8 @@ def make_coulomb_few(spec: Specialisation) -> wp.Function:
         return worst
 
     @wp.func
-    def few(params: wp.array2d(dtype=dtype), row: int, problem: Problem, warm: VR):
-        p, count = gather(params, row, problem, warm)
+    def few(world: World, problem: Problem, warm: VR):
+        p, count = gather(world, problem, warm)
         z = start(p)
         lam = V()
         for k in range(wp.static(K)):

@@ -23,7 +23,7 @@ OFF, PRESS, STICK, LEFT, RIGHT = 0, 1, 2, 3, 4  # modes; LEFT: lambda_t = -mu la
 def make_active(spec: Specialisation) -> SimpleNamespace:
     """The dense problem of the rows in the mask, and the linear system of given modes.
 
-    gather(params, row, problem) -> Dense; modes(dense, z) -> MODES;
+    gather(world, problem) -> Dense; modes(dense, z) -> MODES;
     factor(dense, modes, tau) -> Lu; impulses(dense, modes, lu, target, centre) -> lambda with
     A lambda + target = 0 in the rows that hold; `transposed` is its adjoint.
     """
@@ -62,7 +62,7 @@ def make_active(spec: Specialisation) -> SimpleNamespace:
         m: AR
 
     @wp.func
-    def gather(params: wp.array2d(dtype=dtype), row: int, p: Problem):
+    def gather(world: t.World, p: Problem):
         out = Dense()
         size = dtype(0.0)
         n = int(0)
@@ -83,13 +83,13 @@ def make_active(spec: Specialisation) -> SimpleNamespace:
                     out.a[n, k] = value
                     out.a[k, n] = value
                 if wp.static(not r.tangent[i]):
-                    allowed = SHARE * terms + CLOSE / params[row, wp.static(H)]
+                    allowed = SHARE * terms + CLOSE / world.params[wp.static(H)]
                     if not (out.a[n, n] > SMALLEST) and out.b[n] < -allowed:
                         out.shut = 1
                 out.a[n, n] = wp.max(out.a[n, n], SMALLEST)
                 if wp.static(r.tangent[i]):
                     out.tangent[n] = 1
-                    out.mu[n] = params[row, wp.static(FRICTION + pair[i])]
+                    out.mu[n] = world.params[wp.static(FRICTION + pair[i])]
                 n += 1
         out.count = n
         for i in range(n):
@@ -98,7 +98,7 @@ def make_active(spec: Specialisation) -> SimpleNamespace:
             for k in range(n):
                 if out.tangent[k] == 0 and out.b[k] < ZERO:
                     out.size[i] = wp.max(out.size[i], -out.b[k] * wp.abs(out.a[i, k]) / out.a[k, k])
-            out.size[i] = out.size[i] + LENGTH / params[row, wp.static(H)]
+            out.size[i] = out.size[i] + LENGTH / world.params[wp.static(H)]
         return out
 
     @wp.func

@@ -35,9 +35,9 @@ def make_coulomb_response(spec: Specialisation) -> SimpleNamespace:
         lu: active.Lu
 
     @wp.func
-    def factor(params: wp.array2d(dtype=dtype), row: int, p: Problem, lam: VR, z: VR, normals: JR):
+    def factor(world: t.World, p: Problem, lam: VR, z: VR, normals: JR):
         out = Factor()
-        out.dense = active.gather(params, row, p)
+        out.dense = active.gather(world, p)
         own = VR()
         for i in range(out.dense.count):
             own[i] = z[out.dense.row[i]]

@@ -242,13 +242,13 @@ def make_erm_solver(spec: Specialisation) -> wp.Function:
     gather = make_gather(spec)
 
     @wp.func
-    def solve(params: wp.array2d(dtype=dtype), row: int, p: Problem, warm: VR):
-        v, z, lam, status, iterations = wp.static(rem)(params, row, p, warm)
+    def solve(world: t.World, p: Problem, warm: VR):
+        v, z, lam, status, iterations = wp.static(rem)(world, p, warm)
         if status == wp.static(SOLVED):
             level = VR()
-            known = measure(params, row, p)
+            known = measure(world, p)
             for i in range(wp.static(NR)):
-                level[i] = wp.static(noise.level[i])(params, row, p.sigma)
+                level[i] = wp.static(noise.level[i])(world, p.sigma)
             lam, w, status, count = wp.static(search)(
                 gather(p.minv, p.jac), known.w0, p.scale, level, lam, known.size
             )

@@ -49,7 +49,7 @@ def make_erm_response(spec: Specialisation) -> SimpleNamespace:
         by_q: JR  # dG/dq at fixed lambda and v'
 
     @wp.func
-    def factor(params: wp.array2d(dtype=dtype), row: int, problem: Problem, lam: VR, z: VR, normals: JR):
+    def factor(world: t.World, problem: Problem, lam: VR, z: VR, normals: JR):
         out = Factor()
         level = VR()
         a = VR()
@@ -58,7 +58,7 @@ def make_erm_response(spec: Specialisation) -> SimpleNamespace:
         if problem.mask != 0:
             out.scale = problem.scale
             for i in range(wp.static(NR)):
-                level[i] = wp.static(noise.level[i])(params, row, problem.sigma)
+                level[i] = wp.static(noise.level[i])(world, problem.sigma)
                 a[i] = problem.scale[i] * lam[i]
                 w[i] = a[i] - z[i]
                 e = wp.static(erm.terms)(a[i], w[i], level[i])

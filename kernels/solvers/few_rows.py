@@ -26,14 +26,14 @@ DECREASE = 0.99  # of the sum of squares, at least, in every step
 
 @cached
 def make_few_rows(spec: Specialisation) -> wp.Function:
-    """solve_few(params, row, problem, z) -> v', z, lambda, status, iterations; NOT_CONVERGED also where there
+    """solve_few(world, problem, z) -> v', z, lambda, status, iterations; NOT_CONVERGED also where there
     are more than FEW rows. The problem is measured.
     """
     s, dtype, method = spec
     r = make_rows(spec)
     sm = make_smoothing(dtype, method.residual)
     noise = make_noise(spec)
-    VQ, VR = r.types.VQ, r.types.VR
+    VQ, VR, World = r.types.VQ, r.types.VR, r.types.World
     NR, NV, K = s.nr, s.nv, min(FEW[len(s.pairs) > 1], s.nr)
     Problem, places = make_problem(s, dtype), make_places(spec, K)
     V, M, J = places.V, places.A, places.J
@@ -54,7 +54,7 @@ def make_few_rows(spec: Specialisation) -> wp.Function:
         z: V
 
     @wp.func
-    def gather(params: wp.array2d(dtype=dtype), row: int, problem: Problem, z: VR):
+    def gather(world: World, problem: Problem, z: VR):
         # the rows of the mask, one after the other; unused places hold rows that stay as they are
         out = Few()
         own = J()  # J_i of the rows in the system
@@ -72,7 +72,7 @@ def make_few_rows(spec: Specialisation) -> wp.Function:
                         out.scale[k] = problem.scale[i]
                         out.z[k] = z[i]
                         if wp.static(not method.hard):
-                            out.sigma[k] = wp.static(noise.level[i])(params, row, problem.sigma)
+                            out.sigma[k] = wp.static(noise.level[i])(world, problem.sigma)
                             out.inverse_sigma[k] = problem.inverse_sigma[i]
                 place += 1
         out.a = places.product(own, problem.minv)
@@ -168,8 +168,8 @@ def make_few_rows(spec: Specialisation) -> wp.Function:
         return not (largest <= CANCEL * size)
 
     @wp.func
-    def solve_few(params: wp.array2d(dtype=dtype), row: int, problem: Problem, z0: VR):
-        p, count = gather(params, row, problem, z0)
+    def solve_few(world: World, problem: Problem, z0: VR):
+        p, count = gather(world, problem, z0)
         size = problem.size
         z = p.z
         lam = V()

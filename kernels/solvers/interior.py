@@ -33,7 +33,7 @@ START = 0.1  # smallest a and w at the start, relative to the same
 
 @cached
 def make_interior(spec: Specialisation) -> wp.Function:
-    """interior(params, row, problem, z) -> z, lambda, done, iterations; the problem is measured."""
+    """interior(world, problem, z) -> z, lambda, done, iterations; the problem is measured."""
     s, dtype, method = spec
     r = make_rows(spec)
     t = r.types
@@ -67,7 +67,7 @@ def make_interior(spec: Specialisation) -> wp.Function:
         mean: dtype  # mean |excess|
 
     @wp.func
-    def curve(params: wp.array2d(dtype=dtype), row: int, p: Problem, at: Inside):
+    def curve(world: t.World, p: Problem, at: Inside):
         out = Curve()
         count = ZERO
         for i in range(wp.static(NR)):
@@ -78,7 +78,7 @@ def make_interior(spec: Specialisation) -> wp.Function:
                 down = w
                 out.excess[i] = a * w
                 if wp.static(not method.hard):
-                    level = wp.static(noise.level[i])(params, row, p.sigma)
+                    level = wp.static(noise.level[i])(world, p.sigma)
                     e = wp.static(sm.smooth)(a - w, level, ONE / level)
                     out.excess[i] = a * w - e[0] * e[1]
                     slope = e[2] * e[1] - e[3] * e[0]  # m'(z)
@@ -129,7 +129,7 @@ def make_interior(spec: Specialisation) -> wp.Function:
         return out
 
     @wp.func
-    def rejoin(params: wp.array2d(dtype=dtype), row: int, p: Problem, at: Inside, mu: dtype):
+    def rejoin(world: t.World, p: Problem, at: Inside, mu: dtype):
         # an a or w far below the path would block all further steps: lift both onto the curve, or towards the
         # path of the hard problem; r pays for it
         out = at
@@ -141,14 +141,14 @@ def make_interior(spec: Specialisation) -> wp.Function:
                     else:
                         out.a[i] = wp.max(at.a[i], REJOIN * mu / at.w[i])
                 else:
-                    level = wp.static(noise.level[i])(params, row, p.sigma)
+                    level = wp.static(noise.level[i])(world, p.sigma)
                     e = wp.static(sm.smooth)(at.a[i] - at.w[i], level, ONE / level)
                     out.a[i] = wp.max(at.a[i], e[0])
                     out.w[i] = wp.max(at.w[i], e[1])
         return out
 
     @wp.func
-    def interior(params: wp.array2d(dtype=dtype), row: int, p: Problem, z: VR):
+    def interior(world: t.World, p: Problem, z: VR):
         """z near the solution and lambda; if not converged lambda tends to what proves infeasibility."""
         at = Inside()
         for i in range(wp.static(NR)):
@@ -176,7 +176,7 @@ def make_interior(spec: Specialisation) -> wp.Function:
                 if (p.mask & wp.static(1 << i)) != 0:
                     res[i] = p.rate[i] + wp.static(r.dots[i])(p.jac, v) - at.w[i]
                     worst = wp.max(worst, wp.abs(res[i]))
-            now = curve(params, row, p, at)
+            now = curve(world, p, at)
             if worst <= RESIDUAL * p.size and now.mean <= LIMIT * LIMIT * p.size * p.size:
                 status = int(1)
             elif not (largest < DIVERGED * p.size):
@@ -184,12 +184,12 @@ def make_interior(spec: Specialisation) -> wp.Function:
             else:
                 fac = wp.static(elimination.factor)(p.minv, p.jac, p.scale, p.diag, now.p, now.q, p.mask, TAU)
                 straight = move(p, fac, now, res, at, ZERO)
-                there = curve(params, row, p, advance(p, at, straight, ZERO))
+                there = curve(world, p, advance(p, at, straight, ZERO))
                 part = wp.min(there.mean / now.mean, MOST)
                 mu = part * part * part * now.mean
                 step = move(p, fac, now, res, at, mu)
                 kept = wp.clamp(wp.sqrt(now.mean) / p.size, NEAREST, FARTHEST)
-                at = rejoin(params, row, p, advance(p, at, step, kept), mu)
+                at = rejoin(world, p, advance(p, at, step, kept), mu)
         return out, lam, status, it
 
     return interior

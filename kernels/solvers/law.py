@@ -4,10 +4,10 @@ A law answers for the contact problem of a step (`contact/problem.py`) what solv
 changes with the problem. Another law is a file with these two factories, and its line here.
 
 `make_solver(spec)` returns
-    solve(params, row, problem, warm) -> v', z, lambda, status, iterations; warm: z of the last step.
+    solve(world, problem, warm) -> v', z, lambda, status, iterations; warm: z of the last step.
 
 `make_response(spec)` returns the functions, at a solution (lambda, z) of a problem,
-    factor(params, row, problem, lambda, z, normals) -> Factor; normals: M^-1 J_i' of the rows in the mask;
+    factor(world, problem, lambda, z, normals) -> Factor; normals: M^-1 J_i' of the rows in the mask;
     solve(factor, minv, jac, scale, mask, dv0, f2, column) -> dv', dz, where dv0 is the change of v' at fixed
         lambda, -f2 that of w by J and d/h, and column the number of what is changed, q first; called for
         every column, and so without the rest of the problem, which would be copied each time;

@@ -69,7 +69,7 @@ def make_newton(spec: Specialisation) -> SimpleNamespace:
         worst: dtype  # max |r_i|
 
     @wp.func
-    def evaluate(params: wp.array2d(dtype=dtype), row: int, p: Problem, z: VR):
+    def evaluate(world: t.World, p: Problem, z: VR):
         out = Point()
         f = VQ()
         for i in range(wp.static(NR)):
@@ -77,7 +77,7 @@ def make_newton(spec: Specialisation) -> SimpleNamespace:
                 if wp.static(method.hard):
                     e = wp.static(sm.kink)(z[i])
                 else:
-                    level = wp.static(noise.level[i])(params, row, p.sigma)
+                    level = wp.static(noise.level[i])(world, p.sigma)
                     e = wp.static(sm.smooth)(z[i], level, p.inverse_sigma[i])
                 out.lam[i] = e[0]
                 if wp.static(method.inertia_scaling):
@@ -183,7 +183,7 @@ def make_newton(spec: Specialisation) -> SimpleNamespace:
         return dtype(worst * ROUND)
 
     @wp.func
-    def newton(params: wp.array2d(dtype=dtype), row: int, p: Problem, z0: VR):
+    def newton(world: t.World, p: Problem, z0: VR):
         # from z0; NOT_CONVERGED where no step length helps or the iterations do not suffice
         z = z0
         best = z0
@@ -198,7 +198,7 @@ def make_newton(spec: Specialisation) -> SimpleNamespace:
         at = Point()
         while status == wp.static(NOT_CONVERGED):
             it += 1
-            at = evaluate(params, row, p, z)
+            at = evaluate(world, p, z)
             finite = wp.isfinite(at.merit)
             if not finite and it == 1:
                 status = wp.static(NONFINITE)

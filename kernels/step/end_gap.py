@@ -18,7 +18,7 @@ from .solution import make_solution
 
 @cached
 def make_correction(spec: Specialisation, exact_gap: bool) -> SimpleNamespace:
-    """The struct `Ending`; begin() -> Ending; correct(params, row, q, v, reach, ending) -> Reach, Ending;
+    """The struct `Ending`; begin() -> Ending; correct(world, q, v, reach, ending) -> Reach, Ending;
     `needed`: whether the method asks for it.
     """
     s, dtype, method = spec
@@ -48,16 +48,16 @@ def make_correction(spec: Specialisation, exact_gap: bool) -> SimpleNamespace:
         return out
 
     @wp.func
-    def correct(params: wp.array2d(dtype=dtype), row: int, q: t.VQ, v: t.VQ, start: Reach, before: Ending):
+    def correct(world: t.World, q: t.VQ, v: t.VQ, start: Reach, before: Ending):
         reach = start
         out = before
         out.open = 0
         out.stale = 0
         now = t.VR()
         if reach.known != 0:
-            now = end_gap.bend(params, row, q, v, reach.normal, reach.jac, reach.rate, reach.known)
+            now = end_gap.bend(world, q, v, reach.normal, reach.jac, reach.rate, reach.known)
         change = now - reach.bent
-        if unsteady(q, change, params[row, wp.static(H)]):
+        if unsteady(q, change, world.params[wp.static(H)]):
             size = wp.max(wp.abs(change))
             if out.refined == wp.static(REFINEMENTS):
                 out.failed = 1
@@ -70,7 +70,7 @@ def make_correction(spec: Specialisation, exact_gap: bool) -> SimpleNamespace:
                 out.stale = 1
                 out.open = 1
         else:
-            reach.wanted = end_gap.reached(params, row, q, v, reach.known)
+            reach.wanted = end_gap.reached(world, q, v, reach.known)
             if reach.wanted != 0:
                 out.open = 1
         return reach, out

@@ -21,7 +21,7 @@ from .solution import make_solution
 
 @cached
 def make_reach(spec: Specialisation, exact_gap: bool) -> SimpleNamespace:
-    """The struct `Reach`; begin(params, row, q, normal) -> Reach, no pairs; look(params, row, fr, v, reach)
+    """The struct `Reach`; begin(world, q, normal) -> Reach, no pairs; look(world, fr, v, reach)
     -> Reach with the rows that v brings within reach in its mask.
     """
     s, dtype, method = spec
@@ -52,24 +52,24 @@ def make_reach(spec: Specialisation, exact_gap: bool) -> SimpleNamespace:
 
     def make_deviation(i: int) -> wp.Function:
         @wp.func
-        def deviation(params: wp.array2d(dtype=dtype), row: int, jac: JR):
+        def deviation(world: t.World, jac: JR):
             # sigma_i, eq. (18)
             j = wp.static(rows.adds[i])(VQ(), jac, ONE)
-            return noise.deviation(wp.dot(j, noise.spread(params, row, j)))
+            return noise.deviation(wp.dot(j, noise.spread(world, j)))
 
         return deviation
 
     deviations = tuple(make_deviation(i) for i in range(NR))
 
     @wp.func
-    def begin(params: wp.array2d(dtype=dtype), row: int, q: VQ, normal: VN):
+    def begin(world: t.World, q: VQ, normal: VN):
         out = Reach()
-        out.rate = wp.static(rows.limit_rates)(params, row, q)
+        out.rate = wp.static(rows.limit_rates)(world, q)
         out.normal = normal
         if wp.static(method.state_noise):
             for i in range(wp.static(NR)):
                 if wp.static(rows.limit[i]):
-                    out.sigma[i] = wp.static(deviations[i])(params, row, out.jac)
+                    out.sigma[i] = wp.static(deviations[i])(world, out.jac)
         return out
 
     @wp.func
@@ -81,29 +81,29 @@ def make_reach(spec: Specialisation, exact_gap: bool) -> SimpleNamespace:
         return out
 
     @wp.func
-    def look(params: wp.array2d(dtype=dtype), row: int, fr: t.FRAMES, v: VQ, reach: Reach):
+    def look(world: t.World, fr: t.FRAMES, v: VQ, reach: Reach):
         out = reach
         rate = rates(reach.rate, reach.bent)
-        out.mask = wp.static(acting.limits)(params, row, rate, out.jac, out.sigma, v, out.mask)
+        out.mask = wp.static(acting.limits)(world, rate, out.jac, out.sigma, v, out.mask)
         for k in range(wp.static(NP)):
             if (out.known & wp.static(pair_bit[k])) == 0:
                 wanted = (out.wanted & wp.static(pair_bit[k])) != 0
-                if wanted or wp.static(acting.near[k])(params, row, fr, v):
+                if wanted or wp.static(acting.near[k])(world, fr, v):
                     warm = V2(out.normal[wp.static(2 * k)], out.normal[wp.static(2 * k + 1)])
-                    g = wp.static(pairs[k].geometry)(params, row, fr, warm)
+                    g = wp.static(pairs[k].geometry)(world, fr, warm)
                     out.known = out.known | wp.static(pair_bit[k])
                     out.normal[wp.static(2 * k)] = g[0]
                     out.normal[wp.static(2 * k + 1)] = g[1]
-                    pair_jac = wp.static(pair_jacobians[k])(params, row, fr, g)
-                    out.jac = wp.static(rows.put_pairs[k])(params, row, pair_jac, out.jac)
+                    pair_jac = wp.static(pair_jacobians[k])(world, fr, g)
+                    out.jac = wp.static(rows.put_pairs[k])(world, pair_jac, out.jac)
                     for i in range(wp.static(NR)):
                         if wp.static(i in pair_rows[k] and not rows.tangent[i]):
-                            rate[i] = g[2] / params[row, wp.static(H)]
+                            rate[i] = g[2] / world.params[wp.static(H)]
                             out.rate[i] = rate[i]
                             if wp.static(method.state_noise):
-                                out.sigma[i] = wp.static(deviations[i])(params, row, out.jac)
+                                out.sigma[i] = wp.static(deviations[i])(world, out.jac)
             if (out.known & wp.static(pair_bit[k])) != 0:
-                out.mask = wp.static(acting.contacts[k])(params, row, rate, out.jac, out.sigma, v, out.mask)
+                out.mask = wp.static(acting.contacts[k])(world, rate, out.jac, out.sigma, v, out.mask)
         if wp.static(law.whole):
             if out.mask != 0:
                 out.mask = wp.static(ALL)

@@ -24,7 +24,7 @@ POLICIES = {
 
 
 @cached
-def make_world(spec: Specialisation, exact_gap: bool) -> SimpleNamespace:
+def make_batch(spec: Specialisation, exact_gap: bool) -> SimpleNamespace:
     """Warp functions that read and write one world's rows of the batch arrays."""
     s, dtype, _ = spec
     step = make_step(spec, exact_gap)
@@ -33,29 +33,29 @@ def make_world(spec: Specialisation, exact_gap: bool) -> SimpleNamespace:
     VX, VU = t.VX, t.VU
 
     @wp.func
-    def load_state(x: wp.array2d(dtype=dtype), world: int):
+    def load_state(x: wp.array2d(dtype=dtype), index: int):
         out = VX()
         for j in range(wp.static(NX)):
-            out[j] = x[world, j]
+            out[j] = x[index, j]
         return out
 
     @wp.func
-    def load_control(u: wp.array2d(dtype=dtype), world: int):
+    def load_control(u: wp.array2d(dtype=dtype), index: int):
         out = VU()
         for j in range(wp.static(NU)):
-            out[j] = u[world, j]
+            out[j] = u[index, j]
         return out
 
     @wp.func
-    def warm_carry(multiplier: wp.array2d(dtype=dtype), world: int):
+    def warm_carry(multiplier: wp.array2d(dtype=dtype), index: int):
         """Carry from the last step's multipliers (B, nr + 2 pairs); cold where there are none."""
         out = step.cold_carry()
         if multiplier.shape[0] > 0:
             for i in range(wp.static(NR)):
-                out.z[i] = multiplier[world, i]
+                out.z[i] = multiplier[index, i]
             for k in range(wp.static(NP)):
-                x = multiplier[world, wp.static(NR + 2 * k)]
-                y = multiplier[world, wp.static(NR + 2 * k + 1)]
+                x = multiplier[index, wp.static(NR + 2 * k)]
+                y = multiplier[index, wp.static(NR + 2 * k + 1)]
                 norm = wp.sqrt(x * x + y * y)
                 if norm > dtype(0.0):
                     out.normal[wp.static(2 * k)] = x / norm
@@ -81,18 +81,20 @@ def make_world(spec: Specialisation, exact_gap: bool) -> SimpleNamespace:
 def make_transition(spec: Specialisation) -> SimpleNamespace:
     """The step as others roll it out: advance(params, row, x, u, carry) -> (x', carry', status)."""
     dtype = spec.dtype
-    world_of = make_world(spec, False)
-    step = world_of.step
+    batch = make_batch(spec, False)
+    step = batch.step
     t = step.types
 
     @wp.func
     def advance(params: wp.array2d(dtype=dtype), row: int, x: t.VX, u: t.VU, carry: step.Carry):
-        sol = step.solve_step(params, row, x, u, params, wp.static(-1), carry)
-        after = step.next_state(params, row, x, sol)
+        world = t.World()
+        world.params = params[row]
+        sol = step.solve_step(world, x, u, carry)
+        after = step.next_state(world, x, sol)
         out = step.Carry()
         out.z = sol.z
         out.normal = sol.normal
-        return after, out, world_of.status_of(sol, after)
+        return after, out, batch.status_of(sol, after)
 
     return SimpleNamespace(advance=advance, cold_carry=step.cold_carry)
 
@@ -101,8 +103,8 @@ def make_transition(spec: Specialisation) -> SimpleNamespace:
 def make_step_kernel(spec: Specialisation) -> wp.Kernel:
     """One step of every world with all of its outputs (gaps exact)."""
     s, dtype, _ = spec
-    world_of = make_world(spec, True)
-    step = world_of.step
+    batch = make_batch(spec, True)
+    step = batch.step
     NX, NR, NP = 2 * s.nv, s.nr, len(s.pairs)
 
     @specialised
@@ -119,26 +121,26 @@ def make_step_kernel(spec: Specialisation) -> wp.Kernel:
         multiplier: wp.array2d(dtype=dtype),  # out (B, nr + 2 pairs)
         status: wp.array(dtype=wp.int32),  # out (B,)
     ):
-        world = first + wp.tid()
-        row = wp.where(params.shape[0] == 1, 0, world)
-        before = world_of.load_state(x, world)
-        carry = world_of.warm_carry(warm, world)
-        sol = step.solve_step(params, row, before, world_of.load_control(u, world), external, world, carry)
-        after = step.next_state(params, row, before, sol)
-        code = world_of.status_of(sol, after)
+        index = first + wp.tid()
+        world = step.types.world_at(params, external, index)
+        before = batch.load_state(x, index)
+        carry = batch.warm_carry(warm, index)
+        sol = step.solve_step(world, before, batch.load_control(u, index), carry)
+        after = step.next_state(world, before, sol)
+        code = batch.status_of(sol, after)
         if code != wp.static(SOLVED):
             after = before
         for j in range(wp.static(NX)):
-            state[world, j] = after[j]
+            state[index, j] = after[j]
         for i in range(wp.static(NR)):
-            impulse[world, i] = wp.where(code == wp.static(SOLVED), sol.lam[i], dtype(0.0))
-            gap[world, i] = sol.rate[wp.static(step.gap_row[i])] * params[row, 0]
-            multiplier[world, i] = wp.where(code == wp.static(SOLVED), sol.z[i], dtype(wp.static(COLD)))
+            impulse[index, i] = wp.where(code == wp.static(SOLVED), sol.lam[i], dtype(0.0))
+            gap[index, i] = sol.rate[wp.static(step.gap_row[i])] * world.params[0]
+            multiplier[index, i] = wp.where(code == wp.static(SOLVED), sol.z[i], dtype(wp.static(COLD)))
         for i in range(wp.static(2 * NP)):
-            multiplier[world, wp.static(NR + i)] = wp.where(
+            multiplier[index, wp.static(NR + i)] = wp.where(
                 code == wp.static(SOLVED), sol.normal[i], dtype(0.0)
             )
-        status[world] = code
+        status[index] = code
 
     return step_kernel
 
@@ -147,8 +149,8 @@ def make_step_kernel(spec: Specialisation) -> wp.Kernel:
 def make_rollout_kernel(spec: Specialisation, policy_name: str, exact_gap: bool) -> wp.Kernel:
     """Roll every world out under a policy; `exact_gap` as in `make_step`."""
     s, dtype, _ = spec
-    world_of = make_world(spec, exact_gap)
-    step = world_of.step
+    batch = make_batch(spec, exact_gap)
+    step = batch.step
     policy = POLICIES[policy_name](2 * s.nv, s.nu, dtype)
     NX, NU, NR = 2 * s.nv, s.nu, s.nr
     Policy = policy.Struct
@@ -166,34 +168,34 @@ def make_rollout_kernel(spec: Specialisation, policy_name: str, exact_gap: bool)
         gap: wp.array3d(dtype=dtype),  # out (0 or B, N, nr)
         status: wp.array(dtype=wp.int32),  # in and out (B,): a world that comes in unsolved stays where it is
     ):
-        world = first + wp.tid()
-        row = wp.where(params.shape[0] == 1, 0, world)
-        x = world_of.load_state(x0, world)
+        index = first + wp.tid()
+        world = step.types.world_at(params, external, index)
+        x = batch.load_state(x0, index)
         carry = step.cold_carry()
-        code = status[world]
+        code = status[index]
         for j in range(wp.static(NX)):
-            states[world, 0, j] = x[j]
+            states[index, 0, j] = x[j]
         for k in range(states.shape[1] - 1):
             if code == wp.static(SOLVED):
-                u = policy.control(control, world, k, x)
-                sol = step.solve_step(params, row, x, u, external, world, carry)
-                after = step.next_state(params, row, x, sol)
-                code = world_of.status_of(sol, after)
+                u = policy.control(control, index, k, x)
+                sol = step.solve_step(world, x, u, carry)
+                after = step.next_state(world, x, sol)
+                code = batch.status_of(sol, after)
                 if code == wp.static(SOLVED):
                     x = after
                     carry.z = sol.z
                     carry.normal = sol.normal
                     if controls.shape[0] > 0:
                         for i in range(wp.static(NU)):
-                            controls[world, k, i] = u[i]
+                            controls[index, k, i] = u[i]
                     if impulse.shape[0] > 0:
                         for i in range(wp.static(NR)):
-                            impulse[world, k, i] = sol.lam[i]
+                            impulse[index, k, i] = sol.lam[i]
                     if gap.shape[0] > 0:
                         for i in range(wp.static(NR)):
-                            gap[world, k, i] = sol.rate[wp.static(step.gap_row[i])] * params[row, 0]
+                            gap[index, k, i] = sol.rate[wp.static(step.gap_row[i])] * world.params[0]
             for j in range(wp.static(NX)):
-                states[world, k + 1, j] = x[j]
-        status[world] = code
+                states[index, k + 1, j] = x[j]
+        status[index] = code
 
     return rollout_kernel

@@ -30,8 +30,7 @@ from .trapezoidal import make_trapezoidal
 def make_step(spec: Specialisation, exact_gap: bool) -> SimpleNamespace:
     """Warp functions of a step; `exact_gap` computes every pair's distance even where it cannot act.
 
-    solve_step(params, row, x, u, external, world, carry) -> Solution (world < 0: no external forces);
-    next_state(params, row, x, solution) -> x'.
+    solve_step(world, x, u, carry) -> Solution; next_state(world, x, solution) -> x'.
     """
     s, dtype, method = spec
     mech, mass, free = make_mechanism(s, dtype), make_effective_mass(spec), make_free_motion(spec)
@@ -44,22 +43,14 @@ def make_step(spec: Specialisation, exact_gap: bool) -> SimpleNamespace:
     H = layout(s).offset("step_size")
 
     @wp.func
-    def solve_step(
-        params: wp.array2d(dtype=dtype),
-        row: int,
-        x: VX,
-        u: VU,
-        external: wp.array2d(dtype=dtype),
-        world: int,
-        carry: Carry,
-    ):
+    def solve_step(world: t.World, x: VX, u: VU, carry: Carry):
         """The solution of one step from x = (q, v)."""
         q, v = split(x)
-        fr = wp.static(mech.frames)(params, row, q)
-        jb = wp.static(mech.com_jacobians)(params, row, fr)
-        minv = wp.static(mech.inverse)(wp.static(mass.matrix)(params, row, fr, jb))
-        force = forces(params, row, q, fr, jb, v, u, external, world)
-        vfree, a = wp.static(free.velocity)(params, row, fr, jb, minv, v, force, external, world)
+        fr = wp.static(mech.frames)(world, q)
+        jb = wp.static(mech.com_jacobians)(world, fr)
+        minv = wp.static(mech.inverse)(wp.static(mass.matrix)(world, fr, jb))
+        force = forces(world, q, fr, jb, v, u)
+        vfree, a = wp.static(free.velocity)(world, fr, jb, minv, v, force)
         out = Solution()
         out.minv = minv
         out.vfree = vfree
@@ -69,18 +60,18 @@ def make_step(spec: Specialisation, exact_gap: bool) -> SimpleNamespace:
         out.normal = carry.normal
         out.status = wp.static(SOLVED)
         if wp.static(method.trapezoidal):
-            return trapezoidal.integrate(params, row, fr, jb, q, v, force, external, world, out)
-        return contact(params, row, fr, q, out)
+            return trapezoidal.integrate(world, fr, jb, q, v, force, out)
+        return contact(world, fr, q, out)
 
     @wp.func
-    def next_state(params: wp.array2d(dtype=dtype), row: int, x: VX, sol: Solution):
+    def next_state(world: t.World, x: VX, sol: Solution):
         """x' = (q + h v', v'), eq. (1), or (q + h v*, v')."""
         out = VX()
         v = sol.v
         if wp.static(method.trapezoidal):
             v = sol.drift
         for j in range(wp.static(NV)):
-            out[j] = x[j] + params[row, wp.static(H)] * v[j]
+            out[j] = x[j] + world.params[wp.static(H)] * v[j]
             out[wp.static(NV + j)] = sol.v[j]
         return out
 

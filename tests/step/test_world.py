@@ -8,7 +8,7 @@ from simulators import scene, simulator
 import slcp_warp as slcp
 from slcp_warp.kernels.method import Method
 from slcp_warp.kernels.specialisation import Specialisation
-from slcp_warp.kernels.step.rollout import make_world
+from slcp_warp.kernels.step.rollout import make_batch
 from slcp_warp.kernels.step.step import make_step
 
 BAD = {"NaN": np.nan, "infinite": np.inf}
@@ -35,12 +35,12 @@ def test_a_warm_start_brings_both_components_of_every_normal(device):
     """Normals are stored beside the multipliers, of any length; a pair without one starts cold."""
     structure, dtype = scene("menagerie").structure, wp.float64
     pairs, rows = len(structure.pairs), structure.nr
-    world_of = make_world(Specialisation(structure, dtype, Method()), False)
+    batch = make_batch(Specialisation(structure, dtype, Method()), False)
 
     @wp.kernel(module="unique", enable_backward=False)
     def read(warm: wp.array2d(dtype=dtype), z: wp.array2d(dtype=dtype), normal: wp.array2d(dtype=dtype)):
         world = wp.tid()
-        carry = world_of.warm_carry(warm, world)
+        carry = batch.warm_carry(warm, world)
         for i in range(wp.static(rows)):
             z[world, i] = carry.z[i]
         for i in range(wp.static(2 * pairs)):

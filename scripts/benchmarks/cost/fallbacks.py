@@ -62,7 +62,7 @@ def _replace(part: str) -> None:
         VR, Problem, NR, BAD = t.VR, make_problem(s, dtype), s.nr, dtype(np.nan)
 
         @wp.func
-        def interior(params: wp.array2d(dtype=dtype), row: int, p: Problem, z: VR):
+        def interior(world: t.World, p: Problem, z: VR):
             out = VR()
             for i in range(wp.static(NR)):
                 out[i] = BAD
@@ -77,7 +77,7 @@ def _replace(part: str) -> None:
         VR, Problem, Point = t.VR, make_problem(s, dtype), n.Point
 
         @wp.func
-        def newton(params: wp.array2d(dtype=dtype), row: int, p: Problem, z: VR):
+        def newton(world: t.World, p: Problem, z: VR):
             return Point(), z, wp.static(NONFINITE), 0
 
         n.newton = newton
