@@ -9,6 +9,7 @@ from .description.mjcf import MjcfError, load_mjcf
 from .description.parts import Actuator, Body, Contact, Shape, Spring, box, touching
 from .description.scene import Scene
 from .description.scene_file import SceneFileError, load_scene, save_scene
+from .ensembles import measures
 from .ensembles.particles import ParticleRollout, Particles, particle_rollout, particles
 from .ensembles.report import SweepReport
 from .ensembles.spec import SweepSpec
@@ -64,6 +65,7 @@ __all__ = [
     "jvp",
     "load_mjcf",
     "load_scene",
+    "measures",
     "particle_rollout",
     "particles",
     "residual",

@@ -1,0 +1,137 @@
+"""Measures of recorded trajectories, in NumPy: for states that are there already."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from slcp_warp.kernels.ensembles.disturbances import TOUCH
+
+from ..description.scene import Scene
+from ..inputs.checks import array, shown
+from ..inputs.errors import ArgumentError, ArgumentTypeError
+from .measures import OF_CONDITIONS, Measure, Success
+from .signals import EVERY, Condition, Signal
+
+ROUNDING = 1e-6  # of a step: by so much times may miss the limits that they are to meet
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """What was recorded of B worlds over N steps.
+
+    Attributes:
+        scene: whose names the measures use.
+        step_size: (B,) [s].
+        states: (B, N+1, nx).
+        controls: (B, N, nu) as they acted, or None.
+        impulse: (B, N, pairs) normal impulses [N s], or None.
+        gap: (B, N, pairs) distances before every step [m], or None.
+    """
+
+    scene: Scene
+    step_size: Any
+    states: Any
+    controls: Any = None
+    impulse: Any = None
+    gap: Any = None
+
+    def __post_init__(self) -> None:
+        states = array("states", self.states, ("B", "N+1", 2 * self.scene.nv))
+        (B, N), pairs = (states.shape[0], states.shape[1] - 1), len(self.scene.structure.pairs)
+        if N < 1:
+            raise ArgumentError(f"states has shape {states.shape}; at least one step is needed")
+        put = object.__setattr__
+        put(self, "states", states)
+        put(self, "step_size", np.broadcast_to(array("step_size", self.step_size), (B,)))
+        for name, size in (("controls", self.scene.nu), ("impulse", pairs), ("gap", pairs)):
+            if getattr(self, name) is not None:
+                put(self, name, array(name, getattr(self, name), (B, N, size), finite=name != "gap"))
+
+    @property
+    def times(self) -> np.ndarray:
+        """(B, N+1) [s]."""
+        return self.step_size[:, None] * np.arange(self.states.shape[1])
+
+    def series(self, signal: Signal) -> np.ndarray:
+        """(B, N+1) values of a signal; the last is of the last state, with the last step's contacts."""
+        if signal.kind == "time":
+            return self.times
+        if signal.kind == "function":
+            raise ArgumentTypeError("a Warp function is evaluated in a sweep only, not on recorded states")
+        place = signal.place(self.scene)
+        if signal.kind == "state":
+            return self.states[:, :, place]
+        source = {"control": "controls", "contact": "impulse"}.get(signal.kind, signal.kind)
+        found = getattr(self, source)
+        if found is None:
+            raise ArgumentError(f"a measure of {signal.kind} needs {source}, which were not recorded")
+        if signal.kind == "control" or place != EVERY:
+            values = found[:, :, place]
+        elif signal.kind == "gap":
+            values = found.min(axis=2, initial=np.inf)
+        elif signal.kind == "contact":
+            values = found.max(axis=2, initial=0.0)
+        else:
+            values = found.sum(axis=2)
+        values = (values > TOUCH).astype(float) if signal.kind == "contact" else values
+        return np.concatenate([values, values[:, -1:]], axis=1)
+
+    def value(self, measure: Measure) -> np.ndarray:
+        """(B,) values of a measure."""
+        if measure.reduction in OF_CONDITIONS:
+            assert isinstance(measure.of, Condition)
+            series = measure.of.holds({part: self.series(part) for part in measure.of.parts()})
+        else:
+            assert isinstance(measure.of, Signal)
+            series = self.series(measure.of)
+        return np.array([self._reduce(measure, b, series[b]) for b in range(len(series))])
+
+    def success(self, success: Success) -> np.ndarray:
+        """(B,) whether worlds succeeded."""
+        return success.holds({part: self.value(part) for part in success.parts()})
+
+    def _reduce(self, measure: Measure, b: int, series: np.ndarray) -> float:
+        """A measure of one world, from its signal in every step (N+1,)."""
+        t, h = self.times[b], self.step_size[b]
+        end = np.inf if measure.end is None else measure.end
+        counts = (t >= measure.start - ROUNDING * h) & (t < end - ROUNDING * h)
+        steps = counts.copy()
+        steps[-1] = False
+        if not counts.any():
+            return np.nan
+        inside, when = series[counts], t[counts]
+        if measure.reduction == "rate":
+            return (inside[-1] - inside[0]) / (when[-1] - when[0]) if len(inside) > 1 else 0.0
+        if measure.reduction == "first_time":
+            return when[np.argmax(inside)] if inside.any() else np.inf
+        if measure.reduction == "settled":
+            wrong = np.flatnonzero(~inside)
+            after = 0 if not wrong.size else wrong[-1] + 1
+            return when[after] if after < len(when) else np.inf
+        ends = {"initial": inside[0], "final": inside[-1], "largest": inside.max(), "smallest": inside.min()}
+        if measure.reduction in ends:
+            return ends[measure.reduction]
+        summed = series[steps].sum()
+        if measure.reduction in ("mean", "share_of_time"):
+            return summed / steps.sum() if steps.any() else np.nan
+        return summed * (h if measure.reduction == "integral" else 1.0)
+
+
+def checked_measures(measures: Any) -> dict[str, Measure]:
+    """Measures by name.
+
+    Raises:
+        ArgumentTypeError: no dict of measures.
+    """
+    if not isinstance(measures, Mapping):
+        raise ArgumentTypeError(f"measures is {shown(measures)}; a dict of measures by name is needed")
+    for name, measure in measures.items():
+        if not isinstance(name, str) or not name:
+            raise ArgumentTypeError(f"measures has the name {shown(name)}; a text is needed")
+        if not isinstance(measure, Measure):
+            raise ArgumentTypeError(
+                f"measures[{name!r}] is {shown(measure)}; one of slcp_warp.measures is needed"
+            )
+    return dict(measures)

@@ -1,0 +1,178 @@
+"""Measures: a number of every world, computed while it runs: a reduction of a signal over the steps.
+
+    measures.final("block.x")                       the last value
+    measures.rate("ellipse.angle", start=10.0)      change per second from t = 10 s on
+    measures.share_of_time(measures.contact() > 0)  share of the steps in which something touches
+    measures.final("block.x").between(0.95, 1.05)   a success
+
+A text or a whole number stands for a component of the state. `start` and `end` are times [s]: only what lies
+between them counts.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+from ..inputs.checks import number, shown
+from ..inputs.errors import ArgumentTypeError
+from .signals import (
+    Compared,
+    Condition,
+    Joined,
+    Signal,
+    Within,
+    contact,
+    control,
+    function,
+    gap,
+    normal_impulse,
+    state,
+    time,
+)
+
+__all__ = [
+    "Measure",
+    "Success",
+    "contact",
+    "contact_share",
+    "control",
+    "final",
+    "first_time",
+    "function",
+    "gap",
+    "impulse",
+    "initial",
+    "integral",
+    "largest",
+    "lowest_gap",
+    "mean",
+    "normal_impulse",
+    "rate",
+    "settled",
+    "share_of_time",
+    "smallest",
+    "state",
+    "time",
+    "total",
+]
+
+REDUCTIONS = (
+    *("initial", "final", "rate", "mean", "integral", "total", "largest", "smallest"),
+    *("share_of_time", "first_time", "settled"),
+)
+OF_CONDITIONS = REDUCTIONS[-3:]
+
+
+@dataclass(frozen=True)
+class Measure(Compared):
+    """One number a world.
+
+    Attributes:
+        reduction: one of `REDUCTIONS`.
+        of: the signal, or the condition.
+        start, end: the times between which it counts [s]; end None: to the last step.
+    """
+
+    reduction: str
+    of: Signal | Condition
+    start: float = 0.0
+    end: float | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "start", number("start", self.start, 0.0))
+        if self.end is not None:
+            object.__setattr__(self, "end", number("end", self.end, self.start, above=True))
+
+    def _within(self, low: float, high: float) -> "Success":
+        return Success(((Within(self, low, high),),))
+
+
+class Success(Joined):
+    """Comparisons of measures: whether a world succeeded."""
+
+
+def _of_signal(reduction: str, signal: Any, start: float, end: float | None) -> Measure:
+    if not isinstance(signal, Signal):
+        if not isinstance(signal, str | int) or isinstance(signal, bool):
+            raise ArgumentTypeError(
+                f"{reduction} is of {shown(signal)}; a state by its name or its place, or a signal, is needed"
+            )
+        signal = state(signal)
+    return Measure(reduction, signal, start, end)
+
+
+def _of_condition(reduction: str, condition: Any, start: float, end: float | None) -> Measure:
+    if not isinstance(condition, Condition):
+        raise ArgumentTypeError(
+            f"{reduction} is of {shown(condition)}; a comparison of a signal is needed, as state('x') > 1.0"
+        )
+    return Measure(reduction, condition, start, end)
+
+
+def initial(signal: Any, start: float = 0.0) -> Measure:
+    """The first value at or after `start`."""
+    return _of_signal("initial", signal, start, None)
+
+
+def final(signal: Any, end: float | None = None) -> Measure:
+    """The last value, of those before `end`."""
+    return _of_signal("final", signal, 0.0, end)
+
+
+def rate(signal: Any, start: float = 0.0, end: float | None = None) -> Measure:
+    """(last - first value) / time between them [per s]; 0 where there is one value only."""
+    return _of_signal("rate", signal, start, end)
+
+
+def mean(signal: Any, start: float = 0.0, end: float | None = None) -> Measure:
+    """Mean over the steps."""
+    return _of_signal("mean", signal, start, end)
+
+
+def integral(signal: Any, start: float = 0.0, end: float | None = None) -> Measure:
+    """Sum over the steps of value times step size."""
+    return _of_signal("integral", signal, start, end)
+
+
+def total(signal: Any, start: float = 0.0, end: float | None = None) -> Measure:
+    """Sum over the steps."""
+    return _of_signal("total", signal, start, end)
+
+
+def largest(signal: Any, start: float = 0.0, end: float | None = None) -> Measure:
+    """The largest value, that after the last step included."""
+    return _of_signal("largest", signal, start, end)
+
+
+def smallest(signal: Any, start: float = 0.0, end: float | None = None) -> Measure:
+    """The smallest value, that after the last step included."""
+    return _of_signal("smallest", signal, start, end)
+
+
+def share_of_time(condition: Any, start: float = 0.0, end: float | None = None) -> Measure:
+    """Share of the steps in which a condition holds."""
+    return _of_condition("share_of_time", condition, start, end)
+
+
+def first_time(condition: Any, start: float = 0.0, end: float | None = None) -> Measure:
+    """When a condition holds for the first time [s]; infinite: never."""
+    return _of_condition("first_time", condition, start, end)
+
+
+def settled(condition: Any, start: float = 0.0, end: float | None = None) -> Measure:
+    """From when on a condition holds to the end [s]; infinite: not at the end."""
+    return _of_condition("settled", condition, start, end)
+
+
+def contact_share(pair: str | int | None = None) -> Measure:
+    """Share of the steps in which a pair, or any, pushes."""
+    return share_of_time(contact(pair) > 0.5)
+
+
+def lowest_gap(pair: str | int | None = None) -> Measure:
+    """The lowest distance of a pair, or of all, before a step [m]; infinite where none ever acted."""
+    return smallest(gap(pair))
+
+
+def impulse(pair: str | int | None = None) -> Measure:
+    """All normal impulses of a pair, or of all pairs, together [N s]."""
+    return total(normal_impulse(pair))

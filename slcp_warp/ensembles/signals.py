@@ -1,0 +1,164 @@
+"""Signals: what a measure looks at in every step, and conditions on them.
+
+In step k, at time k h, a signal is a number of the state x_k, the control u_k and the contacts of the step;
+after the last step it is one of x_N and the last step's control and contacts.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..description.names import index_of
+from ..description.scene import Scene
+from ..inputs.checks import number, shown
+from ..inputs.errors import ArgumentError, ArgumentTypeError
+
+STATE, CONTROL, TIME, CONTACT, GAP, IMPULSE, FUNCTION = range(7)
+KINDS = ("state", "control", "time", "contact", "gap", "impulse", "function")
+EVERY = -1  # in place of a pair: all of them
+
+
+class Compared:
+    """What `<`, `>` and `.between` make a condition of."""
+
+    def __lt__(self, bound: float) -> Any:
+        return self._within(-np.inf, number("the bound of <", bound))
+
+    def __gt__(self, bound: float) -> Any:
+        return self._within(number("the bound of >", bound), np.inf)
+
+    def between(self, low: float, high: float) -> Any:
+        """Whether the value is above low and below high."""
+        low, high = number("low", low), number("high", high)
+        if low >= high:
+            raise ArgumentError(f"between has low {low} and high {high}; low must be below high")
+        return self._within(low, high)
+
+    def _within(self, low: float, high: float) -> Any:
+        raise NotImplementedError
+
+    def __bool__(self) -> bool:
+        raise ArgumentTypeError("there is no value yet: join comparisons with & and |, not with and, or")
+
+
+@dataclass(frozen=True)
+class Signal(Compared):
+    """A number in every step.
+
+    Attributes:
+        kind: one of `KINDS`.
+        which: a state, a control or a contact pair, by its name or its place; None: no one, or all pairs.
+        function: a user's Warp function (x, u, time) -> number, of a signal of kind "function".
+    """
+
+    kind: str
+    which: str | int | None = None
+    function: Callable[..., Any] | None = None
+
+    def place(self, scene: Scene) -> int:
+        """Its component in a scene.
+
+        Raises:
+            ArgumentError: the scene has none of this name.
+        """
+        if self.kind == "state":
+            return scene.state_index(self.which)  # type: ignore[arg-type]
+        if self.kind == "control":
+            return scene.control_index(self.which)  # type: ignore[arg-type]
+        return EVERY if self.which is None else index_of("contact pair", self.which, scene.pair_names)
+
+    def _within(self, low: float, high: float) -> "Condition":
+        return Condition(((Within(self, low, high),),))
+
+
+@dataclass(frozen=True)
+class Within:
+    """Whether low < `of` < high; `of` is a signal, or a measure."""
+
+    of: Any
+    low: float
+    high: float
+
+    def holds(self, value: Any) -> Any:
+        """The comparison itself; NaN holds nothing."""
+        return (value > self.low) & (value < self.high)
+
+
+@dataclass(frozen=True)
+class Joined:
+    """Comparisons joined by & and |: any of the clauses, all of a clause's comparisons."""
+
+    clauses: tuple[tuple[Within, ...], ...]
+
+    def __and__(self, other: Any) -> Any:
+        self._same(other, "&")
+        return type(self)(tuple(a + b for a in self.clauses for b in other.clauses))
+
+    def __or__(self, other: Any) -> Any:
+        self._same(other, "|")
+        return type(self)(self.clauses + other.clauses)
+
+    def __bool__(self) -> bool:
+        raise ArgumentTypeError("there is no value yet: join comparisons with & and |, not with and, or")
+
+    def _same(self, other: Any, sign: str) -> None:
+        if type(other) is not type(self):
+            raise ArgumentTypeError(f"{sign} joins {type(self).__name__.lower()} and {shown(other)}; "
+                                    "both must be comparisons of the same kind")  # fmt: skip
+
+    def parts(self) -> list[Any]:
+        """What is compared, each once, in order."""
+        return list(dict.fromkeys(within.of for clause in self.clauses for within in clause))
+
+    def holds(self, values: dict[Any, np.ndarray]) -> np.ndarray:
+        """Where it is true, for an array of every part."""
+        return np.any([np.all([w.holds(values[w.of]) for w in c], axis=0) for c in self.clauses], axis=0)
+
+
+class Condition(Joined):
+    """Comparisons of signals: true or false in every step."""
+
+
+def state(which: str | int) -> Signal:
+    """A component of the state, by its name (`Scene.state_names`) or its place."""
+    return Signal("state", _name("which", which))
+
+
+def control(which: str | int) -> Signal:
+    """A control, by its name (`Scene.control_names`) or its place, as it acts."""
+    return Signal("control", _name("which", which))
+
+
+def time() -> Signal:
+    """The time k h [s]."""
+    return Signal("time")
+
+
+def contact(pair: str | int | None = None) -> Signal:
+    """1 where a pair (one by its name, `Scene.pair_names`, or any) pushes with more than 1e-6 N s, else 0."""
+    return Signal("contact", None if pair is None else _name("pair", pair))
+
+
+def gap(pair: str | int | None = None) -> Signal:
+    """Distance of a pair before the step [m], or the lowest of all pairs; infinite where none acts."""
+    return Signal("gap", None if pair is None else _name("pair", pair))
+
+
+def normal_impulse(pair: str | int | None = None) -> Signal:
+    """Normal impulse of a pair in the step [N s], or of all pairs together."""
+    return Signal("impulse", None if pair is None else _name("pair", pair))
+
+
+def function(f: Callable[..., Any]) -> Signal:
+    """A user's number: f(x, u, time), a Warp function of vectors x (nx,), u (nu,) and the time [s]."""
+    if not callable(f):
+        raise ArgumentTypeError(f"f is {shown(f)}; a Warp function f(x, u, time) is needed")
+    return Signal("function", None, f)
+
+
+def _name(label: str, which: Any) -> str | int:
+    if isinstance(which, str) or (isinstance(which, int | np.integer) and not isinstance(which, bool)):
+        return which if isinstance(which, str) else int(which)
+    raise ArgumentTypeError(f"{label} is {shown(which)}; a name or a whole number is needed")

@@ -1,0 +1,123 @@
+"""Measures of recorded worlds against what they are by hand; comparisons; what is refused."""
+
+import numpy as np
+import pytest
+
+import slcp_warp as slcp
+from slcp_warp import measures as m
+from slcp_warp.ensembles.measured import Recorded, checked_measures
+from slcp_warp.scenes import push_block
+
+H, N = 0.1, 40
+T = H * np.arange(N + 1)
+SCENE = push_block()
+X, VX, TILT = (SCENE.state_index(name) for name in ("block.x", "block.vx", "block.angle"))
+
+
+def recorded() -> Recorded:
+    """Two worlds: x = t^2 and x = 1 - t; the block tilts as a sine; two corners push in a few steps."""
+    states = np.zeros((2, N + 1, 2 * SCENE.nv))
+    states[0, :, X], states[1, :, X] = T**2, 1.0 - T
+    states[:, :, TILT] = np.sin(T)
+    controls = np.stack([np.arange(N), -np.arange(N)])[:, :, None]
+    impulse, gap = np.zeros((2, N, 3)), np.full((2, N, 3), np.inf)
+    impulse[0, 10:15, 0], impulse[0, 12:20, 1], impulse[1, 3, 2] = 2.0, 1.0, 1e-7
+    gap[0, 5:20, 0], gap[0, 7, 1] = 0.01, -0.002
+    return Recorded(SCENE, H, states, controls, impulse, gap)
+
+
+CASES = {
+    "initial": (m.initial("block.x"), (0.0, 1.0)),
+    "initial later": (m.initial("block.x", start=2.0), (4.0, -1.0)),
+    "final": (m.final("block.x"), (16.0, -3.0)),
+    "final before": (m.final("block.x", end=1.0), (0.81, 0.1)),
+    "by place": (m.final(X), (16.0, -3.0)),
+    "rate": (m.rate("block.x"), (4.0, -1.0)),
+    "rate of a window": (m.rate("block.x", 1.0, 3.05), (4.0, -1.0)),
+    "rate of one value": (m.rate("block.x", 1.0, 1.05), (0.0, 0.0)),
+    "mean": (m.mean("block.x"), (np.mean(T[:-1] ** 2), np.mean(1.0 - T[:-1]))),
+    "integral": (m.integral("block.x"), (H * np.sum(T[:-1] ** 2), H * np.sum(1.0 - T[:-1]))),
+    "total of a control": (m.total(m.control("pusher.shift")), (N * (N - 1) / 2, -N * (N - 1) / 2)),
+    "largest": (m.largest("block.x"), (16.0, 1.0)),
+    "largest control": (m.largest(m.control(0)), (N - 1, 0.0)),
+    "smallest": (m.smallest("block.x", end=2.0), (0.0, 1.0 - 1.9)),
+    "share of time": (m.share_of_time(m.state("block.x") > 0.995), ((N - 10) / N, 1 / N)),
+    "first time": (m.first_time(m.state("block.x") < -0.95), (np.inf, 2.0)),
+    "first time of a window": (m.first_time(m.state("block.x") > 0.5, start=2.0), (2.0, np.inf)),
+    "settled": (m.settled(m.state("block.angle") < 0.0), (3.2, 3.2)),
+    "settled at once": (m.settled(m.time() < 9.0), (0.0, 0.0)),
+    "never settled": (m.settled(m.state("block.angle") > 0.0), (np.inf, np.inf)),
+    "and": (m.share_of_time((m.state("block.x") > 1.1) & (m.time() < 1.95)), (9 / N, 0.0)),
+    "or": (m.first_time((m.state("block.x") > 8.9) | (m.time() > 2.45)), (2.5, 2.5)),
+    "contact share": (m.contact_share(), (10 / N, 0.0)),
+    "contact share of a pair": (m.contact_share(SCENE.pair_names[0]), (5 / N, 0.0)),
+    "lowest gap": (m.lowest_gap(), (-0.002, np.inf)),
+    "lowest gap of a pair": (m.lowest_gap(SCENE.pair_names[0]), (0.01, np.inf)),
+    "impulse": (m.impulse(), (5 * 2.0 + 8 * 1.0, 1e-7)),
+    "impulse of a pair": (m.impulse(1), (8.0, 0.0)),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_measures_are_what_they_say(name):
+    measure, expected = CASES[name]
+    np.testing.assert_allclose(recorded().value(measure), expected, rtol=1e-12, atol=1e-12)
+
+
+def test_every_world_has_its_own_times():
+    worlds = recorded()
+    slow = Recorded(SCENE, [H, 2.0 * H], worlds.states)
+    np.testing.assert_allclose(slow.value(m.rate("block.x")), [4.0, -0.5], rtol=1e-12)
+    np.testing.assert_allclose(slow.value(m.final(m.time())), [4.0, 8.0], rtol=1e-12)
+
+
+def test_success_joins_comparisons():
+    far, slow = m.final("block.x") > 10.0, m.rate("block.x").between(-2.0, 0.0)
+    worlds = recorded()
+    for success, expected in ((far, (1, 0)), (slow, (0, 1)), (far & slow, (0, 0)), (far | slow, (1, 1))):
+        assert worlds.success(success).tolist() == [bool(each) for each in expected]
+    both = (far | slow) & (m.final("block.x") < 10.0)
+    assert worlds.success(both).tolist() == [False, True] and len(both.parts()) == 2
+    nothing = m.mean("block.x", start=100.0) > 0.0  # no step counts: NaN is no success
+    assert worlds.success(nothing | (m.mean("block.x", start=100.0) < 1.0)).tolist() == [False, False]
+
+
+SHORT = np.zeros((1, 3, 2 * SCENE.nv))
+
+
+@pytest.mark.parametrize(
+    "make, kind, text",
+    [
+        (lambda: m.final(1.5), slcp.ArgumentTypeError, "final is of 1.5"),
+        (lambda: m.final(True), slcp.ArgumentTypeError, "final is of True"),
+        (lambda: m.settled("block.x"), slcp.ArgumentTypeError, "a comparison of a signal is needed"),
+        (lambda: m.largest(m.time() > 1.0), slcp.ArgumentTypeError, "largest is of"),
+        (lambda: 0.0 < m.final(0) < 1.0, slcp.ArgumentTypeError, "join comparisons with & and |"),
+        (
+            lambda: (m.final(0) > 0.0) and (m.final(1) > 0.0),
+            slcp.ArgumentTypeError,
+            "with & and",
+        ),
+        (lambda: (m.final(0) > 0.0) & (m.state(0) > 0.0), slcp.ArgumentTypeError, "& joins success and"),
+        (lambda: m.final(0).between(2.0, 1.0), slcp.ArgumentError, "low 2.0 and high 1.0"),
+        (lambda: m.final(0) > "far", slcp.InputError, "the bound of >"),
+        (lambda: m.mean(0, start=-1.0), slcp.InputError, "start"),
+        (lambda: m.mean(0, start=2.0, end=1.0), slcp.InputError, "end"),
+        (lambda: m.contact(1.5), slcp.ArgumentTypeError, "pair is 1.5"),
+        (lambda: m.function(3), slcp.ArgumentTypeError, "f is 3"),
+        (
+            lambda: recorded().value(m.final("block.z")),
+            slcp.ArgumentError,
+            "'block.z'; there are",
+        ),
+        (lambda: recorded().value(m.impulse("a/b")), slcp.ArgumentError, "contact pair is 'a/b'"),
+        (lambda: Recorded(SCENE, H, SHORT).value(m.impulse()), slcp.ArgumentError, "not recorded"),
+        (lambda: Recorded(SCENE, H, SHORT[..., 1:]), slcp.ArgumentError, "states has shape"),
+        (lambda: Recorded(SCENE, H, SHORT[:, :1]), slcp.ArgumentError, "at least one step"),
+        (lambda: checked_measures([m.final(0)]), slcp.ArgumentTypeError, "a dict of measures"),
+        (lambda: checked_measures({"x": m.state(0)}), slcp.ArgumentTypeError, r"measures\['x'\] is"),
+    ],
+)
+def test_what_is_no_measure_is_refused(make, kind, text):
+    with pytest.raises(kind, match=text):
+        make()
