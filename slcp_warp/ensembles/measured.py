@@ -61,8 +61,11 @@ class Recorded:
         if signal.kind == "function":
             raise ArgumentTypeError("a Warp function is evaluated in a sweep only, not on recorded states")
         place = signal.place(self.scene)
+        if signal.kind == "cosine":
+            return np.cos(self.states[:, :, place])
         if signal.kind == "state":
-            return self.states[:, :, place]
+            less = signal.less(self.scene)
+            return self.states[:, :, place] - (0.0 if less == EVERY else self.states[:, :, less])
         source = {"control": "controls", "contact": "impulse"}.get(signal.kind, signal.kind)
         found = getattr(self, source)
         if found is None:

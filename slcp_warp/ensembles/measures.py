@@ -22,6 +22,7 @@ from .signals import (
     Within,
     contact,
     control,
+    cosine,
     function,
     gap,
     normal_impulse,
@@ -35,6 +36,7 @@ __all__ = [
     "contact",
     "contact_share",
     "control",
+    "cosine",
     "final",
     "first_time",
     "function",
@@ -81,6 +83,10 @@ class Measure(Compared):
         object.__setattr__(self, "start", number("start", self.start, 0.0))
         if self.end is not None:
             object.__setattr__(self, "end", number("end", self.end, self.start, above=True))
+
+    def signals(self) -> list[Signal]:
+        """The signals that it looks at."""
+        return self.of.parts() if isinstance(self.of, Condition) else [self.of]
 
     def _within(self, low: float, high: float) -> "Success":
         return Success(((Within(self, low, high),),))

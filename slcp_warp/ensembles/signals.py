@@ -15,9 +15,8 @@ from ..description.scene import Scene
 from ..inputs.checks import number, shown
 from ..inputs.errors import ArgumentError, ArgumentTypeError
 
-STATE, CONTROL, TIME, CONTACT, GAP, IMPULSE, FUNCTION = range(7)
-KINDS = ("state", "control", "time", "contact", "gap", "impulse", "function")
-EVERY = -1  # in place of a pair: all of them
+KINDS = ("state", "cosine", "control", "time", "contact", "gap", "impulse", "function")
+EVERY = -1  # in place of a pair: all of them; of a state to take off: none
 
 
 class Compared:
@@ -50,11 +49,13 @@ class Signal(Compared):
     Attributes:
         kind: one of `KINDS`.
         which: a state, a control or a contact pair, by its name or its place; None: no one, or all pairs.
+        minus: a state that is taken off a state.
         function: a user's Warp function (x, u, time) -> number, of a signal of kind "function".
     """
 
     kind: str
     which: str | int | None = None
+    minus: str | int | None = None
     function: Callable[..., Any] | None = None
 
     def place(self, scene: Scene) -> int:
@@ -63,11 +64,15 @@ class Signal(Compared):
         Raises:
             ArgumentError: the scene has none of this name.
         """
-        if self.kind == "state":
+        if self.kind in ("state", "cosine"):
             return scene.state_index(self.which)  # type: ignore[arg-type]
         if self.kind == "control":
             return scene.control_index(self.which)  # type: ignore[arg-type]
         return EVERY if self.which is None else index_of("contact pair", self.which, scene.pair_names)
+
+    def less(self, scene: Scene) -> int:
+        """The place of the state that is taken off it; -1: none."""
+        return EVERY if self.minus is None else scene.state_index(self.minus)
 
     def _within(self, low: float, high: float) -> "Condition":
         return Condition(((Within(self, low, high),),))
@@ -121,9 +126,14 @@ class Condition(Joined):
     """Comparisons of signals: true or false in every step."""
 
 
-def state(which: str | int) -> Signal:
-    """A component of the state, by its name (`Scene.state_names`) or its place."""
-    return Signal("state", _name("which", which))
+def state(which: str | int, minus: str | int | None = None) -> Signal:
+    """A component of the state, by its name (`Scene.state_names`) or its place, less another one."""
+    return Signal("state", _name("which", which), None if minus is None else _name("minus", minus))
+
+
+def cosine(which: str | int) -> Signal:
+    """The cosine of an angle, for angles that may end a turn away."""
+    return Signal("cosine", _name("which", which))
 
 
 def control(which: str | int) -> Signal:
@@ -155,7 +165,7 @@ def function(f: Callable[..., Any]) -> Signal:
     """A user's number: f(x, u, time), a Warp function of vectors x (nx,), u (nu,) and the time [s]."""
     if not callable(f):
         raise ArgumentTypeError(f"f is {shown(f)}; a Warp function f(x, u, time) is needed")
-    return Signal("function", None, f)
+    return Signal("function", function=f)
 
 
 def _name(label: str, which: Any) -> str | int:

@@ -32,6 +32,11 @@ CASES = {
     "final": (m.final("block.x"), (16.0, -3.0)),
     "final before": (m.final("block.x", end=1.0), (0.81, 0.1)),
     "by place": (m.final(X), (16.0, -3.0)),
+    "difference": (
+        m.final(m.state("block.x", minus="block.angle")),
+        (16.0 - np.sin(4.0), -3.0 - np.sin(4.0)),
+    ),
+    "cosine": (m.final(m.cosine("block.x")), (np.cos(16.0), np.cos(3.0))),
     "rate": (m.rate("block.x"), (4.0, -1.0)),
     "rate of a window": (m.rate("block.x", 1.0, 3.05), (4.0, -1.0)),
     "rate of one value": (m.rate("block.x", 1.0, 1.05), (0.0, 0.0)),

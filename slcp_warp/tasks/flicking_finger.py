@@ -1,0 +1,28 @@
+"""The paper's experiment (section V): a finger of two links spins an ellipse by flicking it."""
+
+from .. import scenes
+from ..costs import Term, effort, terms
+from ..ensembles import measures
+from ..options import Options
+from .task import Task
+
+
+def flicking_finger() -> Task:
+    """Turn the ellipse counter-clockwise; a run succeeds if it turns at more than .5 rad/s in its second half."""
+    scene = scenes.flicking_finger()
+    late = measures.rate("ellipse.angle", start=10.0)
+    return Task(
+        name="flicking_finger",
+        scene=scene,
+        cost=terms(scene, [effort(0.05), Term("linear", -1.0, state="ellipse.angle")]),
+        horizon=75,
+        options=Options(scaling="none"),
+        duration=20.0,
+        measures={
+            "rate": measures.rate("ellipse.angle"),
+            "late_rate": late,
+            "contact_share": measures.contact_share(),
+            "lowest_gap": measures.lowest_gap(),
+        },
+        success=late > 0.5,
+    )

@@ -1,0 +1,112 @@
+"""A task: a scene, what is good there, what is uncertain, and what a run of it is judged by."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from ..costs import Cost
+from ..description.scene import Scene
+from ..ensembles.measured import checked_measures
+from ..ensembles.measures import Measure, Success
+from ..inputs.checks import array, instance, number, shown, whole
+from ..inputs.errors import ArgumentError
+from ..inputs.limits import limit_rows
+from ..options import Options
+from ..simulator import Simulator
+
+
+class TaskError(ArgumentError):
+    """A task that describes no problem; the message names the field, what came and what is needed."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """A problem to control, with its model and its judgement.
+
+    Attributes:
+        name: how it is called.
+        scene: the mechanism; its step size and noise level are those of plans.
+        cost: of a plan, see `slcp_warp.costs`.
+        horizon: steps of a plan.
+        options: what a plan's steps solve.
+        duration: of a run [s]; None: as long as a plan.
+        control_limits: (lower, upper), each a number or (nu,); None: none. They hold in plans and in runs.
+        start: states that runs start from: (nx,) or (M, nx), or a dict of numbers by state name on the
+            scene's initial state; None: that.
+        measures: what a run is looked at by, by name.
+        success: comparisons of measures; None: every world that runs to its end is one.
+    """
+
+    name: str
+    scene: Scene
+    cost: Cost
+    horizon: int
+    options: Options = field(default_factory=Options)
+    duration: float | None = None
+    control_limits: Any = None
+    start: Any = None
+    measures: Mapping[str, Measure] = field(default_factory=dict)
+    success: Success | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name:
+            raise TaskError(f"Task.name is {shown(self.name)}; a text is needed")
+        for name, kind, need in (
+            ("scene", Scene, "a slcp_warp.Scene"),
+            ("cost", Cost, "one of slcp_warp.costs"),
+            ("options", Options, "a slcp_warp.Options"),
+            ("success", Success | None, "comparisons of slcp_warp.measures, or None"),
+        ):
+            instance(f"Task.{name}", getattr(self, name), kind, need)
+        put = object.__setattr__
+        put(self, "horizon", whole("Task.horizon", self.horizon, error=TaskError))
+        span = self.horizon * self.scene.step_size if self.duration is None else self.duration
+        put(self, "duration", number("Task.duration", span, 0.0, above=True, error=TaskError))
+        for name, size in (("nx", 2 * self.scene.nv), ("nu", self.scene.nu)):
+            need = getattr(self.cost, name)
+            if need is not None and need != size:
+                raise TaskError(f"Task.cost is for {name} = {need}, scene {self.scene.name!r} has {size}")
+        if self.control_limits is not None:
+            limit_rows(self.control_limits, self.scene.nu)
+        put(self, "start", self._starts())
+        put(self, "measures", checked_measures(self.measures))
+        self._check_names()
+
+    def _starts(self) -> np.ndarray:
+        """(M, nx) states."""
+        if self.start is None:
+            return self.scene.x0[None]
+        if isinstance(self.start, Mapping):
+            return self.scene.state(self.start)[None]
+        starts = np.atleast_2d(array("Task.start", self.start, error=TaskError))
+        if starts.ndim != 2 or starts.shape[1] != 2 * self.scene.nv or not len(starts):
+            raise TaskError(f"Task.start has shape {starts.shape}; (M, {2 * self.scene.nv}) is needed")
+        return starts
+
+    def _check_names(self) -> None:
+        """Raise an error for a measure of what the scene has not got."""
+        judged = {f"Task.measures[{name!r}]": measure for name, measure in self.measures.items()}
+        if self.success is not None:
+            judged |= {f"Task.success: {part.reduction}": part for part in self.success.parts()}
+        for label, measure in judged.items():
+            for signal in measure.signals():
+                try:
+                    signal.place(self.scene), signal.less(self.scene)
+                except ArgumentError as error:
+                    raise TaskError(f"{label}: {error}") from None
+
+    @property
+    def steps(self) -> int:
+        """Steps of a run with the scene's step size."""
+        assert self.duration is not None
+        return max(1, round(self.duration / self.scene.step_size))
+
+    def simulator(self, options: Options | None = None, **choices: Any) -> Simulator:
+        """A simulator of its scene, with its options or others; `choices` as of `Simulator`."""
+        return Simulator(self.scene, self.options if options is None else options, **choices)
+
+    def replace(self, **changes: Any) -> "Task":
+        """The same task with other fields."""
+        return replace(self, **changes)
