@@ -10,8 +10,6 @@ from .random import make_normal
 # streams of the random numbers
 START, CHOICE, PARAMETER, TORQUE, KICK = 0, 100, 200, 300, 400
 FAR = 1 << 20  # streams of the torques beyond the hundredth, which would meet those of the kicks
-TOUCH = 1e-6  # impulse above which a contact counts as one
-NOWHERE = 1e30  # lowest gap of a world without an acting contact
 
 
 @cached

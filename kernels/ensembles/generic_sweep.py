@@ -1,7 +1,7 @@
 """Sweeps with the generic step kernel: what happens to a world between two of its steps.
 
 `sweep.py` rolls a world out in one launch. Here a step is three: `begin` samples, kicks and asks the policy,
-the generic kernel steps (`generic/step.py`), `end` takes the step over or the status and counts contacts. The
+the generic kernel steps (`generic/step.py`), `end` takes the step over or the status and takes measures. The
 random numbers are those of `sweep.py`, by world and step, so nothing depends on the split.
 """
 
@@ -9,13 +9,13 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ..contact.problem import COLD
 from ..device.compile import specialised
 from ..factories import cached
 from ..status import SOLVED
 from ..step.rollout import POLICIES
 from ..structure import STEP_SIZE
-from .disturbances import TOUCH, make_conditions, make_disturbances
+from .disturbances import make_conditions, make_disturbances
+from .measures import Measures, make_measures, make_row_contacts
 
 
 @wp.struct
@@ -25,8 +25,6 @@ class Progress:
     sample: wp.array(dtype=wp.int32)  # next sample
     event: wp.array(dtype=wp.int32)  # next kick
     steps: wp.array(dtype=wp.int32)  # number of steps in all
-    touched: wp.array(dtype=wp.int32)  # steps with a contact impulse
-    lowest: wp.array(dtype=wp.float32)  # lowest gap of an acting contact [m]
     status: wp.array(dtype=wp.int32)
     start: wp.array(dtype=wp.float64)  # the observed component at the start
     samples: wp.array2d(dtype=wp.float32)  # (B, S)
@@ -82,41 +80,56 @@ def make_sweep_begin_kernel(nv: int, nu: int, dtype: type, policy_name: str) -> 
 
 
 @cached
-def make_sweep_end_kernels(dtype: type) -> SimpleNamespace:
-    """`end`, after step k: the new state or the status, contacts counted. `finish`, after the last step."""
-    ACTS = dtype(0.5 * COLD)
+def make_sweep_end_kernels(
+    nv: int, nu: int, dtype: type, users: tuple[wp.Function, ...] = ()
+) -> SimpleNamespace:
+    """`end`, after step k: the new state or the status, measures. `finish`, after the last step: samples."""
+    contacts = make_row_contacts(dtype)
+    measures = make_measures(2 * nv, nu, dtype, contacts, users)
+    Contacts = contacts.Contacts
+    VX, VU = wp.types.vector(2 * nv, dtype), wp.types.vector(max(nu, 1), dtype)
 
     @specialised
     def sweep_end_kernel(
         first: int,
         k: int,
-        is_contact: wp.array(dtype=wp.int32),  # (nr,) 1 for rows of contacts
+        params: wp.array2d(dtype=dtype),  # (B, P)
         after: wp.array2d(dtype=dtype),  # (B, nx) of the step
-        impulse: wp.array2d(dtype=dtype),  # (B, nr)
-        gap: wp.array2d(dtype=dtype),  # (B, nr)
-        multiplier: wp.array2d(dtype=dtype),  # (B, nr + 2 pairs)
+        us: wp.array2d(dtype=dtype),  # (B, nu)
+        contacts_of: Contacts,
         code: wp.array(dtype=wp.int32),  # (B,)
+        m: Measures,
         p: Progress,
         state: wp.array2d(dtype=dtype),  # out (B, nx)
         warm: wp.array2d(dtype=dtype),  # out (B, nr + 2 pairs)
+        kept: wp.array3d(dtype=wp.float64),  # out (B, M, WIDTH)
     ):
         i = first + wp.tid()
-        if k >= p.steps[i] or p.status[i] != wp.static(SOLVED):
+        if k >= p.steps[i]:
             return
-        p.status[i] = code[i]
-        if code[i] != wp.static(SOLVED):
-            return
-        for j in range(state.shape[1]):
-            state[i, j] = after[i, j]
-        for j in range(warm.shape[1]):
-            warm[i, j] = multiplier[i, j]
-        pushed = int(0)
-        for r in range(is_contact.shape[0]):
-            if is_contact[r] == 1 and multiplier[i, r] < ACTS:
-                p.lowest[i] = wp.min(p.lowest[i], wp.float32(gap[i, r]))
-                if impulse[i, r] > dtype(TOUCH):
-                    pushed = 1
-        p.touched[i] = p.touched[i] + pushed
+        h = wp.float64(params[i, STEP_SIZE])
+        x = VX()
+        for j in range(2 * nv):
+            x[j] = state[i, j]
+        u = VU()
+        c = contacts_of
+        c.world = i
+        c.on = 0
+        if p.status[i] == wp.static(SOLVED):
+            p.status[i] = code[i]
+            if code[i] == wp.static(SOLVED):
+                c.on = 1
+                for j in range(nu):
+                    u[j] = us[i, j]
+                for j in range(2 * nv):
+                    state[i, j] = after[i, j]
+                for j in range(warm.shape[1]):
+                    warm[i, j] = contacts_of.multiplier[i, j]
+        measures.look(m, kept, i, wp.float64(k) * h, h, x, u, c, 0)
+        if k == p.steps[i] - 1:
+            for j in range(2 * nv):
+                x[j] = state[i, j]
+            measures.look(m, kept, i, wp.float64(k + 1) * h, h, x, u, c, 1)
 
     @specialised
     def sweep_finish_kernel(
@@ -124,11 +137,9 @@ def make_sweep_end_kernels(dtype: type) -> SimpleNamespace:
         component: int,
         state: wp.array2d(dtype=dtype),
         p: Progress,
-        contact_share: wp.array(dtype=wp.float32),  # out (B,)
     ):
         i = first + wp.tid()
         for n in range(p.sample[i], p.samples.shape[1]):
             p.samples[i, n] = wp.float32(state[i, component] - dtype(p.start[i]))
-        contact_share[i] = wp.float32(p.touched[i]) / wp.float32(wp.max(p.steps[i], 1))
 
     return SimpleNamespace(end=sweep_end_kernel, finish=sweep_finish_kernel)

@@ -8,14 +8,24 @@ from ..specialisation import Specialisation
 from ..status import SOLVED
 from ..step.rollout import POLICIES, make_batch
 from ..structure import layout
-from .disturbances import NOWHERE, TOUCH, make_conditions, make_disturbances
+from .disturbances import make_conditions, make_disturbances
+from .measures import Measures, make_contacts, make_measures
+
+
+def contact_rows(spec: Specialisation) -> tuple[list[int], list[bool]]:
+    """Of every row its contact pair, -1 for limits, and whether its impulse is (a part of) a normal one."""
+    s, _, method = spec
+    pairs = [row.index if row.kind == "contact" else -1 for row in s.rows]
+    return pairs, [not (method.coulomb and row.sign < 0) for row in s.rows]
 
 
 @cached
-def make_sweep_kernel(spec: Specialisation, policy_name: str) -> wp.Kernel:
+def make_sweep_kernel(
+    spec: Specialisation, policy_name: str, users: tuple[wp.Function, ...] = ()
+) -> wp.Kernel:
     """Roll out one world a thread for a duration, with torque noise and velocity kicks.
 
-    One state component is sampled.
+    One state component is sampled; measures are taken, those of users' functions with `users`.
     """
     s, dtype, _ = spec
     batch = make_batch(spec, False)
@@ -23,22 +33,27 @@ def make_sweep_kernel(spec: Specialisation, policy_name: str) -> wp.Kernel:
     policy = POLICIES[policy_name](2 * s.nv, s.nu, dtype)
     disturb = make_disturbances(s.nv, s.nu, dtype)
     Conditions, Policy = make_conditions(dtype), policy.Struct
-    NR = s.nr
+    NX, NR = 2 * s.nv, s.nr
     H = layout(s).offset("step_size")
-    contact_rows = sum(1 << i for i, r in enumerate(s.rows) if r.kind == "contact")
+    contacts = make_contacts(len(s.pairs))
+    measures = make_measures(NX, s.nu, dtype, contacts, users)
+    pair_of, normal = contact_rows(spec)
+    VU = wp.types.vector(max(s.nu, 1), dtype)
 
     @wp.func
-    def contact_of(sol: step.Solution, h: wp.float64, lowest: wp.float32):
-        """The lowest gap of an acting contact up to this step, and 1 if a contact pushes."""
-        low = lowest
-        pushed = int(0)
+    def contacts_of(sol: step.Solution, h: wp.float64):
+        """Normal impulses and distances of the pairs that act."""
+        out = contacts.none()
         for r in range(wp.static(NR)):
-            if wp.static((contact_rows & (1 << r)) != 0):
+            if wp.static(pair_of[r] >= 0):
                 if (sol.mask & wp.static(1 << r)) != 0:
-                    low = wp.min(low, wp.float32(sol.rate[wp.static(step.gap_row[r])]) * wp.float32(h))
-                    if sol.lam[r] > dtype(TOUCH):
-                        pushed = 1
-        return low, pushed
+                    gap = wp.float64(sol.rate[wp.static(step.gap_row[r])]) * h
+                    out.distance[wp.static(pair_of[r])] = gap
+                    if wp.static(normal[r]):
+                        out.impulse[wp.static(pair_of[r])] = out.impulse[wp.static(pair_of[r])] + wp.float64(
+                            sol.lam[r]
+                        )
+        return out
 
     @specialised
     def sweep_kernel(
@@ -48,9 +63,9 @@ def make_sweep_kernel(spec: Specialisation, policy_name: str) -> wp.Kernel:
         x0: wp.array2d(dtype=dtype),  # (B, nx)
         control: Policy,
         external: wp.array2d(dtype=dtype),
+        m: Measures,
         samples: wp.array2d(dtype=wp.float32),  # out (B, S)
-        contact_share: wp.array(dtype=wp.float32),  # out (B,) share of steps with a contact impulse
-        lowest: wp.array(dtype=wp.float32),  # out (B,) lowest d/h h of an acting contact
+        kept: wp.array3d(dtype=wp.float64),  # out (B, M, WIDTH) of the measures
         status: wp.array(dtype=wp.int32),  # out (B,)
     ):
         i = first + wp.tid()
@@ -61,10 +76,10 @@ def make_sweep_kernel(spec: Specialisation, policy_name: str) -> wp.Kernel:
         h = wp.float64(world.params[wp.static(H)])
         steps = int(wp.round(c.duration / h))
         code = int(0)
-        touched = int(0)
         sample = int(0)
         event = int(0)
-        low = float(NOWHERE)
+        touching = contacts.none()
+        u = VU()
         base = x[c.component]  # samples are relative to the start: float32 keeps its digits
         for k in range(steps):
             time = wp.float64(k) * h
@@ -73,6 +88,8 @@ def make_sweep_kernel(spec: Specialisation, policy_name: str) -> wp.Kernel:
             while event < coming:
                 x = disturb.kicked(c, number, event, x)
                 event += 1
+            before = x
+            touching = contacts.none()
             if code == wp.static(SOLVED):
                 u = disturb.noisy(c, number, k, policy.control(control, i, k, x))
                 sol = step.solve_step(world, x, u, carry)
@@ -82,13 +99,14 @@ def make_sweep_kernel(spec: Specialisation, policy_name: str) -> wp.Kernel:
                     x = after
                     carry.z = sol.z
                     carry.normal = sol.normal
-                    low, pushed = contact_of(sol, h, low)
-                    touched += pushed
+                    touching = contacts_of(sol, h)
+            if code != wp.static(SOLVED):
+                u = VU()
+            measures.look(m, kept, i, time, h, before, u, touching, 0)
+        measures.look(m, kept, i, wp.float64(steps) * h, h, x, u, touching, 1)
         while sample < samples.shape[1]:
             samples[i, sample] = wp.float32(x[c.component] - base)
             sample += 1
-        contact_share[i] = wp.float32(touched) / wp.float32(wp.max(steps, 1))
-        lowest[i] = low
         status[i] = code
 
     return sweep_kernel

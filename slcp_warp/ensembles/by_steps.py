@@ -7,15 +7,16 @@ import warp as wp
 
 from slcp_warp.kernels.contact.problem import COLD
 from slcp_warp.kernels.device.launch import launch
-from slcp_warp.kernels.ensembles.disturbances import NOWHERE
 from slcp_warp.kernels.ensembles.generic_sweep import (
     Progress,
     make_sweep_begin_kernel,
     make_sweep_end_kernels,
 )
+from slcp_warp.kernels.ensembles.measures import make_row_contacts
 
 from ..simulator import Simulator
 from ..stepping.arrays import StepArrays
+from .tables import MeasureTable
 
 
 def bytes_of_world(sim: Simulator) -> int:
@@ -27,10 +28,11 @@ def by_steps(
     sim: Simulator,
     policy: tuple[str, Any],
     conditions: Any,
+    table: MeasureTable,
     params: wp.array,
     state: wp.array,
     samples: wp.array,
-) -> tuple[wp.array, wp.array, wp.array]:
+) -> tuple[wp.array, wp.array]:
     """As `launch.at_once`; the states are overwritten."""
     worlds, width = len(state), sim.nr + 2 * len(sim.scene.structure.pairs)
     dtype, device = sim.dtype, sim.device
@@ -39,30 +41,40 @@ def by_steps(
     cold = np.tile(np.where(np.arange(width) < sim.nr, COLD, 0.0), (worlds, 1))
     warm: wp.array = wp.array(cold, dtype=dtype, device=device)
     multiplier, nothing = sim.empty(worlds, width), sim.empty(0, 0)
-    code, share = wp.zeros(worlds, dtype=wp.int32, device=device), wp.zeros(worlds, device=device)
-    contact = [int(row.kind == "contact") for row in sim.scene.structure.rows]
-    rows: wp.array = wp.array(contact, dtype=wp.int32, device=device)
+    code: wp.array = wp.zeros(worlds, dtype=wp.int32, device=device)
+    kept, measures = table.kept(worlds, device), table.struct(device)
     steps = np.floor(conditions.duration / params.numpy()[:, 0].astype(float) + 0.5).astype(np.int32)
     p = _progress(worlds, steps, samples, device)
     name, struct = policy
     step = StepArrays(params, state, us, nothing, warm, after, impulse, gap, multiplier, code)
     begin = make_sweep_begin_kernel(sim.scene.nv, sim.nu, dtype, name)
-    kernels = make_sweep_end_kernels(dtype)
+    kernels = make_sweep_end_kernels(sim.scene.nv, sim.nu, dtype, table.users)
+    contacts = make_row_contacts(dtype).Contacts()
+    contacts.rows = wp.array(normal_rows(sim), dtype=wp.int32, device=device)
+    contacts.impulse, contacts.distance, contacts.multiplier = impulse, gap, multiplier
     for k in range(int(steps.max())):
         launch(begin, worlds, [k, conditions, params, struct, p, state, us], device)
         sim.kernels.stepping.step(step)
-        outcome = [rows, after, impulse, gap, multiplier, code, p, state, warm]
+        outcome = [params, after, us, contacts, code, measures, p, state, warm, kept]
         launch(kernels.end, worlds, [k, *outcome], device)
-    launch(kernels.finish, worlds, [conditions.component, state, p, share], device)
-    return share, p.lowest, p.status
+    launch(kernels.finish, worlds, [conditions.component, state, p], device)
+    return kept, p.status
+
+
+def normal_rows(sim: Simulator) -> np.ndarray:
+    """(pairs, 2): first row of a pair's normal impulses, and one after the last."""
+    rows = [(i, row) for i, row in enumerate(sim.scene.structure.rows) if row.kind == "contact"]
+    normal = [(i, r) for i, r in rows if not (sim.options.method.coulomb and r.sign < 0)]
+    count = len(sim.scene.structure.pairs)
+    own = [[i for i, row in normal if row.index == pair] for pair in range(count)]
+    return np.array([(each[0], each[-1] + 1) for each in own], np.int32).reshape(-1, 2)
 
 
 def _progress(worlds: int, steps: np.ndarray, samples: wp.array, device: Any) -> Progress:
     p = Progress()
-    for name in ("sample", "event", "touched", "status"):
+    for name in ("sample", "event", "status"):
         setattr(p, name, wp.zeros(worlds, dtype=wp.int32, device=device))
     p.steps = wp.array(steps, dtype=wp.int32, device=device)
-    p.lowest = wp.full(worlds, NOWHERE, dtype=wp.float32, device=device)
     p.start = wp.zeros(worlds, dtype=wp.float64, device=device)
     p.samples = samples
     return p

@@ -17,9 +17,12 @@ from ..simulator import Simulator
 from ..stepping.arguments import policy_arrays
 from .by_steps import by_steps, bytes_of_world
 from .draws import Draws
+from .measures import contact_share, lowest_gap
 from .spec import SweepSpec
+from .tables import MeasureTable
 
 CHUNK_BYTES = 128 * 2**20
+NOWHERE = 1e30  # lowest gap of a world without an acting contact
 
 
 class Case:
@@ -52,6 +55,7 @@ class Case:
         self.seconds = 0.0
         self._parts: list[dict[str, np.ndarray]] = []
         self._conditions = _conditions(sim, spec)
+        self.table = MeasureTable([contact_share(), lowest_gap()], sim.scene)
 
     def run(self) -> Iterator[int]:
         """Launch chunk after chunk; yields the worlds finished."""
@@ -67,9 +71,15 @@ class Case:
         params, x0 = self.draws.worlds(world0, count)
         samples: wp.array = wp.zeros((count, self.count), dtype=wp.float32, device=self.sim.device)
         self._conditions.world0 = world0
-        share, lowest, status = self.roll_out(self.sim, self.policy, self._conditions, params, x0, samples)
-        found = {"samples": samples, "contact_share": share, "lowest_gap": lowest, "status": status}
-        return {name: array.numpy().copy() for name, array in found.items()} | self.draws.columns(params)
+        kept, status = self.roll_out(self.sim, self.policy, self._conditions, self.table, params, x0, samples)
+        share, lowest = self.table.values(kept.numpy()).T
+        found = {
+            "samples": samples.numpy().copy(),
+            "contact_share": share.astype(np.float32),
+            "lowest_gap": np.minimum(lowest, NOWHERE).astype(np.float32),
+            "status": status.numpy().copy(),
+        }
+        return found | self.draws.columns(params)
 
     def finished(self) -> dict[str, np.ndarray]:
         """Columns of the finished worlds: samples (B, S), contact_share, lowest_gap, status, what was drawn
@@ -84,30 +94,42 @@ def at_once(
     sim: Simulator,
     policy: tuple[str, Any],
     conditions: Any,
+    table: MeasureTable,
     params: wp.array,
     x0: wp.array,
     samples: wp.array,
-) -> tuple[wp.array, wp.array, wp.array]:
+) -> tuple[wp.array, wp.array]:
     """Run a chunk of worlds to the end in one launch of the specialised kernel.
 
     Args:
         sim: whose steps they make.
         policy: its name in the kernels, and its struct.
         conditions: struct of what all worlds go through.
+        table: of what is measured.
         params: (B, P).
         x0: (B, nx).
         samples: (B, S), filled.
 
     Returns:
-        Share of steps with a contact impulse, lowest gap of an acting contact [m], status, each (B,).
+        What is kept of the measures (B, M, WIDTH), and status (B,).
     """
     count, (name, struct) = len(x0), policy
-    share, lowest = (wp.zeros(count, dtype=wp.float32, device=sim.device) for _ in range(2))
+    kept = table.kept(count, sim.device)
     status: wp.array = wp.zeros(count, dtype=wp.int32, device=sim.device)
-    kernel = make_sweep_kernel(sim.spec, name)
-    inputs = [conditions, params, x0, struct, sim.empty(0, 0), samples, share, lowest, status]
+    kernel = make_sweep_kernel(sim.spec, name, table.users)
+    inputs = [
+        conditions,
+        params,
+        x0,
+        struct,
+        sim.empty(0, 0),
+        table.struct(sim.device),
+        samples,
+        kept,
+        status,
+    ]
     launch(kernel, count, inputs, sim.device, grain=1)
-    return share, lowest, status
+    return kept, status
 
 
 def _conditions(sim: Simulator, spec: SweepSpec) -> Any:

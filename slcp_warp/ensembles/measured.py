@@ -6,15 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from slcp_warp.kernels.ensembles.disturbances import TOUCH
+from slcp_warp.kernels.ensembles.measures import NONE, ROUNDING, TOUCH
 
 from ..description.scene import Scene
 from ..inputs.checks import array, shown
 from ..inputs.errors import ArgumentError, ArgumentTypeError
 from .measures import OF_CONDITIONS, Measure, Success
 from .signals import EVERY, Condition, Signal
-
-ROUNDING = 1e-6  # of a step: by so much times may miss the limits that they are to meet
 
 
 @dataclass(frozen=True)
@@ -65,7 +63,7 @@ class Recorded:
             return np.cos(self.states[:, :, place])
         if signal.kind == "state":
             less = signal.less(self.scene)
-            return self.states[:, :, place] - (0.0 if less == EVERY else self.states[:, :, less])
+            return self.states[:, :, place] - (0.0 if less == NONE else self.states[:, :, less])
         source = {"control": "controls", "contact": "impulse"}.get(signal.kind, signal.kind)
         found = getattr(self, source)
         if found is None:
@@ -116,9 +114,11 @@ class Recorded:
         ends = {"initial": inside[0], "final": inside[-1], "largest": inside.max(), "smallest": inside.min()}
         if measure.reduction in ends:
             return ends[measure.reduction]
+        if not steps.any():
+            return np.nan
         summed = series[steps].sum()
         if measure.reduction in ("mean", "share_of_time"):
-            return summed / steps.sum() if steps.any() else np.nan
+            return summed / steps.sum()
         return summed * (h if measure.reduction == "integral" else 1.0)
 
 

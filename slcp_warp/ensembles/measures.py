@@ -12,6 +12,8 @@ between them counts.
 from dataclasses import dataclass
 from typing import Any
 
+from slcp_warp.kernels.ensembles.measures import REDUCTIONS
+
 from ..inputs.checks import number, shown
 from ..inputs.errors import ArgumentTypeError
 from .signals import (
@@ -57,10 +59,6 @@ __all__ = [
     "total",
 ]
 
-REDUCTIONS = (
-    *("initial", "final", "rate", "mean", "integral", "total", "largest", "smallest"),
-    *("share_of_time", "first_time", "settled"),
-)
 OF_CONDITIONS = REDUCTIONS[-3:]
 
 

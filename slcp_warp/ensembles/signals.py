@@ -10,13 +10,14 @@ from typing import Any
 
 import numpy as np
 
+from slcp_warp.kernels.ensembles.measures import NONE, SIGNALS
+
 from ..description.names import index_of
 from ..description.scene import Scene
-from ..inputs.checks import number, shown
+from ..inputs.checks import choice, number, shown
 from ..inputs.errors import ArgumentError, ArgumentTypeError
 
-KINDS = ("state", "cosine", "control", "time", "contact", "gap", "impulse", "function")
-EVERY = -1  # in place of a pair: all of them; of a state to take off: none
+EVERY = NONE  # in place of a pair: all of them
 
 
 class Compared:
@@ -47,7 +48,7 @@ class Signal(Compared):
     """A number in every step.
 
     Attributes:
-        kind: one of `KINDS`.
+        kind: one of `SIGNALS`.
         which: a state, a control or a contact pair, by its name or its place; None: no one, or all pairs.
         minus: a state that is taken off a state.
         function: a user's Warp function (x, u, time) -> number, of a signal of kind "function".
@@ -57,6 +58,9 @@ class Signal(Compared):
     which: str | int | None = None
     minus: str | int | None = None
     function: Callable[..., Any] | None = None
+
+    def __post_init__(self) -> None:
+        choice("Signal.kind", self.kind, SIGNALS)
 
     def place(self, scene: Scene) -> int:
         """Its component in a scene.
@@ -72,7 +76,7 @@ class Signal(Compared):
 
     def less(self, scene: Scene) -> int:
         """The place of the state that is taken off it; -1: none."""
-        return EVERY if self.minus is None else scene.state_index(self.minus)
+        return NONE if self.minus is None else scene.state_index(self.minus)
 
     def _within(self, low: float, high: float) -> "Condition":
         return Condition(((Within(self, low, high),),))

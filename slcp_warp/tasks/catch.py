@@ -37,9 +37,8 @@ def paddle_scene() -> Scene:
 def catch() -> Task:
     """The ball lies in the paddle at the end and rests there."""
     scene = paddle_scene()
-    apart, faster = (
-        {"state": f"ball.{x}", "minus": f"cart.{s}"} for x, s in (("x", "shift"), ("vx", "vshift"))
-    )
+    apart = {"state": "ball.x", "minus": "cart.shift"}
+    faster = {"state": "ball.vx", "minus": "cart.vshift"}
     running = [
         Term("absolute", 1.0, state="paddle.angle", width=0.3),
         effort(0.001),

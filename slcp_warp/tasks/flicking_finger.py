@@ -8,7 +8,7 @@ from .task import Task
 
 
 def flicking_finger() -> Task:
-    """Turn the ellipse counter-clockwise; a run succeeds if it turns at more than .5 rad/s in its second half."""
+    """Turn the ellipse counter-clockwise; a run succeeds if its second half turns at more than .5 rad/s."""
     scene = scenes.flicking_finger()
     late = measures.rate("ellipse.angle", start=10.0)
     return Task(

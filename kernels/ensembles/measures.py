@@ -1,0 +1,293 @@
+"""Measures of a world while it runs: reductions of signals over the steps, all of them data.
+
+Signals, conditions and measures are tables (`Measures`), so that one kernel serves every task; functions of
+users are compiled in where there are some. A world keeps WIDTH numbers a measure between two steps.
+"""
+
+from collections.abc import Sequence
+from types import SimpleNamespace
+
+import warp as wp
+
+from ..contact.problem import COLD
+from ..factories import cached
+
+SIGNALS = ("state", "cosine", "control", "time", "contact", "gap", "impulse", "function")
+STATE, COSINE, CONTROL, TIME, CONTACT, GAP, IMPULSE, FUNCTION = range(len(SIGNALS))
+REDUCTIONS = (
+    *("initial", "final", "rate", "mean", "integral", "total", "largest", "smallest"),
+    *("share_of_time", "first_time", "settled"),
+)
+INITIAL, FINAL, RATE, MEAN, INTEGRAL, TOTAL, LARGEST, SMALLEST, SHARE, FIRST, SETTLED = range(len(REDUCTIONS))
+WIDTH = 5  # value, number of values, a second value and two times
+ROUNDING = 1e-6  # of a step: by so much times may miss the limits that they are to meet
+TOUCH = 1e-6  # impulse above which a contact counts as one [N s]
+FAR = 1e300  # distance of what does not act [m]
+NONE = -1  # no pair: all of them; no state to take off
+
+
+@wp.struct
+class Measures:
+    """What is looked at. S signals; C clauses in all conditions, A comparisons; M measures."""
+
+    signal: wp.array2d(dtype=wp.int32)  # (S, 3): kind, place, state to take off
+    bounds: wp.array2d(dtype=wp.float64)  # (A, 2): low, high
+    compared: wp.array(dtype=wp.int32)  # (A,): its signal
+    clause: wp.array2d(dtype=wp.int32)  # (C, 2): first comparison of a clause, and one after the last
+    measure: wp.array2d(dtype=wp.int32)  # (M, 4): reduction, signal or NONE, first clause, one after the last
+    window: wp.array2d(dtype=wp.float64)  # (M, 2): start, end [s]
+
+
+def make_measures(
+    nx: int, nu: int, dtype: type, contacts: SimpleNamespace, users: Sequence[wp.Function] = ()
+) -> SimpleNamespace:
+    """look(m, kept, i, time, h, x, u, contacts, last): takes a step of world i into account.
+
+    `last` is 1 after the last step, with the last state. `kept` (B, M, WIDTH) begins at zero and holds in the
+    end what a measure's value is made of.
+
+    Args:
+        nx: states.
+        nu: controls.
+        dtype: of states and controls.
+        contacts: struct `Contacts` of a step's contacts and what reads it, in float64, of a pair or, for
+            NONE, of all: `push(c, pair)`, the largest normal impulse; `impulse(c, pair)`, their sum;
+            `gap(c, pair)`, the lowest distance, FAR where none acts.
+        users: functions (x, u, time) of signals of kind FUNCTION, by their place.
+    """
+    VX, VU = wp.types.vector(nx, dtype), wp.types.vector(max(nu, 1), dtype)
+    Contacts = contacts.Contacts
+    ZERO, ONE = wp.float64(0.0), wp.float64(1.0)
+    EPS = wp.float64(ROUNDING)
+    user = chained(tuple(users), VX, VU)
+
+    @wp.func
+    def signal(m: Measures, s: int, x: VX, u: VU, time: wp.float64, c: Contacts):
+        kind, place = m.signal[s, 0], m.signal[s, 1]
+        if kind == wp.static(STATE):
+            value = x[place]
+            if m.signal[s, 2] != wp.static(NONE):
+                value -= x[m.signal[s, 2]]
+            return wp.float64(value)
+        if kind == wp.static(COSINE):
+            return wp.cos(wp.float64(x[place]))
+        if kind == wp.static(CONTROL):
+            return wp.float64(u[place])
+        if kind == wp.static(TIME):
+            return time
+        if kind == wp.static(CONTACT):
+            return wp.where(contacts.push(c, place) > wp.float64(TOUCH), ONE, ZERO)
+        if kind == wp.static(GAP):
+            return contacts.gap(c, place)
+        if kind == wp.static(IMPULSE):
+            return contacts.impulse(c, place)
+        return user(place, x, u, time)
+
+    @wp.func
+    def holds(m: Measures, j: int, x: VX, u: VU, time: wp.float64, c: Contacts):
+        """1 where a clause of measure j's condition holds, else 0."""
+        for n in range(m.measure[j, 2], m.measure[j, 3]):
+            every = int(1)
+            for a in range(m.clause[n, 0], m.clause[n, 1]):
+                value = signal(m, m.compared[a], x, u, time, c)
+                if not (value > m.bounds[a, 0] and value < m.bounds[a, 1]):
+                    every = int(0)
+            if every == 1:
+                return ONE
+        return ZERO
+
+    @wp.func
+    def look(
+        m: Measures,
+        kept: wp.array3d(dtype=wp.float64),
+        i: int,
+        time: wp.float64,
+        h: wp.float64,
+        x: VX,
+        u: VU,
+        c: Contacts,
+        last: int,
+    ):
+        for j in range(m.measure.shape[0]):
+            what = m.measure[j, 0]
+            counts = time >= m.window[j, 0] - EPS * h and time < m.window[j, 1] - EPS * h
+            step = last == 0 or not (what >= wp.static(MEAN) and what <= wp.static(TOTAL))
+            if counts and step and not (last == 1 and what == wp.static(SHARE)):
+                v = wp.float64(0.0)
+                if m.measure[j, 1] == wp.static(NONE):
+                    v = holds(m, j, x, u, time, c)
+                else:
+                    v = signal(m, m.measure[j, 1], x, u, time, c)
+                take(kept, i, j, what, v, time, h)
+
+    @wp.func
+    def take(
+        kept: wp.array3d(dtype=wp.float64),
+        i: int,
+        j: int,
+        what: int,
+        v: wp.float64,
+        time: wp.float64,
+        h: wp.float64,
+    ):
+        """One more value of measure j."""
+        fresh = kept[i, j, 1] == ZERO
+        if what == wp.static(INITIAL):
+            if fresh:
+                kept[i, j, 0] = v
+        elif what == wp.static(FINAL):
+            kept[i, j, 0] = v
+        elif what == wp.static(RATE):
+            if fresh:
+                kept[i, j, 2] = v
+                kept[i, j, 3] = time
+            kept[i, j, 0] = v
+            kept[i, j, 4] = time
+        elif what == wp.static(LARGEST):
+            if fresh or v > kept[i, j, 0]:
+                kept[i, j, 0] = v
+        elif what == wp.static(SMALLEST):
+            if fresh or v < kept[i, j, 0]:
+                kept[i, j, 0] = v
+        elif what == wp.static(FIRST):
+            if v > ZERO and kept[i, j, 2] == ZERO:
+                kept[i, j, 0] = time
+                kept[i, j, 2] = ONE
+        elif what == wp.static(SETTLED):
+            if v > ZERO and kept[i, j, 2] == ZERO:
+                kept[i, j, 0] = time
+            kept[i, j, 2] = v
+        elif what == wp.static(INTEGRAL):
+            kept[i, j, 0] = kept[i, j, 0] + v * h
+        else:
+            kept[i, j, 0] = kept[i, j, 0] + v
+        kept[i, j, 1] = kept[i, j, 1] + ONE
+
+    return SimpleNamespace(look=look)
+
+
+@cached
+def make_contacts(pairs: int) -> SimpleNamespace:
+    """Contacts of a step as vectors over the pairs."""
+    VP = wp.types.vector(max(pairs, 1), wp.float64)
+
+    @wp.struct
+    class Contacts:
+        impulse: VP  # normal [N s]
+        distance: VP  # [m], FAR where a pair does not act
+
+    @wp.func
+    def none():
+        """Nothing touches."""
+        c = Contacts()
+        for p in range(pairs):
+            c.distance[p] = wp.float64(FAR)
+        return c
+
+    @wp.func
+    def push(c: Contacts, pair: int):
+        if pair != wp.static(NONE):
+            return c.impulse[pair]
+        most = wp.float64(0.0)
+        for p in range(pairs):
+            most = wp.max(most, c.impulse[p])
+        return most
+
+    @wp.func
+    def impulse(c: Contacts, pair: int):
+        if pair != wp.static(NONE):
+            return c.impulse[pair]
+        total = wp.float64(0.0)
+        for p in range(pairs):
+            total += c.impulse[p]
+        return total
+
+    @wp.func
+    def gap(c: Contacts, pair: int):
+        if pair != wp.static(NONE):
+            return c.distance[pair]
+        least = wp.float64(FAR)
+        for p in range(pairs):
+            least = wp.min(least, c.distance[p])
+        return least
+
+    return SimpleNamespace(Contacts=Contacts, none=none, push=push, impulse=impulse, gap=gap)
+
+
+@cached
+def make_row_contacts(dtype: type) -> SimpleNamespace:
+    """Contacts of a step where rows lie in memory, of any number."""
+    ACTS = dtype(0.5 * COLD)
+
+    @wp.struct
+    class Contacts:
+        rows: wp.array2d(dtype=wp.int32)  # (pairs, 2): first row of normal impulses, and one after the last
+        impulse: wp.array2d(dtype=dtype)  # (B, nr)
+        distance: wp.array2d(dtype=dtype)  # (B, nr) [m]
+        multiplier: wp.array2d(dtype=dtype)  # (B, nr + 2 pairs)
+        world: int
+        on: int  # 0: nothing touches
+
+    @wp.func
+    def of_pair(c: Contacts, pair: int):
+        total = wp.float64(0.0)
+        if c.on == 1:
+            for r in range(c.rows[pair, 0], c.rows[pair, 1]):
+                total += wp.float64(c.impulse[c.world, r])
+        return total
+
+    @wp.func
+    def gap_of(c: Contacts, pair: int):
+        r = c.rows[pair, 0]
+        if c.on == 1 and c.multiplier[c.world, r] < ACTS:
+            return wp.float64(c.distance[c.world, r])
+        return wp.float64(FAR)
+
+    @wp.func
+    def push(c: Contacts, pair: int):
+        if pair != wp.static(NONE):
+            return of_pair(c, pair)
+        most = wp.float64(0.0)
+        for p in range(c.rows.shape[0]):
+            most = wp.max(most, of_pair(c, p))
+        return most
+
+    @wp.func
+    def impulse(c: Contacts, pair: int):
+        if pair != wp.static(NONE):
+            return of_pair(c, pair)
+        total = wp.float64(0.0)
+        for p in range(c.rows.shape[0]):
+            total += of_pair(c, p)
+        return total
+
+    @wp.func
+    def gap(c: Contacts, pair: int):
+        if pair != wp.static(NONE):
+            return gap_of(c, pair)
+        least = wp.float64(FAR)
+        for p in range(c.rows.shape[0]):
+            least = wp.min(least, gap_of(c, p))
+        return least
+
+    return SimpleNamespace(Contacts=Contacts, push=push, impulse=impulse, gap=gap)
+
+
+def chained(users: tuple[wp.Function, ...], VX: type, VU: type) -> wp.Function:
+    """user(place, x, u, time): the value of the function at this place, in float64."""
+    if not users:
+
+        @wp.func
+        def none(place: int, x: VX, u: VU, time: wp.float64):
+            return wp.float64(0.0)
+
+        return none
+    before, own, place_of_own = chained(users[:-1], VX, VU), users[-1], len(users) - 1
+
+    @wp.func
+    def user(place: int, x: VX, u: VU, time: wp.float64):
+        if place == wp.static(place_of_own):
+            return wp.float64(own(x, u, time))
+        return before(place, x, u, time)
+
+    return user

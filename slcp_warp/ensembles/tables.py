@@ -1,0 +1,86 @@
+"""Measures as the kernels take them, and their values from what the kernels keep."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from slcp_warp.kernels.ensembles import measures as kernels
+
+from ..description.scene import Scene
+from .measures import Measure
+from .signals import Condition, Signal
+
+
+class MeasureTable:
+    """The measures of a run, looked up in a scene.
+
+    Attributes:
+        measures: in the order of their values.
+        users: Warp functions of users that they call.
+    """
+
+    def __init__(self, measures: Sequence[Measure], scene: Scene) -> None:
+        self.measures = tuple(measures)
+        signals = list(dict.fromkeys(signal for measure in self.measures for signal in measure.signals()))
+        self.users = tuple(signal.function for signal in signals if signal.function is not None)
+        place = {signal: i for i, signal in enumerate(signals)}
+        self._signals = [self._signal(signal, scene) for signal in signals]
+        self._bounds: list[tuple[float, float]] = []
+        self._compared: list[int] = []
+        self._clauses: list[tuple[int, int]] = []
+        self._rows = [self._row(measure, place) for measure in self.measures]
+
+    def _signal(self, signal: Signal, scene: Scene) -> tuple[int, int, int]:
+        kind = kernels.SIGNALS.index(signal.kind)
+        which = self.users.index(signal.function) if signal.function is not None else signal.place(scene)
+        return kind, which, signal.less(scene)
+
+    def _row(self, measure: Measure, place: dict[Signal, int]) -> tuple[int, int, int, int]:
+        """Reduction, signal, first clause of a condition and one after its last."""
+        what, first = kernels.REDUCTIONS.index(measure.reduction), len(self._clauses)
+        if not isinstance(measure.of, Condition):
+            return what, place[measure.of], first, first
+        for clause in measure.of.clauses:
+            start = len(self._bounds)
+            self._bounds += [(within.low, within.high) for within in clause]
+            self._compared += [place[within.of] for within in clause]
+            self._clauses.append((start, len(self._bounds)))
+        return what, kernels.NONE, first, len(self._clauses)
+
+    def struct(self, device: Any) -> Any:
+        """The tables on a device."""
+        out = kernels.Measures()
+        window = [(each.start, kernels.FAR if each.end is None else each.end) for each in self.measures]
+        for name, values, width, kind in (
+            ("signal", self._signals, 3, np.int32),
+            ("bounds", self._bounds, 2, np.float64),
+            ("clause", self._clauses, 2, np.int32),
+            ("measure", self._rows, 4, np.int32),
+            ("window", window, 2, np.float64),
+        ):
+            setattr(out, name, wp.array(np.array(values, kind).reshape(-1, width), device=device))
+        out.compared = wp.array(np.array(self._compared, np.int32), device=device)
+        return out
+
+    def kept(self, worlds: int, device: Any) -> wp.array:
+        """What kernels keep of the measures, before the first step."""
+        shape = (worlds, len(self.measures), kernels.WIDTH)
+        return wp.zeros(shape, dtype=wp.float64, device=device)
+
+    def values(self, kept: np.ndarray) -> np.ndarray:
+        """(B, M) values of the measures from what was kept, (B, M, WIDTH); NaN where no step counted."""
+        out = np.empty(kept.shape[:2])
+        for j, measure in enumerate(self.measures):
+            value, count, second, begin, end = kept[:, j].T
+            with np.errstate(invalid="ignore", divide="ignore"):
+                if measure.reduction in ("mean", "share_of_time"):
+                    value = value / count
+                elif measure.reduction == "rate":
+                    value = np.where(count > 1, (value - second) / (end - begin), 0.0)
+                elif measure.reduction in ("first_time", "settled"):
+                    value = np.where(second > 0.0, value, np.inf)
+            value = np.where(np.abs(value) >= kernels.FAR, np.copysign(np.inf, value), value)
+            out[:, j] = np.where(count > 0, value, np.nan)
+        return out
