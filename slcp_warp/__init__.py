@@ -4,12 +4,12 @@ The contact problem of every time step is a stochastic complementarity problem (
 docstrings (17) is an equation of that paper, (M17) one of docs/understand/mathematics.md.
 """
 
-from . import costs, scenes
+from . import costs, measures, scenes, tasks
 from .description.mjcf import MjcfError, load_mjcf
 from .description.parts import Actuator, Body, Contact, Shape, Spring, box, touching
 from .description.scene import Scene
 from .description.scene_file import SceneFileError, load_scene, save_scene
-from .ensembles import measures
+from .ensembles.outcome import Report
 from .ensembles.particles import ParticleRollout, Particles, particle_rollout, particles
 from .ensembles.report import SweepReport
 from .ensembles.spec import SweepSpec
@@ -25,6 +25,7 @@ from .results import Linearization, Step, Trajectory
 from .simulator import Simulator
 from .stepping.strategy import StrategyError
 from .storage.files import FileError
+from .tasks import Disturbances, Task, TaskError
 
 __version__ = "0.1.0"
 
@@ -36,6 +37,7 @@ __all__ = [
     "Body",
     "Complementarity",
     "Contact",
+    "Disturbances",
     "InputError",
     "FileError",
     "Linearization",
@@ -48,6 +50,7 @@ __all__ = [
     "Particles",
     "Pullback",
     "Pushforward",
+    "Report",
     "Scene",
     "SceneError",
     "SceneFileError",
@@ -59,6 +62,8 @@ __all__ = [
     "StrategyError",
     "SweepReport",
     "SweepSpec",
+    "Task",
+    "TaskError",
     "Trajectory",
     "box",
     "costs",
@@ -73,6 +78,7 @@ __all__ = [
     "scenes",
     "solve_complementarity",
     "sweep",
+    "tasks",
     "touching",
     "vjp",
     "weighted_hessian",

@@ -26,6 +26,8 @@ def make_conditions(dtype: type) -> type:
         duration: wp.float64  # [s]
         interval: wp.float64  # between two samples [s]
         component: int  # of the state that is sampled
+        lower: wp.array(dtype=dtype)  # (0 or nu,) limits of the controls before their noise
+        upper: wp.array(dtype=dtype)
 
     return Conditions
 
@@ -34,7 +36,8 @@ def make_conditions(dtype: type) -> type:
 def make_disturbances(nv: int, nu: int, dtype: type) -> SimpleNamespace:
     """Warp functions of what happens to world `world` of a sweep, under its `Conditions` c.
 
-    due(c, event, time, h): kicks up to the step that begins at `time`, from the first that is still to come.
+    limited(c, u): controls within their limits. due(c, event, time, h): kicks up to the step that begins at
+    `time`, from the first that is still to come.
     kicked(c, world, event, x), noisy(c, world, k, u): a state after a kick, controls of step k with noise.
     sampled(c, samples, i, sample, time, h, value): writes the samples of launch's world i up to `time` and
     gives the first that is still to come.
@@ -56,6 +59,14 @@ def make_disturbances(nv: int, nu: int, dtype: type) -> SimpleNamespace:
         out = x
         for j in range(nv):
             out[nv + j] = x[nv + j] + c.kick * rng.normals(c.seed, world, event, KICK + j)[0]
+        return out
+
+    @wp.func
+    def limited(c: Conditions, u: VU):
+        out = u
+        if c.lower.shape[0] > 0:
+            for j in range(nu):
+                out[j] = wp.clamp(u[j], c.lower[j], c.upper[j])
         return out
 
     @wp.func
@@ -83,4 +94,4 @@ def make_disturbances(nv: int, nu: int, dtype: type) -> SimpleNamespace:
             out += 1
         return out
 
-    return SimpleNamespace(due=due, kicked=kicked, noisy=noisy, sampled=sampled)
+    return SimpleNamespace(due=due, kicked=kicked, limited=limited, noisy=noisy, sampled=sampled)

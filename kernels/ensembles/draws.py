@@ -22,6 +22,7 @@ def make_draws(dtype: type) -> type:
         starts: wp.array2d(dtype=dtype)  # (M, nx), one of them for each world
         deviation: wp.array(dtype=dtype)  # (nx,) of the start
         longest: dtype  # largest step size [s]
+        in_order: int  # 1: world i begins at start i, 0: at one drawn
 
     return Draws
 
@@ -58,6 +59,8 @@ def make_draw_kernel(nx: int, dtype: type) -> wp.Kernel:
             wp.uint64(0),
         )
         pick = int(word[0] % wp.uint64(d.starts.shape[0]))
+        if d.in_order == 1:
+            pick = world % d.starts.shape[0]
         for j in range(wp.static(nx)):
             x0[i, j] = d.starts[pick, j] + d.deviation[j] * rng.normals(d.seed, world, j, START)[0]
 

@@ -72,7 +72,8 @@ def make_sweep_begin_kernel(nv: int, nu: int, dtype: type, policy_name: str) -> 
                 state[i, j] = x[j]
             p.event[i] = event
         if p.status[i] == wp.static(SOLVED):
-            u = disturb.noisy(c, world, k, policy.control(control, i, k, x))
+            u = disturb.limited(c, policy.control(control, i, k, x))
+            u = disturb.noisy(c, world, k, u)
             for j in range(nu):
                 us[i, j] = u[j]
 

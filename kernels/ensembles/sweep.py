@@ -91,7 +91,8 @@ def make_sweep_kernel(
             before = x
             touching = contacts.none()
             if code == wp.static(SOLVED):
-                u = disturb.noisy(c, number, k, policy.control(control, i, k, x))
+                u = disturb.limited(c, policy.control(control, i, k, x))
+                u = disturb.noisy(c, number, k, u)
                 sol = step.solve_step(world, x, u, carry)
                 after = step.next_state(world, x, sol)
                 code = batch.status_of(sol, after)

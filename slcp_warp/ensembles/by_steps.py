@@ -14,9 +14,9 @@ from slcp_warp.kernels.ensembles.generic_sweep import (
 )
 from slcp_warp.kernels.ensembles.measures import make_row_contacts
 
+from ..measures.tables import MeasureTable
 from ..simulator import Simulator
 from ..stepping.arrays import StepArrays
-from .tables import MeasureTable
 
 
 def bytes_of_world(sim: Simulator) -> int:

@@ -24,8 +24,21 @@ class Draws:
         ArgumentError: parameters of the spec that differ over worlds, or starts that are no states.
     """
 
-    def __init__(self, sim: Simulator, spec: SweepSpec, step_size: float) -> None:
+    def __init__(
+        self,
+        sim: Simulator,
+        spec: SweepSpec,
+        step_size: float,
+        deviation: np.ndarray | None = None,
+        in_order: bool = False,
+    ) -> None:
+        """Args:
+        deviation: (nx,) of the starts instead of the spec's.
+        in_order: world i begins at start i instead of one that is drawn.
+        """
         self.sim = sim
+        if deviation is None:
+            deviation = np.repeat([spec.position_sd, spec.velocity_sd], sim.nx // 2)
         params = sim.params.replace(**spec.parameters).replace(step_size=step_size)
         if params.worlds is not None:
             raise ArgumentError(
@@ -39,7 +52,7 @@ class Draws:
         numbers.base, numbers.spread = self._put(params.table()[0]), self._put(spread)
         numbers.group = wp.array(group, dtype=wp.int32, device=sim.device)
         numbers.starts = self._put(start)
-        numbers.deviation = self._put(np.repeat([spec.position_sd, spec.velocity_sd], sim.nx // 2))
+        numbers.deviation, numbers.in_order = self._put(deviation), int(in_order)
         numbers.longest = spec.sample_every
 
     def _put(self, values: Any) -> wp.array:

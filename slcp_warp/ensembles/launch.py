@@ -1,7 +1,7 @@
 """The launches of one case of a sweep, chunk after chunk, and what they left."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,13 +13,14 @@ from slcp_warp.kernels.ensembles.sweep import make_sweep_kernel
 
 from ..inputs import checks
 from ..inputs.errors import ArgumentError
+from ..inputs.limits import limit_rows
+from ..measures import Measure, contact_share, lowest_gap
+from ..measures.tables import MeasureTable
 from ..simulator import Simulator
 from ..stepping.arguments import policy_arrays
 from .by_steps import by_steps, bytes_of_world
 from .draws import Draws
-from .measures import contact_share, lowest_gap
 from .spec import SweepSpec
-from .tables import MeasureTable
 
 CHUNK_BYTES = 128 * 2**20
 NOWHERE = 1e30  # lowest gap of a world without an acting contact
@@ -35,10 +36,18 @@ class Case:
     """
 
     def __init__(
-        self, sim: Simulator, policy: Any, spec: SweepSpec, step_size: float, chunk: int | None
+        self,
+        sim: Simulator,
+        policy: Any,
+        spec: SweepSpec,
+        step_size: float,
+        chunk: int | None,
+        measures: Sequence[Measure] = (),
+        draws: Draws | None = None,
+        limits: Any = None,
     ) -> None:
         self.sim, self.spec, self.step_size = sim, spec, step_size
-        self.draws = Draws(sim, spec, step_size)
+        self.draws = Draws(sim, spec, step_size) if draws is None else draws
         self.policy = policy_arrays(policy, sim, None)
         if not 0 <= spec.observe < sim.nx:
             raise ArgumentError(
@@ -50,12 +59,12 @@ class Case:
         generic = sim.strategy == "generic"
         self.roll_out = by_steps if generic else at_once
         own = bytes_of_world(sim) if generic else 0
-        per_world = 8 * (self.draws.width + sim.nx) + 4 * self.count + 16 + own
+        per_world = 8 * (self.draws.width + sim.nx) + 4 * self.count + 16 + own + 48 * len(measures)
         self.chunk = chunk or max(1, min(spec.worlds, CHUNK_BYTES // per_world))
         self.seconds = 0.0
         self._parts: list[dict[str, np.ndarray]] = []
-        self._conditions = _conditions(sim, spec)
-        self.table = MeasureTable([contact_share(), lowest_gap()], sim.scene)
+        self._conditions = _conditions(sim, spec, limits)
+        self.table = MeasureTable([contact_share(), lowest_gap(), *measures], sim.scene)
 
     def run(self) -> Iterator[int]:
         """Launch chunk after chunk; yields the worlds finished."""
@@ -72,18 +81,19 @@ class Case:
         samples: wp.array = wp.zeros((count, self.count), dtype=wp.float32, device=self.sim.device)
         self._conditions.world0 = world0
         kept, status = self.roll_out(self.sim, self.policy, self._conditions, self.table, params, x0, samples)
-        share, lowest = self.table.values(kept.numpy()).T
+        share, lowest, *values = self.table.values(kept.numpy()).T
         found = {
             "samples": samples.numpy().copy(),
             "contact_share": share.astype(np.float32),
             "lowest_gap": np.minimum(lowest, NOWHERE).astype(np.float32),
             "status": status.numpy().copy(),
+            "measures": np.array(values).reshape(-1, count).T,
         }
         return found | self.draws.columns(params)
 
     def finished(self) -> dict[str, np.ndarray]:
-        """Columns of the finished worlds: samples (B, S), contact_share, lowest_gap, status, what was drawn
-        (B,); nothing before the first chunk is through.
+        """Columns of the finished worlds: samples (B, S), measures (B, M), contact_share, lowest_gap, status,
+        what was drawn (B,); nothing before the first chunk is through.
         """
         if not self._parts:
             return {}
@@ -132,9 +142,11 @@ def at_once(
     return kept, status
 
 
-def _conditions(sim: Simulator, spec: SweepSpec) -> Any:
-    """What all worlds go through, as the kernels take it."""
+def _conditions(sim: Simulator, spec: SweepSpec, limits: Any) -> Any:
+    """What all worlds go through, as the kernels take it; limits of the controls: (lower, upper) or None."""
     out = make_conditions(sim.dtype)()
+    for name, rows in zip(("lower", "upper"), ([], []) if limits is None else limit_rows(limits, sim.nu)):
+        setattr(out, name, wp.array(np.ravel(rows[:1]), dtype=sim.dtype, device=sim.device))
     out.seed, out.component = spec.seed, spec.observe
     out.torque, out.kick = spec.torque_sd, spec.kick_sd
     out.kick_times = wp.array(np.array(spec.kick_times, float), dtype=wp.float64, device=sim.device)

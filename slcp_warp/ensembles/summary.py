@@ -18,6 +18,7 @@ def table_of(
     """
     columns = dict(found)
     samples, count = columns.pop("samples"), len(found["status"])
+    columns.pop("measures")
     spin = spin_statistics(samples, spec.sample_every, spec.window, spec.threshold, spec.kick_times)
     failed = found["status"] != Status.SOLVED
     spin["spinning"] = spin["spinning"] & ~failed

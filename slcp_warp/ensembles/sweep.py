@@ -9,19 +9,22 @@ import numpy as np
 
 from ..description.scene import Scene
 from ..inputs import checks
+from ..inputs.errors import ArgumentError
 from ..options import Options
 from ..simulator import Simulator
 from ..stepping.strategy import current_name
+from ..tasks.task import Task
 from .launch import Case
 from .report import SweepReport
 from .spec import SweepSpec
 from .summary import summary_of, table_of
+from .tasks import sweep_task
 
 
 def sweep(
-    scene: Scene,
+    scene: Scene | Task,
     policy: Any,
-    spec: SweepSpec,
+    spec: SweepSpec | None = None,
     *,
     scaling: str = "inertia",
     integrator: str = "euler",
@@ -30,7 +33,8 @@ def sweep(
     strategy: str = "auto",
     chunk: int | None = None,
     progress: Callable[[int, int], None] | None = None,
-) -> SweepReport:
+    **of_task: Any,
+) -> Any:
     """Run every case of a sweep in chunks of bounded memory.
 
     Args:
@@ -48,7 +52,22 @@ def sweep(
     Raises:
         StrategyError: more rows than the kernels for these options take.
     """
-    checks.instance("scene", scene, Scene, "a slcp_warp.Scene")
+    if isinstance(scene, Task):
+        if spec is not None:
+            raise ArgumentError(f"spec is {checks.shown(spec)}; a task has its own disturbances and measures")
+        shared = {
+            "dtype": dtype,
+            "device": device,
+            "strategy": strategy,
+            "chunk": chunk,
+            "progress": progress,
+        }
+        return sweep_task(scene, policy, **shared, **of_task)
+    if of_task:
+        raise ArgumentError(
+            f"{', '.join(of_task)}: for sweeps of a task only; a scene's are in its SweepSpec"
+        )
+    checks.instance("scene", scene, Scene, "a slcp_warp.Scene or a slcp_warp.Task")
     checks.instance("spec", spec, SweepSpec, "a slcp_warp.SweepSpec")
     chunk = None if chunk is None else checks.whole("chunk", chunk)
     checks.function("progress", progress, 2, optional=True)

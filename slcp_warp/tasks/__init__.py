@@ -3,6 +3,7 @@
 from .box_topple import box_topple
 from .cart_pole_walls import cart_pole_walls
 from .catch import catch
+from .disturbances import Disturbances
 from .flicking_finger import flicking_finger
 from .grasp_hold import grasp_hold
 from .hopper_hop import hopper_hop
@@ -12,6 +13,7 @@ from .task import Task, TaskError
 from .walker_walk import walker_walk
 
 __all__ = [
+    "Disturbances",
     "NAMED",
     "Task",
     "TaskError",

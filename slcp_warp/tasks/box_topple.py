@@ -2,10 +2,10 @@
 
 import math
 
+from .. import measures
 from ..costs import Term, effort, terms
 from ..description.parts import Actuator, Body, Contact, Shape, box, touching
 from ..description.scene import Scene
-from ..ensembles import measures
 from .task import Task
 
 WIDTH, HEIGHT = 0.2, 0.4

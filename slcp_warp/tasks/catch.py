@@ -1,9 +1,9 @@
 """Catch a falling ball with a concave paddle on a cart."""
 
+from .. import measures
 from ..costs import Term, effort, terms
 from ..description.parts import Actuator, Body, Contact, Shape
 from ..description.scene import Scene
-from ..ensembles import measures
 from .task import Task
 
 TILT = 0.35  # of either half of the paddle [rad]

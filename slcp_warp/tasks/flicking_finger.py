@@ -1,8 +1,7 @@
 """The paper's experiment (section V): a finger of two links spins an ellipse by flicking it."""
 
-from .. import scenes
+from .. import measures, scenes
 from ..costs import Term, effort, terms
-from ..ensembles import measures
 from ..options import Options
 from .task import Task
 

@@ -2,9 +2,8 @@
 
 from dataclasses import replace
 
-from .. import scenes
+from .. import measures, scenes
 from ..costs import Term, effort, terms
-from ..ensembles import measures
 from .task import Task
 
 

@@ -8,13 +8,14 @@ import numpy as np
 
 from ..costs import Cost
 from ..description.scene import Scene
-from ..ensembles.measured import checked_measures
-from ..ensembles.measures import Measure, Success
 from ..inputs.checks import array, instance, number, shown, whole
 from ..inputs.errors import ArgumentError
 from ..inputs.limits import limit_rows
+from ..measures.recorded import checked_measures
+from ..measures.reductions import Measure, Success
 from ..options import Options
 from ..simulator import Simulator
+from .disturbances import Disturbances
 
 
 class TaskError(ArgumentError):
@@ -36,6 +37,7 @@ class Task:
         start: states that runs start from: (nx,) or (M, nx), or a dict of numbers by state name on the
             scene's initial state; None: that.
         measures: what a run is looked at by, by name.
+        disturbances: what is drawn for every world.
         success: comparisons of measures; None: every world that runs to its end is one.
     """
 
@@ -47,6 +49,7 @@ class Task:
     duration: float | None = None
     control_limits: Any = None
     start: Any = None
+    disturbances: Disturbances = field(default_factory=Disturbances)
     measures: Mapping[str, Measure] = field(default_factory=dict)
     success: Success | None = None
 
@@ -57,6 +60,7 @@ class Task:
             ("scene", Scene, "a slcp_warp.Scene"),
             ("cost", Cost, "one of slcp_warp.costs"),
             ("options", Options, "a slcp_warp.Options"),
+            ("disturbances", Disturbances, "a slcp_warp.Disturbances"),
             ("success", Success | None, "comparisons of slcp_warp.measures, or None"),
         ):
             instance(f"Task.{name}", getattr(self, name), kind, need)
@@ -72,6 +76,7 @@ class Task:
             limit_rows(self.control_limits, self.scene.nu)
         put(self, "start", self._starts())
         put(self, "measures", checked_measures(self.measures))
+        self.disturbances.deviation(self.scene)
         self._check_names()
 
     def _starts(self) -> np.ndarray:

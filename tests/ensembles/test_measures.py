@@ -5,7 +5,7 @@ import pytest
 
 import slcp_warp as slcp
 from slcp_warp import measures as m
-from slcp_warp.ensembles.measured import Recorded, checked_measures
+from slcp_warp.measures.recorded import Recorded, checked_measures
 from slcp_warp.scenes import push_block
 
 H, N = 0.1, 40

@@ -34,7 +34,18 @@ ROOMS = {  # the order of each layer's rooms: none imports one that is named aft
     "slcp_warp": (
         *("inputs", "storage", "options", "description", "scenes", "parameters", "results"),
         "costs",
-        *("gradients", "stepping", "plain", "simulator", "products", "torch", "ensembles", "simulated"),
+        *(
+            "gradients",
+            "stepping",
+            "plain",
+            "simulator",
+            "products",
+            "torch",
+            "measures",
+            "tasks",
+            "ensembles",
+        ),
+        "simulated",
     ),
     "ddp": (
         *("status", "options", "costs", "dynamics", "problem", "result", "policies", "batches", "workspace"),

@@ -11,7 +11,7 @@ from slcp_warp.kernels.ensembles.measures import NONE, ROUNDING, TOUCH
 from ..description.scene import Scene
 from ..inputs.checks import array, shown
 from ..inputs.errors import ArgumentError, ArgumentTypeError
-from .measures import OF_CONDITIONS, Measure, Success
+from .reductions import OF_CONDITIONS, Measure, Success
 from .signals import EVERY, Condition, Signal
 
 

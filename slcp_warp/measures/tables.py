@@ -9,7 +9,7 @@ import warp as wp
 from slcp_warp.kernels.ensembles import measures as kernels
 
 from ..description.scene import Scene
-from .measures import Measure
+from .reductions import Measure
 from .signals import Condition, Signal
 
 

@@ -1,0 +1,120 @@
+"""What came out of a sweep of a task: a table, a summary with intervals, comparisons of policies."""
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..inputs import checks
+from ..inputs.checks import shown
+from ..inputs.errors import ArgumentError
+from ..options import Status
+from ..tasks.task import Task
+from . import store
+from .statistics import Z95, mean_interval, share_interval
+
+KEYS = ("policy", "case", "step_size", "arm")
+
+
+@dataclass
+class Report:
+    """Outcome of a sweep of a task.
+
+    Attributes:
+        task: what was run.
+        parts: a dict of columns for every policy, case, step size and arm, with these under `KEYS`.
+        complete: False if interrupted; then only finished worlds are in.
+    """
+
+    task: Task
+    parts: list[dict[str, Any]] = field(default_factory=list)
+    complete: bool = True
+
+    def add(self, policy: str, case: str, step_size: float, arm: str, columns: dict[str, np.ndarray]) -> None:
+        """One more part."""
+        self.parts.append(dict(zip(KEYS, (policy, case, float(step_size), arm))) | {"columns": columns})
+
+    @property
+    def table(self) -> dict[str, np.ndarray]:
+        """Tidy columns, one row a world: `KEYS`, world, what was drawn, measures, success, status."""
+        if not self.parts:
+            return {}
+        names = list(dict.fromkeys(name for part in self.parts for name in part["columns"]))
+        out: dict[str, list[np.ndarray]] = {name: [] for name in (*KEYS, *names)}
+        for part in self.parts:
+            count = len(part["columns"]["world"])
+            for key in KEYS:
+                out[key].append(np.full(count, part[key]))
+            for name in names:
+                out[name].append(part["columns"].get(name, np.full(count, np.nan)))
+        return {name: np.concatenate(values) for name, values in out.items()}
+
+    @property
+    def summary(self) -> list[dict[str, Any]]:
+        """A row a part: worlds, success with its 95 % interval (Wilson), mean of every measure, statuses."""
+        rows = []
+        for part in self.parts:
+            columns = part["columns"]
+            count = len(columns["world"])
+            row = {key: part[key] for key in KEYS} | {"worlds": count}
+            row["success"] = share_interval(int(columns["success"].sum()), count)
+            row |= {name: mean_interval(columns[name]) for name in self.task.measures}
+            row["statuses"] = {s.name: int((columns["status"] == s).sum()) for s in Status}
+            rows.append(row)
+        return rows
+
+    def part(self, policy: str, case: str | None = None, step_size: float | None = None,
+             arm: str = "disturbed") -> dict[str, np.ndarray]:  # fmt: skip
+        """Columns of one part; case and step size None: the first."""
+        for each in self.parts:
+            same = each["policy"] == policy and each["arm"] == arm
+            if same and case in (None, each["case"]) and step_size in (None, each["step_size"]):
+                return each["columns"]
+        there = [tuple(each[key] for key in KEYS) for each in self.parts]
+        raise ArgumentError(
+            f"there is no {policy!r}, {case!r}, {step_size!r}, {arm!r}; there are {shown(there)}"
+        )
+
+    def compare(
+        self, first: str, second: str, case: str | None = None
+    ) -> dict[str, tuple[float, float, float]]:
+        """Differences first - second in the same worlds: (mean, low, high) with 95 % intervals.
+
+        Of success (as 0 and 1) and of every measure, over the worlds where both are finite.
+        """
+        a, b = self.part(first, case), self.part(second, case)
+        out = {}
+        for name in ("success", *self.task.measures):
+            both = np.isfinite(a[name]) & np.isfinite(b[name])
+            difference = a[name][both].astype(float) - b[name][both].astype(float)
+            if not len(difference):
+                out[name] = (math.nan, math.nan, math.nan)
+                continue
+            mean = float(difference.mean())
+            half = (
+                Z95 * float(difference.std(ddof=1)) / math.sqrt(len(difference))
+                if len(difference) > 1
+                else math.nan
+            )
+            out[name] = (mean, mean - half, mean + half)
+        return out
+
+    def save(self, path: str | Path) -> Path:
+        """Write the table as .csv; replaced only once complete."""
+        path = checks.path("path", path)
+        if path.suffix != ".csv":
+            raise ArgumentError(f"path {path} ends in {path.suffix!r}; .csv is needed")
+        store.write_table(path, self.table)
+        return path
+
+    def __str__(self) -> str:
+        lines = [f"sweep of {self.task.name}" + ("" if self.complete else " (interrupted)")]
+        for row in self.summary:
+            share, low, high = row["success"]
+            lines.append(
+                f"  {row['policy']}, {row['case']}, h = {row['step_size']:g} s, {row['arm']}: success "
+                f"{100 * share:.1f} % ({100 * low:.1f} to {100 * high:.1f}) of {row['worlds']} worlds"
+            )
+        return "\n".join(lines)

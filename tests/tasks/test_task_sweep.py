@@ -1,0 +1,185 @@
+"""Sweeps of tasks: measures inside the kernels against recorded rollouts, paired worlds, limits, errors."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import warp as wp
+
+import slcp_warp as slcp
+from slcp_warp import ddp
+from slcp_warp import measures as m
+from slcp_warp.measures.recorded import Recorded
+from slcp_warp.results import contact_impulse
+
+SCENE = replace(slcp.scenes.push_block(), step_size=0.02, sigma=0.05)
+COST = slcp.costs.terms(SCENE, [slcp.costs.effort(1.0)])
+PAIR = SCENE.pair_names[-1]
+N = 60
+MEASURES = {
+    "initial": m.initial("pusher.shift", start=0.2),
+    "final": m.final("block.x", end=1.0),
+    "rate": m.rate("block.x", 0.1, 1.01),
+    "mean": m.mean("pusher.vshift"),
+    "integral": m.integral(m.control("pusher.shift")),
+    "total": m.total(m.normal_impulse(PAIR)),
+    "largest": m.largest("block.angle"),
+    "smallest": m.smallest(m.cosine("block.angle")),
+    "apart": m.smallest(m.state("block.x", "pusher.shift")),
+    "share": m.share_of_time((m.state("block.vx") > 0.01) & (m.time() < 0.9)),
+    "first": m.first_time(m.contact(PAIR) > 0.5),
+    "or": m.first_time((m.state("block.x") > 5.0) | (m.gap(PAIR) < 0.02)),
+    "settled": m.settled(m.state("block.x") > 0.02),
+    "never": m.settled(m.state("block.x") > 9.0),
+    "contact": m.contact_share(),
+    "gap": m.lowest_gap(PAIR),
+    "impulse": m.impulse(),
+    "late": m.mean("block.x", start=50.0),
+}
+
+
+def plan(scale: float = 1.0) -> ddp.TrackingPolicy:
+    """Forces that push the block, on their own."""
+    us = scale * (3.0 + 2.0 * np.sin(0.3 * np.arange(N)))[:, None]
+    return ddp.TrackingPolicy(SimpleNamespace(us=us, xs=np.zeros((N + 1, 8)), K=np.zeros((N, 1, 8))))
+
+
+def task(**changes) -> slcp.Task:
+    fields = {
+        "name": "push", "scene": SCENE, "cost": COST, "horizon": N, "measures": MEASURES,
+        "disturbances": slcp.Disturbances(parameters={"mass": 0.1}, start={"pusher.shift": 0.02}, torque=0.3),
+        "success": (m.final("block.x") > 0.15) & (m.largest("block.angle") < 0.5),
+    }  # fmt: skip
+    return slcp.Task(**{**fields, **changes})
+
+
+@pytest.mark.parametrize("residual, strategy", [("rem-logistic", "specialised"), ("hard", "generic")])
+def test_measures_are_those_of_the_recorded_run(device, residual, strategy):
+    starts = SCENE.x0 + np.outer(np.linspace(-0.05, 0.05, 5), np.eye(8)[0])
+    options = slcp.Options(residual=residual)
+    report = slcp.sweep(
+        task(start=starts), plan(), worlds=1, cases=options, dtype="float64", device=device, strategy=strategy
+    )
+    found = report.part("policy", arm="undisturbed")
+    sim = slcp.Simulator(SCENE, options, dtype="float64", device=device)
+    run = sim.rollout(starts, policy=plan(), steps=N, record=("controls", "impulse", "gap"))
+    pushes = contact_impulse(SCENE, run.impulse, sim.params["friction"], options)[..., 0]
+    first = [next(i for i, r in enumerate(SCENE.structure.rows) if r.kind == "contact" and r.index == p)
+             for p in range(len(SCENE.pair_names))]  # fmt: skip
+    worlds = Recorded(SCENE, SCENE.step_size, run.states, run.controls, pushes, run.gap[:, :, first])
+    assert (found["status"] == 0).all() and (run.status == 0).all()
+    for name, measure in MEASURES.items():
+        np.testing.assert_allclose(found[name], worlds.value(measure), rtol=1e-9, atol=1e-12, err_msg=name)
+    assert found["success"].tolist() == worlds.success(task().success).tolist()
+    assert 0.0 < found["contact"].min() and np.isinf(found["never"]).all() and np.isnan(found["late"]).all()
+
+
+def test_policies_meet_the_same_worlds(device):
+    report = slcp.sweep(task(), {"all": plan(), "half": plan(0.5)}, worlds=300, seed=3, device=device)
+    full, half = report.part("all"), report.part("half")
+    for name in (n for n in full if n.startswith("drawn_")):
+        np.testing.assert_array_equal(full[name], half[name])
+    assert len(np.unique(full["drawn_mass_0"])) == 300
+    mean, low, high = report.compare("all", "half")["final"]
+    assert 0.0 < low < mean < high and mean == pytest.approx(np.mean(full["final"] - half["final"]))
+    again = slcp.sweep(task(), plan(), worlds=300, seed=3, chunk=77, device=device)
+    np.testing.assert_array_equal(again.part("policy")["final"], full["final"])
+    table = report.table
+    assert {len(column) for column in table.values()} == {2 * 2 * (300 + 1)}
+    assert set(table["arm"]) == {"disturbed", "undisturbed"} and set(table["case"]) == {
+        "rem-logistic",
+        "hard",
+    }
+    assert [row["worlds"] for row in report.summary] == [300, 1] * 4
+    rate = report.summary[0]["success"]
+    assert rate[1] <= rate[0] <= rate[2] and rate[0] == full["success"].mean()
+
+
+def test_limits_hold_whatever_the_policy_says(device):
+    bound = {"most": m.largest(m.control(0)), "least": m.smallest(m.control(0))}
+    still = slcp.Disturbances()
+    limited = task(measures=bound, success=None, control_limits=(-1.0, 2.5), disturbances=still)
+    found = slcp.sweep(limited, plan(), worlds=3, device=device, cases=slcp.Options()).part("policy")
+    assert (found["most"] == 2.5).all() and (found["least"] >= 0.999).all() and found["success"].all()
+
+
+@wp.func
+def kinetic_energy(x: wp.types.vector(8, wp.float32), u: wp.types.vector(1, wp.float32), time: wp.float64):
+    return wp.float32(0.5) * (x[5] * x[5] + x[6] * x[6])
+
+
+def test_a_measure_of_a_users_function(device):
+    """Half the squared speed of the block, by a Warp function and by the speeds' own measures."""
+    own = {"energy": m.largest(m.function(kinetic_energy)), "speed": m.largest("block.vx"),
+           "up": m.largest("block.vy"), "down": m.smallest("block.vy")}  # fmt: skip
+    found = slcp.sweep(task(measures=own), plan(), worlds=20, device=device, cases=slcp.Options()).part(
+        "policy"
+    )
+    most = 0.5 * (found["speed"] ** 2 + np.maximum(np.abs(found["up"]), np.abs(found["down"])) ** 2)
+    assert (found["energy"] >= 0.5 * found["speed"] ** 2 * (1 - 1e-6)).all()
+    assert (found["energy"] <= most * (1 + 1e-6)).all() and found["energy"].min() > 0.0
+
+
+@pytest.mark.parametrize(
+    "changes, text",
+    [
+        ({"name": ""}, "Task.name is ''"),
+        ({"scene": "push"}, "Task.scene is a str"),
+        ({"cost": 1.0}, "Task.cost is a float"),
+        ({"cost": ddp.costs.flicking_finger()}, "Task.cost is for nx = 6, scene 'push_block' has 8"),
+        ({"horizon": 0}, "Task.horizon is 0"),
+        ({"duration": -1.0}, "Task.duration is -1.0"),
+        ({"options": "hard"}, "Task.options is a str"),
+        ({"control_limits": (1.0, -1.0)}, "a lower limit is above"),
+        ({"start": np.zeros(7)}, r"Task.start has shape \(1, 7\)"),
+        ({"start": {"block.z": 1.0}}, "'block.z'"),
+        ({"disturbances": slcp.Disturbances(start={"cart.x": 1.0})}, "'cart.x'"),
+        ({"disturbances": {"mass": 0.1}}, "Task.disturbances is"),
+        ({"measures": {"x": m.final("block.z")}}, r"Task.measures\['x'\]: .*'block.z'"),
+        ({"measures": {"x": m.final(m.control("cart"))}}, "control is 'cart'"),
+        ({"success": m.final("block.z") > 1.0}, "Task.success: final: .*'block.z'"),
+        ({"success": m.final("block.x")}, "Task.success is"),
+    ],
+)
+def test_what_is_no_task_is_refused(changes, text):
+    with pytest.raises(slcp.InputError, match=text):
+        task(**changes)
+
+
+@pytest.mark.parametrize(
+    "given, text",
+    [
+        ({"policy": {}}, "policies is {}"),
+        ({"policy": 3}, "policy"),
+        ({"cases": "hard"}, "cases is 'hard'"),
+        ({"cases": {}}, "cases is {}"),
+        ({"worlds": 0}, "worlds is 0"),
+        ({"seed": -1}, "seed is -1"),
+        ({"step_sizes": (0.0,)}, "step_size"),
+        ({"spec": slcp.SweepSpec()}, "a task has its own"),
+    ],
+)
+def test_sweeps_that_cannot_be_made(given, text):
+    with pytest.raises(slcp.InputError, match=text):
+        slcp.sweep(task(), given.pop("policy", plan()), device="cpu", **given)
+
+
+def test_a_report_says_what_there_is(tmp_path):
+    report = slcp.sweep(task(), plan(), worlds=5, device="cpu", cases=slcp.Options())
+    assert "sweep of push" in str(report) and "of 5 worlds" in str(report)
+    with pytest.raises(slcp.InputError, match="there is no 'mine'"):
+        report.part("mine")
+    text = report.save(tmp_path / "report.csv").read_text().splitlines()
+    assert len(text) == 1 + 5 + 1 and text[0].startswith("policy,case,step_size,arm,world,drawn_mass_0")
+    with pytest.raises(slcp.InputError, match=".csv is needed"):
+        report.save(tmp_path / "report.txt")
+
+
+@pytest.mark.parametrize("name", slcp.tasks.NAMED)
+def test_named_tasks_are_tasks(name):
+    found = slcp.tasks.NAMED[name]()
+    assert (
+        found.name == name and found.measures and found.success is not None and found.steps >= found.horizon
+    )
+    assert found.start.shape == (1, 2 * found.scene.nv)
