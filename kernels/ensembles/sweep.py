@@ -12,13 +12,6 @@ from .disturbances import make_conditions, make_disturbances
 from .measures import Measures, make_contacts, make_measures
 
 
-def contact_rows(spec: Specialisation) -> tuple[list[int], list[bool]]:
-    """Of every row its contact pair, -1 for limits, and whether its impulse is (a part of) a normal one."""
-    s, _, method = spec
-    pairs = [row.index if row.kind == "contact" else -1 for row in s.rows]
-    return pairs, [not (method.coulomb and row.sign < 0) for row in s.rows]
-
-
 @cached
 def make_sweep_kernel(
     spec: Specialisation, policy_name: str, users: tuple[wp.Function, ...] = ()
@@ -37,7 +30,7 @@ def make_sweep_kernel(
     H = layout(s).offset("step_size")
     contacts = make_contacts(len(s.pairs))
     measures = make_measures(NX, s.nu, dtype, contacts, users)
-    pair_of, normal = contact_rows(spec)
+    pair_of = [row.index if row.kind == "contact" else -1 for row in s.rows]
     VU = wp.types.vector(max(s.nu, 1), dtype)
 
     @wp.func
@@ -49,7 +42,7 @@ def make_sweep_kernel(
                 if (sol.mask & wp.static(1 << r)) != 0:
                     gap = wp.float64(sol.rate[wp.static(step.gap_row[r])]) * h
                     out.distance[wp.static(pair_of[r])] = gap
-                    if wp.static(normal[r]):
+                    if wp.static(step.gap_row[r] == r):
                         out.impulse[wp.static(pair_of[r])] = out.impulse[wp.static(pair_of[r])] + wp.float64(
                             sol.lam[r]
                         )

@@ -64,7 +64,8 @@ def by_steps(
 def normal_rows(sim: Simulator) -> np.ndarray:
     """(pairs, 2): first row of a pair's normal impulses, and one after the last."""
     rows = [(i, row) for i, row in enumerate(sim.scene.structure.rows) if row.kind == "contact"]
-    normal = [(i, r) for i, r in rows if not (sim.options.method.coulomb and r.sign < 0)]
+    tangents = sim.options.friction == "coulomb"
+    normal = [(i, row) for i, row in rows if not (tangents and row.sign < 0)]
     count = len(sim.scene.structure.pairs)
     own = [[i for i, row in normal if row.index == pair] for pair in range(count)]
     return np.array([(each[0], each[-1] + 1) for each in own], np.int32).reshape(-1, 2)

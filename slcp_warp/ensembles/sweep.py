@@ -1,7 +1,7 @@
 """Robustness sweeps: thousands of perturbed worlds under a policy, smoothed and hard, with statistics."""
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -26,6 +26,10 @@ def sweep(
     policy: Any,
     spec: SweepSpec | None = None,
     *,
+    worlds: int = 4096,
+    seed: int = 0,
+    cases: Any = None,
+    step_sizes: Sequence[float] | None = None,
     scaling: str = "inertia",
     integrator: str = "euler",
     dtype: str = "float32",
@@ -33,15 +37,23 @@ def sweep(
     strategy: str = "auto",
     chunk: int | None = None,
     progress: Callable[[int, int], None] | None = None,
-    **of_task: Any,
 ) -> Any:
-    """Run every case of a sweep in chunks of bounded memory.
+    """Run many perturbed worlds, in chunks of bounded memory: of a task, or of a scene as a spec says.
+
+    Of a task every policy meets the same disturbed worlds, and from every start an undisturbed one; a
+    `Report` of the task's measures comes back. Of a scene the spec says everything, a `SweepReport` comes
+    back.
 
     Args:
-        scene: the mechanism.
-        policy: as for `Simulator.rollout`.
-        spec: what is varied and measured.
-        scaling, integrator: of `Options`, for all cases.
+        scene: a task, or a mechanism.
+        policy: as for `Simulator.rollout`; for a task also several by name.
+        spec: of a scene: what is varied and measured.
+        worlds: of a task: disturbed worlds of a case and a policy.
+        seed: of a task: of all that is drawn; a world's numbers follow from it and the world's index.
+        cases: of a task: options of the steps, one, several, or by name; None: the task's, and the hard
+            problem.
+        step_sizes: of a task [s]; None: the scene's.
+        scaling, integrator: of a scene: of `Options`, for all cases.
         dtype, device: of the simulators.
         chunk: worlds per launch, default by memory; results do not depend on it.
         strategy: as of a `Simulator`; with "generic", and "auto" where that takes it, a step is a launch.
@@ -55,18 +67,26 @@ def sweep(
     if isinstance(scene, Task):
         if spec is not None:
             raise ArgumentError(f"spec is {checks.shown(spec)}; a task has its own disturbances and measures")
-        shared = {
-            "dtype": dtype,
-            "device": device,
-            "strategy": strategy,
-            "chunk": chunk,
-            "progress": progress,
-        }
-        return sweep_task(scene, policy, **shared, **of_task)
-    if of_task:
-        raise ArgumentError(
-            f"{', '.join(of_task)}: for sweeps of a task only; a scene's are in its SweepSpec"
-        )
+        return sweep_task(
+            scene, policy, worlds=worlds, seed=seed, cases=cases, step_sizes=step_sizes, dtype=dtype,
+            device=device, strategy=strategy, chunk=chunk, progress=progress,
+        )  # fmt: skip
+    return _sweep_scene(scene, policy, spec, scaling, integrator, dtype, device, strategy, chunk, progress)
+
+
+def _sweep_scene(
+    scene: Scene,
+    policy: Any,
+    spec: Any,
+    scaling: str,
+    integrator: str,
+    dtype: str,
+    device: Any,
+    strategy: str,
+    chunk: int | None,
+    progress: Callable[[int, int], None] | None,
+) -> SweepReport:
+    """The product of the spec's residuals and step sizes."""
     checks.instance("scene", scene, Scene, "a slcp_warp.Scene or a slcp_warp.Task")
     checks.instance("spec", spec, SweepSpec, "a slcp_warp.SweepSpec")
     chunk = None if chunk is None else checks.whole("chunk", chunk)

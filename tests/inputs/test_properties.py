@@ -131,6 +131,11 @@ CALLS = {
     "plain": (ddp.costs.plain, {"make": make_step}, {}),
     "flicking_finger": (ddp.costs.flicking_finger, {}, {}),
     "quadratic": (ddp.costs.quadratic, {"Q": np.eye(6), "R": np.eye(2)}, {}),
+    "Disturbances": (
+        slcp.Disturbances, {}, {name: ("parameters", "start") for name in ("parameters", "start")}),
+    "Task": (
+        slcp.Task, {"name": "turn", "scene": FINGER, "cost": ddp.costs.flicking_finger(), "horizon": 5},
+        {"start": ("state", "value"), "scene": ("cost",)}),
     "Term": (slcp.costs.Term, {"kind": "square", "weight": 1.0, "state": 2}, {"state": ("control",)}),
     "effort": (slcp.costs.effort, {"weight": 1.0}, {"weight": ("Term.weight",)}),
     "terms": (slcp.costs.terms, {"scene": FINGER, "running": [slcp.costs.effort(1.0)]}, {}),
@@ -193,8 +198,8 @@ with contextlib.suppress(ImportError):
 # What functions give back, and protocols: made by the package, not by its users.
 GIVEN = {
     "Complementarity", "CostFunctions", "Dynamics", "DynamicsFunctions", "Linearization", "Multistart",
-    "ParticleRollout", "Particles", "Pullback", "Pushforward", "Result", "Status", "Step", "SweepReport",
-    "Trace", "Trajectory",
+    "ParticleRollout", "Particles", "Pullback", "Pushforward", "Report", "Result", "Status", "Step",
+    "SweepReport", "Trace", "Trajectory",
 }  # fmt: skip
 
 
