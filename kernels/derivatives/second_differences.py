@@ -88,6 +88,59 @@ def make_difference_kernel(spec: Specialisation) -> wp.Kernel:
                 out[wp.static(NW - NV + i), j] = dv[i, j]
         return out
 
+    @wp.func
+    def stencil(kind: int):
+        """Of the points at +1, -1, +2, -2: how far in units of the size, and 12 times the weight."""
+        times = wp.where(kind < 2, ONE, TWO)
+        weight = wp.where(kind < 2, EIGHT, -ONE)
+        if (kind & 1) == 1:
+            times = -times
+            weight = -weight
+        return times, weight
+
+    @wp.func
+    def point(xs: wp.array3d(dtype=dtype), us: wp.array3d(dtype=dtype), b: int, k: int, c: int, far: real):
+        """State and control of step k, component c of both moved by `far`."""
+        x, u = VX(), VU()
+        for j in range(wp.static(NX)):
+            x[j] = real(xs[b, k, j])
+            if j == c:
+                x[j] = x[j] + far
+        for j in range(wp.static(NU)):
+            u[j] = real(us[b, k, j])
+            if wp.static(NX) + j == c:
+                u[j] = u[j] + far
+        return x, u
+
+    @wp.func
+    def clear(fzz: wp.array4d(dtype=dtype), item: int):
+        for i in range(wp.static(NW)):
+            for r in range(NZ):
+                for j in range(NZ):
+                    fzz[item, i, r, j] = dtype(ZERO)
+
+    @wp.func
+    def add(fzz: wp.array4d(dtype=dtype), item: int, c: int, column: DW):
+        """Half of a column's slopes to row and half to column c: symmetric."""
+        for i in range(wp.static(NW)):
+            for j in range(wp.static(NZ)):
+                value = dtype(HALF * column[i, j])
+                fzz[item, i, c, j] = fzz[item, i, c, j] + value
+                fzz[item, i, j, c] = fzz[item, i, j, c] + value
+
+    @wp.func
+    def store(
+        fx: wp.array4d(dtype=dtype), fu: wp.array4d(dtype=dtype), b: int, k: int, dv: DV, drift: DV, h: real
+    ):
+        """First derivatives of the step."""
+        for i in range(wp.static(NV)):
+            for j in range(wp.static(NX)):
+                fx[b, k, wp.static(NV + i), j] = dtype(dv[i, j])
+                fx[b, k, i, j] = dtype(h * drift[i, j] + wp.where(wp.static(i == j), ONE, ZERO))
+            for j in range(wp.static(NU)):
+                fu[b, k, wp.static(NV + i), j] = dtype(dv[i, wp.static(NX + j)])
+                fu[b, k, i, j] = dtype(h * drift[i, wp.static(NX + j)])
+
     @specialised
     def difference_kernel(
         first: int,
@@ -118,24 +171,10 @@ def make_difference_kernel(spec: Specialisation) -> wp.Kernel:
         while move <= wp.static(4 * NZ):  # 0: the point itself; then component c at +1, -1, +2, -2
             c = (move - 1) / 4
             kind = move - 1 - 4 * c
-            times = ZERO
-            weight = ZERO
-            if move > 0:
-                times = wp.where(kind < 2, ONE, TWO)
-                weight = wp.where(kind < 2, EIGHT, -ONE)
-                if (kind & 1) == 1:
-                    times = -times
-                    weight = -weight
-            x = VX()
-            u = VU()
-            for j in range(wp.static(NX)):
-                x[j] = real(xs[b, k, j])
-                if j == c and move > 0:
-                    x[j] = x[j] + times * size[j]
-            for j in range(wp.static(NU)):
-                u[j] = real(us[b, k, j])
-                if wp.static(NX) + j == c and move > 0:
-                    u[j] = u[j] + times * size[wp.static(NX) + j]
+            times, weight = stencil(kind)
+            if move == 0:
+                times = ZERO
+            x, u = point(xs, us, b, k, c, times * size[c])
             sol = step.solve_step(world, x, u, carry)
             code = batch.status_of(sol, step.next_state(world, x, sol))
             if code != wp.static(SOLVED):
@@ -150,32 +189,16 @@ def make_difference_kernel(spec: Specialisation) -> wp.Kernel:
                 carry.z = sol.z
                 carry.normal = sol.normal
                 size = steps_of(world, sol)
-                for i in range(wp.static(NV)):
-                    for j in range(wp.static(NX)):
-                        fx[b, k, wp.static(NV + i), j] = dtype(lin.dv[i, j])
-                        fx[b, k, i, j] = dtype(h * drift[i, j] + wp.where(wp.static(i == j), ONE, ZERO))
-                    for j in range(wp.static(NU)):
-                        fu[b, k, wp.static(NV + i), j] = dtype(lin.dv[i, wp.static(NX + j)])
-                        fu[b, k, i, j] = dtype(h * drift[i, wp.static(NX + j)])
-                for i in range(wp.static(NW)):
-                    for r in range(NZ):
-                        for j in range(NZ):
-                            fzz[item, i, r, j] = dtype(ZERO)
+                store(fx, fu, b, k, lin.dv, drift, h)
+                clear(fzz, item)
             else:
                 if kind == 0:
                     column = DW()
                 column += weight / (TWELVE * size[c]) * out
-                if kind == 3:  # half of it to row and half to column c: symmetric
-                    for i in range(wp.static(NW)):
-                        for j in range(wp.static(NZ)):
-                            value = dtype(HALF * column[i, j])
-                            fzz[item, i, c, j] = fzz[item, i, c, j] + value
-                            fzz[item, i, j, c] = fzz[item, i, j, c] + value
+                if kind == 3:
+                    add(fzz, item, c, column)
             move += 1
         if good == 0:
-            for i in range(wp.static(NW)):
-                for r in range(NZ):
-                    for j in range(NZ):
-                        fzz[item, i, r, j] = dtype(ZERO)
+            clear(fzz, item)
 
     return difference_kernel

@@ -28,6 +28,71 @@ def make_adjoint_kernel(spec: Specialisation, by_parameters: bool, feedback: boo
     Tracking = make_tracking(NX, NU, dtype).Struct
     wrapped, free = make_wrap(dtype), make_free(NX, NU, dtype)
 
+    @wp.func
+    def pulled(g: VX, dv: linear.DV, drift: linear.DV, h: dtype, recorded: VX):
+        """Gradients by the state and the control before a step, from the one by the state after it."""
+        total, by_control = recorded, VU()
+        for i in range(wp.static(NV)):
+            total[i] = total[i] + g[i]
+            for j in range(wp.static(NX)):
+                total[j] = total[j] + (g[wp.static(NV + i)] * dv[i, j] + h * g[i] * drift[i, j])
+            for j in range(wp.static(NU)):
+                c = wp.static(NX + j)
+                by_control[j] = by_control[j] + g[wp.static(NV + i)] * dv[i, c] + h * g[i] * drift[i, c]
+        return total, by_control
+
+    @wp.func
+    def through_policy(
+        policy: Tracking,
+        index: int,
+        k: int,
+        x: VX,
+        by_control: VU,
+        xs_grad: wp.array3d(dtype=dtype),
+        gain_grad: wp.array4d(dtype=dtype),
+    ):
+        """The gradient by a state of what the policy gives there; adds those by gains and nominal states."""
+        out = VX()
+        tracked = wp.where(policy.gain.shape[0] == 1, 0, index)
+        held = wp.min(k, policy.us.shape[1] - 1)
+        for j in range(wp.static(NX)):
+            slope = dtype(0.0)
+            dx = wrapped(x[j] - policy.xs[tracked, held, j], policy.period[j])
+            for i in range(wp.static(NU)):
+                slope += by_control[i] * policy.gain[tracked, held, i, j]
+                if gain_grad.shape[0] > 0:
+                    gain_grad[index, held, i, j] = gain_grad[index, held, i, j] + by_control[i] * dx
+            out[j] = slope
+            if xs_grad.shape[0] > 0:
+                xs_grad[index, held, j] = xs_grad[index, held, j] - slope
+        return out
+
+    @wp.func
+    def say_none(
+        index: int,
+        steps: int,  # of the policy
+        us_grad: wp.array3d(dtype=dtype),
+        xs_grad: wp.array3d(dtype=dtype),
+        gain_grad: wp.array4d(dtype=dtype),
+        params_grad: wp.array2d(dtype=dtype),
+    ):
+        """No gradient exists: not numbers instead of inventing one."""
+        if us_grad.shape[0] > 0:
+            for k in range(us_grad.shape[1]):
+                for j in range(wp.static(NU)):
+                    us_grad[index, k, j] = dtype(wp.NAN)
+        if wp.static(by_parameters):
+            for j in range(params_grad.shape[1]):
+                params_grad[index, j] = dtype(wp.NAN)
+        if wp.static(feedback):
+            for k in range(steps):
+                for j in range(wp.static(NX)):
+                    if xs_grad.shape[0] > 0:
+                        xs_grad[index, k, j] = dtype(wp.NAN)
+                    if gain_grad.shape[0] > 0:
+                        for i in range(wp.static(NU)):
+                            gain_grad[index, k, i, j] = dtype(wp.NAN)
+
     @specialised
     def adjoint_kernel(
         first: int,
@@ -56,10 +121,10 @@ def make_adjoint_kernel(spec: Specialisation, by_parameters: bool, feedback: boo
             k = steps - 1 - back
             x = VX()
             u = VU()
-            total = VX()
+            recorded = VX()
             for j in range(wp.static(NX)):
                 x[j] = states[index, k, j]
-                total[j] = states_grad[index, k, j]
+                recorded[j] = states_grad[index, k, j]
             for j in range(wp.static(NU)):
                 u[j] = us[index, k, j]
             sol = step.solve_step(world, x, u, carry)
@@ -68,16 +133,7 @@ def make_adjoint_kernel(spec: Specialisation, by_parameters: bool, feedback: boo
             lin, drift = linear.linearize(world, x, sol)
             if wp.static(by_parameters):
                 wp.static(parameters)(world, x, u, sol, lin, g, params_grad[index])
-            by_control = VU()
-            for i in range(wp.static(NV)):
-                total[i] = total[i] + g[i]
-                for j in range(wp.static(NX)):
-                    total[j] = total[j] + (g[wp.static(NV + i)] * lin.dv[i, j] + h * g[i] * drift[i, j])
-                for j in range(wp.static(NU)):
-                    c = wp.static(NX + j)
-                    by_control[j] = (
-                        by_control[j] + g[wp.static(NV + i)] * lin.dv[i, c] + h * g[i] * drift[i, c]
-                    )
+            total, by_control = pulled(g, lin.dv, drift, h, recorded)
             if wp.static(feedback):
                 for j in range(wp.static(NU)):
                     by_control[j] = by_control[j] * free(policy, index, j, u[j])
@@ -86,37 +142,12 @@ def make_adjoint_kernel(spec: Specialisation, by_parameters: bool, feedback: boo
                 for j in range(wp.static(NU)):
                     us_grad[index, at, j] = us_grad[index, at, j] + by_control[j]
             if wp.static(feedback):
-                tracked = wp.where(policy.gain.shape[0] == 1, 0, index)
-                held = wp.min(k, policy.us.shape[1] - 1)
-                for j in range(wp.static(NX)):
-                    slope = dtype(0.0)
-                    dx = wrapped(x[j] - policy.xs[tracked, held, j], policy.period[j])
-                    for i in range(wp.static(NU)):
-                        slope += by_control[i] * policy.gain[tracked, held, i, j]
-                        if gain_grad.shape[0] > 0:
-                            gain_grad[index, held, i, j] = gain_grad[index, held, i, j] + by_control[i] * dx
-                    total[j] = total[j] + slope
-                    if xs_grad.shape[0] > 0:
-                        xs_grad[index, held, j] = xs_grad[index, held, j] - slope
+                total = total + through_policy(policy, index, k, x, by_control, xs_grad, gain_grad)
             g = total
-        if status[index] != wp.static(SOLVED):  # no gradient exists: say so instead of inventing one
+        if status[index] != wp.static(SOLVED):
             for j in range(wp.static(NX)):
                 g[j] = dtype(wp.NAN)
-            if us_grad.shape[0] > 0:
-                for k in range(us_grad.shape[1]):
-                    for j in range(wp.static(NU)):
-                        us_grad[index, k, j] = dtype(wp.NAN)
-            if wp.static(by_parameters):
-                for j in range(params_grad.shape[1]):
-                    params_grad[index, j] = dtype(wp.NAN)
-            if wp.static(feedback):
-                for k in range(policy.us.shape[1]):
-                    for j in range(wp.static(NX)):
-                        if xs_grad.shape[0] > 0:
-                            xs_grad[index, k, j] = dtype(wp.NAN)
-                        if gain_grad.shape[0] > 0:
-                            for i in range(wp.static(NU)):
-                                gain_grad[index, k, i, j] = dtype(wp.NAN)
+            say_none(index, policy.us.shape[1], us_grad, xs_grad, gain_grad, params_grad)
         if x0_grad.shape[0] > 0:
             for j in range(wp.static(NX)):
                 x0_grad[index, j] = x0_grad[index, j] + g[j]

@@ -45,6 +45,59 @@ def make_trapezoidal_gradient(spec: Specialisation) -> wp.Function:
     FORMS = 1 if response.complete is None else 2
 
     @wp.func
+    def by_acceleration(world: t.World, start: linear.Linear, l: VQ, yq: VQ):
+        """The gradient by a of l . (K_q yq)."""
+        h = world.params[wp.static(H)]
+        out = VQ()
+        for j in range(wp.static(NV)):
+            unit = VQ()
+            unit[j] = ONE
+            moved = wp.static(motion.motion_by_q)(t.unpushed(world), start.fr, start.jb, unit, VQ(), ZERO)
+            if wp.static(step.mass.damped_springs):
+                moved = wp.static(step.mass.drag_by_q)(world, start.fr, h * unit, moved)
+            out[j] = wp.dot(l, moved * yq)
+        return out
+
+    @wp.func
+    def length(yq: VQ, yv: VQ, h: dtype):
+        """The largest component of a direction, rates over a step."""
+        out = TINY
+        for j in range(wp.static(NV)):
+            out = wp.max(out, wp.max(wp.abs(yq[j]), h * wp.abs(yv[j])))
+        return out
+
+    @wp.func
+    def by_step_size(
+        world: t.World, start: linear.Linear, kq: MQ, kv: MQ, v: VQ, d: VQ, a: VQ, force: VQ, yq: VQ
+    ):
+        """dG/dh."""
+        out = HALF * (kv * d) + world.params[wp.static(H)] * (kq * (HALF * d + v)) - force
+        if wp.static(step.mass.damped_springs):
+            out += wp.static(step.mass.drag_by_q)(world, start.fr, a, MQ()) * yq
+        return out
+
+    @wp.func
+    def part(
+        world: t.World,
+        fr: t.FRAMES,
+        jb: t.JB,
+        q: VQ,
+        u: VU,
+        form: part_of.Motion,
+        later: VQ,
+        of_stiffness: bool,
+        grad: wp.array(dtype=dtype),
+    ):
+        """The form's gradient; K_q has dampers at the velocity `later`, K_v has none."""
+        if wp.static(step.mass.implicit):
+            if of_stiffness:
+                part_of.stiffness(world, fr, jb, q, u, form, later, grad)
+            else:
+                part_of.moving(world, fr, jb, q, u, form, JR(), grad)
+        else:
+            part_of.moving(world, fr, jb, q, u, form, JR(), grad)
+
+    @wp.func
     def swing(
         world: t.World,
         start: linear.Linear,
@@ -67,18 +120,8 @@ def make_trapezoidal_gradient(spec: Specialisation) -> wp.Function:
         l = -wp.static(lu.solve)(wp.static(lu.factor)(wp.transpose(e)), target)
         yv = HALF * h * d
         yq = HALF * HALF * h * h * (d + TWO * v)
-        by_a = VQ()
-        size = TINY
-        for j in range(wp.static(NV)):
-            unit = VQ()
-            unit[j] = ONE
-            moved = wp.static(motion.motion_by_q)(t.unpushed(world), start.fr, start.jb, unit, VQ(), ZERO)
-            if wp.static(step.mass.damped_springs):
-                moved = wp.static(step.mass.drag_by_q)(world, start.fr, h * unit, moved)
-            by_a[j] = wp.dot(l, moved * yq)
-            size = wp.max(size, wp.max(wp.abs(yq[j]), h * wp.abs(yv[j])))
-        b = minv * by_a
-        width = WIDTH / size
+        b = minv * by_acceleration(world, start, l, yq)
+        width = WIDTH / length(yq, yv, h)
         form = part_of.Motion()
         i = int(0)
         while i < wp.static(POINTS + 2):
@@ -106,21 +149,28 @@ def make_trapezoidal_gradient(spec: Specialisation) -> wp.Function:
                 form.h = ONE
                 fr = wp.static(mech.frames)(world, at)
                 jb = wp.static(mech.com_jacobians)(world, fr)
-            if wp.static(step.mass.implicit):
-                if i < wp.static(POINTS):  # K_q has dampers at v + h a, K_v has none
-                    part_of.stiffness(world, fr, jb, at, u, form, v + h * a, grad)
-                else:
-                    part_of.moving(world, fr, jb, at, u, form, JR(), grad)
-            else:
-                part_of.moving(world, fr, jb, at, u, form, JR(), grad)
+            part(world, fr, jb, at, u, form, v + h * a, i < wp.static(POINTS), grad)
             i += 1
         force = mass * (a - push / h)  # r + u
-        by_h = HALF * (kv * d) + h * (kq * (HALF * d + v)) - force
-        if wp.static(step.mass.damped_springs):
-            by_h += wp.static(step.mass.drag_by_q)(world, start.fr, a, MQ()) * yq
+        by_h = by_step_size(world, start, kq, kv, v, d, a, force, yq)
         slope = wp.dot(l, by_h) - wp.dot(b, mass * push) / (h * h)
         grad[wp.static(H)] = grad[wp.static(H)] + slope
         return b / h - l
+
+    @wp.func
+    def halves(x: VX):
+        first, second = VQ(), VQ()
+        for j in range(wp.static(NV)):
+            first[j] = x[j]
+            second[j] = x[wp.static(NV + j)]
+        return first, second
+
+    @wp.func
+    def free_motion(sol: step.Solution, v: VQ, h: dtype, pushed: bool):
+        """Change of velocity, acceleration and push of the motion under the predicted forces, or without."""
+        if pushed:
+            return sol.vfree + sol.push - v, sol.acceleration, sol.push
+        return sol.unpushed - v, sol.acceleration - sol.push / h, VQ()
 
     @wp.func
     def gradient(
@@ -133,15 +183,9 @@ def make_trapezoidal_gradient(spec: Specialisation) -> wp.Function:
         grad: wp.array(dtype=dtype),
     ):
         h = world.params[wp.static(H)]
-        q = VQ()
-        v = VQ()
-        by_drift = VQ()
-        target = VQ()
-        for j in range(wp.static(NV)):
-            q[j] = x[j]
-            v[j] = x[wp.static(NV + j)]
-            by_drift[j] = h * weight[j]
-            target[j] = weight[wp.static(NV + j)]
+        q, v = halves(x)
+        by_position, target = halves(weight)
+        by_drift = h * by_position
         grad[wp.static(H)] = grad[wp.static(H)] + wp.dot(by_drift, sol.drift) / h
         start = linear.Linear()
         start.fr = lin.fr
@@ -150,8 +194,8 @@ def make_trapezoidal_gradient(spec: Specialisation) -> wp.Function:
         first, drifting = step.parts(world, start.fr, q, v, sol)
         now = sol
         onto = VQ()  # weight of v_free, then of v_0
-        part = int(0)
-        while part < 3:
+        problem = int(0)
+        while problem < 3:
             here = linear.factored(world, now, start)
             normals = here.rows.m
             dual = response.dual(here.factor, step.posed(now), now.lam, now.z, target)
@@ -169,21 +213,13 @@ def make_trapezoidal_gradient(spec: Specialisation) -> wp.Function:
                     form.kappa = VR()
                 term += 1
             wp.static(constraints)(world, start.fr, q, now, here, dual, h, grad)
-            if part == 0:
+            if problem == 0:
                 onto = -(mass * dual.p)
                 target = by_drift
                 now = drifting
             else:
-                d = sol.unpushed - v
-                a = sol.acceleration - sol.push / h
-                push = VQ()
-                if part == 1:
-                    onto -= HALF * (mass * dual.p)
-                    d = sol.vfree + sol.push - v
-                    a = sol.acceleration
-                    push = sol.push
-                else:
-                    onto -= mass * dual.p
+                onto -= wp.where(problem == 1, HALF, ONE) * (mass * dual.p)
+                d, a, push = free_motion(sol, v, h, problem == 1)
                 pushed = swing(world, start, q, v, u, sol.minv, d, a, push, onto, grad)
                 form.p = pushed
                 form.w = push
@@ -192,6 +228,6 @@ def make_trapezoidal_gradient(spec: Specialisation) -> wp.Function:
                 target = mass * pushed - onto
                 onto = -target
                 now = first
-            part += 1
+            problem += 1
 
     return gradient
