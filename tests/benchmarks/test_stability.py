@@ -166,7 +166,7 @@ def test_runaway_impulses_excuse_nothing():
     assert verdict.motion.max() > 1e4 * TOLERANCE["float64"] < verdict.contact.max()
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_stiff_dampers_slow_down_and_guides_along_a_surface_are_judged():
     names = (
         "stiff damping",
@@ -196,7 +196,7 @@ def test_no_cell_fails_silently():
     assert len(markdown(rows).splitlines()) == len(cases) + 2 and "hard 64" in columns
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_a_disc_rests_creeps_sticks_and_stops():
     selection = Selection(("rest", "creep", "stop", "threshold"), ("hard",), ("float64",), (), (1e-3, 0.05))
     rows = run_battery(CASES, selection, lambda line: None)

@@ -80,6 +80,12 @@ def test_tests_import_no_bare_folder():
         assert bare == [], f"{path.relative_to(ROOT)} imports {bare}"
 
 
+def test_test_files_have_names_of_their_own():
+    """They are imported by their bare names: of two alike pytest takes the first, and stops at the second."""
+    names = [path.name for path in source_files("tests")]
+    assert sorted({name for name in names if names.count(name) > 1}) == []
+
+
 def test_kernels_come_from_the_one_namespace():
     """Installed, all packages lie below slcp_warp; in an editable install each is its own folder."""
     home = Path(slcp_warp.__file__).resolve().parent

@@ -134,7 +134,7 @@ def test_second_derivatives_by_differences(touching):
     assert relative(full.second, differences(first, x, u)) < 2e-6
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_differences_agree_with_the_closed_form(device, monkeypatch):
     """Euler has both; the differences are taken in float64, of a simulator in float32, too (that they are
     right in float64 is `test_second_derivatives_by_differences`).

@@ -131,7 +131,7 @@ def test_contact_law_holds(device, name, dtype):
     assert worst.max() < (5e-11 if dtype is wp.float64 else 2e-5)
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_redundant_planes_and_jams(device):
     rng, count = np.random.default_rng(1), 1000
     x, sim = states("wedge", rng, count), simulator("wedge", device)
@@ -262,7 +262,7 @@ def test_gap_at_the_end_keeps_curved_shapes_apart():
         sim.linearize(x)
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_gap_at_the_end_that_does_not_settle_is_not_called_solved():
     """A walker that lands in steps of .02 s: worlds meet the gap at the end, or are NOT_CONVERGED."""
     sc = scene("walker")

@@ -18,7 +18,7 @@ H, SIGMA = 0.05, 0.1
 
 CASES = [
     ("flicking_finger", "erm-normal", "inertia"),
-    pytest.param("rubbing_particle", "erm-logistic", "none", marks=pytest.mark.slow),
+    pytest.param("rubbing_particle", "erm-logistic", "none", marks=pytest.mark.full),
 ]
 
 

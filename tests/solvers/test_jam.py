@@ -166,7 +166,7 @@ def test_a_slider_in_the_cone_of_its_own_guide_is_jammed(strategy):
             assert step.state[0, 1] * 0.01 * math.sin(0.0734) == pytest.approx(-depth, abs=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_what_presses_may_free_what_is_jammed_without_it():
     """Rows join as they come within reach: a jam of some is none before all are in the system."""
     truth, status, _ = verdicts("gantry", wp.float64, "specialised", 4000)
