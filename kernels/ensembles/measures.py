@@ -34,7 +34,7 @@ class Measures:
     bounds: wp.array2d(dtype=wp.float64)  # (A, 2): low, high
     compared: wp.array(dtype=wp.int32)  # (A,): its signal
     clause: wp.array2d(dtype=wp.int32)  # (C, 2): first comparison of a clause, and one after the last
-    measure: wp.array2d(dtype=wp.int32)  # (M, 4): reduction, signal or NONE, first clause, one after the last
+    measure: wp.array2d(dtype=wp.int32)  # (M, 5): reduction, signal or NONE, clauses from, to, 1: no window
     window: wp.array2d(dtype=wp.float64)  # (M, 2): start, end [s]
 
 
@@ -110,7 +110,9 @@ def make_measures(
     ):
         for j in range(m.measure.shape[0]):
             what = m.measure[j, 0]
-            counts = time >= m.window[j, 0] - EPS * h and time < m.window[j, 1] - EPS * h
+            counts = m.measure[j, 4] == 1
+            if not counts:
+                counts = time >= m.window[j, 0] - EPS * h and time < m.window[j, 1] - EPS * h
             step = last == 0 or not (what >= wp.static(MEAN) and what <= wp.static(TOTAL))
             if counts and step and not (last == 1 and what == wp.static(SHARE)):
                 v = wp.float64(0.0)

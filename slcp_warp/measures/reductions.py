@@ -119,7 +119,7 @@ def settled(condition: Any, start: float = 0.0, end: float | None = None) -> Mea
 
 def contact_share(pair: str | int | None = None) -> Measure:
     """Share of the steps in which a pair, or any, pushes."""
-    return share_of_time(contact(pair) > 0.5)
+    return mean(contact(pair))
 
 
 def lowest_gap(pair: str | int | None = None) -> Measure:

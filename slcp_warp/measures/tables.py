@@ -37,17 +37,18 @@ class MeasureTable:
         which = self.users.index(signal.function) if signal.function is not None else signal.place(scene)
         return kind, which, signal.less(scene)
 
-    def _row(self, measure: Measure, place: dict[Signal, int]) -> tuple[int, int, int, int]:
-        """Reduction, signal, first clause of a condition and one after its last."""
+    def _row(self, measure: Measure, place: dict[Signal, int]) -> tuple[int, ...]:
+        """Reduction, signal, clauses of a condition from and to, whether it counts at all times."""
         what, first = kernels.REDUCTIONS.index(measure.reduction), len(self._clauses)
+        always = int(measure.start == 0.0 and measure.end is None)
         if not isinstance(measure.of, Condition):
-            return what, place[measure.of], first, first
+            return what, place[measure.of], first, first, always
         for clause in measure.of.clauses:
             start = len(self._bounds)
             self._bounds += [(within.low, within.high) for within in clause]
             self._compared += [place[within.of] for within in clause]
             self._clauses.append((start, len(self._bounds)))
-        return what, kernels.NONE, first, len(self._clauses)
+        return what, kernels.NONE, first, len(self._clauses), always
 
     def struct(self, device: Any) -> Any:
         """The tables on a device."""
@@ -57,7 +58,7 @@ class MeasureTable:
             ("signal", self._signals, 3, np.int32),
             ("bounds", self._bounds, 2, np.float64),
             ("clause", self._clauses, 2, np.int32),
-            ("measure", self._rows, 4, np.int32),
+            ("measure", self._rows, 5, np.int32),
             ("window", window, 2, np.float64),
         ):
             setattr(out, name, wp.array(np.array(values, kind).reshape(-1, width), device=device))
