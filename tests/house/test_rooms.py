@@ -1,5 +1,6 @@
 """The rooms inside each layer: their order, no circles, nothing imported behind a function."""
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -140,3 +141,14 @@ def test_the_kernels_stay_a_house_with_few_rooms():
     assert len(arrows) <= 16
     assert sum(map(len, arrows.values())) <= 60
     assert len(floors(arrows)) <= 9
+
+
+@pytest.mark.parametrize("layer", LAYERS)
+def test_the_page_of_the_house_says_what_it_is_like(layer):
+    """Within a tenth, so that not every import changes the page."""
+    page = (ROOT / "docs/understand/house.md").read_text()
+    told = [int(n) for n in re.search(rf"^\| `{layer}/` now \| (.*) \|$", page, re.MULTILINE)[1].split(" | ")]
+    arrows = room_graph(layer)
+    files = [path for path in graph(layer) if room_of(path)]
+    here = [len(files), len(arrows), sum(map(len, arrows.values())), len(floors(arrows)), 0]
+    assert all(abs(a - b) <= max(1, 0.1 * b) for a, b in zip(told, here, strict=True)), (told, here)
