@@ -3,7 +3,9 @@
 With d/h + mu s in place of d/h, s = |J_t v'|, the two rows of Anitescu's relaxation are the exact planar law
 (the paper's [8]; De Saxce's change of variables, solved for s as Acary and Cadoux do). mu s is |J_+ v' - J_-
 v'|/2. Convex solves alternate with new values of mu s, extrapolated from the last two (Anderson's method of
-depth one). Nothing guarantees convergence: a status says where it fails.
+depth one). Where the convex problem has no solution mu s goes halfway back to where it had one. Nothing
+guarantees convergence, and a fixed point that fails proves nothing: what is JAMMED has a proof of its own
+(jam.py).
 """
 
 from types import SimpleNamespace
@@ -16,12 +18,13 @@ from .topology import CONTACT, Topology
 from .work import WORK, Work
 
 COULOMB_PASSES = 100
+RETREATS = 8  # of mu s, halfway each
 TOLERANCE = 1e-12  # of mu s, relative to the velocities at hand
 
 
 @cached
 def make_coulomb(given: type) -> SimpleNamespace:
-    """lift(t, k, b, n, passes) -> 1 if k.rate of the acting pairs had to change."""
+    """lift(t, k, b, n, passes) -> 1 if k.rate of the acting pairs had to change; retreat(t, k, b, n)."""
     dtype = WORK
     dot = make_newton(given, "hard").dot
     HALF, ONE, ZERO = dtype(0.5), dtype(1.0), dtype(0.0)
@@ -76,4 +79,16 @@ def make_coulomb(given: type) -> SimpleNamespace:
                 k.rate[first + 1, b] = k.gap[first + 1, b] + k.lift[pair, b]
         return 1
 
-    return SimpleNamespace(lift=lift)
+    @wp.func
+    def retreat(t: Topology, k: Work, b: int, n: int):
+        """Take mu s halfway back to where the convex problem had a solution."""
+        for r in range(n):
+            pair = first_of_pair(t, k, b, r)
+            if pair >= 0:
+                first = t.pair_row[pair]
+                solved = k.target[pair, b] - k.miss[pair, b]
+                k.lift[pair, b] = HALF * (k.lift[pair, b] + solved)
+                k.rate[first, b] = k.gap[first, b] + k.lift[pair, b]
+                k.rate[first + 1, b] = k.gap[first + 1, b] + k.lift[pair, b]
+
+    return SimpleNamespace(lift=lift, retreat=retreat)

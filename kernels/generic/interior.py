@@ -326,7 +326,7 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
             if attempt > 0:
                 iterations = int(wp.static(POLISHING))
             if attempt == 2:
-                islands.island_momentum(t, k, b, n)
+                islands.see_all(t, k, b)
                 yielding = ZERO + YIELDS
             if attempt == 1 or attempt == 2:
                 for r in range(n):
@@ -339,10 +339,10 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
                 yielding *= SHRINK
             if status == wp.static(NOT_CONVERGED):
                 if nt.newton(t, k, params, row, b, n, size, iterations) == 1:
-                    if attempt < 2:
-                        good = islands.adds_up(t, k, b, n, size)
-                        attempt = wp.where(good == 1, attempt, 1)
-                    else:
+                    good = islands.adds_up(t, k, b, n, size)
+                    if good == 0 and attempt < 2:
+                        attempt = 1
+                    elif good == 0:
                         good = islands.is_earned(t, k, b, n, size)
                     if good == 1:
                         status = int(wp.static(SOLVED))

@@ -11,22 +11,24 @@ import warp as wp
 
 from ..factories import cached
 from .newton import ACCEPTED, GIVEN, SUMMED, make_newton
-from .topology import Topology
+from .topology import CONTACT, Topology
 from .work import WORK, Work
 
-ROW = 10.0  # what is good enough of a row relative to its own terms, in units of ACCEPTED
+ROW = 10.0  # what is good enough of a row relative to its own terms, in units of ACCEPTED: of the precision
+# that is given back, or, where the data alone do not suggest the impulses, of the precision of the work
 ROUNDED = 1e-12  # and relative to the largest of all rows
 SHARED = 10.0  # by which a row may push harder than all momentum of its island
 
 
 @cached
 def make_islands(given: type) -> SimpleNamespace:
-    """Warp functions `bounds`, `island_momentum` and `adds_up`."""
+    """Warp functions `bounds`, `adds_up`, `see_all` and `is_earned`."""
     dtype = WORK
     nt = make_newton(given, "hard")
     ZERO = dtype(0.0)
     LOST, ROUND, ENOUGH = nt.LOST, dtype(GIVEN[given]), dtype(SUMMED[given])
     OPEN, LEAST = dtype(ROW * ACCEPTED[given]), dtype(ROUNDED)
+    EXACT = dtype(ROW * ACCEPTED[dtype])
     TINY, MOST = dtype(1e-30), dtype(SHARED)
 
     @wp.func
@@ -44,15 +46,33 @@ def make_islands(given: type) -> SimpleNamespace:
                 k.most[p, b] = k.most[p, b] + wp.abs(k.jac[at, b]) * largest
 
     @wp.func
-    def is_open(k: Work, i: int, w: dtype, size: dtype, b: int):
-        """Whether J v' + d/h = w of row i is no violation, on the row's own scale."""
-        return w >= -(OPEN * k.own[i, b] + LEAST * size)
+    def partner(t: Topology, k: Work, i: int):
+        """The other row of a contact with Coulomb's friction, else row i itself. What is given back is their
+        sum and difference, whose terms are bounded by the larger of |J_n + mu J_t| and |J_n - mu J_t|.
+        """
+        if t.coulomb == 0 or t.row_kind[i] != CONTACT or t.row_sign[i] == 0:
+            return i
+        first = t.pair_row[t.row_index[i]]
+        return wp.where(i == first, first + 1, first)
+
+    @wp.func
+    def length(t: Topology, k: Work, i: int, b: int):
+        """|J_i|"""
+        square = dtype(0.0)
+        for at in range(t.row_start[i], t.row_start[i + 1]):
+            square += k.jac[at, b] * k.jac[at, b]
+        return wp.sqrt(wp.max(square, TINY))
+
+    @wp.func
+    def is_open(k: Work, i: int, w: dtype, size: dtype, b: int, share: dtype):
+        """Whether J v' + d/h = w of row i is no violation, to `share` of the row's own scale."""
+        return w >= -(share * k.own[i, b] + LEAST * size)
 
     @wp.func
     def adds_up(t: Topology, k: Work, b: int, n: int, size: dtype):
         """1 if every row is open on its own scale, and M dv = J' lambda, as it is given back, holds on the
         scale of what the data do to every body, its coordinates weighed by energy: its own momentum, those of
-        its rows by themselves, and what they exchange with it (at most k.most).
+        its rows by themselves as far as they press, and what they exchange with it (at most k.most).
         """
         nt.mass_times(t, k, b)
         for i in range(t.nv):
@@ -64,14 +84,15 @@ def make_islands(given: type) -> SimpleNamespace:
             i = k.active[r, b]
             lam = k.lam[i, b]
             w = k.rate[i, b]
+            shift = t.row_start[partner(t, k, i)] - t.row_start[i]
             for at in range(t.row_start[i], t.row_start[i + 1]):
                 p = t.row_place[at]
                 j = k.jac[at, b]
                 w += j * k.v[p, b]
                 k.balance[p, b] = k.balance[p, b] - j * lam
-                k.move[p, b] = k.move[p, b] + wp.abs(j) * lam
-                k.momentum[p, b] = k.momentum[p, b] + wp.abs(j) * k.alone[i, b]
-            if not is_open(k, i, w, size, b):
+                k.move[p, b] = k.move[p, b] + wp.max(wp.abs(j), wp.abs(k.jac[at + shift, b])) * lam
+                k.momentum[p, b] = k.momentum[p, b] + wp.abs(j) * wp.min(k.alone[i, b], lam)
+            if not is_open(k, i, w, size, b, OPEN):
                 good = 0
         for j in range(t.nv):
             p = t.place[j]
@@ -88,6 +109,12 @@ def make_islands(given: type) -> SimpleNamespace:
                 if held == 0:
                     good = 0
         return good
+
+    @wp.func
+    def see_all(t: Topology, k: Work, b: int):
+        """Leave nothing of M (v' - v_free) to the rows' rounding from here on."""
+        for i in range(t.nv):
+            k.unseen[i, b] = ZERO
 
     @wp.func
     def find_islands(t: Topology, k: Work, b: int, n: int):
@@ -116,23 +143,12 @@ def make_islands(given: type) -> SimpleNamespace:
                     k.island[t.row_place[at], b] = name
 
     @wp.func
-    def length(t: Topology, k: Work, i: int, b: int):
-        """|J_i|"""
-        square = dtype(0.0)
-        for at in range(t.row_start[i], t.row_start[i + 1]):
-            square += k.jac[at, b] * k.jac[at, b]
-        return wp.sqrt(wp.max(square, TINY))
-
-    @wp.func
     def island_momentum(t: Topology, k: Work, b: int, n: int):
-        """k.momentum: all of an island, and what opening its rows gives to its heaviest mass. Nothing
-        is left to the rows' rounding from here on.
-        """
+        """k.momentum: all of an island, and what opening its rows gives to its heaviest mass."""
         find_islands(t, k, b, n)
         for i in range(t.nv):
             k.momentum[i, b] = ZERO
             k.island_mass[i, b] = ZERO
-            k.unseen[i, b] = ZERO
         for i in range(t.nv):
             p = k.island[i, b]
             own = k.lost[i, b] / LOST
@@ -152,18 +168,20 @@ def make_islands(given: type) -> SimpleNamespace:
 
     @wp.func
     def is_earned(t: Topology, k: Work, b: int, n: int, size: dtype):
-        """1 if every row is open on its own scale and none presses much harder than its island's momentum."""
+        """1 if every row is open to the precision of the work on its own scale, and none presses much harder
+        than all momentum of its island.
+        """
+        island_momentum(t, k, b, n)
         good = int(1)
         for r in range(n):
             i = k.active[r, b]
-            if not is_open(k, i, k.rate[i, b] + nt.dot(t, k, k.v, i, b), size, b):
+            if not is_open(k, i, k.rate[i, b] + nt.dot(t, k, k.v, i, b), size, b, EXACT):
                 good = 0
             if t.row_start[i + 1] > t.row_start[i]:
                 p = k.island[t.row_place[t.row_start[i]], b]
-                if not (k.lam[i, b] * length(t, k, i, b) <= MOST * k.momentum[p, b]):
+                longest = wp.max(length(t, k, i, b), length(t, k, partner(t, k, i), b))
+                if not (k.lam[i, b] * longest <= MOST * k.momentum[p, b]):
                     good = 0
         return good
 
-    return SimpleNamespace(
-        bounds=bounds, adds_up=adds_up, island_momentum=island_momentum, is_earned=is_earned
-    )
+    return SimpleNamespace(bounds=bounds, adds_up=adds_up, see_all=see_all, is_earned=is_earned)

@@ -14,9 +14,10 @@ from ..factories import cached
 from ..method import Method
 from ..status import INFEASIBLE, JAMMED, NONFINITE, NOT_CONVERGED, SOLVED
 from .contact import make_contact
-from .coulomb import COULOMB_PASSES, make_coulomb
+from .coulomb import COULOMB_PASSES, RETREATS, make_coulomb
 from .envelope import make_envelope
 from .interior import make_solver
+from .jam import make_jam
 from .mechanism import COLUMN, make_mechanism
 from .topology import CONTACT, Topology
 from .work import WORK, Work
@@ -36,6 +37,7 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
     contact = make_contact(given, residual) if residual != "none" else None
     solver = make_solver(given, residual) if residual != "none" else None
     friction = make_coulomb(given) if residual == "hard" else None
+    jammed = make_jam(given) if residual == "hard" else None
     PASSES = COULOMB_PASSES
     H, FRICTION = COLUMN["step_size"], COLUMN["friction"]
     UNUSED, HALF, ZERO, ONE = dtype(COLD), dtype(0.5), dtype(0.0), dtype(1.0)
@@ -88,7 +90,8 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
     def contacts(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, exact_gap: int):
         """Add rows until none is missing, solve after every addition. The first time also those within reach
         of the largest approach are added: in a heap they act next. Where Coulomb's friction shuts the rows,
-        the problem without friction tells whether they can open, and gives a lift to start from.
+        the problem without friction tells whether they can open, and gives a lift to start from; where
+        that ends at shut rows again the lift is taken back.
         """
         contact.start(t, k, params, row, b)
         status = int(wp.static(SOLVED))
@@ -99,6 +102,8 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
         passes = int(0)
         rub = dtype(1.0)
         freed = int(0)  # rows in the system when friction was last left out
+        retreats = int(0)
+        lifted = int(0)  # 1: the lift is given
         n = int(0)
         while more == 1:  # the first pass only looks how large the approach is
             added, approach = contact.grow(t, k, params, row, b, exact_gap, margin, rub)
@@ -109,7 +114,10 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
                 n = list_rows(t, k, b)
                 more = wp.where(added > 0 or rub < ONE, 1, 0)
                 if wp.static(residual == "hard"):
-                    if t.coulomb == 1 and n > 0:
+                    if lifted == 1:
+                        more = 1
+                        lifted = 0
+                    elif t.coulomb == 1 and n > 0:
                         more = wp.max(more, friction.lift(t, k, b, n, passes))
                         passes += 1
                 if more == 1:
@@ -125,17 +133,26 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
                             rub = dtype(1.0)
                             passes = 0
                             contact.set_friction(t, k, params, row, b, rub)
-                        elif t.coulomb == 1 and status == wp.static(INFEASIBLE) and rub == ONE:
-                            if n > freed:
+                        elif t.coulomb == 1 and rub == ONE and status != wp.static(SOLVED):
+                            shut = status == wp.static(INFEASIBLE)
+                            if n > freed and status != wp.static(NONFINITE):
                                 freed = n
                                 margin = -NOWHERE  # rows that press may free what is jammed without them
                                 rub = dtype(0.0)
                                 status = int(wp.static(SOLVED))
                                 contact.set_friction(t, k, params, row, b, rub)
+                            elif jammed(t, k, b, n, number(t, params, row, H, 0)) == 1:
+                                status = int(wp.static(JAMMED))
+                            elif shut:
+                                status = int(wp.static(NOT_CONVERGED))
+                                if retreats < wp.static(RETREATS):
+                                    retreats += 1
+                                    lifted = 1
+                                    status = int(wp.static(SOLVED))
+                                    friction.retreat(t, k, b, n)
+                            if status == wp.static(SOLVED):
                                 for j in range(t.nv):
                                     k.v[j, b] = k.vfree[j, b]
-                            else:
-                                status = int(wp.static(JAMMED))
                     if status != wp.static(SOLVED):
                         more = 0
         for i in range(t.nr):

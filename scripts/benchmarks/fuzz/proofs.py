@@ -62,10 +62,11 @@ def least_motion(p: Problem, i: int) -> tuple[Array, Array] | None:
 
 
 def coulomb_solution(
-    p: Problem, i: int, acting: Array | None = None, accuracy: float = 1e-11
+    p: Problem, i: int, acting: Array | None = None, accuracy: float = 1e-11, like: Array | None = None
 ) -> tuple[Array, Array] | None | bool:
-    """v' and lambda of a solution of Coulomb contact with the least impulses, by trying all modes of all rows
-    (or of those `acting` (nr,), the others open); None where there is none, False where there are too many
+    """v' and lambda of a solution of Coulomb contact, by trying all modes of all rows (or of those `acting`
+    (nr,), the others open): the one with the least impulses, or, of those that hold on the scale of the data
+    alone, the nearest to the impulses `like` (nr,). None where there is none, False where there are too many
     modes to try.
     """
     groups: list[tuple[tuple[int, ...], tuple[int, ...]]] = []
@@ -81,15 +82,19 @@ def coulomb_solution(
     if np.prod([len(modes) for _, modes in groups], dtype=float) > MOST_MODES:
         return False
     best: Any = None
+    least = np.inf
     for modes in itertools.product(*(modes for _, modes in groups)):
         lam = _impulses(p, i, [g for g, _ in groups], modes)
         if lam is None:
             continue
         w = p.free[i] + p.a[i] @ lam
         size = (np.abs(p.free[i]) + np.abs(p.a[i]) @ np.abs(lam)).max() + 1e-300
+        if like is not None:
+            size = np.abs(p.free[i]).max()
         if _legal(p, i, [g for g, _ in groups], lam, w, accuracy * size):
-            if best is None or np.abs(p.diag[i] * lam).max() < np.abs(p.diag[i] * best).max():
-                best = lam
+            far = np.abs(p.diag[i] * (lam if like is None else lam - like)).max()
+            if far < least:
+                best, least = lam, far
     if best is None:
         return None
     return p.drive.free[i] + np.linalg.solve(p.drive.h_mass[i], p.jac[i].T @ best), best

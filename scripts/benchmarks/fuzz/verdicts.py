@@ -58,13 +58,15 @@ class Verdicts:
     def _set(self, i: int, verdict: str, reason: str) -> None:
         self.verdict[i], self.reason[i] = verdict, reason
 
-    def _tried(self, p: Problem, acting: Array | None) -> Any:
+    def _tried(self, p: Problem, acting: Array | None, like: Array | None = None) -> Any:
         """`coulomb_solution`, while there are trials left."""
         self.trials -= 1
-        return coulomb_solution(p, 0, acting) if self.trials >= 0 else False
+        return coulomb_solution(p, 0, acting, like=like) if self.trials >= 0 else False
 
     def _earn(self, i: int, prove: bool) -> None:
-        """Judge a large answer by the size of an independent solution."""
+        """Judge a large answer by the size of an independent solution, the least; with Coulomb's friction,
+        which may have several, by that of the nearest as well.
+        """
         if not prove:
             return self._set(i, UNPROVEN, "a large answer")
         p = self.part(np.array([i]))
@@ -78,16 +80,23 @@ class Verdicts:
             return self._set(i, UNPROVEN, "too many modes")
         if found is None:
             return self._set(i, SILENT, "no solution exists")
+        again = self._judged_by(p, i, found)
+        if again.worst("lenient")[0] > 1.0 and p.method.coulomb:
+            found = self._tried(p, near, self.out.impulse[i])
+            again = again if found is None or found is False else self._judged_by(p, i, found)
+        if again.worst("lenient")[0] > 1.0:
+            self._set(i, SILENT, f"runaway {again.name(0)}")
+        return None
+
+    def _judged_by(self, p: Problem, i: int, found: tuple[Array, Array]) -> Errors:
+        """Errors of world i where the answer may be as large as that found."""
         noise = p.sigma / np.maximum(p.diag, FLOOR)  # what smoothing alone may push
         v = SLACK * (
             np.abs(found[0][None]) + np.abs(np.linalg.solve(p.drive.h_mass[0], p.jac[0].T @ noise[0]))
         )
         lam = SLACK * (np.abs(found[1][None]) + noise)
         with np.errstate(all="ignore"):
-            again: Errors = judge(self.part(np.array([i])), self.out.part(i), (v, lam))
-        if again.worst("lenient")[0] > 1.0:
-            self._set(i, SILENT, f"runaway {again.name(0)}")
-        return None
+            return judge(self.part(np.array([i])), self.out.part(i), (v, lam))
 
     def _status(self, i: int, prove: bool) -> None:
         """Judge a status that is not SOLVED."""
