@@ -139,14 +139,15 @@ def test_every_slider_is_solved_or_says_why_not(name, dtype):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["slider", "vice"])
-def test_the_kernels_for_large_scenes_call_a_jam_so(name):
+@pytest.mark.parametrize(("name", "solved", "jammed"), [("slider", 0.99, 0.95), ("vice", 0.99, 0.95),
+                                                        ("gantry", 0.9, 0.25)])  # fmt: skip
+def test_the_kernels_for_large_scenes_call_a_jam_so(name, solved, jammed):
     truth, status, error = verdicts(name, wp.float64, "generic", 1000)
     s = slcp.Status
     assert error[truth != "touching"].max() < HELD[wp.float64]
-    # what has none, and how: the fixed point may give up, but calls nothing what it is not
-    for kind, name, share in (("solvable", s.SOLVED, 0.95), ("jammed", s.JAMMED, 0.75),
-                              ("shut", s.INFEASIBLE, 0.95)):  # fmt: skip
+    # what has none, and how: the fixed point may give up, but calls nothing what it is not; a jam is proved
+    for kind, name, share in (("solvable", s.SOLVED, solved), ("jammed", s.JAMMED, jammed),
+                              ("shut", s.INFEASIBLE, 0.99)):  # fmt: skip
         assert np.isin(status[truth == kind], (name, s.NOT_CONVERGED)).all()
         assert (status[truth == kind] == name).sum() >= share * (truth == kind).sum()
 

@@ -68,3 +68,27 @@ def test_opposed_impulses_are_as_small_as_they_can_be(scene, world):
         found, done = judged(worlds, sim)
         assert done.status[0] == slcp.Status.SOLVED and found.verdict[0] == "holds"
         assert found.errors.worst()[0] < 1.0
+
+
+RESTING, COULOMB = slcp.Options("rem-logistic"), slcp.Options("hard", friction="coulomb")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("scene", "world", "options", "dtype"),
+    [
+        (21, 465, RESTING, "float64"),  # a row that does not press lent its impulse to a body at rest
+        (105, 179, RESTING, "float64"),
+        (22, 274, HARD, "float32"),  # limits that cross by 1e-7 of what they stop
+        (108, 54, HARD, "float32"),
+        (43, 372, COULOMB, "float32"),  # J_n - mu J_t next to nothing, impulses of 1e7 along it
+    ],
+)
+def test_impulses_that_the_data_do_not_suggest_are_earned(scene, world, options, dtype):
+    """Each was SOLVED with M dv = J' lambda open by 2 to 500 times what its precision may miss."""
+    task = Task(0, scene, "generic")
+    drawn_scene = task.make_scene()
+    worlds = task.worlds(0, drawn_scene).part([world])
+    sim = slcp.Simulator(drawn_scene, options, device="cpu", dtype=dtype, strategy="generic")
+    found, _ = judged(worlds, sim)
+    assert found.verdict[0] not in (SILENT, WRONG), found.reason[0]
