@@ -14,8 +14,8 @@ from .newton import ACCEPTED, GIVEN, SUMMED, make_newton
 from .topology import CONTACT, Topology
 from .work import WORK, Work
 
-ROW = 10.0  # what is good enough of a row relative to its own terms, in units of ACCEPTED: of the precision
-# that is given back, or, where the data alone do not suggest the impulses, of the precision of the work
+ROW = 10.0  # what is good enough of a row relative to its own terms, in units of ACCEPTED
+EARNED = {wp.float64: 2e-10, wp.float32: 1e-8}  # and where the data alone do not suggest its impulses
 ROUNDED = 1e-12  # and relative to the largest of all rows
 SHARED = 10.0  # by which a row may push harder than all momentum of its island
 
@@ -27,8 +27,7 @@ def make_islands(given: type) -> SimpleNamespace:
     nt = make_newton(given, "hard")
     ZERO = dtype(0.0)
     LOST, ROUND, ENOUGH = nt.LOST, dtype(GIVEN[given]), dtype(SUMMED[given])
-    OPEN, LEAST = dtype(ROW * ACCEPTED[given]), dtype(ROUNDED)
-    EXACT = dtype(ROW * ACCEPTED[dtype])
+    OPEN, EXACT, LEAST = dtype(ROW * ACCEPTED[given]), dtype(EARNED[given]), dtype(ROUNDED)
     TINY, MOST = dtype(1e-30), dtype(SHARED)
 
     @wp.func
@@ -168,8 +167,8 @@ def make_islands(given: type) -> SimpleNamespace:
 
     @wp.func
     def is_earned(t: Topology, k: Work, b: int, n: int, size: dtype):
-        """1 if every row is open to the precision of the work on its own scale, and none presses much harder
-        than all momentum of its island.
+        """1 if every row is open on its own scale, nearly to the precision of the work, and none presses much
+        harder than all momentum of its island.
         """
         island_momentum(t, k, b, n)
         good = int(1)
