@@ -24,7 +24,7 @@ TOLERANCE = 1e-12  # of mu s, relative to the velocities at hand
 
 @cached
 def make_coulomb(given: type) -> SimpleNamespace:
-    """lift(t, k, b, n, passes) -> 1 if k.rate of the acting pairs had to change; retreat(t, k, b, n)."""
+    """lift(t, k, b, n, passes) -> 1 if k.rate of the acting pairs had to change."""
     dtype = WORK
     dot = make_newton(given, "hard").dot
     HALF, ONE, ZERO = dtype(0.5), dtype(1.0), dtype(0.0)
@@ -44,7 +44,9 @@ def make_coulomb(given: type) -> SimpleNamespace:
 
     @wp.func
     def lift(t: Topology, k: Work, b: int, n: int, passes: int):
-        """Compare mu s with what v' makes of it; where they differ, move it and k.rate."""
+        """Compare mu s with what v' makes of it; where they differ, move it and k.rate. `passes` < 0: take it
+        halfway back to where the convex problem had a solution.
+        """
         worst = dtype(0.0)
         size = dtype(0.0)
         along = dtype(0.0)
@@ -62,7 +64,7 @@ def make_coulomb(given: type) -> SimpleNamespace:
                 across += change * change
                 worst = wp.max(worst, wp.abs(miss))
                 size = wp.max(size, target)
-        if worst <= ENOUGH * size:
+        if worst <= ENOUGH * size and passes >= 0:
             return 0
         share = dtype(0.0)
         if passes > 1 and across > SMALLEST:
@@ -72,23 +74,15 @@ def make_coulomb(given: type) -> SimpleNamespace:
             if pair >= 0:
                 first = t.pair_row[pair]
                 target = HALF * wp.abs(dot(t, k, k.v, first, b) - dot(t, k, k.v, first + 1, b))
-                k.miss[pair, b] = target - k.lift[pair, b]
-                k.lift[pair, b] = wp.max(target - share * (target - k.target[pair, b]), ZERO)
-                k.target[pair, b] = target
+                moved = wp.max(target - share * (target - k.target[pair, b]), ZERO)
+                if passes < 0:
+                    moved = HALF * (k.lift[pair, b] + k.target[pair, b] - k.miss[pair, b])
+                else:
+                    k.miss[pair, b] = target - k.lift[pair, b]
+                    k.target[pair, b] = target
+                k.lift[pair, b] = moved
                 k.rate[first, b] = k.gap[first, b] + k.lift[pair, b]
                 k.rate[first + 1, b] = k.gap[first + 1, b] + k.lift[pair, b]
         return 1
 
-    @wp.func
-    def retreat(t: Topology, k: Work, b: int, n: int):
-        """Take mu s halfway back to where the convex problem had a solution."""
-        for r in range(n):
-            pair = first_of_pair(t, k, b, r)
-            if pair >= 0:
-                first = t.pair_row[pair]
-                solved = k.target[pair, b] - k.miss[pair, b]
-                k.lift[pair, b] = HALF * (k.lift[pair, b] + solved)
-                k.rate[first, b] = k.gap[first, b] + k.lift[pair, b]
-                k.rate[first + 1, b] = k.gap[first + 1, b] + k.lift[pair, b]
-
-    return SimpleNamespace(lift=lift, retreat=retreat)
+    return SimpleNamespace(lift=lift)

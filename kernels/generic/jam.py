@@ -36,25 +36,27 @@ def make_jam(given: type) -> wp.Function:
         return i
 
     @wp.func
-    def is_guided(t: Topology, k: Work, b: int, i: int):
-        """Whether J_n = kappa J_t with |kappa| < mu, of rows i and i + 1."""
+    def guided(t: Topology, k: Work, b: int, i: int):
+        """|J_n|^2 of the contact of rows i and i + 1 where J_n = kappa J_t with |kappa| < mu, else -1."""
         square = dtype(0.0)
         cross = dtype(0.0)
         slip = dtype(0.0)
-        shift = t.row_start[second_row(t, i)] - t.row_start[i]
-        for at in range(t.row_start[i], t.row_start[i + 1]):
-            normal = HALF * (k.jac[at, b] + k.jac[at + shift, b])
-            tangent = HALF * (k.jac[at, b] - k.jac[at + shift, b])
-            square += normal * normal
-            cross += normal * tangent
-            slip += tangent * tangent
         left = dtype(0.0)
-        for at in range(t.row_start[i], t.row_start[i + 1]):
-            normal = HALF * (k.jac[at, b] + k.jac[at + shift, b])
-            tangent = HALF * (k.jac[at, b] - k.jac[at + shift, b])
-            miss = slip * normal - cross * tangent
-            left += miss * miss
-        return square < LESS * slip and left <= CLOSE * slip * slip * square
+        shift = t.row_start[second_row(t, i)] - t.row_start[i]
+        for look in range(2):
+            for at in range(t.row_start[i], t.row_start[i + 1]):
+                normal = HALF * (k.jac[at, b] + k.jac[at + shift, b])
+                tangent = HALF * (k.jac[at, b] - k.jac[at + shift, b])
+                if look == 0:
+                    square += normal * normal
+                    cross += normal * tangent
+                    slip += tangent * tangent
+                else:
+                    miss = slip * normal - cross * tangent
+                    left += miss * miss
+        if square < LESS * slip and left <= CLOSE * slip * slip * square:
+            return square
+        return -ONE
 
     @wp.func
     def is_kept_open(t: Topology, k: Work, b: int, i: int, square: dtype, gap: dtype):
@@ -95,33 +97,27 @@ def make_jam(given: type) -> wp.Function:
                 share = wp.where(j < i, TWO, ONE) * k.mass[t.mass_at[i] + j, b]
                 energy += share * k.vfree[i, b] * k.vfree[j, b]
         worst = int(-1)  # guided, and without a way out
-        square = dtype(0.0)
         for r in range(n):
             i = k.active[r, b]
-            if worst < 0 and enters(t, k, b, i, h) and second_row(t, i) != i:
-                if is_guided(t, k, b, i):
-                    plus = dtype(0.0)
-                    square = dtype(0.0)
-                    shift = t.row_start[i + 1] - t.row_start[i]
-                    for at in range(t.row_start[i], t.row_start[i + 1]):
-                        normal = HALF * (k.jac[at, b] + k.jac[at + shift, b])
-                        square += normal * normal
-                        plus += k.jac[at, b] * k.jac[at, b]
-                    reach = wp.sqrt(k.diag[i, b] * square / wp.max(plus, TINY) * energy)
-                    along = HALF * (dot(t, k, k.vfree, i, b) + dot(t, k, k.vfree, i + 1, b))
-                    if HALF * (along + reach) < -LESS * k.gap[i, b]:
-                        worst = i
-                        for at in range(t.row_start[i], t.row_start[i + 1]):
-                            k.move[t.row_place[at], b] = HALF * (k.jac[at, b] + k.jac[at + shift, b])
-        proved = wp.where(worst >= 0, 1, 0)
+            k.res[i, b] = guided(t, k, b, i)
+            if worst < 0 and enters(t, k, b, i, h) and k.res[i, b] >= ZERO:
+                plus = dtype(0.0)
+                for at in range(t.row_start[i], t.row_start[i + 1]):
+                    plus += k.jac[at, b] * k.jac[at, b]
+                reach = wp.sqrt(k.diag[i, b] * k.res[i, b] / wp.max(plus, TINY) * energy)
+                along = HALF * (dot(t, k, k.vfree, i, b) + dot(t, k, k.vfree, i + 1, b))
+                if HALF * (along + reach) < -LESS * k.gap[i, b]:
+                    worst = i
+        if worst < 0:
+            return 0
+        shift = t.row_start[worst + 1] - t.row_start[worst]
+        for at in range(t.row_start[worst], t.row_start[worst + 1]):
+            k.move[t.row_place[at], b] = HALF * (k.jac[at, b] + k.jac[at + shift, b])
         for r in range(n):
             i = k.active[r, b]
-            if proved == 1 and enters(t, k, b, i, h):
-                guided = second_row(t, i) != i
-                if guided:
-                    guided = is_guided(t, k, b, i)
-                if not guided and not is_kept_open(t, k, b, i, square, k.gap[worst, b]):
-                    proved = 0
-        return proved
+            if enters(t, k, b, i, h) and k.res[i, b] < ZERO:
+                if not is_kept_open(t, k, b, i, k.res[worst, b], k.gap[worst, b]):
+                    return 0
+        return 1
 
     return proves_jam

@@ -99,11 +99,9 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
         looking = int(1)
         rounded = int(0)
         more = int(1)
-        passes = int(0)
+        passes = int(0)  # of the fixed point; negative: go back
         rub = dtype(1.0)
         freed = int(0)  # rows in the system when friction was last left out
-        retreats = int(0)
-        lifted = int(0)  # 1: the lift is given
         n = int(0)
         while more == 1:  # the first pass only looks how large the approach is
             added, approach = contact.grow(t, k, params, row, b, exact_gap, margin, rub)
@@ -114,12 +112,9 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
                 n = list_rows(t, k, b)
                 more = wp.where(added > 0 or rub < ONE, 1, 0)
                 if wp.static(residual == "hard"):
-                    if lifted == 1:
-                        more = 1
-                        lifted = 0
-                    elif t.coulomb == 1 and n > 0:
+                    if t.coulomb == 1 and n > 0:
                         more = wp.max(more, friction.lift(t, k, b, n, passes))
-                        passes += 1
+                        passes = wp.abs(passes) + 1
                 if more == 1:
                     if rounded == 0:
                         solver.rounding(t, k, b)
@@ -134,7 +129,6 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
                             passes = 0
                             contact.set_friction(t, k, params, row, b, rub)
                         elif t.coulomb == 1 and rub == ONE and status != wp.static(SOLVED):
-                            shut = status == wp.static(INFEASIBLE)
                             if n > freed and status != wp.static(NONFINITE):
                                 freed = n
                                 margin = -NOWHERE  # rows that press may free what is jammed without them
@@ -143,13 +137,11 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
                                 contact.set_friction(t, k, params, row, b, rub)
                             elif jammed(t, k, b, n, number(t, params, row, H, 0)) == 1:
                                 status = int(wp.static(JAMMED))
-                            elif shut:
-                                status = int(wp.static(NOT_CONVERGED))
-                                if retreats < wp.static(RETREATS):
-                                    retreats += 1
-                                    lifted = 1
-                                    status = int(wp.static(SOLVED))
-                                    friction.retreat(t, k, b, n)
+                            elif status == wp.static(INFEASIBLE):
+                                status = int(wp.static(SOLVED))
+                                passes = -passes - wp.static(COULOMB_PASSES // RETREATS)
+                                if passes < -PASSES:
+                                    status = int(wp.static(NOT_CONVERGED))
                             if status == wp.static(SOLVED):
                                 for j in range(t.nv):
                                     k.v[j, b] = k.vfree[j, b]

@@ -11,8 +11,8 @@ found first is returned, and it is checked, on the scale of J v_free and d/h. Wh
 ray every combination of modes is tried (of at most MOST_TRIED rows): a linear complementarity problem that
 has a solution has one in which the rows that hold are independent, so that there is none where no
 combination fits, and the world is JAMMED. Without friction the method's ray is a proof that no velocity opens
-the rows: INFEASIBLE. Rows may be off by the rounding of a gap: what rests in a jam would else be entering
-half the time.
+the rows, where it holds: INFEASIBLE. Rows may be off by the rounding of a gap: what rests in a jam would else
+be entering half the time.
 """
 
 import warp as wp

@@ -48,6 +48,7 @@ def make_erm_search(n: int, dtype: type, residual: str) -> wp.Function:
     FIRST = dtype(1e-3)
     FLAT = dtype(1e-10 if dtype is wp.float64 else 1e-4)  # share of the value whose gain rounding may hide
     TAU = dtype(PROXIMAL[dtype])
+    ROUND, LOST = (dtype(x) for x in ((1.1e-16, 1e-10) if dtype is wp.float64 else (6e-8, 2e-5)))
     FAR = dtype(PROMISE)
     KEEP, SPENT = dtype(1.0 - GAIN[dtype]), dtype(NOTHING)
     LAST = 2 * n + 2  # starts: 0, 1..n, n + 1..2 n, 2 n + 1, and the best of these but the first
@@ -217,6 +218,12 @@ def make_erm_search(n: int, dtype: type, residual: str) -> wp.Function:
                 elif end.value < hope.value * KEEP:
                     hope = end
             k += 1
+        for i in range(n):
+            told = ZERO  # of w: impulses against each other may leave no digits of it
+            for j in range(n):
+                told += wp.abs(A[i, j] * best.lam[j])
+            if not (ROUND * told <= LOST * unit):
+                best.status = wp.static(NOT_CONVERGED)
         return best.lam, best.w, best.status, iterations
 
     return minimise

@@ -2,10 +2,12 @@
 
 The linear complementarity problem of the paper's [8] in the plane, for a contact with normal impulse c,
 friction b+ - b- and slip speed g: w_n = J_n v' + d/h _|_ c, +-J_t v' + g _|_ b+-, mu c - b+ - b- _|_ g. Its
-matrix is copositive, so that the method ends with a solution or on a ray. Always in float64, A = J M^-1 J'
-and J v_free + d/h too, so that rows that depend on each other do so to 1e-16 and the rounding of float32
-gives them no solutions of their own; scaled to A_ii = 1. Ties between redundant contacts are broken by a
-perturbation of the right-hand side, far below the tolerance of the modes that are wanted from here.
+matrix is copositive, so that the method ends with a solution or on a ray. Without friction a ray y >= 0
+should prove that no velocity opens the rows (Farkas): J' y = 0 and y . d/h < 0. That is checked against J
+and d/h: of a gram beside a tonne A has no digits left. Always in float64, A = J M^-1 J' and J v_free + d/h
+too, so that rows that depend on each other do so to 1e-16 and the rounding of float32 gives them no
+solutions of their own; scaled to A_ii = 1. Ties between redundant contacts are broken by a perturbation of
+the right-hand side, far below the tolerance of the modes that are wanted from here.
 """
 
 from typing import Any
@@ -23,13 +25,14 @@ PERTURBATION = 1e-10
 SMALLEST_PIVOT = 1e-11
 PER_CONTACT = 4  # c, b+, b-, g
 STEPS_PER_UNKNOWN = 12
+SPEED = {wp.float64: 1e6, wp.float32: 1e3}  # that opens nothing, relative to the problem's
 
 
 @cached
 def make_lemke(spec: Specialisation, dense_type: Any) -> wp.Function:
     """lemke(problem, dense, friction) -> (lambda of the rows, FOUND, RAY or LIMIT).
 
-    friction = 0 leaves friction out.
+    friction = 0 leaves friction out; a RAY is then a proof.
     """
     s, dtype, _ = spec
     r = make_rows(spec)
@@ -44,9 +47,10 @@ def make_lemke(spec: Specialisation, dense_type: Any) -> wp.Function:
     COLUMNS = wp.types.vector(N + 1, wp.int32)
     ZERO, ONE = D(0.0), D(1.0)
     AR, BR = wp.types.matrix((NR, NR), D), wp.types.vector(NR, D)
-    JR = wp.types.matrix((NR, NV), D)
+    JR, PULL = wp.types.matrix((NR, NV), D), wp.types.vector(NV, D)
     GOLDEN = D(0.6180339887498949)
     PERTURB, LEAST, FLOOR = D(PERTURBATION), D(SMALLEST_PIVOT), D(SMALLEST)
+    FASTEST = D(SPEED[dtype])
     NORMAL, PLUS, SLIP = 0, 1, 3  # 2: b-
 
     @wp.struct
@@ -122,6 +126,27 @@ def make_lemke(spec: Specialisation, dense_type: Any) -> wp.Function:
         if l.kind[j] == wp.static(NORMAL) and b == a - 1:
             return D(dense.mu[a]) * l.root[a] / l.root[b]
         return wp.where(a == b and l.kind[j] != wp.static(SLIP), ZERO - ONE, ZERO)
+
+    @wp.func
+    def proves_shut(p: Problem, dense: dense_type, y: BR):
+        """Whether no velocity up to SPEED times the problem's opens the rows, by weights y >= 0 of them."""
+        pull = PULL()
+        work = ZERO
+        size = ZERO
+        for i in range(wp.static(NR)):
+            row_i = wp.static(r.adds[i])(VQ(), p.jac, dtype(1.0))
+            for n in range(dense.count):
+                if dense.row[n] == i and dense.tangent[n] == 0:
+                    terms = wp.abs(D(p.rate[i]))
+                    work -= y[n] * D(p.rate[i])
+                    for j in range(wp.static(NV)):
+                        pull[j] = pull[j] + y[n] * D(row_i[j])
+                        terms += wp.abs(D(row_i[j]) * D(p.vfree[j]))
+                    size = wp.max(size, terms)
+        moves = ZERO
+        for j in range(wp.static(NV)):
+            moves += wp.abs(pull[j])
+        return work > FASTEST * size * moves
 
     @wp.func
     def dictionary(dense: dense_type, l: Lifted, largest: D):
@@ -219,6 +244,17 @@ def make_lemke(spec: Specialisation, dense_type: Any) -> wp.Function:
                             leaving = i
                 if leaving == wp.static(NONE):
                     status = wp.static(RAY)
+        if status == wp.static(RAY) and friction == 0:
+            y = BR()
+            if nonbasic[entering] < n:
+                a = l.row[nonbasic[entering]]
+                y[a] = ONE / l.root[a]
+            for i in range(n):
+                if basic[i] < n:
+                    a = l.row[basic[i]]
+                    y[a] = wp.max(table[i, entering], ZERO) / l.root[a]
+            if not proves_shut(p, dense, y):
+                status = wp.static(LIMIT)
         return impulses(l, table, basic, largest), status
 
     return lemke

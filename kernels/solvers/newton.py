@@ -157,30 +157,45 @@ def make_newton(spec: Specialisation) -> SimpleNamespace:
         return out
 
     @wp.func
-    def hidden(p: Problem, at: Point):
+    def hidden(params: wp.array2d(dtype=dtype), row: int, p: Problem, at: Point):
         # what the rounding of impulses against each other left in J v', where r, of the same v', does not see
-        # it: the error itself in float32, in float64 a bound of it
+        # it: the error itself in float32, in float64 a bound of it; relative to a row's own terms and what
+        # the rows that press, each by itself, do to it
         f = WQ()
+        alone = VQ()
         for i in range(wp.static(NR)):
             if (p.mask & wp.static(1 << i)) != 0:
-                j = wp.static(r.adds[i])(VQ(), p.jac, at.lam[i])
+                j = wp.static(r.adds[i])(VQ(), p.jac, ONE)
+                most = wp.max(-p.w0[i], ZERO)
+                if wp.static(not method.hard):
+                    most += wp.static(noise.level[i])(params, row, p.sigma)
+                most = wp.min(most * p.inverse_diag[i], at.lam[i])
                 for k in range(wp.static(s.nv)):
-                    f[k] = f[k] + wp.static(weigh)(j[k])
+                    f[k] = f[k] + wp.static(weigh)(j[k] * at.lam[i])
+                    alone[k] = alone[k] + wp.abs(j[k]) * most
         v = WQ()
+        reach = VQ()
         for k in range(wp.static(s.nv)):
+            reach[k] = wp.abs(p.vfree[k])
             if wp.static(not bounded):
                 v[k] = wp.float64(p.vfree[k]) - wp.float64(at.v[k])
             for l in range(wp.static(s.nv)):
                 v[k] = v[k] + wp.static(weigh)(p.minv[k, l]) * f[l]
-        worst = wp.float64(0.0)
+                reach[k] = reach[k] + wp.abs(p.minv[k, l]) * alone[l]
+        worst = dtype(0.0)
         for i in range(wp.static(NR)):
             if (p.mask & wp.static(1 << i)) != 0:
                 j = wp.static(r.adds[i])(VQ(), p.jac, ONE)
                 moved = wp.float64(0.0)
+                size = wp.abs(p.rate[i]) + wp.abs(p.w0[i])
+                if wp.static(not method.hard):
+                    size += wp.static(noise.level[i])(params, row, p.sigma)
                 for k in range(wp.static(s.nv)):
                     moved += wp.static(weigh)(j[k]) * v[k]
-                worst = wp.max(worst, wp.abs(moved))
-        return dtype(worst * ROUND)
+                    size += wp.abs(j[k]) * reach[k]
+                if not (dtype(wp.abs(moved) * ROUND) <= worst * size):
+                    worst = dtype(wp.abs(moved) * ROUND) / size
+        return worst
 
     @wp.func
     def newton(world: t.World, p: Problem, z0: VR):
@@ -233,7 +248,7 @@ def make_newton(spec: Specialisation) -> SimpleNamespace:
                     break
                 z = best
                 last = 1
-        if status == wp.static(SOLVED) and hidden(p, at) > HIDDEN * p.size:
+        if status == wp.static(SOLVED) and not (hidden(params, row, p, at) <= HIDDEN):
             status = wp.static(NOT_CONVERGED)
         return at, z, status, it
 
