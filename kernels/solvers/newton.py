@@ -21,7 +21,7 @@ from .elimination import PROXIMAL
 ITERATIONS = {False: 20, True: 8}  # of Newton's method for the smoothed and the hard problem
 # rounding of impulses against each other that v' may hide, relative to the problem's size, as the data set
 # it: in float64 impulses may be 1e7 times what the data ask of a row (a tonne on a gram), not more
-CANCELLED = {wp.float64: 1e-9, wp.float32: 1e-5}
+CANCELLED = {wp.float64: 1e-9, wp.float32: 4e-6}
 RESOLUTION = {wp.float64: 2e-14, wp.float32: 1e-6}  # rounding of r, relative to the problem's size
 
 

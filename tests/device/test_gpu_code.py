@@ -28,7 +28,7 @@ def test_finger_rollout_spills_little(tmp_path):
         Specialisation(structure, wp.float32, Method(scaling="none")), "open_loop", False
     )
     used = sm90_resources(kernel, tmp_path)
-    assert SINE < used["frame"] <= 592, used  # bytes
+    assert SINE < used["frame"] <= 576, used  # bytes
     assert used["code"] <= 200_000, used  # bytes; the instruction cache of a multiprocessor is smaller by far
 
 

@@ -55,7 +55,7 @@ class Case:
         sim = slcp.Simulator(self.scene, self.options, device="cpu", dtype=self.dtype, strategy=self.strategy)
         push = None
         if self.options.integrator == "trapezoidal":
-            push, _ = predicted(self.scene, self.worlds, self.options)
+            push, _ = predicted(self.scene, self.worlds, self.options, self.dtype)
         return judged(self.worlds, sim, push)
 
     @property

@@ -114,6 +114,7 @@ def _motion(p: Problem, v1: Array, lam: Array, like_v: Array, like_lam: Array) -
     mine = np.array(truth.s.dof_body)
     alone = (np.maximum(-p.free, 0.0) + p.sigma) / np.maximum(p.diag, FLOOR)  # a row's impulse by itself
     data = drive.size + np.einsum("bij,bj->bi", np.abs(drive.h_mass), np.abs(drive.free))
+    data = data + p.loose * drive.doubt
     data = data + np.einsum("bri,br->bi", p.bound, np.where(lam != 0.0, alone, 0.0))
     answer = np.einsum("bij,bj->bi", np.abs(drive.h_mass), np.abs(like_v))
     answer = data + answer + np.einsum("bri,br->bi", p.bound, np.abs(like_lam))
@@ -189,11 +190,11 @@ def _energy(p: Problem, v1: Array, like: Array) -> tuple[Array, Array]:
     alone = (p.free > 0.0).all(1) & truth.damped if p.method.hard and not p.method.end_gap else none > 0.0
     gain = np.where(alone, kinetic(truth.motion.mass, v1) - kinetic(truth.motion.mass, undamped), 0.0)
     size = kinetic(np.abs(truth.motion.mass), np.abs(undamped) + np.abs(truth.v)) + TINY
-    strict = lenient = gain / (20.0 * TOLERANCE[p.dtype]) / size
+    strict = lenient = gain / (20.0 * TOLERANCE[p.dtype] * p.loss) / size
     if p.method.hard and not p.method.end_gap:
         legal = (p.rate >= 0.0).all(1)
         gain = np.where(legal, kinetic(h_mass, v1) - kinetic(h_mass, p.drive.free), 0.0)
-        gain = gain / (20.0 * TOLERANCE[p.dtype])
+        gain = gain / (20.0 * TOLERANCE[p.dtype] * p.loss)
         size = kinetic(np.abs(h_mass), free + np.abs(truth.v)) + TINY
         strict = np.maximum(strict, gain / size)
         lenient = np.maximum(lenient, gain / (size + kinetic(np.abs(h_mass), np.abs(like))))

@@ -69,28 +69,33 @@ def judged(worlds: Worlds, sim: Any, push: Array | None = None, truth: Truth | N
         return Verdicts(problem, Outcome.of(done), pose), done
 
 
-def predicted(scene: Scene, worlds: Worlds, options: Options) -> tuple[Array, Array]:
+def predicted(scene: Scene, worlds: Worlds, options: Options, dtype: str) -> tuple[Array, Array]:
     """N^-1 J' lambda (B, nv) that the trapezoidal method predicts, and in which worlds it is known: where no
     row can act, where the hard problem is solved by least distances, and where without dampers the common
     kernels solve Euler's problem under a force that gives it the same free velocity and the oracle confirms
     it. Mass matrices that amplify what is left of an error are left out, Coulomb's friction, which may have
-    several solutions, and gaps at the end, whose predictor bends its rows.
+    several solutions, gaps at the end, whose predictor bends its rows, and what hangs on the rounding of gaps.
     """
     none = np.zeros((len(worlds.x), scene.nv))
     truth = Truth(scene, worlds)
     drive = truth.drive(none)
     method = dataclasses.replace(options, noise="row", gap="start").method
-    p = Problem(truth, drive, method, "float64")
+    p, rounded = Problem(truth, drive, method, "float64"), Problem(truth, drive, method, dtype)
+    rounded.start_from(rounded.rate - rounded.tolerance * rounded.loose * rounded.size)
     known = np.full(len(worlds.x), method.hard) & (p.free > 0.0).all(1)
     push = none.copy()
     if method.coulomb or options.gap == "end":
         return push, known & (options.gap == "start")
     if method.hard:
+        other = push.copy()
         for i in np.flatnonzero(~known).tolist():
             found = least_motion(p, i)
             if found is not None and p.condition[i] < WELL_POSED:
                 push[i], known[i] = found[0] - drive.free[i], True
-        return push, known
+                found = least_motion(rounded, i)
+                other[i] = push[i] if found is None else found[0] - drive.free[i]
+        change = np.abs(truth.drive(other).rhs - truth.drive(push).rhs)
+        return push, known & (change <= rounded.tolerance * drive.size).all(1)
     euler = dataclasses.replace(options, integrator="euler", gap="start")
     try:
         sim = slcp.Simulator(scene, euler, device="cpu", strategy="generic")

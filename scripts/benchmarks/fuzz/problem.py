@@ -24,16 +24,23 @@ LOGISTIC = np.sqrt(3.0) / np.pi  # scale of the logistic distribution of standar
 ERM_SLACK = 10.0  # of TOLERANCE: a vanishing gradient of squares has the square of a residual's condition
 MOST_LOSS = 1e-2  # relative error, whatever the mass matrix
 FLOOR = 1e-30
+TURNED = 0.3  # of a normal by rounding: two points in one place have any
+
+
+SHAKEN = 1e-7  # relative change of forces by which conditions are measured
 
 
 @dataclass(frozen=True)
 class Drive:
-    """H (B, nv, nv), right-hand side H v_free and the size of its terms (B, nv), v_free (B, nv)."""
+    """H (B, nv, nv), right-hand side H v_free and the size of its terms (B, nv), v_free (B, nv), and by how
+    much the right-hand side changes with a relative change of |H| |acceleration| (B, nv).
+    """
 
     h_mass: Array
     rhs: Array
     size: Array
     free: Array
+    doubt: Array
 
 
 class Truth:
@@ -75,8 +82,23 @@ class Truth:
         if push is not None:
             pull = np.einsum("bij,bj->bi", h_mass, push)
             reached = self.mech.trapezoid(self.q, self.v, self.worlds.u, pull / h)
-            return Drive(h_mass, np.einsum("bij,bj->bi", h_mass, reached - push), size, reached - push)
-        return Drive(h_mass, rhs, size, solved(h_mass, rhs))
+            doubt = self._doubt(h_mass, mo.force - drag + pull / h, pull / h, reached)
+            rhs = np.einsum("bij,bj->bi", h_mass, reached - push)
+            return Drive(h_mass, rhs, size, reached - push, doubt)
+        return Drive(h_mass, rhs, size, solved(h_mass, rhs), np.zeros(rhs.shape))
+
+    def _doubt(self, h_mass: Array, force: Array, push: Array, reached: Array) -> Array:
+        """What a relative error of the acceleration N^-1 f makes of N reached: the method's matrix
+        E holds that acceleration, and may be worse conditioned than N.
+        """
+        weight = np.einsum("bij,bj->bi", np.abs(h_mass), np.abs(solved(h_mass, force)))
+        worst = np.zeros(push.shape)
+        for signs in (np.ones(push.shape[1]), np.where(np.arange(push.shape[1]) % 2, -1.0, 1.0)):
+            shaken = push + SHAKEN * weight * signs
+            other = self.mech.trapezoid(self.q, self.v, self.worlds.u, shaken)
+            change = np.einsum("bij,bj->bi", h_mass, other - reached)
+            worst = np.maximum(worst, np.abs(change) / SHAKEN)
+        return worst
 
 
 def solved(matrix: Array, rhs: Array) -> Array:
@@ -129,7 +151,8 @@ class Problem:
             bounds.append(bound)
             mus.append(mu)
             sizes.append(np.zeros(len(mu)) if self._is_tangent(row) else t.size[:, row.index] / truth.h)
-            unclear.append(t.margin[:, row.index] < 40.0 * EPSILON[dtype] * t.size[:, row.index])
+            several = t.margin[:, row.index] < 40.0 * EPSILON[dtype] * t.size[:, row.index]
+            unclear.append(several | (t.bend[:, row.index] * EPSILON[dtype] > TURNED))
         self.tangent = np.array([self._is_tangent(row) for row in s.rows], bool)
         self.jac, self.bound = _stack(rows, zero), _stack(bounds, zero)
         self.rate, self.mu, self.size = (_stack(x, truth.h) for x in (rates, mus, sizes))

@@ -36,7 +36,7 @@ def run_task(task: Task, threads: int = 1) -> Tally:
                 continue
             push, known = None, np.ones(len(worlds.x), bool)
             if options.integrator == "trapezoidal":
-                push, known = predicted(scene, worlds, options)
+                push, known = predicted(scene, worlds, options, dtype)
             verdicts, done = judged(worlds, sim, push, truth)
             _count(tally, task, chunk, worlds, options, dtype, verdicts, known)
             _twins(tally, task, chunk, worlds, sim, done)
@@ -49,7 +49,8 @@ def _count(tally: Tally, task: Task, chunk: int, worlds: Worlds, options: Option
            verdicts: Verdicts, known: Array) -> None:  # fmt: skip
     """Put the verdicts into the tally; `known`: worlds whose equation of motion the oracle can write down."""
     kept: Counter[str] = Counter()
-    unknown = ("motion", "update", "contact") if options.gap == "end" else ("motion", "update")
+    unknown = ("motion", "update", "no solution", "runaway")
+    unknown += ("contact",) if options.gap == "end" else ()
     for i, kind in enumerate(worlds.kind):
         verdict, reason = verdicts.verdict[i], verdicts.reason[i]
         if not known[i] and verdict == SILENT and any(part in reason for part in unknown):
