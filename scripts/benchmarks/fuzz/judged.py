@@ -74,7 +74,7 @@ def predicted(scene: Scene, worlds: Worlds, options: Options, dtype: str) -> tup
     row can act, where the hard problem is solved by least distances, and where without dampers the common
     kernels solve Euler's problem under a force that gives it the same free velocity and the oracle confirms
     it. Mass matrices that amplify what is left of an error are left out, Coulomb's friction, which may have
-    several solutions, gaps at the end, whose predictor bends its rows, and what hangs on the rounding of gaps.
+    several solutions, gaps at the end, whose predictor bends its rows, and what hangs on a rounding of gaps.
     """
     none = np.zeros((len(worlds.x), scene.nv))
     truth = Truth(scene, worlds)
