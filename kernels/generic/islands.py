@@ -2,7 +2,7 @@
 
 Rows that all but exclude each other can be answered by opposed impulses of any size, so an error relative to
 the impulses proves nothing, and neither does one relative to what happens elsewhere in the world. Here every
-place is judged by the momenta of its own island, the places that acting rows and M couple to it.
+place is judged by the momenta of its own island, the places that rows which press and M couple to it.
 """
 
 from types import SimpleNamespace
@@ -17,6 +17,7 @@ from .work import WORK, Work
 ROW = 10.0  # what is good enough of a row relative to its own terms, in units of ACCEPTED
 EARNED = {wp.float64: 2e-10, wp.float32: 1e-8}  # and where the data alone do not suggest its impulses
 ROUNDED = 1e-12  # and relative to the largest of all rows
+PRESSING = 1e-3  # of what a row presses alone: less couples nothing
 SHARED = 10.0  # by which a row may push harder than all momentum of its island
 
 
@@ -28,7 +29,7 @@ def make_islands(given: type) -> SimpleNamespace:
     ZERO = dtype(0.0)
     LOST, ROUND, ENOUGH = nt.LOST, dtype(GIVEN[given]), dtype(SUMMED[given])
     OPEN, EXACT, LEAST = dtype(ROW * ACCEPTED[given]), dtype(EARNED[given]), dtype(ROUNDED)
-    TINY, MOST = dtype(1e-30), dtype(SHARED)
+    TINY, MOST, PRESSES = dtype(1e-30), dtype(SHARED), dtype(PRESSING)
 
     @wp.func
     def bounds(t: Topology, k: Work, b: int, n: int, size: dtype, largest: dtype):
@@ -117,7 +118,7 @@ def make_islands(given: type) -> SimpleNamespace:
 
     @wp.func
     def find_islands(t: Topology, k: Work, b: int, n: int):
-        """k.island: the first place that M and the acting rows couple a place to."""
+        """k.island: the first place that M and the rows that press couple a place to."""
         for i in range(t.nv):
             k.island[i, b] = i
         changed = int(1)
@@ -134,9 +135,10 @@ def make_islands(given: type) -> SimpleNamespace:
             for r in range(n):
                 i = k.active[r, b]
                 name = int(t.nv)
-                for at in range(t.row_start[i], t.row_start[i + 1]):
+                end = wp.where(k.lam[i, b] > PRESSES * k.alone[i, b], t.row_start[i + 1], t.row_start[i])
+                for at in range(t.row_start[i], end):
                     name = wp.min(name, k.island[t.row_place[at], b])
-                for at in range(t.row_start[i], t.row_start[i + 1]):
+                for at in range(t.row_start[i], end):
                     if k.island[t.row_place[at], b] != name:
                         changed = 1
                     k.island[t.row_place[at], b] = name

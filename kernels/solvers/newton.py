@@ -19,8 +19,8 @@ from ..status import NONFINITE, NOT_CONVERGED, SOLVED
 from .elimination import PROXIMAL
 
 ITERATIONS = {False: 20, True: 8}  # of Newton's method for the smoothed and the hard problem
-# rounding of impulses against each other that v' may hide, relative to the problem's size, as the data set
-# it: in float64 impulses may be 1e7 times what the data ask of a row (a tonne on a gram), not more
+# rounding of impulses against each other that v' may hide, relative to a row's terms, as the data set
+# them: in float64 impulses may be 1e7 times what the data ask of a row (a tonne on a gram), not more
 CANCELLED = {wp.float64: 1e-9, wp.float32: 4e-6}
 RESOLUTION = {wp.float64: 2e-14, wp.float32: 1e-6}  # rounding of r, relative to the problem's size
 
@@ -48,6 +48,7 @@ def make_newton(spec: Specialisation) -> SimpleNamespace:
     ROUNDING = dtype(1e-15)  # of the impulses' own velocities, which cancel between heavy and light bodies
     WQ, bounded = wp.types.vector(s.nv, wp.float64), dtype is wp.float64
     ROUND, HIDDEN = wp.float64(1e-16 if bounded else 1.0), dtype(CANCELLED[dtype])
+    MOST = dtype(1.0 if dtype is wp.float64 else 2.5)  # of a row's size, relative to the problem's
     DECREASE = dtype(1e-4)
     SHORTEST = dtype(0.05)
     TAU = dtype(PROXIMAL[dtype])
@@ -159,7 +160,7 @@ def make_newton(spec: Specialisation) -> SimpleNamespace:
     @wp.func
     def hidden(params: wp.array2d(dtype=dtype), row: int, p: Problem, at: Point):
         # what the rounding of impulses against each other left in J v', where r, of the same v', does not see
-        # it: the error itself in float32, in float64 a bound of it; relative to a row's own terms and what
+        # it: the error itself in float32, in float64 a bound of it; relative to a row's own terms and to what
         # the rows that press, each by itself, do to it
         f = WQ()
         alone = VQ()
@@ -193,8 +194,10 @@ def make_newton(spec: Specialisation) -> SimpleNamespace:
                 for k in range(wp.static(s.nv)):
                     moved += wp.static(weigh)(j[k]) * v[k]
                     size += wp.abs(j[k]) * reach[k]
-                if not (dtype(wp.abs(moved) * ROUND) <= worst * size):
-                    worst = dtype(wp.abs(moved) * ROUND) / size
+                error = dtype(wp.abs(moved) * ROUND)
+                size = wp.min(size, MOST * p.size)
+                if not (error <= worst * size):
+                    worst = error / size
         return worst
 
     @wp.func

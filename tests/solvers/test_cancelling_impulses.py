@@ -38,3 +38,23 @@ def test_what_is_solved_holds_on_the_scale_of_the_data(name, scaling, n, dtype):
     if name == "hard":
         miss = np.abs(np.minimum(np.einsum("bii->bi", a) * sol.impulse, w)).max(1)
         assert (miss / size)[solved].max() < HELD[dtype]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("name,scaling", [("hard", "inertia"), ("rem-logistic", "none")])
+def test_opposed_rows_beside_something_fast_are_judged_by_their_own_data(name, scaling, dtype):
+    """Rounding of J v' that was nothing beside another body's 1e5 m/s was all of what a slow one did."""
+    rng, count = np.random.default_rng(1), 20000
+    slow, b = nearly_opposed(rng, count, 2, 2, dtype)
+    a = np.zeros((count, 4, 4), dtype)
+    a[:, :2, :2] = slow
+    a[:, 2, 2] = a[:, 3, 3] = 1.0
+    b = np.concatenate([b, np.full((count, 2), -1e5, dtype)], 1)
+    sol = slcp.solve_complementarity(a, b, SIGMA, name, scaling, device="cpu")
+    solved = sol.status == slcp.Status.SOLVED
+    assert 0.1 < solved.mean() < 0.8
+    wide = np.longdouble
+    w = np.einsum("bij,bj->bi", a.astype(wide), sol.impulse.astype(wide)) + b
+    size = np.abs(b[:, :2]).max(1) + SIGMA
+    assert (np.abs(w - sol.w)[:, :2].max(1) / size)[solved].max() < HELD[dtype]
