@@ -17,6 +17,7 @@ from .work import WORK, Work
 ROW = 10.0  # what is good enough of a row relative to its own terms, in units of ACCEPTED
 EARNED = {wp.float64: 2e-10, wp.float32: 1e-8}  # and where the data alone do not suggest its impulses
 ROUNDED = 1e-12  # and relative to the largest of all rows
+EXCHANGED = {wp.float64: 1e-13, wp.float32: 1e-8}  # what may be missing of M dv relative to impulses alone
 PRESSING = 1e-3  # of what a row presses alone: less couples nothing
 SHARED = 10.0  # by which a row may push harder than all momentum of its island
 
@@ -29,6 +30,7 @@ def make_islands(given: type) -> SimpleNamespace:
     ZERO = dtype(0.0)
     LOST, ROUND, ENOUGH = nt.LOST, dtype(GIVEN[given]), dtype(SUMMED[given])
     OPEN, EXACT, LEAST = dtype(ROW * ACCEPTED[given]), dtype(EARNED[given]), dtype(ROUNDED)
+    CLOSE = dtype(EXCHANGED[given])
     TINY, MOST, PRESSES = dtype(1e-30), dtype(SHARED), dtype(PRESSING)
 
     @wp.func
@@ -169,11 +171,15 @@ def make_islands(given: type) -> SimpleNamespace:
 
     @wp.func
     def is_earned(t: Topology, k: Work, b: int, n: int, size: dtype):
-        """1 if every row is open on its own scale, nearly to the precision of the work, and none presses much
-        harder than all momentum of its island.
+        """1 if every row is open on its own scale, nearly to the precision of the work, as M dv = J' lambda is
+        after `adds_up`, and none presses much harder than all momentum of its island.
         """
-        island_momentum(t, k, b, n)
         good = int(1)
+        for i in range(t.nv):
+            miss = wp.abs(k.balance[i, b]) - k.lost[i, b] - CLOSE * k.move[i, b]
+            if not (miss <= ENOUGH * k.momentum[i, b]):
+                good = 0
+        island_momentum(t, k, b, n)
         for r in range(n):
             i = k.active[r, b]
             if not is_open(k, i, k.rate[i, b] + nt.dot(t, k, k.v, i, b), size, b, EXACT):
