@@ -171,8 +171,8 @@ def make_islands(given: type) -> SimpleNamespace:
 
     @wp.func
     def is_earned(t: Topology, k: Work, b: int, n: int, size: dtype):
-        """1 if every row is open on its own scale, nearly to the precision of the work, M dv = J' lambda holds
-        as well, after `adds_up`, and none presses much harder than all momentum of its island.
+        """1 if every row is open on its own scale, nearly to the precision of the work, M dv = J' lambda
+        holds as well (of `adds_up`), and none presses much harder than all momentum of its island.
         """
         good = int(1)
         for i in range(t.nv):

@@ -191,6 +191,18 @@ def make_lemke(spec: Specialisation, dense_type: Any) -> wp.Function:
         return lam
 
     @wp.func
+    def ray(l: Lifted, table: TABLE, basic: INDEX, variable: int, entering: int):
+        """Weights of the dense problem's rows, by which the impulses grow along a ray without friction."""
+        y = BR()
+        if variable < l.size:
+            y[l.row[variable]] = ONE / l.root[l.row[variable]]
+        for i in range(l.size):
+            if basic[i] < l.size:
+                a = l.row[basic[i]]
+                y[a] = wp.max(table[i, entering], ZERO) / l.root[a]
+        return y
+
+    @wp.func
     def lemke(p: Problem, dense: dense_type, friction: int):
         l = lift(p, dense, friction)
         n = l.size
@@ -245,14 +257,7 @@ def make_lemke(spec: Specialisation, dense_type: Any) -> wp.Function:
                 if leaving == wp.static(NONE):
                     status = wp.static(RAY)
         if status == wp.static(RAY) and friction == 0:
-            y = BR()
-            if nonbasic[entering] < n:
-                a = l.row[nonbasic[entering]]
-                y[a] = ONE / l.root[a]
-            for i in range(n):
-                if basic[i] < n:
-                    a = l.row[basic[i]]
-                    y[a] = wp.max(table[i, entering], ZERO) / l.root[a]
+            y = ray(l, table, basic, nonbasic[entering], entering)
             if not proves_shut(p, dense, y):
                 status = wp.static(LIMIT)
         return impulses(l, table, basic, largest), status
