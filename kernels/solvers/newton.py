@@ -158,7 +158,7 @@ def make_newton(spec: Specialisation) -> SimpleNamespace:
         return out
 
     @wp.func
-    def hidden(params: wp.array2d(dtype=dtype), row: int, p: Problem, at: Point):
+    def hidden(world: t.World, p: Problem, at: Point):
         # what the rounding of impulses against each other left in J v', where r, of the same v', does not see
         # it: the error itself in float32, in float64 a bound of it; relative to a row's own terms and to what
         # the rows that press, each by itself, do to it
@@ -169,7 +169,7 @@ def make_newton(spec: Specialisation) -> SimpleNamespace:
                 j = wp.static(r.adds[i])(VQ(), p.jac, ONE)
                 most = wp.max(-p.w0[i], ZERO)
                 if wp.static(not method.hard):
-                    most += wp.static(noise.level[i])(params, row, p.sigma)
+                    most += wp.static(noise.level[i])(world, p.sigma)
                 most = wp.min(most * p.inverse_diag[i], at.lam[i])
                 for k in range(wp.static(s.nv)):
                     f[k] = f[k] + wp.static(weigh)(j[k] * at.lam[i])
@@ -190,7 +190,7 @@ def make_newton(spec: Specialisation) -> SimpleNamespace:
                 moved = wp.float64(0.0)
                 size = wp.abs(p.rate[i]) + wp.abs(p.w0[i])
                 if wp.static(not method.hard):
-                    size += wp.static(noise.level[i])(params, row, p.sigma)
+                    size += wp.static(noise.level[i])(world, p.sigma)
                 for k in range(wp.static(s.nv)):
                     moved += wp.static(weigh)(j[k]) * v[k]
                     size += wp.abs(j[k]) * reach[k]
@@ -251,7 +251,7 @@ def make_newton(spec: Specialisation) -> SimpleNamespace:
                     break
                 z = best
                 last = 1
-        if status == wp.static(SOLVED) and not (hidden(params, row, p, at) <= HIDDEN):
+        if status == wp.static(SOLVED) and not (hidden(world, p, at) <= HIDDEN):
             status = wp.static(NOT_CONVERGED)
         return at, z, status, it
 
