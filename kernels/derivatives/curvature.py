@@ -63,11 +63,11 @@ def make_curvature(spec: Specialisation) -> wp.Function:
             m = VQ()
             for j in range(wp.static(NV)):
                 m[j] = lin.rows.m[i, j]
-            dm = wp.static(step.mass.by_q)(world, lin.fr, lin.jb, m)
+            dm = wp.static(step.mass.by_q)(world, lin.pose, m)
             y = wp.static(d.force_by_q)(g, dtype(1.0), mu) - dm  # (j, k): d/dq_k of J_i' - M m
             out = TWO * (wp.transpose(y) * (sol.minv * y))
             out += TWO * wp.static(d.hessian)(g, m, dtype(1.0), mu)
-            out -= wp.static(step.mass.hessian)(world, lin.fr, lin.jb, m, m)
+            out -= wp.static(step.mass.hessian)(world, lin.pose, m, m)
             return out
 
         @wp.func
@@ -152,9 +152,9 @@ def make_curvature(spec: Specialisation) -> wp.Function:
                     m = VQ()
                     for j in range(wp.static(NV)):
                         m[j] = lin.rows.m[i, j]
-                    dm = wp.static(step.mass.by_q)(world, lin.fr, lin.jb, m)
+                    dm = wp.static(step.mass.by_q)(world, lin.pose, m)
                     second = TWO * (wp.transpose(dm) * (sol.minv * dm))
-                    second -= wp.static(step.mass.hessian)(world, lin.fr, lin.jb, m, m)
+                    second -= wp.static(step.mass.hessian)(world, lin.pose, m, m)
                     out = add_scaling(sol, lin, i, wp.static(rows.dots[i])(sol.jac, p), VQ(), second, out)
         return out
 
@@ -163,11 +163,11 @@ def make_curvature(spec: Specialisation) -> wp.Function:
         # P.(M (v' - v) - h r)
         out = hess
         h = world.params[wp.static(H)]
-        qq = wp.static(motion.hessian_qq)(world, lin.fr, lin.jb, p, lin.w, v, h)
-        qv = wp.static(motion.hessian_qv)(world, lin.fr, lin.jb, p, v, h)
-        vv = wp.static(motion.hessian_vv)(world, lin.jb, p, h)
+        qq = wp.static(motion.hessian_qq)(world, lin.pose, p, lin.w, v, h)
+        qv = wp.static(motion.hessian_qv)(world, lin.pose, p, v, h)
+        vv = wp.static(motion.hessian_vv)(world, lin.pose.jacobians, p, h)
         # mass_p (m, k): d(M P)_m/dq_k
-        mass_p = wp.static(step.mass.by_q)(world, lin.fr, lin.jb, p)
+        mass_p = wp.static(step.mass.by_q)(world, lin.pose, p)
         for a in range(wp.static(NV)):
             for b in range(wp.static(NV)):
                 out[a, b] = out[a, b] + qq[a, b]

@@ -30,8 +30,7 @@ def make_linear(spec: Specialisation) -> SimpleNamespace:
 
     @wp.struct
     class Linear:
-        fr: t.FRAMES
-        jb: t.JB
+        pose: t.Pose  # at the start of the step
         w: t.VQ  # v' - v
         factor: response.Factor
         rows: Rows

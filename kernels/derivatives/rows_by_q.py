@@ -37,7 +37,7 @@ def make_rows_by_q(spec: Specialisation) -> SimpleNamespace:
     pair_mask = tuple(sum(1 << i for i in pair_rows[k]) for k in range(NP))
 
     @wp.func
-    def scaling(world: t.World, fr: t.FRAMES, jb: t.JB, sol: step.Solution, start: Rows):
+    def scaling(world: t.World, pose: t.Pose, sol: step.Solution, start: Rows):
         # dD/dq of every row, from 2 dJ.m of the contact rows
         out = start
         for i in range(wp.static(NR)):
@@ -45,7 +45,7 @@ def make_rows_by_q(spec: Specialisation) -> SimpleNamespace:
                 m = VQ()
                 for j in range(wp.static(NV)):
                     m[j] = out.m[i, j]
-                by_q = wp.static(step.mass.by_q)(world, fr, jb, m)
+                by_q = wp.static(step.mass.by_q)(world, pose, m)
                 for k in range(wp.static(NV)):
                     value = out.scale_by_q[i, k]
                     for j in range(wp.static(NV)):
@@ -80,7 +80,7 @@ def make_rows_by_q(spec: Specialisation) -> SimpleNamespace:
         for k in range(wp.static(NP)):
             if (sol.mask & wp.static(pair_mask[k])) != 0:
                 n = V2(sol.normal[wp.static(2 * k)], sol.normal[wp.static(2 * k + 1)])
-                g = wp.static(pairs[k].geometry)(world, lin.fr, n)
+                g = wp.static(pairs[k].geometry)(world, lin.pose.frames, n)
                 f1q, f2q, gap_row = wp.static(pair_terms[k].rows)(world, sol, g, out.gap_row, f1q, f2q)
                 out.gap_row = gap_row
                 if wp.static(response.scaled):
@@ -88,7 +88,7 @@ def make_rows_by_q(spec: Specialisation) -> SimpleNamespace:
                 if wp.static(method.state_noise):
                     f1q, f2q = wp.static(pair_terms[k].noise)(world, sol, g, lin.factor, f1q, f2q)
         if wp.static(response.scaled):
-            out = scaling(world, lin.fr, lin.jb, sol, out)
+            out = scaling(world, lin.pose, sol, out)
             if wp.static(response.roots):
                 f1q = scaled_force(sol, out.scale_by_q, f1q)
         return f1q, f2q, out
@@ -106,7 +106,7 @@ def make_rows_by_q(spec: Specialisation) -> SimpleNamespace:
         for k in range(wp.static(NP)):
             if (sol.mask & wp.static(pair_mask[k])) != 0:
                 n = V2(sol.normal[wp.static(2 * k)], sol.normal[wp.static(2 * k + 1)])
-                g = wp.static(pairs[k].geometry)(world, lin.fr, n)
+                g = wp.static(pairs[k].geometry)(world, lin.pose.frames, n)
                 force, motion, _gap = wp.static(pair_terms[k].rows)(
                     world, twin, g, lin.rows.gap_row, force, motion
                 )
@@ -114,7 +114,7 @@ def make_rows_by_q(spec: Specialisation) -> SimpleNamespace:
                     if wp.static(i in pair_rows[k]):
                         for j in range(wp.static(NV)):
                             motion[i, j] = motion[i, j] - lin.rows.gap_row[i, j] / world.params[wp.static(H)]
-        force += wp.static(step.mass.by_q)(world, lin.fr, lin.jb, fac.p)
+        force += wp.static(step.mass.by_q)(world, lin.pose, fac.p)
         return -force, motion
 
     return SimpleNamespace(by_q=by_q, second_form=second_form, pairs=pairs, pair_mask=pair_mask)

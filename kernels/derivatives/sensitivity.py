@@ -34,12 +34,11 @@ def make_linearization(spec: Specialisation) -> SimpleNamespace:
     def linearize(world: t.World, x: t.VX, sol: step.Solution):
         q, v = step.split(x)
         lin = Linear()
-        lin.fr = wp.static(mech.frames)(world, q)
-        lin.jb = wp.static(mech.com_jacobians)(world, lin.fr)
+        lin.pose = wp.static(mech.pose)(world, q)
         lin.w = sol.v - v
         if wp.static(method.trapezoidal):
             return trapezoidal(world, q, v, sol, lin)
-        source = wp.static(step.free.source)(world, lin.fr, lin.jb, lin.w, v)
+        source = wp.static(step.free.source)(world, lin.pose, lin.w, v)
         lin = respond(world, sol, lin, source)
         return lin, lin.dv
 

@@ -27,7 +27,7 @@ def make_trapezoidal_expansion(spec: Specialisation) -> wp.Function:
     @wp.func
     def expand(world: t.World, q: t.VQ, v: t.VQ, sol: step.Solution, start: linear.Linear):
         h = world.params[wp.static(H)]
-        first, moving = step.parts(world, start.fr, q, v, sol)
+        first, moving = step.parts(world, start.pose, v, sol)
         now = first
         reached = sol.unpushed
         acceleration = sol.acceleration - sol.push / h
@@ -40,7 +40,7 @@ def make_trapezoidal_expansion(spec: Specialisation) -> wp.Function:
         while part < 3:
             if part < 2:
                 free = wp.static(step.free.by_state)(
-                    world, start.fr, start.jb, sol.minv, v, reached, acceleration, dforce
+                    world, start.pose, sol.minv, v, reached, acceleration, dforce
                 )
                 free = free - dpush
             given = free
@@ -48,11 +48,11 @@ def make_trapezoidal_expansion(spec: Specialisation) -> wp.Function:
                 given = HALF * free
                 for j in range(wp.static(s.nv)):
                     given[j, wp.static(s.nv + j)] = given[j, wp.static(s.nv + j)] + HALF
-            source = wp.static(step.free.held)(world, start.fr, start.jb, now.v - now.vfree, given)
+            source = wp.static(step.free.held)(world, start.pose, now.v - now.vfree, given)
             lin = respond(world, now, start, source)
             if part == 0:
                 dpush = lin.dv - free
-                dforce = wp.static(step.free.held)(world, start.fr, start.jb, -sol.push, dpush) / h
+                dforce = wp.static(step.free.held)(world, start.pose, -sol.push, dpush) / h
                 reached = sol.vfree + sol.push
                 acceleration = sol.acceleration
                 now = moving

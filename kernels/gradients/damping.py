@@ -20,7 +20,7 @@ from .motion import make_motion_gradient
 
 @cached
 def make_damped_gradient(spec: Specialisation) -> SimpleNamespace:
-    """moving(world, fr, jb, q, u, Motion, normals, grad): adds the scalar's derivative by every column, by h
+    """moving(world, pose, u, Motion, normals, grad): adds the scalar's derivative by every column, by h
     only that of N. stiffness(..): of P.(M w - h r) with y for dampers.
     """
     s, dtype, method = spec
@@ -34,14 +34,12 @@ def make_damped_gradient(spec: Specialisation) -> SimpleNamespace:
     ZERO, ONE, HALF, TWO = dtype(0.0), dtype(1.0), dtype(0.5), dtype(2.0)
 
     @wp.func
-    def stiffness(
-        world: t.World, fr: t.FRAMES, jb: t.JB, q: VQ, u: t.VU, m: Motion, y: VQ, grad: wp.array(dtype=dtype)
-    ):
-        part.moving(world, fr, jb, q, u, m, y, JR(), grad)
+    def stiffness(world: t.World, pose: t.Pose, u: t.VU, m: Motion, y: VQ, grad: wp.array(dtype=dtype)):
+        part.moving(world, pose, u, m, y, JR(), grad)
 
     @wp.func
     def resist(
-        world: t.World, fr: t.FRAMES, q: VQ, c: MQ, h: dtype, kappa: VR, rows: JR, grad: wp.array(dtype=dtype)
+        world: t.World, pose: t.Pose, c: MQ, h: dtype, kappa: VR, rows: JR, grad: wp.array(dtype=dtype)
     ):
         # - h sum_i kappa_i m_i' C m_i, by h as well
         i = int(0)
@@ -50,7 +48,7 @@ def make_damped_gradient(spec: Specialisation) -> SimpleNamespace:
                 m = VQ()
                 for j in range(wp.static(s.nv)):
                     m[j] = rows[i, j]
-                dampers(world, fr, q, -kappa[i] * m, h * m, ZERO, grad)
+                dampers(world, pose, -kappa[i] * m, h * m, ZERO, grad)
                 slope = h / world.params[wp.static(H)] * kappa[i] * wp.dot(m, c * m)
                 grad[wp.static(H)] = grad[wp.static(H)] - slope
             i += 1
@@ -58,31 +56,29 @@ def make_damped_gradient(spec: Specialisation) -> SimpleNamespace:
     @wp.func
     def moving(
         world: t.World,
-        fr: t.FRAMES,
-        jb: t.JB,
-        q: VQ,
+        pose: t.Pose,
         u: t.VU,
         m: Motion,
         normals: JR,
         grad: wp.array(dtype=dtype),
     ):
         if wp.static(not mass.implicit):
-            part.moving(world, fr, jb, q, u, m, VQ(), normals, grad)
+            part.moving(world, pose, u, m, VQ(), normals, grad)
         else:
             h = world.params[wp.static(H)]
-            c = wp.static(mass.drag)(world, fr, ONE, MQ())
+            c = wp.static(mass.drag)(world, pose.frames, ONE, MQ())
             share = ONE  # of h that N has C with
             spread = MQ()
             if wp.static(mass.trapezoidal):
                 share = HALF
-                spread = wp.static(mass.spread)(world, fr, jb)
+                spread = wp.static(mass.spread)(world, pose)
             form = m
             rows = normals
             y = share * (m.w + spread * m.w)
             term = int(0)
             while term < wp.static(2 if mass.trapezoidal else 1):
                 seen = form.h * form.v + h * y
-                part.moving(world, fr, jb, q, u, form, seen, rows, grad)
+                part.moving(world, pose, u, form, seen, rows, grad)
                 grad[wp.static(H)] = grad[wp.static(H)] + wp.dot(form.p, c * y)
                 if wp.static(part.linear.response.scaled and NR > 0):
                     seen_rows = rows
@@ -92,7 +88,7 @@ def make_damped_gradient(spec: Specialisation) -> SimpleNamespace:
                             seen_rows = rows + rows * wp.transpose(spread)
                         else:
                             weight = TWO * weight
-                    resist(world, fr, q, c, weight, form.kappa, seen_rows, grad)
+                    resist(world, pose, c, weight, form.kappa, seen_rows, grad)
                 if wp.static(mass.trapezoidal):
                     form.p = spread * m.p
                     form.w = -(spread * m.w)

@@ -77,9 +77,11 @@ def make_motion_gradient(spec: Specialisation) -> SimpleNamespace:
         point = mech.point_jacobian(joint)
 
         @wp.func
-        def rotation(world: t.World, fr: t.FRAMES, jb: t.JB, m: Motion, rows: JR):
-            mass, jac, weights, acc, along = wp.static(moves[body])(world, jb, m)
-            origin = wp.static(point)(world, fr, fr[wp.static(joint), 2], fr[wp.static(joint), 3])
+        def rotation(world: t.World, pose: t.Pose, m: Motion, rows: JR):
+            mass, jac, weights, acc, along = wp.static(moves[body])(world, pose.jacobians, m)
+            origin = wp.static(point)(
+                world, pose.frames, pose.frames[wp.static(joint), 2], pose.frames[wp.static(joint), 3]
+            )
             turned = perp(along - origin * m.p)
             change = perp(jac * m.w - origin * m.w) - m.h * (jac * weights - origin * weights)
             out = mass * (wp.dot(turned, acc) + wp.dot(along, change))
@@ -142,9 +144,7 @@ def make_motion_gradient(spec: Specialisation) -> SimpleNamespace:
         @wp.func
         def joint(
             world: t.World,
-            fr: t.FRAMES,
-            jb: t.JB,
-            q: VQ,
+            pose: t.Pose,
             motion: Motion,
             normals: JR,
             grad: wp.array(dtype=dtype),
@@ -153,29 +153,29 @@ def make_motion_gradient(spec: Specialisation) -> SimpleNamespace:
             turned = ZERO
             direction = V2()
             for k in range(wp.static(len(moved))):
-                place += wp.static(shifts[k])(world, jb, motion, normals)
-                turned += wp.static(rotations[k])(world, fr, jb, motion, normals)
+                place += wp.static(shifts[k])(world, pose.jacobians, motion, normals)
+                turned += wp.static(rotations[k])(world, pose, motion, normals)
                 if wp.static(sliding):
-                    direction += wp.static(slides[k])(world, jb, motion, normals)
-            place = frame_axes(fr, place, wp.static(parent))
+                    direction += wp.static(slides[k])(world, pose.jacobians, motion, normals)
+            place = frame_axes(pose.frames, place, wp.static(parent))
             add2(grad, wp.static(col["anchor"] + 2 * j), place)
             add(grad, wp.static(col["angle"] + j), turned)
             if wp.static(sliding):
-                direction = frame_axes(fr, direction, wp.static(parent))
-                add2(grad, wp.static(col["axis"] + 2 * j), direction + q[wp.static(dof)] * place)
+                direction = frame_axes(pose.frames, direction, wp.static(parent))
+                add2(grad, wp.static(col["axis"] + 2 * j), direction + pose.q[wp.static(dof)] * place)
 
         return joint
 
     joints = tuple(make_joint(j) for j in range(NB))
 
     @wp.func
-    def dampers(world: t.World, fr: t.FRAMES, q: VQ, p: VQ, y: VQ, share: dtype, grad: wp.array(dtype=dtype)):
+    def dampers(world: t.World, pose: t.Pose, p: VQ, y: VQ, share: dtype, grad: wp.array(dtype=dtype)):
         """Adds the derivative of P.C y, and of a share of what springs between points pull along P."""
         if wp.static(s.implicit_damping):
             for j in range(wp.static(s.nv)):
                 add(grad, wp.static(col["damping"] + j), p[j] * y[j])
         for i in range(wp.static(len(springs))):
-            wp.static(springs[i])(world, fr, q, y, p, share, grad)
+            wp.static(springs[i])(world, pose, y, p, share, grad)
 
     inertia_of = tuple(make_inertia(b) for b in range(NB))
     own_shifts = tuple(make_shift(b, b) for b in range(NB))
@@ -183,9 +183,7 @@ def make_motion_gradient(spec: Specialisation) -> SimpleNamespace:
     @wp.func
     def moving(
         world: t.World,
-        fr: t.FRAMES,
-        jb: t.JB,
-        q: VQ,
+        pose: t.Pose,
         u: t.VU,
         m: Motion,
         y: VQ,
@@ -195,23 +193,23 @@ def make_motion_gradient(spec: Specialisation) -> SimpleNamespace:
         """Adds the derivative of the scalar by every column but h."""
         pulled = V2()
         for b in range(wp.static(NB)):
-            pulled += wp.static(inertia_of[b])(world, jb, m, normals, grad)
-            own = wp.static(own_shifts[b])(world, jb, m, normals)
-            add2(grad, wp.static(col["com"] + 2 * b), frame_axes(fr, own, b))
-            wp.static(joints[b])(world, fr, jb, q, m, normals, grad)
+            pulled += wp.static(inertia_of[b])(world, pose.jacobians, m, normals, grad)
+            own = wp.static(own_shifts[b])(world, pose.jacobians, m, normals)
+            add2(grad, wp.static(col["com"] + 2 * b), frame_axes(pose.frames, own, b))
+            wp.static(joints[b])(world, pose, m, normals, grad)
         add2(grad, wp.static(col["gravity"]), -m.h * pulled)
         for j in range(wp.static(s.nv)):
             if wp.static(not s.implicit_damping):
                 add(grad, wp.static(col["damping"] + j), m.h * m.p[j] * m.v[j])
             if wp.static(j in s.sprung):
-                stretch = q[j] - world.params[wp.static(col["rest"] + j)]
+                stretch = pose.q[j] - world.params[wp.static(col["rest"] + j)]
                 add(grad, wp.static(col["stiffness"] + j), m.h * m.p[j] * stretch)
                 pull = m.h * m.p[j] * world.params[wp.static(col["stiffness"] + j)]
                 add(grad, wp.static(col["rest"] + j), -pull)
         if wp.static(s.implicit_damping):
-            dampers(world, fr, q, m.p, y, m.h, grad)
+            dampers(world, pose, m.p, y, m.h, grad)
         elif wp.static(len(springs) > 0):
-            dampers(world, fr, q, m.p, m.h * m.v, m.h, grad)
+            dampers(world, pose, m.p, m.h * m.v, m.h, grad)
         for i in range(wp.static(s.nu)):
             add(grad, wp.static(col["gear"] + i), -m.h * m.p[wp.static(s.actuators[i])] * u[i])
 

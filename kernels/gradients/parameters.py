@@ -62,20 +62,20 @@ def make_parameter_gradient(spec: Specialisation) -> wp.Function:
         motion.w = lin.w
         motion.h = h
         motion.kappa = dual.kappa
-        force = wp.static(step.mass.matrix)(world, lin.fr, lin.jb) * lin.w / h  # r + u
+        force = wp.static(step.mass.matrix)(world, lin.pose) * lin.w / h  # r + u
         for i in range(wp.static(s.nr)):
             if (sol.mask & wp.static(1 << i)) != 0:
                 force = wp.static(rows.adds[i])(force, sol.jac, -sol.lam[i] / h)
         grad[wp.static(H)] = grad[wp.static(H)] - wp.dot(dual.p, force)
         term = int(0)
         while term < wp.static(PARTS):
-            part.moving(world, lin.fr, lin.jb, q, u, motion, lin.rows.m, grad)
+            part.moving(world, lin.pose, u, motion, lin.rows.m, grad)
             if wp.static(PARTS > 1):
                 motion.p = dual.left
                 motion.w = dual.right
                 motion.h = ZERO
                 motion.kappa = VR()
             term += 1
-        wp.static(constraints)(world, lin.fr, q, sol, lin, dual, h, grad)
+        wp.static(constraints)(world, lin.pose, sol, lin, dual, h, grad)
 
     return gradient

@@ -90,8 +90,7 @@ def make_places(s: Structure, dtype: type) -> SimpleNamespace:
         @wp.func
         def chain(
             world: t.World,
-            fr: t.FRAMES,
-            q: VQ,
+            pose: t.Pose,
             place: V2,
             jac: t.J2,
             shift: V2,
@@ -105,19 +104,20 @@ def make_places(s: Structure, dtype: type) -> SimpleNamespace:
             for i in range(wp.static(len(above))):
                 moved = shift + wp.static(parent_turns[i])(ya) * back(a)
                 moved += wp.static(parent_turns[i])(yb) * back(b)
-                moved = frame_axes(fr, moved, wp.static(parents[i]))
+                moved = frame_axes(pose.frames, moved, wp.static(parents[i]))
                 add2(grad, wp.static(ANCHOR + 2 * above[i]), moved)
                 if wp.static(sliding[i]):
                     way = ya[wp.static(dofs[i])] * a + yb[wp.static(dofs[i])] * b
-                    way = frame_axes(fr, way, wp.static(parents[i])) + q[wp.static(dofs[i])] * moved
+                    way = frame_axes(pose.frames, way, wp.static(parents[i]))
+                    way += pose.q[wp.static(dofs[i])] * moved
                     add2(grad, wp.static(AXIS + 2 * above[i]), way)
-                o = V2(fr[wp.static(above[i]), 2], fr[wp.static(above[i]), 3])
-                origin = wp.static(points[i])(world, fr, o[0], o[1])
+                o = V2(pose.frames[wp.static(above[i]), 2], pose.frames[wp.static(above[i]), 3])
+                origin = wp.static(points[i])(world, pose.frames, o[0], o[1])
                 value = turned + wp.dot(shift, perp(place - o))
                 value += wp.dot(a, perp(jac * ya - origin * ya)) + wp.dot(b, perp(jac * yb - origin * yb))
                 add(grad, wp.static(ANGLE + above[i]), value)
             own = shift + own_turn(ya) * back(a) + own_turn(yb) * back(b)
-            return frame_axes(fr, own, wp.static(body))
+            return frame_axes(pose.frames, own, wp.static(body))
 
         return chain
 

@@ -17,7 +17,7 @@ from .places import make_places
 
 @cached
 def make_row_gradient(spec: Specialisation) -> wp.Function:
-    """constraints(world, fr, q, sol, lin, dual, h, grad): adds a solved problem's."""
+    """constraints(world, pose, sol, lin, dual, h, grad): adds a solved problem's."""
     s, dtype, method = spec
     linear = make_linearization(spec)
     step, response, Dual = linear.step, linear.response, make_dual(s, dtype)
@@ -39,15 +39,14 @@ def make_row_gradient(spec: Specialisation) -> wp.Function:
         shape, end = (pair[1 if b_side else 0] for pair in (oriented_pair(s, k), oriented_ends(s, k)))
         body, turned_shape = s.shapes[shape].body, s.shapes[shape].turned
         chain = places.make_chain(body)
-        pose = step.pairs[k].pose_b if b_side else step.pairs[k].pose_a
+        shape_pose = step.pairs[k].pose_b if b_side else step.pairs[k].pose_a
         SIDE, END = dtype(1.0 if b_side else -1.0), dtype(float(end))
         ANGLE, HALF_LENGTH = col["shape_angle"] + shape, col["radius"] + 2 * shape + 1
 
         @wp.func
         def side(
             world: t.World,
-            fr: t.FRAMES,
-            q: VQ,
+            pose: t.Pose,
             g: pairs[k].PairGeometry,
             out: pairs[k].Answer,
             yn: VQ,
@@ -62,9 +61,9 @@ def make_row_gradient(spec: Specialisation) -> wp.Function:
             if wp.static(b_side):
                 turned = out.turn_b
                 jac = g.jb
-            place = wp.static(pose)(world, fr)
+            place = wp.static(shape_pose)(world, pose.frames)
             centre = V2(place[0], place[1])
-            own = chain(world, fr, q, centre, jac, shift, n, yn, tangent, yt, turned, grad)
+            own = chain(world, pose, centre, jac, shift, n, yn, tangent, yt, turned, grad)
             add2(grad, wp.static(col["shape_offset"] + 2 * shape), own)
             if wp.static(end != 0):  # the end of a capsule: its centre is at half the length along the axis
                 axis = V2(wp.static(dtype(1.0)), ZERO)
@@ -86,8 +85,7 @@ def make_row_gradient(spec: Specialisation) -> wp.Function:
         @wp.func
         def contact(
             world: t.World,
-            fr: t.FRAMES,
-            q: VQ,
+            pose: t.Pose,
             sol: step.Solution,
             lin: linear.Linear,
             dual: Dual,
@@ -95,7 +93,7 @@ def make_row_gradient(spec: Specialisation) -> wp.Function:
             grad: wp.array(dtype=dtype),
         ):
             """Columns of one pair: its shapes' places and radii, friction."""
-            g = wp.static(d.geometry)(world, fr, V2(sol.normal[2 * k], sol.normal[2 * k + 1]))
+            g = wp.static(d.geometry)(world, pose.frames, V2(sol.normal[2 * k], sol.normal[2 * k + 1]))
             yn = VQ()
             yt = VQ()
             ymu = VQ()
@@ -119,9 +117,9 @@ def make_row_gradient(spec: Specialisation) -> wp.Function:
                             yt += (wp.static(sign[i]) * world.params[wp.static(col["friction"] + k)]) * y
                             ymu += wp.static(sign[i]) * y
             out = wp.static(d.answer)(g, gap, yn, yt, ymu)
-            wp.static(d.radii)(world, fr, g, out, grad)
-            side_a(world, fr, q, g, out, yn, yt, grad)
-            side_b(world, fr, q, g, out, yn, yt, grad)
+            wp.static(d.radii)(world, pose.frames, g, out, grad)
+            side_a(world, pose, g, out, yn, yt, grad)
+            side_b(world, pose, g, out, yn, yt, grad)
             if wp.static(frictional):
                 add(grad, wp.static(col["friction"] + k), out.by_friction)
 
@@ -177,8 +175,7 @@ def make_row_gradient(spec: Specialisation) -> wp.Function:
     @wp.func
     def constraints(
         world: t.World,
-        fr: t.FRAMES,
-        q: VQ,
+        pose: t.Pose,
         sol: step.Solution,
         lin: linear.Linear,
         start: Dual,
@@ -189,6 +186,6 @@ def make_row_gradient(spec: Specialisation) -> wp.Function:
             dual = row_columns(world, sol, start, h, grad)
             for k in range(wp.static(NP)):
                 if (sol.mask & wp.static(pair_mask[k])) != 0:
-                    wp.static(contacts[k])(world, fr, q, sol, lin, dual, h, grad)
+                    wp.static(contacts[k])(world, pose, sol, lin, dual, h, grad)
 
     return constraints

@@ -14,7 +14,7 @@ from .places import make_places
 
 @cached
 def make_spring_gradient(s: Structure, index: int, dtype: type) -> wp.Function:
-    """gradient(world, fr, q, y, P, share, grad).
+    """gradient(world, pose, y, P, share, grad).
 
     It adds the columns of spring `index` and of all joints above its points.
     """
@@ -30,10 +30,8 @@ def make_spring_gradient(s: Structure, index: int, dtype: type) -> wp.Function:
     chain_a, chain_b = (places.make_chain(body) for body in s.springs[index])
 
     @wp.func
-    def gradient(
-        world: t.World, fr: t.FRAMES, q: VQ, y: VQ, p: VQ, share: dtype, grad: wp.array(dtype=dtype)
-    ):
-        e = wp.static(spring.span)(world, fr, y, share)
+    def gradient(world: t.World, pose: t.Pose, y: VQ, p: VQ, share: dtype, grad: wp.array(dtype=dtype)):
+        e = wp.static(spring.span)(world, pose.frames, y, share)
         k = share * world.params[wp.static(K)]
         rest = world.params[wp.static(L)]
         root = wp.sqrt(e.inv)
@@ -46,9 +44,9 @@ def make_spring_gradient(s: Structure, index: int, dtype: type) -> wp.Function:
         across = (work * e.g[2]) * e.delta  # by V(y)
         shift = e.g[0] * (e.jb * p - e.ja * p)
         shift += work * (TWO * e.g[1] * e.delta + e.g[2] * (e.jb * y - e.ja * y))
-        own = chain_a(world, fr, q, e.pa, e.ja, -shift, -along, p, -across, y, ZERO, grad)
+        own = chain_a(world, pose, e.pa, e.ja, -shift, -along, p, -across, y, ZERO, grad)
         add2(grad, wp.static(POINT), own)
-        own = chain_b(world, fr, q, e.pb, e.jb, shift, along, p, across, y, ZERO, grad)
+        own = chain_b(world, pose, e.pb, e.jb, shift, along, p, across, y, ZERO, grad)
         add2(grad, wp.static(POINT + 2), own)
 
     return gradient

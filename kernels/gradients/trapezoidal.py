@@ -52,9 +52,9 @@ def make_trapezoidal_gradient(spec: Specialisation) -> wp.Function:
         for j in range(wp.static(NV)):
             unit = VQ()
             unit[j] = ONE
-            moved = wp.static(motion.motion_by_q)(t.unpushed(world), start.fr, start.jb, unit, VQ(), ZERO)
+            moved = wp.static(motion.motion_by_q)(t.unpushed(world), start.pose, unit, VQ(), ZERO)
             if wp.static(step.mass.damped_springs):
-                moved = wp.static(step.mass.drag_by_q)(world, start.fr, h * unit, moved)
+                moved = wp.static(step.mass.drag_by_q)(world, start.pose.frames, h * unit, moved)
             out[j] = wp.dot(l, moved * yq)
         return out
 
@@ -73,15 +73,13 @@ def make_trapezoidal_gradient(spec: Specialisation) -> wp.Function:
         """dG/dh."""
         out = HALF * (kv * d) + world.params[wp.static(H)] * (kq * (HALF * d + v)) - force
         if wp.static(step.mass.damped_springs):
-            out += wp.static(step.mass.drag_by_q)(world, start.fr, a, MQ()) * yq
+            out += wp.static(step.mass.drag_by_q)(world, start.pose.frames, a, MQ()) * yq
         return out
 
     @wp.func
     def part(
         world: t.World,
-        fr: t.FRAMES,
-        jb: t.JB,
-        q: VQ,
+        pose: t.Pose,
         u: VU,
         form: part_of.Motion,
         later: VQ,
@@ -91,17 +89,16 @@ def make_trapezoidal_gradient(spec: Specialisation) -> wp.Function:
         """The form's gradient; K_q has dampers at the velocity `later`, K_v has none."""
         if wp.static(step.mass.implicit):
             if of_stiffness:
-                part_of.stiffness(world, fr, jb, q, u, form, later, grad)
+                part_of.stiffness(world, pose, u, form, later, grad)
             else:
-                part_of.moving(world, fr, jb, q, u, form, JR(), grad)
+                part_of.moving(world, pose, u, form, JR(), grad)
         else:
-            part_of.moving(world, fr, jb, q, u, form, JR(), grad)
+            part_of.moving(world, pose, u, form, JR(), grad)
 
     @wp.func
     def swing(
         world: t.World,
         start: linear.Linear,
-        q: VQ,
         v: VQ,
         u: VU,
         minv: MQ,
@@ -113,9 +110,9 @@ def make_trapezoidal_gradient(spec: Specialisation) -> wp.Function:
     ):
         """Adds the gradient of target . reached at fixed c; returns the weight of c."""
         h = world.params[wp.static(H)]
-        kq = wp.static(motion.motion_by_q)(world, start.fr, start.jb, a, v, ONE)
-        kv = wp.static(motion.motion_by_v)(world, start.fr, start.jb, v, ONE)
-        mass = wp.static(step.mass.matrix)(world, start.fr, start.jb)
+        kq = wp.static(motion.motion_by_q)(world, start.pose, a, v, ONE)
+        kv = wp.static(motion.motion_by_v)(world, start.pose, v, ONE)
+        mass = wp.static(step.mass.matrix)(world, start.pose)
         e = mass + HALF * h * (kv + HALF * h * kq)
         l = -wp.static(lu.solve)(wp.static(lu.factor)(wp.transpose(e)), target)
         yv = HALF * h * d
@@ -125,9 +122,7 @@ def make_trapezoidal_gradient(spec: Specialisation) -> wp.Function:
         form = part_of.Motion()
         i = int(0)
         while i < wp.static(POINTS + 2):
-            at = q
-            fr = start.fr
-            jb = start.jb
+            pose = start.pose
             form.v = v
             form.p = l
             form.w = d
@@ -142,14 +137,12 @@ def make_trapezoidal_gradient(spec: Specialisation) -> wp.Function:
                 if i % 2 == 1:
                     shift = -shift
                     weight = -weight
-                at = q + (shift * width) * yq
                 form.v = v + (shift * width) * yv
                 form.p = weight * l
                 form.w = a
                 form.h = ONE
-                fr = wp.static(mech.frames)(world, at)
-                jb = wp.static(mech.com_jacobians)(world, fr)
-            part(world, fr, jb, at, u, form, v + h * a, i < wp.static(POINTS), grad)
+                pose = wp.static(mech.pose)(world, start.pose.q + (shift * width) * yq)
+            part(world, pose, u, form, v + h * a, i < wp.static(POINTS), grad)
             i += 1
         force = mass * (a - push / h)  # r + u
         by_h = by_step_size(world, start, kq, kv, v, d, a, force, yq)
@@ -183,15 +176,14 @@ def make_trapezoidal_gradient(spec: Specialisation) -> wp.Function:
         grad: wp.array(dtype=dtype),
     ):
         h = world.params[wp.static(H)]
-        q, v = halves(x)
+        _q, v = halves(x)
         by_position, target = halves(weight)
         by_drift = h * by_position
         grad[wp.static(H)] = grad[wp.static(H)] + wp.dot(by_drift, sol.drift) / h
         start = linear.Linear()
-        start.fr = lin.fr
-        start.jb = lin.jb
-        mass = wp.static(step.mass.matrix)(world, start.fr, start.jb)
-        first, drifting = step.parts(world, start.fr, q, v, sol)
+        start.pose = lin.pose
+        mass = wp.static(step.mass.matrix)(world, start.pose)
+        first, drifting = step.parts(world, start.pose, v, sol)
         now = sol
         onto = VQ()  # weight of v_free, then of v_0
         problem = int(0)
@@ -206,13 +198,13 @@ def make_trapezoidal_gradient(spec: Specialisation) -> wp.Function:
             form.kappa = dual.kappa
             term = int(0)
             while term < wp.static(FORMS):
-                part_of.moving(world, start.fr, start.jb, q, u, form, normals, grad)
+                part_of.moving(world, start.pose, u, form, normals, grad)
                 if wp.static(FORMS > 1):
                     form.p = dual.left
                     form.w = dual.right
                     form.kappa = VR()
                 term += 1
-            wp.static(constraints)(world, start.fr, q, now, here, dual, h, grad)
+            wp.static(constraints)(world, start.pose, now, here, dual, h, grad)
             if problem == 0:
                 onto = -(mass * dual.p)
                 target = by_drift
@@ -220,11 +212,11 @@ def make_trapezoidal_gradient(spec: Specialisation) -> wp.Function:
             else:
                 onto -= wp.where(problem == 1, HALF, ONE) * (mass * dual.p)
                 d, a, push = free_motion(sol, v, h, problem == 1)
-                pushed = swing(world, start, q, v, u, sol.minv, d, a, push, onto, grad)
+                pushed = swing(world, start, v, u, sol.minv, d, a, push, onto, grad)
                 form.p = pushed
                 form.w = push
                 form.kappa = VR()
-                part_of.moving(world, start.fr, start.jb, q, u, form, normals, grad)
+                part_of.moving(world, start.pose, u, form, normals, grad)
                 target = mass * pushed - onto
                 onto = -target
                 now = first

@@ -51,6 +51,15 @@ def make_mechanism(s: Structure, dtype: type) -> SimpleNamespace:
         return out
 
     @wp.func
+    def pose(world: t.World, q: VQ):
+        """Frames and Jacobians of the bodies at q."""
+        out = t.Pose()
+        out.q = q
+        out.frames = wp.static(kin.frames)(world, q)
+        out.jacobians = com_jacobians(world, out.frames)
+        return out
+
+    @wp.func
     def mass_matrix(world: t.World, jac: JB):
         """M(q), symmetric positive definite."""
         m = MQ()
@@ -93,16 +102,17 @@ def make_mechanism(s: Structure, dtype: type) -> SimpleNamespace:
     bias_weights_of = tuple(make_bias_weights(b) for b in range(NB))
 
     @wp.func
-    def force(world: t.World, q: VQ, fr: FRAMES, jac: JB, v: VQ):
+    def force(world: t.World, pose: t.Pose, v: VQ):
         """r(q, v): gravity, centripetal and Coriolis terms, joint damping and stiffness, springs."""
         out = VQ()
+        jac = pose.jacobians
         gx = world.params[wp.static(GRAVITY)]
         gy = world.params[wp.static(GRAVITY + 1)]
         for j in range(wp.static(NV)):
             out[j] = -world.params[wp.static(DAMPING + j)] * v[j]
             if wp.static(j in s.sprung):
                 out[j] = out[j] - world.params[wp.static(STIFFNESS + j)] * (
-                    q[j] - world.params[wp.static(REST + j)]
+                    pose.q[j] - world.params[wp.static(REST + j)]
                 )
         for b in range(wp.static(NB)):
             mass = world.params[wp.static(MASS + b)]
@@ -119,7 +129,7 @@ def make_mechanism(s: Structure, dtype: type) -> SimpleNamespace:
                         jac[wp.static(2 * b), j] * ax + jac[wp.static(2 * b + 1), j] * ay
                     )
         for i in range(wp.static(len(springs))):
-            out = wp.static(springs[i].force)(world, fr, v, out)
+            out = wp.static(springs[i].force)(world, pose.frames, v, out)
         return out
 
     @wp.func
@@ -149,7 +159,7 @@ def make_mechanism(s: Structure, dtype: type) -> SimpleNamespace:
         types=t,
         frames=kin.frames,
         point_jacobian=kin.point_jacobian,
-        com_jacobians=com_jacobians,
+        pose=pose,
         mass_matrix=mass_matrix,
         force=force,
         control_force=control_force,

@@ -85,12 +85,12 @@ def make_mechanism_derivatives(s: Structure, dtype: type, trapezoidal: bool) -> 
     accelerations = tuple(make_acceleration(b) for b in range(NB))
 
     @wp.func
-    def motion_by_q(world: t.World, fr: t.FRAMES, jb: JB, w: VQ, v: VQ, h: dtype):
+    def motion_by_q(world: t.World, pose: t.Pose, w: VQ, v: VQ, h: dtype):
         """d/dq_k of (M w - h r)_j at constant w and v; with h = 0: of (M w)_j."""
         out = MQ()
         for b in range(wp.static(NB)):
             mass = world.params[wp.static(MASS + b)]
-            jac = wp.static(body_jacobians[b])(jb)
+            jac = wp.static(body_jacobians[b])(pose.jacobians)
             weights = wp.static(mech.bias_weights[b])(v)
             acc = wp.static(accelerations[b])(world, jac, w, weights, h)
             pw = wp.static(second[b])(jac, w)
@@ -116,11 +116,11 @@ def make_mechanism_derivatives(s: Structure, dtype: type, trapezoidal: bool) -> 
             if h != ZERO:
                 y = damped_velocity(world, v, w, h)
                 for i in range(wp.static(len(springs))):
-                    out = wp.static(springs[i].by_q)(world, fr, y, h, out)
+                    out = wp.static(springs[i].by_q)(world, pose.frames, y, h, out)
         return out
 
     @wp.func
-    def motion_by_v(world: t.World, fr: t.FRAMES, jb: JB, v: VQ, h: dtype):
+    def motion_by_v(world: t.World, pose: t.Pose, v: VQ, h: dtype):
         """d/dv_k of (-h r)_j."""
         out = MQ()
         if wp.static(not undamped):
@@ -128,7 +128,7 @@ def make_mechanism_derivatives(s: Structure, dtype: type, trapezoidal: bool) -> 
                 out[j, j] = h * world.params[wp.static(DAMPING + j)]
         for b in range(wp.static(NB)):
             factor = TWO * h * world.params[wp.static(MASS + b)]
-            jac = wp.static(body_jacobians[b])(jb)
+            jac = wp.static(body_jacobians[b])(pose.jacobians)
             pv = wp.static(second[b])(jac, v)
             for k in range(wp.static(NV)):
                 for j in range(wp.static(NV)):
@@ -136,16 +136,16 @@ def make_mechanism_derivatives(s: Structure, dtype: type, trapezoidal: bool) -> 
                         out[j, k] = out[j, k] + factor * (jac[0, j] * pv[0, k] + jac[1, j] * pv[1, k])
         if wp.static(not undamped):
             for i in range(wp.static(len(springs))):
-                out = wp.static(springs[i].by_v)(world, fr, h, out)
+                out = wp.static(springs[i].by_v)(world, pose.frames, h, out)
         return out
 
     @wp.func
-    def hessian_qq(world: t.World, fr: t.FRAMES, jb: JB, p: VQ, w: VQ, v: VQ, h: dtype):
+    def hessian_qq(world: t.World, pose: t.Pose, p: VQ, w: VQ, v: VQ, h: dtype):
         """d2/dq_k dq_l of p.(M w - h r); with h = 0: of p.M w."""
         out = MQ()
         for b in range(wp.static(NB)):
             mass = world.params[wp.static(MASS + b)]
-            jac = wp.static(body_jacobians[b])(jb)
+            jac = wp.static(body_jacobians[b])(pose.jacobians)
             weights = wp.static(mech.bias_weights[b])(v)
             acc = wp.static(accelerations[b])(world, jac, w, weights, h)
             if h == ZERO:
@@ -173,16 +173,16 @@ def make_mechanism_derivatives(s: Structure, dtype: type, trapezoidal: bool) -> 
             if h != ZERO:
                 y = damped_velocity(world, v, w, h)
                 for i in range(wp.static(len(springs))):
-                    out = wp.static(springs[i].hessian_qq)(world, fr, p, y, h, out)
+                    out = wp.static(springs[i].hessian_qq)(world, pose.frames, p, y, h, out)
         return out
 
     @wp.func
-    def hessian_qv(world: t.World, fr: t.FRAMES, jb: JB, p: VQ, v: VQ, h: dtype):
+    def hessian_qv(world: t.World, pose: t.Pose, p: VQ, v: VQ, h: dtype):
         """d2/dq_k dv_m of p.(-h r), (nv, nv)."""
         out = MQ()
         for b in range(wp.static(NB)):
             factor = TWO * h * world.params[wp.static(MASS + b)]
-            jac = wp.static(body_jacobians[b])(jb)
+            jac = wp.static(body_jacobians[b])(pose.jacobians)
             jp = jac * p
             pp = wp.static(second[b])(jac, p)
             pv = wp.static(second[b])(jac, v)
@@ -195,7 +195,7 @@ def make_mechanism_derivatives(s: Structure, dtype: type, trapezoidal: bool) -> 
                         out[k, m] = out[k, m] + factor * value
         if wp.static(not undamped):
             for i in range(wp.static(len(springs))):
-                out = wp.static(springs[i].hessian_qv)(world, fr, p, h, out)
+                out = wp.static(springs[i].hessian_qv)(world, pose.frames, p, h, out)
         return out
 
     @wp.func

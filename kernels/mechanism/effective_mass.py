@@ -27,9 +27,9 @@ from .springs import make_spring
 
 @cached
 def make_effective_mass(spec: Specialisation) -> SimpleNamespace:
-    """matrix(world, fr, jb) = N; by_q(world, fr, jb, w): d(N w)/dq at constant w; and of Euler's
-    hessian(world, fr, jb, p, w): d2/dq dq of p.N w. drag(world, fr, h, total): total + h C;
-    drag_by_q(world, fr, y, total): total + d(C y)/dq. spread(world, fr, jb) = K^-1 B.
+    """matrix(world, pose) = N; by_q(world, pose, w): d(N w)/dq at constant w; and of Euler's
+    hessian(world, pose, p, w): d2/dq dq of p.N w. drag(world, fr, h, total): total + h C;
+    drag_by_q(world, fr, y, total): total + d(C y)/dq. spread(world, pose) = K^-1 B.
     """
     s, dtype, method = spec
     mech = make_mechanism(s, dtype)
@@ -61,46 +61,46 @@ def make_effective_mass(spec: Specialisation) -> SimpleNamespace:
         return out
 
     @wp.func
-    def part(world: t.World, fr: t.FRAMES, jb: t.JB):
+    def part(world: t.World, pose: t.Pose):
         """B and K."""
-        b = drag(world, fr, HALF * world.params[wp.static(H)], MQ())
-        return b, wp.static(mech.mass_matrix)(world, jb) + b
+        b = drag(world, pose.frames, HALF * world.params[wp.static(H)], MQ())
+        return b, wp.static(mech.mass_matrix)(world, pose.jacobians) + b
 
     @wp.func
-    def spread(world: t.World, fr: t.FRAMES, jb: t.JB):
-        b, k = part(world, fr, jb)
+    def spread(world: t.World, pose: t.Pose):
+        b, k = part(world, pose)
         return wp.static(mech.inverse)(k) * b
 
     @wp.func
-    def matrix(world: t.World, fr: t.FRAMES, jb: t.JB):
+    def matrix(world: t.World, pose: t.Pose):
         if wp.static(trapezoidal):
-            b, k = part(world, fr, jb)
+            b, k = part(world, pose)
             if wp.ddot(b, b) == ZERO:
                 return k
             return k + b * (wp.static(mech.inverse)(k) * b)
-        out = wp.static(mech.mass_matrix)(world, jb)
+        out = wp.static(mech.mass_matrix)(world, pose.jacobians)
         if wp.static(implicit):
-            out = drag(world, fr, world.params[wp.static(H)], out)
+            out = drag(world, pose.frames, world.params[wp.static(H)], out)
         return out
 
     @wp.func
-    def part_by_q(world: t.World, fr: t.FRAMES, jb: t.JB, w: VQ, y: VQ):
+    def part_by_q(world: t.World, pose: t.Pose, w: VQ, y: VQ):
         """d(M w + C y)/dq at constant w and y."""
-        out = wp.static(motion.motion_by_q)(t.unpushed(world), fr, jb, w, VQ(), ZERO)
+        out = wp.static(motion.motion_by_q)(t.unpushed(world), pose, w, VQ(), ZERO)
         if wp.static(damped_springs):
-            out = drag_by_q(world, fr, y, out)
+            out = drag_by_q(world, pose.frames, y, out)
         return out
 
     @wp.func
-    def by_q(world: t.World, fr: t.FRAMES, jb: t.JB, w: VQ):
+    def by_q(world: t.World, pose: t.Pose, w: VQ):
         h = world.params[wp.static(H)]
         if wp.static(trapezoidal):
-            spreading = spread(world, fr, jb)
+            spreading = spread(world, pose)
             y = spreading * w
-            out = part_by_q(world, fr, jb, w, HALF * h * (w + y))
+            out = part_by_q(world, pose, w, HALF * h * (w + y))
             # B K^-1 (dB w - dK y)
-            return out + wp.transpose(spreading) * part_by_q(world, fr, jb, -y, HALF * h * (w - y))
-        return part_by_q(world, fr, jb, w, h * w)
+            return out + wp.transpose(spreading) * part_by_q(world, pose, -y, HALF * h * (w - y))
+        return part_by_q(world, pose, w, h * w)
 
     @wp.func
     def drag_hessian(world: t.World, fr: t.FRAMES, p: VQ):
@@ -111,12 +111,12 @@ def make_effective_mass(spec: Specialisation) -> SimpleNamespace:
         return out
 
     @wp.func
-    def hessian(world: t.World, fr: t.FRAMES, jb: t.JB, p: VQ, w: VQ):
-        out = wp.static(motion.hessian_qq)(t.unpushed(world), fr, jb, p, w, VQ(), ZERO)
+    def hessian(world: t.World, pose: t.Pose, p: VQ, w: VQ):
+        out = wp.static(motion.hessian_qq)(t.unpushed(world), pose, p, w, VQ(), ZERO)
         if wp.static(damped_springs):
             y = world.params[wp.static(H)] * w
             for i in range(wp.static(len(springs))):
-                out = wp.static(springs[i].hessian_qq)(world, fr, p, y, ZERO, out)
+                out = wp.static(springs[i].hessian_qq)(world, pose.frames, p, y, ZERO, out)
         return out
 
     return SimpleNamespace(

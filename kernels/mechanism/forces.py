@@ -9,17 +9,17 @@ from .dynamics import make_mechanism
 
 @cached
 def make_forces(s: Structure, dtype: type) -> wp.Function:
-    """forces(world, q, frames, jb, v, u) -> r + u (nv), with external forces."""
+    """forces(world, pose, v, u) -> r + u (nv), with external forces."""
     mech = make_mechanism(s, dtype)
     t = mech.types
 
     @wp.func
-    def forces(world: t.World, q: t.VQ, fr: t.FRAMES, jb: t.JB, v: t.VQ, u: t.VU):
-        f = wp.static(mech.force)(world, q, fr, jb, v)
+    def forces(world: t.World, pose: t.Pose, v: t.VQ, u: t.VU):
+        f = wp.static(mech.force)(world, pose, v)
         if wp.static(s.nu > 0):
             f += wp.static(mech.control_force)(world, u)
         if world.pushed == 1:
-            f += wp.static(mech.body_force)(world, jb)
+            f += wp.static(mech.body_force)(world, pose.jacobians)
         return f
 
     return forces

@@ -63,11 +63,11 @@ def make_elimination(n: int, dtype: type) -> SimpleNamespace:
 def make_free_motion(spec: Specialisation) -> SimpleNamespace:
     """Warp functions of the free motion.
 
-    velocity(world, fr, jb, minv, v, force) -> (v_free, a), force = r + u.
-    source(world, fr, jb, w, v) -> -d(M w - h (r + u))/d(q, v, u) at w = v' - v (euler), (nv, nz).
-    by_state(world, fr, jb, minv, v, reached, a, dforce) -> d reached/d(q, v, u) (trapezoidal),
+    velocity(world, pose, minv, v, force) -> (v_free, a), force = r + u.
+    source(world, pose, w, v) -> -d(M w - h (r + u))/d(q, v, u) at w = v' - v (euler), (nv, nz).
+    by_state(world, pose, minv, v, reached, a, dforce) -> d reached/d(q, v, u) (trapezoidal),
         (nv, nz), of what `velocity` gives where the force also depends on (q, v, u) by dforce (nv, nz).
-    held(world, fr, jb, w, by_state) -> M dv_free - d(M w) at w = v' - v_free, then in place of source.
+    held(world, pose, w, by_state) -> M dv_free - d(M w) at w = v' - v_free, then in place of source.
     """
     s, dtype, method = spec
     mech = make_mechanism(s, dtype)
@@ -83,24 +83,24 @@ def make_free_motion(spec: Specialisation) -> SimpleNamespace:
     ZERO, ONE, HALF, TWO = dtype(0.0), dtype(1.0), dtype(0.5), dtype(2.0)
 
     @wp.func
-    def velocity(world: t.World, fr: t.FRAMES, jb: t.JB, minv: MQ, v: VQ, force: VQ):
+    def velocity(world: t.World, pose: t.Pose, minv: MQ, v: VQ, force: VQ):
         h = world.params[wp.static(H)]
         a = minv * force
         if wp.static(method.trapezoidal):
-            kq = wp.static(motion.motion_by_q)(world, fr, jb, a, v, ONE)
-            kv = wp.static(motion.motion_by_v)(world, fr, jb, v, ONE)
-            e = wp.static(mass.matrix)(world, fr, jb) + HALF * h * (kv + HALF * h * kq)
+            kq = wp.static(motion.motion_by_q)(world, pose, a, v, ONE)
+            kv = wp.static(motion.motion_by_v)(world, pose, v, ONE)
+            e = wp.static(mass.matrix)(world, pose) + HALF * h * (kv + HALF * h * kq)
             rhs = h * (force - HALF * h * (kq * v))
             return v + wp.static(lu.solve)(wp.static(lu.factor)(e), rhs), a
         return v + h * a, a
 
     @wp.func
-    def source(world: t.World, fr: t.FRAMES, jb: t.JB, w: VQ, v: VQ):
+    def source(world: t.World, pose: t.Pose, w: VQ, v: VQ):
         out = DV()
         h = world.params[wp.static(H)]
-        by_q = wp.static(motion.motion_by_q)(world, fr, jb, w, v, h)
-        by_v = wp.static(motion.motion_by_v)(world, fr, jb, v, h)
-        effective = wp.static(mass.matrix)(world, fr, jb)
+        by_q = wp.static(motion.motion_by_q)(world, pose, w, v, h)
+        by_v = wp.static(motion.motion_by_v)(world, pose, v, h)
+        effective = wp.static(mass.matrix)(world, pose)
         for k in range(wp.static(NV)):
             for j in range(wp.static(NV)):
                 out[j, k] = -by_q[j, k]
@@ -110,35 +110,35 @@ def make_free_motion(spec: Specialisation) -> SimpleNamespace:
         return out
 
     @wp.func
-    def slopes_of_stiffness(world: t.World, fr: t.FRAMES, jb: t.JB, v: VQ, a: VQ, yq: VQ, yv: VQ):
+    def slopes_of_stiffness(world: t.World, pose: t.Pose, v: VQ, a: VQ, yq: VQ, yv: VQ):
         # d/dq and d/dv of K_v yv + K_q yq at constant yv, yq and a
         by_q = MQ()
         by_v = MQ()
         for i in range(wp.static(NV)):
             p = VQ()
             p[i] = ONE
-            qq = wp.static(motion.hessian_qq)(world, fr, jb, p, a, v, ONE)
-            qv = wp.static(motion.hessian_qv)(world, fr, jb, p, v, ONE)
-            vv = wp.static(motion.hessian_vv)(world, jb, p, ONE)
+            qq = wp.static(motion.hessian_qq)(world, pose, p, a, v, ONE)
+            qv = wp.static(motion.hessian_qv)(world, pose, p, v, ONE)
+            vv = wp.static(motion.hessian_vv)(world, pose.jacobians, p, ONE)
             for k in range(wp.static(NV)):
                 for m in range(wp.static(NV)):
                     by_q[i, k] = by_q[i, k] + qv[k, m] * yv[m] + qq[k, m] * yq[m]
                     by_v[i, k] = by_v[i, k] + vv[k, m] * yv[m] + qv[m, k] * yq[m]
             if wp.static(mass.damped_springs):  # of K_q alone
-                drag = wp.static(mass.drag_hessian)(world, fr, p)
+                drag = wp.static(mass.drag_hessian)(world, pose.frames, p)
                 for k in range(wp.static(NV)):
                     for m in range(wp.static(NV)):
                         by_v[i, k] = by_v[i, k] + drag[m, k] * yq[m]
         return by_q, by_v
 
     @wp.func
-    def by_state(world: t.World, fr: t.FRAMES, jb: t.JB, minv: MQ, v: VQ, reached: VQ, a: VQ, dforce: DV):
+    def by_state(world: t.World, pose: t.Pose, minv: MQ, v: VQ, reached: VQ, a: VQ, dforce: DV):
         # G = E D - h f + h^2/2 K_q v = 0 with D = reached - v, a = N^-1 f, f = r + u + contact forces
         h = world.params[wp.static(H)]
         d = reached - v
-        kq = wp.static(motion.motion_by_q)(world, fr, jb, a, v, ONE)
-        kv = wp.static(motion.motion_by_v)(world, fr, jb, v, ONE)
-        e = wp.static(mass.matrix)(world, fr, jb) + HALF * h * (kv + HALF * h * kq)
+        kq = wp.static(motion.motion_by_q)(world, pose, a, v, ONE)
+        kv = wp.static(motion.motion_by_v)(world, pose, v, ONE)
+        e = wp.static(mass.matrix)(world, pose) + HALF * h * (kv + HALF * h * kq)
         factor = wp.static(lu.factor)(e)
         yv = HALF * h * d
         yq = HALF * HALF * h * h * (d + TWO * v)
@@ -146,22 +146,22 @@ def make_free_motion(spec: Specialisation) -> SimpleNamespace:
         for j in range(wp.static(NV)):
             p = VQ()
             p[j] = ONE
-            slope = wp.static(motion.motion_by_q)(t.unpushed(world), fr, jb, p, VQ(), ZERO)
+            slope = wp.static(motion.motion_by_q)(t.unpushed(world), pose, p, VQ(), ZERO)
             if wp.static(mass.damped_springs):
-                slope = wp.static(mass.drag_by_q)(world, fr, h * p, slope)
+                slope = wp.static(mass.drag_by_q)(world, pose.frames, h * p, slope)
             column = slope * yq
             for i in range(wp.static(NV)):
                 change[i, j] = column[i]
         pull = change * minv  # d(K_q yq)/da da/d(r + u)
-        by_q, by_v = slopes_of_stiffness(world, fr, jb, v, a, yq, yv)
+        by_q, by_v = slopes_of_stiffness(world, pose, v, a, yq, yv)
         if wp.static(mass.implicit):  # N a = f, whose dampers are at v
-            still = wp.static(motion.motion_by_q)(world, fr, jb, VQ(), v, ONE)
-            drag = wp.static(mass.drag)(world, fr, ONE, kv)
-            by_q += wp.static(mass.by_q)(world, fr, jb, d) + h * still
-            by_q -= pull * (wp.static(mass.by_q)(world, fr, jb, a) + still)
+            still = wp.static(motion.motion_by_q)(world, pose, VQ(), v, ONE)
+            drag = wp.static(mass.drag)(world, pose.frames, ONE, kv)
+            by_q += wp.static(mass.by_q)(world, pose, d) + h * still
+            by_q -= pull * (wp.static(mass.by_q)(world, pose, a) + still)
             by_v += h * drag - pull * drag + HALF * h * h * kq
         else:
-            by_q += wp.static(motion.motion_by_q)(world, fr, jb, d, v, h) - pull * kq
+            by_q += wp.static(motion.motion_by_q)(world, pose, d, v, h) - pull * kq
             by_v += h * kv - pull * kv + HALF * h * h * kq
         push = h * dforce - pull * dforce
         out = DV()
@@ -191,9 +191,9 @@ def make_free_motion(spec: Specialisation) -> SimpleNamespace:
         return out
 
     @wp.func
-    def held(world: t.World, fr: t.FRAMES, jb: t.JB, w: VQ, free: DV):
-        out = wp.static(mass.matrix)(world, fr, jb) * free
-        by_q = wp.static(mass.by_q)(world, fr, jb, w)
+    def held(world: t.World, pose: t.Pose, w: VQ, free: DV):
+        out = wp.static(mass.matrix)(world, pose) * free
+        by_q = wp.static(mass.by_q)(world, pose, w)
         for k in range(wp.static(NV)):
             for j in range(wp.static(NV)):
                 out[j, k] = out[j, k] - by_q[j, k]

@@ -17,25 +17,34 @@ from .world import make_world
 @cached
 def make_types(s: Structure, dtype: type) -> SimpleNamespace:
     """Warp vector and matrix types of a structure: VQ (nv), VX (2 nv), VU (nu), VR (nr), V2, MQ (nv, nv),
-    ... and `World`. Every specialised kernel has them, so this is where a scene with too many rows for one
-    ends.
+    ... and the structs `World` and `Pose`. Every specialised kernel has them, so this is where a scene with
+    too many rows for one ends.
     """
     check_capacity(s)
     nv, nu, nr = s.nv, max(s.nu, 1), max(s.nr, 1)
     vector, matrix = wp.types.vector, wp.types.matrix
     world = make_world(dtype)
+    VQ, FRAMES, JB = vector(nv, dtype), matrix((s.nb, 4), dtype), matrix((2 * s.nb, nv), dtype)
+
+    @wp.struct
+    class Pose:
+        q: VQ
+        frames: FRAMES  # of the bodies, see `make_kinematics`
+        jacobians: JB  # of their centres of mass, rows (2b, 2b + 1)
+
     return SimpleNamespace(
+        Pose=Pose,
         World=world.World,
         world_at=world.at,
         unpushed=world.unpushed,
         V2=vector(2, dtype),
-        VQ=vector(nv, dtype),
+        VQ=VQ,
         VX=vector(2 * nv, dtype),
         VU=vector(nu, dtype),
         VR=vector(nr, dtype),
         MQ=matrix((nv, nv), dtype),
-        FRAMES=matrix((s.nb, 4), dtype),
-        JB=matrix((2 * s.nb, nv), dtype),
+        FRAMES=FRAMES,
+        JB=JB,
         JR=matrix((nr, nv), dtype),
         J2=matrix((2, nv), dtype),
     )

@@ -20,14 +20,14 @@ from .solution import make_solution
 
 @cached
 def make_contact(spec: Specialisation, exact_gap: bool) -> wp.Function:
-    """contact(world, fr, q, start) -> the solved `start`; without rows it is."""
+    """contact(world, pose, start) -> the solved `start`; without rows it is."""
     s, dtype, method = spec
     solution = make_solution(s, dtype)
     Solution, posed, t = solution.Solution, solution.posed, solution.types
     if not s.nr:
 
         @wp.func
-        def untouched(world: t.World, fr: t.FRAMES, q: t.VQ, start: Solution):
+        def untouched(world: t.World, pose: t.Pose, start: Solution):
             return start
 
         return untouched
@@ -38,15 +38,15 @@ def make_contact(spec: Specialisation, exact_gap: bool) -> wp.Function:
     UNUSED = dtype(COLD)
 
     @wp.func
-    def contact(world: t.World, fr: t.FRAMES, q: t.VQ, start: Solution):
+    def contact(world: t.World, pose: t.Pose, start: Solution):
         out = start
-        reach = reach_of.begin(world, q, start.normal)
+        reach = reach_of.begin(world, pose.q, start.normal)
         ending = correction.begin()
         stale = int(0)  # 1: what the rows of the mask say has changed since they were solved
         more = int(1)
         while more == 1:
             before = reach.mask
-            reach = reach_of.look(world, fr, out.v, reach)
+            reach = reach_of.look(world, pose.frames, out.v, reach)
             more = wp.where(reach.mask != before or (stale == 1 and reach.mask != 0), 1, 0)
             stale = 0
             if more == 1:
@@ -72,7 +72,7 @@ def make_contact(spec: Specialisation, exact_gap: bool) -> wp.Function:
                         more = 1
             if wp.static(correction.needed):
                 if out.status == wp.static(SOLVED) and (more == 1 or ending.open == 1):
-                    reach, ending = correction.correct(world, q, out.v, reach, ending)
+                    reach, ending = correction.correct(world, pose.q, out.v, reach, ending)
                     stale = ending.stale
                     more = wp.max(more, ending.open)
                     if ending.failed == 1:

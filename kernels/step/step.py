@@ -46,11 +46,10 @@ def make_step(spec: Specialisation, exact_gap: bool) -> SimpleNamespace:
     def solve_step(world: t.World, x: VX, u: VU, carry: Carry):
         """The solution of one step from x = (q, v)."""
         q, v = split(x)
-        fr = wp.static(mech.frames)(world, q)
-        jb = wp.static(mech.com_jacobians)(world, fr)
-        minv = wp.static(mech.inverse)(wp.static(mass.matrix)(world, fr, jb))
-        force = forces(world, q, fr, jb, v, u)
-        vfree, a = wp.static(free.velocity)(world, fr, jb, minv, v, force)
+        pose = wp.static(mech.pose)(world, q)
+        minv = wp.static(mech.inverse)(wp.static(mass.matrix)(world, pose))
+        force = forces(world, pose, v, u)
+        vfree, a = wp.static(free.velocity)(world, pose, minv, v, force)
         out = Solution()
         out.minv = minv
         out.vfree = vfree
@@ -60,8 +59,8 @@ def make_step(spec: Specialisation, exact_gap: bool) -> SimpleNamespace:
         out.normal = carry.normal
         out.status = wp.static(SOLVED)
         if wp.static(method.trapezoidal):
-            return trapezoidal.integrate(world, fr, jb, q, v, force, out)
-        return contact(world, fr, q, out)
+            return trapezoidal.integrate(world, pose, v, force, out)
+        return contact(world, pose, out)
 
     @wp.func
     def next_state(world: t.World, x: VX, sol: Solution):

@@ -21,8 +21,8 @@ from .solution import make_solution
 
 @cached
 def make_trapezoidal(spec: Specialisation, exact_gap: bool) -> SimpleNamespace:
-    """integrate(world, fr, jb, q, v, force, start) -> Solution, from the motion in
-    `start`; parts(world, fr, q, v, sol) -> the other two contact problems of a solved step, predictor
+    """integrate(world, pose, v, force, start) -> Solution, from the motion in
+    `start`; parts(world, pose, v, sol) -> the other two contact problems of a solved step, predictor
     and drift.
     """
     s, dtype, _ = spec
@@ -33,7 +33,7 @@ def make_trapezoidal(spec: Specialisation, exact_gap: bool) -> SimpleNamespace:
     H = layout(s).offset("step_size")
 
     @wp.func
-    def integrate(world: t.World, fr: t.FRAMES, jb: t.JB, q: VQ, v: VQ, force: VQ, start: Solution):
+    def integrate(world: t.World, pose: t.Pose, v: VQ, force: VQ, start: Solution):
         # predictor, drift, v': three contact problems in a loop, to have its code once
         h = world.params[wp.static(H)]
         out = start
@@ -44,14 +44,14 @@ def make_trapezoidal(spec: Specialisation, exact_gap: bool) -> SimpleNamespace:
         status = int(wp.static(SOLVED))
         part = int(0)
         while part < 3:
-            out = contact(world, fr, q, out)
+            out = contact(world, pose, out)
             if out.status != wp.static(SOLVED) and status == wp.static(SOLVED):
                 status = out.status
             if part == 0:
                 if out.mask != 0:
                     push = out.v - out.vfree
-                    held = force + wp.static(mass.matrix)(world, fr, jb) * push / h
-                    reached, a = wp.static(free.velocity)(world, fr, jb, start.minv, v, held)
+                    held = force + wp.static(mass.matrix)(world, pose) * push / h
+                    reached, a = wp.static(free.velocity)(world, pose, start.minv, v, held)
                     vfree = reached - push
                     acceleration = a
                 out = unsolved(start, HALF * (v + vfree), out.z, out.normal)
@@ -67,12 +67,12 @@ def make_trapezoidal(spec: Specialisation, exact_gap: bool) -> SimpleNamespace:
         return out
 
     @wp.func
-    def parts(world: t.World, fr: t.FRAMES, q: VQ, v: VQ, sol: Solution):
+    def parts(world: t.World, pose: t.Pose, v: VQ, sol: Solution):
         first = unsolved(sol, sol.unpushed, sol.z, sol.normal)
         part = int(0)
         out = first
         while part < 2:
-            out = contact(world, fr, q, out)
+            out = contact(world, pose, out)
             if part == 0:
                 first = out
                 out = unsolved(sol, HALF * (v + sol.vfree), sol.z, sol.normal)
