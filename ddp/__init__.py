@@ -11,6 +11,7 @@ from .library.receding import RecedingOptions, build_library
 from .library.refinement import build_refined, stuck_states, turning
 from .multistart import Multistart, solve_multistart
 from .options import Options, Regularization
+from .planning import plan, problem_of
 from .policies import TrackingPolicy
 from .problem import Problem
 from .result import Result, Trace
@@ -42,6 +43,8 @@ __all__ = [
     "concatenate",
     "costs",
     "linear_system",
+    "plan",
+    "problem_of",
     "solve",
     "solve_continuation",
     "solve_multistart",

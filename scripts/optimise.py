@@ -6,8 +6,9 @@ from typing import Annotated
 import typer
 
 from slcp_warp import ddp
+from slcp_warp.ddp.planning import random_starts
 
-from .stages.plan import finger_problem, optimise, outcome_table, random_starts, trace_table
+from .stages.plan import finger_problem, optimise, outcome_table, trace_table
 from .support.options import Device, Dtype, Integrator, Scaling, Seed, Settings, Sigma, Start, StepSize
 from .support.screen import console, one_line_errors, prepared, timed, wrote
 from .support.simulators import numbers

@@ -8,13 +8,14 @@ import numpy as np
 
 import slcp_warp as slcp
 from slcp_warp import ddp
+from slcp_warp.ddp.planning import random_starts
 
 from ..support.records import Record, load_record
 from ..support.screen import progress_bar
 from ..support.simulators import OBSERVED, make_params, make_simulator, named_scene, start_states
 from ..support.tables import write_csv
 from .library import Interrupted, build
-from .plan import finger_problem, optimise, random_starts
+from .plan import finger_problem, optimise
 from .size import size_rows
 from .surface import FINGER_RANGE, surface
 from .sweep import cycle_states, run_sweep

@@ -15,17 +15,6 @@ from ..support.simulators import make_params, make_simulator, named_scene
 
 SCENE = "flicking_finger"  # the scene that has a named cost
 HEAD, TAIL = 4, 14  # rows of a long trace that are printed
-EXPLORE_TIME = 8.0  # correlation time of random starts [steps]
-
-
-def random_starts(count: int, horizon: int, nu: int, scale: float, seed: int) -> np.ndarray:
-    """Controls (count, N, nu): the first zero, the others smoothed noise of standard deviation `scale`."""
-    white = np.random.default_rng(seed).standard_normal((count, horizon, nu))
-    keep = np.exp(-1.0 / EXPLORE_TIME)
-    for k in range(1, horizon):
-        white[:, k] = keep * white[:, k - 1] + np.sqrt(1.0 - keep**2) * white[:, k]
-    white[0] = 0.0
-    return scale * white
 
 
 def finger_problem(

@@ -8,8 +8,8 @@ from rich.table import Table
 
 import slcp_warp as slcp
 from slcp_warp import ddp
+from slcp_warp.ddp.planning import random_starts
 
-from ..stages.plan import random_starts
 from ..support.options import Device, Seed
 from ..support.screen import console, one_line_errors
 

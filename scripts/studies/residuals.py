@@ -9,9 +9,9 @@ import typer
 
 import slcp_warp as slcp
 from slcp_warp import ddp
+from slcp_warp.ddp.planning import random_starts
 
 from ..stages.library import build
-from ..stages.plan import random_starts
 from ..support.options import Device, Seed
 from ..support.screen import one_line_errors, show_rows
 

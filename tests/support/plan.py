@@ -49,7 +49,7 @@ ROOMS = {  # the order of each layer's rooms: none imports one that is named aft
     ),
     "ddp": (
         *("status", "options", "costs", "dynamics", "problem", "result", "policies", "batches", "workspace"),
-        *("continuation", "solver", "library", "multistart"),
+        *("continuation", "solver", "library", "multistart", "planning"),
     ),
     "scripts": (
         *("support", "stages", "charts", "benchmarks", "studies"),

@@ -1,0 +1,90 @@
+"""A plan of a task in one call; and no task has a place in code that all share."""
+
+import re
+
+import numpy as np
+import pytest
+from plan import LAYERS, ROOT, source_files
+
+import slcp_warp as slcp
+from slcp_warp import ddp
+from slcp_warp.ddp.planning import noise_scale, random_starts
+
+CONSTRUCTORS = ("slcp_warp/tasks/", "slcp_warp/scenes/")  # what the names stand for is made there
+
+
+@pytest.fixture(scope="module")
+def planned():
+    task = slcp.tasks.push_to_mark()
+    sim = task.simulator(device="cpu")
+    options = ddp.Options(max_iterations=40)
+    first = ddp.plan(task, 4, seed=1, sim=sim, options=options, methods=("gauss-newton",))
+    return task, sim, options, first, ddp.plan(task, 4, seed=1, sim=sim, options=options)
+
+
+def test_a_problem_is_the_tasks(planned):
+    task, sim, *_ = planned
+    problem = ddp.problem_of(task, sim)
+    assert problem.dynamics is sim and problem.cost is task.cost and problem.horizon == task.horizon
+    assert [limit.tolist() for limit in problem.limit_rows()] == [[[-20.0]], [[20.0]]]
+
+
+def test_one_call_plans_a_task_where_zero_controls_are_flat(planned):
+    """The block ends at its mark, in a rollout of its own; from zero controls nothing would touch it."""
+    task, sim, _, _, best = planned
+    run = sim.rollout(task.start[0], best.best.us)
+    assert run.states[-1][task.scene.state_index("block.x")] == pytest.approx(0.6, abs=0.05)
+    assert float(best.best.cost) < 1.0 and np.abs(best.best.us).max() <= 20.0
+    still = ddp.plan(task, np.zeros((1, task.horizon, 1)), sim=sim, methods=("gauss-newton",))
+    assert still.best.status == ddp.Status.FLAT and float(still.best.cost) == pytest.approx(72.0, rel=1e-3)
+
+
+def test_the_second_method_goes_on_from_the_best_and_never_gets_worse(planned):
+    task, sim, options, first, best = planned
+    costs = np.sort(first.all.cost)
+    assert len(costs) == 4 and len(best.all.cost) == 2
+    assert (best.all.cost <= costs[:2] + 1e-12).all()
+    assert first.best.cost == costs[0] == first.all.cost[first.index]
+    again = ddp.plan(task, first.all.us, sim=sim, options=options, methods=("second-order",))
+    assert float(again.best.cost) <= costs[0]
+
+
+def test_starts_are_noise_of_the_size_of_the_limits():
+    task = slcp.tasks.push_to_mark().replace(control_limits=(-20.0, np.inf))
+    assert noise_scale(task) == [1.0]
+    assert noise_scale(task.replace(control_limits=(-5.0, 10.0))) == [2.0]
+    starts = random_starts(2000, 40, 1, np.array([2.0]), seed=0)
+    assert (starts[0] == 0.0).all()
+    assert starts[1:].std(axis=0) == pytest.approx(2.0, abs=0.2)  # at every step
+    near = np.mean(starts[1:, 20] * starts[1:, 21]) / 4.0
+    assert near == pytest.approx(np.exp(-1.0 / 8.0), abs=0.06)
+
+
+@pytest.mark.parametrize(
+    "given, text",
+    [
+        ({"starts": 0}, "starts is 0"),
+        ({"starts": np.zeros((2, 3, 1))}, "starts"),
+        ({"starts": np.zeros((0, 80, 1))}, "at least one start"),
+        ({"seed": -1}, "seed is -1"),
+        ({"x0": np.zeros(3)}, "x0"),
+        ({"methods": ()}, "methods is"),
+        ({"methods": ("newton",)}, "newton"),
+        ({"finish": 0}, "finish is 0"),
+        ({"task": 1}, "task is a int"),
+    ],
+)
+def test_what_cannot_be_planned(planned, given, text):
+    task, sim, *_ = planned
+    with pytest.raises(slcp.InputError, match=text):
+        ddp.plan(given.pop("task", task), sim=sim, **given)
+
+
+def test_shared_code_names_no_task():
+    """Commands, stages and the solver treat every task alike; the paper's studies are of the finger."""
+    names = re.compile("|".join(set(slcp.tasks.NAMED) - {"flicking_finger"}))
+    found = {
+        str(path.relative_to(ROOT)): sorted(set(names.findall(path.read_text(encoding="utf-8"))))
+        for path in source_files(*LAYERS)
+    }
+    assert {path: words for path, words in found.items() if words and not path.startswith(CONSTRUCTORS)} == {}
