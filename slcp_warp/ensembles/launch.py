@@ -145,8 +145,9 @@ def at_once(
 def _conditions(sim: Simulator, spec: SweepSpec, limits: Any) -> Any:
     """What all worlds go through, as the kernels take it; limits of the controls: (lower, upper) or None."""
     out = make_conditions(sim.dtype)()
-    for name, rows in zip(("lower", "upper"), ([], []) if limits is None else limit_rows(limits, sim.nu)):
-        setattr(out, name, wp.array(np.ravel(rows[:1]), dtype=sim.dtype, device=sim.device))
+    none = np.zeros((1, 0))
+    lower, upper = (none, none) if limits is None else limit_rows(limits, sim.nu)
+    out.lower, out.upper = (wp.array(a[0], dtype=sim.dtype, device=sim.device) for a in (lower, upper))
     out.seed, out.component = spec.seed, spec.observe
     out.torque, out.kick = spec.torque_sd, spec.kick_sd
     out.kick_times = wp.array(np.array(spec.kick_times, float), dtype=wp.float64, device=sim.device)

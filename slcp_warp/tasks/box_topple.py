@@ -34,15 +34,15 @@ def topple_scene() -> Scene:
 def box_topple() -> Task:
     """The box lies on its long side at the end."""
     scene = topple_scene()
-    lying = {"state": "box.angle", "target": -math.pi / 2}
+    tilt, lying = "box.angle", -math.pi / 2
     angle = measures.final("box.angle")
     return Task(
         name="box_topple",
         scene=scene,
         cost=terms(
             scene,
-            [Term("cosine", 0.5, **lying), effort(1e-3)],
-            [Term("cosine", 50.0, **lying), Term("square", 1.0, state="box.vangle")],
+            [Term("cosine", 0.5, state=tilt, target=lying), effort(1e-3)],
+            [Term("cosine", 50.0, state=tilt, target=lying), Term("square", 1.0, state="box.vangle")],
         ),
         horizon=80,
         control_limits=(-20.0, 20.0),

@@ -37,19 +37,17 @@ def paddle_scene() -> Scene:
 def catch() -> Task:
     """The ball lies in the paddle at the end and rests there."""
     scene = paddle_scene()
-    apart = {"state": "ball.x", "minus": "cart.shift"}
-    faster = {"state": "ball.vx", "minus": "cart.vshift"}
     running = [
         Term("absolute", 1.0, state="paddle.angle", width=0.3),
         effort(0.001),
-        Term("absolute", 4.0, **apart),
-        Term("square", 0.2, **faster),
+        Term("absolute", 4.0, state="ball.x", minus="cart.shift"),
+        Term("square", 0.2, state="ball.vx", minus="cart.vshift"),
         Term("square", 0.02, state="paddle.vangle"),
         Term("square", 0.1, state="cart.shift"),
     ]
     final = [
-        Term("square", 50.0, **apart),
-        Term("square", 5.0, **faster),
+        Term("square", 50.0, state="ball.x", minus="cart.shift"),
+        Term("square", 5.0, state="ball.vx", minus="cart.vshift"),
         Term("square", 5.0, state="cart.vshift"),
         Term("below", 200.0, state="ball.y", target=0.05),
         Term("square", 5.0, state="ball.vy"),

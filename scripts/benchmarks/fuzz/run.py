@@ -49,8 +49,8 @@ def _count(tally: Tally, task: Task, chunk: int, worlds: Worlds, options: Option
            verdicts: Verdicts, known: Array) -> None:  # fmt: skip
     """Put the verdicts into the tally; `known`: worlds whose equation of motion the oracle can write down."""
     kept: Counter[str] = Counter()
-    unknown = ("motion", "update", "no solution", "runaway")
-    unknown += ("contact",) if options.gap == "end" else ()
+    unknown = ["motion", "update", "no solution", "runaway"]
+    unknown += ["contact"] if options.gap == "end" else []
     for i, kind in enumerate(worlds.kind):
         verdict, reason = verdicts.verdict[i], verdicts.reason[i]
         if not known[i] and verdict == SILENT and any(part in reason for part in unknown):
