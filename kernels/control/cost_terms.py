@@ -29,6 +29,8 @@ def make_terms(dtype, VX, VU):
     @wp.func
     def term(kind: int, e: dtype, d: dtype):
         """A term of weight 1, its slope and its curvature."""
+        if kind == wp.static(SQUARE):
+            return V3(e * e, TWO * e, TWO)
         if kind == wp.static(LINEAR):
             return V3(e, ONE, ZERO)
         if kind == wp.static(COSINE):
@@ -94,12 +96,10 @@ def make_terms(dtype, VX, VU):
         value = dtype(0.0)
         for i in range(many):
             j = place(weights, row, i)
-            s = ZERO
             if j < nx:
-                s = difference(weights, row, i, x, j)
+                value += weighed(weights, row, i, difference(weights, row, i, x, j))[0]
             else:
-                s = u[j - nx]
-            value += weighed(weights, row, i, s)[0]
+                value += weighed(weights, row, i, u[j - nx])[0]
         return value
 
     @wp.func
