@@ -1,4 +1,4 @@
-"""Tracking a plan, evaluated inside a rollout's or a sweep's kernel; and what such policies share."""
+"""Tracking a plan, evaluated inside a rollout's or a sweep's kernel."""
 
 import functools
 from typing import Any
@@ -9,26 +9,10 @@ import warp as wp
 from slcp_warp import Simulator
 from slcp_warp.inputs.checks import array, attribute
 from slcp_warp.inputs.errors import ArgumentError, ArgumentTypeError
-from slcp_warp.inputs.limits import bounded, limit_rows
-from slcp_warp.kernels.policies import policies as kernels
-
-
-def put(sim: Simulator, values: Any) -> wp.array:
-    """Values of a policy as a Warp array of a simulator's precision, on its device."""
-    if isinstance(values, wp.array):
-        if values.dtype is not sim.dtype or values.device != sim.device or not values.is_contiguous:
-            raise ArgumentError(
-                f"a policy's Warp array is of {values.dtype.__name__} on {values.device}; a contiguous array "
-                f"of {sim.dtype.__name__} on {sim.device} is needed"
-            )
-        return values
-    return wp.array(np.ascontiguousarray(values), dtype=sim.dtype, device=sim.device)
-
-
-def put_limits(sim: Simulator, struct: Any, limits: tuple[np.ndarray, np.ndarray]) -> None:
-    """Limits of the controls in a policy's struct; a policy without any has none there."""
-    if bounded(*limits):
-        struct.lower, struct.upper = (put(sim, a) for a in limits)
+from slcp_warp.inputs.limits import limit_rows
+from slcp_warp.kernels.policies.contract import PolicyKernel
+from slcp_warp.kernels.policies.tracking import TRACKING, make_tracking
+from slcp_warp.policies.arrays import put, put_limits
 
 
 class TrackingPolicy:
@@ -58,8 +42,8 @@ class TrackingPolicy:
             control_limits = result.lower, result.upper
         self.limits = limit_rows(control_limits, self.us.shape[-1])
 
-    def arrays(self, sim: Simulator) -> tuple[str, Any]:
-        """Kernel name and struct for a simulator."""
+    def kernel(self, sim: Simulator) -> tuple[PolicyKernel, Any]:
+        """Kernel and struct for a simulator."""
         size = self.xs.shape[-1], self.us.shape[-1], self.period.shape
         if size != (sim.nx, sim.nu, (sim.nx,)):
             raise ArgumentError(
@@ -76,9 +60,9 @@ class TrackingPolicy:
             raise ArgumentError(
                 f"control_limits are for {len(self.limits[0])} trajectories; there are {worlds}"
             )
-        struct = kernels.make_tracking(sim.nx, sim.nu, sim.dtype).Struct()
+        struct = make_tracking(sim.nx, sim.nu, sim.dtype).Struct()
         own = functools.partial(put, sim)
         struct.us, struct.gain, struct.period = own(self.us), own(self.K), own(self.period)
         struct.xs = own(self.xs)
         put_limits(sim, struct, self.limits)
-        return "tracking", struct
+        return TRACKING, struct

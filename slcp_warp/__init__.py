@@ -4,13 +4,14 @@ The contact problem of every time step is a stochastic complementarity problem (
 docstrings (17) is an equation of that paper, (M17) one of docs/understand/mathematics.md.
 """
 
-from . import costs, measures, scenes, tasks
+from . import costs, measures, policies, scenes, tasks
 from .description.mjcf import MjcfError, load_mjcf
 from .description.parts import Actuator, Body, Contact, Shape, Spring, box, touching
 from .description.scene import Scene
 from .description.scene_file import SceneFileError, load_scene, save_scene
 from .ensembles.outcome import Report
 from .ensembles.particles import ParticleRollout, Particles, particle_rollout, particles
+from .ensembles.products import Pullback, Pushforward, jvp, vjp, weighted_hessian
 from .ensembles.report import SweepReport
 from .ensembles.spec import SweepSpec
 from .ensembles.sweep import sweep
@@ -20,7 +21,6 @@ from .options import OptionError, Options, Status
 from .parameters import ParameterError, Parameters
 from .plain.complementarity import Complementarity, solve_complementarity
 from .plain.residuals import residual
-from .products import Pullback, Pushforward, jvp, vjp, weighted_hessian
 from .results import Linearization, Step, Trajectory
 from .simulator import Simulator
 from .stepping.strategy import StrategyError
@@ -73,6 +73,7 @@ __all__ = [
     "measures",
     "particle_rollout",
     "particles",
+    "policies",
     "residual",
     "save_scene",
     "scenes",

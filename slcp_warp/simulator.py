@@ -16,6 +16,7 @@ from .parameters import Parameters
 from .results import Linearization, Step, Trajectory, contact_impulse
 from .stepping.arguments import Arguments, policy_arrays
 from .stepping.arrays import Controls, RolloutArrays, StepArrays
+from .stepping.callback import Callback
 from .stepping.kernels import Kernels
 from .stepping.specialised import taped_policy
 from .stepping.strategy import current_name
@@ -33,7 +34,7 @@ class Simulator:
         device: "cpu", "cuda:0", ...; None: the best one present.
         dtype: "float64" (accurate to 1e-12) or "float32" (fast, 2e-5 of the problem's scale).
         strategy: "specialised" kernels, made for the scene; "generic" ones, for large scenes, without
-            derivatives and policies; "auto": steps and open-loop rollouts by the scene's size, the rest
+            derivatives; "auto": steps and open-loop rollouts by the scene's size, the rest
             specialised while the scene has at most 31 rows. The attribute says which kernels step.
 
     Attributes:
@@ -161,7 +162,8 @@ class Simulator:
             controls: (B, N, nu), open loop, or None with `policy` and `steps`, or with `steps` alone where
                 the scene has no actuators.
             params: see `Simulator.params`; per-world tables need B rows.
-            policy: an object with `arrays(sim)` -> (name, struct), see `slcp_warp.ddp` policies.
+            policy: `ddp.TrackingPolicy`, a library's, one of `slcp_warp.policies`, or any object with
+                `kernel(sim)` -> (PolicyKernel, struct).
             external_force: constant over the rollout, as in `step`.
             record: any of "controls", "impulse", "gap", one name or several.
             checkpoint: keep the states of steps 0, k, 2k, ..., N only, and recompute the others in a backward
@@ -237,5 +239,6 @@ class Simulator:
         if policy is None:
             return self._arguments.open_loop(controls, steps, worlds)
         steps = checks.whole("steps", steps)
-        self.kernels.specialised("a rollout under a policy")
+        if isinstance(policy, Callback):
+            return Controls(policy, None, steps)
         return Controls(*policy_arrays(policy, self, worlds), steps)

@@ -11,9 +11,10 @@ from slcp_warp import Simulator
 from slcp_warp.inputs.checks import array, choice, instance, number
 from slcp_warp.inputs.errors import ArgumentError
 from slcp_warp.inputs.limits import limit_rows
-from slcp_warp.kernels.policies import policies as kernels
+from slcp_warp.kernels.policies.contract import PolicyKernel
+from slcp_warp.kernels.policies.nearest import NEAREST, make_nearest
+from slcp_warp.policies.arrays import put, put_limits
 
-from ..policies import put, put_limits
 from .entries import Entries
 
 METRICS = ("covariance", "variance")
@@ -129,11 +130,11 @@ class NearestPolicy:
             )
         self.feedback_limit = min(float(feedback_limit), 1e30)
 
-    def arrays(self, sim: Simulator) -> tuple[str, Any]:
-        """Kernel name and struct for a simulator."""
+    def kernel(self, sim: Simulator) -> tuple[PolicyKernel, Any]:
+        """Kernel and struct for a simulator."""
         self.library.check_scene(sim.scene)
         lib = self.library
-        struct = kernels.make_nearest(sim.nx, sim.nu, sim.dtype).Struct()
+        struct = make_nearest(sim.nx, sim.nu, sim.dtype).Struct()
         own = functools.partial(put, sim)
         struct.us, struct.xs, struct.gain = own(lib.u), own(lib.x), own(lib.K)
         points, owner = images(lib.x, lib.period)
@@ -144,4 +145,4 @@ class NearestPolicy:
         struct.period = own(lib.period)
         struct.limit = self.feedback_limit
         put_limits(sim, struct, (lib.lower, lib.upper))
-        return "nearest", struct
+        return NEAREST, struct

@@ -22,6 +22,7 @@ from collections.abc import Callable
 from typing import Any
 
 import warp as wp
+from warp._src.context import ModuleBuilder
 
 from . import patches
 from .digest import OpaqueError, content_digest
@@ -71,6 +72,22 @@ def code_digest(function: Callable, **options: Any) -> str:
         return content_digest(function, options)
     except OpaqueError:  # a user's function and an object of theirs: what Warp makes of it tells
         return _translated_digest(function, options)
+
+
+def digest_of(*values: Any) -> str:
+    """Digest of functions and other values; of what it cannot tell, the place in this process."""
+    try:
+        return content_digest(digest_of, values)
+    except OpaqueError:
+        return "at " + " ".join(f"{id(value):x}" for value in values)
+
+
+def translate(function: Callable) -> None:
+    """Have Warp translate a kernel's function and all that it calls, for its errors only."""
+    module = type(wp.get_module(__name__))(function.__name__, None)
+    wp.kernel(function, module=module, enable_backward=False)
+    options = module.resolve_options(wp.config, block_dim=1) | {"output_arch": None, "block_dim": 1}
+    ModuleBuilder(module, options, target="cpu")
 
 
 def _translated_digest(function: Callable, options: dict[str, Any]) -> str:

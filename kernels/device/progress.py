@@ -64,6 +64,8 @@ def _words(name: str, argument: Any) -> list[str]:
         if argument.trapezoidal:
             words.append("trapezoidal")
         return words
+    if isinstance(words := getattr(argument, "in_words", None), str):
+        return [words]
     if isinstance(argument, str):
         return [argument.replace("_", " ")]
     return [argument.__name__] if argument in (wp.float32, wp.float64) else []

@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import warp as wp
 
+from ..device.random import make_normal
 from ..factories import cached
-from .random import make_normal
 
 # streams of the random numbers
 START, CHOICE, PARAMETER, TORQUE, KICK = 0, 100, 200, 300, 400

@@ -3,10 +3,10 @@
 import warp as wp
 
 from ..device.compile import specialised
+from ..device.random import make_normal, philox
 from ..factories import cached
 from ..structure import STEP_SIZE
 from .disturbances import CHOICE, PARAMETER, START
-from .random import make_normal, philox
 
 
 @cached

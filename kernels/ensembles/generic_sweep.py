@@ -11,8 +11,8 @@ import warp as wp
 
 from ..device.compile import specialised
 from ..factories import cached
+from ..policies.contract import PolicyKernel, make_policy
 from ..status import SOLVED
-from ..step.rollout import POLICIES
 from ..structure import STEP_SIZE
 from .disturbances import make_conditions, make_disturbances
 from .measures import Measures, make_measures, make_row_contacts
@@ -31,12 +31,12 @@ class Progress:
 
 
 @cached
-def make_sweep_begin_kernel(nv: int, nu: int, dtype: type, policy_name: str) -> wp.Kernel:
+def make_sweep_begin_kernel(nv: int, nu: int, dtype: type, policy: PolicyKernel) -> wp.Kernel:
     """Before step k: samples, kicks, and the controls with their noise."""
-    policy = POLICIES[policy_name](2 * nv, nu, dtype)
+    asked = make_policy(policy, 2 * nv, nu, dtype)
     disturb = make_disturbances(nv, nu, dtype)
     VX = wp.types.vector(2 * nv, dtype)
-    Conditions, Policy = make_conditions(dtype), policy.Struct
+    Conditions, Policy = make_conditions(dtype), asked.Struct
 
     @specialised
     def sweep_begin_kernel(
@@ -48,6 +48,7 @@ def make_sweep_begin_kernel(nv: int, nu: int, dtype: type, policy_name: str) -> 
         p: Progress,
         state: wp.array2d(dtype=dtype),  # in and out (B, nx)
         us: wp.array2d(dtype=dtype),  # out (B, nu)
+        memories: wp.array2d(dtype=dtype),  # in and out (B, memory of the policy)
     ):
         i = first + wp.tid()
         world = c.world0 + i
@@ -72,10 +73,12 @@ def make_sweep_begin_kernel(nv: int, nu: int, dtype: type, policy_name: str) -> 
                 state[i, j] = x[j]
             p.event[i] = event
         if p.status[i] == wp.static(SOLVED):
-            u = disturb.limited(c, policy.control(control, i, k, x))
-            u = disturb.noisy(c, world, k, u)
+            memory = asked.recall(control, memories, i, world, k, x)
+            u, memory = asked.ask(control, world, k, x, memory)
+            u = disturb.noisy(c, world, k, disturb.limited(c, u))
             for j in range(nu):
                 us[i, j] = u[j]
+            asked.keep(memories, i, memory)
 
     return sweep_begin_kernel
 

@@ -4,9 +4,10 @@ import warp as wp
 
 from ..device.compile import specialised
 from ..factories import cached
+from ..policies.contract import PolicyKernel, make_policy
 from ..specialisation import Specialisation
 from ..status import SOLVED
-from ..step.rollout import POLICIES, make_batch
+from ..step.rollout import make_batch
 from ..structure import layout
 from .disturbances import make_conditions, make_disturbances
 from .measures import Measures, make_contacts, make_measures
@@ -14,7 +15,7 @@ from .measures import Measures, make_contacts, make_measures
 
 @cached
 def make_sweep_kernel(
-    spec: Specialisation, policy_name: str, users: tuple[wp.Function, ...] = ()
+    spec: Specialisation, policy: PolicyKernel, users: tuple[wp.Function, ...] = ()
 ) -> wp.Kernel:
     """Roll out one world a thread for a duration, with torque noise and velocity kicks.
 
@@ -23,9 +24,9 @@ def make_sweep_kernel(
     s, dtype, _ = spec
     batch = make_batch(spec, False)
     step = batch.step
-    policy = POLICIES[policy_name](2 * s.nv, s.nu, dtype)
+    asked = make_policy(policy, 2 * s.nv, s.nu, dtype)
     disturb = make_disturbances(s.nv, s.nu, dtype)
-    Conditions, Policy = make_conditions(dtype), policy.Struct
+    Conditions, Policy = make_conditions(dtype), asked.Struct
     NX, NR = 2 * s.nv, s.nr
     H = layout(s).offset("step_size")
     contacts = make_contacts(len(s.pairs))
@@ -73,6 +74,7 @@ def make_sweep_kernel(
         event = int(0)
         touching = contacts.none()
         u = VU()
+        memory = asked.begin(control, number, x)
         base = x[c.component]  # samples are relative to the start: float32 keeps its digits
         for k in range(steps):
             time = wp.float64(k) * h
@@ -84,8 +86,8 @@ def make_sweep_kernel(
             before = x
             touching = contacts.none()
             if code == wp.static(SOLVED):
-                u = disturb.limited(c, policy.control(control, i, k, x))
-                u = disturb.noisy(c, number, k, u)
+                u, memory = asked.ask(control, number, k, x, memory)
+                u = disturb.noisy(c, number, k, disturb.limited(c, u))
                 sol = step.solve_step(world, x, u, carry)
                 after = step.next_state(world, x, sol)
                 code = batch.status_of(sol, after)

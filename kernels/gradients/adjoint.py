@@ -5,7 +5,8 @@ import warp as wp
 from ..derivatives.sensitivity import make_linearization
 from ..device.compile import specialised
 from ..factories import cached
-from ..policies.policies import make_tracking, make_wrap
+from ..policies.pieces import make_wrap
+from ..policies.tracking import make_tracking
 from ..specialisation import Specialisation
 from ..status import SOLVED
 from .parameters import make_parameter_gradient

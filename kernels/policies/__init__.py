@@ -1,1 +1,1 @@
-"""What gives the control inside a rollout."""
+"""What gives the control inside a rollout: one contract, a file for each kind."""

@@ -11,16 +11,10 @@ import warp as wp
 from ..contact.problem import COLD
 from ..device.compile import specialised
 from ..factories import cached
-from ..policies import policies
+from ..policies.contract import PolicyKernel, make_policy
 from ..specialisation import Specialisation
 from ..status import NONFINITE, SOLVED
 from .step import make_step
-
-POLICIES = {
-    "open_loop": policies.make_open_loop,
-    "tracking": policies.make_tracking,
-    "nearest": policies.make_nearest,
-}
 
 
 @cached
@@ -146,14 +140,14 @@ def make_step_kernel(spec: Specialisation) -> wp.Kernel:
 
 
 @cached
-def make_rollout_kernel(spec: Specialisation, policy_name: str, exact_gap: bool) -> wp.Kernel:
+def make_rollout_kernel(spec: Specialisation, policy: PolicyKernel, exact_gap: bool) -> wp.Kernel:
     """Roll every world out under a policy; `exact_gap` as in `make_step`."""
     s, dtype, _ = spec
     batch = make_batch(spec, exact_gap)
     step = batch.step
-    policy = POLICIES[policy_name](2 * s.nv, s.nu, dtype)
     NX, NU, NR = 2 * s.nv, s.nu, s.nr
-    Policy = policy.Struct
+    asked = make_policy(policy, NX, NU, dtype)
+    Policy = asked.Struct
 
     @specialised
     def rollout_kernel(
@@ -172,12 +166,13 @@ def make_rollout_kernel(spec: Specialisation, policy_name: str, exact_gap: bool)
         world = step.types.world_at(params, external, index)
         x = batch.load_state(x0, index)
         carry = step.cold_carry()
+        memory = asked.begin(control, index, x)
         code = status[index]
         for j in range(wp.static(NX)):
             states[index, 0, j] = x[j]
         for k in range(states.shape[1] - 1):
             if code == wp.static(SOLVED):
-                u = policy.control(control, index, k, x)
+                u, memory = asked.ask(control, index, k, x, memory)
                 sol = step.solve_step(world, x, u, carry)
                 after = step.next_state(world, x, sol)
                 code = batch.status_of(sol, after)

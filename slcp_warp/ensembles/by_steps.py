@@ -13,6 +13,7 @@ from slcp_warp.kernels.ensembles.generic_sweep import (
     make_sweep_end_kernels,
 )
 from slcp_warp.kernels.ensembles.measures import make_row_contacts
+from slcp_warp.kernels.policies.contract import PolicyKernel
 
 from ..measures.tables import MeasureTable
 from ..simulator import Simulator
@@ -26,7 +27,7 @@ def bytes_of_world(sim: Simulator) -> int:
 
 def by_steps(
     sim: Simulator,
-    policy: tuple[str, Any],
+    policy: tuple[PolicyKernel, Any],
     conditions: Any,
     table: MeasureTable,
     params: wp.array,
@@ -45,15 +46,16 @@ def by_steps(
     kept, measures = table.kept(worlds, device), table.struct(device)
     steps = np.floor(conditions.duration / params.numpy()[:, 0].astype(float) + 0.5).astype(np.int32)
     p = _progress(worlds, steps, samples, device)
-    name, struct = policy
+    policy_kernel, struct = policy
+    memory = sim.empty(worlds, policy_kernel.functions(sim.nx, sim.nu, dtype).memory)
     step = StepArrays(params, state, us, nothing, warm, after, impulse, gap, multiplier, code)
-    begin = make_sweep_begin_kernel(sim.scene.nv, sim.nu, dtype, name)
+    begin = make_sweep_begin_kernel(sim.scene.nv, sim.nu, dtype, policy_kernel)
     kernels = make_sweep_end_kernels(sim.scene.nv, sim.nu, dtype, table.users)
     contacts = make_row_contacts(dtype).Contacts()
     contacts.rows = wp.array(normal_rows(sim), dtype=wp.int32, device=device)
     contacts.impulse, contacts.distance, contacts.multiplier = impulse, gap, multiplier
     for k in range(int(steps.max())):
-        launch(begin, worlds, [k, conditions, params, struct, p, state, us], device)
+        launch(begin, worlds, [k, conditions, params, struct, p, state, us, memory], device)
         sim.kernels.stepping.step(step)
         outcome = [params, after, us, contacts, code, measures, p, state, warm, kept]
         launch(kernels.end, worlds, [k, *outcome], device)

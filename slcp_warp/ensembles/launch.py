@@ -10,6 +10,7 @@ import warp as wp
 from slcp_warp.kernels.device.launch import launch
 from slcp_warp.kernels.ensembles.disturbances import make_conditions
 from slcp_warp.kernels.ensembles.sweep import make_sweep_kernel
+from slcp_warp.kernels.policies.contract import PolicyKernel
 
 from ..inputs import checks
 from ..inputs.errors import ArgumentError
@@ -102,7 +103,7 @@ class Case:
 
 def at_once(
     sim: Simulator,
-    policy: tuple[str, Any],
+    policy: tuple[PolicyKernel, Any],
     conditions: Any,
     table: MeasureTable,
     params: wp.array,
@@ -113,7 +114,7 @@ def at_once(
 
     Args:
         sim: whose steps they make.
-        policy: its name in the kernels, and its struct.
+        policy: its kernel, and its struct.
         conditions: struct of what all worlds go through.
         table: of what is measured.
         params: (B, P).
@@ -123,10 +124,10 @@ def at_once(
     Returns:
         What is kept of the measures (B, M, WIDTH), and status (B,).
     """
-    count, (name, struct) = len(x0), policy
+    count, (policy_kernel, struct) = len(x0), policy
     kept = table.kept(count, sim.device)
     status: wp.array = wp.zeros(count, dtype=wp.int32, device=sim.device)
-    kernel = make_sweep_kernel(sim.spec, name, table.users)
+    kernel = make_sweep_kernel(sim.spec, policy_kernel, table.users)
     inputs = [
         conditions,
         params,

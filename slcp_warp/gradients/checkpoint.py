@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import warp as wp
 
 from slcp_warp.kernels.device.launch import launch
+from slcp_warp.kernels.policies.open_loop import OPEN_LOOP, make_open_loop
 from slcp_warp.kernels.specialisation import Specialisation
 from slcp_warp.kernels.step import rollout
 
@@ -46,10 +47,10 @@ class Segments:
         steps = self.bounds[i + 1] - self.bounds[i]
         worlds, nx = start.shape
         states = self.states[:, : steps + 1]
-        policy = rollout.POLICIES["open_loop"](nx, structure.nu, dtype).Struct()
+        policy = make_open_loop(nx, structure.nu, dtype).Struct()
         policy.us = self.controls(i)
         nothing = [wp.zeros((0, steps, 1), dtype=dtype, device=start.device)] * 3
-        kernel = rollout.make_rollout_kernel(self.key, "open_loop", False)
+        kernel = rollout.make_rollout_kernel(self.key, OPEN_LOOP, False)
         inputs = [self.table, start, policy, self.external, states, *nothing, status]
         launch(kernel, worlds, inputs, start.device, grain=max(1, 128 // steps))
         return states

@@ -16,7 +16,8 @@ from slcp_warp.kernels.device.launch import launch
 from slcp_warp.kernels.device.reduce import make_sum_kernel
 from slcp_warp.kernels.gradients.adjoint import make_adjoint_kernel, make_control_kernel
 from slcp_warp.kernels.method import Method
-from slcp_warp.kernels.policies.policies import make_tracking
+from slcp_warp.kernels.policies.contract import PolicyKernel
+from slcp_warp.kernels.policies.tracking import TRACKING, make_tracking
 from slcp_warp.kernels.specialisation import Specialisation
 
 from ..inputs.errors import ArgumentError
@@ -155,19 +156,19 @@ def refuse(name: str, why: str, *arrays: wp.array | None) -> None:
         raise ArgumentError(f"{name} requires a gradient on the wp.Tape that records, but {why}")
 
 
-def differentiable_policy(name: str, struct: Any, x0: wp.array, table: wp.array) -> bool:
+def differentiable_policy(policy: PolicyKernel, struct: Any, x0: wp.array, table: wp.array) -> bool:
     """Whether a rollout under a policy is to be recorded.
 
     Raises:
         ValueError: a gradient is wanted through a policy that has none; better than a silent zero.
     """
-    arrays = (struct.us, struct.xs, struct.gain) if name == "tracking" else ()
+    arrays = (struct.us, struct.xs, struct.gain) if policy == TRACKING else ()
     if not wants_gradient(x0, table, *arrays):
         return False
-    if name != "tracking":
+    if policy != TRACKING:
         raise ArgumentError(
-            f"a gradient is wanted through a rollout under a {name!r} policy; only open-loop rollouts and "
-            "those under a ddp.TrackingPolicy are recorded on a tape"
+            f"a gradient is wanted through a rollout under a {policy.in_words!r} policy; only open-loop "
+            "rollouts and those under a ddp.TrackingPolicy are recorded on a tape"
         )
     return True
 

@@ -5,7 +5,9 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from slcp_warp.kernels.step.rollout import POLICIES
+from slcp_warp.kernels.policies.contract import PolicyKernel
+from slcp_warp.kernels.policies.open_loop import OPEN_LOOP, make_open_loop
+from slcp_warp.kernels.policies.tracking import TRACKING
 from slcp_warp.kernels.structure import Structure
 
 from ..gradients import tape
@@ -14,6 +16,7 @@ from ..inputs.arrays import ArrayError, Batch, same_worlds, to_batch, zeros
 from ..inputs.checks import shown
 from ..inputs.errors import ArgumentError, ArgumentTypeError
 from .arrays import Controls
+from .callback import Callback
 
 
 class Arguments:
@@ -77,35 +80,35 @@ class Arguments:
         """Controls of a rollout (B, N, nu); steps: N again, or None."""
         us = self.batch("controls", given, "N", self.nu).array
         same_worlds("controls", us.shape[0], worlds)
-        struct = POLICIES["open_loop"](self.nx, self.nu, self.dtype).Struct()
+        struct = make_open_loop(self.nx, self.nu, self.dtype).Struct()
         struct.us = us
         if steps is not None and checks.whole("steps", steps) != us.shape[1]:
             raise ArgumentError(f"steps is {steps}, but controls are given for {us.shape[1]}; leave it out")
         if us.shape[1] < 1:
             raise ArrayError(f"controls has shape {us.shape}; at least one step is needed")
-        return Controls("open_loop", struct, us.shape[1], us)
+        return Controls(OPEN_LOOP, struct, us.shape[1], us)
 
 
-def policy_arrays(policy: Any, sim: Any, worlds: int | None) -> tuple[str, Any]:
-    """Kernel name and struct of a policy, for so many worlds (None: for any number)."""
-    if isinstance(policy, type) or not callable(checks.attribute(policy, "arrays")):
+def policy_arrays(policy: Any, sim: Any, worlds: int | None) -> tuple[PolicyKernel, Any]:
+    """Kernel and struct of a policy, for so many worlds (None: for any number)."""
+    if isinstance(policy, Callback):
+        raise ArgumentTypeError("policy is a policies.Callback, which runs in rollouts only")
+    if isinstance(policy, type) or not callable(checks.attribute(policy, "kernel")):
         raise ArgumentTypeError(
             f"policy is a {type(policy).__name__}; a policy is needed, library.policy() or ddp.TrackingPolicy"
         )
-    given_arrays = policy.arrays(sim)
-    if not isinstance(given_arrays, tuple) or len(given_arrays) != 2:
-        raise ArgumentTypeError(f"policy.arrays gave {shown(given_arrays)}; (name, struct) is needed")
-    name, struct = given_arrays
-    if not isinstance(name, str) or name not in POLICIES:
-        raise ArgumentError(f"policy.arrays gave the name {shown(name)}; choose one of {list(POLICIES)}")
-    kind = POLICIES[name](sim.nx, sim.nu, sim.dtype).Struct
+    given = policy.kernel(sim)
+    if not isinstance(given, tuple) or len(given) != 2 or not isinstance(given[0], PolicyKernel):
+        raise ArgumentTypeError(f"policy.kernel gave {shown(given)}; (PolicyKernel, struct) is needed")
+    kernel, struct = given
+    kind = kernel.functions(sim.nx, sim.nu, sim.dtype).Struct
     if getattr(struct, "_cls", None) is not kind:
         raise ArgumentTypeError(
-            f"policy.arrays gave {shown(struct)} with the name {name!r}; the struct of kernels.policy for "
+            f"policy.kernel gave {shown(struct)} with {kernel.key!r}; the Struct of its functions for "
             f"{sim.nx} states, {sim.nu} controls and {sim.dtype.__name__} is needed"
         )
-    given = struct.us.shape[0] if name == "tracking" else 1
-    if given not in (1, worlds):
+    given_rows = struct.us.shape[0] if kernel == TRACKING else 1
+    if given_rows not in (1, worlds):
         need = "one for all" if worlds is None else f"1 or {worlds}"
-        raise ArrayError(f"policy holds {given} trajectories; {need} is needed, one per world")
-    return name, struct
+        raise ArrayError(f"policy holds {given_rows} trajectories; {need} is needed, one per world")
+    return kernel, struct

@@ -5,6 +5,10 @@ from typing import Any
 
 import warp as wp
 
+from slcp_warp.kernels.policies.contract import PolicyKernel
+
+from .callback import Callback
+
 
 @dataclass(frozen=True)
 class StepArrays:
@@ -36,13 +40,13 @@ class Controls:
     """Where the controls of a rollout come from.
 
     Attributes:
-        name: of the policy that the kernel evaluates, "open_loop" for given controls.
+        policy: what the kernel evaluates, OPEN_LOOP for given controls; or a policy in Python.
         struct: its arrays.
         steps: N.
         us: the given controls (B, N, nu), None under a policy.
     """
 
-    name: str
+    policy: PolicyKernel | Callback
     struct: Any
     steps: int
     us: wp.array | None = None

@@ -15,6 +15,7 @@ from slcp_warp.kernels.specialisation import Specialisation
 from slcp_warp.kernels.structure import Structure
 
 from .arrays import Controls, RolloutArrays, StepArrays
+from .single import rollout_by_steps
 
 WORKSPACE_BYTES = 256 * 2**20  # worlds are stepped in chunks whose workspaces fit in here
 
@@ -56,7 +57,7 @@ class GenericKernels:
 
     def __init__(self, spec: Specialisation, device: Any) -> None:
         s, dtype, method = spec
-        self.dtype, self.device = dtype, device
+        self.structure, self.dtype, self.device = s, dtype, device
         self.residual = generic_step.residual_of(method, s.nr)
         self.topology = make_topology(s, method.inertia_scaling, method.coulomb, device)
         self.workspaces = Workspaces(s, device)
@@ -77,7 +78,9 @@ class GenericKernels:
         self._launch(kernel, a.worlds, [], a.in_order(), 8)
 
     def rollout(self, a: RolloutArrays, controls: Controls, record: tuple[str, ...]) -> None:
-        """All steps of every world, open loop."""
-        assert controls.us is not None
+        """All steps of every world; in one launch with given controls."""
+        if controls.us is None:
+            rollout_by_steps(self.step, self.structure, a, controls)
+            return
         kernel = generic_step.make_rollout_kernel(self.dtype, self.residual)
         self._launch(kernel, a.worlds, [int("gap" in record)], a.in_order(controls.us), 1)

@@ -9,8 +9,9 @@ from slcp_warp.kernels.structure import MOST_ROWS
 
 from ..gradients import tape
 from .arrays import Controls
+from .callback import Callback
 from .generic import GenericKernels
-from .specialised import SpecialisedKernels
+from .specialised import SpecialisedKernels, taped_policy
 from .strategy import StrategyError, choose
 
 
@@ -50,9 +51,13 @@ class Kernels:
     def rolling_out(
         self, controls: Controls, table: wp.array, x0: wp.array
     ) -> SpecialisedKernels | GenericKernels:
-        """The kernels that roll out with these controls: the specialised ones under a policy."""
+        """The kernels that roll out with these controls: under a policy specialised ones, if any."""
+        if isinstance(controls.policy, Callback):
+            return self.stepping
         if controls.us is None:
-            return self.specialised("a rollout under a policy")
+            if self._only_generic and not taped_policy(controls, x0, table):
+                return self.stepping
+            return self.specialised("a gradient on a wp.Tape")
         return self.stepping_from(table, x0, controls.us)
 
     def stepping_from(self, *arrays: wp.array) -> SpecialisedKernels | GenericKernels:

@@ -11,6 +11,8 @@ from slcp_warp.kernels.step import rollout
 from ..gradients import tape
 from ..gradients.checkpoint import checkpointed
 from .arrays import Controls, RolloutArrays, StepArrays
+from .callback import Callback
+from .single import rollout_by_steps
 
 
 class SpecialisedKernels:
@@ -21,11 +23,14 @@ class SpecialisedKernels:
 
     def step(self, a: StepArrays) -> None:
         """One step of every world."""
-        launch(rollout.make_step_kernel(self.spec), a.worlds, a.in_order(), self.device)
+        self._step(a)
         blocked = (("impulse", a.impulse), ("gap", a.gap))
         tape.record_step(
             tape.Recorded(self.spec, a.table, a.x, a.u, a.external, a.state, a.status, blocked=blocked)
         )
+
+    def _step(self, a: StepArrays) -> None:
+        launch(rollout.make_step_kernel(self.spec), a.worlds, a.in_order(), self.device)
 
     def rollout(self, a: RolloutArrays, controls: Controls, record: tuple[str, ...]) -> None:
         """All steps of every world.
@@ -34,7 +39,10 @@ class SpecialisedKernels:
             a: where `controls` has room for all worlds if a tape follows the policy (`taped_policy`).
             record: names of the outputs that the caller gets.
         """
-        kernel = rollout.make_rollout_kernel(self.spec, controls.name, "gap" in record)
+        if isinstance(controls.policy, Callback):
+            rollout_by_steps(self._step, self.spec.structure, a, controls)
+            return
+        kernel = rollout.make_rollout_kernel(self.spec, controls.policy, "gap" in record)
         inputs = a.in_order(controls.struct)
         launch(kernel, a.worlds, inputs, self.device, grain=max(1, 128 // controls.steps))
         if controls.us is None and not taped_policy(controls, a.x0, a.table):
@@ -60,4 +68,9 @@ def taped_policy(controls: Controls, x0: wp.array, table: wp.array) -> bool:
     Raises:
         ArgumentError: a gradient is wanted through a policy that has none.
     """
-    return controls.us is None and tape.differentiable_policy(controls.name, controls.struct, x0, table)
+    if controls.us is not None:
+        return False
+    if isinstance(controls.policy, Callback):
+        tape.refuse("x0 or params", "no gradient flows through a policy in Python", x0, table)
+        return False
+    return tape.differentiable_policy(controls.policy, controls.struct, x0, table)

@@ -12,6 +12,7 @@ from simulators import simulator
 
 import slcp_warp as slcp
 from slcp_warp import ddp, scenes
+from slcp_warp.kernels.policies.tracking import TRACKING
 from slcp_warp.scripts.stages.plan import optimise
 from slcp_warp.scripts.stages.trajectory import simulate
 from slcp_warp.scripts.support.records import load_policy, load_record, result_of
@@ -64,8 +65,8 @@ def test_a_tracked_plan_keeps_its_limits(device):
 def test_without_limits_nothing_is_held(device):
     result = plan(device, limits=False)
     assert np.isinf(result.lower).all() and np.isinf(result.upper).all()
-    name, struct = ddp.TrackingPolicy(result).arrays(problem(device).dynamics)
-    assert name == "tracking" and struct.lower is None
+    kernel, struct = ddp.TrackingPolicy(result).kernel(problem(device).dynamics)
+    assert kernel == TRACKING and struct.lower is None
     traj = problem(device).dynamics.rollout(
         pushed(), policy=ddp.TrackingPolicy(result), steps=N, params=problem(device).params, record="controls"
     )
@@ -88,7 +89,7 @@ def test_limits_of_every_problem_of_a_batch(device):
     np.testing.assert_array_equal(found.upper, bounds)
     np.testing.assert_array_equal(found.select(1).lower, -bounds[1])
     with pytest.raises(ValueError, match="control_limits are for 3 trajectories; there are 1"):
-        ddp.TrackingPolicy(base, control_limits=(-bounds, bounds)).arrays(sim)
+        ddp.TrackingPolicy(base, control_limits=(-bounds, bounds)).kernel(sim)
 
 
 def test_a_sweep_keeps_the_limits(device):

@@ -13,6 +13,7 @@ from slcp_warp.kernels.gradients import adjoint
 from slcp_warp.kernels.mechanism.kinematics import make_types
 from slcp_warp.kernels.method import Method
 from slcp_warp.kernels.plain import complementarity
+from slcp_warp.kernels.policies.open_loop import OPEN_LOOP
 from slcp_warp.kernels.specialisation import Specialisation
 from slcp_warp.kernels.step import rollout
 from slcp_warp.kernels.structure import MOST_ROWS, CapacityError
@@ -151,9 +152,9 @@ def of(structure, method=None):
 FACTORIES = {
     "types": lambda s: make_types(s, wp.float64),
     "step": lambda s: rollout.make_step_kernel(of(s)),
-    "rollout": lambda s: rollout.make_rollout_kernel(of(s), "open_loop", False),
+    "rollout": lambda s: rollout.make_rollout_kernel(of(s), OPEN_LOOP, False),
     "gap at the end": lambda s: rollout.make_step_kernel(of(s, Method("hard", gap="end"))),
-    "sweep": lambda s: sweep.make_sweep_kernel(of(s), "open_loop"),
+    "sweep": lambda s: sweep.make_sweep_kernel(of(s), OPEN_LOOP),
     "adjoint": lambda s: adjoint.make_adjoint_kernel(of(s), True, False),
 }
 

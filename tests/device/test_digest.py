@@ -27,6 +27,7 @@ from slcp_warp.kernels.ensembles.draws import make_draw_kernel
 from slcp_warp.kernels.generic.step import make_step_kernel
 from slcp_warp.kernels.method import Method
 from slcp_warp.kernels.residual.residuals import make_residual_kernel
+from slcp_warp.kernels.policies.open_loop import OPEN_LOOP
 from slcp_warp.kernels.specialisation import Specialisation
 from slcp_warp.kernels.step import rollout
 assert slcp.__file__.startswith(sys.argv[1]), slcp.__file__
@@ -35,7 +36,7 @@ spec = Specialisation(scene, f64, Method())
 hard = Specialisation(scene, f64, Method("hard", friction="coulomb"))
 made = {
     "step": rollout.make_step_kernel(spec),
-    "rollout": rollout.make_rollout_kernel(spec, "open_loop", False),
+    "rollout": rollout.make_rollout_kernel(spec, OPEN_LOOP, False),
     "coulomb": rollout.make_step_kernel(hard),
     "generic": make_step_kernel(f64, "hard"),
     "draw": make_draw_kernel(4, f64),
@@ -134,9 +135,9 @@ def test_an_edit_recompiles_what_contains_it(names):
 @pytest.mark.parametrize(
     "name, what, line, kernels",
     [
-        ("ensembles/random.py", "philox", "unused = int(7)", {"draw"}),
+        ("device/random.py", "philox", "unused = int(7)", {"draw"}),
         ("contact/problem.py", "COLD", "COLD = 2.0 * COLD", {"step", "rollout", "coulomb", "generic"}),
-        ("ensembles/random.py", "ROUNDS", "import slcp_warp  # noqa", set()),
+        ("device/random.py", "ROUNDS", "import slcp_warp  # noqa", set()),
         ("step/rollout.py", "step_kernel", "unused = int(7)", {"step", "coulomb"}),
     ],
     ids=["a function", "a constant", "a new import", "one kernel of two in a file"],

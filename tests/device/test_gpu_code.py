@@ -13,6 +13,7 @@ from slcp_warp import scenes
 from slcp_warp.kernels.control import riccati
 from slcp_warp.kernels.generic import step as generic_step
 from slcp_warp.kernels.method import Method
+from slcp_warp.kernels.policies.open_loop import OPEN_LOOP
 from slcp_warp.kernels.specialisation import Specialisation
 from slcp_warp.kernels.step import rollout
 from slcp_warp.scripts.benchmarks.cost.cubin import sm90_resources
@@ -25,7 +26,7 @@ SINE = 32  # bytes of local memory of the argument reduction of sine and cosine
 def test_finger_rollout_spills_little(tmp_path):
     structure = scenes.flicking_finger().structure
     kernel = rollout.make_rollout_kernel(
-        Specialisation(structure, wp.float32, Method(scaling="none")), "open_loop", False
+        Specialisation(structure, wp.float32, Method(scaling="none")), OPEN_LOOP, False
     )
     used = sm90_resources(kernel, tmp_path)
     assert SINE < used["frame"] <= 576, used  # bytes
@@ -36,7 +37,7 @@ def test_finger_rollout_spills_little(tmp_path):
 def test_rollout_without_contact_fits_in_registers(tmp_path):
     structure = scenes.pendulum_chain().structure
     spec = Specialisation(structure, wp.float32, Method())
-    kernel = rollout.make_rollout_kernel(spec, "open_loop", False)
+    kernel = rollout.make_rollout_kernel(spec, OPEN_LOOP, False)
     used = sm90_resources(kernel, tmp_path)
     assert 0 < used["registers"] <= 128 and used["frame"] <= SINE, used  # 16 warps a multiprocessor
     assert used["code"] <= 40_000, used

@@ -10,6 +10,7 @@ from warp._src.context import ModuleBuilder, ModuleHasher
 import slcp_warp as slcp
 from slcp_warp.kernels.device import patches
 from slcp_warp.kernels.method import Method
+from slcp_warp.kernels.policies.tracking import TRACKING
 from slcp_warp.kernels.specialisation import Specialisation
 from slcp_warp.kernels.step import rollout
 
@@ -44,7 +45,7 @@ def unpatched(monkeypatch):
 
 def test_the_code_is_the_same(monkeypatch, unpatched):
     spec = Specialisation(slcp.scenes.particle(friction=0.5).structure, wp.float64, Method())
-    kernel = rollout.make_rollout_kernel(spec, "tracking", True)
+    kernel = rollout.make_rollout_kernel(spec, TRACKING, True)
     by_warp = counted(monkeypatch)
     before = code(kernel)
     calls = len(by_warp)

@@ -13,6 +13,7 @@ import warp as wp
 import slcp_warp as slcp
 from slcp_warp.kernels.device import cache, progress
 from slcp_warp.kernels.method import Method
+from slcp_warp.kernels.policies.open_loop import OPEN_LOOP
 from slcp_warp.kernels.residual.residuals import make_residual_kernel
 from slcp_warp.kernels.specialisation import Specialisation
 from slcp_warp.kernels.step import rollout
@@ -139,6 +140,6 @@ def test_kernels_in_words():
     slcp.Simulator(scene, device="cpu")
     method = Method("hard", friction="coulomb", integrator="trapezoidal")
     spec = Specialisation(scene.structure, wp.float32, method)
-    kernel = rollout.make_rollout_kernel(spec, "open_loop", False)
+    kernel = rollout.make_rollout_kernel(spec, OPEN_LOOP, False)
     words = "rollout of particle (float32, hard, Coulomb's friction, trapezoidal, open loop)"
     assert progress.describe(kernel) == words

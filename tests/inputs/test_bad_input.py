@@ -29,7 +29,7 @@ def grasp():
 class Stranger:
     """A policy that no kernel knows."""
 
-    def arrays(self, sim):
+    def kernel(self, sim):
         return "mine", None
 
 
@@ -179,7 +179,8 @@ ERRORS = {
     "record by number": (
         lambda: sim().rollout(X, FIVE, record=1), TypeError, "record is 1; names out of .*'impulse'"),
     "a policy of a kind of its own": (
-        lambda: sim().rollout(X, policy=Stranger(), steps=3), ValueError, "name 'mine'; choose one of"),
+        lambda: sim().rollout(X, policy=Stranger(), steps=3), TypeError,
+        "policy.kernel gave .*'mine', None.*PolicyKernel, struct. is needed"),
     "controls of no length": (
         lambda: sim().rollout(X, np.zeros((0, 2))), ArrayError, "controls has shape .*one step"),
     "sequences for other worlds": (

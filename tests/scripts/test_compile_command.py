@@ -11,6 +11,7 @@ from test_cli import call, fails
 import slcp_warp as slcp
 from slcp_warp.kernels.device import cache
 from slcp_warp.kernels.device.progress import recorded
+from slcp_warp.kernels.policies.open_loop import OPEN_LOOP
 from slcp_warp.kernels.step.rollout import make_rollout_kernel, make_step_kernel
 
 
@@ -54,7 +55,7 @@ def test_what_it_says_is_so(unloaded, tmp_path, monkeypatch):
     monkeypatch.setattr(wp.config, "kernel_cache_dir", str(tmp_path))
     scene = slcp.scenes.particle()
     sim = slcp.Simulator(scene, device="cpu", dtype="float32")
-    for kernel in (make_step_kernel(sim.spec), make_rollout_kernel(sim.spec, "open_loop", False)):
+    for kernel in (make_step_kernel(sim.spec), make_rollout_kernel(sim.spec, OPEN_LOOP, False)):
         kernel.module.unload()
     command = ("compile", "particle", "--dtype", "float32", "--device", "cpu")
     assert "2 compiled, 0 found in the cache" in call(*command).output

@@ -37,7 +37,7 @@ class Rude:
 class Stranger:
     """A policy of a kind that no kernel knows."""
 
-    def arrays(self, sim):
+    def kernel(self, sim):
         return "mine", None
 
 

@@ -39,7 +39,7 @@ ROOMS = {  # the order of each layer's rooms: none imports one that is named aft
             "stepping",
             "plain",
             "simulator",
-            "products",
+            "policies",
             "torch",
             "measures",
             "tasks",

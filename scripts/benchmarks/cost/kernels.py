@@ -20,6 +20,7 @@ import slcp_warp as slcp
 from slcp_warp.kernels.contact.problem import COLD
 from slcp_warp.kernels.device.cache import load
 from slcp_warp.kernels.generic import step as generic_step
+from slcp_warp.kernels.policies.open_loop import OPEN_LOOP
 from slcp_warp.kernels.step import rollout
 
 from ..shared.machine import machine
@@ -53,7 +54,7 @@ def rollout_kernel(sim: slcp.Simulator) -> wp.Kernel:
     if sim.strategy == "generic":
         residual = generic_step.residual_of(sim.options.method, sim.nr)
         return generic_step.make_rollout_kernel(sim.dtype, residual)
-    return rollout.make_rollout_kernel(sim.spec, "open_loop", False)
+    return rollout.make_rollout_kernel(sim.spec, OPEN_LOOP, False)
 
 
 def bench_sizes(

@@ -1,75 +1,16 @@
-"""Control policies evaluated inside a rollout: u = control(policy, world, step, x).
-
-Each maker returns the policy's struct of arrays and its Warp function. Differences of periodic state
-components are wrapped to half a period (the finger's free ellipse looks the same after a turn by pi).
-"""
-
-from types import SimpleNamespace
+"""The rule of the nearest neighbour, over a library of states with controls and gains."""
 
 import warp as wp
 
 from ..factories import cached
+from .contract import PolicyFunctions, PolicyKernel
+from .pieces import make_hold, make_wrap
 
 STACK = 64  # pending branches of a tree search: more than twice the depth of any tree that fits in memory
 
 
 @cached
-def make_open_loop(nx: int, nu: int, dtype: type) -> SimpleNamespace:
-    """Controls (B, N, nu), one sequence per world."""
-    VX, VU = wp.types.vector(nx, dtype), wp.types.vector(max(nu, 1), dtype)
-
-    @wp.struct
-    class OpenLoop:
-        us: wp.array3d(dtype=dtype)
-
-    @wp.func
-    def control(policy: OpenLoop, world: int, k: int, x: VX):
-        u = VU()
-        for i in range(wp.static(nu)):
-            u[i] = policy.us[world, k, i]
-        return u
-
-    return SimpleNamespace(name="open_loop", Struct=OpenLoop, control=control)
-
-
-@cached
-def make_tracking(nx: int, nu: int, dtype: type) -> SimpleNamespace:
-    """u = us_k + K_k (x - xs_k) along one trajectory per world or one for all; its last step is held."""
-    VX, VU = wp.types.vector(nx, dtype), wp.types.vector(max(nu, 1), dtype)
-
-    @wp.struct
-    class Tracking:
-        us: wp.array3d(dtype=dtype)  # (1 or B, N, nu)
-        xs: wp.array3d(dtype=dtype)  # (1 or B, >= N, nx)
-        gain: wp.array4d(dtype=dtype)  # (1 or B, N, nu, nx)
-        period: wp.array(dtype=dtype)  # (nx,), 0: none
-        lower: wp.array2d(dtype=dtype)  # (0, 1 or B, nu) limits of the controls
-        upper: wp.array2d(dtype=dtype)
-
-    @wp.func
-    def control(policy: Tracking, world: int, k: int, x: VX):
-        row = wp.where(policy.us.shape[0] == 1, 0, world)
-        at = wp.min(k, policy.us.shape[1] - 1)
-        dx = VX()
-        for j in range(wp.static(nx)):
-            dx[j] = wrapped(x[j] - policy.xs[row, at, j], policy.period[j])
-        u = VU()
-        for i in range(wp.static(nu)):
-            value = policy.us[row, at, i]
-            for j in range(wp.static(nx)):
-                value += policy.gain[row, at, i, j] * dx[j]
-            if policy.lower.shape[0] > 0:
-                limits = wp.where(policy.lower.shape[0] == 1, 0, world)
-                value = held(value, policy.lower[limits, i], policy.upper[limits, i])
-            u[i] = value
-        return u
-
-    wrapped, held = make_wrap(dtype), make_hold(dtype)
-    return SimpleNamespace(name="tracking", Struct=Tracking, control=control)
-
-
-@cached
-def make_nearest(nx: int, nu: int, dtype: type) -> SimpleNamespace:
+def make_nearest(nx: int, nu: int, dtype: type) -> PolicyFunctions:
     """The nearest-neighbour rule (20), (M37).
 
     Points y = W x_j are stored as a balanced k-d tree in one array: the node of a range is its middle, its
@@ -163,32 +104,7 @@ def make_nearest(nx: int, nu: int, dtype: type) -> SimpleNamespace:
                 u[i] = held(u[i], policy.lower[e, i], policy.upper[e, i])
         return u
 
-    return SimpleNamespace(name="nearest", Struct=Nearest, control=control, nearest=nearest)
+    return PolicyFunctions(Nearest, control)
 
 
-@cached
-def make_wrap(dtype: type) -> wp.Function:
-    """wrapped(d, period): d less the nearest multiple of the period; d itself where the period is 0."""
-
-    @wp.func
-    def wrapped(d: dtype, period: dtype):
-        if period > dtype(0.0):
-            return d - period * wp.round(d / period)
-        return d
-
-    return wrapped
-
-
-@cached
-def make_hold(dtype: type) -> wp.Function:
-    """held(u, lower, upper): u within its limits; NaN stays NaN."""
-
-    @wp.func
-    def held(u: dtype, lower: dtype, upper: dtype):
-        if u < lower:
-            return lower
-        if u > upper:
-            return upper
-        return u
-
-    return held
+NEAREST = PolicyKernel("nearest", make_nearest)

@@ -7,7 +7,7 @@ import warp as wp
 from simulators import NUMPY
 
 from slcp_warp.kernels.device.launch import launch
-from slcp_warp.kernels.ensembles.random import make_normal, philox
+from slcp_warp.kernels.device.random import make_normal, philox
 
 COUNT = 100_000
 

@@ -1,0 +1,13 @@
+"""Policies: whatever gives the controls of a rollout or a sweep, evaluated inside its kernel.
+
+Those that follow plans and libraries are in `slcp_warp.ddp`. Any object with ``kernel(sim) -> (PolicyKernel,
+struct)`` is one, too.
+"""
+
+from slcp_warp.kernels.policies.contract import PolicyFunctions, PolicyKernel
+
+from ..stepping.callback import Callback
+from .function import Function
+from .linear import Linear
+
+__all__ = ["Callback", "Function", "Linear", "PolicyFunctions", "PolicyKernel"]

@@ -1,0 +1,28 @@
+"""Numbers of policies as arrays of a simulator's precision, on its device."""
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from ..inputs.errors import ArgumentError
+from ..inputs.limits import bounded
+from ..simulator import Simulator
+
+
+def put(sim: Simulator, values: Any) -> wp.array:
+    """Values of a policy as a Warp array of a simulator's precision, on its device."""
+    if isinstance(values, wp.array):
+        if values.dtype is not sim.dtype or values.device != sim.device or not values.is_contiguous:
+            raise ArgumentError(
+                f"a policy's Warp array is of {values.dtype.__name__} on {values.device}; a contiguous array "
+                f"of {sim.dtype.__name__} on {sim.device} is needed"
+            )
+        return values
+    return wp.array(np.ascontiguousarray(values), dtype=sim.dtype, device=sim.device)
+
+
+def put_limits(sim: Simulator, struct: Any, limits: tuple[np.ndarray, np.ndarray]) -> None:
+    """Limits of the controls in a policy's struct; a policy without any has none there."""
+    if bounded(*limits):
+        struct.lower, struct.upper = (put(sim, a) for a in limits)
