@@ -25,7 +25,7 @@ from .results import Linearization, Step, Trajectory
 from .simulator import Simulator
 from .stepping.strategy import StrategyError
 from .storage.files import FileError
-from .tasks import Disturbances, Task, TaskError
+from .tasks import Disturbances, Task, TaskError, TaskFileError, load_task, save_task
 
 __version__ = "0.1.0"
 
@@ -64,18 +64,21 @@ __all__ = [
     "SweepSpec",
     "Task",
     "TaskError",
+    "TaskFileError",
     "Trajectory",
     "box",
     "costs",
     "jvp",
     "load_mjcf",
     "load_scene",
+    "load_task",
     "measures",
     "particle_rollout",
     "particles",
     "policies",
     "residual",
     "save_scene",
+    "save_task",
     "scenes",
     "solve_complementarity",
     "sweep",

@@ -1,7 +1,6 @@
 """Scenes in files: TOML or JSON, `format = "slcp-scene"`, `version = 2`; docs/reference/scene_files.md."""
 
 import dataclasses
-import difflib
 import json
 import os
 import types
@@ -12,11 +11,10 @@ from typing import Any
 from ..inputs import checks
 from ..inputs.errors import SceneError
 from ..storage.files import MOST_TEXT, MOST_TOML, parse_json, parse_toml, read_text, reading, write_text
+from ..storage.tables import below, entries, place, table
 from .mjcf import load_mjcf
 from .scene import Scene
 from .scene_schema import FORMAT, NO_VALUE, VERSION, VERSIONS, file_fields, json_schema
-
-MOST_ENTRIES = 4096  # of a list
 
 __all__ = ["json_schema", "load_scene", "save_scene"]
 
@@ -107,33 +105,22 @@ def _plain(item: Any) -> dict[str, Any]:
 
 def _build(kind: Any, values: Any, where: str) -> Any:
     """An instance of a scene class from a table of the file."""
-    if not isinstance(values, dict):
-        raise SceneFileError(_said(where, f"{values!r:.60}; a table of fields is needed"))
     fields = file_fields(kind)
-    for name in values:
-        if name not in fields:
-            near = difflib.get_close_matches(name, fields, 1)
-            hint = f"; did you mean {near[0]!r}?" if near else f"; there are {', '.join(fields)}"
-            raise SceneFileError(_said(where, f"no field {name!r:.60}{hint}"))
+    needed = [name for name, (_, required) in fields.items() if required]
+    values = table(where, values, fields, needed, SceneFileError)
     arguments = {}
     for field in dataclasses.fields(kind):
         if field.name not in fields:
             continue
-        name, (hint, required) = field.name, fields[field.name]
+        name, (hint, _) = field.name, fields[field.name]
         if name in values:
-            arguments[name] = _convert(hint, values[name], f"{where}, {name}" if where else name)
-        elif required:
-            raise SceneFileError(_said(where, f"{name} is missing"))
+            arguments[name] = _convert(hint, values[name], below(where, name))
         elif field.default is dataclasses.MISSING:
             arguments[name] = None
     try:
         return kind(**arguments)
     except SceneError as error:
-        raise SceneFileError(_said(where, str(error))) from error
-
-
-def _said(where: str, text: str) -> str:
-    return f"{where}: {text}" if where else text
+        raise SceneFileError(place(where, str(error))) from error
 
 
 def _convert(hint: Any, value: Any, where: str) -> Any:
@@ -145,11 +132,8 @@ def _convert(hint: Any, value: Any, where: str) -> Any:
     if hint in (float, int, str, bool):  # the scene's classes look at them
         return value
     items = typing.get_args(hint)
-    if not isinstance(value, list):
-        raise SceneFileError(f"{where}: {value!r:.60}; a list is needed")
-    if len(value) > MOST_ENTRIES:
-        raise SceneFileError(f"{where}: {len(value)} entries; at most {MOST_ENTRIES} are read")
-    return tuple(_convert(items[0], v, f"{where}[{i}]") for i, v in enumerate(value))
+    values = entries(where, value, SceneFileError)
+    return tuple(_convert(items[0], v, f"{where}[{i}]") for i, v in enumerate(values))
 
 
 def _convert_union(hint: Any, value: Any, where: str) -> Any:

@@ -2,6 +2,7 @@
 the JSON schema that editors use.
 """
 
+import collections.abc
 import dataclasses
 import json
 import types
@@ -13,7 +14,10 @@ from .scene import Scene
 
 FORMAT, VERSION = "slcp-scene", 2
 VERSIONS = (1, 2)  # that are read; in 1 damping was explicit
-CHOICES = {("Body", "joint"): tuple(JOINTS), ("Shape", "kind"): KINDS}
+CHOICES: dict[tuple[str, str], tuple[Any, ...]] = {
+    ("Body", "joint"): tuple(JOINTS),
+    ("Shape", "kind"): KINDS,
+}
 NO_VALUE = "none"  # stands for "no value" in a list, where TOML has no null
 
 
@@ -25,14 +29,14 @@ def file_fields(kind: type) -> dict[str, tuple[Any, bool]]:
         if field.init:
             hint = hints[field.name]
             optional = type(None) in typing.get_args(hint)
-            out[field.name] = (hint, field.default is dataclasses.MISSING and not optional)
+            given = (field.default, field.default_factory) != (dataclasses.MISSING, dataclasses.MISSING)
+            out[field.name] = (hint, not given and not optional)
     return out
 
 
 def json_schema() -> dict[str, Any]:
     """JSON schema (draft 2020-12) of a scene file."""
-    parts = (Body, Shape, Contact, Actuator, Spring)
-    scene = _object(Scene)
+    scene = object_schema(Scene)
     scene["properties"] = {
         "$schema": {"type": "string"},
         "format": {"const": FORMAT},
@@ -44,13 +48,20 @@ def json_schema() -> dict[str, Any]:
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": f"{FORMAT} {VERSION}",
         **scene,
-        "$defs": {kind.__name__: _object(kind) for kind in parts},
+        "$defs": part_schemas(),
     }
 
 
-def _object(kind: type) -> dict[str, Any]:
+def part_schemas() -> dict[str, Any]:
+    """The schemas of a scene's parts, by the names of their classes."""
+    return {kind.__name__: object_schema(kind) for kind in (Body, Shape, Contact, Actuator, Spring)}
+
+
+def object_schema(kind: type, choices: dict[str, tuple[Any, ...]] | None = None) -> dict[str, Any]:
+    """The schema of a class's fields; `choices`: the values that fields may have."""
     fields = file_fields(kind)
     properties = {name: _type(kind.__name__, name, hint) for name, (hint, _) in fields.items()}
+    properties |= {name: {"enum": list(values)} for name, values in (choices or {}).items()}
     return {
         "type": "object",
         "description": " ".join((kind.__doc__ or "").split("\n\n")[0].split()),
@@ -71,6 +82,8 @@ def _type(owner: str, name: str, hint: Any, in_list: bool = False) -> dict[str, 
     if hint in simple:
         return {"type": simple[hint]}
     arguments = typing.get_args(hint)
+    if typing.get_origin(hint) is collections.abc.Mapping:
+        return {"type": "object", "additionalProperties": _type(owner, name, arguments[1])}
     if isinstance(hint, types.UnionType):
         return {"anyOf": [_type(owner, name, argument, in_list) for argument in arguments]}
     if arguments[-1] is Ellipsis:

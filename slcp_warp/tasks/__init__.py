@@ -4,6 +4,7 @@ from .box_topple import box_topple
 from .cart_pole_walls import cart_pole_walls
 from .catch import catch
 from .disturbances import Disturbances
+from .files import TaskFileError, load_task, save_task
 from .flicking_finger import flicking_finger
 from .grasp_hold import grasp_hold
 from .hopper_hop import hopper_hop
@@ -17,12 +18,15 @@ __all__ = [
     "NAMED",
     "Task",
     "TaskError",
+    "TaskFileError",
     "box_topple",
     "cart_pole_walls",
     "catch",
     "flicking_finger",
     "grasp_hold",
     "hopper_hop",
+    "load_task",
     "push_to_mark",
+    "save_task",
     "walker_walk",
 ]

@@ -30,7 +30,7 @@ def cart_pole_walls() -> Task:
         name="cart_pole_walls",
         scene=scene,
         cost=terms(scene, running, final),
-        horizon=150,
+        horizon=200,
         control_limits=(-20.0, 20.0),
         start={pole: math.pi, "pole.vangle": 0.0},
         measures={

@@ -21,7 +21,7 @@ SECTIONS = {  # of the paper
     "V", "V.A", "V.B", "V.C", "VI",
 }  # fmt: skip
 FOOTNOTES, SOURCES = {1, 2, 3, 4}, set(range(1, 23))
-MADE = {"report.md", "fuzz.md", "table.md"}  # files that commands write
+MADE = {"file.py", "report.md", "fuzz.md", "table.md"}  # files that commands write
 NAME = re.compile(r"(slcp|ddp|slcp_warp|slcp_torch)((?:\.[A-Za-z_]\w*)+)(?!\w)(?<!\.png)")
 
 

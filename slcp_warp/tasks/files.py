@@ -1,0 +1,284 @@
+"""Tasks in files: TOML or JSON, `format = "slcp-task"`, `version = 1`, or a name in a Python file."""
+
+import dataclasses
+import importlib.util
+import json
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from slcp_warp.kernels.control.cost_terms import FIELDS, KINDS, make_terms
+
+from ..costs import Cost, Term, terms
+from ..description.scene import Scene
+from ..description.scene_file import load_scene, scene_content, scene_of
+from ..description.scene_schema import NO_VALUE, file_fields
+from ..inputs import checks
+from ..inputs.checks import shown
+from ..inputs.errors import InputError
+from ..options import Options
+from ..scenes import NAMED as SCENES
+from ..storage.files import MOST_TEXT, MOST_TOML, parse_json, parse_toml, read_text, reading, write_text
+from ..storage.tables import entries, place, table
+from .disturbances import Disturbances
+from .notation import measure_content, measure_of, success_content, success_of
+from .registry import NAMED
+from .task import Task, TaskError
+
+FORMAT, VERSION = "slcp-task", 1
+TEXT = (".toml", ".json")
+OF_SCENE = ("step_size", "sigma")  # numbers of the scene that a task file may change
+FIELDS_OF_FILE = (
+    *("$schema", "format", "version", "name", "scene", *OF_SCENE, "cost", "horizon", "duration", "options"),
+    *("control_limits", "start", "disturbances", "measures", "success"),
+)
+NEEDED = ("name", "scene", "cost", "horizon")
+
+
+class TaskFileError(TaskError):
+    """A file that is no task; the message names the file, the place in it, what came and what is needed."""
+
+
+def load_task(name: str | os.PathLike[str]) -> Task:
+    """A task by its name (`slcp_warp.tasks.NAMED`), from a .toml or .json file, or `file.py:name`.
+
+    In a Python file the name is a `Task`, or a function that makes one; the file is run.
+
+    Raises:
+        TaskFileError: no task: too large, another version, a field that is unknown, missing, twice or of a
+            wrong type, names that the scene has not got; the message names the place.
+        FileNotFoundError: no such file.
+    """
+    if isinstance(name, str) and name in NAMED:
+        return NAMED[name]()
+    path = checks.path("name", name)
+    file, colon, attribute = str(path).rpartition(":")
+    if colon and file.endswith(".py"):
+        return _from_python(Path(file), attribute)
+    if path.suffix not in TEXT:
+        raise TaskFileError(
+            f"{shown(str(path))} is no task; a .toml or .json file, file.py:name or one of "
+            f"{', '.join(NAMED)} is needed"
+        )
+    with reading(path, "a task", TaskFileError):
+        return task_of(_parse(path), path.parent)
+
+
+def task_of(content: Any, folder: Path | None = None) -> Task:
+    """The task of a task file's content; `folder`: where its scene's file is.
+
+    Raises:
+        TaskFileError: as `load_task`, without a file's name.
+    """
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        found = (
+            f"{content.get('format')!r:.60}" if isinstance(content, dict) else f"a {type(content).__name__}"
+        )
+        raise TaskFileError(f"format is {found}; a task file has format = {FORMAT!r}")
+    version = content.get("version")
+    if isinstance(version, bool) or version != VERSION:
+        raise TaskFileError(f"version is {version!r:.60}; this program reads {VERSION}")
+    values = table("", content, FIELDS_OF_FILE, NEEDED, TaskFileError)
+    scene = _scene(values, folder)
+    fields: dict[str, Any] = {
+        name: values[name] for name in ("name", "horizon", "duration") if name in values
+    }
+    fields |= {"scene": scene, "cost": _cost(values["cost"], scene)}
+    for name, kind in (("options", Options), ("disturbances", Disturbances)):
+        if name in values:
+            fields[name] = _build(kind, values[name], name)
+    if "control_limits" in values:
+        fields["control_limits"] = _limits(values["control_limits"])
+    if "start" in values:
+        fields["start"] = values["start"]
+    given = table("measures", values.get("measures", {}), values.get("measures", {}), (), TaskFileError)
+    measures = {
+        key: _said(f"measures, {key}", measure_of, each, f"measures, {key}") for key, each in given.items()
+    }
+    fields["measures"] = measures
+    if "success" in values:
+        fields["success"] = _said("success", success_of, values["success"], measures, "success")
+    task: Task = _said("", lambda: Task(**fields))
+    return task
+
+
+def task_content(task: Task) -> dict[str, Any]:
+    """What a task's file holds, as JSON values.
+
+    Raises:
+        TaskFileError: a cost or a measure that is no data.
+    """
+    checks.instance("task", task, Task, "a slcp_warp.Task")
+    content: dict[str, Any] = {"format": FORMAT, "version": VERSION, "name": task.name}
+    scene = scene_content(task.scene)
+    content["scene"] = {key: value for key, value in scene.items() if key not in ("format", "version")}
+    content |= {"horizon": task.horizon, "duration": task.duration, "cost": _cost_content(task)}
+    for name, default in (("options", Options()), ("disturbances", Disturbances())):
+        changed = _changed(getattr(task, name), default)
+        if changed:
+            content[name] = changed
+    if task.control_limits is not None:
+        content["control_limits"] = [_with_none(limit) for limit in task.control_limits]
+    content["start"] = task.start.tolist()
+    content["measures"] = {
+        key: _said(f"measures, {key}", measure_content, each) for key, each in task.measures.items()
+    }
+    if task.success is not None:
+        content["success"] = _said("success", success_content, task.success, task.measures)
+    return content
+
+
+def save_task(task: Task, path: str | os.PathLike[str]) -> None:
+    """Write a task to a .json file, its scene with it: reading it gives an equal task.
+
+    The file appears whole or not at all.
+
+    Raises:
+        TaskFileError: a cost that is no sum of terms, or a measure of a function, which are no data.
+    """
+    path = checks.path("path", path)
+    if path.suffix != ".json":
+        raise TaskFileError(
+            f"{path}: tasks are written as .json, not as {path.suffix or 'a file without ending'}"
+        )
+    write_text(path, json.dumps(task_content(task), indent=2, allow_nan=False) + "\n")
+
+
+def _parse(path: Path) -> Any:
+    text = read_text(path, MOST_TEXT if path.suffix == ".json" else MOST_TOML)
+    try:
+        return parse_json(text) if path.suffix == ".json" else parse_toml(text)
+    except ValueError as error:  # what both parsers raise
+        raise TaskFileError(f"not readable as {path.suffix[1:].upper()}: {error}") from error
+
+
+def _from_python(path: Path, attribute: str) -> Task:
+    """A task of a Python file, which is run as a module of its own."""
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: no such file")
+    name = f"slcp_task_{path.stem}_{abs(hash(str(path.resolve()))):x}"
+    spec = importlib.util.spec_from_file_location(name, path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # Warp looks its functions' modules up
+    try:
+        spec.loader.exec_module(module)
+        found = getattr(module, attribute, None)
+        task = found() if callable(found) else found
+    except Exception as error:
+        raise TaskFileError(f"{path}:{attribute}: {type(error).__name__}: {error}") from error
+    if not isinstance(task, Task):
+        there = [key for key, value in vars(module).items() if isinstance(value, Task)]
+        hint = f"; tasks in it: {', '.join(there)}" if there else ""
+        need = "a slcp_warp.Task, or a function that makes one,"
+        raise TaskFileError(f"{path}: {attribute} is {shown(task)}; {need} is needed{hint}")
+    return task
+
+
+def _scene(values: dict[str, Any], folder: Path | None) -> Scene:
+    given = values["scene"]
+    if isinstance(given, dict):
+        scene = _said("scene", scene_of, {"format": "slcp-scene", "version": 2} | given)
+    elif isinstance(given, str) and given in SCENES:
+        scene = SCENES[given]()
+    elif isinstance(given, str) and Path(given).suffix in (*TEXT, ".xml"):
+        scene = _said("scene", load_scene, _beside(given, folder))
+    else:
+        need = f"a table, a .toml, .json or .xml file or one of {', '.join(SCENES)}"
+        raise TaskFileError(f"scene: {given!r:.60}; {need} is needed")
+    changes = {name: values[name] for name in OF_SCENE if name in values}
+    changed: Scene = _said("", lambda: dataclasses.replace(scene, **changes)) if changes else scene
+    return changed
+
+
+def _beside(given: str, folder: Path | None) -> Path:
+    """A scene's file in the folder of the task's file, or below it."""
+    if Path(given).is_absolute() or ".." in Path(given).parts:
+        raise TaskFileError(
+            f"scene: {given!r:.60}; a file beside the task's, or in a folder there, is needed"
+        )
+    path = (Path() if folder is None else folder) / given
+    if not path.is_file():
+        raise TaskFileError(f"scene: no file {str(path)!r:.200}")
+    return path
+
+
+def _cost(values: Any, scene: Scene) -> Cost:
+    groups = table("cost", values, ("running", "final"), (), TaskFileError)
+    made = {}
+    for name in ("running", "final"):
+        listed = entries(f"cost, {name}", groups.get(name, []), TaskFileError)
+        made[name] = [_build(Term, each, f"cost, {name}[{i}]") for i, each in enumerate(listed)]
+    cost: Cost = _said("cost", terms, scene, made["running"], made["final"])
+    return cost
+
+
+def _cost_content(task: Task) -> dict[str, Any]:
+    """The terms of a cost, from its weights."""
+    cost, scene = task.cost, task.scene
+    if cost.make is not make_terms or cost.weights.ndim > 1:
+        raise TaskFileError("cost: no sum of costs.Term, which alone are data; write the task in Python")
+    rows, nx = cost.weights[1:].reshape(-1, FIELDS), 2 * scene.nv
+    found = []
+    for kind, component, weight, target, width, minus in rows:
+        i = int(component)
+        of = {"state": scene.state_names[i]} if i < nx else {"control": scene.control_names[i - nx]}
+        less = {} if minus < 0 else {"minus": scene.state_names[int(minus)]}
+        term = Term(KINDS[int(kind)], weight, target=target, width=width, **of, **less)
+        found.append({"kind": term.kind} | _changed(term, Term(term.kind, 0.0, control=0)) | of)
+    running = int(cost.weights[0])
+    groups = {"running": found[:running], "final": found[running:]}
+    return {name: group for name, group in groups.items() if group}
+
+
+def _changed(item: Any, default: Any) -> dict[str, Any]:
+    """Fields of an object that differ from another's, as plain values."""
+    out = {}
+    for field in dataclasses.fields(item):
+        value = getattr(item, field.name)
+        if value != getattr(default, field.name) and value is not None:
+            out[field.name] = list(value) if isinstance(value, tuple) else value
+    return out
+
+
+def _limits(given: Any) -> Any:
+    """(lower, upper) with infinite ones where the file has no value."""
+    if not isinstance(given, list) or len(given) != 2:
+        raise TaskFileError(f"control_limits: {given!r:.60}; [lower, upper] is needed")
+    return tuple(_without_none(limit, sign * np.inf) for limit, sign in zip(given, (-1.0, 1.0)))
+
+
+def _without_none(limit: Any, instead: float) -> Any:
+    if isinstance(limit, list):
+        return [_without_none(each, instead) for each in entries("control_limits", limit, TaskFileError)]
+    return instead if limit is None or limit == NO_VALUE else limit
+
+
+def _with_none(limit: Any) -> Any:
+    values = np.asarray(limit, float)
+    if values.ndim:
+        return [_with_none(each) for each in values]
+    return float(values) if np.isfinite(values) else None
+
+
+def _build(kind: type, values: Any, where: str) -> Any:
+    """An object of a class from a table of its fields."""
+    fields = file_fields(kind)
+    needed = [name for name, (_, required) in fields.items() if required]
+    given = table(where, values, fields, needed, TaskFileError)
+    return _said(where, lambda: kind(**given))
+
+
+def _said(where: str, make: Callable[..., Any], *arguments: Any) -> Any:
+    """What `make` gives; its error says the place in the file, once."""
+    try:
+        return make(*arguments)
+    except TaskFileError:
+        raise
+    except (InputError, TypeError) as error:
+        text = str(error)
+        raise TaskFileError(text if text.startswith(where) else place(where, text)) from error
