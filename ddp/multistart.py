@@ -7,6 +7,7 @@ import numpy as np
 
 from slcp_warp.inputs.checks import array, instance
 from slcp_warp.inputs.errors import ArgumentError
+from slcp_warp.storage.printed import Printed
 
 from .options import Options, Regularization
 from .problem import Problem
@@ -21,8 +22,8 @@ SCHEDULES = Regularization(  # the same start ends in different minima under the
 )
 
 
-@dataclass(frozen=True)
-class Multistart:
+@dataclass(frozen=True, repr=False)
+class Multistart(Printed):
     """Outcome of `solve_multistart`.
 
     Attributes:
@@ -34,6 +35,9 @@ class Multistart:
     best: Result
     index: int
     all: Result
+
+    def _line(self) -> str:
+        return f"the best is number {self.index}; {repr(self.all)[1:-1]}"
 
 
 def solve_multistart(

@@ -6,9 +6,11 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from slcp_warp import Parameters, Simulator
 from slcp_warp.inputs.checks import whole
 from slcp_warp.inputs.errors import ArgumentError, ArgumentTypeError
 from slcp_warp.inputs.limits import limit_rows
+from slcp_warp.results.simulated import Simulated
 
 from .costs import Cost
 from .dynamics import dynamics_of
@@ -65,6 +67,11 @@ class Problem:
     def nu(self) -> int:
         """Number of controls."""
         return int(self.dynamics.nu)
+
+    def simulated(self) -> Simulated | None:
+        """Scene, options and parameters of a simulator with parameters of its own kind; else None."""
+        known = isinstance(self.dynamics, Simulator) and isinstance(self.params, Parameters)
+        return Simulated.of(self.dynamics, self.params) if known else None
 
     def with_params(self, **changes: Any) -> "Problem":
         """The same problem with some of the dynamics' numbers changed; nothing is compiled."""

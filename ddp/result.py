@@ -1,60 +1,25 @@
 """What the solver returns."""
 
-from dataclasses import dataclass, fields, replace
+import os
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from slcp_warp.inputs.checks import whole
-from slcp_warp.kernels.control import status as codes
+from slcp_warp.inputs.errors import ArgumentError
+from slcp_warp.results.records import Record, read_record
+from slcp_warp.results.simulated import Simulated
+from slcp_warp.storage.printed import Printed, Table, counted
 
+from .plan_check import check_plan
 from .status import Status
+from .trace import Trace
 
 
-@dataclass(frozen=True)
-class Trace:
-    """One row a pass (B, passes + 1), NaN where a problem had already stopped.
-
-    Attributes:
-        cost: cost after the pass.
-        reduction: cost before less cost after; 0 where no step size was accepted.
-        reduction_ratio: actual over expected reduction of the step accepted.
-        step_size: the alpha accepted, 0 where none was.
-        expected_reduction: largest expected reduction among the step sizes.
-        regularization: mu of the backward pass.
-        gradient: largest |Q_u| before the step.
-        min_pivot: smallest pivot of Q_uu without regularisation; positive where it is positive definite.
-        restarts: times that the backward pass had to start again with a larger mu.
-    """
-
-    cost: np.ndarray
-    reduction: np.ndarray
-    reduction_ratio: np.ndarray
-    step_size: np.ndarray
-    expected_reduction: np.ndarray
-    regularization: np.ndarray
-    gradient: np.ndarray
-    min_pivot: np.ndarray
-    restarts: np.ndarray
-
-    @classmethod
-    def from_rows(cls, rows: np.ndarray) -> "Trace":
-        """Name the columns of the solver's array (B, passes + 1, TRACE_COLUMNS)."""
-        columns = {
-            "cost": codes.TRACE_COST,
-            "reduction": codes.TRACE_REDUCTION,
-            "reduction_ratio": codes.TRACE_RATIO,
-            "step_size": codes.TRACE_STEP_SIZE,
-            "expected_reduction": codes.TRACE_EXPECTED,
-            "regularization": codes.TRACE_REGULARIZATION,
-            "gradient": codes.TRACE_GRADIENT,
-            "min_pivot": codes.TRACE_PIVOT,
-            "restarts": codes.TRACE_RESTARTS,
-        }
-        return cls(**{name: rows[..., column].copy() for name, column in columns.items()})
-
-
-@dataclass(frozen=True)
-class Result:
+@dataclass(frozen=True, repr=False)
+class Result(Printed):
     """Locally optimal trajectories and policies u = us + K (x - xs); NumPy arrays, batch first.
 
     Attributes:
@@ -72,6 +37,8 @@ class Result:
         lower, upper: limits of the controls (B, nu), infinite where there is none; `TrackingPolicy` keeps
             them.
         trace: history.
+        simulated: scene, options and parameters that were planned with; None: dynamics of one's own.
+        header: further entries of its file, JSON values.
     """
 
     xs: np.ndarray
@@ -88,6 +55,8 @@ class Result:
     lower: np.ndarray
     upper: np.ndarray
     trace: Trace
+    simulated: Simulated | None = None
+    header: dict[str, Any] = field(default_factory=dict)
 
     @property
     def converged(self) -> np.ndarray:
@@ -104,6 +73,68 @@ class Result:
         index = whole("index", index, -len(self.status), len(self.status) - 1)
         return replace(
             self,
-            trace=Trace(**{f.name: getattr(self.trace, f.name)[index] for f in fields(Trace)}),
-            **{f.name: getattr(self, f.name)[index] for f in fields(Result) if f.name != "trace"},
+            trace=Trace(**{name: getattr(self.trace, name)[index] for name in PASSES}),
+            simulated=None if self.simulated is None else self.simulated.select(index),
+            **{name: getattr(self, name)[index] for name in ARRAYS},
         )
+
+    @property
+    def batched(self) -> bool:
+        """Whether there is an axis of problems."""
+        return self.xs.ndim == 3
+
+    def record(self) -> Record:
+        """What its file holds.
+
+        Raises:
+            ArgumentError: dynamics of one's own, which a file cannot hold.
+        """
+        if self.simulated is None:
+            raise ArgumentError(
+                "this plan was made for dynamics of one's own; files hold plans of simulators"
+            )
+        arrays = {name: np.asarray(getattr(self, name)) for name in ARRAYS}
+        arrays |= {f"trace_{name}": getattr(self.trace, name) for name in PASSES}
+        return Record("plan", arrays, self.simulated, {"horizon": self.us.shape[-2]} | self.header)
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write an .npz file, with scene, options and parameters; replaced only once complete."""
+        return self.record().save(path)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> "Result":
+        """Read a file of `save` or of `slcp optimise`.
+
+        Raises:
+            FileError: truncated, no plan, of a newer version, or inconsistent.
+            FileNotFoundError: no such file.
+        """
+        return cls.of(read_record(path, "plan", check_plan))
+
+    @classmethod
+    def of(cls, record: Record) -> "Result":
+        """The result that a plan file holds."""
+        values = {name: record.arrays[name] for name in ARRAYS if name in record.arrays}
+        for name, none in (("lower", -np.inf), ("upper", np.inf)):  # of files that state no limits
+            values.setdefault(name, np.full(np.delete(record["us"].shape, -2), none))
+        trace = Trace(**{name: record[f"trace_{name}"] for name in PASSES})
+        return cls(**values, trace=trace, simulated=record.simulated, header=record.facts())
+
+    def _line(self) -> str:
+        codes, counts = np.unique(np.ravel(self.status), return_counts=True)
+        ends = ", ".join(f"{n:,} {Status(int(code)).name}" for code, n in zip(codes, counts))
+        of = "" if self.simulated is None else f"{self.simulated.scene.name!r}, "
+        what = counted(len(self.xs) if self.batched else 1, "problem")
+        best = f"cost {np.min(self.cost):.6g}" + (" at best" if self.batched else "")
+        return f"{of}{what}, {self.us.shape[-2]} steps: {ends}; {best}"
+
+    def _tables(self) -> list[Table]:
+        names = ("cost", "iterations", "gradient", "min_pivot")
+        columns = [np.ravel(getattr(self, name)) for name in names]
+        ends = [Status(int(code)).name for code in np.ravel(self.status)]
+        rows = [(i, end, *(c[i].item() for c in columns)) for i, end in enumerate(ends)]
+        return [Table("", ("problem", "status", *names), rows, left=2)]
+
+
+PASSES = tuple(f.name for f in fields(Trace))
+ARRAYS = tuple(f.name for f in fields(Result) if f.name not in ("trace", "simulated", "header"))

@@ -24,7 +24,8 @@ from .batches import fill
 from .dynamics import dynamics_of
 from .options import Options
 from .problem import Problem
-from .result import Result, Trace
+from .result import Result
+from .trace import Trace
 
 
 class Workspace:
@@ -279,6 +280,7 @@ class Workspace:
             lower=lower,
             upper=upper,
             trace=Trace.from_rows(self._state.trace.numpy()[:, : passes + 1]),
+            simulated=self.problem.simulated(),
         )
 
     def _differentiate(self, backward: Prepared) -> bool:

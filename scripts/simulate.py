@@ -47,8 +47,8 @@ def simulate_command(
     sim = make_simulator(named_scene(scene), residual, scaling, device, dtype, integrator)
     params = make_params(sim, step_size, sigma, settings)
     x0 = start_states(sim.scene, start, worlds, velocity_sd, seed)
-    record = simulate(sim, params, x0, steps, policy)
-    record.header["seed"] = seed
-    record.save(path)
-    console.print(summary(sim.scene, record))
+    run = simulate(sim, params, x0, steps, policy)
+    run.header["seed"] = seed
+    run.save(path)
+    console.print(summary(run))
     wrote(path)

@@ -9,7 +9,6 @@ import slcp_warp as slcp
 
 from .stages.sweep import cycle_states, run_sweep, sweep_table
 from .support.options import Device, Integrator, Scaling, SceneName, Seed, Settings
-from .support.records import load_record
 from .support.screen import INTERRUPTED, console, one_line_errors, prepared, progress_bar, timed, wrote
 from .support.simulators import OBSERVED, RESIDUALS, mechanism_name, named_scene, numbers, parse_settings
 
@@ -50,7 +49,7 @@ def sweep_command(
     """Roll a policy out in many perturbed worlds, report how robust it is. Ctrl-C saves what is finished."""
     path = prepared(out)
     chosen = named_scene(scene)
-    states = None if start is None else cycle_states(load_record(start, "trajectory"), chosen, skip)
+    states = None if start is None else cycle_states(slcp.Trajectory.load(start), chosen, skip)
     spec = slcp.SweepSpec(
         worlds=worlds, duration=duration, residuals=_residuals(residuals),
         step_sizes=tuple(numbers(step_sizes, "--step-sizes").tolist()), start=states,

@@ -25,9 +25,8 @@ from .results import Linearization, Step, Trajectory
 from .simulator import Simulator
 from .stepping.strategy import StrategyError
 from .storage.files import FileError
+from .storage.version import __version__ as __version__
 from .tasks import Disturbances, Task, TaskError, TaskFileError, load_task, save_task
-
-__version__ = "0.1.0"
 
 __all__ = [
     "Actuator",

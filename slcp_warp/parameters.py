@@ -17,6 +17,7 @@ from .inputs.arrays import ArrayError
 from .inputs.checks import flag, instance, shown
 from .inputs.errors import ArgumentError, ArgumentTypeError
 from .inputs.rules import COVARIANCES
+from .storage.printed import Printed, Table, counted
 
 _uploading = threading.Lock()
 
@@ -25,7 +26,7 @@ class ParameterError(ArgumentError):
     """A parameter with an unknown name, wrong shape or illegal value."""
 
 
-class Parameters:
+class Parameters(Printed):
     """Named parameters of one scene, immutable; `replace` makes a changed copy.
 
     Names and units: step_size h [s]; sigma per row [m/s, rad/s]; gravity [m/s^2]; mass [kg]; inertia [kg
@@ -55,6 +56,22 @@ class Parameters:
         out.__dict__.pop("worlds", None)  # looked up once an object: a step asks for it
         out._values, out.requires_grad, out._uploaded = values, requires_grad, {}
         return out
+
+    def _line(self) -> str:
+        of = "shared by all worlds" if self.worlds is None else f"for {counted(self.worlds, 'world')}"
+        tracked = "; tracked" if self.requires_grad else ""
+        return f"of {self.scene.name!r}: {counted(len(self.names), 'name')}, {of}{tracked}"
+
+    def _tables(self) -> list[Table]:
+        rows = []
+        for name in self.names:
+            value, shape = self[name], self.layout.shape(name)
+            if value.size:
+                whose = "every world's own" if value.ndim > len(shape) else "shared"
+                rows.append((name, shape or "()", whose, float(value.min()), float(value.max())))
+        half = len(rows) // 2 + 1
+        head = ("parameter", "shape", "worlds", "lowest", "highest")
+        return [Table("", head, part, left=3) for part in (rows[:half], rows[half:])]
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -10,22 +10,25 @@ from slcp_warp.kernels.specialisation import Specialisation
 from .description.scene import Scene
 from .gradients import launches, tape
 from .inputs import checks
+from .inputs.arrays import Array
 from .inputs.errors import ArgumentError
 from .options import Options
 from .parameters import Parameters
 from .results import Linearization, Step, Trajectory, contact_impulse
+from .results.simulated import Simulated
 from .stepping.arguments import Arguments, policy_arrays
 from .stepping.arrays import Controls, RolloutArrays, StepArrays
 from .stepping.callback import Callback
 from .stepping.kernels import Kernels
 from .stepping.specialised import taped_policy
 from .stepping.strategy import current_name
+from .storage.printed import Printed, Table
 
 RECORDED = ("controls", "impulse", "gap")
 DTYPES = {"float32": wp.float32, "float64": wp.float64}
 
 
-class Simulator:
+class Simulator(Printed):
     """Steps many worlds of one scene in parallel.
 
     Args:
@@ -66,6 +69,18 @@ class Simulator:
         self.kernels = Kernels(scene.name, self.spec, self.device, current_name(strategy))
         self.strategy = self.kernels.strategy
         self._arguments = Arguments(scene.structure, self.dtype, self.device)
+
+    def _line(self) -> str:
+        how = f"{self.dtype.__name__} on {self.device}, {self.strategy} kernels"
+        return f"of {self.scene.name!r}: {self.options.residual}, {how}; h = {self.scene.step_size:g} s"
+
+    def _tables(self) -> list[Table]:
+        states = list(zip(self.scene.state_names, self.scene.state_units, map(float, self.scene.x0)))
+        rows = [(name, str(getattr(self.options, name))) for name in vars(self.options)]
+        return [
+            Table("options", ("option", "choice"), rows, left=2),
+            Table("states", ("state", "unit", "start"), states, left=2),
+        ]
 
     @property
     def nx(self) -> int:
@@ -136,12 +151,14 @@ class Simulator:
         self.kernels.stepping_from(table, state.array, u).step(arrays)
         friction = (params or self.params)["friction"]
 
-        def by_pair() -> Any:
+        def by_pair() -> Array:
             contact = contact_impulse(self.scene, impulse.numpy(), friction, self.options)
             return state.give(wp.array(contact, dtype=self.dtype, device=self.device))
 
         give = state.give
-        return Step(give(after), give(impulse), give(gap), give(multiplier), give(status), by_pair)
+        return Step(
+            give(after), give(impulse), give(gap), give(multiplier), give(status), by_pair, self.scene
+        )
 
     def rollout(
         self,
@@ -179,23 +196,25 @@ class Simulator:
         table = self.parameter_array(params, worlds)
         external = self._arguments.external_force(external_force, worlds)
         status = self._arguments.status(worlds)
+        simulated = Simulated.of(self, params)
         if checkpoint is not None:
             every = checks.whole("checkpoint", checkpoint)
             if source.us is None or record:
                 raise ArgumentError(f"checkpoint is {every}; it needs controls, and no record")
             kernels = self.kernels.specialised("a rollout with checkpoints")
             states = kernels.checkpointed(table, state.array, source.us, external, status, every)
-            return Trajectory(state.give(states), state.give(status))
-        kept = {*record, "controls"} if taped_policy(source, state.array, table) else record
+            kept = (*range(0, source.steps, every), source.steps)
+            return Trajectory(state.give(states), state.give(status), simulated=simulated, kept=kept)
+        needed = {*record, "controls"} if taped_policy(source, state.array, table) else record
         controls, impulse, gap = recorded = [
-            self.empty(worlds if name in kept else 0, source.steps, max(size, 1))
+            self.empty(worlds if name in needed else 0, source.steps, max(size, 1))
             for name, size in zip(RECORDED, (self.nu, self.nr, self.nr))
         ]
         states = self.empty(worlds, source.steps + 1, self.nx)
         arrays = RolloutArrays(table, state.array, external, states, controls, impulse, gap, status)
         self.kernels.rolling_out(source, table, state.array).rollout(arrays, source, record)
-        shown = (state.give(a) if name in record else None for name, a in zip(RECORDED, recorded))
-        return Trajectory(state.give(states), state.give(status), *shown)
+        shown: dict[str, Any] = {n: state.give(a) for n, a in zip(RECORDED, recorded) if n in record}
+        return Trajectory(state.give(states), state.give(status), simulated=simulated, **shown)
 
     def linearize(
         self,
@@ -228,7 +247,7 @@ class Simulator:
         external = given.external_force(external_force, worlds)
         fx, fu, fzz, status = launches.at_states(self.spec, table, state.array, control, external, second)
         curved = state.give(fzz) if second else None
-        return Linearization(state.give(fx), state.give(fu), curved, state.give(status))
+        return Linearization(state.give(fx), state.give(fu), curved, state.give(status), self.scene)
 
     def _controls(self, controls: Any, policy: Any, steps: Any, worlds: int) -> Controls:
         """Where a rollout's controls come from."""

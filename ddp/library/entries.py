@@ -9,6 +9,7 @@ import numpy as np
 from slcp_warp import Scene
 from slcp_warp.inputs.checks import array, instance, shown
 from slcp_warp.inputs.errors import ArgumentError
+from slcp_warp.storage.printed import Printed, Table, counted
 
 LIMITS = ("lower", "upper")
 ARRAYS = ("x", "u", "K", "cost", "gain", "age", "chain", "plan", *LIMITS)
@@ -28,8 +29,8 @@ def scene_digest(scene: Scene) -> str:
     return hashlib.sha256(f"Structure({', '.join(parts)})".encode()).hexdigest()[:16]
 
 
-@dataclass(frozen=True)
-class Entries:
+@dataclass(frozen=True, repr=False)
+class Entries(Printed):
     """Local controllers, first axis L = number of entries.
 
     Attributes:
@@ -79,6 +80,21 @@ class Entries:
 
     def __len__(self) -> int:
         return len(self.x)
+
+    def _line(self) -> str:
+        name = self.header.get("scene")
+        of = f"of {shown(name)}: " if isinstance(name, str) else ""
+        plans = len(np.unique(np.stack([self.chain, self.plan]), axis=1).T) if len(self) else 0
+        return f"{of}{counted(len(self), 'controller')} from {counted(plans, 'plan')}"
+
+    def _tables(self) -> list[Table]:
+        columns = {"cost": self.cost, "gain": self.gain, "step within its plan": self.age}
+        columns |= {f"x[{j}]": self.x[:, j] for j in range(self.x.shape[1])}
+        columns |= {f"u[{j}]": self.u[:, j] for j in range(self.u.shape[1])}
+        rows = [
+            (name, *map(float, (v.min(), np.median(v), v.max()))) for name, v in columns.items() if v.size
+        ]
+        return [Table("", ("", "lowest", "median", "highest"), rows)]
 
     def select(self, keep: np.ndarray) -> Self:
         """The entries of an index or a mask (L,)."""

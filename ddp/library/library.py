@@ -25,7 +25,7 @@ WITHOUT_LIMITS = 1  # version of files that state no control limits
 WHOLE = ("age", "chain", "plan")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Library(Entries):
     """Local controllers, first axis L = number of entries, with their policy and their file.
 

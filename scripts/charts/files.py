@@ -15,6 +15,8 @@ from ..support.tables import is_results
 from . import cycle, space, sweep
 from . import ddp as plans
 
+SHOWN = 8.0  # seconds of an animation
+
 
 @dataclass(frozen=True)
 class Order:
@@ -93,23 +95,23 @@ def _size(order: Order) -> list[Path]:
 
 def _trajectory(order: Order) -> list[Path]:
     """The limit cycle where it is the finger's, frames, and an animation."""
-    record, world = _checked_world(order.path, order.world), order.world
+    run, world = _checked_world(order.path, order.world), order.world
     name, made = order.path.stem, []
-    if mechanism_name(record.scene) == FINGER:
-        made.append(cycle.cycle_chart(record, order.out / f"{name}_cycle.png", order.surface, world))
-    made.append(cycle.frames_chart(record, order.out / f"{name}_frames.png", world))
-    made.append(cycle.animation(record, order.out / f"{name}.gif", world=world))
+    if mechanism_name(run.scene) == FINGER:
+        made.append(cycle.cycle_chart(run, order.out / f"{name}_cycle.png", order.surface, world))
+    made.append(cycle.frames_chart(run, order.out / f"{name}_frames.png", world))
+    made.append(run.animate(order.out / f"{name}.gif", world, SHOWN))
     return made
 
 
-def _checked_world(path: Path, world: int) -> Record:
+def _checked_world(path: Path, world: int) -> slcp.Trajectory:
     """A trajectory file that has a world of this index with finite states."""
-    record = load_record(path, "trajectory")
-    if not 0 <= world < len(record["states"]):
-        raise ValueError(f"--world is {world}; {path} has {len(record['states'])} worlds")
-    if not np.isfinite(record["states"][world]).all():
+    run = slcp.Trajectory.load(path)
+    if not 0 <= world < len(run):
+        raise ValueError(f"--world is {world}; {path} has {len(run)} worlds")
+    if not np.isfinite(run.states[world]).all():
         raise ValueError(f"{path}: the states of world {world} are not finite")
-    return record
+    return run
 
 
 DRAWERS: dict[str, Drawer] = {

@@ -6,9 +6,9 @@ import numpy as np
 
 import slcp_warp as slcp
 from slcp_warp import StrategyError
+from slcp_warp.results.pictures.mechanism import Drawing, Mechanism, view
 
 from ..support.simulators import default_scaling
-from .mechanism import Drawing, Mechanism, view
 from .style import plt, save
 
 GHOSTS = 4

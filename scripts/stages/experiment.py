@@ -10,7 +10,7 @@ import slcp_warp as slcp
 from slcp_warp import ddp
 from slcp_warp.ddp.planning import random_starts
 
-from ..support.records import Record, load_record
+from ..support.records import Record
 from ..support.screen import progress_bar
 from ..support.simulators import OBSERVED, make_params, make_simulator, named_scene, start_states
 from ..support.tables import write_csv
@@ -120,7 +120,7 @@ class Run:
 
     def spec(self, **changes: Any) -> slcp.SweepSpec:
         """A sweep from the limit cycle with the velocities kicked by a standard deviation of 2."""
-        starts = load_record(self.file("starts.npz"), "trajectory")
+        starts = slcp.Trajectory.load(self.file("starts.npz"))
         values: dict[str, Any] = {
             "worlds": self.scale.worlds, "duration": self.scale.duration, "step_sizes": (0.05, 0.03),
             "start": cycle_states(starts, self.scene, self.scale.skip), "velocity_sd": 2.0,
@@ -162,13 +162,10 @@ class Run:
         return [self.file(name) for name in names]
 
 
-def _typical_world(record: Record) -> Record:
+def _typical_world(run: slcp.Trajectory) -> slcp.Trajectory:
     """The one world of median turn among the solved ones."""
-    turn = record["states"][:, -1, 2] - record["states"][:, 0, 2]
-    solved = np.flatnonzero(record["status"] == slcp.Status.SOLVED)
+    turn = run.states[:, -1, 2] - run.states[:, 0, 2]
+    solved = np.flatnonzero(run.status == slcp.Status.SOLVED)
     if not len(solved):
         raise ValueError("no world of the controlled hard system was solved")
-    chosen = solved[np.argsort(turn[solved])[len(solved) // 2]]
-    per_world = ("states", "controls", "impulse", "gap", "contact_impulse", "status")
-    arrays = {k: v[chosen : chosen + 1] if k in per_world else v for k, v in record.arrays.items()}
-    return Record(record.kind, arrays, record.simulated, record.header)
+    return run[solved[np.argsort(turn[solved])[[len(solved) // 2]]]]

@@ -8,9 +8,9 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from slcp_warp import ddp
-from slcp_warp.simulated import Simulated
+from slcp_warp.results.simulated import Simulated
 
-from ..support.records import Record, device_facts, result_arrays
+from ..support.records import Record, device_facts
 from ..support.simulators import make_params, make_simulator, named_scene
 
 SCENE = "flicking_finger"  # the scene that has a named cost
@@ -65,7 +65,7 @@ def optimise(
             problem, x0, last.us, sigmas.tolist(), options, xs0=last.xs, K0=last.K
         )
     levels = np.array([simulated.header()["sigma"], *([] if sigmas is None else sigmas)])
-    arrays |= result_arrays(results[-1])
+    arrays |= results[-1].record().arrays
     for f in fields(ddp.Trace):
         arrays[f"trace_{f.name}"] = np.concatenate([_passes(r, f.name) for r in results])
     arrays["trace_level"] = np.repeat(np.arange(len(results)), [len(_passes(r, "cost")) for r in results])

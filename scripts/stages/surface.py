@@ -3,7 +3,7 @@
 import numpy as np
 
 import slcp_warp as slcp
-from slcp_warp.simulated import Simulated
+from slcp_warp.results.simulated import Simulated
 
 from ..support.records import Record, device_facts
 

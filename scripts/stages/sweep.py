@@ -11,16 +11,16 @@ from rich.table import Table
 import slcp_warp as slcp
 from slcp_warp.ddp.library.entries import scene_digest
 
-from ..support.records import Record, load_policy
+from ..support.records import load_policy
 from ..support.simulators import default_scaling, make_simulator
 
 
-def cycle_states(record: Record, scene: slcp.Scene, skip: float) -> np.ndarray:
+def cycle_states(run: slcp.Trajectory, scene: slcp.Scene, skip: float) -> np.ndarray:
     """States (M, nx) of a trajectory after `skip` seconds, solved worlds only; angles in one period."""
-    if scene_digest(record.scene) != scene_digest(scene):
-        raise ValueError(f"the start states are of scene {record.scene.name!r}, not {scene.name!r}")
-    first = round(skip / record.step_size)
-    states = record["states"][record["status"] == slcp.Status.SOLVED][:, first:]
+    if scene_digest(run.scene) != scene_digest(scene):
+        raise ValueError(f"the start states are of scene {run.scene.name!r}, not {scene.name!r}")
+    first = round(skip / run.step_size)
+    states = run.states[run.status == slcp.Status.SOLVED][:, first:]
     if not states.size:
         raise ValueError(
             f"no state is left after {skip} s; the trajectory ends earlier, or no world was solved"

@@ -1,5 +1,6 @@
 """Worlds over time, open loop or under a policy."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,10 +10,8 @@ from rich.markup import escape
 from rich.table import Table
 
 import slcp_warp as slcp
-from slcp_warp.results import contact_impulse
-from slcp_warp.simulated import Simulated
 
-from ..support.records import Record, device_facts, load_policy
+from ..support.records import device_facts, load_policy
 
 RECORD = ("controls", "impulse", "gap")
 
@@ -24,7 +23,7 @@ def simulate(
     steps: int,
     policy: str | Path = "zero",
     recorded: tuple[str, ...] = RECORD,
-) -> Record:
+) -> slcp.Trajectory:
     """Roll the worlds x0 (B, nx) out under a policy.
 
     Args:
@@ -42,29 +41,18 @@ def simulate(
     else:
         controller, facts = load_policy(Path(policy), sim.scene)
         trajectory = sim.rollout(x0, policy=controller, steps=steps, params=params, record=recorded)
-    impulse = trajectory.impulse[..., : sim.nr]
-    arrays = {
-        "states": trajectory.states,
-        "controls": trajectory.controls[..., : sim.nu],
-        "impulse": impulse,
-        "contact_impulse": contact_impulse(sim.scene, impulse, params["friction"], sim.options),
-        "status": trajectory.status,
-    }
-    if trajectory.gap is not None:
-        arrays["gap"] = trajectory.gap[..., : sim.nr]
-    return Record("trajectory", arrays, Simulated.of(sim, params), device_facts(sim) | facts)
+    return replace(trajectory, header=device_facts(sim) | facts)
 
 
-def summary(scene: slcp.Scene, record: Record) -> Table:
+def summary(run: slcp.Trajectory) -> Table:
     """First and last state of the first world, and the statuses of all."""
-    states, status = record["states"], record["status"]
-    residual = record.simulated.options.residual
-    duration = record.step_size * (states.shape[1] - 1)
+    scene, states, status = run.scene, run.states, run.status
+    duration = run.step_size * (states.shape[1] - 1)
     counts = ", ".join(
         f"{n} {slcp.Status(s).name.lower()}" for s, n in zip(*np.unique(status, return_counts=True))
     )
     table = Table(
-        title=f"{scene.name}, {residual}, {duration:g} s; worlds: {counts}",
+        title=f"{scene.name}, {run.options.residual}, {duration:g} s; worlds: {counts}",
         box=SIMPLE_HEAD,
     )
     table.add_column("first world")

@@ -15,16 +15,18 @@ from slcp_warp.kernels.structure import Structure
 
 from ..inputs.checks import array, instance
 from ..inputs.errors import SceneError
+from ..storage.printed import Printed, Table
 from . import names
 from .fields import Fields
+from .overview import scene_line, scene_tables
 from .parts import JOINTS, Actuator, Body, Contact, Pair2, Shape, Spring, radii, spread
 from .topology import contact_ends, structure_of
 
 PARTS = {"bodies": Body, "shapes": Shape, "contacts": Contact, "actuators": Actuator, "springs": Spring}
 
 
-@dataclass(frozen=True)
-class Scene:
+@dataclass(frozen=True, repr=False)
+class Scene(Printed):
     """A planar mechanism with its default numbers.
 
     Attributes:
@@ -73,6 +75,12 @@ class Scene:
             raise SceneError(f"bodies: scene {self.name!r} has none; it needs at least one")
         parts = self.bodies, self.shapes, self.contacts, self.actuators, self.springs
         return structure_of(*parts, self.implicit_damping)
+
+    def _line(self) -> str:
+        return scene_line(self)
+
+    def _tables(self) -> list[Table]:
+        return scene_tables(self)
 
     @property
     def nv(self) -> int:

@@ -11,6 +11,7 @@ from ..inputs import checks
 from ..inputs.checks import shown
 from ..inputs.errors import ArgumentError
 from ..options import Status
+from ..storage.printed import Printed, Table, counted
 from ..tasks.task import Task
 from . import store
 from .statistics import Z95, mean_interval, share_interval
@@ -18,8 +19,8 @@ from .statistics import Z95, mean_interval, share_interval
 KEYS = ("policy", "case", "step_size", "arm")
 
 
-@dataclass
-class Report:
+@dataclass(repr=False)
+class Report(Printed):
     """Outcome of a sweep of a task.
 
     Attributes:
@@ -109,12 +110,16 @@ class Report:
         store.write_table(path, self.table)
         return path
 
-    def __str__(self) -> str:
-        lines = [f"sweep of {self.task.name}" + ("" if self.complete else " (interrupted)")]
+    def _line(self) -> str:
+        end = "" if self.complete else "; interrupted"
+        return f"of task {self.task.name!r}: {counted(len(self.parts), 'part')}{end}"
+
+    def _tables(self) -> list[Table]:
+        rows = []
         for row in self.summary:
-            share, low, high = row["success"]
-            lines.append(
-                f"  {row['policy']}, {row['case']}, h = {row['step_size']:g} s, {row['arm']}: success "
-                f"{100 * share:.1f} % ({100 * low:.1f} to {100 * high:.1f}) of {row['worlds']} worlds"
-            )
-        return "\n".join(lines)
+            share, low, high = (100.0 * value for value in row["success"])
+            success = f"{share:.1f} ({low:.1f} to {high:.1f})"
+            means = [row[name][0] for name in self.task.measures]
+            rows.append((*(row[key] for key in KEYS), row["worlds"], success, *means))
+        head = (*KEYS, "worlds", "success, %", *(f"mean {name}" for name in self.task.measures))
+        return [Table("", head, rows, left=2)]

@@ -19,10 +19,11 @@ from ..inputs.limits import limit_rows
 from ..options import Status
 from ..parameters import ParameterError, Parameters
 from ..simulator import Simulator
+from ..storage.printed import Arrays
 
 
-@dataclass(frozen=True)
-class Particles:
+@dataclass(frozen=True, repr=False)
+class Particles(Arrays):
     """Means over the particles that were solved, with their standard errors.
 
     Attributes:
@@ -85,8 +86,8 @@ def particles(
     )
 
 
-@dataclass(frozen=True)
-class ParticleRollout:
+@dataclass(frozen=True, repr=False)
+class ParticleRollout(Arrays):
     """Every particle's trajectory: states (count, N+1, nx), controls (count, N, nu), status (count,)."""
 
     states: np.ndarray

@@ -15,10 +15,11 @@ from ..inputs.arrays import ArrayError
 from ..inputs.checks import array, instance, names
 from ..parameters import ParameterError, Parameters
 from ..simulator import Simulator
+from ..storage.printed import Arrays
 
 
-@dataclass(frozen=True)
-class Pullback:
+@dataclass(frozen=True, repr=False)
+class Pullback(Arrays):
     """Gradients of sum(weights * states), and the rollout.
 
     Attributes:
@@ -36,8 +37,8 @@ class Pullback:
     status: np.ndarray
 
 
-@dataclass(frozen=True)
-class Pushforward:
+@dataclass(frozen=True, repr=False)
+class Pushforward(Arrays):
     """Derivatives of the states along a direction, and the rollout.
 
     Attributes:

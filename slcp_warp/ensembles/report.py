@@ -8,11 +8,12 @@ import numpy as np
 
 from ..inputs import checks
 from ..inputs.errors import ArgumentError
+from ..storage.printed import Printed, Table, counted
 from . import store
 
 
-@dataclass
-class SweepReport:
+@dataclass(repr=False)
+class SweepReport(Printed):
     """Outcome of a sweep.
 
     Attributes:
@@ -29,6 +30,21 @@ class SweepReport:
     samples: list[np.ndarray]
     spec: dict[str, Any]
     complete: bool = True
+
+    def _line(self) -> str:
+        scene = self.spec.get("scene")
+        of = f"of {scene!r}: " if isinstance(scene, str) else ""
+        worlds = sum(int(case.get("worlds", 0)) for case in self.cases)
+        return f"{of}{counted(len(self.cases), 'case')}, {worlds:,} runs" + (
+            "" if self.complete else "; interrupted"
+        )
+
+    def _tables(self) -> list[Table]:
+        names = list(
+            dict.fromkeys(n for case in self.cases for n, v in case.items() if not isinstance(v, dict))
+        )
+        rows = [[case.get(name) for name in names] for case in self.cases]
+        return [Table("cases: value, low and high of 95 %", names, rows)]
 
     def save(self, path: str | Path) -> Path:
         """Write .csv (the table) or .npz (everything, no pickle); replaced only once complete."""

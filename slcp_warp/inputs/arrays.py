@@ -3,7 +3,7 @@
 import math
 import sys
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import warp as wp
@@ -11,6 +11,9 @@ import warp as wp
 from . import checks
 from .checks import numeric, shown
 from .errors import ArgumentError
+
+Array: TypeAlias = Any
+"""A NumPy array, a torch tensor or a Warp array: results are of the kind that the caller's arguments were."""
 
 
 class ArrayError(ArgumentError):
@@ -30,7 +33,7 @@ class Batch:
         """Length of the batch axis."""
         return int(self.array.shape[0])
 
-    def give(self, array: wp.array) -> Any:
+    def give(self, array: wp.array) -> Array:
         """A result in the kind of this argument, with a batch axis if this one had it."""
         return from_batch(array, self.kind, self.batched)
 
@@ -49,6 +52,14 @@ def kind_of(value: Any) -> str:
         return "warp"
     torch = sys.modules.get("torch")
     return "torch" if torch is not None and isinstance(value, torch.Tensor) else "numpy"
+
+
+def to_numpy(array: Array) -> np.ndarray:
+    """An array of any of the kinds as a NumPy array."""
+    kind = kind_of(array)
+    if kind == "torch":
+        return np.asarray(array.detach().cpu().numpy())
+    return np.asarray(array.numpy() if kind == "warp" else array)
 
 
 def to_batch(name: str, value: Any, shape: tuple[int | str, ...], dtype: Any, device: Any) -> Batch:
@@ -115,7 +126,7 @@ def same_worlds(name: str, given: int, worlds: int) -> None:
         raise ArrayError(f"{name} is given for {given} worlds, the state for {worlds}")
 
 
-def from_batch(array: wp.array, kind: str, batched: bool) -> Any:
+def from_batch(array: wp.array, kind: str, batched: bool) -> Array:
     """A result in the caller's kind, without the batch axis if the caller gave none."""
     if kind == "warp":
         if batched or array.ndim == 1:  # Warp has no arrays without an axis: a status stays (1,)

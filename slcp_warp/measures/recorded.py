@@ -67,7 +67,10 @@ class Recorded:
         source = {"control": "controls", "contact": "impulse"}.get(signal.kind, signal.kind)
         found = getattr(self, source)
         if found is None:
-            raise ArgumentError(f"a measure of {signal.kind} needs {source}, which were not recorded")
+            raise ArgumentError(
+                f"a measure of {signal.kind} needs {source}, which was not recorded; roll out with "
+                f"record={source!r}"
+            )
         if signal.kind == "control" or place != EVERY:
             values = found[:, :, place]
         elif signal.kind == "gap":

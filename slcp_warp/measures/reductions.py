@@ -12,7 +12,7 @@ from .signals import Compared, Condition, Joined, Signal, Within, contact, gap, 
 OF_CONDITIONS = REDUCTIONS[-3:]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Measure(Compared):
     """One number a world.
 
@@ -35,6 +35,14 @@ class Measure(Compared):
     def signals(self) -> list[Signal]:
         """The signals that it looks at."""
         return self.of.parts() if isinstance(self.of, Condition) else [self.of]
+
+    def __repr__(self) -> str:
+        """The expression that makes it, the names of `slcp_warp.measures` without the module."""
+        plain = isinstance(self.of, Signal) and self.of.kind == "state" and self.of.minus is None
+        given = [repr(self.of.which) if plain and isinstance(self.of, Signal) else repr(self.of)]
+        given += [f"start={self.start:g}"] if self.start else []
+        given += [] if self.end is None else [f"end={self.end:g}"]
+        return f"{self.reduction}({', '.join(given)})"
 
     def _within(self, low: float, high: float) -> "Success":
         return Success(((Within(self, low, high),),))

@@ -43,7 +43,7 @@ class Compared:
         raise ArgumentTypeError("there is no value yet: join comparisons with & and |, not with and, or")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Signal(Compared):
     """A number in every step.
 
@@ -81,8 +81,15 @@ class Signal(Compared):
     def _within(self, low: float, high: float) -> "Condition":
         return Condition(((Within(self, low, high),),))
 
+    def __repr__(self) -> str:
+        """The expression that makes it, the names of `slcp_warp.measures` without the module."""
+        name = {"impulse": "normal_impulse"}.get(self.kind, self.kind)
+        given = [getattr(self.function, "__name__", shown(self.function))] if self.function else []
+        given += [repr(which) for which in (self.which, self.minus) if which is not None]
+        return f"{name}({', '.join(given)})"
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, repr=False)
 class Within:
     """Whether low < `of` < high; `of` is a signal, or a measure."""
 
@@ -94,8 +101,15 @@ class Within:
         """The comparison itself; NaN holds nothing."""
         return (value > self.low) & (value < self.high)
 
+    def __repr__(self) -> str:
+        if self.low == -np.inf:
+            return f"{self.of!r} < {self.high:.12g}"
+        if self.high == np.inf:
+            return f"{self.of!r} > {self.low:.12g}"
+        return f"{self.of!r}.between({self.low:.12g}, {self.high:.12g})"
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, repr=False)
 class Joined:
     """Comparisons joined by & and |: any of the clauses, all of a clause's comparisons."""
 
@@ -111,6 +125,19 @@ class Joined:
 
     def __bool__(self) -> bool:
         raise ArgumentTypeError("there is no value yet: join comparisons with & and |, not with and, or")
+
+    def __repr__(self) -> str:
+        """The expression that makes it."""
+        clauses = [self._joined(clause) for clause in self.clauses]
+        if len(clauses) == 1:
+            return clauses[0]
+        return " | ".join(f"({clause})" for clause in clauses)
+
+    @staticmethod
+    def _joined(clause: tuple[Within, ...]) -> str:
+        if len(clause) == 1:
+            return repr(clause[0])
+        return " & ".join(f"({within!r})" for within in clause)
 
     def _same(self, other: Any, sign: str) -> None:
         if type(other) is not type(self):

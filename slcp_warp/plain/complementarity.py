@@ -20,14 +20,15 @@ from ..inputs import checks
 from ..inputs.arrays import ArrayError, from_batch, kind_of, to_batch
 from ..inputs.checks import choice
 from ..options import CHOICES, OptionError
+from ..storage.printed import Arrays
 
 RESIDUALS = (*REM, *ERM, "hard")
 METHODS = ("direct", "continuation")
 DEFINITE = 1e-6  # an eigenvalue below minus this part of the largest is negative
 
 
-@dataclass(frozen=True)
-class Complementarity:
+@dataclass(frozen=True, repr=False)
+class Complementarity(Arrays):
     """Solution of a batch of problems, in the kind of array that A is.
 
     Attributes:

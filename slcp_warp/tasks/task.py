@@ -15,6 +15,7 @@ from ..measures.recorded import checked_measures
 from ..measures.reductions import Measure, Success
 from ..options import Options
 from ..simulator import Simulator
+from ..storage.printed import Printed, Table
 from .disturbances import Disturbances
 
 
@@ -22,8 +23,8 @@ class TaskError(ArgumentError):
     """A task that describes no problem; the message names the field, what came and what is needed."""
 
 
-@dataclass(frozen=True)
-class Task:
+@dataclass(frozen=True, repr=False)
+class Task(Printed):
     """A problem to control, with its model and its judgement.
 
     Attributes:
@@ -101,6 +102,18 @@ class Task:
                     signal.place(self.scene), signal.less(self.scene)
                 except ArgumentError as error:
                     raise TaskError(f"{label}: {error}") from None
+
+    def _line(self) -> str:
+        measures = ", ".join(self.measures) or "none"
+        return (
+            f"{self.name!r} with scene {self.scene.name!r}: plans of {self.horizon} steps, runs of "
+            f"{self.duration:g} s; measures: {measures}"
+        )
+
+    def _tables(self) -> list[Table]:
+        rows = [("success", "every run to the end" if self.success is None else repr(self.success))]
+        rows += [(name, repr(measure)) for name, measure in self.measures.items()]
+        return [Table("", ("judged by", "expression"), rows, left=2)]
 
     @property
     def steps(self) -> int:

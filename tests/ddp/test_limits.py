@@ -15,7 +15,7 @@ from slcp_warp import ddp, scenes
 from slcp_warp.kernels.policies.tracking import TRACKING
 from slcp_warp.scripts.stages.plan import optimise
 from slcp_warp.scripts.stages.trajectory import simulate
-from slcp_warp.scripts.support.records import load_policy, load_record, result_of
+from slcp_warp.scripts.support.records import load_policy
 
 pytestmark = pytest.mark.slow
 FINGER = scenes.flicking_finger()
@@ -134,7 +134,7 @@ def test_a_library_keeps_the_limits(device, tmp_path):
     stated = free.policy(control_limits=LIMITS)
     np.testing.assert_array_equal(controls(stated)[0], held)
     record = simulate(sim, params, states, 1, tmp_path / "library.npz")
-    assert np.abs(record["controls"]).max() <= BOUND
+    assert np.abs(record.controls).max() <= BOUND
 
 
 def test_a_library_file_of_version_1_states_no_limits(tmp_path):
@@ -157,14 +157,46 @@ def plan_file(path, *without):
     return replace(record, arrays=kept).save(path)
 
 
+def test_plans_are_saved_and_loaded(tmp_path):
+    """Of one problem and of a batch of them with step sizes of their own, whichever wrote the file."""
+    params = problem().params.replace(step_size=[0.05, 0.04])
+    many = ddp.solve(
+        replace(problem(), params=params), np.tile(FINGER.x0, (2, 1)), np.zeros((2, N, 2)), passes(2)
+    )
+    for result in (plan(), many, many.select(1)):
+        again = ddp.Result.load(result.save(tmp_path / "plan.npz"))
+        for name in (*result_names(), "status", "iterations"):
+            np.testing.assert_array_equal(getattr(again, name), getattr(result, name))
+        np.testing.assert_array_equal(again.trace.cost, result.trace.cost)
+        assert again.simulated.scene == FINGER and again.simulated.options == problem().dynamics.options
+        found, expected = (each.simulated.parameters["step_size"] for each in (again, result))
+        np.testing.assert_array_equal(found, expected)
+    assert float(many.select(1).simulated.step_size) == 0.04
+    plan_file(tmp_path / "plan.npz")
+    assert ddp.Result.load(tmp_path / "plan.npz").header["method"] == ddp.Options().method
+    with pytest.raises(slcp.FileError, match="holds a trajectory; a plan is needed"):
+        simulate(problem().dynamics, problem().params, pushed(1), 2).save(tmp_path / "run.npz")
+        ddp.Result.load(tmp_path / "run.npz")
+    with pytest.raises(slcp.ArgumentError, match="dynamics of one's own"):
+        replace(plan(), simulated=None).save(tmp_path / "own.npz")
+
+
+def passes(most):
+    return ddp.Options(max_iterations=most)
+
+
+def result_names():
+    return ("xs", "us", "K", "k", "Vx", "Vxx", "cost", "gradient", "min_pivot", "lower", "upper")
+
+
 def test_simulate_under_a_plan_file_keeps_its_limits(tmp_path):
     path = plan_file(tmp_path / "plan.npz")
-    np.testing.assert_array_equal(result_of(load_record(path, "plan")).upper, [BOUND, 1.0])
+    np.testing.assert_array_equal(ddp.Result.load(path).upper, [BOUND, 1.0])
     record = simulate(problem().dynamics, problem().params, pushed(), N, path)
-    assert np.abs(record["controls"]).max() == BOUND
+    assert np.abs(record.controls).max() == BOUND
     old = plan_file(tmp_path / "old.npz", "lower", "upper")
-    assert np.isinf(result_of(load_record(old, "plan")).upper).all()
-    assert np.abs(simulate(problem().dynamics, problem().params, pushed(), N, old)["controls"]).max() > BOUND
+    assert np.isinf(ddp.Result.load(old).upper).all()
+    assert np.abs(simulate(problem().dynamics, problem().params, pushed(), N, old).controls).max() > BOUND
 
 
 def test_particles_keep_the_limits():

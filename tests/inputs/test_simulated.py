@@ -11,10 +11,10 @@ pytest.importorskip("matplotlib")
 from typer.testing import CliRunner
 
 import slcp_warp as slcp
+from slcp_warp.results.pictures.mechanism import Mechanism
+from slcp_warp.results.simulated import Simulated
 from slcp_warp.scripts.app import app
-from slcp_warp.scripts.charts.mechanism import Mechanism
 from slcp_warp.scripts.support.records import Record, RecordError, load_record
-from slcp_warp.simulated import Simulated
 from slcp_warp.storage.archive import write_archive
 
 PENDULUM = """
@@ -47,7 +47,7 @@ def test_a_trajectory_draws_the_users_own_mechanism(tmp_path, name):
     record = load_record(path, "trajectory")
     assert record.scene.name == name and record.scene.nv == 1 and record.scene.bodies[0].mass == 2.0
     assert record.simulated.options == slcp.Options() and record.simulated.parameters["mass"] == [3.0]
-    tip = Mechanism.of(record).links(record["states"][0, :1, :1])[0][0, 1]
+    tip = Mechanism(record.scene, record.simulated.world(0)).links(record["states"][0, :1, :1])[0][0, 1]
     angle = record["states"][0, 0, 0]
     np.testing.assert_allclose(tip, [3.0 * np.sin(angle), -3.0 * np.cos(angle)])  # twice the com: a rod's tip
     call("chart", path, "--out", tmp_path)

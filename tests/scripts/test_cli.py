@@ -19,15 +19,16 @@ from typer.testing import CliRunner
 import slcp_warp as slcp
 from slcp_warp import ddp, scenes
 from slcp_warp.ddp.library import refinement
+from slcp_warp.results.pictures.frames import frame_steps
+from slcp_warp.results.pictures.mechanism import Mechanism
+from slcp_warp.results.simulated import Simulated
 from slcp_warp.scripts.app import app
 from slcp_warp.scripts.benchmarks.commands import app as bench_app
-from slcp_warp.scripts.charts.cycle import frame_times, last_turn
+from slcp_warp.scripts.charts.cycle import last_turn
 from slcp_warp.scripts.charts.isosurface import isosurface
-from slcp_warp.scripts.charts.mechanism import Mechanism
 from slcp_warp.scripts.stages.trajectory import summary
 from slcp_warp.scripts.support.records import Record, RecordError, load_policy, load_record, read_kind
 from slcp_warp.scripts.support.screen import one_line_errors
-from slcp_warp.simulated import Simulated
 from slcp_warp.storage.archive import write_archive
 
 FLOAT32 = ["--device", "cpu", "--dtype", "float32"]
@@ -135,7 +136,7 @@ def test_every_number_of_the_summary_can_be_read():
     states = np.random.default_rng(0).normal(size=(1, 3, 2 * scene.nv)) * 1e-5
     simulated = Simulated.of(slcp.Simulator(scene, device="cpu"))
     console = Console(width=80, record=True, file=io.StringIO())
-    console.print(summary(scene, Record("trajectory", {"states": states, "status": np.zeros(1)}, simulated)))
+    console.print(summary(slcp.Trajectory(states, np.zeros(1, int), simulated=simulated)))
     text = console.export_text()
     assert "1 solved" in text and all(f" {value:.4g}" in text for value in states[0, [0, 2]].ravel())
     assert all(f" {body.name}" in text for body in scene.bodies)
@@ -335,7 +336,7 @@ def test_shapes_are_where_the_contact_says(made):
     """Drawn ellipses overlap exactly where the recorded gap is negative, to a pixel's accuracy."""
     record = load_record(made / "surface.npz", "surface")
     axes = [record[f"axis{i}"] for i in range(3)]
-    mechanism = Mechanism.of(record)
+    mechanism = Mechanism(record.scene, record.simulated.world(0))
     q = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     centre, angle = mechanism.shapes(q)
     turn = np.linspace(0.0, 2.0 * np.pi, 721)
@@ -370,14 +371,14 @@ def test_last_turn_and_frames():
     angle = np.linspace(0.0, 7.0, 141)
     states = np.zeros((1, 141, 6))
     states[0, :, 2] = angle
-    impulse = np.zeros((1, 140, 1, 2))
-    impulse[0, 103, 0, 0] = 1.0
+    impulse = np.zeros((1, 140, 6))
+    impulse[0, 103, -1] = 1.0  # of the last row, a contact's
     sim = slcp.Simulator(scenes.flicking_finger(), device="cpu")
     simulated = Simulated.of(sim, sim.params.replace(step_size=0.1))
-    record = Record("trajectory", {"states": states, "contact_impulse": impulse}, simulated)
-    cycle = last_turn(record)
+    run = slcp.Trajectory(states, np.zeros(1, int), impulse=impulse, simulated=simulated)
+    cycle = last_turn(run)
     assert np.pi <= cycle.states[-1, 2] - cycle.states[0, 2] < np.pi + 0.06
-    chosen = frame_times(cycle, 10)
+    chosen = frame_steps(cycle, 10)
     assert len(chosen) == 10 and cycle.impulse[chosen].max() == 1.0
 
 

@@ -12,12 +12,12 @@ import pytest
 import slcp_warp as slcp
 from slcp_warp import ddp
 from slcp_warp.ddp.library.entries import scene_digest
+from slcp_warp.results.simulated import Simulated
 from slcp_warp.scripts.benchmarks.accuracy.results import read_results
 from slcp_warp.scripts.benchmarks.stability.report import KEYS, NUMBERS, read_rows
 from slcp_warp.scripts.charts.sweep import SIZE_COLUMNS, read_sizes
 from slcp_warp.scripts.support.records import Record, RecordError, load_record
 from slcp_warp.scripts.support.tables import write_csv
-from slcp_warp.simulated import Simulated
 
 PARTICLE = slcp.scenes.particle()
 TOML = """

@@ -32,23 +32,12 @@ ROOMS = {  # the order of each layer's rooms: none imports one that is named aft
         *("derivatives", "gradients", "control", "ensembles"),
     ),
     "slcp_warp": (
-        *("inputs", "storage", "options", "description", "scenes", "parameters", "results"),
-        "costs",
-        *(
-            "gradients",
-            "stepping",
-            "plain",
-            "simulator",
-            "policies",
-            "torch",
-            "measures",
-            "tasks",
-            "ensembles",
-        ),
-        "simulated",
+        *("inputs", "storage", "options", "description", "scenes", "parameters", "measures", "results"),
+        *("costs", "gradients", "stepping", "plain", "simulator", "policies", "torch", "tasks", "ensembles"),
     ),
     "ddp": (
-        *("status", "options", "costs", "dynamics", "problem", "result", "policies", "batches", "workspace"),
+        *("status", "options", "costs", "dynamics", "problem", "trace", "plan_check"),
+        *("result", "policies", "batches", "workspace"),
         *("continuation", "solver", "library", "multistart", "planning"),
     ),
     "scripts": (

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from ...support.kinematics import Array
+from slcp_warp.results.pictures.kinematics import Array
 
 STEPS = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
 AGREE = 1e-5  # of the largest entry: neighbours that agree to this are trusted

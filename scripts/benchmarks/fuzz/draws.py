@@ -14,8 +14,8 @@ import numpy as np
 
 from slcp_warp import Scene
 from slcp_warp.description.topology import contact_ends
+from slcp_warp.results.pictures.kinematics import Array
 
-from ...support.kinematics import Array
 from ..mechanics.contact import gaps, touches
 from ..mechanics.tree import Mechanics, worlds_of
 

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from ...support.kinematics import Array
+from slcp_warp.results.pictures.kinematics import Array
+
 from ..mechanics.complementarity import complementarity, expected_square_slopes, normal_tail, rubbed
 from ..mechanics.contact import gaps
 from .problem import EPSILON, FLOOR, TOLERANCE, Problem

@@ -12,8 +12,8 @@ import numpy as np
 
 from slcp_warp import Scene
 from slcp_warp.kernels.method import Method
+from slcp_warp.results.pictures.kinematics import Array
 
-from ...support.kinematics import Array
 from ..mechanics.contact import Touches, touches
 from ..mechanics.tree import Mechanics
 from .draws import Worlds

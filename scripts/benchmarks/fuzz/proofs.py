@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ...support.kinematics import Array
+from slcp_warp.results.pictures.kinematics import Array
+
 from ..mechanics.complementarity import rubbed
 from ..shared.optional import scipy_module
 from .problem import FLOOR, Problem

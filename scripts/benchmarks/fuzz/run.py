@@ -9,8 +9,8 @@ import slcp_warp as slcp
 from slcp_warp import StrategyError
 from slcp_warp.kernels.device import launch
 from slcp_warp.options import Options, Status
+from slcp_warp.results.pictures.kinematics import Array
 
-from ...support.kinematics import Array
 from .differences import LIMIT, gradient_errors, jacobian_errors
 from .draws import CLASSES, Worlds
 from .judged import judged, numbers_for, predicted, step

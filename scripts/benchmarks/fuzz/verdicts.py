@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from slcp_warp.options import Status
+from slcp_warp.results.pictures.kinematics import Array
 
-from ...support.kinematics import Array
 from .judge import Errors, Outcome, ended, judge
 from .problem import EPSILON, FLOOR, MOST_LOSS, Problem
 from .proofs import coulomb_solution, least_motion, widest_opening

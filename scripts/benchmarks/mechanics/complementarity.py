@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 
 from slcp_warp.kernels.method import Method
-
-from ...support.kinematics import Array
+from slcp_warp.results.pictures.kinematics import Array
 
 
 def expected_square_slopes(a: Array, b: Array, sigma: Array, method: Method) -> tuple[Array, Array]:

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...support.kinematics import Array, across, turn
+from slcp_warp.results.pictures.kinematics import Array, across, turn
+
 from .tree import Frame, Mechanics
 
 DIRECTIONS, PEAKS, HALVINGS = 192, 3, 46

@@ -3,8 +3,8 @@
 import numpy as np
 
 from slcp_warp import Scene
+from slcp_warp.results.pictures.kinematics import Array
 
-from ...support.kinematics import Array
 from .contact import DIRECTIONS, place, touch
 from .tree import Mechanics
 

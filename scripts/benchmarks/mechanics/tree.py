@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from slcp_warp import Scene
-
-from ...support.kinematics import Array, across, joint_pose, slides, turn
+from slcp_warp.results.pictures.kinematics import Array, across, joint_pose, slides, turn
 
 COMPLEX_STEP = 1e-30
 

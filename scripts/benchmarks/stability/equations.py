@@ -12,8 +12,8 @@ import numpy as np
 
 from slcp_warp.kernels.method import Method
 from slcp_warp.kernels.structure import Structure
+from slcp_warp.results.pictures.kinematics import Array
 
-from ...support.kinematics import Array
 from ..mechanics.complementarity import complementarity, expected_square_slopes, rubbed
 
 EARNED = 100.0  # times what the data set: impulses and velocities beyond are no measure of an error

@@ -5,26 +5,34 @@ the results can be drawn and simulated again without the file it came from.
 """
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Protocol
 
 import numpy as np
 
-from .description.scene import Scene
-from .description.scene_file import scene_content, scene_of
-from .options import Options
-from .parameters import Parameters
-from .scenes import NAMED
-from .simulator import Simulator
-from .storage.archive import Archive
-from .storage.files import FileError
+from ..description.scene import Scene
+from ..description.scene_file import scene_content, scene_of
+from ..options import Options
+from ..parameters import Parameters
+from ..scenes import NAMED
+from ..storage.archive import Archive
+from ..storage.files import FileError
+from ..storage.printed import Printed
 
 OLDER = 1  # version of files of results that hold the name of their scene only
 PREFIX = "param_"
 
 
-@dataclass(frozen=True)
-class Simulated:
+class Simulates(Protocol):
+    """What a simulator says about itself."""
+
+    scene: Scene
+    options: Options
+    params: Parameters
+
+
+@dataclass(frozen=True, repr=False)
+class Simulated(Printed):
     """A scene, the options of its simulator, and the parameters of its worlds (one value, or one a world)."""
 
     scene: Scene
@@ -32,9 +40,17 @@ class Simulated:
     parameters: Parameters
 
     @classmethod
-    def of(cls, sim: Simulator, parameters: Parameters | None = None) -> "Simulated":
+    def of(cls, sim: Simulates, parameters: Parameters | None = None) -> "Simulated":
         """What a simulator simulates."""
         return cls(sim.scene, sim.options, sim.params if parameters is None else parameters)
+
+    def _line(self) -> str:
+        return f"{self.scene.name!r}, {self.options.residual}, h = {self.step_size:g} s"
+
+    @property
+    def step_size(self) -> float:
+        """The time step h, of the first world if they differ [s]."""
+        return float(np.ravel(self.parameters["step_size"])[0])
 
     def header(self) -> dict[str, Any]:
         """Header entries: scene, options, and for readers of the file its name, step size and noise level."""
@@ -45,7 +61,7 @@ class Simulated:
             "scene_file": scene_content(self.scene),
             "options": asdict(self.options),
             "residual": self.options.residual,
-            "step_size": float(np.ravel(self.parameters["step_size"])[0]),
+            "step_size": self.step_size,
             "sigma": float(sigma[0]) if smoothed else None,
         }
 
@@ -69,6 +85,15 @@ class Simulated:
         names = [name for name in parameters.names if f"{PREFIX}{name}" in archive.names or version != OLDER]
         values = archive.read_all(f"{PREFIX}{name}" for name in names)
         return cls(scene, options, parameters.replace(**{n: values[f"{PREFIX}{n}"] for n in names}))
+
+    def select(self, index: Any) -> "Simulated":
+        """Some worlds, or, for a whole number, one without a world axis."""
+        if self.parameters.worlds is None:
+            return self
+        own = self.parameters.layout
+        values = {name: self.parameters[name] for name in self.parameters.names}
+        varied = {n: v[index] for n, v in values.items() if v.ndim > len(own.shape(n))}
+        return replace(self, parameters=Parameters(self.scene, {**values, **varied}))
 
     def world(self, index: int) -> dict[str, np.ndarray]:
         """The parameters of one world by name, without a world axis."""

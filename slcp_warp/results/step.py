@@ -1,17 +1,19 @@
-"""What a simulator gives back: a step, a trajectory, a linearisation."""
+"""What a step gives back."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from .description.scene import Scene
-from .options import Options
+from ..description.scene import Scene
+from ..inputs.arrays import Array, to_numpy
+from ..options import Options
+from ..storage.printed import Printed, Table, counted
+from .statuses import statuses
 
 
-@dataclass(frozen=True)
-class Step:
+@dataclass(frozen=True, repr=False)
+class Step(Printed):
     """Outcome of a step; arrays are of the caller's kind, batch first.
 
     Attributes:
@@ -20,59 +22,41 @@ class Step:
         gap: (B, nr) signed distance of every row before the step [m, rad].
         multiplier: (B, nr + 2 pairs) for `warm_start`.
         status: (B,) see `Status`.
+        scene: whose step it is.
     """
 
-    state: Any
-    impulse: Any
-    gap: Any
-    multiplier: Any
-    status: Any
-    _by_pair: Callable[[], Any]
+    state: Array
+    impulse: Array
+    gap: Array
+    multiplier: Array
+    status: Array
+    _by_pair: Callable[[], Array]
+    scene: Scene | None = None
 
     @property
-    def contact_impulse(self) -> Any:
+    def contact_impulse(self) -> Array:
         """Normal and tangential impulse on shape_b along (n, t), (B, pairs, 2) [N s].
 
         Computed when it is asked for.
         """
         return self._by_pair()
 
+    def _line(self) -> str:
+        worlds = self.state.shape[0] if len(self.state.shape) == 2 else 1
+        of = "" if self.scene is None else f" of {self.scene.name!r}"
+        return f"{of} in {counted(worlds, 'world')}: {statuses(self.status)}".strip()
 
-@dataclass(frozen=True)
-class Trajectory:
-    """Outcome of a rollout; arrays are of the caller's kind, batch first.
-
-    Attributes:
-        states: (B, N+1, nx), the start first.
-        status: (B,) see `Status`.
-        controls: (B, N, nu) if recorded, else None.
-        impulse: (B, N, nr) of the rows [N s, N m s] if recorded, else None.
-        gap: (B, N, nr) of the rows before every step [m, rad] if recorded, else None.
-    """
-
-    states: Any
-    status: Any
-    controls: Any = None
-    impulse: Any = None
-    gap: Any = None
-
-
-@dataclass(frozen=True)
-class Linearization:
-    """Derivatives of a step x' = f(x, u).
-
-    Attributes:
-        A: df/dx (B, nx, nx).
-        B: df/du (B, nx, nu).
-        second: second derivatives by z = (x, u), (B, nw, nz, nz), of v' (nw = nv), or of v* and v' (nw =
-            2 nv) with the trapezoidal integrator, where q' = q + h v*; None where they were not asked for.
-        status: (B,) see `Status`.
-    """
-
-    A: Any
-    B: Any
-    second: Any
-    status: Any
+    def _tables(self) -> list[Table]:
+        if self.scene is None:
+            return []
+        first = to_numpy(self.state).reshape(-1, self.state.shape[-1])[0]
+        states = zip(self.scene.state_names, self.scene.state_units, map(float, first))
+        both = [to_numpy(a).reshape(-1, a.shape[-1])[0] for a in (self.impulse, self.gap)]
+        rows = [(name, *map(float, numbers)) for name, *numbers in zip(self.scene.row_names, *both)]
+        return [
+            Table("the first world", ("state", "unit", "next"), list(states), left=2),
+            Table("its rows", ("row", "impulse", "gap before"), rows),
+        ]
 
 
 def contact_impulse(scene: Scene, impulse: np.ndarray, friction: np.ndarray, options: Options) -> np.ndarray:

@@ -4,14 +4,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.patches import Polygon
 
-import slcp_warp as slcp
-
-from ..support.kinematics import joint_pose, turn
-from ..support.records import Record
-from .style import BLACK, BLUE, GREY, ORANGE, SKY
+from ...description.scene import Scene
+from .kinematics import joint_pose, turn
+from .motion import Motion
+from .style import BLACK, BLUE, GREY, ORANGE, SKY, Axes, Polygon
 
 EXTENT = 100.0  # half-planes are drawn this wide
 EDGE = 1.2
@@ -28,13 +25,13 @@ class Mechanism:
         params: value of every parameter by name, without a world axis.
     """
 
-    scene: slcp.Scene
+    scene: Scene
     params: dict[str, np.ndarray]
 
     @classmethod
-    def of(cls, record: Record, world: int = 0) -> "Mechanism":
-        """The mechanism of a world of a trajectory file."""
-        return cls(record.scene, record.simulated.world(world))
+    def of(cls, motion: Motion) -> "Mechanism":
+        """The mechanism that moves."""
+        return cls(motion.scene, motion.numbers)
 
     def frames(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Origin (T, nb, 2) [m] and angle (T, nb) [rad] of every body's frame at q (T, nv)."""

@@ -1,0 +1,52 @@
+"""What the arrays of a plan's file must be."""
+
+from dataclasses import fields
+
+import numpy as np
+
+from slcp_warp.results.record_checks import Arrays, finite, known_statuses, length, shapes
+from slcp_warp.results.simulated import Simulated
+from slcp_warp.storage.files import FileError
+
+from .status import Status
+from .trace import Trace
+
+
+def check_plan(arrays: Arrays, simulated: Simulated) -> None:
+    """A `ddp.Result` of one problem or a batch of them, its trace's columns of one length; what the noise
+    levels of `slcp optimise` cost.
+    """
+    nx, nu = 2 * simulated.scene.nv, simulated.scene.nu
+    axes = 3 if "us" in arrays and arrays["us"].ndim == 3 else 2
+    batch = arrays["us"].shape[:1] if axes == 3 else ()
+    steps, passes = length(arrays, "us", axes - 2, axes), length(arrays, "trace_cost", axes - 2, axes - 1)
+    if steps < 1 or passes < 1 or 0 in batch:
+        raise FileError("it holds no step, no pass or no problem")
+    each = ("cost", "status", "iterations", "gradient", "min_pivot")
+    columns = tuple(f"trace_{f.name}" for f in fields(Trace))
+    need = {
+        "xs": (steps + 1, nx), "us": (steps, nu), "K": (steps, nu, nx), "k": (steps, nu),
+        "Vx": (steps + 1, nx), "Vxx": (steps + 1, nx, nx), **dict.fromkeys(each, ()),
+        **dict.fromkeys(columns, (passes,)),
+    }  # fmt: skip
+    limits = ("lower", "upper") if {"lower", "upper"} & arrays.keys() else ()  # files without state none
+    need |= dict.fromkeys(limits, (nu,))
+    shapes(arrays, {name: (*batch, *shape) for name, shape in need.items()})
+    if limits and not (arrays["lower"] <= arrays["upper"]).all():
+        raise FileError("a lower control limit is above the upper one")
+    planned = np.isfinite(arrays["cost"]) if batch else ...
+    finite({name: arrays[name][planned] for name in ("xs", "us", "K")}, "xs", "us", "K")
+    known_statuses(arrays["status"], Status)
+    _check_levels(arrays, passes)
+
+
+def _check_levels(arrays: Arrays, passes: int) -> None:
+    """Raise FileError where noise levels, if there are any, do not fit the trace."""
+    if not {"level_sigma", "level_cost", "trace_level"} & arrays.keys():
+        return
+    levels = length(arrays, "level_sigma", 0, 1)
+    if levels < 1:
+        raise FileError("it holds no noise level")
+    shapes(arrays, {"trace_level": (passes,), "level_cost": (levels,)})
+    if np.setdiff1d(arrays["trace_level"], np.arange(levels)).size:
+        raise FileError(f"array 'trace_level' names noise levels beyond its {levels}")

@@ -1,0 +1,39 @@
+"""A scene in a line, and in tables of its parts."""
+
+from typing import Any
+
+from ..storage.printed import Table, counted
+
+
+def scene_line(scene: Any) -> str:
+    """Its name and how much there is of everything."""
+    s = scene.structure
+    parts = [
+        counted(len(scene.bodies), "body", "bodies"),
+        counted(len(scene.shapes), "shape"),
+        counted(len(scene.contacts), "contact"),
+        f"{s.nv} degrees of freedom",
+        counted(s.nu, "control"),
+        counted(s.nr, "row"),
+    ]
+    return f"{scene.name!r}: {', '.join(parts)}; h = {scene.step_size:g} s"
+
+
+def scene_tables(scene: Any) -> list[Table]:
+    """Bodies, shapes, contacts, actuators and springs."""
+
+    def world(name: str | None) -> str:
+        return "(world)" if name is None else name
+
+    bodies = [(b.name, world(b.parent), b.joint, b.mass, b.inertia, b.damping) for b in scene.bodies]
+    shapes = [(sh.name, world(sh.body), sh.kind, sh.radius, sh.offset) for sh in scene.shapes]
+    contacts = [(c.shape_a, c.shape_b, "none" if c.friction is None else c.friction) for c in scene.contacts]
+    controls = [(name, a.gear) for name, a in zip(scene.control_names, scene.actuators)]
+    springs = [(world(s.body_a), world(s.body_b), s.stiffness, s.damping) for s in scene.springs]
+    return [
+        Table("bodies", ("body", "parent", "joint", "mass", "inertia", "damping"), bodies, left=3),
+        Table("shapes", ("shape", "body", "kind", "radius", "offset"), shapes, left=3),
+        Table("contacts", ("shape", "and shape", "friction"), contacts, left=2),
+        Table("controls", ("control", "gear"), controls),
+        Table("springs", ("body", "and body", "stiffness", "damping"), springs, left=2),
+    ]

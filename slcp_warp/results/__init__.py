@@ -1,0 +1,7 @@
+"""What a simulator gives back, with what it belongs to: printed, in tables, in files, in pictures."""
+
+from .linearization import Linearization
+from .step import Step, contact_impulse
+from .trajectory import Trajectory
+
+__all__ = ["Linearization", "Step", "Trajectory", "contact_impulse"]

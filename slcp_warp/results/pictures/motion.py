@@ -1,0 +1,47 @@
+"""One world's motion, as pictures take it."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ...description.scene import Scene
+
+
+@dataclass(frozen=True)
+class Motion:
+    """One world over time, or a piece of it.
+
+    Attributes:
+        scene: its names and topology.
+        numbers: value of every parameter by name, without a world axis.
+        time: (T+1,) [s].
+        states: (T+1, nx).
+        pushes: (T,) normal impulse of all pairs together [N s]; None: not recorded.
+        controls: (T, nu); None: not recorded.
+    """
+
+    scene: Scene
+    numbers: dict[str, np.ndarray]
+    time: np.ndarray
+    states: np.ndarray
+    pushes: np.ndarray | None = None
+    controls: np.ndarray | None = None
+
+    @property
+    def impulse(self) -> np.ndarray:
+        """(T,) normal impulse, zero where it was not recorded [N s]."""
+        return np.zeros(len(self.time) - 1) if self.pushes is None else self.pushes
+
+    @property
+    def step_size(self) -> float:
+        """[s]."""
+        return float(self.numbers["step_size"])
+
+    def since(self, step: int) -> "Motion":
+        """The motion from a step on, its time from 0."""
+        cut: dict[str, Any] = {"time": self.time[step:] - self.time[step], "states": self.states[step:]}
+        for name in ("pushes", "controls"):
+            whole = getattr(self, name)
+            cut[name] = None if whole is None else whole[step:]
+        return replace(self, **cut)

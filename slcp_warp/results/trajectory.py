@@ -1,0 +1,260 @@
+"""What a rollout gives back: worlds over time, with the scene, parameters and options that they are of."""
+
+import functools
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+
+from ..description.scene import Scene
+from ..inputs import checks
+from ..inputs.arrays import Array, to_numpy
+from ..inputs.errors import ArgumentError, ArgumentTypeError
+from ..measures.recorded import Recorded
+from ..measures.reductions import Measure, Success
+from ..options import Options
+from ..parameters import Parameters
+from ..storage.printed import Printed, Table, counted
+from .pictures.motion import Motion
+from .record_checks import check_trajectory
+from .records import Record, read_record
+from .simulated import Simulated
+from .statuses import statuses
+from .step import contact_impulse
+from .worlds import columns, pair_gap, selected, some_worlds
+
+RECORDED = ("controls", "impulse", "gap")
+ARRAYS = ("states", "status", *RECORDED)
+
+
+@dataclass(frozen=True, repr=False)
+class Trajectory(Printed):
+    """Outcome of a rollout; arrays are of the caller's kind, batch first.
+
+    `trajectory[3]` is one world, `trajectory[2:5]`, an index or a mask some worlds; `len` their number.
+
+    Attributes:
+        states: (B, N+1, nx), the start first.
+        status: (B,) see `Status`.
+        controls: (B, N, nu) if recorded, else None.
+        impulse: (B, N, nr) of the rows [N s, N m s] if recorded, else None.
+        gap: (B, N, nr) of the rows before every step [m, rad] if recorded, else None.
+        simulated: scene, options and parameters of the worlds; None: unknown.
+        kept: which steps the states are of, where a rollout kept checkpoints only; None: all.
+        header: further entries of its file, JSON values.
+    """
+
+    states: Array
+    status: Array
+    controls: Array = None
+    impulse: Array = None
+    gap: Array = None
+    simulated: Simulated | None = None
+    kept: tuple[int, ...] | None = None
+    header: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def batched(self) -> bool:
+        """Whether there is an axis of worlds."""
+        return len(self.states.shape) == 3
+
+    def __len__(self) -> int:
+        return int(self.states.shape[0]) if self.batched else 1
+
+    def __iter__(self) -> Iterator["Trajectory"]:
+        return (self[i] for i in range(len(self)))
+
+    def __getitem__(self, worlds: Any) -> Self:
+        if not self.batched:
+            raise ArgumentError("this trajectory is one world without an axis of worlds; it has no others")
+        index = some_worlds(worlds, len(self))
+        values: dict[str, Any] = {name: selected(getattr(self, name), index) for name in ARRAYS}
+        own = None if self.simulated is None else self.simulated.select(index)
+        return replace(self, simulated=own, **values)
+
+    def _known(self) -> Simulated:
+        if self.simulated is None:
+            raise ArgumentError("this trajectory does not know its scene; a simulator's rollout does")
+        return self.simulated
+
+    @property
+    def scene(self) -> Scene:
+        """The scene."""
+        return self._known().scene
+
+    @property
+    def options(self) -> Options:
+        """What its steps solved."""
+        return self._known().options
+
+    @property
+    def params(self) -> Parameters:
+        """The parameters of its worlds."""
+        return self._known().parameters
+
+    @property
+    def step_size(self) -> float:
+        """The time step h, of the first world if they differ [s]."""
+        return self._known().step_size
+
+    @property
+    def times(self) -> np.ndarray:
+        """When the states are [s]: (N+1,), or (B, N+1) where worlds have step sizes of their own."""
+        steps = np.arange(self.states.shape[-2]) if self.kept is None else np.array(self.kept)
+        return np.asarray(self.params["step_size"][..., None] * steps)
+
+    def recorded(self, name: str) -> np.ndarray:
+        """States, status, controls, impulse or gap in NumPy, batch first: (B, ...).
+
+        Raises:
+            ArgumentError: the rollout did not record it.
+        """
+        checks.choice("name", name, ARRAYS)
+        given = getattr(self, name)
+        if given is None:
+            raise ArgumentError(f"{name} was not recorded; roll out with record={name!r}")
+        found = to_numpy(given)
+        if name == "status":
+            return found.reshape(-1)
+        structure = self.scene.structure
+        size = {"states": 2 * structure.nv, "controls": structure.nu}.get(name, structure.nr)
+        return (found if self.batched else found[None])[..., :size]
+
+    @functools.cached_property
+    def contact_impulse(self) -> np.ndarray:
+        """Normal and tangential impulse on shape_b along (n, t) of every pair, (B, N, pairs, 2) [N s].
+
+        Needs the impulse recorded.
+        """
+        return contact_impulse(self.scene, self.recorded("impulse"), self.params["friction"], self.options)
+
+    def measure(self, what: Measure | Success) -> np.ndarray:
+        """(B,) values of a measure of `slcp_warp.measures`, or whether worlds succeeded.
+
+        Raises:
+            ArgumentError: it looks at what was not recorded (controls; "impulse" for contacts; "gap"), or at
+                what the scene has not got.
+        """
+        if not isinstance(what, Measure | Success):
+            raise ArgumentTypeError(
+                f"what is {checks.shown(what)}; a measure of slcp_warp.measures, or comparisons, is needed"
+            )
+        if self.kept is not None:
+            raise ArgumentError("this trajectory has checkpoints only; a measure needs all states")
+        seen = {name: None if getattr(self, name) is None else self.recorded(name) for name in RECORDED}
+        seen["impulse"] = None if self.impulse is None else self.contact_impulse[..., 0]
+        seen["gap"] = None if seen["gap"] is None else pair_gap(self.scene, seen["gap"])
+        worlds = Recorded(self.scene, self.params["step_size"], self.recorded("states"), **seen)
+        return worlds.value(what) if isinstance(what, Measure) else worlds.success(what)
+
+    def table(self) -> dict[str, np.ndarray]:
+        """Tidy columns by name, a row for every world and state: `pandas.DataFrame(run.table())`.
+
+        World, time [s], status, states by their names; `control NAME`, `impulse ROW` and `gap ROW` of the
+        step that begins there, NaN after the last one, where recorded.
+        """
+        steps = {name: self.recorded(name) for name in RECORDED if getattr(self, name) is not None}
+        return columns(self.scene, self.times, self.recorded("states"), self.recorded("status"), steps)
+
+    def record(self) -> Record:
+        """What its file holds."""
+        if self.kept is not None:
+            raise ArgumentError("this trajectory has checkpoints only; a file needs all states")
+        names = ("states", "status", *(name for name in RECORDED if getattr(self, name) is not None))
+        arrays = {name: self.recorded(name) for name in names}
+        if self.impulse is not None:
+            arrays["contact_impulse"] = self.contact_impulse
+        return Record("trajectory", arrays, self._known(), self.header | {"batched": self.batched})
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write an .npz file, with scene, options and parameters; replaced only once complete.
+
+        Raises:
+            ArgumentError: another ending, an unknown scene, or checkpoints only.
+        """
+        return self.record().save(path)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> "Trajectory":
+        """Read a file of `save` or of `slcp simulate`; arrays are NumPy's.
+
+        Raises:
+            FileError: truncated, no trajectory, of a newer version, or inconsistent.
+            FileNotFoundError: no such file.
+        """
+        record = read_record(path, "trajectory", check_trajectory)
+        values: dict[str, Any] = {name: record.arrays.get(name) for name in ARRAYS}
+        if record.header.get("batched") is False and len(record["states"]) == 1:
+            values = {name: None if each is None else each[0] for name, each in values.items()}
+        header = {name: value for name, value in record.facts().items() if name != "batched"}
+        return cls(**values, simulated=record.simulated, header=header)
+
+    def motion(self, world: int = 0) -> Motion:
+        """One world as pictures take it.
+
+        Raises:
+            ArgumentError: there is no such world, or its states are not finite.
+        """
+        index = checks.whole("world", world, 0, len(self) - 1)
+        states = self.recorded("states")[index].astype(float)
+        if not np.isfinite(states).all():
+            raise ArgumentError(f"the states of world {index} are not finite")
+        times = self.times[index] if self.times.ndim == 2 else self.times
+        known = {name: getattr(self, name) is not None for name in ("controls", "impulse")}
+        pushes = self.contact_impulse[index, :, :, 0].sum(axis=-1).astype(float) if known["impulse"] else None
+        controls = self.recorded("controls")[index] if known["controls"] else None
+        return Motion(self.scene, self._known().world(index), times, states, pushes, controls)
+
+    def plot(self, world: int = 0) -> Any:
+        """A matplotlib figure of a world: the mechanism on its way, its states and what was recorded.
+
+        Raises:
+            ImportError: matplotlib is missing.
+        """
+        from .pictures import run  # it loads matplotlib
+
+        return run.figure(self.motion(world))
+
+    def animate(
+        self, path: str | os.PathLike[str], world: int = 0, seconds: float | None = None, rate: int = 10
+    ) -> Path:
+        """Write a GIF of a world's motion, in real time.
+
+        Args:
+            path: of the .gif.
+            world: which.
+            seconds: only the last ones [s]; None: all.
+            rate: pictures a second.
+
+        Raises:
+            ImportError: matplotlib or pillow are missing.
+        """
+        from .pictures import animation  # it loads matplotlib
+
+        place = checks.path("path", path)
+        if place.suffix != ".gif":
+            raise ArgumentError(f"path {place} ends in {place.suffix!r}; .gif is needed")
+        span = np.inf if seconds is None else checks.number("seconds", seconds, 0.0, above=True)
+        return animation.animation(self.motion(world), place, span, checks.whole("rate", rate, 1, 50))
+
+    def _line(self) -> str:
+        steps = self.states.shape[-2] - 1 if self.kept is None else self.kept[-1]
+        known = "" if self.simulated is None else f"{self.scene.name!r}, "
+        of = "" if self.simulated is None else f" of {self.step_size:g} s"
+        more = ", ".join(name for name in RECORDED if getattr(self, name) is not None)
+        recorded = f"; recorded: {more}" if more else ""
+        return f"{known}{counted(len(self), 'world')}, {steps} steps{of}: {statuses(self.status)}{recorded}"
+
+    def _tables(self) -> list[Table]:
+        if self.simulated is None:
+            return []
+        first = self.recorded("states")[0]
+        numbers = zip(*(map(float, each) for each in (first[0], first[-1], first.min(0), first.max(0))))
+        names = zip(self.scene.state_names, self.scene.state_units)
+        rows = [(*name, *values) for name, values in zip(names, numbers)]
+        return [
+            Table("the first world", ("state", "unit", "start", "end", "lowest", "highest"), rows, left=2)
+        ]

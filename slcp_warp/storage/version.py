@@ -1,0 +1,3 @@
+"""The version of the package, as files name it."""
+
+__version__ = "0.1.0"
