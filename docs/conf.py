@@ -7,6 +7,7 @@ what the public modules name in `__all__`, the command line from the commands' o
 import importlib
 import importlib.util
 import inspect
+import pathlib
 import re
 import subprocess
 import sys
@@ -35,7 +36,8 @@ myst_enable_extensions = ["dollarmath", "amsmath"]
 myst_heading_anchors = 3  # the anchors that git views make, too
 html_math_renderer = "mathml"  # formulas are shown without a network
 
-PUBLIC = ["slcp_warp", "slcp_warp.costs", "slcp_warp.scenes", "slcp_warp.ddp", "slcp_warp.ddp.costs"]
+API = pathlib.Path(__file__).parent / "reference" / "api.md"
+PUBLIC = re.findall(r"^   (slcp_warp[\w.]*)$", API.read_text(encoding="utf-8"), re.MULTILINE)
 autosummary_generate = ["reference/api.md"]
 TORCH = importlib.util.find_spec("torch") is not None
 if TORCH:

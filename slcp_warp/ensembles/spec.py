@@ -9,10 +9,8 @@ import numpy as np
 from ..inputs import checks
 from ..inputs.checks import shown
 from ..inputs.errors import ArgumentError, ArgumentTypeError
-from ..inputs.rules import NONNEGATIVE, POSITIVE
+from ..inputs.rules import PERTURBABLE
 from ..options import Options
-
-PERTURBABLE = sorted({*POSITIVE, *NONNEGATIVE, "gravity", "gear"} - {"period"})
 
 
 @dataclass(frozen=True)
@@ -35,6 +33,8 @@ class SweepSpec:
         threshold: "spinning" [1/s].
         window: of the moving rate [s].
         sample_every: [s].
+        judged: whether the rate is judged, and its recovery after the last kick needs a window; False where
+            measures of a task say what counts.
     """
 
     worlds: int = 4096
@@ -54,6 +54,7 @@ class SweepSpec:
     window: float = 4.0
     sample_every: float = 0.5
     seed: int = 0
+    judged: bool = True
 
     def __post_init__(self) -> None:
         def put(name: str, value: Any) -> None:
@@ -69,6 +70,7 @@ class SweepSpec:
             put(name, checks.number(label(name), getattr(self, name), 0.0, above=True))
         for name in ("position_sd", "velocity_sd", "torque_sd", "kick_sd"):
             put(name, checks.number(label(name), getattr(self, name), 0.0))
+        put("judged", checks.flag(label("judged"), self.judged))
         put("threshold", checks.number(label("threshold"), self.threshold))
         if self.start is not None:
             put("start", np.atleast_2d(checks.array(label("start"), self.start)))
@@ -132,7 +134,7 @@ class SweepSpec:
                 f"SweepSpec.kick_times is {shown(self.kick_times)}; rising times in [0, {self.duration}) are "
                 "needed"
             )
-        if len(times) and times[-1] + self.window > self.duration:
+        if len(times) and self.judged and times[-1] + self.window > self.duration:
             raise ArgumentError(
                 f"SweepSpec.kick_times ends at {times[-1]}; recovery needs window = {self.window} after it, "
                 f"within duration = {self.duration}"

@@ -64,6 +64,7 @@ def sweep(
     Raises:
         StrategyError: more rows than the kernels for these options take.
     """
+    strategy = current_name(strategy)
     if isinstance(scene, Task):
         if spec is not None:
             raise ArgumentError(f"spec is {checks.shown(spec)}; a task has its own disturbances and measures")
@@ -91,7 +92,6 @@ def _sweep_scene(
     checks.instance("spec", spec, SweepSpec, "a slcp_warp.SweepSpec")
     chunk = None if chunk is None else checks.whole("chunk", chunk)
     checks.function("progress", progress, 2, optional=True)
-    strategy = current_name(strategy)
 
     def cases() -> Iterator[tuple[str, Case]]:
         for residual in spec.residuals:

@@ -101,7 +101,7 @@ def _case(
     spec = SweepSpec(
         worlds=worlds, duration=task.duration, step_sizes=(step_size,), start=task.start, seed=seed,
         parameter_sd=dict(d.parameters), torque_sd=d.torque, kick_times=d.kick_times, kick_sd=d.kick,
-        sample_every=task.duration / 2.0, window=task.duration,
+        sample_every=task.duration / 2.0, judged=False,
     )  # fmt: skip
     draws = Draws(sim, spec, step_size, d.deviation(task.scene), in_order=not d.any())
     return Case(sim, policy, spec, step_size, chunk, judged, draws, task.control_limits)

@@ -9,6 +9,9 @@ import numpy as np
 from ..description.scene import Scene
 from ..inputs.checks import instance, number, shown
 from ..inputs.errors import ArgumentError
+from ..inputs.rules import PERTURBABLE
+
+MOST_SPREAD = 2.0  # of a logarithm: a factor of 50 at two standard deviations
 
 
 @dataclass(frozen=True)
@@ -48,10 +51,22 @@ class Disturbances:
                     raise ArgumentError(f"Disturbances.{name} has the name {shown(key)}; a text is needed")
                 values[key] = number(f"Disturbances.{name}[{key!r}]", value, 0.0)
             put(self, name, values)
+        self._check_parameters()
         if not isinstance(self.kick_times, list | tuple):
             raise ArgumentError(f"Disturbances.kick_times is {shown(self.kick_times)}; a tuple is needed")
         times = tuple(number("Disturbances.kick_times", time, 0.0) for time in self.kick_times)
         put(self, "kick_times", tuple(sorted(times)))
+
+    def _check_parameters(self) -> None:
+        for name, spread in self.parameters.items():
+            if name not in PERTURBABLE:
+                raise ArgumentError(
+                    f"Disturbances.parameters names {name!r}; choose from {', '.join(PERTURBABLE)}"
+                )
+            if spread >= MOST_SPREAD:
+                raise ArgumentError(
+                    f"Disturbances.parameters[{name!r}] is {spread}; a number in [0, {MOST_SPREAD}) is needed"
+                )
 
     def deviation(self, scene: Scene) -> np.ndarray:
         """(2 nv,) standard deviations of the start's components.

@@ -18,6 +18,9 @@ from ..simulator import Simulator
 from ..storage.printed import Printed, Table
 from .disturbances import Disturbances
 
+COLUMNS = ("policy", "case", "step_size", "arm", "world", "success", "status")
+DRAWN = "drawn_"  # columns of what is drawn begin with it
+
 
 class TaskError(ArgumentError):
     """A task that describes no problem; the message names the field, what came and what is needed."""
@@ -77,7 +80,15 @@ class Task(Printed):
             limit_rows(self.control_limits, self.scene.nu)
         put(self, "start", self._starts())
         put(self, "measures", checked_measures(self.measures))
-        self.disturbances.deviation(self.scene)
+        try:
+            self.disturbances.deviation(self.scene)
+        except ArgumentError as error:
+            raise TaskError(f"Task.disturbances: start: {error}") from None
+        if any(time >= self.duration for time in self.disturbances.kick_times):
+            raise TaskError(
+                f"Task.disturbances: kick_times is {self.disturbances.kick_times}; times before the end of a "
+                f"run, Task.duration = {self.duration} s, are needed"
+            )
         self._check_names()
 
     def _starts(self) -> np.ndarray:
@@ -93,10 +104,21 @@ class Task(Printed):
 
     def _check_names(self) -> None:
         """Raise an error for a measure of what the scene has not got."""
+        taken = [name for name in self.measures if name in COLUMNS or name.startswith(DRAWN)]
+        if taken:
+            raise TaskError(
+                f"Task.measures names {', '.join(map(repr, taken))}, a column that every table has; "
+                f"other names than {', '.join(COLUMNS)} and {DRAWN}... are needed"
+            )
         judged = {f"Task.measures[{name!r}]": measure for name, measure in self.measures.items()}
         if self.success is not None:
             judged |= {f"Task.success: {part.reduction}": part for part in self.success.parts()}
         for label, measure in judged.items():
+            if measure.start >= self.duration:
+                raise TaskError(
+                    f"{label} counts from {measure.start} s on; a run ends after "
+                    f"Task.duration = {self.duration} s"
+                )
             for signal in measure.signals():
                 try:
                     signal.place(self.scene), signal.less(self.scene)

@@ -61,6 +61,7 @@ class Plan:
 ROUND = (slcp.Shape("a", "ellipse", "disc", 0.1),)
 A, B = np.stack([np.eye(3)] * 2), np.zeros((2, 3))
 # name: (function, good arguments, names that an error may use for an argument)
+TASK = slcp.Task("turn", FINGER, ddp.costs.flicking_finger(), 5, slcp.Options(scaling="none"))
 CALLS = {
     "Body": (slcp.Body, {"name": "a", "mass": 1.0, "inertia": 1.0}, {}),
     "Body, free": (slcp.Body, {"name": "a", "mass": 1.0, "inertia": 1.0, "joint": "free",
@@ -142,6 +143,10 @@ CALLS = {
     "Scene.state": (FINGER.state, {"values": {"ellipse.angle": 0.5}}, {"values": ("value", "state")}),
     "Scene.state_index": (FINGER.state_index, {"which": 1}, {"which": ("state component",)}),
     "Scene.control_index": (FINGER.control_index, {"which": "link1.angle"}, {"which": ("control",)}),
+    "plan": (ddp.plan, {"task": TASK, "starts": 1}, {"methods": ("method",)}),
+    "load_task": (slcp.load_task, {"path": "/nowhere/task.toml"}, {}),
+    "save_task": (slcp.save_task, {"task": TASK, "path": "/nowhere/task.json"}, {}),
+    "problem_of": (ddp.problem_of, {"task": TASK}, {}),
     "WarpDynamics": (ddp.WarpDynamics, {"make": make_step, "nx": 2, "nu": 1, "device": "cpu"}, {
         "parameters": ("parameter",)}),
     "ddp.Parameters": (

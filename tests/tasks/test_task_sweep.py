@@ -33,7 +33,7 @@ MEASURES = {
     "contact": m.contact_share(),
     "gap": m.lowest_gap(PAIR),
     "impulse": m.impulse(),
-    "late": m.mean("block.x", start=50.0),
+    "late": m.mean("block.x", start=1.199, end=1.1995),
 }
 
 
@@ -98,6 +98,34 @@ def test_limits_hold_whatever_the_policy_says(device):
     assert (found["most"] == 2.5).all() and (found["least"] >= 0.999).all() and found["success"].all()
 
 
+def test_kicks_come_when_they_are_due(device):
+    """The pusher's speed is the same until the kick, which adds normal numbers of the size asked for."""
+    speeds = {"before": m.final("pusher.vshift", end=0.4), "after": m.initial("pusher.vshift", start=0.4)}
+    still = task(measures=speeds, success=None, disturbances=slcp.Disturbances())
+    kicked = still.replace(disturbances=slcp.Disturbances(kick_times=(0.4,), kick=0.5))
+    runs = [slcp.sweep(t, plan(), worlds=200, device=device, cases=slcp.Options()) for t in (still, kicked)]
+    a, b = (run.part("policy") for run in runs)
+    np.testing.assert_array_equal(a["before"], b["before"])
+    added = b["after"] - a["after"]
+    assert len(np.unique(added)) == 200 and abs(added.mean()) < 0.15 and 0.4 < added.std() < 0.6
+
+
+@pytest.mark.parametrize(
+    "fields, text",
+    [
+        ({"parameters": {"frict": 0.1}}, "names 'frict'; choose from"),
+        ({"parameters": {"mass": 2.0}}, r"in \[0, 2.0\)"),
+        ({"parameters": {"mass": -0.1}}, r"Disturbances.parameters\['mass'\]"),
+        ({"torque": -1.0}, "Disturbances.torque"),
+        ({"kick_times": 1.0}, "Disturbances.kick_times is 1.0"),
+        ({"start": [1.0]}, "Disturbances.start"),
+    ],
+)
+def test_what_is_no_disturbance_is_refused(fields, text):
+    with pytest.raises(slcp.InputError, match=text):
+        slcp.Disturbances(**fields)
+
+
 @wp.func
 def kinetic_energy(x: wp.types.vector(8, wp.float32), u: wp.types.vector(1, wp.float32), time: wp.float64):
     return wp.float32(0.5) * (x[5] * x[5] + x[6] * x[6])
@@ -134,6 +162,10 @@ def test_a_measure_of_a_users_function(device):
         ({"measures": {"x": m.final(m.control("cart"))}}, "control is 'cart'"),
         ({"success": m.final("block.z") > 1.0}, "Task.success: final: .*'block.z'"),
         ({"success": m.final("block.x")}, "Task.success is"),
+        ({"measures": {"world": m.final(0)}}, "Task.measures names 'world', a column"),
+        ({"measures": {"drawn_mass_0": m.final(0)}}, "Task.measures names 'drawn_mass_0'"),
+        ({"measures": {"x": m.mean(0, start=1.2)}}, "counts from 1.2 s on; a run ends"),
+        ({"disturbances": slcp.Disturbances(kick_times=(1.3,), kick=1.0)}, "times before the end"),
     ],
 )
 def test_what_is_no_task_is_refused(changes, text):
