@@ -144,7 +144,7 @@ CALLS = {
     "Scene.state_index": (FINGER.state_index, {"which": 1}, {"which": ("state component",)}),
     "Scene.control_index": (FINGER.control_index, {"which": "link1.angle"}, {"which": ("control",)}),
     "plan": (ddp.plan, {"task": TASK, "starts": 1}, {"methods": ("method",)}),
-    "load_task": (slcp.load_task, {"path": "/nowhere/task.toml"}, {}),
+    "load_task": (slcp.load_task, {"name": "/nowhere/task.toml"}, {}),
     "save_task": (slcp.save_task, {"task": TASK, "path": "/nowhere/task.json"}, {}),
     "problem_of": (ddp.problem_of, {"task": TASK}, {}),
     "WarpDynamics": (ddp.WarpDynamics, {"make": make_step, "nx": 2, "nu": 1, "device": "cpu"}, {
