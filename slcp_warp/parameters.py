@@ -69,9 +69,8 @@ class Parameters(Printed):
             if value.size:
                 whose = "every world's own" if value.ndim > len(shape) else "shared"
                 rows.append((name, shape or "()", whose, float(value.min()), float(value.max())))
-        half = len(rows) // 2 + 1
         head = ("parameter", "shape", "worlds", "lowest", "highest")
-        return [Table("", head, part, left=3) for part in (rows[:half], rows[half:])]
+        return [Table("", head, rows, left=3, most=len(rows))]
 
     @property
     def names(self) -> tuple[str, ...]:

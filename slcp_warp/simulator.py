@@ -50,7 +50,7 @@ class Simulator(Printed):
         self,
         scene: Scene,
         options: Options | None = None,
-        device: Any = None,
+        device: str | wp.Device | None = None,
         dtype: str = "float64",
         strategy: str = "auto",
     ) -> None:
@@ -117,12 +117,12 @@ class Simulator(Printed):
 
     def step(
         self,
-        x: Any,
-        u: Any = None,
+        x: Array,
+        u: Array = None,
         params: Parameters | None = None,
         *,
-        external_force: Any = None,
-        warm_start: Any = None,
+        external_force: Array = None,
+        warm_start: Array = None,
     ) -> Step:
         """One time step of every world, (M1) to (M3). Pure: nothing is remembered.
 
@@ -162,13 +162,13 @@ class Simulator(Printed):
 
     def rollout(
         self,
-        x0: Any,
-        controls: Any = None,
+        x0: Array,
+        controls: Array = None,
         params: Parameters | None = None,
         *,
         policy: Any = None,
         steps: int | None = None,
-        external_force: Any = None,
+        external_force: Array = None,
         record: tuple[str, ...] | str = (),
         checkpoint: int | None = None,
     ) -> Trajectory:
@@ -218,12 +218,12 @@ class Simulator(Printed):
 
     def linearize(
         self,
-        x: Any,
-        u: Any = None,
+        x: Array,
+        u: Array = None,
         params: Parameters | None = None,
         *,
         second: bool = False,
-        external_force: Any = None,
+        external_force: Array = None,
     ) -> Linearization:
         """Jacobians of the step at (x, u) by the implicit function theorem (M27).
 

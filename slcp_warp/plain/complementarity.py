@@ -17,7 +17,7 @@ from slcp_warp.kernels.structure import MOST_ROWS
 
 from ..gradients.tape import record, wants_gradient
 from ..inputs import checks
-from ..inputs.arrays import ArrayError, from_batch, kind_of, to_batch
+from ..inputs.arrays import Array, ArrayError, from_batch, kind_of, to_batch
 from ..inputs.checks import choice
 from ..options import CHOICES, OptionError
 from ..storage.printed import Arrays
@@ -39,17 +39,17 @@ class Complementarity(Arrays):
         iterations: (B,), linear systems solved, about; at most the limit where the solver gave up.
     """
 
-    impulse: Any
-    w: Any
-    status: Any
-    iterations: Any
+    impulse: Array
+    w: Array
+    status: Array
+    iterations: Array
     _arrays: tuple[wp.array, ...]
     _key: tuple[Any, ...]
     _kind: str
     _batched: bool
     _sigma_shape: tuple[int, ...]
 
-    def vjp(self, impulse_grad: Any) -> tuple[Any, Any, Any]:
+    def vjp(self, impulse_grad: Array) -> tuple[Array, Array, Array]:
         """Gradients by A, b and sigma of a scalar whose gradient by the impulses is given.
 
         Args:

@@ -14,15 +14,15 @@ import numpy as np
 ROWS, COLUMNS, WIDTH, LINE = 12, 10, 32, 240  # at most: of a table, characters of a cell, of a line
 
 
-def cell(value: Any) -> str:
+def cell(value: Any, most: int = WIDTH) -> str:
     """A value in few characters; None: nothing."""
     if value is None:
         return ""
     if isinstance(value, float | np.floating):
         return f"{value:.4g}"
     if isinstance(value, tuple | list):
-        return cut(f"({', '.join(cell(each) for each in value[:COLUMNS])})", WIDTH)
-    return cut(str(value), WIDTH)
+        return cut(f"({', '.join(cell(each) for each in value[:COLUMNS])})", most)
+    return cut(str(value), most)
 
 
 def cut(text: str, most: int) -> str:
@@ -38,19 +38,31 @@ def counted(number: int, one: str, several: str = "") -> str:
 
 @dataclass(frozen=True)
 class Table:
-    """A table with a heading for every column; `left`: how many columns, from the left, are of names."""
+    """A table, of bounded size.
+
+    Attributes:
+        title: above it; may be empty.
+        head: a heading for every column.
+        rows: of values.
+        left: how many columns, from the left, are of names.
+        width: characters of a cell, at most.
+        most: rows that are shown, at most.
+    """
 
     title: str
     head: Sequence[str]
     rows: Sequence[Sequence[Any]]
     left: int = 1
+    width: int = WIDTH
+    most: int = ROWS
 
     def cells(self) -> list[list[str]]:
         """The heading and the rows, bounded; what is left out is counted in the last row."""
-        width = min(len(self.head), COLUMNS)
-        lines = [[cell(value) for value in row[:width]] for row in (self.head, *self.rows[:ROWS])]
-        if len(self.rows) > ROWS:
-            lines.append([f"... {len(self.rows) - ROWS:,} more", *[""] * (width - 1)])
+        count = min(len(self.head), COLUMNS)
+        rows = (self.head, *self.rows[: self.most])
+        lines = [[cell(value, self.width) for value in row[:count]] for row in rows]
+        if len(self.rows) > self.most:
+            lines.append([f"... {len(self.rows) - self.most:,} more", *[""] * (count - 1)])
         return lines
 
     def text(self) -> str:

@@ -135,7 +135,7 @@ class Task(Printed):
     def _tables(self) -> list[Table]:
         rows = [("success", "every run to the end" if self.success is None else repr(self.success))]
         rows += [(name, repr(measure)) for name, measure in self.measures.items()]
-        return [Table("", ("judged by", "expression"), rows, left=2)]
+        return [Table("", ("judged by", "expression"), rows, left=2, width=160)]
 
     @property
     def steps(self) -> int:

@@ -75,7 +75,7 @@ THINGS = {  # what: it, and what its line, its text and its page say
     "multistart": (lambda: ddp.Multistart(result().select(0), 0, result()), "<Multistart the best is", ()),
     "library": (library, "<Library of 'mine': 3 controllers from 3 plans>", ("gain", "u[0]")),
     "task": (task, "<Task 'shove' with scene 'push_block': plans of 5 steps",
-             ("final('block.x') > 1", "judged by")),
+             ("judged by", 'final', "final('block.x') > 1")),
     "report": (report, "<Report of task 'shove': 1 part>", ("50.0 (", "mean x", "1.5")),
     "sweep report": (sweep_report, "<SweepReport of 'mine': 1 case, 7 runs; interrupted>", ("(0.5, 0.25",)),
     "particles": (
