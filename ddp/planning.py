@@ -19,6 +19,7 @@ METHODS = ("gauss-newton", "second-order")
 SHARE = 0.2  # of the limits: standard deviation of random starts
 NOISE_TIME = 8.0  # correlation time of random starts [steps]
 PASSES = 150
+FINISH = 2  # plans that every further method goes on from
 
 
 def problem_of(task: Task, sim: Simulator | None = None) -> Problem:
@@ -66,7 +67,7 @@ def plan(
     sim: Simulator | None = None,
     options: Options | None = None,
     methods: tuple[str, ...] = METHODS,
-    finish: int = 2,
+    finish: int = FINISH,
 ) -> Multistart:
     """Plan a task from many starts, and keep the plan of lowest cost.
 
@@ -89,13 +90,25 @@ def plan(
         The best plan; `all` are the plans of the last method, `index` the best one's place among them.
     """
     problem = problem_of(task, sim)
+    us = _controls(problem, task, starts, whole("seed", seed, 0))
+    return solve_starts(problem, task.start[0] if x0 is None else x0, us, options, methods, finish)
+
+
+def solve_starts(
+    problem: Problem,
+    x0: Any,
+    us: np.ndarray,
+    options: Options | None = None,
+    methods: tuple[str, ...] = METHODS,
+    finish: int = FINISH,
+) -> Multistart:
+    """`plan` for a problem, from controls us (S, N, nu)."""
     instance("options", options, Options | None, "a ddp.Options")
     if not isinstance(methods, tuple | list) or not methods:
         raise ArgumentError(f"methods is {methods!r:.60}; at least one of {', '.join(METHODS)} is needed")
     settings = Options(max_iterations=PASSES) if options is None else options
     finish = whole("finish", finish)
-    us = _controls(problem, task, starts, whole("seed", seed, 0))
-    x = array("x0", task.start[0] if x0 is None else x0, (problem.nx,))
+    x = array("x0", x0, (problem.nx,))
     for place, method in enumerate(methods):
         result = Workspace(problem, len(us), replace(settings, method=method)).solve(x, us)
         order = np.argsort(np.where(np.isnan(result.cost), np.inf, result.cost), kind="stable")

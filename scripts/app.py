@@ -1,7 +1,7 @@
 """The command table of `slcp`: each command is registered here and lives in a file of its own."""
 
 import importlib
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 import warp as wp
@@ -9,19 +9,21 @@ import warp as wp
 from slcp_warp import __version__
 
 from .chart import chart_command
+from .compare import compare_command
 from .compile import compile_command
 from .library import library_command
 from .optimise import optimise_command
-from .quickstart import quickstart_command
+from .paper.quickstart import quickstart_command
+from .paper.size import size_command
+from .paper.surface import surface_command
 from .scenes import scenes_command
 from .simulate import simulate_command
-from .size import size_command
 from .support.checkout import has_checkout, need_checkout
 from .support.screen import one_line_errors
-from .surface import surface_command
 from .sweep import sweep_command
+from .tasks import tasks_command
 
-IN_CHECKOUTS = {  # commands that a wheel leaves out: room and name
+IN_CHECKOUTS = {  # commands of `slcp paper` and `slcp` that a wheel leaves out: room and name
     "study": ("studies.ddp", "study_command"),
     "truth": ("studies.particles", "truth_command"),
     "car": ("studies.car", "car_command"),
@@ -32,14 +34,18 @@ IN_CHECKOUTS = {  # commands that a wheel leaves out: room and name
 }
 
 app = typer.Typer(name="slcp", no_args_is_help=True, add_completion=False, rich_markup_mode=None)
+paper = typer.Typer(
+    help="The paper's experiment and studies, and those that go on from them.", no_args_is_help=True
+)
+app.add_typer(paper, name="paper")
+app.command("tasks")(tasks_command)
 app.command("scenes")(scenes_command)
 app.command("compile")(compile_command)
 app.command("simulate")(simulate_command)
 app.command("optimise")(optimise_command)
 app.command("library")(library_command)
 app.command("sweep")(sweep_command)
-app.command("size")(size_command)
-app.command("surface")(surface_command)
+app.command("compare")(compare_command)
 app.command("chart")(chart_command)
 app.command("quickstart")(quickstart_command)
 
@@ -50,19 +56,32 @@ def _elsewhere(context: typer.Context) -> None:
     need_checkout(f"slcp {context.info_name}")
 
 
+def _of_the_paper(name: str, command: Any, **settings: Any) -> None:
+    """Add a command to `slcp paper`, and hidden below its former name."""
+    paper.command(name, **settings)(command)
+    app.command(name, hidden=True, **settings)(command)
+
+
 def _register(name: str, room: str, attribute: str) -> None:
     """Add a command of IN_CHECKOUTS, or one that says where it is."""
     if not has_checkout():
-        anything = {"allow_extra_args": True, "ignore_unknown_options": True}
-        app.command(name, context_settings=anything, add_help_option=False)(_elsewhere)
+        anything: dict[str, Any] = {
+            "context_settings": {"allow_extra_args": True, "ignore_unknown_options": True}
+        }
+        if name == "bench":
+            app.command(name, add_help_option=False, **anything)(_elsewhere)
+        else:
+            _of_the_paper(name, _elsewhere, add_help_option=False, **anything)
         return
     found = getattr(importlib.import_module(f".{room}", __package__), attribute)
     if isinstance(found, typer.Typer):
         app.add_typer(found, name=name)
     else:
-        app.command(name)(found)
+        _of_the_paper(name, found)
 
 
+_of_the_paper("size", size_command)
+_of_the_paper("surface", surface_command)
 for _name, _place in IN_CHECKOUTS.items():
     _register(_name, *_place)
 

@@ -27,12 +27,12 @@ def chart_command(
         if path.is_dir():
             inside = [
                 file
-                for name in ("*.npz", "size*.csv", RESULTS)
+                for name in ("*.npz", "size*.csv", "report*.csv", RESULTS)
                 for file in sorted(path.glob(name))
                 if not file.name.startswith(".")
             ]
             if not inside:
-                raise ValueError(f"{path} holds no .npz file, no size*.csv and no {RESULTS}")
+                raise ValueError(f"{path} holds no .npz file, no size*.csv, no report*.csv and no {RESULTS}")
             chosen += inside
         else:
             chosen.append(path)

@@ -1,21 +1,23 @@
-"""`slcp library`: a library of local controllers by receding horizon (section IV.C)."""
+"""`slcp library`: a library of local controllers of a task, by receding horizon (section IV.C)."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from slcp_warp import ddp
+import slcp_warp as slcp
 
-from .stages.library import Interrupted, build, library_table
-from .stages.plan import finger_problem
-from .support.options import Device, Dtype, Integrator, Scaling, Seed, Settings, Sigma, Start, StepSize
+from .stages.library import Interrupted, build, library_table, observed_state, task_options
+from .stages.plan import task_problem
+from .support.options import Device, Dtype, Scaling, Seed, Settings, Sigma, Start, StepSize, TaskIntegrator
 from .support.screen import INTERRUPTED, console, one_line_errors, prepared, progress_bar, timed, wrote
 from .support.simulators import numbers
+from .support.tasks import DEFAULT, TaskName
 
 
 @one_line_errors
 def library_command(
+    task: TaskName = DEFAULT,
     out: Annotated[Path, typer.Option(help="File to write.")] = Path("library.npz"),
     plans: Annotated[int, typer.Option("--plans", "--count", help="Plans (the paper's 400).")] = 400,
     entries: Annotated[int, typer.Option(help="Controllers kept of every plan, at its first steps.")] = 4,
@@ -25,36 +27,41 @@ def library_command(
     chains: Annotated[int, typer.Option(help="Independent chains at first.")] = 1,
     offset: Annotated[int, typer.Option(help="Steps d between the plans of a chain.")] = 4,
     perturb_every: Annotated[int, typer.Option(help="Steps between velocity kicks; 0: none.")] = 15,
-    perturb_variance: Annotated[float, typer.Option(help="Variance of the kicks.")] = 4.0,
+    perturb_variance: Annotated[
+        float | None, typer.Option(help="Variance of the kicks; default: of the task's starts' velocities.")
+    ] = None,
+    noisy: Annotated[int, typer.Option(help="Random starts of every plan.")] = 1,
     unperturbed: Annotated[int, typer.Option(help="So many chains are never kicked.")] = 0,
     passes: Annotated[int, typer.Option(help="DDP passes of every plan.")] = 10,
-    horizon: Annotated[int, typer.Option(help="Steps N of a plan.")] = 75,
+    horizon: Annotated[int | None, typer.Option(help="Steps N of a plan; default: the task's.")] = None,
     start: Start = None,
     sigma: Sigma = None,
     step_size: StepSize = None,
     scaling: Scaling = None,
-    integrator: Integrator = "euler",
+    integrator: TaskIntegrator = None,
     settings: Settings = None,
     seed: Seed = 0,
     device: Device = None,
     dtype: Dtype = "float64",
 ) -> None:
-    """Build a trajectory library of the flicking finger. Ctrl-C saves the entries there are."""
+    """Build a trajectory library of a task. Ctrl-C saves the entries there are."""
     path = prepared(out)
-    problem = finger_problem(horizon, sigma, step_size, settings, scaling, device, dtype, integrator)
-    x0 = problem.dynamics.scene.x0 if start is None else numbers(start, "--start", problem.nx)
-    options = ddp.RecedingOptions(
-        offset=offset, chains=chains, entries=entries, perturb_every=perturb_every, passes=passes,
-        perturb_variance=perturb_variance, unperturbed=unperturbed, seed=seed,
+    chosen = slcp.load_task(task)
+    problem = task_problem(chosen, horizon, sigma, step_size, settings, scaling, device, dtype, integrator)
+    x0 = chosen.start[0] if start is None else numbers(start, "--start", problem.nx)
+    options = task_options(
+        chosen, offset=offset, chains=chains, entries=entries, perturb_every=perturb_every, passes=passes,
+        perturb_variance=perturb_variance, unperturbed=unperturbed, noisy=noisy, seed=seed,
     )  # fmt: skip
+    observe = observed_state(chosen)
     try:
         with timed("library"), progress_bar("controllers") as progress:
-            library = build(problem, x0, plans, options, rounds, progress)
+            library = build(problem, x0, plans, options, observe, rounds, progress)
     except Interrupted as stopped:
         stopped.library.save(path)
         typer.echo(f"slcp: interrupted; saved the {len(stopped.library)} controllers there were", err=True)
         wrote(path)
         raise typer.Exit(INTERRUPTED) from None
     library.save(path)
-    console.print(library_table(library))
+    console.print(library_table(library, observe))
     wrote(path)

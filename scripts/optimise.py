@@ -1,55 +1,71 @@
-"""`slcp optimise`: DDP on the flicking finger, from one start or many, at one or more noise levels."""
+"""`slcp optimise`: DDP on a task, from one start or many, at one or more noise levels."""
 
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import typer
 
+import slcp_warp as slcp
 from slcp_warp import ddp
-from slcp_warp.ddp.planning import random_starts
+from slcp_warp.ddp.planning import METHODS, noise_scale, random_starts
 
-from .stages.plan import finger_problem, optimise, outcome_table, trace_table
-from .support.options import Device, Dtype, Integrator, Scaling, Seed, Settings, Sigma, Start, StepSize
+from .stages.plan import optimise, outcome_table, task_problem, trace_table
+from .support.options import Device, Dtype, Scaling, Seed, Settings, Sigma, Start, StepSize, TaskIntegrator
 from .support.screen import console, one_line_errors, prepared, timed, wrote
 from .support.simulators import numbers
+from .support.tasks import DEFAULT, TaskName
 
 
 @one_line_errors
 def optimise_command(
+    task: TaskName = DEFAULT,
     out: Annotated[Path, typer.Option(help="File to write.")] = Path("plan.npz"),
     start: Start = None,
     sigma: Sigma = None,
     continuation: Annotated[
         str | None, typer.Option(help="Falling noise levels s1,s2,.. to go on to afterwards.")
     ] = None,
-    method: Annotated[str, typer.Option(help="second-order, gauss-newton or first-order.")] = "second-order",
-    starts: Annotated[int, typer.Option(min=1, help="Starts: zero control and random ones.")] = 1,
+    method: Annotated[
+        str | None,
+        typer.Option(
+            help="second-order, gauss-newton or first-order; default: gauss-newton from every start, then "
+            "second-order from the best."
+        ),
+    ] = None,
+    starts: Annotated[int, typer.Option(min=1, help="Starts: zero control and random ones.")] = 8,
     schedules: Annotated[
-        bool, typer.Option("--schedules", help="Eight regularisation schedules per start.")
+        bool, typer.Option("--schedules", help="Eight regularisation schedules per start, second-order.")
     ] = False,
-    explore: Annotated[float, typer.Option(help="Standard deviation of random starts.")] = 1.0,
-    passes: Annotated[int, typer.Option(help="Passes at most.")] = 200,
-    horizon: Annotated[int, typer.Option(help="Steps N of the plan.")] = 75,
+    explore: Annotated[
+        float | None,
+        typer.Option(help="Deviation of random starts; default: a fifth of the limits, or 1."),
+    ] = None,
+    passes: Annotated[int, typer.Option(help="Passes at most, of a method.")] = 200,
+    horizon: Annotated[int | None, typer.Option(help="Steps N of the plan; default: the task's.")] = None,
     step_size: StepSize = None,
     scaling: Scaling = None,
-    integrator: Integrator = "euler",
+    integrator: TaskIntegrator = None,
     settings: Settings = None,
     seed: Seed = 0,
     device: Device = None,
     dtype: Dtype = "float64",
 ) -> None:
-    """Plan a trajectory of the flicking finger by DDP and save it with its feedback gains and trace."""
+    """Plan a task by DDP and save the trajectory with its feedback gains and trace."""
     path = prepared(out)
-    problem = finger_problem(horizon, sigma, step_size, settings, scaling, device, dtype, integrator)
-    scene = problem.dynamics.scene
-    x0 = scene.x0 if start is None else numbers(start, "--start", problem.nx)
+    chosen = slcp.load_task(task)
+    problem = task_problem(chosen, horizon, sigma, step_size, settings, scaling, device, dtype, integrator)
+    x0 = chosen.start[0] if start is None else numbers(start, "--start", problem.nx)
     sigmas = None if continuation is None else numbers(continuation, "--continuation")
     ddp.Options(sigma_schedule=None if sigmas is None else tuple(sigmas))  # must be positive and fall
-    options = ddp.Options(max_iterations=passes, method=method)
-    guesses = random_starts(starts, problem.horizon, problem.nu, explore, seed)
+    options = ddp.Options(max_iterations=passes, method=method or METHODS[-1])
+    scale = noise_scale(chosen) if explore is None else explore
+    lower, upper = problem.limit_rows()
+    guesses = np.clip(random_starts(starts, problem.horizon, problem.nu, scale, seed), lower[0], upper[0])
+    methods = () if method or schedules else METHODS
     with timed("DDP"):
-        record, results = optimise(problem, x0, guesses, options, schedules, sigmas)
-    record.header["seed"] = seed
+        record, results = optimise(problem, x0, guesses, options, schedules, sigmas, methods)
+    record.header["seed"], record.header["task"] = seed, chosen.name
     record.save(path)
     console.print(trace_table(results[-1]))
     console.print(outcome_table(record, results))

@@ -5,12 +5,12 @@ from typing import Annotated
 
 import typer
 
+import slcp_warp as slcp
+
 from .stages.trajectory import simulate, summary
 from .support.options import (
     Device,
     Dtype,
-    Integrator,
-    Residual,
     Scaling,
     SceneName,
     Seed,
@@ -18,23 +18,27 @@ from .support.options import (
     Sigma,
     Start,
     StepSize,
+    TaskIntegrator,
+    TaskResidual,
 )
 from .support.screen import console, one_line_errors, prepared, wrote
 from .support.simulators import make_params, make_simulator, named_scene, start_states
+from .support.tasks import OptionalTask, task_simulator
 
 
 @one_line_errors
 def simulate_command(
+    task: OptionalTask = None,
     out: Annotated[Path, typer.Option(help="File to write.")] = Path("trajectory.npz"),
     scene: SceneName = "flicking_finger",
     policy: Annotated[str, typer.Option(help="zero, or a file of `slcp library` or `optimise`.")] = "zero",
-    steps: Annotated[int, typer.Option(help="Time steps.")] = 400,
+    steps: Annotated[int | None, typer.Option(help="Time steps; default: the task's run, or 400.")] = None,
     worlds: Annotated[int, typer.Option(min=1, help="Worlds, which differ by --velocity-sd.")] = 1,
     start: Start = None,
     velocity_sd: Annotated[float, typer.Option(help="Standard deviation added to velocities.")] = 0.0,
-    residual: Residual = "smoothed",
+    residual: TaskResidual = None,
     scaling: Scaling = None,
-    integrator: Integrator = "euler",
+    integrator: TaskIntegrator = None,
     sigma: Sigma = None,
     step_size: StepSize = None,
     settings: Settings = None,
@@ -42,11 +46,19 @@ def simulate_command(
     device: Device = None,
     dtype: Dtype = "float64",
 ) -> None:
-    """Simulate worlds of a scene and save states, controls, impulses and gaps."""
+    """Simulate worlds of a task or a scene and save states, controls, impulses and gaps."""
     path = prepared(out)
-    sim = make_simulator(named_scene(scene), residual, scaling, device, dtype, integrator)
+    if task is None:
+        sim = make_simulator(
+            named_scene(scene), residual or "smoothed", scaling, device, dtype, integrator or "euler"
+        )
+        first, steps = sim.scene.x0, 400 if steps is None else steps
+    else:
+        chosen = slcp.load_task(task)
+        sim = task_simulator(chosen, residual, scaling, device, dtype, integrator)
+        first, steps = chosen.start[0], chosen.steps if steps is None else steps
     params = make_params(sim, step_size, sigma, settings)
-    x0 = start_states(sim.scene, start, worlds, velocity_sd, seed)
+    x0 = start_states(sim.scene, start, worlds, velocity_sd, seed, first)
     run = simulate(sim, params, x0, steps, policy)
     run.header["seed"] = seed
     run.save(path)

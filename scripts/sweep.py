@@ -1,73 +1,152 @@
-"""`slcp sweep`: thousands of perturbed worlds under a policy, on smoothed and hard dynamics."""
+"""`slcp sweep`: thousands of perturbed worlds under policies, on smoothed and hard dynamics."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 import slcp_warp as slcp
 
 from .stages.sweep import cycle_states, run_sweep, sweep_table
-from .support.options import Device, Integrator, Scaling, SceneName, Seed, Settings
+from .stages.task_sweep import changed_task, report_columns, report_table, sweep_task, task_cases
+from .support.options import Device, Scaling, SceneName, Seed, Settings, TaskIntegrator
 from .support.screen import INTERRUPTED, console, one_line_errors, prepared, progress_bar, timed, wrote
 from .support.simulators import OBSERVED, RESIDUALS, mechanism_name, named_scene, numbers, parse_settings
+from .support.tasks import OptionalTask
 
 
 @one_line_errors
 def sweep_command(
-    policy: Annotated[Path, typer.Option(help="File of `slcp library` or `slcp optimise`.")],
-    out: Annotated[Path, typer.Option(help="File to write; the table goes beside it as .csv.")] = Path(
-        "sweep.npz"
-    ),
+    policy: Annotated[
+        list[Path],
+        typer.Option(help="File of `slcp library` or `slcp optimise`; of a task several (repeatable)."),
+    ],
+    task: OptionalTask = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="File to write: of a task report.csv; of a scene sweep.npz, with a table beside it."
+        ),
+    ] = None,
     scene: SceneName = "flicking_finger",
     worlds: Annotated[int, typer.Option(help="Worlds of every case.")] = 4096,
-    duration: Annotated[float, typer.Option(help="Simulated time [s].")] = 20.0,
+    duration: Annotated[
+        float | None, typer.Option(help="Simulated time [s]; default: the task's, or 20.")
+    ] = None,
     residuals: Annotated[str, typer.Option(help="smoothed, hard or both, with a comma.")] = "smoothed,hard",
-    step_sizes: Annotated[str, typer.Option(help="Time steps h1,h2,.. [s].")] = "0.05,0.03",
+    step_sizes: Annotated[
+        str | None, typer.Option(help="Time steps h1,h2,.. [s]; default: the task's, or 0.05,0.03.")
+    ] = None,
     start: Annotated[
         Path | None, typer.Option(help="Trajectory whose states are drawn as initial ones; else the scene's.")
     ] = None,
     skip: Annotated[float, typer.Option(help="Leave out its first seconds.")] = 10.0,
-    velocity_sd: Annotated[float, typer.Option(help="Kick of the initial velocities.")] = 2.0,
-    position_sd: Annotated[float, typer.Option(help="Noise on the initial positions.")] = 0.0,
-    torque_sd: Annotated[float, typer.Option(help="White noise on the controls.")] = 0.0,
-    kick_times: Annotated[str, typer.Option(help="Times t1,t2,.. of later velocity kicks [s].")] = "",
-    kick_sd: Annotated[float, typer.Option(help="Standard deviation of later kicks.")] = 2.0,
+    velocity_sd: Annotated[
+        float | None, typer.Option(help="Kick of the initial velocities; default: the task's, or 2.")
+    ] = None,
+    position_sd: Annotated[
+        float | None, typer.Option(help="Noise on the initial positions; default: the task's, or 0.")
+    ] = None,
+    torque_sd: Annotated[
+        float | None, typer.Option(help="White noise on the controls; default: the task's, or 0.")
+    ] = None,
+    kick_times: Annotated[
+        str | None,
+        typer.Option(help="Times t1,t2,.. of later velocity kicks [s]; default: the task's."),
+    ] = None,
+    kick_sd: Annotated[
+        float | None, typer.Option(help="Standard deviation of later kicks; default: the task's, or 2.")
+    ] = None,
     vary: Annotated[
         list[str] | None,
         typer.Option(help="name=sd: log-normal spread of a parameter over worlds (repeatable)."),
     ] = None,
     settings: Settings = None,
-    observe: Annotated[int | None, typer.Option(help="State component whose rate is judged.")] = None,
-    threshold: Annotated[float, typer.Option(help="Rate that counts as spinning.")] = 0.5,
+    observe: Annotated[
+        int | None, typer.Option(help="State component whose rate is judged, of a scene.")
+    ] = None,
+    threshold: Annotated[float, typer.Option(help="Rate that counts as spinning, of a scene.")] = 0.5,
     scaling: Scaling = None,
-    integrator: Integrator = "euler",
+    integrator: TaskIntegrator = None,
     seed: Seed = 0,
     device: Device = None,
     dtype: Annotated[str, typer.Option(help="float32 or float64.")] = "float32",
 ) -> None:
-    """Roll a policy out in many perturbed worlds, report how robust it is. Ctrl-C saves what is finished."""
-    path = prepared(out)
-    chosen = named_scene(scene)
-    states = None if start is None else cycle_states(slcp.Trajectory.load(start), chosen, skip)
+    """Roll policies out in many perturbed worlds, report how robust they are. Ctrl-C saves what is finished.
+
+    Of a task: the task's disturbances, measures and success. Of a scene: the rate of one state.
+    """
+    # long: every option of the command is a parameter of its own, with its help
+    given = {
+        "velocity": velocity_sd, "position": position_sd, "torque": torque_sd, "kick": kick_sd,
+        "kick_times": None if not kick_times else tuple(numbers(kick_times, "--kick-times").tolist()),
+        "parameters": parse_settings(vary, "--vary") or None,
+    }  # fmt: skip
+    given = {name: value for name, value in given.items() if value is not None}
+    sizes = None if step_sizes is None else tuple(numbers(step_sizes, "--step-sizes").tolist())
+    if task is not None:
+        if settings or observe is not None:
+            raise ValueError("--set and --observe are of --scene; a task has numbers and measures of its own")
+        path = prepared(out or Path("report.csv"), ".csv")
+        chosen = slcp.load_task(task)
+        states = _states(start, chosen.scene, skip)
+        chosen = changed_task(chosen, given, start=states, duration=duration, scaling=scaling,
+                              integrator=integrator)  # fmt: skip
+        _sweep_task(path, chosen, policy, worlds, seed, residuals, sizes, device, dtype)
+        return
+    path = prepared(out or Path("sweep.npz"))
+    if len(policy) > 1:
+        raise ValueError("--policy is given more than once; only a task takes several")
+    mechanism = named_scene(scene)
+    names = {"velocity": "velocity_sd", "position": "position_sd", "torque": "torque_sd", "kick": "kick_sd",
+             "parameters": "parameter_sd", "kick_times": "kick_times"}  # fmt: skip
+    disturbed: dict[str, Any] = {"velocity_sd": 2.0, "kick_sd": 2.0}
+    disturbed |= {names[name]: value for name, value in given.items()}
     spec = slcp.SweepSpec(
-        worlds=worlds, duration=duration, residuals=_residuals(residuals),
-        step_sizes=tuple(numbers(step_sizes, "--step-sizes").tolist()), start=states,
-        position_sd=position_sd, velocity_sd=velocity_sd, torque_sd=torque_sd,
-        kick_times=tuple(numbers(kick_times, "--kick-times").tolist()) if kick_times else (),
-        kick_sd=kick_sd, parameter_sd=parse_settings(vary, "--vary"),
+        worlds=worlds, duration=20.0 if duration is None else duration, residuals=_residuals(residuals),
+        step_sizes=sizes or (0.05, 0.03), start=_states(start, mechanism, skip), **disturbed,
         parameters=parse_settings(settings, "--set"), threshold=threshold, seed=seed,
-        observe=OBSERVED.get(mechanism_name(chosen), 0) if observe is None else observe,
+        observe=OBSERVED.get(mechanism_name(mechanism), 0) if observe is None else observe,
     )  # fmt: skip
     with timed("sweep"), progress_bar("worlds") as progress:
-        report = run_sweep(chosen, policy, spec, scaling, integrator, device, dtype, progress)
+        report = run_sweep(
+            mechanism, policy[0], spec, scaling, integrator or "euler", device, dtype, progress
+        )
     report.save(path)
     report.save(path.with_suffix(".csv"))
     console.print(sweep_table(report))
     wrote(path)
     wrote(path.with_suffix(".csv"))
-    if not report.complete:
-        done = sum(case["worlds"] for case in report.cases)
+    _end(report.complete, sum(case["worlds"] for case in report.cases))
+
+
+def _sweep_task(
+    path: Path,
+    task: slcp.Task,
+    policy: list[Path],
+    worlds: int,
+    seed: int,
+    residuals: str,
+    sizes: tuple[float, ...] | None,
+    device: str | None,
+    dtype: str,
+) -> None:
+    cases = task_cases(task, residuals)
+    with timed("sweep"), progress_bar("worlds") as progress:
+        report = sweep_task(task, policy, worlds, seed, cases, sizes, device, dtype, progress)
+    report.save(path)
+    console.print(report_table(report_columns(path)))
+    wrote(path)
+    _end(report.complete, sum(len(part["columns"]["world"]) for part in report.parts))
+
+
+def _states(start: Path | None, scene: slcp.Scene, skip: float) -> Any:
+    return None if start is None else cycle_states(slcp.Trajectory.load(start), scene, skip)
+
+
+def _end(complete: bool, done: int) -> None:
+    """Say so where a sweep was interrupted."""
+    if not complete:
         typer.echo(f"slcp: interrupted; saved the {done} worlds that were finished", err=True)
         raise typer.Exit(INTERRUPTED)
 

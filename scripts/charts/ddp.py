@@ -19,7 +19,9 @@ def trace_chart(record: Record, path: Path) -> Path:
         left.plot(batch.T, color=GREY, lw=0.6, alpha=0.7)
         left.plot([], [], color=GREY, lw=0.8, label=f"the {len(batch)} starts and schedules")
         shown = batch[np.isfinite(batch)]
-        left.set_ylim(cost.min() - 2.0, min(float(np.quantile(shown, 0.95)) + 5.0, 5.0))
+        high = float(np.quantile(shown, 0.95))
+        margin = 0.05 * max(high - float(cost.min()), 1e-3 * abs(high))
+        left.set_ylim(float(cost.min()) - margin, high + margin)
     left.plot(passes, cost, color=BLUE, lw=2.2, label="the best")
     left.annotate(f"{cost[-1]:.3f}", (passes[-1], cost[-1]), xytext=(6, 0), textcoords="offset points",
                   va="center", color=BLUE)  # fmt: skip

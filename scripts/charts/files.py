@@ -8,11 +8,12 @@ import numpy as np
 
 import slcp_warp as slcp
 from slcp_warp import ddp
+from slcp_warp.ddp.library.entries import scene_digest
 
 from ..support.records import Record, RecordError, load_record, read_kind
 from ..support.simulators import FINGER, mechanism_name
-from ..support.tables import is_results
-from . import cycle, space, sweep
+from ..support.tables import has_columns, is_results
+from . import cycle, report, space, sweep
 from . import ddp as plans
 
 SHOWN = 8.0  # seconds of an animation
@@ -67,10 +68,12 @@ def chart_files(
 
 
 def file_kind(path: Path) -> str:
-    """What a file holds: "results" of the studies, a "size" table, or what `read_kind` says."""
+    """What a file holds: "results" of the studies, a "report", a "size" table, or what `read_kind` says."""
     if path.suffix != ".csv":
         return read_kind(path)
-    return "results" if is_results(path) else "size"
+    if is_results(path):
+        return "results"
+    return "report" if has_columns(path, {"policy", "arm"}) else "size"
 
 
 def _surface(order: Order) -> list[Path]:
@@ -78,7 +81,10 @@ def _surface(order: Order) -> list[Path]:
 
 
 def _library(order: Order) -> list[Path]:
-    return [space.library_chart(ddp.Library.load(order.path), order.picture, order.surface)]
+    library = ddp.Library.load(order.path)
+    if library.header.get("digest") == scene_digest(slcp.scenes.NAMED[FINGER]()):  # Fig. 3, of its joints
+        return [space.library_chart(library, order.picture, order.surface)]
+    return [report.gains_chart(library, order.picture)]
 
 
 def _plan(order: Order) -> list[Path]:
@@ -87,6 +93,10 @@ def _plan(order: Order) -> list[Path]:
 
 def _sweep(order: Order) -> list[Path]:
     return [sweep.sweep_chart(slcp.SweepReport.load(order.path), order.picture)]
+
+
+def _report(order: Order) -> list[Path]:
+    return [report.report_chart(order.path, order.picture)]
 
 
 def _size(order: Order) -> list[Path]:
@@ -119,6 +129,7 @@ DRAWERS: dict[str, Drawer] = {
     "library": _library,
     "plan": _plan,
     "sweep": _sweep,
+    "report": _report,
     "size": _size,
     "trajectory": _trajectory,
 }

@@ -16,8 +16,8 @@ def _controls(sim: slcp.Simulator) -> np.ndarray:
     return np.zeros((1, 1, sim.nu))
 
 
-def _sweep(sim: slcp.Simulator) -> None:
-    """The sweep of a plan and of a library."""
+def _policies(sim: slcp.Simulator) -> dict[str, Any]:
+    """A plan and a library of one entry."""
     gain = np.zeros((1, sim.nu, sim.nx))
     plan = SimpleNamespace(us=_controls(sim)[0], xs=np.tile(sim.scene.x0, (2, 1)), K=gain)
     one = np.zeros(1)
@@ -25,12 +25,17 @@ def _sweep(sim: slcp.Simulator) -> None:
         x=sim.scene.x0[None], u=_controls(sim)[0], K=gain, cost=one, gain=one, age=one, chain=one, plan=one,
         period=sim.scene.state_period, header={"scene": sim.scene.name, "digest": scene_digest(sim.scene)},
     )  # fmt: skip
+    return {"plan": ddp.TrackingPolicy(plan), "library": ddp.NearestPolicy(entries)}
+
+
+def _sweep(sim: slcp.Simulator) -> None:
+    """The sweep of a plan and of a library."""
     h = float(np.ravel(sim.params["step_size"])[0])
     spec = slcp.SweepSpec(
         worlds=1, duration=2 * h, window=h, sample_every=h, residuals=(sim.options.residual,), step_sizes=(h,)
     )
     scaling, integrator, dtype = sim.options.scaling, sim.options.integrator, sim.dtype.__name__
-    for policy in (ddp.TrackingPolicy(plan), ddp.NearestPolicy(entries)):
+    for policy in _policies(sim).values():
         slcp.sweep(
             sim.scene, policy, spec, scaling=scaling, integrator=integrator, dtype=dtype, device=sim.device
         )
@@ -47,9 +52,26 @@ WHAT: dict[str, Callable[[slcp.Simulator], Any]] = {
 }
 
 
-def compile_ahead(sim: slcp.Simulator, what: list[str]) -> list[Loaded]:
-    """The kernels that some of `WHAT` need, compiled or found in the cache."""
+def _plan_task(task: slcp.Task, sim: slcp.Simulator) -> None:
+    ddp.plan(task, 1, sim=sim, options=ddp.Options(max_iterations=1))
+
+
+def _sweep_task(task: slcp.Task, sim: slcp.Simulator) -> None:
+    slcp.sweep(
+        task.replace(duration=sim.scene.step_size), _policies(sim), worlds=1, cases=sim.options,
+        dtype=sim.dtype.__name__, device=sim.device,
+    )  # fmt: skip
+
+
+OF_TASKS: dict[str, Callable[[slcp.Task, slcp.Simulator], Any]] = {"plan": _plan_task, "sweep": _sweep_task}
+
+
+def compile_ahead(sim: slcp.Simulator, what: list[str], task: slcp.Task | None = None) -> list[Loaded]:
+    """The kernels that some of `WHAT`, or of a task some of `OF_TASKS`, need, compiled or found."""
     with recorded() as kernels:
         for name in what:
-            WHAT[name](sim)
+            if task is not None and name in OF_TASKS:
+                OF_TASKS[name](task, sim)
+            else:
+                WHAT[name](sim)
     return kernels

@@ -15,7 +15,7 @@ from ..support.screen import progress_bar
 from ..support.simulators import OBSERVED, make_params, make_simulator, named_scene, start_states
 from ..support.tables import write_csv
 from .library import Interrupted, build
-from .plan import finger_problem, optimise
+from .plan import optimise
 from .size import size_rows
 from .surface import FINGER_RANGE, surface
 from .sweep import cycle_states, run_sweep
@@ -92,7 +92,9 @@ class Run:
         problem = finger_problem(device=self.device)
         with progress_bar("controllers") as progress:
             try:
-                library = build(problem, self.scene.x0, self.scale.plans, options, progress=progress)
+                library = build(
+                    problem, self.scene.x0, self.scale.plans, options, OBSERVED[SCENE], progress=progress
+                )
             except Interrupted as stopped:
                 stopped.library.save(self.file("library.npz"))
                 raise
@@ -160,6 +162,12 @@ class Run:
         names = ["surface.npz", "library.npz", "cycle.npz", "plan.npz", "sweep.npz", "disturbed.npz"]
         names += ["size.csv"] if self.scale.sizes else []
         return [self.file(name) for name in names]
+
+
+def finger_problem(device: str | None = None) -> ddp.Problem:
+    """The paper's problem (section V)."""
+    sim = make_simulator(named_scene(SCENE), device=device)
+    return ddp.Problem(sim, ddp.costs.flicking_finger(), horizon=75)
 
 
 def _typical_world(run: slcp.Trajectory) -> slcp.Trajectory:

@@ -1,6 +1,7 @@
 """A library of local controllers by receding horizon (section IV.C)."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from rich.box import SIMPLE_HEAD
@@ -8,8 +9,8 @@ from rich.table import Table
 
 import slcp_warp as slcp
 from slcp_warp import ddp
-
-from ..support.simulators import OBSERVED
+from slcp_warp.ddp.planning import noise_scale
+from slcp_warp.measures.signals import Signal
 
 
 class Interrupted(Exception):
@@ -25,12 +26,14 @@ def build(
     x0: np.ndarray,
     plans: int,
     options: ddp.RecedingOptions,
+    observe: int | None,
     rounds: int = 5,
     progress: Callable[[int, int], None] | None = None,
 ) -> ddp.Library:
     """A library of `plans` plans with `options.entries` controllers of each.
 
     Args:
+        observe: the state whose advance says where the controller gets somewhere; None: there are no rounds.
         rounds: how often new chains start where the controller gets nowhere (see `ddp.build_refined`); the
             test rollouts are in single precision.
 
@@ -42,23 +45,48 @@ def build(
     count = plans * options.entries
     sim = problem.dynamics
     trial = slcp.Simulator(sim.scene, sim.options, device=sim.device, dtype="float32")
-    score = ddp.turning(OBSERVED[sim.scene.name])
-    library = ddp.build_refined(problem, x0, count, score, rounds, options, trial, progress)
+    if observe is None:
+        library = ddp.build_library(problem, x0, count, options, progress)
+    else:
+        score = ddp.turning(observe)
+        library = ddp.build_refined(problem, x0, count, score, rounds, options, trial, progress)
     if len(library) < count:
         raise Interrupted(library)
     return library
 
 
-def library_table(library: ddp.Library) -> Table:
-    """Size, and how much the plans gain over zero controls."""
+def observed_state(task: slcp.Task) -> int | None:
+    """The state whose rate the task measures first; None: it measures none."""
+    for measure in task.measures.values():
+        of = measure.of
+        if measure.reduction == "rate" and isinstance(of, Signal) and of.kind == "state" and of.minus is None:
+            return of.place(task.scene)
+    return None
+
+
+def task_options(task: slcp.Task, **given: Any) -> ddp.RecedingOptions:
+    """How a task's chains go on, where nothing else is given.
+
+    Noise is a fifth of the control limits; velocities are kicked as far as the task's own starts are
+    disturbed.
+    """
+    spread = task.disturbances.deviation(task.scene)[task.scene.nv :].max()
+    own = {"noise": float(noise_scale(task).max()), "perturb_variance": float(spread) ** 2}
+    return ddp.RecedingOptions(**own | {name: value for name, value in given.items() if value is not None})
+
+
+def library_table(library: ddp.Library, observe: int | None = None) -> Table:
+    """Size, how much the plans gain over zero controls, and how far the chains advanced a state."""
     table = Table(title="library", box=SIMPLE_HEAD)
-    for heading in ("controllers", "plans", "chains", "gain 10 %", "median", "90 %", "turned, rad"):
-        table.add_column(heading, justify="right")
     first = library.age == 0
-    low, middle, high = np.quantile(library.gain[first], (0.1, 0.5, 0.9))
-    turned = [np.ptp(library.x[library.chain == c, 2]) for c in np.unique(library.chain)]
-    table.add_row(
-        *map(str, (len(library), int(first.sum()), len(turned))),
-        *(f"{g:.1f}" for g in (low, middle, high)), f"{sum(turned):.1f}",
-    )  # fmt: skip
+    cells = {"controllers": str(len(library)), "plans": str(int(first.sum()))}
+    cells["chains"] = str(len(np.unique(library.chain)))
+    for name, share in (("gain 10 %", 0.1), ("median", 0.5), ("90 %", 0.9)):
+        cells[name] = f"{np.quantile(library.gain[first], share):.1f}"
+    if observe is not None:
+        turned = [np.ptp(library.x[library.chain == c, observe]) for c in np.unique(library.chain)]
+        cells["advanced"] = f"{sum(turned):.1f}"
+    for heading in cells:
+        table.add_column(heading, justify="right")
+    table.add_row(*cells.values())
     return table

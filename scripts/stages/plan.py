@@ -1,36 +1,40 @@
-"""A plan of the flicking finger by DDP, from one start or many, at one or more noise levels."""
+"""A plan of a task by DDP, from one start or many, at one or more noise levels."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
+import slcp_warp as slcp
 from slcp_warp import ddp
+from slcp_warp.ddp.planning import solve_starts
 from slcp_warp.results.simulated import Simulated
 
 from ..support.records import Record, device_facts
-from ..support.simulators import make_params, make_simulator, named_scene
+from ..support.simulators import make_params
+from ..support.tasks import task_simulator
 
-SCENE = "flicking_finger"  # the scene that has a named cost
 HEAD, TAIL = 4, 14  # rows of a long trace that are printed
 
 
-def finger_problem(
-    horizon: int = 75,
+def task_problem(
+    task: slcp.Task,
+    horizon: int | None = None,
     sigma: float | None = None,
     step_size: float | None = None,
     settings: list[str] | None = None,
     scaling: str | None = None,
     device: str | None = None,
     dtype: str = "float64",
-    integrator: str = "euler",
+    integrator: str | None = None,
 ) -> ddp.Problem:
-    """The paper's problem (section V) with the options' numbers."""
-    sim = make_simulator(named_scene(SCENE), "smoothed", scaling, device, dtype, integrator)
+    """The problem of a task with the options' numbers; None: the task's."""
+    sim = task_simulator(task, None, scaling, device, dtype, integrator)
     params = make_params(sim, step_size, sigma, settings)
-    return ddp.Problem(sim, ddp.costs.flicking_finger(), horizon=horizon, params=params)
+    task = task if horizon is None else task.replace(horizon=horizon)
+    return replace(ddp.problem_of(task, sim), params=params)
 
 
 def optimise(
@@ -40,6 +44,7 @@ def optimise(
     options: ddp.Options,
     schedules: bool = False,
     sigmas: np.ndarray | None = None,
+    methods: tuple[str, ...] = (),
 ) -> tuple[Record, list[ddp.Result]]:
     """Solve, and describe the outcome as a plan; the results are those of the noise levels, one or many.
 
@@ -47,11 +52,18 @@ def optimise(
         starts: controls (S, N, nu).
         schedules: try eight regularisation schedules for each of them.
         sigmas: noise levels of a continuation that begins at the best solution.
+        methods: one after the other, as `ddp.plan` has them; none: that of the options.
     """
     simulated = Simulated.of(problem.dynamics, problem.params)
     arrays: dict[str, np.ndarray] = {}
     header: dict[str, Any] = device_facts(problem.dynamics)
-    if len(starts) > 1 or schedules:
+    if methods:
+        many = solve_starts(problem, x0, starts, options, methods)
+        results = [many.best]
+        arrays["batch_cost"], arrays["batch_status"] = many.all.trace.cost, many.all.status
+        options = replace(options, method=methods[-1])
+        header["chosen"] = many.index
+    elif len(starts) > 1 or schedules:
         rows = ddp.multistart.SCHEDULES if schedules else ddp.Regularization()
         many = ddp.solve_multistart(problem, x0, starts, options, rows)
         results = [many.best]

@@ -14,6 +14,7 @@ from slcp_warp.ddp.planning import random_starts
 from ..stages.library import build
 from ..support.options import Device, Seed
 from ..support.screen import one_line_errors, show_rows
+from ..support.simulators import FINGER, OBSERVED
 
 HORIZON, ENTRIES = 75, 4
 PASSES, REPLAN_PASSES = 150, 20
@@ -89,7 +90,13 @@ def plan_rows(count: int, seed: int, device: str | None) -> list[dict[str, Any]]
 def library_of(case: Case, plans: int, seed: int, device: str | None) -> ddp.Library:
     """A library as `slcp library` builds it."""
     problem = case.problem(device)
-    return build(problem, problem.dynamics.scene.x0, plans, ddp.RecedingOptions(entries=ENTRIES, seed=seed))
+    return build(
+        problem,
+        problem.dynamics.scene.x0,
+        plans,
+        ddp.RecedingOptions(entries=ENTRIES, seed=seed),
+        OBSERVED[FINGER],
+    )
 
 
 def replanned(library: ddp.Library, device: str | None) -> Iterator[tuple[Case, ddp.Library]]:

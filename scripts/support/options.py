@@ -15,8 +15,14 @@ SceneName = Annotated[
 Residual = Annotated[
     str, typer.Option(help="smoothed (rem-logistic), hard, rem-normal, erm-logistic or erm-normal.")
 ]
-Scaling = Annotated[str | None, typer.Option(help="inertia or none; the finger's default is none.")]
+TaskResidual = Annotated[
+    str | None, typer.Option(help="smoothed, hard, rem-normal, ..; default: the task's, or smoothed.")
+]
+Scaling = Annotated[
+    str | None, typer.Option(help="inertia or none; default: the task's, or inertia (of the finger: none).")
+]
 Integrator = Annotated[str, typer.Option(help="euler, or trapezoidal: second order where motion is smooth.")]
+TaskIntegrator = Annotated[str | None, typer.Option(help="euler or trapezoidal; default: the task's.")]
 Friction = Annotated[str, typer.Option(help="anitescu, or coulomb: with the hard residual.")]
 Sigma = Annotated[float | None, typer.Option(help="Noise level of the smoothing; default: the scene's.")]
 StepSize = Annotated[float | None, typer.Option("--step-size", help="h [s]; default: the scene's.")]

@@ -94,11 +94,21 @@ def numbers(text: str, name: str, count: int | None = None) -> np.ndarray:
 
 
 def start_states(
-    scene: slcp.Scene, start: str | None, worlds: int, velocity_sd: float, seed: int
+    scene: slcp.Scene,
+    start: str | None,
+    worlds: int,
+    velocity_sd: float,
+    seed: int,
+    default: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Initial states (worlds, nx): the start with normal noise on the velocities."""
+    """Initial states (worlds, nx): the start with normal noise on the velocities.
+
+    Args:
+        default: where no start is given, (nx,); None: the scene's.
+    """
     nx = 2 * scene.nv
-    x0 = scene.x0 if start is None else numbers(start, "--start", nx)
+    own = scene.x0 if default is None else default
+    x0 = own if start is None else numbers(start, "--start", nx)
     if not (math.isfinite(velocity_sd) and velocity_sd >= 0.0):
         raise ValueError(f"--velocity-sd is {velocity_sd}; it must be >= 0")
     x = np.tile(x0, (worlds, 1))

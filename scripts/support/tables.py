@@ -56,9 +56,14 @@ def read_csv(path: Path, what: str, needed: tuple[str, ...]) -> list[dict[str, s
 
 def is_results(path: Path) -> bool:
     """Whether a CSV file has the columns of `slcp bench charts`, by its first line. Raises FileError."""
+    return has_columns(path, {"study", "program"})
+
+
+def has_columns(path: Path, names: set[str]) -> bool:
+    """Whether a CSV file has these columns, by its first line. Raises FileError."""
     with reading(path, "a table", FileError), opened(path, MOST_TABLE) as file:
         line = file.readline(LONGEST_LINE).decode("utf-8", errors="replace")
-        return {"study", "program"} <= set(next(csv.reader([line]), []))
+        return names <= set(next(csv.reader([line]), []))
 
 
 def number(path: Path, row: dict[str, str], name: str, finite: bool = True) -> float:

@@ -1,6 +1,6 @@
 """What came out of a sweep of a task: a table, a summary with intervals, comparisons of policies."""
 
-import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -14,9 +14,24 @@ from ..options import Status
 from ..storage.printed import Printed, Table, counted
 from ..tasks.task import Task
 from . import store
-from .statistics import Z95, mean_interval, share_interval
+from .statistics import mean_interval, share_interval
 
 KEYS = ("policy", "case", "step_size", "arm")
+
+
+def paired(
+    first: Mapping[str, np.ndarray], second: Mapping[str, np.ndarray], names: Sequence[str]
+) -> dict[str, tuple[float, float, float]]:
+    """Mean differences first - second of columns of the same worlds, with 95 % intervals.
+
+    Over the worlds where both are finite.
+    """
+    out = {}
+    for name in names:
+        a, b = (np.asarray(each[name], float) for each in (first, second))
+        both = np.isfinite(a) & np.isfinite(b)
+        out[name] = mean_interval(a[both] - b[both])
+    return out
 
 
 @dataclass(repr=False)
@@ -85,22 +100,8 @@ class Report(Printed):
 
         Of success (as 0 and 1) and of every measure, over the worlds where both are finite.
         """
-        a, b = self.part(first, case), self.part(second, case)
-        out = {}
-        for name in ("success", *self.task.measures):
-            both = np.isfinite(a[name]) & np.isfinite(b[name])
-            difference = a[name][both].astype(float) - b[name][both].astype(float)
-            if not len(difference):
-                out[name] = (math.nan, math.nan, math.nan)
-                continue
-            mean = float(difference.mean())
-            half = (
-                Z95 * float(difference.std(ddof=1)) / math.sqrt(len(difference))
-                if len(difference) > 1
-                else math.nan
-            )
-            out[name] = (mean, mean - half, mean + half)
-        return out
+        names = ("success", *self.task.measures)
+        return paired(self.part(first, case), self.part(second, case), names)
 
     def save(self, path: str | Path) -> Path:
         """Write the table as .csv; replaced only once complete."""

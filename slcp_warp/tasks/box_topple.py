@@ -6,6 +6,7 @@ from .. import measures
 from ..costs import Term, effort, terms
 from ..description.parts import Actuator, Body, Contact, Shape, box, touching
 from ..description.scene import Scene
+from .disturbances import Disturbances
 from .task import Task
 
 WIDTH, HEIGHT = 0.2, 0.4
@@ -46,6 +47,9 @@ def box_topple() -> Task:
         ),
         horizon=80,
         control_limits=(-20.0, 20.0),
+        disturbances=Disturbances(
+            start={"box.x": 0.03, "box.vangle": 0.2}, torque=2.0, parameters={"mass": 0.2, "friction": 0.2}
+        ),
         measures={
             "angle": angle,
             "lies_from": measures.settled(measures.state("box.angle") < -1.4),

@@ -4,6 +4,7 @@ from .. import measures
 from ..costs import Term, effort, terms
 from ..description.parts import Actuator, Body, Contact, Shape
 from ..description.scene import Scene
+from .disturbances import Disturbances
 from .task import Task
 
 TILT = 0.35  # of either half of the paddle [rad]
@@ -59,6 +60,9 @@ def catch() -> Task:
         cost=terms(scene, running, final),
         horizon=80,
         control_limits=(-20.0, 20.0),
+        disturbances=Disturbances(
+            start={"ball.x": 0.15, "ball.vx": 0.5}, torque=2.0, parameters={"mass": 0.3, "friction": 0.3}
+        ),
         measures={"off": off, "height": height, "touched": measures.first_time(measures.contact() > 0.5)},
         success=off.between(-0.15, 0.15) & (height > 0.0),
     )

@@ -148,6 +148,15 @@ def save_task(task: Task, path: str | os.PathLike[str]) -> None:
     write_text(path, json.dumps(task_content(task), indent=2, allow_nan=False) + "\n")
 
 
+def says_task(path: Path) -> bool:
+    """Whether a .toml or .json file says that it is a task."""
+    try:
+        content = _parse(path)
+    except (OSError, ValueError):
+        return False
+    return isinstance(content, dict) and content.get("format") == FORMAT
+
+
 def _parse(path: Path) -> Any:
     text = read_text(path, MOST_TEXT if path.suffix == ".json" else MOST_TOML)
     try:

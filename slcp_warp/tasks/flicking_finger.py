@@ -3,6 +3,7 @@
 from .. import measures, scenes
 from ..costs import Term, effort, terms
 from ..options import Options
+from .disturbances import Disturbances
 from .task import Task
 
 
@@ -17,6 +18,9 @@ def flicking_finger() -> Task:
         horizon=75,
         options=Options(scaling="none"),
         duration=20.0,
+        disturbances=Disturbances(
+            velocity=2.0, torque=0.1, parameters={"mass": 0.1, "friction": 0.2, "damping": 0.2}
+        ),
         measures={
             "rate": measures.rate("ellipse.angle"),
             "late_rate": late,

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 from .. import measures, scenes
 from ..costs import Term, effort, terms
+from .disturbances import Disturbances
 from .task import Task
 
 
@@ -24,6 +25,7 @@ def grasp_hold() -> Task:
         cost=terms(scene, running),
         horizon=60,
         control_limits=(-60.0, 60.0),
+        disturbances=Disturbances(velocity=0.02, torque=1.0, parameters={"mass": 0.1, "friction": 0.1}),
         measures={
             "lowest": lowest,
             "held": measures.share_of_time(measures.contact() > 0.5),

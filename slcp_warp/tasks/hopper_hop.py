@@ -4,6 +4,7 @@ from dataclasses import replace
 
 from .. import measures, scenes
 from ..costs import Term, effort, terms
+from .disturbances import Disturbances
 from .task import Task
 
 
@@ -24,6 +25,7 @@ def hopper_hop() -> Task:
         cost=terms(scene, running),
         horizon=120,
         control_limits=(-200.0, 200.0),
+        disturbances=Disturbances(velocity=0.1, torque=10.0, parameters={"mass": 0.1, "friction": 0.2}),
         measures={
             "speed": speed,
             "lowest": lowest,

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 from .. import measures, scenes
 from ..costs import Term, effort, terms
+from .disturbances import Disturbances
 from .task import Task
 
 
@@ -23,6 +24,7 @@ def walker_walk() -> Task:
         cost=terms(scene, running),
         horizon=100,
         control_limits=(-80.0, 80.0),
+        disturbances=Disturbances(velocity=0.2, torque=8.0, parameters={"mass": 0.15, "friction": 0.3}),
         measures={"way": way, "lowest": lowest, "tilt": measures.largest("torso.angle")},
         success=(way > 0.2) & (lowest > 0.6),
     )

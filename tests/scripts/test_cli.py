@@ -54,7 +54,8 @@ def fails(*arguments) -> str:
 def made(tmp_path_factory):
     """A folder with a small plan, library, trajectory, surface and sweep, made by the commands."""
     folder = tmp_path_factory.mktemp("cli")
-    call("optimise", "--passes", 4, "--horizon", 30, "--device", "cpu", "--out", folder / "plan.npz")
+    call("optimise", "--passes", 4, "--horizon", 30, "--starts", 1, "--method", "second-order",
+         "--device", "cpu", "--out", folder / "plan.npz")  # fmt: skip
     call("library", "--plans", 3, "--entries", 2, "--rounds", 1, "--passes", 2, "--horizon", 15,
          "--device", "cpu", "--out", folder / "library.npz")  # fmt: skip
     call("simulate", "--policy", folder / "library.npz", "--worlds", 3, "--steps", 30, "--velocity-sd", 0.5,
@@ -191,7 +192,7 @@ def test_quickstart(tmp_path):
 )
 def test_bad_input_is_one_line(arguments, says, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    device = [] if "--device" in arguments or arguments[0] == "chart" else ["--device", "cpu"]
+    device = [] if "--device" in arguments or arguments[0] in ("chart", "compare") else ["--device", "cpu"]
     assert says in fails(*arguments, *device)
     assert list(tmp_path.iterdir()) == []
 
@@ -212,6 +213,7 @@ def test_bad_batteries_are_one_line(arguments, says, tmp_path, monkeypatch):
 
 def test_errors_of_every_command_are_one_line():
     commands = app.registered_commands + bench_app.registered_commands
+    commands += next(g for g in app.registered_groups if g.name == "paper").typer_instance.registered_commands
     wrapper = one_line_errors(print).__code__
     assert len(commands) > 30
     assert [c.name for c in commands if c.callback.__code__ is not wrapper] == []

@@ -41,7 +41,7 @@ ROOMS = {  # the order of each layer's rooms: none imports one that is named aft
         *("continuation", "solver", "library", "multistart", "planning"),
     ),
     "scripts": (
-        *("support", "stages", "charts", "benchmarks", "studies"),
+        *("support", "stages", "charts", "paper", "benchmarks", "studies"),
         FILES,  # the commands
     ),
     "scripts/benchmarks": (

@@ -5,13 +5,14 @@ from typing import Annotated
 
 import typer
 
-from .charts.quickstart_report import write_report
-from .stages.experiment import FULL, QUICK, STANDARD, Run
-from .stages.library import Interrupted, library_table
-from .stages.plan import outcome_table
-from .stages.sweep import sweep_table
-from .support.options import Device, Seed
-from .support.screen import INTERRUPTED, console, one_line_errors, timed
+from ..charts.quickstart_report import write_report
+from ..stages.experiment import FULL, QUICK, SCENE, STANDARD, Run
+from ..stages.library import Interrupted, library_table
+from ..stages.plan import outcome_table
+from ..stages.sweep import sweep_table
+from ..support.options import Device, Seed
+from ..support.screen import INTERRUPTED, console, one_line_errors, timed
+from ..support.simulators import OBSERVED
 
 
 @one_line_errors
@@ -40,7 +41,7 @@ def quickstart_command(
 
 def _run_all(run: Run) -> None:
     """The stages, each timed, and the report."""
-    from .charts.files import chart_files  # it loads matplotlib
+    from ..charts.files import chart_files  # it loads matplotlib
 
     times = run.times
     with timed("trajectory (DDP)", times):
@@ -48,7 +49,7 @@ def _run_all(run: Run) -> None:
     console.print(outcome_table(plan, results))
     with timed(f"library of {run.scale.plans} plans", times):
         library = run.library()
-    console.print(library_table(library))
+    console.print(library_table(library, OBSERVED[SCENE]))
     with timed("limit cycle", times):
         run.cycle()
     with timed("contact surface", times):

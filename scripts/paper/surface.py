@@ -6,10 +6,10 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from .stages.surface import FINGER_RANGE, surface
-from .support.options import Device, SceneName
-from .support.screen import one_line_errors, prepared, wrote
-from .support.simulators import make_simulator, named_scene, numbers
+from ..stages.surface import FINGER_RANGE, surface
+from ..support.options import Device, SceneName
+from ..support.screen import one_line_errors, prepared, wrote
+from ..support.simulators import make_simulator, named_scene, numbers
 
 
 @one_line_errors

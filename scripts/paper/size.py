@@ -8,12 +8,12 @@ import typer
 import slcp_warp as slcp
 from slcp_warp import ddp
 
-from .stages.size import size_rows
-from .stages.sweep import cycle_states
-from .support.options import Device, Seed
-from .support.screen import one_line_errors, prepared, progress_bar, wrote
-from .support.simulators import OBSERVED, mechanism_name, named_scene, numbers
-from .support.tables import write_csv
+from ..stages.size import size_rows
+from ..stages.sweep import cycle_states
+from ..support.options import Device, Seed
+from ..support.screen import one_line_errors, prepared, progress_bar, wrote
+from ..support.simulators import OBSERVED, mechanism_name, named_scene, numbers
+from ..support.tables import write_csv
 
 
 @one_line_errors

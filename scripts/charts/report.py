@@ -1,0 +1,72 @@
+"""Pictures of a task's report and of any library: how often policies succeed, what plans gain."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from slcp_warp import ddp
+from slcp_warp.ensembles.statistics import share_interval
+
+from ..stages.task_sweep import measure_names, parts_of, report_columns
+from .style import BLUE, CASES, GREY, plt, save
+
+
+def report_chart(file: Path, path: Path) -> Path:
+    """Success of every policy and case with its 95 % interval, and the distribution of each measure."""
+    columns = report_columns(file)
+    parts, measures = parts_of(columns), measure_names(columns)
+    disturbed = {key: part for key, part in parts.items() if key[3] == "disturbed"}
+    height = 1.6 + 0.35 * len(disturbed)
+    figure, axes = plt.subplots(1, 1 + len(measures), figsize=(4.0 + 2.6 * len(measures), height),
+                                layout="constrained", squeeze=False)  # fmt: skip
+    policies = list(dict.fromkeys(key[0] for key in disturbed))
+    rows = np.arange(len(disturbed))[::-1]
+    for row, (key, part) in zip(rows, disturbed.items()):
+        colour = CASES[policies.index(key[0]) % len(CASES)]
+        _success(axes[0, 0], part, parts.get((*key[:3], "undisturbed")), row, colour)
+        for ax, name in zip(axes[0, 1:], measures):
+            _spread(ax, part[name], row, colour)
+    axes[0, 0].set_yticks(rows, [f"{policy}, {case}, h = {h:g}" for policy, case, h, _ in disturbed])
+    axes[0, 0].set_xlim(-3.0, 103.0)
+    axes[0, 0].set_xlabel("success [%]; ○ undisturbed")
+    for ax, name in zip(axes[0, 1:], measures):
+        ax.set_yticks([])
+        ax.set_xlabel(name)
+    for ax in axes[0]:
+        ax.set_ylim(-0.6, len(disturbed) - 0.4)
+    return save(figure, path)
+
+
+def _success(ax: Any, part: dict[str, np.ndarray], still: Any, row: float, colour: str) -> None:
+    share, low, high = (100.0 * s for s in share_interval(int(part["success"].sum()), len(part["success"])))
+    ax.plot([low, high], [row, row], color=colour, lw=2.5, solid_capstyle="butt")
+    ax.plot(share, row, "o", color=colour)
+    if still is not None:
+        ax.plot(100.0 * still["success"].mean(), row, "o", color=colour, markerfacecolor="white", zorder=1)
+
+
+def _spread(ax: Any, values: np.ndarray, row: float, colour: str) -> None:
+    """The median, the middle half and the middle nine tenths of the finite values."""
+    values = values[np.isfinite(values)]
+    if not len(values):
+        return
+    a, b, middle, c, d = np.quantile(values, (0.05, 0.25, 0.5, 0.75, 0.95))
+    ax.plot([a, d], [row, row], color=colour, lw=1.0)
+    ax.plot([b, c], [row, row], color=colour, lw=4.0, solid_capstyle="butt")
+    ax.plot(middle, row, "o", color=colour, markerfacecolor="white")
+
+
+def gains_chart(library: ddp.Library, path: Path) -> Path:
+    """What the plans gain over zero controls, in the order of their making, and where they start."""
+    first = library.age == 0
+    figure, (left, right) = plt.subplots(1, 2, figsize=(9.0, 3.6), layout="constrained")
+    left.plot(np.arange(first.sum()), library.gain[first], ".", color=BLUE)
+    left.axhline(0.0, color=GREY, lw=0.8)
+    left.set_xlabel("plan")
+    left.set_ylabel("gain over zero controls")
+    dots = right.scatter(*library.x[first][:, :2].T, c=library.gain[first], s=14)
+    right.set_xlabel("first coordinate")
+    right.set_ylabel("second coordinate" if library.x.shape[1] > 2 else "its rate")
+    figure.colorbar(dots, ax=right, label="gain")
+    return save(figure, path)

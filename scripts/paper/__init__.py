@@ -1,0 +1,1 @@
+"""Commands of the paper's own experiment: the quickstart, the library's size, the contact surface."""

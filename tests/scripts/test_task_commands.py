@@ -1,0 +1,157 @@
+"""Any task by the same commands: plan, run, library, sweep, comparison, pictures."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("typer")
+pytest.importorskip("matplotlib")
+
+from PIL import Image
+from test_cli import call, fails
+
+import slcp_warp as slcp
+from slcp_warp import ddp
+from slcp_warp.kernels.device import cache
+from slcp_warp.kernels.device.progress import recorded
+from slcp_warp.scripts.app import app
+from slcp_warp.scripts.stages.task_sweep import parts_of, report_columns
+from slcp_warp.scripts.support.records import load_record
+
+TOML = Path(__file__).parents[2] / "examples" / "tasks" / "shove.toml"
+
+
+def end_to_end(task, folder, worlds: int, plans: int) -> Path:
+    """The commands that every task takes, in turn; the folder of their files."""
+    cpu = ("--device", "cpu")
+    plan, library, run, report = (folder / n for n in ("plan.npz", "library.npz", "run.npz", "report.csv"))
+    call("optimise", task, *cpu, "--out", plan)
+    call("library", task, "--plans", plans, "--passes", 3, *cpu, "--out", library)
+    call("simulate", task, "--policy", plan, "--residual", "hard", *cpu, "--out", run)
+    policies = ("--policy", plan, "--policy", library)
+    call("sweep", task, *policies, "--worlds", worlds, *cpu, "--out", report)
+    assert "plan less library" in call("compare", report, "plan", "library").output
+    call("chart", folder, "--out", folder / "pictures")
+    return folder
+
+
+def check(task: slcp.Task, folder: Path, worlds: int) -> dict:
+    """What every task's files must hold; the report's parts."""
+    plan, run = load_record(folder / "plan.npz", "plan"), load_record(folder / "run.npz", "trajectory")
+    assert plan["us"].shape == (task.horizon, task.scene.nu) and plan.header["task"] == task.name
+    assert run["states"].shape[1] == task.steps + 1 and run.simulated.options.residual == "hard"
+    assert run["controls"].min() >= plan["lower"].min() and run["controls"].max() <= plan["upper"].max()
+    np.testing.assert_array_equal(run["states"][0, 0], task.start[0])
+    assert len(ddp.Library.load(folder / "library.npz")) > 0
+    parts = parts_of(report_columns(folder / "report.csv"))
+    assert {key[:2] for key in parts} == {(p, c) for p in ("plan", "library") for c in ("smoothed", "hard")}
+    for key, part in parts.items():
+        assert len(part["world"]) == (worlds if key[3] == "disturbed" else len(task.start))
+        assert set(task.measures) < part.keys()
+    for name in ("plan.png", "library.png", "run_frames.png", "report.png"):
+        pixels = np.asarray(Image.open(folder / "pictures" / name).convert("L"))
+        assert pixels.std() > 5.0 and pixels[0, 0] == 255, name
+    return parts
+
+
+def test_a_task_of_a_file_goes_end_to_end(tmp_path):
+    parts = check(slcp.load_task(TOML), end_to_end(TOML, tmp_path, 64, 4), 64)
+    for case in ("smoothed", "hard"):
+        found = parts["plan", case, 0.02, "disturbed"]
+        assert found["success"].mean() > 0.8 and np.ptp(found["drawn_mass_1"]) > 0.2
+        assert parts["plan", case, 0.02, "undisturbed"]["success"].all()
+        other = parts["library", case, 0.02, "disturbed"]
+        np.testing.assert_array_equal(found["drawn_mass_1"], other["drawn_mass_1"])  # the same worlds
+    assert "has the policy" in fails("compare", _one_policy(tmp_path))
+    assert "there is no policy 'mpc'" in fails("compare", tmp_path / "report.csv", "mpc", "plan")
+    still = ("--velocity-sd", 0, "--torque-sd", 0, "--vary", "mass=0", "--duration", 0.4, "--worlds", 3)
+    call("sweep", TOML, "--policy", tmp_path / "plan.npz", *still, "--device", "cpu",
+         "--residuals", "hard", "--out", tmp_path / "still.csv")  # fmt: skip
+    own = parts_of(report_columns(tmp_path / "still.csv"))["plan", "hard", 0.02, "disturbed"]
+    assert (
+        np.ptp(own["place"]) == 0.0 and own["place"].max() < 0.45
+    )  # nothing is disturbed, and it ends early
+
+
+def _one_policy(folder: Path) -> Path:
+    lines = (folder / "report.csv").read_text().splitlines(keepends=True)
+    path = folder / "one.csv"
+    path.write_text("".join([lines[0], *(line for line in lines[1:] if line.startswith("plan,"))]))
+    return path
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("name", slcp.tasks.NAMED)
+def test_every_named_task_goes_end_to_end(tmp_path, name):
+    task = slcp.load_task(name)
+    parts = check(task, end_to_end(name, tmp_path, 256, 20), 256)
+    if task.duration <= task.horizon * task.scene.step_size:  # a plan is as long as a run
+        for case in ("smoothed", "hard"):
+            assert parts["plan", case, task.scene.step_size, "undisturbed"]["success"].all()
+            assert parts["plan", case, task.scene.step_size, "disturbed"]["success"].mean() > 0.5
+
+
+def test_a_broken_report_is_one_line(tmp_path):
+    path = tmp_path / "report.csv"
+    head = "policy,case,step_size,arm,world,x,success,status\n"
+    for text, says in (
+        (head, "it has no rows"),
+        ("a,b\n1,2\n", "it has no columns policy, case"),
+        (head + "plan,hard,0.1,disturbed,0,1.0,yes,0\n", "success holds 'yes'"),
+        (head + "plan,hard,0.1,disturbed,0,wide,True,0\n", "x: could not convert string to float: 'wide'"),
+        (head + "plan,hard,0.1", "it is cut off or damaged"),
+    ):
+        path.write_text(text)
+        assert says in fails("compare", path)
+        assert "slcp: " in fails("chart", path)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["simulate", "juggle"], "is no task; a .toml or .json file, file.py:name or one of"),
+        (["optimise", "absent.toml"], "absent.toml: no such file"),
+        (["library", "absent.py:lift"], "absent.py: no such file"),
+        (["sweep", "juggle", "--policy", "a.npz"], "is no task"),
+        (["sweep", "catch", "--policy", "a.npz", "--set", "mass=1"], "--set and --observe are of --scene"),
+        (["sweep", "catch", "--policy", "a.npz", "--residuals", "soft"], "--residuals names 'soft'"),
+        (["sweep", "--policy", "a.npz", "--policy", "b.npz"], "only a task takes several"),
+        (["compile", "juggle"], "SCENE is 'juggle'"),
+        (["compile", "particle", "--what", "plan"], "only a task is planned"),
+        (["compare", "nowhere.csv"], "no such file"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else "",
+)
+def test_bad_input_is_one_line(arguments, says, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert says in fails(*arguments)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.full
+def test_what_a_task_needs_is_compiled_ahead(monkeypatch, tmp_path):
+    """Planning and sweeping it compile nothing any more."""
+    monkeypatch.setattr(cache, "_loaded", {})
+    call("compile", TOML, "--what", "plan,sweep", "--dtype", "float64", "--device", "cpu")
+    task = slcp.load_task(TOML)
+    sim = task.simulator(device="cpu")
+    with recorded() as kernels:
+        found = ddp.plan(task, 2, sim=sim, options=ddp.Options(max_iterations=2))
+        policy = ddp.TrackingPolicy(found.best, task.scene.state_period)
+        slcp.sweep(task, policy, worlds=4, cases=task.options, dtype="float64", device="cpu")
+    assert [kernel.kernel for kernel in kernels] == []
+
+
+def test_tasks_are_listed():
+    text = call("tasks").output
+    for name, make in slcp.tasks.NAMED.items():
+        assert f"{name}: nv {make().scene.nv}" in text and ", ".join(make().measures) in text
+
+
+def test_former_names_of_the_papers_commands_are_hidden():
+    paper = next(group for group in app.registered_groups if group.name == "paper").typer_instance
+    names = {command.name: command.callback for command in paper.registered_commands}
+    assert {"size", "surface", "study", "residuals"} <= names.keys()
+    hidden = {command.name: command.callback for command in app.registered_commands if command.hidden}
+    assert hidden == names
