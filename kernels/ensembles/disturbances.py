@@ -6,6 +6,7 @@ import warp as wp
 
 from ..device.random import make_normal
 from ..factories import cached
+from ..policies.pieces import make_limits
 
 # streams of the random numbers
 START, CHOICE, PARAMETER, TORQUE, KICK = 0, 100, 200, 300, 400
@@ -46,6 +47,7 @@ def make_disturbances(nv: int, nu: int, dtype: type) -> SimpleNamespace:
     Conditions = make_conditions(dtype)
     VX, VU = wp.types.vector(2 * nv, dtype), wp.types.vector(max(nu, 1), dtype)
     HALF = wp.float64(0.5)
+    within = make_limits(nu, dtype)
 
     @wp.func
     def due(c: Conditions, event: int, time: wp.float64, h: wp.float64):
@@ -63,11 +65,7 @@ def make_disturbances(nv: int, nu: int, dtype: type) -> SimpleNamespace:
 
     @wp.func
     def limited(c: Conditions, u: VU):
-        out = u
-        if c.lower.shape[0] > 0:
-            for j in range(nu):
-                out[j] = wp.clamp(u[j], c.lower[j], c.upper[j])
-        return out
+        return within(c.lower, c.upper, u)
 
     @wp.func
     def noisy(c: Conditions, world: int, k: int, u: VU):

@@ -35,10 +35,12 @@ class PolicyKernel:
     Attributes:
         key: of the code that `make` gives: words, and where these are not all, a colon and a digest.
         make: ``make(nx, nu, dtype) -> PolicyFunctions``.
+        inner: of the policy in this one, whose struct is the field `inner`.
     """
 
     key: str
     make: Callable[[int, int, type], PolicyFunctions] = field(compare=False, repr=False)
+    inner: "PolicyKernel | None" = field(default=None, compare=False, repr=False)
 
     @property
     def in_words(self) -> str:

@@ -35,3 +35,19 @@ def make_hold(dtype: type) -> wp.Function:
         return u
 
     return held
+
+
+@cached
+def make_limits(nu: int, dtype: type) -> wp.Function:
+    """limited(lower, upper, u): controls within limits (nu,), or as they are where these are empty."""
+    VU, held = wp.types.vector(max(nu, 1), dtype), make_hold(dtype)
+
+    @wp.func
+    def limited(lower: wp.array(dtype=dtype), upper: wp.array(dtype=dtype), u: VU):
+        out = u
+        if lower.shape[0] > 0:
+            for i in range(nu):
+                out[i] = held(u[i], lower[i], upper[i])
+        return out
+
+    return limited

@@ -27,6 +27,7 @@ from .cost.jacobian import bench_jacobian
 from .cost.kernels import SIZES, bench_reach, bench_sizes, print_sizes
 from .cost.methods import bench_methods
 from .cost.pair import PairError, bench_pair, print_pairs
+from .cost.policies import bench_policies
 from .cost.step import bench_step
 from .cost.threads import bench_threads
 from .derivatives.jacobians import bench_differences
@@ -142,6 +143,15 @@ def products_command(
 ) -> None:
     """Vector-Jacobian and Jacobian-vector products, A and B, and weighted Hessians against a rollout."""
     _save(csv, bench_products(worlds, steps, repeats, seed))
+
+
+@app.command("policies")
+@one_line_errors
+def policies_command(
+    worlds: Worlds = 4096, steps: Steps = 500, repeats: Repeats = 5, seed: Seed = 0, csv: Csv = None
+) -> None:
+    """Sweeps under a user's function and networks against linear feedback."""
+    _save(csv, bench_policies(worlds, steps, repeats, seed))
 
 
 @app.command("precision")

@@ -7,7 +7,9 @@ struct)`` is one, too.
 from slcp_warp.kernels.policies.contract import PolicyFunctions, PolicyKernel
 
 from ..stepping.callback import Callback
+from .around import Around
 from .function import Function
 from .linear import Linear
+from .network import Network
 
-__all__ = ["Callback", "Function", "Linear", "PolicyFunctions", "PolicyKernel"]
+__all__ = ["Around", "Callback", "Function", "Linear", "Network", "PolicyFunctions", "PolicyKernel"]

@@ -89,10 +89,10 @@ class Arguments:
         return Controls(OPEN_LOOP, struct, us.shape[1], us)
 
 
-def policy_arrays(policy: Any, sim: Any, worlds: int | None) -> tuple[PolicyKernel, Any]:
-    """Kernel and struct of a policy, for so many worlds (None: for any number)."""
+def checked_kernel(policy: Any, sim: Any) -> tuple[PolicyKernel, Any]:
+    """Kernel and struct of a policy."""
     if isinstance(policy, Callback):
-        raise ArgumentTypeError("policy is a policies.Callback, which runs in rollouts only")
+        raise ArgumentTypeError("policy is a policies.Callback, which runs in rollouts only, by itself")
     if isinstance(policy, type) or not callable(checks.attribute(policy, "kernel")):
         raise ArgumentTypeError(
             f"policy is a {type(policy).__name__}; a policy is needed, library.policy() or ddp.TrackingPolicy"
@@ -101,14 +101,22 @@ def policy_arrays(policy: Any, sim: Any, worlds: int | None) -> tuple[PolicyKern
     if not isinstance(given, tuple) or len(given) != 2 or not isinstance(given[0], PolicyKernel):
         raise ArgumentTypeError(f"policy.kernel gave {shown(given)}; (PolicyKernel, struct) is needed")
     kernel, struct = given
-    kind = kernel.functions(sim.nx, sim.nu, sim.dtype).Struct
-    if getattr(struct, "_cls", None) is not kind:
+    if getattr(struct, "_cls", None) is not kernel.functions(sim.nx, sim.nu, sim.dtype).Struct:
         raise ArgumentTypeError(
             f"policy.kernel gave {shown(struct)} with {kernel.key!r}; the Struct of its functions for "
             f"{sim.nx} states, {sim.nu} controls and {sim.dtype.__name__} is needed"
         )
-    given_rows = struct.us.shape[0] if kernel == TRACKING else 1
-    if given_rows not in (1, worlds):
+    return kernel, struct
+
+
+def policy_arrays(policy: Any, sim: Any, worlds: int | None) -> tuple[PolicyKernel, Any]:
+    """Kernel and struct of a policy, for so many worlds (None: for any number)."""
+    kernel, struct = checked_kernel(policy, sim)
+    innermost, inside = kernel, struct
+    while innermost.inner is not None:
+        innermost, inside = innermost.inner, inside.inner
+    rows = inside.us.shape[0] if innermost == TRACKING else 1
+    if rows not in (1, worlds):
         need = "one for all" if worlds is None else f"1 or {worlds}"
-        raise ArrayError(f"policy holds {given_rows} trajectories; {need} is needed, one per world")
+        raise ArrayError(f"policy holds {rows} trajectories; {need} is needed, one per world")
     return kernel, struct

@@ -8,5 +8,6 @@ for a second derivative is an error.
 
 from .functions import Outcome, rollout, step
 from .module import Rollout
+from .network import closed_loop
 
-__all__ = ["Outcome", "Rollout", "rollout", "step"]
+__all__ = ["Outcome", "Rollout", "closed_loop", "rollout", "step"]

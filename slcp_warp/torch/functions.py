@@ -52,7 +52,7 @@ def rollout(
     instance("sim", sim, Simulator, "a slcp_warp.Simulator")
     sim.need_derivatives("slcp_warp.torch")
     flag("check", check)
-    x, us = _given(sim, "x0", x0, (sim.nx,)), _given(sim, "controls", controls, (None, sim.nu))
+    x, us = given(sim, "x0", x0, (sim.nx,)), given(sim, "controls", controls, (None, sim.nu))
     batched = x0.ndim == 2
     if len(x) != len(us) or us.shape[1] < 1:
         raise ArrayError(f"controls has shape {tuple(controls.shape)}; ({len(x)}, N, {sim.nu}) is needed")
@@ -62,7 +62,7 @@ def rollout(
     if external_force is not None:
         if isinstance(external_force, Tensor) and external_force.requires_grad:
             raise ArrayError("external_force requires a gradient, which does not exist; detach it")
-        force = _given(sim, "external_force", external_force, (bodies, 3)).reshape(-1, 3 * bodies)
+        force = given(sim, "external_force", external_force, (bodies, 3)).reshape(-1, 3 * bodies)
         if len(force) != len(x):
             raise ArrayError(f"external_force is given for {len(force)} worlds, x0 for {len(x)}")
     table = parameter_table(sim, params, x)
@@ -85,14 +85,14 @@ def step(
         u: (B, nu) or (nu,), None: zero.
     """
     instance("sim", sim, Simulator, "a slcp_warp.Simulator")
-    _given(sim, "x", x, (sim.nx,))
+    given(sim, "x", x, (sim.nx,))
     u = x.new_zeros((*x.shape[:-1], sim.nu)) if u is None else u
-    _given(sim, "u", u, (sim.nu,))
+    given(sim, "u", u, (sim.nu,))
     states, status = rollout(sim, x, u.unsqueeze(-2), params, **options)
     return Outcome(states[..., 1, :], status)
 
 
-def _given(sim: Simulator, name: str, value: Tensor, shape: tuple[int | None, ...]) -> Tensor:
+def given(sim: Simulator, name: str, value: Tensor, shape: tuple[int | None, ...]) -> Tensor:
     """A checked tensor with a batch axis."""
     dtype, device = getattr(torch, sim.dtype.__name__), torch.device(wp.device_to_torch(sim.device))
     if not isinstance(value, Tensor) or value.dtype != dtype or value.device != device:

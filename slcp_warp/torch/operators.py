@@ -61,7 +61,7 @@ def _check(sim: Simulator, table: Tensor) -> None:
 
 
 @contextlib.contextmanager
-def _stream(tensor: Tensor) -> Iterator[None]:
+def stream(tensor: Tensor) -> Iterator[None]:
     """Warp launches on PyTorch's stream of the tensor's device."""
     if tensor.is_cuda:
         with wp.ScopedStream(wp.stream_from_torch(torch.cuda.current_stream(tensor.device))):
@@ -70,7 +70,7 @@ def _stream(tensor: Tensor) -> Iterator[None]:
         yield
 
 
-def _share(sim: Simulator, *tensors: Tensor) -> list[Any]:
+def share(sim: Simulator, *tensors: Tensor) -> list[Any]:
     """Warp arrays of the tensors, with the strides of a fresh array.
 
     PyTorch ignores the stride of an axis of length one and `contiguous` keeps it; Warp compares it
@@ -91,8 +91,8 @@ def rollout_op(
         _check(sim, table)
     status = torch.zeros(len(x0), dtype=torch.int32, device=x0.device)
     key = sim.spec
-    with _stream(x0):
-        x, u, numbers, external = _share(sim, x0, us, table, force)
+    with stream(x0):
+        x, u, numbers, external = share(sim, x0, us, table, force)
         code: Any = wp.from_torch(status)
         if every:
             return wp.to_torch(checkpointed(key, numbers, x, u, external, code, every)), status
@@ -119,8 +119,8 @@ def pull_op(
     key = sim.spec
     derivatives_exist(sim.options.method)
     out = [torch.zeros_like(t, memory_format=torch.contiguous_format) for t in (x0, us, table)]
-    with _stream(x0):
-        arrays = _share(sim, x0, us, table, force, states, by_states)
+    with stream(x0):
+        arrays = share(sim, x0, us, table, force, states, by_states)
         for array, gradient in list(zip(arrays, out))[: 3 if parameters else 2]:
             array.grad = wp.from_torch(gradient, dtype=sim.dtype)
             array.requires_grad = True

@@ -1,0 +1,92 @@
+"""What lies between a policy and its world: a noisy sensor, a zero-order hold, a delay, limits."""
+
+from functools import partial
+from typing import NamedTuple
+
+import warp as wp
+
+from ..device.random import make_normal
+from ..factories import cached
+from .contract import PolicyFunctions, PolicyKernel, make_policy
+from .pieces import make_limits
+
+SENSOR = 1 << 21  # first stream of the sensor's noise: beyond all others
+
+
+class Between(NamedTuple):
+    """What changes code: steps of delay, whether a control is held over several steps, noise."""
+
+    delay: int
+    holds: bool
+    noisy: bool
+
+
+def around_kernel(inner: PolicyKernel, between: Between) -> PolicyKernel:
+    """The kernel of a policy with things between it and the world."""
+    key = f"{inner.in_words}, around it {'; '.join(map(str, between))}:{inner.key}"
+    return PolicyKernel(key, partial(make_around, inner, between), inner)
+
+
+@cached
+def make_around(inner: PolicyKernel, between: Between, nx: int, nu: int, dtype: type) -> PolicyFunctions:
+    """Kept are the policy's memory, the control that is held, and those on their way, the oldest first."""
+    asked = make_policy(inner, nx, nu, dtype)
+    Inner, Inside = asked.Struct, wp.types.vector(max(asked.size, 1), dtype)
+    DELAY, HELD = between.delay, asked.size
+    WAY = HELD + (nu if between.holds else 0)
+    SIZE = max(1, WAY + DELAY * nu)
+    VX, VU = wp.types.vector(nx, dtype), wp.types.vector(max(nu, 1), dtype)
+    Memory = wp.types.vector(SIZE, dtype)
+    normals, limited = make_normal(dtype).normals, make_limits(nu, dtype)
+
+    @wp.struct
+    class Around:
+        inner: Inner
+        hold: int  # steps
+        seed: int
+        noise: wp.array(dtype=dtype)  # (nx,) standard deviations
+        lower: wp.array(dtype=dtype)  # (0 or nu,)
+        upper: wp.array(dtype=dtype)
+
+    @wp.func
+    def start(data: Around, world: int, x: VX):
+        memory = Memory()
+        inside = asked.begin(data.inner, world, seen(data, world, 0, x))
+        for j in range(HELD):
+            memory[j] = inside[j]
+        return memory
+
+    @wp.func
+    def seen(data: Around, world: int, step: int, x: VX):
+        out = x
+        if wp.static(between.noisy):
+            for j in range(nx):
+                out[j] = x[j] + data.noise[j] * normals(data.seed, world, step, SENSOR + j)[0]
+        return out
+
+    @wp.func
+    def control(data: Around, world: int, step: int, x: VX, memory: Memory):
+        after = memory
+        u = VU()
+        if step % data.hold == 0:
+            inside = Inside()
+            for j in range(HELD):
+                inside[j] = memory[j]
+            u, inside = asked.ask(data.inner, world, step, seen(data, world, step, x), inside)
+            for j in range(HELD):
+                after[j] = inside[j]
+        if wp.static(between.holds):
+            for i in range(nu):
+                if step % data.hold != 0:
+                    u[i] = memory[HELD + i]
+                after[HELD + i] = u[i]
+        if wp.static(DELAY > 0):
+            for i in range(nu):
+                arriving = memory[WAY + i]
+                for d in range(DELAY - 1):
+                    after[WAY + d * nu + i] = memory[WAY + (d + 1) * nu + i]
+                after[WAY + (DELAY - 1) * nu + i] = u[i]
+                u[i] = arriving
+        return limited(data.lower, data.upper, u), after
+
+    return PolicyFunctions(Around, control, SIZE, start)

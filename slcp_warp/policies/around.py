@@ -1,0 +1,77 @@
+"""What lies between a policy and its world."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from slcp_warp.kernels.policies.around import Between, around_kernel
+from slcp_warp.kernels.policies.contract import PolicyKernel
+
+from ..inputs.checks import array, number, shown, whole
+from ..inputs.errors import ArgumentError
+from ..inputs.limits import bounded, limit_rows
+from ..simulator import Simulator
+from ..stepping.arguments import checked_kernel
+
+LONGEST = 256
+
+
+class Around:
+    """A policy behind a noisy sensor, a hold, a delay and limits, in this order.
+
+    Args:
+        policy: any that a kernel evaluates.
+        limits: (lower, upper) of the controls, each a number or (nu,); None: none beside a task's.
+        delay: steps from a control to its action, at most 256; before the first acts, controls are zero.
+        hold: steps that a control is held; the policy is asked in steps 0, hold, 2 hold, ... only.
+        noise: standard deviations of white noise on the state that the policy sees, by state name, (nx,), or
+            one for all; None: none.
+        seed: of the noise, which depends on it, the world's number and the step.
+
+    Raises:
+        ArgumentError: what is out of range, or with a simulator of another size or unknown.
+    """
+
+    def __init__(
+        self, policy: Any, limits: Any = None, delay: int = 0, hold: int = 1, noise: Any = None, seed: int = 0
+    ) -> None:
+        self.policy, self.limits = policy, limits
+        self.delay, self.hold = whole("delay", delay, 0, LONGEST), whole("hold", hold)
+        self.seed = whole("seed", seed, 0)
+        self.noise = noise
+        if isinstance(noise, Mapping):
+            self.noise = {name: number(f"noise[{name!r}]", sd, 0.0) for name, sd in noise.items()}
+        elif noise is not None:
+            self.noise = array("noise", noise)
+            if (self.noise < 0.0).any() or self.noise.ndim > 1:
+                raise ArgumentError(f"noise is {shown(noise)}; standard deviations, not negative, are needed")
+
+    def kernel(self, sim: Simulator) -> tuple[PolicyKernel, Any]:
+        """Kernel and struct for a simulator."""
+        inner, inside = checked_kernel(self.policy, sim)
+        noise, (lower, upper) = self._noise(sim), limit_rows(self.limits, sim.nu)
+        if len(lower) != 1:
+            raise ArgumentError(f"limits are for {len(lower)} worlds; one pair for all is needed")
+        kernel = around_kernel(inner, Between(self.delay, self.hold > 1, bool(noise.any())))
+        struct = kernel.functions(sim.nx, sim.nu, sim.dtype).Struct()
+        struct.inner, struct.hold, struct.seed = inside, self.hold, self.seed
+        limits = (lower[0], upper[0]) if bounded(lower, upper) else ([], [])
+        for name, values in (("noise", noise), ("lower", limits[0]), ("upper", limits[1])):
+            setattr(struct, name, wp.array(np.asarray(values, float), dtype=sim.dtype, device=sim.device))
+        return kernel, struct
+
+    def _noise(self, sim: Simulator) -> np.ndarray:
+        """Standard deviations (nx,)."""
+        out = np.zeros(sim.nx)
+        if isinstance(self.noise, Mapping):
+            for name, deviation in self.noise.items():
+                out[sim.scene.state_index(name)] = deviation
+        elif self.noise is not None:
+            if self.noise.shape not in ((), (sim.nx,)):
+                raise ArgumentError(
+                    f"noise has shape {self.noise.shape}; scene {sim.scene.name!r} needs ({sim.nx},)"
+                )
+            out[:] = self.noise
+        return out

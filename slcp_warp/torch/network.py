@@ -1,0 +1,120 @@
+"""Rollouts under a network, differentiable by its weights.
+
+The states come from one launch with the network inside the kernel. Backward, the network is its tangent at
+each recorded state, a feedback: the adjoint of a tracking policy gives the gradient by every control, with
+all that follows from it through later controls, and PyTorch carries these to the weights.
+"""
+
+from typing import Any
+
+import torch
+import warp as wp
+from torch import Tensor
+from torch.autograd.function import once_differentiable
+
+from slcp_warp.kernels.policies.tracking import make_tracking
+
+from ..gradients.tape import Recorded, adjoint
+from ..inputs.arrays import ArrayError
+from ..inputs.checks import instance, whole
+from ..policies.network import Network
+from ..simulator import Simulator
+from ..stepping.arrays import Controls, RolloutArrays
+from .functions import Outcome, given
+from .operators import share, stream
+from .table import Values, parameter_table
+
+
+def closed_loop(
+    sim: Simulator, x0: Tensor, module: torch.nn.Sequential, steps: int, params: Values = None
+) -> Outcome:
+    """Step every world N times under u = module(x), as `policies.Network` has it.
+
+    Differentiable by x0, the module's weights and the parameters that are tensors; once.
+
+    Args:
+        sim, params: as for `rollout`.
+        x0: (B, nx) or (nx,).
+        module: of the simulator's precision, on its device.
+        steps: N.
+
+    Raises:
+        ArrayError: another shape, dtype or device. Other errors of `policies.Network` and `rollout`.
+    """
+    instance("sim", sim, Simulator, "a slcp_warp.Simulator")
+    sim.need_derivatives("slcp_warp.torch")
+    steps, x = whole("steps", steps), given(sim, "x0", x0, (sim.nx,))
+    policy = Network(module)
+    for name, weight in module.named_parameters():
+        if weight.dtype != x.dtype or weight.device != x.device:
+            raise ArrayError(
+                f"module has {name} of {weight.dtype} on {weight.device}; {x.dtype} on {x.device} is needed"
+            )
+    table = parameter_table(sim, params, x)
+    if len(table) not in (1, len(x)):
+        raise ArrayError(f"params are given for {len(table)} worlds, x0 for {len(x)}")
+    states, controls, status = _roll_out(sim, x, policy, steps, table)
+    before = states[:, :-1]
+    asked, gain = module(before), _slopes(module, before)
+    followed: Any = ClosedLoop.apply(x, table, asked, controls, gain, states, status, sim)
+    return Outcome(followed, status) if x0.ndim == 2 else Outcome(followed[0], status[0])
+
+
+def _roll_out(
+    sim: Simulator, x: Tensor, policy: Network, steps: int, table: Tensor
+) -> tuple[Tensor, Tensor, Tensor]:
+    """States (B, N+1, nx), controls (B, N, nu), status (B,)."""
+    worlds = len(x)
+    states, controls = x.new_zeros((worlds, steps + 1, sim.nx)), x.new_zeros((worlds, steps, sim.nu))
+    status = torch.zeros(worlds, dtype=torch.int32, device=x.device)
+    with stream(x):
+        source = Controls(*policy.kernel(sim), steps)
+        numbers, start, out, us = share(sim, table, x, states, controls)
+        none = sim.empty(0, steps, 1)
+        code: Any = wp.from_torch(status)
+        arrays = RolloutArrays(numbers, start, sim.empty(0, 0), out, us, none, none, code)
+        sim.kernels.specialised("slcp_warp.torch").rollout(arrays, source, ())
+    return states, controls, status
+
+
+def _slopes(module: torch.nn.Sequential, states: Tensor) -> Tensor:
+    """Derivatives (B, N, nu, nx) of the controls by the state."""
+    with torch.enable_grad():
+        x = states.detach().requires_grad_()
+        u = module(x)
+        rows = [torch.autograd.grad(u[..., i].sum(), x, retain_graph=True)[0] for i in range(u.shape[-1])]
+    return torch.stack(rows, -2)
+
+
+class ClosedLoop(torch.autograd.Function):
+    """The recorded states, with their derivatives by x0, the table and what the module gives."""
+
+    @staticmethod
+    def forward(ctx: Any, x0: Tensor, table: Tensor, asked: Tensor, controls: Tensor, gain: Tensor,
+                states: Tensor, status: Tensor, sim: Simulator) -> Tensor:  # fmt: skip
+        """The states."""
+        ctx.save_for_backward(x0, table, controls, gain, states, status)
+        ctx.sim = sim
+        return states.clone()
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, by_states: Tensor) -> tuple[Tensor | None, ...]:
+        """Gradients by x0, the table and the controls."""
+        sim, wanted = ctx.sim, ctx.needs_input_grad
+        x0, table, controls, gain, states, status = ctx.saved_tensors
+        found = [torch.zeros_like(t, memory_format=torch.contiguous_format) for t in (x0, table, controls)]
+        with stream(x0):
+            start, numbers, us, slopes, out, by_out = arrays = share(
+                sim, x0, table, controls, gain, states, by_states
+            )
+            for array, gradient, want in zip(arrays, found, wanted):
+                if want:
+                    array.grad = wp.from_torch(gradient, dtype=sim.dtype)
+                    array.requires_grad = True
+            struct = make_tracking(sim.nx, sim.nu, sim.dtype).Struct()
+            struct.us, struct.xs, struct.gain, struct.period = us, out, slopes, wp.zeros_like(start[0])
+            code: Any = wp.from_torch(status)
+            run = Recorded(sim.spec, numbers, start, us, sim.empty(0, 0), out, code, struct)
+            adjoint(run, by_out)
+        return (*(f if want else None for f, want in zip(found, wanted)), None, None, None, None, None)

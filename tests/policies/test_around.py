@@ -1,0 +1,120 @@
+"""What lies between a policy and its world: limits, delays, holds and noise of sensors, against NumPy."""
+
+import numpy as np
+import pytest
+import warp as wp
+from scipy import stats
+from test_own import FORCE, GOAL, STARTS, STEPS, Integrator, K, same_as_by_hand, simulator, smoothed, task
+
+import slcp_warp as slcp
+from slcp_warp import policies
+from slcp_warp.kernels.ensembles import disturbances
+from slcp_warp.kernels.policies import around
+
+
+def in_between(control, delay, hold, limits):
+    """The same in NumPy."""
+    way, held = [np.zeros((len(STARTS), 1))] * delay, None
+
+    def f(k, x):
+        nonlocal held
+        held = control(k, x) if k % hold == 0 else held
+        way.append(held)
+        return np.clip(way.pop(0), *limits)
+
+    return f
+
+
+@pytest.mark.parametrize(
+    "strategy, delay, hold", [("specialised", 2, 3), ("generic", 1, 4), ("generic", 3, 1)]
+)
+def test_delay_hold_and_limits_around_a_policy_that_remembers(device, strategy, delay, hold):
+    between = {"limits": (-1.0, 5.5), "delay": delay, "hold": hold}
+    policy = policies.Around(Integrator().policy(), **between)
+    run = same_as_by_hand(
+        simulator(device, strategy), policy, in_between(Integrator(), delay, hold, (-1.0, 5.5))
+    )
+    assert (run.controls[:, :delay] == 0.0).all() and (run.controls == 5.5).any()
+
+
+def test_one_around_another(device):
+    policy = policies.Around(policies.Around(policies.Linear(K, GOAL, FORCE), delay=1), hold=4)
+    inner = in_between(lambda k, x: FORCE + (x - GOAL) @ K.T, 1, 1, (-np.inf, np.inf))
+    same_as_by_hand(simulator(device, "generic"), policy, in_between(inner, 0, 4, (-np.inf, np.inf)))
+
+
+def seen(noise, hold=1, seed=0, device="cpu", worlds=100):
+    """What a policy that shows the first velocity sees of states, less these."""
+    shows = policies.Linear(np.eye(8)[4:5], np.zeros(8), np.zeros(1))
+    policy = policies.Around(shows, hold=hold, noise=noise, seed=seed)
+    x0 = np.tile(STARTS[0], (worlds, 1))
+    run = simulator(device, "generic").rollout(x0, policy=policy, steps=STEPS, record="controls")
+    return run.controls[:, :, 0] - run.states[:, :-1, 4]
+
+
+def test_noise_is_white_normal_and_of_its_size(device):
+    noise = seen({"pusher.vshift": 0.3}, device=device)
+    assert stats.kstest(noise.ravel() / 0.3, "norm").pvalue > 1e-3
+    assert abs(np.corrcoef(noise[:, :-1].ravel(), noise[:, 1:].ravel())[0, 1]) < 0.05
+    assert abs(np.corrcoef(noise[:-1].ravel(), noise[1:].ravel())[0, 1]) < 0.05
+    np.testing.assert_array_equal(noise[:7], seen(0.3 * np.eye(8)[4], device=device, worlds=7))
+    assert not np.isclose(noise[:7], seen(0.3, seed=1, device=device, worlds=7)).any()
+    np.testing.assert_allclose(seen({"pusher.shift": 0.3}, worlds=7), 0.0, atol=1e-12)
+
+
+def test_streams_of_sensors_meet_no_others():
+    assert around.SENSOR > disturbances.FAR + 10000 and disturbances.KICK + 10000 < disturbances.FAR
+
+
+def test_a_sweep_draws_noise_by_the_worlds_number(device):
+    policy = policies.Around(policies.Linear(K, GOAL, FORCE), noise=0.05)
+    given = {"worlds": 30, "cases": slcp.Options(residual="hard"), "dtype": "float64", "device": device,
+             "strategy": "generic"}  # fmt: skip
+    one, split = (
+        slcp.sweep(task(start=None), policy, chunk=chunk, **given).part("policy") for chunk in (None, 7)
+    )
+    np.testing.assert_array_equal(one["x"], split["x"])
+    assert len(np.unique(one["x"])) == 30
+
+
+def test_no_number_within_limits_is_no_control(device):
+    """It ends the world: a clamp would make it the lower limit."""
+    nan = policies.Function(smoothed, memory=1, share=0.0, gain=[[0.0]],
+                            force=wp.array([np.nan], dtype=wp.float64, device=device))  # fmt: skip
+    sim = simulator(device, "generic")
+    run = sim.rollout(STARTS[:1], policy=policies.Around(nan, (-1.0, 1.0)), steps=2)
+    assert (run.status == slcp.Status.NONFINITE).all()
+    report = slcp.sweep(task(start=STARTS[:1], control_limits=(-1.0, 1.0)), nan, worlds=1, cases=sim.options,
+                        dtype="float64", device=device, strategy="generic")  # fmt: skip
+    assert (report.table["status"] == slcp.Status.NONFINITE).all()
+
+
+def around_linear(policy=None, **given):
+    return policies.Around(policies.Linear(K, GOAL, FORCE) if policy is None else policy, **given)
+
+
+BAD = {
+    "a delay of half a step": (lambda: around_linear(delay=0.5), "delay is 0.5; a whole number"),
+    "too long a delay": (lambda: around_linear(delay=1000), "delay is 1000"),
+    "no hold": (lambda: around_linear(hold=0), "hold is 0"),
+    "negative noise": (lambda: around_linear(noise=-0.1), "noise is -0.1; standard deviations"),
+    "NaN noise": (lambda: around_linear(noise=np.nan), "noise holds nan"),
+    "noise of another size": (lambda: around_linear(noise=np.ones(6)), r"noise has shape \(6,\); scene"),
+    "noise on an unknown state": (lambda: around_linear(noise={"cart.x": 0.1}), "'cart.x'"),
+    "negative noise on a state": (
+        lambda: around_linear(noise={"block.x": -0.1}), r"noise\['block.x'\] is -0.1"),
+    "limits the wrong way": (lambda: around_linear(limits=(1.0, -1.0)), "a lower limit is above"),
+    "limits of worlds": (lambda: around_linear(limits=(np.zeros((3, 1)), 1.0)), "limits are for 3 worlds"),
+    "no policy": (lambda: around_linear(policy="push"), "policy is a str; a policy is needed"),
+    "a callback": (
+        lambda: around_linear(policy=policies.Callback(lambda x, t: x)), "rollouts only, by itself"),
+    "gains of other worlds": (
+        lambda: around_linear(policy=policies.Linear(np.zeros((3, 1, 8)), GOAL, FORCE)), "3 trajectories"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_what_cannot_be_around_a_policy_says_so(case):
+    make, text = BAD[case]
+    with pytest.raises(slcp.InputError, match=text):
+        simulator("cpu", "generic").rollout(STARTS, policy=make(), steps=2)
