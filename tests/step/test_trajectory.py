@@ -170,3 +170,16 @@ def test_checkpoints_have_times_and_no_more(sim, start):
 def test_without_a_scene_it_says_so():
     with pytest.raises(slcp.ArgumentError, match="does not know its scene"):
         slcp.Trajectory(np.zeros((1, 3, 8)), np.zeros(1)).table()
+
+
+def test_worlds_of_tensors_stay_tensors(tmp_path, sim, start):
+    torch = pytest.importorskip("torch")
+    controls = torch.ones((3, N, 1), dtype=torch.float64)
+    run = sim.rollout(torch.tensor(start), controls, record=ALL)
+    for which, worlds in (([0, 2], 2), (slice(1), 1), (np.array([True, False, True]), 2)):
+        some = run[which]
+        assert isinstance(some.gap, torch.Tensor) and len(some) == worlds
+    assert run[1].states.shape == (N + 1, 8) and "3 SOLVED" in repr(run) and "block.x" in str(run[0])
+    again = slcp.Trajectory.load(run.save(tmp_path / "run.npz"))
+    np.testing.assert_array_equal(again.impulse, run.impulse.numpy())
+    np.testing.assert_array_equal(again.measure(m.contact_share()), run.measure(m.contact_share()))

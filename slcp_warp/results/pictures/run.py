@@ -24,9 +24,8 @@ def figure(motion: Motion) -> Any:
             ax = sheet.add_subplot(grid[i, :], sharex=below[0] if below else None)
             for j, (name, values) in enumerate(lines.items()):
                 colour = IMPULSE(0.75) if label.startswith("impulse") else None
-                time = motion.time[: len(values)]
                 shown = name if j < LINES else None
-                ax.plot(time, values, label=shown, drawstyle=drawstyle, color=colour, lw=1.3)
+                ax.plot(motion.time, values, label=shown, drawstyle=drawstyle, color=colour, lw=1.3)
             ax.set_ylabel(label)
             ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
             below.append(ax)
@@ -46,8 +45,13 @@ def _panels(motion: Motion) -> list[tuple[str, dict[str, np.ndarray], str]]:
         own = [j for j, each in enumerate(scene.state_units) if each == unit]
         panels.append((f"[{unit}]", {scene.state_names[j]: motion.states[:, j] for j in own}, "default"))
     if motion.controls is not None and scene.nu:
-        lines = {name: motion.controls[:, j] for j, name in enumerate(scene.control_names)}
+        lines = {name: _held(motion.controls[:, j]) for j, name in enumerate(scene.control_names)}
         panels.append(("control", lines, "steps-post"))
     if motion.pushes is not None:
-        panels.append(("impulse [N s]", {"all pairs": motion.pushes}, "steps-post"))
+        panels.append(("impulse [N s]", {"all pairs": _held(motion.pushes)}, "steps-post"))
     return panels
+
+
+def _held(values: np.ndarray) -> np.ndarray:
+    """Values of steps (T,) at the times of states (T+1,): the last one lasts to the end of its step."""
+    return np.append(values, values[-1:])
