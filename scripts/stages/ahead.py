@@ -58,7 +58,7 @@ def _plan_task(task: slcp.Task, sim: slcp.Simulator) -> None:
 
 def _sweep_task(task: slcp.Task, sim: slcp.Simulator) -> None:
     slcp.sweep(
-        task.replace(duration=sim.scene.step_size), _policies(sim), worlds=1, cases=sim.options,
+        task, _policies(sim), worlds=1, cases=sim.options, step_sizes=(task.duration / 2.0,),
         dtype=sim.dtype.__name__, device=sim.device,
     )  # fmt: skip
 

@@ -72,6 +72,7 @@ class Task(Printed):
         put(self, "horizon", whole("Task.horizon", self.horizon, error=TaskError))
         span = self.horizon * self.scene.step_size if self.duration is None else self.duration
         put(self, "duration", number("Task.duration", span, 0.0, above=True, error=TaskError))
+        assert self.duration is not None
         for name, size in (("nx", 2 * self.scene.nv), ("nu", self.scene.nu)):
             need = getattr(self.cost, name)
             if need is not None and need != size:
@@ -110,6 +111,7 @@ class Task(Printed):
                 f"Task.measures names {', '.join(map(repr, taken))}, a column that every table has; "
                 f"other names than {', '.join(COLUMNS)} and {DRAWN}... are needed"
             )
+        assert self.duration is not None
         judged = {f"Task.measures[{name!r}]": measure for name, measure in self.measures.items()}
         if self.success is not None:
             judged |= {f"Task.success: {part.reduction}": part for part in self.success.parts()}
