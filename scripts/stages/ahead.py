@@ -57,8 +57,9 @@ def _plan_task(task: slcp.Task, sim: slcp.Simulator) -> None:
 
 
 def _sweep_task(task: slcp.Task, sim: slcp.Simulator) -> None:
+    half = task.steps * task.scene.step_size / 2.0
     slcp.sweep(
-        task, _policies(sim), worlds=1, cases=sim.options, step_sizes=(task.duration / 2.0,),
+        task, _policies(sim), worlds=1, cases=sim.options, step_sizes=(half,),
         dtype=sim.dtype.__name__, device=sim.device,
     )  # fmt: skip
 
