@@ -8,15 +8,21 @@ docstrings, the place of a file and whatever else a file contains do not enter. 
 Of a dotted name only the last value counts: `rows.limit` is one function, not all that `rows` holds. Names
 that `wp.static` looks up enter like all others, also where a loop's index picks the value (`gap_row[i]`: all
 of `gap_row`).
+
+What cannot be followed is an OpaqueError, and Warp's translation tells instead: objects and classes of
+users, whose methods may reach anything; arrays; `eval`, `globals` and the like.
 """
 
 import ast
 import builtins
+import dataclasses
 import enum
 import functools
 import hashlib
 import inspect
+import os
 import sys
+import sysconfig
 import textwrap
 from collections.abc import Callable
 from types import BuiltinFunctionType, CodeType, FunctionType, MethodType, ModuleType, SimpleNamespace
@@ -28,7 +34,9 @@ from warp._src.codegen import Struct
 ATOMS = (bool, int, float, complex, str, bytes, type(None), type(Ellipsis))
 SCALARS = (wp.float16, wp.float32, wp.float64, wp.int8, wp.int16, wp.int32, wp.int64,
            wp.uint8, wp.uint16, wp.uint32, wp.uint64)  # fmt: skip
-LIBRARIES = {"warp", "numpy", *sys.stdlib_module_names}
+OWN = __name__.partition(".")[0]
+STANDARD = tuple(os.path.join(sysconfig.get_path(name), "") for name in ("stdlib", "platstdlib"))
+BLIND = {eval, exec, compile, globals, locals, vars, getattr, __import__}  # they reach what no name tells
 MISSING = object()
 
 
@@ -55,7 +63,7 @@ class _Walk:
 
     def of(self, value: Any) -> bytes:
         """Digest of a value."""
-        if isinstance(value, ATOMS) and not isinstance(value, enum.Enum):
+        if _plain(value, ATOMS) and not isinstance(value, enum.Enum):
             return _hash(type(value).__name__, repr(value))
         found = self.known.get(id(value))
         if found is None:
@@ -70,21 +78,27 @@ class _Walk:
             return _hash("struct", value.hash, *(self.of(var.type) for var in value.vars.values()))
         if isinstance(value, enum.Enum):
             return _hash("enum", type(value).__qualname__, value.name, self.of(value.value))
-        if isinstance(value, tuple | list):
+        if isinstance(value, tuple) and not _plain(value, (tuple,)):  # with names, and perhaps with methods
+            return _hash(self._of_methods(type(value)), *(self.of(item) for item in value))
+        if _plain(value, (tuple, list)):
             return _hash(type(value).__name__, *(self.of(item) for item in value))
-        if isinstance(value, set | frozenset):
+        if _plain(value, (set, frozenset)):
             return _hash("set", *sorted(self.of(item) for item in value))
-        if isinstance(value, dict):
+        if _plain(value, (dict,)):
             return _hash("dict", *(self.of(item) for pair in value.items() for item in pair))
         if isinstance(value, type):
             return self._of_type(value)
         if isinstance(value, wp.array):  # an annotation
+            if value.ptr:
+                raise OpaqueError("the content of an array may change")
             return _hash("array", type(value).__name__, repr(value.ndim), self.of(value.dtype))
         if hasattr(type(value), "_wp_scalar_type_"):
             return _hash(self.of(type(value)), bytes(value))
         if isinstance(value, SCALARS):
             return _hash(type(value).__name__, repr(value.value))
         if isinstance(value, BuiltinFunctionType) and isinstance(value.__self__, ModuleType | type(None)):
+            if value in BLIND:
+                raise OpaqueError(f"{value.__name__} may reach anything")
             return _hash("builtin", value.__module__ or "", value.__qualname__)
         if isinstance(value, FunctionType) or hasattr(value, "__wrapped__"):
             return self._of_python_function(inspect.unwrap(value))
@@ -97,8 +111,11 @@ class _Walk:
     def _of_object(self, value: Any) -> bytes:
         """An object by its attributes, or by its bytes if it is an array."""
         kind = type(value)
-        if isinstance(value, SimpleNamespace) or hasattr(kind, "__dataclass_fields__"):
+        if kind is SimpleNamespace:
             return _hash(kind.__qualname__, self.of(vars(value)))
+        if dataclasses.is_dataclass(value):  # fields only: others tell what was asked of it before
+            fields = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+            return _hash(kind.__qualname__, self.of(fields), self._of_methods(kind))
         try:
             data = memoryview(value)
             return _hash(kind.__qualname__, data.format, repr(data.shape), data.tobytes())
@@ -109,16 +126,35 @@ class _Walk:
         scalar = getattr(value, "_wp_scalar_type_", None)
         if scalar is not None:
             return _hash("matrix", repr(value._shape_), self.of(scalar))
-        module = value.__module__.partition(".")[0]
-        if module in LIBRARIES:
+        if _in_library(value.__module__):
             return _hash("type", value.__module__, value.__qualname__)
-        source = _Source.of(value)
-        return _hash("class", value.__qualname__, source.text)
+        return _hash("class", value.__qualname__, self._of_methods(value))
+
+    def _of_methods(self, kind: type) -> bytes:
+        """A class of this package, and those that it is made of, by all that their bodies hold."""
+        parts: list[str | bytes] = []
+        for base in kind.__mro__:
+            if _in_library(base.__module__):
+                parts.append(f"{base.__module__}.{base.__qualname__}")
+                continue
+            if base.__module__.partition(".")[0] != OWN:
+                raise OpaqueError(f"what a {base.__qualname__} does cannot be told")
+            parts.append(_Source.of(base).text)
+            for held in vars(base).values():
+                function = getattr(held, "fget", None) or getattr(held, "func", None)
+                function = function or getattr(held, "__func__", held)
+                function = inspect.unwrap(function) if callable(function) else function
+                written = isinstance(function, FunctionType) and function.__code__.co_filename[0] != "<"
+                if written and function.__module__ == base.__module__:  # not what `dataclass` makes
+                    parts.append(self.of(function))
+        return _hash(*parts)
 
     def _of_warp_function(self, value: wp.Function) -> bytes:
         if value.is_builtin():
             return _hash("builtin", value.key, value.native_func)
-        overloads = value.user_overloads | value.user_templates
+        templates = {id(template.func) for template in value.user_templates.values()}
+        asked = {name: f for name, f in value.user_overloads.items() if id(f.func) not in templates}
+        overloads = asked | value.user_templates  # not what templates were made into so far
         return _hash("overloads", *(self._of_overload(overloads[name]) for name in sorted(overloads)))
 
     def _of_overload(self, value: wp.Function) -> bytes:
@@ -127,7 +163,7 @@ class _Walk:
         return _hash(self.of(parts), self.of_function(value.func, value.adj.arg_types, value.adj.source))
 
     def _of_python_function(self, value: FunctionType) -> bytes:
-        if value.__module__.partition(".")[0] in LIBRARIES:
+        if _in_library(value.__module__):
             return _hash("function", value.__module__, value.__qualname__)
         return self.of_function(value, {})
 
@@ -228,11 +264,30 @@ def _value(path: tuple[str, ...], captured: dict[str, Any], function: FunctionTy
     except ValueError:
         return MISSING
     for k, name in enumerate(rest):
-        library = isinstance(value, ModuleType) and value.__name__.partition(".")[0] in LIBRARIES
+        library = isinstance(value, ModuleType) and _in_library(value.__name__)
         value = getattr(value, name, value)
         if library and not isinstance(value, ATOMS):
             return ".".join((path[0], *rest[: k + 1]))
     return value
+
+
+def _plain(value: Any, kinds: tuple[type, ...]) -> bool:
+    """Whether a value is of one of these types, or of a library's subtype: no methods of a user's."""
+    return isinstance(value, kinds) and (type(value) in kinds or _in_library(type(value).__module__))
+
+
+@functools.cache
+def _in_library(module: str) -> bool:
+    """Whether a module is of Warp, NumPy or the standard library, not a user's of the same name."""
+    root = module.partition(".")[0]
+    if root in ("warp", "numpy"):
+        return True
+    if root not in sys.stdlib_module_names:
+        return False
+    spec = getattr(sys.modules.get(root), "__spec__", None)
+    origin = "" if spec is None else spec.origin or ""
+    outside = "site-packages" in origin or "dist-packages" in origin
+    return origin in ("built-in", "frozen") or (origin.startswith(STANDARD) and not outside)
 
 
 def _global(name: str, function: FunctionType) -> Any:
