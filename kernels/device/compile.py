@@ -77,9 +77,13 @@ def code_digest(function: Callable, **options: Any) -> str:
 def digest_of(*values: Any) -> str:
     """Digest of functions and other values; of what it cannot tell, the place in this process."""
     try:
-        return content_digest(digest_of, values)
+        return content_digest(_nothing, values)
     except OpaqueError:
         return "at " + " ".join(f"{id(value):x}" for value in values)
+
+
+def _nothing() -> None:
+    """In place of a function, where values alone are told."""
 
 
 def translate(function: Callable) -> None:

@@ -97,8 +97,6 @@ class _Walk:
         if isinstance(value, SCALARS):
             return _hash(type(value).__name__, repr(value.value))
         if isinstance(value, BuiltinFunctionType) and isinstance(value.__self__, ModuleType | type(None)):
-            if value in BLIND:
-                raise OpaqueError(f"{value.__name__} may reach anything")
             return _hash("builtin", value.__module__ or "", value.__qualname__)
         if isinstance(value, FunctionType) or hasattr(value, "__wrapped__"):
             return self._of_python_function(inspect.unwrap(value))
@@ -173,9 +171,12 @@ class _Walk:
         """A function by its syntax tree, its annotations and defaults, and the values of its names."""
         source = _Source.of(function, text)
         names = [self.of(annotations), self.of((function.__defaults__, function.__kwdefaults__))]
+        own = (function.__module__ or "").partition(".")[0] == OWN
         captured = dict(zip(function.__code__.co_freevars, function.__closure__ or ()))
         for path in source.names:
             value = _value(path, captured, function)
+            if not own and any(value is blind for blind in BLIND):
+                raise OpaqueError(f"{value.__name__} may reach anything")
             names += [_hash(*path), b"unset" if value is MISSING else self.of(value)]
         return _hash("code", source.text, *names)
 
