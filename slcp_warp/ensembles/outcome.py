@@ -94,14 +94,18 @@ class Report(Printed):
         )
 
     def compare(
-        self, first: str, second: str, case: str | None = None
+        self, first: str, second: str, case: str | None = None, step_size: float | None = None
     ) -> dict[str, tuple[float, float, float]]:
         """Differences first - second in the same worlds: (mean, low, high) with 95 % intervals.
 
-        Of success (as 0 and 1) and of every measure, over the worlds where both are finite.
+        Of success (as 0 and 1) and of every measure, over the worlds where both are finite; case and step
+        size None: the first.
         """
         names = ("success", *self.task.measures)
-        return paired(self.part(first, case), self.part(second, case), names)
+        a, b = (self.part(policy, case, step_size) for policy in (first, second))
+        count = min(len(a["world"]), len(b["world"]))  # an interrupted sweep has fewer of the last
+        a, b = ({name: part[name][:count] for name in names} for part in (a, b))
+        return paired(a, b, names)
 
     def save(self, path: str | Path) -> Path:
         """Write the table as .csv; replaced only once complete."""

@@ -89,7 +89,7 @@ class SweepSpec:
             raise ArgumentError("SweepSpec.residuals and step_sizes must name at least one case")
         for residual in self.residuals:
             Options(residual=residual)
-        if self.sample_every > self.duration / 2.0:
+        if self.judged and self.sample_every > self.duration / 2.0:
             raise ArgumentError(
                 f"SweepSpec.sample_every is {self.sample_every}; at most half the duration {self.duration}"
             )

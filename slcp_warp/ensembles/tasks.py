@@ -50,13 +50,14 @@ def sweep_task(
         chunk: worlds a launch; results do not depend on it.
         progress: called with (worlds done, worlds in all).
 
-    A keyboard interrupt ends the sweep with what is finished (`complete` False).
+    A world that was not solved has NaN for its measures, and is no success. A keyboard interrupt ends the
+    sweep with what is finished (`complete` False).
     """
     named, options = policies_by_name(policies), cases_by_name(task, cases)
     worlds, seed = checks.whole("worlds", worlds), checks.whole("seed", seed, 0)
     chunk = None if chunk is None else checks.whole("chunk", chunk)
     checks.function("progress", progress, 2, optional=True)
-    sizes = (task.scene.step_size,) if step_sizes is None else tuple(step_sizes)
+    sizes = _step_sizes(task, step_sizes)
     judged: list[Measure] = list(task.measures.values())
     judged += [] if task.success is None else task.success.parts()
     report = Report(task, [])
@@ -85,6 +86,16 @@ def sweep_task(
     return report
 
 
+def _step_sizes(task: Task, given: Any) -> tuple[float, ...]:
+    if given is None:
+        return (task.scene.step_size,)
+    if not isinstance(given, list | tuple | np.ndarray) or not len(given):
+        raise ArgumentError(f"step_sizes is {shown(given)}; at least one, in a tuple, is needed")
+    assert task.duration is not None
+    longest = task.duration
+    return tuple(checks.number("step_sizes", h, 0.0, longest, above=True) for h in given)
+
+
 def _case(
     sim: Simulator,
     task: Task,
@@ -101,7 +112,7 @@ def _case(
     spec = SweepSpec(
         worlds=worlds, duration=task.duration, step_sizes=(step_size,), start=task.start, seed=seed,
         parameter_sd=dict(d.parameters), torque_sd=d.torque, kick_times=d.kick_times, kick_sd=d.kick,
-        sample_every=task.duration / 2.0, judged=False,
+        sample_every=task.duration, judged=False,
     )  # fmt: skip
     draws = Draws(sim, spec, step_size, d.deviation(task.scene), in_order=not d.any())
     return Case(sim, policy, spec, step_size, chunk, judged, draws, task.control_limits)
@@ -114,7 +125,7 @@ def _columns(task: Task, judged: list[Measure], found: dict[str, np.ndarray]) ->
     solved = found["status"] == Status.SOLVED
     success = solved if task.success is None else task.success.holds(own) & solved
     columns = {name: array for name, array in found.items() if name.startswith("drawn_")}
-    columns |= {name: values[:, j] for j, name in enumerate(task.measures)}
+    columns |= {name: np.where(solved, values[:, j], np.nan) for j, name in enumerate(task.measures)}
     return {"world": np.arange(len(solved)), **columns, "success": success, "status": found["status"]}
 
 
@@ -130,7 +141,8 @@ def policies_by_name(policies: Any) -> dict[str, Any]:
 def cases_by_name(task: Task, cases: Any) -> dict[str, Options]:
     """Options by name: what differs from the task's, or their residual."""
     if cases is None:
-        cases = [task.options, replace(task.options, residual="hard")]
+        hard = replace(task.options, residual="hard", noise="row", deviation=None)
+        cases = [task.options] if task.options.hard else [task.options, hard]
     if isinstance(cases, Mapping):
         found = dict(cases)
     else:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import warp as wp
 
 from slcp_warp.kernels.ensembles.measures import NONE, SIGNALS
 
@@ -193,9 +194,12 @@ def normal_impulse(pair: str | int | None = None) -> Signal:
 
 
 def function(f: Callable[..., Any]) -> Signal:
-    """A user's number: f(x, u, time), a Warp function of vectors x (nx,), u (nu,) and the time [s]."""
-    if not callable(f):
-        raise ArgumentTypeError(f"f is {shown(f)}; a Warp function f(x, u, time) is needed")
+    """A user's number: f(x, u, time), a Warp function of vectors x (nx,), u (nu,) and the time [s].
+
+    Its arguments x and u are of `typing.Any`, or vectors of the sweep's precision; the time is a wp.float64.
+    """
+    if not isinstance(f, wp.Function):
+        raise ArgumentTypeError(f"f is {shown(f)}; a Warp function f(x, u, time) is needed: @wp.func")
     return Signal("function", function=f)
 
 

@@ -1,5 +1,6 @@
 """A task: a scene, what is good there, what is uncertain, and what a run of it is judged by."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -78,7 +79,11 @@ class Task(Printed):
             if need is not None and need != size:
                 raise TaskError(f"Task.cost is for {name} = {need}, scene {self.scene.name!r} has {size}")
         if self.control_limits is not None:
-            limit_rows(self.control_limits, self.scene.nu)
+            lower, _ = limit_rows(self.control_limits, self.scene.nu)
+            if len(lower) > 1:
+                raise TaskError(
+                    f"Task.control_limits are {len(lower)} rows; one number or ({self.scene.nu},) is needed"
+                )
         put(self, "start", self._starts())
         put(self, "measures", checked_measures(self.measures))
         try:
@@ -143,7 +148,7 @@ class Task(Printed):
     def steps(self) -> int:
         """Steps of a run with the scene's step size."""
         assert self.duration is not None
-        return max(1, round(self.duration / self.scene.step_size))
+        return max(1, math.floor(self.duration / self.scene.step_size + 0.5))  # as the kernels round
 
     def simulator(self, options: Options | None = None, **choices: Any) -> Simulator:
         """A simulator of its scene, with its options or others; `choices` as of `Simulator`."""

@@ -6,6 +6,7 @@ import tomllib
 
 import numpy as np
 import pytest
+import warp as wp
 
 import slcp_warp as slcp
 from slcp_warp import measures as m
@@ -217,7 +218,7 @@ def test_python_files_say_what_is_wrong_with_them(tmp_path):
 
 def test_what_is_no_data_is_not_written(tmp_path):
     task = slcp.tasks.catch()
-    own = task.replace(measures={"mine": m.final(m.function(abs))})
+    own = task.replace(measures={"mine": m.final(m.function(wp.abs))})
     quadratic = task.replace(cost=slcp.costs.quadratic(np.eye(10), np.eye(2)), success=None)
     for wrong, text in (
         (own, "measures, mine: a measure of a function is no data"),

@@ -126,6 +126,27 @@ def test_what_is_no_disturbance_is_refused(fields, text):
         slcp.Disturbances(**fields)
 
 
+def test_worlds_that_fail_count_for_no_measure(device):
+    """Infinite speed from the kick on: measures are not a number, comparisons leave these worlds out."""
+    own = task(disturbances=slcp.Disturbances(kick_times=(0.4,), kick=1e30), success=None)
+    report = slcp.sweep(own, {"a": plan(), "b": plan(0.5)}, worlds=20, device=device, cases=slcp.Options())
+    failed = report.part("a")
+    assert (failed["status"] != 0).all() and not failed["success"].any()
+    assert all(np.isnan(failed[name]).all() for name in MEASURES)
+    assert np.isnan(report.summary[0]["final"][0]) and np.isnan(report.compare("a", "b")["final"][0])
+
+
+def test_short_tasks_run(device):
+    short = task(duration=0.05, measures={"end": m.final(m.time())}, success=None)
+    report = slcp.sweep(short, plan(), worlds=2, device=device, cases=slcp.Options())
+    assert short.steps == 3 and report.part("policy")["end"] == pytest.approx([0.06, 0.06])
+    one = task(horizon=1, duration=None, measures={"end": m.final(m.time())}, success=None)
+    alone = slcp.sweep(one, plan(), worlds=1, device=device, cases=slcp.Options())
+    assert alone.part("policy")["end"] == pytest.approx([0.02])
+    hard = task(options=slcp.Options(residual="hard"), measures={}, success=None)
+    assert len(slcp.sweep(hard, plan(), worlds=1, device=device).parts) == 2
+
+
 @wp.func
 def kinetic_energy(x: wp.types.vector(8, wp.float32), u: wp.types.vector(1, wp.float32), time: wp.float64):
     return wp.float32(0.5) * (x[5] * x[5] + x[6] * x[6])
@@ -154,6 +175,7 @@ def test_a_measure_of_a_users_function(device):
         ({"duration": -1.0}, "Task.duration is -1.0"),
         ({"options": "hard"}, "Task.options is a str"),
         ({"control_limits": (1.0, -1.0)}, "a lower limit is above"),
+        ({"control_limits": (np.zeros((2, 1)), np.ones((2, 1)))}, "Task.control_limits are 2 rows"),
         ({"start": np.zeros(7)}, r"Task.start has shape \(1, 7\)"),
         ({"start": {"block.z": 1.0}}, "'block.z'"),
         ({"disturbances": slcp.Disturbances(start={"cart.x": 1.0})}, "'cart.x'"),
@@ -183,6 +205,7 @@ def test_what_is_no_task_is_refused(changes, text):
         ({"worlds": 0}, "worlds is 0"),
         ({"seed": -1}, "seed is -1"),
         ({"step_sizes": (0.0,)}, "step_size"),
+        ({"step_sizes": 0.02}, "step_sizes is 0.02; at least one, in a tuple"),
         ({"spec": slcp.SweepSpec()}, "a task has its own"),
     ],
 )
