@@ -202,7 +202,7 @@ def make_lemke(spec: Specialisation, dense_type: Any) -> wp.Function:
                 y[a] = wp.max(table[i, entering], ZERO) / l.root[a]
         return y
 
-    @wp.func
+    @wp.func(inline=False)  # a last resort: in line it would cost the steps that do without
     def lemke(p: Problem, dense: dense_type, friction: int):
         l = lift(p, dense, friction)
         n = l.size
