@@ -11,7 +11,6 @@ from .description.scene import Scene
 from .description.scene_file import SceneFileError, load_scene, save_scene
 from .ensembles.outcome import Report
 from .ensembles.particles import ParticleRollout, Particles, particle_rollout, particles
-from .ensembles.products import Pullback, Pushforward, jvp, vjp, weighted_hessian
 from .ensembles.report import SweepReport
 from .ensembles.spec import SweepSpec
 from .ensembles.sweep import sweep
@@ -21,6 +20,7 @@ from .options import OptionError, Options, Status
 from .parameters import ParameterError, Parameters
 from .plain.complementarity import Complementarity, solve_complementarity
 from .plain.residuals import residual
+from .products import Pullback, Pushforward, jvp, vjp, weighted_hessian
 from .results import Linearization, Step, Trajectory
 from .simulator import Simulator
 from .stepping.strategy import StrategyError

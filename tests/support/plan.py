@@ -33,7 +33,18 @@ ROOMS = {  # the order of each layer's rooms: none imports one that is named aft
     ),
     "slcp_warp": (
         *("inputs", "storage", "options", "description", "scenes", "parameters", "measures", "results"),
-        *("costs", "gradients", "stepping", "plain", "simulator", "policies", "torch", "tasks", "ensembles"),
+        *(
+            "costs",
+            "gradients",
+            "stepping",
+            "plain",
+            "simulator",
+            "products",
+            "policies",
+            "torch",
+            "tasks",
+            "ensembles",
+        ),
     ),
     "ddp": (
         *("status", "options", "costs", "dynamics", "problem", "trace", "plan_check"),
