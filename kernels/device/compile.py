@@ -7,7 +7,7 @@ not translate a kernel, for seconds, to find the values of such expressions befo
 cache, nor hash texts in which every comment counts.
 
 On a CPU the compiler may fuse a b + c, divide by multiplying with a reciprocal and drop additions of zero: a
-step costs a fifth less (docs/understand/performance.md). It must not reassociate sums, which would undo the
+step costs a fifth less (docs/performance.md). It must not reassociate sums, which would undo the
 compensation of log(1 + e). Functions are inlined up to more than twice the size that Warp asks for: a step's
 parts lie near that limit, where a line more in a part that is seldom run cost all steps a twelfth.
 

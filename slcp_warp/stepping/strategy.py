@@ -21,7 +21,7 @@ from ..inputs.errors import ArgumentError
 STRATEGIES = ("auto", "specialised", "generic")
 RENAMED = {"registers": "specialised", "memory": "generic"}  # as they were called before
 # nv times the larger of nr and nv, by whether the device is a CPU: beyond, specialised kernels compile for
-# half a minute on a CPU and for minutes on a GPU (docs/understand/performance.md)
+# half a minute on a CPU and for minutes on a GPU (docs/performance.md)
 LARGEST = {True: 200, False: 32}
 
 

@@ -36,7 +36,7 @@ def test_step_work_has_the_orders_of_its_algorithms():
     newton = [step_work(nv, 1e6).operations - step_work(nv, 0.0).operations for nv in (100, 200)]
     assert 3.5 < newton[1] / newton[0] < 4.1
     assert 7.5 < step_work(8000, 0.0).operations / step_work(4000, 0.0).operations < 8.1
-    # docs/understand/performance.md
+    # docs/performance.md
     assert 800.0 < step_work(3, 1.0, 2, ellipses=1, near=1.0).operations < 2500.0
 
 

@@ -15,7 +15,7 @@ import numpy as np
 import warp as wp
 
 LONG = 20.0
-ITERATIONS = 3.4  # of Newton's method a step with a row that acts (docs/understand/performance.md, finger)
+ITERATIONS = 3.4  # of Newton's method a step with a row that acts (docs/performance.md, finger)
 EVALUATIONS = 2.5  # of an ellipse pair's distance by the third-order search from the last normal
 SCALAR = "-fno-slp-vectorize -fno-vectorize"
 SCALAR_LANES, WIDE_LANES = 12, (32, 64)
