@@ -32,8 +32,9 @@ def test_files_that_the_sections_use_are_there():
 
 
 @pytest.mark.full
-def test_tests_marked_full_run_when_they_are_asked_for():
-    """In the section "long" alone: elsewhere `conftest.py` leaves it out."""
+def test_tests_marked_full_run_when_they_are_asked_for(pytestconfig):
+    """In the section "long" alone: elsewhere `conftest.py` leaves it out, and it would fail."""
+    assert pytestconfig.getoption("--full")
 
 
 def test_tests_marked_full_are_left_out(pytestconfig, request):
