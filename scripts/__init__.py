@@ -1,4 +1,4 @@
-"""The command line `slcp`: one thin file per command."""
+"""The command line `slcp`: its table; each command is a thin file of `commands/`."""
 
 from .support.checkout import further_folders
 

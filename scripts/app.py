@@ -8,20 +8,20 @@ import warp as wp
 
 from slcp_warp import __version__
 
-from .chart import chart_command
-from .compare import compare_command
-from .compile import compile_command
-from .library import library_command
-from .optimise import optimise_command
+from .commands.chart import chart_command
+from .commands.compare import compare_command
+from .commands.compile import compile_command
+from .commands.library import library_command
+from .commands.optimise import optimise_command
+from .commands.scenes import scenes_command
+from .commands.simulate import simulate_command
+from .commands.sweep import sweep_command
+from .commands.tasks import tasks_command
 from .paper.quickstart import quickstart_command
 from .paper.size import size_command
 from .paper.surface import surface_command
-from .scenes import scenes_command
-from .simulate import simulate_command
 from .support.checkout import has_checkout, need_checkout
 from .support.screen import one_line_errors
-from .sweep import sweep_command
-from .tasks import tasks_command
 
 IN_CHECKOUTS = {  # commands of `slcp paper` and `slcp` that a wheel leaves out: room and name
     "study": ("studies.ddp", "study_command"),

@@ -10,7 +10,6 @@ from plan import LAYERS, ROOT, source_files
 MAX_LINES = 400  # of a file
 MAX_NAMES = 18  # of a folder: about fifteen
 MAX_CODE = 60  # lines of a function
-COMMANDS = 22  # names of scripts/: a file for every command and one for every shell script
 CODE = (*LAYERS, "examples", "tests")
 REASON = "# long: "
 Function = ast.FunctionDef | ast.AsyncFunctionDef
@@ -29,7 +28,7 @@ def folders() -> list[Path]:
 @pytest.mark.parametrize("folder", folders(), ids=lambda path: str(path.relative_to(ROOT)))
 def test_a_folder_is_seen_at_a_glance(folder):
     names = shown(folder)
-    assert len(names) <= (COMMANDS if folder == ROOT / "scripts" else MAX_NAMES), f"{len(names)}: {names}"
+    assert len(names) <= MAX_NAMES, f"{len(names)}: {names}"
 
 
 def test_names_are_counted_as_a_reader_sees_them(tmp_path):

@@ -52,8 +52,8 @@ ROOMS = {  # the order of each layer's rooms: none imports one that is named aft
         *("continuation", "solver", "library", "multistart", "planning"),
     ),
     "scripts": (
-        *("support", "stages", "charts", "paper", "benchmarks", "studies"),
-        FILES,  # the commands
+        *("support", "stages", "charts", "paper", "benchmarks", "commands", "studies"),
+        FILES,  # the table of commands
     ),
     "scripts/benchmarks": (
         *("mechanics", "shared", "exact", "peers", "cost", "derivatives", "accuracy", "stability", "fuzz"),

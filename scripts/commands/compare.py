@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
-from .stages.task_sweep import comparison, report_columns, report_table
-from .support.screen import console, one_line_errors
+from ..stages.task_sweep import comparison, report_columns, report_table
+from ..support.screen import console, one_line_errors
 
 
 @one_line_errors

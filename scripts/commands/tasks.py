@@ -4,7 +4,7 @@ import typer
 
 import slcp_warp as slcp
 
-from .support.screen import one_line_errors
+from ..support.screen import one_line_errors
 
 
 @one_line_errors

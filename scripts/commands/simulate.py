@@ -7,8 +7,8 @@ import typer
 
 import slcp_warp as slcp
 
-from .stages.trajectory import simulate, summary
-from .support.options import (
+from ..stages.trajectory import simulate, summary
+from ..support.options import (
     Device,
     Dtype,
     Scaling,
@@ -21,9 +21,9 @@ from .support.options import (
     TaskIntegrator,
     TaskResidual,
 )
-from .support.screen import console, one_line_errors, prepared, wrote
-from .support.simulators import make_params, make_simulator, named_scene, start_states
-from .support.tasks import OptionalTask, task_simulator
+from ..support.screen import console, one_line_errors, prepared, wrote
+from ..support.simulators import make_params, make_simulator, named_scene, start_states
+from ..support.tasks import OptionalTask, task_simulator
 
 
 @one_line_errors

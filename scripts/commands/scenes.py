@@ -7,8 +7,8 @@ import typer
 
 import slcp_warp as slcp
 
-from .support.options import Device
-from .support.screen import one_line_errors, prepared, progress_bar, wrote
+from ..support.options import Device
+from ..support.screen import one_line_errors, prepared, progress_bar, wrote
 
 
 @one_line_errors
@@ -17,7 +17,7 @@ def scenes_command(
     device: Device = None,
 ) -> None:
     """List the named scenes and draw them on one sheet."""
-    from .charts.scene_sheet import motion, sheet  # it loads matplotlib
+    from ..charts.scene_sheet import motion, sheet  # it loads matplotlib
 
     path = prepared(out, ".png")
     motions: dict[str, Any] = {}

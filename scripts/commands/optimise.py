@@ -10,11 +10,11 @@ import slcp_warp as slcp
 from slcp_warp import ddp
 from slcp_warp.ddp.planning import METHODS, noise_scale, random_starts
 
-from .stages.plan import optimise, outcome_table, task_problem, trace_table
-from .support.options import Device, Dtype, Scaling, Seed, Settings, Sigma, Start, StepSize, TaskIntegrator
-from .support.screen import console, one_line_errors, prepared, timed, wrote
-from .support.simulators import numbers
-from .support.tasks import DEFAULT, TaskName
+from ..stages.plan import optimise, outcome_table, task_problem, trace_table
+from ..support.options import Device, Dtype, Scaling, Seed, Settings, Sigma, Start, StepSize, TaskIntegrator
+from ..support.screen import console, one_line_errors, prepared, timed, wrote
+from ..support.simulators import numbers
+from ..support.tasks import DEFAULT, TaskName
 
 
 @one_line_errors

@@ -5,12 +5,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .support.checkout import need_checkout
-from .support.screen import one_line_errors, wrote
-from .support.tables import RESULTS
+from ..support.checkout import need_checkout
+from ..support.screen import one_line_errors, wrote
+from ..support.tables import RESULTS
 
 if TYPE_CHECKING:
-    from .charts.files import Order
+    from ..charts.files import Order
 
 
 @one_line_errors
@@ -20,7 +20,7 @@ def chart_command(
     world: Annotated[int, typer.Option(help="World of a trajectory to draw.")] = 0,
 ) -> None:
     """Draw pictures from saved files: contact surface, library, limit cycle, animation, trace, robustness."""
-    from .charts.files import chart_files  # it loads matplotlib
+    from ..charts.files import chart_files  # it loads matplotlib
 
     chosen: list[Path] = []
     for path in files:
@@ -43,6 +43,6 @@ def chart_command(
 def _results(order: "Order") -> list[Path]:
     """The charts of `slcp bench charts`, drawn by the benchmarks."""
     need_checkout("the charts of `slcp bench charts`")
-    from .benchmarks.accuracy.command import draw_file  # not in the wheel
+    from ..benchmarks.accuracy.command import draw_file  # not in the wheel
 
     return draw_file(order.path, order.out)

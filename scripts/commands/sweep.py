@@ -7,12 +7,12 @@ import typer
 
 import slcp_warp as slcp
 
-from .stages.sweep import cycle_states, run_sweep, sweep_table
-from .stages.task_sweep import changed_task, report_columns, report_table, sweep_task, task_cases
-from .support.options import Device, Scaling, SceneName, Seed, Settings, TaskIntegrator
-from .support.screen import INTERRUPTED, console, one_line_errors, prepared, progress_bar, timed, wrote
-from .support.simulators import OBSERVED, RESIDUALS, mechanism_name, named_scene, numbers, parse_settings
-from .support.tasks import OptionalTask
+from ..stages.sweep import cycle_states, run_sweep, sweep_table
+from ..stages.task_sweep import changed_task, report_columns, report_table, sweep_task, task_cases
+from ..support.options import Device, Scaling, SceneName, Seed, Settings, TaskIntegrator
+from ..support.screen import INTERRUPTED, console, one_line_errors, prepared, progress_bar, timed, wrote
+from ..support.simulators import OBSERVED, RESIDUALS, mechanism_name, named_scene, numbers, parse_settings
+from ..support.tasks import OptionalTask
 
 
 @one_line_errors

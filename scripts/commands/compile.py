@@ -11,11 +11,11 @@ from rich.table import Table
 import slcp_warp as slcp
 from slcp_warp.kernels.device.progress import Loaded
 
-from .stages.ahead import OF_TASKS, WHAT, compile_ahead
-from .support.options import Device, Dtype, Friction, Scaling, TaskIntegrator, TaskResidual
-from .support.screen import console, one_line_errors
-from .support.simulators import make_simulator, named_scene
-from .support.tasks import found_task, task_simulator
+from ..stages.ahead import OF_TASKS, WHAT, compile_ahead
+from ..support.options import Device, Dtype, Friction, Scaling, TaskIntegrator, TaskResidual
+from ..support.screen import console, one_line_errors
+from ..support.simulators import make_simulator, named_scene
+from ..support.tasks import found_task, task_simulator
 
 
 def chosen(text: str, sim: slcp.Simulator, task: slcp.Task | None = None) -> list[str]:

@@ -1,0 +1,1 @@
+"""Commands of `slcp`, one thin file each."""
