@@ -6,7 +6,8 @@ import numpy as np
 
 import slcp_warp as slcp
 from slcp_warp import StrategyError
-from slcp_warp.results.pictures.mechanism import Drawing, Mechanism, view
+from slcp_warp.results.pictures.drawing import Drawing, view
+from slcp_warp.results.pictures.mechanism import Mechanism
 
 from ..support.simulators import default_scaling
 from .style import plt, save

@@ -1,1 +1,1 @@
-"""Pictures of mechanisms in motion, with matplotlib; `motion` and `kinematics` need NumPy alone."""
+"""Pictures of mechanisms in motion, with matplotlib; `motion`, `kinematics` and `mechanism` need NumPy alone."""

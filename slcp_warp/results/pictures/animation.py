@@ -5,8 +5,9 @@ from pathlib import Path
 import numpy as np
 
 from ...storage.files import replacing
+from .drawing import Drawing, view
 from .frames import free_shape, impulse_norm
-from .mechanism import Drawing, Mechanism, view
+from .mechanism import Mechanism
 from .motion import Motion
 from .style import BLACK, BLUE, IMPULSE, STYLE, PillowWriter, plt
 

@@ -4,7 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from .mechanism import Drawing, Mechanism, view
+from .drawing import Drawing, view
+from .mechanism import Mechanism
 from .motion import Motion
 from .style import IMPULSE, Normalize
 
