@@ -10,9 +10,9 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 import slcp_warp as slcp
-from slcp_warp.ensembles.outcome import KEYS, paired
+from slcp_warp.ensembles.chunks import ARMS, KEYS
+from slcp_warp.ensembles.outcome import paired
 from slcp_warp.ensembles.statistics import mean_interval, share_interval
-from slcp_warp.ensembles.tasks import ARMS
 from slcp_warp.storage.files import FileError
 
 from ..support.records import load_policy

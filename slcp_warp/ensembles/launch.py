@@ -57,11 +57,8 @@ class Case:
         self.count = int(round(spec.duration / spec.sample_every)) + 1
         kept = "SweepSpec.duration / sample_every: the samples"
         checks.memory(kept, spec.worlds * self.count, 4, sim.device)
-        generic = sim.strategy == "generic"
-        self.roll_out = by_steps if generic else at_once
-        own = bytes_of_world(sim) if generic else 0
-        per_world = 8 * (self.draws.width + sim.nx) + 4 * self.count + 16 + own + 48 * len(measures)
-        self.chunk = chunk or max(1, min(spec.worlds, CHUNK_BYTES // per_world))
+        self.roll_out = by_steps if sim.strategy == "generic" else at_once
+        self.chunk = chunk or min(spec.worlds, worlds_at_once(sim, self.count, len(measures)))
         self.seconds = 0.0
         self._parts: list[dict[str, np.ndarray]] = []
         self._conditions = _conditions(sim, spec, limits)
@@ -99,6 +96,13 @@ class Case:
         if not self._parts:
             return {}
         return {name: np.concatenate([part[name] for part in self._parts]) for name in self._parts[0]}
+
+
+def worlds_at_once(sim: Simulator, samples: int, measures: int) -> int:
+    """Worlds whose launch stays within `CHUNK_BYTES`, with so many samples and measures each."""
+    own = bytes_of_world(sim) if sim.strategy == "generic" else 0
+    per_world = 8 * (sim.params.layout.width + sim.nx) + 4 * samples + 16 + own + 48 * measures
+    return max(1, CHUNK_BYTES // per_world)
 
 
 def at_once(

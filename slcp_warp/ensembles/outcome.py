@@ -14,9 +14,8 @@ from ..options import Status
 from ..storage.printed import Printed, Table, counted
 from ..tasks.task import Task
 from . import store
+from .chunks import KEYS
 from .statistics import mean_interval, share_interval
-
-KEYS = ("policy", "case", "step_size", "arm")
 
 
 def paired(

@@ -18,7 +18,7 @@ from .launch import Case
 from .report import SweepReport
 from .spec import SweepSpec
 from .summary import summary_of, table_of
-from .tasks import sweep_task
+from .task_report import sweep_task
 
 
 def sweep(

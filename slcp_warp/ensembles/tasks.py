@@ -1,6 +1,7 @@
 """Robustness sweeps of tasks: several policies in the same worlds, judged by the task's measures."""
 
-from collections.abc import Callable, Mapping, Sequence
+import itertools
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -14,76 +15,87 @@ from ..options import Options, Status
 from ..simulator import Simulator
 from ..tasks.disturbances import Disturbances
 from ..tasks.task import Task
+from .chunks import ARMS, Chunks, Part
 from .draws import Draws
-from .launch import Case
-from .outcome import Report
+from .launch import Case, worlds_at_once
 from .spec import SweepSpec
 
-ARMS = ("disturbed", "undisturbed")
-Progress = Callable[[int, int], None]
+SAMPLES = 2  # of a world: the least that a case keeps
 
 
-def sweep_task(
-    task: Task,
-    policies: Any,
-    *,
-    worlds: int = 4096,
-    seed: int = 0,
-    cases: Any = None,
-    step_sizes: Sequence[float] | None = None,
-    dtype: str = "float32",
-    device: Any = None,
-    strategy: str = "auto",
-    chunk: int | None = None,
-    progress: Progress | None = None,
-) -> Report:
-    """Run a task in many disturbed worlds, the same under every policy, and from every start undisturbed.
+class TaskSweep:
+    """A task in many disturbed worlds, the same under every policy, and from every start undisturbed.
 
-    Args:
+    Attributes:
         task: what is run, disturbed and measured.
+        policies: by name.
+        seed: of all that is drawn; a world's numbers follow from it and the world's index.
+        cases: options of the steps, by label.
+        chunks: of the sweep; `run` makes the rows of one.
+    """
+
+    def __init__(
+        self,
+        task: Task,
+        policies: Any,
+        *,
+        worlds: int = 4096,
+        seed: int = 0,
+        cases: Any = None,
+        step_sizes: Sequence[float] | None = None,
+        dtype: str = "float32",
+        device: Any = None,
+        strategy: str = "auto",
+        chunk: int | None = None,
+    ) -> None:
+        """Args:
         policies: a policy, or policies by name.
         worlds: disturbed ones, a case and a policy.
-        seed: of all that is drawn; a world's numbers follow from it and the world's index.
         cases: options of the steps, one, several, or by name; None: the task's, and the hard problem.
         step_sizes: [s]; None: the scene's.
         dtype, device, strategy: as of a `Simulator`.
-        chunk: worlds a launch; results do not depend on it.
-        progress: called with (worlds done, worlds in all).
+        chunk: worlds a launch, default by memory; results do not depend on it.
+        """
+        self.task, self.policies, self.cases = task, policies_by_name(policies), cases_by_name(task, cases)
+        worlds, self.seed = checks.whole("worlds", worlds), checks.whole("seed", seed, 0)
+        chunk = None if chunk is None else checks.whole("chunk", chunk)
+        sizes = _step_sizes(task, step_sizes)
+        self._judged: list[Measure] = list(task.measures.values())
+        self._judged += [] if task.success is None else task.success.parts()
+        self._sims = {
+            label: Simulator(task.scene, options, device=device, dtype=dtype, strategy=strategy)
+            for label, options in self.cases.items()
+        }
+        parts = []
+        for label, size, name in itertools.product(self.cases, sizes, self.policies):
+            at_once = chunk or worlds_at_once(self._sims[label], SAMPLES, len(self._judged))
+            for arm, count in zip(ARMS, (worlds, len(task.start))):
+                parts.append(Part(name, label, size, arm, count, min(at_once, count)))
+        self.chunks = Chunks(parts)
+        self._case: tuple[Part | None, Any] = None, None
 
-    A world that was not solved has NaN for its measures, and is no success. A keyboard interrupt ends the
-    sweep with what is finished (`complete` False).
-    """
-    named, options = policies_by_name(policies), cases_by_name(task, cases)
-    worlds, seed = checks.whole("worlds", worlds), checks.whole("seed", seed, 0)
-    chunk = None if chunk is None else checks.whole("chunk", chunk)
-    checks.function("progress", progress, 2, optional=True)
-    sizes = _step_sizes(task, step_sizes)
-    judged: list[Measure] = list(task.measures.values())
-    judged += [] if task.success is None else task.success.parts()
-    report = Report(task, [])
-    total = (worlds + len(task.start)) * len(named) * len(options) * len(sizes)
-    done = 0
-    for label, choice in options.items():
-        sim = Simulator(task.scene, choice, device=device, dtype=dtype, strategy=strategy)
-        for size in sizes:
-            for name, policy in named.items():
-                for arm, disturbances, count in (
-                    (ARMS[0], task.disturbances, worlds),
-                    (ARMS[1], Disturbances(), len(task.start)),
-                ):
-                    case = _case(sim, task, policy, disturbances, count, seed, size, chunk, judged)
-                    try:
-                        for part in case.run():
-                            done += part
-                            if progress is not None:
-                                progress(done, total)
-                    except KeyboardInterrupt:
-                        report.complete = False
-                    if found := case.finished():
-                        report.add(name, label, size, arm, _columns(task, judged, found))
-                    if not report.complete:
-                        return report
-    return report
+    def run(self, index: int) -> dict[str, np.ndarray]:
+        """The rows of chunk `index`: world, what was drawn, measures, success, status.
+
+        A world that was not solved has NaN for its measures, and is no success.
+        """
+        part, world0, count = self.chunks[index]
+        if self._case[0] != part:
+            self._case = part, self._case_of(part)
+        return _columns(self.task, self._judged, self._case[1].launch(world0, count), world0)
+
+    def _case_of(self, part: Part) -> Case:
+        task, sim = self.task, self._sims[part.case]
+        assert task.duration is not None
+        d = task.disturbances if part.arm == ARMS[0] else Disturbances()
+        spec = SweepSpec(
+            worlds=part.worlds, duration=task.duration, step_sizes=(part.step_size,), start=task.start,
+            seed=self.seed, parameter_sd=dict(d.parameters), torque_sd=d.torque, kick_times=d.kick_times,
+            kick_sd=d.kick, sample_every=task.duration, judged=False,
+        )  # fmt: skip
+        draws = Draws(sim, spec, part.step_size, d.deviation(task.scene), in_order=not d.any())
+        policy, limits = self.policies[part.policy], task.control_limits
+        return Case(sim, policy, spec, part.step_size, part.at_once, self._judged, draws, limits)
 
 
 def _step_sizes(task: Task, given: Any) -> tuple[float, ...]:
@@ -96,37 +108,22 @@ def _step_sizes(task: Task, given: Any) -> tuple[float, ...]:
     return tuple(checks.number("step_sizes", h, 0.0, longest, above=True) for h in given)
 
 
-def _case(
-    sim: Simulator,
-    task: Task,
-    policy: Any,
-    disturbances: Disturbances,
-    worlds: int,
-    seed: int,
-    step_size: float,
-    chunk: int | None,
-    judged: list[Measure],
-) -> Case:
-    assert task.duration is not None
-    d = disturbances
-    spec = SweepSpec(
-        worlds=worlds, duration=task.duration, step_sizes=(step_size,), start=task.start, seed=seed,
-        parameter_sd=dict(d.parameters), torque_sd=d.torque, kick_times=d.kick_times, kick_sd=d.kick,
-        sample_every=task.duration, judged=False,
-    )  # fmt: skip
-    draws = Draws(sim, spec, step_size, d.deviation(task.scene), in_order=not d.any())
-    return Case(sim, policy, spec, step_size, chunk, judged, draws, task.control_limits)
-
-
-def _columns(task: Task, judged: list[Measure], found: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """What was drawn, measures, success and status of a case's worlds."""
+def _columns(
+    task: Task, judged: list[Measure], found: dict[str, np.ndarray], world0: int
+) -> dict[str, np.ndarray]:
+    """Index, what was drawn, measures, success and status of worlds world0, world0 + 1, ..."""
     values = found["measures"]
     own = {measure: values[:, j] for j, measure in enumerate(judged)}
     solved = found["status"] == Status.SOLVED
     success = solved if task.success is None else task.success.holds(own) & solved
     columns = {name: array for name, array in found.items() if name.startswith("drawn_")}
     columns |= {name: np.where(solved, values[:, j], np.nan) for j, name in enumerate(task.measures)}
-    return {"world": np.arange(len(solved)), **columns, "success": success, "status": found["status"]}
+    return {
+        "world": np.arange(world0, world0 + len(solved)),
+        **columns,
+        "success": success,
+        "status": found["status"],
+    }
 
 
 def policies_by_name(policies: Any) -> dict[str, Any]:

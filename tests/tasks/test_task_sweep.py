@@ -10,6 +10,7 @@ import warp as wp
 import slcp_warp as slcp
 from slcp_warp import ddp
 from slcp_warp import measures as m
+from slcp_warp.ensembles.tasks import TaskSweep
 
 SCENE = replace(slcp.scenes.push_block(), step_size=0.02, sigma=0.05)
 COST = slcp.costs.terms(SCENE, [slcp.costs.effort(1.0)])
@@ -233,3 +234,16 @@ def test_named_tasks_are_tasks(name):
         found.name == name and found.measures and found.success is not None and found.steps >= found.horizon
     )
     assert found.start.shape == (1, 2 * found.scene.nv)
+
+
+def test_chunks_on_their_own_are_the_sweep(device):
+    """Run backwards, every second time after another part's, chunks have the rows that the sweep has."""
+    fields = {"worlds": 30, "seed": 3, "chunk": 8, "device": device, "cases": slcp.Options()}
+    work = TaskSweep(task(), {"all": plan(), "half": plan(0.5)}, **fields)
+    report = slcp.sweep(task(), {"all": plan(), "half": plan(0.5)}, **fields)
+    assert [chunk.count for chunk in work.chunks] == 2 * [8, 8, 8, 6, 1] and work.chunks.worlds == 62
+    order = [0, 9, 1, 8, 2, 7, 3, 6, 4, 5]
+    found = {index: work.run(index) for index in order}
+    for name in found[0]:
+        rows = np.concatenate([found[index].get(name, np.full(1, np.nan)) for index in range(10)])
+        np.testing.assert_array_equal(rows, report.table[name], err_msg=name)
