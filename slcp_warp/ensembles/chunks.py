@@ -34,11 +34,11 @@ class Part(NamedTuple):
 
 
 class Chunk(NamedTuple):
-    """Worlds world0, world0 + 1, ... of a part."""
+    """So many worlds of a part: world0, world0 + 1, ..."""
 
     part: Part
     world0: int
-    count: int
+    worlds: int
 
 
 class Chunks:

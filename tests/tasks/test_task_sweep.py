@@ -241,7 +241,7 @@ def test_chunks_on_their_own_are_the_sweep(device):
     fields = {"worlds": 30, "seed": 3, "chunk": 8, "device": device, "cases": slcp.Options()}
     work = TaskSweep(task(), {"all": plan(), "half": plan(0.5)}, **fields)
     report = slcp.sweep(task(), {"all": plan(), "half": plan(0.5)}, **fields)
-    assert [chunk.count for chunk in work.chunks] == 2 * [8, 8, 8, 6, 1] and work.chunks.worlds == 62
+    assert [chunk.worlds for chunk in work.chunks] == 2 * [8, 8, 8, 6, 1] and work.chunks.worlds == 62
     order = [0, 9, 1, 8, 2, 7, 3, 6, 4, 5]
     found = {index: work.run(index) for index in order}
     for name in found[0]:
