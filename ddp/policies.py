@@ -1,6 +1,7 @@
 """Tracking a plan, evaluated inside a rollout's or a sweep's kernel."""
 
 import functools
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from slcp_warp.inputs.limits import limit_rows
 from slcp_warp.kernels.policies.contract import PolicyKernel
 from slcp_warp.kernels.policies.tracking import TRACKING, make_tracking
 from slcp_warp.policies.arrays import put, put_limits
+from slcp_warp.policies.saved import Content
 
 
 class TrackingPolicy:
@@ -66,3 +68,16 @@ class TrackingPolicy:
         struct.xs = own(self.xs)
         put_limits(sim, struct, self.limits)
         return TRACKING, struct
+
+    def content(self) -> Content:
+        """What it is made from, see `slcp_warp.policies.saved`."""
+        arrays = {"us": self.us, "xs": self.xs, "K": self.K}
+        arrays = {name: a.numpy() if isinstance(a, wp.array) else a for name, a in arrays.items()}
+        return Content({}, arrays | dict(zip(("period", "lower", "upper"), (self.period, *self.limits))))
+
+    @classmethod
+    def of_content(cls, content: Content) -> "TrackingPolicy":
+        """From what `content` gave."""
+        a = content.arrays
+        plan = SimpleNamespace(us=a["us"], xs=a["xs"], K=a["K"])
+        return cls(plan, a["period"], (a["lower"], a["upper"]))

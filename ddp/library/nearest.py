@@ -14,8 +14,9 @@ from slcp_warp.inputs.limits import limit_rows
 from slcp_warp.kernels.policies.contract import PolicyKernel
 from slcp_warp.kernels.policies.nearest import NEAREST, make_nearest
 from slcp_warp.policies.arrays import put, put_limits
+from slcp_warp.policies.saved import Content
 
-from .entries import Entries
+from .entries import NEEDED, Entries
 
 METRICS = ("covariance", "variance")
 
@@ -146,3 +147,16 @@ class NearestPolicy:
         struct.limit = self.feedback_limit
         put_limits(sim, struct, (lib.lower, lib.upper))
         return NEAREST, struct
+
+    def content(self) -> Content:
+        """What it is made from, see `slcp_warp.policies.saved`."""
+        arrays = {name: getattr(self.library, name) for name in NEEDED}
+        values = {"header": self.library.header, "feedback_limit": self.feedback_limit}
+        return Content(values, arrays | {"whiten": self.whiten})
+
+    @classmethod
+    def of_content(cls, content: Content) -> "NearestPolicy":
+        """From what `content` gave."""
+        arrays = dict(content.arrays)
+        limit, whiten = content.values["feedback_limit"], arrays.pop("whiten")
+        return cls(Entries(**arrays, header=content.values["header"]), feedback_limit=limit, whiten=whiten)

@@ -11,5 +11,16 @@ from .around import Around
 from .function import Function
 from .linear import Linear
 from .network import Network
+from .saved import load_policy, save_policy
 
-__all__ = ["Around", "Callback", "Function", "Linear", "Network", "PolicyFunctions", "PolicyKernel"]
+__all__ = [
+    "Around",
+    "Callback",
+    "Function",
+    "Linear",
+    "Network",
+    "PolicyFunctions",
+    "PolicyKernel",
+    "load_policy",
+    "save_policy",
+]

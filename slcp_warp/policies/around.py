@@ -14,6 +14,7 @@ from ..inputs.errors import ArgumentError
 from ..inputs.limits import bounded, limit_rows
 from ..simulator import Simulator
 from ..stepping.arguments import checked_kernel
+from .saved import Content, content_of, policy_of
 
 LONGEST = 256
 
@@ -61,6 +62,28 @@ class Around:
         for name, values in (("noise", noise), ("lower", limits[0]), ("upper", limits[1])):
             setattr(struct, name, wp.array(np.asarray(values, float), dtype=sim.dtype, device=sim.device))
         return kernel, struct
+
+    def content(self) -> Content:
+        """What it is made from, see `saved`."""
+        values: dict[str, Any] = {"delay": self.delay, "hold": self.hold, "seed": self.seed}
+        arrays = {}
+        if self.limits is not None:
+            arrays = {name: np.asarray(v, float) for name, v in zip(("lower", "upper"), self.limits)}
+        if isinstance(self.noise, Mapping):
+            values["noise"] = dict(self.noise)
+        elif self.noise is not None:
+            arrays["noise"] = self.noise
+        inside = content_of(self.policy).within("policy")
+        return Content(values | inside.values, arrays | inside.arrays)
+
+    @classmethod
+    def of_content(cls, content: Content) -> "Around":
+        """From what `content` gave."""
+        values, arrays = content
+        limits = (arrays["lower"], arrays["upper"]) if "lower" in arrays else None
+        between = {name: values[name] for name in ("delay", "hold", "seed")}
+        noise = values.get("noise", arrays.get("noise"))
+        return cls(policy_of(content.below("policy")), limits, noise=noise, **between)
 
     def _noise(self, sim: Simulator) -> np.ndarray:
         """Standard deviations (nx,)."""

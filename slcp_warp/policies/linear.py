@@ -13,6 +13,7 @@ from ..inputs.errors import ArgumentError
 from ..inputs.limits import limit_rows
 from ..simulator import Simulator
 from .arrays import put, put_limits
+from .saved import Content
 
 
 class Linear:
@@ -61,6 +62,17 @@ class Linear:
         struct.gain, struct.period = put(sim, self.K[:, None]), put(sim, self.period)
         put_limits(sim, struct, self.limits)
         return TRACKING, struct
+
+    def content(self) -> Content:
+        """What it is made from, see `saved`."""
+        arrays = {"K": self.K, "x_ref": self.x_ref, "u_ref": self.u_ref, "period": self.period}
+        return Content({}, arrays | dict(zip(("lower", "upper"), self.limits)))
+
+    @classmethod
+    def of_content(cls, content: Content) -> "Linear":
+        """From what `content` gave."""
+        a = content.arrays
+        return cls(a["K"], a["x_ref"], a["u_ref"], (a["lower"], a["upper"]), a["period"])
 
 
 def _rows(name: str, value: Any, ndim: int) -> np.ndarray:

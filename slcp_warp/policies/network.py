@@ -11,6 +11,7 @@ from slcp_warp.kernels.policies.network import BLOCK, Layer, make_network, netwo
 from ..inputs.checks import shown
 from ..inputs.errors import ArgumentError, ArgumentTypeError
 from ..simulator import Simulator
+from .saved import Content
 
 WIDEST = 1024
 ACTIVATIONS = {  # of torch.nn: the name in the kernels, and the attributes that are its numbers
@@ -56,6 +57,31 @@ class Network:
         struct.weights = wp.array(rows.astype(wp.dtype_to_numpy(sim.dtype)), dtype=row, device=sim.device)
         return network_kernel(self.layers), struct
 
+    def content(self) -> Content:
+        """What it is made from now, see `saved`."""
+        arrays = {}
+        for i, linear in enumerate(self._linear):
+            arrays[f"weight{i}"] = linear.weight.detach().double().cpu().numpy().copy()
+            if linear.bias is not None:
+                arrays[f"bias{i}"] = linear.bias.detach().double().cpu().numpy().copy()
+        return Content({"activations": [list(layer.activation) for layer in self.layers]}, arrays)
+
+    @classmethod
+    def of_content(cls, content: Content) -> "Network":
+        """From what `content` gave, with a module of double precision."""
+        import torch
+
+        parts: list[Any] = []
+        for i, (name, *numbers) in enumerate(content.values["activations"]):
+            weight, bias = (content.arrays.get(f"{key}{i}") for key in ("weight", "bias"))
+            assert weight is not None
+            linear = torch.nn.Linear(weight.shape[1], weight.shape[0], bias is not None, dtype=torch.float64)
+            linear.weight.data = torch.from_numpy(weight)
+            if bias is not None:
+                linear.bias.data = torch.from_numpy(bias)
+            parts += [linear, _module(name, numbers)]
+        return cls(torch.nn.Sequential(*parts))
+
 
 def _layers(module: Any) -> tuple[list[Any], list[Layer]]:
     """Linear modules, and their layers."""
@@ -100,6 +126,16 @@ def _activation(part: Any) -> Any:
     if kind == "GELU" and part.approximate == "tanh":
         name = "gelu_tanh"
     return (name, *(float(getattr(part, number)) for number in numbers))
+
+
+def _module(name: str, numbers: list[float]) -> Any:
+    """The module of an activation; `_activation` backwards."""
+    import torch
+
+    if name == "gelu_tanh":
+        return torch.nn.GELU(approximate="tanh")
+    kind, names = next((kind, names) for kind, (own, *names) in ACTIVATIONS.items() if own == name)
+    return getattr(torch.nn, kind)(**dict(zip(names, numbers)))
 
 
 def _rows(linear: Any) -> np.ndarray:

@@ -1,0 +1,113 @@
+"""Policies that are numbers, as files: which class they are of, JSON values and arrays; nothing is pickled.
+
+A class whose policies can be saved has ``content() -> Content`` and a classmethod ``of_content(Content)``,
+which gives a policy that does the same, bit for bit.
+"""
+
+import importlib
+import os
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..inputs import checks
+from ..inputs.errors import ArgumentError
+from ..storage.archive import open_archive, write_archive
+from ..storage.files import FileError, reading
+
+FORMAT, VERSION = "slcp-warp-policy", 1
+PACKAGE = __name__.partition(".")[0]
+
+
+class Content(NamedTuple):
+    """What a policy is made from.
+
+    Attributes:
+        values: JSON values by name.
+        arrays: numbers by name.
+    """
+
+    values: dict[str, Any]
+    arrays: dict[str, np.ndarray]
+
+    def below(self, name: str) -> "Content":
+        """What is in it of a policy inside, which `within` put there."""
+        values = {key.removeprefix(f"{name}."): v for key, v in self.values.items() if _in(key, name)}
+        return Content(
+            values, {key.removeprefix(f"{name}."): a for key, a in self.arrays.items() if _in(key, name)}
+        )
+
+    def within(self, name: str) -> "Content":
+        """The same as part of another policy's content."""
+        values, arrays = ({f"{name}.{key}": v for key, v in each.items()} for each in self)
+        return Content(values, arrays)
+
+
+def _in(key: str, name: str) -> bool:
+    return key.startswith(f"{name}.")
+
+
+def content_of(policy: Any) -> Content:
+    """What a policy is made from.
+
+    Raises:
+        ArgumentError: a policy that is no data, a user's function among them.
+    """
+    kind = type(policy)
+    own = kind.__module__.partition(".")[0] == PACKAGE
+    if not own or not callable(getattr(policy, "content", None)):
+        raise ArgumentError(
+            f"policy is a {kind.__name__}, which is no data: give it as a text, 'file.py:name', of a Python "
+            "file in which it is made"
+        )
+    values, arrays = policy.content()
+    return Content({"class": f"{kind.__module__}:{kind.__qualname__}"} | values, arrays)
+
+
+def policy_of(content: Content) -> Any:
+    """The policy of a content.
+
+    Raises:
+        FileError: it is none, or of a class that is not this package's.
+    """
+    module, _, name = str(content.values.get("class")).partition(":")
+    if module.partition(".")[0] != PACKAGE:
+        raise FileError(f"its class is {content.values.get('class')!r:.80}; one of {PACKAGE} is needed")
+    try:
+        kind = getattr(importlib.import_module(module), name, None)
+    except ImportError:
+        kind = None
+    make = getattr(kind, "of_content", None)
+    if not isinstance(kind, type) or make is None:
+        raise FileError(f"its class is {content.values['class']!r:.80}, which this program has not got")
+    return make(content)
+
+
+def save_policy(policy: Any, path: str | os.PathLike[str]) -> Path:
+    """Write a policy to an .npz file: reading it gives one that does the same, bit for bit.
+
+    Raises:
+        ArgumentError: a policy that is no data: users' functions, callbacks.
+    """
+    path = checks.path("path", path)
+    if path.suffix != ".npz":
+        raise ArgumentError(f"path {path} ends in {path.suffix!r}; .npz is needed")
+    values, arrays = content_of(policy)
+    write_archive(path, {"format": FORMAT, "version": VERSION, "policy": values}, arrays)
+    return path
+
+
+def load_policy(path: str | os.PathLike[str]) -> Any:
+    """Read a policy that `save_policy` wrote.
+
+    Raises:
+        FileNotFoundError: no such file.
+        FileError: truncated, or no policy.
+    """
+    with reading(path, "a policy", FileError), open_archive(path) as archive:
+        archive.check_format(FORMAT, VERSION)
+        values = archive.header.get("policy")
+        if not isinstance(values, dict):
+            raise FileError("its header says no policy")
+        return policy_of(Content(values, archive.read_all(archive.names)))
