@@ -6,31 +6,34 @@ from typing import Any
 import numpy as np
 
 from slcp_warp import ddp
-from slcp_warp.ensembles.statistics import share_interval
+from slcp_warp.ensembles.chunks import KEYS
+from slcp_warp.ensembles.statistics.intervals import Interval
 
-from ..stages.task_sweep import measure_names, parts_of, report_columns
+from ..stages.task_sweep import load_report
 from .style import BLUE, CASES, GREY, plt, save
+
+Row = dict[str, Any]
 
 
 def report_chart(file: Path, path: Path) -> Path:
     """Success of every policy and case with its 95 % interval, and the distribution of each measure."""
-    columns = report_columns(file)
-    parts, measures = parts_of(columns), measure_names(columns)
-    disturbed = {key: part for key, part in parts.items() if key[3] == "disturbed"}
-    height = 1.6 + 0.35 * len(disturbed)
-    figure, axes = plt.subplots(1, 1 + len(measures), figsize=(4.0 + 2.6 * len(measures), height),
+    report = load_report(file)
+    shares, spreads = (_by_key(rows) for rows in (report.summary, report.quantiles()))
+    disturbed = [key for key in shares if key[3] == "disturbed"]
+    height, width = 1.6 + 0.35 * len(disturbed), 4.0 + 2.6 * len(report.measures)
+    figure, axes = plt.subplots(1, 1 + len(report.measures), figsize=(width, height),
                                 layout="constrained", squeeze=False)  # fmt: skip
     policies = list(dict.fromkeys(key[0] for key in disturbed))
     rows = np.arange(len(disturbed))[::-1]
-    for row, (key, part) in zip(rows, disturbed.items()):
+    for row, key in zip(rows, disturbed):
         colour = CASES[policies.index(key[0]) % len(CASES)]
-        _success(axes[0, 0], part, parts.get((*key[:3], "undisturbed")), row, colour)
-        for ax, name in zip(axes[0, 1:], measures):
-            _spread(ax, part[name], row, colour)
+        _success(axes[0, 0], shares[key], shares.get((*key[:3], "undisturbed")), row, colour)
+        for ax, name in zip(axes[0, 1:], report.measures):
+            _spread(ax, spreads[key][name], row, colour)
     axes[0, 0].set_yticks(rows, [f"{policy}, {case}, h = {h:g}" for policy, case, h, _ in disturbed])
     axes[0, 0].set_xlim(-3.0, 103.0)
     axes[0, 0].set_xlabel("success [%]; ○ undisturbed")
-    for ax, name in zip(axes[0, 1:], measures):
+    for ax, name in zip(axes[0, 1:], report.measures):
         ax.set_yticks([])
         ax.set_xlabel(name)
     for ax in axes[0]:
@@ -38,23 +41,26 @@ def report_chart(file: Path, path: Path) -> Path:
     return save(figure, path)
 
 
-def _success(ax: Any, part: dict[str, np.ndarray], still: Any, row: float, colour: str) -> None:
-    share, low, high = (100.0 * s for s in share_interval(int(part["success"].sum()), len(part["success"])))
+def _by_key(rows: list[Row]) -> dict[tuple[Any, ...], Row]:
+    return {tuple(row[key] for key in KEYS): row for row in rows}
+
+
+def _success(ax: Any, part: Row, still: Row | None, row: float, colour: str) -> None:
+    share, low, high = (100.0 * s for s in part["success"])
     ax.plot([low, high], [row, row], color=colour, lw=2.5, solid_capstyle="butt")
     ax.plot(share, row, "o", color=colour)
     if still is not None:
-        ax.plot(100.0 * still["success"].mean(), row, "o", color=colour, markerfacecolor="white", zorder=1)
+        ax.plot(100.0 * still["success"][0], row, "o", color=colour, markerfacecolor="white", zorder=1)
 
 
-def _spread(ax: Any, values: np.ndarray, row: float, colour: str) -> None:
-    """The median, the middle half and the middle nine tenths of the finite values."""
-    values = values[np.isfinite(values)]
-    if not len(values):
-        return
-    a, b, middle, c, d = np.quantile(values, (0.05, 0.25, 0.5, 0.75, 0.95))
-    ax.plot([a, d], [row, row], color=colour, lw=1.0)
-    ax.plot([b, c], [row, row], color=colour, lw=4.0, solid_capstyle="butt")
-    ax.plot(middle, row, "o", color=colour, markerfacecolor="white")
+def _spread(ax: Any, quantiles: dict[float, Interval], row: float, colour: str) -> None:
+    """The median, the middle half and the middle nine tenths; nothing of what is infinite."""
+    a, b, middle, c, d = (value for value, _, _ in quantiles.values())
+    for ends, width in (((a, d), 1.0), ((b, c), 4.0)):
+        if np.isfinite(ends).all():
+            ax.plot(ends, [row, row], color=colour, lw=width, solid_capstyle="butt")
+    if np.isfinite(middle):
+        ax.plot(middle, row, "o", color=colour, markerfacecolor="white")
 
 
 def gains_chart(library: ddp.Library, path: Path) -> Path:

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from ..stages.task_sweep import comparison, report_columns, report_table
+from ..stages.task_sweep import comparison, load_report, report_table
 from ..support.screen import console, one_line_errors
 
 
@@ -16,10 +16,10 @@ def compare_command(
     second: Annotated[str | None, typer.Argument(help="Another one; default: the second.")] = None,
 ) -> None:
     """Compare two policies of a report world by world: differences with their intervals."""
-    columns = report_columns(report)
-    there = list(dict.fromkeys(columns["policy"].tolist()))
+    found = load_report(report)
+    there = list(dict.fromkeys(key[0] for key in found.source.keys))
     named = [first or there[0], second or next((n for n in there if n != (first or there[0])), "")]
     if not named[1]:
         raise ValueError(f"{report} has the policy {there[0]!r} only; two are needed")
-    console.print(report_table(columns))
-    console.print(comparison(columns, *named))
+    console.print(report_table(found))
+    console.print(comparison(found, *named))

@@ -8,7 +8,7 @@ import typer
 import slcp_warp as slcp
 
 from ..stages.sweep import cycle_states, run_sweep, sweep_table
-from ..stages.task_sweep import changed_task, report_columns, report_table, sweep_task, task_cases
+from ..stages.task_sweep import changed_task, report_table, sweep_task, task_cases
 from ..support.options import Device, Scaling, SceneName, Seed, Settings, TaskIntegrator
 from ..support.screen import INTERRUPTED, console, one_line_errors, prepared, progress_bar, timed, wrote
 from ..support.simulators import OBSERVED, RESIDUALS, mechanism_name, named_scene, numbers, parse_settings
@@ -135,9 +135,9 @@ def _sweep_task(
     with timed("sweep"), progress_bar("worlds") as progress:
         report = sweep_task(task, policy, worlds, seed, cases, sizes, device, dtype, progress)
     report.save(path)
-    console.print(report_table(report_columns(path)))
+    console.print(report_table(report))
     wrote(path)
-    _end(report.complete, sum(len(part["columns"]["world"]) for part in report.parts))
+    _end(report.complete, sum(map(report.source.worlds, report.source.keys)))
 
 
 def _states(start: Path | None, scene: slcp.Scene, skip: float) -> Any:

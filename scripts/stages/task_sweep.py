@@ -11,8 +11,7 @@ from rich.table import Table
 
 import slcp_warp as slcp
 from slcp_warp.ensembles.chunks import ARMS, KEYS
-from slcp_warp.ensembles.outcome import paired
-from slcp_warp.ensembles.statistics import mean_interval, share_interval
+from slcp_warp.ensembles.statistics.source import MemorySource
 from slcp_warp.storage.files import FileError
 
 from ..support.records import load_policy
@@ -67,19 +66,29 @@ def sweep_task(
         task, policies, worlds=worlds, seed=seed, cases=cases, step_sizes=step_sizes, device=device,
         dtype=dtype, progress=progress,
     )  # fmt: skip
-    if not report.parts:
+    if not report.source.keys:
         raise KeyboardInterrupt
     return report
 
 
-def report_columns(path: Path) -> dict[str, np.ndarray]:
-    """The columns of a report's table.
+def load_report(path: Path) -> slcp.Report:
+    """A report of `slcp sweep TASK`.
 
     Raises:
         FileError: no report, or one that is damaged.
     """
     rows = read_csv(path, "a report of `slcp sweep`", COLUMNS)
-    return {name: _column(path, name, [row[name] for row in rows]) for name in rows[0]}
+    columns = {name: _column(path, name, [row[name] for row in rows]) for name in rows[0]}
+    keys = list(zip(*(columns.pop(key).tolist() for key in KEYS)))
+    source = MemorySource()
+    for key in dict.fromkeys(keys):
+        mine = [other == key for other in keys]
+        part = {name: column[mine] for name, column in columns.items()}
+        order = np.argsort(part["world"], kind="stable")
+        if (np.diff(part["world"][order]) == 0).any():
+            raise FileError(f"{path}: a world of {', '.join(map(str, key))} has two rows")
+        source.add(key, {name: column[order] for name, column in part.items()})
+    return slcp.Report(None, source)
 
 
 def _column(path: Path, name: str, texts: list[str]) -> np.ndarray:
@@ -90,61 +99,52 @@ def _column(path: Path, name: str, texts: list[str]) -> np.ndarray:
             raise FileError(f"{path}: success holds {(set(texts) - {'True', 'False'}).pop()!r:.60}")
         return np.array([text == "True" for text in texts])
     try:
-        return np.array(texts, float)
+        column = np.array(texts, float)
     except ValueError as error:
         raise FileError(f"{path}: {name}: {error}") from None
+    if name not in ("world", "status"):
+        return column
+    most = 2**53 if name == "world" else max(slcp.Status)
+    wrong = ~((column >= 0) & (column <= most) & (column == np.floor(column)))
+    if wrong.any():
+        raise FileError(f"{path}: {name} holds {column[wrong][0]}; a whole number in [0, {most}] is needed")
+    return column.astype(np.int64)
 
 
-def measure_names(columns: dict[str, np.ndarray]) -> list[str]:
-    """The columns that are measures."""
-    return [name for name in columns if name not in COLUMNS and not name.startswith("drawn_")]
-
-
-def parts_of(columns: dict[str, np.ndarray]) -> dict[tuple[Any, ...], dict[str, np.ndarray]]:
-    """The rows of every policy, case, step size and arm."""
-    keys = list(zip(*(columns[key].tolist() for key in KEYS)))
-    return {
-        key: {name: column[[other == key for other in keys]] for name, column in columns.items()}
-        for key in dict.fromkeys(keys)
-    }
-
-
-def report_table(columns: dict[str, np.ndarray]) -> Table:
+def report_table(report: slcp.Report) -> Table:
     """Success of every policy and case with its 95 % interval, undisturbed too, and means of the measures."""
-    parts, measures = parts_of(columns), measure_names(columns)
+    measures = report.measures
     table = Table(
         title="success with its 95 % interval, and undisturbed; means of measures", box=SIMPLE_HEAD, padding=0
     )
     for heading in ("policy", "case", "success [%]", "still [%]", *measures, "failed"):
         table.add_column(heading, justify="left" if heading in KEYS else "right", no_wrap=heading == "case")
-    for key, part in parts.items():
-        policy, case, step_size, arm = key
+    found = {tuple(row[key] for key in KEYS): row for row in report.summary}
+    for (policy, case, step_size, arm), row in found.items():
         if arm != ARMS[0]:
             continue
-        still = parts.get((*key[:3], ARMS[1]))
-        shares = percent(share_interval(int(part["success"].sum()), len(part["success"])))
-        alone = "" if still is None else f"{100.0 * still['success'].mean():.0f}"
-        row = [f"{mean_interval(part[name])[0]:.3g}" for name in measures]
-        failed = int((part["status"] != slcp.Status.SOLVED).sum())
-        table.add_row(policy, f"{case}, h = {step_size:g}", shares, alone, *row, str(failed))
+        still = found.get((policy, case, step_size, ARMS[1]))
+        alone = "" if still is None else f"{100.0 * still['success'][0]:.0f}"
+        means = [f"{row[name][0]:.3g}" for name in measures]
+        failed = str(row["worlds"] - row["statuses"]["SOLVED"])
+        table.add_row(policy, f"{case}, h = {step_size:g}", percent(row["success"]), alone, *means, failed)
     return table
 
 
-def comparison(columns: dict[str, np.ndarray], first: str, second: str) -> Table:
+def comparison(report: slcp.Report, first: str, second: str) -> Table:
     """Differences first - second in the same disturbed worlds, with their 95 % intervals."""
-    parts = {key: part for key, part in parts_of(columns).items() if key[3] == ARMS[0]}
-    there = list(dict.fromkeys(key[0] for key in parts))
+    keys = [key for key in report.source.keys if key[3] == ARMS[0]]
+    there = list(dict.fromkeys(key[0] for key in keys))
     for name in (first, second):
         if name not in there:
             raise ValueError(f"there is no policy {name!r} in the report; there are {', '.join(there)}")
-    names = ("success", *measure_names(columns))
+    names = ("success", *report.measures)
     table = Table(title=f"{first} less {second}, the same worlds, 95 % intervals", box=SIMPLE_HEAD)
     for heading in ("case", *names):
         table.add_column(heading, justify="left" if heading == "case" else "right")
-    for (policy, case, step_size, arm), part in parts.items():
-        other = parts.get((second, case, step_size, arm))
-        if policy != first or other is None:
+    for policy, case, step_size, arm in keys:
+        if policy != first or (second, case, step_size, arm) not in keys:
             continue
-        found = paired(part, other, names)
+        found = report.compare(first, second, case, step_size)
         table.add_row(f"{case}, h = {step_size:g}", *(plus_minus(found[name], ".3g") for name in names))
     return table

@@ -1,6 +1,6 @@
 """What came out of a sweep of a task: a table, a summary with intervals, comparisons of policies."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -10,101 +10,115 @@ import numpy as np
 from ..inputs import checks
 from ..inputs.checks import shown
 from ..inputs.errors import ArgumentError
-from ..options import Status
 from ..storage.printed import Printed, Table, counted
 from ..tasks.task import Task
 from . import store
 from .chunks import KEYS
-from .statistics import mean_interval, share_interval
+from .statistics.intervals import Interval
+from .statistics.reductions import differences, quantiles_of_part, summary_of_part
+from .statistics.source import Key, MemorySource, Source, joined, measure_names
 
-
-def paired(
-    first: Mapping[str, np.ndarray], second: Mapping[str, np.ndarray], names: Sequence[str]
-) -> dict[str, tuple[float, float, float]]:
-    """Mean differences first - second of columns of the same worlds, with 95 % intervals.
-
-    Over the worlds where both are finite.
-    """
-    out = {}
-    for name in names:
-        a, b = (np.asarray(each[name], float) for each in (first, second))
-        both = np.isfinite(a) & np.isfinite(b)
-        out[name] = mean_interval(a[both] - b[both])
-    return out
+QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 
 
 @dataclass(repr=False)
 class Report(Printed):
     """Outcome of a sweep of a task.
 
+    Every statistic goes through the rows block after block, in memory that does not grow with them, and is
+    the same whatever chunks the sweep ran in.
+
     Attributes:
-        task: what was run.
-        parts: a dict of columns for every policy, case, step size and arm, with these under `KEYS`.
+        task: what was run; None for a table that does not say.
+        source: the rows, part by part; a part is what one of the policies did in one case, at one step size
+            and in one arm, named by these (`KEYS`).
         complete: False if interrupted; then only finished worlds are in.
     """
 
-    task: Task
-    parts: list[dict[str, Any]] = field(default_factory=list)
+    task: Task | None
+    source: Source = field(default_factory=MemorySource)
     complete: bool = True
 
-    def add(self, policy: str, case: str, step_size: float, arm: str, columns: dict[str, np.ndarray]) -> None:
-        """One more part."""
-        self.parts.append(dict(zip(KEYS, (policy, case, float(step_size), arm))) | {"columns": columns})
+    @property
+    def measures(self) -> tuple[str, ...]:
+        """The names of the measures."""
+        return measure_names(self.source) if self.task is None else tuple(self.task.measures)
+
+    @property
+    def parts(self) -> list[dict[str, Any]]:
+        """The rows of every part: a dict with `KEYS` and the part's columns. It takes memory for all rows."""
+        return [dict(zip(KEYS, key)) | {"columns": self._columns(key)} for key in self.source.keys]
 
     @property
     def table(self) -> dict[str, np.ndarray]:
-        """Tidy columns, one row a world: `KEYS`, world, what was drawn, measures, success, status."""
-        if not self.parts:
-            return {}
-        names = list(dict.fromkeys(name for part in self.parts for name in part["columns"]))
-        out: dict[str, list[np.ndarray]] = {name: [] for name in (*KEYS, *names)}
-        for part in self.parts:
-            count = len(part["columns"]["world"])
-            for key in KEYS:
-                out[key].append(np.full(count, part[key]))
+        """Tidy columns, one row a world: `KEYS`, world, what was drawn, measures, success, status.
+
+        It takes memory for all rows.
+        """
+        keys = self.source.keys
+        names = list(dict.fromkeys(name for key in keys for name in self.source.names(key)))
+        out: dict[str, list[np.ndarray]] = {name: [] for name in (*KEYS, *names)} if keys else {}
+        for key in keys:
+            columns = self._columns(key)
+            count = len(columns["world"])
+            for name, value in zip(KEYS, key):
+                out[name].append(np.full(count, value))
             for name in names:
-                out[name].append(part["columns"].get(name, np.full(count, np.nan)))
+                out[name].append(columns.get(name, np.full(count, np.nan)))
         return {name: np.concatenate(values) for name, values in out.items()}
+
+    def _columns(self, key: Key) -> dict[str, np.ndarray]:
+        blocks = list(self.source.blocks(key))
+        return joined(blocks) if blocks else {name: np.zeros(0) for name in self.source.names(key)}
 
     @property
     def summary(self) -> list[dict[str, Any]]:
         """A row a part: worlds, success with its 95 % interval (Wilson), mean of every measure, statuses."""
-        rows = []
-        for part in self.parts:
-            columns = part["columns"]
-            count = len(columns["world"])
-            row = {key: part[key] for key in KEYS} | {"worlds": count}
-            row["success"] = share_interval(int(columns["success"].sum()), count)
-            row |= {name: mean_interval(columns[name]) for name in self.task.measures}
-            row["statuses"] = {s.name: int((columns["status"] == s).sum()) for s in Status}
-            rows.append(row)
-        return rows
+        return [
+            dict(zip(KEYS, key)) | summary_of_part(self.source, key, self.measures)
+            for key in self.source.keys
+        ]
+
+    def quantiles(self, probabilities: Sequence[float] = QUANTILES) -> list[dict[str, Any]]:
+        """A row a part: for every measure its quantiles, {probability: (value, low, high)}.
+
+        Exact order statistics of the solved worlds, with their 95 % intervals; infinite values count.
+
+        Args:
+            probabilities: in [0, 1].
+        """
+        wanted = tuple(checks.number("probabilities", q, 0.0, 1.0) for q in _several(probabilities))
+        return [
+            dict(zip(KEYS, key)) | quantiles_of_part(self.source, key, self.measures, wanted)
+            for key in self.source.keys
+        ]
+
+    def key(self, policy: str, case: str | None = None, step_size: float | None = None,
+            arm: str = "disturbed") -> Key:  # fmt: skip
+        """The part of a policy; case and step size None: the first."""
+        for key in self.source.keys:
+            same = key[0] == policy and key[3] == arm
+            if same and case in (None, key[1]) and step_size in (None, key[2]):
+                return key
+        raise ArgumentError(
+            f"there is no {policy!r}, {case!r}, {step_size!r}, {arm!r}; there are {shown(self.source.keys)}"
+        )
 
     def part(self, policy: str, case: str | None = None, step_size: float | None = None,
              arm: str = "disturbed") -> dict[str, np.ndarray]:  # fmt: skip
         """Columns of one part; case and step size None: the first."""
-        for each in self.parts:
-            same = each["policy"] == policy and each["arm"] == arm
-            if same and case in (None, each["case"]) and step_size in (None, each["step_size"]):
-                return each["columns"]
-        there = [tuple(each[key] for key in KEYS) for each in self.parts]
-        raise ArgumentError(
-            f"there is no {policy!r}, {case!r}, {step_size!r}, {arm!r}; there are {shown(there)}"
-        )
+        return self._columns(self.key(policy, case, step_size, arm))
 
     def compare(
         self, first: str, second: str, case: str | None = None, step_size: float | None = None
-    ) -> dict[str, tuple[float, float, float]]:
+    ) -> dict[str, Interval]:
         """Differences first - second in the same worlds: (mean, low, high) with 95 % intervals.
 
         Of success (as 0 and 1) and of every measure, over the worlds where both are finite; case and step
         size None: the first.
         """
-        names = ("success", *self.task.measures)
-        a, b = (self.part(policy, case, step_size) for policy in (first, second))
-        count = min(len(a["world"]), len(b["world"]))  # an interrupted sweep has fewer of the last
-        a, b = ({name: part[name][:count] for name in names} for part in (a, b))
-        return paired(a, b, names)
+        a, b = (self.key(policy, case, step_size) for policy in (first, second))
+        return differences(self.source, a, b, ("success", *self.measures))
 
     def save(self, path: str | Path) -> Path:
         """Write the table as .csv; replaced only once complete."""
@@ -116,14 +130,21 @@ class Report(Printed):
 
     def _line(self) -> str:
         end = "" if self.complete else "; interrupted"
-        return f"of task {self.task.name!r}: {counted(len(self.parts), 'part')}{end}"
+        of = "" if self.task is None else f"of task {self.task.name!r}: "
+        return f"{of}{counted(len(self.source.keys), 'part')}{end}"
 
     def _tables(self) -> list[Table]:
         rows = []
         for row in self.summary:
             share, low, high = (100.0 * value for value in row["success"])
             success = f"{share:.1f} ({low:.1f} to {high:.1f})"
-            means = [row[name][0] for name in self.task.measures]
+            means = [row[name][0] for name in self.measures]
             rows.append((*(row[key] for key in KEYS), row["worlds"], success, *means))
-        head = (*KEYS, "worlds", "success, %", *(f"mean {name}" for name in self.task.measures))
+        head = (*KEYS, "worlds", "success, %", *(f"mean {name}" for name in self.measures))
         return [Table("", head, rows, left=2)]
+
+
+def _several(values: Any) -> Any:
+    if isinstance(values, list | tuple | np.ndarray) and len(values):
+        return values
+    raise ArgumentError(f"probabilities is {shown(values)}; at least one, in a tuple, is needed")

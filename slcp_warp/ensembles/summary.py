@@ -6,7 +6,7 @@ import numpy as np
 
 from ..options import Status
 from .spec import SweepSpec
-from .statistics import mean_interval, quantile_interval, share_interval
+from .statistics.intervals import mean_interval, quantile_interval, share_interval
 
 
 def table_of(

@@ -3,12 +3,10 @@
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
-
 from ..inputs import checks
 from ..tasks.task import Task
-from .chunks import Part
 from .outcome import Report
+from .statistics.source import MemorySource
 from .tasks import TaskSweep
 
 Progress = Callable[[int, int], None]
@@ -27,18 +25,15 @@ def sweep_task(task: Task, policies: Any, *, progress: Progress | None = None, *
     """
     checks.function("progress", progress, 2, optional=True)
     work = TaskSweep(task, policies, **choices)
-    report, done = Report(task, []), 0
-    found: dict[Part, list[dict[str, np.ndarray]]] = {}
+    source, done = MemorySource(), 0
+    report = Report(task, source)
     try:
         for index in range(len(work.chunks)):
-            rows, part = work.run(index), work.chunks[index].part
-            found.setdefault(part, []).append(rows)
+            rows = work.run(index)
+            source.add(work.chunks[index].part.keys, rows)
             done += len(rows["world"])
             if progress is not None:
                 progress(done, work.chunks.worlds)
     except KeyboardInterrupt:
         report.complete = False
-    for part in list(found):
-        chunks = found.pop(part)
-        report.add(*part.keys, {name: np.concatenate([rows[name] for rows in chunks]) for name in chunks[0]})
     return report

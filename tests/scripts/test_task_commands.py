@@ -16,7 +16,7 @@ from slcp_warp import ddp
 from slcp_warp.kernels.device import cache
 from slcp_warp.kernels.device.progress import recorded
 from slcp_warp.scripts.app import app
-from slcp_warp.scripts.stages.task_sweep import parts_of, report_columns
+from slcp_warp.scripts.stages.task_sweep import load_report
 from slcp_warp.scripts.support.records import load_record
 
 TOML = Path(__file__).parents[2] / "examples" / "tasks" / "shove.toml"
@@ -44,7 +44,7 @@ def check(task: slcp.Task, folder: Path, worlds: int) -> dict:
     assert run["controls"].min() >= plan["lower"].min() and run["controls"].max() <= plan["upper"].max()
     np.testing.assert_array_equal(run["states"][0, 0], task.start[0])
     assert len(ddp.Library.load(folder / "library.npz")) > 0
-    parts = parts_of(report_columns(folder / "report.csv"))
+    parts = parts_of(folder / "report.csv")
     assert {key[:2] for key in parts} == {(p, c) for p in ("plan", "library") for c in ("smoothed", "hard")}
     for key, part in parts.items():
         assert len(part["world"]) == (worlds if key[3] == "disturbed" else len(task.start))
@@ -68,10 +68,15 @@ def test_a_task_of_a_file_goes_end_to_end(tmp_path):
     still = ("--velocity-sd", 0, "--torque-sd", 0, "--vary", "mass=0", "--duration", 0.4, "--worlds", 3)
     call("sweep", TOML, "--policy", tmp_path / "plan.npz", *still, "--device", "cpu",
          "--residuals", "hard", "--out", tmp_path / "still.csv")  # fmt: skip
-    own = parts_of(report_columns(tmp_path / "still.csv"))["plan", "hard", 0.02, "disturbed"]
+    own = parts_of(tmp_path / "still.csv")["plan", "hard", 0.02, "disturbed"]
     assert (
         np.ptp(own["place"]) == 0.0 and own["place"].max() < 0.45
     )  # nothing is disturbed, and it ends early
+
+
+def parts_of(path: Path) -> dict:
+    report = load_report(path)
+    return {key: report.part(*key) for key in report.source.keys}
 
 
 def _one_policy(folder: Path) -> Path:
@@ -100,6 +105,12 @@ def test_a_broken_report_is_one_line(tmp_path):
         ("a,b\n1,2\n", "it has no columns policy, case"),
         (head + "plan,hard,0.1,disturbed,0,1.0,yes,0\n", "success holds 'yes'"),
         (head + "plan,hard,0.1,disturbed,0,wide,True,0\n", "x: could not convert string to float: 'wide'"),
+        (
+            head + 2 * "plan,hard,0.1,disturbed,0,1.0,True,0\n",
+            "a world of plan, hard, 0.1, disturbed has two",
+        ),
+        (head + "plan,hard,0.1,disturbed,0.5,1.0,True,0\n", "world holds 0.5; a whole number"),
+        (head + "plan,hard,0.1,disturbed,0,1.0,True,99\n", "status holds 99.0; a whole number"),
         (head + "plan,hard,0.1", "it is cut off or damaged"),
     ):
         path.write_text(text)

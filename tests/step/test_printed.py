@@ -45,7 +45,7 @@ def task():
 def report():
     columns = {"world": np.arange(4), "x": np.arange(4.0), "status": np.zeros(4, int)}
     out = slcp.Report(task())
-    out.add("held", "hard", 0.01, "disturbed", columns | {"success": np.array([1, 1, 0, 0], bool)})
+    out.source.add(("held", "hard", 0.01, "disturbed"), columns | {"success": np.array([1, 1, 0, 0], bool)})
     return out
 
 

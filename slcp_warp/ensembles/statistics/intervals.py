@@ -4,20 +4,17 @@ import math
 
 import numpy as np
 
-Z95 = 1.959963984540054
+from .moments import Z95, Moments
+
+Interval = tuple[float, float, float]  # value, low, high
 
 
-def mean_interval(values: np.ndarray) -> tuple[float, float, float]:
+def mean_interval(values: np.ndarray) -> Interval:
     """Mean of finite values and its normal-theory interval: (mean, low, high); NaN without values."""
-    values = values[np.isfinite(values)]
-    if not len(values):
-        return math.nan, math.nan, math.nan
-    mean = float(values.mean())
-    half = Z95 * float(values.std(ddof=1)) / math.sqrt(len(values)) if len(values) > 1 else math.nan
-    return mean, mean - half, mean + half
+    return Moments.of(values).interval()
 
 
-def share_interval(successes: int, total: int) -> tuple[float, float, float]:
+def share_interval(successes: int, total: int) -> Interval:
     """A share and its Wilson score interval (M42): (share, low, high); NaN for total = 0."""
     if total == 0:
         return math.nan, math.nan, math.nan
@@ -30,16 +27,22 @@ def share_interval(successes: int, total: int) -> tuple[float, float, float]:
     return p, low, high
 
 
-def quantile_interval(values: np.ndarray, q: float = 0.5) -> tuple[float, float, float]:
+def quantile_interval(values: np.ndarray, q: float = 0.5) -> Interval:
     """A quantile and its distribution-free interval by order statistics.
 
     Infinite values count; NaN without values.
     """
     values = np.sort(values[~np.isnan(values)])
-    n = len(values)
-    if n == 0:
+    if not len(values):
         return math.nan, math.nan, math.nan
+    middle, low, high = (float(values[rank]) for rank in quantile_ranks(len(values), q))
+    return middle, low, high
+
+
+def quantile_ranks(n: int, q: float) -> tuple[int, int, int]:
+    """Which of n sorted values are a quantile, and the ends of its interval."""
     half = Z95 * math.sqrt(n * q * (1.0 - q))
-    low = values[max(0, math.floor(n * q - half))]
-    high = values[min(n - 1, math.ceil(n * q + half))]
-    return float(values[min(n - 1, int(n * q))]), float(low), float(high)
+    middle, low, high = (
+        min(n - 1, max(0, at)) for at in (int(n * q), math.floor(n * q - half), math.ceil(n * q + half))
+    )
+    return middle, low, high

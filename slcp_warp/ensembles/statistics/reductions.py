@@ -1,0 +1,90 @@
+"""Summaries, quantiles and comparisons of a sweep's parts, from their blocks in order."""
+
+import functools
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from ...options import Status
+from .intervals import Interval, share_interval
+from .moments import Moments
+from .quantiles import quantile_intervals
+from .source import BLOCK, Columns, Key, Source
+
+STATUSES = len(Status)
+
+
+def summary_of_part(source: Source, key: Key, measures: Sequence[str]) -> dict[str, Any]:
+    """Worlds, success with its interval (Wilson), mean of every measure, statuses."""
+    names = [name for name in measures if name in source.names(key)]
+    worlds, successes, statuses = 0, 0, np.zeros(STATUSES, np.int64)
+    means = dict.fromkeys(measures, Moments())
+    for block in source.blocks(key, ("success", "status", *names)):
+        worlds += len(block["world"])
+        successes += int(np.count_nonzero(block["success"]))
+        statuses += np.bincount(block["status"].astype(np.int64), minlength=STATUSES)
+        for name in names:
+            means[name] += Moments.of(block[name])
+    row: dict[str, Any] = {"worlds": worlds, "success": share_interval(successes, worlds)}
+    row |= {name: moments.interval() for name, moments in means.items()}
+    return row | {"statuses": {status.name: int(statuses[status]) for status in Status}}
+
+
+def quantiles_of_part(
+    source: Source, key: Key, measures: Sequence[str], probabilities: Sequence[float]
+) -> dict[str, dict[float, Interval]]:
+    """Quantiles of every measure with their intervals, by probability."""
+
+    def column(name: str) -> Iterator[np.ndarray]:
+        return (block[name] for block in source.blocks(key, (name,)))
+
+    return {
+        name: dict(zip(probabilities, quantile_intervals(functools.partial(column, name), probabilities)))
+        for name in measures
+    }
+
+
+def differences(source: Source, first: Key, second: Key, names: Sequence[str]) -> dict[str, Interval]:
+    """Mean differences first - second of columns of the same worlds, with 95 % intervals.
+
+    Over the worlds that both have, where both columns are finite.
+    """
+    out = dict.fromkeys(names, Moments())
+    for a, b in paired_blocks(source, first, second, names):
+        for name in names:
+            out[name] += Moments.of(difference(a[name], b[name]))
+    return {name: moments.interval() for name, moments in out.items()}
+
+
+def difference(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """The finite ones of the differences a - b; True and False count as 1 and 0."""
+    a, b = np.asarray(a, float), np.asarray(b, float)
+    both = np.isfinite(a) & np.isfinite(b)
+    return a[both] - b[both]
+
+
+def paired_blocks(
+    source: Source, first: Key, second: Key, names: Sequence[str]
+) -> Iterator[tuple[Columns, Columns]]:
+    """The blocks of two parts, with the worlds that both have."""
+    streams = [source.blocks(key, names) for key in (first, second)]
+    a, b = (next(stream, None) for stream in streams)
+    while a is not None and b is not None:
+        at, other = (int(block["world"][0]) // BLOCK for block in (a, b))
+        if at == other:
+            yield _shared(a, b)
+        ahead = at - other
+        if ahead <= 0:
+            a = next(streams[0], None)
+        if ahead >= 0:
+            b = next(streams[1], None)
+
+
+def _shared(a: Columns, b: Columns) -> tuple[Columns, Columns]:
+    """The rows of the worlds that both have."""
+    if np.array_equal(a["world"], b["world"]):
+        return a, b
+    _, rows, others = np.intersect1d(a["world"], b["world"], assume_unique=True, return_indices=True)
+    left = {name: column[rows] for name, column in a.items()}
+    return left, {name: column[others] for name, column in b.items()}
