@@ -43,6 +43,7 @@ class TrackingPolicy:
         if control_limits is None and getattr(result, "lower", None) is not None:
             control_limits = result.lower, result.upper
         self.limits = limit_rows(control_limits, self.us.shape[-1])
+        self.worlds = len(self.us)
 
     def kernel(self, sim: Simulator) -> tuple[PolicyKernel, Any]:
         """Kernel and struct for a simulator."""

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import numpy as np
 import warp as wp
 
 from slcp_warp.kernels.device.progress import name_scene
@@ -18,7 +19,7 @@ from .results import Linearization, Step, Trajectory, contact_impulse
 from .results.simulated import Simulated
 from .stepping.arguments import Arguments, policy_arrays
 from .stepping.arrays import Controls, RolloutArrays, StepArrays
-from .stepping.callback import Callback
+from .stepping.host import Asked, acts_on_host
 from .stepping.kernels import Kernels
 from .stepping.specialised import taped_policy
 from .stepping.strategy import current_name
@@ -180,7 +181,7 @@ class Simulator(Printed):
                 the scene has no actuators.
             params: see `Simulator.params`; per-world tables need B rows.
             policy: `ddp.TrackingPolicy`, a library's, one of `slcp_warp.policies`, or any object with
-                `kernel(sim)` -> (PolicyKernel, struct).
+                `kernel(sim)` -> (PolicyKernel, struct), or a `policies.HostPolicy`.
             external_force: constant over the rollout, as in `step`.
             record: any of "controls", "impulse", "gap", one name or several.
             checkpoint: keep the states of steps 0, k, 2k, ..., N only, and recompute the others in a backward
@@ -192,7 +193,7 @@ class Simulator(Printed):
         record = checks.names("record", record, RECORDED)
         state = self._arguments.batch("x0", x0, self.nx)
         worlds = state.worlds
-        source = self._controls(controls, policy, steps, worlds)
+        source = self._controls(controls, policy, steps, worlds, params)
         table = self.parameter_array(params, worlds)
         external = self._arguments.external_force(external_force, worlds)
         status = self._arguments.status(worlds)
@@ -249,7 +250,9 @@ class Simulator(Printed):
         curved = state.give(fzz) if second else None
         return Linearization(state.give(fx), state.give(fu), curved, state.give(status), self.scene)
 
-    def _controls(self, controls: Any, policy: Any, steps: Any, worlds: int) -> Controls:
+    def _controls(
+        self, controls: Any, policy: Any, steps: Any, worlds: int, params: Parameters | None
+    ) -> Controls:
         """Where a rollout's controls come from."""
         if controls is None and policy is None and steps is not None and not self.nu:
             controls = self._arguments.nothing(steps, worlds)
@@ -258,6 +261,7 @@ class Simulator(Printed):
         if policy is None:
             return self._arguments.open_loop(controls, steps, worlds)
         steps = checks.whole("steps", steps)
-        if isinstance(policy, Callback):
-            return Controls(policy, None, steps)
+        if acts_on_host(policy):
+            h = self.params.matching(params, worlds)["step_size"]
+            return Controls(Asked(policy, self, np.arange(worlds), np.atleast_1d(h)), None, steps)
         return Controls(*policy_arrays(policy, self, worlds), steps)

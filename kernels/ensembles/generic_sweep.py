@@ -14,28 +14,16 @@ from ..factories import cached
 from ..policies.contract import PolicyKernel, make_policy
 from ..status import SOLVED
 from ..structure import STEP_SIZE
+from .arrival import Progress, make_arrival
 from .disturbances import make_conditions, make_disturbances
 from .measures import Measures, make_measures, make_row_contacts
-
-
-@wp.struct
-class Progress:
-    """Where every world (B) of a sweep stands."""
-
-    sample: wp.array(dtype=wp.int32)  # next sample
-    event: wp.array(dtype=wp.int32)  # next kick
-    steps: wp.array(dtype=wp.int32)  # number of steps in all
-    status: wp.array(dtype=wp.int32)
-    start: wp.array(dtype=wp.float64)  # the observed component at the start
-    samples: wp.array2d(dtype=wp.float32)  # (B, S)
 
 
 @cached
 def make_sweep_begin_kernel(nv: int, nu: int, dtype: type, policy: PolicyKernel) -> wp.Kernel:
     """Before step k: samples, kicks, and the controls with their noise."""
     asked = make_policy(policy, 2 * nv, nu, dtype)
-    disturb = make_disturbances(nv, nu, dtype)
-    VX = wp.types.vector(2 * nv, dtype)
+    disturb, arrive = make_disturbances(nv, nu, dtype), make_arrival(nv, nu, dtype).arrive
     Conditions, Policy = make_conditions(dtype), asked.Struct
 
     @specialised
@@ -54,24 +42,7 @@ def make_sweep_begin_kernel(nv: int, nu: int, dtype: type, policy: PolicyKernel)
         world = c.world0 + i
         if k >= p.steps[i]:
             return
-        x = VX()
-        for j in range(2 * nv):
-            x[j] = state[i, j]
-        if k == 0:
-            p.start[i] = wp.float64(x[c.component])
-        h = wp.float64(params[i, STEP_SIZE])
-        time = wp.float64(k) * h
-        moved = wp.float32(x[c.component] - dtype(p.start[i]))
-        p.sample[i] = disturb.sampled(c, p.samples, i, p.sample[i], time, h, moved)
-        event = p.event[i]
-        coming = disturb.due(c, event, time, h)
-        if coming > event:
-            while event < coming:
-                x = disturb.kicked(c, world, event, x)
-                event += 1
-            for j in range(2 * nv):
-                state[i, j] = x[j]
-            p.event[i] = event
+        x = arrive(c, params, p, i, k, state)
         if p.status[i] == wp.static(SOLVED):
             memory = asked.recall(control, memories, i, world, k, x)
             u, memory = asked.ask(control, world, k, x, memory)

@@ -9,25 +9,27 @@ from ..specialisation import Specialisation
 from ..status import SOLVED
 from ..step.rollout import make_batch
 from ..structure import layout
+from .arrival import make_span
 from .disturbances import make_conditions, make_disturbances
 from .measures import Measures, make_contacts, make_measures
 
 
 @cached
 def make_sweep_kernel(
-    spec: Specialisation, policy: PolicyKernel, users: tuple[wp.Function, ...] = ()
+    spec: Specialisation, policy: PolicyKernel, users: tuple[wp.Function, ...] = (), spans: bool = False
 ) -> wp.Kernel:
     """Roll out one world a thread for a duration, with torque noise and velocity kicks.
 
-    One state component is sampled; measures are taken, those of users' functions with `users`.
+    One state component is sampled; measures are taken, those of users' functions with `users`. With `spans` a
+    launch makes some of the steps, and worlds carry over what the next one needs.
     """
     s, dtype, _ = spec
     batch = make_batch(spec, False)
     step = batch.step
     asked = make_policy(policy, 2 * s.nv, s.nu, dtype)
     disturb = make_disturbances(s.nv, s.nu, dtype)
-    Conditions, Policy = make_conditions(dtype), asked.Struct
-    NX, NR = 2 * s.nv, s.nr
+    Conditions, Policy, Span = make_conditions(dtype), asked.Struct, make_span(dtype)
+    NX, NR, NN = 2 * s.nv, s.nr, 2 * len(s.pairs)
     H = layout(s).offset("step_size")
     contacts = make_contacts(len(s.pairs))
     measures = make_measures(NX, s.nu, dtype, contacts, users)
@@ -49,6 +51,29 @@ def make_sweep_kernel(
                         )
         return out
 
+    @wp.func
+    def carried(span: Span, i: int):
+        """What a world's next step takes over from the launch before."""
+        out = step.Carry()
+        for r in range(wp.static(NR)):
+            out.z[r] = span.warm[i, r]
+        for n in range(wp.static(NN)):
+            out.normal[n] = span.warm[i, wp.static(NR) + n]
+        return out
+
+    @wp.func
+    def leave(span: Span, i: int, x: step.types.VX, carry: step.Carry, code: int, sample: int, event: int):
+        """The same for the next launch."""
+        span.p.status[i] = code
+        span.p.sample[i] = sample
+        span.p.event[i] = event
+        for j in range(wp.static(NX)):
+            span.state[i, j] = x[j]
+        for r in range(wp.static(NR)):
+            span.warm[i, r] = carry.z[r]
+        for n in range(wp.static(NN)):
+            span.warm[i, wp.static(NR) + n] = carry.normal[n]
+
     @specialised
     def sweep_kernel(
         first: int,
@@ -58,10 +83,12 @@ def make_sweep_kernel(
         control: Policy,
         external: wp.array2d(dtype=dtype),
         m: Measures,
+        span: Span,
         samples: wp.array2d(dtype=wp.float32),  # out (B, S)
         kept: wp.array3d(dtype=wp.float64),  # out (B, M, WIDTH) of the measures
         status: wp.array(dtype=wp.int32),  # out (B,)
     ):
+        # long: a world's run is one loop over named stages, and what it stands in is local to the thread
         i = first + wp.tid()
         number = c.world0 + i
         world = step.types.world_at(params, external, i)
@@ -74,9 +101,22 @@ def make_sweep_kernel(
         event = int(0)
         touching = contacts.none()
         u = VU()
-        memory = asked.begin(control, number, x)
+        begin = int(0)
+        end = steps
         base = x[c.component]  # samples are relative to the start: float32 keeps its digits
-        for k in range(steps):
+        if wp.static(spans):
+            begin = span.first
+            end = wp.min(span.last, steps)
+            code = span.p.status[i]
+            sample = span.p.sample[i]
+            event = span.p.event[i]
+            base = dtype(span.p.start[i])
+            x = batch.load_state(span.state, i)
+            carry = carried(span, i)
+        memory = asked.begin(control, number, x)
+        if wp.static(spans):
+            memory = asked.recall(control, span.memory, i, number, begin, x)
+        for k in range(begin, end):
             time = wp.float64(k) * h
             sample = disturb.sampled(c, samples, i, sample, time, h, wp.float32(x[c.component] - base))
             coming = disturb.due(c, event, time, h)
@@ -99,6 +139,11 @@ def make_sweep_kernel(
             if code != wp.static(SOLVED):
                 u = VU()
             measures.look(m, kept, i, time, h, before, u, touching, 0)
+        if wp.static(spans):
+            asked.keep(span.memory, i, memory)
+            leave(span, i, x, carry, code, sample, event)
+            if end < steps:
+                return
         measures.look(m, kept, i, wp.float64(steps) * h, h, x, u, touching, 1)
         while sample < samples.shape[1]:
             samples[i, sample] = wp.float32(x[c.component] - base)

@@ -5,19 +5,15 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from slcp_warp.kernels.contact.problem import COLD
 from slcp_warp.kernels.device.launch import launch
-from slcp_warp.kernels.ensembles.generic_sweep import (
-    Progress,
-    make_sweep_begin_kernel,
-    make_sweep_end_kernels,
-)
+from slcp_warp.kernels.ensembles.generic_sweep import make_sweep_begin_kernel, make_sweep_end_kernels
 from slcp_warp.kernels.ensembles.measures import make_row_contacts
 from slcp_warp.kernels.policies.contract import PolicyKernel
 
 from ..measures.tables import MeasureTable
 from ..simulator import Simulator
 from ..stepping.arrays import StepArrays
+from .by_periods import OnHost, cold, progress
 
 
 def bytes_of_world(sim: Simulator) -> int:
@@ -27,7 +23,7 @@ def bytes_of_world(sim: Simulator) -> int:
 
 def by_steps(
     sim: Simulator,
-    policy: tuple[PolicyKernel, Any],
+    policy: tuple[PolicyKernel, Any] | OnHost,
     conditions: Any,
     table: MeasureTable,
     params: wp.array,
@@ -39,14 +35,12 @@ def by_steps(
     dtype, device = sim.dtype, sim.device
     after, us = sim.empty(worlds, sim.nx), sim.empty(worlds, max(sim.nu, 1))
     impulse, gap = sim.empty(worlds, sim.nr), sim.empty(worlds, sim.nr)
-    cold = np.tile(np.where(np.arange(width) < sim.nr, COLD, 0.0), (worlds, 1))
-    warm: wp.array = wp.array(cold, dtype=dtype, device=device)
-    multiplier, nothing = sim.empty(worlds, width), sim.empty(0, 0)
+    warm, multiplier, nothing = cold(sim, worlds), sim.empty(worlds, width), sim.empty(0, 0)
     code: wp.array = wp.zeros(worlds, dtype=wp.int32, device=device)
     kept, measures = table.kept(worlds, device), table.struct(device)
-    steps = np.floor(conditions.duration / params.numpy()[:, 0].astype(float) + 0.5).astype(np.int32)
-    p = _progress(worlds, steps, samples, device)
-    policy_kernel, struct = policy
+    p = progress(conditions, params, samples)
+    host = policy if isinstance(policy, OnHost) else None
+    policy_kernel, struct = (policy.kernel, policy.struct) if isinstance(policy, OnHost) else policy
     memory = sim.empty(worlds, policy_kernel.functions(sim.nx, sim.nu, dtype).memory)
     step = StepArrays(params, state, us, nothing, warm, after, impulse, gap, multiplier, code)
     begin = make_sweep_begin_kernel(sim.scene.nv, sim.nu, dtype, policy_kernel)
@@ -54,7 +48,9 @@ def by_steps(
     contacts = make_row_contacts(dtype).Contacts()
     contacts.rows = wp.array(normal_rows(sim), dtype=wp.int32, device=device)
     contacts.impulse, contacts.distance, contacts.multiplier = impulse, gap, multiplier
-    for k in range(int(steps.max())):
+    for k in range(int(p.steps.numpy().max(initial=0))):
+        if host is not None:
+            host.ask(k, p, state)
         launch(begin, worlds, [k, conditions, params, struct, p, state, us, memory], device)
         sim.kernels.stepping.step(step)
         outcome = [params, after, us, contacts, code, measures, p, state, warm, kept]
@@ -71,13 +67,3 @@ def normal_rows(sim: Simulator) -> np.ndarray:
     count = len(sim.scene.structure.pairs)
     own = [[i for i, row in normal if row.index == pair] for pair in range(count)]
     return np.array([(each[0], each[-1] + 1) for each in own], np.int32).reshape(-1, 2)
-
-
-def _progress(worlds: int, steps: np.ndarray, samples: wp.array, device: Any) -> Progress:
-    p = Progress()
-    for name in ("sample", "event", "status"):
-        setattr(p, name, wp.zeros(worlds, dtype=wp.int32, device=device))
-    p.steps = wp.array(steps, dtype=wp.int32, device=device)
-    p.start = wp.zeros(worlds, dtype=wp.float64, device=device)
-    p.samples = samples
-    return p

@@ -8,6 +8,7 @@ import numpy as np
 import warp as wp
 
 from slcp_warp.kernels.device.launch import launch
+from slcp_warp.kernels.ensembles.arrival import make_span
 from slcp_warp.kernels.ensembles.disturbances import make_conditions
 from slcp_warp.kernels.ensembles.sweep import make_sweep_kernel
 from slcp_warp.kernels.policies.contract import PolicyKernel
@@ -19,6 +20,8 @@ from ..measures import Measure, contact_share, lowest_gap
 from ..measures.tables import MeasureTable
 from ..simulator import Simulator
 from ..stepping.arguments import policy_arrays
+from ..stepping.host import acts_on_host
+from .by_periods import OnHost, by_periods
 from .by_steps import by_steps, bytes_of_world
 from .draws import Draws
 from .spec import SweepSpec
@@ -49,7 +52,7 @@ class Case:
     ) -> None:
         self.sim, self.spec, self.step_size = sim, spec, step_size
         self.draws = Draws(sim, spec, step_size) if draws is None else draws
-        self.policy = policy_arrays(policy, sim, None)
+        self.policy = policy if acts_on_host(policy) else policy_arrays(policy, sim, spec.worlds)
         if not 0 <= spec.observe < sim.nx:
             raise ArgumentError(
                 f"SweepSpec.observe is {spec.observe}; a state component 0..{sim.nx - 1} is needed"
@@ -57,7 +60,8 @@ class Case:
         self.count = int(round(spec.duration / spec.sample_every)) + 1
         kept = "SweepSpec.duration / sample_every: the samples"
         checks.memory(kept, spec.worlds * self.count, 4, sim.device)
-        self.roll_out = by_steps if sim.strategy == "generic" else at_once
+        generic = sim.strategy == "generic"
+        self.roll_out: Any = by_steps if generic else by_periods if acts_on_host(policy) else at_once
         self.chunk = chunk or min(spec.worlds, worlds_at_once(sim, self.count, len(measures)))
         self.seconds = 0.0
         self._parts: list[dict[str, np.ndarray]] = []
@@ -78,7 +82,10 @@ class Case:
         params, x0 = self.draws.worlds(world0, count)
         samples: wp.array = wp.zeros((count, self.count), dtype=wp.float32, device=self.sim.device)
         self._conditions.world0 = world0
-        kept, status = self.roll_out(self.sim, self.policy, self._conditions, self.table, params, x0, samples)
+        policy = self.policy
+        if not isinstance(policy, tuple):
+            policy = OnHost(self.sim, policy, self._conditions, params)
+        kept, status = self.roll_out(self.sim, policy, self._conditions, self.table, params, x0, samples)
         share, lowest, *values = self.table.values(kept.numpy()).T
         found = {
             "samples": samples.numpy().copy(),
@@ -139,6 +146,7 @@ def at_once(
         struct,
         sim.empty(0, 0),
         table.struct(sim.device),
+        make_span(sim.dtype)(),
         samples,
         kept,
         status,

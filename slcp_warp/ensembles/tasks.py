@@ -55,6 +55,9 @@ class TaskSweep:
         step_sizes: [s]; None: the scene's.
         dtype, device, strategy: as of a `Simulator`.
         chunk: worlds a launch, default by memory; results do not depend on it.
+
+        A policy with numbers of every world's own (gains (B, nu, nx)) is for `worlds` of them; undisturbed
+        each runs once, from the starts in turn.
         """
         self.task, self.policies, self.cases = task, policies_by_name(policies), cases_by_name(task, cases)
         worlds, self.seed = checks.whole("worlds", worlds), checks.whole("seed", seed, 0)
@@ -69,7 +72,7 @@ class TaskSweep:
         parts = []
         for label, size, name in itertools.product(self.cases, sizes, self.policies):
             at_once = chunk or worlds_at_once(self._sims[label], SAMPLES, len(self._judged))
-            for arm, count in zip(ARMS, (worlds, len(task.start))):
+            for arm, count in zip(ARMS, (worlds, _undisturbed(task, self.policies[name]))):
                 parts.append(Part(name, label, size, arm, count, min(at_once, count)))
         self.chunks = Chunks(parts)
         self._case: tuple[Part | None, Any] = None, None
@@ -96,6 +99,12 @@ class TaskSweep:
         draws = Draws(sim, spec, part.step_size, d.deviation(task.scene), in_order=not d.any())
         policy, limits = self.policies[part.policy], task.control_limits
         return Case(sim, policy, spec, part.step_size, part.at_once, self._judged, draws, limits)
+
+
+def _undisturbed(task: Task, policy: Any) -> int:
+    """Undisturbed worlds: one for every start, or for all that a policy has of every world's own."""
+    own = checks.attribute(policy, "worlds")
+    return own if isinstance(own, int) and own > 1 else len(task.start)
 
 
 def _step_sizes(task: Task, given: Any) -> tuple[float, ...]:

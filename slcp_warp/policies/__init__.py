@@ -1,13 +1,14 @@
 """Policies: whatever gives the controls of a rollout or a sweep, evaluated inside its kernel.
 
 Those that follow plans and libraries are in `slcp_warp.ddp`. Any object with ``kernel(sim) -> (PolicyKernel,
-struct)`` is one, too.
+struct)`` is one, too, and any with ``act(x, time, worlds) -> u``, which is asked on the host (`HostPolicy`).
 """
 
 from slcp_warp.kernels.policies.contract import PolicyFunctions, PolicyKernel
 
-from ..stepping.callback import Callback
+from ..stepping.host import HostPolicy
 from .around import Around
+from .callback import Callback
 from .function import Function
 from .linear import Linear
 from .network import Network
@@ -17,6 +18,7 @@ __all__ = [
     "Around",
     "Callback",
     "Function",
+    "HostPolicy",
     "Linear",
     "Network",
     "PolicyFunctions",

@@ -39,6 +39,7 @@ class Around:
         self, policy: Any, limits: Any = None, delay: int = 0, hold: int = 1, noise: Any = None, seed: int = 0
     ) -> None:
         self.policy, self.limits = policy, limits
+        self.worlds = getattr(policy, "worlds", 1)
         self.delay, self.hold = whole("delay", delay, 0, LONGEST), whole("hold", hold)
         self.seed = whole("seed", seed, 0)
         self.noise = noise

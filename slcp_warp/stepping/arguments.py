@@ -16,7 +16,7 @@ from ..inputs.arrays import ArrayError, Batch, same_worlds, to_batch, zeros
 from ..inputs.checks import shown
 from ..inputs.errors import ArgumentError, ArgumentTypeError
 from .arrays import Controls
-from .callback import Callback
+from .host import acts_on_host
 
 
 class Arguments:
@@ -91,8 +91,11 @@ class Arguments:
 
 def checked_kernel(policy: Any, sim: Any) -> tuple[PolicyKernel, Any]:
     """Kernel and struct of a policy."""
-    if isinstance(policy, Callback):
-        raise ArgumentTypeError("policy is a policies.Callback, which runs in rollouts only, by itself")
+    if acts_on_host(policy):
+        raise ArgumentTypeError(
+            f"policy is a {type(policy).__name__}, which acts on the host: it runs by itself, in rollouts "
+            "and sweeps; one that runs in a kernel is needed"
+        )
     if isinstance(policy, type) or not callable(checks.attribute(policy, "kernel")):
         raise ArgumentTypeError(
             f"policy is a {type(policy).__name__}; a policy is needed, library.policy() or ddp.TrackingPolicy"

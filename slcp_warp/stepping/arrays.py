@@ -7,7 +7,7 @@ import warp as wp
 
 from slcp_warp.kernels.policies.contract import PolicyKernel
 
-from .callback import Callback
+from .host import Asked
 
 
 @dataclass(frozen=True)
@@ -40,13 +40,13 @@ class Controls:
     """Where the controls of a rollout come from.
 
     Attributes:
-        policy: what the kernel evaluates, OPEN_LOOP for given controls; or a policy in Python.
+        policy: what the kernel evaluates, OPEN_LOOP for given controls; or a policy on the host.
         struct: its arrays.
         steps: N.
         us: the given controls (B, N, nu), None under a policy.
     """
 
-    policy: PolicyKernel | Callback
+    policy: PolicyKernel | Asked
     struct: Any
     steps: int
     us: wp.array | None = None

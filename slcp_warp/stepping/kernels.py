@@ -9,8 +9,8 @@ from slcp_warp.kernels.structure import MOST_ROWS
 
 from ..gradients import tape
 from .arrays import Controls
-from .callback import Callback
 from .generic import GenericKernels
+from .host import Asked
 from .specialised import SpecialisedKernels, taped_policy
 from .strategy import StrategyError, choose
 
@@ -52,7 +52,7 @@ class Kernels:
         self, controls: Controls, table: wp.array, x0: wp.array
     ) -> SpecialisedKernels | GenericKernels:
         """The kernels that roll out with these controls: under a policy specialised ones, if any."""
-        if isinstance(controls.policy, Callback):
+        if isinstance(controls.policy, Asked):
             return self.stepping
         if controls.us is None:
             if self._only_generic and not taped_policy(controls, x0, table):

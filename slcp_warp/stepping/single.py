@@ -10,10 +10,10 @@ from slcp_warp.kernels.contact.problem import COLD
 from slcp_warp.kernels.device.launch import launch
 from slcp_warp.kernels.policies.ask import make_ask_kernel
 from slcp_warp.kernels.step.single import make_settle_kernel
-from slcp_warp.kernels.structure import STEP_SIZE, Structure
+from slcp_warp.kernels.structure import Structure
 
 from .arrays import Controls, RolloutArrays, StepArrays
-from .callback import Callback
+from .host import Asked
 
 Ask = Callable[[int, wp.array, wp.array, wp.array], None]  # step, states, status, controls that it fills
 
@@ -27,7 +27,7 @@ def rollout_by_steps(
         step: one of all worlds.
         s: the structure of the scene.
         a: what the rollout reads and fills.
-        controls: a policy, in a kernel or in Python.
+        controls: a policy, in a kernel or on the host.
     """
     worlds, dtype, device = a.worlds, a.x0.dtype, a.x0.device
 
@@ -55,15 +55,14 @@ def rollout_by_steps(
 def _ask(s: Structure, a: RolloutArrays, controls: Controls) -> Ask:
     """What fills in the controls of a step."""
     dtype, device = a.x0.dtype, a.x0.device
-    if isinstance(controls.policy, Callback):
-        policy, h = controls.policy, float(a.table.numpy()[0, STEP_SIZE])
-        every = policy.every(h)
+    if isinstance(controls.policy, Asked):
+        asked = controls.policy
 
-        def ask_python(k: int, state: wp.array, status: wp.array, us: wp.array) -> None:
-            if k % every == 0 and s.nu:
-                us.assign(policy.controls(state.numpy(), k * h, s.nu))
+        def ask_host(k: int, state: wp.array, status: wp.array, us: wp.array) -> None:
+            if k % asked.every == 0 and s.nu:
+                us.assign(asked.controls(k, state.numpy()))
 
-        return ask_python
+        return ask_host
     kernel = make_ask_kernel(controls.policy, 2 * s.nv, s.nu, dtype)
     size = controls.policy.functions(2 * s.nv, s.nu, dtype).memory
     memory = wp.zeros((a.worlds, size), dtype=dtype, device=device)

@@ -11,7 +11,7 @@ from slcp_warp.kernels.step import rollout
 from ..gradients import tape
 from ..gradients.checkpoint import checkpointed
 from .arrays import Controls, RolloutArrays, StepArrays
-from .callback import Callback
+from .host import Asked
 from .single import rollout_by_steps
 
 
@@ -39,7 +39,7 @@ class SpecialisedKernels:
             a: where `controls` has room for all worlds if a tape follows the policy (`taped_policy`).
             record: names of the outputs that the caller gets.
         """
-        if isinstance(controls.policy, Callback):
+        if isinstance(controls.policy, Asked):
             rollout_by_steps(self._step, self.spec.structure, a, controls)
             return
         kernel = rollout.make_rollout_kernel(self.spec, controls.policy, "gap" in record)
@@ -70,7 +70,7 @@ def taped_policy(controls: Controls, x0: wp.array, table: wp.array) -> bool:
     """
     if controls.us is not None:
         return False
-    if isinstance(controls.policy, Callback):
-        tape.refuse("x0 or params", "no gradient flows through a policy in Python", x0, table)
+    if isinstance(controls.policy, Asked):
+        tape.refuse("x0 or params", "no gradient flows through a policy on the host", x0, table)
         return False
     return tape.differentiable_policy(controls.policy, controls.struct, x0, table)

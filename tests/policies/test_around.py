@@ -107,7 +107,7 @@ BAD = {
     "limits of worlds": (lambda: around_linear(limits=(np.zeros((3, 1)), 1.0)), "limits are for 3 worlds"),
     "no policy": (lambda: around_linear(policy="push"), "policy is a str; a policy is needed"),
     "a callback": (
-        lambda: around_linear(policy=policies.Callback(lambda x, t: x)), "rollouts only, by itself"),
+        lambda: around_linear(policy=policies.Callback(lambda x, t: x)), "acts on the host: it runs"),
     "gains of other worlds": (
         lambda: around_linear(policy=policies.Linear(np.zeros((3, 1, 8)), GOAL, FORCE)), "3 trajectories"),
 }  # fmt: skip

@@ -248,9 +248,6 @@ BAD = {
         roll(lambda: policies.Callback(lambda x, time: np.array([np.nan]))), "policy gave nan at 0 s"),
     "a callback of no arguments": (lambda: policies.Callback(lambda: 0.0), "it must take 2 arguments"),
     "a callback never asked": (lambda: policies.Callback(lambda x, t: x, 0.0), "period is 0.0"),
-    "a callback in a sweep": (
-        lambda: slcp.sweep(task(), policies.Callback(lambda x, t: x), worlds=2, device="cpu"),
-        "policy is a policies.Callback, which runs in rollouts only"),
 }  # fmt: skip
 
 

@@ -47,6 +47,11 @@ def network(scene: slcp.Scene, activation: str) -> policies.Network:
     return policies.Network(nn.Sequential(*layers))
 
 
+def constant(u: np.ndarray, x: np.ndarray, time: float) -> np.ndarray:
+    """The same controls always."""
+    return u
+
+
 def bench_policies(worlds: int, steps: int, repeats: int, seed: int) -> list[dict[str, Any]]:
     """Sweeps under policies that give the same controls, for the same contacts; float32, one thread."""
     cases = []
@@ -64,6 +69,10 @@ def bench_policies(worlds: int, steps: int, repeats: int, seed: int) -> list[dic
                 "function": policies.Function(feedback, K=K, x_ref=scene.x0, u_ref=u),
                 f"network 2 x {WIDTH}, ReLU": network(scene, "ReLU"),
                 f"network 2 x {WIDTH}, Tanh": network(scene, "Tanh"),
+                "callback, every step": policies.Callback(functools.partial(constant, u)),
+                "callback, every 10 steps": policies.Callback(
+                    functools.partial(constant, u), period=10 * scene.step_size
+                ),
             }
 
             def run(policy: Any, task: slcp.Task = task) -> Any:

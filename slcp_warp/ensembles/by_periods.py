@@ -1,0 +1,85 @@
+"""A sweep's worlds under a policy on the host: a launch of the specialised kernel a period of the policy."""
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from slcp_warp.kernels.contact.problem import COLD
+from slcp_warp.kernels.device.launch import launch
+from slcp_warp.kernels.ensembles.arrival import Progress, make_arrival, make_span
+from slcp_warp.kernels.ensembles.sweep import make_sweep_kernel
+from slcp_warp.kernels.policies.held import HELD, make_held
+from slcp_warp.kernels.structure import STEP_SIZE
+
+from ..measures.tables import MeasureTable
+from ..simulator import Simulator
+from ..stepping.host import Asked
+
+
+class OnHost:
+    """A policy on the host in one chunk of a sweep.
+
+    Attributes:
+        kernel, struct: the policy that holds its controls, as the sweep's kernels ask it.
+        every: steps between two questions.
+    """
+
+    def __init__(self, sim: Simulator, policy: Any, conditions: Any, params: wp.array) -> None:
+        worlds = np.arange(conditions.world0, conditions.world0 + len(params))
+        self._asked = Asked(policy, sim, worlds, params.numpy()[:, STEP_SIZE])
+        self._given, self._device = (conditions, params), sim.device
+        self._arrival = make_arrival(sim.scene.nv, sim.nu, sim.dtype).kernel
+        self.kernel, self.every = HELD, self._asked.every
+        self.struct = make_held(sim.nx, sim.nu, sim.dtype).Struct()
+        self.struct.us, self.struct.world0 = sim.empty(len(worlds), max(sim.nu, 1)), conditions.world0
+
+    def ask(self, k: int, p: Progress, state: wp.array) -> None:
+        """Controls of step k, where they are due, of states as the policy meets them: after kicks."""
+        if k % self.every == 0 and self._asked.nu:
+            launch(self._arrival, len(state), [k, *self._given, p, state], self._device)
+            self.struct.us.assign(self._asked.controls(k, state.numpy()))
+
+
+def by_periods(
+    sim: Simulator,
+    policy: OnHost,
+    conditions: Any,
+    table: MeasureTable,
+    params: wp.array,
+    state: wp.array,
+    samples: wp.array,
+) -> tuple[wp.array, wp.array]:
+    """As `launch.at_once`; the states are overwritten."""
+    worlds, device = len(state), sim.device
+    kept, measures, nothing = table.kept(worlds, device), table.struct(device), sim.empty(0, 0)
+    span = make_span(sim.dtype)()
+    span.p = progress(conditions, params, samples)
+    span.state, span.warm, span.memory = state, cold(sim, worlds), nothing
+    kernel = make_sweep_kernel(sim.spec, policy.kernel, table.users, spans=True)
+    steps = int(span.p.steps.numpy().max(initial=0))
+    for k in range(0, steps, policy.every):
+        policy.ask(k, span.p, state)
+        span.first, span.last = k, k + policy.every
+        inputs = [conditions, params, state, policy.struct, nothing, measures, span, samples, kept]
+        launch(kernel, worlds, [*inputs, span.p.status], device, grain=max(1, 128 // policy.every))
+    return kept, span.p.status
+
+
+def cold(sim: Simulator, worlds: int) -> wp.array:
+    """Multipliers (B, nr + 2 pairs) before the first step."""
+    width = sim.nr + 2 * len(sim.scene.structure.pairs)
+    rows = np.tile(np.where(np.arange(width) < sim.nr, COLD, 0.0), (worlds, 1))
+    return wp.array(rows, dtype=sim.dtype, device=sim.device)
+
+
+def progress(conditions: Any, params: wp.array, samples: wp.array) -> Progress:
+    """Worlds that begin."""
+    p, worlds, device = Progress(), len(params), params.device
+    steps = np.floor(conditions.duration / params.numpy()[:, STEP_SIZE].astype(float) + 0.5)
+    for name in ("sample", "event", "status"):
+        setattr(p, name, wp.zeros(worlds, dtype=wp.int32, device=device))
+    p.steps = wp.array(steps.astype(np.int32), dtype=wp.int32, device=device)
+    p.start = wp.zeros(worlds, dtype=wp.float64, device=device)
+    p.samples = samples
+    return p

@@ -1,0 +1,87 @@
+"""Policies that act on the host, asked between launches."""
+
+from typing import Any, Protocol
+
+import numpy as np
+
+from ..inputs.arrays import ArrayError
+from ..inputs.checks import attribute, number, numeric, shown
+from ..inputs.errors import ArgumentError, ArgumentTypeError
+
+
+class HostPolicy(Protocol):
+    """A policy that acts on the host: any object with `act`; the others may be missing.
+
+    Attributes:
+        period: between two questions [s], rounded to whole steps; None, or missing: a step.
+    """
+
+    period: float | None
+
+    def begin(self, sim: Any, worlds: np.ndarray) -> None:
+        """A rollout begins, or a chunk of a sweep: what is remembered of worlds is to be forgotten.
+
+        Args:
+            sim: the simulator that steps them.
+            worlds: their numbers (B,), through all chunks of a sweep.
+        """
+
+    def act(self, x: np.ndarray, time: float, worlds: np.ndarray) -> Any:
+        """Controls (B, nu) or (nu,) of the states x (B, nx) at a time [s], held until the next question."""
+
+
+def acts_on_host(policy: Any) -> bool:
+    """Whether a policy is asked on the host."""
+    return not isinstance(policy, type) and callable(attribute(policy, "act"))
+
+
+class Asked:
+    """A policy on the host in one rollout, or one chunk of a sweep.
+
+    Attributes:
+        every: steps between two questions.
+
+    Raises:
+        ArgumentError: worlds whose step sizes differ, which have no time in common.
+    """
+
+    def __init__(self, policy: Any, sim: Any, worlds: np.ndarray, step_sizes: np.ndarray) -> None:
+        if len(step_sizes) and np.ptp(step_sizes):
+            raise ArgumentError(
+                f"policy is a {type(policy).__name__}, which acts on the host at times of all worlds; their "
+                f"step sizes are {step_sizes.min():g} to {step_sizes.max():g} s, and one is needed"
+            )
+        self.policy, self.nu, self.worlds = policy, sim.nu, worlds
+        self.h = float(step_sizes[0]) if len(step_sizes) else sim.scene.step_size
+        period = attribute(policy, "period")
+        if period is not None:
+            period = number("policy.period", period, 0.0, above=True)
+        self.every = 1 if period is None else max(1, round(period / self.h))
+        begin = attribute(policy, "begin")
+        if begin is not None:
+            if not callable(begin):
+                raise ArgumentTypeError(f"policy.begin is {shown(begin)}; a function is needed")
+            begin(sim, worlds)
+
+    def controls(self, k: int, x: np.ndarray) -> np.ndarray:
+        """Controls (B, nu) of states (B, nx) at step k.
+
+        Raises:
+            ArgumentError, ArrayError: what came back is no such array of finite numbers.
+        """
+        time = k * self.h
+        given = self.policy.act(x.astype(np.float64), time, self.worlds)
+        found = numeric(given)
+        if found is None:
+            raise ArgumentError(f"policy gave {shown(given)} at {time:g} s; an array of numbers is needed")
+        if found.shape not in ((self.nu,), (len(x), self.nu)):
+            raise ArrayError(
+                f"policy gave shape {found.shape} at {time:g} s; ({len(x)}, {self.nu}) or ({self.nu},) is "
+                "needed"
+            )
+        out = np.broadcast_to(found, (len(x), self.nu))
+        still = np.isfinite(x).all(1)
+        if not np.isfinite(out[still]).all():
+            bad = out[still][~np.isfinite(out[still])][0]
+            raise ArgumentError(f"policy gave {bad} at {time:g} s; finite numbers are needed")
+        return out
