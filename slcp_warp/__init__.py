@@ -20,9 +20,9 @@ from .options import OptionError, Options, Status
 from .parameters import ParameterError, Parameters
 from .plain.complementarity import Complementarity, solve_complementarity
 from .plain.residuals import residual
-from .products import Pullback, Pushforward, jvp, vjp, weighted_hessian
 from .results import Linearization, Step, Trajectory
 from .simulator import Simulator
+from .simulator.products import Pullback, Pushforward, jvp, vjp, weighted_hessian
 from .stepping.strategy import StrategyError
 from .storage.files import FileError
 from .storage.version import __version__ as __version__

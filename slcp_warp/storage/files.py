@@ -128,16 +128,20 @@ def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 @contextmanager
-def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
+def replacing(path: str | os.PathLike[str], through: str | os.PathLike[str] | None = None) -> Iterator[Path]:
     """A new file beside `path`, which takes its place once the block has written it whole.
 
     If the block raises or the process dies, what was at `path` stays. The parent's folder must exist.
+
+    Args:
+        through: another folder for the new file until it is whole, on the same disk.
 
     Raises:
         OSError: the file cannot be written (a full disk, no permission); the message names it.
     """
     path = Path(os.path.realpath(path))  # a link stays one, what it points to is replaced
     part = path.with_name(f".{path.name}.{os.getpid()}.{threading.get_ident()}{path.suffix}")
+    part = part if through is None else Path(through) / part.name
     try:
         if path.exists() and not path.is_file():
             raise OSError(errno.EINVAL, "it is no plain file")

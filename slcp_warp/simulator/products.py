@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from .gradients import launches as derivatives
-from .inputs.arrays import ArrayError
-from .inputs.checks import array, instance, names
-from .parameters import ParameterError, Parameters
+from ..gradients import launches as derivatives
+from ..inputs.arrays import ArrayError
+from ..inputs.checks import array, instance, names
+from ..parameters import ParameterError, Parameters
+from ..storage.printed import Arrays
 from .simulator import Simulator
-from .storage.printed import Arrays
 
 
 @dataclass(frozen=True, repr=False)

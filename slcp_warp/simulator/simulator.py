@@ -8,22 +8,22 @@ import warp as wp
 from slcp_warp.kernels.device.progress import name_scene
 from slcp_warp.kernels.specialisation import Specialisation
 
-from .description.scene import Scene
-from .gradients import launches, tape
-from .inputs import checks
-from .inputs.arrays import Array
-from .inputs.errors import ArgumentError
-from .options import Options
-from .parameters import Parameters
-from .results import Linearization, Step, Trajectory, contact_impulse
-from .results.simulated import Simulated
-from .stepping.arguments import Arguments, policy_arrays
-from .stepping.arrays import Controls, RolloutArrays, StepArrays
-from .stepping.host import Asked, acts_on_host
-from .stepping.kernels import Kernels
-from .stepping.specialised import taped_policy
-from .stepping.strategy import current_name
-from .storage.printed import Printed, Table
+from ..description.scene import Scene
+from ..gradients import launches, tape
+from ..inputs import checks
+from ..inputs.arrays import Array
+from ..inputs.errors import ArgumentError
+from ..options import Options
+from ..parameters import Parameters
+from ..results import Linearization, Step, Trajectory, contact_impulse
+from ..results.simulated import Simulated
+from ..stepping.arguments import Arguments, policy_arrays
+from ..stepping.arrays import Controls, RolloutArrays, StepArrays
+from ..stepping.host import Asked, acts_on_host
+from ..stepping.kernels import Kernels
+from ..stepping.specialised import taped_policy
+from ..stepping.strategy import current_name
+from ..storage.printed import Printed, Table
 
 RECORDED = ("controls", "impulse", "gap")
 DTYPES = {"float32": wp.float32, "float64": wp.float64}
