@@ -14,10 +14,10 @@ from .options import Options, Regularization
 from .planning import plan, problem_of
 from .policies import TrackingPolicy
 from .problem import Problem
-from .result import Result
+from .results.result import Result
+from .results.status import Status
+from .results.trace import Trace
 from .solver import solve
-from .status import Status
-from .trace import Trace
 from .workspace import Workspace
 
 __all__ = [

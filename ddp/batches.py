@@ -28,6 +28,8 @@ def check_array(name: str, value: Any, shape: tuple[int, ...]) -> None:
 def batch_of(problem: Problem, x0: Any, u0: Any) -> tuple[bool, int]:
     """Whether the batch axis is left out, and how many problems there are; the arrays are checked."""
     given = []
+    if u0 is None:
+        u0 = np.zeros((problem.horizon, problem.nu), dtype=wp.dtype_to_numpy(problem.dynamics.dtype))
     for name, value in (("x0", x0), ("u0", u0)):
         array = value if isinstance(value, wp.array) else numeric(value)
         if isinstance(value, wp.array) and value.dtype is not problem.dynamics.dtype:

@@ -12,7 +12,7 @@ from slcp_warp.inputs.errors import ArgumentError, ArgumentTypeError
 from .batches import batch_of
 from .options import Options
 from .problem import Problem
-from .result import Result
+from .results.result import Result
 from .workspace import Workspace
 
 

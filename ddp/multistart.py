@@ -11,7 +11,7 @@ from slcp_warp.storage.printed import Printed
 
 from .options import Options, Regularization
 from .problem import Problem
-from .result import Result
+from .results.result import Result
 from .workspace import Workspace
 
 SCHEDULES = Regularization(  # the same start ends in different minima under these

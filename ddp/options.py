@@ -6,11 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from slcp_warp.inputs.checks import numeric, shown, whole
+from slcp_warp.inputs.checks import number, numeric, shown, whole
 from slcp_warp.inputs.errors import ArgumentError, ArgumentTypeError
 from slcp_warp.kernels.control.riccati import METHODS
 
 DEFAULT_STEP_SIZES = tuple(float(a) for a in 2.0 ** -np.arange(11.0))
+
+STARTS = ("automatic", "rollout", "hold", "goal")
 
 
 @dataclass(frozen=True)
@@ -75,39 +77,67 @@ class Regularization:
 class Options:
     """How to solve a problem.
 
-    A line search takes, of the step sizes whose actual reduction is more than ``min_reduction_ratio`` of the
-    expected one, the one of lowest cost: the cost never increases. ``None`` tolerances depend on the dtype.
+    A line search takes the first step size where its actual reduction is at least ``full_step_ratio`` of the
+    expected one, and the others are not looked at. Else it takes, of the step sizes whose actual reduction is
+    more than ``min_reduction_ratio`` of the expected one, the one of lowest cost: the cost never increases.
+    On a CPU the others are rolled out only where the first does not suffice, on a GPU all are in one launch;
+    the results are the same. ``None`` tolerances depend on the dtype.
 
     Attributes:
         max_iterations: line searches at most; one more backward pass makes the returned policy.
         method: "second-order", full DDP, (M33) to (M35); "gauss-newton", without second derivatives of the
             dynamics; or "first-order", the paper's (9)-(10).
-        step_sizes: the alphas tried, all at once.
+        step_sizes: the alphas tried.
+        full_step_ratio: least actual / expected reduction of the first step size for it to suffice; infinite:
+            it never does, and the lowest cost of all step sizes is taken.
         regularization: one schedule, or one per problem.
         gradient_tolerance: converged when the largest |Q_u| of every control is at most this, relative to the
             largest size of its terms l_u and f_u' V_x; the root of the dtype's epsilon: 1.5e-8, float32:
             3.5e-4. What is left to gain is then of the order of J's rounding.
         improvement_tolerance: stop when an accepted step lowers the cost by at most this.
         min_reduction_ratio: least actual / expected reduction of an accepted step.
+        limit_weight: of the problem's state limits, as penalties (M46), in the first round.
+        limit_factor: by which it grows with every further round, > 1.
+        limit_rounds: rounds of new multipliers after the first; 0: the limits are soft.
+        limit_tolerance: states may be that far beyond their limits, relative to max(1, |limit|); where they
+            are further at the end the status is STATE_LIMITS, unless the limits are soft.
+        start: where passes start from when no states are given. "rollout": under the controls given, or
+            zeros; "hold": multiple shooting (M43) from the first state held; "goal": the same from the
+            minimum of the final cost's expansion about the first state; "automatic": a rollout of the
+            controls given; without any, of zeros or, where its cost is lower, of what "hold" comes to once
+            gaps are closed.
         sigma_schedule: decreasing noise levels of a continuation (see `solve_continuation`), or None.
     """
 
     max_iterations: int = 200
     method: str = "second-order"
     step_sizes: Sequence[float] = DEFAULT_STEP_SIZES
+    full_step_ratio: float = 0.5
     regularization: Regularization = field(default_factory=Regularization)
     gradient_tolerance: float | None = None
     improvement_tolerance: float = 0.0
     min_reduction_ratio: float = 1.0e-3
+    limit_weight: float = 10.0
+    limit_factor: float = 5.0
+    limit_rounds: int = 12
+    limit_tolerance: float = 1.0e-3
+    start: str = "automatic"
     sigma_schedule: Sequence[float] | None = None
 
     def __post_init__(self) -> None:
         whole("max_iterations", self.max_iterations, 0)
         if not isinstance(self.method, str) or self.method not in METHODS:
             raise ArgumentError(f"method must be one of {', '.join(METHODS)}; got {shown(self.method)}")
+        if not isinstance(self.start, str) or self.start not in STARTS:
+            raise ArgumentError(f"start must be one of {', '.join(STARTS)}; got {shown(self.start)}")
         sizes = numeric(self.step_sizes)
         if sizes is None or sizes.ndim != 1 or sizes.size == 0 or not ((sizes > 0.0) & (sizes <= 1.0)).all():
             raise ArgumentError(f"step_sizes must be numbers in (0, 1], got {shown(self.step_sizes)}")
+        ratio = numeric(self.full_step_ratio)
+        if ratio is None or ratio.ndim or not ratio > 0.0:
+            raise ArgumentError(
+                f"full_step_ratio must be a positive number, got {shown(self.full_step_ratio)}"
+            )
         for name in ("gradient_tolerance", "improvement_tolerance", "min_reduction_ratio"):
             value = getattr(self, name)
             found = numeric(value)
@@ -115,6 +145,9 @@ class Options:
                 found is None or found.ndim or not (np.isfinite(found) and found >= 0.0)
             ):
                 raise ArgumentError(f"{name} must be a finite number of at least 0, got {shown(value)}")
+        whole("limit_rounds", self.limit_rounds, 0)
+        for name, floor in (("limit_weight", 0.0), ("limit_factor", 1.0), ("limit_tolerance", 0.0)):
+            number(name, getattr(self, name), floor, above=True)
         if not isinstance(self.regularization, Regularization):
             raise ArgumentTypeError(
                 f"regularization must be a ddp.Regularization, got {type(self.regularization).__name__}"

@@ -27,6 +27,8 @@ class Problem:
         params: the dynamics' numbers, default its own.
         control_limits: (lower, upper), each a number, (nu,) or (B, nu), infinite where there is none; or
             None.
+        state_limits: likewise of the states, (nx,) or (B, nx): they hold at every step but the first, to the
+            options' ``limit_tolerance``; or None.
     """
 
     dynamics: Any
@@ -34,6 +36,7 @@ class Problem:
     horizon: int
     params: Any = None
     control_limits: Any = None
+    state_limits: Any = None
 
     def __post_init__(self) -> None:
         dynamics_of(self.dynamics)
@@ -57,6 +60,8 @@ class Problem:
             )
         if self.control_limits is not None:
             self.limit_rows()
+        if self.state_limits is not None:
+            self.state_limit_rows()
 
     @property
     def nx(self) -> int:
@@ -84,6 +89,14 @@ class Problem:
             ValueError: wrong shapes, NaN, or a lower limit above an upper one.
         """
         return limit_rows(self.control_limits, self.nu)
+
+    def state_limit_rows(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper limits of the states (1 or B, nx), infinite where there is none.
+
+        Raises:
+            ValueError: as of `limit_rows`.
+        """
+        return limit_rows(self.state_limits, self.nx, "state_limits")
 
     def param_array(self, batch: int) -> Any:
         """The dynamics' numbers on the device, (1 or B, P)."""

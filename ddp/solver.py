@@ -8,14 +8,14 @@ from .batches import batch_of
 from .continuation import solve_continuation
 from .options import Options
 from .problem import Problem
-from .result import Result
+from .results.result import Result
 from .workspace import Workspace
 
 
 def solve(
     problem: Problem,
     x0: Any,
-    u0: Any,
+    u0: Any = None,
     options: Options | None = None,
     *,
     xs0: Any = None,
@@ -27,9 +27,10 @@ def solve(
     Args:
         problem: what to minimise.
         x0: initial states (B, nx) or (nx,).
-        u0: initial controls (B, N, nu) or (N, nu).
+        u0: initial controls (B, N, nu) or (N, nu); None: zeros or what ``options.start`` makes.
         options: see `Options`; with ``sigma_schedule`` this is `solve_continuation`.
-        xs0: states of a policy to start from, with ``K0`` (see `Workspace.run`).
+        xs0: states of a policy to start from, with ``K0``; alone, states of multiple shooting (see
+            `Workspace.run`).
         K0: its gains.
         k0: its open-loop step.
     """

@@ -1,31 +1,29 @@
 """The loop of DDP: linearise, pass backwards, try all step sizes, choose."""
 
-import math
+import functools
 import threading
 from typing import Any
 
 import numpy as np
 import warp as wp
 
-from slcp_warp.inputs.checks import instance, memory, whole
+from slcp_warp.inputs.checks import instance, whole
 from slcp_warp.inputs.errors import ArgumentError
-from slcp_warp.kernels.control import status as codes
 from slcp_warp.kernels.control.costs import make_cost_kernel
-from slcp_warp.kernels.control.line_search import (
-    make_candidate_arrays,
-    make_choice_kernels,
-    make_rollout_kernel,
-)
-from slcp_warp.kernels.control.riccati import make_backward_kernel
-from slcp_warp.kernels.control.solver_state import SolverState, make_derivative_arrays, make_policy_arrays
+from slcp_warp.kernels.control.state_limits import make_limit_kernels
 from slcp_warp.kernels.device.launch import Prepared
 
+from .arrays import Arrays
 from .batches import fill
 from .dynamics import dynamics_of
 from .options import Options
+from .passes import Passes
 from .problem import Problem
-from .result import Result
-from .trace import Trace
+from .results.result import Result
+from .results.status import Status
+from .results.trace import Trace
+
+GAP_PASSES = 30  # then what gaps are left are closed by a rollout
 
 
 class Workspace:
@@ -46,96 +44,40 @@ class Workspace:
         default = float(np.sqrt(np.finfo(self.numpy_dtype).eps))
         tolerance = self.options.gradient_tolerance
         self.gradient_tolerance = default if tolerance is None else float(tolerance)
+        self._using = threading.RLock()
         self._allocate()
         self._prepare()
 
-    def _zeros(self, *shape: int, dtype: Any = None) -> Any:
-        kind = dtype or self.dtype
-        what = f"batch {self.batch}, horizon {self.problem.horizon} and max_iterations: an array {shape}"
-        memory(what, math.prod(shape), wp.types.type_size_in_bytes(kind), self.device)
-        return wp.zeros(shape, dtype=kind, device=self.device)
-
     def _allocate(self) -> None:
-        """Arrays in the four structs that the kernels share."""
-        self.x0 = self._zeros(self.batch, self.problem.nx)
+        """Arrays in the structs that the kernels share."""
+        self._make = Arrays(self.problem, self.dynamics, self.batch, self.options)
+        self.x0 = self._make.zeros(self.batch, self.problem.nx)
         self.params = wp.clone(self.problem.param_array(self.batch))
-        self._policy = self._policy_arrays()
-        self._derivatives = self._derivative_arrays()
-        self._candidates = self._candidate_arrays()
-        self._state = self._solver_state()
+        self._policy = self._make.policy()
+        self._derivatives = self._make.derivatives(self.params, self.second_order)
+        self._candidates = self._make.candidates()
+        self._state = self._make.solver_state()
+        self._limits = self._make.state_limits()
         p, s = self._policy, self._state
         self.xs, self.us, self.K, self.k, self.Vx, self.Vxx = p.xs, p.us, p.K, p.k, p.Vx, p.Vxx
         self.cost, self.status, self.passes = s.cost, s.status, s.passes
         self.gradient, self.pivot = s.gradient, s.pivot
         self._all = wp.ones(self.batch, dtype=wp.int32, device=self.device)
-        self._using = threading.RLock()
-
-    def _policy_arrays(self) -> Any:
-        """The trajectory, its gains and value function, and the limits of its controls."""
-        B, N, nx, nu = self.batch, self.problem.horizon, self.problem.nx, self.problem.nu
-        p = make_policy_arrays(self.dtype)()
-        p.xs, p.us, p.k = self._zeros(B, N + 1, nx), self._zeros(B, N, nu), self._zeros(B, N, nu)
-        p.K, p.Vx, p.Vxx = self._zeros(B, N, nu, nx), self._zeros(B, N + 1, nx), self._zeros(B, N + 1, nx, nx)
-        low, high = self.problem.limit_rows()
-        if low.shape[0] not in (1, B):
-            raise ArgumentError(f"control_limits are for {low.shape[0]} problems, the batch has {B}")
-        p.lower, p.upper = (
-            wp.array(a.astype(self.numpy_dtype), dtype=self.dtype, device=self.device) for a in (low, high)
-        )
-        return p
-
-    def _derivative_arrays(self) -> Any:
-        """Derivatives of the dynamics and the cost along the trajectory."""
-        B, N, nx, nu = self.batch, self.problem.horizon, self.problem.nx, self.problem.nu
-        nw, nz = int(self.dynamics.nw), nx + nu
-        d = make_derivative_arrays(self.dtype)()
-        d.fx, d.fu = self._zeros(B, N, nx, nx), self._zeros(B, N, nx, nu)
-        d.status = self._zeros(B, N, dtype=wp.int32)
-        d.second = self._zeros(B * N, nw, nz, nz) if self.second_order else self._zeros(1, 1, 1, 1)
-        d.lift = self._zeros(B, nw, nx)
-        self.dynamics.lift_into(self.params, d.lift)
-        d.lx, d.lu = self._zeros(B, N + 1, nx), self._zeros(B, N, nu)
-        d.lxx, d.lux = self._zeros(B, N + 1, nx, nx), self._zeros(B, N, nu, nx)
-        d.luu = self._zeros(B, N, nu, nu)
-        return d
-
-    def _candidate_arrays(self) -> Any:
-        """A trajectory and its cost for every step size."""
-        B, N, step_sizes = self.batch, self.problem.horizon, self.options.step_sizes
-        A, f64 = len(step_sizes), wp.float64
-        c = make_candidate_arrays(self.dtype)()
-        c.step_sizes = wp.array(np.asarray(step_sizes, dtype=np.float64), dtype=f64, device=self.device)
-        c.xs, c.us = self._zeros(B, A, N + 1, self.problem.nx), self._zeros(B, A, N, self.problem.nu)
-        c.cost, c.status = self._zeros(B, A, dtype=f64), self._zeros(B, A, dtype=wp.int32)
-        c.size = self._zeros(B, A, dtype=f64)
-        return c
-
-    def _solver_state(self) -> Any:
-        """Where every problem stands: cost, regularisation, status, trace."""
-        B, f64, i32 = self.batch, wp.float64, wp.int32
-        s = SolverState()
-        s.status, s.active, s.fresh, s.passes = (self._zeros(B, dtype=i32) for _ in range(4))
-        s.cost, s.mu, s.delta, s.gradient, s.pivot = (self._zeros(B, dtype=f64) for _ in range(5))
-        s.size, s.relative, s.flat = (self._zeros(B, dtype=k) for k in (f64, f64, i32))
-        s.expected = self._zeros(B, 2, dtype=f64)
-        schedule = self.options.regularization.rows()
-        if schedule.shape[0] not in (1, B):
-            raise ArgumentError(f"regularization is for {schedule.shape[0]} problems, the batch has {B}")
-        s.schedule = wp.array(schedule, dtype=f64, device=self.device)
-        s.trace = self._zeros(B, self.options.max_iterations + 1, codes.TRACE_COLUMNS, dtype=f64)
-        return s
 
     def _prepare(self) -> None:
         """Kernels, and their launches with arguments packed."""
-        problem, B, dtype = self.problem, self.batch, self.dtype
-        functions = problem.cost.functions(dtype, problem.nx, problem.nu)
-        rows = problem.cost.rows(B)
-        weights: Any = wp.array(rows.astype(self.numpy_dtype), dtype=dtype, device=self.device)
-        self._prepare_derivatives(functions, rows, weights)
-        self._prepare_backward()
-        self._prepare_rollouts(functions, weights)
+        problem, dtype = self.problem, self.dtype
+        self._functions = problem.cost.functions(dtype, problem.nx, problem.nu)
+        rows = problem.cost.rows(self.batch)
+        self._weights: Any = wp.array(rows.astype(self.numpy_dtype), dtype=dtype, device=self.device)
+        self._prepare_derivatives(rows)
+        self._passes = Passes(self, self._policy)
+        first = self._make.first_candidate(self._candidates)
+        inputs = [self.batch, self.x0, self._policy, first, self._limits, self.params, self._weights]
+        kernel = self._passes.rollout
+        self._run_first = Prepared(kernel, self.batch, [*inputs, self._all], self.device, grain=1)
 
-    def _prepare_derivatives(self, functions: Any, rows: np.ndarray, weights: Any) -> None:
+    def _prepare_derivatives(self, rows: np.ndarray) -> None:
         """Derivatives of the dynamics, and of the cost: where it gives none, differences in float64."""
         problem, B, N, dtype = self.problem, self.batch, self.problem.horizon, self.dtype
         policy, d, fresh = self._policy, self._derivatives, self._state.fresh
@@ -146,56 +88,28 @@ class Workspace:
         else:
             self._run_linearize = lambda: self.dynamics.linearize_into(*arrays)
 
+        functions = self._functions
         differences = functions.running_derivatives is None or functions.final_derivatives is None
         inner = wp.float64 if differences else dtype
-        exact = weights if inner == dtype else wp.array(rows, dtype=inner, device=self.device)
+        exact = self._weights if inner == dtype else wp.array(rows, dtype=inner, device=self.device)
         kernel = make_cost_kernel(
             problem.cost.functions(inner, problem.nx, problem.nu), problem.nx, problem.nu, dtype
         )
         inputs = [policy.xs, policy.us, exact, fresh, d]
         grain = 16 if differences else 512
         self._run_cost = Prepared(kernel, B * (N + 1), inputs, self.device, grain=grain)
+        self._run_penalty = self._run_update = None
+        if problem.state_limits is not None:
+            add, update = make_limit_kernels(problem.nx, dtype)
+            inputs = [policy, self._limits, fresh, d]
+            self._run_penalty = Prepared(add, B, inputs, self.device, grain=16)
+            inputs = [policy, self._limits, self._state.searching, dtype(self.options.limit_factor)]
+            self._run_update = Prepared(update, B, inputs, self.device, grain=16)
 
-    def _prepare_backward(self) -> None:
-        problem, B = self.problem, self.batch
-        limited = problem.control_limits is not None
-        kernel = make_backward_kernel(
-            problem.nx, problem.nu, int(self.dynamics.nw), self.options.method, limited, self.dtype
-        )
-        inputs = [self._derivatives, self._policy, self._state, self.gradient_tolerance]
-        self._run_backward = Prepared(kernel, B, [*inputs, 0], self.device, grain=1)
-        self._run_last_backward = Prepared(kernel, B, [*inputs, 1], self.device, grain=1)
-
-    def _prepare_rollouts(self, functions: Any, weights: Any) -> None:
-        """Rollouts with every step size, the first one with step size 1, and the choice among them."""
-        problem, options, B, dtype = self.problem, self.options, self.batch, self.dtype
-        policy, candidates, state = self._policy, self._candidates, self._state
-        nx, nu = problem.nx, problem.nu
-        rollout = make_rollout_kernel(
-            self.dynamics.step_function(),
-            self.dynamics.initial_carry(),
-            functions.running,
-            functions.final,
-            nx,
-            nu,
-            problem.control_limits is not None,
-            dtype,
-        )
-        shared = [self.params, weights]
-        inputs = [B, self.x0, policy, candidates, *shared, state.active]
-        self._run_search = Prepared(rollout, B * len(options.step_sizes), inputs, self.device, grain=1)
-        first = make_candidate_arrays(dtype)()
-        first.step_sizes = wp.array([1.0], dtype=wp.float64, device=self.device)
-        for name in ("xs", "us", "cost", "size", "status"):
-            setattr(first, name, getattr(candidates, name))
-        inputs = [B, self.x0, policy, first, *shared, self._all]
-        self._run_first = Prepared(rollout, B, inputs, self.device, grain=1)
-
-        start, accept = make_choice_kernels(nx, nu, dtype)
-        self._run_start = Prepared(start, B, [policy, candidates, state], self.device, grain=64)
-        inputs = [policy, candidates, state, options.min_reduction_ratio, options.improvement_tolerance]
-        inputs.append(self.gradient_tolerance)
-        self._run_accept = Prepared(accept, B, inputs, self.device, grain=64)
+    @functools.cached_property
+    def _shooting(self) -> "Passes":
+        """Passes with gaps between the steps; made when first needed."""
+        return Passes(self, self._make.shooting_policy(self._policy))
 
     def set_params(self, params: Any) -> None:
         """Use other numbers for the dynamics from now on, of the same number of rows."""
@@ -218,41 +132,196 @@ class Workspace:
 
         Args:
             x0: initial states (B, nx), or one (nx,) for all.
-            us0: controls to start from (B, N, nu) or (N, nu).
-            xs0: with K0, the warm start (19) is rolled out with feedback: u = us0 + k0 + K0 (x - xs0);
-                (B, N+1, nx).
+            us0: controls to start from (B, N, nu) or (N, nu); None: zeros, or what ``options.start`` makes.
+            xs0: states (B, N+1, nx) or (N+1, nx). With K0, the warm start (19) is rolled out with feedback:
+                u = us0 + k0 + K0 (x - xs0). Alone: multiple shooting (M43) from these states, with
+                gaps between the steps that the passes close; xs0[0] is taken to be x0.
             K0: gains (B, N, nu, nx).
             k0: (B, N, nu), default 0.
             max_iterations: fewer line searches than the options allow.
         """
         limit = self.options.max_iterations
         limit = limit if max_iterations is None else min(whole("max_iterations", max_iterations, 0), limit)
-        B, N, nx, nu = self.batch, self.problem.horizon, self.problem.nx, self.problem.nu
-        if (xs0 is None) != (K0 is None):
-            raise ArgumentError(
-                "xs0 and K0 belong together: give both for a closed-loop warm start, or neither"
-            )
         with self._using:
-            fill(self.x0, x0, "x0", (B, nx))
-            fill(self.us, us0, "us0", (B, N, nu))
-            for target, value, name, shape in (
-                (self.xs, xs0, "xs0", (B, N + 1, nx)),
-                (self.K, K0, "K0", (B, N, nu, nx)),
-                (self.k, k0, "k0", (B, N, nu)),
-            ):
-                if value is None:
-                    target.zero_()
-                else:
-                    fill(target, value, name, shape)
+            if self._run_update is not None:
+                self._limits.multiplier.zero_()
+                self._limits.weight.fill_(self.options.limit_weight)
+            done = self.start(x0, us0, xs0, K0, k0, limit)
+            done = self._descend(done, limit)
+            if self._run_update is not None:
+                done = self._hold_limits(done, limit)
+            return done
+
+    def start(
+        self, x0: Any, us0: Any, xs0: Any = None, K0: Any = None, k0: Any = None, limit: int = 0
+    ) -> int:
+        """The trajectory that passes start from, as of `run`, and where the problems stand with it.
+
+        With gaps it takes passes to close them, at most ``limit``; returns how many.
+        """
+        B, N, nx, nu = self.batch, self.problem.horizon, self.problem.nx, self.problem.nu
+        if xs0 is None and K0 is not None:
+            raise ArgumentError("K0 is given without xs0, the states that its feedback is about")
+        if k0 is not None and K0 is None:
+            raise ArgumentError("k0 is given without K0 and xs0, the rest of a closed-loop warm start")
+        fill(self.x0, x0, "x0", (B, nx))
+        way = self.options.start
+        if xs0 is None and way == "automatic" and us0 is None:
+            return self._start_automatically(limit)
+        controls = self._no_controls() if us0 is None else us0
+        fill(self.us, controls, "us0", (B, N, nu))
+        if xs0 is None and way in ("hold", "goal"):
+            xs0 = self._held(way)
+        for target, value, name, shape in (
+            (self.xs, xs0, "xs0", (B, N + 1, nx)),
+            (self.K, K0, "K0", (B, N, nu, nx)),
+            (self.k, k0, "k0", (B, N, nu)),
+        ):
+            if value is None:
+                target.zero_()
+            else:
+                fill(target, value, name, shape)
+        if xs0 is not None and K0 is None:
+            return self._close_gaps(limit)
+        self._run_first()
+        self._passes.start()
+        return 0
+
+    def _hold_limits(self, done: int, limit: int) -> int:
+        """Rounds of new multipliers and passes until the state limits hold; returns the passes in all."""
+        for _ in range(self.options.limit_rounds):
+            beyond = self.beyond_limits() > self.options.limit_tolerance
+            if not beyond.any() or done >= limit:
+                break
+            self._state.searching.assign(beyond.astype(np.int32))
+            self._run_update()
+            self.k.zero_()
+            self._run_first()  # the same trajectory, and its cost with the new multipliers
+            self._passes.start(again=True)
+            done = self._descend(done, limit)
+        if self.options.limit_rounds:
+            code, beyond = self.status.numpy(), self.beyond_limits() > self.options.limit_tolerance
+            unheld = beyond & np.isin(code, (Status.CONVERGED, Status.SMALL_IMPROVEMENT, Status.FLAT))
+            self.status.assign(np.where(unheld, Status.STATE_LIMITS, code).astype(np.int32))
+        return done
+
+    def beyond_limits(self) -> np.ndarray:
+        """(B,) how far a state is at most beyond its limits, relative to max(1, |limit|); 0: nowhere."""
+        xs = self.xs.numpy()[:, 1:].astype(np.float64)
+        lower, upper = (a[:, None] for a in self.problem.state_limit_rows())
+        below, above = (
+            np.where(np.isfinite(bound), sign * (xs - bound) / np.maximum(1.0, np.abs(bound)), -np.inf)
+            for sign, bound in ((-1.0, lower), (1.0, upper))
+        )
+        return np.maximum(np.maximum(below, above).max((1, 2), initial=0.0), 0.0)
+
+    def penalties(self) -> np.ndarray:
+        """(B,) what of the cost is the penalties' of the state limits (M46)."""
+        if self.problem.state_limits is None:
+            return np.zeros(self.batch)
+        xs, y = (a.numpy()[:, 1:].astype(np.float64) for a in (self.xs, self._limits.multiplier))
+        weight = self._limits.weight.numpy().astype(np.float64)[:, None, None]
+        lower, upper = (a[:, None] for a in self.problem.state_limit_rows())
+        v = xs + y / weight
+        v = v - np.clip(v, lower, upper)
+        return np.asarray(0.5 * (weight * v**2 - y**2 / weight).sum((1, 2)))
+
+    def _no_controls(self) -> np.ndarray:
+        """(B, N, nu) zeros, or the limits nearest to them."""
+        lower, upper = (a[:, None] for a in self.problem.limit_rows())
+        return np.clip(np.zeros((self.batch, self.problem.horizon, self.problem.nu)), lower, upper)
+
+    def _held(self, way: str) -> np.ndarray:
+        """(B, N+1, nx) the first state, or the goal, at every step; a state that no cost feels stays."""
+        x0 = self.x0.numpy().astype(np.float64)
+        xs = np.repeat(x0[:, None], self.problem.horizon + 1, axis=1)
+        if way == "goal":
+            self.xs.assign(xs.astype(self.numpy_dtype))
+            self._state.fresh.fill_(1)
+            self._run_cost()
+            d = self._derivatives
+            slope, bend = (a.numpy()[:, -1].astype(np.float64) for a in (d.lx, d.lxx))
+            value, basis = np.linalg.eigh(bend)
+            felt = value > 1e-9 * np.maximum(value.max(1, keepdims=True), 1e-300)
+            inverse = np.where(felt, 1.0 / np.where(felt, value, 1.0), 0.0)
+            xs[:, 1:] -= np.einsum("bij,bj,bkj,bk->bi", basis, inverse, basis, slope)[:, None]
+        return xs
+
+    def _start_automatically(self, limit: int) -> int:
+        """From zero controls, or from the first state held, whose gaps are closed, where that costs less."""
+        zeros = self._no_controls()
+        fill(self.us, zeros, "us0", zeros.shape)
+        self.K.zero_()
+        self.k.zero_()
+        self.xs.assign(self._held("hold").astype(self.numpy_dtype))
+        self._close_gaps(limit)
+        held = [a.numpy().copy() for a in (self.us, self.xs, self.K)]
+        cost = np.where(self.status.numpy() == Status.DYNAMICS_FAILED, np.inf, self.cost.numpy())
+        fill(self.us, zeros, "us0", zeros.shape)
+        for array in (self.K, self.k, self.xs):
+            array.zero_()
+        self._run_first()
+        self._passes.start()
+        better = cost < self.cost.numpy()
+        if better.any():
+            for target, values in zip((self.us, self.xs, self.K), held, strict=True):
+                keep = better.reshape(-1, *[1] * (values.ndim - 1))
+                own = target.numpy() if target is not self.K else np.zeros_like(values)
+                target.assign(np.where(keep, values, own))
             self._run_first()
-            self._run_start()
-            for count in range(limit):
-                if not self._differentiate(self._run_backward):
-                    return count
-                self._run_search()
-                self._run_accept()
-            self._differentiate(self._run_last_backward)
-            return limit
+            self._passes.start()
+        return 0
+
+    def _close_gaps(self, limit: int) -> int:
+        """Passes over the states in `xs` and the controls in `us` until no gap is open."""
+        shooting, state = self._shooting, self._state
+        shooting.shoot()
+        shooting.start()
+        done = 0
+        while done < min(limit, GAP_PASSES) and (state.gap.numpy()[state.active.numpy() == 1] > 0.0).any():
+            self.differentiate()
+            shooting.backward()
+            if self.active():
+                shooting.search()
+            done += 1
+        if not (state.gap.numpy() == 0.0).all() or (state.status.numpy() > 0).any():
+            state.gap.zero_()  # what is still open is closed by a rollout under the policy
+            self.k.zero_()
+            self._run_first()
+            self._passes.start(again=True)
+        return done
+
+    def _descend(self, done: int, limit: int) -> int:
+        """Passes until no problem goes on; returns how many there were in all."""
+        while done < limit:
+            self.differentiate()
+            self._passes.backward()
+            if not self.active():
+                return done
+            self._passes.search()
+            done += 1
+        self.differentiate()
+        self._passes.backward(last=True)
+        return done
+
+    def differentiate(self) -> None:
+        """Derivatives of dynamics and cost where trajectories changed."""
+        self._run_linearize()
+        self._run_cost()
+        if self._run_penalty is not None:
+            self._run_penalty()
+
+    def backward(self, last: bool = False) -> None:
+        """A backward pass of the problems that go on: K, k, Vx, Vxx; with ``last`` they end with it."""
+        self._passes.backward(last)
+
+    def search(self) -> None:
+        """A line search of the problems that go on, and the choice of a step size."""
+        self._passes.search()
+
+    def active(self) -> bool:
+        """Whether any problem goes on."""
+        return bool(self._state.active.numpy().any())
 
     def solve(
         self,
@@ -271,10 +340,11 @@ class Workspace:
         """Copy of the solution that the workspace holds."""
         if passes is None:
             passes = int(self.passes.numpy().max(initial=0))
-        names = ("xs", "us", "K", "k", "Vx", "Vxx", "cost", "status", "gradient")
+        names = ("xs", "us", "K", "k", "Vx", "Vxx", "status", "gradient")
         lower, upper = (np.tile(a, (self.batch // len(a), 1)) for a in self.problem.limit_rows())
         return Result(
             **{name: getattr(self, name).numpy().copy() for name in names},
+            cost=self.cost.numpy() - self.penalties(),
             iterations=self.passes.numpy().copy(),
             min_pivot=self.pivot.numpy().copy(),
             lower=lower,
@@ -282,10 +352,3 @@ class Workspace:
             trace=Trace.from_rows(self._state.trace.numpy()[:, : passes + 1]),
             simulated=self.problem.simulated(),
         )
-
-    def _differentiate(self, backward: Prepared) -> bool:
-        """Derivatives where trajectories changed, and a backward pass; whether any problem goes on."""
-        self._run_linearize()
-        self._run_cost()
-        backward()
-        return bool(self._state.active.numpy().any())

@@ -1,10 +1,11 @@
-"""Forward pass of DDP: all step sizes of all problems rolled out in one launch, and the choice among them."""
+"""The choice of a step size among rollouts with all of them, or with the first alone where it suffices."""
 
 import warp as wp
 
-from ..device.compile import named_by_code, specialised
+from ..device.compile import named_by_code
 from ..factories import cached
 from .box_qp import EPSILON
+from .rollouts import make_candidate_arrays
 from .solver_state import (
     SolverState,
     lower_regularization,
@@ -28,115 +29,12 @@ from .status import (
     TRACE_STEP_SIZE,
 )
 
-NOT_FINITE = 1000  # candidate status of a rollout that left the numbers
-
-
-@cached
-def make_candidate_arrays(dtype):
-    """Struct of the trajectories tried, one per problem and step size."""
-
-    @wp.struct
-    class Candidates:
-        step_sizes: wp.array(dtype=wp.float64)  # (A,)
-        xs: wp.array(ndim=4, dtype=dtype)  # (B, A, N+1, nx)
-        us: wp.array(ndim=4, dtype=dtype)  # (B, A, N, nu)
-        cost: wp.array(ndim=2, dtype=wp.float64)  # (B, A), +inf where the rollout failed
-        size: wp.array(ndim=2, dtype=wp.float64)  # (B, A) sum of the sizes of the cost's terms
-        status: wp.array(ndim=2, dtype=wp.int32)  # (B, A), 0 or the step's status, NOT_FINITE
-
-    return Candidates
-
-
-@cached
-def make_rollout_kernel(step, initial_carry, running, final, nx, nu, has_limits, dtype):
-    """Kernel ``(first, problems, x0, Policy, Candidates, params, weights, active)`` over B A items.
-
-    Item i is problem i mod B under step size i div B: u = clamp(us + alpha k + K (x - xs)), x' = step(x, u),
-    costs summed in double precision.
-    A failed or non-finite world costs +inf and keeps its last valid state.
-    """
-    VX, VU = wp.types.vector(nx, dtype), wp.types.vector(nu, dtype)
-    Policy, Candidates = make_policy_arrays(dtype), make_candidate_arrays(dtype)
-
-    @wp.func
-    def control(policy: Policy, b: int, k: int, limits: int, alpha: dtype, x: VX):
-        """u within its limits."""
-        u = VU()
-        for i in range(wp.static(nu)):
-            value = policy.us[b, k, i] + alpha * policy.k[b, k, i]
-            for j in range(wp.static(nx)):
-                value += policy.K[b, k, i, j] * (x[j] - policy.xs[b, k, j])
-            if wp.static(has_limits):
-                if value < policy.lower[limits, i]:
-                    value = policy.lower[limits, i]
-                if value > policy.upper[limits, i]:
-                    value = policy.upper[limits, i]
-            u[i] = value
-        return u
-
-    @specialised
-    def rollout(
-        first: int,
-        problems: int,
-        x0: wp.array2d(dtype=dtype),
-        policy: Policy,
-        out: Candidates,
-        params: wp.array2d(dtype=dtype),
-        weights: wp.array2d(dtype=dtype),
-        active: wp.array(dtype=wp.int32),
-    ):
-        item = first + wp.tid()
-        a = item / problems
-        b = item - a * problems
-        if active[b] == 0:
-            return
-        horizon = policy.us.shape[1]
-        row = wp.where(params.shape[0] == 1, 0, b)
-        weight_row = wp.where(weights.shape[0] == 1, 0, b)
-        limits = wp.where(policy.lower.shape[0] == 1, 0, b)
-        alpha = dtype(out.step_sizes[a])
-        x = VX()
-        for i in range(wp.static(nx)):
-            x[i] = x0[b, i]
-            out.xs[b, a, 0, i] = x[i]
-        carry = initial_carry()
-        status = int(0)
-        cost = wp.float64(0.0)
-        size = wp.float64(0.0)
-        for k in range(horizon):
-            u = control(policy, b, k, limits, alpha, x)
-            for i in range(wp.static(nu)):
-                out.us[b, a, k, i] = u[i]
-            if status == 0:
-                term = wp.float64(running(weights, weight_row, x, u, k))
-                cost += term
-                size += wp.abs(term)
-                x_next, carry_next, code = step(params, row, x, u, carry)
-                status = code
-                if status == 0 and not (wp.isfinite(x_next) and wp.isfinite(cost)):
-                    status = NOT_FINITE
-                if status == 0:
-                    x = x_next
-                    carry = carry_next
-            for i in range(wp.static(nx)):
-                out.xs[b, a, k + 1, i] = x[i]
-        last = wp.float64(final(weights, weight_row, x))
-        cost += last
-        size += wp.abs(last)
-        if status == 0 and not wp.isfinite(cost):
-            status = NOT_FINITE
-        if status != 0:
-            cost = wp.float64(wp.INF)
-        out.cost[b, a] = cost
-        out.size[b, a] = size
-        out.status[b, a] = status
-
-    return rollout
-
 
 @cached
 def make_choice_kernels(nx, nu, dtype):
-    """Kernels ``start`` and ``accept`` over problems: adopt the first rollout; choose a step size."""
+    """Kernels over problems: ``start`` adopts the first rollout, ``screen`` asks whether the first step size
+    suffices, ``accept`` chooses a step size.
+    """
     Policy, Candidates = make_policy_arrays(dtype), make_candidate_arrays(dtype)
     drop_policy = make_drop_policy(nx, nu, dtype)
     ROUNDING = wp.float64(8.0 * EPSILON[dtype])
@@ -154,7 +52,7 @@ def make_choice_kernels(nx, nu, dtype):
             policy.xs[b, policy.us.shape[1], i] = out.xs[b, a, policy.us.shape[1], i]
 
     @named_by_code(max_unroll=1)
-    def start(first: int, policy: Policy, out: Candidates, state: SolverState):
+    def start(first: int, policy: Policy, out: Candidates, state: SolverState, again: int):
         b = first + wp.tid()
         adopt(policy, out, b, 0)
         good = wp.where(out.status[b, 0] == 0, 1, 0)
@@ -163,20 +61,79 @@ def make_choice_kernels(nx, nu, dtype):
         state.status[b] = wp.where(good == 1, RUNNING, DYNAMICS_FAILED)
         state.active[b] = good
         state.fresh[b] = good
-        state.passes[b] = 0
         state.cost[b] = out.cost[b, 0]
         state.size[b] = out.size[b, 0]
         state.flat[b] = 0
         state.relative[b] = wp.float64(wp.INF)
-        state.mu[b] = state.schedule[schedule_row(state, b), SCHEDULE_INITIAL]
-        state.delta[b] = wp.float64(1.0)
         state.expected[b, 0] = wp.float64(0.0)
         state.expected[b, 1] = wp.float64(0.0)
+        state.gap_price[b] = wp.float64(0.0)
         state.gradient[b] = wp.float64(wp.INF)
         state.pivot[b] = wp.float64(wp.NAN)
+        if again == 1:
+            return
+        state.passes[b] = 0
+        state.mu[b] = state.schedule[schedule_row(state, b), SCHEDULE_INITIAL]
+        state.delta[b] = wp.float64(1.0)
         for p in range(state.trace.shape[1]):
             for c in range(state.trace.shape[2]):
                 state.trace[b, p, c] = wp.float64(wp.NAN)
+
+    @wp.func
+    def close_gaps(policy: Policy, state: SolverState, b: int, alpha: wp.float64):
+        """What a step leaves of the gaps; a full one leaves nothing."""
+        if state.gap[b] > wp.float64(0.0):
+            left = wp.float64(1.0) - alpha
+            state.gap[b] = left * state.gap[b]
+            for k in range(policy.us.shape[1]):
+                for i in range(nx):
+                    policy.gaps[b, k, i] = dtype(left) * policy.gaps[b, k, i]
+
+    @wp.func
+    def expected_reduction(state: SolverState, b: int, alpha: wp.float64):
+        """Of the merit by a step: of a convex model with gaps at least the share alpha of the full one's."""
+        if state.gap[b] > wp.float64(0.0):
+            full = state.expected[b, 0] + state.expected[b, 1]
+            return alpha * (state.gap_price[b] * state.gap[b] - full)
+        return -alpha * (state.expected[b, 0] + alpha * state.expected[b, 1])
+
+    @wp.func
+    def merit(out: Candidates, state: SolverState, b: int, a: int):
+        """A candidate's cost, and the price of the gaps that it leaves open."""
+        if state.gap[b] > wp.float64(0.0):
+            return out.cost[b, a] + state.gap_price[b] * (wp.float64(1.0) - out.step_sizes[a]) * state.gap[b]
+        return out.cost[b, a]
+
+    @wp.func
+    def first_suffices(out: Candidates, state: SolverState, b: int, full_ratio: wp.float64):
+        """Whether the first step size brings so much of what it promised that no other is asked."""
+        expected = expected_reduction(state, b, out.step_sizes[0])
+        now = state.cost[b] + state.gap_price[b] * state.gap[b]
+        return expected > wp.float64(0.0) and now - merit(out, state, b, 0) >= full_ratio * expected
+
+    @wp.func
+    def record(
+        state: SolverState,
+        b: int,
+        cost: wp.float64,
+        reduction: wp.float64,
+        ratio: wp.float64,
+        most: wp.float64,
+    ):
+        """The line search's row of the trace; no step size yet."""
+        p = state.passes[b]
+        state.trace[b, p, TRACE_COST] = cost
+        state.trace[b, p, TRACE_REDUCTION] = reduction
+        state.trace[b, p, TRACE_RATIO] = ratio
+        state.trace[b, p, TRACE_STEP_SIZE] = wp.float64(0.0)
+        state.trace[b, p, TRACE_EXPECTED] = most
+
+    @named_by_code(max_unroll=1)
+    def screen(first: int, out: Candidates, state: SolverState, full_ratio: wp.float64):
+        b = first + wp.tid()
+        state.searching[b] = state.active[b]
+        if state.active[b] == 1 and first_suffices(out, state, b, full_ratio):
+            state.searching[b] = 0
 
     @named_by_code(max_unroll=1)
     def accept(
@@ -184,6 +141,7 @@ def make_choice_kernels(nx, nu, dtype):
         policy: Policy,
         out: Candidates,
         state: SolverState,
+        full_ratio: wp.float64,
         min_ratio: wp.float64,
         min_improvement: wp.float64,
         tolerance: wp.float64,  # of the relative gradient
@@ -191,40 +149,41 @@ def make_choice_kernels(nx, nu, dtype):
         b = first + wp.tid()
         if state.active[b] == 0:
             return
-        cost = state.cost[b]
+        cost = state.cost[b] + state.gap_price[b] * state.gap[b]
+        tried = out.step_sizes.shape[0]
+        if first_suffices(out, state, b, full_ratio):
+            tried = 1
         best = int(-1)
-        best_cost = cost
+        best_merit = cost
         best_ratio = wp.float64(wp.NAN)
         largest = wp.float64(0.0)
         for a in range(out.step_sizes.shape[0]):
-            alpha = out.step_sizes[a]
-            expected = -alpha * (state.expected[b, 0] + alpha * state.expected[b, 1])
+            expected = expected_reduction(state, b, out.step_sizes[a])
             largest = wp.max(largest, expected)
-            if expected > wp.float64(0.0) and out.cost[b, a] < best_cost:
-                ratio = (cost - out.cost[b, a]) / expected
-                if ratio > min_ratio:
+            if a < tried and expected > wp.float64(0.0):
+                value = merit(out, state, b, a)
+                ratio = (cost - value) / expected
+                if value < best_merit and ratio > min_ratio:
                     best = a
-                    best_cost = out.cost[b, a]
+                    best_merit = value
                     best_ratio = ratio
-        p = state.passes[b]
-        state.passes[b] = p + 1
-        reduction = cost - best_cost
+        best_cost = state.cost[b]
+        if best >= 0:
+            best_cost = out.cost[b, best]
+        reduction = state.cost[b] - best_cost
+        record(state, b, best_cost, reduction, best_ratio, largest)
+        if best >= 0:
+            state.trace[b, state.passes[b], TRACE_STEP_SIZE] = out.step_sizes[best]
+        state.passes[b] += 1
         drowned = largest <= ROUNDING * state.size[b]  # what is left to gain is rounding
-        if p < state.trace.shape[1]:
-            state.trace[b, p, TRACE_COST] = best_cost
-            state.trace[b, p, TRACE_REDUCTION] = reduction
-            state.trace[b, p, TRACE_RATIO] = best_ratio
-            state.trace[b, p, TRACE_STEP_SIZE] = wp.float64(0.0)
-            state.trace[b, p, TRACE_EXPECTED] = largest
-            if best >= 0:
-                state.trace[b, p, TRACE_STEP_SIZE] = out.step_sizes[best]
         if best >= 0:
             adopt(policy, out, b, best)
+            close_gaps(policy, state, b, out.step_sizes[best])
             state.cost[b] = best_cost
             state.size[b] = out.size[b, best]
             state.fresh[b] = 1
             lower_regularization(state, b)
-            if reduction <= min_improvement:
+            if reduction <= min_improvement and state.gap[b] == wp.float64(0.0):
                 state.status[b] = SMALL_IMPROVEMENT  # one more backward pass makes its policy
         elif drowned:
             near = state.relative[b] <= NEARLY * tolerance or state.size[b] == wp.float64(0.0)
@@ -236,4 +195,4 @@ def make_choice_kernels(nx, nu, dtype):
             state.status[b] = LINE_SEARCH_FAILED
             state.active[b] = 0
 
-    return start, accept
+    return start, screen, accept

@@ -114,6 +114,22 @@ def make_backward_kernel(nx, nu, nw, method, has_limits, dtype):
         return qx, qu, qxx, qux, quu
 
     @wp.func
+    def shifted(policy: Policy, b: int, k: int, vx: VX, vxx: MXX):
+        """V_x at f(x_k, u_k), beyond the gap to x_{k+1}, and the change of V on the way (M43), (M44)."""
+        gap = VX()
+        for i in range(nx):
+            gap[i] = policy.gaps[b, k, i]
+        bent = vxx * gap
+        return vx + bent, wp.float64(wp.dot(vx, gap)) + wp.float64(HALF * wp.dot(gap, bent))
+
+    @wp.func
+    def price_gaps(state: SolverState, b: int, change: wp.float64):
+        """Raise the price of open gaps until the full step promises to lower the merit."""
+        if state.gap[b] > wp.float64(0.0):
+            need = wp.float64(2.0) * change / state.gap[b]
+            state.gap_price[b] = wp.max(state.gap_price[b], need)
+
+    @wp.func
     def terms(d: Derivatives, b: int, k: int, vx: VX, fu: MXU):
         """Sizes of the terms of Q_u = l_u + f_u' V_x."""
         out = VU()
@@ -239,6 +255,9 @@ def make_backward_kernel(nx, nu, nw, method, has_limits, dtype):
         """Whether the problem ends with this pass."""
         # all that Q_u consists of, were it free, would not be seen in J; yet the state is worth changing, or
         # the point is no minimum. Where passes brought every term of J to 0 there is nothing left to gain
+        if state.gap[b] > wp.float64(0.0):  # no trajectory yet
+            state.flat[b] = 0
+            return
         left = state.size[b] > wp.float64(0.0) or state.passes[b] == 0
         unseen = left and wp.float64(felt) <= ROUNDING * state.size[b]
         worth = wanted > ZERO or not (state.pivot[b] > wp.float64(0.0))
@@ -303,6 +322,10 @@ def make_backward_kernel(nx, nu, nw, method, has_limits, dtype):
             good = int(1)
             while good == 1 and k >= 0:
                 fx, fu = jacobians(d, b, k)
+                if policy.gaps.shape[0] > 0:
+                    beyond, change = shifted(policy, b, k, vx, vxx)
+                    vx = beyond
+                    change_1 += change
                 qx, qu, qxx, qux, quu = model(d, b, k, vx, vxx, fx, fu)
                 for j in range(nx):
                     wanted = wp.max(wanted, wp.abs(vx[j]))
@@ -346,6 +369,7 @@ def make_backward_kernel(nx, nu, nw, method, has_limits, dtype):
             return
         state.expected[b, 0] = change_1
         state.expected[b, 1] = change_2
+        price_gaps(state, b, change_1 + change_2)
         state.gradient[b] = wp.float64(wp.max(highest))
         state.pivot[b] = lowest
         relative = ZERO

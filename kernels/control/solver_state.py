@@ -12,6 +12,7 @@ class SolverState:
 
     status: wp.array(dtype=wp.int32)  # see `status.py`
     active: wp.array(dtype=wp.int32)  # 1 while the problem takes part in passes
+    searching: wp.array(dtype=wp.int32)  # 1 where the first step size is not enough, and the others are tried
     fresh: wp.array(dtype=wp.int32)  # 1 if the trajectory changed since it was linearised
     passes: wp.array(dtype=wp.int32)  # line searches done
     cost: wp.array(dtype=wp.float64)  # J of the nominal trajectory
@@ -24,6 +25,8 @@ class SolverState:
     gradient: wp.array(dtype=wp.float64)  # largest |Q_u|
     pivot: wp.array(dtype=wp.float64)  # smallest pivot of Q_uu without regularisation
     schedule: wp.array(ndim=2, dtype=wp.float64)  # (1 or B, SCHEDULE_COLUMNS)
+    gap: wp.array(dtype=wp.float64)  # sum of |gaps| that are still open
+    gap_price: wp.array(dtype=wp.float64)  # of a unit of it, in the merit of a step
     trace: wp.array(ndim=3, dtype=wp.float64)  # (B, max passes + 1, TRACE_COLUMNS)
 
 
@@ -61,6 +64,7 @@ def make_policy_arrays(dtype):
         Vxx: wp.array(ndim=4, dtype=dtype)  # (B, N+1, nx, nx)
         lower: wp.array(ndim=2, dtype=dtype)  # (1 or B, nu) control limits
         upper: wp.array(ndim=2, dtype=dtype)  # (1 or B, nu)
+        gaps: wp.array(ndim=3, dtype=dtype)  # (B, N, nx) of f(x_k, u_k) - x_{k+1}; (0, N, nx): all closed
 
     return Policy
 

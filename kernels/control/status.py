@@ -8,6 +8,9 @@ REGULARIZATION_LIMIT = 3
 LINE_SEARCH_FAILED = 4
 DYNAMICS_FAILED = 5
 FLAT = 6
+STATE_LIMITS = 7
+
+NOT_FINITE = 1000  # of a candidate whose rollout left the numbers, and of derivatives
 
 # Columns of the trace (B, max_iterations + 1, TRACE_COLUMNS): one row a pass, NaN where nothing was written.
 TRACE_COST, TRACE_REDUCTION, TRACE_RATIO, TRACE_STEP_SIZE, TRACE_EXPECTED = 0, 1, 2, 3, 4  # line search

@@ -11,7 +11,7 @@ import warp as wp
 from ..device.compile import named_by_code
 from ..device.differences import FIRST_STEP, SECOND_STEP
 from ..factories import cached
-from .line_search import NOT_FINITE
+from .status import NOT_FINITE
 
 
 class DynamicsFunctions(NamedTuple):

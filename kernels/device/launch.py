@@ -79,10 +79,10 @@ class Prepared:
     """A launch with its arguments packed once; calling it repeats the launch at a fraction of the overhead.
 
     The arrays are kept alive and must stay the ones given. ``set_input(index, value)`` replaces one of
-    ``inputs``.
+    ``inputs``. The items are ``offset .. offset + dim - 1``.
     """
 
-    def __init__(self, kernel, dim, inputs, device, threads=None, grain=DEFAULT_GRAIN):
+    def __init__(self, kernel, dim, inputs, device, threads=None, grain=DEFAULT_GRAIN, offset=0):
         self.device = wp.get_device(device)
         load(kernel, self.device)
         self.inputs = list(inputs)
@@ -92,7 +92,7 @@ class Prepared:
             wp.launch(
                 kernel,
                 dim=count,
-                inputs=[first, *inputs],
+                inputs=[offset + first, *inputs],
                 device=self.device,
                 record_cmd=True,
                 record_tape=False,

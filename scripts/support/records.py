@@ -8,7 +8,7 @@ import numpy as np
 import slcp_warp as slcp
 from slcp_warp import ddp
 from slcp_warp.ddp.library.entries import scene_digest
-from slcp_warp.ddp.plan_check import check_plan
+from slcp_warp.ddp.results.plan_check import check_plan
 from slcp_warp.results.record_checks import Arrays, check_trajectory, finite, length, shapes
 from slcp_warp.results.records import Check, Record, RecordError, read_kind, read_record
 from slcp_warp.results.simulated import Simulated

@@ -301,8 +301,8 @@ def test_illegal_arguments():
         ddp.solve(problem, x0, u0[:-1])
     with pytest.raises(ValueError, match="x0 must be finite; 1 of its values"):
         ddp.solve(problem, [0.0, np.nan, 0.0, 0.0], u0)
-    with pytest.raises(ValueError, match="xs0 and K0 belong together"):
-        ddp.solve(problem, x0, u0, xs0=np.zeros((1, 41, 4)))
+    with pytest.raises(ValueError, match="K0 is given without xs0"):
+        ddp.solve(problem, x0, u0, K0=np.zeros((1, 40, 1, 4)))
     with pytest.raises(ValueError, match="params are for 2 problems, the batch has 3"):
         ddp.solve(problem.with_params(step_size=[0.1, 0.2]), np.tile(x0, (3, 1)), u0)
 

@@ -56,8 +56,8 @@ ROOMS = {  # the order of each layer's rooms: none imports one that is named aft
         ),
     ),
     "ddp": (
-        *("status", "options", "costs", "dynamics", "problem", "trace", "plan_check"),
-        *("result", "policies", "batches", "workspace"),
+        *("options", "costs", "dynamics", "problem", "results"),
+        *("policies", "batches", "arrays", "passes", "workspace"),
         *("continuation", "solver", "library", "multistart", "planning"),
     ),
     "scripts": (

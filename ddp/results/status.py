@@ -16,6 +16,7 @@ class Status(IntEnum):
     LINE_SEARCH_FAILED = codes.LINE_SEARCH_FAILED
     DYNAMICS_FAILED = codes.DYNAMICS_FAILED
     FLAT = codes.FLAT
+    STATE_LIMITS = codes.STATE_LIMITS
 
     @property
     def explanation(self) -> str:
@@ -31,5 +32,6 @@ _EXPLANATIONS = {
     Status.REGULARIZATION_LIMIT: "Q_uu is not positive definite at the largest regularisation",
     Status.LINE_SEARCH_FAILED: "no step size lowers the cost at the largest regularisation",
     Status.DYNAMICS_FAILED: "the dynamics, the cost or their derivatives failed or were not finite",
+    Status.STATE_LIMITS: "a state is beyond its limits at the end of the last round",
     Status.FLAT: "nothing can be felt from here: the controls do not reach what the cost would gain from",
 }

@@ -1,0 +1,96 @@
+"""The launches of one pass: backward, rollouts with the first step size or with all, the choice."""
+
+from typing import Any
+
+import numpy as np
+
+from slcp_warp.kernels.control.line_search import make_choice_kernels
+from slcp_warp.kernels.control.riccati import make_backward_kernel
+from slcp_warp.kernels.control.rollouts import make_rollout_kernel, make_shooting_kernel
+from slcp_warp.kernels.device.launch import Prepared
+
+
+class Passes:
+    """Passes over a workspace's arrays, about the trajectory of one policy struct.
+
+    Args:
+        work: the `Workspace`, with its arrays.
+        policy: its own, or the one with gaps.
+        staged: whether the first step size is rolled out before the others; None: on a CPU.
+    """
+
+    def __init__(self, work: Any, policy: Any, staged: bool | None = None) -> None:
+        self.work, self.policy = work, policy
+        several = len(work.options.step_sizes) > 1 and bool(np.isfinite(work.options.full_step_ratio))
+        self.staged = several and (work.device.is_cpu if staged is None else staged)
+        self._prepare_backward()
+        self._prepare_rollouts()
+        self._prepare_choice()
+
+    def _launch(self, kernel: Any, dim: int, inputs: list[Any], grain: int = 1, offset: int = 0) -> Prepared:
+        return Prepared(kernel, dim, inputs, self.work.device, grain=grain, offset=offset)
+
+    def _prepare_backward(self) -> None:
+        work, problem = self.work, self.work.problem
+        limited = problem.control_limits is not None
+        kernel = make_backward_kernel(
+            problem.nx, problem.nu, int(work.dynamics.nw), work.options.method, limited, work.dtype
+        )
+        inputs = [work._derivatives, self.policy, work._state, work.gradient_tolerance]
+        self._run_backward = self._launch(kernel, work.batch, [*inputs, 0])
+        self._run_last_backward = self._launch(kernel, work.batch, [*inputs, 1])
+
+    def _prepare_rollouts(self) -> None:
+        """In stages those with the first step size and those with the others; else all in one launch."""
+        work, problem, functions = self.work, self.work.problem, self.work._functions
+        B, sizes = work.batch, len(work.options.step_sizes)
+        step, carry = work.dynamics.step_function(), work.dynamics.initial_carry()
+        nx, nu, limited = problem.nx, problem.nu, problem.control_limits is not None
+        kept = problem.state_limits is not None
+        cost = functions.running, functions.final
+        self.rollout = make_rollout_kernel(step, carry, *cost, nx, nu, limited, kept, work.dtype)
+        shared = [work._limits, work.params, work._weights]
+        inputs = [B, work.x0, self.policy, work._candidates, *shared]
+        mask, searching = work._state.active, work._state.searching
+        tried = 1 if self.staged else sizes
+        self._run_tried = self._launch(self.rollout, B * tried, [*inputs, mask])
+        if self.staged:
+            self._run_others = self._launch(self.rollout, B * (sizes - 1), [*inputs, searching], offset=B)
+        self._shoot: Prepared | None = None
+        if self.policy.gaps.shape[0]:
+            kernel = make_shooting_kernel(step, carry, *cost, nx, nu, kept, work.dtype)
+            inputs = [work.x0, self.policy, work._candidates, *shared, work._state]
+            self._shoot = self._launch(kernel, B, inputs)
+
+    def _prepare_choice(self) -> None:
+        work, options = self.work, self.work.options
+        start, screen, accept = make_choice_kernels(work.problem.nx, work.problem.nu, work.dtype)
+        arrays, state = [self.policy, work._candidates, work._state], work._state
+        self._run_start = self._launch(start, work.batch, [*arrays, 0], grain=64)
+        self._run_again = self._launch(start, work.batch, [*arrays, 1], grain=64)
+        ratio = float(options.full_step_ratio)
+        self._run_screen = self._launch(screen, work.batch, [work._candidates, state, ratio], grain=64)
+        bounds = [ratio, options.min_reduction_ratio, options.improvement_tolerance, work.gradient_tolerance]
+        self._run_accept = self._launch(accept, work.batch, [*arrays, *bounds], grain=64)
+
+    def shoot(self) -> None:
+        """Cost and gaps of the states and controls that the policy holds, as the first candidate's."""
+        assert self._shoot is not None
+        self._shoot()
+
+    def start(self, again: bool = False) -> None:
+        """Make the first candidate the trajectory; ``again``: passes, trace and regularisation go on."""
+        (self._run_again if again else self._run_start)()
+
+    def backward(self, last: bool = False) -> None:
+        """As of `Workspace.backward`."""
+        (self._run_last_backward if last else self._run_backward)()
+
+    def search(self) -> None:
+        """As of `Workspace.search`."""
+        self._run_tried()
+        if self.staged:
+            self._run_screen()
+            if self.work._state.searching.numpy().any():
+                self._run_others()
+        self._run_accept()
