@@ -11,6 +11,7 @@ from .description.scene import Scene
 from .description.scene_file import SceneFileError, load_scene, save_scene
 from .ensembles.outcome import Report
 from .ensembles.particles import ParticleRollout, Particles, particle_rollout, particles
+from .ensembles.questions.sequential import SequentialComparison, compare_sequentially
 from .ensembles.report import SweepReport
 from .ensembles.spec import SweepSpec
 from .ensembles.sweep import sweep
@@ -53,6 +54,7 @@ __all__ = [
     "Scene",
     "SceneError",
     "SceneFileError",
+    "SequentialComparison",
     "Shape",
     "Simulator",
     "Spring",
@@ -66,6 +68,7 @@ __all__ = [
     "TaskFileError",
     "Trajectory",
     "box",
+    "compare_sequentially",
     "costs",
     "jvp",
     "load_mjcf",

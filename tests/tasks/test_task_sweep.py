@@ -247,3 +247,28 @@ def test_chunks_on_their_own_are_the_sweep(device):
     for name in found[0]:
         rows = np.concatenate([found[index].get(name, np.full(1, np.nan)) for index in range(10)])
         np.testing.assert_array_equal(rows, report.table[name], err_msg=name)
+
+
+def test_a_sequential_comparison_stops_when_it_is_decided(device):
+    """Its worlds are the first ones of the sweep with its seed; half the force moves the block less far."""
+    policies = {"all": plan(), "half": plan(0.5)}
+    found = slcp.compare_sequentially(
+        task(), policies, worlds=300, batch=64, seed=3, case=slcp.Options(), device=device
+    )
+    assert found.decision == "larger" and found.report.complete
+    report = slcp.sweep(task(), policies, worlds=300, seed=3, cases=slcp.Options(), device=device)
+    for name in policies:
+        part = found.report.part(name)
+        assert len(part["world"]) == found.worlds < 300
+        for column, values in part.items():
+            np.testing.assert_array_equal(values, report.part(name)[column][: found.worlds], err_msg=column)
+    assert found.difference[0] == found.report.compare("all", "half")["success"][0] > 0.0
+    assert "all less half" in repr(found) and "all is larger" in repr(found)
+    same = slcp.compare_sequentially(
+        task(), {"a": plan(), "b": plan()}, measure="final", margin=0.01, worlds=300, batch=100, device=device
+    )
+    assert (same.decision, same.worlds, same.difference) == ("equal", 300, (0.0, 0.0, 0.0))
+    with pytest.raises(slcp.InputError, match="policies is"):
+        slcp.compare_sequentially(task(), {"a": plan()})
+    with pytest.raises(slcp.InputError, match="measure is 'speed'"):
+        slcp.compare_sequentially(task(), policies, measure="speed")

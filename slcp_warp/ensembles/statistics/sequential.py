@@ -1,0 +1,128 @@
+"""Intervals that hold at all times at once: one may look after every world and stop when one likes.
+
+A confidence sequence covers the value at every sample size together with the promised probability, so that a
+comparison may stop as soon as its interval leaves zero. Two are here, for differences in paired worlds:
+
+- of successes, differences of -1, 0 and 1: wealth of bets against a mean m, mixed over the sizes of the bets
+  (Waudby-Smith and Ramdas 2024, "Estimating means of bounded random variables by betting"). It needs no
+  approximation; at m = 0 it is Robbins's (1970) mixture for the sign of the pairs that differ.
+- of measures, whose range nobody knows: the asymptotic confidence sequence of Waudby-Smith, Arbour, Sinha,
+  Kennedy and Ramdas (2024), "Time-uniform central limit theory and asymptotic confidence sequences".
+"""
+
+import math
+
+import numpy as np
+
+from .intervals import Interval
+from .moments import Moments
+from .reductions import difference
+from .source import Columns
+
+EXPECTED = 1024  # worlds at which the interval of a measure is narrowest
+_NEAR = np.geomspace(1e-6, 0.5, 140)
+BETS = np.concatenate([_NEAR, (1.0 - np.geomspace(0.5, 1e-7, 80))[1:]])  # of the most that may be lost
+_LOG_PRIOR = np.log(
+    np.diff(np.concatenate([[0.0], 0.5 * (BETS[1:] + BETS[:-1]), [1.0]]))
+)  # evenly over (0, 1)
+STEPS = 40  # of a bisection
+
+
+def paired_share_interval(gained: int, lost: int, worlds: int, error: float) -> Interval:
+    """The difference of two shares of successes in the same worlds: (difference, low, high).
+
+    Args:
+        gained: worlds where the first succeeds alone.
+        lost: worlds where the second does.
+        worlds: in all.
+        error: the probability that the true difference is ever outside.
+
+    NaN without worlds.
+    """
+    if worlds == 0:
+        return math.nan, math.nan, math.nan
+    value = (gained - lost) / worlds
+    low = _least(gained, lost, worlds, error)
+    return value, low, -_least(lost, gained, worlds, error)
+
+
+def _least(gained: int, lost: int, worlds: int, error: float) -> float:
+    """The smallest mean that bets on a larger one have not made rich: their wealth falls with the mean."""
+    low, high = -1.0, (gained - lost) / worlds
+    for _ in range(STEPS):
+        middle = 0.5 * (low + high)
+        if log_wealth(middle, gained, lost, worlds) >= math.log(2.0 / error):
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+def log_wealth(mean: float, gained: int, lost: int, worlds: int) -> float:
+    """Logarithm of the mixture's wealth after bets that the mean is larger, from 1 at the start."""
+    if mean <= -1.0:
+        return math.inf
+    stake = BETS / (1.0 + mean)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        terms = (
+            gained * np.log1p(stake * (1.0 - mean))
+            + (worlds - gained - lost) * np.log1p(-stake * mean)
+            + lost * np.log1p(-stake * (1.0 + mean))
+        )
+    terms = terms + _LOG_PRIOR
+    most = float(terms.max())
+    return most + math.log(float(np.exp(terms - most).sum()))
+
+
+def running_mean_interval(moments: Moments, error: float, expected: int = EXPECTED) -> Interval:
+    """The mean of independent values, from their moments so far: (mean, low, high).
+
+    The coverage is asymptotic: it holds from some hundred worlds on, whatever the distribution, if its
+    variance is finite.
+
+    Args:
+        moments: of the values.
+        error: the probability that the true mean is ever outside.
+        expected: worlds at which the interval is narrowest in proportion.
+
+    NaN for fewer than two values.
+    """
+    if moments.count < 2:
+        return moments.interval()
+    log = -2.0 * math.log(error)
+    rho = (log + math.log(log + 1.0)) / expected  # the square of the paper's rho, its (2.9)
+    t = moments.count
+    inside = (t * rho + 1.0) / (t * t * rho) * (math.log(t * rho + 1.0) + log)
+    half = math.sqrt(moments.squares / t * inside)
+    return moments.mean, moments.mean - half, moments.mean + half
+
+
+class RunningDifference:
+    """The mean difference of two policies in the same worlds, looked at as often as one likes.
+
+    Attributes:
+        measure: its column; "success" counts as 0 and 1.
+        error: the probability that the true difference is ever outside of `interval`.
+        worlds: so far, where both are finite.
+    """
+
+    def __init__(self, measure: str, error: float) -> None:
+        self.measure, self.error, self.worlds = measure, error, 0
+        self._gained = self._lost = 0
+        self._moments = Moments()
+
+    def add(self, first: Columns, second: Columns) -> None:
+        """Take the next worlds, the same rows of both."""
+        apart = difference(first[self.measure], second[self.measure])
+        self.worlds += len(apart)
+        if self.measure == "success":
+            self._gained += int(np.count_nonzero(apart > 0.0))
+            self._lost += int(np.count_nonzero(apart < 0.0))
+        else:
+            self._moments += Moments.of(apart)
+
+    def interval(self) -> Interval:
+        """First less second: (mean, low, high)."""
+        if self.measure == "success":
+            return paired_share_interval(self._gained, self._lost, self.worlds, self.error)
+        return running_mean_interval(self._moments, self.error)
