@@ -17,6 +17,7 @@ from .commands.scenes import scenes_command
 from .commands.simulate import simulate_command
 from .commands.sweep import sweep_command
 from .commands.tasks import tasks_command
+from .commands.watch import watch_command
 from .paper.quickstart import quickstart_command
 from .paper.size import size_command
 from .paper.surface import surface_command
@@ -47,6 +48,7 @@ app.command("library")(library_command)
 app.command("sweep")(sweep_command)
 app.command("compare")(compare_command)
 app.command("chart")(chart_command)
+app.command("watch")(watch_command)
 app.command("quickstart")(quickstart_command)
 
 

@@ -30,6 +30,7 @@ from .cost.pair import PairError, bench_pair, print_pairs
 from .cost.policies import bench_policies
 from .cost.step import bench_step
 from .cost.threads import bench_threads
+from .cost.watch import bench_watch
 from .derivatives.jacobians import bench_differences
 from .derivatives.precision import bench_finite, bench_precision
 from .fuzz.command import fuzz_command
@@ -152,6 +153,19 @@ def policies_command(
 ) -> None:
     """Sweeps under a user's function and networks against linear feedback."""
     _save(csv, bench_policies(worlds, steps, repeats, seed))
+
+
+@app.command("watch")
+@one_line_errors
+def watch_command(
+    task: Annotated[str, typer.Argument(metavar="TASK", help="As of `slcp watch`.")],
+    policy: Annotated[Path | None, typer.Option(help="As of `slcp watch`.")] = None,
+    seconds: Annotated[float, typer.Option(min=1.0, help="Left alone, and dragged.")] = 20.0,
+    minutes: Annotated[float, typer.Option(min=0.1, help="Left alone after that.")] = 1.0,
+    csv: Csv = None,
+) -> None:
+    """The page's server: pictures a second, load, memory, delay from a move to its picture."""
+    _save(csv, bench_watch(task, policy, seconds, minutes))
 
 
 @app.command("precision")

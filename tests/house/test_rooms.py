@@ -11,6 +11,7 @@ from plan import FILES, LAYERS, ROOMS, ROOT, circles, floors, graph, imports, pa
 OPTIONAL = {  # the libraries of pyproject.toml's extras, by the names that they are imported by
     *("IPython", "PIL", "dask", "distributed", "filelock", "jax", "matplotlib", "mujoco", "mujoco_warp"),
     *("psutil", "pyarrow", "pydrake", "rich", "scipy", "submitit", "torch", "typer"),
+    "websockets",
 }
 LAYER_GRAPH = graph(*LAYERS)
 

@@ -61,7 +61,7 @@ ROOMS = {  # the order of each layer's rooms: none imports one that is named aft
         *("continuation", "solver", "library", "multistart", "planning"),
     ),
     "scripts": (
-        *("support", "stages", "charts", "paper", "benchmarks", "commands", "studies"),
+        *("support", "stages", "charts", "paper", "watch", "benchmarks", "commands", "studies"),
         FILES,  # the table of commands
     ),
     "scripts/benchmarks": (

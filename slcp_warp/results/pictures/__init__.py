@@ -1,1 +1,3 @@
-"""Pictures of mechanisms in motion, with matplotlib; `motion`, `kinematics` and `mechanism` need NumPy alone."""
+"""Pictures of mechanisms in motion, with matplotlib;
+`motion`, `kinematics` and `mechanism` need NumPy alone.
+"""

@@ -1,0 +1,81 @@
+"""`slcp watch`: a mechanism in the browser, to look at and to pull at."""
+
+import asyncio
+import threading
+import webbrowser
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+import slcp_warp as slcp
+
+from ..support.options import Device
+from ..support.records import load_policy
+from ..support.screen import console, one_line_errors
+from ..support.simulators import default_scaling, named_scene
+from ..support.tasks import found_task
+from ..watch.engine import Engine
+from ..watch.player import Player
+from ..watch.record import Replay
+from ..watch.world import Subject
+
+
+@one_line_errors
+def watch_command(
+    what: Annotated[
+        str | None,
+        typer.Argument(metavar="TASK", help="A task or a scene: a name, a file, or file.py:name."),
+    ] = None,
+    policy: Annotated[
+        list[Path] | None,
+        typer.Option(help="File of `slcp library` or `optimise`; several to choose from."),
+    ] = None,
+    worlds: Annotated[int, typer.Option(min=1, max=64, help="Worlds side by side.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Of the starts of further worlds.")] = 0,
+    out: Annotated[Path, typer.Option(help="Folder of what is recorded.")] = Path("."),
+    replay: Annotated[Path | None, typer.Option(help="Show a recorded run instead.")] = None,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="On the loopback; 0: any.")] = 0,
+    browser: Annotated[bool, typer.Option(help="Open the page.")] = True,
+    device: Device = None,
+) -> None:
+    """Watch a task's mechanism in the browser, in real time, and pull at its bodies with the mouse."""
+    from ..watch.server import PageServer  # it needs the extra `watch`
+
+    if (what is None) == (replay is None):
+        raise ValueError("a TASK to watch, or --replay FILE, is needed, and not both")
+    engine: Engine
+    if replay is not None:
+        engine = Player(Replay(replay), device)
+    else:
+        assert what is not None
+        subject = watched(what, worlds, seed)
+        policies: dict[str, Any] = {p.stem: load_policy(p, subject.scene)[0] for p in policy or []}
+        out.mkdir(parents=True, exist_ok=True)
+        engine = Engine(subject, policies, out, device=device)
+    engine.prepare()
+    server = PageServer(engine, port)
+    asyncio.run(_serve(server, browser))
+
+
+async def _serve(server: Any, browser: bool) -> None:
+    started = threading.Event()
+    serving = asyncio.create_task(server.run(started))
+    while not started.is_set() and not serving.done():
+        await asyncio.sleep(0.01)
+    if not serving.done():
+        console.print(f"{server.address}\n[dim]Ctrl-C ends it[/dim]")
+        if browser and not webbrowser.open(server.address):
+            console.print("[dim]no browser could be opened: open the address in one on this machine[/dim]")
+    await serving
+
+
+def watched(name: str, worlds: int, seed: int) -> Subject:
+    """What a name or a file says: a task, or a scene at its start."""
+    task = found_task(name)
+    if task is not None:
+        return Subject.of(task, worlds, seed)
+    scene = named_scene(name, "TASK")
+    options = slcp.Options(scaling=default_scaling(scene))
+    start = scene.x0[None].repeat(worlds, axis=0)
+    return Subject(scene.name, scene, options, start)

@@ -1,0 +1,69 @@
+"""Policies asked from step to step, each with what it remembers."""
+
+from typing import Any, Protocol
+
+import numpy as np
+import warp as wp
+
+import slcp_warp as slcp
+from slcp_warp.kernels.device.launch import launch
+from slcp_warp.kernels.policies.ask import make_ask_kernel
+from slcp_warp.stepping.arguments import policy_arrays
+from slcp_warp.stepping.host import Asked, acts_on_host
+
+
+class Acting(Protocol):
+    """A policy at work in some worlds."""
+
+    def controls(self, x: np.ndarray, step: int, time: float) -> np.ndarray:
+        """(B, nu) for states (B, nx); step 0 begins anew."""
+
+
+class Nothing:
+    """No control."""
+
+    def __init__(self, nu: int) -> None:
+        self.nu = nu
+
+    def controls(self, x: np.ndarray, step: int, time: float) -> np.ndarray:
+        """Zeros."""
+        return np.zeros((len(x), self.nu))
+
+
+class InKernel:
+    """A policy in a kernel: its arrays, and its memory, are kept between two steps."""
+
+    def __init__(self, policy: Any, sim: slcp.Simulator, worlds: int) -> None:
+        self.sim, (kernel, self.struct) = sim, policy_arrays(policy, sim, worlds)
+        self.kernel = make_ask_kernel(kernel, sim.nx, sim.nu, sim.dtype)
+        self.memory = sim.empty(worlds, kernel.functions(sim.nx, sim.nu, sim.dtype).memory)
+        self.us = sim.empty(worlds, max(sim.nu, 1))
+        self.status: Any = wp.zeros(worlds, dtype=wp.int32, device=sim.device)
+
+    def controls(self, x: np.ndarray, step: int, time: float) -> np.ndarray:
+        """Asks the kernel."""
+        state: Any = wp.array(x, dtype=self.sim.dtype, device=self.sim.device)
+        inputs = [step, self.struct, state, self.status, self.memory, self.us]
+        launch(self.kernel, len(x), inputs, self.sim.device)
+        return np.asarray(self.us.numpy()[:, : self.sim.nu], float)
+
+
+class OnHost:
+    """A policy that acts on the host, asked once a period and held in between."""
+
+    def __init__(self, policy: Any, sim: slcp.Simulator, worlds: int) -> None:
+        self.asked = Asked(policy, sim, np.arange(worlds), np.array([sim.scene.step_size]))
+        self.held = np.zeros((worlds, sim.nu))
+
+    def controls(self, x: np.ndarray, step: int, time: float) -> np.ndarray:
+        """Asks the policy, or gives what it said last."""
+        if step % self.asked.every == 0:
+            self.held = self.asked.controls(step, x)
+        return self.held
+
+
+def acting(policy: Any, sim: slcp.Simulator, worlds: int) -> Acting:
+    """A policy at work; None: no control."""
+    if policy is None or not sim.nu:
+        return Nothing(sim.nu)
+    return OnHost(policy, sim, worlds) if acts_on_host(policy) else InKernel(policy, sim, worlds)

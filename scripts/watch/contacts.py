@@ -1,0 +1,62 @@
+"""Where pairs touch: the direction of their distance, for arrows of the contact forces."""
+
+import numpy as np
+
+from slcp_warp.results.pictures.kinematics import across, turn
+from slcp_warp.results.pictures.mechanism import Mechanism
+
+DIRECTIONS = 72
+REFINED = 4  # times the grid is narrowed
+
+
+def contact_points(mechanism: Mechanism, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Where the pairs touch, (pairs, 2) [m], and normals from shape_a to shape_b, (pairs, 2), at q (nv,).
+
+    The direction n that maximises n.(c_B - c_A) - h_A(n) - h_B(-n), by a grid that narrows; h is the support
+    function. The point is that of shape B.
+    """
+    centre, angle = mechanism.shapes(q[None])
+    structure = mechanism.scene.structure
+    points, normals = np.zeros((len(structure.pairs), 2)), np.zeros((len(structure.pairs), 2))
+    for i, pair in enumerate(structure.pairs):
+        a, b = pair.shape_a, pair.shape_b
+        plane = [s for s in (a, b) if structure.shapes[s].kind == "halfplane"]
+        if plane:
+            facing = turn(angle[0, plane[0]], np.array([1.0, 0.0]))
+            normal = facing if plane[0] == a else -facing
+        else:
+            normal = _normal(mechanism, centre[0], angle[0], a, b)
+        touching = a if plane and plane[0] == b else b
+        along = normal if touching == a else -normal
+        points[i] = centre[0, touching] + _support(mechanism, angle[0], touching, along[None])[0]
+        normals[i] = normal
+    return points, normals
+
+
+def _normal(mechanism: Mechanism, centre: np.ndarray, angle: np.ndarray, a: int, b: int) -> np.ndarray:
+    """The unit vector of the largest signed distance."""
+    middle, width = 0.0, np.pi
+    for _ in range(REFINED):
+        angles = middle + width * np.linspace(-1.0, 1.0, DIRECTIONS)
+        n = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        reach = (n * _support(mechanism, angle, a, n)).sum(1) - (n * _support(mechanism, angle, b, -n)).sum(1)
+        middle = angles[np.argmax(n @ (centre[b] - centre[a]) - reach)]
+        width *= 3.0 / DIRECTIONS
+    return np.array([np.cos(middle), np.sin(middle)])
+
+
+def _support(mechanism: Mechanism, angle: np.ndarray, s: int, n: np.ndarray) -> np.ndarray:
+    """grad h(n): the point of a shape furthest along n (k, 2), from its centre."""
+    radius, local = mechanism.params["radius"][s], turn(np.full(len(n), -angle[s]), n)
+    if mechanism.scene.structure.shapes[s].kind == "capsule":
+        point = radius[0] * local + np.stack([radius[1] * np.sign(local[:, 0]), 0.0 * local[:, 0]], axis=1)
+    else:
+        scaled = radius * local
+        length = np.linalg.norm(scaled, axis=1, keepdims=True)
+        point = radius * scaled / np.where(length > 0.0, length, 1.0)
+    return turn(np.full(len(n), angle[s]), point)
+
+
+def forces(normals: np.ndarray, impulse: np.ndarray, step_size: float) -> np.ndarray:
+    """(pairs, 2) forces on shape_b [N], of impulses (pairs, 2) along normal and tangent [N s]."""
+    return (impulse[:, :1] * normals + impulse[:, 1:] * across(normals)) / step_size
