@@ -7,6 +7,7 @@ which gives a policy that does the same, bit for bit.
 import importlib
 import os
 from pathlib import Path
+from types import FunctionType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ from ..inputs import checks
 from ..inputs.errors import ArgumentError
 from ..storage.archive import open_archive, write_archive
 from ..storage.files import FileError, reading
+from ..storage.python import python_name
 
 FORMAT, VERSION = "slcp-warp-policy", 1
 PACKAGE = __name__.partition(".")[0]
@@ -98,16 +100,35 @@ def save_policy(policy: Any, path: str | os.PathLike[str]) -> Path:
     return path
 
 
-def load_policy(path: str | os.PathLike[str]) -> Any:
-    """Read a policy that `save_policy` wrote.
+def load_policy(name: str | os.PathLike[str]) -> Any:
+    """The policy of a file that `save_policy` wrote, or of `file.py:name`.
+
+    In a Python file the name is a policy, or a function that makes one; the file is run.
 
     Raises:
         FileNotFoundError: no such file.
         FileError: truncated, or no policy.
     """
+    path = checks.path("name", name)
+    file, colon, attribute = str(path).rpartition(":")
+    if colon and file.endswith(".py"):
+        return _from_python(Path(file), attribute)
     with reading(path, "a policy", FileError), open_archive(path) as archive:
         archive.check_format(FORMAT, VERSION)
         values = archive.header.get("policy")
         if not isinstance(values, dict):
             raise FileError("its header says no policy")
         return policy_of(Content(values, archive.read_all(archive.names)))
+
+
+def _from_python(path: Path, attribute: str) -> Any:
+    try:
+        found, _ = python_name(path, attribute)
+        policy = found() if isinstance(found, FunctionType) else found
+    except FileNotFoundError:
+        raise
+    except Exception as error:
+        raise FileError(f"{path}:{attribute}: {type(error).__name__}: {error}") from error
+    if policy is None:
+        raise FileError(f"{path}: {attribute} is not in it; a policy, or a function that makes one, is needed")
+    return policy

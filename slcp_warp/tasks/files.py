@@ -1,10 +1,8 @@
 """Tasks in files: TOML or JSON, `format = "slcp-task"`, `version = 1`, or a name in a Python file."""
 
 import dataclasses
-import importlib.util
 import json
 import os
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -23,6 +21,7 @@ from ..inputs.errors import InputError
 from ..options import Options
 from ..scenes import NAMED as SCENES
 from ..storage.files import MOST_TEXT, MOST_TOML, parse_json, parse_toml, read_text, reading, write_text
+from ..storage.python import python_name
 from ..storage.tables import entries, place, table
 from .disturbances import Disturbances
 from .notation import measure_content, measure_of, success_content, success_of
@@ -167,21 +166,15 @@ def _parse(path: Path) -> Any:
 
 def _from_python(path: Path, attribute: str) -> Task:
     """A task of a Python file, which is run as a module of its own."""
-    if not path.is_file():
-        raise FileNotFoundError(f"{path}: no such file")
-    name = f"slcp_task_{path.stem}_{abs(hash(str(path.resolve()))):x}"
-    spec = importlib.util.spec_from_file_location(name, path)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # Warp looks its functions' modules up
     try:
-        spec.loader.exec_module(module)
-        found = getattr(module, attribute, None)
+        found, names = python_name(path, attribute)
         task = found() if callable(found) else found
+    except FileNotFoundError:
+        raise
     except Exception as error:
         raise TaskFileError(f"{path}:{attribute}: {type(error).__name__}: {error}") from error
     if not isinstance(task, Task):
-        there = [key for key, value in vars(module).items() if isinstance(value, Task)]
+        there = [key for key, value in names.items() if isinstance(value, Task)]
         hint = f"; tasks in it: {', '.join(there)}" if there else ""
         need = "a slcp_warp.Task, or a function that makes one,"
         raise TaskFileError(f"{path}: {attribute} is {shown(task)}; {need} is needed{hint}")
