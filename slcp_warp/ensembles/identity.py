@@ -19,7 +19,7 @@ from ..stepping.arguments import checked_kernel
 from ..tasks.task import Task
 
 LONGEST = 64  # numbers of an array that are written out
-OF_RUNS = ("scene", "duration", "control_limits", "start", "disturbances", "measures", "success")
+OF_PLANS = ("name", "cost", "horizon", "options")  # fields of a task that decide no run of given cases
 
 
 def task_identity(task: Task) -> dict[str, Any]:
@@ -28,7 +28,8 @@ def task_identity(task: Task) -> dict[str, Any]:
     Raises:
         ArgumentError: a function in it whose code cannot be told.
     """
-    return {name: told(getattr(task, name), f"Task.{name}") for name in OF_RUNS}
+    names = [field.name for field in dataclasses.fields(task) if field.name not in OF_PLANS]
+    return {name: told(getattr(task, name), f"Task.{name}") for name in names}
 
 
 def policy_identity(policy: Any, sim: Simulator) -> dict[str, Any]:

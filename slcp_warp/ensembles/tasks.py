@@ -31,6 +31,8 @@ class TaskSweep:
         policies: by name.
         seed: of all that is drawn; a world's numbers follow from it and the world's index.
         cases: options of the steps, by label.
+        simulators: of the cases, by label.
+        strategy: that was asked for.
         chunks: of the sweep; `run` makes the rows of one.
     """
 
@@ -62,37 +64,45 @@ class TaskSweep:
         self.task, self.policies, self.cases = task, policies_by_name(policies), cases_by_name(task, cases)
         worlds, self.seed = checks.whole("worlds", worlds), checks.whole("seed", seed, 0)
         chunk = None if chunk is None else checks.whole("chunk", chunk)
-        sizes = _step_sizes(task, step_sizes)
+        sizes, self.strategy = _step_sizes(task, step_sizes), strategy
         self._judged: list[Measure] = list(task.measures.values())
         self._judged += [] if task.success is None else task.success.parts()
-        self._sims = {
+        self.simulators = {
             label: Simulator(task.scene, options, device=device, dtype=dtype, strategy=strategy)
             for label, options in self.cases.items()
         }
         parts = []
         for label, size, name in itertools.product(self.cases, sizes, self.policies):
-            at_once = chunk or worlds_at_once(self._sims[label], SAMPLES, len(self._judged))
+            at_once = chunk or worlds_at_once(self.simulators[label], SAMPLES, len(self._judged))
             for arm, count in zip(ARMS, (worlds, _undisturbed(task, self.policies[name]))):
                 parts.append(Part(name, label, size, arm, count, min(at_once, count)))
         self.chunks = Chunks(parts)
         self._case: tuple[Part | None, Any] = None, None
+
+    def cut(self, at_once: Sequence[int]) -> None:
+        """Cut every part into chunks of so many worlds instead."""
+        parts = zip(self.chunks.parts, at_once, strict=True)
+        self.chunks = Chunks([part._replace(at_once=n) for part, n in parts])
 
     def run(self, index: int) -> dict[str, np.ndarray]:
         """The rows of chunk `index`: world, what was drawn, measures, success, status.
 
         A world that was not solved has NaN for its measures, and is no success.
         """
-        part, world0, count = self.chunks[index]
+        return self.rows(*self.chunks[index])
+
+    def rows(self, part: Part, world0: int, count: int) -> dict[str, np.ndarray]:
+        """The rows of worlds world0, world0 + 1, ... of a part, as `run` gives them."""
         if self._case[0] != part:
             self._case = part, self._case_of(part)
         return _columns(self.task, self._judged, self._case[1].launch(world0, count), world0)
 
     def _case_of(self, part: Part) -> Case:
-        task, sim = self.task, self._sims[part.case]
+        task, sim = self.task, self.simulators[part.case]
         assert task.duration is not None
         d = task.disturbances if part.arm == ARMS[0] else Disturbances()
         spec = SweepSpec(
-            worlds=part.worlds, duration=task.duration, step_sizes=(part.step_size,), start=task.start,
+            worlds=part.at_once, duration=task.duration, step_sizes=(part.step_size,), start=task.start,
             seed=self.seed, parameter_sd=dict(d.parameters), torque_sd=d.torque, kick_times=d.kick_times,
             kick_sd=d.kick, sample_every=task.duration, judged=False,
         )  # fmt: skip

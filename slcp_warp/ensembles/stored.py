@@ -1,0 +1,131 @@
+"""A sweep of a task that keeps its chunks on disk, goes on where it was, and may run in other processes."""
+
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from ..inputs import checks
+from ..runs import manifest
+from ..runs.job import rebuild
+from ..runs.progress import Progress, Standing
+from ..runs.running import Outcome, run
+from ..runs.stopping import Stop
+from ..runs.store import Store
+from ..storage.files import FileError
+from .cutting import measured
+from .job import KIND, SweepJob
+from .outcome import Report
+from .statistics.stored import StoreSource
+from .tasks import TaskSweep
+
+
+class StoredSweep:
+    """A sweep and its store.
+
+    Attributes:
+        job: what is run.
+        store: where its chunks are.
+    """
+
+    def __init__(self, job: SweepJob, store: Store) -> None:
+        self.job, self.store = job, store
+
+    @classmethod
+    def open(
+        cls,
+        folder: str | os.PathLike[str],
+        work: TaskSweep,
+        texts: Mapping[str, str] | None = None,
+        chunk: int | None = None,
+        threads: int | None = None,
+    ) -> "StoredSweep":
+        """The store of a sweep in a folder: a new one, or the one that is there.
+
+        Args:
+            texts: as of a `SweepJob`.
+            chunk: worlds of a chunk; None: as many as run in about a second. A store that is there keeps its
+                own.
+            threads: that a chunk will run on; None: all.
+
+        Raises:
+            FileError: the folder holds another sweep (the message says what differs), or something else.
+        """
+        path = checks.path("out", folder)
+        job = SweepJob(work, path, texts)
+        if not _take_over(job, path) and chunk is None:
+            work.cut(measured(work, threads))
+        try:
+            store = Store.open(path, job)
+        except FileError:
+            if not _take_over(job, path):  # another process has begun it meanwhile, in other chunks
+                raise
+            store = Store.open(path, job)
+        job.pack()
+        return cls(job, store)
+
+    @classmethod
+    def resume(cls, folder: str | os.PathLike[str]) -> "StoredSweep":
+        """The sweep of a store, with nothing else given.
+
+        Raises:
+            FileNotFoundError: there is none.
+            FileError: it is no sweep, or its task or a policy could not be kept.
+        """
+        store = Store(checks.path("folder", folder))
+        there = store.manifest
+        if there.kind != KIND:
+            raise FileError(f"{store.folder} holds a {there.kind}, not a {KIND}")
+        if there.reference is None:
+            raise FileError(f"{store.folder} goes on only by the call that began it: {there.bound}")
+        there.check_program()
+        arguments = there.reference["arguments"] | {"folder": str(store.folder)}  # it may have moved
+        job = rebuild(there.reference | {"arguments": arguments})
+        assert isinstance(job, SweepJob)
+        return cls(job, Store.open(store.folder, job))
+
+    def run(
+        self, executor: Any = None, progress: Progress | None = None, stop: Stop | None = None
+    ) -> Outcome:
+        """Run the chunks that are missing, see `runs.running.run`."""
+        if executor is not None:
+            self.job.reference()  # refused before a world runs
+        return run(self.job, self.store, executor, progress, stop)
+
+    def report(self) -> Report:
+        """Of the chunks that are finished."""
+        source = StoreSource(self.store, self.job.work.chunks)
+        return Report(self.job.work.task, source, complete=not self.store.missing())
+
+
+def _take_over(job: SweepJob, folder: Path) -> bool:
+    """Cut a sweep as the store in a folder is cut, if that is one of the same sweep; whether it is."""
+    if not (folder / manifest.NAME).exists():
+        return False
+    there = Store(folder).manifest
+    worlds, parts = there.layout.get("worlds"), job.work.chunks.parts
+    fits = isinstance(worlds, list) and len(worlds) == len(parts)
+    if there.kind != KIND or not fits or any(type(n) is not int or n < 1 for n in worlds):
+        return False
+    job.work.cut(worlds)
+    return True
+
+
+def sweep_stored(
+    work: TaskSweep,
+    out: str | os.PathLike[str],
+    texts: Mapping[str, str],
+    executor: Any,
+    chunk: int | None,
+    progress: Callable[[int, int], None] | None,
+) -> Report:
+    """Run what is missing of a sweep in a folder, and report what is there."""
+    stored = StoredSweep.open(out, work, texts, chunk, None if executor is None else 1)
+    total = work.chunks.worlds
+
+    def tell(standing: Standing) -> None:
+        if progress is not None:
+            progress(standing.tally.get("rows", 0), total)
+
+    stored.run(executor, tell)
+    return stored.report()

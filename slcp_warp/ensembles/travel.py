@@ -1,0 +1,84 @@
+"""How a sweep's task and policies reach other processes: as files in the folder `inputs` of its store.
+
+A task that is data travels as a task file, a policy that is numbers as a policy file. Others travel as the
+text that they were given as, `file.py:name`, and the file has to be there wherever a chunk is run.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from ..inputs.errors import ArgumentError
+from ..policies.saved import content_of, load_policy, save_policy
+from ..runs.job import Plain
+from ..storage.files import FileError
+from ..tasks.files import TaskFileError, load_task, save_task, task_content, task_of
+from ..tasks.task import Task
+from .identity import task_identity
+
+FOLDER, TASK = "inputs", "task.json"
+ADVICE = (
+    "other processes cannot run it. Give it as a text, 'file.py:name', of a Python file in which it is made, "
+    "or leave out the executor"
+)
+
+
+def packing_list(task: Task, policies: Mapping[str, Any], texts: Mapping[str, str]) -> Plain:
+    """Where another process finds task and policies: names of files in `inputs`, or texts.
+
+    Args:
+        texts: how they were given, "task" and "policy NAME", as far as they were given as texts.
+
+    Raises:
+        ArgumentError: one is no data, and was not given as a text either.
+    """
+    if "task" not in texts:
+        try:
+            content = task_content(task)
+        except TaskFileError as error:
+            raise ArgumentError(f"task {task.name!r}: {error}; {ADVICE}") from None
+        if task_identity(task_of(content)) != task_identity(task):
+            raise ArgumentError(f"task {task.name!r} is not what its file would be read as; {ADVICE}")
+    named = {}
+    for i, (name, policy) in enumerate(policies.items()):
+        named[name] = texts.get(f"policy {name}", f"policy{i}.npz")
+        if f"policy {name}" not in texts:
+            try:
+                content_of(policy)
+            except ArgumentError as error:
+                raise ArgumentError(f"policies[{name!r}]: {error}; {ADVICE}") from None
+    return {"task": texts.get("task", TASK), "policies": named}
+
+
+def pack(store: Path, task: Task, policies: Mapping[str, Any], texts: Mapping[str, str]) -> None:
+    """Write the files that are not there yet."""
+    where = packing_list(task, policies, texts)
+    folder = store / FOLDER
+    folder.mkdir(exist_ok=True)
+    if "task" not in texts and not (folder / TASK).exists():
+        save_task(task, folder / TASK)
+    for name, policy in policies.items():
+        path = folder / where["policies"][name]
+        if f"policy {name}" not in texts and not path.exists():
+            save_policy(policy, path)
+
+
+def unpack(store: Path, task: str, policies: Mapping[str, str]) -> tuple[Task, dict[str, Any], dict[str, str]]:
+    """Task, policies, and the texts that they were given as.
+
+    Raises:
+        FileNotFoundError, FileError: a file that is not there, or damaged.
+    """
+    texts = {} if task == TASK else {"task": task}
+    texts |= {f"policy {name}": text for name, text in policies.items() if ".py:" in text}
+
+    def at(name: str, text: str) -> str:
+        return text if name in texts else str(store / FOLDER / text)
+
+    try:
+        found = load_task(at("task", task))
+        return found, {name: load_policy(at(f"policy {name}", text)) for name, text in policies.items()}, texts
+    except FileNotFoundError as error:
+        raise FileError(
+            f"{error}: it is needed to go on with {store}; make the call that began it again"
+        ) from error
