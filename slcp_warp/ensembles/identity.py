@@ -4,6 +4,7 @@ import dataclasses
 import hashlib
 import json
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from ..inputs.errors import ArgumentError
 from ..policies.saved import content_of
 from ..simulator import Simulator
 from ..stepping.arguments import checked_kernel
+from ..stepping.host import acts_on_host
 from ..tasks.task import Task
 
 LONGEST = 64  # numbers of an array that are written out
@@ -32,17 +34,25 @@ def task_identity(task: Task) -> dict[str, Any]:
     return {name: told(getattr(task, name), f"Task.{name}") for name in names}
 
 
-def policy_identity(policy: Any, sim: Simulator) -> dict[str, Any]:
+def policy_identity(policy: Any, sim: Simulator, text: str | None = None) -> dict[str, Any]:
     """What a policy does: its class and numbers, or where it is no data its code and its numbers in kernels.
 
+    Args:
+        text: `file.py:name`, where it was given so; of a policy that acts on the host that file tells.
+
     Raises:
-        ArgumentError: no policy.
+        ArgumentError: no policy, or nothing tells what it does.
     """
     try:
         values, arrays = content_of(policy)
-    except ArgumentError:
-        kernel, struct = checked_kernel(policy, sim)
-        return {"kernel": kernel.key, "numbers": _digest(dict(_numbers(struct)))}
+    except ArgumentError as error:
+        if not acts_on_host(policy):
+            kernel, struct = checked_kernel(policy, sim)
+            return {"kernel": kernel.key, "numbers": _digest(dict(_numbers(struct)))}
+        if text is None:
+            raise ArgumentError(f"{error}; nothing else tells later whether it is the same") from None
+        file, _, name = text.rpartition(":")
+        return {"file": hashlib.sha256(Path(file).read_bytes()).hexdigest(), "name": name}
     name = values["class"].partition(":")[2]
     return {"class": name, "numbers": _digest({"values": json.dumps(values, sort_keys=True)} | arrays)}
 

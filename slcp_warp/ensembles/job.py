@@ -1,10 +1,9 @@
 """A sweep of a task as a job: what decides its table, and how it travels to other processes."""
 
 import dataclasses
-from contextlib import suppress
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import warp as wp
@@ -52,7 +51,10 @@ class SweepJob(Job):
         parts = work.chunks.parts
         return {
             "task": task_identity(work.task),
-            "policies": {name: policy_identity(p, first) for name, p in work.policies.items()},
+            "policies": {
+                name: policy_identity(policy, first, self.texts.get(f"policy {name}"))
+                for name, policy in work.policies.items()
+            },
             "worlds": max(part.worlds for part in parts if part.arm == ARMS[0]),
             "seed": work.seed,
             "cases": {label: dataclasses.asdict(options) for label, options in work.cases.items()},
@@ -62,7 +64,7 @@ class SweepJob(Job):
         }
 
     def specification(self) -> Plain:
-        """The task but for its plans, policies by their numbers, worlds, seed, cases, step sizes, precision."""
+        """Task but for its plans, policies by their numbers, worlds, seed, cases, step sizes, precision."""
         return self._specification
 
     def layout(self) -> Plain:
@@ -115,7 +117,7 @@ class SweepJob(Job):
 
 
 def device_kind(device: wp.Device) -> str:
-    """"cpu", or "cuda" and the architecture."""
+    """ "cpu", or "cuda" and the architecture."""
     return "cpu" if device.is_cpu else f"cuda sm_{device.arch}"
 
 

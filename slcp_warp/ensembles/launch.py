@@ -58,8 +58,6 @@ class Case:
                 f"SweepSpec.observe is {spec.observe}; a state component 0..{sim.nx - 1} is needed"
             )
         self.count = int(round(spec.duration / spec.sample_every)) + 1
-        kept = "SweepSpec.duration / sample_every: the samples"
-        checks.memory(kept, spec.worlds * self.count, 4, sim.device)
         generic = sim.strategy == "generic"
         self.roll_out: Any = by_steps if generic else by_periods if acts_on_host(policy) else at_once
         self.chunk = chunk or min(spec.worlds, worlds_at_once(sim, self.count, len(measures)))
@@ -70,6 +68,8 @@ class Case:
 
     def run(self) -> Iterator[int]:
         """Launch chunk after chunk; yields the worlds finished."""
+        kept = "SweepSpec.duration / sample_every: the samples"
+        checks.memory(kept, self.spec.worlds * self.count, 4, self.sim.device)
         for world0 in range(0, self.spec.worlds, self.chunk):
             count = min(self.chunk, self.spec.worlds - world0)
             began = time.perf_counter()

@@ -102,7 +102,7 @@ class TaskSweep:
         assert task.duration is not None
         d = task.disturbances if part.arm == ARMS[0] else Disturbances()
         spec = SweepSpec(
-            worlds=part.at_once, duration=task.duration, step_sizes=(part.step_size,), start=task.start,
+            worlds=part.worlds, duration=task.duration, step_sizes=(part.step_size,), start=task.start,
             seed=self.seed, parameter_sd=dict(d.parameters), torque_sd=d.torque, kick_times=d.kick_times,
             kick_sd=d.kick, sample_every=task.duration, judged=False,
         )  # fmt: skip

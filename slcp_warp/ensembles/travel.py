@@ -63,7 +63,9 @@ def pack(store: Path, task: Task, policies: Mapping[str, Any], texts: Mapping[st
             save_policy(policy, path)
 
 
-def unpack(store: Path, task: str, policies: Mapping[str, str]) -> tuple[Task, dict[str, Any], dict[str, str]]:
+def unpack(
+    store: Path, task: str, policies: Mapping[str, str]
+) -> tuple[Task, dict[str, Any], dict[str, str]]:
     """Task, policies, and the texts that they were given as.
 
     Raises:
@@ -77,7 +79,11 @@ def unpack(store: Path, task: str, policies: Mapping[str, str]) -> tuple[Task, d
 
     try:
         found = load_task(at("task", task))
-        return found, {name: load_policy(at(f"policy {name}", text)) for name, text in policies.items()}, texts
+        return (
+            found,
+            {name: load_policy(at(f"policy {name}", text)) for name, text in policies.items()},
+            texts,
+        )
     except FileNotFoundError as error:
         raise FileError(
             f"{error}: it is needed to go on with {store}; make the call that began it again"

@@ -138,6 +138,10 @@ class Store:
         """
         return self._facts_and_columns(index, columns)[1]
 
+    def names(self, index: int) -> tuple[str, ...]:
+        """The columns of a finished chunk."""
+        return tuple(self._checked(index, parts.facts_of(self.part(index)))["sha256"])
+
     def tally(self, index: int) -> dict[str, int]:
         """Counts of a finished chunk (`Job.tally`), without reading its rows."""
         found = self._checked(index, parts.facts_of(self.part(index))).get("tally")
