@@ -57,11 +57,6 @@ class Chunks:
     def __len__(self) -> int:
         return self._ends[-1] if self._ends else 0
 
-    def of_part(self, part: Part) -> range:
-        """The chunks of a part."""
-        at = self.parts.index(part)
-        return range(self._ends[at - 1] if at else 0, self._ends[at])
-
     def __getitem__(self, index: int) -> Chunk:
         if not 0 <= index < len(self):
             raise IndexError(f"chunk {index}; there are {len(self)}")

@@ -19,16 +19,13 @@ def measured(work: TaskSweep, threads: int | None = None) -> list[int]:
         threads: that a chunk will run on, None: all of this process's.
     """
     share = 1.0 if threads is None else min(1.0, threads / thread_count())
+    parts = work.chunks.parts
     sizes: list[int] = []
-    for part in work.chunks.parts:
+    for part in parts:
         if part.arm == ARMS[0]:
-            wanted = share * SECONDS * _rate(work, part)
-        sizes.append(min(part.at_once, _power_of_two(wanted)))
-    while sum(-(-part.worlds // n) for part, n in zip(work.chunks.parts, sizes)) > MOST_CHUNKS:
-        larger = [min(part.at_once, 2 * n) for part, n in zip(work.chunks.parts, sizes)]
-        if larger == sizes:
-            break
-        sizes = larger
+            wanted = 1 << int(share * SECONDS * _rate(work, part)).bit_length() >> 1
+        least = -(-part.worlds * len(parts) // MOST_CHUNKS)
+        sizes.append(min(part.at_once, max(1, wanted, 1 << (least - 1).bit_length())))
     return sizes
 
 
@@ -43,8 +40,3 @@ def _rate(work: TaskSweep, part: Part) -> float:
         if seconds >= TRIAL or worlds == part.at_once:
             return worlds / max(seconds, 1e-6)
         worlds = min(part.at_once, 4 * worlds)
-
-
-def _power_of_two(number: float) -> int:
-    """The next one below."""
-    return 1 << max(0, int(number).bit_length() - 1)

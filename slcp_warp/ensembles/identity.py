@@ -3,7 +3,7 @@
 import dataclasses
 import hashlib
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -104,7 +104,7 @@ def _told_fields(value: Any, what: str) -> dict[str, Any]:
 
 
 def _told_function(value: Any, what: str) -> dict[str, str]:
-    function: Callable[..., Any] = value.func if isinstance(value, wp.Function) else value
+    function: Any = value.func if isinstance(value, wp.Function) else value
     if not hasattr(function, "__code__"):
         raise ArgumentError(f"{what} is {shown(value)}, which a specification of a sweep cannot tell")
     try:

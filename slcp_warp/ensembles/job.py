@@ -117,7 +117,7 @@ class SweepJob(Job):
 
 
 def device_kind(device: wp.Device) -> str:
-    """ "cpu", or "cuda" and the architecture."""
+    """The word cpu, or cuda and the architecture."""
     return "cpu" if device.is_cpu else f"cuda sm_{device.arch}"
 
 

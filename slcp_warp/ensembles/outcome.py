@@ -6,10 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import warp as wp
 
 from ..inputs import checks
 from ..inputs.checks import shown
 from ..inputs.errors import ArgumentError
+from ..runs.parts import in_memory
 from ..storage.printed import Printed, Table, counted
 from ..tasks.task import Task
 from . import store
@@ -18,6 +20,7 @@ from .statistics.intervals import Interval
 from .statistics.reductions import differences, quantiles_of_part, summary_of_part
 from .statistics.source import Key, MemorySource, Source, joined, measure_names
 
+BYTES_OF_KEYS = 200  # of a row, as texts of NumPy
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 
 
@@ -46,15 +49,24 @@ class Report(Printed):
 
     @property
     def parts(self) -> list[dict[str, Any]]:
-        """The rows of every part: a dict with `KEYS` and the part's columns. It takes memory for all rows."""
+        """The rows of every part: a dict with `KEYS` and the part's columns. It takes memory for all rows.
+
+        Raises:
+            ArgumentError: there is not so much.
+        """
+        self._check_memory("Report.parts")
         return [dict(zip(KEYS, key)) | {"columns": self._columns(key)} for key in self.source.keys]
 
     @property
     def table(self) -> dict[str, np.ndarray]:
         """Tidy columns, one row a world: `KEYS`, world, what was drawn, measures, success, status.
 
-        It takes memory for all rows.
+        It takes memory for all rows; `dataset` does not.
+
+        Raises:
+            ArgumentError: there is not so much.
         """
+        self._check_memory("Report.table")
         keys = self.source.keys
         names = list(dict.fromkeys(name for key in keys for name in self.source.names(key)))
         out: dict[str, list[np.ndarray]] = {name: [] for name in (*KEYS, *names)} if keys else {}
@@ -66,6 +78,22 @@ class Report(Printed):
             for name in names:
                 out[name].append(columns.get(name, np.full(count, np.nan)))
         return {name: np.concatenate(values) for name, values in out.items()}
+
+    def dataset(self) -> Any:
+        """The table as a `pyarrow.dataset`, of which only what is asked for is read.
+
+        Raises:
+            ImportError: pyarrow is not installed; the message says how to.
+        """
+        own = getattr(self.source, "dataset", None)
+        return own() if own is not None else in_memory(self.table)
+
+    def _check_memory(self, what: str) -> None:
+        """Raise an error unless all rows fit: joined from their blocks, beside what is there already."""
+        need = 0
+        for key in self.source.keys:
+            need += 2 * self.source.worlds(key) * (8 * len(self.source.names(key)) + BYTES_OF_KEYS)
+        checks.memory(f"{what}: the rows", need, 1, wp.get_device("cpu"))
 
     def _columns(self, key: Key) -> dict[str, np.ndarray]:
         blocks = list(self.source.blocks(key))

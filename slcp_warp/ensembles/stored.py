@@ -1,14 +1,14 @@
 """A sweep of a task that keeps its chunks on disk, goes on where it was, and may run in other processes."""
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from ..inputs import checks
 from ..runs import manifest
 from ..runs.job import rebuild
-from ..runs.progress import Progress, Standing
+from ..runs.progress import Progress
 from ..runs.running import Outcome, run
 from ..runs.stopping import Stop
 from ..runs.store import Store
@@ -104,28 +104,9 @@ def _take_over(job: SweepJob, folder: Path) -> bool:
         return False
     there = Store(folder).manifest
     worlds, parts = there.layout.get("worlds"), job.work.chunks.parts
-    fits = isinstance(worlds, list) and len(worlds) == len(parts)
-    if there.kind != KIND or not fits or any(type(n) is not int or n < 1 for n in worlds):
+    if there.kind != KIND or not isinstance(worlds, list) or len(worlds) != len(parts):
+        return False
+    if any(type(n) is not int or n < 1 for n in worlds):
         return False
     job.work.cut(worlds)
     return True
-
-
-def sweep_stored(
-    work: TaskSweep,
-    out: str | os.PathLike[str],
-    texts: Mapping[str, str],
-    executor: Any,
-    chunk: int | None,
-    progress: Callable[[int, int], None] | None,
-) -> Report:
-    """Run what is missing of a sweep in a folder, and report what is there."""
-    stored = StoredSweep.open(out, work, texts, chunk, None if executor is None else 1)
-    total = work.chunks.worlds
-
-    def tell(standing: Standing) -> None:
-        if progress is not None:
-            progress(standing.tally.get("rows", 0), total)
-
-    stored.run(executor, tell)
-    return stored.report()

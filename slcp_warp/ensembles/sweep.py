@@ -1,6 +1,7 @@
 """Robustness sweeps: thousands of perturbed worlds under a policy, smoothed and hard, with statistics."""
 
 import json
+import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
 from typing import Any
@@ -22,7 +23,7 @@ from .task_report import sweep_task
 
 
 def sweep(
-    scene: Scene | Task,
+    scene: Scene | Task | str,
     policy: Any,
     spec: SweepSpec | None = None,
     *,
@@ -37,6 +38,8 @@ def sweep(
     strategy: str = "auto",
     chunk: int | None = None,
     progress: Callable[[int, int], None] | None = None,
+    out: str | os.PathLike[str] | None = None,
+    executor: Any = None,
 ) -> Any:
     """Run many perturbed worlds, in chunks of bounded memory: of a task, or of a scene as a spec says.
 
@@ -45,8 +48,9 @@ def sweep(
     back.
 
     Args:
-        scene: a task, or a mechanism.
-        policy: as for `Simulator.rollout`; for a task also several by name.
+        scene: a task, or its name or file (`load_task`); or a mechanism.
+        policy: as for `Simulator.rollout`; for a task also several by name, and files of policies
+            (`policies.load_policy`).
         spec: of a scene: what is varied and measured.
         worlds: of a task: disturbed worlds of a case and a policy.
         seed: of a task: of all that is drawn; a world's numbers follow from it and the world's index.
@@ -58,20 +62,26 @@ def sweep(
         chunk: worlds per launch, default by memory; results do not depend on it.
         strategy: as of a `Simulator`; with "generic", and "auto" where that takes it, a step is a launch.
         progress: called with (worlds done, worlds in all).
+        out: of a task: a folder for its table, a file for every chunk. The same call again goes on where it
+            was, after a kill too; memory does not grow with the worlds. None: the table stays in memory.
+        executor: of a task with `out`: runs chunks in other processes, see `runs.executors`.
 
     A keyboard interrupt ends the sweep with what is finished (`complete` False).
 
     Raises:
         StrategyError: more rows than the kernels for these options take.
+        FileError: `out` holds another sweep (the message says what differs), or cannot be written.
     """
     strategy = current_name(strategy)
-    if isinstance(scene, Task):
+    if isinstance(scene, Task | str):
         if spec is not None:
             raise ArgumentError(f"spec is {checks.shown(spec)}; a task has its own disturbances and measures")
         return sweep_task(
             scene, policy, worlds=worlds, seed=seed, cases=cases, step_sizes=step_sizes, dtype=dtype,
-            device=device, strategy=strategy, chunk=chunk, progress=progress,
+            device=device, strategy=strategy, chunk=chunk, progress=progress, out=out, executor=executor,
         )  # fmt: skip
+    if out is not None or executor is not None:
+        raise ArgumentError("out and executor are of tasks; a sweep of a scene stays in memory")
     return _sweep_scene(scene, policy, spec, scaling, integrator, dtype, device, strategy, chunk, progress)
 
 

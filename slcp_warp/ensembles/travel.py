@@ -15,12 +15,34 @@ from ..storage.files import FileError
 from ..tasks.files import TaskFileError, load_task, save_task, task_content, task_of
 from ..tasks.task import Task
 from .identity import task_identity
+from .tasks import policies_by_name
 
+Given = tuple[Task, dict[str, Any], dict[str, str]]  # task, policies, and the texts that they came as
 FOLDER, TASK = "inputs", "task.json"
 ADVICE = (
     "other processes cannot run it. Give it as a text, 'file.py:name', of a Python file in which it is made, "
     "or leave out the executor"
 )
+
+
+def given(task: Any, policies: Any) -> Given:
+    """Task and policies as a user gives them, objects or texts."""
+    texts: dict[str, str] = {}
+    if isinstance(task, str | Path):
+        texts |= _text("task", task)
+        task = load_task(task)
+    named = policies_by_name(policies)
+    for name, policy in named.items():
+        if isinstance(policy, str | Path):
+            texts |= _text(f"policy {name}", policy)
+            named[name] = load_policy(policy)
+    return task, named, texts
+
+
+def _text(what: str, text: str | Path) -> dict[str, str]:
+    """A text of a name in a Python file, with the file's whole path; other files are data."""
+    file, colon, name = str(text).rpartition(":")
+    return {what: f"{Path(file).resolve()}:{name}"} if colon and file.endswith(".py") else {}
 
 
 def packing_list(task: Task, policies: Mapping[str, Any], texts: Mapping[str, str]) -> Plain:
@@ -63,13 +85,11 @@ def pack(store: Path, task: Task, policies: Mapping[str, Any], texts: Mapping[st
             save_policy(policy, path)
 
 
-def unpack(
-    store: Path, task: str, policies: Mapping[str, str]
-) -> tuple[Task, dict[str, Any], dict[str, str]]:
-    """Task, policies, and the texts that they were given as.
+def unpack(store: Path, task: str, policies: Mapping[str, str]) -> Given:
+    """Task and policies as `packing_list` says.
 
     Raises:
-        FileNotFoundError, FileError: a file that is not there, or damaged.
+        FileError: a file that is not there, or damaged.
     """
     texts = {} if task == TASK else {"task": task}
     texts |= {f"policy {name}": text for name, text in policies.items() if ".py:" in text}
@@ -78,12 +98,8 @@ def unpack(
         return text if name in texts else str(store / FOLDER / text)
 
     try:
-        found = load_task(at("task", task))
-        return (
-            found,
-            {name: load_policy(at(f"policy {name}", text)) for name, text in policies.items()},
-            texts,
-        )
+        named = {name: load_policy(at(f"policy {name}", text)) for name, text in policies.items()}
+        return load_task(at("task", task)), named, texts
     except FileNotFoundError as error:
         raise FileError(
             f"{error}: it is needed to go on with {store}; make the call that began it again"

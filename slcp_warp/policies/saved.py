@@ -130,7 +130,5 @@ def _from_python(path: Path, attribute: str) -> Any:
     except Exception as error:
         raise FileError(f"{path}:{attribute}: {type(error).__name__}: {error}") from error
     if policy is None:
-        raise FileError(
-            f"{path}: {attribute} is not in it; a policy, or a function that makes one, is needed"
-        )
+        raise FileError(f"{path}: no {attribute} in it; a policy, or a function that makes one, is needed")
     return policy

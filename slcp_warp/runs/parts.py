@@ -47,6 +47,14 @@ def encode(columns: Columns, facts: Mapping[str, Any]) -> bytes:
     return data.replace(UNSEALED, hashlib.sha256(data).hexdigest().encode())
 
 
+def in_memory(columns: Columns) -> Any:
+    """Columns as a `pyarrow.dataset`."""
+    pa = arrow()
+    import pyarrow.dataset
+
+    return pyarrow.dataset.dataset(pa.table({name: _to_arrow(pa, a) for name, a in columns.items()}))
+
+
 def _to_arrow(pa: Any, column: np.ndarray) -> Any:
     if column.dtype.kind == "U":
         if len(column) and (column == column[0]).all():
@@ -57,6 +65,12 @@ def _to_arrow(pa: Any, column: np.ndarray) -> Any:
     if column.ndim == 1:
         return flat
     return pa.FixedSizeListArray.from_arrays(flat, int(np.prod(column.shape[1:])))
+
+
+def names_of(path: Path) -> tuple[str, ...]:
+    """The columns of a part. Raises FileError where it is no part."""
+    with reading(path, "a part of a run", FileError), opened(path, most_bytes()) as file:
+        return tuple(arrow().parquet.ParquetFile(file).schema_arrow.names)
 
 
 def facts_of(path: Path) -> dict[str, Any]:

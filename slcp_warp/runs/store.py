@@ -140,7 +140,7 @@ class Store:
 
     def names(self, index: int) -> tuple[str, ...]:
         """The columns of a finished chunk."""
-        return tuple(self._checked(index, parts.facts_of(self.part(index)))["sha256"])
+        return parts.names_of(self.part(index))
 
     def tally(self, index: int) -> dict[str, int]:
         """Counts of a finished chunk (`Job.tally`), without reading its rows."""

@@ -1,0 +1,213 @@
+"""Sweeps of tasks in a folder: the same table however they are cut, ended and gone on with; refusals."""
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_task_sweep import kinetic_energy, plan, task
+
+import slcp_warp as slcp
+from slcp_warp import measures as m
+from slcp_warp import policies
+from slcp_warp.ensembles import cutting
+from slcp_warp.ensembles.job import SweepJob
+from slcp_warp.ensembles.stored import StoredSweep
+from slcp_warp.ensembles.tasks import TaskSweep
+from slcp_warp.ensembles.travel import given
+from slcp_warp.runs.job import rebuild, sha256_of
+from slcp_warp.storage.files import FileError
+
+FIELDS = {"worlds": 30, "seed": 3, "cases": slcp.Options(), "device": "cpu"}
+TWO = {"all": plan(), "half": plan(0.5)}
+FILE = """
+from dataclasses import replace
+import numpy as np
+import warp as wp
+import slcp_warp as slcp
+
+SCENE = replace(slcp.scenes.push_block(), step_size=0.02, sigma=0.05)
+
+def push():
+    cost = slcp.costs.terms(SCENE, [slcp.costs.effort(1.0)])
+    return slcp.Task("push", SCENE, cost, 60, measures={"x": slcp.measures.final("block.x")})
+
+gain = slcp.policies.Linear(np.zeros((1, 8)), SCENE.x0, [FORCE])
+
+def asked():
+    return slcp.policies.Callback(lambda x, time: np.full((len(x), 1), FORCE), period=0.6)
+"""
+
+
+def digest(report):
+    return report.source.store.digest()
+
+
+def test_the_table_is_that_of_a_sweep_in_memory(tmp_path):
+    seen = []
+    fields = FIELDS | {"chunk": 8}
+    stored = slcp.sweep(task(), TWO, out=tmp_path / "run", progress=lambda *a: seen.append(a), **fields)
+    memory = slcp.sweep(task(), TWO, **FIELDS)
+    a, b = stored.table, memory.table
+    assert list(a) == list(b) and len(stored.source.chunks) == 10 and stored.complete
+    for name, column in a.items():
+        np.testing.assert_array_equal(column, b[name], err_msg=name)
+    assert repr(stored.summary) == repr(memory.summary) and str(stored) == str(memory)
+    assert stored.compare("all", "half") == memory.compare("all", "half")
+    rows = stored.dataset().to_table(filter=None).to_pydict()
+    assert list(rows) == list(a) and rows["policy"][0] == "all" and rows["final"] == a["final"].tolist()
+    assert memory.dataset().count_rows() == len(b["world"]) == seen[-1][0] == seen[-1][1] == 62
+
+
+def test_a_sweep_goes_on_where_it_was(tmp_path):
+    """Interrupted three times, cut otherwise, moved: the table has the bits of one that ran through."""
+    through = slcp.sweep(task(), TWO, out=tmp_path / "through", chunk=30, **FIELDS)
+
+    def until(limit):
+        def progress(done, total):
+            if done >= limit:
+                raise KeyboardInterrupt
+
+        return progress
+
+    for limit in (1, 17, 40):
+        part = slcp.sweep(task(), TWO, out=tmp_path / "run", chunk=7, progress=until(limit), **FIELDS)
+        done = sum(part.source.worlds(key) for key in part.source.keys)
+        assert not part.complete and limit <= done < limit + 8 and len(part.table["world"]) == done
+    shutil.move(tmp_path / "run", tmp_path / "moved")
+    stored = StoredSweep.resume(tmp_path / "moved")
+    before = len(stored.store.finished())
+    outcome = stored.run()
+    assert outcome.complete and len(outcome.computed) == 12 - before and before > 5
+    report = stored.report()
+    assert report.complete and digest(report) == digest(through) and str(report) == str(through)
+    again = slcp.sweep(task(), TWO, out=tmp_path / "moved", chunk=3, **FIELDS)  # as it is cut already
+    assert again.complete and len(again.source.chunks) == 12
+
+
+@pytest.mark.parametrize(
+    "changes, policy, text",
+    [
+        ({"seed": 4}, TWO, "seed: 3 there, 4 here"),
+        ({"worlds": 31}, TWO, "worlds: 30 there, 31 here"),
+        ({"cases": slcp.Options(scaling="none")}, TWO, "cases.rem-logistic.scaling: 'inertia' there, 'none'"),
+        ({"step_sizes": (0.03,)}, TWO, "step_sizes: "),
+        ({"dtype": "float64"}, TWO, "dtype: 'float32' there, 'float64' here"),
+        ({}, {"all": plan(), "half": plan(0.4)}, "policies.half.numbers: "),
+        ({}, {"all": plan()}, r"policies.half: \{"),
+    ],
+)
+def test_another_sweep_in_the_folder_is_refused(tmp_path_factory, changes, policy, text):
+    folder = tmp_path_factory.getbasetemp() / "one_sweep"
+    slcp.sweep(task(), TWO, out=folder, chunk=30, **FIELDS)
+    with pytest.raises(FileError, match=f"it holds another sweep: .*{text}"):
+        slcp.sweep(task(), policy, out=folder, **(FIELDS | changes))
+    other = task(disturbances=slcp.Disturbances(torque=0.4))
+    with pytest.raises(FileError, match="task.disturbances.* there, "):
+        slcp.sweep(other, TWO, out=folder, **FIELDS)
+
+
+def test_names_and_plans_of_a_task_decide_nothing(tmp_path):
+    slcp.sweep(task(), plan(), out=tmp_path, chunk=30, **FIELDS)
+    same = task(name="other", horizon=20, duration=1.2, options=slcp.Options(residual="hard"))
+    assert slcp.sweep(same, plan(), out=tmp_path, **FIELDS).complete
+
+
+def test_names_in_python_files_travel(tmp_path):
+    """A task and policies of a user's file: rebuilt elsewhere, refused once the file says something else."""
+    file = tmp_path / "mine.py"
+    file.write_text(FILE.replace("FORCE", "2.0"))
+    given_as = {name: f"{file}:{name}" for name in ("gain", "asked")}
+    fields = FIELDS | {"worlds": 4, "chunk": 3}
+    report = slcp.sweep(f"{file}:push", given_as, out=tmp_path / "run", **fields)
+    store = report.source.store
+    assert list((tmp_path / "run" / "inputs").iterdir()) == []
+    assert store.manifest.reference["arguments"]["task"] == f"{file}:push"
+    job = rebuild(store.manifest.reference)
+    assert isinstance(job, SweepJob) and sha256_of(job.specification()) == store.manifest.sha256
+    assert job.layout() == store.manifest.layout and job.texts["policy gain"] == f"{file}:gain"
+    part, again = store.table(2), job.run(2)
+    assert all(np.array_equal(part[name], again[name]) for name in part)
+    np.testing.assert_array_equal(report.part("gain")["x"], report.part("asked")["x"])
+    file.write_text(FILE.replace("FORCE", "3.0"))
+    with pytest.raises(FileError, match="policies.gain.numbers: .*policies.asked.file: "):
+        StoredSweep.resume(tmp_path / "run")
+    file.unlink()
+    with pytest.raises(FileError, match="make the call that began it again"):
+        StoredSweep.resume(tmp_path / "run")
+
+
+class Nothing:
+    def submit(self, *given):
+        raise AssertionError("a world ran")
+
+
+def test_what_cannot_travel_stays_in_its_process(tmp_path):
+    """A measure of a function runs into a folder here; elsewhere it is refused before."""
+    own = task(measures={"most": m.largest(m.function(kinetic_energy))}, success=None)
+    report = slcp.sweep(own, plan(), out=tmp_path / "own", **(FIELDS | {"worlds": 3, "chunk": 3}))
+    assert report.complete and (report.part("policy")["most"] > 0.0).all()
+    code = report.source.store.manifest.specification["task"]["measures"]["most"]["of"]["function"]
+    assert code["function"]["name"] == "kinetic_energy" and len(code["function"]["code"]) == 64
+    with pytest.raises(FileError, match="goes on only by the call that began it: task 'push': measures"):
+        StoredSweep.resume(tmp_path / "own")
+    with pytest.raises(slcp.InputError, match="'file.py:name'"):
+        slcp.sweep(own, plan(), out=tmp_path / "new", executor=Nothing(), chunk=3, **FIELDS)
+    around = policies.Around(policies.Callback(lambda x, time: np.zeros(1)))
+    for policy in (around, policies.Callback(lambda x, time: np.zeros(1))):
+        with pytest.raises(slcp.InputError, match="'file.py:name'|acts on the host"):
+            slcp.sweep(task(), policy, out=tmp_path / "host", chunk=3, **FIELDS)
+    with pytest.raises(slcp.InputError, match="executor is given, but no out"):
+        slcp.sweep(task(), plan(), executor=Nothing(), **FIELDS)
+
+
+def test_two_processes_agree_on_the_hash(tmp_path):
+    code = """
+import sys
+sys.path[:0] = sys.argv[1:3]
+from test_task_sweep import plan, task
+import slcp_warp as slcp
+from slcp_warp.ensembles.job import SweepJob
+from slcp_warp.ensembles.tasks import TaskSweep
+from slcp_warp.runs.job import sha256_of
+fields = {"worlds": 30, "seed": 3, "cases": slcp.Options(), "device": "cpu"}
+work = TaskSweep(task(), {"all": plan(), "half": plan(0.5)}, **fields)
+print(sha256_of(SweepJob(work, ".").specification()))
+"""
+    here = Path(__file__).parent
+    command = [sys.executable, "-P", "-c", code, str(here), str(here.parent / "support")]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    job = SweepJob(TaskSweep(task(), TWO, **FIELDS), tmp_path)
+    assert run.stdout.split()[-1] == sha256_of(job.specification()), run.stderr
+
+
+def test_chunks_take_about_a_second(monkeypatch):
+    """Sizes follow a rate that is measured, on as many threads as a chunk will have, and bounds hold."""
+    work = TaskSweep(task(start=np.tile(task().start, (5, 1))), TWO, **(FIELDS | {"worlds": 10**7}))
+    monkeypatch.setattr(cutting, "_rate", lambda work, part: 5000.0 if part.policy == "all" else 9.0)
+    assert cutting.measured(work) == [4096, 5, 1024, 5]
+    monkeypatch.setattr(cutting, "MOST_CHUNKS", 10**9)
+    assert cutting.measured(work) == [4096, 5, 8, 5]
+    monkeypatch.setattr(cutting, "thread_count", lambda: 4)
+    assert cutting.measured(work, threads=1) == [1024, 5, 2, 2]
+    work.cut(cutting.measured(work))
+    assert len(work.chunks) == -(-(10**7) // 1024) + 10**7 // 2 + 1 + 3
+    assert work.chunks.worlds == 2 * (10**7 + 5)
+
+
+def test_a_report_says_what_does_not_fit(tmp_path, monkeypatch):
+    report = slcp.sweep(task(), TWO, out=tmp_path, chunk=30, **FIELDS)
+    monkeypatch.setattr(report.source, "worlds", lambda key: 10**12)
+    for name in ("table", "parts"):
+        with pytest.raises(slcp.InputError, match=f"Report.{name}: the rows would take .* GiB; cpu has"):
+            getattr(report, name)
+
+
+def test_tasks_and_policies_as_texts(tmp_path):
+    """Names of tasks and files of policies are data: they are kept, and nothing has to be there later."""
+    file = policies.save_policy(plan(), tmp_path / "mine.npz")
+    found, named, texts = given("flicking_finger", {"file": file, "object": TWO["half"]})
+    assert found.name == "flicking_finger" and not texts
+    assert type(named["file"]) is type(named["object"]) is type(plan())
