@@ -9,9 +9,9 @@ from ..inputs.errors import ArgumentError
 from ..runs.progress import Standing
 from .outcome import Report
 from .statistics.source import MemorySource
-from .stored import StoredSweep
+from .stored.sweep import StoredSweep
+from .stored.travel import given
 from .tasks import TaskSweep
-from .travel import given
 
 Progress = Callable[[int, int], None]
 

@@ -12,11 +12,11 @@ from test_task_sweep import kinetic_energy, plan, task
 import slcp_warp as slcp
 from slcp_warp import measures as m
 from slcp_warp import policies
-from slcp_warp.ensembles import cutting
-from slcp_warp.ensembles.job import SweepJob
-from slcp_warp.ensembles.stored import StoredSweep
+from slcp_warp.ensembles.stored import cutting
+from slcp_warp.ensembles.stored.job import SweepJob
+from slcp_warp.ensembles.stored.sweep import StoredSweep
+from slcp_warp.ensembles.stored.travel import given
 from slcp_warp.ensembles.tasks import TaskSweep
-from slcp_warp.ensembles.travel import given
 from slcp_warp.runs.job import rebuild, sha256_of
 from slcp_warp.storage.files import FileError
 
@@ -169,7 +169,7 @@ import sys
 sys.path[:0] = sys.argv[1:3]
 from test_task_sweep import plan, task
 import slcp_warp as slcp
-from slcp_warp.ensembles.job import SweepJob
+from slcp_warp.ensembles.stored.job import SweepJob
 from slcp_warp.ensembles.tasks import TaskSweep
 from slcp_warp.runs.job import sha256_of
 fields = {"worlds": 30, "seed": 3, "cases": slcp.Options(), "device": "cpu"}
@@ -193,7 +193,7 @@ def test_chunks_take_about_a_second(monkeypatch):
     monkeypatch.setattr(cutting, "thread_count", lambda: 4)
     assert cutting.measured(work, threads=1) == [1024, 5, 2, 2]
     work.cut(cutting.measured(work))
-    assert len(work.chunks) == -(-(10**7) // 1024) + 10**7 // 2 + 1 + 3
+    assert len(work.chunks) == -(-(10**7) // 4096) + 10**7 // 8 + 2
     assert work.chunks.worlds == 2 * (10**7 + 5)
 
 

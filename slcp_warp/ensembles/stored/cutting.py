@@ -4,8 +4,8 @@ import time
 
 from slcp_warp.kernels.device.launch import thread_count
 
-from .chunks import ARMS, Part
-from .tasks import TaskSweep
+from ..chunks import ARMS, Part
+from ..tasks import TaskSweep
 
 SECONDS = 1.0  # of a chunk: stopping waits for one, and resuming repeats at most one a worker
 TRIAL = 0.05  # seconds that a measurement takes at least

@@ -5,19 +5,19 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ..inputs import checks
-from ..runs import manifest
-from ..runs.job import rebuild
-from ..runs.progress import Progress
-from ..runs.running import Outcome, run
-from ..runs.stopping import Stop
-from ..runs.store import Store
-from ..storage.files import FileError
+from ...inputs import checks
+from ...runs import manifest
+from ...runs.job import rebuild
+from ...runs.progress import Progress
+from ...runs.running import Outcome, run
+from ...runs.stopping import Stop
+from ...runs.store import Store
+from ...storage.files import FileError
+from ..outcome import Report
+from ..tasks import TaskSweep
 from .cutting import measured
 from .job import KIND, SweepJob
-from .outcome import Report
-from .statistics.stored import StoreSource
-from .tasks import TaskSweep
+from .source import StoreSource
 
 
 class StoredSweep:

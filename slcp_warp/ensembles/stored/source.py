@@ -6,7 +6,7 @@ from typing import Any
 
 from ...runs.store import Store
 from ..chunks import KEYS, Chunks
-from .source import Columns, Key, chosen, in_blocks
+from ..statistics.source import Columns, Key, chosen, in_blocks
 
 
 class StoreSource:

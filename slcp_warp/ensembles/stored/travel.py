@@ -8,14 +8,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ..inputs.errors import ArgumentError
-from ..policies.saved import content_of, load_policy, save_policy
-from ..runs.job import Plain
-from ..storage.files import FileError
-from ..tasks.files import TaskFileError, load_task, save_task, task_content, task_of
-from ..tasks.task import Task
+from ...inputs.errors import ArgumentError
+from ...policies.saved import content_of, load_policy, save_policy
+from ...runs.job import Plain
+from ...storage.files import FileError
+from ...tasks.files import TaskFileError, load_task, save_task, task_content, task_of
+from ...tasks.task import Task
+from ..tasks import policies_by_name
 from .identity import task_identity
-from .tasks import policies_by_name
 
 Given = tuple[Task, dict[str, Any], dict[str, str]]  # task, policies, and the texts that they came as
 FOLDER, TASK = "inputs", "task.json"

@@ -12,13 +12,13 @@ import warp as wp
 
 from slcp_warp.kernels.device.digest import OpaqueError, content_digest
 
-from ..inputs.checks import shown
-from ..inputs.errors import ArgumentError
-from ..policies.saved import content_of
-from ..simulator import Simulator
-from ..stepping.arguments import checked_kernel
-from ..stepping.host import acts_on_host
-from ..tasks.task import Task
+from ...inputs.checks import shown
+from ...inputs.errors import ArgumentError
+from ...policies.saved import content_of
+from ...simulator import Simulator
+from ...stepping.arguments import checked_kernel
+from ...stepping.host import acts_on_host
+from ...tasks.task import Task
 
 LONGEST = 64  # numbers of an array that are written out
 OF_PLANS = ("name", "cost", "horizon", "options")  # fields of a task that decide no run of given cases

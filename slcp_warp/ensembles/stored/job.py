@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import warp as wp
 
-from ..inputs.errors import ArgumentError
-from ..options import Options, Status
-from ..runs.job import Columns, Job, Plain, makes_jobs, reference_to
-from ..runs.store import Store
-from .chunks import ARMS, KEYS
+from ...inputs.errors import ArgumentError
+from ...options import Options, Status
+from ...runs.job import Columns, Job, Plain, makes_jobs, reference_to
+from ...runs.store import Store
+from ..chunks import ARMS, KEYS
+from ..tasks import TaskSweep
 from .identity import policy_identity, task_identity
-from .tasks import TaskSweep
 from .travel import pack, packing_list, unpack
 
 KIND = "sweep"
