@@ -14,8 +14,8 @@ from ..inputs.errors import ArgumentError
 from ..runs.parts import in_memory
 from ..storage.printed import Printed, Table, counted
 from ..tasks.task import Task
-from . import store
 from .chunks import KEYS
+from .statistics import files
 from .statistics.intervals import Interval
 from .statistics.reductions import differences, quantiles_of_part, summary_of_part
 from .statistics.source import Key, MemorySource, Source, joined, measure_names
@@ -67,17 +67,7 @@ class Report(Printed):
             ArgumentError: there is not so much.
         """
         self._check_memory("Report.table")
-        keys = self.source.keys
-        names = list(dict.fromkeys(name for key in keys for name in self.source.names(key)))
-        out: dict[str, list[np.ndarray]] = {name: [] for name in (*KEYS, *names)} if keys else {}
-        for key in keys:
-            columns = self._columns(key)
-            count = len(columns["world"])
-            for name, value in zip(KEYS, key):
-                out[name].append(np.full(count, value))
-            for name in names:
-                out[name].append(columns.get(name, np.full(count, np.nan)))
-        return {name: np.concatenate(values) for name, values in out.items()}
+        return files.table(self.source)
 
     def dataset(self) -> Any:
         """The table as a `pyarrow.dataset`, of which only what is asked for is read.
@@ -149,12 +139,26 @@ class Report(Printed):
         return differences(self.source, a, b, ("success", *self.measures))
 
     def save(self, path: str | Path) -> Path:
-        """Write the table as .csv; replaced only once complete."""
+        """Write the table as .csv, or with all that `load` needs as .npz or .parquet (extra `data`).
+
+        The file is replaced only once complete. A task whose cost or measures are functions is left out: the
+        report that is loaded has the names of its measures, and no task.
+        """
         path = checks.path("path", path)
         if path.suffix != ".csv":
-            raise ArgumentError(f"path {path} ends in {path.suffix!r}; .csv is needed")
-        store.write_table(path, self.table)
+            self._check_memory("Report.save")
+        files.write(path, self.source, self.task, self.complete)
         return path
+
+    @classmethod
+    def load(cls, path: str | Path) -> "Report":
+        """Read a .npz or .parquet file that `save` wrote.
+
+        Raises:
+            FileNotFoundError: not there.
+            FileError: truncated, no report, or inconsistent.
+        """
+        return cls(*files.read(checks.path("path", path)))
 
     def _line(self) -> str:
         end = "" if self.complete else "; interrupted"

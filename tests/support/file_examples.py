@@ -12,10 +12,12 @@ import pytest
 import slcp_warp as slcp
 from slcp_warp import ddp
 from slcp_warp.ddp.library.entries import scene_digest
+from slcp_warp.ensembles.statistics.source import MemorySource
 from slcp_warp.results.simulated import Simulated
 from slcp_warp.scripts.benchmarks.accuracy.results import read_results
 from slcp_warp.scripts.benchmarks.stability.report import KEYS, NUMBERS, read_rows
 from slcp_warp.scripts.charts.sweep import SIZE_COLUMNS, read_sizes
+from slcp_warp.scripts.stages.task_sweep import load_report
 from slcp_warp.scripts.support.records import Record, RecordError, load_record
 from slcp_warp.scripts.support.tables import write_csv
 
@@ -82,6 +84,22 @@ def sweep_report() -> slcp.SweepReport:
     return slcp.SweepReport([case], table, [np.ones((3, 3), np.float32)], spec)
 
 
+def report(complete: bool = True) -> slcp.Report:
+    """Two policies in three worlds, one of them undisturbed, too."""
+    scene, m = slcp.scenes.push_block(), slcp.measures
+    measures = {"x": m.final("block.x"), "time": m.settled(m.state("block.x") > 1.0)}
+    cost = slcp.costs.terms(scene, [slcp.costs.effort(1.0)])
+    task = slcp.Task("push", scene, cost, 5, measures=measures, success=measures["x"] > 0.0)
+    source = MemorySource()
+    for policy, arm, count in (("a", "disturbed", 3), ("b", "disturbed", 3), ("b", "undisturbed", 1)):
+        drawn = {"drawn_mass_0": np.linspace(0.9, 1.1, 3, dtype=np.float32)} if arm == "disturbed" else {}
+        rows = {"world": np.arange(3), **drawn, "x": np.array([0.5, np.nan, -0.1]),
+                "time": np.array([np.inf, np.nan, 2.0]), "success": np.array([True, False, False]),
+                "status": np.array([0, 2, 0], np.int32)}  # fmt: skip
+        source.add((policy, "hard", 0.05, arm), {name: column[:count] for name, column in rows.items()})
+    return slcp.Report(task, source, complete)
+
+
 def trajectory() -> Record:
     structure = PARTICLE.structure
     arrays = {"states": np.ones((2, 4, 2 * structure.nv)), "controls": np.zeros((2, 3, structure.nu)),
@@ -112,6 +130,11 @@ def plan() -> Record:
     return Record("plan", arrays, known, {"horizon": 2, "method": "gauss-newton"})
 
 
+def in_columns(path: Path) -> None:
+    pytest.importorskip("pyarrow")
+    report().save(path)
+
+
 def mjcf(path: Path) -> None:
     pytest.importorskip("mujoco")
     path.write_text(MJCF)
@@ -134,6 +157,9 @@ def stability(path: Path) -> None:
 FORMATS = {
     "library": Format(".npz", lambda p: library().save(p), ddp.Library.load, ddp.LibraryError),
     "sweep": Format(".npz", lambda p: sweep_report().save(p), slcp.SweepReport.load, slcp.FileError),
+    "report": Format(".npz", lambda p: report().save(p), slcp.Report.load, slcp.FileError),
+    "report table": Format(".csv", lambda p: report().save(p), load_report, slcp.FileError),
+    "report in columns": Format(".parquet", in_columns, slcp.Report.load, slcp.FileError),
     "trajectory": Format(
         ".npz", lambda p: trajectory().save(p), lambda p: load_record(p, "trajectory"), RecordError
     ),

@@ -223,7 +223,7 @@ def test_a_report_says_what_there_is(tmp_path):
         report.part("mine")
     text = report.save(tmp_path / "report.csv").read_text().splitlines()
     assert len(text) == 1 + 5 + 1 and text[0].startswith("policy,case,step_size,arm,world,drawn_mass_0")
-    with pytest.raises(slcp.InputError, match=".csv is needed"):
+    with pytest.raises(slcp.InputError, match=".csv, .npz or .parquet is needed"):
         report.save(tmp_path / "report.txt")
 
 
