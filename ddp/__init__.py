@@ -17,6 +17,8 @@ from .problem import Problem
 from .results.result import Result
 from .results.status import Status
 from .results.trace import Trace
+from .sampling.options import Sampling
+from .sampling.sampler import Sampled, Sampler, sample
 from .solver import solve
 from .workspace import Workspace
 
@@ -34,6 +36,9 @@ __all__ = [
     "RecedingOptions",
     "Regularization",
     "Result",
+    "Sampled",
+    "Sampler",
+    "Sampling",
     "Status",
     "TrackingPolicy",
     "Trace",
@@ -46,6 +51,7 @@ __all__ = [
     "linear_system",
     "plan",
     "problem_of",
+    "sample",
     "solve",
     "solve_continuation",
     "solve_multistart",

@@ -23,7 +23,7 @@ FINISH = 2  # plans that every further method goes on from
 
 
 def problem_of(task: Task, sim: Simulator | None = None) -> Problem:
-    """The problem of a task: its cost, horizon and control limits.
+    """The problem of a task: its cost, horizon, control limits and state limits.
 
     Args:
         sim: a simulator of the task's scene; None: `task.simulator()`.
@@ -31,7 +31,8 @@ def problem_of(task: Task, sim: Simulator | None = None) -> Problem:
     instance("task", task, Task, "a slcp_warp.Task")
     instance("sim", sim, Simulator | None, "a slcp_warp.Simulator")
     sim = task.simulator() if sim is None else sim
-    return Problem(sim, task.cost, task.horizon, control_limits=task.control_limits)
+    limits = task.state_limit_rows()
+    return Problem(sim, task.cost, task.horizon, None, task.control_limits, limits)
 
 
 def random_starts(

@@ -33,7 +33,7 @@ TEXT = (".toml", ".json")
 OF_SCENE = ("step_size", "sigma")  # numbers of the scene that a task file may change
 FIELDS_OF_FILE = (
     *("$schema", "format", "version", "name", "scene", *OF_SCENE, "cost", "horizon", "duration", "options"),
-    *("control_limits", "start", "disturbances", "measures", "success"),
+    *("control_limits", "state_limits", "start", "disturbances", "measures", "success"),
 )
 NEEDED = ("name", "scene", "cost", "horizon")
 
@@ -91,7 +91,10 @@ def task_of(content: Any, folder: Path | None = None) -> Task:
         if name in values:
             fields[name] = _build(kind, values[name], name)
     if "control_limits" in values:
-        fields["control_limits"] = _limits(values["control_limits"])
+        fields["control_limits"] = _limits(values["control_limits"], "control_limits")
+    if "state_limits" in values:
+        given = table("state_limits", values["state_limits"], values["state_limits"], (), TaskFileError)
+        fields["state_limits"] = {key: _limits(each, f"state_limits, {key}") for key, each in given.items()}
     if "start" in values:
         fields["start"] = values["start"]
     given = table("measures", values.get("measures", {}), values.get("measures", {}), (), TaskFileError)
@@ -122,6 +125,10 @@ def task_content(task: Task) -> dict[str, Any]:
             content[name] = changed
     if task.control_limits is not None:
         content["control_limits"] = [_with_none(limit) for limit in task.control_limits]
+    if task.state_limits:
+        content["state_limits"] = {
+            name: [_with_none(limit) for limit in pair] for name, pair in task.state_limits.items()
+        }
     content["start"] = task.start.tolist()
     content["measures"] = {
         key: _said(f"measures, {key}", measure_content, each) for key, each in task.measures.items()
@@ -247,16 +254,16 @@ def _changed(item: Any, default: Any) -> dict[str, Any]:
     return out
 
 
-def _limits(given: Any) -> Any:
+def _limits(given: Any, where: str) -> Any:
     """(lower, upper) with infinite ones where the file has no value."""
     if not isinstance(given, list) or len(given) != 2:
-        raise TaskFileError(f"control_limits: {given!r:.60}; [lower, upper] is needed")
-    return tuple(_without_none(limit, sign * np.inf) for limit, sign in zip(given, (-1.0, 1.0)))
+        raise TaskFileError(f"{where}: {given!r:.60}; [lower, upper] is needed")
+    return tuple(_without_none(limit, sign * np.inf, where) for limit, sign in zip(given, (-1.0, 1.0)))
 
 
-def _without_none(limit: Any, instead: float) -> Any:
+def _without_none(limit: Any, instead: float, where: str) -> Any:
     if isinstance(limit, list):
-        return [_without_none(each, instead) for each in entries("control_limits", limit, TaskFileError)]
+        return [_without_none(each, instead, where) for each in entries(where, limit, TaskFileError)]
     return instead if limit is None or limit == NO_VALUE else limit
 
 

@@ -39,6 +39,10 @@ def json_schema() -> dict[str, Any]:
         "duration": {"anyOf": [NUMBER, {"type": "null"}]},
         "options": _to("Options"),
         "control_limits": {"type": "array", "items": limits, "minItems": 2, "maxItems": 2},
+        "state_limits": {
+            "type": "object",
+            "additionalProperties": {"type": "array", "items": limit, "minItems": 2, "maxItems": 2},
+        },
         "start": {
             "anyOf": [
                 {"type": "object", "additionalProperties": NUMBER},

@@ -39,6 +39,7 @@ class Task(Printed):
         options: what a plan's steps solve.
         duration: of a run [s]; None: as long as a plan.
         control_limits: (lower, upper), each a number or (nu,); None: none. They hold in plans and in runs.
+        state_limits: by name of a state (lower, upper), infinite where there is none: plans keep them.
         start: states that runs start from: (nx,) or (M, nx), or a dict of numbers by state name on the
             scene's initial state; None: that.
         measures: what a run is looked at by, by name.
@@ -53,6 +54,7 @@ class Task(Printed):
     options: Options = field(default_factory=Options)
     duration: float | None = None
     control_limits: Any = None
+    state_limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     start: Any = None
     disturbances: Disturbances = field(default_factory=Disturbances)
     measures: Mapping[str, Measure] = field(default_factory=dict)
@@ -84,6 +86,7 @@ class Task(Printed):
                 raise TaskError(
                     f"Task.control_limits are {len(lower)} rows; one number or ({self.scene.nu},) is needed"
                 )
+        self.state_limit_rows()
         put(self, "start", self._starts())
         put(self, "measures", checked_measures(self.measures))
         try:
@@ -96,6 +99,31 @@ class Task(Printed):
                 f"run, Task.duration = {self.duration} s, are needed"
             )
         self._check_names()
+
+    def state_limit_rows(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """Limits of all states (nx,), infinite where there is none; None: of no state.
+
+        Raises:
+            TaskError: a state that the scene has not got, limits that are no pair of numbers or cross.
+        """
+        instance("Task.state_limits", self.state_limits, Mapping, "a dict of (lower, upper) by state name")
+        if not self.state_limits:
+            return None
+        nx = 2 * self.scene.nv
+        lower, upper = np.full(nx, -np.inf), np.full(nx, np.inf)
+        for name, given in self.state_limits.items():
+            where = f"Task.state_limits[{name!r}]"
+            try:
+                place = self.scene.state_index(name)
+            except ArgumentError as error:
+                raise TaskError(f"Task.state_limits: {error}") from None
+            pair = array(where, given, (2,), finite=False, error=TaskError)
+            if not pair[0] <= pair[1]:
+                raise TaskError(
+                    f"{where} is {shown(given)}; a lower limit and an upper one above it are needed"
+                )
+            lower[place], upper[place] = pair
+        return lower, upper
 
     def _starts(self) -> np.ndarray:
         """(M, nx) states."""

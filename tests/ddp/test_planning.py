@@ -88,3 +88,19 @@ def test_shared_code_names_no_task():
         for path in source_files(*LAYERS)
     }
     assert {path: words for path, words in found.items() if words and not path.startswith(CONSTRUCTORS)} == {}
+
+
+def test_a_tasks_limits_of_states_are_the_problems(planned):
+    """By name, and the plan keeps them where the one without them does not."""
+    task, sim, _, first, _ = planned
+    place = task.scene.state_index("block.vx")
+    fastest = 0.6 * float(first.best.xs[:, place].max())
+    slow = task.replace(state_limits={"block.vx": (-np.inf, fastest)})
+    lower, upper = ddp.problem_of(slow, sim).state_limit_rows()
+    assert upper[0, place] == fastest and np.isfinite(upper).sum() == 1 and not np.isfinite(lower).any()
+    found = ddp.solve(
+        ddp.problem_of(slow, sim), task.start[0], first.best.us, ddp.Options(method="gauss-newton")
+    )
+    assert found.xs[:, place].max() <= fastest + 2e-3 and found.cost > first.best.cost
+    run = sim.rollout(task.start[0], policy=ddp.TrackingPolicy(found), steps=task.horizon)
+    assert run.states[:, place].max() <= fastest + 2e-3

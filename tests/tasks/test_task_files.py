@@ -41,6 +41,7 @@ def rich() -> slcp.Task:
     return task.replace(
         options=slcp.Options(residual="hard", gap="end", tolerance=1e-9),
         control_limits=(-np.inf, [3.0]),
+        state_limits={"block.vx": (-np.inf, 2.5), "pusher.shift": (-3.0, 3.0)},
         start=task.start + np.outer([0.0, 1.0], np.ones(8)),
         disturbances=slcp.Disturbances(start={"block.x": 0.1}, kick_times=(0.5, 1.0), kick=0.2),
         measures=task.measures | {"last": last, "push": m.impulse("face/pusher"), "u": m.mean(m.control(0))},
@@ -53,6 +54,7 @@ def test_everything_that_is_data_goes_round(tmp_path):
     slcp.save_task(rich(), tmp_path / "task.json")
     again = slcp.load_task(tmp_path / "task.json")
     same(again, rich())
+    assert again.state_limits == {"block.vx": (-np.inf, 2.5), "pusher.shift": (-3.0, 3.0)}
     assert again.control_limits[0] == -np.inf and again.control_limits[1] == [3.0]
 
 
@@ -140,6 +142,10 @@ TERM = {"kind": "square", "weight": 1.0, "state": "block.x"}
         ({"options": {"residual": "soft"}}, "options: Options.residual is 'soft'"),
         ({"options": {"frction": "coulomb"}}, "options: no field 'frction'; did you mean 'friction'"),
         ({"control_limits": 3.0}, r"control_limits: 3.0; \[lower, upper\] is needed"),
+        ({"state_limits": 3.0}, "state_limits"),
+        ({"state_limits": {"wheel": [0.0, 1.0]}}, "Task.state_limits: .*wheel"),
+        ({"state_limits": {"block.x": 3.0}}, r"state_limits, block.x: 3.0; \[lower, upper\] is needed"),
+        ({"state_limits": {"block.x": [1.0, 0.0]}}, "block.x.*a lower limit and an upper one above it"),
         ({"control_limits": [1.0, -1.0]}, "a lower limit is above the upper one"),
         ({"control_limits": ["low", 1.0]}, "control_limits: lower limit must be numbers, got 'low'"),
         ({"start": {"block.z": 1.0}}, "'block.z'"),

@@ -1,0 +1,1 @@
+"""Search by sampled controls: predictive sampling, the cross-entropy method, path integrals."""
