@@ -30,6 +30,7 @@ from .digest import OpaqueError, content_digest
 CPU_ARITHMETIC = "-ffp-contract=fast -freciprocal-math -fno-signed-zeros"
 INLINING = re.compile(r"(-inline(?:-cold-callsite)?-threshold=)\d+")
 INLINED = r"\g<1>20000"
+MOST_UNROLLED = 128  # passes of a loop whose adjoint is wanted: of loops that are not unrolled it is wrong
 
 
 def cpu_compiler_flags() -> str:
@@ -46,6 +47,16 @@ def specialised(function: Callable) -> wp.Kernel:
     return named_by_code(cpu_compiler_flags=cpu_compiler_flags())(function)
 
 
+def with_adjoint(function: Callable) -> wp.Kernel:
+    """Decorator: a kernel with Warp's adjoint, whose loops of a fixed length are unrolled."""
+    options = {
+        "cpu_compiler_flags": cpu_compiler_flags(),
+        "enable_backward": True,
+        "max_unroll": MOST_UNROLLED,
+    }
+    return _declare(function, options, True)
+
+
 def named_by_code(**options: Any) -> Callable[[Callable], wp.Kernel]:
     """Decorator: a forward-only kernel in a module of its own, named after its code.
 
@@ -55,12 +66,12 @@ def named_by_code(**options: Any) -> Callable[[Callable], wp.Kernel]:
     return lambda function: _declare(function, options)
 
 
-def _declare(function: Callable, options: dict[str, Any]) -> wp.Kernel:
+def _declare(function: Callable, options: dict[str, Any], backward: bool = False) -> wp.Kernel:
     digest = code_digest(function, **options)
     function.__qualname__ = f"{function.__name__}_{digest[:12]}"
     module = wp.get_module(f"{__package__}.{function.__qualname__}")
     wp.set_module_options(options, module)
-    kernel = wp.kernel(function, module=module, enable_backward=False)
+    kernel = wp.kernel(function, module=module, enable_backward=backward)
     kernel.adj.content_digest = bytes.fromhex(digest)
     module.has_unresolved_static_expressions = False
     return kernel

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import warp as wp
 
+from ..device.compile import specialised
 from ..device.random import make_normal
 from ..factories import cached
 from .contract import PolicyFunctions, PolicyKernel, make_policy
@@ -90,3 +91,23 @@ def make_around(inner: PolicyKernel, between: Between, nx: int, nu: int, dtype: 
         return limited(data.lower, data.upper, u), after
 
     return PolicyFunctions(Around, control, SIZE, start)
+
+
+@cached
+def make_noise_kernel(nx: int, dtype: type) -> wp.Kernel:
+    """The sensor's noise (B, nx) of step k, for whoever repeats what a kernel has seen."""
+    normals = make_normal(dtype).normals
+
+    @specialised
+    def noise_kernel(
+        first: int,
+        k: int,
+        seed: int,
+        deviation: wp.array(dtype=dtype),  # (nx,)
+        noise: wp.array2d(dtype=dtype),  # out (B, nx)
+    ):
+        i = first + wp.tid()
+        for j in range(nx):
+            noise[i, j] = deviation[j] * normals(seed, i, k, SENSOR + j)[0]
+
+    return noise_kernel

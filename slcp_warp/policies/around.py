@@ -53,7 +53,7 @@ class Around:
     def kernel(self, sim: Simulator) -> tuple[PolicyKernel, Any]:
         """Kernel and struct for a simulator."""
         inner, inside = checked_kernel(self.policy, sim)
-        noise, (lower, upper) = self._noise(sim), limit_rows(self.limits, sim.nu)
+        noise, (lower, upper) = self.deviations(sim), limit_rows(self.limits, sim.nu)
         if len(lower) != 1:
             raise ArgumentError(f"limits are for {len(lower)} worlds; one pair for all is needed")
         kernel = around_kernel(inner, Between(self.delay, self.hold > 1, bool(noise.any())))
@@ -86,8 +86,8 @@ class Around:
         noise = values.get("noise", arrays.get("noise"))
         return cls(policy_of(content.below("policy")), limits, noise=noise, **between)
 
-    def _noise(self, sim: Simulator) -> np.ndarray:
-        """Standard deviations (nx,)."""
+    def deviations(self, sim: Simulator) -> np.ndarray:
+        """Standard deviations (nx,) of the noise on a simulator's states."""
         out = np.zeros(sim.nx)
         if isinstance(self.noise, Mapping):
             for name, deviation in self.noise.items():

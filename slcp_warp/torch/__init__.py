@@ -6,8 +6,8 @@ exact to solver tolerance where a world's status is SOLVED, NaN where it is not.
 for a second derivative is an error.
 """
 
+from .closed_loop import closed_loop
 from .functions import Outcome, rollout, step
 from .module import Rollout
-from .network import closed_loop
 
 __all__ = ["Outcome", "Rollout", "closed_loop", "rollout", "step"]

@@ -16,59 +16,44 @@ from slcp_warp.kernels.policies.tracking import make_tracking
 
 from ..gradients.tape import Recorded, adjoint
 from ..inputs.arrays import ArrayError
-from ..inputs.checks import instance, whole
 from ..policies.network import Network
 from ..simulator import Simulator
 from ..stepping.arrays import Controls, RolloutArrays
-from .functions import Outcome, given
 from .operators import share, stream
-from .table import Values, parameter_table
 
 
-def closed_loop(
-    sim: Simulator, x0: Tensor, module: torch.nn.Sequential, steps: int, params: Values = None
-) -> Outcome:
-    """Step every world N times under u = module(x), as `policies.Network` has it.
-
-    Differentiable by x0, the module's weights and the parameters that are tensors; once.
-
-    Args:
-        sim, params: as for `rollout`.
-        x0: (B, nx) or (nx,).
-        module: of the simulator's precision, on its device.
-        steps: N.
-
-    Raises:
-        ArrayError: another shape, dtype or device. Other errors of `policies.Network` and `rollout`.
-    """
-    instance("sim", sim, Simulator, "a slcp_warp.Simulator")
-    sim.need_derivatives("slcp_warp.torch")
-    steps, x = whole("steps", steps), given(sim, "x0", x0, (sim.nx,))
+def under_module(
+    sim: Simulator, x: Tensor, module: torch.nn.Module, steps: int, table: Tensor
+) -> tuple[Tensor, Tensor]:
+    """States (B, N+1, nx) and status of worlds that begin in x (B, nx), under u = module(x)."""
     policy = Network(module)
+    of_same_kind(module, x)
+    states, controls, status = roll_out(sim, x, policy, steps, table)
+    before = states[:, :-1]
+    asked, gain = module(before), _slopes(module, before)
+    followed: Any = ClosedLoop.apply(x, table, asked, controls, gain, states, status, sim)
+    return followed, status
+
+
+def of_same_kind(module: torch.nn.Module, x: Tensor) -> None:
+    """Raise ArrayError for weights of another precision or device than the states'."""
     for name, weight in module.named_parameters():
         if weight.dtype != x.dtype or weight.device != x.device:
             raise ArrayError(
                 f"module has {name} of {weight.dtype} on {weight.device}; {x.dtype} on {x.device} is needed"
             )
-    table = parameter_table(sim, params, x)
-    if len(table) not in (1, len(x)):
-        raise ArrayError(f"params are given for {len(table)} worlds, x0 for {len(x)}")
-    states, controls, status = _roll_out(sim, x, policy, steps, table)
-    before = states[:, :-1]
-    asked, gain = module(before), _slopes(module, before)
-    followed: Any = ClosedLoop.apply(x, table, asked, controls, gain, states, status, sim)
-    return Outcome(followed, status) if x0.ndim == 2 else Outcome(followed[0], status[0])
 
 
-def _roll_out(
-    sim: Simulator, x: Tensor, policy: Network, steps: int, table: Tensor
+def roll_out(
+    sim: Simulator, x: Tensor, policy: Any, steps: int, table: Tensor
 ) -> tuple[Tensor, Tensor, Tensor]:
     """States (B, N+1, nx), controls (B, N, nu), status (B,)."""
     worlds = len(x)
     states, controls = x.new_zeros((worlds, steps + 1, sim.nx)), x.new_zeros((worlds, steps, sim.nu))
     status = torch.zeros(worlds, dtype=torch.int32, device=x.device)
     with stream(x):
-        source = Controls(*policy.kernel(sim), steps)
+        kernel, struct = policy.kernel(sim)
+        source = Controls(kernel, struct, steps)
         numbers, start, out, us = share(sim, table, x, states, controls)
         none = sim.empty(0, steps, 1)
         code: Any = wp.from_torch(status)
@@ -77,7 +62,7 @@ def _roll_out(
     return states, controls, status
 
 
-def _slopes(module: torch.nn.Sequential, states: Tensor) -> Tensor:
+def _slopes(module: torch.nn.Module, states: Tensor) -> Tensor:
     """Derivatives (B, N, nu, nx) of the controls by the state."""
     with torch.enable_grad():
         x = states.detach().requires_grad_()

@@ -1,0 +1,157 @@
+"""Policies repeated along recorded states by PyTorch, for their derivatives.
+
+Each is start(x) -> memory and (k, x, memory) -> (u, memory) of all worlds, the same numbers as in a kernel.
+"""
+
+import copy
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+import torch
+import warp as wp
+from torch import Tensor
+
+from slcp_warp.kernels.device.launch import launch
+from slcp_warp.kernels.policies.around import make_noise_kernel
+
+from ..inputs.errors import ArgumentError, ArgumentTypeError
+from ..inputs.limits import bounded, limit_rows
+from ..policies.around import Around
+from ..policies.function import Function
+from ..policies.linear import Linear
+from ..policies.network import Network
+from ..simulator import Simulator
+from .asked import AskedFunction
+
+Memory = tuple[Tensor, ...]
+
+
+class Followed(Protocol):
+    """A policy that can be followed."""
+
+    def start(self, x: Tensor) -> Memory:
+        """What is remembered before the first step."""
+
+    def __call__(self, k: int, x: Tensor, memory: Memory) -> tuple[Tensor, Memory]:
+        """Controls (B, nu) of step k, and what is remembered then."""
+
+
+class FollowedNetwork:
+    """A network with weights by name."""
+
+    def __init__(self, policy: Network, weights: Mapping[str, Tensor]) -> None:
+        self._module, self._weights = policy.module, dict(weights)
+
+    def start(self, x: Tensor) -> Memory:
+        """Nothing."""
+        return ()
+
+    def __call__(self, k: int, x: Tensor, memory: Memory) -> tuple[Tensor, Memory]:
+        """See `Followed`."""
+        return torch.func.functional_call(self._module, self._weights, (x,)), memory
+
+
+class FollowedLinear:
+    """Linear feedback."""
+
+    def __init__(self, policy: Linear, like: Tensor) -> None:
+        def put(values: Any) -> Tensor:
+            return torch.tensor(values, dtype=like.dtype, device=like.device)
+
+        self.K, self.x, self.u, self.period = map(put, (policy.K, policy.x_ref, policy.u_ref, policy.period))
+        self.lower, self.upper = map(put, policy.limits)
+
+    def start(self, x: Tensor) -> Memory:
+        """Nothing."""
+        return ()
+
+    def __call__(self, k: int, x: Tensor, memory: Memory) -> tuple[Tensor, Memory]:
+        """See `Followed`."""
+        off = x - self.x
+        safe = torch.where(self.period > 0.0, self.period, 1.0)
+        off = off - torch.where(self.period > 0.0, safe * torch.round(off / safe), 0.0).detach()
+        u = self.u + (self.K @ off[:, :, None])[:, :, 0]
+        return torch.clamp(u, self.lower, self.upper), memory
+
+
+class FollowedAround:
+    """Another policy behind a noisy sensor, a hold, a delay and limits; memory: of it, held, on the way."""
+
+    def __init__(self, policy: Around, inner: Followed, sim: Simulator, like: Tensor) -> None:
+        self.inner, self.delay, self.hold, self.seed = inner, policy.delay, policy.hold, policy.seed
+        self._sim = sim
+        self._noise: Any = wp.array(policy.deviations(sim), dtype=sim.dtype, device=sim.device)
+        self._noisy = bool(policy.deviations(sim).any())
+        lower, upper = limit_rows(policy.limits, sim.nu)
+        self._bounded = bounded(lower, upper)
+        self._limits = [torch.tensor(a[0], dtype=like.dtype, device=like.device) for a in (lower, upper)]
+
+    def start(self, x: Tensor) -> Memory:
+        """See `Followed`."""
+        zeros = x.new_zeros((len(x), self._sim.nu))
+        return (zeros,) * (1 + self.delay) + self.inner.start(self._seen(0, x))
+
+    def _seen(self, k: int, x: Tensor) -> Tensor:
+        if not self._noisy:
+            return x
+        noise = self._sim.empty(*x.shape)
+        kernel = make_noise_kernel(self._sim.nx, self._sim.dtype)
+        launch(kernel, len(x), [k, self.seed, self._noise, noise], self._sim.device)
+        return x + wp.to_torch(noise)
+
+    def __call__(self, k: int, x: Tensor, memory: Memory) -> tuple[Tensor, Memory]:
+        """See `Followed`."""
+        held, way, inside = memory[0], memory[1 : 1 + self.delay], memory[1 + self.delay :]
+        if k % self.hold == 0:
+            held, inside = self.inner(k, self._seen(k, x), inside)
+        u, way = (*way, held)[0], (*way, held)[1:]  # the oldest arrives
+        if self._bounded:
+            u = torch.clamp(u, *self._limits)
+        return u, (held, *way, *inside)
+
+
+def innermost(policy: Any) -> Any:
+    """The policy inside all `Around`s."""
+    while isinstance(policy, Around):
+        policy = policy.policy
+    return policy
+
+
+def leaves_of(policy: Any, arrays: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    """The tensors that a policy can be differentiated by: those of `arrays`, or a network's weights.
+
+    Raises:
+        ArgumentTypeError: a policy through which no gradient flows.
+        ArgumentError: arrays for one that has none.
+    """
+    inner = innermost(policy)
+    if not isinstance(inner, Function | Network | Linear):
+        raise ArgumentTypeError(
+            f"policy is a {type(inner).__name__}, through which no gradient flows; a torch.nn.Sequential, or "
+            "policies.Function, Network, Linear or Around of these is needed"
+        )
+    if arrays and not isinstance(inner, Function):
+        raise ArgumentError(f"arrays are given, but a {type(inner).__name__} has none; a Function has")
+    return dict(inner.module.named_parameters()) if isinstance(inner, Network) else dict(arrays)
+
+
+def followed(policy: Any, sim: Simulator, like: Tensor, leaves: Mapping[str, Tensor]) -> Followed:
+    """A policy to follow, with these tensors of `leaves_of`."""
+    if isinstance(policy, Around):
+        return FollowedAround(policy, followed(policy.policy, sim, like, leaves), sim, like)
+    if isinstance(policy, Function):
+        return AskedFunction(policy, sim, leaves)
+    if isinstance(policy, Network):
+        return FollowedNetwork(policy, leaves)
+    return FollowedLinear(policy, like)
+
+
+def filled(policy: Any, sim: Simulator, leaves: Mapping[str, Tensor]) -> Any:
+    """A policy for the kernels, with tensors in place of a function's arrays."""
+    if isinstance(policy, Around):
+        out = copy.copy(policy)
+        out.policy = filled(policy.policy, sim, leaves)
+        return out
+    if isinstance(policy, Function):
+        return AskedFunction(policy, sim, leaves).filled(leaves.values())
+    return policy
