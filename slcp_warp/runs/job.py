@@ -78,6 +78,10 @@ def makes_jobs(function: Callable[..., Job]) -> Callable[..., Job]:
 
 def reference_to(maker: Callable[..., Job], **arguments: Any) -> Plain:
     """The reference of a job that `maker` (see `makes_jobs`) gives for arguments of JSON values."""
+    if maker.__module__ == "__main__":
+        raise ArgumentError(
+            f"{maker.__qualname__} is of the script itself; a module that can be imported is needed"
+        )
     return plain({"make": f"{maker.__module__}:{maker.__qualname__}", "arguments": arguments}, "reference")
 
 

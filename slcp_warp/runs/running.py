@@ -1,16 +1,17 @@
 """A job's missing chunks, computed: in this process, or through an executor."""
 
-import time
-from collections import Counter, deque
+from collections import deque
 from dataclasses import dataclass, field
 from typing import Any
 
-from .job import Columns, Job
-from .progress import Progress, Standing
+from .books import Books
+from .executors import workers_of
+from .job import Job
+from .progress import Progress
+from .spreading import PAUSE, Spread, travelling
 from .stopping import Stop, on_signals
 from .store import Store
-
-PAUSE = 0.2  # seconds before asking again for chunks that others compute
+from .worker import compute
 
 
 @dataclass(frozen=True)
@@ -34,46 +35,6 @@ class Outcome:
     seconds: float = 0.0
 
 
-class Books:
-    """What is done and what is left, and who is told."""
-
-    def __init__(self, store: Store, progress: Progress | None) -> None:
-        self.store, self.progress = store, progress
-        self.again = store.set_damaged_aside()
-        store.clear()
-        self.tally: Counter[str] = Counter()
-        self.done: set[int] = set()
-        self.computed: list[int] = []
-        self.fresh, self.began = 0, time.monotonic()
-        for index in store.finished():
-            self.add(index, store.tally(index), found=True)
-        self.tell()
-
-    def add(self, index: int, tally: dict[str, int], found: bool = False) -> None:
-        """Count a finished chunk; `found`: it was there, or another process computed it."""
-        if index in self.done:
-            return
-        self.done.add(index)
-        self.tally.update(tally)
-        if not found:
-            self.computed.append(index)
-            self.fresh += tally.get("rows", 0)
-
-    def tell(self) -> None:
-        """Say how far it is."""
-        if self.progress is not None:
-            seconds = time.monotonic() - self.began
-            standing = Standing(len(self.done), self.store.count, dict(self.tally), self.fresh, seconds)
-            self.progress(standing)
-
-    def outcome(self, stop: Stop) -> Outcome:
-        """What there is at the end."""
-        return Outcome(
-            len(self.done) == self.store.count, tuple(self.computed), tuple(self.again), dict(self.tally),
-            stop.signal, time.monotonic() - self.began,
-        )  # fmt: skip
-
-
 def run(
     job: Job,
     store: Store,
@@ -89,21 +50,34 @@ def run(
     Args:
         job: what is computed.
         store: `Store.open(folder, job)`.
-        executor: None: this process. Else anything with `submit(function, *arguments) -> future`.
+        executor: None: this process. Else `executors.processes`, `dask` or `slurm`, a Dask client, or
+            anything with `submit(function, *arguments) -> future`. A chunk whose worker ends is computed
+            again.
         progress: called with a `Standing` after every chunk.
         stop: ends it when called, from another thread, say.
 
     Raises:
-        FileError: disk full, folder read-only or gone; finished parts are safe.
+        ArgumentError: the job cannot travel to other processes; nothing has been computed.
+        FileError: disk full, folder read-only or gone, a worker of another version; finished parts are safe.
+        WorkerError: a chunk ends its workers again and again.
     """
     stop = Stop() if stop is None else stop
+    workers = None if executor is None else workers_of(executor)
+    reference = {} if workers is None else travelling(job, store)
     books = Books(store, progress)
     with on_signals(stop):
         try:
-            _here(job, store, books, stop)
+            if workers is None:
+                _here(job, store, books, stop)
+            elif store.missing():
+                job.prepare()
+                Spread(reference, store, books, workers, stop).run()
         except KeyboardInterrupt:
             stop()
-    return books.outcome(stop)
+    return Outcome(
+        len(books.done) == store.count, tuple(books.computed), tuple(books.again), dict(books.tally),
+        stop.signal, books.seconds,
+    )  # fmt: skip
 
 
 def _here(job: Job, store: Store, books: Books, stop: Stop) -> None:
@@ -124,14 +98,3 @@ def _here(job: Job, store: Store, books: Books, stop: Stop) -> None:
         else:
             todo.append(index)
             passed += 1
-
-
-def compute(job: Job, store: Store, index: int) -> dict[str, int] | None:
-    """Compute a chunk and write its part, unless it is there or claimed; its tally if it was computed."""
-    with store.claim(index) as mine:
-        if not mine:
-            return None
-        columns: Columns = job.run(index)
-        tally = {name: int(n) for name, n in job.tally(columns).items()}
-        store.write(index, columns, tally)
-        return tally

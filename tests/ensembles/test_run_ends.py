@@ -13,9 +13,10 @@ import pytest
 from chunked import Numbers, finished
 
 import slcp_warp as slcp
-from slcp_warp.runs.running import compute, run
+from slcp_warp.runs.running import run
 from slcp_warp.runs.stopping import Stop
 from slcp_warp.runs.store import Store
+from slcp_warp.runs.worker import compute
 
 pytest.importorskip("pyarrow")
 

@@ -13,8 +13,9 @@ from slcp_warp.runs import origin, parts
 from slcp_warp.runs.job import Job, plain, rebuild, sha256_of
 from slcp_warp.runs.manifest import NAME
 from slcp_warp.runs.progress import Standing, duration, shown
-from slcp_warp.runs.running import compute, run
+from slcp_warp.runs.running import run
 from slcp_warp.runs.store import Store
+from slcp_warp.runs.worker import compute
 
 pytest.importorskip("pyarrow")
 

@@ -3,23 +3,29 @@
 python tests/support/chunked.py FOLDER ROWS CHUNK SECONDS      runs it in this process
 """
 
+import os
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 
+from slcp_warp.runs import origin
+from slcp_warp.runs.executors import processes
 from slcp_warp.runs.job import Job, makes_jobs, reference_to
 from slcp_warp.runs.running import run
 from slcp_warp.runs.store import Store
 
 
 class Numbers(Job):
-    """`rows` numbers that a seed and their index decide, in chunks of `chunk`; each takes `seconds`."""
+    """`rows` numbers that a seed and their index decide, in chunks of `chunk`; each takes `seconds`,
+    and is noted in the file `log` when it begins."""
 
     kind = "numbers"
 
-    def __init__(self, rows: int = 100, chunk: int = 10, seed: int = 0, seconds: float = 0.0, **more) -> None:
+    def __init__(self, rows=100, chunk=10, seed=0, seconds=0.0, log=None, **more) -> None:
         self.rows, self.chunk, self.seed, self.seconds, self.more = rows, chunk, seed, seconds, more
+        self.log = log
         self.count = -(-rows // chunk)
         self.ran: list[int] = []
 
@@ -31,13 +37,22 @@ class Numbers(Job):
 
     def reference(self):
         arguments = {"rows": self.rows, "chunk": self.chunk, "seed": self.seed, "seconds": self.seconds}
-        return reference_to(numbers, **arguments, **self.more)
+        return reference_to(
+            numbers, **arguments, log=None if self.log is None else str(self.log), **self.more
+        )
 
     def tally(self, columns):
         return {"rows": len(columns["row"]), "failures": int((~columns["good"]).sum())}
 
     def run(self, index):
         self.ran.append(index)
+        if self.log is not None:
+            with open(self.log, "a") as file:
+                file.write(f"{index} {os.getpid()}\n")
+        if self.more.get("fails") == index:
+            raise ValueError(f"there is no number {index}")
+        if self.more.get("dies") == index:
+            os.kill(os.getpid(), 9)
         time.sleep(self.seconds)
         row = np.arange(index * self.chunk, min(self.rows, (index + 1) * self.chunk))
         draws = [np.random.default_rng((self.seed, i)).standard_normal(7) for i in row]
@@ -65,9 +80,25 @@ def finished(folder, job=None) -> Store:
     return store
 
 
+def of_another_version() -> None:
+    """In a worker: it finds another version of the package."""
+    origin.__version__ = "9.9"
+
+
+def starts(log) -> list[tuple[int, int]]:
+    """The chunks that were begun, and by which process, in order."""
+    path = Path(log)
+    return [tuple(map(int, line.split())) for line in path.read_text().splitlines()] if path.exists() else []
+
+
+def main(folder: str, rows: str, chunk: str, seconds: str, log: str, count: str) -> None:
+    job = Numbers(int(rows), int(chunk), seconds=float(seconds), log=log)
+    executor = processes(int(count)) if int(count) else None
+    outcome = run(job, Store.open(folder, job), executor)
+    print(outcome.complete, outcome.signal, len(outcome.computed))
+
+
 if __name__ == "__main__":
-    folder, rows, chunk, seconds = sys.argv[1:]
-    sys.modules["chunked"] = sys.modules["__main__"]  # as workers know it
-    job = Numbers(int(rows), int(chunk), seconds=float(seconds))
-    outcome = run(job, Store.open(folder, job))
-    print(outcome.complete, outcome.signal, len(outcome.computed), len(outcome.again))
+    import chunked  # as workers know it
+
+    chunked.main(*sys.argv[1:])
