@@ -4,7 +4,7 @@ The contact problem of every time step is a stochastic complementarity problem (
 docstrings (17) is an equation of that paper, (M17) one of docs/understand/mathematics.md.
 """
 
-from . import costs, measures, policies, scenes, tasks
+from . import costs, measures, policies, runs, scenes, tasks
 from .description.mjcf import MjcfError, load_mjcf
 from .description.parts import Actuator, Body, Contact, Shape, Spring, box, touching
 from .description.scene import Scene
@@ -79,6 +79,7 @@ __all__ = [
     "particles",
     "policies",
     "residual",
+    "runs",
     "save_scene",
     "save_task",
     "scenes",

@@ -4,8 +4,9 @@ All of them only start `worker.work` somewhere; the store is where workers meet.
 is in `Workers`.
 """
 
+import asyncio
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError
 from typing import Any
 
@@ -29,7 +30,7 @@ class Workers:
     """
 
     lost: tuple[type[BaseException], ...] = (BrokenExecutor, CancelledError)
-    shares = False
+    shares: bool = False
 
     def __init__(self, executor: Any) -> None:
         self.executor = executor
@@ -48,6 +49,11 @@ class Workers:
     def error(self, error: BaseException) -> BaseException:
         """The error of a future as it is told."""
         return error
+
+    def cancel(self, futures: Iterable[Any]) -> None:
+        """Futures that have not begun need not."""
+        for future in futures:
+            future.cancel()
 
     def abandon(self) -> None:
         """Give up what is in flight, where that is ours to do."""
@@ -77,6 +83,9 @@ class Processes(Workers):
         """Whether they could begin at all."""
         return WorkerError(self.pools.unborn) if self.pools.unborn else error
 
+    def cancel(self, futures: Iterable[Any]) -> None:
+        """The one that waits for each is in its queue already, from where no future comes back."""
+
     def abandon(self) -> None:
         """End them at once; the next chunk starts new ones."""
         self.pools.kill()
@@ -90,8 +99,6 @@ class Dask(Workers):
     """A Dask client's workers (see `dask`)."""
 
     def __init__(self, client: Any, owned: Any = None) -> None:
-        import asyncio
-
         from distributed import CancelledError as Cancelled
         from distributed import KilledWorker
         from distributed.comm.core import CommClosedError
@@ -113,7 +120,7 @@ class Dask(Workers):
 class Slurm(Workers):
     """Jobs of SLURM, or processes that stand for them (see `slurm`)."""
 
-    shares = True
+    shares: bool = True
 
     def __init__(self, jobs: int, cluster: str | None, parameters: dict[str, Any]) -> None:
         import submitit
@@ -143,6 +150,9 @@ class Slurm(Workers):
         lines = [line for line in str(error).splitlines() if line.strip()]
         last = next((line for line in reversed(lines) if line[:1].isalpha() and ": " in line), str(error))
         return WorkerError(f"a job of submitit failed: {last.strip()}")
+
+    def cancel(self, futures: Iterable[Any]) -> None:
+        """Every job has begun."""
 
     def abandon(self) -> None:
         """Cancel the jobs; they are computed again."""

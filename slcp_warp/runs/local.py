@@ -78,7 +78,7 @@ class Pools:
         for process in list((getattr(pool, "_processes", None) or {}).values()):
             with suppress(OSError, ValueError):
                 process.kill()
-        pool.shutdown(wait=False, cancel_futures=True)
+        pool.shutdown(wait=False)
 
 
 def _surroundings(k: int, count: int, devices: Sequence[str] | None) -> dict[str, str]:

@@ -129,8 +129,7 @@ class Spread:
         """Nothing new; what is in flight has a moment, and is given up then."""
         if not self.flying:
             return
-        for future in self.flying:
-            future.cancel() if not self.workers.shares else None
+        self.workers.cancel(self.flying)
         ends = time.monotonic() + GRACE
         while time.monotonic() < ends and not all(future.done() for future in self.flying):
             time.sleep(POLL)
