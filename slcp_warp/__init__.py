@@ -9,12 +9,14 @@ from .description.mjcf import MjcfError, load_mjcf
 from .description.parts import Actuator, Body, Contact, Shape, Spring, box, touching
 from .description.scene import Scene
 from .description.scene_file import SceneFileError, load_scene, save_scene
+from .ensembles.draws import draw_worlds
 from .ensembles.outcome import Report
 from .ensembles.particles import ParticleRollout, Particles, particle_rollout, particles
 from .ensembles.questions.sequential import SequentialComparison, compare_sequentially
 from .ensembles.report import SweepReport
 from .ensembles.spec import SweepSpec
 from .ensembles.sweep import sweep
+from .ensembles.worlds import Worlds
 from .inputs.arrays import ArrayError
 from .inputs.errors import ArgumentError, ArgumentTypeError, InputError, SceneError
 from .options import OptionError, Options, Status
@@ -27,7 +29,8 @@ from .simulator.products import Pullback, Pushforward, jvp, vjp, weighted_hessia
 from .stepping.strategy import StrategyError
 from .storage.files import FileError
 from .storage.version import __version__ as __version__
-from .tasks import Disturbances, Task, TaskError, TaskFileError, load_task, save_task
+from .tasks import Task, TaskError, TaskFileError, load_task, save_task
+from .tasks.disturbances import Disturbances, Dropout, LogNormal, Normal, Push, Uniform
 
 __all__ = [
     "Actuator",
@@ -38,10 +41,13 @@ __all__ = [
     "Complementarity",
     "Contact",
     "Disturbances",
+    "Dropout",
     "InputError",
     "FileError",
     "Linearization",
+    "LogNormal",
     "MjcfError",
+    "Normal",
     "OptionError",
     "Options",
     "ParameterError",
@@ -49,6 +55,7 @@ __all__ = [
     "ParticleRollout",
     "Particles",
     "Pullback",
+    "Push",
     "Pushforward",
     "Report",
     "Scene",
@@ -67,9 +74,12 @@ __all__ = [
     "TaskError",
     "TaskFileError",
     "Trajectory",
+    "Uniform",
+    "Worlds",
     "box",
     "compare_sequentially",
     "costs",
+    "draw_worlds",
     "jvp",
     "load_mjcf",
     "load_scene",

@@ -55,18 +55,31 @@ def make_normal(dtype: type) -> SimpleNamespace:
         return (wp.float64(((high << SHIFT) | low) >> SHIFT_11) + HALF) * SCALE
 
     @wp.func
+    def words(seed: int, world: int, step: int, stream: int):
+        """The four words of an address."""
+        key = wp.uint64(seed) & LOW
+        zero = wp.uint64(0)
+        return philox(wp.uint64(world), wp.uint64(step), wp.uint64(stream), zero, key, zero)
+
+    @wp.func
     def normals(seed: int, world: int, step: int, stream: int):
         """Two independent standard normal numbers at an address."""
-        r = philox(
-            wp.uint64(world),
-            wp.uint64(step),
-            wp.uint64(stream),
-            wp.uint64(0),
-            wp.uint64(seed) & LOW,
-            wp.uint64(0),
-        )
+        r = words(seed, world, step, stream)
         radius = wp.sqrt(-TWO * wp.log(uniform(r[0], r[1])))
         angle = TWO_PI * uniform(r[2], r[3])
         return V2(dtype(radius * wp.cos(angle)), dtype(radius * wp.sin(angle)))
 
-    return SimpleNamespace(uniform=uniform, normals=normals)
+    @wp.func
+    def normal(seed: int, world: int, step: int, stream: int):
+        """The first of the `normals` at an address."""
+        r = words(seed, world, step, stream)
+        radius = wp.sqrt(-TWO * wp.log(uniform(r[0], r[1])))
+        return dtype(radius * wp.cos(TWO_PI * uniform(r[2], r[3])))
+
+    @wp.func
+    def share(seed: int, world: int, step: int, stream: int):
+        """A number evenly distributed in (0, 1) at an address."""
+        r = words(seed, world, step, stream)
+        return uniform(r[0], r[1])
+
+    return SimpleNamespace(uniform=uniform, normals=normals, normal=normal, share=share)

@@ -7,7 +7,7 @@ import warp as wp
 from ..device.compile import specialised
 from ..factories import cached
 from ..structure import STEP_SIZE
-from .disturbances import make_conditions, make_disturbances
+from .disturbances import make_conditions, make_disturbances, make_events
 
 
 @wp.struct
@@ -40,15 +40,16 @@ def make_span(dtype: type) -> type:
 
 @cached
 def make_arrival(nv: int, nu: int, dtype: type) -> SimpleNamespace:
-    """arrive(c, params, p, i, k, state) -> x: samples and kicks of step k of launch's world i, which come
+    """arrive(c, e, params, p, i, k, state) -> x: samples and kicks of step k of launch's world i, which come
     once however often they are asked for; `kernel` does it for all worlds.
     """
     disturb = make_disturbances(nv, nu, dtype)
-    VX, Conditions = wp.types.vector(2 * nv, dtype), make_conditions(dtype)
+    VX, Conditions, Events = wp.types.vector(2 * nv, dtype), make_conditions(dtype), make_events(dtype)
 
     @wp.func
     def arrive(
         c: Conditions,
+        e: Events,
         params: wp.array2d(dtype=dtype),
         p: Progress,
         i: int,
@@ -68,7 +69,7 @@ def make_arrival(nv: int, nu: int, dtype: type) -> SimpleNamespace:
         coming = disturb.due(c, event, time, h)
         if coming > event:
             while event < coming:
-                x = disturb.kicked(c, c.world0 + i, event, x)
+                x = disturb.kicked(e, i, event, x)
                 event += 1
             for j in range(2 * nv):
                 state[i, j] = x[j]
@@ -80,12 +81,13 @@ def make_arrival(nv: int, nu: int, dtype: type) -> SimpleNamespace:
         first: int,
         k: int,
         c: Conditions,
+        e: Events,
         params: wp.array2d(dtype=dtype),  # (B, P)
         p: Progress,
         state: wp.array2d(dtype=dtype),  # in and out (B, nx)
     ):
         i = first + wp.tid()
         if k < p.steps[i]:
-            arrive(c, params, p, i, k, state)
+            arrive(c, e, params, p, i, k, state)
 
     return SimpleNamespace(arrive=arrive, kernel=sweep_arrival_kernel)

@@ -8,9 +8,13 @@ from ..device.random import make_normal
 from ..factories import cached
 from ..policies.pieces import make_limits
 
-# streams of the random numbers
+# streams of the random numbers; those of noisy sensors are in `policies/around.py`
 START, CHOICE, PARAMETER, TORQUE, KICK = 0, 100, 200, 300, 400
 FAR = 1 << 20  # streams of the torques beyond the hundredth, which would meet those of the kicks
+PUSH, DROPOUT, DROPPED = 1 << 22, (1 << 22) + 10, (1 << 22) + 20
+PUSH_FIELDS = ("start", "duration", "fx", "fy", "torque")  # of a push [s, s, N, N, N m]
+DROPOUT_FIELDS = ("start", "duration")  # of a dropout [s]
+ROUNDING = 1e-6  # of a step: by so much times may miss the limits that they are to meet
 
 
 @cached
@@ -22,8 +26,13 @@ def make_conditions(dtype: type) -> type:
         world0: int  # number of the launch's first world
         seed: int
         torque: dtype  # standard deviation of white torque noise per step
-        kick: dtype  # standard deviation of velocity kicks
+        dropped: wp.float64  # share of the steps without controls
         kick_times: wp.array(dtype=wp.float64)  # (K,) [s]
+        pushed: wp.array(dtype=wp.int32)  # (Q,) bodies
+        point: wp.array2d(dtype=dtype)  # (Q, 3): where in the body's frame [m]; 0: off its centre of mass
+        com: int  # column of the parameters where the bodies' centres of mass begin
+        turns: wp.array2d(dtype=wp.int32)  # (Q, nv): 1 where a coordinate turns the body
+        leans: wp.array2d(dtype=wp.int32)  # (Q, L): columns of parameters that turn it, -1: none
         duration: wp.float64  # [s]
         interval: wp.float64  # between two samples [s]
         component: int  # of the state that is sampled
@@ -34,20 +43,42 @@ def make_conditions(dtype: type) -> type:
 
 
 @cached
-def make_disturbances(nv: int, nu: int, dtype: type) -> SimpleNamespace:
-    """Warp functions of what happens to world `world` of a sweep, under its `Conditions` c.
+def make_events(dtype: type) -> type:
+    """Struct of what happens to each of the B worlds of a launch; arrays without worlds: nothing of this."""
 
-    limited(c, u): controls within their limits. due(c, event, time, h): kicks up to the step that begins at
-    `time`, from the first that is still to come.
-    kicked(c, world, event, x), noisy(c, world, k, u): a state after a kick, controls of step k with noise.
+    @wp.struct
+    class Events:
+        number: wp.array(dtype=wp.int32)  # (0 or B,) of the worlds; without: from Conditions.world0 on
+        kick: wp.array3d(dtype=dtype)  # (B, K, nv) added to the velocities
+        push: wp.array3d(dtype=wp.float64)  # (B, Q, 5), see PUSH_FIELDS
+        dropout: wp.array3d(dtype=wp.float64)  # (B, D, 2), see DROPOUT_FIELDS
+        external: wp.array2d(dtype=dtype)  # (0 or B, 3 nb), where pushes write the forces of a step
+
+    return Events
+
+
+@cached
+def make_disturbances(nv: int, nu: int, dtype: type) -> SimpleNamespace:
+    """Warp functions of what happens to a world of a sweep, row i of Events e, under Conditions c.
+
+    number(c, e, i): the world's number. due(c, event, time, h): kicks up to the step that begins at `time`,
+    from the first that is still to come. kicked(e, i, event, x): a state after a kick.
+    acting(c, e, i, world, k, time, h, u): controls of step k as they act: within limits, with noise, dropped.
+    push(c, e, i, params, x, time, h): writes the forces of a step into e.external.
     sampled(c, samples, i, sample, time, h, value): writes the samples of launch's world i up to `time` and
     gives the first that is still to come.
     """
     rng = make_normal(dtype)
-    Conditions = make_conditions(dtype)
+    Conditions, Events = make_conditions(dtype), make_events(dtype)
     VX, VU = wp.types.vector(2 * nv, dtype), wp.types.vector(max(nu, 1), dtype)
-    HALF = wp.float64(0.5)
+    HALF, ZERO, EPS = wp.float64(0.5), wp.float64(0.0), wp.float64(ROUNDING)
     within = make_limits(nu, dtype)
+
+    @wp.func
+    def number(c: Conditions, e: Events, i: int):
+        if e.number.shape[0] > 0:
+            return e.number[i]
+        return c.world0 + i
 
     @wp.func
     def due(c: Conditions, event: int, time: wp.float64, h: wp.float64):
@@ -57,15 +88,11 @@ def make_disturbances(nv: int, nu: int, dtype: type) -> SimpleNamespace:
         return last
 
     @wp.func
-    def kicked(c: Conditions, world: int, event: int, x: VX):
+    def kicked(e: Events, i: int, event: int, x: VX):
         out = x
         for j in range(nv):
-            out[nv + j] = x[nv + j] + c.kick * rng.normals(c.seed, world, event, KICK + j)[0]
+            out[nv + j] = x[nv + j] + e.kick[i, event, j]
         return out
-
-    @wp.func
-    def limited(c: Conditions, u: VU):
-        return within(c.lower, c.upper, u)
 
     @wp.func
     def noisy(c: Conditions, world: int, k: int, u: VU):
@@ -73,8 +100,61 @@ def make_disturbances(nv: int, nu: int, dtype: type) -> SimpleNamespace:
         if c.torque > dtype(0.0):
             for j in range(nu):
                 stream = wp.where(j < KICK - TORQUE, TORQUE + j, FAR + j)
-                out[j] = u[j] + c.torque * rng.normals(c.seed, world, k, stream)[0]
+                out[j] = u[j] + c.torque * rng.normal(c.seed, world, k, stream)
         return out
+
+    @wp.func
+    def drops(c: Conditions, e: Events, i: int, world: int, k: int, time: wp.float64, h: wp.float64):
+        """1 in a step without controls."""
+        if c.dropped > ZERO:
+            if rng.share(c.seed, world, k, wp.static(DROPPED)) < c.dropped:
+                return 1
+        for d in range(e.dropout.shape[1]):
+            since = time - e.dropout[i, d, 0] + EPS * h
+            if since >= ZERO and since < e.dropout[i, d, 1]:
+                return 1
+        return 0
+
+    @wp.func
+    def acting(c: Conditions, e: Events, i: int, world: int, k: int, time: wp.float64, h: wp.float64, u: VU):
+        if drops(c, e, i, world, k, time, h) == 1:
+            return VU()
+        return noisy(c, world, k, within(c.lower, c.upper, u))
+
+    @wp.func
+    def push(
+        c: Conditions,
+        e: Events,
+        i: int,
+        params: wp.array(dtype=dtype),
+        x: VX,
+        time: wp.float64,
+        h: wp.float64,
+    ):
+        for j in range(e.external.shape[1]):
+            e.external[i, j] = dtype(0.0)
+        for n in range(e.push.shape[1]):
+            start = e.push[i, n, 0]
+            share = (wp.min(start + e.push[i, n, 1], time + h) - wp.max(start, time)) / h  # of the step
+            if share > ZERO:
+                angle = dtype(0.0)
+                for j in range(nv):
+                    if c.turns[n, j] == 1:
+                        angle += x[j]
+                for j in range(c.leans.shape[1]):
+                    if c.leans[n, j] >= 0:
+                        angle += params[c.leans[n, j]]
+                body = c.pushed[n]
+                rx = c.point[n, 0] - c.point[n, 2] * params[c.com + 2 * body]
+                ry = c.point[n, 1] - c.point[n, 2] * params[c.com + 2 * body + 1]
+                ax = wp.cos(angle) * rx - wp.sin(angle) * ry
+                ay = wp.sin(angle) * rx + wp.cos(angle) * ry
+                fx = dtype(share * e.push[i, n, 2])
+                fy = dtype(share * e.push[i, n, 3])
+                torque = dtype(share * e.push[i, n, 4]) + ax * fy - ay * fx
+                e.external[i, 3 * body] = e.external[i, 3 * body] + fx
+                e.external[i, 3 * body + 1] = e.external[i, 3 * body + 1] + fy
+                e.external[i, 3 * body + 2] = e.external[i, 3 * body + 2] + torque
 
     @wp.func
     def sampled(
@@ -92,4 +172,4 @@ def make_disturbances(nv: int, nu: int, dtype: type) -> SimpleNamespace:
             out += 1
         return out
 
-    return SimpleNamespace(due=due, kicked=kicked, limited=limited, noisy=noisy, sampled=sampled)
+    return SimpleNamespace(number=number, due=due, kicked=kicked, acting=acting, push=push, sampled=sampled)

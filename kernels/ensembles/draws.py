@@ -1,67 +1,75 @@
-"""The worlds of a sweep: parameters and a start for each, drawn by the world's number."""
+"""The worlds of a sweep: rows of numbers, each drawn by the world's number and its own address."""
 
 import warp as wp
 
 from ..device.compile import specialised
 from ..device.random import make_normal, philox
 from ..factories import cached
-from ..structure import STEP_SIZE
-from .disturbances import CHOICE, PARAMETER, START
+from .disturbances import CHOICE
+
+LAWS = ("none", "log-normal", "normal", "uniform")
+NONE, LOG_NORMAL, NORMAL, UNIFORM = range(len(LAWS))
 
 
 @cached
-def make_draws(dtype: type) -> type:
-    """Struct of what worlds are drawn from."""
+def make_columns(dtype: type) -> type:
+    """Struct of what the columns of a table are drawn from."""
 
     @wp.struct
-    class Draws:
+    class Columns:
         seed: int
-        base: wp.array(dtype=dtype)  # (P,) parameters without a draw
-        spread: wp.array(dtype=dtype)  # (P,) standard deviation of the logarithm
-        group: wp.array(dtype=wp.int32)  # (P,) columns of one group share their random number
-        starts: wp.array2d(dtype=dtype)  # (M, nx), one of them for each world
-        deviation: wp.array(dtype=dtype)  # (nx,) of the start
-        longest: dtype  # largest step size [s]
-        in_order: int  # 1: world i begins at start i, 0: at one drawn
+        base: wp.array2d(dtype=dtype)  # (M, C), one of these rows for each world
+        law: wp.array(dtype=wp.int32)  # (C,) one of LAWS
+        first: wp.array(dtype=dtype)  # (C,) standard deviation, of the logarithm or not; lower end
+        second: wp.array(dtype=dtype)  # (C,) upper end
+        most: wp.array(dtype=dtype)  # (C,) what no number exceeds
+        step: wp.array(dtype=wp.int32)  # (C,) address of the random number beside seed and world
+        stream: wp.array(dtype=wp.int32)
 
-    return Draws
+    return Columns
 
 
 @cached
-def make_draw_kernel(nx: int, dtype: type) -> wp.Kernel:
-    """Parameter tables and initial states of worlds `world0 + i`."""
+def make_draw_kernel(dtype: type) -> wp.Kernel:
+    """Rows of worlds `world0 + i`."""
     rng = make_normal(dtype)
-    Draws = make_draws(dtype)
+    Columns = make_columns(dtype)
 
     @specialised
     def draw_kernel(
         first: int,
         world0: int,
-        d: Draws,
-        params: wp.array2d(dtype=dtype),  # out (B, P)
-        x0: wp.array2d(dtype=dtype),  # out (B, nx)
+        d: Columns,
+        pick: wp.array(dtype=wp.int32),  # (0 or B,) rows of the base; without: the first
+        out: wp.array2d(dtype=dtype),  # (B, C)
     ):
         i = first + wp.tid()
         world = world0 + i
-        for c in range(d.base.shape[0]):
-            value = d.base[c]
-            if d.spread[c] > dtype(0.0):
-                value *= wp.exp(d.spread[c] * rng.normals(d.seed, world, d.group[c], PARAMETER)[0])
-            if c == STEP_SIZE:
-                value = wp.min(value, d.longest)
-            params[i, c] = value
-        word = philox(
-            wp.uint64(world),
-            wp.uint64(0),
-            wp.uint64(CHOICE),
-            wp.uint64(0),
-            wp.uint64(d.seed) & wp.uint64(0xFFFFFFFF),
-            wp.uint64(0),
-        )
-        pick = int(word[0] % wp.uint64(d.starts.shape[0]))
-        if d.in_order == 1:
-            pick = world % d.starts.shape[0]
-        for j in range(wp.static(nx)):
-            x0[i, j] = d.starts[pick, j] + d.deviation[j] * rng.normals(d.seed, world, j, START)[0]
+        row = int(0)
+        if pick.shape[0] > 0:
+            row = pick[i]
+        for c in range(out.shape[1]):
+            value = d.base[row, c]
+            law = d.law[c]
+            if law == wp.static(UNIFORM):
+                at = rng.share(d.seed, world, d.step[c], d.stream[c])
+                value = d.first[c] + (d.second[c] - d.first[c]) * dtype(at)
+            elif law != wp.static(NONE):
+                spread = d.first[c] * rng.normal(d.seed, world, d.step[c], d.stream[c])
+                if law == wp.static(LOG_NORMAL):
+                    value *= wp.exp(spread)
+                else:
+                    value += spread
+            out[i, c] = wp.min(value, d.most[c])
 
     return draw_kernel
+
+
+@specialised
+def pick_kernel(first: int, world0: int, seed: int, starts: int, pick: wp.array(dtype=wp.int32)):
+    """Which start worlds `world0 + i` begin near."""
+    i = first + wp.tid()
+    zero = wp.uint64(0)
+    key = wp.uint64(seed) & wp.uint64(0xFFFFFFFF)
+    word = philox(wp.uint64(world0 + i), zero, wp.uint64(wp.static(CHOICE)), zero, key, zero)
+    pick[i] = int(word[0] % wp.uint64(starts))

@@ -15,22 +15,23 @@ from ..policies.contract import PolicyKernel, make_policy
 from ..status import SOLVED
 from ..structure import STEP_SIZE
 from .arrival import Progress, make_arrival
-from .disturbances import make_conditions, make_disturbances
+from .disturbances import make_conditions, make_disturbances, make_events
 from .measures import Measures, make_measures, make_row_contacts
 
 
 @cached
 def make_sweep_begin_kernel(nv: int, nu: int, dtype: type, policy: PolicyKernel) -> wp.Kernel:
-    """Before step k: samples, kicks, and the controls with their noise."""
+    """Before step k: samples, kicks, pushes, and the controls as they act."""
     asked = make_policy(policy, 2 * nv, nu, dtype)
     disturb, arrive = make_disturbances(nv, nu, dtype), make_arrival(nv, nu, dtype).arrive
-    Conditions, Policy = make_conditions(dtype), asked.Struct
+    Conditions, Events, Policy = make_conditions(dtype), make_events(dtype), asked.Struct
 
     @specialised
     def sweep_begin_kernel(
         first: int,
         k: int,
         c: Conditions,
+        e: Events,
         params: wp.array2d(dtype=dtype),  # (B, P)
         control: Policy,
         p: Progress,
@@ -39,14 +40,19 @@ def make_sweep_begin_kernel(nv: int, nu: int, dtype: type, policy: PolicyKernel)
         memories: wp.array2d(dtype=dtype),  # in and out (B, memory of the policy)
     ):
         i = first + wp.tid()
-        world = c.world0 + i
+        world = disturb.number(c, e, i)
+        who = wp.where(wp.static(policy.by_row), i, world)
         if k >= p.steps[i]:
             return
-        x = arrive(c, params, p, i, k, state)
+        x = arrive(c, e, params, p, i, k, state)
+        h = wp.float64(params[i, STEP_SIZE])
+        time = wp.float64(k) * h
         if p.status[i] == wp.static(SOLVED):
-            memory = asked.recall(control, memories, i, world, k, x)
-            u, memory = asked.ask(control, world, k, x, memory)
-            u = disturb.noisy(c, world, k, disturb.limited(c, u))
+            memory = asked.recall(control, memories, i, who, k, x)
+            u, memory = asked.ask(control, who, k, x, memory)
+            u = disturb.acting(c, e, i, world, k, time, h, u)
+            if e.push.shape[1] > 0:
+                disturb.push(c, e, i, params[i], x, time, h)
             for j in range(nu):
                 us[i, j] = u[j]
             asked.keep(memories, i, memory)
@@ -101,6 +107,8 @@ def make_sweep_end_kernels(
                 for j in range(warm.shape[1]):
                     warm[i, j] = contacts_of.multiplier[i, j]
         measures.look(m, kept, i, wp.float64(k) * h, h, x, u, c, 0)
+        if measures.ended(m, kept, i):
+            p.steps[i] = k + 1
         if k == p.steps[i] - 1:
             for j in range(2 * nv):
                 x[j] = state[i, j]

@@ -11,6 +11,7 @@ import warp as wp
 
 from ..contact.problem import COLD
 from ..factories import cached
+from .disturbances import ROUNDING
 
 SIGNALS = ("state", "cosine", "control", "time", "contact", "gap", "impulse", "function")
 STATE, COSINE, CONTROL, TIME, CONTACT, GAP, IMPULSE, FUNCTION = range(len(SIGNALS))
@@ -20,7 +21,6 @@ REDUCTIONS = (
 )
 INITIAL, FINAL, RATE, MEAN, INTEGRAL, TOTAL, LARGEST, SMALLEST, SHARE, FIRST, SETTLED = range(len(REDUCTIONS))
 WIDTH = 5  # value, number of values, a second value and two times
-ROUNDING = 1e-6  # of a step: by so much times may miss the limits that they are to meet
 TOUCH = 1e-6  # impulse above which a contact counts as one [N s]
 FAR = 1e300  # distance of what does not act [m]
 NONE = -1  # no pair: all of them; no state to take off
@@ -36,6 +36,7 @@ class Measures:
     clause: wp.array2d(dtype=wp.int32)  # (C, 2): first comparison of a clause, and one after the last
     measure: wp.array2d(dtype=wp.int32)  # (M, 5): reduction, signal or NONE, clauses from, to, 1: no window
     window: wp.array2d(dtype=wp.float64)  # (M, 2): start, end [s]
+    ends: int  # measure, a first time, that ends a world; NONE: none does
 
 
 def make_measures(
@@ -44,7 +45,7 @@ def make_measures(
     """look(m, kept, i, time, h, x, u, contacts, last): takes a step of world i into account.
 
     `last` is 1 after the last step, with the last state. `kept` (B, M, WIDTH) begins at zero and holds in the
-    end what a measure's value is made of.
+    end what a measure's value is made of. ended(m, kept, i): whether world i has met what ends it.
 
     Args:
         nx: states.
@@ -165,7 +166,13 @@ def make_measures(
             kept[i, j, 0] = kept[i, j, 0] + v
         kept[i, j, 1] = kept[i, j, 1] + ONE
 
-    return SimpleNamespace(look=look)
+    @wp.func
+    def ended(m: Measures, kept: wp.array3d(dtype=wp.float64), i: int):
+        if m.ends == wp.static(NONE):
+            return False
+        return kept[i, m.ends, 2] > ZERO
+
+    return SimpleNamespace(look=look, ended=ended)
 
 
 @cached

@@ -10,7 +10,7 @@ from ..status import SOLVED
 from ..step.rollout import make_batch
 from ..structure import layout
 from .arrival import make_span
-from .disturbances import make_conditions, make_disturbances
+from .disturbances import make_conditions, make_disturbances, make_events
 from .measures import Measures, make_contacts, make_measures
 
 
@@ -18,18 +18,19 @@ from .measures import Measures, make_contacts, make_measures
 def make_sweep_kernel(
     spec: Specialisation, policy: PolicyKernel, users: tuple[wp.Function, ...] = (), spans: bool = False
 ) -> wp.Kernel:
-    """Roll out one world a thread for a duration, with torque noise and velocity kicks.
+    """Roll out one world a thread for a duration, with all that happens to it.
 
-    One state component is sampled; measures are taken, those of users' functions with `users`. With `spans` a
-    launch makes some of the steps, and worlds carry over what the next one needs.
+    One state component is sampled; measures are taken, those of users' functions with `users`, and end a
+    world where one of them says so. With `spans` a launch makes some of the steps, and worlds carry over what
+    the next one needs.
     """
     s, dtype, _ = spec
     batch = make_batch(spec, False)
     step = batch.step
     asked = make_policy(policy, 2 * s.nv, s.nu, dtype)
     disturb = make_disturbances(s.nv, s.nu, dtype)
-    Conditions, Policy, Span = make_conditions(dtype), asked.Struct, make_span(dtype)
-    NX, NR, NN = 2 * s.nv, s.nr, 2 * len(s.pairs)
+    Conditions, Events, Policy = make_conditions(dtype), make_events(dtype), asked.Struct
+    Span, NX, NR, NN = make_span(dtype), 2 * s.nv, s.nr, 2 * len(s.pairs)
     H = layout(s).offset("step_size")
     contacts = make_contacts(len(s.pairs))
     measures = make_measures(NX, s.nu, dtype, contacts, users)
@@ -78,10 +79,10 @@ def make_sweep_kernel(
     def sweep_kernel(
         first: int,
         c: Conditions,
+        e: Events,
         params: wp.array2d(dtype=dtype),  # (B, P)
         x0: wp.array2d(dtype=dtype),  # (B, nx)
         control: Policy,
-        external: wp.array2d(dtype=dtype),
         m: Measures,
         span: Span,
         samples: wp.array2d(dtype=wp.float32),  # out (B, S)
@@ -90,8 +91,9 @@ def make_sweep_kernel(
     ):
         # long: a world's run is one loop over named stages, and what it stands in is local to the thread
         i = first + wp.tid()
-        number = c.world0 + i
-        world = step.types.world_at(params, external, i)
+        number = disturb.number(c, e, i)
+        who = wp.where(wp.static(policy.by_row), i, number)
+        world = step.types.world_at(params, e.external, i)
         x = batch.load_state(x0, i)
         carry = step.cold_carry()
         h = wp.float64(world.params[wp.static(H)])
@@ -105,29 +107,34 @@ def make_sweep_kernel(
         end = steps
         base = x[c.component]  # samples are relative to the start: float32 keeps its digits
         if wp.static(spans):
+            steps = span.p.steps[i]
             begin = span.first
             end = wp.min(span.last, steps)
+            if begin >= steps:
+                return
             code = span.p.status[i]
             sample = span.p.sample[i]
             event = span.p.event[i]
             base = dtype(span.p.start[i])
             x = batch.load_state(span.state, i)
             carry = carried(span, i)
-        memory = asked.begin(control, number, x)
+        memory = asked.begin(control, who, x)
         if wp.static(spans):
-            memory = asked.recall(control, span.memory, i, number, begin, x)
+            memory = asked.recall(control, span.memory, i, who, begin, x)
         for k in range(begin, end):
             time = wp.float64(k) * h
             sample = disturb.sampled(c, samples, i, sample, time, h, wp.float32(x[c.component] - base))
             coming = disturb.due(c, event, time, h)
             while event < coming:
-                x = disturb.kicked(c, number, event, x)
+                x = disturb.kicked(e, i, event, x)
                 event += 1
             before = x
             touching = contacts.none()
             if code == wp.static(SOLVED):
-                u, memory = asked.ask(control, number, k, x, memory)
-                u = disturb.noisy(c, number, k, disturb.limited(c, u))
+                u, memory = asked.ask(control, who, k, x, memory)
+                u = disturb.acting(c, e, i, number, k, time, h, u)
+                if e.push.shape[1] > 0:
+                    disturb.push(c, e, i, world.params, x, time, h)
                 sol = step.solve_step(world, x, u, carry)
                 after = step.next_state(world, x, sol)
                 code = batch.status_of(sol, after)
@@ -139,9 +146,14 @@ def make_sweep_kernel(
             if code != wp.static(SOLVED):
                 u = VU()
             measures.look(m, kept, i, time, h, before, u, touching, 0)
+            if measures.ended(m, kept, i):
+                steps = k + 1
+                end = steps
+                break
         if wp.static(spans):
             asked.keep(span.memory, i, memory)
             leave(span, i, x, carry, code, sample, event)
+            span.p.steps[i] = steps
             if end < steps:
                 return
         measures.look(m, kept, i, wp.float64(steps) * h, h, x, u, touching, 1)

@@ -11,11 +11,11 @@ from ..factories import cached
 from .contract import PolicyFunctions, PolicyKernel, make_policy
 from .pieces import make_limits
 
-SENSOR = 1 << 21  # first stream of the sensor's noise: beyond all others
+SENSOR, OF_TASK = 1 << 21, 1 << 23  # first streams of sensors' noise, of a policy's own and of a task's
 
 
 class Between(NamedTuple):
-    """What changes code: steps of delay, whether a control is held over several steps, noise."""
+    """What changes code: most steps of delay, whether a control is held over several steps, noise."""
 
     delay: int
     holds: bool
@@ -38,13 +38,15 @@ def make_around(inner: PolicyKernel, between: Between, nx: int, nu: int, dtype: 
     SIZE = max(1, WAY + DELAY * nu)
     VX, VU = wp.types.vector(nx, dtype), wp.types.vector(max(nu, 1), dtype)
     Memory = wp.types.vector(SIZE, dtype)
-    normals, limited = make_normal(dtype).normals, make_limits(nu, dtype)
+    normal, limited = make_normal(dtype).normal, make_limits(nu, dtype)
 
     @wp.struct
     class Around:
         inner: Inner
+        delay: int  # steps, at most as many as there is code for
         hold: int  # steps
         seed: int
+        stream: int  # the first of the noise
         noise: wp.array(dtype=dtype)  # (nx,) standard deviations
         lower: wp.array(dtype=dtype)  # (0 or nu,)
         upper: wp.array(dtype=dtype)
@@ -62,7 +64,7 @@ def make_around(inner: PolicyKernel, between: Between, nx: int, nu: int, dtype: 
         out = x
         if wp.static(between.noisy):
             for j in range(nx):
-                out[j] = x[j] + data.noise[j] * normals(data.seed, world, step, SENSOR + j)[0]
+                out[j] = x[j] + data.noise[j] * normal(data.seed, world, step, data.stream + j)
         return out
 
     @wp.func
@@ -82,12 +84,13 @@ def make_around(inner: PolicyKernel, between: Between, nx: int, nu: int, dtype: 
                     u[i] = memory[HELD + i]
                 after[HELD + i] = u[i]
         if wp.static(DELAY > 0):
-            for i in range(nu):
-                arriving = memory[WAY + i]
-                for d in range(DELAY - 1):
-                    after[WAY + d * nu + i] = memory[WAY + (d + 1) * nu + i]
-                after[WAY + (DELAY - 1) * nu + i] = u[i]
-                u[i] = arriving
+            if data.delay > 0:
+                for i in range(nu):
+                    arriving = memory[WAY + i]
+                    for d in range(DELAY - 1):
+                        after[WAY + d * nu + i] = memory[WAY + (d + 1) * nu + i]
+                    after[WAY + (data.delay - 1) * nu + i] = u[i]
+                    u[i] = arriving
         return limited(data.lower, data.upper, u), after
 
     return PolicyFunctions(Around, control, SIZE, start)

@@ -36,11 +36,13 @@ class PolicyKernel:
         key: of the code that `make` gives: words, and where these are not all, a colon and a digest.
         make: ``make(nx, nu, dtype) -> PolicyFunctions``.
         inner: of the policy in this one, whose struct is the field `inner`.
+        by_row: whether sweeps ask it with a world's row of the launch instead of its number.
     """
 
     key: str
     make: Callable[[int, int, type], PolicyFunctions] = field(compare=False, repr=False)
     inner: "PolicyKernel | None" = field(default=None, compare=False, repr=False)
+    by_row: bool = field(default=False, compare=False, repr=False)
 
     @property
     def in_words(self) -> str:

@@ -8,22 +8,21 @@ from .contract import PolicyFunctions, PolicyKernel
 
 @cached
 def make_held(nx: int, nu: int, dtype: type) -> PolicyFunctions:
-    """Controls (B, nu) of worlds world0, world0 + 1, ..., whatever the step and the state."""
+    """Controls (B, nu) of the worlds of a launch, whatever the step and the state."""
     VX, VU = wp.types.vector(nx, dtype), wp.types.vector(max(nu, 1), dtype)
 
     @wp.struct
     class Held:
         us: wp.array2d(dtype=dtype)
-        world0: int
 
     @wp.func
     def control(policy: Held, world: int, k: int, x: VX):
         u = VU()
         for i in range(wp.static(nu)):
-            u[i] = policy.us[world - policy.world0, i]
+            u[i] = policy.us[world, i]
         return u
 
     return PolicyFunctions(Held, control)
 
 
-HELD = PolicyKernel("held", make_held)
+HELD = PolicyKernel("held", make_held, by_row=True)

@@ -15,6 +15,8 @@ from slcp_warp.kernels.structure import STEP_SIZE
 from ..measures.tables import MeasureTable
 from ..simulator import Simulator
 from ..stepping.host import Asked
+from .events import events_of
+from .worlds import Worlds
 
 
 class OnHost:
@@ -25,19 +27,22 @@ class OnHost:
         every: steps between two questions.
     """
 
-    def __init__(self, sim: Simulator, policy: Any, conditions: Any, params: wp.array) -> None:
-        worlds = np.arange(conditions.world0, conditions.world0 + len(params))
-        self._asked = Asked(policy, sim, worlds, params.numpy()[:, STEP_SIZE])
-        self._given, self._device = (conditions, params), sim.device
+    def __init__(self, sim: Simulator, policy: Any, conditions: Any, worlds: Worlds) -> None:
+        numbers = conditions.world0 + np.arange(len(worlds))
+        if worlds.numbers is not None:
+            numbers = worlds.numbers.numpy().copy()
+        self._asked = Asked(policy, sim, numbers, worlds.params.numpy()[:, STEP_SIZE])
+        self._conditions, self._params, self._device = conditions, worlds.params, sim.device
         self._arrival = make_arrival(sim.scene.nv, sim.nu, sim.dtype).kernel
         self.kernel, self.every = HELD, self._asked.every
         self.struct = make_held(sim.nx, sim.nu, sim.dtype).Struct()
-        self.struct.us, self.struct.world0 = sim.empty(len(worlds), max(sim.nu, 1)), conditions.world0
+        self.struct.us = sim.empty(len(worlds), max(sim.nu, 1))
 
-    def ask(self, k: int, p: Progress, state: wp.array) -> None:
+    def ask(self, k: int, events: Any, p: Progress, state: wp.array) -> None:
         """Controls of step k, where they are due, of states as the policy meets them: after kicks."""
         if k % self.every == 0 and self._asked.nu:
-            launch(self._arrival, len(state), [k, *self._given, p, state], self._device)
+            inputs = [k, self._conditions, events, self._params, p, state]
+            launch(self._arrival, len(state), inputs, self._device)
             self.struct.us.assign(self._asked.controls(k, state.numpy()))
 
 
@@ -46,23 +51,22 @@ def by_periods(
     policy: OnHost,
     conditions: Any,
     table: MeasureTable,
-    params: wp.array,
-    state: wp.array,
+    worlds: Worlds,
     samples: wp.array,
 ) -> tuple[wp.array, wp.array]:
-    """As `launch.at_once`; the states are overwritten."""
-    worlds, device = len(state), sim.device
-    kept, measures, nothing = table.kept(worlds, device), table.struct(device), sim.empty(0, 0)
+    """As `launch.at_once`."""
+    count, params, state, device = len(worlds), worlds.params, wp.clone(worlds.x0), sim.device
+    kept, measures, events = table.kept(count, device), table.struct(device), events_of(sim, worlds)
     span = make_span(sim.dtype)()
     span.p = progress(conditions, params, samples)
-    span.state, span.warm, span.memory = state, cold(sim, worlds), nothing
+    span.state, span.warm, span.memory = state, cold(sim, count), sim.empty(0, 0)
     kernel = make_sweep_kernel(sim.spec, policy.kernel, table.users, spans=True)
     steps = int(span.p.steps.numpy().max(initial=0))
     for k in range(0, steps, policy.every):
-        policy.ask(k, span.p, state)
+        policy.ask(k, events, span.p, state)
         span.first, span.last = k, k + policy.every
-        inputs = [conditions, params, state, policy.struct, nothing, measures, span, samples, kept]
-        launch(kernel, worlds, [*inputs, span.p.status], device, grain=max(1, 128 // policy.every))
+        inputs = [conditions, events, params, state, policy.struct, measures, span, samples, kept]
+        launch(kernel, count, [*inputs, span.p.status], device, grain=max(1, 128 // policy.every))
     return kept, span.p.status
 
 

@@ -14,6 +14,8 @@ from ..measures.tables import MeasureTable
 from ..simulator import Simulator
 from ..stepping.arrays import StepArrays
 from .by_periods import OnHost, cold, progress
+from .events import events_of
+from .worlds import Worlds
 
 
 def bytes_of_world(sim: Simulator) -> int:
@@ -26,23 +28,23 @@ def by_steps(
     policy: tuple[PolicyKernel, Any] | OnHost,
     conditions: Any,
     table: MeasureTable,
-    params: wp.array,
-    state: wp.array,
+    worlds: Worlds,
     samples: wp.array,
 ) -> tuple[wp.array, wp.array]:
-    """As `launch.at_once`; the states are overwritten."""
-    worlds, width = len(state), sim.nr + 2 * len(sim.scene.structure.pairs)
+    """As `launch.at_once`."""
+    params, state, events = worlds.params, wp.clone(worlds.x0), events_of(sim, worlds)
+    count, width = len(state), sim.nr + 2 * len(sim.scene.structure.pairs)
     dtype, device = sim.dtype, sim.device
-    after, us = sim.empty(worlds, sim.nx), sim.empty(worlds, max(sim.nu, 1))
-    impulse, gap = sim.empty(worlds, sim.nr), sim.empty(worlds, sim.nr)
-    warm, multiplier, nothing = cold(sim, worlds), sim.empty(worlds, width), sim.empty(0, 0)
-    code: wp.array = wp.zeros(worlds, dtype=wp.int32, device=device)
-    kept, measures = table.kept(worlds, device), table.struct(device)
+    after, us = sim.empty(count, sim.nx), sim.empty(count, max(sim.nu, 1))
+    impulse, gap = sim.empty(count, sim.nr), sim.empty(count, sim.nr)
+    warm, multiplier = cold(sim, count), sim.empty(count, width)
+    code: wp.array = wp.zeros(count, dtype=wp.int32, device=device)
+    kept, measures = table.kept(count, device), table.struct(device)
     p = progress(conditions, params, samples)
     host = policy if isinstance(policy, OnHost) else None
     policy_kernel, struct = (policy.kernel, policy.struct) if isinstance(policy, OnHost) else policy
-    memory = sim.empty(worlds, policy_kernel.functions(sim.nx, sim.nu, dtype).memory)
-    step = StepArrays(params, state, us, nothing, warm, after, impulse, gap, multiplier, code)
+    memory = sim.empty(count, policy_kernel.functions(sim.nx, sim.nu, dtype).memory)
+    step = StepArrays(params, state, us, events.external, warm, after, impulse, gap, multiplier, code)
     begin = make_sweep_begin_kernel(sim.scene.nv, sim.nu, dtype, policy_kernel)
     kernels = make_sweep_end_kernels(sim.scene.nv, sim.nu, dtype, table.users)
     contacts = make_row_contacts(dtype).Contacts()
@@ -50,12 +52,12 @@ def by_steps(
     contacts.impulse, contacts.distance, contacts.multiplier = impulse, gap, multiplier
     for k in range(int(p.steps.numpy().max(initial=0))):
         if host is not None:
-            host.ask(k, p, state)
-        launch(begin, worlds, [k, conditions, params, struct, p, state, us, memory], device)
+            host.ask(k, events, p, state)
+        launch(begin, count, [k, conditions, events, params, struct, p, state, us, memory], device)
         sim.kernels.stepping.step(step)
         outcome = [params, after, us, contacts, code, measures, p, state, warm, kept]
-        launch(kernels.end, worlds, [k, *outcome], device)
-    launch(kernels.finish, worlds, [conditions.component, state, p], device)
+        launch(kernels.end, count, [k, *outcome], device)
+    launch(kernels.finish, count, [conditions.component, state, p], device)
     return kept, p.status
 
 

@@ -1,104 +1,254 @@
-"""The worlds of a sweep: parameters and starts, drawn by world, and the names of what is drawn."""
+"""The worlds of a sweep: parameters, starts and events, drawn by world or given; names of what varies."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import warp as wp
 
 from slcp_warp.kernels.device.launch import launch
-from slcp_warp.kernels.ensembles.draws import make_draw_kernel, make_draws
+from slcp_warp.kernels.ensembles.disturbances import DROPOUT_FIELDS, PUSH_FIELDS
+from slcp_warp.kernels.ensembles.draws import make_columns, make_draw_kernel, pick_kernel
+from slcp_warp.kernels.structure import STEP_SIZE
 
+from ..inputs.checks import instance, whole
 from ..inputs.errors import ArgumentError
 from ..simulator import Simulator
+from ..tasks.disturbances import Disturbances, LogNormal, laws
+from ..tasks.disturbances.laws import Laws
+from ..tasks.task import Task
 from .spec import SweepSpec
+from .worlds import Worlds
+
+MOST = float(np.finfo(np.float32).max)
+
+
+class Columns:
+    """The columns of a table on a device."""
+
+    def __init__(self, sim: Simulator, seed: int, drawn: Laws, dtype: Any, most: dict[int, float]) -> None:
+        self.laws, self.device, self.dtype = drawn, sim.device, dtype
+        self.numbers = make_columns(dtype)()
+        self.numbers.seed = seed
+        limit = np.full(len(drawn.law), MOST)
+        limit[list(most)] = list(most.values())
+        for name, values in (("base", np.atleast_2d(drawn.base)), ("first", drawn.first),
+                             ("second", drawn.second), ("most", limit)):  # fmt: skip
+            setattr(self.numbers, name, wp.array(values, dtype=dtype, device=sim.device))
+        for name in ("law", "step", "stream"):
+            setattr(self.numbers, name, wp.array(getattr(drawn, name), dtype=wp.int32, device=sim.device))
+
+    def draw(self, world0: int, count: int, pick: wp.array, *shape: int) -> wp.array:
+        """Rows of worlds world0, world0 + 1, ..., (count, *shape)."""
+        out: wp.array = wp.zeros((count, len(self.laws.law)), dtype=self.dtype, device=self.device)
+        launch(make_draw_kernel(self.dtype), count, [world0, self.numbers, pick, out], self.device)
+        return out.reshape((count, *shape)) if shape else out
 
 
 class Draws:
     """What the worlds of one case are drawn from.
 
     Attributes:
-        width: columns of the table of parameters.
-        varied: those that differ from world to world.
-
-    Raises:
-        ArgumentError: parameters of the spec that differ over worlds, or starts that are no states.
+        disturbances: that they are drawn by.
+        numbers: of a world that are kept while it runs, beside its parameters and state.
     """
 
     def __init__(
         self,
         sim: Simulator,
-        spec: SweepSpec,
+        disturbances: Disturbances,
+        seed: int,
         step_size: float,
-        deviation: np.ndarray | None = None,
+        starts: np.ndarray,
+        base: np.ndarray,
+        longest: float,
         in_order: bool = False,
     ) -> None:
         """Args:
-        deviation: (nx,) of the starts instead of the spec's.
+        step_size: [s].
+        starts: (M, nx), one of them for each world.
+        base: (P,) parameters that are not drawn.
+        longest: step size [s].
         in_order: world i begins at start i instead of one that is drawn.
         """
-        self.sim = sim
-        if deviation is None:
-            deviation = np.repeat([spec.position_sd, spec.velocity_sd], sim.nx // 2)
-        params = sim.params.replace(**spec.parameters).replace(step_size=step_size)
-        if params.worlds is not None:
-            raise ArgumentError(
-                "SweepSpec.parameters must be shared by all worlds; use parameter_sd to vary them"
-            )
-        spread, group = _spread(sim, spec.parameter_sd)
-        start = _starts(sim, spec)
-        self.width, self.varied = len(spread), np.flatnonzero(spread)
-        numbers = self._numbers = make_draws(sim.dtype)()
-        numbers.seed = spec.seed
-        numbers.base, numbers.spread = self._put(params.table()[0]), self._put(spread)
-        numbers.group = wp.array(group, dtype=wp.int32, device=sim.device)
-        numbers.starts = self._put(start)
-        numbers.deviation, numbers.in_order = self._put(deviation), int(in_order)
-        numbers.longest = spec.sample_every
+        d, self.sim, self.seed, self.disturbances = disturbances, sim, seed, disturbances
+        self.in_order, self.starts = in_order, len(starts)
+        base = np.array(base)
+        base[STEP_SIZE] = step_size
+        scene = sim.scene
+        params = laws.parameter_laws(scene, base, d.parameters)
+        self._params = Columns(sim, seed, params, sim.dtype, {STEP_SIZE: longest})
+        self._x0 = Columns(sim, seed, d.start_laws(scene, starts), sim.dtype, {})
+        events = (d.kick_laws(scene), sim.dtype), (d.push_laws(), wp.float64), (d.dropout_laws(), wp.float64)
+        self._events = [Columns(sim, seed, each, dtype, {}) for each, dtype in events]
+        self.numbers = d.numbers(scene.nv)
+        self.told = [*self._all(), *self._events]
 
-    def _put(self, values: Any) -> wp.array:
-        return wp.array(np.ascontiguousarray(values), dtype=self.sim.dtype, device=self.sim.device)
+    def _all(self) -> list[Columns]:
+        return [self._params, self._x0]
 
-    def worlds(self, world0: int, count: int) -> tuple[wp.array, wp.array]:
-        """Parameters (count, P) and starts (count, nx) of worlds world0, world0 + 1, ..."""
-        sim = self.sim
-        params, x0 = sim.empty(count, self.width), sim.empty(count, sim.nx)
-        kernel = make_draw_kernel(sim.nx, sim.dtype)
-        launch(kernel, count, [world0, self._numbers, params, x0], sim.device)
-        return params, x0
+    def _pick(self, world0: int, count: int) -> wp.array:
+        """Rows of the starts; none where there is one only."""
+        pick: wp.array = wp.zeros(count if self.starts > 1 else 0, dtype=wp.int32, device=self.sim.device)
+        if self.in_order and self.starts > 1:
+            pick.assign((world0 + np.arange(count)) % self.starts)
+        elif self.starts > 1:
+            launch(pick_kernel, count, [world0, self.seed, self.starts, pick], self.sim.device)
+        return pick
 
-    def columns(self, params: wp.array) -> dict[str, np.ndarray]:
-        """What was drawn of parameters, by the name of its column: "drawn_mass_0", ..."""
-        drawn = params.numpy()[:, self.varied].astype(np.float32)
-        return {self._name(int(c)): drawn[:, i] for i, c in enumerate(self.varied)}
+    def worlds(self, world0: int, count: int) -> Worlds:
+        """Worlds world0, world0 + 1, ... on the simulator's device."""
+        none: wp.array = wp.zeros(0, dtype=wp.int32, device=self.sim.device)
+        kicks, pushes, dropouts = self._events
+        nv = self.sim.nx // 2
+        return Worlds(
+            self._x0.draw(world0, count, self._pick(world0, count)),
+            self._params.draw(world0, count, none),
+            _some(kicks, world0, count, none, nv),
+            _some(pushes, world0, count, none, len(PUSH_FIELDS)),
+            _some(dropouts, world0, count, none, len(DROPOUT_FIELDS)),
+        )
 
-    def _name(self, c: int) -> str:
-        name, start, shape = next(e for e in reversed(self.sim.params.layout.columns) if e[1] <= c)
-        return f"drawn_{name}" + (f"_{c - start}" if shape else "")
+    def columns(self, worlds: Worlds, world0: int) -> dict[str, np.ndarray]:
+        """What was drawn of worlds world0, ..., by the name of its column: "drawn_mass_0", ..."""
+        out: dict[str, np.ndarray] = {}
+        tables = worlds.params, worlds.x0, worlds.kicks, worlds.pushes, worlds.dropouts
+        if self._x0 in self.told and self.starts > 1 and not self.in_order:
+            out["drawn_start"] = self._pick(world0, len(worlds)).numpy()
+        for each, table in zip((self._params, self._x0, *self._events), tables):
+            if each in self.told and len(each.laws.varied):
+                rows = table.numpy().reshape(len(worlds), -1)
+                out |= {
+                    f"drawn_{each.laws.names[c]}": rows[:, c].astype(np.float32) for c in each.laws.varied
+                }
+        return out
 
 
-def _starts(sim: Simulator, spec: SweepSpec) -> np.ndarray:
-    """The states (M, nx) that worlds begin near."""
+def _some(columns: Columns, world0: int, count: int, pick: wp.array, width: int) -> wp.array | None:
+    rows = len(columns.laws.law) // width
+    return columns.draw(world0, count, pick, rows, width) if rows else None
+
+
+def draws_of_task(
+    sim: Simulator, task: Task, disturbances: Disturbances, seed: int, step_size: float
+) -> Draws:
+    """Of the worlds of a task, disturbed as said; undisturbed ones begin at the starts in their order."""
+    assert task.duration is not None
+    base = sim.params.table()[0]
+    in_order = not disturbances.any()
+    return Draws(sim, disturbances, seed, step_size, task.start, base, task.duration, in_order)
+
+
+def draws_of_spec(sim: Simulator, spec: SweepSpec, step_size: float) -> Draws:
+    """Of the worlds of a spec; its report has columns for parameters only.
+
+    Raises:
+        ArgumentError: parameters of the spec that differ over worlds, or starts that are no states.
+    """
+    params = sim.params.replace(**spec.parameters)
+    if params.worlds is not None:
+        raise ArgumentError(
+            "SweepSpec.parameters must be shared by all worlds; use parameter_sd to vary them"
+        )
     start = sim.scene.x0[None] if spec.start is None else np.atleast_2d(np.asarray(spec.start, float))
     if start.ndim != 2 or start.shape[1] != sim.nx or not np.all(np.isfinite(start)):
         raise ArgumentError(
             f"SweepSpec.start has shape {start.shape}; finite numbers (M, {sim.nx}) are needed"
         )
-    return start
+    there = {name for name, _, shape in sim.params.layout.columns if np.prod(shape, dtype=int)}
+    disturbances = Disturbances(
+        position=spec.position_sd,
+        velocity=spec.velocity_sd,
+        parameters={name: LogNormal(sd) for name, sd in spec.parameter_sd.items() if name in there},
+        torque=spec.torque_sd,
+        kick_times=spec.kick_times,
+        kick=spec.kick_sd,
+    )
+    draws = Draws(sim, disturbances, spec.seed, step_size, start, params.table()[0], spec.sample_every)
+    draws.told = draws.told[:1]
+    return draws
 
 
-def _spread(sim: Simulator, parameter_sd: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
-    """Per column of the parameters: standard deviation of its logarithm, and whose random number it takes."""
-    width = sim.params.layout.width
-    spread, group = np.zeros(width), np.arange(width, dtype=np.int32)
-    first = {name: start for name, start, _ in sim.params.layout.columns}
-    for name, start, shape in sim.params.layout.columns:
-        size = int(np.prod(shape, dtype=int))
-        if name in parameter_sd:
-            spread[start : start + size] = parameter_sd[name]
-        if name == "inertia":  # a heavier body of the same shape turns harder, too
-            group[start : start + size] = first["mass"] + np.arange(size)
-        if name == "radius":
-            group[start : start + size] = start + 2 * (np.arange(size) // 2)
-        if name in ("gravity", "sigma"):
-            group[start : start + size] = start
-    return spread, group
+class Given:
+    """Worlds that are given, in place of `Draws`."""
+
+    def __init__(self, sim: Simulator, task: Task, worlds: Worlds, step_size: float) -> None:
+        """Args:
+        task: whose disturbances say when kicks are, what is pushed, and what is drawn in single steps.
+        step_size: [s], of worlds whose parameters are not given.
+
+        Raises:
+            ArgumentError: numbers of another shape than the task's scene and disturbances have.
+        """
+        d, self.sim, self.disturbances, worlds = task.disturbances, sim, task.disturbances, worlds.numpy()
+        count, nv = len(worlds), sim.nx // 2
+        table = np.repeat(sim.params.replace(step_size=step_size).table()[:1], count, 0)
+        self.tables: dict[str, np.ndarray] = {}
+        for name, shape, otherwise in (
+            ("x0", (sim.nx,), None),
+            ("params", (table.shape[1],), table),
+            ("kicks", (len(d.kick_times), nv), None),
+            ("pushes", (len(d.pushes), len(PUSH_FIELDS)), None),
+            ("dropouts", (len(d.dropouts), len(DROPOUT_FIELDS)), None),
+        ):
+            given = getattr(worlds, name)
+            if given is None:
+                given = np.zeros((count, *shape)) if otherwise is None else otherwise
+            if given.shape[1:] != shape:
+                need = ", ".join(map(str, (count, *shape)))
+                raise ArgumentError(f"Worlds.{name} has shape {given.shape}; ({need}) is needed")
+            self.tables[name] = given
+        numbers = np.arange(count) if worlds.numbers is None else worlds.numbers
+        self.tables["numbers"] = numbers.astype(np.int32)
+        self.numbers = d.numbers(nv)
+        params = laws.parameter_laws(sim.scene, table[0], {})
+        self._names = (
+            *(
+                ("params", params.names),
+                ("x0", sim.scene.state_names),
+                ("kicks", d.kick_laws(sim.scene).names),
+            ),
+            *(("pushes", d.push_laws().names), ("dropouts", d.dropout_laws().names)),
+        )
+
+    def worlds(self, world0: int, count: int) -> Worlds:
+        """Worlds world0, world0 + 1, ... of these, on the simulator's device."""
+        own = {name: wp.int32 if name == "numbers" else self.sim.dtype for name in self.tables}
+        own |= dict.fromkeys(("pushes", "dropouts"), wp.float64)
+        rows = {
+            name: wp.array(table[world0 : world0 + count], dtype=own[name], device=self.sim.device)
+            for name, table in self.tables.items()
+            if table[0].size
+        }
+        return Worlds(**rows)
+
+    def columns(self, worlds: Worlds, world0: int) -> dict[str, np.ndarray]:
+        """What differs among all worlds, of worlds world0, ...; named as by `Draws`."""
+        out: dict[str, np.ndarray] = {}
+        for kind, names in self._names:
+            table = self.tables[kind].reshape(len(self.tables[kind]), -1)
+            for c in np.flatnonzero(np.ptp(table, axis=0)):
+                out[f"drawn_{names[c]}"] = table[world0 : world0 + len(worlds), c].astype(np.float32)
+        return out
+
+
+def draw_worlds(
+    task: Task, worlds: int, seed: int = 0, first: int = 0, *, dtype: str = "float32", device: Any = None
+) -> Worlds:
+    """The numbers of a task's disturbed worlds `first`, `first` + 1, ...: those that a sweep draws.
+
+    A sweep with these instead of a number of worlds, of the same seed and precision, has the same results to
+    the last bit; changed, selected or repeated ones are worlds as good as drawn ones.
+
+    Args:
+        task: whose worlds they are.
+        worlds: how many.
+        seed: as of the sweep.
+        first: number of the first.
+        dtype, device: as of a `Simulator`.
+    """
+    task = instance("task", task, Task, "a slcp_warp.Task")
+    count, seed, first = whole("worlds", worlds), whole("seed", seed, 0), whole("first", first, 0)
+    sim = task.simulator(dtype=dtype, device=device)
+    draws = draws_of_task(sim, task, task.disturbances, seed, task.scene.step_size)
+    return replace(draws.worlds(first, count).numpy(), numbers=first + np.arange(count))

@@ -21,10 +21,13 @@ from ..measures.tables import MeasureTable
 from ..simulator import Simulator
 from ..stepping.arguments import policy_arrays
 from ..stepping.host import acts_on_host
+from ..tasks.disturbances import Disturbances
 from .by_periods import OnHost, by_periods
 from .by_steps import by_steps, bytes_of_world
-from .draws import Draws
+from .draws import Draws, Given, draws_of_spec
+from .events import events_of, put_pushes
 from .spec import SweepSpec
+from .worlds import Worlds
 
 CHUNK_BYTES = 128 * 2**20
 NOWHERE = 1e30  # lowest gap of a world without an acting contact
@@ -47,11 +50,12 @@ class Case:
         step_size: float,
         chunk: int | None,
         measures: Sequence[Measure] = (),
-        draws: Draws | None = None,
+        draws: Draws | Given | None = None,
         limits: Any = None,
+        failure: Measure | None = None,
     ) -> None:
         self.sim, self.spec, self.step_size = sim, spec, step_size
-        self.draws = Draws(sim, spec, step_size) if draws is None else draws
+        self.draws = draws_of_spec(sim, spec, step_size) if draws is None else draws
         self.policy = policy if acts_on_host(policy) else policy_arrays(policy, sim, spec.worlds)
         if not 0 <= spec.observe < sim.nx:
             raise ArgumentError(
@@ -60,11 +64,12 @@ class Case:
         self.count = int(round(spec.duration / spec.sample_every)) + 1
         generic = sim.strategy == "generic"
         self.roll_out: Any = by_steps if generic else by_periods if acts_on_host(policy) else at_once
-        self.chunk = chunk or min(spec.worlds, worlds_at_once(sim, self.count, len(measures)))
+        fit = worlds_at_once(sim, self.count, len(measures), self.draws.numbers)
+        self.chunk = chunk or min(spec.worlds, fit)
         self.seconds = 0.0
         self._parts: list[dict[str, np.ndarray]] = []
-        self._conditions = _conditions(sim, spec, limits)
-        self.table = MeasureTable([contact_share(), lowest_gap(), *measures], sim.scene)
+        self._conditions = _conditions(sim, spec, self.draws.disturbances, limits)
+        self.table = MeasureTable([contact_share(), lowest_gap(), *measures], sim.scene, failure)
 
     def run(self) -> Iterator[int]:
         """Launch chunk after chunk; yields the worlds finished."""
@@ -79,13 +84,13 @@ class Case:
 
     def launch(self, world0: int, count: int) -> dict[str, np.ndarray]:
         """One chunk of worlds."""
-        params, x0 = self.draws.worlds(world0, count)
+        worlds = self.draws.worlds(world0, count)
         samples: wp.array = wp.zeros((count, self.count), dtype=wp.float32, device=self.sim.device)
         self._conditions.world0 = world0
         policy = self.policy
         if not isinstance(policy, tuple):
-            policy = OnHost(self.sim, policy, self._conditions, params)
-        kept, status = self.roll_out(self.sim, policy, self._conditions, self.table, params, x0, samples)
+            policy = OnHost(self.sim, policy, self._conditions, worlds)
+        kept, status = self.roll_out(self.sim, policy, self._conditions, self.table, worlds, samples)
         share, lowest, *values = self.table.values(kept.numpy()).T
         found = {
             "samples": samples.numpy().copy(),
@@ -94,7 +99,7 @@ class Case:
             "status": status.numpy().copy(),
             "measures": np.array(values).reshape(-1, count).T,
         }
-        return found | self.draws.columns(params)
+        return found | self.draws.columns(worlds, world0)
 
     def finished(self) -> dict[str, np.ndarray]:
         """Columns of the finished worlds: samples (B, S), measures (B, M), contact_share, lowest_gap, status,
@@ -105,10 +110,10 @@ class Case:
         return {name: np.concatenate([part[name] for part in self._parts]) for name in self._parts[0]}
 
 
-def worlds_at_once(sim: Simulator, samples: int, measures: int) -> int:
-    """Worlds whose launch stays within `CHUNK_BYTES`, with so many samples and measures each."""
+def worlds_at_once(sim: Simulator, samples: int, measures: int, events: int = 0) -> int:
+    """Worlds whose launch stays within `CHUNK_BYTES`, with so many samples, measures and events each."""
     own = bytes_of_world(sim) if sim.strategy == "generic" else 0
-    per_world = 8 * (sim.params.layout.width + sim.nx) + 4 * samples + 16 + own + 48 * measures
+    per_world = 8 * (sim.params.layout.width + sim.nx + events) + 4 * samples + 16 + own + 48 * measures
     return max(1, CHUNK_BYTES // per_world)
 
 
@@ -117,8 +122,7 @@ def at_once(
     policy: tuple[PolicyKernel, Any],
     conditions: Any,
     table: MeasureTable,
-    params: wp.array,
-    x0: wp.array,
+    worlds: Worlds,
     samples: wp.array,
 ) -> tuple[wp.array, wp.array]:
     """Run a chunk of worlds to the end in one launch of the specialised kernel.
@@ -128,41 +132,33 @@ def at_once(
         policy: its kernel, and its struct.
         conditions: struct of what all worlds go through.
         table: of what is measured.
-        params: (B, P).
-        x0: (B, nx).
+        worlds: on the simulator's device.
         samples: (B, S), filled.
 
     Returns:
         What is kept of the measures (B, M, WIDTH), and status (B,).
     """
-    count, (policy_kernel, struct) = len(x0), policy
+    count, (policy_kernel, struct) = len(worlds), policy
     kept = table.kept(count, sim.device)
     status: wp.array = wp.zeros(count, dtype=wp.int32, device=sim.device)
     kernel = make_sweep_kernel(sim.spec, policy_kernel, table.users)
-    inputs = [
-        conditions,
-        params,
-        x0,
-        struct,
-        sim.empty(0, 0),
-        table.struct(sim.device),
-        make_span(sim.dtype)(),
-        samples,
-        kept,
-        status,
-    ]
+    events, measured = events_of(sim, worlds), table.struct(sim.device)
+    inputs = [conditions, events, worlds.params, worlds.x0, struct, measured, make_span(sim.dtype)()]
+    inputs += [samples, kept, status]
     launch(kernel, count, inputs, sim.device, grain=1)
     return kept, status
 
 
-def _conditions(sim: Simulator, spec: SweepSpec, limits: Any) -> Any:
+def _conditions(sim: Simulator, spec: SweepSpec, disturbances: Disturbances, limits: Any) -> Any:
     """What all worlds go through, as the kernels take it; limits of the controls: (lower, upper) or None."""
-    out = make_conditions(sim.dtype)()
+    out, d = make_conditions(sim.dtype)(), disturbances
     none = np.zeros((1, 0))
     lower, upper = (none, none) if limits is None else limit_rows(limits, sim.nu)
     out.lower, out.upper = (wp.array(a[0], dtype=sim.dtype, device=sim.device) for a in (lower, upper))
     out.seed, out.component = spec.seed, spec.observe
-    out.torque, out.kick = spec.torque_sd, spec.kick_sd
-    out.kick_times = wp.array(np.array(spec.kick_times, float), dtype=wp.float64, device=sim.device)
+    out.torque, out.dropped = d.torque, d.dropped
+    out.kick_times = wp.array(np.array(d.kick_times, float), dtype=wp.float64, device=sim.device)
     out.duration, out.interval = spec.duration, spec.sample_every
+    if d.pushes:
+        put_pushes(sim, out, d.pushes)
     return out

@@ -20,6 +20,7 @@ from .report import SweepReport
 from .spec import SweepSpec
 from .summary import summary_of, table_of
 from .task_report import sweep_task
+from .worlds import Worlds
 
 
 def sweep(
@@ -27,7 +28,7 @@ def sweep(
     policy: Any,
     spec: SweepSpec | None = None,
     *,
-    worlds: int = 4096,
+    worlds: int | Worlds = 4096,
     seed: int = 0,
     cases: Any = None,
     step_sizes: Sequence[float] | None = None,
@@ -52,7 +53,7 @@ def sweep(
         policy: as for `Simulator.rollout`; for a task also several by name, and files of policies
             (`policies.load_policy`).
         spec: of a scene: what is varied and measured.
-        worlds: of a task: disturbed worlds of a case and a policy.
+        worlds: of a task: disturbed worlds of a case and a policy; or `Worlds`, given ones.
         seed: of a task: of all that is drawn; a world's numbers follow from it and the world's index.
         cases: of a task: options of the steps, one, several, or by name; None: the task's, and the hard
             problem.

@@ -15,10 +15,12 @@ from ..options import Options, Status
 from ..simulator import Simulator
 from ..tasks.disturbances import Disturbances
 from ..tasks.task import Task
+from .between import between, steps_of
 from .chunks import ARMS, Chunks, Part
-from .draws import Draws
+from .draws import Draws, Given, draws_of_task
 from .launch import Case, worlds_at_once
 from .spec import SweepSpec
+from .worlds import Worlds
 
 SAMPLES = 2  # of a world: the least that a case keeps
 
@@ -41,7 +43,7 @@ class TaskSweep:
         task: Task,
         policies: Any,
         *,
-        worlds: int = 4096,
+        worlds: int | Worlds = 4096,
         seed: int = 0,
         cases: Any = None,
         step_sizes: Sequence[float] | None = None,
@@ -52,7 +54,7 @@ class TaskSweep:
     ) -> None:
         """Args:
         policies: a policy, or policies by name.
-        worlds: disturbed ones, a case and a policy.
+        worlds: disturbed ones, a case and a policy; or the numbers of given ones.
         cases: options of the steps, one, several, or by name; None: the task's, and the hard problem.
         step_sizes: [s]; None: the scene's.
         dtype, device, strategy: as of a `Simulator`.
@@ -62,9 +64,12 @@ class TaskSweep:
         each runs once, from the starts in turn.
         """
         self.task, self.policies, self.cases = task, policies_by_name(policies), cases_by_name(task, cases)
-        worlds, self.seed = checks.whole("worlds", worlds), checks.whole("seed", seed, 0)
+        self.given = worlds if isinstance(worlds, Worlds) else None
+        worlds, self.seed = _count(worlds), checks.whole("seed", seed, 0)
         chunk = None if chunk is None else checks.whole("chunk", chunk)
         sizes, self.strategy = _step_sizes(task, step_sizes), strategy
+        for size in sizes:
+            steps_of(task.disturbances, size)
         self._judged: list[Measure] = list(task.measures.values())
         self._judged += [] if task.success is None else task.success.parts()
         self.simulators = {
@@ -73,7 +78,8 @@ class TaskSweep:
         }
         parts = []
         for label, size, name in itertools.product(self.cases, sizes, self.policies):
-            at_once = chunk or worlds_at_once(self.simulators[label], SAMPLES, len(self._judged))
+            kept = SAMPLES, len(self._judged), task.disturbances.numbers(task.scene.nv)
+            at_once = chunk or worlds_at_once(self.simulators[label], *kept)
             for arm, count in zip(ARMS, (worlds, _undisturbed(task, self.policies[name]))):
                 parts.append(Part(name, label, size, arm, count, min(at_once, count)))
         self.chunks = Chunks(parts)
@@ -101,14 +107,21 @@ class TaskSweep:
         task, sim = self.task, self.simulators[part.case]
         assert task.duration is not None
         d = task.disturbances if part.arm == ARMS[0] else Disturbances()
-        spec = SweepSpec(
-            worlds=part.worlds, duration=task.duration, step_sizes=(part.step_size,), start=task.start,
-            seed=self.seed, parameter_sd=dict(d.parameters), torque_sd=d.torque, kick_times=d.kick_times,
-            kick_sd=d.kick, sample_every=task.duration, judged=False,
-        )  # fmt: skip
-        draws = Draws(sim, spec, part.step_size, d.deviation(task.scene), in_order=not d.any())
-        policy, limits = self.policies[part.policy], task.control_limits
-        return Case(sim, policy, spec, part.step_size, part.at_once, self._judged, draws, limits)
+        spec = SweepSpec(worlds=part.worlds, duration=task.duration, step_sizes=(part.step_size,),
+                         seed=self.seed, sample_every=task.duration, judged=False)  # fmt: skip
+        draws: Draws | Given
+        if self.given is not None and part.arm == ARMS[0]:
+            draws = Given(sim, task, self.given, part.step_size)
+        else:
+            draws = draws_of_task(sim, task, d, self.seed, part.step_size)
+        policy = between(
+            self.policies[part.policy], task.disturbances, self.seed, part.step_size, part.arm != ARMS[0]
+        )
+        return Case(sim, policy, spec, part.step_size, part.at_once, self._judged, draws, task.control_limits)
+
+
+def _count(worlds: Any) -> int:
+    return len(worlds) if isinstance(worlds, Worlds) else checks.whole("worlds", worlds)
 
 
 def _undisturbed(task: Task, policy: Any) -> int:

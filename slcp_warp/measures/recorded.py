@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from slcp_warp.kernels.ensembles.measures import NONE, ROUNDING, TOUCH
+from slcp_warp.kernels.ensembles.disturbances import ROUNDING
+from slcp_warp.kernels.ensembles.measures import NONE, TOUCH
 
 from ..description.scene import Scene
 from ..inputs.checks import array, shown

@@ -21,8 +21,12 @@ class MeasureTable:
         users: Warp functions of users that they call.
     """
 
-    def __init__(self, measures: Sequence[Measure], scene: Scene) -> None:
+    def __init__(self, measures: Sequence[Measure], scene: Scene, ends: Measure | None = None) -> None:
+        """Args:
+        ends: one of the measures, a first time: a world ends with the step in which it comes.
+        """
         self.measures = tuple(measures)
+        self._ends = kernels.NONE if ends is None else self.measures.index(ends)
         signals = list(dict.fromkeys(signal for measure in self.measures for signal in measure.signals()))
         self.users = tuple(signal.function for signal in signals if signal.function is not None)
         place = {signal: i for i, signal in enumerate(signals)}
@@ -62,6 +66,7 @@ class MeasureTable:
             ("window", window, 2, np.float64),
         ):
             setattr(out, name, wp.array(np.array(values, kind).reshape(-1, width), device=device))
+        out.ends = self._ends
         out.compared = wp.array(np.array(self._compared, np.int32), device=device)
         return out
 

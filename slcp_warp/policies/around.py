@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from slcp_warp.kernels.policies.around import Between, around_kernel
+from slcp_warp.kernels.policies.around import SENSOR, Between, around_kernel
 from slcp_warp.kernels.policies.contract import PolicyKernel
 
 from ..inputs.checks import array, number, shown, whole
@@ -58,7 +58,8 @@ class Around:
             raise ArgumentError(f"limits are for {len(lower)} worlds; one pair for all is needed")
         kernel = around_kernel(inner, Between(self.delay, self.hold > 1, bool(noise.any())))
         struct = kernel.functions(sim.nx, sim.nu, sim.dtype).Struct()
-        struct.inner, struct.hold, struct.seed = inside, self.hold, self.seed
+        struct.inner, struct.delay, struct.hold = inside, self.delay, self.hold
+        struct.seed, struct.stream = self.seed, SENSOR
         limits = (lower[0], upper[0]) if bounded(lower, upper) else ([], [])
         for name, values in (("noise", noise), ("lower", limits[0]), ("upper", limits[1])):
             setattr(struct, name, wp.array(np.asarray(values, float), dtype=sim.dtype, device=sim.device))

@@ -90,14 +90,9 @@ class Task(Printed):
         put(self, "start", self._starts())
         put(self, "measures", checked_measures(self.measures))
         try:
-            self.disturbances.deviation(self.scene)
+            self.disturbances.check(self.scene, self.duration)
         except ArgumentError as error:
-            raise TaskError(f"Task.disturbances: start: {error}") from None
-        if any(time >= self.duration for time in self.disturbances.kick_times):
-            raise TaskError(
-                f"Task.disturbances: kick_times is {self.disturbances.kick_times}; times before the end of a "
-                f"run, Task.duration = {self.duration} s, are needed"
-            )
+            raise TaskError(f"Task.disturbances: {error}") from None
         self._check_names()
 
     def state_limit_rows(self) -> tuple[np.ndarray, np.ndarray] | None:

@@ -1,0 +1,165 @@
+"""What is uncertain in the runs of a task: starts, parameters, controls, sensors, kicks, pushes."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import numpy as np
+
+from slcp_warp.kernels.ensembles import disturbances as kernels
+from slcp_warp.kernels.structure import layout
+
+from ...description.scene import Scene
+from ...inputs.checks import instance, number, shown
+from ...inputs.errors import ArgumentError
+from . import laws
+from .distributions import Distribution, LogNormal, Normal, Uniform, of
+from .events import Dropout, Push
+
+
+@dataclass(frozen=True)
+class Disturbances:
+    """What is drawn for every world, from the seed and the world's number.
+
+    Where a distribution can stand, a number is short for a plain one: of a parameter `LogNormal`, of
+    anything else `Normal`, with this standard deviation.
+
+    Attributes:
+        position, velocity: standard deviation of normal noise on every coordinate, and on every velocity, of
+            the start.
+        start: the same for single components by their names, instead of these; a `Uniform` one stands in
+            place of the start's number.
+        parameters: name -> distribution (a draw for each body, shape, contact or degree of freedom, or one
+            for all of them, `shared`; mass and inertia of a body share theirs); "block.mass" is of one part.
+        torque: standard deviation of white noise on the controls, a number a step.
+        sensor: of white noise on the state that a policy sees, by state name, or one for all.
+        delay: from a control to its action [s], to the nearest step.
+        hold: for how long a control is held [s], to the nearest step; 0: for one.
+        dropped: share of the steps, at random, in which all controls are zero.
+        dropouts: times without controls.
+        kick_times: when velocities are kicked [s].
+        kick: standard deviation of a kick on every velocity [m/s, rad/s].
+        kicks: the same for single velocities by their names, instead of it.
+        pushes: forces on bodies for a while.
+    """
+
+    position: float = 0.0
+    velocity: float = 0.0
+    start: Mapping[str, Any] = field(default_factory=dict)
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    torque: float = 0.0
+    sensor: Any = 0.0
+    delay: float = 0.0
+    hold: float = 0.0
+    dropped: float = 0.0
+    dropouts: tuple[Dropout, ...] = ()
+    kick_times: tuple[float, ...] = ()
+    kick: float = 0.0
+    kicks: Mapping[str, Any] = field(default_factory=dict)
+    pushes: tuple[Push, ...] = ()
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        for name in ("position", "velocity", "torque", "delay", "hold", "kick"):
+            put(self, name, number(f"Disturbances.{name}", getattr(self, name), 0.0))
+        put(self, "dropped", number("Disturbances.dropped", self.dropped, 0.0, 1.0))
+        for name, plain in (("start", Normal), ("parameters", LogNormal), ("kicks", Normal)):
+            put(self, name, self._drawn(name, plain))
+        for key, drawn in self.parameters.items():
+            laws.check_parameter(key, drawn)
+        if isinstance(self.sensor, Mapping):
+            put(self, "sensor", {key: number(f"Disturbances.sensor[{key!r}]", sd, 0.0)
+                                 for key, sd in self._named("sensor").items()})  # fmt: skip
+        else:
+            put(self, "sensor", number("Disturbances.sensor", self.sensor, 0.0))
+        for name, kind in (("pushes", Push), ("dropouts", Dropout)):
+            given = getattr(self, name)
+            if not isinstance(given, list | tuple) or not all(isinstance(each, kind) for each in given):
+                raise ArgumentError(
+                    f"Disturbances.{name} is {shown(given)}; slcp_warp.{kind.__name__}, in a tuple, is needed"
+                )
+            put(self, name, tuple(given))
+        if not isinstance(self.kick_times, list | tuple):
+            raise ArgumentError(f"Disturbances.kick_times is {shown(self.kick_times)}; a tuple is needed")
+        times = tuple(number("Disturbances.kick_times", time, 0.0) for time in self.kick_times)
+        put(self, "kick_times", tuple(sorted(times)))
+
+    def _named(self, name: str) -> Mapping[str, Any]:
+        given = instance(f"Disturbances.{name}", getattr(self, name), Mapping, "a dict of numbers by name")
+        for key in given:
+            if not isinstance(key, str):
+                raise ArgumentError(f"Disturbances.{name} has the name {shown(key)}; a text is needed")
+        found: Mapping[str, Any] = given
+        return found
+
+    def _drawn(self, name: str, plain: Any) -> dict[str, Distribution]:
+        return {key: of(f"Disturbances.{name}[{key!r}]", value, plain)
+                for key, value in self._named(name).items()}  # fmt: skip
+
+    def check(self, scene: Scene, duration: float) -> None:
+        """Raise ArgumentError for names that the scene has not got, and for what comes after a run's end."""
+        laws.parameter_laws(scene, np.zeros(layout(scene.structure).width), self.parameters)
+        self.start_laws(scene, scene.x0), self.kick_laws(scene)
+        if isinstance(self.sensor, Mapping):
+            for name in self.sensor:
+                scene.state_index(name)
+        bodies = [body.name for body in scene.bodies]
+        for n, push in enumerate(self.pushes):
+            if push.body not in bodies:
+                raise ArgumentError(f"pushes[{n}].body is {shown(push.body)}; there are {', '.join(bodies)}")
+        late = [("kick_times", time) for time in self.kick_times if time >= duration]
+        for name in ("pushes", "dropouts"):
+            for n, event in enumerate(getattr(self, name)):
+                start = event.start.low if isinstance(event.start, Uniform) else event.start
+                if not isinstance(start, Distribution) and start >= duration:
+                    late.append((f"{name}[{n}].start", start))
+        if late:
+            raise ArgumentError(
+                f"{late[0][0]} holds {late[0][1]}; times before the end of a run, "
+                f"Task.duration = {duration} s, are needed"
+            )
+
+    def start_laws(self, scene: Scene, starts: Any) -> laws.Laws:
+        """How the components of starts (M, nx) are drawn.
+
+        Raises:
+            ArgumentError: a name that the scene has not got.
+        """
+        spread = np.repeat([self.position, self.velocity], scene.nv)
+        return laws.start_laws(scene, starts, spread, self.start)
+
+    def deviation(self, scene: Scene) -> np.ndarray:
+        """(nx,) how far the start's components lie around it: standard deviations."""
+        drawn = self.start_laws(scene, scene.x0)
+        even = drawn.law == laws.LAWS.index(Uniform.law)
+        return np.where(even, (drawn.second - drawn.first) / np.sqrt(12.0), drawn.first)
+
+    def kick_laws(self, scene: Scene) -> laws.Laws:
+        """How kicks (K nv) are drawn.
+
+        Raises:
+            ArgumentError: a name that is no velocity's.
+        """
+        return laws.kick_laws(scene, self.kick_times, self.kick, self.kicks)
+
+    def push_laws(self) -> laws.Laws:
+        """How pushes are drawn."""
+        events = [push.numbers() for push in self.pushes]
+        return laws.event_laws("push", kernels.PUSH_FIELDS, kernels.PUSH, events)
+
+    def dropout_laws(self) -> laws.Laws:
+        """How dropouts are drawn."""
+        events = [dropout.numbers() for dropout in self.dropouts]
+        return laws.event_laws("dropout", kernels.DROPOUT_FIELDS, kernels.DROPOUT, events)
+
+    def numbers(self, nv: int) -> int:
+        """How many numbers say what happens to a world of so many degrees of freedom while it runs."""
+        pushed, dropped = len(kernels.PUSH_FIELDS), len(kernels.DROPOUT_FIELDS)
+        return nv * len(self.kick_times) + pushed * len(self.pushes) + dropped * len(self.dropouts)
+
+    def any(self) -> bool:
+        """Whether anything is disturbed."""
+        return any(getattr(self, each.name) != getattr(NONE, each.name) for each in fields(self))
+
+
+NONE = Disturbances()

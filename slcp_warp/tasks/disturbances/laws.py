@@ -1,0 +1,200 @@
+"""How every number of a world is drawn: a row of columns, each with its law and its address."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from slcp_warp.kernels.ensembles import disturbances as kernels
+from slcp_warp.kernels.ensembles.draws import LAWS
+from slcp_warp.kernels.structure import layout
+
+from ...description.scene import Scene
+from ...inputs.checks import shown
+from ...inputs.errors import ArgumentError
+from ...inputs.rules import NONNEGATIVE, PERTURBABLE, POSITIVE
+from .distributions import Distribution, Normal, Uniform, row_of
+from .events import Drawn
+
+FACTORS = ("gravity", "radius")  # parameters that keep their directions and shapes: factors only
+SIGNED = ("com", "anchor", "angle", "lower", "upper", "rest", "shape_offset")  # what may be of either sign
+NAMES = (*PERTURBABLE, *SIGNED)
+
+
+class Laws(NamedTuple):
+    """The columns of a table of numbers (C,), see `make_columns` of the kernels.
+
+    Attributes:
+        base: what a number is drawn around; (M, C) where worlds choose among rows.
+        law: one of `LAWS`, by its place.
+        first, second: the law's numbers.
+        step, stream: address of the random number beside seed and world.
+        names: of the columns.
+    """
+
+    base: np.ndarray
+    law: np.ndarray
+    first: np.ndarray
+    second: np.ndarray
+    step: np.ndarray
+    stream: np.ndarray
+    names: tuple[str, ...]
+
+    @property
+    def varied(self) -> np.ndarray:
+        """Columns that differ from world to world."""
+        even = self.law == LAWS.index("uniform")
+        spread = np.where(even, self.second - self.first, self.first)
+        return np.flatnonzero((self.law > 0) & (spread != 0.0))
+
+    def put(self, column: int, drawn: Drawn) -> None:
+        """The law of a column, around the numbers that are there."""
+        law, base, self.first[column], self.second[column] = row_of(drawn, self.base[..., column])
+        self.law[column], self.base[..., column] = law, base
+
+
+def still(base: Any, step: Sequence[int], stream: Sequence[int], names: Sequence[str]) -> Laws:
+    """Columns of numbers that are not drawn."""
+    values, none = np.array(base, float), np.zeros(len(names))
+    address = np.array(step, np.int32), np.array(stream, np.int32)
+    return Laws(values, np.zeros(len(names), np.int32), none, none.copy(), *address, tuple(names))
+
+
+def parameter_laws(scene: Scene, base: np.ndarray, given: Mapping[str, Distribution]) -> Laws:
+    """Columns of the table of parameters, from numbers (P,) without a draw.
+
+    Raises:
+        ArgumentError: a name that the scene has not got, or a distribution that it cannot have.
+    """
+    columns = layout(scene.structure).columns
+    names, group = _parameter_names(columns), _groups(columns)
+    laws = still(base, group, [kernels.PARAMETER] * len(names), names)
+    for key in sorted(given, key=lambda key: "." in key):  # what is said of one part counts
+        drawn = given[key]
+        places = _places(scene, key)
+        for column in places:
+            laws.put(column, drawn)
+            laws.step[column] = group[places[0]] if drawn.shared else group[column]
+    return laws
+
+
+def check_parameter(key: str, drawn: Distribution) -> None:
+    """Raise ArgumentError for a parameter that cannot be drawn, or not so."""
+    label, name = f"Disturbances.parameters[{key!r}]", key.rpartition(".")[2]
+    if name not in NAMES:
+        raise ArgumentError(f"Disturbances.parameters names {key!r}; choose from {', '.join(sorted(NAMES))}")
+    kinds = {"log-normal"} if name in FACTORS else {"uniform", "normal"} if name in SIGNED else set(LAWS)
+    if name in POSITIVE or name in NONNEGATIVE:
+        kinds.discard("normal")
+    if drawn.law not in kinds:
+        need = " or ".join(sorted(kinds - {"none"}))
+        raise ArgumentError(f"{label} is {shown(drawn)}; {name} takes {need}")
+    if isinstance(drawn, Uniform):
+        low = drawn.low <= 0.0 if name in POSITIVE else drawn.low < 0.0 if name in NONNEGATIVE else False
+        if low:
+            sign = "positive" if name in POSITIVE else "no negative"
+            raise ArgumentError(f"{label} is {shown(drawn)}; {sign} numbers are needed")
+
+
+def _parameter_names(columns: Sequence[tuple[str, int, tuple[int, ...]]]) -> list[str]:
+    names = []
+    for name, _, shape in columns:
+        size = int(np.prod(shape, dtype=int))
+        names += [f"{name}_{i}" for i in range(size)] if shape else [name]
+    return names
+
+
+def _groups(columns: Sequence[tuple[str, int, tuple[int, ...]]]) -> np.ndarray:
+    """Per column whose random number it takes."""
+    first = {name: start for name, start, _ in columns}
+    group = np.arange(sum(int(np.prod(shape, dtype=int)) for _, _, shape in columns), dtype=np.int32)
+    for name, start, shape in columns:
+        size = int(np.prod(shape, dtype=int))
+        if name == "inertia":  # a heavier body of the same shape turns harder, too
+            group[start : start + size] = first["mass"] + np.arange(size)
+        if name == "radius":
+            group[start : start + size] = start + 2 * (np.arange(size) // 2)
+        if name in ("gravity", "sigma"):
+            group[start : start + size] = start
+    return group
+
+
+def _places(scene: Scene, key: str) -> list[int]:
+    """Columns of a parameter of all parts, "mass", or of one, "block.mass"."""
+    part, _, name = key.rpartition(".")
+    found = [(start, shape) for column, start, shape in layout(scene.structure).columns if column == name]
+    if not found or not np.prod(found[0][1], dtype=int):
+        raise ArgumentError(f"Disturbances.parameters names {key!r}; scene {scene.name!r} has no {name}")
+    start, shape = found[0]
+    size = int(np.prod(shape, dtype=int))
+    if not part:
+        return list(range(start, start + size))
+    owners = _owners(scene, name)
+    rows = [i for i, owner in enumerate(owners) if owner == part or owner.startswith(part + ".")]
+    if not rows:
+        there = ", ".join(f"{owner}.{name}" for owner in owners) or "none of a part"
+        raise ArgumentError(f"Disturbances.parameters names {key!r}; there are {there}")
+    width = size // shape[0]
+    return [start + width * row + i for row in rows for i in range(width)]
+
+
+def _owners(scene: Scene, name: str) -> list[str]:
+    """Names of the parts that a parameter's rows belong to."""
+    if name in ("mass", "inertia", "com", "anchor", "angle"):
+        return [body.name for body in scene.bodies]
+    if name in ("damping", "lower", "upper", "rest"):
+        return list(scene.state_names[: scene.nv])
+    if name in ("radius", "shape_offset"):
+        return [shape.name for shape in scene.shapes]
+    of = {"gear": scene.control_names, "friction": scene.pair_names, "sigma": scene.row_names}
+    return [each.replace("(+)", "").replace("(-)", "") for each in of.get(name, ())]
+
+
+def start_laws(scene: Scene, starts: Any, spread: np.ndarray, given: Mapping[str, Distribution]) -> Laws:
+    """Columns of the start (M, nx): normal of some standard deviation (nx,), or as given by name.
+
+    Raises:
+        ArgumentError: a name that the scene has not got.
+    """
+    nx = len(spread)
+    laws = still(starts, range(nx), [kernels.START] * nx, scene.state_names)
+    for i, sd in enumerate(spread):
+        laws.put(i, Normal(float(sd)))
+    for name, drawn in given.items():
+        laws.put(scene.state_index(name), drawn)
+    return laws
+
+
+def kick_laws(scene: Scene, times: Sequence[float], sd: float, given: Mapping[str, Distribution]) -> Laws:
+    """Columns (K nv) of what kicks add to the velocities.
+
+    Raises:
+        ArgumentError: a name that is no velocity's.
+    """
+    nv, velocities = scene.nv, scene.state_names[scene.nv :]
+    drawn: list[Distribution] = [Normal(sd)] * nv
+    for name, each in given.items():
+        if name not in velocities:
+            raise ArgumentError(
+                f"Disturbances.kicks names {shown(name)}; velocities are kicked: {', '.join(velocities)}"
+            )
+        drawn[velocities.index(name)] = each
+    count = len(times) * nv
+    steps, streams = np.repeat(range(len(times)), nv), np.tile(kernels.KICK + np.arange(nv), len(times))
+    names = [f"kick_{k}_{velocity}" for k in range(len(times)) for velocity in velocities]
+    laws = still(np.zeros(count), steps, streams, names)
+    for i in range(count):
+        laws.put(i, drawn[i % nv])
+    return laws
+
+
+def event_laws(word: str, fields: Sequence[str], stream: int, events: Sequence[Sequence[Drawn]]) -> Laws:
+    """Columns (Q F) of what is drawn of events, in the order of their fields."""
+    rows = [row_of(drawn) for event in events for drawn in event]
+    steps = np.repeat(range(len(events)), len(fields))
+    streams = np.tile(stream + np.arange(len(fields)), len(events))
+    names = [f"{word}_{n}_{field}" for n in range(len(events)) for field in fields]
+    laws = still(np.zeros(len(rows)), steps, streams, names)
+    for i, (law, base, first, second) in enumerate(rows):
+        laws.law[i], laws.base[i], laws.first[i], laws.second[i] = law, base, first, second
+    return laws

@@ -1,0 +1,187 @@
+"""Disturbed worlds against a loop over `sim.step` in NumPy that draws, delays and pushes on its own."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from draws_oracle import even, normals, overlap
+
+import slcp_warp as slcp
+from slcp_warp import measures as m
+from slcp_warp import policies
+
+SCENE = replace(slcp.scenes.push_block(), step_size=0.02, sigma=0.05)
+H, N, SEED, B, NX = 0.02, 60, 7, 9, 8
+COST = slcp.costs.terms(SCENE, [slcp.costs.effort(1.0)])
+K = np.array([[-9.0, 0.0, 0.0, 1.0, -2.0, 0.0, 0.0, 0.3]])
+GOAL, FORCE, LIMITS = SCENE.x0 + 0.1, np.array([3.0]), (-5.0, 6.0)
+NAMES = SCENE.state_names
+ENDS = {name: m.final(name) for name in NAMES} | {"force": m.integral(m.control(0))}
+EVERYTHING = slcp.Disturbances(
+    velocity=0.02,
+    start={"pusher.shift": slcp.Uniform(-0.02, 0.02), "block.x": 0.01},
+    parameters={"mass": 0.1, "block.mass": slcp.Uniform(0.9, 1.4), "block.com": slcp.Normal(0.005),
+                "friction": slcp.LogNormal(0.2, shared=True), "damping": slcp.Uniform(0.5, 1.5)},
+    torque=0.3, sensor={"pusher.shift": 0.01, "block.vx": 0.02}, delay=0.04, hold=0.06, dropped=0.1,
+    dropouts=(slcp.Dropout(slcp.Uniform(0.5, 0.7), 0.1),),
+    kick_times=(0.3, 0.62), kick=0.02, kicks={"block.vx": slcp.Uniform(0.05, 0.1)},
+    pushes=(slcp.Push("block", slcp.Uniform(0.2, 0.4), 0.15, (slcp.Normal(2.0), -1.0), at=(0.05, 0.1)),
+            slcp.Push("pusher", 0.505, slcp.LogNormal(0.3, median=0.1), (1.5, 0.0)),
+            slcp.Push("block", 0.8, 0.1, torque=slcp.Normal(0.1, mean=0.2))),
+)  # fmt: skip
+
+
+def task(**changes) -> slcp.Task:
+    fields = {"name": "push", "scene": SCENE, "cost": COST, "horizon": N, "measures": ENDS,
+              "control_limits": LIMITS, "disturbances": EVERYTHING}  # fmt: skip
+    return slcp.Task(**{**fields, **changes})
+
+
+def swept(device, strategy, what=None, policy=None, **given):
+    options = slcp.Options(residual={"specialised": "rem-logistic", "generic": "hard"}[strategy])
+    policy = policies.Linear(K, GOAL, FORCE) if policy is None else policy
+    given = {"worlds": B, "seed": SEED, **given}
+    return slcp.sweep(task() if what is None else what, policy, cases=options, dtype="float64", device=device,
+                      strategy=strategy, **given)  # fmt: skip
+
+
+def drawn_parameters():
+    """By hand what EVERYTHING says of parameters."""
+    base, worlds = SCENE.default_parameters(), range(B)
+    columns = {name: start for name, start, _ in slcp.Simulator(SCENE, device="cpu").params.layout.columns}
+
+    def z(name, *places):
+        return np.concatenate([normals(SEED, worlds, columns[name] + i, [200]) for i in places], axis=1)
+
+    def u(name, i):
+        return np.array([even(SEED, world, columns[name] + i, 200) for world in worlds])
+
+    mass = base["mass"] * np.exp(0.1 * z("mass", 0, 1))
+    mass[:, 1] = 0.9 + 0.5 * u("mass", 1)
+    friction = base["friction"] * np.exp(0.2 * z("friction", 0))
+    com = np.repeat(base["com"][None], B, 0)
+    com[:, 1] += 0.005 * z("com", 2, 3)
+    damping = 0.5 + np.stack([u("damping", j) for j in range(NX // 2)], 1)
+    return {"mass": mass, "friction": friction, "com": com, "damping": damping}
+
+
+def forces(time, x, com):
+    """(B, bodies, 3) of the pushes of EVERYTHING."""
+    out, worlds, stream = np.zeros((B, 2, 3)), range(B), 1 << 22
+    start = np.array([0.2 + 0.2 * even(SEED, world, 0, stream) for world in worlds])
+    share = overlap(start, 0.15, time, H)
+    fx, fy = share * 2.0 * normals(SEED, worlds, 0, [stream + 2])[:, 0], -share
+    rx, ry = (np.array([0.05, 0.1]) - com[:, 1]).T
+    cos, sin = np.cos(x[:, 3]), np.sin(x[:, 3])
+    out[:, 1] += np.stack([fx, fy, (cos * rx - sin * ry) * fy - (sin * rx + cos * ry) * fx], 1)
+    long = 0.1 * np.exp(0.3 * normals(SEED, worlds, 1, [stream + 1])[:, 0])
+    out[:, 0, 0] += 1.5 * overlap(0.505, long, time, H)
+    out[:, 1, 2] += overlap(0.8, 0.1, time, H) * (0.2 + 0.1 * normals(SEED, worlds, 2, [stream + 4])[:, 0])
+    return out
+
+
+def by_hand(sim):
+    """Last states (B, nx) and the controls that acted (B, N) of the disturbed worlds."""
+    worlds, numbers = range(B), drawn_parameters()
+    params = sim.params.replace(**numbers)
+    x = SCENE.x0 + np.where(np.arange(NX) < NX // 2, 0.0, 0.02) * normals(SEED, worlds, 0, [0])
+    for j in range(NX):
+        x[:, j] = SCENE.x0[j] + (0.02 if j >= NX // 2 else 0.0) * normals(SEED, worlds, j, [0])[:, 0]
+    x[:, 0] = [-0.02 + 0.04 * even(SEED, world, 0, 0) for world in worlds]
+    x[:, 1] = SCENE.x0[1] + 0.01 * normals(SEED, worlds, 1, [0])[:, 0]
+    noise = np.zeros(NX)
+    noise[0], noise[NAMES.index("block.vx")] = 0.01, 0.02
+    away = np.array([0.5 + 0.2 * even(SEED, world, 0, (1 << 22) + 10) for world in worlds])
+    way, held, warm, acted = [np.zeros((B, 1))] * 2, None, None, []
+    for k in range(N):
+        time = k * H
+        for n, when in enumerate((0.3, 0.62)):
+            if k == round(when / H):
+                kick = 0.02 * normals(SEED, worlds, n, [400, 401, 402, 403])
+                kick[:, 1] = [0.05 + 0.05 * even(SEED, world, n, 401) for world in worlds]
+                x = np.concatenate([x[:, :4], x[:, 4:] + kick], 1)
+        if k % 3 == 0:
+            seen = x + noise * normals(SEED, worlds, k, (1 << 23) + np.arange(NX))
+            held = FORCE + (seen - GOAL) @ K.T
+        way.append(held)
+        u = np.clip(way.pop(0), *LIMITS) + 0.3 * normals(SEED, worlds, k, [300])
+        lost = [even(SEED, world, k, (1 << 22) + 20) < 0.1 for world in worlds]
+        u[lost | ((time >= away - 1e-9) & (time < away + 0.1 - 1e-9))] = 0.0
+        step = sim.step(x, u, params, external_force=forces(time, x, numbers["com"]), warm_start=warm)
+        assert not step.status.any()
+        x, warm = step.state, step.multiplier
+        acted.append(u[:, 0])
+    return x, np.stack(acted, 1)
+
+
+@pytest.mark.parametrize("strategy", ["specialised", "generic"])
+def test_disturbed_worlds_are_those_of_a_loop(device, strategy):
+    report = swept(device, strategy)
+    found = report.part("policy")
+    options = slcp.Options(residual=report.parts[0]["case"])
+    sim = slcp.Simulator(SCENE, options, dtype="float64", device=device, strategy=strategy)
+    states, controls = by_hand(sim)
+    assert not found["status"].any() and np.ptp(states[:, :2], axis=0).min() > 0.05
+    for j, name in enumerate(NAMES):
+        np.testing.assert_allclose(found[name], states[:, j], rtol=0, atol=1e-9, err_msg=name)
+    np.testing.assert_allclose(found["force"], H * controls.sum(1), rtol=0, atol=1e-9)
+    assert 0.05 < (controls == 0.0).mean() < 0.35
+    np.testing.assert_allclose(found["drawn_mass_1"], drawn_parameters()["mass"][:, 1], rtol=1e-6)
+    quiet = swept(device, strategy, task(disturbances=slcp.Disturbances()), worlds=1).part("policy")
+    still = report.part("policy", arm="undisturbed")
+    assert all(still[name] == quiet[name] for name in ENDS)
+
+
+TABLES = ("x0", "params", "kicks", "pushes", "dropouts")
+
+
+@pytest.mark.parametrize("strategy", ["specialised", "generic"])
+def test_given_worlds_are_as_good_as_drawn_ones(device, strategy):
+    """All of them, some of them in another order, in chunks; each keeps the noise of its number."""
+    drawn = swept(device, strategy).part("policy")
+    worlds = slcp.draw_worlds(task(), B, SEED, dtype="float64", device=device)
+    picked = np.array([5, 2, 2, 8])
+    for given, places, chunk in ((worlds, np.arange(B), None), (worlds[picked], picked, 3)):
+        found = swept(device, strategy, worlds=given, chunk=chunk).part("policy")
+        for name in (*ENDS, *(name for name in drawn if name.startswith("drawn_"))):
+            if len(np.unique(drawn[name][places])) > 1:
+                np.testing.assert_array_equal(found[name], drawn[name][places], err_msg=name)
+    later = slcp.draw_worlds(task(), 3, SEED, 4, dtype="float64", device=device)
+    for name in TABLES:
+        np.testing.assert_array_equal(getattr(later, name), getattr(worlds, name)[4:7])
+
+
+def test_what_is_not_given_is_undisturbed(device):
+    """Noise of single steps stays: it follows from the seed and the world's number."""
+    still = slcp.Disturbances(kick_times=(0.3,), pushes=(slcp.Push("block", 0.2, 0.1),))
+    alone = slcp.Worlds(np.repeat(SCENE.x0[None], 3, 0))
+    found = swept(device, "generic", task(disturbances=still), worlds=alone)
+    for name in ENDS:
+        assert np.ptp(found.part("policy")[name]) == 0.0
+        assert found.part("policy")[name][0] == found.part("policy", arm="undisturbed")[name][0]
+    pushed = np.zeros((3, 1, 5))
+    pushed[:, 0] = [0.2, 0.1, 0.0, 0.0, 0.0]
+    pushed[1, 0, 2] = 5.0
+    given = replace(alone, pushes=pushed)
+    found = swept(device, "generic", task(disturbances=still), worlds=given).part("policy")
+    assert found["block.x"][1] > found["block.x"][0] + 0.01 and found["block.x"][0] == found["block.x"][2]
+    np.testing.assert_array_equal(found["drawn_push_0_fx"], [0.0, 5.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    "changes, text",
+    [
+        ({"kicks": np.zeros((2, 1, 4))}, r"Worlds.kicks has shape \(2, 1, 4\); \(2, 2, 4\) is needed"),
+        ({"pushes": np.zeros((2, 3, 4))}, r"Worlds.pushes has shape"),
+        ({"params": np.zeros((2, 3))}, r"Worlds.params has shape \(2, 3\)"),
+        ({"x0": np.zeros((2, 6))}, r"Worlds.x0 has shape \(2, 6\)"),
+        ({"x0": np.zeros((3, 8))}, "2 worlds|3 worlds"),
+        ({"x0": np.full((2, 8), np.nan)}, "Worlds.x0 holds nan"),
+        ({"numbers": [0, -1]}, "Worlds.numbers is -1"),
+        ({"dropouts": "none"}, "Worlds.dropouts is 'none'"),
+    ],
+)
+def test_worlds_that_cannot_be(changes, text):
+    given = {"x0": np.zeros((2, 8)), "kicks": np.zeros((2, 2, 4))} | changes
+    with pytest.raises(slcp.InputError, match=text):
+        swept("cpu", "generic", worlds=slcp.Worlds(**given))
