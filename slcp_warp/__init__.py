@@ -9,14 +9,13 @@ from .description.mjcf import MjcfError, load_mjcf
 from .description.parts import Actuator, Body, Contact, Shape, Spring, box, touching
 from .description.scene import Scene
 from .description.scene_file import SceneFileError, load_scene, save_scene
-from .ensembles.draws import draw_worlds
 from .ensembles.outcome import Report
 from .ensembles.particles import ParticleRollout, Particles, particle_rollout, particles
 from .ensembles.questions.sequential import SequentialComparison, compare_sequentially
 from .ensembles.report import SweepReport
 from .ensembles.spec import SweepSpec
 from .ensembles.sweep import sweep
-from .ensembles.worlds import Worlds
+from .ensembles.worlds import Worlds, draw_worlds
 from .inputs.arrays import ArrayError
 from .inputs.errors import ArgumentError, ArgumentTypeError, InputError, SceneError
 from .options import OptionError, Options, Status

@@ -36,7 +36,7 @@ class PolicyKernel:
         key: of the code that `make` gives: words, and where these are not all, a colon and a digest.
         make: ``make(nx, nu, dtype) -> PolicyFunctions``.
         inner: of the policy in this one, whose struct is the field `inner`.
-        by_row: whether sweeps ask it with a world's row of the launch instead of its number.
+        by_row: whether it is asked with a world's row of the launch where worlds have numbers.
     """
 
     key: str

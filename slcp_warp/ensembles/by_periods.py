@@ -15,8 +15,8 @@ from slcp_warp.kernels.structure import STEP_SIZE
 from ..measures.tables import MeasureTable
 from ..simulator import Simulator
 from ..stepping.host import Asked
-from .events import events_of
 from .worlds import Worlds
+from .worlds.events import events_of
 
 
 class OnHost:

@@ -14,8 +14,8 @@ from ..measures.tables import MeasureTable
 from ..simulator import Simulator
 from ..stepping.arrays import StepArrays
 from .by_periods import OnHost, cold, progress
-from .events import events_of
 from .worlds import Worlds
+from .worlds.events import events_of
 
 
 def bytes_of_world(sim: Simulator) -> int:

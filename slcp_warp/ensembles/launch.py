@@ -24,10 +24,10 @@ from ..stepping.host import acts_on_host
 from ..tasks.disturbances import Disturbances
 from .by_periods import OnHost, by_periods
 from .by_steps import by_steps, bytes_of_world
-from .draws import Draws, Given, draws_of_spec
-from .events import events_of, put_pushes
 from .spec import SweepSpec
 from .worlds import Worlds
+from .worlds.draws import Draws, Given, draws_of_spec
+from .worlds.events import events_of, put_pushes
 
 CHUNK_BYTES = 128 * 2**20
 NOWHERE = 1e30  # lowest gap of a world without an acting contact

@@ -15,12 +15,12 @@ from ..options import Options, Status
 from ..simulator import Simulator
 from ..tasks.disturbances import Disturbances
 from ..tasks.task import Task
-from .between import between, steps_of
 from .chunks import ARMS, Chunks, Part
-from .draws import Draws, Given, draws_of_task
 from .launch import Case, worlds_at_once
 from .spec import SweepSpec
 from .worlds import Worlds
+from .worlds.between import between, steps_of
+from .worlds.draws import Draws, Given, draws_of_task
 
 SAMPLES = 2  # of a world: the least that a case keeps
 

@@ -23,7 +23,7 @@ from ..scenes import NAMED as SCENES
 from ..storage.files import MOST_TEXT, MOST_TOML, parse_json, parse_toml, read_text, reading, write_text
 from ..storage.python import python_name
 from ..storage.tables import entries, place, table
-from .disturbances import Disturbances
+from .disturbances.notation import disturbances_content, disturbances_of
 from .notation import measure_content, measure_of, success_content, success_of
 from .registry import NAMED
 from .task import Task, TaskError
@@ -87,9 +87,11 @@ def task_of(content: Any, folder: Path | None = None) -> Task:
         name: values[name] for name in ("name", "horizon", "duration") if name in values
     }
     fields |= {"scene": scene, "cost": _cost(values["cost"], scene)}
-    for name, kind in (("options", Options), ("disturbances", Disturbances)):
-        if name in values:
-            fields[name] = _build(kind, values[name], name)
+    if "options" in values:
+        fields["options"] = _build(Options, values["options"], "options")
+    if "disturbances" in values:
+        given = values["disturbances"]
+        fields["disturbances"] = _said("disturbances", disturbances_of, given, "disturbances")
     if "control_limits" in values:
         fields["control_limits"] = _limits(values["control_limits"], "control_limits")
     if "state_limits" in values:
@@ -119,8 +121,10 @@ def task_content(task: Task) -> dict[str, Any]:
     scene = scene_content(task.scene)
     content["scene"] = {key: value for key, value in scene.items() if key not in ("format", "version")}
     content |= {"horizon": task.horizon, "duration": task.duration, "cost": _cost_content(task)}
-    for name, default in (("options", Options()), ("disturbances", Disturbances())):
-        changed = _changed(getattr(task, name), default)
+    for name, changed in (
+        ("options", _changed(task.options, Options())),
+        ("disturbances", disturbances_content(task.disturbances)),
+    ):
         if changed:
             content[name] = changed
     if task.control_limits is not None:

@@ -11,7 +11,7 @@ from ..description.scene import Scene
 from ..description.scene_schema import NO_VALUE, object_schema, part_schemas
 from ..options import CHOICES, Options
 from ..scenes import NAMED as SCENES
-from .disturbances import Disturbances
+from .disturbances.notation import schemas as disturbance_schemas
 from .files import FIELDS_OF_FILE, FORMAT, NEEDED, VERSION
 from .notation import BOUNDS, JOINS, KINDS
 
@@ -72,7 +72,7 @@ def _parts() -> dict[str, Any]:
     return {
         "Term": object_schema(Term, {"kind": TERMS}),
         "Options": object_schema(Options, CHOICES),
-        "Disturbances": object_schema(Disturbances),
+        **disturbance_schemas(),
         "Signal": {
             "anyOf": [NAME, _table({"kind": {"enum": list(KINDS)}, "which": NAME, "minus": NAME}, ("kind",))]
         },

@@ -39,7 +39,7 @@ made = {
     "rollout": rollout.make_rollout_kernel(spec, OPEN_LOOP, False),
     "coulomb": rollout.make_step_kernel(hard),
     "generic": make_step_kernel(f64, "hard"),
-    "draw": make_draw_kernel(4, f64),
+    "draw": make_draw_kernel(f64),
     "residual": make_residual_kernel(f64, "min"),
 }
 print(json.dumps({what: kernel.module.get_module_identifier(1) for what, kernel in made.items()}))

@@ -11,8 +11,9 @@ from sweeps import FINGER, drawn, idle, run, spec
 
 import slcp_warp as slcp
 from slcp_warp import Status
-from slcp_warp.ensembles import draws, statistics, summary
 from slcp_warp.ensembles import launch as launches
+from slcp_warp.ensembles import statistics, summary
+from slcp_warp.ensembles.worlds import draws
 from slcp_warp.kernels.device import launch as launching
 
 
@@ -176,7 +177,7 @@ def test_memory_does_not_grow_with_the_worlds(monkeypatch):
 def test_a_million_worlds_are_cut_into_chunks(device):
     sim = simulator("flicking_finger", device, wp.float32, "none")
     case = launches.Case(sim, idle(), spec(worlds=10**6, duration=20.0), 0.05, None)
-    assert case.chunk * (8 * (case.draws.width + 6) + 4 * case.count) < 130 * 2**20
+    assert case.chunk * (8 * (sim.params.layout.width + 6) + 4 * case.count) < 130 * 2**20
 
 
 # --- statistics ---

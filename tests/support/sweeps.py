@@ -8,7 +8,7 @@ import slcp_warp as slcp
 from slcp_warp import ddp
 from slcp_warp import sweep as public_sweep
 from slcp_warp.ddp.library.entries import scene_digest
-from slcp_warp.ensembles.draws import draws_of_spec
+from slcp_warp.ensembles.worlds.draws import draws_of_spec
 
 FINGER = scene("flicking_finger")
 OPTIONS = {"scaling": "none", "dtype": "float32"}

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from slcp_warp.kernels.ensembles import disturbances as kernels
+from slcp_warp.kernels.ensembles.draws import LAWS
 from slcp_warp.kernels.structure import layout
 
 from ...description.scene import Scene
@@ -131,7 +132,7 @@ class Disturbances:
     def deviation(self, scene: Scene) -> np.ndarray:
         """(nx,) how far the start's components lie around it: standard deviations."""
         drawn = self.start_laws(scene, scene.x0)
-        even = drawn.law == laws.LAWS.index(Uniform.law)
+        even = drawn.law == LAWS.index(Uniform.law)
         return np.where(even, (drawn.second - drawn.first) / np.sqrt(12.0), drawn.first)
 
     def kick_laws(self, scene: Scene) -> laws.Laws:

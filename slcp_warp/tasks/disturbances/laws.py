@@ -53,7 +53,7 @@ class Laws(NamedTuple):
         self.law[column], self.base[..., column] = law, base
 
 
-def still(base: Any, step: Sequence[int], stream: Sequence[int], names: Sequence[str]) -> Laws:
+def still(base: Any, step: Any, stream: Any, names: Sequence[str]) -> Laws:
     """Columns of numbers that are not drawn."""
     values, none = np.array(base, float), np.zeros(len(names))
     address = np.array(step, np.int32), np.array(stream, np.int32)

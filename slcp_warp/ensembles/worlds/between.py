@@ -9,10 +9,10 @@ import warp as wp
 from slcp_warp.kernels.policies.around import OF_TASK
 from slcp_warp.kernels.policies.contract import PolicyKernel
 
-from ..inputs.errors import ArgumentError
-from ..policies.around import Around
-from ..simulator import Simulator
-from ..tasks.disturbances import Disturbances
+from ...inputs.errors import ArgumentError
+from ...policies.around import Around
+from ...simulator import Simulator
+from ...tasks.disturbances import Disturbances
 
 
 class Between:

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from ..inputs.checks import array, whole
-from ..inputs.errors import ArgumentError
+from ...inputs.checks import array, whole
+from ...inputs.errors import ArgumentError
 
 
 @dataclass(frozen=True)
@@ -65,8 +65,11 @@ class Worlds:
     def __getitem__(self, index: Any) -> "Worlds":
         """Some of them, by a slice or an array of places; they keep their numbers."""
         numbers = np.arange(len(self)) if self.numbers is None else self.numbers
-        values = [value if value is None else np.asarray(value)[index] for value in self._values()[:-1]]
-        return Worlds(*values, numbers=np.asarray(numbers)[index])
+        values: list[Any] = [
+            None if value is None else np.asarray(value)[index] for value in self._values()[:-1]
+        ]
+        values.append(np.asarray(numbers)[index])
+        return Worlds(*values)
 
     def numpy(self) -> "Worlds":
         """The same in NumPy arrays."""

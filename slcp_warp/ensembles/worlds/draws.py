@@ -11,14 +11,14 @@ from slcp_warp.kernels.ensembles.disturbances import DROPOUT_FIELDS, PUSH_FIELDS
 from slcp_warp.kernels.ensembles.draws import make_columns, make_draw_kernel, pick_kernel
 from slcp_warp.kernels.structure import STEP_SIZE
 
-from ..inputs.checks import instance, whole
-from ..inputs.errors import ArgumentError
-from ..simulator import Simulator
-from ..tasks.disturbances import Disturbances, LogNormal, laws
-from ..tasks.disturbances.laws import Laws
-from ..tasks.task import Task
-from .spec import SweepSpec
-from .worlds import Worlds
+from ...inputs.checks import instance, whole
+from ...inputs.errors import ArgumentError
+from ...simulator import Simulator
+from ...tasks.disturbances import Disturbances, LogNormal, laws
+from ...tasks.disturbances.laws import Laws
+from ...tasks.task import Task
+from ..spec import SweepSpec
+from .arrays import Worlds
 
 MOST = float(np.finfo(np.float32).max)
 
@@ -215,7 +215,7 @@ class Given:
         """Worlds world0, world0 + 1, ... of these, on the simulator's device."""
         own = {name: wp.int32 if name == "numbers" else self.sim.dtype for name in self.tables}
         own |= dict.fromkeys(("pushes", "dropouts"), wp.float64)
-        rows = {
+        rows: dict[str, wp.array] = {
             name: wp.array(table[world0 : world0 + count], dtype=own[name], device=self.sim.device)
             for name, table in self.tables.items()
             if table[0].size

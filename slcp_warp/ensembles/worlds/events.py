@@ -9,9 +9,9 @@ import warp as wp
 from slcp_warp.kernels.ensembles.disturbances import make_events
 from slcp_warp.kernels.structure import WORLD
 
-from ..simulator import Simulator
-from ..tasks.disturbances import Push
-from .worlds import Worlds
+from ...simulator import Simulator
+from ...tasks.disturbances import Push
+from .arrays import Worlds
 
 
 def events_of(sim: Simulator, worlds: Worlds) -> Any:
