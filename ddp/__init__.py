@@ -9,6 +9,9 @@ from .library.library import Library, concatenate
 from .library.nearest import NearestPolicy
 from .library.receding import RecedingOptions, build_library
 from .library.refinement import build_refined, stuck_states, turning
+from .mpc.mpc import MPC
+from .mpc.starts import Policy as StartPolicy
+from .mpc.starts import Situation
 from .multistart import Multistart, solve_multistart
 from .options import Options, Regularization
 from .planning import plan, problem_of
@@ -23,6 +26,7 @@ from .solver import solve
 from .workspace import Workspace
 
 __all__ = [
+    "MPC",
     "Cost",
     "Dynamics",
     "DynamicsFunctions",
@@ -39,6 +43,8 @@ __all__ = [
     "Sampled",
     "Sampler",
     "Sampling",
+    "Situation",
+    "StartPolicy",
     "Status",
     "TrackingPolicy",
     "Trace",

@@ -58,7 +58,7 @@ ROOMS = {  # the order of each layer's rooms: none imports one that is named aft
     "ddp": (
         *("options", "costs", "dynamics", "problem", "results"),
         *("policies", "batches", "arrays", "passes", "workspace", "sampling"),
-        *("continuation", "solver", "library", "multistart", "planning"),
+        *("continuation", "solver", "library", "multistart", "planning", "mpc"),
     ),
     "scripts": (
         *("support", "stages", "charts", "paper", "watch", "benchmarks", "commands", "studies"),

@@ -1,0 +1,215 @@
+"""Model predictive control as a policy: it plans from every state that it meets, and acts by the plan."""
+
+import time as clock
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from slcp_warp import Simulator
+from slcp_warp.inputs import checks
+from slcp_warp.inputs.checks import instance, number, shown, whole
+from slcp_warp.inputs.errors import ArgumentError
+from slcp_warp.stepping.arguments import policy_arrays
+
+from ..library.entries import scene_digest
+from ..library.nearest import wrap
+from ..options import Options
+from ..problem import Problem
+from .planner import Planner
+from .starts import Policy, Situation, chosen_starts
+
+SHARE = 0.2  # of the control limits: noise of starts
+KEPT = 100_000  # cycles whose times are kept
+
+
+class MPC:
+    """Plans over a receding horizon (IV.C, (19)): a policy of rollouts, sweeps and `slcp watch`.
+
+    Every `replan` steps of the problem, from the state x of every world: the starts are rolled out on the
+    model, the one of lowest cost goes through `passes` passes of DDP, and its first control is applied; until
+    the next plan u = us_j + K_j (x - xs_j). Where no start or pass gives a finite cost the last plan goes on;
+    `failures` counts that. It acts on the host (`policies.HostPolicy`), once a step of the problem.
+
+    Args:
+        problem: dynamics, cost, horizon and limits of the plans: the model, which may differ from what is
+            controlled in residual, sigma, parameters and precision, not in its mechanism.
+        library: a `ddp.Library`, or any policy that runs in kernels, for the start "library".
+        passes: of DDP a cycle. 0: real-time iteration; what arrives is rolled out with the last backward
+            pass, and the next one is made after the control is given (`prepare`).
+        replan: steps between two plans.
+        delay: steps for which a new plan is not there yet, less than `replan`; the last one acts meanwhile.
+        starts: of "shift", "keep", "library", "noise", "zero", or functions of a `ddp.Situation` that give
+            controls (B, N, nu), a `ddp.StartPolicy`, or None.
+        improved: starts of lowest cost that go through the passes; the best of them is taken.
+        sigma: noise level of the model's smoothing; None: the problem's.
+        noise: standard deviation of the start "noise" [control units]; None: a fifth of the limits, or 1.
+        seed: of that noise.
+        options: of DDP; `passes` stand in the place of its max_iterations.
+        block: worlds that are planned at once.
+
+    Attributes:
+        failures: plans that were kept for want of a better one.
+        chosen: how often each start was chosen.
+        seconds: of the cycles, from the states to the controls, one number a cycle (of all its worlds).
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        library: Any = None,
+        passes: int = 2,
+        replan: int = 1,
+        delay: int = 0,
+        starts: Sequence[Any] | None = None,
+        improved: int = 1,
+        sigma: float | None = None,
+        noise: Any = None,
+        seed: int = 0,
+        options: Options | None = None,
+        block: int = 256,
+    ) -> None:
+        instance("problem", problem, Problem, "a ddp.Problem")
+        if not isinstance(problem.dynamics, Simulator):
+            raise ArgumentError("problem.dynamics must be a slcp_warp.Simulator for a policy of its worlds")
+        if sigma is not None:
+            problem = problem.with_params(sigma=number("sigma", sigma, 0.0, above=True))
+        self.problem, self.model = problem, problem.dynamics
+        self.passes, self.replan = whole("passes", passes, 0), whole("replan", replan)
+        self.delay, self.block = whole("delay", delay, 0), whole("block", block)
+        if self.delay >= self.replan and self.delay:
+            raise ArgumentError(f"delay is {delay}; less than replan, {replan} steps, is needed")
+        if self.replan > problem.horizon:
+            raise ArgumentError(f"replan is {replan}; at most the horizon, {problem.horizon}, is needed")
+        default = ("shift", *(("keep",) if passes == 0 else ()), "zero" if library is None else "library")
+        self.starts = chosen_starts(default if starts is None else starts)
+        if "library" in self.starts and library is None:
+            raise ArgumentError("starts names 'library'; a library is needed")
+        self.improved = whole("improved", improved)
+        if self.improved > len(self.starts):
+            raise ArgumentError(f"improved is {improved}; at most the {len(self.starts)} starts are there")
+        self.seed = whole("seed", seed, 0)
+        instance("options", options, Options | None, "a ddp.Options")
+        self.options = Options() if options is None else options
+        self.noise = self._noise(noise)
+        self.period = float(np.ravel(problem.params["step_size"])[0])
+        self._wrap = problem.dynamics.scene.state_period
+        policy = library.policy() if hasattr(library, "policy") else library
+        self._library = None if policy is None else _Kept(policy, problem)
+        self.failures, self.chosen = 0, {name: 0 for name in self.starts}
+        self.seconds: list[float] = []
+        self._planners: list[Planner] = []
+
+    def _noise(self, given: Any) -> np.ndarray:
+        """(nu,) standard deviation."""
+        nu = self.problem.nu
+        if given is None:
+            reach = np.abs(np.concatenate(self.problem.limit_rows())).max(axis=0)
+            return np.where(np.isfinite(reach), SHARE * np.where(np.isfinite(reach), reach, 0.0), 1.0)
+        found = checks.numeric(given)
+        if found is None or found.shape not in ((), (nu,)) or not (found >= 0.0).all():
+            raise ArgumentError(f"noise is {shown(given)}; numbers of at least 0, one or ({nu},), are needed")
+        return np.broadcast_to(found, (nu,)).astype(np.float64)
+
+    def begin(self, sim: Any, worlds: np.ndarray) -> None:
+        """Worlds to control, from their beginning; see `policies.HostPolicy`.
+
+        Raises:
+            ArgumentError: another mechanism than the problem's.
+        """
+        if scene_digest(sim.scene) != scene_digest(self.model.scene):
+            raise ArgumentError(
+                f"the problem is of scene {self.model.scene.name!r}, and scene {sim.scene.name!r} is to be "
+                "controlled; the same mechanism is needed"
+            )
+        count = len(worlds)
+        sizes = [min(self.block, count - first) for first in range(0, count, self.block)]
+        if [p.worlds for p in self._planners] != sizes:
+            how = self.problem, self.options, self.passes
+            self._planners = [Planner(*how, n, len(self.starts), self.improved) for n in sizes]
+        for planner in self._planners:
+            planner.forget()
+        self._step, self._numbers = 0, np.asarray(worlds)
+        self._active: list[Policy | None] = [None] * len(sizes)
+        self._coming: list[Policy | None] = [None] * len(sizes)
+
+    def act(self, x: np.ndarray, time: float, worlds: np.ndarray) -> np.ndarray:
+        """Controls (B, nu) of states (B, nx); a world that is not finite gets none."""
+        began = clock.perf_counter()
+        out, first = np.zeros((len(x), self.problem.nu)), 0
+        since = self._step % self.replan
+        for i, planner in enumerate(self._planners):
+            own = slice(first, first + planner.worlds)
+            first = own.stop
+            alive = np.isfinite(x[own]).all(1)
+            states = np.where(alive[:, None], x[own], self.model.scene.x0)
+            planner.prepare()
+            if since == 0:
+                self._plan(i, planner, states, time, self._numbers[own])
+            if since == self.delay or self._active[i] is None:
+                self._active[i] = self._coming[i]
+            out[own] = np.where(alive[:, None], self._controls(i, since, states), 0.0)
+        self._step += 1
+        if since == 0 and len(self.seconds) < KEPT:
+            self.seconds.append(clock.perf_counter() - began)
+        return out
+
+    def prepare(self) -> None:
+        """What can be computed before the next states come: the backward passes of real-time iteration.
+
+        `act` does it where nobody did; called between two cycles it is not in their time.
+        """
+        for planner in self._planners:
+            planner.prepare()
+
+    def _plan(self, i: int, planner: Planner, x: np.ndarray, time: float, numbers: np.ndarray) -> None:
+        """A new plan of a block of worlds; it acts after the delay."""
+        last = planner.policy
+        if last is not None:
+            last = last.shifted(self.replan).near(x, self._wrap)
+        rng = np.random.default_rng([self.seed, self._step, int(numbers[0]) if len(numbers) else 0])
+        rolled = None if self._library is None else self._library.controls
+        situation = Situation(self.problem, x, time, numbers, last, rng, self.noise, rolled)
+        made = planner.plan(situation, self.starts)
+        self.failures += made.failures
+        for name, count in made.chosen.items():
+            self.chosen[name] += count
+        self._coming[i] = planner.acting
+
+    def _controls(self, i: int, since: int, x: np.ndarray) -> np.ndarray:
+        """u = us_j + K_j (x - xs_j) of the plan that acts, within the limits."""
+        policy = self._active[i]
+        assert policy is not None
+        j = since if since >= self.delay else since + self.replan
+        j = min(j, policy.us.shape[1] - 1)
+        from_plan = wrap(x - policy.xs[:, j], self._wrap)
+        lower, upper = self.problem.limit_rows()
+        return np.clip(policy.us[:, j] + np.einsum("bux,bx->bu", policy.K[:, j], from_plan), lower, upper)
+
+    def intended(self, world: int = 0) -> np.ndarray:
+        """(N+1, nx) the states that the plan of a world passes through; for pictures."""
+        first = 0
+        for planner in self._planners:
+            if world < first + planner.worlds:
+                if planner.acting is None:
+                    break
+                return np.asarray(planner.acting.xs[world - first])
+            first += planner.worlds
+        raise ArgumentError(f"world is {world}; there is no plan of it")
+
+
+class _Kept:
+    """A policy in kernels whose arrays are made once, rolled out on a model."""
+
+    def __init__(self, policy: Any, problem: Problem) -> None:
+        self.problem, self._found = problem, policy_arrays(policy, problem.dynamics, None)
+
+    def kernel(self, sim: Simulator) -> tuple[Any, Any]:
+        """What was made."""
+        return self._found
+
+    def controls(self, x: np.ndarray) -> np.ndarray:
+        """Controls (B, N, nu) from states x (B, nx)."""
+        p = self.problem
+        run = p.dynamics.rollout(x, params=p.params, policy=self, steps=p.horizon, record="controls")
+        return np.asarray(run.controls)

@@ -1,0 +1,154 @@
+"""What a cycle of model predictive control may start from: policies over the horizon, one a world each."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from slcp_warp.inputs.checks import numeric, shown
+from slcp_warp.inputs.errors import ArgumentError
+
+from ..library.nearest import wrap
+from ..problem import Problem
+
+
+@dataclass
+class Policy:
+    """Policies of B worlds over the horizon N: u = us + k + K (x - xs).
+
+    Attributes:
+        us: (B, N, nu).
+        xs: (B, N+1, nx).
+        K: (B, N, nu, nx).
+        k: (B, N, nu).
+    """
+
+    us: np.ndarray
+    xs: np.ndarray
+    K: np.ndarray
+    k: np.ndarray
+
+    @classmethod
+    def open_loop(cls, x: np.ndarray, us: np.ndarray) -> "Policy":
+        """Controls without feedback, about states that are not used."""
+        (B, N, nu), nx = us.shape, x.shape[1]
+        xs = np.repeat(x[:, None], N + 1, axis=1)
+        return cls(us, xs, np.zeros((B, N, nu, nx)), np.zeros_like(us))
+
+    def shifted(self, steps: int) -> "Policy":
+        """The same policies that many steps later (19); the last control is held, without feedback."""
+        N = self.us.shape[1]
+        at = np.minimum(np.arange(N) + steps, N - 1)
+        K, k = self.K[:, at].copy(), self.k[:, at].copy()
+        K[:, N - min(steps, N) :], k[:, N - min(steps, N) :] = 0.0, 0.0
+        states = np.minimum(np.arange(N + 1) + steps, N)
+        return Policy(self.us[:, at], self.xs[:, states], K, k)
+
+    def near(self, x: np.ndarray, period: np.ndarray) -> "Policy":
+        """The same with periodic states moved by whole periods to where x (B, nx) is."""
+        turn = x - self.xs[:, 0]
+        turn = turn - wrap(turn, period)
+        return Policy(self.us, self.xs + turn[:, None], self.K, self.k)
+
+    def select(self, index: Any) -> "Policy":
+        """Those of some worlds."""
+        return Policy(self.us[index], self.xs[index], self.K[index], self.k[index])
+
+    @classmethod
+    def join(cls, parts: list["Policy"]) -> "Policy":
+        """All policies of several, one after another."""
+        return cls(*(np.concatenate([getattr(p, n) for p in parts]) for n in ("us", "xs", "K", "k")))
+
+
+@dataclass
+class Situation:
+    """What a start is made from.
+
+    Attributes:
+        problem: of the plans.
+        x: (B, nx) states.
+        time: [s].
+        worlds: (B,) their numbers.
+        last: the last policies, shifted to now; None in the first cycle.
+        rng: of this cycle.
+        noise: (nu,) standard deviation of noise.
+        library: a library's policy, rolled out on the model; None: none was given.
+    """
+
+    problem: Problem
+    x: np.ndarray
+    time: float
+    worlds: np.ndarray
+    last: Policy | None
+    rng: np.random.Generator
+    noise: np.ndarray
+    library: Callable[[np.ndarray], np.ndarray] | None
+
+
+Start = Callable[[Situation], Any]  # -> Policy, controls (B, N, nu) or (N, nu), or None: not this time
+NOISE_TIME = 8.0  # correlation time of noise [steps]
+
+
+def shift(s: Situation) -> Policy | None:
+    """The last policy with its feedback."""
+    return s.last
+
+
+def keep(s: Situation) -> Policy | None:
+    """The last policy with its feedback, without the step that real-time iteration has open."""
+    return None if s.last is None else Policy(s.last.us, s.last.xs, s.last.K, np.zeros_like(s.last.k))
+
+
+def zero(s: Situation) -> np.ndarray:
+    """No control."""
+    return np.zeros((len(s.x), s.problem.horizon, s.problem.nu))
+
+
+def noise(s: Situation) -> Policy | np.ndarray:
+    """Smoothed noise over the last policy's controls."""
+    white = s.rng.standard_normal((len(s.x), s.problem.horizon, s.problem.nu))
+    keep = np.exp(-1.0 / NOISE_TIME)
+    for k in range(1, white.shape[1]):
+        white[:, k] = keep * white[:, k - 1] + np.sqrt(1.0 - keep**2) * white[:, k]
+    if s.last is None:
+        return s.noise * white
+    return Policy(s.last.us + s.noise * white, s.last.xs, s.last.K, s.last.k)
+
+
+def library(s: Situation) -> np.ndarray | None:
+    """What the library's policy does on the model."""
+    return None if s.library is None else s.library(s.x)
+
+
+STARTS: dict[str, Start] = {"shift": shift, "keep": keep, "zero": zero, "noise": noise, "library": library}
+
+
+def chosen_starts(given: Any) -> dict[str, Start]:
+    """Starts by name; users' functions by theirs."""
+    if not isinstance(given, list | tuple) or not given:
+        raise ArgumentError(
+            f"starts is {shown(given)}; names of {', '.join(STARTS)}, or functions, are needed"
+        )
+    found: dict[str, Start] = {}
+    for each in given:
+        if isinstance(each, str) and each in STARTS:
+            found[each] = STARTS[each]
+        elif callable(each) and not isinstance(each, type):
+            found[getattr(each, "__name__", f"start {len(found)}")] = each
+        else:
+            raise ArgumentError(
+                f"starts holds {shown(each)}; one of {', '.join(STARTS)}, or a function of a ddp.Situation"
+            )
+    return found
+
+
+def policies_of(name: str, made: Any, s: Situation) -> Policy | None:
+    """What a start gave, as policies of all worlds; controls are open loop."""
+    if made is None or isinstance(made, Policy):
+        return made
+    need = (len(s.x), s.problem.horizon, s.problem.nu)
+    us = numeric(made)
+    if us is None or us.shape not in (need, need[1:]):
+        raise ArgumentError(f"start {name!r} gave {shown(made)}; controls {need} or {need[1:]} are needed")
+    return Policy.open_loop(s.x, np.broadcast_to(us, need).astype(np.float64))

@@ -1,0 +1,218 @@
+"""Model predictive control as a policy: its plans, what it does between them and when one fails."""
+
+import numpy as np
+import pytest
+
+import slcp_warp as slcp
+from slcp_warp import ddp
+
+HORIZON = 75
+WORLDS = 3
+
+
+@pytest.fixture(scope="module")
+def task():
+    return slcp.tasks.flicking_finger()
+
+
+@pytest.fixture(scope="module")
+def problem(task):
+    return ddp.problem_of(task)
+
+
+def starts_of(task, worlds=WORLDS):
+    x0 = np.repeat(task.start[:1], worlds, axis=0)
+    x0[:, 3:] += np.random.default_rng(5).normal(0.0, 1.0, (worlds, 3))
+    return x0
+
+
+def run(policy, task, x0, steps=6, **more):
+    return task.simulator().rollout(x0, policy=policy, steps=steps, record="controls", **more)
+
+
+def test_between_plans_an_undisturbed_model_follows_the_plan(task, problem):
+    """Controls of the first `replan` steps are those of `ddp.solve` from the same start."""
+    x0 = starts_of(task)
+    policy = ddp.MPC(problem, passes=40, replan=8, starts=["zero"])
+    found = run(policy, task, x0, 8)
+    plan = ddp.solve(problem, x0, np.zeros((WORLDS, HORIZON, 2)), ddp.Options(max_iterations=40))
+    np.testing.assert_allclose(found.controls, plan.us[:, :8], atol=1e-7)
+    np.testing.assert_allclose(found.states, plan.xs[:, :9], atol=1e-7)
+    np.testing.assert_allclose(policy.intended(1), plan.xs[1], atol=1e-7)
+    assert policy.chosen == {"zero": WORLDS} and policy.failures == 0 and len(policy.seconds) == 1
+
+
+def test_a_disturbed_world_is_fed_back_between_plans(task, problem):
+    """u = us_j + K_j (x - xs_j) with the plan's own gains, computed here from a solution."""
+    x0 = starts_of(task)
+    policy = ddp.MPC(problem, passes=40, replan=4, starts=["zero"])
+    policy.begin(task.simulator(), np.arange(WORLDS))
+    policy.act(x0, 0.0, np.arange(WORLDS))
+    plan = ddp.solve(problem, x0, np.zeros((WORLDS, HORIZON, 2)), ddp.Options(max_iterations=40))
+    away = 0.01 * np.random.default_rng(1).standard_normal(x0.shape)
+    expected = plan.us[:, 1] + np.einsum("bux,bx->bu", plan.K[:, 1], away)
+    found = policy.act(plan.xs[:, 1] + away, 0.05, np.arange(WORLDS))
+    np.testing.assert_allclose(found, expected, atol=1e-6)
+
+
+def test_every_cycle_costs_no_more_than_the_shifted_plan(task, problem):
+    """The plan of a cycle against the shifted policy before it, rolled out from the same states."""
+    policy = ddp.MPC(problem, passes=1, starts=["shift", "zero"])
+    x0 = starts_of(task)
+    states = run(policy, task, x0, 10).states
+    planner = policy._planners[0]
+    last = planner.policy.shifted(1)
+    shifted = ddp.Workspace(problem, WORLDS, ddp.Options(max_iterations=0))
+    shifted.start(states[:, -1], last.us, last.xs, last.K, last.k)
+    policy.act(states[:, -1], 0.5, np.arange(WORLDS))
+    assert (planner.work.cost.numpy() <= shifted.cost.numpy() + 1e-9).all()
+
+
+def test_blocks_and_neighbours_change_no_bit(task, problem):
+    x0 = starts_of(task, 5)
+    whole = run(ddp.MPC(problem, passes=1), task, x0)
+    blocks = run(ddp.MPC(problem, passes=1, block=2), task, x0)
+    alone = run(ddp.MPC(problem, passes=1), task, x0[3:4])
+    np.testing.assert_array_equal(whole.controls, blocks.controls)
+    np.testing.assert_array_equal(whole.controls[3:4], alone.controls)
+
+
+def test_a_rollout_begins_anew(task, problem):
+    policy, x0 = ddp.MPC(problem, passes=1), starts_of(task)
+    first = run(policy, task, x0)
+    np.testing.assert_array_equal(first.controls, run(policy, task, x0).controls)
+
+
+def test_real_time_iteration_answers_before_it_linearises(task, problem):
+    """`prepare` between the cycles changes nothing but when the work is done."""
+    x0, sim = starts_of(task), task.simulator()
+    late, early = (ddp.MPC(problem, passes=0) for _ in range(2))
+    assert list(late.starts) == ["shift", "keep", "zero"]
+    worlds, x, y = np.arange(WORLDS), x0, x0
+    for policy in (late, early):
+        policy.begin(sim, worlds)
+    for k in range(4):
+        u, w = late.act(x, 0.05 * k, worlds), early.act(y, 0.05 * k, worlds)
+        np.testing.assert_array_equal(u, w)
+        assert early._planners[0]._open
+        early.prepare()
+        assert not early._planners[0]._open
+        x = y = sim.step(x, u).state
+    assert late.chosen["shift"] + late.chosen["keep"] > 0
+
+
+def test_a_plan_with_a_delay_acts_when_it_is_there(task, problem):
+    """Until then the plan before it goes on, at its later steps."""
+    x0, worlds = starts_of(task), np.arange(WORLDS)
+    policy = ddp.MPC(problem, passes=1, replan=2, delay=1)
+    policy.begin(task.simulator(), worlds)
+    policy.act(x0, 0.0, worlds)
+    first = policy._active[0]
+    policy.act(first.xs[:, 1], 0.05, worlds)
+    gains = policy._planners[0].policy.K
+    away = np.full_like(x0, 0.003)
+    u = policy.act(first.xs[:, 2] + away, 0.1, worlds)
+    np.testing.assert_allclose(u, first.us[:, 2] + np.einsum("bux,bx->bu", gains[:, 2], away), atol=1e-9)
+    assert policy._coming[0] is not first
+    policy.act(first.xs[:, 3], 0.15, worlds)
+    assert policy._active[0] is policy._coming[0]
+
+
+def test_whole_turns_of_a_periodic_angle_change_nothing(task, problem):
+    policy, x0 = ddp.MPC(problem, passes=1), starts_of(task)
+    policy.begin(task.simulator(), np.arange(WORLDS))
+    policy.act(x0, 0.0, np.arange(WORLDS))
+    turned = x0 + task.scene.state_period * 2.0  # the ellipse looks the same after pi
+    assert (turned != x0).any()
+    other = ddp.MPC(problem, passes=1)
+    other.begin(task.simulator(), np.arange(WORLDS))
+    other.act(x0, 0.0, np.arange(WORLDS))
+    u, w = policy.act(x0, 0.05, np.arange(WORLDS)), other.act(turned, 0.05, np.arange(WORLDS))
+    np.testing.assert_allclose(u, w, atol=1e-6)
+
+
+def test_a_start_that_blows_up_leaves_the_last_plan(task, problem):
+    """No finite cost from any start: the plan before goes on, shifted, and the failure is counted."""
+    bad = []
+
+    def wild(s):
+        return np.full((HORIZON, 2), 1e200 if bad else 0.0)
+
+    policy, x0, worlds = ddp.MPC(problem, passes=1, starts=[wild]), starts_of(task), np.arange(WORLDS)
+    policy.begin(task.simulator(), worlds)
+    policy.act(x0, 0.0, worlds)
+    policy.prepare()
+    kept = policy._planners[0].policy
+    bad.append(True)
+    u = policy.act(kept.xs[:, 1], 0.05, worlds)
+    np.testing.assert_allclose(u, kept.us[:, 1], atol=1e-9)
+    assert policy.failures == WORLDS and policy.chosen["wild"] == WORLDS
+
+
+def test_a_world_that_is_lost_gets_no_control_and_harms_no_other(task, problem):
+    x0, worlds = starts_of(task), np.arange(WORLDS)
+    policy, whole = (ddp.MPC(problem, passes=1) for _ in range(2))
+    for each in (policy, whole):
+        each.begin(task.simulator(), worlds)
+    lost = x0.copy()
+    lost[1] = np.nan
+    u, w = policy.act(lost, 0.0, worlds), whole.act(x0, 0.0, worlds)
+    assert not u[1].any()
+    np.testing.assert_array_equal(u[[0, 2]], w[[0, 2]])
+
+
+def test_limits_hold_between_plans(task):
+    limited = ddp.problem_of(task.replace(control_limits=(-0.5, 0.5)))
+    found = run(ddp.MPC(limited, passes=1, replan=3), task, starts_of(task) + 0.2)
+    assert np.abs(found.controls).max() <= 0.5 and (np.abs(found.controls) == 0.5).any()
+
+
+def test_a_sweep_under_it_equals_rollouts(task, problem):
+    short = task.replace(
+        duration=0.3, disturbances=slcp.Disturbances(velocity=0.5), success=None,
+        measures={"end": slcp.measures.final("ellipse.angle")},
+    )  # fmt: skip
+    how = {"worlds": 4, "cases": [task.options], "dtype": "float64"}
+    report = slcp.sweep(short, {"mpc": ddp.MPC(problem, passes=1)}, chunk=3, **how)
+    again = slcp.sweep(short, {"mpc": ddp.MPC(problem, passes=1)}, **how)
+    for name in report.table:
+        np.testing.assert_array_equal(report.table[name], again.table[name])
+    end = report.table["end"][report.table["arm"] == "undisturbed"]
+    rolled = run(ddp.MPC(problem, passes=1), task, task.start[:1])
+    np.testing.assert_allclose(end, rolled.states[:, -1, 2], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"passes": -1}, "passes"),
+        ({"replan": 0}, "replan"),
+        ({"replan": 76}, "horizon, 75"),
+        ({"delay": 1}, "less than replan"),
+        ({"starts": []}, "starts is"),
+        ({"starts": ["warm"]}, "starts holds 'warm'"),
+        ({"starts": ["library"]}, "a library is needed"),
+        ({"improved": 3}, "improved is 3"),
+        ({"sigma": -0.1}, "sigma"),
+        ({"noise": [1.0, 2.0, 3.0]}, "noise is"),
+        ({"options": 3}, "options"),
+        ({"block": 0}, "block"),
+    ],
+)
+def test_bad_arguments_are_named(problem, given, said):
+    with pytest.raises(slcp.InputError, match=said):
+        ddp.MPC(problem, **given)
+
+
+def test_another_mechanism_is_refused(problem):
+    sim = slcp.tasks.hopper_hop().simulator()
+    with pytest.raises(slcp.InputError, match="hopper"):
+        sim.rollout(sim.scene.x0, policy=ddp.MPC(problem), steps=2)
+    with pytest.raises(slcp.InputError, match="problem"):
+        ddp.MPC("finger")
+    with pytest.raises(slcp.InputError, match="start 'mine' gave"):
+        run(ddp.MPC(problem, starts=[mine]), slcp.tasks.flicking_finger(), problem.dynamics.scene.x0)
+
+
+def mine(situation):
+    return np.zeros((3, 3))
