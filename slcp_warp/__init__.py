@@ -14,6 +14,7 @@ from .ensembles.particles import ParticleRollout, Particles, particle_rollout, p
 from .ensembles.questions.sequential import SequentialComparison, compare_sequentially
 from .ensembles.report import SweepReport
 from .ensembles.spec import SweepSpec
+from .ensembles.statistics.sensitivity import Sensitivity
 from .ensembles.sweep import sweep
 from .ensembles.worlds import Worlds, draw_worlds
 from .inputs.arrays import ArrayError
@@ -60,6 +61,7 @@ __all__ = [
     "Scene",
     "SceneError",
     "SceneFileError",
+    "Sensitivity",
     "SequentialComparison",
     "Shape",
     "Simulator",

@@ -69,6 +69,8 @@ def chart_files(
 
 def file_kind(path: Path) -> str:
     """What a file holds: "results" of the studies, a "report", a "size" table, or what `read_kind` says."""
+    if path.suffix == ".parquet":
+        return "report"
     if path.suffix != ".csv":
         return read_kind(path)
     if is_results(path):

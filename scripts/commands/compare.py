@@ -1,25 +1,83 @@
-"""`slcp compare`: two policies in the same worlds of a report."""
+"""`slcp compare`: two policies in the same worlds, of a report or of as many as it takes."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from ..stages.task_sweep import comparison, load_report, report_table
-from ..support.screen import console, one_line_errors
+import slcp_warp as slcp
+
+from ..stages.task_sweep import comparison, load_report, policies_of, report_table, task_cases
+from ..support.options import Device, Seed, StepSize
+from ..support.screen import INTERRUPTED, console, one_line_errors, prepared, progress_bar, timed, wrote
 
 
 @one_line_errors
 def compare_command(
-    report: Annotated[Path, typer.Argument(help="Table of `slcp sweep TASK` with several policies, .csv.")],
+    report: Annotated[
+        str,
+        typer.Argument(
+            metavar="REPORT",
+            help="Report of `slcp sweep TASK` with several policies: .csv, .npz, .parquet, or a folder; with "
+            "--policy a task.",
+        ),
+    ],
     first: Annotated[str | None, typer.Argument(help="A policy; default: the first.")] = None,
     second: Annotated[str | None, typer.Argument(help="Another one; default: the second.")] = None,
+    sequential: Annotated[
+        bool,
+        typer.Option(
+            help="Intervals for all looks together; of a task: run until the difference is decided."
+        ),
+    ] = False,
+    policy: Annotated[list[Path] | None, typer.Option(help="Of a task: file of a policy (twice).")] = None,
+    measure: Annotated[str, typer.Option(help="Of a task: success, or a measure.")] = "success",
+    confidence: Annotated[float, typer.Option(help="Of the decision about a task.")] = 0.95,
+    margin: Annotated[
+        float | None, typer.Option(help="Differences below it count as equal, and end the comparison.")
+    ] = None,
+    worlds: Annotated[int, typer.Option(help="Of a task: at most.")] = 65536,
+    batch: Annotated[int, typer.Option(help="Of a task: worlds between looks.")] = 256,
+    residual: Annotated[str, typer.Option(help="Of a task: smoothed, hard, ...")] = "hard",
+    step_size: StepSize = None,
+    seed: Seed = 0,
+    device: Device = None,
+    dtype: Annotated[str, typer.Option(help="float32 or float64.")] = "float32",
+    out: Annotated[Path | None, typer.Option(help="Of a task: keep the worlds as a report.")] = None,
 ) -> None:
-    """Compare two policies of a report world by world: differences with their intervals."""
-    found = load_report(report)
+    """Compare two policies world by world: differences with their intervals.
+
+    Of a report; or of a task, in as many worlds as it takes (--sequential).
+    """
+    if not policy:
+        _of_report(Path(report), first, second, sequential)
+        return
+    if not sequential or first is not None:
+        raise ValueError("--policy is of a task with --sequential; `slcp sweep` makes reports to compare")
+    task = slcp.load_task(report)
+    path = None if out is None else prepared(out, (".csv", ".npz", ".parquet"))
+    (case,) = task_cases(task, residual).values()
+    with timed("comparison"), progress_bar("worlds") as progress:
+        found = slcp.compare_sequentially(
+            task, policies_of(policy, task.scene), measure=measure, confidence=confidence, margin=margin,
+            worlds=worlds, batch=batch, seed=seed, case=case, step_size=step_size, dtype=dtype, device=device,
+            progress=progress,
+        )  # fmt: skip
+    console.print(str(found), markup=False, highlight=False)
+    if path is not None and found.looks:
+        found.report.save(path)
+        wrote(path)
+    if not found.report.complete:
+        typer.echo(f"slcp: interrupted after {found.worlds} worlds", err=True)
+        raise typer.Exit(INTERRUPTED)
+
+
+def _of_report(path: Path, first: str | None, second: str | None, sequential: bool) -> None:
+    found = load_report(path)
     there = list(dict.fromkeys(key[0] for key in found.source.keys))
-    named = [first or there[0], second or next((n for n in there if n != (first or there[0])), "")]
-    if not named[1]:
-        raise ValueError(f"{report} has the policy {there[0]!r} only; two are needed")
+    one = first or there[0]
+    other = second or next((name for name in there if name != one), "")
+    if not other:
+        raise ValueError(f"{path} has the policy {there[0]!r} only; two are needed")
     console.print(report_table(found))
-    console.print(comparison(found, *named))
+    console.print(comparison(found, one, other, sequential))

@@ -12,6 +12,7 @@ from rich.table import Table
 import slcp_warp as slcp
 from slcp_warp.ensembles.chunks import ARMS, KEYS
 from slcp_warp.ensembles.statistics.source import MemorySource
+from slcp_warp.ensembles.stored.sweep import StoredSweep
 from slcp_warp.storage.files import FileError
 
 from ..support.records import load_policy
@@ -59,24 +60,35 @@ def sweep_task(
     progress: Callable[[int, int], None] | None = None,
 ) -> slcp.Report:
     """Sweep the policies of some files, named after them."""
-    policies = {path.stem: load_policy(path, task.scene)[0] for path in files}
-    if len(policies) < len(files):
-        raise ValueError(f"two of the policies' files have the same name: {', '.join(map(str, files))}")
     report = slcp.sweep(
-        task, policies, worlds=worlds, seed=seed, cases=cases, step_sizes=step_sizes, device=device,
-        dtype=dtype, progress=progress,
+        task, policies_of(files, task.scene), worlds=worlds, seed=seed, cases=cases, step_sizes=step_sizes,
+        device=device, dtype=dtype, progress=progress,
     )  # fmt: skip
     if not report.source.keys:
         raise KeyboardInterrupt
     return report
 
 
+def policies_of(files: Sequence[Path], scene: slcp.Scene) -> dict[str, Any]:
+    """The policies of some files, by their names."""
+    policies = {path.stem: load_policy(path, scene)[0] for path in files}
+    if len(policies) < len(files):
+        raise ValueError(f"two of the policies' files have the same name: {', '.join(map(str, files))}")
+    return policies
+
+
 def load_report(path: Path) -> slcp.Report:
-    """A report of `slcp sweep TASK`.
+    """A report of `slcp sweep TASK`: its file, or the folder of its chunks.
 
     Raises:
         FileError: no report, or one that is damaged.
     """
+    if path.is_dir():
+        return StoredSweep.resume(path).report()
+    return slcp.Report.load(path) if path.suffix in (".npz", ".parquet") else _from_csv(path)
+
+
+def _from_csv(path: Path) -> slcp.Report:
     rows = read_csv(path, "a report of `slcp sweep`", COLUMNS)
     columns = {name: _column(path, name, [row[name] for row in rows]) for name in rows[0]}
     keys = list(zip(*(columns.pop(key).tolist() for key in KEYS)))
@@ -131,7 +143,7 @@ def report_table(report: slcp.Report) -> Table:
     return table
 
 
-def comparison(report: slcp.Report, first: str, second: str) -> Table:
+def comparison(report: slcp.Report, first: str, second: str, peeking: bool = False) -> Table:
     """Differences first - second in the same disturbed worlds, with their 95 % intervals."""
     keys = [key for key in report.source.keys if key[3] == ARMS[0]]
     there = list(dict.fromkeys(key[0] for key in keys))
@@ -139,12 +151,13 @@ def comparison(report: slcp.Report, first: str, second: str) -> Table:
         if name not in there:
             raise ValueError(f"there is no policy {name!r} in the report; there are {', '.join(there)}")
     names = ("success", *report.measures)
-    table = Table(title=f"{first} less {second}, the same worlds, 95 % intervals", box=SIMPLE_HEAD)
+    looks = ", at all looks" if peeking else ""
+    table = Table(title=f"{first} less {second}, the same worlds, 95 % intervals{looks}", box=SIMPLE_HEAD)
     for heading in ("case", *names):
         table.add_column(heading, justify="left" if heading == "case" else "right")
     for policy, case, step_size, arm in keys:
         if policy != first or (second, case, step_size, arm) not in keys:
             continue
-        found = report.compare(first, second, case, step_size)
+        found = report.compare(first, second, case, step_size, peeking)
         table.add_row(f"{case}, h = {step_size:g}", *(plus_minus(found[name], ".3g") for name in names))
     return table

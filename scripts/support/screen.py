@@ -78,10 +78,11 @@ def show_rows(title: str, rows: list[dict[str, Any]]) -> None:
     console.print(table)
 
 
-def prepared(path: Path, suffix: str = ".npz") -> Path:
-    """An output path with its folder made; ValueError for another suffix."""
-    if path.suffix != suffix:
-        raise ValueError(f"--out is {path}; a name that ends in {suffix} is needed")
+def prepared(path: Path, suffix: str | tuple[str, ...] = ".npz") -> Path:
+    """An output path with its folder made; ValueError for another suffix (than one of several)."""
+    known = (suffix,) if isinstance(suffix, str) else suffix
+    if path.suffix not in known:
+        raise ValueError(f"--out is {path}; a name that ends in {' or '.join(known)} is needed")
     path.parent.mkdir(parents=True, exist_ok=True)
     return path
 

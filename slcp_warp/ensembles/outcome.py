@@ -17,7 +17,9 @@ from ..tasks.task import Task
 from .chunks import KEYS
 from .statistics import files
 from .statistics.intervals import Interval
-from .statistics.reductions import differences, quantiles_of_part, summary_of_part
+from .statistics.reductions import differences, paired_blocks, quantiles_of_part, summary_of_part
+from .statistics.sensitivity import Sensitivity, sensitivity_of_rows
+from .statistics.sequential import RunningDifference
 from .statistics.source import Key, MemorySource, Source, joined, measure_names
 
 BYTES_OF_KEYS = 200  # of a row, as texts of NumPy
@@ -128,15 +130,51 @@ class Report(Printed):
         return self._columns(self.key(policy, case, step_size, arm))
 
     def compare(
-        self, first: str, second: str, case: str | None = None, step_size: float | None = None
+        self,
+        first: str,
+        second: str,
+        case: str | None = None,
+        step_size: float | None = None,
+        peeking: bool = False,
     ) -> dict[str, Interval]:
         """Differences first - second in the same worlds: (mean, low, high) with 95 % intervals.
 
         Of success (as 0 and 1) and of every measure, over the worlds where both are finite; case and step
-        size None: the first.
+        size None: the first. The intervals are for one look at a number of worlds that was chosen before;
+        with `peeking` they are wider, and hold for one who looks while a sweep runs and stops when he likes
+        (see `compare_sequentially`).
         """
         a, b = (self.key(policy, case, step_size) for policy in (first, second))
-        return differences(self.source, a, b, ("success", *self.measures))
+        names = ("success", *self.measures)
+        if not checks.flag("peeking", peeking):
+            return differences(self.source, a, b, names)
+        running = {name: RunningDifference(name, 0.05) for name in names}
+        for rows in paired_blocks(self.source, a, b, names):
+            for known in running.values():
+                known.add(*rows)
+        return {name: known.interval() for name, known in running.items()}
+
+    def sensitivity(
+        self,
+        measure: str = "success",
+        policy: str | None = None,
+        case: str | None = None,
+        step_size: float | None = None,
+    ) -> Sensitivity:
+        """Which drawn numbers matter: indices of first order from the rows, without running anything.
+
+        What is not in the table as a column (noise of single steps) is not among them. Columns that share
+        their random number, as mass and inertia of a body do, have one index.
+
+        Args:
+            measure: "success", or the name of a measure.
+            policy, case, step_size: of the part; None: the first.
+        """
+        checks.choice("measure", measure, ("success", *self.measures))
+        if not self.source.keys:
+            raise ArgumentError("the report has no rows")
+        key = self.key(self.source.keys[0][0] if policy is None else policy, case, step_size)
+        return sensitivity_of_rows(self.source, key, measure)
 
     def save(self, path: str | Path) -> Path:
         """Write the table as .csv, or with all that `load` needs as .npz or .parquet (extra `data`).

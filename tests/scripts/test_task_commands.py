@@ -63,6 +63,20 @@ def test_a_task_of_a_file_goes_end_to_end(tmp_path):
         assert parts["plan", case, 0.02, "undisturbed"]["success"].all()
         other = parts["library", case, 0.02, "disturbed"]
         np.testing.assert_array_equal(found["drawn_mass_1"], other["drawn_mass_1"])  # the same worlds
+    said = " ".join(call("compare", tmp_path / "report.csv", "--sequential").output.split())
+    assert "plan less library, the same worlds, 95 % intervals, at all looks" in said
+    again = load_report(tmp_path / "report.csv").save(tmp_path / "report.npz")
+    assert call("compare", again).output == call("compare", tmp_path / "report.csv").output
+    both = [f"--policy={tmp_path / name}" for name in ("plan.npz", "library.npz")]
+    said = call("compare", TOML, *both, "--sequential", "--worlds", 64, "--batch", 32, "--device", "cpu",
+                "--out", tmp_path / "compared.npz").output  # fmt: skip
+    assert "success of plan less library" in said and "looks" in said
+    compared = load_report(tmp_path / "compared.npz").part("plan", "hard")
+    assert len(compared["world"]) in (32, 64)
+    np.testing.assert_array_equal(
+        compared["success"], parts["plan", "hard", 0.02, "disturbed"]["success"][: len(compared["world"])]
+    )
+    assert "--policy is of a task with --sequential" in fails("compare", TOML, *both)
     assert "has the policy" in fails("compare", _one_policy(tmp_path))
     assert "there is no policy 'mpc'" in fails("compare", tmp_path / "report.csv", "mpc", "plan")
     still = ("--velocity-sd", 0, "--torque-sd", 0, "--vary", "mass=0", "--duration", 0.4, "--worlds", 3)

@@ -1,0 +1,102 @@
+"""Which disturbance matters: shares of the variance of a measure that come from what is drawn."""
+
+import csv
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ...inputs import checks
+from ...inputs.errors import ArgumentError
+from ...storage.files import replacing
+from ...storage.printed import Printed, Table
+from .given_data import first_order
+from .intervals import Interval
+from .source import DRAWN, Key, Source
+
+HEAD = ("measure", "policy", "worlds", "drawn", "first", "first_low", "first_high", "total", "total_low",
+        "total_high")  # fmt: skip
+NOTHING = (math.nan, math.nan, math.nan)
+
+
+@dataclass(repr=False)
+class Sensitivity(Printed):
+    """Shares of a measure's variance by what was drawn.
+
+    Attributes:
+        measure: "success" or a measure's name.
+        policy: its name.
+        names: of what is drawn.
+        first: index of first order of each, (value, low, high): what goes when it is known.
+        total: index of total order of each: what stays when all others are known; NaN where unknown.
+        worlds: that were run.
+    """
+
+    measure: str
+    policy: str
+    names: tuple[str, ...]
+    first: list[Interval]
+    total: list[Interval]
+    worlds: int
+
+    @property
+    def order(self) -> list[int]:
+        """The places of the names, the most important first: by total order, else by first order."""
+        values = [t[0] if math.isfinite(t[0]) else f[0] for f, t in zip(self.first, self.total)]
+        return np.argsort([-math.inf if math.isnan(v) else v for v in values], kind="stable")[::-1].tolist()
+
+    def save(self, path: str | Path) -> Path:
+        """Write the indices as .csv, a row for each name; replaced only once complete."""
+        path = checks.path("path", path)
+        if path.suffix != ".csv":
+            raise ArgumentError(f"path {path} ends in {path.suffix!r}; .csv is needed")
+        with replacing(path) as part, open(part, "w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(HEAD)
+            for i in self.order:
+                row = (self.measure, self.policy, self.worlds, self.names[i], *self.first[i], *self.total[i])
+                writer.writerow(row)
+        return path
+
+    def _line(self) -> str:
+        return (
+            f"of {self.measure} under {self.policy}: {len(self.names)} drawn numbers, {self.worlds:,} worlds"
+        )
+
+    def _tables(self) -> list[Table]:
+        rows = [
+            (self.names[i], *(_shown(each) for each in (self.first[i], self.total[i]))) for i in self.order
+        ]
+        return [Table("shares of the variance", ("drawn", "alone", "with interactions"), rows)]
+
+
+def _shown(interval: Interval) -> str:
+    value, low, high = interval
+    return "" if math.isnan(value) else f"{value:.3f} ({low:.3f} to {high:.3f})"
+
+
+def sensitivity_of_rows(source: Source, key: Key, measure: str) -> Sensitivity:
+    """Indices of first order from the rows of a part.
+
+    Raises:
+        ArgumentError: no column of what was drawn.
+    """
+    columns = drawn_columns(source, key)
+    if not columns:
+        raise ArgumentError(f"report has no columns {DRAWN}...; nothing was drawn, or it is not kept")
+    first = [first_order(source, key, names[0], measure) for names in columns]
+    labels = tuple(", ".join(name.removeprefix(DRAWN) for name in names) for names in columns)
+    return Sensitivity(measure, key[0], labels, first, [NOTHING] * len(first), source.worlds(key))
+
+
+def drawn_columns(source: Source, key: Key) -> list[list[str]]:
+    """The drawn columns that vary, those together that sort the worlds of the first block alike."""
+    names = [name for name in source.names(key) if name.startswith(DRAWN)]
+    block = next(source.blocks(key, names), {})
+    groups: dict[bytes, list[str]] = {}
+    for name in names:
+        column = block.get(name, np.zeros(0))
+        if len(column) and np.ptp(column) > 0.0:
+            groups.setdefault(np.argsort(column, kind="stable").tobytes(), []).append(name)
+    return list(groups.values())

@@ -1,0 +1,160 @@
+"""Sensitivity indices against closed forms (Ishigami 1990, the g-function) and against SciPy's."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+import slcp_warp as slcp
+from slcp_warp.ensembles.statistics.given_data import first_order
+from slcp_warp.ensembles.statistics.sobol import sobol_indices
+from slcp_warp.ensembles.statistics.source import MemorySource
+
+KEY = ("policy", "hard", 0.01, "disturbed")
+
+
+def ishigami(u):
+    """Of (3, n) numbers in (0, 1)."""
+    x = np.pi * (2.0 * u - 1.0)
+    return np.sin(x[0]) + 7.0 * np.sin(x[1]) ** 2 + 0.1 * x[2] ** 4 * np.sin(x[0])
+
+
+def of_ishigami():
+    """Indices of first and total order in closed form (Saltelli et al. 2008), a = 7, b = .1."""
+    a, b, p = 7.0, 0.1, math.pi
+    one, two = 0.5 * (1.0 + b * p**4 / 5.0) ** 2, a**2 / 8.0
+    both = b**2 * p**8 * (1.0 / 18.0 - 1.0 / 50.0)
+    total = one + two + both
+    return np.array([one, two, 0.0]) / total, np.array([one + both, two, both]) / total
+
+
+WEIGHTS = np.array([0.0, 1.0, 4.5, 9.0, 99.0])
+
+
+def g_function(u):
+    """Of (5, n) numbers in (0, 1)."""
+    return np.prod((np.abs(4.0 * u - 2.0) + WEIGHTS[:, None]) / (1.0 + WEIGHTS[:, None]), axis=0)
+
+
+def of_g_function():
+    part = 1.0 / (3.0 * (1.0 + WEIGHTS) ** 2)
+    total = np.prod(1.0 + part) - 1.0
+    return part / total, part * np.prod(1.0 + part) / (1.0 + part) / total
+
+
+FUNCTIONS = {"ishigami": (ishigami, of_ishigami), "g": (g_function, of_g_function)}
+
+
+def results(function, count, seed=0):
+    """A, B and AB of a function of independent numbers."""
+    dimension = len(FUNCTIONS[function][1]()[0])
+    a, b = np.random.default_rng(seed).random((2, dimension, count))
+    f, ab = FUNCTIONS[function][0], np.repeat(a[None], dimension, 0)
+    for j in range(dimension):
+        ab[j, j] = b[j]
+    return f(a), f(b), np.array([f(x) for x in ab])
+
+
+@pytest.mark.parametrize("function", FUNCTIONS)
+def test_indices_are_those_of_the_closed_form(function):
+    """Within three half widths of their intervals, which are at most .05 wide."""
+    found = sobol_indices(*results(function, 16384))
+    for intervals, exact in zip((found.first, found.total), FUNCTIONS[function][1]()):
+        value, low, high = np.array(intervals).T
+        half = 0.5 * (high - low)
+        assert (low <= value).all() and (value <= high).all() and half.max() < 0.05
+        assert (np.abs(value - exact) < 3.0 * half + 1e-3).all()
+
+
+def test_indices_are_those_of_scipy():
+    a, b, ab = results("ishigami", 1024)
+    ours = sobol_indices(a, b, ab)
+    theirs = stats.sobol_indices(func={"f_A": a[None], "f_B": b[None], "f_AB": ab[:, None]}, n=1024)
+    np.testing.assert_allclose(np.array(ours.first)[:, 0], theirs.first_order.ravel(), rtol=1e-10)
+    np.testing.assert_allclose(np.array(ours.total)[:, 0], theirs.total_order.ravel(), rtol=1e-10)
+
+
+def test_intervals_hold_the_truth_as_often_as_they_say():
+    """Of 100 repetitions 95 in the mean; 88 or fewer have a probability of .3 % then."""
+    truth = np.concatenate(of_ishigami())
+    inside = np.zeros(len(truth))
+    for seed in range(100):
+        found = sobol_indices(*results("ishigami", 512, seed), seed)
+        low, high = np.array([*found.first, *found.total]).T[1:]
+        inside += (low <= truth) & (truth <= high)
+    assert inside.min() > 88, inside
+
+
+def test_rows_without_a_number_are_left_out():
+    a, b, ab = results("g", 1024)
+    ab[2, ::7] = np.nan
+    keep = np.arange(1024) % 7 > 0
+    found = sobol_indices(a, b, ab)
+    assert found == sobol_indices(a[keep], b[keep], ab[:, keep]) and found.samples == keep.sum()
+    nothing = sobol_indices(np.ones(8), np.ones(8), np.ones((2, 8)))
+    assert np.isnan(nothing.first).all() and nothing.variance == 0.0
+    assert np.isnan(sobol_indices(a[:1], b[:1], ab[:, :1]).total).all()
+
+
+def sweep_of(function, count, seed=0, cuts=()):
+    dimension = len(FUNCTIONS[function][1]()[0])
+    u = np.random.default_rng(seed).random((dimension, count))
+    y = FUNCTIONS[function][0](u) + 1e5
+    rows = {"world": np.arange(count), **{f"drawn_{j}": u[j].astype(np.float32) for j in range(dimension)},
+            "y": y, "success": y > np.median(y), "status": np.zeros(count, np.int32)}  # fmt: skip
+    source = MemorySource()
+    edges = [0, *cuts, count]
+    for begin, end in list(zip(edges, edges[1:]))[::-1]:
+        source.add(KEY, {name: column[begin:end] for name, column in rows.items()})
+    return source
+
+
+@pytest.mark.parametrize("function", FUNCTIONS)
+def test_the_table_of_a_sweep_has_the_indices_of_first_order(function):
+    """Bins miss what a function varies within them: a hundredth at most here."""
+    source, exact = sweep_of(function, 32768), FUNCTIONS[function][1]()[0]
+    for j, truth in enumerate(exact):
+        value, low, high = first_order(source, KEY, f"drawn_{j}", "y")
+        assert high - low < 0.05 and abs(value - truth) < 1.5 * (high - value) + 0.01
+
+
+def test_intervals_from_a_table_hold_the_truth_as_often_as_they_say():
+    truth = of_ishigami()[0]
+    inside = np.zeros(3)
+    for seed in range(60):
+        source = sweep_of("ishigami", 2048, seed)
+        found = [first_order(source, KEY, f"drawn_{j}", "y") for j in range(3)]
+        inside += [low <= t <= high for (_, low, high), t in zip(found, truth)]
+    assert inside.min() >= 51, inside  # of 57 in the mean; fewer have a probability of .8 %
+
+
+def test_a_report_says_what_matters(tmp_path):
+    source = sweep_of("g", 8192)
+    rows = source.pieces[KEY][0]
+    rows |= {"drawn_same_0": 2.0 * rows["drawn_0"], "drawn_constant": np.ones(8192)}
+    report = slcp.Report(None, source)
+    found = report.sensitivity("y")
+    assert set(found.names) == {"0, same_0", "1", "2", "3", "4"} and found.worlds == 8192
+    assert [found.names[i] for i in found.order[:2]] == ["0, same_0", "1"]
+    assert str(found).splitlines()[3].startswith("  0, same_0") and np.isnan(found.total).all()
+    assert report.sensitivity().measure == "success"
+    cut = slcp.Report(None, sweep_of("g", 8192, cuts=(1, 1000, 4097))).sensitivity("y")
+    assert cut.first == [found.first[i] for i in range(5)]
+    lines = found.save(tmp_path / "sensitivity.csv").read_text().splitlines()
+    assert len(lines) == 6 and lines[1].startswith('y,policy,8192,"0, same_0",')
+
+
+def test_what_cannot_be_answered_is_refused(tmp_path):
+    report = slcp.Report(None, sweep_of("g", 100))
+    assert np.isnan(slcp.Report(None, sweep_of("g", 4)).sensitivity("y").first).all()
+    with pytest.raises(slcp.InputError, match="measure is 'z'"):
+        report.sensitivity("z")
+    with pytest.raises(slcp.InputError, match="there is no 'mpc'"):
+        report.sensitivity("y", "mpc")
+    with pytest.raises(slcp.InputError, match="ends in '.txt'"):
+        report.sensitivity("y").save(tmp_path / "a.txt")
+    bare = MemorySource()
+    bare.add(KEY, {"world": np.arange(9), "success": np.ones(9, bool), "status": np.zeros(9, int)})
+    with pytest.raises(slcp.InputError, match="no columns drawn_"):
+        slcp.Report(None, bare).sensitivity()
