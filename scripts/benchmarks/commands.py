@@ -15,8 +15,9 @@ import slcp_warp as slcp
 from slcp_warp.options import CHOICES
 
 from ..support.options import Dtype, SceneName
+from ..support.paper import SCENE
 from ..support.screen import one_line_errors
-from ..support.simulators import FINGER, named_scene
+from ..support.simulators import named_scene
 from ..support.tables import write_csv
 from .accuracy.command import charts_command
 from .cost.compile import bench_compile
@@ -198,7 +199,7 @@ def threads_command(
 
 @app.command("compile")
 @one_line_errors
-def compile_command(scene: SceneName = FINGER, dtype: Dtype = "float64", csv: Csv = None) -> None:
+def compile_command(scene: SceneName = SCENE, dtype: Dtype = "float64", csv: Csv = None) -> None:
     """Where the CPU time of a cold compile goes: the package, Warp's translation, clang."""
     _save(csv, bench_compile(named_scene(scene), dtype))
 

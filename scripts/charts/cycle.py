@@ -13,8 +13,9 @@ from slcp_warp.results.pictures.frames import draw_frames, impulse_norm
 from slcp_warp.results.pictures.mechanism import Mechanism
 from slcp_warp.results.pictures.motion import Motion
 
+from ..support.paper import SCENE
 from ..support.records import Record
-from ..support.simulators import FINGER, mechanism_name
+from ..support.simulators import mechanism_name
 from .space import add_path, add_surface, space_axes
 from .style import IMPULSE, plt, save
 
@@ -26,7 +27,7 @@ def last_turn(run: slcp.Trajectory, world: int = 0, turns: int = 1) -> Motion:
     does, and of other mechanisms.
     """
     whole = run.motion(world)
-    if mechanism_name(run.scene) != FINGER:
+    if mechanism_name(run.scene) != SCENE:
         return whole
     period = np.pi
     angle = whole.states[:, 2]

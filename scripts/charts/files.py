@@ -10,8 +10,9 @@ import slcp_warp as slcp
 from slcp_warp import ddp
 from slcp_warp.ddp.library.entries import scene_digest
 
+from ..support.paper import SCENE
 from ..support.records import Record, RecordError, load_record, read_kind
-from ..support.simulators import FINGER, mechanism_name
+from ..support.simulators import mechanism_name
 from ..support.tables import has_columns, is_results
 from . import cycle, report, space, sweep
 from . import ddp as plans
@@ -84,7 +85,7 @@ def _surface(order: Order) -> list[Path]:
 
 def _library(order: Order) -> list[Path]:
     library = ddp.Library.load(order.path)
-    if library.header.get("digest") == scene_digest(slcp.scenes.NAMED[FINGER]()):  # Fig. 3, of its joints
+    if library.header.get("digest") == scene_digest(slcp.scenes.NAMED[SCENE]()):  # Fig. 3, of its joints
         return [space.library_chart(library, order.picture, order.surface)]
     return [report.gains_chart(library, order.picture)]
 
@@ -109,7 +110,7 @@ def _trajectory(order: Order) -> list[Path]:
     """The limit cycle where it is the finger's, frames, and an animation."""
     run, world = _checked_world(order.path, order.world), order.world
     name, made = order.path.stem, []
-    if mechanism_name(run.scene) == FINGER:
+    if mechanism_name(run.scene) == SCENE:
         made.append(cycle.cycle_chart(run, order.out / f"{name}_cycle.png", order.surface, world))
     made.append(cycle.frames_chart(run, order.out / f"{name}_frames.png", world))
     made.append(run.animate(order.out / f"{name}.gif", world, SHOWN))

@@ -7,11 +7,11 @@ import typer
 
 import slcp_warp as slcp
 
-from ..stages.library import Interrupted, build, library_table, observed_state, task_options
+from ..stages.library import Interrupted, build, library_table, task_options
 from ..stages.plan import task_problem
 from ..support.options import Device, Dtype, Scaling, Seed, Settings, Sigma, Start, StepSize, TaskIntegrator
 from ..support.screen import INTERRUPTED, console, one_line_errors, prepared, progress_bar, timed, wrote
-from ..support.simulators import numbers
+from ..support.simulators import numbers, observed_state
 from ..support.tasks import DEFAULT, TaskName
 
 

@@ -9,6 +9,7 @@ import slcp_warp as slcp
 
 from ..stages.trajectory import simulate, summary
 from ..support.options import (
+    DEFAULT_SCENE,
     Device,
     Dtype,
     Scaling,
@@ -30,7 +31,7 @@ from ..support.tasks import OptionalTask, task_simulator
 def simulate_command(
     task: OptionalTask = None,
     out: Annotated[Path, typer.Option(help="File to write.")] = Path("trajectory.npz"),
-    scene: SceneName = "flicking_finger",
+    scene: SceneName = DEFAULT_SCENE,
     policy: Annotated[str, typer.Option(help="zero, or a file of `slcp library` or `optimise`.")] = "zero",
     steps: Annotated[int | None, typer.Option(help="Time steps; default: the task's run, or 400.")] = None,
     worlds: Annotated[int, typer.Option(min=1, help="Worlds, which differ by --velocity-sd.")] = 1,

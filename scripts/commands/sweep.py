@@ -9,9 +9,9 @@ import slcp_warp as slcp
 
 from ..stages.sweep import cycle_states, run_sweep, sweep_table
 from ..stages.task_sweep import changed_task, report_table, sweep_task, task_cases
-from ..support.options import Device, Scaling, SceneName, Seed, Settings, TaskIntegrator
+from ..support.options import DEFAULT_SCENE, Device, Scaling, SceneName, Seed, Settings, TaskIntegrator
 from ..support.screen import INTERRUPTED, console, one_line_errors, prepared, progress_bar, timed, wrote
-from ..support.simulators import OBSERVED, RESIDUALS, mechanism_name, named_scene, numbers, parse_settings
+from ..support.simulators import RESIDUALS, named_scene, numbers, observed_of, parse_settings
 from ..support.tasks import OptionalTask
 
 
@@ -28,7 +28,7 @@ def sweep_command(
             help="File to write: of a task report.csv; of a scene sweep.npz, with a table beside it."
         ),
     ] = None,
-    scene: SceneName = "flicking_finger",
+    scene: SceneName = DEFAULT_SCENE,
     worlds: Annotated[int, typer.Option(help="Worlds of every case.")] = 4096,
     duration: Annotated[
         float | None, typer.Option(help="Simulated time [s]; default: the task's, or 20.")
@@ -106,7 +106,7 @@ def sweep_command(
         worlds=worlds, duration=20.0 if duration is None else duration, residuals=_residuals(residuals),
         step_sizes=sizes or (0.05, 0.03), start=_states(start, mechanism, skip), **disturbed,
         parameters=parse_settings(settings, "--set"), threshold=threshold, seed=seed,
-        observe=OBSERVED.get(mechanism_name(mechanism), 0) if observe is None else observe,
+        observe=observed_of(mechanism) if observe is None else observe,
     )  # fmt: skip
     with timed("sweep"), progress_bar("worlds") as progress:
         report = run_sweep(

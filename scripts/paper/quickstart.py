@@ -6,13 +6,13 @@ from typing import Annotated
 import typer
 
 from ..charts.quickstart_report import write_report
-from ..stages.experiment import FULL, QUICK, SCENE, STANDARD, Run
 from ..stages.library import Interrupted, library_table
 from ..stages.plan import outcome_table
 from ..stages.sweep import sweep_table
 from ..support.options import Device, Seed
+from ..support.paper import OBSERVED
 from ..support.screen import INTERRUPTED, console, one_line_errors, timed
-from ..support.simulators import OBSERVED
+from .experiment import FULL, QUICK, STANDARD, Run
 
 
 @one_line_errors
@@ -49,7 +49,7 @@ def _run_all(run: Run) -> None:
     console.print(outcome_table(plan, results))
     with timed(f"library of {run.scale.plans} plans", times):
         library = run.library()
-    console.print(library_table(library, OBSERVED[SCENE]))
+    console.print(library_table(library, OBSERVED))
     with timed("limit cycle", times):
         run.cycle()
     with timed("contact surface", times):

@@ -12,7 +12,7 @@ from ..stages.size import size_rows
 from ..stages.sweep import cycle_states
 from ..support.options import Device, Seed
 from ..support.screen import one_line_errors, prepared, progress_bar, wrote
-from ..support.simulators import OBSERVED, mechanism_name, named_scene, numbers
+from ..support.simulators import named_scene, numbers, observed_of
 from ..support.tables import write_csv
 
 
@@ -37,7 +37,7 @@ def size_command(
         worlds=worlds, velocity_sd=velocity_sd,
         step_sizes=tuple(numbers(step_sizes, "--step-sizes").tolist()),
         start=None if start is None else cycle_states(slcp.Trajectory.load(start), scene, skip),
-        observe=OBSERVED.get(mechanism_name(scene), 0), seed=seed,
+        observe=observed_of(scene), seed=seed,
     )  # fmt: skip
     counts = [int(n) for n in numbers(plans, "--plans")]
     with progress_bar("sizes") as progress:

@@ -6,8 +6,9 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from ..stages.surface import FINGER_RANGE, surface
+from ..stages.surface import surface
 from ..support.options import Device, SceneName
+from ..support.paper import RANGE
 from ..support.screen import one_line_errors, prepared, wrote
 from ..support.simulators import make_simulator, named_scene, numbers
 
@@ -23,8 +24,8 @@ def surface_command(
 ) -> None:
     """Save the signed distance of a scene's first contact pair on a grid."""
     path = prepared(out)
-    lower = numbers(low, "--low", 3) if low else np.array(FINGER_RANGE)[:, 0]
-    upper = numbers(high, "--high", 3) if high else np.array(FINGER_RANGE)[:, 1]
+    lower = numbers(low, "--low", 3) if low else np.array(RANGE)[:, 0]
+    upper = numbers(high, "--high", 3) if high else np.array(RANGE)[:, 1]
     sim = make_simulator(named_scene(scene), device=device, dtype="float32")
     surface(sim, tuple(zip(lower, upper)), resolution).save(path)
     wrote(path)

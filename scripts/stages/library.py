@@ -10,7 +10,6 @@ from rich.table import Table
 import slcp_warp as slcp
 from slcp_warp import ddp
 from slcp_warp.ddp.planning import noise_scale
-from slcp_warp.measures.signals import Signal
 
 
 class Interrupted(Exception):
@@ -53,15 +52,6 @@ def build(
     if len(library) < count:
         raise Interrupted(library)
     return library
-
-
-def observed_state(task: slcp.Task) -> int | None:
-    """The state whose rate the task measures first; None: it measures none."""
-    for measure in task.measures.values():
-        of = measure.of
-        if measure.reduction == "rate" and isinstance(of, Signal) and of.kind == "state" and of.minus is None:
-            return of.place(task.scene)
-    return None
 
 
 def task_options(task: slcp.Task, **given: Any) -> ddp.RecedingOptions:

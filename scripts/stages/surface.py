@@ -7,8 +7,6 @@ from slcp_warp.results.simulated import Simulated
 
 from ..support.records import Record, device_facts
 
-FINGER_RANGE = ((-np.pi, 0.0), (-2.0 * np.pi / 3.0, 2.0 * np.pi / 3.0), (0.0, np.pi))
-
 
 def surface(sim: slcp.Simulator, ranges: tuple[tuple[float, float], ...], resolution: int) -> Record:
     """Gap of the first contact pair over the first three coordinates; the others stay as at the start.

@@ -38,7 +38,7 @@ def study_command(
 
 def _problem(scene: slcp.Scene, device: str | None) -> ddp.Problem:
     sim = slcp.Simulator(scene, slcp.Options(scaling="none"), device=device)
-    return ddp.Problem(sim, ddp.costs.flicking_finger(), horizon=HORIZON)
+    return ddp.Problem(sim, slcp.tasks.flicking_finger().cost, horizon=HORIZON)
 
 
 def _solve(problem: ddp.Problem, x0: Any, us: Any, **options: Any) -> ddp.Result:

@@ -114,7 +114,7 @@ def unit_differences(worlds: int, seed: int) -> list[dict[str, Any]]:
 def costs_under_noise(count: int, seed: int) -> list[dict[str, Any]]:
     """Plans for the finger made at several noise levels, on the hard system with noise on the velocity."""
     scene = slcp.scenes.flicking_finger()
-    problem = ddp.Problem(slcp.Simulator(scene), ddp.costs.flicking_finger(), horizon=HORIZON)
+    problem = ddp.Problem(slcp.Simulator(scene), slcp.tasks.flicking_finger().cost, horizon=HORIZON)
     hard = slcp.Simulator(scene, slcp.Options(residual="hard"))
     options = ddp.Options(max_iterations=300)
     plans = ddp.solve_continuation(problem, scene.x0, np.zeros((HORIZON, 2)), SIGMAS, options)
@@ -135,7 +135,7 @@ def costs_under_noise(count: int, seed: int) -> list[dict[str, Any]]:
                     **policy,
                 )
                 effort = 0.05 * (run.controls**2).sum((1, 2))
-                cost = effort - run.states[:, :-1, 2].sum(1)  # as ddp.costs.flicking_finger
+                cost = effort - run.states[:, :-1, 2].sum(1)  # as the task has it
                 rows.append({
                     "sigma": sigma, "predicted": float(plan.cost), "noise": sd, "policy": name,
                     "mean": float(cost.mean()), "error": float(cost.std() / np.sqrt(count)),

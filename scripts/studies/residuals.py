@@ -13,8 +13,8 @@ from slcp_warp.ddp.planning import random_starts
 
 from ..stages.library import build
 from ..support.options import Device, Seed
+from ..support.paper import OBSERVED
 from ..support.screen import one_line_errors, show_rows
-from ..support.simulators import FINGER, OBSERVED
 
 HORIZON, ENTRIES = 75, 4
 PASSES, REPLAN_PASSES = 150, 20
@@ -35,7 +35,7 @@ class Case:
         scene = slcp.scenes.flicking_finger()
         sim = slcp.Simulator(scene, slcp.Options(residual=self.residual, scaling="none"), device=device)
         params = sim.params.replace(sigma=self.sigma)
-        return ddp.Problem(sim, ddp.costs.flicking_finger(), HORIZON, params)
+        return ddp.Problem(sim, slcp.tasks.flicking_finger().cost, HORIZON, params)
 
 
 CASES = (
@@ -95,7 +95,7 @@ def library_of(case: Case, plans: int, seed: int, device: str | None) -> ddp.Lib
         problem.dynamics.scene.x0,
         plans,
         ddp.RecedingOptions(entries=ENTRIES, seed=seed),
-        OBSERVED[FINGER],
+        OBSERVED,
     )
 
 

@@ -6,6 +6,7 @@ import typer
 
 import slcp_warp as slcp
 
+DEFAULT_SCENE = next(iter(slcp.scenes.NAMED))
 SceneName = Annotated[
     str,
     typer.Option(
@@ -18,9 +19,7 @@ Residual = Annotated[
 TaskResidual = Annotated[
     str | None, typer.Option(help="smoothed, hard, rem-normal, ..; default: the task's, or smoothed.")
 ]
-Scaling = Annotated[
-    str | None, typer.Option(help="inertia or none; default: the task's, or inertia (of the finger: none).")
-]
+Scaling = Annotated[str | None, typer.Option(help="inertia or none; default: the task's, or inertia.")]
 Integrator = Annotated[str, typer.Option(help="euler, or trapezoidal: second order where motion is smooth.")]
 TaskIntegrator = Annotated[str | None, typer.Option(help="euler or trapezoidal; default: the task's.")]
 Friction = Annotated[str, typer.Option(help="anitescu, or coulomb: with the hard residual.")]

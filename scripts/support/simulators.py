@@ -8,12 +8,10 @@ from typing import Any
 import numpy as np
 
 import slcp_warp as slcp
+from slcp_warp.measures.signals import Signal
 from slcp_warp.options import CHOICES
 
-FINGER = "flicking_finger"
 RESIDUALS = {"smoothed": "rem-logistic", **{name: name for name in CHOICES["residual"]}}
-PRESETS = {FINGER: "none"}  # scaling that a named scene wants; inertia where it is not named
-OBSERVED = {FINGER: 2}  # state component whose rate is judged
 
 
 def named_scene(name: str, option: str = "--scene") -> slcp.Scene:
@@ -34,8 +32,30 @@ def mechanism_name(scene: slcp.Scene) -> str:
 
 
 def default_scaling(scene: slcp.Scene) -> str:
-    """The scaling that a scene wants where no option says otherwise."""
-    return PRESETS.get(mechanism_name(scene), "inertia")
+    """The scaling that a scene wants where no option says otherwise: that of the task of its name, if any."""
+    task = task_of(scene)
+    return "inertia" if task is None else task.options.scaling
+
+
+def observed_of(scene: slcp.Scene) -> int:
+    """The state whose rate a sweep of a scene judges: that of the task of its name, or the first."""
+    task = task_of(scene)
+    return (None if task is None else observed_state(task)) or 0
+
+
+def observed_state(task: slcp.Task) -> int | None:
+    """The state whose rate the task measures first; None: it measures none."""
+    for measure in task.measures.values():
+        of = measure.of
+        if measure.reduction == "rate" and isinstance(of, Signal) and of.kind == "state" and of.minus is None:
+            return of.place(task.scene)
+    return None
+
+
+def task_of(scene: slcp.Scene) -> slcp.Task | None:
+    """The named task of a named scene's name and mechanism."""
+    make = slcp.tasks.NAMED.get(mechanism_name(scene))
+    return None if make is None else make()
 
 
 def make_simulator(

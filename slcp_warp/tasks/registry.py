@@ -12,7 +12,7 @@ from .push_to_mark import push_to_mark
 from .task import Task
 from .walker_walk import walker_walk
 
-NAMED: dict[str, Callable[[], Task]] = {
+NAMED: dict[str, Callable[..., Task]] = {
     make.__name__: make
     for make in (
         flicking_finger,

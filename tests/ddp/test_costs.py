@@ -104,7 +104,7 @@ def test_costs_that_differ_by_what_a_loop_looks_up_are_told_apart(device, style)
 def test_flicking_finger_cost_of_section_v(device, dtype):
     rng = np.random.default_rng(1)
     xs, us = rng.normal(size=(1, 3, 6)), rng.normal(size=(1, 2, 2))
-    out = evaluate(ddp.costs.flicking_finger(2.0, 0.3), xs, us, device, dtype)
+    out = evaluate(slcp.tasks.flicking_finger(2.0, 0.3).cost, xs, us, device, dtype)
     np.testing.assert_allclose(out["lx"][0, :2], [[0, 0, -2.0, 0, 0, 0]] * 2, rtol=1e-6)
     np.testing.assert_allclose(out["lu"], 0.6 * us, rtol=1e-6)
     np.testing.assert_allclose(out["luu"][0], [0.6 * np.eye(2)] * 2, rtol=1e-6)
@@ -113,9 +113,20 @@ def test_flicking_finger_cost_of_section_v(device, dtype):
     assert not out["lx"][0, 2].any()
 
 
+def test_costs_of_named_tasks_go_on_by_their_names_of_before():
+    with pytest.warns(DeprecationWarning, match="is slcp_warp.tasks.flicking_finger.*cost now"):
+        cost = ddp.costs.flicking_finger(2.0, c_u=0.3)
+    same = slcp.tasks.flicking_finger(2.0, 0.3).cost
+    assert cost.make is same.make and np.array_equal(cost.weights, same.weights)
+    with pytest.warns(DeprecationWarning):
+        assert ddp.costs.catch().nx == 10
+    with pytest.raises(AttributeError, match="no attribute 'catches'"):
+        ddp.costs.catches  # noqa: B018
+
+
 def test_flicking_finger_cost_value(device):
     dynamics = ddp.linear_system(np.eye(6) + np.diag([0.05] * 3, 3), np.zeros((6, 2)), device=device)
-    problem = ddp.Problem(dynamics, ddp.costs.flicking_finger(), 10)
+    problem = ddp.Problem(dynamics, slcp.tasks.flicking_finger().cost, 10)
     u0 = np.full((10, 2), 0.5)
     result = ddp.solve(
         problem, [0, 0, 1.0, 0, 0, 2.0], u0, ddp.Options(max_iterations=0, method="first-order")
@@ -184,11 +195,11 @@ def test_illegal_costs():
     with pytest.raises(ValueError, match=r"target must have shape \(3,\) or \(N\+1, 3\), got \(2,\)"):
         ddp.costs.quadratic(np.eye(3), np.eye(2), target=[0.0, 1.0])
     with pytest.raises(ValueError, match="c_x is nan; a finite number is needed"):
-        ddp.costs.flicking_finger(c_x=float("nan"))
+        slcp.tasks.flicking_finger(c_x=float("nan"))
     with pytest.raises(ValueError, match="weights must be finite numbers"):
-        ddp.costs.flicking_finger().with_weights([1.0, float("nan")])
+        slcp.tasks.flicking_finger().cost.with_weights([1.0, float("nan")])
     with pytest.raises(ValueError, match="weights must have 19 columns, got 3"):
-        ddp.costs.flicking_finger().with_weights([1.0, 2.0, 3.0])
+        slcp.tasks.flicking_finger().cost.with_weights([1.0, 2.0, 3.0])
     with pytest.raises(TypeError, match="must return costs.CostFunctions, got tuple"):
         ddp.Cost(make_finite_difference_cost).functions(wp.float64, 2, 1)
 

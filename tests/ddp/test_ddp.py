@@ -5,6 +5,7 @@ import pytest
 import warp as wp
 from ddp_examples import cart_pole, make_cart_pole, random_linear_problem
 
+import slcp_warp as slcp
 from slcp_warp import ddp
 
 
@@ -317,7 +318,7 @@ def test_illegal_problems():
     with pytest.raises(TypeError, match="dynamics must have 'nx'"):
         ddp.Problem(object(), cost, 5)
     with pytest.raises(ValueError, match="cost is for nx = 6, the dynamics has nx = 4"):
-        ddp.Problem(dynamics, ddp.costs.flicking_finger(), 5)
+        ddp.Problem(dynamics, slcp.tasks.flicking_finger().cost, 5)
     with pytest.raises(ValueError, match="control_limits: a lower limit is above the upper one"):
         ddp.Problem(dynamics, cost, 5, control_limits=(1.0, -1.0))
     with pytest.raises(ValueError, match="control_limits: upper limit is nan; NaN is no limit"):

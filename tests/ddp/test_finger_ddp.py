@@ -7,6 +7,7 @@ import pytest
 import warp as wp
 from simulators import scene, simulator
 
+import slcp_warp as slcp
 from slcp_warp import ddp
 
 pytestmark = pytest.mark.slow
@@ -22,7 +23,7 @@ WEIGHTS = {1: 0.75, 2: -0.15, 3: 1.0 / 60.0}  # sixth-order central difference (
 def problem(device, limits=None):
     sim = simulator("flicking_finger", device, wp.float64, "none")
     params = sim.params.replace(step_size=H, sigma=SIGMA)
-    return ddp.Problem(sim, ddp.costs.flicking_finger(), N, params, control_limits=limits)
+    return ddp.Problem(sim, slcp.tasks.flicking_finger().cost, N, params, control_limits=limits)
 
 
 @functools.cache

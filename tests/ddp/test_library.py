@@ -24,7 +24,7 @@ OPTIONS = {"offset": 4, "entries": 2, "chains": 2, "unperturbed": 1, "perturb_ev
 def problem(device="cpu"):
     sim = simulator("flicking_finger", device, wp.float64, "none")
     params = sim.params.replace(step_size=0.05, sigma=0.1)
-    return ddp.Problem(sim, ddp.costs.flicking_finger(), HORIZON, params)
+    return ddp.Problem(sim, slcp.tasks.flicking_finger().cost, HORIZON, params)
 
 
 @functools.cache

@@ -27,7 +27,7 @@ LIMITS = (-BOUND, [BOUND, 1.0])
 def problem(device="cpu", limits=True):
     sim = simulator("flicking_finger", device, wp.float64, "none")
     params = sim.params.replace(step_size=0.05, sigma=0.1)
-    return ddp.Problem(sim, ddp.costs.flicking_finger(), N, params, LIMITS if limits else None)
+    return ddp.Problem(sim, slcp.tasks.flicking_finger().cost, N, params, LIMITS if limits else None)
 
 
 @functools.cache

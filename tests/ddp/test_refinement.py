@@ -14,7 +14,7 @@ OPTIONS = ddp.RecedingOptions(entries=2, passes=2, first_passes=3, noisy=0, reca
 @pytest.fixture(scope="module")
 def problem():
     sim = slcp.Simulator(SCENE, slcp.Options(scaling="none"), device="cpu")
-    return ddp.Problem(sim, ddp.costs.flicking_finger(), horizon=15)
+    return ddp.Problem(sim, slcp.tasks.flicking_finger().cost, horizon=15)
 
 
 @pytest.fixture(scope="module")

@@ -114,5 +114,5 @@ def test_the_racing_car_in_both_precisions():
 def test_the_finger_at_rest_without_gravity_is_flat():
     sim = slcp.Simulator(slcp.scenes.flicking_finger(), slcp.Options(scaling="none"), device="cpu")
     params = sim.params.replace(gravity=(0.0, 0.0), sigma=0.1, step_size=0.05)
-    problem = ddp.Problem(sim, ddp.costs.flicking_finger(), 75, params)
+    problem = ddp.Problem(sim, slcp.tasks.flicking_finger().cost, 75, params)
     assert ddp.solve(problem, sim.scene.x0, np.zeros((75, 2))).status == ddp.Status.FLAT

@@ -1,9 +1,12 @@
 """One meaning for each word (docs/reference/glossary.md): other uses of them are not in sources and texts."""
 
+import ast
 import re
 
 import pytest
 from plan import LAYERS, ROOT, source_files
+
+import slcp_warp as slcp
 
 TEXTS = [ROOT / "README.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").rglob("*.md")]
 GLOSSARY = ROOT / "docs/reference/glossary.md"
@@ -90,3 +93,41 @@ def test_the_glossary_explains_each_word_once():
     words = re.findall(r"^\| ([^|]+) \|", GLOSSARY.read_text(encoding="utf-8"), re.MULTILINE)[2:]
     assert len(words) == len(set(words)) and words == sorted(words, key=str.lower)
     assert {"ensemble", "sweep", "specialised", "generic", "world", "scene", "policy", "pass"} <= set(words)
+
+
+OF_SCENES = (
+    "scenes",
+    "tasks",
+    "studies",
+    "paper",
+    "benchmarks",
+    "quickstart",
+)  # folders and files that name some
+NAMED = {*slcp.scenes.NAMED, *slcp.tasks.NAMED, "finger"}
+
+
+def named_in(source: str) -> list[str]:
+    """Scenes and tasks that a source names: texts, and long names of what it reads."""
+    found = []
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value in NAMED:
+            found.append(node.value)
+        name = node.id if isinstance(node, ast.Name) else node.attr if isinstance(node, ast.Attribute) else ""
+        if name in NAMED and "_" in name:
+            found.append(name)
+    return found
+
+
+def test_shared_code_names_no_scene_and_no_task():
+    sources = {
+        str(path.relative_to(ROOT)): path.read_text(encoding="utf-8") for path in source_files(*LAYERS)
+    }
+    shared = {name: text for name, text in sources.items() if not any(part in name for part in OF_SCENES)}
+    assert len(shared) > 250
+    assert {name: named_in(text) for name, text in shared.items() if named_in(text)} == {}
+
+
+def test_names_of_scenes_are_seen():
+    assert named_in('SECONDS = {"grasp": 0.6}') == ["grasp"]
+    assert named_in("cost = ddp.costs.flicking_finger()") == ["flicking_finger"]
+    assert named_in("np.stack(rows); slope = 1.0; print('a stack of boxes')") == []

@@ -40,7 +40,7 @@ def library():
 
 
 def problem():
-    return ddp.Problem(sim(), ddp.costs.flicking_finger(), 5)
+    return ddp.Problem(sim(), slcp.tasks.flicking_finger().cost, 5)
 
 
 def make_step(dtype, VX, VU):
@@ -61,7 +61,7 @@ class Plan:
 ROUND = (slcp.Shape("a", "ellipse", "disc", 0.1),)
 A, B = np.stack([np.eye(3)] * 2), np.zeros((2, 3))
 # name: (function, good arguments, names that an error may use for an argument)
-TASK = slcp.Task("turn", FINGER, ddp.costs.flicking_finger(), 5, slcp.Options(scaling="none"))
+TASK = slcp.Task("turn", FINGER, slcp.tasks.flicking_finger().cost, 5, slcp.Options(scaling="none"))
 CALLS = {
     "Body": (slcp.Body, {"name": "a", "mass": 1.0, "inertia": 1.0}, {}),
     "Body, free": (slcp.Body, {"name": "a", "mass": 1.0, "inertia": 1.0, "joint": "free",
@@ -126,16 +126,16 @@ CALLS = {
         {"state_weight": ("control_weight",)}),
     "ddp.Options": (ddp.Options, {}, {}),
     "Problem": (
-        ddp.Problem, {"dynamics": sim(), "cost": ddp.costs.flicking_finger(), "horizon": 5},
+        ddp.Problem, {"dynamics": sim(), "cost": slcp.tasks.flicking_finger().cost, "horizon": 5},
         {"dynamics": ("dynamics",)}),
     "Cost": (ddp.Cost, {"make": make_step}, {}),
     "plain": (ddp.costs.plain, {"make": make_step}, {}),
-    "flicking_finger": (ddp.costs.flicking_finger, {}, {}),
+    "flicking_finger": (slcp.tasks.flicking_finger, {}, {}),
     "quadratic": (ddp.costs.quadratic, {"Q": np.eye(6), "R": np.eye(2)}, {}),
     "Disturbances": (
         slcp.Disturbances, {}, {name: ("parameters", "start") for name in ("parameters", "start")}),
     "Task": (
-        slcp.Task, {"name": "turn", "scene": FINGER, "cost": ddp.costs.flicking_finger(), "horizon": 5},
+        slcp.Task, {"name": "turn", "scene": FINGER, "cost": slcp.tasks.flicking_finger().cost, "horizon": 5},
         {"start": ("state", "value"), "scene": ("cost",)}),
     "Term": (slcp.costs.Term, {"kind": "square", "weight": 1.0, "state": 2}, {"state": ("control",)}),
     "effort": (slcp.costs.effort, {"weight": 1.0}, {"weight": ("Term.weight",)}),

@@ -160,7 +160,7 @@ def test_ddp_of_the_finger_converges_from_zero_controls(device):
     sim = slcp.Simulator(
         scene("flicking_finger"), slcp.Options(scaling="none", integrator="trapezoidal"), device=device
     )
-    problem = ddp.Problem(sim, ddp.costs.flicking_finger(), horizon=75)
+    problem = ddp.Problem(sim, slcp.tasks.flicking_finger().cost, horizon=75)
     result = ddp.solve(problem, sim.scene.x0, np.zeros((75, 2)), ddp.Options(max_iterations=200))
     assert result.status == ddp.Status.CONVERGED
     assert result.cost < -30.0

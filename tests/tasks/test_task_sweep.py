@@ -171,7 +171,7 @@ def test_a_measure_of_a_users_function(device):
         ({"name": ""}, "Task.name is ''"),
         ({"scene": "push"}, "Task.scene is a str"),
         ({"cost": 1.0}, "Task.cost is a float"),
-        ({"cost": ddp.costs.flicking_finger()}, "Task.cost is for nx = 6, scene 'push_block' has 8"),
+        ({"cost": slcp.tasks.flicking_finger().cost}, "Task.cost is for nx = 6, scene 'push_block' has 8"),
         ({"horizon": 0}, "Task.horizon is 0"),
         ({"duration": -1.0}, "Task.duration is -1.0"),
         ({"options": "hard"}, "Task.options is a str"),

@@ -37,7 +37,7 @@ class Run:
 def problem(dtype: str, horizon: int = HORIZON) -> ddp.Problem:
     """The paper's problem from the canonical start."""
     sim = slcp.Simulator(slcp.scenes.flicking_finger(), PAPER, device="cpu", dtype=dtype)
-    return ddp.Problem(sim, ddp.costs.flicking_finger(), horizon=horizon, params=sim.params)
+    return ddp.Problem(sim, slcp.tasks.flicking_finger().cost, horizon=horizon, params=sim.params)
 
 
 def solve(space: ddp.Workspace, us: np.ndarray) -> Run:

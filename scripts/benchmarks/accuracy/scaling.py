@@ -152,7 +152,7 @@ def passes(problems: tuple[int, ...], repeats: int, dtype: str = "float32") -> R
     rows = []
     for device in devices():
         sim = slcp.Simulator(slcp.scenes.flicking_finger(), PAPER, device=device, dtype=dtype)
-        problem = ddp.Problem(sim, ddp.costs.flicking_finger(), horizon=HORIZON, params=sim.params)
+        problem = ddp.Problem(sim, slcp.tasks.flicking_finger().cost, horizon=HORIZON, params=sim.params)
         options = ddp.Options(max_iterations=PASSES, gradient_tolerance=0.0)
         size = 4 if dtype == "float32" else 8
         work = pass_work(3, 2, HORIZON, len(options.step_sizes), planned_work(sim), 6, size)

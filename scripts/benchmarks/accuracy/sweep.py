@@ -33,7 +33,7 @@ STATISTICS = {
 def controller() -> ddp.TrackingPolicy:
     """The finger's plan from the canonical start, u = 0, with its feedback."""
     sim = slcp.Simulator(slcp.scenes.flicking_finger(), PAPER, device="cpu", dtype="float64")
-    problem = ddp.Problem(sim, ddp.costs.flicking_finger(), horizon=HORIZON, params=sim.params)
+    problem = ddp.Problem(sim, slcp.tasks.flicking_finger().cost, horizon=HORIZON, params=sim.params)
     start = np.zeros((HORIZON, sim.nu))
     return ddp.TrackingPolicy(ddp.solve(problem, sim.scene.x0, start, ddp.Options(max_iterations=300)))
 

@@ -20,7 +20,7 @@ def bench_ddp(repeats: int = 9, horizon: int = 75, passes: int = 30) -> Rows:
     notes = [f"per problem and pass, from u = 0, N = {horizon}, {len(ddp.Options().step_sizes)} step sizes"]
     for dtype in DTYPES:
         sim = slcp.Simulator(scene, PAPER, device="cpu", dtype=dtype)
-        problem = ddp.Problem(sim, ddp.costs.flicking_finger(), horizon=horizon, params=sim.params)
+        problem = ddp.Problem(sim, slcp.tasks.flicking_finger().cost, horizon=horizon, params=sim.params)
         for method in ("second-order", "gauss-newton"):
             options = ddp.Options(max_iterations=passes, method=method, gradient_tolerance=0.0)
             for batch in (1, 32):

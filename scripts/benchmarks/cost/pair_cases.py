@@ -61,7 +61,7 @@ def linearization(dtype: str) -> tuple[Callable[[], Any], int]:
 def passes(dtype: str) -> tuple[Callable[[], Any], int]:
     """Thirty passes of full second-order DDP from the canonical start."""
     sim = slcp.Simulator(scene_of("flicking_finger"), slcp.Options(scaling="none"), device="cpu", dtype=dtype)
-    problem = ddp.Problem(sim, ddp.costs.flicking_finger(), horizon=75)
+    problem = ddp.Problem(sim, slcp.tasks.flicking_finger().cost, horizon=75)
     workspace = ddp.Workspace(problem, 1, ddp.Options(max_iterations=30))
     run = functools.partial(workspace.run, sim.scene.x0, np.zeros((75, sim.nu)))
     return run, run()
@@ -72,7 +72,7 @@ def sweep() -> tuple[Callable[[], Any], int]:
     spec = slcp.SweepSpec(worlds=2000, duration=2.5, parameter_sd={"mass": 0.1}, torque_sd=0.1)
     scene = scene_of("flicking_finger")
     sim = slcp.Simulator(scene, slcp.Options(scaling="none"), device="cpu")
-    problem = ddp.Problem(sim, ddp.costs.flicking_finger(), horizon=75)
+    problem = ddp.Problem(sim, slcp.tasks.flicking_finger().cost, horizon=75)
     plan = ddp.solve(problem, scene.x0, np.zeros((75, sim.nu)), ddp.Options(max_iterations=3))
     policy = ddp.TrackingPolicy(plan)
     return functools.partial(slcp.sweep, scene, policy, spec, device="cpu"), 2 * 2000 * STEPS

@@ -10,18 +10,18 @@ import slcp_warp as slcp
 from slcp_warp import ddp
 from slcp_warp.ddp.planning import random_starts
 
+from ..stages.library import Interrupted, build
+from ..stages.plan import optimise
+from ..stages.size import size_rows
+from ..stages.surface import surface
+from ..stages.sweep import cycle_states, run_sweep
+from ..stages.trajectory import simulate
+from ..support.paper import OBSERVED, RANGE, SCENE
 from ..support.records import Record
 from ..support.screen import progress_bar
-from ..support.simulators import OBSERVED, make_params, make_simulator, named_scene, start_states
+from ..support.simulators import make_params, make_simulator, named_scene, start_states
 from ..support.tables import write_csv
-from .library import Interrupted, build
-from .plan import optimise
-from .size import size_rows
-from .surface import FINGER_RANGE, surface
-from .sweep import cycle_states, run_sweep
-from .trajectory import simulate
 
-SCENE = "flicking_finger"
 NO_GAP = ("controls", "impulse")  # a kernel that also records gaps would have to be compiled
 
 
@@ -93,7 +93,7 @@ class Run:
         with progress_bar("controllers") as progress:
             try:
                 library = build(
-                    problem, self.scene.x0, self.scale.plans, options, OBSERVED[SCENE], progress=progress
+                    problem, self.scene.x0, self.scale.plans, options, OBSERVED, progress=progress
                 )
             except Interrupted as stopped:
                 stopped.library.save(self.file("library.npz"))
@@ -118,7 +118,7 @@ class Run:
     def surface(self) -> None:
         """Signed distances of finger tip and ellipse on a grid."""
         sim = make_simulator(self.scene, device=self.device, dtype="float32")
-        surface(sim, FINGER_RANGE, self.scale.resolution).save(self.file("surface.npz"))
+        surface(sim, RANGE, self.scale.resolution).save(self.file("surface.npz"))
 
     def spec(self, **changes: Any) -> slcp.SweepSpec:
         """A sweep from the limit cycle with the velocities kicked by a standard deviation of 2."""
@@ -126,7 +126,7 @@ class Run:
         values: dict[str, Any] = {
             "worlds": self.scale.worlds, "duration": self.scale.duration, "step_sizes": (0.05, 0.03),
             "start": cycle_states(starts, self.scene, self.scale.skip), "velocity_sd": 2.0,
-            "observe": OBSERVED[SCENE], "seed": self.seed,
+            "observe": OBSERVED, "seed": self.seed,
         }  # fmt: skip
         return slcp.SweepSpec(**(values | changes))
 
@@ -167,7 +167,7 @@ class Run:
 def finger_problem(device: str | None = None) -> ddp.Problem:
     """The paper's problem (section V)."""
     sim = make_simulator(named_scene(SCENE), device=device)
-    return ddp.Problem(sim, ddp.costs.flicking_finger(), horizon=75)
+    return ddp.Problem(sim, slcp.tasks.NAMED[SCENE]().cost, horizon=75)
 
 
 def _typical_world(run: slcp.Trajectory) -> slcp.Trajectory:
