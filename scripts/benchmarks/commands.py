@@ -160,7 +160,7 @@ def policies_command(
 @one_line_errors
 def watch_command(
     task: Annotated[str, typer.Argument(metavar="TASK", help="As of `slcp watch`.")],
-    policy: Annotated[Path | None, typer.Option(help="As of `slcp watch`.")] = None,
+    policy: Annotated[str | None, typer.Option(help="As of `slcp watch`.")] = None,
     seconds: Annotated[float, typer.Option(min=1.0, help="Left alone, and dragged.")] = 20.0,
     minutes: Annotated[float, typer.Option(min=0.1, help="Left alone after that.")] = 1.0,
     csv: Csv = None,

@@ -18,6 +18,7 @@ from .world import Subject, Worlds
 
 FRAME = 1.0 / 60.0  # s
 MARGIN = 0.6  # m around the mechanism at its start
+PLAN_EVERY = 5  # steps of a plan that is drawn
 MOST_STEPS = 8  # of a frame: what is later than that is dropped
 ZERO = "zero"
 Push = Callable[[Worlds], None]  # a button's push: changes the state
@@ -233,12 +234,26 @@ class Engine:
             "links": [line.round(4).tolist() for line in mechanism.links(q)],
             "springs": [[z.round(4).tolist() for z in mechanism.springs(one)] for one in q],
             "arrows": [self._arrows(w, q[w]) for w in range(len(q))],
-            "pull": self._pull_line(q), "paused": self.paused, "policy": self.policy,
+            "pull": self._pull_line(q), "plan": self._plan(), "paused": self.paused, "policy": self.policy,
             "variant": worlds.variant,
             "recording": self.recording is not None, "said": self.said, "status": worlds.status.tolist(),
             "state": worlds.state[0].round(5).tolist(), "control": self.controls[0].round(5).tolist(),
             "impulse": round(float(worlds.impulse[0, :, 0].sum()), 6),
         }  # fmt: skip
+
+    def _plan(self) -> list[list[list[float]]]:
+        """Where the plan of the first world takes the shapes that move, where the policy tells."""
+        intended = getattr(self.policies[self.policy], "intended", None)
+        if intended is None or not self.steps:
+            return []
+        worlds = self.worlds
+        try:
+            q = intended(0)[::PLAN_EVERY, : worlds.subject.scene.nv]
+        except ValueError:  # there is none yet
+            return []
+        centre, _ = worlds.mechanism.shapes(q)
+        moving = [s for s, shape in enumerate(worlds.subject.scene.structure.shapes) if shape.body >= 0]
+        return [centre[:, s].round(3).tolist() for s in moving]
 
     def _follow(self, q: np.ndarray) -> None:
         """Keep the mechanism in the picture: move it, and widen it where that is not enough."""

@@ -24,6 +24,7 @@ class Subject:
         scene, options: as of a simulator; options of the smoothed problem, or of the hard one alone.
         start: (B, nx), one a world.
         limits: of the controls, (lower, upper) or None.
+        task: where it is one.
     """
 
     name: str
@@ -31,6 +32,7 @@ class Subject:
     options: slcp.Options
     start: np.ndarray
     limits: Any = None
+    task: slcp.Task | None = None
 
     @classmethod
     def of(cls, task: slcp.Task, worlds: int = 1, seed: int = 0) -> "Subject":
@@ -40,7 +42,7 @@ class Subject:
             task.scene
         )
         start[1:] += noise[1:]
-        return cls(task.name, task.scene, task.options, start, task.control_limits)
+        return cls(task.name, task.scene, task.options, start, task.control_limits, task)
 
 
 class Worlds:

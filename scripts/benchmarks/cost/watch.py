@@ -7,7 +7,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,12 +18,12 @@ EVERY = 1.0 / 60.0  # s between two moves of the mouse
 
 
 @contextlib.contextmanager
-def served(task: str, policy: Path | None) -> Iterator[tuple[str, Any]]:
+def served(task: str, policy: str | None) -> Iterator[tuple[str, Any]]:
     """The address of a page that a process of its own serves, and that process."""
     import psutil
 
     command = [sys.executable, "-m", "slcp_warp.scripts.main", "watch", task, "--no-browser"]
-    command += [] if policy is None else ["--policy", str(policy)]
+    command += [] if policy is None else ["--policy", policy]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     try:
         assert process.stdout is not None
@@ -84,7 +83,7 @@ def phase(page: Page, process: Any, name: str, seconds: float, at: np.ndarray | 
     return row | {"move to picture ms": float(np.median(late)), "95 %": float(np.quantile(late, 0.95))}
 
 
-def bench_watch(task: str, policy: Path | None, seconds: float, minutes: float) -> list[dict[str, Any]]:
+def bench_watch(task: str, policy: str | None, seconds: float, minutes: float) -> list[dict[str, Any]]:
     """Left alone, dragged, and left alone for long, beside each other."""
     from websockets.sync.client import connect
     from websockets.typing import Origin

@@ -1,7 +1,7 @@
 "use strict";
 // The page of `slcp watch`: draws what the engine sends, sends what the watcher does. It computes no physics.
 const $ = id => document.getElementById(id);
-const colours = { driven: "#56B4E9", free: "#E69F00", fixed: "#9A9A9A", ink: "#222", spring: "#0072B2", force: "#D55E00", pull: "#CC79A7" };
+const colours = { driven: "#56B4E9", free: "#E69F00", fixed: "#9A9A9A", ink: "#222", spring: "#0072B2", force: "#D55E00", pull: "#CC79A7", plan: "#009E73" };
 let hello = null, picture = null, view = null, grabbed = false, drawn = 0;
 const history = { time: [], value: [] }, KEPT = 600;
 const socket = new WebSocket(location.href.replace(/^http/, "ws").replace(/[^/]*$/, "") + "socket");
@@ -140,6 +140,11 @@ function world(c, i) {
   c.strokeStyle = colours.force;
   const most = Math.max(1e-9, ...picture.arrows[i].map(a => Math.hypot(a[2], a[3]))), long = 0.15 * (picture.bounds[3] - picture.bounds[2]);
   for (const [x, y, fx, fy] of picture.arrows[i]) line(c, [[x, y], [x + fx / most * long, y + fy / most * long]]);
+  if (i === 0) {
+    c.strokeStyle = colours.plan;
+    c.lineWidth = 1.5 * view.ratio / s;
+    for (const path of picture.plan) line(c, path);
+  }
   const pull = picture.pull;
   if (pull && pull[0] === i) { c.strokeStyle = colours.pull; line(c, [[pull[1], pull[2]], [pull[3], pull[4]]]); }
   c.restore();

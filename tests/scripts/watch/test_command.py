@@ -23,6 +23,8 @@ pytest.importorskip("websockets", reason="the extra 'watch' is not installed")
         (["nothing_there"], "TASK is 'nothing_there'"),
         (["--replay", "missing.npz"], "missing.npz"),
         (["flicking_finger", "--policy", "missing.npz"], "missing.npz"),
+        (["flicking_finger", "--policy", "mpc:missing.npz"], "missing.npz"),
+        (["pendulum_chain", "--policy", "mpc"], "no task"),
     ],
 )
 def test_bad_input_is_one_line(arguments, said):

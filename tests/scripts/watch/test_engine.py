@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import slcp_warp as slcp
+from slcp_warp import ddp
 from slcp_warp.results.pictures.mechanism import Mechanism
 from slcp_warp.scripts.commands.watch import watched
 from slcp_warp.scripts.watch.acting import acting
@@ -153,6 +154,20 @@ def test_a_host_policy_is_asked_once_a_period():
     for k in range(8):
         held.controls(np.zeros((1, 6)), k, 0.05 * k)
     np.testing.assert_allclose(asked, [0.0, 0.2])
+
+
+def test_a_planning_policy_shows_what_it_intends():
+    """The path of the free ellipse's centre is its anchor; the finger's links move along theirs."""
+    task = slcp.tasks.flicking_finger()
+    policy = ddp.MPC(ddp.problem_of(task), passes=1, starts=["shift", "zero"])
+    engine = stepped(Engine(Subject.of(task), {"mpc": policy}), 3)
+    assert engine.policy == "mpc" and engine.said == ""
+    paths = np.array(engine.picture(1.0)["plan"])
+    assert paths.shape[0] == 3 and np.ptp(paths[0], axis=0).max() > 0.05
+    np.testing.assert_allclose(paths[2], np.tile([0.0, -3.0], (paths.shape[1], 1)), atol=1e-3)
+    engine.send(ME, {"do": "policy", "name": "zero"})
+    engine.advance(0.0)
+    assert engine.picture(1.0)["plan"] == []
 
 
 def test_a_record_is_the_run_to_the_last_bit(tmp_path):
