@@ -2,7 +2,7 @@
 // The page of `slcp watch`: draws what the engine sends, sends what the watcher does. It computes no physics.
 const $ = id => document.getElementById(id);
 const colours = { driven: "#56B4E9", free: "#E69F00", fixed: "#9A9A9A", ink: "#222", spring: "#0072B2", force: "#D55E00", pull: "#CC79A7", plan: "#009E73" };
-let hello = null, picture = null, view = null, grabbed = false, drawn = 0;
+let hello = null, picture = null, view = null, grabbed = false, drawn = 0, lost = false;
 const history = { time: [], value: [] }, KEPT = 600;
 const socket = new WebSocket(location.href.replace(/^http/, "ws").replace(/[^/]*$/, "") + "socket");
 const send = message => { if (socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message)); };
@@ -15,7 +15,10 @@ socket.onmessage = event => {
   picture = message;
   remember();
 };
-socket.onclose = event => { $("clock").textContent = "not connected" + (event.reason ? ": " + event.reason : ""); };
+socket.onclose = event => {
+  lost = true;  // no picture that is still to be drawn writes over this
+  $("clock").textContent = "not connected" + (event.reason ? ": " + event.reason : "");
+};
 
 function build() {
   $("name").textContent = hello.hello;
@@ -104,7 +107,7 @@ $("stage").onpointercancel = release;
 
 function draw() {
   requestAnimationFrame(draw);
-  if (!hello || drawn === picture.frame) return;
+  if (!hello || lost || drawn === picture.frame) return;
   drawn = picture.frame;
   const c = fit($("stage"));
   c.setTransform(1, 0, 0, 1, 0, 0);
