@@ -6,7 +6,11 @@ smoothed noise. The best plan is kept. Without the last two a chain settles in p
 of passive plans attracts a controller to them.
 """
 
+import functools
+import json
+import os
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
@@ -15,13 +19,19 @@ import numpy as np
 from slcp_warp import Simulator
 from slcp_warp.inputs.checks import array, function, instance, number, whole
 from slcp_warp.inputs.errors import ArgumentError, ArgumentTypeError
+from slcp_warp.runs.sequence import step_of
+from slcp_warp.runs.stopping import Stop, on_signals
+from slcp_warp.runs.store import Store
 
 from ..options import Options
 from ..problem import Problem
 from ..workspace import Workspace
 from .entries import scene_digest
+from .kept import kept_shifts
 from .library import Library
 from .nearest import wrap
+
+STATE = ("x", "us", "xs", "K", "lower", "upper", "cost", "gain")
 
 
 @dataclass(frozen=True)
@@ -106,9 +116,14 @@ def build_library(
     count: int,
     options: RecedingOptions | None = None,
     progress: Callable[[int, int], None] | None = None,
+    *,
+    out: str | os.PathLike[str] | None = None,
     **changes: Any,
 ) -> Library:
     """Propagate receding-horizon chains until the library has `count` entries.
+
+    With ``out`` every shift is kept in that folder as soon as it is planned. The same call goes on from
+    there, after a kill too, and gives the same library bit for bit; so does one with another `count`.
 
     Args:
         problem: dynamics, cost and horizon of every plan; the dynamics is a `Simulator`.
@@ -116,11 +131,13 @@ def build_library(
         count: entries wanted.
         options: how; or single fields of it as keywords.
         progress: called with (entries so far, count) after every shift.
+        out: a folder for the shifts (needs the extra `data`); one of another library is refused.
         changes: fields of `RecedingOptions` (offset=4, ...).
 
     Raises:
-        ValueError: illegal options. A keyboard interrupt returns what there is if there are entries, else is
-            raised.
+        ValueError: illegal options. A keyboard interrupt, and with ``out`` SIGTERM too, returns what there is
+            if there are entries, else is raised.
+        FileError: the folder is of another library, damaged, full or gone.
     """
     whole("count", count)
     instance("options", options, RecedingOptions | None, "a ddp.RecedingOptions")
@@ -133,17 +150,46 @@ def build_library(
         raise ArgumentError(f"RecedingOptions has no {sorted(unknown)}; there are {names}")
     options = RecedingOptions(**changes) if options is None else options
     chains = _Chains(problem, array("x0", x0, finite=False), options)
-    chains.first_plans()
-    try:
-        while chains.stored < count:
-            if progress is not None:
-                progress(min(chains.stored, count), count)
-            chains.store()
-            chains.shift()
-    except KeyboardInterrupt:
-        if not chains.stored:
-            raise
+    kept = None if out is None else kept_shifts(out, problem, chains.x, options)
+    stop = Stop()
+    with on_signals(stop) if out is not None else nullcontext():
+        try:
+            _propagate(chains, count, kept, stop, progress)
+        except KeyboardInterrupt:
+            stop()
+    if stop and not chains.stored:
+        raise KeyboardInterrupt
     return chains.library(count)
+
+
+def _propagate(
+    chains: "_Chains",
+    count: int,
+    kept: Store | None,
+    stop: Stop,
+    progress: Callable[[int, int], None] | None,
+) -> None:
+    """First plans, then shifts until there are enough entries; those that are kept are not planned again."""
+    _plan(chains, kept, chains.first_plans)
+    while chains.stored < count and not stop:
+        if progress is not None:
+            progress(min(chains.stored, count), count)
+        chains.store()
+        _plan(chains, kept, chains.shift)
+
+
+def _plan(chains: "_Chains", kept: Store | None, plan: Callable[[], None]) -> None:
+    if kept is None:
+        plan()
+        return
+
+    def compute() -> dict[str, np.ndarray]:
+        plan()
+        return chains.columns()
+
+    columns, found = step_of(kept, chains.index, compute)
+    if found:
+        chains.restore(columns)
 
 
 class _Chains:
@@ -167,14 +213,30 @@ class _Chains:
         self.rng = np.random.default_rng(options.seed)
         self.x = np.broadcast_to(x0, (options.chains, problem.nx)).copy()
         self.starts = 1 + options.recalled + options.noisy
-        batch = options.chains * self.starts
-        solver = options.solver
-        self.shifting = Workspace(problem, batch, _limited(solver, options.passes))
         self.plans = Plans()
         self.entries: list[dict[str, Any]] = []
         self.stored = 0
         self.steps = 0
         self.index = 0
+
+    @functools.cached_property
+    def shifting(self) -> Workspace:
+        """What plans a shift."""
+        options = self.options
+        return Workspace(self.problem, options.chains * self.starts, _limited(options.solver, options.passes))
+
+    def columns(self) -> dict[str, np.ndarray]:
+        """What the next shift depends on, beside the plans kept so far: a row a chain."""
+        random = json.dumps(self.rng.bit_generator.state)
+        columns = {name: getattr(self, name) for name in STATE}
+        return {"chain": np.arange(len(self.x)), **columns, "random": np.full(len(self.x), random)}
+
+    def restore(self, columns: dict[str, np.ndarray]) -> None:
+        """Be as when `columns` was called."""
+        for name in STATE:
+            setattr(self, name, columns[name])
+        self.steps = self.index * self.options.offset
+        self.rng.bit_generator.state = json.loads(str(columns["random"][0]))
 
     def first_plans(self) -> None:
         """The first plan of every chain: from zero and from noise, to convergence."""
@@ -213,7 +275,6 @@ class _Chains:
         self.lower, self.upper = result.lower[best], result.upper[best]
         self.cost = result.cost[best]
         self.gain = self._passive_cost() - self.cost
-        self.choice = best % self.starts
 
     def _passive_cost(self) -> np.ndarray:
         """Cost of zero controls from every chain's state."""

@@ -6,6 +6,7 @@ them is luck. Here the library is rolled out from kicked states, the worlds that
 new chains start in them.
 """
 
+import os
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -15,8 +16,11 @@ import numpy as np
 from slcp_warp import Parameters, Simulator
 from slcp_warp.inputs.checks import array, function, instance, number, whole
 from slcp_warp.inputs.errors import ArgumentError
+from slcp_warp.runs.sequence import step_of
+from slcp_warp.runs.store import Store
 
 from ..problem import Problem
+from .kept import kept_rounds
 from .library import Library, concatenate
 from .receding import RecedingOptions, build_library
 
@@ -82,8 +86,12 @@ def build_refined(
     options: RecedingOptions | None = None,
     sim: Simulator | None = None,
     progress: Callable[[int, int], None] | None = None,
+    *,
+    out: str | os.PathLike[str] | None = None,
 ) -> Library:
     """A library of `count` entries: a part as `build_library` makes it, the rest in rounds from stuck states.
+
+    With ``out`` every shift of every round is kept in that folder; the same call goes on from there.
 
     Args:
         problem, x0, count, progress: as for `build_library`.
@@ -91,6 +99,7 @@ def build_refined(
         rounds: 0 gives `build_library`.
         options: of the first part; the new chains differ in their starts and are not kicked.
         sim: what the library is tried on (another precision, say), default the problem's dynamics.
+        out: as for `build_library`.
 
     A keyboard interrupt returns what there is if there are entries, else is raised.
     """
@@ -104,6 +113,10 @@ def build_refined(
     plans = -(-count // options.entries)
     each = 0 if rounds == 0 else int(plans * (1.0 - FIRST_SHARE) / rounds)
     parts = [count - rounds * each * options.entries, *[each * options.entries] * rounds]
+    tried = problem.dynamics if sim is None else sim
+    kept = None
+    if out is not None:
+        kept = kept_rounds(out, problem, array("x0", x0), options, count, rounds, score, tried)
     done, library = 0, None
     for k, part in enumerate(parts):
         if part < 1:
@@ -113,19 +126,18 @@ def build_refined(
             if progress is not None:
                 progress(before + stored, count)
 
+        below = None if kept is None else kept.folder / "rounds" / f"{k:03d}"
         try:
             if library is None:
-                library = build_library(problem, x0, part, options, report)
+                library = build_library(problem, x0, part, options, report, out=below)
             else:
                 chains = max(1, each // SHIFTS)
-                seed = options.seed + 1000 * k
-                tried = problem.dynamics if sim is None else sim
-                x = stuck_states(library, tried, score, chains, seed, params=problem.params)
                 settings = replace(
-                    options, chains=chains, seed=seed, perturb_every=0, first_passes=60, noisy=3
-                )
-                new = build_library(problem, x, part, settings, report)
-                library = concatenate([library, new])
+                    options, chains=chains, seed=options.seed + 1000 * k, perturb_every=0, first_passes=60,
+                    noisy=3,
+                )  # fmt: skip
+                x = _starts(kept, k, library, tried, score, settings, problem.params)
+                library = concatenate([library, build_library(problem, x, part, settings, report, out=below)])
         except KeyboardInterrupt:
             if library is None:
                 raise
@@ -136,3 +148,20 @@ def build_refined(
     assert library is not None
     library.header["rounds"] = rounds
     return library
+
+
+def _starts(
+    kept: Store | None,
+    k: int,
+    library: Library,
+    tried: Simulator,
+    score: Callable[[np.ndarray], np.ndarray],
+    settings: RecedingOptions,
+    params: Any,
+) -> np.ndarray:
+    """The states (chains, nx) in which the chains of round k start."""
+
+    def compute() -> dict[str, np.ndarray]:
+        return {"x": stuck_states(library, tried, score, settings.chains, settings.seed, params=params)}
+
+    return compute()["x"] if kept is None else step_of(kept, k - 1, compute)[0]["x"]

@@ -7,7 +7,7 @@ import typer
 
 import slcp_warp as slcp
 
-from ..stages.library import Interrupted, build, library_table, task_options
+from ..stages.library import Interrupted, build, kept_beside, library_table, task_options
 from ..stages.plan import task_problem
 from ..support.options import Device, Dtype, Scaling, Seed, Settings, Sigma, Start, StepSize, TaskIntegrator
 from ..support.screen import INTERRUPTED, console, one_line_errors, prepared, progress_bar, timed, wrote
@@ -41,10 +41,18 @@ def library_command(
     integrator: TaskIntegrator = None,
     settings: Settings = None,
     seed: Seed = 0,
+    resume: Annotated[
+        bool,
+        typer.Option("--resume", help="Go on with the plans that an ended run of the same options kept."),
+    ] = False,
     device: Device = None,
     dtype: Dtype = "float64",
 ) -> None:
-    """Build a trajectory library of a task. Ctrl-C saves the entries there are."""
+    """Build a trajectory library of a task.
+
+    Every plan is kept in a folder beside the file (.kept) until the library is complete; Ctrl-C saves the
+    entries there are.
+    """
     path = prepared(out)
     chosen = slcp.load_task(task)
     problem = task_problem(chosen, horizon, sigma, step_size, settings, scaling, device, dtype, integrator)
@@ -55,13 +63,16 @@ def library_command(
     )  # fmt: skip
     observe = observed_state(chosen)
     try:
-        with timed("library"), progress_bar("controllers") as progress:
-            library = build(problem, x0, plans, options, observe, rounds, progress)
+        with timed("library"), kept_beside(path, resume) as kept:
+            with progress_bar("controllers") as progress:
+                library = build(problem, x0, plans, options, observe, rounds, progress, kept)
+            library.save(path)
     except Interrupted as stopped:
         stopped.library.save(path)
-        typer.echo(f"slcp: interrupted; saved the {len(stopped.library)} controllers there were", err=True)
+        more = "; --resume goes on" if path.with_suffix(".kept").exists() else ""
+        said = f"slcp: interrupted; saved the {len(stopped.library)} controllers there were{more}"
+        typer.echo(said, err=True)
         wrote(path)
         raise typer.Exit(INTERRUPTED) from None
-    library.save(path)
     console.print(library_table(library, observe))
     wrote(path)

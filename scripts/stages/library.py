@@ -1,6 +1,10 @@
 """A library of local controllers by receding horizon (section IV.C)."""
 
-from collections.abc import Callable
+import importlib.util
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,6 +14,7 @@ from rich.table import Table
 import slcp_warp as slcp
 from slcp_warp import ddp
 from slcp_warp.ddp.planning import noise_scale
+from slcp_warp.runs.manifest import NAME as MANIFEST
 
 
 class Interrupted(Exception):
@@ -28,6 +33,7 @@ def build(
     observe: int | None,
     rounds: int = 5,
     progress: Callable[[int, int], None] | None = None,
+    out: Path | None = None,
 ) -> ddp.Library:
     """A library of `plans` plans with `options.entries` controllers of each.
 
@@ -35,6 +41,7 @@ def build(
         observe: the state whose advance says where the controller gets somewhere; None: there are no rounds.
         rounds: how often new chains start where the controller gets nowhere (see `ddp.build_refined`); the
             test rollouts are in single precision.
+        out: a folder that keeps every plan, from which the same call goes on.
 
     Raises:
         Interrupted: by Ctrl-C, with what there was.
@@ -45,13 +52,40 @@ def build(
     sim = problem.dynamics
     trial = slcp.Simulator(sim.scene, sim.options, device=sim.device, dtype="float32")
     if observe is None:
-        library = ddp.build_library(problem, x0, count, options, progress)
+        library = ddp.build_library(problem, x0, count, options, progress, out=out)
     else:
         score = ddp.turning(observe)
-        library = ddp.build_refined(problem, x0, count, score, rounds, options, trial, progress)
+        library = ddp.build_refined(problem, x0, count, score, rounds, options, trial, progress, out=out)
     if len(library) < count:
         raise Interrupted(library)
     return library
+
+
+@contextmanager
+def kept_beside(path: Path, resume: bool) -> Iterator[Path | None]:
+    """The folder beside a library's file that keeps every plan while it is built; gone once it is complete.
+
+    None where it cannot be had: the extra `data` is not installed, and not asked for.
+
+    Raises:
+        ValueError: it is there from an earlier run, and that is not to go on.
+    """
+    folder = path.with_suffix(".kept")
+    if folder.exists() and not resume:
+        raise ValueError(f"{folder} is what an earlier run left: --resume goes on from it; else remove it")
+    before = folder.exists()
+    if before and not (folder / MANIFEST).exists():
+        raise ValueError(f"{folder} is nothing that a run has left; choose another name for the file")
+    if not resume and not all(importlib.util.find_spec(name) for name in ("pyarrow", "filelock")):
+        yield None
+        return
+    try:
+        yield folder
+    except BaseException:
+        if not before and not any(folder.rglob("*.parquet")):
+            shutil.rmtree(folder, ignore_errors=True)
+        raise
+    shutil.rmtree(folder, ignore_errors=True)
 
 
 def task_options(task: slcp.Task, **given: Any) -> ddp.RecedingOptions:

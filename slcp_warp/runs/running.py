@@ -8,10 +8,10 @@ from .books import Books
 from .executors import workers_of
 from .job import Job
 from .progress import Progress
-from .spreading import PAUSE, Spread, travelling
+from .spreading import Spread, travelling
 from .stopping import Stop, on_signals
 from .store import Store
-from .worker import compute
+from .worker import PAUSE, compute
 
 
 @dataclass(frozen=True)

@@ -10,12 +10,11 @@ from .executors import AHEAD, WorkerError, Workers
 from .job import Job, Plain, plain, rebuild, sha256_of
 from .stopping import GRACE, Stop
 from .store import Store
-from .worker import Done, Share, work
+from .worker import PAUSE, Done, Share, work
 
 ATTEMPTS = 5  # times that a chunk's worker may end
 POLL, SLOW = 0.005, 0.1  # seconds between looks at futures, and at those of a scheduler
 LISTED = 1.0  # between looks at the parts of workers that report at their end
-PAUSE = 0.2  # before asking again for chunks that others compute
 
 
 def travelling(job: Job, store: Store) -> Plain:

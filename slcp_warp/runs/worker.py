@@ -12,6 +12,8 @@ from ..storage.files import FileError
 from .job import Job, Plain, rebuild
 from .store import Store
 
+PAUSE = 0.2  # seconds before asking again for chunks that others compute
+
 
 class Done(NamedTuple):
     """A chunk that a worker had in its hands; `tally` is None where it is there already, or another's."""

@@ -18,7 +18,6 @@ from typer.testing import CliRunner
 
 import slcp_warp as slcp
 from slcp_warp import ddp, scenes
-from slcp_warp.ddp.library import refinement
 from slcp_warp.results.pictures.frames import frame_steps
 from slcp_warp.results.pictures.mechanism import Mechanism
 from slcp_warp.results.simulated import Simulated
@@ -291,24 +290,6 @@ def test_records_of_other_versions_and_contents(tmp_path):
 
 
 # --- Ctrl-C ---
-
-
-def test_interrupted_library_is_saved(tmp_path, monkeypatch):
-    original = refinement.build_library
-
-    def interrupted(problem, x0, count, options, progress=None):
-        def stop(done, total):
-            if done >= 2:
-                raise KeyboardInterrupt
-
-        return original(problem, x0, count, options, progress=stop)
-
-    monkeypatch.setattr(refinement, "build_library", interrupted)
-    out = tmp_path / "part.npz"
-    result = call("library", "--plans", 9, "--entries", 2, "--passes", 2, "--horizon", 15, "--device", "cpu",
-                  "--out", out, code=130)  # fmt: skip
-    assert "interrupted; saved the 2 controllers" in result.stderr
-    assert len(ddp.Library.load(out)) == 2
 
 
 def test_interrupted_sweep_is_saved(made, tmp_path, monkeypatch):

@@ -1,0 +1,44 @@
+"""`slcp library`: what an interrupt leaves, and what goes on from it."""
+
+import pytest
+
+pytest.importorskip("typer")
+pytest.importorskip("pyarrow")
+
+from test_cli import call
+
+from slcp_warp import ddp
+from slcp_warp.ddp.library import refinement
+from slcp_warp.ddp.library.entries import NEEDED
+
+
+def test_an_interrupted_library_is_saved_and_goes_on(tmp_path, monkeypatch):
+    original = refinement.build_library
+
+    def interrupted(problem, x0, count, options, progress=None, out=None):
+        def stop(done, total):
+            if done >= 2:
+                raise KeyboardInterrupt
+
+        return original(problem, x0, count, options, progress=stop, out=out)
+
+    out, kept, size = tmp_path / "part.npz", tmp_path / "part.kept", ("--entries", 2, "--passes", 2)
+    arguments = ("library", "--plans", 5, *size, "--rounds", 0, "--horizon", 15, "--device", "cpu", "--out")
+    with monkeypatch.context() as patch:
+        patch.setattr(refinement, "build_library", interrupted)
+        result = call(*arguments, out, code=130)
+    assert "interrupted; saved the 2 controllers there were; --resume goes on" in result.stderr
+    assert len(ddp.Library.load(out)) == 2 and kept.is_dir()
+
+    assert f"{kept} is what an earlier run left: --resume" in call(*arguments, out, code=2).stderr
+    assert "options.seed: 0 there, 1 here" in call(*arguments, out, "--seed", 1, "--resume", code=2).stderr
+    call(*arguments, out, "--resume")
+    own = tmp_path / "own.npz"
+    own.with_suffix(".kept").mkdir()
+    assert "own.kept is nothing that a run has left" in call(*arguments, own, "--resume", code=2).stderr
+    own.with_suffix(".kept").rmdir()
+    call(*arguments, tmp_path / "whole.npz")
+    assert list(tmp_path.glob("*.kept")) == []
+    for name in NEEDED:
+        found, whole = (getattr(ddp.Library.load(p), name) for p in (out, tmp_path / "whole.npz"))
+        assert len(found) == len(whole) and found.tobytes() == whole.tobytes()
