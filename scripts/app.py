@@ -12,8 +12,10 @@ from .commands.chart import chart_command
 from .commands.compare import compare_command
 from .commands.compile import compile_command
 from .commands.library import library_command
+from .commands.map import map_command
 from .commands.optimise import optimise_command
 from .commands.scenes import scenes_command
+from .commands.sensitivity import sensitivity_command
 from .commands.simulate import simulate_command
 from .commands.sweep import sweep_command
 from .commands.tasks import tasks_command
@@ -47,6 +49,8 @@ app.command("optimise")(optimise_command)
 app.command("library")(library_command)
 app.command("sweep")(sweep_command)
 app.command("compare")(compare_command)
+app.command("sensitivity")(sensitivity_command)
+app.command("map")(map_command)
 app.command("chart")(chart_command)
 app.command("watch")(watch_command)
 app.command("quickstart")(quickstart_command)

@@ -11,6 +11,8 @@ from .description.scene import Scene
 from .description.scene_file import SceneFileError, load_scene, save_scene
 from .ensembles.outcome import Report
 from .ensembles.particles import ParticleRollout, Particles, particle_rollout, particles
+from .ensembles.questions.robustness_map import RobustnessMap, robustness_map
+from .ensembles.questions.sensitivity import sensitivity
 from .ensembles.questions.sequential import SequentialComparison, compare_sequentially
 from .ensembles.report import SweepReport
 from .ensembles.spec import SweepSpec
@@ -58,6 +60,7 @@ __all__ = [
     "Push",
     "Pushforward",
     "Report",
+    "RobustnessMap",
     "Scene",
     "SceneError",
     "SceneFileError",
@@ -90,10 +93,12 @@ __all__ = [
     "particles",
     "policies",
     "residual",
+    "robustness_map",
     "runs",
     "save_scene",
     "save_task",
     "scenes",
+    "sensitivity",
     "solve_complementarity",
     "sweep",
     "tasks",

@@ -14,7 +14,7 @@ from ..support.paper import SCENE
 from ..support.records import Record, RecordError, load_record, read_kind
 from ..support.simulators import mechanism_name
 from ..support.tables import has_columns, is_results
-from . import cycle, report, space, sweep
+from . import cycle, questions, report, space, sweep
 from . import ddp as plans
 
 SHOWN = 8.0  # seconds of an animation
@@ -42,6 +42,11 @@ class Order:
         return (self.out / self.path.stem).with_suffix(".png")
 
 
+TABLES = {  # which columns a .csv of a kind has
+    "report": {"policy", "arm"},
+    "sensitivity": {"drawn", "first", "total"},
+    "map": {"x_value", "y_value", "success"},
+}
 Drawer = Callable[[Order], list[Path]]
 
 
@@ -69,14 +74,14 @@ def chart_files(
 
 
 def file_kind(path: Path) -> str:
-    """What a file holds: "results" of the studies, a "report", a "size" table, or what `read_kind` says."""
+    """What a file holds: "results" of the studies, one of TABLES, "size", or what `read_kind` says."""
     if path.suffix == ".parquet":
         return "report"
     if path.suffix != ".csv":
         return read_kind(path)
     if is_results(path):
         return "results"
-    return "report" if has_columns(path, {"policy", "arm"}) else "size"
+    return next((kind for kind, columns in TABLES.items() if has_columns(path, columns)), "size")
 
 
 def _surface(order: Order) -> list[Path]:
@@ -100,6 +105,14 @@ def _sweep(order: Order) -> list[Path]:
 
 def _report(order: Order) -> list[Path]:
     return [report.report_chart(order.path, order.picture)]
+
+
+def _sensitivity(order: Order) -> list[Path]:
+    return [questions.sensitivity_chart(order.path, order.picture)]
+
+
+def _map(order: Order) -> list[Path]:
+    return [questions.map_chart(order.path, order.picture)]
 
 
 def _size(order: Order) -> list[Path]:
@@ -133,6 +146,8 @@ DRAWERS: dict[str, Drawer] = {
     "plan": _plan,
     "sweep": _sweep,
     "report": _report,
+    "sensitivity": _sensitivity,
+    "map": _map,
     "size": _size,
     "trajectory": _trajectory,
 }

@@ -27,7 +27,7 @@ def chart_command(
         if path.is_dir():
             inside = [
                 file
-                for name in ("*.npz", "size*.csv", "report*.csv", RESULTS)
+                for name in ("*.npz", "size*.csv", "report*.csv", "sensitivity*.csv", "map*.csv", RESULTS)
                 for file in sorted(path.glob(name))
                 if not file.name.startswith(".")
             ]

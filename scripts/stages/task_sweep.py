@@ -13,6 +13,7 @@ import slcp_warp as slcp
 from slcp_warp.ensembles.chunks import ARMS, KEYS
 from slcp_warp.ensembles.statistics.source import MemorySource
 from slcp_warp.ensembles.stored.sweep import StoredSweep
+from slcp_warp.runs import manifest
 from slcp_warp.storage.files import FileError
 
 from ..support.records import load_policy
@@ -83,7 +84,7 @@ def load_report(path: Path) -> slcp.Report:
     Raises:
         FileError: no report, or one that is damaged.
     """
-    if path.is_dir():
+    if (path / manifest.NAME).is_file():
         return StoredSweep.resume(path).report()
     return slcp.Report.load(path) if path.suffix in (".npz", ".parquet") else _from_csv(path)
 

@@ -77,6 +77,7 @@ def test_a_task_of_a_file_goes_end_to_end(tmp_path):
         compared["success"], parts["plan", "hard", 0.02, "disturbed"]["success"][: len(compared["world"])]
     )
     assert "--policy is of a task with --sequential" in fails("compare", TOML, *both)
+    check_questions(tmp_path, parts)
     assert "has the policy" in fails("compare", _one_policy(tmp_path))
     assert "there is no policy 'mpc'" in fails("compare", tmp_path / "report.csv", "mpc", "plan")
     still = ("--velocity-sd", 0, "--torque-sd", 0, "--vary", "mass=0", "--duration", 0.4, "--worlds", 3)
@@ -86,6 +87,34 @@ def test_a_task_of_a_file_goes_end_to_end(tmp_path):
     assert (
         np.ptp(own["place"]) == 0.0 and own["place"].max() < 0.45
     )  # nothing is disturbed, and it ends early
+
+
+def check_questions(folder: Path, parts: dict) -> None:
+    """What matters, and where it holds: tables and their pictures."""
+    plan, own = folder / "plan.npz", ("--device", "cpu", "--out")
+    say = call("sensitivity", TOML, "--policy", plan, "--measure", "place", "--samples", 32, *own,
+               folder / "sensitivity.csv").output  # fmt: skip
+    assert "of place under plan" in say and "mass_1" in say
+    call(
+        "sensitivity", folder / "report.csv", "--policy", "library", "--out", folder / "sensitivity_free.csv"
+    )
+    assert ",library,64," in (folder / "sensitivity_free.csv").read_text()
+    call("map", TOML, "--policy", plan, "--x", "mass=0.5:1:2", "--y", "friction=1:2:2", "--worlds", 64, *own,
+         folder / "map.csv")  # fmt: skip
+    lines = [line.split(",") for line in (folder / "map.csv").read_text().splitlines()]
+    same = next(line for line in lines if line[:4] == ["mass", "friction", "1.0", "1.0"])
+    assert float(same[5]) == parts["plan", "hard", 0.02, "disturbed"]["success"].mean()
+    tables = [folder / f"{name}.csv" for name in ("sensitivity", "sensitivity_free", "map")]
+    call("chart", *tables, "--out", folder / "answers")
+    for table in tables:
+        pixels = np.asarray(Image.open(folder / "answers" / f"{table.stem}.png").convert("L"))
+        assert pixels.std() > 5.0 and pixels[0, 0] == 255, table
+    tables[2].write_text("\n".join(",".join(line) for line in lines[:-1]) + "\n")
+    assert "has 3 cells; 2 x 2 are needed" in fails("chart", tables[2])
+    assert "--policy is missing" in fails("sensitivity", TOML)
+    bad = ("map", TOML, "--policy", plan, "--y", "mass=1:2:3", "--x")
+    assert "name=low:high:count is needed" in fails(*bad, "friction=1:2")
+    assert "x is 'weight'; a state" in fails(*bad, "weight=1:2:2")
 
 
 def parts_of(path: Path) -> dict:

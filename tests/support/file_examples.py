@@ -16,6 +16,9 @@ from slcp_warp.ensembles.statistics.source import MemorySource
 from slcp_warp.results.simulated import Simulated
 from slcp_warp.scripts.benchmarks.accuracy.results import read_results
 from slcp_warp.scripts.benchmarks.stability.report import KEYS, NUMBERS, read_rows
+from slcp_warp.scripts.charts.questions import MAP_COLUMNS as MAP
+from slcp_warp.scripts.charts.questions import SENSITIVITY_COLUMNS as SENSITIVITY
+from slcp_warp.scripts.charts.questions import read_map, read_sensitivity
 from slcp_warp.scripts.charts.sweep import SIZE_COLUMNS, read_sizes
 from slcp_warp.scripts.stages.task_sweep import load_report
 from slcp_warp.scripts.support.records import Record, RecordError, load_record
@@ -154,6 +157,10 @@ def stability(path: Path) -> None:
     write_csv(path, [row])
 
 
+def answer(columns: tuple[str, ...], **values: str) -> Any:
+    return lambda path: write_csv(path, [dict.fromkeys(columns, 0.5) | values])
+
+
 FORMATS = {
     "library": Format(".npz", lambda p: library().save(p), ddp.Library.load, ddp.LibraryError),
     "sweep": Format(".npz", lambda p: sweep_report().save(p), slcp.SweepReport.load, slcp.FileError),
@@ -171,6 +178,8 @@ FORMATS = {
     "toml": Format(".toml", lambda p: p.write_text(TOML), slcp.load_scene, slcp.SceneFileError),
     "mjcf": Format(".xml", mjcf, slcp.load_scene, slcp.MjcfError),
     "results": Format(".csv", results, read_results, slcp.FileError),
+    "sensitivity": Format(".csv", answer(SENSITIVITY, drawn="mass_0"), read_sensitivity, slcp.FileError),
+    "map": Format(".csv", answer(MAP, x="mass", y="friction"), read_map, slcp.FileError),
     "sizes": Format(".csv", sizes, read_sizes, slcp.FileError),
     "stability": Format(".csv", stability, lambda p: read_rows([p]), slcp.FileError),
 }

@@ -272,3 +272,60 @@ def test_a_sequential_comparison_stops_when_it_is_decided(device):
         slcp.compare_sequentially(task(), {"a": plan()})
     with pytest.raises(slcp.InputError, match="measure is 'speed'"):
         slcp.compare_sequentially(task(), policies, measure="speed")
+
+
+def test_sensitivity_names_what_matters(device):
+    """Of the start's place nothing but its own draw; of the end the same as a sweep's table says."""
+    noise = {"parameters": {"mass": 0.1, "inertia": 0.1}, "start": {"pusher.shift": 0.02}, "torque": 0.3}
+    own = task(
+        measures={"begin": m.initial("pusher.shift"), "final": MEASURES["final"]},
+        disturbances=slcp.Disturbances(**noise),
+    )
+    policy, options = {"push": plan()}, {"case": slcp.Options(), "device": device}
+    found = slcp.sensitivity(own, policy, measure="begin", samples=64, **options)
+    drawn = ("mass_0, inertia_0", "mass_1, inertia_1", "pusher.shift", "noise of steps")
+    assert set(found.names) == set(drawn) and found.worlds == 64 * 6 and found.policy == "push"
+    for name, first, total in zip(found.names, found.first, found.total):
+        assert total[0] == pytest.approx(1.0 if name == "pusher.shift" else 0.0, abs=0.3)
+        assert (name == "pusher.shift") or (first == total == (0.0, 0.0, 0.0))
+    found = slcp.sensitivity(own, policy, measure="final", samples=512, seed=1, **options)
+    assert found.names[found.order[0]].startswith("mass") and sum(each[0] for each in found.first) < 1.2
+    rows = slcp.sweep(own, policy, worlds=2048, seed=2, cases=slcp.Options(), device=device)
+    free = rows.sensitivity("final")
+    for name, (value, low, high) in zip(free.names, free.first):
+        first = found.first[found.names.index(name)]
+        assert abs(value - first[0]) < 2.0 * (high - low + first[2] - first[1])
+    with pytest.raises(slcp.InputError, match="nothing is drawn"):
+        slcp.sensitivity(task(disturbances=slcp.Disturbances()), policy, **options)
+    with pytest.raises(slcp.InputError, match="policy is .*; one is needed"):
+        slcp.sensitivity(own, {"a": plan(), "b": plan()}, **options)
+
+
+def test_a_map_has_the_sweep_in_its_middle(device):
+    """The cell without a change is the sweep; what is heavier is pushed less far."""
+    options = {"worlds": 100, "seed": 3, "device": device}
+    x, y = ("block.mass", (0.25, 1.0, 4.0)), ("pusher.shift", (-0.1, 0.0))
+    found = slcp.robustness_map(task(), {"push": plan(0.6)}, x, y, case=slcp.Options(), **options)
+    sweep = slcp.sweep(task(), plan(0.6), cases=slcp.Options(), **options)
+    assert found.successes[1, 1] == sweep.part("policy")["success"].sum()
+    assert found.successes.shape == (2, 3) and found.successes[1, 0] > found.successes[1, 2]
+    share = found.share
+    assert (share[1] <= share[0]).all() and (share[0] <= share[2]).all()
+    assert "block.mass x pusher.shift, 3 x 2 cells of 100 worlds" in repr(found)
+    assert "success [%]" in str(found)
+
+
+@pytest.mark.parametrize(
+    "x, y, text",
+    [
+        (("mass", (1.0,)), ("mass", (1.0,)), "x and y are both 'mass'"),
+        (("weight", (1.0,)), ("mass", (1.0,)), "x is 'weight'; a state .* or a parameter"),
+        (("mass", (0.0, 1.0)), ("block.x", (0.0,)), "hold 0; 'mass' takes positive factors"),
+        (("mass", ()), ("block.x", (0.0,)), "the values of x"),
+        ("mass", ("block.x", (0.0,)), "x is 'mass'"),
+        (("kicks", (1.0,)), ("block.x", (0.0,)), "has none"),
+    ],
+)
+def test_what_is_no_axis_is_refused(x, y, text):
+    with pytest.raises(slcp.InputError, match=text):
+        slcp.robustness_map(task(), plan(), x, y)

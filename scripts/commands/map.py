@@ -1,0 +1,57 @@
+"""`slcp map`: how often a policy succeeds over a grid of two numbers."""
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+import slcp_warp as slcp
+
+from ..stages.task_sweep import policies_of, task_cases
+from ..support.options import Device, Seed
+from ..support.screen import console, one_line_errors, prepared, progress_bar, timed, wrote
+from ..support.tasks import TaskName
+
+MOST = 1024  # values of an axis
+
+
+@one_line_errors
+def map_command(
+    task: TaskName,
+    policy: Annotated[Path, typer.Option(help="File of a policy.")],
+    x: Annotated[str, typer.Option(help="name=low:high:count, of a parameter, a state or kicks.")],
+    y: Annotated[str, typer.Option(help="The same of another.")],
+    worlds: Annotated[int, typer.Option(help="Disturbed worlds of every cell, the same in all.")] = 256,
+    residual: Annotated[str, typer.Option(help="smoothed, hard, ...")] = "hard",
+    seed: Seed = 0,
+    device: Device = None,
+    dtype: Annotated[str, typer.Option(help="float32 or float64.")] = "float32",
+    out: Annotated[Path, typer.Option(help="Table to write, .csv; `slcp chart` draws it.")] = Path("map.csv"),
+) -> None:
+    """Map where a policy holds: its share of successes over factors on parameters, or shifts of the start."""
+    path = prepared(out, ".csv")
+    chosen, axes = slcp.load_task(task), (_axis("--x", x), _axis("--y", y))
+    (case,) = task_cases(chosen, residual).values()
+    with timed("map"), progress_bar("worlds") as progress:
+        found = slcp.robustness_map(
+            chosen, policies_of([policy], chosen.scene), *axes, worlds=worlds, seed=seed, case=case,
+            dtype=dtype, device=device, progress=progress,
+        )  # fmt: skip
+    console.print(str(found), markup=False, highlight=False)
+    found.save(path)
+    wrote(path)
+
+
+def _axis(option: str, text: str) -> tuple[str, np.ndarray]:
+    """A name with evenly spaced values, of "name=low:high:count"."""
+    name, _, values = text.partition("=")
+    try:
+        low, high, count = values.split(":")
+        if not 1 <= int(count) <= MOST:
+            raise ValueError
+        return name, np.linspace(float(low), float(high), int(count))
+    except ValueError:
+        raise ValueError(
+            f"{option} is {text!r:.60}; name=low:high:count is needed, with at most {MOST} values"
+        ) from None

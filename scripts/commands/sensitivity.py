@@ -1,0 +1,57 @@
+"""`slcp sensitivity`: which drawn numbers decide how a policy does."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+import slcp_warp as slcp
+
+from ..stages.task_sweep import load_report, policies_of, task_cases
+from ..support.options import Device, Seed
+from ..support.screen import console, one_line_errors, prepared, progress_bar, timed, wrote
+
+
+@one_line_errors
+def sensitivity_command(
+    subject: Annotated[
+        str,
+        typer.Argument(
+            metavar="TASK|REPORT", help="A task with --policy; or a report of `slcp sweep TASK`, of its rows."
+        ),
+    ],
+    policy: Annotated[
+        str | None, typer.Option(help="Of a task: its file. Of a report: its name; default: the first.")
+    ] = None,
+    measure: Annotated[str, typer.Option(help="success, or a measure.")] = "success",
+    samples: Annotated[
+        int, typer.Option(help="Of a task: n; n (d + 2) worlds run for d drawn numbers.")
+    ] = 1024,
+    residual: Annotated[str, typer.Option(help="Of a task: smoothed, hard, ...")] = "hard",
+    seed: Seed = 0,
+    device: Device = None,
+    dtype: Annotated[str, typer.Option(help="float32 or float64.")] = "float32",
+    out: Annotated[Path, typer.Option(help="Table to write, .csv; `slcp chart` draws it.")] = Path(
+        "sensitivity.csv"
+    ),
+) -> None:
+    """Say which drawn numbers matter: shares of a measure's variance (Sobol indices).
+
+    Of a task worlds are run for it; of a report the rows that are there give the indices of first order.
+    """
+    path = prepared(out, ".csv")
+    if Path(subject).is_dir() or Path(subject).suffix in (".csv", ".npz", ".parquet"):
+        found = load_report(Path(subject)).sensitivity(measure, policy)
+    elif policy is None:
+        raise ValueError("--policy is missing; a task needs the file of one")
+    else:
+        task = slcp.load_task(subject)
+        (case,) = task_cases(task, residual).values()
+        with timed("sensitivity"), progress_bar("worlds") as progress:
+            found = slcp.sensitivity(
+                task, policies_of([Path(policy)], task.scene), measure=measure, samples=samples, seed=seed,
+                case=case, dtype=dtype, device=device, progress=progress,
+            )  # fmt: skip
+    console.print(str(found), markup=False, highlight=False)
+    found.save(path)
+    wrote(path)

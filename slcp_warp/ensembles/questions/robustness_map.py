@@ -1,0 +1,169 @@
+"""Where a policy holds: the share of successes over a grid of two numbers of a task."""
+
+import csv
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...inputs import checks
+from ...inputs.checks import shown
+from ...inputs.errors import ArgumentError
+from ...options import Options
+from ...parameters import Parameters
+from ...storage.files import replacing
+from ...storage.printed import Printed, Table
+from ...tasks.disturbances import LogNormal, laws
+from ...tasks.task import Task
+from ..statistics.intervals import share_interval
+from ..worlds import Worlds, draw_worlds
+from .judged import Judge
+
+HEAD = ("x", "y", "x_value", "y_value", "worlds", "success", "low", "high")
+KICKS = "kicks"
+MOST_CELLS = 2**16
+
+
+@dataclass(repr=False)
+class RobustnessMap(Printed):
+    """Shares of successes over a grid.
+
+    Attributes:
+        x, y: what is varied, by name.
+        x_values, y_values: (X,) and (Y,), rising or not.
+        successes: (Y, X) worlds that succeeded.
+        worlds: of every cell, the same in all of them.
+        policy: its name.
+    """
+
+    x: str
+    y: str
+    x_values: np.ndarray
+    y_values: np.ndarray
+    successes: np.ndarray
+    worlds: int
+    policy: str
+
+    @property
+    def share(self) -> np.ndarray:
+        """(3, Y, X) share of successes, and the ends of its 95 % interval (Wilson)."""
+        found = [share_interval(int(count), self.worlds) for count in self.successes.ravel()]
+        return np.array(found).T.reshape(3, *self.successes.shape)
+
+    def save(self, path: str | Path) -> Path:
+        """Write the map as .csv, a row a cell; replaced only once complete."""
+        path = checks.path("path", path)
+        if path.suffix != ".csv":
+            raise ArgumentError(f"path {path} ends in {path.suffix!r}; .csv is needed")
+        share = self.share
+        with replacing(path) as part, open(part, "w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(HEAD)
+            for j, b in enumerate(self.y_values.tolist()):
+                for i, a in enumerate(self.x_values.tolist()):
+                    writer.writerow((self.x, self.y, a, b, self.worlds, *share[:, j, i].tolist()))
+        return path
+
+    def _line(self) -> str:
+        height, width = self.successes.shape
+        return f"of {self.policy}: {self.x} x {self.y}, {width} x {height} cells of {self.worlds:,} worlds"
+
+    def _tables(self) -> list[Table]:
+        head = (f"{self.y} \\ {self.x}", *(f"{value:.3g}" for value in self.x_values))
+        rows = [
+            (f"{value:.3g}", *(f"{100.0 * share:.0f}" for share in row))
+            for value, row in zip(self.y_values, self.share[0])
+        ]
+        return [Table("success [%]", head, rows[::-1])]
+
+
+def robustness_map(
+    task: Task,
+    policy: Any,
+    x: tuple[str, Sequence[float] | np.ndarray],
+    y: tuple[str, Sequence[float] | np.ndarray],
+    *,
+    worlds: int = 256,
+    seed: int = 0,
+    case: Options | None = None,
+    dtype: str = "float32",
+    device: Any = None,
+    strategy: str = "auto",
+    progress: Callable[[int, int], None] | None = None,
+) -> RobustnessMap:
+    """How often a policy succeeds where two numbers of a task are others than planned for.
+
+    Every cell of the grid runs the same disturbed worlds, with two of their numbers changed, so that cells
+    differ by these alone.
+
+    Args:
+        task: what is run, disturbed and judged.
+        policy: one.
+        x, y: name and values: of a parameter, of all parts ("mass") or of one ("block.mass"), as factors on
+            what was drawn; of a state ("block.x"), as what is added to the start; or of "kicks", as factors.
+        worlds: of every cell.
+        seed: of all that is drawn.
+        case: options of the steps; None: the task's.
+        dtype, device, strategy: as of a `Simulator`.
+        progress: called with (worlds done, worlds in all).
+    """
+    judge = Judge(task, policy, seed, case, progress, dtype=dtype, device=device, strategy=strategy)
+    across, down = (_axis(label, task, given) for label, given in (("x", x), ("y", y)))
+    if across[0] == down[0]:
+        raise ArgumentError(f"x and y are both {across[0]!r}; two names are needed")
+    worlds, width, height = checks.whole("worlds", worlds), len(across[1]), len(down[1])
+    if width * height > MOST_CELLS:
+        raise ArgumentError(f"x and y have {width} and {height} values; at most {MOST_CELLS} cells are drawn")
+    base = draw_worlds(task, worlds, seed, dtype=dtype, device=device)
+    repeated = base[np.tile(np.arange(worlds), width)]
+    row = changed(task, repeated, across[0], np.repeat(across[1], worlds))
+    successes = np.zeros((height, width), np.int64)
+    for j, value in enumerate(down[1]):
+        found = judge.run(changed(task, row, down[0], np.full(len(row), value)), worlds * width * height)
+        successes[j] = found["success"].reshape(width, worlds).sum(axis=1)
+    return RobustnessMap(across[0], down[0], across[1], down[1], successes, worlds, judge.name)
+
+
+def changed(task: Task, worlds: Worlds, name: str, values: np.ndarray) -> Worlds:
+    """The worlds with one number changed, to (B,) values: factors, or what is added to a start."""
+    if name in task.scene.state_names:
+        x0 = np.array(worlds.x0)
+        x0[:, task.scene.state_index(name)] += values
+        return replace(worlds, x0=x0)
+    if name == KICKS:
+        return replace(worlds, kicks=np.asarray(worlds.kicks) * values[:, None, None])
+    params = np.array(worlds.params)
+    params[:, _columns(task, name)] *= values[:, None]
+    return replace(worlds, params=params)
+
+
+def _columns(task: Task, name: str) -> np.ndarray:
+    """Columns of a parameter in the table, named as in `Disturbances.parameters`."""
+    base = Parameters(task.scene).table()[0]
+    return laws.parameter_laws(task.scene, base, {name: LogNormal(0.1)}).varied
+
+
+def _axis(label: str, task: Task, given: Any) -> tuple[str, np.ndarray]:
+    """A checked name with its values."""
+    if not isinstance(given, list | tuple) or len(given) != 2 or not isinstance(given[0], str):
+        raise ArgumentError(f"{label} is {shown(given)}; (name, values) is needed")
+    name, values = given[0], np.atleast_1d(checks.array(f"the values of {label}", given[1]))
+    if values.ndim != 1 or not len(values):
+        raise ArgumentError(f"the values of {label} have shape {values.shape}; at least one is needed")
+    if name in task.scene.state_names:
+        return name, values
+    if (values < 0.0).any() or (name != KICKS and (values == 0.0).any()):
+        raise ArgumentError(f"the values of {label} hold {values.min():g}; {name!r} takes positive factors")
+    if name == KICKS:
+        if not task.disturbances.kick_times:
+            raise ArgumentError(f"{label} is 'kicks', but task {task.name!r} has none")
+        return name, values
+    try:
+        laws.check_parameter(name, LogNormal(0.1))
+        _columns(task, name)
+    except ArgumentError as error:
+        states = ", ".join(task.scene.state_names)
+        raise ArgumentError(f"{label} is {name!r}; a state ({states}) or a parameter: {error}") from None
+    return name, values
