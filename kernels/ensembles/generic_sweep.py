@@ -16,7 +16,7 @@ from ..status import SOLVED
 from ..structure import STEP_SIZE
 from .arrival import Progress, make_arrival
 from .disturbances import make_conditions, make_disturbances, make_events
-from .measures import Measures, make_measures, make_row_contacts
+from .measures import NO_USERS, Users, make_measures, make_row_contacts, make_tables
 
 
 @cached
@@ -61,13 +61,11 @@ def make_sweep_begin_kernel(nv: int, nu: int, dtype: type, policy: PolicyKernel)
 
 
 @cached
-def make_sweep_end_kernels(
-    nv: int, nu: int, dtype: type, users: tuple[wp.Function, ...] = ()
-) -> SimpleNamespace:
+def make_sweep_end_kernels(nv: int, nu: int, dtype: type, users: Users = NO_USERS) -> SimpleNamespace:
     """`end`, after step k: the new state or the status, measures. `finish`, after the last step: samples."""
     contacts = make_row_contacts(dtype)
     measures = make_measures(2 * nv, nu, dtype, contacts, users)
-    Contacts = contacts.Contacts
+    Contacts, Measures = contacts.Contacts, make_tables(dtype)
     VX, VU = wp.types.vector(2 * nv, dtype), wp.types.vector(max(nu, 1), dtype)
 
     @specialised

@@ -4,8 +4,8 @@ Signals, conditions and measures are tables (`Measures`), so that one kernel ser
 users are compiled in where there are some. A world keeps WIDTH numbers a measure between two steps.
 """
 
-from collections.abc import Sequence
 from types import SimpleNamespace
+from typing import Any, NamedTuple
 
 import warp as wp
 
@@ -13,34 +13,50 @@ from ..contact.problem import COLD
 from ..factories import cached
 from .disturbances import ROUNDING
 
-SIGNALS = ("state", "cosine", "control", "time", "contact", "gap", "impulse", "function")
-STATE, COSINE, CONTROL, TIME, CONTACT, GAP, IMPULSE, FUNCTION = range(len(SIGNALS))
+SIGNALS = ("state", "cosine", "control", "time", "contact", "gap", "impulse", "function", "cost")
+STATE, COSINE, CONTROL, TIME, CONTACT, GAP, IMPULSE, FUNCTION, COST = range(len(SIGNALS))
 REDUCTIONS = (
-    *("initial", "final", "rate", "mean", "integral", "total", "largest", "smallest"),
+    *("initial", "final", "rate", "mean", "integral", "total", "largest", "smallest", "accumulated"),
     *("share_of_time", "first_time", "settled"),
 )
-INITIAL, FINAL, RATE, MEAN, INTEGRAL, TOTAL, LARGEST, SMALLEST, SHARE, FIRST, SETTLED = range(len(REDUCTIONS))
+(INITIAL, FINAL, RATE, MEAN, INTEGRAL, TOTAL, LARGEST, SMALLEST, ACCUMULATED,
+ SHARE, FIRST, SETTLED) = range(len(REDUCTIONS))  # fmt: skip
 WIDTH = 5  # value, number of values, a second value and two times
 TOUCH = 1e-6  # impulse above which a contact counts as one [N s]
 FAR = 1e300  # distance of what does not act [m]
 NONE = -1  # no pair: all of them; no state to take off
 
 
-@wp.struct
-class Measures:
-    """What is looked at. S signals; C clauses in all conditions, A comparisons; M measures."""
+class Users(NamedTuple):
+    """Code of users that measures call: functions of signals, by their place; the task's cost."""
 
-    signal: wp.array2d(dtype=wp.int32)  # (S, 3): kind, place, state to take off
-    bounds: wp.array2d(dtype=wp.float64)  # (A, 2): low, high
-    compared: wp.array(dtype=wp.int32)  # (A,): its signal
-    clause: wp.array2d(dtype=wp.int32)  # (C, 2): first comparison of a clause, and one after the last
-    measure: wp.array2d(dtype=wp.int32)  # (M, 5): reduction, signal or NONE, clauses from, to, 1: no window
-    window: wp.array2d(dtype=wp.float64)  # (M, 2): start, end [s]
-    ends: int  # measure, a first time, that ends a world; NONE: none does
+    functions: tuple[wp.Function, ...] = ()
+    cost: Any = None  # CostFunctions, where a measure is of the cost
+
+
+NO_USERS = Users()
+
+
+@cached
+def make_tables(dtype: type) -> type:
+    """Struct of what is looked at: S signals; C clauses in all conditions, A comparisons; M measures."""
+
+    @wp.struct
+    class Measures:
+        signal: wp.array2d(dtype=wp.int32)  # (S, 3): kind, place, state to take off
+        bounds: wp.array2d(dtype=wp.float64)  # (A, 2): low, high
+        compared: wp.array(dtype=wp.int32)  # (A,): its signal
+        clause: wp.array2d(dtype=wp.int32)  # (C, 2): first comparison of a clause, and one after the last
+        measure: wp.array2d(dtype=wp.int32)  # (M, 5): reduction, signal or NONE, clauses from, to, 1: always
+        window: wp.array2d(dtype=wp.float64)  # (M, 2): start, end [s]
+        ends: int  # measure, a first time, that ends a world; NONE: none does
+        weights: wp.array2d(dtype=dtype)  # (1, P) of the cost
+
+    return Measures
 
 
 def make_measures(
-    nx: int, nu: int, dtype: type, contacts: SimpleNamespace, users: Sequence[wp.Function] = ()
+    nx: int, nu: int, dtype: type, contacts: SimpleNamespace, users: Users = NO_USERS
 ) -> SimpleNamespace:
     """look(m, kept, i, time, h, x, u, contacts, last): takes a step of world i into account.
 
@@ -54,16 +70,17 @@ def make_measures(
         contacts: struct `Contacts` of a step's contacts and what reads it, in float64, of a pair or, for
             NONE, of all: `push(c, pair)`, the largest normal impulse; `impulse(c, pair)`, their sum;
             `gap(c, pair)`, the lowest distance, FAR where none acts.
-        users: functions (x, u, time) of signals of kind FUNCTION, by their place.
+        users: their functions are (x, u, time), of signals of kind FUNCTION.
     """
+    Measures = make_tables(dtype)
     VX, VU = wp.types.vector(nx, dtype), wp.types.vector(max(nu, 1), dtype)
     Contacts = contacts.Contacts
     ZERO, ONE = wp.float64(0.0), wp.float64(1.0)
     EPS = wp.float64(ROUNDING)
-    user = chained(tuple(users), VX, VU)
+    user, price = chained(users.functions, VX, VU), make_price(users.cost, VX, VU, dtype)
 
     @wp.func
-    def signal(m: Measures, s: int, x: VX, u: VU, time: wp.float64, c: Contacts):
+    def signal(m: Measures, s: int, x: VX, u: VU, time: wp.float64, h: wp.float64, last: int, c: Contacts):
         kind, place = m.signal[s, 0], m.signal[s, 1]
         if kind == wp.static(STATE):
             value = x[place]
@@ -82,15 +99,18 @@ def make_measures(
             return contacts.gap(c, place)
         if kind == wp.static(IMPULSE):
             return contacts.impulse(c, place)
+        if wp.static(users.cost is not None):
+            if kind == wp.static(COST):
+                return price(m.weights, x, u, int(wp.round(time / h)), last)
         return user(place, x, u, time)
 
     @wp.func
-    def holds(m: Measures, j: int, x: VX, u: VU, time: wp.float64, c: Contacts):
+    def holds(m: Measures, j: int, x: VX, u: VU, time: wp.float64, h: wp.float64, last: int, c: Contacts):
         """1 where a clause of measure j's condition holds, else 0."""
         for n in range(m.measure[j, 2], m.measure[j, 3]):
             every = int(1)
             for a in range(m.clause[n, 0], m.clause[n, 1]):
-                value = signal(m, m.compared[a], x, u, time, c)
+                value = signal(m, m.compared[a], x, u, time, h, last, c)
                 if not (value > m.bounds[a, 0] and value < m.bounds[a, 1]):
                     every = int(0)
             if every == 1:
@@ -118,9 +138,9 @@ def make_measures(
             if counts and step and not (last == 1 and what == wp.static(SHARE)):
                 v = wp.float64(0.0)
                 if m.measure[j, 1] == wp.static(NONE):
-                    v = holds(m, j, x, u, time, c)
+                    v = holds(m, j, x, u, time, h, last, c)
                 else:
-                    v = signal(m, m.measure[j, 1], x, u, time, c)
+                    v = signal(m, m.measure[j, 1], x, u, time, h, last, c)
                 take(kept, i, j, what, v, time, h)
 
     @wp.func
@@ -280,6 +300,21 @@ def make_row_contacts(dtype: type) -> SimpleNamespace:
         return least
 
     return SimpleNamespace(Contacts=Contacts, push=push, impulse=impulse, gap=gap)
+
+
+def make_price(cost: Any, VX: type, VU: type, dtype: type) -> Any:
+    """price(weights, x, u, k, last): running cost of step k, final one after the last; None without cost."""
+    if cost is None:
+        return None
+    running, final = cost.running, cost.final
+
+    @wp.func
+    def price(weights: wp.array2d(dtype=dtype), x: VX, u: VU, k: int, last: int):
+        if last == 1:
+            return wp.float64(final(weights, 0, x))
+        return wp.float64(running(weights, 0, x, u, k))
+
+    return price
 
 
 def chained(users: tuple[wp.Function, ...], VX: type, VU: type) -> wp.Function:

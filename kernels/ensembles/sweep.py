@@ -11,12 +11,12 @@ from ..step.rollout import make_batch
 from ..structure import layout
 from .arrival import make_span
 from .disturbances import make_conditions, make_disturbances, make_events
-from .measures import Measures, make_contacts, make_measures
+from .measures import NO_USERS, Users, make_contacts, make_measures, make_tables
 
 
 @cached
 def make_sweep_kernel(
-    spec: Specialisation, policy: PolicyKernel, users: tuple[wp.Function, ...] = (), spans: bool = False
+    spec: Specialisation, policy: PolicyKernel, users: Users = NO_USERS, spans: bool = False
 ) -> wp.Kernel:
     """Roll out one world a thread for a duration, with all that happens to it.
 
@@ -30,7 +30,8 @@ def make_sweep_kernel(
     asked = make_policy(policy, 2 * s.nv, s.nu, dtype)
     disturb = make_disturbances(s.nv, s.nu, dtype)
     Conditions, Events, Policy = make_conditions(dtype), make_events(dtype), asked.Struct
-    Span, NX, NR, NN = make_span(dtype), 2 * s.nv, s.nr, 2 * len(s.pairs)
+    Span, Measures = make_span(dtype), make_tables(dtype)
+    NX, NR, NN = 2 * s.nv, s.nr, 2 * len(s.pairs)
     H = layout(s).offset("step_size")
     contacts = make_contacts(len(s.pairs))
     measures = make_measures(NX, s.nu, dtype, contacts, users)

@@ -56,11 +56,11 @@ def by_periods(
 ) -> tuple[wp.array, wp.array]:
     """As `launch.at_once`."""
     count, params, state, device = len(worlds), worlds.params, wp.clone(worlds.x0), sim.device
-    kept, measures, events = table.kept(count, device), table.struct(device), events_of(sim, worlds)
+    kept, measures, events = table.kept(count, device), table.struct(sim), events_of(sim, worlds)
     span = make_span(sim.dtype)()
     span.p = progress(conditions, params, samples)
     span.state, span.warm, span.memory = state, cold(sim, count), sim.empty(0, 0)
-    kernel = make_sweep_kernel(sim.spec, policy.kernel, table.users, spans=True)
+    kernel = make_sweep_kernel(sim.spec, policy.kernel, table.users(sim), spans=True)
     steps = int(span.p.steps.numpy().max(initial=0))
     for k in range(0, steps, policy.every):
         policy.ask(k, events, span.p, state)

@@ -39,14 +39,14 @@ def by_steps(
     impulse, gap = sim.empty(count, sim.nr), sim.empty(count, sim.nr)
     warm, multiplier = cold(sim, count), sim.empty(count, width)
     code: wp.array = wp.zeros(count, dtype=wp.int32, device=device)
-    kept, measures = table.kept(count, device), table.struct(device)
+    kept, measures = table.kept(count, device), table.struct(sim)
     p = progress(conditions, params, samples)
     host = policy if isinstance(policy, OnHost) else None
     policy_kernel, struct = (policy.kernel, policy.struct) if isinstance(policy, OnHost) else policy
     memory = sim.empty(count, policy_kernel.functions(sim.nx, sim.nu, dtype).memory)
     step = StepArrays(params, state, us, events.external, warm, after, impulse, gap, multiplier, code)
     begin = make_sweep_begin_kernel(sim.scene.nv, sim.nu, dtype, policy_kernel)
-    kernels = make_sweep_end_kernels(sim.scene.nv, sim.nu, dtype, table.users)
+    kernels = make_sweep_end_kernels(sim.scene.nv, sim.nu, dtype, table.users(sim))
     contacts = make_row_contacts(dtype).Contacts()
     contacts.rows = wp.array(normal_rows(sim), dtype=wp.int32, device=device)
     contacts.impulse, contacts.distance, contacts.multiplier = impulse, gap, multiplier

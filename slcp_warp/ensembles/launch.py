@@ -53,6 +53,7 @@ class Case:
         draws: Draws | Given | None = None,
         limits: Any = None,
         failure: Measure | None = None,
+        cost: Any = None,
     ) -> None:
         self.sim, self.spec, self.step_size = sim, spec, step_size
         self.draws = draws_of_spec(sim, spec, step_size) if draws is None else draws
@@ -69,7 +70,7 @@ class Case:
         self.seconds = 0.0
         self._parts: list[dict[str, np.ndarray]] = []
         self._conditions = _conditions(sim, spec, self.draws.disturbances, limits)
-        self.table = MeasureTable([contact_share(), lowest_gap(), *measures], sim.scene, failure)
+        self.table = MeasureTable([contact_share(), lowest_gap(), *measures], sim.scene, failure, cost)
 
     def run(self) -> Iterator[int]:
         """Launch chunk after chunk; yields the worlds finished."""
@@ -141,8 +142,8 @@ def at_once(
     count, (policy_kernel, struct) = len(worlds), policy
     kept = table.kept(count, sim.device)
     status: wp.array = wp.zeros(count, dtype=wp.int32, device=sim.device)
-    kernel = make_sweep_kernel(sim.spec, policy_kernel, table.users)
-    events, measured = events_of(sim, worlds), table.struct(sim.device)
+    kernel = make_sweep_kernel(sim.spec, policy_kernel, table.users(sim))
+    events, measured = events_of(sim, worlds), table.struct(sim)
     inputs = [conditions, events, worlds.params, worlds.x0, struct, measured, make_span(sim.dtype)()]
     inputs += [samples, kept, status]
     launch(kernel, count, inputs, sim.device, grain=1)

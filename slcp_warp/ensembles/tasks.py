@@ -10,7 +10,7 @@ import numpy as np
 from ..inputs import checks
 from ..inputs.checks import shown
 from ..inputs.errors import ArgumentError, ArgumentTypeError
-from ..measures.reductions import Measure
+from ..measures.reductions import Measure, first_time
 from ..options import Options, Status
 from ..simulator import Simulator
 from ..tasks.disturbances import Disturbances
@@ -72,6 +72,8 @@ class TaskSweep:
             steps_of(task.disturbances, size)
         self._judged: list[Measure] = list(task.measures.values())
         self._judged += [] if task.success is None else task.success.parts()
+        self._failure = None if task.failure is None else first_time(task.failure)
+        self._judged += [] if self._failure is None else [self._failure]
         self.simulators = {
             label: Simulator(task.scene, options, device=device, dtype=dtype, strategy=strategy)
             for label, options in self.cases.items()
@@ -117,7 +119,8 @@ class TaskSweep:
         policy = between(
             self.policies[part.policy], task.disturbances, self.seed, part.step_size, part.arm != ARMS[0]
         )
-        return Case(sim, policy, spec, part.step_size, part.at_once, self._judged, draws, task.control_limits)
+        judged = self._judged, draws, task.control_limits, self._failure, task.cost
+        return Case(sim, policy, spec, part.step_size, part.at_once, *judged)
 
 
 def _count(worlds: Any) -> int:
@@ -148,11 +151,16 @@ def _columns(
     own = {measure: values[:, j] for j, measure in enumerate(judged)}
     solved = found["status"] == Status.SOLVED
     success = solved if task.success is None else task.success.holds(own) & solved
+    ended = {}
+    if task.failure is not None:
+        ended["failure_time"] = np.where(solved, own[first_time(task.failure)], np.nan)
+        success = success & ~np.isfinite(ended["failure_time"])
     columns = {name: array for name, array in found.items() if name.startswith("drawn_")}
     columns |= {name: np.where(solved, values[:, j], np.nan) for j, name in enumerate(task.measures)}
     return {
         "world": np.arange(world0, world0 + len(solved)),
         **columns,
+        **ended,
         "success": success,
         "status": found["status"],
     }

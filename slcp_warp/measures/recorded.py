@@ -59,6 +59,8 @@ class Recorded:
             return self.times
         if signal.kind == "function":
             raise ArgumentTypeError("a Warp function is evaluated in a sweep only, not on recorded states")
+        if signal.kind == "cost":
+            raise ArgumentTypeError("the cost is a task's: it is evaluated in a sweep only")
         place = signal.place(self.scene)
         if signal.kind == "cosine":
             return np.cos(self.states[:, :, place])
@@ -118,6 +120,8 @@ class Recorded:
         ends = {"initial": inside[0], "final": inside[-1], "largest": inside.max(), "smallest": inside.min()}
         if measure.reduction in ends:
             return ends[measure.reduction]
+        if measure.reduction == "accumulated":
+            return inside.sum()
         if not steps.any():
             return np.nan
         summed = series[steps].sum()

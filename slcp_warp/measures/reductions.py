@@ -8,6 +8,7 @@ from slcp_warp.kernels.ensembles.measures import REDUCTIONS
 from ..inputs.checks import number, shown
 from ..inputs.errors import ArgumentTypeError
 from .signals import Compared, Condition, Joined, Signal, Within, contact, gap, normal_impulse, state
+from .signals import cost as step_cost
 
 OF_CONDITIONS = REDUCTIONS[-3:]
 
@@ -133,6 +134,11 @@ def contact_share(pair: str | int | None = None) -> Measure:
 def lowest_gap(pair: str | int | None = None) -> Measure:
     """The lowest distance of a pair, or of all, before a step [m]; infinite where none ever acted."""
     return smallest(gap(pair))
+
+
+def cost() -> Measure:
+    """The task's cost of the run: running costs over its steps and the final cost, as a plan's."""
+    return Measure("accumulated", step_cost())
 
 
 def impulse(pair: str | int | None = None) -> Measure:

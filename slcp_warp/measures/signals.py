@@ -203,6 +203,11 @@ def function(f: Callable[..., Any]) -> Signal:
     return Signal("function", function=f)
 
 
+def cost() -> Signal:
+    """The task's running cost of a step; after the last step its final cost."""
+    return Signal("cost")
+
+
 def _name(label: str, which: Any) -> str | int:
     if isinstance(which, str) or (isinstance(which, int | np.integer) and not isinstance(which, bool)):
         return which if isinstance(which, str) else int(which)

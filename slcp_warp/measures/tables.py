@@ -18,17 +18,22 @@ class MeasureTable:
 
     Attributes:
         measures: in the order of their values.
-        users: Warp functions of users that they call.
     """
 
-    def __init__(self, measures: Sequence[Measure], scene: Scene, ends: Measure | None = None) -> None:
+    def __init__(
+        self, measures: Sequence[Measure], scene: Scene, ends: Measure | None = None, cost: Any = None
+    ) -> None:
         """Args:
         ends: one of the measures, a first time: a world ends with the step in which it comes.
+        cost: a `costs.Cost`, for measures of it.
         """
         self.measures = tuple(measures)
         self._ends = kernels.NONE if ends is None else self.measures.index(ends)
         signals = list(dict.fromkeys(signal for measure in self.measures for signal in measure.signals()))
-        self.users = tuple(signal.function for signal in signals if signal.function is not None)
+        self._functions: tuple[Any, ...] = tuple(
+            signal.function for signal in signals if signal.function is not None
+        )
+        self._cost = cost if any(signal.kind == "cost" for signal in signals) else None
         place = {signal: i for i, signal in enumerate(signals)}
         self._signals = [self._signal(signal, scene) for signal in signals]
         self._bounds: list[tuple[float, float]] = []
@@ -38,7 +43,7 @@ class MeasureTable:
 
     def _signal(self, signal: Signal, scene: Scene) -> tuple[int, int, int]:
         kind = kernels.SIGNALS.index(signal.kind)
-        which = self.users.index(signal.function) if signal.function is not None else signal.place(scene)
+        which = self._functions.index(signal.function) if signal.function is not None else signal.place(scene)
         return kind, which, signal.less(scene)
 
     def _row(self, measure: Measure, place: dict[Signal, int]) -> tuple[int, ...]:
@@ -54,9 +59,16 @@ class MeasureTable:
             self._clauses.append((start, len(self._bounds)))
         return what, kernels.NONE, first, len(self._clauses), always
 
-    def struct(self, device: Any) -> Any:
-        """The tables on a device."""
-        out = kernels.Measures()
+    def users(self, sim: Any) -> kernels.Users:
+        """Code of users that a simulator's kernels call for them."""
+        cost = self._cost and self._cost.functions(sim.dtype, sim.nx, sim.nu)
+        return kernels.Users(self._functions, cost)
+
+    def struct(self, sim: Any) -> Any:
+        """The tables on a simulator's device."""
+        out, device = kernels.make_tables(sim.dtype)(), sim.device
+        if self._cost is not None:
+            out.weights = wp.array(self._cost.rows(1), dtype=sim.dtype, device=device)
         window = [(each.start, kernels.FAR if each.end is None else each.end) for each in self.measures]
         for name, values, width, kind in (
             ("signal", self._signals, 3, np.int32),

@@ -24,7 +24,14 @@ from ..storage.files import MOST_TEXT, MOST_TOML, parse_json, parse_toml, read_t
 from ..storage.python import python_name
 from ..storage.tables import entries, place, table
 from .disturbances.notation import disturbances_content, disturbances_of
-from .notation import measure_content, measure_of, success_content, success_of
+from .notation import (
+    condition_content,
+    condition_of,
+    measure_content,
+    measure_of,
+    success_content,
+    success_of,
+)
 from .registry import NAMED
 from .task import Task, TaskError
 
@@ -33,7 +40,7 @@ TEXT = (".toml", ".json")
 OF_SCENE = ("step_size", "sigma")  # numbers of the scene that a task file may change
 FIELDS_OF_FILE = (
     *("$schema", "format", "version", "name", "scene", *OF_SCENE, "cost", "horizon", "duration", "options"),
-    *("control_limits", "state_limits", "start", "disturbances", "measures", "success"),
+    *("control_limits", "state_limits", "start", "disturbances", "measures", "success", "failure"),
 )
 NEEDED = ("name", "scene", "cost", "horizon")
 
@@ -106,6 +113,8 @@ def task_of(content: Any, folder: Path | None = None) -> Task:
     fields["measures"] = measures
     if "success" in values:
         fields["success"] = _said("success", success_of, values["success"], measures, "success")
+    if "failure" in values:
+        fields["failure"] = _said("failure", condition_of, values["failure"], "failure")
     task: Task = _said("", lambda: Task(**fields))
     return task
 
@@ -139,6 +148,8 @@ def task_content(task: Task) -> dict[str, Any]:
     }
     if task.success is not None:
         content["success"] = _said("success", success_content, task.success, task.measures)
+    if task.failure is not None:
+        content["failure"] = _said("failure", condition_content, task.failure)
     return content
 
 

@@ -52,6 +52,7 @@ def json_schema() -> dict[str, Any]:
         "disturbances": _to("Disturbances"),
         "measures": {"type": "object", "additionalProperties": _to("Measure")},
         "success": _to("Success"),
+        "failure": _to("Condition"),
     }
     assert tuple(properties) == FIELDS_OF_FILE
     return {

@@ -13,13 +13,14 @@ from ..inputs.checks import array, instance, number, shown, whole
 from ..inputs.errors import ArgumentError
 from ..inputs.limits import limit_rows
 from ..measures.recorded import checked_measures
-from ..measures.reductions import Measure, Success
+from ..measures.reductions import Measure, Success, first_time
+from ..measures.signals import Condition
 from ..options import Options
 from ..simulator import Simulator
 from ..storage.printed import Printed, Table
 from .disturbances import Disturbances
 
-COLUMNS = ("policy", "case", "step_size", "arm", "world", "success", "status")
+COLUMNS = ("policy", "case", "step_size", "arm", "world", "failure_time", "success", "status")
 DRAWN = "drawn_"  # columns of what is drawn begin with it
 
 
@@ -45,6 +46,8 @@ class Task(Printed):
         measures: what a run is looked at by, by name.
         disturbances: what is drawn for every world.
         success: comparisons of measures; None: every world that runs to its end is one.
+        failure: comparisons of signals: a run ends with the step in which they become true, and is no
+            success; its measures are of the steps up to that one. None: nothing ends a run.
     """
 
     name: str
@@ -59,6 +62,7 @@ class Task(Printed):
     disturbances: Disturbances = field(default_factory=Disturbances)
     measures: Mapping[str, Measure] = field(default_factory=dict)
     success: Success | None = None
+    failure: Condition | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
@@ -69,6 +73,7 @@ class Task(Printed):
             ("options", Options, "a slcp_warp.Options"),
             ("disturbances", Disturbances, "a slcp_warp.Disturbances"),
             ("success", Success | None, "comparisons of slcp_warp.measures, or None"),
+            ("failure", Condition | None, "comparisons of signals of slcp_warp.measures, or None"),
         ):
             instance(f"Task.{name}", getattr(self, name), kind, need)
         put = object.__setattr__
@@ -143,6 +148,8 @@ class Task(Printed):
         judged = {f"Task.measures[{name!r}]": measure for name, measure in self.measures.items()}
         if self.success is not None:
             judged |= {f"Task.success: {part.reduction}": part for part in self.success.parts()}
+        if self.failure is not None:
+            judged["Task.failure"] = first_time(self.failure)
         for label, measure in judged.items():
             if measure.start >= self.duration:
                 raise TaskError(
@@ -150,6 +157,10 @@ class Task(Printed):
                     f"Task.duration = {self.duration} s"
                 )
             for signal in measure.signals():
+                if signal.kind == "cost" and self.cost.nodes not in (None, self.steps + 1):
+                    raise TaskError(
+                        f"{label} is of a cost of {self.cost.nodes - 1} steps; a run has {self.steps}"
+                    )
                 try:
                     signal.place(self.scene), signal.less(self.scene)
                 except ArgumentError as error:
@@ -164,6 +175,7 @@ class Task(Printed):
 
     def _tables(self) -> list[Table]:
         rows = [("success", "every run to the end" if self.success is None else repr(self.success))]
+        rows += [] if self.failure is None else [("failure", repr(self.failure))]
         rows += [(name, repr(measure)) for name, measure in self.measures.items()]
         return [Table("", ("judged by", "expression"), rows, left=2, width=160)]
 
