@@ -15,6 +15,7 @@ from ...runs.store import Store
 from ..chunks import ARMS, KEYS
 from ..tasks import TaskSweep
 from .identity import policy_identity, task_identity
+from .layout import chunks_of, layout_of
 from .travel import pack, packing_list, unpack
 
 KIND = "sweep"
@@ -68,8 +69,8 @@ class SweepJob(Job):
         return self._specification
 
     def layout(self) -> Plain:
-        """Chunks, and worlds of a chunk in every part."""
-        return {"chunks": self.count, "worlds": [part.at_once for part in self.work.chunks.parts]}
+        """Every part with its worlds and those of a chunk, see `Part`."""
+        return layout_of(self.work.chunks)
 
     def reference(self) -> Plain:
         """Of `saved_sweep`, with the store's folder and what `pack` puts there."""
@@ -141,5 +142,5 @@ def saved_sweep(folder: str, task: str, policies: dict[str, str], strategy: str)
         cases={label: Options(**options) for label, options in said["cases"].items()}, dtype=said["dtype"],
         device=device if device_kind(device) == store.manifest.device else "cpu", strategy=strategy,
     )  # fmt: skip
-    work.cut(layout["worlds"])
+    work.cut([part.at_once for part in chunks_of(layout).parts])
     return SweepJob(work, store.folder, texts)

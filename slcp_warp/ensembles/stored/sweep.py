@@ -1,22 +1,27 @@
 """A sweep of a task that keeps its chunks on disk, goes on where it was, and may run in other processes."""
 
 import os
-from collections.abc import Mapping
+import time
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from ...inputs import checks
+from ...inputs.errors import ArgumentError
 from ...runs import manifest
 from ...runs.job import rebuild
-from ...runs.progress import Progress
-from ...runs.running import Outcome, run
-from ...runs.stopping import Stop
+from ...runs.progress import Progress, Standing
+from ...runs.running import Outcome, compute, run
+from ...runs.stopping import Stop, on_signals
 from ...runs.store import Store
 from ...storage.files import FileError
 from ..outcome import Report
 from ..tasks import TaskSweep
 from .cutting import measured
 from .job import KIND, SweepJob
+from .layout import chunks_of
 from .source import StoreSource
 
 
@@ -92,6 +97,32 @@ class StoredSweep:
             self.job.reference()  # refused before a world runs
         return run(self.job, self.store, executor, progress, stop)
 
+    def run_some(self, indices: Iterable[int], progress: Progress | None = None) -> Outcome:
+        """Run only some chunks in this process, those of them that are missing and that nobody else runs.
+
+        Raises:
+            ArgumentError: an index that is none.
+        """
+        wanted = list(indices)
+        if bad := [index for index in wanted if not 0 <= index < self.job.count]:
+            raise ArgumentError(f"chunk {bad[0]} is none; there are 0 to {self.job.count - 1}")
+        stop, began, done = Stop(), time.monotonic(), []
+        tally: Counter[str] = Counter()
+        with on_signals(stop), suppress(KeyboardInterrupt):
+            for index in wanted:
+                if stop:
+                    break
+                found = compute(self.job, self.store, index)
+                if found is None:
+                    continue
+                done.append(index)
+                tally.update(found)
+                if progress is not None:
+                    seconds = time.monotonic() - began
+                    progress(Standing(len(done), len(wanted), dict(tally), tally["rows"], seconds))
+        complete = set(wanted) <= set(self.store.finished())
+        return Outcome(complete, tuple(done), (), dict(tally), stop.signal, time.monotonic() - began)
+
     def report(self) -> Report:
         """Of the chunks that are finished."""
         source = StoreSource(self.store, self.job.work.chunks)
@@ -103,10 +134,10 @@ def _take_over(job: SweepJob, folder: Path) -> bool:
     if not (folder / manifest.NAME).exists():
         return False
     there = Store(folder).manifest
-    worlds, parts = there.layout.get("worlds"), job.work.chunks.parts
-    if there.kind != KIND or not isinstance(worlds, list) or len(worlds) != len(parts):
+    if there.kind != KIND:
         return False
-    if any(type(n) is not int or n < 1 for n in worlds):
+    mine, parts = job.work.chunks.parts, chunks_of(there.layout).parts
+    if [part._replace(at_once=0) for part in mine] != [part._replace(at_once=0) for part in parts]:
         return False
-    job.work.cut(worlds)
+    job.work.cut([part.at_once for part in parts])
     return True
