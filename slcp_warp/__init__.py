@@ -17,6 +17,7 @@ from .ensembles.questions.sequential import SequentialComparison, compare_sequen
 from .ensembles.report import SweepReport
 from .ensembles.spec import SweepSpec
 from .ensembles.statistics.sensitivity import Sensitivity
+from .ensembles.stored.report import load_report
 from .ensembles.sweep import sweep
 from .ensembles.worlds import Worlds, draw_worlds
 from .inputs.arrays import ArrayError
@@ -86,6 +87,7 @@ __all__ = [
     "draw_worlds",
     "jvp",
     "load_mjcf",
+    "load_report",
     "load_scene",
     "load_task",
     "measures",

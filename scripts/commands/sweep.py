@@ -6,7 +6,9 @@ from typing import Annotated, Any
 import typer
 
 import slcp_warp as slcp
+from slcp_warp.ensembles.stored.sweep import StoredSweep
 
+from ..stages.stored_sweep import Where, executor_of, finish_stored, opened_sweep
 from ..stages.sweep import cycle_states, run_sweep, sweep_table
 from ..stages.task_sweep import changed_task, report_table, sweep_task, task_cases
 from ..support.options import DEFAULT_SCENE, Device, Scaling, SceneName, Seed, Settings, TaskIntegrator
@@ -17,16 +19,42 @@ from ..support.tasks import OptionalTask
 
 @one_line_errors
 def sweep_command(
-    policy: Annotated[
-        list[Path],
-        typer.Option(help="File of `slcp library` or `slcp optimise`; of a task several (repeatable)."),
-    ],
     task: OptionalTask = None,
+    policy: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="File of `slcp library` or `slcp optimise`, or file.py:name; of a task several (repeatable)."
+        ),
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
-            help="File to write: of a task report.csv; of a scene sweep.npz, with a table beside it."
+            help="File to write: of a task report.csv; of a scene sweep.npz, with a table beside it. Of a "
+            "task also a folder: finished chunks are kept there, and the same command goes on."
         ),
+    ] = None,
+    resume: Annotated[
+        Path | None, typer.Option(help="Go on with the sweep in a folder; nothing else is needed.")
+    ] = None,
+    prepare: Annotated[
+        bool, typer.Option("--prepare", help="Only make the folder, and say how many chunks there are.")
+    ] = False,
+    chunk: Annotated[
+        str | None,
+        typer.Option(help="Of a folder: run chunk I alone, or with I/N each N-th from I on, for job arrays."),
+    ] = None,
+    chunk_worlds: Annotated[
+        int | None, typer.Option(help="Of a folder: worlds of a chunk; default: about a second's.")
+    ] = None,
+    processes: Annotated[int | None, typer.Option(help="Of a folder: so many processes here.")] = None,
+    dask: Annotated[
+        str | None,
+        typer.Option(help="Of a folder: workers of a Dask cluster at an address, or a number of them here."),
+    ] = None,
+    slurm: Annotated[int | None, typer.Option(help="Of a folder: so many jobs of SLURM at once.")] = None,
+    slurm_option: Annotated[
+        list[str] | None,
+        typer.Option(help="name=value for submitit: timeout_min, cpus_per_task, slurm_partition, .. ."),
     ] = None,
     scene: SceneName = DEFAULT_SCENE,
     worlds: Annotated[int, typer.Option(help="Worlds of every case.")] = 4096,
@@ -77,6 +105,14 @@ def sweep_command(
     Of a task: the task's disturbances, measures and success. Of a scene: the rate of one state.
     """
     # long: every option of the command is a parameter of its own, with its help
+    where = Where(chunk, prepare, executor_of(processes, dask, slurm, slurm_option or []))
+    if resume is not None:
+        if task is not None or policy or out is not None:
+            raise ValueError("--resume is given with a task, --policy or --out; the folder has them")
+        finish_stored(StoredSweep.resume(resume), where)
+        return
+    if not policy:
+        raise ValueError("--policy is missing: a file of `slcp library` or `slcp optimise`")
     given = {
         "velocity": velocity_sd, "position": position_sd, "torque": torque_sd, "kick": kick_sd,
         "kick_times": None if not kick_times else tuple(numbers(kick_times, "--kick-times").tolist()),
@@ -84,16 +120,26 @@ def sweep_command(
     }  # fmt: skip
     given = {name: value for name, value in given.items() if value is not None}
     sizes = None if step_sizes is None else tuple(numbers(step_sizes, "--step-sizes").tolist())
+    folder = out if out is not None and not out.suffix else None
+    if folder is None and (where.given or chunk_worlds is not None):
+        raise ValueError("--chunk, --prepare, --processes, --dask and --slurm need a folder: --out runs/name")
     if task is not None:
         if settings or observe is not None:
             raise ValueError("--set and --observe are of --scene; a task has numbers and measures of its own")
-        path = prepared(out or Path("report.csv"), ".csv")
         chosen = slcp.load_task(task)
-        states = _states(start, chosen.scene, skip)
-        chosen = changed_task(chosen, given, start=states, duration=duration, scaling=scaling,
-                              integrator=integrator)  # fmt: skip
-        _sweep_task(path, chosen, policy, worlds, seed, residuals, sizes, device, dtype)
+        changes = {"start": _states(start, chosen.scene, skip), "duration": duration}
+        changed = changed_task(chosen, given, scaling=scaling, integrator=integrator, **changes)
+        choices = {"worlds": worlds, "seed": seed, "cases": task_cases(changed, residuals),
+                   "step_sizes": sizes, "device": device, "dtype": dtype}  # fmt: skip
+        if folder is not None:
+            same = not (given or scaling or integrator or any(each is not None for each in changes.values()))
+            text = task if same and ".py:" in task else None
+            finish_stored(opened_sweep(folder, changed, text, policy, chunk_worlds, where, choices), where)
+        else:
+            _sweep_task(prepared(out or Path("report.csv"), ".csv"), changed, policy, choices)
         return
+    if folder is not None:
+        raise ValueError(f"--out is {out}, a folder; only sweeps of a task have one")
     path = prepared(out or Path("sweep.npz"))
     if len(policy) > 1:
         raise ValueError("--policy is given more than once; only a task takes several")
@@ -110,7 +156,7 @@ def sweep_command(
     )  # fmt: skip
     with timed("sweep"), progress_bar("worlds") as progress:
         report = run_sweep(
-            mechanism, policy[0], spec, scaling, integrator or "euler", device, dtype, progress
+            mechanism, Path(policy[0]), spec, scaling, integrator or "euler", device, dtype, progress
         )
     report.save(path)
     report.save(path.with_suffix(".csv"))
@@ -120,20 +166,9 @@ def sweep_command(
     _end(report.complete, sum(case["worlds"] for case in report.cases))
 
 
-def _sweep_task(
-    path: Path,
-    task: slcp.Task,
-    policy: list[Path],
-    worlds: int,
-    seed: int,
-    residuals: str,
-    sizes: tuple[float, ...] | None,
-    device: str | None,
-    dtype: str,
-) -> None:
-    cases = task_cases(task, residuals)
+def _sweep_task(path: Path, task: slcp.Task, policy: list[str], choices: dict[str, Any]) -> None:
     with timed("sweep"), progress_bar("worlds") as progress:
-        report = sweep_task(task, policy, worlds, seed, cases, sizes, device, dtype, progress)
+        report = sweep_task(task, policy, progress=progress, **choices)
     report.save(path)
     console.print(report_table(report))
     wrote(path)

@@ -1,6 +1,6 @@
 """Policies in the same disturbed worlds of a task, and what came out, as tables."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,8 +12,6 @@ from rich.table import Table
 import slcp_warp as slcp
 from slcp_warp.ensembles.chunks import ARMS, KEYS
 from slcp_warp.ensembles.statistics.source import MemorySource
-from slcp_warp.ensembles.stored.sweep import StoredSweep
-from slcp_warp.runs import manifest
 from slcp_warp.storage.files import FileError
 
 from ..support.records import load_policy
@@ -49,33 +47,33 @@ def changed_task(
     )
 
 
-def sweep_task(
-    task: slcp.Task,
-    files: Sequence[Path],
-    worlds: int,
-    seed: int,
-    cases: dict[str, slcp.Options],
-    step_sizes: Sequence[float] | None = None,
-    device: str | None = None,
-    dtype: str = "float32",
-    progress: Callable[[int, int], None] | None = None,
-) -> slcp.Report:
-    """Sweep the policies of some files, named after them."""
-    report = slcp.sweep(
-        task, policies_of(files, task.scene), worlds=worlds, seed=seed, cases=cases, step_sizes=step_sizes,
-        device=device, dtype=dtype, progress=progress,
-    )  # fmt: skip
+def sweep_task(task: slcp.Task, given: Sequence[str], **choices: Any) -> slcp.Report:
+    """Sweep policies of files, see `policies_of`."""
+    report: slcp.Report = slcp.sweep(task, policies_of(given, task.scene), **choices)
     if not report.source.keys:
         raise KeyboardInterrupt
     return report
 
 
-def policies_of(files: Sequence[Path], scene: slcp.Scene) -> dict[str, Any]:
-    """The policies of some files, by their names."""
-    policies = {path.stem: load_policy(path, scene)[0] for path in files}
-    if len(policies) < len(files):
-        raise ValueError(f"two of the policies' files have the same name: {', '.join(map(str, files))}")
-    return policies
+def policies_of(given: Sequence[str | Path], scene: slcp.Scene) -> dict[str, Any]:
+    """Policies of files, named after them, or of `file.py:name`."""
+    named = {policy_name(each): each for each in given}
+    if len(named) < len(given):
+        raise ValueError(f"two of the policies' files have the same name: {', '.join(map(str, given))}")
+    return {
+        name: slcp.policies.load_policy(each) if of_python(each) else load_policy(Path(each), scene)[0]
+        for name, each in named.items()
+    }
+
+
+def policy_name(given: str | Path) -> str:
+    """What a policy is called in tables."""
+    return str(given).rpartition(":")[2] if of_python(given) else Path(given).stem
+
+
+def of_python(given: str | Path) -> bool:
+    """Whether it is `file.py:name`."""
+    return str(given).rpartition(":")[0].endswith(".py")
 
 
 def load_report(path: Path) -> slcp.Report:
@@ -84,9 +82,7 @@ def load_report(path: Path) -> slcp.Report:
     Raises:
         FileError: no report, or one that is damaged.
     """
-    if (path / manifest.NAME).is_file():
-        return StoredSweep.resume(path).report()
-    return slcp.Report.load(path) if path.suffix in (".npz", ".parquet") else _from_csv(path)
+    return _from_csv(path) if path.suffix == ".csv" and not path.is_dir() else slcp.load_report(path)
 
 
 def _from_csv(path: Path) -> slcp.Report:

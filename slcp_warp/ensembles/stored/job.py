@@ -16,7 +16,7 @@ from ..chunks import ARMS, KEYS
 from ..tasks import TaskSweep
 from .identity import policy_identity, task_identity
 from .layout import chunks_of, layout_of
-from .travel import pack, packing_list, unpack
+from .travel import pack, packing_list, unpack, whole
 
 KIND = "sweep"
 
@@ -35,7 +35,8 @@ class SweepJob(Job):
         folder: of the store.
         texts: how the task and policies were given as texts, `file.py:name`: "task", "policy NAME".
         """
-        self.work, self.folder, self.texts = work, Path(folder), dict(texts or {})
+        self.work, self.folder = work, Path(folder)
+        self.texts = {what: whole(text) for what, text in (texts or {}).items()}
         first = next(iter(work.simulators.values()))
         self.device = device_kind(first.device)
         self._specification = self._tell()

@@ -13,9 +13,10 @@ from ...inputs.errors import ArgumentError
 from ...runs import manifest
 from ...runs.job import rebuild
 from ...runs.progress import Progress, Standing
-from ...runs.running import Outcome, compute, run
+from ...runs.running import Outcome, run
 from ...runs.stopping import Stop, on_signals
 from ...runs.store import Store
+from ...runs.worker import compute
 from ...storage.files import FileError
 from ..outcome import Report
 from ..tasks import TaskSweep

@@ -40,9 +40,14 @@ def given(task: Any, policies: Any) -> Given:
 
 
 def _text(what: str, text: str | Path) -> dict[str, str]:
-    """A text of a name in a Python file, with the file's whole path; other files are data."""
-    file, colon, name = str(text).rpartition(":")
-    return {what: f"{Path(file).resolve()}:{name}"} if colon and file.endswith(".py") else {}
+    """A text of a name in a Python file; other files are data."""
+    return {what: str(text)} if str(text).rpartition(":")[0].endswith(".py") else {}
+
+
+def whole(text: str) -> str:
+    """`file.py:name` with the file's whole path."""
+    file, _, name = text.rpartition(":")
+    return f"{Path(file).resolve()}:{name}"
 
 
 def packing_list(task: Task, policies: Mapping[str, Any], texts: Mapping[str, str]) -> Plain:
