@@ -13,6 +13,10 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import warp as wp
+
+from slcp_warp.kernels.device.compile import cpu_compiler_flags
+
 from ..storage.version import __version__
 
 PACKAGE = Path(__file__).resolve().parents[1]
@@ -58,6 +62,11 @@ def processor() -> str:
     except OSError:
         return platform.processor()
     return next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), "unknown")
+
+
+def device_kind(device: wp.Device) -> str:
+    """On what results have the same bits: the CPU with its compiler's flags, or a GPU's architecture."""
+    return f"cpu {cpu_compiler_flags()}" if device.is_cpu else f"cuda sm_{device.arch}"
 
 
 @functools.cache

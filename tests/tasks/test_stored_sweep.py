@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pushing import push_file
 from test_task_sweep import kinetic_energy, plan, task
 
 import slcp_warp as slcp
@@ -22,23 +23,6 @@ from slcp_warp.storage.files import FileError
 
 FIELDS = {"worlds": 30, "seed": 3, "cases": slcp.Options(), "device": "cpu"}
 TWO = {"all": plan(), "half": plan(0.5)}
-FILE = """
-from dataclasses import replace
-import numpy as np
-import warp as wp
-import slcp_warp as slcp
-
-SCENE = replace(slcp.scenes.push_block(), step_size=0.02, sigma=0.05)
-
-def push():
-    cost = slcp.costs.terms(SCENE, [slcp.costs.effort(1.0)])
-    return slcp.Task("push", SCENE, cost, 60, measures={"x": slcp.measures.final("block.x")})
-
-gain = slcp.policies.Linear(np.zeros((1, 8)), SCENE.x0, [FORCE])
-
-def asked():
-    return slcp.policies.Callback(lambda x, time: np.full((len(x), 1), FORCE), period=0.6)
-"""
 
 
 def digest(report):
@@ -117,8 +101,7 @@ def test_names_and_plans_of_a_task_decide_nothing(tmp_path):
 
 def test_names_in_python_files_travel(tmp_path):
     """A task and policies of a user's file: rebuilt elsewhere, refused once the file says something else."""
-    file = tmp_path / "mine.py"
-    file.write_text(FILE.replace("FORCE", "2.0"))
+    file = push_file(tmp_path)
     given_as = {name: f"{file}:{name}" for name in ("gain", "asked")}
     fields = FIELDS | {"worlds": 4, "chunk": 3}
     report = slcp.sweep(f"{file}:push", given_as, out=tmp_path / "run", **fields)
@@ -129,9 +112,10 @@ def test_names_in_python_files_travel(tmp_path):
     assert isinstance(job, SweepJob) and sha256_of(job.specification()) == store.manifest.sha256
     assert job.layout() == store.manifest.layout and job.texts["policy gain"] == f"{file}:gain"
     part, again = store.table(2), job.run(2)
-    assert all(np.array_equal(part[name], again[name]) for name in part)
+    for name, column in part.items():
+        np.testing.assert_array_equal(column, again[name], err_msg=name)
     np.testing.assert_array_equal(report.part("gain")["x"], report.part("asked")["x"])
-    file.write_text(FILE.replace("FORCE", "3.0"))
+    push_file(tmp_path, 2.0)
     with pytest.raises(FileError, match="policies.gain.numbers: .*policies.asked.file: "):
         StoredSweep.resume(tmp_path / "run")
     file.unlink()
@@ -142,6 +126,15 @@ def test_names_in_python_files_travel(tmp_path):
 class Nothing:
     def submit(self, *given):
         raise AssertionError("a world ran")
+
+
+def test_code_of_another_compiler_is_refused(tmp_path, monkeypatch):
+    """Flags decide how kernels round: parts of two kinds do not stand side by side."""
+    slcp.sweep(task(), plan(), out=tmp_path, chunk=30, **FIELDS)
+    monkeypatch.setenv("SLCP_CPU_FLAGS", "-march=x86-64")
+    for go_on in (StoredSweep.resume, lambda folder: slcp.sweep(task(), plan(), out=folder, **FIELDS)):
+        with pytest.raises(FileError, match="device: 'cpu .*' there, 'cpu -march=x86-64' here"):
+            go_on(tmp_path)
 
 
 def test_what_cannot_travel_stays_in_its_process(tmp_path):
@@ -167,6 +160,7 @@ def test_two_processes_agree_on_the_hash(tmp_path):
     code = """
 import sys
 sys.path[:0] = sys.argv[1:3]
+from pushing import push_file
 from test_task_sweep import plan, task
 import slcp_warp as slcp
 from slcp_warp.ensembles.stored.job import SweepJob

@@ -11,6 +11,7 @@ import warp as wp
 from ...inputs.errors import ArgumentError
 from ...options import Options, Status
 from ...runs.job import Columns, Job, Plain, makes_jobs, reference_to
+from ...runs.origin import device_kind
 from ...runs.store import Store
 from ..chunks import ARMS, KEYS
 from ..tasks import TaskSweep
@@ -116,11 +117,6 @@ class SweepJob(Job):
     def provenance(self) -> Plain:
         """The task's name, and where task and policies came from as far as they were given as texts."""
         return {"task": self.work.task.name, **self.texts}
-
-
-def device_kind(device: wp.Device) -> str:
-    """The word cpu, or cuda and the architecture."""
-    return "cpu" if device.is_cpu else f"cuda sm_{device.arch}"
 
 
 @makes_jobs
