@@ -12,7 +12,7 @@ import pytest
 pytest.importorskip("typer")
 pytest.importorskip("pyarrow")
 
-from pushing import push_file
+from file_examples import push_file
 from test_cli import call, fails
 
 import slcp_warp as slcp

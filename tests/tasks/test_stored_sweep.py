@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pushing import push_file
+from file_examples import push_file
 from test_task_sweep import kinetic_energy, plan, task
 
 import slcp_warp as slcp
@@ -160,7 +160,7 @@ def test_two_processes_agree_on_the_hash(tmp_path):
     code = """
 import sys
 sys.path[:0] = sys.argv[1:3]
-from pushing import push_file
+from file_examples import push_file
 from test_task_sweep import plan, task
 import slcp_warp as slcp
 from slcp_warp.ensembles.stored.job import SweepJob
