@@ -33,6 +33,7 @@ IN_CHECKOUTS = {  # commands of `slcp paper` and `slcp` that a wheel leaves out:
     "grip": ("studies.grip", "grip_command"),
     "impact": ("studies.impact", "impact_command"),
     "residuals": ("studies.residuals", "residuals_command"),
+    "mpc": ("studies.mpc", "mpc_command"),
     "bench": ("benchmarks.commands", "app"),
 }
 

@@ -39,8 +39,8 @@ class MPC:
             pass, and the next one is made after the control is given (`prepare`).
         replan: steps between two plans.
         delay: steps for which a new plan is not there yet, less than `replan`; the last one acts meanwhile.
-        starts: of "shift", "keep", "library", "noise", "zero", or functions of a `ddp.Situation` that give
-            controls (B, N, nu), a `ddp.StartPolicy`, or None.
+        starts: of "shift", "keep", "library", "noise", "zero", a `ddp.Sampling`, or functions of a
+            `ddp.Situation` that give controls (B, N, nu), a `ddp.StartPolicy`, or None.
         improved: starts of lowest cost that go through the passes; the best of them is taken.
         sigma: noise level of the model's smoothing; None: the problem's.
         noise: standard deviation of the start "noise" [control units]; None: a fifth of the limits, or 1.

@@ -11,6 +11,8 @@ from slcp_warp.inputs.errors import ArgumentError
 
 from ..library.nearest import wrap
 from ..problem import Problem
+from ..sampling.options import Sampling
+from ..sampling.sampler import Sampler
 
 
 @dataclass
@@ -121,6 +123,29 @@ def library(s: Situation) -> np.ndarray | None:
     return None if s.library is None else s.library(s.x)
 
 
+class Search:
+    """Sampled controls about the last policy's, or about none: the best of `Sampling`.
+
+    Args:
+        options: how many samples, by which method.
+    """
+
+    __name__ = "sample"
+
+    def __init__(self, options: Sampling) -> None:
+        self.options = options
+        self._samplers: dict[tuple[Problem, int], Sampler] = {}
+
+    def __call__(self, s: Situation) -> np.ndarray:
+        """Controls (B, N, nu)."""
+        key = s.problem, len(s.x)
+        if key not in self._samplers:
+            self._samplers[key] = Sampler(s.problem, len(s.x), self.options)
+        sampler = self._samplers[key]
+        sampler.run(s.x, None if s.last is None else s.last.us, seed=int(s.rng.integers(2**31)))
+        return np.asarray(sampler.us.numpy(), np.float64)
+
+
 STARTS: dict[str, Start] = {"shift": shift, "keep": keep, "zero": zero, "noise": noise, "library": library}
 
 
@@ -128,11 +153,13 @@ def chosen_starts(given: Any) -> dict[str, Start]:
     """Starts by name; users' functions by theirs."""
     if not isinstance(given, list | tuple) or not given:
         raise ArgumentError(
-            f"starts is {shown(given)}; names of {', '.join(STARTS)}, or functions, are needed"
+            f"starts is {shown(given)}; some of {', '.join(STARTS)}, a ddp.Sampling or functions are needed"
         )
     found: dict[str, Start] = {}
     for each in given:
-        if isinstance(each, str) and each in STARTS:
+        if isinstance(each, Sampling):
+            found["sample"] = Search(each)
+        elif isinstance(each, str) and each in STARTS:
             found[each] = STARTS[each]
         elif callable(each) and not isinstance(each, type):
             found[getattr(each, "__name__", f"start {len(found)}")] = each

@@ -149,6 +149,18 @@ def test_a_start_that_blows_up_leaves_the_last_plan(task, problem):
     assert policy.failures == WORLDS and policy.chosen["wild"] == WORLDS
 
 
+def test_sampled_controls_are_a_start_that_is_never_worse_than_the_last_plan(task, problem):
+    search = ddp.Sampling(samples=16, iterations=1)
+    policy, x0, worlds = ddp.MPC(problem, passes=0, starts=[search]), starts_of(task), np.arange(WORLDS)
+    run(policy, task, x0, 3)
+    assert policy.chosen == {"sample": 3 * WORLDS} and policy.failures == 0
+    last, x = policy._planners[0].acting, x0 + 0.01
+    workspace = ddp.Workspace(problem, WORLDS, ddp.Options(max_iterations=0))
+    workspace.start(x, np.concatenate([last.us[:, 1:], last.us[:, -1:]], axis=1))
+    policy.act(x, 0.15, worlds)
+    assert (policy._planners[0].work.cost.numpy() <= workspace.cost.numpy() + 1e-9).all()
+
+
 def test_a_world_that_is_lost_gets_no_control_and_harms_no_other(task, problem):
     x0, worlds = starts_of(task), np.arange(WORLDS)
     policy, whole = (ddp.MPC(problem, passes=1) for _ in range(2))
