@@ -1,6 +1,8 @@
 """Tracking a plan, evaluated inside a rollout's or a sweep's kernel."""
 
+import copy
 import functools
+import math
 from types import SimpleNamespace
 from typing import Any
 
@@ -8,7 +10,7 @@ import numpy as np
 import warp as wp
 
 from slcp_warp import Simulator
-from slcp_warp.inputs.checks import array, attribute
+from slcp_warp.inputs.checks import array, attribute, number
 from slcp_warp.inputs.errors import ArgumentError, ArgumentTypeError
 from slcp_warp.inputs.limits import limit_rows
 from slcp_warp.kernels.policies.contract import PolicyKernel
@@ -16,11 +18,14 @@ from slcp_warp.kernels.policies.tracking import TRACKING, make_tracking
 from slcp_warp.policies.arrays import put, put_limits
 from slcp_warp.policies.saved import Content
 
+SAME = 1e-6  # of a step: times that differ by less are the same
+
 
 class TrackingPolicy:
     """u = us_k + K_k (x - xs_k) along trajectories (M36), by step, within the limits of the plan.
 
-    The last step is held.
+    The last step is held. Where the plan's step size is known and steps of another one are made, the plan is
+    followed in time (`at`).
 
     Args:
         result: of `ddp.solve`, for one problem or as many as there are worlds; or any object with `us`
@@ -29,9 +34,16 @@ class TrackingPolicy:
             derivative 0.
         period: (nx,) as in `Scene.state_period`.
         control_limits: as of a `Problem`; None: `lower` and `upper` of the result where it has them.
+        step_size: of the plan [s]; None: that of the result's simulator, where it has one.
     """
 
-    def __init__(self, result: Any, period: np.ndarray | None = None, control_limits: Any = None) -> None:
+    def __init__(
+        self,
+        result: Any,
+        period: np.ndarray | None = None,
+        control_limits: Any = None,
+        step_size: float | None = None,
+    ) -> None:
         for name in ("us", "xs", "K"):
             if not isinstance(attribute(result, name), np.ndarray | wp.array):
                 raise ArgumentTypeError(
@@ -44,6 +56,8 @@ class TrackingPolicy:
             control_limits = result.lower, result.upper
         self.limits = limit_rows(control_limits, self.us.shape[-1])
         self.worlds = len(self.us)
+        own = attribute(attribute(result, "simulated"), "step_size") if step_size is None else step_size
+        self.step_size = None if own is None else number("step_size", own, 0.0, above=True)
 
     def kernel(self, sim: Simulator) -> tuple[PolicyKernel, Any]:
         """Kernel and struct for a simulator."""
@@ -70,15 +84,39 @@ class TrackingPolicy:
         put_limits(sim, struct, self.limits)
         return TRACKING, struct
 
+    def at(self, step_size: float) -> "TrackingPolicy":
+        """The plan for steps of another size [s]: controls and gains held, states between its own.
+
+        Raises:
+            ArgumentError: a plan without a step size, or of Warp arrays, whose gradients would be lost.
+        """
+        h = number("step_size", step_size, 0.0, above=True)
+        if self.step_size is None or not all(isinstance(a, np.ndarray) for a in (self.us, self.xs, self.K)):
+            why = "has no step size" if self.step_size is None else "is of Warp arrays"
+            raise ArgumentError(f"the plan {why}; it is followed with its own steps only, not with {h} s")
+        steps = self.us.shape[1]
+        count = max(1, math.ceil(steps * self.step_size / h - SAME))
+        place = np.arange(count) * h / self.step_size
+        row = np.minimum(np.floor(place + SAME).astype(int), steps - 1)
+        share = np.clip(place - row, 0.0, 1.0)[:, None]
+        after = np.minimum(row + 1, self.xs.shape[1] - 1)
+        out = copy.copy(self)
+        out.us, out.K, out.step_size = self.us[:, row], self.K[:, row], h
+        out.xs = (1.0 - share) * self.xs[:, row] + share * self.xs[:, after]
+        return out
+
     def content(self) -> Content:
         """What it is made from, see `slcp_warp.policies.saved`."""
         arrays = {"us": self.us, "xs": self.xs, "K": self.K}
         arrays = {name: a.numpy() if isinstance(a, wp.array) else a for name, a in arrays.items()}
-        return Content({}, arrays | dict(zip(("period", "lower", "upper"), (self.period, *self.limits))))
+        return Content(
+            {"step_size": self.step_size},
+            arrays | dict(zip(("period", "lower", "upper"), (self.period, *self.limits))),
+        )
 
     @classmethod
     def of_content(cls, content: Content) -> "TrackingPolicy":
         """From what `content` gave."""
         a = content.arrays
         plan = SimpleNamespace(us=a["us"], xs=a["xs"], K=a["K"])
-        return cls(plan, a["period"], (a["lower"], a["upper"]))
+        return cls(plan, a["period"], (a["lower"], a["upper"]), content.values.get("step_size"))

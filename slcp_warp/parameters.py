@@ -96,9 +96,10 @@ class Parameters(Printed):
         """A copy with some parameters changed.
 
         Args:
-            changes: name=value; a scalar (for every component), the parameter's own shape, (B,) or (B,
-                *shape). A disc has one radius, twice; an axis is of unit length; lower above upper is a world
-                without a solution (its status says so).
+            changes: name=value; a scalar (for every component), the parameter's own shape, (B, *shape), or
+                (B, 1, ..) for a number of every world, for all components; (B,) is that, too, where B is not
+                the length of the parameter, whose components they are then. A disc has one radius, twice; an
+                axis is of unit length; lower above upper is a world without a solution (its status says so).
 
         Raises:
             ParameterError: unknown name, shape that does not fit, non-finite or illegal value.
@@ -163,6 +164,8 @@ class Parameters(Printed):
             array = array.copy()
         elif array.ndim == 0:
             array = np.full(shape, array)
+        elif array.ndim == len(shape) + 1 and array.shape[1:] == (1,) * len(shape):
+            array = np.broadcast_to(array, (len(array), *shape)).copy()
         elif array.ndim == 1 and shape:
             array = np.broadcast_to(array.reshape((-1,) + (1,) * len(shape)), (len(array), *shape)).copy()
         else:

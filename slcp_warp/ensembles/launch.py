@@ -12,6 +12,7 @@ from slcp_warp.kernels.ensembles.arrival import make_span
 from slcp_warp.kernels.ensembles.disturbances import make_conditions
 from slcp_warp.kernels.ensembles.sweep import make_sweep_kernel
 from slcp_warp.kernels.policies.contract import PolicyKernel
+from slcp_warp.kernels.structure import STEP_SIZE
 
 from ..inputs import checks
 from ..inputs.errors import ArgumentError
@@ -19,7 +20,7 @@ from ..inputs.limits import limit_rows
 from ..measures import Measure, contact_share, lowest_gap
 from ..measures.tables import MeasureTable
 from ..simulator import Simulator
-from ..stepping.arguments import policy_arrays
+from ..stepping.arguments import at_step_size, policy_arrays
 from ..stepping.host import acts_on_host
 from ..tasks.disturbances import Disturbances
 from .by_periods import OnHost, by_periods
@@ -57,7 +58,9 @@ class Case:
     ) -> None:
         self.sim, self.spec, self.step_size = sim, spec, step_size
         self.draws = draws_of_spec(sim, spec, step_size) if draws is None else draws
+        policy = at_step_size(policy, step_size)
         self.policy = policy if acts_on_host(policy) else policy_arrays(policy, sim, spec.worlds)
+        self._timed = policy if isinstance(checks.attribute(policy, "step_size"), float) else None
         if not 0 <= spec.observe < sim.nx:
             raise ArgumentError(
                 f"SweepSpec.observe is {spec.observe}; a state component 0..{sim.nx - 1} is needed"
@@ -89,6 +92,8 @@ class Case:
         samples: wp.array = wp.zeros((count, self.count), dtype=wp.float32, device=self.sim.device)
         self._conditions.world0 = world0
         policy = self.policy
+        if self._timed is not None:  # a plan: no world makes steps of another size
+            at_step_size(self._timed, worlds.params.numpy()[:, STEP_SIZE])
         if not isinstance(policy, tuple):
             policy = OnHost(self.sim, policy, self._conditions, worlds)
         kept, status = self.roll_out(self.sim, policy, self._conditions, self.table, worlds, samples)

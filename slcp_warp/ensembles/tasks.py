@@ -13,6 +13,7 @@ from ..inputs.errors import ArgumentError, ArgumentTypeError
 from ..measures.reductions import Measure, first_time
 from ..options import Options, Status
 from ..simulator import Simulator
+from ..stepping.arguments import at_step_size
 from ..tasks.disturbances import Disturbances
 from ..tasks.task import Task
 from .chunks import ARMS, Chunks, Part
@@ -116,9 +117,8 @@ class TaskSweep:
             draws = Given(sim, task, self.given, part.step_size)
         else:
             draws = draws_of_task(sim, task, d, self.seed, part.step_size)
-        policy = between(
-            self.policies[part.policy], task.disturbances, self.seed, part.step_size, part.arm != ARMS[0]
-        )
+        policy = at_step_size(self.policies[part.policy], part.step_size)
+        policy = between(policy, task.disturbances, self.seed, part.step_size, part.arm != ARMS[0])
         judged = self._judged, draws, task.control_limits, self._failure, task.cost
         return Case(sim, policy, spec, part.step_size, part.at_once, *judged)
 

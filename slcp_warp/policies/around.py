@@ -1,5 +1,6 @@
 """What lies between a policy and its world."""
 
+import copy
 from collections.abc import Mapping
 from typing import Any
 
@@ -9,7 +10,7 @@ import warp as wp
 from slcp_warp.kernels.policies.around import SENSOR, Between, around_kernel
 from slcp_warp.kernels.policies.contract import PolicyKernel
 
-from ..inputs.checks import array, number, shown, whole
+from ..inputs.checks import array, attribute, number, shown, whole
 from ..inputs.errors import ArgumentError
 from ..inputs.limits import bounded, limit_rows
 from ..simulator import Simulator
@@ -40,6 +41,7 @@ class Around:
     ) -> None:
         self.policy, self.limits = policy, limits
         self.worlds = getattr(policy, "worlds", 1)
+        self.step_size = attribute(policy, "step_size")
         self.delay, self.hold = whole("delay", delay, 0, LONGEST), whole("hold", hold)
         self.seed = whole("seed", seed, 0)
         self.noise = noise
@@ -49,6 +51,12 @@ class Around:
             self.noise = array("noise", noise)
             if (self.noise < 0.0).any() or self.noise.ndim > 1:
                 raise ArgumentError(f"noise is {shown(noise)}; standard deviations, not negative, are needed")
+
+    def at(self, step_size: float) -> "Around":
+        """The same around a plan for steps of another size [s]; delay and hold stay as many steps."""
+        out = copy.copy(self)
+        out.policy, out.step_size = self.policy.at(step_size), step_size
+        return out
 
     def kernel(self, sim: Simulator) -> tuple[PolicyKernel, Any]:
         """Kernel and struct for a simulator."""

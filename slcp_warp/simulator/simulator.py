@@ -17,7 +17,7 @@ from ..options import Options
 from ..parameters import Parameters
 from ..results import Linearization, Step, Trajectory, contact_impulse
 from ..results.simulated import Simulated
-from ..stepping.arguments import Arguments, policy_arrays
+from ..stepping.arguments import Arguments, at_step_size, policy_arrays
 from ..stepping.arrays import Controls, RolloutArrays, StepArrays
 from ..stepping.host import Asked, acts_on_host
 from ..stepping.kernels import Kernels
@@ -261,7 +261,7 @@ class Simulator(Printed):
         if policy is None:
             return self._arguments.open_loop(controls, steps, worlds)
         steps = checks.whole("steps", steps)
+        h = self.params.matching(params, worlds)["step_size"]
         if acts_on_host(policy):
-            h = self.params.matching(params, worlds)["step_size"]
             return Controls(Asked(policy, self, np.arange(worlds), np.atleast_1d(h)), None, steps)
-        return Controls(*policy_arrays(policy, self, worlds), steps)
+        return Controls(*policy_arrays(at_step_size(policy, h), self, worlds), steps)

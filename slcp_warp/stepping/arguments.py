@@ -112,6 +112,23 @@ def checked_kernel(policy: Any, sim: Any) -> tuple[PolicyKernel, Any]:
     return kernel, struct
 
 
+def at_step_size(policy: Any, step_sizes: Any) -> Any:
+    """A policy for steps of these sizes [s]; a plan that was made for another one is followed in time.
+
+    Raises:
+        ArgumentError: a plan of a step size, and worlds of several.
+    """
+    own, sizes = checks.attribute(policy, "step_size"), np.ravel(step_sizes)
+    if not isinstance(own, float) or np.allclose(sizes, own, rtol=1e-6, atol=0.0):
+        return policy
+    if np.ptp(sizes) > 0.0:
+        raise ArgumentError(
+            f"policy is a plan of steps of {own:g} s; the worlds' are {sizes.min():g} to {sizes.max():g} s, "
+            "and one for all is needed"
+        )
+    return policy.at(float(sizes[0]))
+
+
 def policy_arrays(policy: Any, sim: Any, worlds: int | None) -> tuple[PolicyKernel, Any]:
     """Kernel and struct of a policy, for so many worlds (None: for any number)."""
     kernel, struct = checked_kernel(policy, sim)

@@ -74,6 +74,8 @@ def _column(name: str, value: Any, shape: tuple[int, ...], size: int, like: Tens
         return value.reshape(1, -1).expand(1, size)
     if value.shape[1:] == shape:
         return value.reshape(len(value), size)
+    if value.ndim == len(shape) + 1 and value.shape[1:] == (1,) * len(shape):
+        return value.reshape(len(value), 1).expand(-1, size)
     if value.ndim == 1:
         return value[:, None].expand(-1, size)
     need = ", ".join(["B", *map(str, shape)])

@@ -46,6 +46,23 @@ def test_columns_do_not_overlap(name):
     assert [column for column, _, _ in params.layout.columns] == list(params.names)
 
 
+def test_as_many_worlds_as_components_are_told_apart_by_an_axis():
+    """(n,) are the components, (n, 1) one number for each of n worlds, whatever n is."""
+    params = params_of("grasp")
+    count = params.layout.shape("friction")[0]
+    given = np.linspace(0.2, 0.8, count)
+    assert count > 1 and params.replace(friction=given).worlds is None
+    for worlds in (count, count + 3):
+        each = np.linspace(0.2, 0.8, worlds)
+        table = block(params.replace(friction=each[:, None]), "friction")
+        np.testing.assert_array_equal(table, np.tile(each[:, None], count))
+    np.testing.assert_array_equal(block(params.replace(friction=each), "friction"), table)
+    radius = block(params.replace(radius=np.full((4, 1, 1), 0.1)), "radius")
+    assert radius.shape[0] == 4 and (radius == 0.1).all()
+    with pytest.raises(slcp.InputError, match="friction has shape"):
+        params.replace(friction=np.full((4, 1, 1), 0.1))
+
+
 @pytest.mark.parametrize("name", SCENES)
 @pytest.mark.parametrize("worlds", [2, 5])
 def test_every_number_lands_in_its_own_column_and_world(name, worlds):

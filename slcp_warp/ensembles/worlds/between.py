@@ -24,7 +24,7 @@ class Between:
     def __init__(self, policy: Any, d: Disturbances, step_size: float, seed: int, quiet: bool) -> None:
         delay, hold = steps_of(d, step_size)
         self._around = Around(policy, delay=delay, hold=hold, noise=d.sensor, seed=seed)
-        self._quiet = quiet
+        self._quiet, self.step_size = quiet, self._around.step_size
 
     def kernel(self, sim: Simulator) -> tuple[PolicyKernel, Any]:
         """Kernel and struct for a simulator."""
