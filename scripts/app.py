@@ -11,6 +11,7 @@ from slcp_warp import __version__
 from .commands.chart import chart_command
 from .commands.compare import compare_command
 from .commands.compile import compile_command
+from .commands.falsify import falsify_command
 from .commands.library import library_command
 from .commands.map import map_command
 from .commands.optimise import optimise_command
@@ -52,6 +53,7 @@ app.command("sweep")(sweep_command)
 app.command("compare")(compare_command)
 app.command("sensitivity")(sensitivity_command)
 app.command("map")(map_command)
+app.command("falsify")(falsify_command)
 app.command("chart")(chart_command)
 app.command("watch")(watch_command)
 app.command("quickstart")(quickstart_command)

@@ -13,6 +13,9 @@ from .ensembles.outcome import Report
 from .ensembles.particles import ParticleRollout, Particles, particle_rollout, particles
 from .ensembles.questions.robustness_map import RobustnessMap, robustness_map
 from .ensembles.questions.sensitivity import sensitivity
+from .ensembles.questions.rare.failure import FailureShare, failure_share
+from .ensembles.questions.rare.falsification import Falsification
+from .ensembles.questions.rare.falsify import falsify
 from .ensembles.questions.sequential import SequentialComparison, compare_sequentially
 from .ensembles.report import SweepReport
 from .ensembles.spec import SweepSpec
@@ -46,6 +49,8 @@ __all__ = [
     "Disturbances",
     "Dropout",
     "InputError",
+    "FailureShare",
+    "Falsification",
     "FileError",
     "Linearization",
     "LogNormal",
@@ -85,6 +90,8 @@ __all__ = [
     "compare_sequentially",
     "costs",
     "draw_worlds",
+    "failure_share",
+    "falsify",
     "jvp",
     "load_mjcf",
     "load_report",

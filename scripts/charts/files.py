@@ -14,7 +14,7 @@ from ..support.paper import SCENE
 from ..support.records import Record, RecordError, load_record, read_kind
 from ..support.simulators import mechanism_name
 from ..support.tables import has_columns, is_results
-from . import cycle, questions, report, space, sweep
+from . import cycle, falsify, questions, report, space, sweep
 from . import ddp as plans
 
 SHOWN = 8.0  # seconds of an animation
@@ -46,6 +46,7 @@ TABLES = {  # which columns a .csv of a kind has
     "report": {"policy", "arm"},
     "sensitivity": {"drawn", "first", "total"},
     "map": {"x_value", "y_value", "success"},
+    "falsification": {"role", "failed"},
 }
 Drawer = Callable[[Order], list[Path]]
 
@@ -115,6 +116,10 @@ def _map(order: Order) -> list[Path]:
     return [questions.map_chart(order.path, order.picture)]
 
 
+def _falsification(order: Order) -> list[Path]:
+    return [falsify.falsify_chart(order.path, order.picture)]
+
+
 def _size(order: Order) -> list[Path]:
     return [sweep.size_chart(order.path, order.picture)]
 
@@ -149,5 +154,6 @@ DRAWERS: dict[str, Drawer] = {
     "sensitivity": _sensitivity,
     "map": _map,
     "size": _size,
+    "falsification": _falsification,
     "trajectory": _trajectory,
 }

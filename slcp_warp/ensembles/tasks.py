@@ -150,11 +150,10 @@ def _columns(
     values = found["measures"]
     own = {measure: values[:, j] for j, measure in enumerate(judged)}
     solved = found["status"] == Status.SOLVED
-    success = solved if task.success is None else task.success.holds(own) & solved
+    success = succeeded(task, own, found["status"])
     ended = {}
     if task.failure is not None:
         ended["failure_time"] = np.where(solved, own[first_time(task.failure)], np.nan)
-        success = success & ~np.isfinite(ended["failure_time"])
     columns = {name: array for name, array in found.items() if name.startswith("drawn_")}
     columns |= {name: np.where(solved, values[:, j], np.nan) for j, name in enumerate(task.measures)}
     return {
@@ -164,6 +163,16 @@ def _columns(
         "success": success,
         "status": found["status"],
     }
+
+
+def succeeded(task: Task, values: Mapping[Measure, np.ndarray], status: np.ndarray) -> np.ndarray:
+    """Which worlds (B,) were solved, succeeded and met no failure, by their measures' values and statuses."""
+    success = status == Status.SOLVED
+    if task.success is not None:
+        success = success & task.success.holds(dict(values))
+    if task.failure is not None:
+        success = success & ~np.isfinite(values[first_time(task.failure)])
+    return success
 
 
 def policies_by_name(policies: Any) -> dict[str, Any]:

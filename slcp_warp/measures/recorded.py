@@ -102,8 +102,7 @@ class Recorded:
     def _reduce(self, measure: Measure, b: int, series: np.ndarray) -> float:
         """A measure of one world, from its signal in every step (N+1,)."""
         t, h = self.times[b], self.step_size[b]
-        end = np.inf if measure.end is None else measure.end
-        counts = (t >= measure.start - ROUNDING * h) & (t < end - ROUNDING * h)
+        counts = counted_steps(measure, t, h)
         steps = counts.copy()
         steps[-1] = False
         if not counts.any():
@@ -128,6 +127,13 @@ class Recorded:
         if measure.reduction in ("mean", "share_of_time"):
             return summed / steps.sum()
         return summed * (h if measure.reduction == "integral" else 1.0)
+
+
+def counted_steps(measure: Measure, times: np.ndarray, step_size: float) -> np.ndarray:
+    """Which of the states at `times` (N+1,) a measure counts."""
+    end = np.inf if measure.end is None else measure.end
+    slack = ROUNDING * step_size
+    return np.asarray((times >= measure.start - slack) & (times < end - slack))
 
 
 def checked_measures(measures: Any) -> dict[str, Measure]:

@@ -129,16 +129,16 @@ def _places(scene: Scene, key: str) -> list[int]:
     size = int(np.prod(shape, dtype=int))
     if not part:
         return list(range(start, start + size))
-    owners = _owners(scene, name)
-    rows = [i for i, owner in enumerate(owners) if owner == part or owner.startswith(part + ".")]
+    parts = owners(scene, name)
+    rows = [i for i, owner in enumerate(parts) if owner == part or owner.startswith(part + ".")]
     if not rows:
-        there = ", ".join(f"{owner}.{name}" for owner in owners) or "none of a part"
+        there = ", ".join(f"{owner}.{name}" for owner in parts) or "none of a part"
         raise ArgumentError(f"Disturbances.parameters names {key!r}; there are {there}")
     width = size // shape[0]
     return [start + width * row + i for row in rows for i in range(width)]
 
 
-def _owners(scene: Scene, name: str) -> list[str]:
+def owners(scene: Scene, name: str) -> list[str]:
     """Names of the parts that a parameter's rows belong to."""
     if name in ("mass", "inertia", "com", "anchor", "angle"):
         return [body.name for body in scene.bodies]
@@ -148,6 +148,24 @@ def _owners(scene: Scene, name: str) -> list[str]:
         return [shape.name for shape in scene.shapes]
     of = {"gear": scene.control_names, "friction": scene.pair_names, "sigma": scene.row_names}
     return [each.replace("(+)", "").replace("(-)", "") for each in of.get(name, ())]
+
+
+def key_of(scene: Scene, column: int) -> str:
+    """The name that a column of the parameters is drawn by: "block.mass", or "gravity" where no part owns it.
+
+    Of a parameter with several numbers a part all of them have this name.
+    """
+    name, start, shape = column_of(scene, column)
+    parts = owners(scene, name)
+    if not parts or not shape:
+        return name
+    return f"{parts[(column - start) // (int(np.prod(shape, dtype=int)) // shape[0])]}.{name}"
+
+
+def column_of(scene: Scene, column: int) -> tuple[str, int, tuple[int, ...]]:
+    """Name, first column and shape of the parameter that a column of the table belongs to."""
+    columns = layout(scene.structure).columns
+    return next(each for each in reversed(columns) if each[1] <= column and np.prod(each[2], dtype=int))
 
 
 def start_laws(scene: Scene, starts: Any, spread: np.ndarray, given: Mapping[str, Distribution]) -> Laws:

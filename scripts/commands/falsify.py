@@ -1,0 +1,58 @@
+"""`slcp falsify`: the smallest disturbance that makes a policy fail, as a scenario that runs again."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+import slcp_warp as slcp
+
+from ..support.options import Device, Seed
+from ..support.records import load_policy
+from ..support.screen import console, one_line_errors, timed, wrote
+from ..support.tasks import TaskName
+
+
+@one_line_errors
+def falsify_command(
+    task: TaskName,
+    policy: Annotated[Path, typer.Option(help="File of `slcp library` or `slcp optimise`.")],
+    out: Annotated[Path, typer.Option(help="Folder for scenario, run, table, chart.")] = Path("falsified"),
+    by: Annotated[str, typer.Option(help="kick, push, start, parameters or all.")] = "kick",
+    time: Annotated[
+        float | None, typer.Option(help="Of the kick or push [s]; default: the task's, or 0.")
+    ] = None,
+    body: Annotated[str | None, typer.Option(help="That is pushed; default: the scene's last.")] = None,
+    duration: Annotated[float, typer.Option(help="Of the push [s].")] = 0.1,
+    most: Annotated[
+        float | None, typer.Option(help="Largest size [standard deviations]; default: 32, then 256.")
+    ] = None,
+    worlds: Annotated[int, typer.Option(help="Worlds at once.")] = 4096,
+    gradients: Annotated[
+        bool, typer.Option("--gradients", help="Use derivatives through contact, too.")
+    ] = False,
+    seed: Seed = 0,
+    device: Device = None,
+) -> None:
+    """Find the smallest disturbance under which a policy fails, on the hard problem, and save it."""
+    from ..charts.falsify import falsify_chart  # it loads matplotlib
+
+    chosen = slcp.load_task(task)
+    followed, _ = load_policy(policy, chosen.scene)
+    with timed("search"), console.status("worlds") as shown:
+        found = slcp.falsify(
+            chosen, followed, by, time=time, body=body, duration=duration, most=most, worlds=worlds,
+            gradients=gradients, seed=seed, device=device,
+            progress=lambda count: shown.update(f"{count:,} worlds"),
+        )  # fmt: skip
+    console.print(str(found), highlight=False)
+    out.mkdir(parents=True, exist_ok=True)
+    written = [found.save(out / "falsification.csv")]
+    if found.found:
+        written.append(found.replay(followed).save(out / "run.npz"))
+    if found.scenario is not None:
+        written.append(out / "scenario.toml")
+        slcp.save_task(found.scenario, written[-1])
+    written.append(falsify_chart(out / "falsification.csv", out / "falsification.png"))
+    for path in written:
+        wrote(Path(path))

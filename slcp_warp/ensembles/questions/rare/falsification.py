@@ -1,0 +1,108 @@
+"""The smallest disturbance that was found to make a policy fail, and what it is compared with."""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ....inputs import checks
+from ....inputs.errors import ArgumentError
+from ....options import Options, Status
+from ....results import Trajectory
+from ....storage.printed import Printed, Table
+from ....tasks.task import Task
+from ...store import write_table
+from ...worlds import Worlds
+from .replay import replayed
+from .trial import checked_options
+
+COLUMNS = ("role", "name", "value", "sd", "failed")  # of the table
+
+
+@dataclass(frozen=True, repr=False)
+class Falsification(Printed):
+    """The smallest disturbance that was found to make a policy fail.
+
+    Attributes:
+        task: with the disturbances that were searched, their standard deviations the units of size.
+        size: Euclidean length in standard deviations; infinite: none was found up to `most`; 0: the policy
+            fails undisturbed.
+        values: what is disturbed, by name: (value, standard deviations from the middle).
+        world: the failing world, as `slcp_warp.sweep(task, policy, worlds=...)` takes it; None: none.
+        scenario: a task of that one world, to save and to run again; None: none.
+        margin: in that world, of the hard problem in float64; at most 0.
+        status: of that world.
+        most: the largest size that was looked at.
+        drawn: sizes (n,) of disturbances drawn from the distributions, and `failing` (n,) whether they fail.
+        tried: worlds that were run.
+        rounds: of the search.
+        by_gradient, by_draws: improvements from gradients and from draws.
+    """
+
+    task: Task
+    size: float
+    values: dict[str, tuple[float, float]]
+    world: Worlds | None
+    scenario: Task | None
+    margin: float
+    status: Status
+    most: float
+    drawn: np.ndarray
+    failing: np.ndarray
+    tried: int
+    rounds: int
+    by_gradient: int
+    by_draws: int
+
+    @property
+    def found(self) -> bool:
+        """Whether a failing disturbance was found."""
+        return math.isfinite(self.size)
+
+    @property
+    def rarer(self) -> float:
+        """Share of the drawn disturbances that are as large or larger."""
+        return float((self.drawn >= self.size).mean())
+
+    def replay(self, policy: Any, options: Options | None = None) -> Trajectory:
+        """The failing world step by step, in float64; options None: the hard problem.
+
+        Raises:
+            ArgumentError: nothing was found.
+        """
+        if self.world is None:
+            raise ArgumentError("no failing disturbance was found; there is nothing to replay")
+        return replayed(self.task, policy, self.world, checked_options(self.task, options))
+
+    @property
+    def table(self) -> dict[str, np.ndarray]:
+        """Columns `COLUMNS`: a row for all that was "drawn", its size under sd, and for what was "found"."""
+        drawn, found = len(self.drawn), len(self.values)
+        value, sd = (np.array([each[i] for each in self.values.values()]) for i in (0, 1))
+        return {
+            "role": np.repeat(["drawn", "found"], [drawn, found]),
+            "name": np.array([""] * drawn + list(self.values)),
+            "value": np.concatenate([np.full(drawn, np.nan), value]),
+            "sd": np.concatenate([self.drawn, sd]),
+            "failed": np.concatenate([self.failing, np.ones(found, bool)]),
+        }
+
+    def save(self, path: str | Path) -> Path:
+        """Write the table as .csv; replaced only once complete."""
+        path = checks.path("path", path)
+        if path.suffix != ".csv":
+            raise ArgumentError(f"path {path} ends in {path.suffix!r}; .csv is needed")
+        write_table(path, self.table)
+        return path
+
+    def _line(self) -> str:
+        if not self.found:
+            return f"of task {self.task.name!r}: nothing up to {self.most:g} sd fails, {self.tried:,} worlds"
+        share = f"{100.0 * self.rarer:.3g} % of draws are as large"
+        return f"of task {self.task.name!r}: {self.size:.4g} sd, {share}; {self.tried:,} worlds"
+
+    def _tables(self) -> list[Table]:
+        rows = [(name, value, z) for name, (value, z) in self.values.items()]
+        return [Table("", ("disturbed", "value", "sd"), rows)]

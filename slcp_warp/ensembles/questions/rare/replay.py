@@ -1,0 +1,55 @@
+"""A given world of a task, step by step."""
+
+from typing import Any
+
+import numpy as np
+
+from ....measures.reductions import first_time
+from ....options import Options
+from ....parameters import Parameters
+from ....results import Trajectory
+from ....results.simulated import Simulated
+from ....simulator import Simulator
+from ....tasks.task import Task
+from ...launch import Case
+from ...spec import SweepSpec
+from ...worlds import Worlds
+from ...worlds.between import between
+from ...worlds.draws import Given
+
+
+def replayed(task: Task, policy: Any, world: Worlds, options: Options) -> Trajectory:
+    """The states of given worlds in every step, as the sweep's own kernels make them, in float64.
+
+    Each state is sampled by a run of its own, in single precision of its distance from the start.
+    """
+    assert task.duration is not None
+    given = world.numpy()
+    h = task.scene.step_size if given.params is None else float(given.params[0, 0])
+    sim = Simulator(task.scene, options, dtype="float64")
+    steps = int(np.floor(task.duration / h + 0.5))
+    columns, failure = [], None if task.failure is None else first_time(task.failure)
+    for component in range(sim.nx):
+        spec = SweepSpec(
+            worlds=len(given),
+            duration=steps * h,
+            step_sizes=(h,),
+            observe=component,
+            sample_every=h,
+            judged=False,
+        )
+        draws = Given(sim, task, given, h)
+        around = between(policy, task.disturbances, 0, h, False)
+        judged = () if failure is None else (failure,)
+        case = Case(sim, around, spec, h, None, judged, draws, task.control_limits, failure, task.cost)
+        found = case.launch(0, len(given))
+        columns.append(given.x0[:, component, None] + found["samples"].astype(float))
+    parameters = sim.params
+    if given.params is not None:
+        layout = sim.params.layout
+        own = {
+            name: given.params[:, start : start + int(np.prod(shape, dtype=int))].reshape(-1, *shape)
+            for name, start, shape in layout.columns
+        }
+        parameters = Parameters(sim.scene).replace(**own)
+    return Trajectory(np.stack(columns, -1), found["status"], simulated=Simulated.of(sim, parameters))

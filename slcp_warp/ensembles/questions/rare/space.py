@@ -1,0 +1,104 @@
+"""What a failing disturbance is looked for among: a task's own kinds of disturbance, alone or all of them."""
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ....inputs.checks import choice, number, shown
+from ....inputs.errors import ArgumentError, ArgumentTypeError
+from ....tasks.disturbances import Disturbances, Normal, Push
+from ....tasks.task import Task
+
+KINDS = ("kick", "push", "start", "parameters", "all")
+GRAVITY = 9.81  # [m/s^2]: forces are in weights of what is pushed
+
+
+def without_noise(disturbances: Disturbances) -> Disturbances:
+    """The same without what is drawn in single steps."""
+    return replace(disturbances, torque=0.0, sensor=0.0, dropped=0.0)
+
+
+def searched(
+    task: Task, by: Any, time: float | None, body: str | None, duration: float, point: Any = None
+) -> Disturbances:
+    """Disturbances of the kind `by`, or those that are given, with standard deviations as units of size.
+
+    Args:
+        task: whose own standard deviations are taken where it has some.
+        by: one of `KINDS`, or `Disturbances` of the caller's own.
+        time: of a kick or a push [s]; None: the task's first, or 0.
+        body: that is pushed; None: the task's first, or the scene's last.
+        duration: of a push [s].
+        point: of a push, in the body's frame [m]; None: the end of the body's first shape.
+
+    Raises:
+        ArgumentError: a kind that the task has nothing of, or times after the end.
+    """
+    own = task.disturbances
+    if isinstance(by, Disturbances):
+        return without_noise(by)
+    if not isinstance(by, str):
+        raise ArgumentTypeError(f"by is {shown(by)}; slcp_warp.Disturbances or a name is needed")
+    choice("by", by, KINDS)
+    alone = Disturbances(delay=own.delay, hold=own.hold)
+    assert task.duration is not None
+    if time is not None:
+        time = number("time", time, 0.0)
+        if time >= task.duration:
+            raise ArgumentError(f"time is {time} s; a run of task {task.name!r} ends after {task.duration} s")
+    if by == "kick":
+        at = time if time is not None else min(own.kick_times, default=0.0)
+        return replace(alone, kick_times=(at,), kicks=_kicks(task))
+    if by == "push":
+        return replace(alone, pushes=(_push(task, time, body, duration, point),))
+    if by == "start":
+        found = replace(alone, position=own.position, velocity=own.velocity, start=own.start)
+        drawn = bool(np.any(found.deviation(task.scene) > 0.0))
+    elif by == "parameters":
+        found = replace(alone, parameters=own.parameters)
+        drawn = bool(own.parameters)
+    else:
+        found = without_noise(own)
+        drawn = replace(found, delay=0.0, hold=0.0).any()
+    if not drawn:
+        raise ArgumentError(
+            f"by is {by!r}; task {task.name!r} disturbs nothing of this kind: give Disturbances"
+        )
+    return found
+
+
+def _kicks(task: Task) -> dict[str, Any]:
+    """Of every velocity: as the task kicks it, or as its starts spread; where not, the widest, or 1."""
+    own, scene = task.disturbances, task.scene
+    names = scene.state_names[scene.nv :]
+    if own.kick_times and (own.kick > 0.0 or own.kicks):
+        return {name: own.kicks.get(name, Normal(own.kick)) for name in names}
+    spread = own.deviation(scene)[scene.nv :]
+    spread = np.where(spread > 0.0, spread, spread.max() or 1.0)
+    return {name: Normal(float(sd)) for name, sd in zip(names, spread)}
+
+
+def _push(task: Task, time: float | None, body: str | None, duration: float, at: Any) -> Push:
+    """A force in any direction on a point of a body, in weights of the body."""
+    own = task.disturbances.pushes
+    if own and time is None and body is None:
+        return own[0]
+    names = [each.name for each in task.scene.bodies]
+    name = names[-1] if body is None else choice("body", body, names)
+    mass = next(each.mass for each in task.scene.bodies if each.name == name)
+    sd = float(mass) * GRAVITY
+    return Push(name, 0.0 if time is None else time, number("duration", duration, 0.0, above=True),
+                force=(Normal(sd), Normal(sd)), at=_end(task, name) if at is None else at)  # fmt: skip
+
+
+def _end(task: Task, body: str) -> tuple[float, float] | None:
+    """The end of a body's first shape along its first axis, where a hand would take it."""
+    for shape in task.scene.shapes:
+        if shape.body == body and shape.kind != "halfplane":
+            radii = np.ravel(shape.radius)
+            reach = float(radii.sum()) if shape.kind == "capsule" else float(radii[0])
+            x, y = shape.offset
+            return x + reach * math.cos(shape.angle), y + reach * math.sin(shape.angle)
+    return None

@@ -1,0 +1,99 @@
+"""Given worlds of a task under a policy: how they end."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ....inputs.checks import number, shown
+from ....inputs.errors import ArgumentTypeError
+from ....measures.reductions import Measure, first_time
+from ....options import Options
+from ....simulator import Simulator
+from ....tasks.task import Task
+from ...launch import Case, worlds_at_once
+from ...spec import SweepSpec
+from ...tasks import SAMPLES, succeeded
+from ...worlds import Worlds
+from ...worlds.between import between
+from ...worlds.draws import Given
+
+
+class Ends(NamedTuple):
+    """How B worlds ended.
+
+    Attributes:
+        values: (B, M) of the measures.
+        success: (B,).
+        status: (B,) as `slcp_warp.Status`.
+    """
+
+    values: np.ndarray
+    success: np.ndarray
+    status: np.ndarray
+
+
+class Trial:
+    """A task under a policy, in whatever worlds are asked for, in launches of bounded memory.
+
+    Attributes:
+        sim: whose steps they make.
+        step_size: [s].
+        worlds: run so far.
+    """
+
+    def __init__(
+        self,
+        task: Task,
+        policy: Any,
+        options: Options,
+        measures: Sequence[Measure],
+        *,
+        seed: int = 0,
+        step_size: float | None = None,
+        dtype: str = "float32",
+        device: Any = None,
+        strategy: str = "auto",
+    ) -> None:
+        assert task.duration is not None
+        size = task.scene.step_size if step_size is None else step_size
+        self.step_size = number("step_size", size, 0.0, task.duration, above=True)
+        self.task, self.worlds = task, 0
+        self.sim = Simulator(task.scene, options, device=device, dtype=dtype, strategy=strategy)
+        failure = None if task.failure is None else first_time(task.failure)
+        judged = [*measures, *(() if task.success is None else task.success.parts())]
+        self._judged = list(dict.fromkeys(judged if failure is None else [*judged, failure]))
+        self._measures = len(measures)
+        spec = SweepSpec(
+            worlds=1, duration=task.duration, step_sizes=(self.step_size,), seed=seed,
+            sample_every=task.duration, judged=False,
+        )  # fmt: skip
+        around = between(policy, task.disturbances, seed, self.step_size, False)
+        given = Given(self.sim, task, Worlds(task.start[:1]), self.step_size)
+        at_once = worlds_at_once(self.sim, SAMPLES, len(self._judged), given.numbers)
+        self._case = Case(
+            self.sim, around, spec, self.step_size, at_once, self._judged, given, task.control_limits, failure,
+            task.cost,
+        )  # fmt: skip
+
+    def run(self, worlds: Worlds) -> Ends:
+        """Run these worlds to their end."""
+        case, count = self._case, len(worlds)
+        case.draws = Given(self.sim, self.task, worlds, self.step_size)
+        found = [case.launch(i, min(case.chunk, count - i)) for i in range(0, count, case.chunk)]
+        values = np.concatenate([part["measures"] for part in found])
+        status = np.concatenate([part["status"] for part in found])
+        own = {measure: values[:, j] for j, measure in enumerate(self._judged)}
+        self.worlds += count
+        return Ends(values[:, : self._measures], succeeded(self.task, own, status), status)
+
+
+def checked_options(task: Task, options: Any) -> Options:
+    """Options of the steps; None: the task's, of the hard problem."""
+    if options is None:
+        hard = replace(task.options, residual="hard", noise="row", deviation=None)
+        return task.options if task.options.hard else hard
+    if not isinstance(options, Options):
+        raise ArgumentTypeError(f"options is {shown(options)}; slcp_warp.Options are needed")
+    return options
