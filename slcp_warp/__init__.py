@@ -11,11 +11,11 @@ from .description.scene import Scene
 from .description.scene_file import SceneFileError, load_scene, save_scene
 from .ensembles.outcome import Report
 from .ensembles.particles import ParticleRollout, Particles, particle_rollout, particles
-from .ensembles.questions.robustness_map import RobustnessMap, robustness_map
-from .ensembles.questions.sensitivity import sensitivity
 from .ensembles.questions.rare.failure import FailureShare, failure_share
 from .ensembles.questions.rare.falsification import Falsification
 from .ensembles.questions.rare.falsify import falsify
+from .ensembles.questions.robustness_map import RobustnessMap, robustness_map
+from .ensembles.questions.sensitivity import sensitivity
 from .ensembles.questions.sequential import SequentialComparison, compare_sequentially
 from .ensembles.report import SweepReport
 from .ensembles.spec import SweepSpec

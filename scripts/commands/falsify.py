@@ -45,13 +45,13 @@ def falsify_command(
             gradients=gradients, seed=seed, device=device,
             progress=lambda count: shown.update(f"{count:,} worlds"),
         )  # fmt: skip
-    console.print(str(found), highlight=False)
+    console.print(str(found), highlight=False, soft_wrap=True)
     out.mkdir(parents=True, exist_ok=True)
     written = [found.save(out / "falsification.csv")]
     if found.found:
         written.append(found.replay(followed).save(out / "run.npz"))
     if found.scenario is not None:
-        written.append(out / "scenario.toml")
+        written.append(out / "scenario.json")
         slcp.save_task(found.scenario, written[-1])
     written.append(falsify_chart(out / "falsification.csv", out / "falsification.png"))
     for path in written:

@@ -1,5 +1,6 @@
 """Any task by the same commands: plan, run, library, sweep, comparison, pictures."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -78,6 +79,7 @@ def test_a_task_of_a_file_goes_end_to_end(tmp_path):
     )
     assert "--policy is of a task with --sequential" in fails("compare", TOML, *both)
     check_questions(tmp_path, parts)
+    falsified(tmp_path)
     assert "has the policy" in fails("compare", _one_policy(tmp_path))
     assert "there is no policy 'mpc'" in fails("compare", tmp_path / "report.csv", "mpc", "plan")
     still = ("--velocity-sd", 0, "--torque-sd", 0, "--vary", "mass=0", "--duration", 0.4, "--worlds", 3)
@@ -115,6 +117,31 @@ def check_questions(folder: Path, parts: dict) -> None:
     bad = ("map", TOML, "--policy", plan, "--y", "mass=1:2:3", "--x")
     assert "name=low:high:count is needed" in fails(*bad, "friction=1:2")
     assert "x is 'weight'; a state" in fails(*bad, "weight=1:2:2")
+
+
+def falsified(folder: Path) -> None:
+    """The smallest kick that makes the plan fail: it does so again in a task of its own; less does not."""
+    out = folder / "falsified"
+    arguments = (TOML, "--policy", folder / "plan.npz", "--device", "cpu")
+    said = call("falsify", *arguments, "--by", "kick", "--worlds", 512, "--out", out).output
+    assert "kick_0_" in said and "of task" in said
+    scenario, task = slcp.load_task(out / "scenario.json"), slcp.load_task(TOML)
+    kick = scenario.disturbances.kick_laws(task.scene).base
+    plan = ddp.TrackingPolicy(ddp.Result.of(load_record(folder / "plan.npz", "plan")))
+    for share, fails_then in ((1.0, True), (0.9, False)):
+        start = scenario.start + share * np.concatenate([np.zeros_like(kick), kick])
+        still = task.replace(start=start, disturbances=slcp.Disturbances())
+        hard = replace(task.options, residual="hard")
+        found = slcp.sweep(still, plan, worlds=1, cases=hard, dtype="float64", device="cpu").part("policy")
+        assert found["success"][0] != fails_then
+    run = load_record(out / "run.npz", "trajectory")
+    assert run["states"].shape[1] == task.steps + 1 and not run["status"].any()
+    assert call("chart", out / "falsification.csv", "--out", out / "pictures").exit_code == 0
+    for picture in (out / "falsification.png", out / "pictures" / "falsification.png"):
+        assert np.asarray(Image.open(picture).convert("L")).std() > 5.0
+    broken = folder / "broken.csv"
+    broken.write_text((out / "falsification.csv").read_text().replace("drawn", "dawn", 1))
+    assert "role is neither" in fails("chart", broken)
 
 
 def parts_of(path: Path) -> dict:
@@ -171,6 +198,7 @@ def test_a_broken_report_is_one_line(tmp_path):
         (["sweep", "catch", "--policy", "a.npz", "--set", "mass=1"], "--set and --observe are of --scene"),
         (["sweep", "catch", "--policy", "a.npz", "--residuals", "soft"], "--residuals names 'soft'"),
         (["sweep", "--policy", "a.npz", "--policy", "b.npz"], "only a task takes several"),
+        (["falsify", "catch", "--policy", "a.npz"], "a.npz"),
         (["compile", "juggle"], "SCENE is 'juggle'"),
         (["compile", "particle", "--what", "plan"], "only a task is planned"),
         (["compare", "nowhere.csv"], "no such file"),

@@ -73,8 +73,8 @@ class Trial:
         given = Given(self.sim, task, Worlds(task.start[:1]), self.step_size)
         at_once = worlds_at_once(self.sim, SAMPLES, len(self._judged), given.numbers)
         self._case = Case(
-            self.sim, around, spec, self.step_size, at_once, self._judged, given, task.control_limits, failure,
-            task.cost,
+            self.sim, around, spec, self.step_size, at_once, self._judged, given, task.control_limits,
+            failure, task.cost,
         )  # fmt: skip
 
     def run(self, worlds: Worlds) -> Ends:
