@@ -37,6 +37,8 @@ class TrackingPolicy:
         step_size: of the plan [s]; None: that of the result's simulator, where it has one.
     """
 
+    sees_states = True  # whatever else a task's policies see
+
     def __init__(
         self,
         result: Any,

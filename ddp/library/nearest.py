@@ -98,6 +98,8 @@ class NearestPolicy:
         control_limits: (lower, upper), each a number or (nu,), for all entries; None: the library's.
     """
 
+    sees_states = True  # whatever else a task's policies see
+
     def __init__(
         self,
         library: Entries,

@@ -54,6 +54,8 @@ class MPC:
         seconds: of the cycles, from the states to the controls, one number a cycle (of all its worlds).
     """
 
+    sees_states = True  # whatever else a task's policies see
+
     def __init__(
         self,
         problem: Problem,

@@ -117,8 +117,8 @@ class TaskSweep:
             draws = Given(sim, task, self.given, part.step_size)
         else:
             draws = draws_of_task(sim, task, d, self.seed, part.step_size)
-        policy = at_step_size(self.policies[part.policy], part.step_size)
-        policy = between(policy, task.disturbances, self.seed, part.step_size, part.arm != ARMS[0])
+        policy, quiet = at_step_size(self.policies[part.policy], part.step_size), part.arm != ARMS[0]
+        policy = between(policy, task, self.seed, part.step_size, quiet)
         judged = self._judged, draws, task.control_limits, self._failure, task.cost
         return Case(sim, policy, spec, part.step_size, part.at_once, *judged)
 

@@ -12,6 +12,7 @@ from .callback import Callback
 from .function import Function
 from .linear import Linear
 from .network import Network
+from .observed import Observation, Observed
 from .saved import load_policy, save_policy
 
 __all__ = [
@@ -21,6 +22,8 @@ __all__ = [
     "HostPolicy",
     "Linear",
     "Network",
+    "Observation",
+    "Observed",
     "PolicyFunctions",
     "PolicyKernel",
     "load_policy",

@@ -41,6 +41,7 @@ OF_SCENE = ("step_size", "sigma")  # numbers of the scene that a task file may c
 FIELDS_OF_FILE = (
     *("$schema", "format", "version", "name", "scene", *OF_SCENE, "cost", "horizon", "duration", "options"),
     *("control_limits", "state_limits", "start", "disturbances", "measures", "success", "failure"),
+    *("observation", "periods"),
 )
 NEEDED = ("name", "scene", "cost", "horizon")
 
@@ -115,6 +116,7 @@ def task_of(content: Any, folder: Path | None = None) -> Task:
         fields["success"] = _said("success", success_of, values["success"], measures, "success")
     if "failure" in values:
         fields["failure"] = _said("failure", condition_of, values["failure"], "failure")
+    fields |= {name: values[name] for name in ("observation", "periods") if name in values}
     task: Task = _said("", lambda: Task(**fields))
     return task
 
@@ -150,6 +152,12 @@ def task_content(task: Task) -> dict[str, Any]:
         content["success"] = _said("success", success_content, task.success, task.measures)
     if task.failure is not None:
         content["failure"] = _said("failure", condition_content, task.failure)
+    if task.observation is not None:
+        if not isinstance(task.observation, tuple):
+            raise TaskFileError("observation: a function is no data; write the task in Python")
+        content["observation"] = list(task.observation)
+    if task.periods:
+        content["periods"] = dict(task.periods)
     return content
 
 

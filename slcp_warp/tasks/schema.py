@@ -53,6 +53,8 @@ def json_schema() -> dict[str, Any]:
         "measures": {"type": "object", "additionalProperties": _to("Measure")},
         "success": _to("Success"),
         "failure": _to("Condition"),
+        "observation": {"type": "array", "items": TEXT, "minItems": 1},
+        "periods": {"type": "object", "additionalProperties": {"anyOf": [NUMBER, {"const": "turn"}]}},
     }
     assert tuple(properties) == FIELDS_OF_FILE
     return {

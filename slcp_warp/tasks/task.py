@@ -16,6 +16,7 @@ from ..measures.recorded import checked_measures
 from ..measures.reductions import Measure, Success, first_time
 from ..measures.signals import Condition
 from ..options import Options
+from ..policies.observed import checked
 from ..simulator import Simulator
 from ..storage.printed import Printed, Table
 from .disturbances import Disturbances
@@ -48,6 +49,10 @@ class Task(Printed):
         success: comparisons of measures; None: every world that runs to its end is one.
         failure: comparisons of signals: a run ends with the step in which they become true, and is no
             success; its measures are of the steps up to that one. None: nothing ends a run.
+        observation: what policies see of the state in runs: names of states, or a `policies.Observation`;
+            None: all of it. Plans and libraries follow states, and see them all.
+        periods: by name of an angle, after which turn it is the same again [rad], or "turn" for a whole one:
+            policies take differences within half of it. They become those of `scene`.
     """
 
     name: str
@@ -63,6 +68,8 @@ class Task(Printed):
     measures: Mapping[str, Measure] = field(default_factory=dict)
     success: Success | None = None
     failure: Condition | None = None
+    observation: Any = None
+    periods: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
@@ -77,6 +84,9 @@ class Task(Printed):
         ):
             instance(f"Task.{name}", getattr(self, name), kind, need)
         put = object.__setattr__
+        self._put_periods()
+        if self.observation is not None:
+            put(self, "observation", checked("Task.observation", self.observation))
         put(self, "horizon", whole("Task.horizon", self.horizon, error=TaskError))
         span = self.horizon * self.scene.step_size if self.duration is None else self.duration
         put(self, "duration", number("Task.duration", span, 0.0, above=True, error=TaskError))
@@ -125,6 +135,23 @@ class Task(Printed):
             lower[place], upper[place] = pair
         return lower, upper
 
+    def _put_periods(self) -> None:
+        """The periods into the scene."""
+        given = instance("Task.periods", self.periods, Mapping, "a dict of numbers by state name")
+        names, period = self.scene.state_names, list(self.scene.period or [None] * self.scene.nv)
+        values = {}
+        for name, value in given.items():
+            place = self.scene.state_index(name)
+            if place >= self.scene.nv or self.scene.state_units[place] != "rad":
+                angles = [each for each, unit in zip(names, self.scene.state_units) if unit == "rad"]
+                raise TaskError(f"Task.periods names {shown(name)}; angles are {', '.join(angles) or 'none'}")
+            whole_turn = 2.0 * math.pi if value == "turn" else value
+            label = f"Task.periods[{name!r}]"
+            values[name] = period[place] = number(label, whole_turn, 0.0, above=True, error=TaskError)
+        object.__setattr__(self, "periods", values)
+        if values:
+            object.__setattr__(self, "scene", replace(self.scene, period=tuple(period)))
+
     def _starts(self) -> np.ndarray:
         """(M, nx) states."""
         if self.start is None:
@@ -144,6 +171,12 @@ class Task(Printed):
                 f"Task.measures names {', '.join(map(repr, taken))}, a column that every table has; "
                 f"other names than {', '.join(COLUMNS)} and {DRAWN}... are needed"
             )
+        if isinstance(self.observation, tuple):
+            for name in self.observation:
+                try:
+                    self.scene.state_index(name)
+                except ArgumentError as error:
+                    raise TaskError(f"Task.observation: {error}") from None
         assert self.duration is not None
         judged = {f"Task.measures[{name!r}]": measure for name, measure in self.measures.items()}
         if self.success is not None:

@@ -1,18 +1,23 @@
-"""What a task puts between a policy and its world: `policies.Around` with the disturbances' numbers."""
+"""What a task puts between a policy and its world: what it sees, and `policies.Around` by the task."""
 
 import math
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 import warp as wp
 
 from slcp_warp.kernels.policies.around import OF_TASK
 from slcp_warp.kernels.policies.contract import PolicyKernel
 
+from ...inputs.checks import attribute
 from ...inputs.errors import ArgumentError
 from ...policies.around import Around
+from ...policies.observed import Observed
 from ...simulator import Simulator
+from ...stepping.host import acts_on_host
 from ...tasks.disturbances import Disturbances
+from ...tasks.task import Task
 
 
 class Between:
@@ -36,12 +41,42 @@ class Between:
         return kernel, struct
 
 
-def between(policy: Any, task: Disturbances, seed: int, step_size: float, quiet: bool) -> Any:
-    """A policy as a task's worlds have it, undisturbed ones `quiet`; itself where nothing lies between."""
-    noise = task.sensor.values() if isinstance(task.sensor, Mapping) else (task.sensor,)
-    if not any(noise) and not task.delay and not task.hold:
+def between(policy: Any, task: Task, seed: int, step_size: float, quiet: bool) -> Any:
+    """A policy as a task's worlds have it, undisturbed ones `quiet`; itself where nothing lies between.
+
+    Raises:
+        ArgumentError: a sensor, a delay or a hold around a policy that acts on the host.
+    """
+    d, host = task.disturbances, acts_on_host(policy)
+    if task.observation is not None and not attribute(policy, "sees_states"):
+        policy = HostObserved(policy, task) if host else Observed(policy, task.observation)
+    noise = d.sensor.values() if isinstance(d.sensor, Mapping) else (d.sensor,)
+    if not any(noise) and not d.delay and not d.hold:
         return policy
-    return Between(policy, task, step_size, seed, quiet)
+    if host:
+        raise ArgumentError(
+            "policy acts on the host; the sensor, delay and hold of Task.disturbances lie around policies "
+            "that kernels evaluate"
+        )
+    return Between(policy, d, step_size, seed, quiet)
+
+
+class HostObserved:
+    """A policy on the host that sees some states."""
+
+    def __init__(self, policy: Any, task: Task) -> None:
+        if not isinstance(task.observation, tuple):
+            raise ArgumentError("policy acts on the host; Task.observation must be names of states for it")
+        self._policy = policy
+        self._places = [task.scene.state_index(name) for name in task.observation]
+        self.period = attribute(policy, "period")
+        begin = attribute(policy, "begin")
+        if begin is not None:
+            self.begin = begin
+
+    def act(self, x: np.ndarray, time: float, worlds: np.ndarray) -> Any:
+        """Controls of the states x (B, nx)."""
+        return self._policy.act(x[:, self._places], time, worlds)
 
 
 def steps_of(d: Disturbances, step_size: float) -> tuple[int, int]:

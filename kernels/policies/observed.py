@@ -1,0 +1,68 @@
+"""A policy that sees something of the state instead of all of it."""
+
+from functools import partial
+from typing import Any, NamedTuple
+
+import warp as wp
+
+from ..device.compile import digest_of
+from ..factories import cached
+from .contract import PolicyFunctions, PolicyKernel, make_policy
+from .function import made_of
+
+
+class Seen(NamedTuple):
+    """How many numbers a policy sees; a user's function of the state, or its maker, or None: components."""
+
+    size: int
+    function: Any = None
+
+
+def observed_kernel(inner: PolicyKernel, seen: Seen) -> PolicyKernel:
+    """The kernel of a policy that sees so much."""
+    own = "" if seen.function is None else f" by {digest_of(seen.function)}"
+    key = f"{inner.in_words}, which sees {seen.size} numbers:{own}{inner.key}"
+    return PolicyKernel(key, partial(make_observed, inner, seen), inner)
+
+
+@cached
+def make_observed(inner: PolicyKernel, seen: Seen, nx: int, nu: int, dtype: type) -> PolicyFunctions:
+    """Kept is the policy's memory."""
+    asked = make_policy(inner, seen.size, nu, dtype)
+    Inner, size = asked.Struct, asked.size
+    VX, VY = wp.types.vector(nx, dtype), wp.types.vector(seen.size, dtype)
+    Memory = wp.types.vector(max(size, 1), dtype)
+    function = made_of("observation", seen.function, [dtype, VX, VY])
+
+    @wp.struct
+    class Observed:
+        inner: Inner
+        places: wp.array(dtype=wp.int32)  # (size,) of the components
+
+    @wp.func
+    def observe(data: Observed, x: VX):
+        y = VY()
+        if wp.static(function is None):
+            for j in range(wp.static(seen.size)):
+                y[j] = x[data.places[j]]
+        else:
+            y = function(x)
+        return y
+
+    @wp.func
+    def start(data: Observed, world: int, x: VX):
+        return asked.begin(data.inner, world, observe(data, x))
+
+    @wp.func
+    def alone(data: Observed, world: int, step: int, x: VX):
+        u, _memory = asked.ask(data.inner, world, step, observe(data, x), Memory())
+        return u
+
+    @wp.func
+    def remembering(data: Observed, world: int, step: int, x: VX, memory: Memory):
+        u, after = asked.ask(data.inner, world, step, observe(data, x), memory)
+        return u, after
+
+    if size == 0:
+        return PolicyFunctions(Observed, alone)
+    return PolicyFunctions(Observed, remembering, size, start)
