@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from ddp_examples import cart_pole
 
-from slcp_warp.ddp import multistart
+from slcp_warp.ddp.multistart import solve as multistart
 
 
 @pytest.mark.parametrize(

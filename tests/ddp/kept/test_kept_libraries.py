@@ -7,16 +7,17 @@ import signal
 import time
 
 import pytest
-from test_refinement import OPTIONS, SCENE
 
 import slcp_warp as slcp
-from slcp_warp import ddp
+from slcp_warp import ddp, scenes
 from slcp_warp.ddp.library import receding, refinement
 from slcp_warp.ddp.library.entries import NEEDED
 
 pytest.importorskip("pyarrow")
 
 
+SCENE = scenes.flicking_finger()
+OPTIONS = ddp.RecedingOptions(entries=2, passes=2, first_passes=3, noisy=0, recalled=0, seed=4)
 COST = slcp.tasks.flicking_finger().cost
 
 
