@@ -39,7 +39,7 @@ def replayed(task: Task, policy: Any, world: Worlds, options: Options) -> Trajec
             judged=False,
         )
         draws = Given(sim, task, given, h)
-        around = between(policy, task.disturbances, 0, h, False)
+        around = between(policy, task, 0, h, False)
         judged = () if failure is None else (failure,)
         case = Case(sim, around, spec, h, None, judged, draws, task.control_limits, failure, task.cost)
         found = case.launch(0, len(given))

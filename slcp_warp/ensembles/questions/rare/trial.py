@@ -69,7 +69,7 @@ class Trial:
             worlds=1, duration=task.duration, step_sizes=(self.step_size,), seed=seed,
             sample_every=task.duration, judged=False,
         )  # fmt: skip
-        around = between(policy, task.disturbances, seed, self.step_size, False)
+        around = between(policy, task, seed, self.step_size, False)
         given = Given(self.sim, task, Worlds(task.start[:1]), self.step_size)
         at_once = worlds_at_once(self.sim, SAMPLES, len(self._judged), given.numbers)
         self._case = Case(
