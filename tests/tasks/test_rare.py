@@ -170,6 +170,22 @@ def test_splitting_counts_as_plain_worlds_do(device):
     assert f"{found.share:.3g}" in str(found).splitlines()[0] and found.plain_worlds > 0.3 * found.worlds
 
 
+@pytest.mark.full
+@pytest.mark.parametrize("share", [1e-3, 1e-4])
+def test_twenty_intervals_hold_a_million_worlds(device, share):
+    """At least 17 of 20 hold the share that was counted, which is itself known to 3 or 10 %."""
+    own = reaching(0.0).replace(measures={"x": m.final("block.x")})
+    x = slcp.sweep(own, plan(), worlds=10**6, seed=99, cases=SMOOTH, device=device).part("policy")["x"]
+    task_of = reaching(float(np.quantile(x, share)))
+    found = [slcp.failure_share(task_of, plan(), options=SMOOTH, seed=s, device=device) for s in range(20)]
+    held = sum(each.low <= share <= each.high for each in found)
+    estimates = np.array([each.share for each in found])
+    print(f"share {share:g}: {held} of 20 hold it; estimates {estimates.mean():.3g} +- {estimates.std():.2g},"
+          f" {np.mean([each.worlds for each in found]):.0f} worlds each;"
+          f" {np.mean([each.plain_worlds for each in found]):.0f} plain ones would say as much")  # fmt: skip
+    assert held >= 17
+
+
 def test_what_no_world_reaches_has_an_upper_bound(device):
     found = slcp.failure_share(reaching(-100.0), plan(), options=SMOOTH, islands=3, particles=40, length=10,
                                smallest=1e-3, device=device)  # fmt: skip
