@@ -73,8 +73,7 @@ class TaskSweep:
             steps_of(task.disturbances, size)
         self._judged: list[Measure] = list(task.measures.values())
         self._judged += [] if task.success is None else task.success.parts()
-        self._failure = None if task.failure is None else first_time(task.failure)
-        self._judged += [] if self._failure is None else [self._failure]
+        self._judged += [] if task.failure is None else [first_time(task.failure)]
         self.simulators = {
             label: Simulator(task.scene, options, device=device, dtype=dtype, strategy=strategy)
             for label, options in self.cases.items()
@@ -117,10 +116,27 @@ class TaskSweep:
             draws = Given(sim, task, self.given, part.step_size)
         else:
             draws = draws_of_task(sim, task, d, self.seed, part.step_size)
-        policy, quiet = at_step_size(self.policies[part.policy], part.step_size), part.arm != ARMS[0]
-        policy = between(policy, task, self.seed, part.step_size, quiet)
-        judged = self._judged, draws, task.control_limits, self._failure, task.cost
-        return Case(sim, policy, spec, part.step_size, part.at_once, *judged)
+        policy, quiet = self.policies[part.policy], part.arm != ARMS[0]
+        return case_of(task, sim, policy, spec, draws, self._judged, part.at_once, quiet)
+
+
+def case_of(
+    task: Task, sim: Simulator, policy: Any, spec: SweepSpec, draws: Draws | Given, judged: Sequence[Measure],
+    at_once: int | None, quiet: bool = False,
+) -> Case:  # fmt: skip
+    """The worlds of `draws` under a policy, with all that a task has around it.
+
+    Args:
+        spec: of one step size.
+        judged: measures, with those of the task's success, and of its failure the first time.
+        at_once: worlds of a launch.
+        quiet: without what the task's disturbances put between the policy and its world.
+    """
+    (step_size,) = spec.step_sizes
+    policy = between(at_step_size(policy, step_size), task, spec.seed, step_size, quiet)
+    failure = None if task.failure is None else first_time(task.failure)
+    limits = task.control_limits
+    return Case(sim, policy, spec, step_size, at_once, judged, draws, limits, failure, task.cost)
 
 
 def _count(worlds: Any) -> int:

@@ -44,7 +44,8 @@ def slopes_of(task: Task, policy: Any, numbers: Numbers, judge: Margin, device: 
     follow a plan with gains or depend on the state alone.
     """
     d = task.disturbances
-    plain = not (d.pushes or d.dropouts or d.delay or d.hold) and all(t == 0.0 for t in d.kick_times)
+    plain = not (d.pushes or d.dropouts or d.delay or d.hold or task.observation or task.failure)
+    plain = plain and all(t == 0.0 for t in d.kick_times)
     known = all(m.reduction in REDUCTIONS and _smooth(m.of) for m in judge.measures)
     if not plain or not known or task.options.hard:
         return None
@@ -78,7 +79,9 @@ class ClosedLoop:
         self.sim, self.task = sim, task
         self.policy = policy if task.control_limits is None else Around(policy, limits=task.control_limits)
         gain = getattr(policy, "K", None)  # of a plan, by step: (worlds, steps, nu, nx)
-        self.gain = gain if isinstance(gain, np.ndarray) and gain.ndim == 4 else None
+        own = isinstance(gain, np.ndarray) and gain.ndim == 4
+        steps = getattr(policy, "step_size", None) in (None, task.scene.step_size)
+        self.gain = gain if own and steps else None
 
     def margins(self, z: np.ndarray, numbers: Numbers, judge: Margin) -> tuple[np.ndarray, np.ndarray]:
         """Margins (K,) and their slopes by z (K, d); NaN where there are none."""

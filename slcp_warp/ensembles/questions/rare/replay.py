@@ -11,10 +11,9 @@ from ....results import Trajectory
 from ....results.simulated import Simulated
 from ....simulator import Simulator
 from ....tasks.task import Task
-from ...launch import Case
 from ...spec import SweepSpec
+from ...tasks import case_of
 from ...worlds import Worlds
-from ...worlds.between import between
 from ...worlds.draws import Given
 
 
@@ -28,7 +27,7 @@ def replayed(task: Task, policy: Any, world: Worlds, options: Options) -> Trajec
     h = task.scene.step_size if given.params is None else float(given.params[0, 0])
     sim = Simulator(task.scene, options, dtype="float64")
     steps = int(np.floor(task.duration / h + 0.5))
-    columns, failure = [], None if task.failure is None else first_time(task.failure)
+    columns, judged = [], [] if task.failure is None else [first_time(task.failure)]
     for component in range(sim.nx):
         spec = SweepSpec(
             worlds=len(given),
@@ -38,10 +37,7 @@ def replayed(task: Task, policy: Any, world: Worlds, options: Options) -> Trajec
             sample_every=h,
             judged=False,
         )
-        draws = Given(sim, task, given, h)
-        around = between(policy, task, 0, h, False)
-        judged = () if failure is None else (failure,)
-        case = Case(sim, around, spec, h, None, judged, draws, task.control_limits, failure, task.cost)
+        case = case_of(task, sim, policy, spec, Given(sim, task, given, h), judged, None)
         found = case.launch(0, len(given))
         columns.append(given.x0[:, component, None] + found["samples"].astype(float))
     parameters = sim.params

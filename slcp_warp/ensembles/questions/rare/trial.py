@@ -12,11 +12,10 @@ from ....measures.reductions import Measure, first_time
 from ....options import Options
 from ....simulator import Simulator
 from ....tasks.task import Task
-from ...launch import Case, worlds_at_once
+from ...launch import worlds_at_once
 from ...spec import SweepSpec
-from ...tasks import SAMPLES, succeeded
+from ...tasks import SAMPLES, case_of, succeeded
 from ...worlds import Worlds
-from ...worlds.between import between
 from ...worlds.draws import Given
 
 
@@ -61,21 +60,16 @@ class Trial:
         self.step_size = number("step_size", size, 0.0, task.duration, above=True)
         self.task, self.worlds = task, 0
         self.sim = Simulator(task.scene, options, device=device, dtype=dtype, strategy=strategy)
-        failure = None if task.failure is None else first_time(task.failure)
         judged = [*measures, *(() if task.success is None else task.success.parts())]
-        self._judged = list(dict.fromkeys(judged if failure is None else [*judged, failure]))
-        self._measures = len(measures)
+        judged += [] if task.failure is None else [first_time(task.failure)]
+        self._judged, self._measures = list(dict.fromkeys(judged)), len(measures)
         spec = SweepSpec(
             worlds=1, duration=task.duration, step_sizes=(self.step_size,), seed=seed,
             sample_every=task.duration, judged=False,
         )  # fmt: skip
-        around = between(policy, task, seed, self.step_size, False)
         given = Given(self.sim, task, Worlds(task.start[:1]), self.step_size)
         at_once = worlds_at_once(self.sim, SAMPLES, len(self._judged), given.numbers)
-        self._case = Case(
-            self.sim, around, spec, self.step_size, at_once, self._judged, given, task.control_limits,
-            failure, task.cost,
-        )  # fmt: skip
+        self._case = case_of(task, self.sim, policy, spec, given, self._judged, at_once)
 
     def run(self, worlds: Worlds) -> Ends:
         """Run these worlds to their end."""
