@@ -17,7 +17,7 @@ from slcp_warp.options import CHOICES
 from ..support.options import Dtype, SceneName
 from ..support.paper import SCENE
 from ..support.screen import one_line_errors
-from ..support.simulators import named_scene
+from ..support.simulators import named_scene, numbers
 from ..support.tables import write_csv
 from .accuracy.command import charts_command
 from .cost.compile import bench_compile
@@ -29,6 +29,7 @@ from .cost.kernels import SIZES, bench_reach, bench_sizes, print_sizes
 from .cost.methods import bench_methods
 from .cost.pair import PairError, bench_pair, print_pairs
 from .cost.policies import bench_policies
+from .cost.statistics import bench_statistics
 from .cost.step import bench_step
 from .cost.threads import bench_threads
 from .cost.watch import bench_watch
@@ -186,6 +187,16 @@ def precision_command(
 def fallbacks_command(worlds: Worlds = 32768, steps: Steps = 75, seed: Seed = 0, csv: Csv = None) -> None:
     """How many steps of the finger need more than the solver of few rows."""
     _save(csv, [row for dtype in DTYPES for row in bench_fallbacks(worlds, steps, seed, dtype, typer.echo)])
+
+
+@app.command("statistics")
+@one_line_errors
+def statistics_command(
+    sizes: Annotated[str, typer.Option(help="Worlds n1,n2,.. of a part.")] = "10000,1000000,10000000",
+    csv: Csv = None,
+) -> None:
+    """What summaries, quantiles, comparisons and sensitivities of a sweep cost, and what memory they take."""
+    _save(csv, bench_statistics([int(n) for n in numbers(sizes, "--sizes")]))
 
 
 @app.command("threads")

@@ -124,3 +124,16 @@ def test_worlds_without_a_number_count_for_no_mean():
     known = RunningDifference("x", 0.05)
     known.add({"x": np.array([1.0, np.nan, 3.0, np.inf])}, {"x": np.array([0.5, 1.0, 1.0, 1.0])})
     assert known.worlds == 2 and known.interval()[0] == 1.25
+
+
+def test_the_study_of_stopping_counts_what_it_says():
+    """A difference of a tenth is decided early everywhere, between equals nothing is."""
+    from slcp_warp.scripts.studies.stopping import study
+
+    rng = np.random.default_rng(8)
+    first, second = rng.random((2, 20, 2048)) < np.array([0.9, 0.8])[:, None, None]
+    ends = study(first.ravel(), second.ravel(), "success", 2048, 256)
+    assert ends["sequential"].share("larger") == ends["fixed"].share("larger") == 1.0
+    assert max(ends["sequential"].worlds) < 2048 == ends["fixed"].worlds[0]
+    assert ends["sequential, equals"].share("larger", "smaller") <= 0.05
+    assert len(ends["peeking, equals"].said) == 20

@@ -120,7 +120,9 @@ def test_code_in_texts_runs(path, tmp_path, monkeypatch):
     for number, block in enumerate(blocks(path)):
         file = tmp_path / f"block{number}.py"  # Warp reads the source of a kernel's functions
         file.write_text(block, encoding="utf-8")
-        for package in re.findall(r"^(?:import|from) (torch|pandas)\b", block, re.MULTILINE):
+        for package in re.findall(
+            r"^(?:import|from) (torch|pandas|pyarrow|polars|duckdb)\b", block, re.MULTILINE
+        ):
             pytest.importorskip(package)
         said = io.StringIO()
         with contextlib.redirect_stdout(said):

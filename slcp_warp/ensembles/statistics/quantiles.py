@@ -24,7 +24,7 @@ def quantile_intervals(stream: Stream, probabilities: Sequence[float]) -> list[I
     Returns:
         (value, low, high) for each: values of the stream, without any error; infinite ones count, NaN do not.
     """
-    first = sum((_counts(piece, np.zeros(1, np.uint64), 0) for piece in stream()), np.zeros(SIZE, np.int64))
+    first = _counts(stream, np.zeros(1, np.uint64), 0)
     count = int(first.sum())
     if not count:
         return [(math.nan, math.nan, math.nan)] * len(probabilities)
@@ -38,9 +38,7 @@ def _values(stream: Stream, first: np.ndarray, ranks: np.ndarray) -> np.ndarray:
     prefixes, rest = _next_digit(np.zeros(len(ranks), np.uint64), ranks, first[None], np.zeros(1, np.uint64))
     for place in range(1, DIGITS):
         known = np.unique(prefixes)
-        counts = np.zeros(len(known) * SIZE, np.int64)
-        for piece in stream():
-            counts += _counts(piece, known, place)
+        counts = _counts(stream, known, place)
         prefixes, rest = _next_digit(prefixes, rest, counts.reshape(-1, SIZE), known)
     return _doubles(prefixes)
 
@@ -56,18 +54,16 @@ def _next_digit(
     return (prefixes << np.uint64(BITS)) | digits.astype(np.uint64), ranks - before
 
 
-def _counts(values: np.ndarray, known: np.ndarray, place: int) -> np.ndarray:
+def _counts(stream: Stream, known: np.ndarray, place: int) -> np.ndarray:
     """How often each digit follows each of some prefixes of `place` digits, (len(known) SIZE,)."""
-    keys = _keys(values)
-    below = BITS * (DIGITS - 1 - place)
-    upper = keys >> np.uint64(below)
-    digits = (upper & np.uint64(SIZE - 1)).astype(np.int64)
-    if place == 0:
-        return np.bincount(digits, minlength=SIZE)
-    prefixes = upper >> np.uint64(BITS)
-    rows = np.minimum(np.searchsorted(known, prefixes), len(known) - 1)
-    mine = known[rows] == prefixes
-    return np.bincount(rows[mine] * SIZE + digits[mine], minlength=len(known) * SIZE)
+    counts = np.zeros(len(known) * SIZE, np.int64)
+    for values in stream():
+        upper = _keys(values) >> np.uint64(BITS * (DIGITS - 1 - place))
+        prefixes, digits = upper >> np.uint64(BITS), (upper & np.uint64(SIZE - 1)).astype(np.int64)
+        rows = np.minimum(np.searchsorted(known, prefixes), len(known) - 1)
+        mine = known[rows] == prefixes
+        np.add.at(counts, rows[mine] * SIZE + digits[mine], 1)
+    return counts
 
 
 def _keys(values: np.ndarray) -> np.ndarray:
