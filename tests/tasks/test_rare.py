@@ -221,8 +221,10 @@ def test_the_smallest_kick_fails_and_a_smaller_one_does_not(device):
     others = rng.standard_normal((400, 4))
     others *= 0.97 * np.linalg.norm(kick) / np.linalg.norm(others, axis=1, keepdims=True)
     assert (_final(others, device) > bound).all()  # nothing smaller fails in any direction
-    report = slcp.sweep(found.scenario, plan(), worlds=2, cases=SMOOTH, dtype="float64", device=device)
-    assert not report.part("policy")["success"].any() and found.drawn.shape == found.failing.shape == (4096,)
+    for dtype in ("float64", "float32"):
+        report = slcp.sweep(found.scenario, plan(), worlds=2, cases=SMOOTH, dtype=dtype, device=device)
+        assert not report.part("policy")["success"].any()
+    assert found.drawn.shape == found.failing.shape == (4096,)
     run = found.replay(plan(), SMOOTH)
     assert run.measure(own.success).tolist() == [False]
 

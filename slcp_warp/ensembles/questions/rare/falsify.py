@@ -54,7 +54,8 @@ def falsify(
 
     Size is the length in standard deviations of what is disturbed. Directions on shells come first, then
     evolution strategies that shrink what fails, `worlds` at once; with `gradients` also the nearest point of
-    the margin's tangent plane, by derivatives through contact. What is found fails in float64, too.
+    the margin's tangent plane, by derivatives through contact. What is found fails in float64 and in
+    the search's precision.
 
     Args:
         task: with a success; its first start counts, and no noise.
@@ -105,6 +106,7 @@ def falsify(
         found = search.run(rng)
         best = _exact(hunt.exact_fails, found.best, largest, rng)
         if len(best):
+            best = hunt.in_both(best)
             break
     return hunt.report(best, found, sizes[-1], np.linalg.norm(drawn, axis=1), failing)
 
@@ -126,6 +128,12 @@ class Hunt:
     def exact_fails(self, z: np.ndarray) -> np.ndarray:
         """Which of them fail in float64."""
         return self._fails(self.exact, z)
+
+    def in_both(self, best: np.ndarray) -> np.ndarray:
+        """The first of these a little longer, if need be, so that it fails in both precisions."""
+        longer = best[0] * np.array(NEAR)[:, None]
+        both = np.flatnonzero(self.quick_fails(longer) & self.exact_fails(longer))
+        return longer[both[:1]] if both.size else best
 
     def _fails(self, trial: Trial, z: np.ndarray) -> np.ndarray:
         ends = trial.run(self.numbers.worlds(z))
