@@ -24,7 +24,7 @@ from typing import Any
 import warp as wp
 
 from ..factories import building
-from .progress import Loaded, announced, describe, record
+from .progress import Loaded, announced, describe, one_line, record
 
 try:
     import fcntl
@@ -63,7 +63,7 @@ def load(kernel: wp.Kernel, device: wp.Device) -> None:
         if kernel in _loaded.get(device.alias, ()):  # by another thread meanwhile
             return
         start, what = time.monotonic(), describe(kernel)
-        with announced(f"{what} for {device.alias}"), _alone(kernel.module.name):
+        with announced(f"{what} for {device.alias}"), one_line(), _alone(kernel.module.name):
             compiled = _load(kernel.module, device)
         record(Loaded(what, device.alias, time.monotonic() - start, compiled))
         _loaded.setdefault(device.alias, weakref.WeakSet()).add(kernel)

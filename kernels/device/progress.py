@@ -109,6 +109,21 @@ def announced(what: str) -> Iterator[None]:
     line.end("")
 
 
+@contextmanager
+def one_line() -> Iterator[None]:
+    """Leave out Warp's own line about a kernel, which would tear this one, where this one is to be seen.
+
+    For a thread that holds the lock of building.
+    """
+    level = wp.config.log_level
+    if wanted() and level == wp.LOG_INFO:
+        wp.config.log_level = wp.LOG_WARNING
+    try:
+        yield
+    finally:
+        wp.config.log_level = level
+
+
 class _Line:
     """A line that is begun after a while, and ended if it was begun; in two parts, and no carriage return."""
 

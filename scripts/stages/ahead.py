@@ -1,6 +1,7 @@
 """A scene's kernels, ahead of what needs them: each kind of use once, at its smallest."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
 
@@ -28,17 +29,10 @@ def _policies(sim: slcp.Simulator) -> dict[str, Any]:
     return {"plan": ddp.TrackingPolicy(plan), "library": ddp.NearestPolicy(entries)}
 
 
-def _sweep(sim: slcp.Simulator) -> None:
-    """The sweep of a plan and of a library."""
-    h = float(np.ravel(sim.params["step_size"])[0])
-    spec = slcp.SweepSpec(
-        worlds=1, duration=2 * h, window=h, sample_every=h, residuals=(sim.options.residual,), step_sizes=(h,)
-    )
-    scaling, integrator, dtype = sim.options.scaling, sim.options.integrator, sim.dtype.__name__
-    for policy in _policies(sim).values():
-        slcp.sweep(
-            sim.scene, policy, spec, scaling=scaling, integrator=integrator, dtype=dtype, device=sim.device
-        )
+def _task_of(sim: slcp.Simulator) -> slcp.Task:
+    """A task of a scene, with the kernels of all tasks whose cost is terms and whose measures are data."""
+    cost = slcp.costs.terms(sim.scene, [slcp.costs.Term("square", 1.0, state=0)])
+    return slcp.Task(sim.scene.name, sim.scene, cost, horizon=2, options=sim.options)
 
 
 WHAT: dict[str, Callable[[slcp.Simulator], Any]] = {
@@ -48,31 +42,59 @@ WHAT: dict[str, Callable[[slcp.Simulator], Any]] = {
     "linearize": lambda sim: sim.linearize(sim.scene.x0),
     "second": lambda sim: sim.linearize(sim.scene.x0, second=True),
     "gradient": lambda sim: slcp.vjp(sim, sim.scene.x0[None], _controls(sim), np.ones((1, 2, sim.nx))),
-    "sweep": _sweep,
 }
 
 
-def _plan_task(task: slcp.Task, sim: slcp.Simulator) -> None:
+def _plan(task: slcp.Task, sim: slcp.Simulator) -> None:
     ddp.plan(task, 1, sim=sim, options=ddp.Options(max_iterations=1))
 
 
-def _sweep_task(task: slcp.Task, sim: slcp.Simulator) -> None:
+def _sweep(task: slcp.Task, sim: slcp.Simulator) -> None:
     half = task.steps * task.scene.step_size / 2.0
     slcp.sweep(
-        task, _policies(sim), worlds=1, cases=sim.options, step_sizes=(half,),
+        task.replace(options=sim.options), _policies(sim), worlds=1, step_sizes=(half,),
         dtype=sim.dtype.__name__, device=sim.device,
     )  # fmt: skip
 
 
-OF_TASKS: dict[str, Callable[[slcp.Task, slcp.Simulator], Any]] = {"plan": _plan_task, "sweep": _sweep_task}
+OF_TASKS: dict[str, Callable[[slcp.Task, slcp.Simulator], Any]] = {"plan": _plan, "sweep": _sweep}
+SINGLE = ("sweep",)  # what runs in single precision where nothing else is asked for
 
 
-def compile_ahead(sim: slcp.Simulator, what: list[str], task: slcp.Task | None = None) -> list[Loaded]:
-    """The kernels that some of `WHAT`, or of a task some of `OF_TASKS`, need, compiled or found."""
+@dataclass(frozen=True)
+class Ahead:
+    """What came of compiling ahead.
+
+    Attributes:
+        kernels: that were compiled or found.
+        impossible: why, by name, of what the scene or the options do not have.
+    """
+
+    kernels: list[Loaded]
+    impossible: dict[str, str]
+
+
+def compile_ahead(
+    make: Callable[[str], slcp.Simulator], what: list[str], task: slcp.Task | None = None,
+    dtype: str | None = None,
+) -> Ahead:  # fmt: skip
+    """The kernels that some of `WHAT` and `OF_TASKS` need, compiled or found; what cannot be is left out.
+
+    Args:
+        make: a simulator of a precision.
+        what: names.
+        task: whose sweeps and plans; None: of the scene alone.
+        dtype: None: float64, and float32 for sweeps.
+    """
+    impossible = {}
     with recorded() as kernels:
         for name in what:
-            if task is not None and name in OF_TASKS:
-                OF_TASKS[name](task, sim)
-            else:
-                WHAT[name](sim)
-    return kernels
+            sim = make(dtype or ("float32" if name in SINGLE else "float64"))
+            try:
+                if name in OF_TASKS:
+                    OF_TASKS[name](_task_of(sim) if task is None else task, sim)
+                else:
+                    WHAT[name](sim)
+            except slcp.InputError as error:
+                impossible[name] = str(error)
+    return Ahead(kernels, impossible)

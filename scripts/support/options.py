@@ -22,7 +22,9 @@ TaskResidual = Annotated[
 Scaling = Annotated[str | None, typer.Option(help="inertia or none; default: the task's, or inertia.")]
 Integrator = Annotated[str, typer.Option(help="euler, or trapezoidal: second order where motion is smooth.")]
 TaskIntegrator = Annotated[str | None, typer.Option(help="euler or trapezoidal; default: the task's.")]
-Friction = Annotated[str, typer.Option(help="anitescu, or coulomb: with the hard residual.")]
+TaskFriction = Annotated[
+    str | None, typer.Option(help="anitescu, or coulomb with the hard residual; default: the task's.")
+]
 Sigma = Annotated[float | None, typer.Option(help="Noise level of the smoothing; default: the scene's.")]
 StepSize = Annotated[float | None, typer.Option("--step-size", help="h [s]; default: the scene's.")]
 Device = Annotated[str | None, typer.Option(help="cpu, cuda:0, ...; default: the best one present.")]

@@ -54,6 +54,17 @@ def test_what_is_ready_soon_is_no_line(said, monkeypatch):
     assert all(timer.finished.is_set() for timer in timers)
 
 
+def test_warp_does_not_speak_in_between(said, monkeypatch):
+    """Its own line, where it is to be seen, is left out while this one is."""
+    monkeypatch.setattr(wp.config, "log_level", wp.LOG_INFO)
+    with progress.one_line():
+        assert wp.config.log_level == wp.LOG_WARNING
+    assert wp.config.log_level == wp.LOG_INFO
+    monkeypatch.setenv("SLCP_PROGRESS", "0")
+    with progress.one_line():
+        assert wp.config.log_level == wp.LOG_INFO
+
+
 def test_a_line_ends_where_compiling_fails(said):
     with pytest.raises(RuntimeError, match="no memory"):
         with progress.announced("this and that"):

@@ -13,6 +13,7 @@ from slcp_warp.kernels.device import cache
 from slcp_warp.kernels.device.progress import recorded
 from slcp_warp.kernels.policies.open_loop import OPEN_LOOP
 from slcp_warp.kernels.step.rollout import make_rollout_kernel, make_step_kernel
+from slcp_warp.scripts.stages import ahead
 
 
 @pytest.fixture
@@ -64,10 +65,53 @@ def test_what_it_says_is_so(unloaded, tmp_path, monkeypatch):
     assert "0 compiled, 2 found in the cache" in call(*command).output
 
 
+def test_what_a_scene_has_not_got_is_left_out_and_said(monkeypatch):
+    """Nothing is compiled here: what would be is told by its precision and options."""
+    asked = []
+    small = {
+        "step": lambda sim: asked.append(("step", sim)),
+        "linearize": lambda sim: sim.linearize(sim.scene.x0),
+    }
+    monkeypatch.setattr(ahead, "WHAT", small)
+    scene = slcp.scenes.stack(count=10)
+    assert scene.structure.nr > 31
+    found = ahead.compile_ahead(
+        lambda dtype: slcp.Simulator(scene, device="cpu", dtype=dtype), ["linearize", "step"]
+    )
+    assert list(found.impossible) == ["linearize"] and "specialised kernels" in found.impossible["linearize"]
+    assert [sim.dtype for _, sim in asked] == [wp.float64]
+
+
+def test_a_task_keeps_its_friction_and_a_sweep_its_precision(monkeypatch):
+    seen = []
+    of_tasks = {
+        "sweep": lambda task, sim: seen.append((task, sim)),
+        "plan": lambda task, sim: seen.append((task, sim)),
+    }
+    monkeypatch.setattr(ahead, "OF_TASKS", of_tasks)
+    own = slcp.tasks.push_to_mark()
+    own = own.replace(options=slcp.Options(residual="hard", friction="coulomb"))
+    monkeypatch.setattr("slcp_warp.scripts.commands.compile.found_task", lambda name: own)
+    call("compile", "mine", "--what", "sweep,plan", "--device", "cpu")
+    assert [sim.options.friction for _, sim in seen] == ["coulomb"] * 2
+    assert [sim.dtype for _, sim in seen] == [wp.float32, wp.float64]
+    call(
+        "compile",
+        "mine",
+        "--what",
+        "sweep",
+        "--device",
+        "cpu",
+        "--friction",
+        "anitescu",
+        "--dtype",
+        "float64",
+    )
+    assert seen[-1][1].options.friction == "anitescu" and seen[-1][1].dtype is wp.float64
+
+
 def test_bad_input_is_one_line():
     line = fails("compile", "particle", "--what", "step,nope")
     assert "--what is 'step,nope'; choose from step,rollout" in line
     assert "SCENE is 'nowhere'" in fails("compile", "nowhere")
     assert "friction is 'coulomb'" in fails("compile", "particle", "--friction", "coulomb")
-    hard = ("--residual", "hard", "--friction", "coulomb")
-    assert "--friction coulomb" in fails("compile", "particle", "--what", "sweep", *hard)
