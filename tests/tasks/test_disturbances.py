@@ -9,6 +9,7 @@ from draws_oracle import even, normals, overlap
 import slcp_warp as slcp
 from slcp_warp import measures as m
 from slcp_warp import policies
+from slcp_warp.tasks.disturbances import laws
 
 SCENE = replace(slcp.scenes.push_block(), step_size=0.02, sigma=0.05)
 H, N, SEED, B, NX = 0.02, 60, 7, 9, 8
@@ -185,3 +186,70 @@ def test_worlds_that_cannot_be(changes, text):
     given = {"x0": np.zeros((2, 8)), "kicks": np.zeros((2, 2, 4))} | changes
     with pytest.raises(slcp.InputError, match=text):
         swept("cpu", "generic", worlds=slcp.Worlds(**given))
+
+
+@pytest.mark.parametrize(
+    "make, text",
+    [
+        (lambda: slcp.Uniform(1.0, 0.0), r"Uniform.high is 0.0; a finite number of at least 1"),
+        (lambda: slcp.Uniform(np.nan, 1.0), "Uniform.low is nan"),
+        (lambda: slcp.Normal(-1.0), "Normal.sd is -1.0"),
+        (lambda: slcp.Normal("wide"), "Normal.sd is 'wide'"),
+        (lambda: slcp.LogNormal(2.5), r"LogNormal.sd is 2.5; a number in \[0, 2.0\)"),
+        (lambda: slcp.LogNormal(0.1, median=0.0), "LogNormal.median is 0.0"),
+        (lambda: slcp.LogNormal(0.1, shared=1), "LogNormal.shared is 1; True or False"),
+        (lambda: slcp.Push("block", 0.1, slcp.Normal(0.1)), "Push.duration is Normal.*may fall below 0"),
+        (lambda: slcp.Push("block", 0.1, slcp.Uniform(-0.1, 0.1)), "Push.duration is Uniform.* at least 0"),
+        (lambda: slcp.Push("block", 0.1, 0.1, force=3.0), r"Push.force is 3.0; two numbers \(x, y\)"),
+        (lambda: slcp.Push("block", 0.1, 0.1, at=(slcp.Normal(1.0), 0.0)), "Push.at is .*not drawn"),
+        (lambda: slcp.Push(1, 0.1, 0.1), "Push.body is 1"),
+        (lambda: slcp.Dropout("soon", 0.1), "Dropout.start is 'soon'"),
+        (lambda: slcp.Disturbances(dropped=1.5), r"Disturbances.dropped is 1.5; .*\[0, 1\]"),
+        (lambda: slcp.Disturbances(sensor={"block.x": -1.0}), r"Disturbances.sensor\['block.x'\] is -1.0"),
+        (lambda: slcp.Disturbances(sensor="bad"), "Disturbances.sensor is 'bad'"),
+        (lambda: slcp.Disturbances(delay=-0.1), "Disturbances.delay is -0.1"),
+        (lambda: slcp.Disturbances(pushes=slcp.Dropout(0.1, 0.1)), "Disturbances.pushes is"),
+        (lambda: slcp.Disturbances(dropouts=[slcp.Push("a", 0.1, 0.1)]), "slcp_warp.Dropout, in a tuple"),
+        (
+            lambda: slcp.Disturbances(parameters={"mass": slcp.Normal(0.1)}),
+            "mass takes log-normal or uniform",
+        ),
+        (lambda: slcp.Disturbances(parameters={"gravity": slcp.Uniform(1, 2)}), "gravity takes log-normal"),
+        (lambda: slcp.Disturbances(parameters={"com": 0.1}), "com takes normal or uniform"),
+        (lambda: slcp.Disturbances(parameters={"mass": slcp.Uniform(0, 1)}), "positive numbers are needed"),
+        (lambda: slcp.Disturbances(parameters={"friction": slcp.Uniform(-1, 1)}), "no negative numbers"),
+        (lambda: disturbed(parameters={"cart.mass": 0.1}), "'cart.mass'; there are pusher.mass, block.mass"),
+        (lambda: disturbed(parameters={"rest": slcp.Normal(0.1)}), "'rest'; scene 'push_block' has no rest"),
+        (lambda: disturbed(kicks={"block.x": 0.1}), "kicks names 'block.x'; velocities are kicked: pusher"),
+        (lambda: disturbed(sensor={"block.z": 0.1}), "'block.z'"),
+        (lambda: disturbed(pushes=(slcp.Push("cart", 0.1, 0.1),)), r"pushes\[0\].body is 'cart'; there are"),
+        (
+            lambda: disturbed(pushes=(slcp.Push("block", 1.3, 0.1),)),
+            r"pushes\[0\].start holds 1.3; times before",
+        ),
+        (
+            lambda: disturbed(dropouts=(slcp.Dropout(slcp.Uniform(2, 3), 0.1),)),
+            r"dropouts\[0\].start holds 2",
+        ),
+        (lambda: swept("cpu", "generic", disturbed(delay=0.004)), "delay is 0.004 s, less than half a step"),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused(make, text):
+    with pytest.raises(slcp.InputError, match=text):
+        make()
+
+
+def disturbed(**given):
+    return task(disturbances=slcp.Disturbances(**given))
+
+
+def test_every_number_has_its_own_address():
+    """Of a task's draws no two share a stream and a step, but those that are one draw."""
+    scene = task().scene
+    d, base = EVERYTHING, slcp.Simulator(scene, device="cpu").params.table()[0]
+    columns = [d.start_laws(scene, scene.x0), d.kick_laws(scene), d.push_laws(), d.dropout_laws()]
+    columns.append(laws.parameter_laws(scene, base, d.parameters))
+    found = [pair for each in columns for pair in set(zip(each.step.tolist(), each.stream.tolist()))]
+    assert len(found) == len(set(found))
+    singles = {300, (1 << 22) + 20, *((1 << 21) + np.arange(99)), *((1 << 23) + np.arange(99))}
+    assert not singles & {stream for _, stream in found}

@@ -43,7 +43,18 @@ def rich() -> slcp.Task:
         control_limits=(-np.inf, [3.0]),
         state_limits={"block.vx": (-np.inf, 2.5), "pusher.shift": (-3.0, 3.0)},
         start=task.start + np.outer([0.0, 1.0], np.ones(8)),
-        disturbances=slcp.Disturbances(start={"block.x": 0.1}, kick_times=(0.5, 1.0), kick=0.2),
+        disturbances=slcp.Disturbances(
+            start={"block.x": 0.1, "block.y": slcp.Uniform(0.1, 0.12)},
+            kick_times=(0.5, 1.0),
+            kick=0.2,
+            kicks={"block.vx": slcp.Normal(0.1, mean=0.2)},
+            sensor={"block.x": 0.01},
+            delay=0.04,
+            dropped=0.1,
+            parameters={"mass": slcp.LogNormal(0.1, shared=True), "block.com": slcp.Normal(0.01)},
+            pushes=(slcp.Push("block", slcp.Uniform(0.1, 0.2), 0.1, (slcp.Normal(2.0), 1.0), at=(0.0, 0.1)),),
+            dropouts=(slcp.Dropout(0.3, slcp.LogNormal(0.2, median=0.1)),),
+        ),
         measures=task.measures | {"last": last, "push": m.impulse("face/pusher"), "u": m.mean(m.control(0))},
         success=(m.final("block.x") > 0.1)
         & ((last < 1.0) | m.largest(m.cosine("block.angle")).between(0, 2)),
@@ -118,6 +129,7 @@ def test_a_scene_lies_beside_the_task_or_in_it(tmp_path):
 
 
 X = {"reduction": "final", "of": "block.x"}
+PUSH = {"body": "block", "start": 0.1, "duration": 0.1}
 TERM = {"kind": "square", "weight": 1.0, "state": "block.x"}
 
 
@@ -153,6 +165,18 @@ TERM = {"kind": "square", "weight": 1.0, "state": "block.x"}
         ({"disturbances": {"torque": -1.0}}, "disturbances: Disturbances.torque is -1.0"),
         ({"disturbances": {"torq": 1.0}}, "disturbances: no field 'torq'; did you mean 'torque'"),
         ({"disturbances": {"start": {"cart.x": 1.0}}}, "'cart.x'"),
+        ({"disturbances": {"start": {"block.x": {"unifrm": [0, 1]}}}}, "block.x: no field 'unifrm'; did"),
+        ({"disturbances": {"start": {"block.x": {}}}}, "start, block.x: no distribution; one of log_normal"),
+        ({"disturbances": {"kicks": {"block.vx": {"uniform": 1.0}}}}, r"uniform: 1.0; \[low, high\]"),
+        ({"disturbances": {"parameters": {"mass": {"log_normal": 3.0}}}}, "mass: LogNormal.sd is 3.0"),
+        ({"disturbances": {"pushes": [{"body": "block"}]}}, r"disturbances, pushes\[0\]: start is missing"),
+        ({"disturbances": {"pushes": [PUSH | {"force": [1.0]}]}}, r"pushes\[0\]: Push.force is \[1.0\]"),
+        ({"disturbances": {"pushes": [PUSH | {"force": [{"normal": -1}, 0]}]}}, "force: Normal.sd is -1"),
+        ({"disturbances": {"dropouts": [{"start": 0.1}]}}, r"dropouts\[0\]: duration is missing"),
+        ({"disturbances": {"sensor": {"block.z": 0.1}}}, "'block.z'"),
+        ({"failure": {"of": "block.x"}}, "failure: no bound"),
+        ({"observation": ["block.z"]}, "Task.observation: .*'block.z'"),
+        ({"periods": {"block.x": "turn"}}, "Task.periods names 'block.x'"),
         ({"measures": [1]}, r"measures: \[1\]; a table of fields is needed"),
         ({"measures": {"a": {"of": "block.x"}}}, "measures, a: reduction is missing"),
         ({"measures": {"a": X | {"reduction": "last"}}}, "measures, a, reduction is 'last'; choose one of"),
