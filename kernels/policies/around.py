@@ -25,7 +25,7 @@ class Between(NamedTuple):
 def around_kernel(inner: PolicyKernel, between: Between) -> PolicyKernel:
     """The kernel of a policy with things between it and the world."""
     key = f"{inner.in_words}, around it {'; '.join(map(str, between))}:{inner.key}"
-    return PolicyKernel(key, partial(make_around, inner, between), inner)
+    return PolicyKernel(key, partial(make_around, inner, between), inner, inner.by_row)
 
 
 @cached
@@ -114,3 +114,25 @@ def make_noise_kernel(nx: int, dtype: type) -> wp.Kernel:
             noise[i, j] = deviation[j] * normals(seed, i, k, SENSOR + j)[0]
 
     return noise_kernel
+
+
+@cached
+def make_sensor_kernel(dtype: type) -> wp.Kernel:
+    """What a noisy sensor shows of states in step k."""
+    normal = make_normal(dtype).normal
+
+    @specialised
+    def sensor_kernel(
+        first: int,
+        k: int,
+        seed: int,
+        number: wp.array(dtype=wp.int32),  # (B,) of the worlds
+        noise: wp.array(dtype=dtype),  # (nx,) standard deviations
+        state: wp.array2d(dtype=dtype),  # (B, nx)
+        seen: wp.array2d(dtype=dtype),  # out (B, nx)
+    ):
+        i = first + wp.tid()
+        for j in range(noise.shape[0]):
+            seen[i, j] = state[i, j] + noise[j] * normal(seed, number[i], k, OF_TASK + j)
+
+    return sensor_kernel

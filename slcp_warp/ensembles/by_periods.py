@@ -9,6 +9,7 @@ from slcp_warp.kernels.contact.problem import COLD
 from slcp_warp.kernels.device.launch import launch
 from slcp_warp.kernels.ensembles.arrival import Progress, make_arrival, make_span
 from slcp_warp.kernels.ensembles.sweep import make_sweep_kernel
+from slcp_warp.kernels.policies.contract import PolicyKernel
 from slcp_warp.kernels.policies.held import HELD, make_held
 from slcp_warp.kernels.structure import STEP_SIZE
 
@@ -16,6 +17,7 @@ from ..measures.tables import MeasureTable
 from ..simulator import Simulator
 from ..stepping.host import Asked
 from .worlds import Worlds
+from .worlds.between import HostBetween
 from .worlds.events import events_of
 
 
@@ -28,22 +30,38 @@ class OnHost:
     """
 
     def __init__(self, sim: Simulator, policy: Any, conditions: Any, worlds: Worlds) -> None:
-        numbers = conditions.world0 + np.arange(len(worlds))
+        self._numbers = conditions.world0 + np.arange(len(worlds))
         if worlds.numbers is not None:
-            numbers = worlds.numbers.numpy().copy()
-        self._asked = Asked(policy, sim, numbers, worlds.params.numpy()[:, STEP_SIZE])
-        self._conditions, self._params, self._device = conditions, worlds.params, sim.device
+            self._numbers = worlds.numbers.numpy().copy()
+        self._asked = Asked(policy, sim, self._numbers, worlds.params.numpy()[:, STEP_SIZE])
+        self._conditions, self._params, self._sim = conditions, worlds.params, sim
         self._arrival = make_arrival(sim.scene.nv, sim.nu, sim.dtype).kernel
-        self.kernel, self.every = HELD, self._asked.every
-        self.struct = make_held(sim.nx, sim.nu, sim.dtype).Struct()
-        self.struct.us = sim.empty(len(worlds), max(sim.nu, 1))
+        self.every, self._held = self._asked.every, Held(sim, len(worlds))
+        self._between = policy if isinstance(policy, HostBetween) else None
+        around = self._held if self._between is None else self._between.around(self._held)
+        self.kernel, self.struct = around.kernel(sim)
 
     def ask(self, k: int, events: Any, p: Progress, state: wp.array) -> None:
         """Controls of step k, where they are due, of states as the policy meets them: after kicks."""
         if k % self.every == 0 and self._asked.nu:
             inputs = [k, self._conditions, events, self._params, p, state]
-            launch(self._arrival, len(state), inputs, self._device)
-            self.struct.us.assign(self._asked.controls(k, state.numpy()))
+            launch(self._arrival, len(state), inputs, self._sim.device)
+            if self._between is not None:
+                state = self._between.seen(self._sim, k, self._numbers, state)
+            self._held.us.assign(self._asked.controls(k, state.numpy()))
+
+
+class Held:
+    """The controls (B, nu) that a policy on the host gave last, as a policy that kernels ask."""
+
+    def __init__(self, sim: Simulator, worlds: int) -> None:
+        self.us = sim.empty(worlds, max(sim.nu, 1))
+
+    def kernel(self, sim: Simulator) -> tuple[PolicyKernel, Any]:
+        """Kernel and struct for a simulator."""
+        struct = make_held(sim.nx, sim.nu, sim.dtype).Struct()
+        struct.us = self.us
+        return HELD, struct
 
 
 def by_periods(
@@ -59,7 +77,8 @@ def by_periods(
     kept, measures, events = table.kept(count, device), table.struct(sim), events_of(sim, worlds)
     span = make_span(sim.dtype)()
     span.p = progress(conditions, params, samples)
-    span.state, span.warm, span.memory = state, cold(sim, count), sim.empty(0, 0)
+    span.state, span.warm = state, cold(sim, count)
+    span.memory = sim.empty(count, policy.kernel.functions(sim.nx, sim.nu, sim.dtype).memory)
     kernel = make_sweep_kernel(sim.spec, policy.kernel, table.users(sim), spans=True)
     steps = int(span.p.steps.numpy().max(initial=0))
     for k in range(0, steps, policy.every):

@@ -86,10 +86,26 @@ def test_what_acts_on_the_host_sees_the_same(device):
     )
     for name in ENDS:
         np.testing.assert_allclose(one[name], two[name], rtol=0, atol=1e-9, err_msg=name)
-    for wrong, text in ((seeing(observation=SEEN), "sensor, delay and hold"),
-                        (task(observation=policies.Observation(summed, 2)), "names of states")):  # fmt: skip
-        with pytest.raises(slcp.InputError, match=text):
-            swept(device, "generic", wrong, Host())
+    with pytest.raises(slcp.InputError, match="names of states"):
+        swept(device, "generic", task(observation=policies.Observation(summed, 2)), Host())
+
+
+@pytest.mark.parametrize("strategy", ["specialised", "generic"])
+def test_what_lies_around_a_policy_lies_around_one_on_the_host(device, strategy):
+    """A noisy sensor, delay and hold; undisturbed none of them."""
+
+    class Host:
+        def act(self, x, time, worlds):
+            return FORCE + (x - GOAL) @ WHOLE.T
+
+    own = task(disturbances=slcp.Disturbances(sensor={"block.x": 0.05}, delay=0.04, hold=0.06))
+    both = [swept(device, strategy, own, each, worlds=5, chunk=3)
+            for each in (policies.Linear(WHOLE, GOAL, FORCE), Host())]  # fmt: skip
+    for arm in ("disturbed", "undisturbed"):
+        one, two = (each.part("policy", arm=arm) for each in both)
+        for name in ENDS:
+            np.testing.assert_allclose(one[name], two[name], rtol=0, atol=1e-9, err_msg=name)
+    assert np.ptp(both[0].part("policy")["block.x"]) > 1e-4
 
 
 def test_periods_are_those_of_the_scene(tmp_path):

@@ -2,12 +2,14 @@
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import warp as wp
 
-from slcp_warp.kernels.policies.around import OF_TASK
+from slcp_warp.kernels.device.launch import launch
+from slcp_warp.kernels.policies.around import OF_TASK, make_sensor_kernel
 from slcp_warp.kernels.policies.contract import PolicyKernel
 
 from ...inputs.checks import attribute
@@ -42,11 +44,7 @@ class Between:
 
 
 def between(policy: Any, task: Task, seed: int, step_size: float, quiet: bool) -> Any:
-    """A policy as a task's worlds have it, undisturbed ones `quiet`; itself where nothing lies between.
-
-    Raises:
-        ArgumentError: a sensor, a delay or a hold around a policy that acts on the host.
-    """
+    """A policy as a task's worlds have it, undisturbed ones `quiet`; itself where nothing lies between."""
     d, host = task.disturbances, acts_on_host(policy)
     if task.observation is not None and not attribute(policy, "sees_states"):
         policy = HostObserved(policy, task) if host else Observed(policy, task.observation)
@@ -54,21 +52,15 @@ def between(policy: Any, task: Task, seed: int, step_size: float, quiet: bool) -
     if not any(noise) and not d.delay and not d.hold:
         return policy
     if host:
-        raise ArgumentError(
-            "policy acts on the host; the sensor, delay and hold of Task.disturbances lie around policies "
-            "that kernels evaluate"
-        )
+        return HostBetween(policy, d, step_size, seed, quiet)
     return Between(policy, d, step_size, seed, quiet)
 
 
-class HostObserved:
-    """A policy on the host that sees some states."""
+class OfHost:
+    """A policy on the host with something around it."""
 
-    def __init__(self, policy: Any, task: Task) -> None:
-        if not isinstance(task.observation, tuple):
-            raise ArgumentError("policy acts on the host; Task.observation must be names of states for it")
+    def __init__(self, policy: Any) -> None:
         self._policy = policy
-        self._places = [task.scene.state_index(name) for name in task.observation]
         self.period = attribute(policy, "period")
         begin = attribute(policy, "begin")
         if begin is not None:
@@ -76,7 +68,48 @@ class HostObserved:
 
     def act(self, x: np.ndarray, time: float, worlds: np.ndarray) -> Any:
         """Controls of the states x (B, nx)."""
+        return self._policy.act(x, time, worlds)
+
+
+class HostObserved(OfHost):
+    """A policy on the host that sees some states."""
+
+    def __init__(self, policy: Any, task: Task) -> None:
+        super().__init__(policy)
+        if not isinstance(task.observation, tuple):
+            raise ArgumentError("policy acts on the host; Task.observation must be names of states for it")
+        self._places = [task.scene.state_index(name) for name in task.observation]
+
+    def act(self, x: np.ndarray, time: float, worlds: np.ndarray) -> Any:
+        """Controls of the states x (B, nx)."""
         return self._policy.act(x[:, self._places], time, worlds)
+
+
+class HostBetween(OfHost):
+    """A policy on the host behind a task's sensor, hold and delay; the last two are in the kernel."""
+
+    def __init__(self, policy: Any, d: Disturbances, step_size: float, seed: int, quiet: bool) -> None:
+        super().__init__(policy)
+        self._given = d, step_size, seed, quiet
+
+    def around(self, held: Any) -> Between:
+        """What holds the policy's controls, behind hold and delay."""
+        d, step_size, seed, quiet = self._given
+        return Between(held, replace(d, sensor=0.0), step_size, seed, quiet)
+
+    def seen(self, sim: Simulator, k: int, numbers: np.ndarray, state: wp.array) -> wp.array:
+        """What the sensor shows of states in step k."""
+        d, _, seed, quiet = self._given
+        if quiet:
+            return state
+        out = wp.empty_like(state)
+        noise: wp.array = wp.array(
+            Around(None, noise=d.sensor).deviations(sim), dtype=sim.dtype, device=sim.device
+        )
+        number: wp.array = wp.array(numbers, dtype=wp.int32, device=sim.device)
+        inputs = [k, seed, number, noise, state, out]
+        launch(make_sensor_kernel(sim.dtype), len(state), inputs, sim.device)
+        return out
 
 
 def steps_of(d: Disturbances, step_size: float) -> tuple[int, int]:
