@@ -194,6 +194,7 @@ class Workspace:
             if not beyond.any() or done >= limit:
                 break
             self._state.searching.assign(beyond.astype(np.int32))
+            assert self._run_update is not None
             self._run_update()
             self.k.zero_()
             self._run_first()  # the same trajectory, and its cost with the new multipliers

@@ -87,7 +87,7 @@ class Sampler:
         s.least = wp.array(least, dtype=self.dtype, device=self.device)
         wide = np.zeros((B, rows, nu), dtype=make.numpy_dtype)
         wide[:, :M] = scale
-        self._wide = wp.array(wide, dtype=self.dtype, device=self.device)
+        self._wide: Any = wp.array(wide, dtype=self.dtype, device=self.device)
         self.x0, self.params = make.zeros(B, nx), wp.clone(problem.param_array(B))
         self._limits = make.state_limits()
         self._limits.weight.fill_(Options().limit_weight)

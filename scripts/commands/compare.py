@@ -7,8 +7,9 @@ import typer
 
 import slcp_warp as slcp
 
-from ..stages.task_sweep import comparison, load_report, policies_of, report_table, task_cases
+from ..stages.task_sweep import comparison, load_report, report_table, task_cases
 from ..support.options import Device, Seed, StepSize
+from ..support.policies import POLICY, named_policies
 from ..support.screen import INTERRUPTED, console, one_line_errors, prepared, progress_bar, timed, wrote
 
 
@@ -30,7 +31,7 @@ def compare_command(
             help="Intervals for all looks together; of a task: run until the difference is decided."
         ),
     ] = False,
-    policy: Annotated[list[Path] | None, typer.Option(help="Of a task: file of a policy (twice).")] = None,
+    policy: Annotated[list[str] | None, typer.Option(help=f"Of a task, twice: {POLICY}.")] = None,
     measure: Annotated[str, typer.Option(help="Of a task: success, or a measure.")] = "success",
     confidence: Annotated[float, typer.Option(help="Of the decision about a task.")] = 0.95,
     margin: Annotated[
@@ -59,8 +60,9 @@ def compare_command(
     (case,) = task_cases(task, residual).values()
     with timed("comparison"), progress_bar("worlds") as progress:
         found = slcp.compare_sequentially(
-            task, policies_of(policy, task.scene), measure=measure, confidence=confidence, margin=margin,
-            worlds=worlds, batch=batch, seed=seed, case=case, step_size=step_size, dtype=dtype, device=device,
+            task, named_policies(policy, task.scene, task), measure=measure, confidence=confidence,
+            margin=margin, worlds=worlds, batch=batch, seed=seed, case=case,
+            step_size=step_size, dtype=dtype, device=device,
             progress=progress,
         )  # fmt: skip
     console.print(str(found), markup=False, highlight=False)

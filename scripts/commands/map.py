@@ -8,8 +8,9 @@ import typer
 
 import slcp_warp as slcp
 
-from ..stages.task_sweep import policies_of, task_cases
+from ..stages.task_sweep import task_cases
 from ..support.options import Device, Seed
+from ..support.policies import POLICY, named_policies
 from ..support.screen import console, one_line_errors, prepared, progress_bar, timed, wrote
 from ..support.tasks import TaskName
 
@@ -19,7 +20,7 @@ MOST = 1024  # values of an axis
 @one_line_errors
 def map_command(
     task: TaskName,
-    policy: Annotated[Path, typer.Option(help="File of a policy.")],
+    policy: Annotated[str, typer.Option(help=POLICY)],
     x: Annotated[str, typer.Option(help="name=low:high:count, of a parameter, a state or kicks.")],
     y: Annotated[str, typer.Option(help="The same of another.")],
     worlds: Annotated[int, typer.Option(help="Disturbed worlds of every cell, the same in all.")] = 256,
@@ -35,8 +36,8 @@ def map_command(
     (case,) = task_cases(chosen, residual).values()
     with timed("map"), progress_bar("worlds") as progress:
         found = slcp.robustness_map(
-            chosen, policies_of([policy], chosen.scene), *axes, worlds=worlds, seed=seed, case=case,
-            dtype=dtype, device=device, progress=progress,
+            chosen, named_policies([policy], chosen.scene, chosen), *axes, worlds=worlds, seed=seed,
+            case=case, dtype=dtype, device=device, progress=progress,
         )  # fmt: skip
     console.print(str(found), markup=False, highlight=False)
     found.save(path)

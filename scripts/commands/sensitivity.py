@@ -7,8 +7,9 @@ import typer
 
 import slcp_warp as slcp
 
-from ..stages.task_sweep import load_report, policies_of, task_cases
+from ..stages.task_sweep import load_report, task_cases
 from ..support.options import Device, Seed
+from ..support.policies import POLICY, named_policies
 from ..support.screen import console, one_line_errors, prepared, progress_bar, timed, wrote
 
 
@@ -21,7 +22,7 @@ def sensitivity_command(
         ),
     ],
     policy: Annotated[
-        str | None, typer.Option(help="Of a task: its file. Of a report: its name; default: the first.")
+        str | None, typer.Option(help=f"Of a task: {POLICY}. Of a report: its name; default: the first.")
     ] = None,
     measure: Annotated[str, typer.Option(help="success, or a measure.")] = "success",
     samples: Annotated[
@@ -49,7 +50,7 @@ def sensitivity_command(
         (case,) = task_cases(task, residual).values()
         with timed("sensitivity"), progress_bar("worlds") as progress:
             found = slcp.sensitivity(
-                task, policies_of([Path(policy)], task.scene), measure=measure, samples=samples, seed=seed,
+                task, named_policies([policy], task.scene, task), measure=measure, samples=samples, seed=seed,
                 case=case, dtype=dtype, device=device, progress=progress,
             )  # fmt: skip
     console.print(str(found), markup=False, highlight=False)

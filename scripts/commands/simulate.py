@@ -22,6 +22,7 @@ from ..support.options import (
     TaskIntegrator,
     TaskResidual,
 )
+from ..support.policies import POLICY
 from ..support.screen import console, one_line_errors, prepared, wrote
 from ..support.simulators import make_params, make_simulator, named_scene, start_states
 from ..support.tasks import OptionalTask, task_simulator
@@ -32,7 +33,7 @@ def simulate_command(
     task: OptionalTask = None,
     out: Annotated[Path, typer.Option(help="File to write.")] = Path("trajectory.npz"),
     scene: SceneName = DEFAULT_SCENE,
-    policy: Annotated[str, typer.Option(help="zero, or a file of `slcp library` or `optimise`.")] = "zero",
+    policy: Annotated[str, typer.Option(help=f"{POLICY}.")] = "zero",
     steps: Annotated[int | None, typer.Option(help="Time steps; default: the task's run, or 400.")] = None,
     worlds: Annotated[int, typer.Option(min=1, help="Worlds, which differ by --velocity-sd.")] = 1,
     start: Start = None,
@@ -60,7 +61,7 @@ def simulate_command(
         first, steps = chosen.start[0], chosen.steps if steps is None else steps
     params = make_params(sim, step_size, sigma, settings)
     x0 = start_states(sim.scene, start, worlds, velocity_sd, seed, first)
-    run = simulate(sim, params, x0, steps, policy)
+    run = simulate(sim, params, x0, steps, policy, task=None if task is None else chosen)
     run.header["seed"] = seed
     run.save(path)
     console.print(summary(run))

@@ -12,6 +12,7 @@ from ..stages.stored_sweep import Where, executor_of, finish_stored, opened_swee
 from ..stages.sweep import cycle_states, run_sweep, sweep_table
 from ..stages.task_sweep import changed_task, report_table, sweep_task, task_cases
 from ..support.options import DEFAULT_SCENE, Device, Scaling, SceneName, Seed, Settings, TaskIntegrator
+from ..support.policies import POLICY
 from ..support.screen import INTERRUPTED, console, one_line_errors, prepared, progress_bar, timed, wrote
 from ..support.simulators import RESIDUALS, named_scene, numbers, observed_of, parse_settings
 from ..support.tasks import OptionalTask
@@ -22,9 +23,7 @@ def sweep_command(
     task: OptionalTask = None,
     policy: Annotated[
         list[str] | None,
-        typer.Option(
-            help="File of `slcp library` or `slcp optimise`, or file.py:name; of a task several (repeatable)."
-        ),
+        typer.Option(help=f"{POLICY}; of a task several (repeatable)."),
     ] = None,
     out: Annotated[
         Path | None,

@@ -11,7 +11,7 @@ import typer
 import slcp_warp as slcp
 
 from ..support.options import Device
-from ..support.policies import HELP, named_policy
+from ..support.policies import POLICY, named_policies
 from ..support.screen import console, one_line_errors
 from ..support.simulators import default_scaling, named_scene
 from ..support.tasks import found_task
@@ -27,7 +27,7 @@ def watch_command(
         str | None,
         typer.Argument(metavar="TASK", help="A task or a scene: a name, a file, or file.py:name."),
     ] = None,
-    policy: Annotated[list[str] | None, typer.Option(help=f"{HELP}; several to choose from.")] = None,
+    policy: Annotated[list[str] | None, typer.Option(help=f"{POLICY}; several to choose from.")] = None,
     worlds: Annotated[int, typer.Option(min=1, max=64, help="Worlds side by side.")] = 1,
     seed: Annotated[int, typer.Option(min=0, help="Of the starts of further worlds.")] = 0,
     out: Annotated[Path, typer.Option(help="Folder of what is recorded.")] = Path("."),
@@ -47,7 +47,7 @@ def watch_command(
     else:
         assert what is not None
         subject = watched(what, worlds, seed)
-        policies = dict(named_policy(text, subject.scene, subject.task) for text in policy or [])
+        policies = named_policies(policy or [], subject.scene, subject.task)
         out.mkdir(parents=True, exist_ok=True)
         engine = Engine(subject, policies, out, device=device)
     engine.prepare()

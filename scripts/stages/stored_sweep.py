@@ -14,8 +14,9 @@ from slcp_warp.ensembles.stored.sweep import StoredSweep
 from slcp_warp.ensembles.tasks import TaskSweep
 from slcp_warp.runs.progress import shown
 
+from ..support.policies import named_policies, of_python, policy_name
 from ..support.screen import INTERRUPTED, console
-from .task_sweep import of_python, policies_of, policy_name, report_table
+from .task_sweep import report_table
 
 TERMINATED = 128 + signal.SIGTERM
 
@@ -59,14 +60,14 @@ def opened_sweep(
 
     Args:
         text: file.py:name of the task, where it is from there as it is.
-        policies: see `policies_of`.
+        policies: as the commands name them.
         chunk_worlds: worlds of a chunk; None: about a second's.
         choices: of `TaskSweep`.
     """
     folder.parent.mkdir(parents=True, exist_ok=True)
     texts = {} if text is None else {"task": text}
     texts |= {f"policy {policy_name(each)}": each for each in policies if of_python(each)}
-    work = TaskSweep(task, policies_of(policies, task.scene), chunk=chunk_worlds, **choices)
+    work = TaskSweep(task, named_policies(policies, task.scene, task), chunk=chunk_worlds, **choices)
     return StoredSweep.open(folder, work, texts, chunk_worlds, None if where.executor is None else 1)
 
 

@@ -14,7 +14,7 @@ from slcp_warp.ensembles.chunks import ARMS, KEYS
 from slcp_warp.ensembles.statistics.source import MemorySource
 from slcp_warp.storage.files import FileError
 
-from ..support.records import load_policy
+from ..support.policies import named_policies
 from ..support.simulators import RESIDUALS
 from ..support.tables import read_csv
 from .sweep import percent, plus_minus
@@ -48,32 +48,11 @@ def changed_task(
 
 
 def sweep_task(task: slcp.Task, given: Sequence[str], **choices: Any) -> slcp.Report:
-    """Sweep policies of files, see `policies_of`."""
-    report: slcp.Report = slcp.sweep(task, policies_of(given, task.scene), **choices)
+    """Sweep policies as the commands name them, see `named_policy`."""
+    report: slcp.Report = slcp.sweep(task, named_policies(given, task.scene, task), **choices)
     if not report.source.keys:
         raise KeyboardInterrupt
     return report
-
-
-def policies_of(given: Sequence[str | Path], scene: slcp.Scene) -> dict[str, Any]:
-    """Policies of files, named after them, or of `file.py:name`."""
-    named = {policy_name(each): each for each in given}
-    if len(named) < len(given):
-        raise ValueError(f"two of the policies' files have the same name: {', '.join(map(str, given))}")
-    return {
-        name: slcp.policies.load_policy(each) if of_python(each) else load_policy(Path(each), scene)[0]
-        for name, each in named.items()
-    }
-
-
-def policy_name(given: str | Path) -> str:
-    """What a policy is called in tables."""
-    return str(given).rpartition(":")[2] if of_python(given) else Path(given).stem
-
-
-def of_python(given: str | Path) -> bool:
-    """Whether it is `file.py:name`."""
-    return str(given).rpartition(":")[0].endswith(".py")
 
 
 def load_report(path: Path) -> slcp.Report:

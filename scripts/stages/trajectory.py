@@ -11,7 +11,8 @@ from rich.table import Table
 
 import slcp_warp as slcp
 
-from ..support.records import device_facts, load_policy
+from ..support.policies import ZERO, named_policy
+from ..support.records import device_facts
 
 RECORD = ("controls", "impulse", "gap")
 
@@ -21,25 +22,27 @@ def simulate(
     params: slcp.Parameters,
     x0: np.ndarray,
     steps: int,
-    policy: str | Path = "zero",
+    policy: str | Path = ZERO,
     recorded: tuple[str, ...] = RECORD,
+    task: slcp.Task | None = None,
 ) -> slcp.Trajectory:
     """Roll the worlds x0 (B, nx) out under a policy.
 
     Args:
-        policy: "zero" (no control), or a file written by `slcp library` or `slcp optimise`.
+        policy: as the commands name one.
         recorded: of RECORD, with "controls" and "impulse".
+        task: of the worlds, where there is one.
     """
     if steps < 1:
         raise ValueError(f"--steps is {steps}; it must be at least 1")
     if not np.isfinite(x0).all():
         raise ValueError(f"--start contains {x0[~np.isfinite(x0)][0]}; it must be finite")
-    facts: dict[str, Any] = {"policy": "zero"}
-    if str(policy) == "zero":
+    facts: dict[str, Any] = {"policy": ZERO}
+    if str(policy) == ZERO:
         controls = np.zeros((len(x0), steps, sim.nu))
         trajectory = sim.rollout(x0, controls, params, record=recorded)
     else:
-        controller, facts = load_policy(Path(policy), sim.scene)
+        controller, facts = named_policy(policy, sim.scene, task)
         trajectory = sim.rollout(x0, policy=controller, steps=steps, params=params, record=recorded)
     return replace(trajectory, header=device_facts(sim) | facts)
 

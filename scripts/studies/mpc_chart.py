@@ -15,7 +15,7 @@ def mpc_chart(path: Path, rows: list[dict[str, Any]]) -> Path:
     for each in rows[1:]:
         sampled = "samples" in each["policy"]
         place, error = (each["ms a step"], each["rate"]), each["high"] - each["rate"]
-        look = {"fmt": "s", "color": RED} if sampled else {"fmt": "o", "color": BLUE}
+        look: Any = {"fmt": "s", "color": RED} if sampled else {"fmt": "o", "color": BLUE}
         ax.errorbar(*place, error, **look)
         ax.annotate(each["policy"], place, xytext=(5, 4), textcoords="offset points", fontsize=8)
     ax.set_xscale("log")

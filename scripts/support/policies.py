@@ -1,7 +1,10 @@
 """Policies as the commands name them."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 import slcp_warp as slcp
 from slcp_warp import ddp
@@ -9,29 +12,54 @@ from slcp_warp import ddp
 from .records import load_policy
 
 ZERO, MPC = "zero", "mpc"
-HELP = f"{ZERO}, a file of `slcp library` or `optimise`, {MPC}, {MPC}:LIBRARY, or file.py:name"
+POLICY = f"{ZERO}, a file of `slcp library` or `optimise`, {MPC}, {MPC}:LIBRARY, or file.py:name"
 
 
-def named_policy(text: str, scene: slcp.Scene, task: slcp.Task | None) -> tuple[str, Any]:
-    """A name for a policy, and the policy; None for no control.
+def named_policy(given: str | Path, scene: slcp.Scene, task: slcp.Task | None) -> tuple[Any, dict[str, Any]]:
+    """A policy, and header entries about it.
 
     Args:
-        text: "zero"; a file; "mpc" or "mpc:LIBRARY", which plans the task while it runs, 2 passes a step,
+        given: "zero"; a file; "mpc" or "mpc:LIBRARY", which plans the task while it runs, 2 passes a step,
             from the shifted plan and the library's, or from the shifted plan, zero and noise;
             "file.py:name" of a policy, or of a function that makes one.
         scene: what is controlled.
         task: of it, where there is one; "mpc" needs it.
     """
+    text = str(given)
     if text == ZERO:
-        return ZERO, None
+        nothing = np.zeros((scene.nu, 2 * scene.nv))
+        return slcp.policies.Linear(nothing, scene.x0, np.zeros(scene.nu)), {"policy": ZERO}
     if text == MPC or text.startswith(f"{MPC}:"):
         if task is None:
             raise ValueError(f"{text}: scene {scene.name!r} is no task; there is nothing to plan for")
-        return MPC, planning_policy(task, Path(text.partition(":")[2]) if ":" in text else None)
-    if ".py:" in text:
-        found = slcp.policies.load_policy(text)
-        return text.rpartition(":")[2], found
-    return Path(text).stem, load_policy(Path(text), scene)[0]
+        library = Path(text.partition(":")[2]) if ":" in text else None
+        return planning_policy(task, library), {"policy": MPC}
+    if of_python(text):
+        return slcp.policies.load_policy(text), {"policy": policy_name(text)}
+    return load_policy(Path(text), scene)
+
+
+def named_policies(
+    given: Sequence[str | Path], scene: slcp.Scene, task: slcp.Task | None = None
+) -> dict[str, Any]:
+    """Policies by what they are called in tables; see `named_policy`."""
+    named = {policy_name(each): each for each in given}
+    if len(named) < len(given):
+        raise ValueError(f"two of the policies have the same name: {', '.join(map(str, given))}")
+    return {name: named_policy(each, scene, task)[0] for name, each in named.items()}
+
+
+def policy_name(given: str | Path) -> str:
+    """What a policy is called in tables."""
+    text = str(given)
+    if text == MPC or text.startswith(f"{MPC}:"):
+        return MPC
+    return text.rpartition(":")[2] if of_python(text) else Path(text).stem
+
+
+def of_python(given: str | Path) -> bool:
+    """Whether it is `file.py:name`."""
+    return str(given).rpartition(":")[0].endswith(".py")
 
 
 def planning_policy(task: slcp.Task, library: Path | None) -> ddp.MPC:
