@@ -39,6 +39,11 @@ class Regularization:
     state_weight: Any = 1.0
     control_weight: Any = 0.0
 
+    @classmethod
+    def of(cls, rows: np.ndarray) -> "Regularization":
+        """A schedule for every problem, from rows (B, 6) as `rows` gives them."""
+        return cls(*rows.T)
+
     def rows(self) -> np.ndarray:
         """The schedule as rows (1 or B, 6), float64.
 

@@ -1,4 +1,4 @@
-"""A plan of a task in one call: many starts, Gauss-Newton from all of them, second order from the best."""
+"""A plan in one call: starts of four kinds, Gauss-Newton from all of them, second order from the best."""
 
 from dataclasses import replace
 from typing import Any
@@ -7,18 +7,25 @@ import numpy as np
 
 from slcp_warp import Simulator, Task
 from slcp_warp.inputs.checks import array, instance, whole
-from slcp_warp.inputs.errors import ArgumentError
-from slcp_warp.inputs.limits import limit_rows
+from slcp_warp.inputs.errors import ArgumentError, ArgumentTypeError
 
 from .multistart import Multistart
-from .options import Options
+from .options import Options, Regularization
+from .parts.starts import unstable
 from .problem import Problem
-from .workspace import Workspace
+from .sampling.options import SHARE, Sampling, limit_share
+from .sampling.sampler import Sampler
+from .workspace import GAP_PASSES, Workspace
 
 METHODS = ("gauss-newton", "second-order")
-SHARE = 0.2  # of the limits: standard deviation of random starts
+SCHEDULES = Regularization(  # of the state, and of the control as Tassa, Mansard & Todorov (2014) have it
+    initial=np.array([1.0e-3, 1.0]),
+    factor=np.array([2.0, 1.6]),
+    state_weight=np.array([1.0, 0.0]),
+    control_weight=np.array([0.0, 1.0]),
+)
 NOISE_TIME = 8.0  # correlation time of random starts [steps]
-PASSES = 150
+PASSES, LAST_PASSES = 150, 400  # of all methods but the last, and of the last
 FINISH = 2  # plans that every further method goes on from
 
 
@@ -54,13 +61,46 @@ def random_starts(
 
 def noise_scale(task: Task, share: float = SHARE) -> np.ndarray:
     """(nu,) a share of the larger limit of every control, and 1 where it has none."""
-    lower, upper = limit_rows(task.control_limits, task.scene.nu)
-    reach = np.maximum(np.abs(lower[0]), np.abs(upper[0]))
-    return np.where(np.isfinite(reach), share * np.where(np.isfinite(reach), reach, 0.0), 1.0)
+    return limit_share(task.control_limits, task.scene.nu, share)
+
+
+def plan_starts(
+    problem: Problem,
+    x0: Any,
+    count: int,
+    seed: int,
+    scale: Any = None,
+    sampling: Sampling | None = None,
+    method: str = METHODS[0],
+) -> np.ndarray:
+    """Controls (count, count + 1 or count + 2, N, nu) to plan from, within the limits.
+
+    Zeros and smoothed noise; where there are four of them the best of `sample` as well and, where the first
+    state is unstable, what multiple shooting from that state held comes to once its gaps are closed.
+
+    Args:
+        scale: standard deviation of the noise and of what is sampled; None: a fifth of the limits, or 1.
+        sampling: how is sampled; its scale is `scale` where that is given.
+        method: of the passes that close gaps.
+    """
+    scale = limit_share(problem.control_limits, problem.nu) if scale is None else scale
+    lower, upper = problem.limit_rows()
+    us = np.clip(random_starts(count, problem.horizon, problem.nu, scale, seed), lower[0], upper[0])
+    if count < 4:
+        return us
+    sampler = Sampler(problem, 1, replace(sampling or Sampling(), scale=scale))
+    sampler.run(x0, None, seed)
+    found = [sampler]
+    work = Workspace(problem, 1, Options(method=method, start="hold", max_iterations=GAP_PASSES))
+    if unstable(work, x0)[0]:
+        work.start(x0, None, limit=GAP_PASSES)
+        found.append(work)
+    more = [each.us.numpy().copy() for each in found if np.isfinite(each.cost.numpy()[0])]
+    return np.concatenate([us, *more])
 
 
 def plan(
-    task: Task,
+    task: Task | Problem,
     starts: Any = 8,
     seed: int = 0,
     *,
@@ -69,30 +109,40 @@ def plan(
     options: Options | None = None,
     methods: tuple[str, ...] = METHODS,
     finish: int = FINISH,
+    sampling: Sampling | None = None,
 ) -> Multistart:
-    """Plan a task from many starts, and keep the plan of lowest cost.
+    """Plan a task or a problem from many starts, and keep the plan of lowest cost.
 
-    The first method takes all the starts as one batch; every further one goes on from the `finish` plans of
-    lowest cost. A plan's cost never rises on the way.
+    The first method takes all the starts under two regularisation schedules, as one batch; every further one
+    goes on from the `finish` plans of lowest cost, and takes the first start under both schedules again. A
+    plan's cost never rises on the way.
 
     Args:
         task: what is planned.
-        starts: how many, zero controls and smoothed noise (a fifth of the control limits; 1 where there are
-            none); or the controls themselves, (S, N, nu).
-        seed: of the noise.
+        starts: how many of zeros and smoothed noise, to which `plan_starts` adds sampled and stabilised ones
+            from four on; or the controls themselves, (S, N, nu).
+        seed: of noise and sampling.
         x0: the initial state (nx,); None: the first of the task's.
         sim: as of `problem_of`.
-        options: of every method's solve; its method and regularisation schedule are those of `Options`
-            otherwise, and passes 150.
+        options: of every method's solve but for the method; None: two schedules, and 150 passes, 400 of the
+            last method.
         methods: of `Options.method`, one after the other.
         finish: how many plans every further method goes on from.
+        sampling: how controls are sampled.
 
     Returns:
         The best plan; `all` are the plans of the last method, `index` the best one's place among them.
     """
-    problem = problem_of(task, sim)
-    us = _controls(problem, task, starts, whole("seed", seed, 0))
-    return solve_starts(problem, task.start[0] if x0 is None else x0, us, options, methods, finish)
+    if isinstance(task, Problem):
+        problem = task
+        if x0 is None or sim is not None:
+            raise ArgumentTypeError("a ddp.Problem is planned from an x0, and has its simulator in it")
+    else:
+        problem = problem_of(task, sim)
+        x0 = task.start[0] if x0 is None else x0
+    x = array("x0", x0, (problem.nx,))
+    us = _controls(problem, x, starts, whole("seed", seed, 0), sampling, methods)
+    return solve_starts(problem, x, us, options, methods, finish)
 
 
 def solve_starts(
@@ -105,28 +155,43 @@ def solve_starts(
 ) -> Multistart:
     """`plan` for a problem, from controls us (S, N, nu)."""
     instance("options", options, Options | None, "a ddp.Options")
-    if not isinstance(methods, tuple | list) or not methods:
-        raise ArgumentError(f"methods is {methods!r:.60}; at least one of {', '.join(METHODS)} is needed")
-    settings = Options(max_iterations=PASSES) if options is None else options
+    _check_methods(methods)
     finish = whole("finish", finish)
     x = array("x0", x0, (problem.nx,))
+    schedules = (SCHEDULES if options is None else options.regularization).rows()
+    first = us[0]
     for place, method in enumerate(methods):
-        result = Workspace(problem, len(us), replace(settings, method=method)).solve(x, us)
+        passes = PASSES if place + 1 < len(methods) else LAST_PASSES
+        settings = Options(max_iterations=passes) if options is None else options
+        rows = np.repeat(np.arange(len(schedules)), len(us))
+        batch = np.tile(us, (len(schedules), 1, 1))
+        if place:  # the best plans under the first schedule, then the first start under all
+            rows = np.concatenate([np.zeros(len(us), dtype=int), np.arange(len(schedules))])
+            batch = np.concatenate([us, np.tile(first, (len(schedules), 1, 1))])
+        settings = replace(settings, method=method, regularization=Regularization.of(schedules[rows]))
+        result = Workspace(problem, len(batch), settings).solve(x, batch)
         order = np.argsort(np.where(np.isnan(result.cost), np.inf, result.cost), kind="stable")
-        if place + 1 < len(methods):
-            us = result.us[order[:finish]]
+        us = result.us[order[:finish]]
     index = int(order[0])
     return Multistart(result.select(index), index, result)
 
 
-def _controls(problem: Problem, task: Task, starts: Any, seed: int) -> np.ndarray:
+def _check_methods(methods: Any) -> None:
+    if not isinstance(methods, tuple | list) or not methods:
+        raise ArgumentError(f"methods is {methods!r:.60}; at least one of {', '.join(METHODS)} is needed")
+
+
+def _controls(
+    problem: Problem, x0: np.ndarray, starts: Any, seed: int, sampling: Sampling | None, methods: Any
+) -> np.ndarray:
     """(S, N, nu) controls to start from, within the limits."""
+    instance("sampling", sampling, Sampling | None, "a ddp.Sampling")
+    _check_methods(methods)
     if isinstance(starts, int) and not isinstance(starts, bool):
-        count = whole("starts", starts)
-        us = random_starts(count, problem.horizon, problem.nu, noise_scale(task), seed)
-    else:
-        us = array("starts", starts, ("S", problem.horizon, problem.nu))
-        if not len(us):
-            raise ArgumentError(f"starts has shape {us.shape}; at least one start is needed")
+        scale = None if sampling is None else sampling.scale
+        return plan_starts(problem, x0, whole("starts", starts), seed, scale, sampling, methods[0])
+    us = array("starts", starts, ("S", problem.horizon, problem.nu))
+    if not len(us):
+        raise ArgumentError(f"starts has shape {us.shape}; at least one start is needed")
     lower, upper = problem.limit_rows()
     return np.clip(us, lower[0], upper[0])

@@ -13,11 +13,12 @@ from slcp_warp.kernels.control.costs import make_cost_kernel
 from slcp_warp.kernels.control.state_limits import make_limit_kernels
 from slcp_warp.kernels.device.launch import Prepared
 
-from .arrays import Arrays
 from .batches import fill
 from .dynamics import dynamics_of
 from .options import Options
-from .passes import Passes
+from .parts.arrays import Arrays
+from .parts.passes import Passes
+from .parts.starts import held_states, no_controls, start_automatically
 from .problem import Problem
 from .results.result import Result
 from .results.status import Status
@@ -167,11 +168,11 @@ class Workspace:
         fill(self.x0, x0, "x0", (B, nx))
         way = self.options.start
         if xs0 is None and way == "automatic" and us0 is None:
-            return self._start_automatically(limit)
-        controls = self._no_controls() if us0 is None else us0
+            return start_automatically(self, limit)
+        controls = no_controls(self.problem, self.batch) if us0 is None else us0
         fill(self.us, controls, "us0", (B, N, nu))
         if xs0 is None and way in ("hold", "goal"):
-            xs0 = self._held(way)
+            xs0 = held_states(self, way)
         for target, value, name, shape in (
             (self.xs, xs0, "xs0", (B, N + 1, nx)),
             (self.K, K0, "K0", (B, N, nu, nx)),
@@ -226,52 +227,6 @@ class Workspace:
         v = xs + y / weight
         v = v - np.clip(v, lower, upper)
         return np.asarray(0.5 * (weight * v**2 - y**2 / weight).sum((1, 2)))
-
-    def _no_controls(self) -> np.ndarray:
-        """(B, N, nu) zeros, or the limits nearest to them."""
-        lower, upper = (a[:, None] for a in self.problem.limit_rows())
-        return np.clip(np.zeros((self.batch, self.problem.horizon, self.problem.nu)), lower, upper)
-
-    def _held(self, way: str) -> np.ndarray:
-        """(B, N+1, nx) the first state, or the goal, at every step; a state that no cost feels stays."""
-        x0 = self.x0.numpy().astype(np.float64)
-        xs = np.repeat(x0[:, None], self.problem.horizon + 1, axis=1)
-        if way == "goal":
-            self.xs.assign(xs.astype(self.numpy_dtype))
-            self._state.fresh.fill_(1)
-            self._run_cost()
-            d = self._derivatives
-            slope, bend = (a.numpy()[:, -1].astype(np.float64) for a in (d.lx, d.lxx))
-            value, basis = np.linalg.eigh(bend)
-            felt = value > 1e-9 * np.maximum(value.max(1, keepdims=True), 1e-300)
-            inverse = np.where(felt, 1.0 / np.where(felt, value, 1.0), 0.0)
-            xs[:, 1:] -= np.einsum("bij,bj,bkj,bk->bi", basis, inverse, basis, slope)[:, None]
-        return xs
-
-    def _start_automatically(self, limit: int) -> int:
-        """From zero controls, or from the first state held, whose gaps are closed, where that costs less."""
-        zeros = self._no_controls()
-        fill(self.us, zeros, "us0", zeros.shape)
-        self.K.zero_()
-        self.k.zero_()
-        self.xs.assign(self._held("hold").astype(self.numpy_dtype))
-        self._close_gaps(limit)
-        held = [a.numpy().copy() for a in (self.us, self.xs, self.K)]
-        cost = np.where(self.status.numpy() == Status.DYNAMICS_FAILED, np.inf, self.cost.numpy())
-        fill(self.us, zeros, "us0", zeros.shape)
-        for array in (self.K, self.k, self.xs):
-            array.zero_()
-        self._run_first()
-        self._passes.start()
-        better = cost < self.cost.numpy()
-        if better.any():
-            for target, values in zip((self.us, self.xs, self.K), held, strict=True):
-                keep = better.reshape(-1, *[1] * (values.ndim - 1))
-                own = target.numpy() if target is not self.K else np.zeros_like(values)
-                target.assign(np.where(keep, values, own))
-            self._run_first()
-            self._passes.start()
-        return 0
 
     def _close_gaps(self, limit: int) -> int:
         """Passes over the states in `xs` and the controls in `us` until no gap is open."""

@@ -45,7 +45,7 @@ class Starts:
     def solve(self, workspace: type = Workspace) -> Result:
         """Every start under every schedule, in one batch (S M)."""
         rows = self.schedules.rows()
-        tiled = Regularization(*np.tile(rows, (len(self.us), 1)).T)
+        tiled = Regularization.of(np.tile(rows, (len(self.us), 1)))
         options = replace(self.options, regularization=tiled)
         solver = workspace(self.problem, len(self.us) * len(rows), options)
         found: Result = solver.solve(self.x0, np.repeat(self.us, len(rows), axis=0))

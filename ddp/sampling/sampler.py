@@ -18,10 +18,10 @@ from slcp_warp.kernels.control.sampling import (
 from slcp_warp.kernels.device.launch import Prepared
 from slcp_warp.storage.printed import Printed
 
-from ..arrays import Arrays
 from ..batches import batch_of, fill
 from ..dynamics import dynamics_of
 from ..options import Options
+from ..parts.arrays import Arrays
 from ..problem import Problem
 from .options import Sampling
 from .spline import knots_of, spline_weights

@@ -3,12 +3,11 @@
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import typer
 
 import slcp_warp as slcp
 from slcp_warp import ddp
-from slcp_warp.ddp.planning import METHODS, noise_scale, random_starts
+from slcp_warp.ddp.planning import METHODS, SCHEDULES, noise_scale, plan_starts
 
 from ..stages.plan import optimise, outcome_table, task_problem, trace_table
 from ..support.options import Device, Dtype, Scaling, Seed, Settings, Sigma, Start, StepSize, TaskIntegrator
@@ -33,7 +32,12 @@ def optimise_command(
             "second-order from the best."
         ),
     ] = None,
-    starts: Annotated[int, typer.Option(min=1, help="Starts: zero control and random ones.")] = 8,
+    starts: Annotated[
+        int,
+        typer.Option(
+            min=1, help="Starts: zero control and noise; from 4 on sampled and stabilised ones as well."
+        ),
+    ] = 8,
     schedules: Annotated[
         bool, typer.Option("--schedules", help="Eight regularisation schedules per start, second-order.")
     ] = False,
@@ -41,7 +45,7 @@ def optimise_command(
         float | None,
         typer.Option(help="Deviation of random starts; default: a fifth of the limits, or 1."),
     ] = None,
-    passes: Annotated[int, typer.Option(help="Passes at most, of a method.")] = 200,
+    passes: Annotated[int, typer.Option(help="Passes at most, of a method.")] = 400,
     horizon: Annotated[int | None, typer.Option(help="Steps N of the plan; default: the task's.")] = None,
     step_size: StepSize = None,
     scaling: Scaling = None,
@@ -58,12 +62,12 @@ def optimise_command(
     x0 = chosen.start[0] if start is None else numbers(start, "--start", problem.nx)
     sigmas = None if continuation is None else numbers(continuation, "--continuation")
     ddp.Options(sigma_schedule=None if sigmas is None else tuple(sigmas))  # must be positive and fall
-    options = ddp.Options(max_iterations=passes, method=method or METHODS[-1])
-    scale = noise_scale(chosen) if explore is None else explore
-    lower, upper = problem.limit_rows()
-    guesses = np.clip(random_starts(starts, problem.horizon, problem.nu, scale, seed), lower[0], upper[0])
     methods = () if method or schedules else METHODS
+    regularization = SCHEDULES if methods else ddp.Regularization()
+    options = ddp.Options(max_iterations=passes, method=method or METHODS[-1], regularization=regularization)
+    scale = noise_scale(chosen) if explore is None else explore
     with timed("DDP"):
+        guesses = plan_starts(problem, x0, starts, seed, scale, method=method or METHODS[0])
         record, results = optimise(problem, x0, guesses, options, schedules, sigmas, methods)
     record.header["seed"], record.header["task"] = seed, chosen.name
     record.save(path)

@@ -46,7 +46,7 @@ WHAT: dict[str, Callable[[slcp.Simulator], Any]] = {
 
 
 def _plan(task: slcp.Task, sim: slcp.Simulator) -> None:
-    ddp.plan(task, 1, sim=sim, options=ddp.Options(max_iterations=1))
+    ddp.plan(task, 4, sim=sim, options=ddp.Options(max_iterations=1), sampling=ddp.Sampling(iterations=1))
 
 
 def _sweep(task: slcp.Task, sim: slcp.Simulator) -> None:

@@ -61,7 +61,7 @@ def optimise(
         many = solve_starts(problem, x0, starts, options, methods)
         results = [many.best]
         arrays["batch_cost"], arrays["batch_status"] = many.all.trace.cost, many.all.status
-        options = replace(options, method=methods[-1])
+        options = replace(options, method=methods[-1], regularization=ddp.Regularization())
         header["chosen"] = many.index
     elif len(starts) > 1 or schedules:
         rows = ddp.multistart.SCHEDULES if schedules else ddp.Regularization()

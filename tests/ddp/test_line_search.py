@@ -5,7 +5,7 @@ import pytest
 from ddp_examples import cart_pole, random_linear_problem
 
 from slcp_warp import ddp
-from slcp_warp.ddp.passes import Passes
+from slcp_warp.ddp.parts.passes import Passes
 from slcp_warp.kernels.control.status import TRACE_COST, TRACE_REDUCTION, TRACE_STEP_SIZE
 
 SIZES = (1.0, 0.5, 0.25)

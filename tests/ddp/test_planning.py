@@ -4,11 +4,12 @@ import re
 
 import numpy as np
 import pytest
+from ddp_examples import cart_pole
 from plan import LAYERS, ROOT, source_files
 
 import slcp_warp as slcp
 from slcp_warp import ddp
-from slcp_warp.ddp.planning import noise_scale, random_starts
+from slcp_warp.ddp.planning import noise_scale, plan_starts, random_starts
 
 CONSTRUCTORS = ("slcp_warp/tasks/", "slcp_warp/scenes/")  # what the names stand for is made there
 
@@ -42,8 +43,10 @@ def test_one_call_plans_a_task_where_zero_controls_are_flat(planned):
 def test_the_second_method_goes_on_from_the_best_and_never_gets_worse(planned):
     task, sim, options, first, best = planned
     costs = np.sort(first.all.cost)
-    assert len(costs) == 4 and len(best.all.cost) == 2
-    assert (best.all.cost <= costs[:2] + 1e-12).all()
+    assert len(costs) == 5 and len(best.all.cost) == 3  # a sampled one too; the zero one again
+    assert (best.all.cost[:2] <= costs[:2] + 1e-12).all() and best.all.cost[2] == pytest.approx(
+        72.0, rel=1e-3
+    )
     assert first.best.cost == costs[0] == first.all.cost[first.index]
     again = ddp.plan(task, first.all.us, sim=sim, options=options, methods=("second-order",))
     assert float(again.best.cost) <= costs[0]
@@ -104,3 +107,18 @@ def test_a_tasks_limits_of_states_are_the_problems(planned):
     assert found.xs[:, place].max() <= fastest + 2e-3 and found.cost > first.best.cost
     run = sim.rollout(task.start[0], policy=ddp.TrackingPolicy(found), steps=task.horizon)
     assert run.states[:, place].max() <= fastest + 2e-3
+
+
+def test_a_problem_of_ones_own_is_planned_from_sampled_and_stabilised_starts_too():
+    """Altro's cart-pole: both are among the starts, and the plan is the best of all."""
+    problem, x0, _ = cart_pole("cpu", limits=(-15.0, 15.0))
+    starts = plan_starts(problem, x0, 4, seed=0)
+    assert starts.shape == (5, 40, 1) and np.abs(starts).max() <= 15.0  # hanging is stable
+    balanced = plan_starts(problem, np.array([0.0, 0.1, 0.0, 0.0]), 4, seed=0)
+    assert balanced.shape == (6, 40, 1)
+    rolled = ddp.solve(problem, np.array([0.0, 0.1, 0.0, 0.0]), balanced[-1], ddp.Options(max_iterations=0))
+    assert np.abs(rolled.xs[:, 1]).max() < 0.3  # it stands
+    found = ddp.plan(problem, x0=x0)
+    assert found.best.converged and found.best.cost <= ddp.solve(problem, x0).cost + 1e-9
+    with pytest.raises(slcp.InputError, match="is planned from an x0"):
+        ddp.plan(problem)

@@ -99,7 +99,19 @@ def test_older_files_of_named_scenes_are_read_and_others_refused(tmp_path):
 
 
 def test_a_plan_for_another_mechanism_of_the_same_name_is_refused(tmp_path):
-    call("optimise", "--passes", 1, "--horizon", 5, "--device", "cpu", "--out", tmp_path / "plan.npz")
+    call(
+        "optimise",
+        "--passes",
+        1,
+        "--horizon",
+        5,
+        "--starts",
+        1,
+        "--device",
+        "cpu",
+        "--out",
+        tmp_path / "plan.npz",
+    )
     scene = tmp_path / "s.toml"
     scene.write_text(PENDULUM.format(name="flicking_finger"))
     result = CliRunner().invoke(app, ["simulate", "--scene", str(scene), "--policy",

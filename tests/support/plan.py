@@ -57,7 +57,7 @@ ROOMS = {  # the order of each layer's rooms: none imports one that is named aft
     ),
     "ddp": (
         *("options", "costs", "dynamics", "problem", "identity", "results"),
-        *("policies", "batches", "arrays", "passes", "workspace", "sampling"),
+        *("policies", "batches", "parts", "workspace", "sampling"),
         *("continuation", "solver", "library", "multistart", "planning", "mpc"),
     ),
     "scripts": (

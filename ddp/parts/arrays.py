@@ -13,8 +13,8 @@ from slcp_warp.kernels.control.rollouts import make_candidate_arrays
 from slcp_warp.kernels.control.solver_state import SolverState, make_derivative_arrays, make_policy_arrays
 from slcp_warp.kernels.control.state_limits import make_state_limits
 
-from .options import Options
-from .problem import Problem
+from ..options import Options
+from ..problem import Problem
 
 
 class Arrays:
