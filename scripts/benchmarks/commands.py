@@ -16,10 +16,11 @@ from slcp_warp.options import CHOICES
 
 from ..support.options import Dtype, SceneName
 from ..support.paper import SCENE
-from ..support.screen import one_line_errors
+from ..support.screen import one_line_errors, show_rows
 from ..support.simulators import named_scene, numbers
 from ..support.tables import write_csv
 from .accuracy.command import charts_command
+from .cost.chunks import bench_chunks
 from .cost.compile import bench_compile
 from .cost.ddp import bench_ddp
 from .cost.fallbacks import bench_fallbacks
@@ -197,6 +198,21 @@ def statistics_command(
 ) -> None:
     """What summaries, quantiles, comparisons and sensitivities of a sweep cost, and what memory they take."""
     _save(csv, bench_statistics([int(n) for n in numbers(sizes, "--sizes")]))
+
+
+@app.command("chunks")
+@one_line_errors
+def chunks_command(
+    count: Annotated[int, typer.Option(min=1, help="Chunks of every size.")] = 50,
+    workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 2,
+    csv: Csv = None,
+) -> None:
+    """What a chunk of a run on disk costs beside its rows."""
+    rows = bench_chunks(count=count, workers=workers)
+    shown = ("rows", "kB", "CPU [ms]", "wall [ms]", "check [ms]", f"a worker of {workers} [ms]")
+    show_rows("a chunk, less its columns", [{name: row[name] for name in shown} for row in rows])
+    if csv is not None:
+        write_csv(csv, rows)
 
 
 @app.command("threads")

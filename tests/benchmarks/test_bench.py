@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from slcp_warp import scenes
+from slcp_warp.scripts.benchmarks.cost.chunks import bench_chunks
 from slcp_warp.scripts.benchmarks.derivatives.jacobians import bench_differences
 from slcp_warp.scripts.benchmarks.mechanics.scene import distance, mass_matrix
 from slcp_warp.scripts.benchmarks.shared.timing import Case, tidy_rows, time_interleaved
@@ -169,6 +170,14 @@ def test_commands_run_and_write_their_rows(tmp_path, monkeypatch):
             rows = list(csv.DictReader(file))
         assert len(rows) == count
         assert all(float(row["items"]) > 0 for row in rows)
+
+
+@pytest.mark.slow
+def test_chunks_are_timed_in_this_process_and_in_workers():
+    pytest.importorskip("pyarrow")
+    rows = bench_chunks((64, 128), count=2, workers=1)
+    assert [row["rows"] for row in rows] == [64, 128] and rows[0]["kB"] < rows[1]["kB"]
+    assert all(row["wall [ms]"] > 0.0 and row["check [ms]"] > 0.0 for row in rows)
 
 
 @pytest.mark.slow

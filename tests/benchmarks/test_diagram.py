@@ -138,6 +138,60 @@ def test_an_interrupted_run_keeps_what_is_finished(tmp_path, two_studies, monkey
     assert len(read_results(tmp_path / "results.csv")) == 12
 
 
+@pytest.fixture
+def in_pieces(monkeypatch):
+    """A study `contact` of four pieces; which ran, and the number of the one that is interrupted."""
+    ran, ends = [], {"at": None}
+
+    def measure(i):
+        if ends["at"] == i:
+            raise KeyboardInterrupt
+        ran.append(i)
+        return [ROWS[i] | {"error": np.float64(0.1) / (i + 1), "note": f"piece {i}"}] if i != 2 else []
+
+    module = types.SimpleNamespace(
+        pieces=lambda say: [(f"problem {i}", lambda i=i: measure(i)) for i in range(4)]
+    )
+    monkeypatch.setattr(command, "load", lambda name: module)
+    monkeypatch.setattr(command, "STUDIES", {"contact": command.Study("contact", {})})
+    return ran, ends
+
+
+def test_a_study_goes_on_from_its_finished_pieces(tmp_path, in_pieces):
+    pytest.importorskip("pyarrow")
+    ran, ends = in_pieces
+    arguments = ("bench", "charts", "--out", tmp_path)
+    ends["at"] = 3
+    assert "--resume goes on" in call(*arguments, code=130)
+    assert ran == [0, 1, 2] and not (tmp_path / "results.csv").exists()
+    ends["at"] = None
+    said = call(*arguments, "--resume")
+    assert ran == [0, 1, 2, 2, 3], "what gave no rows is tried again"
+    assert "contact, problem 1: kept from before" in said
+    assert [path.name for path in tmp_path.iterdir()] == ["results.csv"]
+    call(*arguments)
+    fresh, resumed = (
+        [{name: value for name, value in row.items() if name not in ("time", "load")} for row in rows]
+        for rows in (read_results(tmp_path / "results.csv"), read_results(tmp_path / "results_before.csv"))
+    )
+    assert resumed == fresh and len(fresh) == 3
+
+
+def test_pieces_of_another_commit_are_measured_again(tmp_path, in_pieces, monkeypatch):
+    pytest.importorskip("pyarrow")
+    ran, ends = in_pieces
+    ends["at"] = 2
+    call("bench", "charts", "--out", tmp_path, code=130)
+    there = command.machine()
+    monkeypatch.setattr(command, "machine", lambda: there | {"commit": "another"})
+    ran.clear()
+    call("bench", "charts", "--out", tmp_path, "--resume", code=130)
+    assert ran == [0, 1]
+    ran.clear()
+    call("bench", "charts", "--out", tmp_path, code=130)
+    assert ran == [0, 1], "without --resume everything is measured again"
+
+
 def test_an_unknown_study_names_the_choices(tmp_path):
     output = call("bench", "charts", "--out", tmp_path, "--study", "contacts", code=2)
     assert "--study is 'contacts'; choose from contact, solver" in output

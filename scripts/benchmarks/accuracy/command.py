@@ -5,7 +5,9 @@ imported when their turn comes.
 """
 
 import importlib
+import shutil
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -15,6 +17,7 @@ import typer
 from ...support.screen import INTERRUPTED, one_line_errors, wrote
 from ...support.tables import RESULTS, write_csv
 from ..shared.machine import machine
+from .kept import Kept, Piece, left_in, pieces_of
 from .results import Rows, read_results, same_run, studies_in
 
 FAILED = 1  # exit code
@@ -89,27 +92,51 @@ def set_aside(path: Path) -> None:
 
 
 def run_studies(names: tuple[str, ...], path: Path, kept: Rows) -> tuple[Rows, list[str]]:
-    """Run studies one after the other, the file written after each; all rows, and a line per failure."""
+    """Run studies one after the other, the file written after each; all rows, and a line per failure.
+
+    Of a study that is not complete the finished pieces are kept beside the file.
+    """
     rows, failures = kept, []
     for name in names:
         typer.echo(f"{name} ...")
         begin = time.perf_counter()
-        new: Rows = []
-        for module in (STUDIES[name].module, STUDIES[name].peers):
-            try:
-                new += [] if module is None else load(module).rows(lambda text: typer.echo(f"  {text}"))
-            except Exception as error:  # neither another study's failure nor that of the rows there are
-                text = " ".join(str(error).split())
-                failures.append(f"study {name} failed: {type(error).__name__}: {text}")
-                typer.echo(f"  {failures[-1]}", err=True)
+        new, failed = run_study(name, path.parent / f"{name}.kept")
+        failures += failed
         if not new:
             continue
         facts = machine()
         order = list(STUDIES)
         rows = sorted(rows + [facts | row for row in new], key=lambda row: order.index(row["study"]))
         write_csv(path, rows)
+        shutil.rmtree(path.parent / f"{name}.kept", ignore_errors=True)
         typer.echo(f"  {len(new)} rows in {time.perf_counter() - begin:.0f} s")
     return rows, failures
+
+
+def run_study(name: str, folder: Path) -> tuple[Rows, list[str]]:
+    """The rows of a study, piece by piece, and a line per failure."""
+    new: Rows = []
+    failures: list[str] = []
+
+    def say(text: str) -> None:
+        typer.echo(f"  {text}")
+
+    def attempt(measure: Callable[[], Any]) -> Any:
+        try:
+            return measure()
+        except Exception as error:  # neither another study's failure nor that of the rows there are
+            failures.append(f"study {name} failed: {type(error).__name__}: {' '.join(str(error).split())}")
+            typer.echo(f"  {failures[-1]}", err=True)
+
+    pieces: list[Piece] = []
+    for module in (STUDIES[name].module, STUDIES[name].peers):
+        if module is not None:
+            pieces += attempt(lambda module=module: pieces_of(load(module), module, say)) or []
+    if pieces:
+        store = Kept(folder, name, [label for label, _ in pieces], machine())
+        for piece in pieces:
+            new += attempt(lambda piece=piece: store.rows(piece, say)) or []
+    return new, failures
 
 
 def draw_charts(rows: Rows, out: Path) -> tuple[list[Path], list[str]]:
@@ -149,7 +176,8 @@ def charts_command(
         list[str] | None, typer.Option(help=f"Only this study; may be given again: {', '.join(STUDIES)}.")
     ] = None,
     resume: Annotated[
-        bool, typer.Option("--resume", help="Leave out studies that the file already has of this commit.")
+        bool,
+        typer.Option("--resume", help="Leave out what was measured already by this commit."),
     ] = False,
 ) -> None:
     """Speed against accuracy beside the peers: all studies into one CSV, then the charts."""
@@ -160,6 +188,9 @@ def charts_command(
     else:
         set_aside(path)
         kept = []
+    for folder in left_in(out):
+        if not resume and folder.stem in names:
+            shutil.rmtree(folder)
     finished = studies_in(kept)
     for name in [name for name in names if name in finished]:
         typer.echo(f"{name}: in {path} already")

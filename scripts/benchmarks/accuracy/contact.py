@@ -8,7 +8,7 @@ included. Every point is timed in turn with the others of its problem.
 import functools
 import multiprocessing
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from typing import Any
@@ -181,15 +181,24 @@ def all_rows(
     return out
 
 
-def rows(say: Say) -> Rows:
-    """All of the study: ours beside MuJoCo, then the other installed peers, each on its own."""
+def pieces(say: Say) -> list[tuple[str, Callable[[], Rows]]]:
+    """The study in pieces: every problem, ours beside MuJoCo; then the other installed peers, each alone."""
     peers = contact_peers.everyone(say)
     beside = [peer for peer in peers if isinstance(peer, MuJoCo)]
-    out = all_rows(say, beside)
-    for peer in peers:
-        if peer not in beside:
-            try:
-                out += contact_peers.rows(say, [peer])
-            except Exception as error:
-                say(f"left out: {peer.name} failed, {type(error).__name__}: {error}")
-    return out
+    out: list[tuple[str, Callable[[], Rows]]] = [
+        (name, functools.partial(all_rows, say, beside, (name,))) for name in MAKERS
+    ]
+    return out + [(peer.name, functools.partial(_of_peer, say, peer)) for peer in peers if peer not in beside]
+
+
+def _of_peer(say: Say, peer: Peer) -> Rows:
+    try:
+        return contact_peers.rows(say, [peer])
+    except Exception as error:
+        say(f"left out: {peer.name} failed, {type(error).__name__}: {error}")
+        return []
+
+
+def rows(say: Say) -> Rows:
+    """All of the study."""
+    return [row for _, measure in pieces(say) for row in measure()]
