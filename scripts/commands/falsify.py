@@ -8,7 +8,7 @@ import typer
 import slcp_warp as slcp
 
 from ..support.options import Device, Seed
-from ..support.records import load_policy
+from ..support.policies import POLICY, named_policy
 from ..support.screen import console, one_line_errors, timed, wrote
 from ..support.tasks import TaskName
 
@@ -16,7 +16,7 @@ from ..support.tasks import TaskName
 @one_line_errors
 def falsify_command(
     task: TaskName,
-    policy: Annotated[Path, typer.Option(help="File of `slcp library` or `slcp optimise`.")],
+    policy: Annotated[str, typer.Option(help=f"{POLICY}.")],
     out: Annotated[Path, typer.Option(help="Folder for scenario, run, table, chart.")] = Path("falsified"),
     by: Annotated[str, typer.Option(help="kick, push, start, parameters or all.")] = "kick",
     time: Annotated[
@@ -38,7 +38,7 @@ def falsify_command(
     from ..charts.falsify import falsify_chart  # it loads matplotlib
 
     chosen = slcp.load_task(task)
-    followed, _ = load_policy(policy, chosen.scene)
+    followed, _ = named_policy(policy, chosen.scene, chosen)
     with timed("search"), console.status("worlds") as shown:
         found = slcp.falsify(
             chosen, followed, by, time=time, body=body, duration=duration, most=most, worlds=worlds,

@@ -18,6 +18,7 @@ from ..support.tasks import found_task
 from ..watch.engine import Engine
 from ..watch.player import Player
 from ..watch.record import Replay
+from ..watch.scenario import buttons_of
 from ..watch.world import Subject
 
 
@@ -29,7 +30,10 @@ def watch_command(
     ] = None,
     policy: Annotated[list[str] | None, typer.Option(help=f"{POLICY}; several to choose from.")] = None,
     worlds: Annotated[int, typer.Option(min=1, max=64, help="Worlds side by side.")] = 1,
-    seed: Annotated[int, typer.Option(min=0, help="Of the starts of further worlds.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Of further starts, of kicks and pushes.")] = 0,
+    scenario: Annotated[
+        list[str] | None, typer.Option(help="Task whose kicks and pushes are buttons, as of `slcp falsify`.")
+    ] = None,
     out: Annotated[Path, typer.Option(help="Folder of what is recorded.")] = Path("."),
     replay: Annotated[Path | None, typer.Option(help="Show a recorded run instead.")] = None,
     port: Annotated[int, typer.Option(min=0, max=65535, help="On the loopback; 0: any.")] = 0,
@@ -49,7 +53,12 @@ def watch_command(
         subject = watched(what, worlds, seed)
         policies = named_policies(policy or [], subject.scene, subject.task)
         out.mkdir(parents=True, exist_ok=True)
-        engine = Engine(subject, policies, out, device=device)
+        pushes = {} if subject.task is None else buttons_of(subject.task, seed=seed)
+        for each in map(slcp.load_task, scenario or []):
+            if each.scene.structure != subject.scene.structure:
+                raise ValueError(f"--scenario is task {each.name!r}, of another mechanism than {what}")
+            pushes |= buttons_of(each, each.name, seed)
+        engine = Engine(subject, policies, out, pushes, device)
     engine.prepare()
     server = PageServer(engine, port)
     asyncio.run(_serve(server, browser))

@@ -14,6 +14,7 @@ from .contacts import contact_points, forces
 from .knobs import SPEED, Knob, knobs_of
 from .pull import Pull, catch
 from .record import Record
+from .scenario import Button
 from .world import Subject, Worlds
 
 FRAME = 1.0 / 60.0  # s
@@ -21,7 +22,6 @@ MARGIN = 0.6  # m around the mechanism at its start
 PLAN_EVERY = 5  # steps of a plan that is drawn
 MOST_STEPS = 8  # of a frame: what is later than that is dropped
 ZERO = "zero"
-Push = Callable[[Worlds], None]  # a button's push: changes the state
 
 
 class Engine:
@@ -40,7 +40,7 @@ class Engine:
         subject: Subject,
         policies: Mapping[str, Any] | None = None,
         folder: Path = Path(),
-        pushes: Mapping[str, Push] | None = None,
+        pushes: Mapping[str, Button] | None = None,
         device: str | None = None,
     ) -> None:
         self.worlds = Worlds(subject, device)

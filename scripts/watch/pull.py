@@ -75,11 +75,26 @@ class Pull:
 
     def wrench(self, mechanism: Mechanism, q: np.ndarray, force: np.ndarray) -> np.ndarray:
         """(bodies, 3): force at the caught point as force and torque at the centre of mass."""
-        _, angle = mechanism.frames(q[None])
-        arm = turn(angle[0, self.body], self.point - mechanism.params["com"][self.body])
-        out = np.zeros((mechanism.scene.structure.nb, 3))
-        out[self.body] = *force, arm[0] * force[1] - arm[1] * force[0]
-        return out
+        return wrench(mechanism, q, self.body, self.point, force)
+
+
+def wrench(
+    mechanism: Mechanism, q: np.ndarray, body: int, point: np.ndarray, force: np.ndarray
+) -> np.ndarray:
+    """(bodies, 3): force and torque at the centres of mass.
+
+    Args:
+        mechanism: of the world.
+        q: (nv,) positions.
+        body: which the force acts on.
+        point: where, in its frame [m].
+        force: (2,) in the directions of the world [N].
+    """
+    _, angle = mechanism.frames(q[None])
+    arm = turn(angle[0, body], point - mechanism.params["com"][body])
+    out = np.zeros((mechanism.scene.structure.nb, 3))
+    out[body] = *force, arm[0] * force[1] - arm[1] * force[0]
+    return out
 
 
 def catch(mechanism: Mechanism, q: np.ndarray, at: np.ndarray, height: float, world: int = 0) -> Pull | None:

@@ -10,7 +10,7 @@ from slcp_warp.inputs.limits import limit_rows
 from slcp_warp.results.pictures.mechanism import Mechanism
 
 from .knobs import parameters
-from .pull import Pull
+from .pull import Pull, wrench
 
 VARIANTS = ("smoothed", "hard")
 
@@ -43,6 +43,25 @@ class Subject:
         )
         start[1:] += noise[1:]
         return cls(task.name, task.scene, task.options, start, task.control_limits, task)
+
+
+@dataclass
+class Shove:
+    """A force and a torque on a body for a while, in all worlds.
+
+    Attributes:
+        body: which.
+        point: where, in its frame [m].
+        force: (2,) in the directions of the world [N].
+        torque: [N m].
+        left: how long it still lasts [s].
+    """
+
+    body: int
+    point: np.ndarray
+    force: np.ndarray
+    torque: float
+    left: float
 
 
 class Worlds:
@@ -95,6 +114,7 @@ class Worlds:
         self.state = self.subject.start.copy()
         self.before = self.state.copy()
         self.warm = None
+        self.shoves: list[Shove] = []
         self.status = np.zeros(len(self.state), int)
         self.impulse = np.zeros((len(self.state), len(self.subject.scene.structure.pairs), 2))
         self.force = np.zeros((len(self.state), self.subject.scene.structure.nb, 3))
@@ -108,9 +128,9 @@ class Worlds:
 
     def step(self, u: np.ndarray, pull: Pull | None = None) -> None:
         """One step of all worlds, (M1) to (M3), with the force of a spring that is held."""
-        self.force[:] = 0.0
+        self.force[:] = self._shoved()
         if pull is not None:
-            self.force[pull.world] = self._pulled(u, pull)
+            self.force[pull.world] += self._pulled(u, pull)
         self.advance(u, self.force, self.warm)
 
     def advance(self, u: np.ndarray, force: np.ndarray, warm: np.ndarray | None) -> None:
@@ -122,6 +142,18 @@ class Worlds:
         self.impulse = np.where(solved[:, None, None], found.contact_impulse, 0.0)
         self.warm = found.multiplier if solved.all() else None
 
+    def _shoved(self) -> np.ndarray:
+        """(B, bodies, 3) of the shoves; of a step that one covers in part it has that share."""
+        out, nv, h = np.zeros_like(self.force), self.subject.scene.nv, self.step_size
+        for shove in self.shoves:
+            share = min(1.0, shove.left / h)
+            for i, q in enumerate(self.state[:, :nv]):
+                out[i] += share * wrench(self.mechanism, q, shove.body, shove.point, shove.force)
+            out[:, shove.body, 2] += share * shove.torque
+            shove.left -= h
+        self.shoves = [shove for shove in self.shoves if shove.left > 1e-12]
+        return out
+
     def _pulled(self, u: np.ndarray, pull: Pull) -> np.ndarray:
         """The spring's wrench (bodies, 3) in its world."""
         nv, i = self.subject.scene.nv, pull.world
@@ -129,8 +161,9 @@ class Worlds:
         warm = None if self.warm is None else self.warm[three]
 
         def move(wrenches: np.ndarray) -> np.ndarray:
+            acting = self.force[three] + wrenches
             found = self.sim.step(
-                self.state[three], u[three], self.params, external_force=wrenches, warm_start=warm
+                self.state[three], u[three], self.params, external_force=acting, warm_start=warm
             )
             return np.asarray(found.state[:, :nv])
 

@@ -16,6 +16,7 @@ from slcp_warp.scripts.watch.messages import parsed
 from slcp_warp.scripts.watch.player import Player
 from slcp_warp.scripts.watch.pull import PROBE, catch
 from slcp_warp.scripts.watch.record import Replay
+from slcp_warp.scripts.watch.scenario import buttons_of
 from slcp_warp.scripts.watch.world import Subject
 from slcp_warp.storage.files import FileError
 
@@ -154,6 +155,28 @@ def test_a_host_policy_is_asked_once_a_period():
     for k in range(8):
         held.controls(np.zeros((1, 6)), k, 0.05 * k)
     np.testing.assert_allclose(asked, [0.0, 0.2])
+
+
+def test_a_tasks_disturbances_are_buttons():
+    """A kick changes velocities alone; a push is an impulse F t on what it acts on, whatever the step."""
+    task = slcp.tasks.flicking_finger().replace(
+        disturbances=slcp.Disturbances(
+            kick_times=(1.0,), kicks={"ellipse.vangle": slcp.Normal(0.0, mean=0.5)},
+            pushes=(slcp.Push("ellipse", 0.0, 0.12, torque=2.0),),
+        )
+    )  # fmt: skip
+    engine = Engine(Subject.of(task), pushes=buttons_of(task))
+    assert engine.hello()["pushes"] == ["kick", "push ellipse"]
+    engine.worlds.state[0] = [0.5, 0.0, 0.4, 0.0, 0.0, 0.0]  # apart from the finger
+    engine.send(ME, {"do": "push", "name": "kick"})
+    engine.advance(0.0)
+    np.testing.assert_array_equal(engine.worlds.state[0, 3:], [0.0, 0.0, 0.5])
+    engine.worlds.turn({"damping": 0.0, "gravity": 0.0})
+    engine.send(ME, {"do": "push", "name": "push ellipse"})
+    stepped(engine, 5)
+    inertia = np.asarray(engine.worlds.params["inertia"])[2]
+    assert engine.worlds.state[0, 5] == pytest.approx(0.5 + 2.0 * 0.12 / inertia, rel=1e-3)
+    assert not engine.worlds.force.any()
 
 
 def test_a_planning_policy_shows_what_it_intends():
