@@ -116,6 +116,9 @@ class Report(Printed):
     def key(self, policy: str, case: str | None = None, step_size: float | None = None,
             arm: str = "disturbed") -> Key:  # fmt: skip
         """The part of a policy; case and step size None: the first."""
+        for name, value in (("policy", policy), ("case", "" if case is None else case), ("arm", arm)):
+            checks.instance(name, value, str, "a text")
+        step_size = None if step_size is None else checks.number("step_size", step_size)
         for key in self.source.keys:
             same = key[0] == policy and key[3] == arm
             if same and case in (None, key[1]) and step_size in (None, key[2]):
@@ -215,6 +218,7 @@ class Report(Printed):
 
 
 def _several(values: Any) -> Any:
-    if isinstance(values, list | tuple | np.ndarray) and len(values):
-        return values
+    if isinstance(values, list | tuple) or (isinstance(values, np.ndarray) and values.ndim == 1):
+        if len(values):
+            return values
     raise ArgumentError(f"probabilities is {shown(values)}; at least one, in a tuple, is needed")

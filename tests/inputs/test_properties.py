@@ -12,6 +12,7 @@ import functools
 import numpy as np
 import pytest
 import warp as wp
+from file_examples import report as rows
 from hostile import arguments, judge, no_kernels, values
 from hypothesis import given
 from hypothesis import strategies as st
@@ -62,6 +63,8 @@ ROUND = (slcp.Shape("a", "ellipse", "disc", 0.1),)
 A, B = np.stack([np.eye(3)] * 2), np.zeros((2, 3))
 # name: (function, good arguments, names that an error may use for an argument)
 TASK = slcp.Task("turn", FINGER, slcp.tasks.flicking_finger().cost, 5, slcp.Options(scaling="none"))
+KICKED = TASK.replace(disturbances=slcp.Disturbances(velocity=1.0))
+NAMED_PARTS = {name: ("policy", "there is no") for name in ("first", "second", "policy", "case", "step_size")}
 CALLS = {
     "Body": (slcp.Body, {"name": "a", "mass": 1.0, "inertia": 1.0}, {}),
     "Body, free": (slcp.Body, {"name": "a", "mass": 1.0, "inertia": 1.0, "joint": "free",
@@ -179,6 +182,21 @@ CALLS = {
     "Library.select": (library().select, {"keep": [0, 2]}, {}),
     "concatenate": (ddp.concatenate, {"libraries": [library()]}, {}),
     "Library.load": (ddp.Library.load, {"path": "/nowhere/library.npz"}, {}),
+    "compare_sequentially": (
+        slcp.compare_sequentially,
+        {"task": TASK, "policies": {"a": library().policy(), "b": library().policy()}, "device": "cpu"},
+        {"case": ("cases",), "batch": ("chunk",), "step_size": ("step_sizes",), "worlds": ("batch",)}),
+    "sensitivity": (
+        slcp.sensitivity, {"task": KICKED, "policy": library().policy(), "device": "cpu"},
+        {"case": ("cases",), "policy": ("policies",)}),
+    "robustness_map": (
+        slcp.robustness_map,
+        {"task": TASK, "policy": library().policy(), "x": ("mass", (1.0,)), "y": ("friction", (1.0,)),
+         "device": "cpu"}, {"case": ("cases",), "policy": ("policies",)}),
+    "Report.quantiles": (rows().quantiles, {}, {}),
+    "Report.sensitivity": (rows().sensitivity, {}, NAMED_PARTS),
+    "Report.compare": (rows().compare, {"first": "a", "second": "b"}, NAMED_PARTS),
+    "Report.load": (slcp.Report.load, {"path": "/nowhere/report.npz"}, {}),
     "SweepReport.load": (slcp.SweepReport.load, {"path": "/nowhere/sweep.npz"}, {}),
     **{f"scenes.{name}": (make, {}, {}) for name, make in slcp.scenes.NAMED.items()},
 }  # fmt: skip
@@ -203,8 +221,8 @@ with contextlib.suppress(ImportError):
 # What functions give back, and protocols: made by the package, not by its users.
 GIVEN = {
     "Complementarity", "CostFunctions", "Dynamics", "DynamicsFunctions", "Linearization", "Multistart",
-    "ParticleRollout", "Particles", "Pullback", "Pushforward", "Report", "Result", "Status", "Step",
-    "SweepReport", "Trace", "Trajectory",
+    "ParticleRollout", "Particles", "Pullback", "Pushforward", "Report", "Result", "RobustnessMap",
+    "Sensitivity", "SequentialComparison", "Status", "Step", "SweepReport", "Trace", "Trajectory",
 }  # fmt: skip
 
 

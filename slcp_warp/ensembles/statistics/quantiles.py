@@ -69,7 +69,7 @@ def _counts(stream: Stream, known: np.ndarray, place: int) -> np.ndarray:
 def _keys(values: np.ndarray) -> np.ndarray:
     """Whole numbers in the order of the values; without NaN."""
     values = np.asarray(values, np.float64)
-    bits = (values[~np.isnan(values)] + 0.0).view(np.uint64)  # + 0.0: there is one zero
+    bits = values[~np.isnan(values)].view(np.uint64)
     return np.where(bits & _SIGN, ~bits, bits | _SIGN)
 
 
