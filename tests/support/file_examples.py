@@ -24,6 +24,7 @@ from slcp_warp.scripts.stages.task_sweep import load_report
 from slcp_warp.scripts.support.records import Record, RecordError, load_record
 from slcp_warp.scripts.support.tables import write_csv
 
+SHOVE = Path(__file__).resolve().parents[2] / "examples" / "tasks" / "shove.toml"
 PARTICLE = slcp.scenes.particle()
 TOML = """
 format = "slcp-scene"
@@ -143,6 +144,16 @@ def mjcf(path: Path) -> None:
     path.write_text(MJCF)
 
 
+def saved_task(path: Path) -> None:
+    slcp.save_task(slcp.tasks.catch(), path)
+
+
+def saved_policy(path: Path) -> None:
+    linear = slcp.policies.Linear(np.ones((1, 8)), np.zeros(8), [0.5], limits=(-1.0, 2.0))
+    noise = {"pusher.shift": 0.01}
+    slcp.policies.save_policy(slcp.policies.Around(linear, limits=(-1.0, 1.0), delay=2, noise=noise), path)
+
+
 def results(path: Path) -> None:
     row = {"study": "contact", "problem": "a", "program": "b", "curve": "c", "knob": 0.1, "value": 2.0}
     write_csv(path, [row, row | {"note": "x, y"}])
@@ -176,6 +187,11 @@ FORMATS = {
         ".json", lambda p: slcp.save_scene(slcp.scenes.hopper(), p), slcp.load_scene, slcp.SceneFileError
     ),
     "toml": Format(".toml", lambda p: p.write_text(TOML), slcp.load_scene, slcp.SceneFileError),
+    "task": Format(".json", saved_task, slcp.load_task, slcp.TaskFileError),
+    "task in toml": Format(
+        ".toml", lambda p: p.write_text(SHOVE.read_text()), slcp.load_task, slcp.TaskFileError
+    ),
+    "policy": Format(".npz", saved_policy, slcp.policies.load_policy, slcp.FileError),
     "mjcf": Format(".xml", mjcf, slcp.load_scene, slcp.MjcfError),
     "results": Format(".csv", results, read_results, slcp.FileError),
     "sensitivity": Format(".csv", answer(SENSITIVITY, drawn="mass_0"), read_sensitivity, slcp.FileError),
