@@ -6,7 +6,7 @@ import numpy as np
 
 import slcp_warp as slcp
 from slcp_warp import StrategyError
-from slcp_warp.results.pictures.drawing import Drawing, view
+from slcp_warp.results.pictures.drawing import Drawing, square, view
 from slcp_warp.results.pictures.mechanism import Mechanism
 from slcp_warp.scenes.shown import shown
 
@@ -45,11 +45,3 @@ def sheet(motions: dict[str, tuple[slcp.Scene, np.ndarray]], path: Path) -> Path
         view(ax, square(mechanism.bounds(qs, margin=0.06)))
         ax.set_title(name, fontsize=9)
     return save(figure, path)
-
-
-def square(bounds: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
-    """The window widened to a square around its middle."""
-    left, right, bottom, top = bounds
-    half = max(right - left, top - bottom) / 2.0
-    x, y = (left + right) / 2.0, (bottom + top) / 2.0
-    return x - half, x + half, y - half, y + half

@@ -20,6 +20,7 @@ from ..policies.observed import checked
 from ..simulator import Simulator
 from ..storage.printed import Printed, Table
 from .disturbances import Disturbances
+from .goal import goal
 
 COLUMNS = ("policy", "case", "step_size", "arm", "world", "failure_time", "success", "status")
 DRAWN = "drawn_"  # columns of what is drawn begin with it
@@ -221,6 +222,20 @@ class Task(Printed):
     def simulator(self, options: Options | None = None, **choices: Any) -> Simulator:
         """A simulator of its scene, with its options or others; `choices` as of `Simulator`."""
         return Simulator(self.scene, self.options if options is None else options, **choices)
+
+    def goal(self) -> np.ndarray | None:
+        """The first start with its positions at the targets of the cost's terms, (2 nv,); None: none."""
+        return goal(self)
+
+    def plot(self) -> Any:
+        """A matplotlib figure: starts, and as green outlines the positions that the cost asks for.
+
+        Raises:
+            ImportError: matplotlib is missing.
+        """
+        from . import picture  # it loads matplotlib
+
+        return picture.figure(self)
 
     def replace(self, **changes: Any) -> "Task":
         """The same task with other fields."""

@@ -90,3 +90,11 @@ def view(ax: Axes, bounds: tuple[float, float, float, float]) -> None:
     ax.set_yticks([])
     for spine in ax.spines.values():
         spine.set_visible(False)
+
+
+def square(bounds: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+    """The window widened to a square around its middle."""
+    left, right, bottom, top = bounds
+    half = max(right - left, top - bottom) / 2.0
+    x, y = (left + right) / 2.0, (bottom + top) / 2.0
+    return x - half, x + half, y - half, y + half

@@ -1,0 +1,63 @@
+"""Pictures of tasks: what the cost asks for, and that every named task and one of a function can be drawn."""
+
+import numpy as np
+import pytest
+
+import slcp_warp as slcp
+from slcp_warp.costs import Term, effort, terms
+
+SCENE = slcp.scenes.push_block()
+
+
+def task(running, final=(), **changes):
+    cost = terms(SCENE, [effort(1.0), *running], list(final))
+    return slcp.Task(**({"name": "push", "scene": SCENE, "cost": cost, "horizon": 5} | changes))
+
+
+def at(name):
+    return SCENE.state_index(name)
+
+
+def test_the_goal_is_where_the_terms_are_least():
+    running = [
+        Term("square", 1.0, state="block.x", target=0.3),
+        Term("square", 1.0, state="block.vx", target=2.0),
+    ]
+    final = [
+        Term("absolute", 1.0, state="block.x", target=0.7),
+        Term("cosine", 1.0, state="block.angle", target=np.pi),
+        Term("square", 1.0, state="pusher.shift", minus="block.x", target=-0.2),
+    ]
+    goal = task(running, final).goal()
+    assert goal[at("block.x")] == 0.7 and goal[at("block.angle")] == np.pi
+    assert goal[at("pusher.shift")] == pytest.approx(0.5)
+    assert goal[at("block.y")] == SCENE.x0[at("block.y")] and not goal[SCENE.nv :].any()
+
+
+def test_a_cost_that_asks_for_no_place_has_no_goal():
+    assert task([Term("linear", -1.0, state="block.x"), Term("square", 1.0, state="block.vx")]).goal() is None
+    assert task([Term("square", 0.0, state="block.x", target=1.0)]).goal() is None
+    assert slcp.tasks.flicking_finger().goal() is None
+    quadratic = slcp.costs.quadratic(np.eye(8), np.eye(1))
+    assert task([]).replace(cost=quadratic).goal() is None
+
+
+@pytest.mark.parametrize("name", slcp.tasks.NAMED)
+def test_every_named_task_is_drawn(name):
+    plt = pytest.importorskip("matplotlib.pyplot")
+    figure = slcp.tasks.NAMED[name]().plot()
+    (ax,) = figure.axes
+    dashed = [patch for patch in ax.patches if patch.get_linestyle() == "--"]
+    moved = slcp.tasks.NAMED[name]().goal() is not None and name != "grasp_hold"
+    assert ax.get_title() == name and bool(dashed) == moved
+    plt.close(figure)
+
+
+def test_starts_are_drawn_pale():
+    plt = pytest.importorskip("matplotlib.pyplot")
+    starts = SCENE.x0 + np.outer([0.0, 0.2, 0.9], np.eye(8)[at("block.x")])
+    figures = [task([], start=starts[:count]).plot() for count in (1, 3)]
+    one, three = (len(figure.axes[0].patches) for figure in figures)
+    assert three == 3 * one
+    assert figures[0].axes[0].get_xlim()[1] < starts[2, at("block.x")] < figures[1].axes[0].get_xlim()[1]
+    plt.close("all")
