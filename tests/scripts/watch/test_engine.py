@@ -167,7 +167,7 @@ def test_a_tasks_disturbances_are_buttons():
     )  # fmt: skip
     engine = Engine(Subject.of(task), pushes=buttons_of(task))
     assert engine.hello()["pushes"] == ["kick", "push ellipse"]
-    engine.worlds.state[0] = [0.5, 0.0, 0.4, 0.0, 0.0, 0.0]  # apart from the finger
+    engine.worlds.state[0] = [-0.3, -0.3, 0.4, 0.0, 0.0, 0.0]  # apart from the finger
     engine.send(ME, {"do": "push", "name": "kick"})
     engine.advance(0.0)
     np.testing.assert_array_equal(engine.worlds.state[0, 3:], [0.0, 0.0, 0.5])
