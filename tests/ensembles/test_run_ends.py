@@ -76,6 +76,17 @@ def test_a_chunk_that_another_process_has_claimed_is_left_to_it(tmp_path):
         assert mine
 
 
+def test_on_a_disk_without_locks_the_same_parts_come_out(tmp_path, digest, monkeypatch):
+    def acquire(lock, timeout):
+        raise NotImplementedError("FileSystem does not appear to support flock")
+
+    monkeypatch.setattr("filelock.FileLock.acquire", acquire)
+    store = Store.open(tmp_path / "x", Numbers())
+    with store.claim(3) as mine, store.claim(3) as again:
+        assert mine and again
+    assert run(Numbers(), store).complete and store.digest() == digest
+
+
 def test_a_signal_ends_it_between_chunks(tmp_path, digest):
     for number in (signal.SIGINT, signal.SIGTERM):
         job = Numbers(seconds=0.01)

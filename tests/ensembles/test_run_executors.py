@@ -234,6 +234,20 @@ def test_a_chunk_that_always_ends_its_worker_is_given_up(four, tmp_path):
     assert 3 not in store.finished()
 
 
+def test_a_script_that_starts_itself_again_is_told_why(tmp_path):
+    """Without `if __name__ == "__main__"` every worker would run the script."""
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import sys\nfrom chunked import Numbers\nfrom slcp_warp.runs import Store, processes, run\n"
+        "job = Numbers()\nrun(job, Store.open(sys.argv[1], job), processes(1))\n"
+    )
+    program = [sys.executable, str(script), str(tmp_path / "x")]
+    done = subprocess.run(program, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 1
+    last = done.stderr.strip().splitlines()[-1]
+    assert "WorkerError" in last and 'below if __name__ == "__main__"' in last
+
+
 def test_a_worker_with_another_version_is_refused(tmp_path):
     context = multiprocessing.get_context("spawn")
     job = Numbers(100, 10)
