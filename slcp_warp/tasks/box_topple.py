@@ -6,7 +6,7 @@ from .. import measures
 from ..costs import Term, effort, terms
 from ..description.parts import Actuator, Body, Contact, Shape, box, touching
 from ..description.scene import Scene
-from .disturbances import Disturbances
+from .disturbances import Disturbances, Normal, Push, Uniform
 from .task import Task
 
 WIDTH, HEIGHT = 0.2, 0.4
@@ -33,7 +33,7 @@ def topple_scene() -> Scene:
 
 
 def box_topple() -> Task:
-    """The box lies on its long side at the end."""
+    """The box lies on its long side at the end, whatever pushes it and however the ground grips."""
     scene = topple_scene()
     tilt, lying = "box.angle", -math.pi / 2
     angle = measures.final("box.angle")
@@ -48,7 +48,10 @@ def box_topple() -> Task:
         horizon=80,
         control_limits=(-20.0, 20.0),
         disturbances=Disturbances(
-            start={"box.x": 0.03, "box.vangle": 0.2}, torque=2.0, parameters={"mass": 0.2, "friction": 0.2}
+            start={"box.x": Uniform(-0.05, 0.1), "box.vangle": 0.3},
+            torque=2.0,
+            parameters={"mass": 0.3, "friction": Uniform(0.25, 1.0), "box.com": Normal(0.03)},
+            pushes=(Push("box", Uniform(0.1, 1.0), 0.15, (Normal(15.0), 0.0), at=(0.0, 0.1)),),
         ),
         measures={
             "angle": angle,

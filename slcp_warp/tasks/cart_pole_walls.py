@@ -32,7 +32,10 @@ def cart_pole_walls() -> Task:
         control_limits=(-20.0, 20.0),
         start={pole: math.pi, "pole.vangle": 0.0},
         disturbances=Disturbances(
-            start={pole: 0.05, "pole.vangle": 0.05}, torque=0.2, parameters={"mass": 0.03, "damping": 0.1}
+            start={pole: 0.05, "pole.vangle": 0.05},
+            torque=0.2,
+            parameters={"mass": 0.03, "damping": 0.1},
+            sensor={pole: 0.03, "pole.vangle": 0.15, cart: 0.01, "cart.vshift": 0.05},
         ),
         measures={
             "up": up,

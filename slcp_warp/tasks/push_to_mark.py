@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from .. import measures, scenes
 from ..costs import Term, effort, terms
-from .disturbances import Disturbances
+from .disturbances import Disturbances, Normal, Push, Uniform
 from .task import Task
 
 
@@ -25,7 +25,12 @@ def push_to_mark(mark: float = 0.6) -> Task:
         horizon=80,
         control_limits=(-20.0, 20.0),
         start={"pusher.vshift": 0.0},
-        disturbances=Disturbances(velocity=0.02, torque=0.2, parameters={"mass": 0.1, "friction": 0.1}),
+        disturbances=Disturbances(
+            velocity=0.02,
+            torque=0.2,
+            parameters={"mass": 0.1, "friction": 0.1},
+            pushes=(Push("block", Uniform(0.2, 1.0), 0.1, (Normal(6.0), 0.0)),),
+        ),
         measures={"place": place, "speed": speed, "push": measures.impulse("face/pusher")},
         success=place.between(mark - 0.05, mark + 0.05) & speed.between(-0.1, 0.1),
     )

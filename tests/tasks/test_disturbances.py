@@ -253,3 +253,29 @@ def test_every_number_has_its_own_address():
     assert len(found) == len(set(found))
     singles = {300, (1 << 22) + 20, *((1 << 21) + np.arange(99)), *((1 << 23) + np.arange(99))}
     assert not singles & {stream for _, stream in found}
+
+
+def test_a_push_turns_with_all_that_its_body_hangs_on(device):
+    """Of a chain of two bodies that are built at an angle, at a point off the centre of mass."""
+    base = slcp.scenes.flicking_finger()
+    first, second, ellipse = base.bodies
+    bodies = (replace(first, angle=0.3), replace(second, angle=-0.5, com=(0.7, 0.1)), ellipse)
+    scene = replace(base, bodies=bodies)
+    push = slcp.Push(second.name, 0.0, 1.0, (0.7, -0.4), torque=0.1, at=(1.1, 0.2))
+    own = slcp.Task("pushed", scene, slcp.costs.terms(scene, [slcp.costs.effort(1.0)]), 20,
+                    measures={name: m.final(name) for name in scene.state_names},
+                    disturbances=slcp.Disturbances(pushes=(push,)))  # fmt: skip
+    idle = policies.Linear(np.zeros((2, 6)), np.zeros(6), np.zeros(2))
+    found = swept(device, "generic", own, idle, worlds=1).part("policy")
+    sim = slcp.Simulator(scene, slcp.Options(residual="hard"), dtype="float64", device=device)
+    x, warm = scene.x0[None], None
+    for _ in range(20):
+        angle = 0.3 - 0.5 + x[0, 0] + x[0, 1]
+        cos, sin = np.cos(angle), np.sin(angle)
+        rx, ry = cos * 0.4 - sin * 0.1, sin * 0.4 + cos * 0.1
+        force = np.zeros((1, 3, 3))
+        force[0, 1] = 0.7, -0.4, 0.1 + rx * -0.4 - ry * 0.7
+        step = sim.step(x, np.zeros((1, 2)), external_force=force, warm_start=warm)
+        x, warm = step.state, step.multiplier
+    np.testing.assert_allclose([found[name][0] for name in scene.state_names], x[0], rtol=0, atol=1e-9)
+    assert abs(x[0] - scene.x0).max() > 0.1
