@@ -205,6 +205,13 @@ def test_the_nearest_of_several_regions_is_found(width):
     found = Search(fails, width, 2048, 0.125, 32.0).run(np.random.default_rng(1))
     assert fails(found.best).all() and 1.8 < np.linalg.norm(found.best[0]) < 1.8 * 1.01
     assert len(found.tried) == len(found.failed) and (fails(found.tried) == found.failed).all()
+    thin = np.append(1.2, np.zeros(width - 1))  # too small for shells; known by chance
+
+    def rarely(y):
+        return fails(y) | (np.linalg.norm(y - thin, axis=1) < 0.02)
+
+    known = Search(rarely, width, 2048, 0.125, 32.0).run(np.random.default_rng(1), thin[None])
+    assert 1.18 < np.linalg.norm(known.best[0]) < 1.181 and len(known.tried) == len(known.failed)
     nothing = Search(lambda y: np.zeros(len(y), bool), width, 512, 0.1, 8.0).run(np.random.default_rng(0))
     assert len(nothing.best) == 0
 

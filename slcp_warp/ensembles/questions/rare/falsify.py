@@ -103,7 +103,7 @@ def falsify(
     for largest in () if hunt.exact_fails(best)[0] else sizes:
         bounds = largest / SHELLS, largest
         search = Search(hunt.quick_fails, numbers.dimension, worlds, *bounds, strategies, rounds, suggest)
-        found = search.run(rng)
+        found = search.run(rng, drawn[failing])
         best = _exact(hunt.exact_fails, found.best, largest, rng)
         if len(best):
             best = hunt.in_both(best)

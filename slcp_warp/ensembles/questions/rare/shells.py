@@ -3,7 +3,8 @@
 First directions, evenly distributed, are tried at growing sizes, all in one batch. Then evolution strategies
 with step sizes of their own start from the smallest failing vectors in different directions: each proposes
 vectors around its best one, no larger, and takes the smallest that fails (Rechenberg's one-fifth rule for the
-step size; Beyer and Schwefel 2002). Nothing is assumed of the score but its sign.
+step size; Beyer and Schwefel 2002). In the end the ball inside the smallest is drawn from evenly; if something
+in it fails, the strategies go on from there. Nothing is assumed of the score but its sign.
 """
 
 from collections.abc import Callable
@@ -15,8 +16,10 @@ Fails = Callable[[np.ndarray], np.ndarray]  # (B, d) -> (B,), whether it fails
 Suggest = Callable[[np.ndarray], np.ndarray]  # (K, d) failing vectors -> (n, d) others worth trying
 SHELLS = 24
 LAST = 1e-3  # relative step of a strategy that has come to rest
+FINE = 0.02  # relative step below which a search may end
 GAIN = 1e-3  # relative gain over `PATIENCE` rounds under which the search ends
 PATIENCE = 5
+BALLS = 6  # balls within the smallest failing vector that are looked through, at most
 
 
 @dataclass
@@ -36,6 +39,12 @@ class Found:
     suggested: int = 0
     drawn: int = 0
     rounds: int = 0
+
+    def after(self, earlier: "Found") -> "Found":
+        """This one, with what an earlier one took."""
+        for name in ("suggested", "drawn", "rounds"):
+            setattr(self, name, getattr(self, name) + getattr(earlier, name))
+        return self
 
     @classmethod
     def nothing(cls, dimension: int) -> "Found":
@@ -68,9 +77,30 @@ class Search:
     _tried: list[np.ndarray] = field(default_factory=list)
     _failed: list[np.ndarray] = field(default_factory=list)
 
-    def run(self, rng: np.random.Generator) -> Found:
-        """Shells, then strategies."""
-        return self.refine(self._shells(rng), rng)
+    def run(self, rng: np.random.Generator, known: np.ndarray | None = None) -> Found:
+        """Shells, then strategies, as long as the ball that they leave has something that fails; `known`
+        (n, d): vectors that are known to fail.
+        """
+        start = self._shells(rng)
+        if known is not None:
+            start = np.concatenate([known, start])
+        found = self.refine(self._smallest(start), rng)
+        for _ in range(BALLS):
+            if not len(found.best):
+                break
+            inside = in_ball(2 * self.batch, self.dimension, rng) * np.linalg.norm(found.best[0])
+            failed = self._try(inside)
+            if not failed.any():
+                break
+            again = self.refine(self._smallest(np.concatenate([inside[failed], found.best])), rng)
+            found = again.after(found)
+        found.tried, found.failed = np.concatenate(self._tried), np.concatenate(self._failed)
+        return found
+
+    def _smallest(self, vectors: np.ndarray) -> np.ndarray:
+        """(K, d) the smallest of them, of different directions."""
+        order = np.argsort(np.linalg.norm(vectors, axis=1), kind="stable")
+        return apart(vectors[order], self.strategies)
 
     def refine(self, best: np.ndarray, rng: np.random.Generator, step: float = 0.5) -> Found:
         """Strategies from failing vectors (K, d), of a relative step size to begin with."""
@@ -78,8 +108,6 @@ class Search:
         found.best = best.copy()
         if len(best):
             self._shrink(found, rng, step)
-        if self._tried:
-            found.tried, found.failed = np.concatenate(self._tried), np.concatenate(self._failed)
         return found
 
     def _try(self, vectors: np.ndarray) -> np.ndarray:
@@ -89,7 +117,7 @@ class Search:
         return failed
 
     def _shells(self, rng: np.random.Generator) -> np.ndarray:
-        """(K, d) the smallest failing vectors of different directions."""
+        """(n, d) the smallest failing vector of every direction that has one."""
         count = max(2 * self.dimension, self.batch // SHELLS)
         axes = np.concatenate([np.eye(self.dimension), -np.eye(self.dimension)])
         drawn = rng.standard_normal((count - len(axes), self.dimension))
@@ -99,9 +127,7 @@ class Search:
         first = failed.reshape(SHELLS, count)
         where = np.flatnonzero(first.any(axis=0))
         size = sizes[np.argmax(first[:, where], axis=0)]
-        order = where[np.argsort(size, kind="stable")]
-        vectors = directions[order] * np.sort(size, kind="stable")[:, None]
-        return apart(vectors, self.strategies)
+        return directions[where] * size[:, None]
 
     def _shrink(self, found: Found, rng: np.random.Generator, step: float) -> None:
         """Every strategy's smallest failing vector, smaller from round to round."""
@@ -124,7 +150,11 @@ class Search:
                     found.suggested += int(whose[pick])
                     found.drawn += int(not whose[pick])
             history.append(float(np.linalg.norm(best, axis=1).min()))
-            rests = len(history) > PATIENCE and history[-1] > (1.0 - GAIN) * history[-1 - PATIENCE]
+            rests = (
+                steps[np.argmin(np.linalg.norm(best, axis=1))] < FINE
+                and len(history) > PATIENCE
+                and history[-1] > (1.0 - GAIN) * history[-1 - PATIENCE]
+            )
             if rests or steps.max() < LAST:
                 break
         found.best = best[np.argsort(np.linalg.norm(best, axis=1), kind="stable")]
@@ -149,6 +179,13 @@ class Search:
         )
         whose = np.concatenate([np.zeros(len(owner), bool), np.ones(len(more), bool)])
         return np.concatenate([drawn, more]), np.concatenate([owner, near]), whose
+
+
+def in_ball(count: int, dimension: int, rng: np.random.Generator) -> np.ndarray:
+    """(count, dimension) evenly in the unit ball."""
+    drawn = rng.standard_normal((count, dimension))
+    units = drawn / np.linalg.norm(drawn, axis=1, keepdims=True)
+    return np.asarray(units * rng.random((count, 1)) ** (1.0 / dimension))
 
 
 def apart(vectors: np.ndarray, count: int) -> np.ndarray:
