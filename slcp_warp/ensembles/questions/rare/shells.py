@@ -3,7 +3,7 @@
 First directions, evenly distributed, are tried at growing sizes, all in one batch. Then evolution strategies
 with step sizes of their own start from the smallest failing vectors in different directions: each proposes
 vectors around its best one, no larger, and takes the smallest that fails (Rechenberg's one-fifth rule for the
-step size; Beyer and Schwefel 2002). In the end the ball inside the smallest is drawn from evenly; if something
+step size; Beyer and Schwefel 2002). In the end the ball inside the smallest is drawn from evenly; if anything
 in it fails, the strategies go on from there. Nothing is assumed of the score but its sign.
 """
 
