@@ -42,8 +42,10 @@ def falsify_chart(file: Path, path: Path) -> Path:
     )
     smallest = float(np.linalg.norm([row["sd"] for row in found])) if found else np.nan
     bins = np.linspace(0.0, 1.05 * np.nanmax([sizes.max(), smallest]), 60)
-    colours, labels = [BLUE, RED], ["succeeds", "fails"]
-    left.hist([sizes[~failed], sizes[failed]], bins, stacked=True, color=colours, label=labels)
+    counts, _, _ = left.hist(sizes, bins, color=BLUE, label="drawn")
+    foot = -0.06 * counts.max()
+    left.vlines(sizes[failed], foot, 0.0, color=RED, lw=0.8, label=f"of them {failed.sum()} fail")
+    left.set_ylim(bottom=foot)
     if found:
         left.axvline(smallest, color=BLACK, lw=1.5, ls="--", label=f"smallest that fails: {smallest:.3g}")
     left.set_xlabel("size of the disturbance [standard deviations]")

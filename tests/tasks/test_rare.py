@@ -236,6 +236,27 @@ def test_the_smallest_kick_fails_and_a_smaller_one_does_not(device):
     assert run.measure(own.success).tolist() == [False]
 
 
+@pytest.mark.slow
+def test_what_was_found_is_a_task_of_its_own(device):
+    """Factors, starts, pushes and dropouts, of every law, as numbers: run again, it fails again."""
+    by = slcp.Disturbances(
+        parameters={"mass": 0.1, "friction": slcp.Uniform(0.2, 0.6)}, start={"block.vx": 0.1}, torque=1.0,
+        pushes=(slcp.Push("block", slcp.Uniform(0.2, 0.4), 0.3, (slcp.Normal(3.0), 0.0), at=(0.0, 0.05)),),
+        dropouts=(slcp.Dropout(0.5, slcp.LogNormal(0.5, median=0.1)),),
+    )  # fmt: skip
+    own = reaching(0.8 * float(_final(np.zeros((1, 4)), device)[0]))
+    found = slcp.falsify(own, plan(), by, options=SMOOTH, worlds=256, rounds=6, device=device)
+    assert found.found and set(found.values) > {"mass_0", "friction_0", "block.vx", "push_0_start"}
+    once = found.scenario
+    assert once.disturbances.torque == 0.0
+    drawn = slcp.draw_worlds(once, 3, device=device).numpy()
+    for name in ("x0", "params", "pushes", "dropouts"):
+        np.testing.assert_allclose(getattr(drawn, name)[:1], getattr(found.world.numpy(), name), rtol=1e-6)
+        assert np.ptp(getattr(drawn, name), axis=0).max() == 0.0
+    report = slcp.sweep(once, plan(), worlds=1, cases=SMOOTH, device=device)
+    assert not report.part("policy")["success"].any()
+
+
 def _final(kicks: np.ndarray, device) -> np.ndarray:
     """Where the block ends after kicks at the beginning, by a plain rollout."""
     sim = slcp.Simulator(SCENE, SMOOTH, device=device)
