@@ -19,12 +19,9 @@ def make_columns(dtype: type) -> type:
     class Columns:
         seed: int
         base: wp.array2d(dtype=dtype)  # (M, C), one of these rows for each world
-        law: wp.array(dtype=wp.int32)  # (C,) one of LAWS
-        first: wp.array(dtype=dtype)  # (C,) standard deviation, of the logarithm or not; lower end
-        second: wp.array(dtype=dtype)  # (C,) upper end
-        most: wp.array(dtype=dtype)  # (C,) what no number exceeds
-        step: wp.array(dtype=wp.int32)  # (C,) address of the random number beside seed and world
-        stream: wp.array(dtype=wp.int32)
+        numbers: wp.array2d(dtype=dtype)  # (3, C): standard deviation, of the logarithm or not, or lower end;
+        # upper end; what no number exceeds
+        address: wp.array2d(dtype=wp.int32)  # (3, C): one of LAWS; step and stream of the random number
 
     return Columns
 
@@ -50,17 +47,17 @@ def make_draw_kernel(dtype: type) -> wp.Kernel:
             row = pick[i]
         for c in range(out.shape[1]):
             value = d.base[row, c]
-            law = d.law[c]
+            law = d.address[0, c]
             if law == wp.static(UNIFORM):
-                at = rng.share(d.seed, world, d.step[c], d.stream[c])
-                value = d.first[c] + (d.second[c] - d.first[c]) * dtype(at)
+                at = rng.share(d.seed, world, d.address[1, c], d.address[2, c])
+                value = d.numbers[0, c] + (d.numbers[1, c] - d.numbers[0, c]) * dtype(at)
             elif law != wp.static(NONE):
-                spread = d.first[c] * rng.normal(d.seed, world, d.step[c], d.stream[c])
+                spread = d.numbers[0, c] * rng.normal(d.seed, world, d.address[1, c], d.address[2, c])
                 if law == wp.static(LOG_NORMAL):
                     value *= wp.exp(spread)
                 else:
                     value += spread
-            out[i, c] = wp.min(value, d.most[c])
+            out[i, c] = wp.min(value, d.numbers[2, c])
 
     return draw_kernel
 

@@ -1,5 +1,6 @@
 """The worlds of a sweep: parameters, starts and events, drawn by world or given; names of what varies."""
 
+import functools
 from dataclasses import replace
 from typing import Any
 
@@ -28,20 +29,25 @@ class Columns:
 
     def __init__(self, sim: Simulator, seed: int, drawn: Laws, dtype: Any, most: dict[int, float]) -> None:
         self.laws, self.device, self.dtype = drawn, sim.device, dtype
-        self.numbers = make_columns(dtype)()
-        self.numbers.seed = seed
+        self._seed, self._most = seed, most
+
+    @functools.cached_property
+    def _struct(self) -> Any:
+        """What the kernel draws from; made where there is something to draw."""
+        out, drawn = make_columns(self.dtype)(), self.laws
         limit = np.full(len(drawn.law), MOST)
-        limit[list(most)] = list(most.values())
-        for name, values in (("base", np.atleast_2d(drawn.base)), ("first", drawn.first),
-                             ("second", drawn.second), ("most", limit)):  # fmt: skip
-            setattr(self.numbers, name, wp.array(values, dtype=dtype, device=sim.device))
-        for name in ("law", "step", "stream"):
-            setattr(self.numbers, name, wp.array(getattr(drawn, name), dtype=wp.int32, device=sim.device))
+        limit[list(self._most)] = list(self._most.values())
+        numbers, address = [drawn.first, drawn.second, limit], [drawn.law, drawn.step, drawn.stream]
+        out.seed = self._seed
+        out.base = wp.array(np.atleast_2d(drawn.base), dtype=self.dtype, device=self.device)
+        out.numbers = wp.array(np.array(numbers), dtype=self.dtype, device=self.device)
+        out.address = wp.array(np.array(address), dtype=wp.int32, device=self.device)
+        return out
 
     def draw(self, world0: int, count: int, pick: wp.array, *shape: int) -> wp.array:
         """Rows of worlds world0, world0 + 1, ..., (count, *shape)."""
         out: wp.array = wp.zeros((count, len(self.laws.law)), dtype=self.dtype, device=self.device)
-        launch(make_draw_kernel(self.dtype), count, [world0, self.numbers, pick, out], self.device)
+        launch(make_draw_kernel(self.dtype), count, [world0, self._struct, pick, out], self.device)
         return out.reshape((count, *shape)) if shape else out
 
 
@@ -82,10 +88,7 @@ class Draws:
         events = (d.kick_laws(scene), sim.dtype), (d.push_laws(), wp.float64), (d.dropout_laws(), wp.float64)
         self._events = [Columns(sim, seed, each, dtype, {}) for each, dtype in events]
         self.numbers = d.numbers(scene.nv)
-        self.told = [*self._all(), *self._events]
-
-    def _all(self) -> list[Columns]:
-        return [self._params, self._x0]
+        self.told = [self._params, self._x0, *self._events]
 
     def _pick(self, world0: int, count: int) -> wp.array:
         """Rows of the starts; none where there is one only."""
