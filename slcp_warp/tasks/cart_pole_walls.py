@@ -30,6 +30,7 @@ def cart_pole_walls() -> Task:
         cost=terms(scene, running, final),
         horizon=150,
         control_limits=(-20.0, 20.0),
+        periods={pole: "turn"},
         start={pole: math.pi, "pole.vangle": 0.0},
         disturbances=Disturbances(
             start={pole: 0.05, "pole.vangle": 0.05},

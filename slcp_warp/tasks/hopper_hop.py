@@ -9,7 +9,7 @@ from .task import Task
 
 
 def hopper_hop() -> Task:
-    """The hopper moves forwards at .6 m/s and stays upright."""
+    """The hopper moves forwards at .6 m/s and stays upright; a run ends where it falls."""
     scene = replace(scenes.hopper(), step_size=0.01, sigma=0.05)
     running = [
         Term("square", 5.0, state="torso.y", target=0.95),
@@ -32,5 +32,6 @@ def hopper_hop() -> Task:
             "tilt": measures.largest("torso.angle"),
             "contact_share": measures.contact_share("ground/foot"),
         },
+        failure=measures.state("torso.y") < 0.4,
         success=(speed > 0.2) & (lowest > 0.4),
     )

@@ -9,7 +9,7 @@ from .task import Task
 
 
 def walker_walk() -> Task:
-    """The walker moves forwards at half a metre a second and stays up."""
+    """The walker moves forwards at half a metre a second and stays up; a run ends where it falls."""
     scene = replace(scenes.walker(), step_size=0.01, sigma=0.05)
     running = [
         Term("square", 5.0, state="torso.vx", target=0.5),
@@ -26,5 +26,6 @@ def walker_walk() -> Task:
         control_limits=(-80.0, 80.0),
         disturbances=Disturbances(velocity=0.2, torque=8.0, parameters={"mass": 0.15, "friction": 0.3}),
         measures={"way": way, "lowest": lowest, "tilt": measures.largest("torso.angle")},
+        failure=measures.state("torso.y") < 0.6,
         success=(way > 0.2) & (lowest > 0.6),
     )
