@@ -54,8 +54,8 @@ def falsify(
 
     Size is the length in standard deviations of what is disturbed. Directions on shells come first, then
     evolution strategies that shrink what fails, `worlds` at once; with `gradients` also the nearest point of
-    the margin's tangent plane, by derivatives through contact. What is found fails in float64 and in
-    the search's precision.
+    the margin's tangent plane, by derivatives through contact. What is found fails in float64 and, if
+    anything nearby does, in the search's precision.
 
     Args:
         task: with a success; its first start counts, and no noise.
@@ -104,9 +104,11 @@ def falsify(
         bounds = largest / SHELLS, largest
         search = Search(hunt.quick_fails, numbers.dimension, worlds, *bounds, strategies, rounds, suggest)
         found = search.run(rng, drawn[failing])
-        best = _exact(hunt.exact_fails, found.best, largest, rng)
+        for fails in (hunt.fails_in_both, hunt.exact_fails):
+            best = _exact(fails, found.best, largest, rng)
+            if len(best):
+                break
         if len(best):
-            best = hunt.in_both(best)
             break
     return hunt.report(best, found, sizes[-1], np.linalg.norm(drawn, axis=1), failing)
 
@@ -129,11 +131,9 @@ class Hunt:
         """Which of them fail in float64."""
         return self._fails(self.exact, z)
 
-    def in_both(self, best: np.ndarray) -> np.ndarray:
-        """The first of these a little longer, if need be, so that it fails in both precisions."""
-        longer = best[0] * np.array(NEAR)[:, None]
-        both = np.flatnonzero(self.quick_fails(longer) & self.exact_fails(longer))
-        return longer[both[:1]] if both.size else best
+    def fails_in_both(self, z: np.ndarray) -> np.ndarray:
+        """Which of them fail in both precisions."""
+        return self.quick_fails(z) & self.exact_fails(z)
 
     def _fails(self, trial: Trial, z: np.ndarray) -> np.ndarray:
         ends = trial.run(self.numbers.worlds(z))
@@ -178,7 +178,7 @@ class Hunt:
 def _exact(
     fails: Callable[[np.ndarray], np.ndarray], best: np.ndarray, most: float, rng: np.random.Generator
 ) -> np.ndarray:
-    """What also fails in float64, as small as it gets nearby; the smallest first."""
+    """What also fails so, as small as it gets nearby; the smallest first."""
     if not len(best):
         return best
     tried = (best[:, None] * np.array(NEAR)[:, None]).reshape(-1, best.shape[1])
