@@ -86,10 +86,11 @@ def test_killed_at_random_moments(problem, whole, planned, tmp_path):
 
 @pytest.mark.slow
 def test_a_kept_library_is_read_and_goes_on_to_more_entries(problem, whole, planned, tmp_path):
-    part = ddp.build_library(problem, SCENE.x0, 40, out=tmp_path, **SETTINGS)
-    assert len(part) == 40 and len(planned) == 11
-    same(ddp.build_library(problem, SCENE.x0, 40, out=tmp_path, **SETTINGS), part)
-    assert len(planned) == 11
+    """It goes on between two kicks of the velocities, which come every other shift."""
+    part = ddp.build_library(problem, SCENE.x0, 44, out=tmp_path, **SETTINGS)
+    assert len(part) == 44 and len(planned) == 12
+    same(ddp.build_library(problem, SCENE.x0, 44, out=tmp_path, **SETTINGS), part)
+    assert len(planned) == 12
     same(ddp.build_library(problem, SCENE.x0, 80, out=tmp_path, **SETTINGS), whole)
     assert len(planned) == 21
 
