@@ -178,7 +178,10 @@ def test_what_is_not_given_is_undisturbed(device):
         ({"x0": np.zeros((2, 6))}, r"Worlds.x0 has shape \(2, 6\)"),
         ({"x0": np.zeros((3, 8))}, "2 worlds|3 worlds"),
         ({"x0": np.full((2, 8), np.nan)}, "Worlds.x0 holds nan"),
-        ({"numbers": [0, -1]}, "Worlds.numbers is -1"),
+        ({"numbers": [0, -1]}, "Worlds.numbers holds -1; whole numbers"),
+        ({"numbers": [0, 0.5]}, "Worlds.numbers holds 0.5"),
+        ({"params": np.zeros((2, 78))}, "Worlds.params: step_size is 0.0; it must be positive"),
+        ({"x0": 1.0}, r"Worlds.x0 has shape \(\); 2 axes are needed"),
         ({"dropouts": "none"}, "Worlds.dropouts is 'none'"),
     ],
 )

@@ -6,8 +6,10 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from ...inputs.checks import array, whole
+from ...inputs.checks import array
 from ...inputs.errors import ArgumentError
+
+AXES = {"x0": 2, "params": 2, "kicks": 3, "pushes": 3, "dropouts": 3, "numbers": 1}
 
 
 @dataclass(frozen=True)
@@ -36,24 +38,21 @@ class Worlds:
     def __post_init__(self) -> None:
         if all(isinstance(value, wp.array | None) for value in self._values()):
             return
-        for name, ndim in (
-            ("x0", 2),
-            ("params", 2),
-            ("kicks", 3),
-            ("pushes", 3),
-            ("dropouts", 3),
-            ("numbers", 1),
-        ):
+        count: int | None = None
+        for name, ndim in AXES.items():
             value = getattr(self, name)
             if value is None and name != "x0":
                 continue
             found = array(f"Worlds.{name}", value.numpy() if isinstance(value, wp.array) else value)
-            if found.ndim != ndim or len(found) != len(self.x0):
-                raise ArgumentError(
-                    f"Worlds.{name} has shape {found.shape}; {ndim} axes and {len(self.x0)} worlds are needed"
-                )
+            if found.ndim != ndim or len(found) != (len(found) if count is None else count):
+                need = "" if count is None else f" and {count} worlds"
+                raise ArgumentError(f"Worlds.{name} has shape {found.shape}; {ndim} axes{need} are needed")
+            count = len(found)
             if name == "numbers":
-                found = np.array([whole("Worlds.numbers", int(n), 0) for n in found], np.int32)
+                if (found % 1.0).any() or found.min(initial=0.0) < 0.0:
+                    wrong = found[(found % 1.0 != 0.0) | (found < 0.0)][0]
+                    raise ArgumentError(f"Worlds.numbers holds {wrong:g}; whole numbers from 0 on are needed")
+                found = found.astype(np.int32)
             object.__setattr__(self, name, found)
 
     def _values(self) -> list[Any]:

@@ -12,6 +12,7 @@ from slcp_warp.kernels.ensembles.disturbances import DROPOUT_FIELDS, PUSH_FIELDS
 from slcp_warp.kernels.ensembles.draws import make_columns, make_draw_kernel, pick_kernel
 from slcp_warp.kernels.structure import STEP_SIZE
 
+from ...inputs import rules
 from ...inputs.checks import instance, whole
 from ...inputs.errors import ArgumentError
 from ...simulator import Simulator
@@ -201,6 +202,9 @@ class Given:
                 need = ", ".join(map(str, (count, *shape)))
                 raise ArgumentError(f"Worlds.{name} has shape {given.shape}; ({need}) is needed")
             self.tables[name] = given
+        for name, start, extent in sim.params.layout.columns:
+            own = self.tables["params"][:, start : start + int(np.prod(extent, dtype=int))]
+            rules.check(f"Worlds.params: {name}", own, ArgumentError, name)
         numbers = np.arange(count) if worlds.numbers is None else worlds.numbers
         self.tables["numbers"] = numbers.astype(np.int32)
         self.numbers = d.numbers(nv)
