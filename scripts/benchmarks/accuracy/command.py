@@ -4,6 +4,7 @@ A study is a module with `rows(say)`, a chart a module with `draw(rows, path)`; 
 imported when their turn comes.
 """
 
+import functools
 import importlib
 import shutil
 import time
@@ -17,6 +18,7 @@ import typer
 from ...support.screen import INTERRUPTED, one_line_errors, wrote
 from ...support.tables import RESULTS, write_csv
 from ..shared.machine import machine
+from ..shared.rows import Say
 from .kept import Kept, Piece, left_in, pieces_of
 from .results import Rows, read_results, same_run, studies_in
 
@@ -131,12 +133,16 @@ def run_study(name: str, folder: Path) -> tuple[Rows, list[str]]:
     pieces: list[Piece] = []
     for module in (STUDIES[name].module, STUDIES[name].peers):
         if module is not None:
-            pieces += attempt(lambda module=module: pieces_of(load(module), module, say)) or []
+            pieces += attempt(functools.partial(_pieces, module, say)) or []
     if pieces:
         store = Kept(folder, name, [label for label, _ in pieces], machine())
         for piece in pieces:
-            new += attempt(lambda piece=piece: store.rows(piece, say)) or []
+            new += attempt(functools.partial(store.rows, piece, say)) or []
     return new, failures
+
+
+def _pieces(module: str, say: Say) -> list[Piece]:
+    return pieces_of(load(module), module, say)
 
 
 def draw_charts(rows: Rows, out: Path) -> tuple[list[Path], list[str]]:

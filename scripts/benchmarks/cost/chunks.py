@@ -85,5 +85,5 @@ def bench_chunks(sizes: tuple[int, ...] = (1024, 8192, 65536), count: int = 50, 
 def _store(rows: int, count: int) -> Iterator[tuple[Numbers, Store]]:
     """A job in a folder of its own; the module's name is one that workers can import."""
     with tempfile.TemporaryDirectory(prefix="chunks-") as folder:
-        job = numbers(rows, count)
+        job = Numbers(rows, count)
         yield job, Store.open(folder, job)
