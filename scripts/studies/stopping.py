@@ -1,12 +1,14 @@
 """How soon a sequential comparison of two policies stops, and how often it is wrong.
 
     python -m slcp_warp.scripts.studies.stopping REPORT [--measure success] [--worlds 4096] [--batch 256]
+        [--repetitions 200]
 
 The worlds of a report of `slcp sweep TASK` with two policies are cut into repetitions of so many worlds, none
-of them in two. In each the comparison looks at the difference every `batch` worlds and stops when it is
-decided; the fixed design looks once, at the end, with the interval for one look. The same worlds with the
-policies' labels exchanged at random, world by world, are a comparison of equals: whatever is decided there is
-an error, of the sequential rule and of one that looks as often with the interval for one look.
+of them in two; with --repetitions each draws its worlds from all of them, with replacement. In each the
+comparison looks at the difference every `batch` worlds and stops when it is decided; the fixed design looks
+once, at the end, with the interval for one look. The same worlds with the policies' labels exchanged at
+random, world by world, are a comparison of equals: whatever is decided there is an error, of the sequential
+rule and of one that looks as often with the interval for one look.
 """
 
 import argparse
@@ -68,13 +70,24 @@ def looks_of(
 
 
 def study(
-    first: np.ndarray, second: np.ndarray, measure: str, worlds: int, batch: int, seed: int = 0
+    first: np.ndarray,
+    second: np.ndarray,
+    measure: str,
+    worlds: int,
+    batch: int,
+    repetitions: int | None = None,
+    seed: int = 0,
 ) -> dict[str, Ends]:
     """The ends of all repetitions, by rule and by what was compared: (n,) results of the same worlds."""
     ends = {name: Ends() for name in ("sequential", "fixed", "sequential, equals", "peeking, equals")}
     least, rng = 1 if measure == "success" else LEAST, np.random.default_rng(seed)
-    for begin in range(0, len(first) - worlds + 1, worlds):
-        a, b = first[begin : begin + worlds], second[begin : begin + worlds]
+    for number in range(repetitions or len(first) // worlds):
+        rows = (
+            worlds * number + np.arange(worlds)
+            if repetitions is None
+            else rng.integers(len(first), size=worlds)
+        )
+        a, b = first[rows], second[rows]
         together, single = looks_of(a, b, measure, batch)
         ends["sequential"].add(together, batch, least)
         ends["fixed"].add(single[-1:], worlds, 1)
@@ -93,11 +106,12 @@ def main() -> None:
     parser.add_argument("--measure", default="success")
     parser.add_argument("--worlds", type=int, default=4096, help="of a repetition")
     parser.add_argument("--batch", type=int, default=256, help="worlds between looks")
+    parser.add_argument("--repetitions", type=int, help="so many, of worlds drawn from all")
     given = parser.parse_args()
     report = load_report(given.report)
     keys = [key for key in report.source.keys if key[3] == "disturbed"][:2]
     first, second = (report.part(*key)[given.measure] for key in keys)
-    ends = study(first, second, given.measure, given.worlds, given.batch)
+    ends = study(first, second, given.measure, given.worlds, given.batch, given.repetitions)
     apart = report.compare(keys[0][0], keys[1][0])[given.measure]
     title = f"{given.measure}: {keys[0][0]} less {keys[1][0]} is {apart[0]:.4f}, of {len(first):,} worlds"
     table = Table(title=title, box=SIMPLE_HEAD)

@@ -1,6 +1,7 @@
 """Streamed statistics of synthetic tables against NumPy on whole columns, in chunks of any size and order."""
 
 import math
+import weakref
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from slcp_warp.ensembles.statistics.intervals import quantile_interval, share_in
 from slcp_warp.ensembles.statistics.moments import Z95, Moments
 from slcp_warp.ensembles.statistics.quantiles import quantile_intervals
 from slcp_warp.ensembles.statistics.source import BLOCK, MemorySource, in_blocks
+from slcp_warp.scripts.benchmarks.cost.statistics import Made
 
 A, B = ("a", "hard", 0.01, "disturbed"), ("b", "hard", 0.01, "disturbed")
 
@@ -149,3 +151,28 @@ def test_blocks_are_those_of_the_worlds():
 def test_what_is_no_probability_is_refused(given):
     with pytest.raises(slcp.InputError, match="probabilities"):
         WHOLE.quantiles(given)
+
+
+class Watched(Made):
+    """Its blocks, counted while anything of them is held."""
+
+    def __init__(self, worlds):
+        super().__init__(worlds)
+        self.held, self.most = [], 0
+
+    def blocks(self, key, names=None):
+        for block in super().blocks(key, names):
+            own = {name: column.copy() for name, column in block.items()}
+            self.held = [ref for ref in self.held if ref() is not None] + [weakref.ref(own["world"])]
+            self.most = max(self.most, len(self.held))
+            yield own
+
+
+def test_no_more_than_a_few_blocks_are_held():
+    source = Watched(12 * BLOCK)
+    report = slcp.Report(None, source)
+    report.summary, report.quantiles((0.05, 0.5, 0.95)), report.compare("a", "b")
+    report.compare("a", "b", peeking=True), report.sensitivity("rate")
+    assert 2 <= source.most <= 4  # two parts, each the block before until the next one is there
+    assert len(report.table["world"]) == 2 * 12 * BLOCK
+    assert source.most >= 12
