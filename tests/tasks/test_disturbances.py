@@ -139,7 +139,8 @@ TABLES = ("x0", "params", "kicks", "pushes", "dropouts")
 @pytest.mark.parametrize("strategy", ["specialised", "generic"])
 def test_given_worlds_are_as_good_as_drawn_ones(device, strategy):
     """All of them, some of them in another order, in chunks; each keeps the noise of its number."""
-    drawn = swept(device, strategy).part("policy")
+    drawn, split = (swept(device, strategy, chunk=chunk).part("policy") for chunk in (None, 4))
+    assert all(np.array_equal(split[name], drawn[name]) for name in drawn)
     worlds = slcp.draw_worlds(task(), B, SEED, dtype="float64", device=device)
     picked = np.array([5, 2, 2, 8])
     for given, places, chunk in ((worlds, np.arange(B), None), (worlds[picked], picked, 3)):
