@@ -1,12 +1,15 @@
 """What a watcher does to the mechanism: the spring of the mouse, knobs, policies, records."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.linalg
 
 import slcp_warp as slcp
 from slcp_warp import ddp
+from slcp_warp.results.pictures.kinematics import turn
 from slcp_warp.results.pictures.mechanism import Mechanism
 from slcp_warp.scripts.commands.watch import watched
 from slcp_warp.scripts.watch.acting import acting
@@ -213,6 +216,43 @@ def test_a_record_is_the_run_to_the_last_bit(tmp_path):
     player.advance(0.0)
     np.testing.assert_array_equal(player.worlds.state, replay.arrays["states"][-1])
     assert player.hello()["replay"] and not player.hello()["pushes"]
+
+
+def test_a_controller_recovers_from_a_pull(tmp_path):
+    """A balanced pole is dragged aside and let go; the recorded run, computed again, is the same."""
+    task = slcp.tasks.cart_pole_walls()
+    top = task.scene.state({"pole.angle": 0.0})
+    top[:] = 0.0
+    sim = task.simulator()
+    linear = sim.linearize(top, np.zeros(1))
+    P = scipy.linalg.solve_discrete_are(linear.A, linear.B, np.eye(4), np.eye(1))
+    K = -np.linalg.solve(1.0 + linear.B.T @ P @ linear.B, linear.B.T @ P @ linear.A)
+    balance = slcp.policies.Linear(K, top, np.zeros(1))
+    subject = replace(Subject.of(task), start=top[None])
+    engine = Engine(subject, {"balance": balance}, tmp_path)
+    engine.send(ME, {"do": "record", "value": True})
+    origin, angle = engine.worlds.mechanism.frames(top[None, :2])
+    tip = origin[0, 1] + turn(angle[0, 1], 2.0 * engine.worlds.mechanism.params["com"][1])
+    grabbed(engine, (tip + [0.15, 0.0]).tolist(), at=tip.tolist())
+    pulled = []
+    for _ in range(round(0.5 / engine.worlds.step_size)):
+        engine.tick()
+        pulled.append(abs(engine.worlds.state[0]).max())
+    assert max(pulled) > 0.03 and np.linalg.norm(engine.pull.force) > 0.0
+    engine.send(ME, {"do": "release"})
+    engine.advance(0.0)
+    for _ in range(round(8.0 / engine.worlds.step_size)):
+        engine.tick()
+    np.testing.assert_allclose(engine.worlds.state[0], 0.0, atol=1e-2)
+    untouched = Engine(subject)
+    untouched.worlds.state[0] = engine.worlds.state[0] + [0.0, 0.01, 0.0, 0.0]
+    for _ in range(round(8.0 / engine.worlds.step_size)):
+        untouched.tick()
+    assert abs(untouched.worlds.state[0, 1]) > 0.5  # without the controller it falls
+    engine.send(ME, {"do": "record", "value": False})
+    engine.advance(0.0)
+    replay = Replay(tmp_path / "watch-000.npz")
+    np.testing.assert_array_equal(replay.again(Engine(subject).worlds), replay.arrays["states"])
 
 
 def test_a_damaged_record_is_one_error_with_its_name(tmp_path):
