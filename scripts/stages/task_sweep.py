@@ -12,6 +12,7 @@ from rich.table import Table
 import slcp_warp as slcp
 from slcp_warp.ensembles.chunks import ARMS, KEYS
 from slcp_warp.ensembles.statistics.source import MemorySource
+from slcp_warp.runs import manifest
 from slcp_warp.storage.files import FileError
 
 from ..support.policies import named_policies
@@ -61,7 +62,8 @@ def load_report(path: Path) -> slcp.Report:
     Raises:
         FileError: no report, or one that is damaged.
     """
-    return _from_csv(path) if path.suffix == ".csv" and not path.is_dir() else slcp.load_report(path)
+    stored = (path / manifest.NAME).is_file()
+    return _from_csv(path) if path.suffix == ".csv" and not stored else slcp.load_report(path)
 
 
 def _from_csv(path: Path) -> slcp.Report:

@@ -8,6 +8,8 @@ import numpy as np
 from ...inputs import checks
 from ...inputs.errors import ArgumentError
 from ...options import Options
+from ...stepping.arguments import policy_arrays
+from ...stepping.host import acts_on_host
 from ...tasks.task import Task
 from ..statistics.source import Columns, joined
 from ..tasks import TaskSweep, policies_by_name
@@ -40,6 +42,13 @@ class Judge:
         self._progress: Callable[[int, int], None] | None = checks.function("progress", progress, 2, True)
         self._choices = choices | {"seed": seed, "cases": task.options if case is None else case}
         self.done = 0
+        self._check_policy()
+
+    def _check_policy(self) -> None:
+        """Refuse what is no policy before anything is drawn."""
+        one = TaskSweep(self.task, {self.name: self._policy}, worlds=1, **self._choices)
+        if not acts_on_host(self._policy):
+            policy_arrays(self._policy, next(iter(one.simulators.values())), None)
 
     def run(self, worlds: Worlds, total: int) -> Columns:
         """The rows of the worlds: what was drawn, measures, success, status; `total`: worlds in all."""
