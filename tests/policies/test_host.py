@@ -13,7 +13,7 @@ from slcp_warp import measures as m
 SCENE = replace(slcp.scenes.push_block(), step_size=0.02, sigma=0.05)
 STEPS, WORLDS = 75, 40
 GOAL = np.eye(8)[0] * 0.3  # the pusher's place
-GAIN = -9.0 * np.eye(8)[:1]
+GAIN = -9.0 * np.eye(8)[:1] - 0.25 * np.eye(8)[4:5]  # place and speed; a quarter of it has no rounding
 MEASURES = {
     "x": m.final("block.x"),
     "rate": m.rate("pusher.shift", start=0.3),
@@ -54,7 +54,7 @@ def same(report, first, second):
 
 
 def law(x, time):
-    return -9.0 * (x[:, :1] - 0.3)
+    return -9.0 * (x[:, :1] - 0.3) - 0.25 * x[:, 4:5]
 
 
 @pytest.mark.parametrize("strategy", OPTIONS)
