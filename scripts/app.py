@@ -35,6 +35,8 @@ IN_CHECKOUTS = {  # commands of `slcp paper` and `slcp` that a wheel leaves out:
     "impact": ("studies.impact", "impact_command"),
     "residuals": ("studies.residuals", "residuals_command"),
     "mpc": ("studies.mpc", "mpc_command"),
+    "published": ("studies.published.command", "published_command"),
+    "starts": ("studies.starts", "starts_command"),
     "bench": ("benchmarks.commands", "app"),
 }
 

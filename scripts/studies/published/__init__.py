@@ -1,0 +1,1 @@
+"""Published problems of optimal control: models, the command, other solvers."""
