@@ -117,7 +117,7 @@ class Options:
     max_iterations: int = 200
     method: str = "second-order"
     step_sizes: Sequence[float] = DEFAULT_STEP_SIZES
-    full_step_ratio: float = 0.5
+    full_step_ratio: float = 0.75
     regularization: Regularization = field(default_factory=Regularization)
     gradient_tolerance: float | None = None
     improvement_tolerance: float = 0.0
