@@ -26,6 +26,7 @@ from .cost.ddp import bench_ddp
 from .cost.fallbacks import bench_fallbacks
 from .cost.gradients import bench_gradients, bench_products
 from .cost.jacobian import bench_jacobian
+from .cost.kept import bench_kept
 from .cost.kernels import SIZES, bench_reach, bench_sizes, print_sizes
 from .cost.methods import bench_methods
 from .cost.pair import PairError, bench_pair, print_pairs
@@ -41,6 +42,7 @@ from .peers.mujoco_model import import_mujoco
 from .shared.ours import DTYPES, WINDOW
 from .shared.timing import Rows
 from .stability.command import stability_command
+from .stability.kills import kills_command
 
 app = typer.Typer(
     no_args_is_help=True, rich_markup_mode=None, help="Measure what the simulator costs, beside MuJoCo's."
@@ -70,6 +72,19 @@ def _save(csv: Path | None, rows: Rows) -> None:
 app.command("charts")(charts_command)
 app.command("stability")(one_line_errors(stability_command))
 app.command("fuzz")(fuzz_command)
+app.command("kills")(kills_command)
+
+
+@app.command("kept")
+@one_line_errors
+def kept_command(
+    policy: Annotated[Path, typer.Option(help="File of `slcp library`.")],
+    worlds: Worlds = 40960,
+    chunk: Annotated[int, typer.Option(min=1, help="Worlds of a chunk.")] = 2048,
+    csv: Csv = None,
+) -> None:
+    """What keeping a sweep in a folder costs, beside its launches."""
+    _save(csv, bench_kept(policy, worlds, chunk))
 
 
 @app.command("step")

@@ -33,8 +33,11 @@ def device_facts(sim: slcp.Simulator) -> dict[str, Any]:
 
 
 def load_policy(path: Path, scene: slcp.Scene) -> tuple[Any, dict[str, Any]]:
-    """The policy that a library or plan file holds, and header entries about it."""
+    """The policy that a library, plan or policy file holds, and header entries about it."""
     kind = read_kind(path)
+    if kind == "policy":
+        policy = slcp.policies.load_policy(path)
+        return policy, {"policy": type(policy).__name__.lower(), "policy_file": path.name}
     if kind == "library":
         library = ddp.Library.load(path)
         library.check_scene(scene)
