@@ -14,10 +14,12 @@ pytest.importorskip("pyarrow")
 
 from file_examples import push_file
 from test_cli import call, fails
+from typer.testing import CliRunner
 
 import slcp_warp as slcp
 from slcp_warp.kernels.device.compile import cpu_compiler_flags
 from slcp_warp.runs.store import Store
+from slcp_warp.scripts.benchmarks.commands import app as bench_app
 
 
 def given(folder, worlds=120):
@@ -92,6 +94,15 @@ def test_signals_end_it_and_it_goes_on(tmp_path, through):
     assert codes == [-signal.SIGKILL, 143, 130]
     call("sweep", "--resume", run)
     assert Store(run).digest() == through and not list((run / "partial").iterdir())
+
+
+@pytest.mark.full
+def test_sweeps_of_every_road_are_killed():
+    """The bench's, with few kills: processes of this machine, Dask, submitit's local executor."""
+    for package in ("distributed", "submitit"):
+        pytest.importorskip(package)
+    result = CliRunner().invoke(bench_app, ["kills", "--kills", "3", "--worlds", "6000"])
+    assert result.exit_code == 0, result.output
 
 
 def _parts(run):

@@ -1,6 +1,8 @@
 """Sweeps of tasks in a folder: the same table however they are cut, ended and gone on with; refusals."""
 
+import os
 import shutil
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -18,6 +20,7 @@ from slcp_warp.ensembles.stored.job import SweepJob
 from slcp_warp.ensembles.stored.sweep import StoredSweep
 from slcp_warp.ensembles.stored.travel import given
 from slcp_warp.ensembles.tasks import TaskSweep
+from slcp_warp.kernels.device.compile import cpu_compiler_flags
 from slcp_warp.runs.job import rebuild, sha256_of
 from slcp_warp.storage.files import FileError
 
@@ -156,6 +159,27 @@ def test_what_cannot_travel_stays_in_its_process(tmp_path):
         slcp.sweep(task(), plan(), executor=Nothing(), **FIELDS)
 
 
+@pytest.mark.slow
+def test_other_processes_give_the_same_table(tmp_path, monkeypatch):
+    """Numbers travel in the folder, Python by its name; a worker that is killed loses nothing but time."""
+    monkeypatch.setenv("SLCP_CPU_FLAGS", cpu_compiler_flags())  # other code rounds otherwise
+    file, fields = push_file(tmp_path), FIELDS | {"worlds": 60}
+    mixed = {"numbers": plan(), "kernel": f"{file}:gain", "host": f"{file}:asked"}
+    here = slcp.sweep(f"{file}:push", mixed, out=tmp_path / "here", chunk=60, **fields)
+    killed = []
+
+    def kill(done, total):
+        if done > 20 and not killed:
+            killed.append(next(iter(workers.pools.pools[0]._processes)))
+            os.kill(killed[0], signal.SIGKILL)
+
+    with slcp.runs.processes(2) as workers:
+        there = slcp.sweep(
+            f"{file}:push", mixed, out=tmp_path / "there", chunk=4, executor=workers, progress=kill, **fields
+        )
+    assert there.complete and killed and digest(there) == digest(here) and str(there) == str(here)
+
+
 def test_two_processes_agree_on_the_hash(tmp_path):
     code = """
 import sys
@@ -165,6 +189,7 @@ from test_task_sweep import plan, task
 import slcp_warp as slcp
 from slcp_warp.ensembles.stored.job import SweepJob
 from slcp_warp.ensembles.tasks import TaskSweep
+from slcp_warp.kernels.device.compile import cpu_compiler_flags
 from slcp_warp.runs.job import sha256_of
 fields = {"worlds": 30, "seed": 3, "cases": slcp.Options(), "device": "cpu"}
 work = TaskSweep(task(), {"all": plan(), "half": plan(0.5)}, **fields)

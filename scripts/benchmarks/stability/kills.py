@@ -110,7 +110,8 @@ def _descendants(pid: int) -> list[int]:
                 parents[int(entry.name)] = int((entry / "stat").read_text().rpartition(")")[2].split()[1])
             except OSError:
                 continue
-    found, more = set(), {pid}
+    found: set[int] = set()
+    more = {pid}
     while more:
         more = {child for child, parent in parents.items() if parent in more} - found
         found |= more

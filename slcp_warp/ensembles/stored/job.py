@@ -131,13 +131,14 @@ def saved_sweep(folder: str, task: str, policies: dict[str, str], strategy: str)
         FileError: what it would need is damaged or not there.
     """
     store = Store(folder)
-    said, layout = store.manifest.specification, store.manifest.layout
-    found, named, texts = unpack(store.folder, task, policies)
+    said, parts = store.manifest.specification, chunks_of(store.manifest.layout).parts
+    in_order = {part.policy: policies[part.policy] for part in parts}  # JSON's keys may come sorted
+    found, named, texts = unpack(store.folder, task, in_order)
     device = wp.get_preferred_device()
     work = TaskSweep(
         found, named, worlds=said["worlds"], seed=said["seed"], step_sizes=said["step_sizes"],
-        cases={label: Options(**options) for label, options in said["cases"].items()}, dtype=said["dtype"],
+        cases={part.case: Options(**said["cases"][part.case]) for part in parts}, dtype=said["dtype"],
         device=device if device_kind(device) == store.manifest.device else "cpu", strategy=strategy,
     )  # fmt: skip
-    work.cut([part.at_once for part in chunks_of(layout).parts])
+    work.cut([part.at_once for part in parts])
     return SweepJob(work, store.folder, texts)
