@@ -30,12 +30,12 @@ class Status(IntEnum):
     """How the step of a world ended; anything but SOLVED leaves the world in its last valid state.
 
     SOLVED: the impulses and v' that are returned satisfy M dv = J' lambda and the contact law, to an accuracy
-    that is relative to what the data sets (J v_free, d/h, sigma), never to the answer. INFEASIBLE: no
-    velocity opens the rows: limits and normal rows, with Anitescu's friction the rows J_n +- mu J_t. JAMMED:
-    some velocity opens limits and normal rows, but Coulomb's friction holds against every impulse, so that
-    the problem of the paper's [8] has no solution (docs/understand/friction.md says how that is decided, and
-    that the generic kernels have no proof of it). NONFINITE: a state or force that is no number.
-    NOT_CONVERGED: the solver gave up; there may be a solution or none.
+    that is relative to what the data sets (J v_free, d/h, sigma, of bodies that hang together or touch),
+    never to the answer. INFEASIBLE: no velocity opens the rows: limits and normal rows, with Anitescu's
+    friction the rows J_n +- mu J_t. JAMMED: some velocity opens limits and normal rows, but Coulomb's
+    friction holds against every impulse, so that the problem of the paper's [8] has no solution
+    (docs/understand/friction.md says how that is proved). NONFINITE: a state or force that is no number, or a
+    mass matrix without digits. NOT_CONVERGED: the solver gave up; there may be a solution or none.
     """
 
     SOLVED = status.SOLVED

@@ -4,7 +4,7 @@ J_n = n.(J_pB - J_pA) and J_t = t.(J_pB - J_pA) at each body's own support point
 the two rows J_n +- mu J_t with the same gap (Anitescu's relaxation (M7), the paper's [9]). In the vectors N =
 (n, h_A', h_B') and E = (t, -h_A, -h_B): J_n = n.Delta_j + h_A' phiA_j + h_B' phiB_j, J_t = t.Delta_j - h_A
 phiA_j - h_B phiB_j, where Delta = dc_B/dq - dc_A/dq and phi_j tells whether degree of freedom j turns the
-body.
+body. One that moves both bodies moves them as one: J_n = 0, and J_t = d where it turns them.
 """
 
 from types import SimpleNamespace
@@ -35,18 +35,23 @@ def make_pair_jacobian(s: Structure, pair: int, dtype: type) -> wp.Function:
         jb = wp.static(jac_b)(world, fr, cb[0], cb[1])
         out = t.J2()
         for j in range(wp.static(s.nv)):
-            dx = jb[0, j] - ja[0, j]
-            dy = jb[1, j] - ja[1, j]
-            normal = g[0] * dx + g[1] * dy
-            tangent = g[0] * dy - g[1] * dx
-            if wp.static(s.turns(p.body_a, j)):
-                normal += g[4]
-                tangent -= g[3]
-            if wp.static(s.turns(p.body_b, j)):
-                normal += g[6]
-                tangent -= g[5]
-            out[0, j] = normal
-            out[1, j] = tangent
+            if wp.static(s.in_chain(p.body_a, j) and s.in_chain(p.body_b, j)):
+                # what carries both moves them as one: rounding must not leave it a part of the impulse
+                if wp.static(s.turns(p.body_a, j)):
+                    out[1, j] = g[2]
+            else:
+                dx = jb[0, j] - ja[0, j]
+                dy = jb[1, j] - ja[1, j]
+                normal = g[0] * dx + g[1] * dy
+                tangent = g[0] * dy - g[1] * dx
+                if wp.static(s.turns(p.body_a, j)):
+                    normal += g[4]
+                    tangent -= g[3]
+                if wp.static(s.turns(p.body_b, j)):
+                    normal += g[6]
+                    tangent -= g[5]
+                out[0, j] = normal
+                out[1, j] = tangent
         return out
 
     return pair_jacobian

@@ -120,14 +120,16 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
             turns = t.dof_kind[j] == TURN
             normal = dtype(0.0)
             tangent = dtype(0.0)
-            if (side & MOVES_A) != 0:
+            if side == MOVES_A + MOVES_B:  # turns both as one
+                tangent = g[2]
+            elif side == MOVES_A:
                 c = column(t, k, params, row, b, j, pa[0], pa[1])
                 normal -= g[0] * c[0] + g[1] * c[1]
                 tangent -= g[0] * c[1] - g[1] * c[0]
                 if turns:
                     normal += g[4]
                     tangent -= g[3]
-            if (side & MOVES_B) != 0:
+            else:
                 c = column(t, k, params, row, b, j, pb[0], pb[1])
                 normal += g[0] * c[0] + g[1] * c[1]
                 tangent += g[0] * c[1] - g[1] * c[0]

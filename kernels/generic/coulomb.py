@@ -19,7 +19,8 @@ from .work import WORK, Work
 
 COULOMB_PASSES = 100
 RETREATS = 8  # of mu s, halfway each
-TOLERANCE = 1e-12  # of mu s, relative to the velocities at hand
+TOLERANCE = 4e-12  # of mu s, relative to the pair's own velocities
+ROUNDING = 4e-16  # of J v', relative to its terms
 
 
 @cached
@@ -28,7 +29,7 @@ def make_coulomb(given: type) -> SimpleNamespace:
     dtype = WORK
     dot = make_newton(given, "hard").dot
     HALF, ONE, ZERO = dtype(0.5), dtype(1.0), dtype(0.0)
-    ENOUGH = dtype(TOLERANCE)
+    ENOUGH, ROUND = dtype(TOLERANCE), dtype(ROUNDING)
     FARTHEST, SMALLEST = dtype(2.0), dtype(1e-30)
 
     @wp.func
@@ -43,18 +44,26 @@ def make_coulomb(given: type) -> SimpleNamespace:
         return pair
 
     @wp.func
+    def uncertain(t: Topology, k: Work, b: int, i: int, target: dtype):
+        """By what mu s of the pair of row i may be off: by no more than its own data and rounding tell."""
+        data = wp.abs(k.rate[i, b]) + target
+        terms = dtype(0.0)
+        for at in range(t.row_start[i], t.row_start[i + 1]):
+            p = t.row_place[at]
+            data += wp.abs(k.jac[at, b] * k.vfree[p, b])
+            terms += wp.abs(k.jac[at, b] * k.v[p, b])
+        return ENOUGH * data + ROUND * terms
+
+    @wp.func
     def lift(t: Topology, k: Work, b: int, n: int, passes: int):
         """Compare mu s with what v' makes of it; where they differ, move it and k.rate. `passes` < 0: take it
         halfway back to where the convex problem had a solution.
         """
-        worst = dtype(0.0)
-        size = dtype(0.0)
+        settled = int(1)
         along = dtype(0.0)
         across = dtype(0.0)
         for r in range(n):
             pair = first_of_pair(t, k, b, r)
-            i = k.active[r, b]
-            size = wp.max(size, wp.abs(k.rate[i, b]) + wp.abs(dot(t, k, k.vfree, i, b)))
             if pair >= 0:
                 first = t.pair_row[pair]
                 target = HALF * wp.abs(dot(t, k, k.v, first, b) - dot(t, k, k.v, first + 1, b))
@@ -62,9 +71,9 @@ def make_coulomb(given: type) -> SimpleNamespace:
                 change = miss - k.miss[pair, b]
                 along += miss * change
                 across += change * change
-                worst = wp.max(worst, wp.abs(miss))
-                size = wp.max(size, target)
-        if worst <= ENOUGH * size and passes >= 0:
+                if not (wp.abs(miss) <= uncertain(t, k, b, first, target)):
+                    settled = 0
+        if settled == 1 and passes >= 0:
             return 0
         share = dtype(0.0)
         if passes > 1 and across > SMALLEST:

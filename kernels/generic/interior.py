@@ -12,7 +12,7 @@ import warp as wp
 
 from ..factories import cached
 from ..status import INFEASIBLE, NONFINITE, NOT_CONVERGED, SOLVED
-from .islands import make_islands
+from .earned import make_earned
 from .newton import make_newton
 from .topology import Topology
 from .work import WORK, Work
@@ -37,7 +37,7 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
     """solve(t, k, params, row, b, n) -> status: k.v, k.z, k.lam of the acting rows."""
     dtype = WORK
     nt = make_newton(given, residual)
-    islands = make_islands(given)
+    earned = make_earned(given)
     hard = residual == "hard"
     SIGMA = nt.SIGMA
     LIMIT, RESIDUAL = (dtype(x) for x in END[hard])
@@ -45,13 +45,13 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
     SHARE = dtype(MOMENTUM)
     POSITIVE = dtype(0.01)  # smallest weight, relative to that of the hard problem
     NEAREST, FARTHEST = dtype(1e-3), dtype(0.1)  # kept of the way to the boundary
-    GOOD = nt.GOOD
+    GOOD, MORE = nt.GOOD, earned.MORE
     TINY = dtype(1e-30)
     FLOOR = dtype(1e-30)
     DIVERGED = dtype(1e12)
     YIELDS = dtype(YIELDING[given])
     SHRINK = dtype(1e-3)  # of the yielding, from round to round
-    FASTEST = dtype(1e6)  # V, relative to the size of the problem
+    FASTEST = dtype(1e6)  # V, relative to the size of the problem and to v_free
 
     @wp.func
     def product(t: Topology, params: wp.array2d(dtype=given), row: int, i: int, a: dtype, w: dtype):
@@ -109,7 +109,7 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
 
     @wp.func
     def proves_infeasible(t: Topology, k: Work, b: int, n: int, size: dtype):
-        """Farkas: lambda >= 0 and -lambda . d/h > |J' lambda| V prove that no |v'| <= V opens the rows."""
+        """Farkas: lambda >= 0 and -lambda . d/h > |J' lambda| . V prove that no |v'| <= V opens the rows."""
         for i in range(t.nv):
             k.move[i, b] = ZERO
         work = dtype(0.0)
@@ -117,10 +117,10 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
             i = k.active[r, b]
             work -= k.lam[i, b] * k.rate[i, b]
             nt.add(t, k, k.move, i, k.lam[i, b], b)
-        norm = dtype(0.0)
+        most = dtype(0.0)
         for i in range(t.nv):
-            norm += wp.abs(k.move[i, b])
-        return work > norm * size * FASTEST
+            most += wp.abs(k.move[i, b]) * wp.max(size, wp.abs(k.vfree[i, b]))
+        return work > most * FASTEST
 
     @wp.func
     def enter(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, n: int, size: dtype):
@@ -224,7 +224,7 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
         while it < wp.static(MAX_ITERATIONS) and found == 0:
             it += 1
             largest = point(k, b, n)
-            worst = nt.residuals(t, k, b, n, size, yielding)
+            worst = nt.residuals(t, k, b, n, yielding)
             mean = curve(t, k, params, row, b, n)
             centred = mean <= LIMIT * LIMIT * size * size
             stuck = worst > HALF * last and worst <= GOOD
@@ -277,11 +277,13 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
                 alone += sigma
             k.alone[i, b] = wp.where(value > FLOOR, alone / k.diag[i, b], ZERO)
             k.own[i, b] = terms
+            k.unit[i, b] = wp.where(w < ZERO, terms, ZERO)
             size = wp.max(size, terms)
             if not wp.isfinite(terms):
                 size = terms
                 break
-        islands.bounds(t, k, b, n, size, heaviest * size)
+        earned.share_units(t, k, b, n)
+        earned.bounds(t, k, b, n, size, heaviest * size)
         return size
 
     @wp.func
@@ -309,6 +311,18 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
         return found
 
     @wp.func
+    def keep_least(k: Work, b: int, n: int, attempt: int):
+        """k.least: the impulses that rows asked for when they yielded first (attempt 2), and what they ask
+        for since, while that is of the same order: what grows with every round has no least.
+        """
+        for r in range(n):
+            i = k.active[r, b]
+            asked = k.a[i, b] / k.scale[i, b]
+            if attempt > 2:
+                asked = wp.min(asked, MORE * (k.least[i, b] + k.alone[i, b]))
+            k.least[i, b] = asked
+
+    @wp.func
     def solve(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, n: int):
         """Newton from k.v, k.z; where it fails, the interior-point method and Newton from its end. Impulses
         that do not add up on the scale of the data are looked for once more, the least that there are.
@@ -326,24 +340,25 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
             if attempt > 0:
                 iterations = int(wp.static(POLISHING))
             if attempt == 2:
-                islands.see_all(t, k, b)
+                earned.see_all(t, k, b)
                 yielding = ZERO + YIELDS
-            if attempt == 1 or attempt == 2:
-                for r in range(n):
-                    k.lam[k.active[r, b], b] = ZERO
+            for r in range(n):
+                i = k.active[r, b]
+                k.lam[i, b] = wp.where(attempt > 2, k.least[i, b], ZERO)
             if attempt > 0:
                 found = least(t, k, params, row, b, n, size, yielding)
+                keep_least(k, b, n, attempt)
                 if attempt == 1 and found == 0:
                     if proves_infeasible(t, k, b, n, size):
                         status = int(wp.static(INFEASIBLE))
                 yielding *= SHRINK
             if status == wp.static(NOT_CONVERGED):
-                if nt.newton(t, k, params, row, b, n, size, iterations) == 1:
-                    good = islands.adds_up(t, k, b, n, size)
+                if nt.newton(t, k, params, row, b, n, iterations) == 1:
+                    good = earned.adds_up(t, k, b, n)
                     if good == 0 and attempt < 2:
                         attempt = 1
                     elif good == 0:
-                        good = islands.is_earned(t, k, b, n, size)
+                        good = earned.is_earned(t, k, b, n)
                     if good == 1:
                         status = int(wp.static(SOLVED))
             attempt += 1

@@ -92,15 +92,15 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
                     k.lost[j, b] = k.lost[j, b] + m * wp.abs(k.vfree[i, b])
 
     @wp.func
-    def residuals(t: Topology, k: Work, b: int, n: int, size: dtype, yielding: dtype):
+    def residuals(t: Topology, k: Work, b: int, n: int, yielding: dtype):
         """k.balance and the largest residual; needs k.lam, k.res, k.w. A row yields to its impulse by
         `yielding` diag(A) lambda.
 
-        A row's is relative to the size of velocities, which the data set. That of a place is relative to the
-        momentum that it exchanges, beyond rounding: so a light body is judged on its own scale, and a heavy
-        one that a light one hits by what it takes up. An exchange that the data do not allow counts as the
-        most that they do (k.most), and impulses so large that what is given back of them no longer sums up
-        count, too.
+        A row's is relative to the velocities that the data set in its island. That of a place is relative
+        to the momentum that it exchanges, beyond rounding: so a light body is judged on its own scale, and a
+        heavy one that a light one hits by what it takes up. An exchange that the data do not allow counts as
+        the most that they do (k.most), and impulses so large that what is given back of them no longer sums
+        up count, too.
         """
         mass_times(t, k, b)
         for i in range(t.nv):
@@ -111,7 +111,7 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
             i = k.active[r, b]
             yields = yielding * k.diag[i, b] * k.lam[i, b]
             k.res[i, b] = k.rate[i, b] + dot(t, k, k.v, i, b) + yields - k.w[i, b]
-            worst = wp.max(worst, wp.abs(k.res[i, b]) / size)
+            worst = wp.max(worst, wp.abs(k.res[i, b]) / k.unit[i, b])
             if not wp.isfinite(k.res[i, b]):
                 bad = 1
             lam = k.lam[i, b]
@@ -186,9 +186,7 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
             k.dz[i, b] = (e - yielding * ratio * e - k.res[i, b] - dot(t, k, k.move, i, b)) / total
 
     @wp.func
-    def evaluate(
-        t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, n: int, size: dtype
-    ):
+    def evaluate(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, n: int):
         """lambda, slopes and residuals at (k.v, k.z); the largest of these."""
         for r in range(n):
             i = k.active[r, b]
@@ -197,7 +195,7 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
             k.w[i, b] = e[1]
             k.p[i, b] = e[2]
             k.slack[i, b] = e[3]
-        return residuals(t, k, b, n, size, ZERO)
+        return residuals(t, k, b, n, ZERO)
 
     @wp.func
     def newton(
@@ -207,7 +205,6 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
         row: int,
         b: int,
         n: int,
-        size: dtype,
         iterations: int,
     ):
         """Full steps from (k.v, k.z) while they help; the best point stays, 1 if it is a solution."""
@@ -216,7 +213,7 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
         patience = int(2)
         it = int(0)
         while it < iterations and misses < patience and best > AIM:
-            worst = evaluate(t, k, params, row, b, n, size)
+            worst = evaluate(t, k, params, row, b, n)
             if worst > HALF * best:
                 misses += 1
             if worst < best:

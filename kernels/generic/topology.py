@@ -67,7 +67,9 @@ class Topology:
     pair_b: wp.array(dtype=wp.int32)
     pair_ends: wp.array(dtype=wp.int32)  # (2 pairs) +1, -1: the disc at that end of a capsule; 0: the shape
     pair_row: wp.array(dtype=wp.int32)  # (pairs + 1) first row
-    pair_start: wp.array(dtype=wp.int32)  # (pairs + 1) dofs that move the pair, by place
+    pair_start: wp.array(
+        dtype=wp.int32
+    )  # (pairs + 1) dofs that move the pair's sides against each other, by place
     pair_dof: wp.array(dtype=wp.int32)
     pair_side: wp.array(dtype=wp.int32)  # MOVES_A, MOVES_B or both
     row_kind: wp.array(dtype=wp.int32)  # (nr)
@@ -247,7 +249,9 @@ def _pair_tables(s: Structure, chains: list[list[int]], place: list[int], out: d
         a_moves, b_moves = (
             set() if s.shapes[i].body == WORLD else set(chains[s.shapes[i].body]) for i in (a, b)
         )
-        dofs.append(sorted(a_moves | b_moves, key=lambda j: place[j]))
+        # what shifts both moves nothing between them
+        moves = [j for j in a_moves | b_moves if j not in a_moves & b_moves or _dof_kind(s, j) == TURN]
+        dofs.append(sorted(moves, key=lambda j: place[j]))
         sides.append([MOVES_A * (j in a_moves) + MOVES_B * (j in b_moves) for j in dofs[-1]])
     ends = [oriented_ends(s, k) for k in range(len(s.pairs))]
     kinds = [

@@ -29,8 +29,7 @@ class Work:
     balance: wp.array2d(dtype=WORK)  # M (v' - v_free) - J' lambda
     move: wp.array2d(dtype=WORK)  # right hand sides and their solutions
     most: wp.array2d(dtype=WORK)  # momentum that a step can exchange, as the data have it
-    momentum: wp.array2d(dtype=WORK)  # in the data, by place; or by island, at the place that names it
-    island_mass: wp.array2d(dtype=WORK)  # the heaviest mass in an island
+    momentum: wp.array2d(dtype=WORK)  # in the data, by place
     lost: wp.array2d(dtype=WORK)  # rounding of M (v' - v_free)
     unseen: wp.array2d(dtype=WORK)  # what of it the rows do not see
     mass: wp.array2d(dtype=WORK)  # envelope of M
@@ -43,9 +42,11 @@ class Work:
     diag: wp.array2d(dtype=WORK)  # diag(A)
     alone: wp.array2d(dtype=WORK)  # impulse of the row if it were the only one
     own: wp.array2d(dtype=WORK)  # size of the terms that the data set of J v' + d/h
+    unit: wp.array2d(dtype=WORK)  # the largest of these, its own or of a closing row of its island
     z: wp.array2d(dtype=WORK)
     best_z: wp.array2d(dtype=WORK)
     lam: wp.array2d(dtype=WORK)
+    least: wp.array2d(dtype=WORK)  # lambda where rows yield
     a: wp.array2d(dtype=WORK)  # D lambda > 0
     w: wp.array2d(dtype=WORK)  # J v' + d/h > 0
     res: wp.array2d(dtype=WORK)  # J v' + d/h - w
@@ -60,7 +61,9 @@ class Work:
     miss: wp.array2d(dtype=WORK)  # difference of the two
     acting: wp.array2d(dtype=wp.int32)  # (nr) 1: the row is in the system
     active: wp.array2d(dtype=wp.int32)  # (nr) list of those rows
-    island: wp.array2d(dtype=wp.int32)  # (nv) by place: the first place that acting rows or M couple it to
+    island: wp.array2d(
+        dtype=wp.int32
+    )  # (nv) by first place of a block of M: the first that rows couple to it
     known: wp.array2d(dtype=wp.int32)  # (pairs) 1: geometry and rows are computed
 
 
@@ -69,10 +72,10 @@ def lengths(s: Structure) -> dict[str, int]:
     sizes = tables(s)[1]
     by_body = {"frame": 4 * s.nb, "angle": s.nb, "column": 2 * s.nv}
     matrices = {"mass": sizes.mass, "mass_factor": sizes.mass, "factor": sizes.matrix, "jac": sizes.entries}
-    by_dof = ("q", "v0", "vfree", "v", "best_v", "balance", "move", "most", "lost", "unseen", "island",
-              "momentum", "island_mass")  # fmt: skip
-    rows = ("gap", "rate", "scale", "diag", "alone", "own", "z", "best_z", "lam", "a", "w", "res", "excess",
-            "p", "slack", "total", "dz", "acting", "active")  # fmt: skip
+    by_dof = ("q", "v0", "vfree", "v", "best_v", "balance", "move", "most", "lost", "unseen", "momentum",
+              "island")  # fmt: skip
+    rows = ("gap", "rate", "scale", "diag", "alone", "own", "unit", "z", "best_z", "lam", "least", "a", "w",
+            "res", "excess", "p", "slack", "total", "dz", "acting", "active")  # fmt: skip
     pairs = {"normal": 2 * len(s.pairs)} | dict.fromkeys(("lift", "target", "miss", "known"), len(s.pairs))
     return by_body | dict.fromkeys(by_dof, s.nv) | matrices | dict.fromkeys(rows, s.nr) | pairs
 

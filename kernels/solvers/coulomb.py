@@ -10,9 +10,9 @@ cycle, Lemke's method (lemke.py) finds modes to start from. Several solutions ma
 found first is returned, and it is checked, on the scale of J v_free and d/h. Where Lemke's method ends on a
 ray every combination of modes is tried (of at most MOST_TRIED rows): a linear complementarity problem that
 has a solution has one in which the rows that hold are independent, so that there is none where no
-combination fits, and the world is JAMMED. Without friction the method's ray is a proof that no velocity opens
-the rows, where it holds: INFEASIBLE. Rows may be off by the rounding of a gap: what rests in a jam would else
-be entering half the time.
+combination fits, and the world is JAMMED; of more rows the ray proves nothing, and it is NOT_CONVERGED.
+Without friction the method's ray is a proof that no velocity opens the rows, where it holds: INFEASIBLE. Rows
+may be off by the rounding of a gap: what rests in a jam would else be entering half the time.
 """
 
 import warp as wp
@@ -161,6 +161,17 @@ def make_coulomb_solver(spec: Specialisation) -> wp.Function:
         return out
 
     @wp.func
+    def at_first(dense: Dense):
+        # the status before anything is tried
+        status = int(wp.static(NOT_CONVERGED))
+        if dense.shut == 1:
+            status = wp.static(INFEASIBLE)
+        for i in range(dense.count):
+            if not wp.isfinite(dense.b[i]):
+                status = wp.static(NONFINITE)
+        return status
+
+    @wp.func
     def solve(world: t.World, p: Problem, warm: VR):
         v_alone, z_alone, lam_alone, found = single(world, p)
         if found == 1:
@@ -169,22 +180,14 @@ def make_coulomb_solver(spec: Specialisation) -> wp.Function:
         if settled == 1:
             return v_few, z_few, lam_few, wp.static(SOLVED), int(0)
         dense = active.gather(world, p)
-        finite = int(1)
-        for i in range(dense.count):
-            if not wp.isfinite(dense.b[i]):
-                finite = 0
         z = alone(dense)
         for i in range(dense.count):
             before = warm[dense.row[i]]
             if wp.static(len(s.pairs) > 1) and wp.abs(before) < UNUSED:
                 z[i] = before
-        status = int(wp.static(NOT_CONVERGED))
+        status = at_first(dense)
         best = Trial()
         best.worst = HUGE
-        if dense.shut == 1:
-            status = wp.static(INFEASIBLE)
-        if finite == 0:
-            status = wp.static(NONFINITE)
         attempts = int(wp.static(ATTEMPTS))
         if dense.count <= wp.static(MOST_TRIED):
             attempts += int(1) << dense.count
@@ -208,10 +211,14 @@ def make_coulomb_solver(spec: Specialisation) -> wp.Function:
                 tau = wp.where(attempt % 2 == 0 and attempt < wp.static(ATTEMPTS), TAU, NEARLY_NONE)
                 best = settle(dense, z, tau, best, attempt - wp.static(ATTEMPTS))
                 if best.worst <= ENOUGH:
-                    status = wp.static(SOLVED)
+                    if active.is_earned(dense, best.lam) == 1:
+                        status = wp.static(SOLVED)
+                    else:  # better than nothing, and worse than any solution
+                        best.worst = NEARLY
             attempt += 1
         if status == wp.static(NOT_CONVERGED) and ray == 1 and best.worst > NEARLY:
-            status = wp.static(JAMMED)
+            if dense.count <= wp.static(MOST_TRIED):
+                status = wp.static(JAMMED)
         v = p.vfree
         lam_out = VR()
         z_out = VR()

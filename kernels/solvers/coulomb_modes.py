@@ -16,6 +16,8 @@ from ..structure import layout
 
 TOUCHING = {wp.float64: 1e-12, wp.float32: 1e-6}  # rounding of a gap [m] whose row nothing can open
 LENGTHS = {wp.float64: 3e-3, wp.float32: 4e-2}  # that a gap is the difference of, and rounds with [m]
+TOLD = {wp.float64: 2e-9, wp.float32: 1e-5}  # of a row's own scale: what w may miss of it
+CANCELLED = {wp.float64: 5e6, wp.float32: 166.0}  # of |A| |lambda|: rounding of more leaves less
 OFF, PRESS, STICK, LEFT, RIGHT = 0, 1, 2, 3, 4  # modes; LEFT: lambda_t = -mu lambda_n, RIGHT: + mu lambda_n
 
 
@@ -23,7 +25,7 @@ OFF, PRESS, STICK, LEFT, RIGHT = 0, 1, 2, 3, 4  # modes; LEFT: lambda_t = -mu la
 def make_active(spec: Specialisation) -> SimpleNamespace:
     """The dense problem of the rows in the mask, and the linear system of given modes.
 
-    gather(world, problem) -> Dense; modes(dense, z) -> MODES;
+    gather(world, problem) -> Dense; is_earned(dense, lambda); modes(dense, z) -> MODES;
     factor(dense, modes, tau) -> Lu; impulses(dense, modes, lu, target, centre) -> lambda with
     A lambda + target = 0 in the rows that hold; `transposed` is its adjoint.
     """
@@ -38,7 +40,8 @@ def make_active(spec: Specialisation) -> SimpleNamespace:
     ZERO = dtype(0.0)
     SMALLEST = dtype(1e-30)
     SHARE = dtype(1e-12 if dtype is wp.float64 else 1e-5)
-    CLOSE, LENGTH = dtype(TOUCHING[dtype]), dtype(LENGTHS[dtype])
+    CLOSE, LENGTH, MOST = dtype(TOUCHING[dtype]), dtype(LENGTHS[dtype]), dtype(CANCELLED[dtype])
+    MISS = dtype(TOLD[dtype])
     FRICTION, H = layout(s).offset("friction"), layout(s).offset("step_size")
     pair = tuple(row.index if row.kind == "contact" else 0 for row in s.rows)
 
@@ -52,6 +55,8 @@ def make_active(spec: Specialisation) -> SimpleNamespace:
         mu: VR
         response: JR  # M^-1 J_i'
         size: VR  # of the terms of the natural map in every row, as J v_free, d/h and A set it
+        own: VR  # of the row's own terms
+        touching: dtype  # rounding of a gap over h
         shut: int  # 1: a row that no impulse moves (J = 0) is violated
 
     @wp.struct
@@ -64,6 +69,7 @@ def make_active(spec: Specialisation) -> SimpleNamespace:
     @wp.func
     def gather(world: t.World, p: Problem):
         out = Dense()
+        out.touching = CLOSE / world.params[wp.static(H)]
         size = dtype(0.0)
         n = int(0)
         for i in range(wp.static(NR)):
@@ -78,12 +84,13 @@ def make_active(spec: Specialisation) -> SimpleNamespace:
                     for j in range(wp.static(s.nv)):
                         terms += wp.abs(p.jac[i, j] * p.vfree[j])
                 size = wp.max(size, terms)
+                out.own[n] = terms
                 for k in range(n + 1):
                     value = wp.static(r.dots[i])(p.jac, out.response[k])
                     out.a[n, k] = value
                     out.a[k, n] = value
                 if wp.static(not r.tangent[i]):
-                    allowed = SHARE * terms + CLOSE / world.params[wp.static(H)]
+                    allowed = SHARE * terms + out.touching
                     if not (out.a[n, n] > SMALLEST) and out.b[n] < -allowed:
                         out.shut = 1
                 out.a[n, n] = wp.max(out.a[n, n], SMALLEST)
@@ -100,6 +107,43 @@ def make_active(spec: Specialisation) -> SimpleNamespace:
                     out.size[i] = wp.max(out.size[i], -out.b[k] * wp.abs(out.a[i, k]) / out.a[k, k])
             out.size[i] = out.size[i] + LENGTH / world.params[wp.static(H)]
         return out
+
+    @wp.func
+    def reach(dense: Dense):
+        """What the impulse of any row alone does to every row's velocity, handed on from row to row."""
+        out = VR()
+        for i in range(dense.count):
+            alone = wp.abs(dense.b[i])
+            if dense.tangent[i] == 0:
+                alone = wp.max(-dense.b[i], ZERO)
+            out[i] = alone
+        for _ in range(dense.count):
+            before = out
+            for i in range(dense.count):
+                for k in range(dense.count):
+                    out[i] = wp.max(out[i], wp.abs(dense.a[i, k]) * before[k] / dense.a[k, k])
+        return out
+
+    @wp.func
+    def is_earned(dense: Dense, lam: VR):
+        """Whether every row is open on its own scale, and rounding of the impulses leaves it digits."""
+        most = reach(dense)
+        largest = dtype(0.0)
+        for i in range(dense.count):
+            largest = wp.max(largest, dense.own[i])
+        good = int(1)
+        for i in range(dense.count):
+            w = dense.b[i]
+            total = ZERO
+            for k in range(dense.count):
+                w += dense.a[i, k] * lam[k]
+                total += wp.abs(dense.a[i, k] * lam[k])
+            allowed = MISS * (dense.own[i] + wp.min(most[i], largest)) + dense.touching
+            if dense.tangent[i] == 0 and not (w >= -allowed):
+                good = 0
+            if not (total <= MOST * (dense.own[i] + most[i])):
+                good = 0
+        return good
 
     @wp.func
     def modes(dense: Dense, z: VR):
@@ -238,6 +282,7 @@ def make_active(spec: Specialisation) -> SimpleNamespace:
         types=t,
         rows=r,
         Dense=Dense,
+        is_earned=is_earned,
         Lu=Lu,
         MODES=MODES,
         gather=gather,

@@ -10,10 +10,12 @@ import warp as wp
 from ..contact.problem import COLD
 from ..contact.rows import make_rows
 from ..factories import cached
+from ..solvers.coulomb import MOST_TRIED
 from ..solvers.law import law_of
 from ..specialisation import Specialisation
 from ..status import JAMMED, NOT_CONVERGED, SOLVED
 from .end_gap import make_correction
+from .groups import make_group_solver
 from .reach import make_reach
 from .solution import make_solution
 
@@ -33,7 +35,7 @@ def make_contact(spec: Specialisation, exact_gap: bool) -> wp.Function:
         return untouched
 
     law, rows, reach_of = law_of(method, s.nr), make_rows(spec), make_reach(spec, exact_gap)
-    solve = law.make_solver(spec)
+    solve = make_group_solver(spec)
     correction = make_correction(spec, exact_gap)
     UNUSED = dtype(COLD)
 
@@ -63,7 +65,10 @@ def make_contact(spec: Specialisation, exact_gap: bool) -> wp.Function:
                 if out.status != wp.static(SOLVED):
                     more = 0
                 if wp.static(law.joined):
-                    if out.status == wp.static(JAMMED) and reach.mask != wp.static(reach_of.ALL):
+                    held = out.status == wp.static(JAMMED)
+                    if wp.static(s.nr > MOST_TRIED):
+                        held = held or out.status == wp.static(NOT_CONVERGED)
+                    if held and reach.mask != wp.static(reach_of.ALL):
                         # rows that press may free what is jammed without them
                         reach.mask = wp.static(reach_of.ALL)
                         reach.wanted = wp.static(reach_of.PAIRS)

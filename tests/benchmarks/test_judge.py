@@ -9,7 +9,12 @@ from plan import ROOT, imported_files
 from random_scenes import random_tree
 from simulators import scene
 
-from slcp_warp import Actuator
+import slcp_warp as slcp
+from slcp_warp import Actuator, Body, Scene
+from slcp_warp.scripts.benchmarks.fuzz.draws import Worlds
+from slcp_warp.scripts.benchmarks.fuzz.judge import Outcome, judge
+from slcp_warp.scripts.benchmarks.fuzz.problem import Problem, Truth
+from slcp_warp.scripts.benchmarks.mechanics.complementarity import complementarity, partner
 from slcp_warp.scripts.benchmarks.stability.check import Checker
 
 
@@ -57,3 +62,38 @@ def test_the_mechanics_shares_no_code_with_the_kernels():
         kernels = {target for target in imported_files(path) if target.is_relative_to(ROOT / "kernels")}
         assert kernels <= named, path.name
     assert len(own) == 6
+
+
+@pytest.mark.parametrize("residual", ["rem-logistic", "rem-normal"])
+def test_the_other_side_of_a_root(residual):
+    """(17): e^(-a/sigma) + e^(-b/sigma) = 1 in closed form; both: the root of phi, symmetric."""
+    method = slcp.Options(residual).method
+    sigma = np.full(6, 0.1)
+    a = np.array([1e-3, 0.01, 0.05, 0.1, 0.3, 0.4])
+    b = partner(a, sigma, method)
+    assert np.abs(complementarity(a, b, sigma, method)).max() < 1e-15
+    np.testing.assert_allclose(partner(b, sigma, method), a, rtol=1e-9)
+    if residual == "rem-logistic":
+        np.testing.assert_allclose(b, -sigma * np.log(-np.expm1(-a / sigma)), rtol=1e-9)
+    assert np.isinf(partner(np.array([0.0, -1.0]), sigma[:2], method)).all()
+
+
+def test_what_is_fast_elsewhere_is_no_measure():
+    """A slider stopped by its limit, off by 1e-4 m/s, beside another that comes at 100 km/s."""
+    slow, fast = (Body(name, 1.0, 0.1, joint="prismatic", lower=0.0) for name in ("slow", "fast"))
+    still = {"joint": "prismatic", "lower": 0.0, "parent": "slow"}
+
+    def error(bodies, miss):
+        scene = Scene("sliders", bodies, gravity=(0.0, 0.0))
+        numbers = {name: value[None] for name, value in scene.default_parameters().items()}
+        x = np.array([[0.0, 0.0, -1.0, -1e5]])
+        truth = Truth(scene, Worlds(numbers, x, np.zeros((1, 0)), np.zeros(1, int)))
+        p = Problem(truth, truth.drive(), slcp.Options("hard").method, "float32")
+        v = np.array([[miss, 0.0]])
+        lam = np.linalg.solve(p.jac[0].T, p.drive.h_mass[0] @ (v - p.drive.free)[0])[None]
+        out = Outcome(np.concatenate([truth.h[:, None] * v, v], 1), lam, np.zeros((1, 2)), np.zeros(1, int))
+        return judge(p, out).strict["contact"][0]
+
+    assert error((slow, fast), 0.0) < 1e-9
+    assert error((slow, fast), 1e-4) > 1.0
+    assert error((slow, dataclasses.replace(fast, **still)), 1e-4) < 1.0  # one carries the other

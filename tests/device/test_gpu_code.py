@@ -55,7 +55,7 @@ def test_backward_pass_of_ddp_spills_nothing(tmp_path):
 @pytest.mark.parametrize(
     "residual, registers, frame",
     [
-        pytest.param("hard", None, 1784, marks=pytest.mark.full, id="hard"),
+        pytest.param("hard", None, 1824, marks=pytest.mark.full, id="hard"),
         pytest.param("none", 184, 64, id="no rows"),
     ],
 )

@@ -12,12 +12,19 @@ import numpy as np
 
 from slcp_warp.results.pictures.kinematics import Array
 
-from ..mechanics.complementarity import complementarity, expected_square_slopes, normal_tail, rubbed
+from ..mechanics.complementarity import (
+    complementarity,
+    expected_square_slopes,
+    normal_tail,
+    partner,
+    rubbed,
+)
 from ..mechanics.contact import gaps
 from .problem import EPSILON, FLOOR, TOLERANCE, Problem
 
 STEADY = {"float64": (4e-8, 4e-15), "float32": (1e-4, 2e-6)}  # gap="end": [m/s], and of positions [m]
 TINY = 1e-300
+BENT = 1e-3  # of sigma: where phi is no straight line
 
 
 @dataclass(frozen=True)
@@ -69,6 +76,10 @@ def judge(problem: Problem, out: Outcome, answer: tuple[Array, Array] | None = N
     like_v, like_lam = answer if answer is not None else (v1, lam)
     strict, lenient = {}, {}
     strict["motion"], lenient["motion"] = _motion(problem, v1, lam, like_v, like_lam)
+    rate, extra = _rates(problem, q1, v1)
+    free = np.abs(truth.v) + np.abs(problem.drive.free)
+    acts = (lam != 0.0) | (problem.free < 0.0) | (rate + np.einsum("bij,bj->bi", problem.jac, v1) < 0.0)
+    joined = _joined(problem, acts)
     moved = truth.h[:, None] * v1
     if not method.trapezoidal:
         size = np.abs(q1) + np.abs(truth.q) + np.abs(moved) + TINY
@@ -76,16 +87,14 @@ def judge(problem: Problem, out: Outcome, answer: tuple[Array, Array] | None = N
     elif not method.erm:  # positions move with a velocity of their own, which opens the rows, too
         moved = (q1 - truth.q) / truth.h[:, None]
         w = problem.rate + np.einsum("bij,bj->bi", problem.jac, moved)
-        size = problem.terms(np.abs(moved) + np.abs(truth.v) + np.abs(problem.drive.free)) + problem.sigma
+        size = problem.terms(np.abs(moved) + free) + problem.sigma
+        size = np.maximum(size, _shared(problem.terms(free) + problem.sigma, joined))
         size = size + np.abs(truth.q).max(1)[:, None] * problem.loose / truth.h[:, None]
         strict["update"] = _highest(np.where(problem.tangent, 0.0, -w) / (tol * size))
-    rate, extra = _rates(problem, q1, v1)
-    free = np.abs(truth.v) + np.abs(problem.drive.free)
-    acts = (lam != 0.0) | (problem.free < 0.0) | (rate + np.einsum("bij,bj->bi", problem.jac, v1) < 0.0)
     data = problem.terms(free) + problem.sigma + TINY
-    data = np.maximum(data, _highest(data, acts)[:, None]) * problem.loss[:, None]
+    data = np.maximum(data, _shared(data, joined)) * problem.loss[:, None]
     swing = problem.terms(np.abs(like_v)) + problem.diag * np.abs(like_lam)
-    swing = data + np.maximum(swing, _highest(swing, acts)[:, None])
+    swing = data + np.maximum(swing, _shared(swing, joined))
     error = _contact(problem, rate, v1, lam, data)
     strict["contact"] = _highest(error / (tol * data + extra))
     lenient["contact"] = _highest(error / (tol * swing + extra))
@@ -104,6 +113,39 @@ def _highest(values: Array, where: Array | None = None) -> Array:
     """The largest of a world's rows (B,), 0 without rows."""
     values = values if where is None else np.where(where, values, 0.0)
     return values.max(1, initial=0.0)
+
+
+def _joined(p: Problem, acts: Array) -> Array:
+    """Which acting rows j (B, nr, nr) lend row i their scale: those of bodies that hang together (in a tree,
+    or by springs) or touch, directly or over other acting rows. What is fast elsewhere is no measure of it.
+    """
+    s, moves = p.truth.s, np.abs(p.jac) > 0.0
+    hang = np.eye(len(s.bodies), dtype=bool)[None]
+    for a, b in [*enumerate(body.parent for body in s.bodies), *s.springs]:
+        if a >= 0 and b >= 0:
+            hang[0, a, b] = hang[0, b, a] = True
+    bodies = np.array(s.dof_body)
+    hang = _closure(hang)[:, bodies[:, None], bodies]
+    near = _product(_product(moves, hang), np.swapaxes(moves, 1, 2))
+    return _closure(near & acts[:, None])
+
+
+def _product(a: Array, b: Array) -> Array:
+    """Of relations (B, n, m) and (B, m, k)."""
+    out: Array = a.astype(np.float32) @ b.astype(np.float32) > 0.0
+    return out
+
+
+def _closure(over: Array) -> Array:
+    """The transitive closure of a relation (B, n, n)."""
+    for _ in range(max(1, over.shape[1]).bit_length()):
+        over = over | _product(over, over)
+    return over
+
+
+def _shared(values: Array, joined: Array) -> Array:
+    """The largest of the rows that a row is joined to (B, nr), 0 without any."""
+    return np.where(joined, values[:, None], 0.0).max(2, initial=0.0)
 
 
 def _motion(p: Problem, v1: Array, lam: Array, like_v: Array, like_lam: Array) -> tuple[Array, Array]:
@@ -174,7 +216,12 @@ def _contact(p: Problem, rate: Array, v1: Array, lam: Array, data: Array) -> Arr
         tail = normal_tail(np.abs(x))
         by_a = np.where(x > 0.0, 1.0 - tail, tail)
     gain: Array = np.maximum(1.0 - by_a, by_a * p.scale / np.maximum(p.diag, FLOOR))
-    return error / np.maximum(gain, TINY)
+    error = error / np.maximum(gain, TINY)
+    bent = error > BENT * p.sigma  # slopes tell no more how far a root is: it is looked for
+    sigma, weight = p.sigma[bent], (p.diag / p.scale)[bent]
+    by_b = np.abs(b[bent] - partner(a[bent], sigma, method))
+    error[bent] = np.minimum(by_b, weight * np.abs(a[bent] - partner(b[bent], sigma, method)))
+    return error
 
 
 def _energy(p: Problem, v1: Array, like: Array) -> tuple[Array, Array]:

@@ -24,6 +24,7 @@ LOGISTIC = np.sqrt(3.0) / np.pi  # scale of the logistic distribution of standar
 ERM_SLACK = 10.0  # of TOLERANCE: a vanishing gradient of squares has the square of a residual's condition
 MOST_LOSS = 1e-2  # relative error, whatever the mass matrix
 FLOOR = 1e-30
+LEVER = 3.0  # a sum of a dozen terms, which rounds by more than 4 EPSILON of its terms
 TURNED = 0.3  # of a normal by rounding: two points in one place have any
 
 
@@ -175,7 +176,8 @@ class Problem:
         turned = np.maximum(1.0, t.bend[:, k] * self.loose)[:, None]
         bound = (np.abs(t.normal[:, k]) + np.abs(t.tangent[:, k])) * turned
         turning = np.array([kind == "revolute" for kind in self.truth.s.dof_kind])
-        bound = (bound + turning * t.size[:, k, None] * self.loose) * (1.0 + mu[:, None])
+        lever = turning * t.size[:, k, None] * LEVER * self.loose
+        bound = (bound + lever) * (1.0 + mu[:, None])
         if self.method.coulomb and sign < 0:
             return t.tangent[:, k], np.zeros(len(mu)), bound, mu
         slope = 0.0 if self.method.coulomb else sign * mu[:, None]

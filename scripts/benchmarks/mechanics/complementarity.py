@@ -37,6 +37,17 @@ def complementarity(a: Array, b: Array, sigma: Array, method: Method) -> Array:
     return np.full(np.broadcast_shapes(a.shape, b.shape), np.nan)
 
 
+def partner(a: Array, sigma: Array, method: Method) -> Array:
+    """b such that complementarity(a, b) = 0, which is symmetric in both, by bisection; inf where a <= 0."""
+    low, high = np.zeros(a.shape), 1e3 * sigma + np.zeros(a.shape)
+    for _ in range(64):
+        middle = 0.5 * (low + high)
+        below = complementarity(a, middle, sigma, method) < 0.0
+        low, high = np.where(below, middle, low), np.where(below, high, middle)
+    out: Array = np.where(a > 0.0, high, np.inf)
+    return out
+
+
 def rubbed(impulse: Any, speed: Any, diagonal: Any, bound: Any) -> Array:
     """The tangential impulse that Coulomb's law asks for: the projection on [-bound, bound] of `impulse` less
     speed / diagonal; `impulse` itself where the law holds. `diagonal`: of A, positive.
@@ -46,4 +57,4 @@ def rubbed(impulse: Any, speed: Any, diagonal: Any, bound: Any) -> Array:
 
 def normal_tail(x: Array) -> Array:
     """1 - Phi(x) for x >= 0."""
-    return 0.5 * np.vectorize(math.erfc)(x / math.sqrt(2.0))
+    return 0.5 * np.vectorize(math.erfc, otypes=[float])(x / math.sqrt(2.0))
