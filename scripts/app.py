@@ -36,7 +36,7 @@ IN_CHECKOUTS = {  # commands of `slcp paper` and `slcp` that a wheel leaves out:
     "residuals": ("studies.residuals", "residuals_command"),
     "mpc": ("studies.mpc", "mpc_command"),
     "published": ("studies.published.command", "published_command"),
-    "starts": ("studies.starts", "starts_command"),
+    "starts": ("studies.starts.command", "starts_command"),
     "bench": ("benchmarks.commands", "app"),
 }
 

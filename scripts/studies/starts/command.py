@@ -14,12 +14,12 @@ from slcp_warp import ddp
 from slcp_warp.ddp.planning import limit_share, random_starts, solve_starts
 from slcp_warp.kernels.control.sampling import METHODS
 
-from ..support.options import Device
-from ..support.screen import one_line_errors, prepared, show_rows
+from ...support.options import Device
+from ...support.screen import one_line_errors, prepared, show_rows
 
 TASKS = ("flicking_finger", "push_to_mark")
-SAMPLINGS = ((64, 10), (128, 20), (256, 40), (512, 80))  # samples and iterations
-STARTS = (2, 4, 8, 16, 32)
+SAMPLINGS = ((64, 10), (128, 20), (256, 40))  # samples and iterations
+STARTS = (2, 4, 8, 16)
 SEEDS = 3
 
 
@@ -30,7 +30,7 @@ def starts_command(
     device: Device = None,
 ) -> None:
     """Cost against CPU time: sampled controls, DDP from noise, and DDP from what was sampled."""
-    from .starts_chart import starts_chart  # it loads matplotlib
+    from .chart import starts_chart  # it loads matplotlib
 
     path = prepared(out, ".png")
     rows = [row for name in tasks.split(",") for row in _outcomes(slcp.load_task(name), device)]
