@@ -25,12 +25,18 @@ def check_array(name: str, value: Any, shape: tuple[int, ...]) -> None:
         raise ArgumentError(f"{name} must be finite; {bad} of its values are NaN or infinite")
 
 
-def batch_of(problem: Problem, x0: Any, u0: Any) -> tuple[bool, int]:
-    """Whether the batch axis is left out, and how many problems there are; the arrays are checked."""
+def batch_of(problem: Problem, x0: Any, u0: Any, controls: str = "u0") -> tuple[bool, int]:
+    """Whether the batch axis is left out, and how many problems there are; the arrays are checked.
+
+    Args:
+        problem: whose sizes they have.
+        x0, u0: states, and controls or None.
+        controls: what errors call the controls.
+    """
     given = []
     if u0 is None:
         u0 = np.zeros((problem.horizon, problem.nu), dtype=wp.dtype_to_numpy(problem.dynamics.dtype))
-    for name, value in (("x0", x0), ("u0", u0)):
+    for name, value in (("x0", x0), (controls, u0)):
         array = value if isinstance(value, wp.array) else numeric(value)
         if isinstance(value, wp.array) and value.dtype is not problem.dynamics.dtype:
             need = problem.dynamics.dtype.__name__
@@ -42,7 +48,7 @@ def batch_of(problem: Problem, x0: Any, u0: Any) -> tuple[bool, int]:
     single = x.ndim == 1 and u.ndim == 2
     batch = 1 if single or not (x.ndim == 2 or u.ndim == 3) else len(x if x.ndim == 2 else u)
     check_array("x0", x, (batch, problem.nx))
-    check_array("u0", u, (batch, problem.horizon, problem.nu))
+    check_array(controls, u, (batch, problem.horizon, problem.nu))
     return single, batch
 
 

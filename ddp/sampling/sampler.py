@@ -168,7 +168,7 @@ def sample(
         seed: of the noise.
     """
     instance("problem", problem, Problem, "a ddp.Problem")
-    single, batch = batch_of(problem, x0, us0)
+    single, batch = batch_of(problem, x0, us0, "us0")
     sampler = Sampler(problem, batch, options)
     sampler.run(x0, us0, seed)
     found = sampler.result()

@@ -64,6 +64,7 @@ A, B = np.stack([np.eye(3)] * 2), np.zeros((2, 3))
 # name: (function, good arguments, names that an error may use for an argument)
 TASK = slcp.Task("turn", FINGER, slcp.tasks.flicking_finger().cost, 5, slcp.Options(scaling="none"))
 KICKED = TASK.replace(disturbances=slcp.Disturbances(velocity=1.0))
+JUDGED = KICKED.replace(success=slcp.measures.final("ellipse.angle") > 0.0)
 NAMED_PARTS = {name: ("policy", "there is no") for name in ("first", "second", "policy", "case", "step_size")}
 CALLS = {
     "Body": (slcp.Body, {"name": "a", "mass": 1.0, "inertia": 1.0}, {}),
@@ -193,6 +194,27 @@ CALLS = {
         slcp.robustness_map,
         {"task": TASK, "policy": library().policy(), "x": ("mass", (1.0,)), "y": ("friction", (1.0,)),
          "device": "cpu"}, {"case": ("cases",), "policy": ("policies",)}),
+    "Dropout": (slcp.Dropout, {"start": 0.1, "duration": 0.2}, {}),
+    "Push": (slcp.Push, {"body": "ellipse", "start": 0.1, "duration": 0.2}, {}),
+    "LogNormal": (slcp.LogNormal, {"sd": 0.1}, {}),
+    "Normal": (slcp.Normal, {"sd": 0.1}, {}),
+    "Uniform": (slcp.Uniform, {"low": 0.0, "high": 1.0}, {"low": ("high",)}),
+    "Worlds": (slcp.Worlds, {"x0": X}, {"x0": ("worlds",)}),
+    "draw_worlds": (slcp.draw_worlds, {"task": KICKED, "worlds": 2, "device": "cpu"}, {}),
+    "failure_share": (
+        slcp.failure_share, {"task": JUDGED, "policy": library().policy(), "device": "cpu"},
+        {"options": ("cases",), "policy": ("policies",), "step_size": ("step_sizes",)}),
+    "falsify": (
+        slcp.falsify, {"task": JUDGED, "policy": library().policy(), "device": "cpu"},
+        {"options": ("cases",), "policy": ("policies",), "time": ("kick", "Push"), "by": ("kick", "push"),
+         "duration": ("Push",), "at": ("Push",)}),
+    "load_report": (slcp.load_report, {"path": "/nowhere/report.npz"}, {}),
+    "MPC": (
+        ddp.MPC, {"problem": problem()},
+        {"passes": ("starts",), "delay": ("replan",), "starts": ("improved",)}),
+    "Sampling": (ddp.Sampling, {}, {}),
+    "Sampler": (ddp.Sampler, {"problem": problem(), "batch": 2}, {}),
+    "sample": (ddp.sample, {"problem": problem(), "x0": X}, {"x0": ("us0",)}),
     "Report.quantiles": (rows().quantiles, {}, {}),
     "Report.sensitivity": (rows().sensitivity, {}, NAMED_PARTS),
     "Report.compare": (rows().compare, {"first": "a", "second": "b"}, NAMED_PARTS),
@@ -220,9 +242,10 @@ with contextlib.suppress(ImportError):
 
 # What functions give back, and protocols: made by the package, not by its users.
 GIVEN = {
-    "Complementarity", "CostFunctions", "Dynamics", "DynamicsFunctions", "Linearization", "Multistart",
-    "ParticleRollout", "Particles", "Pullback", "Pushforward", "Report", "Result", "RobustnessMap",
-    "Sensitivity", "SequentialComparison", "Status", "Step", "SweepReport", "Trace", "Trajectory",
+    "Complementarity", "CostFunctions", "Dynamics", "DynamicsFunctions", "FailureShare", "Falsification",
+    "Linearization", "Multistart", "ParticleRollout", "Particles", "Pullback", "Pushforward", "Report",
+    "Result", "RobustnessMap", "Sampled", "Sensitivity", "SequentialComparison", "Situation", "StartPolicy",
+    "Status", "Step", "SweepReport", "Trace", "Trajectory",
 }  # fmt: skip
 
 

@@ -130,6 +130,9 @@ class Command:
     def launch(self):
         pass
 
+    def set_param_at_index(self, index, value):
+        pass
+
 
 def pack_only(kernel, dim, inputs, device=None, record_cmd=False, **_):
     """`wp.launch` up to the kernel: the arguments are checked by Warp, nothing is compiled or run."""
