@@ -90,7 +90,7 @@ def plan_starts(
         return us
     sampler = Sampler(problem, 1, replace(sampling or Sampling(), scale=scale))
     sampler.run(x0, None, seed)
-    found = [sampler]
+    found: list[Sampler | Workspace] = [sampler]
     work = Workspace(problem, 1, Options(method=method, start="hold", max_iterations=GAP_PASSES))
     if unstable(work, x0)[0]:
         work.start(x0, None, limit=GAP_PASSES)

@@ -65,6 +65,8 @@ def compile_command(
 
     ahead = compile_ahead(make, names, task, dtype)
     kernels = ahead.kernels
+    if not kernels and ahead.impossible:  # nothing of what was asked for
+        raise ValueError("; ".join(f"{name}: {why}" for name, why in ahead.impossible.items()))
     console.print(_summary(mechanism.name, kernels))
     made = sum(kernel.compiled for kernel in kernels)
     found = len(kernels) - made

@@ -31,6 +31,10 @@ def _policies(sim: slcp.Simulator) -> dict[str, Any]:
 
 def _task_of(sim: slcp.Simulator) -> slcp.Task:
     """A task of a scene, with the kernels of all tasks whose cost is terms and whose measures are data."""
+    if not sim.nu:
+        raise slcp.InputError(
+            f"scene {sim.scene.name!r} has no controls; there is nothing to plan or to sweep"
+        )
     cost = slcp.costs.terms(sim.scene, [slcp.costs.Term("square", 1.0, state=0)])
     return slcp.Task(sim.scene.name, sim.scene, cost, horizon=2, options=sim.options)
 

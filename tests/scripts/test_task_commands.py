@@ -200,7 +200,7 @@ def test_a_broken_report_is_one_line(tmp_path):
         (["sweep", "--policy", "a.npz", "--policy", "b.npz"], "only a task takes several"),
         (["falsify", "catch", "--policy", "a.npz"], "a.npz"),
         (["compile", "juggle"], "SCENE is 'juggle'"),
-        (["compile", "particle", "--what", "plan"], "only a task is planned"),
+        (["compile", "particle", "--what", "plan"], "there is nothing to plan"),
         (["compare", "nowhere.csv"], "no such file"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",

@@ -130,7 +130,7 @@ def problems() -> dict[str, tuple[Any, int, Any]]:
     last = smooth(np.array([0.1, 0.1, 1.0, 0.3]), np.array([0.01, 0.01, 0.01, 1.0]), efforts)
 
     def end(x: Any, u: Any) -> tuple[float, Any, Any]:
-        return tuple(p + q for p, q in zip(way(x, u), last(x, u), strict=True))  # type: ignore[return-value]
+        return tuple(p + q for p, q in zip(way(x, u), last(x, u), strict=True))
 
     swing = Model(acrobot, quadratic(0.1 * one, up, 0.01), 1), Model(None, quadratic(1000 * one, up, 0), 0)
     pole = (
@@ -153,7 +153,8 @@ def main() -> None:
         if limits is None:
             kinds = [crocoddyl.SolverDDP, crocoddyl.SolverFDDP, *more]
         for kind in kinds:
-            us, spent = [np.zeros(nu)] * problem.T, []
+            us = [np.zeros(nu)] * problem.T
+            spent: list[float] = []
             while len(spent) < 3 and sum(spent) < 2.0:
                 solver = kind(problem)
                 start = time.process_time()

@@ -11,7 +11,8 @@ import typer
 
 import slcp_warp as slcp
 from slcp_warp import ddp
-from slcp_warp.ddp.planning import limit_share, random_starts, solve_starts
+from slcp_warp.ddp.planning import random_starts, solve_starts
+from slcp_warp.ddp.sampling.options import limit_share
 from slcp_warp.kernels.control.sampling import METHODS
 
 from ...support.options import Device
