@@ -21,7 +21,7 @@ import slcp_warp as slcp
 from slcp_warp.scripts.charts.style import save
 from slcp_warp.storage.files import replacing, write_text
 
-OURS = [name for name in FORMATS if name not in ("toml", "mjcf")]  # these two are only read
+OURS = [name for name in FORMATS if name not in ("toml", "mjcf", "task in toml")]  # only read
 
 
 def picture(path):

@@ -37,6 +37,7 @@ def test_it_serves_a_scene_until_it_is_interrupted(tmp_path):
         [sys.executable, "-m", "slcp_warp.scripts.main", "watch", "flicking_finger", "--no-browser"],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path,
         env=os.environ | {"COLUMNS": "200", "PYTHONUNBUFFERED": "1"},
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # tests in the background ignore it
     )  # fmt: skip
     try:
         address = re.search(r"http://127\.0\.0\.1:\d+/\S+/", process.stdout.readline())
