@@ -212,8 +212,11 @@ class Workspace:
         xs = self.xs.numpy()[:, 1:].astype(np.float64)
         lower, upper = (a[:, None] for a in self.problem.state_limit_rows())
         below, above = (
-            np.where(np.isfinite(bound), sign * (xs - bound) / np.maximum(1.0, np.abs(bound)), -np.inf)
-            for sign, bound in ((-1.0, lower), (1.0, upper))
+            np.where(there, sign * (xs - bound) / np.maximum(1.0, np.abs(bound)), -np.inf)
+            for sign, there, bound in (
+                (sign, np.isfinite(given), np.where(np.isfinite(given), given, 0.0))
+                for sign, given in ((-1.0, lower), (1.0, upper))
+            )
         )
         return np.maximum(np.maximum(below, above).max((1, 2), initial=0.0), 0.0)
 
