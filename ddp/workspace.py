@@ -144,9 +144,6 @@ class Workspace:
         limit = self.options.max_iterations
         limit = limit if max_iterations is None else min(whole("max_iterations", max_iterations, 0), limit)
         with self._using:
-            if self._run_update is not None:
-                self._limits.multiplier.zero_()
-                self._limits.weight.fill_(self.options.limit_weight)
             done = self.start(x0, us0, xs0, K0, k0, limit)
             done = self._descend(done, limit)
             if self._run_update is not None:
@@ -158,8 +155,12 @@ class Workspace:
     ) -> int:
         """The trajectory that passes start from, as of `run`, and where the problems stand with it.
 
-        With gaps it takes passes to close them, at most ``limit``; returns how many.
+        Limits of states have their first weight. With gaps it takes passes to close them, at most ``limit``;
+        returns how many.
         """
+        if self._run_update is not None:
+            self._limits.multiplier.zero_()
+            self._limits.weight.fill_(self.options.limit_weight)
         B, N, nx, nu = self.batch, self.problem.horizon, self.problem.nx, self.problem.nu
         if xs0 is None and K0 is not None:
             raise ArgumentError("K0 is given without xs0, the states that its feedback is about")

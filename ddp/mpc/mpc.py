@@ -29,7 +29,9 @@ class MPC:
     Every `replan` steps of the problem, from the state x of every world: the starts are rolled out on the
     model, the one of lowest cost goes through `passes` passes of DDP, and its first control is applied; until
     the next plan u = us_j + K_j (x - xs_j). Where no start or pass gives a finite cost the last plan goes on;
-    `failures` counts that. It acts on the host (`policies.HostPolicy`), once a step of the problem.
+    `failures` counts that. It acts on the host (`policies.HostPolicy`), once a step of the problem; where the
+    worlds make steps of another size, plans are followed in time, to the nearest of their steps. Limits of
+    states are soft, at the first weight of the options.
 
     Args:
         problem: dynamics, cost, horizon and limits of the plans: the model, which may differ from what is
@@ -74,6 +76,10 @@ class MPC:
         instance("problem", problem, Problem, "a ddp.Problem")
         if not isinstance(problem.dynamics, Simulator):
             raise ArgumentError("problem.dynamics must be a slcp_warp.Simulator for a policy of its worlds")
+        rows = [problem.limit_rows()[0], problem.state_limit_rows()[0]]
+        own = {len(a) for a in rows} | {getattr(problem.params, "worlds", None) or 1}
+        if own != {1}:
+            raise ArgumentError(f"problem has numbers of {max(own)} worlds; one for all is needed")
         if sigma is not None:
             problem = problem.with_params(sigma=number("sigma", sigma, 0.0, above=True))
         self.problem, self.model = problem, problem.dynamics
@@ -131,7 +137,9 @@ class MPC:
             self._planners = [Planner(*how, n, len(self.starts), self.improved) for n in sizes]
         for planner in self._planners:
             planner.forget()
-        self._step, self._numbers = 0, np.asarray(worlds)
+        self._numbers = np.asarray(worlds)
+        self._newest: int | None = None  # steps at which the newest plans were made, and those that act
+        self._begun = 0
         self._active: list[Policy | None] = [None] * len(sizes)
         self._coming: list[Policy | None] = [None] * len(sizes)
 
@@ -139,20 +147,25 @@ class MPC:
         """Controls (B, nu) of states (B, nx); a world that is not finite gets none."""
         began = clock.perf_counter()
         out, first = np.zeros((len(x), self.problem.nu)), 0
-        since = self._step % self.replan
+        now = round(time / self.period)
+        passed = 0 if self._newest is None else now - self._newest
+        due, late = self._newest is None or passed >= self.replan, self.delay > 0 and self._newest is not None
+        if self._newest is not None and passed >= self.delay:
+            self._active, self._begun = list(self._coming), self._newest
+        if due:
+            self._newest = now
+            self._begun = self._begun if late else now
         for i, planner in enumerate(self._planners):
             own = slice(first, first + planner.worlds)
             first = own.stop
             alive = np.isfinite(x[own]).all(1)
             states = np.where(alive[:, None], x[own], self.model.scene.x0)
             planner.prepare()
-            if since == 0:
-                self._plan(i, planner, states, time, self._numbers[own])
-            if since == self.delay or self._active[i] is None:
-                self._active[i] = self._coming[i]
-            out[own] = np.where(alive[:, None], self._controls(i, since, states), 0.0)
-        self._step += 1
-        if since == 0 and len(self.seconds) < KEPT:
+            if due:
+                self._plan(i, planner, states, time, (now, passed), self._numbers[own])
+                self._active[i] = self._active[i] if late else self._coming[i]
+            out[own] = np.where(alive[:, None], self._controls(i, now - self._begun, states), 0.0)
+        if due and len(self.seconds) < KEPT:
             self.seconds.append(clock.perf_counter() - began)
         return out
 
@@ -164,26 +177,35 @@ class MPC:
         for planner in self._planners:
             planner.prepare()
 
-    def _plan(self, i: int, planner: Planner, x: np.ndarray, time: float, numbers: np.ndarray) -> None:
-        """A new plan of a block of worlds; it acts after the delay."""
+    def _plan(
+        self,
+        i: int,
+        planner: Planner,
+        x: np.ndarray,
+        time: float,
+        steps: tuple[int, int],
+        numbers: np.ndarray,
+    ) -> None:
+        """A new plan of a block of worlds, in a step, so many after the last; it acts after the delay."""
+        now, passed = steps
         last = planner.policy
         if last is not None:
-            last = last.shifted(self.replan).near(x, self._wrap)
-        rng = np.random.default_rng([self.seed, self._step, int(numbers[0]) if len(numbers) else 0])
+            last = last.shifted(passed).near(x, self._wrap)
+        cycle = self.seed, now
+        rng = np.random.default_rng((*cycle, int(numbers[0]) if len(numbers) else 0))
         rolled = None if self._library is None else self._library.controls
-        situation = Situation(self.problem, x, time, numbers, last, rng, self.noise, rolled)
+        situation = Situation(self.problem, x, time, numbers, last, rng, cycle, self.noise, rolled)
         made = planner.plan(situation, self.starts)
         self.failures += made.failures
         for name, count in made.chosen.items():
             self.chosen[name] += count
         self._coming[i] = planner.acting
 
-    def _controls(self, i: int, since: int, x: np.ndarray) -> np.ndarray:
+    def _controls(self, i: int, age: int, x: np.ndarray) -> np.ndarray:
         """u = us_j + K_j (x - xs_j) of the plan that acts, within the limits."""
         policy = self._active[i]
         assert policy is not None
-        j = since if since >= self.delay else since + self.replan
-        j = min(j, policy.us.shape[1] - 1)
+        j = min(age, policy.us.shape[1] - 1)
         from_plan = wrap(x - policy.xs[:, j], self._wrap)
         lower, upper = self.problem.limit_rows()
         return np.clip(policy.us[:, j] + np.einsum("bux,bx->bu", policy.K[:, j], from_plan), lower, upper)

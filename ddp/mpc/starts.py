@@ -73,7 +73,9 @@ class Situation:
         time: [s].
         worlds: (B,) their numbers.
         last: the last policies, shifted to now; None in the first cycle.
-        rng: of this cycle.
+        rng: of this cycle, and of these worlds together.
+        cycle: (seed, step), the same for all worlds: numbers that follow from it and from a world's number do
+            not depend on how worlds are split into launches.
         noise: (nu,) standard deviation of noise.
         library: a library's policy, rolled out on the model; None: none was given.
     """
@@ -84,6 +86,7 @@ class Situation:
     worlds: np.ndarray
     last: Policy | None
     rng: np.random.Generator
+    cycle: tuple[int, int]
     noise: np.ndarray
     library: Callable[[np.ndarray], np.ndarray] | None
 
@@ -109,7 +112,9 @@ def zero(s: Situation) -> np.ndarray:
 
 def noise(s: Situation) -> Policy | np.ndarray:
     """Smoothed noise over the last policy's controls."""
-    white = s.rng.standard_normal((len(s.x), s.problem.horizon, s.problem.nu))
+    size = s.problem.horizon, s.problem.nu
+    drawn = [np.random.default_rng((*s.cycle, int(n))).standard_normal(size) for n in s.worlds]
+    white = np.array(drawn).reshape(len(s.x), *size)
     keep = np.exp(-1.0 / NOISE_TIME)
     for k in range(1, white.shape[1]):
         white[:, k] = keep * white[:, k - 1] + np.sqrt(1.0 - keep**2) * white[:, k]
@@ -142,7 +147,11 @@ class Search:
         if key not in self._samplers:
             self._samplers[key] = Sampler(s.problem, len(s.x), self.options)
         sampler = self._samplers[key]
-        sampler.run(s.x, None if s.last is None else s.last.us, seed=int(s.rng.integers(2**31)))
+        sampler.run(
+            s.x,
+            None if s.last is None else s.last.us,
+            seed=int(np.random.default_rng(s.cycle).integers(2**31)),
+        )
         return np.asarray(sampler.us.numpy(), np.float64)
 
 
@@ -158,15 +167,25 @@ def chosen_starts(given: Any) -> dict[str, Start]:
     found: dict[str, Start] = {}
     for each in given:
         if isinstance(each, Sampling):
-            found["sample"] = Search(each)
+            found[_free("sample", found)] = Search(each)
         elif isinstance(each, str) and each in STARTS:
+            if each in found:
+                raise ArgumentError(f"starts names {each!r} twice")
             found[each] = STARTS[each]
         elif callable(each) and not isinstance(each, type):
-            found[getattr(each, "__name__", f"start {len(found)}")] = each
+            found[_free(getattr(each, "__name__", "start"), found)] = each
         else:
             raise ArgumentError(
                 f"starts holds {shown(each)}; one of {', '.join(STARTS)}, or a function of a ddp.Situation"
             )
+    return found
+
+
+def _free(name: str, taken: dict[str, Start]) -> str:
+    """The name, with a number where a start or another of them has it."""
+    found, count = name, 1
+    while found in taken or found in STARTS:
+        found, count = f"{name} {count + 1}", count + 1
     return found
 
 

@@ -119,7 +119,7 @@ class Arrays:
         return s
 
     def state_limits(self) -> Any:
-        """Limits of the states, weights and multipliers; without rows where the problem has none."""
+        """Limits of the states, first weights and multipliers; without rows where the problem has none."""
         B, N, nx = self.batch, self.problem.horizon, self.problem.nx
         s = make_state_limits(self.dtype)()
         if self.problem.state_limits is None:
@@ -128,4 +128,5 @@ class Arrays:
             return s
         s.lower, s.upper = self.rows("state_limits", *self.problem.state_limit_rows())
         s.weight, s.multiplier = self.zeros(B), self.zeros(B, N + 1, nx)
+        s.weight.fill_(self.options.limit_weight)
         return s

@@ -90,7 +90,6 @@ class Sampler:
         self._wide: Any = wp.array(wide, dtype=self.dtype, device=self.device)
         self.x0, self.params = make.zeros(B, nx), wp.clone(problem.param_array(B))
         self._limits = make.state_limits()
-        self._limits.weight.fill_(Options().limit_weight)
         self.trace = make.zeros(B, options.iterations, dtype=wp.float64)
         rows_of_weights = problem.cost.rows(B).astype(make.numpy_dtype)
         self._weights: Any = wp.array(rows_of_weights, dtype=self.dtype, device=self.device)

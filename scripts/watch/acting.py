@@ -49,16 +49,18 @@ class InKernel:
 
 
 class OnHost:
-    """A policy that acts on the host, asked once a period and held in between."""
+    """A policy that acts on the host, asked once a period and held in between, whatever the steps' size."""
 
     def __init__(self, policy: Any, sim: slcp.Simulator, worlds: int) -> None:
         self.asked = Asked(policy, sim, np.arange(worlds), np.array([sim.scene.step_size]))
         self.held = np.zeros((worlds, sim.nu))
+        self.periods = -1  # that had begun when it was asked last
 
     def controls(self, x: np.ndarray, step: int, time: float) -> np.ndarray:
         """Asks the policy, or gives what it said last."""
-        if step % self.asked.every == 0:
-            self.held = self.asked.controls(step, x)
+        begun = step // self.asked.every
+        if begun != self.periods:
+            self.held, self.periods = self.asked.controls(step, x), begun
         return self.held
 
 

@@ -62,8 +62,8 @@ class Engine:
 
     def choose(self, name: str) -> None:
         """Give the controls to another policy, from its beginning."""
-        self.policy = name
         self.acting: Acting = acting(self.policies[name], self.worlds.sim, len(self.worlds.state))
+        self.policy = name
         self.since = self.time
 
     def prepare(self) -> None:

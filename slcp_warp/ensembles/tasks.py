@@ -66,6 +66,7 @@ class TaskSweep:
         """
         self.task, self.policies, self.cases = task, policies_by_name(policies), cases_by_name(task, cases)
         self.given = worlds if isinstance(worlds, Worlds) else None
+        _check_numbers(self.given, self.policies)
         worlds, self.seed = _count(worlds), checks.whole("seed", seed, 0)
         chunk = None if chunk is None else checks.whole("chunk", chunk)
         sizes, self.strategy = _step_sizes(task, step_sizes), strategy
@@ -141,6 +142,20 @@ def case_of(
 
 def _count(worlds: Any) -> int:
     return len(worlds) if isinstance(worlds, Worlds) else checks.whole("worlds", worlds)
+
+
+def _check_numbers(given: Worlds | None, policies: Mapping[str, Any]) -> None:
+    """Raise ArgumentError where a policy has nothing for a given world's number."""
+    if given is None or given.numbers is None:
+        return
+    last = int(np.max(given.numbers, initial=0))
+    for name, policy in policies.items():
+        own = checks.attribute(policy, "worlds")
+        if isinstance(own, int) and 1 < own <= last:
+            raise ArgumentError(
+                f"policy {name!r} is for worlds 0 to {own - 1}; Worlds.numbers holds {last} "
+                "(a policy of every world's own is asked by number)"
+            )
 
 
 def _undisturbed(task: Task, policy: Any) -> int:

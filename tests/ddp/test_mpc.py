@@ -179,6 +179,69 @@ def test_limits_hold_between_plans(task):
     assert np.abs(found.controls).max() <= 0.5 and (np.abs(found.controls) == 0.5).any()
 
 
+def test_limits_of_states_are_soft_in_its_plans(task):
+    """No plan fails, and after some cycles the limits hold that are exceeded without."""
+    limited = ddp.problem_of(task.replace(state_limits={"link2.vangle": (-0.1, 0.1)}))
+    free, x0 = ddp.problem_of(task), task.start[:1]
+    policies = [ddp.MPC(p, passes=10, options=ddp.Options(limit_weight=100.0)) for p in (limited, free)]
+    late = [np.abs(run(policy, task, x0, 20).states[0, 8:, 4]) for policy in policies]
+    assert [policy.failures for policy in policies] == [0, 0] and sum(policies[0].chosen.values()) == 20
+    assert late[0].max() < 0.15 < 0.5 * late[1].max()
+
+
+@pytest.mark.parametrize("delay", [0, 1])
+@pytest.mark.parametrize("ratio", [0.25, 0.6, 2, 3])
+def test_plans_are_followed_in_time_where_the_plant_steps_otherwise(task, problem, ratio, delay):
+    """The control is of the plan that is there, and of its step that is nearest to the time."""
+    replan, made = 4, []
+
+    def push(s):
+        made.append(round(s.time / 0.05))
+        return 0.01 * np.arange(HORIZON)[:, None] * np.ones(2) + 0.001 * len(made)
+
+    policy = ddp.MPC(problem, passes=0, replan=replan, delay=delay, starts=[push])
+    policy._wrap = np.zeros(6)
+    policy._controls = lambda i, age, x: asked.append(age) or np.zeros((1, 2))
+    sim, asked, times = task.simulator(), [], []
+    policy.begin(sim, np.arange(1))
+    h = 0.05 * ratio
+    every = max(1, round(0.05 / h))
+    for k in range(0, 60, every):
+        policy.act(task.start[:1], k * h, np.arange(1))
+        times.append(k * h)
+    for time, age in zip(times, asked, strict=True):
+        now = int(np.floor(time / 0.05 + 0.5 - 1e-9))
+        there = [n for n in made if n + delay <= now] or made[:1]
+        assert age == now - there[-1]
+    assert len(made) > 2 and min(np.diff(made)) >= replan and max(np.diff(made)) < replan + max(1, ratio)
+
+
+@pytest.mark.parametrize("start", ["noise", ddp.Sampling(samples=4, iterations=1)], ids=["noise", "sampled"])
+def test_noise_follows_from_the_worlds_number(task, problem, start):
+    """However worlds are split into launches and blocks."""
+    short = task.replace(
+        duration=0.3, disturbances=slcp.Disturbances(velocity=0.5), success=None,
+        measures={"end": slcp.measures.final("link1.angle")},
+    )  # fmt: skip
+    tables = []
+    for chunk, block in ((None, 256), (3, 256), (None, 2)):
+        policy = ddp.MPC(problem, passes=0, starts=[start], block=block)
+        report = slcp.sweep(short, policy, worlds=4, cases=task.options, dtype="float64", chunk=chunk)
+        tables.append(report.part("policy")["end"])
+    assert len(np.unique(tables[0])) == 4
+    for table in tables[1:]:
+        np.testing.assert_array_equal(table, tables[0])
+
+
+def test_every_start_has_a_name_of_its_own(problem):
+    def shift(s):
+        return None
+
+    starts = ["shift", shift, lambda s: None, lambda s: None, ddp.Sampling(), ddp.Sampling(samples=8)]
+    names = ["shift", "shift 2", "<lambda>", "<lambda> 2", "sample", "sample 2"]
+    assert list(ddp.MPC(problem, starts=starts).starts) == names
+
+
 def test_a_sweep_under_it_equals_rollouts(task, problem):
     short = task.replace(
         duration=0.3, disturbances=slcp.Disturbances(velocity=0.5), success=None,
@@ -198,6 +261,7 @@ def test_a_sweep_under_it_equals_rollouts(task, problem):
     ("given", "said"),
     [
         ({"passes": -1}, "passes"),
+        ({"starts": ["zero", "zero"]}, "twice"),
         ({"replan": 0}, "replan"),
         ({"replan": 76}, "horizon, 75"),
         ({"delay": 1}, "less than replan"),

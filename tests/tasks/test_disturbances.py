@@ -181,6 +181,7 @@ def test_what_is_not_given_is_undisturbed(device):
         ({"x0": np.full((2, 8), np.nan)}, "Worlds.x0 holds nan"),
         ({"numbers": [0, -1]}, "Worlds.numbers holds -1; whole numbers"),
         ({"numbers": [0, 0.5]}, "Worlds.numbers holds 0.5"),
+        ({"numbers": [0, 2**31]}, "Worlds.numbers holds 2.14748e[+]09; whole numbers"),
         ({"params": np.zeros((2, 78))}, "Worlds.params: step_size is 0.0; it must be positive"),
         ({"x0": 1.0}, r"Worlds.x0 has shape \(\); 2 axes are needed"),
         ({"dropouts": "none"}, "Worlds.dropouts is 'none'"),
@@ -283,3 +284,10 @@ def test_a_push_turns_with_all_that_its_body_hangs_on(device):
         x, warm = step.state, step.multiplier
     np.testing.assert_allclose([found[name][0] for name in scene.state_names], x[0], rtol=0, atol=1e-9)
     assert abs(x[0] - scene.x0).max() > 0.1
+
+
+def test_a_policy_of_every_worlds_own_has_none_for_other_numbers():
+    own = policies.Linear(np.repeat(K[None], 3, axis=0), GOAL, FORCE)
+    drawn = slcp.draw_worlds(task(), 3, SEED, 1)
+    with pytest.raises(slcp.InputError, match="policy 'policy' is for worlds 0 to 2; Worlds.numbers holds 3"):
+        swept("cpu", "generic", policy=own, worlds=drawn)

@@ -49,9 +49,11 @@ class Worlds:
                 raise ArgumentError(f"Worlds.{name} has shape {found.shape}; {ndim} axes{need} are needed")
             count = len(found)
             if name == "numbers":
-                if (found % 1.0).any() or found.min(initial=0.0) < 0.0:
-                    wrong = found[(found % 1.0 != 0.0) | (found < 0.0)][0]
-                    raise ArgumentError(f"Worlds.numbers holds {wrong:g}; whole numbers from 0 on are needed")
+                bad = (found % 1.0 != 0.0) | (found < 0.0) | (found >= 2.0**31)
+                if bad.any():
+                    raise ArgumentError(
+                        f"Worlds.numbers holds {found[bad][0]:g}; whole numbers from 0 to 2^31 - 1 are needed"
+                    )
                 found = found.astype(np.int32)
             object.__setattr__(self, name, found)
 

@@ -160,6 +160,38 @@ def test_a_host_policy_is_asked_once_a_period():
     np.testing.assert_allclose(asked, [0.0, 0.2])
 
 
+@pytest.mark.parametrize("step_size", [0.012, 0.03, 0.09])
+@pytest.mark.parametrize("period", [0.05, 0.15, 0.2])
+def test_a_host_policy_is_asked_in_time_at_other_step_sizes(step_size, period):
+    """Once in every period that a step begins in, by the clock of the scene's steps."""
+    asked = []
+    policy = slcp.policies.Callback(lambda x, time: asked.append(time) or np.zeros(2), period=period)
+    engine = finger_engine(policies={"mine": policy})
+    engine.send(ME, {"do": "set", "name": "step_size", "value": step_size})
+    engine.advance(0.0)
+    for _ in range(40):
+        engine.tick()
+    began = np.floor(np.floor(np.arange(40) * step_size / 0.05 + 0.5 + 1e-9) * 0.05 / period + 1e-9)
+    assert len(asked) == len(np.unique(began)) and (np.diff(asked) > 0.0).all()
+    np.testing.assert_array_equal(np.floor(np.array(asked) / period + 1e-6), np.unique(began))
+
+
+def test_a_policy_that_cannot_begin_is_not_said_to_act():
+    class Broken:
+        def begin(self, sim, worlds):
+            raise ValueError("not this mechanism")
+
+        def act(self, x, time, worlds):
+            return np.zeros(2)
+
+    engine = finger_engine(
+        policies={"broken": Broken(), "mine": slcp.policies.Callback(lambda x, t: x[:, :2])}
+    )
+    engine.send(ME, {"do": "policy", "name": "broken"})
+    stepped(engine, 1)
+    assert (engine.policy, engine.said) == ("mine", "not this mechanism")
+
+
 def test_a_tasks_disturbances_are_buttons():
     """A kick changes velocities alone; a push is an impulse F t on what it acts on, whatever the step."""
     task = slcp.tasks.flicking_finger().replace(
