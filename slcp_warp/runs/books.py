@@ -2,6 +2,7 @@
 
 import time
 from collections import Counter
+from contextlib import suppress
 
 from .progress import Progress, Standing
 from .store import Store
@@ -19,7 +20,8 @@ class Books:
         self.computed: list[int] = []
         self.fresh, self.began = 0, time.monotonic()
         for index in store.finished():
-            self.add(index, store.tally(index), found=True)
+            with suppress(FileNotFoundError):  # set aside by another process, meanwhile
+                self.add(index, store.tally(index), found=True)
         self.tell()
 
     def add(self, index: int, tally: dict[str, int], found: bool = False) -> None:

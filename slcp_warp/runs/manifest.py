@@ -87,7 +87,8 @@ def manifest_of(job: Job) -> Manifest:
 
 def write(folder: Path, manifest: Manifest) -> None:
     """Write a manifest, whole or not at all."""
-    text = json.dumps({"format": FORMAT, "version": VERSION} | asdict(manifest), indent=1)
+    values = asdict(manifest)
+    text = json.dumps({"format": FORMAT, "version": VERSION} | values | {"seal": sha256_of(values)}, indent=1)
     with replacing(folder / NAME) as part:
         part.write_text(text + "\n", encoding="utf-8")
 
@@ -121,4 +122,7 @@ def _checked(values: dict[str, Any]) -> Manifest:
         raise FileError(f"count is {values['count']}")
     if sha256_of(values["specification"]) != values["sha256"]:
         raise FileError("its specification is not what its hash is of: it was changed or damaged")
-    return Manifest(**{name: values[name] for name in kinds})
+    known = {name: values[name] for name in kinds}
+    if sha256_of(known) != values.get("seal"):
+        raise FileError("it is not what was written (its seal differs): it was changed or damaged")
+    return Manifest(**known)

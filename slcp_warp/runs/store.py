@@ -10,6 +10,7 @@ that share a folder claim a chunk before they compute it, with a lock of the sys
 process that holds it; where two compute the same one nevertheless, they write the same part.
 """
 
+import functools
 import os
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
@@ -89,8 +90,8 @@ class Store:
         except OSError as error:
             raise self._lost(error) from error
         stems = [name.removesuffix(SUFFIX) for name in names if name.endswith(SUFFIX)]
-        found = sorted(int(stem) for stem in stems if stem.isdigit())
-        return [index for index in found if self.count is None or index < self.count]
+        numbers = sorted(int(stem) for stem in stems if stem.isdecimal() and stem == f"{int(stem):06d}")
+        return [index for index in numbers if self.count is None or index < self.count]
 
     def missing(self) -> list[int]:
         """The chunks that are left to do, in order. Raises FileError where the count is not known."""
@@ -108,11 +109,11 @@ class Store:
             except FileNotFoundError:  # by another process, meanwhile
                 continue
             except FileError:
-                with saying(self.folder):
+                with saying(self.folder), suppress(FileNotFoundError):  # another process was first
                     aside = self.folder / "damaged"
                     aside.mkdir(exist_ok=True)
                     self.part(index).replace(aside / self.part(index).name)
-                found.append(index)
+                    found.append(index)
         return found
 
     def write(self, index: int, columns: Columns, tally: dict[str, int] | None = None) -> None:
@@ -122,8 +123,8 @@ class Store:
             FileError: the disk is full, or the folder cannot be written or is gone. Finished parts are safe.
         """
         label = f"chunk {index} of {self.manifest.kind}"
-        facts = {"specification": self.manifest.sha256, "index": index, "program": self.manifest.program,
-                 "processor": processor(), "tally": tally or {}}  # fmt: skip
+        facts = self._own(index) | {"program": self.manifest.program, "processor": processor(),
+                                    "tally": tally or {}}  # fmt: skip
         data = parts.encode(checked(columns, label), facts)
         self._check_there()
         with saying(self.folder), replacing(self.part(index), self.folder / "partial") as file:
@@ -154,9 +155,18 @@ class Store:
         return self._checked(index, facts), found
 
     def _checked(self, index: int, facts: dict[str, Any]) -> dict[str, Any]:
-        if facts.get("specification") != self.manifest.sha256 or facts.get("index") != index:
-            raise FileError(f"{self.part(index)} is of another job, or of another of its chunks")
+        own = self._own(index)
+        if {name: facts.get(name) for name in own} != own:
+            raise FileError(f"{self.part(index)} is of another job or chunk, or of one cut otherwise")
         return facts
+
+    def _own(self, index: int) -> dict[str, Any]:
+        """What a part says of itself that no part of another store does, nor of another chunk."""
+        return {"specification": self.manifest.sha256, "layout": self._layout, "index": index}
+
+    @functools.cached_property
+    def _layout(self) -> str:
+        return sha256_of(self.manifest.layout)
 
     def digest(self) -> str:
         """SHA-256 of the table: names, types and bytes of all columns in the order of the rows.

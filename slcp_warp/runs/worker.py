@@ -6,6 +6,7 @@ Only JSON values travel to it, and only counts travel back.
 import functools
 import json
 import time
+from dataclasses import asdict
 from typing import NamedTuple
 
 from ..storage.files import FileError
@@ -34,21 +35,30 @@ def compute(job: Job, store: Store, index: int) -> dict[str, int] | None:
         return tally
 
 
-@functools.lru_cache(maxsize=8)
-def _joined(folder: str, text: str) -> tuple[Store, Job]:
-    """Store and job of a reference (its JSON), once it is sure that they belong together."""
+def _joined(folder: str, reference: Plain) -> tuple[Store, Job]:
+    """Store and job of a reference, once it is sure that they belong together.
+
+    A worker may live longer than a folder: another run of the same name is another job.
+    """
     try:
         store = Store(folder)
     except FileNotFoundError as error:
         raise FileError(
             f"{folder}: a worker does not find it; a folder on a disk that all share is needed"
         ) from error
-    job = rebuild(json.loads(text))
+    manifest = json.dumps(asdict(store.manifest), sort_keys=True)
+    return store, _rebuilt(folder, json.dumps(reference, sort_keys=True), manifest)
+
+
+@functools.lru_cache(maxsize=8)
+def _rebuilt(folder: str, text: str, manifest: str) -> Job:
+    """The job of a reference (its JSON) for a store with this manifest."""
+    store, job = Store(folder), rebuild(json.loads(text))
     try:
         store.manifest.check(job)
     except FileError as error:
         raise FileError(f"{folder}: a worker is refused: {error}") from error
-    return store, job
+    return job
 
 
 def work(folder: str, reference: Plain, indices: list[int]) -> list[Done]:
@@ -58,7 +68,7 @@ def work(folder: str, reference: Plain, indices: list[int]) -> list[Done]:
         FileError: the store cannot be read or written here, or this process would compute something else:
             it has another version of the package, say.
     """
-    store, job = _joined(folder, json.dumps(reference, sort_keys=True))
+    store, job = _joined(folder, reference)
     found = []
     for index in indices:
         began = time.perf_counter()

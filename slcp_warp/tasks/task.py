@@ -164,6 +164,14 @@ class Task(Printed):
             raise TaskError(f"Task.start has shape {starts.shape}; (M, {2 * self.scene.nv}) is needed")
         return starts
 
+    @property
+    def judged(self) -> list[tuple[str, Measure]]:
+        """What a run is measured by: `measures`, what success and failure are of; with their places."""
+        found = [(f"Task.measures[{name!r}]", measure) for name, measure in self.measures.items()]
+        if self.success is not None:
+            found += [(f"Task.success: {part.reduction}", part) for part in self.success.parts()]
+        return found if self.failure is None else [*found, ("Task.failure", first_time(self.failure))]
+
     def _check_names(self) -> None:
         """Raise an error for a measure of what the scene has not got."""
         taken = [name for name in self.measures if name in COLUMNS or name.startswith(DRAWN)]
@@ -179,12 +187,7 @@ class Task(Printed):
                 except ArgumentError as error:
                     raise TaskError(f"Task.observation: {error}") from None
         assert self.duration is not None
-        judged = {f"Task.measures[{name!r}]": measure for name, measure in self.measures.items()}
-        if self.success is not None:
-            judged |= {f"Task.success: {part.reduction}": part for part in self.success.parts()}
-        if self.failure is not None:
-            judged["Task.failure"] = first_time(self.failure)
-        for label, measure in judged.items():
+        for label, measure in self.judged:
             if measure.start >= self.duration:
                 raise TaskError(
                     f"{label} counts from {measure.start} s on; a run ends after "

@@ -6,16 +6,17 @@ import shutil
 
 import numpy as np
 import pytest
-from chunked import Numbers, finished
+from chunked import Kept, Numbers, finished
 
 import slcp_warp as slcp
 from slcp_warp.runs import origin, parts
+from slcp_warp.runs.books import Books
 from slcp_warp.runs.job import Job, plain, rebuild, sha256_of
 from slcp_warp.runs.manifest import NAME
 from slcp_warp.runs.progress import Standing, duration, shown
 from slcp_warp.runs.running import run
 from slcp_warp.runs.store import Store
-from slcp_warp.runs.worker import compute
+from slcp_warp.runs.worker import compute, work
 
 pytest.importorskip("pyarrow")
 
@@ -211,6 +212,71 @@ def test_a_manifest_that_was_changed_is_refused(tmp_path):
     path.write_text(path.read_text().replace('"seed": 0', '"seed": 1'))
     with pytest.raises(slcp.FileError, match="not what its hash is of"):
         Store.open(tmp_path / "x", Numbers(seed=1))
+
+
+@pytest.mark.parametrize(
+    "was, now",
+    [('"chunk": 10', '"chunk": 5'), ('"count": 10', '"count": 9'), ('"device": "cpu"', '"device": "cuda"')],
+)
+def test_a_manifest_is_sealed_as_a_whole(was, now, tmp_path):
+    """How it is cut and what it is of decide what a part's rows are as much as the specification."""
+    finished(tmp_path / "x")
+    path = tmp_path / "x" / NAME
+    text = path.read_text()
+    assert was in text
+    path.write_text(text.replace(was, now))
+    with pytest.raises(slcp.FileError, match="it is not what was written"):
+        Store(tmp_path / "x")
+
+
+def test_a_part_of_the_same_numbers_cut_otherwise_is_foreign(tmp_path, digest):
+    fine = finished(tmp_path / "fine", Numbers(chunk=5))
+    store = finished(tmp_path / "x")
+    store.part(1).write_bytes(fine.part(1).read_bytes())
+    with pytest.raises(slcp.FileError, match="cut otherwise"):
+        store.table(1)
+    assert run(Numbers(), store).again == (1,) and store.digest() == digest
+
+
+@pytest.mark.parametrize("name", ["2.parquet", "²3.parquet", "0000001.parquet", "٣.parquet", "x.parquet"])
+def test_files_of_other_names_are_no_parts(name, tmp_path, digest):
+    store = finished(tmp_path / "x")
+    shutil.copy(store.part(1), store.part(1).with_name(name))
+    assert store.finished() == list(range(10)) and store.digest() == digest
+    assert run(Numbers(), store).computed == ()
+
+
+def test_two_processes_find_the_same_damaged_part(tmp_path, monkeypatch, digest):
+    """One sets it aside while the other reads it; a part that goes meanwhile is one to be made."""
+    store = finished(tmp_path / "x")
+    store.part(4).write_bytes(b"not a part")
+    found = Store._facts_and_columns
+
+    def slowly(self, index, columns):
+        try:
+            return found(self, index, columns)
+        except slcp.FileError:
+            self.part(index).unlink()
+            raise
+
+    monkeypatch.setattr(Store, "_facts_and_columns", slowly)
+    assert store.set_damaged_aside() == []
+    listed = iter([list(range(10))] * 2)
+    monkeypatch.setattr(Store, "finished", lambda self: next(listed))
+    books = Books(store, None)
+    assert books.again == [] and books.done == set(range(10)) - {4}
+    monkeypatch.undo()
+    assert run(Numbers(), store).computed == (4,) and store.digest() == digest
+
+
+def test_a_worker_that_outlives_a_folder_computes_what_is_there_now(tmp_path):
+    """The same folder, made anew for another seed, is named by the same reference."""
+    for seed in (0, 1):
+        shutil.rmtree(tmp_path / "x", ignore_errors=True)
+        job = Kept(tmp_path / "x", seed)
+        store = Store.open(tmp_path / "x", job)
+        work(str(tmp_path / "x"), job.reference(), [0, 3])
+        np.testing.assert_array_equal(store.table(3)["double"], job.run(3)["double"])
 
 
 def test_parts_without_a_manifest_are_refused(tmp_path):

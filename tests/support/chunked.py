@@ -72,6 +72,22 @@ def numbers(**arguments) -> Numbers:
     return Numbers(**arguments)
 
 
+class Kept(Numbers):
+    """Numbers of which a store's manifest says the seed."""
+
+    def __init__(self, folder, seed) -> None:
+        super().__init__(seed=seed)
+        self.folder = folder
+
+    def reference(self):
+        return reference_to(kept, folder=str(self.folder))
+
+
+@makes_jobs
+def kept(folder) -> Kept:
+    return Kept(folder, Store(folder).manifest.specification["seed"])
+
+
 def finished(folder, job=None) -> Store:
     """The store of a job, once it has run to the end."""
     job = Numbers() if job is None else job

@@ -19,6 +19,7 @@ from slcp_warp.ensembles.questions.rare.margin import Margin
 from slcp_warp.ensembles.questions.rare.numbers import Numbers
 from slcp_warp.ensembles.questions.rare.shells import Search
 from slcp_warp.ensembles.questions.rare.splitting import Effort, Moves, StuckError, pilot, run_islands
+from slcp_warp.ensembles.statistics import share_interval
 
 SMOOTH = slcp.Options()
 
@@ -191,6 +192,14 @@ def test_what_no_world_reaches_has_an_upper_bound(device):
                                smallest=1e-3, device=device)  # fmt: skip
     assert found.share == found.low == 0.0 and 0.0 < found.high < 0.1 and found.failing is None
     assert np.isnan(found.spread)
+
+
+def test_where_plain_worlds_fail_they_are_counted(device):
+    """Islands that are all alike say nothing: where all worlds fail, nearly all may."""
+    options = {"options": SMOOTH, "islands": 3, "particles": 40, "length": 10, "device": device}
+    found = slcp.failure_share(reaching(100.0), plan(), **options)
+    assert found.share == found.high == 1.0 and found.low == pytest.approx(share_interval(120, 120)[1])
+    assert 0.9 < found.low < 1.0
 
 
 @pytest.mark.parametrize("width", [2, 9])

@@ -10,12 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from file_examples import push_file
-from test_task_sweep import kinetic_energy, plan, task
+from test_task_sweep import SCENE, kinetic_energy, plan, task
 
 import slcp_warp as slcp
 from slcp_warp import measures as m
 from slcp_warp import policies
 from slcp_warp.ensembles.stored import cutting
+from slcp_warp.ensembles.stored.identity import task_identity
 from slcp_warp.ensembles.stored.job import SweepJob
 from slcp_warp.ensembles.stored.sweep import StoredSweep
 from slcp_warp.ensembles.stored.travel import given
@@ -100,6 +101,17 @@ def test_names_and_plans_of_a_task_decide_nothing(tmp_path):
     slcp.sweep(task(), plan(), out=tmp_path, chunk=30, **FIELDS)
     same = task(name="other", horizon=20, duration=1.2, options=slcp.Options(residual="hard"))
     assert slcp.sweep(same, plan(), out=tmp_path, **FIELDS).complete
+
+
+def test_a_cost_that_is_measured_decides():
+    """Costs are of plans, and decide no run; what a measure or the success says of them does."""
+
+    def of(weight, **changes):
+        return task_identity(task(cost=slcp.costs.terms(SCENE, [slcp.costs.effort(weight)]), **changes))
+
+    for judged in ({"measures": {"price": m.cost()}, "success": None}, {"success": m.cost() < 3.0}):
+        assert of(1.0, **judged) == of(1.0, **judged) != of(2.0, **judged)
+    assert of(1.0) == of(2.0) == task_identity(task())
 
 
 def test_names_in_python_files_travel(tmp_path):

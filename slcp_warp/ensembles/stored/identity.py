@@ -22,16 +22,26 @@ from ...tasks.task import Task
 
 LONGEST = 64  # numbers of an array that are written out
 OF_PLANS = ("name", "cost", "horizon", "options")  # fields of a task that decide no run of given cases
+COST = "cost"  # kind of the signals that decide by it nevertheless
 
 
 def task_identity(task: Task) -> dict[str, Any]:
-    """What of a task decides its runs: all but what plans need, and its name.
+    """What of a task decides its runs: all but its name and what is of plans: its cost if it is measured.
 
     Raises:
         ArgumentError: a function in it whose code cannot be told.
     """
     names = [field.name for field in dataclasses.fields(task) if field.name not in OF_PLANS]
-    return {name: told(getattr(task, name), f"Task.{name}") for name in names}
+    found = {name: told(getattr(task, name), f"Task.{name}") for name in names}
+    signals = [signal for _, measure in task.judged for signal in measure.signals()]
+    return found | (_told_cost(task) if any(signal.kind == COST for signal in signals) else {})
+
+
+def _told_cost(task: Task) -> dict[str, Any]:
+    functions = task.cost.functions(wp.float64, 2 * task.scene.nv, task.scene.nu)
+    code = [each for each in functions if each is not None]
+    weights = told(task.cost.weights, "Task.cost.weights")
+    return {"cost": {"functions": told(code, "Task.cost"), "weights": weights}}
 
 
 def policy_identity(policy: Any, sim: Simulator, text: str | None = None) -> dict[str, Any]:

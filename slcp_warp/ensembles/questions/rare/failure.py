@@ -12,6 +12,7 @@ from ....inputs.checks import instance
 from ....inputs.errors import ArgumentError
 from ....storage.printed import Printed, Table
 from ....tasks.task import Task
+from ...statistics.intervals import share_interval
 from ...worlds import Worlds
 from .interval import island_interval
 from .margin import Margin
@@ -178,6 +179,9 @@ def _effort(islands: int, particles: int, length: int, smallest: float) -> Effor
 def _interval(found: Islands, levels: Levels) -> tuple[float, float, float]:
     """Share, low and high of the event; where no particle is in it, 0 and what the lowest level says."""
     last = len(levels.scores) - 1
+    if levels.complete and last == 0:  # plain worlds: they may all be alike, and the islands say nothing then
+        islands = len(found.shares)
+        return share_interval(int(found.counts[0].sum()), islands * int(found.totals[0]))
     if levels.complete and found.shares.any():
         return island_interval(found.shares)
     for k in range(last, -1, -1):
