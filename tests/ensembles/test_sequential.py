@@ -86,6 +86,24 @@ def test_means_of_skewed_numbers_are_outside_as_seldom_as_promised():
     assert ever_outside(outside) < 19
 
 
+def test_seldom_losses_are_not_overlooked():
+    """Equal means, of a small gain in 999 worlds and a large loss in one: before it came all is undecided."""
+
+    def outside(rng):
+        known, said = RunningDifference("x", 0.05), []
+        for _ in range(16):
+            gains = np.where(rng.random(256) < 1e-3, -999.0, 1.0)
+            known.add({"x": gains}, {"x": np.zeros(256)})
+            said.append(decision(Look(known.worlds, *known.interval()), None, 256) != "undecided")
+        return np.array(said)
+
+    same = running_mean_interval(Moments.of(np.ones(10_000)), 0.05)
+    assert same == (1.0, -math.inf, math.inf)
+    assert (
+        ever_outside(outside) < 50
+    )  # of 200: more than of numbers that are nearly normal, not three in four
+
+
 def test_fixed_intervals_do_not_hold_under_peeking():
     """What is avoided: the interval for one look leaves out the truth at some look."""
 

@@ -97,7 +97,8 @@ def compare_sequentially(
 
     The interval is looked at after every batch, and it covers the true difference at all looks together with
     the promised confidence: stopping early costs nothing of it. That of "success" holds exactly, those of
-    other measures for large numbers of worlds (`statistics.sequential` has the sources).
+    other measures for large numbers of worlds, the larger the more a mean is due to seldom, large values
+    (`statistics.sequential` has the sources).
 
     Args:
         task: what is run, disturbed and measured.

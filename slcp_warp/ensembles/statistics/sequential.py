@@ -77,18 +77,21 @@ def log_wealth(mean: float, gained: int, lost: int, worlds: int) -> float:
 def running_mean_interval(moments: Moments, error: float, expected: int = EXPECTED) -> Interval:
     """The mean of independent values, from their moments so far: (mean, low, high).
 
-    The coverage is asymptotic: it holds from some hundred worlds on, whatever the distribution, if its
-    variance is finite.
+    The coverage is asymptotic: it holds from some hundred worlds on where the values are not far from
+    symmetric about their mean, and from later on the more of the mean is due to seldom, large values: before
+    the first of these came nothing tells of them. Values that are all the same say nothing of their variance.
 
     Args:
         moments: of the values.
         error: the probability that the true mean is ever outside.
         expected: worlds at which the interval is narrowest in proportion.
 
-    NaN for fewer than two values.
+    NaN for fewer than two values; infinitely wide where they do not vary.
     """
     if moments.count < 2:
         return moments.interval()
+    if moments.squares == 0.0:
+        return moments.mean, -math.inf, math.inf
     log = -2.0 * math.log(error)
     rho = (log + math.log(log + 1.0)) / expected  # the square of the paper's rho, its (2.9)
     t = moments.count
