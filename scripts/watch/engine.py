@@ -22,6 +22,12 @@ MARGIN = 0.6  # m around the mechanism at its start
 PLAN_EVERY = 5  # steps of a plan that is drawn
 MOST_STEPS = 8  # of a frame: what is later than that is dropped
 ZERO = "zero"
+MOST = 1e12  # of what a picture holds: JSON has no infinite numbers
+
+
+def plain(values: Any, digits: int) -> Any:
+    """Rounded numbers as JSON has them: what is none is 0, and none is larger than `MOST`."""
+    return np.clip(np.nan_to_num(values), -MOST, MOST).round(digits).tolist()
 
 
 class Engine:
@@ -230,15 +236,15 @@ class Engine:
         self._follow(q)
         return {
             "frame": self.frame, "time": round(self.time, 4),
-            "bounds": self._bounds.round(3).tolist(), "poses": poses.round(5).tolist(),
-            "links": [line.round(4).tolist() for line in mechanism.links(q)],
-            "springs": [[z.round(4).tolist() for z in mechanism.springs(one)] for one in q],
+            "bounds": plain(self._bounds, 3), "poses": plain(poses, 5),
+            "links": [plain(line, 4) for line in mechanism.links(q)],
+            "springs": [[plain(z, 4) for z in mechanism.springs(one)] for one in q],
             "arrows": [self._arrows(w, q[w]) for w in range(len(q))],
             "pull": self._pull_line(q), "plan": self._plan(), "paused": self.paused, "policy": self.policy,
             "variant": worlds.variant,
             "recording": self.recording is not None, "said": self.said, "status": worlds.status.tolist(),
-            "state": worlds.state[0].round(5).tolist(), "control": self.controls[0].round(5).tolist(),
-            "impulse": round(float(worlds.impulse[0, :, 0].sum()), 6),
+            "state": plain(worlds.state[0], 5), "control": plain(self.controls[0], 5),
+            "impulse": plain(worlds.impulse[0, :, 0].sum(), 6),
         }  # fmt: skip
 
     def _plan(self) -> list[list[list[float]]]:
@@ -253,11 +259,11 @@ class Engine:
             return []
         centre, _ = worlds.mechanism.shapes(q)
         moving = [s for s, shape in enumerate(worlds.subject.scene.structure.shapes) if shape.body >= 0]
-        return [centre[:, s].round(3).tolist() for s in moving]
+        return [plain(centre[:, s], 3) for s in moving]
 
     def _follow(self, q: np.ndarray) -> None:
         """Keep the mechanism in the picture: move it, and widen it where that is not enough."""
-        if not np.isfinite(q).all():
+        if not (np.abs(q) < MOST).all():
             return
         found = np.array(self.worlds.mechanism.bounds(q, 0.0))
         for low, high in ((0, 1), (2, 3)):
@@ -278,12 +284,12 @@ class Engine:
             return []
         points, normals = contact_points(self.worlds.mechanism, q)
         found = np.concatenate([points, forces(normals, impulse, self.worlds.step_size)], axis=1)
-        return [row.round(4).tolist() for row in found[pressing]]
+        return [plain(row, 4) for row in found[pressing]]
 
     def _pull_line(self, q: np.ndarray) -> list[float] | None:
         pull = self.pull
         if pull is None:
             return None
         here = pull.where(self.worlds.mechanism, q[pull.world])
-        return [float(pull.world), *here.round(4).tolist(), *np.round(pull.target, 4).tolist(),
-                round(float(np.linalg.norm(pull.force)), 3)]  # fmt: skip
+        return [float(pull.world), *plain(here, 4), *plain(pull.target, 4),
+                plain(np.linalg.norm(pull.force), 3)]  # fmt: skip

@@ -54,7 +54,9 @@ class Record:
         """Write it, whole or not at all."""
         stacked = {name: np.stack([row[name] for row in self.rows]) for name in ARRAYS}
         stacked["states"] = np.concatenate([stacked["states"], self.worlds.state[None]])
-        known = Simulated.of(self.worlds.sim)
+        known = Simulated.of(
+            next(iter(self.worlds.sims.values()))
+        )  # whichever steps: the others follow from it
         header = {"format": FORMAT, "version": VERSION, "knobs": list(self.knobs)}
         header |= {"variants": list(self.worlds.sims), "subject": self.worlds.subject.name}
         write_archive(path, header | known.header(), stacked | known.arrays())
@@ -84,7 +86,7 @@ class Replay:
         """Raise FileError unless the arrays fit the scene and one another."""
         s = self.simulated.scene.structure
         states = self.arrays["states"]
-        if states.ndim != 3 or states.shape[2] != 2 * s.nv or len(states) < 2:
+        if states.ndim != 3 or states.shape[2] != 2 * s.nv or len(states) < 2 or not states.shape[1]:
             raise FileError(f"array 'states' has shape {states.shape}; (T + 1, B, {2 * s.nv}) is needed")
         steps, worlds = len(states) - 1, states.shape[1]
         need = {
@@ -101,6 +103,8 @@ class Replay:
         for name in ("states", "controls", "forces", "values"):
             if not np.isfinite(self.arrays[name]).all():
                 raise FileError(f"array {name!r} is not finite")
+        if self.arrays["status"].dtype.kind not in "iu":
+            raise FileError(f"array 'status' is of {self.arrays['status'].dtype}; whole numbers are needed")
         variant = self.arrays["variant"]
         if variant.dtype.kind not in "iu" or variant.min() < 0 or variant.max() >= len(self.variants):
             raise FileError(f"array 'variant' counts others than {', '.join(self.variants)}")

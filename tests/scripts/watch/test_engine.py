@@ -1,6 +1,7 @@
 """What a watcher does to the mechanism: the spring of the mouse, knobs, policies, records."""
 
 import itertools
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -20,7 +21,7 @@ from slcp_warp.scripts.watch.player import Player
 from slcp_warp.scripts.watch.pull import PROBE, catch
 from slcp_warp.scripts.watch.record import Replay
 from slcp_warp.scripts.watch.scenario import buttons_of
-from slcp_warp.scripts.watch.world import Subject
+from slcp_warp.scripts.watch.world import Subject, Worlds
 from slcp_warp.storage.files import FileError
 
 ELLIPSE = [0.2, -3.05]  # a point of the free ellipse at the start
@@ -240,8 +241,9 @@ def test_a_record_is_the_run_to_the_last_bit(tmp_path):
     replay = Replay(tmp_path / "watch-000.npz")
     assert replay.arrays["states"].shape[1:] == (2, 6) and len(replay.arrays["controls"]) >= 20
     assert replay.arrays["forces"].any()
-    again = replay.again(finger_engine(worlds=2).worlds)
-    np.testing.assert_array_equal(again, replay.arrays["states"])
+    alone = Worlds(Subject(*replay.task(), replay.arrays["states"][0]))  # it ended with another variant
+    for worlds in (finger_engine(worlds=2).worlds, alone):
+        np.testing.assert_array_equal(replay.again(worlds), replay.arrays["states"])
     player = Player(replay)
     player.tick()
     player.send(ME, {"do": "seek", "value": 1.0})
@@ -303,7 +305,8 @@ def test_a_damaged_record_is_one_error_with_its_name(tmp_path):
     with np.load(path) as archive:
         arrays = dict(archive)
     for name, value in (("forces", arrays["forces"][:1]), ("variant", arrays["variant"] + 7),
-                        ("states", arrays["states"] * np.nan)):  # fmt: skip
+                        ("states", arrays["states"] * np.nan), ("status", arrays["status"] * np.nan),
+                        ("states", arrays["states"][:, :0])):  # fmt: skip
         np.savez(path, **(arrays | {name: value}))
         with pytest.raises(FileError, match=name):
             Replay(path)
@@ -335,6 +338,21 @@ def test_a_picture_of_every_scene_can_be_sent():
         assert np.isfinite(np.array(picture["poses"])).all(), name
         left, right, bottom, top = picture["bounds"]
         assert left < right and bottom < top
+
+
+@pytest.mark.filterwarnings("ignore:overflow", "ignore:invalid value")
+@pytest.mark.parametrize("far", [1.7e308, 1e200, -1e30, np.inf, np.nan])
+def test_a_picture_of_any_numbers_is_one_that_the_page_reads(far):
+    """JSON has no infinite numbers; afterwards the picture finds back to the mechanism."""
+    engine = finger_engine()
+    window = engine.picture(1.0)["bounds"]
+    start = engine.worlds.state.copy()
+    engine.worlds.state, engine.controls = start + far, engine.controls + far
+    engine.worlds.impulse[:] = far
+    json.dumps(engine.picture(1.0), allow_nan=False)
+    engine.worlds.state = start
+    engine.worlds.impulse[:] = 0.0
+    np.testing.assert_allclose(engine.picture(1.0)["bounds"], window, atol=1e-3)
 
 
 GOOD = '{"do": "grab", "at": [0, 1.5], "world": 0}'
