@@ -14,12 +14,11 @@ from .disturbances import make_conditions, make_disturbances, make_events
 class Progress:
     """Where every world (B) of a sweep stands."""
 
-    sample: wp.array(dtype=wp.int32)  # next sample
+    record: wp.array(dtype=wp.int32)  # next record
     event: wp.array(dtype=wp.int32)  # next kick
     steps: wp.array(dtype=wp.int32)  # number of steps in all
     status: wp.array(dtype=wp.int32)
-    start: wp.array(dtype=wp.float64)  # the observed component at the start
-    samples: wp.array2d(dtype=wp.float32)  # (B, S)
+    records: wp.array3d(dtype=wp.float32)  # (B, S, R)
 
 
 @cached
@@ -40,8 +39,8 @@ def make_span(dtype: type) -> type:
 
 @cached
 def make_arrival(nv: int, nu: int, dtype: type) -> SimpleNamespace:
-    """arrive(c, e, params, p, i, k, state) -> x: samples and kicks of step k of launch's world i, which come
-    once however often they are asked for; `kernel` does it for all worlds.
+    """arrive(c, e, params, x0, p, i, k, state) -> x: records and kicks of step k of launch's world i, which
+    come once however often they are asked for; `kernel` does it for all worlds.
     """
     disturb = make_disturbances(nv, nu, dtype)
     VX, Conditions, Events = wp.types.vector(2 * nv, dtype), make_conditions(dtype), make_events(dtype)
@@ -51,6 +50,7 @@ def make_arrival(nv: int, nu: int, dtype: type) -> SimpleNamespace:
         c: Conditions,
         e: Events,
         params: wp.array2d(dtype=dtype),
+        x0: wp.array2d(dtype=dtype),
         p: Progress,
         i: int,
         k: int,
@@ -60,12 +60,9 @@ def make_arrival(nv: int, nu: int, dtype: type) -> SimpleNamespace:
         for j in range(2 * nv):
             x[j] = state[i, j]
         event = p.event[i]
-        if k == 0 and event == 0:
-            p.start[i] = wp.float64(x[c.component])
         h = wp.float64(params[i, STEP_SIZE])
         time = wp.float64(k) * h
-        moved = wp.float32(x[c.component] - dtype(p.start[i]))
-        p.sample[i] = disturb.sampled(c, p.samples, i, p.sample[i], time, h, moved)
+        p.record[i] = disturb.record(c, p.records, i, p.record[i], time, h, x, x0)
         coming = disturb.due(c, event, time, h)
         if coming > event:
             while event < coming:
@@ -83,11 +80,12 @@ def make_arrival(nv: int, nu: int, dtype: type) -> SimpleNamespace:
         c: Conditions,
         e: Events,
         params: wp.array2d(dtype=dtype),  # (B, P)
+        x0: wp.array2d(dtype=dtype),  # (B, nx)
         p: Progress,
         state: wp.array2d(dtype=dtype),  # in and out (B, nx)
     ):
         i = first + wp.tid()
         if k < p.steps[i]:
-            arrive(c, e, params, p, i, k, state)
+            arrive(c, e, params, x0, p, i, k, state)
 
     return SimpleNamespace(arrive=arrive, kernel=sweep_arrival_kernel)

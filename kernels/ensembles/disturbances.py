@@ -14,6 +14,7 @@ FAR = 1 << 20  # streams of the torques beyond the hundredth, which would meet t
 PUSH, DROPOUT, DROPPED = 1 << 22, (1 << 22) + 10, (1 << 22) + 20
 PUSH_FIELDS = ("start", "duration", "fx", "fy", "torque")  # of a push [s, s, N, N, N m]
 DROPOUT_FIELDS = ("start", "duration")  # of a dropout [s]
+END = 1e300  # time after a world's last step [s]
 ROUNDING = 1e-6  # of a step: by so much times may miss the limits that they are to meet
 
 
@@ -34,8 +35,8 @@ def make_conditions(dtype: type) -> type:
         turns: wp.array2d(dtype=wp.int32)  # (Q, nv): 1 where a coordinate turns the body
         leans: wp.array2d(dtype=wp.int32)  # (Q, L): columns of parameters that turn it, -1: none
         duration: wp.float64  # [s]
-        interval: wp.float64  # between two samples [s]
-        component: int  # of the state that is sampled
+        interval: wp.float64  # between two records [s]
+        recorded: wp.array(dtype=wp.int32)  # (R,) components of the state
         lower: wp.array(dtype=dtype)  # (0 or nu,) limits of the controls before their noise
         upper: wp.array(dtype=dtype)
 
@@ -65,8 +66,8 @@ def make_disturbances(nv: int, nu: int, dtype: type) -> SimpleNamespace:
     from the first that is still to come. kicked(e, i, event, x): a state after a kick.
     acting(c, e, i, world, k, time, h, u): controls of step k as they act: within limits, with noise, dropped.
     push(c, e, i, params, x, time, h): writes the forces of a step into e.external.
-    sampled(c, samples, i, sample, time, h, value): writes the samples of launch's world i up to `time` and
-    gives the first that is still to come.
+    record(c, records, i, record, time, h, x, x0): writes the records of launch's world i up to `time`, what
+    components of x are beyond the start in row i of x0, and gives the first that is still to come.
     """
     rng = make_normal(dtype)
     Conditions, Events = make_conditions(dtype), make_events(dtype)
@@ -157,19 +158,21 @@ def make_disturbances(nv: int, nu: int, dtype: type) -> SimpleNamespace:
                 e.external[i, 3 * body + 2] = e.external[i, 3 * body + 2] + torque
 
     @wp.func
-    def sampled(
+    def record(
         c: Conditions,
-        samples: wp.array2d(dtype=wp.float32),
+        records: wp.array3d(dtype=wp.float32),
         i: int,
-        sample: int,
+        record: int,
         time: wp.float64,
         h: wp.float64,
-        value: wp.float32,
+        x: VX,
+        x0: wp.array2d(dtype=dtype),
     ):
-        out = sample
-        while out < samples.shape[1] and time >= wp.float64(out) * c.interval - HALF * h:
-            samples[i, out] = value
+        out = record
+        while out < records.shape[1] and time >= wp.float64(out) * c.interval - HALF * h:
+            for n in range(c.recorded.shape[0]):  # relative to the start: float32 keeps its digits
+                records[i, out, n] = wp.float32(x[c.recorded[n]] - x0[i, c.recorded[n]])
             out += 1
         return out
 
-    return SimpleNamespace(number=number, due=due, kicked=kicked, acting=acting, push=push, sampled=sampled)
+    return SimpleNamespace(number=number, due=due, kicked=kicked, acting=acting, push=push, record=record)

@@ -1,6 +1,6 @@
 """Sweeps with the generic step kernel: what happens to a world between two of its steps.
 
-`sweep.py` rolls a world out in one launch. Here a step is three: `begin` samples, kicks and asks the policy,
+`sweep.py` rolls a world out in one launch. Here a step is three: `begin` records, kicks and asks the policy,
 the generic kernel steps (`generic/step.py`), `end` takes the step over or the status and takes measures. The
 random numbers are those of `sweep.py`, by world and step, so nothing depends on the split.
 """
@@ -15,13 +15,13 @@ from ..policies.contract import PolicyKernel, make_policy
 from ..status import SOLVED
 from ..structure import STEP_SIZE
 from .arrival import Progress, make_arrival
-from .disturbances import make_conditions, make_disturbances, make_events
+from .disturbances import END, make_conditions, make_disturbances, make_events
 from .measures import NO_USERS, Users, make_measures, make_row_contacts, make_tables
 
 
 @cached
 def make_sweep_begin_kernel(nv: int, nu: int, dtype: type, policy: PolicyKernel) -> wp.Kernel:
-    """Before step k: samples, kicks, pushes, and the controls as they act."""
+    """Before step k: records, kicks, pushes, and the controls as they act."""
     asked = make_policy(policy, 2 * nv, nu, dtype)
     disturb, arrive = make_disturbances(nv, nu, dtype), make_arrival(nv, nu, dtype).arrive
     Conditions, Events, Policy = make_conditions(dtype), make_events(dtype), asked.Struct
@@ -33,6 +33,7 @@ def make_sweep_begin_kernel(nv: int, nu: int, dtype: type, policy: PolicyKernel)
         c: Conditions,
         e: Events,
         params: wp.array2d(dtype=dtype),  # (B, P)
+        x0: wp.array2d(dtype=dtype),  # (B, nx)
         control: Policy,
         p: Progress,
         state: wp.array2d(dtype=dtype),  # in and out (B, nx)
@@ -44,7 +45,7 @@ def make_sweep_begin_kernel(nv: int, nu: int, dtype: type, policy: PolicyKernel)
         who = wp.where(wp.static(policy.by_row), i, world)
         if k >= p.steps[i]:
             return
-        x = arrive(c, e, params, p, i, k, state)
+        x = arrive(c, e, params, x0, p, i, k, state)
         h = wp.float64(params[i, STEP_SIZE])
         time = wp.float64(k) * h
         if p.status[i] == wp.static(SOLVED):
@@ -62,10 +63,11 @@ def make_sweep_begin_kernel(nv: int, nu: int, dtype: type, policy: PolicyKernel)
 
 @cached
 def make_sweep_end_kernels(nv: int, nu: int, dtype: type, users: Users = NO_USERS) -> SimpleNamespace:
-    """`end`, after step k: the new state or the status, measures. `finish`, after the last step: samples."""
+    """`end`, after step k: the new state or the status, measures. `finish`, after the last step: records."""
     contacts = make_row_contacts(dtype)
     measures = make_measures(2 * nv, nu, dtype, contacts, users)
     Contacts, Measures = contacts.Contacts, make_tables(dtype)
+    Conditions, disturb = make_conditions(dtype), make_disturbances(nv, nu, dtype)
     VX, VU = wp.types.vector(2 * nv, dtype), wp.types.vector(max(nu, 1), dtype)
 
     @specialised
@@ -115,12 +117,16 @@ def make_sweep_end_kernels(nv: int, nu: int, dtype: type, users: Users = NO_USER
     @specialised
     def sweep_finish_kernel(
         first: int,
-        component: int,
-        state: wp.array2d(dtype=dtype),
+        c: Conditions,
+        x0: wp.array2d(dtype=dtype),  # (B, nx)
+        state: wp.array2d(dtype=dtype),  # (B, nx)
         p: Progress,
     ):
         i = first + wp.tid()
-        for n in range(p.sample[i], p.samples.shape[1]):
-            p.samples[i, n] = wp.float32(state[i, component] - dtype(p.start[i]))
+        x = VX()
+        for j in range(2 * nv):
+            x[j] = state[i, j]
+        end = wp.float64(wp.static(END))
+        p.record[i] = disturb.record(c, p.records, i, p.record[i], end, end, x, x0)
 
     return SimpleNamespace(end=sweep_end_kernel, finish=sweep_finish_kernel)

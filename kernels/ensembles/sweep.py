@@ -10,7 +10,7 @@ from ..status import SOLVED
 from ..step.rollout import make_batch
 from ..structure import layout
 from .arrival import make_span
-from .disturbances import make_conditions, make_disturbances, make_events
+from .disturbances import END, make_conditions, make_disturbances, make_events
 from .measures import NO_USERS, Users, make_contacts, make_measures, make_tables
 
 
@@ -20,9 +20,9 @@ def make_sweep_kernel(
 ) -> wp.Kernel:
     """Roll out one world a thread for a duration, with all that happens to it.
 
-    One state component is sampled; measures are taken, those of users' functions with `users`, and end a
-    world where one of them says so. With `spans` a launch makes some of the steps, and worlds carry over what
-    the next one needs.
+    States are recorded where that is asked for; measures are taken, those of users' functions with `users`,
+    and end a world where one of them says so. With `spans` a launch makes some of the steps, and worlds carry
+    over what the next one needs.
     """
     s, dtype, _ = spec
     batch = make_batch(spec, False)
@@ -64,10 +64,10 @@ def make_sweep_kernel(
         return out
 
     @wp.func
-    def leave(span: Span, i: int, x: step.types.VX, carry: step.Carry, code: int, sample: int, event: int):
+    def leave(span: Span, i: int, x: step.types.VX, carry: step.Carry, code: int, record: int, event: int):
         """The same for the next launch."""
         span.p.status[i] = code
-        span.p.sample[i] = sample
+        span.p.record[i] = record
         span.p.event[i] = event
         for j in range(wp.static(NX)):
             span.state[i, j] = x[j]
@@ -86,7 +86,7 @@ def make_sweep_kernel(
         control: Policy,
         m: Measures,
         span: Span,
-        samples: wp.array2d(dtype=wp.float32),  # out (B, S)
+        records: wp.array3d(dtype=wp.float32),  # out (B, S, R)
         kept: wp.array3d(dtype=wp.float64),  # out (B, M, WIDTH) of the measures
         status: wp.array(dtype=wp.int32),  # out (B,)
     ):
@@ -100,13 +100,12 @@ def make_sweep_kernel(
         h = wp.float64(world.params[wp.static(H)])
         steps = int(wp.round(c.duration / h))
         code = int(0)
-        sample = int(0)
+        record = int(0)
         event = int(0)
         touching = contacts.none()
         u = VU()
         begin = int(0)
         end = steps
-        base = x[c.component]  # samples are relative to the start: float32 keeps its digits
         if wp.static(spans):
             steps = span.p.steps[i]
             begin = span.first
@@ -114,9 +113,8 @@ def make_sweep_kernel(
             if begin >= steps:
                 return
             code = span.p.status[i]
-            sample = span.p.sample[i]
+            record = span.p.record[i]
             event = span.p.event[i]
-            base = dtype(span.p.start[i])
             x = batch.load_state(span.state, i)
             carry = carried(span, i)
         memory = asked.begin(control, who, x)
@@ -124,7 +122,7 @@ def make_sweep_kernel(
             memory = asked.recall(control, span.memory, i, who, begin, x)
         for k in range(begin, end):
             time = wp.float64(k) * h
-            sample = disturb.sampled(c, samples, i, sample, time, h, wp.float32(x[c.component] - base))
+            record = disturb.record(c, records, i, record, time, h, x, x0)
             coming = disturb.due(c, event, time, h)
             while event < coming:
                 x = disturb.kicked(e, i, event, x)
@@ -153,14 +151,12 @@ def make_sweep_kernel(
                 break
         if wp.static(spans):
             asked.keep(span.memory, i, memory)
-            leave(span, i, x, carry, code, sample, event)
+            leave(span, i, x, carry, code, record, event)
             span.p.steps[i] = steps
             if end < steps:
                 return
         measures.look(m, kept, i, wp.float64(steps) * h, h, x, u, touching, 1)
-        while sample < samples.shape[1]:
-            samples[i, sample] = wp.float32(x[c.component] - base)
-            sample += 1
+        record = disturb.record(c, records, i, record, wp.float64(wp.static(END)), h, x, x0)
         status[i] = code
 
     return sweep_kernel

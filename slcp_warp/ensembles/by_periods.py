@@ -34,7 +34,7 @@ class OnHost:
         if worlds.numbers is not None:
             self._numbers = worlds.numbers.numpy().copy()
         self._asked = Asked(policy, sim, self._numbers, worlds.params.numpy()[:, STEP_SIZE])
-        self._conditions, self._params, self._sim = conditions, worlds.params, sim
+        self._conditions, self._worlds, self._sim = conditions, worlds, sim
         self._arrival = make_arrival(sim.scene.nv, sim.nu, sim.dtype).kernel
         self.every, self._held = self._asked.every, Held(sim, len(worlds))
         self._between = policy if isinstance(policy, HostBetween) else None
@@ -44,7 +44,7 @@ class OnHost:
     def ask(self, k: int, events: Any, p: Progress, state: wp.array) -> None:
         """Controls of step k, where they are due, of states as the policy meets them: after kicks."""
         if k % self.every == 0 and self._asked.nu:
-            inputs = [k, self._conditions, events, self._params, p, state]
+            inputs = [k, self._conditions, events, self._worlds.params, self._worlds.x0, p, state]
             launch(self._arrival, len(state), inputs, self._sim.device)
             if self._between is not None:
                 state = self._between.seen(self._sim, k, self._numbers, state)
@@ -70,13 +70,13 @@ def by_periods(
     conditions: Any,
     table: MeasureTable,
     worlds: Worlds,
-    samples: wp.array,
+    records: wp.array,
 ) -> tuple[wp.array, wp.array]:
     """As `launch.at_once`."""
     count, params, state, device = len(worlds), worlds.params, wp.clone(worlds.x0), sim.device
     kept, measures, events = table.kept(count, device), table.struct(sim), events_of(sim, worlds)
     span = make_span(sim.dtype)()
-    span.p = progress(conditions, params, samples)
+    span.p = progress(conditions, params, records)
     span.state, span.warm = state, cold(sim, count)
     span.memory = sim.empty(count, policy.kernel.functions(sim.nx, sim.nu, sim.dtype).memory)
     kernel = make_sweep_kernel(sim.spec, policy.kernel, table.users(sim), spans=True)
@@ -84,7 +84,7 @@ def by_periods(
     for k in range(0, steps, policy.every):
         policy.ask(k, events, span.p, state)
         span.first, span.last = k, k + policy.every
-        inputs = [conditions, events, params, state, policy.struct, measures, span, samples, kept]
+        inputs = [conditions, events, params, worlds.x0, policy.struct, measures, span, records, kept]
         launch(kernel, count, [*inputs, span.p.status], device, grain=max(1, 128 // policy.every))
     return kept, span.p.status
 
@@ -96,13 +96,12 @@ def cold(sim: Simulator, worlds: int) -> wp.array:
     return wp.array(rows, dtype=sim.dtype, device=sim.device)
 
 
-def progress(conditions: Any, params: wp.array, samples: wp.array) -> Progress:
+def progress(conditions: Any, params: wp.array, records: wp.array) -> Progress:
     """Worlds that begin."""
     p, worlds, device = Progress(), len(params), params.device
     steps = np.floor(conditions.duration / params.numpy()[:, STEP_SIZE].astype(float) + 0.5)
-    for name in ("sample", "event", "status"):
+    for name in ("record", "event", "status"):
         setattr(p, name, wp.zeros(worlds, dtype=wp.int32, device=device))
     p.steps = wp.array(steps.astype(np.int32), dtype=wp.int32, device=device)
-    p.start = wp.zeros(worlds, dtype=wp.float64, device=device)
-    p.samples = samples
+    p.records = records
     return p

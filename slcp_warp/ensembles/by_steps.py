@@ -19,7 +19,7 @@ from .worlds.events import events_of
 
 
 def bytes_of_world(sim: Simulator) -> int:
-    """Memory of a world beyond its parameters, start and samples."""
+    """Memory of a world beyond its parameters, start and records."""
     return 8 * (2 * sim.nx + sim.nu + 4 * sim.nr + 4 * len(sim.scene.structure.pairs)) + 32
 
 
@@ -29,7 +29,7 @@ def by_steps(
     conditions: Any,
     table: MeasureTable,
     worlds: Worlds,
-    samples: wp.array,
+    records: wp.array,
 ) -> tuple[wp.array, wp.array]:
     """As `launch.at_once`."""
     params, state, events = worlds.params, wp.clone(worlds.x0), events_of(sim, worlds)
@@ -40,7 +40,7 @@ def by_steps(
     warm, multiplier = cold(sim, count), sim.empty(count, width)
     code: wp.array = wp.zeros(count, dtype=wp.int32, device=device)
     kept, measures = table.kept(count, device), table.struct(sim)
-    p = progress(conditions, params, samples)
+    p = progress(conditions, params, records)
     host = policy if isinstance(policy, OnHost) else None
     policy_kernel, struct = (policy.kernel, policy.struct) if isinstance(policy, OnHost) else policy
     memory = sim.empty(count, policy_kernel.functions(sim.nx, sim.nu, dtype).memory)
@@ -53,11 +53,11 @@ def by_steps(
     for k in range(int(p.steps.numpy().max(initial=0))):
         if host is not None:
             host.ask(k, events, p, state)
-        launch(begin, count, [k, conditions, events, params, struct, p, state, us, memory], device)
+        launch(begin, count, [k, conditions, events, params, worlds.x0, struct, p, state, us, memory], device)
         sim.kernels.stepping.step(step)
         outcome = [params, after, us, contacts, code, measures, p, state, warm, kept]
         launch(kernels.end, count, [k, *outcome], device)
-    launch(kernels.finish, count, [conditions.component, state, p], device)
+    launch(kernels.finish, count, [conditions, worlds.x0, state, p], device)
     return kept, p.status
 
 

@@ -33,8 +33,6 @@ class SweepSpec:
         threshold: "spinning" [1/s].
         window: of the moving rate [s].
         sample_every: [s].
-        judged: whether the rate is judged, and its recovery after the last kick needs a window; False where
-            measures of a task say what counts.
     """
 
     worlds: int = 4096
@@ -54,7 +52,6 @@ class SweepSpec:
     window: float = 4.0
     sample_every: float = 0.5
     seed: int = 0
-    judged: bool = True
 
     def __post_init__(self) -> None:
         def put(name: str, value: Any) -> None:
@@ -70,7 +67,6 @@ class SweepSpec:
             put(name, checks.number(label(name), getattr(self, name), 0.0, above=True))
         for name in ("position_sd", "velocity_sd", "torque_sd", "kick_sd"):
             put(name, checks.number(label(name), getattr(self, name), 0.0))
-        put("judged", checks.flag(label("judged"), self.judged))
         put("threshold", checks.number(label("threshold"), self.threshold))
         if self.start is not None:
             put("start", np.atleast_2d(checks.array(label("start"), self.start)))
@@ -89,7 +85,7 @@ class SweepSpec:
             raise ArgumentError("SweepSpec.residuals and step_sizes must name at least one case")
         for residual in self.residuals:
             Options(residual=residual)
-        if self.judged and self.sample_every > self.duration / 2.0:
+        if self.sample_every > self.duration / 2.0:
             raise ArgumentError(
                 f"SweepSpec.sample_every is {self.sample_every}; at most half the duration {self.duration}"
             )
@@ -134,7 +130,7 @@ class SweepSpec:
                 f"SweepSpec.kick_times is {shown(self.kick_times)}; rising times in [0, {self.duration}) are "
                 "needed"
             )
-        if len(times) and self.judged and times[-1] + self.window > self.duration:
+        if len(times) and times[-1] + self.window > self.duration:
             raise ArgumentError(
                 f"SweepSpec.kick_times ends at {times[-1]}; recovery needs window = {self.window} after it, "
                 f"within duration = {self.duration}"

@@ -8,17 +8,22 @@ from ..options import Status
 from .spec import SweepSpec
 from .statistics.intervals import mean_interval, quantile_interval, share_interval
 
+NOWHERE = 1e30  # lowest gap of a world without an acting contact
+
 
 def table_of(
     residual: str, step_size: float, found: dict[str, np.ndarray], spec: SweepSpec
-) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Tidy columns, one row a world, and the samples of what a case found (`Case.finished`).
+) -> dict[str, np.ndarray]:
+    """Tidy columns, one row a world, of what a case found: records, measures by name, status, what was drawn.
 
     A world that was not solved neither spins nor recovers.
     """
-    columns = dict(found)
-    samples, count = columns.pop("samples"), len(found["status"])
-    columns.pop("measures")
+    columns, count = dict(found), len(found["status"])
+    samples = columns.pop("records")
+    contacts = {
+        "contact_share": columns.pop("contact_share").astype(np.float32),
+        "lowest_gap": np.minimum(columns.pop("lowest_gap"), NOWHERE).astype(np.float32),
+    }
     spin = spin_statistics(samples, spec.sample_every, spec.window, spec.threshold, spec.kick_times)
     failed = found["status"] != Status.SOLVED
     spin["spinning"] = spin["spinning"] & ~failed
@@ -28,7 +33,7 @@ def table_of(
         "step_size": np.full(count, step_size),
         "world": np.arange(count),
     }
-    return head | columns | spin, samples
+    return head | contacts | columns | spin
 
 
 def summary_of(

@@ -2,25 +2,31 @@
 
 import json
 import os
-from collections.abc import Callable, Iterator, Sequence
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
+from ..costs import quadratic
 from ..description.scene import Scene
 from ..inputs import checks
 from ..inputs.errors import ArgumentError
+from ..measures import contact_share, lowest_gap
 from ..options import Options
-from ..simulator import Simulator
+from ..parameters import Parameters
 from ..stepping.strategy import current_name
+from ..tasks.disturbances import Disturbances, LogNormal
 from ..tasks.task import Task
-from .launch import Case
+from .chunks import ARMS, Chunks, Part
 from .report import SweepReport
 from .spec import SweepSpec
 from .summary import summary_of, table_of
 from .task_report import sweep_task
+from .tasks import TaskSweep
 from .worlds import Worlds
+from .worlds.draws import Draws
 
 
 def sweep(
@@ -41,6 +47,8 @@ def sweep(
     progress: Callable[[int, int], None] | None = None,
     out: str | os.PathLike[str] | None = None,
     executor: Any = None,
+    record: Sequence[str | int] = (),
+    record_every: float = 0.5,
 ) -> Any:
     """Run many perturbed worlds, in chunks of bounded memory: of a task, or of a scene as a spec says.
 
@@ -66,6 +74,9 @@ def sweep(
         out: of a task: a folder for its table, a file for every chunk. The same call again goes on where it
             was, after a kill too; memory does not grow with the worlds. None: the table stays in memory.
         executor: of a task with `out`: runs chunks in other processes, see `runs.executors`.
+        record: of a task: states whose way from the start is kept over time, by name or place, in columns
+            "recorded_NAME_TIME" of the table.
+        record_every: time between two records [s]; one comes before the kick of its time.
 
     A keyboard interrupt ends the sweep with what is finished (`complete` False).
 
@@ -82,55 +93,111 @@ def sweep(
         return sweep_task(
             scene, policy, worlds=worlds, seed=seed, cases=cases, step_sizes=step_sizes, dtype=dtype,
             device=device, strategy=strategy, chunk=chunk, progress=progress, out=out, executor=executor,
+            record=record, record_every=record_every,
         )  # fmt: skip
-    if out is not None or executor is not None:
-        raise ArgumentError("out and executor are of tasks; a sweep of a scene stays in memory")
-    return _sweep_scene(scene, policy, spec, scaling, integrator, dtype, device, strategy, chunk, progress)
-
-
-def _sweep_scene(
-    scene: Scene,
-    policy: Any,
-    spec: Any,
-    scaling: str,
-    integrator: str,
-    dtype: str,
-    device: Any,
-    strategy: str,
-    chunk: int | None,
-    progress: Callable[[int, int], None] | None,
-) -> SweepReport:
-    """The product of the spec's residuals and step sizes."""
-    checks.instance("scene", scene, Scene, "a slcp_warp.Scene or a slcp_warp.Task")
-    checks.instance("spec", spec, SweepSpec, "a slcp_warp.SweepSpec")
-    chunk = None if chunk is None else checks.whole("chunk", chunk)
+    recorded = not isinstance(record, list | tuple) or bool(record)
+    if out is not None or executor is not None or recorded:
+        raise ArgumentError("out, executor and record are of tasks; a sweep of a scene stays in memory")
     checks.function("progress", progress, 2, optional=True)
+    work = SceneSweep(
+        scene, policy, spec, scaling=scaling, integrator=integrator, dtype=dtype, device=device,
+        strategy=strategy, chunk=chunk,
+    )  # fmt: skip
+    return _report_of(work, progress or (lambda done, total: None))
 
-    def cases() -> Iterator[tuple[str, Case]]:
-        for residual in spec.residuals:
-            options = Options(residual=residual, scaling=scaling, integrator=integrator)
-            sim = Simulator(scene, options, device=device, dtype=dtype, strategy=strategy)
-            for step_size in spec.step_sizes:
-                yield residual, Case(sim, policy, spec, step_size, chunk)
 
+class SceneSweep(TaskSweep):
+    """A sweep of a scene as a spec says: of a task with its disturbances, one state recorded."""
+
+    def __init__(
+        self, scene: Any, policy: Any, spec: Any, *, scaling: str, integrator: str, **choices: Any
+    ) -> None:
+        checks.instance("scene", scene, Scene, "a slcp_warp.Scene or a slcp_warp.Task")
+        self.spec: SweepSpec = checks.instance("spec", spec, SweepSpec, "a slcp_warp.SweepSpec")
+        cases = {
+            residual: Options(residual=residual, scaling=scaling, integrator=integrator)
+            for residual in spec.residuals
+        }
+        super().__init__(
+            task_of(scene, spec), {"policy": policy}, worlds=spec.worlds, seed=spec.seed, cases=cases,
+            step_sizes=spec.step_sizes, record=(spec.observe,), record_every=spec.sample_every, **choices,
+        )  # fmt: skip
+        self.chunks = Chunks([part for part in self.chunks.parts if part.arm == ARMS[0]])
+        sim = next(iter(self.simulators.values()))
+        kept = "SweepSpec.duration / sample_every: the samples"
+        checks.memory(kept, spec.worlds * self.record.count(spec.duration), 4, sim.device)
+
+    def draws(self, part: Part) -> Draws:
+        """As of a task, with other base values; the table has columns for parameters only.
+
+        Raises:
+            ArgumentError: parameters of the spec that differ over worlds.
+        """
+        sim, spec, task = self.simulators[part.case], self.spec, self.task
+        params = sim.params.replace(**spec.parameters)
+        if params.worlds is not None:
+            raise ArgumentError(
+                "SweepSpec.parameters must be shared by all worlds; use parameter_sd to vary them"
+            )
+        draws = Draws(sim, task.disturbances, self.seed, part.step_size, task.start, params.table()[0],
+                      spec.sample_every)  # fmt: skip
+        draws.told = draws.told[:1]
+        return draws
+
+
+def task_of(scene: Scene, spec: SweepSpec) -> Task:
+    """What a spec asks of a scene, as a task.
+
+    Raises:
+        ArgumentError: starts that are no states of the scene, or a component that it has not got.
+    """
+    nx = 2 * scene.nv
+    if not 0 <= spec.observe < nx:
+        raise ArgumentError(f"SweepSpec.observe is {spec.observe}; a state component 0..{nx - 1} is needed")
+    if spec.start is not None and spec.start.shape[1:] != (nx,):
+        raise ArgumentError(
+            f"SweepSpec.start has shape {spec.start.shape}; finite numbers (M, {nx}) are needed"
+        )
+    there = {name for name, _, shape in Parameters(scene).layout.columns if np.prod(shape, dtype=int)}
+    disturbances = Disturbances(
+        position=spec.position_sd,
+        velocity=spec.velocity_sd,
+        parameters={name: LogNormal(sd) for name, sd in spec.parameter_sd.items() if name in there},
+        torque=spec.torque_sd,
+        kick_times=spec.kick_times,
+        kick=spec.kick_sd,
+    )
+    free = quadratic(np.zeros((nx, nx)), np.eye(scene.nu))
+    contacts = {"contact_share": contact_share(), "lowest_gap": lowest_gap()}
+    return Task(scene.name, scene, free, 1, duration=spec.duration, start=spec.start,
+                disturbances=disturbances, measures=contacts)  # fmt: skip
+
+
+def _report_of(work: SceneSweep, progress: Callable[[int, int], None]) -> SweepReport:
+    """All chunks, and a report of what is finished."""
+    spec, done = work.spec, 0
     report = SweepReport([], {}, [], _plain(spec))
-    tables: list[dict[str, np.ndarray]] = []
-    done, total = 0, spec.worlds * len(spec.residuals) * len(spec.step_sizes)
-    for residual, case in cases():
-        try:
-            for count in case.run():
-                done += count
-                if progress is not None:
-                    progress(done, total)
-        except KeyboardInterrupt:
-            report.complete = False
-        if found := case.finished():
-            table, samples = table_of(residual, case.step_size, found, spec)
-            report.cases.append(summary_of(residual, case.step_size, table, spec, case.seconds))
-            report.samples.append(samples)
-            tables.append(table)
-        if not report.complete:
-            break
+    pieces: dict[Part, list[dict[str, np.ndarray]]] = {}
+    seconds: dict[Part, float] = {}
+    try:
+        for part, world0, count in map(work.chunks.__getitem__, range(len(work.chunks))):
+            began = time.perf_counter()
+            found = work.found(part, world0, count)
+            seconds[part] = seconds.get(part, 0.0) + time.perf_counter() - began
+            found["records"] = found["records"][:, :, 0]
+            found |= dict(zip(work.task.measures, found.pop("measures").T))
+            pieces.setdefault(part, []).append(found)
+            done += count
+            progress(done, work.chunks.worlds)
+    except KeyboardInterrupt:
+        report.complete = False
+    tables = []
+    for part, several in pieces.items():
+        found = {name: np.concatenate([each[name] for each in several]) for name in several[0]}
+        table = table_of(part.case, part.step_size, found, spec)
+        report.cases.append(summary_of(part.case, part.step_size, table, spec, seconds[part]))
+        report.samples.append(found["records"])
+        tables.append(table)
     report.table = {name: np.concatenate([t[name] for t in tables]) for name in tables[0]} if tables else {}
     return report
 

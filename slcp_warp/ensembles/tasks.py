@@ -17,13 +17,10 @@ from ..stepping.arguments import at_step_size
 from ..tasks.disturbances import Disturbances
 from ..tasks.task import Task
 from .chunks import ARMS, Chunks, Part
-from .launch import Case, worlds_at_once
-from .spec import SweepSpec
+from .launch import Case, Recorded, worlds_at_once
 from .worlds import Worlds
 from .worlds.between import between, steps_of
 from .worlds.draws import Draws, Given, draws_of_task
-
-SAMPLES = 2  # of a world: the least that a case keeps
 
 
 class TaskSweep:
@@ -52,6 +49,8 @@ class TaskSweep:
         device: Any = None,
         strategy: str = "auto",
         chunk: int | None = None,
+        record: Sequence[str | int] = (),
+        record_every: float = 0.5,
     ) -> None:
         """Args:
         policies: a policy, or policies by name.
@@ -60,6 +59,8 @@ class TaskSweep:
         step_sizes: [s]; None: the scene's.
         dtype, device, strategy: as of a `Simulator`.
         chunk: worlds a launch, default by memory; results do not depend on it.
+        record: states whose way from the start is kept over time, in columns of their own.
+        record_every: time between two records [s].
 
         A policy with numbers of every world's own (gains (B, nu, nx)) is for `worlds` of them; undisturbed
         each runs once, from the starts in turn.
@@ -79,9 +80,15 @@ class TaskSweep:
             label: Simulator(task.scene, options, device=device, dtype=dtype, strategy=strategy)
             for label, options in self.cases.items()
         }
+        assert task.duration is not None
+        self.record = Recorded.of(task.scene, record, record_every, task.duration)
+        records = self.record.count(task.duration), len(self.record.states)
         parts = []
         for label, size, name in itertools.product(self.cases, sizes, self.policies):
-            kept = SAMPLES, len(self._judged), task.disturbances.numbers(task.scene.nv)
+            kept = records, len(self._judged), task.disturbances.numbers(task.scene.nv)
+            checks.memory(
+                "record_every: a world's records", records[0] * records[1], 4, self.simulators[label].device
+            )
             at_once = chunk or worlds_at_once(self.simulators[label], *kept)
             for arm, count in zip(ARMS, (worlds, _undisturbed(task, self.policies[name]))):
                 parts.append(Part(name, label, size, arm, count, min(at_once, count)))
@@ -94,7 +101,7 @@ class TaskSweep:
         self.chunks = Chunks([part._replace(at_once=n) for part, n in parts])
 
     def run(self, index: int) -> dict[str, np.ndarray]:
-        """The rows of chunk `index`: world, what was drawn, measures, success, status.
+        """The rows of chunk `index`: world, what was drawn, measures, success, status, records.
 
         A world that was not solved has NaN for its measures, and is no success.
         """
@@ -102,42 +109,54 @@ class TaskSweep:
 
     def rows(self, part: Part, world0: int, count: int) -> dict[str, np.ndarray]:
         """The rows of worlds world0, world0 + 1, ... of a part, as `run` gives them."""
+        found = self.found(part, world0, count)
+        recorded = self.record.columns(self.task.scene, found["records"])
+        return _columns(self.task, self._judged, found, world0) | recorded
+
+    def found(self, part: Part, world0: int, count: int) -> dict[str, np.ndarray]:
+        """What `Case.launch` leaves of worlds world0, world0 + 1, ... of a part."""
         if self._case[0] != part:
             self._case = part, self._case_of(part)
-        return _columns(self.task, self._judged, self._case[1].launch(world0, count), world0)
+        found: dict[str, np.ndarray] = self._case[1].launch(world0, count)
+        return found
+
+    def draws(self, part: Part) -> Draws | Given:
+        """What the worlds of a part are drawn from."""
+        sim, disturbed = self.simulators[part.case], part.arm == ARMS[0]
+        if self.given is not None and disturbed:
+            return Given(sim, self.task, self.given, part.step_size)
+        d = self.task.disturbances if disturbed else Disturbances()
+        return draws_of_task(sim, self.task, d, self.seed, part.step_size)
 
     def _case_of(self, part: Part) -> Case:
-        task, sim = self.task, self.simulators[part.case]
-        assert task.duration is not None
-        d = task.disturbances if part.arm == ARMS[0] else Disturbances()
-        spec = SweepSpec(worlds=part.worlds, duration=task.duration, step_sizes=(part.step_size,),
-                         seed=self.seed, sample_every=task.duration, judged=False)  # fmt: skip
-        draws: Draws | Given
-        if self.given is not None and part.arm == ARMS[0]:
-            draws = Given(sim, task, self.given, part.step_size)
-        else:
-            draws = draws_of_task(sim, task, d, self.seed, part.step_size)
-        policy, quiet = self.policies[part.policy], part.arm != ARMS[0]
-        return case_of(task, sim, policy, spec, draws, self._judged, part.at_once, quiet)
+        return case_of(
+            self.task, self.simulators[part.case], self.policies[part.policy], self.draws(part), self._judged,
+            part.step_size, worlds=part.worlds, chunk=part.at_once, seed=self.seed,
+            quiet=part.arm != ARMS[0], record=self.record,
+        )  # fmt: skip
 
 
 def case_of(
-    task: Task, sim: Simulator, policy: Any, spec: SweepSpec, draws: Draws | Given, judged: Sequence[Measure],
-    at_once: int | None, quiet: bool = False,
+    task: Task, sim: Simulator, policy: Any, draws: Draws | Given, judged: Sequence[Measure],
+    step_size: float, *, seed: int = 0, quiet: bool = False, duration: float | None = None, **choices: Any,
 ) -> Case:  # fmt: skip
     """The worlds of `draws` under a policy, with all that a task has around it.
 
     Args:
-        spec: of one step size.
         judged: measures, with those of the task's success, and of its failure the first time.
-        at_once: worlds of a launch.
+        step_size: [s].
         quiet: without what the task's disturbances put between the policy and its world.
+        duration: of the run [s]; None: the task's.
+        choices: of a `Case`: worlds, chunk, record.
     """
-    (step_size,) = spec.step_sizes
-    policy = between(at_step_size(policy, step_size), task, spec.seed, step_size, quiet)
+    policy = between(at_step_size(policy, step_size), task, seed, step_size, quiet)
     failure = None if task.failure is None else first_time(task.failure)
-    limits = task.control_limits
-    return Case(sim, policy, spec, step_size, at_once, judged, draws, limits, failure, task.cost)
+    span = task.duration if duration is None else duration
+    assert span is not None
+    return Case(
+        sim, policy, draws, step_size, span, seed=seed, measures=judged, limits=task.control_limits,
+        failure=failure, cost=task.cost, **choices,
+    )  # fmt: skip
 
 
 def _count(worlds: Any) -> int:

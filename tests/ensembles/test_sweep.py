@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 import scipy.stats
 import warp as wp
-from simulators import simulator
-from sweeps import FINGER, drawn, idle, run, spec
+from sweeps import FINGER, drawn, run, sweep_of
 
 import slcp_warp as slcp
 from slcp_warp import Status
@@ -175,9 +174,11 @@ def test_memory_does_not_grow_with_the_worlds(monkeypatch):
 
 
 def test_a_million_worlds_are_cut_into_chunks(device):
-    sim = simulator("flicking_finger", device, wp.float32, "none")
-    case = launches.Case(sim, idle(), spec(worlds=10**6, duration=20.0), 0.05, None)
-    assert case.chunk * (8 * (sim.params.layout.width + 6) + 4 * case.count) < 130 * 2**20
+    work = sweep_of(device, worlds=10**6, duration=20.0)
+    (part,), (sim,) = work.chunks.parts, work.simulators.values()
+    records = work.record.count(20.0)
+    assert records == 201 and part.worlds == 10**6
+    assert part.at_once * (8 * (sim.params.layout.width + 6) + 4 * records) < 130 * 2**20
 
 
 # --- statistics ---

@@ -8,7 +8,7 @@ import slcp_warp as slcp
 from slcp_warp import ddp
 from slcp_warp import sweep as public_sweep
 from slcp_warp.ddp.library.entries import scene_digest
-from slcp_warp.ensembles.worlds.draws import draws_of_spec
+from slcp_warp.ensembles.sweep import SceneSweep
 
 FINGER = scene("flicking_finger")
 OPTIONS = {"scaling": "none", "dtype": "float32"}
@@ -38,10 +38,16 @@ def run(device="cpu", chunk=None, progress=None, **changes):
     )
 
 
+def sweep_of(device="cpu", **changes):
+    """The work of `run`, before it runs."""
+    return SceneSweep(FINGER, idle(), spec(**changes), device=device, integrator="euler", **OPTIONS)
+
+
 def drawn(device, worlds, **changes):
     """Parameters by name (B, ...) and starts (B, nx) that a sweep would simulate."""
     sim = simulator("flicking_finger", device, wp.float32, "none")
-    drawn = draws_of_spec(sim, spec(worlds=worlds, **changes), 0.05).worlds(0, worlds)
+    work = sweep_of(device, worlds=worlds, **changes)
+    drawn = work.draws(work.chunks.parts[0]).worlds(0, worlds)
     table, x0 = drawn.params, drawn.x0
     columns = {
         n: table.numpy()[:, a : a + int(np.prod(s, dtype=int))] for n, a, s in sim.params.layout.columns

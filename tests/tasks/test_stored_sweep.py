@@ -49,6 +49,27 @@ def test_the_table_is_that_of_a_sweep_in_memory(tmp_path):
     assert memory.dataset().count_rows() == len(b["world"]) == seen[-1][0] == seen[-1][1] == 62
 
 
+def test_records_are_kept_and_gone_on_with(tmp_path):
+    def stop(done, total):
+        if done:
+            raise KeyboardInterrupt
+
+    kept = {"record": ("block.x",), "record_every": 0.4}
+    memory = slcp.sweep(task(), TWO, **kept, **FIELDS).table
+    part = slcp.sweep(task(), TWO, out=tmp_path / "run", chunk=7, progress=stop, **kept, **FIELDS)
+    assert not part.complete
+    stored = StoredSweep.resume(tmp_path / "run")
+    stored.run()
+    table = stored.report().table
+    assert [name for name in table if name.startswith("recorded_")] == [
+        f"recorded_block.x_{t}" for t in ("0", "0.4", "0.8", "1.2")
+    ]
+    for name, column in memory.items():
+        np.testing.assert_array_equal(table[name], column, err_msg=name)
+    with pytest.raises(FileError, match="record"):
+        slcp.sweep(task(), TWO, out=tmp_path / "run", **FIELDS)
+
+
 def test_a_sweep_goes_on_where_it_was(tmp_path):
     """Interrupted three times, cut otherwise, moved: the table has the bits of one that ran through."""
     through = slcp.sweep(task(), TWO, out=tmp_path / "through", chunk=30, **FIELDS)

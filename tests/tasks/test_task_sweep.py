@@ -70,6 +70,49 @@ def test_measures_are_those_of_the_recorded_run(device, residual, strategy):
     assert 0.0 < found["contact"].min() and np.isinf(found["never"]).all() and np.isnan(found["late"]).all()
 
 
+@pytest.mark.parametrize("residual, strategy", [("rem-logistic", "specialised"), ("hard", "generic")])
+def test_records_are_those_of_the_recorded_run(device, residual, strategy):
+    """Several states at once, less their start, in the undisturbed world and through a kick."""
+    kicked = task(disturbances=slcp.Disturbances(kick_times=(0.2,), kick=1.0))
+    options, names = slcp.Options(residual=residual), ("block.x", "pusher.vshift")
+    choices = {"worlds": 3, "cases": options, "dtype": "float64", "device": device, "strategy": strategy}
+    report = slcp.sweep(kicked, plan(), record=names, record_every=0.1, **choices)
+    found, hit = report.part("policy", arm="undisturbed"), report.part("policy")
+    states = slcp.Simulator(SCENE, options, dtype="float64", device=device).rollout(
+        SCENE.x0, policy=plan(), steps=N
+    ).states  # fmt: skip
+    plain = slcp.sweep(kicked, plan(), **choices)
+    assert report.measures == plain.measures == tuple(MEASURES)
+    for name in names:
+        place = SCENE.state_index(name)
+        for n in range(13):
+            column, exact = f"recorded_{name}_{n * 0.1:.9g}", states[5 * n, place] - states[0, place]
+            np.testing.assert_allclose(found[column], exact, rtol=1e-6, atol=1e-9, err_msg=column)
+            moved = np.abs(hit[column] - found[column]) > 1e-6
+            assert not moved.any() if n <= 2 else moved.any(), "a record comes before the kick of its time"
+    assert set(hit) - set(plain.part("policy")) == {
+        f"recorded_{name}_{n * 0.1:.9g}" for name in names for n in range(13)
+    }
+    for name in plain.part("policy"):
+        np.testing.assert_array_equal(hit[name], plain.part("policy")[name], err_msg=name)
+
+
+@pytest.mark.parametrize(
+    "record, every, text",
+    [
+        ("block.x", 0.1, "record is 'block.x'; a tuple of states"),
+        (("block.z",), 0.1, "block.z"),
+        (("block.x", 1), 0.1, "each state once"),
+        (("block.x",), 2.0, "record_every is 2.0; at most the duration 1.2"),
+        (("block.x",), 1e-12, "record_every is 1e-12; at most"),
+        ((), 0.0, "record_every is 0.0"),
+    ],
+)
+def test_bad_records_are_refused(record, every, text):
+    with pytest.raises(slcp.InputError, match=text):
+        slcp.sweep(task(), plan(), worlds=2, record=record, record_every=every)
+
+
 def test_policies_meet_the_same_worlds(device):
     report = slcp.sweep(task(), {"all": plan(), "half": plan(0.5)}, worlds=300, seed=3, device=device)
     full, half = report.part("all"), report.part("half")

@@ -10,7 +10,7 @@ BLOCK = 4096  # worlds of a block
 Key = tuple[str, str, float, str]  # policy, case, step size, arm
 Columns = dict[str, np.ndarray]
 OF_ROWS = ("world", "success", "status")  # columns of every part, beside its measures and what was drawn
-DRAWN = "drawn_"
+DRAWN, RECORDED = "drawn_", "recorded_"
 
 
 class Source(Protocol):
@@ -86,7 +86,7 @@ def chosen(names: Sequence[str] | None, there: Sequence[str]) -> list[str]:
 def measure_names(source: Source) -> tuple[str, ...]:
     """The columns that are measures, of all parts."""
     names = dict.fromkeys(name for key in source.keys for name in source.names(key))
-    return tuple(name for name in names if name not in OF_ROWS and not name.startswith(DRAWN))
+    return tuple(name for name in names if name not in OF_ROWS and not name.startswith((DRAWN, RECORDED)))
 
 
 class MemorySource:

@@ -14,6 +14,7 @@ from ...runs.job import Columns, Job, Plain, makes_jobs, reference_to
 from ...runs.origin import device_kind
 from ...runs.store import Store
 from ..chunks import ARMS, KEYS
+from ..launch import NOT_RECORDED
 from ..tasks import TaskSweep
 from .identity import policy_identity, task_identity
 from .layout import chunks_of, layout_of
@@ -64,6 +65,7 @@ class SweepJob(Job):
             "step_sizes": list(dict.fromkeys(part.step_size for part in parts)),
             "dtype": first.dtype.__name__,
             "strategy": {label: sim.strategy for label, sim in work.simulators.items()},
+            **({"record": [list(work.record.states), work.record.every]} if work.record.states else {}),
         }
 
     def specification(self) -> Plain:
@@ -135,9 +137,11 @@ def saved_sweep(folder: str, task: str, policies: dict[str, str], strategy: str)
     in_order = {part.policy: policies[part.policy] for part in parts}  # JSON's keys may come sorted
     found, named, texts = unpack(store.folder, task, in_order)
     device = wp.get_preferred_device()
+    states, every = said.get("record", NOT_RECORDED)
     work = TaskSweep(
         found, named, worlds=said["worlds"], seed=said["seed"], step_sizes=said["step_sizes"],
         cases={part.case: Options(**said["cases"][part.case]) for part in parts}, dtype=said["dtype"],
+        record=states, record_every=every,
         device=device if device_kind(device) == store.manifest.device else "cpu", strategy=strategy,
     )  # fmt: skip
     work.cut([part.at_once for part in parts])

@@ -16,10 +16,9 @@ from ...inputs import rules
 from ...inputs.checks import instance, whole
 from ...inputs.errors import ArgumentError
 from ...simulator import Simulator
-from ...tasks.disturbances import Disturbances, LogNormal, laws
+from ...tasks.disturbances import Disturbances, laws
 from ...tasks.disturbances.laws import Laws
 from ...tasks.task import Task
-from ..spec import SweepSpec
 from .arrays import Worlds
 
 MOST = float(np.finfo(np.float32).max)
@@ -141,36 +140,6 @@ def draws_of_task(
     base = sim.params.table()[0]
     in_order = not disturbances.any()
     return Draws(sim, disturbances, seed, step_size, task.start, base, task.duration, in_order)
-
-
-def draws_of_spec(sim: Simulator, spec: SweepSpec, step_size: float) -> Draws:
-    """Of the worlds of a spec; its report has columns for parameters only.
-
-    Raises:
-        ArgumentError: parameters of the spec that differ over worlds, or starts that are no states.
-    """
-    params = sim.params.replace(**spec.parameters)
-    if params.worlds is not None:
-        raise ArgumentError(
-            "SweepSpec.parameters must be shared by all worlds; use parameter_sd to vary them"
-        )
-    start = sim.scene.x0[None] if spec.start is None else np.atleast_2d(np.asarray(spec.start, float))
-    if start.ndim != 2 or start.shape[1] != sim.nx or not np.all(np.isfinite(start)):
-        raise ArgumentError(
-            f"SweepSpec.start has shape {start.shape}; finite numbers (M, {sim.nx}) are needed"
-        )
-    there = {name for name, _, shape in sim.params.layout.columns if np.prod(shape, dtype=int)}
-    disturbances = Disturbances(
-        position=spec.position_sd,
-        velocity=spec.velocity_sd,
-        parameters={name: LogNormal(sd) for name, sd in spec.parameter_sd.items() if name in there},
-        torque=spec.torque_sd,
-        kick_times=spec.kick_times,
-        kick=spec.kick_sd,
-    )
-    draws = Draws(sim, disturbances, spec.seed, step_size, start, params.table()[0], spec.sample_every)
-    draws.told = draws.told[:1]
-    return draws
 
 
 class Given:

@@ -11,7 +11,7 @@ from ....results import Trajectory
 from ....results.simulated import Simulated
 from ....simulator import Simulator
 from ....tasks.task import Task
-from ...spec import SweepSpec
+from ...launch import Recorded
 from ...tasks import case_of
 from ...worlds import Worlds
 from ...worlds.draws import Given
@@ -20,26 +20,20 @@ from ...worlds.draws import Given
 def replayed(task: Task, policy: Any, world: Worlds, options: Options) -> Trajectory:
     """The states of given worlds in every step, as the sweep's own kernels make them, in float64.
 
-    Each state is sampled by a run of its own, in single precision of its distance from the start.
+    Recorded in single precision of the distance from the start.
     """
     assert task.duration is not None
     given = world.numpy()
     h = task.scene.step_size if given.params is None else float(given.params[0, 0])
     sim = Simulator(task.scene, options, dtype="float64")
     steps = int(np.floor(task.duration / h + 0.5))
-    columns, judged = [], [] if task.failure is None else [first_time(task.failure)]
-    for component in range(sim.nx):
-        spec = SweepSpec(
-            worlds=len(given),
-            duration=steps * h,
-            step_sizes=(h,),
-            observe=component,
-            sample_every=h,
-            judged=False,
-        )
-        case = case_of(task, sim, policy, spec, Given(sim, task, given, h), judged, None)
-        found = case.launch(0, len(given))
-        columns.append(given.x0[:, component, None] + found["samples"].astype(float))
+    judged = [] if task.failure is None else [first_time(task.failure)]
+    case = case_of(
+        task, sim, policy, Given(sim, task, given, h), judged, h, worlds=len(given), duration=steps * h,
+        record=Recorded(tuple(range(sim.nx)), h),
+    )  # fmt: skip
+    found = case.launch(0, len(given))
+    states = given.x0[:, None] + found["records"].astype(float)
     parameters = sim.params
     if given.params is not None:
         layout = sim.params.layout
@@ -48,4 +42,4 @@ def replayed(task: Task, policy: Any, world: Worlds, options: Options) -> Trajec
             for name, start, shape in layout.columns
         }
         parameters = Parameters(sim.scene).replace(**own)
-    return Trajectory(np.stack(columns, -1), found["status"], simulated=Simulated.of(sim, parameters))
+    return Trajectory(states, found["status"], simulated=Simulated.of(sim, parameters))

@@ -13,8 +13,7 @@ from ....options import Options
 from ....simulator import Simulator
 from ....tasks.task import Task
 from ...launch import worlds_at_once
-from ...spec import SweepSpec
-from ...tasks import SAMPLES, case_of, succeeded
+from ...tasks import case_of, succeeded
 from ...worlds import Worlds
 from ...worlds.draws import Given
 
@@ -63,13 +62,11 @@ class Trial:
         judged = [*measures, *(() if task.success is None else task.success.parts())]
         judged += [] if task.failure is None else [first_time(task.failure)]
         self._judged, self._measures = list(dict.fromkeys(judged)), len(measures)
-        spec = SweepSpec(
-            worlds=1, duration=task.duration, step_sizes=(self.step_size,), seed=seed,
-            sample_every=task.duration, judged=False,
-        )  # fmt: skip
         given = Given(self.sim, task, Worlds(task.start[:1]), self.step_size)
-        at_once = worlds_at_once(self.sim, SAMPLES, len(self._judged), given.numbers)
-        self._case = case_of(task, self.sim, policy, spec, given, self._judged, at_once)
+        at_once = worlds_at_once(self.sim, (0, 0), len(self._judged), given.numbers)
+        self._case = case_of(
+            task, self.sim, policy, given, self._judged, self.step_size, worlds=1, seed=seed, chunk=at_once
+        )
 
     def run(self, worlds: Worlds) -> Ends:
         """Run these worlds to their end."""
