@@ -232,8 +232,11 @@ class Workspace:
         v = v - np.clip(v, lower, upper)
         return np.asarray(0.5 * (weight * v**2 - y**2 / weight).sum((1, 2)))
 
-    def _close_gaps(self, limit: int) -> int:
-        """Passes over the states in `xs` and the controls in `us` until no gap is open."""
+    def _close_gaps(self, limit: int, wait: bool = False) -> int:
+        """Passes over the states in `xs` and the controls in `us` until no gap is open.
+
+        With `wait` a problem without gaps makes no more of them: what it comes to does not depend on others.
+        """
         shooting, state = self._shooting, self._state
         shooting.shoot()
         shooting.start()
@@ -244,6 +247,9 @@ class Workspace:
             if self.active():
                 shooting.search()
             done += 1
+            if wait:
+                going = (state.active.numpy() == 1) & (state.gap.numpy() > 0.0)
+                state.active.assign(going.astype(np.int32))
         if not (state.gap.numpy() == 0.0).all() or (state.status.numpy() > 0).any():
             state.gap.zero_()  # what is still open is closed by a rollout under the policy
             self.k.zero_()

@@ -63,14 +63,15 @@ def start_automatically(work: Any, limit: int) -> int:
 
     Returns 0: the passes that closed gaps are no part of the solve, whose trace begins after them.
     """
-    if not unstable(work, work.x0).any():
+    own = unstable(work, work.x0)
+    if not own.any():
         return 0
     rolled = [a.numpy().copy() for a in (work.us, work.xs)]
     cost = work.cost.numpy().copy()
     work.xs.assign(held_states(work, "hold").astype(work.numpy_dtype))
-    work._close_gaps(limit)
+    work._close_gaps(limit, wait=True)
     failed = work.status.numpy() == Status.DYNAMICS_FAILED
-    better = (np.where(failed, np.inf, work.cost.numpy()) < cost)[:, None, None]
+    better = (own & (np.where(failed, np.inf, work.cost.numpy()) < cost))[:, None, None]
     work.us.assign(np.where(better, work.us.numpy(), rolled[0]))
     work.xs.assign(np.where(better, work.xs.numpy(), rolled[1]))
     work.K.assign(np.where(better[..., None], work.K.numpy(), 0.0).astype(work.numpy_dtype))

@@ -118,3 +118,18 @@ def test_gaps_that_a_part_of_a_step_leaves():
     gaps = x[:-1] @ data["A"].T + u @ data["B"].T + data["c"] - x[1:]
     np.testing.assert_allclose(gaps, 0.75 * before, atol=1e-9)
     np.testing.assert_allclose(work._shooting.policy.gaps.numpy()[0], gaps, atol=1e-9)
+
+
+def test_neighbours_change_no_start():
+    """A plan of a batch is the one that its problem has alone, beside starts that are stabilised or not."""
+    problem, _, _ = cart_pole("cpu", horizon=60)
+    x0 = np.zeros((6, 4))
+    x0[:, 1] = [0.05, 0.3, 0.9, 1.6, 2.1, 3.1]
+    options = ddp.Options(max_iterations=8)
+    found = ddp.solve(problem, x0, None, options)
+    for i, start in enumerate(x0):
+        alone = ddp.solve(problem, start, None, options)
+        np.testing.assert_array_equal(alone.us, found.us[i])
+        assert (alone.cost, alone.iterations, alone.status) == (
+            *(found.cost[i], found.iterations[i], found.status[i]),
+        )
