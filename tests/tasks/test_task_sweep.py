@@ -308,8 +308,6 @@ def test_a_sequential_comparison_stops_when_it_is_decided(device):
     assert found.difference[0] == found.report.compare("all", "half")["success"][0] > 0.0
     assert "all less half" in repr(found) and "all is larger" in repr(found)
     how = {"measure": "final", "margin": 0.01, "worlds": 300, "batch": 100, "device": device}
-    close = slcp.compare_sequentially(task(), {"a": plan(), "b": plan(0.9999)}, **how)
-    assert close.decision == "equal" and 0.0 < abs(close.difference[0]) < 0.01
     same = slcp.compare_sequentially(task(), {"a": plan(), "b": plan()}, **how)  # no variance, no interval
     assert (same.decision, same.worlds, same.difference) == ("undecided", 300, (0.0, -np.inf, np.inf))
     with pytest.raises(slcp.InputError, match="policies is"):

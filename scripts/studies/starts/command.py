@@ -18,7 +18,6 @@ from slcp_warp.kernels.control.sampling import METHODS
 from ...support.options import Device
 from ...support.screen import one_line_errors, prepared, show_rows
 
-TASKS = ("flicking_finger", "push_to_mark")
 SAMPLINGS = ((64, 10), (128, 20), (256, 40))  # samples and iterations
 STARTS = (2, 4, 8, 16)
 SEEDS = 3
@@ -26,15 +25,15 @@ SEEDS = 3
 
 @one_line_errors
 def starts_command(
+    tasks: Annotated[list[str], typer.Argument(metavar="TASK...", help="As of `slcp tasks`.")],
     out: Annotated[Path, typer.Option(help="The picture.")] = Path("starts.png"),
-    tasks: Annotated[str, typer.Option(help="Names of tasks, comma-separated.")] = ",".join(TASKS),
     device: Device = None,
 ) -> None:
     """Cost against CPU time: sampled controls, DDP from noise, and DDP from what was sampled."""
     from .chart import starts_chart  # it loads matplotlib
 
     path = prepared(out, ".png")
-    rows = [row for name in tasks.split(",") for row in _outcomes(slcp.load_task(name), device)]
+    rows = [row for name in tasks for row in _outcomes(slcp.load_task(name), device)]
     show_rows(f"lowest cost, median of {SEEDS} seeds", rows)
     starts_chart(path, rows)
     typer.echo(f"wrote {path}")
