@@ -39,6 +39,8 @@ class OnHost:
         self.every, self._held = self._asked.every, Held(sim, len(worlds))
         self._between = policy if isinstance(policy, HostBetween) else None
         around = self._held if self._between is None else self._between.around(self._held)
+        if self._between is not None and self._between.hold % self.every == 0:
+            self.every = self._between.hold  # what it says in between reaches no world
         self.kernel, self.struct = around.kernel(sim)
 
     def ask(self, k: int, events: Any, p: Progress, state: wp.array) -> None:

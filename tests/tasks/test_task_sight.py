@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 import warp as wp
-from test_disturbances import ENDS, FORCE, GOAL, SCENE, swept, task
+from test_disturbances import ENDS, FORCE, GOAL, SCENE, H, N, swept, task
 
 import slcp_warp as slcp
 from slcp_warp import policies
@@ -92,10 +92,15 @@ def test_what_acts_on_the_host_sees_the_same(device):
 
 @pytest.mark.parametrize("strategy", ["specialised", "generic"])
 def test_what_lies_around_a_policy_lies_around_one_on_the_host(device, strategy):
-    """A noisy sensor, delay and hold; undisturbed none of them."""
+    """A noisy sensor, delay and hold; undisturbed none of them. It is asked when a control is to be held."""
+    asked = []
 
     class Host:
+        def begin(self, sim, worlds):
+            asked.append([])
+
         def act(self, x, time, worlds):
+            asked[-1].append(time)
             return FORCE + (x - GOAL) @ WHOLE.T
 
     own = task(disturbances=slcp.Disturbances(sensor={"block.x": 0.05}, delay=0.04, hold=0.06))
@@ -106,6 +111,8 @@ def test_what_lies_around_a_policy_lies_around_one_on_the_host(device, strategy)
         for name in ENDS:
             np.testing.assert_allclose(one[name], two[name], rtol=0, atol=1e-9, err_msg=name)
     assert np.ptp(both[0].part("policy")["block.x"]) > 1e-4
+    for times, held in zip(asked, (3, 3, 1), strict=True):  # two chunks, and the undisturbed world
+        np.testing.assert_allclose(times, H * np.arange(0, N, held))
 
 
 def test_periods_are_those_of_the_scene(tmp_path):

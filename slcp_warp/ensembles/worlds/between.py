@@ -86,11 +86,16 @@ class HostObserved(OfHost):
 
 
 class HostBetween(OfHost):
-    """A policy on the host behind a task's sensor, hold and delay; the last two are in the kernel."""
+    """A policy on the host behind a task's sensor, hold and delay; the last two are in the kernel.
+
+    Attributes:
+        hold: steps that a control is held.
+    """
 
     def __init__(self, policy: Any, d: Disturbances, step_size: float, seed: int, quiet: bool) -> None:
         super().__init__(policy)
         self._given = d, step_size, seed, quiet
+        self.hold = 1 if quiet else steps_of(d, step_size)[1]
 
     def around(self, held: Any) -> Between:
         """What holds the policy's controls, behind hold and delay."""
