@@ -13,6 +13,7 @@ UNBORN = (
     "worker processes end before they begin; a script that starts them needs its calls below "
     'if __name__ == "__main__":'
 )
+STILLBORN = 3  # workers, one after the other: one may be killed while it begins
 THREADS, VISIBLE = "SLCP_WARP_THREADS", "CUDA_VISIBLE_DEVICES"
 
 
@@ -29,6 +30,7 @@ class Pools:
         self.pending = [0] * count
         self.born: list[Future[Any] | None] = [None] * count
         self.unborn = ""
+        self._stillborn: set[Future[Any]] = set()
         self._lock = threading.RLock()
 
     def __len__(self) -> int:
@@ -65,11 +67,15 @@ class Pools:
     def _settle(self, k: int, future: "Future[Any]") -> None:
         with self._lock:
             self.pending[k] -= 1
-            if future.cancelled() or not isinstance(future.exception(), BrokenExecutor):
-                return
             born = self.born[k]
-            if born is not None and born.done() and not born.cancelled() and born.exception() is not None:
-                self.unborn = UNBORN
+            if future.cancelled() or born is None or not born.done() or born.cancelled():
+                return
+            if born.exception() is None:
+                self._stillborn.clear()
+            elif isinstance(future.exception(), BrokenExecutor):
+                self._stillborn.add(born)
+                if len(self._stillborn) >= STILLBORN:
+                    self.unborn = UNBORN
 
     def _end(self, k: int) -> None:
         pool, self.pools[k] = self.pools[k], None

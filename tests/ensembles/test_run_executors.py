@@ -248,6 +248,25 @@ def test_a_script_that_starts_itself_again_is_told_why(tmp_path):
     assert "WorkerError" in last and 'below if __name__ == "__main__"' in last
 
 
+def test_a_worker_that_is_killed_while_it_begins_is_started_again(tmp_path):
+    """It says nothing of the script that started it."""
+    killed = []
+
+    def kill():
+        while not killed:
+            for pool in workers.pools.pools:
+                killed.extend(getattr(pool, "_processes", None) or {})
+            time.sleep(1e-3)
+        os.kill(killed[0], signal.SIGKILL)
+
+    with processes(1) as workers:
+        killer = threading.Thread(target=kill)
+        killer.start()
+        outcome = run(Numbers(), Store.open(tmp_path / "x", Numbers()), workers)
+        killer.join()
+    assert outcome.complete and len(killed) == 1
+
+
 def test_a_worker_with_another_version_is_refused(tmp_path):
     context = multiprocessing.get_context("spawn")
     job = Numbers(100, 10)

@@ -15,7 +15,7 @@ from test_task_sweep import SCENE, kinetic_energy, plan, task
 import slcp_warp as slcp
 from slcp_warp import measures as m
 from slcp_warp import policies
-from slcp_warp.ensembles.stored import cutting
+from slcp_warp.ensembles.stored import cutting, travel
 from slcp_warp.ensembles.stored.identity import task_identity
 from slcp_warp.ensembles.stored.job import SweepJob
 from slcp_warp.ensembles.stored.sweep import StoredSweep
@@ -133,6 +133,20 @@ def test_a_cost_that_is_measured_decides():
     for judged in ({"measures": {"price": m.cost()}, "success": None}, {"success": m.cost() < 3.0}):
         assert of(1.0, **judged) == of(1.0, **judged) != of(2.0, **judged)
     assert of(1.0) == of(2.0) == task_identity(task())
+
+
+def test_a_disk_that_is_full_before_the_first_part(tmp_path, monkeypatch):
+    """One line as ever, and nothing that workers need is missing once there is room again."""
+
+    def full(*given):
+        raise OSError(28, "No space left on device")
+
+    for name in ("save_task", "save_policy"):
+        with monkeypatch.context() as patch, pytest.raises(FileError, match="No space left.*the same call"):
+            patch.setattr(travel, name, full)
+            StoredSweep.open(tmp_path, TaskSweep(task(), TWO, **FIELDS), chunk=30)
+    StoredSweep.open(tmp_path, TaskSweep(task(), TWO, **FIELDS), chunk=30)
+    assert StoredSweep.resume(tmp_path).job.count == 4
 
 
 def test_names_in_python_files_travel(tmp_path):

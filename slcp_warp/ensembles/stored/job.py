@@ -2,7 +2,6 @@
 
 import dataclasses
 from collections.abc import Mapping
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -84,9 +83,17 @@ class SweepJob(Job):
         )
 
     def pack(self) -> None:
-        """Put task and policies into the store for other processes, if they are data."""
-        with suppress(ArgumentError):
-            pack(self.folder, self.work.task, self.work.policies, self.texts)
+        """Put task and policies into the store for other processes, if they are data.
+
+        Raises:
+            FileError: they cannot be written.
+        """
+        given = self.work.task, self.work.policies, self.texts
+        try:
+            packing_list(*given)
+        except ArgumentError:
+            return
+        pack(self.folder, *given)
 
     def run(self, index: int) -> Columns:
         """Rows of a chunk: `KEYS`, world, what was drawn, measures, success, status."""

@@ -11,6 +11,7 @@ from typing import Any
 from ...inputs.errors import ArgumentError
 from ...policies.saved import content_of, load_policy, save_policy
 from ...runs.job import Plain
+from ...runs.store import saying
 from ...storage.files import FileError
 from ...tasks.files import TaskFileError, load_task, save_task, task_content, task_of
 from ...tasks.task import Task
@@ -81,13 +82,14 @@ def pack(store: Path, task: Task, policies: Mapping[str, Any], texts: Mapping[st
     """Write the files that are not there yet."""
     where = packing_list(task, policies, texts)
     folder = store / FOLDER
-    folder.mkdir(exist_ok=True)
-    if "task" not in texts and not (folder / TASK).exists():
-        save_task(task, folder / TASK)
-    for name, policy in policies.items():
-        path = folder / where["policies"][name]
-        if f"policy {name}" not in texts and not path.exists():
-            save_policy(policy, path)
+    with saying(store):
+        folder.mkdir(exist_ok=True)
+        if "task" not in texts and not (folder / TASK).exists():
+            save_task(task, folder / TASK)
+        for name, policy in policies.items():
+            path = folder / where["policies"][name]
+            if f"policy {name}" not in texts and not path.exists():
+                save_policy(policy, path)
 
 
 def unpack(store: Path, task: str, policies: Mapping[str, str]) -> Given:
