@@ -17,9 +17,12 @@ from ..support.screen import INTERRUPTED, console, one_line_errors, prepared, pr
 from ..support.simulators import RESIDUALS, named_scene, numbers, observed_of, parse_settings
 from ..support.tasks import OptionalTask
 
+OF_RESUMING = {"resume", "prepare", "chunk", "processes", "dask", "slurm", "slurm_option"}  # options
+
 
 @one_line_errors
 def sweep_command(
+    context: typer.Context,
     task: OptionalTask = None,
     policy: Annotated[
         list[str] | None,
@@ -106,8 +109,8 @@ def sweep_command(
     # long: every option of the command is a parameter of its own, with its help
     where = Where(chunk, prepare, executor_of(processes, dask, slurm, slurm_option or []))
     if resume is not None:
-        if task is not None or policy or out is not None:
-            raise ValueError("--resume is given with a task, --policy or --out; the folder has them")
+        if other := sorted(_given(context) - OF_RESUMING):
+            raise ValueError(f"--resume is given with {', '.join(other)}; the folder has them")
         finish_stored(StoredSweep.resume(resume), where)
         return
     if not policy:
@@ -163,6 +166,15 @@ def sweep_command(
     wrote(path)
     wrote(path.with_suffix(".csv"))
     _end(report.complete, sum(case["worlds"] for case in report.cases))
+
+
+def _given(context: typer.Context) -> set[str]:
+    """The parameters that are not at their defaults."""
+    return {
+        name
+        for name in context.params
+        if (source := context.get_parameter_source(name)) is not None and source.name != "DEFAULT"
+    }
 
 
 def _sweep_task(path: Path, task: slcp.Task, policy: list[str], choices: dict[str, Any]) -> None:

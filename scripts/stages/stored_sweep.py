@@ -1,5 +1,6 @@
 """Sweeps in folders: begun or gone on with, spread over workers, a chunk at a time, and their report."""
 
+import shlex
 import signal
 from collections.abc import Sequence
 from contextlib import nullcontext
@@ -102,7 +103,7 @@ def _option(text: str) -> tuple[str, Any]:
 def chunks_of(text: str, count: int) -> range:
     """The chunks of a text: 7 of "7"; 2, 18, 34, ... of "2/16", a share of 16."""
     first, slash, of = text.partition("/")
-    if not first.isdigit() or (slash and not of.isdigit()):
+    if not first.isdigit() or (slash and not (of.isdigit() and int(of))):
         raise ValueError(f"--chunk is {text!r}; I, or I/N for a share of N, is needed")
     if not slash:
         if int(first) >= count:
@@ -135,14 +136,15 @@ def finish_stored(stored: StoredSweep, where: Where) -> None:
         console.print(report_table(stored.report()))
     typer.echo(f"{stored.job.count - left} of {stored.job.count} chunks are in {folder}")
     if outcome.signal or (not outcome.complete and chunk is None):
-        typer.echo(f"slcp: interrupted; go on by: slcp sweep --resume {folder}", err=True)
+        typer.echo(f"slcp: interrupted; go on by: slcp sweep --resume {shlex.quote(str(folder))}", err=True)
         raise typer.Exit(TERMINATED if outcome.signal == signal.SIGTERM else INTERRUPTED)
 
 
 def tell_plan(stored: StoredSweep) -> None:
     """Print how many chunks a sweep has, and how many are left."""
     chunks, left = stored.job.work.chunks, len(stored.store.missing())
+    resume = f"slcp sweep --resume {shlex.quote(str(stored.store.folder))}"
     typer.echo(
         f"{stored.store.folder}: {chunks.worlds} worlds in {len(chunks)} chunks, {left} of them to do; run "
-        f"them by: slcp sweep --resume {stored.store.folder} --chunk I, I from 0 to {len(chunks) - 1}"
+        f"them by: {resume} --chunk I, I from 0 to {len(chunks) - 1}"
     )

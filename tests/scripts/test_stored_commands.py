@@ -48,7 +48,11 @@ def test_chunks_and_shares_of_a_job_array(tmp_path, through):
     assert "7 of 14" in call("sweep", "--resume", run, "--chunk", "0/2").output.replace("8", "7")
     assert "there are 0 to 13" in fails("sweep", "--resume", run, "--chunk", 14)
     assert "from 0/2 to 1/2" in fails("sweep", "--resume", run, "--chunk", "2/2")
-    assert "I, or I/N" in fails("sweep", "--resume", run, "--chunk", "x")
+    for text in ("x", "1/0"):
+        assert "I, or I/N" in fails("sweep", "--resume", run, "--chunk", text)
+    for option, value in (("--worlds", 7), ("--seed", 0), ("--chunk-worlds", 3), ("--dtype", "float64")):
+        said = fails("sweep", "--resume", run, option, value)
+        assert f"given with {option[2:].replace('-', '_')}; the folder has" in said
     call(*given(tmp_path), "--out", run, "--chunk", "1/2")  # the whole call does, too
     assert Store(run).digest() == through
     said = call("sweep", "--resume", run).output
