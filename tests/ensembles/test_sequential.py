@@ -138,6 +138,12 @@ def test_decisions(low, high, worlds, said):
     assert decision(Look(worlds, 0.5 * (low + high), low, high), 0.05, 256) == said
 
 
+def test_means_that_differ_by_chance_are_equal_within_a_margin():
+    known = RunningDifference("x", 0.05)
+    known.add({"x": 0.01 * np.random.default_rng(0).standard_normal(512)}, {"x": np.zeros(512)})
+    assert decision(Look(known.worlds, *known.interval()), 0.05, 256) == "equal"
+
+
 def test_worlds_without_a_number_count_for_no_mean():
     known = RunningDifference("x", 0.05)
     known.add({"x": np.array([1.0, np.nan, 3.0, np.inf])}, {"x": np.array([0.5, 1.0, 1.0, 1.0])})
