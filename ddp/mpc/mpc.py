@@ -2,6 +2,7 @@
 
 import time as clock
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,8 +17,9 @@ from ..library.entries import scene_digest
 from ..library.nearest import wrap
 from ..options import Options
 from ..problem import Problem
+from ..results.result import Result
 from .planner import Planner
-from .starts import Policy, Situation, chosen_starts
+from .starts import Planned, Policy, Situation, chosen_starts
 
 SHARE = 0.2  # of the control limits: noise of starts
 KEPT = 100_000  # cycles whose times are kept
@@ -37,11 +39,14 @@ class MPC:
         problem: dynamics, cost, horizon and limits of the plans: the model, which may differ from what is
             controlled in residual, sigma, parameters and precision, not in its mechanism.
         library: a `ddp.Library`, or any policy that runs in kernels, for the start "library".
+        plan: a `ddp.Result` of one problem from the run's beginning, for the start "plan".
+        end: steps of a run. Plans look no further than to its end, with the problem's final cost there;
+            after it, and where it is None, they always have the problem's horizon.
         passes: of DDP a cycle. 0: real-time iteration; what arrives is rolled out with the last backward
             pass, and the next one is made after the control is given (`prepare`).
         replan: steps between two plans.
         delay: steps for which a new plan is not there yet, less than `replan`; the last one acts meanwhile.
-        starts: of "shift", "keep", "library", "noise", "zero", a `ddp.Sampling`, or functions of a
+        starts: of "shift", "keep", "plan", "library", "noise", "zero", a `ddp.Sampling`, or functions of a
             `ddp.Situation` that give controls (B, N, nu), a `ddp.StartPolicy`, or None.
         improved: starts of lowest cost that go through the passes; the best of them is taken.
         sigma: noise level of the model's smoothing; None: the problem's.
@@ -72,6 +77,8 @@ class MPC:
         seed: int = 0,
         options: Options | None = None,
         block: int = 256,
+        plan: Result | None = None,
+        end: int | None = None,
     ) -> None:
         instance("problem", problem, Problem, "a ddp.Problem")
         if not isinstance(problem.dynamics, Simulator):
@@ -89,10 +96,19 @@ class MPC:
             raise ArgumentError(f"delay is {delay}; less than replan, {replan} steps, is needed")
         if self.replan > problem.horizon:
             raise ArgumentError(f"replan is {replan}; at most the horizon, {problem.horizon}, is needed")
-        default = ("shift", *(("keep",) if passes == 0 else ()), "zero" if library is None else "library")
+        self.end = None if end is None else whole("end", end)
+        if end is not None and problem.cost.nodes is not None:
+            raise ArgumentError("end is given; a cost that is the same at every step is needed")
+        given = {"plan": plan is not None, "library": library is not None}
+        ahead = [name for name, there in given.items() if there] or ["zero"]
+        default = ("shift", *(("keep",) if passes == 0 else ()), *ahead)
         self.starts = chosen_starts(default if starts is None else starts)
-        if "library" in self.starts and library is None:
-            raise ArgumentError("starts names 'library'; a library is needed")
+        for name, there in given.items():
+            if name in self.starts and not there:
+                raise ArgumentError(f"starts names {name!r}; a {name} is needed")
+        if plan is not None:
+            made = Planned(instance("plan", plan, Result, "a ddp.Result of one problem"), problem)
+            self.starts |= {"plan": made} if "plan" in self.starts else {}
         self.improved = whole("improved", improved)
         if self.improved > len(self.starts):
             raise ArgumentError(f"improved is {improved}; at most the {len(self.starts)} starts are there")
@@ -137,6 +153,7 @@ class MPC:
             self._planners = [Planner(*how, n, len(self.starts), self.improved) for n in sizes]
         for planner in self._planners:
             planner.forget()
+        self._ahead = self.problem
         self._numbers = np.asarray(worlds)
         self._newest: int | None = None  # steps at which the newest plans were made, and those that act
         self._begun = 0
@@ -154,6 +171,7 @@ class MPC:
             self._active, self._begun = list(self._coming), self._newest
         if due:
             self._newest = now
+            self._look_ahead(now)
             self._begun = self._begun if late else now
         for i, planner in enumerate(self._planners):
             own = slice(first, first + planner.worlds)
@@ -177,6 +195,13 @@ class MPC:
         for planner in self._planners:
             planner.prepare()
 
+    def _look_ahead(self, now: int) -> None:
+        """The problem of what is left of the run, or of the whole horizon."""
+        left = self.problem.horizon if self.end is None else self.end - now
+        horizon = self.problem.horizon if left <= 0 else min(left, self.problem.horizon)
+        if horizon != self._ahead.horizon:
+            self._ahead = replace(self.problem, horizon=horizon)
+
     def _plan(
         self,
         i: int,
@@ -190,11 +215,11 @@ class MPC:
         now, passed = steps
         last = planner.policy
         if last is not None:
-            last = last.shifted(passed).near(x, self._wrap)
+            last = last.shifted(passed, self._ahead.horizon).near(x, self._wrap)
         cycle = self.seed, now
         rng = np.random.default_rng((*cycle, int(numbers[0]) if len(numbers) else 0))
         rolled = None if self._library is None else self._library.controls
-        situation = Situation(self.problem, x, time, numbers, last, rng, cycle, self.noise, rolled)
+        situation = Situation(self._ahead, x, time, numbers, last, rng, cycle, self.noise, rolled)
         made = planner.plan(situation, self.starts)
         self.failures += made.failures
         for name, count in made.chosen.items():

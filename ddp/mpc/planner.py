@@ -27,6 +27,7 @@ class Planner:
     """Workspaces of a block of worlds, and its plan.
 
     Attributes:
+        problem: of the plans now; their horizon may differ from cycle to cycle.
         worlds: how many.
         acting: the newest plans; their gains are those of `prepare` once it ran.
         policy: the plans that the next cycle shifts; None before the first.
@@ -35,12 +36,17 @@ class Planner:
     def __init__(
         self, problem: Problem, options: Options, passes: int, worlds: int, starts: int, improved: int
     ) -> None:
-        self.problem, self.passes, self.worlds, self.starts = problem, passes, worlds, starts
-        self.improved = improved
-        trial = replace(options, method="gauss-newton", step_sizes=(1.0,), max_iterations=0, start="rollout")
-        self.trial = Workspace(problem, worlds * starts, trial)  # it only rolls out
-        self.work = Workspace(problem, worlds * improved, replace(options, start="rollout"))
+        self.passes, self.worlds, self.starts, self.improved = passes, worlds, starts, improved
+        self.options = replace(options, start="rollout")
+        self._make(problem)
         self.forget()
+
+    def _make(self, problem: Problem) -> None:
+        """The workspaces of a problem."""
+        self.problem, worlds = problem, self.worlds
+        trial = replace(self.options, method="gauss-newton", step_sizes=(1.0,), max_iterations=0)
+        self.trial = Workspace(problem, worlds * self.starts, trial)  # it only rolls out
+        self.work = Workspace(problem, worlds * self.improved, self.options)
 
     def forget(self) -> None:
         """Begin anew."""
@@ -49,7 +55,9 @@ class Planner:
         self._open = False
 
     def plan(self, situation: Situation, starts: dict[str, Start]) -> Made:
-        """New plans from the states of the situation, into `acting`."""
+        """New plans from the states of the situation, of its problem, into `acting`."""
+        if situation.problem is not self.problem:
+            self._make(situation.problem)
         B, x, work = self.worlds, situation.x, self.work
         found = {name: policies_of(name, make(situation), situation) for name, make in starts.items()}
         nothing = Policy.open_loop(x, np.zeros((B, self.problem.horizon, self.problem.nu)))

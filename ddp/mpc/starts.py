@@ -11,6 +11,7 @@ from slcp_warp.inputs.errors import ArgumentError
 
 from ..library.nearest import wrap
 from ..problem import Problem
+from ..results.result import Result
 from ..sampling.options import Sampling
 from ..sampling.sampler import Sampler
 
@@ -38,13 +39,17 @@ class Policy:
         xs = np.repeat(x[:, None], N + 1, axis=1)
         return cls(us, xs, np.zeros((B, N, nu, nx)), np.zeros_like(us))
 
-    def shifted(self, steps: int) -> "Policy":
-        """The same policies that many steps later (19); the last control is held, without feedback."""
+    def shifted(self, steps: int, horizon: int) -> "Policy":
+        """The same policies that many steps later (19), over another horizon.
+
+        After their last step its control is held, without feedback.
+        """
         N = self.us.shape[1]
-        at = np.minimum(np.arange(N) + steps, N - 1)
+        at = np.minimum(np.arange(horizon) + steps, N - 1)
         K, k = self.K[:, at].copy(), self.k[:, at].copy()
-        K[:, N - min(steps, N) :], k[:, N - min(steps, N) :] = 0.0, 0.0
-        states = np.minimum(np.arange(N + 1) + steps, N)
+        after = max(N - steps, 0)
+        K[:, after:], k[:, after:] = 0.0, 0.0
+        states = np.minimum(np.arange(horizon + 1) + steps, N)
         return Policy(self.us[:, at], self.xs[:, states], K, k)
 
     def near(self, x: np.ndarray, period: np.ndarray) -> "Policy":
@@ -68,7 +73,7 @@ class Situation:
     """What a start is made from.
 
     Attributes:
-        problem: of the plans.
+        problem: of the plans; near the end of a run its horizon is what is left.
         x: (B, nx) states.
         time: [s].
         worlds: (B,) their numbers.
@@ -125,7 +130,39 @@ def noise(s: Situation) -> Policy | np.ndarray:
 
 def library(s: Situation) -> np.ndarray | None:
     """What the library's policy does on the model."""
-    return None if s.library is None else s.library(s.x)
+    return None if s.library is None else s.library(s.x)[:, : s.problem.horizon]
+
+
+def plan(s: Situation) -> None:
+    """The place of a `Planned` start, made from the plan that is given."""
+
+
+class Planned:
+    """A plan that was made ahead, followed in time with its feedback; none after its end.
+
+    Args:
+        plan: of `ddp.solve` or `ddp.plan`, for one problem.
+        problem: that it is a start for.
+    """
+
+    def __init__(self, plan: Result, problem: Problem) -> None:
+        us, xs, K = (np.asarray(getattr(plan, name), np.float64) for name in ("us", "xs", "K"))
+        need = {"us": (problem.nu,), "xs": (problem.nx,), "K": (problem.nu, problem.nx)}
+        for (name, row), given in zip(need.items(), (us, xs, K), strict=True):
+            if given.shape[1:] != row:
+                raise ArgumentError(
+                    f"plan.{name} has shape {given.shape}; (steps, {str(row)[1:]} of one plan is needed"
+                )
+        self._policy = Policy(us[None], xs[None], K[None], np.zeros_like(us)[None])
+        self._period = problem.dynamics.scene.state_period
+
+    def __call__(self, s: Situation) -> Policy | None:
+        """What is left of it, about the states nearest to those met."""
+        _, step = s.cycle
+        if step >= self._policy.us.shape[1]:
+            return None
+        left = self._policy.shifted(step, s.problem.horizon)
+        return left.select(np.zeros(len(s.x), dtype=int)).near(s.x, self._period)
 
 
 class Search:
@@ -145,6 +182,7 @@ class Search:
         """Controls (B, N, nu)."""
         key = s.problem, len(s.x)
         if key not in self._samplers:
+            self._samplers = {k: each for k, each in self._samplers.items() if k[0] is s.problem}
             self._samplers[key] = Sampler(s.problem, len(s.x), self.options)
         sampler = self._samplers[key]
         sampler.run(
@@ -155,7 +193,14 @@ class Search:
         return np.asarray(sampler.us.numpy(), np.float64)
 
 
-STARTS: dict[str, Start] = {"shift": shift, "keep": keep, "zero": zero, "noise": noise, "library": library}
+STARTS: dict[str, Start] = {
+    "shift": shift,
+    "keep": keep,
+    "plan": plan,
+    "library": library,
+    "zero": zero,
+    "noise": noise,
+}
 
 
 def chosen_starts(given: Any) -> dict[str, Start]:

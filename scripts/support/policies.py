@@ -9,19 +9,18 @@ import numpy as np
 import slcp_warp as slcp
 from slcp_warp import ddp
 
-from .records import load_policy
+from .records import load_plan, load_policy, read_kind
 
 ZERO, MPC = "zero", "mpc"
-POLICY = f"{ZERO}, a file of `slcp library` or `optimise`, {MPC}, {MPC}:LIBRARY, or file.py:name"
+POLICY = f"{ZERO}, a file of `slcp library` or `optimise`, {MPC}, {MPC}:FILE of either, or file.py:name"
 
 
 def named_policy(given: str | Path, scene: slcp.Scene, task: slcp.Task | None) -> tuple[Any, dict[str, Any]]:
     """A policy, and header entries about it.
 
     Args:
-        given: "zero"; a file; "mpc" or "mpc:LIBRARY", which plans the task while it runs, 2 passes a step,
-            from the shifted plan and the library's, or from the shifted plan, zero and noise;
-            "file.py:name" of a policy, or of a function that makes one.
+        given: "zero"; a file; "mpc" or "mpc:FILE" of a plan or library, which plans the task while it runs
+            (`planning_policy`); "file.py:name" of a policy, or of a function that makes one.
         scene: what is controlled.
         task: of it, where there is one; "mpc" needs it.
     """
@@ -32,8 +31,8 @@ def named_policy(given: str | Path, scene: slcp.Scene, task: slcp.Task | None) -
     if text == MPC or text.startswith(f"{MPC}:"):
         if task is None:
             raise ValueError(f"{text}: scene {scene.name!r} is no task; there is nothing to plan for")
-        library = Path(text.partition(":")[2]) if ":" in text else None
-        return planning_policy(task, library), {"policy": MPC}
+        path = Path(text.partition(":")[2]) if ":" in text else None
+        return planning_policy(task, path), {"policy": MPC}
     if of_python(text):
         return slcp.policies.load_policy(text), {"policy": policy_name(text)}
     return load_policy(Path(text), scene)
@@ -62,11 +61,22 @@ def of_python(given: str | Path) -> bool:
     return str(given).rpartition(":")[0].endswith(".py")
 
 
-def planning_policy(task: slcp.Task, library: Path | None) -> ddp.MPC:
-    """Model predictive control of a task with its own options as the model."""
+def planning_policy(task: slcp.Task, path: Path | None) -> ddp.MPC:
+    """Model predictive control of a task with its own options as the model, 2 passes a step.
+
+    Plans are tried from the shifted plan and from what the file holds: a library's controls, or a plan made
+    ahead, zero and noise; without a file the task is planned first, as `slcp optimise` does. Where a run is
+    as long as a plan, plans end with it.
+
+    Args:
+        path: of a library or a plan of the task's scene.
+    """
     problem = ddp.problem_of(task)
-    if library is None:
-        return ddp.MPC(problem, starts=["shift", "zero", "noise"])
-    entries = ddp.Library.load(library)
-    entries.check_scene(task.scene)
-    return ddp.MPC(problem, entries, improved=2)
+    end = task.steps if task.steps == task.horizon else None
+    if path is not None and read_kind(path) == "library":
+        entries = ddp.Library.load(path)
+        entries.check_scene(task.scene)
+        return ddp.MPC(problem, entries, improved=2, end=end)
+    plan = ddp.plan(task).best if path is None else ddp.Result.of(load_plan(path, task.scene))
+    starts = ["shift", "plan", "zero", "noise"]
+    return ddp.MPC(problem, starts=starts, improved=2, plan=plan, end=end)

@@ -14,7 +14,7 @@ from slcp_warp.results.records import Check, Record, RecordError, read_kind, rea
 from slcp_warp.results.simulated import Simulated
 from slcp_warp.storage.files import FileError
 
-__all__ = ["Record", "RecordError", "load_policy", "load_record", "read_kind"]
+__all__ = ["Record", "RecordError", "load_plan", "load_policy", "load_record", "read_kind"]
 
 
 def load_record(path: Path, kind: str) -> Record:
@@ -42,11 +42,21 @@ def load_policy(path: Path, scene: slcp.Scene) -> tuple[Any, dict[str, Any]]:
         library = ddp.Library.load(path)
         library.check_scene(scene)
         return library.policy(), {"policy": "nearest", "policy_file": path.name, "entries": len(library)}
+    plan = load_plan(path, scene)
+    facts = {"policy": "tracking", "policy_file": path.name, "planned_step_size": plan.step_size}
+    return ddp.TrackingPolicy(ddp.Result.of(plan), scene.state_period), facts
+
+
+def load_plan(path: Path, scene: slcp.Scene) -> Record:
+    """A plan for a mechanism.
+
+    Raises:
+        RecordError: as of `load_record`, or it was planned for another scene.
+    """
     plan = load_record(path, "plan")
     if scene_digest(plan.scene) != scene_digest(scene):
         raise RecordError(f"{path} was planned for scene {plan.scene.name!r}, not {scene.name!r}")
-    facts = {"policy": "tracking", "policy_file": path.name, "planned_step_size": plan.step_size}
-    return ddp.TrackingPolicy(ddp.Result.of(plan), scene.state_period), facts
+    return plan
 
 
 def check_surface(arrays: Arrays, simulated: Simulated) -> None:

@@ -1,5 +1,7 @@
 """Model predictive control as a policy: its plans, what it does between them and when one fails."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ from slcp_warp import ddp
 
 HORIZON = 75
 WORLDS = 3
+FROZEN = ddp.Options(gradient_tolerance=1e9)  # nothing is to be improved
 
 
 @pytest.fixture(scope="module")
@@ -61,11 +64,53 @@ def test_every_cycle_costs_no_more_than_the_shifted_plan(task, problem):
     x0 = starts_of(task)
     states = run(policy, task, x0, 10).states
     planner = policy._planners[0]
-    last = planner.policy.shifted(1)
+    last = planner.policy.shifted(1, HORIZON)
     shifted = ddp.Workspace(problem, WORLDS, ddp.Options(max_iterations=0))
     shifted.start(states[:, -1], last.us, last.xs, last.K, last.k)
     policy.act(states[:, -1], 0.5, np.arange(WORLDS))
     assert (planner.work.cost.numpy() <= shifted.cost.numpy() + 1e-9).all()
+
+
+@pytest.fixture(scope="module")
+def planned(task, problem):
+    """A problem of 20 steps and its plan, converged."""
+    short = replace(problem, horizon=20)
+    best = ddp.plan(short, 2, x0=task.start[0], finish=1).best
+    assert float(best.gradient) < 1e-6
+    return short, best
+
+
+def test_plans_that_end_with_the_run_keep_to_the_optimum(task, planned):
+    """The rest of an optimal plan is optimal for the rest of the run (Bellman), and for nothing longer."""
+    short, plan = planned
+    policy = ddp.MPC(short, plan=plan, end=20)
+    assert list(policy.starts) == ["shift", "plan"]
+    found = run(policy, task, task.start[:1], 20)
+    np.testing.assert_allclose(found.controls[0], plan.us, atol=1e-5)
+    beyond = run(ddp.MPC(short, plan=plan), task, task.start[:1], 20)
+    assert np.abs(beyond.controls[0] - plan.us).max() > 1e-2
+
+
+def test_plans_have_the_whole_horizon_again_after_the_run(task, planned):
+    short, plan = planned
+    policy, worlds = ddp.MPC(short, plan=plan, end=3), np.arange(1)
+    policy.begin(task.simulator(), worlds)
+    lengths = []
+    for k in range(5):
+        assert np.isfinite(policy.act(task.start[:1], 0.05 * k, worlds)).all()
+        lengths.append(len(policy.intended()) - 1)
+    assert lengths == [3, 2, 1, 20, 20] and policy.failures == 0
+
+
+def test_a_plan_made_ahead_is_followed_from_disturbed_states(task, planned):
+    """Without passes on the model: u = us_k + K_k (x - xs_k), for turned angles too."""
+    short, plan = planned
+    x0 = starts_of(task, 2) + task.scene.state_period * np.array([[0.0], [2.0]])
+    policy = ddp.MPC(short, passes=2, starts=["plan"], plan=plan, replan=20, options=FROZEN)
+    found = run(policy, task, x0, 20)
+    tracking = ddp.TrackingPolicy(plan, task.scene.state_period)
+    expected = task.simulator().rollout(x0, policy=tracking, steps=20, record="controls")
+    np.testing.assert_allclose(found.controls, expected.controls, atol=1e-6)
 
 
 def test_blocks_and_neighbours_change_no_bit(task, problem):
@@ -273,6 +318,9 @@ def test_a_sweep_under_it_equals_rollouts(task, problem):
         ({"noise": [1.0, 2.0, 3.0]}, "noise is"),
         ({"options": 3}, "options"),
         ({"block": 0}, "block"),
+        ({"starts": ["plan"]}, "a plan is needed"),
+        ({"plan": np.zeros((75, 2))}, "plan is"),
+        ({"end": 0}, "end"),
     ],
 )
 def test_bad_arguments_are_named(problem, given, said):
