@@ -25,6 +25,7 @@ class Cost:
         nx: number of states that the cost needs, or None for any.
         nu: number of controls, or None for any.
         nodes: N + 1 for the horizon N that the weights belong to, or None for any.
+        fixed: (P,) which weights are no numbers but say what the others are of: `with_weights` keeps them.
     """
 
     def __init__(
@@ -34,6 +35,7 @@ class Cost:
         nx: int | None = None,
         nu: int | None = None,
         nodes: int | None = None,
+        fixed: Any = None,
     ) -> None:
         function("make", make, 3)
         for name, size in (("nx", nx), ("nu", nu), ("nodes", nodes)):
@@ -46,6 +48,8 @@ class Cost:
             )
         self.make, self.weights = make, values
         self.nx, self.nu, self.nodes = nx, nu, nodes
+        own = np.zeros(values.shape[-1]) if fixed is None else array("fixed", fixed, (values.shape[-1],))
+        self.fixed = own != 0.0
 
     def functions(self, dtype: Any, nx: int, nu: int) -> CostFunctions:
         """Warp functions for a scalar type and sizes, made once."""
@@ -54,9 +58,19 @@ class Cost:
     def with_weights(self, weights: Any) -> "Cost":
         """The same functions with other numbers, (P,) or (B, P); nothing is compiled."""
         other = Cost(self.make, weights, self.nx, self.nu, self.nodes)
+        other.fixed = self.fixed
         if other.weights.shape[-1] != self.weights.shape[-1]:
             raise ArgumentError(
                 f"weights must have {self.weights.shape[-1]} columns, got {other.weights.shape[-1]}"
+            )
+        before, after = (np.atleast_2d(each.weights)[:, self.fixed] for each in (self, other))
+        changed = (after != before[:1]).any(axis=0)
+        if changed.any():
+            at = int(np.flatnonzero(changed)[0])
+            place = int(np.flatnonzero(self.fixed)[at])
+            raise ArgumentError(
+                f"weights[..., {place}] is {after[after[:, at] != before[0, at], at][0]}; it says what other "
+                f"weights are of, and must stay {before[0, at]}"
             )
         return other
 

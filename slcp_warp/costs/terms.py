@@ -15,6 +15,7 @@ from .cost import Cost
 
 EVERY = "all"
 WIDTH = 0.1
+NAMING = [0, 1, 5]  # of a term's fields: its kind, its component, the state that is taken off it
 
 
 @dataclass(frozen=True)
@@ -100,7 +101,10 @@ def sum_of(
         raise ArgumentError("running and final hold no term; at least one is needed")
     weights = np.concatenate([[counts[0]], np.array(rows, float).reshape(-1)])
     assert weights.size == 1 + FIELDS * sum(counts)
-    return Cost(make_terms, weights, nx=len(states), nu=len(controls))
+    places = np.zeros((len(rows), FIELDS))
+    places[:, NAMING] = 1.0
+    fixed = np.concatenate([[1.0], places.reshape(-1)])
+    return Cost(make_terms, weights, nx=len(states), nu=len(controls), fixed=fixed)
 
 
 def _places(label: str, term: Term, states: Sequence[str], controls: Sequence[str]) -> list[int]:

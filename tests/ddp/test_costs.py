@@ -200,6 +200,12 @@ def test_illegal_costs():
         slcp.tasks.flicking_finger().cost.with_weights([1.0, float("nan")])
     with pytest.raises(ValueError, match="weights must have 19 columns, got 3"):
         slcp.tasks.flicking_finger().cost.with_weights([1.0, 2.0, 3.0])
+    cost = slcp.tasks.flicking_finger().cost
+    with pytest.raises(ValueError, match=r"weights\[\.\.\., 0\] is .*; it says what other weights are of"):
+        cost.with_weights(2.0 * cost.weights)  # places of states are among them
+    twice = cost.with_weights(np.tile((2.0 - cost.fixed) * cost.weights, (3, 1)))
+    assert twice.rows(3).shape == (3, 19)
+    np.testing.assert_array_equal(twice.weights[1][~cost.fixed], 2.0 * cost.weights[~cost.fixed])
     with pytest.raises(TypeError, match="must return costs.CostFunctions, got tuple"):
         ddp.Cost(make_finite_difference_cost).functions(wp.float64, 2, 1)
 

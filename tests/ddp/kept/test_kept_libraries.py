@@ -121,7 +121,7 @@ def test_sigterm_ends_it_between_shifts(problem, whole, tmp_path):
     [
         ({"seed": 5}, r"options\.seed: 4 there, 5 here"),
         ({"noise": 0.5}, r"options\.noise"),
-        ({"cost": COST.with_weights(2.0 * COST.weights)}, r"problem\.cost\.weights"),
+        ({"cost": COST.with_weights(COST.weights * (2.0 - COST.fixed))}, r"problem\.cost\.weights"),
         ({"horizon": 16}, r"problem\.horizon: 15 there, 16 here"),
         ({"sigma": 0.3}, r"problem\.parameters\.sigma"),
         ({"x0": SCENE.x0 + 0.1}, r"x0: "),
