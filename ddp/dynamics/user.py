@@ -6,11 +6,13 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from slcp_warp.gradients.adjoint_check import adjoint_is_right
 from slcp_warp.inputs.checks import array, function, instance, shown, whole
 from slcp_warp.inputs.checks import device as checked_device
 from slcp_warp.inputs.errors import ArgumentError, ArgumentTypeError
 from slcp_warp.kernels.control.user_dynamics import (
     DynamicsFunctions,
+    make_component,
     make_linear,
     make_linearize_kernel,
     make_protocol_step,
@@ -76,9 +78,10 @@ class WarpDynamics:
     Args:
         make: ``make(dtype, VX, VU) -> DynamicsFunctions`` or just the step, called once per dtype; it reads
             its parameters as ``params[row, i]``, in the order of ``parameters``, arrays flattened.
-            Derivatives that it does not give are central differences in double precision. It must be a
-            function of a module, or be kept and passed again, for kernels to be found again instead of being
-            compiled anew.
+            Derivatives that it does not give are Warp's own, in double precision, and second ones differences
+            of these; if a comparison at random states, made once, says that Warp's are wrong, both are
+            central differences. It must be a function of a module, or be kept and passed again, for kernels
+            to be found again instead of being compiled anew.
         nx: number of states.
         nu: number of controls.
         parameters: names and default values.
@@ -138,23 +141,26 @@ class WarpDynamics:
     ) -> Callable[[], None]:
         """`linearize_into` as a function without arguments, to be called many times with less overhead."""
         functions = _dynamics_functions(self.make, self.dtype, self.nx, self.nu)
-        differences = functions.jacobians is None or (second is not None and functions.curvature is None)
-        exact = params
-        if differences and self.dtype != wp.float64:
+        found = functions.jacobians is None or (second is not None and functions.curvature is None)
+        numbers, exact = params, False
+        if found and self.dtype != wp.float64:
             functions = _dynamics_functions(self.make, wp.float64, self.nx, self.nu)
-            exact = wp.empty(params.shape, dtype=wp.float64, device=self.device)
-        kernel = make_linearize_kernel(functions, self.nx, self.nu, second is not None, self.dtype)
+            numbers = wp.array(params.numpy(), dtype=wp.float64, device=self.device)
+        if found:
+            component = make_component(functions.step, self.nx, self.nu)
+            exact = adjoint_is_right(component, self.nx + self.nu, self.nx, numbers)
+        kernel = make_linearize_kernel(functions, self.nx, self.nu, second is not None, self.dtype, exact)
         cells = us.shape[0] * us.shape[1]
         unused = wp.empty((1, 1, 1, 1), dtype=self.dtype, device=self.device) if second is None else second
-        inputs = [xs, us, exact, active, fx, fu, unused, status]
-        grain = 16 if differences else 256
+        inputs = [xs, us, numbers, active, fx, fu, unused, status]
+        grain = 16 if found else 256
         run = Prepared(kernel, cells, inputs, self.device, grain=grain)
 
         def run_with_cast() -> None:
-            exact.assign(params.numpy())
+            numbers.assign(params.numpy())
             run()
 
-        return run if exact is params else run_with_cast
+        return run if numbers is params else run_with_cast
 
     def lift_into(self, params: Any, lift: Any) -> None:
         """See `Dynamics`: every state is a curved output of its own."""

@@ -1,14 +1,16 @@
 """Dynamics given as a Warp function x' = step(params, row, x, u): protocol functions and derivatives.
 
-Derivatives that the user does not supply are central differences of fourth order in double precision of the
-float64 version of the step (`differences.py` says how accurate and why not Warp's adjoint).
+Derivatives that the user does not supply are taken in double precision of the float64 version of the step: by
+Warp's adjoint where that is right, and second derivatives by differences of it (`adjoints.py`); else both by
+central differences of fourth order (`differences.py`).
 """
 
 from typing import Any, NamedTuple
 
 import warp as wp
 
-from ..device.compile import named_by_code
+from ..device.adjoints import GRADIENT_STEP, after_adjoints, make_jacobian
+from ..device.compile import MOST_UNROLLED, named_by_code
 from ..device.differences import FIRST_STEP, SECOND_STEP
 from ..factories import cached
 from .status import NOT_FINITE
@@ -53,18 +55,80 @@ def make_protocol_step(step, nx, nu, dtype):
 
 
 @cached
-def make_linearize_kernel(functions, nx, nu, second_order, dtype):
-    """Kernel ``(first, xs, us, params, mask, fx, fu, second, status)`` over B N.
+def make_component(step, nx, nu):
+    """``(params, row, z, i) -> x'[i]`` of z = (x, u), float64."""
+    VX, VU, VZ = (wp.types.vector(n, wp.float64) for n in (nx, nu, nx + nu))
 
-    ``functions`` and ``params`` are of float64 if a derivative comes from differences, else of dtype.
+    @wp.func
+    def component(params: wp.array2d(dtype=wp.float64), row: int, z: VZ, i: int):
+        x, u = VX(), VU()
+        for j in range(nx):
+            x[j] = z[j]
+        for j in range(nu):
+            u[j] = z[nx + j]
+        return step(params, row, x, u)[i]
+
+    return component
+
+
+@cached
+def make_adjoint_derivatives(step, nx, nu, dtype):
+    """Jacobians by Warp's adjoint and second derivatives by central differences of them; signatures as of
+    `make_difference_derivatives`.
     """
-    curved_by_hand = functions.curvature is not None
-    differences = functions.jacobians is None or (second_order and not curved_by_hand)
-    inner = wp.float64 if differences else dtype
+    inner = wp.float64
+    nz = nx + nu
+    VZ, MXX, MXU = (
+        wp.types.vector(nz, inner),
+        wp.types.matrix((nx, nx), inner),
+        wp.types.matrix((nx, nu), inner),
+    )
+    ONE, QUARTER, H = inner(1.0), inner(0.25), inner(GRADIENT_STEP)
+    jacobian = make_jacobian(make_component(step, nx, nu), nz, nx)
+
+    @after_adjoints
+    @wp.func
+    def jacobians(params: wp.array2d(dtype=inner), row: int, z: VZ):
+        found = jacobian(params, row, z)
+        fx, fu = MXX(), MXU()
+        for i in range(int(nx)):
+            for j in range(int(nx)):
+                fx[i, j] = found[i, j]
+            for j in range(int(nu)):
+                fu[i, j] = found[i, nx + j]
+        return fx, fu
+
+    @after_adjoints
+    @wp.func
+    def curvature(
+        params: wp.array2d(dtype=inner), row: int, z: VZ, second: wp.array4d(dtype=dtype), cell: int
+    ):
+        for i in range(int(nx)):
+            for r in range(int(nz)):
+                for c in range(int(nz)):
+                    second[cell, i, r, c] = dtype(0.0)
+        for r in range(int(nz)):
+            h = H * wp.max(ONE, wp.abs(z[r]))
+            d = VZ()
+            d[r] = h
+            along = (jacobian(params, row, z + d) - jacobian(params, row, z - d)) * (QUARTER / h)
+            for i in range(int(nx)):
+                for c in range(int(nz)):
+                    second[cell, i, r, c] += dtype(along[i, c])
+                    second[cell, i, c, r] += dtype(along[i, c])
+
+    return jacobians, curvature
+
+
+@cached
+def make_difference_derivatives(step, nx, nu, dtype):
+    """Differences of the step: ``jacobians(params, row, z) -> (f_x, f_u)`` and
+    ``curvature(params, row, z, second, cell)``, which writes in the dtype of ``second``.
+    """
+    inner = wp.float64
     nz = nx + nu
     VX, VU, VZ = wp.types.vector(nx, inner), wp.types.vector(nu, inner), wp.types.vector(nz, inner)
     MXX, MXU = wp.types.matrix((nx, nx), inner), wp.types.matrix((nx, nu), inner)
-    step, jacobians, curvature = functions
     ONE, TWO, EIGHT, TWELVE = inner(1.0), inner(2.0), inner(8.0), inner(12.0)
     SIXTEEN, THIRTY, QUARTER = inner(16.0), inner(30.0), inner(0.25)
     H1, H2 = inner(FIRST_STEP), inner(SECOND_STEP)
@@ -123,7 +187,27 @@ def make_linearize_kernel(functions, nx, nu, second_order, dtype):
                     second[cell, i, r, c] = dtype(value[i])
                     second[cell, i, c, r] = dtype(value[i])
 
-    @named_by_code(max_unroll=1)
+    return difference_jacobians, difference_curvature
+
+
+@cached
+def make_linearize_kernel(functions, nx, nu, second_order, dtype, exact=False):
+    """Kernel ``(first, xs, us, params, mask, fx, fu, second, status)`` over B N.
+
+    ``functions`` and ``params`` are of float64 if a derivative is not the user's, else of dtype. ``exact``:
+    whether Warp's adjoint of the step is right.
+    """
+    curved_by_hand = functions.curvature is not None
+    found = functions.jacobians is None or (second_order and not curved_by_hand)
+    inner = wp.float64 if found else dtype
+    nz = nx + nu
+    VX, VU, VZ = wp.types.vector(nx, inner), wp.types.vector(nu, inner), wp.types.vector(nz, inner)
+    step, jacobians, curvature = functions
+    if found:
+        make = make_adjoint_derivatives if exact else make_difference_derivatives
+        found_jacobians, found_curvature = make(step, nx, nu, dtype)
+
+    @named_by_code(max_unroll=MOST_UNROLLED if exact else 1)
     def linearize(
         first: int,
         xs: wp.array3d(dtype=dtype),
@@ -150,17 +234,17 @@ def make_linearize_kernel(functions, nx, nu, second_order, dtype):
             u[i] = inner(us[b, k, i])
             z[nx + i] = u[i]
         if wp.static(jacobians is None):
-            fx, fu = difference_jacobians(params, row, z)
+            fx, fu = found_jacobians(params, row, z)
         else:
             fx, fu = jacobians(params, row, x, u)
         code = int(0)
         if not (wp.isfinite(fx) and wp.isfinite(fu)):
             code = NOT_FINITE
         status[b, k] = code
-        for i in range(nx):
-            for j in range(nx):
+        for i in range(int(nx)):
+            for j in range(int(nx)):
                 out_fx[b, k, i, j] = dtype(fx[i, j])
-            for j in range(nu):
+            for j in range(int(nu)):
                 out_fu[b, k, i, j] = dtype(fu[i, j])
         if wp.static(second_order and curved_by_hand):
             for i in range(nx):
@@ -169,7 +253,7 @@ def make_linearize_kernel(functions, nx, nu, second_order, dtype):
                     for c in range(nz):
                         second[cell, i, r, c] = dtype(block[r, c])
         elif wp.static(second_order):
-            difference_curvature(params, row, z, second, cell)
+            found_curvature(params, row, z, second, cell)
 
     return linearize
 

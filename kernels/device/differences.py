@@ -14,6 +14,28 @@ SECOND_STEP = 4.0e-3
 
 
 @cached
+def make_gradient(value, nz, size):
+    """``(numbers, row, z, index) -> d value / d z`` by the first ``size`` of nz numbers, float64."""
+    VZ = wp.types.vector(nz, wp.float64)
+    ONE, TWO, EIGHT, TWELVE = wp.float64(1.0), wp.float64(2.0), wp.float64(8.0), wp.float64(12.0)
+    H = wp.float64(FIRST_STEP)
+
+    @wp.func
+    def gradient(numbers: wp.array2d(dtype=wp.float64), row: int, z: VZ, index: int):
+        slope = VZ()
+        for i in range(int(size)):  # not unrolled
+            h = H * wp.max(ONE, wp.abs(z[i]))
+            d = VZ()
+            d[i] = h
+            near = value(numbers, row, z + d, index) - value(numbers, row, z - d, index)
+            far = value(numbers, row, z + TWO * d, index) - value(numbers, row, z - TWO * d, index)
+            slope[i] = (EIGHT * near - far) / (TWELVE * h)
+        return slope
+
+    return gradient
+
+
+@cached
 def make_scalar_differences(running, final, nx, nu):
     """Warp functions like `CostFunctions.running_derivatives` and `.final_derivatives`, float64."""
     dtype = wp.float64
@@ -21,9 +43,9 @@ def make_scalar_differences(running, final, nx, nu):
     VX, VU, VZ = wp.types.vector(nx, dtype), wp.types.vector(nu, dtype), wp.types.vector(nz, dtype)
     MXX, MZZ = wp.types.matrix((nx, nx), dtype), wp.types.matrix((nz, nz), dtype)
     MUX, MUU = wp.types.matrix((nu, nx), dtype), wp.types.matrix((nu, nu), dtype)
-    ONE, TWO, EIGHT = dtype(1.0), dtype(2.0), dtype(8.0)
-    TWELVE, SIXTEEN, THIRTY, QUARTER = dtype(12.0), dtype(16.0), dtype(30.0), dtype(0.25)
-    H1, H2 = dtype(FIRST_STEP), dtype(SECOND_STEP)
+    ONE, TWO, TWELVE = dtype(1.0), dtype(2.0), dtype(12.0)
+    SIXTEEN, THIRTY, QUARTER = dtype(16.0), dtype(30.0), dtype(0.25)
+    H2 = dtype(SECOND_STEP)
 
     @wp.func
     def running_at(weights: wp.array2d(dtype=dtype), row: int, z: VZ, k: int):
@@ -43,6 +65,7 @@ def make_scalar_differences(running, final, nx, nu):
 
     def make(value, size):
         """Gradient and Hessian of value with respect to the first ``size`` components of z."""
+        gradient = make_gradient(value, nz, size)
 
         @wp.func
         def bend(weights: wp.array2d(dtype=dtype), row: int, z: VZ, k: int, d: VZ, middle: dtype):
@@ -52,18 +75,10 @@ def make_scalar_differences(running, final, nx, nu):
 
         @wp.func
         def derivatives(weights: wp.array2d(dtype=dtype), row: int, z: VZ, k: int):
-            slope = VZ()
             hessian = MZZ()
             middle = value(weights, row, z, k)
             for i in range(size):
-                scale = wp.max(ONE, wp.abs(z[i]))
-                h = H1 * scale
-                d = VZ()
-                d[i] = h
-                near = value(weights, row, z + d, k) - value(weights, row, z - d, k)
-                far = value(weights, row, z + TWO * d, k) - value(weights, row, z - TWO * d, k)
-                slope[i] = (EIGHT * near - far) / (TWELVE * h)
-                hi = H2 * scale
+                hi = H2 * wp.max(ONE, wp.abs(z[i]))
                 for j in range(i + 1):
                     hj = H2 * wp.max(ONE, wp.abs(z[j]))
                     e = VZ()
@@ -77,7 +92,7 @@ def make_scalar_differences(running, final, nx, nu):
                         value_ij -= bend(weights, row, z, k, e, middle)
                         hessian[i, j] = QUARTER * value_ij / (hi * hj)
                         hessian[j, i] = hessian[i, j]
-            return slope, hessian
+            return gradient(weights, row, z, k), hessian
 
         return derivatives
 

@@ -1,8 +1,4 @@
-"""Whether Warp's adjoint of a user's function is right: against differences, in float64.
-
-Warp differentiates code whose loops and assignments it can follow back; of a loop of another length in each
-world, or of a component that is assigned twice, its adjoint is wrong, silently.
-"""
+"""Whether Warp's adjoint of a user's policy is right, at states of a rollout."""
 
 import copy
 import functools
@@ -17,15 +13,12 @@ from torch import Tensor
 
 from slcp_warp.kernels.policies.contract import PolicyKernel
 
+from ..gradients.adjoint_check import near
 from ..inputs.errors import ArgumentError
 from ..policies.function import Function
 from ..simulator import Simulator
 from .asked import AskedFunction
 
-STEP = 1e-5  # of the differences, whose error is the fourth power of it and rounding / STEP
-NEAR = 1e-6  # of the largest difference: by how much an adjoint may miss
-KINKED = 1e-4  # the same of differences to one side, whose error is the square of the step
-ROUNDING = 1e-9  # of the largest value
 STATE, KEPT = "the state", "what it remembers"
 WORLDS, TIMES = 64, 4  # of a rollout at which it is looked
 _right: set[tuple[PolicyKernel, int, int]] = set()
@@ -92,10 +85,10 @@ def _differs(f: Callable[[dict[str, Tensor]], tuple[Tensor, ...]], given: dict[s
     for name, value in given.items():
         along, of_all = normal(value), name not in (STATE, KEPT)
 
-        def moved(by: float, name: str = name, along: Tensor = along, of_all: bool = of_all) -> Tensor:
+        def moved(by: float, name: str = name, along: Tensor = along, of_all: bool = of_all) -> np.ndarray:
             found = f({**given, name: given[name] + by * along})
             each = sum(((w * out).sum(1) for w, out in zip(weights, found)), torch.zeros(()))
-            return each.sum()[None] if of_all else each
+            return (each.sum()[None] if of_all else each).detach().cpu().numpy()
 
         leaf = value.detach().clone().requires_grad_()
         with torch.enable_grad():
@@ -103,23 +96,10 @@ def _differs(f: Callable[[dict[str, Tensor]], tuple[Tensor, ...]], given: dict[s
             total = sum(((w * out).sum() for w, out in zip(weights, found)), torch.zeros(()))
         (slope,) = torch.autograd.grad(total, leaf) if total.requires_grad else (torch.zeros_like(leaf),)
         product = slope * along
-        if not _near(product.sum()[None] if of_all else product.flatten(1).sum(1), moved):
+        slopes = product.sum()[None] if of_all else product.flatten(1).sum(1)
+        if not near(slopes.cpu().numpy(), moved):
             return name
     return ""
-
-
-def _near(found: Tensor, moved: Callable[[float], Tensor]) -> bool:
-    """Whether slopes are those of central differences, or, beside a kink, those of one side."""
-    before, here, after = moved(-STEP), moved(0.0), moved(STEP)
-    two_before, two_after = moved(-2.0 * STEP), moved(2.0 * STEP)
-    central = (8.0 * (after - before) - (two_after - two_before)) / (12.0 * STEP)
-    right = (4.0 * after - 3.0 * here - two_after) / (2.0 * STEP)
-    left = (3.0 * here - 4.0 * before + two_before) / (2.0 * STEP)
-    largest = here.abs().max()
-    near = torch.zeros_like(found, dtype=torch.bool)
-    for slopes, error in ((central, NEAR), (right, KINKED), (left, KINKED)):
-        near |= (found - slopes).abs() <= error * slopes.abs().max() + ROUNDING * largest
-    return bool(near.all())
 
 
 def _plain(value: Any) -> Any:
