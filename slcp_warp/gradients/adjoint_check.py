@@ -75,7 +75,7 @@ def _looks_right(value: Any, nz: int, indices: int, numbers: Any) -> bool:
     values = wp.empty((rows, len(MOVES)), dtype=wp.float64, device=device)
     given = [np.tile(zs, (indices, 1)), np.tile(along, (indices, 1)), index, MOVES]
     kinds = [wp.float64, wp.float64, wp.int32, wp.float64]
-    arrays = [wp.array(a, dtype=kind, device=device) for a, kind in zip(given, kinds)]
+    arrays: Any = [wp.array(a, dtype=kind, device=device) for a, kind in zip(given, kinds)]
     inputs = [numbers, *arrays, slope, values]
     wp.launch(kernel, rows, inputs, device=device, record_tape=False)
     shape = (indices, len(SIZES), POINTS)
