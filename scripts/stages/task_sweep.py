@@ -105,9 +105,11 @@ def report_table(report: slcp.Report) -> Table:
     """Success of every policy and case with its 95 % interval, undisturbed too, and means of the measures."""
     measures = report.measures
     table = Table(
-        title="success with its 95 % interval, and undisturbed; means of measures", box=SIMPLE_HEAD, padding=0
+        title="success with its 95 % interval, and undisturbed [%]; means of measures",
+        box=SIMPLE_HEAD,
+        padding=0,
     )
-    for heading in ("policy", "case", "success [%]", "still [%]", *measures, "failed"):
+    for heading in ("policy", "case", "success [%]", "undisturbed", *measures, "failed"):
         table.add_column(heading, justify="left" if heading in KEYS else "right", no_wrap=heading == "case")
     found = {tuple(row[key] for key in KEYS): row for row in report.summary}
     for (policy, case, step_size, arm), row in found.items():
@@ -115,10 +117,16 @@ def report_table(report: slcp.Report) -> Table:
             continue
         still = found.get((policy, case, step_size, ARMS[1]))
         alone = "" if still is None else f"{100.0 * still['success'][0]:.0f}"
-        means = [f"{row[name][0]:.3g}" for name in measures]
+        means = [_mean(row, name) for name in measures]
         failed = str(row["worlds"] - row["statuses"]["SOLVED"])
         table.add_row(policy, f"{case}, h = {step_size:g}", percent(row["success"]), alone, *means, failed)
     return table
+
+
+def _mean(row: dict[str, Any], name: str) -> str:
+    """A measure's mean; with the share of the worlds where it is finite, if that is not all."""
+    mean, share = f"{row[name][0]:.3g}", row["finite"][name] / max(row["worlds"], 1)
+    return mean if share == 1.0 else f"{mean} in {100.0 * share:.1f} %"
 
 
 def comparison(report: slcp.Report, first: str, second: str, peeking: bool = False) -> Table:

@@ -93,7 +93,11 @@ class Report(Printed):
 
     @property
     def summary(self) -> list[dict[str, Any]]:
-        """A row a part: worlds, success with its 95 % interval (Wilson), mean of every measure, statuses."""
+        """A row a part: worlds, success with its 95 % interval (Wilson), mean of every measure, statuses.
+
+        Means are over the worlds where the measure is finite; `finite` says by name in how many it is. A mean
+        of `first_time` or `settled` leaves out the worlds that never get there: `quantiles` counts them.
+        """
         return [
             dict(zip(KEYS, key)) | summary_of_part(self.source, key, self.measures)
             for key in self.source.keys
@@ -211,10 +215,16 @@ class Report(Printed):
         for row in self.summary:
             share, low, high = (100.0 * value for value in row["success"])
             success = f"{share:.1f} ({low:.1f} to {high:.1f})"
-            means = [row[name][0] for name in self.measures]
+            means = [_mean(row, name) for name in self.measures]
             rows.append((*(row[key] for key in KEYS), row["worlds"], success, *means))
         head = (*KEYS, "worlds", "success, %", *(f"mean {name}" for name in self.measures))
         return [Table("", head, rows, left=2)]
+
+
+def _mean(row: dict[str, Any], name: str) -> Any:
+    """A measure's mean, and over how many worlds where it is not finite in all."""
+    mean, count = row[name][0], row["finite"][name]
+    return mean if count == row["worlds"] else f"{mean:.4g} of {count}"
 
 
 def _several(values: Any) -> Any:

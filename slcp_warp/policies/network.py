@@ -121,7 +121,7 @@ def _flat(module: Any, group: type) -> list[Any]:
 def _activation(part: Any) -> Any:
     kind = type(part).__name__
     if kind not in ACTIVATIONS:
-        raise ArgumentTypeError(f"module has {shown(part)}; known are {', '.join(ACTIVATIONS)} are known")
+        raise ArgumentTypeError(f"module has {shown(part)}; known are {', '.join(ACTIVATIONS)}")
     name, *numbers = ACTIVATIONS[kind]
     if kind == "GELU" and part.approximate == "tanh":
         name = "gelu_tanh"

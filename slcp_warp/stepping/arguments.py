@@ -98,7 +98,8 @@ def checked_kernel(policy: Any, sim: Any) -> tuple[PolicyKernel, Any]:
         )
     if isinstance(policy, type) or not callable(checks.attribute(policy, "kernel")):
         raise ArgumentTypeError(
-            f"policy is a {type(policy).__name__}; a policy is needed, library.policy() or ddp.TrackingPolicy"
+            f"policy is a {type(policy).__name__}; a policy is needed, one of slcp_warp.policies, "
+            "ddp.TrackingPolicy(plan) or library.policy()"
         )
     given = policy.kernel(sim)
     if not isinstance(given, tuple) or len(given) != 2 or not isinstance(given[0], PolicyKernel):

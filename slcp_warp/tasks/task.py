@@ -23,6 +23,7 @@ from .disturbances import Disturbances
 from .goal import goal
 
 COLUMNS = ("policy", "case", "step_size", "arm", "world", "failure_time", "success", "status")
+SUMMED = ("worlds", "finite", "statuses")  # of every part, beside the means of measures
 DRAWN = "drawn_"  # columns of what is drawn begin with it
 RECORDED = "recorded_"  # and of what is recorded
 
@@ -175,11 +176,13 @@ class Task(Printed):
 
     def _check_names(self) -> None:
         """Raise an error for a measure of what the scene has not got."""
-        taken = [name for name in self.measures if name in COLUMNS or name.startswith((DRAWN, RECORDED))]
+        taken = [
+            name for name in self.measures if name in COLUMNS + SUMMED or name.startswith((DRAWN, RECORDED))
+        ]
         if taken:
             raise TaskError(
-                f"Task.measures names {', '.join(map(repr, taken))}, a column that every table has; "
-                f"other names than {', '.join(COLUMNS)}, {DRAWN}... and {RECORDED}... are needed"
+                f"Task.measures names {', '.join(map(repr, taken))}, which every report has; "
+                f"other names than {', '.join(COLUMNS + SUMMED)}, {DRAWN}... and {RECORDED}... are needed"
             )
         if isinstance(self.observation, tuple):
             for name in self.observation:

@@ -79,6 +79,7 @@ def test_the_summary_is_that_of_the_columns():
         for name in ("x", "time"):
             values = columns[name][np.isfinite(columns[name])].astype(float)
             half = Z95 * values.std(ddof=1) / math.sqrt(len(values))
+            assert row["finite"][name] == len(values)
             expected = (values.mean(), values.mean() - half, values.mean() + half)
             np.testing.assert_allclose(row[name], expected, rtol=1e-14)
             assert 0.5 * (row[name][2] - row[name][1]) == pytest.approx(half, rel=1e-6)
@@ -176,3 +177,9 @@ def test_no_more_than_a_few_blocks_are_held():
     assert 2 <= source.most <= 4  # two parts, each the block before until the next one is there
     assert len(report.table["world"]) == 2 * 12 * BLOCK
     assert source.most >= 12
+
+
+def test_a_mean_that_leaves_worlds_out_says_so():
+    """Times that are never reached are no part of a mean: what is printed says over how many worlds it is."""
+    count = int(np.isfinite(rows(1, 3 * BLOCK + 17)["time"]).sum())
+    assert 0 < count < 3 * BLOCK + 17 and f" of {count}" in str(WHOLE)

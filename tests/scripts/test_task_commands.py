@@ -14,10 +14,11 @@ from test_cli import call, fails
 
 import slcp_warp as slcp
 from slcp_warp import ddp
+from slcp_warp.ensembles.statistics.source import MemorySource
 from slcp_warp.kernels.device import cache
 from slcp_warp.kernels.device.progress import recorded
 from slcp_warp.scripts.app import app
-from slcp_warp.scripts.stages.task_sweep import load_report
+from slcp_warp.scripts.stages.task_sweep import load_report, report_table
 from slcp_warp.scripts.support.records import load_record
 
 TOML = Path(__file__).parents[2] / "examples" / "tasks" / "shove.toml"
@@ -165,6 +166,16 @@ def test_every_named_task_goes_end_to_end(tmp_path, name):
         for case in ("smoothed", "hard"):
             assert parts["plan", case, task.scene.step_size, "undisturbed"]["success"].all()
             assert parts["plan", case, task.scene.step_size, "disturbed"]["success"].mean() > 0.5
+
+
+def test_a_mean_that_leaves_worlds_out_says_so():
+    """Beside the share of successes without disturbances, which a measure may be named as."""
+    source = MemorySource()
+    part = {"world": np.arange(4), "success": np.ones(4, bool), "status": np.zeros(4, int)}
+    source.add(("p", "hard", 0.02, "disturbed"), part | {"still": np.array([1.0, np.inf, 3.0, np.inf])})
+    table = report_table(slcp.Report(None, source))
+    cells = {column.header: list(column.cells) for column in table.columns}
+    assert cells["still"] == ["2 in 50.0 %"] and cells["undisturbed"] == [""]
 
 
 def test_a_broken_report_is_one_line(tmp_path):

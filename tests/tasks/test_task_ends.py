@@ -99,7 +99,7 @@ def test_costs_and_failures_that_cannot_be(tmp_path):
                         (m.state("block.z") > 1.0, "Task.failure: .*'block.z'")):  # fmt: skip
         with pytest.raises(slcp.InputError, match=text):
             task(failure=wrong)
-    with pytest.raises(slcp.TaskError, match="names 'failure_time', a column"):
+    with pytest.raises(slcp.TaskError, match="names 'failure_time', which every"):
         task(measures={"failure_time": m.final(0)})
     sim = slcp.Simulator(SCENE, dtype="float64", device="cpu")
     with pytest.raises(slcp.InputError, match="the cost is a task's"):

@@ -16,7 +16,7 @@ STATUSES = len(Status)
 
 
 def summary_of_part(source: Source, key: Key, measures: Sequence[str]) -> dict[str, Any]:
-    """Worlds, success with its interval (Wilson), mean of every measure, statuses."""
+    """Worlds, success with its interval (Wilson), mean of every measure, where it is finite, statuses."""
     names = [name for name in measures if name in source.names(key)]
     worlds, successes, statuses = 0, 0, np.zeros(STATUSES, np.int64)
     means = dict.fromkeys(measures, Moments())
@@ -28,6 +28,7 @@ def summary_of_part(source: Source, key: Key, measures: Sequence[str]) -> dict[s
             means[name] += Moments.of(block[name])
     row: dict[str, Any] = {"worlds": worlds, "success": share_interval(successes, worlds)}
     row |= {name: moments.interval() for name, moments in means.items()}
+    row["finite"] = {name: moments.count for name, moments in means.items()}
     return row | {"statuses": {status.name: int(statuses[status]) for status in Status}}
 
 
