@@ -12,7 +12,7 @@ import slcp_warp as slcp
 
 from ..support.options import Device
 from ..support.policies import POLICY, named_policies
-from ..support.screen import console, one_line_errors
+from ..support.screen import INTERRUPTED, console, one_line_errors
 from ..support.simulators import default_scaling, named_scene
 from ..support.tasks import found_task
 from ..watch.engine import Engine
@@ -61,7 +61,10 @@ def watch_command(
         engine = Engine(subject, policies, out, pushes, device)
     engine.prepare()
     server = PageServer(engine, port)
-    asyncio.run(_serve(server, browser))
+    try:
+        asyncio.run(_serve(server, browser))
+    except KeyboardInterrupt:  # how it ends; what was being recorded is on disk by now
+        raise typer.Exit(INTERRUPTED) from None
 
 
 async def _serve(server: Any, browser: bool) -> None:

@@ -47,3 +47,4 @@ def test_it_serves_a_scene_until_it_is_interrupted(tmp_path):
     finally:
         process.send_signal(signal.SIGINT)
         assert process.wait(30) == 130
+        assert "nothing was saved" not in process.stderr.read()  # the way it is to be ended
