@@ -1,4 +1,4 @@
-"""Gaps and rows of the contact pairs and limits of any scene by its tables.
+"""Gaps and rows of the contact pairs and limits of any scene by its tables, and which pairs are near.
 
 The formulas are those of `contact/rows.py`.
 """
@@ -14,19 +14,21 @@ from ..factories import cached
 from ..residual.smoothing import make_smoothing
 from ..structure import CAPSULE, DISC, ELLIPSE, HALFPLANE, WORLD
 from .mechanism import COLUMN, make_mechanism
-from .topology import CONTACT, LONG, LOWER, MOVES_A, MOVES_B, PLANE, TURN, Topology
-from .work import WORK, Work
+from .topology import CONTACT, LONG, LOWER, MOVES_A, MOVES_B, PLANE, ROUND, TURN, Topology
+from .work import NEAR, ROWS, V2, V3, V4, WORK, Slot
 
 ROUNDING = {wp.float64: 1e-14, wp.float32: 4e-7}  # of a gap [m], whatever the precision of the work
+
+AFRESH, JOINING, ALL = 0, 1, 2  # which pairs are looked at
 
 
 @cached
 def make_contact(given: type, residual: str) -> SimpleNamespace:
-    """Warp functions that fill k.rate and k.jac and choose the rows that can act."""
+    """Warp functions that find the near pairs, fill their rows and choose those that can act."""
     dtype = WORK
     mech = make_mechanism(given)
     number, column = mech.number, mech.column
-    V2, V4, GEO = wp.types.vector(2, dtype), wp.types.vector(4, dtype), wp.types.vector(8, dtype)
+    GEO = wp.types.vector(8, dtype)
     ZERO, ONE, TOUCHING, UNUSED = dtype(0.0), dtype(1.0), dtype(ROUNDING[given]), dtype(COLD)
     CUT = dtype(0.0 if residual == "hard" else make_smoothing(dtype, residual).cut)  # as in `acting.py`
     H, SIGMA, LOW, UP, FRICTION, RADIUS, OFFSET, TURNED = (
@@ -39,226 +41,292 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
     round_distance = make_distance(ELLIPSE, ELLIPSE, dtype)
 
     @wp.func
-    def pose(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, shape: int, end: int):
-        """Centre and axis of a shape, or of the disc at an end of a capsule."""
-        x = number(t, params, row, OFFSET, 2 * shape)
-        y = number(t, params, row, OFFSET, 2 * shape + 1)
-        ex = ONE
-        ey = ZERO
-        if t.shape_turned[shape] == 1:
-            angle = number(t, params, row, TURNED, shape)
-            ex = upright(wp.cos(angle))
-            ey = upright(wp.sin(angle))
-        if end != 0:
-            reach = dtype(end) * number(t, params, row, RADIUS, 2 * shape + 1)
-            x += reach * ex
-            y += reach * ey
-        body = t.shape_body[shape]
-        if body == WORLD:
-            return V4(x, y, ex, ey)
-        c = k.frame[4 * body, b]
-        sn = k.frame[4 * body + 1, b]
-        px = k.frame[4 * body + 2, b] + c * x - sn * y
-        py = k.frame[4 * body + 3, b] + sn * x + c * y
-        return V4(px, py, c * ex - sn * ey, sn * ex + c * ey)
+    def place_shapes(t: Topology, k: Slot):
+        """Centre and axis of every shape in its body: once for all steps."""
+        for i in range(t.shapes):
+            ex = ONE
+            ey = ZERO
+            if t.shape_turned[i] == 1:
+                angle = number(t, k, TURNED, i)
+                ex = upright(wp.cos(angle))
+                ey = upright(wp.sin(angle))
+            k.local[i] = V4(number(t, k, OFFSET, 2 * i), number(t, k, OFFSET, 2 * i + 1), ex, ey)
 
     @wp.func
-    def radii(t: Topology, params: wp.array2d(dtype=given), row: int, shape: int, end: int):
-        r = number(t, params, row, RADIUS, 2 * shape)
+    def move_shapes(t: Topology, k: Slot):
+        """Centre and axis of every shape in the world."""
+        for i in range(t.shapes):
+            p = k.local[i]
+            body = t.shape_body[i]
+            if body != WORLD:
+                f = k.frame[body]
+                x = f[2] + f[0] * p[0] - f[1] * p[1]
+                y = f[3] + f[1] * p[0] + f[0] * p[1]
+                p = V4(x, y, f[0] * p[2] - f[1] * p[3], f[1] * p[2] + f[0] * p[3])
+            k.shape[i] = p
+
+    @wp.func
+    def pose(t: Topology, k: Slot, shape: int, end: int):
+        """Centre and axis of a shape, or of the disc at an end of a capsule."""
+        p = k.shape[shape]
+        if end != 0:
+            reach = dtype(end) * number(t, k, RADIUS, 2 * shape + 1)
+            return V4(p[0] + reach * p[2], p[1] + reach * p[3], p[2], p[3])
+        return p
+
+    @wp.func
+    def radii(t: Topology, k: Slot, shape: int, end: int):
+        r = number(t, k, RADIUS, 2 * shape)
         if end != 0:
             return V2(r, r)
-        return V2(r, number(t, params, row, RADIUS, 2 * shape + 1))
+        return V2(r, number(t, k, RADIUS, 2 * shape + 1))
 
     @wp.func
-    def pose_a(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, pair: int):
-        return pose(t, k, params, row, b, t.pair_a[pair], t.pair_ends[2 * pair])
+    def pose_a(t: Topology, k: Slot, pair: int):
+        return pose(t, k, t.pair_a[pair], t.pair_ends[2 * pair])
 
     @wp.func
-    def pose_b(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, pair: int):
-        return pose(t, k, params, row, b, t.pair_b[pair], t.pair_ends[2 * pair + 1])
+    def pose_b(t: Topology, k: Slot, pair: int):
+        return pose(t, k, t.pair_b[pair], t.pair_ends[2 * pair + 1])
 
     @wp.func
-    def radii_a(t: Topology, params: wp.array2d(dtype=given), row: int, pair: int):
-        return radii(t, params, row, t.pair_a[pair], t.pair_ends[2 * pair])
+    def radii_a(t: Topology, k: Slot, pair: int):
+        return radii(t, k, t.pair_a[pair], t.pair_ends[2 * pair])
 
     @wp.func
-    def radii_b(t: Topology, params: wp.array2d(dtype=given), row: int, pair: int):
-        return radii(t, params, row, t.pair_b[pair], t.pair_ends[2 * pair + 1])
+    def radii_b(t: Topology, k: Slot, pair: int):
+        return radii(t, k, t.pair_b[pair], t.pair_ends[2 * pair + 1])
 
     @wp.func
-    def geometry(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, pair: int):
+    def geometry(t: Topology, k: Slot, pair: int):
         """GEO of a pair; the search starts at the last normal, which it replaces."""
-        pa = pose_a(t, k, params, row, b, pair)
-        pb = pose_b(t, k, params, row, b, pair)
-        ra = radii_a(t, params, row, pair)
-        rb = radii_b(t, params, row, pair)
+        pa = pose_a(t, k, pair)
+        pb = pose_b(t, k, pair)
+        ra = radii_a(t, k, pair)
+        rb = radii_b(t, k, pair)
         g = GEO()
         if t.pair_kind[pair] == PLANE:
             g = plane_distance.geometry(ra, rb, pa, pb, V2())
         elif t.pair_kind[pair] == LONG:
             g = long_distance.geometry(ra, rb, pa, pb, V2())
         else:
-            g = round_distance.geometry(ra, rb, pa, pb, V2(k.normal[2 * pair, b], k.normal[2 * pair + 1, b]))
-        k.normal[2 * pair, b] = g[0]
-        k.normal[2 * pair + 1, b] = g[1]
+            g = round_distance.geometry(ra, rb, pa, pb, k.normal[pair])
+        k.normal[pair] = V2(g[0], g[1])
         return g
 
     @wp.func
-    def pair_rows(
-        t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, pair: int, g: GEO, rub: dtype
-    ):
-        """J_n +- mu J_t, or J_n alone, of a pair; rub = 1, or 0 to leave friction out."""
-        pa = pose_a(t, k, params, row, b, pair)
-        pb = pose_b(t, k, params, row, b, pair)
-        mu = rub * number(t, params, row, FRICTION, pair)
-        begin = t.pair_row[pair]
-        end = t.pair_row[pair + 1]
-        start = t.pair_start[pair]
-        for at in range(start, t.pair_start[pair + 1]):
-            j = t.pair_dof[at]
-            side = t.pair_side[at]
-            turns = t.dof_kind[j] == TURN
-            normal = dtype(0.0)
-            tangent = dtype(0.0)
-            if side == MOVES_A + MOVES_B:  # turns both as one
-                tangent = g[2]
-            elif side == MOVES_A:
-                c = column(t, k, params, row, b, j, pa[0], pa[1])
-                normal -= g[0] * c[0] + g[1] * c[1]
-                tangent -= g[0] * c[1] - g[1] * c[0]
-                if turns:
-                    normal += g[4]
-                    tangent -= g[3]
-            else:
-                c = column(t, k, params, row, b, j, pb[0], pb[1])
-                normal += g[0] * c[0] + g[1] * c[1]
-                tangent += g[0] * c[1] - g[1] * c[0]
-                if turns:
-                    normal += g[6]
-                    tangent -= g[5]
-            for i in range(begin, end):
-                k.jac[t.row_start[i] + at - start, b] = normal + dtype(t.row_sign[i]) * mu * tangent
+    def moved_by(t: Topology, k: Slot, j: int, side: int, pa: V4, pb: V4, g: GEO):
+        """(J_n, J_t) of a pair for a degree of freedom that moves these sides of it."""
+        if side == MOVES_A + MOVES_B:  # turns both as one
+            return V2(ZERO, g[2])
+        turns = t.dof_kind[j] == TURN
+        if side == MOVES_A:
+            c = column(t, k, j, pa[0], pa[1])
+            n = V2(-(g[0] * c[0] + g[1] * c[1]), -(g[0] * c[1] - g[1] * c[0]))
+            if turns:
+                n += V2(g[4], -g[3])
+            return n
+        c = column(t, k, j, pb[0], pb[1])
+        n = V2(g[0] * c[0] + g[1] * c[1], g[0] * c[1] - g[1] * c[0])
+        if turns:
+            n += V2(g[6], -g[5])
+        return n
 
     @wp.func
-    def near(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, pair: int):
-        """Whether a pair can act at velocity k.v, from a lower bound of d and a bound on its approach."""
-        if t.pair_exact[pair] == 1:
-            return True
-        pa = pose_a(t, k, params, row, b, pair)
-        pb = pose_b(t, k, params, row, b, pair)
-        ra = radii_a(t, params, row, pair)
-        rb = radii_b(t, params, row, pair)
-        dx = dtype(0.0)
-        dy = dtype(0.0)
-        wa = dtype(0.0)
-        wb = dtype(0.0)
+    def chained_rows(t: Topology, k: Slot, pair: int, r: int, pa: V4, pb: V4, g: GEO, mu: dtype):
+        """J_n +- mu J_t, or J_n alone, of any pair, the first of its rows being r."""
+        rows = t.pair_row[pair + 1] - t.pair_row[pair]
+        for at in range(k.entry[r], k.entry[r + rows]):
+            k.jac[at] = V3()
         for at in range(t.pair_start[pair], t.pair_start[pair + 1]):
             j = t.pair_dof[at]
-            v = k.v[t.place[j], b]
-            turns = t.dof_kind[j] == TURN
-            if (t.pair_side[at] & MOVES_A) != 0:
-                c = column(t, k, params, row, b, j, pa[0], pa[1])
-                dx -= c[0] * v
-                dy -= c[1] * v
-                if turns:
-                    wa += v
-            if (t.pair_side[at] & MOVES_B) != 0:
-                c = column(t, k, params, row, b, j, pb[0], pb[1])
-                dx += c[0] * v
-                dy += c[1] * v
-                if turns:
-                    wb += v
-        mu = number(t, params, row, FRICTION, pair)
-        reach = wp.abs(wa) * wp.max(ra[0], ra[1]) + wp.abs(wb) * wp.max(rb[0], rb[1])
-        speed = wp.sqrt(ONE + mu * mu) * (wp.sqrt(dx * dx + dy * dy) + reach)
-        gap = round_distance.bound(ra, rb, pa, pb) / number(t, params, row, H, 0)
-        return not (gap - speed > CUT * number(t, params, row, SIGMA, t.pair_row[pair]))
+            n = moved_by(t, k, j, t.pair_side[at], pa, pb, g)
+            for i in range(rows):
+                sign = dtype(t.row_sign[k.row[r + i]])
+                k.jac[k.entry[r + i] + t.pair_entry[at]][t.dof_part[j]] = n[0] + sign * mu * n[1]
 
     @wp.func
-    def velocity(t: Topology, k: Work, b: int, i: int):
-        """J_i v'."""
+    def free_rows(t: Topology, k: Slot, pair: int, r: int, pa: V4, pb: V4, g: GEO, mu: dtype):
+        """The same where every body is free in the world."""
+        for side in range(2):
+            at = t.pair_free[2 * pair + side]
+            if at >= 0:
+                p = pa
+                sign = -ONE
+                lever = g[4]
+                rise = g[3]
+                shape = t.pair_a[pair]
+                if side == 1:
+                    p = pb
+                    sign = ONE
+                    lever = g[6]
+                    rise = g[5]
+                    shape = t.pair_b[pair]
+                f = k.frame[t.shape_body[shape]]
+                cx = f[3] - p[1]
+                cy = p[0] - f[2]
+                turn_n = sign * (g[0] * cx + g[1] * cy) + lever
+                turn_t = sign * (g[0] * cy - g[1] * cx) - rise
+                normal = V3(sign * g[0], sign * g[1], turn_n)
+                tangent = mu * V3(-sign * g[1], sign * g[0], turn_t)
+                for i in range(r, r + t.pair_row[pair + 1] - t.pair_row[pair]):
+                    k.jac[k.entry[i] + at] = normal + dtype(t.row_sign[k.row[i]]) * tangent
+
+    @wp.func
+    def fill(t: Topology, k: Slot, start: int, end: int, rub: dtype):
+        """d/h and J of rows; rub = 1, or 0 to leave friction out. Nothing lifts them."""
+        h = number(t, k, H, 0)
+        r = int(start)
+        while r < end:
+            i = k.row[r]
+            if t.row_kind[i] == wp.static(CONTACT):
+                pair = t.row_index[i]
+                g = geometry(t, k, pair)
+                pa = pose_a(t, k, pair)
+                pb = pose_b(t, k, pair)
+                mu = rub * number(t, k, FRICTION, pair)
+                if t.pair_free[2 * pair] > -2 and t.pair_free[2 * pair + 1] > -2:
+                    free_rows(t, k, pair, r, pa, pb, g, mu)
+                else:
+                    chained_rows(t, k, pair, r, pa, pb, g, mu)
+                for _same in range(t.pair_row[pair + 1] - t.pair_row[pair]):
+                    k.gap[r] = g[2] / h
+                    r += 1
+            else:
+                j = t.row_index[i]
+                k.jac[k.entry[r]] = V3()
+                k.jac[k.entry[r]][t.dof_part[j]] = dtype(t.row_sign[i])
+                if t.row_kind[i] == LOWER:
+                    k.gap[r] = (k.q[j] - number(t, k, LOW, j)) / h
+                else:
+                    k.gap[r] = (number(t, k, UP, j) - k.q[j]) / h
+                r += 1
+        for i in range(start, end):
+            k.rate[i] = k.gap[i]
+            k.sigma[i] = number(t, k, SIGMA, k.row[i])
+            k.lift[i] = ZERO
+
+    @wp.func
+    def touch(t: Topology, k: Slot, start: int, end: int):
+        """What enters by the rounding of a gap touches; z of rows that were others is far from theirs."""
+        touching = TOUCHING / number(t, k, H, 0)
+        for r in range(start, end):
+            if t.row_kind[k.row[r]] == wp.static(CONTACT):
+                if wp.abs(k.gap[r]) <= touching:
+                    k.gap[r] = ZERO
+                k.rate[r] = k.gap[r]
+                k.z[r] = UNUSED
+                k.acting[r] = wp.min(k.acting[r], 1)
+
+    @wp.func
+    def at_point(t: Topology, k: Slot, shape: int, p: V4):
+        """Velocity of a point of a shape's body, and its rate of turning."""
+        body = t.shape_body[shape]
+        if body == WORLD:
+            return V3()
+        f = k.frame[body]
+        w = k.twist[body]
+        return V3(w[0] - w[2] * (p[1] - f[3]), w[1] + w[2] * (p[0] - f[2]), w[2])
+
+    @wp.func
+    def least_rate(t: Topology, k: Slot, pair: int):
+        """A lower bound of J v' + d/h - cut sigma of a pair's rows at k.twist."""
+        pa = pose_a(t, k, pair)
+        pb = pose_b(t, k, pair)
+        ra = radii_a(t, k, pair)
+        rb = radii_b(t, k, pair)
+        gap = dtype(0.0)
+        spread_a = wp.max(rb[0], rb[1])
+        va = V3()
+        if t.pair_kind[pair] == ROUND:
+            gap = round_distance.bound(ra, rb, pa, pb)
+            spread_a = wp.max(ra[0], ra[1])
+            va = at_point(t, k, t.pair_a[pair], pa)
+        else:  # A's touched point is as far from B's centre as B is thick, and the gap
+            if t.pair_kind[pair] == PLANE:
+                gap = plane_distance.bound(ra, rb, pa, pb)
+            else:
+                gap = long_distance.bound(ra, rb, pa, pb)
+            spread_a += wp.abs(gap)
+            va = at_point(t, k, t.pair_a[pair], pb)
+        vb = at_point(t, k, t.pair_b[pair], pb)
+        dx = vb[0] - va[0]
+        dy = vb[1] - va[1]
+        mu = number(t, k, FRICTION, pair)
+        turn = wp.abs(va[2]) * spread_a + wp.abs(vb[2]) * wp.max(rb[0], rb[1])
+        speed = wp.sqrt(ONE + mu * mu) * (wp.sqrt(dx * dx + dy * dy) + turn)
+        return gap / number(t, k, H, 0) - speed - CUT * number(t, k, SIGMA, t.pair_row[pair])
+
+    @wp.func
+    def look(t: Topology, k: Slot, which: int):
+        """The near pairs at velocity k.v AFRESH (with those within reach of the largest approach: in a heap
+        they act next), those that are JOINING them, or ALL others. 1 if their list has changed.
+        """
+        mech.twists(t, k)
+        margin = dtype(0.0)
+        fresh = which == wp.static(AFRESH)
+        for pair in range(t.pairs):
+            if fresh or k.known[pair] == 0:
+                k.reach[pair] = least_rate(t, k, pair)
+                margin = wp.max(margin, -k.reach[pair])
+        if which == wp.static(JOINING):
+            margin = ZERO
+        found = int(0)
+        kept = int(0)
+        for pair in range(t.pairs):
+            if fresh or k.known[pair] == 0:
+                if which == wp.static(ALL) or not (k.reach[pair] > margin):
+                    k.sorted[found] = pair
+                    found += 1
+                    kept += k.known[pair]
+        old = k.count[wp.static(NEAR)]
+        if fresh:
+            if found == old and kept == old and k.count[wp.static(ROWS)] >= t.limits:
+                return 0
+            for n in range(old):
+                k.known[k.near[n]] = 0
+            old = 0
+        elif found == 0:
+            return 0
+        for n in range(found):
+            k.near[old + n] = k.sorted[n]
+            k.known[k.sorted[n]] = 1
+        k.count[wp.static(NEAR)] = old + found
+        return 1
+
+    @wp.func
+    def velocity(t: Topology, k: Slot, r: int):
+        """J_r v'."""
         out = dtype(0.0)
-        for at in range(t.row_start[i], t.row_start[i + 1]):
-            out += k.jac[at, b] * k.v[t.row_place[at], b]
+        start = k.entry[r]
+        pattern = k.pattern[r]
+        for e in range(k.entry[r + 1] - start):
+            out += wp.dot(k.jac[start + e], k.v[t.row_block[pattern + e]])
         return out
 
     @wp.func
-    def start(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int):
-        """No row acts; d/h and J of the limits."""
-        h = number(t, params, row, H, 0)
-        for i in range(t.nr):
-            k.acting[i, b] = 0
-            k.lam[i, b] = ZERO
-            k.rate[i, b] = ZERO
-            if t.row_kind[i] != CONTACT:
-                j = t.row_index[i]
-                k.jac[t.row_start[i], b] = dtype(t.row_sign[i])
-                if t.row_kind[i] == LOWER:
-                    k.rate[i, b] = (k.q[j, b] - number(t, params, row, LOW, j)) / h
-                else:
-                    k.rate[i, b] = (number(t, params, row, UP, j) - k.q[j, b]) / h
-            k.gap[i, b] = k.rate[i, b]
-        for pair in range(t.pairs):
-            k.known[pair, b] = 0
-            k.lift[pair, b] = ZERO
-            k.miss[pair, b] = ZERO
-            k.target[pair, b] = ZERO
-
-    @wp.func
-    def set_friction(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, rub: dtype):
-        """The rows of all pairs at hand anew, with friction (rub = 1) or without (0), and without a lift;
-        what enters by the rounding of a gap touches.
-        """
-        touching = TOUCHING / number(t, params, row, H, 0)
-        for pair in range(t.pairs):
-            k.lift[pair, b] = ZERO
-            if k.known[pair, b] == 1:
-                g = geometry(t, k, params, row, b, pair)
-                pair_rows(t, k, params, row, b, pair, g, rub)
-                for i in range(t.pair_row[pair], t.pair_row[pair + 1]):
-                    if wp.abs(k.gap[i, b]) <= touching:
-                        k.gap[i, b] = ZERO
-                    k.rate[i, b] = k.gap[i, b]
-                    k.z[i, b] = UNUSED  # what the other rows had is far from what these have
-                    k.acting[i, b] = wp.min(k.acting[i, b], 1)
-
-    @wp.func
-    def grow(
-        t: Topology,
-        k: Work,
-        params: wp.array2d(dtype=given),
-        row: int,
-        b: int,
-        exact_gap: int,
-        margin: dtype,
-        rub: dtype,
-    ):
+    def grow(t: Topology, k: Slot, start: int, end: int, margin: dtype):
         """Add the rows that k.v lets act (or comes within `margin` of it); their number and the largest
-        approach. `rub` as in `pair_rows`.
+        approach.
         """
-        h = number(t, params, row, H, 0)
-        for pair in range(t.pairs):
-            if k.known[pair, b] == 0:
-                if exact_gap == 1 or near(t, k, params, row, b, pair):
-                    k.known[pair, b] = 1
-                    g = geometry(t, k, params, row, b, pair)
-                    pair_rows(t, k, params, row, b, pair, g, rub)
-                    for i in range(t.pair_row[pair], t.pair_row[pair + 1]):
-                        k.gap[i, b] = g[2] / h
-                        k.rate[i, b] = g[2] / h
         added = int(0)
         approach = dtype(0.0)
-        for i in range(t.nr):
-            if k.acting[i, b] == 0:
-                present = t.row_kind[i] != CONTACT
-                if not present:
-                    present = k.known[t.row_index[i], b] == 1
-                if present:
-                    w = velocity(t, k, b, i) + k.rate[i, b]
-                    approach = wp.max(approach, -w)
-                    if not (w > CUT * number(t, params, row, SIGMA, i) + margin):
-                        k.acting[i, b] = 1
-                        added += 1
+        for r in range(start, end):
+            if k.acting[r] == 0:
+                w = velocity(t, k, r) + k.rate[r]
+                approach = wp.max(approach, -w)
+                if not (w > CUT * k.sigma[r] + margin):
+                    k.acting[r] = 1
+                    added += 1
         return added, approach
 
-    return SimpleNamespace(start=start, grow=grow, set_friction=set_friction, velocity=velocity)
+    return SimpleNamespace(
+        place_shapes=place_shapes,
+        move_shapes=move_shapes,
+        look=look,
+        fill=fill,
+        touch=touch,
+        grow=grow,
+        velocity=velocity,
+        geometry=geometry,
+    )

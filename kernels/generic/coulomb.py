@@ -15,7 +15,7 @@ import warp as wp
 from ..factories import cached
 from .newton import make_newton
 from .topology import CONTACT, Topology
-from .work import WORK, Work
+from .work import WORK, Island, Slot
 
 COULOMB_PASSES = 100
 RETREATS = 8  # of mu s, halfway each
@@ -25,7 +25,7 @@ ROUNDING = 4e-16  # of J v', relative to its terms
 
 @cached
 def make_coulomb(given: type) -> SimpleNamespace:
-    """lift(t, k, b, n, passes) -> 1 if k.rate of the acting pairs had to change."""
+    """lift(t, k, o, passes) -> 1 if k.rate of the acting pairs had to change."""
     dtype = WORK
     dot = make_newton(given, "hard").dot
     HALF, ONE, ZERO = dtype(0.5), dtype(1.0), dtype(0.0)
@@ -33,65 +33,66 @@ def make_coulomb(given: type) -> SimpleNamespace:
     FARTHEST, SMALLEST = dtype(2.0), dtype(1e-30)
 
     @wp.func
-    def first_of_pair(t: Topology, k: Work, b: int, r: int):
-        """The pair of the r-th acting row if it has friction and this is its first acting row, else -1."""
-        i = k.active[r, b]
-        if t.row_kind[i] != CONTACT or t.row_sign[i] == 0:
+    def first_of_pair(t: Topology, k: Slot, r: int):
+        """The first row of the pair of row r if it has friction and r is its first acting row, else -1."""
+        i = k.row[r]
+        if k.acting[r] == 0 or t.row_kind[i] != CONTACT or t.row_sign[i] == 0:
             return -1
-        pair = t.row_index[i]
-        if i > t.pair_row[pair] and k.acting[t.pair_row[pair], b] > 0:
-            return -1
-        return pair
+        if t.row_sign[i] > 0:
+            return r
+        return wp.where(k.acting[r - 1] > 0, -1, r - 1)
 
     @wp.func
-    def uncertain(t: Topology, k: Work, b: int, i: int, target: dtype):
-        """By what mu s of the pair of row i may be off: by no more than its own data and rounding tell."""
-        data = wp.abs(k.rate[i, b]) + target
+    def uncertain(t: Topology, k: Slot, r: int, target: dtype):
+        """By what mu s of the pair of row r may be off: by no more than its own data and rounding tell."""
+        data = wp.abs(k.rate[r]) + target
         terms = dtype(0.0)
-        for at in range(t.row_start[i], t.row_start[i + 1]):
-            p = t.row_place[at]
-            data += wp.abs(k.jac[at, b] * k.vfree[p, b])
-            terms += wp.abs(k.jac[at, b] * k.v[p, b])
+        start = k.entry[r]
+        pattern = k.pattern[r]
+        for e in range(k.entry[r + 1] - start):
+            b = t.row_block[pattern + e]
+            free = wp.abs(wp.cw_mul(k.jac[start + e], k.vfree[b]))
+            moved = wp.abs(wp.cw_mul(k.jac[start + e], k.v[b]))
+            data += free[0] + free[1] + free[2]
+            terms += moved[0] + moved[1] + moved[2]
         return ENOUGH * data + ROUND * terms
 
     @wp.func
-    def lift(t: Topology, k: Work, b: int, n: int, passes: int):
+    def lift(t: Topology, k: Slot, o: Island, passes: int):
         """Compare mu s with what v' makes of it; where they differ, move it and k.rate. `passes` < 0: take it
         halfway back to where the convex problem had a solution.
         """
         settled = int(1)
         along = dtype(0.0)
         across = dtype(0.0)
-        for r in range(n):
-            pair = first_of_pair(t, k, b, r)
-            if pair >= 0:
-                first = t.pair_row[pair]
-                target = HALF * wp.abs(dot(t, k, k.v, first, b) - dot(t, k, k.v, first + 1, b))
-                miss = target - k.lift[pair, b]
-                change = miss - k.miss[pair, b]
+        for r in range(o.row, o.last_row):
+            first = first_of_pair(t, k, r)
+            if first >= 0:
+                target = HALF * wp.abs(dot(t, k, k.v, first) - dot(t, k, k.v, first + 1))
+                miss = target - k.lift[first]
+                change = miss - k.miss[first]
                 along += miss * change
                 across += change * change
-                if not (wp.abs(miss) <= uncertain(t, k, b, first, target)):
+                if not (wp.abs(miss) <= uncertain(t, k, first, target)):
                     settled = 0
         if settled == 1 and passes >= 0:
             return 0
         share = dtype(0.0)
         if passes > 1 and across > SMALLEST:
             share = wp.clamp(along / across, -FARTHEST, ONE - dtype(0.05))
-        for r in range(n):
-            pair = first_of_pair(t, k, b, r)
-            if pair >= 0:
-                first = t.pair_row[pair]
-                target = HALF * wp.abs(dot(t, k, k.v, first, b) - dot(t, k, k.v, first + 1, b))
-                moved = wp.max(target - share * (target - k.target[pair, b]), ZERO)
+        for r in range(o.row, o.last_row):
+            first = first_of_pair(t, k, r)
+            if first >= 0:
+                target = HALF * wp.abs(dot(t, k, k.v, first) - dot(t, k, k.v, first + 1))
+                moved = wp.max(target - share * (target - k.target[first]), ZERO)
                 if passes < 0:
-                    moved = HALF * (k.lift[pair, b] + k.target[pair, b] - k.miss[pair, b])
+                    moved = HALF * (k.lift[first] + k.target[first] - k.miss[first])
                 else:
-                    k.miss[pair, b] = target - k.lift[pair, b]
-                    k.target[pair, b] = target
-                k.lift[pair, b] = moved
-                k.rate[first, b] = k.gap[first, b] + k.lift[pair, b]
-                k.rate[first + 1, b] = k.gap[first + 1, b] + k.lift[pair, b]
+                    k.miss[first] = target - k.lift[first]
+                    k.target[first] = target
+                k.lift[first] = moved
+                k.rate[first] = k.gap[first] + k.lift[first]
+                k.rate[first + 1] = k.gap[first + 1] + k.lift[first]
         return 1
 
     return SimpleNamespace(lift=lift)

@@ -13,7 +13,7 @@ import warp as wp
 from ..factories import cached
 from .newton import ACCEPTED, GIVEN, SUMMED, make_newton
 from .topology import CONTACT, Topology
-from .work import WORK, Work
+from .work import V3, WORK, Island, Slot
 
 ROW = 10.0  # what is good enough of a row relative to its own terms, in units of ACCEPTED
 EARNED = {wp.float64: 2e-10, wp.float32: 1e-8}  # and where the data alone do not suggest its impulses
@@ -34,150 +34,187 @@ def make_earned(given: type) -> SimpleNamespace:
     MORE, TINY = dtype(GROWN), dtype(1e-30)
 
     @wp.func
-    def share_units(t: Topology, k: Work, b: int, n: int):
+    def units_of(t: Topology, k: Slot, g: int):
+        """The units that the rows of a group move; the same one twice where there is one."""
+        i = k.row[k.group[g]]
+        return t.block_unit[t.row_block[t.row_start[i]]], t.block_unit[t.row_block[t.row_start[i + 1] - 1]]
+
+    @wp.func
+    def share_units(t: Topology, k: Slot, o: Island):
         """k.unit, from what v_free closes (k.unit) and a row's own terms: rows of bodies that neither hang
         together nor touch are no measure of each other.
         """
-        for i in range(t.nv):
-            k.island[i, b] = i
-            k.move[i, b] = ZERO
+        for place in range(o.start, o.end):
+            u = t.block_unit[k.block[place]]
+            k.name[u] = u
+            k.move[t.unit_start[u]] = V3()
         changed = int(1)
         while changed == 1:
             changed = int(0)
-            for r in range(n):
-                i = k.active[r, b]
-                one = t.row_trees[4 * i]
-                two = int(one)
-                if k.unit[i, b] > ZERO and t.row_trees[4 * i + 3] > 0:
-                    two = t.row_trees[4 * i + 2]
-                name = wp.min(k.island[one, b], k.island[two, b])
-                if k.island[one, b] != name or k.island[two, b] != name:
-                    changed = 1
-                k.island[one, b] = name
-                k.island[two, b] = name
-        for r in range(n):
-            i = k.active[r, b]
-            p = k.island[t.row_trees[4 * i], b]
-            k.move[p, b] = wp.max(k.move[p, b], k.unit[i, b])
-        for r in range(n):
-            i = k.active[r, b]
-            shared = k.move[k.island[t.row_trees[4 * i], b], b]
-            k.unit[i, b] = wp.max(wp.max(shared, k.own[i, b]), TINY)
+            for g in range(o.group, o.last_group):
+                one, two = units_of(t, k, g)
+                closes = dtype(0.0)
+                for r in range(k.group[g], k.group[g + 1]):
+                    if k.acting[r] > 0:
+                        closes = wp.max(closes, k.unit[r])
+                if closes > ZERO:
+                    name = wp.min(k.name[one], k.name[two])
+                    if k.name[one] != name or k.name[two] != name:
+                        changed = 1
+                    k.name[one] = name
+                    k.name[two] = name
+                    b = t.unit_start[name]
+                    k.move[b] = V3(wp.max(k.move[b][0], closes), ZERO, ZERO)
+        for g in range(o.group, o.last_group):
+            one, _two = units_of(t, k, g)
+            shared = k.move[t.unit_start[k.name[one]]][0]
+            for r in range(k.group[g], k.group[g + 1]):
+                if k.acting[r] > 0:
+                    k.unit[r] = wp.max(wp.max(shared, k.own[r]), TINY)
 
     @wp.func
-    def bounds(t: Topology, k: Work, b: int, n: int, size: dtype, largest: dtype):
+    def bounds(t: Topology, k: Slot, o: Island, size: dtype, largest: dtype):
         """k.most: what a row allows of M (v' - v_free) that presses no harder than `largest`, the impulse
-        that stops the heavier side of one, in a world of speeds `size`. k.unseen, too.
+        that stops the heavier side of one, in an island of speeds `size`. k.unseen, too.
         """
-        for i in range(t.nv):
-            k.most[i, b] = k.mass[t.mass_at[i] + i, b] * size
-            k.unseen[i, b] = LOST * k.most[i, b]
-        for r in range(n):
-            i = k.active[r, b]
-            for at in range(t.row_start[i], t.row_start[i + 1]):
-                p = t.row_place[at]
-                k.most[p, b] = k.most[p, b] + wp.abs(k.jac[at, b]) * largest
+        for place in range(o.start, o.end):
+            i = k.block[place]
+            k.most[i] = size * wp.get_diag(k.mass[t.mass_at[i] + i])
+            k.unseen[i] = LOST * k.most[i]
+        for g in range(o.group, o.last_group):
+            start = k.group[g]
+            for e in range(k.entry[start + 1] - k.entry[start]):
+                total = V3()
+                for r in range(start, k.group[g + 1]):
+                    if k.acting[r] > 0:
+                        total += wp.abs(k.jac[k.entry[r] + e])
+                b = t.row_block[k.pattern[start] + e]
+                k.most[b] = k.most[b] + largest * total
 
     @wp.func
-    def partner(t: Topology, k: Work, i: int):
-        """The other row of a contact with Coulomb's friction, else row i itself. What is given back is their
+    def partner(t: Topology, k: Slot, r: int):
+        """The other row of a contact with Coulomb's friction, else row r itself. What is given back is their
         sum and difference, whose terms are bounded by the larger of |J_n + mu J_t| and |J_n - mu J_t|.
         """
-        if t.coulomb == 0 or t.row_kind[i] != CONTACT or t.row_sign[i] == 0:
-            return i
-        first = t.pair_row[t.row_index[i]]
-        return wp.where(i == first, first + 1, first)
+        i = k.row[r]
+        if t.coulomb == 0 or t.row_kind[i] != CONTACT:
+            return r
+        return r + t.row_sign[i]
 
     @wp.func
-    def is_open(t: Topology, k: Work, i: int, b: int, share: dtype):
-        """Whether J v' + d/h = w of row i is no violation, to `share` of the row's own scale."""
-        w = k.rate[i, b]
+    def is_open(t: Topology, k: Slot, r: int, share: dtype):
+        """Whether J v' + d/h = w of row r is no violation, to `share` of the row's own scale."""
+        w = k.rate[r]
         terms = dtype(0.0)
-        for at in range(t.row_start[i], t.row_start[i + 1]):
-            change = k.jac[at, b] * k.v[t.row_place[at], b]
-            w += change
-            terms += wp.abs(change)
-        return w >= -(share * k.own[i, b] + LEAST * wp.max(terms, k.unit[i, b]))
+        start = k.entry[r]
+        pattern = k.pattern[r]
+        for e in range(k.entry[r + 1] - start):
+            change = wp.cw_mul(k.jac[start + e], k.v[t.row_block[pattern + e]])
+            w += change[0] + change[1] + change[2]
+            terms += wp.abs(change[0]) + wp.abs(change[1]) + wp.abs(change[2])
+        return w >= -(share * k.own[r] + LEAST * wp.max(terms, k.unit[r]))
 
     @wp.func
-    def adds_up(t: Topology, k: Work, b: int, n: int):
+    def is_held(t: Topology, k: Slot, j: int, told: dtype):
+        """Whether a coordinate of the same body, weighed by energy, has momentum to compare with."""
+        p = t.dof_block[j]
+        own = k.mass[t.mass_at[p] + p][t.dof_part[j], t.dof_part[j]]
+        held = int(0)
+        for other in range(wp.max(j - 2, 0), wp.min(j + 3, t.nv)):
+            if t.dof_body[other] == t.dof_body[j]:
+                q = t.dof_block[other]
+                part = t.dof_part[other]
+                there = k.momentum[q][part] * k.momentum[q][part] * own
+                if told * told * k.mass[t.mass_at[q] + q][part, part] <= there:
+                    held = 1
+        return held
+
+    @wp.func
+    def adds_up(t: Topology, k: Slot, o: Island):
         """1 if every row is open on its own scale, and M dv = J' lambda, as it is given back, holds on the
         scale of what the data do to every body, its coordinates weighed by energy: its own momentum, those of
         its rows by themselves as far as they press, and what they exchange with it (at most k.most). Nor may
         rounding of a row's impulse count in its velocity.
         """
-        nt.mass_times(t, k, b)
-        for i in range(t.nv):
-            k.move[i, b] = ZERO
-            moved = wp.min(wp.abs(k.balance[i, b]), k.most[i, b])
-            k.momentum[i, b] = k.lost[i, b] / LOST + moved
+        nt.mass_times(t, k, o)
+        for place in range(o.start, o.end):
+            i = k.block[place]
+            k.move[i] = V3()
+            k.momentum[i] = k.lost[i] / LOST + wp.min(wp.abs(k.balance[i]), k.most[i])
         good = int(1)
-        for r in range(n):
-            i = k.active[r, b]
-            lam = k.lam[i, b]
-            shift = t.row_start[partner(t, k, i)] - t.row_start[i]
-            for at in range(t.row_start[i], t.row_start[i + 1]):
-                p = t.row_place[at]
-                j = k.jac[at, b]
-                k.balance[p, b] = k.balance[p, b] - j * lam
-                k.move[p, b] = k.move[p, b] + wp.max(wp.abs(j), wp.abs(k.jac[at + shift, b])) * lam
-                k.momentum[p, b] = k.momentum[p, b] + wp.abs(j) * wp.min(k.alone[i, b], lam)
-            if not is_open(t, k, i, b, OPEN):
-                good = 0
-            if not (ROUND * k.diag[i, b] * lam <= ENOUGH * k.unit[i, b]):
-                good = 0
-        for j in range(t.nv):
-            p = t.place[j]
-            miss = wp.max(wp.abs(k.balance[p, b]) - k.lost[p, b], ZERO)
-            told = (miss + ROUND * k.move[p, b]) / ENOUGH
-            if not (told <= k.momentum[p, b]):
-                held = int(0)
-                for other in range(wp.max(j - 2, 0), wp.min(j + 3, t.nv)):
-                    if t.dof_body[other] == t.dof_body[j]:
-                        q = t.place[other]
-                        there = k.momentum[q, b] * k.momentum[q, b] * k.mass[t.mass_at[p] + p, b]
-                        if told * told * k.mass[t.mass_at[q] + q, b] <= there:
-                            held = 1
-                if held == 0:
+        for r in range(o.row, o.last_row):
+            if k.acting[r] > 0:
+                lam = k.lam[r]
+                alone = wp.min(k.alone[r], lam)
+                start = k.entry[r]
+                pattern = k.pattern[r]
+                shift = k.entry[partner(t, k, r)] - start
+                for e in range(k.entry[r + 1] - start):
+                    b = t.row_block[pattern + e]
+                    j = k.jac[start + e]
+                    size = wp.abs(j)
+                    k.balance[b] = k.balance[b] - lam * j
+                    k.move[b] = k.move[b] + lam * wp.max(size, wp.abs(k.jac[start + shift + e]))
+                    k.momentum[b] = k.momentum[b] + alone * size
+                if not is_open(t, k, r, OPEN):
                     good = 0
+                if not (ROUND * k.diag[r] * lam <= ENOUGH * k.unit[r]):
+                    good = 0
+        for place in range(o.start, o.end):
+            b = k.block[place]
+            miss = wp.max(wp.abs(k.balance[b]) - k.lost[b], V3())
+            told = (miss + ROUND * k.move[b]) / ENOUGH
+            have = k.momentum[b]
+            for part in range(3):
+                if not (told[part] <= have[part]):
+                    dof = t.block_dof[3 * b + part]
+                    if dof < 0:
+                        good = 0
+                    elif is_held(t, k, dof, told[part]) == 0:
+                        good = 0
         return good
 
     @wp.func
-    def see_all(t: Topology, k: Work, b: int):
+    def see_all(t: Topology, k: Slot, o: Island):
         """Leave nothing of M (v' - v_free) to the rows' rounding from here on."""
-        for i in range(t.nv):
-            k.unseen[i, b] = ZERO
+        for place in range(o.start, o.end):
+            k.unseen[k.block[place]] = V3()
 
     @wp.func
-    def is_earned(t: Topology, k: Work, b: int, n: int):
+    def is_earned(t: Topology, k: Slot, o: Island):
         """1 if every row is open on its own scale, nearly to the precision of the work, M dv = J' lambda
         holds as well (of `adds_up`), and rows press no place much harder than they must (k.least). What is
         given back of a contact may round by no more than its rows.
         """
         good = int(1)
-        for i in range(t.nv):
-            miss = wp.abs(k.balance[i, b]) - k.lost[i, b] - CLOSE * k.move[i, b]
-            if not (miss <= ENOUGH * k.momentum[i, b]):
-                good = 0
-            k.move[i, b] = ZERO
-            k.best_v[i, b] = ZERO
-        for r in range(n):
-            i = k.active[r, b]
-            if not is_open(t, k, i, b, EXACT):
-                good = 0
-            spare = MORE * (k.least[i, b] + k.alone[i, b]) - k.lam[i, b]
-            if t.coulomb == 1 and not (spare >= ZERO):  # a fixed point that runs away does so row by row
-                good = 0
-            shift = t.row_start[partner(t, k, i)] - t.row_start[i]
-            for at in range(t.row_start[i], t.row_start[i + 1]):
-                p = t.row_place[at]
-                j = wp.abs(k.jac[at, b])
-                excess = wp.max(wp.abs(k.jac[at + shift, b]) - j, ZERO)
-                k.move[p, b] = k.move[p, b] + excess * k.lam[i, b]
-                k.best_v[p, b] = k.best_v[p, b] + j * spare
-        for i in range(t.nv):
-            if not (k.best_v[i, b] >= ZERO and ROUND * k.move[i, b] <= ENOUGH * k.momentum[i, b]):
-                good = 0
+        for place in range(o.start, o.end):
+            i = k.block[place]
+            miss = wp.abs(k.balance[i]) - k.lost[i] - CLOSE * k.move[i]
+            for j in range(3):
+                if not (miss[j] <= ENOUGH * k.momentum[i][j]):
+                    good = 0
+            k.move[i] = V3()
+            k.best_v[i] = V3()
+        for r in range(o.row, o.last_row):
+            if k.acting[r] > 0:
+                if not is_open(t, k, r, EXACT):
+                    good = 0
+                spare = MORE * (k.least[r] + k.alone[r]) - k.lam[r]
+                if t.coulomb == 1 and not (spare >= ZERO):  # a fixed point that runs away does so row by row
+                    good = 0
+                start = k.entry[r]
+                shift = k.entry[partner(t, k, r)] - start
+                for e in range(k.entry[r + 1] - start):
+                    b = t.row_block[k.pattern[r] + e]
+                    size = wp.abs(k.jac[start + e])
+                    excess = wp.max(wp.abs(k.jac[start + shift + e]) - size, V3())
+                    k.move[b] = k.move[b] + k.lam[r] * excess
+                    k.best_v[b] = k.best_v[b] + spare * size
+        for place in range(o.start, o.end):
+            i = k.block[place]
+            for j in range(3):
+                if not (k.best_v[i][j] >= ZERO and ROUND * k.move[i][j] <= ENOUGH * k.momentum[i][j]):
+                    good = 0
         return good
 
     return SimpleNamespace(

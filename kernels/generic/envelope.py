@@ -1,6 +1,7 @@
-"""Cholesky factors of matrices stored by the rows of their lower envelope, one world per thread.
+"""Cholesky factors of matrices of 3 x 3 blocks stored by the rows of their lower envelope, one world a thread.
 
-Entry (i, j), first[i] <= j <= i, of a matrix is m[at[i] + j, world]. A factor stores 1/L_ii on its diagonal.
+Block (i, j), first[i] <= j <= i, of a matrix is m[at[i] + j]; of a diagonal block both triangles are stored. A
+factor L has the inverses of its diagonal blocks in their place.
 """
 
 from types import SimpleNamespace
@@ -8,73 +9,94 @@ from types import SimpleNamespace
 import warp as wp
 
 from ..factories import cached
+from .work import M33, V3, WORK
 
 
 @cached
-def make_envelope(dtype: type) -> SimpleNamespace:
-    """factor(m, first, at, n, world), solve(m, first, at, x, n, world) and forward(.., start, end, ..)."""
-    ONE = dtype(1.0)
-    LEAST = dtype(1e-17 if dtype is wp.float64 else 1e-9)
-    ROUNDING = dtype(2e-16 if dtype is wp.float64 else 1e-7)
-    SMALLEST = dtype(1e-300 if dtype is wp.float64 else 1e-37)
+def make_envelope() -> SimpleNamespace:
+    """factor(m, first, at, start, end), solve(m, first, at, block, x, start, end) and `forward`."""
+    dtype = WORK
+    ZERO, ONE = dtype(0.0), dtype(1.0)
+    LEAST, ROUNDING, SMALLEST = dtype(1e-17), dtype(2e-16), dtype(1e-300)
+
+    @wp.func
+    def pivot(value: dtype, size: dtype):
+        """1/L_ii; a pivot lost to rounding is replaced by one of rounding's size."""
+        kept = value
+        if not (value > LEAST * size):
+            kept = ROUNDING * size
+        return ONE / wp.sqrt(kept)
+
+    @wp.func
+    def inverse_root(d: M33, x: dtype, y: dtype, z: dtype):
+        """L^-1 of d = L L'; x, y, z: the size of what its diagonal is a difference of."""
+        a = pivot(d[0, 0], wp.max(x, SMALLEST))
+        l10 = d[1, 0] * a
+        l20 = d[2, 0] * a
+        b = pivot(d[1, 1] - l10 * l10, wp.max(y, SMALLEST))
+        l21 = (d[2, 1] - l20 * l10) * b
+        c = pivot(d[2, 2] - l20 * l20 - l21 * l21, wp.max(z, SMALLEST))
+        low = -l10 * a * b
+        return M33(a, ZERO, ZERO, low, b, ZERO, -(l20 * a + l21 * low) * c, -l21 * b * c, c)
 
     @wp.func
     def factor(
-        m: wp.array2d(dtype=dtype), first: wp.array(dtype=int), at: wp.array(dtype=int), n: int, world: int
+        m: wp.array(dtype=M33), first: wp.array(dtype=int), at: wp.array(dtype=int), start: int, end: int
     ):
-        """L in place; a pivot lost to rounding is replaced by one of rounding's size."""
-        for i in range(n):
+        """L in place, between the borders of an independent part."""
+        for i in range(start, end):
             row = at[i]
             begin = first[i]
-            pivot = m[row + i, world]
-            size = wp.max(pivot, SMALLEST)
+            d = m[row + i]
+            x = d[0, 0] + ZERO
+            y = d[1, 1] + ZERO
+            z = d[2, 2] + ZERO
             for j in range(begin, i):
                 other = at[j]
-                value = m[row + j, world]
+                value = m[row + j]
                 for k in range(wp.max(begin, first[j]), j):
-                    value -= m[row + k, world] * m[other + k, world]
-                value = value * m[other + j, world]
-                m[row + j, world] = value
-                pivot -= value * value
-            if not (pivot > LEAST * size):
-                pivot = ROUNDING * size
-            m[row + i, world] = ONE / wp.sqrt(pivot)
+                    value -= m[row + k] * wp.transpose(m[other + k])
+                value = value * wp.transpose(m[other + j])
+                m[row + j] = value
+                d -= value * wp.transpose(value)
+            m[row + i] = inverse_root(d, x, y, z)
 
     @wp.func
     def forward(
-        m: wp.array2d(dtype=dtype),
+        m: wp.array(dtype=M33),
         first: wp.array(dtype=int),
         at: wp.array(dtype=int),
-        x: wp.array2d(dtype=dtype),
+        block: wp.array(dtype=int),
+        x: wp.array(dtype=V3),
         start: int,
         end: int,
-        world: int,
     ):
-        """L^-1 x in place between the borders of independent blocks."""
+        """L^-1 x in place between the borders of an independent part; the i-th block of L is block[i] of x."""
         for i in range(start, end):
             row = at[i]
-            value = x[i, world]
+            value = x[block[i]]
             for k in range(first[i], i):
-                value -= m[row + k, world] * x[k, world]
-            x[i, world] = value * m[row + i, world]
+                value -= m[row + k] * x[block[k]]
+            x[block[i]] = m[row + i] * value
 
     @wp.func
     def solve(
-        m: wp.array2d(dtype=dtype),
+        m: wp.array(dtype=M33),
         first: wp.array(dtype=int),
         at: wp.array(dtype=int),
-        x: wp.array2d(dtype=dtype),
-        n: int,
-        world: int,
+        block: wp.array(dtype=int),
+        x: wp.array(dtype=V3),
+        start: int,
+        end: int,
     ):
         """(L L')^-1 x in place."""
-        forward(m, first, at, x, 0, n, world)
-        for r in range(n):
-            i = n - 1 - r
+        forward(m, first, at, block, x, start, end)
+        for r in range(end - start):
+            i = end - 1 - r
             row = at[i]
-            value = x[i, world] * m[row + i, world]
-            x[i, world] = value
+            value = wp.transpose(m[row + i]) * x[block[i]]
+            x[block[i]] = value
             for k in range(first[i], i):
-                x[k, world] = x[k, world] - m[row + k, world] * value
+                x[block[k]] = x[block[k]] - wp.transpose(m[row + k]) * value
 
     return SimpleNamespace(factor=factor, forward=forward, solve=solve)

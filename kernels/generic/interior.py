@@ -1,4 +1,4 @@
-"""Primal and dual interior-point method of the generic kernels: finds the rows that act for Newton's.
+"""What solves an island: Newton's method, and where it fails a primal and dual interior-point method.
 
 a = D lambda > 0 and w > 0, a w = m(a - w) + mu, as in `solvers/interior.py`, but v' is an unknown too and
 need not balance the impulses before the end. It starts with a as large as all momentum of the scene on one
@@ -13,12 +13,13 @@ import warp as wp
 from ..factories import cached
 from ..status import INFEASIBLE, NONFINITE, NOT_CONVERGED, SOLVED
 from .earned import make_earned
-from .newton import make_newton
+from .newton import ACCEPTED, REFINED, TOLERANCE, make_newton
 from .topology import Topology
-from .work import WORK, Work
+from .work import V3, WORK, Island, Slot
 
 MAX_ITERATIONS = 80
 WARM_ITERATIONS, POLISHING = 8, 12  # of Newton's method before and after
+PATIENCE = 6  # iterations of it without a gain, where it has nearly ended
 # end: sqrt(mu) and residuals relative to the size of the problem
 END = {
     False: (1e-10, 1e-13),
@@ -34,19 +35,19 @@ YIELDING = {
 
 @cached
 def make_solver(given: type, residual: str) -> SimpleNamespace:
-    """solve(t, k, params, row, b, n) -> status: k.v, k.z, k.lam of the acting rows."""
+    """solve(t, k, o) -> status: k.v, k.z, k.lam of the acting rows of an island."""
     dtype = WORK
     nt = make_newton(given, residual)
     earned = make_earned(given)
     hard = residual == "hard"
-    SIGMA = nt.SIGMA
     LIMIT, RESIDUAL = (dtype(x) for x in END[hard])
     ZERO, HALF, ONE = dtype(0.0), dtype(0.5), dtype(1.0)
     SHARE = dtype(MOMENTUM)
     POSITIVE = dtype(0.01)  # smallest weight, relative to that of the hard problem
     NEAREST, FARTHEST = dtype(1e-3), dtype(0.1)  # kept of the way to the boundary
     GOOD, MORE = nt.GOOD, earned.MORE
-    TINY = dtype(1e-30)
+    AIM, FINE, NEAR = dtype(TOLERANCE), dtype(min(ACCEPTED[given], REFINED)), dtype(1e-4)
+    TINY, HUGE = dtype(1e-30), dtype(1e300)
     FLOOR = dtype(1e-30)
     DIVERGED = dtype(1e12)
     YIELDS = dtype(YIELDING[given])
@@ -54,314 +55,355 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
     FASTEST = dtype(1e6)  # V, relative to the size of the problem and to v_free
 
     @wp.func
-    def product(t: Topology, params: wp.array2d(dtype=given), row: int, i: int, a: dtype, w: dtype):
+    def product(k: Slot, r: int, a: dtype, w: dtype):
         """(a w - m(a - w), m'(a - w))"""
         if wp.static(hard):
             return a * w, ZERO
-        e = nt.smooth(t, params, row, i, a - w)
+        e = nt.smooth(k, r, a - w)
         return a * w - e[0] * e[1], e[2] * e[1] - e[3] * e[0]
 
     @wp.func
-    def curve(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, n: int):
-        """Excess and weights of every active row; mean |excess|."""
+    def curve(k: Slot, o: Island, n: dtype):
+        """Excess and weights of every acting row; mean |excess|."""
         mean = dtype(0.0)
-        for r in range(n):
-            i = k.active[r, b]
-            a = k.a[i, b]
-            w = k.w[i, b]
-            excess, slope = product(t, params, row, i, a, w)
-            p = wp.max(a + slope, POSITIVE * a)
-            q = wp.max(w - slope, POSITIVE * w)
-            total = p + q
-            k.excess[i, b] = excess
-            k.p[i, b] = p / total
-            k.slack[i, b] = q / total
-            k.total[i, b] = total
-            mean += wp.abs(excess)
-        return mean / dtype(n)
+        for r in range(o.row, o.last_row):
+            if k.acting[r] > 0:
+                a = k.a[r]
+                w = k.w[r]
+                excess, slope = product(k, r, a, w)
+                p = wp.max(a + slope, POSITIVE * a)
+                q = wp.max(w - slope, POSITIVE * w)
+                total = p + q
+                k.excess[r] = excess
+                k.p[r] = p / total
+                k.slack[r] = q / total
+                k.total[r] = total
+                mean += wp.abs(excess)
+        return mean / n
 
     @wp.func
-    def length(k: Work, b: int, n: int, mu: dtype, kept: dtype):
+    def length(k: Slot, o: Island, mu: dtype, kept: dtype):
         """Length of the step after which all a and w keep at least `kept` of themselves; at most 1."""
         fall = ZERO + TINY
-        for r in range(n):
-            i = k.active[r, b]
-            e = nt.shift(k, i, b, mu, 1)
-            da = k.p[i, b] * k.dz[i, b] + e
-            dw = e - k.slack[i, b] * k.dz[i, b]
-            fall = wp.max(fall, wp.max(-da / k.a[i, b], -dw / k.w[i, b]))
+        for r in range(o.row, o.last_row):
+            if k.acting[r] > 0:
+                e = nt.shift(k, r, mu, 1)
+                da = k.p[r] * k.dz[r] + e
+                dw = e - k.slack[r] * k.dz[r]
+                fall = wp.max(fall, wp.max(-da / k.a[r], -dw / k.w[r]))
         return wp.min((ONE - kept) / fall, ONE)
 
     @wp.func
-    def mean_after(
-        t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, n: int, step: dtype
-    ):
+    def mean_after(k: Slot, o: Island, n: dtype, step: dtype):
         """Mean |excess| after the straight step (mu = 0)."""
         mean = dtype(0.0)
-        for r in range(n):
-            i = k.active[r, b]
-            e = nt.shift(k, i, b, ZERO, 1)
-            a = k.a[i, b] + step * (k.p[i, b] * k.dz[i, b] + e)
-            w = k.w[i, b] + step * (e - k.slack[i, b] * k.dz[i, b])
-            excess, _slope = product(t, params, row, i, a, w)
-            mean += wp.abs(excess)
-        return mean / dtype(n)
+        for r in range(o.row, o.last_row):
+            if k.acting[r] > 0:
+                e = nt.shift(k, r, ZERO, 1)
+                a = k.a[r] + step * (k.p[r] * k.dz[r] + e)
+                w = k.w[r] + step * (e - k.slack[r] * k.dz[r])
+                excess, _slope = product(k, r, a, w)
+                mean += wp.abs(excess)
+        return mean / n
 
     @wp.func
-    def proves_infeasible(t: Topology, k: Work, b: int, n: int, size: dtype):
+    def proves_infeasible(t: Topology, k: Slot, o: Island, size: dtype):
         """Farkas: lambda >= 0 and -lambda . d/h > |J' lambda| . V prove that no |v'| <= V opens the rows."""
-        for i in range(t.nv):
-            k.move[i, b] = ZERO
+        for place in range(o.start, o.end):
+            k.move[k.block[place]] = V3()
         work = dtype(0.0)
-        for r in range(n):
-            i = k.active[r, b]
-            work -= k.lam[i, b] * k.rate[i, b]
-            nt.add(t, k, k.move, i, k.lam[i, b], b)
+        for r in range(o.row, o.last_row):
+            k.weight[r] = ZERO
+            if k.acting[r] > 0:
+                work -= k.lam[r] * k.rate[r]
+                k.weight[r] = k.lam[r]
+        nt.add_pushes(t, k, o)
         most = dtype(0.0)
-        for i in range(t.nv):
-            most += wp.abs(k.move[i, b]) * wp.max(size, wp.abs(k.vfree[i, b]))
+        for place in range(o.start, o.end):
+            i = k.block[place]
+            free = wp.abs(k.vfree[i])
+            most += wp.dot(wp.abs(k.move[i]), wp.max(V3(size, size, size), free))
         return work > most * FASTEST
 
     @wp.func
-    def enter(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, n: int, size: dtype):
+    def enter(t: Topology, k: Slot, o: Island, size: dtype, yielding: dtype):
         """v' = v_free and a, w > 0 to start from; the largest a that does not count as diverged."""
         momentum = dtype(0.0)
-        for i in range(t.nv):
-            k.v[i, b] = k.vfree[i, b]
-            momentum += k.mass[t.mass_at[i] + i, b] * wp.abs(k.vfree[i, b])
+        for place in range(o.start, o.end):
+            i = k.block[place]
+            k.v[i] = k.vfree[i]
+            momentum += wp.dot(wp.get_diag(k.mass[t.mass_at[i] + i]), wp.abs(k.vfree[i]))
         largest = dtype(0.0)
-        for r in range(n):
-            i = k.active[r, b]
-            alone = nt.smooth(t, params, row, i, -k.rate[i, b] - nt.dot(t, k, k.v, i, b))
-            k.a[i, b] = alone[0] + size + SHARE * k.scale[i, b] * momentum
-            k.w[i, b] = alone[1] + size
-            largest = wp.max(largest, k.a[i, b])
+        for r in range(o.row, o.last_row):
+            if k.acting[r] > 0:
+                rate = k.rate[r] - yielding * k.diag[r] * k.least[r]
+                alone = nt.smooth(k, r, -rate - nt.dot(t, k, k.v, r))
+                k.a[r] = alone[0] + size + SHARE * k.scale[r] * momentum
+                k.w[r] = alone[1] + size
+                largest = wp.max(largest, k.a[r])
         return DIVERGED * (largest + size)
 
     @wp.func
-    def point(k: Work, b: int, n: int):
-        """lambda and z at a and w; the largest a."""
+    def point(k: Slot, o: Island, inside: int):
+        """Interior point: lambda and z at a and w; the largest a. Newton's method: lambda, w and slopes at
+        z.
+        """
         largest = dtype(0.0)
-        for r in range(n):
-            i = k.active[r, b]
-            k.lam[i, b] = k.a[i, b] / k.scale[i, b]
-            k.z[i, b] = k.a[i, b] - k.w[i, b]
-            largest = wp.max(largest, k.a[i, b])
+        for r in range(o.row, o.last_row):
+            if k.acting[r] > 0:
+                if inside == 1:
+                    k.lam[r] = k.a[r] / k.scale[r]
+                    k.z[r] = k.a[r] - k.w[r]
+                    largest = wp.max(largest, k.a[r])
+                else:
+                    e = nt.smooth(k, r, k.z[r])
+                    k.lam[r] = e[0] / k.scale[r]
+                    k.w[r] = e[1]
+                    k.p[r] = e[2]
+                    k.slack[r] = e[3]
         return largest
 
     @wp.func
     def aim(
-        t: Topology,
-        k: Work,
-        params: wp.array2d(dtype=given),
-        row: int,
-        b: int,
-        n: int,
-        size: dtype,
-        yielding: dtype,
-        mean: dtype,
+        t: Topology, k: Slot, o: Island, inside: int, n: dtype, size: dtype, yielding: dtype, mean: dtype
     ):
-        """The step from here: straight first, then towards the mu that this suggests; mu and its length."""
+        """The step from here; of the interior-point method straight first, then towards the mu that this
+        suggests. mu and the step's length.
+        """
         mu = dtype(0.0)
         kept = dtype(0.0)
-        step = dtype(0.0)
-        looking = int(1)
+        step = dtype(1.0)
+        looking = int(inside)
         more = int(1)
         while more == 1:
-            nt.direction(t, k, b, n, mu, 1, yielding)
-            step = length(k, b, n, mu, kept)
+            nt.direction(t, k, o, mu, inside, yielding)
             more = int(0)
+            if inside == 1:
+                step = length(k, o, mu, kept)
             if looking == 1:
                 looking = 0
                 more = 1
-                part = mean_after(t, k, params, row, b, n, step) / mean
+                part = mean_after(k, o, n, step) / mean
                 mu = wp.min(part * part * part, HALF) * mean  # never all of it, or short steps stall
                 kept = wp.clamp(wp.sqrt(mean) / size, NEAREST, FARTHEST)
         return mu, step
 
     @wp.func
-    def advance(
-        t: Topology,
-        k: Work,
-        params: wp.array2d(dtype=given),
-        row: int,
-        b: int,
-        n: int,
-        mu: dtype,
-        step: dtype,
-    ):
-        for i in range(t.nv):
-            k.v[i, b] = k.v[i, b] + step * k.move[i, b]
-        for r in range(n):
-            i = k.active[r, b]
-            e = nt.shift(k, i, b, mu, 1)
-            dz = k.dz[i, b]
-            a = k.a[i, b] + step * (k.p[i, b] * dz + e)
-            w = k.w[i, b] + step * (e - k.slack[i, b] * dz)
-            if wp.static(not hard):  # below the curve steps would get shorter and shorter
-                least = nt.smooth(t, params, row, i, a - w)
-                a = wp.max(a, least[0])
-                w = wp.max(w, least[1])
-            k.a[i, b] = a
-            k.w[i, b] = w
+    def advance(k: Slot, o: Island, inside: int, mu: dtype, step: dtype):
+        for place in range(o.start, o.end):
+            i = k.block[place]
+            k.v[i] = k.v[i] + step * k.move[i]
+        for r in range(o.row, o.last_row):
+            if k.acting[r] > 0:
+                dz = k.dz[r]
+                if inside == 0:
+                    k.z[r] = k.z[r] + dz
+                else:
+                    e = nt.shift(k, r, mu, 1)
+                    a = k.a[r] + step * (k.p[r] * dz + e)
+                    w = k.w[r] + step * (e - k.slack[r] * dz)
+                    if wp.static(not hard):  # below the curve steps would get shorter and shorter
+                        least = nt.smooth(k, r, a - w)
+                        a = wp.max(a, least[0])
+                        w = wp.max(w, least[1])
+                    k.a[r] = a
+                    k.w[r] = w
 
     @wp.func
-    def interior(
-        t: Topology,
-        k: Work,
-        params: wp.array2d(dtype=given),
-        row: int,
-        b: int,
-        n: int,
-        size: dtype,
-        yielding: dtype,
-    ):
-        """k.v and k.z near the solution; 1 if they are. Rows yield by `yielding` diag(A) lambda."""
-        bound = enter(t, k, params, row, b, n, size)
-        last = dtype(1e30)
-        it = int(0)
-        found = int(0)
-        while it < wp.static(MAX_ITERATIONS) and found == 0:
-            it += 1
-            largest = point(k, b, n)
-            worst = nt.residuals(t, k, b, n, yielding)
-            mean = curve(t, k, params, row, b, n)
-            centred = mean <= LIMIT * LIMIT * size * size
-            stuck = worst > HALF * last and worst <= GOOD
-            if centred and (worst <= RESIDUAL or stuck):
-                found = int(1)
-            elif not (largest < bound and wp.isfinite(mean)):
-                it = wp.static(MAX_ITERATIONS)
+    def own_impulse(t: Topology, k: Slot, r: int):
+        """diag(A) of row r, and the mass that it meets on the heaviest side of its own."""
+        value = dtype(0.0)
+        heaviest = dtype(0.0)
+        e = k.entry[r]
+        at = k.pattern[r]
+        end = k.entry[r + 1]
+        while e < end:
+            b = t.row_block[at]
+            u = t.block_unit[b]
+            part = dtype(0.0)
+            if t.unit_start[u + 1] - t.unit_start[u] == 1:
+                y = k.mass_factor[t.mass_at[b] + b] * k.jac[e]
+                part = wp.dot(y, y)
+                e += 1
+                at += 1
             else:
-                last = worst + ZERO
-                nt.factor(t, k, b, n, yielding)
-                mu, step = aim(t, k, params, row, b, n, size, yielding, mean)
-                advance(t, k, params, row, b, n, mu, step)
-        return found
+                for j in range(t.unit_start[u], t.unit_start[u + 1]):
+                    k.move[j] = V3()
+                more = int(1)
+                while more == 1:
+                    k.move[t.row_block[at]] = k.jac[e]
+                    e += 1
+                    at += 1
+                    more = int(0)
+                    if e < end:
+                        more = wp.where(t.block_unit[t.row_block[at]] == u, 1, 0)
+                start = t.unit_start[u]
+                last = t.unit_start[u + 1]
+                nt.env.forward(k.mass_factor, t.mass_first, t.mass_at, t.block_id, k.move, start, last)
+                for j in range(start, last):
+                    part += wp.dot(k.move[j], k.move[j])
+            value += part
+            if part > FLOOR:
+                heaviest = wp.max(heaviest, ONE / part)
+        return value, heaviest
 
     @wp.func
-    def prepare(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, n: int):
-        """diag(A) and D of the active rows; the size of velocities, and what the residuals are judged by."""
-        size = dtype(0.0)
-        heaviest = dtype(0.0)  # mass that a row meets on a side of its own
-        for r in range(n):
-            i = k.active[r, b]
-            value = dtype(0.0)
-            for side in range(2):
-                start = t.row_trees[4 * i + 2 * side]
-                end = t.row_trees[4 * i + 2 * side + 1]
-                for j in range(start, end):
-                    k.move[j, b] = ZERO
-                for at in range(t.row_start[i], t.row_start[i + 1]):
-                    k.move[t.row_place[at], b] = k.jac[at, b]
-                nt.env.forward(k.mass_factor, t.mass_first, t.mass_at, k.move, start, end, b)
-                part = dtype(0.0)
-                for j in range(start, end):
-                    part += k.move[j, b] * k.move[j, b]
-                value += part
-                if part > FLOOR:
-                    heaviest = wp.max(heaviest, ONE / part)
-            k.diag[i, b] = wp.max(value, FLOOR)
-            k.scale[i, b] = wp.where(t.inertia_scaling == 1, k.diag[i, b], ONE)
-            terms = wp.abs(k.rate[i, b])
-            w = k.rate[i, b]
-            for at in range(t.row_start[i], t.row_start[i + 1]):
-                change = k.jac[at, b] * k.vfree[t.row_place[at], b]
-                terms += wp.abs(change)
-                w += change
-            terms += wp.abs(w)
-            alone = wp.max(-w, ZERO)
-            if wp.static(not hard):
-                sigma = dtype(params[row, t.columns[SIGMA] + i])
-                terms += sigma
-                alone += sigma
-            k.alone[i, b] = wp.where(value > FLOOR, alone / k.diag[i, b], ZERO)
-            k.own[i, b] = terms
-            k.unit[i, b] = wp.where(w < ZERO, terms, ZERO)
-            size = wp.max(size, terms)
-            if not wp.isfinite(terms):
-                size = terms
-                break
-        earned.share_units(t, k, b, n)
-        earned.bounds(t, k, b, n, size, heaviest * size)
-        return size
-
-    @wp.func
-    def least(
-        t: Topology,
-        k: Work,
-        params: wp.array2d(dtype=given),
-        row: int,
-        b: int,
-        n: int,
-        size: dtype,
-        yielding: dtype,
-    ):
-        """k.v and k.z near a solution whose impulses are the nearest to k.lam that there are; rows yield
-        by `yielding` of what they press more than that. 1 if they are.
+    def prepare(t: Topology, k: Slot, o: Island):
+        """diag(A) and D of the acting rows; the size of velocities, by which residuals are judged, and the
+        number of rows.
         """
-        for r in range(n):
-            i = k.active[r, b]
-            k.best_z[i, b] = k.rate[i, b]
-            k.rate[i, b] = k.rate[i, b] - yielding * k.diag[i, b] * k.lam[i, b]
-        found = interior(t, k, params, row, b, n, size, yielding)
-        for r in range(n):
-            i = k.active[r, b]
-            k.rate[i, b] = k.best_z[i, b]
-        return found
+        size = dtype(0.0)
+        heaviest = dtype(0.0)
+        finite = dtype(0.0)
+        n = dtype(0.0)
+        for r in range(o.row, o.last_row):
+            if k.acting[r] > 0:
+                value, meets = own_impulse(t, k, r)
+                heaviest = wp.max(heaviest, meets)
+                k.diag[r] = wp.max(value, FLOOR)
+                k.scale[r] = wp.where(t.inertia_scaling == 1, k.diag[r], ONE)
+                terms = wp.abs(k.rate[r])
+                w = k.rate[r]
+                start = k.entry[r]
+                pattern = k.pattern[r]
+                for e in range(k.entry[r + 1] - start):
+                    change = wp.cw_mul(k.jac[start + e], k.vfree[t.row_block[pattern + e]])
+                    terms += wp.abs(change[0]) + wp.abs(change[1]) + wp.abs(change[2])
+                    w += change[0] + change[1] + change[2]
+                terms += wp.abs(w)
+                alone = wp.max(-w, ZERO)
+                if wp.static(not hard):
+                    terms += k.sigma[r]
+                    alone += k.sigma[r]
+                k.alone[r] = wp.where(value > FLOOR, alone / k.diag[r], ZERO)
+                k.own[r] = terms
+                k.unit[r] = wp.where(w < ZERO, terms, ZERO)
+                k.least[r] = ZERO
+                size = wp.max(size, terms)
+                finite += terms
+                n += ONE
+        if not wp.isfinite(finite):
+            return finite, n
+        earned.share_units(t, k, o)
+        earned.bounds(t, k, o, size, heaviest * size)
+        return size, n
 
     @wp.func
-    def keep_least(k: Work, b: int, n: int, attempt: int):
+    def keep_least(k: Slot, o: Island, attempt: int):
         """k.least: the impulses that rows asked for when they yielded first (attempt 2), and what they ask
         for since, while that is of the same order: what grows with every round has no least.
         """
-        for r in range(n):
-            i = k.active[r, b]
-            asked = k.a[i, b] / k.scale[i, b]
-            if attempt > 2:
-                asked = wp.min(asked, MORE * (k.least[i, b] + k.alone[i, b]))
-            k.least[i, b] = asked
+        for r in range(o.row, o.last_row):
+            if k.acting[r] > 0:
+                asked = k.a[r] / k.scale[r]
+                if attempt > 2:
+                    asked = wp.min(asked, MORE * (k.least[r] + k.alone[r]))
+                k.least[r] = asked
 
     @wp.func
-    def solve(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, n: int):
+    def keep_best(k: Slot, o: Island):
+        for place in range(o.start, o.end):
+            k.best_v[k.block[place]] = k.v[k.block[place]]
+        for r in range(o.row, o.last_row):
+            k.best_z[r] = k.z[r]
+
+    @wp.func
+    def take_best(k: Slot, o: Island):
+        for place in range(o.start, o.end):
+            k.v[k.block[place]] = k.best_v[k.block[place]]
+        for r in range(o.row, o.last_row):
+            if k.acting[r] > 0:
+                k.z[r] = k.best_z[r]
+                k.lam[r] = nt.smooth(k, r, k.z[r])[0] / k.scale[r]
+
+    @wp.func
+    def judge(t: Topology, k: Slot, o: Island, attempt: int):
+        """1: what Newton's method ended at is a solution, 0: it is none, -1: its impulses do not add up."""
+        if earned.adds_up(t, k, o) == 1:
+            return 1
+        if attempt < 2:
+            return -1
+        return earned.is_earned(t, k, o)
+
+    @wp.func
+    def solve(t: Topology, k: Slot, o: Island):
         """Newton from k.v, k.z; where it fails, the interior-point method and Newton from its end. Impulses
-        that do not add up on the scale of the data are looked for once more, the least that there are.
+        that do not add up on the scale of the data are looked for once more, the least that there are: rows
+        yield by `yielding` of what they press more than k.least.
         """
-        size = prepare(t, k, params, row, b, n)
+        size, n = prepare(t, k, o)
         if not wp.isfinite(size):
             return wp.static(NONFINITE)
         size = wp.max(size, TINY)
         status = int(wp.static(NOT_CONVERGED))
         attempt = int(0)
         yielding = dtype(0.0)
-        good = int(0)
+        inside = int(0)  # 1: in the interior-point method
+        it = int(0)
+        best = ZERO + HUGE  # residual, of Newton's method; of the last point, of the other
+        misses = int(0)
+        bound = dtype(0.0)
         while status == wp.static(NOT_CONVERGED) and attempt < 2 + wp.static(ROUNDS):
-            iterations = int(wp.static(WARM_ITERATIONS))
-            if attempt > 0:
-                iterations = int(wp.static(POLISHING))
-            if attempt == 2:
-                earned.see_all(t, k, b)
-                yielding = ZERO + YIELDS
-            for r in range(n):
-                i = k.active[r, b]
-                k.lam[i, b] = wp.where(attempt > 2, k.least[i, b], ZERO)
-            if attempt > 0:
-                found = least(t, k, params, row, b, n, size, yielding)
-                keep_least(k, b, n, attempt)
+            yields = wp.where(inside == 1, yielding, ZERO)
+            largest = point(k, o, inside)
+            worst = nt.residuals(t, k, o, yields)
+            mean = dtype(0.0)
+            ended = int(0)
+            found = int(0)
+            it += 1
+            if inside == 1:
+                mean = curve(k, o, n)
+                stuck = worst > HALF * best and worst <= GOOD
+                if mean <= LIMIT * LIMIT * size * size and (worst <= RESIDUAL or stuck):
+                    found = 1
+                if found == 1 or it > wp.static(MAX_ITERATIONS):
+                    ended = 1
+                if not (largest < bound and wp.isfinite(mean)):
+                    ended = 1
+                best = worst + ZERO
+            else:
+                if worst > HALF * best:
+                    misses += 1
+                if worst < best:
+                    best = worst + ZERO
+                    keep_best(k, o)
+                patience = wp.where(best > FINE and best < NEAR, wp.static(PATIENCE), 2)  # nearly solved
+                if misses >= patience or not (worst < HUGE) or best <= AIM:
+                    ended = 1
+                if it >= wp.where(attempt == 0, wp.static(WARM_ITERATIONS), wp.static(POLISHING)):
+                    ended = 1
+            if ended == 0:
+                nt.factor(t, k, o, yields)
+                mu, step = aim(t, k, o, inside, n, size, yields, mean)
+                advance(k, o, inside, mu, step)
+            elif inside == 1:
+                keep_least(k, o, attempt)
                 if attempt == 1 and found == 0:
-                    if proves_infeasible(t, k, b, n, size):
+                    if proves_infeasible(t, k, o, size):
                         status = int(wp.static(INFEASIBLE))
                 yielding *= SHRINK
-            if status == wp.static(NOT_CONVERGED):
-                if nt.newton(t, k, params, row, b, n, iterations) == 1:
-                    good = earned.adds_up(t, k, b, n)
-                    if good == 0 and attempt < 2:
-                        attempt = 1
-                    elif good == 0:
-                        good = earned.is_earned(t, k, b, n)
-                    if good == 1:
-                        status = int(wp.static(SOLVED))
-            attempt += 1
+                inside = 0
+                it = 0
+                misses = 0
+                best = ZERO + HUGE
+            else:
+                take_best(k, o)
+                good = int(0)
+                if best <= GOOD:
+                    good = judge(t, k, o, attempt)
+                if good == 1:
+                    status = int(wp.static(SOLVED))
+                attempt = wp.where(good < 0, 2, attempt + 1)
+                if attempt == 2:
+                    earned.see_all(t, k, o)
+                    yielding = ZERO + YIELDS
+                    for r in range(o.row, o.last_row):
+                        k.least[r] = ZERO
+                if status != wp.static(SOLVED):
+                    bound = enter(t, k, o, size, yielding)
+                inside = 1
+                it = 0
+                best = ZERO + HUGE
         return status
 
     return SimpleNamespace(solve=solve, rounding=nt.rounding)

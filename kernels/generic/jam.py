@@ -14,7 +14,7 @@ from ..factories import cached
 from .contact import ROUNDING
 from .newton import make_newton
 from .topology import CONTACT, Topology
-from .work import WORK, Work
+from .work import V3, WORK, Island, Slot
 
 PARALLEL = 1e-24  # squares of what two directions differ by
 STRICTLY = 1e-9  # by which inequalities must hold, relative to their terms
@@ -22,101 +22,107 @@ STRICTLY = 1e-9  # by which inequalities must hold, relative to their terms
 
 @cached
 def make_jam(given: type) -> wp.Function:
-    """proves_jam(t, k, b, n, h) -> 1 if the data of the acting rows and v_free prove that there is none."""
+    """proves_jam(t, k, o, h) -> 1 if the data of the acting rows and v_free prove that there is none."""
     dtype = WORK
     dot = make_newton(given, "hard").dot
     ZERO, HALF, ONE, TWO, TINY = dtype(0.0), dtype(0.5), dtype(1.0), dtype(2.0), dtype(1e-30)
     CLOSE, ROUND, LESS = dtype(PARALLEL), dtype(ROUNDING[given]), dtype(1.0 - STRICTLY)
 
     @wp.func
-    def second_row(t: Topology, i: int):
-        """J_n - mu J_t of the contact whose J_n + mu J_t is row i; row i itself without friction."""
+    def second_row(t: Topology, k: Slot, r: int):
+        """J_n - mu J_t of the contact whose J_n + mu J_t is row r; row r itself without friction."""
+        i = k.row[r]
         if t.row_kind[i] == CONTACT and t.row_sign[i] != 0:
-            return i + 1
-        return i
+            return r + 1
+        return r
 
     @wp.func
-    def guided(t: Topology, k: Work, b: int, i: int):
-        """|J_n|^2 of the contact of rows i and i + 1 where J_n = kappa J_t with |kappa| < mu, else -1."""
+    def guided(t: Topology, k: Slot, r: int):
+        """|J_n|^2 of the contact of rows r and r + 1 where J_n = kappa J_t with |kappa| < mu, else -1."""
         square = dtype(0.0)
         cross = dtype(0.0)
         slip = dtype(0.0)
         left = dtype(0.0)
-        shift = t.row_start[second_row(t, i)] - t.row_start[i]
+        shift = k.entry[second_row(t, k, r)] - k.entry[r]
         for look in range(2):
-            for at in range(t.row_start[i], t.row_start[i + 1]):
-                normal = HALF * (k.jac[at, b] + k.jac[at + shift, b])
-                tangent = HALF * (k.jac[at, b] - k.jac[at + shift, b])
+            for at in range(k.entry[r], k.entry[r + 1]):
+                normal = HALF * (k.jac[at] + k.jac[at + shift])
+                tangent = HALF * (k.jac[at] - k.jac[at + shift])
                 if look == 0:
-                    square += normal * normal
-                    cross += normal * tangent
-                    slip += tangent * tangent
+                    square += wp.dot(normal, normal)
+                    cross += wp.dot(normal, tangent)
+                    slip += wp.dot(tangent, tangent)
                 else:
                     miss = slip * normal - cross * tangent
-                    left += miss * miss
+                    left += wp.dot(miss, miss)
         if square < LESS * slip and left <= CLOSE * slip * slip * square:
             return square
         return -ONE
 
     @wp.func
-    def is_kept_open(t: Topology, k: Work, b: int, i: int, square: dtype, gap: dtype):
-        """Whether J_n of row i is that in k.move (of this square) times a positive number, by which a motion
-        that opens `gap` there opens row i, too.
+    def is_kept_open(t: Topology, k: Slot, r: int, square: dtype, gap: dtype):
+        """Whether J_n of row r is that in k.move (of this square) times a positive number, by which a motion
+        that opens `gap` there opens row r, too.
         """
         along = dtype(0.0)
         own = dtype(0.0)
         covered = dtype(0.0)
-        shift = t.row_start[second_row(t, i)] - t.row_start[i]
-        for at in range(t.row_start[i], t.row_start[i + 1]):
-            normal = HALF * (k.jac[at, b] + k.jac[at + shift, b])
-            other = k.move[t.row_place[at], b]
-            along += normal * other
-            own += normal * normal
-            covered += other * other
+        start = k.entry[r]
+        pattern = k.pattern[r]
+        shift = k.entry[second_row(t, k, r)] - start
+        for e in range(k.entry[r + 1] - start):
+            normal = HALF * (k.jac[start + e] + k.jac[start + shift + e])
+            other = k.move[t.row_block[pattern + e]]
+            along += wp.dot(normal, other)
+            own += wp.dot(normal, normal)
+            covered += wp.dot(other, other)
         left = dtype(0.0)
-        for at in range(t.row_start[i], t.row_start[i + 1]):
-            normal = HALF * (k.jac[at, b] + k.jac[at + shift, b])
-            miss = square * normal - along * k.move[t.row_place[at], b]
-            left += miss * miss
+        for e in range(k.entry[r + 1] - start):
+            normal = HALF * (k.jac[start + e] + k.jac[start + shift + e])
+            miss = square * normal - along * k.move[t.row_block[pattern + e]]
+            left += wp.dot(miss, miss)
         parallel = covered >= LESS * square and left <= CLOSE * square * square * own
-        return parallel and along > ZERO and -gap * along * LESS > -k.gap[i, b] * square
+        return parallel and along > ZERO and -gap * along * LESS > -k.gap[r] * square
 
     @wp.func
-    def enters(t: Topology, k: Work, b: int, i: int, h: dtype):
-        """Whether row i is a limit or the first of a pair, and d < 0."""
-        if t.row_kind[i] == CONTACT and t.row_sign[i] < 0:
+    def enters(t: Topology, k: Slot, r: int, h: dtype):
+        """Whether row r is a limit or the first of a pair, and d < 0."""
+        i = k.row[r]
+        if k.acting[r] == 0 or (t.row_kind[i] == CONTACT and t.row_sign[i] < 0):
             return False
-        return k.gap[i, b] * h < -ROUND
+        return k.gap[r] * h < -ROUND
 
     @wp.func
-    def proves_jam(t: Topology, k: Work, b: int, n: int, h: dtype):
+    def proves_jam(t: Topology, k: Slot, o: Island, h: dtype):
         energy = dtype(0.0)  # |v_free|_M^2
-        for i in range(t.nv):
-            k.move[i, b] = ZERO
-            for j in range(t.mass_first[i], i + 1):
-                share = wp.where(j < i, TWO, ONE) * k.mass[t.mass_at[i] + j, b]
-                energy += share * k.vfree[i, b] * k.vfree[j, b]
+        for place in range(o.start, o.end):
+            i = k.block[place]
+            k.move[i] = V3()
+            energy += wp.dot(k.vfree[i], k.mass[t.mass_at[i] + i] * k.vfree[i])
+            for j in range(t.mass_first[i], i):
+                energy += TWO * wp.dot(k.vfree[i], k.mass[t.mass_at[i] + j] * k.vfree[j])
         worst = int(-1)  # guided, and without a way out
-        for r in range(n):
-            i = k.active[r, b]
-            k.res[i, b] = guided(t, k, b, i)
-            if worst < 0 and enters(t, k, b, i, h) and k.res[i, b] >= ZERO:
-                plus = dtype(0.0)
-                for at in range(t.row_start[i], t.row_start[i + 1]):
-                    plus += k.jac[at, b] * k.jac[at, b]
-                reach = wp.sqrt(k.diag[i, b] * k.res[i, b] / wp.max(plus, TINY) * energy)
-                along = HALF * (dot(t, k, k.vfree, i, b) + dot(t, k, k.vfree, i + 1, b))
-                if HALF * (along + reach) < -LESS * k.gap[i, b]:
-                    worst = i
+        for r in range(o.row, o.last_row):
+            if enters(t, k, r, h):
+                k.res[r] = guided(t, k, r)
+                if worst < 0 and k.res[r] >= ZERO:
+                    plus = dtype(0.0)
+                    for at in range(k.entry[r], k.entry[r + 1]):
+                        plus += wp.dot(k.jac[at], k.jac[at])
+                    reach = wp.sqrt(k.diag[r] * k.res[r] / wp.max(plus, TINY) * energy)
+                    along = HALF * (dot(t, k, k.vfree, r) + dot(t, k, k.vfree, r + 1))
+                    if HALF * (along + reach) < -LESS * k.gap[r]:
+                        worst = r
         if worst < 0:
             return 0
-        shift = t.row_start[worst + 1] - t.row_start[worst]
-        for at in range(t.row_start[worst], t.row_start[worst + 1]):
-            k.move[t.row_place[at], b] = HALF * (k.jac[at, b] + k.jac[at + shift, b])
-        for r in range(n):
-            i = k.active[r, b]
-            if enters(t, k, b, i, h) and k.res[i, b] < ZERO:
-                if not is_kept_open(t, k, b, i, k.res[worst, b], k.gap[worst, b]):
+        start = k.entry[worst]
+        shift = k.entry[worst + 1] - start
+        for e in range(shift):
+            normal = HALF * (k.jac[start + e] + k.jac[start + shift + e])
+            k.move[t.row_block[k.pattern[worst] + e]] = normal
+        for r in range(o.row, o.last_row):
+            if enters(t, k, r, h):
+                if k.res[r] < ZERO and not is_kept_open(t, k, r, k.res[worst], k.gap[worst]):
                     return 0
         return 1
 

@@ -10,16 +10,15 @@ import warp as wp
 from ..factories import cached
 from ..structure import WORLD
 from .topology import AXIS, JOINT, NUMBERS, SHIFT_Y, TURN, Topology
-from .work import WORK, Work
+from .work import M33, V2, V3, V4, WORK, Slot
 
 COLUMN = {name: i for i, name in enumerate(NUMBERS)}
 
 
 @cached
 def make_mechanism(given: type) -> SimpleNamespace:
-    """Warp functions of a mechanism given by tables; `b` is the slot of a world's workspace."""
+    """Warp functions of a mechanism given by tables."""
     dtype = WORK
-    V2, V4 = wp.types.vector(2, dtype), wp.types.vector(4, dtype)
     ZERO, ONE, TWO = dtype(0.0), dtype(1.0), dtype(2.0)
     H = COLUMN["step_size"]
     ANCHOR, ANGLE, AXIS_OF, COM, MASS, INERTIA, GRAVITY, DAMPING, GEAR = (
@@ -33,247 +32,293 @@ def make_mechanism(given: type) -> SimpleNamespace:
     SHORT, TINY = dtype(1e-3), dtype(1e-5)  # as in `springs.py`
 
     @wp.func
-    def number(t: Topology, params: wp.array2d(dtype=given), row: int, name: int, i: int):
-        return dtype(params[row, t.columns[name] + i])
+    def number(t: Topology, k: Slot, name: int, i: int):
+        return k.numbers[t.columns[name] + i]
 
     @wp.func
-    def frames(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int):
+    def frames(t: Topology, k: Slot):
         """Orientation and joint position of every body."""
         for i in range(t.nb):
-            x = number(t, params, row, ANCHOR, 2 * i)
-            y = number(t, params, row, ANCHOR, 2 * i + 1)
-            angle = number(t, params, row, ANGLE, i)
+            x = number(t, k, ANCHOR, 2 * i)
+            y = number(t, k, ANCHOR, 2 * i + 1)
+            angle = number(t, k, ANGLE, i)
             dof = t.first_dof[i]
             if t.joint[i] == PRISMATIC:
-                x += number(t, params, row, AXIS_OF, 2 * i) * k.q[dof, b]
-                y += number(t, params, row, AXIS_OF, 2 * i + 1) * k.q[dof, b]
+                x += number(t, k, AXIS_OF, 2 * i) * k.q[dof]
+                y += number(t, k, AXIS_OF, 2 * i + 1) * k.q[dof]
             elif t.joint[i] == FREE:
-                x += k.q[dof, b]
-                y += k.q[dof + 1, b]
-                angle += k.q[dof + 2, b]
+                x += k.q[dof]
+                y += k.q[dof + 1]
+                angle += k.q[dof + 2]
             else:
-                angle += k.q[dof, b]
+                angle += k.q[dof]
             up = t.parent[i]
+            px = x
+            py = y
             if up != WORLD:
-                c = k.frame[4 * up, b]
-                sn = k.frame[4 * up + 1, b]
-                angle += k.angle[up, b]
-                k.frame[4 * i + 2, b] = k.frame[4 * up + 2, b] + c * x - sn * y
-                k.frame[4 * i + 3, b] = k.frame[4 * up + 3, b] + sn * x + c * y
-            else:
-                k.frame[4 * i + 2, b] = x
-                k.frame[4 * i + 3, b] = y
-            k.angle[i, b] = angle
-            k.frame[4 * i, b] = wp.cos(angle)
-            k.frame[4 * i + 1, b] = wp.sin(angle)
+                f = k.frame[up]
+                angle += k.angle[up]
+                px = f[2] + f[0] * x - f[1] * y
+                py = f[3] + f[1] * x + f[0] * y
+            k.angle[i] = angle
+            k.frame[i] = V4(wp.cos(angle), wp.sin(angle), px, py)
 
     @wp.func
-    def column(
-        t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, dof: int, x: dtype, y: dtype
-    ):
-        """Velocity of a point of a body that `dof` moves, at unit rate."""
+    def axis(t: Topology, k: Slot, dof: int):
+        """Direction in the world of a degree of freedom that shifts."""
         body = t.dof_body[dof]
         kind = t.dof_kind[dof]
-        if kind == TURN:
-            return V2(k.frame[4 * body + 3, b] - y, x - k.frame[4 * body + 2, b])
-        ax = ONE
-        ay = ZERO
+        a = V2(ONE, ZERO)
         if kind == AXIS:
-            ax = number(t, params, row, AXIS_OF, 2 * body)
-            ay = number(t, params, row, AXIS_OF, 2 * body + 1)
+            a = V2(number(t, k, AXIS_OF, 2 * body), number(t, k, AXIS_OF, 2 * body + 1))
         elif kind == SHIFT_Y:
-            ax = ZERO
-            ay = ONE
+            a = V2(ZERO, ONE)
         up = t.parent[body]
         if up == WORLD:
-            return V2(ax, ay)
-        c = k.frame[4 * up, b]
-        sn = k.frame[4 * up + 1, b]
-        return V2(c * ax - sn * ay, sn * ax + c * ay)
+            return a
+        f = k.frame[up]
+        return V2(f[0] * a[0] - f[1] * a[1], f[1] * a[0] + f[0] * a[1])
 
     @wp.func
-    def bias(
-        t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, i: int, x: dtype, y: dtype
-    ):
+    def column(t: Topology, k: Slot, dof: int, x: dtype, y: dtype):
+        """Velocity of a point of a body that `dof` moves, at unit rate."""
+        if t.dof_kind[dof] == TURN:
+            f = k.frame[t.dof_body[dof]]
+            return V2(f[3] - y, x - f[2])
+        return axis(t, k, dof)
+
+    @wp.func
+    def twists(t: Topology, k: Slot):
+        """Velocity of every body's joint and its rate of turning, at k.v."""
+        for i in range(t.nb):
+            up = t.parent[i]
+            own = V3()
+            if up != WORLD:
+                f = k.frame[i]
+                base = k.frame[up]
+                w = k.twist[up]
+                own = V3(w[0] - w[2] * (f[3] - base[3]), w[1] + w[2] * (f[2] - base[2]), w[2])
+            if t.free_block[i] >= 0:
+                own = k.v[t.free_block[i]]
+            else:
+                dof = t.first_dof[i]
+                for j in range(dof, dof + wp.where(t.joint[i] == FREE, 3, 1)):
+                    rate = k.v[t.dof_block[j]][t.dof_part[j]]
+                    if t.dof_kind[j] == TURN:
+                        own += V3(ZERO, ZERO, rate)
+                    else:
+                        a = axis(t, k, j)
+                        own += V3(a[0] * rate, a[1] * rate, ZERO)
+            k.twist[i] = own
+
+    @wp.func
+    def bias(t: Topology, k: Slot, i: int, x: dtype, y: dtype):
         """What gravity and motion give the body's centre of mass (x, y) as acceleration; its columns."""
-        ax = number(t, params, row, GRAVITY, 0)
-        ay = number(t, params, row, GRAVITY, 1)
+        ax = number(t, k, GRAVITY, 0)
+        ay = number(t, k, GRAVITY, 1)
         turning = dtype(0.0)  # rate of the revolute joints before this one
         for at in range(t.chain_start[i], t.chain_start[i + 1]):
             j = t.chain[at]
-            arm = column(t, k, params, row, b, j, x, y)
-            k.column[2 * j, b] = arm[0]
-            k.column[2 * j + 1, b] = arm[1]
+            arm = column(t, k, j, x, y)
+            k.column[j] = arm
             rate = TWO * turning
             if t.dof_kind[j] == TURN:
-                rate += k.v0[j, b]
-                turning += k.v0[j, b]
-            weight = rate * k.v0[j, b]
+                rate += k.v0[j]
+                turning += k.v0[j]
+            weight = rate * k.v0[j]
             ax += arm[1] * weight
             ay -= arm[0] * weight
         return V2(ax, ay)
 
     @wp.func
-    def dynamics(
-        t: Topology,
-        k: Work,
-        params: wp.array2d(dtype=given),
-        row: int,
-        b: int,
-        external: wp.array2d(dtype=given),
-        world: int,
-    ):
+    def joints(t: Topology, k: Slot):
+        """No force and no mass, but the joints' damping."""
+        for i in range(k.mass.shape[0]):
+            k.mass[i] = M33()
+        for i in range(t.blocks):
+            k.move[i] = V3()
+            for j in range(3):
+                if t.block_dof[3 * i + j] < 0:
+                    k.mass[t.mass_at[i] + i][j, j] = ONE
+        h = number(t, k, H, 0)
+        for j in range(t.nv):
+            damping = number(t, k, DAMPING, j)
+            b = t.dof_block[j]
+            part = t.dof_part[j]
+            k.move[b][part] = -damping * k.v0[j]
+            if t.implicit_damping == 1:
+                k.mass[t.mass_at[b] + b][part, part] = h * damping
+
+    @wp.func
+    def free_body(t: Topology, k: Slot, i: int, x: dtype, y: dtype, mass: dtype, inertia: dtype, f: V3):
+        """M and force of a body that is free in the world, its centre of mass at (x, y)."""
+        p = k.frame[i]
+        arm = V2(p[3] - y, x - p[2])
+        rate = k.v0[t.first_dof[i] + 2]
+        fx = f[0] + mass * (number(t, k, GRAVITY, 0) + arm[1] * rate * rate)
+        fy = f[1] + mass * (number(t, k, GRAVITY, 1) - arm[0] * rate * rate)
+        b = t.free_block[i]
+        mx = mass * arm[0]
+        my = mass * arm[1]
+        turn = mx * arm[0] + my * arm[1] + inertia
+        k.move[b] = k.move[b] + V3(fx, fy, arm[0] * fx + arm[1] * fy + f[2])
+        at = t.mass_at[b] + b
+        k.mass[at] = k.mass[at] + M33(mass, ZERO, mx, ZERO, mass, my, mx, my, turn)
+
+    @wp.func
+    def add_mass(t: Topology, k: Slot, one: int, two: int, value: dtype):
+        """Add to entry (one, two) of M, two dofs; in a diagonal block to both triangles."""
+        b = t.dof_block[one]
+        c = t.dof_block[two]
+        i = t.dof_part[one]
+        j = t.dof_part[two]
+        if b < c:
+            k.mass[t.mass_at[c] + b][j, i] = k.mass[t.mass_at[c] + b][j, i] + value
+        else:
+            k.mass[t.mass_at[b] + c][i, j] = k.mass[t.mass_at[b] + c][i, j] + value
+            if b == c and i != j:
+                k.mass[t.mass_at[b] + c][j, i] = k.mass[t.mass_at[b] + c][j, i] + value
+
+    @wp.func
+    def chained_body(t: Topology, k: Slot, i: int, x: dtype, y: dtype, mass: dtype, inertia: dtype, f: V3):
+        """M and force of any other body."""
+        acceleration = bias(t, k, i, x, y)
+        fx = f[0] + mass * acceleration[0]
+        fy = f[1] + mass * acceleration[1]
+        start = t.chain_start[i]
+        for at in range(start, t.chain_start[i + 1]):
+            j = t.chain[at]
+            arm = k.column[j]
+            turns = t.dof_kind[j] == TURN
+            force = arm[0] * fx + arm[1] * fy
+            if turns:
+                force += f[2]
+            b = t.dof_block[j]
+            k.move[b][t.dof_part[j]] = k.move[b][t.dof_part[j]] + force
+            for other in range(start, at + 1):
+                i2 = t.chain[other]
+                value = mass * wp.dot(arm, k.column[i2])
+                if turns and t.dof_kind[i2] == TURN:
+                    value += inertia
+                add_mass(t, k, j, i2, value)
+
+    @wp.func
+    def dynamics(t: Topology, k: Slot, external: wp.array2d(dtype=given), world: int):
         """M into k.mass, r(q, v) and the external forces into k.move.
 
         With implicit damping M + h C stands for M; `springs` adds their part.
         """
-        h = number(t, params, row, H, 0)
-        for i in range(k.mass.shape[0]):
-            k.mass[i, b] = ZERO
-        for j in range(t.nv):
-            damping = number(t, params, row, DAMPING, j)
-            p = t.place[j]
-            k.move[p, b] = -damping * k.v0[j, b]
-            if t.implicit_damping == 1:
-                k.mass[t.mass_at[p] + p, b] = h * damping
+        joints(t, k)
         for i in range(t.nb):
-            mass = number(t, params, row, MASS, i)
-            inertia = number(t, params, row, INERTIA, i)
-            cx = number(t, params, row, COM, 2 * i)
-            cy = number(t, params, row, COM, 2 * i + 1)
-            x = k.frame[4 * i + 2, b] + k.frame[4 * i, b] * cx - k.frame[4 * i + 1, b] * cy
-            y = k.frame[4 * i + 3, b] + k.frame[4 * i + 1, b] * cx + k.frame[4 * i, b] * cy
-            start = t.chain_start[i]
-            end = t.chain_start[i + 1]
-            acceleration = bias(t, k, params, row, b, i, x, y)
-            fx = mass * acceleration[0]
-            fy = mass * acceleration[1]
-            torque = dtype(0.0)
+            mass = number(t, k, MASS, i)
+            inertia = number(t, k, INERTIA, i)
+            cx = number(t, k, COM, 2 * i)
+            cy = number(t, k, COM, 2 * i + 1)
+            p = k.frame[i]
+            x = p[2] + p[0] * cx - p[1] * cy
+            y = p[3] + p[1] * cx + p[0] * cy
+            f = V3()
             if external.shape[0] > 0:
-                fx += dtype(external[world, 3 * i])
-                fy += dtype(external[world, 3 * i + 1])
-                torque += dtype(external[world, 3 * i + 2])
-            for at in range(start, end):
-                j = t.chain[at]
-                pj = t.place[j]
-                jx = k.column[2 * j, b]
-                jy = k.column[2 * j + 1, b]
-                turns = t.dof_kind[j] == TURN
-                k.move[pj, b] = k.move[pj, b] + jx * fx + jy * fy
-                if turns:
-                    k.move[pj, b] = k.move[pj, b] + torque
-                for other in range(start, at + 1):
-                    i2 = t.chain[other]
-                    value = mass * (jx * k.column[2 * i2, b] + jy * k.column[2 * i2 + 1, b])
-                    if turns and t.dof_kind[i2] == TURN:
-                        value += inertia
-                    low = wp.max(pj, t.place[i2])
-                    slot = t.mass_at[low] + wp.min(pj, t.place[i2])
-                    k.mass[slot, b] = k.mass[slot, b] + value
+                f = V3(dtype(external[world, 3 * i]), dtype(external[world, 3 * i + 1]),
+                       dtype(external[world, 3 * i + 2]))  # fmt: skip
+            if t.free_block[i] >= 0:
+                free_body(t, k, i, x, y, mass, inertia, f)
+            else:
+                chained_body(t, k, i, x, y, mass, inertia, f)
 
     @wp.func
-    def tied_point(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, end: int):
+    def tied_point(t: Topology, k: Slot, end: int):
         """End of a spring: place (x, y) and velocity of a point of a body."""
         body = t.spring_body[end]
-        x = number(t, params, row, TIED, 2 * end)
-        y = number(t, params, row, TIED, 2 * end + 1)
+        x = number(t, k, TIED, 2 * end)
+        y = number(t, k, TIED, 2 * end + 1)
         if body == WORLD:
             return V4(x, y, ZERO, ZERO)
-        c = k.frame[4 * body, b]
-        sn = k.frame[4 * body + 1, b]
-        px = k.frame[4 * body + 2, b] + c * x - sn * y
-        py = k.frame[4 * body + 3, b] + sn * x + c * y
+        f = k.frame[body]
+        px = f[2] + f[0] * x - f[1] * y
+        py = f[3] + f[1] * x + f[0] * y
         vx = dtype(0.0)
         vy = dtype(0.0)
         for at in range(t.chain_start[body], t.chain_start[body + 1]):
-            arm = column(t, k, params, row, b, t.chain[at], px, py)
-            vx += arm[0] * k.v0[t.chain[at], b]
-            vy += arm[1] * k.v0[t.chain[at], b]
+            arm = column(t, k, t.chain[at], px, py)
+            vx += arm[0] * k.v0[t.chain[at]]
+            vy += arm[1] * k.v0[t.chain[at]]
         return V4(px, py, vx, vy)
 
     @wp.func
-    def push(
-        t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, body: int, p: V4, f: V2
-    ):
+    def add_force(t: Topology, k: Slot, dof: int, force: dtype):
+        b = t.dof_block[dof]
+        k.move[b][t.dof_part[dof]] = k.move[b][t.dof_part[dof]] + force
+
+    @wp.func
+    def push(t: Topology, k: Slot, body: int, p: V4, f: V2):
         """Add the generalised force of f at point p of a body to k.move."""
         if body != WORLD:
             for at in range(t.chain_start[body], t.chain_start[body + 1]):
-                arm = column(t, k, params, row, b, t.chain[at], p[0], p[1])
-                place = t.place[t.chain[at]]
-                k.move[place, b] = k.move[place, b] + arm[0] * f[0] + arm[1] * f[1]
+                arm = column(t, k, t.chain[at], p[0], p[1])
+                add_force(t, k, t.chain[at], wp.dot(arm, f))
 
     @wp.func
-    def slope(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, j: int, p: V4, d: V2):
+    def slope(t: Topology, k: Slot, j: int, p: V4, d: V2):
         """How fast a point moves along d at unit rate of `j`."""
-        arm = column(t, k, params, row, b, j, p[0], p[1])
+        arm = column(t, k, j, p[0], p[1])
         return arm[0] * d[0] + arm[1] * d[1]
 
     @wp.func
-    def couple(
-        t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, left: int, p: V4, right: int,
-        o: V4, d: V2, weight: dtype,
-    ):  # fmt: skip
+    def couple(t: Topology, k: Slot, left: int, p: V4, right: int, o: V4, d: V2, weight: dtype):
         """Add weight (d.J_left)' (d.J_right) of points of two bodies to the lower triangle."""
         if left != WORLD and right != WORLD:
             for at in range(t.chain_start[left], t.chain_start[left + 1]):
-                i = t.place[t.chain[at]]
-                push_i = weight * slope(t, k, params, row, b, t.chain[at], p, d)
+                one = t.chain[at]
+                push_one = weight * slope(t, k, one, p, d)
                 for by in range(t.chain_start[right], t.chain_start[right + 1]):
-                    j = t.place[t.chain[by]]
-                    if j <= i:
-                        slot = t.mass_at[i] + j
-                        value = push_i * slope(t, k, params, row, b, t.chain[by], o, d)
-                        k.mass[slot, b] = k.mass[slot, b] + value
+                    two = t.chain[by]
+                    if 3 * t.dof_block[two] + t.dof_part[two] <= 3 * t.dof_block[one] + t.dof_part[one]:
+                        add_mass(t, k, one, two, push_one * slope(t, k, two, o, d))
 
     @wp.func
-    def drag(
-        t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, i: int, pa: V4, pb: V4,
-        d: V2, damping: dtype,
-    ):  # fmt: skip
+    def drag(t: Topology, k: Slot, i: int, pa: V4, pb: V4, d: V2, damping: dtype):
         """Add h C of the damper of spring i, c a a'/s, to k.mass."""
-        weight = number(t, params, row, H, 0) * damping
+        weight = number(t, k, H, 0) * damping
         first = t.spring_body[2 * i]
         other = t.spring_body[2 * i + 1]
-        couple(t, k, params, row, b, first, pa, first, pa, d, weight)
-        couple(t, k, params, row, b, other, pb, other, pb, d, weight)
-        couple(t, k, params, row, b, first, pa, other, pb, d, -weight)
-        couple(t, k, params, row, b, other, pb, first, pa, d, -weight)
+        couple(t, k, first, pa, first, pa, d, weight)
+        couple(t, k, other, pb, other, pb, d, weight)
+        couple(t, k, first, pa, other, pb, d, -weight)
+        couple(t, k, other, pb, first, pa, d, -weight)
 
     @wp.func
-    def springs(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int):
+    def springs(t: Topology, k: Slot):
         """Add the forces of springs at joints and between points, as `springs.py` has them."""
         for i in range(t.sprung):
             j = t.sprung_dof[i]
-            p = t.place[j]
-            stretch = k.q[j, b] - number(t, params, row, REST, j)
-            k.move[p, b] = k.move[p, b] - number(t, params, row, STIFFNESS, j) * stretch
+            stretch = k.q[j] - number(t, k, REST, j)
+            add_force(t, k, j, -number(t, k, STIFFNESS, j) * stretch)
         for i in range(t.springs):
-            pa = tied_point(t, k, params, row, b, 2 * i)
-            pb = tied_point(t, k, params, row, b, 2 * i + 1)
+            pa = tied_point(t, k, 2 * i)
+            pb = tied_point(t, k, 2 * i + 1)
             d = V2(pb[0] - pa[0], pb[1] - pa[1])
             rate = d[0] * (pb[2] - pa[2]) + d[1] * (pb[3] - pa[3])
-            rest = number(t, params, row, LENGTH, i)
+            rest = number(t, k, LENGTH, i)
             eps = SHORT * rest + TINY
             inv = ONE / (wp.dot(d, d) + eps * eps)
-            g = number(t, params, row, PULL, i) * (ONE - rest * wp.sqrt(inv))
-            g += number(t, params, row, DAMP, i) * rate * inv
-            push(t, k, params, row, b, t.spring_body[2 * i], pa, g * d)
-            push(t, k, params, row, b, t.spring_body[2 * i + 1], pb, -g * d)
+            g = number(t, k, PULL, i) * (ONE - rest * wp.sqrt(inv))
+            g += number(t, k, DAMP, i) * rate * inv
+            push(t, k, t.spring_body[2 * i], pa, g * d)
+            push(t, k, t.spring_body[2 * i + 1], pb, -g * d)
             if t.implicit_damping == 1:
-                drag(t, k, params, row, b, i, pa, pb, d, number(t, params, row, DAMP, i) * inv)
+                drag(t, k, i, pa, pb, d, number(t, k, DAMP, i) * inv)
 
     @wp.func
-    def control_force(
-        t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, i: int, u: dtype
-    ):
+    def control_force(t: Topology, k: Slot, i: int, u: dtype):
         """Add the force of actuator i."""
-        p = t.place[t.actuator[i]]
-        k.move[p, b] = k.move[p, b] + number(t, params, row, GEAR, i) * u
+        add_force(t, k, t.actuator[i], number(t, k, GEAR, i) * u)
 
     return SimpleNamespace(
         number=number,
         frames=frames,
         column=column,
+        twists=twists,
         dynamics=dynamics,
         springs=springs,
         control_force=control_force,

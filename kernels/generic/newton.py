@@ -1,4 +1,4 @@
-"""Linear algebra of a Newton step on (v', z) of any scene by its tables, and Newton's method itself.
+"""Linear algebra of a step on (v', z) of any scene by its tables, of one island.
 
 Unknowns are v' and z, lambda = s(z)/D. A step solves M dv - J' dlambda = -r1, J dv + q dz = e - r2, D dlambda
 = p dz + e with p = s'(z), q = s'(-z), e = 0 (the interior-point method has other p, q, e). Eliminating dz
@@ -15,9 +15,8 @@ import warp as wp
 from ..factories import cached
 from ..residual.smoothing import make_smoothing
 from .envelope import make_envelope
-from .mechanism import COLUMN
 from .topology import Topology
-from .work import WORK, Work
+from .work import M33, V3, WORK, Island, Slot
 
 PROXIMAL = 1e-12  # tau
 ROUNDING = 2e-14  # of M (v' - v_free) where v' and v_free are stored, relative to |M| |v_free|
@@ -31,70 +30,104 @@ SUMMED = {wp.float64: 5e-11, wp.float32: 1e-5}  # what it may make of momenta, r
 
 @cached
 def make_newton(given: type, residual: str) -> SimpleNamespace:
-    """Warp functions: linear algebra on the list of active rows (n of them), residuals and `newton`."""
+    """Warp functions: residuals and linear algebra on the acting rows of an island."""
     dtype = WORK
-    env = make_envelope(dtype)
+    env = make_envelope()
     sm = make_smoothing(dtype, residual)
     hard = residual == "hard"
-    SIGMA = COLUMN["sigma"]
-    ZERO, ONE, HALF = dtype(0.0), dtype(1.0), dtype(0.5)
+    ZERO, ONE = dtype(0.0), dtype(1.0)
     LOST, TOLD = dtype(ROUNDING), dtype(GIVEN[given] * ACCEPTED[given] / SUMMED[given])
-    FINE, NEAR, PATIENCE = dtype(min(ACCEPTED[given], REFINED)), dtype(1e-4), 6
-    TAU, AIM, GOOD, HUGE = dtype(PROXIMAL), dtype(TOLERANCE), dtype(ACCEPTED[given]), dtype(1e300)
+    TAU, GOOD, HUGE = dtype(PROXIMAL), dtype(ACCEPTED[given]), dtype(1e300)
 
     @wp.func
-    def smooth(t: Topology, params: wp.array2d(dtype=given), row: int, i: int, z: dtype):
-        """s(z), s(-z), s'(z), s'(-z) of row i."""
+    def smooth(k: Slot, r: int, z: dtype):
+        """s(z), s(-z), s'(z), s'(-z) of row r."""
         if wp.static(hard):
             return wp.static(sm.kink)(z)
-        sigma = dtype(params[row, t.columns[SIGMA] + i])
+        sigma = k.sigma[r]
         return wp.static(sm.smooth)(z, sigma, ONE / sigma)
 
     @wp.func
-    def dot(t: Topology, k: Work, x: wp.array2d(dtype=dtype), i: int, b: int):
-        """J_i x"""
+    def dot(t: Topology, k: Slot, x: wp.array(dtype=V3), r: int):
+        """J_r x"""
         out = dtype(0.0)
-        for at in range(t.row_start[i], t.row_start[i + 1]):
-            out += k.jac[at, b] * x[t.row_place[at], b]
+        start = k.entry[r]
+        pattern = k.pattern[r]
+        for e in range(k.entry[r + 1] - start):
+            out += wp.dot(k.jac[start + e], x[t.row_block[pattern + e]])
         return out
 
     @wp.func
-    def add(t: Topology, k: Work, x: wp.array2d(dtype=dtype), i: int, scale: dtype, b: int):
-        """x += J_i' scale"""
-        for at in range(t.row_start[i], t.row_start[i + 1]):
-            p = t.row_place[at]
-            x[p, b] = x[p, b] + k.jac[at, b] * scale
+    def sized(m: M33, x: V3):
+        """|m| |x|"""
+        a = wp.abs(x)
+        return V3(
+            wp.abs(m[0, 0]) * a[0] + wp.abs(m[0, 1]) * a[1] + wp.abs(m[0, 2]) * a[2],
+            wp.abs(m[1, 0]) * a[0] + wp.abs(m[1, 1]) * a[1] + wp.abs(m[1, 2]) * a[2],
+            wp.abs(m[2, 0]) * a[0] + wp.abs(m[2, 1]) * a[1] + wp.abs(m[2, 2]) * a[2],
+        )
 
     @wp.func
-    def mass_times(t: Topology, k: Work, b: int):
+    def mass_times(t: Topology, k: Slot, o: Island):
         """k.balance = M (v' - v_free)"""
-        for i in range(t.nv):
-            k.balance[i, b] = ZERO
-        for i in range(t.nv):
-            xi = k.v[i, b] - k.vfree[i, b]
-            value = dtype(0.0)
+        for place in range(o.start, o.end):
+            i = k.block[place]
+            at = t.mass_at[i]
+            change = k.v[i] - k.vfree[i]
+            value = k.mass[at + i] * change
             for j in range(t.mass_first[i], i):
-                m = k.mass[t.mass_at[i] + j, b]
-                value += m * (k.v[j, b] - k.vfree[j, b])
-                k.balance[j, b] = k.balance[j, b] + m * xi
-            k.balance[i, b] = k.balance[i, b] + value + k.mass[t.mass_at[i] + i, b] * xi
+                m = k.mass[at + j]
+                value += m * (k.v[j] - k.vfree[j])
+                k.balance[j] = k.balance[j] + wp.transpose(m) * change
+            k.balance[i] = value
 
     @wp.func
-    def rounding(t: Topology, k: Work, b: int):
-        """k.lost: what rounding of v' and v_free makes of M (v' - v_free)."""
-        for i in range(t.nv):
-            k.lost[i, b] = ZERO
-        for i in range(t.nv):
-            for j in range(t.mass_first[i], i + 1):
-                m = LOST * wp.abs(k.mass[t.mass_at[i] + j, b])
-                k.lost[i, b] = k.lost[i, b] + m * wp.abs(k.vfree[j, b])
-                if j < i:
-                    k.lost[j, b] = k.lost[j, b] + m * wp.abs(k.vfree[i, b])
+    def rounding(t: Topology, k: Slot):
+        """k.lost, in all blocks."""
+        for i in range(t.blocks):
+            at = t.mass_at[i]
+            value = sized(k.mass[at + i], k.vfree[i])
+            for j in range(t.mass_first[i], i):
+                m = k.mass[at + j]
+                value += sized(m, k.vfree[j])
+                k.lost[j] = k.lost[j] + LOST * sized(wp.transpose(m), k.vfree[i])
+            k.lost[i] = LOST * value
 
     @wp.func
-    def residuals(t: Topology, k: Work, b: int, n: int, yielding: dtype):
-        """k.balance and the largest residual; needs k.lam, k.res, k.w. A row yields to its impulse by
-        `yielding` diag(A) lambda.
+    def missed(balance: dtype, rounds: dtype, move: dtype, most: dtype):
+        """Residual of a place: relative to the momentum that it exchanges, beyond rounding."""
+        miss = wp.abs(balance) - rounds
+        worst = dtype(0.0)
+        if miss > ZERO:
+            worst = miss / wp.min(move, most)
+        told = TOLD * move
+        if told > GOOD * most:
+            worst = wp.max(worst, told / most)
+        return worst
+
+    @wp.func
+    def exchange(t: Topology, k: Slot, o: Island):
+        """Take J' lambda off k.balance and add its terms to k.move."""
+        for g in range(o.group, o.last_group):
+            start = k.group[g]
+            end = k.group[g + 1]
+            pattern = k.pattern[start]
+            for e in range(k.entry[start + 1] - k.entry[start]):
+                push = V3()
+                terms = V3()
+                for r in range(start, end):
+                    if k.acting[r] > 0:
+                        impulse = k.lam[r] * k.jac[k.entry[r] + e]
+                        push += impulse
+                        terms += wp.abs(impulse)
+                b = t.row_block[pattern + e]
+                k.balance[b] = k.balance[b] - push
+                k.move[b] = k.move[b] + terms
+
+    @wp.func
+    def residuals(t: Topology, k: Slot, o: Island, yielding: dtype):
+        """k.balance and the largest residual; needs k.lam, k.res, k.w. A row yields by `yielding` diag(A)
+        (lambda - k.least).
 
         A row's is relative to the velocities that the data set in its island. That of a place is relative
         to the momentum that it exchanges, beyond rounding: so a light body is judged on its own scale, and a
@@ -102,160 +135,139 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
         the most that they do (k.most), and impulses so large that what is given back of them no longer sums
         up count, too.
         """
-        mass_times(t, k, b)
-        for i in range(t.nv):
-            k.move[i, b] = wp.abs(k.balance[i, b])
+        mass_times(t, k, o)
+        for place in range(o.start, o.end):
+            i = k.block[place]
+            k.move[i] = wp.abs(k.balance[i])
         worst = dtype(0.0)
-        bad = int(0)
-        for r in range(n):
-            i = k.active[r, b]
-            yields = yielding * k.diag[i, b] * k.lam[i, b]
-            k.res[i, b] = k.rate[i, b] + dot(t, k, k.v, i, b) + yields - k.w[i, b]
-            worst = wp.max(worst, wp.abs(k.res[i, b]) / k.unit[i, b])
-            if not wp.isfinite(k.res[i, b]):
-                bad = 1
-            lam = k.lam[i, b]
-            for at in range(t.row_start[i], t.row_start[i + 1]):
-                p = t.row_place[at]
-                impulse = k.jac[at, b] * lam
-                k.balance[p, b] = k.balance[p, b] - impulse
-                k.move[p, b] = k.move[p, b] + wp.abs(impulse)
-        for i in range(t.nv):
-            miss = wp.abs(k.balance[i, b]) - k.lost[i, b] - k.unseen[i, b]
-            if miss > ZERO:
-                worst = wp.max(worst, miss / wp.min(k.move[i, b], k.most[i, b]))
-            told = TOLD * k.move[i, b]
-            if told > GOOD * k.most[i, b]:
-                worst = wp.max(worst, told / k.most[i, b])
-            if not wp.isfinite(k.balance[i, b]):
-                bad = 1
-        if bad == 1:
+        finite = dtype(0.0)
+        for r in range(o.row, o.last_row):
+            if k.acting[r] > 0:
+                res = k.rate[r] + dot(t, k, k.v, r) - k.w[r]
+                if yielding > ZERO:
+                    res += yielding * k.diag[r] * (k.lam[r] - k.least[r])
+                k.res[r] = res
+                worst = wp.max(worst, wp.abs(res) / k.unit[r])
+                finite += wp.abs(res)
+        exchange(t, k, o)
+        for place in range(o.start, o.end):
+            i = k.block[place]
+            balance = k.balance[i]
+            move = k.move[i]
+            most = k.most[i]
+            rounds = k.lost[i] + k.unseen[i]
+            for j in range(3):
+                worst = wp.max(worst, missed(balance[j], rounds[j], move[j], most[j]))
+                finite += wp.abs(balance[j])
+        if not wp.isfinite(finite):
             worst = ZERO + HUGE
         return worst
 
     @wp.func
-    def factor(t: Topology, k: Work, b: int, n: int, yielding: dtype):
-        """Factor of M + J' W J for k.p and k.slack."""
+    def weigh(t: Topology, k: Slot, o: Island, yielding: dtype):
+        """k.weight: W."""
         tau = TAU + yielding
-        for i in range(t.nv):
-            at = t.at[i]
-            for j in range(t.first[i], t.mass_first[i]):
-                k.factor[at + j, b] = ZERO
-            for j in range(t.mass_first[i], i + 1):
-                k.factor[at + j, b] = k.mass[t.mass_at[i] + j, b]
-        for r in range(n):
-            i = k.active[r, b]
-            p = k.p[i, b]
-            weight = p / (k.slack[i, b] * k.scale[i, b] + tau * k.diag[i, b] * p)
-            start = t.row_start[i]
-            for one in range(start, t.row_start[i + 1]):
-                at = t.at[t.row_place[one]]
-                left = weight * k.jac[one, b]
-                for two in range(start, one + 1):
-                    slot = at + t.row_place[two]
-                    k.factor[slot, b] = k.factor[slot, b] + left * k.jac[two, b]
-        env.factor(k.factor, t.first, t.at, t.nv, b)
+        for r in range(o.row, o.last_row):
+            p = dtype(0.0)
+            if k.acting[r] > 0:
+                p = k.p[r]
+            if p > ZERO:
+                p = p / (k.slack[r] * k.scale[r] + tau * k.diag[r] * p)
+            k.weight[r] = p
 
     @wp.func
-    def shift(k: Work, i: int, b: int, mu: dtype, interior: int):
-        """e of row i: zero in Newton's method, towards excess = mu in the interior-point method."""
+    def assemble(t: Topology, k: Slot, o: Island):
+        """M + J' W J: what a pair of bodies' rows add is summed up before it is stored."""
+        for place in range(o.start, o.end):
+            at = k.at[place]
+            b = k.block[place]
+            own = place - b + t.mass_first[b]
+            for j in range(k.first[place], own):
+                k.factor[at + j] = M33()
+            for j in range(own, place + 1):
+                k.factor[at + j] = k.mass[t.mass_at[b] + j + b - place]
+        for g in range(o.group, o.last_group):
+            start = k.group[g]
+            end = k.group[g + 1]
+            pattern = k.pattern[start]
+            entries = k.entry[start + 1] - k.entry[start]
+            for e in range(entries):
+                one = k.place[t.row_block[pattern + e]]
+                for f in range(e + 1):
+                    two = k.place[t.row_block[pattern + f]]
+                    total = M33()
+                    for r in range(start, end):
+                        if k.weight[r] > ZERO:
+                            at = k.entry[r]
+                            total += wp.outer(k.weight[r] * k.jac[at + e], k.jac[at + f])
+                    if one < two:
+                        k.factor[k.at[two] + one] = k.factor[k.at[two] + one] + wp.transpose(total)
+                    else:
+                        k.factor[k.at[one] + two] = k.factor[k.at[one] + two] + total
+
+    @wp.func
+    def factor(t: Topology, k: Slot, o: Island, yielding: dtype):
+        """Factor of M + J' W J for k.p and k.slack."""
+        weigh(t, k, o, yielding)
+        assemble(t, k, o)
+        env.factor(k.factor, k.first, k.at, o.start, o.end)
+
+    @wp.func
+    def shift(k: Slot, r: int, mu: dtype, interior: int):
+        """e of row r: zero in Newton's method, towards excess = mu in the interior-point method."""
         if interior == 0:
             return ZERO
-        return (mu - k.excess[i, b]) / k.total[i, b]
+        return (mu - k.excess[r]) / k.total[r]
 
     @wp.func
-    def direction(t: Topology, k: Work, b: int, n: int, mu: dtype, interior: int, yielding: dtype):
+    def add_pushes(t: Topology, k: Slot, o: Island):
+        """k.move += J' k.weight of all rows."""
+        for g in range(o.group, o.last_group):
+            start = k.group[g]
+            end = k.group[g + 1]
+            pattern = k.pattern[start]
+            for e in range(k.entry[start + 1] - k.entry[start]):
+                push = V3()
+                for r in range(start, end):
+                    push += k.weight[r] * k.jac[k.entry[r] + e]
+                b = t.row_block[pattern + e]
+                k.move[b] = k.move[b] + push
+
+    @wp.func
+    def direction(t: Topology, k: Slot, o: Island, mu: dtype, interior: int, yielding: dtype):
         """dv into k.move and dz into k.dz with the factor at hand."""
         tau = TAU + yielding
-        for i in range(t.nv):
-            k.move[i, b] = -k.balance[i, b]
-        for r in range(n):
-            i = k.active[r, b]
-            e = shift(k, i, b, mu, interior)
-            p = k.p[i, b]
-            ratio = k.diag[i, b] / k.scale[i, b]
-            total = k.slack[i, b] + tau * ratio * p
-            miss = e - yielding * ratio * e - k.res[i, b]
-            add(t, k, k.move, i, (p * miss / total + e) / k.scale[i, b], b)
-        env.solve(k.factor, t.first, t.at, k.move, t.nv, b)
-        for r in range(n):
-            i = k.active[r, b]
-            e = shift(k, i, b, mu, interior)
-            ratio = k.diag[i, b] / k.scale[i, b]
-            total = k.slack[i, b] + tau * ratio * k.p[i, b]
-            k.dz[i, b] = (e - yielding * ratio * e - k.res[i, b] - dot(t, k, k.move, i, b)) / total
-
-    @wp.func
-    def evaluate(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, n: int):
-        """lambda, slopes and residuals at (k.v, k.z); the largest of these."""
-        for r in range(n):
-            i = k.active[r, b]
-            e = smooth(t, params, row, i, k.z[i, b])
-            k.lam[i, b] = e[0] / k.scale[i, b]
-            k.w[i, b] = e[1]
-            k.p[i, b] = e[2]
-            k.slack[i, b] = e[3]
-        return residuals(t, k, b, n, ZERO)
-
-    @wp.func
-    def newton(
-        t: Topology,
-        k: Work,
-        params: wp.array2d(dtype=given),
-        row: int,
-        b: int,
-        n: int,
-        iterations: int,
-    ):
-        """Full steps from (k.v, k.z) while they help; the best point stays, 1 if it is a solution."""
-        best = ZERO + HUGE
-        misses = int(0)
-        patience = int(2)
-        it = int(0)
-        while it < iterations and misses < patience and best > AIM:
-            worst = evaluate(t, k, params, row, b, n)
-            if worst > HALF * best:
-                misses += 1
-            if worst < best:
-                best = worst + ZERO
-                for i in range(t.nv):
-                    k.best_v[i, b] = k.v[i, b]
-                for r in range(n):
-                    i = k.active[r, b]
-                    k.best_z[i, b] = k.z[i, b]
-            patience = wp.where(best > FINE and best < NEAR, PATIENCE, 2)  # nearly solved: refine it further
-            if not (worst < HUGE):
-                misses = patience
-            it += 1
-            if it < iterations and misses < patience and best > AIM:
-                factor(t, k, b, n, ZERO)
-                direction(t, k, b, n, ZERO, 0, ZERO)
-                for i in range(t.nv):
-                    k.v[i, b] = k.v[i, b] + k.move[i, b]
-                for r in range(n):
-                    i = k.active[r, b]
-                    k.z[i, b] = k.z[i, b] + k.dz[i, b]
-        for i in range(t.nv):
-            k.v[i, b] = k.best_v[i, b]
-        for r in range(n):
-            i = k.active[r, b]
-            k.z[i, b] = k.best_z[i, b]
-            k.lam[i, b] = smooth(t, params, row, i, k.z[i, b])[0] / k.scale[i, b]
-        return wp.where(best <= GOOD, 1, 0)
+        for place in range(o.start, o.end):
+            i = k.block[place]
+            k.move[i] = -k.balance[i]
+        for r in range(o.row, o.last_row):
+            k.weight[r] = ZERO
+            if k.acting[r] > 0:
+                e = shift(k, r, mu, interior)
+                p = k.p[r]
+                ratio = k.diag[r] / k.scale[r]
+                total = k.slack[r] + tau * ratio * p
+                miss = e - yielding * ratio * e - k.res[r]
+                k.weight[r] = (p * miss / total + e) / k.scale[r]
+                k.dz[r] = miss / total
+                k.divisor[r] = total
+        add_pushes(t, k, o)
+        env.solve(k.factor, k.first, k.at, k.block, k.move, o.start, o.end)
+        for r in range(o.row, o.last_row):
+            if k.acting[r] > 0:
+                k.dz[r] = k.dz[r] - dot(t, k, k.move, r) / k.divisor[r]
 
     return SimpleNamespace(
         smooth=smooth,
         dot=dot,
-        add=add,
         rounding=rounding,
         residuals=residuals,
         factor=factor,
         direction=direction,
+        add_pushes=add_pushes,
         shift=shift,
-        newton=newton,
         GOOD=GOOD,
         mass_times=mass_times,
         LOST=LOST,
         env=env,
-        SIGMA=SIGMA,
     )

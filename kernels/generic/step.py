@@ -12,15 +12,15 @@ from ..contact.problem import COLD
 from ..device.compile import specialised
 from ..factories import cached
 from ..method import Method
-from ..status import INFEASIBLE, JAMMED, NONFINITE, NOT_CONVERGED, SOLVED
-from .contact import make_contact
-from .coulomb import COULOMB_PASSES, RETREATS, make_coulomb
+from ..status import NONFINITE, SOLVED
+from .contact import AFRESH, ALL, JOINING, make_contact
 from .envelope import make_envelope
-from .interior import make_solver
-from .jam import make_jam
+from .island import make_island
 from .mechanism import COLUMN, make_mechanism
+from .newton import make_newton
+from .order import make_order
 from .topology import CONTACT, Topology
-from .work import WORK, Work
+from .work import ISLANDS, ROWS, V2, WORK, Slot, Work, island, view
 
 
 def residual_of(method: Method, rows: int) -> str:
@@ -33,158 +33,141 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
     """Warp functions of a step on a world's workspace; residual "none" leaves the solver out."""
     dtype = WORK
     mech = make_mechanism(given)
-    env = make_envelope(dtype)
+    env = make_envelope()
     contact = make_contact(given, residual) if residual != "none" else None
-    solver = make_solver(given, residual) if residual != "none" else None
-    friction = make_coulomb(given) if residual == "hard" else None
-    jammed = make_jam(given) if residual == "hard" else None
-    PASSES = COULOMB_PASSES
+    settle = make_island(given, residual) if residual != "none" else None
+    rounding = make_newton(given, residual).rounding if residual != "none" else None
+    rearrange = make_order().rearrange
     H, FRICTION = COLUMN["step_size"], COLUMN["friction"]
-    UNUSED, HALF, ZERO, ONE = dtype(COLD), dtype(0.5), dtype(0.0), dtype(1.0)
-    NOWHERE = dtype(-1e30)
+    UNUSED, ZERO = dtype(COLD), dtype(0.0)
     number = mech.number
 
     @wp.func
-    def begin(
-        t: Topology,
-        k: Work,
-        params: wp.array2d(dtype=given),
-        row: int,
-        b: int,
-        external: wp.array2d(dtype=given),
-        world: int,
-    ):
-        """Kinematics, M and the forces but the controls' of the state (k.q, k.v0)."""
-        mech.frames(t, k, params, row, b)
-        mech.dynamics(t, k, params, row, b, external, world)
-        mech.springs(t, k, params, row, b)
+    def prepare(t: Topology, k: Slot, params: wp.array2d(dtype=given), world: int):
+        """What does not change from step to step; no z and no normals to start from."""
+        row = wp.where(params.shape[0] == 1, 0, world)
+        for i in range(params.shape[1]):
+            k.numbers[i] = dtype(params[row, i])
+        for i in range(t.nr):
+            k.warm[i] = UNUSED
+        for r in range(k.count[wp.static(ROWS)]):
+            k.z[r] = UNUSED
+        for i in range(t.pairs):
+            k.normal[i] = V2()
+        if wp.static(residual != "none"):
+            contact.place_shapes(t, k)
 
     @wp.func
-    def free_motion(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int):
+    def recall(t: Topology, k: Slot, warm: wp.array2d(dtype=given), world: int):
+        """z and normals to start from, of (B, nr + 2 pairs)."""
+        for i in range(t.nr):
+            k.warm[i] = dtype(warm[world, i])
+        for r in range(k.count[wp.static(ROWS)]):
+            k.z[r] = k.warm[k.row[r]]
+            k.warm[k.row[r]] = UNUSED
+        for i in range(t.pairs):
+            n = V2(dtype(warm[world, t.nr + 2 * i]), dtype(warm[world, t.nr + 2 * i + 1]))
+            k.normal[i] = wp.normalize(n)
+
+    @wp.func
+    def begin(t: Topology, k: Slot, external: wp.array2d(dtype=given), world: int):
+        """Kinematics, M and the forces but the controls' of the state (k.q, k.v0)."""
+        mech.frames(t, k)
+        mech.dynamics(t, k, external, world)
+        mech.springs(t, k)
+
+    @wp.func
+    def free_motion(t: Topology, k: Slot):
         """v_free = v + h M^-1 (r + u)."""
         for i in range(k.mass.shape[0]):
-            k.mass_factor[i, b] = k.mass[i, b]
-        env.factor(k.mass_factor, t.mass_first, t.mass_at, t.nv, b)
-        env.solve(k.mass_factor, t.mass_first, t.mass_at, k.move, t.nv, b)
-        h = number(t, params, row, H, 0)
+            k.mass_factor[i] = k.mass[i]
+        env.factor(k.mass_factor, t.mass_first, t.mass_at, 0, t.blocks)
+        env.solve(k.mass_factor, t.mass_first, t.mass_at, t.block_id, k.move, 0, t.blocks)
+        h = number(t, k, H, 0)
+        for i in range(t.blocks):
+            k.vfree[i] = h * k.move[i]
         for j in range(t.nv):
-            p = t.place[j]
-            k.vfree[p, b] = k.v0[j, b] + h * k.move[p, b]
-            k.v[p, b] = k.vfree[p, b]
+            b = t.dof_block[j]
+            k.vfree[b][t.dof_part[j]] = k.vfree[b][t.dof_part[j]] + k.v0[j]
+        for i in range(t.blocks):
+            k.v[i] = k.vfree[i]
 
     @wp.func
-    def list_rows(t: Topology, k: Work, b: int):
-        """List the acting rows in k.active; rows that are new start from k.v."""
-        n = int(0)
-        for i in range(t.nr):
-            if k.acting[i, b] > 0:
-                k.active[n, b] = i
-                n += 1
-                if k.acting[i, b] == 1:
-                    if not (wp.abs(k.z[i, b]) < HALF * UNUSED):
-                        k.z[i, b] = -k.rate[i, b] - contact.velocity(t, k, b, i)
-                    k.acting[i, b] = 2
-        return n
-
-    @wp.func
-    def contacts(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, exact_gap: int):
-        """Add rows until none is missing, solve after every addition. The first time also those within reach
-        of the largest approach are added: in a heap they act next. Where Coulomb's friction shuts the rows,
-        the problem without friction tells whether they can open, and gives a lift to start from; where
-        that ends at shut rows again the lift is taken back.
+    def contacts(t: Topology, k: Slot):
+        """Solve the islands of the near pairs until no pair joins them. Rows that press may free what is
+        jammed without them: before that is said, all pairs join.
         """
-        contact.start(t, k, params, row, b)
+        contact.move_shapes(t, k)
+        rounding(t, k)
         status = int(wp.static(SOLVED))
-        margin = ZERO + NOWHERE
-        looking = int(1)
-        rounded = int(0)
+        which = int(wp.static(AFRESH))
         more = int(1)
-        passes = int(0)  # of the fixed point; negative: go back
-        rub = dtype(1.0)
-        freed = int(0)  # rows in the system when friction was last left out
-        n = int(0)
-        while more == 1:  # the first pass only looks how large the approach is
-            added, approach = contact.grow(t, k, params, row, b, exact_gap, margin, rub)
-            if looking == 1:
-                looking = 0
-                margin = approach
-            else:
-                n = list_rows(t, k, b)
-                more = wp.where(added > 0 or rub < ONE, 1, 0)
-                if wp.static(residual == "hard"):
-                    if t.coulomb == 1 and n > 0:
-                        more = wp.max(more, friction.lift(t, k, b, n, passes))
-                        passes = wp.abs(passes) + 1
-                if more == 1:
-                    if rounded == 0:
-                        solver.rounding(t, k, b)
-                        rounded = 1
-                    status = solver.solve(t, k, params, row, b, n)
-                    margin = dtype(0.0)
-                    if passes > PASSES and status == wp.static(SOLVED):
-                        status = int(wp.static(NOT_CONVERGED))
-                    if wp.static(residual == "hard"):
-                        if rub < ONE and status == wp.static(SOLVED):
-                            rub = dtype(1.0)
-                            passes = 0
-                            contact.set_friction(t, k, params, row, b, rub)
-                        elif t.coulomb == 1 and rub == ONE and status != wp.static(SOLVED):
-                            if n > freed and status != wp.static(NONFINITE):
-                                freed = n
-                                margin = -NOWHERE  # rows that press may free what is jammed without them
-                                rub = dtype(0.0)
-                                status = int(wp.static(SOLVED))
-                                contact.set_friction(t, k, params, row, b, rub)
-                            elif jammed(t, k, b, n, number(t, params, row, H, 0)) == 1:
-                                status = int(wp.static(JAMMED))
-                            elif status == wp.static(INFEASIBLE):
-                                status = int(wp.static(SOLVED))
-                                passes = -passes - wp.static(COULOMB_PASSES // RETREATS)
-                                if passes < -PASSES:
-                                    status = int(wp.static(NOT_CONVERGED))
-                            if status == wp.static(SOLVED):
-                                for j in range(t.nv):
-                                    k.v[j, b] = k.vfree[j, b]
-                    if status != wp.static(SOLVED):
-                        more = 0
-        for i in range(t.nr):
-            if k.acting[i, b] == 0:
-                k.z[i, b] = UNUSED
+        while more == 1:
+            changed = contact.look(t, k, which)
+            more = int(changed)
+            if changed == 1:
+                rearrange(t, k)
+            if changed == 1 or which == wp.static(AFRESH):
+                more = int(1)
+                status = int(wp.static(SOLVED))
+                for i in range(k.count[wp.static(ISLANDS)]):
+                    if status == wp.static(SOLVED):
+                        status = settle(t, k, island(k, i))
+            if which != wp.static(ALL):
+                which = int(wp.static(JOINING))
+            if status != wp.static(SOLVED):
+                if t.coulomb == 0 or status == wp.static(NONFINITE) or which == wp.static(ALL):
+                    more = int(0)
+                which = int(wp.static(ALL))
         return status
 
     @wp.func
-    def impulse(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, i: int):
-        """What row i reports: lambda, and with Coulomb friction the normal, then the tangential impulse."""
+    def impulse(t: Topology, k: Slot, r: int):
+        """What row r reports: lambda, and with Coulomb friction the normal, then the tangential impulse."""
+        i = k.row[r]
         if t.coulomb == 0 or t.row_sign[i] == 0 or t.row_kind[i] != CONTACT:
-            return k.lam[i, b]
-        pair = t.row_index[i]
-        plus = k.lam[t.pair_row[pair], b]
-        minus = k.lam[t.pair_row[pair] + 1, b]
+            return k.lam[r]
         if t.row_sign[i] > 0:
-            return plus + minus
-        return number(t, params, row, FRICTION, pair) * (plus - minus)
+            return k.lam[r] + k.lam[r + 1]
+        return number(t, k, FRICTION, t.row_index[i]) * (k.lam[r - 1] - k.lam[r])
 
     @wp.func
-    def solve_step(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, exact_gap: int):
+    def far_gap(t: Topology, k: Slot, i: int):
+        """The signed distance of the pair of the scene's row i where the pair is not near, else 0."""
+        d = dtype(0.0)
+        if t.row_kind[i] == CONTACT:
+            if k.known[t.row_index[i]] == 0:
+                g = contact.geometry(t, k, t.row_index[i])
+                d = g[2]
+        return d
+
+    @wp.func
+    def solve_step(t: Topology, k: Slot):
         """k.v = v' and, on success, the next state in (k.q, k.v0); the status."""
-        free_motion(t, k, params, row, b)
+        free_motion(t, k)
         status = int(wp.static(SOLVED))
         if wp.static(residual != "none"):
-            status = contacts(t, k, params, row, b, exact_gap)
+            status = contacts(t, k)
         if status == wp.static(SOLVED):
-            h = number(t, params, row, H, 0)
+            h = number(t, k, H, 0)
             for j in range(t.nv):
-                v = k.v[t.place[j], b]
-                if not (wp.isfinite(v) and wp.isfinite(k.q[j, b] + h * v)):
+                v = k.v[t.dof_block[j]][t.dof_part[j]]
+                if not (wp.isfinite(v) and wp.isfinite(k.q[j] + h * v)):
                     status = wp.static(NONFINITE)
             if status == wp.static(SOLVED):
                 for j in range(t.nv):
-                    k.v0[j, b] = k.v[t.place[j], b]
-                    k.q[j, b] = k.q[j, b] + h * k.v0[j, b]
+                    k.v0[j] = k.v[t.dof_block[j]][t.dof_part[j]]
+                    k.q[j] = k.q[j] + h * k.v0[j]
         return status
 
     return SimpleNamespace(
-        begin=begin, solve_step=solve_step, impulse=impulse, control_force=mech.control_force
+        prepare=prepare,
+        recall=recall,
+        begin=begin,
+        solve_step=solve_step,
+        impulse=impulse,
+        far_gap=far_gap,
+        control_force=mech.control_force,
     )
 
 
@@ -200,7 +183,7 @@ def make_step_kernel(given: type, residual: str) -> wp.Kernel:
         first: int,
         base: int,
         t: Topology,
-        k: Work,
+        work: Work,
         params: wp.array2d(dtype=given),
         x: wp.array2d(dtype=given),  # (B, nx)
         u: wp.array2d(dtype=given),  # (B, nu)
@@ -214,40 +197,35 @@ def make_step_kernel(given: type, residual: str) -> wp.Kernel:
     ):
         b = first + wp.tid()
         world = base + b
-        row = wp.where(params.shape[0] == 1, 0, world)
+        k = view(work, b)
         for j in range(t.nv):
-            k.q[j, b] = WORK(x[world, j])
-            k.v0[j, b] = WORK(x[world, t.nv + j])
-        for i in range(t.nr):
-            k.z[i, b] = UNUSED
-            if warm.shape[0] > 0:
-                k.z[i, b] = WORK(warm[world, i])
-        for i in range(t.pairs):
-            nx = ZERO
-            ny = ZERO
-            if warm.shape[0] > 0:
-                nx = WORK(warm[world, t.nr + 2 * i])
-                ny = WORK(warm[world, t.nr + 2 * i + 1])
-                norm = wp.sqrt(nx * nx + ny * ny)
-                if norm > ZERO:
-                    nx = nx / norm
-                    ny = ny / norm
-            k.normal[2 * i, b] = nx
-            k.normal[2 * i + 1, b] = ny
-        step.begin(t, k, params, row, b, external, world)
+            k.q[j] = WORK(x[world, j])
+            k.v0[j] = WORK(x[world, t.nv + j])
+        step.prepare(t, k, params, world)
+        if warm.shape[0] > 0:
+            step.recall(t, k, warm, world)
+        step.begin(t, k, external, world)
         for i in range(t.nu):
-            step.control_force(t, k, params, row, b, i, WORK(u[world, i]))
-        code = step.solve_step(t, k, params, row, b, 1)
+            step.control_force(t, k, i, WORK(u[world, i]))
+        code = step.solve_step(t, k)
         for j in range(t.nv):
-            state[world, j] = given(k.q[j, b])
-            state[world, t.nv + j] = given(k.v0[j, b])
+            state[world, j] = given(k.q[j])
+            state[world, t.nv + j] = given(k.v0[j])
         solved = code == wp.static(SOLVED)
-        for i in range(t.nr):
-            impulse[world, i] = given(wp.where(solved, step.impulse(t, k, params, row, b, i), ZERO))
-            gap[world, i] = given(k.gap[i, b] * WORK(params[row, t.columns[H]]))
-            multiplier[world, i] = given(wp.where(solved, k.z[i, b], UNUSED))
-        for i in range(2 * t.pairs):
-            multiplier[world, t.nr + i] = given(wp.where(solved, k.normal[i, b], ZERO))
+        if wp.static(residual != "none"):
+            for i in range(t.nr):
+                impulse[world, i] = given(ZERO)
+                multiplier[world, i] = given(UNUSED)
+                gap[world, i] = given(step.far_gap(t, k, i))
+            for r in range(k.count[wp.static(ROWS)]):
+                i = k.row[r]
+                gap[world, i] = given(k.gap[r] * k.numbers[t.columns[H]])
+                if solved:
+                    impulse[world, i] = given(step.impulse(t, k, r))
+                    multiplier[world, i] = given(k.z[r])
+            for i in range(t.pairs):
+                for j in range(2):
+                    multiplier[world, t.nr + 2 * i + j] = given(wp.where(solved, k.normal[i][j], ZERO))
         status[world] = code
 
     return generic_step_kernel
@@ -257,7 +235,6 @@ def make_step_kernel(given: type, residual: str) -> wp.Kernel:
 def make_rollout_kernel(given: type, residual: str) -> wp.Kernel:
     """Roll every world out under its controls, as `rollout.make_rollout_kernel` does under an open loop."""
     step = make_step(given, residual)
-    UNUSED, ZERO = WORK(COLD), WORK(0.0)
     H = COLUMN["step_size"]
 
     @specialised
@@ -266,7 +243,7 @@ def make_rollout_kernel(given: type, residual: str) -> wp.Kernel:
         base: int,
         exact_gap: int,
         t: Topology,
-        k: Work,
+        work: Work,
         params: wp.array2d(dtype=given),
         x0: wp.array2d(dtype=given),  # (B, nx)
         us: wp.array3d(dtype=given),  # (B, N, nu)
@@ -279,36 +256,39 @@ def make_rollout_kernel(given: type, residual: str) -> wp.Kernel:
     ):
         b = first + wp.tid()
         world = base + b
-        row = wp.where(params.shape[0] == 1, 0, world)
+        k = view(work, b)
         for j in range(t.nv):
-            k.q[j, b] = WORK(x0[world, j])
-            k.v0[j, b] = WORK(x0[world, t.nv + j])
+            k.q[j] = WORK(x0[world, j])
+            k.v0[j] = WORK(x0[world, t.nv + j])
             states[world, 0, j] = x0[world, j]
             states[world, 0, t.nv + j] = x0[world, t.nv + j]
-        for i in range(t.nr):
-            k.z[i, b] = UNUSED
-        for i in range(2 * t.pairs):
-            k.normal[i, b] = ZERO
+        step.prepare(t, k, params, world)
         code = int(wp.static(SOLVED))
         for n in range(states.shape[1] - 1):
             if code == wp.static(SOLVED):
-                step.begin(t, k, params, row, b, external, world)
+                step.begin(t, k, external, world)
                 for i in range(t.nu):
-                    step.control_force(t, k, params, row, b, i, WORK(us[world, n, i]))
-                code = step.solve_step(t, k, params, row, b, exact_gap)
+                    step.control_force(t, k, i, WORK(us[world, n, i]))
+                code = step.solve_step(t, k)
                 if code == wp.static(SOLVED):
                     if controls.shape[0] > 0:
                         for i in range(t.nu):
                             controls[world, n, i] = us[world, n, i]
-                    if impulse.shape[0] > 0:
-                        for i in range(t.nr):
-                            impulse[world, n, i] = given(step.impulse(t, k, params, row, b, i))
-                    if gap.shape[0] > 0:
-                        for i in range(t.nr):
-                            gap[world, n, i] = given(k.gap[i, b] * WORK(params[row, t.columns[H]]))
+                    if wp.static(residual != "none"):
+                        if impulse.shape[0] > 0:
+                            for i in range(t.nr):
+                                impulse[world, n, i] = given(0.0)
+                            for r in range(k.count[wp.static(ROWS)]):
+                                impulse[world, n, k.row[r]] = given(step.impulse(t, k, r))
+                        if gap.shape[0] > 0:
+                            for i in range(t.nr):
+                                gap[world, n, i] = given(step.far_gap(t, k, i))
+                            for r in range(k.count[wp.static(ROWS)]):
+                                d = k.gap[r] * k.numbers[t.columns[H]]
+                                gap[world, n, k.row[r]] = given(d)
             for j in range(t.nv):
-                states[world, n + 1, j] = given(k.q[j, b])
-                states[world, n + 1, t.nv + j] = given(k.v0[j, b])
+                states[world, n + 1, j] = given(k.q[j])
+                states[world, n + 1, t.nv + j] = given(k.v0[j])
         status[world] = code
 
     return generic_rollout_kernel

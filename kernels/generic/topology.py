@@ -1,11 +1,12 @@
 """A structure as tables of integers: what the generic kernels read instead of being specialised.
 
-Two orders of the degrees of freedom occur. `dof` is the scene's. `place` is the order of elimination: trees
-one after the other (reverse Cuthill and McKee on the graph of the contact pairs), so that the matrix M + J' W
-J has a narrow envelope. Vectors of the solver are in places; q, v and parameters in dofs. A symmetric matrix
-is stored by the rows of its lower envelope, entry (i, j), j >= first[i], at index at[i] + j; M's envelope
-lies within that of M + J' W J, and ends at the trees' borders. With implicit damping M + h C stands for M
-throughout: trees that a spring ties to each other are one block of it.
+The degrees of freedom of a tree, from its leaves to its root, are cut into *blocks* of up to three (what is
+missing is padded: M has a one there, rows have nothing). Vectors of the solver are arrays of vec3 by block,
+matrices arrays of mat33 by the rows of a lower envelope of blocks: block (i, j), j >= first[i], at index
+at[i] + j. A *unit* is a diagonal part of M: a tree, or with implicit damping (M + h C stands for M
+throughout) trees that springs tie to each other; its blocks follow one another. Blocks are numbered in a
+static order (reverse Cuthill and McKee on the graph of all contact pairs); the order in which a step
+eliminates them is made from the pairs that are near (`order.py`).
 """
 
 from dataclasses import dataclass
@@ -38,6 +39,11 @@ class Topology:
     nu: int
     nr: int
     pairs: int
+    shapes: int
+    blocks: int
+    units: int
+    limits: int  # rows of joint limits
+    room: int  # blocks of a matrix M + J' W J that there is room for
     sprung: int  # dofs with a joint spring
     springs: int
     inertia_scaling: int
@@ -47,46 +53,53 @@ class Topology:
     parent: wp.array(dtype=wp.int32)  # (nb)
     joint: wp.array(dtype=wp.int32)  # (nb)
     first_dof: wp.array(dtype=wp.int32)  # (nb)
+    free_block: wp.array(dtype=wp.int32)  # (nb) block of a body that is free in the world, else -1
     chain_start: wp.array(dtype=wp.int32)  # (nb + 1) dofs that move a body, ascending
     chain: wp.array(dtype=wp.int32)
     dof_body: wp.array(dtype=wp.int32)  # (nv)
     dof_kind: wp.array(dtype=wp.int32)  # (nv)
-    place: wp.array(dtype=wp.int32)  # (nv)
+    dof_block: wp.array(dtype=wp.int32)  # (nv)
+    dof_part: wp.array(dtype=wp.int32)  # (nv) 0, 1 or 2: where in its block
+    block_dof: wp.array(dtype=wp.int32)  # (3 blocks) -1: padding
+    block_unit: wp.array(dtype=wp.int32)  # (blocks)
+    block_id: wp.array(dtype=wp.int32)  # (blocks) 0, 1, 2, ...: the static order
+    unit_start: wp.array(dtype=wp.int32)  # (units + 1) first block
+    mass_first: wp.array(dtype=wp.int32)  # (blocks) envelope of M
+    mass_at: wp.array(dtype=wp.int32)
     actuator: wp.array(dtype=wp.int32)  # (nu) dof
     sprung_dof: wp.array(dtype=wp.int32)  # (sprung)
     spring_body: wp.array(dtype=wp.int32)  # (2 springs)
-    mass_first: wp.array(dtype=wp.int32)  # (nv) envelope of M
-    mass_at: wp.array(dtype=wp.int32)
-    first: wp.array(dtype=wp.int32)  # (nv) envelope of M + J' W J
-    at: wp.array(dtype=wp.int32)
     shape_body: wp.array(dtype=wp.int32)
     shape_turned: wp.array(dtype=wp.int32)
     pair_kind: wp.array(dtype=wp.int32)  # (pairs) PLANE, LONG or ROUND
-    pair_exact: wp.array(dtype=wp.int32)  # 1: the bound of the distance is the distance
     pair_a: wp.array(dtype=wp.int32)
     pair_b: wp.array(dtype=wp.int32)
     pair_ends: wp.array(dtype=wp.int32)  # (2 pairs) +1, -1: the disc at that end of a capsule; 0: the shape
+    pair_unit: wp.array(dtype=wp.int32)  # (2 pairs) units of the bodies, -1: none
+    pair_free: wp.array(dtype=wp.int32)  # (2 pairs) entry of a body free in the world, -1: none, -2: others
     pair_row: wp.array(dtype=wp.int32)  # (pairs + 1) first row
-    pair_start: wp.array(
-        dtype=wp.int32
-    )  # (pairs + 1) dofs that move the pair's sides against each other, by place
+    pair_start: wp.array(dtype=wp.int32)  # (pairs + 1) dofs that move the pair's sides against each other
     pair_dof: wp.array(dtype=wp.int32)
     pair_side: wp.array(dtype=wp.int32)  # MOVES_A, MOVES_B or both
+    pair_entry: wp.array(dtype=wp.int32)  # which of its rows' entries it is in
     row_kind: wp.array(dtype=wp.int32)  # (nr)
     row_index: wp.array(dtype=wp.int32)  # dof or pair
     row_sign: wp.array(dtype=wp.int32)
     row_start: wp.array(dtype=wp.int32)  # (nr + 1) entries of J's rows
-    row_place: wp.array(dtype=wp.int32)  # their columns
-    row_trees: wp.array(dtype=wp.int32)  # (4 nr) first and end place of the blocks of M a row touches
+    row_block: wp.array(dtype=wp.int32)  # their blocks, ascending
+    row_key: wp.array(dtype=wp.int32)  # (nr) the same for rows of the same blocks
+    limit_row: wp.array(dtype=wp.int32)  # (limits)
 
 
 @dataclass(frozen=True)
 class Sizes:
     """Lengths of the workspaces of one world."""
 
-    mass: int  # entries of M's envelope
-    matrix: int  # entries of the envelope of M + J' W J
-    entries: int  # entries of J
+    blocks: int
+    mass: int  # blocks of M's envelope
+    matrix: int  # blocks of the envelope of M + J' W J with all pairs
+    entries: int  # of J, vectors of three
+    numbers: int  # parameters
 
 
 @cached
@@ -107,46 +120,47 @@ def tables(s: Structure) -> tuple[dict[str, list[int]], Sizes]:
     out["actuator"] = list(s.actuators)
     tree = _trees(s)
     ties = _ties(s, tree)
-    block = _blocks(tree, ties)
-    place = _places(s, tree, ties, block)
-    out["place"] = place
-    extent = {t: (min(p), max(p) + 1) for t in set(block)
-              for p in [[place[j] for j in range(s.nv) if block[j] == t]]}  # fmt: skip
-    begin = {t: min(place[j] for j in range(s.nv) if tree[j] == t) for t in set(tree)}
-    mass_first = [0] * s.nv
-    for j in range(s.nv):
-        mass_first[place[j]] = min(begin[t] for t in {tree[j], *ties[tree[j]]})
-    _pair_tables(s, chains, place, out)
-    first = list(mass_first)
-    columns = []
-    trees = []
+    unit = _units(tree, ties)
+    blocks = _cut(s, tree, ties, unit)
+    block_of = {j: b for b, dofs in enumerate(blocks) for j in dofs}
+    units = list(dict.fromkeys(unit[dofs[0]] for dofs in blocks))
+    begin = [next(b for b, dofs in enumerate(blocks) if unit[dofs[0]] == u) for u in units]
+    out["dof_block"] = [block_of[j] for j in range(s.nv)]
+    out["dof_part"] = [blocks[block_of[j]].index(j) for j in range(s.nv)]
+    out["block_dof"] = [j for dofs in blocks for j in (*dofs, -1, -1)[:3]]
+    out["block_unit"] = [units.index(unit[dofs[0]]) for dofs in blocks]
+    out["block_id"] = list(range(len(blocks)))
+    out["unit_start"] = [*begin, len(blocks)]
+    out["free_block"] = [
+        block_of[body.dofs[0]] if body.parent == WORLD and body.joint == "free" else -1 for body in s.bodies
+    ]
+    start = {t: min(b for b, dofs in enumerate(blocks) if tree[dofs[0]] == t) for t in tree}
+    mass_first = [min(start[t] for t in {tree[dofs[0]], *ties[tree[dofs[0]]]}) for dofs in blocks]
+    _pair_tables(s, chains, out)
+    lists = []
     for row in s.rows:
-        if row.kind == "limit":
-            columns.append([place[row.index]])
-            dofs = [row.index]
-        else:
+        dofs = [row.index]
+        if row.kind != "limit":
             dofs = out["pair_dof"][out["pair_start"][row.index] : out["pair_start"][row.index + 1]]
-            columns.append([place[j] for j in dofs])
-        for p in columns[-1]:
-            first[p] = min(first[p], columns[-1][0])
-        touched = sorted({extent[block[j]] for j in dofs})
-        trees += [x for start_end in (*touched, (0, 0), (0, 0))[:2] for x in start_end]
-    kinds = {("limit", 1): LOWER, ("limit", -1): UPPER}
-    out["row_kind"] = [kinds.get((row.kind, row.sign), CONTACT) for row in s.rows]
-    out["row_index"] = [row.index for row in s.rows]
-    out["row_sign"] = [row.sign for row in s.rows]
-    out["row_start"], out["row_place"] = _ragged(columns)
-    out["row_trees"] = trees
+        lists.append(sorted({block_of[j] for j in dofs}))
+    _row_tables(s, lists, block_of, out)
+    first = list(mass_first)
+    for blocks_of_row in lists:
+        for b in blocks_of_row:
+            first[b] = min(first[b], blocks_of_row[0])
     out["mass_first"], out["mass_at"], mass = _envelope(mass_first)
-    out["first"], out["at"], matrix = _envelope(first)
-    return out, Sizes(mass, matrix, len(out["row_place"]))
+    matrix = _envelope(first)[2]
+    sizes = Sizes(len(blocks), mass, matrix, len(out["row_block"]), lay.width)
+    return out, sizes
 
 
 def make_topology(s: Structure, inertia_scaling: bool, coulomb: bool, device: object) -> Topology:
     """The tables on a device."""
-    lists, _ = tables(s)
+    lists, sizes = tables(s)
     out = Topology()
     out.nb, out.nv, out.nu, out.nr, out.pairs = s.nb, s.nv, s.nu, s.nr, len(s.pairs)
+    out.shapes, out.blocks, out.room = len(s.shapes), sizes.blocks, sizes.matrix
+    out.units, out.limits = len(lists["unit_start"]) - 1, len(lists["limit_row"])
     out.sprung, out.springs = len(s.sprung), len(s.springs)
     out.inertia_scaling, out.coulomb = int(inertia_scaling), int(coulomb)
     out.implicit_damping = int(s.implicit_damping)
@@ -198,8 +212,8 @@ def _ties(s: Structure, tree: list[int]) -> dict[int, set[int]]:
     return out
 
 
-def _blocks(tree: list[int], ties: dict[int, set[int]]) -> list[int]:
-    """The block of M of every dof, named by one of its trees."""
+def _units(tree: list[int], ties: dict[int, set[int]]) -> list[int]:
+    """The unit of every dof, named by one of its trees."""
     block: dict[int, int] = {}
     for start in sorted(ties):
         found = [] if start in block else [start]
@@ -223,26 +237,27 @@ def _cuthill_mckee(near: dict[int, set[int]]) -> list[int]:
     return order
 
 
-def _places(s: Structure, tree: list[int], ties: dict[int, set[int]], block: list[int]) -> list[int]:
-    """Reverse Cuthill-McKee order of the blocks; the dofs of each of its trees go from leaves to root."""
-    near: dict[int, set[int]] = {t: set() for t in block}
-    of_body = dict(zip(s.dof_body, block, strict=True))
+def _cut(s: Structure, tree: list[int], ties: dict[int, set[int]], unit: list[int]) -> list[list[int]]:
+    """The dofs of every block, in reverse Cuthill-McKee order of the units; a tree's blocks go from leaves to
+    root.
+    """
+    near: dict[int, set[int]] = {t: set() for t in unit}
+    of_body = dict(zip(s.dof_body, unit, strict=True))
     for pair in s.pairs:
         a, b = (of_body.get(s.shapes[i].body) for i in (pair.shape_a, pair.shape_b))
         if a is not None and b is not None and a != b:
             near[a].add(b)
             near[b].add(a)
     inside = _cuthill_mckee(ties)
-    block_of = dict(zip(tree, block, strict=True))
-    order = [t for k in _cuthill_mckee(near) for t in inside if block_of[t] == k]
-    place = [0] * s.nv
-    places = [j for t in reversed(order) for j in range(s.nv - 1, -1, -1) if tree[j] == t]
-    for position, j in enumerate(places):
-        place[j] = position
-    return place
+    unit_of = dict(zip(tree, unit, strict=True))
+    blocks = []
+    for t in (t for k in _cuthill_mckee(near) for t in inside if unit_of[t] == k):
+        dofs = [j for j in range(s.nv) if tree[j] == t]
+        blocks += [dofs[at : at + 3] for at in range(0, len(dofs), 3)]
+    return blocks[::-1]
 
 
-def _pair_tables(s: Structure, chains: list[list[int]], place: list[int], out: dict[str, list[int]]) -> None:
+def _pair_tables(s: Structure, chains: list[list[int]], out: dict[str, list[int]]) -> None:
     dofs, sides = [], []
     pairs = [oriented_pair(s, k) for k in range(len(s.pairs))]
     for a, b in pairs:
@@ -251,7 +266,7 @@ def _pair_tables(s: Structure, chains: list[list[int]], place: list[int], out: d
         )
         # what shifts both moves nothing between them
         moves = [j for j in a_moves | b_moves if j not in a_moves & b_moves or _dof_kind(s, j) == TURN]
-        dofs.append(sorted(moves, key=lambda j: place[j]))
+        dofs.append(sorted(moves))
         sides.append([MOVES_A * (j in a_moves) + MOVES_B * (j in b_moves) for j in dofs[-1]])
     ends = [oriented_ends(s, k) for k in range(len(s.pairs))]
     kinds = [
@@ -261,7 +276,6 @@ def _pair_tables(s: Structure, chains: list[list[int]], place: list[int], out: d
     out["shape_body"] = [shape.body for shape in s.shapes]
     out["shape_turned"] = [int(shape.turned) for shape in s.shapes]
     out["pair_kind"] = [{HALFPLANE: PLANE, CAPSULE: LONG}.get(a, ROUND) for a, _ in kinds]
-    out["pair_exact"] = [int(a in (HALFPLANE, CAPSULE) or a == b == DISC) for a, b in kinds]
     out["pair_ends"] = [end for at in ends for end in at]
     out["pair_a"] = [a for a, _ in pairs]
     out["pair_b"] = [b for _, b in pairs]
@@ -269,3 +283,30 @@ def _pair_tables(s: Structure, chains: list[list[int]], place: list[int], out: d
     out["pair_side"] = _ragged(sides)[1]
     starts = [i for i, row in enumerate(s.rows) if row.kind == "contact" and row.sign >= 0]
     out["pair_row"] = [*starts, s.nr]
+    unit_of = dict(zip(s.dof_body, (out["block_unit"][b] for b in out["dof_block"]), strict=True))
+    out["pair_unit"] = [unit_of.get(s.shapes[i].body, -1) for pair in pairs for i in pair]
+
+
+def _row_tables(
+    s: Structure, lists: list[list[int]], block_of: dict[int, int], out: dict[str, list[int]]
+) -> None:
+    """What is known of rows, `lists` being the blocks of each, and where a pair's dofs are in its rows."""
+    kinds = {("limit", 1): LOWER, ("limit", -1): UPPER}
+    out["row_kind"] = [kinds.get((row.kind, row.sign), CONTACT) for row in s.rows]
+    out["row_index"] = [row.index for row in s.rows]
+    out["row_sign"] = [row.sign for row in s.rows]
+    out["row_start"], out["row_block"] = _ragged(lists)
+    keys = {blocks: i for i, blocks in enumerate(dict.fromkeys(map(tuple, lists)))}
+    out["row_key"] = [keys[tuple(blocks)] for blocks in lists]
+    out["limit_row"] = [i for i, row in enumerate(s.rows) if row.kind == "limit"]
+    entries, free = [], []
+    for pair in range(len(s.pairs)):
+        blocks = lists[out["pair_row"][pair]]
+        dofs = out["pair_dof"][out["pair_start"][pair] : out["pair_start"][pair + 1]]
+        entries += [blocks.index(block_of[j]) for j in dofs]
+        bodies = [s.shapes[out[name][pair]].body for name in ("pair_a", "pair_b")]
+        for body in bodies:
+            block = -1 if body == WORLD else out["free_block"][body]
+            simple = body == WORLD or (block >= 0 and bodies[0] != bodies[1])
+            free.append((-1 if body == WORLD else blocks.index(block)) if simple else -2)
+    out["pair_entry"], out["pair_free"] = entries, free

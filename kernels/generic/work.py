@@ -1,7 +1,9 @@
 """Workspace of the generic kernels: everything a world needs between two loops, in global memory.
 
 The work is done in double precision whatever the precision of the states and parameters ("given"): a heap of
-unequal masses needs it.
+unequal masses needs it. `Work` holds the arrays of all worlds, [slot, item]; a kernel takes the views of its
+world once (`view`) and works with `Slot`. What is "by row" is indexed by r = 0, 1, ... over the rows of the
+near pairs and the limits (`order.py`), in the order of their islands; row[r] is the scene's row.
 """
 
 from typing import Any
@@ -12,87 +14,236 @@ from ..structure import Structure
 from .topology import tables
 
 WORK = wp.float64
+V2, V3, V4 = (wp.types.vector(n, WORK) for n in (2, 3, 4))
+M33 = wp.types.matrix((3, 3), WORK)
+NEAR, ROWS, GROUPS, ISLANDS = 0, 1, 2, 3  # what `count` counts
 
 
 @wp.struct
-class Work:
-    """Workspaces, indexed [item, slot]; a world has a slot of its own while it is stepped."""
+class Slot:
+    """The workspace of one world."""
 
-    q: wp.array2d(dtype=WORK)  # (nv) by dof
-    v0: wp.array2d(dtype=WORK)  # (nv) by dof, v before the step
-    frame: wp.array2d(dtype=WORK)  # (4 nb) cos, sin, x, y of every body
-    angle: wp.array2d(dtype=WORK)  # (nb)
-    column: wp.array2d(dtype=WORK)  # (2 nv) Jacobian of one centre of mass
-    vfree: wp.array2d(dtype=WORK)  # (nv), this and what follows by place
-    v: wp.array2d(dtype=WORK)  # v'
-    best_v: wp.array2d(dtype=WORK)
-    balance: wp.array2d(dtype=WORK)  # M (v' - v_free) - J' lambda
-    move: wp.array2d(dtype=WORK)  # right hand sides and their solutions
-    most: wp.array2d(dtype=WORK)  # momentum that a step can exchange, as the data have it
-    momentum: wp.array2d(dtype=WORK)  # in the data, by place
-    lost: wp.array2d(dtype=WORK)  # rounding of M (v' - v_free)
-    unseen: wp.array2d(dtype=WORK)  # what of it the rows do not see
-    mass: wp.array2d(dtype=WORK)  # envelope of M
-    mass_factor: wp.array2d(dtype=WORK)  # and of its factor, 1/L on the diagonal
-    factor: wp.array2d(dtype=WORK)  # envelope of M + J' W J, then of its factor
-    jac: wp.array2d(dtype=WORK)  # entries of J's rows
-    gap: wp.array2d(dtype=WORK)  # (nr) d/h, this and what follows by row
-    rate: wp.array2d(dtype=WORK)  # d/h, plus what Coulomb friction lifts it by
-    scale: wp.array2d(dtype=WORK)  # D
-    diag: wp.array2d(dtype=WORK)  # diag(A)
-    alone: wp.array2d(dtype=WORK)  # impulse of the row if it were the only one
-    own: wp.array2d(dtype=WORK)  # size of the terms that the data set of J v' + d/h
-    unit: wp.array2d(dtype=WORK)  # the largest of these, its own or of a closing row of its island
-    z: wp.array2d(dtype=WORK)
-    best_z: wp.array2d(dtype=WORK)
-    lam: wp.array2d(dtype=WORK)
-    least: wp.array2d(dtype=WORK)  # lambda where rows yield
-    a: wp.array2d(dtype=WORK)  # D lambda > 0
-    w: wp.array2d(dtype=WORK)  # J v' + d/h > 0
-    res: wp.array2d(dtype=WORK)  # J v' + d/h - w
-    excess: wp.array2d(dtype=WORK)  # a w - m(a - w)
-    p: wp.array2d(dtype=WORK)  # weight of dz in da
-    slack: wp.array2d(dtype=WORK)  # weight of dz in -dw
-    total: wp.array2d(dtype=WORK)  # what both were divided by
-    dz: wp.array2d(dtype=WORK)
-    normal: wp.array2d(dtype=WORK)  # (2 pairs) last normals
-    lift: wp.array2d(dtype=WORK)  # (pairs) mu |J_t v'| of Coulomb friction, as the solver assumes it
-    target: wp.array2d(dtype=WORK)  # and as it came out last
-    miss: wp.array2d(dtype=WORK)  # difference of the two
-    acting: wp.array2d(dtype=wp.int32)  # (nr) 1: the row is in the system
-    active: wp.array2d(dtype=wp.int32)  # (nr) list of those rows
-    island: wp.array2d(
-        dtype=wp.int32
-    )  # (nv) by first place of a block of M: the first that rows couple to it
-    known: wp.array2d(dtype=wp.int32)  # (pairs) 1: geometry and rows are computed
+    numbers: wp.array(dtype=WORK)  # the parameters
+    q: wp.array(dtype=WORK)  # (nv) by dof
+    v0: wp.array(dtype=WORK)  # (nv) by dof, v before the step
+    frame: wp.array(dtype=V4)  # (nb) cos, sin, x, y of every body
+    angle: wp.array(dtype=WORK)  # (nb)
+    twist: wp.array(dtype=V3)  # (nb) velocity of the body's joint, rate of turning, at k.v
+    column: wp.array(dtype=V2)  # (nv) Jacobian of one centre of mass
+    local: wp.array(dtype=V4)  # (shapes) centre and axis in the body
+    shape: wp.array(dtype=V4)  # (shapes) and in the world
+    vfree: wp.array(dtype=V3)  # (blocks), this and what follows by block
+    v: wp.array(dtype=V3)  # v'
+    best_v: wp.array(dtype=V3)
+    balance: wp.array(dtype=V3)  # M (v' - v_free) - J' lambda
+    move: wp.array(dtype=V3)  # right hand sides and their solutions
+    most: wp.array(dtype=V3)  # momentum that a step can exchange, as the data have it
+    momentum: wp.array(dtype=V3)  # in the data
+    lost: wp.array(dtype=V3)  # rounding of M (v' - v_free)
+    unseen: wp.array(dtype=V3)  # what of it the rows do not see
+    mass: wp.array(dtype=M33)  # envelope of M
+    mass_factor: wp.array(dtype=M33)  # and of its factor
+    factor: wp.array(dtype=M33)  # envelope of M + J' W J, then of its factor, in the order of elimination
+    jac: wp.array(dtype=V3)  # entries of J's rows
+    gap: wp.array(dtype=WORK)  # d/h, this and what follows by row
+    rate: wp.array(dtype=WORK)  # d/h, plus what Coulomb friction lifts it by
+    sigma: wp.array(dtype=WORK)
+    scale: wp.array(dtype=WORK)  # D
+    diag: wp.array(dtype=WORK)  # diag(A)
+    alone: wp.array(dtype=WORK)  # impulse of the row if it were the only one
+    own: wp.array(dtype=WORK)  # size of the terms that the data set of J v' + d/h
+    unit: wp.array(dtype=WORK)  # the largest of these, its own or of a closing row that it hangs together with
+    z: wp.array(dtype=WORK)
+    best_z: wp.array(dtype=WORK)
+    lam: wp.array(dtype=WORK)
+    least: wp.array(dtype=WORK)  # lambda where rows yield
+    a: wp.array(dtype=WORK)  # D lambda > 0
+    w: wp.array(dtype=WORK)  # J v' + d/h > 0
+    res: wp.array(dtype=WORK)  # J v' + d/h - w
+    excess: wp.array(dtype=WORK)  # a w - m(a - w)
+    p: wp.array(dtype=WORK)  # weight of dz in da
+    slack: wp.array(dtype=WORK)  # weight of dz in -dw
+    total: wp.array(dtype=WORK)  # what both were divided by
+    dz: wp.array(dtype=WORK)
+    divisor: wp.array(dtype=WORK)  # what a direction divided the row's misses by
+    weight: wp.array(dtype=WORK)  # of the row in M + J' W J; impulse that a direction gives it
+    normal: wp.array(dtype=V2)  # (pairs) last normals
+    lift: wp.array(dtype=WORK)  # by first row of a pair: mu |J_t v'| of Coulomb friction, as it is assumed
+    target: wp.array(dtype=WORK)  # and as it came out last
+    miss: wp.array(dtype=WORK)  # difference of the two
+    warm: wp.array(dtype=WORK)  # (nr) by the scene's rows: z while rows move
+    reach: wp.array(dtype=WORK)  # (pairs) d/h less what a pair can approach by
+    row: wp.array(dtype=wp.int32)  # the scene's row
+    entry: wp.array(dtype=wp.int32)  # (+ 1) first entry in jac
+    pattern: wp.array(dtype=wp.int32)  # first entry in the table of blocks
+    acting: wp.array(dtype=wp.int32)  # 1 or 2: the row is in the system
+    name: wp.array(dtype=wp.int32)  # (units) of what hangs together by closing rows
+    known: wp.array(dtype=wp.int32)  # (pairs) 1: near
+    near: wp.array(dtype=wp.int32)  # (pairs) list of the near pairs, ascending
+    count: wp.array(dtype=wp.int32)
+    group: wp.array(dtype=wp.int32)  # (groups + 1) first rows of groups, which share their blocks
+    island_group: wp.array(dtype=wp.int32)  # (islands + 1) first groups of islands
+    island_block: wp.array(dtype=wp.int32)  # (islands + 1) and first places of their blocks
+    place: wp.array(dtype=wp.int32)  # (blocks) of the order of elimination
+    block: wp.array(dtype=wp.int32)  # (blocks) by place
+    first: wp.array(dtype=wp.int32)  # (blocks) by place: envelope of M + J' W J
+    at: wp.array(dtype=wp.int32)
+    degree: wp.array(dtype=wp.int32)  # (units + 1) of the graph of near units
+    link: wp.array(dtype=wp.int32)  # (2 pairs) its arrows
+    link_start: wp.array(dtype=wp.int32)  # (units + 1)
+    island: wp.array(dtype=wp.int32)  # (units) -1: none
+    queue: wp.array(dtype=wp.int32)  # (units) in the order of elimination
+    sorted: wp.array(dtype=wp.int32)  # (nr) rows that begin a pair or are a limit, by islands
+
+
+@wp.struct
+class Island:
+    """Where an island's blocks (places), groups and rows begin and end."""
+
+    start: int
+    end: int
+    group: int
+    last_group: int
+    row: int
+    last_row: int
+
+
+@wp.func
+def island(k: Slot, i: int):
+    """The i-th island."""
+    o = Island()
+    o.start = k.island_block[i]
+    o.end = k.island_block[i + 1]
+    o.group = k.island_group[i]
+    o.last_group = k.island_group[i + 1]
+    o.row = k.group[o.group]
+    o.last_row = k.group[o.last_group]
+    return o
+
+
+def _of_all_worlds() -> type:
+    """`Slot` with a dimension more."""
+    fields = {
+        name: wp.array2d(dtype=array.dtype) for name, array in Slot.cls.__annotations__.items()
+    }
+    made = type("Work", (), {"__annotations__": fields, "__module__": __name__, "__doc__": "Slots of worlds."})
+    return wp.struct(made)
+
+
+Work = _of_all_worlds()
+
+
+@wp.func
+def view(work: Work, b: int):
+    """The arrays of slot b."""
+    k = Slot()
+    k.numbers = work.numbers[b]
+    k.q = work.q[b]
+    k.v0 = work.v0[b]
+    k.frame = work.frame[b]
+    k.angle = work.angle[b]
+    k.twist = work.twist[b]
+    k.column = work.column[b]
+    k.local = work.local[b]
+    k.shape = work.shape[b]
+    k.vfree = work.vfree[b]
+    k.v = work.v[b]
+    k.best_v = work.best_v[b]
+    k.balance = work.balance[b]
+    k.move = work.move[b]
+    k.most = work.most[b]
+    k.momentum = work.momentum[b]
+    k.lost = work.lost[b]
+    k.unseen = work.unseen[b]
+    k.mass = work.mass[b]
+    k.mass_factor = work.mass_factor[b]
+    k.factor = work.factor[b]
+    k.jac = work.jac[b]
+    k.gap = work.gap[b]
+    k.rate = work.rate[b]
+    k.sigma = work.sigma[b]
+    k.scale = work.scale[b]
+    k.diag = work.diag[b]
+    k.alone = work.alone[b]
+    k.own = work.own[b]
+    k.unit = work.unit[b]
+    k.z = work.z[b]
+    k.best_z = work.best_z[b]
+    k.lam = work.lam[b]
+    k.least = work.least[b]
+    k.a = work.a[b]
+    k.w = work.w[b]
+    k.res = work.res[b]
+    k.excess = work.excess[b]
+    k.p = work.p[b]
+    k.slack = work.slack[b]
+    k.total = work.total[b]
+    k.dz = work.dz[b]
+    k.divisor = work.divisor[b]
+    k.weight = work.weight[b]
+    k.normal = work.normal[b]
+    k.lift = work.lift[b]
+    k.target = work.target[b]
+    k.miss = work.miss[b]
+    k.warm = work.warm[b]
+    k.reach = work.reach[b]
+    k.row = work.row[b]
+    k.entry = work.entry[b]
+    k.pattern = work.pattern[b]
+    k.acting = work.acting[b]
+    k.name = work.name[b]
+    k.known = work.known[b]
+    k.near = work.near[b]
+    k.count = work.count[b]
+    k.group = work.group[b]
+    k.island_group = work.island_group[b]
+    k.island_block = work.island_block[b]
+    k.place = work.place[b]
+    k.block = work.block[b]
+    k.first = work.first[b]
+    k.at = work.at[b]
+    k.degree = work.degree[b]
+    k.link = work.link[b]
+    k.link_start = work.link_start[b]
+    k.island = work.island[b]
+    k.queue = work.queue[b]
+    k.sorted = work.sorted[b]
+    return k
 
 
 def lengths(s: Structure) -> dict[str, int]:
     """Items of every workspace of a structure."""
     sizes = tables(s)[1]
-    by_body = {"frame": 4 * s.nb, "angle": s.nb, "column": 2 * s.nv}
+    pairs, shapes, units = len(s.pairs), len(s.shapes), sizes.blocks  # no more units than blocks
+    out = dict.fromkeys(("frame", "angle", "twist"), s.nb) | {"numbers": sizes.numbers, "count": 4}
+    out |= dict.fromkeys(("q", "v0", "column"), s.nv) | dict.fromkeys(("local", "shape"), shapes)
     matrices = {"mass": sizes.mass, "mass_factor": sizes.mass, "factor": sizes.matrix, "jac": sizes.entries}
-    by_dof = ("q", "v0", "vfree", "v", "best_v", "balance", "move", "most", "lost", "unseen", "momentum",
-              "island")  # fmt: skip
-    rows = ("gap", "rate", "scale", "diag", "alone", "own", "unit", "z", "best_z", "lam", "least", "a", "w",
-            "res", "excess", "p", "slack", "total", "dz", "acting", "active")  # fmt: skip
-    pairs = {"normal": 2 * len(s.pairs)} | dict.fromkeys(("lift", "target", "miss", "known"), len(s.pairs))
-    return by_body | dict.fromkeys(by_dof, s.nv) | matrices | dict.fromkeys(rows, s.nr) | pairs
+    blocks = ("vfree", "v", "best_v", "balance", "move", "most", "momentum", "lost", "unseen",
+              "place", "block", "first", "at")  # fmt: skip
+    rows = ("gap", "rate", "sigma", "scale", "diag", "alone", "own", "unit", "z", "best_z", "lam", "least",
+            "a", "w", "res", "excess", "p", "slack", "total", "dz", "divisor", "weight", "lift", "target", "miss", "warm", "row",
+            "pattern", "acting", "sorted")  # fmt: skip
+    out |= matrices | dict.fromkeys(blocks, sizes.blocks) | dict.fromkeys(rows, s.nr)
+    out |= dict.fromkeys(("entry", "group"), s.nr + 1)
+    out |= dict.fromkeys(("normal", "reach", "known", "near"), pairs) | {"link": 2 * pairs}
+    out |= dict.fromkeys(("name", "island", "queue"), units)
+    return out | dict.fromkeys(("degree", "link_start", "island_group", "island_block"), units + 1)
 
 
 def allocate_work(s: Structure, slots: int, device: Any) -> Work:
     """Workspaces of `slots` worlds: neighbours in memory are worlds on a GPU, items on a CPU."""
     work = Work()
     for name, length in lengths(s).items():
-        kind = wp.int32 if name in ("acting", "active", "known", "island") else WORK
+        kind = Slot.cls.__annotations__[name].dtype
         if wp.get_device(device).is_cpu:
-            array = wp.zeros((slots, length), dtype=kind, device=device).transpose()
+            array = wp.zeros((slots, length), dtype=kind, device=device)
         else:
-            array = wp.zeros((length, slots), dtype=kind, device=device)
+            array = wp.zeros((length, slots), dtype=kind, device=device).transpose()
         setattr(work, name, array)
     return work
 
 
 def bytes_per_world(s: Structure) -> int:
     """Memory of one slot."""
-    return 8 * sum(lengths(s).values())
+    fields = Slot.cls.__annotations__
+    return sum(wp.types.type_size_in_bytes(fields[name].dtype) * n for name, n in lengths(s).items())

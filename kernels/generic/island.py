@@ -1,0 +1,123 @@
+"""One island of a world: rows are added until none is missing, and solved under the laws of friction."""
+
+import warp as wp
+
+from ..contact.problem import COLD
+from ..factories import cached
+from ..status import INFEASIBLE, JAMMED, NONFINITE, NOT_CONVERGED, SOLVED
+from .contact import make_contact
+from .coulomb import COULOMB_PASSES, RETREATS, make_coulomb
+from .interior import make_solver
+from .jam import make_jam
+from .mechanism import COLUMN, make_mechanism
+from .topology import Topology
+from .work import WORK, Island, Slot
+
+NOWHERE = -1e30
+
+
+@cached
+def make_island(given: type, residual: str) -> wp.Function:
+    """settle(t, k, o) -> status: k.v, k.z and k.lam of an island's rows."""
+    dtype = WORK
+    number = make_mechanism(given).number
+    contact = make_contact(given, residual)
+    solve = make_solver(given, residual).solve
+    friction = make_coulomb(given) if residual == "hard" else None
+    jammed = make_jam(given) if residual == "hard" else None
+    PASSES, H = COULOMB_PASSES, COLUMN["step_size"]
+    UNUSED, HALF, ZERO, ONE = dtype(COLD), dtype(0.5), dtype(0.0), dtype(1.0)
+    FAR = dtype(-NOWHERE)
+
+    @wp.func
+    def count_rows(t: Topology, k: Slot, o: Island):
+        """The number of acting rows; those that are new start from k.v."""
+        n = int(0)
+        for r in range(o.row, o.last_row):
+            if k.acting[r] > 0:
+                n += 1
+                if k.acting[r] == 1:
+                    if not (wp.abs(k.z[r]) < HALF * UNUSED):
+                        k.z[r] = -k.rate[r] - contact.velocity(t, k, r)
+                    k.acting[r] = 2
+        return n
+
+    @wp.func
+    def free(k: Slot, o: Island):
+        """k.v = v_free"""
+        for place in range(o.start, o.end):
+            k.v[k.block[place]] = k.vfree[k.block[place]]
+
+    @wp.func
+    def settle(t: Topology, k: Slot, o: Island):
+        """Add rows until none is missing, solve after every addition. The first time also those within reach
+        of the largest approach are added: in a heap they act next. Where Coulomb's friction shuts the rows,
+        the problem without friction tells whether they can open, and gives a lift to start from; where
+        that ends at shut rows again the lift is taken back.
+        """
+        free(k, o)
+        for r in range(o.row, o.last_row):
+            k.acting[r] = 0
+            k.lam[r] = ZERO
+            k.miss[r] = ZERO
+            k.target[r] = ZERO
+        status = int(wp.static(SOLVED))
+        margin = ZERO - FAR
+        looking = int(1)
+        filling = int(1)
+        more = int(1)
+        passes = int(0)  # of the fixed point; negative: go back
+        rub = dtype(1.0)
+        freed = int(0)  # rows in the system when friction was last left out
+        n = int(0)
+        while more == 1:  # the first pass only looks how large the approach is
+            if filling == 1:
+                contact.fill(t, k, o.row, o.last_row, rub)
+                if looking == 0:
+                    contact.touch(t, k, o.row, o.last_row)
+                filling = 0
+            added, approach = contact.grow(t, k, o.row, o.last_row, margin)
+            if looking == 1:
+                looking = 0
+                margin = approach
+            else:
+                n = count_rows(t, k, o)
+                more = wp.where(added > 0 or rub < ONE, 1, 0)
+                if wp.static(residual == "hard"):
+                    if t.coulomb == 1 and n > 0:
+                        more = wp.max(more, friction.lift(t, k, o, passes))
+                        passes = wp.abs(passes) + 1
+                if more == 1:
+                    status = solve(t, k, o)
+                    margin = dtype(0.0)
+                    if passes > PASSES and status == wp.static(SOLVED):
+                        status = int(wp.static(NOT_CONVERGED))
+                    if wp.static(residual == "hard"):
+                        if rub < ONE and status == wp.static(SOLVED):
+                            rub = dtype(1.0)
+                            passes = 0
+                            filling = 1
+                        elif t.coulomb == 1 and rub == ONE and status != wp.static(SOLVED):
+                            if n > freed and status != wp.static(NONFINITE):
+                                freed = n
+                                margin = ZERO + FAR  # rows that press may free what is jammed without them
+                                rub = dtype(0.0)
+                                status = int(wp.static(SOLVED))
+                                filling = 1
+                            elif jammed(t, k, o, number(t, k, H, 0)) == 1:
+                                status = int(wp.static(JAMMED))
+                            elif status == wp.static(INFEASIBLE):
+                                status = int(wp.static(SOLVED))
+                                passes = -passes - wp.static(COULOMB_PASSES // RETREATS)
+                                if passes < -PASSES:
+                                    status = int(wp.static(NOT_CONVERGED))
+                            if status == wp.static(SOLVED):
+                                free(k, o)
+                    if status != wp.static(SOLVED):
+                        more = 0
+        for r in range(o.row, o.last_row):
+            if k.acting[r] == 0:
+                k.z[r] = UNUSED
+        return status
+
+    return settle
