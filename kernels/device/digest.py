@@ -30,6 +30,7 @@ from typing import Any
 
 import warp as wp
 from warp._src.codegen import Struct
+from warp._src.types import Reference
 
 ATOMS = (bool, int, float, complex, str, bytes, type(None), type(Ellipsis))
 SCALARS = (wp.float16, wp.float32, wp.float64, wp.int8, wp.int16, wp.int32, wp.int64,
@@ -76,6 +77,8 @@ class _Walk:
             return self._of_warp_function(value)
         if isinstance(value, Struct):
             return _hash("struct", value.hash, *(self.of(var.type) for var in value.vars.values()))
+        if isinstance(value, Reference):  # an argument that is handed on by reference
+            return _hash("reference", self.of(value.value_type))
         if isinstance(value, enum.Enum):
             return _hash("enum", type(value).__qualname__, value.name, self.of(value.value))
         if isinstance(value, tuple) and not _plain(value, (tuple,)):  # with names, and perhaps with methods

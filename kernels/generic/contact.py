@@ -41,7 +41,7 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
     round_distance = make_distance(ELLIPSE, ELLIPSE, dtype)
 
     @wp.func
-    def place_shapes(t: Topology, k: Slot):
+    def place_shapes(t: wp.ref[Topology], k: wp.ref[Slot]):
         """Centre and axis of every shape in its body: once for all steps."""
         for i in range(t.shapes):
             ex = ONE
@@ -53,7 +53,7 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
             k.local[i] = V4(number(t, k, OFFSET, 2 * i), number(t, k, OFFSET, 2 * i + 1), ex, ey)
 
     @wp.func
-    def move_shapes(t: Topology, k: Slot):
+    def move_shapes(t: wp.ref[Topology], k: wp.ref[Slot]):
         """Centre and axis of every shape in the world."""
         for i in range(t.shapes):
             p = k.local[i]
@@ -66,7 +66,7 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
             k.shape[i] = p
 
     @wp.func
-    def pose(t: Topology, k: Slot, shape: int, end: int):
+    def pose(t: wp.ref[Topology], k: wp.ref[Slot], shape: int, end: int):
         """Centre and axis of a shape, or of the disc at an end of a capsule."""
         p = k.shape[shape]
         if end != 0:
@@ -75,30 +75,30 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
         return p
 
     @wp.func
-    def radii(t: Topology, k: Slot, shape: int, end: int):
+    def radii(t: wp.ref[Topology], k: wp.ref[Slot], shape: int, end: int):
         r = number(t, k, RADIUS, 2 * shape)
         if end != 0:
             return V2(r, r)
         return V2(r, number(t, k, RADIUS, 2 * shape + 1))
 
     @wp.func
-    def pose_a(t: Topology, k: Slot, pair: int):
+    def pose_a(t: wp.ref[Topology], k: wp.ref[Slot], pair: int):
         return pose(t, k, t.pair_a[pair], t.pair_ends[2 * pair])
 
     @wp.func
-    def pose_b(t: Topology, k: Slot, pair: int):
+    def pose_b(t: wp.ref[Topology], k: wp.ref[Slot], pair: int):
         return pose(t, k, t.pair_b[pair], t.pair_ends[2 * pair + 1])
 
     @wp.func
-    def radii_a(t: Topology, k: Slot, pair: int):
+    def radii_a(t: wp.ref[Topology], k: wp.ref[Slot], pair: int):
         return radii(t, k, t.pair_a[pair], t.pair_ends[2 * pair])
 
     @wp.func
-    def radii_b(t: Topology, k: Slot, pair: int):
+    def radii_b(t: wp.ref[Topology], k: wp.ref[Slot], pair: int):
         return radii(t, k, t.pair_b[pair], t.pair_ends[2 * pair + 1])
 
     @wp.func
-    def geometry(t: Topology, k: Slot, pair: int):
+    def geometry(t: wp.ref[Topology], k: wp.ref[Slot], pair: int):
         """GEO of a pair; the search starts at the last normal, which it replaces."""
         pa = pose_a(t, k, pair)
         pb = pose_b(t, k, pair)
@@ -115,7 +115,7 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
         return g
 
     @wp.func
-    def moved_by(t: Topology, k: Slot, j: int, side: int, pa: V4, pb: V4, g: GEO):
+    def moved_by(t: wp.ref[Topology], k: wp.ref[Slot], j: int, side: int, pa: V4, pb: V4, g: GEO):
         """(J_n, J_t) of a pair for a degree of freedom that moves these sides of it."""
         if side == MOVES_A + MOVES_B:  # turns both as one
             return V2(ZERO, g[2])
@@ -133,7 +133,9 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
         return n
 
     @wp.func
-    def chained_rows(t: Topology, k: Slot, pair: int, r: int, pa: V4, pb: V4, g: GEO, mu: dtype):
+    def chained_rows(
+        t: wp.ref[Topology], k: wp.ref[Slot], pair: int, r: int, pa: V4, pb: V4, g: GEO, mu: dtype
+    ):
         """J_n +- mu J_t, or J_n alone, of any pair, the first of its rows being r."""
         rows = t.pair_row[pair + 1] - t.pair_row[pair]
         for at in range(k.entry[r], k.entry[r + rows]):
@@ -146,7 +148,7 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
                 k.jac[k.entry[r + i] + t.pair_entry[at]][t.dof_part[j]] = n[0] + sign * mu * n[1]
 
     @wp.func
-    def free_rows(t: Topology, k: Slot, pair: int, r: int, pa: V4, pb: V4, g: GEO, mu: dtype):
+    def free_rows(t: wp.ref[Topology], k: wp.ref[Slot], pair: int, r: int, pa: V4, pb: V4, g: GEO, mu: dtype):
         """The same where every body is free in the world."""
         for side in range(2):
             at = t.pair_free[2 * pair + side]
@@ -173,7 +175,7 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
                     k.jac[k.entry[i] + at] = normal + dtype(t.row_sign[k.row[i]]) * tangent
 
     @wp.func
-    def fill(t: Topology, k: Slot, start: int, end: int, rub: dtype):
+    def fill(t: wp.ref[Topology], k: wp.ref[Slot], start: int, end: int, rub: dtype):
         """d/h and J of rows; rub = 1, or 0 to leave friction out. Nothing lifts them."""
         h = number(t, k, H, 0)
         r = int(start)
@@ -207,7 +209,7 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
             k.lift[i] = ZERO
 
     @wp.func
-    def touch(t: Topology, k: Slot, start: int, end: int):
+    def touch(t: wp.ref[Topology], k: wp.ref[Slot], start: int, end: int):
         """What enters by the rounding of a gap touches; z of rows that were others is far from theirs."""
         touching = TOUCHING / number(t, k, H, 0)
         for r in range(start, end):
@@ -219,7 +221,7 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
                 k.acting[r] = wp.min(k.acting[r], 1)
 
     @wp.func
-    def at_point(t: Topology, k: Slot, shape: int, p: V4):
+    def at_point(t: wp.ref[Topology], k: wp.ref[Slot], shape: int, p: V4):
         """Velocity of a point of a shape's body, and its rate of turning."""
         body = t.shape_body[shape]
         if body == WORLD:
@@ -229,7 +231,7 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
         return V3(w[0] - w[2] * (p[1] - f[3]), w[1] + w[2] * (p[0] - f[2]), w[2])
 
     @wp.func
-    def least_rate(t: Topology, k: Slot, pair: int):
+    def least_rate(t: wp.ref[Topology], k: wp.ref[Slot], pair: int):
         """A lower bound of J v' + d/h - cut sigma of a pair's rows at k.twist."""
         pa = pose_a(t, k, pair)
         pb = pose_b(t, k, pair)
@@ -258,7 +260,7 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
         return gap / number(t, k, H, 0) - speed - CUT * number(t, k, SIGMA, t.pair_row[pair])
 
     @wp.func
-    def look(t: Topology, k: Slot, which: int):
+    def look(t: wp.ref[Topology], k: wp.ref[Slot], which: int):
         """The near pairs at velocity k.v AFRESH (with those within reach of the largest approach: in a heap
         they act next), those that are JOINING them, or ALL others. 1 if their list has changed.
         """
@@ -295,7 +297,7 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
         return 1
 
     @wp.func
-    def velocity(t: Topology, k: Slot, r: int):
+    def velocity(t: wp.ref[Topology], k: wp.ref[Slot], r: int):
         """J_r v'."""
         out = dtype(0.0)
         start = k.entry[r]
@@ -305,7 +307,7 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
         return out
 
     @wp.func
-    def grow(t: Topology, k: Slot, start: int, end: int, margin: dtype):
+    def grow(t: wp.ref[Topology], k: wp.ref[Slot], start: int, end: int, margin: dtype):
         """Add the rows that k.v lets act (or comes within `margin` of it); their number and the largest
         approach.
         """

@@ -33,7 +33,7 @@ def make_coulomb(given: type) -> SimpleNamespace:
     FARTHEST, SMALLEST = dtype(2.0), dtype(1e-30)
 
     @wp.func
-    def first_of_pair(t: Topology, k: Slot, r: int):
+    def first_of_pair(t: wp.ref[Topology], k: wp.ref[Slot], r: int):
         """The first row of the pair of row r if it has friction and r is its first acting row, else -1."""
         i = k.row[r]
         if k.acting[r] == 0 or t.row_kind[i] != CONTACT or t.row_sign[i] == 0:
@@ -43,7 +43,7 @@ def make_coulomb(given: type) -> SimpleNamespace:
         return wp.where(k.acting[r - 1] > 0, -1, r - 1)
 
     @wp.func
-    def uncertain(t: Topology, k: Slot, r: int, target: dtype):
+    def uncertain(t: wp.ref[Topology], k: wp.ref[Slot], r: int, target: dtype):
         """By what mu s of the pair of row r may be off: by no more than its own data and rounding tell."""
         data = wp.abs(k.rate[r]) + target
         terms = dtype(0.0)
@@ -58,7 +58,7 @@ def make_coulomb(given: type) -> SimpleNamespace:
         return ENOUGH * data + ROUND * terms
 
     @wp.func
-    def lift(t: Topology, k: Slot, o: Island, passes: int):
+    def lift(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, passes: int):
         """Compare mu s with what v' makes of it; where they differ, move it and k.rate. `passes` < 0: take it
         halfway back to where the convex problem had a solution.
         """

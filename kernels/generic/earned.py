@@ -24,75 +24,17 @@ GROWN = 10.0  # by which rows may press a place harder than they do where they y
 
 @cached
 def make_earned(given: type) -> SimpleNamespace:
-    """Warp functions `share_units`, `bounds`, `adds_up`, `see_all` and `is_earned`."""
+    """Warp functions `adds_up`, `see_all` and `is_earned`."""
     dtype = WORK
     nt = make_newton(given, "hard")
     ZERO = dtype(0.0)
     LOST, ROUND, ENOUGH = nt.LOST, dtype(GIVEN[given]), dtype(SUMMED[given])
     OPEN, EXACT, LEAST = dtype(ROW * ACCEPTED[given]), dtype(EARNED[given]), dtype(ROUNDED)
     CLOSE = dtype(EXCHANGED[given])
-    MORE, TINY = dtype(GROWN), dtype(1e-30)
+    MORE = dtype(GROWN)
 
     @wp.func
-    def units_of(t: Topology, k: Slot, g: int):
-        """The units that the rows of a group move; the same one twice where there is one."""
-        i = k.row[k.group[g]]
-        return t.block_unit[t.row_block[t.row_start[i]]], t.block_unit[t.row_block[t.row_start[i + 1] - 1]]
-
-    @wp.func
-    def share_units(t: Topology, k: Slot, o: Island):
-        """k.unit, from what v_free closes (k.unit) and a row's own terms: rows of bodies that neither hang
-        together nor touch are no measure of each other.
-        """
-        for place in range(o.start, o.end):
-            u = t.block_unit[k.block[place]]
-            k.name[u] = u
-            k.move[t.unit_start[u]] = V3()
-        changed = int(1)
-        while changed == 1:
-            changed = int(0)
-            for g in range(o.group, o.last_group):
-                one, two = units_of(t, k, g)
-                closes = dtype(0.0)
-                for r in range(k.group[g], k.group[g + 1]):
-                    if k.acting[r] > 0:
-                        closes = wp.max(closes, k.unit[r])
-                if closes > ZERO:
-                    name = wp.min(k.name[one], k.name[two])
-                    if k.name[one] != name or k.name[two] != name:
-                        changed = 1
-                    k.name[one] = name
-                    k.name[two] = name
-                    b = t.unit_start[name]
-                    k.move[b] = V3(wp.max(k.move[b][0], closes), ZERO, ZERO)
-        for g in range(o.group, o.last_group):
-            one, _two = units_of(t, k, g)
-            shared = k.move[t.unit_start[k.name[one]]][0]
-            for r in range(k.group[g], k.group[g + 1]):
-                if k.acting[r] > 0:
-                    k.unit[r] = wp.max(wp.max(shared, k.own[r]), TINY)
-
-    @wp.func
-    def bounds(t: Topology, k: Slot, o: Island, size: dtype, largest: dtype):
-        """k.most: what a row allows of M (v' - v_free) that presses no harder than `largest`, the impulse
-        that stops the heavier side of one, in an island of speeds `size`. k.unseen, too.
-        """
-        for place in range(o.start, o.end):
-            i = k.block[place]
-            k.most[i] = size * wp.get_diag(k.mass[t.mass_at[i] + i])
-            k.unseen[i] = LOST * k.most[i]
-        for g in range(o.group, o.last_group):
-            start = k.group[g]
-            for e in range(k.entry[start + 1] - k.entry[start]):
-                total = V3()
-                for r in range(start, k.group[g + 1]):
-                    if k.acting[r] > 0:
-                        total += wp.abs(k.jac[k.entry[r] + e])
-                b = t.row_block[k.pattern[start] + e]
-                k.most[b] = k.most[b] + largest * total
-
-    @wp.func
-    def partner(t: Topology, k: Slot, r: int):
+    def partner(t: wp.ref[Topology], k: wp.ref[Slot], r: int):
         """The other row of a contact with Coulomb's friction, else row r itself. What is given back is their
         sum and difference, whose terms are bounded by the larger of |J_n + mu J_t| and |J_n - mu J_t|.
         """
@@ -102,7 +44,7 @@ def make_earned(given: type) -> SimpleNamespace:
         return r + t.row_sign[i]
 
     @wp.func
-    def is_open(t: Topology, k: Slot, r: int, share: dtype):
+    def is_open(t: wp.ref[Topology], k: wp.ref[Slot], r: int, share: dtype):
         """Whether J v' + d/h = w of row r is no violation, to `share` of the row's own scale."""
         w = k.rate[r]
         terms = dtype(0.0)
@@ -115,7 +57,7 @@ def make_earned(given: type) -> SimpleNamespace:
         return w >= -(share * k.own[r] + LEAST * wp.max(terms, k.unit[r]))
 
     @wp.func
-    def is_held(t: Topology, k: Slot, j: int, told: dtype):
+    def is_held(t: wp.ref[Topology], k: wp.ref[Slot], j: int, told: dtype):
         """Whether a coordinate of the same body, weighed by energy, has momentum to compare with."""
         p = t.dof_block[j]
         own = k.mass[t.mass_at[p] + p][t.dof_part[j], t.dof_part[j]]
@@ -130,7 +72,7 @@ def make_earned(given: type) -> SimpleNamespace:
         return held
 
     @wp.func
-    def adds_up(t: Topology, k: Slot, o: Island):
+    def adds_up(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
         """1 if every row is open on its own scale, and M dv = J' lambda, as it is given back, holds on the
         scale of what the data do to every body, its coordinates weighed by energy: its own momentum, those of
         its rows by themselves as far as they press, and what they exchange with it (at most k.most). Nor may
@@ -175,13 +117,13 @@ def make_earned(given: type) -> SimpleNamespace:
         return good
 
     @wp.func
-    def see_all(t: Topology, k: Slot, o: Island):
+    def see_all(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
         """Leave nothing of M (v' - v_free) to the rows' rounding from here on."""
         for place in range(o.start, o.end):
             k.unseen[k.block[place]] = V3()
 
     @wp.func
-    def is_earned(t: Topology, k: Slot, o: Island):
+    def is_earned(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
         """1 if every row is open on its own scale, nearly to the precision of the work, M dv = J' lambda
         holds as well (of `adds_up`), and rows press no place much harder than they must (k.least). What is
         given back of a contact may round by no more than its rows.
@@ -218,8 +160,6 @@ def make_earned(given: type) -> SimpleNamespace:
         return good
 
     return SimpleNamespace(
-        share_units=share_units,
-        bounds=bounds,
         adds_up=adds_up,
         see_all=see_all,
         is_earned=is_earned,

@@ -1,7 +1,7 @@
-"""Cholesky factors of matrices of 3 x 3 blocks stored by the rows of their lower envelope, one world a thread.
+"""Cholesky factors of matrices of 3 x 3 blocks stored by the rows of their lower envelope.
 
-Block (i, j), first[i] <= j <= i, of a matrix is m[at[i] + j]; of a diagonal block both triangles are stored. A
-factor L has the inverses of its diagonal blocks in their place.
+Block (i, j), first[i] <= j <= i, of a matrix is m[at[i] + j]; of a diagonal block both triangles are
+stored. A factor L has the inverses of its diagonal blocks in their place. One world is one thread.
 """
 
 from types import SimpleNamespace
@@ -71,7 +71,7 @@ def make_envelope() -> SimpleNamespace:
         start: int,
         end: int,
     ):
-        """L^-1 x in place between the borders of an independent part; the i-th block of L is block[i] of x."""
+        """L^-1 x in place between the borders of an independent part; block i of L is block[i] of x."""
         for i in range(start, end):
             row = at[i]
             value = x[block[i]]

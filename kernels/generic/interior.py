@@ -14,6 +14,7 @@ from ..factories import cached
 from ..status import INFEASIBLE, NONFINITE, NOT_CONVERGED, SOLVED
 from .earned import make_earned
 from .newton import ACCEPTED, REFINED, TOLERANCE, make_newton
+from .scales import make_scales
 from .topology import Topology
 from .work import V3, WORK, Island, Slot
 
@@ -39,6 +40,7 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
     dtype = WORK
     nt = make_newton(given, residual)
     earned = make_earned(given)
+    scales = make_scales(given, residual)
     hard = residual == "hard"
     LIMIT, RESIDUAL = (dtype(x) for x in END[hard])
     ZERO, HALF, ONE = dtype(0.0), dtype(0.5), dtype(1.0)
@@ -48,14 +50,13 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
     GOOD, MORE = nt.GOOD, earned.MORE
     AIM, FINE, NEAR = dtype(TOLERANCE), dtype(min(ACCEPTED[given], REFINED)), dtype(1e-4)
     TINY, HUGE = dtype(1e-30), dtype(1e300)
-    FLOOR = dtype(1e-30)
     DIVERGED = dtype(1e12)
     YIELDS = dtype(YIELDING[given])
     SHRINK = dtype(1e-3)  # of the yielding, from round to round
     FASTEST = dtype(1e6)  # V, relative to the size of the problem and to v_free
 
     @wp.func
-    def product(k: Slot, r: int, a: dtype, w: dtype):
+    def product(k: wp.ref[Slot], r: int, a: dtype, w: dtype):
         """(a w - m(a - w), m'(a - w))"""
         if wp.static(hard):
             return a * w, ZERO
@@ -63,7 +64,7 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
         return a * w - e[0] * e[1], e[2] * e[1] - e[3] * e[0]
 
     @wp.func
-    def curve(k: Slot, o: Island, n: dtype):
+    def curve(k: wp.ref[Slot], o: Island, n: dtype):
         """Excess and weights of every acting row; mean |excess|."""
         mean = dtype(0.0)
         for r in range(o.row, o.last_row):
@@ -82,7 +83,7 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
         return mean / n
 
     @wp.func
-    def length(k: Slot, o: Island, mu: dtype, kept: dtype):
+    def length(k: wp.ref[Slot], o: Island, mu: dtype, kept: dtype):
         """Length of the step after which all a and w keep at least `kept` of themselves; at most 1."""
         fall = ZERO + TINY
         for r in range(o.row, o.last_row):
@@ -94,7 +95,7 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
         return wp.min((ONE - kept) / fall, ONE)
 
     @wp.func
-    def mean_after(k: Slot, o: Island, n: dtype, step: dtype):
+    def mean_after(k: wp.ref[Slot], o: Island, n: dtype, step: dtype):
         """Mean |excess| after the straight step (mu = 0)."""
         mean = dtype(0.0)
         for r in range(o.row, o.last_row):
@@ -107,7 +108,7 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
         return mean / n
 
     @wp.func
-    def proves_infeasible(t: Topology, k: Slot, o: Island, size: dtype):
+    def proves_infeasible(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, size: dtype):
         """Farkas: lambda >= 0 and -lambda . d/h > |J' lambda| . V prove that no |v'| <= V opens the rows."""
         for place in range(o.start, o.end):
             k.move[k.block[place]] = V3()
@@ -126,7 +127,7 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
         return work > most * FASTEST
 
     @wp.func
-    def enter(t: Topology, k: Slot, o: Island, size: dtype, yielding: dtype):
+    def enter(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, size: dtype, yielding: dtype):
         """v' = v_free and a, w > 0 to start from; the largest a that does not count as diverged."""
         momentum = dtype(0.0)
         for place in range(o.start, o.end):
@@ -144,7 +145,7 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
         return DIVERGED * (largest + size)
 
     @wp.func
-    def point(k: Slot, o: Island, inside: int):
+    def point(k: wp.ref[Slot], o: Island, inside: int):
         """Interior point: lambda and z at a and w; the largest a. Newton's method: lambda, w and slopes at
         z.
         """
@@ -165,7 +166,14 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
 
     @wp.func
     def aim(
-        t: Topology, k: Slot, o: Island, inside: int, n: dtype, size: dtype, yielding: dtype, mean: dtype
+        t: wp.ref[Topology],
+        k: wp.ref[Slot],
+        o: Island,
+        inside: int,
+        n: dtype,
+        size: dtype,
+        yielding: dtype,
+        mean: dtype,
     ):
         """The step from here; of the interior-point method straight first, then towards the mu that this
         suggests. mu and the step's length.
@@ -189,7 +197,7 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
         return mu, step
 
     @wp.func
-    def advance(k: Slot, o: Island, inside: int, mu: dtype, step: dtype):
+    def advance(k: wp.ref[Slot], o: Island, inside: int, mu: dtype, step: dtype):
         for place in range(o.start, o.end):
             i = k.block[place]
             k.v[i] = k.v[i] + step * k.move[i]
@@ -210,86 +218,7 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
                     k.w[r] = w
 
     @wp.func
-    def own_impulse(t: Topology, k: Slot, r: int):
-        """diag(A) of row r, and the mass that it meets on the heaviest side of its own."""
-        value = dtype(0.0)
-        heaviest = dtype(0.0)
-        e = k.entry[r]
-        at = k.pattern[r]
-        end = k.entry[r + 1]
-        while e < end:
-            b = t.row_block[at]
-            u = t.block_unit[b]
-            part = dtype(0.0)
-            if t.unit_start[u + 1] - t.unit_start[u] == 1:
-                y = k.mass_factor[t.mass_at[b] + b] * k.jac[e]
-                part = wp.dot(y, y)
-                e += 1
-                at += 1
-            else:
-                for j in range(t.unit_start[u], t.unit_start[u + 1]):
-                    k.move[j] = V3()
-                more = int(1)
-                while more == 1:
-                    k.move[t.row_block[at]] = k.jac[e]
-                    e += 1
-                    at += 1
-                    more = int(0)
-                    if e < end:
-                        more = wp.where(t.block_unit[t.row_block[at]] == u, 1, 0)
-                start = t.unit_start[u]
-                last = t.unit_start[u + 1]
-                nt.env.forward(k.mass_factor, t.mass_first, t.mass_at, t.block_id, k.move, start, last)
-                for j in range(start, last):
-                    part += wp.dot(k.move[j], k.move[j])
-            value += part
-            if part > FLOOR:
-                heaviest = wp.max(heaviest, ONE / part)
-        return value, heaviest
-
-    @wp.func
-    def prepare(t: Topology, k: Slot, o: Island):
-        """diag(A) and D of the acting rows; the size of velocities, by which residuals are judged, and the
-        number of rows.
-        """
-        size = dtype(0.0)
-        heaviest = dtype(0.0)
-        finite = dtype(0.0)
-        n = dtype(0.0)
-        for r in range(o.row, o.last_row):
-            if k.acting[r] > 0:
-                value, meets = own_impulse(t, k, r)
-                heaviest = wp.max(heaviest, meets)
-                k.diag[r] = wp.max(value, FLOOR)
-                k.scale[r] = wp.where(t.inertia_scaling == 1, k.diag[r], ONE)
-                terms = wp.abs(k.rate[r])
-                w = k.rate[r]
-                start = k.entry[r]
-                pattern = k.pattern[r]
-                for e in range(k.entry[r + 1] - start):
-                    change = wp.cw_mul(k.jac[start + e], k.vfree[t.row_block[pattern + e]])
-                    terms += wp.abs(change[0]) + wp.abs(change[1]) + wp.abs(change[2])
-                    w += change[0] + change[1] + change[2]
-                terms += wp.abs(w)
-                alone = wp.max(-w, ZERO)
-                if wp.static(not hard):
-                    terms += k.sigma[r]
-                    alone += k.sigma[r]
-                k.alone[r] = wp.where(value > FLOOR, alone / k.diag[r], ZERO)
-                k.own[r] = terms
-                k.unit[r] = wp.where(w < ZERO, terms, ZERO)
-                k.least[r] = ZERO
-                size = wp.max(size, terms)
-                finite += terms
-                n += ONE
-        if not wp.isfinite(finite):
-            return finite, n
-        earned.share_units(t, k, o)
-        earned.bounds(t, k, o, size, heaviest * size)
-        return size, n
-
-    @wp.func
-    def keep_least(k: Slot, o: Island, attempt: int):
+    def keep_least(k: wp.ref[Slot], o: Island, attempt: int):
         """k.least: the impulses that rows asked for when they yielded first (attempt 2), and what they ask
         for since, while that is of the same order: what grows with every round has no least.
         """
@@ -301,14 +230,21 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
                 k.least[r] = asked
 
     @wp.func
-    def keep_best(k: Slot, o: Island):
+    def from_nothing(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+        """Before rows yield first: no impulse is expected, and no rounding forgiven."""
+        earned.see_all(t, k, o)
+        for r in range(o.row, o.last_row):
+            k.least[r] = ZERO
+
+    @wp.func
+    def keep_best(k: wp.ref[Slot], o: Island):
         for place in range(o.start, o.end):
             k.best_v[k.block[place]] = k.v[k.block[place]]
         for r in range(o.row, o.last_row):
             k.best_z[r] = k.z[r]
 
     @wp.func
-    def take_best(k: Slot, o: Island):
+    def take_best(k: wp.ref[Slot], o: Island):
         for place in range(o.start, o.end):
             k.v[k.block[place]] = k.best_v[k.block[place]]
         for r in range(o.row, o.last_row):
@@ -317,7 +253,29 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
                 k.lam[r] = nt.smooth(k, r, k.z[r])[0] / k.scale[r]
 
     @wp.func
-    def judge(t: Topology, k: Slot, o: Island, attempt: int):
+    def is_solved(worst: dtype, last: dtype):
+        """Whether an interior point's residuals are small, or get no smaller."""
+        return wp.where(worst <= RESIDUAL or (worst > HALF * last and worst <= GOOD), 1, 0)
+
+    @wp.func
+    def look_back(k: wp.ref[Slot], o: Island, attempt: int, it: int, worst: dtype, best: dtype, misses: int):
+        """Keep the best point of Newton's method; its residual, the iterations without a gain, and whether
+        they end here: at the aim, or where there is none.
+        """
+        least = wp.min(worst, best)
+        missed = misses + wp.where(worst > HALF * best, 1, 0)
+        if worst < best:
+            keep_best(k, o)
+        patience = wp.where(least > FINE and least < NEAR, wp.static(PATIENCE), 2)  # nearly solved
+        ended = int(0)
+        if missed >= patience or not (worst < HUGE) or least <= AIM:
+            ended = 1
+        if it >= wp.where(attempt == 0, wp.static(WARM_ITERATIONS), wp.static(POLISHING)):
+            ended = 1
+        return least, missed, ended
+
+    @wp.func
+    def judge(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, attempt: int):
         """1: what Newton's method ended at is a solution, 0: it is none, -1: its impulses do not add up."""
         if earned.adds_up(t, k, o) == 1:
             return 1
@@ -326,12 +284,12 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
         return earned.is_earned(t, k, o)
 
     @wp.func
-    def solve(t: Topology, k: Slot, o: Island):
+    def solve(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
         """Newton from k.v, k.z; where it fails, the interior-point method and Newton from its end. Impulses
         that do not add up on the scale of the data are looked for once more, the least that there are: rows
         yield by `yielding` of what they press more than k.least.
         """
-        size, n = prepare(t, k, o)
+        size, n = scales(t, k, o)
         if not wp.isfinite(size):
             return wp.static(NONFINITE)
         size = wp.max(size, TINY)
@@ -353,34 +311,21 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
             it += 1
             if inside == 1:
                 mean = curve(k, o, n)
-                stuck = worst > HALF * best and worst <= GOOD
-                if mean <= LIMIT * LIMIT * size * size and (worst <= RESIDUAL or stuck):
-                    found = 1
-                if found == 1 or it > wp.static(MAX_ITERATIONS):
-                    ended = 1
-                if not (largest < bound and wp.isfinite(mean)):
+                if mean <= LIMIT * LIMIT * size * size:
+                    found = is_solved(worst, best)
+                if found == 1 or it > wp.static(MAX_ITERATIONS) or not (largest < bound and mean < HUGE):
                     ended = 1
                 best = worst + ZERO
             else:
-                if worst > HALF * best:
-                    misses += 1
-                if worst < best:
-                    best = worst + ZERO
-                    keep_best(k, o)
-                patience = wp.where(best > FINE and best < NEAR, wp.static(PATIENCE), 2)  # nearly solved
-                if misses >= patience or not (worst < HUGE) or best <= AIM:
-                    ended = 1
-                if it >= wp.where(attempt == 0, wp.static(WARM_ITERATIONS), wp.static(POLISHING)):
-                    ended = 1
+                best, misses, ended = look_back(k, o, attempt, it, worst, best, misses)
             if ended == 0:
                 nt.factor(t, k, o, yields)
                 mu, step = aim(t, k, o, inside, n, size, yields, mean)
                 advance(k, o, inside, mu, step)
             elif inside == 1:
                 keep_least(k, o, attempt)
-                if attempt == 1 and found == 0:
-                    if proves_infeasible(t, k, o, size):
-                        status = int(wp.static(INFEASIBLE))
+                if attempt == 1 and found == 0 and proves_infeasible(t, k, o, size):
+                    status = int(wp.static(INFEASIBLE))
                 yielding *= SHRINK
                 inside = 0
                 it = 0
@@ -391,14 +336,11 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
                 good = int(0)
                 if best <= GOOD:
                     good = judge(t, k, o, attempt)
-                if good == 1:
-                    status = int(wp.static(SOLVED))
+                status = wp.where(good == 1, wp.static(SOLVED), status)
                 attempt = wp.where(good < 0, 2, attempt + 1)
                 if attempt == 2:
-                    earned.see_all(t, k, o)
+                    from_nothing(t, k, o)
                     yielding = ZERO + YIELDS
-                    for r in range(o.row, o.last_row):
-                        k.least[r] = ZERO
                 if status != wp.static(SOLVED):
                     bound = enter(t, k, o, size, yielding)
                 inside = 1

@@ -30,7 +30,7 @@ def make_island(given: type, residual: str) -> wp.Function:
     FAR = dtype(-NOWHERE)
 
     @wp.func
-    def count_rows(t: Topology, k: Slot, o: Island):
+    def count_rows(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
         """The number of acting rows; those that are new start from k.v."""
         n = int(0)
         for r in range(o.row, o.last_row):
@@ -43,13 +43,41 @@ def make_island(given: type, residual: str) -> wp.Function:
         return n
 
     @wp.func
-    def free(k: Slot, o: Island):
+    def free(k: wp.ref[Slot], o: Island):
         """k.v = v_free"""
         for place in range(o.start, o.end):
             k.v[k.block[place]] = k.vfree[k.block[place]]
 
     @wp.func
-    def settle(t: Topology, k: Slot, o: Island):
+    def under_friction(
+        t: wp.ref[Topology], k: wp.ref[Slot], o: Island, frees: int, status: int, passes: int, rub: dtype
+    ):
+        """What follows from a solution, or that there is none, with (rub = 1) or without friction: status,
+        passes and rub. Without a solution v' starts from v_free again.
+        """
+        if rub < ONE:
+            return (
+                status,
+                wp.where(status == wp.static(SOLVED), 0, passes),
+                wp.where(status == wp.static(SOLVED), ONE, rub),
+            )
+        if status == wp.static(SOLVED):
+            return status, passes, rub
+        if frees == 1 and status != wp.static(NONFINITE):
+            free(k, o)
+            return wp.static(SOLVED), passes, ZERO
+        if jammed(t, k, o, number(t, k, H, 0)) == 1:
+            return wp.static(JAMMED), passes, rub
+        if status != wp.static(INFEASIBLE):
+            return status, passes, rub
+        back = -passes - wp.static(COULOMB_PASSES // RETREATS)
+        if back < -PASSES:
+            return wp.static(NOT_CONVERGED), back, rub
+        free(k, o)
+        return wp.static(SOLVED), back, rub
+
+    @wp.func
+    def settle(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
         """Add rows until none is missing, solve after every addition. The first time also those within reach
         of the largest approach are added: in a heap they act next. Where Coulomb's friction shuts the rows,
         the problem without friction tells whether they can open, and gives a lift to start from; where
@@ -93,26 +121,15 @@ def make_island(given: type, residual: str) -> wp.Function:
                     if passes > PASSES and status == wp.static(SOLVED):
                         status = int(wp.static(NOT_CONVERGED))
                     if wp.static(residual == "hard"):
-                        if rub < ONE and status == wp.static(SOLVED):
-                            rub = dtype(1.0)
-                            passes = 0
-                            filling = 1
-                        elif t.coulomb == 1 and rub == ONE and status != wp.static(SOLVED):
-                            if n > freed and status != wp.static(NONFINITE):
+                        if t.coulomb == 1:
+                            frees = wp.where(n > freed and rub == ONE, 1, 0)
+                            before = rub + ZERO
+                            status, passes, rub = under_friction(t, k, o, frees, status, passes, rub)
+                            if rub != before:
+                                filling = 1
+                            if rub < before:
                                 freed = n
                                 margin = ZERO + FAR  # rows that press may free what is jammed without them
-                                rub = dtype(0.0)
-                                status = int(wp.static(SOLVED))
-                                filling = 1
-                            elif jammed(t, k, o, number(t, k, H, 0)) == 1:
-                                status = int(wp.static(JAMMED))
-                            elif status == wp.static(INFEASIBLE):
-                                status = int(wp.static(SOLVED))
-                                passes = -passes - wp.static(COULOMB_PASSES // RETREATS)
-                                if passes < -PASSES:
-                                    status = int(wp.static(NOT_CONVERGED))
-                            if status == wp.static(SOLVED):
-                                free(k, o)
                     if status != wp.static(SOLVED):
                         more = 0
         for r in range(o.row, o.last_row):

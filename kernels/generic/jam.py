@@ -29,7 +29,7 @@ def make_jam(given: type) -> wp.Function:
     CLOSE, ROUND, LESS = dtype(PARALLEL), dtype(ROUNDING[given]), dtype(1.0 - STRICTLY)
 
     @wp.func
-    def second_row(t: Topology, k: Slot, r: int):
+    def second_row(t: wp.ref[Topology], k: wp.ref[Slot], r: int):
         """J_n - mu J_t of the contact whose J_n + mu J_t is row r; row r itself without friction."""
         i = k.row[r]
         if t.row_kind[i] == CONTACT and t.row_sign[i] != 0:
@@ -37,7 +37,7 @@ def make_jam(given: type) -> wp.Function:
         return r
 
     @wp.func
-    def guided(t: Topology, k: Slot, r: int):
+    def guided(t: wp.ref[Topology], k: wp.ref[Slot], r: int):
         """|J_n|^2 of the contact of rows r and r + 1 where J_n = kappa J_t with |kappa| < mu, else -1."""
         square = dtype(0.0)
         cross = dtype(0.0)
@@ -60,7 +60,7 @@ def make_jam(given: type) -> wp.Function:
         return -ONE
 
     @wp.func
-    def is_kept_open(t: Topology, k: Slot, r: int, square: dtype, gap: dtype):
+    def is_kept_open(t: wp.ref[Topology], k: wp.ref[Slot], r: int, square: dtype, gap: dtype):
         """Whether J_n of row r is that in k.move (of this square) times a positive number, by which a motion
         that opens `gap` there opens row r, too.
         """
@@ -85,7 +85,7 @@ def make_jam(given: type) -> wp.Function:
         return parallel and along > ZERO and -gap * along * LESS > -k.gap[r] * square
 
     @wp.func
-    def enters(t: Topology, k: Slot, r: int, h: dtype):
+    def enters(t: wp.ref[Topology], k: wp.ref[Slot], r: int, h: dtype):
         """Whether row r is a limit or the first of a pair, and d < 0."""
         i = k.row[r]
         if k.acting[r] == 0 or (t.row_kind[i] == CONTACT and t.row_sign[i] < 0):
@@ -93,7 +93,7 @@ def make_jam(given: type) -> wp.Function:
         return k.gap[r] * h < -ROUND
 
     @wp.func
-    def proves_jam(t: Topology, k: Slot, o: Island, h: dtype):
+    def proves_jam(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, h: dtype):
         energy = dtype(0.0)  # |v_free|_M^2
         for place in range(o.start, o.end):
             i = k.block[place]

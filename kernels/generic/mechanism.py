@@ -32,11 +32,11 @@ def make_mechanism(given: type) -> SimpleNamespace:
     SHORT, TINY = dtype(1e-3), dtype(1e-5)  # as in `springs.py`
 
     @wp.func
-    def number(t: Topology, k: Slot, name: int, i: int):
+    def number(t: wp.ref[Topology], k: wp.ref[Slot], name: int, i: int):
         return k.numbers[t.columns[name] + i]
 
     @wp.func
-    def frames(t: Topology, k: Slot):
+    def frames(t: wp.ref[Topology], k: wp.ref[Slot]):
         """Orientation and joint position of every body."""
         for i in range(t.nb):
             x = number(t, k, ANCHOR, 2 * i)
@@ -64,7 +64,7 @@ def make_mechanism(given: type) -> SimpleNamespace:
             k.frame[i] = V4(wp.cos(angle), wp.sin(angle), px, py)
 
     @wp.func
-    def axis(t: Topology, k: Slot, dof: int):
+    def axis(t: wp.ref[Topology], k: wp.ref[Slot], dof: int):
         """Direction in the world of a degree of freedom that shifts."""
         body = t.dof_body[dof]
         kind = t.dof_kind[dof]
@@ -80,7 +80,7 @@ def make_mechanism(given: type) -> SimpleNamespace:
         return V2(f[0] * a[0] - f[1] * a[1], f[1] * a[0] + f[0] * a[1])
 
     @wp.func
-    def column(t: Topology, k: Slot, dof: int, x: dtype, y: dtype):
+    def column(t: wp.ref[Topology], k: wp.ref[Slot], dof: int, x: dtype, y: dtype):
         """Velocity of a point of a body that `dof` moves, at unit rate."""
         if t.dof_kind[dof] == TURN:
             f = k.frame[t.dof_body[dof]]
@@ -88,7 +88,7 @@ def make_mechanism(given: type) -> SimpleNamespace:
         return axis(t, k, dof)
 
     @wp.func
-    def twists(t: Topology, k: Slot):
+    def twists(t: wp.ref[Topology], k: wp.ref[Slot]):
         """Velocity of every body's joint and its rate of turning, at k.v."""
         for i in range(t.nb):
             up = t.parent[i]
@@ -112,7 +112,7 @@ def make_mechanism(given: type) -> SimpleNamespace:
             k.twist[i] = own
 
     @wp.func
-    def bias(t: Topology, k: Slot, i: int, x: dtype, y: dtype):
+    def bias(t: wp.ref[Topology], k: wp.ref[Slot], i: int, x: dtype, y: dtype):
         """What gravity and motion give the body's centre of mass (x, y) as acceleration; its columns."""
         ax = number(t, k, GRAVITY, 0)
         ay = number(t, k, GRAVITY, 1)
@@ -131,7 +131,7 @@ def make_mechanism(given: type) -> SimpleNamespace:
         return V2(ax, ay)
 
     @wp.func
-    def joints(t: Topology, k: Slot):
+    def joints(t: wp.ref[Topology], k: wp.ref[Slot]):
         """No force and no mass, but the joints' damping."""
         for i in range(k.mass.shape[0]):
             k.mass[i] = M33()
@@ -150,7 +150,9 @@ def make_mechanism(given: type) -> SimpleNamespace:
                 k.mass[t.mass_at[b] + b][part, part] = h * damping
 
     @wp.func
-    def free_body(t: Topology, k: Slot, i: int, x: dtype, y: dtype, mass: dtype, inertia: dtype, f: V3):
+    def free_body(
+        t: wp.ref[Topology], k: wp.ref[Slot], i: int, x: dtype, y: dtype, mass: dtype, inertia: dtype, f: V3
+    ):
         """M and force of a body that is free in the world, its centre of mass at (x, y)."""
         p = k.frame[i]
         arm = V2(p[3] - y, x - p[2])
@@ -166,7 +168,7 @@ def make_mechanism(given: type) -> SimpleNamespace:
         k.mass[at] = k.mass[at] + M33(mass, ZERO, mx, ZERO, mass, my, mx, my, turn)
 
     @wp.func
-    def add_mass(t: Topology, k: Slot, one: int, two: int, value: dtype):
+    def add_mass(t: wp.ref[Topology], k: wp.ref[Slot], one: int, two: int, value: dtype):
         """Add to entry (one, two) of M, two dofs; in a diagonal block to both triangles."""
         b = t.dof_block[one]
         c = t.dof_block[two]
@@ -180,7 +182,9 @@ def make_mechanism(given: type) -> SimpleNamespace:
                 k.mass[t.mass_at[b] + c][j, i] = k.mass[t.mass_at[b] + c][j, i] + value
 
     @wp.func
-    def chained_body(t: Topology, k: Slot, i: int, x: dtype, y: dtype, mass: dtype, inertia: dtype, f: V3):
+    def chained_body(
+        t: wp.ref[Topology], k: wp.ref[Slot], i: int, x: dtype, y: dtype, mass: dtype, inertia: dtype, f: V3
+    ):
         """M and force of any other body."""
         acceleration = bias(t, k, i, x, y)
         fx = f[0] + mass * acceleration[0]
@@ -203,7 +207,7 @@ def make_mechanism(given: type) -> SimpleNamespace:
                 add_mass(t, k, j, i2, value)
 
     @wp.func
-    def dynamics(t: Topology, k: Slot, external: wp.array2d(dtype=given), world: int):
+    def dynamics(t: wp.ref[Topology], k: wp.ref[Slot], external: wp.array2d(dtype=given), world: int):
         """M into k.mass, r(q, v) and the external forces into k.move.
 
         With implicit damping M + h C stands for M; `springs` adds their part.
@@ -227,7 +231,7 @@ def make_mechanism(given: type) -> SimpleNamespace:
                 chained_body(t, k, i, x, y, mass, inertia, f)
 
     @wp.func
-    def tied_point(t: Topology, k: Slot, end: int):
+    def tied_point(t: wp.ref[Topology], k: wp.ref[Slot], end: int):
         """End of a spring: place (x, y) and velocity of a point of a body."""
         body = t.spring_body[end]
         x = number(t, k, TIED, 2 * end)
@@ -246,12 +250,12 @@ def make_mechanism(given: type) -> SimpleNamespace:
         return V4(px, py, vx, vy)
 
     @wp.func
-    def add_force(t: Topology, k: Slot, dof: int, force: dtype):
+    def add_force(t: wp.ref[Topology], k: wp.ref[Slot], dof: int, force: dtype):
         b = t.dof_block[dof]
         k.move[b][t.dof_part[dof]] = k.move[b][t.dof_part[dof]] + force
 
     @wp.func
-    def push(t: Topology, k: Slot, body: int, p: V4, f: V2):
+    def push(t: wp.ref[Topology], k: wp.ref[Slot], body: int, p: V4, f: V2):
         """Add the generalised force of f at point p of a body to k.move."""
         if body != WORLD:
             for at in range(t.chain_start[body], t.chain_start[body + 1]):
@@ -259,13 +263,15 @@ def make_mechanism(given: type) -> SimpleNamespace:
                 add_force(t, k, t.chain[at], wp.dot(arm, f))
 
     @wp.func
-    def slope(t: Topology, k: Slot, j: int, p: V4, d: V2):
+    def slope(t: wp.ref[Topology], k: wp.ref[Slot], j: int, p: V4, d: V2):
         """How fast a point moves along d at unit rate of `j`."""
         arm = column(t, k, j, p[0], p[1])
         return arm[0] * d[0] + arm[1] * d[1]
 
     @wp.func
-    def couple(t: Topology, k: Slot, left: int, p: V4, right: int, o: V4, d: V2, weight: dtype):
+    def couple(
+        t: wp.ref[Topology], k: wp.ref[Slot], left: int, p: V4, right: int, o: V4, d: V2, weight: dtype
+    ):
         """Add weight (d.J_left)' (d.J_right) of points of two bodies to the lower triangle."""
         if left != WORLD and right != WORLD:
             for at in range(t.chain_start[left], t.chain_start[left + 1]):
@@ -277,7 +283,7 @@ def make_mechanism(given: type) -> SimpleNamespace:
                         add_mass(t, k, one, two, push_one * slope(t, k, two, o, d))
 
     @wp.func
-    def drag(t: Topology, k: Slot, i: int, pa: V4, pb: V4, d: V2, damping: dtype):
+    def drag(t: wp.ref[Topology], k: wp.ref[Slot], i: int, pa: V4, pb: V4, d: V2, damping: dtype):
         """Add h C of the damper of spring i, c a a'/s, to k.mass."""
         weight = number(t, k, H, 0) * damping
         first = t.spring_body[2 * i]
@@ -288,7 +294,7 @@ def make_mechanism(given: type) -> SimpleNamespace:
         couple(t, k, other, pb, first, pa, d, -weight)
 
     @wp.func
-    def springs(t: Topology, k: Slot):
+    def springs(t: wp.ref[Topology], k: wp.ref[Slot]):
         """Add the forces of springs at joints and between points, as `springs.py` has them."""
         for i in range(t.sprung):
             j = t.sprung_dof[i]
@@ -310,7 +316,7 @@ def make_mechanism(given: type) -> SimpleNamespace:
                 drag(t, k, i, pa, pb, d, number(t, k, DAMP, i) * inv)
 
     @wp.func
-    def control_force(t: Topology, k: Slot, i: int, u: dtype):
+    def control_force(t: wp.ref[Topology], k: wp.ref[Slot], i: int, u: dtype):
         """Add the force of actuator i."""
         add_force(t, k, t.actuator[i], number(t, k, GEAR, i) * u)
 

@@ -40,7 +40,7 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
     TAU, GOOD, HUGE = dtype(PROXIMAL), dtype(ACCEPTED[given]), dtype(1e300)
 
     @wp.func
-    def smooth(k: Slot, r: int, z: dtype):
+    def smooth(k: wp.ref[Slot], r: int, z: dtype):
         """s(z), s(-z), s'(z), s'(-z) of row r."""
         if wp.static(hard):
             return wp.static(sm.kink)(z)
@@ -48,7 +48,7 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
         return wp.static(sm.smooth)(z, sigma, ONE / sigma)
 
     @wp.func
-    def dot(t: Topology, k: Slot, x: wp.array(dtype=V3), r: int):
+    def dot(t: wp.ref[Topology], k: wp.ref[Slot], x: wp.array(dtype=V3), r: int):
         """J_r x"""
         out = dtype(0.0)
         start = k.entry[r]
@@ -68,7 +68,7 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
         )
 
     @wp.func
-    def mass_times(t: Topology, k: Slot, o: Island):
+    def mass_times(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
         """k.balance = M (v' - v_free)"""
         for place in range(o.start, o.end):
             i = k.block[place]
@@ -82,7 +82,7 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
             k.balance[i] = value
 
     @wp.func
-    def rounding(t: Topology, k: Slot):
+    def rounding(t: wp.ref[Topology], k: wp.ref[Slot]):
         """k.lost, in all blocks."""
         for i in range(t.blocks):
             at = t.mass_at[i]
@@ -106,7 +106,7 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
         return worst
 
     @wp.func
-    def exchange(t: Topology, k: Slot, o: Island):
+    def exchange(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
         """Take J' lambda off k.balance and add its terms to k.move."""
         for g in range(o.group, o.last_group):
             start = k.group[g]
@@ -125,7 +125,7 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
                 k.move[b] = k.move[b] + terms
 
     @wp.func
-    def residuals(t: Topology, k: Slot, o: Island, yielding: dtype):
+    def residuals(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, yielding: dtype):
         """k.balance and the largest residual; needs k.lam, k.res, k.w. A row yields by `yielding` diag(A)
         (lambda - k.least).
 
@@ -164,7 +164,7 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
         return worst
 
     @wp.func
-    def weigh(t: Topology, k: Slot, o: Island, yielding: dtype):
+    def weigh(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, yielding: dtype):
         """k.weight: W."""
         tau = TAU + yielding
         for r in range(o.row, o.last_row):
@@ -176,7 +176,7 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
             k.weight[r] = p
 
     @wp.func
-    def assemble(t: Topology, k: Slot, o: Island):
+    def assemble(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
         """M + J' W J: what a pair of bodies' rows add is summed up before it is stored."""
         for place in range(o.start, o.end):
             at = k.at[place]
@@ -206,21 +206,21 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
                         k.factor[k.at[one] + two] = k.factor[k.at[one] + two] + total
 
     @wp.func
-    def factor(t: Topology, k: Slot, o: Island, yielding: dtype):
+    def factor(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, yielding: dtype):
         """Factor of M + J' W J for k.p and k.slack."""
         weigh(t, k, o, yielding)
         assemble(t, k, o)
         env.factor(k.factor, k.first, k.at, o.start, o.end)
 
     @wp.func
-    def shift(k: Slot, r: int, mu: dtype, interior: int):
+    def shift(k: wp.ref[Slot], r: int, mu: dtype, interior: int):
         """e of row r: zero in Newton's method, towards excess = mu in the interior-point method."""
         if interior == 0:
             return ZERO
         return (mu - k.excess[r]) / k.total[r]
 
     @wp.func
-    def add_pushes(t: Topology, k: Slot, o: Island):
+    def add_pushes(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
         """k.move += J' k.weight of all rows."""
         for g in range(o.group, o.last_group):
             start = k.group[g]
@@ -234,7 +234,7 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
                 k.move[b] = k.move[b] + push
 
     @wp.func
-    def direction(t: Topology, k: Slot, o: Island, mu: dtype, interior: int, yielding: dtype):
+    def direction(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, mu: dtype, interior: int, yielding: dtype):
         """dv into k.move and dz into k.dz with the factor at hand."""
         tau = TAU + yielding
         for place in range(o.start, o.end):

@@ -24,7 +24,7 @@ def make_order() -> SimpleNamespace:
     UNUSED = WORK(COLD)
 
     @wp.func
-    def keep_warm(t: Topology, k: Slot):
+    def keep_warm(t: wp.ref[Topology], k: wp.ref[Slot]):
         """z of rows that stay to the scene's rows; the list of pairs in ascending order."""
         for r in range(k.count[wp.static(ROWS)]):
             i = k.row[r]
@@ -42,7 +42,7 @@ def make_order() -> SimpleNamespace:
             k.near[at] = pair
 
     @wp.func
-    def link(k: Slot, u: int, other: int):
+    def link(k: wp.ref[Slot], u: int, other: int):
         """An arrow of the graph, once."""
         start = k.link_start[u]
         new = int(1)
@@ -54,7 +54,7 @@ def make_order() -> SimpleNamespace:
             k.degree[u] = k.degree[u] + 1
 
     @wp.func
-    def graph(t: Topology, k: Slot):
+    def graph(t: wp.ref[Topology], k: wp.ref[Slot]):
         """Which units near pairs connect; a unit's neighbours by their own number of neighbours."""
         for u in range(t.units + 1):
             k.link_start[u] = 0
@@ -88,7 +88,7 @@ def make_order() -> SimpleNamespace:
                 k.link[at] = other
 
     @wp.func
-    def spread(k: Slot, start: int, begin: int, mark: int):
+    def spread(k: wp.ref[Slot], start: int, begin: int, mark: int):
         """Queue what hangs together with `start`, nearest first; the queue's end."""
         k.queue[begin] = start
         k.island[start] = mark
@@ -106,7 +106,7 @@ def make_order() -> SimpleNamespace:
         return end
 
     @wp.func
-    def islands(t: Topology, k: Slot):
+    def islands(t: wp.ref[Topology], k: wp.ref[Slot]):
         """Queue the units of one island after the other, the farthest first; k.island_block: its borders."""
         found = int(0)
         queued = int(0)
@@ -128,7 +128,7 @@ def make_order() -> SimpleNamespace:
         k.count[wp.static(ISLANDS)] = found
 
     @wp.func
-    def places(t: Topology, k: Slot):
+    def places(t: wp.ref[Topology], k: wp.ref[Slot]):
         """Places of the blocks in the order of the queue; k.island_block becomes one of blocks."""
         place = int(0)
         at = int(0)
@@ -145,7 +145,7 @@ def make_order() -> SimpleNamespace:
         k.island_block[k.count[wp.static(ISLANDS)]] = place
 
     @wp.func
-    def static_order(t: Topology, k: Slot):
+    def static_order(t: wp.ref[Topology], k: wp.ref[Slot]):
         """The queue in the order of the units' numbers, island by island."""
         queued = int(0)
         for i in range(k.count[wp.static(ISLANDS)]):
@@ -157,14 +157,14 @@ def make_order() -> SimpleNamespace:
         k.island_block[k.count[wp.static(ISLANDS)]] = queued
 
     @wp.func
-    def begins(t: Topology, k: Slot, n: int):
+    def begins(t: wp.ref[Topology], k: wp.ref[Slot], n: int):
         """First row of the n-th limit or, after the limits, near pair."""
         if n < t.limits:
             return t.limit_row[n]
         return t.pair_row[k.near[n - t.limits]]
 
     @wp.func
-    def island_of(t: Topology, k: Slot, n: int):
+    def island_of(t: wp.ref[Topology], k: wp.ref[Slot], n: int):
         """The island of the n-th limit or near pair."""
         if n < t.limits:
             return k.island[t.block_unit[t.row_block[t.row_start[t.limit_row[n]]]]]
@@ -172,7 +172,7 @@ def make_order() -> SimpleNamespace:
         return k.island[wp.max(t.pair_unit[2 * pair], t.pair_unit[2 * pair + 1])]
 
     @wp.func
-    def sort_rows(t: Topology, k: Slot):
+    def sort_rows(t: wp.ref[Topology], k: wp.ref[Slot]):
         """k.sorted: what begins a pair or is a limit, by islands; k.island_group: where each begins there."""
         found = k.count[wp.static(ISLANDS)]
         items = t.limits + k.count[wp.static(NEAR)]
@@ -193,7 +193,7 @@ def make_order() -> SimpleNamespace:
         k.island_group[0] = 0
 
     @wp.func
-    def add_row(t: Topology, k: Slot, r: int, i: int, entry: int):
+    def add_row(t: wp.ref[Topology], k: wp.ref[Slot], r: int, i: int, entry: int):
         """Row r is row i of the scene; where the next one's entries begin."""
         k.row[r] = i
         k.pattern[r] = t.row_start[i]
@@ -203,7 +203,7 @@ def make_order() -> SimpleNamespace:
         return entry + t.row_start[i + 1] - t.row_start[i]
 
     @wp.func
-    def rows(t: Topology, k: Slot):
+    def rows(t: wp.ref[Topology], k: wp.ref[Slot]):
         """Rows in the order of k.sorted, and their groups; k.island_group becomes one of groups."""
         r = int(0)
         groups = int(0)
@@ -233,7 +233,7 @@ def make_order() -> SimpleNamespace:
         k.count[wp.static(GROUPS)] = groups
 
     @wp.func
-    def envelope(t: Topology, k: Slot):
+    def envelope(t: wp.ref[Topology], k: wp.ref[Slot]):
         """k.first and k.at of M + J' W J; the blocks in it."""
         blocks = k.island_block[k.count[wp.static(ISLANDS)]]
         for p in range(blocks):
@@ -255,7 +255,7 @@ def make_order() -> SimpleNamespace:
         return used
 
     @wp.func
-    def rearrange(t: Topology, k: Slot):
+    def rearrange(t: wp.ref[Topology], k: wp.ref[Slot]):
         """Islands, the order of elimination, rows and groups anew; rows that stay keep z."""
         keep_warm(t, k)
         graph(t, k)

@@ -39,11 +39,11 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
     rounding = make_newton(given, residual).rounding if residual != "none" else None
     rearrange = make_order().rearrange
     H, FRICTION = COLUMN["step_size"], COLUMN["friction"]
-    UNUSED, ZERO = dtype(COLD), dtype(0.0)
+    UNUSED = dtype(COLD)
     number = mech.number
 
     @wp.func
-    def prepare(t: Topology, k: Slot, params: wp.array2d(dtype=given), world: int):
+    def prepare(t: wp.ref[Topology], k: wp.ref[Slot], params: wp.array2d(dtype=given), world: int):
         """What does not change from step to step; no z and no normals to start from."""
         row = wp.where(params.shape[0] == 1, 0, world)
         for i in range(params.shape[1]):
@@ -58,7 +58,7 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
             contact.place_shapes(t, k)
 
     @wp.func
-    def recall(t: Topology, k: Slot, warm: wp.array2d(dtype=given), world: int):
+    def recall(t: wp.ref[Topology], k: wp.ref[Slot], warm: wp.array2d(dtype=given), world: int):
         """z and normals to start from, of (B, nr + 2 pairs)."""
         for i in range(t.nr):
             k.warm[i] = dtype(warm[world, i])
@@ -70,14 +70,14 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
             k.normal[i] = wp.normalize(n)
 
     @wp.func
-    def begin(t: Topology, k: Slot, external: wp.array2d(dtype=given), world: int):
+    def begin(t: wp.ref[Topology], k: wp.ref[Slot], external: wp.array2d(dtype=given), world: int):
         """Kinematics, M and the forces but the controls' of the state (k.q, k.v0)."""
         mech.frames(t, k)
         mech.dynamics(t, k, external, world)
         mech.springs(t, k)
 
     @wp.func
-    def free_motion(t: Topology, k: Slot):
+    def free_motion(t: wp.ref[Topology], k: wp.ref[Slot]):
         """v_free = v + h M^-1 (r + u)."""
         for i in range(k.mass.shape[0]):
             k.mass_factor[i] = k.mass[i]
@@ -93,7 +93,7 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
             k.v[i] = k.vfree[i]
 
     @wp.func
-    def contacts(t: Topology, k: Slot):
+    def contacts(t: wp.ref[Topology], k: wp.ref[Slot]):
         """Solve the islands of the near pairs until no pair joins them. Rows that press may free what is
         jammed without them: before that is said, all pairs join.
         """
@@ -122,7 +122,7 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
         return status
 
     @wp.func
-    def impulse(t: Topology, k: Slot, r: int):
+    def impulse(t: wp.ref[Topology], k: wp.ref[Slot], r: int):
         """What row r reports: lambda, and with Coulomb friction the normal, then the tangential impulse."""
         i = k.row[r]
         if t.coulomb == 0 or t.row_sign[i] == 0 or t.row_kind[i] != CONTACT:
@@ -132,7 +132,7 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
         return number(t, k, FRICTION, t.row_index[i]) * (k.lam[r - 1] - k.lam[r])
 
     @wp.func
-    def far_gap(t: Topology, k: Slot, i: int):
+    def far_gap(t: wp.ref[Topology], k: wp.ref[Slot], i: int):
         """The signed distance of the pair of the scene's row i where the pair is not near, else 0."""
         d = dtype(0.0)
         if t.row_kind[i] == CONTACT:
@@ -142,7 +142,7 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
         return d
 
     @wp.func
-    def solve_step(t: Topology, k: Slot):
+    def solve_step(t: wp.ref[Topology], k: wp.ref[Slot]):
         """k.v = v' and, on success, the next state in (k.q, k.v0); the status."""
         free_motion(t, k)
         status = int(wp.static(SOLVED))

@@ -52,7 +52,7 @@ class Slot:
     diag: wp.array(dtype=WORK)  # diag(A)
     alone: wp.array(dtype=WORK)  # impulse of the row if it were the only one
     own: wp.array(dtype=WORK)  # size of the terms that the data set of J v' + d/h
-    unit: wp.array(dtype=WORK)  # the largest of these, its own or of a closing row that it hangs together with
+    unit: wp.array(dtype=WORK)  # the largest of these, its own or of closing rows of one body with it
     z: wp.array(dtype=WORK)
     best_z: wp.array(dtype=WORK)
     lam: wp.array(dtype=WORK)
@@ -109,7 +109,7 @@ class Island:
 
 
 @wp.func
-def island(k: Slot, i: int):
+def island(k: wp.ref[Slot], i: int):
     """The i-th island."""
     o = Island()
     o.start = k.island_block[i]
@@ -123,10 +123,10 @@ def island(k: Slot, i: int):
 
 def _of_all_worlds() -> type:
     """`Slot` with a dimension more."""
-    fields = {
-        name: wp.array2d(dtype=array.dtype) for name, array in Slot.cls.__annotations__.items()
-    }
-    made = type("Work", (), {"__annotations__": fields, "__module__": __name__, "__doc__": "Slots of worlds."})
+    fields = {name: wp.array2d(dtype=array.dtype) for name, array in Slot.cls.__annotations__.items()}
+    made = type(
+        "Work", (), {"__annotations__": fields, "__module__": __name__, "__doc__": "Slots of worlds."}
+    )
     return wp.struct(made)
 
 
@@ -134,31 +134,8 @@ Work = _of_all_worlds()
 
 
 @wp.func
-def view(work: Work, b: int):
-    """The arrays of slot b."""
-    k = Slot()
-    k.numbers = work.numbers[b]
-    k.q = work.q[b]
-    k.v0 = work.v0[b]
-    k.frame = work.frame[b]
-    k.angle = work.angle[b]
-    k.twist = work.twist[b]
-    k.column = work.column[b]
-    k.local = work.local[b]
-    k.shape = work.shape[b]
-    k.vfree = work.vfree[b]
-    k.v = work.v[b]
-    k.best_v = work.best_v[b]
-    k.balance = work.balance[b]
-    k.move = work.move[b]
-    k.most = work.most[b]
-    k.momentum = work.momentum[b]
-    k.lost = work.lost[b]
-    k.unseen = work.unseen[b]
-    k.mass = work.mass[b]
-    k.mass_factor = work.mass_factor[b]
-    k.factor = work.factor[b]
-    k.jac = work.jac[b]
+def view_rows(k: wp.ref[Slot], work: wp.ref[Work], b: int):
+    """What is by row, by pair or of the order."""
     k.gap = work.gap[b]
     k.rate = work.rate[b]
     k.sigma = work.sigma[b]
@@ -208,6 +185,35 @@ def view(work: Work, b: int):
     k.island = work.island[b]
     k.queue = work.queue[b]
     k.sorted = work.sorted[b]
+
+
+@wp.func
+def view(work: wp.ref[Work], b: int):
+    """The arrays of slot b."""
+    k = Slot()
+    k.numbers = work.numbers[b]
+    k.q = work.q[b]
+    k.v0 = work.v0[b]
+    k.frame = work.frame[b]
+    k.angle = work.angle[b]
+    k.twist = work.twist[b]
+    k.column = work.column[b]
+    k.local = work.local[b]
+    k.shape = work.shape[b]
+    k.vfree = work.vfree[b]
+    k.v = work.v[b]
+    k.best_v = work.best_v[b]
+    k.balance = work.balance[b]
+    k.move = work.move[b]
+    k.most = work.most[b]
+    k.momentum = work.momentum[b]
+    k.lost = work.lost[b]
+    k.unseen = work.unseen[b]
+    k.mass = work.mass[b]
+    k.mass_factor = work.mass_factor[b]
+    k.factor = work.factor[b]
+    k.jac = work.jac[b]
+    view_rows(k, work, b)
     return k
 
 
@@ -221,8 +227,8 @@ def lengths(s: Structure) -> dict[str, int]:
     blocks = ("vfree", "v", "best_v", "balance", "move", "most", "momentum", "lost", "unseen",
               "place", "block", "first", "at")  # fmt: skip
     rows = ("gap", "rate", "sigma", "scale", "diag", "alone", "own", "unit", "z", "best_z", "lam", "least",
-            "a", "w", "res", "excess", "p", "slack", "total", "dz", "divisor", "weight", "lift", "target", "miss", "warm", "row",
-            "pattern", "acting", "sorted")  # fmt: skip
+            "a", "w", "res", "excess", "p", "slack", "total", "dz", "divisor", "weight", "lift", "target",
+            "miss", "warm", "row", "pattern", "acting", "sorted")  # fmt: skip
     out |= matrices | dict.fromkeys(blocks, sizes.blocks) | dict.fromkeys(rows, s.nr)
     out |= dict.fromkeys(("entry", "group"), s.nr + 1)
     out |= dict.fromkeys(("normal", "reach", "known", "near"), pairs) | {"link": 2 * pairs}
