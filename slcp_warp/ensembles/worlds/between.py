@@ -15,7 +15,7 @@ from slcp_warp.kernels.policies.contract import PolicyKernel
 from ...inputs.checks import attribute
 from ...inputs.errors import ArgumentError
 from ...policies.around import Around
-from ...policies.observed import Observed
+from ...policies.observed import Observation, Observed
 from ...simulator import Simulator
 from ...stepping.host import acts_on_host
 from ...tasks.disturbances import Disturbances
@@ -72,17 +72,18 @@ class OfHost:
 
 
 class HostObserved(OfHost):
-    """A policy on the host that sees some states."""
+    """A policy on the host that sees a task's observation."""
 
     def __init__(self, policy: Any, task: Task) -> None:
         super().__init__(policy)
-        if not isinstance(task.observation, tuple):
-            raise ArgumentError("policy acts on the host; Task.observation must be names of states for it")
-        self._places = [task.scene.state_index(name) for name in task.observation]
+        self._of = task.observation
+        if not isinstance(self._of, Observation):
+            self._places = [task.scene.state_index(name) for name in task.observation]
 
     def act(self, x: np.ndarray, time: float, worlds: np.ndarray) -> Any:
         """Controls of the states x (B, nx)."""
-        return self._policy.act(x[:, self._places], time, worlds)
+        seen = self._of.of(x) if isinstance(self._of, Observation) else x[:, self._places]
+        return self._policy.act(seen, time, worlds)
 
 
 class HostBetween(OfHost):
