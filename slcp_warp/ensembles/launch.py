@@ -113,7 +113,8 @@ class Case:
     ) -> None:
         self.sim, self.draws = sim, draws
         policy = at_step_size(policy, step_size)
-        self.policy = policy if acts_on_host(policy) else policy_arrays(policy, sim, worlds)
+        asked = checks.attribute(policy, "worlds") if draws.numbered else None  # by number, not by place
+        self.policy = policy if acts_on_host(policy) else policy_arrays(policy, sim, asked or worlds)
         self._timed = policy if isinstance(checks.attribute(policy, "step_size"), float) else None
         self.records = record.count(duration), len(record.states)
         generic = sim.strategy == "generic"

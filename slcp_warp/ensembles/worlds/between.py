@@ -14,7 +14,7 @@ from slcp_warp.kernels.policies.contract import PolicyKernel
 
 from ...inputs.checks import attribute
 from ...inputs.errors import ArgumentError
-from ...policies.around import Around
+from ...policies.around import LONGEST, Around
 from ...policies.observed import Observation, Observed
 from ...simulator import Simulator
 from ...stepping.host import acts_on_host
@@ -31,7 +31,7 @@ class Between:
     def __init__(self, policy: Any, d: Disturbances, step_size: float, seed: int, quiet: bool) -> None:
         delay, hold = steps_of(d, step_size)
         self._around = Around(policy, delay=delay, hold=hold, noise=d.sensor, seed=seed)
-        self._quiet, self.step_size = quiet, self._around.step_size
+        self._quiet, self.step_size, self.worlds = quiet, self._around.step_size, self._around.worlds
 
     def kernel(self, sim: Simulator) -> tuple[PolicyKernel, Any]:
         """Kernel and struct for a simulator."""
@@ -122,7 +122,7 @@ def steps_of(d: Disturbances, step_size: float) -> tuple[int, int]:
     """Steps of the delay and of the hold, the nearest.
 
     Raises:
-        ArgumentError: a delay or a hold of less than half a step.
+        ArgumentError: a delay or a hold of less than half a step, or a delay of more than can be.
     """
     steps = [math.floor(span / step_size + 0.5) for span in (d.delay, d.hold)]
     for name, span, count in zip(("delay", "hold"), (d.delay, d.hold), steps):
@@ -130,4 +130,9 @@ def steps_of(d: Disturbances, step_size: float) -> tuple[int, int]:
             raise ArgumentError(
                 f"Disturbances.{name} is {span} s, less than half a step of {step_size} s; more is needed"
             )
+    if steps[0] > LONGEST:
+        raise ArgumentError(
+            f"Disturbances.delay is {d.delay} s, {steps[0]} steps of {step_size} s; at most {LONGEST} steps "
+            f"({LONGEST * step_size:g} s) can be"
+        )
     return steps[0], max(1, steps[1])
