@@ -15,6 +15,7 @@ from .commands.falsify import falsify_command
 from .commands.library import library_command
 from .commands.map import map_command
 from .commands.optimise import optimise_command
+from .commands.rare import rare_command
 from .commands.scenes import scenes_command
 from .commands.sensitivity import sensitivity_command
 from .commands.simulate import simulate_command
@@ -55,6 +56,7 @@ app.command("sweep")(sweep_command)
 app.command("compare")(compare_command)
 app.command("sensitivity")(sensitivity_command)
 app.command("map")(map_command)
+app.command("rare")(rare_command)
 app.command("falsify")(falsify_command)
 app.command("chart")(chart_command)
 app.command("watch")(watch_command)
