@@ -25,19 +25,6 @@ HARD_LAYER = 1e-3  # what stands for sigma in the hard problem, to stay on one s
 
 
 @cached
-def make_widen_kernel(dtype: type) -> wp.Kernel:
-    """Copies a table to double precision."""
-
-    @specialised
-    def widen_kernel(first: int, source: wp.array2d(dtype=dtype), target: wp.array2d(dtype=wp.float64)):
-        i = first + wp.tid()
-        for j in range(source.shape[1]):
-            target[i, j] = wp.float64(source[i, j])
-
-    return widen_kernel
-
-
-@cached
 def make_difference_kernel(spec: Specialisation) -> wp.Kernel:
     """As `expansion.make_linearize_kernel` with second derivatives, but params and external in float64.
 
