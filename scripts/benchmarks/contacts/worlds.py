@@ -1,0 +1,119 @@
+"""Scenes of many contacts by name, `stack:10`, their starts, and what MuJoCo makes of them."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from slcp_warp import Body, Contact, Scene, Shape, scenes
+
+from ..peers.mujoco_model import Geoms
+
+STEP = 0.01  # [s], of every scene
+FRICTION = 0.5
+RADIUS = 0.1  # of a heap's discs [m]
+MOTIONS = ("rest", "tumbling")
+
+
+@dataclass(frozen=True)
+class World:
+    """A scene of many contacts.
+
+    Attributes:
+        name: as on the command line.
+        bodies: how many move.
+        geoms: further models of it in MuJoCo, by name, beside that of the scene's own shapes and pairs.
+    """
+
+    name: str
+    scene: Scene
+    bodies: int
+    geoms: dict[str, Geoms]
+
+    def starts(self, motion: str, worlds: int, seed: int) -> np.ndarray:
+        """States (worlds, nx): the scene's own, `tumbling` with velocities N(0, 1)."""
+        x = np.tile(np.asarray(self.scene.x0, float), (worlds, 1))
+        nv = self.scene.nv
+        x[:, nv:] = np.random.default_rng(seed).standard_normal((worlds, nv)) if motion == "tumbling" else 0.0
+        return x
+
+
+def stack(count: int) -> World:
+    """`count` boxes on each other; in MuJoCo also its own boxes, which touch in four points each."""
+    scene = scenes.stack(count, friction=FRICTION)
+    box = {"type": "box", "size": "0.1 0.1 0.1"}
+    geoms: Geoms = {f"box{i}": [box] for i in range(count)}
+    return World(f"stack:{count}", scene, count, {"boxes": geoms | {None: [_ground()]}})
+
+
+def discs(count: int) -> World:
+    """A heap of `count` discs between two walls: rows of k and k - 1 in each other's hollows.
+
+    k is sqrt(count), every pair of discs may touch. In MuJoCo also spheres whose pairs its broad phase finds.
+    """
+    columns = max(2, round(math.sqrt(count)))
+    places: list[tuple[float, float]] = []
+    for row in range(count):
+        xs = [RADIUS * (1 + row % 2 + 2 * i) for i in range(columns - row % 2)]
+        places += [(x, RADIUS * (1.0 + math.sqrt(3.0) * row)) for x in xs]
+    places = places[:count]
+    walls = (
+        Shape("ground", None, "halfplane", angle=math.pi / 2),
+        Shape("left", None, "halfplane"),
+        Shape("right", None, "halfplane", offset=(2.0 * RADIUS * columns, 0.0), angle=math.pi),
+    )
+    bodies = tuple(Body(f"disc{i}", 1.0, 0.5 * RADIUS**2, joint="free") for i in range(count))
+    shapes = tuple(Shape(f"disc{i}", f"disc{i}", "disc", RADIUS) for i in range(count))
+    pairs = [Contact(wall.name, s.name, FRICTION) for s in shapes for wall in walls]
+    pairs += [Contact(a.name, b.name, FRICTION) for i, a in enumerate(shapes) for b in shapes[i + 1 :]]
+    start = (*(value for x, y in places for value in (x, y, 0.0)), *(0.0,) * (3 * count))
+    scene = Scene(f"discs{count}", bodies, (*walls, *shapes), tuple(pairs), step_size=STEP, sigma=0.01,
+                  initial_state=start)  # fmt: skip
+    ball = {"type": "sphere", "size": repr(RADIUS)}
+    geoms: Geoms = {body.name: [ball] for body in bodies}
+    sides = [
+        _plane(0.0, 0.0, "0 1 0"),
+        _plane(0.0, 0.0, "1 0 0"),
+        _plane(2 * RADIUS * columns, 0.0, "-1 0 0"),
+    ]
+    return World(f"discs:{count}", scene, count, {"spheres": geoms | {None: sides}})
+
+
+def beam(count: int) -> World:
+    """A beam at rest on `count` point supports."""
+    scene = scenes.beam(count, friction=FRICTION, drop=0.0, tilt=0.0)
+    return World(f"beam:{count}", scene, 1, {})
+
+
+def _plane(x: float, y: float, normal: str) -> dict[str, str]:
+    return {"type": "plane", "size": "0 0 1", "pos": f"{x!r} {y!r} 0", "zaxis": normal}
+
+
+def _ground() -> dict[str, str]:
+    return _plane(0.0, 0.0, "0 1 0")
+
+
+SIZED: dict[str, Callable[[int], World]] = {"stack": stack, "discs": discs, "beam": beam}
+SINGLE: dict[str, Callable[..., Any]] = {"walker": scenes.walker, "hopper": scenes.hopper}
+ALL = ("stack:3", "stack:10", "stack:30", "stack:100", "discs:10", "discs:30", "discs:60", "discs:100",
+       "walker", "hopper", "beam:8", "beam:32")  # fmt: skip
+
+
+def world(name: str) -> World:
+    """The world of a name.
+
+    Raises:
+        ValueError: there is no such scene, or it needs a number.
+    """
+    kind, _, size = name.partition(":")
+    if kind in SINGLE and not size:
+        scene = SINGLE[kind]()
+        found = World(name, scene, len(scene.bodies), {})
+    elif kind in SIZED and size.isdecimal() and 0 < int(size) < 10_000:
+        found = SIZED[kind](int(size))
+    else:
+        known = [*(f"{kind}:N" for kind in SIZED), *SINGLE]
+        raise ValueError(f"--scene is {name!r}; choose from {', '.join(known)}, N a number such as 10")
+    return replace(found, scene=replace(found.scene, step_size=STEP))
