@@ -19,6 +19,9 @@ def rare_command(
     task: TaskName,
     policy: Annotated[str, typer.Option(help=f"{POLICY}.")],
     out: Annotated[Path, typer.Option(help="Table of the levels on the way, .csv.")] = Path("rare.csv"),
+    failing: Annotated[
+        Path | None, typer.Option(help="Worlds that failed, .npz, for `slcp sweep --given`.")
+    ] = None,
     residual: Annotated[str, typer.Option(help="smoothed, hard, ...")] = "hard",
     islands: Annotated[int, typer.Option(help="Independent runs, whose spread gives the interval.")] = 20,
     particles: Annotated[int, typer.Option(help="Worlds a level and an island.")] = 500,
@@ -30,6 +33,7 @@ def rare_command(
 ) -> None:
     """Estimate the share of a task's disturbed worlds in which a policy fails, by multilevel splitting."""
     path, chosen = prepared(out, ".csv"), slcp.load_task(task)
+    kept = None if failing is None else prepared(failing, ".npz")
     followed, _ = named_policy(policy, chosen.scene, chosen)
     options = task_case(chosen, residual)
     with timed("splitting"), console.status("worlds") as shown:
@@ -41,3 +45,5 @@ def rare_command(
     console.print(str(found), markup=False, highlight=False, soft_wrap=True)
     found.save(path)
     wrote(path)
+    if kept is not None and found.failing is not None:
+        wrote(slcp.save_worlds(found.failing, kept))

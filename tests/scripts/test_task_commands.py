@@ -149,13 +149,20 @@ def falsified(folder: Path) -> None:
 def rare(folder: Path) -> None:
     """The share of failures that the sweep counted lies in the interval; the table has the levels' shares."""
     arguments = (TOML, "--policy", folder / "plan.npz", "--device", "cpu", "--islands", 6, "--particles", 60)
-    said = call("rare", *arguments, "--length", 6, "--out", folder / "rare.csv").output
+    said = call("rare", *arguments, "--length", 6, "--out", folder / "rare.csv",
+                "--failing", folder / "failing.npz").output  # fmt: skip
     assert "margin at most" in said and "of task 'shove'" in said
     rows = np.genfromtxt(folder / "rare.csv", delimiter=",", names=True)
     own = parts_of(folder / "report.csv")["plan", "hard", 0.02, "disturbed"]
     counted = 1.0 - own["success"].mean()
     spread = 4.0 * np.sqrt(counted * (1.0 - counted) / len(own["success"]))
     assert rows["low"].min() - spread <= counted <= rows["high"].max() + spread
+    call("sweep", *arguments[:5], "--given", folder / "failing.npz", "--residuals", "hard", "--out",
+         folder / "failed.csv")  # fmt: skip
+    failed = parts_of(folder / "failed.csv")["plan", "hard", 0.02, "disturbed"]
+    assert (
+        len(failed["world"]) == len(slcp.load_worlds(folder / "failing.npz")) and not failed["success"].any()
+    )
     reached = np.atleast_1d(rows["reached"])
     assert (np.diff(reached) <= 0.0).all() and np.isclose(
         reached[-1], np.atleast_1d(rows["share"])[0], rtol=0.5
