@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from slcp_warp import Body, Contact, Scene, Shape, scenes
+from slcp_warp import Scene, scenes
 
 from ..peers.mujoco_model import Geoms
 
@@ -51,33 +51,13 @@ def stack(count: int) -> World:
 def discs(count: int) -> World:
     """A heap of `count` discs between two walls: rows of k and k - 1 in each other's hollows.
 
-    k is sqrt(count), every pair of discs may touch. In MuJoCo also spheres whose pairs its broad phase finds.
+    k is sqrt(count), everything may touch everything. In MuJoCo also spheres whose pairs its broad phase finds.
     """
-    columns = max(2, round(math.sqrt(count)))
-    places: list[tuple[float, float]] = []
-    for row in range(count):
-        xs = [RADIUS * (1 + row % 2 + 2 * i) for i in range(columns - row % 2)]
-        places += [(x, RADIUS * (1.0 + math.sqrt(3.0) * row)) for x in xs]
-    places = places[:count]
-    walls = (
-        Shape("ground", None, "halfplane", angle=math.pi / 2),
-        Shape("left", None, "halfplane"),
-        Shape("right", None, "halfplane", offset=(2.0 * RADIUS * columns, 0.0), angle=math.pi),
-    )
-    bodies = tuple(Body(f"disc{i}", 1.0, 0.5 * RADIUS**2, joint="free") for i in range(count))
-    shapes = tuple(Shape(f"disc{i}", f"disc{i}", "disc", RADIUS) for i in range(count))
-    pairs = [Contact(wall.name, s.name, FRICTION) for s in shapes for wall in walls]
-    pairs += [Contact(a.name, b.name, FRICTION) for i, a in enumerate(shapes) for b in shapes[i + 1 :]]
-    start = (*(value for x, y in places for value in (x, y, 0.0)), *(0.0,) * (3 * count))
-    scene = Scene(f"discs{count}", bodies, (*walls, *shapes), tuple(pairs), step_size=STEP, sigma=0.01,
-                  initial_state=start)  # fmt: skip
+    side = RADIUS * max(2, round(math.sqrt(count)))
+    scene = scenes.heap(count, width=2.0 * side, friction=FRICTION, radius=RADIUS)
     ball = {"type": "sphere", "size": repr(RADIUS)}
-    geoms: Geoms = {body.name: [ball] for body in bodies}
-    sides = [
-        _plane(0.0, 0.0, "0 1 0"),
-        _plane(0.0, 0.0, "1 0 0"),
-        _plane(2 * RADIUS * columns, 0.0, "-1 0 0"),
-    ]
+    geoms: Geoms = {body.name: [ball] for body in scene.bodies}
+    sides = [_ground(), _plane(-side, 0.0, "1 0 0"), _plane(side, 0.0, "-1 0 0")]
     return World(f"discs:{count}", scene, count, {"spheres": geoms | {None: sides}})
 
 

@@ -69,7 +69,9 @@ def mjcf(
         _pairs(root, nodes, scene)
     for body_name, own in (geoms or {}).items():
         for attributes in own:
-            friction = f"{_text(scene.contacts[0].friction or 0.0)} {' '.join(OTHER_FRICTION.split()[:2])}"
+            friction = (
+                f"{_text(scene.all_contacts[0].friction or 0.0)} {' '.join(OTHER_FRICTION.split()[:2])}"
+            )
             xml.SubElement(nodes[body_name], "geom", {"mass": "0", "friction": friction, **attributes})
     actuators = xml.SubElement(root, "actuator")
     for a in scene.actuators:
@@ -81,11 +83,11 @@ def mjcf(
 
 def _pairs(root: xml.Element, nodes: dict[str | None, xml.Element], scene: Scene) -> None:
     """The scene's own shapes, and its pairs: nothing else may touch."""
-    touching = {name for c in scene.contacts for name in (c.shape_a, c.shape_b)}
+    touching = {name for c in scene.all_contacts for name in (c.shape_a, c.shape_b)}
     for shape in (shape for shape in scene.shapes if shape.name in touching):
         _geom(nodes[shape.body], shape)
     contacts = xml.SubElement(root, "contact")
-    for c in scene.contacts:
+    for c in scene.all_contacts:
         mu = c.friction or 0.0
         xml.SubElement(contacts, "pair", geom1=c.shape_a, geom2=c.shape_b,
                        condim="1" if c.friction is None else "3",
@@ -208,9 +210,11 @@ class Peer:
         model = copy.copy(self.model)
         model.pair_margin[:] = 1.01 * NEAR  # contacts are made as far away
         masses = np.zeros((len(q), model.nv, model.nv))
-        gaps = np.full((len(q), len(self.scene.contacts)), np.inf)
+        gaps = np.full((len(q), len(self.scene.all_contacts)), np.inf)
         normals = np.zeros((*gaps.shape, 2))
-        pairs = [tuple(model.geom(name).id for name in (c.shape_a, c.shape_b)) for c in self.scene.contacts]
+        pairs = [
+            tuple(model.geom(name).id for name in (c.shape_a, c.shape_b)) for c in self.scene.all_contacts
+        ]
         for i, data in enumerate((forward or self._forward)(model, q)):
             self.mujoco.mj_fullM(model, data, masses[i])
             for touch in data.contact:
