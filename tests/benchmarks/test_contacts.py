@@ -20,7 +20,7 @@ from slcp_warp.scripts.support.tables import write_csv
 
 
 def gaps(scene, q):
-    return np.array([distance(scene, q, k) for k in range(len(scene.contacts))]).T
+    return np.array([distance(scene, q, k) for k in range(len(scene.all_contacts))]).T
 
 
 @pytest.mark.parametrize("name", ["stack:3", "discs:5", "beam:4", "walker", "hopper"])

@@ -51,7 +51,8 @@ def stack(count: int) -> World:
 def discs(count: int) -> World:
     """A heap of `count` discs between two walls: rows of k and k - 1 in each other's hollows.
 
-    k is sqrt(count), everything may touch everything. In MuJoCo also spheres whose pairs its broad phase finds.
+    k is sqrt(count); everything may touch everything. In MuJoCo also spheres, whose pairs its broad phase
+    finds.
     """
     side = RADIUS * max(2, round(math.sqrt(count)))
     scene = scenes.heap(count, width=2.0 * side, friction=FRICTION, radius=RADIUS)
