@@ -279,12 +279,10 @@ class Engine:
     def _arrows(self, world: int, q: np.ndarray) -> list[list[float]]:
         """[x, y, force x, force y] of the pairs that press [m, N]."""
         impulse = self.worlds.impulse[world]
-        pressing = impulse[:, 0] > 1e-9
-        if not pressing.any():
-            return []
-        points, normals = contact_points(self.worlds.mechanism, q)
-        found = np.concatenate([points, forces(normals, impulse, self.worlds.step_size)], axis=1)
-        return [plain(row, 4) for row in found[pressing]]
+        pressing = np.flatnonzero(impulse[:, 0] > 1e-9)
+        points, normals = contact_points(self.worlds.mechanism, q, pressing)
+        found = np.concatenate([points, forces(normals, impulse[pressing], self.worlds.step_size)], axis=1)
+        return [plain(row, 4) for row in found]
 
     def _pull_line(self, q: np.ndarray) -> list[float] | None:
         pull = self.pull
