@@ -38,8 +38,8 @@ PROXIMAL = {wp.float64: (1e-9, 1e-13), wp.float32: (1e-4, 3e-7)}
 
 @cached
 def make_coulomb_solver(spec: Specialisation) -> wp.Function:
-    """As `make_solver`; D and noise levels are not read."""
-    s, dtype, _ = spec
+    """As `make_solver`; D and noise levels are not read. A fast method solves single contacts and few rows."""
+    s, dtype, method = spec
     active = make_active(spec)
     lemke = make_lemke(spec, active.Dense)
     single, cone = make_alone(spec), make_cone(dtype)
@@ -56,6 +56,27 @@ def make_coulomb_solver(spec: Specialisation) -> wp.Function:
     # tonne on a gram), which leaves v' and w uncertain by 2e-9 or 1e-5 of it
     PROOF = dtype(0.0015 if dtype is wp.float64 else 1.0)
     UNUSED = dtype(0.5 * COLD)
+
+    @wp.func
+    def kept(z: VR, warm: VR, mask: int):
+        # z of the rows in the system; others keep what they had, for the time that they join it
+        out = warm
+        for i in range(wp.static(s.nr)):
+            if (mask & wp.static(1 << i)) != 0:
+                out[i] = z[i]
+        return out
+
+    @wp.func
+    def solve_fast(world: t.World, p: Problem, warm: VR):
+        v_alone, z_alone, lam_alone, found = single(world, p)
+        if found == 1:
+            return v_alone, kept(z_alone, warm, p.mask), lam_alone, wp.static(SOLVED), int(0)
+        v_few, z_few, lam_few, settled = few(world, p, warm)
+        status = wp.where(settled == 1, wp.static(SOLVED), wp.static(NOT_CONVERGED))
+        return v_few, z_few, lam_few, status, int(0)
+
+    if method.fast:
+        return solve_fast
 
     @wp.func
     def alone(dense: Dense):
@@ -150,15 +171,6 @@ def make_coulomb_solver(spec: Specialisation) -> wp.Function:
             if not (here.worst > TOL):
                 it = last
         return best
-
-    @wp.func
-    def kept(z: VR, warm: VR, mask: int):
-        # z of the rows in the system; others keep what they had, for the time that they join it
-        out = warm
-        for i in range(wp.static(s.nr)):
-            if (mask & wp.static(1 << i)) != 0:
-                out[i] = z[i]
-        return out
 
     @wp.func
     def at_first(dense: Dense):

@@ -40,6 +40,9 @@ class Simulator(Printed):
         strategy: "specialised" kernels, made for the scene; "generic" ones, for large scenes, without
             derivatives; "auto": steps and open-loop rollouts by the scene's size, the rest
             specialised while the scene has at most 31 rows. The attribute says which kernels step.
+        fast_path: whether specialised kernels without the last resorts of their solvers step first, and those
+            with them make the steps that are left; None: on a GPU, in scenes of at most two pairs. States
+            differ from those of one kernel by rounding, whatever the batch.
 
     Attributes:
         params: the scene's parameters.
@@ -54,6 +57,7 @@ class Simulator(Printed):
         device: str | wp.Device | None = None,
         dtype: str = "float64",
         strategy: str = "auto",
+        fast_path: bool | None = None,
     ) -> None:
         checks.instance("scene", scene, Scene, "a slcp_warp.Scene")
         checks.instance("options", options, Options | None, "a slcp_warp.Options")
@@ -67,7 +71,7 @@ class Simulator(Printed):
         self.params = Parameters(scene)
         self.spec = Specialisation(scene.structure, self.dtype, self.options.method)
         name_scene(scene.structure, scene.name)
-        self.kernels = Kernels(scene.name, self.spec, self.device, current_name(strategy))
+        self.kernels = Kernels(scene.name, self.spec, self.device, current_name(strategy), fast_path)
         self.strategy = self.kernels.strategy
         self._arguments = Arguments(scene.structure, self.dtype, self.device)
 
