@@ -1,4 +1,4 @@
-"""Launches that hand worlds on: a fast kernel makes the steps that it can, another one the steps that it leaves.
+"""Launches that hand worlds on: a fast kernel makes the steps that it can, a full one those that it leaves.
 
 The fast kernel stops a world at a step that it does not finish, and the full one makes this step; the fast
 one goes on from there. Who waits for the next launch stands in a queue on the device, so that no number comes
@@ -7,8 +7,9 @@ worlds, those that wait (full, one step), those that are left (fast), the full k
 many steps, and so on, until the full kernel makes all steps of a span. So a world whose every step is hard
 costs a few fast steps more than with the full kernel alone, and rounds are few.
 
-Which kernel makes a step of a world depends on this world alone: results are the same in every batch, order
-and division into launches. They differ from those of one full kernel by the rounding of two programs.
+Which kernel makes a step of a world depends on this world and the span alone: results are the same, bit for
+bit, in every batch and order, and on any number of threads. They differ from those of one full kernel by the
+rounding of two programs.
 """
 
 from collections.abc import Sequence
@@ -82,7 +83,7 @@ class Run:
         inputs: of both kernels.
         device: of the arrays.
         grain: worlds of a launch that are worth a thread.
-        span: steps between two launches of all worlds.
+        span: steps between two launches of all worlds; None: SPAN.
 
     Attributes:
         relay: its struct.
@@ -97,9 +98,10 @@ class Run:
         inputs: Sequence[Any],
         device: Any,
         grain: int = DEFAULT_GRAIN,
-        span: int = SPAN,
+        span: int | None = None,
     ) -> None:
-        self._device, self._steps, self._span = wp.get_device(device), steps, max(1, min(span, steps))
+        self._device, self._steps = wp.get_device(device), steps
+        self._span = max(1, min(SPAN if span is None else span, steps))
         self._most, self.relay = rounds(self._span), Relay()
         for name in ("next", "left"):
             setattr(self.relay, name, wp.zeros(worlds, dtype=wp.int32, device=device))

@@ -110,10 +110,8 @@ def make_nearest(stack: int, nx: int, nu: int, dtype: type) -> PolicyFunctions:
     return PolicyFunctions(Nearest, control)
 
 
-NEAREST, DEEP = (
-    PolicyKernel(key, partial(make_nearest, stack))
-    for key, stack in zip(("nearest", "nearest, deep"), STACKS)
-)
+NEAREST = PolicyKernel("nearest", partial(make_nearest, STACKS[0]))
+DEEP = PolicyKernel("nearest, deep", partial(make_nearest, STACKS[1]))
 
 
 def nearest_kernel(nodes: int) -> PolicyKernel:

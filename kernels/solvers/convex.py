@@ -22,8 +22,8 @@ from .newton import make_newton
 
 @cached
 def make_solver(spec: Specialisation) -> wp.Function:
-    """solve(world, problem, warm) -> v', z, lambda, status, iterations; warm: z of the last step. A fast method
-    has the solver of few rows alone.
+    """solve(world, problem, warm) -> v', z, lambda, status, iterations; warm: z of the last step. A fast
+    method has the solver of few rows alone.
     """
     s, dtype, method = spec
     r = make_rows(spec)

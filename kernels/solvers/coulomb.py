@@ -38,7 +38,7 @@ PROXIMAL = {wp.float64: (1e-9, 1e-13), wp.float32: (1e-4, 3e-7)}
 
 @cached
 def make_coulomb_solver(spec: Specialisation) -> wp.Function:
-    """As `make_solver`; D and noise levels are not read. A fast method solves single contacts and few rows."""
+    """As `make_solver`; D and noise levels are not read. A fast method has single contacts and few rows."""
     s, dtype, method = spec
     active = make_active(spec)
     lemke = make_lemke(spec, active.Dense)

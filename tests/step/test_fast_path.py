@@ -87,6 +87,18 @@ def test_a_world_whose_every_step_is_left_costs_few_rounds(device, left):
     assert 1 <= left[0].numpy().min() and left[0].numpy().max() <= spans * len(relay.rounds(relay.SPAN))
 
 
+def test_the_division_into_launches_changes_no_bit(device, left, monkeypatch):
+    """Of worlds that the same kernel steps throughout: what a step starts from is handed on."""
+    sim, (x, us) = fast_finger(device), workload(400, 40)
+    states = []
+    for span in (relay.SPAN, 7):
+        monkeypatch.setattr(relay, "SPAN", span)
+        states.append(sim.rollout(x, us).states)
+    alone = (left[0].numpy() == 0) & (left[1].numpy() == 0)
+    assert 0.1 < alone.mean() < 1.0
+    np.testing.assert_array_equal(states[0][alone], states[1][alone])
+
+
 @pytest.mark.slow
 def test_sweeps_with_a_policy_that_remembers(device, left, monkeypatch):
     busy = spec(torque_sd=0.5, kick_times=(0.5, 1.0), parameter_sd={"mass": 0.2}, duration=6.0)
