@@ -57,6 +57,7 @@ class Engine:
         self.commands: queue.Queue[tuple[int, dict[str, Any]]] = queue.Queue(1000)
         self.paused, self.lag, self.time, self.steps, self.frame = False, 0.0, 0.0, 0, 0
         self.said, self.written = "", 0
+        self.stepped = 0  # single steps of this frame
         self.pull: Pull | None = None
         self.puller = -1  # who holds it
         self.recording: Record | None = None
@@ -160,6 +161,7 @@ class Engine:
             self.said = "too many commands"
 
     def _obey(self) -> None:
+        self.stepped = 0
         for _ in range(self.commands.qsize()):
             client, message = self.commands.get_nowait()
             try:
@@ -190,7 +192,9 @@ class Engine:
             self.paused = value
         elif do == "step":
             self.paused = True
-            self.tick()
+            if self.stepped < MOST_STEPS:  # whoever asks for thousands does not hold up the page
+                self.tick()
+                self.stepped += 1
         elif do == "reset":
             self.reset()
         elif do == "record":

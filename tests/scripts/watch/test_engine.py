@@ -119,6 +119,10 @@ def test_time_follows_the_clock_and_drops_what_is_late():
     engine.send(ME, {"do": "step"})
     before = engine.steps
     assert engine.advance(1.0) == 0 and engine.steps == before + 1
+    for _ in range(900):
+        engine.send(ME, {"do": "step"})
+    engine.advance(0.0)
+    assert engine.steps == before + 9
 
 
 def test_a_policy_acts_as_in_a_rollout():
