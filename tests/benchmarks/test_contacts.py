@@ -69,7 +69,7 @@ def test_a_failed_worlds_steps_are_counted_to_the_one_that_failed():
 
 def test_both_versions_and_mujoco_take_turns_on_a_scene():
     shown = []
-    plan = Plan(("tumbling",), ("hard",), ("float64",), worlds=2, repeats=2, other=sys.executable)
+    plan = Plan(("tumbling",), ("hard",), ("float64",), worlds=2, repeats=2, other=sys.executable, seen=3)
     rows = bench_contacts([world("stack:10")], plan, shown.append, shown.extend)
     assert shown == rows
     assert [row["program"] for row in rows] == ["MuJoCo", "MuJoCo", "slcp-warp", "other"]
@@ -77,7 +77,13 @@ def test_both_versions_and_mujoco_take_turns_on_a_scene():
         assert row["repeats"] == 2 and 0.0 < row["seconds_p10"] <= row["seconds"] <= row["seconds_p90"]
         assert (row["scene"], row["motion"], row["bodies"], row["batch"]) == ("stack:10", "tumbling", 10, 2)
     ours, other = rows[2:]
-    assert ours["unsolved"] == 0 and ours["made"] == 2 * 75 and ours["rows"] == 40 and ours["moved"] > 0.01
+    assert (
+        ours["unsolved"] == 0
+        and ours["seen"] == 3
+        and ours["made"] == 3 * 75
+        and ours["rows"] == 40
+        and ours["moved"] > 0.01
+    )
     assert {k: other[k] for k in ("made", "moved", "rows")} == {k: ours[k] for k in ("made", "moved", "rows")}
     fastest = min(rows[:2], key=lambda row: row["seconds"])
     assert ours["against"] == fastest["model"] and 0.0 < ours["ratio_p10"] <= ours["ratio_p90"]
@@ -85,7 +91,7 @@ def test_both_versions_and_mujoco_take_turns_on_a_scene():
 
 def test_two_files_are_compared_in_units_of_mujocos_time(tmp_path):
     row = {"scene": "stack:3", "motion": "rest", "program": "slcp-warp", "law": "hard", "model": "",
-           "dtype": "float64", "batch": 4, "unsolved": 1, "made": 300}  # fmt: skip
+           "dtype": "float64", "unsolved": 1, "seen": 4}  # fmt: skip
     peer = row | {"program": "MuJoCo", "law": "", "model": "boxes", "ratio": "", "seconds": 6e-6}
     write_csv(tmp_path / "old.csv", [peer, row | {"seconds": 12e-6, "ratio": 0.5}])
     again = [row | {"law": "smoothed", "seconds": 1e-6, "ratio": 9.0}, peer]

@@ -23,14 +23,12 @@ from .worlds import World
 
 Rows = list[dict[str, Any]]
 SIDE = Path(__file__).with_name("side.py")
-STEPS = 75  # timed
 SETTLE = 300  # steps made before those at rest are timed, in each program by itself
-LAWS: dict[str, dict[str, str]] = {
+LAWS: dict[str, dict[str, Any]] = {
     "hard": {"residual": "hard"},
     "smoothed": {"residual": "rem-logistic"},
     "coulomb": {"residual": "hard", "friction": "coulomb"},
 }
-MOST = 2.0  # CPU seconds of a call of ours, beyond which it has fewer worlds and steps
 PATIENCE = 60.0  # seconds of one scene and motion after which no further round is begun
 
 
@@ -42,6 +40,9 @@ class Plan:
         worlds: of a call; None: by size of the scene, `default_worlds`.
         repeats: rounds at most.
         other: interpreter of another version, "" for none.
+        steps: that are timed.
+        most: CPU seconds of a call of ours, beyond which it has fewer worlds and steps.
+        seen: tumbling worlds that are run at least once, to see whether they are solved.
     """
 
     motions: tuple[str, ...]
@@ -52,6 +53,9 @@ class Plan:
     seed: int = 0
     strategy: str = "auto"
     other: str = ""
+    steps: int = 75
+    most: float = 2.0
+    seen: int = 1
 
 
 @dataclass
@@ -68,7 +72,7 @@ def default_worlds(bodies: int) -> int:
     return max(4, 400 // bodies)
 
 
-def mujoco_cases(world: World, motion: str, starts: np.ndarray) -> Iterator[Case]:
+def mujoco_cases(world: World, motion: str, starts: np.ndarray, steps: int) -> Iterator[Case]:
     """MuJoCo's models of a scene, its default options."""
     for name, geoms in {"same pairs": None, **world.geoms}.items():
         peer = Peer(world.scene, 1, None, (), geoms)
@@ -76,11 +80,11 @@ def mujoco_cases(world: World, motion: str, starts: np.ndarray) -> Iterator[Case
         if motion == "rest":
             before = peer.rollout(Workload(x[:1], np.zeros((1, SETTLE, nu))))[:, -1]
             x = np.tile(before, (len(x), 1))
-        work = Workload(x, np.zeros((len(x), STEPS, nu)))
+        work = Workload(x, np.zeros((len(x), steps, nu)))
         moved = np.abs(peer.rollout(work)[:, -1] - x)[:, : world.scene.nv].max()
         row = {
             "program": "MuJoCo", "version": peer.version, "model": name, "dtype": "float64",
-            "batch": len(x), "steps": STEPS, "made": work.steps, "unsolved": "", "moved": moved,
+            "batch": len(x), "steps": steps, "made": work.steps, "unsolved": "", "moved": moved,
         }  # fmt: skip
 
         def seconds(peer: Peer = peer, work: Workload = work) -> float:
@@ -106,17 +110,18 @@ class Ours:
             runner.process.kill()
             runner.process.wait()
 
-    def cases(self, world: World, motion: str, starts: np.ndarray, say: Say) -> Iterator[Case]:
-        """Every law and precision on a scene."""
+    def cases(self, world: World, motion: str, starts: np.ndarray, worlds: int, say: Say) -> Iterator[Case]:
+        """Every law and precision on a scene; `worlds` of the starts are timed, all of them judged."""
         scene, states = self.folder / "scene.json", self.folder / "starts.npy"
         slcp.save_scene(world.scene, scene)
         np.save(states, starts)
         for law in self.plan.laws:
             for dtype in self.plan.dtypes:
                 job = json.dumps({
-                    "scene": str(scene), "starts": str(states), "steps": STEPS, "options": LAWS[law],
-                    "settle": SETTLE if motion == "rest" else 0, "most": MOST, "dtype": dtype,
-                    "strategy": self.plan.strategy, "of": f"{world.name} {motion}",
+                    "scene": str(scene), "starts": str(states), "worlds": worlds, "steps": self.plan.steps,
+                    "settle": SETTLE if motion == "rest" else 0, "most": self.plan.most,
+                    "options": LAWS[law], "dtype": dtype, "strategy": self.plan.strategy,
+                    "of": f"{world.name} {motion}",
                 })  # fmt: skip
                 for program, runner in self.runners.items():
                     facts = runner.ask(job)
@@ -180,8 +185,10 @@ def bench_contacts(worlds: Iterable[World], plan: Plan, say: Say, done: Callable
             for world in worlds:
                 for motion in plan.motions:
                     count = plan.worlds or default_worlds(world.bodies)
-                    starts = world.starts(motion, count, plan.seed)
-                    cases = [*mujoco_cases(world, motion, starts), *ours.cases(world, motion, starts, say)]
+                    seen = max(count, plan.seen if motion == "tumbling" else 0)
+                    starts = world.starts(motion, seen, plan.seed)
+                    cases = list(mujoco_cases(world, motion, starts[:count], plan.steps))
+                    cases += ours.cases(world, motion, starts, count, say)
                     measure(cases, plan.repeats)
                     facts = {"benchmark": "contacts", "scene": world.name, "motion": motion,
                              "bodies": world.bodies, "h": world.scene.step_size}  # fmt: skip

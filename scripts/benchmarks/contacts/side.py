@@ -22,9 +22,10 @@ PROBE = 0.3  # CPU seconds that are spent on finding out how long a step takes
 class Job:
     """A rollout to be timed.
 
-    Given as: scene (a file), starts (a file of (B, nx)), steps, settle (steps made before, from the first
-    start alone), most (CPU seconds of a call, beyond which there are fewer worlds, then steps), options,
-    dtype, strategy.
+    Given as: scene (a file), starts (a file of (B, nx)), worlds (that are timed, of these), steps, settle
+    (steps made before, from the first start alone), most (CPU seconds of a call, beyond which there are fewer
+    worlds, then steps), options, dtype, strategy. All starts are run once to see which are solved, as far
+    as ten times `most` reach.
     """
 
     def __init__(self, given: dict[str, Any]) -> None:
@@ -37,11 +38,19 @@ class Job:
             before = np.zeros((1, max(1, min(given["settle"], most)), sim.nu), x.dtype)
             x = np.tile(sim.rollout(x[:1], before).states[:, -1], (len(x), 1))
         steps = max(1, min(given["steps"], most))
-        self.x = np.ascontiguousarray(x[: max(1, most // steps)])
-        self.us = np.zeros((len(self.x), steps, sim.nu), x.dtype)
-        done = sim.rollout(self.x, self.us)
-        self.facts = {"strategy": sim.strategy, "rows": sim.nr, "batch": len(self.x), "steps": steps}
-        self.facts |= outcome(done.states, done.status)
+        seen = np.ascontiguousarray(x[: max(1, 10 * most // steps)])
+        done = sim.rollout(seen, np.zeros((len(seen), steps, sim.nu), x.dtype))
+        worlds = max(1, min(given["worlds"], most // steps))
+        self.x, self.us = seen[:worlds].copy(), np.zeros((worlds, steps, sim.nu), x.dtype)
+        self.made = outcome(done.states[:worlds], done.status[:worlds])["made"]
+        self.facts = {"strategy": sim.strategy, "rows": sim.nr, "batch": worlds, "steps": steps}
+        self.facts |= {"seen": len(seen), **outcome(done.states, done.status)}
+
+    def seconds(self) -> float:
+        """CPU seconds of a step of a world."""
+        begin = time.process_time()
+        self.sim.rollout(self.x, self.us)
+        return (time.process_time() - begin) / self.made
 
     def step_seconds(self, x: np.ndarray) -> float:
         """CPU seconds of one of the first steps of a world (1, nx), more and more of them made."""
@@ -53,12 +62,6 @@ class Job:
             spent = (time.process_time() - begin) / outcome(done.states, done.status)["made"]
             count, spent = 4 * count, spent * count
         return max(4.0 * spent / count, 1e-7)
-
-    def seconds(self) -> float:
-        """CPU seconds of a step of a world."""
-        begin = time.process_time()
-        self.sim.rollout(self.x, self.us)
-        return (time.process_time() - begin) / self.facts["made"]
 
 
 def outcome(states: np.ndarray, status: np.ndarray) -> dict[str, Any]:

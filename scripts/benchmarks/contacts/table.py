@@ -10,7 +10,7 @@ from ...support.tables import number, read_csv
 
 Rows = list[dict[str, Any]]
 KEY = ("scene", "motion", "program", "law", "model", "dtype")
-NEEDED = (*KEY, "batch", "seconds", "ratio", "unsolved", "made")
+NEEDED = (*KEY, "seconds", "ratio", "unsolved", "seen")
 
 
 def print_rows(rows: Rows) -> None:
@@ -26,7 +26,7 @@ def print_rows(rows: Rows) -> None:
         if "ratio" in row:
             cells[3:5] = [f"{row['ratio']:.2f}", f"{row['ratio_p10']:.2f} - {row['ratio_p90']:.2f}"]
         if row["unsolved"] != "":
-            cells[5] = f"{row['unsolved']} of {row['batch']}"
+            cells[5] = f"{row['unsolved']} of {row['seen']}"
         table.add_row(*cells)
     _console().print(table)
 
@@ -59,10 +59,14 @@ def compared(old: Path, new: Path) -> Rows:
         out.append(dict(zip(KEY, key)) | {
             "old": found[0][0], "new": found[1][0], "ratio_old": found[0][1], "ratio_new": found[1][1],
             "faster": found[1][1] / found[0][1],
-            "unsolved_old": f"{before['unsolved']} of {before['batch']}",
-            "unsolved_new": f"{after['unsolved']} of {after['batch']}",
+            "unsolved_old": _unsolved(before),
+            "unsolved_new": _unsolved(after),
         })  # fmt: skip
     return out
+
+
+def _unsolved(row: dict[str, str]) -> str:
+    return f"{row['unsolved']} of {row['seen']}"
 
 
 def print_compared(rows: Rows) -> None:
