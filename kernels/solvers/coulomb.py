@@ -47,7 +47,7 @@ def make_coulomb_solver(spec: Specialisation) -> wp.Function:
     t = active.types
     VR, Problem = t.VR, make_problem(s, dtype)
     Dense, MODES = active.Dense, active.MODES
-    ZERO = dtype(0.0)
+    ZERO, HALF = dtype(0.0), dtype(0.5)
     TOL, ENOUGH = dtype(TOLERANCE[dtype]), dtype(ACCEPT[dtype])
     TAU, NEARLY_NONE = (dtype(x) for x in PROXIMAL[dtype])
     HUGE, NEARLY = dtype(1e30), dtype(NEAR * ACCEPT[dtype])
@@ -108,23 +108,30 @@ def make_coulomb_solver(spec: Specialisation) -> wp.Function:
         # z and the natural map at these impulses
         out = Trial()
         out.lam = lam
+        a = dense.a
+        b = dense.b
+        mu = dense.mu
+        size = dense.size
+        tangent = dense.tangent
+        z = VR()
         for i in range(dense.count):
-            w = dense.b[i]
+            w = b[i]
             rounding = ZERO
             for j in range(dense.count):
-                w += dense.a[i, j] * lam[j]
-                rounding += wp.abs(dense.a[i, j] * lam[j])
-            out.z[i] = dense.a[i, i] * lam[i] - w
+                w += a[i, j] * lam[j]
+                rounding += wp.abs(a[i, j] * lam[j])
+            z[i] = a[i, i] * lam[i] - w
             error = ZERO
-            if dense.tangent[i] == 0:
-                error = wp.abs(wp.min(dense.a[i, i] * lam[i], w))
+            if tangent[i] == 0:
+                error = wp.abs(wp.min(a[i, i] * lam[i], w))
             else:
-                bound = dense.a[i, i] * dense.mu[i] * wp.max(lam[i - 1], ZERO)
-                error = wp.abs(dense.a[i, i] * lam[i] - wp.clamp(out.z[i], -bound, bound))
+                bound = a[i, i] * mu[i] * wp.max(lam[i - 1], ZERO)
+                error = wp.abs(a[i, i] * lam[i] - wp.clamp(z[i], -bound, bound))
             # impulses that cancel may hide what is wrong, and may be all that is wrong
-            error = wp.max(error - EPSILON * rounding, PROOF * EPSILON * rounding) / dense.size[i]
+            error = wp.max(error - EPSILON * rounding, PROOF * EPSILON * rounding) / size[i]
             if not (error <= out.worst):  # a NaN stays
                 out.worst = error
+        out.z = z
         return out
 
     @wp.func
@@ -166,9 +173,10 @@ def make_coulomb_solver(spec: Specialisation) -> wp.Function:
             lu = active.factor(dense, mode, tau)
             lam = active.impulses(dense, mode, lu, dense.b, here.lam, tau)
             here = judge(dense, lam)
+            stalls = here.worst <= ENOUGH and here.worst > HALF * best.worst
             if here.worst < best.worst:
                 best = here
-            if not (here.worst > TOL):
+            if stalls or not (here.worst > TOL):
                 it = last
         return best
 
