@@ -210,8 +210,9 @@ class Scene(Printed):
         return values
 
     def with_listed_contacts(self) -> "Scene":
-        """The same scene with the contacts of "auto" as a list."""
-        return replace(self, contacts=self.all_contacts, friction=None, excluded=())
+        """The same scene with the contacts of "auto" as a list; what its shapes say of them goes."""
+        shapes = tuple(replace(s, friction=None, contype=1, conaffinity=1) for s in self.shapes)
+        return replace(self, shapes=shapes, contacts=self.all_contacts, friction=None, excluded=())
 
     def with_covariances(self) -> "Scene":
         """The same scene with `position_covariance` and `velocity_covariance` among its numbers."""

@@ -123,6 +123,8 @@ def test_what_is_listed_is_the_same_scene(tmp_path):
     listed = auto.with_listed_contacts()
     assert auto.contacts == "auto" and len(listed.contacts) == 15 + 18
     assert listed.structure == auto.structure and listed.row_names == auto.row_names
+    plain = slcp.scenes.tumbling_boxes(2).with_listed_contacts()  # nothing that is for "auto" is left
+    assert {(s.contype, s.conaffinity, s.friction) for s in plain.shapes} == {(1, 1, None)}
     (tmp_path / "a.toml").write_text(
         'format = "slcp-scene"\nversion = 2\nname = "two"\ncontacts = "auto"\nfriction = 0.3\n'
         'excluded = [["a", "c"]]\n'

@@ -113,7 +113,8 @@ class Ours:
     def cases(self, world: World, motion: str, starts: np.ndarray, worlds: int, say: Say) -> Iterator[Case]:
         """Every law and precision on a scene; `worlds` of the starts are timed, all of them judged."""
         scene, states = self.folder / "scene.json", self.folder / "starts.npy"
-        slcp.save_scene(world.scene, scene)
+        listed = world.scene.with_listed_contacts()  # which other versions read, too
+        slcp.save_scene(listed if self.plan.other else world.scene, scene)
         np.save(states, starts)
         for law in self.plan.laws:
             for dtype in self.plan.dtypes:

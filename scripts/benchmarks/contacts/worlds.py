@@ -56,10 +56,20 @@ def discs(count: int) -> World:
     """
     side = RADIUS * max(2, round(math.sqrt(count)))
     scene = scenes.heap(count, width=2.0 * side, friction=FRICTION, radius=RADIUS)
-    ball = {"type": "sphere", "size": repr(RADIUS)}
-    geoms: Geoms = {body.name: [ball] for body in scene.bodies}
-    sides = [_ground(), _plane(-side, 0.0, "1 0 0"), _plane(side, 0.0, "-1 0 0")]
-    return World(f"discs:{count}", scene, count, {"spheres": geoms | {None: sides}})
+    return World(f"discs:{count}", scene, count, {"spheres": _spheres(scene, side)})
+
+
+def gas(count: int) -> World:
+    """`count` discs far apart, four diameters at the start, that fly between two walls without gravity."""
+    side = 4.0 * RADIUS * max(2, round(math.sqrt(count)))
+    scene = replace(scenes.heap(count, 2.0 * side, FRICTION, RADIUS, spacing=4.0), gravity=(0.0, 0.0))
+    return World(f"gas:{count}", scene, count, {"spheres": _spheres(scene, side)})
+
+
+def _spheres(scene: Scene, side: float) -> Geoms:
+    """MuJoCo's spheres for the discs, between planes: all pairs may touch."""
+    geoms: Geoms = {body.name: [{"type": "sphere", "size": repr(RADIUS)}] for body in scene.bodies}
+    return geoms | {None: [_ground(), _plane(-side, 0.0, "1 0 0"), _plane(side, 0.0, "-1 0 0")]}
 
 
 def beam(count: int) -> World:
@@ -76,7 +86,7 @@ def _ground() -> dict[str, str]:
     return _plane(0.0, 0.0, "0 1 0")
 
 
-SIZED: dict[str, Callable[[int], World]] = {"stack": stack, "discs": discs, "beam": beam}
+SIZED: dict[str, Callable[[int], World]] = {"stack": stack, "discs": discs, "gas": gas, "beam": beam}
 SINGLE: dict[str, Callable[..., Any]] = {"walker": scenes.walker, "hopper": scenes.hopper}
 ALL = ("stack:3", "stack:10", "stack:30", "stack:100", "discs:10", "discs:30", "discs:60", "discs:100",
        "walker", "hopper", "beam:8", "beam:32")  # fmt: skip
