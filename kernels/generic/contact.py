@@ -261,4 +261,13 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
                         added += 1
         return added, approach
 
-    return SimpleNamespace(start=start, grow=grow, set_friction=set_friction, velocity=velocity)
+    return SimpleNamespace(
+        start=start,
+        grow=grow,
+        set_friction=set_friction,
+        velocity=velocity,
+        pose_a=pose_a,
+        pose_b=pose_b,
+        radii_a=radii_a,
+        radii_b=radii_b,
+    )

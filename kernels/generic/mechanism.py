@@ -276,5 +276,7 @@ def make_mechanism(given: type) -> SimpleNamespace:
         column=column,
         dynamics=dynamics,
         springs=springs,
+        SHORT=SHORT,
+        TINY=TINY,
         control_force=control_force,
     )
