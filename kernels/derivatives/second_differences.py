@@ -13,15 +13,12 @@ import warp as wp
 
 from ..device.compile import specialised
 from ..factories import cached
+from ..residual.smoothing import HARD_LAYER, LARGEST_LAYER, REACH
 from ..specialisation import Specialisation
 from ..status import SOLVED
 from ..step.rollout import make_batch
 from ..structure import layout
 from .sensitivity import make_linearization
-
-REACH = 0.03
-LARGEST_LAYER = 0.1  # the finest sigma counts up to this; also where there are no rows
-HARD_LAYER = 1e-3  # what stands for sigma in the hard problem, to stay on one side of its kinks
 
 
 @cached

@@ -276,6 +276,7 @@ def make_mechanism(given: type) -> SimpleNamespace:
         column=column,
         dynamics=dynamics,
         springs=springs,
+        tied_point=tied_point,
         SHORT=SHORT,
         TINY=TINY,
         control_force=control_force,

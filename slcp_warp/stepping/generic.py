@@ -3,17 +3,16 @@
 import contextlib
 import threading
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import warp as wp
 
 from slcp_warp.kernels.device.launch import launch
 from slcp_warp.kernels.generic import step as generic_step
-from slcp_warp.kernels.generic import work
 from slcp_warp.kernels.generic.derivatives import linearize, tables
 from slcp_warp.kernels.generic.topology import make_topology
+from slcp_warp.kernels.generic.work import allocate_work, bytes_per_world
 from slcp_warp.kernels.specialisation import Specialisation
-from slcp_warp.kernels.structure import Structure
 
 from .arrays import Controls, RolloutArrays, StepArrays
 from .single import rollout_by_steps
@@ -21,31 +20,34 @@ from .single import rollout_by_steps
 WORKSPACE_BYTES = 256 * 2**20  # worlds are stepped in chunks whose workspaces fit in here
 
 
-class Workspaces:
+Space = TypeVar("Space")
+
+
+class Workspaces(Generic[Space]):
     """Workspaces of one scene on one device, each lent to one call at a time; some are kept for later calls.
 
     On a GPU they belong to the stream that they were used on, whose order keeps calls apart.
 
     Args:
-        allocate: (structure, slots, device) -> a workspace.
-        size: of one slot [bytes].
+        allocate: makes one of so many slots.
+        size: bytes of a slot.
     """
 
-    def __init__(self, s: Structure, device: Any, allocate: Callable[..., Any], size: int) -> None:
-        self.structure, self.device, self.allocate = s, wp.get_device(device), allocate
-        self.most = max(1, WORKSPACE_BYTES // max(size, 1))  # slots of a workspace, and of those kept
+    def __init__(self, allocate: Callable[[int], Space], size: int, device: Any) -> None:
+        self._allocate, self.device = allocate, wp.get_device(device)
+        self.most = max(1, WORKSPACE_BYTES // size)  # slots of a workspace, and of those kept
         self._lock = threading.Lock()
-        self._kept: dict[Any, list[tuple[int, Any]]] = {}
+        self._kept: dict[Any, list[tuple[int, Space]]] = {}
 
     @contextlib.contextmanager
-    def lend(self, slots: int) -> Iterator[Any]:
+    def lend(self, slots: int) -> Iterator[Space]:
         """A workspace of at least that many slots that no other call has."""
         stream = self.device.stream if self.device.is_cuda else None
         with self._lock:
             kept = self._kept.setdefault(stream, [])
             size, work = kept.pop() if kept else (0, None)
         if work is None or size < slots:
-            size, work = slots, self.allocate(self.structure, slots, self.device)
+            size, work = slots, self._allocate(slots)
         try:
             yield work
         finally:
@@ -66,9 +68,12 @@ class GenericKernels:
         self.residual = generic_step.residual_of(method, s.nr)
         self.topology = make_topology(s, method.inertia_scaling, method.coulomb, device)
         self.groups = tables.make_groups(s, device)
-        self.workspaces = Workspaces(s, device, work.allocate_work, work.bytes_per_world(s))
-        self.slopes = Workspaces(s, device, tables.allocate_slopes, tables.bytes_per_world(s))
-        self.chunk = min(self.workspaces.most, self.slopes.most)  # worlds of a launch
+        self.workspaces = Workspaces(lambda n: allocate_work(s, n, device), bytes_per_world(s), device)
+        self.chunk = self.workspaces.most  # worlds of a launch
+        size = tables.bytes_per_world(s)
+        self.slopes = Workspaces(lambda n: tables.allocate_slopes(s, n, device), size, device)
+        size = linearize.bytes_of_stencil(s)
+        self.stencils = Workspaces(lambda n: linearize.allocate_stencil(s, n, device), size, device)
 
     def _launch(
         self, kernel: wp.Kernel, worlds: int, flags: list[int], arrays: list[Any], grain: int
@@ -104,17 +109,21 @@ class GenericKernels:
     ) -> Callable[[], None]:
         """As `gradients.launches.prepare`."""
         steps = us.shape[1]
+        items = us.shape[0] * steps
+        given = [params, steps, xs, us, external, active, *outputs]
+        chunk = min(self.chunk, self.slopes.most, self.stencils.most if second else items)
+        slots = min(items, chunk)
         kernel = linearize.make_linearize_kernel(self.dtype, self.residual)
-        fx, fu, _, status = outputs
-        arrays = [params, steps, xs, us, external, active, fx, fu, status]
 
         def run() -> None:
-            items = us.shape[0] * steps
-            slots = min(items, self.chunk)
-            with self.workspaces.lend(slots) as space, self.slopes.lend(slots) as slopes:
-                for base in range(0, items, self.chunk):
-                    count = min(self.chunk, items - base)
-                    inputs = [base, self.topology, space, self.groups, slopes, *arrays]
-                    launch(kernel, count, inputs, self.device, grain=1)
+            lend = (
+                self.workspaces.lend(slots),
+                self.slopes.lend(slots),
+                self.stencils.lend(slots if second else 0),
+            )
+            with lend[0] as work, lend[1] as slopes, lend[2] as stencil:
+                for base in range(0, items, chunk):
+                    inputs = [base, int(second), self.topology, work, self.groups, slopes, stencil, *given]
+                    launch(kernel, min(chunk, items - base), inputs, self.device, grain=1)
 
         return run

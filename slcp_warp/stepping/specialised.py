@@ -1,5 +1,6 @@
 """Launches of the kernels made for one scene, recorded on a `wp.Tape` where an input requires a gradient."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -10,7 +11,7 @@ from slcp_warp.kernels.device.launch import launch
 from slcp_warp.kernels.specialisation import Specialisation
 from slcp_warp.kernels.step import relayed, rollout
 
-from ..gradients import tape
+from ..gradients import launches, tape
 from ..gradients.checkpoint import checkpointed
 from .arrays import Controls, RolloutArrays, StepArrays
 from .host import Asked
@@ -81,6 +82,19 @@ class SpecialisedKernels:
         kept = [wp.empty((a.worlds, size), dtype=dtype, device=self.device) for size in sizes]
         fast, full = (relayed.make_rollout_relay(spec, policy, exact_gap) for spec in self.both)
         relay.Run(fast, full, a.worlds, controls.steps, [*kept, *inputs], self.device, grain)()
+
+    def prepare_linearize(
+        self,
+        params: wp.array,
+        xs: wp.array,
+        us: wp.array,
+        external: wp.array,
+        active: wp.array,
+        outputs: tuple[wp.array, wp.array, wp.array, wp.array],
+        second: bool,
+    ) -> Callable[[], None]:
+        """As `gradients.launches.prepare`."""
+        return launches.prepare(self.spec, self.device, params, xs, us, external, active, outputs, second)
 
     def checkpointed(
         self, table: wp.array, x0: wp.array, us: wp.array, external: wp.array, status: wp.array, every: int

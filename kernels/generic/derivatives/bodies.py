@@ -1,8 +1,9 @@
 """Derivatives of the equations of motion of bodies, by loops over their chains.
 
-The formulas are those of `mechanism/dynamics_derivatives.py`: with P2(y, k) = sum_i y_i d2p/dq_i dq_k = perp(J_k
-sum_{i <= k} y_i + sum_{i > k} y_i J_i), sums over what turns the body (i in the first one, k in the second).
-What a body adds to entry (j, k) of a matrix is left to whoever needs it: columns, or a product from the left.
+The formulas are those of `mechanism/dynamics_derivatives.py`: with P2(y, k) = sum_i y_i d2p/dq_i dq_k =
+perp(J_k sum_{i <= k} y_i + sum_{i > k} y_i J_i), sums over what turns the body (i in the first one, k in the
+second). What a body adds to entry (j, k) of a matrix is left to whoever needs it: columns, or a product from
+the left.
 """
 
 from types import SimpleNamespace
@@ -46,7 +47,7 @@ def make_bodies(given: type) -> SimpleNamespace:
     def chain(
         t: Topology, k: Work, d: Slopes, params: wp.array2d(dtype=given), row: int, b: int, i: int, h: dtype
     ):
-        """Fill d.of_body of a body: the Jacobian's columns, P2(w) + h perp P2(s) and P2(v); J w + h perp J s."""
+        """d.of_body: J, P2(w) + h perp P2(s) and P2(v) of a body; J w + h perp J s."""
         p = centre(t, k, params, row, b, i)
         start = t.chain_start[i]
         end = t.chain_start[i + 1]

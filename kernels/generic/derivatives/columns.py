@@ -18,8 +18,8 @@ from .tables import LANES, Groups, Lanes, Slopes
 
 @cached
 def make_columns(given: type, residual: str) -> SimpleNamespace:
-    """fill(t, k, g, d, params, row, b, n, pairs, first): d.known and d.given for the columns first .. first + 7 of
-    (q, v, u).
+    """fill(t, k, g, d, params, row, b, n, pairs, first): d.known and d.given for the columns first .. first +
+    7 of (q, v, u).
     """
     dtype = WORK
     number = make_mechanism(given).number

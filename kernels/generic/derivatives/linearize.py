@@ -1,147 +1,209 @@
-"""A = df/dx and B = df/du of the generic step at its solution, by the implicit function theorem.
+"""A = df/dx and B = df/du of the generic step at its solution, for every step of every trajectory.
 
-At the solution F1 = M (v' - v) - h (r + u) - J' lambda = 0 and F2 = J v' + d/h - w = 0. Their derivatives by (q, v, u)
-are gathered by loops over what each degree of freedom moves, eight columns at a time (`columns.py`), and solved
-with one factor (`system.py`). No iteration is differentiated.
+Second derivatives are central differences of them. The scheme is that of `derivatives/second_differences.py`,
+(M30): of each of z = (q, v, u) in turn dv'/dz at +-e and +-2e, in 4 nz more steps with their derivatives. A
+world with a perturbed step that is not solved gets zero second derivatives.
 """
 
 from types import SimpleNamespace
+from typing import Any
 
 import warp as wp
 
-from ...contact.problem import COLD
 from ...device.compile import specialised
 from ...factories import cached
-from ...status import NONFINITE, SOLVED
+from ...residual.smoothing import HARD_LAYER, LARGEST_LAYER, REACH
+from ...status import SOLVED
+from ...structure import Structure
 from ..mechanism import COLUMN, make_mechanism
-from ..step import make_step
 from ..topology import Topology
 from ..work import WORK, Work
-from .bodies import make_bodies
-from .columns import make_columns
-from .rows import make_row_slopes
-from .springs import make_spring_slopes
-from .system import make_system
+from .expansion import make_expansion
 from .tables import LANES, Groups, Slopes
 
 
-@cached
-def make_expansion(given: type, residual: str) -> SimpleNamespace:
-    """solve(t, k, params, row, b, xs, us, external, world) -> status: a step from the states and controls at hand;
-    prepare(t, k, g, d, params, row, b, x, external, world) -> (acting rows, pairs): its derivatives' parts and factor;
-    columns(t, k, g, d, params, row, b, n, pairs, first): d.found = dv' by eight of (q, v, u).
-    """
-    dtype = WORK
-    step = make_step(given, residual)
-    number = make_mechanism(given).number
-    bodies, springs = make_bodies(given), make_spring_slopes(given)
-    contacts = residual != "none"
-    rows = make_row_slopes(given, residual) if contacts else None
-    columns, system = make_columns(given, residual), make_system(given, residual)
-    UNUSED, ZERO = dtype(COLD), dtype(0.0)
+@wp.struct
+class Stencil:
+    """Workspaces, (slots, items)."""
 
-    @wp.func
-    def cold(t: Topology, k: Work, b: int):
-        """No roots and normals to start from."""
-        for i in range(t.nr):
-            k.z[i, b] = UNUSED
-        for i in range(2 * t.pairs):
-            k.normal[i, b] = ZERO
+    root: wp.array2d(dtype=WORK)  # (nr) z of the step itself: where perturbed ones start
+    normal: wp.array2d(dtype=WORK)  # (2 pairs)
+    size: wp.array2d(dtype=WORK)  # (nz) e
+    bend: wp.array3d(dtype=WORK)  # (slots, nv, nz) derivative of dv'/dz by one of z
 
-    @wp.func
-    def solve(
-        t: Topology,
-        k: Work,
-        params: wp.array2d(dtype=given),
-        row: int,
-        b: int,
-        x: wp.array(dtype=given),
-        u: wp.array(dtype=given),
-        external: wp.array2d(dtype=given),
-        world: int,
+
+def allocate_stencil(s: Structure, slots: int, device: Any) -> Stencil:
+    """Workspaces of `slots` worlds."""
+    out, nz = Stencil(), 2 * s.nv + s.nu
+    for name, shape in (
+        ("root", (s.nr,)),
+        ("normal", (2 * len(s.pairs),)),
+        ("size", (nz,)),
+        ("bend", (s.nv, nz)),
     ):
-        for j in range(t.nv):
-            k.q[j, b] = dtype(x[j])
-            k.v0[j, b] = dtype(x[t.nv + j])
-        step.begin(t, k, params, row, b, external, world)
-        for i in range(t.nu):
-            step.control_force(t, k, params, row, b, i, dtype(u[i]))
-        return step.solve_step(t, k, params, row, b, 0)
+        setattr(out, name, wp.zeros((slots, *shape), dtype=WORK, device=device))
+    return out
+
+
+def bytes_of_stencil(s: Structure) -> int:
+    """Memory of one slot."""
+    nz = 2 * s.nv + s.nu
+    return 8 * (s.nr + 2 * len(s.pairs) + (s.nv + 1) * nz)
+
+
+@cached
+def make_writer(given: type) -> SimpleNamespace:
+    """take(t, k, b, x): the state of a step. write(t, d, params, row, b, first, a, c): eight columns of x' =
+    (q + h v', v'), first .. first + 7 of (x, u), into A and B.
+    """
+    COUNT, ONE, H = LANES, WORK(1.0), COLUMN["step_size"]
+    number = make_mechanism(given).number
 
     @wp.func
-    def prepare(
+    def take(t: Topology, k: Work, b: int, x: wp.array(dtype=given)):
+        for j in range(t.nv):
+            k.q[j, b] = WORK(x[j])
+            k.v0[j, b] = WORK(x[t.nv + j])
+
+    @wp.func
+    def write(
         t: Topology,
-        k: Work,
-        g: Groups,
         d: Slopes,
         params: wp.array2d(dtype=given),
         row: int,
         b: int,
-        x: wp.array(dtype=given),
-        external: wp.array2d(dtype=given),
-        world: int,
+        first: int,
+        a: wp.array2d(dtype=given),
+        c: wp.array2d(dtype=given),
     ):
-        for j in range(t.nv):
-            d.velocity[b, j] = k.v0[j, b]
-            d.change[b, j] = k.v0[j, b] - dtype(x[t.nv + j])
-        bodies.prepare(t, k, d, params, row, b, external, world)
-        springs.prepare(t, k, g, d, params, row, b)
-        n = int(0)
-        pairs = int(0)
-        if wp.static(contacts):
-            for i in range(t.nr):
-                n += wp.where(k.acting[i, b] > 0, 1, 0)
-        system.factor(t, k, d, params, row, b, n)
-        if wp.static(contacts):
-            pairs = rows.prepare(t, k, g, d, params, row, b, n)
-        return n, pairs
-
-    @wp.func
-    def columns_of(
-        t: Topology, k: Work, g: Groups, d: Slopes, params: wp.array2d(dtype=given), row: int, b: int, n: int,
-        pairs: int, first: int,
-    ):  # fmt: skip
-        columns.fill(t, k, g, d, params, row, b, n, pairs, first)
-        system.solve(t, k, d, b, n)
-
-    return SimpleNamespace(cold=cold, solve=solve, prepare=prepare, columns=columns_of, number=number)
-
-
-@cached
-def make_linearize_kernel(given: type, residual: str) -> wp.Kernel:
-    """A and B at every step of every problem, as `derivatives/expansion.py` has them: item i is step i mod N of
-    problem i div N; item - base is the slot.
-    """
-    expansion = make_expansion(given, residual)
-    H = COLUMN["step_size"]
-    COUNT = LANES
-
-    @wp.func
-    def write(t: Topology, d: Slopes, b: int, h: WORK, first: int, a: wp.array2d(dtype=given),
-              c: wp.array2d(dtype=given)):  # fmt: skip
-        """Eight columns of x' = (q + h v', v')."""
+        h = number(t, params, row, H, 0)
         for j in range(t.nv):
             value = d.found[b, t.place[j]]
             for lane in range(COUNT):
                 column = first + lane
                 if column < 2 * t.nv:
                     a[t.nv + j, column] = given(value[lane])
-                    moved = h * value[lane]
-                    if column == j:
-                        moved += WORK(1.0)
-                    a[j, column] = given(moved)
+                    a[j, column] = given(h * value[lane] + wp.where(column == j, ONE, WORK(0.0)))
                 elif column < 2 * t.nv + t.nu:
                     c[t.nv + j, column - 2 * t.nv] = given(value[lane])
                     c[j, column - 2 * t.nv] = given(h * value[lane])
+
+    return SimpleNamespace(take=take, write=write)
+
+
+@cached
+def make_differences(given: type, residual: str) -> SimpleNamespace:
+    """measure(t, k, e, params, row, b): the size of the differences, and where perturbed steps start;
+    stencil(kind): how far each is and its weight; start(t, k, e, b, c, far): such a step. add_slope(t, d, e,
+    b, first, weight): eight columns of its dv'/dz; add_second(fzz, e, b, c): the derivative by component c
+    that they made. clear(fzz, item).
+    """
+    expansion = make_expansion(given, residual)
+    real = WORK
+    COUNT, GEAR, H, SIGMA = LANES, COLUMN["gear"], COLUMN["step_size"], COLUMN["sigma"]
+    ZERO, HALF, ONE, TWO = real(0.0), real(0.5), real(1.0), real(2.0)
+    NEAR, FAR = real(8.0 / 12.0), real(-1.0 / 12.0)
+    PART, LARGEST, LEAST = real(REACH), real(LARGEST_LAYER), real(1e-6)
+
+    @wp.func
+    def measure(t: Topology, k: Work, e: Stencil, params: wp.array2d(dtype=given), row: int, b: int):
+        """e.size, e.root and e.normal; no slopes yet."""
+        layer = ZERO + LARGEST
+        for i in range(t.nr):
+            e.root[b, i] = k.z[i, b]
+            if wp.static(residual == "hard"):
+                layer = real(wp.static(HARD_LAYER))
+            elif k.acting[i, b] > 0:
+                layer = wp.min(layer, expansion.number(t, params, row, SIGMA, i))
+        for i in range(2 * t.pairs):
+            e.normal[b, i] = k.normal[i, b]
+        h = expansion.number(t, params, row, H, 0)
+        for j in range(t.nv):
+            for c in range(e.bend.shape[2]):
+                e.bend[b, j, c] = ZERO
+            e.size[b, j] = PART * h * layer
+            e.size[b, t.nv + j] = PART * layer
+        for i in range(t.nu):
+            own = expansion.inverse(t, k, b, t.place[t.actuator[i]])
+            reaction = wp.abs(expansion.number(t, params, row, GEAR, i)) * own * h
+            e.size[b, 2 * t.nv + i] = PART * wp.min(layer / wp.max(reaction, LEAST), ONE)
+
+    @wp.func
+    def stencil(kind: int):
+        """Of the points at +1, -1, +2, -2: how far in units of the size, and the weight."""
+        times = wp.where(kind < 2, ONE, TWO)
+        weight = wp.where(kind < 2, NEAR, FAR)
+        if (kind & 1) == 1:
+            times = -times
+            weight = -weight
+        return times, weight
+
+    @wp.func
+    def start(t: Topology, k: Work, e: Stencil, b: int, c: int, far: real):
+        """Roots and normals of the step itself; component c of its state moved by `far`."""
+        for i in range(t.nr):
+            k.z[i, b] = e.root[b, i]
+        for i in range(2 * t.pairs):
+            k.normal[i, b] = e.normal[b, i]
+        if c < t.nv:
+            k.q[c, b] = k.q[c, b] + far
+        elif c < 2 * t.nv:
+            k.v0[c - t.nv, b] = k.v0[c - t.nv, b] + far
+
+    @wp.func
+    def add_slope(t: Topology, d: Slopes, e: Stencil, b: int, first: int, weight: real):
+        for j in range(t.nv):
+            value = d.found[b, t.place[j]]
+            for lane in range(COUNT):
+                column = first + lane
+                if column < 2 * t.nv + t.nu:
+                    e.bend[b, j, column] = e.bend[b, j, column] + weight * value[lane]
+
+    @wp.func
+    def clear(fzz: wp.array4d(dtype=given), item: int):
+        if fzz.shape[0] > 0:
+            for i in range(fzz.shape[1]):
+                for r in range(fzz.shape[2]):
+                    for j in range(fzz.shape[3]):
+                        fzz[item, i, r, j] = given(ZERO)
+
+    @wp.func
+    def add_second(fzz: wp.array3d(dtype=given), e: Stencil, b: int, c: int):
+        """Half of the slopes by component c to row and half to column c; no slopes any more."""
+        for i in range(fzz.shape[0]):
+            for j in range(fzz.shape[1]):
+                value = given(HALF * e.bend[b, i, j])
+                fzz[i, c, j] = fzz[i, c, j] + value
+                fzz[i, j, c] = fzz[i, j, c] + value
+                e.bend[b, i, j] = ZERO
+
+    return SimpleNamespace(
+        measure=measure, stencil=stencil, start=start, add_slope=add_slope, add_second=add_second, clear=clear
+    )
+
+
+@cached
+def make_linearize_kernel(given: type, residual: str) -> wp.Kernel:
+    """As `derivatives/expansion.py` has it, with second derivatives where asked for: item i is step i mod N
+    of problem i div N; item - base is the slot.
+    """
+    expansion, writer, diff = (
+        make_expansion(given, residual),
+        make_writer(given),
+        make_differences(given, residual),
+    )
+    COUNT, ZERO = LANES, WORK(0.0)
 
     @specialised
     def generic_linearize_kernel(
         first: int,
         base: int,
+        second: int,  # 1: second derivatives, too
         t: Topology,
         k: Work,
         g: Groups,
         d: Slopes,
+        e: Stencil,
         params: wp.array2d(dtype=given),
         steps: int,
         xs: wp.array3d(dtype=given),  # (B, >= N, nx)
@@ -150,23 +212,48 @@ def make_linearize_kernel(given: type, residual: str) -> wp.Kernel:
         active: wp.array(dtype=wp.int32),  # (0 or B,) zero: skip the problem
         fx: wp.array4d(dtype=given),  # out (B, N, nx, nx)
         fu: wp.array4d(dtype=given),  # out (B, N, nx, nu)
+        fzz: wp.array4d(dtype=given),  # out (B N, nv, nz, nz) or empty
         status: wp.array2d(dtype=wp.int32),  # out (B, N)
     ):
         b = first + wp.tid()
-        problem = (base + b) / steps
-        step = base + b - problem * steps
+        item = base + b
+        i = item / steps
+        step = item - i * steps
         if active.shape[0] > 0:
-            if active[problem] == 0:
+            if active[i] == 0:
                 return
-        row = wp.where(params.shape[0] == 1, 0, problem)
+        row = wp.where(params.shape[0] == 1, 0, i)
+        width = 2 * t.nv + t.nu
         expansion.cold(t, k, b)
-        code = expansion.solve(t, k, params, row, b, xs[problem, step], us[problem, step], external, problem)
-        status[problem, step] = code
-        if code == wp.static(SOLVED):
-            n, pairs = expansion.prepare(t, k, g, d, params, row, b, xs[problem, step], external, problem)
-            h = expansion.number(t, params, row, H, 0)
-            for part in range((2 * t.nv + t.nu + COUNT - 1) / COUNT):
+        diff.clear(fzz, item)
+        move = int(0)
+        while move <= 4 * second * width:  # 0: the step itself; then component c at +1, -1, +2, -2
+            c = (move - 1) / 4
+            kind = move - 1 - 4 * c
+            times, weight = diff.stencil(kind)
+            far = ZERO
+            writer.take(t, k, b, xs[i, step])
+            if move > 0:
+                far = times * e.size[b, c]
+                weight = weight / e.size[b, c]
+                diff.start(t, k, e, b, c, far)
+            code = expansion.solve(t, k, d, params, row, b, us[i, step], c - 2 * t.nv, far, external, i)
+            if move == 0:
+                status[i, step] = code
+                if second == 1:
+                    diff.measure(t, k, e, params, row, b)
+            if code != wp.static(SOLVED):
+                diff.clear(fzz, item)
+                return
+            n, pairs = expansion.prepare(t, k, g, d, params, row, b, external, i)
+            for part in range((width + COUNT - 1) / COUNT):
                 expansion.columns(t, k, g, d, params, row, b, n, pairs, part * COUNT)
-                write(t, d, b, h, part * COUNT, fx[problem, step], fu[problem, step])
+                if move == 0:
+                    writer.write(t, d, params, row, b, part * COUNT, fx[i, step], fu[i, step])
+                else:
+                    diff.add_slope(t, d, e, b, part * COUNT, weight)
+            if kind == 3 and move > 0:
+                diff.add_second(fzz[item], e, b, c)
+            move += 1
 
     return generic_linearize_kernel

@@ -1,12 +1,12 @@
 """Derivatives of a contact pair's rows by the configuration, by loops over what moves the pair.
 
-The formulas are those of `contact/derivatives.py`, with the kinds of shapes known at run time. With f = fn n +
-ft t and y fixed,
+The formulas are those of `contact/derivatives.py`, with the kinds of shapes known at run time. With f = fn n
++ ft t and y fixed,
 
     d(fn J_n + ft J_t)_j/dq_k = a_j alpha_k + A_j (fn h_A'_k - ft u_A,k) + B_j (fn h_B'_k - ft u_B,k) + C_jk,
 
-a_j = fn t.Delta_j - ft n.Delta_j, A_j and B_j tell whether j turns the body, u_A,k = h_A' (alpha_k - A_k), and C_jk = B_i
-f.perp(J_B,l) - A_i f.perp(J_A,l) for the lower i and the higher l of j and k.
+a_j = fn t.Delta_j - ft n.Delta_j, A_j and B_j tell whether j turns the body, u_A,k = h_A' (alpha_k - A_k),
+and C_jk = B_i f.perp(J_B,l) - A_i f.perp(J_A,l) for the lower i and the higher l of j and k.
 """
 
 from types import SimpleNamespace
@@ -25,15 +25,14 @@ from .tables import OfContact, Slopes
 ALONG, ACROSS, ALPHA, SUPPORT_A, SUPPORT_B, SHIFT_A, SHIFT_B, JAC_A, JAC_B, TURNS_A, TURNS_B = (
     *range(8), 9, 11, 12,
 )  # fmt: skip
-# of `OfContact`: t.Delta_j, n.Delta_j, then by q_j: alpha, h_A', h_B', u_A, u_B; J_A, J_B (two each), A_j, B_j
+# of `OfContact`: t.Delta_j, n.Delta_j; by q_j: alpha, h_A', h_B', u_A, u_B; J_A, J_B (two each), A_j, B_j
 
 
 @cached
 def make_pair_slopes(given: type, residual: str) -> SimpleNamespace:
-    """prepare(t, k, d, params, row, b, pair, start) fills d.of_contact of a pair from `start` on. With (fn, ft):
-    entry(t, d, b, pair, start, fn, ft, j, k) is the derivative above, for entries j and k of the pair;
-    contract(t, d, b, pair, start, y, f, fn, ft, out, first) puts sum_j y_j of it into out[first + k].
-    force(n, fn, ft) = f.
+    """prepare(.., pair, start): d.of_contact of a pair from `start` on; (n, h_A', h_B'). force(n, fn, ft): f.
+    entry(e, o, f, fn, ft, below): the derivative above, for the j of entry e and the k of entry o.
+    contract(..., pair, start, y, f, fn, ft, out, first): sum_j y_j of it into out[first + k] for all k.
     """
     dtype = WORK
     V2, V3, V4 = wp.types.vector(2, dtype), wp.types.vector(3, dtype), wp.types.vector(4, dtype)

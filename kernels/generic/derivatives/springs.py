@@ -7,7 +7,6 @@ from types import SimpleNamespace
 import warp as wp
 
 from ...factories import cached
-from ...structure import WORLD
 from ..mechanism import COLUMN, make_mechanism
 from ..topology import MOVES_A, MOVES_B, TURN, Topology
 from ..work import WORK, Work
@@ -20,31 +19,18 @@ PULL, BY_LENGTH, BY_RATE, INVERSE, SPAN, DAMPING = 0, 1, 2, 3, 4, 6  # of `pull`
 
 @cached
 def make_spring_slopes(given: type) -> SimpleNamespace:
-    """prepare(t, k, g, d, params, row, b): what the others need. by_q(g, d, b, i, j, k), by_v(g, d, b, i, h, j,
-    k): what spring i adds to d/dq_k and d/dv_k of (h r)_j, for entries j and k of the spring.
-    damped(t, g, d, b, i, h, local, start): adds -m' d(h C)/dq m to d.scale_by_q, m = d.answer.
+    """prepare(t, k, g, d, params, row, b): what others need. by_q(.., i, j, k), by_v(.., i, h, j, k): what
+    spring i adds to d/dq_k and d/dv_k of (h r)_j, for entries j and k of the spring. damped(.., i, h, local,
+    start): adds -m' d(h C)/dq m to d.scale_by_q from `start` on, m = d.answer.
     """
     dtype = WORK
     mech = make_mechanism(given)
     number, column = mech.number, mech.column
-    H, K, C, LENGTH, POINT = (
-        COLUMN[n]
-        for n in ("step_size", "spring_stiffness", "spring_damping", "spring_length", "spring_point")
+    H, K, C, LENGTH = (
+        COLUMN[n] for n in ("step_size", "spring_stiffness", "spring_damping", "spring_length")
     )
     ZERO, HALF, ONE, TWO = dtype(0.0), dtype(0.5), dtype(1.0), dtype(2.0)
     SHORT, TINY = mech.SHORT, mech.TINY
-
-    @wp.func
-    def end(t: Topology, k: Work, params: wp.array2d(dtype=given), row: int, b: int, one: int):
-        """Place of an end of a spring."""
-        body = t.spring_body[one]
-        x = number(t, params, row, POINT, 2 * one)
-        y = number(t, params, row, POINT, 2 * one + 1)
-        if body == WORLD:
-            return Pair(x, y)
-        c = k.frame[4 * body, b]
-        sn = k.frame[4 * body + 1, b]
-        return Pair(k.frame[4 * body + 2, b] + c * x - sn * y, k.frame[4 * body + 3, b] + sn * x + c * y)
 
     @wp.func
     def curve(g: Groups, d: Slopes, b: int, i: int, at: int, by: int):
@@ -78,9 +64,9 @@ def make_spring_slopes(given: type) -> SimpleNamespace:
     ):
         h = number(t, params, row, H, 0)
         for i in range(t.springs):
-            pa = end(t, k, params, row, b, 2 * i)
-            pb = end(t, k, params, row, b, 2 * i + 1)
-            delta = pb - pa
+            pa = mech.tied_point(t, k, params, row, b, 2 * i)
+            pb = mech.tied_point(t, k, params, row, b, 2 * i + 1)
+            delta = Pair(pb[0] - pa[0], pb[1] - pa[1])
             rate = dtype(0.0)
             for at in range(g.spring_start[i], g.spring_start[i + 1]):
                 j = g.spring_dof[at]

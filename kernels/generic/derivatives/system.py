@@ -1,9 +1,9 @@
 """The linear system of the implicit function theorem at a solved step, and eight right-hand sides at once.
 
-(dv', dz) solves M dv' - J' (p/D) dz = -F1, C dv' + q dz = -F2 with p = s'(z), q = s'(-z), where -F1 holds D's own
-change and C = J but for contacts that slide under Coulomb's friction, whose row of C is J_n at fixed modes
-(stick, slide, separate). dz is eliminated with a proximal term as in `newton.py`, larger because rounding
-counts here, whose error is taken out by iterative refinement.
+(dv', dz) solves M dv' - J' (p/D) dz = -F1, C dv' + q dz = -F2 with p = s'(z), q = s'(-z), where -F1 holds D's
+own change and C = J but for contacts that slide under Coulomb's friction, whose row of C is J_n at fixed
+modes (stick, slide, separate). dz is eliminated with a proximal term as in `newton.py`, larger because
+rounding counts here, whose error is taken out by iterative refinement.
 """
 
 from types import SimpleNamespace
@@ -24,9 +24,9 @@ REFINEMENTS = 4
 
 @cached
 def make_system(given: type, residual: str) -> SimpleNamespace:
-    """factor(t, k, d, params, row, b, n) of the n acting rows, and solve(t, k, d, b, n): d.found = dv' from -F1 in
-    d.known and -F2 in d.given, which is overwritten. response(t, k, d, b, i): d.answer = M^-1 J_i' of the group
-    of places that row i moves. add(t, k, b, i, x, c): x += J_i' c.
+    """factor(t, k, d, params, row, b, n) of the n acting rows, and solve(t, k, d, b, n): d.found = dv' from
+    -F1 in d.known and -F2 in d.given, which is overwritten. response(t, k, d, b, i): d.answer = M^-1 J_i' of
+    the group of places that row i moves. add(t, k, b, i, x, c): x += J_i' c.
     """
     dtype = WORK
     env = make_envelope(dtype)
@@ -118,7 +118,7 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
 
     @wp.func
     def eliminate(t: Topology, k: Work, d: Slopes, b: int):
-        """L U without pivoting: L below the diagonal of k.factor, U in d.upper with 1/U_ii on its diagonal."""
+        """L U without pivoting: L below the diagonal of k.factor, U with 1/U_ii on its own in d.upper."""
         for i in range(t.nv):
             at = t.at[i]
             begin = t.first[i]
@@ -283,4 +283,12 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
                 for e in range(t.mass_first[j], j):
                     k.move[e, b] = k.move[e, b] - k.mass_factor[at + e, b] * value
 
-    return SimpleNamespace(factor=factor, solve=solve, response=response, add=add, rate=rate)
+    @wp.func
+    def inverse(t: Topology, k: Work, b: int, p: int):
+        """(M^-1)_pp"""
+        for i in range(t.nv):
+            k.move[i, b] = wp.where(i == p, ONE, ZERO)
+        env.solve(k.mass_factor, t.mass_first, t.mass_at, k.move, t.nv, b)
+        return k.move[p, b]
+
+    return SimpleNamespace(factor=factor, solve=solve, response=response, add=add, rate=rate, inverse=inverse)
