@@ -19,9 +19,12 @@ from ..contacts.cost import LAWS, Plan, bench_contacts
 from ..contacts.problems import energy_gained, moves, rests
 from ..contacts.worlds import ALL, MOTIONS, world
 from ..exact.problems import STEP_SIZES, Problem
+from ..peers.drake import Drake
+from ..peers.mjx import MJX
 from ..peers.mujoco import MuJoCo
+from ..peers.mujoco_warp import MuJoCoWarp
 from ..peers.peer import Peer, installed
-from ..shared.rows import Rows, Say, timed
+from ..shared.rows import Rows, Say, report, timed
 from . import contact_peers
 from .contact import Curve, point
 
@@ -36,6 +39,8 @@ CURVES = (
 SETTINGS = ("default", "CG", "stiff", "overdamped")
 RESTS = ("stack:3", "stack:10", "stack:30", "discs:10", "discs:30")
 MOVES = ("stack:3", "stack:10", "stack:30", "discs:10", "discs:30", "beam:8", "walker", "hopper")
+OTHERS, SHARE = ("stack:3", "stack:10", "discs:10"), (0.02, 0.01, 0.005)  # of the peers that take long
+WORLDS = 64  # of mujoco_warp
 BATCHES = (1, 10, 100, 1000, 10_000, 100_000)
 STEPS = 2000  # world steps of a timed call, at least
 REPEATS = 3
@@ -45,7 +50,8 @@ PATIENCE = 120.0  # CPU seconds of a point, beyond which it is left out
 def cost_rows(say: Say, names: Iterable[str] = ALL, plan: Plan | None = None) -> Rows:
     """The rows of `slcp bench contacts`, with the columns of a study."""
     plan = plan or Plan(MOTIONS, tuple(LAWS), ("float64", "float32"), repeats=5, seen=400)
-    return [as_study(row) for row in bench_contacts([world(n) for n in names], plan, say, lambda rows: None)]
+    found = bench_contacts([world(name) for name in names], plan, say, lambda rows: None)
+    return report(say, [as_study(row) for row in found], "problem", "value", "curve", "seconds", "ratio")
 
 
 def as_study(row: dict[str, Any], knob: str = "size") -> dict[str, Any]:
@@ -116,13 +122,35 @@ def peer_rows(peer: Peer, p: Problem, limit: Problem, step_sizes: tuple[float, .
 
 def problem_rows(name: str, still: bool, say: Say, step_sizes: tuple[float, ...] = STEP_SIZES,
                  curves: Iterable[Curve] = CURVES) -> Rows:  # fmt: skip
-    """All rows of a pile that rests, or is thrown."""
+    """All rows of a pile that rests, or is thrown; none where there is no truth of it."""
     begin = time.perf_counter()
-    p, limit = (rests(name), rests(name)) if still else moves(name)
+    try:
+        p, limit = (rests(name), rests(name)) if still else moves(name)
+    except ValueError as error:
+        say(f"left out: {name}: {error}")
+        return []
     out = own_rows(p, curves, step_sizes, say)
     for peer in installed((functools.partial(MuJoCo, touching=SETTINGS),), say):
         out += peer_rows(peer, p, limit, step_sizes)
     say(f"{p.name}: {time.perf_counter() - begin:.0f} s. {p.note}")
+    return out
+
+
+def other_rows(name: str, say: Say) -> Rows:
+    """The peers that compile or step for long on a pile that is thrown, those that are installed."""
+    out: Rows = []
+    try:
+        p, _ = moves(name)
+    except ValueError as error:
+        say(f"left out: {name}: {error}")
+        return out
+    for peer in installed((functools.partial(MuJoCoWarp, batch=WORLDS), MJX, Drake), say):
+        begin = time.perf_counter()
+        try:
+            out += contact_peers.problem_rows(peer, p, SHARE, STUDY)
+            say(f"{peer.name} {peer.version} on {p.name}: {time.perf_counter() - begin:.0f} s")
+        except Exception as error:
+            say(f"left out: {peer.name} on {p.name} failed, {type(error).__name__}: {error}")
     return out
 
 
@@ -133,7 +161,8 @@ def pieces(say: Say) -> list[tuple[str, Callable[[], Rows]]]:
     ]
     out += [("batch", functools.partial(batch_rows, say))]
     out += [(f"{name} rests", functools.partial(problem_rows, name, True, say)) for name in RESTS]
-    return out + [(f"{name} moves", functools.partial(problem_rows, name, False, say)) for name in MOVES]
+    out += [(f"{name} moves", functools.partial(problem_rows, name, False, say)) for name in MOVES]
+    return out + [(f"{name} under other peers", functools.partial(other_rows, name, say)) for name in OTHERS]
 
 
 def rows(say: Say) -> Rows:

@@ -112,19 +112,21 @@ class Ours:
 
     def cases(self, world: World, motion: str, starts: np.ndarray, worlds: int, say: Say) -> Iterator[Case]:
         """Every law and precision on a scene; `worlds` of the starts are timed, all of them judged."""
-        scene, states = self.folder / "scene.json", self.folder / "starts.npy"
-        listed = world.scene.with_listed_contacts()  # which other versions read, too
-        slcp.save_scene(listed if self.plan.other else world.scene, scene)
+        scene, listed, states = (self.folder / name for name in ("scene.json", "listed.json", "starts.npy"))
+        slcp.save_scene(world.scene, scene)
+        slcp.save_scene(world.scene.with_listed_contacts(), listed)
         np.save(states, starts)
         for law in self.plan.laws:
             for dtype in self.plan.dtypes:
-                job = json.dumps({
-                    "scene": str(scene), "starts": str(states), "worlds": worlds, "steps": self.plan.steps,
+                given = {
+                    "starts": str(states), "worlds": worlds, "steps": self.plan.steps,
                     "settle": SETTLE if motion == "rest" else 0, "most": self.plan.most,
                     "options": LAWS[law], "dtype": dtype, "strategy": self.plan.strategy,
                     "of": f"{world.name} {motion}",
-                })  # fmt: skip
+                }  # fmt: skip
                 for program, runner in self.runners.items():
+                    old = program == "other"  # a version before may not know contacts="auto"
+                    job = json.dumps(given | {"scene": str(listed if old else scene)})
                     facts = runner.ask(job)
                     if "error" in facts:
                         say(f"{program} on {world.name}, {motion}, {law}, {dtype}: {facts['error']}")

@@ -6,6 +6,7 @@ far MuJoCo's overdamped contacts under the same step are from it.
 """
 
 import functools
+import time
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,6 +22,7 @@ from .worlds import world
 FINE = 1e-4  # [s]
 SEED = 5
 THROWN = 0.2  # [s]: long enough for every pair to meet, short enough for most motions not to have parted
+PATIENCE = 300.0  # CPU seconds that a truth may take
 LONG = 10.0  # [s] at rest
 
 
@@ -49,9 +51,19 @@ class Truth:
 
 
 def truth_of(scene: slcp.Scene, starts: np.ndarray, duration: float, components: tuple[int, ...]) -> Truth:
-    """The reference of starts (B, nx)."""
+    """The reference of starts (B, nx).
+
+    Raises:
+        ValueError: it would take more than PATIENCE, by the first hundredth of a motion.
+    """
     sim = slcp.Simulator(scene, slcp.Options(**LAWS["coulomb"]), device="cpu", dtype="float64")
     ends, solved = [], np.ones(len(starts), bool)
+    steps = round(duration / FINE)
+    begin, count = time.process_time(), max(1, steps // 100)
+    sim.rollout(starts[:1], np.zeros((1, count, sim.nu)), sim.params.replace(step_size=FINE))
+    needed = 1.5 * steps / count * len(starts) * (time.process_time() - begin)
+    if needed > PATIENCE:
+        raise ValueError(f"scene {scene.name!r}: a truth would take {needed:.0f} s, more than {PATIENCE:g} s")
     for h in (FINE, 2.0 * FINE):
         us = np.zeros((len(starts), round(duration / h), sim.nu))
         done = sim.rollout(starts, us, sim.params.replace(step_size=h))
