@@ -39,7 +39,9 @@ IN_CHECKOUTS = {  # commands of `slcp paper` and `slcp` that a wheel leaves out:
     "published": ("studies.published.command", "published_command"),
     "starts": ("studies.starts.command", "starts_command"),
     "bench": ("benchmarks.commands", "app"),
+    "gpu-check": ("benchmarks.gpu.command", "gpu_check_command"),
 }
+OUTSIDE = ("bench", "gpu-check")  # of IN_CHECKOUTS: beside `slcp paper`
 
 app = typer.Typer(name="slcp", no_args_is_help=True, add_completion=False, rich_markup_mode=None)
 paper = typer.Typer(
@@ -81,7 +83,7 @@ def _register(name: str, room: str, attribute: str) -> None:
         anything: dict[str, Any] = {
             "context_settings": {"allow_extra_args": True, "ignore_unknown_options": True}
         }
-        if name == "bench":
+        if name in OUTSIDE:
             app.command(name, add_help_option=False, **anything)(_elsewhere)
         else:
             _of_the_paper(name, _elsewhere, add_help_option=False, **anything)
@@ -89,6 +91,8 @@ def _register(name: str, room: str, attribute: str) -> None:
     found = getattr(importlib.import_module(f".{room}", __package__), attribute)
     if isinstance(found, typer.Typer):
         app.add_typer(found, name=name)
+    elif name in OUTSIDE:
+        app.command(name)(found)
     else:
         _of_the_paper(name, found)
 

@@ -66,7 +66,7 @@ ROOMS = {  # the order of each layer's rooms: none imports one that is named aft
     ),
     "scripts/benchmarks": (
         *("mechanics", "shared", "exact", "peers", "cost", "contacts", "derivatives", "accuracy"),
-        *("stability", "fuzz"),
+        *("stability", "fuzz", "gpu"),
         FILES,
     ),
 }
