@@ -13,7 +13,7 @@ pytest.importorskip("mujoco")
 import slcp_warp as slcp
 from slcp_warp.scripts.benchmarks.accuracy import contact_peers, many
 from slcp_warp.scripts.benchmarks.accuracy.charts import many as chart
-from slcp_warp.scripts.benchmarks.accuracy.charts import many_error, many_table
+from slcp_warp.scripts.benchmarks.accuracy.charts import many_error, many_rest, many_table
 from slcp_warp.scripts.benchmarks.contacts import problems, targets
 from slcp_warp.scripts.benchmarks.contacts.worlds import world
 from slcp_warp.scripts.benchmarks.peers import mujoco
@@ -127,7 +127,9 @@ def test_targets_scale_with_the_machine():
 
 def test_charts_from_rows_alone(rows, tmp_path):
     steps = [many.as_study(row) for row in costs()]
-    for name, module in (("many.png", chart), ("many_error.png", many_error), ("many.md", many_table)):
+    modules = {"many.png": chart, "many_error.png": many_error, "many_rest.png": many_rest}
+    modules |= {"many.md": many_table}
+    for name, module in modules.items():
         assert module.draw([*rows, *steps], tmp_path / name).stat().st_size > 1000
     text = (tmp_path / "many.md").read_text()
     assert "| stack:10 rests | " in text and "| stack:3 | tumbling | hard | 0.7 |" in text

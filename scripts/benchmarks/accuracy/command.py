@@ -49,7 +49,8 @@ STUDIES = {
     "sweep": Study("sweep", {"sweep.png": "charts.sweep"}),
     "scaling": Study("scaling", {"scaling.png": "charts.scaling"}, "scaling_peers"),
     "many": Study("many", {
-        "many.png": "charts.many", "many_error.png": "charts.many_error", "many.md": "charts.many_table",
+        "many.png": "charts.many", "many_error.png": "charts.many_error", "many_rest.png": "charts.many_rest",
+        "many.md": "charts.many_table",
     }),
 }  # fmt: skip
 

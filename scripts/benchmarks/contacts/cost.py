@@ -54,7 +54,7 @@ class Plan:
     strategy: str = "auto"
     other: str = ""
     steps: int = 75
-    most: float = 2.0
+    most: float = 0.5
     seen: int = 1
 
 

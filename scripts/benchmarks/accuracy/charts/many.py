@@ -59,6 +59,11 @@ def _times(ratio: float) -> str:
     return f"{1.0 / ratio:.3g} times" if ratio < math.inf else "not beside"
 
 
+def name(curve: str) -> str:
+    """A curve as the legend has it: MuJoCo's boxes and spheres are its own shapes."""
+    return curve.replace("boxes", "own shapes").replace("spheres", "own shapes")
+
+
 def look(curve: str) -> dict[str, Any]:
     """Colour and line of a curve: ours by law, thin in float32; MuJoCo's models dashed."""
     if curve.startswith("MuJoCo"):
@@ -72,7 +77,9 @@ def look(curve: str) -> dict[str, Any]:
 def _panel(ax: Any, rows: Rows) -> None:
     for curve in different(rows, "curve"):
         part = [row | {"us": 1e6 * float(row["seconds"])} for row in choose(rows, curve=curve)]
-        ax.loglog(*zip(*points(part, "value", "us")), markersize=3.5, label=curve, **look(str(curve)))
+        ax.loglog(
+            *zip(*points(part, "value", "us")), markersize=3.5, label=name(str(curve)), **look(str(curve))
+        )
         for row in part:
             if row.get("solved_share") not in (None, "") and float(row["solved_share"]) < 1.0:
                 ax.plot(float(row["value"]), row["us"], "x", color=BLACK, markersize=6)
