@@ -75,8 +75,7 @@ class Workspace:
         self._passes = Passes(self, self._policy)
         first = self._make.first_candidate(self._candidates)
         inputs = [self.batch, self.x0, self._policy, first, self._limits, self.params, self._weights]
-        kernel = self._passes.rollout
-        self._run_first = Prepared(kernel, self.batch, [*inputs, self._all], self.device, grain=1)
+        self._run_first = self._passes.rollout(self.batch, [*inputs, self._all])
 
     def _prepare_derivatives(self, rows: np.ndarray) -> None:
         """Derivatives of the dynamics, and of the cost: where it gives none, differences in float64."""

@@ -8,7 +8,11 @@ ERM = ("erm-logistic", "erm-normal")
 
 @dataclass(frozen=True)
 class Method:
-    """What `slcp_warp.Options` chooses: residual, scaling, friction, integrator, noise, tolerance, gap."""
+    """What `slcp_warp.Options` chooses: residual, scaling, friction, integrator, noise, tolerance, gap.
+
+    `fast` no user chooses: kernels without the last resorts of their solvers, which leave the steps that need
+    one to kernels with them (`device/relay.py`).
+    """
 
     residual: str = "rem-logistic"
     scaling: str = "inertia"
@@ -18,6 +22,7 @@ class Method:
     deviation: str = "scale"
     tolerance: float | None = None
     gap: str = "start"
+    fast: bool = False
 
     @property
     def hard(self) -> bool:

@@ -15,6 +15,7 @@ from .commands.falsify import falsify_command
 from .commands.library import library_command
 from .commands.map import map_command
 from .commands.optimise import optimise_command
+from .commands.rare import rare_command
 from .commands.scenes import scenes_command
 from .commands.sensitivity import sensitivity_command
 from .commands.simulate import simulate_command
@@ -38,7 +39,9 @@ IN_CHECKOUTS = {  # commands of `slcp paper` and `slcp` that a wheel leaves out:
     "published": ("studies.published.command", "published_command"),
     "starts": ("studies.starts.command", "starts_command"),
     "bench": ("benchmarks.commands", "app"),
+    "gpu-check": ("benchmarks.gpu.command", "gpu_check_command"),
 }
+OUTSIDE = ("bench", "gpu-check")  # of IN_CHECKOUTS: beside `slcp paper`
 
 app = typer.Typer(name="slcp", no_args_is_help=True, add_completion=False, rich_markup_mode=None)
 paper = typer.Typer(
@@ -55,6 +58,7 @@ app.command("sweep")(sweep_command)
 app.command("compare")(compare_command)
 app.command("sensitivity")(sensitivity_command)
 app.command("map")(map_command)
+app.command("rare")(rare_command)
 app.command("falsify")(falsify_command)
 app.command("chart")(chart_command)
 app.command("watch")(watch_command)
@@ -79,7 +83,7 @@ def _register(name: str, room: str, attribute: str) -> None:
         anything: dict[str, Any] = {
             "context_settings": {"allow_extra_args": True, "ignore_unknown_options": True}
         }
-        if name == "bench":
+        if name in OUTSIDE:
             app.command(name, add_help_option=False, **anything)(_elsewhere)
         else:
             _of_the_paper(name, _elsewhere, add_help_option=False, **anything)
@@ -87,6 +91,8 @@ def _register(name: str, room: str, attribute: str) -> None:
     found = getattr(importlib.import_module(f".{room}", __package__), attribute)
     if isinstance(found, typer.Typer):
         app.add_typer(found, name=name)
+    elif name in OUTSIDE:
+        app.command(name)(found)
     else:
         _of_the_paper(name, found)
 

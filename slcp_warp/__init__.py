@@ -22,7 +22,7 @@ from .ensembles.spec import SweepSpec
 from .ensembles.statistics.sensitivity import Sensitivity
 from .ensembles.stored.report import load_report
 from .ensembles.sweep import sweep
-from .ensembles.worlds import Worlds, draw_worlds
+from .ensembles.worlds import Worlds, draw_worlds, load_worlds, save_worlds
 from .inputs.arrays import ArrayError
 from .inputs.errors import ArgumentError, ArgumentTypeError, InputError, SceneError
 from .options import OptionError, Options, Status
@@ -91,6 +91,8 @@ __all__ = [
     "costs",
     "draw_worlds",
     "failure_share",
+    "load_worlds",
+    "save_worlds",
     "falsify",
     "jvp",
     "load_mjcf",

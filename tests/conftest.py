@@ -90,6 +90,7 @@ test_compile test_cache test_limits test_rem_normal test_tape
 
 def pytest_addoption(parser) -> None:
     parser.addoption("--full", action="store_true", help="also the tests marked full (.ci/full long)")
+    parser.addoption("--docs", action="store_true", help="also the code in the texts (.ci/run)")
     parser.addoption("--compiled", metavar="FILE", help="write which kernels each test compiled, as CSV")
 
 
@@ -101,14 +102,15 @@ def pytest_configure(config) -> None:
 
 
 def pytest_collection_modifyitems(config, items) -> None:
-    """Mark as slow what QUICK does not name; leave out what is marked full, unless it is asked for; sort."""
+    """Mark as slow what QUICK does not name; leave out what is to be asked for, and is not; sort."""
     for item in items:
         pattern = QUICK.get(item.path.name)
         if pattern is not None and not re.search(pattern, item.name):
             item.add_marker(pytest.mark.slow)
-    if not config.getoption("--full"):
-        left_out = [item for item in items if item.get_closest_marker("full") is not None]
-        config.hook.pytest_deselected(items=left_out)
-        items[:] = [item for item in items if item.get_closest_marker("full") is None]
+    for mark in ("full", "docs"):
+        if not config.getoption(f"--{mark}"):
+            left_out = [item for item in items if item.get_closest_marker(mark) is not None]
+            config.hook.pytest_deselected(items=left_out)
+            items[:] = [item for item in items if item.get_closest_marker(mark) is None]
     place = {f"{name}.py": i for i, name in enumerate(FIRST)}
     items.sort(key=lambda item: place.get(item.path.name, len(place)))

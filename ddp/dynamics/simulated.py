@@ -32,6 +32,13 @@ class SimulatorDynamics:
         self.sim.need_derivatives("the protocol of slcp_warp.ddp")
         return make_transition(self.sim.spec).advance
 
+    def handed(self) -> tuple[Any, Any] | None:
+        """The fast step and the full one behind it, as `make_transition` gives them; None: one for all."""
+        if not self.sim.kernels.fast_path:
+            return None
+        fast, full = (make_transition(spec) for spec in self.sim.kernels.specialised("ddp").both)
+        return fast, full
+
     def initial_carry(self) -> Any:
         """See `Dynamics`: a cold start."""
         return make_transition(self.sim.spec).cold_carry

@@ -19,6 +19,7 @@ from slcp_warp.kernels.control.user_dynamics import (
     no_carry,
 )
 from slcp_warp.kernels.device.launch import Prepared
+from slcp_warp.kernels.device.tables import make_copy_kernel
 from slcp_warp.kernels.factories import cached
 
 __all__ = ["DynamicsFunctions", "Parameters", "WarpDynamics", "linear_system"]
@@ -141,11 +142,15 @@ class WarpDynamics:
     ) -> Callable[[], None]:
         """`linearize_into` as a function without arguments, to be called many times with less overhead."""
         functions = _dynamics_functions(self.make, self.dtype, self.nx, self.nu)
+        widen: Prepared | None = None
         found = functions.jacobians is None or (second is not None and functions.curvature is None)
         numbers, exact = params, False
         if found and self.dtype != wp.float64:
             functions = _dynamics_functions(self.make, wp.float64, self.nx, self.nu)
-            numbers = wp.array(params.numpy(), dtype=wp.float64, device=self.device)
+            numbers = wp.zeros(params.shape, dtype=wp.float64, device=self.device)
+            copy = make_copy_kernel(self.dtype, wp.float64)
+            widen = Prepared(copy, params.shape[0], [params, numbers], self.device)
+            widen()
         if found:
             component = make_component(functions.step, self.nx, self.nu)
             exact = adjoint_is_right(component, self.nx + self.nu, self.nx, numbers)
@@ -156,11 +161,12 @@ class WarpDynamics:
         grain = 16 if found else 256
         run = Prepared(kernel, cells, inputs, self.device, grain=grain)
 
-        def run_with_cast() -> None:
-            numbers.assign(params.numpy())
+        def run_widened() -> None:
+            assert widen is not None
+            widen()
             run()
 
-        return run if numbers is params else run_with_cast
+        return run if widen is None else run_widened
 
     def lift_into(self, params: Any, lift: Any) -> None:
         """See `Dynamics`: every state is a curved output of its own."""

@@ -12,7 +12,7 @@ from slcp_warp.inputs.checks import array, choice, instance, number
 from slcp_warp.inputs.errors import ArgumentError
 from slcp_warp.inputs.limits import limit_rows
 from slcp_warp.kernels.policies.contract import PolicyKernel
-from slcp_warp.kernels.policies.nearest import NEAREST, make_nearest
+from slcp_warp.kernels.policies.nearest import nearest_kernel
 from slcp_warp.policies.arrays import put, put_limits
 from slcp_warp.policies.saved import Content
 
@@ -137,10 +137,11 @@ class NearestPolicy:
         """Kernel and struct for a simulator."""
         self.library.check_scene(sim.scene)
         lib = self.library
-        struct = make_nearest(sim.nx, sim.nu, sim.dtype).Struct()
+        points, owner = images(lib.x, lib.period)
+        kernel = nearest_kernel(len(points))
+        struct = kernel.functions(sim.nx, sim.nu, sim.dtype).Struct()
         own = functools.partial(put, sim)
         struct.us, struct.xs, struct.gain = own(lib.u), own(lib.x), own(lib.K)
-        points, owner = images(lib.x, lib.period)
         order, split = tree(points @ self.whiten.T)
         struct.nodes, struct.whitening = own((points @ self.whiten.T)[order]), own(self.whiten)
         struct.split = wp.array(split, dtype=wp.int32, device=sim.device)
@@ -148,7 +149,7 @@ class NearestPolicy:
         struct.period = own(lib.period)
         struct.limit = self.feedback_limit
         put_limits(sim, struct, (lib.lower, lib.upper))
-        return NEAREST, struct
+        return kernel, struct
 
     def content(self) -> Content:
         """What it is made from, see `slcp_warp.policies.saved`."""

@@ -1,13 +1,17 @@
 """The launches of one pass: backward, rollouts with the first step size or with all, the choice."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+import warp as wp
 
+from slcp_warp.inputs.checks import attribute
 from slcp_warp.kernels.control.line_search import make_choice_kernels
 from slcp_warp.kernels.control.riccati import make_backward_kernel
 from slcp_warp.kernels.control.rollouts import make_rollout_kernel, make_shooting_kernel
 from slcp_warp.kernels.device.launch import Prepared
+from slcp_warp.kernels.device.relay import Relay, Run
 
 
 class Passes:
@@ -22,7 +26,10 @@ class Passes:
     def __init__(self, work: Any, policy: Any, staged: bool | None = None) -> None:
         self.work, self.policy = work, policy
         several = len(work.options.step_sizes) > 1 and bool(np.isfinite(work.options.full_step_ratio))
-        self.staged = several and (work.device.is_cpu if staged is None else staged)
+        handed = attribute(work.dynamics, "handed")
+        self._handed = None if handed is None else handed()
+        staged = work.device.is_cpu if staged is None else staged
+        self.staged = several and staged and self._handed is None
         self._prepare_backward()
         self._prepare_rollouts()
         self._prepare_choice()
@@ -48,19 +55,35 @@ class Passes:
         nx, nu, limited = problem.nx, problem.nu, problem.control_limits is not None
         kept = problem.state_limits is not None
         cost = functions.running, functions.final
-        self.rollout = make_rollout_kernel(step, carry, *cost, nx, nu, limited, kept, work.dtype)
+        shape = nx, nu, limited, kept, work.dtype
+        if self._handed is None:
+            self._rollouts = [make_rollout_kernel(step, carry, *cost, *shape)]
+        else:
+            self._rollouts = [
+                make_rollout_kernel(one.advance, carry, *cost, *shape, one) for one in self._handed
+            ]
         shared = [work._limits, work.params, work._weights]
         inputs = [B, work.x0, self.policy, work._candidates, *shared]
         mask, searching = work._state.active, work._state.searching
         tried = 1 if self.staged else sizes
-        self._run_tried = self._launch(self.rollout, B * tried, [*inputs, mask])
+        self._run_tried = self.rollout(B * tried, [*inputs, mask])
         if self.staged:
-            self._run_others = self._launch(self.rollout, B * (sizes - 1), [*inputs, searching], offset=B)
+            self._run_others = self.rollout(B * (sizes - 1), [*inputs, searching], offset=B)
         self._shoot: Prepared | None = None
         if self.policy.gaps.shape[0]:
             kernel = make_shooting_kernel(step, carry, *cost, nx, nu, kept, work.dtype)
             inputs = [work.x0, self.policy, work._candidates, *shared, work._state]
             self._shoot = self._launch(kernel, B, inputs)
+
+    def rollout(self, dim: int, inputs: list[Any], offset: int = 0) -> Callable[[], Any]:
+        """A prepared rollout of items offset, .., by one kernel or by two that hand them on."""
+        work = self.work
+        if self._handed is None:
+            none = wp.empty((0, 0), dtype=work.dtype, device=work.device)
+            return self._launch(self._rollouts[0], dim, [0, 0, 0, Relay(), none, *inputs], offset=offset)
+        carries = wp.empty((dim, self._handed[0].width), dtype=work.dtype, device=work.device)
+        steps = work.problem.horizon
+        return Run(*self._rollouts, dim, steps, [carries, *inputs], work.device, grain=1)
 
     def _prepare_choice(self) -> None:
         work, options = self.work, self.work.options

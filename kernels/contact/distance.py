@@ -73,7 +73,8 @@ def make_round_support(kind: str, dtype: type) -> wp.Function:
 @cached
 def make_distance(kind_a: str, kind_b: str, dtype: type) -> SimpleNamespace:
     """geometry(ra, rb, pa, pb, warm) -> GEO and bound(ra, rb, pa, pb) <= d; a half-plane or a capsule can
-    only be A, a capsule only against a disc.
+    only be A, a capsule only against a disc. `local` is `geometry` by a local search alone: where that does
+    not suffice n is (0, 0).
 
     An ellipse of equal radii (zero too) is a disc to rounding, so one pair of ellipses serves all round
     shapes where the kind is known at run time only.
@@ -83,7 +84,7 @@ def make_distance(kind_a: str, kind_b: str, dtype: type) -> SimpleNamespace:
     support_a, support_b = make_round_support(kind_a, dtype), make_round_support(kind_b, dtype)
     V2, V4, GEO = wp.types.vector(2, dtype), wp.types.vector(4, dtype), wp.types.vector(8, dtype)
     ZERO, ONE = dtype(0.0), dtype(1.0)
-    maximise = None if exact else make_maximiser(kind_a, kind_b, dtype)
+    maximise, climb = (None, None) if exact else make_maximisers(kind_a, kind_b, dtype)
 
     @wp.func
     def flat(ra: V2, pa: V4, pb: V4):
@@ -149,22 +150,29 @@ def make_distance(kind_a: str, kind_b: str, dtype: type) -> SimpleNamespace:
         geo = direct(ra, rb, pa, pb, n)
         return geo[2]
 
-    @wp.func
-    def geometry(ra: V2, rb: V2, pa: V4, pb: V4, warm: V2):
-        """GEO of the pair; `warm` starts the search (0, 0: from the line of centres)."""
-        n = first_normal(ra, pa, pb)
-        if wp.static(maximise is not None):
-            if warm[0] * warm[0] + warm[1] * warm[1] > ZERO:
-                n = warm
-            n = wp.static(maximise)(ra, rb, pa, pb, n)
-        return direct(ra, rb, pa, pb, n)
+    def make_geometry(search: wp.Function | None) -> wp.Function:
+        @wp.func
+        def geometry(ra: V2, rb: V2, pa: V4, pb: V4, warm: V2):
+            """GEO of the pair; `warm` starts the search (0, 0: from the line of centres)."""
+            n = first_normal(ra, pa, pb)
+            if wp.static(search is not None):
+                if warm[0] * warm[0] + warm[1] * warm[1] > ZERO:
+                    n = warm
+                n = wp.static(search)(ra, rb, pa, pb, n)
+            return direct(ra, rb, pa, pb, n)
 
-    return SimpleNamespace(bound=bound, geometry=geometry, flat=flat, exact=exact)
+        return geometry
+
+    return SimpleNamespace(
+        bound=bound, geometry=make_geometry(maximise), local=make_geometry(climb), flat=flat, exact=exact
+    )
 
 
 @cached
-def make_maximiser(kind_a: str, kind_b: str, dtype: type) -> wp.Function:
-    """maximise(ra, rb, pa, pb, n) -> n of the signed distance of two round shapes."""
+def make_maximisers(kind_a: str, kind_b: str, dtype: type) -> tuple[wp.Function, wp.Function]:
+    """maximise(ra, rb, pa, pb, n) -> n of the signed distance of two round shapes; the same without the
+    global search, (0, 0) where it would be needed.
+    """
     support_a, support_b = make_round_support(kind_a, dtype), make_round_support(kind_b, dtype)
     V2, V4 = wp.types.vector(2, dtype), wp.types.vector(4, dtype)
     ZERO, HALF, ONE = dtype(0.0), dtype(0.5), dtype(1.0)
@@ -266,27 +274,34 @@ def make_maximiser(kind_a: str, kind_b: str, dtype: type) -> wp.Function:
         return b * b / wp.max(wp.max(radii[0], radii[1]), TINY)
 
     @wp.func
-    def maximise(ra: V2, rb: V2, pa: V4, pb: V4, start: V2):
-        # Chebyshev's third-order iteration: after a Newton step tau, what is left is of size tau^3
-        n = start
-        tau = dtype(1.0)
-        top = ZERO - HUGE
-        it = int(0)
-        while wp.abs(tau) > CUBIC and it < LOCAL_ITERATIONS:
-            e = evaluate(ra, rb, pa, pb, n)
-            top = e[0] + ZERO  # at most the maximum that it climbs to
-            tau = e[1] / wp.max(e[2], TINY)
-            bend = HALF * e[3] / wp.max(e[2], TINY) * tau
-            if wp.abs(tau) < CAP and wp.abs(bend) < HALF:
-                n = turn(n, tau * (ONE - bend))
-            else:
-                n = turn(n, wp.clamp(tau, -CAP, CAP))
-            it += 1
-        if wp.abs(tau) <= CUBIC:
-            if top > ZERO:
-                return n
-            if top > -(sharpest(ra) + sharpest(rb)):
-                return n
-        return search(ra, rb, pa, pb)
+    def unknown(ra: V2, rb: V2, pa: V4, pb: V4):
+        return V2(ZERO, ZERO)
 
-    return maximise
+    def make_maximise(beyond: wp.Function) -> wp.Function:
+        @wp.func
+        def maximise(ra: V2, rb: V2, pa: V4, pb: V4, start: V2):
+            # Chebyshev's third-order iteration: after a Newton step tau, what is left is of size tau^3
+            n = start
+            tau = dtype(1.0)
+            top = ZERO - HUGE
+            it = int(0)
+            while wp.abs(tau) > CUBIC and it < LOCAL_ITERATIONS:
+                e = evaluate(ra, rb, pa, pb, n)
+                top = e[0] + ZERO  # at most the maximum that it climbs to
+                tau = e[1] / wp.max(e[2], TINY)
+                bend = HALF * e[3] / wp.max(e[2], TINY) * tau
+                if wp.abs(tau) < CAP and wp.abs(bend) < HALF:
+                    n = turn(n, tau * (ONE - bend))
+                else:
+                    n = turn(n, wp.clamp(tau, -CAP, CAP))
+                it += 1
+            if wp.abs(tau) <= CUBIC:
+                if top > ZERO:
+                    return n
+                if top > -(sharpest(ra) + sharpest(rb)):
+                    return n
+            return wp.static(beyond)(ra, rb, pa, pb)
+
+        return maximise
+
+    return make_maximise(search), make_maximise(unknown)

@@ -86,6 +86,7 @@ def _swapped(s: Structure, pair: int) -> bool:
 def make_pair(s: Structure, pair: int, dtype: type) -> SimpleNamespace:
     """Warp functions of one contact pair: geometry, a cheap lower bound of d, and support derivatives.
 
+    `local_geometry` has a normal of (0, 0) where it takes a global search to find it.
     `flat` tells whether a capsule A is touched between its ends, where it acts like a half-plane on its body.
     """
     a, b = oriented_pair(s, pair)
@@ -129,18 +130,20 @@ def make_pair(s: Structure, pair: int, dtype: type) -> SimpleNamespace:
         pb = wp.static(pose_b)(world, fr)
         return wp.static(distance.bound)(wp.static(radii_a)(world), wp.static(radii_b)(world), pa, pb)
 
-    @wp.func
-    def geometry(world: t.World, fr: t.FRAMES, warm: V2):
-        """GEO of the pair; `warm` starts the search (0, 0: from the line of centres)."""
-        pa = wp.static(pose_a)(world, fr)
-        pb = wp.static(pose_b)(world, fr)
-        return wp.static(distance.geometry)(
-            wp.static(radii_a)(world), wp.static(radii_b)(world), pa, pb, warm
-        )
+    def make_geometry(found: wp.Function) -> wp.Function:
+        @wp.func
+        def geometry(world: t.World, fr: t.FRAMES, warm: V2):
+            """GEO of the pair; `warm` starts the search (0, 0: from the line of centres)."""
+            pa = wp.static(pose_a)(world, fr)
+            pb = wp.static(pose_b)(world, fr)
+            return wp.static(found)(wp.static(radii_a)(world), wp.static(radii_b)(world), pa, pb, warm)
+
+        return geometry
 
     return SimpleNamespace(
         bound=bound,
-        geometry=geometry,
+        geometry=make_geometry(distance.geometry),
+        local_geometry=make_geometry(distance.local),
         pose_a=pose_a,
         pose_b=pose_b,
         support_a=make_pair_support(radii_a, kind_a),

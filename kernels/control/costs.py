@@ -4,8 +4,7 @@ A cost is a pair of Warp functions, ``running(weights, row, x, u, k) -> dtype`` 
 -> dtype``. Derivatives are the cost's own where it has them. Otherwise they come from central differences of
 fourth order in double precision, of the cost's float64 version whatever the dtype of the trajectories:
 relative to the cost and for variables of order one, gradients are good to about 1e-12 and Hessians to about
-1e-9. Warp's adjoint (``wp.grad``) is not used: it refuses array arguments and is silently wrong for functions
-that assign a vector's component twice.
+1e-9. Warp's adjoint, which would have to be looked at first (`adjoint_check`), costs seconds more to compile.
 """
 
 from typing import Any, NamedTuple

@@ -3,6 +3,7 @@
 import warp as wp
 
 from ..device.compile import specialised
+from ..device.relay import Relay, hand_on, taken
 from ..factories import cached
 from .solver_state import SolverState, make_policy_arrays
 from .state_limits import make_penalty, make_state_limits
@@ -52,18 +53,26 @@ def make_costs_with_limits(running, final, nx, nu, limits_states, dtype):
 
 
 @cached
-def make_rollout_kernel(step, initial_carry, running, final, nx, nu, has_limits, limits_states, dtype):
-    """Kernel ``(first, problems, x0, Policy, Candidates, StateLimits, params, weights, mask)``, B A items.
+def make_rollout_kernel(
+    step, initial_carry, running, final, nx, nu, has_limits, limits_states, dtype, handed=None
+):
+    """Kernel over B A items, ``(first, slot, last, most, Relay, carries, problems, x0, Policy, Candidates,
+    StateLimits, params, weights, mask)``.
 
     Item i is problem i mod B under step size i div B: u = clamp(us + alpha k + K (x - xs)), x' = step(x, u),
     costs summed in double precision. Of open gaps the share 1 - alpha stays open: x' = step(x, u) -
     (1 - alpha) gap (M43).
     A failed or non-finite world costs +inf and keeps its last valid state.
+
+    With `handed`, of `make_transition`, a launch makes some of the steps, and items carry over what the next
+    one needs; a fast step that is not solved is left to the other kernel (`device/relay.py`).
     """
+    relayed, fast = handed is not None, handed is not None and handed.fast
+    carried, leave = (handed.carried, handed.leave) if relayed else (None, None)
     VX, VU = wp.types.vector(nx, dtype), wp.types.vector(nu, dtype)
     Policy, Candidates = make_policy_arrays(dtype), make_candidate_arrays(dtype)
     StateLimits = make_state_limits(dtype)
-    stage, end = make_costs_with_limits(running, final, nx, nu, limits_states, dtype)
+    stage, at_end = make_costs_with_limits(running, final, nx, nu, limits_states, dtype)
 
     @wp.func
     def control(policy: Policy, b: int, k: int, limits: int, alpha: dtype, x: VX):
@@ -84,6 +93,11 @@ def make_rollout_kernel(step, initial_carry, running, final, nx, nu, has_limits,
     @specialised
     def rollout(
         first: int,
+        slot: int,
+        last: int,
+        most: int,  # steps
+        relay: Relay,
+        carries: wp.array2d(dtype=dtype),  # (B A, width)
         problems: int,
         x0: wp.array2d(dtype=dtype),
         policy: Policy,
@@ -93,7 +107,12 @@ def make_rollout_kernel(step, initial_carry, running, final, nx, nu, has_limits,
         weights: wp.array2d(dtype=dtype),
         active: wp.array(dtype=wp.int32),
     ):
+        # long: an item's run is one loop, and what it stands in is local to the thread
         item = first + wp.tid()
+        if wp.static(relayed):
+            item = taken(relay, slot, item)
+            if item < 0:
+                return
         a = item / problems
         b = item - a * problems
         if active[b] == 0:
@@ -105,22 +124,39 @@ def make_rollout_kernel(step, initial_carry, running, final, nx, nu, has_limits,
         alpha = dtype(out.step_sizes[a])
         left = dtype(1.0) - alpha
         x = VX()
-        for i in range(wp.static(nx)):
-            x[i] = x0[b, i]
-            out.xs[b, a, 0, i] = x[i]
         carry = initial_carry()
         status = int(0)
         cost = wp.float64(0.0)
         size = wp.float64(0.0)
-        for k in range(horizon):
+        begin = int(0)
+        end = horizon
+        if wp.static(relayed):
+            begin = relay.next[item]
+            end = wp.min(wp.min(begin + most, last), horizon)
+            if begin >= end:
+                return
+            if begin > 0:
+                carry = carried(carries, item)
+                status = out.status[b, a]
+                cost = out.cost[b, a]
+                size = out.size[b, a]
+        for i in range(wp.static(nx)):
+            if begin == 0:
+                out.xs[b, a, 0, i] = x0[b, i]
+            x[i] = out.xs[b, a, begin, i]
+        for k in range(begin, end):
             u = control(policy, b, k, limits, alpha, x)
             for i in range(wp.static(nu)):
                 out.us[b, a, k, i] = u[i]
             if status == 0:
+                x_next, carry_next, code = step(params, row, x, u, carry)
+                if wp.static(fast):
+                    if code != 0:
+                        end = k
+                        break
                 term = stage(state_limits, weights, weight_row, b, x, u, k)
                 cost += term
                 size += wp.abs(term)
-                x_next, carry_next, code = step(params, row, x, u, carry)
                 status = code
                 if policy.gaps.shape[0] > 0:
                     for i in range(wp.static(nx)):
@@ -132,9 +168,19 @@ def make_rollout_kernel(step, initial_carry, running, final, nx, nu, has_limits,
                     carry = carry_next
             for i in range(wp.static(nx)):
                 out.xs[b, a, k + 1, i] = x[i]
-        last = end(state_limits, weights, weight_row, b, x, horizon)
-        cost += last
-        size += wp.abs(last)
+        if wp.static(relayed):
+            relay.next[item] = end
+            if end < horizon:
+                leave(carries, item, carry)
+                out.cost[b, a] = cost
+                out.size[b, a] = size
+                out.status[b, a] = status
+                if end < last:
+                    hand_on(relay, slot, item)
+                return
+        term = at_end(state_limits, weights, weight_row, b, x, horizon)
+        cost += term
+        size += wp.abs(term)
         if status == 0 and not wp.isfinite(cost):
             status = NOT_FINITE
         if status != 0:

@@ -13,28 +13,12 @@ import warp as wp
 
 from ..device.compile import specialised
 from ..factories import cached
+from ..residual.smoothing import HARD_LAYER, LARGEST_LAYER, REACH
 from ..specialisation import Specialisation
 from ..status import SOLVED
 from ..step.rollout import make_batch
 from ..structure import layout
 from .sensitivity import make_linearization
-
-REACH = 0.03
-LARGEST_LAYER = 0.1  # the finest sigma counts up to this; also where there are no rows
-HARD_LAYER = 1e-3  # what stands for sigma in the hard problem, to stay on one side of its kinks
-
-
-@cached
-def make_widen_kernel(dtype: type) -> wp.Kernel:
-    """Copies a table to double precision."""
-
-    @specialised
-    def widen_kernel(first: int, source: wp.array2d(dtype=dtype), target: wp.array2d(dtype=wp.float64)):
-        i = first + wp.tid()
-        for j in range(source.shape[1]):
-            target[i, j] = wp.float64(source[i, j])
-
-    return widen_kernel
 
 
 @cached

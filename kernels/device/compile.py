@@ -12,7 +12,7 @@ compensation of log(1 + e). Functions are inlined up to more than twice the size
 parts lie near that limit, where a line more in a part that is seldom run cost all steps a twelfth.
 
 The environment variable SLCP_CPU_FLAGS replaces all flags of the CPU's compiler, these and Warp's:
-"-march=x86-64-v2 -ffp-contract=off" rounds as a processor without fused operations does. Flags go into a
+"-ffp-contract=off" rounds as a processor without fused operations does. Flags go into a
 kernel's hash, so that caches do not mix; `.ci/full rounding` runs all tests that way.
 """
 

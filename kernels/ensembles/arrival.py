@@ -23,12 +23,10 @@ class Progress:
 
 @cached
 def make_span(dtype: type) -> type:
-    """Struct of the steps of a launch, and of what its worlds carry over from the launch before."""
+    """Struct of what worlds carry over from the launch before."""
 
     @wp.struct
     class Span:
-        first: int  # step
-        last: int  # one after the last
         p: Progress
         state: wp.array2d(dtype=dtype)  # (B, nx)
         warm: wp.array2d(dtype=dtype)  # (B, nr + 2 pairs)

@@ -3,6 +3,7 @@
 import warp as wp
 
 from ..device.compile import specialised
+from ..device.relay import Relay, hand_on, taken
 from ..factories import cached
 from ..policies.contract import PolicyKernel, make_policy
 from ..specialisation import Specialisation
@@ -21,17 +22,18 @@ def make_sweep_kernel(
     """Roll out one world a thread for a duration, with all that happens to it.
 
     States are recorded where that is asked for; measures are taken, those of users' functions with `users`,
-    and end a world where one of them says so. With `spans` a launch makes some of the steps, and worlds carry
-    over what the next one needs.
+    and end a world where one of them says so. With `spans` a launch makes some of the steps, from
+    `relay.next` on and before `last`, and worlds carry over what the next one needs; with a `fast` method,
+    too, a step that is not solved is left to the other kernel (`device/relay.py`).
     """
-    s, dtype, _ = spec
+    s, dtype, method = spec
     batch = make_batch(spec, False)
     step = batch.step
     asked = make_policy(policy, 2 * s.nv, s.nu, dtype)
     disturb = make_disturbances(s.nv, s.nu, dtype)
     Conditions, Events, Policy = make_conditions(dtype), make_events(dtype), asked.Struct
     Span, Measures = make_span(dtype), make_tables(dtype)
-    NX, NR, NN = 2 * s.nv, s.nr, 2 * len(s.pairs)
+    NX, NR = 2 * s.nv, s.nr
     H = layout(s).offset("step_size")
     contacts = make_contacts(len(s.pairs))
     measures = make_measures(NX, s.nu, dtype, contacts, users)
@@ -54,31 +56,22 @@ def make_sweep_kernel(
         return out
 
     @wp.func
-    def carried(span: Span, i: int):
-        """What a world's next step takes over from the launch before."""
-        out = step.Carry()
-        for r in range(wp.static(NR)):
-            out.z[r] = span.warm[i, r]
-        for n in range(wp.static(NN)):
-            out.normal[n] = span.warm[i, wp.static(NR) + n]
-        return out
-
-    @wp.func
     def leave(span: Span, i: int, x: step.types.VX, carry: step.Carry, code: int, record: int, event: int):
-        """The same for the next launch."""
+        """What the next launch takes over."""
         span.p.status[i] = code
         span.p.record[i] = record
         span.p.event[i] = event
         for j in range(wp.static(NX)):
             span.state[i, j] = x[j]
-        for r in range(wp.static(NR)):
-            span.warm[i, r] = carry.z[r]
-        for n in range(wp.static(NN)):
-            span.warm[i, wp.static(NR) + n] = carry.normal[n]
+        batch.leave(span.warm, i, carry)
 
     @specialised
     def sweep_kernel(
         first: int,
+        slot: int,
+        last: int,
+        most: int,  # steps
+        relay: Relay,
         c: Conditions,
         e: Events,
         params: wp.array2d(dtype=dtype),  # (B, P)
@@ -92,6 +85,10 @@ def make_sweep_kernel(
     ):
         # long: a world's run is one loop over named stages, and what it stands in is local to the thread
         i = first + wp.tid()
+        if wp.static(spans):
+            i = taken(relay, slot, i)
+            if i < 0:
+                return
         number = disturb.number(c, e, i)
         who = wp.where(wp.static(policy.by_row), i, number)
         world = step.types.world_at(params, e.external, i)
@@ -108,15 +105,15 @@ def make_sweep_kernel(
         end = steps
         if wp.static(spans):
             steps = span.p.steps[i]
-            begin = span.first
-            end = wp.min(span.last, steps)
-            if begin >= steps:
+            begin = relay.next[i]
+            end = wp.min(wp.min(begin + most, last), steps)
+            if begin >= end:
                 return
             code = span.p.status[i]
             record = span.p.record[i]
             event = span.p.event[i]
             x = batch.load_state(span.state, i)
-            carry = carried(span, i)
+            carry = batch.carried(span.warm, i)
         memory = asked.begin(control, who, x)
         if wp.static(spans):
             memory = asked.recall(control, span.memory, i, who, begin, x)
@@ -130,6 +127,7 @@ def make_sweep_kernel(
             before = x
             touching = contacts.none()
             if code == wp.static(SOLVED):
+                kept_memory = memory
                 u, memory = asked.ask(control, who, k, x, memory)
                 u = disturb.acting(c, e, i, number, k, time, h, u)
                 if e.push.shape[1] > 0:
@@ -137,6 +135,12 @@ def make_sweep_kernel(
                 sol = step.solve_step(world, x, u, carry)
                 after = step.next_state(world, x, sol)
                 code = batch.status_of(sol, after)
+                if wp.static(method.fast):
+                    if code != wp.static(SOLVED):
+                        code = wp.static(SOLVED)
+                        memory = kept_memory
+                        end = k
+                        break
                 if code == wp.static(SOLVED):
                     x = after
                     carry.z = sol.z
@@ -153,7 +157,10 @@ def make_sweep_kernel(
             asked.keep(span.memory, i, memory)
             leave(span, i, x, carry, code, record, event)
             span.p.steps[i] = steps
+            relay.next[i] = end
             if end < steps:
+                if end < last:
+                    hand_on(relay, slot, i)
                 return
         measures.look(m, kept, i, wp.float64(steps) * h, h, x, u, touching, 1)
         record = disturb.record(c, records, i, record, wp.float64(wp.static(END)), h, x, x0)

@@ -15,7 +15,7 @@ from ..residual.smoothing import make_smoothing
 from ..structure import CAPSULE, DISC, ELLIPSE, HALFPLANE, WORLD
 from .mechanism import COLUMN, make_mechanism
 from .topology import CONTACT, LONG, LOWER, MOVES_A, MOVES_B, PLANE, ROUND, TURN, Topology
-from .work import NEAR, ROWS, V2, V3, V4, WORK, Slot
+from .work import NEAR, ORDERS, V2, V3, V4, WORK, Slot
 
 ROUNDING = {wp.float64: 1e-14, wp.float32: 4e-7}  # of a gap [m], whatever the precision of the work
 
@@ -283,7 +283,7 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
                     kept += k.known[pair]
         old = k.count[wp.static(NEAR)]
         if fresh:
-            if found == old and kept == old and k.count[wp.static(ROWS)] >= t.limits:
+            if found == old and kept == old and k.count[wp.static(ORDERS)] > 0:
                 return 0
             for n in range(old):
                 k.known[k.near[n]] = 0
@@ -331,4 +331,8 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
         grow=grow,
         velocity=velocity,
         geometry=geometry,
+        pose_a=pose_a,
+        pose_b=pose_b,
+        radii_a=radii_a,
+        radii_b=radii_b,
     )

@@ -327,5 +327,8 @@ def make_mechanism(given: type) -> SimpleNamespace:
         twists=twists,
         dynamics=dynamics,
         springs=springs,
+        tied_point=tied_point,
+        SHORT=SHORT,
+        TINY=TINY,
         control_force=control_force,
     )

@@ -13,7 +13,7 @@ import warp as wp
 from ..contact.problem import COLD
 from ..factories import cached
 from .topology import CONTACT, Topology
-from .work import GROUPS, ISLANDS, NEAR, ROWS, WORK, Slot
+from .work import GROUPS, ISLANDS, NEAR, ORDERS, ROWS, WORK, Slot
 
 UNTOUCHED, WAITING, SEEN = -1, -2, -3  # instead of a unit's island
 
@@ -257,6 +257,7 @@ def make_order() -> SimpleNamespace:
     @wp.func
     def rearrange(t: wp.ref[Topology], k: wp.ref[Slot]):
         """Islands, the order of elimination, rows and groups anew; rows that stay keep z."""
+        k.count[wp.static(ORDERS)] = 1
         keep_warm(t, k)
         graph(t, k)
         islands(t, k)

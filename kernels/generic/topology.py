@@ -60,6 +60,7 @@ class Topology:
     dof_kind: wp.array(dtype=wp.int32)  # (nv)
     dof_block: wp.array(dtype=wp.int32)  # (nv)
     dof_part: wp.array(dtype=wp.int32)  # (nv) 0, 1 or 2: where in its block
+    place: wp.array(dtype=wp.int32)  # (nv) 3 block + part
     block_dof: wp.array(dtype=wp.int32)  # (3 blocks) -1: padding
     block_unit: wp.array(dtype=wp.int32)  # (blocks)
     block_id: wp.array(dtype=wp.int32)  # (blocks) 0, 1, 2, ...: the static order
@@ -78,7 +79,7 @@ class Topology:
     pair_unit: wp.array(dtype=wp.int32)  # (2 pairs) units of the bodies, -1: none
     pair_free: wp.array(dtype=wp.int32)  # (2 pairs) entry of a body free in the world, -1: none, -2: others
     pair_row: wp.array(dtype=wp.int32)  # (pairs + 1) first row
-    pair_start: wp.array(dtype=wp.int32)  # (pairs + 1) dofs that move the pair's sides against each other
+    pair_start: wp.array(dtype=wp.int32)  # (pairs + 1) dofs that move its sides, last first
     pair_dof: wp.array(dtype=wp.int32)
     pair_side: wp.array(dtype=wp.int32)  # MOVES_A, MOVES_B or both
     pair_entry: wp.array(dtype=wp.int32)  # which of its rows' entries it is in
@@ -127,6 +128,7 @@ def tables(s: Structure) -> tuple[dict[str, list[int]], Sizes]:
     begin = [next(b for b, dofs in enumerate(blocks) if unit[dofs[0]] == u) for u in units]
     out["dof_block"] = [block_of[j] for j in range(s.nv)]
     out["dof_part"] = [blocks[block_of[j]].index(j) for j in range(s.nv)]
+    out["place"] = [3 * b + part for b, part in zip(out["dof_block"], out["dof_part"], strict=True)]
     out["block_dof"] = [j for dofs in blocks for j in (*dofs, -1, -1)[:3]]
     out["block_unit"] = [units.index(unit[dofs[0]]) for dofs in blocks]
     out["block_id"] = list(range(len(blocks)))
@@ -266,7 +268,7 @@ def _pair_tables(s: Structure, chains: list[list[int]], out: dict[str, list[int]
         )
         # what shifts both moves nothing between them
         moves = [j for j in a_moves | b_moves if j not in a_moves & b_moves or _dof_kind(s, j) == TURN]
-        dofs.append(sorted(moves))
+        dofs.append(sorted(moves, reverse=True))
         sides.append([MOVES_A * (j in a_moves) + MOVES_B * (j in b_moves) for j in dofs[-1]])
     ends = [oriented_ends(s, k) for k in range(len(s.pairs))]
     kinds = [

@@ -16,7 +16,9 @@ from .topology import tables
 WORK = wp.float64
 V2, V3, V4 = (wp.types.vector(n, WORK) for n in (2, 3, 4))
 M33 = wp.types.matrix((3, 3), WORK)
-NEAR, ROWS, GROUPS, ISLANDS = 0, 1, 2, 3  # what `count` counts
+LANES = 8  # right-hand sides that are solved at once
+Lanes = wp.types.vector(LANES, WORK)
+NEAR, ROWS, GROUPS, ISLANDS, ORDERS = range(5)  # what `count` counts; orders: 0 or 1
 
 
 @wp.struct
@@ -221,7 +223,7 @@ def lengths(s: Structure) -> dict[str, int]:
     """Items of every workspace of a structure."""
     sizes = tables(s)[1]
     pairs, shapes, units = len(s.pairs), len(s.shapes), sizes.blocks  # no more units than blocks
-    out = dict.fromkeys(("frame", "angle", "twist"), s.nb) | {"numbers": sizes.numbers, "count": 4}
+    out = dict.fromkeys(("frame", "angle", "twist"), s.nb) | {"numbers": sizes.numbers, "count": 5}
     out |= dict.fromkeys(("q", "v0", "column"), s.nv) | dict.fromkeys(("local", "shape"), shapes)
     matrices = {"mass": sizes.mass, "mass_factor": sizes.mass, "factor": sizes.matrix, "jac": sizes.entries}
     blocks = ("vfree", "v", "best_v", "balance", "move", "most", "momentum", "lost", "unseen",

@@ -1,16 +1,19 @@
 """The rule of the nearest neighbour, over a library of states with controls and gains."""
 
+from functools import partial
+
 import warp as wp
 
 from ..factories import cached
 from .contract import PolicyFunctions, PolicyKernel
 from .pieces import make_hold, make_wrap
 
-STACK = 64  # pending branches of a tree search: more than twice the depth of any tree that fits in memory
+# branches that wait in a search: one a level, of trees of less than 2^(this + 1) nodes
+STACKS = (12, 32)
 
 
 @cached
-def make_nearest(nx: int, nu: int, dtype: type) -> PolicyFunctions:
+def make_nearest(stack: int, nx: int, nu: int, dtype: type) -> PolicyFunctions:
     """The nearest-neighbour rule (20), (M37).
 
     Points y = W x_j are stored as a balanced k-d tree in one array: the node of a range is its middle, its
@@ -18,7 +21,7 @@ def make_nearest(nx: int, nu: int, dtype: type) -> PolicyFunctions:
     half a period of [0, period), so that the search needs no wrapping. The search is exact.
     """
     VX, VU = wp.types.vector(nx, dtype), wp.types.vector(max(nu, 1), dtype)
-    VI, VD = wp.types.vector(STACK, wp.int32), wp.types.vector(STACK, dtype)
+    VI, VD = wp.types.vector(stack, wp.int32), wp.types.vector(stack, dtype)
     ZERO = dtype(0.0)
     FAR = dtype(1e30)
     wrapped, held = make_wrap(dtype), make_hold(dtype)
@@ -107,4 +110,10 @@ def make_nearest(nx: int, nu: int, dtype: type) -> PolicyFunctions:
     return PolicyFunctions(Nearest, control)
 
 
-NEAREST = PolicyKernel("nearest", make_nearest)
+NEAREST = PolicyKernel("nearest", partial(make_nearest, STACKS[0]))
+DEEP = PolicyKernel("nearest, deep", partial(make_nearest, STACKS[1]))
+
+
+def nearest_kernel(nodes: int) -> PolicyKernel:
+    """The rule's kernel for a tree of so many nodes: a level fewer than the tree has wait at once."""
+    return NEAREST if nodes.bit_length() - 1 <= STACKS[0] else DEEP

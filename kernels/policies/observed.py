@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from ..device.compile import digest_of
+from ..device.compile import digest_of, specialised
 from ..factories import cached
 from .contract import PolicyFunctions, PolicyKernel, make_policy
 from .function import made_of
@@ -66,3 +66,26 @@ def make_observed(inner: PolicyKernel, seen: Seen, nx: int, nu: int, dtype: type
     if size == 0:
         return PolicyFunctions(Observed, alone)
     return PolicyFunctions(Observed, remembering, size, start)
+
+
+@cached
+def make_observation_kernel(seen: Seen, nx: int, dtype: type) -> wp.Kernel:
+    """What a user's function shows of many states."""
+    VX, VY = wp.types.vector(nx, dtype), wp.types.vector(seen.size, dtype)
+    function = made_of("observation", seen.function, [dtype, VX, VY])
+
+    @specialised
+    def observation_kernel(
+        first: int,
+        state: wp.array2d(dtype=dtype),  # (B, nx)
+        shown: wp.array2d(dtype=dtype),  # out (B, size)
+    ):
+        i = first + wp.tid()
+        x = VX()
+        for j in range(nx):
+            x[j] = state[i, j]
+        y = function(x)
+        for j in range(wp.static(seen.size)):
+            shown[i, j] = y[j]
+
+    return observation_kernel

@@ -37,6 +37,10 @@ CUT = {  # by distribution and precision
     ("normal", wp.float64): 8.3,
     ("normal", wp.float32): 5.3,
 }
+# differences of derivatives: a part of the smoothing, which a velocity of the size of sigma passes
+REACH = 0.03
+LARGEST_LAYER = 0.1  # the finest sigma counts up to this; also where there are no rows
+HARD_LAYER = 1e-3  # what stands for sigma in the hard problem, to stay on one side of its kinks
 STEEPEST = {"logistic": 0.25, "normal": 1.0 / math.sqrt(2.0 * math.pi)}  # largest sigma s''
 
 

@@ -22,11 +22,11 @@ from .newton import make_newton
 
 @cached
 def make_solver(spec: Specialisation) -> wp.Function:
-    """solve(world, problem, warm) -> v', z, lambda, status, iterations; warm: z of the last step."""
-    s, dtype, _ = spec
+    """solve(world, problem, warm) -> v', z, lambda, status, iterations; warm: z of the last step. A fast
+    method has the solver of few rows alone.
+    """
+    s, dtype, method = spec
     r = make_rows(spec)
-    interior = make_interior(spec)
-    n = make_newton(spec)
     solve_few = make_few_rows(spec)
     Problem, measure = make_problem(s, dtype), make_measure(spec)
     VQ, VR, World = r.types.VQ, r.types.VR, r.types.World
@@ -86,6 +86,15 @@ def make_solver(spec: Specialisation) -> wp.Function:
                 if (p.mask & wp.static(1 << i)) != 0 and wp.abs(warm[i]) < HALF * UNUSED:
                     z[i] = warm[i]
         return z
+
+    @wp.func
+    def solve_fast(world: World, problem: Problem, warm: VR):
+        p = measure(world, problem)
+        return solve_few(world, p, start(p, warm))
+
+    if method.fast:
+        return solve_fast
+    interior, n = make_interior(spec), make_newton(spec)
 
     @wp.func
     def proves_infeasible(p: Problem, y: VR):

@@ -38,8 +38,8 @@ PROXIMAL = {wp.float64: (1e-9, 1e-13), wp.float32: (1e-4, 3e-7)}
 
 @cached
 def make_coulomb_solver(spec: Specialisation) -> wp.Function:
-    """As `make_solver`; D and noise levels are not read."""
-    s, dtype, _ = spec
+    """As `make_solver`; D and noise levels are not read. A fast method has single contacts and few rows."""
+    s, dtype, method = spec
     active = make_active(spec)
     lemke = make_lemke(spec, active.Dense)
     single, cone = make_alone(spec), make_cone(dtype)
@@ -47,7 +47,7 @@ def make_coulomb_solver(spec: Specialisation) -> wp.Function:
     t = active.types
     VR, Problem = t.VR, make_problem(s, dtype)
     Dense, MODES = active.Dense, active.MODES
-    ZERO = dtype(0.0)
+    ZERO, HALF = dtype(0.0), dtype(0.5)
     TOL, ENOUGH = dtype(TOLERANCE[dtype]), dtype(ACCEPT[dtype])
     TAU, NEARLY_NONE = (dtype(x) for x in PROXIMAL[dtype])
     HUGE, NEARLY = dtype(1e30), dtype(NEAR * ACCEPT[dtype])
@@ -56,6 +56,27 @@ def make_coulomb_solver(spec: Specialisation) -> wp.Function:
     # tonne on a gram), which leaves v' and w uncertain by 2e-9 or 1e-5 of it
     PROOF = dtype(0.0015 if dtype is wp.float64 else 1.0)
     UNUSED = dtype(0.5 * COLD)
+
+    @wp.func
+    def kept(z: VR, warm: VR, mask: int):
+        # z of the rows in the system; others keep what they had, for the time that they join it
+        out = warm
+        for i in range(wp.static(s.nr)):
+            if (mask & wp.static(1 << i)) != 0:
+                out[i] = z[i]
+        return out
+
+    @wp.func
+    def solve_fast(world: t.World, p: Problem, warm: VR):
+        v_alone, z_alone, lam_alone, found = single(world, p)
+        if found == 1:
+            return v_alone, kept(z_alone, warm, p.mask), lam_alone, wp.static(SOLVED), int(0)
+        v_few, z_few, lam_few, settled = few(world, p, warm)
+        status = wp.where(settled == 1, wp.static(SOLVED), wp.static(NOT_CONVERGED))
+        return v_few, z_few, lam_few, status, int(0)
+
+    if method.fast:
+        return solve_fast
 
     @wp.func
     def alone(dense: Dense):
@@ -87,23 +108,30 @@ def make_coulomb_solver(spec: Specialisation) -> wp.Function:
         # z and the natural map at these impulses
         out = Trial()
         out.lam = lam
+        a = dense.a
+        b = dense.b
+        mu = dense.mu
+        size = dense.size
+        tangent = dense.tangent
+        z = VR()
         for i in range(dense.count):
-            w = dense.b[i]
+            w = b[i]
             rounding = ZERO
             for j in range(dense.count):
-                w += dense.a[i, j] * lam[j]
-                rounding += wp.abs(dense.a[i, j] * lam[j])
-            out.z[i] = dense.a[i, i] * lam[i] - w
+                w += a[i, j] * lam[j]
+                rounding += wp.abs(a[i, j] * lam[j])
+            z[i] = a[i, i] * lam[i] - w
             error = ZERO
-            if dense.tangent[i] == 0:
-                error = wp.abs(wp.min(dense.a[i, i] * lam[i], w))
+            if tangent[i] == 0:
+                error = wp.abs(wp.min(a[i, i] * lam[i], w))
             else:
-                bound = dense.a[i, i] * dense.mu[i] * wp.max(lam[i - 1], ZERO)
-                error = wp.abs(dense.a[i, i] * lam[i] - wp.clamp(out.z[i], -bound, bound))
+                bound = a[i, i] * mu[i] * wp.max(lam[i - 1], ZERO)
+                error = wp.abs(a[i, i] * lam[i] - wp.clamp(z[i], -bound, bound))
             # impulses that cancel may hide what is wrong, and may be all that is wrong
-            error = wp.max(error - EPSILON * rounding, PROOF * EPSILON * rounding) / dense.size[i]
+            error = wp.max(error - EPSILON * rounding, PROOF * EPSILON * rounding) / size[i]
             if not (error <= out.worst):  # a NaN stays
                 out.worst = error
+        out.z = z
         return out
 
     @wp.func
@@ -145,20 +173,12 @@ def make_coulomb_solver(spec: Specialisation) -> wp.Function:
             lu = active.factor(dense, mode, tau)
             lam = active.impulses(dense, mode, lu, dense.b, here.lam, tau)
             here = judge(dense, lam)
+            stalls = here.worst <= ENOUGH and here.worst > HALF * best.worst
             if here.worst < best.worst:
                 best = here
-            if not (here.worst > TOL):
+            if stalls or not (here.worst > TOL):
                 it = last
         return best
-
-    @wp.func
-    def kept(z: VR, warm: VR, mask: int):
-        # z of the rows in the system; others keep what they had, for the time that they join it
-        out = warm
-        for i in range(wp.static(s.nr)):
-            if (mask & wp.static(1 << i)) != 0:
-                out[i] = z[i]
-        return out
 
     @wp.func
     def at_first(dense: Dense):

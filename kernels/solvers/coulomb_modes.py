@@ -69,79 +69,105 @@ def make_active(spec: Specialisation) -> SimpleNamespace:
     @wp.func
     def gather(world: t.World, p: Problem):
         out = Dense()
+        a, b, own, response = AR(), VR(), VR(), JR()
+        row, tangent = MODES(), MODES()
         out.touching = CLOSE / world.params[wp.static(H)]
         size = dtype(0.0)
         n = int(0)
         for i in range(wp.static(NR)):
             if (p.mask & wp.static(1 << i)) != 0:
-                out.row[n] = wp.static(i)
-                out.response[n] = wp.static(r.applies[i])(p.minv, p.jac)
-                out.b[n] = wp.static(r.dots[i])(p.jac, p.vfree) + p.rate[i]
-                terms = wp.abs(out.b[n]) + wp.abs(p.rate[i])
+                row[n] = wp.static(i)
+                response[n] = wp.static(r.applies[i])(p.minv, p.jac)
+                b[n] = wp.static(r.dots[i])(p.jac, p.vfree) + p.rate[i]
+                terms = wp.abs(b[n]) + wp.abs(p.rate[i])
                 if wp.static(r.limit[i]):
                     terms += wp.abs(p.vfree[wp.static(s.rows[i].index)])
                 else:
                     for j in range(wp.static(s.nv)):
                         terms += wp.abs(p.jac[i, j] * p.vfree[j])
                 size = wp.max(size, terms)
-                out.own[n] = terms
+                own[n] = terms
                 for k in range(n + 1):
-                    value = wp.static(r.dots[i])(p.jac, out.response[k])
-                    out.a[n, k] = value
-                    out.a[k, n] = value
+                    value = wp.static(r.dots[i])(p.jac, response[k])
+                    a[n, k] = value
+                    a[k, n] = value
                 if wp.static(not r.tangent[i]):
                     allowed = SHARE * terms + out.touching
-                    if not (out.a[n, n] > SMALLEST) and out.b[n] < -allowed:
+                    if not (a[n, n] > SMALLEST) and b[n] < -allowed:
                         out.shut = 1
-                out.a[n, n] = wp.max(out.a[n, n], SMALLEST)
+                a[n, n] = wp.max(a[n, n], SMALLEST)
                 if wp.static(r.tangent[i]):
-                    out.tangent[n] = 1
+                    tangent[n] = 1
                     out.mu[n] = world.params[wp.static(FRICTION + pair[i])]
                 n += 1
         out.count = n
+        out.row = row
+        out.response = response
+        out.b = b
+        out.own = own
+        out.a = a
+        out.tangent = tangent
+        sizes = VR()
+        most = wp.max(size, SMALLEST)
+        noise = LENGTH / world.params[wp.static(H)]
         for i in range(n):
             # what opens a violated row may move others much faster than it (a guide along the surface)
-            out.size[i] = wp.max(size, SMALLEST)
+            value = most
             for k in range(n):
-                if out.tangent[k] == 0 and out.b[k] < ZERO:
-                    out.size[i] = wp.max(out.size[i], -out.b[k] * wp.abs(out.a[i, k]) / out.a[k, k])
-            out.size[i] = out.size[i] + LENGTH / world.params[wp.static(H)]
+                if tangent[k] == 0 and b[k] < ZERO:
+                    value = wp.max(value, -b[k] * wp.abs(a[i, k]) / a[k, k])
+            sizes[i] = value + noise
+        out.size = sizes
         return out
 
     @wp.func
     def reach(dense: Dense):
         """What the impulse of any row alone does to every row's velocity, handed on from row to row."""
+        a = dense.a
+        b = dense.b
+        tangent = dense.tangent
+        n = dense.count
         out = VR()
-        for i in range(dense.count):
-            alone = wp.abs(dense.b[i])
-            if dense.tangent[i] == 0:
-                alone = wp.max(-dense.b[i], ZERO)
-            out[i] = alone
-        for _ in range(dense.count):
+        for i in range(n):
+            out[i] = wp.where(tangent[i] == 0, wp.max(-b[i], ZERO), wp.abs(b[i]))
+        rounds = int(0)
+        while rounds < n:
+            rounds += 1
             before = out
-            for i in range(dense.count):
-                for k in range(dense.count):
-                    out[i] = wp.max(out[i], wp.abs(dense.a[i, k]) * before[k] / dense.a[k, k])
+            changed = int(0)
+            for i in range(n):
+                largest = before[i]
+                for k in range(n):
+                    largest = wp.max(largest, wp.abs(a[i, k]) * before[k] / a[k, k])
+                if largest > before[i]:
+                    changed = 1
+                out[i] = largest
+            if changed == 0:
+                rounds = n
         return out
 
     @wp.func
     def is_earned(dense: Dense, lam: VR):
         """Whether every row is open on its own scale, and rounding of the impulses leaves it digits."""
         most = reach(dense)
+        a = dense.a
+        b = dense.b
+        own = dense.own
+        tangent = dense.tangent
         largest = dtype(0.0)
         for i in range(dense.count):
-            largest = wp.max(largest, dense.own[i])
+            largest = wp.max(largest, own[i])
         good = int(1)
         for i in range(dense.count):
-            w = dense.b[i]
+            w = b[i]
             total = ZERO
             for k in range(dense.count):
-                w += dense.a[i, k] * lam[k]
-                total += wp.abs(dense.a[i, k] * lam[k])
-            allowed = MISS * (dense.own[i] + wp.min(most[i], largest)) + dense.touching
-            if dense.tangent[i] == 0 and not (w >= -allowed):
+                w += a[i, k] * lam[k]
+                total += wp.abs(a[i, k] * lam[k])
+            allowed = MISS * (own[i] + wp.min(most[i], largest)) + dense.touching
+            if tangent[i] == 0 and not (w >= -allowed):
                 good = 0
-            if not (total <= MOST * (dense.own[i] + most[i])):
+            if not (total <= MOST * (own[i] + most[i])):
                 good = 0
         return good
 
@@ -149,12 +175,15 @@ def make_active(spec: Specialisation) -> SimpleNamespace:
     def modes(dense: Dense, z: VR):
         """The mode of every row; a tie presses not, and sticks."""
         out = MODES()
+        a = dense.a
+        mu = dense.mu
+        tangent = dense.tangent
         for i in range(dense.count):
-            if dense.tangent[i] == 0:
+            if tangent[i] == 0:
                 if z[i] > ZERO:
                     out[i] = wp.static(PRESS)
             elif out[i - 1] == wp.static(PRESS):
-                bound = dense.a[i, i] * dense.mu[i] * z[i - 1] / dense.a[i - 1, i - 1]
+                bound = a[i, i] * mu[i] * z[i - 1] / a[i - 1, i - 1]
                 out[i] = wp.static(STICK)
                 if z[i] > bound:
                     out[i] = wp.static(RIGHT)
@@ -166,8 +195,9 @@ def make_active(spec: Specialisation) -> SimpleNamespace:
     def ratio(dense: Dense, mode: MODES, i: int):
         """lambda_t/lambda_n of the normal row i while its contact slides, else 0."""
         out = ZERO
+        tangent = dense.tangent
         if i + 1 < dense.count:
-            if dense.tangent[i + 1] == 1:
+            if tangent[i + 1] == 1:
                 if mode[i + 1] == wp.static(RIGHT):
                     out = dense.mu[i + 1]
                 if mode[i + 1] == wp.static(LEFT):
@@ -178,72 +208,85 @@ def make_active(spec: Specialisation) -> SimpleNamespace:
     def factor(dense: Dense, mode: MODES, tau: dtype):
         """LU factors with partial pivoting of the rows that hold, A + tau diag(A)."""
         out = Lu()
+        a = dense.a
+        tangent = dense.tangent
+        m = AR()
+        unknown = MODES()
+        order = MODES()
         n = int(0)
         for i in range(dense.count):
             if mode[i] == wp.static(PRESS) or mode[i] == wp.static(STICK):
-                out.unknown[n] = i
+                unknown[n] = i
                 n += 1
         out.size = n
+        out.unknown = unknown
         for c in range(n):
-            j = out.unknown[c]
+            j = unknown[c]
             slide = ratio(dense, mode, j)
-            if dense.tangent[j] == 1:
+            if tangent[j] == 1:
                 slide = ZERO
             for k in range(n):
-                i = out.unknown[k]
+                i = unknown[k]
                 # in units of sqrt(A_ii): pivots of heavy and of light bodies compare
-                value = dense.a[i, j]
+                value = a[i, j]
                 if slide != ZERO:
-                    value += slide * dense.a[i, j + 1]
+                    value += slide * a[i, j + 1]
                 if i == j:
-                    value += tau * dense.a[i, i]
-                out.m[k, c] = value / wp.sqrt(dense.a[i, i] * dense.a[j, j])
-            out.order[c] = c
+                    value += tau * a[i, i]
+                m[k, c] = value / wp.sqrt(a[i, i] * a[j, j])
+            order[c] = c
         for c in range(n):
             best = int(c)
             for k in range(c + 1, n):
-                if wp.abs(out.m[k, c]) > wp.abs(out.m[best, c]):
+                if wp.abs(m[k, c]) > wp.abs(m[best, c]):
                     best = k
             if best != c:
-                held = out.order[c]
-                out.order[c] = out.order[best]
-                out.order[best] = held
+                held = order[c]
+                order[c] = order[best]
+                order[best] = held
                 for j in range(n):
-                    value = out.m[c, j]
-                    out.m[c, j] = out.m[best, j]
-                    out.m[best, j] = value
-            pivot = out.m[c, c]
+                    value = m[c, j]
+                    m[c, j] = m[best, j]
+                    m[best, j] = value
+            pivot = m[c, c]
             if wp.abs(pivot) > SMALLEST:
                 for k in range(c + 1, n):
-                    share = out.m[k, c] / pivot
-                    out.m[k, c] = share
+                    share = m[k, c] / pivot
+                    m[k, c] = share
                     for j in range(c + 1, n):
-                        out.m[k, j] = out.m[k, j] - share * out.m[c, j]
+                        m[k, j] = m[k, j] - share * m[c, j]
+        out.m = m
+        out.order = order
         return out
 
     @wp.func
     def impulses(dense: Dense, mode: MODES, lu: Lu, target: VR, centre: VR, tau: dtype):
         """lambda with (A + tau diag(A)) lambda = tau diag(A) centre - target in the rows that hold."""
+        a = dense.a
+        tangent = dense.tangent
+        m = lu.m
+        unknown = lu.unknown
+        order = lu.order
         x = VR()
         for c in range(lu.size):
-            i = lu.unknown[lu.order[c]]
-            value = (tau * dense.a[i, i] * centre[i] - target[i]) / wp.sqrt(dense.a[i, i])
+            i = unknown[order[c]]
+            value = (tau * a[i, i] * centre[i] - target[i]) / wp.sqrt(a[i, i])
             for k in range(c):
-                value -= lu.m[c, k] * x[k]
+                value -= m[c, k] * x[k]
             x[c] = value
         for back in range(lu.size):
             c = lu.size - 1 - back
             value = x[c]
             for k in range(c + 1, lu.size):
-                value -= lu.m[c, k] * x[k]
-            pivot = lu.m[c, c]
+                value -= m[c, k] * x[k]
+            pivot = m[c, c]
             x[c] = wp.where(wp.abs(pivot) > SMALLEST, value / pivot, ZERO)
         out = VR()
         for c in range(lu.size):
-            j = lu.unknown[c]
-            value = x[c] / wp.sqrt(dense.a[j, j])
+            j = unknown[c]
+            value = x[c] / wp.sqrt(a[j, j])
             out[j] = value
-            if dense.tangent[j] == 0:
+            if tangent[j] == 0:
                 slide = ratio(dense, mode, j)
                 if slide != ZERO:
                     out[j + 1] = slide * value
@@ -254,28 +297,33 @@ def make_active(spec: Specialisation) -> SimpleNamespace:
         """rho in the rows that hold, of the transposed system: with S the impulses lambda = S lambda_hold
         of all rows, (J_hold M^-1 J' S)' rho = S' target.
         """
+        a = dense.a
+        tangent = dense.tangent
+        m = lu.m
+        unknown = lu.unknown
+        order = lu.order
         x = VR()
         for c in range(lu.size):
-            j = lu.unknown[c]
+            j = unknown[c]
             value = target[j]
-            if dense.tangent[j] == 0:
+            if tangent[j] == 0:
                 slide = ratio(dense, mode, j)
                 if slide != ZERO:
                     value += slide * target[j + 1]
-            value = value / wp.sqrt(dense.a[j, j])
+            value = value / wp.sqrt(a[j, j])
             for k in range(c):
-                value -= lu.m[k, c] * x[k]
-            pivot = lu.m[c, c]
+                value -= m[k, c] * x[k]
+            pivot = m[c, c]
             x[c] = wp.where(wp.abs(pivot) > SMALLEST, value / pivot, ZERO)
         out = VR()
         for back in range(lu.size):
             c = lu.size - 1 - back
             value = x[c]
             for k in range(c + 1, lu.size):
-                value -= lu.m[k, c] * x[k]
+                value -= m[k, c] * x[k]
             x[c] = value
-            i = lu.unknown[lu.order[c]]
-            out[i] = value / wp.sqrt(dense.a[i, i])
+            i = unknown[order[c]]
+            out[i] = value / wp.sqrt(a[i, i])
         return out
 
     return SimpleNamespace(

@@ -39,8 +39,9 @@ def make_coulomb_response(spec: Specialisation) -> SimpleNamespace:
         out = Factor()
         out.dense = active.gather(world, p)
         own = VR()
+        row = out.dense.row
         for i in range(out.dense.count):
-            own[i] = z[out.dense.row[i]]
+            own[i] = z[row[i]]
         out.mode = active.modes(out.dense, own)
         out.lu = active.factor(out.dense, out.mode, TAU)
         return out
@@ -50,14 +51,16 @@ def make_coulomb_response(spec: Specialisation) -> SimpleNamespace:
         """dv = dv0 + M^-1 J' dlambda with J_i dv = f2_i in the rows that hold."""
         target = VR()
         moved = VR()
+        row = fac.dense.row
+        response = fac.dense.response
         for i in range(wp.static(s.nr)):
             moved[i] = wp.static(r.dots[i])(jac, dv0) - f2[i]
         for i in range(fac.dense.count):
-            target[i] = moved[fac.dense.row[i]]
+            target[i] = moved[row[i]]
         dlam = active.impulses(fac.dense, fac.mode, fac.lu, target, VR(), TAU)
         dv = dv0
         for i in range(fac.dense.count):
-            dv += dlam[i] * fac.dense.response[i]
+            dv += dlam[i] * response[i]
         return dv, VR()
 
     @wp.func
@@ -68,18 +71,21 @@ def make_coulomb_response(spec: Specialisation) -> SimpleNamespace:
         if p.mask != 0:
             wanted = VR()
             moved = VR()
+            row = fac.dense.row
+            response = fac.dense.response
+            mode = fac.mode
             for i in range(wp.static(s.nr)):
                 moved[i] = wp.static(r.dots[i])(p.jac, out.p)
             for i in range(fac.dense.count):
-                wanted[i] = moved[fac.dense.row[i]]
+                wanted[i] = moved[row[i]]
             own = active.transposed(fac.dense, fac.mode, fac.lu, wanted)
             for i in range(fac.dense.count):
-                out.rho[fac.dense.row[i]] = own[i]
-                out.p = out.p - own[i] * fac.dense.response[i]
-                if fac.mode[i] == wp.static(RIGHT):
-                    out.slides[fac.dense.row[i]] = ONE
-                if fac.mode[i] == wp.static(LEFT):
-                    out.slides[fac.dense.row[i]] = -ONE
+                out.rho[row[i]] = own[i]
+                out.p = out.p - own[i] * response[i]
+                if mode[i] == wp.static(RIGHT):
+                    out.slides[row[i]] = ONE
+                if mode[i] == wp.static(LEFT):
+                    out.slides[row[i]] = -ONE
         return out
 
     return SimpleNamespace(

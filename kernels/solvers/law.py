@@ -44,10 +44,11 @@ class Law:
     whole: bool = False  # where one row acts all are in the system
     joined: bool = False  # where rows are JAMMED, others that press may free them: all are tried
     second: bool = False  # second derivatives have a closed form
+    fast: bool = False  # `make_solver` knows fast methods
 
 
-CONVEX = Law(make_solver, make_convex_response, second=True)
-COULOMB = Law(make_coulomb_solver, make_coulomb_response, joined=True)
+CONVEX = Law(make_solver, make_convex_response, second=True, fast=True)
+COULOMB = Law(make_coulomb_solver, make_coulomb_response, joined=True, fast=True)
 ERM = Law(make_erm_solver, make_erm_response, whole=True)
 
 

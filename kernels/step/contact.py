@@ -51,6 +51,10 @@ def make_contact(spec: Specialisation, exact_gap: bool) -> wp.Function:
             reach = reach_of.look(world, pose.frames, out.v, reach)
             more = wp.where(reach.mask != before or (stale == 1 and reach.mask != 0), 1, 0)
             stale = 0
+            if wp.static(method.fast):
+                if reach.lost == 1:
+                    out.status = wp.static(NOT_CONVERGED)
+                    more = 0
             if more == 1:
                 out.scale = wp.static(rows.scale)(out.minv, reach.jac, reach.mask)
                 out.jac = reach.jac

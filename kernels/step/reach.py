@@ -35,6 +35,7 @@ def make_reach(spec: Specialisation, exact_gap: bool) -> SimpleNamespace:
     ONE = dtype(1.0)
     H = layout(s).offset("step_size")
     pairs = tuple(make_pair(s, k, dtype) for k in range(NP))
+    geometries = tuple(pair.local_geometry if method.fast else pair.geometry for pair in pairs)
     pair_jacobians = tuple(make_pair_jacobian(s, k, dtype) for k in range(NP))
     pair_rows = rows_of_pairs(s)
     pair_bit = tuple(1 << k for k in range(NP))
@@ -49,6 +50,7 @@ def make_reach(spec: Specialisation, exact_gap: bool) -> SimpleNamespace:
         bent: VR  # what a row has beside it (`end_gap.py`)
         sigma: VR  # noise levels, where they depend on the state
         normal: VN
+        lost: int  # 1: a pair's distance takes a search that this method leaves to another kernel
 
     def make_deviation(i: int) -> wp.Function:
         @wp.func
@@ -90,7 +92,10 @@ def make_reach(spec: Specialisation, exact_gap: bool) -> SimpleNamespace:
                 wanted = (out.wanted & wp.static(pair_bit[k])) != 0
                 if wanted or wp.static(acting.near[k])(world, fr, v):
                     warm = V2(out.normal[wp.static(2 * k)], out.normal[wp.static(2 * k + 1)])
-                    g = wp.static(pairs[k].geometry)(world, fr, warm)
+                    g = wp.static(geometries[k])(world, fr, warm)
+                    if wp.static(method.fast):
+                        if g[0] == dtype(0.0) and g[1] == dtype(0.0):
+                            out.lost = 1
                     out.known = out.known | wp.static(pair_bit[k])
                     out.normal[wp.static(2 * k)] = g[0]
                     out.normal[wp.static(2 * k + 1)] = g[1]

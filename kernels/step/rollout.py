@@ -5,6 +5,7 @@ first status that was not SOLVED.
 """
 
 from types import SimpleNamespace
+from typing import NamedTuple
 
 import warp as wp
 
@@ -57,24 +58,108 @@ def make_batch(spec: Specialisation, exact_gap: bool) -> SimpleNamespace:
         return out
 
     @wp.func
+    def carried(warm: wp.array2d(dtype=dtype), i: int):
+        """What a world's next step takes over from the launch before."""
+        out = step.Carry()
+        for r in range(wp.static(NR)):
+            out.z[r] = warm[i, r]
+        for n in range(wp.static(2 * NP)):
+            out.normal[n] = warm[i, wp.static(NR) + n]
+        return out
+
+    @wp.func
+    def leave(warm: wp.array2d(dtype=dtype), i: int, carry: step.Carry):
+        """The same for the next launch."""
+        for r in range(wp.static(NR)):
+            warm[i, r] = carry.z[r]
+        for n in range(wp.static(2 * NP)):
+            warm[i, wp.static(NR) + n] = carry.normal[n]
+
+    @wp.func
     def status_of(sol: step.Solution, x: VX):
         if sol.status == wp.static(SOLVED) and not wp.isfinite(x):
             return wp.static(NONFINITE)
         return sol.status
+
+    @wp.func
+    def put_step(
+        world: t.World,
+        index: int,
+        before: VX,
+        sol: step.Solution,
+        after: VX,
+        code: int,
+        state: wp.array2d(dtype=dtype),
+        impulse: wp.array2d(dtype=dtype),
+        gap: wp.array2d(dtype=dtype),
+        multiplier: wp.array2d(dtype=dtype),
+        status: wp.array(dtype=wp.int32),
+    ):
+        """All outputs of a step of world `index`."""
+        solved = code == wp.static(SOLVED)
+        for j in range(wp.static(NX)):
+            state[index, j] = wp.where(solved, after[j], before[j])
+        for i in range(wp.static(NR)):
+            impulse[index, i] = wp.where(solved, sol.lam[i], dtype(0.0))
+            gap[index, i] = sol.rate[wp.static(step.gap_row[i])] * world.params[0]
+            multiplier[index, i] = wp.where(solved, sol.z[i], dtype(wp.static(COLD)))
+        for i in range(wp.static(2 * NP)):
+            multiplier[index, wp.static(NR + i)] = wp.where(solved, sol.normal[i], dtype(0.0))
+        status[index] = code
+
+    @wp.func
+    def put_record(
+        world: t.World,
+        index: int,
+        k: int,
+        u: VU,
+        sol: step.Solution,
+        controls: wp.array3d(dtype=dtype),
+        impulse: wp.array3d(dtype=dtype),
+        gap: wp.array3d(dtype=dtype),
+    ):
+        """What is recorded of step k of world `index`, where there is room for it."""
+        if controls.shape[0] > 0:
+            for i in range(wp.static(NU)):
+                controls[index, k, i] = u[i]
+        if impulse.shape[0] > 0:
+            for i in range(wp.static(NR)):
+                impulse[index, k, i] = sol.lam[i]
+        if gap.shape[0] > 0:
+            for i in range(wp.static(NR)):
+                gap[index, k, i] = sol.rate[wp.static(step.gap_row[i])] * world.params[0]
 
     return SimpleNamespace(
         step=step,
         load_state=load_state,
         load_control=load_control,
         warm_carry=warm_carry,
+        carried=carried,
+        leave=leave,
         status_of=status_of,
+        put_step=put_step,
+        put_record=put_record,
     )
 
 
+class Transition(NamedTuple):
+    """A step as others roll it out: advance(params, row, x, u, carry) -> (x', carry', status).
+
+    carried(kept, row) -> carry and leave(kept, row, carry) take it from launch to launch, `width` numbers.
+    """
+
+    advance: wp.Function
+    cold_carry: wp.Function
+    carried: wp.Function
+    leave: wp.Function
+    width: int
+    fast: bool
+
+
 @cached
-def make_transition(spec: Specialisation) -> SimpleNamespace:
-    """The step as others roll it out: advance(params, row, x, u, carry) -> (x', carry', status)."""
-    dtype = spec.dtype
+def make_transition(spec: Specialisation) -> Transition:
+    """Of a simulator's step."""
+    s, dtype, _ = spec
     batch = make_batch(spec, False)
     step = batch.step
     t = step.types
@@ -90,16 +175,22 @@ def make_transition(spec: Specialisation) -> SimpleNamespace:
         out.normal = sol.normal
         return after, out, batch.status_of(sol, after)
 
-    return SimpleNamespace(advance=advance, cold_carry=step.cold_carry)
+    return Transition(
+        advance=advance,
+        cold_carry=step.cold_carry,
+        carried=batch.carried,
+        leave=batch.leave,
+        width=s.nr + 2 * len(s.pairs),
+        fast=spec.method.fast,
+    )
 
 
 @cached
 def make_step_kernel(spec: Specialisation) -> wp.Kernel:
     """One step of every world with all of its outputs (gaps exact)."""
-    s, dtype, _ = spec
+    dtype = spec.dtype
     batch = make_batch(spec, True)
     step = batch.step
-    NX, NR, NP = 2 * s.nv, s.nr, len(s.pairs)
 
     @specialised
     def step_kernel(
@@ -122,19 +213,7 @@ def make_step_kernel(spec: Specialisation) -> wp.Kernel:
         sol = step.solve_step(world, before, batch.load_control(u, index), carry)
         after = step.next_state(world, before, sol)
         code = batch.status_of(sol, after)
-        if code != wp.static(SOLVED):
-            after = before
-        for j in range(wp.static(NX)):
-            state[index, j] = after[j]
-        for i in range(wp.static(NR)):
-            impulse[index, i] = wp.where(code == wp.static(SOLVED), sol.lam[i], dtype(0.0))
-            gap[index, i] = sol.rate[wp.static(step.gap_row[i])] * world.params[0]
-            multiplier[index, i] = wp.where(code == wp.static(SOLVED), sol.z[i], dtype(wp.static(COLD)))
-        for i in range(wp.static(2 * NP)):
-            multiplier[index, wp.static(NR + i)] = wp.where(
-                code == wp.static(SOLVED), sol.normal[i], dtype(0.0)
-            )
-        status[index] = code
+        batch.put_step(world, index, before, sol, after, code, state, impulse, gap, multiplier, status)
 
     return step_kernel
 
@@ -145,7 +224,7 @@ def make_rollout_kernel(spec: Specialisation, policy: PolicyKernel, exact_gap: b
     s, dtype, _ = spec
     batch = make_batch(spec, exact_gap)
     step = batch.step
-    NX, NU, NR = 2 * s.nv, s.nu, s.nr
+    NX, NU = 2 * s.nv, s.nu
     asked = make_policy(policy, NX, NU, dtype)
     Policy = asked.Struct
 
@@ -180,15 +259,7 @@ def make_rollout_kernel(spec: Specialisation, policy: PolicyKernel, exact_gap: b
                     x = after
                     carry.z = sol.z
                     carry.normal = sol.normal
-                    if controls.shape[0] > 0:
-                        for i in range(wp.static(NU)):
-                            controls[index, k, i] = u[i]
-                    if impulse.shape[0] > 0:
-                        for i in range(wp.static(NR)):
-                            impulse[index, k, i] = sol.lam[i]
-                    if gap.shape[0] > 0:
-                        for i in range(wp.static(NR)):
-                            gap[index, k, i] = sol.rate[wp.static(step.gap_row[i])] * world.params[0]
+                    batch.put_record(world, index, k, u, sol, controls, impulse, gap)
             for j in range(wp.static(NX)):
                 states[index, k + 1, j] = x[j]
         status[index] = code

@@ -20,6 +20,7 @@ from ..support.screen import one_line_errors, show_rows
 from ..support.simulators import named_scene, numbers
 from ..support.tables import write_csv
 from .accuracy.command import charts_command
+from .contacts.command import contacts_command
 from .cost.chunks import bench_chunks
 from .cost.compile import bench_compile
 from .cost.ddp import bench_ddp
@@ -70,6 +71,7 @@ def _save(csv: Path | None, rows: Rows) -> None:
 
 
 app.command("charts")(charts_command)
+app.command("contacts")(one_line_errors(contacts_command))
 app.command("stability")(one_line_errors(stability_command))
 app.command("fuzz")(fuzz_command)
 app.command("kills")(kills_command)

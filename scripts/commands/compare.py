@@ -7,7 +7,7 @@ import typer
 
 import slcp_warp as slcp
 
-from ..stages.task_sweep import comparison, load_report, report_table, task_cases
+from ..stages.task_sweep import comparison, load_report, report_table, task_case
 from ..support.options import Device, Seed, StepSize
 from ..support.policies import POLICY, named_policies
 from ..support.screen import INTERRUPTED, console, one_line_errors, prepared, progress_bar, timed, wrote
@@ -57,7 +57,7 @@ def compare_command(
         raise ValueError("--policy is of a task with --sequential; `slcp sweep` makes reports to compare")
     task = slcp.load_task(report)
     path = None if out is None else prepared(out, (".csv", ".npz", ".parquet"))
-    (case,) = task_cases(task, residual).values()
+    case = task_case(task, residual)
     with timed("comparison"), progress_bar("worlds") as progress:
         found = slcp.compare_sequentially(
             task, named_policies(policy, task.scene, task), measure=measure, confidence=confidence,

@@ -8,7 +8,7 @@ import typer
 
 import slcp_warp as slcp
 
-from ..stages.task_sweep import task_cases
+from ..stages.task_sweep import task_case
 from ..support.options import Device, Seed
 from ..support.policies import POLICY, named_policies
 from ..support.screen import console, one_line_errors, prepared, progress_bar, timed, wrote
@@ -33,7 +33,7 @@ def map_command(
     """Map where a policy holds: its share of successes over factors on parameters, or shifts of the start."""
     path = prepared(out, ".csv")
     chosen, axes = slcp.load_task(task), (_axis("--x", x), _axis("--y", y))
-    (case,) = task_cases(chosen, residual).values()
+    case = task_case(chosen, residual)
     with timed("map"), progress_bar("worlds") as progress:
         found = slcp.robustness_map(
             chosen, named_policies([policy], chosen.scene, chosen), *axes, worlds=worlds, seed=seed,

@@ -7,7 +7,7 @@ import typer
 
 import slcp_warp as slcp
 
-from ..stages.task_sweep import load_report, task_cases
+from ..stages.task_sweep import load_report, task_case
 from ..support.options import Device, Seed
 from ..support.policies import POLICY, named_policies
 from ..support.screen import console, one_line_errors, prepared, progress_bar, timed, wrote
@@ -47,7 +47,7 @@ def sensitivity_command(
         raise ValueError("--policy is missing; a task needs the file of one")
     else:
         task = slcp.load_task(subject)
-        (case,) = task_cases(task, residual).values()
+        case = task_case(task, residual)
         with timed("sensitivity"), progress_bar("worlds") as progress:
             found = slcp.sensitivity(
                 task, named_policies([policy], task.scene, task), measure=measure, samples=samples, seed=seed,

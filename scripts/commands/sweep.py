@@ -60,6 +60,10 @@ def sweep_command(
     ] = None,
     scene: SceneName = DEFAULT_SCENE,
     worlds: Annotated[int, typer.Option(help="Worlds of every case.")] = 4096,
+    given_worlds: Annotated[
+        Path | None,
+        typer.Option("--given", help="Of a task: worlds of a file instead, as `slcp rare --failing` writes."),
+    ] = None,
     duration: Annotated[
         float | None, typer.Option(help="Simulated time [s]; default: the task's, or 20.")
     ] = None,
@@ -131,7 +135,8 @@ def sweep_command(
         chosen = slcp.load_task(task)
         changes = {"start": _states(start, chosen.scene, skip), "duration": duration}
         changed = changed_task(chosen, given, scaling=scaling, integrator=integrator, **changes)
-        choices = {"worlds": worlds, "seed": seed, "cases": task_cases(changed, residuals),
+        own = worlds if given_worlds is None else slcp.load_worlds(given_worlds)
+        choices = {"worlds": own, "seed": seed, "cases": task_cases(changed, residuals),
                    "step_sizes": sizes, "device": device, "dtype": dtype}  # fmt: skip
         if folder is not None:
             same = not (given or scaling or integrator or any(each is not None for each in changes.values()))
@@ -140,6 +145,8 @@ def sweep_command(
         else:
             _sweep_task(prepared(out or Path("report.csv"), ".csv"), changed, policy, choices)
         return
+    if given_worlds is not None:
+        raise ValueError("--given is of a task; a scene's worlds are drawn")
     if folder is not None:
         raise ValueError(f"--out is {out}, a folder; only sweeps of a task have one")
     path = prepared(out or Path("sweep.npz"))

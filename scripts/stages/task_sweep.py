@@ -32,6 +32,13 @@ def task_cases(task: slcp.Task, residuals: str) -> dict[str, slcp.Options]:
     return {name: replace(task.options, residual=RESIDUALS[name]) for name in names}
 
 
+def task_case(task: slcp.Task, residual: str) -> slcp.Options:
+    """The task's options with one residual, by the name that was given."""
+    if residual not in RESIDUALS:
+        raise ValueError(f"--residual is {residual!r}; choose from {', '.join(RESIDUALS)}")
+    return replace(task.options, residual=RESIDUALS[residual])
+
+
 def changed_task(
     task: slcp.Task,
     disturbances: dict[str, Any],

@@ -1,5 +1,7 @@
 """Where pairs touch: the direction of their distance, for arrows of the contact forces."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from slcp_warp.results.pictures.kinematics import across, turn
@@ -9,16 +11,18 @@ DIRECTIONS = 72
 REFINED = 4  # times the grid is narrowed
 
 
-def contact_points(mechanism: Mechanism, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where the pairs touch, (pairs, 2) [m], and normals from shape_a to shape_b, (pairs, 2), at q (nv,).
+def contact_points(
+    mechanism: Mechanism, q: np.ndarray, pairs: Sequence[int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where some pairs touch, (k, 2) [m], and normals from shape_a to shape_b, (k, 2), at q (nv,).
 
     The direction n that maximises n.(c_B - c_A) - h_A(n) - h_B(-n), by a grid that narrows; h is the support
     function. The point is that of shape B.
     """
     centre, angle = mechanism.shapes(q[None])
     structure = mechanism.scene.structure
-    points, normals = np.zeros((len(structure.pairs), 2)), np.zeros((len(structure.pairs), 2))
-    for i, pair in enumerate(structure.pairs):
+    points, normals = np.zeros((len(pairs), 2)), np.zeros((len(pairs), 2))
+    for i, pair in enumerate(structure.pairs[k] for k in pairs):
         a, b = pair.shape_a, pair.shape_b
         plane = [s for s in (a, b) if structure.shapes[s].kind == "halfplane"]
         if plane:
@@ -58,5 +62,5 @@ def _support(mechanism: Mechanism, angle: np.ndarray, s: int, n: np.ndarray) -> 
 
 
 def forces(normals: np.ndarray, impulse: np.ndarray, step_size: float) -> np.ndarray:
-    """(pairs, 2) forces on shape_b [N], of impulses (pairs, 2) along normal and tangent [N s]."""
+    """(k, 2) forces on shape_b [N], of impulses (k, 2) along normal and tangent [N s]."""
     return (impulse[:, :1] * normals + impulse[:, 1:] * across(normals)) / step_size

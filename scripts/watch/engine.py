@@ -57,6 +57,7 @@ class Engine:
         self.commands: queue.Queue[tuple[int, dict[str, Any]]] = queue.Queue(1000)
         self.paused, self.lag, self.time, self.steps, self.frame = False, 0.0, 0.0, 0, 0
         self.said, self.written = "", 0
+        self.stepped = 0  # single steps of this frame
         self.pull: Pull | None = None
         self.puller = -1  # who holds it
         self.recording: Record | None = None
@@ -160,6 +161,7 @@ class Engine:
             self.said = "too many commands"
 
     def _obey(self) -> None:
+        self.stepped = 0
         for _ in range(self.commands.qsize()):
             client, message = self.commands.get_nowait()
             try:
@@ -190,7 +192,9 @@ class Engine:
             self.paused = value
         elif do == "step":
             self.paused = True
-            self.tick()
+            if self.stepped < MOST_STEPS:  # whoever asks for thousands does not hold up the page
+                self.tick()
+                self.stepped += 1
         elif do == "reset":
             self.reset()
         elif do == "record":
@@ -279,12 +283,10 @@ class Engine:
     def _arrows(self, world: int, q: np.ndarray) -> list[list[float]]:
         """[x, y, force x, force y] of the pairs that press [m, N]."""
         impulse = self.worlds.impulse[world]
-        pressing = impulse[:, 0] > 1e-9
-        if not pressing.any():
-            return []
-        points, normals = contact_points(self.worlds.mechanism, q)
-        found = np.concatenate([points, forces(normals, impulse, self.worlds.step_size)], axis=1)
-        return [plain(row, 4) for row in found[pressing]]
+        pressing = np.flatnonzero(impulse[:, 0] > 1e-9)
+        points, normals = contact_points(self.worlds.mechanism, q, pressing)
+        found = np.concatenate([points, forces(normals, impulse[pressing], self.worlds.step_size)], axis=1)
+        return [plain(row, 4) for row in found]
 
     def _pull_line(self, q: np.ndarray) -> list[float] | None:
         pull = self.pull

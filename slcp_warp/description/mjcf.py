@@ -61,7 +61,6 @@ class _Reader:
         bodies = tuple(self._with_mass(draft) for draft in drafts if draft is not None)
         if not bodies:
             raise MjcfError("the model has no joint; a scene needs a body that moves")
-        shapes, contacts = read_contacts(self.m, self.plane, self.place)
         m = self.m
         q = m.key_qpos[0] if m.nkey else m.qpos0
         v = m.key_qvel[0] if m.nkey else np.zeros(m.nv)
@@ -70,8 +69,7 @@ class _Reader:
         return Scene(
             name=name,
             bodies=bodies,
-            shapes=shapes,
-            contacts=contacts,
+            **read_contacts(self.m, self.plane, self.place, bodies),
             actuators=tuple(self._actuator(i) for i in range(m.nu)),
             gravity=self.plane.vector(m.opt.gravity, "gravity"),
             step_size=float(m.opt.timestep),

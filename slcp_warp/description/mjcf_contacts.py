@@ -1,20 +1,23 @@
 """Shapes and contact pairs of a MuJoCo model, for `mjcf.py`."""
 
+import dataclasses
 import math
 from typing import Any
 
 import numpy as np
 
+from .auto_contacts import AUTO, MOST_PAIRS, auto_contacts
 from .mjcf_plane import FLAT, MjcfError, Plane
-from .parts import Contact, Shape
+from .parts import Body, Contact, Shape
 
 GEOMS = ("plane", "hfield", "sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh", "sdf")
-MOST_CONTACTS = 4096
 Place = dict[int, tuple[str | None, float, np.ndarray]]
 
 
-def read_contacts(m: Any, plane: Plane, place: Place) -> tuple[tuple[Shape, ...], tuple[Contact, ...]]:
-    """Shapes that may touch, and the pairs of them that MuJoCo's filters leave."""
+def read_contacts(m: Any, plane: Plane, place: Place, bodies: tuple[Body, ...]) -> dict[str, Any]:
+    """Fields of the scene: shapes that may touch, and the pairs of them that MuJoCo's filters leave; "auto",
+    with MuJoCo's own numbers, where it says the same.
+    """
     pairs = _pairs(m, place)
     shapes: dict[int, list[Shape]] = {}
     for geom in sorted({g for a, b, _ in pairs for g in (a, b)}):
@@ -28,7 +31,21 @@ def read_contacts(m: Any, plane: Plane, place: Place) -> tuple[tuple[Shape, ...]
                 "exclude the pair"
             )
         contacts += [Contact(x.name, y.name, friction) for x in shapes[a] for y in shapes[b]]
-    return tuple(s for group in shapes.values() for s in group), tuple(contacts)
+    bits = {g: {"contype": int(m.geom_contype[g]), "conaffinity": int(m.geom_conaffinity[g]),
+                "friction": float(m.geom_friction[g, 0]) if m.geom_condim[g] > 1 else None}
+            for g in shapes}  # fmt: skip
+    named = tuple(dataclasses.replace(s, **bits[g]) for g, group in shapes.items() for s in group)
+    excluded = _excluded(m, place)
+    if contacts and auto_contacts(bodies, named, None, excluded) == tuple(contacts):
+        return {"shapes": named, "contacts": AUTO, "excluded": excluded}
+    return {"shapes": tuple(s for group in shapes.values() for s in group), "contacts": tuple(contacts)}
+
+
+def _excluded(m: Any, place: Place) -> tuple[tuple[str, str], ...]:
+    """Our bodies of the pairs that are excluded; welded ones stand for what holds them."""
+    ends = [divmod(int(signature), 1 << 16) for signature in m.exclude_signature]
+    names = [(place[a][0], place[b][0]) for a, b in ends]
+    return tuple((a, b) for a, b in names if a is not None and b is not None and a != b)
 
 
 def _kind(m: Any, geom: int) -> str:
@@ -60,8 +77,8 @@ def _pairs(m: Any, place: Place) -> list[tuple[int, int, float | None]]:
         for b in a + 1 + np.flatnonzero((bits != 0) & (holder[a] != holder[rest]) & ~related & ~excluded):
             if frozenset((a, int(b))) not in explicit:
                 out.append((a, int(b), _friction(m, a, int(b))))
-        if len(out) > MOST_CONTACTS:
-            raise MjcfError(f"more than {MOST_CONTACTS} pairs of geoms may touch; exclude some")
+        if len(out) > MOST_PAIRS:
+            raise MjcfError(f"more than {MOST_PAIRS:,} pairs of geoms may touch; exclude some")
     return out
 
 

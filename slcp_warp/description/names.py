@@ -5,6 +5,7 @@ one, `block.x`, `block.y`, `block.angle` of a free body; its velocity has a v be
 `block.vx`, `finger1.vangle`. A control is named after the degree of freedom that it drives.
 """
 
+import difflib
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 
 DOFS = {"revolute": ("angle",), "prismatic": ("shift",), "free": ("x", "y", "angle")}
 UNITS = {"angle": "rad", "shift": "m", "x": "m", "y": "m"}
+FEW = 40  # names that an error lists
 SIDES = {1: "+", -1: "-"}  # of the tangent, in the two rows n + mu t and n - mu t of a contact with friction
 
 
@@ -83,9 +85,17 @@ def index_of(label: str, which: int | str, names: Sequence[str]) -> int:
     if isinstance(which, str):
         if which in names:
             return names.index(which)
-        raise ArgumentError(f"{label} is {shown(which)}; there are {', '.join(names) or 'none'}")
+        raise ArgumentError(f"{label} is {shown(which)}; {_some(which, names)}")
     if isinstance(which, bool) or not isinstance(which, int):
         raise ArgumentTypeError(f"{label} is {shown(which)}; a name or a whole number is needed")
     if not 0 <= which < len(names):
         raise ArgumentError(f"{label} is {which}; a number from 0 to {len(names) - 1} is needed")
     return which
+
+
+def _some(which: str, names: Sequence[str]) -> str:
+    """What there is: all names, or those that are like one that is not among many."""
+    if len(names) <= FEW:
+        return f"there are {', '.join(names) or 'none'}"
+    near = difflib.get_close_matches(which, names, 3)
+    return f"there are {len(names):,}, " + (f"{' and '.join(near)} like it" if near else f"as {names[0]}")

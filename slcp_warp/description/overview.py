@@ -3,6 +3,7 @@
 from typing import Any
 
 from ..storage.printed import Table, counted
+from .auto_contacts import AUTO
 
 
 def scene_line(scene: Any) -> str:
@@ -11,7 +12,7 @@ def scene_line(scene: Any) -> str:
     parts = [
         counted(len(scene.bodies), "body", "bodies"),
         counted(len(scene.shapes), "shape"),
-        counted(len(scene.contacts), "contact"),
+        counted(len(scene.all_contacts), "contact") + (" (auto)" if scene.contacts == AUTO else ""),
         f"{s.nv} degrees of freedom",
         counted(s.nu, "control"),
         counted(s.nr, "row"),
@@ -27,7 +28,9 @@ def scene_tables(scene: Any) -> list[Table]:
 
     bodies = [(b.name, world(b.parent), b.joint, b.mass, b.inertia, b.damping) for b in scene.bodies]
     shapes = [(sh.name, world(sh.body), sh.kind, sh.radius, sh.offset) for sh in scene.shapes]
-    contacts = [(c.shape_a, c.shape_b, "none" if c.friction is None else c.friction) for c in scene.contacts]
+    contacts = [
+        (c.shape_a, c.shape_b, "none" if c.friction is None else c.friction) for c in scene.all_contacts
+    ]
     controls = [(name, a.gear) for name, a in zip(scene.control_names, scene.actuators)]
     springs = [(world(s.body_a), world(s.body_b), s.stiffness, s.damping) for s in scene.springs]
     return [

@@ -14,7 +14,7 @@ import numpy as np
 from slcp_warp.kernels.structure import CAPSULE, DISC, ELLIPSE, HALFPLANE
 
 from ..inputs import rules
-from ..inputs.checks import array, number, shown
+from ..inputs.checks import array, flag, number, shown
 from ..inputs.errors import SceneError
 from .fields import Fields, several
 
@@ -42,6 +42,7 @@ class Body:
         stiffness, rest: joint spring per degree of freedom, force -stiffness (q - rest) [N m/rad, N/m; rad,
             m]; stiffness None: no spring.
         lower, upper: limits per degree of freedom, lower <= upper (None: no limit, no row).
+        touches_parent: whether its shapes may touch those of its parent under `contacts="auto"`.
     """
 
     name: str
@@ -58,6 +59,7 @@ class Body:
     rest: tuple[float, ...] | float = 0.0
     lower: tuple[float | None, ...] | float | None = None
     upper: tuple[float | None, ...] | float | None = None
+    touches_parent: bool = False
 
     def __post_init__(self) -> None:
         Fields(self, "body, ").text("name")
@@ -73,6 +75,7 @@ class Body:
             fields.per_dof(name, JOINTS[self.joint])
         for name in ("stiffness", "lower", "upper"):
             fields.per_dof(name, JOINTS[self.joint], optional=True)
+        fields.flag("touches_parent")
 
 
 @dataclass(frozen=True)
@@ -87,6 +90,10 @@ class Shape:
         radius: (r,), (rx, ry) or a capsule's (r, half length) [m].
         offset: centre, or a point of the half-plane, in the body's frame [m].
         angle: of the first axis, or of a half-plane's outward normal, against the body's x [rad].
+        friction: under `contacts="auto"` a pair has the larger coefficient of its two shapes, >= 0; None:
+            the scene's `friction`.
+        contype, conaffinity: under `contacts="auto"` two shapes may touch where the bits of one's contype
+            and of the other's conaffinity have one in common, as in MuJoCo.
     """
 
     name: str
@@ -95,6 +102,9 @@ class Shape:
     radius: tuple[float, ...] | float = 0.0
     offset: Pair2 = (0.0, 0.0)
     angle: float = 0.0
+    friction: float | None = None
+    contype: int = 1
+    conaffinity: int = 1
 
     def __post_init__(self) -> None:
         Fields(self, "shape, ").text("name")
@@ -112,6 +122,9 @@ class Shape:
         rules.check_radius(f"{label}radius", self.kind, np.array(radii(self)), SceneError)
         fields.pair("offset", "shape_offset")
         fields.number("angle", "shape_angle")
+        fields.number("friction", optional=True)
+        fields.whole("contype")
+        fields.whole("conaffinity")
 
 
 @dataclass(frozen=True)
@@ -213,10 +226,14 @@ def box(
     corner_radius: float = 0.0,
     offset: Pair2 = (0.0, 0.0),
     angle: float = 0.0,
+    sides: bool = False,
 ) -> tuple[Shape, ...]:
     """The corners of a box (points, or discs within it), counter-clockwise from the lower left.
 
-    They touch half-planes of any body, and round shapes; `touching` makes the contacts.
+    They touch half-planes of any body, and round shapes; `touching` makes the contacts. With `sides` come
+    four capsules, each from a corner to the next one, `name01` to `name30`: then boxes keep each other and
+    discs out under `contacts="auto"`. Corners of one touch sides of the other, no corner a corner and no side
+    a side; a half-plane with `contype=0` is touched by the corners only, which is enough of them.
 
     Args:
         name: the corners are called this with a number from 0 to 3 behind it.
@@ -225,6 +242,7 @@ def box(
         corner_radius: of the discs that round the corners off, 0: points [m].
         offset: of its centre, in the body's frame [m].
         angle: of its width against the body's x [rad].
+        sides: whether there are sides, too; they need a corner radius > 0.
     """
     if not isinstance(name, str) or not name:
         raise SceneError(f"name is {shown(name)}; a name is needed")
@@ -237,7 +255,20 @@ def box(
     c, s = math.cos(angle), math.sin(angle)
     corners = [(sx * x, sy * y) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
     places = [(offset_x + c * u - s * w, offset_y + s * u + c * w) for u, w in corners]
-    return tuple(Shape(f"{name}{i}", body, "disc", corner_radius, place) for i, place in enumerate(places))
+    flag("sides", sides)
+    only = {"contype": 1, "conaffinity": 0} if sides else {}  # touch what is touched, and never each other
+    round_off = [Shape(f"{name}{i}", body, "disc", corner_radius, at, **only) for i, at in enumerate(places)]
+    if not sides:
+        return tuple(round_off)
+    if not corner_radius > 0.0:
+        raise SceneError(f"corner_radius is {shown(corner_radius)}; sides need a positive one: a thin side "
+                         "would let through what is fast")  # fmt: skip
+    between = [
+        Shape(f"{name}{i}{(i + 1) % 4}", body, "capsule", (corner_radius, (x, y)[i % 2]),
+              ((p[0] + q[0]) / 2.0, (p[1] + q[1]) / 2.0), angle + i * math.pi / 2, contype=0, conaffinity=1)
+        for i, (p, q) in enumerate(zip(places, places[1:] + places[:1], strict=True))
+    ]  # fmt: skip
+    return (*round_off, *between)
 
 
 def touching(

@@ -5,9 +5,10 @@ World x points right, y up, angles are counter-clockwise from +x; lengths in m, 
 """
 
 import copy
+import functools
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from ..inputs.checks import array, instance
 from ..inputs.errors import SceneError
 from ..storage.printed import Printed, Table
 from . import names
+from .auto_contacts import AUTO, auto_contacts, check_excluded
 from .fields import Fields
 from .overview import scene_line, scene_tables
 from .parts import JOINTS, Actuator, Body, Contact, Pair2, Shape, Spring, radii, spread
@@ -32,7 +34,10 @@ class Scene(Printed):
     Attributes:
         name: for messages, charts and files.
         bodies: parents before children.
-        shapes, contacts, actuators, springs: see the classes.
+        shapes, actuators, springs: see the classes.
+        contacts: the pairs of shapes that may touch; "auto": all, but those of one body, of bodies that a
+            joint ties to each other, and what `excluded` and the shapes' `contype` leave out
+            (`auto_contacts.py` has the rules, which are MuJoCo's). `all_contacts` has the pairs.
         gravity: [m/s^2].
         step_size: default h > 0 [s].
         sigma: default noise level of the smoothing, > 0 [m/s, rad/s].
@@ -41,12 +46,14 @@ class Scene(Printed):
         implicit_damping: whether dampers, of joints and of springs, act with the velocity at the end of a
             step: stable for every c h/m. False: with that at its start, the paper's r(q, v), which diverges
             for c h/m > 2.
+        friction: under "auto", of shapes that have none of their own, >= 0; None: without friction.
+        excluded: under "auto", pairs of names of bodies that never touch.
     """
 
     name: str
     bodies: tuple[Body, ...]
     shapes: tuple[Shape, ...] = ()
-    contacts: tuple[Contact, ...] = ()
+    contacts: tuple[Contact, ...] | Literal["auto"] = ()
     actuators: tuple[Actuator, ...] = ()
     gravity: Pair2 = (0.0, -9.81)
     step_size: float = 0.01
@@ -55,17 +62,29 @@ class Scene(Printed):
     period: tuple[float | None, ...] | None = None
     springs: tuple[Spring, ...] = ()
     implicit_damping: bool = True
+    friction: float | None = None
+    excluded: tuple[tuple[str, str], ...] = ()
     structure: Structure = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         Fields(self, "scene, ").text("name")
         fields = Fields(self, f"scene {self.name!r}: ")
         for name, kind in PARTS.items():
-            fields.objects(name, kind)
+            if name == "contacts" and isinstance(self.contacts, str):
+                fields.choice(name, (AUTO,))
+            else:
+                fields.objects(name, kind)
         fields.pair("gravity")
         fields.number("step_size")
         fields.number("sigma")
         fields.flag("implicit_damping")
+        fields.number("friction", optional=True)
+        excluded = check_excluded(f"scene {self.name!r}: excluded", self.excluded, self.bodies)
+        object.__setattr__(self, "excluded", excluded)
+        if not isinstance(self.contacts, str) and (self.friction is not None or excluded):
+            given = "friction" if self.friction is not None else "excluded"
+            raise SceneError(f"scene {self.name!r}: {given} is for contacts='auto'; contacts that are listed "
+                             "say themselves what touches and how")  # fmt: skip
         object.__setattr__(self, "structure", self._structure())
         fields.entries("initial_state", 2 * self.structure.nv)
         fields.entries("period", self.structure.nv, optional=True)
@@ -73,7 +92,7 @@ class Scene(Printed):
     def _structure(self) -> Structure:
         if not self.bodies:
             raise SceneError(f"bodies: scene {self.name!r} has none; it needs at least one")
-        parts = self.bodies, self.shapes, self.contacts, self.actuators, self.springs
+        parts = self.bodies, self.shapes, self.all_contacts, self.actuators, self.springs
         return structure_of(*parts, self.implicit_damping)
 
     def _line(self) -> str:
@@ -81,6 +100,13 @@ class Scene(Printed):
 
     def _tables(self) -> list[Table]:
         return scene_tables(self)
+
+    @functools.cached_property
+    def all_contacts(self) -> tuple[Contact, ...]:
+        """The contacts, those of "auto" written out."""
+        if isinstance(self.contacts, str):
+            return auto_contacts(self.bodies, self.shapes, self.friction, self.excluded)
+        return self.contacts
 
     @property
     def nv(self) -> int:
@@ -149,7 +175,7 @@ class Scene(Printed):
         s = self.structure
         per_dof = [(spread(b.damping, i, 0.0), spread(b.lower, i, None), spread(b.upper, i, None))
                    for b in self.bodies for i in range(JOINTS[b.joint])]  # fmt: skip
-        friction = [c.friction or 0.0 for c in self.contacts for _ in contact_ends(self.shapes, c)]
+        friction = [c.friction or 0.0 for c in self.all_contacts for _ in contact_ends(self.shapes, c)]
         extents = [radii(shape) for shape in self.shapes]
         values = {
             "step_size": np.array(self.step_size),
@@ -182,6 +208,11 @@ class Scene(Printed):
             values["position_covariance"] = np.zeros((s.nv, s.nv))
             values["velocity_covariance"] = self.sigma**2 * np.eye(s.nv)
         return values
+
+    def with_listed_contacts(self) -> "Scene":
+        """The same scene with the contacts of "auto" as a list; what its shapes say of them goes."""
+        shapes = tuple(replace(s, friction=None, contype=1, conaffinity=1) for s in self.shapes)
+        return replace(self, shapes=shapes, contacts=self.all_contacts, friction=None, excluded=())
 
     def with_covariances(self) -> "Scene":
         """The same scene with `position_covariance` and `velocity_covariance` among its numbers."""

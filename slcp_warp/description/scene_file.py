@@ -3,7 +3,6 @@
 import dataclasses
 import json
 import os
-import types
 import typing
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ from ..storage.files import MOST_TEXT, MOST_TOML, parse_json, parse_toml, read_t
 from ..storage.tables import below, entries, place, table
 from .mjcf import load_mjcf
 from .scene import Scene
-from .scene_schema import FORMAT, NO_VALUE, VERSION, VERSIONS, file_fields, json_schema
+from .scene_schema import FORMAT, NO_VALUE, VERSION, VERSIONS, file_fields, is_union, json_schema
 
 __all__ = ["json_schema", "load_scene", "save_scene"]
 
@@ -125,12 +124,12 @@ def _build(kind: Any, values: Any, where: str) -> Any:
 
 def _convert(hint: Any, value: Any, where: str) -> Any:
     """A value of the file as the type that a field has; the error says what is needed."""
-    if isinstance(hint, types.UnionType):
+    if is_union(hint):
         return _convert_union(hint, value, where)
     if dataclasses.is_dataclass(hint):
         return _build(hint, value, where)
-    if hint in (float, int, str, bool):  # the scene's classes look at them
-        return value
+    if typing.get_origin(hint) is typing.Literal or hint in (float, int, str, bool):
+        return value  # the scene's classes look at it
     items = typing.get_args(hint)
     values = entries(where, value, SceneFileError)
     return tuple(_convert(items[0], v, f"{where}[{i}]") for i, v in enumerate(values))
@@ -142,7 +141,7 @@ def _convert_union(hint: Any, value: Any, where: str) -> Any:
         value is None or value == NO_VALUE and str not in options
     ):
         return None
-    lists = [h for h in options if typing.get_args(h)]
+    lists = [h for h in options if typing.get_origin(h) is tuple]
     if isinstance(value, list) and lists:
         return _convert(lists[0], value, where)
     return _convert(next(h for h in options if h not in lists), value, where)

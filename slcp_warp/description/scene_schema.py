@@ -34,6 +34,11 @@ def file_fields(kind: type) -> dict[str, tuple[Any, bool]]:
     return out
 
 
+def is_union(hint: Any) -> bool:
+    """Whether a type is one of several, however that is written."""
+    return typing.get_origin(hint) in (types.UnionType, typing.Union)
+
+
 def json_schema() -> dict[str, Any]:
     """JSON schema (draft 2020-12) of a scene file."""
     scene = object_schema(Scene)
@@ -84,7 +89,9 @@ def _type(owner: str, name: str, hint: Any, in_list: bool = False) -> dict[str, 
     arguments = typing.get_args(hint)
     if typing.get_origin(hint) is collections.abc.Mapping:
         return {"type": "object", "additionalProperties": _type(owner, name, arguments[1])}
-    if isinstance(hint, types.UnionType):
+    if typing.get_origin(hint) is typing.Literal:
+        return {"enum": list(arguments)}
+    if is_union(hint):
         return {"anyOf": [_type(owner, name, argument, in_list) for argument in arguments]}
     if arguments[-1] is Ellipsis:
         return {"type": "array", "items": _type(owner, name, arguments[0], True)}

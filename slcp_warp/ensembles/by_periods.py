@@ -7,6 +7,7 @@ import warp as wp
 
 from slcp_warp.kernels.contact.problem import COLD
 from slcp_warp.kernels.device.launch import launch
+from slcp_warp.kernels.device.relay import Relay
 from slcp_warp.kernels.ensembles.arrival import Progress, make_arrival, make_span
 from slcp_warp.kernels.ensembles.sweep import make_sweep_kernel
 from slcp_warp.kernels.policies.contract import PolicyKernel
@@ -77,18 +78,28 @@ def by_periods(
     """As `launch.at_once`."""
     count, params, state, device = len(worlds), worlds.params, wp.clone(worlds.x0), sim.device
     kept, measures, events = table.kept(count, device), table.struct(sim), events_of(sim, worlds)
-    span = make_span(sim.dtype)()
-    span.p = progress(conditions, params, records)
-    span.state, span.warm = state, cold(sim, count)
-    span.memory = sim.empty(count, policy.kernel.functions(sim.nx, sim.nu, sim.dtype).memory)
+    span = span_of(sim, policy.kernel, conditions, worlds, state, records)
+    relay = Relay()
+    relay.next = wp.zeros(count, dtype=wp.int32, device=device)
     kernel = make_sweep_kernel(sim.spec, policy.kernel, table.users(sim), spans=True)
     steps = int(span.p.steps.numpy().max(initial=0))
     for k in range(0, steps, policy.every):
         policy.ask(k, events, span.p, state)
-        span.first, span.last = k, k + policy.every
         inputs = [conditions, events, params, worlds.x0, policy.struct, measures, span, records, kept]
-        launch(kernel, count, [*inputs, span.p.status], device, grain=max(1, 128 // policy.every))
+        inputs = [0, k + policy.every, policy.every, relay, *inputs, span.p.status]
+        launch(kernel, count, inputs, device, grain=max(1, 128 // policy.every))
     return kept, span.p.status
+
+
+def span_of(
+    sim: Simulator, policy: PolicyKernel, conditions: Any, worlds: Worlds, state: wp.array, records: wp.array
+) -> Any:
+    """What worlds that begin carry over from launch to launch; `state` (B, nx) where they stand."""
+    out = make_span(sim.dtype)()
+    out.p = progress(conditions, worlds.params, records)
+    out.state, out.warm = state, cold(sim, len(worlds))
+    out.memory = sim.empty(len(worlds), policy.functions(sim.nx, sim.nu, sim.dtype).memory)
+    return out
 
 
 def cold(sim: Simulator, worlds: int) -> wp.array:

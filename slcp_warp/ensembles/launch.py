@@ -6,7 +6,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import warp as wp
 
+from slcp_warp.kernels.device import relay
 from slcp_warp.kernels.device.launch import launch
+from slcp_warp.kernels.device.relay import Relay
 from slcp_warp.kernels.ensembles.arrival import make_span
 from slcp_warp.kernels.ensembles.disturbances import make_conditions
 from slcp_warp.kernels.ensembles.sweep import make_sweep_kernel
@@ -25,7 +27,7 @@ from ..stepping.arguments import at_step_size, policy_arrays
 from ..stepping.host import acts_on_host
 from ..tasks.disturbances import Disturbances
 from ..tasks.task import RECORDED
-from .by_periods import OnHost, by_periods
+from .by_periods import OnHost, by_periods, span_of
 from .by_steps import by_steps, bytes_of_world
 from .worlds import Worlds
 from .worlds.draws import Draws, Given
@@ -113,11 +115,11 @@ class Case:
     ) -> None:
         self.sim, self.draws = sim, draws
         policy = at_step_size(policy, step_size)
-        self.policy = policy if acts_on_host(policy) else policy_arrays(policy, sim, worlds)
+        asked = checks.attribute(policy, "worlds") if draws.numbered else None  # by number, not by place
+        self.policy = policy if acts_on_host(policy) else policy_arrays(policy, sim, asked or worlds)
         self._timed = policy if isinstance(checks.attribute(policy, "step_size"), float) else None
         self.records = record.count(duration), len(record.states)
-        generic = sim.strategy == "generic"
-        self.roll_out: Any = by_steps if generic else by_periods if acts_on_host(policy) else at_once
+        self.roll_out = _road(sim, policy)
         fit = worlds_at_once(sim, self.records, len(measures), draws.numbers)
         self.chunk = chunk or min(worlds, fit)
         self._conditions = _conditions(sim, draws.disturbances, limits, record)
@@ -141,6 +143,15 @@ class Case:
             "status": status.numpy().copy(),
         }
         return found | self.draws.columns(worlds, world0)
+
+
+def _road(sim: Simulator, policy: Any) -> Any:
+    """How a case's worlds run."""
+    if sim.strategy == "generic":
+        return by_steps
+    if acts_on_host(policy):
+        return by_periods
+    return handed_on if sim.kernels.fast_path else at_once
 
 
 def worlds_at_once(sim: Simulator, records: tuple[int, int], measures: int, events: int = 0) -> int:
@@ -178,9 +189,28 @@ def at_once(
     kernel = make_sweep_kernel(sim.spec, policy_kernel, table.users(sim))
     events, measured = events_of(sim, worlds), table.struct(sim)
     inputs = [conditions, events, worlds.params, worlds.x0, struct, measured, make_span(sim.dtype)()]
-    inputs += [records, kept, status]
-    launch(kernel, count, inputs, sim.device, grain=1)
+    launch(kernel, count, [0, 0, 0, Relay(), *inputs, records, kept, status], sim.device, grain=1)
     return kept, status
+
+
+def handed_on(
+    sim: Simulator,
+    policy: tuple[PolicyKernel, Any],
+    conditions: Any,
+    table: MeasureTable,
+    worlds: Worlds,
+    records: wp.array,
+) -> tuple[wp.array, wp.array]:
+    """As `at_once`, in launches of the fast kernel and of the one that makes the steps it leaves."""
+    count, (policy_kernel, struct) = len(worlds), policy
+    kept, events, measured = table.kept(count, sim.device), events_of(sim, worlds), table.struct(sim)
+    span = span_of(sim, policy_kernel, conditions, worlds, wp.clone(worlds.x0), records)
+    specs = sim.kernels.specialised("a sweep").both
+    fast, full = (make_sweep_kernel(spec, policy_kernel, table.users(sim), spans=True) for spec in specs)
+    inputs = [conditions, events, worlds.params, worlds.x0, struct, measured, span, records, kept]
+    steps = int(span.p.steps.numpy().max(initial=0))
+    relay.Run(fast, full, count, steps, [*inputs, span.p.status], sim.device, grain=1)()
+    return kept, span.p.status
 
 
 def _conditions(sim: Simulator, disturbances: Disturbances, limits: Any, record: Recorded) -> Any:

@@ -50,7 +50,7 @@ class SweepReport(Printed):
         """Write .csv (the table) or .npz (everything, no pickle); replaced only once complete."""
         path = checks.path("path", path)
         if path.suffix == ".csv":
-            store.write_table(path, self.table)
+            store.save_table(path, self.table)
         elif path.suffix == ".npz":
             store.write(path, self.cases, self.table, self.samples, self.spec, self.complete)
         else:

@@ -1,6 +1,5 @@
 """Files of sweeps: the table as .csv; everything as .npz, written and read with its checks."""
 
-import csv
 import math
 from pathlib import Path
 from typing import Any
@@ -9,7 +8,8 @@ import numpy as np
 
 from ..options import Status
 from ..storage.archive import Archive, open_archive, write_archive
-from ..storage.files import FileError, reading, replacing
+from ..storage.files import FileError, reading
+from ..storage.rows import save_rows
 
 FORMAT, VERSION = "slcp-warp-sweep", 1
 INTERVALS = ("mean_rate", "share_above", "share_spinning", "share_recovered", "median_recovery_time",
@@ -21,12 +21,9 @@ Table = dict[str, np.ndarray]
 Cases = list[dict[str, Any]]
 
 
-def write_table(path: Path, table: Table) -> None:
+def save_table(path: str | Path, table: Table) -> Path:
     """The table as .csv; replaced only once complete."""
-    with replacing(path) as part, open(part, "w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(table)
-        writer.writerows(zip(*(column.tolist() for column in table.values()), strict=True))
+    return save_rows(path, table, zip(*(column.tolist() for column in table.values()), strict=True))
 
 
 def write(

@@ -88,8 +88,6 @@ def sweep(
     if isinstance(scene, Task | str):
         if spec is not None:
             raise ArgumentError(f"spec is {checks.shown(spec)}; a task has its own disturbances and measures")
-        if out is not None and isinstance(worlds, Worlds):
-            raise ArgumentError("worlds are given; with out they are drawn: a number of them is needed")
         return sweep_task(
             scene, policy, worlds=worlds, seed=seed, cases=cases, step_sizes=step_sizes, dtype=dtype,
             device=device, strategy=strategy, chunk=chunk, progress=progress, out=out, executor=executor,

@@ -71,8 +71,10 @@ class TaskSweep:
         worlds, self.seed = _count(worlds), checks.whole("seed", seed, 0)
         chunk = None if chunk is None else checks.whole("chunk", chunk)
         sizes, self.strategy = _step_sizes(task, step_sizes), strategy
+        assert task.duration is not None
         for size in sizes:
             steps_of(task.disturbances, size)
+            task.disturbances.check_kicks(size, task.duration)
         self._judged: list[Measure] = list(task.measures.values())
         self._judged += [] if task.success is None else task.success.parts()
         self._judged += [] if task.failure is None else [first_time(task.failure)]
@@ -80,7 +82,6 @@ class TaskSweep:
             label: Simulator(task.scene, options, device=device, dtype=dtype, strategy=strategy)
             for label, options in self.cases.items()
         }
-        assert task.duration is not None
         self.record = Recorded.of(task.scene, record, record_every, task.duration)
         records = self.record.count(task.duration), len(self.record.states)
         parts = []

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import warp as wp
 
 from slcp_warp.kernels.device.launch import launch
+from slcp_warp.kernels.device.tables import copy_rows
 from slcp_warp.kernels.policies.open_loop import OPEN_LOOP, make_open_loop
 from slcp_warp.kernels.specialisation import Specialisation
 from slcp_warp.kernels.step import rollout
@@ -78,10 +79,10 @@ def checkpointed(
 
     segments = Segments(key, table, us, external, bounds, empty(worlds, longest + 1, nx))
     kept = empty(worlds, len(bounds), nx)
-    wp.copy(kept[:, 0], x0)
+    copy_rows(x0, kept[:, 0])
     for i in range(len(bounds) - 1):
         states = segments.run(i, kept[:, i], status)
-        wp.copy(kept[:, i + 1], states[:, bounds[i + 1] - bounds[i]])
+        copy_rows(states[:, bounds[i + 1] - bounds[i]], kept[:, i + 1])
     run = Recorded(key, table, x0, us, external, kept, status)
     if run.wanted:
         kept.requires_grad = True
@@ -96,12 +97,12 @@ def pull_back(run: Recorded, segments: Segments) -> None:
     status = wp.zeros(worlds, dtype=wp.int32, device=device)
     start = wp.zeros(run.x0.shape, dtype=kept.dtype, device=device, requires_grad=True)
     slopes = wp.zeros(segments.states.shape, dtype=kept.dtype, device=device)
-    wp.copy(start.grad, kept.grad[:, last])
+    copy_rows(kept.grad[:, last], start.grad)
     for i in reversed(range(last)):
         steps = bounds[i + 1] - bounds[i]
         slopes.zero_()
-        wp.copy(slopes[:, steps], start.grad)
-        wp.copy(slopes[:, 0], kept.grad[:, i])
+        copy_rows(start.grad, slopes[:, steps])
+        copy_rows(kept.grad[:, i], slopes[:, 0])
         start.grad.zero_()
         status.zero_()
         states = segments.run(i, kept[:, i], status)

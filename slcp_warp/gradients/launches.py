@@ -9,6 +9,7 @@ import warp as wp
 from slcp_warp.kernels.derivatives import expansion, second_differences
 from slcp_warp.kernels.derivatives.curvature import in_closed_form
 from slcp_warp.kernels.device.launch import Prepared
+from slcp_warp.kernels.device.tables import make_copy_kernel
 from slcp_warp.kernels.specialisation import Specialisation
 
 from ..inputs.arrays import zeros
@@ -30,9 +31,18 @@ def lift(spec: Specialisation, step_size: np.ndarray) -> np.ndarray:
 
 
 def at_states(
-    spec: Specialisation, params: wp.array, x: wp.array, u: wp.array, external: wp.array, second: bool
+    spec: Specialisation,
+    make: Callable[..., Callable[[], None]],
+    params: wp.array,
+    x: wp.array,
+    u: wp.array,
+    external: wp.array,
+    second: bool,
 ) -> tuple[wp.array, wp.array, wp.array, wp.array]:
     """Derivatives of one step at states x (B, nx) under controls u (B, max(nu, 1)).
+
+    Args:
+        make: `prepare_linearize` of the kernels that serve the scene.
 
     Returns:
         A (B, nx, nx), B (B, nx, nu), second derivatives (B or 0, nw, nz, nz), status (B,).
@@ -44,7 +54,7 @@ def at_states(
     status = wp.zeros((worlds, 1), dtype=wp.int32, device=device)
     xs, us = (a.contiguous().reshape((worlds, 1, a.shape[1])) for a in (x, u))
     everything = wp.zeros(0, dtype=wp.int32, device=device)
-    prepare(spec, device, params, xs, us, external, everything, (fx, fu, fzz, status), second)()
+    make(params, xs, us, external, everything, (fx, fu, fzz, status), second)()
     by_x, by_u, codes = (a.reshape((worlds, *a.shape[2:])) for a in (fx, fu, status))
     return by_x, by_u, fzz, codes
 
@@ -82,7 +92,7 @@ def prepare(
         if source.dtype != wp.float64:
             target = wp.zeros(source.shape, dtype=wp.float64, device=device)
             if source.shape[0] > 0:
-                kernel = second_differences.make_widen_kernel(source.dtype)
+                kernel = make_copy_kernel(source.dtype, wp.float64)
                 widen.append(Prepared(kernel, source.shape[0], [source, target], device))
         tables.append(target)
     kernel = second_differences.make_difference_kernel(spec)

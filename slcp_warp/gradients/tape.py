@@ -13,7 +13,8 @@ from typing import Any
 import warp as wp
 
 from slcp_warp.kernels.device.launch import launch
-from slcp_warp.kernels.device.reduce import make_sum_kernel
+from slcp_warp.kernels.device.reduce import add_rows
+from slcp_warp.kernels.device.tables import copy_rows
 from slcp_warp.kernels.gradients.adjoint import make_adjoint_kernel, make_control_kernel
 from slcp_warp.kernels.method import Method
 from slcp_warp.kernels.policies.contract import PolicyKernel
@@ -22,6 +23,7 @@ from slcp_warp.kernels.specialisation import Specialisation
 
 from ..inputs.errors import ArgumentError
 from ..options import OptionError
+from .refused import Refused
 
 
 def active_tape() -> wp.Tape | None:
@@ -94,32 +96,24 @@ def record_rollout(run: Recorded) -> None:
     if not run.wanted:
         return
     outputs = [run.states] if run.controls is None else [run.states, run.controls]
-    blocked = _watch(run)
+    refused = _refused(run)
     for array in outputs:
         array.requires_grad = True
 
     def backward() -> None:
-        _refuse_blocked(run)
+        refused.spoil(run.states.grad[:, -1])
         adjoint(run, run.states.grad)
         for array in outputs:
             array.grad.zero_()
 
-    record(backward, run.inputs, *outputs, *blocked)
+    record(backward, run.inputs, *outputs, *refused.arrays)
 
 
-def _watch(run: Recorded) -> list[wp.array]:
-    """Let outputs without a derivative collect what a loss asks of them, to be refused."""
-    for _, array in run.blocked:
-        array.requires_grad = True
-    return [array for _, array in run.blocked]
-
-
-def _refuse_blocked(run: Recorded) -> None:
-    for name, array in run.blocked:
-        if array.grad.numpy().any():
-            raise ArgumentError(
-                f"the loss depends on {name}, through which no gradient flows; use the states"
-            )
+def _refused(run: Recorded) -> Refused:
+    """The outputs of which no loss may depend."""
+    tape = active_tape()
+    assert tape is not None
+    return Refused(tape, dict(run.blocked), run.x0.device)
 
 
 def record_step(run: Recorded) -> None:
@@ -130,24 +124,26 @@ def record_step(run: Recorded) -> None:
         return
     x, u, after = run.x0, run.us, run.states
     after.requires_grad = True
-    blocked = _watch(run)
+    refused = _refused(run)
     worlds, nx = x.shape
-    states, states_grad = (wp.zeros((worlds, 2, nx), dtype=x.dtype, device=x.device) for _ in range(2))
-    us = wp.zeros((worlds, 1, u.shape[1]), dtype=x.dtype, device=x.device, requires_grad=u.requires_grad)
-    wp.copy(states[:, 0], x)
-    wp.copy(us[:, 0], u)
+    before, us = (wp.empty(a.shape, dtype=a.dtype, device=a.device) for a in (x, u))
+    copy_rows(x, before)
+    copy_rows(u, us)
+    states_grad = wp.zeros((worlds, 2, nx), dtype=x.dtype, device=x.device)
+    states, us = before.reshape((worlds, 1, nx)), us.reshape((worlds, 1, u.shape[1]))
+    us.requires_grad = u.requires_grad
     longer = replace(run, us=us, states=states)
 
     def backward() -> None:
-        _refuse_blocked(run)
-        wp.copy(states_grad[:, 1], after.grad)
+        copy_rows(after.grad, states_grad[:, 1])
+        refused.spoil(states_grad[:, 1])
         adjoint(longer, states_grad)
         if u.requires_grad:
-            launch(make_sum_kernel(x.dtype), u.shape[1], [us.grad[:, 0], u.grad], x.device)
+            add_rows(us.grad[:, 0], u.grad)
             us.grad.zero_()
         after.grad.zero_()
 
-    record(backward, run.inputs, after, *blocked)
+    record(backward, run.inputs, after, *refused.arrays)
 
 
 def refuse(name: str, why: str, *arrays: wp.array | None) -> None:
@@ -203,8 +199,7 @@ def adjoint(run: Recorded, states_grad: wp.array) -> None:
            grain=max(1, 64 // us.shape[1]))  # fmt: skip
     for each, target in [*sums, (by_table, table)]:
         if target.requires_grad:
-            flat, total = each.reshape((worlds, -1)), target.grad.reshape((target.shape[0], -1))
-            launch(make_sum_kernel(dtype), total.shape[1], [flat, total], device)
+            add_rows(each.reshape((worlds, -1)), target.grad.reshape((target.shape[0], -1)))
 
 
 def _by_controls(
@@ -219,5 +214,4 @@ def _by_controls(
         inputs = [run.policy, run.us, run.states, grad, states_grad, by_us, by_xs, by_gain]
         launch(kernel, worlds, inputs, run.x0.device, grain=max(1, 4096 // steps))
     elif run.us.requires_grad:
-        flat = [array.reshape((worlds, steps * nu)) for array in (grad, by_us)]
-        launch(make_sum_kernel(dtype), steps * nu, flat, run.x0.device)
+        add_rows(*(array.reshape((worlds, steps * nu)) for array in (grad, by_us)))

@@ -1,6 +1,7 @@
 """What a policy sees: some components of the state, or a user's function of it."""
 
-from collections.abc import Callable, Sequence
+import contextlib
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
@@ -8,8 +9,9 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from slcp_warp.kernels.device.launch import launch
 from slcp_warp.kernels.policies.contract import PolicyKernel
-from slcp_warp.kernels.policies.observed import Seen, observed_kernel
+from slcp_warp.kernels.policies.observed import Seen, make_observation_kernel, observed_kernel
 
 from ..description.names import index_of
 from ..inputs.checks import attribute, function, shown, whole
@@ -42,6 +44,21 @@ class Observation:
             came = ", ".join(self.function.input_types)
             raise ArgumentTypeError(f"Observation.function takes ({came}); (x) is needed")
 
+    def of(self, x: np.ndarray) -> np.ndarray:
+        """What it shows (B, size) of states (B, nx), computed on the CPU in their precision.
+
+        Raises:
+            ArgumentTypeError: a function that cannot be used.
+        """
+        dtype = wp.dtype_from_numpy(x.dtype)
+        state: wp.array = wp.array(x, dtype=dtype, device="cpu")
+        out: wp.array = wp.zeros((len(x), self.size), dtype=dtype, device="cpu")
+        with _of_user():
+            kernel = make_observation_kernel(Seen(self.size, self.function), x.shape[1], dtype)
+            launch(kernel, len(x), [state, out], "cpu")
+        shown_of: np.ndarray = out.numpy()
+        return shown_of
+
 
 class Observed:
     """A policy that sees an observation in place of the state; it is made for as many states as that has.
@@ -72,10 +89,8 @@ class Observed:
             seen = Seen(len(places))
         inner, inside = checked_kernel(self.policy, _view(sim, names))
         kernel = observed_kernel(inner, seen)
-        try:
+        with _of_user():
             struct = kernel.functions(sim.nx, sim.nu, sim.dtype).Struct()
-        except Exception as error:  # whatever a user's code, or Warp on it, raises
-            raise ArgumentTypeError(f"Observation.function cannot be used: {error}") from error
         struct.inner = inside
         struct.places = wp.array(np.array(places, np.int32), dtype=wp.int32, device=sim.device)
         return kernel, struct
@@ -91,6 +106,14 @@ class Observed:
     def of_content(cls, content: Content) -> "Observed":
         """From what `content` gave."""
         return cls(policy_of(content.below("policy")), content.values["of"])
+
+
+@contextlib.contextmanager
+def _of_user() -> Iterator[None]:
+    try:
+        yield
+    except Exception as error:  # whatever a user's code, or Warp on it, raises
+        raise ArgumentTypeError(f"Observation.function cannot be used: {error}") from error
 
 
 def checked(label: str, of: Any) -> Any:

@@ -62,13 +62,17 @@ class Step(Printed):
 def contact_impulse(scene: Scene, impulse: np.ndarray, friction: np.ndarray, options: Options) -> np.ndarray:
     """Normal and tangential impulse of every pair, (..., pairs, 2), from row impulses (..., nr)."""
     s = scene.structure
+    first = s.nr - sum(1 + pair.friction for pair in s.pairs)  # limits come before
+    pair, sign = np.array([(row.index, row.sign) for row in s.rows[first:]], int).reshape(-1, 2).T
+    plain, plus, minus = (np.flatnonzero(sign == which) for which in (0, 1, -1))
+    rows = impulse[..., first:]
     out = np.zeros((*impulse.shape[:-1], len(s.pairs), 2))
-    mu = np.broadcast_to(friction, (*impulse.shape[:1], len(s.pairs)))
-    for i, row in enumerate(s.rows):
-        if row.kind == "contact" and options.method.coulomb:
-            out[..., row.index, int(row.sign < 0)] = impulse[..., i]
-        elif row.kind == "contact":
-            out[..., row.index, 0] += impulse[..., i]
-            coefficient = mu[:, row.index].reshape(-1, *([1] * (impulse.ndim - 2)))
-            out[..., row.index, 1] += row.sign * coefficient * impulse[..., i]
+    out[..., pair[plain], 0] = rows[..., plain]
+    if options.method.coulomb:
+        out[..., pair[plus], 0], out[..., pair[minus], 1] = rows[..., plus], rows[..., minus]
+        return out
+    mu = np.broadcast_to(friction, (*impulse.shape[:1], len(s.pairs)))[..., pair[plus]]
+    mu = mu.reshape(*impulse.shape[:1], *([1] * (impulse.ndim - 2)), len(plus))
+    out[..., pair[plus], 0] = rows[..., plus] + rows[..., minus]
+    out[..., pair[plus], 1] = mu * (rows[..., plus] - rows[..., minus])
     return out

@@ -4,6 +4,7 @@ parameters. `NAMED` has them by name.
 
 from .bodies import ball_drop, box_toss, particle, rolling_disc, sliding_block, slope
 from .finger import flicking_finger
+from .heaps import heap, tumbling_boxes
 from .legged import hopper, walker
 from .manipulation import grasp, push_block
 from .pendulums import cart_pole, pendulum_chain
@@ -18,6 +19,7 @@ __all__ = [
     "cart_pole",
     "flicking_finger",
     "grasp",
+    "heap",
     "hopper",
     "opposing_limits",
     "painleve_rod",
@@ -28,6 +30,7 @@ __all__ = [
     "sliding_block",
     "slope",
     "stack",
+    "tumbling_boxes",
     "two_balls",
     "walker",
 ]

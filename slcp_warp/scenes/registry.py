@@ -5,6 +5,7 @@ from collections.abc import Callable
 from ..description.scene import Scene
 from .bodies import ball_drop, box_toss, particle, rolling_disc, sliding_block, slope
 from .finger import flicking_finger
+from .heaps import heap, tumbling_boxes
 from .legged import hopper, walker
 from .manipulation import grasp, push_block
 from .pendulums import cart_pole, pendulum_chain
@@ -31,5 +32,7 @@ NAMED: dict[str, Callable[..., Scene]] = {
         walker,
         cart_pole,
         push_block,
+        heap,
+        tumbling_boxes,
     )
 }

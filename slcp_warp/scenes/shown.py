@@ -30,7 +30,7 @@ SHOWN = {
     "grasp": Shown(0.6, controls=(20.0, -20.0)), "stack": Shown(0.5), "painleve_rod": Shown(0.6),
     "two_balls": Shown(1.2), "box_toss": Shown(1.2), "rolling_disc": Shown(0.5), "beam": Shown(0.3),
     "opposing_limits": Shown(0.3), "hopper": Shown(0.9), "walker": Shown(0.6), "cart_pole": Shown(0.85),
-    "push_block": Shown(0.4),
+    "push_block": Shown(0.4), "heap": Shown(0.5, rates={"disc2.vy": -2.0}), "tumbling_boxes": Shown(1.0),
 }  # fmt: skip
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import warp as wp
 
 from ..gradients import launches as derivatives
+from ..gradients.tape import derivatives_exist
 from ..inputs.arrays import ArrayError
 from ..inputs.checks import array, instance, names
 from ..parameters import ParameterError, Parameters
@@ -117,7 +118,7 @@ def jvp(
     """Roll out and push a direction of x0 and controls forward: the Jacobians of all steps in one launch.
 
     Args:
-        sim: with specialised kernels.
+        sim: whose steps.
         x0, dx0: (B, nx).
         controls, dcontrols: (B, N, nu); dcontrols None: zero.
         params: as for `Simulator.rollout`.
@@ -129,7 +130,7 @@ def jvp(
         ArrayError: another shape.
     """
     instance("sim", sim, Simulator, "a slcp_warp.Simulator")
-    sim.need_derivatives("jvp")
+    derivatives_exist(sim.options.method)
     x0, controls = _pair(sim, x0, controls)
     worlds, steps = controls.shape[:2]
     dx0 = _array("dx0", dx0, x0.shape)
@@ -148,7 +149,7 @@ def jvp(
     table = sim.parameter_array(params, worlds)
     outputs = (fx, fu, sim.empty(0, 0, 0, 0), status)
     xs, external = put(traj.states), sim.empty(0, 0)
-    derivatives.prepare(sim.spec, sim.device, table, xs, put(us), external, everything, outputs, False)()
+    sim.kernels.stepping.prepare_linearize(table, xs, put(us), external, everything, outputs, False)()
     jacobians, by_control, code = fx.numpy(), fu.numpy()[..., : sim.nu], status.numpy()
     jacobians[code != 0] = np.nan
     tangent = np.empty((worlds, steps + 1, nx), dtype=jacobians.dtype)
@@ -165,7 +166,7 @@ def weighted_hessian(
     """sum_i weights_i d2 x'_i / d(x, u)2 of one step: (B, nz, nz), and the status (B,).
 
     Args:
-        sim: with specialised kernels.
+        sim: whose steps.
         x: (B, nx).
         u: (B, nu).
         weights: (B, nx), of the next state's components.

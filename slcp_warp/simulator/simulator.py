@@ -37,9 +37,12 @@ class Simulator(Printed):
         options: what the step solves.
         device: "cpu", "cuda:0", ...; None: the best one present.
         dtype: "float64" (accurate to 1e-12) or "float32" (fast, 2e-5 of the problem's scale).
-        strategy: "specialised" kernels, made for the scene; "generic" ones, for large scenes, without
-            derivatives; "auto": steps and open-loop rollouts by the scene's size, the rest
-            specialised while the scene has at most 31 rows. The attribute says which kernels step.
+        strategy: "specialised" kernels, made for the scene; "generic" ones, for large scenes; "auto": steps,
+            open-loop rollouts, Jacobians and plans by the scene's size, the rest specialised while the
+            scene has at most 31 rows. The attribute says which kernels step.
+        fast_path: whether specialised kernels without the last resorts of their solvers step first, and those
+            with them make the steps that are left; None: on a GPU, in scenes of at most two pairs. States
+            differ from those of one kernel by rounding, whatever the batch.
 
     Attributes:
         params: the scene's parameters.
@@ -54,6 +57,7 @@ class Simulator(Printed):
         device: str | wp.Device | None = None,
         dtype: str = "float64",
         strategy: str = "auto",
+        fast_path: bool | None = None,
     ) -> None:
         checks.instance("scene", scene, Scene, "a slcp_warp.Scene")
         checks.instance("options", options, Options | None, "a slcp_warp.Options")
@@ -67,7 +71,7 @@ class Simulator(Printed):
         self.params = Parameters(scene)
         self.spec = Specialisation(scene.structure, self.dtype, self.options.method)
         name_scene(scene.structure, scene.name)
-        self.kernels = Kernels(scene.name, self.spec, self.device, current_name(strategy))
+        self.kernels = Kernels(scene.name, self.spec, self.device, current_name(strategy), fast_path)
         self.strategy = self.kernels.strategy
         self._arguments = Arguments(scene.structure, self.dtype, self.device)
 
@@ -235,9 +239,9 @@ class Simulator(Printed):
             second: second derivatives, too, in closed form (M29), or by differences (M30).
 
         Raises:
-            StrategyError, OptionError: kernels or options without derivatives.
+            OptionError: options without derivatives.
         """
-        self.need_derivatives("linearize")
+        tape.derivatives_exist(self.options.method)
         checks.flag("second", second)
         given = self._arguments
         state = given.batch("x", x, self.nx)
@@ -246,7 +250,9 @@ class Simulator(Printed):
         table = self.parameter_array(params, worlds)
         tape.refuse("x, u or params", "linearize is not recorded", state.array, control, table)
         external = given.external_force(external_force, worlds)
-        fx, fu, fzz, status = launches.at_states(self.spec, table, state.array, control, external, second)
+        fx, fu, fzz, status = launches.at_states(
+            self.spec, self.kernels.stepping.prepare_linearize, table, state.array, control, external, second
+        )
         curved = state.give(fzz) if second else None
         return Linearization(state.give(fx), state.give(fu), curved, state.give(status), self.scene)
 

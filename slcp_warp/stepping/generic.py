@@ -2,17 +2,17 @@
 
 import contextlib
 import threading
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Callable, Iterator
+from typing import Any, Generic, TypeVar
 
 import warp as wp
 
 from slcp_warp.kernels.device.launch import launch
 from slcp_warp.kernels.generic import step as generic_step
+from slcp_warp.kernels.generic.derivatives import linearize, tables
 from slcp_warp.kernels.generic.topology import make_topology
-from slcp_warp.kernels.generic.work import Work, allocate_work, bytes_per_world
+from slcp_warp.kernels.generic.work import allocate_work, bytes_per_world
 from slcp_warp.kernels.specialisation import Specialisation
-from slcp_warp.kernels.structure import Structure
 
 from .arrays import Controls, RolloutArrays, StepArrays
 from .single import rollout_by_steps
@@ -20,27 +20,34 @@ from .single import rollout_by_steps
 WORKSPACE_BYTES = 256 * 2**20  # worlds are stepped in chunks whose workspaces fit in here
 
 
-class Workspaces:
+Space = TypeVar("Space")
+
+
+class Workspaces(Generic[Space]):
     """Workspaces of one scene on one device, each lent to one call at a time; some are kept for later calls.
 
     On a GPU they belong to the stream that they were used on, whose order keeps calls apart.
+
+    Args:
+        allocate: makes one of so many slots.
+        size: bytes of a slot.
     """
 
-    def __init__(self, s: Structure, device: Any) -> None:
-        self.structure, self.device = s, wp.get_device(device)
-        self.most = max(1, WORKSPACE_BYTES // bytes_per_world(s))  # slots of a workspace, and of those kept
+    def __init__(self, allocate: Callable[[int], Space], size: int, device: Any) -> None:
+        self._allocate, self.device = allocate, wp.get_device(device)
+        self.most = max(1, WORKSPACE_BYTES // size)  # slots of a workspace, and of those kept
         self._lock = threading.Lock()
-        self._kept: dict[Any, list[tuple[int, Work]]] = {}
+        self._kept: dict[Any, list[tuple[int, Space]]] = {}
 
     @contextlib.contextmanager
-    def lend(self, slots: int) -> Iterator[Work]:
+    def lend(self, slots: int) -> Iterator[Space]:
         """A workspace of at least that many slots that no other call has."""
         stream = self.device.stream if self.device.is_cuda else None
         with self._lock:
             kept = self._kept.setdefault(stream, [])
             size, work = kept.pop() if kept else (0, None)
         if work is None or size < slots:
-            size, work = slots, allocate_work(self.structure, slots, self.device)
+            size, work = slots, self._allocate(slots)
         try:
             yield work
         finally:
@@ -52,7 +59,7 @@ class Workspaces:
 class GenericKernels:
     """The generic kernels for one scene on one device; any number of threads may call them.
 
-    Nothing is recorded on a tape: they have no derivatives.
+    Nothing is recorded on a tape.
     """
 
     def __init__(self, spec: Specialisation, device: Any) -> None:
@@ -60,16 +67,21 @@ class GenericKernels:
         self.structure, self.dtype, self.device = s, dtype, device
         self.residual = generic_step.residual_of(method, s.nr)
         self.topology = make_topology(s, method.inertia_scaling, method.coulomb, device)
-        self.workspaces = Workspaces(s, device)
+        self.groups = tables.make_groups(s, device)
+        self.workspaces = Workspaces(lambda n: allocate_work(s, n, device), bytes_per_world(s), device)
         self.chunk = self.workspaces.most  # worlds of a launch
+        size = tables.bytes_per_world(s)
+        self.slopes = Workspaces(lambda n: tables.allocate_slopes(s, n, device), size, device)
+        size = linearize.bytes_of_stencil(s)
+        self.stencils = Workspaces(lambda n: linearize.allocate_stencil(s, n, device), size, device)
 
     def _launch(
         self, kernel: wp.Kernel, worlds: int, flags: list[int], arrays: list[Any], grain: int
     ) -> None:
-        with self.workspaces.lend(min(worlds, self.chunk)) as work:
+        with self.workspaces.lend(min(worlds, self.chunk)) as space:
             for base in range(0, worlds, self.chunk):
                 count = min(self.chunk, worlds - base)
-                inputs = [base, *flags, self.topology, work, *arrays]
+                inputs = [base, *flags, self.topology, space, *arrays]
                 launch(kernel, count, inputs, self.device, grain=grain)
 
     def step(self, a: StepArrays) -> None:
@@ -84,3 +96,34 @@ class GenericKernels:
             return
         kernel = generic_step.make_rollout_kernel(self.dtype, self.residual)
         self._launch(kernel, a.worlds, [int("gap" in record)], a.in_order(controls.us), 1)
+
+    def prepare_linearize(
+        self,
+        params: wp.array,
+        xs: wp.array,
+        us: wp.array,
+        external: wp.array,
+        active: wp.array,
+        outputs: tuple[wp.array, wp.array, wp.array, wp.array],
+        second: bool,
+    ) -> Callable[[], None]:
+        """As `gradients.launches.prepare`."""
+        steps = us.shape[1]
+        items = us.shape[0] * steps
+        given = [params, steps, xs, us, external, active, *outputs]
+        chunk = min(self.chunk, self.slopes.most, self.stencils.most if second else items)
+        slots = min(items, chunk)
+        kernel = linearize.make_linearize_kernel(self.dtype, self.residual)
+
+        def run() -> None:
+            lend = (
+                self.workspaces.lend(slots),
+                self.slopes.lend(slots),
+                self.stencils.lend(slots if second else 0),
+            )
+            with lend[0] as work, lend[1] as slopes, lend[2] as stencil:
+                for base in range(0, items, chunk):
+                    inputs = [base, int(second), self.topology, work, self.groups, slopes, stencil, *given]
+                    launch(kernel, min(chunk, items - base), inputs, self.device, grain=1)
+
+        return run

@@ -12,7 +12,7 @@ from .arrays import Controls
 from .generic import GenericKernels
 from .host import Asked
 from .specialised import SpecialisedKernels, taped_policy
-from .strategy import StrategyError, choose
+from .strategy import StrategyError, choose, takes_fast_path
 
 
 class Kernels:
@@ -21,13 +21,17 @@ class Kernels:
     Attributes:
         strategy: which kernels step.
         stepping: these kernels.
+        fast_path: whether specialised kernels without last resorts step first.
     """
 
-    def __init__(self, scene_name: str, spec: Specialisation, device: Any, strategy: str) -> None:
+    def __init__(
+        self, scene_name: str, spec: Specialisation, device: Any, strategy: str, fast_path: bool | None
+    ) -> None:
         s = spec.structure
         self.strategy = choose(strategy, s, spec.method, device)
         self._name, self._spec = scene_name, spec
-        self._specialised = SpecialisedKernels(spec, device)
+        self.fast_path = takes_fast_path(fast_path, s, spec.method, device)
+        self._specialised = SpecialisedKernels(spec, device, self.fast_path)
         generic = self.strategy == "generic"
         self._only_generic = generic and (strategy != "auto" or s.nr > MOST_ROWS)
         self.stepping: SpecialisedKernels | GenericKernels = (

@@ -8,6 +8,7 @@ import warp as wp
 
 from slcp_warp.kernels.contact.problem import COLD
 from slcp_warp.kernels.device.launch import launch
+from slcp_warp.kernels.device.tables import copy_rows
 from slcp_warp.kernels.policies.ask import make_ask_kernel
 from slcp_warp.kernels.step.single import make_settle_kernel
 from slcp_warp.kernels.structure import Structure
@@ -43,7 +44,7 @@ def rollout_by_steps(
     single = StepArrays(a.table, state, us, a.external, warm, after, impulse, gap, multiplier, code)
     ask = _ask(s, a, controls)
     settle = make_settle_kernel(dtype)
-    wp.copy(a.states[:, 0], state)
+    copy_rows(state, a.states[:, 0])
     for k in range(controls.steps):
         ask(k, state, a.status, us)
         step(single)

@@ -1,14 +1,17 @@
 """Launches of the kernels made for one scene, recorded on a `wp.Tape` where an input requires a gradient."""
 
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import warp as wp
 
+from slcp_warp.kernels.device import relay
 from slcp_warp.kernels.device.launch import launch
 from slcp_warp.kernels.specialisation import Specialisation
-from slcp_warp.kernels.step import rollout
+from slcp_warp.kernels.step import relayed, rollout
 
-from ..gradients import tape
+from ..gradients import launches, tape
 from ..gradients.checkpoint import checkpointed
 from .arrays import Controls, RolloutArrays, StepArrays
 from .host import Asked
@@ -16,10 +19,21 @@ from .single import rollout_by_steps
 
 
 class SpecialisedKernels:
-    """The kernels made for one scene, precision and method, on one device."""
+    """The kernels made for one scene, precision and method, on one device.
 
-    def __init__(self, spec: Specialisation, device: Any) -> None:
+    Attributes:
+        fast: of kernels that make the steps which need no last resort, before those of `spec`; None: there
+            are none.
+    """
+
+    def __init__(self, spec: Specialisation, device: Any, fast_path: bool = False) -> None:
         self.spec, self.device = spec, device
+        self.fast = spec._replace(method=replace(spec.method, fast=True)) if fast_path else None
+
+    @property
+    def both(self) -> tuple[Specialisation, Specialisation]:
+        """Of the kernels that step first, and of those that make the steps which these leave."""
+        return self.fast or self.spec, self.spec
 
     def step(self, a: StepArrays) -> None:
         """One step of every world."""
@@ -30,7 +44,11 @@ class SpecialisedKernels:
         )
 
     def _step(self, a: StepArrays) -> None:
-        launch(rollout.make_step_kernel(self.spec), a.worlds, a.in_order(), self.device)
+        if self.fast is None:
+            launch(rollout.make_step_kernel(self.spec), a.worlds, a.in_order(), self.device)
+            return
+        fast, full = (relayed.make_step_relay(spec) for spec in self.both)
+        relay.Run(fast, full, a.worlds, 1, a.in_order(), self.device)()
 
     def rollout(self, a: RolloutArrays, controls: Controls, record: tuple[str, ...]) -> None:
         """All steps of every world.
@@ -42,9 +60,7 @@ class SpecialisedKernels:
         if isinstance(controls.policy, Asked):
             rollout_by_steps(self._step, self.spec.structure, a, controls)
             return
-        kernel = rollout.make_rollout_kernel(self.spec, controls.policy, "gap" in record)
-        inputs = a.in_order(controls.struct)
-        launch(kernel, a.worlds, inputs, self.device, grain=max(1, 128 // controls.steps))
+        self._rollout(a, controls, "gap" in record)
         if controls.us is None and not taped_policy(controls, a.x0, a.table):
             return
         applied, policy = (controls.us, None) if controls.us is not None else (a.controls, controls.struct)
@@ -54,6 +70,31 @@ class SpecialisedKernels:
             self.spec, a.table, a.x0, applied, a.external, a.states, a.status, policy, shown, blocked
         )
         tape.record_rollout(run)
+
+    def _rollout(self, a: RolloutArrays, controls: Controls, exact_gap: bool) -> None:
+        inputs, grain = a.in_order(controls.struct), max(1, 128 // controls.steps)
+        if self.fast is None:
+            kernel = rollout.make_rollout_kernel(self.spec, controls.policy, exact_gap)
+            launch(kernel, a.worlds, inputs, self.device, grain=grain)
+            return
+        (s, dtype, _), policy = self.spec, controls.policy
+        sizes = s.nr + 2 * len(s.pairs), policy.functions(2 * s.nv, s.nu, dtype).memory
+        kept = [wp.empty((a.worlds, size), dtype=dtype, device=self.device) for size in sizes]
+        fast, full = (relayed.make_rollout_relay(spec, policy, exact_gap) for spec in self.both)
+        relay.Run(fast, full, a.worlds, controls.steps, [*kept, *inputs], self.device, grain)()
+
+    def prepare_linearize(
+        self,
+        params: wp.array,
+        xs: wp.array,
+        us: wp.array,
+        external: wp.array,
+        active: wp.array,
+        outputs: tuple[wp.array, wp.array, wp.array, wp.array],
+        second: bool,
+    ) -> Callable[[], None]:
+        """As `gradients.launches.prepare`."""
+        return launches.prepare(self.spec, self.device, params, xs, us, external, active, outputs, second)
 
     def checkpointed(
         self, table: wp.array, x0: wp.array, us: wp.array, external: wp.array, status: wp.array, every: int

@@ -6,6 +6,7 @@ precision and residual serves every scene by tables, a world's state in memory (
 for scenes whose unrolled kernels would take minutes to compile and spill anyway.
 """
 
+import os
 import warnings
 from typing import Any
 
@@ -13,9 +14,10 @@ import warp as wp
 
 from slcp_warp.kernels.generic.topology import NUMBERS
 from slcp_warp.kernels.method import Method
+from slcp_warp.kernels.solvers.law import law_of
 from slcp_warp.kernels.structure import MOST_ROWS, Structure, layout
 
-from ..inputs.checks import choice
+from ..inputs.checks import choice, flag
 from ..inputs.errors import ArgumentError
 
 STRATEGIES = ("auto", "specialised", "generic")
@@ -23,6 +25,7 @@ RENAMED = {"registers": "specialised", "memory": "generic"}  # as they were call
 # nv times the larger of nr and nv, by whether the device is a CPU: beyond, specialised kernels compile for
 # half a minute on a CPU and for minutes on a GPU (docs/performance.md)
 LARGEST = {True: 200, False: 32}
+PAIRS = 2  # of which the rows that act together are few in most steps
 
 
 class StrategyError(ArgumentError):
@@ -47,6 +50,26 @@ def missing(s: Structure, method: Method) -> str:
         return f"deviation {method.deviation!r}"
     unknown = [name for name in layout(s).names if name not in NUMBERS]
     return f"parameters {unknown}" if unknown else ""
+
+
+def takes_fast_path(fast_path: Any, s: Structure, method: Method, device: Any) -> bool:
+    """Whether specialised kernels without last resorts step first (`kernels/device/relay.py`); where None is
+    given, as the environment variable SLCP_FAST_PATH says (0 or 1), else on a GPU, in scenes of few pairs.
+
+    Raises:
+        StrategyError: it is asked for, and there is none.
+    """
+    exists = s.nr > 0 and law_of(method, s.nr).fast
+    if fast_path is None:
+        text = os.environ.get("SLCP_FAST_PATH", "").strip()
+        if text not in ("", "0", "1"):
+            raise ArgumentError(f"SLCP_FAST_PATH is {text!r}; 0 or 1 is needed")
+        wanted = text == "1" if text else len(s.pairs) <= PAIRS and not wp.get_device(device).is_cpu
+        return exists and wanted
+    if flag("fast_path", fast_path) and not exists:
+        reason = f"the residual is {method.residual!r}" if s.nr else "the scene has no rows"
+        raise StrategyError(f"fast_path is True, but {reason}, and every step is made by one kernel")
+    return fast_path
 
 
 def current_name(strategy: Any) -> Any:

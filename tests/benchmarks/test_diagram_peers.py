@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from slcp_warp import SceneError, scenes
+from slcp_warp import SceneError, Spring, scenes
 from slcp_warp.scripts.benchmarks.mechanics.scene import contact, mass_matrix
 from slcp_warp.scripts.benchmarks.peers.peer import NEAR, configurations, step_count
 from slcp_warp.scripts.benchmarks.shared.optional import load
@@ -119,8 +119,9 @@ def test_mujoco_refuses_what_it_has_not():
     pytest.importorskip("mujoco")
     from slcp_warp.scripts.benchmarks.peers.mujoco_model import mjcf
 
-    with pytest.raises(SceneError, match="planes are the world's"):
-        mjcf(scenes.beam())
+    spring = Spring("box0", None, stiffness=10.0)
+    with pytest.raises(SceneError, match="takes no springs between points"):
+        mjcf(dataclasses.replace(scenes.stack(1), springs=(spring,)))
 
 
 @pytest.mark.slow

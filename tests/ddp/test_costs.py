@@ -187,6 +187,30 @@ def test_differences_of_user_dynamics(device, dtype):
             np.testing.assert_allclose(second.numpy()[k, i], hessian, atol=1e-8 + rough)
 
 
+def test_numbers_of_user_dynamics_stay_on_the_device(device, monkeypatch):
+    """Differences in double precision follow a problem's numbers in single; nothing waits for them."""
+    problem, _, _ = cart_pole(device, "float32")
+    rng = np.random.default_rng(3)
+    xs, us = (
+        wp.array(a, dtype=wp.float32, device=device)
+        for a in (rng.normal(size=(1, 3, 4)), rng.normal(size=(1, 2, 1)))
+    )
+    shapes = [(1, 2, 4, 4), (1, 2, 4, 1), (2, 4, 5, 5)]
+    fx, fu, second = (wp.zeros(s, dtype=wp.float32, device=device) for s in shapes)
+    status, all_of_them = (wp.ones(s, dtype=wp.int32, device=device) for s in ((1, 2), 1))
+    params = problem.params.array(1)
+    run = problem.dynamics.prepare_linearize(xs, us, params, fx, fu, second, status, all_of_them)
+    run()
+    before = fu.numpy().copy()
+    halved = wp.array(0.5 * params.numpy(), dtype=wp.float32, device=device)
+    wp.copy(params, halved)
+    with monkeypatch.context() as patch:
+        for name in ("numpy", "assign"):
+            patch.setattr(wp.array, name, lambda *_: pytest.fail("copied over the host"))
+        run()
+    np.testing.assert_allclose(fu.numpy()[..., 3, :], 0.5 * before[..., 3, :], rtol=1e-5)
+
+
 def test_illegal_costs():
     with pytest.raises(ValueError, match=r"R must be a symmetric matrix \(1, 1\), got shape \(1, 2\)"):
         ddp.costs.quadratic(np.eye(3), [[1.0, 2.0]])

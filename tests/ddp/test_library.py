@@ -13,6 +13,7 @@ import slcp_warp as slcp
 from slcp_warp import ddp
 from slcp_warp.ddp.library.entries import ARRAYS, scene_digest
 from slcp_warp.ddp.library.nearest import whitening
+from slcp_warp.kernels.policies.nearest import NEAREST, nearest_kernel
 
 FINGER = scene("flicking_finger")
 HORIZON = 20
@@ -289,6 +290,17 @@ def test_nearest_neighbour_is_the_one_of_brute_force(device, count, metric):
     # far from all entries a correlated metric may prefer an image more than half a period away: not searched
     limit = 0.0 if metric == "variance" else 0.005
     assert wrong.mean() <= limit, f"{wrong.mean():.1%}, by {excess.max():.2g}"
+
+
+@pytest.mark.parametrize("nodes", [1, 2, 3, 400, 8190, 8191, 8192, 1_000_000])
+def test_branches_that_wait_fit_in_the_stack(nodes):
+    """Of a search that leaves a branch on every level: halves of halves of a range with a far side."""
+    low, high, waiting = 0, nodes, 0
+    while high - low > 1:
+        middle = (low + high) // 2  # the larger half goes on, the other one waits
+        low, high, waiting = low, middle, waiting + 1
+    kernel = nearest_kernel(nodes)
+    assert waiting <= (12 if kernel is NEAREST else 32) and (kernel is NEAREST) == (nodes < 8192)
 
 
 def test_nearest_neighbour_in_single_precision(device):

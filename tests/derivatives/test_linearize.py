@@ -18,7 +18,7 @@ CASES = [  # scene, scaling, hard, second derivatives too: one kernel makes A, B
     slow("flicking_finger", "inertia", True, True),
     pytest.param("sliding_block", "inertia", False, False, marks=pytest.mark.full),
     slow("moving_plane", "inertia", False, True),
-    slow("capsules", "inertia", False, False),
+    pytest.param("capsules", "inertia", False, False, marks=pytest.mark.full),
     slow("pill", "inertia", False, True),
     slow("touching_tree", "inertia", False, False),
 ]

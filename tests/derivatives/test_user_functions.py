@@ -149,6 +149,26 @@ def test_differences_stand_in_where_an_adjoint_is_not_finite():
     np.testing.assert_allclose(J[1], exact, rtol=0, atol=1e-14)
 
 
+def make_hidden(dtype, VX, VU):
+    """A component that is assigned twice, times a parameter."""
+    three = dtype(3.0)
+
+    @wp.func
+    def step(params: wp.array2d(dtype=dtype), row: int, x: VX, u: VU):
+        y = VX(x[0], x[1])
+        y[0] = wp.sin(three * y[0])
+        y[0] = wp.sin(three * y[0])
+        return VX(x[0] + params[row, 1] * y[0], x[1] + params[row, 0] * u[0])
+
+    return step
+
+
+def test_a_wrong_adjoint_is_not_hidden_by_a_parameter_that_is_zero():
+    component = make_component(_dynamics_functions(make_hidden, wp.float64, 2, 1).step, 2, 1)
+    hiding = wp.array([[2.0, 0.0]], dtype=wp.float64, device="cpu")
+    assert not adjoint_check.adjoint_is_right(component, 3, 2, hiding)
+
+
 def test_a_verdict_is_found_once(monkeypatch):
     assert is_right(make_drag, 2, 1)
     monkeypatch.setattr(adjoint_check, "_looks_right", lambda *_: pytest.fail("looked at again"))

@@ -31,10 +31,10 @@ def test_structure(pair):
     assert scene.nv == model.nv and scene.nu == 2 and scene.step_size == 0.01
     assert scene.bodies[2].stiffness == (200.0,) and scene.bodies[2].rest == (0.02,)
     assert scene.bodies[1].lower == pytest.approx((-np.pi / 3,))
-    touching = {frozenset((c.shape_a, c.shape_b)) for c in scene.contacts}
+    touching = {frozenset((c.shape_a, c.shape_b)) for c in scene.all_contacts}
     assert frozenset(("floor", "foot")) in touching and frozenset(("floor", "crate_corner0")) in touching
     assert not any("pack" in pair for pair in touching)
-    assert all(c.friction == 0.8 or c.friction == 1.0 for c in scene.contacts)
+    assert all(c.friction == 0.8 or c.friction == 1.0 for c in scene.all_contacts)
 
 
 def test_same_mass_matrix_and_forces(pair):
@@ -72,7 +72,7 @@ def test_same_distances(pair):
     scene, model = pair
     data, oracle = mujoco.MjData(model), Oracle(scene)
     q, _ = states(model, 10)
-    names = [(c.shape_a, c.shape_b) for c in scene.contacts]
+    names = [(c.shape_a, c.shape_b) for c in scene.all_contacts]
     foot = next(k for k, n in enumerate(names) if set(n) == {"floor", "foot"})
     corners = [k for k, n in enumerate(names) if any("crate" in x for x in n)]
     first = scene.structure.pairs  # capsules make two pairs: count pairs, not contacts

@@ -91,3 +91,12 @@ def test_states_by_name_leave_the_others():
 def test_what_has_no_place_is_refused(call, kind, text):
     with pytest.raises(kind, match=text.replace(".", r"\.")):
         call()
+
+
+def test_an_unknown_name_among_thousands_is_a_short_error():
+    heap = slcp.scenes.heap(60)
+    with pytest.raises(slcp.ArgumentError, match="there are 1,830, disc1.*like it$") as caught:
+        slcp.measures.gap("disc10/disc1").place(heap)
+    assert len(str(caught.value)) < 150
+    with pytest.raises(slcp.ArgumentError, match="there are 360, as disc0.x$"):
+        heap.state_index("?")

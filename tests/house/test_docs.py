@@ -110,7 +110,7 @@ def blocks(path):
     return re.findall(r"^```python\n(.*?)^```", path.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
 
 
-@pytest.mark.slow
+@pytest.mark.docs
 @pytest.mark.parametrize("path", [path for path in TEXTS if blocks(path)], ids=name)
 def test_code_in_texts_runs(path, tmp_path, monkeypatch):
     """The blocks of a page are one program, run where the examples are and files may be written."""

@@ -200,6 +200,8 @@ CALLS = {
     "Normal": (slcp.Normal, {"sd": 0.1}, {}),
     "Uniform": (slcp.Uniform, {"low": 0.0, "high": 1.0}, {"low": ("high",)}),
     "Worlds": (slcp.Worlds, {"x0": X}, {"x0": ("worlds",)}),
+    "load_worlds": (slcp.load_worlds, {"path": "/nowhere/worlds.npz"}, {}),
+    "save_worlds": (slcp.save_worlds, {"worlds": slcp.Worlds(X), "path": "/nowhere/worlds.npz"}, {}),
     "draw_worlds": (slcp.draw_worlds, {"task": KICKED, "worlds": 2, "device": "cpu"}, {}),
     "failure_share": (
         slcp.failure_share, {"task": JUDGED, "policy": library().policy(), "device": "cpu"},

@@ -223,7 +223,9 @@ STIFF = {"damping": 80.0, "spring_damping": 300.0}
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "integrator, residual", [("euler", "rem-logistic"), ("trapezoidal", "erm-logistic")], ids=INTEGRATORS
+    "integrator, residual",
+    [("euler", "rem-logistic"), pytest.param("trapezoidal", "erm-logistic", marks=pytest.mark.full)],
+    ids=INTEGRATORS,
 )
 def test_derivatives_where_dampers_are_stiff(device, integrator, residual):
     """A, B, second derivatives, and the gradient by every parameter, light dampers and stiff ones.

@@ -127,6 +127,12 @@ def test_every_world_has_its_own_gains(device):
             assert own[name][world] == alone.part("one")[name][world], name
             if name not in ("world", *(n for n in own if n.startswith("drawn"))):
                 assert still[name][world] == alone.part("one", arm="undisturbed")[name][world % 2], name
+    drawn = slcp.draw_worlds(task(), WORLDS, seed=2, dtype="float64")
+    some = [3, 16, 30]
+    few = slcp.Worlds(drawn.x0[some], drawn.params[some], drawn.kicks[some], numbers=drawn.numbers[some])
+    again = sweep({"own": policies.Linear(gains, GOAL, [0.0])}, device, worlds=few).part("own")
+    for name in MEASURES:
+        np.testing.assert_array_equal(again[name], own[name][some], err_msg=name)
 
 
 @pytest.mark.parametrize(

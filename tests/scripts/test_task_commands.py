@@ -81,6 +81,7 @@ def test_a_task_of_a_file_goes_end_to_end(tmp_path):
     assert "--policy is of a task with --sequential" in fails("compare", TOML, *both)
     check_questions(tmp_path, parts)
     falsified(tmp_path)
+    rare(tmp_path)
     assert "has the policy" in fails("compare", _one_policy(tmp_path))
     assert "there is no policy 'mpc'" in fails("compare", tmp_path / "report.csv", "mpc", "plan")
     still = ("--velocity-sd", 0, "--torque-sd", 0, "--vary", "mass=0", "--duration", 0.4, "--worlds", 3)
@@ -143,6 +144,29 @@ def falsified(folder: Path) -> None:
     broken = folder / "broken.csv"
     broken.write_text((out / "falsification.csv").read_text().replace("drawn", "dawn", 1))
     assert "role is neither" in fails("chart", broken)
+
+
+def rare(folder: Path) -> None:
+    """The share of failures that the sweep counted lies in the interval; the table has the levels' shares."""
+    arguments = (TOML, "--policy", folder / "plan.npz", "--device", "cpu", "--islands", 6, "--particles", 60)
+    said = call("rare", *arguments, "--length", 6, "--out", folder / "rare.csv",
+                "--failing", folder / "failing.npz").output  # fmt: skip
+    assert "margin at most" in said and "of task 'shove'" in said
+    rows = np.genfromtxt(folder / "rare.csv", delimiter=",", names=True)
+    own = parts_of(folder / "report.csv")["plan", "hard", 0.02, "disturbed"]
+    counted = 1.0 - own["success"].mean()
+    spread = 4.0 * np.sqrt(counted * (1.0 - counted) / len(own["success"]))
+    assert rows["low"].min() - spread <= counted <= rows["high"].max() + spread
+    call("sweep", *arguments[:5], "--given", folder / "failing.npz", "--residuals", "hard", "--out",
+         folder / "failed.csv")  # fmt: skip
+    failed = parts_of(folder / "failed.csv")["plan", "hard", 0.02, "disturbed"]
+    assert (
+        len(failed["world"]) == len(slcp.load_worlds(folder / "failing.npz")) and not failed["success"].any()
+    )
+    reached = np.atleast_1d(rows["reached"])
+    assert (np.diff(reached) <= 0.0).all() and np.isclose(
+        reached[-1], np.atleast_1d(rows["share"])[0], rtol=0.5
+    )
 
 
 def parts_of(path: Path) -> dict:
@@ -210,6 +234,7 @@ def test_a_broken_report_is_one_line(tmp_path):
         (["sweep", "catch", "--policy", "a.npz", "--residuals", "soft"], "--residuals names 'soft'"),
         (["sweep", "--policy", "a.npz", "--policy", "b.npz"], "only a task takes several"),
         (["falsify", "catch", "--policy", "a.npz"], "a.npz"),
+        (["rare", "catch", "--policy", "zero", "--residual", "soft"], "--residual is 'soft'; choose"),
         (["compile", "juggle"], "SCENE is 'juggle'"),
         (["compile", "particle", "--what", "plan"], "there is nothing to plan"),
         (["compare", "nowhere.csv"], "no such file"),

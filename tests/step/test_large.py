@@ -291,8 +291,6 @@ def test_strategy_is_chosen_and_refused():
     sc = boxes(np.ones(30))
     sim = slcp.Simulator(sc, device="cpu")
     assert sim.strategy == "generic"
-    with pytest.raises(slcp.StrategyError, match="linearize needs specialised kernels"):
-        sim.linearize(sc.x0)
     with pytest.raises(slcp.StrategyError, match="120 rows"):
         slcp.Simulator(sc, device="cpu", strategy="specialised")
     with pytest.raises(ValueError, match="strategy is 'fast'"):

@@ -26,6 +26,7 @@ from slcp_warp.scripts.support.tables import write_csv
 
 SHOVE = Path(__file__).resolve().parents[2] / "examples" / "tasks" / "shove.toml"
 PARTICLE = slcp.scenes.particle()
+WORLDS = slcp.Worlds(np.zeros((2, 4)), kicks=np.ones((2, 1, 2)), numbers=[3, 7])
 TOML = """
 format = "slcp-scene"
 version = 2
@@ -192,6 +193,7 @@ FORMATS = {
         ".toml", lambda p: p.write_text(SHOVE.read_text()), slcp.load_task, slcp.TaskFileError
     ),
     "policy": Format(".npz", saved_policy, slcp.policies.load_policy, slcp.FileError),
+    "worlds": Format(".npz", lambda p: slcp.save_worlds(WORLDS, p), slcp.load_worlds, slcp.FileError),
     "mjcf": Format(".xml", mjcf, slcp.load_scene, slcp.MjcfError),
     "results": Format(".csv", results, read_results, slcp.FileError),
     "sensitivity": Format(".csv", answer(SENSITIVITY, drawn="mass_0"), read_sensitivity, slcp.FileError),

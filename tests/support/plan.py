@@ -65,7 +65,8 @@ ROOMS = {  # the order of each layer's rooms: none imports one that is named aft
         FILES,  # the table of commands
     ),
     "scripts/benchmarks": (
-        *("mechanics", "shared", "exact", "peers", "cost", "derivatives", "accuracy", "stability", "fuzz"),
+        *("mechanics", "shared", "exact", "peers", "cost", "contacts", "derivatives", "accuracy"),
+        *("stability", "fuzz", "gpu"),
         FILES,
     ),
 }

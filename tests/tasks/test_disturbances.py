@@ -237,6 +237,7 @@ def test_worlds_that_cannot_be(changes, text):
             r"dropouts\[0\].start holds 2",
         ),
         (lambda: swept("cpu", "generic", disturbed(delay=0.004)), "delay is 0.004 s, less than half a step"),
+        (lambda: swept("cpu", "generic", disturbed(delay=9.0)), "delay is 9.0 s, .* at most 256 steps"),
     ],
 )
 def test_what_cannot_be_drawn_is_refused(make, text):

@@ -70,16 +70,19 @@ def test_records_are_kept_and_gone_on_with(tmp_path):
         slcp.sweep(task(), TWO, out=tmp_path / "run", **FIELDS)
 
 
+def until(limit):
+    """Progress that interrupts once so many worlds are done."""
+
+    def progress(done, total):
+        if done >= limit:
+            raise KeyboardInterrupt
+
+    return progress
+
+
 def test_a_sweep_goes_on_where_it_was(tmp_path):
     """Interrupted three times, cut otherwise, moved: the table has the bits of one that ran through."""
     through = slcp.sweep(task(), TWO, out=tmp_path / "through", chunk=30, **FIELDS)
-
-    def until(limit):
-        def progress(done, total):
-            if done >= limit:
-                raise KeyboardInterrupt
-
-        return progress
 
     for limit in (1, 17, 40):
         part = slcp.sweep(task(), TWO, out=tmp_path / "run", chunk=7, progress=until(limit), **FIELDS)
@@ -116,6 +119,27 @@ def test_another_sweep_in_the_folder_is_refused(tmp_path_factory, changes, polic
     other = task(disturbances=slcp.Disturbances(torque=0.4))
     with pytest.raises(FileError, match="task.disturbances.* there, "):
         slcp.sweep(other, TWO, out=folder, **FIELDS)
+
+
+def test_given_worlds_are_kept_and_gone_on_with(tmp_path):
+    """Every third of the drawn worlds: the rows that these have among all, also after an interruption."""
+    drawn = slcp.draw_worlds(task(), 30, 3, device="cpu")
+    third = drawn[::3]
+    whole = slcp.sweep(task(), TWO, **FIELDS).part("half")
+
+    own = FIELDS | {"worlds": third}
+    part = slcp.sweep(task(), TWO, out=tmp_path / "run", chunk=4, progress=until(1), **own)
+    assert not part.complete
+    stored = StoredSweep.resume(tmp_path / "run")
+    stored.run()
+    found = stored.report().part("half")
+    for name in ("final", "success", "drawn_mass_1"):
+        np.testing.assert_array_equal(found[name], whole[name][::3], err_msg=name)
+    with pytest.raises(FileError, match="given: "):
+        slcp.sweep(task(), TWO, out=tmp_path / "run", **(own | {"worlds": drawn[1::3]}))
+    (tmp_path / "run" / "inputs" / "worlds.npz").unlink()
+    with pytest.raises(FileError, match="worlds.npz: no such file: it is needed to go on"):
+        StoredSweep.resume(tmp_path / "run")
 
 
 def test_names_and_plans_of_a_task_decide_nothing(tmp_path):

@@ -86,8 +86,36 @@ def test_what_acts_on_the_host_sees_the_same(device):
     )
     for name in ENDS:
         np.testing.assert_allclose(one[name], two[name], rtol=0, atol=1e-9, err_msg=name)
-    with pytest.raises(slcp.InputError, match="names of states"):
-        swept(device, "generic", task(observation=policies.Observation(summed, 2)), Host())
+
+
+def test_what_acts_on_the_host_sees_a_function_of_the_state(device):
+    met = []
+
+    class Host:
+        def act(self, x, time, worlds):
+            met.append(x)
+            return np.zeros((len(x), 1))
+
+    swept(device, "generic", task(observation=policies.Observation(summed, 2)), Host(), worlds=3)
+    every, seen = [], met[:]
+    met.clear()
+    swept(device, "generic", task(), Host(), worlds=3)
+    for x, y in zip(met, seen, strict=True):
+        assert y.shape == (len(x), 2) and y.dtype == x.dtype
+        every.append(np.abs(y - np.stack([x[:, 0] + x[:, 1], x[:, 4]], axis=1)).max())
+    assert max(every) < 1e-14
+
+
+def test_a_function_of_the_state_that_cannot_be_used_is_said_so(device):
+    class Host:
+        def act(self, x, time, worlds):
+            return np.zeros((len(x), 1))
+
+    def broken(dtype, VX, VY):
+        raise KeyError("nothing")
+
+    with pytest.raises(slcp.InputError, match="Observation.function cannot be used: .*nothing"):
+        swept(device, "generic", task(observation=policies.Observation(broken, 2)), Host(), worlds=1)
 
 
 @pytest.mark.parametrize("strategy", ["specialised", "generic"])

@@ -233,6 +233,7 @@ def test_a_measure_of_a_users_function(device):
         ({"measures": {"drawn_mass_0": m.final(0)}}, "Task.measures names 'drawn_mass_0'"),
         ({"measures": {"x": m.mean(0, start=1.2)}}, "counts from 1.2 s on; a run ends"),
         ({"disturbances": slcp.Disturbances(kick_times=(1.3,), kick=1.0)}, "times before the end"),
+        ({"disturbances": slcp.Disturbances(kick_times=(1.195,), kick=1.0)}, "1.195; .* up to 1.19 are felt"),
     ],
 )
 def test_what_is_no_task_is_refused(changes, text):
@@ -257,6 +258,12 @@ def test_what_is_no_task_is_refused(changes, text):
 def test_sweeps_that_cannot_be_made(given, text):
     with pytest.raises(slcp.InputError, match=text):
         slcp.sweep(task(), given.pop("policy", plan()), device="cpu", **given)
+
+
+def test_a_step_too_coarse_for_the_last_kick_is_refused():
+    own = task(disturbances=slcp.Disturbances(kick_times=(1.18,), kick=1.0))
+    with pytest.raises(slcp.InputError, match=r"1.18; of a run of 1.2 s in steps of 0.1 s .* up to 1.15"):
+        slcp.sweep(own, plan(), device="cpu", worlds=1, step_sizes=(0.1,))
 
 
 def test_a_report_says_what_there_is(tmp_path):

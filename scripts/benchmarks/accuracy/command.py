@@ -48,6 +48,10 @@ STUDIES = {
     "ddp": Study("ddp", {"ddp.png": "charts.ddp"}),
     "sweep": Study("sweep", {"sweep.png": "charts.sweep"}),
     "scaling": Study("scaling", {"scaling.png": "charts.scaling"}, "scaling_peers"),
+    "many": Study("many", {
+        "many.png": "charts.many", "many_error.png": "charts.many_error", "many_rest.png": "charts.many_rest",
+        "many.md": "charts.many_table",
+    }),
 }  # fmt: skip
 
 

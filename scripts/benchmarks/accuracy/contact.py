@@ -112,8 +112,11 @@ def compile_all(chosen: list[tuple[Scene, Curve]], processes: int) -> dict[tuple
 # -------------------------------------------------------------------- points
 
 
-def point(p: Problem, curve: Curve, h: float) -> Case:
-    """A curve on a problem at a step size: its errors and overlaps as facts, and the call to be timed."""
+def point(p: Problem, curve: Curve, h: float, least: int = STEPS, study: str = "contact") -> Case:
+    """A curve on a problem at a step size: its errors and overlaps as facts, and the call to be timed.
+
+    That takes at least `least` world steps.
+    """
     sim = curve.simulator(p.scene)
     params = sim.params.replace(step_size=h)
     if curve.sigma is not None:
@@ -127,13 +130,11 @@ def point(p: Problem, curve: Curve, h: float) -> Case:
     done = run(p.starts)
     states = done.states.astype(float)
     error, found = p.errors(states[:, -1]), overlap(p.scene, states, h)
-    copies = max(1, -(-STEPS // (count * len(p.starts))))
+    copies = max(1, -(-least // (count * len(p.starts))))
     starts = np.tile(p.starts, (copies, 1)).astype(kind)
     controls = np.zeros((len(starts), count, sim.nu), kind)
-    facts = {"study": "contact", "problem": p.name} | curve.facts() | {
-        "knob": "h", "value": h, "h": h, "batch": len(starts),
-        "error": error.mean(), "error_p90": np.percentile(error, 90),
-        "error_of": f"mean over {len(error)} starts at T = {p.duration:g} s [{p.unit}]",
+    facts = {"study": study, "problem": p.name} | curve.facts() | {
+        "knob": "h", "value": h, "h": h, "batch": len(starts), **p.typical(error),
         "penetration": found.penetration, "missed": found.missed,
         "solved_share": (done.status == slcp.Status.SOLVED).mean(), "cost_of": "simulated second",
     }  # fmt: skip

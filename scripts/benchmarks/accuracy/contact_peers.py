@@ -46,7 +46,7 @@ def rows(
     return out
 
 
-def problem_rows(peer: Peer, problem: Problem, step_sizes: tuple[float, ...]) -> Rows:
+def problem_rows(peer: Peer, problem: Problem, step_sizes: tuple[float, ...], study: str = "contact") -> Rows:
     """A peer on a problem: its errors, overlaps and times, with its model's deviation as a note."""
     runs = [
         (setting, h, peer.prepare(problem.scene, problem.starts, problem.duration, h, setting))
@@ -63,7 +63,7 @@ def problem_rows(peer: Peer, problem: Problem, step_sizes: tuple[float, ...]) ->
     cases = [Case(f"{setting} {h}", run.simulate, run.worlds) for setting, h, run in runs]
     results = time_interleaved(cases, REPEATS, clock)
     return [
-        {"study": "contact", "problem": problem.name, "program": peer.name, "version": peer.version,
+        {"study": study, "problem": problem.name, "program": peer.name, "version": peer.version,
          "curve": f"{peer.name}, {setting}", "knob": "h", "value": h, "h": h,
          "compile_seconds": compiling[setting], "note": deviation.note}
         | accuracy(problem, run, h) | cost(run, result)
@@ -77,10 +77,8 @@ def accuracy(problem: Problem, run: Run, h: float) -> dict[str, Any]:
     finite = np.isfinite(states).all(axis=(1, 2))
     error = np.where(finite, problem.errors(np.nan_to_num(states[:, -1])), np.inf)
     found = overlap(problem.scene, states[finite], h)
-    return {
-        "error": error.mean(), "error_p90": np.percentile(error, 90), "solved_share": finite.mean(),
-        "error_of": f"mean over {len(error)} starts at T = {problem.duration:g} s [{problem.unit}]",
-        "penetration": found.penetration, "missed": found.missed,
+    return problem.typical(error) | {
+        "solved_share": finite.mean(), "penetration": found.penetration, "missed": found.missed,
     }  # fmt: skip
 
 

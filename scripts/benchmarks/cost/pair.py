@@ -15,6 +15,7 @@ from rich.table import Table
 from ..shared.machine import machine
 from .pair_cases import cases
 
+CASES = Path(__file__).with_name("pair_cases.py")
 RESAMPLES = 2000
 
 
@@ -23,10 +24,9 @@ class PairError(RuntimeError):
 
 
 class Runner:
-    """The cases in a process of another interpreter."""
+    """A script in a process of another interpreter, which answers every line with one of JSON."""
 
-    def __init__(self, python: str) -> None:
-        script = Path(__file__).with_name("pair_cases.py")
+    def __init__(self, python: str, script: Path = CASES) -> None:
         try:
             self.process = subprocess.Popen(
                 [python, str(script)],
@@ -41,17 +41,26 @@ class Runner:
 
     def seconds(self, case: str) -> float | str:
         """CPU seconds per item of one call of a case, or what went wrong."""
+        answer = self.ask(case)
+        return answer["seconds"] if "seconds" in answer else str(answer["error"])
+
+    def ask(self, line: str) -> dict[str, Any]:
+        """The answer to a line.
+
+        Raises:
+            PairError: the process ended.
+        """
         assert self.process.stdin is not None and self.process.stdout is not None
         try:
-            self.process.stdin.write(case + "\n")
+            self.process.stdin.write(line + "\n")
             self.process.stdin.flush()
-            line = self.process.stdout.readline()
+            said = self.process.stdout.readline()
         except BrokenPipeError:
-            line = ""
-        if not line:
-            raise PairError(f"{self.python!r} ended in case {case!r}; does it have slcp-warp?")
-        answer = json.loads(line)
-        return answer["seconds"] if "seconds" in answer else str(answer["error"])
+            said = ""
+        if not said:
+            raise PairError(f"{self.python!r} ended in case {line!r}; does it have slcp-warp?")
+        answer: dict[str, Any] = json.loads(said)
+        return answer
 
 
 def median_interval(ratios: np.ndarray) -> tuple[float, float, float]:

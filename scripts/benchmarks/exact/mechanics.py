@@ -75,7 +75,7 @@ class Mechanism:
         for body in scene.bodies:
             if body.joint != "revolute" or body.stiffness is not None:
                 raise SceneError(f"body {body.name!r}: events take revolute joints without springs")
-        if scene.springs or len(scene.contacts) > 1:
+        if scene.springs or len(scene.all_contacts) > 1:
             raise SceneError(f"scene {scene.name!r}: events take no springs and one contact at most")
         self.nv = scene.nv
         self.parents = [None if b.parent is None else names.index(b.parent) for b in scene.bodies]
@@ -89,12 +89,12 @@ class Mechanism:
             for sign, bound in ((1.0, body.lower), (-1.0, body.upper))
             if isinstance(bound, (int, float))
         )
-        self.touches = bool(scene.contacts)
+        self.touches = bool(scene.all_contacts)
         self.friction = float(numbers["friction"][0]) if self.touches else 0.0
         self.pair: tuple[tuple[Shape, int | None], ...] = ()
         if self.touches:
             shapes = {shape.name: shape for shape in scene.shapes}
-            pair = scene.contacts[0]
+            pair = scene.all_contacts[0]
             for shape in (shapes[pair.shape_a], shapes[pair.shape_b]):
                 if shape.kind not in ("ellipse", "disc"):
                     raise SceneError(f"shape {shape.name!r}: events take ellipses and discs")

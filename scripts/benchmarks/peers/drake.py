@@ -88,12 +88,12 @@ class Drake:
         """Of its model at q (K, nv); pairs that overlap by their penetration, others by their distance."""
         model = Model(self.lib, scene, scene.step_size, "lagged")
         masses = np.zeros((len(q), scene.nv, scene.nv))
-        gaps = np.zeros((len(q), len(scene.contacts)))
+        gaps = np.zeros((len(q), len(scene.all_contacts)))
         normals = np.zeros((*gaps.shape, 2))
         for i, qi in enumerate(q):
             model.start(np.concatenate([qi, 0.0 * qi]))
             masses[i] = model.mass_matrix()
-            for k, c in enumerate(scene.contacts):
+            for k, c in enumerate(scene.all_contacts):
                 gaps[i, k], normals[i, k] = model.pair(c.shape_a, c.shape_b)
         return deviation_of(scene, q, masses, gaps, normals)
 
@@ -123,7 +123,7 @@ class Model:
         declare, members = lib["geometry"].CollisionFilterDeclaration, lib["geometry"].GeometrySet
         filters = geometry.collision_filter_manager()
         filters.Apply(declare().ExcludeWithin(members(list(self.ids.values()))))
-        for c in scene.contacts:
+        for c in scene.all_contacts:
             pair = (members([self.ids[name]]) for name in (c.shape_a, c.shape_b))
             filters.Apply(declare().AllowBetween(*pair))
         self.plant.Finalize()
@@ -170,7 +170,9 @@ class Model:
         self.bodies[body.name] = link
 
     def _add_shapes(self) -> dict[str, Any]:
-        friction = {name: c.friction or 0.0 for c in self.scene.contacts for name in (c.shape_a, c.shape_b)}
+        friction = {
+            name: c.friction or 0.0 for c in self.scene.all_contacts for name in (c.shape_a, c.shape_b)
+        }
         return {
             shape.name: self._add_shape(shape, friction[shape.name])
             for shape in self.scene.shapes

@@ -111,16 +111,16 @@ class MJX:
 
     def deviation(self, scene: Scene, q: Array) -> Deviation:
         """Of its model, at q (K, nv), BATCH of them at most."""
-        model, single = self._put(scene, STILL, self.settings(bool(scene.contacts))[0])
+        model, single = self._put(scene, STILL, self.settings(bool(scene.all_contacts))[0])
         x = np.concatenate([q, 0.0 * q], axis=1)
         data = self._advance(model, self._worlds(single, np.resize(x, (self.batch, x.shape[1]))), 1)
         masses = np.asarray(self.jax.vmap(self.mjx.full_m, in_axes=(None, 0))(model, data), float)[: len(q)]
         touch = data._impl.contact  # of the step's start; MJX makes one of every pair at any distance
-        gaps = np.zeros((len(q), len(scene.contacts)))
+        gaps = np.zeros((len(q), len(scene.all_contacts)))
         normals = np.zeros((*gaps.shape, 2))
-        if len(scene.contacts):
+        if len(scene.all_contacts):
             names = model_of(scene, scene.step_size, Setting()).model
-            for k, c in enumerate(scene.contacts):
+            for k, c in enumerate(scene.all_contacts):
                 first, second = (names.geom(name).id for name in (c.shape_a, c.shape_b))
                 ends = np.asarray(touch.geom[0])
                 j = int(np.nonzero((np.sort(ends, axis=1) == sorted((first, second))).all(axis=1))[0][0])

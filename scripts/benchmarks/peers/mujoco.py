@@ -31,6 +31,7 @@ SETTINGS = {
     "default": Setting(),
     "stiff": Setting(_ELLIPTIC, _STIFF),
     "overdamped": Setting(_ELLIPTIC, _DAMPED, ("speculative",)),
+    "CG": Setting({"solver": "CG"}),
     "RK4": Setting({"integrator": "RK4"}),
 }
 TIMED = 4000  # world steps of a run that is timed
@@ -49,17 +50,19 @@ def in_single(setting: Setting) -> Setting:
 
 
 class MuJoCo:
-    """MuJoCo C. `threads` roll out the worlds side by side."""
+    """MuJoCo C. `threads` roll out the worlds side by side; `touching`: settings where anything can touch."""
 
     name = "MuJoCo"
 
-    def __init__(self, threads: int = 1) -> None:
+    def __init__(
+        self, threads: int = 1, touching: tuple[str, ...] = ("default", "stiff", "overdamped")
+    ) -> None:
         self.version: str = import_mujoco().__version__
-        self.threads = threads
+        self.threads, self.touching = threads, touching
 
     def settings(self, contacts: bool) -> tuple[str, ...]:
         """Its default; the stiffest contacts; the same without rebound, the most accurate; Runge-Kutta."""
-        return ("default", "stiff", "overdamped") if contacts else ("default", "RK4")
+        return self.touching if contacts else ("default", "RK4")
 
     def prepare(self, scene: Scene, starts: np.ndarray, duration: float, h: float, setting: str) -> Run:
         """A run of the starts (B, nx); nothing is compiled."""

@@ -3,7 +3,8 @@
 The extra `bench` installs MuJoCo; nothing here imports it before it is asked for. The plane is MuJoCo's x-y
 plane, joints are hinges about z and slides (a free body has two slides and a hinge), discs are spheres,
 ellipses ellipsoids (their out-of-plane radius does not enter a planar distance), half-planes of the world
-planes, and only the scene's contact pairs may touch. Numbers are the scene's, options MuJoCo's defaults.
+planes, those of bodies the faces of large boxes, and only the scene's contact pairs may touch, unless bodies
+are given geoms of MuJoCo's own. Numbers are the scene's, options MuJoCo's defaults.
 """
 
 import copy
@@ -25,6 +26,9 @@ OUT_OF_PLANE = 0.3  # radius of the ellipsoids along z [m]
 POINT = 1e-12  # radius of a point: MuJoCo has no sphere of radius 0 [m]
 OTHER_FRICTION = "0.005 0.0001 0.0001"  # torsional and rolling, MuJoCo's defaults: they do not act here
 
+FAR = 100.0  # half the edge of a box whose face is a body's half-plane [m]
+
+Geoms = dict[str | None, list[dict[str, str]]]  # attributes of geoms by body, None: the world's
 Forward = Callable[[Any, np.ndarray], Iterable[Any]]
 
 
@@ -40,12 +44,14 @@ def _text(*numbers: float) -> str:
 
 
 def mjcf(
-    scene: Scene, contact: dict[str, str] | None = None, flags: tuple[str, ...] = (), /, **option: str
-) -> str:
+    scene: Scene, contact: dict[str, str] | None = None, flags: tuple[str, ...] = (),
+    geoms: Geoms | None = None, /, **option: str,
+) -> str:  # fmt: skip
     """The scene as MJCF.
 
     `option` sets attributes of <option> beside the time step and gravity, `contact` the attributes solref and
-    solimp of every contact pair and joint limit, `flags` enables flags.
+    solimp of every contact and joint limit, `flags` enables flags. `geoms` stand in for the scene's shapes
+    and pairs: all of them may touch, with the friction of the scene's first pair.
     """
     root = xml.Element("mujoco", model=scene.name)
     xml.SubElement(root, "compiler", angle="radian", autolimits="true")
@@ -54,20 +60,19 @@ def mjcf(
     element = xml.SubElement(root, "option", options)
     xml.SubElement(element, "flag", dict.fromkeys(flags, "enable"))
     defaults = xml.SubElement(root, "default")
-    xml.SubElement(defaults, "pair", contact or {})
+    xml.SubElement(defaults, "geom" if geoms else "pair", contact or {})
     xml.SubElement(defaults, "joint", {f"{name}limit": x for name, x in (contact or {}).items()})
     nodes: dict[str | None, xml.Element] = {None: xml.SubElement(root, "worldbody")}
     for body in scene.bodies:
         nodes[body.name] = _body(nodes[body.parent], body)
-    touching = {name for c in scene.contacts for name in (c.shape_a, c.shape_b)}
-    for shape in (shape for shape in scene.shapes if shape.name in touching):
-        _geom(nodes[shape.body], shape)
-    contacts = xml.SubElement(root, "contact")
-    for c in scene.contacts:
-        mu = c.friction or 0.0
-        xml.SubElement(contacts, "pair", geom1=c.shape_a, geom2=c.shape_b,
-                       condim="1" if c.friction is None else "3",
-                       friction=f"{_text(mu, mu)} {OTHER_FRICTION}")  # fmt: skip
+    if geoms is None:
+        _pairs(root, nodes, scene)
+    for body_name, own in (geoms or {}).items():
+        for attributes in own:
+            friction = (
+                f"{_text(scene.all_contacts[0].friction or 0.0)} {' '.join(OTHER_FRICTION.split()[:2])}"
+            )
+            xml.SubElement(nodes[body_name], "geom", {"mass": "0", "friction": friction, **attributes})
     actuators = xml.SubElement(root, "actuator")
     for a in scene.actuators:
         xml.SubElement(actuators, "motor", joint=f"{a.body}.{a.dof}", gear=_text(a.gear))
@@ -76,17 +81,38 @@ def mjcf(
     return xml.tostring(root, encoding="unicode")
 
 
+def _pairs(root: xml.Element, nodes: dict[str | None, xml.Element], scene: Scene) -> None:
+    """The scene's own shapes, and its pairs: nothing else may touch."""
+    touching = {name for c in scene.all_contacts for name in (c.shape_a, c.shape_b)}
+    for shape in (shape for shape in scene.shapes if shape.name in touching):
+        _geom(nodes[shape.body], shape)
+    contacts = xml.SubElement(root, "contact")
+    for c in scene.all_contacts:
+        mu = c.friction or 0.0
+        xml.SubElement(contacts, "pair", geom1=c.shape_a, geom2=c.shape_b,
+                       condim="1" if c.friction is None else "3",
+                       friction=f"{_text(mu, mu)} {OTHER_FRICTION}")  # fmt: skip
+
+
 def _geom(parent: xml.Element, shape: Shape) -> None:
-    """A half-plane, disc or ellipse as a plane, a sphere or an ellipsoid under its body's element."""
+    """A half-plane, disc, capsule or ellipse as a plane or box, sphere, capsule or ellipsoid of its body."""
     geom = xml.SubElement(parent, "geom", name=shape.name, mass="0", contype="0", conaffinity="0",
                           pos=_text(*shape.offset, 0.0))  # fmt: skip
     radius = shape.radius if isinstance(shape.radius, tuple) else (shape.radius,)
-    if shape.kind == "halfplane":
-        if shape.body is not None:
-            raise SceneError(f"shape {shape.name!r}: MuJoCo's planes are the world's, not {shape.body!r}'s")
+    along = (math.cos(shape.angle), math.sin(shape.angle))
+    if shape.kind == "halfplane" and shape.body is not None:
+        geom.set("type", "box")
+        geom.set("size", _text(FAR, FAR, FAR))
+        geom.set("euler", _text(0.0, 0.0, shape.angle))
+        geom.set("pos", _text(*(x - FAR * n for x, n in zip(shape.offset, along)), 0.0))
+    elif shape.kind == "halfplane":
         geom.set("type", "plane")
         geom.set("size", "0 0 1")
-        geom.set("zaxis", _text(math.cos(shape.angle), math.sin(shape.angle), 0.0))
+        geom.set("zaxis", _text(*along, 0.0))
+    elif shape.kind == "capsule":
+        geom.set("type", "capsule")
+        geom.set("size", _text(radius[0], radius[-1]))
+        geom.set("zaxis", _text(*along, 0.0))
     elif shape.kind == "disc":
         geom.set("type", "sphere")
         geom.set("size", _text(max(radius[0], POINT)))
@@ -133,11 +159,11 @@ class Peer:
 
     def __init__(
         self, scene: Scene, threads: int = 1, contact: dict[str, str] | None = None,
-        flags: tuple[str, ...] = (), /, **option: str,
+        flags: tuple[str, ...] = (), geoms: Geoms | None = None, /, **option: str,
     ) -> None:  # fmt: skip
         self.mujoco = import_mujoco()
         self.scene = scene
-        self.model = self.mujoco.MjModel.from_xml_string(mjcf(scene, contact, flags, **option))
+        self.model = self.mujoco.MjModel.from_xml_string(mjcf(scene, contact, flags, geoms, **option))
         self.data = [self.mujoco.MjData(self.model) for _ in range(threads)]
         self._physics = self.mujoco.mjtState.mjSTATE_FULLPHYSICS
 
@@ -184,9 +210,11 @@ class Peer:
         model = copy.copy(self.model)
         model.pair_margin[:] = 1.01 * NEAR  # contacts are made as far away
         masses = np.zeros((len(q), model.nv, model.nv))
-        gaps = np.full((len(q), len(self.scene.contacts)), np.inf)
+        gaps = np.full((len(q), len(self.scene.all_contacts)), np.inf)
         normals = np.zeros((*gaps.shape, 2))
-        pairs = [tuple(model.geom(name).id for name in (c.shape_a, c.shape_b)) for c in self.scene.contacts]
+        pairs = [
+            tuple(model.geom(name).id for name in (c.shape_a, c.shape_b)) for c in self.scene.all_contacts
+        ]
         for i, data in enumerate((forward or self._forward)(model, q)):
             self.mujoco.mj_fullM(model, data, masses[i])
             for touch in data.contact:

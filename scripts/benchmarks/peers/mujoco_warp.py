@@ -16,7 +16,8 @@ from .peer import Deviation, Run, places, step_count
 
 BATCH = 1024  # worlds that are timed
 TIMED = 5  # steps that are timed
-CONTACTS = 8  # room for contacts, and for so many rows each, in every world
+CONTACTS = 8  # least room for contacts of a world, and most of a body in large scenes
+ROWS = 8  # of a contact, and limits, in a small scene
 Array = np.ndarray
 
 
@@ -88,11 +89,11 @@ class Worlds:
     def __init__(self, module: Any, mujoco_model: Any, count: int, device: wp.Device) -> None:
         self.module, self.device = module, device
         self.graph: Any = None
+        room = max(CONTACTS, min(mujoco_model.npair, CONTACTS * mujoco_model.nbody))
+        rows = max(CONTACTS * ROWS, ROWS // 2 * room)
         with wp.ScopedDevice(device):
             self.model = module.put_model(mujoco_model)
-            self.data = module.make_data(
-                mujoco_model, nworld=count, nconmax=CONTACTS, njmax=CONTACTS * CONTACTS
-            )
+            self.data = module.make_data(mujoco_model, nworld=count, nconmax=room, njmax=rows)
 
     def set(self, x: Array, u: Array | None = None) -> None:
         """Put states (B, nx) and controls (B, nu) into all worlds, at time 0 and without a warm start."""

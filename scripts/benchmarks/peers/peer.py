@@ -122,7 +122,7 @@ def configurations(scene: Scene, starts: np.ndarray, count: int = 40) -> np.ndar
     rng = np.random.default_rng(0)
     q = starts[rng.integers(len(starts), size=DRAWS * count), : scene.nv]
     q = q + SPREAD * rng.uniform(-1.0, 1.0, q.shape)
-    gaps = [distance(scene, q, k) for k in range(len(scene.contacts))]
+    gaps = [distance(scene, q, k) for k in range(len(scene.all_contacts))]
     return q[np.argsort(np.abs(np.min(gaps, axis=0)) if gaps else np.zeros(len(q)))[:count]]
 
 
@@ -136,7 +136,7 @@ def deviation_of(
     own = mass_matrix(scene, q)
     worst = np.abs(masses - own).max(initial=0.0) / np.abs(own).max(initial=1e-300)
     gap = turn = 0.0
-    for k in range(len(scene.contacts)):
+    for k in range(len(scene.all_contacts)):
         d, angle = contact(scene, q, k)
         near = d < NEAR
         gap = max(gap, float(np.abs(gaps[near, k] - d[near]).max(initial=0.0)))

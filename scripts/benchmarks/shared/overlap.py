@@ -34,7 +34,7 @@ def overlap(scene: Scene, states: np.ndarray, h: float) -> Overlap:
     between = [q[:, :-1] + k / parts * (q[:, 1:] - q[:, :-1]) for k in range(parts)]
     fine = np.concatenate([np.stack(between, 2).reshape(worlds, -1, scene.nv), q[:, -1:]], 1)
     deepest, missed = 0.0, 0
-    for pair in range(len(scene.contacts)):
+    for pair in range(len(scene.all_contacts)):
         d, normal = contact(scene, fine.reshape(-1, scene.nv), pair, DIRECTIONS)
         d, normal = d.reshape(worlds, -1), normal.reshape(worlds, -1)
         deepest = max(deepest, float(-d[:, ::parts].min(initial=0.0)))

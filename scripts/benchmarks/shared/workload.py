@@ -38,7 +38,7 @@ def legal_states(scene: Scene, count: int, rng: np.random.Generator, speed: floa
     missing = count
     while missing > 0:
         q = rng.uniform(low, high, size=(2 * missing + 16, scene.nv))
-        apart = np.all([distance(scene, q, k) > 0.0 for k in range(len(scene.contacts))], axis=0)
+        apart = np.all([distance(scene, q, k) > 0.0 for k in range(len(scene.all_contacts))], axis=0)
         found.append(q[apart][:missing])
         missing -= len(found[-1])
     q = np.concatenate(found)

@@ -1,6 +1,5 @@
 """Where a policy holds: the share of successes over a grid of two numbers of a task."""
 
-import csv
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,8 +12,8 @@ from ...inputs.checks import shown
 from ...inputs.errors import ArgumentError
 from ...options import Options
 from ...parameters import Parameters
-from ...storage.files import replacing
 from ...storage.printed import Printed, Table
+from ...storage.rows import save_rows
 from ...tasks.disturbances import LogNormal, laws
 from ...tasks.task import Task
 from ..statistics.intervals import share_interval
@@ -54,17 +53,13 @@ class RobustnessMap(Printed):
 
     def save(self, path: str | Path) -> Path:
         """Write the map as .csv, a row a cell; replaced only once complete."""
-        path = checks.path("path", path)
-        if path.suffix != ".csv":
-            raise ArgumentError(f"path {path} ends in {path.suffix!r}; .csv is needed")
         share = self.share
-        with replacing(path) as part, open(part, "w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            writer.writerow(HEAD)
-            for j, b in enumerate(self.y_values.tolist()):
-                for i, a in enumerate(self.x_values.tolist()):
-                    writer.writerow((self.x, self.y, a, b, self.worlds, *share[:, j, i].tolist()))
-        return path
+        rows = (
+            (self.x, self.y, a, b, self.worlds, *share[:, j, i].tolist())
+            for j, b in enumerate(self.y_values.tolist())
+            for i, a in enumerate(self.x_values.tolist())
+        )
+        return save_rows(path, HEAD, rows)
 
     def _line(self) -> str:
         height, width = self.successes.shape

@@ -1,16 +1,14 @@
 """Which disturbance matters: shares of the variance of a measure that come from what is drawn."""
 
-import csv
 import math
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from ...inputs import checks
 from ...inputs.errors import ArgumentError
-from ...storage.files import replacing
 from ...storage.printed import Printed, Table
+from ...storage.rows import save_rows
 from .given_data import first_order
 from .intervals import Interval
 from .source import DRAWN, Key, Source
@@ -48,16 +46,11 @@ class Sensitivity(Printed):
 
     def save(self, path: str | Path) -> Path:
         """Write the indices as .csv, a row for each name; replaced only once complete."""
-        path = checks.path("path", path)
-        if path.suffix != ".csv":
-            raise ArgumentError(f"path {path} ends in {path.suffix!r}; .csv is needed")
-        with replacing(path) as part, open(part, "w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            writer.writerow(HEAD)
-            for i in self.order:
-                row = (self.measure, self.policy, self.worlds, self.names[i], *self.first[i], *self.total[i])
-                writer.writerow(row)
-        return path
+        rows = (
+            (self.measure, self.policy, self.worlds, self.names[i], *self.first[i], *self.total[i])
+            for i in self.order
+        )
+        return save_rows(path, HEAD, rows)
 
     def _line(self) -> str:
         return (

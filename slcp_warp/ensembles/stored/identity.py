@@ -19,6 +19,7 @@ from ...simulator import Simulator
 from ...stepping.arguments import checked_kernel
 from ...stepping.host import acts_on_host
 from ...tasks.task import Task
+from ..worlds import Worlds
 
 LONGEST = 64  # numbers of an array that are written out
 OF_PLANS = ("name", "cost", "horizon", "options")  # fields of a task that decide no run of given cases
@@ -111,6 +112,12 @@ def _told_fields(value: Any, what: str) -> dict[str, Any]:
         if given or found != told(field.default, what):
             out[field.name] = found
     return out
+
+
+def worlds_identity(worlds: Worlds) -> str:
+    """Of given worlds, their numbers."""
+    own = {each.name: getattr(worlds.numpy(), each.name) for each in dataclasses.fields(worlds)}
+    return _digest({name: value for name, value in own.items() if value is not None})
 
 
 def _told_function(value: Any, what: str) -> dict[str, str]:

@@ -15,9 +15,9 @@ from ...runs.store import Store
 from ..chunks import ARMS, KEYS
 from ..launch import NOT_RECORDED
 from ..tasks import TaskSweep
-from .identity import policy_identity, task_identity
+from .identity import policy_identity, task_identity, worlds_identity
 from .layout import chunks_of, layout_of
-from .travel import pack, packing_list, unpack, whole
+from .travel import pack, packing_list, unpack, unpack_worlds, whole
 
 KIND = "sweep"
 
@@ -64,6 +64,7 @@ class SweepJob(Job):
             "step_sizes": list(dict.fromkeys(part.step_size for part in parts)),
             "dtype": first.dtype.__name__,
             "strategy": {label: sim.strategy for label, sim in work.simulators.items()},
+            **({} if work.given is None else {"given": worlds_identity(work.given)}),
             **({"record": [list(work.record.states), work.record.every]} if work.record.states else {}),
         }
 
@@ -77,7 +78,7 @@ class SweepJob(Job):
 
     def reference(self) -> Plain:
         """Of `saved_sweep`, with the store's folder and what `pack` puts there."""
-        where = packing_list(self.work.task, self.work.policies, self.texts)
+        where = packing_list(self.work.task, self.work.policies, self.texts, self.work.given)
         return reference_to(
             saved_sweep, folder=str(self.folder.resolve()), strategy=self.work.strategy, **where
         )
@@ -88,7 +89,7 @@ class SweepJob(Job):
         Raises:
             FileError: they cannot be written.
         """
-        given = self.work.task, self.work.policies, self.texts
+        given = self.work.task, self.work.policies, self.texts, self.work.given
         try:
             packing_list(*given)
         except ArgumentError:
@@ -129,11 +130,13 @@ class SweepJob(Job):
 
 
 @makes_jobs
-def saved_sweep(folder: str, task: str, policies: dict[str, str], strategy: str) -> SweepJob:
+def saved_sweep(
+    folder: str, task: str, policies: dict[str, str], strategy: str, worlds: str | None = None
+) -> SweepJob:
     """The sweep of a store.
 
     Args:
-        task, policies: as `packing_list` gives them.
+        task, policies, worlds: as `packing_list` gives them.
 
     Raises:
         FileNotFoundError: there is none.
@@ -145,8 +148,9 @@ def saved_sweep(folder: str, task: str, policies: dict[str, str], strategy: str)
     found, named, texts = unpack(store.folder, task, in_order)
     device = wp.get_preferred_device()
     states, every = said.get("record", NOT_RECORDED)
+    given = said["worlds"] if worlds is None else unpack_worlds(store.folder, worlds)
     work = TaskSweep(
-        found, named, worlds=said["worlds"], seed=said["seed"], step_sizes=said["step_sizes"],
+        found, named, worlds=given, seed=said["seed"], step_sizes=said["step_sizes"],
         cases={part.case: Options(**said["cases"][part.case]) for part in parts}, dtype=said["dtype"],
         record=states, record_every=every,
         device=device if device_kind(device) == store.manifest.device else "cpu", strategy=strategy,

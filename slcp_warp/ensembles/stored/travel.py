@@ -4,7 +4,8 @@ A task that is data travels as a task file, a policy that is numbers as a policy
 text that they were given as, `file.py:name`, and the file has to be there wherever a chunk is run.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +17,11 @@ from ...storage.files import FileError
 from ...tasks.files import TaskFileError, load_task, save_task, task_content, task_of
 from ...tasks.task import Task
 from ..tasks import policies_by_name
+from ..worlds import Worlds, load_worlds, save_worlds
 from .identity import task_identity
 
 Given = tuple[Task, dict[str, Any], dict[str, str]]  # task, policies, and the texts that they came as
-FOLDER, TASK = "inputs", "task.json"
+FOLDER, TASK, WORLDS = "inputs", "task.json", "worlds.npz"
 ADVICE = (
     "other processes cannot run it. Give it as a text, 'file.py:name', of a Python file in which it is made, "
     "or leave out the executor"
@@ -51,8 +53,10 @@ def whole(text: str) -> str:
     return f"{Path(file).resolve()}:{name}"
 
 
-def packing_list(task: Task, policies: Mapping[str, Any], texts: Mapping[str, str]) -> Plain:
-    """Where another process finds task and policies: names of files in `inputs`, or texts.
+def packing_list(
+    task: Task, policies: Mapping[str, Any], texts: Mapping[str, str], worlds: Worlds | None = None
+) -> Plain:
+    """Where another process finds task, policies and given worlds: names of files in `inputs`, or texts.
 
     Args:
         texts: how they were given, "task" and "policy NAME", as far as they were given as texts.
@@ -75,17 +79,26 @@ def packing_list(task: Task, policies: Mapping[str, Any], texts: Mapping[str, st
                 content_of(policy)
             except ArgumentError as error:
                 raise ArgumentError(f"policies[{name!r}]: {error}; {ADVICE}") from None
-    return {"task": texts.get("task", TASK), "policies": named}
+    found = {"task": texts.get("task", TASK), "policies": named}
+    return found if worlds is None else found | {"worlds": WORLDS}
 
 
-def pack(store: Path, task: Task, policies: Mapping[str, Any], texts: Mapping[str, str]) -> None:
+def pack(
+    store: Path,
+    task: Task,
+    policies: Mapping[str, Any],
+    texts: Mapping[str, str],
+    worlds: Worlds | None = None,
+) -> None:
     """Write the files that are not there yet."""
-    where = packing_list(task, policies, texts)
+    where = packing_list(task, policies, texts, worlds)
     folder = store / FOLDER
     with saying(store):
         folder.mkdir(exist_ok=True)
         if "task" not in texts and not (folder / TASK).exists():
             save_task(task, folder / TASK)
+        if worlds is not None and not (folder / WORLDS).exists():
+            save_worlds(worlds, folder / WORLDS)
         for name, policy in policies.items():
             path = folder / where["policies"][name]
             if f"policy {name}" not in texts and not path.exists():
@@ -104,9 +117,25 @@ def unpack(store: Path, task: str, policies: Mapping[str, str]) -> Given:
     def at(name: str, text: str) -> str:
         return text if name in texts else str(store / FOLDER / text)
 
-    try:
+    with _needed(store):
         named = {name: load_policy(at(f"policy {name}", text)) for name, text in policies.items()}
         return load_task(at("task", task)), named, texts
+
+
+def unpack_worlds(store: Path, name: str) -> Worlds:
+    """Given worlds, as `packing_list` says.
+
+    Raises:
+        FileError: a file that is not there, or damaged.
+    """
+    with _needed(store):
+        return load_worlds(store / FOLDER / name)
+
+
+@contextmanager
+def _needed(store: Path) -> Iterator[None]:
+    try:
+        yield
     except FileNotFoundError as error:
         raise FileError(
             f"{error}: it is needed to go on with {store}; make the call that began it again"

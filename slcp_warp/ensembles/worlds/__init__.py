@@ -2,5 +2,6 @@
 
 from .arrays import Worlds
 from .draws import draw_worlds
+from .saved import load_worlds, save_worlds
 
-__all__ = ["Worlds", "draw_worlds"]
+__all__ = ["Worlds", "draw_worlds", "load_worlds", "save_worlds"]

@@ -14,8 +14,8 @@ from slcp_warp.kernels.policies.contract import PolicyKernel
 
 from ...inputs.checks import attribute
 from ...inputs.errors import ArgumentError
-from ...policies.around import Around
-from ...policies.observed import Observed
+from ...policies.around import LONGEST, Around
+from ...policies.observed import Observation, Observed
 from ...simulator import Simulator
 from ...stepping.host import acts_on_host
 from ...tasks.disturbances import Disturbances
@@ -31,7 +31,7 @@ class Between:
     def __init__(self, policy: Any, d: Disturbances, step_size: float, seed: int, quiet: bool) -> None:
         delay, hold = steps_of(d, step_size)
         self._around = Around(policy, delay=delay, hold=hold, noise=d.sensor, seed=seed)
-        self._quiet, self.step_size = quiet, self._around.step_size
+        self._quiet, self.step_size, self.worlds = quiet, self._around.step_size, self._around.worlds
 
     def kernel(self, sim: Simulator) -> tuple[PolicyKernel, Any]:
         """Kernel and struct for a simulator."""
@@ -72,17 +72,18 @@ class OfHost:
 
 
 class HostObserved(OfHost):
-    """A policy on the host that sees some states."""
+    """A policy on the host that sees a task's observation."""
 
     def __init__(self, policy: Any, task: Task) -> None:
         super().__init__(policy)
-        if not isinstance(task.observation, tuple):
-            raise ArgumentError("policy acts on the host; Task.observation must be names of states for it")
-        self._places = [task.scene.state_index(name) for name in task.observation]
+        self._of = task.observation
+        if not isinstance(self._of, Observation):
+            self._places = [task.scene.state_index(name) for name in task.observation]
 
     def act(self, x: np.ndarray, time: float, worlds: np.ndarray) -> Any:
         """Controls of the states x (B, nx)."""
-        return self._policy.act(x[:, self._places], time, worlds)
+        seen = self._of.of(x) if isinstance(self._of, Observation) else x[:, self._places]
+        return self._policy.act(seen, time, worlds)
 
 
 class HostBetween(OfHost):
@@ -121,7 +122,7 @@ def steps_of(d: Disturbances, step_size: float) -> tuple[int, int]:
     """Steps of the delay and of the hold, the nearest.
 
     Raises:
-        ArgumentError: a delay or a hold of less than half a step.
+        ArgumentError: a delay or a hold of less than half a step, or a delay of more than can be.
     """
     steps = [math.floor(span / step_size + 0.5) for span in (d.delay, d.hold)]
     for name, span, count in zip(("delay", "hold"), (d.delay, d.hold), steps):
@@ -129,4 +130,9 @@ def steps_of(d: Disturbances, step_size: float) -> tuple[int, int]:
             raise ArgumentError(
                 f"Disturbances.{name} is {span} s, less than half a step of {step_size} s; more is needed"
             )
+    if steps[0] > LONGEST:
+        raise ArgumentError(
+            f"Disturbances.delay is {d.delay} s, {steps[0]} steps of {step_size} s; at most {LONGEST} steps "
+            f"({LONGEST * step_size:g} s) can be"
+        )
     return steps[0], max(1, steps[1])

@@ -57,6 +57,7 @@ class Draws:
     Attributes:
         disturbances: that they are drawn by.
         numbers: of a world that are kept while it runs, beside its parameters and state.
+        numbered: whether worlds have numbers of their own, which are not their places.
     """
 
     def __init__(
@@ -77,6 +78,7 @@ class Draws:
         longest: step size [s].
         in_order: world i begins at start i instead of one that is drawn.
         """
+        self.numbered = False
         d, self.sim, self.seed, self.disturbances = disturbances, sim, seed, disturbances
         self.in_order, self.starts = in_order, len(starts)
         base = np.array(base)
@@ -174,6 +176,7 @@ class Given:
         for name, start, extent in sim.params.layout.columns:
             own = self.tables["params"][:, start : start + int(np.prod(extent, dtype=int))]
             rules.check(f"Worlds.params: {name}", own, ArgumentError, name)
+        self.numbered = worlds.numbers is not None
         numbers = np.arange(count) if worlds.numbers is None else worlds.numbers
         self.tables["numbers"] = numbers.astype(np.int32)
         self.numbers = d.numbers(nv)

@@ -119,6 +119,16 @@ class Disturbances:
                 f"{late[0][0]} holds {late[0][1]}; times before the end of a run, "
                 f"Task.duration = {duration} s, are needed"
             )
+        self.check_kicks(scene.step_size, duration)
+
+    def check_kicks(self, step_size: float, duration: float) -> None:
+        """Raise ArgumentError for a kick that no step feels: the nearest to it would begin at the end."""
+        last = duration - 0.5 * step_size
+        if self.kick_times and self.kick_times[-1] > last * (1.0 + 1e-12):
+            raise ArgumentError(
+                f"Disturbances.kick_times holds {self.kick_times[-1]}; of a run of {duration} s in steps of "
+                f"{step_size} s the last begins at {duration - step_size:g}: kicks up to {last:g} are felt"
+            )
 
     def start_laws(self, scene: Scene, starts: Any) -> laws.Laws:
         """How the components of starts (M, nx) are drawn.

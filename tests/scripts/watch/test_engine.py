@@ -119,6 +119,10 @@ def test_time_follows_the_clock_and_drops_what_is_late():
     engine.send(ME, {"do": "step"})
     before = engine.steps
     assert engine.advance(1.0) == 0 and engine.steps == before + 1
+    for _ in range(900):
+        engine.send(ME, {"do": "step"})
+    engine.advance(0.0)
+    assert engine.steps == before + 9
 
 
 def test_a_policy_acts_as_in_a_rollout():
@@ -320,7 +324,7 @@ def test_contact_points_agree_with_the_distance_that_the_step_sees():
     for _ in range(10):
         x = np.concatenate([rng.uniform([-1.5, -1.0, 0.0], [-0.3, 0.5, 3.0]), np.zeros(3)])
         gap = sim.step(x).gap[4]
-        point, normal = (array[0] for array in contact_points(mechanism, x[:3]))
+        point, normal = (array[0] for array in contact_points(mechanism, x[:3], [0]))
         other = mechanism.shapes(x[None, :3])
         # the support point of the tip along the normal, by its outline, finely
         angles = np.linspace(0.0, 2.0 * np.pi, 200_001)
@@ -329,6 +333,15 @@ def test_contact_points_agree_with_the_distance_that_the_step_sees():
         a, c, s = sim.scene.structure.pairs[0].shape_a, *(f(other[1][0]) for f in (np.cos, np.sin))
         outline = other[0][0, a] + local @ np.array([[c[a], s[a]], [-s[a], c[a]]])
         assert abs((normal @ point - (outline @ normal).max()) - gap) < 1e-5
+
+
+def test_arrows_are_those_of_the_pairs_that_press():
+    """Of thousands of pairs only these are looked at: a disc on the ground pushes it down."""
+    scene = slcp.scenes.heap(10, width=2.0)
+    engine = Engine(Subject("heap", scene, slcp.Options(residual="hard"), scene.x0[None]))
+    engine.worlds.impulse[0, scene.pair_names.index("ground/disc3")] = (0.2, 0.05)
+    (arrow,) = engine.picture(0.0)["arrows"][0]
+    np.testing.assert_allclose(arrow, [scene.x0[scene.state_index("disc3.x")], 0.0, -5.0, 20.0], atol=1e-3)
 
 
 def test_a_picture_of_every_scene_can_be_sent():

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from ....inputs.errors import ArgumentError
 from ....storage.printed import Printed, Table
 from ....tasks.task import Task
 from ...statistics.intervals import share_interval
+from ...store import save_table
 from ...worlds import Worlds
 from .interval import island_interval
 from .margin import Margin
@@ -69,6 +71,20 @@ class FailureShare(Printed):
             return math.nan
         half = 0.5 * math.log(self.high / self.low) / 1.96
         return (1.0 - self.share) / (self.share * half**2)
+
+    @property
+    def table(self) -> dict[str, np.ndarray]:
+        """A row a level: its margin, the share of worlds at or below it, the share of moves accepted below
+        it (NaN: none were made), and the whole estimate with its interval in every row.
+        """
+        accepted = np.full(len(self.levels), np.nan)
+        accepted[: len(self.accepted)] = self.accepted
+        whole = {name: np.full(len(self.levels), getattr(self, name)) for name in ("share", "low", "high")}
+        return {"margin": self.levels, "reached": self.reached, "accepted": accepted} | whole
+
+    def save(self, path: str | Path) -> Path:
+        """Write the table as .csv; replaced only once complete."""
+        return save_table(path, self.table)
 
     def _line(self) -> str:
         found = f"{self.share:.3g} (95 %: {self.low:.2g} to {self.high:.2g})"

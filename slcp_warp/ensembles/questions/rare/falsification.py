@@ -7,13 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from ....inputs import checks
 from ....inputs.errors import ArgumentError
 from ....options import Options, Status
 from ....results import Trajectory
 from ....storage.printed import Printed, Table
 from ....tasks.task import Task
-from ...store import write_table
+from ...store import save_table
 from ...worlds import Worlds
 from .replay import replayed
 from .trial import checked_options
@@ -91,11 +90,7 @@ class Falsification(Printed):
 
     def save(self, path: str | Path) -> Path:
         """Write the table as .csv; replaced only once complete."""
-        path = checks.path("path", path)
-        if path.suffix != ".csv":
-            raise ArgumentError(f"path {path} ends in {path.suffix!r}; .csv is needed")
-        write_table(path, self.table)
-        return path
+        return save_table(path, self.table)
 
     def _line(self) -> str:
         if not self.found:

@@ -1,0 +1,1 @@
+"""Derivatives of the generic step: what of them is loops over tables."""

@@ -1,0 +1,201 @@
+"""Right-hand sides of the implicit function theorem: eight columns of -F1 and -F2 by (q, v, u) at once."""
+
+from types import SimpleNamespace
+
+import warp as wp
+
+from ...factories import cached
+from ..mechanism import COLUMN, make_mechanism
+from ..topology import CONTACT, LOWER, Topology
+from ..work import LANES, WORK, Lanes, Slot
+from .bodies import make_bodies
+from .pairs import make_pair_slopes
+from .rows import make_row_slopes
+from .springs import make_spring_slopes
+from .system import make_system
+from .tables import Groups, Slopes
+
+
+@cached
+def make_columns(given: type, residual: str) -> SimpleNamespace:
+    """fill(t, k, g, d, b, n, pairs, first): d.known and d.given for the columns first .. first +
+    7 of (q, v, u).
+    """
+    dtype = WORK
+    number = make_mechanism(given).number
+    bodies, springs = make_bodies(given), make_spring_slopes(given)
+    contacts = residual != "none"
+    pairs = make_pair_slopes(given, residual) if contacts else None
+    rows = make_row_slopes(given, residual) if contacts else None
+    system = make_system(given, residual)
+    H, MASS, INERTIA, DAMPING, STIFFNESS, GEAR = (
+        COLUMN[n] for n in ("step_size", "mass", "inertia", "damping", "stiffness", "gear")
+    )
+    ONE, COUNT = dtype(1.0), LANES
+
+    @wp.func
+    def put(x: wp.array(dtype=Lanes), p: int, lane: int, value: dtype):
+        x[p][lane] = x[p][lane] + value
+
+    @wp.func
+    def of_bodies(t: wp.ref[Topology], d: Slopes, k: wp.ref[Slot], b: int, first: int, velocity: int):
+        """What bodies make of the columns by q, or by v, of the degrees of freedom first .. first + 7."""
+        x = d.known[b]
+        h = number(t, k, H, 0)
+        for i in range(t.nb):
+            start = t.chain_start[i]
+            end = t.chain_start[i + 1]
+            if t.chain[end - 1] >= first and t.chain[start] < first + COUNT:
+                mass = number(t, k, MASS, i)
+                inertia = number(t, k, INERTIA, i)
+                for by in range(start, end):
+                    lane = t.chain[by] - first
+                    if lane >= 0 and lane < COUNT:
+                        for at in range(start, end):
+                            p = t.place[t.chain[at]]
+                            if velocity == 1:
+                                put(x, p, lane, bodies.by_v(t, d, b, mass, inertia, h, at, by))
+                            else:
+                                put(x, p, lane, bodies.by_q(t, d, b, i, mass, at, by))
+
+    @wp.func
+    def of_springs(
+        t: wp.ref[Topology], g: Groups, d: Slopes, k: wp.ref[Slot], b: int, first: int,
+        velocity: int,
+    ):  # fmt: skip
+        x = d.known[b]
+        h = number(t, k, H, 0)
+        for i in range(t.springs):
+            for by in range(g.spring_start[i], g.spring_start[i + 1]):
+                lane = g.spring_dof[by] - first
+                if lane >= 0 and lane < COUNT:
+                    for at in range(g.spring_start[i], g.spring_start[i + 1]):
+                        p = t.place[g.spring_dof[at]]
+                        if velocity == 0:
+                            put(x, p, lane, springs.by_q(g, d, b, i, at, by))
+                        elif t.implicit_damping == 0:
+                            put(x, p, lane, springs.by_v(d, b, i, h, at, by))
+
+    @wp.func
+    def of_joints(t: wp.ref[Topology], d: Slopes, k: wp.ref[Slot], b: int, first: int, velocity: int):
+        """Joint springs and, where they are not implicit, joint dampers."""
+        x = d.known[b]
+        h = number(t, k, H, 0)
+        if velocity == 0:
+            for one in range(t.sprung):
+                j = t.sprung_dof[one]
+                if j >= first and j < first + COUNT:
+                    put(x, t.place[j], j - first, -h * number(t, k, STIFFNESS, j))
+        elif t.implicit_damping == 0:
+            for j in range(wp.max(first, 0), wp.min(first + COUNT, t.nv)):
+                put(x, t.place[j], j - first, -h * number(t, k, DAMPING, j))
+
+    @wp.func
+    def of_pairs(t: wp.ref[Topology], g: Groups, d: Slopes, k: wp.ref[Slot], b: int, count: int, first: int):
+        """d(J' lambda)/dq."""
+        x = d.known[b]
+        for one in range(count):
+            pair = d.pair[b, one]
+            start = t.pair_start[pair]
+            end = t.pair_start[pair + 1]
+            entry = one * g.most - start
+            f = d.force[b, one]
+            n = k.normal[pair]
+            push = pairs.force(n, f[0], f[1])
+            for by in range(start, end):
+                dof = t.pair_dof[by]
+                lane = dof - first
+                if lane >= 0 and lane < COUNT:
+                    o = d.of_contact[b, entry + by]
+                    for at in range(start, end):
+                        j = t.pair_dof[at]
+                        e = d.of_contact[b, entry + at]
+                        value = pairs.entry(e, o, push, f[0], f[1], wp.where(j <= dof, 1, 0))
+                        put(x, t.place[j], lane, value)
+
+    @wp.func
+    def of_scale(
+        t: wp.ref[Topology],
+        g: Groups,
+        d: Slopes,
+        k: wp.ref[Slot],
+        b: int,
+        r: int,
+        group: int,
+        start: int,
+        first: int,
+    ):
+        """J_i' times what D_i's change makes of lambda_i at fixed z."""
+        begin = g.group_start[group]
+        end = g.group_start[group + 1]
+        if g.group_dof[end - 1] < first or g.group_dof[begin] >= first + COUNT:
+            return
+        change = Lanes()
+        s = d.row[b, r]
+        share = -k.lam[s] / k.scale[s]
+        for at in range(begin, end):
+            lane = g.group_dof[at] - first
+            if lane >= 0 and lane < COUNT:
+                change[lane] = share * d.scale_by_q[b, start + at - begin]
+        system.add(t, k, s, d.known[b], change)
+
+    @wp.func
+    def of_rows(
+        t: wp.ref[Topology], g: Groups, d: Slopes, k: wp.ref[Slot], b: int, n: int,
+        first: int,
+    ):  # fmt: skip
+        h = number(t, k, H, 0)
+        for r in range(n):
+            i = k.row[d.row[b, r]]
+            out = Lanes()
+            if t.row_kind[i] == CONTACT:
+                pair = t.row_index[i]
+                start = t.pair_start[pair]
+                for at in range(start, t.pair_start[pair + 1]):
+                    lane = t.pair_dof[at] - first
+                    if lane >= 0 and lane < COUNT:
+                        out[lane] = -d.gap_by_q[b, r * g.most + at - start]
+            else:
+                lane = t.row_index[i] - first
+                if lane >= 0 and lane < COUNT:
+                    out[lane] = wp.where(t.row_kind[i] == LOWER, -ONE, ONE) / h
+            d.given[b, r] = out
+            if t.inertia_scaling == 1:
+                low = rows.first_group(t, g, i)
+                high = rows.second_group(t, g, i)
+                begin = r * g.width
+                if low >= 0:
+                    of_scale(t, g, d, k, b, r, low, begin, first)
+                    begin += g.group_start[low + 1] - g.group_start[low]
+                if high >= 0:
+                    of_scale(t, g, d, k, b, r, high, begin, first)
+
+    @wp.func
+    def fill(
+        t: wp.ref[Topology], k: wp.ref[Slot], g: Groups, d: Slopes, b: int, n: int,
+        count: int, first: int,
+    ):  # fmt: skip
+        for i in range(3 * t.blocks):
+            d.known[b, i] = Lanes()
+        for part in range(2):
+            start = first - part * t.nv
+            if start < t.nv and start + COUNT > 0:
+                of_bodies(t, d, k, b, start, part)
+                of_springs(t, g, d, k, b, start, part)
+                of_joints(t, d, k, b, start, part)
+        if first + COUNT > 2 * t.nv:
+            x = d.known[b]
+            h = number(t, k, H, 0)
+            for i in range(t.nu):
+                lane = 2 * t.nv + i - first
+                if lane >= 0 and lane < COUNT:
+                    put(x, t.place[t.actuator[i]], lane, h * number(t, k, GEAR, i))
+        if wp.static(contacts):
+            if first < t.nv:
+                of_pairs(t, g, d, k, b, count, first)
+                of_rows(t, g, d, k, b, n, first)
+            else:
+                for r in range(n):
+                    d.given[b, r] = Lanes()
+
+    return SimpleNamespace(fill=fill)

@@ -1,0 +1,102 @@
+"""The first-order expansion of the generic step at its solution, by the implicit function theorem.
+
+At the solution F1 = M (v' - v) - h (r + u) - J' lambda = 0 and F2 = J v' + d/h - w = 0. Their derivatives by
+(q, v, u) are gathered by loops over what each degree of freedom moves, eight columns at a time
+(`columns.py`), and solved with one factor (`system.py`). No iteration is differentiated.
+"""
+
+from types import SimpleNamespace
+
+import warp as wp
+
+from ...factories import cached
+from ..mechanism import make_mechanism
+from ..step import make_step
+from ..topology import Topology
+from ..work import ROWS, WORK, Slot
+from .bodies import make_bodies
+from .columns import make_columns
+from .rows import make_row_slopes
+from .springs import make_spring_slopes
+from .system import make_system
+from .tables import Groups, Slopes
+
+
+@cached
+def make_expansion(given: type, residual: str) -> SimpleNamespace:
+    """start(t, k, params, world): numbers, no roots and no normals. solve(t, k, d, b, u, moved, far,
+    external, world) -> status: a step from the state (k.q, k.v0) under controls u, that of index `moved` (-1:
+    none) greater by `far`. prepare(t, k, g, d, b, external, world) -> (acting rows, pairs): the parts of its
+    derivatives and the factor; columns(t, k, g, d, b, n, pairs, first): d.found = dv' by eight of (q, v, u).
+    """
+    dtype = WORK
+    step = make_step(given, residual)
+    number = make_mechanism(given).number
+    bodies, springs = make_bodies(given), make_spring_slopes(given)
+    contacts = residual != "none"
+    rows = make_row_slopes(given, residual) if contacts else None
+    columns, system = make_columns(given, residual), make_system(given, residual)
+    ZERO = dtype(0.0)
+
+    @wp.func
+    def solve(
+        t: wp.ref[Topology],
+        k: wp.ref[Slot],
+        d: Slopes,
+        b: int,
+        u: wp.array(dtype=given),
+        moved: int,
+        far: dtype,
+        external: wp.array2d(dtype=given),
+        world: int,
+    ):
+        for j in range(t.nv):
+            d.change[b, j] = k.v0[j]
+        step.begin(t, k, external, world)
+        for i in range(t.nu):
+            step.control_force(t, k, i, dtype(u[i]) + wp.where(i == moved, far, ZERO))
+        return step.solve_step(t, k)
+
+    @wp.func
+    def prepare(
+        t: wp.ref[Topology],
+        k: wp.ref[Slot],
+        g: Groups,
+        d: Slopes,
+        b: int,
+        external: wp.array2d(dtype=given),
+        world: int,
+    ):
+        for j in range(t.nv):
+            d.velocity[b, j] = k.v0[j]
+            d.change[b, j] = k.v0[j] - d.change[b, j]
+        bodies.prepare(t, k, d, b, external, world)
+        springs.prepare(t, k, g, d, b)
+        n = int(0)
+        pairs = int(0)
+        if wp.static(contacts):
+            for r in range(k.count[wp.static(ROWS)]):
+                if k.acting[r] > 0:
+                    d.row[b, n] = r
+                    n += 1
+        system.factor(t, k, d, b, n)
+        if wp.static(contacts):
+            pairs = rows.prepare(t, k, g, d, b, n)
+        return n, pairs
+
+    @wp.func
+    def columns_of(
+        t: wp.ref[Topology], k: wp.ref[Slot], g: Groups, d: Slopes, b: int, n: int,
+        pairs: int, first: int,
+    ):  # fmt: skip
+        columns.fill(t, k, g, d, b, n, pairs, first)
+        system.solve(t, k, d, b, n)
+
+    return SimpleNamespace(
+        start=step.prepare,
+        solve=solve,
+        prepare=prepare,
+        columns=columns_of,
+        number=number,
+        inverse=system.inverse,
+    )

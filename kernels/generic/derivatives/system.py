@@ -1,0 +1,255 @@
+"""The linear system of the implicit function theorem at a solved step, and eight right-hand sides at once.
+
+(dv', dz) solves M dv' - J' (p/D) dz = -F1, C dv' + q dz = -F2 with p = s'(z), q = s'(-z), where -F1 holds D's
+own change and C = J but for contacts that slide under Coulomb's friction, whose row of C is J_n at fixed
+modes (stick, slide, separate). dz is eliminated with a proximal term as in `newton.py`, larger because
+rounding counts here, whose error is taken out by iterative refinement.
+"""
+
+from types import SimpleNamespace
+
+import warp as wp
+
+from ...factories import cached
+from ..envelope import make_envelope
+from ..lu import make_lu
+from ..many import make_many
+from ..newton import PROXIMAL, make_newton
+from ..topology import CONTACT, Topology
+from ..work import ISLANDS, M33, V3, WORK, Island, Lanes, Slot, island
+from .tables import Slopes
+
+YIELDING = 1e-10  # diag(A) dlambda by which a row yields
+REFINED = 1e-6  # a correction relative to what it corrects, after which the next one is rounding
+REFINEMENTS = 4
+
+
+@cached
+def make_system(given: type, residual: str) -> SimpleNamespace:
+    """factor(t, k, d, b, n) of the n acting rows, and solve(t, k, d, b, n): d.found = dv' from -F1 in d.known
+    and -F2 in d.given, which is overwritten. response(t, k, s): k.move = M^-1 J_s' in the units that row s
+    moves. add(t, k, s, x, c): x += J_s' c. inverse(t, k, dof): (M^-1)_jj.
+    """
+    dtype = WORK
+    env, lu, many = make_envelope(), make_lu(), make_many()
+    contacts = residual != "none"
+    nt = make_newton(given, residual) if contacts else None
+    ONE, ZERO, HALF, YIELDS = dtype(1.0), dtype(0.0), dtype(0.5), dtype(YIELDING)
+    TAU, SMALL = dtype(YIELDING + PROXIMAL), dtype(REFINED)
+
+    @wp.func
+    def first_row(t: wp.ref[Topology], k: wp.ref[Slot], s: int):
+        """The first row of a contact's two."""
+        return wp.where(t.row_sign[k.row[s]] < 0, s - 1, s)
+
+    @wp.func
+    def add(t: wp.ref[Topology], k: wp.ref[Slot], s: int, x: wp.array(dtype=Lanes), c: Lanes):
+        start = k.entry[s]
+        pattern = k.pattern[s]
+        for e in range(k.entry[s + 1] - start):
+            j = k.jac[start + e]
+            p = 3 * t.row_block[pattern + e]
+            for part in range(3):
+                x[p + part] = x[p + part] + j[part] * c
+
+    @wp.func
+    def column(k: wp.ref[Slot], s: int, e: int, slides: int, first: int):
+        """Entry e of row s of C."""
+        if slides == 1:
+            return HALF * (k.jac[k.entry[first] + e] + k.jac[k.entry[first + 1] + e])
+        return k.jac[k.entry[s] + e]
+
+    @wp.func
+    def rate(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, r: int, x: wp.array(dtype=Lanes)):
+        """C_r x"""
+        out = Lanes()
+        s = d.row[b, r]
+        slides = d.slides[b, r]
+        first = first_row(t, k, s)
+        pattern = k.pattern[s]
+        for e in range(k.entry[s + 1] - k.entry[s]):
+            j = column(k, s, e, slides, first)
+            p = 3 * t.row_block[pattern + e]
+            for part in range(3):
+                out += j[part] * x[p + part]
+        return out
+
+    @wp.func
+    def weigh(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, n: int):
+        """p and q of the acting rows, and which of them slide."""
+        for r in range(n):
+            s = d.row[b, r]
+            e = nt.smooth(k, s, k.z[s])
+            k.p[s] = e[2]
+            k.slack[s] = e[3]
+            d.slides[b, r] = 0
+            if t.coulomb == 1 and t.row_kind[k.row[s]] == CONTACT and t.row_sign[k.row[s]] != 0:
+                first = first_row(t, k, s)
+                if k.lam[first] * k.lam[first + 1] == ZERO:
+                    d.slides[b, r] = 1
+
+    @wp.func
+    def assemble(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, o: Island, start: int):
+        """M + J' W C of an island, whose acting rows begin at `start`: the lower envelope in k.factor, the
+        transpose of the upper one in d.upper. Where the next island's begin.
+        """
+        upper = d.upper[b]
+        for place in range(o.start, o.end):
+            at = k.at[place]
+            c = k.block[place]
+            own = place - c + t.mass_first[c]
+            for j in range(k.first[place], place + 1):
+                m = M33()
+                if j >= own:
+                    m = k.mass[t.mass_at[c] + j + c - place]
+                k.factor[at + j] = m
+                upper[at + j] = m
+        r = int(start)
+        for s in range(o.row, o.last_row):
+            if k.acting[s] > 0:
+                p = k.p[s]
+                weight = p / (k.slack[s] * k.scale[s] + TAU * k.diag[s] * p)
+                first = first_row(t, k, s)
+                slides = d.slides[b, r]
+                count = k.entry[s + 1] - k.entry[s]
+                for one in range(count):
+                    left = weight * k.jac[k.entry[s] + one]
+                    high = k.place[t.row_block[k.pattern[s] + one]]
+                    for two in range(count):
+                        right = column(k, s, two, slides, first)
+                        low = k.place[t.row_block[k.pattern[s] + two]]
+                        if low <= high:
+                            k.factor[k.at[high] + low] = k.factor[k.at[high] + low] + wp.outer(left, right)
+                        else:
+                            upper[k.at[low] + high] = upper[k.at[low] + high] + wp.outer(right, left)
+                r += 1
+        return r
+
+    @wp.func
+    def factor(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, n: int):
+        if wp.static(contacts):
+            weigh(t, k, d, b, n)
+            start = int(0)
+            for i in range(k.count[wp.static(ISLANDS)]):
+                o = island(k, i)
+                if t.coulomb == 1:
+                    start = assemble(t, k, d, b, o, start)
+                    lu.factor(k.factor, d.upper[b], k.first, k.at, o.start, o.end)
+                else:
+                    nt.factor(t, k, o, YIELDS)
+
+    @wp.func
+    def substitute(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, x: wp.array(dtype=Lanes)):
+        """The factor's inverse times x, in place."""
+        alone = int(0)  # a block of no island
+        end = int(0)
+        if wp.static(contacts):
+            upper = k.factor
+            if t.coulomb == 1:
+                upper = d.upper[b]
+            end = k.island_block[k.count[wp.static(ISLANDS)]]
+            many.solve(k.factor, upper, k.first, k.at, k.block, x, 0, end)
+        for u in range(t.units):
+            alone = int(1)
+            if wp.static(contacts):
+                alone = wp.where(k.island[u] < 0, 1, 0)
+            if alone == 1:
+                first = t.unit_start[u]
+                last = t.unit_start[u + 1]
+                many.solve(k.mass_factor, k.mass_factor, t.mass_first, t.mass_at, t.block_id, x, first, last)
+
+    @wp.func
+    def take_momentum(
+        t: wp.ref[Topology], k: wp.ref[Slot], x: wp.array(dtype=Lanes), out: wp.array(dtype=Lanes)
+    ):
+        """out -= M x"""
+        for i in range(t.blocks):
+            at = t.mass_at[i]
+            for j in range(t.mass_first[i], i + 1):
+                m = k.mass[at + j]
+                for part in range(3):
+                    out[3 * i + part] = out[3 * i + part] - many.times(m, part, x, j)
+                    if j < i:
+                        out[3 * j + part] = out[3 * j + part] - many.times(wp.transpose(m), part, x, i)
+
+    @wp.func
+    def settled(t: wp.ref[Topology], x: wp.array(dtype=Lanes), change: wp.array(dtype=Lanes)):
+        """x += change; 1 if that was little of every column."""
+        size = Lanes()
+        moved = Lanes()
+        for i in range(3 * t.blocks):
+            value = x[i] + change[i]
+            x[i] = value
+            size = wp.max(size, wp.abs(value))
+            moved = wp.max(moved, wp.abs(change[i]))
+        good = int(1)
+        for lane in range(wp.static(len(Lanes()))):
+            if not (moved[lane] <= SMALL * size[lane]):
+                good = 0
+        return good
+
+    @wp.func
+    def solve(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, n: int):
+        known = d.known[b]
+        side = d.side[b]
+        found = d.found[b]
+        for i in range(3 * t.blocks):
+            side[i] = known[i]
+            found[i] = Lanes()
+        for r in range(n):
+            s = d.row[b, r]
+            p = k.p[s]
+            total = k.slack[s] + TAU * p * k.diag[s] / k.scale[s]
+            add(t, k, s, side, (p / (total * k.scale[s])) * d.given[b, r])
+            d.root[b, r] = Lanes()
+        more = int(1)
+        while more <= REFINEMENTS:
+            substitute(t, k, d, b, side)
+            done = settled(t, found, side)
+            if done == 1 or more == REFINEMENTS or n == 0:
+                return
+            for r in range(n):  # what is left of F2 once dz follows is the proximal term's
+                s = d.row[b, r]
+                own = TAU * k.p[s] * k.diag[s] / k.scale[s]
+                change = (d.given[b, r] - rate(t, k, d, b, r, side)) / (k.slack[s] + own)
+                d.root[b, r] = d.root[b, r] + change
+                d.given[b, r] = own * change
+            for i in range(3 * t.blocks):
+                side[i] = known[i]
+            take_momentum(t, k, found, side)
+            for r in range(n):
+                s = d.row[b, r]
+                p = k.p[s]
+                total = k.slack[s] + TAU * p * k.diag[s] / k.scale[s]
+                add(t, k, s, side, (p / k.scale[s]) * (d.root[b, r] + d.given[b, r] / total))
+            more += 1
+
+    @wp.func
+    def response(t: wp.ref[Topology], k: wp.ref[Slot], s: int):
+        pattern = k.pattern[s]
+        count = k.entry[s + 1] - k.entry[s]
+        for e in range(count):
+            u = t.block_unit[t.row_block[pattern + e]]
+            for i in range(t.unit_start[u], t.unit_start[u + 1]):
+                k.move[i] = V3()
+        for e in range(count):
+            k.move[t.row_block[pattern + e]] = k.jac[k.entry[s] + e]
+        last = int(-1)
+        for e in range(count):
+            u = t.block_unit[t.row_block[pattern + e]]
+            if u != last:
+                last = u
+                start = t.unit_start[u]
+                end = t.unit_start[u + 1]
+                env.solve(k.mass_factor, t.mass_first, t.mass_at, t.block_id, k.move, start, end)
+
+    @wp.func
+    def inverse(t: wp.ref[Topology], k: wp.ref[Slot], dof: int):
+        for i in range(t.blocks):
+            k.move[i] = V3()
+        b = t.dof_block[dof]
+        k.move[b][t.dof_part[dof]] = ONE
+        env.solve(k.mass_factor, t.mass_first, t.mass_at, t.block_id, k.move, 0, t.blocks)
+        return k.move[b][t.dof_part[dof]]
+
+    return SimpleNamespace(factor=factor, solve=solve, response=response, add=add, inverse=inverse)

@@ -1,0 +1,1 @@
+"""Cost of steps with many contacts, beside MuJoCo."""

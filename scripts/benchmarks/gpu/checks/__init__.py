@@ -1,0 +1,1 @@
+"""The sections of the check of a GPU, a file each."""

@@ -1,0 +1,91 @@
+"""`contacts="auto"`: everything may touch everything, but what a scene leaves out.
+
+The rules are those of MuJoCo's geoms, whose names the fields have. Two shapes may touch unless
+
+- both are on the same body, or both on the world;
+- one's body is the parent of the other's (`Body.touches_parent` says otherwise); the world is no parent;
+- their bodies are among the scene's `excluded`;
+- `contype` of neither has a bit in common with `conaffinity` of the other;
+- both are half-planes.
+
+Friction is the larger one of the two shapes', each its own or else the scene's.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+from slcp_warp.kernels.structure import CAPSULE, ELLIPSE, HALFPLANE
+
+from ..inputs.checks import shown
+from ..inputs.errors import SceneError
+from .parts import Body, Contact, Shape
+
+AUTO = "auto"
+MOST_PAIRS = 32_768  # of contacts="auto": every pair has parameters, and a place in impulses and gaps
+
+Names = tuple[str, str]
+
+
+def auto_contacts(
+    bodies: Sequence[Body],
+    shapes: Sequence[Shape],
+    friction: float | None = None,
+    excluded: Sequence[Names] = (),
+) -> tuple[Contact, ...]:
+    """Every two shapes that may touch, in the order of the shapes.
+
+    Raises:
+        SceneError: a capsule and an ellipse among them, which cannot touch, or more than `MOST_PAIRS`.
+    """
+    apart = _apart(bodies, excluded)
+    out: list[Contact] = []
+    for i, a in enumerate(shapes):
+        for b in shapes[i + 1 :]:
+            if a.body == b.body or a.kind == b.kind == HALFPLANE or (a.body, b.body) in apart:
+                continue
+            if not (a.contype & b.conaffinity or b.contype & a.conaffinity):
+                continue
+            _check_kinds(a, b)
+            out.append(Contact(a.name, b.name, _friction(a, b, friction)))
+        if len(out) > MOST_PAIRS:
+            raise SceneError(
+                f"contacts 'auto' of {len(shapes)} shapes are more than {MOST_PAIRS:,} pairs, the most there "
+                "may be; leave some out by contype and conaffinity, or list those that can meet"
+            )
+    return tuple(out)
+
+
+def _apart(bodies: Sequence[Body], excluded: Sequence[Names]) -> set[tuple[str | None, str | None]]:
+    """Pairs of bodies, in both orders, that never touch."""
+    joined = [(body.name, body.parent) for body in bodies if body.parent and not body.touches_parent]
+    one_way = [*joined, *excluded]
+    return {*one_way, *((b, a) for a, b in one_way)}
+
+
+def _friction(a: Shape, b: Shape, common: float | None) -> float | None:
+    own = [common if shape.friction is None else shape.friction for shape in (a, b)]
+    return max((mu for mu in own if mu is not None), default=None)
+
+
+def _check_kinds(a: Shape, b: Shape) -> None:
+    if {a.kind, b.kind} == {CAPSULE, ELLIPSE}:
+        raise SceneError(
+            f"contacts 'auto': {a.kind} {a.name!r} and {b.kind} {b.name!r} cannot touch; a capsule touches "
+            "half-planes, discs, capsules; leave the pair out by contype and conaffinity"
+        )
+
+
+def check_excluded(label: str, value: Any, bodies: Sequence[Body]) -> tuple[Names, ...]:
+    """Pairs of names of different bodies."""
+    if not isinstance(value, list | tuple):
+        raise SceneError(f"{label} is {shown(value)}; pairs of names of bodies are needed")
+    names = {body.name for body in bodies}
+    for i, pair in enumerate(value):
+        if not (isinstance(pair, list | tuple) and len(pair) == 2 and all(isinstance(n, str) for n in pair)):
+            raise SceneError(f"{label}[{i}] is {shown(pair)}; two names of bodies are needed")
+        for name in pair:
+            if name not in names:
+                raise SceneError(f"{label}[{i}]: no body named {name!r}; there are {shown(sorted(names))}")
+        if pair[0] == pair[1]:
+            raise SceneError(f"{label}[{i}] names {pair[0]!r} twice; two different bodies are needed")
+    return tuple((a, b) for a, b in value)

@@ -1,0 +1,211 @@
+"""`slcp gpu-check` without a GPU: all sections that a CPU has, and what becomes of those that fail."""
+
+import dataclasses
+import json
+import os
+import time
+
+import numpy as np
+import pytest
+import warp as wp
+from typer.testing import CliRunner
+
+import slcp_warp as slcp
+from slcp_warp.scripts.app import app
+from slcp_warp.scripts.benchmarks.gpu import run as running
+from slcp_warp.scripts.benchmarks.gpu import sections
+from slcp_warp.scripts.benchmarks.gpu.against import compare
+from slcp_warp.scripts.benchmarks.gpu.checks import compiling, graphs, isolation, states, sweeping
+from slcp_warp.scripts.benchmarks.gpu.page import write_page
+from slcp_warp.scripts.benchmarks.gpu.record import DONE, FAILED, LEFT_OUT, Found, Record, read, wrong
+from slcp_warp.scripts.benchmarks.gpu.sections import SECTIONS, Section
+from slcp_warp.scripts.benchmarks.gpu.setting import SMALL, Setting
+from slcp_warp.scripts.benchmarks.gpu.uses import plan
+
+SETTING = Setting("cpu", dataclasses.replace(SMALL, dtypes=("float64",), methods=("smoothed",)))
+ON_A_GPU = ("blocks",)
+
+
+def quiet(_):
+    """Nothing is said."""
+
+
+def fall(setting, found):
+    """A section that finds something and falls."""
+    found.row("before", rate=1.0)
+    raise ArithmeticError("on purpose")
+
+
+def die(setting, found):
+    """A section whose process dies."""
+    found.check("before", True)
+    os._exit(3)
+
+
+def hang(setting, found):
+    """A section that never ends."""
+    found.note("before")
+    time.sleep(1000.0)
+
+
+def stand(setting, found):
+    """A section that is right."""
+    found.check("stands", True)
+
+
+def wrong_one(setting, found):
+    """A section that finds something wrong."""
+    found.at_most("too much", 2.0, 1.0)
+
+
+def found_by(work, setting=SETTING):
+    """The events of a section."""
+    events = []
+    work(setting, Found(events.append))
+    return events
+
+
+def checks(events):
+    return {e["what"]: e["right"] for e in events if e["kind"] == "checks"}
+
+
+@pytest.mark.slow
+def test_every_section_that_a_cpu_has_is_right_there(tmp_path, monkeypatch):
+    monkeypatch.setattr(sweeping, "library", lambda setting: plan(setting, "float64"))  # compiles for long
+    names = [name for name in SECTIONS if name != "kernels"]
+    record = Record(tmp_path / "gpu.json", "cpu", names)
+    running.run(record, SETTING, names, 600.0, quiet, apart=False)
+    content = read(tmp_path / "gpu.json")
+    assert wrong(content) == []
+    for name, section in content["sections"].items():
+        assert section["status"] == (LEFT_OUT if name in ON_A_GPU else DONE), (name, section.get("traceback"))
+        assert section["checks"] or section["rows"] or section["notes"] or name in ON_A_GPU
+    for name in ("rates", "planning", "sweep"):
+        assert all(row["rate"] > 0.0 for row in content["sections"][name]["rows"])
+    write_page(tmp_path / "gpu.md", content, compare(content, content))
+    page = (tmp_path / "gpu.md").read_text()
+    assert "Nothing is wrong." in page and all(f"## {name}\n" in page for name in names)
+
+
+def test_kernels_are_compiled_by_processes(monkeypatch):
+    assert set(compiling.PREDICTED) <= set(compiling.uses_of(SETTING))
+    monkeypatch.setattr(compiling, "uses_of", lambda setting: dict.fromkeys(("step smoothed", "no use")))
+    found = found_by(compiling.run)
+    assert checks(found) == {"no use, float64: compiled": False}
+    cases = [event["case"] for event in found if event["kind"] == "rows"]
+    assert any("step of flicking_finger" in case for case in cases) and cases[-1] == "all of them"
+
+
+@pytest.mark.slow
+def test_a_section_that_fails_dies_or_hangs_stops_no_other(tmp_path, monkeypatch):
+    parts = {"fall": fall, "die": die, "hang": hang, "stand": stand}
+    for name, work in parts.items():
+        monkeypatch.setitem(SECTIONS, name, Section(work, 6.0 if work is hang else 60.0))
+    record = Record(tmp_path / "gpu.json", "cpu", list(parts))
+    running.run(record, SETTING, list(parts), 600.0, quiet)
+    found = read(tmp_path / "gpu.json")["sections"]
+    assert [found[name]["status"] for name in parts] == [FAILED, FAILED, FAILED, DONE]
+    assert found["fall"]["error"] == "ArithmeticError: on purpose" and found["fall"]["rows"]
+    assert "raise ArithmeticError" in found["fall"]["traceback"]
+    assert found["die"]["error"] == "its process ended with code 3" and found["die"]["checks"]
+    assert found["hang"]["error"] == "it took more than 6 s" and found["hang"]["notes"] == ["before"]
+    assert len(wrong(record.content)) == 3
+
+
+def test_sections_for_which_no_time_is_left_are_left_out(tmp_path, monkeypatch):
+    monkeypatch.setitem(SECTIONS, "stand", Section(stand, 10.0))
+    record = Record(tmp_path / "gpu.json", "cpu", ["stand"])
+    running.run(record, SETTING, ["stand"], 1.0, quiet, apart=False)
+    section = record.section("stand")
+    assert (section["status"], section["error"]) == (LEFT_OUT, "no time was left") and not wrong(
+        record.content
+    )
+
+
+class Shifted:
+    """A simulator whose states are off."""
+
+    def __init__(self, sim, by):
+        self._sim, self._by = sim, by
+
+    def __getattr__(self, name):
+        return getattr(self._sim, name)
+
+    def step(self, *given, **named):
+        done = self._sim.step(*given, **named)
+        state = np.where(np.arange(done.state.shape[1]) == self._sim.nx - 1, self._by, 0.0) + done.state
+        return dataclasses.replace(done, state=state)
+
+
+def test_states_that_are_off_are_found(monkeypatch):
+    """By the CPU's states, and by the oracle alone."""
+    finger = Setting.finger
+
+    def shifted(self, dtype, method="smoothed", device=None):
+        sim = finger(self, dtype, method, "cpu")
+        return sim if device == "reference" else Shifted(sim, 1e-6)
+
+    monkeypatch.setattr(states, "CPU", "reference")
+    monkeypatch.setattr(Setting, "finger", shifted)
+    monkeypatch.setattr(Setting, "stack", lambda self, dtype, device=None: finger(self, dtype))
+    found = checks(found_by(states.run))
+    bad = [what for what, right in found.items() if not right]
+    assert "legal states, smoothed, float64: states further than 1e-08 from the CPU's" in bad
+    assert any("wrong without saying so" in what and "finger" in what for what in bad)
+
+
+def test_neighbours_that_change_and_graphs_that_do_not_follow_are_found(monkeypatch):
+    rollout = slcp.Simulator.rollout
+
+    def leaking(self, x0, *given, **named):
+        done = rollout(self, x0, *given, **named)
+        if not isinstance(x0, np.ndarray):
+            return done
+        extra = 0.0 if np.isfinite(np.asarray(x0)).all() else 1e-12
+        return dataclasses.replace(done, states=done.states + extra)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(slcp.Simulator, "rollout", leaking)
+        found = checks(found_by(isolation.run))
+    assert not found["rollout, float64: the others have the same bits"]
+    assert found["step, float64: the others have the same bits"]
+    arrays = graphs.Arrays(SETTING, "float64")
+    kept = wp.clone(arrays.step()[0])
+    assert graphs.replayed(SETTING, arrays, lambda: [kept]) == (True, False)
+
+
+def test_two_runs_are_compared_by_rates_and_checks(tmp_path):
+    contents = []
+    for right, rate in ((True, 100.0), (False, 80.0)):
+        record = Record(tmp_path / "gpu.json", "cpu", ["rates"])
+        record.add("rates", {"kind": "checks", "what": "holds", "right": right})
+        record.add("rates", {"kind": "rows", "case": "many", "rate": rate, "seconds": 1.0})
+        contents.append(read(tmp_path / "gpu.json"))
+    found = compare(contents[1], contents[0])
+    assert found["newly wrong"] == [{"section": "rates", "case": "holds"}] and not found["newly right"]
+    assert [(row["case"], row["ratio"]) for row in found["rates"]] == [("many", 0.8)]
+    assert compare(contents[0], contents[1])["newly right"]
+
+
+def test_exit_codes(tmp_path, monkeypatch):
+    def call(*words):
+        return CliRunner().invoke(app, ["gpu-check", "--out", str(tmp_path / "gpu.json"), *words])
+
+    monkeypatch.setattr(wp, "get_cuda_devices", lambda: [])
+    done = call()
+    assert done.exit_code == 2 and len(done.stderr.strip().splitlines()) == 1, done.stderr
+    assert "no GPU here" in done.stderr and not (tmp_path / "gpu.json").exists()
+    for words in (
+        ("--only", "nonsense"),
+        ("--device", "cuda:77"),
+        ("--against", str(tmp_path / "none.json")),
+    ):
+        assert call(*words, "--no-apart").exit_code == 2
+    for name, work in (("stand", stand), ("wrong", wrong_one)):
+        monkeypatch.setitem(sections.SECTIONS, name, Section(work, 60.0))
+    small = ("--device", "cpu", "--no-apart", "--only")
+    assert call(*small, "stand").exit_code == 0
+    assert json.loads((tmp_path / "gpu.json").read_text())["sections"]["stand"]["status"] == DONE
+    done = call(*small, "stand,wrong", "--against", str(tmp_path / "gpu.json"))
+    assert done.exit_code == 1 and "wrong: too much" in done.stdout
+    assert "| too much | **no** | 2 | 1 |" in (tmp_path / "gpu.md").read_text()
