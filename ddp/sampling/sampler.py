@@ -16,6 +16,7 @@ from slcp_warp.kernels.control.sampling import (
     make_update_kernel,
 )
 from slcp_warp.kernels.device.launch import Prepared
+from slcp_warp.kernels.device.tables import copy_table
 from slcp_warp.storage.printed import Printed
 
 from ..batches import batch_of, fill
@@ -88,7 +89,7 @@ class Sampler:
         wide = np.zeros((B, rows, nu), dtype=make.numpy_dtype)
         wide[:, :M] = scale
         self._wide: Any = wp.array(wide, dtype=self.dtype, device=self.device)
-        self.x0, self.params = make.zeros(B, nx), wp.clone(problem.param_array(B))
+        self.x0, self.params = make.zeros(B, nx), copy_table(problem.param_array(B))
         self._limits = make.state_limits()
         self.trace = make.zeros(B, options.iterations, dtype=wp.float64)
         rows_of_weights = problem.cost.rows(B).astype(make.numpy_dtype)

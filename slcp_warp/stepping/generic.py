@@ -18,6 +18,7 @@ from .arrays import Controls, RolloutArrays, StepArrays
 from .single import rollout_by_steps
 
 WORKSPACE_BYTES = 256 * 2**20  # worlds are stepped in chunks whose workspaces fit in here
+WORKSPACE_SHARE = 16  # or in one of so many parts of a GPU's memory: there all worlds of a chunk step at once
 
 
 Space = TypeVar("Space")
@@ -35,16 +36,16 @@ class Workspaces(Generic[Space]):
 
     def __init__(self, allocate: Callable[[int], Space], size: int, device: Any) -> None:
         self._allocate, self.device = allocate, wp.get_device(device)
-        self.most = max(1, WORKSPACE_BYTES // size)  # slots of a workspace, and of those kept
+        self.most = max(1, workspace_bytes(self.device) // size)  # slots of a workspace, and of those kept
         self._lock = threading.Lock()
-        self._kept: dict[Any, list[tuple[int, Space]]] = {}
+        self._kept: dict[int, tuple[Any, list[tuple[int, Space]]]] = {}  # by stream, which it keeps alive
 
     @contextlib.contextmanager
     def lend(self, slots: int) -> Iterator[Space]:
         """A workspace of at least that many slots that no other call has."""
         stream = self.device.stream if self.device.is_cuda else None
         with self._lock:
-            kept = self._kept.setdefault(stream, [])
+            _, kept = self._kept.setdefault(stream.cuda_stream if stream else 0, (stream, []))
             size, work = kept.pop() if kept else (0, None)
         if work is None or size < slots:
             size, work = slots, self._allocate(slots)
@@ -54,6 +55,11 @@ class Workspaces(Generic[Space]):
             with self._lock:
                 if size + sum(other for other, _ in kept) <= self.most:
                     kept.append((size, work))
+
+
+def workspace_bytes(device: Any) -> int:
+    """Memory for the workspaces of a chunk of worlds: as little as fits a CPU's, or what fills a GPU."""
+    return WORKSPACE_BYTES if device.is_cpu else max(WORKSPACE_BYTES, device.total_memory // WORKSPACE_SHARE)
 
 
 class GenericKernels:
