@@ -75,8 +75,7 @@ class Workspace:
         self._prepare_derivatives(rows)
         self._passes = Passes(self, self._policy)
         first = self._make.first_candidate(self._candidates)
-        inputs = [self.batch, self.x0, self._policy, first, self._limits, self.params, self._weights]
-        self._run_first = self._passes.rollout(self.batch, [*inputs, self._all])
+        self._run_first = self._passes.rollouts.run(self.batch, first, self._all)
 
     def _prepare_derivatives(self, rows: np.ndarray) -> None:
         """Derivatives of the dynamics, and of the cost: where it gives none, differences in float64."""

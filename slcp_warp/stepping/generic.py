@@ -2,11 +2,12 @@
 
 import contextlib
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Generic, TypeVar
 
 import warp as wp
 
+from slcp_warp.kernels.control.generic_rollouts import make_candidates_kernel
 from slcp_warp.kernels.device.launch import launch
 from slcp_warp.kernels.generic import step as generic_step
 from slcp_warp.kernels.generic.derivatives import linearize, tables
@@ -131,5 +132,24 @@ class GenericKernels:
                 for base in range(0, items, chunk):
                     inputs = [base, int(second), self.topology, work, self.groups, slopes, stencil, *given]
                     launch(kernel, min(chunk, items - base), inputs, self.device, grain=1)
+
+        return run
+
+    def prepare_candidates(
+        self, items: int, offset: int, shooting: bool, arrays: Sequence[Any]
+    ) -> Callable[[], None]:
+        """A repeatable launch of DDP's rollouts offset, .., as of `kernels/control/generic_rollouts.py`.
+
+        Args:
+            arrays: number of problems, x0, Policy, Candidates, params, external, active.
+        """
+        kernel = make_candidates_kernel(self.dtype, self.residual)
+        slots = min(items, self.chunk)
+
+        def run() -> None:
+            with self.workspaces.lend(slots) as work:
+                for base in range(0, items, slots):
+                    inputs = [offset + base, int(shooting), self.topology, work, *arrays]
+                    launch(kernel, min(slots, items - base), inputs, self.device, grain=1)
 
         return run

@@ -24,8 +24,23 @@ from .tables import Groups, Slopes
 
 
 @cached
+def make_cold() -> wp.Function:
+    """cold(t, k, b): no roots and normals to start from."""
+    UNUSED, ZERO = WORK(COLD), WORK(0.0)
+
+    @wp.func
+    def cold(t: Topology, k: Work, b: int):
+        for i in range(t.nr):
+            k.z[i, b] = UNUSED
+        for i in range(2 * t.pairs):
+            k.normal[i, b] = ZERO
+
+    return cold
+
+
+@cached
 def make_expansion(given: type, residual: str) -> SimpleNamespace:
-    """cold(t, k, b): no roots and normals to start from. solve(t, k, d, params, row, b, u, moved, far,
+    """cold of `make_cold`. solve(t, k, d, params, row, b, u, moved, far,
     external, world) -> status: a step from the state (k.q, k.v0) under controls u, that of index `moved` (-1:
     none) greater by `far`. prepare(t, k, g, d, params, row, b, external, world) -> (acting rows, pairs): the
     parts of its derivatives and the factor; columns(t, k, g, d, params, row, b, n, pairs, first): d.found =
@@ -38,14 +53,7 @@ def make_expansion(given: type, residual: str) -> SimpleNamespace:
     contacts = residual != "none"
     rows = make_row_slopes(given, residual) if contacts else None
     columns, system = make_columns(given, residual), make_system(given, residual)
-    UNUSED, ZERO = dtype(COLD), dtype(0.0)
-
-    @wp.func
-    def cold(t: Topology, k: Work, b: int):
-        for i in range(t.nr):
-            k.z[i, b] = UNUSED
-        for i in range(2 * t.pairs):
-            k.normal[i, b] = ZERO
+    ZERO = dtype(0.0)
 
     @wp.func
     def solve(
@@ -104,5 +112,10 @@ def make_expansion(given: type, residual: str) -> SimpleNamespace:
         system.solve(t, k, d, b, n)
 
     return SimpleNamespace(
-        cold=cold, solve=solve, prepare=prepare, columns=columns_of, number=number, inverse=system.inverse
+        cold=make_cold(),
+        solve=solve,
+        prepare=prepare,
+        columns=columns_of,
+        number=number,
+        inverse=system.inverse,
     )
