@@ -7,7 +7,6 @@ is in one place. Kernels index both alike, by strides.
 
 from typing import Any
 
-import numpy as np
 import warp as wp
 
 from ..factories import cached
@@ -52,11 +51,11 @@ def empty_table(rows: int, width: int, dtype: type, device: Any) -> wp.array:
     return wp.zeros((rows, width), dtype=dtype, device=device)
 
 
-def make_table(values: np.ndarray, dtype: type, device: Any, requires_grad: bool = False) -> wp.array:
-    """A table of these numbers (rows, width), with a gradient of its layout where one is required."""
+def make_table(values: Any, dtype: type, device: Any, requires_grad: bool = False) -> wp.array:
+    """A table of numbers, a NumPy array (rows, width), with a gradient of its layout where one is required."""
     kind = {"dtype": dtype, "device": device, "requires_grad": requires_grad}
     if by_columns(len(values), device):
-        return wp.array(np.ascontiguousarray(values.T), **kind).transpose()
+        return wp.array(values.T.copy(), **kind).transpose()
     return wp.array(values, **kind)
 
 
