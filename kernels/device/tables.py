@@ -52,7 +52,7 @@ def empty_table(rows: int, width: int, dtype: type, device: Any) -> wp.array:
 
 
 def make_table(values: Any, dtype: type, device: Any, requires_grad: bool = False) -> wp.array:
-    """A table of numbers, a NumPy array (rows, width), with a gradient of its layout where one is required."""
+    """A table of numbers, a NumPy array (rows, width); its gradient, where required, in the same layout."""
     kind = {"dtype": dtype, "device": device, "requires_grad": requires_grad}
     if by_columns(len(values), device):
         return wp.array(values.T.copy(), **kind).transpose()
