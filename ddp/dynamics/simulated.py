@@ -11,6 +11,7 @@ from slcp_warp.gradients import launches
 from slcp_warp.gradients.tape import derivatives_exist
 from slcp_warp.inputs.checks import attribute
 from slcp_warp.inputs.errors import ArgumentTypeError
+from slcp_warp.kernels.control.generic_rollouts import FOLLOW
 from slcp_warp.kernels.step.rollout import make_transition
 from slcp_warp.stepping.generic import GenericKernels
 
@@ -74,14 +75,14 @@ class GenericDynamics(SimulatorDynamics):
 
     def prepare_candidates(
         self, problems: int, items: int, offset: int, policy: Any, candidates: Any, params: Any,
-        *, x0: Any, active: Any, shooting: bool = False,
+        *, x0: Any, active: Any, mode: int = FOLLOW,
     ) -> Callable[[], None]:  # fmt: skip
         """A repeatable launch of rollouts offset, .., as of `kernels/control/generic_rollouts.py`."""
         nowhere = wp.zeros((0, 0), dtype=self.dtype, device=self.device)
         arrays = [problems, x0, policy, candidates, params, nowhere, active]
         kernels = self.sim.kernels.stepping
         assert isinstance(kernels, GenericKernels)
-        return kernels.prepare_candidates(items, offset, shooting, arrays)
+        return kernels.prepare_candidates(items, offset, mode, arrays)
 
 
 def dynamics_of(given: Any) -> Any:

@@ -6,6 +6,7 @@ from typing import Any
 import warp as wp
 
 from slcp_warp.kernels.control.candidate_costs import make_candidate_cost_kernel, make_gap_kernel
+from slcp_warp.kernels.control.generic_rollouts import FOLLOW, SHOOT
 from slcp_warp.kernels.control.rollouts import make_rollout_kernel, make_shooting_kernel
 from slcp_warp.kernels.device.launch import Prepared
 from slcp_warp.kernels.device.relay import Relay, Run
@@ -74,7 +75,7 @@ class OwnRollouts:
     def run(self, items: int, candidates: Any, mask: Any, offset: int = 0) -> Callable[[], Any]:
         """As of `StepRollouts`."""
         return _in_turn(
-            self._roll(items, candidates, mask, offset, False), self._price(items, candidates, mask, offset)
+            self._roll(items, candidates, mask, offset, FOLLOW), self._price(items, candidates, mask, offset)
         )
 
     def shoot(self) -> Callable[[], Any]:
@@ -85,13 +86,13 @@ class OwnRollouts:
         gaps = Prepared(
             kernel, work.batch, [self.policy, work._candidates, work._state], work.device, grain=1
         )
-        return _in_turn(self._roll(*some, True), gaps, self._price(*some))
+        return _in_turn(self._roll(*some, SHOOT), gaps, self._price(*some))
 
-    def _roll(self, items: int, candidates: Any, mask: Any, offset: int, shooting: bool) -> Callable[[], Any]:
+    def _roll(self, items: int, candidates: Any, mask: Any, offset: int, mode: int) -> Callable[[], Any]:
         work = self.work
         given: Callable[[], Any] = work.dynamics.prepare_candidates(
             work.batch, items, offset, self.policy, candidates, work.params,
-            x0=work.x0, active=mask, shooting=shooting,
+            x0=work.x0, active=mask, mode=mode,
         )  # fmt: skip
         return given
 

@@ -16,11 +16,14 @@ from ..status import NONFINITE, SOLVED
 from .rollouts import make_candidate_arrays
 from .solver_state import make_policy_arrays
 
+FOLLOW, SHOOT, GIVEN = range(3)  # what a trajectory's controls are
+
 
 @cached
 def make_candidates_kernel(given: type, residual: str) -> wp.Kernel:
     """As `rollouts.make_rollout_kernel`, of states, controls and status alone: item i, in slot i - base, is
-    problem i mod B under step size i div B. With `shooting` the steps from the states that the policy holds.
+    problem i mod B under step size i div B (FOLLOW), the steps from the states that the policy holds (SHOOT),
+    or problem i mod B under the controls that candidate i div B holds (GIVEN).
     """
     step, cold = make_step(given, residual), make_cold()
     Policy, Candidates = make_policy_arrays(given), make_candidate_arrays(given)
@@ -64,7 +67,7 @@ def make_candidates_kernel(given: type, residual: str) -> wp.Kernel:
     def generic_candidates_kernel(
         first: int,
         base: int,
-        shooting: int,
+        mode: int,
         t: Topology,
         k: Work,
         problems: int,
@@ -81,20 +84,24 @@ def make_candidates_kernel(given: type, residual: str) -> wp.Kernel:
         if active[p] == 0:
             return
         row = wp.where(params.shape[0] == 1, 0, p)
-        left = ONE - WORK(out.step_sizes[a])
+        left = WORK(0.0)
+        if mode == wp.static(FOLLOW):
+            left = ONE - WORK(out.step_sizes[a])
         cold(t, k, slot)
         take(t, k, slot, x0[p])
         for j in range(2 * t.nv):
             out.xs[p, a, 0, j] = x0[p, j]
         status = int(wp.static(SOLVED))
-        for n in range(policy.us.shape[1]):
-            if shooting == 1:
+        for n in range(out.us.shape[2]):
+            if mode == wp.static(SHOOT):
                 take(t, k, slot, policy.xs[p, n])
-            if status == wp.static(SOLVED) or shooting == 1:
+            if status == wp.static(SOLVED) or mode == wp.static(SHOOT):
                 step.begin(t, k, params, row, slot, external, p)
                 for i in range(t.nu):
-                    u = policy.us[p, n, i]
-                    if shooting == 0:
+                    u = out.us[p, a, n, i]
+                    if mode == wp.static(SHOOT):
+                        u = policy.us[p, n, i]
+                    if mode == wp.static(FOLLOW):
                         u = control(t, k, policy, out, p, a, n, slot, i)
                     out.us[p, a, n, i] = u
                     step.control_force(t, k, params, row, slot, i, WORK(u))
@@ -102,7 +109,7 @@ def make_candidates_kernel(given: type, residual: str) -> wp.Kernel:
                 if code != wp.static(SOLVED):
                     status = code
                     cold(t, k, slot)
-                elif policy.gaps.shape[0] > 0 and shooting == 0:
+                elif policy.gaps.shape[0] > 0 and mode == wp.static(FOLLOW):
                     if leave_gap(t, k, slot, policy.gaps[p, n], left) == 0:
                         status = wp.static(NONFINITE)
             for j in range(t.nv):

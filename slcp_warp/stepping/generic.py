@@ -136,11 +136,12 @@ class GenericKernels:
         return run
 
     def prepare_candidates(
-        self, items: int, offset: int, shooting: bool, arrays: Sequence[Any]
+        self, items: int, offset: int, mode: int, arrays: Sequence[Any]
     ) -> Callable[[], None]:
         """A repeatable launch of DDP's rollouts offset, .., as of `kernels/control/generic_rollouts.py`.
 
         Args:
+            mode: FOLLOW, SHOOT or GIVEN.
             arrays: number of problems, x0, Policy, Candidates, params, external, active.
         """
         kernel = make_candidates_kernel(self.dtype, self.residual)
@@ -149,7 +150,7 @@ class GenericKernels:
         def run() -> None:
             with self.workspaces.lend(slots) as work:
                 for base in range(0, items, slots):
-                    inputs = [offset + base, int(shooting), self.topology, work, *arrays]
+                    inputs = [offset + base, mode, self.topology, work, *arrays]
                     launch(kernel, min(slots, items - base), inputs, self.device, grain=1)
 
         return run

@@ -122,6 +122,9 @@ def test_a_stack_is_pushed():
     np.testing.assert_allclose(again.states, plan.xs, atol=1e-9)
     follow = sim.rollout(task.scene.x0, policy=ddp.TrackingPolicy(plan), steps=10)
     np.testing.assert_allclose(follow.states, plan.xs[:11], atol=1e-7)
+    tried = ddp.sample(problem, task.scene.x0, push, ddp.Sampling(samples=8, iterations=2))
+    assert tried.cost <= first.cost and tried.cost == tried.best[-1]
+    np.testing.assert_allclose(sim.rollout(task.scene.x0, tried.us).states, tried.xs, atol=1e-9)
     mpc = ddp.MPC(problem, passes=1, options=options)
     run = sim.rollout(task.scene.x0, policy=mpc, steps=3)
     assert run.status == slcp.Status.SOLVED
