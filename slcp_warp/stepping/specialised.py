@@ -78,6 +78,7 @@ class SpecialisedKernels:
             launch(kernel, a.worlds, inputs, self.device, grain=grain)
             return
         (s, dtype, _), policy = self.spec, controls.policy
+        assert not isinstance(policy, Asked)
         sizes = s.nr + 2 * len(s.pairs), policy.functions(2 * s.nv, s.nu, dtype).memory
         kept = [wp.empty((a.worlds, size), dtype=dtype, device=self.device) for size in sizes]
         fast, full = (relayed.make_rollout_relay(spec, policy, exact_gap) for spec in self.both)
