@@ -37,10 +37,8 @@ class SimulatorDynamics:
 
     def handed(self) -> tuple[Any, Any] | None:
         """The fast step and the full one behind it, as `make_transition` gives them; None: one for all."""
-        if not self.sim.kernels.fast_path:
-            return None
-        fast, full = (make_transition(spec) for spec in self.sim.kernels.specialised("ddp").both)
-        return fast, full
+        both = self.sim.kernels.specialised("ddp").both
+        return None if both is None else (make_transition(both[0]), make_transition(both[1]))
 
     def initial_carry(self) -> Any:
         """See `Dynamics`: a cold start."""
