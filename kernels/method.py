@@ -10,8 +10,8 @@ ERM = ("erm-logistic", "erm-normal")
 class Method:
     """What `slcp_warp.Options` chooses: residual, scaling, friction, integrator, noise, tolerance, gap.
 
-    `part` no user chooses: "fast" kernels lack the last resorts of their solvers and leave the steps that need
-    one to those of the "rest" (`device/relay.py`).
+    `part` no user chooses: "fast" kernels lack the last resorts of their solvers, and leave the steps that
+    need one to those of the "rest" (`device/relay.py`).
     """
 
     residual: str = "rem-logistic"

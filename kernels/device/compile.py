@@ -31,7 +31,7 @@ from .digest import OpaqueError, content_digest
 CPU_ARITHMETIC = "-ffp-contract=fast -freciprocal-math -fno-signed-zeros"
 INLINING = re.compile(r"(-inline(?:-cold-callsite)?-threshold=)\d+")
 INLINED = r"\g<1>20000"
-FAST_REGISTERS = 200  # of a thread: what the sweep and DDP's line search take beyond is not worth its spills
+FAST_REGISTERS = 200  # of a thread: the few kernels that would take more, up to 207, spill nothing for it
 MOST_UNROLLED = 128  # passes of a loop whose adjoint is wanted: of loops that are not unrolled it is wrong
 
 
@@ -78,7 +78,7 @@ def named_by_code(**options: Any) -> Callable[[Callable], wp.Kernel]:
 def _declare(
     function: Callable, options: dict[str, Any], backward: bool = False, registers: int | None = None
 ) -> wp.Kernel:
-    digest = code_digest(function, **options, **({"registers": registers} if registers else {}))
+    digest = code_digest(function, **options, **({} if registers is None else {"most": registers}))
     function.__qualname__ = f"{function.__name__}_{digest[:12]}"
     module = wp.get_module(f"{__package__}.{function.__qualname__}")
     wp.set_module_options(options, module)

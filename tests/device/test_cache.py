@@ -188,7 +188,7 @@ def test_processes_and_threads_compile_the_same_kernel_at_once(tmp_path):
 
 
 def test_kernels_for_a_gpu_are_compiled_at_once(monkeypatch):
-    kernels = [make_residual_kernel(name, wp.float64) for name in ("min", "rem-logistic")]
+    kernels = [make_residual_kernel(wp.float64, name) for name in ("min", "rem-logistic")]
     both = threading.Barrier(2, timeout=20)
 
     def compiling(kernel, device):
@@ -198,7 +198,5 @@ def test_kernels_for_a_gpu_are_compiled_at_once(monkeypatch):
     monkeypatch.setattr(cache, "_loaded_kernel", compiling)
     with recorded() as found:
         cache.load_all(kernels, SimpleNamespace(is_cpu=False, alias="a GPU"))
-        cache.load_all(
-            kernels[:1], SimpleNamespace(is_cpu=False, alias="a GPU")
-        )  # there is nothing left to do
+        cache.load_all(kernels[:1], SimpleNamespace(is_cpu=False, alias="a GPU"))  # is ready
     assert [loaded.kernel for loaded in found] == [kernel.key for kernel in kernels]

@@ -1,9 +1,9 @@
 """The main kernels compile for sm_90 without a GPU: registers where there is room, spills, size of the code.
 
-The fast kernels of the finger fit into registers; what local memory they have is the argument reduction of the
-sine and arrays that are indexed at run time: the stack of the library's tree, the sweep's measures. Those that
-make the steps which the fast ones leave take all registers and spill. Kernels without contact, and those of the
-backward pass, fit.
+The fast kernels of the finger fit into registers; what local memory they have is the argument reduction of
+the sine and arrays that are indexed at run time: the stack of the library's tree, the sweep's measures. Those
+that make the steps which the fast ones leave take all registers and spill. Kernels without contact, and those
+of the backward pass, fit.
 """
 
 import pytest
