@@ -37,7 +37,7 @@ class SimulatorDynamics:
 
     def handed(self) -> tuple[Any, Any] | None:
         """The fast step and the full one behind it, as `make_transition` gives them; None: one for all."""
-        both = self.sim.kernels.specialised("ddp").both
+        both = getattr(self.sim.kernels.stepping, "both", None)
         return None if both is None else (make_transition(both[0]), make_transition(both[1]))
 
     def initial_carry(self) -> Any:

@@ -46,9 +46,8 @@ class StepRollouts:
             whole = [0, 0, 0, Relay(), none, *inputs]
             return Prepared(self._kernels[0], items, whole, work.device, grain=1, offset=offset)
         carries = wp.empty((items, self.handed[0].width), dtype=work.dtype, device=work.device)
-        steps = work.problem.horizon
         fast, full = self._kernels
-        return Run(fast, full, items, steps, [carries, *inputs], work.device, grain=1)
+        return Run(fast, full, items, work.problem.horizon, [carries, *inputs], work.device, grain=1)
 
     def shoot(self) -> Callable[[], Any]:
         """Cost and gaps of the states and controls that the policy holds, as the first candidate's."""
