@@ -12,6 +12,7 @@ from slcp_warp.inputs.errors import ArgumentError
 from slcp_warp.kernels.control.costs import make_cost_kernel
 from slcp_warp.kernels.control.state_limits import make_limit_kernels
 from slcp_warp.kernels.device.launch import Prepared
+from slcp_warp.kernels.device.tables import copy_table
 
 from .batches import fill
 from .dynamics import dynamics_of
@@ -53,7 +54,7 @@ class Workspace:
         """Arrays in the structs that the kernels share."""
         self._make = Arrays(self.problem, self.dynamics, self.batch, self.options)
         self.x0 = self._make.zeros(self.batch, self.problem.nx)
-        self.params = wp.clone(self.problem.param_array(self.batch))
+        self.params = copy_table(self.problem.param_array(self.batch))
         self._policy = self._make.policy()
         self._derivatives = self._make.derivatives(self.params, self.second_order)
         self._candidates = self._make.candidates()
@@ -74,8 +75,7 @@ class Workspace:
         self._prepare_derivatives(rows)
         self._passes = Passes(self, self._policy)
         first = self._make.first_candidate(self._candidates)
-        inputs = [self.batch, self.x0, self._policy, first, self._limits, self.params, self._weights]
-        self._run_first = self._passes.rollout(self.batch, [*inputs, self._all])
+        self._run_first = self._passes.rollouts.run(self.batch, first, self._all)
 
     def _prepare_derivatives(self, rows: np.ndarray) -> None:
         """Derivatives of the dynamics, and of the cost: where it gives none, differences in float64."""

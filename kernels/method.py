@@ -10,8 +10,8 @@ ERM = ("erm-logistic", "erm-normal")
 class Method:
     """What `slcp_warp.Options` chooses: residual, scaling, friction, integrator, noise, tolerance, gap.
 
-    `fast` no user chooses: kernels without the last resorts of their solvers, which leave the steps that need
-    one to kernels with them (`device/relay.py`).
+    `part` no user chooses: "fast" kernels lack the last resorts of their solvers, and leave the steps that
+    need one to those of the "rest" (`device/relay.py`).
     """
 
     residual: str = "rem-logistic"
@@ -22,7 +22,17 @@ class Method:
     deviation: str = "scale"
     tolerance: float | None = None
     gap: str = "start"
-    fast: bool = False
+    part: str = "whole"
+
+    @property
+    def fast(self) -> bool:
+        """Whether last resorts are left to other kernels."""
+        return self.part == "fast"
+
+    @property
+    def rest(self) -> bool:
+        """Whether few steps are made, so that compiling soon is worth more: last resorts are not inlined."""
+        return self.part == "rest"
 
     @property
     def hard(self) -> bool:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from slcp_warp.kernels.device.tables import make_table
 from slcp_warp.kernels.structure import Layout, layout
 
 from .description.scene import Scene
@@ -216,7 +217,5 @@ class Parameters(Printed):
             if key not in self._uploaded:
                 table = self.table()
                 self._check_range(table, wp.dtype_to_numpy(dtype))
-                self._uploaded[key] = wp.array(
-                    table, dtype=dtype, device=device, requires_grad=self.requires_grad
-                )
+                self._uploaded[key] = make_table(table, dtype, device, self.requires_grad)
             return self._uploaded[key]

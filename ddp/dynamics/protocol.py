@@ -41,7 +41,8 @@ class Dynamics(Protocol):
         good.
 
         A dynamics may also have ``prepare_linearize``, which takes the same arguments and returns a function
-        without any that does this for the same arrays at less overhead.
+        without any that does this for the same arrays at less overhead, and ``prepare_candidates``, as of
+        `GenericDynamics`, that rolls out in kernels of its own instead of DDP's with the step function.
         """
 
     def lift_into(self, params: Any, lift: Any) -> None:

@@ -8,9 +8,12 @@ import warp as wp
 
 from slcp_warp import Simulator
 from slcp_warp.gradients import launches
+from slcp_warp.gradients.tape import derivatives_exist
 from slcp_warp.inputs.checks import attribute
 from slcp_warp.inputs.errors import ArgumentTypeError
+from slcp_warp.kernels.control.generic_rollouts import FOLLOW
 from slcp_warp.kernels.step.rollout import make_transition
+from slcp_warp.stepping.generic import GenericKernels
 
 from .protocol import REQUIRED
 
@@ -34,10 +37,8 @@ class SimulatorDynamics:
 
     def handed(self) -> tuple[Any, Any] | None:
         """The fast step and the full one behind it, as `make_transition` gives them; None: one for all."""
-        if not self.sim.kernels.fast_path:
-            return None
-        fast, full = (make_transition(spec) for spec in self.sim.kernels.specialised("ddp").both)
-        return fast, full
+        both = getattr(self.sim.kernels.stepping, "both", None)
+        return None if both is None else (make_transition(both[0]), make_transition(both[1]))
 
     def initial_carry(self) -> Any:
         """See `Dynamics`: a cold start."""
@@ -51,11 +52,11 @@ class SimulatorDynamics:
         self, xs: Any, us: Any, params: Any, fx: Any, fu: Any, second: Any, status: Any, active: Any
     ) -> Callable[[], None]:
         """See `Dynamics`."""
-        self.sim.need_derivatives("linearize")
+        derivatives_exist(self.sim.options.method)
         nowhere = wp.zeros((0, 0), dtype=self.dtype, device=self.device)
         fzz = wp.zeros((0, 0, 0, 0), dtype=self.dtype, device=self.device) if second is None else second
         outputs, wanted = (fx, fu, fzz, status), second is not None
-        return launches.prepare(self.sim.spec, self.device, params, xs, us, nowhere, active, outputs, wanted)
+        return self.sim.kernels.stepping.prepare_linearize(params, xs, us, nowhere, active, outputs, wanted)
 
     def lift_into(self, params: Any, lift: Any) -> None:
         """See `Dynamics`: of x' = (q + h v*, v') the outputs v* and v' are curved."""
@@ -67,6 +68,21 @@ class SimulatorDynamics:
         return self.sim.parameter_array(params, batch)
 
 
+class GenericDynamics(SimulatorDynamics):
+    """With generic kernels, whose step keeps a world in a workspace: they roll out themselves."""
+
+    def prepare_candidates(
+        self, problems: int, items: int, offset: int, policy: Any, candidates: Any, params: Any,
+        *, x0: Any, active: Any, mode: int = FOLLOW,
+    ) -> Callable[[], None]:  # fmt: skip
+        """A repeatable launch of rollouts offset, .., as of `kernels/control/generic_rollouts.py`."""
+        nowhere = wp.zeros((0, 0), dtype=self.dtype, device=self.device)
+        arrays = [problems, x0, policy, candidates, params, nowhere, active]
+        kernels = self.sim.kernels.stepping
+        assert isinstance(kernels, GenericKernels)
+        return kernels.prepare_candidates(items, offset, mode, arrays)
+
+
 def dynamics_of(given: Any) -> Any:
     """The `Dynamics` of what a problem is given: of a simulator its own, else the object itself.
 
@@ -74,7 +90,8 @@ def dynamics_of(given: Any) -> Any:
         ArgumentTypeError: an object that is none.
     """
     if isinstance(given, Simulator):
-        return SimulatorDynamics(given)
+        own = isinstance(given.kernels.stepping, GenericKernels)
+        return GenericDynamics(given) if own else SimulatorDynamics(given)
     for name in REQUIRED:
         if attribute(given, name) is None:
             raise ArgumentTypeError(

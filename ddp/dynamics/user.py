@@ -19,7 +19,7 @@ from slcp_warp.kernels.control.user_dynamics import (
     no_carry,
 )
 from slcp_warp.kernels.device.launch import Prepared
-from slcp_warp.kernels.device.tables import make_copy_kernel
+from slcp_warp.kernels.device.tables import empty_table, make_copy_kernel, make_table
 from slcp_warp.kernels.factories import cached
 
 __all__ = ["DynamicsFunctions", "Parameters", "WarpDynamics", "linear_system"]
@@ -70,7 +70,7 @@ class Parameters:
             raise ArgumentError(f"params are for {rows} problems, the batch has {batch}")
         flat = [np.broadcast_to(a, (rows, a.shape[1])) for a in flat] or [np.zeros((1, 1))]
         numbers = np.ascontiguousarray(np.concatenate(flat, axis=1))
-        return wp.array(numbers.astype(wp.dtype_to_numpy(self.dtype)), dtype=self.dtype, device=self.device)
+        return make_table(numbers.astype(wp.dtype_to_numpy(self.dtype)), self.dtype, self.device)
 
 
 class WarpDynamics:
@@ -147,7 +147,7 @@ class WarpDynamics:
         numbers, exact = params, False
         if found and self.dtype != wp.float64:
             functions = _dynamics_functions(self.make, wp.float64, self.nx, self.nu)
-            numbers = wp.zeros(params.shape, dtype=wp.float64, device=self.device)
+            numbers = empty_table(*params.shape, wp.float64, self.device)
             copy = make_copy_kernel(self.dtype, wp.float64)
             widen = Prepared(copy, params.shape[0], [params, numbers], self.device)
             widen()

@@ -1,17 +1,15 @@
 """The launches of one pass: backward, rollouts with the first step size or with all, the choice."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import warp as wp
 
 from slcp_warp.inputs.checks import attribute
 from slcp_warp.kernels.control.line_search import make_choice_kernels
 from slcp_warp.kernels.control.riccati import make_backward_kernel
-from slcp_warp.kernels.control.rollouts import make_rollout_kernel, make_shooting_kernel
 from slcp_warp.kernels.device.launch import Prepared
-from slcp_warp.kernels.device.relay import Relay, Run
+
+from .rollouts import OwnRollouts, StepRollouts
 
 
 class Passes:
@@ -49,41 +47,16 @@ class Passes:
 
     def _prepare_rollouts(self) -> None:
         """In stages those with the first step size and those with the others; else all in one launch."""
-        work, problem, functions = self.work, self.work.problem, self.work._functions
+        work = self.work
         B, sizes = work.batch, len(work.options.step_sizes)
-        step, carry = work.dynamics.step_function(), work.dynamics.initial_carry()
-        nx, nu, limited = problem.nx, problem.nu, problem.control_limits is not None
-        kept = problem.state_limits is not None
-        cost = functions.running, functions.final
-        shape = nx, nu, limited, kept, work.dtype
-        if self._handed is None:
-            self._rollouts = [make_rollout_kernel(step, carry, *cost, *shape)]
-        else:
-            self._rollouts = [
-                make_rollout_kernel(one.advance, carry, *cost, *shape, one) for one in self._handed
-            ]
-        shared = [work._limits, work.params, work._weights]
-        inputs = [B, work.x0, self.policy, work._candidates, *shared]
+        make = OwnRollouts if hasattr(work.dynamics, "prepare_candidates") else StepRollouts
+        self.rollouts = make(work, self.policy, self._handed)
         mask, searching = work._state.active, work._state.searching
         tried = 1 if self.staged else sizes
-        self._run_tried = self.rollout(B * tried, [*inputs, mask])
+        self._run_tried = self.rollouts.run(B * tried, work._candidates, mask)
         if self.staged:
-            self._run_others = self.rollout(B * (sizes - 1), [*inputs, searching], offset=B)
-        self._shoot: Prepared | None = None
-        if self.policy.gaps.shape[0]:
-            kernel = make_shooting_kernel(step, carry, *cost, nx, nu, kept, work.dtype)
-            inputs = [work.x0, self.policy, work._candidates, *shared, work._state]
-            self._shoot = self._launch(kernel, B, inputs)
-
-    def rollout(self, dim: int, inputs: list[Any], offset: int = 0) -> Callable[[], Any]:
-        """A prepared rollout of items offset, .., by one kernel or by two that hand them on."""
-        work = self.work
-        if self._handed is None:
-            none = wp.empty((0, 0), dtype=work.dtype, device=work.device)
-            return self._launch(self._rollouts[0], dim, [0, 0, 0, Relay(), none, *inputs], offset=offset)
-        carries = wp.empty((dim, self._handed[0].width), dtype=work.dtype, device=work.device)
-        steps = work.problem.horizon
-        return Run(*self._rollouts, dim, steps, [carries, *inputs], work.device, grain=1)
+            self._run_others = self.rollouts.run(B * (sizes - 1), work._candidates, searching, offset=B)
+        self._shoot = self.rollouts.shoot() if self.policy.gaps.shape[0] else None
 
     def _prepare_choice(self) -> None:
         work, options = self.work, self.work.options

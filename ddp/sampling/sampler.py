@@ -8,14 +8,19 @@ import numpy as np
 import warp as wp
 
 from slcp_warp.inputs.checks import instance, whole
+from slcp_warp.kernels.control.candidate_costs import make_candidate_cost_kernel
+from slcp_warp.kernels.control.generic_rollouts import GIVEN
+from slcp_warp.kernels.control.rollouts import make_candidate_arrays
 from slcp_warp.kernels.control.sampling import (
     METHODS,
     SUPPORT,
+    make_play_kernels,
     make_sample_arrays,
     make_sample_kernel,
     make_update_kernel,
 )
 from slcp_warp.kernels.device.launch import Prepared
+from slcp_warp.kernels.device.tables import copy_table
 from slcp_warp.storage.printed import Printed
 
 from ..batches import batch_of, fill
@@ -50,6 +55,87 @@ class Sampled(Printed):
         )
 
 
+class _StepPlays:
+    """Rollouts of samples and of the best one, by a kernel that holds the dynamics' step and the cost."""
+
+    def __init__(self, sampler: "Sampler") -> None:
+        problem, B, dtype = sampler.problem, sampler.batch, sampler.dtype
+        functions, dynamics = problem.cost.functions(dtype, problem.nx, problem.nu), sampler.dynamics
+        kernel = make_sample_kernel(
+            dynamics.step_function(),
+            dynamics.initial_carry(),
+            functions.running,
+            functions.final,
+            problem.nx,
+            problem.nu,
+            problem.state_limits is not None,
+            dtype,
+        )
+        shared = [sampler.x0, sampler._samples, sampler._limits, sampler.params, sampler._weights]
+        many = B * sampler.options.samples
+        self._samples = Prepared(kernel, many, [B, 0, 0, *shared], sampler.device, grain=1)
+        self.best = Prepared(kernel, B, [B, 0, -1, *shared], sampler.device, grain=1)
+
+    def samples(self, seed: int, iteration: int) -> None:
+        """Draw and roll out."""
+        self._samples.set_input(1, seed)
+        self._samples.set_input(2, iteration)
+        self._samples()
+
+
+class _OwnPlays:
+    """The same by kernels of the dynamics, and costs after them."""
+
+    def __init__(self, sampler: "Sampler") -> None:
+        problem, B, dtype, device = sampler.problem, sampler.batch, sampler.dtype, sampler.device
+        functions, S = problem.cost.functions(dtype, problem.nx, problem.nu), sampler.options.samples
+        make, N = sampler._make, problem.horizon
+        c = make_candidate_arrays(dtype)()
+        c.step_sizes = wp.ones(1, dtype=wp.float64, device=device)
+        c.xs, c.us = make.zeros(B, S, N + 1, problem.nx), make.zeros(B, S, N, problem.nu)
+        c.cost, c.status = sampler._samples.cost, make.zeros(B, S, dtype=wp.int32)
+        c.size = make.zeros(B, S, dtype=wp.float64)
+        everything = wp.ones(B, dtype=wp.int32, device=device)
+        play, keep = make_play_kernels(problem.nx, problem.nu, dtype)
+        kept = problem.state_limits is not None
+        cost = make_candidate_cost_kernel(
+            functions.running, functions.final, problem.nx, problem.nu, kept, dtype
+        )
+
+        def prepare(items: int) -> list[Any]:
+            priced = [B, c, sampler._limits, sampler._weights, everything]
+            return [
+                Prepared(play, items, [B, 0, -1, sampler._samples, c], device, grain=16),
+                sampler.dynamics.prepare_candidates(
+                    B,
+                    items,
+                    0,
+                    make.policy(),
+                    c,
+                    sampler.params,
+                    x0=sampler.x0,
+                    active=everything,
+                    mode=GIVEN,
+                ),
+                Prepared(cost, items, priced, device, grain=16),
+            ]
+
+        self._samples, self._best = prepare(B * S), prepare(B)
+        self._best.append(Prepared(keep, B, [sampler._samples, c], device, grain=16))
+
+    def samples(self, seed: int, iteration: int) -> None:
+        """Draw and roll out."""
+        self._samples[0].set_input(1, seed)
+        self._samples[0].set_input(2, iteration)
+        for run in self._samples:
+            run()
+
+    def best(self) -> None:
+        """Roll the best one out, and keep it."""
+        for run in self._best:
+            run()
+
+
 class Sampler:
     """Arrays and launches of one problem and batch size; as `Workspace` is of DDP.
 
@@ -69,7 +155,7 @@ class Sampler:
 
     def _allocate(self) -> None:
         problem, options, B = self.problem, self.options, self.batch
-        make = Arrays(problem, self.dynamics, B, Options(limit_rounds=0))
+        make = self._make = Arrays(problem, self.dynamics, B, Options(limit_rounds=0))
         N, nx, nu, S = problem.horizon, problem.nx, problem.nu, options.samples
         M = knots_of(N, options.knots)
         rows = M + SUPPORT - 1
@@ -88,7 +174,7 @@ class Sampler:
         wide = np.zeros((B, rows, nu), dtype=make.numpy_dtype)
         wide[:, :M] = scale
         self._wide: Any = wp.array(wide, dtype=self.dtype, device=self.device)
-        self.x0, self.params = make.zeros(B, nx), wp.clone(problem.param_array(B))
+        self.x0, self.params = make.zeros(B, nx), copy_table(problem.param_array(B))
         self._limits = make.state_limits()
         self.trace = make.zeros(B, options.iterations, dtype=wp.float64)
         rows_of_weights = problem.cost.rows(B).astype(make.numpy_dtype)
@@ -96,25 +182,12 @@ class Sampler:
         self.us, self.xs, self.cost = s.us, s.xs, s.best_cost
 
     def _prepare(self) -> None:
-        problem, options, B, dtype = self.problem, self.options, self.batch, self.dtype
-        functions = problem.cost.functions(dtype, problem.nx, problem.nu)
-        kernel = make_sample_kernel(
-            self.dynamics.step_function(),
-            self.dynamics.initial_carry(),
-            functions.running,
-            functions.final,
-            problem.nx,
-            problem.nu,
-            problem.state_limits is not None,
-            dtype,
-        )
-        shared = [self.x0, self._samples, self._limits, self.params, self._weights]
-        device = self.device
-        self._run_samples = Prepared(kernel, B * options.samples, [B, 0, 0, *shared], device, grain=1)
-        self._run_best = Prepared(kernel, B, [B, 0, -1, *shared], device, grain=1)
+        options, B, dtype, device = self.options, self.batch, self.dtype, self.device
+        make = _OwnPlays if hasattr(self.dynamics, "prepare_candidates") else _StepPlays
+        self._plays = make(self)
         elites = max(2, round(options.elites * options.samples))
         numbers = [METHODS.index(options.method), elites, options.temperature, dtype(options.decay)]
-        update = make_update_kernel(problem.nu, dtype)
+        update = make_update_kernel(self.problem.nu, dtype)
         self._run_update = Prepared(update, B, [*numbers, self._samples, self.trace, 0], device, grain=1)
 
     def run(self, x0: Any, us0: Any = None, seed: int = 0) -> None:
@@ -138,13 +211,12 @@ class Sampler:
             s.best.zero_()
             wp.copy(s.deviation, self._wide)
             s.best_cost.fill_(np.inf)
-            self._run_samples.set_input(1, whole("seed", seed, 0))
+            seed = whole("seed", seed, 0)
             for iteration in range(self.options.iterations):
-                self._run_samples.set_input(2, iteration)
-                self._run_samples()
+                self._plays.samples(seed, iteration)
                 self._run_update.set_input(6, iteration)
                 self._run_update()
-            self._run_best()
+            self._plays.best()
 
     def result(self) -> Sampled:
         """Copy of what the last search found."""

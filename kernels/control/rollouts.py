@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from ..device.compile import specialised
+from ..device.compile import fitted, specialised
 from ..device.relay import Relay, hand_on, taken
 from ..factories import cached
 from .solver_state import SolverState, make_policy_arrays
@@ -90,7 +90,7 @@ def make_rollout_kernel(
             u[i] = value
         return u
 
-    @specialised
+    @fitted(fast)
     def rollout(
         first: int,
         slot: int,

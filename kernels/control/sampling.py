@@ -10,7 +10,7 @@ import warp as wp
 from ..device.compile import named_by_code, specialised
 from ..device.random import make_normal
 from ..factories import cached
-from .rollouts import make_costs_with_limits
+from .rollouts import make_candidate_arrays, make_costs_with_limits
 from .state_limits import make_state_limits
 from .status import NOT_FINITE
 
@@ -44,15 +44,11 @@ def make_sample_arrays(dtype):
 
 
 @cached
-def make_sample_kernel(step, initial_carry, running, final, nx, nu, limits_states, dtype):
-    """Kernel ``(first, problems, seed, iteration, x0, Samples, StateLimits, params, weights)``, B S items.
-
-    Item i is sample i div B of problem i mod B. With ``iteration`` -1, over B items, the best knots are
-    played, and their controls and states stored.
+def make_splines(nu, dtype):
+    """draw(samples, b, s, seed, iteration): the knots of a sample; control(samples, b, s, k, row, best) ->
+    u_k of it.
     """
-    VX, VU = wp.types.vector(nx, dtype), wp.types.vector(nu, dtype)
-    Samples, StateLimits = make_sample_arrays(dtype), make_state_limits(dtype)
-    stage, end = make_costs_with_limits(running, final, nx, nu, limits_states, dtype)
+    VU, Samples = wp.types.vector(nu, dtype), make_sample_arrays(dtype)
     normals = make_normal(dtype).normals
 
     @wp.func
@@ -84,6 +80,21 @@ def make_sample_kernel(step, initial_carry, running, final, nx, nu, limits_state
                 value = samples.upper[row, i]
             u[i] = value
         return u
+
+    return draw, control
+
+
+@cached
+def make_sample_kernel(step, initial_carry, running, final, nx, nu, limits_states, dtype):
+    """Kernel ``(first, problems, seed, iteration, x0, Samples, StateLimits, params, weights)``, B S items.
+
+    Item i is sample i div B of problem i mod B. With ``iteration`` -1, over B items, the best knots are
+    played, and their controls and states stored.
+    """
+    VX, VU = wp.types.vector(nx, dtype), wp.types.vector(nu, dtype)
+    Samples, StateLimits = make_sample_arrays(dtype), make_state_limits(dtype)
+    stage, end = make_costs_with_limits(running, final, nx, nu, limits_states, dtype)
+    draw, control = make_splines(nu, dtype)
 
     @wp.func
     def store(samples: Samples, b: int, k: int, x: VX, u: VU):
@@ -144,6 +155,43 @@ def make_sample_kernel(step, initial_carry, running, final, nx, nu, limits_state
             samples.cost[b, s] = cost
 
     return sample
+
+
+@cached
+def make_play_kernels(nx, nu, dtype):
+    """Of dynamics that roll out themselves: kernels ``(first, problems, seed, iteration, Samples,
+    Candidates)`` over B S items, which draws a sample and gives its controls to the candidate, the best one's
+    to candidate 0 with ``iteration`` -1; and ``(first, Samples, Candidates)`` over problems, which stores the
+    first candidate's.
+    """
+    Samples, Candidates = make_sample_arrays(dtype), make_candidate_arrays(dtype)
+    draw, control = make_splines(nu, dtype)
+
+    @specialised
+    def play(first: int, problems: int, seed: int, iteration: int, samples: Samples, out: Candidates):
+        item = first + wp.tid()
+        s = item / problems
+        b = item - s * problems
+        row = wp.where(samples.lower.shape[0] == 1, 0, b)
+        if iteration >= 0:
+            draw(samples, b, s, seed, iteration)
+        for k in range(samples.base.shape[1]):
+            u = control(samples, b, s, k, row, iteration < 0)
+            for i in range(nu):
+                out.us[b, s, k, i] = u[i]
+
+    @specialised
+    def keep(first: int, samples: Samples, out: Candidates):
+        b = first + wp.tid()
+        samples.best_cost[b] = out.cost[b, 0]
+        for k in range(out.xs.shape[2]):
+            for i in range(nx):
+                samples.xs[b, k, i] = out.xs[b, 0, k, i]
+            if k < out.us.shape[2]:
+                for i in range(nu):
+                    samples.us[b, k, i] = out.us[b, 0, k, i]
+
+    return play, keep
 
 
 @cached

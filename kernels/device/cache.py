@@ -17,7 +17,8 @@ import tempfile
 import time
 import warnings
 import weakref
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from typing import Any
 
@@ -35,12 +36,22 @@ CHECKSUMS = "checksums.json"
 CHECKED = (".o", ".cubin", ".ptx", ".meta")
 PATIENCE = 600.0  # seconds that a process waits for another one's compiler before it compiles itself
 
+# Threads of a block on a GPU. How many of a kernel's warps a multiprocessor holds is up to its registers;
+# blocks of two warps waste none of that room (of eight: 8 warps are held instead of 12 at 168 registers), and
+# spread few worlds over many multiprocessors
+BLOCK = 64
+
 _loaded: dict[str, "weakref.WeakSet[wp.Kernel]"] = {}
 _prepared = False
 
 
 class KernelCacheError(OSError):
     """No folder for compiled kernels; the message names the folders tried and what to set."""
+
+
+def block_of(device: wp.Device) -> int:
+    """Threads of a block of a launch."""
+    return 1 if device.is_cpu else BLOCK
 
 
 def get_device(device: Any = None) -> wp.Device:
@@ -55,23 +66,46 @@ def load(kernel: wp.Kernel, device: wp.Device) -> None:
     Raises:
         KernelCacheError: it has to be compiled, and there is no folder that can be written.
     """
-    done = _loaded.get(device.alias)
-    if done is not None and kernel in done:
+    load_all((kernel,), device)
+
+
+def load_all(kernels: Sequence[wp.Kernel], device: wp.Device) -> None:
+    """As `load`; several are compiled for a GPU by a thread each, in the time of the slowest.
+
+    For a CPU they are compiled one after the other: every thread would make Warp's precompiled header for
+    itself, which takes as long as a small kernel.
+    """
+    done = _loaded.get(device.alias, ())
+    if all(kernel in done for kernel in kernels):
         return
     with building():
         _prepare()
-        if kernel in _loaded.get(device.alias, ()):  # by another thread meanwhile
-            return
-        start, what = time.monotonic(), describe(kernel)
-        with announced(f"{what} for {device.alias}"), one_line(), _alone(kernel.module.name):
-            compiled = _load(kernel.module, device)
-        record(Loaded(what, device.alias, time.monotonic() - start, compiled))
-        _loaded.setdefault(device.alias, weakref.WeakSet()).add(kernel)
+        done = _loaded.setdefault(device.alias, weakref.WeakSet())
+        missing = [kernel for kernel in kernels if kernel not in done]  # nor by another thread meanwhile
+        if len(missing) > 1 and not device.is_cpu:
+            what = " and ".join(map(describe, missing))
+            with announced(f"{what} for {device.alias}"), one_line(), ThreadPoolExecutor() as pool:
+                found = list(pool.map(lambda kernel: _loaded_kernel(kernel, device), missing))
+        else:
+            found = []
+            for kernel in missing:
+                with announced(f"{describe(kernel)} for {device.alias}"), one_line():
+                    found.append(_loaded_kernel(kernel, device))
+        for loaded in found:
+            record(loaded)
+        done.update(missing)
+
+
+def _loaded_kernel(kernel: wp.Kernel, device: wp.Device) -> Loaded:
+    start = time.monotonic()
+    with _alone(kernel.module.name):
+        compiled = _load(kernel.module, device)
+    return Loaded(describe(kernel), device.alias, time.monotonic() - start, compiled)
 
 
 def _load(module: Any, device: wp.Device) -> bool:
     """Load a module; whether it had to be compiled."""
-    block = 1 if device.is_cpu else 256  # what a launch takes where none is given
+    block = block_of(device)
     folder = _folder(module, block)
     if folder.exists():
         _keep_what_is_whole(folder)

@@ -13,7 +13,8 @@ parts lie near that limit, where a line more in a part that is seldom run cost a
 
 The environment variable SLCP_CPU_FLAGS replaces all flags of the CPU's compiler, these and Warp's:
 "-ffp-contract=off" rounds as a processor without fused operations does. Flags go into a
-kernel's hash, so that caches do not mix; `.ci/full rounding` runs all tests that way.
+kernel's hash, so that caches do not mix; `.ci/full rounding` runs all tests that way. SLCP_CUDA_REGISTERS is
+the number of registers that the fast kernels (`relay.py`) may take on a GPU, to be tried where one is.
 """
 
 import os
@@ -30,6 +31,7 @@ from .digest import OpaqueError, content_digest
 CPU_ARITHMETIC = "-ffp-contract=fast -freciprocal-math -fno-signed-zeros"
 INLINING = re.compile(r"(-inline(?:-cold-callsite)?-threshold=)\d+")
 INLINED = r"\g<1>20000"
+FAST_REGISTERS = 200  # of a thread: the few kernels that would take more, up to 207, spill nothing for it
 MOST_UNROLLED = 128  # passes of a loop whose adjoint is wanted: of loops that are not unrolled it is wrong
 
 
@@ -45,6 +47,13 @@ def cpu_compiler_flags() -> str:
 def specialised(function: Callable) -> wp.Kernel:
     """Decorator: a forward-only kernel with this package's arithmetic on a CPU, named after its code."""
     return named_by_code(cpu_compiler_flags=cpu_compiler_flags())(function)
+
+
+def fitted(fast: bool) -> Callable[[Callable], wp.Kernel]:
+    """Decorator: as `specialised`; kernels that step all worlds, `fast` ones, have few registers on a GPU."""
+    most = int(os.environ.get("SLCP_CUDA_REGISTERS", FAST_REGISTERS)) if fast else None
+    options = {"cpu_compiler_flags": cpu_compiler_flags()}
+    return lambda function: _declare(function, options, registers=most)
 
 
 def with_adjoint(function: Callable) -> wp.Kernel:
@@ -66,12 +75,14 @@ def named_by_code(**options: Any) -> Callable[[Callable], wp.Kernel]:
     return lambda function: _declare(function, options)
 
 
-def _declare(function: Callable, options: dict[str, Any], backward: bool = False) -> wp.Kernel:
-    digest = code_digest(function, **options)
+def _declare(
+    function: Callable, options: dict[str, Any], backward: bool = False, registers: int | None = None
+) -> wp.Kernel:
+    digest = code_digest(function, **options, **({} if registers is None else {"most": registers}))
     function.__qualname__ = f"{function.__name__}_{digest[:12]}"
     module = wp.get_module(f"{__package__}.{function.__qualname__}")
     wp.set_module_options(options, module)
-    kernel = wp.kernel(function, module=module, enable_backward=backward)
+    kernel = wp.kernel(function, module=module, enable_backward=backward, cuda_max_registers=registers)
     kernel.adj.content_digest = bytes.fromhex(digest)
     module.has_unresolved_static_expressions = False
     return kernel

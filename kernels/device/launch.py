@@ -13,7 +13,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import warp as wp
 
-from .cache import load
+from .cache import block_of, load
 
 CHUNKS_PER_THREAD = 4  # more chunks than threads: worlds take unequal numbers of iterations
 DEFAULT_GRAIN = 128  # items of about a microsecond that are worth waking another thread for
@@ -60,9 +60,10 @@ def launch(kernel, dim, inputs, device, threads=None, grain=DEFAULT_GRAIN):
         grain: smallest number of items worth a thread of its own (1 for whole trajectories).
     """
     device = wp.get_device(device)
+    block = block_of(device)
     if not device.is_cpu or device.is_capturing:
         load(kernel, device)
-        wp.launch(kernel, dim=dim, inputs=[0, *inputs], device=device, record_tape=False)
+        wp.launch(kernel, dim=dim, inputs=[0, *inputs], device=device, block_dim=block, record_tape=False)
         return
     chunks = split(dim, _default_threads if threads is None else threads, grain)
     if not chunks:
@@ -70,7 +71,14 @@ def launch(kernel, dim, inputs, device, threads=None, grain=DEFAULT_GRAIN):
     load(kernel, device)  # compiles on this thread: compiling on several at once is slow
 
     def run(chunk):
-        wp.launch(kernel, dim=chunk[1], inputs=[chunk[0], *inputs], device=device, record_tape=False)
+        wp.launch(
+            kernel,
+            dim=chunk[1],
+            inputs=[chunk[0], *inputs],
+            device=device,
+            block_dim=block,
+            record_tape=False,
+        )
 
     _drain(run, chunks, _default_threads if threads is None else threads)
 
@@ -94,6 +102,7 @@ class Prepared:
                 dim=count,
                 inputs=[offset + first, *inputs],
                 device=self.device,
+                block_dim=block_of(self.device),
                 record_cmd=True,
                 record_tape=False,
             )

@@ -1,4 +1,11 @@
-"""Tables with a row a world, copied on their device whatever their strides and types."""
+"""Tables with a row a world: their layout by device, copies on their device whatever strides and types.
+
+On a GPU neighbouring threads are neighbouring worlds: a table of every world's own numbers lies there column
+by column, so that a warp reads a column in few transactions; rows would be 32 of them. On a CPU a world's row
+is in one place. Kernels index both alike, by strides.
+"""
+
+from typing import Any
 
 import warp as wp
 
@@ -30,3 +37,30 @@ def copy_rows(given: wp.array, kept: wp.array) -> None:
         wp.copy(kept, given)
         return
     launch(make_copy_kernel(given.dtype, kept.dtype), kept.shape[0], [given, kept], kept.device)
+
+
+def by_columns(rows: int, device: Any) -> bool:
+    """Whether a table lies column by column."""
+    return rows > 1 and not wp.get_device(device).is_cpu
+
+
+def empty_table(rows: int, width: int, dtype: type, device: Any) -> wp.array:
+    """A table of zeros (rows, width)."""
+    if by_columns(rows, device):
+        return wp.zeros((width, rows), dtype=dtype, device=device).transpose()
+    return wp.zeros((rows, width), dtype=dtype, device=device)
+
+
+def make_table(values: Any, dtype: type, device: Any, requires_grad: bool = False) -> wp.array:
+    """A table of numbers, a NumPy array (rows, width); its gradient, where required, in the same layout."""
+    kind = {"dtype": dtype, "device": device, "requires_grad": requires_grad}
+    if by_columns(len(values), device):
+        return wp.array(values.T.copy(), **kind).transpose()
+    return wp.array(values, **kind)
+
+
+def copy_table(table: wp.array) -> wp.array:
+    """A copy in the layout of its device."""
+    out = empty_table(*table.shape, table.dtype, table.device)
+    wp.copy(out, table)
+    return out

@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from ..device.compile import specialised
+from ..device.compile import fitted
 from ..device.relay import Relay, hand_on, taken
 from ..factories import cached
 from ..policies.contract import PolicyKernel, make_policy
@@ -65,7 +65,7 @@ def make_sweep_kernel(
             span.state[i, j] = x[j]
         batch.leave(span.warm, i, carry)
 
-    @specialised
+    @fitted(method.fast)
     def sweep_kernel(
         first: int,
         slot: int,

@@ -43,17 +43,22 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
     number = mech.number
 
     @wp.func
-    def prepare(t: wp.ref[Topology], k: wp.ref[Slot], params: wp.array2d(dtype=given), world: int):
-        """What does not change from step to step; no z and no normals to start from."""
-        row = wp.where(params.shape[0] == 1, 0, world)
-        for i in range(params.shape[1]):
-            k.numbers[i] = dtype(params[row, i])
+    def forget(t: wp.ref[Topology], k: wp.ref[Slot]):
+        """No z and no normals to start from."""
         for i in range(t.nr):
             k.warm[i] = UNUSED
         for r in range(k.count[wp.static(ROWS)]):
             k.z[r] = UNUSED
         for i in range(t.pairs):
             k.normal[i] = V2()
+
+    @wp.func
+    def prepare(t: wp.ref[Topology], k: wp.ref[Slot], params: wp.array2d(dtype=given), world: int):
+        """What does not change from step to step; nothing to start from."""
+        row = wp.where(params.shape[0] == 1, 0, world)
+        for i in range(params.shape[1]):
+            k.numbers[i] = dtype(params[row, i])
+        forget(t, k)
         if wp.static(residual != "none"):
             contact.place_shapes(t, k)
 
@@ -162,6 +167,7 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
 
     return SimpleNamespace(
         prepare=prepare,
+        forget=forget,
         recall=recall,
         begin=begin,
         solve_step=solve_step,

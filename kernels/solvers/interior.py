@@ -147,7 +147,7 @@ def make_interior(spec: Specialisation) -> wp.Function:
                     out.w[i] = wp.max(at.w[i], e[1])
         return out
 
-    @wp.func
+    @wp.func(inline=False if method.rest else None)
     def interior(world: t.World, p: Problem, z: VR):
         """z near the solution and lambda; if not converged lambda tends to what proves infeasibility."""
         at = Inside()

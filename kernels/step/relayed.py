@@ -6,7 +6,7 @@ one its status is the world's.
 
 import warp as wp
 
-from ..device.compile import specialised
+from ..device.compile import fitted
 from ..device.relay import Relay, hand_on, taken
 from ..factories import cached
 from ..policies.contract import PolicyKernel, make_policy
@@ -22,7 +22,7 @@ def make_step_relay(spec: Specialisation) -> wp.Kernel:
     batch = make_batch(spec, True)
     step = batch.step
 
-    @specialised
+    @fitted(method.fast)
     def step_relay_kernel(
         first: int,
         slot: int,
@@ -67,7 +67,7 @@ def make_rollout_relay(spec: Specialisation, policy: PolicyKernel, exact_gap: bo
     asked = make_policy(policy, NX, s.nu, dtype)
     Policy = asked.Struct
 
-    @specialised
+    @fitted(method.fast)
     def rollout_relay_kernel(
         first: int,
         slot: int,

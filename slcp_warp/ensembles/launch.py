@@ -205,8 +205,9 @@ def handed_on(
     count, (policy_kernel, struct) = len(worlds), policy
     kept, events, measured = table.kept(count, sim.device), events_of(sim, worlds), table.struct(sim)
     span = span_of(sim, policy_kernel, conditions, worlds, wp.clone(worlds.x0), records)
-    specs = sim.kernels.specialised("a sweep").both
-    fast, full = (make_sweep_kernel(spec, policy_kernel, table.users(sim), spans=True) for spec in specs)
+    both = sim.kernels.specialised("a sweep").both
+    assert both is not None
+    fast, full = (make_sweep_kernel(spec, policy_kernel, table.users(sim), spans=True) for spec in both)
     inputs = [conditions, events, worlds.params, worlds.x0, struct, measured, span, records, kept]
     steps = int(span.p.steps.numpy().max(initial=0))
     relay.Run(fast, full, count, steps, [*inputs, span.p.status], sim.device, grain=1)()

@@ -11,7 +11,7 @@ import numpy as np
 import warp as wp
 
 from slcp_warp.kernels.device.adjoints import make_probe_kernel
-from slcp_warp.kernels.device.cache import KernelCacheError, load
+from slcp_warp.kernels.device.cache import KernelCacheError, block_of, load
 from slcp_warp.kernels.factories import building
 
 STEP = 1e-5  # of the differences, whose error is the fourth power of it and rounding / STEP
@@ -91,7 +91,8 @@ def _right_at(kernel: Any, row: np.ndarray, nz: int, indices: int, device: Any, 
     kinds = [wp.float64, wp.float64, wp.int32, wp.float64]
     arrays: Any = [wp.array(a, dtype=kind, device=device) for a, kind in zip(given, kinds)]
     inputs = [numbers, *arrays, slope, values]
-    wp.launch(kernel, rows, inputs, device=device, record_tape=False)
+    block = block_of(device)
+    wp.launch(kernel, rows, inputs, device=device, block_dim=block, record_tape=False)
     shape = (indices, len(SIZES), POINTS)
     slopes, around = slope.numpy().reshape(shape), values.numpy().reshape(*shape, len(MOVES))
     pairs = [(slopes[i, s], around[i, s]) for i in range(indices) for s in range(len(SIZES))]

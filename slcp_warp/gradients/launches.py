@@ -9,7 +9,7 @@ import warp as wp
 from slcp_warp.kernels.derivatives import expansion, second_differences
 from slcp_warp.kernels.derivatives.curvature import in_closed_form
 from slcp_warp.kernels.device.launch import Prepared
-from slcp_warp.kernels.device.tables import make_copy_kernel
+from slcp_warp.kernels.device.tables import empty_table, make_copy_kernel
 from slcp_warp.kernels.specialisation import Specialisation
 
 from ..inputs.arrays import zeros
@@ -90,7 +90,7 @@ def prepare(
     for source in (params, external):
         target = source
         if source.dtype != wp.float64:
-            target = wp.zeros(source.shape, dtype=wp.float64, device=device)
+            target = empty_table(*source.shape, wp.float64, device)
             if source.shape[0] > 0:
                 kernel = make_copy_kernel(source.dtype, wp.float64)
                 widen.append(Prepared(kernel, source.shape[0], [source, target], device))

@@ -14,7 +14,7 @@ import warp as wp
 
 from slcp_warp.kernels.device.launch import launch
 from slcp_warp.kernels.device.reduce import add_rows
-from slcp_warp.kernels.device.tables import copy_rows
+from slcp_warp.kernels.device.tables import copy_rows, empty_table
 from slcp_warp.kernels.gradients.adjoint import make_adjoint_kernel, make_control_kernel
 from slcp_warp.kernels.method import Method
 from slcp_warp.kernels.policies.contract import PolicyKernel
@@ -182,7 +182,8 @@ def adjoint(run: Recorded, states_grad: wp.array) -> None:
         return wp.zeros((worlds, *like.shape[1:]), dtype=dtype, device=device)
 
     x_grad = x0.grad if x0.requires_grad else wp.zeros((0, 0), dtype=dtype, device=device)
-    by_table, sums = part(table), []
+    by_table = empty_table(worlds if table.requires_grad else 0, table.shape[1], dtype, device)
+    sums = []
     if policy is None:
         policy = make_tracking(x0.shape[1], structure.nu, dtype).Struct()
         by_us = us.grad if us.requires_grad else wp.zeros((0, 0, 0), dtype=dtype, device=device)
@@ -199,7 +200,7 @@ def adjoint(run: Recorded, states_grad: wp.array) -> None:
            grain=max(1, 64 // us.shape[1]))  # fmt: skip
     for each, target in [*sums, (by_table, table)]:
         if target.requires_grad:
-            add_rows(each.reshape((worlds, -1)), target.grad.reshape((target.shape[0], -1)))
+            add_rows(*(a if a.ndim == 2 else a.reshape((a.shape[0], -1)) for a in (each, target.grad)))
 
 
 def _by_controls(

@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import warp as wp
 
-from . import checks
+from . import checks, streams
 from .checks import numeric, shown
 from .errors import ArgumentError
 
@@ -108,6 +108,7 @@ def to_batch(name: str, value: Any, shape: tuple[int | str, ...], dtype: Any, de
             )
         tensor = value.detach().to(device=wp.device_to_torch(device), dtype=getattr(torch, dtype.__name__))
         tensor = (tensor if batched else tensor[None]).contiguous()
+        streams.wait_for_torch(device)
         shared: Any = wp.from_torch(tensor, dtype=dtype)
         return Batch(shared, kind, batched)
     if value.dtype is not dtype or value.device != wp.get_device(device):
@@ -133,6 +134,7 @@ def from_batch(array: wp.array, kind: str, batched: bool) -> Array:
             return array
         return array.reshape(array.shape[1:])
     if kind == "torch":
+        streams.let_torch_wait(array.device)
         out = wp.to_torch(array)
         return out if batched else out[0]
     out = array.numpy()

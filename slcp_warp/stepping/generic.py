@@ -2,11 +2,12 @@
 
 import contextlib
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Generic, TypeVar
 
 import warp as wp
 
+from slcp_warp.kernels.control.generic_rollouts import make_candidates_kernel
 from slcp_warp.kernels.device.launch import launch
 from slcp_warp.kernels.generic import step as generic_step
 from slcp_warp.kernels.generic.derivatives import linearize, tables
@@ -18,6 +19,7 @@ from .arrays import Controls, RolloutArrays, StepArrays
 from .single import rollout_by_steps
 
 WORKSPACE_BYTES = 256 * 2**20  # worlds are stepped in chunks whose workspaces fit in here
+WORKSPACE_SHARE = 16  # or in one of so many parts of a GPU's memory: there all worlds of a chunk step at once
 
 
 Space = TypeVar("Space")
@@ -35,16 +37,16 @@ class Workspaces(Generic[Space]):
 
     def __init__(self, allocate: Callable[[int], Space], size: int, device: Any) -> None:
         self._allocate, self.device = allocate, wp.get_device(device)
-        self.most = max(1, WORKSPACE_BYTES // size)  # slots of a workspace, and of those kept
+        self.most = max(1, workspace_bytes(self.device) // size)  # slots of a workspace, and of those kept
         self._lock = threading.Lock()
-        self._kept: dict[Any, list[tuple[int, Space]]] = {}
+        self._kept: dict[int, tuple[Any, list[tuple[int, Space]]]] = {}  # by stream, which it keeps alive
 
     @contextlib.contextmanager
     def lend(self, slots: int) -> Iterator[Space]:
         """A workspace of at least that many slots that no other call has."""
         stream = self.device.stream if self.device.is_cuda else None
         with self._lock:
-            kept = self._kept.setdefault(stream, [])
+            _, kept = self._kept.setdefault(stream.cuda_stream if stream else 0, (stream, []))
             size, work = kept.pop() if kept else (0, None)
         if work is None or size < slots:
             size, work = slots, self._allocate(slots)
@@ -54,6 +56,11 @@ class Workspaces(Generic[Space]):
             with self._lock:
                 if size + sum(other for other, _ in kept) <= self.most:
                     kept.append((size, work))
+
+
+def workspace_bytes(device: Any) -> int:
+    """Memory for the workspaces of a chunk of worlds: as little as fits a CPU's, or what fills a GPU."""
+    return WORKSPACE_BYTES if device.is_cpu else max(WORKSPACE_BYTES, device.total_memory // WORKSPACE_SHARE)
 
 
 class GenericKernels:
@@ -125,5 +132,25 @@ class GenericKernels:
                 for base in range(0, items, chunk):
                     inputs = [base, int(second), self.topology, work, self.groups, slopes, stencil, *given]
                     launch(kernel, min(chunk, items - base), inputs, self.device, grain=1)
+
+        return run
+
+    def prepare_candidates(
+        self, items: int, offset: int, mode: int, arrays: Sequence[Any]
+    ) -> Callable[[], None]:
+        """A repeatable launch of DDP's rollouts offset, .., as of `kernels/control/generic_rollouts.py`.
+
+        Args:
+            mode: FOLLOW, SHOOT or GIVEN.
+            arrays: number of problems, x0, Policy, Candidates, params, external, active.
+        """
+        kernel = make_candidates_kernel(self.dtype, self.residual)
+        slots = min(items, self.chunk)
+
+        def run() -> None:
+            with self.workspaces.lend(slots) as work:
+                for base in range(0, items, slots):
+                    inputs = [offset + base, mode, self.topology, work, *arrays]
+                    launch(kernel, min(slots, items - base), inputs, self.device, grain=1)
 
         return run

@@ -22,18 +22,14 @@ class SpecialisedKernels:
     """The kernels made for one scene, precision and method, on one device.
 
     Attributes:
-        fast: of kernels that make the steps which need no last resort, before those of `spec`; None: there
-            are none.
+        both: of the kernels that step first, and of those that make the steps which these leave; None: those
+            of `spec` make all steps.
     """
 
     def __init__(self, spec: Specialisation, device: Any, fast_path: bool = False) -> None:
         self.spec, self.device = spec, device
-        self.fast = spec._replace(method=replace(spec.method, fast=True)) if fast_path else None
-
-    @property
-    def both(self) -> tuple[Specialisation, Specialisation]:
-        """Of the kernels that step first, and of those that make the steps which these leave."""
-        return self.fast or self.spec, self.spec
+        parts = [spec._replace(method=replace(spec.method, part=part)) for part in ("fast", "rest")]
+        self.both = (parts[0], parts[1]) if fast_path else None
 
     def step(self, a: StepArrays) -> None:
         """One step of every world."""
@@ -44,7 +40,7 @@ class SpecialisedKernels:
         )
 
     def _step(self, a: StepArrays) -> None:
-        if self.fast is None:
+        if self.both is None:
             launch(rollout.make_step_kernel(self.spec), a.worlds, a.in_order(), self.device)
             return
         fast, full = (relayed.make_step_relay(spec) for spec in self.both)
@@ -73,11 +69,12 @@ class SpecialisedKernels:
 
     def _rollout(self, a: RolloutArrays, controls: Controls, exact_gap: bool) -> None:
         inputs, grain = a.in_order(controls.struct), max(1, 128 // controls.steps)
-        if self.fast is None:
+        if self.both is None:
             kernel = rollout.make_rollout_kernel(self.spec, controls.policy, exact_gap)
             launch(kernel, a.worlds, inputs, self.device, grain=grain)
             return
         (s, dtype, _), policy = self.spec, controls.policy
+        assert not isinstance(policy, Asked)
         sizes = s.nr + 2 * len(s.pairs), policy.functions(2 * s.nv, s.nu, dtype).memory
         kept = [wp.empty((a.worlds, size), dtype=dtype, device=self.device) for size in sizes]
         fast, full = (relayed.make_rollout_relay(spec, policy, exact_gap) for spec in self.both)

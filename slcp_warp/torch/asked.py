@@ -9,7 +9,7 @@ import warp as wp
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from slcp_warp.kernels.device.cache import load
+from slcp_warp.kernels.device.cache import block_of, load
 from slcp_warp.kernels.policies.pull import make_asked_kernel, make_begun_kernel
 
 from ..inputs.arrays import ArrayError
@@ -78,15 +78,16 @@ class AskedFunction:
         assert kernel is not None
         struct = self._with(arrays).kernel(self._sim)[1]
         given = [struct, *inputs] if k < 0 else [k, struct, *inputs]
-        load(kernel, self._sim.device)
-        more: dict[str, Any] = {}
+        device = self._sim.device
+        load(kernel, device)
+        more: dict[str, Any] = {"block_dim": block_of(device)}
         if back:
             slopes = struct._cls()  # of arrays without a gradient: empty ones
             for name, array in zip(self.tensors, arrays):
                 setattr(slopes, name, array.grad)
             by = [slopes if each is struct else getattr(each, "grad", 0) for each in given]
-            more = {"adjoint": True, "adj_inputs": by, "adj_outputs": [each.grad for each in outputs]}
-        wp.launch(kernel, len(inputs[0]), given, outputs, device=self._sim.device, record_tape=False, **more)
+            more |= {"adjoint": True, "adj_inputs": by, "adj_outputs": [each.grad for each in outputs]}
+        wp.launch(kernel, len(inputs[0]), given, outputs, device=device, record_tape=False, **more)
 
     def _shapes(self, k: int, worlds: int) -> list[tuple[int, int]]:
         """Of the outputs of step k, or of the start for k = -1."""

@@ -5,7 +5,9 @@ import os
 import shutil
 import subprocess
 import sys
+import threading
 import warnings
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ import warp as wp
 
 import slcp_warp as slcp
 from slcp_warp.kernels.device import cache
+from slcp_warp.kernels.device.progress import recorded
 from slcp_warp.kernels.residual.residuals import make_residual_kernel
 
 RUN = """
@@ -182,3 +185,18 @@ def test_processes_and_threads_compile_the_same_kernel_at_once(tmp_path):
         assert "compiled again" not in errors
     (folder,) = tmp_path.rglob("wp_*_kernel_*/")
     assert sorted(p.suffix for p in folder.iterdir()) == [".cpp", ".json", ".meta", ".o"]
+
+
+def test_kernels_for_a_gpu_are_compiled_at_once(monkeypatch):
+    kernels = [make_residual_kernel(wp.float64, name) for name in ("min", "rem-logistic")]
+    both = threading.Barrier(2, timeout=20)
+
+    def compiling(kernel, device):
+        both.wait()
+        return cache.Loaded(kernel.key, device.alias, 1.0, True)
+
+    monkeypatch.setattr(cache, "_loaded_kernel", compiling)
+    with recorded() as found:
+        cache.load_all(kernels, SimpleNamespace(is_cpu=False, alias="a GPU"))
+        cache.load_all(kernels[:1], SimpleNamespace(is_cpu=False, alias="a GPU"))  # is ready
+    assert [loaded.kernel for loaded in found] == [kernel.key for kernel in kernels]

@@ -1,36 +1,72 @@
 """The main kernels compile for sm_90 without a GPU: registers where there is room, spills, size of the code.
 
-A kernel with contact takes all 255 registers that a thread can have, so that only what it spills and how long
-it is can get worse. Of the finger's 576 bytes of local memory 32 are the argument reduction of the sine; the
-rest is spilled where every step passes, for values that are kept alive around the solvers. Kernels without
-contact, and those of the backward pass, fit.
+The fast kernels of the finger fit into registers; what local memory they have is the argument reduction of
+the sine and arrays that are indexed at run time: the stack of the library's tree, the sweep's measures. Those
+that make the steps which the fast ones leave take all registers and spill. Kernels without contact, and those
+of the backward pass, fit.
 """
 
 import pytest
 import warp as wp
 
+import slcp_warp as slcp
 from slcp_warp import scenes
-from slcp_warp.kernels.control import riccati
+from slcp_warp.kernels.control import riccati, rollouts
+from slcp_warp.kernels.ensembles.sweep import make_sweep_kernel
 from slcp_warp.kernels.generic import step as generic_step
 from slcp_warp.kernels.method import Method
+from slcp_warp.kernels.policies.nearest import NEAREST, STACKS
 from slcp_warp.kernels.policies.open_loop import OPEN_LOOP
 from slcp_warp.kernels.specialisation import Specialisation
 from slcp_warp.kernels.step import rollout
+from slcp_warp.kernels.step.relayed import make_rollout_relay
+from slcp_warp.kernels.step.rollout import make_transition
 from slcp_warp.scripts.benchmarks.cost.cubin import sm90_resources
 
 LONG = wp.types.vector(64, float)
 SINE = 32  # bytes of local memory of the argument reduction of sine and cosine
+TREE = 12 * STACKS[0]  # of a search in the library's tree
+
+
+def finger(part="fast", **options):
+    structure = scenes.flicking_finger().structure
+    return Specialisation(structure, wp.float32, Method(scaling="none", part=part, **options))
+
+
+def line_search():
+    """DDP's rollouts, with the finger's cost."""
+    cost = slcp.tasks.flicking_finger().cost.functions(wp.float32, 6, 2)
+    step = make_transition(finger())
+    functions = step.advance, step.cold_carry, cost.running, cost.final
+    return rollouts.make_rollout_kernel(*functions, 6, 2, True, False, wp.float32, step)
+
+
+FAST = {  # kernel, registers, bytes of local memory, of code
+    "rollout": (lambda: make_rollout_relay(finger(), OPEN_LOOP, False), 200, SINE, 72_000),
+    "hard rollout": (
+        lambda: make_rollout_relay(finger(residual="hard"), OPEN_LOOP, False),
+        176,
+        SINE,
+        66_000,
+    ),
+    "sweep": (lambda: make_sweep_kernel(finger(), NEAREST, spans=True), 200, SINE + TREE + 32, 148_000),
+    "line search": (line_search, 200, SINE + 8, 90_000),
+}
 
 
 @pytest.mark.slow
-def test_finger_rollout_spills_little(tmp_path):
-    structure = scenes.flicking_finger().structure
-    kernel = rollout.make_rollout_kernel(
-        Specialisation(structure, wp.float32, Method(scaling="none")), OPEN_LOOP, False
-    )
-    used = sm90_resources(kernel, tmp_path)
-    assert SINE < used["frame"] <= 576, used  # bytes
-    assert used["code"] <= 200_000, used  # bytes; the instruction cache of a multiprocessor is smaller by far
+@pytest.mark.parametrize("name", FAST)
+def test_fast_kernels_of_the_finger_fit_in_registers(tmp_path, name):
+    make, registers, frame, code = FAST[name]
+    used = sm90_resources(make(), tmp_path)
+    assert 0 < used["registers"] <= registers and used["frame"] <= frame and used["code"] <= code, used
+
+
+@pytest.mark.slow
+def test_what_makes_the_steps_that_are_left_spills_within_bounds(tmp_path):
+    used = sm90_resources(make_rollout_relay(finger("rest"), OPEN_LOOP, False), tmp_path)
+    assert SINE < used["frame"] <= 1_600, used  # bytes: all threads that a GPU may hold get as many
+    assert used["code"] <= 220_000, used
 
 
 @pytest.mark.slow

@@ -1,10 +1,14 @@
 """Launches split over threads: every item once, the same numbers, errors not swallowed."""
 
+import ast
+
 import numpy as np
 import pytest
 import warp as wp
+from plan import source_files
 
 from slcp_warp.kernels.device import launch as launching
+from slcp_warp.kernels.device.cache import BLOCK
 
 
 @wp.kernel(module="unique", enable_backward=False)
@@ -59,3 +63,25 @@ def test_thread_count_from_the_environment(monkeypatch):
     monkeypatch.setenv("SLCP_WARP_THREADS", "none")
     with pytest.raises(ValueError, match="'none'"):
         launching.thread_count()
+
+
+def warps(registers, block):
+    """Warps that a multiprocessor of an H100 holds: four parts of 16,384 registers, given to warps by 256."""
+    each, size = 16_384 // (-(-32 * registers // 256) * 256), block // 32
+    return min(min(4 * each, 64) // size, 32) * size
+
+
+def test_blocks_on_a_gpu_waste_no_room_for_warps():
+    for registers in range(24, 256):
+        most = max(warps(registers, 32 * n) for n in range(1, 33))
+        assert warps(registers, BLOCK) == most, registers
+    assert warps(168, 256) == 8 and warps(168, BLOCK) == 12
+
+
+def test_every_launch_of_the_package_says_its_block():
+    """One of another size would compile the kernel again."""
+    for path in source_files("kernels", "slcp_warp", "ddp"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and ast.unparse(node.func) == "wp.launch":
+                words = [keyword.arg for keyword in node.keywords]
+                assert "block_dim" in words or None in words, f"{path}:{node.lineno}"

@@ -53,7 +53,7 @@ def test_workspaces_are_lent_to_one_call_at_a_time():
     spaces.most = 10
     with spaces.lend(4) as one, spaces.lend(4) as other, spaces.lend(4) as third:
         assert len({work.q.ptr for work in (one, other, third)}) == 3
-    assert sum(size for kept in spaces._kept.values() for size, _ in kept) == 8
+    assert sum(size for _, kept in spaces._kept.values() for size, _ in kept) == 8
     with spaces.lend(3) as again:
         assert again.q.ptr in (one.q.ptr, other.q.ptr, third.q.ptr)
 

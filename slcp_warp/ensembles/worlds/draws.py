@@ -8,6 +8,7 @@ import numpy as np
 import warp as wp
 
 from slcp_warp.kernels.device.launch import launch
+from slcp_warp.kernels.device.tables import empty_table, make_table
 from slcp_warp.kernels.ensembles.disturbances import DROPOUT_FIELDS, PUSH_FIELDS
 from slcp_warp.kernels.ensembles.draws import make_columns, make_draw_kernel, pick_kernel
 from slcp_warp.kernels.structure import STEP_SIZE
@@ -46,7 +47,11 @@ class Columns:
 
     def draw(self, world0: int, count: int, pick: wp.array, *shape: int) -> wp.array:
         """Rows of worlds world0, world0 + 1, ..., (count, *shape)."""
-        out: wp.array = wp.zeros((count, len(self.laws.law)), dtype=self.dtype, device=self.device)
+        width = len(self.laws.law)
+        if shape:
+            out: wp.array = wp.zeros((count, width), dtype=self.dtype, device=self.device)
+        else:
+            out = empty_table(count, width, self.dtype, self.device)
         launch(make_draw_kernel(self.dtype), count, [world0, self._struct, pick, out], self.device)
         return out.reshape((count, *shape)) if shape else out
 
@@ -194,8 +199,14 @@ class Given:
         """Worlds world0, world0 + 1, ... of these, on the simulator's device."""
         own = {name: wp.int32 if name == "numbers" else self.sim.dtype for name in self.tables}
         own |= dict.fromkeys(("pushes", "dropouts"), wp.float64)
+
+        def put(table: np.ndarray, dtype: Any, device: Any) -> wp.array:
+            if table.ndim == 2 and dtype is self.sim.dtype:
+                return make_table(table, dtype, device)
+            return wp.array(table, dtype=dtype, device=device)
+
         rows: dict[str, wp.array] = {
-            name: wp.array(table[world0 : world0 + count], dtype=own[name], device=self.sim.device)
+            name: put(table[world0 : world0 + count], own[name], self.sim.device)
             for name, table in self.tables.items()
             if table[0].size
         }
