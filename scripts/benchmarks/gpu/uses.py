@@ -107,6 +107,7 @@ def _generic(setting: Setting, dtype: str) -> None:
     sim = setting.stack(dtype)
     sim.step(start(sim)[0])
     sim.rollout(*start(sim))
+    sim.linearize(start(sim)[0])
 
 
 def _planning(setting: Setting, dtype: str) -> None:
