@@ -91,7 +91,7 @@ def test_kernels_are_compiled_by_processes(monkeypatch):
     assert set(compiling.PREDICTED) <= set(compiling.uses_of(SETTING))
     monkeypatch.setattr(compiling, "uses_of", lambda setting: dict.fromkeys(("step smoothed", "no use")))
     found = found_by(compiling.run)
-    assert checks(found) == {"no use, float64: compiled": False}
+    assert checks(found) == {"no use, float64, cpu: compiled": False}
     cases = [event["case"] for event in found if event["kind"] == "rows"]
     assert any("step of flicking_finger" in case for case in cases) and cases[-1] == "all of them"
 
@@ -206,6 +206,15 @@ def test_exit_codes(tmp_path, monkeypatch):
     small = ("--device", "cpu", "--no-apart", "--only")
     assert call(*small, "stand").exit_code == 0
     assert json.loads((tmp_path / "gpu.json").read_text())["sections"]["stand"]["status"] == DONE
+
+    def stopped(*_):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("slcp_warp.scripts.benchmarks.gpu.command.run", stopped)
+        done = call(*small, "stand")
+        assert done.exit_code == 130 and "what was found until then is in" in done.stderr
+    assert call(*small, "stand").exit_code == 0
     done = call(*small, "stand,wrong", "--against", str(tmp_path / "gpu.json"))
     assert done.exit_code == 1 and "wrong: too much" in done.stdout
     assert "| too much | **no** | 2 | 1 |" in (tmp_path / "gpu.md").read_text()

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from ...support.options import Device
-from ...support.screen import one_line_errors, prepared, wrote
+from ...support.screen import INTERRUPTED, one_line_errors, prepared, wrote
 from .against import compare
 from .page import write_page
 from .record import Record, read, wrong
@@ -52,6 +52,9 @@ def gpu_check_command(
     compared = None
     try:
         run(record, setting, names, 60.0 * minutes, typer.echo, apart)
+    except KeyboardInterrupt:
+        typer.echo(f"slcp: interrupted; what was found until then is in {path}", err=True)
+        raise typer.Exit(INTERRUPTED) from None
     finally:
         if before is not None:
             compared = compare(record.content, before)

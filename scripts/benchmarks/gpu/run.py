@@ -97,7 +97,7 @@ def _in_process(work: Work, setting: Setting, send: Send, limit: float) -> None:
             if ours.poll(max(0.0, min(0.5, end - time.monotonic()))):
                 send(ours.recv())
         send({"kind": "end", "status": FAILED, "error": f"it took more than {limit:.0f} s"})
-    except EOFError:  # it is done, or dead
+    except (EOFError, OSError):  # it is done, or dead
         process.join(5.0)
         if process.exitcode:
             error = f"its process ended with code {process.exitcode}"

@@ -1,6 +1,7 @@
 """What the sections use, each at its smallest, so that its kernels are compiled by running it once."""
 
-from collections.abc import Callable
+import contextlib
+from collections.abc import Callable, Iterator
 from functools import partial
 from types import SimpleNamespace
 from typing import Any
@@ -11,10 +12,9 @@ import warp as wp
 import slcp_warp as slcp
 from slcp_warp import ddp
 from slcp_warp.ddp.library.entries import scene_digest
-from slcp_warp.kernels.policies.open_loop import OPEN_LOOP
-from slcp_warp.kernels.step import rollout
+from slcp_warp.kernels.device import cache
 
-from .setting import SINGLE, Setting, cast
+from .setting import METHODS, SINGLE, Setting, cast
 
 LIBRARY = 2000  # entries
 
@@ -107,6 +107,7 @@ def _generic(setting: Setting, dtype: str) -> None:
     sim = setting.stack(dtype)
     sim.step(start(sim)[0])
     sim.rollout(*start(sim))
+    sim.linearize(start(sim)[0])
 
 
 def _planning(setting: Setting, dtype: str) -> None:
@@ -123,12 +124,27 @@ def _sweep(under: str, setting: Setting, dtype: str) -> None:
 
 def _block(block: int, setting: Setting, dtype: str) -> None:
     if dtype == SINGLE:
-        rollout_kernel(setting.finger(dtype)).module.load(setting.device, block)
+        with threads_of_a_block(setting.device, block):
+            _rollout("smoothed", setting, dtype)
 
 
-def rollout_kernel(sim: slcp.Simulator) -> Any:
-    """The kernel of open-loop rollouts."""
-    return rollout.make_rollout_kernel(sim.spec, OPEN_LOOP, False)
+@contextlib.contextmanager
+def threads_of_a_block(device: str, count: int) -> Iterator[None]:
+    """Launches on a GPU with so many threads of a block, for which kernels are loaded anew."""
+    alias, before = wp.get_device(device).alias, cache.BLOCK
+    kept = cache._loaded.pop(alias, None)
+    cache.BLOCK = count
+    try:
+        yield
+    finally:
+        cache.BLOCK = before
+        cache._loaded.pop(alias, None)
+        if kept is not None:
+            cache._loaded[alias] = kept
+
+
+COMPARED = ("planning", "adjoint by mass", "linearize smoothed", "generic",
+            *(f"step {name}" for name in METHODS), "rollout smoothed")  # fmt: skip
 
 
 def uses_of(setting: Setting) -> dict[str, Callable[[Setting, str], None]]:

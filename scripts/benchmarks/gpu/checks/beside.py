@@ -16,6 +16,7 @@ MOST = 2**17  # worlds of mujoco_warp
 
 def run(setting: Setting, found: Found) -> None:
     """World steps a second of both over the number of worlds, from the same kind of states, at equal step."""
+    setting.keep_memory()
     peers = installed([lambda: MuJoCoWarp(setting.device)], found.note)
     for peer in peers:
         sim = setting.finger(SINGLE, "hard")

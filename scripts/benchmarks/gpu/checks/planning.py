@@ -12,6 +12,7 @@ from ..uses import workspace
 
 def run(setting: Setting, found: Found) -> None:
     """From starts of their own and zero controls, none of the problems ending early."""
+    setting.keep_memory()
     sizes = setting.sizes
     for dtype in sizes.dtypes:
         for count in sizes.problems:

@@ -9,12 +9,12 @@ import numpy as np
 import warp as wp
 
 import slcp_warp as slcp
-from slcp_warp.kernels.policies.open_loop import make_open_loop
+from slcp_warp.kernels.device import cache
 
 from ..record import Found
 from ..setting import SINGLE, Setting
 from ..timing import seconds
-from ..uses import rollout_kernel
+from ..uses import threads_of_a_block
 
 PATIENCE = 45.0  # seconds after which no larger batch is begun
 DIFFERENT = 4096  # worlds that differ; larger batches repeat them
@@ -31,6 +31,7 @@ def arrays(setting: Setting, sim: slcp.Simulator, worlds: int) -> tuple[Any, Any
 
 def run(setting: Setting, found: Found) -> None:
     """Open-loop rollouts from random legal states, arrays on the device, recorded states included."""
+    setting.keep_memory()
     begin = time.monotonic()
     for worlds in setting.sizes.worlds:
         for method, dtype in _kinds(setting):
@@ -52,34 +53,28 @@ def _kinds(setting: Setting) -> Iterator[tuple[str, str]]:
 
 
 def blocks(setting: Setting, found: Found) -> None:
-    """The kernel of a rollout in blocks of other sizes, at a few batches."""
+    """Rollouts with other threads of a block than the package's own, at a few batches."""
+    setting.keep_memory()
     sim = setting.finger(SINGLE)
-    kernel = rollout_kernel(sim)
+    own = cache.BLOCK
     for block in setting.sizes.blocks:
         for worlds in (2**12, 2**16, 2**20):
+            case = f"blocks of {block}, {worlds} worlds"
             x, us = arrays(setting, sim, worlds)
-            struct = make_open_loop(sim.nx, sim.nu, sim.dtype).Struct()
-            struct.us = us
-            steps = us.shape[1]
-            none = sim.empty(0, steps, 1)
-            status: Any = wp.zeros(worlds, dtype=wp.int32, device=setting.device)
-            inputs = [sim.parameter_array(None, worlds), x, struct, sim.empty(0, 0),
-                      sim.empty(worlds, steps + 1, sim.nx), none, none, none, status]  # fmt: skip
-
-            call = partial(wp.launch, kernel, worlds, [0, *inputs], device=setting.device, block_dim=block)
             try:
-                middle, least = seconds(setting, call)
-                used = wp.get_cuda_kernel_properties(kernel, setting.device, block)
+                with threads_of_a_block(setting.device, block):
+                    middle, least = seconds(setting, partial(sim.rollout, x, us))
             except Exception as error:
-                found.row(f"blocks of {block}, {worlds} worlds", error=f"{type(error).__name__}: {error}")
+                found.row(case, error=f"{type(error).__name__}: {error}")
                 continue
-            count = worlds * steps
-            found.row(f"blocks of {block}, {worlds} worlds", block=block, worlds=worlds, rate=count / middle,
-                      best_rate=count / least, **used)  # fmt: skip
+            count = worlds * us.shape[1]
+            found.row(case, block=block, own=block == own, worlds=worlds, rate=count / middle,
+                      best_rate=count / least)  # fmt: skip
 
 
 def host(setting: Setting, found: Found) -> None:
     """A step and a rollout of one world and of many: called with NumPy arrays, Warp's, and as a graph."""
+    setting.keep_memory()
     dtype = setting.sizes.dtypes[-1]
     sim = setting.finger(dtype)
     for worlds in (1, min(4096, setting.sizes.worlds[-1])):

@@ -19,6 +19,7 @@ def run(setting: Setting, found: Found) -> None:
     """In both precisions; differences in double precision only."""
     for dtype in setting.sizes.dtypes:
         _linearize(setting, found, dtype)
+        _generic(setting, found, dtype)
         _gradients(setting, found, dtype)
         _planned(setting, found, dtype)
     _differences(setting, found)
@@ -31,6 +32,17 @@ def _linearize(setting: Setting, found: Found, dtype: str) -> None:
     solved = (mine.status == 0) & (cpu.status == 0)
     for name in ("A", "B"):
         _beside(found, f"{name}, {dtype}", dtype, getattr(mine, name)[solved], getattr(cpu, name)[solved])
+
+
+def _generic(setting: Setting, found: Found, dtype: str) -> None:
+    """A and B of the stack, about its rest, from generic kernels."""
+    x0 = setting.stack(dtype).scene.x0
+    rng = np.random.default_rng(setting.seed)
+    (x,) = cast(dtype, x0 + 1e-3 * rng.standard_normal((setting.sizes.gradients, len(x0))))
+    mine, cpu = (setting.stack(dtype, device).linearize(x) for device in (setting.device, CPU))
+    solved = (mine.status == 0) & (cpu.status == 0)
+    found.at_most(f"stack of 3, {dtype}: without derivatives", float(1.0 - solved.mean()), 0.05)
+    _beside(found, f"stack of 3: A, {dtype}", dtype, mine.A[solved], cpu.A[solved])
 
 
 def _gradients(setting: Setting, found: Found, dtype: str) -> None:

@@ -16,11 +16,12 @@ BUDGET = 30.0  # seconds that a policy's sweep may take: of more worlds fewer ar
 
 def run(setting: Setting, found: Found) -> None:
     """Of the finger, masses and torques perturbed."""
+    setting.keep_memory()
     sizes = setting.sizes
     policies = {"plan": plan(setting, DOUBLE), "library": library(setting)}
     steps = round(sizes.duration / slcp.scenes.flicking_finger().step_size)
     for name, policy in policies.items():
-        few = max(10, sizes.sweep // 100)
+        few = max(10, sizes.sweep // 20)
         seconds = 0.0
         for _ in range(2):  # the first one compiles
             begin = time.perf_counter()
