@@ -97,7 +97,7 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
     def radii_b(t: wp.ref[Topology], k: wp.ref[Slot], pair: int):
         return radii(t, k, t.pair_b[pair], t.pair_ends[2 * pair + 1])
 
-    @wp.func
+    @wp.func(inline=False)
     def geometry(t: wp.ref[Topology], k: wp.ref[Slot], pair: int):
         """GEO of a pair; the search starts at the last normal, which it replaces."""
         pa = pose_a(t, k, pair)
@@ -174,7 +174,7 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
                 for i in range(r, r + t.pair_row[pair + 1] - t.pair_row[pair]):
                     k.jac[k.entry[i] + at] = normal + dtype(t.row_sign[k.row[i]]) * tangent
 
-    @wp.func
+    @wp.func(inline=False)
     def fill(t: wp.ref[Topology], k: wp.ref[Slot], start: int, end: int, rub: dtype):
         """d/h and J of rows; rub = 1, or 0 to leave friction out. Nothing lifts them."""
         h = number(t, k, H, 0)
@@ -259,7 +259,7 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
         speed = wp.sqrt(ONE + mu * mu) * (wp.sqrt(dx * dx + dy * dy) + turn)
         return gap / number(t, k, H, 0) - speed - CUT * number(t, k, SIGMA, t.pair_row[pair])
 
-    @wp.func
+    @wp.func(inline=False)
     def look(t: wp.ref[Topology], k: wp.ref[Slot], which: int):
         """The near pairs at velocity k.v AFRESH (with those within reach of the largest approach: in a heap
         they act next), those that are JOINING them, or ALL others. 1 if their list has changed.
@@ -300,13 +300,16 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
     def velocity(t: wp.ref[Topology], k: wp.ref[Slot], r: int):
         """J_r v'."""
         out = dtype(0.0)
-        start = k.entry[r]
-        pattern = k.pattern[r]
-        for e in range(k.entry[r + 1] - start):
-            out += wp.dot(k.jac[start + e], k.v[t.row_block[pattern + e]])
+        e = k.entry[r]
+        at = k.pattern[r]
+        end = k.entry[r + 1]
+        while e < end:
+            out += wp.dot(k.jac[e], k.v[t.row_block[at]])
+            e += 1
+            at += 1
         return out
 
-    @wp.func
+    @wp.func(inline=False)
     def grow(t: wp.ref[Topology], k: wp.ref[Slot], start: int, end: int, margin: dtype):
         """Add the rows that k.v lets act (or comes within `margin` of it); their number and the largest
         approach.

@@ -57,7 +57,7 @@ def make_coulomb(given: type) -> SimpleNamespace:
             terms += moved[0] + moved[1] + moved[2]
         return ENOUGH * data + ROUND * terms
 
-    @wp.func
+    @wp.func(inline=False)
     def lift(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, passes: int):
         """Compare mu s with what v' makes of it; where they differ, move it and k.rate. `passes` < 0: take it
         halfway back to where the convex problem had a solution.

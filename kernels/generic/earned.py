@@ -48,12 +48,15 @@ def make_earned(given: type) -> SimpleNamespace:
         """Whether J v' + d/h = w of row r is no violation, to `share` of the row's own scale."""
         w = k.rate[r]
         terms = dtype(0.0)
-        start = k.entry[r]
-        pattern = k.pattern[r]
-        for e in range(k.entry[r + 1] - start):
-            change = wp.cw_mul(k.jac[start + e], k.v[t.row_block[pattern + e]])
+        e = k.entry[r]
+        at = k.pattern[r]
+        end = k.entry[r + 1]
+        while e < end:
+            change = wp.cw_mul(k.jac[e], k.v[t.row_block[at]])
             w += change[0] + change[1] + change[2]
             terms += wp.abs(change[0]) + wp.abs(change[1]) + wp.abs(change[2])
+            e += 1
+            at += 1
         return w >= -(share * k.own[r] + LEAST * wp.max(terms, k.unit[r]))
 
     @wp.func
@@ -72,6 +75,39 @@ def make_earned(given: type) -> SimpleNamespace:
         return held
 
     @wp.func
+    def press(t: wp.ref[Topology], k: wp.ref[Slot], start: int, end: int, e: int):
+        """Take what a group's rows press entry e with off k.balance; add what is given back of it to k.move,
+        what they do by themselves to k.momentum.
+        """
+        x, y, z = dtype(0.0), dtype(0.0), dtype(0.0)
+        mx, my, mz = dtype(0.0), dtype(0.0), dtype(0.0)
+        ax, ay, az = dtype(0.0), dtype(0.0), dtype(0.0)
+        r = int(start)
+        while r < end:
+            lam = k.lam[r]
+            if k.acting[r] > 0 and lam != ZERO:
+                j = k.jac[k.entry[r] + e]
+                size = wp.abs(j)
+                most = size
+                if t.coulomb == 1:
+                    most = wp.max(size, wp.abs(k.jac[k.entry[partner(t, k, r)] + e]))
+                alone = wp.min(k.alone[r], lam)
+                x += lam * j[0]
+                y += lam * j[1]
+                z += lam * j[2]
+                mx += lam * most[0]
+                my += lam * most[1]
+                mz += lam * most[2]
+                ax += alone * size[0]
+                ay += alone * size[1]
+                az += alone * size[2]
+            r += 1
+        b = t.row_block[k.pattern[start] + e]
+        k.balance[b] = k.balance[b] - V3(x, y, z)
+        k.move[b] = k.move[b] + V3(mx, my, mz)
+        k.momentum[b] = k.momentum[b] + V3(ax, ay, az)
+
+    @wp.func(inline=False)
     def adds_up(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
         """1 if every row is open on its own scale, and M dv = J' lambda, as it is given back, holds on the
         scale of what the data do to every body, its coordinates weighed by energy: its own momentum, those of
@@ -86,22 +122,14 @@ def make_earned(given: type) -> SimpleNamespace:
         good = int(1)
         for r in range(o.row, o.last_row):
             if k.acting[r] > 0:
-                lam = k.lam[r]
-                alone = wp.min(k.alone[r], lam)
-                start = k.entry[r]
-                pattern = k.pattern[r]
-                shift = k.entry[partner(t, k, r)] - start
-                for e in range(k.entry[r + 1] - start):
-                    b = t.row_block[pattern + e]
-                    j = k.jac[start + e]
-                    size = wp.abs(j)
-                    k.balance[b] = k.balance[b] - lam * j
-                    k.move[b] = k.move[b] + lam * wp.max(size, wp.abs(k.jac[start + shift + e]))
-                    k.momentum[b] = k.momentum[b] + alone * size
+                if not (ROUND * k.diag[r] * k.lam[r] <= ENOUGH * k.unit[r]):
+                    good = 0
                 if not is_open(t, k, r, OPEN):
                     good = 0
-                if not (ROUND * k.diag[r] * lam <= ENOUGH * k.unit[r]):
-                    good = 0
+        for g in range(o.group, o.last_group):
+            start = k.group[g]
+            for e in range(k.entry[start + 1] - k.entry[start]):
+                press(t, k, start, k.group[g + 1], e)
         for place in range(o.start, o.end):
             b = k.block[place]
             miss = wp.max(wp.abs(k.balance[b]) - k.lost[b], V3())
@@ -122,7 +150,7 @@ def make_earned(given: type) -> SimpleNamespace:
         for place in range(o.start, o.end):
             k.unseen[k.block[place]] = V3()
 
-    @wp.func
+    @wp.func(inline=False)
     def is_earned(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
         """1 if every row is open on its own scale, nearly to the precision of the work, M dv = J' lambda
         holds as well (of `adds_up`), and rows press no place much harder than they must (k.least). What is

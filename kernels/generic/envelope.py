@@ -39,7 +39,7 @@ def make_envelope() -> SimpleNamespace:
         low = -l10 * a * b
         return M33(a, ZERO, ZERO, low, b, ZERO, -(l20 * a + l21 * low) * c, -l21 * b * c, c)
 
-    @wp.func
+    @wp.func(inline=False)
     def factor(
         m: wp.array(dtype=M33), first: wp.array(dtype=int), at: wp.array(dtype=int), start: int, end: int
     ):
@@ -75,11 +75,19 @@ def make_envelope() -> SimpleNamespace:
         for i in range(start, end):
             row = at[i]
             value = x[block[i]]
-            for k in range(first[i], i):
-                value -= m[row + k] * x[block[k]]
-            x[block[i]] = m[row + i] * value
+            a = value[0] + ZERO
+            b = value[1] + ZERO
+            c = value[2] + ZERO
+            k = first[i]
+            while k < i:
+                less = m[row + k] * x[block[k]]
+                a -= less[0]
+                b -= less[1]
+                c -= less[2]
+                k += 1
+            x[block[i]] = m[row + i] * V3(a, b, c)
 
-    @wp.func
+    @wp.func(inline=False)
     def solve(
         m: wp.array(dtype=M33),
         first: wp.array(dtype=int),

@@ -1,9 +1,10 @@
-"""What solves an island: Newton's method, and where it fails a primal and dual interior-point method.
+"""Primal and dual interior-point method of the generic kernels.
 
 a = D lambda > 0 and w > 0, a w = m(a - w) + mu, as in `solvers/interior.py`, but v' is an unknown too and
-need not balance the impulses before the end. It starts with a as large as all momentum of the scene on one
-row could make it (a hundredth of that): from small impulses a heap of unequal masses took several times the
-iterations.
+need not balance the impulses before the end. Warm it starts from the last impulses and what they make of v';
+cold with a as large as all momentum of the scene on one row could make it (a hundredth of that): from small
+impulses a heap of unequal masses took several times the iterations. A step is aimed at the mean of a w that
+the straight one suggests, with what that leaves of a w (Mehrotra).
 """
 
 from types import SimpleNamespace
@@ -11,48 +12,26 @@ from types import SimpleNamespace
 import warp as wp
 
 from ..factories import cached
-from ..status import INFEASIBLE, NONFINITE, NOT_CONVERGED, SOLVED
-from .earned import make_earned
-from .newton import ACCEPTED, REFINED, TOLERANCE, make_newton
-from .scales import make_scales
+from .newton import make_newton
 from .topology import Topology
 from .work import V3, WORK, Island, Slot
 
-MAX_ITERATIONS = 80
-WARM_ITERATIONS, POLISHING = 8, 12  # of Newton's method before and after
-PATIENCE = 6  # iterations of it without a gain, where it has nearly ended
-# end: sqrt(mu) and residuals relative to the size of the problem
-END = {
-    False: (1e-10, 1e-13),
-    True: (1e-14, 1e-13),  # hard: sqrt(mu) is what a row that only just touches is off by
-}
 MOMENTUM = 0.01
-ROUNDS = 3  # for impulses that are the least there are
-YIELDING = {
-    wp.float64: 2e-12,
-    wp.float32: 1e-7,
-}  # of rows whose impulses must be the least there are
 
 
 @cached
-def make_solver(given: type, residual: str) -> SimpleNamespace:
-    """solve(t, k, o) -> status: k.v, k.z, k.lam of the acting rows of an island."""
+def make_interior(given: type, residual: str) -> SimpleNamespace:
+    """Warp functions of an island's iteration: enter, point, curve, aim, advance, and proves_infeasible."""
     dtype = WORK
     nt = make_newton(given, residual)
-    earned = make_earned(given)
-    scales = make_scales(given, residual)
     hard = residual == "hard"
-    LIMIT, RESIDUAL = (dtype(x) for x in END[hard])
     ZERO, HALF, ONE = dtype(0.0), dtype(0.5), dtype(1.0)
     SHARE = dtype(MOMENTUM)
     POSITIVE = dtype(0.01)  # smallest weight, relative to that of the hard problem
-    NEAREST, FARTHEST = dtype(1e-3), dtype(0.1)  # kept of the way to the boundary
-    GOOD, MORE = nt.GOOD, earned.MORE
-    AIM, FINE, NEAR = dtype(TOLERANCE), dtype(min(ACCEPTED[given], REFINED)), dtype(1e-4)
-    TINY, HUGE = dtype(1e-30), dtype(1e300)
+    FLOORED = dtype(0.1)  # a and w of a warm start, relative to the size of the problem
+    NEAREST, FARTHEST = dtype(1e-6), dtype(0.005)  # kept of the way to the boundary
+    TINY = dtype(1e-30)
     DIVERGED = dtype(1e12)
-    YIELDS = dtype(YIELDING[given])
-    SHRINK = dtype(1e-3)  # of the yielding, from round to round
     FASTEST = dtype(1e6)  # V, relative to the size of the problem and to v_free
 
     @wp.func
@@ -63,7 +42,7 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
         e = nt.smooth(k, r, a - w)
         return a * w - e[0] * e[1], e[2] * e[1] - e[3] * e[0]
 
-    @wp.func
+    @wp.func(inline=False)
     def curve(k: wp.ref[Slot], o: Island, n: dtype):
         """Excess and weights of every acting row; mean |excess|."""
         mean = dtype(0.0)
@@ -82,7 +61,7 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
                 mean += wp.abs(excess)
         return mean / n
 
-    @wp.func
+    @wp.func(inline=False)
     def length(k: wp.ref[Slot], o: Island, mu: dtype, kept: dtype):
         """Length of the step after which all a and w keep at least `kept` of themselves; at most 1."""
         fall = ZERO + TINY
@@ -94,7 +73,7 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
                 fall = wp.max(fall, wp.max(-da / k.a[r], -dw / k.w[r]))
         return wp.min((ONE - kept) / fall, ONE)
 
-    @wp.func
+    @wp.func(inline=False)
     def mean_after(k: wp.ref[Slot], o: Island, n: dtype, step: dtype):
         """Mean |excess| after the straight step (mu = 0)."""
         mean = dtype(0.0)
@@ -107,7 +86,17 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
                 mean += wp.abs(excess)
         return mean / n
 
-    @wp.func
+    @wp.func(inline=False)
+    def correct(k: wp.ref[Slot], o: Island):
+        """Add to the excess what the straight step leaves of it (Mehrotra's second order)."""
+        for r in range(o.row, o.last_row):
+            if k.acting[r] > 0:
+                e = nt.shift(k, r, ZERO, 1)
+                da = k.p[r] * k.dz[r] + e
+                dw = e - k.slack[r] * k.dz[r]
+                k.excess[r] = k.excess[r] + da * dw
+
+    @wp.func(inline=False)
     def proves_infeasible(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, size: dtype):
         """Farkas: lambda >= 0 and -lambda . d/h > |J' lambda| . V prove that no |v'| <= V opens the rows."""
         for place in range(o.start, o.end):
@@ -127,21 +116,45 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
         return work > most * FASTEST
 
     @wp.func
-    def enter(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, size: dtype, yielding: dtype):
-        """v' = v_free and a, w > 0 to start from; the largest a that does not count as diverged."""
+    def impulsive(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+        """k.v = v_free + M^-1 J' k.least"""
+        for place in range(o.start, o.end):
+            k.move[k.block[place]] = V3()
+        for r in range(o.row, o.last_row):
+            k.weight[r] = wp.where(k.acting[r] > 0, k.least[r], ZERO)
+        nt.add_pushes(t, k, o)
+        for place in range(o.start, o.end):
+            u = t.block_unit[k.block[place]]
+            start = t.unit_start[u]
+            if k.block[place] == start:
+                end = t.unit_start[u + 1]
+                nt.env.solve(k.mass_factor, t.mass_first, t.mass_at, t.block_id, k.move, start, end)
+        for place in range(o.start, o.end):
+            i = k.block[place]
+            k.v[i] = k.vfree[i] + k.move[i]
+
+    @wp.func(inline=False)
+    def enter(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, size: dtype, yielding: dtype, cold: int):
+        """v', and a, w > 0 to start from; the largest a that does not count as diverged."""
         momentum = dtype(0.0)
         for place in range(o.start, o.end):
             i = k.block[place]
             k.v[i] = k.vfree[i]
             momentum += wp.dot(wp.get_diag(k.mass[t.mass_at[i] + i]), wp.abs(k.vfree[i]))
+        if cold == 0:
+            impulsive(t, k, o)
         largest = dtype(0.0)
         for r in range(o.row, o.last_row):
             if k.acting[r] > 0:
-                rate = k.rate[r] - yielding * k.diag[r] * k.least[r]
-                alone = nt.smooth(k, r, -rate - nt.dot(t, k, k.v, r))
-                k.a[r] = alone[0] + size + SHARE * k.scale[r] * momentum
-                k.w[r] = alone[1] + size
-                largest = wp.max(largest, k.a[r])
+                w = k.rate[r] - yielding * k.diag[r] * k.least[r] + nt.dot(t, k, k.v, r)
+                alone = nt.smooth(k, r, -w)
+                if cold == 1:
+                    k.a[r] = alone[0] + size + SHARE * k.scale[r] * momentum
+                    k.w[r] = alone[1] + size
+                else:
+                    k.a[r] = wp.max(k.scale[r] * k.least[r], FLOORED * size)
+                    k.w[r] = wp.max(w, FLOORED * size)
+                largest = wp.max(largest, wp.max(k.a[r], alone[0] + size))
         return DIVERGED * (largest + size)
 
     @wp.func
@@ -150,6 +163,7 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
         z.
         """
         largest = dtype(0.0)
+        changed = int(0)
         for r in range(o.row, o.last_row):
             if k.acting[r] > 0:
                 if inside == 1:
@@ -160,9 +174,11 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
                     e = nt.smooth(k, r, k.z[r])
                     k.lam[r] = e[0] / k.scale[r]
                     k.w[r] = e[1]
+                    if k.p[r] != e[2]:
+                        changed = 1
                     k.p[r] = e[2]
                     k.slack[r] = e[3]
-        return largest
+        return largest, changed
 
     @wp.func
     def aim(
@@ -193,10 +209,11 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
                 more = 1
                 part = mean_after(k, o, n, step) / mean
                 mu = wp.min(part * part * part, HALF) * mean  # never all of it, or short steps stall
+                correct(k, o)
                 kept = wp.clamp(wp.sqrt(mean) / size, NEAREST, FARTHEST)
         return mu, step
 
-    @wp.func
+    @wp.func(inline=False)
     def advance(k: wp.ref[Slot], o: Island, inside: int, mu: dtype, step: dtype):
         for place in range(o.start, o.end):
             i = k.block[place]
@@ -217,135 +234,6 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
                     k.a[r] = a
                     k.w[r] = w
 
-    @wp.func
-    def keep_least(k: wp.ref[Slot], o: Island, attempt: int):
-        """k.least: the impulses that rows asked for when they yielded first (attempt 2), and what they ask
-        for since, while that is of the same order: what grows with every round has no least.
-        """
-        for r in range(o.row, o.last_row):
-            if k.acting[r] > 0:
-                asked = k.a[r] / k.scale[r]
-                if attempt > 2:
-                    asked = wp.min(asked, MORE * (k.least[r] + k.alone[r]))
-                k.least[r] = asked
-
-    @wp.func
-    def from_nothing(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
-        """Before rows yield first: no impulse is expected, and no rounding forgiven."""
-        earned.see_all(t, k, o)
-        for r in range(o.row, o.last_row):
-            k.least[r] = ZERO
-
-    @wp.func
-    def keep_best(k: wp.ref[Slot], o: Island):
-        for place in range(o.start, o.end):
-            k.best_v[k.block[place]] = k.v[k.block[place]]
-        for r in range(o.row, o.last_row):
-            k.best_z[r] = k.z[r]
-
-    @wp.func
-    def take_best(k: wp.ref[Slot], o: Island):
-        for place in range(o.start, o.end):
-            k.v[k.block[place]] = k.best_v[k.block[place]]
-        for r in range(o.row, o.last_row):
-            if k.acting[r] > 0:
-                k.z[r] = k.best_z[r]
-                k.lam[r] = nt.smooth(k, r, k.z[r])[0] / k.scale[r]
-
-    @wp.func
-    def is_solved(worst: dtype, last: dtype):
-        """Whether an interior point's residuals are small, or get no smaller."""
-        return wp.where(worst <= RESIDUAL or (worst > HALF * last and worst <= GOOD), 1, 0)
-
-    @wp.func
-    def look_back(k: wp.ref[Slot], o: Island, attempt: int, it: int, worst: dtype, best: dtype, misses: int):
-        """Keep the best point of Newton's method; its residual, the iterations without a gain, and whether
-        they end here: at the aim, or where there is none.
-        """
-        least = wp.min(worst, best)
-        missed = misses + wp.where(worst > HALF * best, 1, 0)
-        if worst < best:
-            keep_best(k, o)
-        patience = wp.where(least > FINE and least < NEAR, wp.static(PATIENCE), 2)  # nearly solved
-        ended = int(0)
-        if missed >= patience or not (worst < HUGE) or least <= AIM:
-            ended = 1
-        if it >= wp.where(attempt == 0, wp.static(WARM_ITERATIONS), wp.static(POLISHING)):
-            ended = 1
-        return least, missed, ended
-
-    @wp.func
-    def judge(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, attempt: int):
-        """1: what Newton's method ended at is a solution, 0: it is none, -1: its impulses do not add up."""
-        if earned.adds_up(t, k, o) == 1:
-            return 1
-        if attempt < 2:
-            return -1
-        return earned.is_earned(t, k, o)
-
-    @wp.func
-    def solve(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
-        """Newton from k.v, k.z; where it fails, the interior-point method and Newton from its end. Impulses
-        that do not add up on the scale of the data are looked for once more, the least that there are: rows
-        yield by `yielding` of what they press more than k.least.
-        """
-        size, n = scales(t, k, o)
-        if not wp.isfinite(size):
-            return wp.static(NONFINITE)
-        size = wp.max(size, TINY)
-        status = int(wp.static(NOT_CONVERGED))
-        attempt = int(0)
-        yielding = dtype(0.0)
-        inside = int(0)  # 1: in the interior-point method
-        it = int(0)
-        best = ZERO + HUGE  # residual, of Newton's method; of the last point, of the other
-        misses = int(0)
-        bound = dtype(0.0)
-        while status == wp.static(NOT_CONVERGED) and attempt < 2 + wp.static(ROUNDS):
-            yields = wp.where(inside == 1, yielding, ZERO)
-            largest = point(k, o, inside)
-            worst = nt.residuals(t, k, o, yields)
-            mean = dtype(0.0)
-            ended = int(0)
-            found = int(0)
-            it += 1
-            if inside == 1:
-                mean = curve(k, o, n)
-                if mean <= LIMIT * LIMIT * size * size:
-                    found = is_solved(worst, best)
-                if found == 1 or it > wp.static(MAX_ITERATIONS) or not (largest < bound and mean < HUGE):
-                    ended = 1
-                best = worst + ZERO
-            else:
-                best, misses, ended = look_back(k, o, attempt, it, worst, best, misses)
-            if ended == 0:
-                nt.factor(t, k, o, yields)
-                mu, step = aim(t, k, o, inside, n, size, yields, mean)
-                advance(k, o, inside, mu, step)
-            elif inside == 1:
-                keep_least(k, o, attempt)
-                if attempt == 1 and found == 0 and proves_infeasible(t, k, o, size):
-                    status = int(wp.static(INFEASIBLE))
-                yielding *= SHRINK
-                inside = 0
-                it = 0
-                misses = 0
-                best = ZERO + HUGE
-            else:
-                take_best(k, o)
-                good = int(0)
-                if best <= GOOD:
-                    good = judge(t, k, o, attempt)
-                status = wp.where(good == 1, wp.static(SOLVED), status)
-                attempt = wp.where(good < 0, 2, attempt + 1)
-                if attempt == 2:
-                    from_nothing(t, k, o)
-                    yielding = ZERO + YIELDS
-                if status != wp.static(SOLVED):
-                    bound = enter(t, k, o, size, yielding)
-                inside = 1
-                it = 0
-                best = ZERO + HUGE
-        return status
-
-    return SimpleNamespace(solve=solve, rounding=nt.rounding)
+    return SimpleNamespace(
+        enter=enter, point=point, curve=curve, aim=aim, advance=advance, proves_infeasible=proves_infeasible
+    )

@@ -7,9 +7,9 @@ from ..factories import cached
 from ..status import INFEASIBLE, JAMMED, NONFINITE, NOT_CONVERGED, SOLVED
 from .contact import make_contact
 from .coulomb import COULOMB_PASSES, RETREATS, make_coulomb
-from .interior import make_solver
 from .jam import make_jam
 from .mechanism import COLUMN, make_mechanism
+from .search import make_solver
 from .topology import Topology
 from .work import WORK, Island, Slot
 
@@ -49,6 +49,12 @@ def make_island(given: type, residual: str) -> wp.Function:
             k.v[k.block[place]] = k.vfree[k.block[place]]
 
     @wp.func
+    def resume(k: wp.ref[Slot], o: Island):
+        """k.v = v: what rests stays so."""
+        for place in range(o.start, o.end):
+            k.v[k.block[place]] = k.before[k.block[place]]
+
+    @wp.func
     def under_friction(
         t: wp.ref[Topology], k: wp.ref[Slot], o: Island, frees: int, status: int, passes: int, rub: dtype
     ):
@@ -76,7 +82,7 @@ def make_island(given: type, residual: str) -> wp.Function:
         free(k, o)
         return wp.static(SOLVED), back, rub
 
-    @wp.func
+    @wp.func(inline=False)
     def settle(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
         """Add rows until none is missing, solve after every addition. The first time also those within reach
         of the largest approach are added: in a heap they act next. Where Coulomb's friction shuts the rows,
@@ -98,6 +104,7 @@ def make_island(given: type, residual: str) -> wp.Function:
         rub = dtype(1.0)
         freed = int(0)  # rows in the system when friction was last left out
         n = int(0)
+        solves = int(0)
         while more == 1:  # the first pass only looks how large the approach is
             if filling == 1:
                 contact.fill(t, k, o.row, o.last_row, rub)
@@ -116,6 +123,9 @@ def make_island(given: type, residual: str) -> wp.Function:
                         more = wp.max(more, friction.lift(t, k, o, passes))
                         passes = wp.abs(passes) + 1
                 if more == 1:
+                    if solves == 0:
+                        resume(k, o)
+                    solves += 1
                     status = solve(t, k, o)
                     margin = dtype(0.0)
                     if passes > PASSES and status == wp.static(SOLVED):

@@ -92,7 +92,7 @@ def make_jam(given: type) -> wp.Function:
             return False
         return k.gap[r] * h < -ROUND
 
-    @wp.func
+    @wp.func(inline=False)
     def proves_jam(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, h: dtype):
         energy = dtype(0.0)  # |v_free|_M^2
         for place in range(o.start, o.end):

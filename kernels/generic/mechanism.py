@@ -35,7 +35,7 @@ def make_mechanism(given: type) -> SimpleNamespace:
     def number(t: wp.ref[Topology], k: wp.ref[Slot], name: int, i: int):
         return k.numbers[t.columns[name] + i]
 
-    @wp.func
+    @wp.func(inline=False)
     def frames(t: wp.ref[Topology], k: wp.ref[Slot]):
         """Orientation and joint position of every body."""
         for i in range(t.nb):
@@ -206,7 +206,7 @@ def make_mechanism(given: type) -> SimpleNamespace:
                     value += inertia
                 add_mass(t, k, j, i2, value)
 
-    @wp.func
+    @wp.func(inline=False)
     def dynamics(t: wp.ref[Topology], k: wp.ref[Slot], external: wp.array2d(dtype=given), world: int):
         """M into k.mass, r(q, v) and the external forces into k.move.
 
@@ -293,7 +293,7 @@ def make_mechanism(given: type) -> SimpleNamespace:
         couple(t, k, first, pa, other, pb, d, -weight)
         couple(t, k, other, pb, first, pa, d, -weight)
 
-    @wp.func
+    @wp.func(inline=False)
     def springs(t: wp.ref[Topology], k: wp.ref[Slot]):
         """Add the forces of springs at joints and between points, as `springs.py` has them."""
         for i in range(t.sprung):

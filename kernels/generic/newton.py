@@ -48,13 +48,16 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
         return wp.static(sm.smooth)(z, sigma, ONE / sigma)
 
     @wp.func
-    def dot(t: wp.ref[Topology], k: wp.ref[Slot], x: wp.array(dtype=V3), r: int):
+    def dot(t: wp.ref[Topology], k: wp.ref[Slot], x: wp.ref[wp.array(dtype=V3)], r: int):
         """J_r x"""
         out = dtype(0.0)
-        start = k.entry[r]
-        pattern = k.pattern[r]
-        for e in range(k.entry[r + 1] - start):
-            out += wp.dot(k.jac[start + e], x[t.row_block[pattern + e]])
+        e = k.entry[r]
+        at = k.pattern[r]
+        end = k.entry[r + 1]
+        while e < end:
+            out += wp.dot(k.jac[e], x[t.row_block[at]])
+            e += 1
+            at += 1
         return out
 
     @wp.func
@@ -113,18 +116,24 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
             end = k.group[g + 1]
             pattern = k.pattern[start]
             for e in range(k.entry[start + 1] - k.entry[start]):
-                push = V3()
-                terms = V3()
-                for r in range(start, end):
+                x, y, z = dtype(0.0), dtype(0.0), dtype(0.0)  # sums in registers: a vector's are not
+                ax, ay, az = dtype(0.0), dtype(0.0), dtype(0.0)
+                r = int(start)
+                while r < end:
                     if k.acting[r] > 0:
                         impulse = k.lam[r] * k.jac[k.entry[r] + e]
-                        push += impulse
-                        terms += wp.abs(impulse)
+                        x += impulse[0]
+                        y += impulse[1]
+                        z += impulse[2]
+                        ax += wp.abs(impulse[0])
+                        ay += wp.abs(impulse[1])
+                        az += wp.abs(impulse[2])
+                    r += 1
                 b = t.row_block[pattern + e]
-                k.balance[b] = k.balance[b] - push
-                k.move[b] = k.move[b] + terms
+                k.balance[b] = k.balance[b] - V3(x, y, z)
+                k.move[b] = k.move[b] + V3(ax, ay, az)
 
-    @wp.func
+    @wp.func(inline=False)
     def residuals(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, yielding: dtype):
         """k.balance and the largest residual; needs k.lam, k.res, k.w. A row yields by `yielding` diag(A)
         (lambda - k.least).
@@ -147,7 +156,8 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
                 if yielding > ZERO:
                     res += yielding * k.diag[r] * (k.lam[r] - k.least[r])
                 k.res[r] = res
-                worst = wp.max(worst, wp.abs(res) / k.unit[r])
+                if wp.abs(res) > worst * k.unit[r]:
+                    worst = wp.abs(res) / k.unit[r]
                 finite += wp.abs(res)
         exchange(t, k, o)
         for place in range(o.start, o.end):
@@ -176,6 +186,30 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
             k.weight[r] = p
 
     @wp.func
+    def couple(k: wp.ref[Slot], start: int, end: int, e: int, f: int):
+        """J' W J of a group's rows for two of its blocks."""
+        a, b, c = dtype(0.0), dtype(0.0), dtype(0.0)
+        d, g, h = dtype(0.0), dtype(0.0), dtype(0.0)
+        p, q, s = dtype(0.0), dtype(0.0), dtype(0.0)
+        r = int(start)
+        while r < end:
+            weight = k.weight[r]
+            if weight > ZERO:
+                left = weight * k.jac[k.entry[r] + e]
+                right = k.jac[k.entry[r] + f]
+                a += left[0] * right[0]
+                b += left[0] * right[1]
+                c += left[0] * right[2]
+                d += left[1] * right[0]
+                g += left[1] * right[1]
+                h += left[1] * right[2]
+                p += left[2] * right[0]
+                q += left[2] * right[1]
+                s += left[2] * right[2]
+            r += 1
+        return M33(a, b, c, d, g, h, p, q, s)
+
+    @wp.func(inline=False)
     def assemble(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
         """M + J' W J: what a pair of bodies' rows add is summed up before it is stored."""
         for place in range(o.start, o.end):
@@ -195,11 +229,7 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
                 one = k.place[t.row_block[pattern + e]]
                 for f in range(e + 1):
                     two = k.place[t.row_block[pattern + f]]
-                    total = M33()
-                    for r in range(start, end):
-                        if k.weight[r] > ZERO:
-                            at = k.entry[r]
-                            total += wp.outer(k.weight[r] * k.jac[at + e], k.jac[at + f])
+                    total = couple(k, start, end, e, f)
                     if one < two:
                         k.factor[k.at[two] + one] = k.factor[k.at[two] + one] + wp.transpose(total)
                     else:
@@ -227,13 +257,18 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
             end = k.group[g + 1]
             pattern = k.pattern[start]
             for e in range(k.entry[start + 1] - k.entry[start]):
-                push = V3()
-                for r in range(start, end):
-                    push += k.weight[r] * k.jac[k.entry[r] + e]
+                x, y, z = dtype(0.0), dtype(0.0), dtype(0.0)
+                r = int(start)
+                while r < end:
+                    push = k.weight[r] * k.jac[k.entry[r] + e]
+                    x += push[0]
+                    y += push[1]
+                    z += push[2]
+                    r += 1
                 b = t.row_block[pattern + e]
-                k.move[b] = k.move[b] + push
+                k.move[b] = k.move[b] + V3(x, y, z)
 
-    @wp.func
+    @wp.func(inline=False)
     def direction(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, mu: dtype, interior: int, yielding: dtype):
         """dv into k.move and dz into k.dz with the factor at hand."""
         tau = TAU + yielding

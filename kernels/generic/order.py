@@ -254,7 +254,7 @@ def make_order() -> SimpleNamespace:
             used += p - k.first[p] + 1
         return used
 
-    @wp.func
+    @wp.func(inline=False)
     def rearrange(t: wp.ref[Topology], k: wp.ref[Slot]):
         """Islands, the order of elimination, rows and groups anew; rows that stay keep z."""
         k.count[wp.static(ORDERS)] = 1

@@ -15,13 +15,33 @@ def make_scales(given: type, residual: str) -> wp.Function:
     nt = make_newton(given, residual)
     hard = residual == "hard"
     ZERO, ONE = dtype(0.0), dtype(1.0)
-    LOST, FLOOR, TINY = nt.LOST, dtype(1e-30), dtype(1e-30)
+    LOST, FLOOR, TINY, MOST = nt.LOST, dtype(1e-30), dtype(1e-30), dtype(1e300)
 
     @wp.func
     def units_of(t: wp.ref[Topology], k: wp.ref[Slot], g: int):
         """The units that the rows of a group move; the same one twice where there is one."""
         i = k.row[k.group[g]]
         return t.block_unit[t.row_block[t.row_start[i]]], t.block_unit[t.row_block[t.row_start[i + 1] - 1]]
+
+    @wp.func
+    def name_of(k: wp.ref[Slot], u: int):
+        """The unit after which what unit u hangs together with is named."""
+        name = int(u)
+        while k.name[name] != name:
+            k.name[name] = k.name[k.name[name]]
+            name = k.name[name]
+        return name
+
+    @wp.func
+    def closing(k: wp.ref[Slot], g: int):
+        """The largest k.unit of a group."""
+        closes = dtype(0.0)
+        r = k.group[g]
+        while r < k.group[g + 1]:
+            if k.acting[r] > 0:
+                closes = wp.max(closes, k.unit[r])
+            r += 1
+        return closes
 
     @wp.func
     def share_units(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
@@ -32,26 +52,21 @@ def make_scales(given: type, residual: str) -> wp.Function:
             u = t.block_unit[k.block[place]]
             k.name[u] = u
             k.move[t.unit_start[u]] = V3()
-        changed = int(1)
-        while changed == 1:
-            changed = int(0)
-            for g in range(o.group, o.last_group):
+        for g in range(o.group, o.last_group):
+            if closing(k, g) > ZERO:
                 one, two = units_of(t, k, g)
-                closes = dtype(0.0)
-                for r in range(k.group[g], k.group[g + 1]):
-                    if k.acting[r] > 0:
-                        closes = wp.max(closes, k.unit[r])
-                if closes > ZERO:
-                    name = wp.min(k.name[one], k.name[two])
-                    if k.name[one] != name or k.name[two] != name:
-                        changed = 1
-                    k.name[one] = name
-                    k.name[two] = name
-                    b = t.unit_start[name]
-                    k.move[b] = V3(wp.max(k.move[b][0], closes), ZERO, ZERO)
+                one = name_of(k, one)
+                two = name_of(k, two)
+                k.name[wp.max(one, two)] = wp.min(one, two)
+        for g in range(o.group, o.last_group):
+            closes = closing(k, g)
+            if closes > ZERO:
+                one, _two = units_of(t, k, g)
+                b = t.unit_start[name_of(k, one)]
+                k.move[b] = V3(wp.max(k.move[b][0], closes), ZERO, ZERO)
         for g in range(o.group, o.last_group):
             one, _two = units_of(t, k, g)
-            shared = k.move[t.unit_start[k.name[one]]][0]
+            shared = k.move[t.unit_start[name_of(k, one)]][0]
             for r in range(k.group[g], k.group[g + 1]):
                 if k.acting[r] > 0:
                     k.unit[r] = wp.max(wp.max(shared, k.own[r]), TINY)
@@ -68,18 +83,23 @@ def make_scales(given: type, residual: str) -> wp.Function:
         for g in range(o.group, o.last_group):
             start = k.group[g]
             for e in range(k.entry[start + 1] - k.entry[start]):
-                total = V3()
-                for r in range(start, k.group[g + 1]):
+                x, y, z = dtype(0.0), dtype(0.0), dtype(0.0)
+                r = int(start)
+                while r < k.group[g + 1]:
                     if k.acting[r] > 0:
-                        total += wp.abs(k.jac[k.entry[r] + e])
+                        j = k.jac[k.entry[r] + e]
+                        x += wp.abs(j[0])
+                        y += wp.abs(j[1])
+                        z += wp.abs(j[2])
+                    r += 1
                 b = t.row_block[k.pattern[start] + e]
-                k.most[b] = k.most[b] + largest * total
+                k.most[b] = k.most[b] + largest * V3(x, y, z)
 
     @wp.func
     def own_impulse(t: wp.ref[Topology], k: wp.ref[Slot], r: int):
-        """diag(A) of row r, and the mass that it meets on the heaviest side of its own."""
+        """diag(A) of row r, and the least part of it that a side has: 1/mass of the heaviest."""
         value = dtype(0.0)
-        heaviest = dtype(0.0)
+        least = ZERO + MOST
         e = k.entry[r]
         at = k.pattern[r]
         end = k.entry[r + 1]
@@ -110,30 +130,33 @@ def make_scales(given: type, residual: str) -> wp.Function:
                     part += wp.dot(k.move[j], k.move[j])
             value += part
             if part > FLOOR:
-                heaviest = wp.max(heaviest, ONE / part)
-        return value, heaviest
+                least = wp.min(least, part)
+        return value, least
 
-    @wp.func
+    @wp.func(inline=False)
     def scales(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
         """diag(A) and D of the acting rows; the size of velocities, by which residuals are judged, and the
         number of rows.
         """
         size = dtype(0.0)
-        heaviest = dtype(0.0)
+        lightest = ZERO + MOST
         finite = dtype(0.0)
         n = dtype(0.0)
         for r in range(o.row, o.last_row):
             if k.acting[r] > 0:
-                value, meets = own_impulse(t, k, r)
-                heaviest = wp.max(heaviest, meets)
+                value, least = own_impulse(t, k, r)
+                lightest = wp.min(lightest, least)
                 k.diag[r] = wp.max(value, FLOOR)
                 k.scale[r] = wp.where(t.inertia_scaling == 1, k.diag[r], ONE)
                 terms = wp.abs(k.rate[r])
                 w = k.rate[r]
-                start = k.entry[r]
-                pattern = k.pattern[r]
-                for e in range(k.entry[r + 1] - start):
-                    change = wp.cw_mul(k.jac[start + e], k.vfree[t.row_block[pattern + e]])
+                e = k.entry[r]
+                at = k.pattern[r]
+                end = k.entry[r + 1]
+                while e < end:
+                    change = wp.cw_mul(k.jac[e], k.vfree[t.row_block[at]])
+                    e += 1
+                    at += 1
                     terms += wp.abs(change[0]) + wp.abs(change[1]) + wp.abs(change[2])
                     w += change[0] + change[1] + change[2]
                 terms += wp.abs(w)
@@ -144,14 +167,14 @@ def make_scales(given: type, residual: str) -> wp.Function:
                 k.alone[r] = wp.where(value > FLOOR, alone / k.diag[r], ZERO)
                 k.own[r] = terms
                 k.unit[r] = wp.where(w < ZERO, terms, ZERO)
-                k.least[r] = ZERO
+                k.least[r] = nt.smooth(k, r, k.z[r])[0] / k.scale[r]  # what it pressed last
                 size = wp.max(size, terms)
                 finite += terms
                 n += ONE
         if not wp.isfinite(finite):
             return finite, n
         share_units(t, k, o)
-        bounds(t, k, o, size, heaviest * size)
+        bounds(t, k, o, size, wp.where(lightest < MOST, size / lightest, ZERO))
         return size, n
 
     return scales

@@ -20,7 +20,7 @@ from .mechanism import COLUMN, make_mechanism
 from .newton import make_newton
 from .order import make_order
 from .topology import CONTACT, Topology
-from .work import ISLANDS, ROWS, V2, WORK, Slot, Work, island, view
+from .work import ISLANDS, ROWS, V2, V3, WORK, Slot, Work, island, view
 
 
 def residual_of(method: Method, rows: int) -> str:
@@ -90,11 +90,11 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
         env.solve(k.mass_factor, t.mass_first, t.mass_at, t.block_id, k.move, 0, t.blocks)
         h = number(t, k, H, 0)
         for i in range(t.blocks):
-            k.vfree[i] = h * k.move[i]
+            k.before[i] = V3()
         for j in range(t.nv):
-            b = t.dof_block[j]
-            k.vfree[b][t.dof_part[j]] = k.vfree[b][t.dof_part[j]] + k.v0[j]
+            k.before[t.dof_block[j]][t.dof_part[j]] = k.v0[j]
         for i in range(t.blocks):
+            k.vfree[i] = k.before[i] + h * k.move[i]
             k.v[i] = k.vfree[i]
 
     @wp.func

@@ -34,9 +34,11 @@ class Slot:
     column: wp.array(dtype=V2)  # (nv) Jacobian of one centre of mass
     local: wp.array(dtype=V4)  # (shapes) centre and axis in the body
     shape: wp.array(dtype=V4)  # (shapes) and in the world
-    vfree: wp.array(dtype=V3)  # (blocks), this and what follows by block
+    before: wp.array(dtype=V3)  # (blocks), this and what follows by block: v before the step
+    vfree: wp.array(dtype=V3)
     v: wp.array(dtype=V3)  # v'
     best_v: wp.array(dtype=V3)
+    inner_v: wp.array(dtype=V3)  # v' of an interior point that was left
     balance: wp.array(dtype=V3)  # M (v' - v_free) - J' lambda
     move: wp.array(dtype=V3)  # right hand sides and their solutions
     most: wp.array(dtype=V3)  # momentum that a step can exchange, as the data have it
@@ -202,9 +204,11 @@ def view(work: wp.ref[Work], b: int):
     k.column = work.column[b]
     k.local = work.local[b]
     k.shape = work.shape[b]
+    k.before = work.before[b]
     k.vfree = work.vfree[b]
     k.v = work.v[b]
     k.best_v = work.best_v[b]
+    k.inner_v = work.inner_v[b]
     k.balance = work.balance[b]
     k.move = work.move[b]
     k.most = work.most[b]
@@ -226,8 +230,8 @@ def lengths(s: Structure) -> dict[str, int]:
     out = dict.fromkeys(("frame", "angle", "twist"), s.nb) | {"numbers": sizes.numbers, "count": 5}
     out |= dict.fromkeys(("q", "v0", "column"), s.nv) | dict.fromkeys(("local", "shape"), shapes)
     matrices = {"mass": sizes.mass, "mass_factor": sizes.mass, "factor": sizes.matrix, "jac": sizes.entries}
-    blocks = ("vfree", "v", "best_v", "balance", "move", "most", "momentum", "lost", "unseen",
-              "place", "block", "first", "at")  # fmt: skip
+    blocks = ("before", "vfree", "v", "best_v", "inner_v", "balance", "move", "most", "momentum", "lost",
+              "unseen", "place", "block", "first", "at")  # fmt: skip
     rows = ("gap", "rate", "sigma", "scale", "diag", "alone", "own", "unit", "z", "best_z", "lam", "least",
             "a", "w", "res", "excess", "p", "slack", "total", "dz", "divisor", "weight", "lift", "target",
             "miss", "warm", "row", "pattern", "acting", "sorted")  # fmt: skip

@@ -1,0 +1,257 @@
+"""What solves an island: Newton's method on (v', z), and where it fails an interior-point method.
+
+Newton's method starts from the last step's impulses; of hard rows it is an active-set method, whose matrix
+changes only with the set. The interior-point method tries Newton's from its points as soon as they are near
+a solution, and goes on where that fails. Every solution has to be earned (`earned.py`).
+"""
+
+from types import SimpleNamespace
+
+import warp as wp
+
+from ..factories import cached
+from ..status import INFEASIBLE, NONFINITE, NOT_CONVERGED, SOLVED
+from .earned import make_earned
+from .interior import make_interior
+from .newton import ACCEPTED, REFINED, TOLERANCE, make_newton
+from .scales import make_scales
+from .topology import Topology
+from .work import WORK, Island, Slot
+
+WARM, COLD, YIELDING = 1, 2, 3  # attempts after Newton's method alone: the last are ROUNDS where rows yield
+ROUNDS = 3  # for impulses that are the least there are
+MAX_ITERATIONS = 80
+WARM_ITERATIONS, POLISHING = {True: 12, False: 8}, 12  # of Newton's method before (hard or not) and after
+RESTS = 5e-12  # residual at which the last solution is one of this step: gaps round, at some height
+PATIENCE = 6  # iterations of it without a gain, where it has nearly ended
+SETS = {True: 4, False: 2}  # and before: of hard rows sets change before the residual falls
+# end: sqrt(mu) and residuals relative to the size of the problem
+END = {
+    False: (1e-10, 1e-13),
+    True: (1e-14, 1e-13),  # hard: sqrt(mu) is what a row that only just touches is off by
+}
+TRIED = 1e-5  # sqrt(mu), relative to the size of the problem, at which Newton's method is tried first
+YIELDS = {
+    wp.float64: 2e-12,
+    wp.float32: 1e-7,
+}  # of rows whose impulses must be the least there are
+
+
+@wp.struct
+class Search:
+    """Where the search for a solution of one island stands."""
+
+    attempt: int
+    inside: int  # 1: in the interior-point method
+    trying: int  # 1: in Newton's method from an interior point that may be gone on from
+    it: int  # iterations of the present method
+    walked: int  # of the interior-point method, when it was left
+    misses: int  # iterations without a gain
+    best: WORK  # residual, of Newton's method; of the last point, of the other
+    bound: WORK  # a that counts as diverged
+    yielding: WORK
+    tried: WORK  # sqrt(mu) at which Newton's method is tried next
+
+
+@cached
+def make_solver(given: type, residual: str) -> SimpleNamespace:
+    """solve(t, k, o) -> status: k.v, k.z, k.lam of the acting rows of an island."""
+    dtype = WORK
+    nt = make_newton(given, residual)
+    inner = make_interior(given, residual)
+    earned = make_earned(given)
+    scales = make_scales(given, residual)
+    hard = residual == "hard"
+    LIMIT, RESIDUAL = (dtype(x) for x in END[hard])
+    ZERO, HALF = dtype(0.0), dtype(0.5)
+    GOOD, MORE = nt.GOOD, earned.MORE
+    AIM, FINE, NEAR = dtype(TOLERANCE), dtype(min(ACCEPTED[given], REFINED)), dtype(1e-4)
+    TINY, HUGE, REST = dtype(1e-30), dtype(1e300), dtype(RESTS)
+    LEAST = dtype(YIELDS[given])
+    SHRINK = dtype(1e-3)  # of the yielding from round to round, of sqrt(mu) from trial to trial
+
+    @wp.func
+    def keep_least(k: wp.ref[Slot], o: Island, attempt: int):
+        """k.least: the impulses that rows asked for when they yielded first, and what they ask for since,
+        while that is of the same order: what grows with every round has no least.
+        """
+        for r in range(o.row, o.last_row):
+            if k.acting[r] > 0:
+                asked = k.a[r] / k.scale[r]
+                if attempt > wp.static(YIELDING):
+                    asked = wp.min(asked, MORE * (k.least[r] + k.alone[r]))
+                k.least[r] = asked
+
+    @wp.func
+    def from_nothing(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+        """Before rows yield first: no impulse is expected, and no rounding forgiven."""
+        earned.see_all(t, k, o)
+        for r in range(o.row, o.last_row):
+            k.least[r] = ZERO
+
+    @wp.func
+    def keep_best(k: wp.ref[Slot], o: Island):
+        for place in range(o.start, o.end):
+            k.best_v[k.block[place]] = k.v[k.block[place]]
+        for r in range(o.row, o.last_row):
+            k.best_z[r] = k.z[r]
+
+    @wp.func
+    def take_best(k: wp.ref[Slot], o: Island):
+        for place in range(o.start, o.end):
+            k.v[k.block[place]] = k.best_v[k.block[place]]
+        for r in range(o.row, o.last_row):
+            if k.acting[r] > 0:
+                k.z[r] = k.best_z[r]
+                k.lam[r] = nt.smooth(k, r, k.z[r])[0] / k.scale[r]
+
+    @wp.func
+    def leave(k: wp.ref[Slot], o: Island):
+        """Keep the interior point while Newton's method is tried."""
+        for place in range(o.start, o.end):
+            k.inner_v[k.block[place]] = k.v[k.block[place]]
+        for r in range(o.row, o.last_row):
+            k.total[r] = k.w[r]
+
+    @wp.func
+    def go_back(k: wp.ref[Slot], o: Island):
+        for place in range(o.start, o.end):
+            k.v[k.block[place]] = k.inner_v[k.block[place]]
+        for r in range(o.row, o.last_row):
+            k.w[r] = k.total[r]
+
+    @wp.func
+    def end_newton(k: wp.ref[Slot], o: Island, s: wp.ref[Search], worst: dtype):
+        """Keep the best point of Newton's method; 1 if its iterations end here: at the aim, where there is no
+        gain, or at once where the last step's solution is one of this.
+        """
+        if worst > HALF * s.best:
+            s.misses = s.misses + 1
+        if worst < s.best:
+            s.best = worst
+            keep_best(k, o)
+        patience = int(2)
+        most = int(wp.static(POLISHING))
+        aim = AIM + ZERO
+        if s.attempt == 0:
+            patience = wp.static(SETS[hard])
+            most = wp.static(WARM_ITERATIONS[hard])
+            if s.it == 1:
+                aim = ZERO + REST
+        if s.best > FINE and s.best < NEAR:  # nearly solved
+            patience = wp.static(PATIENCE)
+        if s.trying == 1:
+            patience = 1
+        if s.misses >= patience or s.it >= most or not (worst < HUGE) or s.best <= aim:
+            return 1
+        return 0
+
+    @wp.func
+    def end_inside(s: wp.ref[Search], worst: dtype, mean: dtype, largest: dtype, size: dtype):
+        """1 if the interior point is a solution, 2 if it may be near one, 3 if there is none to find."""
+        last = s.best + ZERO
+        s.best = worst
+        if mean <= LIMIT * LIMIT * size * size:
+            if worst <= RESIDUAL or (worst > HALF * last and worst <= GOOD):
+                return 1
+        if s.it > wp.static(MAX_ITERATIONS) or not (largest < s.bound and mean < HUGE):
+            return 3
+        if s.attempt == wp.static(WARM) and mean <= s.tried * s.tried * size * size:
+            return 2
+        return 0
+
+    @wp.func
+    def begin(s: wp.ref[Search], inside: int):
+        s.inside = inside
+        s.it = 0
+        s.misses = 0
+        s.best = HUGE
+
+    @wp.func
+    def to_newton(
+        t: wp.ref[Topology], k: wp.ref[Slot], o: Island, s: wp.ref[Search], ended: int, size: dtype
+    ):
+        """From an interior point to Newton's method; INFEASIBLE where it proves that."""
+        status = int(wp.static(NOT_CONVERGED))
+        s.trying = 0
+        if ended == 2:
+            s.trying = 1
+            s.walked = s.it
+            s.tried = SHRINK * s.tried
+            leave(k, o)
+        else:
+            keep_least(k, o, s.attempt)
+            if s.attempt == wp.static(COLD) and ended == 3:
+                if inner.proves_infeasible(t, k, o, size):
+                    status = wp.static(INFEASIBLE)
+        s.yielding = SHRINK * s.yielding
+        begin(s, 0)
+        return status
+
+    @wp.func
+    def judge(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, s: wp.ref[Search], size: dtype):
+        """SOLVED if what Newton's method ended at is a solution; else what is next: impulses that do not add
+        up are looked for as the least that there are.
+        """
+        take_best(k, o)
+        next = s.attempt + 1
+        if s.best <= GOOD:
+            good = earned.adds_up(t, k, o)
+            if good == 0 and s.attempt >= wp.static(YIELDING):
+                good = earned.is_earned(t, k, o)
+            elif good == 0:
+                next = wp.static(YIELDING)
+            if good == 1:
+                return wp.static(SOLVED)
+        elif s.trying == 1:
+            begin(s, 1)
+            s.it = s.walked
+            go_back(k, o)
+            return wp.static(NOT_CONVERGED)
+        s.attempt = next
+        begin(s, 1)
+        if s.attempt == wp.static(YIELDING):
+            from_nothing(t, k, o)
+            s.yielding = LEAST
+        cold = wp.where(s.attempt > wp.static(WARM), 1, 0)
+        s.bound = inner.enter(t, k, o, size, s.yielding, cold)
+        return wp.static(NOT_CONVERGED)
+
+    @wp.func(inline=False)
+    def solve(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+        """Newton from k.v, k.z; where it fails, the interior-point method, warm, then cold, and Newton from
+        its points. Impulses that do not add up on the scale of the data are looked for once more, the least
+        that there are: rows yield by `yielding` of what they press more than k.least.
+        """
+        size, n = scales(t, k, o)
+        if not wp.isfinite(size):
+            return wp.static(NONFINITE)
+        size = wp.max(size, TINY)
+        s = Search()
+        s.best = HUGE
+        s.tried = dtype(wp.static(TRIED))
+        status = int(wp.static(NOT_CONVERGED))
+        while status == wp.static(NOT_CONVERGED) and s.attempt < wp.static(YIELDING + ROUNDS):
+            yields = wp.where(s.inside == 1, s.yielding, ZERO)
+            largest, changed = inner.point(k, o, s.inside)
+            worst = nt.residuals(t, k, o, yields)
+            mean = dtype(0.0)
+            ended = int(0)
+            s.it = s.it + 1
+            if s.inside == 1:
+                mean = inner.curve(k, o, n)
+                ended = end_inside(s, worst, mean, largest, size)
+            else:
+                ended = end_newton(k, o, s, worst)
+            if ended == 0:
+                if changed == 1 or s.inside == 1 or s.it == 1:
+                    nt.factor(t, k, o, yields)
+                mu, step = inner.aim(t, k, o, s.inside, n, size, yields, mean)
+                inner.advance(k, o, s.inside, mu, step)
+            elif s.inside == 1:
+                status = to_newton(t, k, o, s, ended, size)
+            else:
+                status = judge(t, k, o, s, size)
+        return status
+
+    return SimpleNamespace(solve=solve, rounding=nt.rounding)
