@@ -89,9 +89,11 @@ class SpecialisedKernels:
         active: wp.array,
         outputs: tuple[wp.array, wp.array, wp.array, wp.array],
         second: bool,
-    ) -> Callable[[], None]:
+    ) -> Callable[[], Any]:
         """As `gradients.launches.prepare`."""
-        return launches.prepare(self.spec, self.device, params, xs, us, external, active, outputs, second)
+        return launches.prepare(
+            self.spec, self.device, params, xs, us, external, active, outputs, second, self.both
+        )
 
     def checkpointed(
         self, table: wp.array, x0: wp.array, us: wp.array, external: wp.array, status: wp.array, every: int

@@ -12,6 +12,7 @@ import warp as wp
 import slcp_warp as slcp
 from slcp_warp import scenes
 from slcp_warp.kernels.control import riccati, rollouts
+from slcp_warp.kernels.derivatives.expansion import make_linearize_kernel
 from slcp_warp.kernels.ensembles.sweep import make_sweep_kernel
 from slcp_warp.kernels.generic import step as generic_step
 from slcp_warp.kernels.method import Method
@@ -50,6 +51,7 @@ FAST = {  # kernel, registers, bytes of local memory, of code
         66_000,
     ),
     "sweep": (lambda: make_sweep_kernel(finger(), NEAREST, spans=True), 200, SINE + TREE + 32, 148_000),
+    "linearisation": (lambda: make_linearize_kernel(finger(), False), 200, SINE + 8, 112_000),
     "line search": (line_search, 200, SINE + 8, 90_000),
 }
 

@@ -74,6 +74,20 @@ def test_steps_with_all_their_outputs(device):
         )
 
 
+@pytest.mark.slow
+def test_linearisations_whose_step_is_left(device, left):
+    x, us = workload(3000, 1)
+    x[3, 0] = np.nan
+    base = simulator("flicking_finger", device, wp.float64, "none")
+    one, two = (sim.linearize(x, us[:, 0], second=True) for sim in (base, fast_finger(device)))
+    assert left[0].numpy().sum() > 3 and two.status[3] == Status.NONFINITE
+    np.testing.assert_array_equal(two.status, one.status)
+    for name in ("A", "B", "second"):
+        given, expected = getattr(two, name), getattr(one, name)
+        scale = 1.0 + np.abs(expected).max(axis=tuple(range(1, expected.ndim)), keepdims=True)
+        assert (np.abs(given - expected) / scale).max() < 1e-9, name
+
+
 def test_a_world_whose_every_step_is_left_costs_few_rounds(device, left):
     """Five planes at once are more rows than the fast kernel takes: a particle that lies on them."""
     planes, steps = stack_of_planes(5), 50
