@@ -13,7 +13,7 @@ from ..contact.shapes import make_upright
 from ..factories import cached
 from ..residual.smoothing import make_smoothing
 from ..structure import CAPSULE, DISC, ELLIPSE, HALFPLANE, WORLD
-from .broad import make_broad
+from .broad.phase import make_broad
 from .mechanism import COLUMN, make_mechanism
 from .topology import CONTACT, LONG, LOWER, MOVES_A, MOVES_B, PLANE, ROUND, TURN, Topology
 from .work import LISTED, NEAR, ORDERS, V2, V3, V4, WORK, Slot

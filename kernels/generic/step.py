@@ -137,14 +137,10 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
         return number(t, k, FRICTION, t.row_index[i]) * (k.lam[r - 1] - k.lam[r])
 
     @wp.func
-    def far_gap(t: wp.ref[Topology], k: wp.ref[Slot], i: int):
-        """The signed distance of the pair of the scene's row i where the pair is not near, else 0."""
-        d = dtype(0.0)
-        if t.row_kind[i] == CONTACT:
-            if k.known[t.row_index[i]] == 0:
-                g = contact.geometry(t, k, t.row_index[i])
-                d = g[2]
-        return d
+    def far_gap(t: wp.ref[Topology], k: wp.ref[Slot], pair: int):
+        """The signed distance of a pair that is not near."""
+        g = contact.geometry(t, k, pair)
+        return g[2]
 
     @wp.func
     def solve_step(t: wp.ref[Topology], k: wp.ref[Slot]):
@@ -222,7 +218,11 @@ def make_step_kernel(given: type, residual: str) -> wp.Kernel:
             for i in range(t.nr):
                 impulse[world, i] = given(ZERO)
                 multiplier[world, i] = given(UNUSED)
-                gap[world, i] = given(step.far_gap(t, k, i))
+            for pair in range(t.pairs):
+                if k.known[pair] == 0:
+                    far = given(step.far_gap(t, k, pair))
+                    for i in range(t.pair_row[pair], t.pair_row[pair + 1]):
+                        gap[world, i] = far
             for r in range(k.count[wp.static(ROWS)]):
                 i = k.row[r]
                 gap[world, i] = given(k.gap[r] * k.numbers[t.columns[H]])
@@ -287,8 +287,11 @@ def make_rollout_kernel(given: type, residual: str) -> wp.Kernel:
                             for r in range(k.count[wp.static(ROWS)]):
                                 impulse[world, n, k.row[r]] = given(step.impulse(t, k, r))
                         if gap.shape[0] > 0:
-                            for i in range(t.nr):
-                                gap[world, n, i] = given(step.far_gap(t, k, i))
+                            for pair in range(t.pairs):
+                                if k.known[pair] == 0:
+                                    far = given(step.far_gap(t, k, pair))
+                                    for i in range(t.pair_row[pair], t.pair_row[pair + 1]):
+                                        gap[world, n, i] = far
                             for r in range(k.count[wp.static(ROWS)]):
                                 d = k.gap[r] * k.numbers[t.columns[H]]
                                 gap[world, n, k.row[r]] = given(d)

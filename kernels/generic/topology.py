@@ -16,7 +16,7 @@ import warp as wp
 from ..contact.shapes import oriented_ends, oriented_pair
 from ..factories import cached
 from ..structure import CAPSULE, DISC, HALFPLANE, PRISMATIC, WORLD, Structure, layout
-from .items import bits_of, item_tables, items_first
+from .broad.items import bits_of, item_tables, items_first
 
 TURN, AXIS, SHIFT_X, SHIFT_Y = 0, 1, 2, 3  # what a degree of freedom does
 LOWER, UPPER, CONTACT = 0, 1, 2  # kinds of rows
@@ -91,7 +91,7 @@ class Topology:
     row_block: wp.array(dtype=wp.int32)  # their blocks, ascending
     row_key: wp.array(dtype=wp.int32)  # (nr) the same for rows of the same blocks
     limit_row: wp.array(dtype=wp.int32)  # (limits)
-    items: int  # of the broad phase (`items.py`); 0: it looks at all pairs
+    items: int  # of the broad phase (`broad/items.py`); 0: it looks at all pairs
     planes: int  # half-planes beside them
     pair_bits: int  # of each of two digits of a pair's number
     item_body: wp.array(dtype=wp.int32)  # (items + planes)

@@ -11,7 +11,7 @@ from typing import Any
 import warp as wp
 
 from ..structure import Structure
-from .items import bits_of
+from .broad.items import bits_of
 from .topology import tables
 
 WORK = wp.float64
@@ -105,7 +105,7 @@ class Slot:
     listed: wp.array(dtype=wp.int32)  # (pairs) that are looked at
     unsorted: wp.array(dtype=wp.int32)  # (pairs)
     bucket: wp.array(dtype=wp.int32)
-    bound: wp.array(dtype=WORK)  # (5) see `broad.py`
+    bound: wp.array(dtype=WORK)  # (5) see `broad/phase.py`
     sorted: wp.array(dtype=wp.int32)  # (nr) rows that begin a pair or are a limit, by islands
 
 

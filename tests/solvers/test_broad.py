@@ -11,8 +11,8 @@ from oracle import Oracle, complex_step
 
 import slcp_warp as slcp
 from slcp_warp import Body, Shape
-from slcp_warp.kernels.generic.broad import CUT, make_broad
-from slcp_warp.kernels.generic.items import item_tables, items_first
+from slcp_warp.kernels.generic.broad.items import item_tables, items_first
+from slcp_warp.kernels.generic.broad.phase import CUT, make_broad
 from slcp_warp.kernels.generic.topology import Topology, make_topology
 from slcp_warp.kernels.generic.work import LISTED, Work, allocate_work, view
 
@@ -80,8 +80,8 @@ def kernel():
     @wp.kernel(module="unique", enable_backward=False)
     def find(
         t: Topology, work: Work, params: wp.array(dtype=F), local: wp.array(dtype=V4),
-        frame: wp.array2d(dtype=V4), twist: wp.array3d(dtype=V3), shape: wp.array2d(dtype=V4), cut: F, margin: F,
-        out: wp.array3d(dtype=wp.int32), made: wp.array2d(dtype=wp.int32),
+        frame: wp.array2d(dtype=V4), twist: wp.array3d(dtype=V3), shape: wp.array2d(dtype=V4), cut: F,
+        margin: F, out: wp.array3d(dtype=wp.int32), made: wp.array2d(dtype=wp.int32),
     ):  # fmt: skip
         """Every slot takes as many states, one after the other, as there are for it."""
         b = wp.tid()

@@ -1,4 +1,4 @@
-"""Scenes in which everything may touch everything: the motion is that of all pairs, which no step looks at."""
+"""Scenes in which everything may touch everything: their motion is that of all pairs."""
 
 import dataclasses
 

@@ -4,8 +4,8 @@ An *item* is a body with its round shapes (ellipses, discs, capsules) that are i
 the world. Half-planes are no items: each is tested against all items that it has pairs with.
 """
 
-from ..factories import cached
-from ..structure import CAPSULE, HALFPLANE, WORLD, Structure
+from ...factories import cached
+from ...structure import CAPSULE, HALFPLANE, WORLD, Structure
 
 FEWEST = 64  # pairs
 

@@ -16,12 +16,12 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ..factories import cached
-from ..residual.smoothing import make_smoothing
-from ..structure import WORLD
-from .mechanism import COLUMN
-from .topology import CONTACT, Topology
-from .work import AXIS_OF_ITEMS, LISTED, V2, V3, WORK, Slot
+from ...factories import cached
+from ...residual.smoothing import make_smoothing
+from ...structure import WORLD
+from ..mechanism import COLUMN
+from ..topology import CONTACT, Topology
+from ..work import AXIS_OF_ITEMS, LISTED, V2, V3, WORK, Slot
 
 SPARE = 0.05  # margin beyond what is asked for, in mean radii a step
 ROUNDING = 1e-12  # of a disc, relative to its place and size
