@@ -20,8 +20,10 @@ from .measures import NO_USERS, Users, make_measures, make_row_contacts, make_ta
 
 
 @cached
-def make_sweep_begin_kernel(nv: int, nu: int, dtype: type, policy: PolicyKernel) -> wp.Kernel:
-    """Before step k: records, kicks, pushes, and the controls as they act."""
+def make_sweep_begin_kernel(
+    nv: int, nu: int, dtype: type, policy: PolicyKernel, acts: bool = True
+) -> wp.Kernel:
+    """Before step k: records, kicks, pushes, and the controls as they act; or as the policy gave them."""
     asked = make_policy(policy, 2 * nv, nu, dtype)
     disturb, arrive = make_disturbances(nv, nu, dtype), make_arrival(nv, nu, dtype).arrive
     Conditions, Events, Policy = make_conditions(dtype), make_events(dtype), asked.Struct
@@ -51,9 +53,10 @@ def make_sweep_begin_kernel(nv: int, nu: int, dtype: type, policy: PolicyKernel)
         if p.status[i] == wp.static(SOLVED):
             memory = asked.recall(control, memories, i, who, k, x)
             u, memory = asked.ask(control, who, k, x, memory)
-            u = disturb.acting(c, e, i, world, k, time, h, u)
-            if e.push.shape[1] > 0:
-                disturb.push(c, e, i, params[i], x, time, h)
+            if wp.static(acts):
+                u = disturb.acting(c, e, i, world, k, time, h, u)
+                if e.push.shape[1] > 0:
+                    disturb.push(c, e, i, params[i], x, time, h)
             for j in range(nu):
                 us[i, j] = u[j]
             asked.keep(memories, i, memory)

@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import warp as wp
 
-from slcp_warp.kernels.device import relay
 from slcp_warp.kernels.device.launch import launch
 from slcp_warp.kernels.device.relay import Relay
 from slcp_warp.kernels.ensembles.arrival import make_span
@@ -27,7 +26,7 @@ from ..stepping.arguments import at_step_size, policy_arrays
 from ..stepping.host import acts_on_host
 from ..tasks.disturbances import Disturbances
 from ..tasks.task import RECORDED
-from .by_periods import OnHost, by_periods, span_of
+from .by_periods import OnHost, by_periods, handed_on
 from .by_steps import by_steps, bytes_of_world
 from .worlds import Worlds
 from .worlds.draws import Draws, Given
@@ -191,27 +190,6 @@ def at_once(
     inputs = [conditions, events, worlds.params, worlds.x0, struct, measured, make_span(sim.dtype)()]
     launch(kernel, count, [0, 0, 0, Relay(), *inputs, records, kept, status], sim.device, grain=1)
     return kept, status
-
-
-def handed_on(
-    sim: Simulator,
-    policy: tuple[PolicyKernel, Any],
-    conditions: Any,
-    table: MeasureTable,
-    worlds: Worlds,
-    records: wp.array,
-) -> tuple[wp.array, wp.array]:
-    """As `at_once`, in launches of the fast kernel and of the one that makes the steps it leaves."""
-    count, (policy_kernel, struct) = len(worlds), policy
-    kept, events, measured = table.kept(count, sim.device), events_of(sim, worlds), table.struct(sim)
-    span = span_of(sim, policy_kernel, conditions, worlds, wp.clone(worlds.x0), records)
-    both = sim.kernels.specialised("a sweep").both
-    assert both is not None
-    fast, full = (make_sweep_kernel(spec, policy_kernel, table.users(sim), spans=True) for spec in both)
-    inputs = [conditions, events, worlds.params, worlds.x0, struct, measured, span, records, kept]
-    steps = int(span.p.steps.numpy().max(initial=0))
-    relay.Run(fast, full, count, steps, [*inputs, span.p.status], sim.device, grain=1)()
-    return kept, span.p.status
 
 
 def _conditions(sim: Simulator, disturbances: Disturbances, limits: Any, record: Recorded) -> Any:

@@ -88,10 +88,11 @@ def prepare(
     items = us.shape[0] * steps
     if not second or in_closed_form(spec.method):
         inputs = [params, steps, xs, us, external, active, *outputs]
-        kernels = [expansion.make_linearize_kernel(each, second) for each in both or (spec,)]
-        if len(kernels) == 2:
-            return Run(*kernels, items, 1, inputs, device, grain=8)
-        return Prepared(kernels[0], items, [0, 0, 0, Relay(), *inputs], device, grain=8)
+        if both is not None:
+            fast, full = (expansion.make_linearize_kernel(each, second) for each in both)
+            return Run(fast, full, items, 1, inputs, device, grain=8)
+        kernel = expansion.make_linearize_kernel(spec, second)
+        return Prepared(kernel, items, [0, 0, 0, Relay(), *inputs], device, grain=8)
     tables, widen = [], []
     for source in (params, external):
         target = source

@@ -16,6 +16,8 @@ from slcp_warp.kernels.derivatives.expansion import make_linearize_kernel
 from slcp_warp.kernels.ensembles.sweep import make_sweep_kernel
 from slcp_warp.kernels.generic import step as generic_step
 from slcp_warp.kernels.method import Method
+from slcp_warp.kernels.policies.ask import make_ask_kernel
+from slcp_warp.kernels.policies.held import HELD
 from slcp_warp.kernels.policies.nearest import NEAREST, STACKS
 from slcp_warp.kernels.policies.open_loop import OPEN_LOOP
 from slcp_warp.kernels.specialisation import Specialisation
@@ -50,8 +52,9 @@ FAST = {  # kernel, registers, bytes of local memory, of code
         SINE,
         66_000,
     ),
-    "sweep": (lambda: make_sweep_kernel(finger(), NEAREST, spans=True), 200, SINE + TREE + 32, 148_000),
+    "sweep": (lambda: make_sweep_kernel(finger(), HELD, spans=True), 200, SINE + 48, 132_000),
     "linearisation": (lambda: make_linearize_kernel(finger(), False), 200, SINE + 8, 112_000),
+    "library": (lambda: make_ask_kernel(NEAREST, 6, 2, wp.float32), 56, TREE + 32, 24_000),
     "line search": (line_search, 200, SINE + 8, 90_000),
 }
 

@@ -12,6 +12,7 @@ from slcp_warp.kernels.device import launch as launching
 from slcp_warp.kernels.device import relay
 
 WORLDS, STEPS = 60, 300
+K = np.array([[-1.0, 0, 0, -0.3, 0, 0], [0, -1.0, 0, 0, -0.3, 0]])
 
 
 @pytest.fixture
@@ -114,9 +115,12 @@ def test_the_division_into_launches_changes_no_bit(device, left, monkeypatch):
 
 
 @pytest.mark.slow
-def test_sweeps_with_a_policy_that_remembers(device, left, monkeypatch):
+@pytest.mark.parametrize("apart", [True, False], ids=["asked apart", "in the kernel"])
+def test_sweeps_with_a_policy_that_remembers(device, left, monkeypatch, apart):
     busy = spec(torque_sd=0.5, kick_times=(0.5, 1.0), parameter_sd={"mass": 0.2}, duration=6.0)
-    policy = policies.Around(idle(), delay=2, noise=0.01)
+    policy = policies.Around(
+        idle() if apart else policies.Linear(K, FINGER.x0, np.zeros(2)), delay=2, noise=0.01
+    )
     found = []
     for fast in "01":
         monkeypatch.setenv("SLCP_FAST_PATH", fast)
