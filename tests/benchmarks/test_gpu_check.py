@@ -13,9 +13,6 @@ from typer.testing import CliRunner
 
 import slcp_warp as slcp
 from slcp_warp.kernels.device import cache
-from slcp_warp.kernels.policies.open_loop import OPEN_LOOP
-from slcp_warp.kernels.specialisation import Specialisation
-from slcp_warp.kernels.step.relayed import make_rollout_relay
 from slcp_warp.scripts.app import app
 from slcp_warp.scripts.benchmarks.gpu import run as running
 from slcp_warp.scripts.benchmarks.gpu import sections
@@ -93,7 +90,6 @@ def test_every_section_that_a_cpu_has_is_right_there(tmp_path, monkeypatch):
 
 
 def test_kernels_are_compiled_by_processes(monkeypatch):
-    assert set(compiling.PREDICTED) <= set(compiling.uses_of(SETTING))
     monkeypatch.setattr(compiling, "uses_of", lambda setting: dict.fromkeys(("step smoothed", "no use")))
     found = found_by(compiling.run)
     assert checks(found) == {"no use, float64, cpu: compiled": False}
@@ -102,22 +98,20 @@ def test_kernels_are_compiled_by_processes(monkeypatch):
 
 
 def test_code_that_takes_more_than_predicted_is_found(monkeypatch):
-    """The fast kernels', and no others'; what a GPU says of them is made up."""
-    used = {"register_count": 201, "local_memory_size": 32}
+    """What a GPU says of its kernels is made up."""
+    loaded, used = [], {"register_count": 180, "local_memory_size": 40}
+    monkeypatch.setattr(cache, "load", lambda kernel, device: loaded.append(kernel))
     monkeypatch.setattr(wp, "get_cuda_kernel_properties", lambda kernel, device, block: used)
-    gpu = SimpleNamespace(is_cpu=False, arch=compiling.ARCH)
-    method = slcp.Options(scaling="none").method
-    specs = [
-        Specialisation(SETTING.finger("float64").scene.structure, wp.float32, replace(method, part=part))
-        for part in ("fast", "rest")
-    ]
-    rows = [compiling._code(make_rollout_relay(spec, OPEN_LOOP, False), gpu) for spec in specs]
-    assert [row["part"] for row in rows] == ["fast", "rest"]
-    monkeypatch.setattr(compiling.wp, "get_device", lambda device: gpu)
-    for given, right in ((rows, False), (rows[1:], None)):
-        events = []
-        compiling._predicted("rollout smoothed", "float32", given, SETTING, Found(events.append))
-        assert checks(events).get("rollout smoothed: registers") is right
+    gpu = SimpleNamespace(is_cpu=False, arch=90)
+    found = checks(found_by(lambda _, found: compiling.predicted(gpu, found)))
+    bad = {what for what, right in found.items() if not right}
+    more = {"rollout: bytes of local memory", "hard rollout: bytes of local memory"}
+    assert bad == {"hard rollout: registers", "library: registers", *more} and len(loaded) == len(found) / 2
+    gpu.arch = 100  # of another GPU it is said, and not judged
+    events = found_by(lambda _, found: compiling.predicted(gpu, found))
+    assert not checks(events) and len(events) == len(loaded) / 2
+    row = compiling._code(loaded[0], gpu)
+    assert row["part"] == "fast" and row["register_count"] == 180
 
 
 def test_blocks_are_put_back_after_they_were_tried(monkeypatch):
