@@ -15,7 +15,7 @@ from ..residual.smoothing import make_smoothing
 from ..structure import CAPSULE, DISC, ELLIPSE, HALFPLANE, WORLD
 from .broad.phase import make_broad
 from .mechanism import COLUMN, make_mechanism
-from .topology import CONTACT, DISCS, LONG, LOWER, MOVES_A, MOVES_B, PLANE, ROUND, TURN, Topology
+from .topology import CONTACT, LONG, LOWER, MOVES_A, MOVES_B, PLANE, ROUND, TURN, Topology
 from .work import LISTED, NEAR, ORDERS, V2, V3, V4, WORK, Slot
 
 ROUNDING = {wp.float64: 1e-14, wp.float32: 4e-7}  # of a gap [m], whatever the precision of the work
@@ -41,7 +41,6 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
     long_distance = make_distance(CAPSULE, DISC, dtype)
     plane_distance = make_distance(HALFPLANE, ELLIPSE, dtype)
     round_distance = make_distance(ELLIPSE, ELLIPSE, dtype)
-    disc_distance = make_distance(DISC, DISC, dtype)
 
     @wp.func
     def place_shapes(t: wp.ref[Topology], k: wp.ref[Slot]):
@@ -114,8 +113,6 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
             g = plane_distance.geometry(ra, rb, pa, pb, V2())
         elif t.pair_kind[pair] == LONG:
             g = long_distance.geometry(ra, rb, pa, pb, V2())
-        elif t.pair_kind[pair] == DISCS:
-            g = disc_distance.geometry(ra, rb, pa, pb, V2())
         else:
             g = round_distance.geometry(ra, rb, pa, pb, k.normal[pair])
         k.normal[pair] = V2(g[0], g[1])
@@ -247,7 +244,7 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
         gap = dtype(0.0)
         spread_a = wp.max(rb[0], rb[1])
         va = V3()
-        if t.pair_kind[pair] == ROUND or t.pair_kind[pair] == DISCS:
+        if t.pair_kind[pair] == ROUND:
             gap = round_distance.bound(ra, rb, pa, pb)
             spread_a = wp.max(ra[0], ra[1])
             va = at_point(t, k, t.pair_a[pair], pa)

@@ -20,7 +20,7 @@ from .broad.items import bits_of, item_tables, items_first
 
 TURN, AXIS, SHIFT_X, SHIFT_Y = 0, 1, 2, 3  # what a degree of freedom does
 LOWER, UPPER, CONTACT = 0, 1, 2  # kinds of rows
-PLANE, LONG, ROUND, DISCS = 0, 1, 2, 3  # first shape of a pair: half-plane, capsule, round; both are discs
+PLANE, LONG, ROUND = 0, 1, 2  # first shape of a pair: half-plane, capsule, ellipse or disc
 JOINT = {"revolute": 0, "prismatic": 1, "free": 2}
 MOVES_A, MOVES_B = 1, 2  # which sides of a pair a degree of freedom moves
 
@@ -73,7 +73,7 @@ class Topology:
     spring_body: wp.array(dtype=wp.int32)  # (2 springs)
     shape_body: wp.array(dtype=wp.int32)
     shape_turned: wp.array(dtype=wp.int32)
-    pair_kind: wp.array(dtype=wp.int32)  # (pairs) PLANE, LONG, ROUND or DISCS
+    pair_kind: wp.array(dtype=wp.int32)  # (pairs) PLANE, LONG or ROUND
     pair_a: wp.array(dtype=wp.int32)
     pair_b: wp.array(dtype=wp.int32)
     pair_ends: wp.array(dtype=wp.int32)  # (2 pairs) +1, -1: the disc at that end of a capsule; 0: the shape
@@ -295,8 +295,7 @@ def _pair_tables(s: Structure, chains: list[list[int]], out: dict[str, list[int]
     ]
     out["shape_body"] = [shape.body for shape in s.shapes]
     out["shape_turned"] = [int(shape.turned) for shape in s.shapes]
-    kind = {HALFPLANE: PLANE, CAPSULE: LONG}
-    out["pair_kind"] = [kind.get(a, DISCS if a == b == DISC else ROUND) for a, b in kinds]
+    out["pair_kind"] = [{HALFPLANE: PLANE, CAPSULE: LONG}.get(a, ROUND) for a, _ in kinds]
     out["pair_ends"] = [end for at in ends for end in at]
     out["pair_a"] = [a for a, _ in pairs]
     out["pair_b"] = [b for _, b in pairs]

@@ -1,4 +1,4 @@
-"""A sweep's worlds in several launches of specialised kernels: by periods of a policy, or handed on."""
+"""A sweep's worlds in several launches: by periods of a policy, or handed on between specialised kernels."""
 
 from typing import Any
 
@@ -7,9 +7,9 @@ import warp as wp
 
 from slcp_warp.kernels.contact.problem import COLD
 from slcp_warp.kernels.device.launch import Prepared, launch
-from slcp_warp.kernels.device.relay import Relay, Run
+from slcp_warp.kernels.device.relay import Run
 from slcp_warp.kernels.ensembles.arrival import Progress, make_arrival, make_span
-from slcp_warp.kernels.ensembles.generic_sweep import make_sweep_begin_kernel
+from slcp_warp.kernels.ensembles.asking import make_sweep_ask_kernel
 from slcp_warp.kernels.ensembles.sweep import make_sweep_kernel
 from slcp_warp.kernels.policies.contract import PolicyKernel
 from slcp_warp.kernels.policies.held import HELD, make_held
@@ -18,6 +18,7 @@ from slcp_warp.kernels.structure import STEP_SIZE
 from ..measures.tables import MeasureTable
 from ..simulator import Simulator
 from ..stepping.host import Asked
+from .run_worlds import Period, run_worlds
 from .worlds import Worlds
 from .worlds.between import HostBetween
 from .worlds.events import events_of
@@ -80,15 +81,13 @@ def by_periods(
     count, params, state, device = len(worlds), worlds.params, wp.clone(worlds.x0), sim.device
     kept, measures, events = table.kept(count, device), table.struct(sim), events_of(sim, worlds)
     span = span_of(sim, policy.kernel, conditions, worlds, state, records)
-    relay = Relay()
-    relay.next = wp.zeros(count, dtype=wp.int32, device=device)
-    kernel = make_sweep_kernel(sim.spec, policy.kernel, table.users(sim), spans=True)
+    period = Period(0, policy.every, wp.zeros(count, dtype=wp.int32, device=device))
     steps = int(span.p.steps.numpy().max(initial=0))
     for k in range(0, steps, policy.every):
         policy.ask(k, events, span.p, state)
         inputs = [conditions, events, params, worlds.x0, policy.struct, measures, span, records, kept]
-        inputs = [0, k + policy.every, policy.every, relay, *inputs, span.p.status]
-        launch(kernel, count, inputs, device, grain=max(1, 128 // policy.every))
+        inputs, period = [*inputs, span.p.status], period._replace(first=k)
+        run_worlds(sim, policy.kernel, table, inputs, max(1, 128 // policy.every), period)
     return kept, span.p.status
 
 
@@ -116,7 +115,7 @@ def handed_on(
     if apart:
         size = policy[0].functions(sim.nx, sim.nu, sim.dtype).memory
         inputs = [0, *numbers, policy[1], span.p, state, held.us, sim.empty(count, size)]
-        begin = make_sweep_begin_kernel(sim.scene.nv, sim.nu, sim.dtype, policy[0], acts=False)
+        begin = make_sweep_ask_kernel(sim.scene.nv, sim.nu, sim.dtype, policy[0])
         ask = Prepared(begin, count, inputs, sim.device)
 
         def before(k: int) -> None:

@@ -58,7 +58,7 @@ def roll_out(
         none = sim.empty(0, steps, 1)
         code: Any = wp.from_torch(status)
         arrays = RolloutArrays(numbers, start, sim.empty(0, 0), out, us, none, none, code)
-        sim.kernels.specialised("slcp_warp.torch").rollout(arrays, source, ())
+        sim.kernels.stepping.rollout(arrays, source, ())
     return states, controls, status
 
 
@@ -100,6 +100,6 @@ class ClosedLoop(torch.autograd.Function):
             struct = make_tracking(sim.nx, sim.nu, sim.dtype).Struct()
             struct.us, struct.xs, struct.gain, struct.period = us, out, slopes, wp.zeros_like(start[0])
             code: Any = wp.from_torch(status)
-            run = Recorded(sim.spec, numbers, start, us, sim.empty(0, 0), out, code, struct)
+            run = Recorded(sim.kernels.stepping, numbers, start, us, sim.empty(0, 0), out, code, struct)
             adjoint(run, by_out)
         return (*(f if want else None for f, want in zip(found, wanted)), None, None, None, None, None)

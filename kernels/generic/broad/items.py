@@ -7,7 +7,7 @@ the world. Half-planes are no items: each is tested against all items that it ha
 from ...factories import cached
 from ...structure import CAPSULE, HALFPLANE, WORLD, Structure
 
-FEWEST = 24  # pairs: from here on it saves time (docs/performance.md)
+FEWEST = 64  # pairs
 
 
 @cached
