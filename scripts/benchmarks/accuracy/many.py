@@ -38,8 +38,8 @@ CURVES = (
 )
 SETTINGS = ("default", "CG", "stiff", "overdamped")
 RESTS = ("stack:3", "stack:10", "stack:30", "discs:10", "discs:30")
-MOVES = ("stack:3", "stack:10", "stack:30", "discs:10", "discs:30", "beam:8", "walker", "hopper")
-OTHERS, SHARE = ("stack:3", "stack:10", "discs:10"), (0.02, 0.01, 0.005)  # of the peers that take long
+MOVES = ("stack:3", "stack:10", "stack:30", "heap:10", "heap:30", "beam:8", "walker", "hopper")
+OTHERS, SHARE = ("stack:3", "stack:10", "heap:10"), (0.02, 0.01, 0.005)  # of the peers that take long
 WORLDS = 64  # of mujoco_warp
 STILL_SIZES = (0.05, 0.02, 0.01, 0.005)  # of what rests
 BATCHES = (1, 10, 100, 1000, 10_000, 100_000)
