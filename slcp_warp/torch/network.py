@@ -12,6 +12,7 @@ import warp as wp
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
+from slcp_warp.kernels.device.tables import laid_out
 from slcp_warp.kernels.policies.tracking import make_tracking
 
 from ..gradients.tape import Recorded, adjoint
@@ -57,7 +58,7 @@ def roll_out(
         numbers, start, out, us = share(sim, table, x, states, controls)
         none = sim.empty(0, steps, 1)
         code: Any = wp.from_torch(status)
-        arrays = RolloutArrays(numbers, start, sim.empty(0, 0), out, us, none, none, code)
+        arrays = RolloutArrays(laid_out(numbers), start, sim.empty(0, 0), out, us, none, none, code)
         sim.kernels.stepping.rollout(arrays, source, ())
     return states, controls, status
 

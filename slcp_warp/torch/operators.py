@@ -15,6 +15,8 @@ import torch
 import warp as wp
 from torch import Tensor
 
+from slcp_warp.kernels.device.tables import copy_rows, empty_table, laid_out
+
 from ..gradients.checkpoint import Segments, checkpointed, pull_back
 from ..gradients.tape import Recorded, adjoint, derivatives_exist
 from ..inputs import rules
@@ -92,7 +94,8 @@ def rollout_op(
     status = torch.zeros(len(x0), dtype=torch.int32, device=x0.device)
     kernels = sim.kernels.stepping
     with stream(x0):
-        x, u, numbers, external = share(sim, x0, us, table, force)
+        x, u, rows, external = share(sim, x0, us, table, force)
+        numbers = laid_out(rows)
         code: Any = wp.from_torch(status)
         if every:
             return wp.to_torch(checkpointed(kernels, numbers, x, u, external, code, every)), status
@@ -124,7 +127,11 @@ def pull_op(
         for array, gradient in list(zip(arrays, out))[: 3 if parameters else 2]:
             array.grad = wp.from_torch(gradient, dtype=sim.dtype)
             array.requires_grad = True
-        x, u, numbers, external, kept, slopes = arrays
+        x, u, rows, external, kept, slopes = arrays
+        numbers = laid_out(rows)
+        if numbers is not rows and parameters:
+            numbers.grad = empty_table(*rows.shape, sim.dtype, sim.device)
+            numbers.requires_grad = True
         code: Any = wp.from_torch(status)
         run = Recorded(kernels, numbers, x, u, external, kept, code)
         if every:
@@ -136,6 +143,8 @@ def pull_op(
             pull_back(run, Segments(kernels, numbers, u, external, bounds, room))
         else:
             adjoint(run, slopes)
+        if numbers is not rows and parameters:
+            copy_rows(numbers.grad, rows.grad)
     return out[0], out[1], out[2]
 
 
