@@ -34,23 +34,14 @@ def make_curvature(spec: Specialisation) -> wp.Function:
     sm = make_smoothing(dtype, method.residual)
     lay = layout(s)
     NV, NR, NZ = s.nv, s.nr, linear.NZ
-    VQ, VX, VR, MQ, V2 = t.VQ, t.VX, t.VR, t.MQ, t.V2
     NS = 3 * NV + NR  # (q, v, v', z)
+    VQ, VX, VR, MQ, V2 = t.VQ, t.VX, t.VR, t.MQ, t.V2
     HESSIAN, MAP = wp.types.matrix((NS, NS), dtype), wp.types.matrix((NS, NZ), dtype)
-    QZ, SECOND = wp.types.matrix((NV, max(NR, 1)), dtype), wp.types.matrix((NZ, NZ), dtype)
+    SECOND = wp.types.matrix((NZ, NZ), dtype)
     ZERO, ONE, TWO = dtype(0.0), dtype(1.0), dtype(2.0)
     H, FRICTION = (lay.offset(n) for n in ("step_size", "friction"))
     sign = tuple(dtype(float(r.sign)) for r in s.rows)
     pair_rows = step.pair_rows
-
-    @wp.struct
-    class Hessian:
-        qq: MQ
-        qv: MQ
-        vv: MQ
-        qw: MQ  # by q and v'
-        qz: QZ
-        zz: VR  # its diagonal, all that it has
 
     def make_pair_curvature(k: int) -> wp.Function:
         d = pairs[k]
@@ -88,7 +79,7 @@ def make_curvature(spec: Specialisation) -> wp.Function:
             lin: linear.Linear,
             p: VQ,
             rho: VR,
-            hess: Hessian,
+            hess: HESSIAN,
         ):
             """The pair's part of H."""
             out = hess
@@ -111,15 +102,15 @@ def make_curvature(spec: Specialisation) -> wp.Function:
                         push = row_gradient(world, g, p, wp.static(sign[i]))
                         for a in range(wp.static(NV)):
                             value = -lin.factor.slope[i] / sol.scale[i] * push[a]
-                            out.qz[a, i] = out.qz[a, i] + value
+                            out[a, wp.static(3 * NV + i)] = out[a, wp.static(3 * NV + i)] + value
             qq -= wp.static(d.hessian)(g, p, fn, ft)
             qq += wp.static(d.hessian)(g, sol.v, rn, rt)
             qq += wp.static(d.force_by_q)(g, rn / h, ZERO)
             by = wp.static(d.force_by_q)(g, rn, rt)  # (j, k): d/dq_k of the rows times rho
             for a in range(wp.static(NV)):
                 for b in range(wp.static(NV)):
-                    out.qq[a, b] = out.qq[a, b] + qq[a, b]
-                    out.qw[a, b] = out.qw[a, b] + by[b, a]
+                    out[a, b] = out[a, b] + qq[a, b]
+                    out[a, wp.static(2 * NV + b)] = out[a, wp.static(2 * NV + b)] + by[b, a]
             if wp.static(method.inertia_scaling):
                 for i in range(wp.static(NR)):
                     if wp.static(i in pair_rows[k]):
@@ -135,7 +126,7 @@ def make_curvature(spec: Specialisation) -> wp.Function:
 
     @wp.func
     def add_scaling(
-        sol: step.Solution, lin: linear.Linear, i: int, pi: dtype, push: VQ, second: MQ, hess: Hessian
+        sol: step.Solution, lin: linear.Linear, i: int, pi: dtype, push: VQ, second: MQ, hess: HESSIAN
     ):
         # Lambda contains -(J_i P) s(z_i)/D_i(q): what D's dependence on q adds
         out = hess
@@ -146,14 +137,15 @@ def make_curvature(spec: Specialisation) -> wp.Function:
             for b in range(wp.static(NV)):
                 db = lin.rows.scale_by_q[i, b]
                 value = (push[a] * db + push[b] * da + pi * second[a, b]) - TWO * pi * da * db / scale
-                out.qq[a, b] = out.qq[a, b] + lam / scale * value
-            out.qz[a, i] = out.qz[a, i] + lin.factor.slope[i] * pi * da / (scale * scale)
+                out[a, b] = out[a, b] + lam / scale * value
+            c = 3 * wp.static(NV) + i
+            out[a, c] = out[a, c] + lin.factor.slope[i] * pi * da / (scale * scale)
         return out
 
     pair_curvatures = tuple(make_pair_curvature(k) for k in range(len(s.pairs)))
 
     @wp.func
-    def limit_scaling(world: t.World, sol: step.Solution, lin: linear.Linear, p: VQ, hess: Hessian):
+    def limit_scaling(world: t.World, sol: step.Solution, lin: linear.Linear, p: VQ, hess: HESSIAN):
         out = hess
         for i in range(wp.static(NR)):
             if wp.static(rows.limit[i]):
@@ -168,7 +160,7 @@ def make_curvature(spec: Specialisation) -> wp.Function:
         return out
 
     @wp.func
-    def motion_hessian(world: t.World, lin: linear.Linear, p: VQ, v: VQ, hess: Hessian):
+    def motion_hessian(world: t.World, lin: linear.Linear, p: VQ, v: VQ, hess: HESSIAN):
         # P.(M (v' - v) - h r)
         out = hess
         h = world.params[wp.static(H)]
@@ -179,29 +171,19 @@ def make_curvature(spec: Specialisation) -> wp.Function:
         mass_p = wp.static(step.mass.by_q)(world, lin.pose, p)
         for a in range(wp.static(NV)):
             for b in range(wp.static(NV)):
-                out.qq[a, b] = out.qq[a, b] + qq[a, b]
-                out.qv[a, b] = out.qv[a, b] + qv[a, b] - mass_p[b, a]
-                out.qw[a, b] = out.qw[a, b] + mass_p[b, a]
-                out.vv[a, b] = vv[a, b]
+                out[a, b] = out[a, b] + qq[a, b]
+                out[a, wp.static(NV + b)] = out[a, wp.static(NV + b)] + qv[a, b] - mass_p[b, a]
+                out[a, wp.static(2 * NV + b)] = out[a, wp.static(2 * NV + b)] + mass_p[b, a]
+                out[wp.static(NV + a), wp.static(NV + b)] = vv[a, b]
         return out
 
     @wp.func
-    def dense_through(lin: linear.Linear, hess: Hessian):
-        """Z' H Z of whole matrices, whose sums kernels for all steps keep; a GPU indexes these in memory."""
-        full = HESSIAN()
-        for a in range(wp.static(NV)):
-            for b in range(wp.static(NV)):
-                full[a, b] = hess.qq[a, b]
-                full[a, wp.static(NV + b)] = hess.qv[a, b]
-                full[a, wp.static(2 * NV + b)] = hess.qw[a, b]
-                full[wp.static(NV + a), wp.static(NV + b)] = hess.vv[a, b]
-            for i in range(wp.static(NR)):
-                full[a, wp.static(3 * NV + i)] = hess.qz[a, i]
-        for i in range(wp.static(NR)):
-            full[wp.static(3 * NV + i), wp.static(3 * NV + i)] = hess.zz[i]
-        for a in range(wp.static(NV)):
+    def whole(lin: linear.Linear, filled: HESSIAN):
+        """Z' H Z of whole matrices; a GPU would index them in memory."""
+        hess = filled
+        for a in range(wp.static(NV)):  # blocks were filled above the diagonal only
             for b in range(wp.static(2 * NV + NR)):
-                full[wp.static(NV + b), a] = full[a, wp.static(NV + b)]
+                hess[wp.static(NV + b), a] = hess[a, wp.static(NV + b)]
         chain = MAP()
         for c in range(wp.static(NZ)):
             if wp.static(c < 2 * NV):
@@ -210,11 +192,11 @@ def make_curvature(spec: Specialisation) -> wp.Function:
                 chain[wp.static(2 * NV + j), c] = lin.dv[j, c]
             for i in range(wp.static(NR)):
                 chain[wp.static(3 * NV + i), c] = lin.dz[i, c]
-        return wp.transpose(chain) * (full * chain)
+        return wp.transpose(chain) * (hess * chain)
 
     @wp.func
-    def through(lin: linear.Linear, hess: Hessian):
-        """Z' H Z, sums in the order of (q, v, v', z), without what is zero or one in Z."""
+    def by_blocks(lin: linear.Linear, hess: HESSIAN):
+        """The same sums without what is zero or one in H and Z."""
         out = SECOND()
         for c in range(wp.static(NZ)):
             # column c of H Z: its rows of q, v, v' and z
@@ -223,21 +205,21 @@ def make_curvature(spec: Specialisation) -> wp.Function:
             by_w = VQ()
             by_z = VR()
             for a in range(wp.static(NV)):
+                if wp.static(c < 2 * NV):
+                    by_q[a] = hess[a, c]
                 if wp.static(c < NV):
-                    by_q[a] = hess.qq[a, c]
-                    by_v[a] = hess.qv[c, a]
-                    by_w[a] = hess.qw[c, a]
+                    by_v[a] = hess[c, wp.static(NV + a)]
+                    by_w[a] = hess[c, wp.static(2 * NV + a)]
                 elif wp.static(c < 2 * NV):
-                    by_q[a] = hess.qv[a, wp.static(c - NV)]
-                    by_v[a] = hess.vv[a, wp.static(c - NV)]
+                    by_v[a] = hess[wp.static(NV + a), c]
                 for j in range(wp.static(NV)):
-                    by_q[a] = by_q[a] + hess.qw[a, j] * lin.dv[j, c]
+                    by_q[a] = by_q[a] + hess[a, wp.static(2 * NV + j)] * lin.dv[j, c]
                 for i in range(wp.static(NR)):
-                    by_q[a] = by_q[a] + hess.qz[a, i] * lin.dz[i, c]
+                    by_q[a] = by_q[a] + hess[a, wp.static(3 * NV + i)] * lin.dz[i, c]
             for i in range(wp.static(NR)):
                 if wp.static(c < NV):
-                    by_z[i] = hess.qz[c, i]
-                by_z[i] = by_z[i] + hess.zz[i] * lin.dz[i, c]
+                    by_z[i] = hess[c, wp.static(3 * NV + i)]
+                by_z[i] = by_z[i] + hess[wp.static(3 * NV + i), wp.static(3 * NV + i)] * lin.dz[i, c]
             for b in range(wp.static(NZ)):
                 value = ZERO
                 if wp.static(b < NV):
@@ -259,7 +241,7 @@ def make_curvature(spec: Specialisation) -> wp.Function:
         target[output] = dtype(1.0)
         fr = wp.static(mech.frames)(world, q)
         p, rho = linear.response.transposed(lin.factor, step.posed(sol), target)
-        hess = motion_hessian(world, lin, p, v, Hessian())
+        hess = motion_hessian(world, lin, p, v, HESSIAN())
         for k in range(wp.static(len(s.pairs))):
             if (sol.mask & wp.static(pair_mask[k])) != 0:
                 hess = wp.static(pair_curvatures[k])(world, fr, sol, lin, p, rho, hess)
@@ -271,9 +253,9 @@ def make_curvature(spec: Specialisation) -> wp.Function:
                     sigma = wp.static(noise.level[i])(world, sol.sigma)
                     bend = wp.static(sm.bend)(sol.z[i], ONE / sigma)  # s''(z)
                     force = wp.static(rows.dots[i])(sol.jac, p) / sol.scale[i] + rho[i]
-                    hess.zz[i] = -bend * force
+                    hess[wp.static(3 * NV + i), wp.static(3 * NV + i)] = -bend * force
         if wp.static(method.part == "whole"):
-            return -dense_through(lin, hess)
-        return -through(lin, hess)
+            return -whole(lin, hess)
+        return -by_blocks(lin, hess)
 
     return curvature

@@ -41,7 +41,7 @@ def make_linearize_kernel(spec: Specialisation, second: bool) -> wp.Kernel:
                 fu[b, k, wp.static(NV + i), j] = dv[i, wp.static(NX + j)]
                 fu[b, k, i, j] = h * drift[i, wp.static(NX + j)]
 
-    @fitted(method.fast)
+    @fitted(method.fast and not second)
     def linearize_kernel(
         first: int,
         slot: int,
