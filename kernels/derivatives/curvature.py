@@ -37,6 +37,7 @@ def make_curvature(spec: Specialisation) -> wp.Function:
     NS = 3 * NV + NR  # (q, v, v', z)
     VQ, VX, VR, MQ, V2 = t.VQ, t.VX, t.VR, t.MQ, t.V2
     HESSIAN, MAP = wp.types.matrix((NS, NS), dtype), wp.types.matrix((NS, NZ), dtype)
+    SECOND = wp.types.matrix((NZ, NZ), dtype)
     ZERO, ONE, TWO = dtype(0.0), dtype(1.0), dtype(2.0)
     H, FRICTION = (lay.offset(n) for n in ("step_size", "friction"))
     sign = tuple(dtype(float(r.sign)) for r in s.rows)
@@ -177,6 +178,62 @@ def make_curvature(spec: Specialisation) -> wp.Function:
         return out
 
     @wp.func
+    def whole(lin: linear.Linear, filled: HESSIAN):
+        """Z' H Z of whole matrices; a GPU would index them in memory."""
+        hess = filled
+        for a in range(wp.static(NV)):  # blocks were filled above the diagonal only
+            for b in range(wp.static(2 * NV + NR)):
+                hess[wp.static(NV + b), a] = hess[a, wp.static(NV + b)]
+        chain = MAP()
+        for c in range(wp.static(NZ)):
+            if wp.static(c < 2 * NV):
+                chain[c, c] = dtype(1.0)
+            for j in range(wp.static(NV)):
+                chain[wp.static(2 * NV + j), c] = lin.dv[j, c]
+            for i in range(wp.static(NR)):
+                chain[wp.static(3 * NV + i), c] = lin.dz[i, c]
+        return wp.transpose(chain) * (hess * chain)
+
+    @wp.func
+    def by_blocks(lin: linear.Linear, hess: HESSIAN):
+        """The same sums without what is zero or one in H and Z."""
+        out = SECOND()
+        for c in range(wp.static(NZ)):
+            # column c of H Z: its rows of q, v, v' and z
+            by_q = VQ()
+            by_v = VQ()
+            by_w = VQ()
+            by_z = VR()
+            for a in range(wp.static(NV)):
+                if wp.static(c < 2 * NV):
+                    by_q[a] = hess[a, c]
+                if wp.static(c < NV):
+                    by_v[a] = hess[c, wp.static(NV + a)]
+                    by_w[a] = hess[c, wp.static(2 * NV + a)]
+                elif wp.static(c < 2 * NV):
+                    by_v[a] = hess[wp.static(NV + a), c]
+                for j in range(wp.static(NV)):
+                    by_q[a] = by_q[a] + hess[a, wp.static(2 * NV + j)] * lin.dv[j, c]
+                for i in range(wp.static(NR)):
+                    by_q[a] = by_q[a] + hess[a, wp.static(3 * NV + i)] * lin.dz[i, c]
+            for i in range(wp.static(NR)):
+                if wp.static(c < NV):
+                    by_z[i] = hess[c, wp.static(3 * NV + i)]
+                by_z[i] = by_z[i] + hess[wp.static(3 * NV + i), wp.static(3 * NV + i)] * lin.dz[i, c]
+            for b in range(wp.static(NZ)):
+                value = ZERO
+                if wp.static(b < NV):
+                    value = by_q[b]
+                elif wp.static(b < 2 * NV):
+                    value = by_v[wp.static(b - NV)]
+                for j in range(wp.static(NV)):
+                    value += lin.dv[j, b] * by_w[j]
+                for i in range(wp.static(NR)):
+                    value += lin.dz[i, b] * by_z[i]
+                out[b, c] = value
+        return out
+
+    @wp.func
     def curvature(world: t.World, x: VX, sol: step.Solution, lin: linear.Linear, output: int):
         """Second derivatives of v'[output], symmetric."""
         q, v = step.split(x)
@@ -197,17 +254,8 @@ def make_curvature(spec: Specialisation) -> wp.Function:
                     bend = wp.static(sm.bend)(sol.z[i], ONE / sigma)  # s''(z)
                     force = wp.static(rows.dots[i])(sol.jac, p) / sol.scale[i] + rho[i]
                     hess[wp.static(3 * NV + i), wp.static(3 * NV + i)] = -bend * force
-        for a in range(wp.static(NV)):  # blocks were filled above the diagonal only
-            for b in range(wp.static(2 * NV + NR)):
-                hess[wp.static(NV + b), a] = hess[a, wp.static(NV + b)]
-        chain = MAP()
-        for c in range(wp.static(NZ)):
-            if wp.static(c < 2 * NV):
-                chain[c, c] = dtype(1.0)
-            for j in range(wp.static(NV)):
-                chain[wp.static(2 * NV + j), c] = lin.dv[j, c]
-            for i in range(wp.static(NR)):
-                chain[wp.static(3 * NV + i), c] = lin.dz[i, c]
-        return -(wp.transpose(chain) * (hess * chain))
+        if wp.static(method.part == "whole"):
+            return -whole(lin, hess)
+        return -by_blocks(lin, hess)
 
     return curvature

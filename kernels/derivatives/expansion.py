@@ -2,7 +2,8 @@
 
 import warp as wp
 
-from ..device.compile import specialised
+from ..device.compile import fitted
+from ..device.relay import Relay, hand_on, taken
 from ..factories import cached
 from ..specialisation import Specialisation
 from ..status import SOLVED
@@ -15,9 +16,10 @@ from .sensitivity import make_linearization
 def make_linearize_kernel(spec: Specialisation, second: bool) -> wp.Kernel:
     """A = df/dx, B = df/du (and d2v'/d(x, u)2) at every step of every problem.
 
-    Item i is step i mod N of problem i div N.
+    Item i is step i mod N of problem i div N. A fast method leaves items whose step it does not solve to the
+    other kernel (`device/relay.py`).
     """
-    s, dtype, _ = spec
+    s, dtype, method = spec
     linear = make_linearization(spec)
     step = linear.step
     batch = make_batch(spec, False)
@@ -39,9 +41,13 @@ def make_linearize_kernel(spec: Specialisation, second: bool) -> wp.Kernel:
                 fu[b, k, wp.static(NV + i), j] = dv[i, wp.static(NX + j)]
                 fu[b, k, i, j] = h * drift[i, wp.static(NX + j)]
 
-    @specialised
+    @fitted(method.fast and not second)
     def linearize_kernel(
         first: int,
+        slot: int,
+        last: int,
+        most: int,
+        relay: Relay,
         params: wp.array2d(dtype=dtype),
         steps: int,
         xs: wp.array3d(dtype=dtype),  # (B, >= N, nx)
@@ -54,6 +60,10 @@ def make_linearize_kernel(spec: Specialisation, second: bool) -> wp.Kernel:
         status: wp.array2d(dtype=wp.int32),  # out (B, N)
     ):
         item = first + wp.tid()
+        if wp.static(method.part != "whole"):
+            item = taken(relay, slot, item)
+            if item < 0:
+                return
         b = item / steps
         k = item - b * steps
         if active.shape[0] > 0:
@@ -68,6 +78,10 @@ def make_linearize_kernel(spec: Specialisation, second: bool) -> wp.Kernel:
             u[j] = us[b, k, j]
         sol = step.solve_step(world, x, u, step.cold_carry())
         code = batch.status_of(sol, step.next_state(world, x, sol))
+        if wp.static(method.fast):
+            if code != wp.static(SOLVED):
+                hand_on(relay, slot, item)
+                return
         status[b, k] = code
         if code == wp.static(SOLVED):
             lin, drift = linear.linearize(world, x, sol)

@@ -110,7 +110,8 @@ class Prepared:
         ]
 
     def __call__(self):
-        _drain(_launch_command, self.commands, self.threads)
+        # a graph of a CPU records one launch at a time
+        _drain(_launch_command, self.commands, 1 if self.device.is_capturing else self.threads)
 
     def set_input(self, index, value):
         """Replace ``inputs[index]`` (counted without ``first``)."""

@@ -12,7 +12,7 @@ bit, in every batch and order, and on any number of threads. They differ from th
 rounding of two programs.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import warp as wp
@@ -85,6 +85,7 @@ class Run:
         device: of the arrays.
         grain: worlds of a launch that are worth a thread.
         span: steps between two launches of all worlds; None: SPAN.
+        before: what is launched before the span that begins with a step.
 
     Attributes:
         relay: its struct.
@@ -100,9 +101,11 @@ class Run:
         device: Any,
         grain: int = DEFAULT_GRAIN,
         span: int | None = None,
+        before: Callable[[int], None] | None = None,
     ) -> None:
         self._device, self._steps = wp.get_device(device), steps
         self._span = max(1, min(SPAN if span is None else span, steps))
+        self._before = before
         self._most, self.relay = rounds(self._span), Relay()
         for name in ("next", "left"):
             setattr(self.relay, name, wp.zeros(worlds, dtype=wp.int32, device=device))
@@ -117,6 +120,8 @@ class Run:
         self.relay.next.zero_()
         self.relay.left.zero_()
         for first in range(0, self._steps, self._span):
+            if self._before is not None:
+                self._before(first)
             self._make_span(min(first + self._span, self._steps))
         return self.relay.left
 

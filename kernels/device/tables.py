@@ -64,3 +64,8 @@ def copy_table(table: wp.array) -> wp.array:
     out = empty_table(*table.shape, table.dtype, table.device)
     wp.copy(out, table)
     return out
+
+
+def laid_out(table: wp.array) -> wp.array:
+    """A table by rows in the layout of its device: itself, or a copy of its numbers."""
+    return copy_table(table) if by_columns(table.shape[0], table.device) else table

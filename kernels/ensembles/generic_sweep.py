@@ -1,132 +1,172 @@
-"""Sweeps with the generic step kernel: what happens to a world between two of its steps.
+"""A robustness sweep in one launch with generic kernels: what `sweep.py` does with specialised ones.
 
-`sweep.py` rolls a world out in one launch. Here a step is three: `begin` records, kicks and asks the policy,
-the generic kernel steps (`generic/step.py`), `end` takes the step over or the status and takes measures. The
-random numbers are those of `sweep.py`, by world and step, so nothing depends on the split.
+Between two steps a world stands in the precision of its arrays, so that it does not matter where a launch
+ends and the next one goes on.
 """
-
-from types import SimpleNamespace
 
 import warp as wp
 
+from ..contact.problem import COLD
 from ..device.compile import specialised
 from ..factories import cached
+from ..generic.topology import CONTACT, Topology
+from ..generic.work import ROWS, WORK, Slot, Work, view
 from ..policies.contract import PolicyKernel, make_policy
 from ..status import SOLVED
 from ..structure import STEP_SIZE
-from .arrival import Progress, make_arrival
+from .arrival import make_span
 from .disturbances import END, make_conditions, make_disturbances, make_events
-from .measures import NO_USERS, Users, make_measures, make_row_contacts, make_tables
+from .generic_rollout import make_world
+from .measures import FAR, NO_USERS, Users, make_listed_contacts, make_measures, make_tables
 
 
 @cached
-def make_sweep_begin_kernel(nv: int, nu: int, dtype: type, policy: PolicyKernel) -> wp.Kernel:
-    """Before step k: records, kicks, pushes, and the controls as they act."""
-    asked = make_policy(policy, 2 * nv, nu, dtype)
-    disturb, arrive = make_disturbances(nv, nu, dtype), make_arrival(nv, nu, dtype).arrive
-    Conditions, Events, Policy = make_conditions(dtype), make_events(dtype), asked.Struct
+def make_generic_sweep_kernel(
+    given: type, residual: str, nv: int, nu: int, policy: PolicyKernel, users: Users = NO_USERS
+) -> wp.Kernel:
+    """Roll out one world a thread for a duration, with all that happens to it, as `make_sweep_kernel`; a span
+    with room for states says that a launch makes some of the steps.
+    """
+    one = make_world(given, residual, nv, nu)
+    asked = make_policy(policy, 2 * nv, nu, given)
+    disturb = make_disturbances(nv, nu, given)
+    Conditions, Events, Policy = make_conditions(given), make_events(given), asked.Struct
+    Span, Measures, contacts = make_span(given), make_tables(given), make_listed_contacts()
+    measures = make_measures(2 * nv, nu, given, contacts, users)
+    VX, VU = wp.types.vector(2 * nv, given), wp.types.vector(max(nu, 1), given)
+    ZERO, NOTHING, UNUSED = WORK(0.0), WORK(FAR), WORK(COLD)
+
+    @wp.func
+    def load(x: wp.array2d(dtype=given), i: int):
+        out = VX()
+        for j in range(2 * nv):
+            out[j] = x[i, j]
+        return out
+
+    @wp.func
+    def contacts_of(t: wp.ref[Topology], k: wp.ref[Slot], c: contacts.Contacts, h: wp.float64):
+        """Normal impulses and distances of the pairs that act."""
+        for pair in range(t.pairs):
+            c.impulse[pair] = ZERO
+            c.distance[pair] = NOTHING
+        for r in range(k.count[wp.static(ROWS)]):
+            i = k.row[r]
+            if k.acting[r] > 0 and t.row_kind[i] == wp.static(CONTACT):
+                pair = t.row_index[i]
+                c.impulse[pair] = c.impulse[pair] + k.lam[r]
+                c.distance[pair] = k.gap[r] * h
+
+    @wp.func
+    def leave(
+        t: wp.ref[Topology], k: wp.ref[Slot], span: Span, i: int, x: VX, code: int, record: int, event: int
+    ):
+        """What a world's next step takes over in the next launch."""
+        span.p.status[i] = code
+        span.p.record[i] = record
+        span.p.event[i] = event
+        for j in range(2 * nv):
+            span.state[i, j] = x[j]
+        for r in range(t.nr):
+            span.warm[i, r] = given(UNUSED)
+        if wp.static(residual != "none"):
+            for r in range(k.count[wp.static(ROWS)]):
+                span.warm[i, k.row[r]] = given(k.z[r])
+        for n in range(t.pairs):
+            span.warm[i, t.nr + 2 * n] = given(k.normal[n][0])
+            span.warm[i, t.nr + 2 * n + 1] = given(k.normal[n][1])
 
     @specialised
-    def sweep_begin_kernel(
+    def generic_sweep_kernel(
         first: int,
-        k: int,
+        base: int,
+        since: int,  # steps of the launch, where it is one of several
+        until: int,
+        t: Topology,
+        work: Work,
+        impulse: wp.array2d(dtype=wp.float64),  # (0 or slots, pairs) where contacts are looked at
+        distance: wp.array2d(dtype=wp.float64),
         c: Conditions,
         e: Events,
-        params: wp.array2d(dtype=dtype),  # (B, P)
-        x0: wp.array2d(dtype=dtype),  # (B, nx)
+        params: wp.array2d(dtype=given),  # (B, P)
+        x0: wp.array2d(dtype=given),  # (B, nx)
         control: Policy,
-        p: Progress,
-        state: wp.array2d(dtype=dtype),  # in and out (B, nx)
-        us: wp.array2d(dtype=dtype),  # out (B, nu)
-        memories: wp.array2d(dtype=dtype),  # in and out (B, memory of the policy)
-    ):
-        i = first + wp.tid()
-        world = disturb.number(c, e, i)
-        who = wp.where(wp.static(policy.by_row), i, world)
-        if k >= p.steps[i]:
-            return
-        x = arrive(c, e, params, x0, p, i, k, state)
-        h = wp.float64(params[i, STEP_SIZE])
-        time = wp.float64(k) * h
-        if p.status[i] == wp.static(SOLVED):
-            memory = asked.recall(control, memories, i, who, k, x)
-            u, memory = asked.ask(control, who, k, x, memory)
-            u = disturb.acting(c, e, i, world, k, time, h, u)
-            if e.push.shape[1] > 0:
-                disturb.push(c, e, i, params[i], x, time, h)
-            for j in range(nu):
-                us[i, j] = u[j]
-            asked.keep(memories, i, memory)
-
-    return sweep_begin_kernel
-
-
-@cached
-def make_sweep_end_kernels(nv: int, nu: int, dtype: type, users: Users = NO_USERS) -> SimpleNamespace:
-    """`end`, after step k: the new state or the status, measures. `finish`, after the last step: records."""
-    contacts = make_row_contacts(dtype)
-    measures = make_measures(2 * nv, nu, dtype, contacts, users)
-    Contacts, Measures = contacts.Contacts, make_tables(dtype)
-    Conditions, disturb = make_conditions(dtype), make_disturbances(nv, nu, dtype)
-    VX, VU = wp.types.vector(2 * nv, dtype), wp.types.vector(max(nu, 1), dtype)
-
-    @specialised
-    def sweep_end_kernel(
-        first: int,
-        k: int,
-        params: wp.array2d(dtype=dtype),  # (B, P)
-        after: wp.array2d(dtype=dtype),  # (B, nx) of the step
-        us: wp.array2d(dtype=dtype),  # (B, nu)
-        contacts_of: Contacts,
-        code: wp.array(dtype=wp.int32),  # (B,)
         m: Measures,
-        p: Progress,
-        state: wp.array2d(dtype=dtype),  # out (B, nx)
-        warm: wp.array2d(dtype=dtype),  # out (B, nr + 2 pairs)
-        kept: wp.array3d(dtype=wp.float64),  # out (B, M, WIDTH)
+        span: Span,
+        records: wp.array3d(dtype=wp.float32),  # out (B, S, R)
+        kept: wp.array3d(dtype=wp.float64),  # out (B, M, WIDTH) of the measures
+        status: wp.array(dtype=wp.int32),  # out (B,)
     ):
-        i = first + wp.tid()
-        if k >= p.steps[i]:
-            return
+        # long: a world's run is one loop over named stages, and what it stands in is local to the thread
+        b = first + wp.tid()
+        i = base + b
+        number = disturb.number(c, e, i)
+        who = wp.where(wp.static(policy.by_row), i, number)
+        x = load(x0, i)
         h = wp.float64(params[i, STEP_SIZE])
-        x = VX()
-        for j in range(2 * nv):
-            x[j] = state[i, j]
+        steps = int(wp.round(c.duration / h))
+        code = int(0)
+        record = int(0)
+        event = int(0)
+        touching = contacts.Contacts()
+        if impulse.shape[0] > 0:
+            touching.impulse = impulse[b]
+            touching.distance = distance[b]
         u = VU()
-        c = contacts_of
-        c.world = i
-        c.on = 0
-        if p.status[i] == wp.static(SOLVED):
-            p.status[i] = code[i]
-            if code[i] == wp.static(SOLVED):
-                c.on = 1
-                for j in range(nu):
-                    u[j] = us[i, j]
-                for j in range(2 * nv):
-                    state[i, j] = after[i, j]
-                for j in range(warm.shape[1]):
-                    warm[i, j] = contacts_of.multiplier[i, j]
-        measures.look(m, kept, i, wp.float64(k) * h, h, x, u, c, 0)
-        if measures.ended(m, kept, i):
-            p.steps[i] = k + 1
-        if k == p.steps[i] - 1:
-            for j in range(2 * nv):
-                x[j] = state[i, j]
-            measures.look(m, kept, i, wp.float64(k + 1) * h, h, x, u, c, 1)
+        begin = int(0)
+        end = steps
+        spans = span.state.shape[0] > 0
+        k = view(work, b)
+        one.step.prepare(t, k, params, i)
+        if spans:
+            steps = span.p.steps[i]
+            begin = since
+            end = wp.min(until, steps)
+            if begin >= steps:
+                return
+            code = span.p.status[i]
+            record = span.p.record[i]
+            event = span.p.event[i]
+            x = load(span.state, i)
+            one.step.recall(t, k, span.warm, i)
+        memory = asked.begin(control, who, x)
+        if spans:
+            memory = asked.recall(control, span.memory, i, who, begin, x)
+        for n in range(begin, end):
+            time = wp.float64(n) * h
+            record = disturb.record(c, records, i, record, time, h, x, x0)
+            coming = disturb.due(c, event, time, h)
+            while event < coming:
+                x = disturb.kicked(e, i, event, x)
+                event += 1
+            before = x
+            touching.on = 0
+            if code == wp.static(SOLVED):
+                u, memory = asked.ask(control, who, n, x, memory)
+                u = disturb.acting(c, e, i, number, n, time, h, u)
+                if e.push.shape[1] > 0:
+                    disturb.push(c, e, i, params[i], x, time, h)
+                one.put(t, k, x)
+                code = one.advance(t, k, e.external, i, u)
+                if code == wp.static(SOLVED):
+                    x = one.state(t, k)
+                    if impulse.shape[0] > 0:
+                        touching.on = 1
+                        contacts_of(t, k, touching, h)
+            if code != wp.static(SOLVED):
+                u = VU()
+            measures.look(m, kept, i, time, h, before, u, touching, 0)
+            if measures.ended(m, kept, i):
+                steps = n + 1
+                end = steps
+                break
+        if spans:
+            asked.keep(span.memory, i, memory)
+            leave(t, k, span, i, x, code, record, event)
+            span.p.steps[i] = steps
+            if end < steps:
+                return
+        measures.look(m, kept, i, wp.float64(steps) * h, h, x, u, touching, 1)
+        record = disturb.record(c, records, i, record, wp.float64(wp.static(END)), h, x, x0)
+        status[i] = code
 
-    @specialised
-    def sweep_finish_kernel(
-        first: int,
-        c: Conditions,
-        x0: wp.array2d(dtype=dtype),  # (B, nx)
-        state: wp.array2d(dtype=dtype),  # (B, nx)
-        p: Progress,
-    ):
-        i = first + wp.tid()
-        x = VX()
-        for j in range(2 * nv):
-            x[j] = state[i, j]
-        end = wp.float64(wp.static(END))
-        p.record[i] = disturb.record(c, p.records, i, p.record[i], end, end, x, x0)
-
-    return SimpleNamespace(end=sweep_end_kernel, finish=sweep_finish_kernel)
+    return generic_sweep_kernel

@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from ..contact.problem import COLD
 from ..factories import cached
 from .disturbances import ROUNDING
 
@@ -244,59 +243,43 @@ def make_contacts(pairs: int) -> SimpleNamespace:
 
 
 @cached
-def make_row_contacts(dtype: type) -> SimpleNamespace:
-    """Contacts of a step where rows lie in memory, of any number."""
-    ACTS = dtype(0.5 * COLD)
+def make_listed_contacts() -> SimpleNamespace:
+    """Contacts of a step in memory, of any number of pairs."""
 
     @wp.struct
     class Contacts:
-        rows: wp.array2d(dtype=wp.int32)  # (pairs, 2): first row of normal impulses, and one after the last
-        impulse: wp.array2d(dtype=dtype)  # (B, nr)
-        distance: wp.array2d(dtype=dtype)  # (B, nr) [m]
-        multiplier: wp.array2d(dtype=dtype)  # (B, nr + 2 pairs)
-        world: int
+        impulse: wp.array(dtype=wp.float64)  # (pairs,) normal [N s]
+        distance: wp.array(dtype=wp.float64)  # (pairs,) [m], FAR where a pair does not act
         on: int  # 0: nothing touches
 
     @wp.func
-    def of_pair(c: Contacts, pair: int):
-        total = wp.float64(0.0)
-        if c.on == 1:
-            for r in range(c.rows[pair, 0], c.rows[pair, 1]):
-                total += wp.float64(c.impulse[c.world, r])
-        return total
-
-    @wp.func
-    def gap_of(c: Contacts, pair: int):
-        r = c.rows[pair, 0]
-        if c.on == 1 and c.multiplier[c.world, r] < ACTS:
-            return wp.float64(c.distance[c.world, r])
-        return wp.float64(FAR)
-
-    @wp.func
     def push(c: Contacts, pair: int):
-        if pair != wp.static(NONE):
-            return of_pair(c, pair)
         most = wp.float64(0.0)
-        for p in range(c.rows.shape[0]):
-            most = wp.max(most, of_pair(c, p))
+        if c.on == 1:
+            if pair != wp.static(NONE):
+                return c.impulse[pair]
+            for p in range(c.impulse.shape[0]):
+                most = wp.max(most, c.impulse[p])
         return most
 
     @wp.func
     def impulse(c: Contacts, pair: int):
-        if pair != wp.static(NONE):
-            return of_pair(c, pair)
         total = wp.float64(0.0)
-        for p in range(c.rows.shape[0]):
-            total += of_pair(c, p)
+        if c.on == 1:
+            if pair != wp.static(NONE):
+                return c.impulse[pair]
+            for p in range(c.impulse.shape[0]):
+                total += c.impulse[p]
         return total
 
     @wp.func
     def gap(c: Contacts, pair: int):
-        if pair != wp.static(NONE):
-            return gap_of(c, pair)
         least = wp.float64(FAR)
-        for p in range(c.rows.shape[0]):
-            least = wp.min(least, gap_of(c, p))
+        if c.on == 1:
+            if pair != wp.static(NONE):
+                return c.distance[pair]
+            for p in range(c.distance.shape[0]):
+                least = wp.min(least, c.distance[p])
         return least
 
     return SimpleNamespace(Contacts=Contacts, push=push, impulse=impulse, gap=gap)

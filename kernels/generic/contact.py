@@ -13,9 +13,10 @@ from ..contact.shapes import make_upright
 from ..factories import cached
 from ..residual.smoothing import make_smoothing
 from ..structure import CAPSULE, DISC, ELLIPSE, HALFPLANE, WORLD
+from .broad.phase import make_broad
 from .mechanism import COLUMN, make_mechanism
 from .topology import CONTACT, LONG, LOWER, MOVES_A, MOVES_B, PLANE, ROUND, TURN, Topology
-from .work import NEAR, ORDERS, V2, V3, V4, WORK, Slot
+from .work import LISTED, NEAR, ORDERS, V2, V3, V4, WORK, Slot
 
 ROUNDING = {wp.float64: 1e-14, wp.float32: 4e-7}  # of a gap [m], whatever the precision of the work
 
@@ -27,6 +28,7 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
     """Warp functions that find the near pairs, fill their rows and choose those that can act."""
     dtype = WORK
     mech = make_mechanism(given)
+    broad = make_broad(residual)
     number, column = mech.number, mech.column
     GEO = wp.types.vector(8, dtype)
     ZERO, ONE, TOUCHING, UNUSED = dtype(0.0), dtype(1.0), dtype(ROUNDING[given]), dtype(COLD)
@@ -51,6 +53,8 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
                 ex = upright(wp.cos(angle))
                 ey = upright(wp.sin(angle))
             k.local[i] = V4(number(t, k, OFFSET, 2 * i), number(t, k, OFFSET, 2 * i + 1), ex, ey)
+        broad.measure(t, k)
+        broad.list_all(t, k)
 
     @wp.func
     def move_shapes(t: wp.ref[Topology], k: wp.ref[Slot]):
@@ -259,23 +263,40 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
         speed = wp.sqrt(ONE + mu * mu) * (wp.sqrt(dx * dx + dy * dy) + turn)
         return gap / number(t, k, H, 0) - speed - CUT * number(t, k, SIGMA, t.pair_row[pair])
 
+    @wp.func
+    def approach(t: wp.ref[Topology], k: wp.ref[Slot], fresh: bool):
+        """k.reach of the listed pairs, of all (fresh) or of those that are not near; the largest approach."""
+        margin = dtype(0.0)
+        for n in range(k.count[wp.static(LISTED)]):
+            pair = k.listed[n]
+            if fresh or k.known[pair] == 0:
+                k.reach[pair] = least_rate(t, k, pair)
+                margin = wp.max(margin, -k.reach[pair])
+        return margin
+
     @wp.func(inline=False)
     def look(t: wp.ref[Topology], k: wp.ref[Slot], which: int):
         """The near pairs at velocity k.v AFRESH (with those within reach of the largest approach: in a heap
         they act next), those that are JOINING them, or ALL others. 1 if their list has changed.
         """
         mech.twists(t, k)
-        margin = dtype(0.0)
         fresh = which == wp.static(AFRESH)
-        for pair in range(t.pairs):
-            if fresh or k.known[pair] == 0:
-                k.reach[pair] = least_rate(t, k, pair)
-                margin = wp.max(margin, -k.reach[pair])
+        if t.items > 0 and fresh:
+            broad.start(t, k)
+        if which == wp.static(ALL):
+            broad.list_all(t, k)
+        elif t.items > 0:
+            broad.find(t, k, ZERO)
+        margin = approach(t, k, fresh)
         if which == wp.static(JOINING):
             margin = ZERO
+        elif t.items > 0:
+            if broad.find(t, k, margin) == 1:
+                approach(t, k, fresh)
         found = int(0)
         kept = int(0)
-        for pair in range(t.pairs):
+        for n in range(k.count[wp.static(LISTED)]):
+            pair = k.listed[n]
             if fresh or k.known[pair] == 0:
                 if which == wp.static(ALL) or not (k.reach[pair] > margin):
                     k.sorted[found] = pair

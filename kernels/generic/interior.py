@@ -29,7 +29,8 @@ def make_interior(given: type, residual: str) -> SimpleNamespace:
     SHARE = dtype(MOMENTUM)
     POSITIVE = dtype(0.01)  # smallest weight, relative to that of the hard problem
     FLOORED = dtype(0.1)  # a and w of a warm start, relative to the size of the problem
-    NEAREST, FARTHEST = dtype(1e-6), dtype(0.005)  # kept of the way to the boundary
+    NEAREST, CLOSE = dtype(1e-6), dtype(0.005)  # kept of the way to the boundary
+    CAREFUL, FARTHEST = dtype(1e-3), dtype(0.1)  # where that failed
     TINY = dtype(1e-30)
     DIVERGED = dtype(1e12)
     FASTEST = dtype(1e6)  # V, relative to the size of the problem and to v_free
@@ -190,9 +191,11 @@ def make_interior(given: type, residual: str) -> SimpleNamespace:
         size: dtype,
         yielding: dtype,
         mean: dtype,
+        cold: int,
     ):
         """The step from here; of the interior-point method straight first, then towards the mu that this
-        suggests. mu and the step's length.
+        suggests: warm, with what is left of the second order (Mehrotra's corrector is bold in a heap of very
+        unequal masses). mu and the step's length.
         """
         mu = dtype(0.0)
         kept = dtype(0.0)
@@ -209,8 +212,12 @@ def make_interior(given: type, residual: str) -> SimpleNamespace:
                 more = 1
                 part = mean_after(k, o, n, step) / mean
                 mu = wp.min(part * part * part, HALF) * mean  # never all of it, or short steps stall
-                correct(k, o)
-                kept = wp.clamp(wp.sqrt(mean) / size, NEAREST, FARTHEST)
+                kept = wp.sqrt(mean) / size
+                if cold == 1:
+                    kept = wp.clamp(kept, CAREFUL, FARTHEST)
+                else:
+                    correct(k, o)
+                    kept = wp.clamp(kept, NEAREST, CLOSE)
         return mu, step
 
     @wp.func(inline=False)

@@ -18,7 +18,7 @@ from .envelope import make_envelope
 from .topology import Topology
 from .work import M33, V3, WORK, Island, Slot
 
-PROXIMAL = 1e-12  # tau
+PROXIMAL = 1e-11  # tau; with 1e-12 rows that all but repeat others cost blocks of three their last digits
 ROUNDING = 2e-14  # of M (v' - v_free) where v' and v_free are stored, relative to |M| |v_free|
 TOLERANCE = 2e-14  # residual relative to the size of its terms: the aim,
 # and what is good enough where rounding, or rows that all but repeat others, end the iteration

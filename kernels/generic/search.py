@@ -246,7 +246,8 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
             if ended == 0:
                 if changed == 1 or s.inside == 1 or s.it == 1:
                     nt.factor(t, k, o, yields)
-                mu, step = inner.aim(t, k, o, s.inside, n, size, yields, mean)
+                cold = wp.where(s.attempt > wp.static(WARM), 1, 0)
+                mu, step = inner.aim(t, k, o, s.inside, n, size, yields, mean, cold)
                 inner.advance(k, o, s.inside, mu, step)
             elif s.inside == 1:
                 status = to_newton(t, k, o, s, ended, size)

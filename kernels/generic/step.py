@@ -127,7 +127,7 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
         return status
 
     @wp.func
-    def impulse(t: wp.ref[Topology], k: wp.ref[Slot], r: int):
+    def reported(t: wp.ref[Topology], k: wp.ref[Slot], r: int):
         """What row r reports: lambda, and with Coulomb friction the normal, then the tangential impulse."""
         i = k.row[r]
         if t.coulomb == 0 or t.row_sign[i] == 0 or t.row_kind[i] != CONTACT:
@@ -137,14 +137,10 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
         return number(t, k, FRICTION, t.row_index[i]) * (k.lam[r - 1] - k.lam[r])
 
     @wp.func
-    def far_gap(t: wp.ref[Topology], k: wp.ref[Slot], i: int):
-        """The signed distance of the pair of the scene's row i where the pair is not near, else 0."""
-        d = dtype(0.0)
-        if t.row_kind[i] == CONTACT:
-            if k.known[t.row_index[i]] == 0:
-                g = contact.geometry(t, k, t.row_index[i])
-                d = g[2]
-        return d
+    def far_gap(t: wp.ref[Topology], k: wp.ref[Slot], pair: int):
+        """The signed distance of a pair that is not near."""
+        g = contact.geometry(t, k, pair)
+        return g[2]
 
     @wp.func
     def solve_step(t: wp.ref[Topology], k: wp.ref[Slot]):
@@ -165,13 +161,38 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
                     k.q[j] = k.q[j] + h * k.v0[j]
         return status
 
+    @wp.func
+    def record(
+        t: wp.ref[Topology],
+        k: wp.ref[Slot],
+        world: int,
+        n: int,
+        impulse: wp.array3d(dtype=given),
+        gap: wp.array3d(dtype=given),
+    ):
+        """Impulses and gaps of step n of a rollout, where there is room for them."""
+        if impulse.shape[0] > 0:
+            for i in range(t.nr):
+                impulse[world, n, i] = given(0.0)
+            for r in range(k.count[wp.static(ROWS)]):
+                impulse[world, n, k.row[r]] = given(reported(t, k, r))
+        if gap.shape[0] > 0:
+            for pair in range(t.pairs):
+                if k.known[pair] == 0:
+                    far = given(far_gap(t, k, pair))
+                    for i in range(t.pair_row[pair], t.pair_row[pair + 1]):
+                        gap[world, n, i] = far
+            for r in range(k.count[wp.static(ROWS)]):
+                gap[world, n, k.row[r]] = given(k.gap[r] * number(t, k, H, 0))
+
     return SimpleNamespace(
         prepare=prepare,
+        record=record if residual != "none" else None,
         forget=forget,
         recall=recall,
         begin=begin,
         solve_step=solve_step,
-        impulse=impulse,
+        impulse=reported,
         far_gap=far_gap,
         control_force=mech.control_force,
     )
@@ -222,7 +243,11 @@ def make_step_kernel(given: type, residual: str) -> wp.Kernel:
             for i in range(t.nr):
                 impulse[world, i] = given(ZERO)
                 multiplier[world, i] = given(UNUSED)
-                gap[world, i] = given(step.far_gap(t, k, i))
+            for pair in range(t.pairs):
+                if k.known[pair] == 0:
+                    far = given(step.far_gap(t, k, pair))
+                    for i in range(t.pair_row[pair], t.pair_row[pair + 1]):
+                        gap[world, i] = far
             for r in range(k.count[wp.static(ROWS)]):
                 i = k.row[r]
                 gap[world, i] = given(k.gap[r] * k.numbers[t.columns[H]])
@@ -241,7 +266,6 @@ def make_step_kernel(given: type, residual: str) -> wp.Kernel:
 def make_rollout_kernel(given: type, residual: str) -> wp.Kernel:
     """Roll every world out under its controls, as `rollout.make_rollout_kernel` does under an open loop."""
     step = make_step(given, residual)
-    H = COLUMN["step_size"]
 
     @specialised
     def generic_rollout_kernel(
@@ -258,7 +282,7 @@ def make_rollout_kernel(given: type, residual: str) -> wp.Kernel:
         controls: wp.array3d(dtype=given),  # out (0 or B, N, nu)
         impulse: wp.array3d(dtype=given),  # out (0 or B, N, nr)
         gap: wp.array3d(dtype=given),  # out (0 or B, N, nr)
-        status: wp.array(dtype=wp.int32),  # out (B,)
+        status: wp.array(dtype=wp.int32),  # in and out (B,): a world that comes in unsolved stays where it is
     ):
         b = first + wp.tid()
         world = base + b
@@ -269,7 +293,7 @@ def make_rollout_kernel(given: type, residual: str) -> wp.Kernel:
             states[world, 0, j] = x0[world, j]
             states[world, 0, t.nv + j] = x0[world, t.nv + j]
         step.prepare(t, k, params, world)
-        code = int(wp.static(SOLVED))
+        code = status[world]
         for n in range(states.shape[1] - 1):
             if code == wp.static(SOLVED):
                 step.begin(t, k, external, world)
@@ -281,17 +305,7 @@ def make_rollout_kernel(given: type, residual: str) -> wp.Kernel:
                         for i in range(t.nu):
                             controls[world, n, i] = us[world, n, i]
                     if wp.static(residual != "none"):
-                        if impulse.shape[0] > 0:
-                            for i in range(t.nr):
-                                impulse[world, n, i] = given(0.0)
-                            for r in range(k.count[wp.static(ROWS)]):
-                                impulse[world, n, k.row[r]] = given(step.impulse(t, k, r))
-                        if gap.shape[0] > 0:
-                            for i in range(t.nr):
-                                gap[world, n, i] = given(step.far_gap(t, k, i))
-                            for r in range(k.count[wp.static(ROWS)]):
-                                d = k.gap[r] * k.numbers[t.columns[H]]
-                                gap[world, n, k.row[r]] = given(d)
+                        step.record(t, k, world, n, impulse, gap)
             for j in range(t.nv):
                 states[world, n + 1, j] = given(k.q[j])
                 states[world, n + 1, t.nv + j] = given(k.v0[j])

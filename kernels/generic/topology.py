@@ -16,6 +16,7 @@ import warp as wp
 from ..contact.shapes import oriented_ends, oriented_pair
 from ..factories import cached
 from ..structure import CAPSULE, DISC, HALFPLANE, PRISMATIC, WORLD, Structure, layout
+from .broad.items import bits_of, item_tables, items_first
 
 TURN, AXIS, SHIFT_X, SHIFT_Y = 0, 1, 2, 3  # what a degree of freedom does
 LOWER, UPPER, CONTACT = 0, 1, 2  # kinds of rows
@@ -90,12 +91,25 @@ class Topology:
     row_block: wp.array(dtype=wp.int32)  # their blocks, ascending
     row_key: wp.array(dtype=wp.int32)  # (nr) the same for rows of the same blocks
     limit_row: wp.array(dtype=wp.int32)  # (limits)
+    items: int  # of the broad phase (`broad/items.py`); 0: it looks at all pairs
+    planes: int  # half-planes beside them
+    pair_bits: int  # of each of two digits of a pair's number
+    item_body: wp.array(dtype=wp.int32)  # (items + planes)
+    item_shape_start: wp.array(dtype=wp.int32)  # (items + planes + 1)
+    item_shape: wp.array(dtype=wp.int32)
+    item_capsule: wp.array(dtype=wp.int32)  # whether these are capsules
+    item_partner_start: wp.array(dtype=wp.int32)  # (items + planes + 1)
+    item_partner: wp.array(dtype=wp.int32)  # of an item those after it, of a half-plane all, ascending
+    item_pair_start: wp.array(dtype=wp.int32)  # by partner, + 1
+    item_pair: wp.array(dtype=wp.int32)
 
 
 @dataclass(frozen=True)
 class Sizes:
     """Lengths of the workspaces of one world."""
 
+    items: int
+    planes: int
     blocks: int
     mass: int  # blocks of M's envelope
     matrix: int  # blocks of the envelope of M + J' W J with all pairs
@@ -152,7 +166,9 @@ def tables(s: Structure) -> tuple[dict[str, list[int]], Sizes]:
             first[b] = min(first[b], blocks_of_row[0])
     out["mass_first"], out["mass_at"], mass = _envelope(mass_first)
     matrix = _envelope(first)[2]
-    sizes = Sizes(len(blocks), mass, matrix, len(out["row_block"]), lay.width)
+    items, planes, of_items = item_tables(s)
+    out |= of_items
+    sizes = Sizes(items, planes, len(blocks), mass, matrix, len(out["row_block"]), lay.width)
     return out, sizes
 
 
@@ -163,6 +179,8 @@ def make_topology(s: Structure, inertia_scaling: bool, coulomb: bool, device: ob
     out.nb, out.nv, out.nu, out.nr, out.pairs = s.nb, s.nv, s.nu, s.nr, len(s.pairs)
     out.shapes, out.blocks, out.room = len(s.shapes), sizes.blocks, sizes.matrix
     out.units, out.limits = len(lists["unit_start"]) - 1, len(lists["limit_row"])
+    out.items, out.planes = (sizes.items, sizes.planes) if items_first(s) else (0, 0)
+    out.pair_bits = bits_of(len(s.pairs))
     out.sprung, out.springs = len(s.sprung), len(s.springs)
     out.inertia_scaling, out.coulomb = int(inertia_scaling), int(coulomb)
     out.implicit_damping = int(s.implicit_damping)

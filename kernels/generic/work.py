@@ -11,6 +11,7 @@ from typing import Any
 import warp as wp
 
 from ..structure import Structure
+from .broad.items import bits_of
 from .topology import tables
 
 WORK = wp.float64
@@ -18,7 +19,7 @@ V2, V3, V4 = (wp.types.vector(n, WORK) for n in (2, 3, 4))
 M33 = wp.types.matrix((3, 3), WORK)
 LANES = 8  # right-hand sides that are solved at once
 Lanes = wp.types.vector(LANES, WORK)
-NEAR, ROWS, GROUPS, ISLANDS, ORDERS = range(5)  # what `count` counts; orders: 0 or 1
+NEAR, ROWS, GROUPS, ISLANDS, ORDERS, LISTED, AXIS_OF_ITEMS = range(7)  # what `count` holds; orders: 0, 1
 
 
 @wp.struct
@@ -97,6 +98,16 @@ class Slot:
     link_start: wp.array(dtype=wp.int32)  # (units + 1)
     island: wp.array(dtype=wp.int32)  # (units) -1: none
     queue: wp.array(dtype=wp.int32)  # (units) in the order of elimination
+    disc_local: wp.array(dtype=V3)  # (items) bounding discs in their bodies: centre and radius
+    disc: wp.array(dtype=V3)  # (items) and in the world
+    disc_reach: wp.array(dtype=WORK)  # (items) radius within which it can act
+    item_speed: wp.array(dtype=V2)  # (items + planes) that the list is made for, and rate of turning
+    item_order: wp.array(dtype=wp.int32)  # (items) along the axis on which they are spread more
+    item_low: wp.array(dtype=WORK)  # (items) where they begin there, in this order
+    listed: wp.array(dtype=wp.int32)  # (pairs) that are looked at
+    unsorted: wp.array(dtype=wp.int32)  # (pairs)
+    bucket: wp.array(dtype=wp.int32)
+    bound: wp.array(dtype=WORK)  # (5) see `broad/phase.py`
     sorted: wp.array(dtype=wp.int32)  # (nr) rows that begin a pair or are a limit, by islands
 
 
@@ -188,6 +199,16 @@ def view_rows(k: wp.ref[Slot], work: wp.ref[Work], b: int):
     k.link_start = work.link_start[b]
     k.island = work.island[b]
     k.queue = work.queue[b]
+    k.disc_local = work.disc_local[b]
+    k.disc = work.disc[b]
+    k.disc_reach = work.disc_reach[b]
+    k.item_speed = work.item_speed[b]
+    k.item_order = work.item_order[b]
+    k.item_low = work.item_low[b]
+    k.listed = work.listed[b]
+    k.unsorted = work.unsorted[b]
+    k.bucket = work.bucket[b]
+    k.bound = work.bound[b]
     k.sorted = work.sorted[b]
 
 
@@ -227,7 +248,7 @@ def lengths(s: Structure) -> dict[str, int]:
     """Items of every workspace of a structure."""
     sizes = tables(s)[1]
     pairs, shapes, units = len(s.pairs), len(s.shapes), sizes.blocks  # no more units than blocks
-    out = dict.fromkeys(("frame", "angle", "twist"), s.nb) | {"numbers": sizes.numbers, "count": 5}
+    out = dict.fromkeys(("frame", "angle", "twist"), s.nb) | {"numbers": sizes.numbers, "count": 7}
     out |= dict.fromkeys(("q", "v0", "column"), s.nv) | dict.fromkeys(("local", "shape"), shapes)
     matrices = {"mass": sizes.mass, "mass_factor": sizes.mass, "factor": sizes.matrix, "jac": sizes.entries}
     blocks = ("before", "vfree", "v", "best_v", "inner_v", "balance", "move", "most", "momentum", "lost",
@@ -239,6 +260,9 @@ def lengths(s: Structure) -> dict[str, int]:
     out |= dict.fromkeys(("entry", "group"), s.nr + 1)
     out |= dict.fromkeys(("normal", "reach", "known", "near"), pairs) | {"link": 2 * pairs}
     out |= dict.fromkeys(("name", "island", "queue"), units)
+    out |= dict.fromkeys(("disc_local", "disc", "disc_reach", "item_order", "item_low"), sizes.items)
+    out |= dict.fromkeys(("listed", "unsorted"), pairs) | {"bucket": 2 ** bits_of(pairs) + 1, "bound": 5}
+    out["item_speed"] = sizes.items + sizes.planes
     return out | dict.fromkeys(("degree", "link_start", "island_group", "island_block"), units + 1)
 
 

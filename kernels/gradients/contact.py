@@ -9,7 +9,6 @@ capsule touched between its ends, turns with it. An end of a capsule is a disc t
 """
 
 from types import SimpleNamespace
-from typing import Any
 
 import warp as wp
 
@@ -21,9 +20,13 @@ from ..structure import CAPSULE, DISC, HALFPLANE, Structure, layout
 
 
 @cached
-def make_answer(s: Structure, dtype: type) -> Any:
-    """Struct of derivatives of a pair's G by what its shapes may do, the same type for all pairs."""
-    V2 = make_mechanism(s, dtype).types.V2
+def make_answer(dtype: type) -> SimpleNamespace:
+    """Answer: derivatives of a pair's G by what its shapes may do. flat and round give it at a normal n, with
+    Delta, supports (h, h', h''), y's velocities and dG/dalpha at fixed places; of a half-plane or a capsule
+    touched between its ends, and of round shapes. by_radii gives a shape's.
+    """
+    V2, V4 = wp.types.vector(2, dtype), wp.types.vector(4, dtype)
+    ZERO, ONE = dtype(0.0), dtype(1.0)
 
     @wp.struct
     class Answer:
@@ -34,7 +37,62 @@ def make_answer(s: Structure, dtype: type) -> Any:
         support_b: V2
         by_friction: dtype  # J_t.(change of y_t by the friction coefficient)
 
-    return Answer
+    @wp.func
+    def flat(
+        n: V2, delta: V2, ha: V4, hb: V4, gap: dtype, alpha: dtype, an: dtype, bn: dtype, at: dtype, bt: dtype
+    ):
+        # the normal turns with A, whose h_A is constant and h_A' the lever of the touched point
+        out = Answer()
+        lever = bn - an  # weight of h_B'
+        turning = alpha + lever * hb[2] - an * wp.dot(n, delta)
+        out.shift = gap * n + an * V2(-n[1], n[0])
+        out.turn_a = gap * ha[1] + turning
+        out.turn_b = gap * hb[1] - lever * hb[2] + bt * hb[1]
+        out.support_a = V2(-gap - at, ZERO)
+        out.support_b = V2(-gap - bt, lever)
+        return out
+
+    @wp.func
+    def round(
+        n: V2,
+        ha: V4,
+        hb: V4,
+        radius: dtype,
+        gap: dtype,
+        alpha: dtype,
+        an: dtype,
+        bn: dtype,
+        at: dtype,
+        bt: dtype,
+    ):
+        out = Answer()
+        share = (alpha + an * ha[2] + bn * hb[2] - at * ha[1]) / radius
+        out.shift = gap * n + share * V2(-n[1], n[0])
+        out.turn_a = gap * ha[1] + share * ha[2] - an * ha[2] + at * ha[1]
+        out.turn_b = gap * hb[1] + share * hb[2] - bn * hb[2] + bt * hb[1]
+        out.support_a = V2(-gap - at, an - share)
+        out.support_b = V2(-gap - bt, bn - share)
+        return out
+
+    @wp.func
+    def of_capsule(c: dtype, slope: dtype, by: V2):
+        # by the half length, h = r + L |c|
+        return wp.where(c < ZERO, -by[0] * c - by[1] * slope, by[0] * c + by[1] * slope)
+
+    @wp.func
+    def of_ellipse(a: dtype, b: dtype, c: dtype, sn: dtype, by: V2):
+        # by both radii: h = sqrt(a^2 c^2 + b^2 s^2), h' = (b^2 - a^2) c s/h at the unit vector c e1 + s e2
+        inverse = ONE / wp.sqrt(a * a * c * c + b * b * sn * sn)
+        slope = (b * b - a * a) * c * sn * inverse
+        ha = a * c * c * inverse
+        hb = b * sn * sn * inverse
+        da = -(a + a) * c * sn * inverse - slope * ha * inverse
+        db = (b + b) * c * sn * inverse - slope * hb * inverse
+        return V2(by[0] * ha + by[1] * da, by[0] * hb + by[1] * db)
+
+    return SimpleNamespace(
+        Answer=Answer, flat=flat, round=round, of_capsule=of_capsule, of_ellipse=of_ellipse
+    )
 
 
 @cached
@@ -46,12 +104,12 @@ def make_pair_answer(s: Structure, pair: int, dtype: type) -> SimpleNamespace:
     t = mech.types
     p = make_pair(s, pair, dtype)
     d = make_pair_derivatives(s, pair, dtype)
-    Answer = make_answer(s, dtype)
+    of = make_answer(dtype)
+    Answer = of.Answer
     lay = layout(s)
     V2, V4, VQ = t.V2, wp.types.vector(4, dtype), t.VQ
     (shape_a, shape_b), (end_a, end_b) = oriented_pair(s, pair), oriented_ends(s, pair)
     plane = p.plane
-    ZERO, ONE = dtype(0.0), dtype(1.0)
     RADIUS = lay.offset("radius")
     TURN_A, TURN_B = (
         VQ(*(dtype(float(s.turns(body, j))) for j in range(s.nv))) for body in (p.body_a, p.body_b)
@@ -59,29 +117,11 @@ def make_pair_answer(s: Structure, pair: int, dtype: type) -> SimpleNamespace:
 
     @wp.func
     def flat_answer(g: d.PairGeometry, gap: dtype, alpha: dtype, an: dtype, bn: dtype, at: dtype, bt: dtype):
-        # the normal turns with A, whose h_A is constant and h_A' the lever of the touched point
-        out = Answer()
-        n = g.n
-        lever = bn - an  # weight of h_B'
-        turning = alpha + lever * g.hb[2] - an * wp.dot(n, g.delta)
-        out.shift = gap * n + an * V2(-n[1], n[0])
-        out.turn_a = gap * g.ha[1] + turning
-        out.turn_b = gap * g.hb[1] - lever * g.hb[2] + bt * g.hb[1]
-        out.support_a = V2(-gap - at, ZERO)
-        out.support_b = V2(-gap - bt, lever)
-        return out
+        return of.flat(g.n, g.delta, g.ha, g.hb, gap, alpha, an, bn, at, bt)
 
     @wp.func
     def round_answer(g: d.PairGeometry, gap: dtype, alpha: dtype, an: dtype, bn: dtype, at: dtype, bt: dtype):
-        out = Answer()
-        n = g.n
-        share = (alpha + an * g.ha[2] + bn * g.hb[2] - at * g.ha[1]) / g.radius
-        out.shift = gap * n + share * V2(-n[1], n[0])
-        out.turn_a = gap * g.ha[1] + share * g.ha[2] - an * g.ha[2] + at * g.ha[1]
-        out.turn_b = gap * g.hb[1] + share * g.hb[2] - bn * g.hb[2] + bt * g.hb[1]
-        out.support_a = V2(-gap - at, an - share)
-        out.support_b = V2(-gap - bt, bn - share)
-        return out
+        return of.round(g.n, g.ha, g.hb, g.radius, gap, alpha, an, bn, at, bt)
 
     @wp.func
     def answer(g: d.PairGeometry, gap: dtype, yn: VQ, yt: VQ, ymu: VQ):
@@ -117,30 +157,19 @@ def make_pair_answer(s: Structure, pair: int, dtype: type) -> SimpleNamespace:
 
         @wp.func
         def radius(world: t.World, pose: V4, n: V2, by: V2, flat: int, grad: wp.array(dtype=dtype)):
-            # h = sqrt(a^2 c^2 + b^2 s^2), h' = (b^2 - a^2) c s/h at the unit vector c e1 + s e2; of a
-            # capsule h = r + L |c|
-            if wp.static(disc):
+            c = n[0] * pose[2] + n[1] * pose[3]
+            if wp.static(disc or capsule):
                 grad[wp.static(FIRST)] = grad[wp.static(FIRST)] + by[0]
-            elif wp.static(capsule):
-                grad[wp.static(FIRST)] = grad[wp.static(FIRST)] + by[0]
+            if wp.static(capsule):
                 if flat == 0:
-                    c = n[0] * pose[2] + n[1] * pose[3]
-                    slope = n[0] * pose[3] - n[1] * pose[2]
-                    value = wp.where(c < ZERO, -by[0] * c - by[1] * slope, by[0] * c + by[1] * slope)
+                    value = of.of_capsule(c, n[0] * pose[3] - n[1] * pose[2], by)
                     grad[wp.static(FIRST + 1)] = grad[wp.static(FIRST + 1)] + value
-            elif wp.static(round_):
+            elif wp.static(round_ and not disc):
                 a = world.params[wp.static(FIRST)]
                 b = world.params[wp.static(FIRST + 1)]
-                c = n[0] * pose[2] + n[1] * pose[3]
-                sn = n[1] * pose[2] - n[0] * pose[3]
-                inverse = ONE / wp.sqrt(a * a * c * c + b * b * sn * sn)
-                slope = (b * b - a * a) * c * sn * inverse
-                ha = a * c * c * inverse
-                hb = b * sn * sn * inverse
-                da = -(a + a) * c * sn * inverse - slope * ha * inverse
-                db = (b + b) * c * sn * inverse - slope * hb * inverse
-                grad[wp.static(FIRST)] = grad[wp.static(FIRST)] + by[0] * ha + by[1] * da
-                grad[wp.static(FIRST + 1)] = grad[wp.static(FIRST + 1)] + by[0] * hb + by[1] * db
+                value = of.of_ellipse(a, b, c, n[1] * pose[2] - n[0] * pose[3], by)
+                grad[wp.static(FIRST)] = grad[wp.static(FIRST)] + value[0]
+                grad[wp.static(FIRST + 1)] = grad[wp.static(FIRST + 1)] + value[1]
 
         return radius
 

@@ -25,7 +25,7 @@ class Between(NamedTuple):
 def around_kernel(inner: PolicyKernel, between: Between) -> PolicyKernel:
     """The kernel of a policy with things between it and the world."""
     key = f"{inner.in_words}, around it {'; '.join(map(str, between))}:{inner.key}"
-    return PolicyKernel(key, partial(make_around, inner, between), inner, inner.by_row)
+    return PolicyKernel(key, partial(make_around, inner, between), inner, inner.by_row, inner.apart)
 
 
 @cached

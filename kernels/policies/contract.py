@@ -37,12 +37,14 @@ class PolicyKernel:
         make: ``make(nx, nu, dtype) -> PolicyFunctions``.
         inner: of the policy in this one, whose struct is the field `inner`.
         by_row: whether it is asked with a world's row of the launch where worlds have numbers.
+        apart: whether it takes as long as a step and few registers: on a GPU a kernel of its own asks it.
     """
 
     key: str
     make: Callable[[int, int, type], PolicyFunctions] = field(compare=False, repr=False)
     inner: "PolicyKernel | None" = field(default=None, compare=False, repr=False)
     by_row: bool = field(default=False, compare=False, repr=False)
+    apart: bool = field(default=False, compare=False, repr=False)
 
     @property
     def in_words(self) -> str:

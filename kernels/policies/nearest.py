@@ -110,8 +110,8 @@ def make_nearest(stack: int, nx: int, nu: int, dtype: type) -> PolicyFunctions:
     return PolicyFunctions(Nearest, control)
 
 
-NEAREST = PolicyKernel("nearest", partial(make_nearest, STACKS[0]))
-DEEP = PolicyKernel("nearest, deep", partial(make_nearest, STACKS[1]))
+NEAREST = PolicyKernel("nearest", partial(make_nearest, STACKS[0]), apart=True)
+DEEP = PolicyKernel("nearest, deep", partial(make_nearest, STACKS[1]), apart=True)
 
 
 def nearest_kernel(nodes: int) -> PolicyKernel:

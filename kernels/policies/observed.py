@@ -22,7 +22,7 @@ def observed_kernel(inner: PolicyKernel, seen: Seen) -> PolicyKernel:
     """The kernel of a policy that sees so much."""
     own = "" if seen.function is None else f" by {digest_of(seen.function)}"
     key = f"{inner.in_words}, which sees {seen.size} numbers:{own}{inner.key}"
-    return PolicyKernel(key, partial(make_observed, inner, seen), inner)
+    return PolicyKernel(key, partial(make_observed, inner, seen), inner, apart=inner.apart)
 
 
 @cached

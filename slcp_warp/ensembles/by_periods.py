@@ -1,4 +1,4 @@
-"""A sweep's worlds under a policy on the host: a launch of the specialised kernel a period of the policy."""
+"""A sweep's worlds in several launches: by periods of a policy, or handed on between specialised kernels."""
 
 from typing import Any
 
@@ -6,9 +6,10 @@ import numpy as np
 import warp as wp
 
 from slcp_warp.kernels.contact.problem import COLD
-from slcp_warp.kernels.device.launch import launch
-from slcp_warp.kernels.device.relay import Relay
+from slcp_warp.kernels.device.launch import Prepared, launch
+from slcp_warp.kernels.device.relay import Run
 from slcp_warp.kernels.ensembles.arrival import Progress, make_arrival, make_span
+from slcp_warp.kernels.ensembles.asking import make_sweep_ask_kernel
 from slcp_warp.kernels.ensembles.sweep import make_sweep_kernel
 from slcp_warp.kernels.policies.contract import PolicyKernel
 from slcp_warp.kernels.policies.held import HELD, make_held
@@ -17,6 +18,7 @@ from slcp_warp.kernels.structure import STEP_SIZE
 from ..measures.tables import MeasureTable
 from ..simulator import Simulator
 from ..stepping.host import Asked
+from .run_worlds import Period, run_worlds
 from .worlds import Worlds
 from .worlds.between import HostBetween
 from .worlds.events import events_of
@@ -79,15 +81,54 @@ def by_periods(
     count, params, state, device = len(worlds), worlds.params, wp.clone(worlds.x0), sim.device
     kept, measures, events = table.kept(count, device), table.struct(sim), events_of(sim, worlds)
     span = span_of(sim, policy.kernel, conditions, worlds, state, records)
-    relay = Relay()
-    relay.next = wp.zeros(count, dtype=wp.int32, device=device)
-    kernel = make_sweep_kernel(sim.spec, policy.kernel, table.users(sim), spans=True)
+    period = Period(0, policy.every, wp.zeros(count, dtype=wp.int32, device=device))
     steps = int(span.p.steps.numpy().max(initial=0))
     for k in range(0, steps, policy.every):
         policy.ask(k, events, span.p, state)
         inputs = [conditions, events, params, worlds.x0, policy.struct, measures, span, records, kept]
-        inputs = [0, k + policy.every, policy.every, relay, *inputs, span.p.status]
-        launch(kernel, count, inputs, device, grain=max(1, 128 // policy.every))
+        inputs, period = [*inputs, span.p.status], period._replace(first=k)
+        run_worlds(sim, policy.kernel, table, inputs, max(1, 128 // policy.every), period)
+    return kept, span.p.status
+
+
+def handed_on(
+    sim: Simulator,
+    policy: tuple[PolicyKernel, Any],
+    conditions: Any,
+    table: MeasureTable,
+    worlds: Worlds,
+    records: wp.array,
+) -> tuple[wp.array, wp.array]:
+    """As `launch.at_once`, in launches of the fast kernel and of the one that makes the steps it leaves.
+
+    A policy that is asked apart is asked before every step, by a launch of its own.
+    """
+    count, state, events = len(worlds), wp.clone(worlds.x0), events_of(sim, worlds)
+    asked, apart = policy, policy[0].apart
+    if apart:
+        held = Held(sim, count)
+        asked = held.kernel(sim)
+    kernel, struct = asked
+    span = span_of(sim, kernel, conditions, worlds, state, records)
+    numbers = [conditions, events, worlds.params, worlds.x0]
+    before = None
+    if apart:
+        size = policy[0].functions(sim.nx, sim.nu, sim.dtype).memory
+        inputs = [0, *numbers, policy[1], span.p, state, held.us, sim.empty(count, size)]
+        begin = make_sweep_ask_kernel(sim.scene.nv, sim.nu, sim.dtype, policy[0])
+        ask = Prepared(begin, count, inputs, sim.device)
+
+        def before(k: int) -> None:
+            ask.set_input(0, k)
+            ask()
+
+    kept, users = table.kept(count, sim.device), table.users(sim)
+    both = sim.kernels.specialised("a sweep").both
+    assert both is not None
+    fast, full = (make_sweep_kernel(spec, kernel, users, spans=True) for spec in both)
+    steps = int(span.p.steps.numpy().max(initial=0))
+    inputs = [*numbers, struct, table.struct(sim), span, records, kept, span.p.status]
+    Run(fast, full, count, steps, inputs, sim.device, 1, 1 if apart else None, before)()
     return kept, span.p.status
 
 

@@ -6,12 +6,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import warp as wp
 
-from slcp_warp.kernels.device import relay
-from slcp_warp.kernels.device.launch import launch
-from slcp_warp.kernels.device.relay import Relay
 from slcp_warp.kernels.ensembles.arrival import make_span
 from slcp_warp.kernels.ensembles.disturbances import make_conditions
-from slcp_warp.kernels.ensembles.sweep import make_sweep_kernel
 from slcp_warp.kernels.policies.contract import PolicyKernel
 from slcp_warp.kernels.structure import STEP_SIZE
 
@@ -27,8 +23,8 @@ from ..stepping.arguments import at_step_size, policy_arrays
 from ..stepping.host import acts_on_host
 from ..tasks.disturbances import Disturbances
 from ..tasks.task import RECORDED
-from .by_periods import OnHost, by_periods, span_of
-from .by_steps import by_steps, bytes_of_world
+from .by_periods import OnHost, by_periods, handed_on
+from .run_worlds import run_worlds
 from .worlds import Worlds
 from .worlds.draws import Draws, Given
 from .worlds.events import events_of, put_pushes
@@ -147,18 +143,15 @@ class Case:
 
 def _road(sim: Simulator, policy: Any) -> Any:
     """How a case's worlds run."""
-    if sim.strategy == "generic":
-        return by_steps
     if acts_on_host(policy):
         return by_periods
-    return handed_on if sim.kernels.fast_path else at_once
+    return handed_on if sim.strategy == "specialised" and sim.kernels.fast_path else at_once
 
 
 def worlds_at_once(sim: Simulator, records: tuple[int, int], measures: int, events: int = 0) -> int:
     """Worlds whose launch stays within `CHUNK_BYTES`, with so many records, measures and events each."""
-    own = bytes_of_world(sim) if sim.strategy == "generic" else 0
     kept = 4 * records[0] * records[1] + 48 * measures
-    per_world = 8 * (sim.params.layout.width + sim.nx + events) + kept + 16 + own
+    per_world = 8 * (sim.params.layout.width + sim.nx + events) + kept + 16
     return max(1, CHUNK_BYTES // per_world)
 
 
@@ -170,7 +163,7 @@ def at_once(
     worlds: Worlds,
     records: wp.array,
 ) -> tuple[wp.array, wp.array]:
-    """Run a chunk of worlds to the end in one launch of the specialised kernel.
+    """Run a chunk of worlds to the end in one launch.
 
     Args:
         sim: whose steps they make.
@@ -186,32 +179,10 @@ def at_once(
     count, (policy_kernel, struct) = len(worlds), policy
     kept = table.kept(count, sim.device)
     status: wp.array = wp.zeros(count, dtype=wp.int32, device=sim.device)
-    kernel = make_sweep_kernel(sim.spec, policy_kernel, table.users(sim))
     events, measured = events_of(sim, worlds), table.struct(sim)
     inputs = [conditions, events, worlds.params, worlds.x0, struct, measured, make_span(sim.dtype)()]
-    launch(kernel, count, [0, 0, 0, Relay(), *inputs, records, kept, status], sim.device, grain=1)
+    run_worlds(sim, policy_kernel, table, [*inputs, records, kept, status], 1)
     return kept, status
-
-
-def handed_on(
-    sim: Simulator,
-    policy: tuple[PolicyKernel, Any],
-    conditions: Any,
-    table: MeasureTable,
-    worlds: Worlds,
-    records: wp.array,
-) -> tuple[wp.array, wp.array]:
-    """As `at_once`, in launches of the fast kernel and of the one that makes the steps it leaves."""
-    count, (policy_kernel, struct) = len(worlds), policy
-    kept, events, measured = table.kept(count, sim.device), events_of(sim, worlds), table.struct(sim)
-    span = span_of(sim, policy_kernel, conditions, worlds, wp.clone(worlds.x0), records)
-    both = sim.kernels.specialised("a sweep").both
-    assert both is not None
-    fast, full = (make_sweep_kernel(spec, policy_kernel, table.users(sim), spans=True) for spec in both)
-    inputs = [conditions, events, worlds.params, worlds.x0, struct, measured, span, records, kept]
-    steps = int(span.p.steps.numpy().max(initial=0))
-    relay.Run(fast, full, count, steps, [*inputs, span.p.status], sim.device, grain=1)()
-    return kept, span.p.status
 
 
 def _conditions(sim: Simulator, disturbances: Disturbances, limits: Any, record: Recorded) -> Any:

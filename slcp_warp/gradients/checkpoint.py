@@ -9,13 +9,9 @@ from dataclasses import dataclass, replace
 
 import warp as wp
 
-from slcp_warp.kernels.device.launch import launch
 from slcp_warp.kernels.device.tables import copy_rows
-from slcp_warp.kernels.policies.open_loop import OPEN_LOOP, make_open_loop
-from slcp_warp.kernels.specialisation import Specialisation
-from slcp_warp.kernels.step import rollout
 
-from .tape import Recorded, adjoint, record
+from .tape import Differentiable, Recorded, adjoint, record
 
 
 @dataclass(frozen=True)
@@ -23,12 +19,12 @@ class Segments:
     """The parts of an open-loop rollout between two kept states.
 
     Attributes:
-        key, table, us, external: what the kernels need, see `Recorded`.
+        kernels, table, us, external: see `Recorded`.
         bounds: steps at which states are kept, 0 and N among them.
         states: (B, longest segment + 1, nx), room for one segment.
     """
 
-    key: Specialisation
+    kernels: Differentiable
     table: wp.array
     us: wp.array
     external: wp.array
@@ -44,21 +40,13 @@ class Segments:
 
     def run(self, i: int, start: wp.array, status: wp.array) -> wp.array:
         """Roll segment i out from start (B, nx); its states (B, L+1, nx), in the room there is."""
-        structure, dtype, _ = self.key
-        steps = self.bounds[i + 1] - self.bounds[i]
-        worlds, nx = start.shape
-        states = self.states[:, : steps + 1]
-        policy = make_open_loop(nx, structure.nu, dtype).Struct()
-        policy.us = self.controls(i)
-        nothing = [wp.zeros((0, steps, 1), dtype=dtype, device=start.device)] * 3
-        kernel = rollout.make_rollout_kernel(self.key, OPEN_LOOP, False)
-        inputs = [self.table, start, policy, self.external, states, *nothing, status]
-        launch(kernel, worlds, inputs, start.device, grain=max(1, 128 // steps))
+        states = self.states[:, : self.bounds[i + 1] - self.bounds[i] + 1]
+        self.kernels.roll_out(self.table, start, self.controls(i), self.external, states, status)
         return states
 
 
 def checkpointed(
-    key: Specialisation,
+    kernels: Differentiable,
     table: wp.array,
     x0: wp.array,
     us: wp.array,
@@ -77,13 +65,13 @@ def checkpointed(
     def empty(*shape: int, requires_grad: bool = False) -> wp.array:
         return wp.zeros(shape, dtype=x0.dtype, device=x0.device, requires_grad=requires_grad)
 
-    segments = Segments(key, table, us, external, bounds, empty(worlds, longest + 1, nx))
+    segments = Segments(kernels, table, us, external, bounds, empty(worlds, longest + 1, nx))
     kept = empty(worlds, len(bounds), nx)
     copy_rows(x0, kept[:, 0])
     for i in range(len(bounds) - 1):
         states = segments.run(i, kept[:, i], status)
         copy_rows(states[:, bounds[i + 1] - bounds[i]], kept[:, i + 1])
-    run = Recorded(key, table, x0, us, external, kept, status)
+    run = Recorded(kernels, table, x0, us, external, kept, status)
     if run.wanted:
         kept.requires_grad = True
         record(lambda: pull_back(run, segments), run.inputs, kept)

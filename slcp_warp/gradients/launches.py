@@ -9,6 +9,7 @@ import warp as wp
 from slcp_warp.kernels.derivatives import expansion, second_differences
 from slcp_warp.kernels.derivatives.curvature import in_closed_form
 from slcp_warp.kernels.device.launch import Prepared
+from slcp_warp.kernels.device.relay import Relay, Run
 from slcp_warp.kernels.device.tables import empty_table, make_copy_kernel
 from slcp_warp.kernels.specialisation import Specialisation
 
@@ -69,7 +70,8 @@ def prepare(
     active: wp.array,
     outputs: tuple[wp.array, wp.array, wp.array, wp.array],
     second: bool,
-) -> Callable[[], None]:
+    both: tuple[Specialisation, Specialisation] | None = None,
+) -> Callable[[], Any]:
     """A repeatable launch along B trajectories; the outputs are fx, fu, fzz and status.
 
     Args:
@@ -80,12 +82,17 @@ def prepare(
         active: (0 or B,), 1 for the trajectories to linearise along.
         outputs: (B, N, nx, nx), (B, N, nx, nu), (B N, nw, nz, nz) or no second derivatives, (B, N).
         second: whether second derivatives are wanted.
+        both: of fast kernels and of those that take what they leave; None: those of `spec` do it all.
     """
     steps = us.shape[1]
     items = us.shape[0] * steps
     if not second or in_closed_form(spec.method):
+        inputs = [params, steps, xs, us, external, active, *outputs]
+        if both is not None:
+            fast, full = (expansion.make_linearize_kernel(each, second) for each in both)
+            return Run(fast, full, items, 1, inputs, device, grain=8)
         kernel = expansion.make_linearize_kernel(spec, second)
-        return Prepared(kernel, items, [params, steps, xs, us, external, active, *outputs], device, grain=8)
+        return Prepared(kernel, items, [0, 0, 0, Relay(), *inputs], device, grain=8)
     tables, widen = [], []
     for source in (params, external):
         target = source

@@ -8,17 +8,17 @@ through impulses and gaps: a loss of them is refused.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Protocol
 
 import warp as wp
 
 from slcp_warp.kernels.device.launch import launch
 from slcp_warp.kernels.device.reduce import add_rows
 from slcp_warp.kernels.device.tables import copy_rows, empty_table
-from slcp_warp.kernels.gradients.adjoint import make_adjoint_kernel, make_control_kernel
+from slcp_warp.kernels.gradients.adjoint import make_control_kernel
 from slcp_warp.kernels.method import Method
 from slcp_warp.kernels.policies.contract import PolicyKernel
-from slcp_warp.kernels.policies.tracking import TRACKING, make_tracking
+from slcp_warp.kernels.policies.tracking import TRACKING
 from slcp_warp.kernels.specialisation import Specialisation
 
 from ..inputs.errors import ArgumentError
@@ -49,9 +49,47 @@ def derivatives_exist(method: Method) -> None:
         raise OptionError("Options.gap is 'end', which has no derivatives; use gap='start'")
 
 
+class Differentiable(Protocol):
+    """Kernels whose rollouts have an adjoint."""
+
+    spec: Specialisation
+
+    def roll_out(
+        self,
+        table: wp.array,
+        x0: wp.array,
+        us: wp.array,
+        external: wp.array,
+        states: wp.array,
+        status: wp.array,
+    ) -> None:
+        """Fill states (B, N+1, nx) and status (B,) of open-loop rollouts under us (B, N, nu)."""
+
+    def pull_back(self, run: "Recorded", states_grad: wp.array, found: "Found") -> None:
+        """Add the gradients of every world's own."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """Where an adjoint adds the gradients of every world's own: arrays of no worlds where none is wanted.
+
+    Attributes:
+        x0: (B, nx).
+        us: (B, N, nu), by a policy's (B, N', nu).
+        xs: (B, >= N', nx), gain: (B, N', nu, nx), of a tracking policy.
+        table: (B, P).
+    """
+
+    x0: wp.array
+    us: wp.array
+    xs: wp.array
+    gain: wp.array
+    table: wp.array
+
+
 @dataclass(frozen=True)
 class Recorded:
-    """What the backward pass of a rollout needs: the kernels' key, the arrays that went in and came out.
+    """What the backward pass of a rollout needs: the kernels, the arrays that went in and came out.
 
     Attributes:
         us: controls as they were applied.
@@ -60,7 +98,7 @@ class Recorded:
         blocked: other outputs by name, of which no loss may depend.
     """
 
-    key: Specialisation
+    kernels: Differentiable
     table: wp.array
     x0: wp.array
     us: wp.array
@@ -87,7 +125,7 @@ class Recorded:
         """
         wanted = wants_gradient(*self.inputs)
         if wanted:
-            derivatives_exist(self.key.method)
+            derivatives_exist(self.kernels.spec.method)
         return wanted
 
 
@@ -172,8 +210,7 @@ def differentiable_policy(policy: PolicyKernel, struct: Any, x0: wp.array, table
 def adjoint(run: Recorded, states_grad: wp.array) -> None:
     """Add the gradients by x0, controls or policy, and parameters to theirs, where they are wanted."""
     x0, us, table, policy = run.x0, run.us, run.table, run.policy
-    structure, dtype, _ = run.key
-    device, worlds = x0.device, x0.shape[0]
+    dtype, device, worlds = run.kernels.spec.dtype, x0.device, x0.shape[0]
 
     def part(like: wp.array | None) -> wp.array:
         """A gradient of every world's own, to be summed if the worlds share what it is by."""
@@ -185,7 +222,6 @@ def adjoint(run: Recorded, states_grad: wp.array) -> None:
     by_table = empty_table(worlds if table.requires_grad else 0, table.shape[1], dtype, device)
     sums = []
     if policy is None:
-        policy = make_tracking(x0.shape[1], structure.nu, dtype).Struct()
         by_us = us.grad if us.requires_grad else wp.zeros((0, 0, 0), dtype=dtype, device=device)
         by_xs = wp.zeros((0, 0, 0), dtype=dtype, device=device)
         by_gain = wp.zeros((0, 0, 0, 0), dtype=dtype, device=device)
@@ -194,10 +230,7 @@ def adjoint(run: Recorded, states_grad: wp.array) -> None:
         sums = [(by_us, policy.us), (by_xs, policy.xs), (by_gain, policy.gain)]
     if run.controls is not None:
         _by_controls(run, states_grad, by_us, by_xs, by_gain)
-    kernel = make_adjoint_kernel(run.key, table.requires_grad, run.policy is not None)
-    inputs = [table, us, policy, run.external, run.states, run.status, states_grad]
-    launch(kernel, worlds, [*inputs, x_grad, by_us, by_xs, by_gain, by_table], device,
-           grain=max(1, 64 // us.shape[1]))  # fmt: skip
+    run.kernels.pull_back(run, states_grad, Found(x_grad, by_us, by_xs, by_gain, by_table))
     for each, target in [*sums, (by_table, table)]:
         if target.requires_grad:
             add_rows(*(a if a.ndim == 2 else a.reshape((a.shape[0], -1)) for a in (each, target.grad)))
@@ -208,7 +241,7 @@ def _by_controls(
 ) -> None:
     """Carry the gradient by recorded controls to the states and to what made the controls."""
     assert run.controls is not None
-    grad, (structure, dtype, _) = run.controls.grad, run.key
+    grad, (structure, dtype, _) = run.controls.grad, run.kernels.spec
     worlds, steps, nu = grad.shape
     if run.policy is not None:
         kernel = make_control_kernel(run.x0.shape[1], structure.nu, dtype)

@@ -18,6 +18,7 @@ class MeasureTable:
 
     Attributes:
         measures: in the order of their values.
+        looks_at_contacts: whether one of them is of impulses or gaps.
     """
 
     def __init__(
@@ -36,6 +37,8 @@ class MeasureTable:
         self._cost = cost if any(signal.kind == "cost" for signal in signals) else None
         place = {signal: i for i, signal in enumerate(signals)}
         self._signals = [self._signal(signal, scene) for signal in signals]
+        kinds = {signal.kind for signal in signals}
+        self.looks_at_contacts = not kinds.isdisjoint(("contact", "gap", "impulse"))
         self._bounds: list[tuple[float, float]] = []
         self._compared: list[int] = []
         self._clauses: list[tuple[int, int]] = []

@@ -66,7 +66,7 @@ def vjp(
     """Roll out and pull weights on the states back (M31): one forward and one backward launch.
 
     Args:
-        sim: with specialised kernels.
+        sim: whose rollout it is.
         x0: (B, nx).
         controls: (B, N, nu).
         weights: (B, N+1, nx), of the states.

@@ -37,9 +37,8 @@ class Simulator(Printed):
         options: what the step solves.
         device: "cpu", "cuda:0", ...; None: the best one present.
         dtype: "float64" (accurate to 1e-12) or "float32" (fast, 2e-5 of the problem's scale).
-        strategy: "specialised" kernels, made for the scene; "generic" ones, for large scenes; "auto": steps,
-            open-loop rollouts, Jacobians and plans by the scene's size, the rest specialised while the
-            scene has at most 31 rows. The attribute says which kernels step.
+        strategy: "specialised" kernels, made for the scene; "generic" ones, for large scenes; "auto": by the
+            scene's size. The attribute says which kernels step.
         fast_path: whether specialised kernels without the last resorts of their solvers step first, and those
             with them make the steps that are left; None: on a GPU, in scenes of at most two pairs. States
             differ from those of one kernel by rounding, whatever the batch.
@@ -153,7 +152,7 @@ class Simulator(Printed):
         after, impulse, gap, multiplier = (self.empty(worlds, n) for n in (self.nx, self.nr, self.nr, width))
         status = given.status(worlds)
         arrays = StepArrays(table, state.array, u, force, warm, after, impulse, gap, multiplier, status)
-        self.kernels.stepping_from(table, state.array, u).step(arrays)
+        self.kernels.stepping.step(arrays)
         friction = (params or self.params)["friction"]
 
         def by_pair() -> Array:
@@ -206,8 +205,9 @@ class Simulator(Printed):
             every = checks.whole("checkpoint", checkpoint)
             if source.us is None or record:
                 raise ArgumentError(f"checkpoint is {every}; it needs controls, and no record")
-            kernels = self.kernels.specialised("a rollout with checkpoints")
-            states = kernels.checkpointed(table, state.array, source.us, external, status, every)
+            states = self.kernels.stepping.checkpointed(
+                table, state.array, source.us, external, status, every
+            )
             kept = (*range(0, source.steps, every), source.steps)
             return Trajectory(state.give(states), state.give(status), simulated=simulated, kept=kept)
         needed = {*record, "controls"} if taped_policy(source, state.array, table) else record
@@ -217,7 +217,7 @@ class Simulator(Printed):
         ]
         states = self.empty(worlds, source.steps + 1, self.nx)
         arrays = RolloutArrays(table, state.array, external, states, controls, impulse, gap, status)
-        self.kernels.rolling_out(source, table, state.array).rollout(arrays, source, record)
+        self.kernels.stepping.rollout(arrays, source, record)
         shown: dict[str, Any] = {n: state.give(a) for n, a in zip(RECORDED, recorded) if n in record}
         return Trajectory(state.give(states), state.give(status), simulated=simulated, **shown)
 

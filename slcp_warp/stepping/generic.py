@@ -9,14 +9,23 @@ import warp as wp
 
 from slcp_warp.kernels.control.generic_rollouts import make_candidates_kernel
 from slcp_warp.kernels.device.launch import launch
+from slcp_warp.kernels.ensembles.generic_rollout import make_policy_rollout_kernel
 from slcp_warp.kernels.generic import step as generic_step
 from slcp_warp.kernels.generic.derivatives import linearize, tables
 from slcp_warp.kernels.generic.topology import make_topology
 from slcp_warp.kernels.generic.work import allocate_work, bytes_per_world
+from slcp_warp.kernels.gradients.generic import room
+from slcp_warp.kernels.gradients.generic.adjoint import make_generic_adjoint_kernel
+from slcp_warp.kernels.policies.tracking import make_tracking
 from slcp_warp.kernels.specialisation import Specialisation
 
+from ..gradients import tape
+from ..gradients.checkpoint import checkpointed
 from .arrays import Controls, RolloutArrays, StepArrays
+from .host import Asked
 from .single import rollout_by_steps
+from .specialised import taped_policy
+from .taped import record_rollout, record_step
 
 WORKSPACE_BYTES = 256 * 2**20  # worlds are stepped in chunks whose workspaces fit in here
 WORKSPACE_SHARE = 16  # or in one of so many parts of a GPU's memory: there all worlds of a chunk step at once
@@ -64,14 +73,11 @@ def workspace_bytes(device: Any) -> int:
 
 
 class GenericKernels:
-    """The generic kernels for one scene on one device; any number of threads may call them.
-
-    Nothing is recorded on a tape.
-    """
+    """The generic kernels for one scene on one device; any number of threads may call them."""
 
     def __init__(self, spec: Specialisation, device: Any) -> None:
         s, dtype, method = spec
-        self.structure, self.dtype, self.device = s, dtype, device
+        self.spec, self.structure, self.dtype, self.device = spec, s, dtype, device
         self.residual = generic_step.residual_of(method, s.nr)
         self.topology = make_topology(s, method.inertia_scaling, method.coulomb, device)
         self.groups = tables.make_groups(s, device)
@@ -80,11 +86,13 @@ class GenericKernels:
         size = tables.bytes_per_world(s)
         self.slopes = Workspaces(lambda n: tables.allocate_slopes(s, n, device), size, device)
         size = linearize.bytes_of_stencil(s)
+        self.rooms = Workspaces(lambda n: room.allocate_room(s, n, device), room.bytes_per_world(s), device)
         self.stencils = Workspaces(lambda n: linearize.allocate_stencil(s, n, device), size, device)
 
-    def _launch(
-        self, kernel: wp.Kernel, worlds: int, flags: list[int], arrays: list[Any], grain: int
-    ) -> None:
+    def launch(self, kernel: wp.Kernel, worlds: int, flags: list[int], arrays: list[Any], grain: int) -> None:
+        """A kernel over worlds, chunk by chunk: its arguments are the chunk's first world, `flags`, the
+        tables, a workspace and `arrays`.
+        """
         with self.workspaces.lend(min(worlds, self.chunk)) as space:
             for base in range(0, worlds, self.chunk):
                 count = min(self.chunk, worlds - base)
@@ -93,16 +101,64 @@ class GenericKernels:
 
     def step(self, a: StepArrays) -> None:
         """One step of every world."""
+        self._step(a)
+        record_step(self, a)
+
+    def _step(self, a: StepArrays) -> None:
         kernel = generic_step.make_step_kernel(self.dtype, self.residual)
-        self._launch(kernel, a.worlds, [], a.in_order(), 8)
+        self.launch(kernel, a.worlds, [], a.in_order(), 8)
 
     def rollout(self, a: RolloutArrays, controls: Controls, record: tuple[str, ...]) -> None:
-        """All steps of every world; in one launch with given controls."""
-        if controls.us is None:
-            rollout_by_steps(self.step, self.structure, a, controls)
+        """All steps of every world, in one launch unless the policy is asked on the host."""
+        if isinstance(controls.policy, Asked):
+            rollout_by_steps(self._step, self.structure, a, controls.policy, controls.steps)
             return
+        if controls.us is None:
+            s = self.structure
+            of = self.dtype, self.residual, s.nv, s.nu
+            kernel, source = make_policy_rollout_kernel(*of, controls.policy), controls.struct
+        else:
+            kernel, source = generic_step.make_rollout_kernel(self.dtype, self.residual), controls.us
+        self.launch(kernel, a.worlds, [int("gap" in record)], a.in_order(source), 1)
+        if controls.us is not None or taped_policy(controls, a.x0, a.table):
+            record_rollout(self, a, controls, record)
+
+    def roll_out(
+        self,
+        table: wp.array,
+        x0: wp.array,
+        us: wp.array,
+        external: wp.array,
+        states: wp.array,
+        status: wp.array,
+    ) -> None:
+        """See `tape.Differentiable`."""
+        nothing = [wp.zeros((0, us.shape[1], 1), dtype=self.dtype, device=self.device)] * 3
+        a = RolloutArrays(table, x0, external, states, *nothing, status)
         kernel = generic_step.make_rollout_kernel(self.dtype, self.residual)
-        self._launch(kernel, a.worlds, [int("gap" in record)], a.in_order(controls.us), 1)
+        self.launch(kernel, a.worlds, [0], a.in_order(us), 1)
+
+    def checkpointed(
+        self, table: wp.array, x0: wp.array, us: wp.array, external: wp.array, status: wp.array, every: int
+    ) -> wp.array:
+        """States of steps 0, every, 2 every, ..., N of an open-loop rollout, (B, S+1, nx)."""
+        return checkpointed(self, table, x0, us, external, status, every)
+
+    def pull_back(self, run: tape.Recorded, states_grad: wp.array, found: tape.Found) -> None:
+        """See `tape.Differentiable`."""
+        worlds, policy = run.x0.shape[0], run.policy
+        if policy is None:  # of no worlds: open loop
+            policy = make_tracking(run.x0.shape[1], self.structure.nu, self.dtype).Struct()
+        inputs = [run.table, run.us, policy.xs, policy.gain, policy.period, policy.lower, policy.upper]
+        inputs += [run.external, run.states, run.status, states_grad]
+        inputs += [found.x0, found.us, found.xs, found.gain, found.table]
+        kernel = make_generic_adjoint_kernel(self.dtype, self.residual)
+        chunk = min(self.chunk, self.rooms.most)
+        slots = min(worlds, chunk)
+        with self.workspaces.lend(slots) as space, self.rooms.lend(slots) as of_adjoint:
+            for base in range(0, worlds, chunk):
+                whole = [base, self.topology, space, self.groups, of_adjoint, *inputs]
+                launch(kernel, min(chunk, worlds - base), whole, self.device, grain=1)
 
     def prepare_linearize(
         self,

@@ -2,16 +2,11 @@
 
 from typing import Any
 
-import warp as wp
-
 from slcp_warp.kernels.specialisation import Specialisation
 from slcp_warp.kernels.structure import MOST_ROWS
 
-from ..gradients import tape
-from .arrays import Controls
 from .generic import GenericKernels
-from .host import Asked
-from .specialised import SpecialisedKernels, taped_policy
+from .specialised import SpecialisedKernels
 from .strategy import StrategyError, choose, takes_fast_path
 
 
@@ -51,21 +46,3 @@ class Kernels:
                 "rows) runs with the generic ones"
             )
         return self._specialised
-
-    def rolling_out(
-        self, controls: Controls, table: wp.array, x0: wp.array
-    ) -> SpecialisedKernels | GenericKernels:
-        """The kernels that roll out with these controls: under a policy specialised ones, if any."""
-        if isinstance(controls.policy, Asked):
-            return self.stepping
-        if controls.us is None:
-            if self._only_generic and not taped_policy(controls, x0, table):
-                return self.stepping
-            return self.specialised("a gradient on a wp.Tape")
-        return self.stepping_from(table, x0, controls.us)
-
-    def stepping_from(self, *arrays: wp.array) -> SpecialisedKernels | GenericKernels:
-        """The kernels that step from these arrays: the specialised ones where a tape follows them."""
-        if self.stepping is not self._specialised and tape.wants_gradient(*arrays):
-            return self.specialised("a gradient on a wp.Tape")
-        return self.stepping

@@ -8,6 +8,9 @@ import warp as wp
 
 from slcp_warp.kernels.device import relay
 from slcp_warp.kernels.device.launch import launch
+from slcp_warp.kernels.gradients.adjoint import make_adjoint_kernel
+from slcp_warp.kernels.policies.open_loop import OPEN_LOOP, make_open_loop
+from slcp_warp.kernels.policies.tracking import make_tracking
 from slcp_warp.kernels.specialisation import Specialisation
 from slcp_warp.kernels.step import relayed, rollout
 
@@ -16,6 +19,7 @@ from ..gradients.checkpoint import checkpointed
 from .arrays import Controls, RolloutArrays, StepArrays
 from .host import Asked
 from .single import rollout_by_steps
+from .taped import record_rollout, record_step
 
 
 class SpecialisedKernels:
@@ -34,10 +38,7 @@ class SpecialisedKernels:
     def step(self, a: StepArrays) -> None:
         """One step of every world."""
         self._step(a)
-        blocked = (("impulse", a.impulse), ("gap", a.gap))
-        tape.record_step(
-            tape.Recorded(self.spec, a.table, a.x, a.u, a.external, a.state, a.status, blocked=blocked)
-        )
+        record_step(self, a)
 
     def _step(self, a: StepArrays) -> None:
         if self.both is None:
@@ -54,18 +55,11 @@ class SpecialisedKernels:
             record: names of the outputs that the caller gets.
         """
         if isinstance(controls.policy, Asked):
-            rollout_by_steps(self._step, self.spec.structure, a, controls)
+            rollout_by_steps(self._step, self.spec.structure, a, controls.policy, controls.steps)
             return
         self._rollout(a, controls, "gap" in record)
-        if controls.us is None and not taped_policy(controls, a.x0, a.table):
-            return
-        applied, policy = (controls.us, None) if controls.us is not None else (a.controls, controls.struct)
-        shown = a.controls if "controls" in record and self.spec.structure.nu else None
-        blocked = tuple((name, getattr(a, name)) for name in ("impulse", "gap") if name in record)
-        run = tape.Recorded(
-            self.spec, a.table, a.x0, applied, a.external, a.states, a.status, policy, shown, blocked
-        )
-        tape.record_rollout(run)
+        if controls.us is not None or taped_policy(controls, a.x0, a.table):
+            record_rollout(self, a, controls, record)
 
     def _rollout(self, a: RolloutArrays, controls: Controls, exact_gap: bool) -> None:
         inputs, grain = a.in_order(controls.struct), max(1, 128 // controls.steps)
@@ -89,15 +83,47 @@ class SpecialisedKernels:
         active: wp.array,
         outputs: tuple[wp.array, wp.array, wp.array, wp.array],
         second: bool,
-    ) -> Callable[[], None]:
+    ) -> Callable[[], Any]:
         """As `gradients.launches.prepare`."""
-        return launches.prepare(self.spec, self.device, params, xs, us, external, active, outputs, second)
+        return launches.prepare(
+            self.spec, self.device, params, xs, us, external, active, outputs, second, self.both
+        )
 
     def checkpointed(
         self, table: wp.array, x0: wp.array, us: wp.array, external: wp.array, status: wp.array, every: int
     ) -> wp.array:
         """States of steps 0, every, 2 every, ..., N of an open-loop rollout, (B, S+1, nx)."""
-        return checkpointed(self.spec, table, x0, us, external, status, every)
+        return checkpointed(self, table, x0, us, external, status, every)
+
+    def roll_out(
+        self,
+        table: wp.array,
+        x0: wp.array,
+        us: wp.array,
+        external: wp.array,
+        states: wp.array,
+        status: wp.array,
+    ) -> None:
+        """See `tape.Differentiable`."""
+        structure, dtype, _ = self.spec
+        worlds, steps = us.shape[:2]
+        policy = make_open_loop(x0.shape[1], structure.nu, dtype).Struct()
+        policy.us = us
+        nothing = [wp.zeros((0, steps, 1), dtype=dtype, device=x0.device)] * 3
+        kernel = rollout.make_rollout_kernel(self.spec, OPEN_LOOP, False)
+        inputs = [table, x0, policy, external, states, *nothing, status]
+        launch(kernel, worlds, inputs, x0.device, grain=max(1, 128 // steps))
+
+    def pull_back(self, run: tape.Recorded, states_grad: wp.array, found: tape.Found) -> None:
+        """See `tape.Differentiable`."""
+        structure, dtype, _ = self.spec
+        policy = run.policy
+        if policy is None:
+            policy = make_tracking(run.x0.shape[1], structure.nu, dtype).Struct()
+        kernel = make_adjoint_kernel(self.spec, run.table.requires_grad, run.policy is not None)
+        inputs = [run.table, run.us, policy, run.external, run.states, run.status, states_grad]
+        inputs += [found.x0, found.us, found.xs, found.gain, found.table]
+        launch(kernel, run.x0.shape[0], inputs, run.x0.device, grain=max(1, 64 // run.us.shape[1]))
 
 
 def taped_policy(controls: Controls, x0: wp.array, table: wp.array) -> bool:

@@ -8,7 +8,7 @@ import warp as wp
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from ..gradients.tape import Recorded, adjoint
+from ..gradients.tape import Recorded, adjoint, derivatives_exist
 from ..inputs.arrays import ArrayError
 from ..inputs.checks import instance, whole
 from ..inputs.errors import ArgumentError
@@ -51,7 +51,7 @@ def closed_loop(
         ArgumentTypeError: a policy through which no gradient flows.
     """
     instance("sim", sim, Simulator, "a slcp_warp.Simulator")
-    sim.need_derivatives("slcp_warp.torch")
+    derivatives_exist(sim.options.method)
     steps, x = whole("steps", steps), given(sim, "x0", x0, (sim.nx,))
     table = parameter_table(sim, params, x)
     if len(table) not in (1, len(x)):
@@ -133,7 +133,7 @@ def _step_back(sim: Simulator, table: Tensor, by_table: Tensor, states: Tensor, 
             array.grad = wp.from_torch(gradient, dtype=sim.dtype)
             array.requires_grad = True
         code: Any = wp.from_torch(status)
-        adjoint(Recorded(sim.spec, numbers, start, us, sim.empty(0, 0), two, code), by_two)
+        adjoint(Recorded(sim.kernels.stepping, numbers, start, us, sim.empty(0, 0), two, code), by_two)
     return found[0], found[1][:, 0]
 
 

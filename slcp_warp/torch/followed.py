@@ -22,6 +22,7 @@ from ..policies.linear import Linear
 from ..policies.network import Network
 from ..simulator import Simulator
 from .asked import AskedFunction
+from .operators import stream
 
 Memory = tuple[Tensor, ...]
 
@@ -94,10 +95,11 @@ class FollowedAround:
     def _seen(self, k: int, x: Tensor) -> Tensor:
         if not self._noisy:
             return x
-        noise = self._sim.empty(*x.shape)
         kernel = make_noise_kernel(self._sim.nx, self._sim.dtype)
-        launch(kernel, len(x), [k, self.seed, self._noise, noise], self._sim.device)
-        return x + wp.to_torch(noise)
+        with stream(x):
+            noise = self._sim.empty(*x.shape)
+            launch(kernel, len(x), [k, self.seed, self._noise, noise], self._sim.device)
+            return x + wp.to_torch(noise)
 
     def __call__(self, k: int, x: Tensor, memory: Memory) -> tuple[Tensor, Memory]:
         """See `Followed`."""

@@ -7,6 +7,7 @@ import torch
 import warp as wp
 from torch import Tensor
 
+from ..gradients.tape import derivatives_exist
 from ..inputs.arrays import ArrayError
 from ..inputs.checks import flag, instance, whole
 from ..simulator import Simulator
@@ -34,7 +35,7 @@ def rollout(
     """Step every world N times; differentiable by x0, controls and the parameters that are tensors.
 
     Args:
-        sim: a simulator with specialised kernels, on the tensors' device and of their dtype.
+        sim: a simulator on the tensors' device and of their dtype.
         x0: (B, nx) or (nx,).
         controls: (B, N, nu) or (N, nu).
         params: `Parameters`, or tensors by name for those that differ from `sim.params`: a scalar, the
@@ -47,10 +48,9 @@ def rollout(
         ArrayError: another shape, dtype or device.
         ParameterError: an unknown name or an illegal value.
         OptionError: a gradient by parameters that the options do not have.
-        StrategyError: generic kernels.
     """
     instance("sim", sim, Simulator, "a slcp_warp.Simulator")
-    sim.need_derivatives("slcp_warp.torch")
+    derivatives_exist(sim.options.method)
     flag("check", check)
     x, us = given(sim, "x0", x0, (sim.nx,)), given(sim, "controls", controls, (None, sim.nu))
     batched = x0.ndim == 2

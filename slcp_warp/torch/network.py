@@ -12,6 +12,7 @@ import warp as wp
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
+from slcp_warp.kernels.device.tables import laid_out
 from slcp_warp.kernels.policies.tracking import make_tracking
 
 from ..gradients.tape import Recorded, adjoint
@@ -57,8 +58,8 @@ def roll_out(
         numbers, start, out, us = share(sim, table, x, states, controls)
         none = sim.empty(0, steps, 1)
         code: Any = wp.from_torch(status)
-        arrays = RolloutArrays(numbers, start, sim.empty(0, 0), out, us, none, none, code)
-        sim.kernels.specialised("slcp_warp.torch").rollout(arrays, source, ())
+        arrays = RolloutArrays(laid_out(numbers), start, sim.empty(0, 0), out, us, none, none, code)
+        sim.kernels.stepping.rollout(arrays, source, ())
     return states, controls, status
 
 
@@ -100,6 +101,6 @@ class ClosedLoop(torch.autograd.Function):
             struct = make_tracking(sim.nx, sim.nu, sim.dtype).Struct()
             struct.us, struct.xs, struct.gain, struct.period = us, out, slopes, wp.zeros_like(start[0])
             code: Any = wp.from_torch(status)
-            run = Recorded(sim.spec, numbers, start, us, sim.empty(0, 0), out, code, struct)
+            run = Recorded(sim.kernels.stepping, numbers, start, us, sim.empty(0, 0), out, code, struct)
             adjoint(run, by_out)
         return (*(f if want else None for f, want in zip(found, wanted)), None, None, None, None, None)

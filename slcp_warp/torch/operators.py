@@ -15,6 +15,8 @@ import torch
 import warp as wp
 from torch import Tensor
 
+from slcp_warp.kernels.device.tables import copy_rows, empty_table, laid_out
+
 from ..gradients.checkpoint import Segments, checkpointed, pull_back
 from ..gradients.tape import Recorded, adjoint, derivatives_exist
 from ..inputs import rules
@@ -90,15 +92,16 @@ def rollout_op(
     if check:
         _check(sim, table)
     status = torch.zeros(len(x0), dtype=torch.int32, device=x0.device)
-    key = sim.spec
+    kernels = sim.kernels.stepping
     with stream(x0):
-        x, u, numbers, external = share(sim, x0, us, table, force)
+        x, u, rows, external = share(sim, x0, us, table, force)
+        numbers = laid_out(rows)
         code: Any = wp.from_torch(status)
         if every:
-            return wp.to_torch(checkpointed(key, numbers, x, u, external, code, every)), status
+            return wp.to_torch(checkpointed(kernels, numbers, x, u, external, code, every)), status
         states = torch.zeros((len(x0), us.shape[1] + 1, x0.shape[1]), dtype=x0.dtype, device=x0.device)
         room: Any = wp.from_torch(states)
-        Segments(key, numbers, u, external, (0, us.shape[1]), room).run(0, x, code)
+        Segments(kernels, numbers, u, external, (0, us.shape[1]), room).run(0, x, code)
     return states, status
 
 
@@ -116,7 +119,7 @@ def pull_op(
 ) -> tuple[Tensor, Tensor, Tensor]:  # fmt: skip
     """Gradients by x0, controls and, with `parameters`, the table, from those by the states."""
     sim = _kept[handle]
-    key = sim.spec
+    kernels = sim.kernels.stepping
     derivatives_exist(sim.options.method)
     out = [torch.zeros_like(t, memory_format=torch.contiguous_format) for t in (x0, us, table)]
     with stream(x0):
@@ -124,18 +127,24 @@ def pull_op(
         for array, gradient in list(zip(arrays, out))[: 3 if parameters else 2]:
             array.grad = wp.from_torch(gradient, dtype=sim.dtype)
             array.requires_grad = True
-        x, u, numbers, external, kept, slopes = arrays
+        x, u, rows, external, kept, slopes = arrays
+        numbers = laid_out(rows)
+        if numbers is not rows and parameters:
+            numbers.grad = empty_table(rows.shape[0], rows.shape[1], sim.dtype, sim.device)
+            numbers.requires_grad = True
         code: Any = wp.from_torch(status)
-        run = Recorded(key, numbers, x, u, external, kept, code)
+        run = Recorded(kernels, numbers, x, u, external, kept, code)
         if every:
             bounds = (*range(0, us.shape[1], every), us.shape[1])
             room = wp.zeros(
                 (len(x0), min(every, us.shape[1]) + 1, sim.nx), dtype=sim.dtype, device=sim.device
             )
             kept.grad = wp.clone(slopes)
-            pull_back(run, Segments(key, numbers, u, external, bounds, room))
+            pull_back(run, Segments(kernels, numbers, u, external, bounds, room))
         else:
             adjoint(run, slopes)
+        if numbers is not rows and parameters:
+            copy_rows(numbers.grad, rows.grad)
     return out[0], out[1], out[2]
 
 

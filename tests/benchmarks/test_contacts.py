@@ -23,7 +23,7 @@ def gaps(scene, q):
     return np.array([distance(scene, q, k) for k in range(len(scene.all_contacts))]).T
 
 
-@pytest.mark.parametrize("name", ["stack:3", "discs:5", "gas:4", "beam:4", "walker", "hopper"])
+@pytest.mark.parametrize("name", ["stack:3", "heap:5", "discs:5", "gas:4", "beam:4", "walker", "hopper"])
 def test_mujoco_has_the_masses_and_distances_of_every_scene(name):
     scene = world(name).scene
     rng = np.random.default_rng(0)
@@ -52,9 +52,9 @@ def test_tumbling_starts_are_unit_normal_velocities_at_the_same_places():
     assert abs(x[:, 90:].mean()) < 0.08 and abs(x[:, 90:].std() - 1.0) < 0.06
 
 
-@pytest.mark.parametrize("name", ["stack", "stack:0", "stack:1e3", "heap:3", "walker:2", "disc:3"])
+@pytest.mark.parametrize("name", ["stack", "stack:0", "stack:1e3", "pile:3", "walker:2", "disc:3"])
 def test_a_name_that_is_none_is_said(name):
-    with pytest.raises(ValueError, match=f"--scene is '{name}'; choose from stack:N, discs:N, gas:N"):
+    with pytest.raises(ValueError, match=f"--scene is '{name}'; choose from stack:N, heap:N, discs:N, gas:N"):
         world(name)
 
 

@@ -1,9 +1,10 @@
 """`slcp gpu-check` without a GPU: all sections that a CPU has, and what becomes of those that fail."""
 
-import dataclasses
 import json
 import os
 import time
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,18 +12,19 @@ import warp as wp
 from typer.testing import CliRunner
 
 import slcp_warp as slcp
+from slcp_warp.kernels.device import cache
 from slcp_warp.scripts.app import app
 from slcp_warp.scripts.benchmarks.gpu import run as running
 from slcp_warp.scripts.benchmarks.gpu import sections
 from slcp_warp.scripts.benchmarks.gpu.against import compare
-from slcp_warp.scripts.benchmarks.gpu.checks import compiling, graphs, isolation, states, sweeping
+from slcp_warp.scripts.benchmarks.gpu.checks import compiling, graphs, isolation, rates, states, sweeping
 from slcp_warp.scripts.benchmarks.gpu.page import write_page
 from slcp_warp.scripts.benchmarks.gpu.record import DONE, FAILED, LEFT_OUT, Found, Record, read, wrong
 from slcp_warp.scripts.benchmarks.gpu.sections import SECTIONS, Section
 from slcp_warp.scripts.benchmarks.gpu.setting import SMALL, Setting
 from slcp_warp.scripts.benchmarks.gpu.uses import plan
 
-SETTING = Setting("cpu", dataclasses.replace(SMALL, dtypes=("float64",), methods=("smoothed",)))
+SETTING = Setting("cpu", replace(SMALL, dtypes=("float64",), methods=("smoothed",)))
 ON_A_GPU = ("blocks",)
 
 
@@ -88,12 +90,39 @@ def test_every_section_that_a_cpu_has_is_right_there(tmp_path, monkeypatch):
 
 
 def test_kernels_are_compiled_by_processes(monkeypatch):
-    assert set(compiling.PREDICTED) <= set(compiling.uses_of(SETTING))
     monkeypatch.setattr(compiling, "uses_of", lambda setting: dict.fromkeys(("step smoothed", "no use")))
     found = found_by(compiling.run)
     assert checks(found) == {"no use, float64, cpu: compiled": False}
     cases = [event["case"] for event in found if event["kind"] == "rows"]
     assert any("step of flicking_finger" in case for case in cases) and cases[-1] == "all of them"
+
+
+def test_code_that_takes_more_than_predicted_is_found(monkeypatch):
+    """What a GPU says of its kernels is made up."""
+    loaded, used = [], {"register_count": 180, "local_memory_size": 40}
+    monkeypatch.setattr(cache, "load", lambda kernel, device: loaded.append(kernel))
+    monkeypatch.setattr(wp, "get_cuda_kernel_properties", lambda kernel, device, block: used)
+    gpu = SimpleNamespace(is_cpu=False, arch=90)
+    found = checks(found_by(lambda _, found: compiling.predicted(gpu, found)))
+    bad = {what for what, right in found.items() if not right}
+    more = {"rollout: bytes of local memory", "hard rollout: bytes of local memory"}
+    assert bad == {"hard rollout: registers", "library: registers", *more} and len(loaded) == len(found) / 2
+    gpu.arch = 100  # of another GPU it is said, and not judged
+    events = found_by(lambda _, found: compiling.predicted(gpu, found))
+    assert not checks(events) and len(events) == len(loaded) / 2
+    row = compiling._code(loaded[0], gpu)
+    assert row["part"] == "fast" and row["register_count"] == 180
+
+
+def test_blocks_are_put_back_after_they_were_tried(monkeypatch):
+    monkeypatch.setattr(rates, "SINGLE", "float64")
+    tried, load = [], cache.load_all
+    monkeypatch.setattr(cache, "load_all", lambda *given: tried.append(cache.BLOCK) or load(*given))
+    before = cache.BLOCK
+    setting = Setting("cpu", replace(SETTING.sizes, blocks=(before, 2 * before), worlds=(4,)))
+    rows = [event for event in found_by(rates.blocks, setting) if event["kind"] == "rows"]
+    assert [(row["block"], row["own"]) for row in rows] == [(before, True), (2 * before, False)]
+    assert cache.BLOCK == before and set(tried) == {before, 2 * before}
 
 
 @pytest.mark.slow
@@ -134,7 +163,7 @@ class Shifted:
     def step(self, *given, **named):
         done = self._sim.step(*given, **named)
         state = np.where(np.arange(done.state.shape[1]) == self._sim.nx - 1, self._by, 0.0) + done.state
-        return dataclasses.replace(done, state=state)
+        return replace(done, state=state)
 
 
 def test_states_that_are_off_are_found(monkeypatch):
@@ -162,7 +191,7 @@ def test_neighbours_that_change_and_graphs_that_do_not_follow_are_found(monkeypa
         if not isinstance(x0, np.ndarray):
             return done
         extra = 0.0 if np.isfinite(np.asarray(x0)).all() else 1e-12
-        return dataclasses.replace(done, states=done.states + extra)
+        return replace(done, states=done.states + extra)
 
     with monkeypatch.context() as patch:
         patch.setattr(slcp.Simulator, "rollout", leaking)

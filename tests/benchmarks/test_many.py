@@ -135,3 +135,19 @@ def test_charts_from_rows_alone(rows, tmp_path):
     assert "| stack:10 rests | " in text and "| stack:3 | tumbling | hard | 0.7 |" in text
     with pytest.raises(ValueError, match="has costs only"):
         many_error.draw(steps, tmp_path / "none.png")
+
+
+def test_equal_errors_and_those_that_are_not_reached():
+    def row(program, value, error, seconds):
+        return {"study": "many", "problem": "a", "program": program, "curve": program, "value": value,
+                "error": error, "seconds": seconds, "missed": 0, "solved_share": 1.0}  # fmt: skip
+
+    ours = [row("slcp-warp", 0.02, 0.1, 2e-6), row("slcp-warp", 0.01, 0.01, 20e-6)]
+    theirs = [
+        row("MuJoCo", 0.02, 0.1, 4e-6),
+        row("MuJoCo", 0.01, 0.001, 10e-6),
+        row("MuJoCo", 0.005, 0.2, 1.0),
+    ]
+    assert many_error.quotients([*ours, *theirs]) == pytest.approx([0.0, 2.0])
+    assert many_error.least([*ours, *theirs]) == pytest.approx(2.0)
+    assert many_error.said([*ours, *theirs], "error") == "2, 1 of 2 not reached"

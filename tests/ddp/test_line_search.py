@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import warp as wp
 from ddp_examples import cart_pole, random_linear_problem
 
 from slcp_warp import ddp
@@ -116,3 +117,19 @@ def test_what_is_not_needed_is_not_rolled_out():
     work._candidates.cost.fill_(-7.0)
     work.run(data["x0"], np.zeros((problem.horizon, problem.nu)))
     assert int(work.passes.numpy()[0]) >= 1 and (work._candidates.cost.numpy()[0, 1:] == -7.0).all()
+
+
+def test_a_pass_of_a_gpu_reads_nothing(monkeypatch):
+    """Rolled out with all step sizes at once, a pass waits for no number: that is asked after it."""
+    problem, data = random_linear_problem(4)
+    work = ddp.Workspace(problem, 2)
+    work.start(np.tile(data["x0"], (2, 1)), np.zeros((problem.horizon, problem.nu)))
+    work._passes = Passes(work, work._policy, staged=False)
+    before = work.cost.numpy().copy()
+    with monkeypatch.context() as patch:
+        for name in ("numpy", "assign"):
+            patch.setattr(wp.array, name, lambda *_: pytest.fail("copied over the host"))
+        work.differentiate()
+        work.backward()
+        work.search()
+    assert (work.cost.numpy() < before).all()

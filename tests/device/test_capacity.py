@@ -70,7 +70,7 @@ def by_torch(sim, x):
 
 
 US = np.zeros((1, 2, 1))
-REFUSED = {
+TAKEN = {
     "linearize": lambda sim, x: sim.linearize(x),
     "checkpoint": lambda sim, x: sim.rollout(x, US[0], checkpoint=1),
     "tape": gradient,
@@ -81,6 +81,8 @@ REFUSED = {
     "ddp": lambda sim, x: ddp.solve(ddp.Problem(sim, cost(sim.scene), 2), x, US[0]),
     "multistart": lambda sim, x: ddp.solve_multistart(ddp.Problem(sim, cost(sim.scene), 2), x, US),
     "library": lambda sim, x: ddp.build_library(ddp.Problem(sim, cost(sim.scene), 9), x, 2),
+}  # fmt: skip
+REFUSED = {
     "specialised": lambda sim, x: slcp.Simulator(sim.scene, device="cpu", strategy="specialised"),
     "trapezoidal": lambda sim, x: simulator(sim.scene, integrator="trapezoidal"),
     "gap at the end": lambda sim, x: simulator(sim.scene, "hard", gap="end"),
@@ -93,6 +95,11 @@ REFUSED = {
         sim.scene, hold(sim.scene), slcp.SweepSpec(worlds=1), device="cpu", integrator="trapezoidal"
     ),
 }  # fmt: skip
+
+
+@pytest.mark.parametrize("way", TAKEN)
+def test_derivatives_are_taken(large, way):
+    TAKEN[way](simulator(large), large.x0)
 
 
 @pytest.mark.parametrize("way", REFUSED)

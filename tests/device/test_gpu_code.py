@@ -9,57 +9,27 @@ of the backward pass, fit.
 import pytest
 import warp as wp
 
-import slcp_warp as slcp
 from slcp_warp import scenes
-from slcp_warp.kernels.control import riccati, rollouts
-from slcp_warp.kernels.ensembles.sweep import make_sweep_kernel
+from slcp_warp.kernels.control import riccati
 from slcp_warp.kernels.generic import step as generic_step
 from slcp_warp.kernels.method import Method
-from slcp_warp.kernels.policies.nearest import NEAREST, STACKS
 from slcp_warp.kernels.policies.open_loop import OPEN_LOOP
 from slcp_warp.kernels.specialisation import Specialisation
 from slcp_warp.kernels.step import rollout
 from slcp_warp.kernels.step.relayed import make_rollout_relay
-from slcp_warp.kernels.step.rollout import make_transition
 from slcp_warp.scripts.benchmarks.cost.cubin import sm90_resources
+from slcp_warp.scripts.benchmarks.gpu.predicted import FAST, SINE, finger
 
 LONG = wp.types.vector(64, float)
-SINE = 32  # bytes of local memory of the argument reduction of sine and cosine
-TREE = 12 * STACKS[0]  # of a search in the library's tree
-
-
-def finger(part="fast", **options):
-    structure = scenes.flicking_finger().structure
-    return Specialisation(structure, wp.float32, Method(scaling="none", part=part, **options))
-
-
-def line_search():
-    """DDP's rollouts, with the finger's cost."""
-    cost = slcp.tasks.flicking_finger().cost.functions(wp.float32, 6, 2)
-    step = make_transition(finger())
-    functions = step.advance, step.cold_carry, cost.running, cost.final
-    return rollouts.make_rollout_kernel(*functions, 6, 2, True, False, wp.float32, step)
-
-
-FAST = {  # kernel, registers, bytes of local memory, of code
-    "rollout": (lambda: make_rollout_relay(finger(), OPEN_LOOP, False), 200, SINE, 72_000),
-    "hard rollout": (
-        lambda: make_rollout_relay(finger(residual="hard"), OPEN_LOOP, False),
-        176,
-        SINE,
-        66_000,
-    ),
-    "sweep": (lambda: make_sweep_kernel(finger(), NEAREST, spans=True), 200, SINE + TREE + 32, 148_000),
-    "line search": (line_search, 200, SINE + 8, 90_000),
-}
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FAST)
 def test_fast_kernels_of_the_finger_fit_in_registers(tmp_path, name):
-    make, registers, frame, code = FAST[name]
-    used = sm90_resources(make(), tmp_path)
-    assert 0 < used["registers"] <= registers and used["frame"] <= frame and used["code"] <= code, used
+    most = FAST[name]
+    used = sm90_resources(most.make(), tmp_path)
+    assert 0 < used["registers"] <= most.registers, used
+    assert used["frame"] <= most.frame and used["code"] <= most.code, used
 
 
 @pytest.mark.slow

@@ -99,6 +99,23 @@ def test_gradients_of_numbers_that_worlds_share(by_columns):
     same(by_columns(found))
 
 
+def test_torch(by_columns):
+    torch = pytest.importorskip("torch")
+    from slcp_warp import torch as differentiable
+
+    sim = simulator("flicking_finger", "cpu", wp.float64, "none")
+    given = numbers(sim)
+
+    def found():
+        mass, x, us = (torch.tensor(a, requires_grad=True) for a in given)
+        for checkpoint in (None, 2):
+            run = differentiable.rollout(sim, x, us, {"mass": mass}, checkpoint=checkpoint)
+            (run.states**2).sum().backward()
+        return run.states.detach(), x.grad, us.grad, mass.grad
+
+    same(by_columns(found))
+
+
 def test_plans_and_sweeps(by_columns):
     problem, x0, us = cart_pole("cpu", "float64")
     own = problem.with_params(step_size=np.linspace(0.04, 0.05, WORLDS))

@@ -1,6 +1,8 @@
 """Gradients through users' functions and what lies around policies: against loops of single steps."""
 
+import contextlib
 import functools
+import importlib
 
 import numpy as np
 import pytest
@@ -146,6 +148,28 @@ def test_noise_of_a_sensor_is_what_the_kernel_saw(device):
         ends = [slcp_torch.closed_loop(sim, x0 + e * along, policy, STEPS).states for e in (1e-6, -1e-6)]
     slope = float((weight * (ends[0] - ends[1])).sum()) / 2e-6
     assert slope == pytest.approx(float((found * along).sum()), rel=1e-5)
+
+
+def test_every_launch_is_on_pytorchs_stream(device, monkeypatch):
+    """Of a policy with a noisy sensor, there and back; on a CPU the stream is made up."""
+    sim, (x0, mass, weight) = pendulum(device), leaves(device)
+    inside, seen, launch = [], [], wp.launch
+
+    @contextlib.contextmanager
+    def stream(tensor):
+        inside.append(tensor)
+        yield
+        inside.pop()
+
+    for name in ("asked", "closed_loop", "followed", "network", "operators"):
+        module = importlib.import_module(f"slcp_warp.torch.{name}")
+        monkeypatch.setattr(module, "stream", stream)
+    monkeypatch.setattr(wp, "launch", lambda *a, **k: seen.append(bool(inside)) or launch(*a, **k))
+    policy = policies.Around(function(), noise=0.05, hold=2, seed=3)
+    run = slcp_torch.closed_loop(sim, x0, policy, STEPS, {"mass": mass})
+    (weight * run.states).sum().backward()
+    slcp_torch.rollout(sim, x0.detach(), torch.zeros((len(x0), 2, 1), dtype=x0.dtype, device=device))
+    assert len(seen) > STEPS and all(seen)
 
 
 def test_single_precision_and_one_world(device):

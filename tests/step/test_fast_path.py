@@ -12,6 +12,7 @@ from slcp_warp.kernels.device import launch as launching
 from slcp_warp.kernels.device import relay
 
 WORLDS, STEPS = 60, 300
+K = np.array([[-1.0, 0, 0, -0.3, 0, 0], [0, -1.0, 0, 0, -0.3, 0]])
 
 
 @pytest.fixture
@@ -74,6 +75,20 @@ def test_steps_with_all_their_outputs(device):
         )
 
 
+@pytest.mark.slow
+def test_linearisations_whose_step_is_left(device, left):
+    x, us = workload(3000, 1)
+    x[3, 0] = np.nan
+    base = simulator("flicking_finger", device, wp.float64, "none")
+    one, two = (sim.linearize(x, us[:, 0], second=True) for sim in (base, fast_finger(device)))
+    assert left[0].numpy().sum() > 3 and two.status[3] == Status.NONFINITE
+    np.testing.assert_array_equal(two.status, one.status)
+    for name in ("A", "B", "second"):
+        given, expected = getattr(two, name), getattr(one, name)
+        scale = 1.0 + np.abs(expected).max(axis=tuple(range(1, expected.ndim)), keepdims=True)
+        assert (np.abs(given - expected) / scale).max() < 1e-9, name
+
+
 def test_a_world_whose_every_step_is_left_costs_few_rounds(device, left):
     """Five planes at once are more rows than the fast kernel takes: a particle that lies on them."""
     planes, steps = stack_of_planes(5), 50
@@ -100,9 +115,12 @@ def test_the_division_into_launches_changes_no_bit(device, left, monkeypatch):
 
 
 @pytest.mark.slow
-def test_sweeps_with_a_policy_that_remembers(device, left, monkeypatch):
+@pytest.mark.parametrize("apart", [True, False], ids=["asked apart", "in the kernel"])
+def test_sweeps_with_a_policy_that_remembers(device, left, monkeypatch, apart):
     busy = spec(torque_sd=0.5, kick_times=(0.5, 1.0), parameter_sd={"mass": 0.2}, duration=6.0)
-    policy = policies.Around(idle(), delay=2, noise=0.01)
+    policy = policies.Around(
+        idle() if apart else policies.Linear(K, FINGER.x0, np.zeros(2)), delay=2, noise=0.01
+    )
     found = []
     for fast in "01":
         monkeypatch.setenv("SLCP_FAST_PATH", fast)

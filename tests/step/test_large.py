@@ -158,6 +158,21 @@ def test_momentum_is_conserved_on_the_scale_that_is_exchanged(seed):
 
 
 @pytest.mark.parametrize("hard", [False, True])
+def test_rows_that_all_but_repeat_others(hard):
+    """Frictions of a box's corners that differ in the fifth digit."""
+    sc, worlds = boxes(np.ones(30)), 60
+    rng = np.random.default_rng(3)
+    x = np.tile(sc.x0, (worlds, 1))
+    x[:, : sc.nv] += 1e-4 * rng.standard_normal((worlds, sc.nv))
+    x[:, sc.nv :] += 0.5 * rng.standard_normal((worlds, sc.nv))
+    options = slcp.Options(residual="hard" if hard else "rem-logistic")
+    sim = slcp.Simulator(sc, options, device="cpu", strategy="generic")
+    friction = sim.params["friction"] + 1e-5 * rng.standard_normal((worlds, len(sc.contacts)))
+    rolled = sim.rollout(x, np.zeros((worlds, 5, 0)), sim.params.replace(friction=friction))
+    assert (rolled.status == slcp.Status.SOLVED).all()
+
+
+@pytest.mark.parametrize("hard", [False, True])
 def test_redundant_supports(dtype, hard):
     sc = beam(64)
     x = np.tile(sc.x0, (3, 1))

@@ -38,13 +38,14 @@ CURVES = (
 )
 SETTINGS = ("default", "CG", "stiff", "overdamped")
 RESTS = ("stack:3", "stack:10", "stack:30", "discs:10", "discs:30")
-MOVES = ("stack:3", "stack:10", "stack:30", "discs:10", "discs:30", "beam:8", "walker", "hopper")
-OTHERS, SHARE = ("stack:3", "stack:10", "discs:10"), (0.02, 0.01, 0.005)  # of the peers that take long
+MOVES = ("stack:3", "stack:10", "stack:30", "heap:10", "heap:30", "beam:8", "walker", "hopper")
+OTHERS, SHARE = ("stack:3", "stack:10", "heap:10"), (0.02, 0.01, 0.005)  # of the peers that take long
 WORLDS = 64  # of mujoco_warp
+STILL_SIZES = (0.05, 0.02, 0.01, 0.005)  # of what rests
 BATCHES = (1, 10, 100, 1000, 10_000, 100_000)
 STEPS = 2000  # world steps of a timed call, at least
 REPEATS = 3
-PATIENCE = 120.0  # CPU seconds of a point, beyond which it is left out
+PATIENCE = 60.0  # CPU seconds of a point, beyond which it is left out
 
 
 def cost_rows(say: Say, names: Iterable[str] = ALL, plan: Plan | None = None) -> Rows:
@@ -160,7 +161,9 @@ def pieces(say: Say) -> list[tuple[str, Callable[[], Rows]]]:
         (f"cost of {name}", functools.partial(cost_rows, say, (name,))) for name in ALL
     ]
     out += [("batch", functools.partial(batch_rows, say))]
-    out += [(f"{name} rests", functools.partial(problem_rows, name, True, say)) for name in RESTS]
+    out += [
+        (f"{name} rests", functools.partial(problem_rows, name, True, say, STILL_SIZES)) for name in RESTS
+    ]
     out += [(f"{name} moves", functools.partial(problem_rows, name, False, say)) for name in MOVES]
     return out + [(f"{name} under other peers", functools.partial(other_rows, name, say)) for name in OTHERS]
 

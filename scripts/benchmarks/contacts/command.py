@@ -30,7 +30,9 @@ def _chosen(
 def contacts_command(
     scene: Annotated[
         list[str] | None,
-        typer.Option(help="Only stack:N, discs:N, gas:N, beam:N, walker or hopper; may be given again."),
+        typer.Option(
+            help="Only stack:N, heap:N, discs:N, gas:N, beam:N, walker or hopper; may be given again."
+        ),
     ] = None,
     law: Annotated[
         list[str] | None, typer.Option(help=f"Only {', '.join(LAWS)}; may be given again.")

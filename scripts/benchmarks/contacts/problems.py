@@ -59,8 +59,10 @@ def truth_of(scene: slcp.Scene, starts: np.ndarray, duration: float, components:
     sim = slcp.Simulator(scene, slcp.Options(**LAWS["coulomb"]), device="cpu", dtype="float64")
     ends, solved = [], np.ones(len(starts), bool)
     steps = round(duration / FINE)
-    begin, count = time.process_time(), max(1, steps // 100)
-    sim.rollout(starts[:1], np.zeros((1, count, sim.nu)), sim.params.replace(step_size=FINE))
+    count, params = max(1, steps // 100), sim.params.replace(step_size=FINE)
+    sim.rollout(starts[:1], np.zeros((1, 1, sim.nu)), params)  # compiles
+    begin = time.process_time()
+    sim.rollout(starts[:1], np.zeros((1, count, sim.nu)), params)
     needed = 1.5 * steps / count * len(starts) * (time.process_time() - begin)
     if needed > PATIENCE:
         raise ValueError(f"scene {scene.name!r}: a truth would take {needed:.0f} s, more than {PATIENCE:g} s")

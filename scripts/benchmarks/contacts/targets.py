@@ -24,7 +24,7 @@ TIMES = {  # us a step there, float64
     ("tumbling", "coulomb"): {"stack:3": 2.4, "stack:10": 17.0, "stack:30": 121.0, "walker": 0.5},
 }
 FASTER = {("rest", f"stack:{n}"): 3.0 for n in (3, 10, 30)}  # than MuJoCo
-FASTER |= {("tumbling", f"discs:{n}"): 1.0 for n in (10, 30, 60, 100)} | {("tumbling", "hopper"): 1.0}
+FASTER |= {("tumbling", f"heap:{n}"): 1.0 for n in (10, 30, 60, 100)} | {("tumbling", "hopper"): 1.0}
 UNSOLVED = 1e-4  # of tumbling steps
 
 

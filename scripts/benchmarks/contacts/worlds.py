@@ -48,15 +48,20 @@ def stack(count: int) -> World:
     return World(f"stack:{count}", scene, count, {"boxes": geoms | {None: [_ground()]}})
 
 
-def discs(count: int) -> World:
+def heap(count: int, room: float = 1.05, name: str = "heap") -> World:
     """A heap of `count` discs between two walls: rows of k and k - 1 in each other's hollows.
 
-    k is sqrt(count); everything may touch everything. In MuJoCo also spheres, whose pairs its broad phase
-    finds.
+    k is sqrt(count), and there is `room` for k discs. Everything may touch everything. In MuJoCo also
+    spheres, whose pairs its broad phase finds.
     """
-    side = RADIUS * max(2, round(math.sqrt(count)))
+    side = RADIUS * max(2, round(math.sqrt(count))) * room
     scene = scenes.heap(count, width=2.0 * side, friction=FRICTION, radius=RADIUS)
-    return World(f"discs:{count}", scene, count, {"spheres": _spheres(scene, side)})
+    return World(f"{name}:{count}", scene, count, {"spheres": _spheres(scene, side)})
+
+
+def discs(count: int) -> World:
+    """A heap whose rows fit exactly between the walls: what is wedged may be infeasible by a rounding."""
+    return heap(count, 1.0, "discs")
 
 
 def gas(count: int) -> World:
@@ -86,10 +91,16 @@ def _ground() -> dict[str, str]:
     return _plane(0.0, 0.0, "0 1 0")
 
 
-SIZED: dict[str, Callable[[int], World]] = {"stack": stack, "discs": discs, "gas": gas, "beam": beam}
+SIZED: dict[str, Callable[[int], World]] = {
+    "stack": stack,
+    "heap": heap,
+    "discs": discs,
+    "gas": gas,
+    "beam": beam,
+}
 SINGLE: dict[str, Callable[..., Any]] = {"walker": scenes.walker, "hopper": scenes.hopper}
-ALL = ("stack:3", "stack:10", "stack:30", "stack:100", "discs:10", "discs:30", "discs:60", "discs:100",
-       "walker", "hopper", "beam:8", "beam:32")  # fmt: skip
+ALL = ("stack:3", "stack:10", "stack:30", "stack:100", "heap:10", "heap:30", "heap:60", "heap:100",
+       "discs:10", "discs:30", "walker", "hopper", "beam:8", "beam:32")  # fmt: skip
 
 
 def world(name: str) -> World:

@@ -65,7 +65,8 @@ def library(setting: Setting) -> ddp.NearestPolicy:
 def sweep(setting: Setting, policy: Any, worlds: int, duration: float) -> Any:
     """A sweep of the finger in single precision, of the smoothed and of the hard problem."""
     spec = slcp.SweepSpec(worlds=worlds, duration=duration, parameter_sd={"mass": 0.1}, torque_sd=0.1)
-    return slcp.sweep(slcp.scenes.flicking_finger(), policy, spec, device=setting.device)
+    scene = slcp.scenes.flicking_finger()
+    return slcp.sweep(scene, policy, spec, scaling="none", device=setting.device)
 
 
 def _step(method: str, setting: Setting, dtype: str) -> None:

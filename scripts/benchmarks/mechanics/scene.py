@@ -1,5 +1,7 @@
 """A scene's own numbers at given configurations: benchmarks choose states by them, peers are held to them."""
 
+from collections.abc import Iterable, Iterator
+
 import numpy as np
 
 from slcp_warp import Scene
@@ -28,16 +30,25 @@ def contact(scene: Scene, q: Array, pair: int = 0, directions: int = DIRECTIONS)
         pair: index of the pair.
         directions: normals that are tried before the best are refined.
     """
-    mechanics, row = Mechanics(scene, {}), scene.structure.pairs[pair]
-    gaps, angles = [np.zeros(0)], [np.zeros(0)]
-    for first in range(0, len(q), CHUNK):
-        frames = mechanics.frames(q[first : first + CHUNK])
-        a = place(mechanics, frames, row.shape_a, row.end_a)
-        b = place(mechanics, frames, row.shape_b, row.end_b)
-        normal, gap, _, _, _, turning = touch(a, b, directions)
-        gaps.append(gap)
-        angles.append(np.where(turning < CONCENTRIC, 0.0, np.arctan2(normal[:, 1], normal[:, 0])))
-    return np.concatenate(gaps), np.concatenate(angles)
+    (found,) = every_contact(scene, q, directions, (pair,))
+    return found
+
+
+def every_contact(
+    scene: Scene, q: Array, directions: int = DIRECTIONS, pairs: Iterable[int] | None = None
+) -> Iterator[tuple[Array, Array]]:
+    """What `contact` gives, of one pair after the other; all of the scene's if none are named."""
+    mechanics, chosen = Mechanics(scene, {}), range(len(scene.structure.pairs)) if pairs is None else pairs
+    frames = [mechanics.frames(q[first : first + CHUNK]) for first in range(0, len(q), CHUNK)]
+    for row in (scene.structure.pairs[k] for k in chosen):
+        gaps, angles = [np.zeros(0)], [np.zeros(0)]
+        for part in frames:
+            a = place(mechanics, part, row.shape_a, row.end_a)
+            b = place(mechanics, part, row.shape_b, row.end_b)
+            normal, gap, _, _, _, turning = touch(a, b, directions)
+            gaps.append(gap)
+            angles.append(np.where(turning < CONCENTRIC, 0.0, np.arctan2(normal[:, 1], normal[:, 0])))
+        yield np.concatenate(gaps), np.concatenate(angles)
 
 
 def distance(scene: Scene, q: Array, pair: int = 0) -> Array:

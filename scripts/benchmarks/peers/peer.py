@@ -8,7 +8,7 @@ import numpy as np
 
 from slcp_warp import Scene
 
-from ..mechanics.scene import contact, distance, mass_matrix
+from ..mechanics.scene import contact, every_contact, mass_matrix
 
 DRAWS = 50  # configurations drawn for each that is kept
 NEAR = 0.1  # distance up to which pairs are compared [m]
@@ -122,7 +122,7 @@ def configurations(scene: Scene, starts: np.ndarray, count: int = 40) -> np.ndar
     rng = np.random.default_rng(0)
     q = starts[rng.integers(len(starts), size=DRAWS * count), : scene.nv]
     q = q + SPREAD * rng.uniform(-1.0, 1.0, q.shape)
-    gaps = [distance(scene, q, k) for k in range(len(scene.all_contacts))]
+    gaps = [gap for gap, _ in every_contact(scene, q)]
     return q[np.argsort(np.abs(np.min(gaps, axis=0)) if gaps else np.zeros(len(q)))[:count]]
 
 

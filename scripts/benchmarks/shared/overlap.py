@@ -7,7 +7,7 @@ import numpy as np
 
 from slcp_warp import Scene
 
-from ..mechanics.scene import contact
+from ..mechanics.scene import every_contact
 
 SAMPLE = 0.005  # longest time between the configurations looked at [s]
 DIRECTIONS = 24  # normals tried at each, before Newton's method
@@ -34,8 +34,7 @@ def overlap(scene: Scene, states: np.ndarray, h: float) -> Overlap:
     between = [q[:, :-1] + k / parts * (q[:, 1:] - q[:, :-1]) for k in range(parts)]
     fine = np.concatenate([np.stack(between, 2).reshape(worlds, -1, scene.nv), q[:, -1:]], 1)
     deepest, missed = 0.0, 0
-    for pair in range(len(scene.all_contacts)):
-        d, normal = contact(scene, fine.reshape(-1, scene.nv), pair, DIRECTIONS)
+    for d, normal in every_contact(scene, fine.reshape(-1, scene.nv), DIRECTIONS):
         d, normal = d.reshape(worlds, -1), normal.reshape(worlds, -1)
         deepest = max(deepest, float(-d[:, ::parts].min(initial=0.0)))
         inside = (d[:, 1:] < 0.0) & (d[:, :-1] < 0.0)

@@ -8,7 +8,12 @@ from ....charts.style import BLACK, BLUE, GREEN, GREY, ORANGE, RED, SKY, plt, sa
 from .lines import Rows, choose, cost_ticks, different, need, points
 
 COLOURS = {"hard": BLUE, "smoothed": GREEN, "coulomb": ORANGE}
-SIZES = {"stack": "boxes in a stack", "discs": "discs in a heap", "beam": "supports of a beam"}
+SIZES = {
+    "stack": "boxes in a stack",
+    "heap": "discs in a heap",
+    "discs": "discs wedged between walls",
+    "beam": "supports of a beam",
+}
 
 
 def draw(rows: Rows, out: Path) -> Path:

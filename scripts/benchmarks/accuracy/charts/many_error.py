@@ -6,23 +6,36 @@ from pathlib import Path
 from ....charts.style import plt, save
 from .contact import handles, look, panel
 from .lines import Rows, choose, different, need
-from .ratios import compare, figure
+from .ratios import compare, span
 
 WIDE = 4
 STILL = " rests"  # how the problems of what should not move end
 MOVING = {"error": "error [m]", "error_self": "against own limit [m]", "penetration": "deepest [m]"}
 
 
-def least(rows: Rows, y: str = "error") -> float:
-    """The least of MuJoCo's cost over ours at equal error; 0 where we do not reach an error of its."""
+def quotients(rows: Rows, y: str = "error") -> list[float]:
+    """MuJoCo's cost over ours at every error that a curve of its has no cheaper; 0: we do not reach it."""
     found = compare([row | {"error": row.get(y, "")} for row in rows])
-    return min((c.worst[2] for c in found if c.equal_error and c.program == "MuJoCo"), default=math.inf)
+    return [ratio for c in found if c.program == "MuJoCo" for *_, ratio in c.equal_error]
+
+
+def least(rows: Rows) -> float:
+    """The least of them that is not 0: where we lose most."""
+    return min((ratio for ratio in quotients(rows) if ratio > 0.0), default=math.inf)
+
+
+def said(rows: Rows, y: str) -> str:
+    """From which to which they go, and how many errors we do not reach."""
+    found = quotients(rows, y)
+    missed = sum(ratio == 0.0 for ratio in found)
+    text = span(sorted(ratio for ratio in found if ratio > 0.0))
+    return text + (f", {missed} of {len(found)} not reached" if missed else "")
 
 
 def draw(rows: Rows, out: Path) -> Path:
     """What is thrown, falls and lands."""
     rows = [row for row in motions(rows) if not str(row["problem"]).endswith(STILL)]
-    return panels(rows, MOVING, "piles that move: error against CPU time, where we lose most first", out)
+    return panels(rows, MOVING, "piles that move, where we lose most first: error", out)
 
 
 def motions(rows: Rows) -> Rows:
@@ -41,7 +54,7 @@ def panels(rows: Rows, kinds: dict[str, str], title: str, out: Path) -> Path:
     """A column for every problem, a row for every one of `kinds`, columns by column and its label."""
     problems = sorted(different(rows, "problem"), key=lambda p: least(choose(rows, problem=p)))
     if not problems:
-        raise ValueError(f"study 'many' has no rows of {title.partition(':')[0]}")
+        raise ValueError(f"study 'many' has no rows of {title.partition(',')[0]}")
     looks = look(rows)
     blocks = -(-len(problems) // WIDE)
     fig, grid = plt.subplots(len(kinds) * blocks, WIDE, figsize=(11.5, 2.3 * len(kinds) * blocks + 1.2),
@@ -57,10 +70,9 @@ def panels(rows: Rows, kinds: dict[str, str], title: str, out: Path) -> Path:
             ax.set_ylabel(text, fontsize=8)
             ax.tick_params(labelsize=7)
             if y != "penetration":
-                text = f"MuJoCo / ours at equal error: at least {figure(least(part, y), 2)}"
-                ax.set_xlabel(text, fontsize=7, style="italic")
+                ax.set_xlabel(f"MuJoCo / ours: {said(part, y)}", fontsize=7, style="italic")
         grid[len(kinds) * (i // WIDE), i % WIDE].set_title(problem, fontsize=9)
     fig.legend(handles=handles(looks), loc="outside lower center", ncols=4, fontsize=7.5)
-    fig.supxlabel("CPU time of a simulated second and world [µs]; steps of .05 to .001 s", fontsize=9)
-    fig.suptitle(title, fontsize=11)
+    axes = "against CPU time of a simulated second and world [µs] (in italics: at equal error)"
+    fig.suptitle(f"{title}\n{axes}", fontsize=11)
     return save(fig, out)

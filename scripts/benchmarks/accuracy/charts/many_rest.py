@@ -11,4 +11,4 @@ KINDS = {"error": "drift in 10 s [m]", "penetration": "deepest [m]"}
 def draw(rows: Rows, out: Path) -> Path:
     """What should stay where it is."""
     rows = [row for row in motions(rows) if str(row["problem"]).endswith(STILL)]
-    return panels(rows, KINDS, "piles at rest: drift against CPU time, where we lose most first", out)
+    return panels(rows, KINDS, "piles at rest, where we lose most first: drift", out)

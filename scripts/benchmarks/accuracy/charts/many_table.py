@@ -8,7 +8,7 @@ from slcp_warp.storage.files import write_text
 from ...contacts.targets import table
 from ...contacts.worlds import STEP
 from .lines import Rows, choose, different, need
-from .many_error import least
+from .many_error import least, said
 from .ratios import figure
 
 ABOUT = """CPU time of one thread, all programs in turn in one run, medians. "Same pairs": MuJoCo's model of
@@ -16,7 +16,7 @@ the very contacts of the scene; "boxes", "spheres": its own shapes and its own s
 quotient is our time over MuJoCo's in the same run, the faster model of the two."""
 COSTS = ("scene", "motion", "law", "float64, us", "float32, us", "MuJoCo, us", "float64 / MuJoCo",
          "unsolved, float64", "float32")  # fmt: skip
-ERRORS = ("problem", "MuJoCo / ours at equal error, least", "against own limits",
+ERRORS = ("problem", "MuJoCo / ours at equal error", "against own limits",
           f"deepest at h = {STEP:g}: Coulomb", "MuJoCo, default", "stiff", "energy gained: ours", "MuJoCo",
           "")  # fmt: skip
 
@@ -71,7 +71,7 @@ def errors(rows: Rows) -> list[str]:
     for problem in sorted(different(rows, "problem"), key=lambda p: least(choose(rows, problem=p))):
         part = choose(rows, problem=problem)
         ours, peers = (choose(part, program=name) for name in ("slcp-warp", "MuJoCo"))
-        ratios = [figure(least(part, y), 2) for y in ("error", "error_self")]
+        ratios = [said(part, y) for y in ("error", "error_self")]
         deep = [_deepest(choose(part, curve=c)) for c in ("Coulomb", "MuJoCo, default", "MuJoCo, stiff")]
         note = next((str(row["note"]) for row in ours if row.get("note")), "")
         lines.append(line(problem, *ratios, *deep, *map(_gained, (ours, peers)), note))

@@ -12,15 +12,11 @@ from slcp_warp.kernels.device import cache
 from slcp_warp.kernels.device.progress import describe, recorded
 from slcp_warp.kernels.specialisation import Specialisation
 
+from ..predicted import ARCH, FAST
 from ..record import Found
 from ..setting import CPU, Setting, cores
 from ..uses import COMPARED, uses_of
 
-ARCH = 90  # that the predictions are of
-PREDICTED = {  # use -> the most registers and bytes of local memory of its fast kernel in float32
-    "rollout smoothed": (200, 32), "rollout hard": (176, 32), "sweep under a library": (200, 32 + 768 + 32),
-    "planning": (200, 40),
-}  # fmt: skip
 Rows = list[dict[str, Any]]
 
 
@@ -49,13 +45,12 @@ def run(setting: Setting, found: Found) -> None:
                 found.check(f"{case}: compiled", False, error=f"{type(error).__name__}: {error}")
                 continue
             work += sum(row.get("seconds", 0.0) for row in rows)
-            if place.gpu:
-                _predicted(name, dtype, rows, place, found)
             for row in rows:
                 found.row(f"{case}: {row.pop('kernel')}", **row)
     seconds = time.perf_counter() - begin
     found.row("all of them", seconds=seconds, one_after_the_other=work, processes=workers)
     if setting.gpu:
+        predicted(wp.get_device(setting.device), found)
         _memory(setting, found)
 
 
@@ -86,14 +81,17 @@ def _code(kernel: wp.Kernel, device: wp.Device) -> dict[str, Any]:
     return {"kernel": f"{describe(kernel)}: code", "part": parts[0] if parts else "", **used}
 
 
-def _predicted(name: str, dtype: str, rows: Rows, setting: Setting, found: Found) -> None:
-    """Whether the fast kernel of a use takes what its code for sm_90 was found to take."""
-    fast = [row for row in rows if row.get("part") == "fast"]
-    if name not in PREDICTED or dtype != "float32" or not fast or wp.get_device(setting.device).arch != ARCH:
-        return
-    registers, local = PREDICTED[name]
-    found.at_most(f"{name}: registers", max(row["register_count"] for row in fast), registers)
-    found.at_most(f"{name}: bytes of local memory", max(row["local_memory_size"] for row in fast), local)
+def predicted(device: wp.Device, found: Found) -> None:
+    """Whether the fast kernels take what their code for sm_90 was found to take."""
+    for name, most in FAST.items():
+        kernel = most.make()
+        cache.load(kernel, device)
+        used = wp.get_cuda_kernel_properties(kernel, device, cache.block_of(device))
+        if device.arch != ARCH:
+            found.row(f"{name}: code", **used)
+            continue
+        found.at_most(f"{name}: registers", used["register_count"], most.registers)
+        found.at_most(f"{name}: bytes of local memory", used["local_memory_size"], most.frame)
 
 
 def _memory(setting: Setting, found: Found) -> None:

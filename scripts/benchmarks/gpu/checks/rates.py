@@ -58,7 +58,7 @@ def blocks(setting: Setting, found: Found) -> None:
     sim = setting.finger(SINGLE)
     own = cache.BLOCK
     for block in setting.sizes.blocks:
-        for worlds in (2**12, 2**16, 2**20):
+        for worlds in setting.sizes.worlds[::-4]:
             case = f"blocks of {block}, {worlds} worlds"
             x, us = arrays(setting, sim, worlds)
             try:

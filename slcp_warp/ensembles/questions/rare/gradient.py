@@ -15,7 +15,7 @@ from slcp_warp.kernels.ensembles.measures import NONE
 from slcp_warp.kernels.policies.tracking import make_tracking
 
 from ....gradients.tape import Recorded as Taped
-from ....gradients.tape import adjoint
+from ....gradients.tape import adjoint, derivatives_exist
 from ....inputs.limits import limit_rows
 from ....measures.recorded import Recorded, counted_steps
 from ....measures.reductions import Measure
@@ -24,7 +24,6 @@ from ....options import OptionError
 from ....parameters import Parameters
 from ....policies import Around
 from ....simulator import Simulator
-from ....stepping.strategy import StrategyError
 from ....tasks.task import Task
 from .margin import Margin
 from .numbers import Numbers
@@ -51,8 +50,8 @@ def slopes_of(task: Task, policy: Any, numbers: Numbers, judge: Margin, device: 
         return None
     sim = Simulator(task.scene, task.options, device=device, dtype="float64")
     try:
-        sim.need_derivatives("falsify")
-    except (OptionError, StrategyError):
+        derivatives_exist(task.options.method)
+    except OptionError:
         return None
     loop = ClosedLoop(sim, task, policy)
 
@@ -129,7 +128,7 @@ class ClosedLoop:
         policy = make_tracking(sim.nx, sim.nu, sim.dtype).Struct()
         policy.us, policy.xs, policy.gain, policy.period = us, xs, put(gains), put(np.zeros(sim.nx))
         code: wp.array = wp.array(np.asarray(status), dtype=wp.int32, device=sim.device)
-        run = Taped(sim.spec, rows, start, us, sim.empty(0, 0), xs, code, policy)
+        run = Taped(sim.kernels.stepping, rows, start, us, sim.empty(0, 0), xs, code, policy)
         adjoint(run, put(weights))
         return start.grad.numpy(), rows.grad.numpy()
 

@@ -1,0 +1,156 @@
+"""Weights P and rho of a solved step's equations (M27), by the transposed system at its solution.
+
+With S = s'(z) and Q = s'(-z) the transposed system is N a - C' (S/D) y = target, J a + Q y = 0, with P = -a
+and rho = (S/D) y; C = J but for contacts that slide with Coulomb's friction (`derivatives/system.py`). The
+factor is that of the system itself, its transpose where it is not symmetric, and what its proximal term is
+off by is put right by refinement.
+"""
+
+from types import SimpleNamespace
+
+import warp as wp
+
+from ...factories import cached
+from ...generic.derivatives.system import PROXIMAL, YIELDING, make_system
+from ...generic.lu import make_lu
+from ...generic.topology import Topology
+from ...generic.work import ISLANDS, ROWS, V3, WORK, Slot
+from .room import Room, View
+
+REFINEMENTS = 8  # at most
+ENOUGH = 1e-15  # of a correction, relative to the whole
+
+
+@cached
+def make_dual(given: type, residual: str) -> SimpleNamespace:
+    """weights(t, k, room, w, b): P (in w.p as -P) and rho of w.target; response(t, k, r): k.move = M^-1 J_r'
+    in the units that row r moves.
+    """
+    system, lu = make_system(given, residual), make_lu()
+    contacts = residual != "none"
+    TAU, SMALL = WORK(YIELDING + PROXIMAL), WORK(ENOUGH)
+    ZERO, HALF = WORK(0.0), WORK(0.5)
+
+    @wp.func
+    def acting(k: wp.ref[Slot], room: wp.ref[Room], b: int):
+        """The list of acting rows, and its length."""
+        n = int(0)
+        for r in range(k.count[wp.static(ROWS)]):
+            if k.acting[r] > 0:
+                room.factor.row[b, n] = r
+                n += 1
+        return n
+
+    @wp.func
+    def entry(t: wp.ref[Topology], k: wp.ref[Slot], r: int, e: int, slides: int):
+        """Entry e of row r of C."""
+        if slides == 0:
+            return k.jac[k.entry[r] + e]
+        first = wp.where(t.row_sign[k.row[r]] < 0, r - 1, r)
+        return HALF * (k.jac[k.entry[first] + e] + k.jac[k.entry[first + 1] + e])
+
+    @wp.func
+    def push(t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View], x: wp.array(dtype=V3), r: int, by: WORK):
+        """x -= C_r' by"""
+        for e in range(k.entry[r + 1] - k.entry[r]):
+            block = t.row_block[k.pattern[r] + e]
+            x[block] = x[block] - by * entry(t, k, r, e, w.slides[r])
+
+    @wp.func
+    def along(t: wp.ref[Topology], k: wp.ref[Slot], x: wp.array(dtype=V3), r: int):
+        """J_r x"""
+        out = WORK(0.0)
+        for e in range(k.entry[r + 1] - k.entry[r]):
+            out += wp.dot(k.jac[k.entry[r] + e], x[t.row_block[k.pattern[r] + e]])
+        return out
+
+    @wp.func
+    def miss(t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View], rows: wp.array(dtype=int), n: int):
+        """k.balance and k.res: what w.p and w.y leave of the equations."""
+        for i in range(t.blocks):
+            at = t.mass_at[i]
+            total = k.mass[at + i] * w.p[i] - w.target[i]
+            for j in range(t.mass_first[i], i):
+                m = k.mass[at + j]
+                total += m * w.p[j]
+                k.balance[j] = k.balance[j] + wp.transpose(m) * w.p[i]
+            k.balance[i] = total
+        for n_th in range(n):
+            r = rows[n_th]
+            k.res[r] = k.slack[r] * w.y[r] + along(t, k, w.p, r)
+            push(t, k, w, k.balance, r, k.p[r] / k.scale[r] * w.y[r])
+
+    @wp.func
+    def transposed(t: wp.ref[Topology], k: wp.ref[Slot], room: wp.ref[Room], b: int):
+        """k.move by the inverse of the matrix's transpose."""
+        if wp.static(contacts):
+            upper = k.factor
+            if t.coulomb == 1:
+                upper = room.factor.upper[b]
+            end = k.island_block[k.count[wp.static(ISLANDS)]]
+            lu.solve(upper, k.factor, k.first, k.at, k.block, k.move, 0, end)
+        for u in range(t.units):
+            alone = int(1)  # a block of no island
+            if wp.static(contacts):
+                alone = wp.where(k.island[u] < 0, 1, 0)
+            if alone == 1:
+                start = t.unit_start[u]
+                m = k.mass_factor
+                lu.solve(m, m, t.mass_first, t.mass_at, t.block_id, k.move, start, t.unit_start[u + 1])
+
+    @wp.func
+    def divisor(k: wp.ref[Slot], r: int):
+        return k.slack[r] + TAU * k.p[r] * k.diag[r] / k.scale[r]
+
+    @wp.func
+    def correction(
+        t: wp.ref[Topology], k: wp.ref[Slot], room: wp.ref[Room], w: wp.ref[View], b: int,
+        rows: wp.array(dtype=int), n: int,
+    ):  # fmt: skip
+        """What k.balance and k.res ask for, added to w.p and w.y; its size relative to the whole."""
+        for i in range(t.blocks):
+            k.move[i] = -k.balance[i]
+        for n_th in range(n):
+            r = rows[n_th]
+            push(t, k, w, k.move, r, k.p[r] / (divisor(k, r) * k.scale[r]) * k.res[r])
+        transposed(t, k, room, b)
+        for n_th in range(n):
+            r = rows[n_th]
+            w.y[r] = w.y[r] - (k.res[r] + along(t, k, k.move, r)) / divisor(k, r)
+        size = WORK(0.0)
+        change = WORK(0.0)
+        for i in range(t.blocks):
+            w.p[i] = w.p[i] + k.move[i]
+            for part in range(3):
+                size = wp.max(size, wp.abs(w.p[i][part]))
+                change = wp.max(change, wp.abs(k.move[i][part]))
+        if not (change > SMALL * size):
+            return ZERO
+        return change / size
+
+    @wp.func
+    def weights(t: wp.ref[Topology], k: wp.ref[Slot], room: wp.ref[Room], w: wp.ref[View], b: int):
+        for i in range(t.blocks):
+            w.p[i] = V3()
+        n = int(0)
+        rows = room.factor.row[b]
+        if wp.static(contacts):
+            n = acting(k, room, b)
+        system.factor(t, k, room.factor, b, n)
+        for n_th in range(n):
+            w.y[rows[n_th]] = ZERO
+            w.slides[rows[n_th]] = room.factor.slides[b, n_th]
+        last = WORK(1e300)
+        more = int(1)
+        while more <= wp.static(REFINEMENTS):
+            miss(t, k, w, rows, n)
+            size = correction(t, k, room, w, b, rows, n)
+            more += 1
+            if not (size > ZERO and size < last):
+                more = 1 + wp.static(REFINEMENTS)
+            last = size
+        for n_th in range(n):
+            r = rows[n_th]
+            w.rho[r] = k.p[r] / k.scale[r] * w.y[r]
+
+    return SimpleNamespace(weights=weights, response=system.response, along=along)

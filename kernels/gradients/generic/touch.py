@@ -1,0 +1,212 @@
+"""A contact pair at its solved normal, and how a scalar of its rows answers to all that moves its shapes.
+
+The pair adds G = gap d + J_n.y_n + J_t.y_t, each y a weighted sum of joint rates, see `gradients/contact.py`.
+"""
+
+from types import SimpleNamespace
+
+import warp as wp
+
+from ...contact.distance import make_distance, make_round_support
+from ...factories import cached
+from ...generic.contact import make_contact
+from ...generic.topology import LONG, PLANE, Topology
+from ...generic.work import Slot
+from ...structure import CAPSULE, DISC, ELLIPSE, WORLD
+from ..contact import make_answer
+from .room import View
+from .twists import make_twists, perp
+
+V2, V4 = wp.types.vector(2, wp.float64), wp.types.vector(4, wp.float64)
+LEAST = 1e-12  # of the curvature of a distance
+
+
+@wp.struct
+class Touch:
+    """Where the shapes of a pair are and what their supports are at the normal."""
+
+    n: V2
+    pa: V4
+    pb: V4
+    ha: V4  # h and its derivatives by the normal's angle
+    hb: V4
+    curvature: wp.float64
+    flat: int  # 1: A is a half-plane, or a capsule touched between its ends
+
+
+@wp.struct
+class Sum:
+    """Velocities of both centres and rates of turning under y_n, y_t, and y_t's slope by friction."""
+
+    vn: V2  # of B against A
+    vt: V2
+    vm: V2
+    turn_a: wp.vec3d  # under y_n, y_t, and the slope
+    turn_b: wp.vec3d
+    by_a: V2  # slopes by the levers of the centres
+    by_b: V2
+
+
+@cached
+def make_touch(given: type, residual: str) -> SimpleNamespace:
+    """touch(..., pair) -> Touch; include(..., set, by_normal, by_tangent, by_friction, Sum) adds rates to the
+    y; settle(..., gap, Sum) adds the slopes by places, angles and radii, and returns that by friction.
+    """
+    contact = make_contact(given, residual)
+    move = make_twists(given)
+    z, of = move.solved, make_answer(wp.float64)
+    Answer = of.Answer
+    number, two, add, add2, origin = z.number, z.two, z.add, z.add2, z.origin
+    RADIUS, OFFSET, ANGLE = (z.COLUMN[n] for n in ("radius", "shape_offset", "shape_angle"))
+    ZERO, ONE, EPS = wp.float64(0.0), wp.float64(1.0), wp.float64(LEAST)
+    disc, ellipse, capsule = (make_round_support(kind, wp.float64) for kind in (DISC, ELLIPSE, CAPSULE))
+    beside = make_distance(CAPSULE, DISC, wp.float64).flat
+
+    @wp.func
+    def support(radii: V2, pose: V4, n: V2, end: int):
+        if end != 0:
+            return disc(radii, pose, n)
+        return ellipse(radii, pose, n)
+
+    @wp.func
+    def touch(t: wp.ref[Topology], k: wp.ref[Slot], pair: int):
+        out = Touch()
+        n = k.normal[pair]
+        pa = contact.pose_a(t, k, pair)
+        pb = contact.pose_b(t, k, pair)
+        ra = contact.radii_a(t, k, pair)
+        hb = support(contact.radii_b(t, k, pair), pb, n, t.pair_ends[2 * pair + 1])
+        ha = V4()
+        flat = int(0)
+        if t.pair_kind[pair] == PLANE:
+            flat = 1
+        elif t.pair_kind[pair] == LONG:
+            ha = capsule(ra, pa, n)
+            if beside(ra, pa, pb):
+                flat = 1
+        else:
+            ha = support(ra, pa, n, t.pair_ends[2 * pair])
+        delta = V2(pb[0] - pa[0], pb[1] - pa[1])
+        reach = wp.dot(n, delta)
+        out.curvature = ONE
+        if flat == 1:
+            ha = V4(ha[0], wp.dot(perp(n), delta) - hb[1], ZERO, ZERO)
+        else:
+            curvature = reach + ha[2] + hb[2]
+            floor = EPS * (wp.abs(ha[0]) + wp.abs(hb[0]) + wp.abs(reach)) + EPS
+            out.curvature = wp.where(wp.abs(curvature) > floor, curvature, floor)
+        out.n = n
+        out.pa = pa
+        out.pb = pb
+        out.ha = ha
+        out.hb = hb
+        out.flat = flat
+        return out
+
+    @wp.func
+    def lever(k: wp.ref[Slot], body: int, pose: V4):
+        """A shape's centre from its body's origin."""
+        centre = V2(pose[0], pose[1])
+        if body == WORLD:
+            return centre
+        return centre - origin(k, body)
+
+    @wp.func
+    def include(
+        t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View], pair: int, g: Touch, set: int,
+        by_normal: wp.float64, by_tangent: wp.float64, by_friction: wp.float64, before: Sum,
+    ):  # fmt: skip
+        out = before
+        tangent = perp(g.n)
+        along = by_normal * g.n + by_tangent * tangent
+        body = t.shape_body[t.pair_a[pair]]
+        v = V2()
+        if body != WORLD:
+            rho = lever(k, body, g.pa)
+            v -= move.point(t, w, set, body, rho)
+            turning = w.twist[set * t.nb + body][0]
+            out.turn_a += turning * wp.vec3d(by_normal, by_tangent, by_friction)
+            out.by_a += move.point_back(t, w, set, body, rho, -along)
+        body = t.shape_body[t.pair_b[pair]]
+        if body != WORLD:
+            rho = lever(k, body, g.pb)
+            v += move.point(t, w, set, body, rho)
+            turning = w.twist[set * t.nb + body][0]
+            out.turn_b += turning * wp.vec3d(by_normal, by_tangent, by_friction)
+            out.by_b += move.point_back(t, w, set, body, rho, along)
+        out.vn += by_normal * v
+        out.vt += by_tangent * v
+        out.vm += by_friction * v
+        return out
+
+    @wp.func
+    def shape_back(
+        t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View], shape: int,
+        end: int, pose: V4, place: V2, by_lever: V2, turn: wp.float64,
+    ):  # fmt: skip
+        """Slopes by a shape's centre, by its lever in velocities, and by its angle."""
+        body = t.shape_body[shape]
+        own = move.attach(t, k, w, body, lever(k, body, pose), place, by_lever)
+        if body != WORLD:
+            move.turn_back(w, body, turn)
+        add2(t, w, OFFSET, shape, own)
+        whole = turn
+        if end != 0:  # the centre lies half the length along the axis
+            axis = V2(ONE, ZERO)
+            if t.shape_turned[shape] == 1:
+                angle = number(t, k, ANGLE, shape)
+                axis = V2(wp.cos(angle), wp.sin(angle))
+            reach = wp.float64(end)
+            add(t, w, RADIUS, 2 * shape + 1, reach * wp.dot(own, axis))
+            reach *= number(t, k, RADIUS, 2 * shape + 1)
+            whole += reach * wp.dot(own, perp(axis))
+        add(t, w, ANGLE, shape, whole)
+
+    @wp.func
+    def radii_back(
+        t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View], shape: int, disc: int, long: int,
+        flat: int, pose: V4, n: V2, by: V2,
+    ):  # fmt: skip
+        c = n[0] * pose[2] + n[1] * pose[3]
+        across = n[1] * pose[2] - n[0] * pose[3]
+        if disc == 1 or long == 1:
+            add(t, w, RADIUS, 2 * shape, by[0])
+            if long == 1 and flat == 0:
+                add(t, w, RADIUS, 2 * shape + 1, of.of_capsule(c, -across, by))
+        else:
+            size = two(t, k, RADIUS, shape)
+            add2(t, w, RADIUS, shape, of.of_ellipse(size[0], size[1], c, across, by))
+
+    @wp.func
+    def settle(
+        t: wp.ref[Topology], discs: wp.array(dtype=wp.int32), k: wp.ref[Slot], w: wp.ref[View], pair: int,
+        g: Touch, gap: wp.float64, y: Sum,
+    ):  # fmt: skip
+        tangent = perp(g.n)
+        alpha = wp.dot(tangent, y.vn) - wp.dot(g.n, y.vt) - y.turn_b[1] * g.hb[1]  # dG/dalpha at fixed places
+        out = Answer()
+        if g.flat == 1:
+            delta = V2(g.pb[0] - g.pa[0], g.pb[1] - g.pa[1])
+            out = of.flat(
+                g.n, delta, g.ha, g.hb, gap, alpha, y.turn_a[0], y.turn_b[0], y.turn_a[1], y.turn_b[1]
+            )
+        else:
+            out = of.round(
+                g.n, g.ha, g.hb, g.curvature, gap, alpha, y.turn_a[0], y.turn_b[0], y.turn_a[1], y.turn_b[1]
+            )
+        a = t.pair_a[pair]
+        o = t.pair_b[pair]
+        end_a = t.pair_ends[2 * pair]
+        end_b = t.pair_ends[2 * pair + 1]
+        shape_back(t, k, w, a, end_a, g.pa, -out.shift, y.by_a, out.turn_a)
+        shape_back(t, k, w, o, end_b, g.pb, out.shift, y.by_b, out.turn_b)
+        kind = t.pair_kind[pair]
+        if kind != PLANE:
+            long = wp.where(kind == LONG, 1, 0)
+            point = wp.where(end_a != 0, 1, discs[a])
+            radii_back(t, k, w, a, point, long, g.flat, g.pa, g.n, out.support_a)
+        point = wp.where(end_b != 0, 1, discs[o])
+        radii_back(t, k, w, o, point, 0, 0, g.pb, g.n, out.support_b)
+        return wp.dot(tangent, y.vm) - g.ha[0] * y.turn_a[2] - g.hb[0] * y.turn_b[2]
+
+    return SimpleNamespace(touch=touch, include=include, settle=settle)

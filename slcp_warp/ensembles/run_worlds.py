@@ -1,0 +1,59 @@
+"""One launch that runs a sweep's worlds, with whichever kernels step them."""
+
+from typing import Any, NamedTuple
+
+import warp as wp
+
+from slcp_warp.kernels.device.launch import launch
+from slcp_warp.kernels.device.relay import Relay
+from slcp_warp.kernels.ensembles.generic_sweep import make_generic_sweep_kernel
+from slcp_warp.kernels.ensembles.sweep import make_sweep_kernel
+from slcp_warp.kernels.policies.contract import PolicyKernel
+
+from ..measures.tables import MeasureTable
+from ..simulator import Simulator
+from ..stepping.generic import GenericKernels
+
+
+class Period(NamedTuple):
+    """The steps of one launch of several: from `first` on, so many; `next` (B,), of every world."""
+
+    first: int
+    steps: int
+    next: wp.array
+
+
+def run_worlds(
+    sim: Simulator,
+    policy: PolicyKernel,
+    table: MeasureTable,
+    inputs: list[Any],
+    grain: int,
+    period: Period | None = None,
+) -> None:
+    """Run worlds to the end, or through a period.
+
+    Args:
+        sim: whose steps they make.
+        policy: of the struct in `inputs`.
+        table: of what is measured.
+        inputs: conditions, events, parameters, x0, and so on as `make_sweep_kernel` takes them.
+        grain: worlds that are worth a thread.
+        period: where the launch is one of several.
+    """
+    worlds, users, stepping = len(inputs[3]), table.users(sim), sim.kernels.stepping
+    steps = (0, 0) if period is None else (period.first, period.first + period.steps)
+    if isinstance(stepping, GenericKernels):
+        sizes = sim.dtype, stepping.residual, sim.scene.nv, sim.nu
+        kernel = make_generic_sweep_kernel(*sizes, policy, users)
+        slots = min(worlds, stepping.chunk) if table.looks_at_contacts else 0
+        shape = slots, len(sim.scene.structure.pairs)
+        contacts = [wp.zeros(shape, dtype=wp.float64, device=sim.device) for _ in range(2)]
+        stepping.launch(kernel, worlds, [*steps], [*contacts, *inputs], grain)
+        return
+    kernel = make_sweep_kernel(sim.spec, policy, users, spans=period is not None)
+    relay = Relay()
+    if period is not None:
+        relay.next = period.next
+    most = 0 if period is None else period.steps
+    launch(kernel, worlds, [0, steps[1], most, relay, *inputs], sim.device, grain=grain)
