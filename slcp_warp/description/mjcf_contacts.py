@@ -57,7 +57,13 @@ def _name(m: Any, geom: int) -> str:
 
 
 def _pairs(m: Any, place: Place) -> list[tuple[int, int, float | None]]:
-    """(geom, geom, friction or None) by MuJoCo's rules: bits, parents, excludes, explicit pairs."""
+    """(geom, geom, friction or None) by MuJoCo's rules: flags, bits, parents, excludes, explicit pairs."""
+    import mujoco
+
+    off = mujoco.mjtDisableBit
+    if m.opt.disableflags & (off.mjDSBL_CONTACT | off.mjDSBL_CONSTRAINT):
+        return []
+    with_parents = bool(m.opt.disableflags & off.mjDSBL_FILTERPARENT)
     out = []
     for i in range(m.npair):
         friction = float(m.pair_friction[i, 0]) if m.pair_dim[i] > 1 else None
@@ -72,6 +78,7 @@ def _pairs(m: Any, place: Place) -> list[tuple[int, int, float | None]]:
         rest = slice(a + 1, None)
         bits = (m.geom_contype[a] & m.geom_conaffinity[rest]) | (m.geom_contype[rest] & m.geom_conaffinity[a])
         related = ((weld[a] == above[rest]) & (weld[a] != 0)) | ((weld[rest] == above[a]) & (weld[rest] != 0))
+        related &= not with_parents
         signature = ((body[a] << 16) + body[rest], (body[rest] << 16) + body[a])
         excluded = np.isin(signature, m.exclude_signature).any(axis=0)
         for b in a + 1 + np.flatnonzero((bits != 0) & (holder[a] != holder[rest]) & ~related & ~excluded):
