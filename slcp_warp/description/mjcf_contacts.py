@@ -31,9 +31,11 @@ def read_contacts(m: Any, plane: Plane, place: Place, bodies: tuple[Body, ...]) 
                 "exclude the pair"
             )
         contacts += [Contact(x.name, y.name, friction) for x in shapes[a] for y in shapes[b]]
-    bits = {g: {"contype": int(m.geom_contype[g]), "conaffinity": int(m.geom_conaffinity[g]),
-                "friction": float(m.geom_friction[g, 0]) if m.geom_condim[g] > 1 else None}
-            for g in shapes}  # fmt: skip
+    bits: dict[Any, dict[str, Any]] = {
+        g: {"contype": int(m.geom_contype[g]), "conaffinity": int(m.geom_conaffinity[g]),
+            "friction": float(m.geom_friction[g, 0]) if m.geom_condim[g] > 1 else None}
+        for g in shapes
+    }  # fmt: skip
     named = tuple(dataclasses.replace(s, **bits[g]) for g, group in shapes.items() for s in group)
     excluded = _excluded(m, place)
     if contacts and auto_contacts(bodies, named, None, excluded) == tuple(contacts):
