@@ -147,7 +147,7 @@ class WarpDynamics:
         numbers, exact = params, False
         if found and self.dtype != wp.float64:
             functions = _dynamics_functions(self.make, wp.float64, self.nx, self.nu)
-            numbers = empty_table(*params.shape, wp.float64, self.device)
+            numbers = empty_table(params.shape, wp.float64, self.device)
             copy = make_copy_kernel(self.dtype, wp.float64)
             widen = Prepared(copy, params.shape[0], [params, numbers], self.device)
             widen()

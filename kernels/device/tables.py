@@ -44,8 +44,9 @@ def by_columns(rows: int, device: Any) -> bool:
     return rows > 1 and not wp.get_device(device).is_cpu
 
 
-def empty_table(rows: int, width: int, dtype: type, device: Any) -> wp.array:
+def empty_table(shape: tuple[int, ...], dtype: type, device: Any) -> wp.array:
     """A table of zeros (rows, width)."""
+    rows, width = shape
     if by_columns(rows, device):
         return wp.zeros((width, rows), dtype=dtype, device=device).transpose()
     return wp.zeros((rows, width), dtype=dtype, device=device)
@@ -61,7 +62,7 @@ def make_table(values: Any, dtype: type, device: Any, requires_grad: bool = Fals
 
 def copy_table(table: wp.array) -> wp.array:
     """A copy in the layout of its device."""
-    out = empty_table(*table.shape, table.dtype, table.device)
+    out = empty_table(table.shape, table.dtype, table.device)
     wp.copy(out, table)
     return out
 

@@ -285,14 +285,15 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
             broad.start(t, k)
         if which == wp.static(ALL):
             broad.list_all(t, k)
-        elif t.items > 0:
-            broad.find(t, k, ZERO)
-        margin = approach(t, k, fresh)
-        if which == wp.static(JOINING):
-            margin = ZERO
-        elif t.items > 0:
-            if broad.find(t, k, margin) == 1:
-                approach(t, k, fresh)
+        margin = dtype(0.0)
+        for again in range(wp.where(t.items > 0 and fresh, 2, 1)):
+            new = int(1)
+            if t.items > 0 and which != wp.static(ALL):
+                new = broad.find(t, k, margin)
+            if again == 0 or new == 1:
+                largest = approach(t, k, fresh)
+                if again == 0 and fresh:
+                    margin = largest
         found = int(0)
         kept = int(0)
         for n in range(k.count[wp.static(LISTED)]):

@@ -80,15 +80,15 @@ def make_answer(dtype: type) -> SimpleNamespace:
         return wp.where(c < ZERO, -by[0] * c - by[1] * slope, by[0] * c + by[1] * slope)
 
     @wp.func
-    def of_ellipse(a: dtype, b: dtype, c: dtype, sn: dtype, by: V2):
-        # by both radii: h = sqrt(a^2 c^2 + b^2 s^2), h' = (b^2 - a^2) c s/h at the unit vector c e1 + s e2
+    def of_ellipse(a: dtype, b: dtype, c: dtype, sn: dtype):
+        # h and h' by a, then by b: h = sqrt(a^2 c^2 + b^2 s^2), h' = (b^2 - a^2) c s/h at c e1 + s e2
         inverse = ONE / wp.sqrt(a * a * c * c + b * b * sn * sn)
         slope = (b * b - a * a) * c * sn * inverse
         ha = a * c * c * inverse
         hb = b * sn * sn * inverse
         da = -(a + a) * c * sn * inverse - slope * ha * inverse
         db = (b + b) * c * sn * inverse - slope * hb * inverse
-        return V2(by[0] * ha + by[1] * da, by[0] * hb + by[1] * db)
+        return V4(ha, da, hb, db)
 
     return SimpleNamespace(
         Answer=Answer, flat=flat, round=round, of_capsule=of_capsule, of_ellipse=of_ellipse
@@ -167,9 +167,9 @@ def make_pair_answer(s: Structure, pair: int, dtype: type) -> SimpleNamespace:
             elif wp.static(round_ and not disc):
                 a = world.params[wp.static(FIRST)]
                 b = world.params[wp.static(FIRST + 1)]
-                value = of.of_ellipse(a, b, c, n[1] * pose[2] - n[0] * pose[3], by)
-                grad[wp.static(FIRST)] = grad[wp.static(FIRST)] + value[0]
-                grad[wp.static(FIRST + 1)] = grad[wp.static(FIRST + 1)] + value[1]
+                e = of.of_ellipse(a, b, c, n[1] * pose[2] - n[0] * pose[3])
+                grad[wp.static(FIRST)] = grad[wp.static(FIRST)] + by[0] * e[0] + by[1] * e[1]
+                grad[wp.static(FIRST + 1)] = grad[wp.static(FIRST + 1)] + by[0] * e[2] + by[1] * e[3]
 
         return radius
 

@@ -26,7 +26,7 @@ from .cost.compile import bench_compile
 from .cost.ddp import bench_ddp
 from .cost.fallbacks import bench_fallbacks
 from .cost.gradients import bench_gradients, bench_products
-from .cost.jacobian import bench_jacobian
+from .cost.jacobian import bench_jacobian, bench_stack_jacobian
 from .cost.kept import bench_kept
 from .cost.kernels import SIZES, bench_reach, bench_sizes, print_sizes
 from .cost.methods import bench_methods
@@ -102,9 +102,19 @@ def step_command(
 @app.command("jacobian")
 @one_line_errors
 def jacobian_command(
-    worlds: Worlds = 1000, steps: Steps = 75, repeats: Repeats = 9, seed: Seed = 0, csv: Csv = None
+    worlds: Worlds = 1000,
+    steps: Steps = 75,
+    repeats: Repeats = 9,
+    seed: Seed = 0,
+    stack: Annotated[
+        list[int] | None, typer.Option(min=1, help="Of stacks of so many boxes instead; may be given again.")
+    ] = None,
+    csv: Csv = None,
 ) -> None:
     """A = df/dx and B = df/du at touching states, beside a step and MuJoCo's finite differences."""
+    if stack:
+        _save(csv, bench_stack_jacobian(tuple(stack), repeats, seed))
+        return
     _need_mujoco()
     _save(csv, bench_jacobian(worlds, steps, repeats, seed))
 

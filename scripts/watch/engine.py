@@ -283,7 +283,7 @@ class Engine:
     def _arrows(self, world: int, q: np.ndarray) -> list[list[float]]:
         """[x, y, force x, force y] of the pairs that press [m, N]."""
         impulse = self.worlds.impulse[world]
-        pressing = np.flatnonzero(impulse[:, 0] > 1e-9)
+        pressing = np.flatnonzero(impulse[:, 0] > 1e-9).tolist()
         points, normals = contact_points(self.worlds.mechanism, q, pressing)
         found = np.concatenate([points, forces(normals, impulse[pressing], self.worlds.step_size)], axis=1)
         return [plain(row, 4) for row in found]

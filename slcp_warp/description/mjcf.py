@@ -77,7 +77,13 @@ class _Reader:
         )
 
     def _refuse(self) -> None:
+        import mujoco
+
         m = self.m
+        for flag in ("GRAVITY", "LIMIT", "SPRING", "DAMPER", "ACTUATION"):
+            bit = getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}", 0)
+            if m.opt.disableflags & int(bit):
+                raise MjcfError(f"flag {flag.lower()} is disabled; leave out of the model what is not to act")
         for count, what in ((m.neq, "equality constraints"), (m.ntendon, "tendons"), (m.nflex, "flexes")):
             if count:
                 raise MjcfError(f"the model has {count} {what}; they are not supported")

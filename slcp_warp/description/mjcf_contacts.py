@@ -31,9 +31,11 @@ def read_contacts(m: Any, plane: Plane, place: Place, bodies: tuple[Body, ...]) 
                 "exclude the pair"
             )
         contacts += [Contact(x.name, y.name, friction) for x in shapes[a] for y in shapes[b]]
-    bits = {g: {"contype": int(m.geom_contype[g]), "conaffinity": int(m.geom_conaffinity[g]),
-                "friction": float(m.geom_friction[g, 0]) if m.geom_condim[g] > 1 else None}
-            for g in shapes}  # fmt: skip
+    bits: dict[Any, dict[str, Any]] = {
+        g: {"contype": int(m.geom_contype[g]), "conaffinity": int(m.geom_conaffinity[g]),
+            "friction": float(m.geom_friction[g, 0]) if m.geom_condim[g] > 1 else None}
+        for g in shapes
+    }  # fmt: skip
     named = tuple(dataclasses.replace(s, **bits[g]) for g, group in shapes.items() for s in group)
     excluded = _excluded(m, place)
     if contacts and auto_contacts(bodies, named, None, excluded) == tuple(contacts):
@@ -57,7 +59,13 @@ def _name(m: Any, geom: int) -> str:
 
 
 def _pairs(m: Any, place: Place) -> list[tuple[int, int, float | None]]:
-    """(geom, geom, friction or None) by MuJoCo's rules: bits, parents, excludes, explicit pairs."""
+    """(geom, geom, friction or None) by MuJoCo's rules: flags, bits, parents, excludes, explicit pairs."""
+    import mujoco
+
+    off = mujoco.mjtDisableBit
+    if m.opt.disableflags & (off.mjDSBL_CONTACT | off.mjDSBL_CONSTRAINT):
+        return []
+    with_parents = bool(m.opt.disableflags & off.mjDSBL_FILTERPARENT)
     out = []
     for i in range(m.npair):
         friction = float(m.pair_friction[i, 0]) if m.pair_dim[i] > 1 else None
@@ -72,6 +80,7 @@ def _pairs(m: Any, place: Place) -> list[tuple[int, int, float | None]]:
         rest = slice(a + 1, None)
         bits = (m.geom_contype[a] & m.geom_conaffinity[rest]) | (m.geom_contype[rest] & m.geom_conaffinity[a])
         related = ((weld[a] == above[rest]) & (weld[a] != 0)) | ((weld[rest] == above[a]) & (weld[rest] != 0))
+        related &= not with_parents
         signature = ((body[a] << 16) + body[rest], (body[rest] << 16) + body[a])
         excluded = np.isin(signature, m.exclude_signature).any(axis=0)
         for b in a + 1 + np.flatnonzero((bits != 0) & (holder[a] != holder[rest]) & ~related & ~excluded):

@@ -97,7 +97,7 @@ def prepare(
     for source in (params, external):
         target = source
         if source.dtype != wp.float64:
-            target = empty_table(*source.shape, wp.float64, device)
+            target = empty_table(source.shape, wp.float64, device)
             if source.shape[0] > 0:
                 kernel = make_copy_kernel(source.dtype, wp.float64)
                 widen.append(Prepared(kernel, source.shape[0], [source, target], device))

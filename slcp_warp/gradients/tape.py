@@ -219,7 +219,8 @@ def adjoint(run: Recorded, states_grad: wp.array) -> None:
         return wp.zeros((worlds, *like.shape[1:]), dtype=dtype, device=device)
 
     x_grad = x0.grad if x0.requires_grad else wp.zeros((0, 0), dtype=dtype, device=device)
-    by_table = empty_table(worlds if table.requires_grad else 0, table.shape[1], dtype, device)
+    shape = (worlds if table.requires_grad else 0, table.shape[1])
+    by_table = empty_table(shape, dtype, device)
     sums = []
     if policy is None:
         by_us = us.grad if us.requires_grad else wp.zeros((0, 0, 0), dtype=dtype, device=device)

@@ -32,7 +32,8 @@ def heap(
         spacing: of the discs at the start, in diameters: above 1 they fall, and far above they are dilute.
     """
     _check_rows(variety, spacing)
-    bodies, shapes = [], []
+    bodies: list[Body] = []
+    shapes: list[Shape] = []
     rows: list[float] = []
     for i, (x, y) in enumerate(_places(count, width, radius * spacing)):
         size = radius * (1.0 - variety * ((i * GOLDEN) % 1.0))
@@ -55,7 +56,8 @@ def tumbling_boxes(
         width: between two walls [m]; None: no walls.
         size: of a side [m]; corners are rounded off by a tenth of it.
     """
-    bodies, shapes = [], []
+    bodies: list[Body] = []
+    shapes: list[Shape] = []
     rows: list[float] = []
     rates: list[float] = []
     for i, (x, y) in enumerate(_places(count, width, 0.75 * size)):

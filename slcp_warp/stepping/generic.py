@@ -133,8 +133,8 @@ class GenericKernels:
         status: wp.array,
     ) -> None:
         """See `tape.Differentiable`."""
-        nothing = [wp.zeros((0, us.shape[1], 1), dtype=self.dtype, device=self.device)] * 3
-        a = RolloutArrays(table, x0, external, states, *nothing, status)
+        none: wp.array = wp.zeros((0, us.shape[1], 1), dtype=self.dtype, device=self.device)
+        a = RolloutArrays(table, x0, external, states, none, none, none, status)
         kernel = generic_step.make_rollout_kernel(self.dtype, self.residual)
         self.launch(kernel, a.worlds, [0], a.in_order(us), 1)
 

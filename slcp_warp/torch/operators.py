@@ -130,7 +130,7 @@ def pull_op(
         x, u, rows, external, kept, slopes = arrays
         numbers = laid_out(rows)
         if numbers is not rows and parameters:
-            numbers.grad = empty_table(rows.shape[0], rows.shape[1], sim.dtype, sim.device)
+            numbers.grad = empty_table(rows.shape, sim.dtype, sim.device)
             numbers.requires_grad = True
         code: Any = wp.from_torch(status)
         run = Recorded(kernels, numbers, x, u, external, kept, code)

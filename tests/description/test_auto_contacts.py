@@ -36,8 +36,8 @@ def numbers(rng):
             "friction": round(float(rng.uniform(0.1, 1.0)), 3)}  # fmt: skip
 
 
-def mjcf(scene):
-    """The scene as MJCF, in the plane xz."""
+def mjcf(scene, *off):
+    """The scene as MJCF, in the plane xz, with flags that are off."""
 
     def geom(shape):
         size = np.atleast_1d(shape.radius)
@@ -59,29 +59,37 @@ def mjcf(scene):
         return text
 
     excludes = "".join(f'<exclude body1="{a}" body2="{b}"/>' for a, b in scene.excluded)
-    return f"<mujoco><worldbody>{inside(None)}</worldbody><contact>{excludes}</contact></mujoco>"
+    flags = "".join(f' {name}="disable"' for name in off)
+    return (f"<mujoco><option><flag{flags}/></option><worldbody>{inside(None)}</worldbody>"
+            f"<contact>{excludes}</contact></mujoco>")  # fmt: skip
 
 
 def friction_by_pair(scene):
     return {frozenset((c.shape_a, c.shape_b)): c.friction for c in scene.all_contacts}
 
 
-@pytest.mark.parametrize("seed", range(12))
-def test_pairs_and_friction_are_those_of_mujoco(seed, tmp_path):
-    """All shapes overlap at q = 0, so MuJoCo's contacts there are the pairs that its filters leave."""
+def of_mujoco(text):
+    """Friction by pair of MuJoCo's contacts. All shapes overlap at q = 0, so its filters alone decide."""
     mujoco = pytest.importorskip("mujoco")
-    scene = random_auto(np.random.default_rng(seed))
-    model = mujoco.MjModel.from_xml_string(mjcf(scene))
+    model = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    theirs = {frozenset(model.geom(int(g)).name for g in (c.geom1, c.geom2)): c.friction[0]
-              for c in data.contact}  # fmt: skip
-    ours = friction_by_pair(scene)
-    assert ours.keys() == theirs.keys()
-    assert all(ours[pair] == pytest.approx(theirs[pair]) for pair in ours)
+    return {frozenset(model.geom(int(g)).name for g in (c.geom1, c.geom2)): float(c.friction[0])
+            for c in data.contact}  # fmt: skip
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_pairs_and_friction_are_those_of_mujoco(seed, tmp_path):
+    scene = random_auto(np.random.default_rng(seed))
+    meets = tuple(dataclasses.replace(body, touches_parent=True) for body in scene.bodies)
+    meeting = dataclasses.replace(scene, bodies=meets)
     path = tmp_path / "scene.xml"
-    path.write_text(mjcf(scene))
-    assert friction_by_pair(slcp.load_mjcf(path)) == pytest.approx(ours)
+    for ours, flags in ((scene, ()), (meeting, ("filterparent",))):
+        path.write_text(mjcf(scene, *flags))
+        theirs = pytest.approx(of_mujoco(path.read_text()))
+        assert friction_by_pair(ours) == theirs and friction_by_pair(slcp.load_mjcf(path)) == theirs
+    path.write_text(mjcf(scene, "contact"))
+    assert not of_mujoco(path.read_text()) and not slcp.load_mjcf(path).all_contacts
 
 
 def test_everything_of_mjcf_is_auto(tmp_path):

@@ -104,6 +104,8 @@ def test_same_distances(pair):
     (('gravity="0 0 -9.81"', 'gravity="0 1 -9.81"'), "gravity: .* points out of the plane"),
     (('<exclude body1="torso" body2="crate"/>', ""), "a box touches planes only"),
     (("</worldbody>", ""), "XML"),
+    (('gravity="0 0 -9.81"/>', 'gravity="0 0 -9.81"><flag gravity="disable"/></option>'),
+     "flag gravity is disabled"),
 ])  # fmt: skip
 def test_what_is_refused_is_named(tmp_path, change, message):
     text = HOPPER.read_text()

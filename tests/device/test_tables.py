@@ -57,7 +57,7 @@ def test_columns_are_columns(monkeypatch):
     copied = tables.copy_table(made)
     assert copied.strides == (8, 32) and copied.ptr != made.ptr
     np.testing.assert_array_equal(copied.numpy(), values)
-    assert tables.empty_table(4, 3, wp.float32, "cpu").strides == (4, 16)
+    assert tables.empty_table((4, 3), wp.float32, "cpu").strides == (4, 16)
 
 
 def test_steps_and_derivatives(by_columns):

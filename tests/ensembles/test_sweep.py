@@ -11,7 +11,7 @@ from sweeps import FINGER, drawn, run, sweep_of
 import slcp_warp as slcp
 from slcp_warp import Status
 from slcp_warp.ensembles import launch as launches
-from slcp_warp.ensembles import statistics, summary
+from slcp_warp.ensembles import run_worlds, statistics, summary
 from slcp_warp.ensembles.worlds import draws
 from slcp_warp.kernels.device import launch as launching
 
@@ -157,13 +157,13 @@ def test_save_and_load(device, tmp_path):
 
 
 def test_memory_does_not_grow_with_the_worlds(monkeypatch):
-    sizes, original = [], launches.launch
+    sizes, original = [], run_worlds.launch
 
     def measure(kernel, dim, inputs, *rest, **options):
         sizes.append(sum(a.capacity for a in inputs if isinstance(a, wp.array)))
         return original(kernel, dim, inputs, *rest, **options)
 
-    monkeypatch.setattr(launches, "launch", measure)
+    monkeypatch.setattr(run_worlds, "launch", measure)
     monkeypatch.setattr(draws, "launch", measure)
     monkeypatch.setattr(launches, "CHUNK_BYTES", 64_000)
     run(worlds=400, duration=1.0)

@@ -175,7 +175,8 @@ def make_touch(given: type, residual: str) -> SimpleNamespace:
                 add(t, w, RADIUS, 2 * shape + 1, of.of_capsule(c, -across, by))
         else:
             size = two(t, k, RADIUS, shape)
-            add2(t, w, RADIUS, shape, of.of_ellipse(size[0], size[1], c, across, by))
+            e = of.of_ellipse(size[0], size[1], c, across)
+            add2(t, w, RADIUS, shape, V2(by[0] * e[0] + by[1] * e[1], by[0] * e[2] + by[1] * e[3]))
 
     @wp.func
     def settle(

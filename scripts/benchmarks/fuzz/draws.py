@@ -106,7 +106,7 @@ def draw_numbers(rng: Rng, scene: Scene, worlds: int) -> dict[str, Array]:
                 "spring_point": u(-0.5, 0.5, k, 2, 2)}  # fmt: skip
     _lay_guides(rng, scene, out, cosine)
     first = 0  # pair of a contact; all of its pairs have one coefficient
-    for contact in scene.contacts:
+    for contact in scene.all_contacts:
         pairs = range(first, first + len(contact_ends(scene.shapes, contact)))
         out["friction"][:, pairs] = 0.0 if contact.friction is None else out["friction"][:, pairs[:1]]
         first = pairs.stop

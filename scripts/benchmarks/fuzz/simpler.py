@@ -40,7 +40,7 @@ def _used(shapes: tuple[Shape, ...], contacts: tuple[Contact, ...]) -> tuple[Sha
 
 
 def _without_contact(case: Case, i: int) -> Case:
-    kept = case.scene.contacts[:i] + case.scene.contacts[i + 1 :]
+    kept = case.scene.all_contacts[:i] + case.scene.all_contacts[i + 1 :]
     return changed(case, contacts=kept, shapes=_used(case.scene.shapes, kept))
 
 
@@ -53,7 +53,7 @@ def _without_body(case: Case, i: int) -> Case:
             gone.add(body.name)
     shapes = tuple(s for s in scene.shapes if s.body not in gone)
     names = {s.name for s in shapes}
-    contacts = tuple(c for c in scene.contacts if {c.shape_a, c.shape_b} <= names)
+    contacts = tuple(c for c in scene.all_contacts if {c.shape_a, c.shape_b} <= names)
     kept = [k for k, a in enumerate(scene.actuators) if a.body not in gone]
     dofs = [j for j, b in enumerate(scene.structure.dof_body) if scene.bodies[b].name not in gone]
     limits = {name: case.numbers[name][dofs] for name in ("lower", "upper")}
@@ -68,7 +68,7 @@ def _without_body(case: Case, i: int) -> Case:
 
 def contacts(case: Case) -> Makers:
     """One contact less, with the shapes that only it used."""
-    return [partial(_without_contact, case, i) for i in range(len(case.scene.contacts))]
+    return [partial(_without_contact, case, i) for i in range(len(case.scene.all_contacts))]
 
 
 def bodies(case: Case) -> Makers:
@@ -92,10 +92,10 @@ def parts(case: Case) -> Makers:
             spread = value if isinstance(value, tuple) else (value,) * JOINTS[body.joint]
             for j in (j for j, one in enumerate(spread) if one is not None):
                 out.append(partial(_body, case, i, **{name: (*spread[:j], None, *spread[j + 1 :])}))
-    for i, contact in enumerate(scene.contacts):
+    for i, contact in enumerate(scene.all_contacts):
         if contact.friction is not None:
             plain = dataclasses.replace(contact, friction=None)
-            out.append(partial(changed, case, contacts=_with(scene.contacts, i, plain)))
+            out.append(partial(changed, case, contacts=_with(scene.all_contacts, i, plain)))
     return out
 
 

@@ -148,7 +148,7 @@ def baked(scene: Scene, numbers: dict[str, Any], sigma: float | None = None) -> 
             shape, radius=radius if shape.kind in ("ellipse", "capsule") else radius[0],
             offset=flat(numbers["shape_offset"][i]), angle=float(numbers["shape_angle"][i]),
         ))  # fmt: skip
-    for contact in scene.contacts:
+    for contact in scene.all_contacts:
         mu = float(numbers["friction"][pair])
         contacts.append(contact if contact.friction is None else dataclasses.replace(contact, friction=mu))
         pair += len(contact_ends(scene.shapes, contact))

@@ -108,7 +108,16 @@ def _generic(setting: Setting, dtype: str) -> None:
     sim = setting.stack(dtype)
     sim.step(start(sim)[0])
     sim.rollout(*start(sim))
+
+
+def _generic_linearize(setting: Setting, dtype: str) -> None:
+    sim = setting.stack(dtype)
     sim.linearize(start(sim)[0])
+
+
+def _generic_adjoint(setting: Setting, dtype: str) -> None:
+    sim = setting.stack(dtype)
+    slcp.vjp(sim, *start(sim), np.ones((1, 3, sim.nx)), parameters="mass")
 
 
 def _planning(setting: Setting, dtype: str) -> None:
@@ -144,8 +153,11 @@ def threads_of_a_block(device: str, count: int) -> Iterator[None]:
             cache._loaded[alias] = kept
 
 
-COMPARED = ("planning", "adjoint by mass", "linearize smoothed", "generic",
-            *(f"step {name}" for name in METHODS), "rollout smoothed")  # fmt: skip
+COMPARED = (
+    *("planning", "adjoint by mass", "linearize smoothed", "rollout smoothed"),
+    *("generic", "generic linearize", "generic adjoint"),
+    *(f"step {name}" for name in METHODS),
+)
 
 
 def uses_of(setting: Setting) -> dict[str, Callable[[Setting, str], None]]:
@@ -155,9 +167,10 @@ def uses_of(setting: Setting) -> dict[str, Callable[[Setting, str], None]]:
 
 USES: dict[str, Callable[[Setting, str], None]] = {  # the longest first
     "planning": _planning, "adjoint by mass": _by_mass, "adjoint smoothed": _adjoint,
-    "linearize smoothed": _linearize,
+    "linearize smoothed": _linearize, "generic adjoint": _generic_adjoint,
+    "generic linearize": _generic_linearize, "generic": _generic,
     "sweep under a library": partial(_sweep, "library"), "sweep under a plan": partial(_sweep, "plan"),
     **{f"step {name}": partial(_step, name) for name in ("coulomb", "smoothed", "hard")},
     **{f"rollout {name}": partial(_rollout, name) for name in ("smoothed", "hard")},
-    "steps on a tape": _taped_step, "generic": _generic,
+    "steps on a tape": _taped_step,
 }  # fmt: skip

@@ -51,7 +51,7 @@ class Columns:
         if shape:
             out: wp.array = wp.zeros((count, width), dtype=self.dtype, device=self.device)
         else:
-            out = empty_table(count, width, self.dtype, self.device)
+            out = empty_table((count, width), self.dtype, self.device)
         launch(make_draw_kernel(self.dtype), count, [world0, self._struct, pick, out], self.device)
         return out.reshape((count, *shape)) if shape else out
 

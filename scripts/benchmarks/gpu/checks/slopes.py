@@ -35,7 +35,7 @@ def _linearize(setting: Setting, found: Found, dtype: str) -> None:
 
 
 def _generic(setting: Setting, found: Found, dtype: str) -> None:
-    """A and B of the stack, about its rest, from generic kernels."""
+    """A, B and gradients of the stack, about its rest, from generic kernels."""
     x0 = setting.stack(dtype).scene.x0
     rng = np.random.default_rng(setting.seed)
     (x,) = cast(dtype, x0 + 1e-3 * rng.standard_normal((setting.sizes.gradients, len(x0))))
@@ -43,6 +43,14 @@ def _generic(setting: Setting, found: Found, dtype: str) -> None:
     solved = (mine.status == 0) & (cpu.status == 0)
     found.at_most(f"stack of 3, {dtype}: without derivatives", float(1.0 - solved.mean()), 0.05)
     _beside(found, f"stack of 3: A, {dtype}", dtype, mine.A[solved], cpu.A[solved])
+    us, weights = cast(dtype, np.zeros((len(x), 2, 0)), rng.standard_normal((len(x), 3, x.shape[1])))
+    pulled, other = (
+        slcp.vjp(setting.stack(dtype, device), x, us, weights, parameters="mass")
+        for device in (setting.device, CPU)
+    )
+    solved = (pulled.status == 0) & (other.status == 0)
+    a, b = (each.parameters["mass"][solved] for each in (pulled, other))
+    _beside(found, f"stack of 3: gradient by mass over 2 steps, {dtype}", dtype, a, b)
 
 
 def _gradients(setting: Setting, found: Found, dtype: str) -> None:
