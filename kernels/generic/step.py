@@ -116,8 +116,9 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
                 more = int(1)
                 status = int(wp.static(SOLVED))
                 for i in range(k.count[wp.static(ISLANDS)]):
+                    code = settle(t, k, island(k, i))  # of all: their gaps are given back
                     if status == wp.static(SOLVED):
-                        status = settle(t, k, island(k, i))
+                        status = code
             if which != wp.static(ALL):
                 which = int(wp.static(JOINING))
             if status != wp.static(SOLVED):
