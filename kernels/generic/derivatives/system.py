@@ -13,10 +13,10 @@ import warp as wp
 from ...factories import cached
 from ..envelope import make_envelope
 from ..lu import make_lu
-from ..many import make_many
 from ..newton import PROXIMAL, make_newton
 from ..topology import CONTACT, Topology
 from ..work import ISLANDS, M33, V3, WORK, Island, Lanes, Slot, island
+from .many import make_many
 from .tables import Slopes
 
 YIELDING = 1e-10  # diag(A) dlambda by which a row yields

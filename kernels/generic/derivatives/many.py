@@ -8,8 +8,8 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ..factories import cached
-from .work import M33, Lanes
+from ...factories import cached
+from ..work import M33, Lanes
 
 
 @cached
