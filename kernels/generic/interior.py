@@ -46,7 +46,7 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
     ZERO, HALF, ONE = dtype(0.0), dtype(0.5), dtype(1.0)
     SHARE = dtype(MOMENTUM)
     POSITIVE = dtype(0.01)  # smallest weight, relative to that of the hard problem
-    NEAREST, FARTHEST = dtype(1e-3), dtype(0.1)  # kept of the way to the boundary
+    NEAREST = dtype(5e-3)  # most that is kept of the way to the boundary
     GOOD, MORE = nt.GOOD, earned.MORE
     AIM, FINE, NEAR = dtype(TOLERANCE), dtype(min(ACCEPTED[given], REFINED)), dtype(1e-4)
     TINY, HUGE = dtype(1e-30), dtype(1e300)
@@ -76,6 +76,7 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
                 q = wp.max(w - slope, POSITIVE * w)
                 total = p + q
                 k.excess[r] = excess
+                k.cross[r] = ZERO
                 k.p[r] = p / total
                 k.slack[r] = q / total
                 k.total[r] = total
@@ -96,15 +97,17 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
 
     @wp.func
     def mean_after(k: wp.ref[Slot], o: Island, n: dtype, step: dtype):
-        """Mean |excess| after the straight step (mu = 0)."""
+        """Mean |excess| after the straight step (mu = 0); k.cross: the excess after all of it."""
         mean = dtype(0.0)
         for r in range(o.row, o.last_row):
             if k.acting[r] > 0:
                 e = nt.shift(k, r, ZERO, 1)
-                a = k.a[r] + step * (k.p[r] * k.dz[r] + e)
-                w = k.w[r] + step * (e - k.slack[r] * k.dz[r])
-                excess, _slope = product(k, r, a, w)
+                da = k.p[r] * k.dz[r] + e
+                dw = e - k.slack[r] * k.dz[r]
+                excess, _slope = product(k, r, k.a[r] + step * da, k.w[r] + step * dw)
                 mean += wp.abs(excess)
+                if wp.static(hard):
+                    k.cross[r] = da * dw
         return mean / n
 
     @wp.func
@@ -193,7 +196,7 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
                 more = 1
                 part = mean_after(k, o, n, step) / mean
                 mu = wp.min(part * part * part, HALF) * mean  # never all of it, or short steps stall
-                kept = wp.clamp(wp.sqrt(mean) / size, NEAREST, FARTHEST)
+                kept = wp.clamp(wp.sqrt(mean) / size, ZERO, NEAREST)
         return mu, step
 
     @wp.func
@@ -348,4 +351,6 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
                 best = ZERO + HUGE
         return status
 
-    return SimpleNamespace(solve=solve, rounding=nt.rounding)
+    return SimpleNamespace(
+        solve=solve, point=point, curve=curve, aim=aim, advance=advance, rounding=nt.rounding
+    )

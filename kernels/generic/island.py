@@ -7,6 +7,7 @@ from ..factories import cached
 from ..status import INFEASIBLE, JAMMED, NONFINITE, NOT_CONVERGED, SOLVED
 from .contact import make_contact
 from .coulomb import COULOMB_PASSES, RETREATS, make_coulomb
+from .friction import make_friction
 from .interior import make_solver
 from .jam import make_jam
 from .mechanism import COLUMN, make_mechanism
@@ -24,6 +25,7 @@ def make_island(given: type, residual: str) -> wp.Function:
     contact = make_contact(given, residual)
     solve = make_solver(given, residual).solve
     friction = make_coulomb(given) if residual == "hard" else None
+    direct = make_friction(given) if residual == "hard" else None
     jammed = make_jam(given) if residual == "hard" else None
     PASSES, H = COULOMB_PASSES, COLUMN["step_size"]
     UNUSED, HALF, ZERO, ONE = dtype(COLD), dtype(0.5), dtype(0.0), dtype(1.0)
@@ -96,6 +98,7 @@ def make_island(given: type, residual: str) -> wp.Function:
         more = int(1)
         passes = int(0)  # of the fixed point; negative: go back
         rub = dtype(1.0)
+        hopeless = int(0)  # and when Newton's method on modes failed
         freed = int(0)  # rows in the system when friction was last left out
         n = int(0)
         while more == 1:  # the first pass only looks how large the approach is
@@ -107,8 +110,11 @@ def make_island(given: type, residual: str) -> wp.Function:
             added, approach = contact.grow(t, k, o.row, o.last_row, margin)
             if looking == 1:
                 looking = 0
-                margin = approach
+                margin = wp.where(t.coulomb == 1, ZERO + FAR, approach)  # modes that are off cost nothing
             else:
+                if wp.static(residual == "hard"):
+                    if t.coulomb == 1:
+                        direct.join_pairs(t, k, o)
                 n = count_rows(t, k, o)
                 more = wp.where(added > 0 or rub < ONE, 1, 0)
                 if wp.static(residual == "hard"):
@@ -116,7 +122,13 @@ def make_island(given: type, residual: str) -> wp.Function:
                         more = wp.max(more, friction.lift(t, k, o, passes))
                         passes = wp.abs(passes) + 1
                 if more == 1:
-                    status = solve(t, k, o)
+                    status = int(wp.static(NOT_CONVERGED))
+                    if wp.static(residual == "hard"):
+                        if t.coulomb == 1 and rub == ONE and n > hopeless:
+                            status = direct.stick_and_slide(t, k, o)
+                            hopeless = wp.where(status == wp.static(NOT_CONVERGED), n, hopeless)
+                    if status == wp.static(NOT_CONVERGED):
+                        status = solve(t, k, o)
                     margin = dtype(0.0)
                     if passes > PASSES and status == wp.static(SOLVED):
                         status = int(wp.static(NOT_CONVERGED))

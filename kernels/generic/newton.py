@@ -217,7 +217,7 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
         """e of row r: zero in Newton's method, towards excess = mu in the interior-point method."""
         if interior == 0:
             return ZERO
-        return (mu - k.excess[r]) / k.total[r]
+        return (mu - k.excess[r] - k.cross[r]) / k.total[r]
 
     @wp.func
     def add_pushes(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
@@ -262,6 +262,7 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
         dot=dot,
         rounding=rounding,
         residuals=residuals,
+        assemble=assemble,
         factor=factor,
         direction=direction,
         add_pushes=add_pushes,
