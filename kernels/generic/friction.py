@@ -44,7 +44,8 @@ def make_friction(given: type) -> SimpleNamespace:
             if k.acting[r] > 0:
                 k.weight[r] = k.excess[r] / k.scale[r]
         modes.push(t, k, o)
-        modes.follow(t, k, o)
+        modes.measure(t, k, o)
+        modes.lift(t, k, o)
         largest = size
         for r in range(o.row, o.last_row):
             if k.acting[r] > 0:
@@ -60,9 +61,13 @@ def make_friction(given: type) -> SimpleNamespace:
         it = int(0)
         while it < wp.static(MAX_ITERATIONS):
             it += 1
-            modes.follow(t, k, o)
+            modes.measure(t, k, o)
+            modes.lift(t, k, o)
             largest = solver.point(k, o, 1)
-            nt.residuals(t, k, o, ZERO)
+            for r in range(o.row, o.last_row):
+                if k.acting[r] > 0:
+                    k.res[r] = k.rate[r] - k.gap[r] + k.total[r] - k.w[r]
+            nt.unbalanced(t, k, o)
             mean = solver.curve(k, o, n)
             if mean > LIMIT * size * size and largest < bound:
                 nt.factor(t, k, o, ZERO)

@@ -26,6 +26,7 @@ from .work import M33, V3, WORK, Island, Slot
 
 PROXIMAL = 1e-9  # tau
 OFF, HOLDS, SLIDES = 0, 1, 2  # modes of a row; SLIDES: presses, and holds the mean of the pair's rows
+STAYS = 1e-13  # residual of the last step's impulses that are a solution as they are
 PATIENCE = 2  # iterations at modes that stay, without a gain
 
 
@@ -38,7 +39,7 @@ def make_modes(given: type) -> SimpleNamespace:
     nt = make_newton(given, "hard")
     lu = make_lu()
     ZERO, ONE, HALF = dtype(0.0), dtype(1.0), dtype(0.5)
-    TAU, GOOD, AIM = dtype(PROXIMAL), nt.GOOD, dtype(TOLERANCE)
+    TAU, GOOD, AIM, KEPT = dtype(PROXIMAL), nt.GOOD, dtype(TOLERANCE), dtype(STAYS)
     HUGE = dtype(1e300)
 
     @wp.func
@@ -70,16 +71,21 @@ def make_modes(given: type) -> SimpleNamespace:
             k.rate[r] = k.gap[r]
 
     @wp.func
-    def follow(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
-        """Lift d/h by what |u| is at k.v; J v' + d/h without it into k.total."""
+    def measure(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+        """k.total: J v' + d/h without a lift."""
         for r in range(o.row, o.last_row):
             if k.acting[r] > 0:
                 k.total[r] = k.gap[r] + nt.dot(t, k, k.v, r)
-                if follows(t, k, r):
-                    lift = HALF * wp.abs(k.total[r - 1] - k.total[r])
-                    k.lift[r - 1] = lift
-                    k.rate[r - 1] = k.gap[r - 1] + lift
-                    k.rate[r] = k.gap[r] + lift
+
+    @wp.func
+    def lift(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+        """Lift d/h by what |u| is in k.total."""
+        for r in range(o.row, o.last_row):
+            if k.acting[r] > 0 and follows(t, k, r):
+                up = HALF * wp.abs(k.total[r - 1] - k.total[r])
+                k.lift[r - 1] = up
+                k.rate[r - 1] = k.gap[r - 1] + up
+                k.rate[r] = k.gap[r] + up
 
     @wp.func
     def push(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
@@ -224,12 +230,12 @@ def make_modes(given: type) -> SimpleNamespace:
 
     @wp.func
     def advance(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, slides: int):
-        """A step of (k.v, k.a) at the modes at hand; needs k.total = J v' + d/h."""
-        nt.mass_times(t, k, o)
+        """A step of (k.v, k.a) and k.total at the modes at hand; needs k.balance for k.lam."""
         for r in range(o.row, o.last_row):
             k.weight[r] = ZERO
             if k.acting[r] > 0:
-                k.weight[r] = k.a[r] - HALF * k.p[r] * (k.total[r] + k.total[partner(t, k, r)])
+                held = k.total[r] + k.total[partner(t, k, r)]
+                k.weight[r] = k.a[r] - k.lam[r] - HALF * k.p[r] * held
         for place in range(o.start, o.end):
             b = k.block[place]
             k.move[b] = -k.balance[b]
@@ -249,21 +255,30 @@ def make_modes(given: type) -> SimpleNamespace:
                 other = partner(t, k, r)
                 held = (k.total[r] + k.total[other]) + (k.dz[r] + k.dz[other])  # as on the right-hand side
                 k.a[r] = k.a[r] - HALF * k.p[r] * held
+        for r in range(o.row, o.last_row):
+            if k.acting[r] > 0:
+                k.total[r] = k.total[r] + k.dz[r]
 
     @wp.func
     def evaluate(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
         """z and lambda of (k.v, k.a); the largest residual of Coulomb's law and of M dv = J' lambda."""
-        follow(t, k, o)
+        lift(t, k, o)
+        worst = dtype(0.0)
+        finite = dtype(0.0)
         for r in range(o.row, o.last_row):
             if k.acting[r] > 0:
                 lam = wp.max(k.a[r], ZERO)
-                w = ZERO
-                if not (lam > ZERO):
-                    w = wp.max(k.rate[r] - k.gap[r] + k.total[r], ZERO)
+                held = k.rate[r] - k.gap[r] + k.total[r]
+                w = wp.max(held, ZERO)
+                if lam > ZERO:
+                    w = ZERO
                 k.lam[r] = lam
-                k.w[r] = w
                 k.z[r] = k.scale[r] * lam - w
-        return nt.residuals(t, k, o, ZERO)
+                worst = wp.max(worst, wp.abs(held - w) / k.unit[r])
+                finite += wp.abs(held) + wp.abs(k.a[r])
+        if not wp.isfinite(finite):
+            worst = ZERO + HUGE
+        return wp.max(worst, nt.unbalanced(t, k, o))
 
     @wp.func
     def keep(k: wp.ref[Slot], o: Island):
@@ -287,33 +302,46 @@ def make_modes(given: type) -> SimpleNamespace:
         best = ZERO + HUGE
         slides = int(0)
         misses = int(0)
+        last = int(0)  # 1: the last point is the best
         it = int(0)
+        measure(t, k, o)
         going = int(1)
         while going == 1:
             worst = evaluate(t, k, o)
-            if worst > HALF * best:
-                misses += 1
-            if worst < best:
-                if worst < HALF * best:
-                    misses = 0
+            misses += 1
+            if worst < HALF * best:
+                misses = 0
+            last = wp.where(worst < best, 1, 0)
+            if last == 1:
                 best = worst + ZERO
                 keep(k, o)
-            changed = int(1)
-            if it > 0 or chosen == 0:
-                changed = wp.max(choose(t, k, o), wp.where(it == 0, 1, 0))
-            if changed == 1 and best > GOOD:
-                misses = 0
-            it += 1
-            if best <= AIM or misses >= PATIENCE or it > iterations or not (worst < HUGE):
+            if best <= wp.where(it == 0, KEPT, AIM) or it >= iterations or not (worst < HUGE):
                 going = 0
             if going == 1:
-                if changed == 1:
+                changed = int(1)
+                if it > 0 or chosen == 0:
+                    changed = wp.max(choose(t, k, o), wp.where(it == 0, 1, 0))
+                if changed == 1 and best > GOOD:
+                    misses = 0
+                if misses >= PATIENCE:
+                    going = 0
+                elif changed == 1:
                     slides = factor(t, k, o, TAU)
+            if going == 1:
                 advance(t, k, o, slides)
-        take(k, o)
-        evaluate(t, k, o)
+            it += 1
+        if last == 0:
+            take(k, o)
+            measure(t, k, o)
+            evaluate(t, k, o)
         return wp.where(best <= GOOD, 1, 0)
 
     return SimpleNamespace(
-        join_pairs=join_pairs, drop_lifts=drop_lifts, follow=follow, push=push, warm=warm, newton=newton
+        join_pairs=join_pairs,
+        drop_lifts=drop_lifts,
+        measure=measure,
+        lift=lift,
+        push=push,
+        warm=warm,
+        newton=newton,
     )
