@@ -26,7 +26,7 @@ from .work import M33, V3, WORK, Island, Slot
 
 PROXIMAL = 1e-9  # tau
 OFF, HOLDS, SLIDES = 0, 1, 2  # modes of a row; SLIDES: presses, and holds the mean of the pair's rows
-STAYS = 2e-12  # residual of the last step's impulses that are a solution as they are
+STAYS = 1e-11  # residual of the last impulses that stay: what rounds gaps of a pile at rest makes as much
 PATIENCE = 2  # iterations at modes that stay, without a gain
 
 
