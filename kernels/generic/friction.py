@@ -20,6 +20,7 @@ from .scales import make_scales
 from .topology import Topology
 from .work import WORK, Island, Slot
 
+ATTEMPTS = 4
 WARM, POLISHING = 4, 12  # iterations on modes, from the last step's and from the other method's
 FLOOR = 0.03  # of a and w that it starts from, relative to the size of the problem
 HANDED_OVER = 1e-8  # sqrt(mu) relative to the size of the problem, where modes take over
@@ -90,12 +91,15 @@ def make_friction(given: type) -> SimpleNamespace:
         modes.warm(t, k, o)
         status = int(wp.static(NOT_CONVERGED))
         attempt = int(0)
-        while attempt < 2 and status == wp.static(NOT_CONVERGED):
+        while attempt < wp.static(ATTEMPTS) and status == wp.static(NOT_CONVERGED):
             iterations = int(wp.static(WARM))
-            if attempt == 1:
+            if attempt > 0:
                 iterations = int(wp.static(POLISHING))
+            if attempt == 1:
                 approach(t, k, o, size, n)
-            if modes.newton(t, k, o, 1 - attempt, iterations) == 1:
+            elif attempt > 1:
+                modes.let_go(t, k, o)
+            if modes.newton(t, k, o, wp.where(attempt == 1, 0, 1), iterations) == 1:
                 if adds_up(t, k, o) == 1:
                     status = int(wp.static(SOLVED))
             attempt += 1

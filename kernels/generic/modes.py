@@ -27,6 +27,7 @@ from .work import M33, V3, WORK, Island, Slot
 PROXIMAL = 1e-9  # tau
 OFF, HOLDS, SLIDES = 0, 1, 2  # modes of a row; SLIDES: presses, and holds the mean of the pair's rows
 STAYS = 1e-11  # residual of the last impulses that stay: what rounds gaps of a pile at rest makes as much
+CHANGES = 4.0  # of a contact's modes, after which it is in a cycle
 PATIENCE = 2  # iterations at modes that stay, without a gain
 
 
@@ -40,7 +41,7 @@ def make_modes(given: type) -> SimpleNamespace:
     lu = make_lu()
     ZERO, ONE, HALF = dtype(0.0), dtype(1.0), dtype(0.5)
     TAU, GOOD, AIM, KEPT = dtype(PROXIMAL), nt.GOOD, dtype(TOLERANCE), dtype(STAYS)
-    HUGE = dtype(1e300)
+    HUGE, RESTLESS = dtype(1e300), dtype(CHANGES)
 
     @wp.func
     def begins_pair(t: wp.ref[Topology], k: wp.ref[Slot], r: int):
@@ -141,6 +142,7 @@ def make_modes(given: type) -> SimpleNamespace:
                     k.a[r + 1] = wp.where(second == SLIDES, total, wp.where(second == OFF, ZERO, k.a[r + 1]))
                     if second != k.mode[r + 1]:
                         changed = 1
+                        k.divisor[r] = k.divisor[r] + ONE
                     k.mode[r + 1] = second
                 else:
                     if k.diag[r] * k.a[r] > k.total[r]:
@@ -149,6 +151,7 @@ def make_modes(given: type) -> SimpleNamespace:
                         k.a[r] = ZERO
                 if first != k.mode[r]:
                     changed = 1
+                    k.divisor[r] = k.divisor[r] + ONE
                 k.mode[r] = first
         return changed
 
@@ -281,6 +284,17 @@ def make_modes(given: type) -> SimpleNamespace:
         return wp.max(worst, nt.unbalanced(t, k, o))
 
     @wp.func
+    def let_go(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+        """Turn off the contacts whose modes went on changing in `newton` (counted in k.divisor)."""
+        for r in range(o.row, o.last_row):
+            first = int(r)
+            if follows(t, k, r):
+                first = r - 1
+            if k.acting[r] > 0 and k.divisor[first] >= RESTLESS:
+                k.mode[r] = OFF
+                k.a[r] = ZERO
+
+    @wp.func
     def keep(k: wp.ref[Slot], o: Island):
         for place in range(o.start, o.end):
             k.best_v[k.block[place]] = k.v[k.block[place]]
@@ -305,6 +319,8 @@ def make_modes(given: type) -> SimpleNamespace:
         last = int(0)  # 1: the last point is the best
         it = int(0)
         measure(t, k, o)
+        for r in range(o.row, o.last_row):
+            k.divisor[r] = ZERO
         going = int(1)
         while going == 1:
             worst = evaluate(t, k, o)
@@ -343,5 +359,6 @@ def make_modes(given: type) -> SimpleNamespace:
         lift=lift,
         push=push,
         warm=warm,
+        let_go=let_go,
         newton=newton,
     )
