@@ -46,6 +46,7 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
     ZERO, HALF, ONE = dtype(0.0), dtype(0.5), dtype(1.0)
     SHARE = dtype(MOMENTUM)
     POSITIVE = dtype(0.01)  # smallest weight, relative to that of the hard problem
+    TRUSTED = dtype(0.8)  # length of a straight step whose second order is believed
     NEAREST = dtype(5e-3)  # most that is kept of the way to the boundary
     GOOD, MORE = nt.GOOD, earned.MORE
     AIM, FINE, NEAR = dtype(TOLERANCE), dtype(min(ACCEPTED[given], REFINED)), dtype(1e-4)
@@ -107,7 +108,7 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
                 excess, _slope = product(k, r, k.a[r] + step * da, k.w[r] + step * dw)
                 mean += wp.abs(excess)
                 if wp.static(hard):
-                    k.cross[r] = da * dw
+                    k.cross[r] = wp.where(step > TRUSTED, ONE, step * step) * da * dw
         return mean / n
 
     @wp.func

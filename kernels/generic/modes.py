@@ -26,7 +26,7 @@ from .work import M33, V3, WORK, Island, Slot
 
 PROXIMAL = 1e-9  # tau
 OFF, HOLDS, SLIDES = 0, 1, 2  # modes of a row; SLIDES: presses, and holds the mean of the pair's rows
-STAYS = 1e-11  # residual of the last impulses that stay: what rounds gaps of a pile at rest makes as much
+STAYS = 1e-12  # residual of the last impulses that stay as they are: rounding of gaps makes as much
 CHANGES = 4.0  # of a contact's modes, after which it is in a cycle
 PATIENCE = 2  # iterations at modes that stay, without a gain
 
