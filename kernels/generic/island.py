@@ -6,10 +6,10 @@ from ..contact.problem import COLD
 from ..factories import cached
 from ..status import INFEASIBLE, JAMMED, NONFINITE, NOT_CONVERGED, SOLVED
 from .contact import make_contact
-from .coulomb import COULOMB_PASSES, RETREATS, make_coulomb
-from .friction import make_friction
+from .friction.coulomb import COULOMB_PASSES, RETREATS, make_coulomb
+from .friction.direct import make_direct
+from .friction.jam import make_jam
 from .interior import make_solver
-from .jam import make_jam
 from .mechanism import COLUMN, make_mechanism
 from .topology import Topology
 from .work import WORK, Island, Slot
@@ -25,7 +25,7 @@ def make_island(given: type, residual: str) -> wp.Function:
     contact = make_contact(given, residual)
     solve = make_solver(given, residual).solve
     friction = make_coulomb(given) if residual == "hard" else None
-    direct = make_friction(given) if residual == "hard" else None
+    direct = make_direct(given) if residual == "hard" else None
     jammed = make_jam(given) if residual == "hard" else None
     PASSES, H = COULOMB_PASSES, COLUMN["step_size"]
     UNUSED, HALF, ZERO, ONE = dtype(COLD), dtype(0.5), dtype(0.0), dtype(1.0)
@@ -34,6 +34,9 @@ def make_island(given: type, residual: str) -> wp.Function:
     @wp.func
     def count_rows(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
         """The number of acting rows; those that are new start from k.v."""
+        if wp.static(residual == "hard"):
+            if t.coulomb == 1:
+                direct.join_pairs(t, k, o)
         n = int(0)
         for r in range(o.row, o.last_row):
             if k.acting[r] > 0:
@@ -49,6 +52,16 @@ def make_island(given: type, residual: str) -> wp.Function:
         """k.v = v_free"""
         for place in range(o.start, o.end):
             k.v[k.block[place]] = k.vfree[k.block[place]]
+
+    @wp.func
+    def begin(k: wp.ref[Slot], o: Island):
+        """v' = v_free, and no row acts."""
+        free(k, o)
+        for r in range(o.row, o.last_row):
+            k.acting[r] = 0
+            k.lam[r] = ZERO
+            k.miss[r] = ZERO
+            k.target[r] = ZERO
 
     @wp.func
     def under_friction(
@@ -85,12 +98,7 @@ def make_island(given: type, residual: str) -> wp.Function:
         the problem without friction tells whether they can open, and gives a lift to start from; where
         that ends at shut rows again the lift is taken back.
         """
-        free(k, o)
-        for r in range(o.row, o.last_row):
-            k.acting[r] = 0
-            k.lam[r] = ZERO
-            k.miss[r] = ZERO
-            k.target[r] = ZERO
+        begin(k, o)
         status = int(wp.static(SOLVED))
         margin = ZERO - FAR
         looking = int(1)
@@ -112,9 +120,6 @@ def make_island(given: type, residual: str) -> wp.Function:
                 looking = 0
                 margin = wp.where(t.coulomb == 1, ZERO + FAR, approach)  # modes that are off cost nothing
             else:
-                if wp.static(residual == "hard"):
-                    if t.coulomb == 1:
-                        direct.join_pairs(t, k, o)
                 n = count_rows(t, k, o)
                 more = wp.where(added > 0 or rub < ONE, 1, 0)
                 if wp.static(residual == "hard"):

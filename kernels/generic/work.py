@@ -168,7 +168,6 @@ def view_rows(k: wp.ref[Slot], work: wp.ref[Work], b: int):
     k.w = work.w[b]
     k.res = work.res[b]
     k.excess = work.excess[b]
-    k.cross = work.cross[b]
     k.p = work.p[b]
     k.slack = work.slack[b]
     k.total = work.total[b]
@@ -185,7 +184,6 @@ def view_rows(k: wp.ref[Slot], work: wp.ref[Work], b: int):
     k.entry = work.entry[b]
     k.pattern = work.pattern[b]
     k.acting = work.acting[b]
-    k.mode = work.mode[b]
     k.name = work.name[b]
     k.known = work.known[b]
     k.near = work.near[b]
@@ -240,8 +238,10 @@ def view(work: wp.ref[Work], b: int):
     k.mass = work.mass[b]
     k.mass_factor = work.mass_factor[b]
     k.factor = work.factor[b]
-    k.upper = work.upper[b]
     k.jac = work.jac[b]
+    k.upper = work.upper[b]
+    k.cross = work.cross[b]
+    k.mode = work.mode[b]
     view_rows(k, work, b)
     return k
 

@@ -6,10 +6,10 @@ import math
 import numpy as np
 import pytest
 import warp as wp
-from natural_map import natural_map
 from oracle import Oracle
+from oracle_coulomb import natural_map
 from random_scenes import near_contact
-from simulators import WIDTH, scene
+from simulators import NUMPY, WIDTH, scene
 
 import slcp_warp as slcp
 from slcp_warp import Body, Contact, Scene, Shape, scenes
@@ -89,7 +89,7 @@ def test_contact_law_holds(device, name, dtype):
     step = sim.step(x, u, sim.params.replace(**changes))
     solved = step.status == slcp.Status.SOLVED
     assert solved.mean() > 0.999 and (np.abs(step.impulse).sum(1) > 0).mean() > 0.5
-    worst = natural_map(named(name), dtype, x, u, step, **changes)[solved]
+    worst = natural_map(named(name), NUMPY[dtype], x, u, step, **changes)[solved]
     assert worst.max() < (5e-11 if dtype is wp.float64 else 2e-5)
 
 
@@ -103,7 +103,7 @@ def test_redundant_planes_and_jams(device):
     step = sim.step(x, None, sim.params.replace(**changes))
     assert (step.status[mu < 0.3] == slcp.Status.SOLVED).all()
     solved = step.status == slcp.Status.SOLVED
-    assert natural_map(named("wedge"), wp.float64, x, x[:, :0], step, **changes)[solved].max() < 1e-11
+    assert natural_map(named("wedge"), float, x, x[:, :0], step, **changes)[solved].max() < 1e-11
     # planes within each other's cones that are both pressed: friction holds against whatever pushes
     assert set(step.status[~solved]) == {slcp.Status.JAMMED}
     apart = (step.gap >= 0).all(1)
@@ -122,7 +122,7 @@ def test_painleve_rod(device, mu):
     assert not step.status.any()
     changes = {"friction": np.full((3, 1), mu), "step_size": np.full(3, h)}
     # the oracle's level normal has cos(pi/2) = 6e-17 along x, over h
-    assert natural_map(rod(), wp.float64, x, x[:, :0], step, **changes).max() < 1e-11
+    assert natural_map(rod(), float, x, x[:, :0], step, **changes).max() < 1e-11
     end = step.state[:, 3] + math.sin(angle) * step.state[:, 5]  # velocity of the sliding end
     stopped = np.abs(end) < 1e-9
     assert stopped[2] and not stopped[1]

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import warp as wp
-from natural_map import natural_map
+from oracle_coulomb import natural_map
 from simulators import scene
 
 import slcp_warp as slcp
@@ -58,7 +58,7 @@ def test_law_holds(name):
     pressed = 0
     for k in range(0, 120, 12):
         step = SimpleNamespace(state=run.states[going, k + 1], impulse=run.impulse[going, k])
-        worst = natural_map(sc, wp.float64, run.states[going, k], np.zeros((going.sum(), sc.nu)), step)
+        worst = natural_map(sc, float, run.states[going, k], np.zeros((going.sum(), sc.nu)), step)
         assert worst.max() < 1e-10, k
         pressed += (step.impulse > 0).any(1).sum()
     assert pressed > 50

@@ -18,11 +18,11 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ..factories import cached
-from .lu import make_lu
-from .newton import TOLERANCE, make_newton
-from .topology import CONTACT, Topology
-from .work import M33, V3, WORK, Island, Slot
+from ...factories import cached
+from ..lu import make_lu
+from ..newton import TOLERANCE, make_newton
+from ..topology import CONTACT, Topology
+from ..work import M33, V3, WORK, Island, Slot
 
 PROXIMAL = 1e-9  # tau
 OFF, HOLDS, SLIDES = 0, 1, 2  # modes of a row; SLIDES: presses, and holds the mean of the pair's rows

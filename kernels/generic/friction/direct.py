@@ -10,15 +10,15 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ..factories import cached
-from ..status import NONFINITE, NOT_CONVERGED, SOLVED
-from .earned import make_earned
-from .interior import MAX_ITERATIONS, make_solver
+from ...factories import cached
+from ...status import NONFINITE, NOT_CONVERGED, SOLVED
+from ..earned import make_earned
+from ..interior import MAX_ITERATIONS, make_solver
+from ..newton import make_newton
+from ..scales import make_scales
+from ..topology import Topology
+from ..work import WORK, Island, Slot
 from .modes import make_modes
-from .newton import make_newton
-from .scales import make_scales
-from .topology import Topology
-from .work import WORK, Island, Slot
 
 ATTEMPTS = 4
 WARM, POLISHING = 4, 12  # iterations on modes, from the last step's and from the other method's
@@ -27,7 +27,7 @@ HANDED_OVER = 1e-8  # sqrt(mu) relative to the size of the problem, where modes 
 
 
 @cached
-def make_friction(given: type) -> SimpleNamespace:
+def make_direct(given: type) -> SimpleNamespace:
     """stick_and_slide(t, k, o) -> status: k.v, k.z, k.lam and k.lift of an island."""
     dtype = WORK
     nt, solver, modes = make_newton(given, "hard"), make_solver(given, "hard"), make_modes(given)
