@@ -72,6 +72,15 @@ def test_rest_stays():
     np.testing.assert_allclose(run.impulse[0, -1, 0:4:2].sum(), 10 * 9.81 * 0.01, rtol=1e-9)
 
 
+def test_what_nothing_presses_falls_freely():
+    """A block between fingers that touch it and do not press: not a bit of rounding holds it."""
+    sc = scene("grasp")
+    run = rolled(sc, sc.x0[None], 20)
+    assert run.status[0] == slcp.Status.SOLVED
+    fall = sc.x0[:5] + np.array([0, 0, 0, -9.81 * sc.step_size**2 * 20 * 21 / 2, 0])
+    np.testing.assert_allclose(run.states[0, -1, :5], fall, rtol=0, atol=1e-12)
+
+
 def envelopes(rng, first):
     """A diagonally dominant matrix of 3 x 3 blocks in an envelope: dense, and as `lu.py` stores it."""
     n = len(first)

@@ -100,8 +100,11 @@ def make_direct(given: type) -> SimpleNamespace:
             elif attempt > 1:
                 modes.let_go(t, k, o)
             if modes.newton(t, k, o, wp.where(attempt == 1, 0, 1), iterations) == 1:
-                if adds_up(t, k, o) == 1:
-                    status = int(wp.static(SOLVED))
+                good = adds_up(t, k, o)
+                if good == 0:
+                    modes.leave_alone(t, k, o)
+                    good = adds_up(t, k, o)
+                status = wp.where(good == 1, wp.static(SOLVED), status)
             attempt += 1
         return status
 

@@ -106,6 +106,27 @@ def make_modes(given: type) -> SimpleNamespace:
             k.v[b] = k.vfree[b] + k.move[b]
 
     @wp.func
+    def leave_alone(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+        """v' = v_free, to the last bit, of what no row presses."""
+        for place in range(o.start, o.end):
+            k.move[k.block[place]] = V3()
+        for r in range(o.row, o.last_row):
+            k.weight[r] = ZERO
+            if k.acting[r] > 0:
+                k.weight[r] = k.lam[r]
+        nt.add_pushes(t, k, o)
+        for place in range(o.start, o.end):
+            b = k.block[place]
+            u = t.block_unit[b]
+            if t.unit_start[u] == b:
+                pushed = ZERO
+                for i in range(b, t.unit_start[u + 1]):
+                    pushed += wp.dot(k.move[i], k.move[i])
+                if pushed == ZERO:
+                    for i in range(b, t.unit_start[u + 1]):
+                        k.v[i] = k.vfree[i]
+
+    @wp.func
     def warm(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
         """Modes and impulses of k.z, and v' that these give; D lambda stays in k.excess."""
         for r in range(o.row, o.last_row):
@@ -358,6 +379,7 @@ def make_modes(given: type) -> SimpleNamespace:
         measure=measure,
         lift=lift,
         push=push,
+        leave_alone=leave_alone,
         warm=warm,
         let_go=let_go,
         newton=newton,
