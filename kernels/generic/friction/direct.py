@@ -20,7 +20,7 @@ from ..topology import Topology
 from ..work import WORK, Island, Slot
 from .modes import make_modes
 
-ATTEMPTS = 4
+ATTEMPTS = 3  # from the last modes, from the interior-point method, without what cycles
 WARM, POLISHING = 4, 12  # iterations on modes, from the last step's and from the other method's
 FLOOR = 0.03  # of a and w that it starts from, relative to the size of the problem
 HANDED_OVER = 1e-8  # sqrt(mu) relative to the size of the problem, where modes take over
