@@ -13,7 +13,7 @@ from ...factories import cached
 from ..mechanism import make_mechanism
 from ..step import make_step
 from ..topology import Topology
-from ..work import ROWS, WORK, Slot
+from ..work import GROUPS, WORK, Slot
 from .bodies import make_bodies
 from .columns import make_columns
 from .rows import make_row_slopes
@@ -75,10 +75,16 @@ def make_expansion(given: type, residual: str) -> SimpleNamespace:
         n = int(0)
         pairs = int(0)
         if wp.static(contacts):
-            for r in range(k.count[wp.static(ROWS)]):
-                if k.acting[r] > 0:
-                    d.row[b, n] = r
-                    n += 1
+            bunches = int(0)
+            for i in range(k.count[wp.static(GROUPS)]):
+                before = n + 0
+                for r in range(k.group[i], k.group[i + 1]):
+                    if k.acting[r] > 0:
+                        d.row[b, n] = r
+                        n += 1
+                if n > before:
+                    d.bunch[b, bunches] = n
+                    bunches += 1
         system.factor(t, k, d, b, n)
         if wp.static(contacts):
             pairs = rows.prepare(t, k, g, d, b, n)
