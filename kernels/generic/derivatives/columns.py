@@ -1,4 +1,4 @@
-"""Right-hand sides of the implicit function theorem: eight columns of -F1 and -F2 by (q, v, u) at once."""
+"""Right-hand sides of the implicit function theorem: LANES columns of -F1 and -F2 by (q, v, u) at once."""
 
 from types import SimpleNamespace
 
@@ -39,7 +39,7 @@ def make_columns(given: type, residual: str) -> SimpleNamespace:
 
     @wp.func
     def of_bodies(t: wp.ref[Topology], d: Slopes, k: wp.ref[Slot], b: int, first: int, velocity: int):
-        """What bodies make of the columns by q, or by v, of the degrees of freedom first .. first + 7."""
+        """What bodies make of the columns by q, or by v, of the degrees of freedom from `first` on."""
         x = d.known[b]
         h = number(t, k, H, 0)
         for i in range(t.nb):
@@ -92,7 +92,7 @@ def make_columns(given: type, residual: str) -> SimpleNamespace:
 
     @wp.func
     def is_within(g: Groups, group: int, first: int):
-        """Whether degrees of freedom of a group may be among first .. first + 7."""
+        """Whether degrees of freedom of a group may be among from `first` on."""
         if group < 0:
             return False
         last = g.group_dof[g.group_start[group + 1] - 1]

@@ -54,8 +54,8 @@ def bytes_of_stencil(s: Structure) -> int:
 
 @cached
 def make_writer(given: type) -> SimpleNamespace:
-    """take(t, k, b, x): the state of a step. write(t, d, k, b, first, a, c): eight columns of x' =
-    (q + h v', v'), first .. first + 7 of (x, u), into A and B.
+    """take(t, k, b, x): the state of a step. write(t, d, k, b, first, a, c): LANES columns of x' =
+    (q + h v', v'), from `first` on of (x, u), into A and B.
     """
     COUNT, ONE, H = LANES, WORK(1.0), COLUMN["step_size"]
     number = make_mechanism(given).number
@@ -95,7 +95,7 @@ def make_writer(given: type) -> SimpleNamespace:
 def make_differences(given: type, residual: str) -> SimpleNamespace:
     """measure(t, k, e, b): the size of the differences, and where perturbed steps start;
     stencil(kind): how far each is and its weight; start(t, k, e, b, c, far): such a step. add_slope(t, d, e,
-    b, first, weight): eight columns of its dv'/dz; add_second(fzz, e, b, c): the derivative by component c
+    b, first, weight): LANES columns of its dv'/dz; add_second(fzz, e, b, c): the derivative by component c
     that they made. clear(fzz, item).
     """
     expansion = make_expansion(given, residual)

@@ -1,4 +1,4 @@
-"""The linear system of the implicit function theorem at a solved step, and eight right-hand sides at once.
+"""The linear system of the implicit function theorem at a solved step, and LANES right-hand sides at once.
 
 (dv', dz) solves M dv' - J' (p/D) dz = -F1, C dv' + q dz = -F2 with p = s'(z), q = s'(-z), where -F1 holds D's
 own change and C = J but for contacts that slide under Coulomb's friction, whose row of C is J_n at fixed
@@ -87,7 +87,7 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
 
     @wp.func
     def rate(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, r: int, x: wp.array(dtype=Lanes)):
-        """d.push = C_r x: in memory, since eight numbers that a loop carries along are not kept as one."""
+        """d.push = C_r x: in memory, since numbers that a loop carries along are not kept as one."""
         s = d.row[b, r]
         start = k.entry[s]
         pattern = k.pattern[s]
