@@ -16,6 +16,7 @@ from .newton import make_newton
 from .topology import Topology
 from .work import V3, WORK, Island, Slot
 
+MAX_ITERATIONS = 80
 MOMENTUM = 0.01
 
 
@@ -28,6 +29,7 @@ def make_interior(given: type, residual: str) -> SimpleNamespace:
     ZERO, HALF, ONE = dtype(0.0), dtype(0.5), dtype(1.0)
     SHARE = dtype(MOMENTUM)
     POSITIVE = dtype(0.01)  # smallest weight, relative to that of the hard problem
+    TRUSTED = dtype(0.8)  # length of a straight step whose second order is believed
     FLOORED = dtype(0.1)  # a and w of a warm start, relative to the size of the problem
     NEAREST, CLOSE = dtype(1e-6), dtype(0.005)  # kept of the way to the boundary
     CAREFUL, FARTHEST = dtype(1e-3), dtype(0.1)  # where that failed
@@ -56,6 +58,7 @@ def make_interior(given: type, residual: str) -> SimpleNamespace:
                 q = wp.max(w - slope, POSITIVE * w)
                 total = p + q
                 k.excess[r] = excess
+                k.cross[r] = ZERO
                 k.p[r] = p / total
                 k.slack[r] = q / total
                 k.total[r] = total
@@ -75,27 +78,19 @@ def make_interior(given: type, residual: str) -> SimpleNamespace:
         return wp.min((ONE - kept) / fall, ONE)
 
     @wp.func(inline=False)
-    def mean_after(k: wp.ref[Slot], o: Island, n: dtype, step: dtype):
-        """Mean |excess| after the straight step (mu = 0)."""
+    def mean_after(k: wp.ref[Slot], o: Island, n: dtype, step: dtype, cold: int):
+        """Mean |excess| after the straight step (mu = 0); k.cross: the excess after all of it."""
         mean = dtype(0.0)
-        for r in range(o.row, o.last_row):
-            if k.acting[r] > 0:
-                e = nt.shift(k, r, ZERO, 1)
-                a = k.a[r] + step * (k.p[r] * k.dz[r] + e)
-                w = k.w[r] + step * (e - k.slack[r] * k.dz[r])
-                excess, _slope = product(k, r, a, w)
-                mean += wp.abs(excess)
-        return mean / n
-
-    @wp.func(inline=False)
-    def correct(k: wp.ref[Slot], o: Island):
-        """Add to the excess what the straight step leaves of it (Mehrotra's second order)."""
         for r in range(o.row, o.last_row):
             if k.acting[r] > 0:
                 e = nt.shift(k, r, ZERO, 1)
                 da = k.p[r] * k.dz[r] + e
                 dw = e - k.slack[r] * k.dz[r]
-                k.excess[r] = k.excess[r] + da * dw
+                excess, _slope = product(k, r, k.a[r] + step * da, k.w[r] + step * dw)
+                mean += wp.abs(excess)
+                if cold == 0:
+                    k.cross[r] = wp.where(step > TRUSTED, ONE, step * step) * da * dw
+        return mean / n
 
     @wp.func(inline=False)
     def proves_infeasible(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, size: dtype):
@@ -210,13 +205,12 @@ def make_interior(given: type, residual: str) -> SimpleNamespace:
             if looking == 1:
                 looking = 0
                 more = 1
-                part = mean_after(k, o, n, step) / mean
+                part = mean_after(k, o, n, step, cold) / mean
                 mu = wp.min(part * part * part, HALF) * mean  # never all of it, or short steps stall
                 kept = wp.sqrt(mean) / size
                 if cold == 1:
                     kept = wp.clamp(kept, CAREFUL, FARTHEST)
                 else:
-                    correct(k, o)
                     kept = wp.clamp(kept, NEAREST, CLOSE)
         return mu, step
 

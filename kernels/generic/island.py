@@ -6,8 +6,9 @@ from ..contact.problem import COLD
 from ..factories import cached
 from ..status import INFEASIBLE, JAMMED, NONFINITE, NOT_CONVERGED, SOLVED
 from .contact import make_contact
-from .coulomb import COULOMB_PASSES, RETREATS, make_coulomb
-from .jam import make_jam
+from .friction.coulomb import COULOMB_PASSES, RETREATS, make_coulomb
+from .friction.direct import make_direct
+from .friction.jam import make_jam
 from .mechanism import COLUMN, make_mechanism
 from .search import make_solver
 from .topology import Topology
@@ -24,6 +25,7 @@ def make_island(given: type, residual: str) -> wp.Function:
     contact = make_contact(given, residual)
     solve = make_solver(given, residual).solve
     friction = make_coulomb(given) if residual == "hard" else None
+    direct = make_direct(given) if residual == "hard" else None
     jammed = make_jam(given) if residual == "hard" else None
     PASSES, H = COULOMB_PASSES, COLUMN["step_size"]
     UNUSED, HALF, ZERO, ONE = dtype(COLD), dtype(0.5), dtype(0.0), dtype(1.0)
@@ -32,6 +34,9 @@ def make_island(given: type, residual: str) -> wp.Function:
     @wp.func
     def count_rows(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
         """The number of acting rows; those that are new start from k.v."""
+        if wp.static(residual == "hard"):
+            if t.coulomb == 1:
+                direct.join_pairs(t, k, o)
         n = int(0)
         for r in range(o.row, o.last_row):
             if k.acting[r] > 0:
@@ -53,6 +58,16 @@ def make_island(given: type, residual: str) -> wp.Function:
         """k.v = v: what rests stays so."""
         for place in range(o.start, o.end):
             k.v[k.block[place]] = k.before[k.block[place]]
+
+    @wp.func
+    def begin(k: wp.ref[Slot], o: Island):
+        """v' = v_free, and no row acts."""
+        free(k, o)
+        for r in range(o.row, o.last_row):
+            k.acting[r] = 0
+            k.lam[r] = ZERO
+            k.miss[r] = ZERO
+            k.target[r] = ZERO
 
     @wp.func
     def under_friction(
@@ -89,12 +104,7 @@ def make_island(given: type, residual: str) -> wp.Function:
         the problem without friction tells whether they can open, and gives a lift to start from; where
         that ends at shut rows again the lift is taken back.
         """
-        free(k, o)
-        for r in range(o.row, o.last_row):
-            k.acting[r] = 0
-            k.lam[r] = ZERO
-            k.miss[r] = ZERO
-            k.target[r] = ZERO
+        begin(k, o)
         status = int(wp.static(SOLVED))
         margin = ZERO - FAR
         looking = int(1)
@@ -102,6 +112,7 @@ def make_island(given: type, residual: str) -> wp.Function:
         more = int(1)
         passes = int(0)  # of the fixed point; negative: go back
         rub = dtype(1.0)
+        hopeless = int(0)  # and when Newton's method on modes failed
         freed = int(0)  # rows in the system when friction was last left out
         n = int(0)
         solves = int(0)
@@ -114,7 +125,7 @@ def make_island(given: type, residual: str) -> wp.Function:
             added, approach = contact.grow(t, k, o.row, o.last_row, margin)
             if looking == 1:
                 looking = 0
-                margin = approach
+                margin = wp.where(t.coulomb == 1, ZERO + FAR, approach)  # modes that are off cost nothing
             else:
                 n = count_rows(t, k, o)
                 more = wp.where(added > 0 or rub < ONE, 1, 0)
@@ -123,10 +134,16 @@ def make_island(given: type, residual: str) -> wp.Function:
                         more = wp.max(more, friction.lift(t, k, o, passes))
                         passes = wp.abs(passes) + 1
                 if more == 1:
-                    if solves == 0:
-                        resume(k, o)
-                    solves += 1
-                    status = solve(t, k, o)
+                    status = int(wp.static(NOT_CONVERGED))
+                    if wp.static(residual == "hard"):
+                        if t.coulomb == 1 and rub == ONE and n > hopeless:
+                            status = direct.stick_and_slide(t, k, o)
+                            hopeless = wp.where(status == wp.static(NOT_CONVERGED), n, hopeless)
+                    if status == wp.static(NOT_CONVERGED):
+                        if solves == 0 and t.coulomb == 0:
+                            resume(k, o)
+                        solves += 1
+                        status = solve(t, k, o)
                     margin = dtype(0.0)
                     if passes > PASSES and status == wp.static(SOLVED):
                         status = int(wp.static(NOT_CONVERGED))

@@ -133,33 +133,20 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
                 k.balance[b] = k.balance[b] - V3(x, y, z)
                 k.move[b] = k.move[b] + V3(ax, ay, az)
 
-    @wp.func(inline=False)
-    def residuals(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, yielding: dtype):
-        """k.balance and the largest residual; needs k.lam, k.res, k.w. A row yields by `yielding` diag(A)
-        (lambda - k.least).
-
-        A row's is relative to the velocities that the data set in its island. That of a place is relative
-        to the momentum that it exchanges, beyond rounding: so a light body is judged on its own scale, and a
-        heavy one that a light one hits by what it takes up. An exchange that the data do not allow counts as
-        the most that they do (k.most), and impulses so large that what is given back of them no longer sums
-        up count, too.
+    @wp.func
+    def unbalanced(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+        """k.balance, and the largest residual of a place: relative to the momentum that it exchanges, beyond
+        rounding. So a light body is judged on its own scale, and a heavy one that a light one hits by what it
+        takes up. An exchange that the data do not allow counts as the most that they do (k.most), and
+        impulses so large that what is given back of them no longer sums up count, too.
         """
         mass_times(t, k, o)
         for place in range(o.start, o.end):
             i = k.block[place]
             k.move[i] = wp.abs(k.balance[i])
+        exchange(t, k, o)
         worst = dtype(0.0)
         finite = dtype(0.0)
-        for r in range(o.row, o.last_row):
-            if k.acting[r] > 0:
-                res = k.rate[r] + dot(t, k, k.v, r) - k.w[r]
-                if yielding > ZERO:
-                    res += yielding * k.diag[r] * (k.lam[r] - k.least[r])
-                k.res[r] = res
-                if wp.abs(res) > worst * k.unit[r]:
-                    worst = wp.abs(res) / k.unit[r]
-                finite += wp.abs(res)
-        exchange(t, k, o)
         for place in range(o.start, o.end):
             i = k.block[place]
             balance = k.balance[i]
@@ -172,6 +159,26 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
         if not wp.isfinite(finite):
             worst = ZERO + HUGE
         return worst
+
+    @wp.func(inline=False)
+    def residuals(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, yielding: dtype):
+        """k.balance and the largest residual; needs k.lam, k.res, k.w. A row yields by `yielding` diag(A)
+        (lambda - k.least). Its residual is relative to the velocities that the data set in its island.
+        """
+        worst = dtype(0.0)
+        finite = dtype(0.0)
+        for r in range(o.row, o.last_row):
+            if k.acting[r] > 0:
+                res = k.rate[r] + dot(t, k, k.v, r) - k.w[r]
+                if yielding > ZERO:
+                    res += yielding * k.diag[r] * (k.lam[r] - k.least[r])
+                k.res[r] = res
+                if wp.abs(res) > worst * k.unit[r]:
+                    worst = wp.abs(res) / k.unit[r]
+                finite += wp.abs(res)
+        if not wp.isfinite(finite):
+            worst = ZERO + HUGE
+        return wp.max(worst, unbalanced(t, k, o))
 
     @wp.func
     def weigh(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, yielding: dtype):
@@ -247,7 +254,7 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
         """e of row r: zero in Newton's method, towards excess = mu in the interior-point method."""
         if interior == 0:
             return ZERO
-        return (mu - k.excess[r]) / k.total[r]
+        return (mu - k.excess[r] - k.cross[r]) / k.total[r]
 
     @wp.func
     def add_pushes(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
@@ -297,6 +304,8 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
         dot=dot,
         rounding=rounding,
         residuals=residuals,
+        unbalanced=unbalanced,
+        assemble=assemble,
         factor=factor,
         direction=direction,
         add_pushes=add_pushes,

@@ -12,7 +12,7 @@ import warp as wp
 from ..factories import cached
 from ..status import INFEASIBLE, NONFINITE, NOT_CONVERGED, SOLVED
 from .earned import make_earned
-from .interior import make_interior
+from .interior import MAX_ITERATIONS, make_interior
 from .newton import ACCEPTED, REFINED, TOLERANCE, make_newton
 from .scales import make_scales
 from .topology import Topology
@@ -20,7 +20,6 @@ from .work import WORK, Island, Slot
 
 WARM, COLD, YIELDING = 1, 2, 3  # attempts after Newton's method alone: the last are ROUNDS where rows yield
 ROUNDS = 3  # for impulses that are the least there are
-MAX_ITERATIONS = 80
 WARM_ITERATIONS, POLISHING = {True: 12, False: 8}, 12  # of Newton's method before (hard or not) and after
 RESTS = 5e-12  # residual at which the last solution is one of this step: gaps round, at some height
 PATIENCE = 6  # iterations of it without a gain, where it has nearly ended

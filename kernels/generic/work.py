@@ -17,7 +17,7 @@ from .topology import tables
 WORK = wp.float64
 V2, V3, V4 = (wp.types.vector(n, WORK) for n in (2, 3, 4))
 M33 = wp.types.matrix((3, 3), WORK)
-LANES = 8  # right-hand sides that are solved at once
+LANES = 16  # right-hand sides that are solved at once: two registers of a CPU halve what a loop costs
 Lanes = wp.types.vector(LANES, WORK)
 NEAR, ROWS, GROUPS, ISLANDS, ORDERS, LISTED, AXIS_OF_ITEMS = range(7)  # what `count` holds; orders: 0, 1
 
@@ -49,6 +49,7 @@ class Slot:
     mass: wp.array(dtype=M33)  # envelope of M
     mass_factor: wp.array(dtype=M33)  # and of its factor
     factor: wp.array(dtype=M33)  # envelope of M + J' W J, then of its factor, in the order of elimination
+    upper: wp.array(dtype=M33)  # the other triangle of what is not symmetric, transposed (`lu.py`)
     jac: wp.array(dtype=V3)  # entries of J's rows
     gap: wp.array(dtype=WORK)  # d/h, this and what follows by row
     rate: wp.array(dtype=WORK)  # d/h, plus what Coulomb friction lifts it by
@@ -66,6 +67,7 @@ class Slot:
     w: wp.array(dtype=WORK)  # J v' + d/h > 0
     res: wp.array(dtype=WORK)  # J v' + d/h - w
     excess: wp.array(dtype=WORK)  # a w - m(a - w)
+    cross: wp.array(dtype=WORK)  # what a straight step leaves of it, of second order
     p: wp.array(dtype=WORK)  # weight of dz in da
     slack: wp.array(dtype=WORK)  # weight of dz in -dw
     total: wp.array(dtype=WORK)  # what both were divided by
@@ -82,6 +84,7 @@ class Slot:
     entry: wp.array(dtype=wp.int32)  # (+ 1) first entry in jac
     pattern: wp.array(dtype=wp.int32)  # first entry in the table of blocks
     acting: wp.array(dtype=wp.int32)  # 1 or 2: the row is in the system
+    mode: wp.array(dtype=wp.int32)  # of Coulomb's friction
     name: wp.array(dtype=wp.int32)  # (units) of what hangs together by closing rows
     known: wp.array(dtype=wp.int32)  # (pairs) 1: near
     near: wp.array(dtype=wp.int32)  # (pairs) list of the near pairs, ascending
@@ -240,6 +243,9 @@ def view(work: wp.ref[Work], b: int):
     k.mass_factor = work.mass_factor[b]
     k.factor = work.factor[b]
     k.jac = work.jac[b]
+    k.upper = work.upper[b]
+    k.cross = work.cross[b]
+    k.mode = work.mode[b]
     view_rows(k, work, b)
     return k
 
@@ -250,12 +256,13 @@ def lengths(s: Structure) -> dict[str, int]:
     pairs, shapes, units = len(s.pairs), len(s.shapes), sizes.blocks  # no more units than blocks
     out = dict.fromkeys(("frame", "angle", "twist"), s.nb) | {"numbers": sizes.numbers, "count": 7}
     out |= dict.fromkeys(("q", "v0", "column"), s.nv) | dict.fromkeys(("local", "shape"), shapes)
-    matrices = {"mass": sizes.mass, "mass_factor": sizes.mass, "factor": sizes.matrix, "jac": sizes.entries}
+    matrices = dict.fromkeys(("mass", "mass_factor"), sizes.mass) | {"jac": sizes.entries}
+    matrices |= dict.fromkeys(("factor", "upper"), sizes.matrix)
     blocks = ("before", "vfree", "v", "best_v", "inner_v", "balance", "move", "most", "momentum", "lost",
               "unseen", "place", "block", "first", "at")  # fmt: skip
     rows = ("gap", "rate", "sigma", "scale", "diag", "alone", "own", "unit", "z", "best_z", "lam", "least",
-            "a", "w", "res", "excess", "p", "slack", "total", "dz", "divisor", "weight", "lift", "target",
-            "miss", "warm", "row", "pattern", "acting", "sorted")  # fmt: skip
+            "a", "w", "res", "excess", "cross", "p", "slack", "total", "dz", "divisor", "weight", "lift",
+            "target", "miss", "warm", "row", "pattern", "acting", "mode", "sorted")  # fmt: skip
     out |= matrices | dict.fromkeys(blocks, sizes.blocks) | dict.fromkeys(rows, s.nr)
     out |= dict.fromkeys(("entry", "group"), s.nr + 1)
     out |= dict.fromkeys(("normal", "reach", "known", "near"), pairs) | {"link": 2 * pairs}

@@ -27,6 +27,7 @@ from .single import rollout_by_steps
 from .specialised import taped_policy
 from .taped import record_rollout, record_step
 
+RUN = 8  # steps that one thread of a CPU linearises, each from the roots of the one before
 WORKSPACE_BYTES = 256 * 2**20  # worlds are stepped in chunks whose workspaces fit in here
 WORKSPACE_SHARE = 16  # or in one of so many parts of a GPU's memory: there all worlds of a chunk step at once
 
@@ -172,7 +173,8 @@ class GenericKernels:
     ) -> Callable[[], None]:
         """As `gradients.launches.prepare`."""
         steps = us.shape[1]
-        items = us.shape[0] * steps
+        length = min(steps, RUN) if wp.get_device(self.device).is_cpu else 1
+        items = us.shape[0] * -(-steps // length)
         given = [params, steps, xs, us, external, active, *outputs]
         chunk = min(self.chunk, self.slopes.most, self.stencils.most if second else items)
         slots = min(items, chunk)
@@ -186,7 +188,17 @@ class GenericKernels:
             )
             with lend[0] as work, lend[1] as slopes, lend[2] as stencil:
                 for base in range(0, items, chunk):
-                    inputs = [base, int(second), self.topology, work, self.groups, slopes, stencil, *given]
+                    inputs = [
+                        base,
+                        int(second),
+                        length,
+                        self.topology,
+                        work,
+                        self.groups,
+                        slopes,
+                        stencil,
+                        *given,
+                    ]
                     launch(kernel, min(chunk, items - base), inputs, self.device, grain=1)
 
         return run

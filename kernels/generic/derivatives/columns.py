@@ -1,4 +1,4 @@
-"""Right-hand sides of the implicit function theorem: eight columns of -F1 and -F2 by (q, v, u) at once."""
+"""Right-hand sides of the implicit function theorem: LANES columns of -F1 and -F2 by (q, v, u) at once."""
 
 from types import SimpleNamespace
 
@@ -39,7 +39,7 @@ def make_columns(given: type, residual: str) -> SimpleNamespace:
 
     @wp.func
     def of_bodies(t: wp.ref[Topology], d: Slopes, k: wp.ref[Slot], b: int, first: int, velocity: int):
-        """What bodies make of the columns by q, or by v, of the degrees of freedom first .. first + 7."""
+        """What bodies make of the columns by q, or by v, of the degrees of freedom from `first` on."""
         x = d.known[b]
         h = number(t, k, H, 0)
         for i in range(t.nb):
@@ -91,11 +91,28 @@ def make_columns(given: type, residual: str) -> SimpleNamespace:
                 put(x, t.place[j], j - first, -h * number(t, k, DAMPING, j))
 
     @wp.func
+    def is_within(g: Groups, group: int, first: int):
+        """Whether degrees of freedom of a group may be among from `first` on."""
+        if group < 0:
+            return False
+        last = g.group_dof[g.group_start[group + 1] - 1]
+        return last >= first and g.group_dof[g.group_start[group]] < first + COUNT
+
+    @wp.func
+    def is_moved(t: wp.ref[Topology], g: Groups, i: int, first: int):
+        """Whether one of them may move what row i is about."""
+        if is_within(g, rows.first_group(t, g, i), first):
+            return True
+        return is_within(g, rows.second_group(t, g, i), first)
+
+    @wp.func
     def of_pairs(t: wp.ref[Topology], g: Groups, d: Slopes, k: wp.ref[Slot], b: int, count: int, first: int):
         """d(J' lambda)/dq."""
         x = d.known[b]
         for one in range(count):
             pair = d.pair[b, one]
+            if not is_moved(t, g, t.pair_row[pair], first):
+                continue
             start = t.pair_start[pair]
             end = t.pair_start[pair + 1]
             entry = one * g.most - start
@@ -147,6 +164,9 @@ def make_columns(given: type, residual: str) -> SimpleNamespace:
         h = number(t, k, H, 0)
         for r in range(n):
             i = k.row[d.row[b, r]]
+            if not is_moved(t, g, i, first):
+                d.given[b, r] = Lanes()
+                continue
             out = Lanes()
             if t.row_kind[i] == CONTACT:
                 pair = t.row_index[i]

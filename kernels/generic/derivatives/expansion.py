@@ -1,7 +1,7 @@
 """The first-order expansion of the generic step at its solution, by the implicit function theorem.
 
 At the solution F1 = M (v' - v) - h (r + u) - J' lambda = 0 and F2 = J v' + d/h - w = 0. Their derivatives by
-(q, v, u) are gathered by loops over what each degree of freedom moves, eight columns at a time
+(q, v, u) are gathered by loops over what each degree of freedom moves, some columns (LANES) at a time
 (`columns.py`), and solved with one factor (`system.py`). No iteration is differentiated.
 """
 
@@ -13,7 +13,7 @@ from ...factories import cached
 from ..mechanism import make_mechanism
 from ..step import make_step
 from ..topology import Topology
-from ..work import ROWS, WORK, Slot
+from ..work import GROUPS, WORK, Slot
 from .bodies import make_bodies
 from .columns import make_columns
 from .rows import make_row_slopes
@@ -27,7 +27,7 @@ def make_expansion(given: type, residual: str) -> SimpleNamespace:
     """start(t, k, params, world): numbers, no roots and no normals. solve(t, k, d, b, u, moved, far,
     external, world) -> status: a step from the state (k.q, k.v0) under controls u, that of index `moved` (-1:
     none) greater by `far`. prepare(t, k, g, d, b, external, world) -> (acting rows, pairs): the parts of its
-    derivatives and the factor; columns(t, k, g, d, b, n, pairs, first): d.found = dv' by eight of (q, v, u).
+    derivatives and the factor; columns(t, k, g, d, b, n, pairs, first): d.found = dv' by LANES of (q, v, u).
     """
     dtype = WORK
     step = make_step(given, residual)
@@ -75,10 +75,16 @@ def make_expansion(given: type, residual: str) -> SimpleNamespace:
         n = int(0)
         pairs = int(0)
         if wp.static(contacts):
-            for r in range(k.count[wp.static(ROWS)]):
-                if k.acting[r] > 0:
-                    d.row[b, n] = r
-                    n += 1
+            bunches = int(0)
+            for i in range(k.count[wp.static(GROUPS)]):
+                before = n + 0
+                for r in range(k.group[i], k.group[i + 1]):
+                    if k.acting[r] > 0:
+                        d.row[b, n] = r
+                        n += 1
+                if n > before:
+                    d.bunch[b, bunches] = n
+                    bunches += 1
         system.factor(t, k, d, b, n)
         if wp.static(contacts):
             pairs = rows.prepare(t, k, g, d, b, n)

@@ -54,8 +54,8 @@ def bytes_of_stencil(s: Structure) -> int:
 
 @cached
 def make_writer(given: type) -> SimpleNamespace:
-    """take(t, k, b, x): the state of a step. write(t, d, k, b, first, a, c): eight columns of x' =
-    (q + h v', v'), first .. first + 7 of (x, u), into A and B.
+    """take(t, k, b, x): the state of a step. write(t, d, k, b, first, a, c): LANES columns of x' =
+    (q + h v', v'), from `first` on of (x, u), into A and B.
     """
     COUNT, ONE, H = LANES, WORK(1.0), COLUMN["step_size"]
     number = make_mechanism(given).number
@@ -95,7 +95,7 @@ def make_writer(given: type) -> SimpleNamespace:
 def make_differences(given: type, residual: str) -> SimpleNamespace:
     """measure(t, k, e, b): the size of the differences, and where perturbed steps start;
     stencil(kind): how far each is and its weight; start(t, k, e, b, c, far): such a step. add_slope(t, d, e,
-    b, first, weight): eight columns of its dv'/dz; add_second(fzz, e, b, c): the derivative by component c
+    b, first, weight): LANES columns of its dv'/dz; add_second(fzz, e, b, c): the derivative by component c
     that they made. clear(fzz, item).
     """
     expansion = make_expansion(given, residual)
@@ -189,22 +189,83 @@ def make_differences(given: type, residual: str) -> SimpleNamespace:
 
 
 @cached
-def make_linearize_kernel(given: type, residual: str) -> wp.Kernel:
-    """As `derivatives/expansion.py` has it, with second derivatives where asked for: item i is step i mod N
-    of problem i div N; item - base is the slot.
+def make_differentiate(given: type, residual: str) -> wp.Function:
+    """differentiate(t, k, g, d, e, b, second, x, u, external, world, a, c, fzz, item) -> status: A and B of a
+    step into a and c and, with `second` = 1, its second derivatives into fzz[item].
     """
-    expansion, writer, diff = (
-        make_expansion(given, residual),
-        make_writer(given),
-        make_differences(given, residual),
-    )
+    expansion, writer = make_expansion(given, residual), make_writer(given)
+    diff = make_differences(given, residual)
     COUNT, ZERO = LANES, WORK(0.0)
+
+    @wp.func
+    def differentiate(
+        t: wp.ref[Topology],
+        k: wp.ref[Slot],
+        g: Groups,
+        d: Slopes,
+        e: Stencil,
+        b: int,
+        second: int,
+        x: wp.array(dtype=given),
+        u: wp.array(dtype=given),
+        external: wp.array2d(dtype=given),
+        world: int,
+        a: wp.array2d(dtype=given),
+        c: wp.array2d(dtype=given),
+        fzz: wp.array4d(dtype=given),
+        item: int,
+    ):
+        width = 2 * t.nv + t.nu
+        diff.clear(fzz, item)
+        status = int(wp.static(SOLVED))
+        move = int(0)
+        while move <= 4 * second * width:  # 0: the step itself; then one of (x, u) at +1, -1, +2, -2
+            one = (move - 1) / 4
+            kind = move - 1 - 4 * one
+            times, weight = diff.stencil(kind)
+            far = ZERO
+            writer.take(t, k, b, x)
+            if move > 0:
+                far = times * e.size[b, one]
+                weight = weight / e.size[b, one]
+                diff.start(t, k, e, b, one, far)
+            code = expansion.solve(t, k, d, b, u, one - 2 * t.nv, far, external, world)
+            if move == 0:
+                status = code
+                if second == 1:
+                    diff.measure(t, k, e, b)
+            if code != wp.static(SOLVED):
+                diff.clear(fzz, item)
+                return status
+            n, pairs = expansion.prepare(t, k, g, d, b, external, world)
+            for part in range((width + COUNT - 1) / COUNT):
+                expansion.columns(t, k, g, d, b, n, pairs, part * COUNT)
+                if move == 0:
+                    writer.write(t, d, k, b, part * COUNT, a, c)
+                else:
+                    diff.add_slope(t, d, e, b, part * COUNT, weight)
+            if kind == 3 and move > 0:
+                diff.add_second(fzz[item], e, b, one)
+            move += 1
+        return status
+
+    return differentiate
+
+
+@cached
+def make_linearize_kernel(given: type, residual: str) -> wp.Kernel:
+    """As `derivatives/expansion.py` has it, with second derivatives where asked for. Item i is part i mod P
+    of problem i div P, `run` consecutive steps (P of them make up N), each of which starts from the roots of
+    the one before; item - base is the slot.
+    """
+    expansion, differentiate = make_expansion(given, residual), make_differentiate(given, residual)
 
     @specialised
     def generic_linearize_kernel(
         first: int,
         base: int,
         second: int,  # 1: second derivatives, too
+        run: int,
         t: Topology,
         work: Work,
         g: Groups,
@@ -222,44 +283,34 @@ def make_linearize_kernel(given: type, residual: str) -> wp.Kernel:
         status: wp.array2d(dtype=wp.int32),  # out (B, N)
     ):
         b = first + wp.tid()
-        item = base + b
-        i = item / steps
-        step = item - i * steps
+        parts = (steps + run - 1) / run
+        i = (base + b) / parts
+        begin = (base + b - i * parts) * run
         if active.shape[0] > 0:
             if active[i] == 0:
                 return
         k = view(work, b)
-        width = 2 * t.nv + t.nu
-        expansion.start(t, k, params, i)
-        diff.clear(fzz, item)
-        move = int(0)
-        while move <= 4 * second * width:  # 0: the step itself; then component c at +1, -1, +2, -2
-            c = (move - 1) / 4
-            kind = move - 1 - 4 * c
-            times, weight = diff.stencil(kind)
-            far = ZERO
-            writer.take(t, k, b, xs[i, step])
-            if move > 0:
-                far = times * e.size[b, c]
-                weight = weight / e.size[b, c]
-                diff.start(t, k, e, b, c, far)
-            code = expansion.solve(t, k, d, b, us[i, step], c - 2 * t.nv, far, external, i)
-            if move == 0:
-                status[i, step] = code
-                if second == 1:
-                    diff.measure(t, k, e, b)
+        code = int(1)
+        for n in range(begin, wp.min(begin + run, steps)):
             if code != wp.static(SOLVED):
-                diff.clear(fzz, item)
-                return
-            n, pairs = expansion.prepare(t, k, g, d, b, external, i)
-            for part in range((width + COUNT - 1) / COUNT):
-                expansion.columns(t, k, g, d, b, n, pairs, part * COUNT)
-                if move == 0:
-                    writer.write(t, d, k, b, part * COUNT, fx[i, step], fu[i, step])
-                else:
-                    diff.add_slope(t, d, e, b, part * COUNT, weight)
-            if kind == 3 and move > 0:
-                diff.add_second(fzz[item], e, b, c)
-            move += 1
+                expansion.start(t, k, params, i)
+            code = differentiate(
+                t,
+                k,
+                g,
+                d,
+                e,
+                b,
+                second,
+                xs[i, n],
+                us[i, n],
+                external,
+                i,
+                fx[i, n],
+                fu[i, n],
+                fzz,
+                i * steps + n,
+            )
+            status[i, n] = code
 
     return generic_linearize_kernel

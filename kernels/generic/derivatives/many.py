@@ -1,4 +1,4 @@
-"""Eight right-hand sides at once with the factors of `envelope.py` and `lu.py`: what derivatives need.
+"""LANES right-hand sides at once with the factors of `envelope.py` and `lu.py`: what derivatives need.
 
 After a solved step k.factor holds factors of M + J' W J (W = p/(T D), T = q + tau p diag(A)/D) of every
 island, or what the caller put there; the proximal term tau in them is the caller's to refine against.
@@ -15,7 +15,7 @@ from ..work import M33, Lanes
 @cached
 def make_many() -> SimpleNamespace:
     """solve(m, u, first, at, block, x, start, end): (L U)^-1 x in place between the borders of an independent
-    part, x being (3 blocks) of eight: component c of block b at 3 b + c. m holds L and u the transpose of U;
+    part, x being (3 blocks) of LANES: component c of block b at 3 b + c. m holds L and u the transpose of U;
     of a Cholesky factor both are the same. With m and u exchanged the transposed system is solved.
     """
 

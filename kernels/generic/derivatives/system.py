@@ -1,4 +1,4 @@
-"""The linear system of the implicit function theorem at a solved step, and eight right-hand sides at once.
+"""The linear system of the implicit function theorem at a solved step, and LANES right-hand sides at once.
 
 (dv', dz) solves M dv' - J' (p/D) dz = -F1, C dv' + q dz = -F2 with p = s'(z), q = s'(-z), where -F1 holds D's
 own change and C = J but for contacts that slide under Coulomb's friction, whose row of C is J_n at fixed
@@ -17,11 +17,11 @@ from ..newton import PROXIMAL, make_newton
 from ..topology import CONTACT, Topology
 from ..work import ISLANDS, M33, V3, WORK, Island, Lanes, Slot, island
 from .many import make_many
-from .tables import Slopes
+from .tables import Share, Slopes
 
 YIELDING = 1e-10  # diag(A) dlambda by which a row yields
 REFINED = 1e-6  # a correction relative to what it corrects, after which the next one is rounding
-REFINEMENTS = 4
+REFINEMENTS = 3
 
 
 @cached
@@ -60,28 +60,58 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
         return k.jac[k.entry[s] + e]
 
     @wp.func
+    def add_pushes(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, n: int, x: wp.array(dtype=Lanes)):
+        """x += J' push; rows of the same blocks are summed up before they are stored."""
+        begin = int(0)
+        i = int(0)
+        while begin < n:
+            end = d.bunch[b, i]
+            s = d.row[b, begin]
+            pattern = k.pattern[s]
+            for e in range(k.entry[s + 1] - k.entry[s]):
+                one = Lanes()
+                two = Lanes()
+                three = Lanes()
+                for r in range(begin, end):
+                    j = k.jac[k.entry[d.row[b, r]] + e]
+                    push = d.push[b, r]
+                    one += j[0] * push
+                    two += j[1] * push
+                    three += j[2] * push
+                p = 3 * t.row_block[pattern + e]
+                x[p] = x[p] + one
+                x[p + 1] = x[p + 1] + two
+                x[p + 2] = x[p + 2] + three
+            begin = int(end)
+            i += 1
+
+    @wp.func
     def rate(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, r: int, x: wp.array(dtype=Lanes)):
-        """C_r x"""
-        out = Lanes()
+        """d.push = C_r x: in memory, since numbers that a loop carries along are not kept as one."""
         s = d.row[b, r]
-        slides = d.slides[b, r]
-        first = first_row(t, k, s)
+        start = k.entry[s]
         pattern = k.pattern[s]
-        for e in range(k.entry[s + 1] - k.entry[s]):
-            j = column(k, s, e, slides, first)
+        d.push[b, r] = Lanes()
+        for e in range(k.entry[s + 1] - start):
+            j = k.jac[start + e]
+            if wp.static(residual == "hard"):
+                if d.slides[b, r] == 1:
+                    j = column(k, s, e, 1, first_row(t, k, s))
             p = 3 * t.row_block[pattern + e]
-            for part in range(3):
-                out += j[part] * x[p + part]
-        return out
+            d.push[b, r] = d.push[b, r] + (j[0] * x[p] + j[1] * x[p + 1] + j[2] * x[p + 2])
 
     @wp.func
     def weigh(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, n: int):
-        """p and q of the acting rows, and which of them slide."""
+        """p and q of the acting rows, what a row yields by with dz, 1/T, p/D, p/(T D); which rows slide."""
         for r in range(n):
             s = d.row[b, r]
             e = nt.smooth(k, s, k.z[s])
             k.p[s] = e[2]
             k.slack[s] = e[3]
+            own = TAU * e[2] * k.diag[s] / k.scale[s]
+            inverse = ONE / (e[3] + own)
+            push = e[2] / k.scale[s]
+            d.share[b, r] = Share(own, inverse, push, push * inverse)
             d.slides[b, r] = 0
             if t.coulomb == 1 and t.row_kind[k.row[s]] == CONTACT and t.row_sign[k.row[s]] != 0:
                 first = first_row(t, k, s)
@@ -178,13 +208,14 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
         size = Lanes()
         moved = Lanes()
         for i in range(3 * t.blocks):
-            value = x[i] + change[i]
+            step = change[i]
+            value = x[i] + step
             x[i] = value
-            size = wp.max(size, wp.abs(value))
-            moved = wp.max(moved, wp.abs(change[i]))
+            size += wp.cw_mul(value, value)
+            moved += wp.cw_mul(step, step)
         good = int(1)
         for lane in range(wp.static(len(Lanes()))):
-            if not (moved[lane] <= SMALL * size[lane]):
+            if not (moved[lane] <= SMALL * SMALL * size[lane]):
                 good = 0
         return good
 
@@ -195,33 +226,33 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
         found = d.found[b]
         for i in range(3 * t.blocks):
             side[i] = known[i]
-            found[i] = Lanes()
         for r in range(n):
-            s = d.row[b, r]
-            p = k.p[s]
-            total = k.slack[s] + TAU * p * k.diag[s] / k.scale[s]
-            add(t, k, s, side, (p / (total * k.scale[s])) * d.given[b, r])
+            d.push[b, r] = d.share[b, r][3] * d.given[b, r]
             d.root[b, r] = Lanes()
-        more = int(1)
+        add_pushes(t, k, d, b, n, side)
+        more = int(0)
         while more <= REFINEMENTS:
             substitute(t, k, d, b, side)
-            done = settled(t, found, side)
-            if done == 1 or more == REFINEMENTS or n == 0:
+            if more == 0:
+                for i in range(3 * t.blocks):
+                    found[i] = side[i]
+            elif settled(t, found, side) == 1:
+                return
+            if more == REFINEMENTS or n == 0:
                 return
             for r in range(n):  # what is left of F2 once dz follows is the proximal term's
-                s = d.row[b, r]
-                own = TAU * k.p[s] * k.diag[s] / k.scale[s]
-                change = (d.given[b, r] - rate(t, k, d, b, r, side)) / (k.slack[s] + own)
-                d.root[b, r] = d.root[b, r] + change
-                d.given[b, r] = own * change
+                rate(t, k, d, b, r, side)
+                share = d.share[b, r]
+                change = share[1] * (d.given[b, r] - d.push[b, r])
+                root = d.root[b, r] + change
+                left = share[0] * change
+                d.root[b, r] = root
+                d.given[b, r] = left
+                d.push[b, r] = share[2] * root + share[3] * left
             for i in range(3 * t.blocks):
                 side[i] = known[i]
             take_momentum(t, k, found, side)
-            for r in range(n):
-                s = d.row[b, r]
-                p = k.p[s]
-                total = k.slack[s] + TAU * p * k.diag[s] / k.scale[s]
-                add(t, k, s, side, (p / k.scale[s]) * (d.root[b, r] + d.given[b, r] / total))
+            add_pushes(t, k, d, b, n, side)
             more += 1
 
     @wp.func

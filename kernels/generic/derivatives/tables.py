@@ -14,6 +14,7 @@ from ..topology import MOVES_A, MOVES_B, tables
 from ..work import M33, V2, WORK, Lanes
 
 Pair = V2
+Share = wp.types.vector(4, WORK)
 OfBody = wp.types.vector(6, WORK)  # of a chain's degree of freedom, see `bodies.py`
 OfContact = wp.types.vector(13, WORK)  # of one that moves a pair, see `pairs.py`
 OfSpring = wp.types.vector(10, WORK)  # of one that moves a spring, see `springs.py`
@@ -52,6 +53,8 @@ class Slopes:
     force: wp.array2d(dtype=Pair)  # (pairs) normal and tangential impulse
     pair: wp.array2d(dtype=wp.int32)  # (pairs) list of those with acting rows
     row: wp.array2d(dtype=wp.int32)  # (nr) list of the acting rows; what follows is by that list
+    bunch: wp.array2d(dtype=wp.int32)  # (nr) ends of the parts of that list that share their blocks
+    share: wp.array2d(dtype=Share)  # (nr) numbers of the acting rows, see `system.py`
     slides: wp.array2d(dtype=wp.int32)  # (nr) 1: the row is that of a sliding contact with Coulomb's friction
     gap_by_q: wp.array2d(dtype=WORK)  # (nr most) of J_i v' + d/h, by entries of the pair
     scale_by_q: wp.array2d(dtype=WORK)  # (nr width) of D_i, by dofs of the groups
@@ -61,6 +64,7 @@ class Slopes:
     found: wp.array2d(dtype=Lanes)  # (3 blocks) dv'
     given: wp.array2d(dtype=Lanes)  # (nr) -F2
     root: wp.array2d(dtype=Lanes)  # (nr) dz
+    push: wp.array2d(dtype=Lanes)  # (nr) what a row adds to -F1 along J
 
 
 @cached
@@ -144,12 +148,13 @@ def lengths(s: Structure) -> dict[str, tuple[int, Any]]:
         "of_contact": (pairs * most, OfContact),
         "force": (pairs, Pair),
         "pair": (pairs, wp.int32),
-        **dict.fromkeys(("row", "slides"), (s.nr, wp.int32)),
+        "share": (s.nr, Share),
+        **dict.fromkeys(("row", "bunch", "slides"), (s.nr, wp.int32)),
         "gap_by_q": (s.nr * most, WORK),
         "scale_by_q": (s.nr * width, WORK),
         "upper": (sizes.matrix, M33),
         **dict.fromkeys(("known", "side", "found"), (3 * sizes.blocks, Lanes)),
-        **dict.fromkeys(("given", "root"), (s.nr, Lanes)),
+        **dict.fromkeys(("given", "root", "push"), (s.nr, Lanes)),
     }
 
 

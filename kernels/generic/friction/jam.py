@@ -10,11 +10,11 @@ most (J_n v_free + sqrt(A_nn) |v_free|_M)/2. Where a guided contact that enters 
 
 import warp as wp
 
-from ..factories import cached
-from .contact import ROUNDING
-from .newton import make_newton
-from .topology import CONTACT, Topology
-from .work import V3, WORK, Island, Slot
+from ...factories import cached
+from ..contact import ROUNDING
+from ..newton import make_newton
+from ..topology import CONTACT, Topology
+from ..work import V3, WORK, Island, Slot
 
 PARALLEL = 1e-24  # squares of what two directions differ by
 STRICTLY = 1e-9  # by which inequalities must hold, relative to their terms

@@ -12,10 +12,10 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ..factories import cached
-from .newton import make_newton
-from .topology import CONTACT, Topology
-from .work import WORK, Island, Slot
+from ...factories import cached
+from ..newton import make_newton
+from ..topology import CONTACT, Topology
+from ..work import WORK, Island, Slot
 
 COULOMB_PASSES = 100
 RETREATS = 8  # of mu s, halfway each

@@ -1,0 +1,386 @@
+"""Coulomb's hard friction of an island: semismooth Newton's method on what every contact does.
+
+A contact is off, sticks or slides either way. In the rows w+- = J+- v' + d/h of Anitescu's relaxation, with
+w_n = (w+ + w-)/2 and mu v_t = u = (w+ - w-)/2: one that sticks holds both rows, w+ = w- = 0; one that slides
+presses by one of them, lambda+ where u < 0, and holds w_n = 0; limits and contacts without friction are off
+or hold. The modes come from the natural map: with one A for both, a contact presses where A (lambda+ +
+lambda-) > w_n, and sticks where |A (lambda+ - lambda-) - u| is not more than the difference. At given modes
+the impulses change by -kappa (w + J~ dv), J~ the row or the mean of the two, so that
+
+    (M + J' kappa J~) dv = J' lambda - M (v' - v_free) - J' kappa w,
+
+not symmetric where something slides. kappa = 1/(tau diag(A)): a proximal term about the last impulses, which
+leaves no trace where the iteration ends. A point is judged as one of the hard problem whose d/h is lifted by
+|u| (`coulomb.py`): with that its complementarity is Coulomb's law, on the scales of the data without a lift.
+"""
+
+from types import SimpleNamespace
+
+import warp as wp
+
+from ...factories import cached
+from ..lu import make_lu
+from ..newton import TOLERANCE, make_newton
+from ..topology import CONTACT, Topology
+from ..work import M33, V3, WORK, Island, Slot
+
+PROXIMAL = 1e-9  # tau
+OFF, HOLDS, SLIDES = 0, 1, 2  # modes of a row; SLIDES: presses, and holds the mean of the pair's rows
+STAYS = 1e-12  # residual of the last impulses that stay as they are: rounding of gaps makes as much
+CHANGES = 4.0  # of a contact's modes, after which it is in a cycle
+PATIENCE = 2  # iterations at modes that stay, without a gain
+
+
+@cached
+def make_modes(given: type) -> SimpleNamespace:
+    """newton(t, k, o, warm) -> 1 if k.v, k.z, k.lam are a solution to the residual's aim, and what is needed
+    to solve for more right-hand sides there.
+    """
+    dtype = WORK
+    nt = make_newton(given, "hard")
+    lu = make_lu()
+    ZERO, ONE, HALF = dtype(0.0), dtype(1.0), dtype(0.5)
+    TAU, GOOD, AIM, KEPT = dtype(PROXIMAL), nt.GOOD, dtype(TOLERANCE), dtype(STAYS)
+    HUGE, RESTLESS = dtype(1e300), dtype(CHANGES)
+
+    @wp.func
+    def begins_pair(t: wp.ref[Topology], k: wp.ref[Slot], r: int):
+        """Whether r is the first row of a pair with friction."""
+        i = k.row[r]
+        return t.row_kind[i] == CONTACT and t.row_sign[i] > 0
+
+    @wp.func
+    def follows(t: wp.ref[Topology], k: wp.ref[Slot], r: int):
+        """Whether r is the second row of a pair with friction."""
+        i = k.row[r]
+        return t.row_kind[i] == CONTACT and t.row_sign[i] < 0
+
+    @wp.func
+    def join_pairs(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+        """Both rows of a contact act where one does."""
+        for r in range(o.row, o.last_row):
+            if begins_pair(t, k, r):
+                if k.acting[r] + k.acting[r + 1] > 0:
+                    k.acting[r] = wp.max(k.acting[r], 1)
+                    k.acting[r + 1] = wp.max(k.acting[r + 1], 1)
+
+    @wp.func
+    def drop_lifts(k: wp.ref[Slot], o: Island):
+        """d/h of the data."""
+        for r in range(o.row, o.last_row):
+            k.lift[r] = ZERO
+            k.rate[r] = k.gap[r]
+
+    @wp.func
+    def measure(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+        """k.total: J v' + d/h without a lift."""
+        for r in range(o.row, o.last_row):
+            if k.acting[r] > 0:
+                k.total[r] = k.gap[r] + nt.dot(t, k, k.v, r)
+
+    @wp.func
+    def lift(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+        """Lift d/h by what |u| is in k.total."""
+        for r in range(o.row, o.last_row):
+            if k.acting[r] > 0 and follows(t, k, r):
+                up = HALF * wp.abs(k.total[r - 1] - k.total[r])
+                k.lift[r - 1] = up
+                k.rate[r - 1] = k.gap[r - 1] + up
+                k.rate[r] = k.gap[r] + up
+
+    @wp.func
+    def push(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+        """v' that the impulses k.weight give."""
+        for place in range(o.start, o.end):
+            k.move[k.block[place]] = V3()
+        nt.add_pushes(t, k, o)
+        for place in range(o.start, o.end):
+            b = k.block[place]
+            u = t.block_unit[b]
+            if t.unit_start[u] == b:
+                nt.env.solve(
+                    k.mass_factor, t.mass_first, t.mass_at, t.block_id, k.move, b, t.unit_start[u + 1]
+                )
+        for place in range(o.start, o.end):
+            b = k.block[place]
+            k.v[b] = k.vfree[b] + k.move[b]
+
+    @wp.func
+    def leave_alone(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+        """v' = v_free, to the last bit, of what no row presses."""
+        for place in range(o.start, o.end):
+            k.move[k.block[place]] = V3()
+        for r in range(o.row, o.last_row):
+            k.weight[r] = ZERO
+            if k.acting[r] > 0:
+                k.weight[r] = k.lam[r]
+        nt.add_pushes(t, k, o)
+        for place in range(o.start, o.end):
+            b = k.block[place]
+            u = t.block_unit[b]
+            if t.unit_start[u] == b:
+                pushed = ZERO
+                for i in range(b, t.unit_start[u + 1]):
+                    pushed += wp.dot(k.move[i], k.move[i])
+                if pushed == ZERO:
+                    for i in range(b, t.unit_start[u + 1]):
+                        k.v[i] = k.vfree[i]
+
+    @wp.func
+    def warm(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+        """Modes and impulses of k.z, and v' that these give; D lambda stays in k.excess."""
+        for r in range(o.row, o.last_row):
+            k.mode[r] = OFF
+            k.weight[r] = ZERO
+            if k.acting[r] > 0:
+                k.excess[r] = wp.max(k.z[r], ZERO)
+                k.weight[r] = k.excess[r] / k.scale[r]
+                if k.z[r] > ZERO:
+                    k.mode[r] = HOLDS
+                if follows(t, k, r) and k.mode[r] != k.mode[r - 1]:
+                    k.mode[r] = SLIDES * k.mode[r]
+                    k.mode[r - 1] = SLIDES * k.mode[r - 1]
+            k.a[r] = k.weight[r]
+        push(t, k, o)
+
+    @wp.func
+    def choose(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+        """Modes by the natural map at (k.v, k.a), impulses that they allow; 1 if a mode changed."""
+        changed = int(0)
+        for r in range(o.row, o.last_row):
+            if k.acting[r] > 0 and not follows(t, k, r):
+                first = int(OFF)
+                second = int(OFF)
+                if begins_pair(t, k, r):
+                    size = HALF * (k.diag[r] + k.diag[r + 1])
+                    presses = size * (k.a[r] + k.a[r + 1]) - HALF * (k.total[r] + k.total[r + 1])
+                    rubs = size * (k.a[r] - k.a[r + 1]) - HALF * (k.total[r] - k.total[r + 1])
+                    if presses > ZERO:
+                        first = wp.where(rubs > presses, SLIDES, wp.where(rubs < -presses, OFF, HOLDS))
+                        second = wp.where(rubs < -presses, SLIDES, wp.where(rubs > presses, OFF, HOLDS))
+                    total = wp.max(k.a[r] + k.a[r + 1], ZERO)
+                    k.a[r] = wp.where(first == SLIDES, total, wp.where(first == OFF, ZERO, k.a[r]))
+                    k.a[r + 1] = wp.where(second == SLIDES, total, wp.where(second == OFF, ZERO, k.a[r + 1]))
+                    if second != k.mode[r + 1]:
+                        changed = 1
+                        k.divisor[r] = k.divisor[r] + ONE
+                    k.mode[r + 1] = second
+                else:
+                    if k.diag[r] * k.a[r] > k.total[r]:
+                        first = int(HOLDS)
+                    else:
+                        k.a[r] = ZERO
+                if first != k.mode[r]:
+                    changed = 1
+                    k.divisor[r] = k.divisor[r] + ONE
+                k.mode[r] = first
+        return changed
+
+    @wp.func
+    def partner(t: wp.ref[Topology], k: wp.ref[Slot], r: int):
+        """The row whose mean with r is held: of one that slides the other one of the pair, else r itself."""
+        if k.mode[r] == SLIDES:
+            return r + t.row_sign[k.row[r]]
+        return r
+
+    @wp.func
+    def stiffen(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, tau: dtype):
+        """k.p: kappa; whether something slides."""
+        slides = int(0)
+        for r in range(o.row, o.last_row):
+            k.p[r] = ZERO
+            if k.acting[r] > 0 and k.mode[r] != OFF:
+                k.p[r] = ONE / (tau * k.diag[r])
+                if k.mode[r] == SLIDES:
+                    slides = 1
+        return slides
+
+    @wp.func
+    def assemble(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+        """M + J' kappa J~ into k.factor and k.upper, where something slides."""
+        for place in range(o.start, o.end):
+            at = k.at[place]
+            b = k.block[place]
+            own = place - b + t.mass_first[b]
+            for j in range(k.first[place], own):
+                k.factor[at + j] = M33()
+                k.upper[at + j] = M33()
+            for j in range(own, place + 1):
+                m = k.mass[t.mass_at[b] + j + b - place]
+                k.factor[at + j] = m
+                k.upper[at + j] = m
+        for g in range(o.group, o.last_group):
+            start = k.group[g]
+            end = k.group[g + 1]
+            pattern = k.pattern[start]
+            entries = k.entry[start + 1] - k.entry[start]
+            for e in range(entries):
+                one = k.place[t.row_block[pattern + e]]
+                for f in range(e + 1):
+                    two = k.place[t.row_block[pattern + f]]
+                    total = M33()
+                    across = M33()  # of (f, e), transposed
+                    for r in range(start, end):
+                        if k.p[r] > ZERO:
+                            at = k.entry[r]
+                            other = k.entry[partner(t, k, r)]
+                            weight = HALF * k.p[r]
+                            held_e = weight * (k.jac[at + e] + k.jac[other + e])
+                            held_f = weight * (k.jac[at + f] + k.jac[other + f])
+                            total += wp.outer(k.jac[at + e], held_f)
+                            across += wp.outer(held_e, k.jac[at + f])
+                    if one < two:
+                        slot = k.at[two] + one
+                        k.factor[slot] = k.factor[slot] + wp.transpose(across)
+                        k.upper[slot] = k.upper[slot] + wp.transpose(total)
+                    else:
+                        slot = k.at[one] + two
+                        k.factor[slot] = k.factor[slot] + total
+                        k.upper[slot] = k.upper[slot] + across
+
+    @wp.func
+    def factor(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, tau: dtype):
+        """The matrix of the modes at hand and its factors; 1 if it is not symmetric."""
+        slides = stiffen(t, k, o, tau)
+        if slides == 1:
+            assemble(t, k, o)
+            lu.factor(k.factor, k.upper, k.first, k.at, o.start, o.end)
+        else:
+            for r in range(o.row, o.last_row):
+                k.weight[r] = k.p[r]
+            nt.assemble(t, k, o)
+            nt.env.factor(k.factor, k.first, k.at, o.start, o.end)
+        return slides
+
+    @wp.func
+    def advance(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, slides: int):
+        """A step of (k.v, k.a) and k.total at the modes at hand; needs k.balance for k.lam."""
+        for r in range(o.row, o.last_row):
+            k.weight[r] = ZERO
+            if k.acting[r] > 0:
+                held = k.total[r] + k.total[partner(t, k, r)]
+                k.weight[r] = k.a[r] - k.lam[r] - HALF * k.p[r] * held
+        for place in range(o.start, o.end):
+            b = k.block[place]
+            k.move[b] = -k.balance[b]
+        nt.add_pushes(t, k, o)
+        if slides == 1:
+            lu.solve(k.factor, k.upper, k.first, k.at, k.block, k.move, o.start, o.end)
+        else:
+            nt.env.solve(k.factor, k.first, k.at, k.block, k.move, o.start, o.end)
+        for place in range(o.start, o.end):
+            b = k.block[place]
+            k.v[b] = k.v[b] + k.move[b]
+        for r in range(o.row, o.last_row):
+            if k.acting[r] > 0:
+                k.dz[r] = nt.dot(t, k, k.move, r)
+        for r in range(o.row, o.last_row):
+            if k.p[r] > ZERO:
+                other = partner(t, k, r)
+                held = (k.total[r] + k.total[other]) + (k.dz[r] + k.dz[other])  # as on the right-hand side
+                k.a[r] = k.a[r] - HALF * k.p[r] * held
+        for r in range(o.row, o.last_row):
+            if k.acting[r] > 0:
+                k.total[r] = k.total[r] + k.dz[r]
+
+    @wp.func
+    def evaluate(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+        """z and lambda of (k.v, k.a); the largest residual of Coulomb's law and of M dv = J' lambda."""
+        lift(t, k, o)
+        worst = dtype(0.0)
+        finite = dtype(0.0)
+        for r in range(o.row, o.last_row):
+            if k.acting[r] > 0:
+                lam = wp.max(k.a[r], ZERO)
+                held = k.rate[r] - k.gap[r] + k.total[r]
+                w = wp.max(held, ZERO)
+                if lam > ZERO:
+                    w = ZERO
+                k.lam[r] = lam
+                k.z[r] = k.scale[r] * lam - w
+                worst = wp.max(worst, wp.abs(held - w) / k.unit[r])
+                finite += wp.abs(held) + wp.abs(k.a[r])
+        if not wp.isfinite(finite):
+            worst = ZERO + HUGE
+        return wp.max(worst, nt.unbalanced(t, k, o))
+
+    @wp.func
+    def let_go(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+        """Turn off the contacts whose modes went on changing in `newton` (counted in k.divisor)."""
+        for r in range(o.row, o.last_row):
+            first = int(r)
+            if follows(t, k, r):
+                first = r - 1
+            if k.acting[r] > 0 and k.divisor[first] >= RESTLESS:
+                k.mode[r] = OFF
+                k.a[r] = ZERO
+
+    @wp.func
+    def keep(k: wp.ref[Slot], o: Island):
+        for place in range(o.start, o.end):
+            k.best_v[k.block[place]] = k.v[k.block[place]]
+        for r in range(o.row, o.last_row):
+            k.best_z[r] = k.a[r]
+
+    @wp.func
+    def take(k: wp.ref[Slot], o: Island):
+        for place in range(o.start, o.end):
+            k.v[k.block[place]] = k.best_v[k.block[place]]
+        for r in range(o.row, o.last_row):
+            k.a[r] = k.best_z[r]
+
+    @wp.func
+    def newton(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, chosen: int, iterations: int):
+        """From (k.v, k.a), at first in the modes at hand where they are `chosen`; 1 if the best point, which
+        stays, is a solution. `prepare` has to be called before, without a lift.
+        """
+        best = ZERO + HUGE
+        slides = int(0)
+        misses = int(0)
+        last = int(0)  # 1: the last point is the best
+        it = int(0)
+        measure(t, k, o)
+        for r in range(o.row, o.last_row):
+            k.divisor[r] = ZERO
+        going = int(1)
+        while going == 1:
+            worst = evaluate(t, k, o)
+            misses += 1
+            if worst < HALF * best:
+                misses = 0
+            last = wp.where(worst < best, 1, 0)
+            if last == 1:
+                best = worst + ZERO
+                keep(k, o)
+            if best <= wp.where(it == 0, KEPT, AIM) or it >= iterations or not (worst < HUGE):
+                going = 0
+            if going == 1:
+                changed = int(1)
+                if it > 0 or chosen == 0:
+                    changed = wp.max(choose(t, k, o), wp.where(it == 0, 1, 0))
+                if changed == 1 and best > GOOD:
+                    misses = 0
+                if misses >= PATIENCE:
+                    going = 0
+                elif changed == 1:
+                    slides = factor(t, k, o, TAU)
+            if going == 1:
+                advance(t, k, o, slides)
+            it += 1
+        if last == 0:
+            take(k, o)
+            measure(t, k, o)
+            evaluate(t, k, o)
+        return wp.where(best <= GOOD, 1, 0)
+
+    return SimpleNamespace(
+        join_pairs=join_pairs,
+        drop_lifts=drop_lifts,
+        measure=measure,
+        lift=lift,
+        push=push,
+        leave_alone=leave_alone,
+        warm=warm,
+        let_go=let_go,
+        newton=newton,
+    )

@@ -1,0 +1,124 @@
+"""Coulomb's hard friction of many contacts: modes found directly, judged by an oracle in NumPy."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import warp as wp
+from oracle_coulomb import natural_map
+from simulators import scene
+
+import slcp_warp as slcp
+from slcp_warp.kernels.generic.lu import make_lu
+from slcp_warp.kernels.generic.work import M33, V3
+
+COULOMB = slcp.Options(residual="hard", friction="coulomb")
+
+
+def thrown(sc, worlds, rng, spread=0.0):
+    """States around a scene's start, velocities N(0, 1)."""
+    x = np.tile(sc.x0, (worlds, 1))
+    x[:, sc.nv :] += rng.standard_normal((worlds, sc.nv))
+    x[:, : sc.nv] += spread * rng.standard_normal((worlds, sc.nv))
+    return x
+
+
+def rolled(sc, x, steps, **changes):
+    """A rollout by the generic kernels, without controls."""
+    sim = slcp.Simulator(sc, COULOMB, "cpu", "float64", strategy="generic")
+    return sim.rollout(
+        x, np.zeros((len(x), steps, sim.nu)), sim.params.replace(**changes), record=("impulse",)
+    )
+
+
+@pytest.mark.parametrize(
+    "boxes,worlds,steps,mu,most",
+    [(3, 400, 75, 0.5, 3), (6, 300, 40, 1.0, 1), (6, 300, 40, 2.0, 8), (15, 60, 30, 0.5, 1)],
+    ids=["3 boxes", "rough", "rougher", "15 boxes"],
+)
+def test_thrown_stacks_are_solved(boxes, worlds, steps, mu, most):
+    """All but one step in 10,000; where friction holds contacts against each other, a few more."""
+    sc = slcp.scenes.stack(boxes)
+    run = rolled(sc, thrown(sc, worlds, np.random.default_rng(3)), steps, friction=mu * np.ones(2 * boxes))
+    assert (run.status != slcp.Status.SOLVED).sum() <= most
+
+
+@pytest.mark.parametrize("name", ["walker", "hopper", "heap", "stack", "unequal"])
+def test_law_holds(name):
+    """0 <= w_n _|_ lambda_n >= 0, the cone, friction against the slip, M dv = J' lambda, step by step."""
+    rng = np.random.default_rng(4)
+    sc = (
+        slcp.scenes.stack(5, masses=list(10.0 ** rng.uniform(-2, 2, 5))) if name == "unequal" else scene(name)
+    )
+    x = thrown(sc, 40, rng, 1e-3)
+    run = rolled(sc, x, 120)
+    assert (run.status == slcp.Status.SOLVED).mean() > 0.95
+    going = run.status == slcp.Status.SOLVED
+    pressed = 0
+    for k in range(0, 120, 12):
+        step = SimpleNamespace(state=run.states[going, k + 1], impulse=run.impulse[going, k])
+        worst = natural_map(sc, float, run.states[going, k], np.zeros((going.sum(), sc.nu)), step)
+        assert worst.max() < 1e-10, k
+        pressed += (step.impulse > 0).any(1).sum()
+    assert pressed > 50
+
+
+def test_rest_stays():
+    """A stack at rest for 200 steps: nothing moves but by rounding of the gaps."""
+    sc = slcp.scenes.stack(10)
+    run = rolled(sc, sc.x0[None], 200)
+    assert np.abs(run.states[0, -1] - sc.x0).max() < 1e-10
+    np.testing.assert_allclose(run.impulse[0, -1, 0:4:2].sum(), 10 * 9.81 * 0.01, rtol=1e-9)
+
+
+def test_what_nothing_presses_falls_freely():
+    """A block between fingers that touch it and do not press: not a bit of rounding holds it."""
+    sc = scene("grasp")
+    run = rolled(sc, sc.x0[None], 20)
+    assert run.status[0] == slcp.Status.SOLVED
+    fall = sc.x0[:5] + np.array([0, 0, 0, -9.81 * sc.step_size**2 * 20 * 21 / 2, 0])
+    np.testing.assert_allclose(run.states[0, -1, :5], fall, rtol=0, atol=1e-12)
+
+
+def envelopes(rng, first):
+    """A diagonally dominant matrix of 3 x 3 blocks in an envelope: dense, and as `lu.py` stores it."""
+    n = len(first)
+    dense = np.zeros((3 * n, 3 * n))
+    lower, upper, at = [], [], []
+    for i in range(n):
+        at.append(len(lower) - first[i])
+        for j in range(first[i], i + 1):
+            rows, columns = slice(3 * i, 3 * i + 3), slice(3 * j, 3 * j + 3)
+            dense[rows, columns] = rng.standard_normal((3, 3)) + (10.0 * np.eye(3) if i == j else 0.0)
+            if i != j:
+                dense[columns, rows] = rng.standard_normal((3, 3))
+            lower.append(dense[rows, columns])
+            upper.append(dense[columns, rows].T)
+    return dense, np.array(lower), np.array(upper), np.array(at, np.int32)
+
+
+def test_lu_solves_with_a_matrix_and_its_transpose():
+    lu = make_lu()
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def solve_both(
+        m: wp.array(dtype=M33), u: wp.array(dtype=M33), first: wp.array(dtype=int), at: wp.array(dtype=int),
+        order: wp.array(dtype=int), x: wp.array(dtype=V3), y: wp.array(dtype=V3), n: int,
+    ):  # fmt: skip
+        lu.factor(m, u, first, at, 0, n)
+        lu.solve(m, u, first, at, order, x, 0, n)
+        lu.solve(u, m, first, at, order, y, 0, n)
+
+    rng = np.random.default_rng(0)
+    first = np.array([0, 0, 1, 0, 2, 4, 3], np.int32)
+    n = len(first)
+    dense, lower, upper, at = envelopes(rng, first)
+    order = rng.permutation(n).astype(np.int32)
+    b = rng.standard_normal((n, 3))
+    m, u = (wp.array(a, dtype=M33, device="cpu") for a in (lower, upper))
+    x, y = (wp.array(b, dtype=V3, device="cpu") for _ in range(2))
+    indices = [wp.array(a, dtype=int, device="cpu") for a in (first, at, order)]
+    wp.launch(solve_both, 1, inputs=[m, u, *indices, x, y, n], device="cpu")
+    for found, matrix in ((x, dense), (y, dense.T)):
+        expected = np.linalg.solve(matrix, b[order].ravel()).reshape(n, 3)
+        np.testing.assert_allclose(found.numpy()[order], expected, rtol=0, atol=1e-12)
