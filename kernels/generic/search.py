@@ -21,7 +21,7 @@ from .work import WORK, Island, Slot
 WARM, COLD, YIELDING = 1, 2, 3  # attempts after Newton's method alone: the last are ROUNDS where rows yield
 ROUNDS = 3  # for impulses that are the least there are
 WARM_ITERATIONS, POLISHING = {True: 12, False: 8}, 12  # of Newton's method before (hard or not) and after
-RESTS = 5e-12  # residual at which the last solution is one of this step: gaps round, at some height
+RESTS = 1e-12  # residual at which the last solution is one of this step: gaps round, at some height
 PATIENCE = 6  # iterations of it without a gain, where it has nearly ended
 SETS = {True: 4, False: 2}  # and before: of hard rows sets change before the residual falls
 # end: sqrt(mu) and residuals relative to the size of the problem
@@ -49,6 +49,7 @@ class Search:
     best: WORK  # residual, of Newton's method; of the last point, of the other
     bound: WORK  # a that counts as diverged
     yielding: WORK
+    rest: WORK  # residual at which Newton's method is not even begun
     tried: WORK  # sqrt(mu) at which Newton's method is tried next
 
 
@@ -136,7 +137,7 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
             patience = wp.static(SETS[hard])
             most = wp.static(WARM_ITERATIONS[hard])
             if s.it == 1:
-                aim = ZERO + REST
+                aim = s.rest + ZERO
         if s.best > FINE and s.best < NEAR:  # nearly solved
             patience = wp.static(PATIENCE)
         if s.trying == 1:
@@ -229,6 +230,7 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
         s = Search()
         s.best = HUGE
         s.tried = dtype(wp.static(TRIED))
+        s.rest = wp.where(t.coulomb == 0, REST, AIM)  # a fixed point would stop where it moves little
         status = int(wp.static(NOT_CONVERGED))
         while status == wp.static(NOT_CONVERGED) and s.attempt < wp.static(YIELDING + ROUNDS):
             yields = wp.where(s.inside == 1, s.yielding, ZERO)

@@ -239,7 +239,7 @@ def test_sliding_stack_stops_where_coulomb_says():
         .rollout(x, np.zeros((100, 0)))
         .states[-1]
     )
-    np.testing.assert_allclose(end[6:], 0.0, atol=1e-12)
+    np.testing.assert_allclose(end[6:], 0.0, atol=1e-11)  # what a step accepts of 3 m/s
     stop = 3.0**2 / (2 * 0.5 * 9.81) - 3.0 * 0.01 / 2  # implicit Euler; the last step stops it a little early
     np.testing.assert_allclose(end[[0, 3]], stop, atol=0.5 * 0.5 * 9.81 * 0.01**2)
     np.testing.assert_allclose(end[[1, 4]], [0.05, 0.15], atol=1e-9)  # and it does not rise meanwhile
