@@ -16,6 +16,7 @@ from slcp_warp.scripts.benchmarks.accuracy.charts import many as chart
 from slcp_warp.scripts.benchmarks.accuracy.charts import many_error, many_rest, many_table
 from slcp_warp.scripts.benchmarks.contacts import problems, targets
 from slcp_warp.scripts.benchmarks.contacts.worlds import world
+from slcp_warp.scripts.benchmarks.mechanics.scene import distance
 from slcp_warp.scripts.benchmarks.peers import mujoco
 from slcp_warp.scripts.benchmarks.stability.check import Checker
 
@@ -85,6 +86,22 @@ def test_energy_that_a_motion_gains():
     states[0, 7, 3] = 2.0  # 2 J more of 10 J, that is 1 kg a metre higher
     assert problems.energy_gained(scene, states) == pytest.approx(0.2)
     assert np.isnan(problems.energy_gained(world("walker").scene, np.zeros((1, 3, 14))))
+
+
+def test_a_beam_starts_clear_of_its_supports(monkeypatch):
+    found = {}
+
+    def no_truth(scene, starts, duration, components):
+        found.update(scene=scene, starts=starts)
+        raise ValueError("none is needed")
+
+    monkeypatch.setattr(problems, "truth_of", no_truth)
+    problems.moves.cache_clear()
+    with pytest.raises(ValueError, match="none is needed"):
+        problems.moves("beam:8")
+    scene, q = found["scene"], found["starts"][:, :3]
+    clear = [distance(scene, q, k).min() for k in range(len(scene.all_contacts))]
+    assert len(clear) == 8 and 0.0 < min(clear) < 0.1
 
 
 def step_row(scene, motion, program, seconds, **more):

@@ -34,7 +34,7 @@ def tree_with_contacts(seed):
 
 
 @pytest.mark.parametrize(
-    "make", [crane, lever, functools.partial(scene, "sprung"), functools.partial(tree_with_contacts, 5)]
+    "make", [crane, lever, functools.partial(scene, "sprung"), functools.partial(tree_with_contacts, 4)]
 )
 def test_every_column_against_differences(make):
     """Joints of every kind, capsules, springs with dampers, limits, friction: shapes that turn and slide."""

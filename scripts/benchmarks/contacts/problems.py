@@ -106,9 +106,9 @@ def moves(name: str) -> tuple[Problem, Problem]:
     count, duration = (16 if found.bodies < 30 else 8), (1.0 if kind in ("walker", "hopper") else THROWN)
     starts = found.starts("tumbling", count, SEED)
     if kind == "beam":
-        starts = np.tile(starts[:1], (count, 1))
-        starts[:, 1] += rng.uniform(0.05, 0.15, count)
+        duration, starts = 0.3, np.tile(starts[:1], (count, 1))
         starts[:, 2], starts[:, 3:] = rng.uniform(-0.2, 0.2, count), 0.0
+        starts[:, 1] += 0.5 * np.abs(np.sin(starts[:, 2])) + rng.uniform(0.02, 0.1, count)
     elif kind in ("walker", "hopper"):
         starts[:, scene.nv :] *= 0.1
     components = places(scene)

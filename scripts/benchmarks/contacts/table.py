@@ -44,13 +44,11 @@ def compared(old: Path, new: Path) -> Rows:
     Raises:
         FileError: no such results.
     """
-    files = [
-        {
-            tuple(row[name] for name in KEY): row
-            for row in read_csv(path, "results of `slcp bench contacts`", NEEDED)
-        }
-        for path in (old, new)
-    ]
+    files = []
+    for path in (old, new):
+        rows = read_csv(path, "results of `slcp bench contacts`", NEEDED)
+        by_size = (row for row in rows if row.get("knob", "size") == "size")  # of a study's rows
+        files.append({tuple(row[name] for name in KEY): row for row in by_size})
     out: Rows = []
     for key in (key for key in files[0] if key in files[1] and files[0][key]["ratio"]):
         before, after = files[0][key], files[1][key]

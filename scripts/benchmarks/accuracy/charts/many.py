@@ -88,4 +88,5 @@ def _panel(ax: Any, rows: Rows) -> None:
         for row in part:
             if row.get("solved_share") not in (None, "") and float(row["solved_share"]) < 1.0:
                 ax.plot(float(row["value"]), row["us"], "x", color=BLACK, markersize=6)
-    cost_ticks(ax)
+    if rows[0]["knob"] == "size":
+        cost_ticks(ax)

@@ -9,6 +9,7 @@ from .lines import Rows, choose, different, need
 from .ratios import compare, span
 
 WIDE = 4
+MOST = 10.0  # [m], beyond which points are off the chart
 STILL = " rests"  # how the problems of what should not move end
 MOVING = {"error": "error [m]", "error_self": "against own limit [m]", "penetration": "deepest [m]"}
 
@@ -67,12 +68,14 @@ def panels(rows: Rows, kinds: dict[str, str], title: str, out: Path) -> Path:
             ax = grid[len(kinds) * (i // WIDE) + k, i % WIDE]
             ax.axis("on")
             panel(ax, part, looks, y=y)
+            ax.set_ylim(top=min(ax.get_ylim()[1], MOST))
             ax.set_ylabel(text, fontsize=8)
             ax.tick_params(labelsize=7)
             if y != "penetration":
                 ax.set_xlabel(f"MuJoCo / ours: {said(part, y)}", fontsize=7, style="italic")
         grid[len(kinds) * (i // WIDE), i % WIDE].set_title(problem, fontsize=9)
     fig.legend(handles=handles(looks), loc="outside lower center", ncols=4, fontsize=7.5)
-    axes = "against CPU time of a simulated second and world [µs] (in italics: at equal error)"
+    axes = "against CPU time of a simulated second and world [µs] (in italics: at equal error; "
+    axes += f"off the chart above {MOST:g} m)"
     fig.suptitle(f"{title}\n{axes}", fontsize=11)
     return save(fig, out)

@@ -1,5 +1,6 @@
 """Table of study "many": targets beside MuJoCo, what is missed first, and every cost and error."""
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -84,5 +85,6 @@ def _deepest(rows: Rows) -> str:
 
 
 def _gained(rows: Rows) -> str:
-    found = [float(row["energy_gained"]) for row in rows if row.get("energy_gained") not in (None, "", "nan")]
+    values = [float(row["energy_gained"]) for row in rows if row.get("energy_gained") not in (None, "")]
+    found = [value for value in values if not math.isnan(value)]
     return f"{max(found):.2g}" if found else "-"
