@@ -139,8 +139,12 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
 
     @wp.func
     def far_gap(t: wp.ref[Topology], k: wp.ref[Slot], pair: int):
-        """The signed distance of a pair that is not near."""
+        """The signed distance of a pair that is not near; where it was looked for is not remembered, so that
+        motion does not depend on what is recorded.
+        """
+        normal = V2(k.normal[pair][0], k.normal[pair][1])
         g = contact.geometry(t, k, pair)
+        k.normal[pair] = normal
         return g[2]
 
     @wp.func

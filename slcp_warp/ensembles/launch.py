@@ -145,7 +145,7 @@ def _road(sim: Simulator, policy: Any) -> Any:
     """How a case's worlds run."""
     if acts_on_host(policy):
         return by_periods
-    return handed_on if sim.strategy == "specialised" and sim.kernels.fast_path else at_once
+    return handed_on if sim.kernels.fast_path else at_once
 
 
 def worlds_at_once(sim: Simulator, records: tuple[int, int], measures: int, events: int = 0) -> int:

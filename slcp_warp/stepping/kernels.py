@@ -25,7 +25,7 @@ class Kernels:
         s = spec.structure
         self.strategy = choose(strategy, s, spec.method, device)
         self._name, self._spec = scene_name, spec
-        self.fast_path = takes_fast_path(fast_path, s, spec.method, device)
+        self.fast_path = takes_fast_path(fast_path, s, spec.method, device, self.strategy)
         self._specialised = SpecialisedKernels(spec, device, self.fast_path)
         generic = self.strategy == "generic"
         self._only_generic = generic and (strategy != "auto" or s.nr > MOST_ROWS)

@@ -52,22 +52,27 @@ def missing(s: Structure, method: Method) -> str:
     return f"parameters {unknown}" if unknown else ""
 
 
-def takes_fast_path(fast_path: Any, s: Structure, method: Method, device: Any) -> bool:
+def takes_fast_path(fast_path: Any, s: Structure, method: Method, device: Any, strategy: str) -> bool:
     """Whether specialised kernels without last resorts step first (`kernels/device/relay.py`); where None is
     given, as the environment variable SLCP_FAST_PATH says (0 or 1), else on a GPU, in scenes of few pairs.
 
     Raises:
         StrategyError: it is asked for, and there is none.
     """
-    exists = s.nr > 0 and law_of(method, s.nr).fast
+    reason = ""
+    if strategy == "generic":
+        reason = "generic kernels step"
+    elif s.nr == 0:
+        reason = "the scene has no rows"
+    elif not law_of(method, s.nr).fast:
+        reason = f"the residual is {method.residual!r}"
     if fast_path is None:
         text = os.environ.get("SLCP_FAST_PATH", "").strip()
         if text not in ("", "0", "1"):
             raise ArgumentError(f"SLCP_FAST_PATH is {text!r}; 0 or 1 is needed")
         wanted = text == "1" if text else len(s.pairs) <= PAIRS and not wp.get_device(device).is_cpu
-        return exists and wanted
-    if flag("fast_path", fast_path) and not exists:
-        reason = f"the residual is {method.residual!r}" if s.nr else "the scene has no rows"
+        return wanted and not reason
+    if flag("fast_path", fast_path) and reason:
         raise StrategyError(f"fast_path is True, but {reason}, and every step is made by one kernel")
     return fast_path
 

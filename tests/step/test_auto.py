@@ -102,6 +102,14 @@ def test_gaps_of_all_pairs_are_exact():
     assert run.contact_impulse.shape == (2, 3, len(scene.pair_names), 2)
 
 
+def test_what_is_recorded_does_not_change_the_motion():
+    """Ellipses, whose distance is looked for from where it was last."""
+    scene = ellipses(12)
+    x = thrown(scene, 6, 4)
+    plain, recorded = (rolled(scene, x, 40, SMOOTH, record) for record in ((), ("gap", "impulse")))
+    np.testing.assert_array_equal(recorded.states, plain.states)
+
+
 def test_a_small_scene_has_kernels_of_its_own():
     """Three discs are few enough: every pair is unrolled, as if it were listed."""
     scene = slcp.scenes.heap()

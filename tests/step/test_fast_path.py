@@ -145,6 +145,10 @@ def test_a_fast_path_that_does_not_exist_is_refused(device):
         slcp.Simulator(FINGER, Options(residual="erm-normal"), device, fast_path=True)
     with pytest.raises(slcp.StrategyError, match="fast_path.*no rows"):
         slcp.Simulator(slcp.scenes.pendulum_chain(), None, device, fast_path=True)
+    with pytest.raises(slcp.StrategyError, match="fast_path.*generic"):
+        slcp.Simulator(FINGER, None, device, strategy="generic", fast_path=True)
+    with pytest.raises(slcp.StrategyError, match="fast_path.*generic"):
+        slcp.Simulator(slcp.scenes.heap(12), None, device, fast_path=True)  # by its size
 
 
 @pytest.mark.slow
