@@ -35,7 +35,7 @@ def make_acting(spec: Specialisation, exact_gap: bool) -> SimpleNamespace:
     rows_of = rows_of_pairs(s)
 
     def make_near(k: int) -> wp.Function:
-        pair, first = make_pair(s, k, dtype), rows_of[k][0]
+        pair, own = make_pair(s, k, dtype), rows_of[k]
         speed = make_speed(s, k, dtype)
 
         @wp.func
@@ -44,7 +44,10 @@ def make_acting(spec: Specialisation, exact_gap: bool) -> SimpleNamespace:
             if wp.static(exact_gap or pair.exact_bound or method.state_noise):
                 return True
             gap = wp.static(pair.bound)(world, fr) / world.params[wp.static(H)]
-            level = wp.static(noise.level[first])(world, VR())
+            level = dtype(0.0)
+            for i in range(wp.static(NR)):
+                if wp.static(i in own):
+                    level = wp.max(level, wp.static(noise.level[i])(world, VR()))
             return not (gap - wp.static(speed)(world, fr, v) > CUT * level)
 
         return near

@@ -261,7 +261,10 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
         mu = number(t, k, FRICTION, pair)
         turn = wp.abs(va[2]) * spread_a + wp.abs(vb[2]) * wp.max(rb[0], rb[1])
         speed = wp.sqrt(ONE + mu * mu) * (wp.sqrt(dx * dx + dy * dy) + turn)
-        return gap / number(t, k, H, 0) - speed - CUT * number(t, k, SIGMA, t.pair_row[pair])
+        sigma = number(t, k, SIGMA, t.pair_row[pair])
+        for i in range(t.pair_row[pair] + 1, t.pair_row[pair + 1]):
+            sigma = wp.max(sigma, number(t, k, SIGMA, i))
+        return gap / number(t, k, H, 0) - speed - CUT * sigma
 
     @wp.func
     def approach(t: wp.ref[Topology], k: wp.ref[Slot], fresh: bool):

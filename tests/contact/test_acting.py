@@ -31,3 +31,19 @@ def test_a_body_that_only_turns_is_not_left_out(device, strategy, who):
     np.testing.assert_array_equal(run.status[solved], 0)
     np.testing.assert_allclose(run.states[solved, 1], step.state[solved], rtol=0, atol=1e-8)
     np.testing.assert_allclose(run.impulse[solved, 0], step.impulse[solved], rtol=0, atol=1e-7)
+
+
+@pytest.mark.parametrize("strategy", ["specialised", "generic"])
+def test_the_row_with_the_most_noise_decides_what_is_left_out(device, strategy):
+    """A pair whose second row is uncertain by more than its first: a rollout is the step with all rows."""
+    sc = scene("turned_pair")
+    whole = slcp.Simulator(sc, device=device, dtype="float64", strategy="specialised")
+    sim = slcp.Simulator(sc, device=device, dtype="float64", strategy=strategy)
+    params = sim.params.replace(gravity=0.0, sigma=[0.001, 0.5])
+    x = near_contact(sc, np.random.default_rng(1), 200, gaps=(0.05, 0.1), spread=0.3)
+    x[:, sc.nv :] = 0.0
+    step = whole.step(x, None, params)
+    run = sim.rollout(x, np.zeros((200, 1, 0)), params, record="impulse")
+    assert not step.status.any() and not run.status.any()
+    assert (step.impulse[:, 1] > 1e-6).sum() > 100 and np.abs(step.impulse[:, 0]).max() < 1e-9
+    np.testing.assert_allclose(run.impulse[:, 0], step.impulse, rtol=1e-6, atol=1e-12)

@@ -352,7 +352,9 @@ def make_modes(given: type) -> SimpleNamespace:
             if last == 1:
                 best = worst + ZERO
                 keep(k, o)
-            if best <= wp.where(it == 0, KEPT, AIM) or it >= iterations or not (worst < HUGE):
+            if best <= wp.where(it == 0, KEPT, AIM) or not (worst < HUGE):
+                going = 0
+            if it >= iterations and (best > GOOD or misses > 0):  # what still gains is refined
                 going = 0
             if going == 1:
                 changed = int(1)
