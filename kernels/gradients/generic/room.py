@@ -35,7 +35,7 @@ class Room:
     rho: wp.array2d(dtype=WORK)  # (nr) weight of J_i v' + d/h
     slides: wp.array2d(dtype=wp.int32)  # (nr) 1: rho weighs J_n instead of J_i (Coulomb's friction)
     grad: wp.array2d(dtype=WORK)  # (width) by every column of the parameter table
-    factor: Slopes  # of these `upper`, `row` and `slides` only
+    factor: Slopes  # of these `FACTOR` only
     disc: wp.array(dtype=wp.int32)  # (shapes) of all worlds; 1: its radius is the first of the two
 
 
@@ -43,7 +43,7 @@ KINDS = {"twist": wp.vec3d, "by_twist": wp.vec3d, "by_frame": wp.vec3d, "slides"
     ("acceleration", "by_acceleration", "by_arm"), wp.vec2d
 )
 KINDS |= {"target": V3, "p": V3}
-FACTOR = ("upper", "row", "slides")
+FACTOR = ("upper", "row", "share", "slides")
 
 
 @cached
