@@ -11,6 +11,7 @@ from .mjcf_plane import FLAT, MjcfError, Plane
 from .parts import Body, Contact, Shape
 
 GEOMS = ("plane", "hfield", "sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh", "sdf")
+BITS = 2**31 - 1  # of contype and conaffinity that ours have; whether they say the same is looked at
 Place = dict[int, tuple[str | None, float, np.ndarray]]
 
 
@@ -32,7 +33,7 @@ def read_contacts(m: Any, plane: Plane, place: Place, bodies: tuple[Body, ...]) 
             )
         contacts += [Contact(x.name, y.name, friction) for x in shapes[a] for y in shapes[b]]
     bits: dict[Any, dict[str, Any]] = {
-        g: {"contype": int(m.geom_contype[g]), "conaffinity": int(m.geom_conaffinity[g]),
+        g: {"contype": int(m.geom_contype[g]) & BITS, "conaffinity": int(m.geom_conaffinity[g]) & BITS,
             "friction": float(m.geom_friction[g, 0]) if m.geom_condim[g] > 1 else None}
         for g in shapes
     }  # fmt: skip

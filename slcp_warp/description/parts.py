@@ -91,7 +91,7 @@ class Shape:
         offset: centre, or a point of the half-plane, in the body's frame [m].
         angle: of the first axis, or of a half-plane's outward normal, against the body's x [rad].
         friction: under `contacts="auto"` a pair has the larger coefficient of its two shapes, >= 0; None:
-            the scene's `friction`.
+            the scene's `friction`. Contacts that are listed have their own.
         contype, conaffinity: under `contacts="auto"` two shapes may touch where the bits of one's contype
             and of the other's conaffinity have one in common, as in MuJoCo.
     """

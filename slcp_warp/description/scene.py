@@ -81,13 +81,20 @@ class Scene(Printed):
         fields.number("friction", optional=True)
         excluded = check_excluded(f"scene {self.name!r}: excluded", self.excluded, self.bodies)
         object.__setattr__(self, "excluded", excluded)
-        if not isinstance(self.contacts, str) and (self.friction is not None or excluded):
-            given = "friction" if self.friction is not None else "excluded"
-            raise SceneError(f"scene {self.name!r}: {given} is for contacts='auto'; contacts that are listed "
-                             "say themselves what touches and how")  # fmt: skip
+        if not isinstance(self.contacts, str):
+            self._check_listed()
         object.__setattr__(self, "structure", self._structure())
         fields.entries("initial_state", 2 * self.structure.nv)
         fields.entries("period", self.structure.nv, optional=True)
+
+    def _check_listed(self) -> None:
+        """An error for what only "auto" looks at, but for bits, which boxes have by themselves."""
+        given = [f"friction of shape {s.name!r}" for s in self.shapes if s.friction is not None][:1]
+        given += [name for name, value in (("friction", self.friction), ("excluded", self.excluded))
+                  if value not in (None, ())]  # fmt: skip
+        if given:
+            raise SceneError(f"scene {self.name!r}: {given[-1]} is for contacts='auto'; contacts that are "
+                             "listed say themselves what touches and how")  # fmt: skip
 
     def _structure(self) -> Structure:
         if not self.bodies:

@@ -107,6 +107,20 @@ def test_everything_of_mjcf_is_auto(tmp_path):
     assert again == read and again.structure == read.structure and again.contacts == "auto"
 
 
+def test_every_bit_of_mjcf_may_be_set(tmp_path):
+    """-1 is all bits, the last of which is no bit of ours; a pair by that bit alone is listed."""
+    pytest.importorskip("mujoco")
+    scene = slcp.scenes.heap(2).with_listed_contacts()
+    shapes = tuple(dataclasses.replace(s, contype=7, friction=0.5) for s in scene.shapes)
+    text = mjcf(dataclasses.replace(scene, shapes=shapes, contacts="auto"))
+    for bits, contacts in ((-1, "auto"), (-(2**31), "listed")):
+        path = tmp_path / "bits.xml"
+        path.write_text(text.replace('contype="7"', f'contype="{bits}"').replace(
+            'conaffinity="1"', 'conaffinity="-1"'))  # fmt: skip
+        read = slcp.load_mjcf(path)
+        assert read.pair_names == scene.pair_names and (read.contacts == "auto") == (contacts == "auto")
+
+
 def test_a_joint_keeps_shapes_apart_unless_it_says_otherwise():
     arm = (Body("upper", 1.0, 0.1), Body("lower", 1.0, 0.1, parent="upper"))
     shapes = (GROUND, Shape("u", "upper", "disc", 0.1), Shape("l", "lower", "disc", 0.1))
@@ -146,6 +160,8 @@ def test_what_is_listed_is_the_same_scene(tmp_path):
     ({"contacts": "all"}, "contacts 'all' is unknown; choose one of .'auto'"),
     ({"contacts": (), "friction": 0.5}, "friction is for contacts='auto'"),
     ({"contacts": (), "excluded": (("a", "b"),)}, "excluded is for contacts='auto'"),
+    ({"contacts": (), "shapes": (Shape("p", "a", "disc", 0.1, friction=0.3),)},
+     "friction of shape 'p' is for contacts='auto'"),
     ({"friction": -1.0}, "friction is -1.0; it must not be negative"),
     ({"excluded": (("a", "d"),)}, r"excluded\[0\]: no body named 'd'; there are"),
     ({"excluded": ("ab",)}, r"excluded\[0\] is 'ab'; two names of bodies are needed"),
