@@ -110,10 +110,10 @@ class Simulator(Printed):
         return self.params.matching(params, worlds).array(self.dtype, self.device)
 
     def need_derivatives(self, what: str) -> None:
-        """An error that names `what` where the scene's kernels or the options have no derivatives.
+        """An error that names `what`, which needs a specialised step, where that or derivatives are missing.
 
         Raises:
-            StrategyError: a scene that runs with generic kernels.
+            StrategyError: a scene that is meant for generic kernels only.
             OptionError: options without derivatives.
         """
         self.kernels.specialised(what)

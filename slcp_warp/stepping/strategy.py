@@ -1,7 +1,7 @@
 """Which kernels a scene gets: specialised ones, or generic ones.
 
 "specialised": every (scene, options, precision) compiles kernels of its own, unrolled, one world per thread
-in registers: fastest for small mechanisms, and the only ones with derivatives. "generic": one kernel per
+in registers: fastest for small mechanisms, and the only ones with every option. "generic": one kernel per
 precision and residual serves every scene by tables, a world's state in memory (`kernels/generic/step.py`):
 for scenes whose unrolled kernels would take minutes to compile and spill anyway.
 """
