@@ -66,7 +66,7 @@ def optimise_command(
     regularization = SCHEDULES if methods else ddp.Regularization()
     options = ddp.Options(max_iterations=passes, method=method or METHODS[-1], regularization=regularization)
     scale = noise_scale(chosen) if explore is None else explore
-    with timed("DDP"):
+    with timed("DDP"), console.status("planning from all starts; minutes where many bodies may touch"):
         guesses = plan_starts(problem, x0, starts, seed, scale, method=method or METHODS[0])
         record, results = optimise(problem, x0, guesses, options, schedules, sigmas, methods)
     record.header["seed"], record.header["task"] = seed, chosen.name
