@@ -67,7 +67,7 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
     GOOD, MORE = nt.GOOD, earned.MORE
     AIM, FINE, NEAR = dtype(TOLERANCE), dtype(min(ACCEPTED[given], REFINED)), dtype(1e-4)
     TINY, HUGE, REST = dtype(1e-30), dtype(1e300), dtype(RESTS)
-    LEAST = dtype(YIELDS[given])
+    LEAST, SLOW = dtype(YIELDS[given]), dtype(0.99)
     SHRINK = dtype(1e-3)  # of the yielding from round to round, of sqrt(mu) from trial to trial
 
     @wp.func
@@ -152,7 +152,10 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
         last = s.best + ZERO
         s.best = worst
         if mean <= LIMIT * LIMIT * size * size:
-            if worst <= RESIDUAL or (worst > HALF * last and worst <= GOOD):
+            gain = HALF
+            if s.attempt >= wp.static(YIELDING):
+                gain = SLOW  # opposed impulses come down to the least there are in small steps
+            if worst <= RESIDUAL or (worst > gain * last and worst <= GOOD):
                 return 1
         if s.it > wp.static(MAX_ITERATIONS) or not (largest < s.bound and mean < HUGE):
             return 3
