@@ -210,3 +210,23 @@ def test_closed_loops_in_pytorch_are_those_of_specialised_kernels():
         found.append([start.grad.numpy(), *(p.grad.numpy().copy() for p in module.parameters())])
     for ours, theirs in zip(*found):
         np.testing.assert_allclose(ours, theirs, atol=1e-8 * (1.0 + np.abs(theirs).max()))
+
+
+@pytest.mark.slow
+def test_no_gradient_is_that_of_another_solution():
+    """Coulomb's friction may have several: a world whose steps end elsewhere when solved again has none."""
+    sc = slcp.scenes.heap(8)
+    sim = slcp.Simulator(sc, slcp.Options("hard", friction="coulomb"), dtype="float64", strategy="generic")
+    x = np.tile(sc.x0, (40, 1))
+    x[:, sc.nv :] += np.random.default_rng(0).standard_normal((40, sc.nv))
+    us, weight = np.zeros((40, 60, 0)), np.ones((40, 61, sim.nx))
+    run = sim.rollout(x, us)
+    solved = run.status == 0
+    found = slcp.vjp(sim, x, us, weight * (np.arange(61) == 60)[:, None]).x0
+    none = np.isnan(found).any(axis=1)
+    assert none[~solved].all() and none[solved].sum() > 3 and (~none).sum() > 10
+    along, h = np.random.default_rng(1).standard_normal(x.shape), 1e-9  # contacts change beyond
+    ends = [sim.rollout(x + s * h * along, us).states[:, -1].sum(axis=1) for s in (-1.0, 1.0)]
+    slope, exact = (found * along).sum(axis=1), (ends[1] - ends[0]) / (2.0 * h)
+    close = np.abs(slope - exact) <= 1e-3 * (1.0 + np.abs(exact))
+    assert close[~none].mean() > 0.9

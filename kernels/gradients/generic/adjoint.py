@@ -8,11 +8,15 @@ from ...device.compile import specialised
 from ...factories import cached
 from ...generic.derivatives.tables import Groups
 from ...generic.topology import Topology
-from ...generic.work import WORK, Work, view
+from ...generic.work import WORK, Slot, Work, view
 from ...policies.pieces import make_wrap
 from ...status import SOLVED
 from .room import Room, View, view_of
 from .step import make_step_adjoint
+
+# relative to a world's speeds: what tells another solution from rounding of the recorded state, which contact
+# amplifies
+OTHER = {wp.float64: 1e-5, wp.float32: 1e-2}
 
 
 @wp.func
@@ -63,11 +67,12 @@ def make_generic_adjoint_kernel(given: type, residual: str) -> wp.Kernel:
     u = us_k + K_k (x - xs_k), held at limits.
 
     Every step is solved again at its recorded state, warm from the step after it, and differentiated at the
-    solution; nothing else is stored. A world whose rollout or whose step now is not solved gets NaN.
+    solution; nothing else is stored. A world whose rollout or whose step now is not solved gets NaN; so does
+    one that solves to other velocities now than in the rollout, as Coulomb's friction may.
     """
     back = make_step_adjoint(given, residual)
     through = make_policy_adjoint(given)
-    ZERO = WORK(0.0)
+    ZERO, ONE, APART = WORK(0.0), WORK(1.0), WORK(OTHER[given])
 
     @wp.func
     def say_none(
@@ -106,6 +111,18 @@ def make_generic_adjoint_kernel(given: type, residual: str) -> wp.Kernel:
         fill(w.grad, w.grad.shape[0], ZERO)
         for j in range(2 * t.nv):
             w.weight[j] = WORK(after[j])
+
+    @wp.func
+    def is_the_step(t: wp.ref[Topology], k: wp.ref[Slot], after: wp.array(dtype=given)):
+        """Whether the step just solved ends at the recorded velocities."""
+        same = int(1)
+        largest = ZERO + ONE
+        for j in range(t.nv):
+            largest = wp.max(largest, wp.abs(k.v0[j]))
+        for j in range(t.nv):
+            if not (wp.abs(k.v0[j] - WORK(after[t.nv + j])) <= APART * largest):
+                same = 0
+        return same
 
     @wp.func
     def leave(
@@ -162,6 +179,8 @@ def make_generic_adjoint_kernel(given: type, residual: str) -> wp.Kernel:
             x = states[world, n]
             u = us[world, n]
             solved = back.solve(t, k, w, external, world, x, u)
+            if solved == 1:
+                solved = is_the_step(t, k, states[world, n + 1])
             if solved == 1:
                 back.pull(t, s, k, room, w, b, external, world)
                 for j in range(t.nv):
