@@ -178,9 +178,7 @@ def make_generic_adjoint_kernel(given: type, residual: str) -> wp.Kernel:
         while n >= 0 and solved == 1:
             x = states[world, n]
             u = us[world, n]
-            solved = back.solve(t, k, w, external, world, x, u)
-            if solved == 1:
-                solved = is_the_step(t, k, states[world, n + 1])
+            solved = back.solve(t, k, w, external, world, x, u) * is_the_step(t, k, states[world, n + 1])
             if solved == 1:
                 back.pull(t, s, k, room, w, b, external, world)
                 for j in range(t.nv):
