@@ -68,10 +68,11 @@ def test_what_it_says_is_so(unloaded, tmp_path, monkeypatch):
 def test_what_a_scene_has_not_got_is_left_out_and_said(monkeypatch):
     """Nothing is compiled here: what would be is told by its precision and options."""
     asked = []
-    small = {
-        "step": lambda sim: asked.append(("step", sim)),
-        "linearize": lambda sim: sim.linearize(sim.scene.x0),
-    }
+
+    def refused(sim):
+        raise slcp.StrategyError("it needs specialised kernels")
+
+    small = {"step": lambda sim: asked.append(("step", sim)), "linearize": refused}
     monkeypatch.setattr(ahead, "WHAT", small)
     scene = slcp.scenes.stack(count=10)
     assert scene.structure.nr > 31
