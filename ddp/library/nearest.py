@@ -5,7 +5,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import warp as wp
 
 from slcp_warp import Simulator
 from slcp_warp.inputs.checks import array, choice, instance, number
@@ -17,6 +16,7 @@ from slcp_warp.policies.arrays import put, put_limits
 from slcp_warp.policies.saved import Content
 
 from .entries import NEEDED, Entries
+from .tree import put_tree
 
 METRICS = ("covariance", "variance")
 
@@ -56,27 +56,6 @@ def images(x: np.ndarray, period: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         copies[:, j] += shift
         points, owner = np.concatenate([points, copies]), np.concatenate([owner, owner])
     return points, owner
-
-
-def tree(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Balanced k-d tree of points (T, n) as an order (T,) and the dimension (T,) that every place splits.
-
-    The node of a range of places is its middle; each split is along the range's widest dimension.
-    """
-    order = np.arange(len(points))
-    split = np.zeros(len(points), dtype=np.int32)
-    pending = [(0, len(points))]
-    while pending:
-        a, b = pending.pop()
-        if a >= b:
-            continue
-        part = points[order[a:b]]
-        dimension = int(np.argmax(np.ptp(part, axis=0)))
-        middle = (a + b) // 2
-        order[a:b] = order[a:b][np.argsort(part[:, dimension], kind="stable")]
-        split[middle] = dimension
-        pending += [(a, middle), (middle + 1, b)]
-    return order, split
 
 
 def _rows(name: str, values: np.ndarray, count: int) -> np.ndarray:
@@ -142,10 +121,8 @@ class NearestPolicy:
         struct = kernel.functions(sim.nx, sim.nu, sim.dtype).Struct()
         own = functools.partial(put, sim)
         struct.us, struct.xs, struct.gain = own(lib.u), own(lib.x), own(lib.K)
-        order, split = tree(points @ self.whiten.T)
-        struct.nodes, struct.whitening = own((points @ self.whiten.T)[order]), own(self.whiten)
-        struct.split = wp.array(split, dtype=wp.int32, device=sim.device)
-        struct.entry = wp.array(owner[order], dtype=wp.int32, device=sim.device)
+        put_tree(sim, struct.tree, points @ self.whiten.T, owner)
+        struct.whitening = own(self.whiten)
         struct.period = own(lib.period)
         struct.limit = self.feedback_limit
         put_limits(sim, struct, (lib.lower, lib.upper))

@@ -7,23 +7,22 @@ import warp as wp
 from ..factories import cached
 from .contract import PolicyFunctions, PolicyKernel
 from .pieces import make_hold, make_wrap
+from .tree import make_search, waiting
 
-# branches that wait in a search: one a level, of trees of less than 2^(this + 1) nodes
-STACKS = (12, 32)
+STACKS = (28, 56)  # children that wait in a search: of trees of at most 32,768 and of 1.3e8 points
 
 
 @cached
 def make_nearest(stack: int, nx: int, nu: int, dtype: type) -> PolicyFunctions:
     """The nearest-neighbour rule (20), (M37).
 
-    Points y = W x_j are stored as a balanced k-d tree in one array: the node of a range is its middle, its
-    split dimension stands beside it. Entries with a periodic component are stored with their images within
-    half a period of [0, period), so that the search needs no wrapping. The search is exact.
+    Points y = W x_j stand in a tree, those of entries with a periodic component with their images within half
+    a period of [0, period), so that the search needs no wrapping.
     """
     VX, VU = wp.types.vector(nx, dtype), wp.types.vector(max(nu, 1), dtype)
-    VI, VD = wp.types.vector(stack, wp.int32), wp.types.vector(stack, dtype)
     ZERO = dtype(0.0)
-    FAR = dtype(1e30)
+    found = make_search(stack, nx, dtype)
+    Tree, search = found.Tree, found.search
     wrapped, held = make_wrap(dtype), make_hold(dtype)
 
     @wp.struct
@@ -31,9 +30,7 @@ def make_nearest(stack: int, nx: int, nu: int, dtype: type) -> PolicyFunctions:
         us: wp.array2d(dtype=dtype)  # (L, nu)
         xs: wp.array2d(dtype=dtype)  # (L, nx)
         gain: wp.array3d(dtype=dtype)  # (L, nu, nx)
-        nodes: wp.array2d(dtype=dtype)  # (T, nx) tree of W x_j and its images
-        split: wp.array(dtype=wp.int32)  # (T,) dimension that a node splits
-        entry: wp.array(dtype=wp.int32)  # (T,) entry of a node
+        tree: Tree  # of W x_j and its images
         whitening: wp.array2d(dtype=dtype)  # (nx, nx) W
         period: wp.array(dtype=dtype)  # (nx,)
         limit: dtype  # the feedback term K dx is clamped to +- limit
@@ -57,46 +54,8 @@ def make_nearest(stack: int, nx: int, nu: int, dtype: type) -> PolicyFunctions:
         return y
 
     @wp.func
-    def nearest(policy: Nearest, x: VX):
-        """Index of the nearest entry."""
-        y = whitened(policy, x)
-        low = VI()
-        high = VI()
-        gap = VD()
-        high[0] = policy.nodes.shape[0]
-        depth = int(1)
-        best = int(0)
-        least = ZERO + FAR
-        while depth > 0:
-            depth -= 1
-            if gap[depth] < least:
-                a = low[depth]
-                b = high[depth]
-                while a < b:
-                    m = (a + b) / 2
-                    distance = ZERO
-                    for i in range(wp.static(nx)):
-                        delta = y[i] - policy.nodes[m, i]
-                        distance += delta * delta
-                    if distance < least:
-                        least = distance
-                        best = m
-                    k = policy.split[m]
-                    across = y[k] - policy.nodes[m, k]
-                    far_low = wp.where(across < ZERO, m + 1, a)
-                    far_high = wp.where(across < ZERO, b, m)
-                    a = wp.where(across < ZERO, a, m + 1)
-                    b = wp.where(across < ZERO, m, b)
-                    if across * across < least and far_low < far_high:
-                        low[depth] = far_low
-                        high[depth] = far_high
-                        gap[depth] = across * across
-                        depth += 1
-        return policy.entry[best]
-
-    @wp.func
     def control(policy: Nearest, world: int, k: int, x: VX):
-        e = nearest(policy, x)
+        e = search(policy.tree, whitened(policy, x))
         u = VU()
         for i in range(wp.static(nu)):
             value = ZERO
@@ -114,6 +73,6 @@ NEAREST = PolicyKernel("nearest", partial(make_nearest, STACKS[0]), apart=True)
 DEEP = PolicyKernel("nearest, deep", partial(make_nearest, STACKS[1]), apart=True)
 
 
-def nearest_kernel(nodes: int) -> PolicyKernel:
-    """The rule's kernel for a tree of so many nodes: a level fewer than the tree has wait at once."""
-    return NEAREST if nodes.bit_length() - 1 <= STACKS[0] else DEEP
+def nearest_kernel(points: int) -> PolicyKernel:
+    """The rule's kernel for a tree of so many points."""
+    return NEAREST if waiting(points) <= STACKS[0] else DEEP

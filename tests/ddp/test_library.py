@@ -13,7 +13,6 @@ import slcp_warp as slcp
 from slcp_warp import ddp
 from slcp_warp.ddp.library.entries import ARRAYS, scene_digest
 from slcp_warp.ddp.library.nearest import whitening
-from slcp_warp.kernels.policies.nearest import NEAREST, nearest_kernel
 
 FINGER = scene("flicking_finger")
 HORIZON = 20
@@ -292,15 +291,25 @@ def test_nearest_neighbour_is_the_one_of_brute_force(device, count, metric):
     assert wrong.mean() <= limit, f"{wrong.mean():.1%}, by {excess.max():.2g}"
 
 
-@pytest.mark.parametrize("nodes", [1, 2, 3, 400, 8190, 8191, 8192, 1_000_000])
-def test_branches_that_wait_fit_in_the_stack(nodes):
-    """Of a search that leaves a branch on every level: halves of halves of a range with a far side."""
-    low, high, waiting = 0, nodes, 0
-    while high - low > 1:
-        middle = (low + high) // 2  # the larger half goes on, the other one waits
-        low, high, waiting = low, middle, waiting + 1
-    kernel = nearest_kernel(nodes)
-    assert waiting <= (12 if kernel is NEAREST else 32) and (kernel is NEAREST) == (nodes < 8192)
+@pytest.mark.parametrize("dtype", [wp.float32, wp.float64])
+def test_of_entries_as_near_the_first_is_taken(device, dtype):
+    """Places on a grid, whose distances are exact, in any order and some of them often."""
+    rng = np.random.default_rng(17)
+    x = FINGER.x0 + 0.25 * rng.integers(0, 3, (700, 6)) * [1, 1, 0, 1, 1, 0]
+    at = FINGER.x0 + 0.125 * rng.integers(0, 5, (400, 6)) * [1, 1, 0, 1, 1, 0]
+    placed, where = (np.round(16.0 * each) / 16.0 for each in (x, at))
+    got = chosen(made(placed), where, device, dtype, whiten=np.eye(6))
+    distance = ((where[:, None] - placed[None]) ** 2).sum(axis=2)
+    solved = got >= 0
+    assert solved.mean() > 0.6 and ((distance == distance.min(axis=1, keepdims=True)).sum(axis=1) > 1).all()
+    np.testing.assert_array_equal(got[solved], distance.argmin(axis=1)[solved])
+
+
+def test_entries_at_one_place_fill_the_stack_and_no_more(device):
+    """No box is farther than another: as many children wait as ever may."""
+    for count in (1, 8, 9, 64, 300, 1200):
+        lib = made(np.tile(FINGER.x0, (count, 1)))
+        assert chosen(lib, FINGER.x0[None], device, whiten=np.eye(6)).tolist() == [0]
 
 
 def test_nearest_neighbour_in_single_precision(device):

@@ -14,13 +14,14 @@ from slcp_warp.kernels.policies.ask import make_ask_kernel
 from slcp_warp.kernels.policies.held import HELD
 from slcp_warp.kernels.policies.nearest import NEAREST, STACKS
 from slcp_warp.kernels.policies.open_loop import OPEN_LOOP
+from slcp_warp.kernels.policies.tree import WIDTH
 from slcp_warp.kernels.specialisation import Specialisation
 from slcp_warp.kernels.step.relayed import make_rollout_relay
 from slcp_warp.kernels.step.rollout import make_transition
 
 ARCH = 90
 SINE = 32  # bytes of local memory of the argument reduction of sine and cosine
-TREE = 12 * STACKS[0]  # of a search in the library's tree
+TREE = 8 * (STACKS[0] + 1) + 2 * 4 * WIDTH  # of a search in the library's tree: what waits, distances
 
 
 class Most(NamedTuple):
@@ -53,6 +54,6 @@ FAST = {
     ),
     "sweep": Most(lambda: make_sweep_kernel(finger(), HELD, spans=True), 200, SINE + 48, 132_000),
     "linearisation": Most(lambda: make_linearize_kernel(finger(), False), 200, SINE + 16, 112_000),
-    "library": Most(lambda: make_ask_kernel(NEAREST, 6, 2, wp.float32), 56, TREE + 32, 24_000),
+    "library": Most(lambda: make_ask_kernel(NEAREST, 6, 2, wp.float32), 56, TREE, 24_000),
     "line search": Most(line_search, 200, SINE + 8, 90_000),
 }
