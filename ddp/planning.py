@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from slcp_warp import Simulator, Task
+from slcp_warp.costs import NO_COST
 from slcp_warp.inputs.checks import array, instance, whole
 from slcp_warp.inputs.errors import ArgumentError, ArgumentTypeError
 
@@ -34,8 +35,16 @@ def problem_of(task: Task, sim: Simulator | None = None) -> Problem:
 
     Args:
         sim: a simulator of the task's scene; None: `task.simulator()`.
+
+    Raises:
+        ArgumentError: a task without a cost, a horizon or controls: there is nothing to plan.
     """
     instance("task", task, Task, "a slcp_warp.Task")
+    cost = task.cost is not NO_COST
+    there = {"controls": task.scene.nu > 0, "cost": cost, "horizon": task.horizon is not None}
+    if missing := [name for name, value in there.items() if not value]:
+        raise ArgumentError(f"task {task.name!r} has no {' and no '.join(missing)}; there is nothing to plan")
+    assert task.horizon is not None
     instance("sim", sim, Simulator | None, "a slcp_warp.Simulator")
     sim = task.simulator() if sim is None else sim
     limits = task.state_limit_rows()

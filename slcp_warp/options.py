@@ -1,6 +1,6 @@
 """Options that select a kernel, and the status of a world."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Any
 
@@ -128,6 +128,15 @@ class Options:
         tolerance = None if self.tolerance is None else float(self.tolerance)
         return Method(self.residual, self.scaling, self.friction, self.integrator, self.noise, deviation,
                       tolerance, self.gap)  # fmt: skip
+
+    def with_residual(self, residual: str) -> "Options":
+        """The same with another residual, without what is not offered with it."""
+        own: dict[str, Any] = {"residual": residual}
+        hard, erm = residual == "hard", residual.startswith("erm")
+        own |= {"noise": "row"} if hard or erm else {}
+        own |= {"deviation": None} if hard else {"friction": "anitescu", "gap": "start"}
+        own |= {"tolerance": None} if erm else {}
+        return replace(self, **own)
 
     @property
     def hard(self) -> bool:

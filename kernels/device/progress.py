@@ -25,6 +25,7 @@ OFF = ("0", "off", "no", "false")
 
 _scenes: dict[Structure, str] = {}
 _records: list[list["Loaded"]] = []
+_announced: list[str] = []  # what is being compiled and may have a line
 
 
 @dataclass(frozen=True)
@@ -101,12 +102,21 @@ def announced(what: str) -> Iterator[None]:
         yield
         return
     line = _Line(f"slcp-warp: compiling {what} ...")
+    _announced.append(what)
     try:
         yield
     except BaseException:
         line.end("stopped after")
         raise
-    line.end("")
+    else:
+        line.end("")
+    finally:
+        _announced.remove(what)
+
+
+def compiling() -> bool:
+    """Whether something is compiled whose line others would tear."""
+    return bool(_announced)
 
 
 @contextmanager

@@ -35,6 +35,8 @@ def make_sweep_ask_kernel(nv: int, nu: int, dtype: type, policy: PolicyKernel) -
         who = wp.where(wp.static(policy.by_row), i, disturb.number(c, e, i))
         if k >= p.steps[i]:
             return
+        if wp.static(policy.timed):
+            control = asked.of_row(control, e.timing, i, c.step)
         x = arrive(c, e, params, x0, p, i, k, state)
         if p.status[i] == wp.static(SOLVED):
             memory = asked.recall(control, memories, i, who, k, x)

@@ -11,9 +11,10 @@ from ..policies.pieces import make_limits
 # streams of the random numbers; those of noisy sensors are in `policies/around.py`
 START, CHOICE, PARAMETER, TORQUE, KICK = 0, 100, 200, 300, 400
 FAR = 1 << 20  # streams of the torques beyond the hundredth, which would meet those of the kicks
-PUSH, DROPOUT, DROPPED = 1 << 22, (1 << 22) + 10, (1 << 22) + 20
+PUSH, DROPOUT, DROPPED, TIMING = 1 << 22, (1 << 22) + 10, (1 << 22) + 20, (1 << 22) + 30
 PUSH_FIELDS = ("start", "duration", "fx", "fy", "torque")  # of a push [s, s, N, N, N m]
 DROPOUT_FIELDS = ("start", "duration")  # of a dropout [s]
+TIMING_FIELDS = ("delay", "hold")  # of controls [s]
 END = 1e300  # time after a world's last step [s]
 ROUNDING = 1e-6  # of a step: by so much times may miss the limits that they are to meet
 
@@ -25,6 +26,7 @@ def make_conditions(dtype: type) -> type:
     @wp.struct
     class Conditions:
         world0: int  # number of the launch's first world
+        step: wp.float64  # [s] that delays and holds are counted in
         seed: int
         torque: dtype  # standard deviation of white torque noise per step
         dropped: wp.float64  # share of the steps without controls
@@ -53,6 +55,7 @@ def make_events(dtype: type) -> type:
         kick: wp.array3d(dtype=dtype)  # (B, K, nv) added to the velocities
         push: wp.array3d(dtype=wp.float64)  # (B, Q, 5), see PUSH_FIELDS
         dropout: wp.array3d(dtype=wp.float64)  # (B, D, 2), see DROPOUT_FIELDS
+        timing: wp.array3d(dtype=wp.float64)  # (0 or B, 1, 2), see TIMING_FIELDS
         external: wp.array2d(dtype=dtype)  # (0 or B, 3 nb), where pushes write the forces of a step
 
     return Events

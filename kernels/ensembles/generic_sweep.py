@@ -128,6 +128,8 @@ def make_generic_sweep_kernel(
             event = span.p.event[i]
             x = load(span.state, i)
             one.step.recall(t, k, span.warm, i)
+        if wp.static(policy.timed):
+            control = asked.of_row(control, e.timing, i, c.step)
         memory = asked.begin(control, who, x)
         if spans:
             memory = asked.recall(control, span.memory, i, who, begin, x)

@@ -114,6 +114,8 @@ def make_sweep_kernel(
             event = span.p.event[i]
             x = batch.load_state(span.state, i)
             carry = batch.carried(span.warm, i)
+        if wp.static(policy.timed):
+            control = asked.of_row(control, e.timing, i, c.step)
         memory = asked.begin(control, who, x)
         if wp.static(spans):
             memory = asked.recall(control, span.memory, i, who, begin, x)

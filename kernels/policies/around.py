@@ -22,10 +22,11 @@ class Between(NamedTuple):
     noisy: bool
 
 
-def around_kernel(inner: PolicyKernel, between: Between) -> PolicyKernel:
-    """The kernel of a policy with things between it and the world."""
-    key = f"{inner.in_words}, around it {'; '.join(map(str, between))}:{inner.key}"
-    return PolicyKernel(key, partial(make_around, inner, between), inner, inner.by_row, inner.apart)
+def around_kernel(inner: PolicyKernel, between: Between, timed: bool = False) -> PolicyKernel:
+    """The kernel of a policy with things between it and the world; `timed` as of a `PolicyKernel`."""
+    by_world = ", by world" if timed else ""
+    key = f"{inner.in_words}, around it {'; '.join(map(str, between))}{by_world}:{inner.key}"
+    return PolicyKernel(key, partial(make_around, inner, between), inner, inner.by_row, inner.apart, timed)
 
 
 @cached

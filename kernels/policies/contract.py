@@ -38,6 +38,7 @@ class PolicyKernel:
         inner: of the policy in this one, whose struct is the field `inner`.
         by_row: whether it is asked with a world's row of the launch where worlds have numbers.
         apart: whether it takes as long as a step and few registers: on a GPU a kernel of its own asks it.
+        timed: whether worlds have delays and holds of their own, in place of those of its struct.
     """
 
     key: str
@@ -45,6 +46,7 @@ class PolicyKernel:
     inner: "PolicyKernel | None" = field(default=None, compare=False, repr=False)
     by_row: bool = field(default=False, compare=False, repr=False)
     apart: bool = field(default=False, compare=False, repr=False)
+    timed: bool = field(default=False, compare=False, repr=False)
 
     @property
     def in_words(self) -> str:
@@ -67,6 +69,7 @@ def make_policy(kernel: PolicyKernel, nx: int, nu: int, dtype: type) -> SimpleNa
 
     begin(data, world, x) -> memory, ask(data, world, step, x, memory) -> (u, memory); for launches of single
     steps recall(data, kept, row, world, step, x) -> memory, where step 0 begins, and keep(kept, row, memory).
+    Of a timed policy of_row(data, timing, row, h) is the struct with a row's delay and hold [s], in steps h.
     """
     functions = kernel.functions(nx, nu, dtype)
     Struct, size = functions.Struct, functions.memory
@@ -106,4 +109,16 @@ def make_policy(kernel: PolicyKernel, nx: int, nu: int, dtype: type) -> SimpleNa
         for j in range(size):
             kept[row, j] = memory[j]
 
-    return SimpleNamespace(Struct=Struct, size=size, begin=begin, ask=ask, recall=recall, keep=keep)
+    out = SimpleNamespace(Struct=Struct, size=size, begin=begin, ask=ask, recall=recall, keep=keep)
+    if kernel.timed:
+
+        @wp.func
+        def of_row(data: Struct, timing: wp.array3d(dtype=wp.float64), row: int, h: wp.float64):
+            own = data
+            if timing.shape[0] > 0:
+                own.delay = int(wp.floor(timing[row, 0, 0] / h + wp.float64(0.5)))
+                own.hold = wp.max(1, int(wp.floor(timing[row, 0, 1] / h + wp.float64(0.5))))
+            return own
+
+        out.of_row = of_row
+    return out

@@ -7,13 +7,15 @@ import typer
 
 import slcp_warp as slcp
 
-from ..stages.task_sweep import comparison, load_report, report_table, task_case
+from ..stages.task_sweep import comparison, load_report, report_table
 from ..support.options import Device, Seed, StepSize
 from ..support.policies import POLICY, named_policies
+from ..support.rules import HARD_RULE, HardRule, with_rules
 from ..support.screen import INTERRUPTED, console, one_line_errors, prepared, progress_bar, timed, wrote
 
 
 @one_line_errors
+@with_rules
 def compare_command(
     report: Annotated[
         str,
@@ -39,7 +41,7 @@ def compare_command(
     ] = None,
     worlds: Annotated[int, typer.Option(help="Of a task: at most.")] = 65536,
     batch: Annotated[int, typer.Option(help="Of a task: worlds between looks.")] = 256,
-    residual: Annotated[str, typer.Option(help="Of a task: smoothed, hard, ...")] = "hard",
+    rules: HardRule = HARD_RULE,
     step_size: StepSize = None,
     seed: Seed = 0,
     device: Device = None,
@@ -57,7 +59,7 @@ def compare_command(
         raise ValueError("--policy is of a task with --sequential; `slcp sweep` makes reports to compare")
     task = slcp.load_task(report)
     path = None if out is None else prepared(out, (".csv", ".npz", ".parquet"))
-    case = task_case(task, residual)
+    case = rules.of(task.options)
     with timed("comparison"), progress_bar("worlds") as progress:
         found = slcp.compare_sequentially(
             task, named_policies(policy, task.scene, task), measure=measure, confidence=confidence,

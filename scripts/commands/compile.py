@@ -1,7 +1,6 @@
 """`slcp compile`: compile a scene's kernels ahead, so that whatever uses them starts at once."""
 
 import time
-from dataclasses import replace
 from typing import Annotated
 
 import typer
@@ -12,7 +11,8 @@ import slcp_warp as slcp
 from slcp_warp.kernels.device.progress import Loaded
 
 from ..stages.ahead import OF_TASKS, WHAT, compile_ahead
-from ..support.options import Device, Scaling, TaskFriction, TaskIntegrator, TaskResidual
+from ..support.options import Device
+from ..support.rules import NO_RULE, OneRule, with_rules
 from ..support.screen import console, one_line_errors
 from ..support.simulators import make_simulator, named_scene
 from ..support.tasks import found_task, task_simulator
@@ -28,6 +28,7 @@ def chosen(text: str) -> list[str]:
 
 
 @one_line_errors
+@with_rules
 def compile_command(
     scene: Annotated[
         str, typer.Argument(help="A name or file of a task (`slcp tasks`) or of a scene (`slcp scenes`).")
@@ -35,10 +36,7 @@ def compile_command(
     what: Annotated[
         str, typer.Option(help=f"What is compiled, names with commas: {', '.join((*WHAT, *OF_TASKS))}.")
     ] = "step,rollout",
-    residual: TaskResidual = None,
-    scaling: Scaling = None,
-    friction: TaskFriction = None,
-    integrator: TaskIntegrator = None,
+    rules: OneRule = NO_RULE,
     device: Device = None,
     dtype: Annotated[
         str | None, typer.Option(help="float64 or float32; default: float64, and float32 for sweeps.")
@@ -53,15 +51,12 @@ def compile_command(
     start = time.perf_counter()
     task = found_task(scene)
     names = chosen(what)
-    if task is not None and friction is not None:
-        task = task.replace(options=replace(task.options, friction=friction))
     mechanism = named_scene(scene, "SCENE") if task is None else task.scene
 
     def make(precision: str) -> slcp.Simulator:
         if task is not None:
-            return task_simulator(task, residual, scaling, device, precision, integrator)
-        rules = integrator or "euler", friction or "anitescu"
-        return make_simulator(mechanism, residual or "smoothed", scaling, device, precision, *rules)
+            return task_simulator(task, rules, device, precision)
+        return make_simulator(mechanism, rules, device, precision)
 
     ahead = compile_ahead(make, names, task, dtype)
     kernels = ahead.kernels

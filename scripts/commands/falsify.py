@@ -8,15 +8,17 @@ import typer
 import slcp_warp as slcp
 
 from ..support.options import Device, Seed
-from ..support.policies import POLICY, named_policy
-from ..support.screen import console, one_line_errors, timed, wrote
+from ..support.policies import TaskPolicy, policy_of_task
+from ..support.rules import HARD_RULE, HardRule, with_rules
+from ..support.screen import console, one_line_errors, timed, waiting, wrote
 from ..support.tasks import TaskName
 
 
 @one_line_errors
+@with_rules
 def falsify_command(
     task: TaskName,
-    policy: Annotated[str, typer.Option(help=f"{POLICY}.")],
+    policy: TaskPolicy = None,
     out: Annotated[Path, typer.Option(help="Folder for scenario, run, table, chart.")] = Path("falsified"),
     by: Annotated[str, typer.Option(help="kick, push, start, parameters or all.")] = "kick",
     time: Annotated[
@@ -31,25 +33,27 @@ def falsify_command(
     gradients: Annotated[
         bool, typer.Option("--gradients", help="Use derivatives through contact, too.")
     ] = False,
+    rules: HardRule = HARD_RULE,
     seed: Seed = 0,
     device: Device = None,
 ) -> None:
-    """Find the smallest disturbance under which a policy fails, on the hard problem, and save it."""
+    """Find the smallest disturbance under which a policy fails, and save it."""
     from ..charts.falsify import falsify_chart  # it loads matplotlib
 
     chosen = slcp.load_task(task)
-    followed, _ = named_policy(policy, chosen.scene, chosen)
-    with timed("search"), console.status("worlds") as shown:
+    followed = policy_of_task(policy, chosen)
+    options = rules.of(chosen.options)
+    with timed("search"), waiting("worlds") as shown:
         found = slcp.falsify(
             chosen, followed, by, time=time, body=body, duration=duration, most=most, worlds=worlds,
-            gradients=gradients, seed=seed, device=device,
-            progress=lambda count: shown.update(f"{count:,} worlds"),
+            gradients=gradients, options=options, seed=seed, device=device,
+            progress=lambda count: shown(f"{count:,} worlds"),
         )  # fmt: skip
     console.print(str(found), highlight=False, soft_wrap=True)
     out.mkdir(parents=True, exist_ok=True)
     written = [found.save(out / "falsification.csv")]
     if found.found:
-        written.append(found.replay(followed).save(out / "run.npz"))
+        written.append(found.replay(followed, options).save(out / "run.npz"))
     if found.scenario is not None:
         written.append(out / "scenario.json")
         slcp.save_task(found.scenario, written[-1])

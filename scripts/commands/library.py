@@ -9,13 +9,15 @@ import slcp_warp as slcp
 
 from ..stages.library import Interrupted, build, kept_beside, library_table, task_options
 from ..stages.plan import task_problem
-from ..support.options import Device, Dtype, Scaling, Seed, Settings, Sigma, Start, StepSize, TaskIntegrator
+from ..support.options import Device, Dtype, Seed, Settings, Sigma, Start, StepSize
+from ..support.rules import NO_RULE, OneRule, with_rules
 from ..support.screen import INTERRUPTED, console, one_line_errors, prepared, progress_bar, timed, wrote
 from ..support.simulators import numbers, observed_state
 from ..support.tasks import DEFAULT, TaskName
 
 
 @one_line_errors
+@with_rules
 def library_command(
     task: TaskName = DEFAULT,
     out: Annotated[Path, typer.Option(help="File to write.")] = Path("library.npz"),
@@ -37,8 +39,7 @@ def library_command(
     start: Start = None,
     sigma: Sigma = None,
     step_size: StepSize = None,
-    scaling: Scaling = None,
-    integrator: TaskIntegrator = None,
+    rules: OneRule = NO_RULE,
     settings: Settings = None,
     seed: Seed = 0,
     resume: Annotated[
@@ -55,7 +56,7 @@ def library_command(
     """
     path = prepared(out)
     chosen = slcp.load_task(task)
-    problem = task_problem(chosen, horizon, sigma, step_size, settings, scaling, device, dtype, integrator)
+    problem = task_problem(chosen, horizon, sigma, step_size, settings, rules, device, dtype)
     x0 = chosen.start[0] if start is None else numbers(start, "--start", problem.nx)
     options = task_options(
         chosen, offset=offset, chains=chains, entries=entries, perturb_every=perturb_every, passes=passes,

@@ -8,9 +8,9 @@ import typer
 
 import slcp_warp as slcp
 
-from ..stages.task_sweep import task_case
 from ..support.options import Device, Seed
-from ..support.policies import POLICY, named_policies
+from ..support.policies import TaskPolicy, policies_of_task
+from ..support.rules import HARD_RULE, HardRule, with_rules
 from ..support.screen import console, one_line_errors, prepared, progress_bar, timed, wrote
 from ..support.tasks import TaskName
 
@@ -18,13 +18,14 @@ MOST = 1024  # values of an axis
 
 
 @one_line_errors
+@with_rules
 def map_command(
     task: TaskName,
-    policy: Annotated[str, typer.Option(help=POLICY)],
     x: Annotated[str, typer.Option(help="name=low:high:count, of a parameter, a state or kicks.")],
     y: Annotated[str, typer.Option(help="The same of another.")],
+    policy: TaskPolicy = None,
     worlds: Annotated[int, typer.Option(help="Disturbed worlds of every cell, the same in all.")] = 256,
-    residual: Annotated[str, typer.Option(help="smoothed, hard, ...")] = "hard",
+    rules: HardRule = HARD_RULE,
     seed: Seed = 0,
     device: Device = None,
     dtype: Annotated[str, typer.Option(help="float32 or float64.")] = "float32",
@@ -33,10 +34,10 @@ def map_command(
     """Map where a policy holds: its share of successes over factors on parameters, or shifts of the start."""
     path = prepared(out, ".csv")
     chosen, axes = slcp.load_task(task), (_axis("--x", x), _axis("--y", y))
-    case = task_case(chosen, residual)
+    case = rules.of(chosen.options)
     with timed("map"), progress_bar("worlds") as progress:
         found = slcp.robustness_map(
-            chosen, named_policies([policy], chosen.scene, chosen), *axes, worlds=worlds, seed=seed,
+            chosen, policies_of_task(policy, chosen), *axes, worlds=worlds, seed=seed,
             case=case, dtype=dtype, device=device, progress=progress,
         )  # fmt: skip
     console.print(str(found), markup=False, highlight=False)

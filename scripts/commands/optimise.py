@@ -10,13 +10,15 @@ from slcp_warp import ddp
 from slcp_warp.ddp.planning import METHODS, SCHEDULES, noise_scale, plan_starts
 
 from ..stages.plan import optimise, outcome_table, task_problem, trace_table
-from ..support.options import Device, Dtype, Scaling, Seed, Settings, Sigma, Start, StepSize, TaskIntegrator
-from ..support.screen import console, one_line_errors, prepared, timed, wrote
+from ..support.options import Device, Dtype, Seed, Settings, Sigma, Start, StepSize
+from ..support.rules import NO_RULE, OneRule, with_rules
+from ..support.screen import console, one_line_errors, prepared, timed, waiting, wrote
 from ..support.simulators import numbers
 from ..support.tasks import DEFAULT, TaskName
 
 
 @one_line_errors
+@with_rules
 def optimise_command(
     task: TaskName = DEFAULT,
     out: Annotated[Path, typer.Option(help="File to write.")] = Path("plan.npz"),
@@ -48,8 +50,7 @@ def optimise_command(
     passes: Annotated[int, typer.Option(help="Passes at most, of a method.")] = 400,
     horizon: Annotated[int | None, typer.Option(help="Steps N of the plan; default: the task's.")] = None,
     step_size: StepSize = None,
-    scaling: Scaling = None,
-    integrator: TaskIntegrator = None,
+    rules: OneRule = NO_RULE,
     settings: Settings = None,
     seed: Seed = 0,
     device: Device = None,
@@ -58,7 +59,7 @@ def optimise_command(
     """Plan a task by DDP and save the trajectory with its feedback gains and trace."""
     path = prepared(out)
     chosen = slcp.load_task(task)
-    problem = task_problem(chosen, horizon, sigma, step_size, settings, scaling, device, dtype, integrator)
+    problem = task_problem(chosen, horizon, sigma, step_size, settings, rules, device, dtype)
     x0 = chosen.start[0] if start is None else numbers(start, "--start", problem.nx)
     sigmas = None if continuation is None else numbers(continuation, "--continuation")
     ddp.Options(sigma_schedule=None if sigmas is None else tuple(sigmas))  # must be positive and fall
@@ -66,7 +67,7 @@ def optimise_command(
     regularization = SCHEDULES if methods else ddp.Regularization()
     options = ddp.Options(max_iterations=passes, method=method or METHODS[-1], regularization=regularization)
     scale = noise_scale(chosen) if explore is None else explore
-    with timed("DDP"), console.status("planning from all starts; minutes where many bodies may touch"):
+    with timed("DDP"), waiting("planning from all starts; minutes where many bodies may touch"):
         guesses = plan_starts(problem, x0, starts, seed, scale, method=method or METHODS[0])
         record, results = optimise(problem, x0, guesses, options, schedules, sigmas, methods)
     record.header["seed"], record.header["task"] = seed, chosen.name

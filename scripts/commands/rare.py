@@ -7,22 +7,23 @@ import typer
 
 import slcp_warp as slcp
 
-from ..stages.task_sweep import task_case
 from ..support.options import Device, Seed
-from ..support.policies import POLICY, named_policy
-from ..support.screen import console, one_line_errors, prepared, timed, wrote
+from ..support.policies import TaskPolicy, policy_of_task
+from ..support.rules import HARD_RULE, HardRule, with_rules
+from ..support.screen import console, one_line_errors, prepared, timed, waiting, wrote
 from ..support.tasks import TaskName
 
 
 @one_line_errors
+@with_rules
 def rare_command(
     task: TaskName,
-    policy: Annotated[str, typer.Option(help=f"{POLICY}.")],
+    policy: TaskPolicy = None,
     out: Annotated[Path, typer.Option(help="Table of the levels on the way, .csv.")] = Path("rare.csv"),
     failing: Annotated[
         Path | None, typer.Option(help="Worlds that failed, .npz, for `slcp sweep --given`.")
     ] = None,
-    residual: Annotated[str, typer.Option(help="smoothed, hard, ...")] = "hard",
+    rules: HardRule = HARD_RULE,
     islands: Annotated[int, typer.Option(help="Independent runs, whose spread gives the interval.")] = 20,
     particles: Annotated[int, typer.Option(help="Worlds a level and an island.")] = 500,
     length: Annotated[int, typer.Option(help="States of a chain.")] = 20,
@@ -34,13 +35,13 @@ def rare_command(
     """Estimate the share of a task's disturbed worlds in which a policy fails, by multilevel splitting."""
     path, chosen = prepared(out, ".csv"), slcp.load_task(task)
     kept = None if failing is None else prepared(failing, ".npz")
-    followed, _ = named_policy(policy, chosen.scene, chosen)
-    options = task_case(chosen, residual)
-    with timed("splitting"), console.status("worlds") as shown:
+    followed = policy_of_task(policy, chosen)
+    options = rules.of(chosen.options)
+    with timed("splitting"), waiting("worlds") as shown:
         found = slcp.failure_share(
             chosen, followed, options=options, islands=islands, particles=particles, length=length,
             smallest=smallest, seed=seed, dtype=dtype, device=device,
-            progress=lambda count: shown.update(f"{count:,} worlds"),
+            progress=lambda count: shown(f"{count:,} worlds"),
         )  # fmt: skip
     console.print(str(found), markup=False, highlight=False, soft_wrap=True)
     found.save(path)

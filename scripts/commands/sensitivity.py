@@ -7,13 +7,15 @@ import typer
 
 import slcp_warp as slcp
 
-from ..stages.task_sweep import load_report, task_case
+from ..stages.task_sweep import load_report
 from ..support.options import Device, Seed
-from ..support.policies import POLICY, named_policies
+from ..support.policies import POLICY, policies_of_task
+from ..support.rules import HARD_RULE, HardRule, with_rules
 from ..support.screen import console, one_line_errors, prepared, progress_bar, timed, wrote
 
 
 @one_line_errors
+@with_rules
 def sensitivity_command(
     subject: Annotated[
         str,
@@ -28,7 +30,7 @@ def sensitivity_command(
     samples: Annotated[
         int, typer.Option(help="Of a task: n; n (d + 2) worlds run for d drawn numbers.")
     ] = 1024,
-    residual: Annotated[str, typer.Option(help="Of a task: smoothed, hard, ...")] = "hard",
+    rules: HardRule = HARD_RULE,
     seed: Seed = 0,
     device: Device = None,
     dtype: Annotated[str, typer.Option(help="float32 or float64.")] = "float32",
@@ -43,14 +45,12 @@ def sensitivity_command(
     path = prepared(out, ".csv")
     if Path(subject).is_dir() or Path(subject).suffix in (".csv", ".npz", ".parquet"):
         found = load_report(Path(subject)).sensitivity(measure, policy)
-    elif policy is None:
-        raise ValueError("--policy is missing; a task needs the file of one")
     else:
         task = slcp.load_task(subject)
-        case = task_case(task, residual)
+        case = rules.of(task.options)
         with timed("sensitivity"), progress_bar("worlds") as progress:
             found = slcp.sensitivity(
-                task, named_policies([policy], task.scene, task), measure=measure, samples=samples, seed=seed,
+                task, policies_of_task(policy, task), measure=measure, samples=samples, seed=seed,
                 case=case, dtype=dtype, device=device, progress=progress,
             )  # fmt: skip
     console.print(str(found), markup=False, highlight=False)

@@ -7,28 +7,27 @@ import typer
 
 import slcp_warp as slcp
 
-from ..stages.trajectory import simulate, summary
+from ..stages.trajectory import overlaps, simulate, summary
 from ..support.options import (
     DEFAULT_SCENE,
     Device,
     Dtype,
-    Scaling,
     SceneName,
     Seed,
     Settings,
     Sigma,
     Start,
     StepSize,
-    TaskIntegrator,
-    TaskResidual,
 )
 from ..support.policies import POLICY
+from ..support.rules import NO_RULE, OneRule, with_rules
 from ..support.screen import console, one_line_errors, prepared, wrote
 from ..support.simulators import make_params, make_simulator, named_scene, start_states
 from ..support.tasks import OptionalTask, task_simulator
 
 
 @one_line_errors
+@with_rules
 def simulate_command(
     task: OptionalTask = None,
     out: Annotated[Path, typer.Option(help="File to write.")] = Path("trajectory.npz"),
@@ -38,9 +37,7 @@ def simulate_command(
     worlds: Annotated[int, typer.Option(min=1, help="Worlds, which differ by --velocity-sd.")] = 1,
     start: Start = None,
     velocity_sd: Annotated[float, typer.Option(help="Standard deviation added to velocities.")] = 0.0,
-    residual: TaskResidual = None,
-    scaling: Scaling = None,
-    integrator: TaskIntegrator = None,
+    rules: OneRule = NO_RULE,
     sigma: Sigma = None,
     step_size: StepSize = None,
     settings: Settings = None,
@@ -51,18 +48,18 @@ def simulate_command(
     """Simulate worlds of a task or a scene and save states, controls, impulses and gaps."""
     path = prepared(out)
     if task is None:
-        sim = make_simulator(
-            named_scene(scene), residual or "smoothed", scaling, device, dtype, integrator or "euler"
-        )
+        sim = make_simulator(named_scene(scene), rules, device, dtype)
         first, steps = sim.scene.x0, 400 if steps is None else steps
     else:
         chosen = slcp.load_task(task)
-        sim = task_simulator(chosen, residual, scaling, device, dtype, integrator)
+        sim = task_simulator(chosen, rules, device, dtype)
         first, steps = chosen.start[0], chosen.steps if steps is None else steps
     params = make_params(sim, step_size, sigma, settings)
     x0 = start_states(sim.scene, start, worlds, velocity_sd, seed, first)
     run = simulate(sim, params, x0, steps, policy, task=None if task is None else chosen)
     run.header["seed"] = seed
     run.save(path)
+    if deep := overlaps(run):
+        typer.echo(f"slcp: the start overlaps: {', '.join(deep)}", err=True)
     console.print(summary(run))
     wrote(path)

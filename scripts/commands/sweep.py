@@ -10,17 +10,19 @@ from slcp_warp.ensembles.stored.sweep import StoredSweep
 
 from ..stages.stored_sweep import Where, executor_of, finish_stored, opened_sweep
 from ..stages.sweep import cycle_states, run_sweep, sweep_table
-from ..stages.task_sweep import changed_task, report_table, sweep_task, task_cases
-from ..support.options import DEFAULT_SCENE, Device, Scaling, SceneName, Seed, Settings, TaskIntegrator
-from ..support.policies import POLICY
+from ..stages.task_sweep import changed_task, report_table, sweep_task
+from ..support.options import DEFAULT_SCENE, Device, SceneName, Seed, Settings
+from ..support.policies import MISSING, POLICY
+from ..support.rules import NO_RULES, Rules, residual_of, with_rules
 from ..support.screen import INTERRUPTED, console, one_line_errors, prepared, progress_bar, timed, wrote
-from ..support.simulators import RESIDUALS, named_scene, numbers, observed_of, parse_settings
+from ..support.simulators import named_scene, numbers, observed_of, parse_settings
 from ..support.tasks import OptionalTask
 
 OF_RESUMING = {"resume", "prepare", "chunk", "processes", "dask", "slurm", "slurm_option"}  # options
 
 
 @one_line_errors
+@with_rules
 def sweep_command(
     context: typer.Context,
     task: OptionalTask = None,
@@ -100,8 +102,7 @@ def sweep_command(
         int | None, typer.Option(help="State component whose rate is judged, of a scene.")
     ] = None,
     threshold: Annotated[float, typer.Option(help="Rate that counts as spinning, of a scene.")] = 0.5,
-    scaling: Scaling = None,
-    integrator: TaskIntegrator = None,
+    rules: Rules = NO_RULES,
     seed: Seed = 0,
     device: Device = None,
     dtype: Annotated[str, typer.Option(help="float32 or float64.")] = "float32",
@@ -117,8 +118,6 @@ def sweep_command(
             raise ValueError(f"--resume is given with {', '.join(other)}; the folder has them")
         finish_stored(StoredSweep.resume(resume), where)
         return
-    if not policy:
-        raise ValueError("--policy is missing: a file of `slcp library` or `slcp optimise`")
     given = {
         "velocity": velocity_sd, "position": position_sd, "torque": torque_sd, "kick": kick_sd,
         "kick_times": None if not kick_times else tuple(numbers(kick_times, "--kick-times").tolist()),
@@ -134,12 +133,12 @@ def sweep_command(
             raise ValueError("--set and --observe are of --scene; a task has numbers and measures of its own")
         chosen = slcp.load_task(task)
         changes = {"start": _states(start, chosen.scene, skip), "duration": duration}
-        changed = changed_task(chosen, given, scaling=scaling, integrator=integrator, **changes)
+        changed = changed_task(chosen, given, **changes)
         own = worlds if given_worlds is None else slcp.load_worlds(given_worlds)
-        choices = {"worlds": own, "seed": seed, "cases": task_cases(changed, residuals),
+        choices = {"worlds": own, "seed": seed, "cases": rules.cases(changed.options, residuals),
                    "step_sizes": sizes, "device": device, "dtype": dtype}  # fmt: skip
         if folder is not None:
-            same = not (given or scaling or integrator or any(each is not None for each in changes.values()))
+            same = not (given or any(each is not None for each in changes.values()))
             text = task if same and ".py:" in task else None
             finish_stored(opened_sweep(folder, changed, text, policy, chunk_worlds, where, choices), where)
         else:
@@ -150,6 +149,8 @@ def sweep_command(
     if folder is not None:
         raise ValueError(f"--out is {out}, a folder; only sweeps of a task have one")
     path = prepared(out or Path("sweep.npz"))
+    if not policy:
+        raise ValueError(MISSING)
     if len(policy) > 1:
         raise ValueError("--policy is given more than once; only a task takes several")
     mechanism = named_scene(scene)
@@ -164,9 +165,7 @@ def sweep_command(
         observe=observed_of(mechanism) if observe is None else observe,
     )  # fmt: skip
     with timed("sweep"), progress_bar("worlds") as progress:
-        report = run_sweep(
-            mechanism, Path(policy[0]), spec, scaling, integrator or "euler", device, dtype, progress
-        )
+        report = run_sweep(mechanism, Path(policy[0]), spec, rules, device, dtype, progress)
     report.save(path)
     report.save(path.with_suffix(".csv"))
     console.print(sweep_table(report))
@@ -184,7 +183,7 @@ def _given(context: typer.Context) -> set[str]:
     }
 
 
-def _sweep_task(path: Path, task: slcp.Task, policy: list[str], choices: dict[str, Any]) -> None:
+def _sweep_task(path: Path, task: slcp.Task, policy: list[str] | None, choices: dict[str, Any]) -> None:
     with timed("sweep"), progress_bar("worlds") as progress:
         report = sweep_task(task, policy, progress=progress, **choices)
     report.save(path)
@@ -205,8 +204,4 @@ def _end(complete: bool, done: int) -> None:
 
 
 def _residuals(text: str) -> tuple[str, ...]:
-    names = [name.strip() for name in text.split(",")]
-    unknown = [name for name in names if name not in RESIDUALS]
-    if unknown:
-        raise ValueError(f"--residuals names {unknown[0]!r}; choose smoothed, hard or both")
-    return tuple(RESIDUALS[name] for name in names)
+    return tuple(residual_of(name.strip(), "--residuals") for name in text.split(","))

@@ -12,6 +12,7 @@ import slcp_warp as slcp
 
 from ..support.options import Device
 from ..support.policies import POLICY, named_policies
+from ..support.rules import NO_RULES, Rules, with_rules
 from ..support.screen import INTERRUPTED, console, one_line_errors
 from ..support.simulators import default_scaling, named_scene
 from ..support.tasks import found_task
@@ -23,6 +24,7 @@ from ..watch.world import Subject
 
 
 @one_line_errors
+@with_rules
 def watch_command(
     what: Annotated[
         str | None,
@@ -38,6 +40,7 @@ def watch_command(
     replay: Annotated[Path | None, typer.Option(help="Show a recorded run instead.")] = None,
     port: Annotated[int, typer.Option(min=0, max=65535, help="On the loopback; 0: any.")] = 0,
     browser: Annotated[bool, typer.Option(help="Open the page.")] = True,
+    rules: Rules = NO_RULES,
     device: Device = None,
 ) -> None:
     """Watch a task's mechanism in the browser, in real time, and pull at its bodies with the mouse."""
@@ -50,7 +53,7 @@ def watch_command(
         engine = Player(Replay(replay), device)
     else:
         assert what is not None
-        subject = watched(what, worlds, seed)
+        subject = watched(what, worlds, seed, rules)
         policies = named_policies(policy or [], subject.scene, subject.task)
         out.mkdir(parents=True, exist_ok=True)
         pushes = {} if subject.task is None else buttons_of(subject.task, seed=seed)
@@ -79,12 +82,12 @@ async def _serve(server: Any, browser: bool) -> None:
     await serving
 
 
-def watched(name: str, worlds: int, seed: int) -> Subject:
+def watched(name: str, worlds: int, seed: int, rules: Rules = NO_RULES) -> Subject:
     """What a name or a file says: a task, or a scene at its start."""
     task = found_task(name)
     if task is not None:
-        return Subject.of(task, worlds, seed)
+        return Subject.of(task, worlds, seed, rules)
     scene = named_scene(name, "TASK")
     options = slcp.Options(scaling=default_scaling(scene))
     start = scene.x0[None].repeat(worlds, axis=0)
-    return Subject(scene.name, scene, options, start)
+    return Subject(scene.name, scene, options, start, rules=rules)

@@ -18,6 +18,7 @@ from ..stages.sweep import cycle_states, run_sweep
 from ..stages.trajectory import simulate
 from ..support.paper import OBSERVED, RANGE, SCENE
 from ..support.records import Record
+from ..support.rules import HARD_RULE
 from ..support.screen import progress_bar
 from ..support.simulators import make_params, make_simulator, named_scene, start_states
 from ..support.tables import write_csv
@@ -104,12 +105,12 @@ class Run:
     def cycle(self) -> None:
         """Smoothed worlds on the limit cycle, and one hard world at h = .03 that starts on it."""
         scale = self.scale
-        smoothed = make_simulator(self.scene, "smoothed", device=self.device, dtype="float32")
+        smoothed = make_simulator(self.scene, device=self.device, dtype="float32")
         x0 = start_states(self.scene, None, scale.cycle_worlds, 0.3, self.seed)
         steps = round(scale.cycle_time / self.scene.step_size)
         starts = simulate(smoothed, smoothed.params, x0, steps, self.file("library.npz"), NO_GAP)
         starts.save(self.file("starts.npz"))
-        hard = make_simulator(self.scene, "hard", device=self.device, dtype="float32")
+        hard = make_simulator(self.scene, HARD_RULE, device=self.device, dtype="float32")
         x0 = cycle_states(starts, self.scene, scale.skip)[:: max(1, steps // 16)][:64]
         params = make_params(hard, step_size=0.03)
         worlds = simulate(hard, params, x0, round(scale.cycle_time / 0.03), self.file("library.npz"), NO_GAP)

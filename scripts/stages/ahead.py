@@ -17,8 +17,10 @@ def _controls(sim: slcp.Simulator) -> np.ndarray:
     return np.zeros((1, 1, sim.nu))
 
 
-def _policies(sim: slcp.Simulator) -> dict[str, Any]:
-    """A plan and a library of one entry."""
+def _policies(sim: slcp.Simulator) -> dict[str, Any] | None:
+    """A plan and a library of one entry; None: there are no controls."""
+    if not sim.nu:
+        return None
     gain = np.zeros((1, sim.nu, sim.nx))
     plan = SimpleNamespace(us=_controls(sim)[0], xs=np.tile(sim.scene.x0, (2, 1)), K=gain)
     one = np.zeros(1)
@@ -31,10 +33,6 @@ def _policies(sim: slcp.Simulator) -> dict[str, Any]:
 
 def _task_of(sim: slcp.Simulator) -> slcp.Task:
     """A task of a scene, with the kernels of all tasks whose cost is terms and whose measures are data."""
-    if not sim.nu:
-        raise slcp.InputError(
-            f"scene {sim.scene.name!r} has no controls; there is nothing to plan or to sweep"
-        )
     cost = slcp.costs.terms(sim.scene, [slcp.costs.Term("square", 1.0, state=0)])
     return slcp.Task(sim.scene.name, sim.scene, cost, horizon=2, options=sim.options)
 

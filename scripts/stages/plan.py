@@ -13,6 +13,7 @@ from slcp_warp.ddp.planning import solve_starts
 from slcp_warp.results.simulated import Simulated
 
 from ..support.records import Record, device_facts
+from ..support.rules import NO_RULE, OneRule
 from ..support.simulators import make_params
 from ..support.tasks import task_simulator
 
@@ -25,13 +26,12 @@ def task_problem(
     sigma: float | None = None,
     step_size: float | None = None,
     settings: list[str] | None = None,
-    scaling: str | None = None,
+    rules: OneRule = NO_RULE,
     device: str | None = None,
     dtype: str = "float64",
-    integrator: str | None = None,
 ) -> ddp.Problem:
     """The problem of a task with the options' numbers; None: the task's."""
-    sim = task_simulator(task, None, scaling, device, dtype, integrator)
+    sim = task_simulator(task, rules, device, dtype)
     params = make_params(sim, step_size, sigma, settings)
     task = task if horizon is None else task.replace(horizon=horizon)
     return replace(ddp.problem_of(task, sim), params=params)

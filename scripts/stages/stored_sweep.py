@@ -15,7 +15,7 @@ from slcp_warp.ensembles.stored.sweep import StoredSweep
 from slcp_warp.ensembles.tasks import TaskSweep
 from slcp_warp.runs.progress import shown
 
-from ..support.policies import named_policies, of_python, policy_name
+from ..support.policies import of_python, policies_of_task, policy_name
 from ..support.screen import INTERRUPTED, console
 from .task_sweep import report_table
 
@@ -52,7 +52,7 @@ def opened_sweep(
     folder: Path,
     task: slcp.Task,
     text: str | None,
-    policies: Sequence[str],
+    policies: Sequence[str] | None,
     chunk_worlds: int | None,
     where: Where,
     choices: dict[str, Any],
@@ -67,8 +67,8 @@ def opened_sweep(
     """
     folder.parent.mkdir(parents=True, exist_ok=True)
     texts = {} if text is None else {"task": text}
-    texts |= {f"policy {policy_name(each)}": each for each in policies if of_python(each)}
-    work = TaskSweep(task, named_policies(policies, task.scene, task), chunk=chunk_worlds, **choices)
+    texts |= {f"policy {policy_name(each)}": each for each in policies or () if of_python(each)}
+    work = TaskSweep(task, policies_of_task(policies, task), chunk=chunk_worlds, **choices)
     return StoredSweep.open(folder, work, texts, chunk_worlds, None if where.executor is None else 1)
 
 

@@ -12,6 +12,7 @@ import slcp_warp as slcp
 from slcp_warp.ddp.library.entries import scene_digest
 
 from ..support.records import load_policy
+from ..support.rules import NO_RULES, Rules
 from ..support.simulators import default_scaling, make_simulator
 
 
@@ -34,23 +35,21 @@ def run_sweep(
     scene: slcp.Scene,
     policy_file: Path,
     spec: slcp.SweepSpec,
-    scaling: str | None = None,
-    integrator: str = "euler",
+    rules: Rules = NO_RULES,
     device: str | None = None,
     dtype: str = "float32",
     progress: Callable[[int, int], None] | None = None,
 ) -> slcp.SweepReport:
     """Sweep a policy's file; the report's `spec` also says which scene and policy they were."""
+    method: dict[str, Any] = {"scaling": default_scaling(scene), "integrator": "euler"}
+    if others := sorted(set(rules.given) - set(method)):
+        raise ValueError(f"--{others[0]} is of a task; a sweep of a scene has {', '.join(method)}")
+    method |= rules.given
     policy, facts = load_policy(policy_file, scene)
-    scaling = scaling or default_scaling(scene)
     device = str(make_simulator(scene, device=device, dtype=dtype).device)  # a bad name fails here, clearly
-    report = slcp.sweep(
-        scene, policy, spec, scaling=scaling, integrator=integrator, dtype=dtype, device=device,
-        progress=progress,
-    )  # fmt: skip
+    report = slcp.sweep(scene, policy, spec, **method, dtype=dtype, device=device, progress=progress)
     if not report.cases:
         raise KeyboardInterrupt
-    method = {"scaling": scaling, "integrator": integrator}
     report.spec |= {"scene": scene.name, **method, "dtype": dtype, "device": device, **facts}
     return report
 

@@ -15,49 +15,24 @@ from slcp_warp.ensembles.statistics.source import MemorySource
 from slcp_warp.runs import manifest
 from slcp_warp.storage.files import FileError
 
-from ..support.policies import named_policies
-from ..support.simulators import RESIDUALS
+from ..support.policies import policies_of_task
 from ..support.tables import read_csv
 from .sweep import percent, plus_minus
 
 COLUMNS = (*KEYS, "world", "success", "status")
 
 
-def task_cases(task: slcp.Task, residuals: str) -> dict[str, slcp.Options]:
-    """The task's options with each of some residuals, by the names that were given."""
-    names = [name.strip() for name in residuals.split(",")]
-    unknown = [name for name in names if name not in RESIDUALS]
-    if unknown:
-        raise ValueError(f"--residuals names {unknown[0]!r}; choose from {', '.join(RESIDUALS)}")
-    return {name: replace(task.options, residual=RESIDUALS[name]) for name in names}
-
-
-def task_case(task: slcp.Task, residual: str) -> slcp.Options:
-    """The task's options with one residual, by the name that was given."""
-    if residual not in RESIDUALS:
-        raise ValueError(f"--residual is {residual!r}; choose from {', '.join(RESIDUALS)}")
-    return replace(task.options, residual=RESIDUALS[residual])
-
-
-def changed_task(
-    task: slcp.Task,
-    disturbances: dict[str, Any],
-    scaling: str | None = None,
-    integrator: str | None = None,
-    **changes: Any,
-) -> slcp.Task:
-    """The task with other disturbances, options and fields, where they are given."""
-    options: dict[str, Any] = {"scaling": scaling, "integrator": integrator}
+def changed_task(task: slcp.Task, disturbances: dict[str, Any], **changes: Any) -> slcp.Task:
+    """The task with other disturbances and fields, where they are given."""
     return task.replace(
         disturbances=replace(task.disturbances, **disturbances),
-        options=replace(task.options, **{name: value for name, value in options.items() if value}),
         **{name: value for name, value in changes.items() if value is not None},
     )
 
 
-def sweep_task(task: slcp.Task, given: Sequence[str], **choices: Any) -> slcp.Report:
+def sweep_task(task: slcp.Task, given: Sequence[str] | None, **choices: Any) -> slcp.Report:
     """Sweep policies as the commands name them, see `named_policy`."""
-    report: slcp.Report = slcp.sweep(task, named_policies(given, task.scene, task), **choices)
+    report: slcp.Report = slcp.sweep(task, policies_of_task(given, task), **choices)
     if not report.source.keys:
         raise KeyboardInterrupt
     return report

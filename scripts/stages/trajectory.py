@@ -13,8 +13,11 @@ import slcp_warp as slcp
 
 from ..support.policies import ZERO, named_policy
 from ..support.records import device_facts
+from ..support.rules import told
 
 RECORD = ("controls", "impulse", "gap")
+OVERLAP = 1e-6  # from which on a start is said to overlap [m, rad]
+MOST = 8  # pairs that are named
 
 
 def simulate(
@@ -55,7 +58,7 @@ def summary(run: slcp.Trajectory) -> Table:
         f"{n} {slcp.Status(s).name.lower()}" for s, n in zip(*np.unique(status, return_counts=True))
     )
     table = Table(
-        title=f"{scene.name}, {run.options.residual}, {duration:g} s; worlds: {counts}",
+        title=f"{scene.name}, {', '.join(told(run.options))}, {duration:g} s; worlds: {counts}",
         box=SIMPLE_HEAD,
     )
     table.add_column("first world")
@@ -65,6 +68,22 @@ def summary(run: slcp.Trajectory) -> Table:
     for name, numbers in zip(_freedoms(scene), columns.T):
         table.add_row(name, *(f"{value:.4g}" for value in numbers))
     return table
+
+
+def overlaps(run: slcp.Trajectory) -> list[str]:
+    """What of the starts overlaps: pairs and limits by name, how deep at most and in how many worlds."""
+    assert run.gap is not None
+    names = [name.removesuffix(" +").removesuffix(" -") for name in run.scene.row_names]
+    depth: dict[str, np.ndarray] = {}
+    for name, column in zip(names, -np.asarray(run.gap)[:, 0].T):
+        depth[name] = np.fmax(depth.get(name, column), column)
+    found = {name: each for name, each in depth.items() if (each > OVERLAP).any()}
+    said = []
+    for name, each in sorted(found.items(), key=lambda item: -np.nanmax(item[1])):
+        many = f" in {(each > OVERLAP).sum()} of {len(each)} worlds" if len(each) > 1 else ""
+        said.append(f"{name} by {np.nanmax(each):.3g}{many}")
+    more = [f"and {len(said) - MOST} more"] if len(said) > MOST else []
+    return [*said[:MOST], *more]
 
 
 def _freedoms(scene: slcp.Scene) -> list[str]:

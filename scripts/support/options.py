@@ -13,18 +13,6 @@ SceneName = Annotated[
         "--scene", help="A .toml, .json or .xml (MJCF) file, or: " + ", ".join(slcp.scenes.NAMED) + "."
     ),
 ]
-Residual = Annotated[
-    str, typer.Option(help="smoothed (rem-logistic), hard, rem-normal, erm-logistic or erm-normal.")
-]
-TaskResidual = Annotated[
-    str | None, typer.Option(help="smoothed, hard, rem-normal, ..; default: the task's, or smoothed.")
-]
-Scaling = Annotated[str | None, typer.Option(help="inertia or none; default: the task's, or inertia.")]
-Integrator = Annotated[str, typer.Option(help="euler, or trapezoidal: second order where motion is smooth.")]
-TaskIntegrator = Annotated[str | None, typer.Option(help="euler or trapezoidal; default: the task's.")]
-TaskFriction = Annotated[
-    str | None, typer.Option(help="anitescu, or coulomb with the hard residual; default: the task's.")
-]
 Sigma = Annotated[float | None, typer.Option(help="Noise level of the smoothing; default: the scene's.")]
 StepSize = Annotated[float | None, typer.Option("--step-size", help="h [s]; default: the scene's.")]
 Device = Annotated[str | None, typer.Option(help="cpu, cuda:0, ...; default: the best one present.")]

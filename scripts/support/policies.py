@@ -2,9 +2,10 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+import typer
 
 import slcp_warp as slcp
 from slcp_warp import ddp
@@ -12,7 +13,10 @@ from slcp_warp import ddp
 from .records import load_plan, load_policy, read_kind
 
 ZERO, MPC = "zero", "mpc"
+MISSING = "--policy is missing: a file of `slcp library` or `slcp optimise`, file.py:name, or zero"
 POLICY = f"{ZERO}, a file of `slcp library` or `optimise`, {MPC}, {MPC}:FILE of either, or file.py:name"
+
+TaskPolicy = Annotated[str | None, typer.Option(help=f"{POLICY}; none of a task without controls.")]
 
 
 def named_policy(given: str | Path, scene: slcp.Scene, task: slcp.Task | None) -> tuple[Any, dict[str, Any]]:
@@ -36,6 +40,19 @@ def named_policy(given: str | Path, scene: slcp.Scene, task: slcp.Task | None) -
     if of_python(text):
         return slcp.policies.load_policy(text), {"policy": policy_name(text)}
     return load_policy(Path(text), scene)
+
+
+def policies_of_task(given: Sequence[str | Path] | str | None, task: slcp.Task) -> dict[str, Any] | None:
+    """Policies by name; None where none is given and the task's scene has no controls."""
+    if not given and task.scene.nu:
+        raise ValueError(MISSING)
+    return named_policies([given] if isinstance(given, str) else given, task.scene, task) if given else None
+
+
+def policy_of_task(given: str | None, task: slcp.Task) -> Any:
+    """The same of a single one."""
+    found = policies_of_task(given, task)
+    return None if found is None else next(iter(found.values()))
 
 
 def named_policies(

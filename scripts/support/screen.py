@@ -1,6 +1,9 @@
 """What the commands say: errors as one line, progress bars, tables, what was written."""
 
 import functools
+import itertools
+import os
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -13,7 +16,14 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from slcp_warp.kernels.device.progress import compiling
+
+WIDE = 160  # characters of a line where nobody sees a terminal
 console = Console()
+if not console.is_terminal and "COLUMNS" not in os.environ:
+    console = Console(width=WIDE)
+beside = Console(stderr=True)  # what is of the moment only
+TELL_AT = (5.0, 15.0, 30.0)  # of a run without a terminal [s]
 BAD_INPUT = 2  # exit code
 INTERRUPTED = 130
 
@@ -46,15 +56,51 @@ def one_line(error: Exception) -> str:
 
 @contextmanager
 def progress_bar(what: str) -> Iterator[Callable[[int, int], None]]:
-    """A progress bar on the screen; yields a callback (done, total)."""
+    """A progress bar on a terminal, lines now and then elsewhere; yields a callback (done, total)."""
+    if not beside.is_terminal:
+        with _lines(what) as tell:
+            yield lambda done, total: tell(f"{done:,} of {total:,} {what}")
+        return
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console, transient=True) as progress:
+    with Progress(*columns, console=beside, transient=True) as progress:
         task = progress.add_task(what, total=None)
 
         def update(done: int, total: int) -> None:
             progress.update(task, completed=done, total=total)
 
         yield update
+
+
+@contextmanager
+def waiting(what: str) -> Iterator[Callable[[str], None]]:
+    """A spinner on a terminal, lines now and then elsewhere; yields a callback for another text."""
+    if not beside.is_terminal:
+        with _lines(what) as tell:
+            yield tell
+        return
+    with beside.status(what) as shown:
+        yield shown.update
+
+
+@contextmanager
+def _lines(what: str) -> Iterator[Callable[[str], None]]:
+    """The latest text and the time so far as lines on stderr, at `TELL_AT` and every minute."""
+    texts, over, start = [what], threading.Event(), time.monotonic()
+
+    def tell() -> None:
+        for at in itertools.chain(TELL_AT, itertools.count(60.0, 60.0)):
+            if over.wait(max(0.0, start + at - time.monotonic())):
+                return
+            if not compiling():
+                typer.echo(f"slcp: {texts[-1]}, {at:g} s", err=True)
+
+    teller = threading.Thread(target=tell, daemon=True)
+    teller.start()
+    try:
+        yield lambda text: texts.__setitem__(-1, text)
+    finally:
+        over.set()
+        teller.join()
 
 
 @contextmanager

@@ -9,9 +9,8 @@ import numpy as np
 
 import slcp_warp as slcp
 from slcp_warp.measures.signals import Signal
-from slcp_warp.options import CHOICES
 
-RESIDUALS = {"smoothed": "rem-logistic", **{name: name for name in CHOICES["residual"]}}
+from .rules import NO_RULE, OneRule
 
 
 def named_scene(name: str, option: str = "--scene") -> slcp.Scene:
@@ -60,18 +59,18 @@ def task_of(scene: slcp.Scene) -> slcp.Task | None:
 
 def make_simulator(
     scene: slcp.Scene,
-    residual: str = "smoothed",
-    scaling: str | None = None,
+    rules: OneRule = NO_RULE,
     device: str | None = None,
     dtype: str = "float64",
-    integrator: str = "euler",
-    friction: str = "anitescu",
 ) -> slcp.Simulator:
     """A simulator from a command's options."""
-    if residual not in RESIDUALS:
-        raise ValueError(f"--residual is {residual!r}; choose one of {list(RESIDUALS)}")
-    scaling = scaling or default_scaling(scene)
-    options = slcp.Options(RESIDUALS[residual], scaling, integrator=integrator, friction=friction)
+    return simulator_of(scene, rules.of(slcp.Options(scaling=default_scaling(scene))), device, dtype)
+
+
+def simulator_of(
+    scene: slcp.Scene, options: slcp.Options, device: str | None = None, dtype: str = "float64"
+) -> slcp.Simulator:
+    """A simulator; ValueError for a device that there is not."""
     try:
         return slcp.Simulator(scene, options, device=device, dtype=dtype)
     except RuntimeError as error:  # Warp's answer to an unknown device

@@ -1,15 +1,15 @@
 """A command's task, and simulators of it with the command's options."""
 
-from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 import slcp_warp as slcp
 from slcp_warp.tasks.files import says_task
 
-from .simulators import RESIDUALS
+from .rules import NO_RULE, OneRule
+from .simulators import simulator_of
 
 DEFAULT = next(iter(slcp.tasks.NAMED))
 HELP = "A name of `slcp tasks`, a .toml or .json file, or file.py:name"
@@ -20,26 +20,10 @@ OptionalTask = Annotated[
 
 
 def task_simulator(
-    task: slcp.Task,
-    residual: str | None = None,
-    scaling: str | None = None,
-    device: str | None = None,
-    dtype: str = "float64",
-    integrator: str | None = None,
+    task: slcp.Task, rules: OneRule = NO_RULE, device: str | None = None, dtype: str = "float64"
 ) -> slcp.Simulator:
-    """A simulator of a task; None: the task's choice."""
-    if residual is not None and residual not in RESIDUALS:
-        raise ValueError(f"--residual is {residual!r}; choose one of {list(RESIDUALS)}")
-    given: dict[str, Any] = {
-        "residual": None if residual is None else RESIDUALS[residual],
-        "scaling": scaling,
-        "integrator": integrator,
-    }
-    options = replace(task.options, **{name: value for name, value in given.items() if value is not None})
-    try:
-        return task.simulator(options, device=device, dtype=dtype)
-    except RuntimeError as error:  # Warp's answer to an unknown device
-        raise ValueError(f"--device {device!r}: {error}") from error
+    """A simulator of a task, with the options of a command."""
+    return simulator_of(task.scene, rules.of(task.options), device, dtype)
 
 
 def found_task(name: str) -> slcp.Task | None:

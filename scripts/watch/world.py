@@ -1,6 +1,6 @@
 """The worlds that are watched: state, numbers and contacts, one step at a time."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -9,6 +9,7 @@ import slcp_warp as slcp
 from slcp_warp.inputs.limits import limit_rows
 from slcp_warp.results.pictures.mechanism import Mechanism
 
+from ..support.rules import NO_RULES, Rules
 from .knobs import parameters
 from .pull import Pull, wrench
 
@@ -22,6 +23,7 @@ class Subject:
     Attributes:
         name: of the task or the scene.
         scene, options: as of a simulator; options of the smoothed problem, or of the hard one alone.
+        rules: options of the steps, of each problem those that it has.
         start: (B, nx), one a world.
         limits: of the controls, (lower, upper) or None.
         task: where it is one.
@@ -33,16 +35,17 @@ class Subject:
     start: np.ndarray
     limits: Any = None
     task: slcp.Task | None = None
+    rules: Rules = NO_RULES
 
     @classmethod
-    def of(cls, task: slcp.Task, worlds: int = 1, seed: int = 0) -> "Subject":
+    def of(cls, task: slcp.Task, worlds: int = 1, seed: int = 0, rules: Rules = NO_RULES) -> "Subject":
         """A task's scene at its starts; further worlds differ by its disturbances of the start."""
         start = task.start[np.arange(worlds) % len(task.start)].copy()
         noise = np.random.default_rng(seed).standard_normal(start.shape) * task.disturbances.deviation(
             task.scene
         )
         start[1:] += noise[1:]
-        return cls(task.name, task.scene, task.options, start, task.control_limits, task)
+        return cls(task.name, task.scene, task.options, start, task.control_limits, task, rules)
 
 
 @dataclass
@@ -78,8 +81,8 @@ class Worlds:
 
     def __init__(self, subject: Subject, device: str | None = None) -> None:
         self.subject = subject
-        hard = replace(subject.options, residual="hard", noise="row", deviation=None)
-        chosen = {"hard": hard} if subject.options.hard else dict(zip(VARIANTS, (subject.options, hard)))
+        variants = VARIANTS[1:] if subject.options.hard else VARIANTS
+        chosen = dict(zip(variants, subject.rules.variants(subject.options)))
         self.sims = {name: slcp.Simulator(subject.scene, o, device=device) for name, o in chosen.items()}
         self.variant = next(iter(chosen))
         self.values: dict[str, float] = {}

@@ -3,6 +3,6 @@
 from slcp_warp.kernels.control.costs import CostFunctions
 
 from .cost import Cost, plain, quadratic
-from .terms import Term, effort, terms
+from .terms import NO_COST, Term, effort, terms
 
-__all__ = ["Cost", "CostFunctions", "Term", "effort", "plain", "quadratic", "terms"]
+__all__ = ["NO_COST", "Cost", "CostFunctions", "Term", "effort", "plain", "quadratic", "terms"]

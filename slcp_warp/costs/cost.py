@@ -40,7 +40,7 @@ class Cost:
         function("make", make, 3)
         for name, size in (("nx", nx), ("nu", nu), ("nodes", nodes)):
             if size is not None:
-                whole(name, size)
+                whole(name, size, 0 if name == "nu" else 1)
         values = np.atleast_1d(array("weights", weights, finite=False))
         if values.ndim > 2 or not np.isfinite(values).all():
             raise ArgumentError(
@@ -84,7 +84,7 @@ class Cost:
 
 @cached
 def _functions(make: Callable[..., CostFunctions], dtype: Any, nx: int, nu: int) -> CostFunctions:
-    functions = make(dtype, wp.types.vector(nx, dtype), wp.types.vector(nu, dtype))
+    functions = make(dtype, wp.types.vector(nx, dtype), wp.types.vector(max(nu, 1), dtype))
     if not isinstance(functions, CostFunctions):
         raise ArgumentTypeError(
             f"a cost's make must return costs.CostFunctions, got {type(functions).__name__}"

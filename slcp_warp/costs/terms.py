@@ -57,6 +57,9 @@ class Term:
             raise ArgumentError(f"Term.minus is {shown(self.minus)} without a state that it is taken off")
 
 
+NO_COST = Cost(make_terms, [0.0], fixed=[1.0])  # of a task that is not planned: the sum of no terms
+
+
 def effort(weight: float) -> Term:
     """weight |u|^2."""
     return Term("square", weight, control=EVERY)
@@ -98,7 +101,8 @@ def sum_of(
                      for place in _places(label, each, states, controls)]  # fmt: skip
         counts.append(len(rows) - before)
     if not rows:
-        raise ArgumentError("running and final hold no term; at least one is needed")
+        every = "" if controls or not (running or final) else " but of controls, of which there are none"
+        raise ArgumentError(f"running and final hold no term{every}; at least one is needed")
     weights = np.concatenate([[counts[0]], np.array(rows, float).reshape(-1)])
     assert weights.size == 1 + FIELDS * sum(counts)
     places = np.zeros((len(rows), FIELDS))

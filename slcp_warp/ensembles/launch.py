@@ -120,6 +120,7 @@ class Case:
         self.chunk = chunk or min(worlds, fit)
         self._conditions = _conditions(sim, draws.disturbances, limits, record)
         self._conditions.seed, self._conditions.duration = seed, duration
+        self._conditions.step = step_size
         self.table = MeasureTable(measures, sim.scene, failure, cost)
 
     def launch(self, world0: int, count: int) -> dict[str, np.ndarray]:

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from ..costs import quadratic
 from ..description.scene import Scene
 from ..inputs import checks
 from ..inputs.errors import ArgumentError
@@ -31,7 +30,7 @@ from .worlds.draws import Draws
 
 def sweep(
     scene: Scene | Task | str,
-    policy: Any,
+    policy: Any = None,
     spec: SweepSpec | None = None,
     *,
     worlds: int | Worlds = 4096,
@@ -59,7 +58,7 @@ def sweep(
     Args:
         scene: a task, or its name or file (`load_task`); or a mechanism.
         policy: as for `Simulator.rollout`; for a task also several by name, and files of policies
-            (`policies.load_policy`).
+            (`policies.load_policy`); None: none, of a scene without controls.
         spec: of a scene: what is varied and measured.
         worlds: of a task: disturbed worlds of a case and a policy; or `Worlds`, given ones.
         seed: of a task: of all that is drawn; a world's numbers follow from it and the world's index.
@@ -165,9 +164,8 @@ def task_of(scene: Scene, spec: SweepSpec) -> Task:
         kick_times=spec.kick_times,
         kick=spec.kick_sd,
     )
-    free = quadratic(np.zeros((nx, nx)), np.eye(scene.nu))
     contacts = {"contact_share": contact_share(), "lowest_gap": lowest_gap()}
-    return Task(scene.name, scene, free, 1, duration=spec.duration, start=spec.start,
+    return Task(scene.name, scene, duration=spec.duration, start=spec.start,
                 disturbances=disturbances, measures=contacts)  # fmt: skip
 
 

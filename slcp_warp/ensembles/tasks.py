@@ -2,7 +2,6 @@
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +11,7 @@ from ..inputs.checks import shown
 from ..inputs.errors import ArgumentError, ArgumentTypeError
 from ..measures.reductions import Measure, first_time
 from ..options import Options, Status
+from ..policies.linear import Linear
 from ..simulator import Simulator
 from ..stepping.arguments import at_step_size
 from ..tasks.disturbances import Disturbances
@@ -53,7 +53,7 @@ class TaskSweep:
         record_every: float = 0.5,
     ) -> None:
         """Args:
-        policies: a policy, or policies by name.
+        policies: a policy, or policies by name; None: none, of a scene without controls.
         worlds: disturbed ones, a case and a policy; or the numbers of given ones.
         cases: options of the steps, one, several, or by name; None: the task's, and the hard problem.
         step_sizes: [s]; None: the scene's.
@@ -65,7 +65,11 @@ class TaskSweep:
         A policy with numbers of every world's own (gains (B, nu, nx)) is for `worlds` of them; undisturbed
         each runs once, from the starts in turn.
         """
-        self.task, self.policies, self.cases = task, policies_by_name(policies), cases_by_name(task, cases)
+        self.task, self.policies, self.cases = (
+            task,
+            policies_by_name(policies, task),
+            cases_by_name(task, cases),
+        )
         self.given = worlds if isinstance(worlds, Worlds) else None
         _check_numbers(self.given, self.policies)
         worlds, self.seed = _count(worlds), checks.whole("seed", seed, 0)
@@ -150,6 +154,7 @@ def case_of(
         duration: of the run [s]; None: the task's.
         choices: of a `Case`: worlds, chunk, record.
     """
+    policy = policy_of(task, policy)
     policy = between(at_step_size(policy, step_size), task, seed, step_size, quiet)
     failure = None if task.failure is None else first_time(task.failure)
     span = task.duration if duration is None else duration
@@ -226,19 +231,36 @@ def succeeded(task: Task, values: Mapping[Measure, np.ndarray], status: np.ndarr
     return success
 
 
-def policies_by_name(policies: Any) -> dict[str, Any]:
-    """Policies by name; one alone is named "policy"."""
+def policy_of(task: Task, policy: Any) -> Any:
+    """A policy; where None is given, that of a scene without controls.
+
+    Raises:
+        ArgumentError: None is given, and the scene has controls.
+    """
+    if policy is not None:
+        return policy
+    scene = task.scene
+    if scene.nu:
+        raise ArgumentError(
+            f"policy is None; scene {scene.name!r} has the controls {', '.join(scene.control_names)}: give a "
+            "policy"
+        )
+    return Linear(np.zeros((0, 2 * scene.nv)), scene.x0, [])
+
+
+def policies_by_name(policies: Any, task: Task) -> dict[str, Any]:
+    """Policies by name; one alone is named "policy", none "none"."""
     if isinstance(policies, Mapping):
         if not policies or not all(isinstance(name, str) and name for name in policies):
             raise ArgumentError(f"policies is {shown(policies)}; at least one, by name, is needed")
         return dict(policies)
-    return {"policy": policies}
+    return {"policy" if policies is not None else "none": policy_of(task, policies)}
 
 
 def cases_by_name(task: Task, cases: Any) -> dict[str, Options]:
     """Options by name: what differs from the task's, or their residual."""
     if cases is None:
-        hard = replace(task.options, residual="hard", noise="row", deviation=None)
+        hard = task.options.with_residual("hard")
         cases = [task.options] if task.options.hard else [task.options, hard]
     if isinstance(cases, Mapping):
         found = dict(cases)

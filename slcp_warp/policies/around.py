@@ -58,13 +58,13 @@ class Around:
         out.policy, out.step_size = self.policy.at(step_size), step_size
         return out
 
-    def kernel(self, sim: Simulator) -> tuple[PolicyKernel, Any]:
-        """Kernel and struct for a simulator."""
+    def kernel(self, sim: Simulator, timed: bool = False) -> tuple[PolicyKernel, Any]:
+        """Kernel and struct for a simulator; `timed`: delay and hold are the most that a world has."""
         inner, inside = checked_kernel(self.policy, sim)
         noise, (lower, upper) = self.deviations(sim), limit_rows(self.limits, sim.nu)
         if len(lower) != 1:
             raise ArgumentError(f"limits are for {len(lower)} worlds; one pair for all is needed")
-        kernel = around_kernel(inner, Between(self.delay, self.hold > 1, bool(noise.any())))
+        kernel = around_kernel(inner, Between(self.delay, self.hold > 1, bool(noise.any())), timed)
         struct = kernel.functions(sim.nx, sim.nu, sim.dtype).Struct()
         struct.inner, struct.delay, struct.hold = inside, self.delay, self.hold
         struct.seed, struct.stream = self.seed, SENSOR

@@ -11,7 +11,7 @@ import numpy as np
 
 from slcp_warp.kernels.control.cost_terms import FIELDS, KINDS, make_terms
 
-from ..costs import Cost, Term, terms
+from ..costs import NO_COST, Cost, Term, terms
 from ..description.scene import Scene
 from ..description.scene_file import load_scene, scene_content, scene_of
 from ..description.scene_schema import NO_VALUE, file_fields
@@ -43,7 +43,7 @@ FIELDS_OF_FILE = (
     *("control_limits", "state_limits", "start", "disturbances", "measures", "success", "failure"),
     *("observation", "periods"),
 )
-NEEDED = ("name", "scene", "cost", "horizon")
+NEEDED = ("name", "scene")
 
 
 class TaskFileError(TaskError):
@@ -94,7 +94,9 @@ def task_of(content: Any, folder: Path | None = None) -> Task:
     fields: dict[str, Any] = {
         name: values[name] for name in ("name", "horizon", "duration") if name in values
     }
-    fields |= {"scene": scene, "cost": _cost(values["cost"], scene)}
+    fields |= {"scene": scene}
+    if "cost" in values:
+        fields["cost"] = _cost(values["cost"], scene)
     if "options" in values:
         fields["options"] = _build(Options, values["options"], "options")
     if "disturbances" in values:
@@ -131,7 +133,11 @@ def task_content(task: Task) -> dict[str, Any]:
     content: dict[str, Any] = {"format": FORMAT, "version": VERSION, "name": task.name}
     scene = scene_content(task.scene)
     content["scene"] = {key: value for key, value in scene.items() if key not in ("format", "version")}
-    content |= {"horizon": task.horizon, "duration": task.duration, "cost": _cost_content(task)}
+    content["duration"] = task.duration
+    if task.horizon is not None:
+        content["horizon"] = task.horizon
+    if task.cost is not NO_COST:
+        content["cost"] = _cost_content(task.cost, task.scene)
     for name, changed in (
         ("options", _changed(task.options, Options())),
         ("disturbances", disturbances_content(task.disturbances)),
@@ -249,9 +255,8 @@ def _cost(values: Any, scene: Scene) -> Cost:
     return cost
 
 
-def _cost_content(task: Task) -> dict[str, Any]:
+def _cost_content(cost: Cost, scene: Scene) -> dict[str, Any]:
     """The terms of a cost, from its weights."""
-    cost, scene = task.cost, task.scene
     if cost.make is not make_terms or cost.weights.ndim > 1:
         raise TaskFileError("cost: no sum of costs.Term, which alone are data; write the task in Python")
     rows, nx = cost.weights[1:].reshape(-1, FIELDS), 2 * scene.nv

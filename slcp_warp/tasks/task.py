@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..costs import Cost
+from ..costs import NO_COST, Cost
 from ..description.scene import Scene
 from ..inputs.checks import array, instance, number, shown, whole
 from ..inputs.errors import ArgumentError
@@ -39,10 +39,10 @@ class Task(Printed):
     Attributes:
         name: how it is called.
         scene: the mechanism; its step size and noise level are those of plans.
-        cost: of a plan, see `slcp_warp.costs`.
-        horizon: steps of a plan.
+        cost: of a plan, see `slcp_warp.costs`; left out: the task is not planned, only judged.
+        horizon: steps of a plan; None: the task is not planned.
         options: what a plan's steps solve.
-        duration: of a run [s]; None: as long as a plan.
+        duration: of a run [s]; None: as long as a plan, which then has to have a horizon.
         control_limits: (lower, upper), each a number or (nu,); None: none. They hold in plans and in runs.
         state_limits: by name of a state (lower, upper), infinite where there is none: plans keep them.
         start: states that runs start from: (nx,) or (M, nx), or a dict of numbers by state name on the
@@ -60,8 +60,8 @@ class Task(Printed):
 
     name: str
     scene: Scene
-    cost: Cost
-    horizon: int
+    cost: Cost = NO_COST
+    horizon: int | None = None
     options: Options = field(default_factory=Options)
     duration: float | None = None
     control_limits: Any = None
@@ -90,9 +90,7 @@ class Task(Printed):
         self._put_periods()
         if self.observation is not None:
             put(self, "observation", checked("Task.observation", self.observation))
-        put(self, "horizon", whole("Task.horizon", self.horizon, error=TaskError))
-        span = self.horizon * self.scene.step_size if self.duration is None else self.duration
-        put(self, "duration", number("Task.duration", span, 0.0, above=True, error=TaskError))
+        self._put_times()
         assert self.duration is not None
         for name, size in (("nx", 2 * self.scene.nv), ("nu", self.scene.nu)):
             need = getattr(self.cost, name)
@@ -112,6 +110,17 @@ class Task(Printed):
         except ArgumentError as error:
             raise TaskError(f"Task.disturbances: {error}") from None
         self._check_names()
+
+    def _put_times(self) -> None:
+        """The horizon and the duration, checked; a run without one is as long as a plan."""
+        span = self.duration
+        if self.horizon is not None:
+            object.__setattr__(self, "horizon", whole("Task.horizon", self.horizon, error=TaskError))
+            span = self.horizon * self.scene.step_size if span is None else span
+        if span is None:
+            raise TaskError("Task.duration is None and Task.horizon, too; one of them is needed")
+        found = number("Task.duration", span, 0.0, above=True, error=TaskError)
+        object.__setattr__(self, "duration", found)
 
     def state_limit_rows(self) -> tuple[np.ndarray, np.ndarray] | None:
         """Limits of all states (nx,), infinite where there is none; None: of no state.
@@ -198,6 +207,8 @@ class Task(Printed):
                     f"Task.duration = {self.duration} s"
                 )
             for signal in measure.signals():
+                if signal.kind == "cost" and self.cost is NO_COST:
+                    raise TaskError(f"{label} is of the cost; the task has none")
                 if signal.kind == "cost" and self.cost.nodes not in (None, self.steps + 1):
                     raise TaskError(
                         f"{label} is of a cost of {self.cost.nodes - 1} steps; a run has {self.steps}"
@@ -209,9 +220,10 @@ class Task(Printed):
 
     def _line(self) -> str:
         measures = ", ".join(self.measures) or "none"
+        plans = "" if self.horizon is None else f"plans of {self.horizon} steps, "
         return (
-            f"{self.name!r} with scene {self.scene.name!r}: plans of {self.horizon} steps, runs of "
-            f"{self.duration:g} s; measures: {measures}"
+            f"{self.name!r} with scene {self.scene.name!r}: {plans}runs of {self.duration:g} s; "
+            f"measures: {measures}"
         )
 
     def _tables(self) -> list[Table]:

@@ -63,5 +63,7 @@ def test_start_kicks_torques_and_parameters_go_with_nothing_else(device):
     assert abs(moved[0].var() / 13.0 - 1.0) < 6.0 * error
     assert abs(more.var() / 10.0 - 1.0) < 6.0 * error
     assert abs(np.cov(moved[0], more)[0, 1] - 1.0) < 6.0 * math.sqrt(13.0 * 10.0 / WORLDS)
-    varied = [report.table[name] for name in ("drawn_step_size", "drawn_sigma_0", "drawn_mass_0")]
+    varied = [
+        report.table[name] for name in ("drawn_step_size", "drawn_cart.shift lower.sigma", "drawn_cart.mass")
+    ]
     assert correlations(moved[0], *varied) < 6.0 and correlations(more, *varied) < 6.0

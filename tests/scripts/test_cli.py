@@ -143,7 +143,20 @@ def test_every_number_of_the_summary_can_be_read():
 
 
 def test_a_scene_with_a_ground_is_drawn(tmp_path):
-    call("simulate", "--scene", "ball_drop", "--steps", 60, "--device", "cpu", "--out", tmp_path / "ball.npz")
+    ball = (
+        "simulate",
+        "--scene",
+        "ball_drop",
+        "--steps",
+        60,
+        "--device",
+        "cpu",
+        "--out",
+        tmp_path / "ball.npz",
+    )
+    deep = call(*ball, "--start", "0,0.09,0,0,0,0").stderr
+    assert "slcp: the start overlaps: ground/ball by 0.01" in deep.splitlines()
+    assert "overlaps" not in call(*ball).stderr
     call("chart", tmp_path / "ball.npz", "--out", tmp_path)
     assert {p.name for p in tmp_path.iterdir()} == {"ball.npz", "ball_frames.png", "ball.gif"}
 

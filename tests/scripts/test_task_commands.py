@@ -61,10 +61,10 @@ def test_a_task_of_a_file_goes_end_to_end(tmp_path):
     parts = check(slcp.load_task(TOML), end_to_end(TOML, tmp_path, 64, 4), 64)
     for case in ("smoothed", "hard"):
         found = parts["plan", case, 0.02, "disturbed"]
-        assert found["success"].mean() > 0.8 and np.ptp(found["drawn_mass_1"]) > 0.2
+        assert found["success"].mean() > 0.8 and np.ptp(found["drawn_block.mass"]) > 0.2
         assert parts["plan", case, 0.02, "undisturbed"]["success"].all()
         other = parts["library", case, 0.02, "disturbed"]
-        np.testing.assert_array_equal(found["drawn_mass_1"], other["drawn_mass_1"])  # the same worlds
+        np.testing.assert_array_equal(found["drawn_block.mass"], other["drawn_block.mass"])  # the same worlds
     said = " ".join(call("compare", tmp_path / "report.csv", "--sequential").output.split())
     assert "plan less library, the same worlds, 95 % intervals, at all looks" in said
     again = load_report(tmp_path / "report.csv").save(tmp_path / "report.npz")
@@ -98,7 +98,7 @@ def check_questions(folder: Path, parts: dict) -> None:
     plan, own = folder / "plan.npz", ("--device", "cpu", "--out")
     say = call("sensitivity", TOML, "--policy", plan, "--measure", "place", "--samples", 32, *own,
                folder / "sensitivity.csv").output  # fmt: skip
-    assert "of place under plan" in say and "mass_1" in say
+    assert "of place under plan" in say and "block.mass" in say
     call(
         "sensitivity", folder / "report.csv", "--policy", "library", "--out", folder / "sensitivity_free.csv"
     )
@@ -231,7 +231,7 @@ def test_a_broken_report_is_one_line(tmp_path):
         (["library", "absent.py:lift"], "absent.py: no such file"),
         (["sweep", "juggle", "--policy", "a.npz"], "is no task"),
         (["sweep", "catch", "--policy", "a.npz", "--set", "mass=1"], "--set and --observe are of --scene"),
-        (["sweep", "catch", "--policy", "a.npz", "--residuals", "soft"], "--residuals names 'soft'"),
+        (["sweep", "catch", "--policy", "a.npz", "--residuals", "soft"], "--residuals is 'soft'"),
         (["sweep", "--policy", "a.npz", "--policy", "b.npz"], "only a task takes several"),
         (["falsify", "catch", "--policy", "a.npz"], "a.npz"),
         (["rare", "catch", "--policy", "zero", "--residual", "soft"], "--residual is 'soft'; choose"),

@@ -23,7 +23,8 @@ EVERYTHING = slcp.Disturbances(
     start={"pusher.shift": slcp.Uniform(-0.02, 0.02), "block.x": 0.01},
     parameters={"mass": 0.1, "block.mass": slcp.Uniform(0.9, 1.4), "block.com": slcp.Normal(0.005),
                 "friction": slcp.LogNormal(0.2, shared=True), "damping": slcp.Uniform(0.5, 1.5)},
-    torque=0.3, sensor={"pusher.shift": 0.01, "block.vx": 0.02}, delay=0.04, hold=0.06, dropped=0.1,
+    torque=0.3, sensor={"pusher.shift": 0.01, "block.vx": 0.02}, delay=slcp.Uniform(0.0, 0.08),
+    hold=slcp.Uniform(0.02, 0.1), dropped=0.1,
     dropouts=(slcp.Dropout(slcp.Uniform(0.5, 0.7), 0.1),),
     kick_times=(0.3, 0.62), kick=0.02, kicks={"block.vx": slcp.Uniform(0.05, 0.1)},
     pushes=(slcp.Push("block", slcp.Uniform(0.2, 0.4), 0.15, (slcp.Normal(2.0), -1.0), at=(0.05, 0.1)),
@@ -93,7 +94,9 @@ def by_hand(sim):
     noise = np.zeros(NX)
     noise[0], noise[NAMES.index("block.vx")] = 0.01, 0.02
     away = np.array([0.5 + 0.2 * even(SEED, world, 0, (1 << 22) + 10) for world in worlds])
-    way, held, warm, acted = [np.zeros((B, 1))] * 2, None, None, []
+    timing = np.array([[even(SEED, world, 0, (1 << 22) + 30 + i) for i in range(2)] for world in worlds])
+    delay, hold = np.floor([0.5, 1.5] + timing * 4.0).astype(int).T
+    asked, held, warm, acted = [], np.zeros((B, 1)), None, []
     for k in range(N):
         time = k * H
         for n, when in enumerate((0.3, 0.62)):
@@ -101,11 +104,11 @@ def by_hand(sim):
                 kick = 0.02 * normals(SEED, worlds, n, [400, 401, 402, 403])
                 kick[:, 1] = [0.05 + 0.05 * even(SEED, world, n, 401) for world in worlds]
                 x = np.concatenate([x[:, :4], x[:, 4:] + kick], 1)
-        if k % 3 == 0:
-            seen = x + noise * normals(SEED, worlds, k, (1 << 23) + np.arange(NX))
-            held = FORCE + (seen - GOAL) @ K.T
-        way.append(held)
-        u = np.clip(way.pop(0), *LIMITS) + 0.3 * normals(SEED, worlds, k, [300])
+        seen = x + noise * normals(SEED, worlds, k, (1 << 23) + np.arange(NX))
+        held = np.where((k % hold == 0)[:, None], FORCE + (seen - GOAL) @ K.T, held)
+        asked.append(held)
+        way = [asked[k - delay[i]][i] if k >= delay[i] else np.zeros(1) for i in worlds]
+        u = np.clip(np.array(way), *LIMITS) + 0.3 * normals(SEED, worlds, k, [300])
         lost = [even(SEED, world, k, (1 << 22) + 20) < 0.1 for world in worlds]
         u[lost | ((time >= away - 1e-9) & (time < away + 0.1 - 1e-9))] = 0.0
         step = sim.step(x, u, params, external_force=forces(time, x, numbers["com"]), warm_start=warm)
@@ -127,13 +130,14 @@ def test_disturbed_worlds_are_those_of_a_loop(device, strategy):
         np.testing.assert_allclose(found[name], states[:, j], rtol=0, atol=1e-9, err_msg=name)
     np.testing.assert_allclose(found["force"], H * controls.sum(1), rtol=0, atol=1e-9)
     assert 0.05 < (controls == 0.0).mean() < 0.35
-    np.testing.assert_allclose(found["drawn_mass_1"], drawn_parameters()["mass"][:, 1], rtol=1e-6)
+    np.testing.assert_allclose(found["drawn_block.mass"], drawn_parameters()["mass"][:, 1], rtol=1e-6)
+    assert len(np.unique(np.round(found["drawn_delay"] / H))) > 2 and found["drawn_hold"].max() <= 0.1
     quiet = swept(device, strategy, task(disturbances=slcp.Disturbances()), worlds=1).part("policy")
     still = report.part("policy", arm="undisturbed")
     assert all(still[name] == quiet[name] for name in ENDS)
 
 
-TABLES = ("x0", "params", "kicks", "pushes", "dropouts")
+TABLES = ("x0", "params", "kicks", "pushes", "dropouts", "timing")
 
 
 @pytest.mark.parametrize("strategy", ["specialised", "generic"])
@@ -176,6 +180,10 @@ def test_what_is_not_given_is_undisturbed(device):
         ({"kicks": np.zeros((2, 1, 4))}, r"Worlds.kicks has shape \(2, 1, 4\); \(2, 2, 4\) is needed"),
         ({"pushes": np.zeros((2, 3, 4))}, r"Worlds.pushes has shape"),
         ({"params": np.zeros((2, 3))}, r"Worlds.params has shape \(2, 3\)"),
+        (
+            {"timing": np.full((2, 1, 2), 0.09)},
+            r"Worlds.timing: delay is from 0.09 to 0.09 s; from 0 to .* 0.08",
+        ),
         ({"x0": np.zeros((2, 6))}, r"Worlds.x0 has shape \(2, 6\)"),
         ({"x0": np.zeros((3, 8))}, "2 worlds|3 worlds"),
         ({"x0": np.full((2, 8), np.nan)}, "Worlds.x0 holds nan"),

@@ -130,13 +130,13 @@ def test_numbers_are_the_drawn_ones():
     assert numbers.fresh == 2 and len(np.unique(worlds.numbers)) == 400
     params = {name: worlds.params[:, start : start + int(np.prod(shape, dtype=int))]
               for name, start, shape in sim.params.layout.columns}  # fmt: skip
-    for body in (0, 1):
-        factor = np.exp(0.1 * z[:, at[f"mass_{body}"]])
+    for body, name in enumerate(("pusher", "block")):
+        factor = np.exp(0.1 * z[:, at[f"{name}.mass"]])
         np.testing.assert_allclose(params["mass"][:, body] / sim.params["mass"][body], factor)
         np.testing.assert_allclose(
             params["inertia"][:, body], np.broadcast_to(sim.params["inertia"][body], 400)
         )
-    even = 0.2 + 0.4 * stats.norm.cdf(z[:, at["friction_0"]])
+    even = 0.2 + 0.4 * stats.norm.cdf(z[:, at[f"{SCENE.pair_names[0]}.friction"]])
     np.testing.assert_allclose(params["friction"][:, 0], even, rtol=1e-12)
     vx = SCENE.state_index("block.vx")
     picked = worlds.x0[:, 0] - SCENE.x0[0]
@@ -255,7 +255,12 @@ def test_what_was_found_is_a_task_of_its_own(device):
     )  # fmt: skip
     own = reaching(0.8 * float(_final(np.zeros((1, 4)), device)[0]))
     found = slcp.falsify(own, plan(), by, options=SMOOTH, worlds=256, rounds=6, device=device)
-    assert found.found and set(found.values) > {"mass_0", "friction_0", "block.vx", "push_0_start"}
+    assert found.found and set(found.values) > {
+        "pusher.mass",
+        "face/pusher.friction",
+        "block.vx",
+        "push_0_start",
+    }
     once = found.scenario
     assert once.disturbances.torque == 0.0
     drawn = slcp.draw_worlds(once, 3, device=device).numpy()

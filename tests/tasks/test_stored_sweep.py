@@ -133,7 +133,7 @@ def test_given_worlds_are_kept_and_gone_on_with(tmp_path):
     stored = StoredSweep.resume(tmp_path / "run")
     stored.run()
     found = stored.report().part("half")
-    for name in ("final", "success", "drawn_mass_1"):
+    for name in ("final", "success", "drawn_block.mass"):
         np.testing.assert_array_equal(found[name], whole[name][::3], err_msg=name)
     with pytest.raises(FileError, match="given: "):
         slcp.sweep(task(), TWO, out=tmp_path / "run", **(own | {"worlds": drawn[1::3]}))

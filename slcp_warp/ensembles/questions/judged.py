@@ -35,7 +35,7 @@ class Judge:
         choices: as of a `Simulator`.
         """
         self.task: Task = checks.instance("task", task, Task, "a slcp_warp.Task")
-        named = policies_by_name(policy)
+        named = policies_by_name(policy, self.task)
         if len(named) != 1:
             raise ArgumentError(f"policy is {checks.shown(policy)}; one is needed")
         ((self.name, self._policy),) = named.items()

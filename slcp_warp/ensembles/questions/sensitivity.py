@@ -42,7 +42,7 @@ def factors_of(task: Task) -> list[Factor]:
     tables = {
         "params": laws.parameter_laws(scene, Parameters(scene).table()[0], d.parameters),
         "x0": d.start_laws(scene, task.start), "kicks": d.kick_laws(scene), "pushes": d.push_laws(),
-        "dropouts": d.dropout_laws(),
+        "dropouts": d.dropout_laws(), "timing": d.timing_laws(),
     }  # fmt: skip
     found: dict[tuple[int, int], Factor] = {}
     names: dict[tuple[int, int], list[str]] = {}
@@ -73,7 +73,7 @@ def exchanged(a: Worlds, b: Worlds, factor: Factor) -> Worlds:
 
 def sensitivity(
     task: Task,
-    policy: Any,
+    policy: Any = None,
     *,
     measure: str = "success",
     samples: int = 1024,

@@ -34,7 +34,7 @@ def given(task: Any, policies: Any) -> Given:
     if isinstance(task, str | Path):
         texts |= _text("task", task)
         task = load_task(task)
-    named = policies_by_name(policies)
+    named = policies_by_name(policies, task)
     for name, policy in named.items():
         if isinstance(policy, str | Path):
             texts |= _text(f"policy {name}", policy)

@@ -9,7 +9,7 @@ import warp as wp
 from ...inputs.checks import array
 from ...inputs.errors import ArgumentError
 
-AXES = {"x0": 2, "params": 2, "kicks": 3, "pushes": 3, "dropouts": 3, "numbers": 1}
+AXES = {"x0": 2, "params": 2, "kicks": 3, "pushes": 3, "dropouts": 3, "timing": 3, "numbers": 1}
 
 
 @dataclass(frozen=True)
@@ -25,6 +25,7 @@ class Worlds:
         kicks: what each of K kicks adds to the velocities (B, K, nv), at `Disturbances.kick_times`.
         pushes: (B, Q, 5) of `Disturbances.pushes`: start, duration [s], x, y of the force [N], torque [N m].
         dropouts: (B, D, 2) of `Disturbances.dropouts`: start, duration [s].
+        timing: (B, 1, 2): delay and hold of the controls [s], where `Disturbances` draws them.
         numbers: (B,) of the worlds; None: 0, 1, ...
     """
 
@@ -33,6 +34,7 @@ class Worlds:
     kicks: Any = None
     pushes: Any = None
     dropouts: Any = None
+    timing: Any = None
     numbers: Any = None
 
     def __post_init__(self) -> None:

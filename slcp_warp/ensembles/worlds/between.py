@@ -18,7 +18,7 @@ from ...policies.around import LONGEST, Around
 from ...policies.observed import Observation, Observed
 from ...simulator import Simulator
 from ...stepping.host import acts_on_host
-from ...tasks.disturbances import Disturbances
+from ...tasks.disturbances import Disturbances, Uniform
 from ...tasks.task import Task
 
 
@@ -29,13 +29,13 @@ class Between:
     """
 
     def __init__(self, policy: Any, d: Disturbances, step_size: float, seed: int, quiet: bool) -> None:
-        delay, hold = steps_of(d, step_size)
+        (delay, hold), self._timed = steps_of(d, step_size), d.timed
         self._around = Around(policy, delay=delay, hold=hold, noise=d.sensor, seed=seed)
         self._quiet, self.step_size, self.worlds = quiet, self._around.step_size, self._around.worlds
 
     def kernel(self, sim: Simulator) -> tuple[PolicyKernel, Any]:
         """Kernel and struct for a simulator."""
-        kernel, struct = self._around.kernel(sim)
+        kernel, struct = self._around.kernel(sim, self._timed)
         struct.stream = OF_TASK
         if self._quiet:
             struct.delay, struct.hold = 0, 1
@@ -90,13 +90,13 @@ class HostBetween(OfHost):
     """A policy on the host behind a task's sensor, hold and delay; the last two are in the kernel.
 
     Attributes:
-        hold: steps that a control is held.
+        hold: steps that a control is held; 1 where worlds differ.
     """
 
     def __init__(self, policy: Any, d: Disturbances, step_size: float, seed: int, quiet: bool) -> None:
         super().__init__(policy)
         self._given = d, step_size, seed, quiet
-        self.hold = 1 if quiet else steps_of(d, step_size)[1]
+        self.hold = 1 if quiet or d.timed else steps_of(d, step_size)[1]
 
     def around(self, held: Any) -> Between:
         """What holds the policy's controls, behind hold and delay."""
@@ -119,20 +119,21 @@ class HostBetween(OfHost):
 
 
 def steps_of(d: Disturbances, step_size: float) -> tuple[int, int]:
-    """Steps of the delay and of the hold, the nearest.
+    """Steps of the delay and of the hold, the nearest; of drawn ones the most.
 
     Raises:
         ArgumentError: a delay or a hold of less than half a step, or a delay of more than can be.
     """
-    steps = [math.floor(span / step_size + 0.5) for span in (d.delay, d.hold)]
-    for name, span, count in zip(("delay", "hold"), (d.delay, d.hold), steps):
+    spans = [span.high if isinstance(span, Uniform) else span for span in (d.delay, d.hold)]
+    steps = [math.floor(span / step_size + 0.5) for span in spans]
+    for name, span, count in zip(("delay", "hold"), spans, steps):
         if span and not count:
             raise ArgumentError(
                 f"Disturbances.{name} is {span} s, less than half a step of {step_size} s; more is needed"
             )
     if steps[0] > LONGEST:
         raise ArgumentError(
-            f"Disturbances.delay is {d.delay} s, {steps[0]} steps of {step_size} s; at most {LONGEST} steps "
+            f"Disturbances.delay is {spans[0]} s, {steps[0]} steps of {step_size} s; at most {LONGEST} steps "
             f"({LONGEST * step_size:g} s) can be"
         )
     return steps[0], max(1, steps[1])

@@ -9,7 +9,7 @@ import warp as wp
 
 from slcp_warp.kernels.device.launch import launch
 from slcp_warp.kernels.device.tables import empty_table, make_table
-from slcp_warp.kernels.ensembles.disturbances import DROPOUT_FIELDS, PUSH_FIELDS
+from slcp_warp.kernels.ensembles.disturbances import DROPOUT_FIELDS, PUSH_FIELDS, TIMING_FIELDS
 from slcp_warp.kernels.ensembles.draws import make_columns, make_draw_kernel, pick_kernel
 from slcp_warp.kernels.structure import STEP_SIZE
 
@@ -17,7 +17,7 @@ from ...inputs import rules
 from ...inputs.checks import instance, whole
 from ...inputs.errors import ArgumentError
 from ...simulator import Simulator
-from ...tasks.disturbances import Disturbances, laws
+from ...tasks.disturbances import Disturbances, Uniform, laws
 from ...tasks.disturbances.laws import Laws
 from ...tasks.task import Task
 from .arrays import Worlds
@@ -92,8 +92,9 @@ class Draws:
         params = laws.parameter_laws(scene, base, d.parameters)
         self._params = Columns(sim, seed, params, sim.dtype, {STEP_SIZE: longest})
         self._x0 = Columns(sim, seed, d.start_laws(scene, starts), sim.dtype, {})
-        events = (d.kick_laws(scene), sim.dtype), (d.push_laws(), wp.float64), (d.dropout_laws(), wp.float64)
-        self._events = [Columns(sim, seed, each, dtype, {}) for each, dtype in events]
+        events = d.push_laws(), d.dropout_laws(), d.timing_laws()
+        self._events = [Columns(sim, seed, d.kick_laws(scene), sim.dtype, {})]
+        self._events += [Columns(sim, seed, each, wp.float64, {}) for each in events]
         self.numbers = d.numbers(scene.nv)
         self.told = [self._params, self._x0, *self._events]
 
@@ -109,20 +110,18 @@ class Draws:
     def worlds(self, world0: int, count: int) -> Worlds:
         """Worlds world0, world0 + 1, ... on the simulator's device."""
         none: wp.array = wp.zeros(0, dtype=wp.int32, device=self.sim.device)
-        kicks, pushes, dropouts = self._events
-        nv = self.sim.nx // 2
+        widths = self.sim.nx // 2, len(PUSH_FIELDS), len(DROPOUT_FIELDS), len(TIMING_FIELDS)
+        events = [_some(each, world0, count, none, width) for each, width in zip(self._events, widths)]
         return Worlds(
             self._x0.draw(world0, count, self._pick(world0, count)),
             self._params.draw(world0, count, none),
-            _some(kicks, world0, count, none, nv),
-            _some(pushes, world0, count, none, len(PUSH_FIELDS)),
-            _some(dropouts, world0, count, none, len(DROPOUT_FIELDS)),
+            *events,
         )
 
     def columns(self, worlds: Worlds, world0: int) -> dict[str, np.ndarray]:
-        """What was drawn of worlds world0, ..., by the name of its column: "drawn_mass_0", ..."""
+        """What was drawn of worlds world0, ..., by the name of its column: "drawn_block.mass", ..."""
         out: dict[str, np.ndarray] = {}
-        tables = worlds.params, worlds.x0, worlds.kicks, worlds.pushes, worlds.dropouts
+        tables = worlds.params, worlds.x0, worlds.kicks, worlds.pushes, worlds.dropouts, worlds.timing
         if self._x0 in self.told and self.starts > 1 and not self.in_order:
             out["drawn_start"] = self._pick(world0, len(worlds)).numpy()
         for each, table in zip((self._params, self._x0, *self._events), tables):
@@ -170,6 +169,7 @@ class Given:
             ("kicks", (len(d.kick_times), nv), None),
             ("pushes", (len(d.pushes), len(PUSH_FIELDS)), None),
             ("dropouts", (len(d.dropouts), len(DROPOUT_FIELDS)), None),
+            ("timing", (int(d.timed), len(TIMING_FIELDS)), None),
         ):
             given = getattr(worlds, name)
             if given is None:
@@ -181,6 +181,7 @@ class Given:
         for name, start, extent in sim.params.layout.columns:
             own = self.tables["params"][:, start : start + int(np.prod(extent, dtype=int))]
             rules.check(f"Worlds.params: {name}", own, ArgumentError, name)
+        _check_timing(d, self.tables["timing"])
         self.numbered = worlds.numbers is not None
         numbers = np.arange(count) if worlds.numbers is None else worlds.numbers
         self.tables["numbers"] = numbers.astype(np.int32)
@@ -193,12 +194,13 @@ class Given:
                 ("kicks", d.kick_laws(sim.scene).names),
             ),
             *(("pushes", d.push_laws().names), ("dropouts", d.dropout_laws().names)),
+            ("timing", d.timing_laws().names),
         )
 
     def worlds(self, world0: int, count: int) -> Worlds:
         """Worlds world0, world0 + 1, ... of these, on the simulator's device."""
         own = {name: wp.int32 if name == "numbers" else self.sim.dtype for name in self.tables}
-        own |= dict.fromkeys(("pushes", "dropouts"), wp.float64)
+        own |= dict.fromkeys(("pushes", "dropouts", "timing"), wp.float64)
 
         def put(table: np.ndarray, dtype: Any, device: Any) -> wp.array:
             if table.ndim == 2 and dtype is self.sim.dtype:
@@ -220,6 +222,18 @@ class Given:
             for c in np.flatnonzero(np.ptp(table, axis=0)):
                 out[f"drawn_{names[c]}"] = table[world0 : world0 + len(worlds), c].astype(np.float32)
         return out
+
+
+def _check_timing(d: Disturbances, timing: np.ndarray) -> None:
+    """Raise ArgumentError for delays and holds that code is not made for."""
+    for name, own in zip(TIMING_FIELDS, timing.reshape(-1, len(TIMING_FIELDS)).T):
+        most = getattr(d, name)
+        most = most.high if isinstance(most, Uniform) else most
+        if own.size and not (own.min() >= 0.0 and own.max() <= most):
+            raise ArgumentError(
+                f"Worlds.timing: {name} is from {own.min():g} to {own.max():g} s; from 0 to "
+                f"Disturbances.{name}, {most:g}, is needed"
+            )
 
 
 def draw_worlds(

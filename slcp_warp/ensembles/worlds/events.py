@@ -18,7 +18,7 @@ def events_of(sim: Simulator, worlds: Worlds) -> Any:
     """The struct of worlds that are on the simulator's device, with room for the forces of a step."""
     out = make_events(sim.dtype)()
     for name, values in (("number", worlds.numbers), ("kick", worlds.kicks), ("push", worlds.pushes),
-                         ("dropout", worlds.dropouts)):  # fmt: skip
+                         ("dropout", worlds.dropouts), ("timing", worlds.timing)):  # fmt: skip
         if values is not None:
             setattr(out, name, values)
     forces = (0, 0) if worlds.pushes is None else (len(worlds), 3 * sim.scene.structure.nb)

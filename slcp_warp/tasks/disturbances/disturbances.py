@@ -14,8 +14,10 @@ from ...description.scene import Scene
 from ...inputs.checks import instance, number, shown
 from ...inputs.errors import ArgumentError
 from . import laws
-from .distributions import Distribution, LogNormal, Normal, Uniform, of
+from .distributions import Distribution, LogNormal, Normal, Uniform, fixed_or_drawn, of
 from .events import Dropout, Push
+
+Timing = float | Uniform
 
 
 @dataclass(frozen=True)
@@ -34,8 +36,9 @@ class Disturbances:
             for all of them, `shared`; mass and inertia of a body share theirs); "block.mass" is of one part.
         torque: standard deviation of white noise on the controls, a number a step.
         sensor: of white noise on the state that a policy sees, by state name, or one for all.
-        delay: from a control to its action [s], to the nearest step.
-        hold: for how long a control is held [s], to the nearest step; 0: for one.
+        delay: from a control to its action [s], to the nearest step; a number, or a `Uniform` of which every
+            world has its own.
+        hold: for how long a control is held [s], to the nearest step; 0: for one. As `delay`.
         dropped: share of the steps, at random, in which all controls are zero.
         dropouts: times without controls.
         kick_times: when velocities are kicked [s].
@@ -50,8 +53,8 @@ class Disturbances:
     parameters: Mapping[str, Any] = field(default_factory=dict)
     torque: float = 0.0
     sensor: Any = 0.0
-    delay: float = 0.0
-    hold: float = 0.0
+    delay: Timing = 0.0
+    hold: Timing = 0.0
     dropped: float = 0.0
     dropouts: tuple[Dropout, ...] = ()
     kick_times: tuple[float, ...] = ()
@@ -61,8 +64,13 @@ class Disturbances:
 
     def __post_init__(self) -> None:
         put = object.__setattr__
-        for name in ("position", "velocity", "torque", "delay", "hold", "kick"):
+        for name in ("position", "velocity", "torque", "kick"):
             put(self, name, number(f"Disturbances.{name}", getattr(self, name), 0.0))
+        for name in ("delay", "hold"):
+            drawn = fixed_or_drawn(f"Disturbances.{name}", getattr(self, name), 0.0)
+            if not isinstance(drawn, float | Uniform):
+                raise ArgumentError(f"Disturbances.{name} is {shown(drawn)}; a number or a Uniform is needed")
+            put(self, name, drawn)
         put(self, "dropped", number("Disturbances.dropped", self.dropped, 0.0, 1.0))
         for name, plain in (("start", Normal), ("parameters", LogNormal), ("kicks", Normal)):
             put(self, name, self._drawn(name, plain))
@@ -163,10 +171,22 @@ class Disturbances:
         events = [dropout.numbers() for dropout in self.dropouts]
         return laws.event_laws("dropout", kernels.DROPOUT_FIELDS, kernels.DROPOUT, events)
 
+    @property
+    def timed(self) -> bool:
+        """Whether worlds have delays or holds of their own."""
+        return isinstance(self.delay, Distribution) or isinstance(self.hold, Distribution)
+
+    def timing_laws(self) -> laws.Laws:
+        """How delay and hold are drawn; no columns where all worlds have the same."""
+        events = [(self.delay, self.hold)] if self.timed else []
+        drawn = laws.event_laws("", kernels.TIMING_FIELDS, kernels.TIMING, events)
+        return drawn._replace(names=kernels.TIMING_FIELDS[: len(drawn.names)])
+
     def numbers(self, nv: int) -> int:
         """How many numbers say what happens to a world of so many degrees of freedom while it runs."""
         pushed, dropped = len(kernels.PUSH_FIELDS), len(kernels.DROPOUT_FIELDS)
-        return nv * len(self.kick_times) + pushed * len(self.pushes) + dropped * len(self.dropouts)
+        timed = len(kernels.TIMING_FIELDS) * self.timed
+        return nv * len(self.kick_times) + pushed * len(self.pushes) + dropped * len(self.dropouts) + timed
 
     def any(self) -> bool:
         """Whether anything is disturbed."""

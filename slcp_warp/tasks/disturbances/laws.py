@@ -67,7 +67,7 @@ def parameter_laws(scene: Scene, base: np.ndarray, given: Mapping[str, Distribut
         ArgumentError: a name that the scene has not got, or a distribution that it cannot have.
     """
     columns = layout(scene.structure).columns
-    names, group = _parameter_names(columns), _groups(columns)
+    names, group = _parameter_names(scene, columns), _groups(columns)
     laws = still(base, group, [kernels.PARAMETER] * len(names), names)
     for key in sorted(given, key=lambda key: "." in key):  # what is said of one part counts
         drawn = given[key]
@@ -96,11 +96,19 @@ def check_parameter(key: str, drawn: Distribution) -> None:
             raise ArgumentError(f"{label} is {shown(drawn)}; {sign} numbers are needed")
 
 
-def _parameter_names(columns: Sequence[tuple[str, int, tuple[int, ...]]]) -> list[str]:
+def _parameter_names(scene: Scene, columns: Sequence[tuple[str, int, tuple[int, ...]]]) -> list[str]:
+    """A name for every column: "block.mass", "block.com_x"; of parts without names "spring_length_0"."""
     names = []
     for name, _, shape in columns:
         size = int(np.prod(shape, dtype=int))
-        names += [f"{name}_{i}" for i in range(size)] if shape else [name]
+        parts = _parts(scene, name)
+        if not shape:
+            names.append(name)
+        elif not parts:
+            names += [f"{name}_{'xy'[i] if name == 'gravity' else i}" for i in range(size)]
+        else:
+            ends = [""] if size == len(parts) else ["_0", "_1"] if name == "radius" else ["_x", "_y"]
+            names += [f"{part}.{name}{end}" for part in parts for end in ends]
     return names
 
 
@@ -139,15 +147,19 @@ def _places(scene: Scene, key: str) -> list[int]:
 
 
 def owners(scene: Scene, name: str) -> list[str]:
-    """Names of the parts that a parameter's rows belong to."""
-    if name in ("mass", "inertia", "com", "anchor", "angle"):
+    """Names of the parts that a parameter's rows belong to, both ends of a capsule alike."""
+    return [each.replace("(+)", "").replace("(-)", "") for each in _parts(scene, name)]
+
+
+def _parts(scene: Scene, name: str) -> list[str]:
+    if name in ("mass", "inertia", "com", "anchor", "angle", "axis"):
         return [body.name for body in scene.bodies]
-    if name in ("damping", "lower", "upper", "rest"):
+    if name in ("damping", "lower", "upper", "stiffness", "rest"):
         return list(scene.state_names[: scene.nv])
-    if name in ("radius", "shape_offset"):
+    if name in ("radius", "shape_offset", "shape_angle"):
         return [shape.name for shape in scene.shapes]
     of = {"gear": scene.control_names, "friction": scene.pair_names, "sigma": scene.row_names}
-    return [each.replace("(+)", "").replace("(-)", "") for each in of.get(name, ())]
+    return list(of.get(name, ()))
 
 
 def key_of(scene: Scene, column: int) -> str:

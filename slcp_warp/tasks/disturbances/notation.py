@@ -18,6 +18,7 @@ from .events import Dropout, Push
 
 FIELDS = tuple(each.name for each in dataclasses.fields(Disturbances))
 DRAWN = {"start": Normal, "parameters": LogNormal, "kicks": Normal}  # by name, and what a number stands for
+TIMING = ("delay", "hold")  # a number or a distribution
 EVENTS = {"pushes": Push, "dropouts": Dropout}
 MORE = {"log_normal": ("median", "shared"), "normal": ("mean", "shared"), "uniform": ("shared",)}
 
@@ -48,6 +49,9 @@ def disturbances_of(value: Any, where: str) -> Disturbances:
         if isinstance(given.get(name), dict):
             at = below(where, name)
             given[name] = {key: distribution_of(each, f"{at}, {key}") for key, each in given[name].items()}
+    for name in TIMING:
+        if name in given:
+            given[name] = distribution_of(given[name], below(where, name))
     for name, kind in EVENTS.items():
         if name in given:
             at = below(where, name)
@@ -91,7 +95,7 @@ def disturbances_content(disturbances: Disturbances) -> dict[str, Any]:
             value = [_event_content(event) for event in value]
         elif isinstance(value, Mapping | tuple):
             value = dict(value) if isinstance(value, Mapping) else list(value)
-        out[each.name] = value
+        out[each.name] = distribution_content(value)
     return out
 
 
@@ -133,6 +137,7 @@ def schemas() -> dict[str, Any]:
     ]  # fmt: skip
     by_name = {"type": "object", "additionalProperties": drawn}
     properties: dict[str, Any] = dict.fromkeys(FIELDS, number)
+    properties |= dict.fromkeys(TIMING, {"anyOf": [number, {"$ref": "#/$defs/Distribution"}]})
     properties |= dict.fromkeys(DRAWN, by_name)
     properties |= {name: {"type": "array", "items": {"$ref": f"#/$defs/{kind.__name__}"}}
                    for name, kind in EVENTS.items()}  # fmt: skip

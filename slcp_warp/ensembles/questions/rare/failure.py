@@ -103,7 +103,7 @@ class FailureShare(Printed):
 
 def failure_share(
     task: Task,
-    policy: Any,
+    policy: Any = None,
     *,
     options: Any = None,
     margin: Any = None,

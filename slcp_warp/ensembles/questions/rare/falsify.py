@@ -12,6 +12,7 @@ from ....inputs.checks import instance
 from ....inputs.errors import ArgumentError
 from ....options import Status
 from ....tasks.task import Task
+from ...tasks import policy_of
 from .falsification import Falsification
 from .gradient import slopes_of
 from .margin import Margin
@@ -30,7 +31,7 @@ DRAWN = 4096  # worlds of the distribution that the size is compared with
 
 def falsify(
     task: Task,
-    policy: Any,
+    policy: Any = None,
     by: Any = "kick",
     *,
     time: float | None = None,
@@ -86,7 +87,7 @@ def falsify(
     sizes = MOST if most is None else (checks.number("most", most, 0.0, above=True),)
     checks.flag("gradients", gradients), checks.function("progress", progress, 1, optional=True)
     own = task.replace(disturbances=searched(task, by, time, body, duration, at), start=task.start[:1])
-    judge, chosen = Margin(own, margin), checked_options(task, options)
+    judge, chosen, policy = Margin(own, margin), checked_options(task, options), policy_of(own, policy)
     quick, exact = (
         Trial(own, policy, chosen, judge.measures, seed=seed, dtype=each, device=device, strategy=strategy)
         for each in (dtype, "float64")

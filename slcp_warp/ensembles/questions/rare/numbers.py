@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from slcp_warp.kernels.ensembles.disturbances import DROPOUT_FIELDS, PUSH_FIELDS
+from slcp_warp.kernels.ensembles.disturbances import DROPOUT_FIELDS, PUSH_FIELDS, TIMING_FIELDS
 from slcp_warp.kernels.ensembles.draws import LAWS
 from slcp_warp.kernels.structure import STEP_SIZE
 
@@ -55,6 +55,7 @@ class Numbers:
             "kicks": d.kick_laws(scene),
             "pushes": d.push_laws(),
             "dropouts": d.dropout_laws(),
+            "timing": d.timing_laws(),
         }
         names: dict[tuple[int, int], str] = {}
         for table in self.tables.values():
@@ -82,7 +83,10 @@ class Numbers:
             start = np.minimum((normal_share(z[:, self.dimension]) * starts).astype(int), starts - 1)
         rows: dict[str, Any] = {name: self._rows(name, z, start) for name in self.tables}
         rows["params"][:, STEP_SIZE] = np.minimum(rows["params"][:, STEP_SIZE], self.longest)
-        for name, width in (("kicks", nv), ("pushes", len(PUSH_FIELDS)), ("dropouts", len(DROPOUT_FIELDS))):
+        for name, width in zip(
+            ("kicks", "pushes", "dropouts", "timing"),
+            (nv, len(PUSH_FIELDS), len(DROPOUT_FIELDS), len(TIMING_FIELDS)),
+        ):
             own = rows[name]
             rows[name] = own.reshape(count, -1, width) if own.size else None
         numbers = (normal_share(z[:, -1]) * LARGEST).astype(np.int32) if self._noise else np.zeros(count, int)

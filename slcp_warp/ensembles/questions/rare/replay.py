@@ -38,7 +38,7 @@ def replayed(task: Task, policy: Any, world: Worlds, options: Options) -> Trajec
     if given.params is not None:
         layout = sim.params.layout
         own = {
-            name: given.params[:, start : start + int(np.prod(shape, dtype=int))].reshape(-1, *shape)
+            name: given.params[:, start : start + int(np.prod(shape, dtype=int))].reshape(len(given), *shape)
             for name, start, shape in layout.columns
         }
         parameters = Parameters(sim.scene).replace(**own)

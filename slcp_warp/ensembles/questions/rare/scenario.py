@@ -17,6 +17,10 @@ def scenario_of(task: Task, numbers: Numbers, world: Worlds) -> Task | None:
     """
     given, own = world.numpy(), task.disturbances
     found = Disturbances(delay=own.delay, hold=own.hold)
+    if given.timing is not None:
+        delay, hold = map(float, given.timing[0, 0])
+        least = 0.5 * task.scene.step_size  # what rounds to no step is none
+        found = Disturbances(delay=delay * (delay >= least), hold=hold * (hold >= least))
     if given.kicks is not None:
         kicks = given.kicks[0]
         if len(kicks) > 1 and np.ptp(kicks, axis=0).any():

@@ -8,7 +8,7 @@ import numpy as np
 
 from ....inputs.checks import choice, number, shown
 from ....inputs.errors import ArgumentError, ArgumentTypeError
-from ....tasks.disturbances import Disturbances, Normal, Push
+from ....tasks.disturbances import Disturbances, Normal, Push, Uniform
 from ....tasks.task import Task
 
 KINDS = ("kick", "push", "start", "parameters", "all")
@@ -42,7 +42,11 @@ def searched(
     if not isinstance(by, str):
         raise ArgumentTypeError(f"by is {shown(by)}; slcp_warp.Disturbances or a name is needed")
     choice("by", by, KINDS)
-    alone = Disturbances(delay=own.delay, hold=own.hold)
+    timing = [
+        0.5 * (span.low + span.high) if isinstance(span, Uniform) else span for span in (own.delay, own.hold)
+    ]
+    delay, hold = (span if span >= 0.5 * task.scene.step_size else 0.0 for span in timing)
+    alone = Disturbances(delay=delay, hold=hold)  # drawn ones at their mean, what rounds to no step none
     assert task.duration is not None
     if time is not None:
         time = number("time", time, 0.0)

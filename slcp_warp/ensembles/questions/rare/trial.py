@@ -1,7 +1,6 @@
 """Given worlds of a task under a policy: how they end."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -83,8 +82,7 @@ class Trial:
 def checked_options(task: Task, options: Any) -> Options:
     """Options of the steps; None: the task's, of the hard problem."""
     if options is None:
-        hard = replace(task.options, residual="hard", noise="row", deviation=None)
-        return task.options if task.options.hard else hard
+        return task.options.with_residual("hard")
     if not isinstance(options, Options):
         raise ArgumentTypeError(f"options is {shown(options)}; slcp_warp.Options are needed")
     return options

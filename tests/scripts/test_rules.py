@@ -1,0 +1,100 @@
+"""Options of the steps as commands share them; what commands say where nobody sees a terminal."""
+
+import inspect
+import time
+
+import pytest
+
+pytest.importorskip("typer")
+
+from test_cli import call, fails
+
+import slcp_warp as slcp
+from slcp_warp.scripts.support import screen
+from slcp_warp.scripts.support.rules import NO_RULE, HardRule, OneRule, Rules, told, with_rules
+
+COMMANDS = "simulate optimise library sweep compile watch compare sensitivity map rare falsify".split()
+THROW = """
+import slcp_warp as slcp
+from slcp_warp import measures
+task = slcp.Task("throw", slcp.scenes.ball_drop(), duration=0.6, options=slcp.Options(residual="hard"),
+                 disturbances=slcp.Disturbances(start={"ball.vx": 0.5}),
+                 success=measures.final("ball.x") > 0.0)
+"""
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_that_steps_has_them(command):
+    said = call(command, "--help").output
+    for name in ("scaling", "friction", "integrator", "gap", "noise", "deviation", "tolerance"):
+        assert f"--{name}" in said, name
+    assert ("--residual " in said) != (command in ("sweep", "watch"))
+
+
+def test_cases_have_what_their_residual_offers():
+    rules = Rules(friction="coulomb", integrator="trapezoidal", noise="state")
+    found = rules.cases(slcp.Options(scaling="none"), "smoothed, hard")
+    assert found == {
+        "smoothed": slcp.Options(scaling="none", integrator="trapezoidal", noise="state"),
+        "hard, coulomb": slcp.Options("hard", "none", "coulomb", "trapezoidal"),
+    }
+    assert list(found.values()) == rules.variants(slcp.Options(scaling="none"))
+    own = slcp.Options("hard", friction="coulomb", gap="end")
+    assert Rules().cases(own, "smoothed,hard") == {"smoothed": slcp.Options(), "hard": own}
+    for given, residuals, text in (
+        ({"friction": "coulomb"}, "smoothed", "--friction is 'coulomb', which is of the hard"),
+        ({"noise": "state"}, "hard", "--noise is 'state', which is of the smoothed"),
+    ):
+        with pytest.raises(ValueError, match=text):
+            Rules(**given).cases(slcp.Options(), residuals)
+    assert OneRule(residual="hard", gap="end").of(slcp.Options()) == slcp.Options("hard", gap="end")
+    assert HardRule(residual="smoothed").of(own) == slcp.Options() and NO_RULE.of(own) == own
+    assert told(own) == ["hard", "coulomb", "gap end"]
+    with pytest.raises(slcp.InputError, match="use residual='hard'"):
+        OneRule(friction="coulomb").of(slcp.Options())
+
+
+def test_a_group_becomes_options_in_its_place():
+    @with_rules
+    def command(first: int, rules: HardRule = HardRule(), last: float = 1.0) -> None:  # noqa: B008
+        made.append((first, rules, last))
+
+    made = []
+    names = list(inspect.signature(command).parameters)
+    assert names[:3] == ["first", "residual", "scaling"] and names[-1] == "last" and "rules" not in names
+    values = {name: None for name in names} | {
+        "first": 1,
+        "last": 2.0,
+        "friction": "coulomb",
+        "residual": "hard",
+    }
+    command(**values)
+    assert made == [(1, HardRule(friction="coulomb", residual="hard"), 2.0)]
+
+
+def test_a_task_without_controls_by_commands(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "throw.py").write_text(THROW)
+    cpu = ("--dtype", "float64", "--device", "cpu")
+    said = call("sweep", "throw.py:task", "--worlds", 50, "--residuals", "hard", *cpu).output
+    assert "none" in said and "h = 0.01" in said
+    said = call("map", "throw.py:task", "--x", "ball.x=-9:9:2", "--y", "ball.vx=0:1:1", *cpu).output
+    assert "0  100" in said
+    assert "has no controls and no cost and no horizon" in fails(
+        "optimise", "throw.py:task", "--device", "cpu"
+    )
+    assert "--policy is missing" in fails("sweep", "catch", "--device", "cpu")
+    assert "--friction is of a task" in fails("sweep", "--policy", "x.npz", "--friction", "coulomb")
+
+
+def test_progress_without_a_terminal_is_lines(monkeypatch, capfd):
+    monkeypatch.setattr(screen, "TELL_AT", (0.0, 0.05))
+    with screen.progress_bar("worlds") as update:
+        update(128, 4096)
+        time.sleep(0.3)
+    with screen.waiting("planning"):
+        time.sleep(0.1)
+    written = capfd.readouterr()
+    lines = written.err.splitlines()
+    assert "slcp: 128 of 4,096 worlds, 0.05 s" in lines and "slcp: planning, 0.05 s" in lines
+    assert written.out == ""
