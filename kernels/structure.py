@@ -94,6 +94,7 @@ class Structure:
     springs: tuple[tuple[int, int], ...] = ()  # bodies that a spring ties
     uncertain: bool = False  # whether there are covariances of the state, eq. (18)
     implicit_damping: bool = False  # whether dampers act with the velocity at the end of a step
+    implicit_stiffness: bool = False  # whether Euler's step meets springs half a step on; only where some are
 
     @property
     def nb(self) -> int:
@@ -156,14 +157,18 @@ class Structure:
         """Whether `dof` turns `body`."""
         return self.in_chain(body, dof) and self.dof_kind[dof] == REVOLUTE
 
-    def coupled(self, i: int, j: int) -> bool:
-        """Whether M[i, j] (with implicit damping M + h C) can differ from zero.
+    @property
+    def ties(self) -> tuple[tuple[int, int], ...]:
+        """Bodies that a spring ties in what stands for M."""
+        return self.springs if self.implicit_damping or self.implicit_stiffness else ()
 
-        It can where both move some body, or the ends of some damper.
+    def coupled(self, i: int, j: int) -> bool:
+        """Whether M[i, j], or what stands for M, can differ from zero.
+
+        It can where both move some body, or the ends of some spring that is met late.
         """
         groups = [{b} for b in range(self.nb)]
-        if self.implicit_damping:
-            groups += [set(spring) for spring in self.springs]
+        groups += [set(spring) for spring in self.ties]
         return any(
             any(self.in_chain(b, i) for b in group) and any(self.in_chain(b, j) for b in group)
             for group in groups

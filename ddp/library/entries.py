@@ -21,11 +21,12 @@ class LibraryError(ArgumentError):
 
 
 def scene_digest(scene: Scene) -> str:
-    """Digest of a scene's topology; numbers, and the rule by which dampers act, may differ between building
-    and using a library. It is what it was before there was a choice of that rule: files stay readable.
+    """Digest of a scene's topology; numbers, and the rules by which dampers and springs act, may differ
+    between building and using a library. It is what it was before there was a choice of rules: files stay
+    readable.
     """
     s = scene.structure
-    parts = (f"{f.name}={getattr(s, f.name)!r}" for f in fields(s) if f.repr and f.name != "implicit_damping")
+    parts = (f"{f.name}={getattr(s, f.name)!r}" for f in fields(s) if not f.name.startswith("implicit_"))
     return hashlib.sha256(f"Structure({', '.join(parts)})".encode()).hexdigest()[:16]
 
 

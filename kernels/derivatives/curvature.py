@@ -161,10 +161,11 @@ def make_curvature(spec: Specialisation) -> wp.Function:
 
     @wp.func
     def motion_hessian(world: t.World, lin: linear.Linear, p: VQ, v: VQ, hess: HESSIAN):
-        # P.(M (v' - v) - h r)
+        # P.(N (v' - v) - h r)
         out = hess
         h = world.params[wp.static(H)]
         qq = wp.static(motion.hessian_qq)(world, lin.pose, p, lin.w, v, h)
+        qq = wp.static(step.mass.stiff_hessian)(world, lin.pose.frames, p, lin.w, qq)
         qv = wp.static(motion.hessian_qv)(world, lin.pose, p, v, h)
         vv = wp.static(motion.hessian_vv)(world, lin.pose.jacobians, p, h)
         # mass_p (m, k): d(M P)_m/dq_k

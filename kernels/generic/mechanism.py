@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from ..factories import cached
+from ..mechanism.stiff_springs import SHARE
 from ..structure import WORLD
 from .topology import AXIS, JOINT, NUMBERS, SHIFT_Y, TURN, Topology
 from .work import M33, V2, V3, V4, WORK, Slot
@@ -30,6 +31,7 @@ def make_mechanism(given: type) -> SimpleNamespace:
     )
     PRISMATIC, FREE = JOINT["prismatic"], JOINT["free"]
     SHORT, TINY = dtype(1e-3), dtype(1e-5)  # as in `springs.py`
+    PART = dtype(SHARE)
 
     @wp.func
     def number(t: wp.ref[Topology], k: wp.ref[Slot], name: int, i: int):
@@ -210,7 +212,8 @@ def make_mechanism(given: type) -> SimpleNamespace:
     def dynamics(t: wp.ref[Topology], k: wp.ref[Slot], external: wp.array2d(dtype=given), world: int):
         """M into k.mass, r(q, v) and the external forces into k.move.
 
-        With implicit damping M + h C stands for M; `springs` adds their part.
+        With implicit damping M + h C stands for M, with implicit stiffness M + h C + h^2/2 K; `springs`
+        adds their part.
         """
         joints(t, k)
         for i in range(t.nb):
@@ -283,15 +286,35 @@ def make_mechanism(given: type) -> SimpleNamespace:
                         add_mass(t, k, one, two, push_one * slope(t, k, two, o, d))
 
     @wp.func
-    def drag(t: wp.ref[Topology], k: wp.ref[Slot], i: int, pa: V4, pb: V4, d: V2, damping: dtype):
-        """Add h C of the damper of spring i, c a a'/s, to k.mass."""
-        weight = number(t, k, H, 0) * damping
+    def tie(t: wp.ref[Topology], k: wp.ref[Slot], i: int, pa: V4, pb: V4, d: V2, weight: dtype):
+        """Add weight a a', a = d.D of the ends of spring i, to k.mass."""
         first = t.spring_body[2 * i]
         other = t.spring_body[2 * i + 1]
         couple(t, k, first, pa, first, pa, d, weight)
         couple(t, k, other, pb, other, pb, d, weight)
         couple(t, k, first, pa, other, pb, d, -weight)
         couple(t, k, other, pb, first, pa, d, -weight)
+
+    @wp.func
+    def resist(t: wp.ref[Topology], k: wp.ref[Slot], i: int, pa: V4, pb: V4, d: V2, inv: dtype, rho: dtype):
+        """Add h C and h^2/2 K of spring i to k.mass: along d, then alike in x and y."""
+        h = number(t, k, H, 0)
+        along = dtype(0.0)
+        across = dtype(0.0)
+        if t.implicit_damping == 1:
+            along = h * (number(t, k, DAMP, i) * inv)
+        if t.implicit_stiffness == 1:
+            stiff = PART * h * h * number(t, k, PULL, i)
+            along += stiff * wp.min(rho, ONE) * inv
+            across = stiff * wp.max(ONE - rho, ZERO)
+        count = wp.where(across > ZERO, 3, 1)
+        for n in range(count):
+            way = d
+            weight = along
+            if n > 0:
+                way = V2(wp.where(n == 1, ONE, ZERO), wp.where(n == 2, ONE, ZERO))
+                weight = across
+            tie(t, k, i, pa, pb, way, weight)
 
     @wp.func(inline=False)
     def springs(t: wp.ref[Topology], k: wp.ref[Slot]):
@@ -300,6 +323,9 @@ def make_mechanism(given: type) -> SimpleNamespace:
             j = t.sprung_dof[i]
             stretch = k.q[j] - number(t, k, REST, j)
             add_force(t, k, j, -number(t, k, STIFFNESS, j) * stretch)
+            if t.implicit_stiffness == 1:
+                h = number(t, k, H, 0)
+                add_mass(t, k, j, j, PART * h * h * number(t, k, STIFFNESS, j))
         for i in range(t.springs):
             pa = tied_point(t, k, 2 * i)
             pb = tied_point(t, k, 2 * i + 1)
@@ -312,8 +338,8 @@ def make_mechanism(given: type) -> SimpleNamespace:
             g += number(t, k, DAMP, i) * rate * inv
             push(t, k, t.spring_body[2 * i], pa, g * d)
             push(t, k, t.spring_body[2 * i + 1], pb, -g * d)
-            if t.implicit_damping == 1:
-                drag(t, k, i, pa, pb, d, number(t, k, DAMP, i) * inv)
+            if t.implicit_damping == 1 or t.implicit_stiffness == 1:
+                resist(t, k, i, pa, pb, d, inv, rest * wp.sqrt(inv))
 
     @wp.func
     def control_force(t: wp.ref[Topology], k: wp.ref[Slot], i: int, u: dtype):

@@ -50,6 +50,7 @@ class Topology:
     inertia_scaling: int
     coulomb: int
     implicit_damping: int
+    implicit_stiffness: int
     columns: wp.array(dtype=wp.int32)  # first column of every parameter, in the order of NUMBERS, -1: none
     parent: wp.array(dtype=wp.int32)  # (nb)
     joint: wp.array(dtype=wp.int32)  # (nb)
@@ -183,7 +184,7 @@ def make_topology(s: Structure, inertia_scaling: bool, coulomb: bool, device: ob
     out.pair_bits = bits_of(len(s.pairs))
     out.sprung, out.springs = len(s.sprung), len(s.springs)
     out.inertia_scaling, out.coulomb = int(inertia_scaling), int(coulomb)
-    out.implicit_damping = int(s.implicit_damping)
+    out.implicit_damping, out.implicit_stiffness = int(s.implicit_damping), int(s.implicit_stiffness)
     for name, values in lists.items():
         setattr(out, name, wp.array(values, dtype=wp.int32, device=device))
     return out
@@ -222,10 +223,10 @@ def _trees(s: Structure) -> list[int]:
 
 
 def _ties(s: Structure, tree: list[int]) -> dict[int, set[int]]:
-    """Trees that springs couple in M + h C with each tree."""
+    """Trees that springs couple in what stands for M with each tree."""
     root = dict(zip(s.dof_body, tree, strict=True))
     out: dict[int, set[int]] = {t: set() for t in tree}
-    for a, b in s.springs if s.implicit_damping else ():
+    for a, b in s.ties:
         if a != WORLD and b != WORLD and root[a] != root[b]:
             out[root[a]].add(root[b])
             out[root[b]].add(root[a])

@@ -1,7 +1,8 @@
 """The motion part of the gradient by parameters with what stands for M, N of `effective_mass.py`.
 
 The scalar is P.(N w - h r) - sum_i kappa_i m_i' N m_i, m_i = N^-1 J_i'. Euler's N = M + h C adds h P.C w
-to that of M. The trapezoidal rule's is the sum of two such scalars: with y_X = K^-1 B X
+to that of M, with implicit stiffness h^2/2 P.K w as well. The trapezoidal rule's is the sum of two
+such scalars: with y_X = K^-1 B X
 
     L.N R = L.M R + h/2 L.C (R + y_R)  -  y_L.M y_R + h/2 y_L.C (R - y_R)
 
@@ -16,6 +17,7 @@ from ..factories import cached
 from ..specialisation import Specialisation
 from ..structure import layout
 from .motion import make_motion_gradient
+from .stiffness import make_stiff_gradient
 
 
 @cached
@@ -28,6 +30,7 @@ def make_damped_gradient(spec: Specialisation) -> SimpleNamespace:
     step = part.linear.step
     mass, t = step.mass, step.types
     Motion, dampers = part.Motion, part.dampers
+    stiff = make_stiff_gradient(spec)
     VQ, VR, JR, MQ = t.VQ, t.VR, t.JR, t.MQ
     NR = s.nr
     H = layout(s).offset("step_size")
@@ -38,6 +41,13 @@ def make_damped_gradient(spec: Specialisation) -> SimpleNamespace:
         part.moving(world, pose, u, m, y, JR(), grad)
 
     @wp.func
+    def row_of(rows: JR, i: int):
+        out = VQ()
+        for j in range(wp.static(s.nv)):
+            out[j] = rows[i, j]
+        return out
+
+    @wp.func
     def resist(
         world: t.World, pose: t.Pose, c: MQ, h: dtype, kappa: VR, rows: JR, grad: wp.array(dtype=dtype)
     ):
@@ -45,9 +55,7 @@ def make_damped_gradient(spec: Specialisation) -> SimpleNamespace:
         i = int(0)
         while i < wp.static(NR):
             if kappa[i] != ZERO:
-                m = VQ()
-                for j in range(wp.static(s.nv)):
-                    m[j] = rows[i, j]
+                m = row_of(rows, i)
                 dampers(world, pose, -kappa[i] * m, h * m, ZERO, grad)
                 slope = h / world.params[wp.static(H)] * kappa[i] * wp.dot(m, c * m)
                 grad[wp.static(H)] = grad[wp.static(H)] - slope
@@ -62,6 +70,15 @@ def make_damped_gradient(spec: Specialisation) -> SimpleNamespace:
         normals: JR,
         grad: wp.array(dtype=dtype),
     ):
+        if wp.static(stiff is not None):
+            stiff(world, pose, m.p, m.w, grad)
+            if wp.static(part.linear.response.scaled and NR > 0):
+                i = int(0)
+                while i < wp.static(NR):
+                    if m.kappa[i] != ZERO:
+                        row = row_of(normals, i)
+                        stiff(world, pose, -m.kappa[i] * row, row, grad)
+                    i += 1
         if wp.static(not mass.implicit):
             part.moving(world, pose, u, m, VQ(), normals, grad)
         else:

@@ -8,8 +8,11 @@ each, notation of `springs.py`, so that C depends on q) are met at the end of th
     trapezoidal:  N = K + B K^-1 B, B = h/2 C, K = M + B: v' = v/(1 + x + x^2/2), the Pade approximant of
                   e^-x that is of second order and decays for every x without a change of sign.
 
-Both are symmetric and positive definite; contact impulses act through N^-1, D = diag(J N^-1 J'). Where
-damping is explicit, as in the paper, N = M. With y_X = K^-1 B X the trapezoidal rule's L.N R = L.K R
+With implicit stiffness Euler's N has h^2/2 K beside this, K of joint springs (diagonal) and of springs
+between points (`stiff_springs.py`): their forces are met at q + h/2 (v' - v) (M50).
+
+All are symmetric and positive definite; contact impulses act through N^-1, D = diag(J N^-1 J'). Where
+all is explicit, as in the paper, N = M. With y_X = K^-1 B X the trapezoidal rule's L.N R = L.K R
 + L.B y_R, and d(L.N R) = L.dK R + L.dB y_R + y_L.dB R - y_L.dK y_R.
 """
 
@@ -23,12 +26,14 @@ from ..structure import layout
 from .dynamics import make_mechanism
 from .dynamics_derivatives import make_mechanism_derivatives
 from .springs import make_spring
+from .stiff_springs import SHARE, make_stiff_spring
 
 
 @cached
 def make_effective_mass(spec: Specialisation) -> SimpleNamespace:
     """matrix(world, pose) = N; by_q(world, pose, w): d(N w)/dq at constant w; and of Euler's
     hessian(world, pose, p, w): d2/dq dq of p.N w. drag(world, fr, h, total): total + h C;
+    stiff(world, fr, share, total): total + share K; stiff_by_q and stiff_hessian: of h^2/2 K.
     drag_by_q(world, fr, y, total): total + d(C y)/dq. spread(world, pose) = K^-1 B.
     """
     s, dtype, method = spec
@@ -43,6 +48,13 @@ def make_effective_mass(spec: Specialisation) -> SimpleNamespace:
     springs = tuple(make_spring(s, i, dtype) for i in range(len(s.springs)))
     implicit, trapezoidal = s.implicit_damping, s.implicit_damping and method.trapezoidal
     damped_springs = implicit and len(springs) > 0
+    stiff_joints = s.sprung if s.implicit_stiffness and not method.trapezoidal else ()
+    STIFFNESS = lay.offset("stiffness") if stiff_joints else 0
+    stiff_springs = tuple(
+        make_stiff_spring(s, i, dtype)
+        for i in range(len(springs) if s.implicit_stiffness and not method.trapezoidal else 0)
+    )
+    PART = dtype(SHARE)
 
     @wp.func
     def drag(world: t.World, fr: t.FRAMES, h: dtype, total: MQ):
@@ -51,6 +63,34 @@ def make_effective_mass(spec: Specialisation) -> SimpleNamespace:
             out[j, j] = out[j, j] + h * world.params[wp.static(DAMPING + j)]
         for i in range(wp.static(len(springs))):
             out = wp.static(springs[i].by_v)(world, fr, h, out)
+        return out
+
+    @wp.func
+    def stiff(world: t.World, fr: t.FRAMES, share: dtype, total: MQ):
+        out = total
+        for j in range(wp.static(NV)):
+            if wp.static(j in stiff_joints):
+                out[j, j] = out[j, j] + share * world.params[wp.static(STIFFNESS + j)]
+        for i in range(wp.static(len(stiff_springs))):
+            out = wp.static(stiff_springs[i].matrix)(world, fr, share, out)
+        return out
+
+    @wp.func
+    def stiff_by_q(world: t.World, fr: t.FRAMES, w: VQ, total: MQ):
+        """total + h^2/2 d(K w)/dq at constant w."""
+        out = total
+        for i in range(wp.static(len(stiff_springs))):
+            h = world.params[wp.static(H)]
+            out = wp.static(stiff_springs[i].by_q)(world, fr, w, PART * h * h, out)
+        return out
+
+    @wp.func
+    def stiff_hessian(world: t.World, fr: t.FRAMES, p: VQ, w: VQ, total: MQ):
+        """total + h^2/2 d2(p.K w)/dq dq."""
+        out = total
+        for i in range(wp.static(len(stiff_springs))):
+            h = world.params[wp.static(H)]
+            out = wp.static(stiff_springs[i].hessian)(world, fr, p, w, PART * h * h, out)
         return out
 
     @wp.func
@@ -81,6 +121,9 @@ def make_effective_mass(spec: Specialisation) -> SimpleNamespace:
         out = wp.static(mech.mass_matrix)(world, pose.jacobians)
         if wp.static(implicit):
             out = drag(world, pose.frames, world.params[wp.static(H)], out)
+        if wp.static(len(stiff_joints) + len(stiff_springs) > 0):
+            h = world.params[wp.static(H)]
+            out = stiff(world, pose.frames, PART * h * h, out)
         return out
 
     @wp.func
@@ -100,7 +143,7 @@ def make_effective_mass(spec: Specialisation) -> SimpleNamespace:
             out = part_by_q(world, pose, w, HALF * h * (w + y))
             # B K^-1 (dB w - dK y)
             return out + wp.transpose(spreading) * part_by_q(world, pose, -y, HALF * h * (w - y))
-        return part_by_q(world, pose, w, h * w)
+        return stiff_by_q(world, pose.frames, w, part_by_q(world, pose, w, h * w))
 
     @wp.func
     def drag_hessian(world: t.World, fr: t.FRAMES, p: VQ):
@@ -117,13 +160,18 @@ def make_effective_mass(spec: Specialisation) -> SimpleNamespace:
             y = world.params[wp.static(H)] * w
             for i in range(wp.static(len(springs))):
                 out = wp.static(springs[i].hessian_qq)(world, pose.frames, p, y, ZERO, out)
-        return out
+        return stiff_hessian(world, pose.frames, p, w, out)
 
     return SimpleNamespace(
         matrix=matrix,
         by_q=by_q,
         hessian=hessian,
         drag=drag,
+        stiff=stiff,
+        stiff_by_q=stiff_by_q,
+        stiff_hessian=stiff_hessian,
+        stiff_joints=stiff_joints,
+        stiff_springs=stiff_springs,
         drag_by_q=drag_by_q,
         drag_hessian=drag_hessian,
         damped_springs=damped_springs,

@@ -99,6 +99,7 @@ def make_free_motion(spec: Specialisation) -> SimpleNamespace:
         out = DV()
         h = world.params[wp.static(H)]
         by_q = wp.static(motion.motion_by_q)(world, pose, w, v, h)
+        by_q = wp.static(mass.stiff_by_q)(world, pose.frames, w, by_q)
         by_v = wp.static(motion.motion_by_v)(world, pose, v, h)
         effective = wp.static(mass.matrix)(world, pose)
         for k in range(wp.static(NV)):

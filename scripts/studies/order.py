@@ -1,12 +1,17 @@
-"""Order of the integrators in smooth contact and with dampers: `python -m slcp_warp.scripts.studies.order`.
+"""Order of the integrators in smooth contact and with dampers, and what rules for dampers and springs do:
+`python -m slcp_warp.scripts.studies.order`.
 
 Phases whose exact motion is one equation of a single angle, solved here by Runge-Kutta at a small step: a
 link that swings while another one is held on its limit, a ball that slides without friction down a disc, one
 that rolls down it, a link with a damper in its joint, one with a damper between its tip and a fixed point.
 Printed is the largest error of the state at the end in the hard problem; then what a step leaves of the
-speed of a damped slider.
+speed of a damped slider; then, of rules for one mass on a spring, the damping ratio that they have by
+themselves, the error of their frequency, the largest stretch from a stretch, the largest energy from a
+stretch and from a speed, all relative to the first, and the largest eigenvalue of a critically damped spring;
+then the largest error of a position after .8 s of scenes with springs that fall to the ground.
 """
 
+import dataclasses
 from collections.abc import Callable
 
 import numpy as np
@@ -18,6 +23,8 @@ DURATION = 0.4
 STEP_SIZES = (0.04, 0.02, 0.01, 0.005)
 HILL, BALL = 1.0, 0.2  # radii
 REACH = HILL + BALL
+RULES = {"q": (0.0, 0.0), "q + h/4 (v' - v)": (0.25, 0.0), "q + h/2 (v' - v)": (0.5, 0.0),
+         "q + h (v' - v)": (1.0, 0.0), "q + h (v' - w)": (1.0, None), "q + h v'": (1.0, 1.0)}  # fmt: skip
 
 
 def angle_after(
@@ -102,6 +109,54 @@ def decay() -> None:
             print(f"{name:21} " + "  ".join(f"{v:<10.2e}" for v in left))
 
 
+def sprung(x: float, y: float, share: float, late: float | None) -> np.ndarray:
+    """The matrix of a step of (q, h v) of one mass, x = h omega, y = c h/m: a spring met at q + h share (v' -
+    v) + h late v, a damper at v'. None: v - w for late v, w = v/(1 + y + x^2).
+    """
+    n = 1.0 + y + share * x * x
+    late = 1.0 - 1.0 / n if late is None else late
+    v = np.array([-x * x, n - y - late * x * x]) / n
+    return np.stack([np.array([1.0, 0.0]) + v, v])
+
+
+def swing() -> None:
+    """Print what rules for springs do."""
+    print("spring met at    h omega  damping  frequency  stretch   energy q  energy v  critical")
+    for name, rule in RULES.items():
+        for x in (0.1, 0.3, 1.0, 3.0, 10.0, 100.0):
+            matrix, state, largest = sprung(x, 0.0, *rule), np.diag([1.0, x]), np.ones(3)
+            with np.errstate(over="ignore", invalid="ignore"):
+                for _ in range(4000):
+                    state = matrix @ state
+                    energy = state[0] ** 2 + (state[1] / x) ** 2
+                    largest = np.fmax(largest, [abs(state[0, 0]), *energy])
+            values = np.linalg.eigvals(matrix)
+            log = np.log(values[np.argmax(np.abs(values))] + 0j)
+            shift, ratio = np.abs(log.imag) / x - 1.0, -log.real / np.abs(log)
+            figures = "  ".join(f"{value:<8.3g}" for value in largest)
+            damped = np.abs(np.linalg.eigvals(sprung(x, 2.0 * x, *rule))).max()
+            print(f"{name:16} {x:7g}  {ratio:7.4f}  {shift:+9.4f}  {figures}  {damped:.3f}")
+
+
+def falling() -> None:
+    """Print errors of scenes with springs, against the explicit rule at a 256th of their step."""
+    for base in (slcp.scenes.hopper(), slcp.scenes.walker()):
+        rules = [dataclasses.replace(base, implicit_stiffness=rule) for rule in (False, True)]
+        sizes = base.step_size * np.array([1.0 / 256.0, 0.25, 1.0, 2.0, 5.0, 10.0])
+        print(f"{base.name:16} " + "  ".join(f"h = {h:<7g}" for h in sizes[1:]))
+        truth = None
+        for scene in rules:
+            sim = slcp.Simulator(scene, slcp.Options("hard"), dtype="float64", strategy="generic")
+            ends = []
+            for h in sizes:
+                controls = np.zeros((round(0.8 / h), sim.nu))
+                ends.append(sim.rollout(scene.x0, controls, sim.params.replace(step_size=h)).states[-1])
+            truth = ends[0] if truth is None else truth
+            figures = [np.abs(end - truth)[: scene.nv].max() for end in ends[1:]]
+            name = "q + h/2 (v' - v)" if scene.implicit_stiffness else "q"
+            print(f"{name:16} " + "  ".join(f"{figure:<11.2g}" for figure in figures))
+
+
 def main() -> None:
     """Print the tables."""
     phases = {"limit": limit(), "slides": hill(False), "rolls": hill(True), "drag": damped(False),
@@ -118,6 +173,8 @@ def main() -> None:
             figures = "  ".join(f"{e:<10.2e}" for e in errors)
             print(f"{phase:7} {integrator:12} {figures}  {errors[-2] / errors[-1]:.2f}")
     decay()
+    swing()
+    falling()
 
 
 if __name__ == "__main__":

@@ -17,7 +17,9 @@ def scene_line(scene: Any) -> str:
         counted(s.nu, "control"),
         counted(s.nr, "row"),
     ]
-    return f"{scene.name!r}: {', '.join(parts)}; h = {scene.step_size:g} s"
+    springs = (s.sprung or s.springs) and not scene.implicit_stiffness
+    rule = "; explicit springs" if springs else ""
+    return f"{scene.name!r}: {', '.join(parts)}; h = {scene.step_size:g} s{rule}"
 
 
 def scene_tables(scene: Any) -> list[Table]:

@@ -46,6 +46,9 @@ class Scene(Printed):
         implicit_damping: whether dampers, of joints and of springs, act with the velocity at the end of a
             step: stable for every c h/m. False: with that at its start, the paper's r(q, v), which diverges
             for c h/m > 2.
+        implicit_stiffness: whether Euler's step meets springs, of joints and between points, at q + h/2 (v' -
+            v): stable for every h omega, omega^2 = k/m, (M50). False: at q, which diverges for h omega > 2.
+            The trapezoidal integrator is stable by itself.
         friction: under "auto", of shapes that have none of their own, >= 0; None: without friction.
         excluded: under "auto", pairs of names of bodies that never touch.
     """
@@ -64,6 +67,7 @@ class Scene(Printed):
     implicit_damping: bool = True
     friction: float | None = None
     excluded: tuple[tuple[str, str], ...] = ()
+    implicit_stiffness: bool = True
     structure: Structure = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -78,6 +82,7 @@ class Scene(Printed):
         fields.number("step_size")
         fields.number("sigma")
         fields.flag("implicit_damping")
+        fields.flag("implicit_stiffness")
         fields.number("friction", optional=True)
         excluded = check_excluded(f"scene {self.name!r}: excluded", self.excluded, self.bodies)
         object.__setattr__(self, "excluded", excluded)
@@ -100,7 +105,7 @@ class Scene(Printed):
         if not self.bodies:
             raise SceneError(f"bodies: scene {self.name!r} has none; it needs at least one")
         parts = self.bodies, self.shapes, self.all_contacts, self.actuators, self.springs
-        return structure_of(*parts, self.implicit_damping)
+        return structure_of(*parts, self.implicit_damping, self.implicit_stiffness)
 
     def _line(self) -> str:
         return scene_line(self)

@@ -1,4 +1,4 @@
-"""Scenes in files: TOML or JSON, `format = "slcp-scene"`, `version = 2`; docs/reference/scene_files.md."""
+"""Scenes in files: TOML or JSON, `format = "slcp-scene"`, `version = 3`; docs/reference/scene_files.md."""
 
 import dataclasses
 import json
@@ -51,12 +51,14 @@ def scene_of(content: Any) -> Scene:
     version = content.get("version")
     if isinstance(version, bool) or version not in VERSIONS:
         raise SceneFileError(
-            f"version is {version!r:.60}; this program reads {' and '.join(map(str, VERSIONS))}"
+            f"version is {version!r:.60}; this program reads {', '.join(map(str, VERSIONS))}"
         )
     fields = {k: v for k, v in content.items() if k not in ("format", "version", "$schema")}
     if version == 1:  # when it was written damping was explicit
         fields.setdefault("implicit_damping", False)
     scene: Scene = _build(Scene, fields, "")
+    if version < 3 and "implicit_stiffness" not in fields and scene.structure.implicit_stiffness:
+        return dataclasses.replace(scene, implicit_stiffness=False)
     return scene
 
 

@@ -12,8 +12,8 @@ from typing import Any
 from .parts import JOINTS, KINDS, Actuator, Body, Contact, Shape, Spring
 from .scene import Scene
 
-FORMAT, VERSION = "slcp-scene", 2
-VERSIONS = (1, 2)  # that are read; in 1 damping was explicit
+FORMAT, VERSION = "slcp-scene", 3
+VERSIONS = (1, 2, 3)  # that are read; in 1 damping was explicit, in 1 and 2 stiffness
 CHOICES: dict[tuple[str, str], tuple[Any, ...]] = {
     ("Body", "joint"): tuple(JOINTS),
     ("Shape", "kind"): KINDS,

@@ -28,6 +28,7 @@ def structure_of(
     actuators: Sequence[Actuator],
     springs: Sequence[Spring],
     implicit_damping: bool,
+    implicit_stiffness: bool,
 ) -> Structure:
     """The structure of a scene of these parts.
 
@@ -50,6 +51,7 @@ def structure_of(
         tuple(tree.sprung),
         _spring_ends(springs, body_places),
         implicit_damping=implicit_damping,
+        implicit_stiffness=implicit_stiffness and bool(tree.sprung or springs),
     )
 
 

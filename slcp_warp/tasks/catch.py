@@ -32,6 +32,7 @@ def paddle_scene() -> Scene:
         step_size=0.02,
         sigma=0.05,
         initial_state=(0.0, 0.0, 0.5, 1.0, 0.0, 0.0, 0.0, -0.3, 0.0, 0.0),
+        implicit_stiffness=False,
     )
 
 

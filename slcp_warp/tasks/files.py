@@ -35,7 +35,8 @@ from .notation import (
 from .registry import NAMED
 from .task import Task, TaskError
 
-FORMAT, VERSION = "slcp-task", 1
+FORMAT, VERSION = "slcp-task", 2
+SCENE_VERSION = {1: 2, 2: 3}  # of scenes inside, by the version of a task file: all that are read
 TEXT = (".toml", ".json")
 OF_SCENE = ("step_size", "sigma")  # numbers of the scene that a task file may change
 FIELDS_OF_FILE = (
@@ -87,8 +88,9 @@ def task_of(content: Any, folder: Path | None = None) -> Task:
         )
         raise TaskFileError(f"format is {found}; a task file has format = {FORMAT!r}")
     version = content.get("version")
-    if isinstance(version, bool) or version != VERSION:
-        raise TaskFileError(f"version is {version!r:.60}; this program reads {VERSION}")
+    if isinstance(version, bool) or not isinstance(version, int) or version not in SCENE_VERSION:
+        reads = ", ".join(map(str, SCENE_VERSION))
+        raise TaskFileError(f"version is {version!r:.60}; this program reads {reads}")
     values = table("", content, FIELDS_OF_FILE, NEEDED, TaskFileError)
     scene = _scene(values, folder)
     fields: dict[str, Any] = {
@@ -220,7 +222,8 @@ def _from_python(path: Path, attribute: str) -> Task:
 def _scene(values: dict[str, Any], folder: Path | None) -> Scene:
     given = values["scene"]
     if isinstance(given, dict):
-        scene = _said("scene", scene_of, {"format": "slcp-scene", "version": 2} | given)
+        head = {"format": "slcp-scene", "version": SCENE_VERSION[values["version"]]}
+        scene = _said("scene", scene_of, head | given)
     elif isinstance(given, str) and given in SCENES:
         scene = SCENES[given]()
     elif isinstance(given, str) and Path(given).suffix in (*TEXT, ".xml"):

@@ -12,7 +12,7 @@ from ..description.scene_schema import NO_VALUE, object_schema, part_schemas
 from ..options import CHOICES, Options
 from ..scenes import NAMED as SCENES
 from .disturbances.notation import schemas as disturbance_schemas
-from .files import FIELDS_OF_FILE, FORMAT, NEEDED, VERSION
+from .files import FIELDS_OF_FILE, FORMAT, NEEDED, SCENE_VERSION, VERSION
 from .notation import BOUNDS, JOINS, KINDS
 
 NUMBER, TEXT, NAME = {"type": "number"}, {"type": "string"}, {"type": ["string", "integer"]}
@@ -26,7 +26,7 @@ def json_schema() -> dict[str, Any]:
     properties: dict[str, Any] = {
         "$schema": TEXT,
         "format": {"const": FORMAT},
-        "version": {"const": VERSION},
+        "version": {"enum": list(SCENE_VERSION)},
         "name": TEXT,
         "scene": {
             "description": "a scene; a file beside this one; or one of " + ", ".join(SCENES),

@@ -167,9 +167,11 @@ def test_runaway_impulses_excuse_nothing():
 
 
 @pytest.mark.full
-def test_stiff_dampers_slow_down_and_guides_along_a_surface_are_judged():
+def test_stiff_dampers_slow_down_springs_stay_and_guides_along_a_surface_are_judged():
     names = (
         "stiff damping",
+        "stiff joint spring",
+        "stiff spring",
         "slider strikes",
         "slider leaves",
         "slider jams",

@@ -44,10 +44,12 @@ def made(x, **changes):
 
 
 def test_files_of_earlier_versions_fit_their_scene():
-    """The digest that they state is from before scenes had a rule of damping."""
+    """The digest that they state is from before scenes had rules of damping and stiffness."""
     before = "c0c5a8888eb050e5"
     made(np.zeros((2, 6)), header={"scene": FINGER.name, "digest": before}).check_scene(FINGER)
     assert scene_digest(replace(FINGER, implicit_damping=True)) == scene_digest(FINGER)
+    hopper = slcp.scenes.hopper()
+    assert scene_digest(replace(hopper, implicit_stiffness=True)) == scene_digest(hopper)
     with pytest.raises(ddp.LibraryError, match="built for scene"):
         made(np.zeros((2, 6))).check_scene(slcp.scenes.hopper())
 

@@ -41,8 +41,8 @@ def test_files_fit_the_schema(tmp_path):
         slcp.save_scene(MAKERS[name](), tmp_path / "scene.json")
         valid(json.loads((tmp_path / "scene.json").read_text()))
     valid(tomllib.loads(EXAMPLE.read_text()))
-    for key, wrong in (("version", 3), ("bodies", []), ("gravity", [0.0]), ("colour", "red"),
-                       ("implicit_damping", 1)):  # fmt: skip
+    for key, wrong in (("version", 4), ("bodies", []), ("gravity", [0.0]), ("colour", "red"),
+                       ("implicit_damping", 1), ("implicit_stiffness", 1)):  # fmt: skip
         content = json.loads((tmp_path / "scene.json").read_text())
         content[key] = wrong
         if key != "bodies":
@@ -55,7 +55,7 @@ def test_shipped_schema_is_the_one_of_the_classes():
     assert json.loads(path.read_text()) == json_schema()  # python -m slcp_warp.description.scene_schema
 
 
-GOOD = {"format": "slcp-scene", "version": 2, "name": "a",
+GOOD = {"format": "slcp-scene", "version": 3, "name": "a",
         "bodies": [{"name": "b", "mass": 1.0, "inertia": 1.0}]}  # fmt: skip
 
 
@@ -71,7 +71,7 @@ BODY = GOOD["bodies"][0]
     (json.dumps(GOOD)[:40], "not readable as JSON"),
     ("[1, 2]", "format is a list"),
     (bad(format="urdf"), "format is 'urdf'; a scene file has format = 'slcp-scene'"),
-    (bad(version=7), "version is 7; this program reads 1 and 2"),
+    (bad(version=7), "version is 7; this program reads 1, 2, 3"),
     (bad(bodys=[]), "no field 'bodys'; did you mean 'bodies'"),
     (bad(bodies=[{**BODY, "mas": 1}]), r"bodies\[0\]: no field 'mas'; did you mean 'mass'"),
     (bad(bodies=[{"name": "b", "mass": 1.0}]), r"bodies\[0\]: inertia is missing"),
@@ -107,6 +107,27 @@ def test_files_from_when_damping_was_explicit_keep_it(tmp_path):
     del content["implicit_damping"]
     path.write_text(json.dumps(content | {"version": 1}))
     assert slcp.load_scene(path) == slcp.scenes.flicking_finger()
+
+
+def test_files_from_when_springs_were_explicit_keep_it(tmp_path):
+    """Version 2 and before; what has no spring is the same in all."""
+    path = tmp_path / "scene.json"
+    sprung = [{**BODY, "stiffness": 2.0}]
+    for content, implicit in (
+        (bad(bodies=sprung), True),
+        (bad(bodies=sprung, version=2), False),
+        (bad(bodies=sprung, version=1), False),
+        (bad(bodies=sprung, version=2, implicit_stiffness=True), True),
+        (bad(bodies=sprung, implicit_stiffness=False), False),
+        (bad(version=2), True),
+    ):
+        path.write_text(content)
+        scene = slcp.load_scene(path)
+        assert scene.implicit_stiffness is implicit
+        assert scene.structure.implicit_stiffness is (implicit and "stiffness" in content)
+        assert ("explicit springs" in str(scene)) is not implicit
+        slcp.save_scene(scene, path)
+        assert slcp.load_scene(path) == scene
 
 
 def test_foreign_files(tmp_path):

@@ -1,5 +1,7 @@
 """Implicit damping: decay for every c h/m, energy, contact, order, derivatives where dampers are stiff."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from differences import differences
@@ -205,20 +207,27 @@ def test_lightly_damped_motion_is_second_order(device):
 
 
 def test_stiff_springs_with_dampers(device):
-    """Euler is stable for h^2 k < 4 m + 2 h c, the trapezoidal rule for all k and c."""
+    """Euler with explicit springs is stable for h^2 k < 4 m + 2 h c, with implicit ones for all k and c, like
+    the trapezoidal rule.
+    """
     body = slcp.Body("slider", 1.0, 0.1, joint="prismatic", stiffness=1.0, damping=1.0)
     scene = slcp.Scene("sprung_slider", (body,), gravity=(0.0, 0.0), step_size=H)
+    early = dataclasses.replace(scene, implicit_stiffness=False)
     x = np.repeat([0.01, 1.0, 100.0, 1e4], 3)
     limit = 4.0 + 2.0 * x
-    for name, sim in simulators(scene, device).items():
-        share = np.tile([0.5, 0.99, 1.01], 4) if name != "trapezoidal" else np.tile([0.5, 10.0, 1e4], 4)
+    late, explicit = (simulators(sc, device) for sc in (scene, early))
+    rules = {f"explicit {name}": explicit[name] for name in ("euler", "generic")} | late
+    for name, sim in rules.items():
+        bounded = not name.startswith("explicit")
+        share = np.tile([0.5, 10.0, 1e4] if bounded else [0.5, 0.99, 1.01], 4)
         params = sim.params.replace(damping=x[:, None] / H, stiffness=(share * limit)[:, None] / H**2)
         run = sim.rollout(np.tile([1e-3, 0.0], (len(x), 1)), np.zeros((len(x), 4000, 0)), params)
         stretch = np.abs(run.states[:, :, 0]).max(1)
-        np.testing.assert_array_equal(stretch < 1e-2, (share < 1.0) | (name == "trapezoidal"), err_msg=name)
+        np.testing.assert_array_equal(stretch < 1e-2, (share < 1.0) | bounded, err_msg=name)
 
 
 STIFF = {"damping": 80.0, "spring_damping": 300.0}
+STIFF_SPRINGS = {"damping": 0.1, "spring_stiffness": 2e4}  # (h omega)^2 of 8
 
 
 @pytest.mark.slow
@@ -228,7 +237,8 @@ STIFF = {"damping": 80.0, "spring_damping": 300.0}
     ids=INTEGRATORS,
 )
 def test_derivatives_where_dampers_are_stiff(device, integrator, residual):
-    """A, B, second derivatives, and the gradient by every parameter, light dampers and stiff ones.
+    """A, B, second derivatives, and the gradient by every parameter, light dampers and stiff ones, and with
+    Euler's step stiff springs.
 
     The gradients of REM through the trapezoidal rule are looked at in tests/solvers/test_erm.py.
     """
@@ -236,7 +246,7 @@ def test_derivatives_where_dampers_are_stiff(device, integrator, residual):
     options = slcp.Options(residual, integrator=integrator)
     sim = slcp.Simulator(scene, options, device=device, dtype="float64")
     x, u, force = states(scene, 40)
-    for changes in ({"damping": 0.1}, STIFF):
+    for changes in ({"damping": 0.1}, STIFF, *([STIFF_SPRINGS] if integrator == "euler" else [])):
         params = sim.params.replace(**changes)
 
         def jacobians(x, u, params=params):

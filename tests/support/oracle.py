@@ -7,7 +7,9 @@ found by trying directions all round and bisecting; touched points come from the
 their Jacobians from complex steps of body-fixed points. Functions take any leading batch axes: q (..., nv).
 
 With implicit damping (`Scene.implicit_damping`) the dampers' forces act with the velocity v' and M + h C
-stands where the step is solved, C from forces at unit velocities.
+stands where the step is solved, C from forces at unit velocities. With implicit stiffness
+(`Scene.implicit_stiffness`) h^2/2 K stands there as well: springs pull with what they would at q + h/2 (v' -
+v), but for the part of their stiffness that is not positive.
 
 Step (1), (17): M v' = h (r + u) + M v + J' lambda,  a = D lambda,  b = J v' + d / h,  a - s(a - b) = 0, or
 min(a, b) = 0 for the hard problem.
@@ -148,6 +150,28 @@ class Oracle:
             joints = joints - np.stack(moved, axis=-1)
         return joints
 
+    def stiffness_matrix(self, q):
+        """K(q), (..., nv, nv): joint springs; of those between points k along the line, k (1 - L/l) across it
+        where they pull.
+        """
+        out = 0.0 * q[..., None] * np.eye(self.nv)
+        if self.structure.sprung:
+            out = out + self.p["stiffness"][..., None] * np.eye(self.nv)
+        for i, (a, b) in enumerate(self.structure.springs):
+            ends, rest = self.p["spring_point"][..., i, :, :], self.p["spring_length"][..., i]
+
+            def span(z, a=a, b=b, ends=ends):
+                return self.point(z, b, ends[..., 1, :]) - self.point(z, a, ends[..., 0, :])
+
+            delta, jac = span(q), complex_step(span, q)
+            length = np.sqrt(np.sum(delta * delta, axis=-1) + (1e-3 * rest + 1e-5) ** 2)
+            along = np.einsum("...i,...ij->...j", delta / length[..., None], jac)
+            loose = np.maximum(1.0 - rest / length, 0.0)[..., None, None]
+            part = loose * np.einsum("...ki,...kj->...ij", jac, jac)
+            part = part + (1.0 - loose) * along[..., :, None] * along[..., None, :]
+            out = out + self.p["spring_stiffness"][..., i, None, None] * part
+        return out
+
     def energy(self, q, v):
         """Kinetic plus potential energy (...)."""
         pose = self.poses(q).reshape(q.shape[:-1] + (-1, 3))
@@ -277,7 +301,7 @@ class Oracle:
     # ---------------------------------------------------------------- one step
 
     def problem(self, x, u=None, external=None, scaling="inertia"):
-        """What one step solves: a dict of M (or M + h C), f = M vfree, J, d, rate = d / h, A, b, D,
+        """What one step solves: a dict of M (or M + h C + h^2/2 K), f = M vfree, J, d, rate = d / h, A, b, D,
         sigma, h, margin.
         """
         q, v = x[..., : self.nv], x[..., self.nv :]
@@ -288,6 +312,10 @@ class Oracle:
             drag = h[..., None, None] * self.damping_matrix(q)
             f = f + np.einsum("...ij,...j->...i", drag, v)
             mass = mass + drag
+        if self.scene.implicit_stiffness:
+            late = 0.5 * h[..., None, None] ** 2 * self.stiffness_matrix(q)
+            f = f + np.einsum("...ij,...j->...i", late, v)
+            mass = mass + late
         d, jac, margin = self.rows(q)
         vfree = np.linalg.solve(mass, f[..., None])[..., 0]
         a = jac @ np.linalg.solve(mass, np.swapaxes(jac, -1, -2))

@@ -102,7 +102,7 @@ def test_files_fit_the_schema():
         valid(json.loads(json.dumps(task_content(task))))
     good = tomllib.loads(TOML.read_text())
     valid(good)
-    for key, wrong in (("version", 2), ("horizon", 0), ("colour", 1), ("cost", {"final": [{"kind": "x"}]}),
+    for key, wrong in (("version", 3), ("horizon", 0), ("colour", 1), ("cost", {"final": [{"kind": "x"}]}),
                        ("measures", {"a": {"reduction": "final"}}), ("success", {"all": []})):  # fmt: skip
         with pytest.raises(fastjsonschema.JsonSchemaException):
             valid(good | {key: wrong})
@@ -137,7 +137,7 @@ TERM = {"kind": "square", "weight": 1.0, "state": "block.x"}
     "changes, text",
     [
         ({"format": "slcp-scene"}, "format is 'slcp-scene'; a task file has format = 'slcp-task'"),
-        ({"version": 2}, "version is 2; this program reads 1"),
+        ({"version": 3}, "version is 3; this program reads 1, 2"),
         ({"horzion": 3}, "no field 'horzion'; did you mean 'horizon'"),
         ({"cost": None}, "cost: None; a table of fields is needed"),
         ({"scene": "pushblock"}, "scene: 'pushblock'; a table, a .toml, .json or .xml file or one of"),

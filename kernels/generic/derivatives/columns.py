@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from ...factories import cached
+from ...mechanism.stiff_springs import SHARE
 from ..mechanism import COLUMN, make_mechanism
 from ..topology import CONTACT, LOWER, Topology
 from ..work import LANES, WORK, Lanes, Slot
@@ -31,7 +32,7 @@ def make_columns(given: type, residual: str) -> SimpleNamespace:
     H, MASS, INERTIA, DAMPING, STIFFNESS, GEAR = (
         COLUMN[n] for n in ("step_size", "mass", "inertia", "damping", "stiffness", "gear")
     )
-    ONE, COUNT = dtype(1.0), LANES
+    ONE, PART, COUNT = dtype(1.0), dtype(SHARE), LANES
 
     @wp.func
     def put(x: wp.array(dtype=Lanes), p: int, lane: int, value: dtype):
@@ -75,18 +76,24 @@ def make_columns(given: type, residual: str) -> SimpleNamespace:
                             put(x, p, lane, springs.by_q(g, d, b, i, at, by))
                         elif t.implicit_damping == 0:
                             put(x, p, lane, springs.by_v(d, b, i, h, at, by))
+                        if t.implicit_stiffness == 1:
+                            if velocity == 0:
+                                put(x, p, lane, springs.stiff_by_q(g, d, b, i, at, by))
+                            else:
+                                put(x, p, lane, springs.stiff_by_v(d, b, i, at, by))
 
     @wp.func
     def of_joints(t: wp.ref[Topology], d: Slopes, k: wp.ref[Slot], b: int, first: int, velocity: int):
-        """Joint springs and, where they are not implicit, joint dampers."""
+        """Joint springs, by v where they are implicit, and joint dampers where these are not."""
         x = d.known[b]
         h = number(t, k, H, 0)
-        if velocity == 0:
+        if velocity == 0 or t.implicit_stiffness == 1:
+            share = wp.where(velocity == 0, -h, PART * h * h)
             for one in range(t.sprung):
                 j = t.sprung_dof[one]
                 if j >= first and j < first + COUNT:
-                    put(x, t.place[j], j - first, -h * number(t, k, STIFFNESS, j))
-        elif t.implicit_damping == 0:
+                    put(x, t.place[j], j - first, share * number(t, k, STIFFNESS, j))
+        if velocity == 1 and t.implicit_damping == 0:
             for j in range(wp.max(first, 0), wp.min(first + COUNT, t.nv)):
                 put(x, t.place[j], j - first, -h * number(t, k, DAMPING, j))
 

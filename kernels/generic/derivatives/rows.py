@@ -81,13 +81,16 @@ def make_row_slopes(given: type, residual: str) -> SimpleNamespace:
         for at in range(g.group_body_start[group], g.group_body_start[group + 1]):
             body = g.group_body[at]
             bodies.turned(t, d, b, body, number(t, k, MASS, body), g.dof_local, start)
-        if t.implicit_damping == 1:
+        if t.implicit_damping == 1 or t.implicit_stiffness == 1:
             h = number(t, k, H, 0)
             for i in range(t.springs):
                 begin = g.spring_start[i]
                 if g.spring_start[i + 1] > begin:
                     if g.dof_group[g.spring_dof[begin]] == group:
-                        springs.damped(g, d, b, i, h, g.dof_local, start)
+                        if t.implicit_damping == 1:
+                            springs.damped(g, d, b, i, h, g.dof_local, start)
+                        if t.implicit_stiffness == 1:
+                            springs.stiffened(g, d, b, i, g.dof_local, start)
 
     @wp.func
     def answer(t: wp.ref[Topology], k: wp.ref[Slot], g: Groups, d: Slopes, b: int, group: int):

@@ -1,6 +1,6 @@
 """Tables and workspace of the generic derivatives, beside those of the step.
 
-A group of bodies is a block of M: trees, and with implicit damping what springs tie to each other. D =
+A group of bodies is a block of M: trees, and what springs that are met late tie to each other. D =
 J M^-1 J' of a row depends on the configuration of the groups that it moves, and on nothing else.
 """
 
@@ -17,7 +17,7 @@ Pair = V2
 Share = wp.types.vector(4, WORK)
 OfBody = wp.types.vector(6, WORK)  # of a chain's degree of freedom, see `bodies.py`
 OfContact = wp.types.vector(13, WORK)  # of one that moves a pair, see `pairs.py`
-OfSpring = wp.types.vector(10, WORK)  # of one that moves a spring, see `springs.py`
+OfSpring = wp.types.vector(13, WORK)  # of one that moves a spring, see `springs.py`
 
 
 @wp.struct
@@ -102,7 +102,7 @@ def _blocks(s: Structure) -> list[int]:
     block: list[int] = []
     for b, body in enumerate(s.bodies):
         block.append(b if body.parent == WORLD else block[body.parent])
-    for a, b in s.springs if s.implicit_damping else ():
+    for a, b in s.ties:
         if a != WORLD and b != WORLD:
             low, high = sorted((block[a], block[b]))
             block = [low if name == high else name for name in block]

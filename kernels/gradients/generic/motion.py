@@ -1,7 +1,8 @@
 """The motion part of an adjoint step: P.(N (v' - v) - h r) by places, rates and every number of the bodies.
 
 With implicit damping N = M + h C, and P.(N (v' - v) - h r) = P.(M (v' - v) - h r_0 + h C v'), r_0 without
-dampers; else the same with C v. Beside it -kappa m'N m of one row, m = N^-1 J_i'.
+dampers; else the same with C v. Beside it -kappa m'N m of one row, m = N^-1 J_i'. With implicit stiffness
+`stiffness.py` adds to both.
 """
 
 from types import SimpleNamespace
@@ -12,11 +13,10 @@ from ...factories import cached
 from ...generic.derivatives.tables import Groups
 from ...generic.topology import JOINT, Topology
 from ...generic.work import Slot
-from ...structure import WORLD
 from .room import DUAL, NEW, OLD, ROW, View
+from .spans import make_spans
+from .stiffness import make_stiffness
 from .twists import make_twists, turned, twist
-
-TAIL = (1e-3, 1e-5)  # of a spring's length at zero, as in `mechanism/springs.py`
 
 
 @cached
@@ -24,17 +24,17 @@ def make_motion(given: type) -> SimpleNamespace:
     """body(..., i), joints(...), spring(..., i) add the parts of the motion; row_part(..., group, kappa) that
     of a row whose m is in the rates ROW.
     """
-    move = make_twists(given)
+    move, spans, stiffness_of = make_twists(given), make_spans(given), make_stiffness(given)
     z = move.solved
-    number, two, add, add2, axes, origin = z.number, z.two, z.add, z.add2, z.axes, z.origin
-    H, GRAVITY, MASS, INERTIA, COM, DAMPING, GEAR, STIFFNESS, REST, PULL, DAMP, LENGTH, TIED = (
+    number, two, add, add2, axes = z.number, z.two, z.add, z.add2, z.axes
+    H, GRAVITY, MASS, INERTIA, COM, DAMPING, GEAR, STIFFNESS, REST, PULL, DAMP, LENGTH = (
         z.COLUMN[n]
         for n in ("step_size", "gravity", "mass", "inertia", "com", "damping", "gear", "stiffness", "rest",
-                  "spring_stiffness", "spring_damping", "spring_length", "spring_point")
+                  "spring_stiffness", "spring_damping", "spring_length")
     )  # fmt: skip
     ONE, TWO, HALF = wp.float64(1.0), wp.float64(2.0), wp.float64(0.5)
     FREE = JOINT["free"]
-    SHORT, TINY = (wp.float64(x) for x in TAIL)
+    SHORT = wp.float64(spans.SHORT)
 
     @wp.func
     def body(
@@ -76,7 +76,7 @@ def make_motion(given: type) -> SimpleNamespace:
 
     @wp.func
     def joints(t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View]):
-        """Dampers and springs of the joints."""
+        """Dampers and springs of the joints; of all springs what they add to M."""
         h = number(t, k, H, 0)
         seen = wp.where(t.implicit_damping == 1, wp.static(NEW), wp.static(OLD)) * t.nv
         by_h = wp.float64(0.0)
@@ -97,6 +97,7 @@ def make_motion(given: type) -> SimpleNamespace:
             w.by_q[j] = w.by_q[j] + h * p * stiffness
             by_h += stiffness * p * stretch
         add(t, w, H, 0, by_h)
+        stiffness_of.motion(t, k, w)
 
     @wp.func
     def control(t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View], i: int, u: wp.float64):
@@ -109,56 +110,18 @@ def make_motion(given: type) -> SimpleNamespace:
         return -h * gear * p
 
     @wp.func
-    def lever(t: wp.ref[Topology], k: wp.ref[Slot], end: int):
-        """A spring's end from its body's origin, in the axes of the world."""
-        body = t.spring_body[end]
-        local = two(t, k, TIED, end)
-        if body == WORLD:
-            return local
-        return turned(axes(k, body), local)
-
-    @wp.func
-    def where_is(t: wp.ref[Topology], k: wp.ref[Slot], body: int, rho: wp.vec2d):
-        if body == WORLD:
-            return rho
-        return origin(k, body) + rho
-
-    @wp.func
-    def moves(t: wp.ref[Topology], w: wp.ref[View], set: int, body: int, rho: wp.vec2d):
-        if body == WORLD:
-            return wp.vec2d()
-        return move.point(t, w, set, body, rho)
-
-    @wp.func
-    def end_back(
-        t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View], end: int, rho: wp.vec2d, place: wp.vec2d,
-        first: int, by_first: wp.vec2d, second: int, by_second: wp.vec2d,
-    ):  # fmt: skip
-        """Slopes by an end's place and by its velocities under two sets of rates."""
-        body = t.spring_body[end]
-        by_rho = wp.vec2d()
-        if body != WORLD:
-            by_rho = move.point_back(t, w, first, body, rho, by_first)
-            by_rho += move.point_back(t, w, second, body, rho, by_second)
-        add2(t, w, TIED, end, move.attach(t, k, w, body, rho, place, by_rho))
-
-    @wp.func
     def spring(t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View], i: int):
         """h G Delta.V(P), G = k (1 - L/l) + c m/l^2, m = Delta.V(v) or, with implicit damping, of v'."""
         h = number(t, k, H, 0)
         seen = wp.where(t.implicit_damping == 1, wp.static(NEW), wp.static(OLD))
-        ra = lever(t, k, 2 * i)
-        rb = lever(t, k, 2 * i + 1)
-        a = t.spring_body[2 * i]
-        o = t.spring_body[2 * i + 1]
-        delta = where_is(t, k, o, rb) - where_is(t, k, a, ra)
-        vp = moves(t, w, wp.static(DUAL), o, rb) - moves(t, w, wp.static(DUAL), a, ra)
-        vy = moves(t, w, seen, o, rb) - moves(t, w, seen, a, ra)
+        rest = number(t, k, LENGTH, i)
+        e = spans.span(t, k, i, rest)
+        delta = e.delta
+        inv = e.inv
+        vp = spans.rate(t, w, wp.static(DUAL), i, e)
+        vy = spans.rate(t, w, seen, i, e)
         stiffness = number(t, k, PULL, i)
         c = number(t, k, DAMP, i)
-        rest = number(t, k, LENGTH, i)
-        eps = SHORT * rest + TINY
-        inv = ONE / (wp.dot(delta, delta) + eps * eps)
         root = wp.sqrt(inv)
         work = wp.dot(delta, vp)
         m = wp.dot(delta, vy)
@@ -166,13 +129,12 @@ def make_motion(given: type) -> SimpleNamespace:
         by_s = inv * (HALF * stiffness * rest * root - c * m * inv)  # dG/ds
         add(t, w, PULL, i, h * work * (ONE - rest * root))
         add(t, w, DAMP, i, h * work * m * inv)
-        add(t, w, LENGTH, i, h * work * (TWO * by_s * eps * SHORT - stiffness * root))
+        add(t, w, LENGTH, i, h * work * (TWO * by_s * e.eps * SHORT - stiffness * root))
         add(t, w, H, 0, g * work)
         place = h * (g * vp + work * (TWO * by_s * delta + c * inv * vy))
         by_p = h * g * delta
         by_y = (h * work * c * inv) * delta
-        end_back(t, k, w, 2 * i, ra, -place, wp.static(DUAL), -by_p, seen, -by_y)
-        end_back(t, k, w, 2 * i + 1, rb, place, wp.static(DUAL), by_p, seen, by_y)
+        spans.back(t, k, w, i, e, place, wp.static(DUAL), by_p, seen, by_y)
 
     @wp.func
     def row_body(t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View], i: int,
@@ -191,29 +153,23 @@ def make_motion(given: type) -> SimpleNamespace:
                    kappa: wp.float64):  # fmt: skip
         """-kappa h c (Delta.V(m))^2/l^2 of spring i."""
         h = number(t, k, H, 0)
-        ra = lever(t, k, 2 * i)
-        rb = lever(t, k, 2 * i + 1)
-        a = t.spring_body[2 * i]
-        o = t.spring_body[2 * i + 1]
-        delta = where_is(t, k, o, rb) - where_is(t, k, a, ra)
-        vm = moves(t, w, wp.static(ROW), o, rb) - moves(t, w, wp.static(ROW), a, ra)
+        e = spans.span(t, k, i, number(t, k, LENGTH, i))
+        delta = e.delta
+        inv = e.inv
+        vm = spans.rate(t, w, wp.static(ROW), i, e)
         c = kappa * number(t, k, DAMP, i)
-        eps = SHORT * number(t, k, LENGTH, i) + TINY
-        inv = ONE / (wp.dot(delta, delta) + eps * eps)
         work = wp.dot(delta, vm)
         add(t, w, DAMP, i, -kappa * h * work * work * inv)
         add(t, w, H, 0, -c * work * work * inv)
-        add(t, w, LENGTH, i, TWO * h * c * work * work * inv * inv * eps * SHORT)
+        add(t, w, LENGTH, i, TWO * h * c * work * work * inv * inv * e.eps * SHORT)
         place = (TWO * h * c * work * inv) * (work * inv * delta - vm)
         by_m = (-TWO * h * c * work * inv) * delta
-        zero = wp.vec2d()
-        end_back(t, k, w, 2 * i, ra, -place, wp.static(ROW), -by_m, wp.static(ROW), zero)
-        end_back(t, k, w, 2 * i + 1, rb, place, wp.static(ROW), by_m, wp.static(ROW), zero)
+        spans.back(t, k, w, i, e, place, wp.static(ROW), by_m, wp.static(ROW), wp.vec2d())
 
     @wp.func
     def row_part(t: wp.ref[Topology], s: wp.ref[Groups], k: wp.ref[Slot], w: wp.ref[View],
                  group: int, kappa: wp.float64):  # fmt: skip
-        """-kappa m'N m of the bodies, joints and dampers of a group."""
+        """-kappa m'N m of the bodies, joints, dampers and springs of a group."""
         h = number(t, k, H, 0)
         for at in range(s.group_body_start[group], s.group_body_start[group + 1]):
             i = s.group_body[at]
@@ -224,10 +180,17 @@ def make_motion(given: type) -> SimpleNamespace:
                     m = w.rates[wp.static(ROW) * t.nv + j]
                     add(t, w, DAMPING, j, -kappa * h * m * m)
                     add(t, w, H, 0, -kappa * number(t, k, DAMPING, j) * m * m)
-        if t.implicit_damping == 1:
+        if t.implicit_damping == 1 or t.implicit_stiffness == 1:
             for i in range(t.springs):
                 if s.body_group[wp.max(t.spring_body[2 * i], t.spring_body[2 * i + 1])] == group:
-                    row_damper(t, k, w, i, kappa)
+                    if t.implicit_damping == 1:
+                        row_damper(t, k, w, i, kappa)
+                    if t.implicit_stiffness == 1:
+                        stiffness_of.row_spring(t, k, w, i, kappa)
+        if t.implicit_stiffness == 1:
+            for at in range(t.sprung):
+                if s.dof_group[t.sprung_dof[at]] == group:
+                    stiffness_of.row_joint(t, k, w, t.sprung_dof[at], kappa)
 
     return SimpleNamespace(
         twists=move, body=body, joints=joints, control=control, spring=spring, row_part=row_part

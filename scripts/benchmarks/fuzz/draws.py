@@ -98,12 +98,15 @@ def draw_numbers(rng: Rng, scene: Scene, worlds: int) -> dict[str, Array]:
     }
     if s.sprung:
         out |= {"stiffness": decades(rng, -1, 4, n, nv), "rest": u(-0.5, 0.5, nv)}
+        out["stiffness"] = stiffened(rng, scene, out["stiffness"], mass[:, list(s.dof_body)], h)
         out["stiffness"][:, [j for j in range(nv) if j not in s.sprung]] = 0.0
     if s.springs:
         k = len(s.springs)
         out |= {"spring_stiffness": decades(rng, 0, 4, n, k), "spring_length": u(0.0, 0.8, k),
                 "spring_damping": often(0.7, decades(rng, -2, 0.75 * most, n, k)),
                 "spring_point": u(-0.5, 0.5, k, 2, 2)}  # fmt: skip
+        tied = mass[:, [max(ends) for ends in s.springs]]
+        out["spring_stiffness"] = stiffened(rng, scene, out["spring_stiffness"], tied, h)
     _lay_guides(rng, scene, out, cosine)
     first = 0  # pair of a contact; all of its pairs have one coefficient
     for contact in scene.all_contacts:
@@ -111,6 +114,14 @@ def draw_numbers(rng: Rng, scene: Scene, worlds: int) -> dict[str, Array]:
         out["friction"][:, pairs] = 0.0 if contact.friction is None else out["friction"][:, pairs[:1]]
         first = pairs.stop
     return {name: single(value) for name, value in out.items()}
+
+
+def stiffened(rng: Rng, scene: Scene, stiffness: Array, mass: Array, h: Array) -> Array:
+    """Stiffnesses (B, n), in a third of the worlds with (h omega)^2 from .01 to 1e6 where that is stable."""
+    if not getattr(scene, "implicit_stiffness", True):
+        return stiffness
+    stiff = mass / h[:, None] ** 2 * decades(rng, -2, 6, *stiffness.shape)
+    return np.where(rng.random((len(h), 1)) < 0.3, stiff, stiffness)
 
 
 def _lay_guides(rng: Rng, scene: Scene, numbers: dict[str, Array], cosine: Array) -> None:

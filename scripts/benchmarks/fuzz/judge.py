@@ -228,7 +228,7 @@ def _energy(p: Problem, v1: Array, like: Array) -> tuple[Array, Array]:
     """By how much a step adds kinetic energy where it must not. Hard contact whose rows are all open, or
     closed without overlap: v' is a projection of v_free (Anitescu), or friction and normal both oppose it
     (Coulomb). Dampers, where nothing touches: against the velocity without them, unless the scene wants
-    them explicit.
+    them explicit. Energy is v' M v/2, with implicit stiffness of M + h^2/2 K.
     """
     truth, none = p.truth, np.zeros(len(v1))
     if p.method.trapezoidal:
@@ -236,8 +236,8 @@ def _energy(p: Problem, v1: Array, like: Array) -> tuple[Array, Array]:
     kinetic, h_mass, free = truth.mech.kinetic, p.drive.h_mass, np.abs(p.drive.free)
     undamped = truth.undamped()
     alone = (p.free > 0.0).all(1) & truth.damped if p.method.hard and not p.method.end_gap else none > 0.0
-    gain = np.where(alone, kinetic(truth.motion.mass, v1) - kinetic(truth.motion.mass, undamped), 0.0)
-    size = kinetic(np.abs(truth.motion.mass), np.abs(undamped) + np.abs(truth.v)) + TINY
+    gain = np.where(alone, kinetic(truth.inertia, v1) - kinetic(truth.inertia, undamped), 0.0)
+    size = kinetic(np.abs(truth.inertia), np.abs(undamped) + np.abs(truth.v)) + TINY
     strict = lenient = gain / (20.0 * TOLERANCE[p.dtype] * p.loss) / size
     if p.method.hard and not p.method.end_gap:
         legal = (p.rate >= 0.0).all(1)

@@ -1,8 +1,9 @@
 """One step of many worlds as the oracle sees it: the rows, what drives them, and the sizes of both.
 
 Euler: H v' = M v + h f + J' lambda with H = M and f = r + u where damping is explicit, H = M + h C and f = r
-+ u + C v where it is implicit. Sizes are what a rounding error is relative to. They come from the data (the
-state, the numbers, the free velocity) and never from the answer that is judged.
++ u + C v where it is implicit; with implicit stiffness M + h^2/2 K for M. Sizes are what a rounding error is
+relative to. They come from the data (the state, the numbers, the free velocity) and never from the answer
+that is judged.
 """
 
 import functools
@@ -65,9 +66,14 @@ class Truth:
         return bool(getattr(self.scene, "implicit_damping", True))
 
     def undamped(self) -> Array:
-        """Where the forces alone take the velocity without dampers (B, nv)."""
-        momentum = np.einsum("bij,bj->bi", self.motion.mass, self.v) + self.h[:, None] * self.motion.force
-        return solved(self.motion.mass, momentum)
+        """Where Euler's forces alone take the velocity without dampers (B, nv)."""
+        momentum = np.einsum("bij,bj->bi", self.inertia, self.v) + self.h[:, None] * self.motion.force
+        return solved(self.inertia, momentum)
+
+    @functools.cached_property
+    def inertia(self) -> Array:
+        """M, with implicit stiffness M + h^2/2 K (B, nv, nv)."""
+        return self.mech.inertia(self.motion)
 
     def drive(self, push: Array | None = None) -> Drive:
         """The equation of motion of Euler's step, or of the trapezoidal one with the predicted contact force
@@ -77,7 +83,9 @@ class Truth:
         drag = np.einsum("bij,bj->bi", mo.damping, self.v)
         size = np.einsum("bij,bj->bi", np.abs(mo.mass), np.abs(self.v)) + h * (mo.size + np.abs(drag))
         h_mass = self.mech.effective(mo, push is not None)
-        rhs = np.einsum("bij,bj->bi", mo.mass, self.v) + h * (
+        inertia = self.inertia if push is None else mo.mass
+        size += np.einsum("bij,bj->bi", np.abs(inertia - mo.mass), np.abs(self.v))
+        rhs = np.einsum("bij,bj->bi", inertia, self.v) + h * (
             mo.force - (0.0 if self.mech.implicit else drag)
         )
         if push is not None:

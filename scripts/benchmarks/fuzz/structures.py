@@ -40,8 +40,9 @@ def random_scene(rng: Rng, name: str, size: Size = Size()) -> Scene:
         used = {n for c in contacts for n in (c.shape_a, c.shape_b)}
         names = [b.name for b in bodies]
         arguments: dict[str, Any] = {}
-        if "implicit_damping" in inspect.signature(Scene).parameters:
-            arguments["implicit_damping"] = bool(rng.random() < 0.75)
+        for rule in ("implicit_damping", "implicit_stiffness"):
+            if rule in inspect.signature(Scene).parameters:
+                arguments[rule] = bool(rng.random() < 0.75)
         scene = Scene(
             name, bodies, tuple(s for s in shapes if s.name in used), contacts,
             tuple(Actuator(n, int(rng.integers(JOINTS[b.joint])), 1.0)

@@ -40,13 +40,15 @@ class Frame:
 
 @dataclass(frozen=True)
 class Motion:
-    """What drives a step: mass matrix M and damping matrix C (..., nv, nv), forces without C v (..., nv), the
-    sum of the magnitudes of the generalised forces that they are the sum of (`terms`) and a bound of that of
-    the products these are made of (`size`, of which rounding errors are a share), potential energy (...).
+    """What drives a step: mass matrix M, damping matrix C and K (..., nv, nv), the stiffness of springs that
+    is not negative; forces without C v (..., nv), the sum of the magnitudes of the generalised forces that
+    they are the sum of (`terms`) and a bound of that of the products these are made of (`size`, of which
+    rounding errors are a share), potential energy (...).
     """
 
     mass: Array
     damping: Array
+    stiffness: Array
     force: Array
     terms: Array
     size: Array
@@ -67,6 +69,11 @@ class Mechanics:
     def implicit(self) -> bool:
         """Whether dampers act with the velocity at the end of the step."""
         return bool(getattr(self.scene, "implicit_damping", False))
+
+    @property
+    def stiff(self) -> bool:
+        """Whether Euler's step meets springs at q + h/2 (v' - v)."""
+        return bool(getattr(self.scene, "implicit_stiffness", False))
 
     @property
     def h(self) -> Array:
@@ -124,13 +131,16 @@ class Mechanics:
             potential = potential - m * np.sum(p["gravity"] * (frame.at + com), -1)
         damping = np.zeros((worlds, nv, nv), q.dtype)
         damping[:, range(nv), range(nv)] = p["damping"]
+        stiffness = np.zeros((worlds, nv, nv), q.dtype)
         if self.s.sprung:
+            stiffness[:, range(nv), range(nv)] = p["stiffness"]
             part = p["stiffness"] * (q - p["rest"])
             force, terms = force - part, terms + np.abs(part)
             size += p["stiffness"] * (np.abs(q) + np.abs(p["rest"]))
             potential = potential + 0.5 * np.sum(p["stiffness"] * (q - p["rest"]) ** 2, -1)
         for i in range(len(self.s.springs)):
-            pull, grad, loose, energy = self.spring(frames, q, i)
+            pull, grad, loose, energy, stiff = self.spring(frames, q, i)
+            stiffness += stiff
             force, terms = force - pull[:, None] * grad, terms + np.abs(pull[:, None] * grad)
             size += loose[:, None] * np.abs(grad)
             damping += p["spring_damping"][:, i, None, None] * grad[:, :, None] * grad[:, None, :]
@@ -141,10 +151,12 @@ class Mechanics:
                 total[:, dof] += value
         if push is not None:
             force, terms, size = force + push, terms + np.abs(push), size + np.abs(push)
-        return Motion(mass, damping, force, terms, size, potential)
+        return Motion(mass, damping, stiffness, force, terms, size, potential)
 
-    def spring(self, frames: list[Frame], q: Array, i: int) -> tuple[Array, Array, Array, Array]:
-        """Of spring i: tension k (l - L) (B,), dl/dq (B, nv), the tension's terms and its energy (B,)."""
+    def spring(self, frames: list[Frame], q: Array, i: int) -> tuple[Array, Array, Array, Array, Array]:
+        """Of spring i: tension k (l - L) (B,), dl/dq (B, nv), the tension's terms and its energy (B,); K (B,
+        nv, nv): k along its line, k (1 - L/l) across it where it pulls.
+        """
         p, ends, reach = self.p, [], np.zeros(len(q))
         for end, body in enumerate(self.s.springs[i]):
             local = p["spring_point"][:, i, end] + 0.0 * q[:, :1]
@@ -159,19 +171,31 @@ class Mechanics:
         rest, k = p["spring_length"][:, i], p["spring_stiffness"][:, i]
         length = np.sqrt(np.sum(delta * delta, -1) + (1e-3 * rest + 1e-5) ** 2)
         grad = np.einsum("bk,bkj->bj", delta, jac) / length[:, None]
-        return k * (length - rest), grad, np.abs(k) * (reach + rest), 0.5 * k * (length - rest) ** 2
+        across = np.where(length.real > rest, 1.0 - rest / length, 0.0)
+        stiff = across[:, None, None] * np.einsum("bki,bkj->bij", jac, jac)
+        stiff = stiff + (1.0 - across)[:, None, None] * grad[:, :, None] * grad[:, None, :]
+        energy = 0.5 * k * (length - rest) ** 2
+        return k * (length - rest), grad, np.abs(k) * (reach + rest), energy, k[:, None, None] * stiff
 
     def effective(self, motion: Motion, trapezoidal: bool) -> Array:
         """N (B, nv, nv), which stands for M where v' is solved. Implicit damping: M + h C (Euler), K + B K^-1
-        B with B = h C / 2, K = M + B (trapezoidal); else M.
+        B with B = h C / 2, K = M + B (trapezoidal); else M. Implicit stiffness adds h^2/2 K (Euler).
         """
+        if not trapezoidal:
+            out = self.inertia(motion)
+            return out + self.h[:, None, None] * motion.damping if self.implicit else out
         if not self.implicit:
             return motion.mass
         drag = self.h[:, None, None] * motion.damping
-        if not trapezoidal:
-            return motion.mass + drag
         k = motion.mass + 0.5 * drag
-        out: Array = k + 0.25 * drag @ np.linalg.solve(k, drag)
+        whole: Array = k + 0.25 * drag @ np.linalg.solve(k, drag)
+        return whole
+
+    def inertia(self, motion: Motion) -> Array:
+        """What Euler's step has of `effective` without dampers (B, nv, nv)."""
+        if not self.stiff:
+            return motion.mass
+        out: Array = motion.mass + 0.5 * self.h[:, None, None] ** 2 * motion.stiffness
         return out
 
     def trapezoid(self, q: Array, v: Array, u: Array | None, push: Array) -> Array:

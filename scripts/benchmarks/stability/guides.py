@@ -1,4 +1,4 @@
-"""Cases of one slider: stiff damping, and a guide that leads nearly along the surface that it meets."""
+"""Cases of one body: stiff damping, stiff springs, and a guide nearly along the surface that it meets."""
 
 import math
 
@@ -13,6 +13,7 @@ from .case import Array, Case, Grid, Run, Start, friction, ground_angle, states
 TILT = math.pi / 2 - math.atan2(1.0, 0.0735)  # of the surface towards the guide [rad]
 DISC, DEEP, SPEED = 0.1, 1e-3, 1.0
 STIFF = (0.1, 1.0, 1.9, 2.1, 10.0, 1e2, 1e3, 1e4)  # c h/m; explicit damping diverges above 2
+RINGS = (0.1, 0.5, 1.0, 1.9, 2.1, 10.0, 1e2, 1e3, 1e4)  # h omega; explicit springs diverge above 2
 JAMS = (0.5, 0.9, 0.999, 1.001, 1.1, 2.0, 10.0)  # mu, relative to tan(TILT), where friction holds the slider
 
 
@@ -26,6 +27,28 @@ def _swings(run: Run) -> Array:
     v = run.states[:, :, 1]
     risen = np.maximum(v[:, 1:] - v[:, :-1], 0.0).max(1)
     return np.maximum(risen, np.maximum(-v, 0.0).max(1)) / v[:, 0]
+
+
+def _sprung(grid: Grid, steps: int) -> Start:
+    stiffness = (grid.variant / grid.h)[:, None] ** 2
+    return Start(states(grid, 1, q0=0.01), {"stiffness": stiffness})
+
+
+def _swing(run: Run) -> Array:
+    """The largest stretch, relative to the first."""
+    stretch = np.abs(run.states[:, :, 0])
+    return stretch.max(1) / stretch[:, 0]
+
+
+def _tied(grid: Grid, steps: int) -> Start:
+    stiffness = (grid.variant / grid.h)[:, None] ** 2
+    return Start(states(grid, 3, q0=0.4, q1=0.35, v0=0.3), {"spring_stiffness": stiffness})
+
+
+def _stretched(run: Run) -> Array:
+    """The largest length beyond the first, relative to the spring's length at rest."""
+    length = np.hypot(run.states[:, :, 0], run.states[:, :, 1])
+    return (length.max(1) - length[:, 0]) / 0.5
 
 
 def _guide(grid: Grid, tilt: Array, mu: Array, gap: float, speed: float) -> Start:
@@ -73,6 +96,12 @@ def _relaxed(method: Method) -> bool:
 GUIDE_CASES = (
     Case("stiff damping", "a damped slider slows down and never turns", scenes.damped, _damped, _swings,
          1e-12, "", steps=20, single=1e-6, label="c h/m", variants=STIFF, quick=True),
+    Case("stiff joint spring", "it swings no further than 2^.5 times the first stretch", scenes.sprung,
+         _sprung, _swing, 2.0**0.5 + 1e-9, "", steps=200, single=1e-5, label="h omega", variants=RINGS,
+         quick=True),
+    Case("stiff spring", "a disc tied by a spring between points stays near it", scenes.tied, _tied,
+         _stretched, 1.0, "", steps=200, single=1e-5, label="h omega", variants=RINGS, generic=True,
+         quick=True),
     Case("slider strikes", "a guided disc meets a surface nearly along its guide", scenes.guide, _strikes,
          _entered, _layer, steps=20, single=1e-5, label="mu/jam", variants=JAMS, quick=True),
     Case("slider leaves", "it starts 1 mm inside, with less friction than holds it", scenes.guide, _leaves,

@@ -5,7 +5,7 @@ Numbers (masses, radii, offsets, slopes, limits) come from the cases as paramete
 
 import math
 
-from slcp_warp import Actuator, Body, Contact, Scene, Shape
+from slcp_warp import Actuator, Body, Contact, Scene, Shape, Spring
 
 UP = math.pi / 2
 
@@ -86,6 +86,30 @@ def damped() -> Scene:
         "damped",
         (Body("slider", 1.0, 1.0, joint="prismatic", lower=-100.0, upper=100.0, damping=1.0),),
         gravity=(0.0, 0.0),
+    )
+
+
+def sprung() -> Scene:
+    """One prismatic joint on a spring between far limits: 2 rows that never act."""
+    return Scene(
+        "sprung",
+        (Body("slider", 1.0, 1.0, joint="prismatic", lower=-100.0, upper=100.0, stiffness=1.0),),
+        gravity=(0.0, 0.0),
+    )
+
+
+def tied() -> Scene:
+    """A disc tied to the origin by a spring of length .5, over ground that is far: 1 row that never acts."""
+    return Scene(
+        "tied",
+        (Body("ball", 1.0, 0.01, joint="free"),),
+        (
+            Shape("ball", "ball", "disc", 0.1),
+            Shape("ground", None, "halfplane", offset=(0.0, -100.0), angle=UP),
+        ),
+        (Contact("ground", "ball"),),
+        gravity=(0.0, 0.0),
+        springs=(Spring(None, "ball", stiffness=1.0, length=0.5),),
     )
 
 
