@@ -10,6 +10,7 @@ from .library.nearest import NearestPolicy
 from .library.receding import RecedingOptions, build_library
 from .library.refinement import build_refined, stuck_states, turning
 from .mpc.mpc import MPC
+from .mpc.recorded import library_of_runs
 from .mpc.starts import Policy as StartPolicy
 from .mpc.starts import Situation
 from .multistart import Multistart, solve_multistart
@@ -20,6 +21,7 @@ from .problem import Problem
 from .results.result import Result
 from .results.status import Status
 from .results.trace import Trace
+from .robust import Robust, plan_in_worlds
 from .sampling.options import Sampling
 from .sampling.sampler import Sampled, Sampler, sample
 from .solver import solve
@@ -40,6 +42,7 @@ __all__ = [
     "RecedingOptions",
     "Regularization",
     "Result",
+    "Robust",
     "Sampled",
     "Sampler",
     "Sampling",
@@ -54,8 +57,10 @@ __all__ = [
     "build_refined",
     "concatenate",
     "costs",
+    "library_of_runs",
     "linear_system",
     "plan",
+    "plan_in_worlds",
     "problem_of",
     "sample",
     "solve",

@@ -43,7 +43,8 @@ class Entries(Printed):
         age: (L,) step within its plan.
         chain, plan: (L,) which chain and which of its plans.
         period: (nx,) period of every state component, 0 where there is none.
-        header: what it was built with (scene, digest, sigma, step size, seed, ...), JSON values.
+        header: what it was built with (scene, digest, sigma, step size, seed, ...), JSON values; with `end`,
+            the steps of a run, its entries belong to steps.
         lower, upper: (L, nu) limits within which the controllers were planned, infinite where there is none;
             the library's policy keeps them. None: no limits.
     """
@@ -78,9 +79,35 @@ class Entries(Printed):
             object.__setattr__(self, name, limit)
         if not (self.lower <= self.upper).all():
             raise LibraryError("lower: every lower control limit must be at most the upper one")
+        if self.header.get("end") is not None:
+            self._check_steps()
 
     def __len__(self) -> int:
         return len(self.x)
+
+    @property
+    def step(self) -> np.ndarray | None:
+        """(L,) the steps of a run that the entries belong to; None: they belong to none."""
+        if self.header.get("end") is None:
+            return None
+        return np.asarray(self.plan * int(self.header["offset"]) + self.age)
+
+    @property
+    def step_size(self) -> float | None:
+        """Of the run's steps [s]; None where the entries belong to none."""
+        return None if self.header.get("end") is None else float(self.header["step_size"])
+
+    def _check_steps(self) -> None:
+        """Raise LibraryError unless the header says which steps of a run the entries belong to."""
+        for name in ("end", "offset", "step_size"):
+            given: Any = self.header.get(name)
+            whole = name == "step_size" or isinstance(given, int)
+            if not isinstance(given, int | float) or isinstance(given, bool) or not given > 0 or not whole:
+                raise LibraryError(f"header: {name} is {shown(given)}; a positive number is needed")
+        for name in ("age", "plan"):
+            column = getattr(self, name)
+            if column.dtype.kind not in "iu" or (column < 0).any():
+                raise LibraryError(f"{name}: whole numbers of at least 0 are needed for steps of a run")
 
     def _line(self) -> str:
         name = self.header.get("scene")

@@ -23,6 +23,7 @@ from .nearest import NearestPolicy
 FORMAT, VERSION = "slcp-warp-library", 2
 WITHOUT_LIMITS = 1  # version of files that state no control limits
 WHOLE = ("age", "chain", "plan")
+OF_STEPS = ("end",)  # of a header: libraries that differ in it are not joined
 
 
 @dataclass(frozen=True, repr=False)
@@ -97,6 +98,8 @@ def concatenate(libraries: list[Library]) -> Library:
     for library in libraries:
         if library.header.get("digest") != libraries[0].header.get("digest"):
             raise LibraryError("the libraries were built for different scenes")
+        if any(library.header.get(name) != libraries[0].header.get(name) for name in OF_STEPS):
+            raise LibraryError("the libraries' entries belong to steps of different runs, or to none")
         parts.append(replace(library, chain=library.chain + offset))
         offset += int(library.chain.max(initial=-1)) + 1
     arrays: dict[str, Any] = {

@@ -1,5 +1,6 @@
 """The nearest-neighbour rule (20) over a library, evaluated inside a rollout's or a sweep's kernel."""
 
+import copy
 import functools
 from dataclasses import replace
 from typing import Any
@@ -19,6 +20,7 @@ from .entries import NEEDED, Entries
 from .tree import put_tree
 
 METRICS = ("covariance", "variance")
+CLOCK = 2.0**30  # of one step between timed entries, in units of the states' spread; exact in float32
 
 
 def wrap(difference: np.ndarray, period: np.ndarray) -> np.ndarray:
@@ -30,10 +32,17 @@ def wrap(difference: np.ndarray, period: np.ndarray) -> np.ndarray:
 def whitening(library: Entries, metric: str) -> np.ndarray:
     """W (nx, nx) with |W dx| the norm of (20), scaled by the covariance of the x_i.
 
-    Periodic components are wrapped.
+    Periodic components are wrapped. Of entries that belong to steps of a run it is the spread about the mean
+    of the same step.
     """
     x = wrap(library.x, library.period)
-    centred = x - x.mean(axis=0)
+    step = library.step
+    if step is None:
+        centred = x - x.mean(axis=0)
+    else:
+        count = np.maximum(np.bincount(step), 1)
+        sums = np.stack([np.bincount(step, weights=column) for column in x.T], axis=1)
+        centred = x - (sums / count[:, None])[step]
     covariance = centred.T @ centred / max(len(x) - 1, 1)
     if metric == "variance":
         covariance = np.diag(np.diag(covariance))
@@ -67,6 +76,9 @@ def _rows(name: str, values: np.ndarray, count: int) -> np.ndarray:
 
 class NearestPolicy:
     """The nearest-neighbour rule (20), (M37) over a library; controls stay within the entries' limits.
+
+    Of a library whose entries belong to steps of a run (`Library.step`) only those of the step are asked; at
+    steps of another size, those of the same time. After the run's end its last ones are.
 
     Args:
         library: the entries.
@@ -111,17 +123,35 @@ class NearestPolicy:
                 f"whiten has shape {self.whiten.shape}; finite numbers ({nx}, {nx}) are needed"
             )
         self.feedback_limit = min(float(feedback_limit), 1e30)
+        self.rate, self.step_size = 1.0, library.step_size
+
+    @property
+    def timed(self) -> bool:
+        """Whether entries belong to steps of a run."""
+        return self.library.step is not None
+
+    def at(self, step_size: float) -> "NearestPolicy":
+        """The same for steps of another size [s], where entries belong to steps of a run."""
+        h = number("step_size", step_size, 0.0, above=True)
+        out = copy.copy(self)
+        if self.library.step_size is not None:
+            out.rate, out.step_size = h / self.library.step_size, h
+        return out
 
     def kernel(self, sim: Simulator) -> tuple[PolicyKernel, Any]:
         """Kernel and struct for a simulator."""
         self.library.check_scene(sim.scene)
         lib = self.library
         points, owner = images(lib.x, lib.period)
-        kernel = nearest_kernel(len(points))
+        points = points @ self.whiten.T
+        kernel = nearest_kernel(len(points), self.timed)
         struct = kernel.functions(sim.nx, sim.nu, sim.dtype).Struct()
         own = functools.partial(put, sim)
         struct.us, struct.xs, struct.gain = own(lib.u), own(lib.x), own(lib.K)
-        put_tree(sim, struct.tree, points @ self.whiten.T, owner)
+        if lib.step is not None:
+            points = np.concatenate([points, CLOCK * lib.step[owner][:, None]], axis=1)
+            struct.clock, struct.rate, struct.begin, struct.last = CLOCK, self.rate, 0.0, lib.step.max()
+        put_tree(sim, struct.tree, points, owner)
         struct.whitening = own(self.whiten)
         struct.period = own(lib.period)
         struct.limit = self.feedback_limit
@@ -132,6 +162,7 @@ class NearestPolicy:
         """What it is made from, see `slcp_warp.policies.saved`."""
         arrays = {name: getattr(self.library, name) for name in NEEDED}
         values = {"header": self.library.header, "feedback_limit": self.feedback_limit}
+        values |= {"step_size": self.step_size}
         return Content(values, arrays | {"whiten": self.whiten})
 
     @classmethod
@@ -139,4 +170,6 @@ class NearestPolicy:
         """From what `content` gave."""
         arrays = dict(content.arrays)
         limit, whiten = content.values["feedback_limit"], arrays.pop("whiten")
-        return cls(Entries(**arrays, header=content.values["header"]), feedback_limit=limit, whiten=whiten)
+        out = cls(Entries(**arrays, header=content.values["header"]), feedback_limit=limit, whiten=whiten)
+        size = content.values.get("step_size")
+        return out if size is None else out.at(size)

@@ -346,20 +346,25 @@ class _Chains:
         """The first `count` entries."""
         rows = self.entries[:count]
         arrays = {name: np.array([row[name] for row in rows]) for name in rows[0]}
-        header = {
-            "scene": self.sim.scene.name,
-            "digest": scene_digest(self.sim.scene),
-            "sigma": float(self.problem.params["sigma"].flat[0]),
-            "step_size": float(self.problem.params["step_size"].flat[0]),
-            "horizon": self.problem.horizon,
-            "scaling": self.sim.options.scaling,
-            "residual": self.sim.options.residual,
-            "integrator": self.sim.options.integrator,
-            "offset": self.options.offset,
-            "chains": self.options.chains,
-            "seed": self.options.seed,
-        }
+        options = self.options
+        made = {"offset": options.offset, "chains": options.chains, "seed": options.seed}
+        header = library_header(self.problem) | made
         return Library(**arrays, period=self.period, header=header)
+
+
+def library_header(problem: Problem) -> dict[str, Any]:
+    """What a library says of the problem that it was built for."""
+    sim = problem.dynamics
+    return {
+        "scene": sim.scene.name,
+        "digest": scene_digest(sim.scene),
+        "sigma": float(problem.params["sigma"].flat[0]),
+        "step_size": float(problem.params["step_size"].flat[0]),
+        "horizon": problem.horizon,
+        "scaling": sim.options.scaling,
+        "residual": sim.options.residual,
+        "integrator": sim.options.integrator,
+    }
 
 
 def _limited(options: Options, passes: int) -> Options:

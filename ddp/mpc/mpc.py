@@ -1,6 +1,8 @@
 """Model predictive control as a policy: it plans from every state that it meets, and acts by the plan."""
 
+import functools
 import time as clock
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -22,7 +24,7 @@ from .planner import Planner
 from .starts import Planned, Policy, Situation, chosen_starts
 
 SHARE = 0.2  # of the control limits: noise of starts
-KEPT = 100_000  # cycles whose times are kept
+KEPT = 10_000  # cycles whose times are kept
 
 
 class MPC:
@@ -58,7 +60,8 @@ class MPC:
     Attributes:
         failures: plans that were kept for want of a better one.
         chosen: how often each start was chosen.
-        seconds: of the cycles, from the states to the controls, one number a cycle (of all its worlds).
+        seconds: of the last 10,000 cycles, from the states to the controls, one number a cycle (of all its
+            worlds).
     """
 
     sees_states = True  # whatever else a task's policies see
@@ -121,7 +124,7 @@ class MPC:
         policy = library.policy() if hasattr(library, "policy") else library
         self._library = None if policy is None else _Kept(policy, problem)
         self.failures, self.chosen = 0, {name: 0 for name in self.starts}
-        self.seconds: list[float] = []
+        self.seconds: deque[float] = deque(maxlen=KEPT)
         self._planners: list[Planner] = []
 
     def _noise(self, given: Any) -> np.ndarray:
@@ -183,7 +186,7 @@ class MPC:
                 self._plan(i, planner, states, time, (now, passed), self._numbers[own])
                 self._active[i] = self._active[i] if late else self._coming[i]
             out[own] = np.where(alive[:, None], self._controls(i, now - self._begun, states), 0.0)
-        if due and len(self.seconds) < KEPT:
+        if due:
             self.seconds.append(clock.perf_counter() - began)
         return out
 
@@ -218,7 +221,7 @@ class MPC:
             last = last.shifted(passed, self._ahead.horizon).near(x, self._wrap)
         cycle = self.seed, now
         rng = np.random.default_rng((*cycle, int(numbers[0]) if len(numbers) else 0))
-        rolled = None if self._library is None else self._library.controls
+        rolled = None if self._library is None else functools.partial(self._library.controls, now)
         situation = Situation(self._ahead, x, time, numbers, last, rng, cycle, self.noise, rolled)
         made = planner.plan(situation, self.starts)
         self.failures += made.failures
@@ -234,6 +237,16 @@ class MPC:
         from_plan = wrap(x - policy.xs[:, j], self._wrap)
         lower, upper = self.problem.limit_rows()
         return np.clip(policy.us[:, j] + np.einsum("bux,bx->bu", policy.K[:, j], from_plan), lower, upper)
+
+    def plans(self) -> tuple[Problem, Policy]:
+        """The newest plans of all worlds, with their gains, and their problem: near the end of a run its
+        horizon is what is left.
+        """
+        self.prepare()
+        made = [planner.acting for planner in self._planners]
+        if not made or any(each is None for each in made):
+            raise ArgumentError("there are no plans yet: act, or a run, makes them")
+        return self._ahead, Policy.join([each for each in made if each is not None])
 
     def intended(self, world: int = 0) -> np.ndarray:
         """(N+1, nx) the states that the plan of a world passes through; for pictures."""
@@ -252,13 +265,16 @@ class _Kept:
 
     def __init__(self, policy: Any, problem: Problem) -> None:
         self.problem, self._found = problem, policy_arrays(policy, problem.dynamics, None)
+        self._timed = getattr(policy, "timed", False)
 
     def kernel(self, sim: Simulator) -> tuple[Any, Any]:
         """What was made."""
         return self._found
 
-    def controls(self, x: np.ndarray) -> np.ndarray:
-        """Controls (B, N, nu) from states x (B, nx)."""
+    def controls(self, step: int, x: np.ndarray) -> np.ndarray:
+        """Controls (B, N, nu) from states x (B, nx) at a step of the run."""
         p = self.problem
+        if self._timed:
+            self._found[1].begin = float(step)
         run = p.dynamics.rollout(x, params=p.params, policy=self, steps=p.horizon, record="controls")
         return np.asarray(run.controls)

@@ -13,15 +13,19 @@ STACKS = (28, 56)  # children that wait in a search: of trees of at most 32,768 
 
 
 @cached
-def make_nearest(stack: int, nx: int, nu: int, dtype: type) -> PolicyFunctions:
-    """The nearest-neighbour rule (20), (M37).
+def make_nearest(stack: int, timed: bool, nx: int, nu: int, dtype: type) -> PolicyFunctions:
+    """The nearest-neighbour rule (20), (M37); `timed`: among the entries of the step alone.
 
     Points y = W x_j stand in a tree, those of entries with a periodic component with their images within half
-    a period of [0, period), so that the search needs no wrapping.
+    a period of [0, period), so that the search needs no wrapping. Where entries belong to steps of a run
+    their step is one more coordinate, times `clock`, which is larger than what else can tell points apart:
+    entries of other steps are farther than all of the same.
     """
     VX, VU = wp.types.vector(nx, dtype), wp.types.vector(max(nu, 1), dtype)
+    VY = wp.types.vector(nx + int(timed), dtype)
     ZERO = dtype(0.0)
-    found = make_search(stack, nx, dtype)
+    SAME = dtype(1e-3)  # of a step: times that differ by less are the same
+    found = make_search(stack, nx + int(timed), dtype)
     Tree, search = found.Tree, found.search
     wrapped, held = make_wrap(dtype), make_hold(dtype)
 
@@ -33,29 +37,36 @@ def make_nearest(stack: int, nx: int, nu: int, dtype: type) -> PolicyFunctions:
         tree: Tree  # of W x_j and its images
         whitening: wp.array2d(dtype=dtype)  # (nx, nx) W
         period: wp.array(dtype=dtype)  # (nx,)
+        clock: dtype  # of one step of the entries; the four are of timed entries
+        rate: dtype  # steps of the entries in one that is made
+        begin: dtype  # step of the entries at which a rollout begins
+        last: dtype  # step of the entries that is held
         limit: dtype  # the feedback term K dx is clamped to +- limit
         lower: wp.array2d(dtype=dtype)  # (0 or L, nu) limits of the controls
         upper: wp.array2d(dtype=dtype)
 
     @wp.func
-    def whitened(policy: Nearest, x: VX):
-        """W x with periodic components taken into [0, period)."""
+    def whitened(policy: Nearest, k: int, x: VX):
+        """W x with periodic components taken into [0, period), and the step."""
         turned = VX()
         for j in range(wp.static(nx)):
             turned[j] = x[j]
             if policy.period[j] > ZERO:
                 turned[j] = x[j] - policy.period[j] * wp.floor(x[j] / policy.period[j])
-        y = VX()
+        y = VY()
         for i in range(wp.static(nx)):
             value = ZERO
             for j in range(wp.static(nx)):
                 value += policy.whitening[i, j] * turned[j]
             y[i] = value
+        if wp.static(timed):
+            step = wp.floor(policy.begin + dtype(k) * policy.rate + SAME)
+            y[wp.static(nx)] = policy.clock * wp.min(step, policy.last)
         return y
 
     @wp.func
     def control(policy: Nearest, world: int, k: int, x: VX):
-        e = search(policy.tree, whitened(policy, x))
+        e = search(policy.tree, whitened(policy, k, x))
         u = VU()
         for i in range(wp.static(nu)):
             value = ZERO
@@ -69,10 +80,19 @@ def make_nearest(stack: int, nx: int, nu: int, dtype: type) -> PolicyFunctions:
     return PolicyFunctions(Nearest, control)
 
 
-NEAREST = PolicyKernel("nearest", partial(make_nearest, STACKS[0]), apart=True)
-DEEP = PolicyKernel("nearest, deep", partial(make_nearest, STACKS[1]), apart=True)
+def _kernel(name: str, stack: int, timed: bool) -> PolicyKernel:
+    return PolicyKernel(name, partial(make_nearest, stack, timed), apart=True)
 
 
-def nearest_kernel(points: int) -> PolicyKernel:
+NEAREST = _kernel("nearest", STACKS[0], False)
+DEEP = _kernel("nearest, deep", STACKS[1], False)
+TIMED = _kernel("nearest in time", STACKS[0], True)
+DEEP_TIMED = _kernel("nearest in time, deep", STACKS[1], True)
+
+
+def nearest_kernel(points: int, timed: bool = False) -> PolicyKernel:
     """The rule's kernel for a tree of so many points."""
-    return NEAREST if waiting(points) <= STACKS[0] else DEEP
+    few = waiting(points) <= STACKS[0]
+    if timed:
+        return TIMED if few else DEEP_TIMED
+    return NEAREST if few else DEEP

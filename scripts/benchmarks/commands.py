@@ -192,10 +192,11 @@ def watch_command(
     policy: Annotated[str | None, typer.Option(help="As of `slcp watch`.")] = None,
     seconds: Annotated[float, typer.Option(min=1.0, help="Left alone, and dragged.")] = 20.0,
     minutes: Annotated[float, typer.Option(min=0.1, help="Left alone after that.")] = 1.0,
+    every: Annotated[float, typer.Option(min=0.1, help="Minutes of a row of that.")] = 5.0,
     csv: Csv = None,
 ) -> None:
     """The page's server: pictures a second, load, memory, delay from a move to its picture."""
-    _save(csv, bench_watch(task, policy, seconds, minutes))
+    _save(csv, bench_watch(task, policy, seconds, minutes, every))
 
 
 @app.command("precision")

@@ -6,28 +6,77 @@ from typing import Annotated
 import typer
 
 import slcp_warp as slcp
+from slcp_warp import ddp
 
-from ..stages.library import Interrupted, build, kept_beside, library_table, task_options
+from ..stages.library import Interrupted, build, build_of_runs, kept_beside, library_table, task_options
 from ..stages.plan import task_problem
-from ..support.options import Device, Dtype, Seed, Settings, Sigma, Start, StepSize
+from ..support.options import (
+    Device,
+    Dtype,
+    Seed,
+    Settings,
+    Sigma,
+    Start,
+    StepSize,
+    given_options,
+)
 from ..support.rules import NO_RULE, OneRule, with_rules
 from ..support.screen import INTERRUPTED, console, one_line_errors, prepared, progress_bar, timed, wrote
 from ..support.simulators import numbers, observed_state
 from ..support.tasks import DEFAULT, TaskName
 
+RUNS, CHAINS = "runs", "chains"
+PLANS = {RUNS: 1000, CHAINS: 400}
+OF_CHAINS = {  # options that runs have no use for
+    *("rounds", "chains", "perturb_every", "perturb_variance", "noisy", "unperturbed", "passes", "start"),
+    "resume",
+}
+
+
+def of_runs(context: typer.Context, task: slcp.Task, problem: ddp.Problem, source: str | None) -> bool:
+    """Whether a library is of a task's runs.
+
+    Raises:
+        ValueError: it is asked to be and cannot, or options of the other kind are given.
+    """
+    if source not in (None, RUNS, CHAINS):
+        raise ValueError(f"--from is {source!r}; choose {RUNS} or {CHAINS}")
+    can = task.success is not None and problem.horizon == task.steps
+    if source == RUNS and not can:
+        raise ValueError(
+            f"--from {RUNS}: task {task.name!r} needs a success, and plans of {task.steps} steps, as its runs"
+        )
+    other = sorted(given_options(context) & OF_CHAINS)
+    if source == RUNS and other:
+        raise ValueError(f"--from {RUNS} is given with {', '.join(other)}, of {CHAINS}")
+    return can and source != CHAINS and not other
+
 
 @one_line_errors
 @with_rules
 def library_command(
+    context: typer.Context,
     task: TaskName = DEFAULT,
     out: Annotated[Path, typer.Option(help="File to write.")] = Path("library.npz"),
-    plans: Annotated[int, typer.Option("--plans", "--count", help="Plans (the paper's 400).")] = 400,
+    plans: Annotated[
+        int | None,
+        typer.Option("--plans", "--count", help="Plans; default: the paper's 400, and 1,000 of runs."),
+    ] = None,
+    source: Annotated[
+        str | None,
+        typer.Option(
+            "--from",
+            help="chains of plans that follow each other, whose entries know no time; or runs of disturbed "
+            "worlds, planned while they run, whose entries belong to their step. Default: runs where a run "
+            "is as long as a plan.",
+        ),
+    ] = None,
     entries: Annotated[int, typer.Option(help="Controllers kept of every plan, at its first steps.")] = 4,
     rounds: Annotated[
         int, typer.Option(help="Rounds of new chains where the controller gets nowhere; 0: none.")
     ] = 5,
     chains: Annotated[int, typer.Option(help="Independent chains at first.")] = 1,
-    offset: Annotated[int, typer.Option(help="Steps d between the plans of a chain.")] = 4,
+    offset: Annotated[int, typer.Option(help="Steps d between the plans of a chain or a run.")] = 4,
     perturb_every: Annotated[int, typer.Option(help="Steps between velocity kicks; 0: none.")] = 15,
     perturb_variance: Annotated[
         float | None, typer.Option(help="Variance of the kicks; default: of the task's starts' velocities.")
@@ -54,6 +103,7 @@ def library_command(
     Every plan is kept in a folder beside the file (.kept) until the library is complete; Ctrl-C saves the
     entries there are.
     """
+    # long: every option of the command is a parameter of its own, with its help
     path = prepared(out)
     chosen = slcp.load_task(task)
     problem = task_problem(chosen, horizon, sigma, step_size, settings, rules, device, dtype)
@@ -62,11 +112,15 @@ def library_command(
         chosen, offset=offset, chains=chains, entries=entries, perturb_every=perturb_every, passes=passes,
         perturb_variance=perturb_variance, unperturbed=unperturbed, noisy=noisy, seed=seed,
     )  # fmt: skip
-    observe = observed_state(chosen)
+    observe, runs = observed_state(chosen), of_runs(context, chosen, problem, source)
     try:
-        with timed("library"), kept_beside(path, resume) as kept:
-            with progress_bar("controllers") as progress:
-                library = build(problem, x0, plans, options, observe, rounds, progress, kept)
+        with timed("library"), progress_bar("worlds" if runs else "controllers") as progress:
+            plans = plans if plans is not None else PLANS[RUNS if runs else CHAINS]
+            if runs:
+                library = build_of_runs(chosen, problem, plans, options, progress)
+            else:
+                with kept_beside(path, resume) as kept:
+                    library = build(problem, x0, plans, options, observe, rounds, progress, kept)
             library.save(path)
     except Interrupted as stopped:
         stopped.library.save(path)

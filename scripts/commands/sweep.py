@@ -11,7 +11,7 @@ from slcp_warp.ensembles.stored.sweep import StoredSweep
 from ..stages.stored_sweep import Where, executor_of, finish_stored, opened_sweep
 from ..stages.sweep import cycle_states, run_sweep, sweep_table
 from ..stages.task_sweep import changed_task, report_table, sweep_task
-from ..support.options import DEFAULT_SCENE, Device, SceneName, Seed, Settings
+from ..support.options import DEFAULT_SCENE, Device, SceneName, Seed, Settings, given_options
 from ..support.policies import MISSING, POLICY
 from ..support.rules import NO_RULES, Rules, residual_of, with_rules
 from ..support.screen import INTERRUPTED, console, one_line_errors, prepared, progress_bar, timed, wrote
@@ -114,7 +114,7 @@ def sweep_command(
     # long: every option of the command is a parameter of its own, with its help
     where = Where(chunk, prepare, executor_of(processes, dask, slurm, slurm_option or []))
     if resume is not None:
-        if other := sorted(_given(context) - OF_RESUMING):
+        if other := sorted(given_options(context) - OF_RESUMING):
             raise ValueError(f"--resume is given with {', '.join(other)}; the folder has them")
         finish_stored(StoredSweep.resume(resume), where)
         return
@@ -172,15 +172,6 @@ def sweep_command(
     wrote(path)
     wrote(path.with_suffix(".csv"))
     _end(report.complete, sum(case["worlds"] for case in report.cases))
-
-
-def _given(context: typer.Context) -> set[str]:
-    """The parameters that are not at their defaults."""
-    return {
-        name
-        for name in context.params
-        if (source := context.get_parameter_source(name)) is not None and source.name != "DEFAULT"
-    }
 
 
 def _sweep_task(path: Path, task: slcp.Task, policy: list[str] | None, choices: dict[str, Any]) -> None:

@@ -16,6 +16,8 @@ from slcp_warp import ddp
 from slcp_warp.ddp.planning import noise_scale
 from slcp_warp.runs.manifest import NAME as MANIFEST
 
+from ..support.policies import planned_policy
+
 
 class Interrupted(Exception):
     """Ctrl-C came while a library was built; `library` is what there was."""
@@ -59,6 +61,26 @@ def build(
     if len(library) < count:
         raise Interrupted(library)
     return library
+
+
+def build_of_runs(
+    task: slcp.Task,
+    problem: ddp.Problem,
+    plans: int,
+    options: ddp.RecedingOptions,
+    progress: Callable[[int, int], None] | None = None,
+) -> ddp.Library:
+    """A library of at least so many plans of a task's disturbed worlds (`ddp.library_of_runs`).
+
+    Args:
+        options: its offset, entries and seed.
+    """
+    if plans < 1:
+        raise ValueError(f"--plans is {plans}; it must be at least 1")
+    found = ddp.plan_in_worlds(task, seed=options.seed, problem=problem)
+    mpc = planned_policy(found, replan=options.offset, seed=options.seed)
+    worlds = -(-plans // -(-task.steps // options.offset))
+    return ddp.library_of_runs(task, mpc, worlds, options.entries, options.seed, progress)
 
 
 @contextmanager

@@ -47,6 +47,10 @@ POINTS: dict[str, dict[str, Any]] = {  # name -> what differs from BASE
 }
 
 
+Rates = dict[str, np.ndarray]  # by policy: of every world
+BESIDE = "library"
+
+
 def planner(point: dict[str, Any], library: ddp.Library) -> ddp.MPC:
     """The policy of a point."""
     given = BASE | point
@@ -60,8 +64,22 @@ def planner(point: dict[str, Any], library: ddp.Library) -> ddp.MPC:
     return ddp.MPC(problem, library if "library" in given["starts"] else None, **given)
 
 
-def row(name: str, policy: Any, task: slcp.Task, worlds: int, seconds: float, seed: int) -> dict[str, Any]:
-    """Rate of the ellipse on the hard system in kicked worlds, and CPU time a world and step."""
+def ratio_interval(a: np.ndarray, b: np.ndarray) -> tuple[float, float, float]:
+    """Mean of a over mean of b in the same worlds, with its 95 % interval (of a linearised ratio)."""
+    both = np.isfinite(a) & np.isfinite(b)
+    ratio = float(a[both].mean() / b[both].mean())
+    off = np.array(mean_interval(a[both] - ratio * b[both])) / float(b[both].mean())
+    low, high = sorted(float(ratio + each) for each in off[1:])
+    return ratio, low, high
+
+
+def row(
+    name: str, policy: Any, task: slcp.Task, worlds: int, seconds: float, seed: int, rates: Rates
+) -> dict[str, Any]:
+    """Rate of the ellipse on the hard system in kicked worlds, and CPU time a world and step.
+
+    The worlds' rates are added to `rates`, which has the library's, or gets them first.
+    """
     plant = task.simulator(slcp.Options("hard", "none"))
     x0 = np.repeat(task.start[:1], worlds, axis=0)
     x0[:, 3:] += KICK * np.random.default_rng(seed).standard_normal((worlds, 3))
@@ -71,8 +89,11 @@ def row(name: str, policy: Any, task: slcp.Task, worlds: int, seconds: float, se
     run = plant.rollout(x0, policy=policy, steps=steps)
     cost = (time.process_time() - began) / steps / worlds
     rate = np.where(run.status == 0, (run.states[:, -1, 2] - x0[:, 2]) / seconds, np.nan)
+    rates[name] = rate
     mean, share = mean_interval(rate), share_interval(int((rate > SPINNING).sum()), worlds)
+    more = ratio_interval(rate, rates[BESIDE])
     found = {"policy": name, "ms a step": 1e3 * cost, "rate": mean[0], "low": mean[1], "high": mean[2]}
+    found |= {"times the library": more[0], "times low": more[1], "times high": more[2]}
     found |= {"above 0.5 rad/s": share[0], "share low": share[1], "share high": share[2]}
     late = np.quantile(policy.seconds, 0.99) * 1e3 if worlds == 1 and hasattr(policy, "seconds") else np.nan
     return found | {"cycle ms, 99 %": late, "failures": getattr(policy, "failures", 0), "worlds": worlds}
@@ -94,9 +115,10 @@ def mpc_command(
     unknown = set(only or ()) - set(POINTS)
     if unknown:
         raise ValueError(f"--only names {sorted(unknown)}; there are {', '.join(POINTS)}")
-    rows = [row("library", entries.policy(), task, worlds, seconds, seed)]
+    rates: Rates = {}
+    rows = [row(BESIDE, entries.policy(), task, worlds, seconds, seed, rates)]
     for name in only or POINTS:
-        rows.append(row(name, planner(POINTS[name], entries), task, worlds, seconds, seed))
+        rows.append(row(name, planner(POINTS[name], entries), task, worlds, seconds, seed, rates))
         console.print(f"[dim]{name}: {rows[-1]['rate']:.3f} rad/s, {rows[-1]['ms a step']:.2f} ms[/dim]")
     show_rows(f"{worlds} kicked worlds, {seconds:g} s, hard contact; {wp.get_device('cpu')}", rows)
     if csv is not None:

@@ -25,3 +25,12 @@ Settings = Annotated[
 Start = Annotated[
     str | None, typer.Option(help="Initial state q1,..,v1,..; default: the scene's (the canonical start).")
 ]
+
+
+def given_options(context: typer.Context) -> set[str]:
+    """The parameters that are not at their defaults."""
+    return {
+        name
+        for name in context.params
+        if (source := context.get_parameter_source(name)) is not None and source.name != "DEFAULT"
+    }

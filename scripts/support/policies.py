@@ -14,6 +14,7 @@ from .records import load_plan, load_policy, read_kind
 
 ZERO, MPC = "zero", "mpc"
 MISSING = "--policy is missing: a file of `slcp library` or `slcp optimise`, file.py:name, or zero"
+STARTS = ("shift", "plan", "zero", "noise")
 POLICY = f"{ZERO}, a file of `slcp library` or `optimise`, {MPC}, {MPC}:FILE of either, or file.py:name"
 
 TaskPolicy = Annotated[str | None, typer.Option(help=f"{POLICY}; none of a task without controls.")]
@@ -82,18 +83,31 @@ def planning_policy(task: slcp.Task, path: Path | None) -> ddp.MPC:
     """Model predictive control of a task with its own options as the model, 2 passes a step.
 
     Plans are tried from the shifted plan and from what the file holds: a library's controls, or a plan made
-    ahead, zero and noise; without a file the task is planned first, as `slcp optimise` does. Where a run is
-    as long as a plan, plans end with it.
+    ahead, zero and noise; without a file the task is planned first: where a run is as long as a plan for its
+    disturbed worlds (`ddp.plan_in_worlds`), whose model is then the planner's, else as `slcp optimise` does.
+    Where a run is as long as a plan, plans end with it.
 
     Args:
         path: of a library or a plan of the task's scene.
     """
     problem = ddp.problem_of(task)
-    end = task.steps if task.steps == task.horizon else None
+    if path is None and ends_with_plan(task) and task.success is not None:
+        return planned_policy(ddp.plan_in_worlds(task))
+    end = task.steps if ends_with_plan(task) else None
     if path is not None and read_kind(path) == "library":
         entries = ddp.Library.load(path)
         entries.check_scene(task.scene)
         return ddp.MPC(problem, entries, improved=2, end=end)
     plan = ddp.plan(task).best if path is None else ddp.Result.of(load_plan(path, task.scene))
-    starts = ["shift", "plan", "zero", "noise"]
-    return ddp.MPC(problem, starts=starts, improved=2, plan=plan, end=end)
+    return ddp.MPC(problem, starts=STARTS, improved=2, plan=plan, end=end)
+
+
+def ends_with_plan(task: slcp.Task) -> bool:
+    """Whether a task's runs are as long as its plans."""
+    return bool(task.steps == task.horizon)
+
+
+def planned_policy(found: ddp.Robust, **more: Any) -> ddp.MPC:
+    """Model predictive control with the model and the plan that were found, up to the plan's end."""
+    end = found.problem.horizon
+    return ddp.MPC(found.problem, starts=STARTS, improved=2, plan=found.best, end=end, **more)

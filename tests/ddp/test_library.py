@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import warp as wp
-from simulators import NUMPY, scene, simulator
+from ddp_examples import made_library as made
+from simulators import scene, simulator
 
 import slcp_warp as slcp
 from slcp_warp import ddp
 from slcp_warp.ddp.library.entries import ARRAYS, scene_digest
-from slcp_warp.ddp.library.nearest import whitening
 
 FINGER = scene("flicking_finger")
 HORIZON = 20
@@ -30,17 +30,6 @@ def problem(device="cpu"):
 @functools.cache
 def library(device="cpu", **changes):
     return ddp.build_library(problem(device), FINGER.x0, 24, **{**OPTIONS, **changes})
-
-
-def made(x, **changes):
-    """A library whose entry i says so: u_i = (i, -i), without feedback."""
-    count = len(x)
-    order = np.arange(count)
-    values = {"x": x, "u": np.stack([order, -order], axis=1).astype(float), "K": np.zeros((count, 2, 6)),
-              "cost": np.zeros(count), "gain": order.astype(float), "age": 0 * order, "chain": 0 * order,
-              "plan": order, "period": FINGER.state_period,
-              "header": {"scene": FINGER.name, "digest": scene_digest(FINGER)}}  # fmt: skip
-    return ddp.Library(**{**values, **changes})
 
 
 def test_files_of_earlier_versions_fit_their_scene():
@@ -244,114 +233,6 @@ def test_a_failed_save_leaves_the_old_file(tmp_path, monkeypatch):
     with pytest.raises(OSError, match="disk full"):
         lib.save(path)
     assert path.read_bytes() == before
-
-
-# --- policies ---
-
-
-def chosen(lib, x, device, dtype=wp.float64, **options):
-    """The entries that the kernel chooses in states x (B, nx); -1 where the step is not solved."""
-    sim = simulator("flicking_finger", device, dtype, "none")
-    x = x.astype(NUMPY[dtype])
-    traj = sim.rollout(x, policy=lib.policy(**options), steps=1, record=("controls",))
-    np.testing.assert_array_equal(traj.controls[:, 0, 0], -traj.controls[:, 0, 1])
-    return np.where(traj.status == 0, traj.controls[:, 0, 0].astype(int), -1)
-
-
-def brute_force(lib, x, white, images=range(-20, 21)):
-    """Squared distances (B, L): |W (x - x_j - m period)|^2, the least over images m."""
-    best = np.full((len(x), len(lib)), np.inf)
-    for m in images:
-        y = (x[:, None] - lib.x[None] - m * lib.period) @ white.T
-        best = np.minimum(best, (y**2).sum(axis=2))
-    return best
-
-
-def random_library(seed, count, correlated):
-    rng = np.random.default_rng(seed)
-    mix = rng.standard_normal((6, 6)) if correlated else np.diag([0.5, 0.5, 1.0, 2.0, 2.0, 2.0])
-    x = rng.standard_normal((count, 6)) @ mix
-    x[:, 2] = rng.uniform(-3.0 * np.pi, 3.0 * np.pi, count)  # many turns
-    return made(x), rng
-
-
-@pytest.mark.parametrize("metric", ["covariance", "variance"])
-@pytest.mark.parametrize("count", [1, 2, 3, 17, 400])
-def test_nearest_neighbour_is_the_one_of_brute_force(device, count, metric):
-    lib, rng = random_library(count, count, correlated=True)
-    white = whitening(lib, metric)
-    x = np.concatenate([lib.x[rng.integers(count, size=300)] + 0.3 * rng.standard_normal((300, 6)),
-                        rng.standard_normal((300, 6)) * 3.0])  # fmt: skip
-    x[:, 2] += np.pi * rng.integers(-3, 4, len(x))
-    got, distance = chosen(lib, x, device, metric=metric), brute_force(lib, x, white)
-    solved, least = got >= 0, distance.min(axis=1)
-    assert solved.mean() > 0.6
-    excess = (distance[np.arange(len(x)), got] - least)[solved]
-    wrong = excess > 1e-9 * (1.0 + least[solved])
-    # far from all entries a correlated metric may prefer an image more than half a period away: not searched
-    limit = 0.0 if metric == "variance" else 0.005
-    assert wrong.mean() <= limit, f"{wrong.mean():.1%}, by {excess.max():.2g}"
-
-
-@pytest.mark.parametrize("dtype", [wp.float32, wp.float64])
-def test_of_entries_as_near_the_first_is_taken(device, dtype):
-    """Places on a grid, whose distances are exact, in any order and some of them often."""
-    rng = np.random.default_rng(17)
-    x = FINGER.x0 + 0.25 * rng.integers(0, 3, (700, 6)) * [1, 1, 0, 1, 1, 0]
-    at = FINGER.x0 + 0.125 * rng.integers(0, 5, (400, 6)) * [1, 1, 0, 1, 1, 0]
-    placed, where = (np.round(16.0 * each) / 16.0 for each in (x, at))
-    got = chosen(made(placed), where, device, dtype, whiten=np.eye(6))
-    distance = ((where[:, None] - placed[None]) ** 2).sum(axis=2)
-    solved = got >= 0
-    assert solved.mean() > 0.6 and ((distance == distance.min(axis=1, keepdims=True)).sum(axis=1) > 1).all()
-    np.testing.assert_array_equal(got[solved], distance.argmin(axis=1)[solved])
-
-
-def test_entries_at_one_place_fill_the_stack_and_no_more(device):
-    """No box is farther than another: as many children wait as ever may."""
-    for count in (1, 8, 9, 64, 300, 1200):
-        lib = made(np.tile(FINGER.x0, (count, 1)))
-        assert chosen(lib, FINGER.x0[None], device, whiten=np.eye(6)).tolist() == [0]
-
-
-def test_nearest_neighbour_in_single_precision(device):
-    lib, rng = random_library(7, 300, correlated=False)
-    x = lib.x[rng.integers(300, size=500)] + 0.2 * rng.standard_normal((500, 6))
-    got, distance = chosen(lib, x, device, wp.float32), brute_force(lib, x, whitening(lib, "covariance"))
-    excess = (distance[np.arange(len(x)), got] - distance.min(axis=1))[got >= 0]
-    assert len(excess) > 300 and (excess <= 1e-3 * (0.01 + distance.min(axis=1))[got >= 0]).all()
-
-
-def test_an_entry_answers_for_itself_on_every_turn(device):
-    lib, rng = random_library(9, 50, correlated=True)
-    for turns in (-7, 0, 1, 30):
-        got = chosen(lib, lib.x + turns * lib.period, device)
-        assert (got >= 0).mean() > 0.6
-        np.testing.assert_array_equal(got[got >= 0], np.arange(50)[got >= 0])
-
-
-def test_entries_of_little_gain_are_left_out(device):
-    lib, _ = random_library(11, 30, correlated=False)
-    assert chosen(lib, lib.x, device, min_gain=20.0).min() == 20
-    with pytest.raises(ValueError, match="min_gain 40.0 leaves no entry; the largest gain is 29"):
-        lib.policy(min_gain=40.0)
-
-
-def test_feedback_acts_on_the_wrapped_difference_and_is_clamped(device):
-    rng = np.random.default_rng(13)
-    x = FINGER.x0 + np.arange(4)[:, None] * [0.0, 0.0, 0.5, 0.0, 0.0, 0.0]
-    K = rng.standard_normal((4, 2, 6))
-    lib = made(x, u=rng.standard_normal((4, 2)), K=K)
-    sim = simulator("flicking_finger", device, wp.float64, "none")
-    dx = 0.05 * rng.standard_normal((4, 6))
-    dx[:, 5] = [0.0, 1.0, -1.0, 2.0]
-    at = x + dx + [0.0, 0.0, 3.0 * np.pi, 0.0, 0.0, 0.0]
-    white = np.diag([1.0, 1.0, 10.0, 1e-3, 1e-3, 1e-3])
-    for limit in (np.inf, 0.5):
-        policy = lib.policy(feedback_limit=limit, whiten=white)
-        u = sim.rollout(at, policy=policy, steps=1, record=("controls",)).controls[:, 0]
-        feedback = np.clip(np.einsum("bij,bj->bi", K, dx), -limit, limit)
-        np.testing.assert_allclose(u, lib.u + feedback, atol=1e-12)
 
 
 @pytest.mark.slow

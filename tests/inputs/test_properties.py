@@ -214,6 +214,11 @@ CALLS = {
     "MPC": (
         ddp.MPC, {"problem": problem()},
         {"passes": ("starts",), "delay": ("replan",), "starts": ("improved",)}),
+    "library_of_runs": (  # of a planner whose steps do not fit: nothing runs
+        ddp.library_of_runs, {"task": TASK, "mpc": ddp.MPC(problem().with_params(step_size=0.03))},
+        dict.fromkeys(("task", "worlds", "entries", "seed", "progress"), ("mpc",))),
+    "plan_in_worlds": (
+        ddp.plan_in_worlds, {"task": slcp.tasks.grasp_hold(), "starts": 1}, {"problem": ("task",)}),
     "Sampling": (ddp.Sampling, {}, {}),
     "Sampler": (ddp.Sampler, {"problem": problem(), "batch": 2}, {}),
     "sample": (ddp.sample, {"problem": problem(), "x0": X}, {"x0": ("us0",)}),
@@ -246,7 +251,8 @@ with contextlib.suppress(ImportError):
 GIVEN = {
     "Complementarity", "CostFunctions", "Dynamics", "DynamicsFunctions", "FailureShare", "Falsification",
     "Linearization", "Multistart", "ParticleRollout", "Particles", "Pullback", "Pushforward", "Report",
-    "Result", "RobustnessMap", "Sampled", "Sensitivity", "SequentialComparison", "Situation", "StartPolicy",
+    "Result", "Robust", "RobustnessMap", "Sampled", "Sensitivity", "SequentialComparison", "Situation",
+    "StartPolicy",
     "Status", "Step", "SweepReport", "Trace", "Trajectory",
 }  # fmt: skip
 

@@ -4,7 +4,11 @@ import numpy as np
 import scipy.linalg
 import warp as wp
 
+import slcp_warp as slcp
 from slcp_warp import ddp
+from slcp_warp.ddp.library.entries import scene_digest
+
+FINGER = slcp.scenes.flicking_finger()
 
 
 def make_cart_pole(dtype, VX, VU):
@@ -125,3 +129,14 @@ def central_differences(function, z, step=1e-5):
             estimates.append((function(z + e) - function(z - e)) / (2.0 * h))
         out[index] = (4.0 * estimates[0] - estimates[1]) / 3.0
     return out
+
+
+def made_library(x, **changes):
+    """A library whose entry i says so: u_i = (i, -i), without feedback."""
+    count = len(x)
+    order = np.arange(count)
+    values = {"x": x, "u": np.stack([order, -order], axis=1).astype(float), "K": np.zeros((count, 2, 6)),
+              "cost": np.zeros(count), "gain": order.astype(float), "age": 0 * order, "chain": 0 * order,
+              "plan": order, "period": FINGER.state_period,
+              "header": {"scene": FINGER.name, "digest": scene_digest(FINGER)}}  # fmt: skip
+    return ddp.Library(**{**values, **changes})

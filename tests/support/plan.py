@@ -58,7 +58,7 @@ ROOMS = {  # the order of each layer's rooms: none imports one that is named aft
     "ddp": (
         *("options", "costs", "dynamics", "problem", "identity", "results"),
         *("policies", "batches", "parts", "workspace", "sampling"),
-        *("continuation", "solver", "library", "multistart", "planning", "mpc"),
+        *("continuation", "solver", "library", "multistart", "planning", "robust", "mpc"),
     ),
     "scripts": (
         *("support", "stages", "charts", "paper", "watch", "benchmarks", "commands", "studies"),

@@ -83,7 +83,18 @@ def phase(page: Page, process: Any, name: str, seconds: float, at: np.ndarray | 
     return row | {"move to picture ms": float(np.median(late)), "95 %": float(np.quantile(late, 0.95))}
 
 
-def bench_watch(task: str, policy: str | None, seconds: float, minutes: float) -> list[dict[str, Any]]:
+def growth(process: Any, page: Page, minutes: float, every: float) -> list[dict[str, Any]]:
+    """Left alone for that long [min], a row each `every` minutes."""
+    spans = np.minimum(every, minutes - every * np.arange(int(np.ceil(minutes / every - 1e-9))))
+    return [
+        phase(page, process, f"after {after:g} min", 60.0 * float(span), None)
+        for span, after in zip(spans, np.cumsum(spans), strict=True)
+    ]
+
+
+def bench_watch(
+    task: str, policy: str | None, seconds: float, minutes: float, every: float
+) -> list[dict[str, Any]]:
     """Left alone, dragged, and left alone for long, beside each other."""
     from websockets.sync.client import connect
     from websockets.typing import Origin
@@ -98,7 +109,7 @@ def bench_watch(task: str, policy: str | None, seconds: float, minutes: float) -
             rows = [
                 phase(page, process, "left alone", seconds, None),
                 phase(page, process, "dragged", seconds, point),
-                phase(page, process, f"after {minutes:g} min", 60.0 * minutes, None),
+                *growth(process, page, minutes, every),
             ]
     show_rows(f"slcp watch {task}", rows)
     return rows

@@ -1,0 +1,44 @@
+"""Plans for disturbed worlds: made for those in which the nominal plan fails, judged in all."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import slcp_warp as slcp
+from slcp_warp import ddp
+
+
+@pytest.mark.slow
+def test_a_grip_is_planned_for_heavier_discs():
+    """The nominal plan holds what it was made for; judged anew, in worlds that nobody planned for."""
+    task = slcp.tasks.grasp_hold()
+    found = ddp.plan_in_worlds(task, models=8, worlds=128)
+    assert found.success[0] < 0.87 and found.success[found.index] > 0.95
+    assert found.success[found.index] == found.success.max() and found.problem.params.worlds is None
+    period, case = task.scene.state_period, replace(task.options, residual="hard")
+    nominal = ddp.plan(task).best
+    policies = {
+        "robust": ddp.TrackingPolicy(found.best, period),
+        "nominal": ddp.TrackingPolicy(nominal, period),
+    }
+    report = slcp.sweep(task, policies, worlds=256, seed=11, cases=case)
+    held = {name: report.part(name)["success"].mean() for name in policies}
+    assert held["robust"] > 0.95 and held["nominal"] < 0.9
+    assert report.part("robust", arm="undisturbed")["success"].all()
+    moved = ddp.solve(found.problem, task.start[0], found.best.us, ddp.Options(max_iterations=0))
+    np.testing.assert_allclose(moved.cost, found.best.cost, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"task": "grasp_hold"}, "task is a str"),
+        ({"models": 0}, "models is 0"),
+        ({"task": slcp.tasks.grasp_hold().replace(success=None)}, "has no success"),
+        ({"task": slcp.tasks.flicking_finger()}, "runs 400 steps, and its plans have 75"),
+    ],
+)
+def test_what_cannot_be_judged_is_refused(changes, message):
+    with pytest.raises(slcp.InputError, match=message):
+        ddp.plan_in_worlds(**{"task": slcp.tasks.grasp_hold(), **changes})
