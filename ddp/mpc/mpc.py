@@ -220,9 +220,8 @@ class MPC:
         if last is not None:
             last = last.shifted(passed, self._ahead.horizon).near(x, self._wrap)
         cycle = self.seed, now
-        rng = np.random.default_rng((*cycle, int(numbers[0]) if len(numbers) else 0))
         rolled = None if self._library is None else functools.partial(self._library.controls, now)
-        situation = Situation(self._ahead, x, time, numbers, last, rng, cycle, self.noise, rolled)
+        situation = Situation(self._ahead, x, time, numbers, last, cycle, self.noise, rolled)
         made = planner.plan(situation, self.starts)
         self.failures += made.failures
         for name, count in made.chosen.items():

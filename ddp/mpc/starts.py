@@ -78,9 +78,7 @@ class Situation:
         time: [s].
         worlds: (B,) their numbers.
         last: the last policies, shifted to now; None in the first cycle.
-        rng: of this cycle, and of these worlds together.
-        cycle: (seed, step), the same for all worlds: numbers that follow from it and from a world's number do
-            not depend on how worlds are split into launches.
+        cycle: (seed, step), the same for all worlds; see `rngs`.
         noise: (nu,) standard deviation of noise.
         library: a library's policy, rolled out on the model; None: none was given.
     """
@@ -90,10 +88,16 @@ class Situation:
     time: float
     worlds: np.ndarray
     last: Policy | None
-    rng: np.random.Generator
     cycle: tuple[int, int]
     noise: np.ndarray
     library: Callable[[np.ndarray], np.ndarray] | None
+
+    @property
+    def rngs(self) -> list[np.random.Generator]:
+        """Random numbers of this cycle, a generator a world: what is drawn follows from seed, step and
+        the world's number, however worlds are split into blocks and launches.
+        """
+        return [np.random.default_rng((*self.cycle, int(n))) for n in self.worlds]
 
 
 Start = Callable[[Situation], Any]  # -> Policy, controls (B, N, nu) or (N, nu), or None: not this time
@@ -118,7 +122,7 @@ def zero(s: Situation) -> np.ndarray:
 def noise(s: Situation) -> Policy | np.ndarray:
     """Smoothed noise over the last policy's controls."""
     size = s.problem.horizon, s.problem.nu
-    drawn = [np.random.default_rng((*s.cycle, int(n))).standard_normal(size) for n in s.worlds]
+    drawn = [rng.standard_normal(size) for rng in s.rngs]
     white = np.array(drawn).reshape(len(s.x), *size)
     keep = np.exp(-1.0 / NOISE_TIME)
     for k in range(1, white.shape[1]):

@@ -29,6 +29,7 @@ from .cost.gradients import bench_gradients, bench_products
 from .cost.jacobian import bench_jacobian, bench_stack_jacobian
 from .cost.kept import bench_kept
 from .cost.kernels import SIZES, bench_reach, bench_sizes, print_sizes
+from .cost.latency import bench_latency
 from .cost.methods import bench_methods
 from .cost.pair import PairError, bench_pair, print_pairs
 from .cost.policies import bench_policies
@@ -197,6 +198,22 @@ def watch_command(
 ) -> None:
     """The page's server: pictures a second, load, memory, delay from a move to its picture."""
     _save(csv, bench_watch(task, policy, seconds, minutes, every))
+
+
+@app.command("latency")
+@one_line_errors
+def latency_command(
+    library: Annotated[
+        Path | None, typer.Option(help="Of `slcp library`, whose plan is a second start of every cycle.")
+    ] = None,
+    passes: Annotated[int, typer.Option(min=1, help="Of DDP a cycle.")] = 2,
+    cycles: Annotated[int, typer.Option(min=1, help="Measured cycles.")] = 10000,
+    dtype: Dtype = "float64",
+    seed: Seed = 0,
+    csv: Csv = None,
+) -> None:
+    """From a state to the controls: one cycle of MPC of one finger, its slowest ones too."""
+    _save(csv, bench_latency(library, passes, cycles, dtype, seed))
 
 
 @app.command("precision")

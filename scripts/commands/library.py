@@ -28,7 +28,7 @@ from ..support.tasks import DEFAULT, TaskName
 RUNS, CHAINS = "runs", "chains"
 PLANS = {RUNS: 1000, CHAINS: 400}
 OF_CHAINS = {  # options that runs have no use for
-    *("rounds", "chains", "perturb_every", "perturb_variance", "noisy", "unperturbed", "passes", "start"),
+    *("rounds", "chains", "perturb_every", "perturb_variance", "noisy", "unperturbed", "start"),
     "resume",
 }
 

@@ -73,12 +73,13 @@ def build_of_runs(
     """A library of at least so many plans of a task's disturbed worlds (`ddp.library_of_runs`).
 
     Args:
-        options: its offset, entries and seed.
+        options: its offset, passes, entries and seed.
     """
     if plans < 1:
         raise ValueError(f"--plans is {plans}; it must be at least 1")
     found = ddp.plan_in_worlds(task, seed=options.seed, problem=problem)
-    mpc = planned_policy(found, replan=options.offset, seed=options.seed)
+    how = {"replan": options.offset, "passes": options.passes, "seed": options.seed}
+    mpc = planned_policy(found, starts=["shift", "plan"], **how)
     worlds = -(-plans // -(-task.steps // options.offset))
     return ddp.library_of_runs(task, mpc, worlds, options.entries, options.seed, progress)
 

@@ -109,5 +109,5 @@ def ends_with_plan(task: slcp.Task) -> bool:
 
 def planned_policy(found: ddp.Robust, **more: Any) -> ddp.MPC:
     """Model predictive control with the model and the plan that were found, up to the plan's end."""
-    end = found.problem.horizon
-    return ddp.MPC(found.problem, starts=STARTS, improved=2, plan=found.best, end=end, **more)
+    how = {"starts": STARTS, "improved": 2} | more
+    return ddp.MPC(found.problem, plan=found.best, end=found.problem.horizon, **how)

@@ -10,10 +10,10 @@ import functools
 import slcp_warp as slcp
 
 from ..peers.mujoco_model import Peer
+from ..peers.mujoco_windows import peer_windows
 from ..shared.ours import DTYPES, TOUCH, Ours, cpu_threads
 from ..shared.timing import Case, Rows, finish, time_interleaved
 from ..shared.workload import make_workload
-from .mujoco_windows import peer_windows
 
 
 def bench_step(worlds: int = 2000, steps: int = 75, repeats: int = 9, seed: int = 0) -> Rows:

@@ -261,7 +261,15 @@ def test_plans_are_followed_in_time_where_the_plant_steps_otherwise(task, proble
     assert len(made) > 2 and min(np.diff(made)) >= replan and max(np.diff(made)) < replan + max(1, ratio)
 
 
-@pytest.mark.parametrize("start", ["noise", ddp.Sampling(samples=4, iterations=1)], ids=["noise", "sampled"])
+def drawn(s):
+    """A start of a user's own."""
+    return np.array([rng.standard_normal((s.problem.horizon, 2)) for rng in s.rngs])
+
+
+RANDOM = {"noise": "noise", "sampled": ddp.Sampling(samples=4, iterations=1), "drawn": drawn}
+
+
+@pytest.mark.parametrize("start", RANDOM.values(), ids=RANDOM)
 def test_noise_follows_from_the_worlds_number(task, problem, start):
     """However worlds are split into launches and blocks."""
     short = task.replace(

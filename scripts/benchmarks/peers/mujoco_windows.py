@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from ..peers.mujoco_model import Peer
 from ..shared.ours import WINDOW
 from ..shared.workload import Workload, windows
+from .mujoco_model import Peer
 
 
 def peer_windows(peer: Peer, work: Workload) -> tuple[Workload, float]:
