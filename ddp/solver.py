@@ -1,6 +1,9 @@
 """Solving optimal control problems by DDP: one call, for a batch or for one."""
 
+from dataclasses import fields, replace
 from typing import Any
+
+import numpy as np
 
 from slcp_warp.inputs.errors import ArgumentTypeError
 
@@ -9,7 +12,15 @@ from .continuation import solve_continuation
 from .options import Options
 from .problem import Problem
 from .results.result import Result
+from .results.status import Status
+from .results.trace import Trace
+from .sampling.options import Sampling, limit_share
+from .sampling.sampler import Sampler
 from .workspace import Workspace
+
+FELT = 1e-3  # of a cost: what gains less has felt next to nothing
+STUCK = (Status.SMALL_IMPROVEMENT, Status.LINE_SEARCH_FAILED, Status.REGULARIZATION_LIMIT)
+WIDER = (1.0, 4.0)  # deviations of sampled controls, in those of `Sampling`
 
 
 def solve(
@@ -23,6 +34,10 @@ def solve(
     k0: Any = None,
 ) -> Result:
     """Solve a batch of problems, or one where the batch axis is left out.
+
+    Where nobody says what to start from, and next to nothing can be felt from where `Options.start`
+    "automatic" leads (`Status.FLAT`, or an end for want of improvement within a thousandth of the first
+    cost), the problem is solved again from the best of sampled controls (`sample`), if they cost less.
 
     Args:
         problem: what to minimise.
@@ -43,5 +58,48 @@ def solve(
     if options.sigma_schedule is not None:
         return solve_continuation(problem, x0, u0, options.sigma_schedule, options, xs0=xs0, K0=K0, k0=k0)[-1]
     single, batch = batch_of(problem, x0, u0)
-    result = Workspace(problem, batch, options).solve(x0, u0, xs0, K0, k0)
+    work = Workspace(problem, batch, options)
+    result = work.solve(x0, u0, xs0, K0, k0)
+    if u0 is None and xs0 is None and options.start == "automatic":
+        result = _felt(work, x0, result)
     return result.select(0) if single else result
+
+
+def _felt(work: Workspace, x0: Any, result: Result) -> Result:
+    """The result; of problems that felt next to nothing from sampled controls, where these cost less."""
+    first = result.trace.cost[:, 0]
+    still = np.isfinite(first) & (first - result.cost <= FELT * np.abs(first))
+    flat = (result.status == Status.FLAT) | (still & np.isin(result.status, STUCK))
+    if not flat.any():
+        return result
+    us, cost = result.us.copy(), result.cost.copy()
+    for wider in WIDER:
+        scale = wider * limit_share(work.problem.control_limits, work.problem.nu)
+        sampler = Sampler(work.problem, work.batch, Sampling(scale=scale))
+        sampler.run(x0)
+        lower = flat & (sampler.cost.numpy() < cost - FELT * np.abs(cost))
+        us[lower], cost[lower] = sampler.us.numpy()[lower], sampler.cost.numpy()[lower]
+    own = cost < result.cost
+    return _either(own, work.solve(x0, us), result) if own.any() else result
+
+
+def _either(own: np.ndarray, first: Result, second: Result) -> Result:
+    """Results of the first where it says so (B,), else of the second; traces as long as the longer one."""
+
+    def chosen(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        return np.where(own.reshape(-1, *[1] * (a.ndim - 1)), a, b)
+
+    def longer(a: np.ndarray, passes: int) -> np.ndarray:
+        return np.pad(a, ((0, 0), (0, passes - a.shape[1])), constant_values=np.nan)
+
+    passes = max(each.trace.cost.shape[1] for each in (first, second))
+    history = {
+        f.name: chosen(*(longer(getattr(each.trace, f.name), passes) for each in (first, second)))
+        for f in fields(Trace)
+    }
+    arrays: dict[str, Any] = {
+        f.name: chosen(getattr(first, f.name), getattr(second, f.name))
+        for f in fields(Result)
+        if isinstance(getattr(first, f.name), np.ndarray)
+    }
+    return replace(second, **arrays, trace=Trace(**history))

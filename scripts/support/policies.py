@@ -109,5 +109,5 @@ def ends_with_plan(task: slcp.Task) -> bool:
 
 def planned_policy(found: ddp.Robust, **more: Any) -> ddp.MPC:
     """Model predictive control with the model and the plan that were found, up to the plan's end."""
-    how = {"starts": STARTS, "improved": 2} | more
+    how: dict[str, Any] = {"starts": STARTS, "improved": 2} | more
     return ddp.MPC(found.problem, plan=found.best, end=found.problem.horizon, **how)

@@ -76,6 +76,23 @@ def test_a_push_from_rest_is_flat(dtype):
     assert both.best.status != ddp.Status.FLAT and both.best.cost < 0.5 * resting.cost
 
 
+def test_one_call_finds_what_zero_controls_do_not_feel():
+    """Nothing is said of a start: the block is found by samples. A neighbour that feels keeps every bit."""
+    dynamics = ddp.WarpDynamics(make_push, 4, 1, device="cpu")
+    cost = ddp.costs.quadratic(
+        np.zeros((4, 4)), [[0.01]], np.diag([0.0, 10.0, 0.0, 0.0]), np.array([0, 1.5, 0, 0])
+    )
+    problem = ddp.Problem(dynamics, cost, 20)
+    apart, touching = np.array([0.0, 0.5, 0.0, 0.0]), np.array([0.51, 0.5, 0.0, 0.0])
+    flat, pushed = ddp.solve(problem, apart, np.zeros((20, 1))), ddp.solve(problem, touching)
+    both = ddp.solve(problem, np.stack([apart, touching]))
+    assert both.converged.all() and both.cost[0] < 0.5 * flat.cost
+    for name in ("us", "xs", "K", "cost", "status", "iterations"):
+        np.testing.assert_array_equal(getattr(both, name)[1], getattr(pushed, name))
+    again = ddp.solve(problem, apart, both.us[0], ddp.Options(max_iterations=0))
+    assert again.cost == both.cost[0] and np.isnan(both.trace.cost[1, int(pushed.iterations) + 1 :]).all()
+
+
 def test_a_start_at_the_optimum_is_converged():
     problem, data = random_linear_problem(1)
     still = ddp.Problem(ddp.linear_system(data["A"], data["B"], device="cpu"),
