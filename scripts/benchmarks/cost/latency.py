@@ -23,7 +23,7 @@ WARM = 50  # cycles before those that count
 def bench_latency(library: Path | None, passes: int, cycles: int, dtype: str, seed: int) -> Rows:
     """From a state of the finger, on hard contact, to the controls: wall time and processor time."""
     task = slcp.tasks.flicking_finger()
-    problem = ddp.Problem(task.simulator(dtype=dtype), task.cost, task.horizon)
+    problem = ddp.problem_of(task, task.simulator(dtype=dtype))
     entries = None if library is None else ddp.Library.load(library)
     rows = []
     for prepared in (False, True):  # real-time iteration readies the next cycle between two
