@@ -26,12 +26,27 @@ import warp as wp
 from warp._src.context import ModuleBuilder
 
 from . import patches
-from .digest import OpaqueError, content_digest
+from .digest import OpaqueError, content_digest, own_alone
 
 CPU_ARITHMETIC = "-ffp-contract=fast -freciprocal-math -fno-signed-zeros"
 INLINING = re.compile(r"(-inline(?:-cold-callsite)?-threshold=)\d+")
 INLINED = r"\g<1>20000"
 FAST_REGISTERS = 200  # of a thread: the few kernels that would take more, up to 207, spill nothing for it
+# of arrays whose last axis has no gaps, never indexed from the end: no stride, no test of the index's sign
+PACKED = """
+namespace wp {
+template <typename T> inline T* address(const array_t<T>& a, int i) { return a.data + i; }
+template <typename T> inline T* address(const array_t<T>& a, int i, int j)
+{
+    return data_at_byte_offset(a, i * stride(a, 0)) + j;
+}
+template <typename T> inline void array_store(const array_t<T>& a, int i, T value) { *address(a, i) = value; }
+template <typename T> inline void array_store(const array_t<T>& a, int i, int j, T value)
+{
+    *address(a, i, j) = value;
+}
+}
+"""
 MOST_UNROLLED = 128  # passes of a loop whose adjoint is wanted: of loops that are not unrolled it is wrong
 
 
@@ -47,6 +62,21 @@ def cpu_compiler_flags() -> str:
 def specialised(function: Callable) -> wp.Kernel:
     """Decorator: a forward-only kernel with this package's arithmetic on a CPU, named after its code."""
     return named_by_code(cpu_compiler_flags=cpu_compiler_flags())(function)
+
+
+def packed(function: Callable) -> wp.Kernel:
+    """Decorator: as `specialised`; the kernel's arrays have no gaps along their last axis (`launch` looks).
+
+    On a CPU an element is then found without a stride and without looking whether its index counts from the
+    end: kernels whose state is in arrays take little more than half as long. A user's function may do either,
+    so that a kernel that calls one is as `specialised` makes it.
+    """
+    options = {"cpu_compiler_flags": cpu_compiler_flags()}
+    if not own_alone(function):
+        return _declare(function, options)
+    kernel = _declare(function, options, preamble=PACKED)
+    kernel.packed = True
+    return kernel
 
 
 def fitted(fast: bool) -> Callable[[Callable], wp.Kernel]:
@@ -76,9 +106,18 @@ def named_by_code(**options: Any) -> Callable[[Callable], wp.Kernel]:
 
 
 def _declare(
-    function: Callable, options: dict[str, Any], backward: bool = False, registers: int | None = None
+    function: Callable,
+    options: dict[str, Any],
+    backward: bool = False,
+    registers: int | None = None,
+    preamble: str | None = None,
 ) -> wp.Kernel:
-    digest = code_digest(function, **options, **({} if registers is None else {"most": registers}))
+    more: dict[str, Any] = {} if registers is None else {"most": registers}
+    if preamble is not None:
+        more["preamble"] = preamble
+    digest = code_digest(function, **options, **more)
+    if preamble is not None:
+        options = options | {"extra_build_options": wp.ModuleBuildOptions(extra_cpu_preamble=preamble)}
     function.__qualname__ = f"{function.__name__}_{digest[:12]}"
     module = wp.get_module(f"{__package__}.{function.__qualname__}")
     wp.set_module_options(options, module)

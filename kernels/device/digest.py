@@ -56,10 +56,23 @@ def content_digest(function: Callable, *more: Any) -> str:
     return hashlib.sha256(whole).hexdigest()
 
 
+def own_alone(function: Callable) -> bool:
+    """Whether a kernel's Python function and all that it calls are of this package, Warp, NumPy and the
+    standard library.
+    """
+    walk = _Walk()
+    try:
+        walk.of_function(function, function.__annotations__)
+    except OpaqueError:
+        return False
+    return not walk.foreign
+
+
 class _Walk:
     """Digests of values, each found once."""
 
     def __init__(self) -> None:
+        self.foreign = False  # whether a function of a user's is among them
         self.known: dict[int, tuple[bytes, Any]] = {}  # by id; the value is kept, and with it its id
 
     def of(self, value: Any) -> bytes:
@@ -175,6 +188,7 @@ class _Walk:
         source = _Source.of(function, text)
         names = [self.of(annotations), self.of((function.__defaults__, function.__kwdefaults__))]
         own = (function.__module__ or "").partition(".")[0] == OWN
+        self.foreign |= not own
         captured = dict(zip(function.__code__.co_freevars, function.__closure__ or ()))
         for path in source.names:
             value = _value(path, captured, function)

@@ -61,6 +61,7 @@ def launch(kernel, dim, inputs, device, threads=None, grain=DEFAULT_GRAIN):
     """
     device = wp.get_device(device)
     block = block_of(device)
+    no_gaps(kernel, inputs)
     if not device.is_cpu or device.is_capturing:
         load(kernel, device)
         wp.launch(kernel, dim=dim, inputs=[0, *inputs], device=device, block_dim=block, record_tape=False)
@@ -83,6 +84,19 @@ def launch(kernel, dim, inputs, device, threads=None, grain=DEFAULT_GRAIN):
     _drain(run, chunks, _default_threads if threads is None else threads)
 
 
+def no_gaps(kernel, inputs):
+    """Refuse arrays with gaps along their last axis where a kernel reads them without strides."""
+    if not getattr(kernel, "packed", False):
+        return
+    for number, array in enumerate(inputs):
+        if isinstance(array, wp.array) and array.device.is_cpu and array.size > 0 and array.shape[-1] > 1:
+            if array.strides[-1] != wp.types.type_size_in_bytes(array.dtype):
+                raise ValueError(
+                    f"argument {number + 1} of {kernel.key} has strides {array.strides} bytes; "
+                    "no gaps along the last axis are needed"
+                )
+
+
 class Prepared:
     """A launch with its arguments packed once; calling it repeats the launch at a fraction of the overhead.
 
@@ -92,6 +106,7 @@ class Prepared:
 
     def __init__(self, kernel, dim, inputs, device, threads=None, grain=DEFAULT_GRAIN, offset=0):
         self.device = wp.get_device(device)
+        no_gaps(kernel, inputs)
         load(kernel, self.device)
         self.inputs = list(inputs)
         self.threads = _default_threads if threads is None else threads

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from ..contact.problem import COLD
-from ..device.compile import specialised
+from ..device.compile import packed
 from ..factories import cached
 from ..method import Method
 from ..status import NONFINITE, SOLVED
@@ -210,7 +210,7 @@ def make_step_kernel(given: type, residual: str) -> wp.Kernel:
     UNUSED, ZERO = WORK(COLD), WORK(0.0)
     H = COLUMN["step_size"]
 
-    @specialised
+    @packed
     def generic_step_kernel(
         first: int,
         base: int,
@@ -272,7 +272,7 @@ def make_rollout_kernel(given: type, residual: str) -> wp.Kernel:
     """Roll every world out under its controls, as `rollout.make_rollout_kernel` does under an open loop."""
     step = make_step(given, residual)
 
-    @specialised
+    @packed
     def generic_rollout_kernel(
         first: int,
         base: int,

@@ -11,7 +11,7 @@ from typing import Any
 import warp as wp
 
 from ...contact.problem import COLD
-from ...device.compile import specialised
+from ...device.compile import packed
 from ...factories import cached
 from ...residual.smoothing import HARD_LAYER, LARGEST_LAYER, REACH
 from ...status import SOLVED
@@ -260,7 +260,7 @@ def make_linearize_kernel(given: type, residual: str) -> wp.Kernel:
     """
     expansion, differentiate = make_expansion(given, residual), make_differentiate(given, residual)
 
-    @specialised
+    @packed
     def generic_linearize_kernel(
         first: int,
         base: int,

@@ -4,7 +4,7 @@ parameters. What `gradients/adjoint.py` gives of specialised ones.
 
 import warp as wp
 
-from ...device.compile import specialised
+from ...device.compile import packed
 from ...factories import cached
 from ...generic.derivatives.tables import Groups
 from ...generic.topology import Topology
@@ -139,7 +139,7 @@ def make_generic_adjoint_kernel(given: type, residual: str) -> wp.Kernel:
             for j in range(w.grad.shape[0]):
                 params_grad[world, j] = params_grad[world, j] + given(w.grad[j])
 
-    @specialised
+    @packed
     def generic_adjoint_kernel(
         first: int,
         base: int,
