@@ -32,7 +32,9 @@ CPU_ARITHMETIC = "-ffp-contract=fast -freciprocal-math -fno-signed-zeros"
 INLINING = re.compile(r"(-inline(?:-cold-callsite)?-threshold=)\d+")
 INLINED = r"\g<1>20000"
 FAST_REGISTERS = 200  # of a thread: the few kernels that would take more, up to 207, spill nothing for it
-# of arrays whose last axis has no gaps, never indexed from the end: no stride, no test of the index's sign
+# C++ that a CPU's compiler makes less of: an array's element without a stride and without looking whether its
+# index counts from the end; a loop over a range that is too large for two registers, in which the compiler
+# loses sight of a step of one
 PACKED = """
 namespace wp {
 template <typename T> inline T* address(const array_t<T>& a, int i) { return a.data + i; }
@@ -45,7 +47,20 @@ template <typename T> inline void array_store(const array_t<T>& a, int i, int j,
 {
     *address(a, i, j) = value;
 }
+struct wide_range_t : range_t { long long more; };
+inline wide_range_t wide_range(int start, int end, int step)
+{
+    wide_range_t r;
+    r.start = r.i = start;
+    r.end = end;
+    r.step = step;
+    return r;
 }
+inline wide_range_t wide_range(int start, int end) { return wide_range(start, end, 1); }
+inline wide_range_t wide_range(int end) { return wide_range(0, end, 1); }
+}
+#define range_t wide_range_t
+#define range wide_range
 """
 MOST_UNROLLED = 128  # passes of a loop whose adjoint is wanted: of loops that are not unrolled it is wrong
 
