@@ -22,7 +22,7 @@ MOMENTUM = 0.01
 
 @cached
 def make_interior(given: type, residual: str) -> SimpleNamespace:
-    """Warp functions of an island's iteration: enter, point, curve, aim, advance, and proves_infeasible."""
+    """Warp functions of an island's iteration: enter, curve, aim, advance, and proves_infeasible."""
     dtype = WORK
     nt = make_newton(given, residual)
     hard = residual == "hard"
@@ -66,24 +66,12 @@ def make_interior(given: type, residual: str) -> SimpleNamespace:
         return mean / n
 
     @wp.func(inline=False)
-    def length(k: wp.ref[Slot], o: Island, mu: dtype, kept: dtype):
-        """Length of the step after which all a and w keep at least `kept` of themselves; at most 1."""
-        fall = ZERO + TINY
-        for r in range(o.row, o.last_row):
-            if k.acting[r] > 0:
-                e = nt.shift(k, r, mu, 1)
-                da = k.p[r] * k.dz[r] + e
-                dw = e - k.slack[r] * k.dz[r]
-                fall = wp.max(fall, wp.max(-da / k.a[r], -dw / k.w[r]))
-        return wp.min((ONE - kept) / fall, ONE)
-
-    @wp.func(inline=False)
     def mean_after(k: wp.ref[Slot], o: Island, n: dtype, step: dtype, cold: int):
         """Mean |excess| after the straight step (mu = 0); k.cross: the excess after all of it."""
         mean = dtype(0.0)
         for r in range(o.row, o.last_row):
             if k.acting[r] > 0:
-                e = nt.shift(k, r, ZERO, 1)
+                e = k.aimed[r]
                 da = k.p[r] * k.dz[r] + e
                 dw = e - k.slack[r] * k.dz[r]
                 excess, _slope = product(k, r, k.a[r] + step * da, k.w[r] + step * dw)
@@ -154,29 +142,6 @@ def make_interior(given: type, residual: str) -> SimpleNamespace:
         return DIVERGED * (largest + size)
 
     @wp.func
-    def point(k: wp.ref[Slot], o: Island, inside: int):
-        """Interior point: lambda and z at a and w; the largest a. Newton's method: lambda, w and slopes at
-        z.
-        """
-        largest = dtype(0.0)
-        changed = int(0)
-        for r in range(o.row, o.last_row):
-            if k.acting[r] > 0:
-                if inside == 1:
-                    k.lam[r] = k.a[r] / k.scale[r]
-                    k.z[r] = k.a[r] - k.w[r]
-                    largest = wp.max(largest, k.a[r])
-                else:
-                    e = nt.smooth(k, r, k.z[r])
-                    k.lam[r] = e[0] / k.scale[r]
-                    k.w[r] = e[1]
-                    if k.p[r] != e[2]:
-                        changed = 1
-                    k.p[r] = e[2]
-                    k.slack[r] = e[3]
-        return largest, changed
-
-    @wp.func
     def aim(
         t: wp.ref[Topology],
         k: wp.ref[Slot],
@@ -190,7 +155,7 @@ def make_interior(given: type, residual: str) -> SimpleNamespace:
     ):
         """The step from here; of the interior-point method straight first, then towards the mu that this
         suggests: warm, with what is left of the second order (Mehrotra's corrector is bold in a heap of very
-        unequal masses). mu and the step's length.
+        unequal masses). The step's length.
         """
         mu = dtype(0.0)
         kept = dtype(0.0)
@@ -198,10 +163,10 @@ def make_interior(given: type, residual: str) -> SimpleNamespace:
         looking = int(inside)
         more = int(1)
         while more == 1:
-            nt.direction(t, k, o, mu, inside, yielding)
+            fall = nt.direction(t, k, o, mu, inside, yielding)
             more = int(0)
             if inside == 1:
-                step = length(k, o, mu, kept)
+                step = wp.min((ONE - kept) / wp.max(fall, TINY), ONE)
             if looking == 1:
                 looking = 0
                 more = 1
@@ -212,10 +177,10 @@ def make_interior(given: type, residual: str) -> SimpleNamespace:
                     kept = wp.clamp(kept, CAREFUL, FARTHEST)
                 else:
                     kept = wp.clamp(kept, NEAREST, CLOSE)
-        return mu, step
+        return step
 
     @wp.func(inline=False)
-    def advance(k: wp.ref[Slot], o: Island, inside: int, mu: dtype, step: dtype):
+    def advance(k: wp.ref[Slot], o: Island, inside: int, step: dtype):
         for place in range(o.start, o.end):
             i = k.block[place]
             k.v[i] = k.v[i] + step * k.move[i]
@@ -225,7 +190,7 @@ def make_interior(given: type, residual: str) -> SimpleNamespace:
                 if inside == 0:
                     k.z[r] = k.z[r] + dz
                 else:
-                    e = nt.shift(k, r, mu, 1)
+                    e = k.aimed[r]
                     a = k.a[r] + step * (k.p[r] * dz + e)
                     w = k.w[r] + step * (e - k.slack[r] * dz)
                     if wp.static(not hard):  # below the curve steps would get shorter and shorter
@@ -236,5 +201,5 @@ def make_interior(given: type, residual: str) -> SimpleNamespace:
                     k.w[r] = w
 
     return SimpleNamespace(
-        enter=enter, point=point, curve=curve, aim=aim, advance=advance, proves_infeasible=proves_infeasible
+        enter=enter, curve=curve, aim=aim, advance=advance, proves_infeasible=proves_infeasible
     )

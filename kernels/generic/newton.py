@@ -35,8 +35,9 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
     env = make_envelope()
     sm = make_smoothing(dtype, residual)
     hard = residual == "hard"
-    ZERO, ONE = dtype(0.0), dtype(1.0)
-    LOST, TOLD = dtype(ROUNDING), dtype(GIVEN[given] * ACCEPTED[given] / SUMMED[given])
+    ZERO, HALF, ONE = dtype(0.0), dtype(0.5), dtype(1.0)
+    LOST, UNLOST = dtype(ROUNDING), dtype(1.0 / ROUNDING)
+    TOLD = dtype(GIVEN[given] * ACCEPTED[given] / SUMMED[given])
     TAU, GOOD, HUGE = dtype(PROXIMAL), dtype(ACCEPTED[given]), dtype(1e300)
 
     @wp.func
@@ -97,124 +98,230 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
             k.lost[i] = LOST * value
 
     @wp.func
-    def missed(balance: dtype, rounds: dtype, move: dtype, most: dtype):
-        """Residual of a place: relative to the momentum that it exchanges, beyond rounding."""
-        miss = wp.abs(balance) - rounds
-        worst = dtype(0.0)
-        if miss > ZERO:
-            worst = miss / wp.min(move, most)
-        told = TOLD * move
-        if told > GOOD * most:
-            worst = wp.max(worst, told / most)
-        return worst
+    def put(k: wp.ref[Slot], r: int, inside: int):
+        """lambda and w of a row at z, and their slopes, or inside at a and w; 1 if the matrix changes."""
+        if inside == 1:
+            k.lam[r] = k.a[r] * k.inverse[r]
+            k.z[r] = k.a[r] - k.w[r]
+            return 0
+        z = k.z[r]
+        p = dtype(0.0)
+        if wp.static(hard):
+            p = wp.where(z > ZERO, ONE, wp.where(z < ZERO, ZERO, HALF))
+            k.lam[r] = wp.where(z > ZERO, z, ZERO) * k.inverse[r]
+            k.w[r] = wp.where(z < ZERO, -z, ZERO)
+            k.slack[r] = ONE - p
+        else:
+            e = smooth(k, r, z)
+            k.lam[r] = e[0] * k.inverse[r]
+            k.w[r] = e[1]
+            k.slack[r] = e[3]
+            p = e[2] + ZERO
+        changed = wp.where(k.p[r] != p, 1, 0)
+        k.p[r] = p
+        return changed
 
     @wp.func
-    def exchange(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
-        """Take J' lambda off k.balance and add its terms to k.move."""
-        for g in range(o.group, o.last_group):
-            start = k.group[g]
-            end = k.group[g + 1]
-            pattern = k.pattern[start]
-            for e in range(k.entry[start + 1] - k.entry[start]):
-                x, y, z = dtype(0.0), dtype(0.0), dtype(0.0)  # sums in registers: a vector's are not
-                ax, ay, az = dtype(0.0), dtype(0.0), dtype(0.0)
-                r = int(start)
-                while r < end:
-                    if k.acting[r] > 0:
-                        impulse = k.lam[r] * k.jac[k.entry[r] + e]
-                        x += impulse[0]
-                        y += impulse[1]
-                        z += impulse[2]
-                        ax += wp.abs(impulse[0])
-                        ay += wp.abs(impulse[1])
-                        az += wp.abs(impulse[2])
-                    r += 1
-                b = t.row_block[pattern + e]
-                k.balance[b] = k.balance[b] - V3(x, y, z)
-                k.move[b] = k.move[b] + V3(ax, ay, az)
-
-    @wp.func
-    def unbalanced(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
-        """k.balance, and the largest residual of a place: relative to the momentum that it exchanges, beyond
-        rounding. So a light body is judged on its own scale, and a heavy one that a light one hits by what it
-        takes up. An exchange that the data do not allow counts as the most that they do (k.most), and
-        impulses so large that what is given back of them no longer sums up count, too.
+    def ends(t: wp.ref[Topology], k: wp.ref[Slot], g: int):
+        """A group's first row and the one after its last; the first entry of J and how many a row has; its
+        first and last blocks. Most groups have one or two, whose sums are kept in registers.
         """
+        start = k.group[g]
+        entry = k.entry[start]
+        entries = k.entry[start + 1] - entry
+        pattern = k.pattern[start]
+        return start, k.group[g + 1], entry, entries, t.row_block[pattern], t.row_block[pattern + entries - 1]
+
+    @wp.func
+    def exchange(t: wp.ref[Topology], k: wp.ref[Slot], g: int):
+        """Take J' lambda of a group off k.balance and add its terms to k.move."""
+        start, end, entry, entries, _one, _two = ends(t, k, g)
+        for e in range(entries):
+            x, y, z = dtype(0.0), dtype(0.0), dtype(0.0)  # sums in registers: a vector's are not
+            ax, ay, az = dtype(0.0), dtype(0.0), dtype(0.0)
+            at = entry + e
+            for r in range(start, end):
+                if k.acting[r] > 0:
+                    impulse = k.lam[r] * k.jac[at]
+                    x += impulse[0]
+                    y += impulse[1]
+                    z += impulse[2]
+                    ax += wp.abs(impulse[0])
+                    ay += wp.abs(impulse[1])
+                    az += wp.abs(impulse[2])
+                at += entries
+            b = t.row_block[k.pattern[start] + e]
+            k.balance[b] = k.balance[b] - V3(x, y, z)
+            k.move[b] = k.move[b] + V3(ax, ay, az)
+
+    @wp.func
+    def begin_balance(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+        """k.balance = M (v' - v_free), k.move its size, k.momentum what the judge sees of it (`earned.py`)."""
         mass_times(t, k, o)
         for place in range(o.start, o.end):
             i = k.block[place]
-            k.move[i] = wp.abs(k.balance[i])
-        exchange(t, k, o)
-        worst = dtype(0.0)
+            size = wp.abs(k.balance[i])
+            k.move[i] = size
+            k.momentum[i] = UNLOST * k.lost[i] + wp.min(size, k.most[i])
+
+    @wp.func
+    def off(size: dtype, rounds: dtype, move: dtype, most: dtype, worst: dtype):
+        """The residual of a coordinate, where it is larger than `worst`."""
+        ratio = (size - rounds) / wp.where(move < most, move, most)
+        worse = wp.where(ratio > worst, ratio, worst)
+        told = TOLD * move
+        if told > GOOD * most:
+            worse = wp.max(worse, told / most)
+        return worse
+
+    @wp.func
+    def imbalance(k: wp.ref[Slot], o: Island):
+        """The largest residual of a place: relative to the momentum that it exchanges, beyond rounding. So a
+        light body is judged on its own scale, and a heavy one that a light one hits by what it takes up. An
+        exchange that the data do not allow counts as the most that they do (k.most), and impulses so large
+        that what is given back of them no longer sums up count, too.
+        """
+        worst = V3()
         finite = dtype(0.0)
         for place in range(o.start, o.end):
             i = k.block[place]
-            balance = k.balance[i]
+            size = wp.abs(k.balance[i])
             move = k.move[i]
             most = k.most[i]
             rounds = k.lost[i] + k.unseen[i]
-            for j in range(3):
-                worst = wp.max(worst, missed(balance[j], rounds[j], move[j], most[j]))
-                finite += wp.abs(balance[j])
+            x = off(size[0], rounds[0], move[0], most[0], worst[0])
+            y = off(size[1], rounds[1], move[1], most[1], worst[1])
+            worst = V3(x, y, off(size[2], rounds[2], move[2], most[2], worst[2]))
+            finite += size[0] + size[1] + size[2]
         if not wp.isfinite(finite):
-            worst = ZERO + HUGE
-        return worst
+            return HUGE
+        return wp.max(worst[0], wp.max(worst[1], worst[2]))
+
+    @wp.func
+    def unbalanced(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+        """k.balance = M (v' - v_free) - J' lambda, and the largest residual of a place."""
+        begin_balance(t, k, o)
+        for g in range(o.group, o.last_group):
+            exchange(t, k, g)
+        return imbalance(k, o)
 
     @wp.func(inline=False)
-    def residuals(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, yielding: dtype):
-        """k.balance and the largest residual; needs k.lam, k.res, k.w. A row yields by `yielding` diag(A)
-        (lambda - k.least). Its residual is relative to the velocities that the data set in its island.
+    def residuals(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, inside: int, yielding: dtype):
+        """lambda, w, k.res and k.balance at a point; the largest residual, whether the matrix changes, and
+        inside the largest a. A row yields by `yielding` diag(A) (lambda - k.least). Its residual is relative
+        to the velocities that the data set in its island.
         """
         worst = dtype(0.0)
         finite = dtype(0.0)
-        for r in range(o.row, o.last_row):
-            if k.acting[r] > 0:
-                res = k.rate[r] + dot(t, k, k.v, r) - k.w[r]
-                if yielding > ZERO:
-                    res += yielding * k.diag[r] * (k.lam[r] - k.least[r])
-                k.res[r] = res
-                if wp.abs(res) > worst * k.unit[r]:
-                    worst = wp.abs(res) / k.unit[r]
-                finite += wp.abs(res)
+        largest = dtype(0.0)
+        changed = int(0)
+        begin_balance(t, k, o)
+        for g in range(o.group, o.last_group):
+            start, end, entry, entries, one, two = ends(t, k, g)
+            v = k.v[one]
+            u = V3()
+            if entries == 2:
+                u = k.v[two]
+            x, y, z, ax, ay, az = dtype(0.0), dtype(0.0), dtype(0.0), dtype(0.0), dtype(0.0), dtype(0.0)
+            p, q, s, ap, aq, az2 = dtype(0.0), dtype(0.0), dtype(0.0), dtype(0.0), dtype(0.0), dtype(0.0)
+            at = entry + 0
+            for r in range(start, end):
+                if k.acting[r] > 0:
+                    changed = wp.max(changed, put(k, r, inside))
+                    lam = k.lam[r]
+                    res = k.rate[r] - k.w[r]
+                    if entries <= 2:
+                        j = k.jac[at]
+                        m = k.jac[at + entries - 1]
+                        res += wp.dot(j, v) + wp.dot(m, u)
+                        j = lam * j
+                        m = lam * m
+                        x += j[0]
+                        y += j[1]
+                        z += j[2]
+                        p += m[0]
+                        q += m[1]
+                        s += m[2]
+                        ax += wp.abs(j[0])
+                        ay += wp.abs(j[1])
+                        az += wp.abs(j[2])
+                        ap += wp.abs(m[0])
+                        aq += wp.abs(m[1])
+                        az2 += wp.abs(m[2])
+                    else:
+                        res += dot(t, k, k.v, r)
+                    if inside == 1:
+                        largest = wp.max(largest, k.a[r])
+                        res += yielding * k.diag[r] * (lam - k.least[r])
+                    k.res[r] = res
+                    if wp.abs(res) > worst * k.unit[r]:
+                        worst = wp.abs(res) / k.unit[r]
+                    finite += wp.abs(res)
+                at += entries
+            if entries > 2:
+                exchange(t, k, g)
+            else:
+                k.balance[one] = k.balance[one] - V3(x, y, z)
+                k.move[one] = k.move[one] + V3(ax, ay, az)
+                if entries == 2:
+                    k.balance[two] = k.balance[two] - V3(p, q, s)
+                    k.move[two] = k.move[two] + V3(ap, aq, az2)
         if not wp.isfinite(finite):
             worst = ZERO + HUGE
-        return wp.max(worst, unbalanced(t, k, o))
+        return wp.max(worst, imbalance(k, o)), changed, largest
 
     @wp.func
     def weigh(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, yielding: dtype):
-        """k.weight: W."""
+        """k.weight: W; k.divisor: 1/T."""
         tau = TAU + yielding
         for r in range(o.row, o.last_row):
-            p = dtype(0.0)
+            k.weight[r] = ZERO
             if k.acting[r] > 0:
+                inverse = k.inverse[r]
                 p = k.p[r]
-            if p > ZERO:
-                p = p / (k.slack[r] * k.scale[r] + tau * k.diag[r] * p)
-            k.weight[r] = p
+                divisor = ONE / (k.slack[r] + tau * k.diag[r] * inverse * p)
+                k.divisor[r] = divisor
+                k.weight[r] = p * divisor * inverse
 
     @wp.func
-    def couple(k: wp.ref[Slot], start: int, end: int, e: int, f: int):
+    def couple(k: wp.ref[Slot], start: int, end: int, entries: int, e: int, f: int):
         """J' W J of a group's rows for two of its blocks."""
         a, b, c = dtype(0.0), dtype(0.0), dtype(0.0)
         d, g, h = dtype(0.0), dtype(0.0), dtype(0.0)
         p, q, s = dtype(0.0), dtype(0.0), dtype(0.0)
-        r = int(start)
-        while r < end:
-            weight = k.weight[r]
-            if weight > ZERO:
-                left = weight * k.jac[k.entry[r] + e]
-                right = k.jac[k.entry[r] + f]
-                a += left[0] * right[0]
-                b += left[0] * right[1]
-                c += left[0] * right[2]
-                d += left[1] * right[0]
-                g += left[1] * right[1]
-                h += left[1] * right[2]
-                p += left[2] * right[0]
-                q += left[2] * right[1]
-                s += left[2] * right[2]
-            r += 1
+        at = k.entry[start]
+        for r in range(start, end):
+            left = k.weight[r] * k.jac[at + e]
+            right = k.jac[at + f]
+            a += left[0] * right[0]
+            b += left[0] * right[1]
+            c += left[0] * right[2]
+            d += left[1] * right[0]
+            g += left[1] * right[1]
+            h += left[1] * right[2]
+            p += left[2] * right[0]
+            q += left[2] * right[1]
+            s += left[2] * right[2]
+            at += entries
         return M33(a, b, c, d, g, h, p, q, s)
+
+    @wp.func
+    def stiffen(k: wp.ref[Slot], start: int, end: int, entries: int, e: int):
+        """The same for one of its blocks."""
+        a, b, c = dtype(0.0), dtype(0.0), dtype(0.0)
+        g, h, s = dtype(0.0), dtype(0.0), dtype(0.0)
+        at = k.entry[start] + e
+        for r in range(start, end):
+            right = k.jac[at]
+            left = k.weight[r] * right
+            a += left[0] * right[0]
+            b += left[0] * right[1]
+            c += left[0] * right[2]
+            g += left[1] * right[1]
+            h += left[1] * right[2]
+            s += left[2] * right[2]
+            at += entries
+        return M33(a, b, c, b, g, h, c, h, s)
 
     @wp.func(inline=False)
     def assemble(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
@@ -234,9 +341,10 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
             entries = k.entry[start + 1] - k.entry[start]
             for e in range(entries):
                 one = k.place[t.row_block[pattern + e]]
-                for f in range(e + 1):
+                k.factor[k.at[one] + one] = k.factor[k.at[one] + one] + stiffen(k, start, end, entries, e)
+                for f in range(e):
                     two = k.place[t.row_block[pattern + f]]
-                    total = couple(k, start, end, e, f)
+                    total = couple(k, start, end, entries, e, f)
                     if one < two:
                         k.factor[k.at[two] + one] = k.factor[k.at[two] + one] + wp.transpose(total)
                     else:
@@ -250,54 +358,97 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
         env.factor(k.factor, k.first, k.at, o.start, o.end)
 
     @wp.func
-    def shift(k: wp.ref[Slot], r: int, mu: dtype, interior: int):
-        """e of row r: zero in Newton's method, towards excess = mu in the interior-point method."""
-        if interior == 0:
-            return ZERO
-        return (mu - k.excess[r] - k.cross[r]) / k.total[r]
+    def push_group(t: wp.ref[Topology], k: wp.ref[Slot], g: int):
+        """k.move += J' k.weight of a group's rows."""
+        start, end, entry, entries, _one, _two = ends(t, k, g)
+        for e in range(entries):
+            x, y, z = dtype(0.0), dtype(0.0), dtype(0.0)
+            at = entry + e
+            for r in range(start, end):
+                push = k.weight[r] * k.jac[at]
+                x += push[0]
+                y += push[1]
+                z += push[2]
+                at += entries
+            b = t.row_block[k.pattern[start] + e]
+            k.move[b] = k.move[b] + V3(x, y, z)
 
     @wp.func
     def add_pushes(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
         """k.move += J' k.weight of all rows."""
         for g in range(o.group, o.last_group):
-            start = k.group[g]
-            end = k.group[g + 1]
-            pattern = k.pattern[start]
-            for e in range(k.entry[start + 1] - k.entry[start]):
-                x, y, z = dtype(0.0), dtype(0.0), dtype(0.0)
-                r = int(start)
-                while r < end:
-                    push = k.weight[r] * k.jac[k.entry[r] + e]
-                    x += push[0]
-                    y += push[1]
-                    z += push[2]
-                    r += 1
-                b = t.row_block[pattern + e]
-                k.move[b] = k.move[b] + V3(x, y, z)
+            push_group(t, k, g)
 
     @wp.func(inline=False)
-    def direction(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, mu: dtype, interior: int, yielding: dtype):
-        """dv into k.move and dz into k.dz with the factor at hand."""
-        tau = TAU + yielding
+    def direction(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, mu: dtype, inside: int, yielding: dtype):
+        """dv into k.move, dz into k.dz and e into k.aimed with the factor at hand. e is zero in Newton's
+        method, towards excess = mu in the interior-point method: there also the share of the step in which
+        the first a or w is used up, inverted.
+        """
         for place in range(o.start, o.end):
             i = k.block[place]
             k.move[i] = -k.balance[i]
-        for r in range(o.row, o.last_row):
-            k.weight[r] = ZERO
-            if k.acting[r] > 0:
-                e = shift(k, r, mu, interior)
-                p = k.p[r]
-                ratio = k.diag[r] / k.scale[r]
-                total = k.slack[r] + tau * ratio * p
-                miss = e - yielding * ratio * e - k.res[r]
-                k.weight[r] = (p * miss / total + e) / k.scale[r]
-                k.dz[r] = miss / total
-                k.divisor[r] = total
-        add_pushes(t, k, o)
+        for g in range(o.group, o.last_group):
+            start, end, entry, entries, one, two = ends(t, k, g)
+            x, y, z = dtype(0.0), dtype(0.0), dtype(0.0)
+            p, q, s = dtype(0.0), dtype(0.0), dtype(0.0)
+            at = entry + 0
+            for r in range(start, end):
+                k.weight[r] = ZERO
+                if k.acting[r] > 0:
+                    e = dtype(0.0)
+                    miss = -k.res[r]
+                    if inside == 1:
+                        e = (mu - k.excess[r] - k.cross[r]) / k.total[r]
+                        k.aimed[r] = e
+                        miss += e - yielding * k.diag[r] * k.inverse[r] * e
+                    dz = miss * k.divisor[r]
+                    k.dz[r] = dz
+                    push = (k.p[r] * dz + e) * k.inverse[r]
+                    k.weight[r] = push
+                    if entries <= 2:
+                        j = push * k.jac[at]
+                        m = push * k.jac[at + entries - 1]
+                        x += j[0]
+                        y += j[1]
+                        z += j[2]
+                        p += m[0]
+                        q += m[1]
+                        s += m[2]
+                at += entries
+            if entries > 2:
+                push_group(t, k, g)
+            else:
+                k.move[one] = k.move[one] + V3(x, y, z)
+                if entries == 2:
+                    k.move[two] = k.move[two] + V3(p, q, s)
         env.solve(k.factor, k.first, k.at, k.block, k.move, o.start, o.end)
-        for r in range(o.row, o.last_row):
-            if k.acting[r] > 0:
-                k.dz[r] = k.dz[r] - dot(t, k, k.move, r) / k.divisor[r]
+        fall = dtype(0.0)
+        for g in range(o.group, o.last_group):
+            start, end, entry, entries, one, two = ends(t, k, g)
+            v = k.move[one]
+            u = V3()
+            if entries == 2:
+                u = k.move[two]
+            at = entry + 0
+            for r in range(start, end):
+                if k.acting[r] > 0:
+                    change = dtype(0.0)
+                    if entries <= 2:
+                        change = wp.dot(k.jac[at], v) + wp.dot(k.jac[at + entries - 1], u)
+                    else:
+                        change = dot(t, k, k.move, r)
+                    dz = k.dz[r] - change * k.divisor[r]
+                    k.dz[r] = dz
+                    if inside == 1:
+                        da = -k.p[r] * dz - k.aimed[r]
+                        dw = k.slack[r] * dz - k.aimed[r]
+                        if da > fall * k.a[r]:
+                            fall = da / k.a[r]
+                        if dw > fall * k.w[r]:
+                            fall = dw / k.w[r]
+                at += entries
+        return fall
 
     return SimpleNamespace(
         smooth=smooth,
@@ -309,7 +460,7 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
         factor=factor,
         direction=direction,
         add_pushes=add_pushes,
-        shift=shift,
+        put=put,
         GOOD=GOOD,
         mass_times=mass_times,
         LOST=LOST,

@@ -148,6 +148,7 @@ def make_scales(given: type, residual: str) -> wp.Function:
                 lightest = wp.min(lightest, least)
                 k.diag[r] = wp.max(value, FLOOR)
                 k.scale[r] = wp.where(t.inertia_scaling == 1, k.diag[r], ONE)
+                k.inverse[r] = ONE / k.scale[r]
                 terms = wp.abs(k.rate[r])
                 w = k.rate[r]
                 e = k.entry[r]

@@ -103,7 +103,7 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
         for r in range(o.row, o.last_row):
             if k.acting[r] > 0:
                 k.z[r] = k.best_z[r]
-                k.lam[r] = nt.smooth(k, r, k.z[r])[0] / k.scale[r]
+                k.lam[r] = nt.smooth(k, r, k.z[r])[0] * k.inverse[r]
 
     @wp.func
     def leave(k: wp.ref[Slot], o: Island):
@@ -237,8 +237,7 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
         status = int(wp.static(NOT_CONVERGED))
         while status == wp.static(NOT_CONVERGED) and s.attempt < wp.static(YIELDING + ROUNDS):
             yields = wp.where(s.inside == 1, s.yielding, ZERO)
-            largest, changed = inner.point(k, o, s.inside)
-            worst = nt.residuals(t, k, o, yields)
+            worst, changed, largest = nt.residuals(t, k, o, s.inside, yields)
             mean = dtype(0.0)
             ended = int(0)
             s.it = s.it + 1
@@ -251,8 +250,8 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
                 if changed == 1 or s.inside == 1 or s.it == 1:
                     nt.factor(t, k, o, yields)
                 cold = wp.where(s.attempt > wp.static(WARM), 1, 0)
-                mu, step = inner.aim(t, k, o, s.inside, n, size, yields, mean, cold)
-                inner.advance(k, o, s.inside, mu, step)
+                step = inner.aim(t, k, o, s.inside, n, size, yields, mean, cold)
+                inner.advance(k, o, s.inside, step)
             elif s.inside == 1:
                 status = to_newton(t, k, o, s, ended, size)
             else:

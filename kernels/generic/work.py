@@ -55,6 +55,7 @@ class Slot:
     rate: wp.array(dtype=WORK)  # d/h, plus what Coulomb friction lifts it by
     sigma: wp.array(dtype=WORK)
     scale: wp.array(dtype=WORK)  # D
+    inverse: wp.array(dtype=WORK)  # 1/D
     diag: wp.array(dtype=WORK)  # diag(A)
     alone: wp.array(dtype=WORK)  # impulse of the row if it were the only one
     own: wp.array(dtype=WORK)  # size of the terms that the data set of J v' + d/h
@@ -72,7 +73,8 @@ class Slot:
     slack: wp.array(dtype=WORK)  # weight of dz in -dw
     total: wp.array(dtype=WORK)  # what both were divided by
     dz: wp.array(dtype=WORK)
-    divisor: wp.array(dtype=WORK)  # what a direction divided the row's misses by
+    divisor: wp.array(dtype=WORK)  # what a direction multiplies the row's misses by
+    aimed: wp.array(dtype=WORK)  # e of the last direction
     weight: wp.array(dtype=WORK)  # of the row in M + J' W J; impulse that a direction gives it
     normal: wp.array(dtype=V2)  # (pairs) last normals
     lift: wp.array(dtype=WORK)  # by first row of a pair: mu |J_t v'| of Coulomb friction, as it is assumed
@@ -158,6 +160,7 @@ def view_rows(k: wp.ref[Slot], work: wp.ref[Work], b: int):
     k.rate = work.rate[b]
     k.sigma = work.sigma[b]
     k.scale = work.scale[b]
+    k.inverse = work.inverse[b]
     k.diag = work.diag[b]
     k.alone = work.alone[b]
     k.own = work.own[b]
@@ -175,6 +178,7 @@ def view_rows(k: wp.ref[Slot], work: wp.ref[Work], b: int):
     k.total = work.total[b]
     k.dz = work.dz[b]
     k.divisor = work.divisor[b]
+    k.aimed = work.aimed[b]
     k.weight = work.weight[b]
     k.normal = work.normal[b]
     k.lift = work.lift[b]
@@ -261,8 +265,8 @@ def lengths(s: Structure) -> dict[str, int]:
     blocks = ("before", "vfree", "v", "best_v", "inner_v", "balance", "move", "most", "momentum", "lost",
               "unseen", "place", "block", "first", "at")  # fmt: skip
     rows = ("gap", "rate", "sigma", "scale", "diag", "alone", "own", "unit", "z", "best_z", "lam", "least",
-            "a", "w", "res", "excess", "cross", "p", "slack", "total", "dz", "divisor", "weight", "lift",
-            "target", "miss", "warm", "row", "pattern", "acting", "mode", "sorted")  # fmt: skip
+            "a", "w", "res", "excess", "cross", "p", "slack", "total", "dz", "divisor", "aimed", "weight",
+            "lift", "inverse", "target", "miss", "warm", "row", "pattern", "acting", "mode", "sorted")  # fmt: skip
     out |= matrices | dict.fromkeys(blocks, sizes.blocks) | dict.fromkeys(rows, s.nr)
     out |= dict.fromkeys(("entry", "group"), s.nr + 1)
     out |= dict.fromkeys(("normal", "reach", "known", "near"), pairs) | {"link": 2 * pairs}

@@ -64,16 +64,18 @@ def make_direct(given: type) -> SimpleNamespace:
             it += 1
             modes.measure(t, k, o)
             modes.lift(t, k, o)
-            largest, _changed = solver.point(k, o, 1)
+            largest = dtype(0.0)
             for r in range(o.row, o.last_row):
                 if k.acting[r] > 0:
+                    nt.put(k, r, 1)
+                    largest = wp.max(largest, k.a[r])
                     k.res[r] = k.rate[r] - k.gap[r] + k.total[r] - k.w[r]
             nt.unbalanced(t, k, o)
             mean = solver.curve(k, o, n)
             if mean > LIMIT * size * size and largest < bound:
                 nt.factor(t, k, o, ZERO)
-                mu, step = solver.aim(t, k, o, 1, n, size, ZERO, mean, 0)
-                solver.advance(k, o, 1, mu, step)
+                step = solver.aim(t, k, o, 1, n, size, ZERO, mean, 0)
+                solver.advance(k, o, 1, step)
             else:
                 it = int(wp.static(MAX_ITERATIONS))
         for r in range(o.row, o.last_row):
