@@ -24,10 +24,10 @@ GROWN = 10.0  # by which rows may press a place harder than they do where they y
 
 @cached
 def make_earned(given: type) -> SimpleNamespace:
-    """Warp functions `adds_up`, `see_all` and `is_earned`."""
+    """Warp functions `adds_up`, `plainly_adds_up`, `see_all` and `is_earned`."""
     dtype = WORK
     nt = make_newton(given, "hard")
-    ZERO = dtype(0.0)
+    ZERO, HALF = dtype(0.0), dtype(0.5)
     LOST, ROUND, ENOUGH = nt.LOST, dtype(GIVEN[given]), dtype(SUMMED[given])
     OPEN, EXACT, LEAST = dtype(ROW * ACCEPTED[given]), dtype(EARNED[given]), dtype(ROUNDED)
     CLOSE = dtype(EXCHANGED[given])
@@ -106,6 +106,46 @@ def make_earned(given: type) -> SimpleNamespace:
         k.balance[b] = k.balance[b] - V3(x, y, z)
         k.move[b] = k.move[b] + V3(mx, my, mz)
         k.momentum[b] = k.momentum[b] + V3(ax, ay, az)
+
+    @wp.func
+    def held_by(t: wp.ref[Topology], k: wp.ref[Slot], b: int, part: int, told: dtype):
+        """Whether a coordinate of block b has a momentum, or another one of its body, weighed by energy, has
+        one to compare with.
+        """
+        have = k.momentum[b]
+        held = told <= have[part]
+        body = t.block_dof[3 * b + part]
+        if not held and body >= 0:
+            body = t.dof_body[body]
+            mass = wp.get_diag(k.mass[t.mass_at[b] + b])
+            for other in range(3):
+                j = t.block_dof[3 * b + other]
+                if j >= 0 and told * told * mass[other] <= have[other] * have[other] * mass[part]:
+                    held = held or t.dof_body[wp.max(j, 0)] == body
+        return held
+
+    @wp.func(inline=False)
+    def plainly_adds_up(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+        """1 if what `nt.residuals` left of the point at hand proves what `adds_up` asks: of J v' + d/h - w, w
+        not being negative, that no row is open by less; of momenta, without those of rows by themselves.
+        """
+        good = int(1)
+        for r in range(o.row, o.last_row):
+            if k.acting[r] > 0:
+                if not (wp.abs(k.res[r]) <= HALF * OPEN * k.own[r]):
+                    good = 0
+                if not (ROUND * k.diag[r] * k.lam[r] <= ENOUGH * k.unit[r]):
+                    good = 0
+        place = o.start + 0
+        while place < o.end and good == 1:
+            b = k.block[place]
+            miss = wp.max(wp.abs(k.balance[b]) - k.lost[b], V3())
+            told = (miss + ROUND * k.move[b]) / ENOUGH
+            for part in range(3):
+                if not held_by(t, k, b, part, told[part]):
+                    good = 0
+            place += 1
+        return good
 
     @wp.func(inline=False)
     def adds_up(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
@@ -189,6 +229,7 @@ def make_earned(given: type) -> SimpleNamespace:
 
     return SimpleNamespace(
         adds_up=adds_up,
+        plainly_adds_up=plainly_adds_up,
         see_all=see_all,
         is_earned=is_earned,
         MORE=MORE,

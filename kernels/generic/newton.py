@@ -335,10 +335,8 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
             for j in range(own, place + 1):
                 k.factor[at + j] = k.mass[t.mass_at[b] + j + b - place]
         for g in range(o.group, o.last_group):
-            start = k.group[g]
-            end = k.group[g + 1]
+            start, end, entry, entries, _one, _two = ends(t, k, g)
             pattern = k.pattern[start]
-            entries = k.entry[start + 1] - k.entry[start]
             for e in range(entries):
                 one = k.place[t.row_block[pattern + e]]
                 k.factor[k.at[one] + one] = k.factor[k.at[one] + one] + stiffen(k, start, end, entries, e)

@@ -51,6 +51,7 @@ class Search:
     yielding: WORK
     rest: WORK  # residual at which Newton's method is not even begun
     tried: WORK  # sqrt(mu) at which Newton's method is tried next
+    last: int  # 1: the best point of Newton's method is the one at hand
 
 
 @cached
@@ -127,9 +128,9 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
         """
         if worst > HALF * s.best:
             s.misses = s.misses + 1
-        if worst < s.best:
+        s.last = wp.where(worst < s.best, 1, 0)
+        if s.last == 1:
             s.best = worst
-            keep_best(k, o)
         patience = int(2)
         most = int(wp.static(POLISHING))
         aim = AIM + ZERO
@@ -144,6 +145,8 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
             patience = 1
         if s.misses >= patience or s.it >= most or not (worst < HUGE) or s.best <= aim:
             return 1
+        if s.last == 1:
+            keep_best(k, o)
         return 0
 
     @wp.func
@@ -196,10 +199,15 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
         """SOLVED if what Newton's method ended at is a solution; else what is next: impulses that do not add
         up are looked for as the least that there are.
         """
-        take_best(k, o)
+        if s.last == 0:
+            take_best(k, o)
         next = s.attempt + 1
         if s.best <= GOOD:
-            good = earned.adds_up(t, k, o)
+            good = int(0)
+            if s.last == 1 and t.coulomb == 0:
+                good = earned.plainly_adds_up(t, k, o)
+            if good == 0:
+                good = earned.adds_up(t, k, o)
             if good == 0 and s.attempt >= wp.static(YIELDING):
                 good = earned.is_earned(t, k, o)
             elif good == 0:
