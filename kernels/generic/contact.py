@@ -282,8 +282,10 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
         """The near pairs at velocity k.v AFRESH (with those within reach of the largest approach: in a heap
         they act next), those that are JOINING them, or ALL others. 1 if their list has changed.
         """
-        mech.twists(t, k)
         fresh = which == wp.static(AFRESH)
+        if not fresh and t.items == 0 and k.count[wp.static(NEAR)] == t.pairs:
+            return 0
+        mech.twists(t, k)
         if t.items > 0 and fresh:
             broad.start(t, k)
         if which == wp.static(ALL):
@@ -335,15 +337,17 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
         return out
 
     @wp.func(inline=False)
-    def grow(t: wp.ref[Topology], k: wp.ref[Slot], start: int, end: int, margin: dtype):
+    def grow(t: wp.ref[Topology], k: wp.ref[Slot], start: int, end: int, margin: dtype, known: int):
         """Add the rows that k.v lets act (or comes within `margin` of it); their number and the largest
-        approach.
+        approach. k.w of what does not act is J v' + d/h: it may be known from the last time.
         """
         added = int(0)
         approach = dtype(0.0)
         for r in range(start, end):
             if k.acting[r] == 0:
-                w = velocity(t, k, r) + k.rate[r]
+                if known == 0:
+                    k.w[r] = velocity(t, k, r) + k.rate[r]
+                w = k.w[r]
                 approach = wp.max(approach, -w)
                 if not (w > CUT * k.sigma[r] + margin):
                     k.acting[r] = 1

@@ -108,6 +108,7 @@ def make_island(given: type, residual: str) -> wp.Function:
         status = int(wp.static(SOLVED))
         margin = ZERO - FAR
         looking = int(1)
+        known = int(0)  # whether J v' + d/h is
         filling = int(1)
         more = int(1)
         passes = int(0)  # of the fixed point; negative: go back
@@ -122,7 +123,8 @@ def make_island(given: type, residual: str) -> wp.Function:
                 if looking == 0:
                     contact.touch(t, k, o.row, o.last_row)
                 filling = 0
-            added, approach = contact.grow(t, k, o.row, o.last_row, margin)
+            added, approach = contact.grow(t, k, o.row, o.last_row, margin, known)
+            known = int(looking)
             if looking == 1:
                 looking = 0
                 margin = wp.where(t.coulomb == 1, ZERO + FAR, approach)  # modes that are off cost nothing

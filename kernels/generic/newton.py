@@ -459,6 +459,7 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
         direction=direction,
         add_pushes=add_pushes,
         put=put,
+        ends=ends,
         GOOD=GOOD,
         mass_times=mass_times,
         LOST=LOST,

@@ -5,7 +5,7 @@ import warp as wp
 from ..factories import cached
 from .newton import make_newton
 from .topology import Topology
-from .work import V3, WORK, Island, Slot
+from .work import M33, V3, WORK, Island, Slot
 
 
 @cached
@@ -18,12 +18,6 @@ def make_scales(given: type, residual: str) -> wp.Function:
     LOST, FLOOR, TINY, MOST = nt.LOST, dtype(1e-30), dtype(1e-30), dtype(1e300)
 
     @wp.func
-    def units_of(t: wp.ref[Topology], k: wp.ref[Slot], g: int):
-        """The units that the rows of a group move; the same one twice where there is one."""
-        i = k.row[k.group[g]]
-        return t.block_unit[t.row_block[t.row_start[i]]], t.block_unit[t.row_block[t.row_start[i + 1] - 1]]
-
-    @wp.func
     def name_of(k: wp.ref[Slot], u: int):
         """The unit after which what unit u hangs together with is named."""
         name = int(u)
@@ -33,67 +27,42 @@ def make_scales(given: type, residual: str) -> wp.Function:
         return name
 
     @wp.func
-    def closing(k: wp.ref[Slot], g: int):
-        """The largest k.unit of a group."""
-        closes = dtype(0.0)
-        r = k.group[g]
-        while r < k.group[g + 1]:
-            if k.acting[r] > 0:
-                closes = wp.max(closes, k.unit[r])
-            r += 1
-        return closes
+    def join(t: wp.ref[Topology], k: wp.ref[Slot], one: int, two: int):
+        """What two blocks hang together with has one name."""
+        first = name_of(k, t.block_unit[one])
+        other = name_of(k, t.block_unit[two])
+        k.name[wp.max(first, other)] = wp.min(first, other)
 
     @wp.func
     def share_units(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
-        """k.unit, from what v_free closes (k.unit) and a row's own terms: rows of bodies that neither hang
-        together nor touch are no measure of each other.
+        """k.unit, from what v_free closes (k.dz of a group's first row) and a row's own terms: rows of bodies
+        that neither hang together nor touch are no measure of each other.
         """
         for place in range(o.start, o.end):
-            u = t.block_unit[k.block[place]]
-            k.name[u] = u
-            k.move[t.unit_start[u]] = V3()
+            k.move[k.block[place]] = V3()
         for g in range(o.group, o.last_group):
-            if closing(k, g) > ZERO:
-                one, two = units_of(t, k, g)
-                one = name_of(k, one)
-                two = name_of(k, two)
-                k.name[wp.max(one, two)] = wp.min(one, two)
-        for g in range(o.group, o.last_group):
-            closes = closing(k, g)
+            start = k.group[g]
+            closes = k.dz[start]
             if closes > ZERO:
-                one, _two = units_of(t, k, g)
-                b = t.unit_start[name_of(k, one)]
+                b = t.unit_start[name_of(k, t.block_unit[t.row_block[k.pattern[start]]])]
                 k.move[b] = V3(wp.max(k.move[b][0], closes), ZERO, ZERO)
         for g in range(o.group, o.last_group):
-            one, _two = units_of(t, k, g)
-            shared = k.move[t.unit_start[name_of(k, one)]][0]
-            for r in range(k.group[g], k.group[g + 1]):
+            start = k.group[g]
+            shared = k.move[t.unit_start[name_of(k, t.block_unit[t.row_block[k.pattern[start]]])]][0]
+            for r in range(start, k.group[g + 1]):
                 if k.acting[r] > 0:
                     k.unit[r] = wp.max(wp.max(shared, k.own[r]), TINY)
 
     @wp.func
     def bounds(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, size: dtype, largest: dtype):
-        """k.most: what a row allows of M (v' - v_free) that presses no harder than `largest`, the impulse
-        that stops the heavier side of one, in an island of speeds `size`. k.unseen, too.
+        """k.most: what a row (in k.most the sums of |J|) allows of M (v' - v_free) that presses no harder than
+        `largest`, the impulse that stops the heavier side of one, in an island of speeds `size`. k.unseen, too.
         """
         for place in range(o.start, o.end):
             i = k.block[place]
-            k.most[i] = size * wp.get_diag(k.mass[t.mass_at[i] + i])
-            k.unseen[i] = LOST * k.most[i]
-        for g in range(o.group, o.last_group):
-            start = k.group[g]
-            for e in range(k.entry[start + 1] - k.entry[start]):
-                x, y, z = dtype(0.0), dtype(0.0), dtype(0.0)
-                r = int(start)
-                while r < k.group[g + 1]:
-                    if k.acting[r] > 0:
-                        j = k.jac[k.entry[r] + e]
-                        x += wp.abs(j[0])
-                        y += wp.abs(j[1])
-                        z += wp.abs(j[2])
-                    r += 1
-                b = t.row_block[k.pattern[start] + e]
-                k.most[b] = k.most[b] + largest * V3(x, y, z)
+            own = size * wp.get_diag(k.mass[t.mass_at[i] + i])
+            k.most[i] = own + largest * k.most[i]
+            k.unseen[i] = LOST * own
 
     @wp.func
     def own_impulse(t: wp.ref[Topology], k: wp.ref[Slot], r: int):
@@ -133,6 +102,35 @@ def make_scales(given: type, residual: str) -> wp.Function:
                 least = wp.min(least, part)
         return value, least
 
+    @wp.func
+    def spread(t: wp.ref[Topology], k: wp.ref[Slot], r: int):
+        """J v_free of a row and the size of its terms; |J| is added to k.most."""
+        w = dtype(0.0)
+        terms = dtype(0.0)
+        at = k.pattern[r]
+        for e in range(k.entry[r], k.entry[r + 1]):
+            b = t.row_block[at]
+            change = wp.cw_mul(k.jac[e], k.vfree[b])
+            w += change[0] + change[1] + change[2]
+            terms += wp.abs(change[0]) + wp.abs(change[1]) + wp.abs(change[2])
+            k.most[b] = k.most[b] + wp.abs(k.jac[e])
+            at += 1
+        return w, terms
+
+    @wp.func
+    def pressed(f: M33, j: V3):
+        """|f j|^2 of a lower triangle f"""
+        x = f[0, 0] * j[0]
+        y = f[1, 0] * j[0] + f[1, 1] * j[1]
+        z = f[2, 0] * j[0] + f[2, 1] * j[1] + f[2, 2] * j[2]
+        return x * x + y * y + z * z
+
+    @wp.func
+    def is_whole(t: wp.ref[Topology], b: int):
+        """Whether a block is all of its unit."""
+        u = t.block_unit[b]
+        return t.unit_start[u + 1] - t.unit_start[u] == 1
+
     @wp.func(inline=False)
     def scales(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
         """diag(A) and D of the acting rows; the size of velocities, by which residuals are judged, and the
@@ -142,36 +140,80 @@ def make_scales(given: type, residual: str) -> wp.Function:
         lightest = ZERO + MOST
         finite = dtype(0.0)
         n = dtype(0.0)
-        for r in range(o.row, o.last_row):
-            if k.acting[r] > 0:
-                value, least = own_impulse(t, k, r)
-                lightest = wp.min(lightest, least)
-                k.diag[r] = wp.max(value, FLOOR)
-                k.scale[r] = wp.where(t.inertia_scaling == 1, k.diag[r], ONE)
-                k.inverse[r] = ONE / k.scale[r]
-                terms = wp.abs(k.rate[r])
-                w = k.rate[r]
-                e = k.entry[r]
-                at = k.pattern[r]
-                end = k.entry[r + 1]
-                while e < end:
-                    change = wp.cw_mul(k.jac[e], k.vfree[t.row_block[at]])
-                    e += 1
-                    at += 1
-                    terms += wp.abs(change[0]) + wp.abs(change[1]) + wp.abs(change[2])
-                    w += change[0] + change[1] + change[2]
-                terms += wp.abs(w)
-                alone = wp.max(-w, ZERO)
-                if wp.static(not hard):
-                    terms += k.sigma[r]
-                    alone += k.sigma[r]
-                k.alone[r] = wp.where(value > FLOOR, alone / k.diag[r], ZERO)
-                k.own[r] = terms
-                k.unit[r] = wp.where(w < ZERO, terms, ZERO)
-                k.least[r] = nt.smooth(k, r, k.z[r])[0] / k.scale[r]  # what it pressed last
-                size = wp.max(size, terms)
-                finite += terms
-                n += ONE
+        for place in range(o.start, o.end):
+            b = k.block[place]
+            k.name[t.block_unit[b]] = t.block_unit[b]
+            k.most[b] = V3()
+        for g in range(o.group, o.last_group):
+            start, end, entry, entries, one, two = nt.ends(t, k, g)
+            simple = entries <= 2 and is_whole(t, one) and is_whole(t, two)
+            f = k.mass_factor[t.mass_at[one] + one]
+            h = k.mass_factor[t.mass_at[two] + two]
+            v = k.vfree[one]
+            u = k.vfree[two]
+            if entries == 1:
+                h = M33()
+                u = V3()
+            x, y, z = dtype(0.0), dtype(0.0), dtype(0.0)
+            p, q, s = dtype(0.0), dtype(0.0), dtype(0.0)
+            closes = dtype(0.0)
+            at = entry + 0
+            for r in range(start, end):
+                if k.acting[r] > 0:
+                    w = k.rate[r]
+                    terms = wp.abs(w)
+                    value = dtype(0.0)
+                    if simple:
+                        j = k.jac[at]
+                        m = k.jac[at + entries - 1]
+                        value = pressed(f, j)
+                        if value > FLOOR:
+                            lightest = wp.min(lightest, value)
+                        other = pressed(h, m)
+                        if other > FLOOR:
+                            lightest = wp.min(lightest, other)
+                        value += other
+                        j0, j1, j2 = j[0] * v[0], j[1] * v[1], j[2] * v[2]
+                        m0, m1, m2 = m[0] * u[0], m[1] * u[1], m[2] * u[2]
+                        w += (j0 + j1 + j2) + (m0 + m1 + m2)
+                        terms += wp.abs(j0) + wp.abs(j1) + wp.abs(j2) + wp.abs(m0) + wp.abs(m1) + wp.abs(m2)
+                        x += wp.abs(j[0])
+                        y += wp.abs(j[1])
+                        z += wp.abs(j[2])
+                        p += wp.abs(m[0])
+                        q += wp.abs(m[1])
+                        s += wp.abs(m[2])
+                    else:
+                        value, least = own_impulse(t, k, r)
+                        lightest = wp.min(lightest, least)
+                        moved, moves = spread(t, k, r)
+                        w += moved
+                        terms += moves
+                    diag = wp.max(value, FLOOR)
+                    inverse = ONE / diag
+                    k.diag[r] = diag
+                    k.scale[r] = wp.where(t.inertia_scaling == 1, diag, ONE)
+                    k.inverse[r] = wp.where(t.inertia_scaling == 1, inverse, ONE)
+                    terms += wp.abs(w)
+                    alone = wp.where(w < ZERO, -w, ZERO)
+                    if wp.static(not hard):
+                        terms += k.sigma[r]
+                        alone += k.sigma[r]
+                    k.alone[r] = wp.where(value > FLOOR, alone * inverse, ZERO)
+                    k.own[r] = terms
+                    if w < ZERO:
+                        closes = wp.max(closes, terms)
+                    size = wp.max(size, terms)
+                    finite += terms
+                    n += ONE
+                at += entries
+            k.dz[start] = closes
+            if closes > ZERO:
+                join(t, k, one, two)
+            if simple:
+                k.most[one] = k.most[one] + V3(x, y, z)
+                if entries == 2:
+                    k.most[two] = k.most[two] + V3(p, q, s)
         if not wp.isfinite(finite):
             return finite, n
         share_units(t, k, o)

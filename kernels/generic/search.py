@@ -72,6 +72,12 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
     SHRINK = dtype(1e-3)  # of the yielding from round to round, of sqrt(mu) from trial to trial
 
     @wp.func
+    def remember(k: wp.ref[Slot], o: Island):
+        """k.least: what rows pressed last."""
+        for r in range(o.row, o.last_row):
+            k.least[r] = k.lam[r]
+
+    @wp.func
     def keep_least(k: wp.ref[Slot], o: Island, attempt: int):
         """k.least: the impulses that rows asked for when they yielded first, and what they ask for since,
         while that is of the same order: what grows with every round has no least.
@@ -248,6 +254,8 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
             worst, changed, largest = nt.residuals(t, k, o, s.inside, yields)
             mean = dtype(0.0)
             ended = int(0)
+            if s.it == 0 and s.attempt == 0:
+                remember(k, o)
             s.it = s.it + 1
             if s.inside == 1:
                 mean = inner.curve(k, o, n)
