@@ -156,7 +156,7 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
 
     @wp.func
     def begin_balance(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
-        """k.balance = M (v' - v_free), k.move its size, k.momentum what the judge sees of it (`earned.py`)."""
+        """k.balance = M (v' - v_free), k.move its size, k.momentum what the judge takes it for."""
         mass_times(t, k, o)
         for place in range(o.start, o.end):
             i = k.block[place]
@@ -251,7 +251,7 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
                     else:
                         res += dot(t, k, k.v, r)
                     if inside == 1:
-                        largest = wp.max(largest, k.a[r])
+                        largest = wp.where(k.a[r] > largest, k.a[r], largest)
                         res += yielding * k.diag[r] * (lam - k.least[r])
                     k.res[r] = res
                     if wp.abs(res) > worst * k.unit[r]:

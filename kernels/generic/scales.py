@@ -51,12 +51,12 @@ def make_scales(given: type, residual: str) -> wp.Function:
             shared = k.move[t.unit_start[name_of(k, t.block_unit[t.row_block[k.pattern[start]]])]][0]
             for r in range(start, k.group[g + 1]):
                 if k.acting[r] > 0:
-                    k.unit[r] = wp.max(wp.max(shared, k.own[r]), TINY)
+                    k.unit[r] = wp.where(shared > k.own[r], shared, k.own[r]) + TINY
 
     @wp.func
     def bounds(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, size: dtype, largest: dtype):
-        """k.most: what a row (in k.most the sums of |J|) allows of M (v' - v_free) that presses no harder than
-        `largest`, the impulse that stops the heavier side of one, in an island of speeds `size`. k.unseen, too.
+        """k.most: what rows (in k.most the sums of |J|) allow of M (v' - v_free) that press no harder than
+        `largest`, the impulse that stops the heavier side of one, in an island of speeds `size`; k.unseen.
         """
         for place in range(o.start, o.end):
             i = k.block[place]
@@ -167,11 +167,10 @@ def make_scales(given: type, residual: str) -> wp.Function:
                         j = k.jac[at]
                         m = k.jac[at + entries - 1]
                         value = pressed(f, j)
-                        if value > FLOOR:
-                            lightest = wp.min(lightest, value)
                         other = pressed(h, m)
-                        if other > FLOOR:
-                            lightest = wp.min(lightest, other)
+                        least = wp.where(value > FLOOR, value, MOST)
+                        least = wp.where(other > FLOOR and other < least, other, least)
+                        lightest = wp.where(least < lightest, least, lightest)
                         value += other
                         j0, j1, j2 = j[0] * v[0], j[1] * v[1], j[2] * v[2]
                         m0, m1, m2 = m[0] * u[0], m[1] * u[1], m[2] * u[2]
@@ -184,8 +183,8 @@ def make_scales(given: type, residual: str) -> wp.Function:
                         q += wp.abs(m[1])
                         s += wp.abs(m[2])
                     else:
-                        value, least = own_impulse(t, k, r)
-                        lightest = wp.min(lightest, least)
+                        value, slightest = own_impulse(t, k, r)
+                        lightest = wp.min(lightest, slightest)
                         moved, moves = spread(t, k, r)
                         w += moved
                         terms += moves
@@ -202,8 +201,8 @@ def make_scales(given: type, residual: str) -> wp.Function:
                     k.alone[r] = wp.where(value > FLOOR, alone * inverse, ZERO)
                     k.own[r] = terms
                     if w < ZERO:
-                        closes = wp.max(closes, terms)
-                    size = wp.max(size, terms)
+                        closes = wp.where(terms > closes, terms, closes)
+                    size = wp.where(terms > size, terms, size)
                     finite += terms
                     n += ONE
                 at += entries

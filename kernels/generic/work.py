@@ -266,7 +266,8 @@ def lengths(s: Structure) -> dict[str, int]:
               "unseen", "place", "block", "first", "at")  # fmt: skip
     rows = ("gap", "rate", "sigma", "scale", "diag", "alone", "own", "unit", "z", "best_z", "lam", "least",
             "a", "w", "res", "excess", "cross", "p", "slack", "total", "dz", "divisor", "aimed", "weight",
-            "lift", "inverse", "target", "miss", "warm", "row", "pattern", "acting", "mode", "sorted")  # fmt: skip
+            "lift", "inverse", "target", "miss", "warm", "row", "pattern", "acting", "mode",
+            "sorted")  # fmt: skip
     out |= matrices | dict.fromkeys(blocks, sizes.blocks) | dict.fromkeys(rows, s.nr)
     out |= dict.fromkeys(("entry", "group"), s.nr + 1)
     out |= dict.fromkeys(("normal", "reach", "known", "near"), pairs) | {"link": 2 * pairs}
