@@ -97,6 +97,13 @@ def make_island(given: type, residual: str) -> wp.Function:
         free(k, o)
         return wp.static(SOLVED), back, rub
 
+    @wp.func
+    def refill(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, rub: dtype, first: int):
+        """The rows, with friction (rub = 1) or without, for the first time in a step or again."""
+        contact.fill(t, k, o.row, o.last_row, rub)
+        if first == 0:
+            contact.touch(t, k, o.row, o.last_row)
+
     @wp.func(inline=False)
     def settle(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
         """Add rows until none is missing, solve after every addition. The first time also those within reach
@@ -119,9 +126,7 @@ def make_island(given: type, residual: str) -> wp.Function:
         solves = int(0)
         while more == 1:  # the first pass only looks how large the approach is
             if filling == 1:
-                contact.fill(t, k, o.row, o.last_row, rub)
-                if looking == 0:
-                    contact.touch(t, k, o.row, o.last_row)
+                refill(t, k, o, rub, looking)
                 filling = 0
             added, approach = contact.grow(t, k, o.row, o.last_row, margin, known)
             known = int(looking)

@@ -14,7 +14,7 @@ import warp as wp
 
 from ..factories import cached
 from ..residual.smoothing import make_smoothing
-from .envelope import make_envelope
+from .linear.matrix import make_matrix
 from .topology import Topology
 from .work import M33, V3, WORK, Island, Slot
 
@@ -32,7 +32,8 @@ SUMMED = {wp.float64: 5e-11, wp.float32: 1e-5}  # what it may make of momenta, r
 def make_newton(given: type, residual: str) -> SimpleNamespace:
     """Warp functions: residuals and linear algebra on the acting rows of an island."""
     dtype = WORK
-    env = make_envelope()
+    matrix = make_matrix()
+    env, ends = matrix.env, matrix.ends
     sm = make_smoothing(dtype, residual)
     hard = residual == "hard"
     ZERO, HALF, ONE = dtype(0.0), dtype(0.5), dtype(1.0)
@@ -120,17 +121,6 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
         changed = wp.where(k.p[r] != p, 1, 0)
         k.p[r] = p
         return changed
-
-    @wp.func
-    def ends(t: wp.ref[Topology], k: wp.ref[Slot], g: int):
-        """A group's first row and the one after its last; the first entry of J and how many a row has; its
-        first and last blocks. Most groups have one or two, whose sums are kept in registers.
-        """
-        start = k.group[g]
-        entry = k.entry[start]
-        entries = k.entry[start + 1] - entry
-        pattern = k.pattern[start]
-        return start, k.group[g + 1], entry, entries, t.row_block[pattern], t.row_block[pattern + entries - 1]
 
     @wp.func
     def exchange(t: wp.ref[Topology], k: wp.ref[Slot], g: int):
@@ -284,98 +274,77 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
                 k.weight[r] = p * divisor * inverse
 
     @wp.func
-    def couple(k: wp.ref[Slot], start: int, end: int, entries: int, e: int, f: int):
-        """J' W J of a group's rows for two of its blocks."""
-        a, b, c = dtype(0.0), dtype(0.0), dtype(0.0)
-        d, g, h = dtype(0.0), dtype(0.0), dtype(0.0)
-        p, q, s = dtype(0.0), dtype(0.0), dtype(0.0)
-        at = k.entry[start]
-        for r in range(start, end):
-            left = k.weight[r] * k.jac[at + e]
-            right = k.jac[at + f]
-            a += left[0] * right[0]
-            b += left[0] * right[1]
-            c += left[0] * right[2]
-            d += left[1] * right[0]
-            g += left[1] * right[1]
-            h += left[1] * right[2]
-            p += left[2] * right[0]
-            q += left[2] * right[1]
-            s += left[2] * right[2]
-            at += entries
-        return M33(a, b, c, d, g, h, p, q, s)
-
-    @wp.func
-    def stiffen(k: wp.ref[Slot], start: int, end: int, entries: int, e: int):
-        """The same for one of its blocks."""
-        a, b, c = dtype(0.0), dtype(0.0), dtype(0.0)
-        g, h, s = dtype(0.0), dtype(0.0), dtype(0.0)
-        at = k.entry[start] + e
-        for r in range(start, end):
-            right = k.jac[at]
-            left = k.weight[r] * right
-            a += left[0] * right[0]
-            b += left[0] * right[1]
-            c += left[0] * right[2]
-            g += left[1] * right[1]
-            h += left[1] * right[2]
-            s += left[2] * right[2]
-            at += entries
-        return M33(a, b, c, b, g, h, c, h, s)
-
-    @wp.func(inline=False)
-    def assemble(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
-        """M + J' W J: what a pair of bodies' rows add is summed up before it is stored."""
-        for place in range(o.start, o.end):
-            at = k.at[place]
-            b = k.block[place]
-            own = place - b + t.mass_first[b]
-            for j in range(k.first[place], own):
-                k.factor[at + j] = M33()
-            for j in range(own, place + 1):
-                k.factor[at + j] = k.mass[t.mass_at[b] + j + b - place]
-        for g in range(o.group, o.last_group):
-            start, end, entry, entries, _one, _two = ends(t, k, g)
-            pattern = k.pattern[start]
-            for e in range(entries):
-                one = k.place[t.row_block[pattern + e]]
-                k.factor[k.at[one] + one] = k.factor[k.at[one] + one] + stiffen(k, start, end, entries, e)
-                for f in range(e):
-                    two = k.place[t.row_block[pattern + f]]
-                    total = couple(k, start, end, entries, e, f)
-                    if one < two:
-                        k.factor[k.at[two] + one] = k.factor[k.at[two] + one] + wp.transpose(total)
-                    else:
-                        k.factor[k.at[one] + two] = k.factor[k.at[one] + two] + total
-
-    @wp.func
     def factor(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, yielding: dtype):
         """Factor of M + J' W J for k.p and k.slack."""
         weigh(t, k, o, yielding)
-        assemble(t, k, o)
+        matrix.assemble(t, k, o)
         env.factor(k.factor, k.first, k.at, o.start, o.end)
 
     @wp.func
-    def push_group(t: wp.ref[Topology], k: wp.ref[Slot], g: int):
-        """k.move += J' k.weight of a group's rows."""
-        start, end, entry, entries, _one, _two = ends(t, k, g)
-        for e in range(entries):
-            x, y, z = dtype(0.0), dtype(0.0), dtype(0.0)
-            at = entry + e
-            for r in range(start, end):
-                push = k.weight[r] * k.jac[at]
-                x += push[0]
-                y += push[1]
-                z += push[2]
-                at += entries
-            b = t.row_block[k.pattern[start] + e]
-            k.move[b] = k.move[b] + V3(x, y, z)
+    def push_rows(t: wp.ref[Topology], k: wp.ref[Slot], g: int, mu: dtype, inside: int, yielding: dtype):
+        """What a group's rows add to the right-hand side k.move; k.aimed, and k.dz as if dv were zero."""
+        start, end, entry, entries, one, two = ends(t, k, g)
+        x, y, z = dtype(0.0), dtype(0.0), dtype(0.0)
+        p, q, s = dtype(0.0), dtype(0.0), dtype(0.0)
+        at = entry + 0
+        for r in range(start, end):
+            k.weight[r] = ZERO
+            if k.acting[r] > 0:
+                e = dtype(0.0)
+                miss = -k.res[r]
+                if inside == 1:
+                    e = (mu - k.excess[r] - k.cross[r]) / k.total[r]
+                    k.aimed[r] = e
+                    miss += e - yielding * k.diag[r] * k.inverse[r] * e
+                dz = miss * k.divisor[r]
+                k.dz[r] = dz
+                push = (k.p[r] * dz + e) * k.inverse[r]
+                k.weight[r] = push
+                if entries <= 2:
+                    j = push * k.jac[at]
+                    m = push * k.jac[at + entries - 1]
+                    x += j[0]
+                    y += j[1]
+                    z += j[2]
+                    p += m[0]
+                    q += m[1]
+                    s += m[2]
+            at += entries
+        if entries > 2:
+            matrix.push_group(t, k, g)
+        else:
+            k.move[one] = k.move[one] + V3(x, y, z)
+            if entries == 2:
+                k.move[two] = k.move[two] + V3(p, q, s)
 
     @wp.func
-    def add_pushes(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
-        """k.move += J' k.weight of all rows."""
-        for g in range(o.group, o.last_group):
-            push_group(t, k, g)
+    def turn_rows(t: wp.ref[Topology], k: wp.ref[Slot], g: int, inside: int, least: dtype):
+        """k.dz of a group's rows at dv = k.move; see `direction` for what it gives back."""
+        start, end, entry, entries, one, two = ends(t, k, g)
+        v = k.move[one]
+        u = V3()
+        if entries == 2:
+            u = k.move[two]
+        fall = least + ZERO
+        at = entry + 0
+        for r in range(start, end):
+            if k.acting[r] > 0:
+                change = dtype(0.0)
+                if entries <= 2:
+                    change = wp.dot(k.jac[at], v) + wp.dot(k.jac[at + entries - 1], u)
+                else:
+                    change = dot(t, k, k.move, r)
+                dz = k.dz[r] - change * k.divisor[r]
+                k.dz[r] = dz
+                if inside == 1:
+                    da = -k.p[r] * dz - k.aimed[r]
+                    dw = k.slack[r] * dz - k.aimed[r]
+                    if da > fall * k.a[r]:
+                        fall = da / k.a[r]
+                    if dw > fall * k.w[r]:
+                        fall = dw / k.w[r]
+            at += entries
+        return fall
 
     @wp.func(inline=False)
     def direction(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, mu: dtype, inside: int, yielding: dtype):
@@ -387,65 +356,11 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
             i = k.block[place]
             k.move[i] = -k.balance[i]
         for g in range(o.group, o.last_group):
-            start, end, entry, entries, one, two = ends(t, k, g)
-            x, y, z = dtype(0.0), dtype(0.0), dtype(0.0)
-            p, q, s = dtype(0.0), dtype(0.0), dtype(0.0)
-            at = entry + 0
-            for r in range(start, end):
-                k.weight[r] = ZERO
-                if k.acting[r] > 0:
-                    e = dtype(0.0)
-                    miss = -k.res[r]
-                    if inside == 1:
-                        e = (mu - k.excess[r] - k.cross[r]) / k.total[r]
-                        k.aimed[r] = e
-                        miss += e - yielding * k.diag[r] * k.inverse[r] * e
-                    dz = miss * k.divisor[r]
-                    k.dz[r] = dz
-                    push = (k.p[r] * dz + e) * k.inverse[r]
-                    k.weight[r] = push
-                    if entries <= 2:
-                        j = push * k.jac[at]
-                        m = push * k.jac[at + entries - 1]
-                        x += j[0]
-                        y += j[1]
-                        z += j[2]
-                        p += m[0]
-                        q += m[1]
-                        s += m[2]
-                at += entries
-            if entries > 2:
-                push_group(t, k, g)
-            else:
-                k.move[one] = k.move[one] + V3(x, y, z)
-                if entries == 2:
-                    k.move[two] = k.move[two] + V3(p, q, s)
+            push_rows(t, k, g, mu, inside, yielding)
         env.solve(k.factor, k.first, k.at, k.block, k.move, o.start, o.end)
         fall = dtype(0.0)
         for g in range(o.group, o.last_group):
-            start, end, entry, entries, one, two = ends(t, k, g)
-            v = k.move[one]
-            u = V3()
-            if entries == 2:
-                u = k.move[two]
-            at = entry + 0
-            for r in range(start, end):
-                if k.acting[r] > 0:
-                    change = dtype(0.0)
-                    if entries <= 2:
-                        change = wp.dot(k.jac[at], v) + wp.dot(k.jac[at + entries - 1], u)
-                    else:
-                        change = dot(t, k, k.move, r)
-                    dz = k.dz[r] - change * k.divisor[r]
-                    k.dz[r] = dz
-                    if inside == 1:
-                        da = -k.p[r] * dz - k.aimed[r]
-                        dw = k.slack[r] * dz - k.aimed[r]
-                        if da > fall * k.a[r]:
-                            fall = da / k.a[r]
-                        if dw > fall * k.w[r]:
-                            fall = dw / k.w[r]
-                at += entries
+            fall = turn_rows(t, k, g, inside, fall)
         return fall
 
     return SimpleNamespace(
@@ -454,10 +369,10 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
         rounding=rounding,
         residuals=residuals,
         unbalanced=unbalanced,
-        assemble=assemble,
+        assemble=matrix.assemble,
         factor=factor,
         direction=direction,
-        add_pushes=add_pushes,
+        add_pushes=matrix.add_pushes,
         put=put,
         ends=ends,
         GOOD=GOOD,

@@ -131,88 +131,118 @@ def make_scales(given: type, residual: str) -> wp.Function:
         u = t.block_unit[b]
         return t.unit_start[u + 1] - t.unit_start[u] == 1
 
+    @wp.func
+    def keep(k: wp.ref[Slot], r: int, value: dtype, w: dtype, sum: dtype):
+        """What is known of a row from diag(A), w = J v_free + d/h and the sum of its terms' sizes; the size of
+        all terms.
+        """
+        diag = wp.max(value, FLOOR)
+        inverse = ONE / diag
+        k.diag[r] = diag
+        k.inverse[r] = inverse
+        terms = sum + wp.abs(w)
+        alone = wp.where(w < ZERO, -w, ZERO)
+        if wp.static(not hard):
+            terms += k.sigma[r]
+            alone += k.sigma[r]
+        k.alone[r] = wp.where(value > FLOOR, alone * inverse, ZERO)
+        k.own[r] = terms
+        return terms
+
+    @wp.func
+    def of_two(t: wp.ref[Topology], k: wp.ref[Slot], g: int):
+        """The rows of a group on one block or two that are whole units: the largest size of terms, their sum,
+        the largest size of what closes and the least 1/mass.
+        """
+        start, end, entry, entries, one, two = nt.ends(t, k, g)
+        f = k.mass_factor[t.mass_at[one] + one]
+        h = k.mass_factor[t.mass_at[two] + two]
+        v = k.vfree[one]
+        u = k.vfree[two]
+        if entries == 1:
+            h = M33()
+            u = V3()
+        x, y, z = dtype(0.0), dtype(0.0), dtype(0.0)
+        p, q, s = dtype(0.0), dtype(0.0), dtype(0.0)
+        size, sum, closes = dtype(0.0), dtype(0.0), dtype(0.0)
+        lightest = ZERO + MOST
+        at = entry + 0
+        for r in range(start, end):
+            if k.acting[r] > 0:
+                j = k.jac[at]
+                m = k.jac[at + entries - 1]
+                value = pressed(f, j)
+                other = pressed(h, m)
+                least = wp.where(value > FLOOR, value, MOST)
+                least = wp.where(other > FLOOR and other < least, other, least)
+                lightest = wp.where(least < lightest, least, lightest)
+                a = wp.cw_mul(j, v)
+                b = wp.cw_mul(m, u)
+                w = k.rate[r] + (a[0] + a[1] + a[2]) + (b[0] + b[1] + b[2])
+                a = wp.abs(a) + wp.abs(b)
+                terms = keep(k, r, value + other, w, wp.abs(k.rate[r]) + a[0] + a[1] + a[2])
+                closes = wp.where(w < ZERO and terms > closes, terms, closes)
+                size = wp.where(terms > size, terms, size)
+                sum += terms
+                x += wp.abs(j[0])
+                y += wp.abs(j[1])
+                z += wp.abs(j[2])
+                p += wp.abs(m[0])
+                q += wp.abs(m[1])
+                s += wp.abs(m[2])
+            at += entries
+        k.most[one] = k.most[one] + V3(x, y, z)
+        if entries == 2:
+            k.most[two] = k.most[two] + V3(p, q, s)
+        return size, sum, closes, lightest
+
+    @wp.func
+    def of_many(t: wp.ref[Topology], k: wp.ref[Slot], g: int):
+        """The same of any group."""
+        size, sum, closes = dtype(0.0), dtype(0.0), dtype(0.0)
+        lightest = ZERO + MOST
+        for r in range(k.group[g], k.group[g + 1]):
+            if k.acting[r] > 0:
+                value, least = own_impulse(t, k, r)
+                lightest = wp.min(lightest, least)
+                moved, moves = spread(t, k, r)
+                w = k.rate[r] + moved
+                terms = keep(k, r, value, w, wp.abs(k.rate[r]) + moves)
+                closes = wp.where(w < ZERO and terms > closes, terms, closes)
+                size = wp.max(size, terms)
+                sum += terms
+        return size, sum, closes, lightest
+
     @wp.func(inline=False)
     def scales(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
         """diag(A) and D of the acting rows; the size of velocities, by which residuals are judged, and the
         number of rows.
         """
-        size = dtype(0.0)
+        size, finite = dtype(0.0), dtype(0.0)
         lightest = ZERO + MOST
-        finite = dtype(0.0)
-        n = dtype(0.0)
         for place in range(o.start, o.end):
             b = k.block[place]
             k.name[t.block_unit[b]] = t.block_unit[b]
             k.most[b] = V3()
         for g in range(o.group, o.last_group):
-            start, end, entry, entries, one, two = nt.ends(t, k, g)
-            simple = entries <= 2 and is_whole(t, one) and is_whole(t, two)
-            f = k.mass_factor[t.mass_at[one] + one]
-            h = k.mass_factor[t.mass_at[two] + two]
-            v = k.vfree[one]
-            u = k.vfree[two]
-            if entries == 1:
-                h = M33()
-                u = V3()
-            x, y, z = dtype(0.0), dtype(0.0), dtype(0.0)
-            p, q, s = dtype(0.0), dtype(0.0), dtype(0.0)
-            closes = dtype(0.0)
-            at = entry + 0
-            for r in range(start, end):
-                if k.acting[r] > 0:
-                    w = k.rate[r]
-                    terms = wp.abs(w)
-                    value = dtype(0.0)
-                    if simple:
-                        j = k.jac[at]
-                        m = k.jac[at + entries - 1]
-                        value = pressed(f, j)
-                        other = pressed(h, m)
-                        least = wp.where(value > FLOOR, value, MOST)
-                        least = wp.where(other > FLOOR and other < least, other, least)
-                        lightest = wp.where(least < lightest, least, lightest)
-                        value += other
-                        j0, j1, j2 = j[0] * v[0], j[1] * v[1], j[2] * v[2]
-                        m0, m1, m2 = m[0] * u[0], m[1] * u[1], m[2] * u[2]
-                        w += (j0 + j1 + j2) + (m0 + m1 + m2)
-                        terms += wp.abs(j0) + wp.abs(j1) + wp.abs(j2) + wp.abs(m0) + wp.abs(m1) + wp.abs(m2)
-                        x += wp.abs(j[0])
-                        y += wp.abs(j[1])
-                        z += wp.abs(j[2])
-                        p += wp.abs(m[0])
-                        q += wp.abs(m[1])
-                        s += wp.abs(m[2])
-                    else:
-                        value, slightest = own_impulse(t, k, r)
-                        lightest = wp.min(lightest, slightest)
-                        moved, moves = spread(t, k, r)
-                        w += moved
-                        terms += moves
-                    diag = wp.max(value, FLOOR)
-                    inverse = ONE / diag
-                    k.diag[r] = diag
-                    k.scale[r] = wp.where(t.inertia_scaling == 1, diag, ONE)
-                    k.inverse[r] = wp.where(t.inertia_scaling == 1, inverse, ONE)
-                    terms += wp.abs(w)
-                    alone = wp.where(w < ZERO, -w, ZERO)
-                    if wp.static(not hard):
-                        terms += k.sigma[r]
-                        alone += k.sigma[r]
-                    k.alone[r] = wp.where(value > FLOOR, alone * inverse, ZERO)
-                    k.own[r] = terms
-                    if w < ZERO:
-                        closes = wp.where(terms > closes, terms, closes)
-                    size = wp.where(terms > size, terms, size)
-                    finite += terms
-                    n += ONE
-                at += entries
-            k.dz[start] = closes
+            _start, _end, _entry, entries, one, two = nt.ends(t, k, g)
+            most, sum, closes, least = dtype(0.0), dtype(0.0), dtype(0.0), dtype(0.0)
+            if entries <= 2 and is_whole(t, one) and is_whole(t, two):
+                most, sum, closes, least = of_two(t, k, g)
+            else:
+                most, sum, closes, least = of_many(t, k, g)
+            size = wp.max(size, most)
+            finite += sum
+            lightest = wp.min(lightest, least)
+            k.dz[k.group[g]] = closes
             if closes > ZERO:
                 join(t, k, one, two)
-            if simple:
-                k.most[one] = k.most[one] + V3(x, y, z)
-                if entries == 2:
-                    k.most[two] = k.most[two] + V3(p, q, s)
+        n = dtype(0.0)
+        for r in range(o.row, o.last_row):
+            if k.acting[r] > 0:
+                n += ONE
+                k.scale[r] = wp.where(t.inertia_scaling == 1, k.diag[r], ONE)
+                k.inverse[r] = wp.where(t.inertia_scaling == 1, k.inverse[r], ONE)
         if not wp.isfinite(finite):
             return finite, n
         share_units(t, k, o)

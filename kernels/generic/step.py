@@ -14,8 +14,8 @@ from ..factories import cached
 from ..method import Method
 from ..status import NONFINITE, SOLVED
 from .contact import AFRESH, ALL, JOINING, make_contact
-from .envelope import make_envelope
 from .island import make_island
+from .linear.envelope import make_envelope
 from .mechanism import COLUMN, make_mechanism
 from .newton import make_newton
 from .order import make_order

@@ -160,7 +160,6 @@ def view_rows(k: wp.ref[Slot], work: wp.ref[Work], b: int):
     k.rate = work.rate[b]
     k.sigma = work.sigma[b]
     k.scale = work.scale[b]
-    k.inverse = work.inverse[b]
     k.diag = work.diag[b]
     k.alone = work.alone[b]
     k.own = work.own[b]
@@ -178,7 +177,6 @@ def view_rows(k: wp.ref[Slot], work: wp.ref[Work], b: int):
     k.total = work.total[b]
     k.dz = work.dz[b]
     k.divisor = work.divisor[b]
-    k.aimed = work.aimed[b]
     k.weight = work.weight[b]
     k.normal = work.normal[b]
     k.lift = work.lift[b]
@@ -250,6 +248,8 @@ def view(work: wp.ref[Work], b: int):
     k.upper = work.upper[b]
     k.cross = work.cross[b]
     k.mode = work.mode[b]
+    k.inverse = work.inverse[b]
+    k.aimed = work.aimed[b]
     view_rows(k, work, b)
     return k
 

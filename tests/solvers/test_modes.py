@@ -9,7 +9,7 @@ from oracle_coulomb import natural_map
 from simulators import scene
 
 import slcp_warp as slcp
-from slcp_warp.kernels.generic.lu import make_lu
+from slcp_warp.kernels.generic.linear.lu import make_lu
 from slcp_warp.kernels.generic.work import M33, V3
 
 COULOMB = slcp.Options(residual="hard", friction="coulomb")

@@ -11,8 +11,8 @@ from types import SimpleNamespace
 import warp as wp
 
 from ...factories import cached
-from ..envelope import make_envelope
-from ..lu import make_lu
+from ..linear.envelope import make_envelope
+from ..linear.lu import make_lu
 from ..newton import PROXIMAL, make_newton
 from ..topology import CONTACT, Topology
 from ..work import ISLANDS, M33, V3, WORK, Island, Lanes, Slot, island

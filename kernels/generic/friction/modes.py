@@ -19,7 +19,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from ...factories import cached
-from ..lu import make_lu
+from ..linear.lu import make_lu
 from ..newton import TOLERANCE, make_newton
 from ..topology import CONTACT, Topology
 from ..work import M33, V3, WORK, Island, Slot

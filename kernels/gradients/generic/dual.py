@@ -12,7 +12,7 @@ import warp as wp
 
 from ...factories import cached
 from ...generic.derivatives.system import PROXIMAL, YIELDING, make_system
-from ...generic.lu import make_lu
+from ...generic.linear.lu import make_lu
 from ...generic.topology import Topology
 from ...generic.work import ISLANDS, ROWS, V3, WORK, Slot
 from .room import Room, View

@@ -11,8 +11,8 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ..factories import cached
-from .work import M33, V3, WORK
+from ...factories import cached
+from ..work import M33, V3, WORK
 
 
 @cached

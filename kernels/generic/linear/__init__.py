@@ -1,0 +1,1 @@
+"""Matrices of blocks: assembled, factored, solved."""
