@@ -133,8 +133,8 @@ def make_scales(given: type, residual: str) -> wp.Function:
 
     @wp.func
     def keep(k: wp.ref[Slot], r: int, value: dtype, w: dtype, sum: dtype):
-        """What is known of a row from diag(A), w = J v_free + d/h and the sum of its terms' sizes; the size of
-        all terms.
+        """What is known of a row from diag(A), w = J v_free + d/h and the sum of its terms' sizes; that
+        of all terms.
         """
         diag = wp.max(value, FLOOR)
         inverse = ONE / diag
