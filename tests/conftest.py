@@ -72,7 +72,7 @@ QUICK = {  # file: pattern of the quick tests' names; files that are not here ma
     "test_riccati.py": r"one_pass.*second-order|box_constrained",
     "test_run_executors.py": r"-threads|threads\]|cannot_travel|wrong_executors|its_gpu",
     "test_step.py": r"float64-flicking_finger-none",
-    "test_sweep.py": r"interval|spin_statistics",
+    "test_sweep.py": r"interval|recovery_of",
     "test_tape.py": r"(?!)",
     "test_torch.py": r"options_without|one_radius",
     "test_trapezoidal.py": r"what_rests",

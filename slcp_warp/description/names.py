@@ -93,6 +93,18 @@ def index_of(label: str, which: int | str, names: Sequence[str]) -> int:
     return which
 
 
+def pair_index(label: str, which: int | str, pairs: Sequence[str]) -> int:
+    """As `index_of` of a contact pair; its two shapes may be named in either order."""
+    if isinstance(which, str) and which not in pairs:
+        which = turned(which) if turned(which) in pairs else which
+    return index_of(label, which, pairs)
+
+
+def turned(pair: str) -> str:
+    """`shape_b/shape_a` of `shape_a/shape_b`."""
+    return "/".join(pair.split("/")[::-1])
+
+
 def _some(which: str, names: Sequence[str]) -> str:
     """What there is: all names, or those that are like one that is not among many."""
     if len(names) <= FEW:

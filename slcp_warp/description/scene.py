@@ -170,6 +170,10 @@ class Scene(Printed):
         """The place of a state component, given by its name or its place."""
         return names.index_of("state component", which, self.state_names)
 
+    def pair_index(self, which: int | str) -> int:
+        """The place of a contact pair, given by its name, with the shapes in either order, or its place."""
+        return names.pair_index("contact pair", which, self.pair_names)
+
     def control_index(self, which: int | str) -> int:
         """The place of a control, given by its name or its place."""
         return names.index_of("control", which, self.control_names)

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from ..measures import Measure, rate
 from ..options import Status
 from .spec import SweepSpec
 from .statistics.intervals import mean_interval, quantile_interval, share_interval
@@ -24,10 +25,12 @@ def table_of(
         "contact_share": columns.pop("contact_share").astype(np.float32),
         "lowest_gap": np.minimum(columns.pop("lowest_gap"), NOWHERE).astype(np.float32),
     }
-    spin = spin_statistics(samples, spec.sample_every, spec.window, spec.threshold, spec.kick_times)
     failed = found["status"] != Status.SOLVED
+    recovery = recovery_times(samples, spec.sample_every, spec.window, spec.threshold, spec.kick_times)
+    spin = {name: columns.pop(name).astype(np.float32) for name in ("rate", "late_rate")}
+    spin["spinning"] = spin["late_rate"] > spec.threshold
     spin["spinning"] = spin["spinning"] & ~failed
-    spin["recovery_time"] = np.where(failed, np.inf, spin["recovery_time"])
+    spin["recovery_time"] = np.where(failed, np.inf, recovery)
     head = {
         "residual": np.full(count, residual),
         "step_size": np.full(count, step_size),
@@ -58,34 +61,32 @@ def summary_of(
     }
 
 
-def spin_statistics(
+def spin_measures(spec: SweepSpec) -> dict[str, Measure]:
+    """The rate of the observed coordinate over the run, and over its second half, or from the last kick on if
+    that is later; both from a sample of it on.
+    """
+    half = (round(spec.duration / spec.sample_every) + 1) // 2
+    late = max(half, round(max((0.0, *spec.kick_times)) / spec.sample_every)) * spec.sample_every
+    return {"rate": rate(spec.observe), "late_rate": rate(spec.observe, start=late)}
+
+
+def recovery_times(
     samples: np.ndarray, interval: float, window: float, threshold: float, kicks: tuple[float, ...]
-) -> dict[str, np.ndarray]:
-    """Rates of one observed coordinate.
+) -> np.ndarray:
+    """Times (B,) after the last kick from which the rate over the next window exceeds the threshold.
 
     Args:
-        samples: (B, S) coordinate at times 0, interval, ...
+        samples: (B, S) of the observed coordinate at times 0, interval, ...
         window: of a rate [s].
-        threshold: of "spinning" [1/s].
+        threshold: of a rate [1/s].
         kicks: times of kicks [s]; time 0 counts as one (the perturbed start).
 
     Returns:
-        Columns (B,): rate over the whole time; late_rate over its second half, or from the last kick on
-        if that is later; spinning (late_rate above threshold); recovery_time after the last kick: first time
-        from which the rate over the next window exceeds the threshold, inf if never.
+        [s], infinite: never.
     """
-    count = samples.shape[1]
-    total = (count - 1) * interval
-    last = max((0.0, *kicks))
-    half = max(count // 2, round(last / interval))
+    last, count = max((0.0, *kicks)), samples.shape[1]
     span = max(1, min(count - 1, round(window / interval)))
     moving = (samples[:, span:] - samples[:, :-span]) / (span * interval)
     begin = min(round(last / interval), moving.shape[1] - 1)
     after = moving[:, begin:] > threshold
-    first = np.argmax(after, axis=1)
-    return {
-        "rate": (samples[:, -1] - samples[:, 0]) / total,
-        "late_rate": (samples[:, -1] - samples[:, half]) / ((count - 1 - half) * interval),
-        "spinning": (samples[:, -1] - samples[:, half]) / ((count - 1 - half) * interval) > threshold,
-        "recovery_time": np.where(after.any(axis=1), first * interval, np.inf),
-    }
+    return np.where(after.any(axis=1), np.argmax(after, axis=1) * interval, np.inf)

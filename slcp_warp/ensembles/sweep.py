@@ -21,7 +21,7 @@ from ..tasks.task import Task
 from .chunks import ARMS, Chunks, Part
 from .report import SweepReport
 from .spec import SweepSpec
-from .summary import summary_of, table_of
+from .summary import spin_measures, summary_of, table_of
 from .task_report import sweep_task
 from .tasks import TaskSweep
 from .worlds import Worlds
@@ -164,9 +164,9 @@ def task_of(scene: Scene, spec: SweepSpec) -> Task:
         kick_times=spec.kick_times,
         kick=spec.kick_sd,
     )
-    contacts = {"contact_share": contact_share(), "lowest_gap": lowest_gap()}
+    judged = {"contact_share": contact_share(), "lowest_gap": lowest_gap()} | spin_measures(spec)
     return Task(scene.name, scene, duration=spec.duration, start=spec.start,
-                disturbances=disturbances, measures=contacts)  # fmt: skip
+                disturbances=disturbances, measures=judged)  # fmt: skip
 
 
 def _report_of(work: SceneSweep, progress: Callable[[int, int], None]) -> SweepReport:

@@ -14,7 +14,8 @@ from .errors import ArgumentError
 
 POSITIVE = ("step_size", "sigma", "mass", "inertia", "period")
 NONNEGATIVE = ("damping", "friction", "radius", "spring_damping", "spring_length")
-PERTURBABLE = sorted({*POSITIVE, *NONNEGATIVE, "gravity", "gear"} - {"period"})  # by factors
+OF_EITHER_SIGN = ("gravity", "gear", "stiffness", "spring_stiffness")
+PERTURBABLE = sorted({*POSITIVE, *NONNEGATIVE, *OF_EITHER_SIGN} - {"period"})  # by factors
 COVARIANCES = ("position_covariance", "velocity_covariance")
 UNIT = 5e-3  # by how much the length of a direction may differ from 1
 HINTS = {"sigma": '; for the problem without noise use Options(residual="hard")'}

@@ -73,7 +73,7 @@ class Signal(Compared):
             return scene.state_index(self.which)  # type: ignore[arg-type]
         if self.kind == "control":
             return scene.control_index(self.which)  # type: ignore[arg-type]
-        return EVERY if self.which is None else index_of("contact pair", self.which, scene.pair_names)
+        return EVERY if self.which is None else scene.pair_index(self.which)
 
     def less(self, scene: Scene) -> int:
         """The place of the state that is taken off it; -1: none."""

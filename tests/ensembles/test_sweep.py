@@ -214,19 +214,27 @@ def test_quantile_interval_with_infinite_values():
     assert statistics.quantile_interval(np.array([1.0] * 90 + [np.inf] * 10)) == (1.0, 1.0, 1.0)
 
 
-def test_spin_statistics_of_known_motions():
+def test_rates_are_those_of_the_record(device):
+    """Measures, of the run and of its second half, or from the last kick on if that is later."""
+    for kicks, begin in (((), 5), ((0.2,), 5), ((0.55,), 6)):
+        report = run(device, duration=1.0, sample_every=0.1, window=0.4, kick_times=kicks)
+        samples, table = report.samples[0], report.table
+        late = (samples[:, -1] - samples[:, begin]) / (0.1 * (10 - begin))
+        np.testing.assert_allclose(table["rate"], samples[:, -1], rtol=1e-4, atol=1e-6)
+        np.testing.assert_allclose(table["late_rate"], late, rtol=1e-4, atol=1e-5)
+        np.testing.assert_array_equal(table["spinning"], table["late_rate"] > 0.5)
+
+
+def test_recovery_of_known_motions():
     time = np.arange(0.0, 10.01, 0.5)
     steady, still = 0.8 * time, 0.0 * time
     stopped = np.minimum(time, 4.0)
     late = np.where(time < 6.0, 0.0, 2.0 * (time - 6.0))  # recovers one second after the kick at 5 s
-    out = summary.spin_statistics(np.stack([steady, still, stopped, late]), 0.5, 2.0, 0.5, (5.0,))
-    np.testing.assert_allclose(out["rate"], [0.8, 0.0, 0.4, 0.8])
-    np.testing.assert_allclose(out["late_rate"], [0.8, 0.0, 0.0, 1.6])
-    assert out["spinning"].tolist() == [True, False, False, True]
+    found = summary.recovery_times(np.stack([steady, still, stopped, late]), 0.5, 2.0, 0.5, (5.0,))
     # the rate over the next two seconds exceeds .5: at once, never, never, at once (2 rad in 5..7 s)
-    np.testing.assert_array_equal(out["recovery_time"], [0.0, np.inf, np.inf, 0.0])
+    np.testing.assert_array_equal(found, [0.0, np.inf, np.inf, 0.0])
     slow = np.where(time < 7.5, 0.0, 2.0 * (time - 7.5))
-    found = summary.spin_statistics(slow[None], 0.5, 2.0, 0.5, (5.0,))["recovery_time"]
+    found = summary.recovery_times(slow[None], 0.5, 2.0, 0.5, (5.0,))
     np.testing.assert_array_equal(
         found, [1.5]
     )  # 1.5 s after the kick: .5 s of motion at 2 rad/s is half a rad/s

@@ -262,11 +262,21 @@ def test_every_number_has_its_own_address():
     scene = task().scene
     d, base = EVERYTHING, slcp.Simulator(scene, device="cpu").params.table()[0]
     columns = [d.start_laws(scene, scene.x0), d.kick_laws(scene), d.push_laws(), d.dropout_laws()]
+    columns.append(d.timing_laws())
     columns.append(laws.parameter_laws(scene, base, d.parameters))
     found = [pair for each in columns for pair in set(zip(each.step.tolist(), each.stream.tolist()))]
     assert len(found) == len(set(found))
     singles = {300, (1 << 22) + 20, *((1 << 21) + np.arange(99)), *((1 << 23) + np.arange(99))}
     assert not singles & {stream for _, stream in found}
+
+
+def test_springs_may_be_drawn_and_columns_have_parts():
+    scene = slcp.tasks.catch().scene
+    d = slcp.Disturbances(parameters={"paddle.stiffness": 0.3, "ball.com": slcp.Normal(0.01)})
+    found = laws.parameter_laws(scene, slcp.Parameters(scene).table()[0], d.parameters)
+    names = [found.names[c] for c in found.varied]
+    assert names == ["ball.com_x", "ball.com_y", "paddle.angle.stiffness"]
+    assert len(set(found.names)) == len(found.names) and "left/ball.friction" in found.names
 
 
 def test_a_push_turns_with_all_that_its_body_hangs_on(device):

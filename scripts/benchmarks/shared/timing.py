@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
+from ...support.screen import console
 from .machine import machine
 
 Rows = list[dict[str, Any]]
@@ -87,9 +87,6 @@ def print_table(title: str, unit: str, results: list[Result], notes: list[str]) 
         row = [r.case.name, *_spread(r.seconds * factor), f"{r.seconds.min() * factor:.3g}"]
         row += ["", "", ""] if r.ratios is None else [*_spread(r.ratios), str(r.case.reference)]
         table.add_row(*row)
-    console = Console()
-    if not console.is_terminal:
-        console.width = 120  # into a file or a pipe: nothing is cut off
     console.print(table)
     load = machine()["load"]
     if load > machine()["cores"]:

@@ -9,6 +9,7 @@ from slcp_warp.kernels.ensembles import disturbances as kernels
 from slcp_warp.kernels.ensembles.draws import LAWS
 from slcp_warp.kernels.structure import layout
 
+from ...description.names import turned
 from ...description.scene import Scene
 from ...inputs.checks import shown
 from ...inputs.errors import ArgumentError
@@ -138,7 +139,8 @@ def _places(scene: Scene, key: str) -> list[int]:
     if not part:
         return list(range(start, start + size))
     parts = owners(scene, name)
-    rows = [i for i, owner in enumerate(parts) if owner == part or owner.startswith(part + ".")]
+    wanted = {part, turned(part)}
+    rows = [i for i, owner in enumerate(parts) if owner in wanted or owner.startswith(part + ".")]
     if not rows:
         there = ", ".join(f"{owner}.{name}" for owner in parts) or "none of a part"
         raise ArgumentError(f"Disturbances.parameters names {key!r}; there are {there}")
