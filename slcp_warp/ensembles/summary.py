@@ -27,7 +27,8 @@ def table_of(
     }
     failed = found["status"] != Status.SOLVED
     recovery = recovery_times(samples, spec.sample_every, spec.window, spec.threshold, spec.kick_times)
-    spin = {name: columns.pop(name).astype(np.float32) for name in ("rate", "late_rate")}
+    names = "rate", "late_rate"
+    spin: dict[str, np.ndarray] = {name: columns.pop(name).astype(np.float32) for name in names}
     spin["spinning"] = spin["late_rate"] > spec.threshold
     spin["spinning"] = spin["spinning"] & ~failed
     spin["recovery_time"] = np.where(failed, np.inf, recovery)

@@ -13,7 +13,6 @@ import warp as wp
 
 from slcp_warp.kernels.ensembles.measures import NONE, SIGNALS
 
-from ..description.names import index_of
 from ..description.scene import Scene
 from ..inputs.checks import choice, number, shown
 from ..inputs.errors import ArgumentError, ArgumentTypeError

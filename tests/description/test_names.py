@@ -31,6 +31,9 @@ def test_names_follow_the_bodies_and_their_joints():
     assert CART.state_units == ("m", "rad", "m", "m", "rad", "m/s", "rad/s", "m/s", "m/s", "rad/s")
     assert CART.control_names == ("cart.shift", "ball.angle", "cart.shift#2")
     assert CART.pair_names == ("rod/skin", "floor/rod(-)", "floor/rod(+)")
+    assert [CART.pair_index(pair) for pair in ("rod/skin", "skin/rod", "rod(-)/floor", 2)] == [0, 0, 1, 2]
+    with pytest.raises(slcp.InputError, match="contact pair is 'skin/floor'; there are rod/skin"):
+        CART.pair_index("skin/floor")
     assert CART.row_names == (
         *("cart.shift lower", "cart.shift upper", "pole.angle upper", "rod/skin"),
         *("floor/rod(-) +", "floor/rod(-) -", "floor/rod(+) +", "floor/rod(+) -"),
@@ -96,7 +99,7 @@ def test_what_has_no_place_is_refused(call, kind, text):
 def test_an_unknown_name_among_thousands_is_a_short_error():
     heap = slcp.scenes.heap(60)
     with pytest.raises(slcp.ArgumentError, match="there are 1,830, disc1.*like it$") as caught:
-        slcp.measures.gap("disc10/disc1").place(heap)
+        slcp.measures.gap("disc10/disk1").place(heap)
     assert len(str(caught.value)) < 150
     with pytest.raises(slcp.ArgumentError, match="there are 360, as disc0.x$"):
         heap.state_index("?")

@@ -272,10 +272,12 @@ def test_every_number_has_its_own_address():
 
 def test_springs_may_be_drawn_and_columns_have_parts():
     scene = slcp.tasks.catch().scene
-    d = slcp.Disturbances(parameters={"paddle.stiffness": 0.3, "ball.com": slcp.Normal(0.01)})
+    d = slcp.Disturbances(
+        parameters={"paddle.stiffness": 0.3, "ball/left.friction": 0.1, "ball.com": slcp.Normal(0.01)}
+    )
     found = laws.parameter_laws(scene, slcp.Parameters(scene).table()[0], d.parameters)
     names = [found.names[c] for c in found.varied]
-    assert names == ["ball.com_x", "ball.com_y", "paddle.angle.stiffness"]
+    assert names == ["ball.com_x", "ball.com_y", "left/ball.friction", "paddle.angle.stiffness"]
     assert len(set(found.names)) == len(found.names) and "left/ball.friction" in found.names
 
 

@@ -1,0 +1,40 @@
+"""The task files of `examples/tasks` that no other test runs: what happens in them is what they say."""
+
+from pathlib import Path
+
+import numpy as np
+
+import slcp_warp as slcp
+
+FOLDER = Path(__file__).parents[2] / "examples" / "tasks"
+
+
+def test_what_is_tossed_flies_and_lies_in_the_bin(device):
+    """Balls that touch neither wall land when they would without them; others fall short or bounce."""
+    task = slcp.load_task(FOLDER / "toss.toml")
+    assert task.scene.nu == 0 and task.horizon is None
+    worlds = slcp.draw_worlds(task, 400, 1, dtype="float64", device=device)
+    found = slcp.sweep(task, worlds=worlds, seed=1, dtype="float64", device=device).part("none")
+    vx, vy = worlds.x0[:, 3], worlds.x0[:, 4]
+    fall = (vy + np.sqrt(vy**2 + 2.0 * 9.81 * 0.475)) / 9.81
+    free = (found["rim"] == 0.0) & (0.55 < vx * fall) & (vx * fall < 0.74)
+    assert 200 < free.sum() < 400 and not found["status"].any()
+    assert np.abs(found["landed"] - fall)[free].max() < 0.01  # two steps
+    assert found["success"][free].all() and 0.85 < found["success"].mean() < 0.99
+    short = ~found["success"] & (found["place"] < 0.5)
+    assert short.any() and vx[short].max() < np.median(vx)
+
+
+def test_a_door_stays_shut_until_its_catch_gives_way(device):
+    """The finger's force that opens it grows with the bolt's spring."""
+    task = slcp.load_task(FOLDER / "door.toml")
+    sim = task.simulator(slcp.Options("hard"), device=device)
+    door, bolt = task.scene.state_index("door.angle"), task.scene.state_index("bolt.shift")
+    force, spring = np.array([1.0, 6.0, 6.0]), np.array([1.0, 1.0, 6.0])
+    stiffness = sim.params["stiffness"] * spring[:, None]
+    pushes = np.broadcast_to(force[:, None, None], (3, 100, 1))
+    run = sim.rollout(np.repeat(task.start, 3, 0), pushes, sim.params.replace(stiffness=stiffness))
+    assert not run.status.any()
+    last = run.states[:, -1, door]
+    assert last[0] < 0.1 < 1.0 < last[1] and last[2] < 0.1
+    assert run.states[1, :, bolt].min() < -0.01 and abs(run.states[1, -1, bolt]) < 5e-3  # in, and out again
