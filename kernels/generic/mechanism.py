@@ -304,7 +304,7 @@ def make_mechanism(given: type) -> SimpleNamespace:
         if t.implicit_damping == 1:
             along = h * (number(t, k, DAMP, i) * inv)
         if t.implicit_stiffness == 1:
-            stiff = PART * h * h * number(t, k, PULL, i)
+            stiff = PART * h * h * wp.max(number(t, k, PULL, i), ZERO)
             along += stiff * wp.min(rho, ONE) * inv
             across = stiff * wp.max(ONE - rho, ZERO)
         count = wp.where(across > ZERO, 3, 1)
@@ -325,7 +325,7 @@ def make_mechanism(given: type) -> SimpleNamespace:
             add_force(t, k, j, -number(t, k, STIFFNESS, j) * stretch)
             if t.implicit_stiffness == 1:
                 h = number(t, k, H, 0)
-                add_mass(t, k, j, j, PART * h * h * number(t, k, STIFFNESS, j))
+                add_mass(t, k, j, j, PART * h * h * wp.max(number(t, k, STIFFNESS, j), ZERO))
         for i in range(t.springs):
             pa = tied_point(t, k, 2 * i)
             pb = tied_point(t, k, 2 * i + 1)

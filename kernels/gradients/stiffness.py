@@ -29,7 +29,7 @@ def make_stiff_gradient(spec: Specialisation) -> Callable | None:
     lay = layout(s)
     VQ, MQ = t.VQ, t.MQ
     H, STIFFNESS = lay.offset("step_size"), lay.offset("stiffness") if mass.stiff_joints else 0
-    PART, TWO = dtype(SHARE), dtype(2.0)
+    PART, ZERO, TWO = dtype(SHARE), dtype(0.0), dtype(2.0)
     add = places.add
     springs = tuple(make_stiff_spring_gradient(s, i, dtype) for i in range(len(mass.stiff_springs)))
 
@@ -39,7 +39,8 @@ def make_stiff_gradient(spec: Specialisation) -> Callable | None:
         share = PART * h * h
         for j in range(wp.static(s.nv)):
             if wp.static(j in mass.stiff_joints):
-                add(grad, wp.static(STIFFNESS + j), share * p[j] * w[j])
+                if world.params[wp.static(STIFFNESS + j)] > ZERO:
+                    add(grad, wp.static(STIFFNESS + j), share * p[j] * w[j])
         for i in range(wp.static(len(springs))):
             wp.static(springs[i])(world, pose, p, w, share, grad)
         slope = wp.static(mass.stiff)(world, pose.frames, TWO * PART * h, MQ())
@@ -66,7 +67,8 @@ def make_stiff_spring_gradient(s: Structure, index: int, dtype: type) -> wp.Func
     chain_a, chain_b = (places.make_chain(body) for body in s.springs[index])
 
     @wp.func
-    def gradient(world: t.World, pose: t.Pose, p: VQ, y: VQ, share: dtype, grad: wp.array(dtype=dtype)):
+    def gradient(world: t.World, pose: t.Pose, p: VQ, y: VQ, given: dtype, grad: wp.array(dtype=dtype)):
+        share = wp.where(world.params[wp.static(K)] > ZERO, given, ZERO)
         e = wp.static(spring.span)(world, pose.frames, VQ(), ZERO)
         rest = world.params[wp.static(L)]
         g = stiff.shares(e, rest)

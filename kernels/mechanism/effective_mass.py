@@ -70,7 +70,7 @@ def make_effective_mass(spec: Specialisation) -> SimpleNamespace:
         out = total
         for j in range(wp.static(NV)):
             if wp.static(j in stiff_joints):
-                out[j, j] = out[j, j] + share * world.params[wp.static(STIFFNESS + j)]
+                out[j, j] = out[j, j] + share * wp.max(world.params[wp.static(STIFFNESS + j)], ZERO)
         for i in range(wp.static(len(stiff_springs))):
             out = wp.static(stiff_springs[i].matrix)(world, fr, share, out)
         return out

@@ -4,9 +4,9 @@ Notation of `springs.py`; D = J_B - J_A, rho = L/l. Of the stiffness d(k (1 - L/
 
     K = k (G D'D + F a a'),  G = 1 - rho, F = rho/s where l > L;  G = 0, F = 1/s where the spring is shorter
 
-(M50): k along the line, k (1 - rho) across it where the spring pulls. What is left out, of a spring that
-pushes and of points that turn about their joints, is as large as the spring's force over a length. K is
-continuous at l = L, its slopes are those of one side there.
+(M50), none for a negative k: k along the line, k (1 - rho) across it where the spring pulls. What is left
+out, of a spring that pushes and of points that turn about their joints, is as large as the spring's force
+over a length. K is continuous at l = L, its slopes are those of one side there.
 """
 
 from types import SimpleNamespace
@@ -79,7 +79,8 @@ def make_stiff_spring(s: Structure, index: int, dtype: type) -> SimpleNamespace:
     def span(world: t.World, fr: t.FRAMES):
         """Span, G, F and slopes; D; k."""
         e = wp.static(spring.span)(world, fr, VQ(), ZERO)
-        return e, shares(e, world.params[wp.static(L)]), e.jb - e.ja, world.params[wp.static(K)]
+        k = wp.max(world.params[wp.static(K)], ZERO)
+        return e, shares(e, world.params[wp.static(L)]), e.jb - e.ja, k
 
     @wp.func
     def matrix(world: t.World, fr: t.FRAMES, share: dtype, total: MQ):

@@ -93,6 +93,20 @@ def test_springs_with_dampers_are_stable_and_dampers_alone_decay(device):
         assert (kept[:, -1] < kept[:, 0]).all(), strategy
 
 
+def test_negative_stiffness_stays_explicit(device):
+    """A step is v' = v + h |k| q/m, of springs in joints and between points, and N stays definite."""
+    sc, far = slider(), np.array([[0.3, -0.1]])
+    pulled = Scene("pulled", (Body("slider", 1.0, 0.1, joint="prismatic"),), gravity=(0.0, 0.0), step_size=H,
+                   springs=(Spring(None, "slider", stiffness=1.0),))  # fmt: skip
+    for strategy in STRATEGIES:
+        for scene_, name in ((sc, "stiffness"), (pulled, "spring_stiffness")):
+            sim = simulator(scene_, device, strategy)
+            params = sim.params.replace(**{name: [-1e6]})
+            lin, step = sim.linearize(far, params=params), sim.step(far, params=params)
+            np.testing.assert_allclose(step.state[:, 1], -0.1 + H * 1e6 * 0.3, rtol=1e-12)
+            np.testing.assert_allclose(lin.A[0, 1], [H * 1e6, 1.0], rtol=1e-9)
+
+
 def hung(length):
     """Discs on springs between points, the first tied to the world: a chain."""
     names = ("a", "b", "c")

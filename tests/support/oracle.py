@@ -156,7 +156,7 @@ class Oracle:
         """
         out = 0.0 * q[..., None] * np.eye(self.nv)
         if self.structure.sprung:
-            out = out + self.p["stiffness"][..., None] * np.eye(self.nv)
+            out = out + np.maximum(self.p["stiffness"], 0.0)[..., None] * np.eye(self.nv)
         for i, (a, b) in enumerate(self.structure.springs):
             ends, rest = self.p["spring_point"][..., i, :, :], self.p["spring_length"][..., i]
 
@@ -169,7 +169,7 @@ class Oracle:
             loose = np.maximum(1.0 - rest / length, 0.0)[..., None, None]
             part = loose * np.einsum("...ki,...kj->...ij", jac, jac)
             part = part + (1.0 - loose) * along[..., :, None] * along[..., None, :]
-            out = out + self.p["spring_stiffness"][..., i, None, None] * part
+            out = out + np.maximum(self.p["spring_stiffness"][..., i, None, None], 0.0) * part
         return out
 
     def energy(self, q, v):

@@ -89,10 +89,11 @@ def make_columns(given: type, residual: str) -> SimpleNamespace:
         h = number(t, k, H, 0)
         if velocity == 0 or t.implicit_stiffness == 1:
             share = wp.where(velocity == 0, -h, PART * h * h)
+            least = wp.where(velocity == 0, dtype(-1e300), dtype(0.0))  # what is positive is met late
             for one in range(t.sprung):
                 j = t.sprung_dof[one]
                 if j >= first and j < first + COUNT:
-                    put(x, t.place[j], j - first, share * number(t, k, STIFFNESS, j))
+                    put(x, t.place[j], j - first, share * wp.max(number(t, k, STIFFNESS, j), least))
         if velocity == 1 and t.implicit_damping == 0:
             for j in range(wp.max(first, 0), wp.min(first + COUNT, t.nv)):
                 put(x, t.place[j], j - first, -h * number(t, k, DAMPING, j))

@@ -178,7 +178,7 @@ def make_spring_slopes(given: type) -> SimpleNamespace:
                 e[wp.static(BEND)] = h * turning
                 d.of_spring[b, at] = e
             if t.implicit_stiffness == 1:
-                stiffen(g, d, b, i, PART * h * h * number(t, k, K, i), rest)
+                stiffen(g, d, b, i, PART * h * h * wp.max(number(t, k, K, i), ZERO), rest)
 
     @wp.func
     def by_q(g: Groups, d: Slopes, b: int, i: int, at: int, by: int):

@@ -34,6 +34,8 @@ def make_stiffness(given: type) -> SimpleNamespace:
         """h^2/2 k of a joint times two rates: its columns; returns the slope by the second rate."""
         h = number(t, k, H, 0)
         stiffness = number(t, k, STIFFNESS, j)
+        if stiffness <= ZERO:
+            return ZERO + ZERO
         add(t, w, STIFFNESS, j, PART * h * h * one * two)
         add(t, w, H, 0, TWO * PART * h * stiffness * one * two)
         return PART * h * h * stiffness * one
@@ -43,9 +45,11 @@ def make_stiffness(given: type) -> SimpleNamespace:
         t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View], i: int, one: int, two: int, weight: wp.float64
     ):
         """weight h^2/2 P_1.K P_2 of spring i between points: k (G V_1.V_2 + F (Delta.V_1) (Delta.V_2))."""
+        stiffness = number(t, k, PULL, i)
+        if stiffness <= ZERO:
+            return
         h = number(t, k, H, 0)
         share = weight * PART * h * h
-        stiffness = number(t, k, PULL, i)
         rest = number(t, k, LENGTH, i)
         e = spans.span(t, k, i, rest)
         v1 = spans.rate(t, w, one, i, e)

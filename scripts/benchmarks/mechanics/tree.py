@@ -133,7 +133,7 @@ class Mechanics:
         damping[:, range(nv), range(nv)] = p["damping"]
         stiffness = np.zeros((worlds, nv, nv), q.dtype)
         if self.s.sprung:
-            stiffness[:, range(nv), range(nv)] = p["stiffness"]
+            stiffness[:, range(nv), range(nv)] = np.maximum(p["stiffness"], 0.0)
             part = p["stiffness"] * (q - p["rest"])
             force, terms = force - part, terms + np.abs(part)
             size += p["stiffness"] * (np.abs(q) + np.abs(p["rest"]))
@@ -175,7 +175,13 @@ class Mechanics:
         stiff = across[:, None, None] * np.einsum("bki,bkj->bij", jac, jac)
         stiff = stiff + (1.0 - across)[:, None, None] * grad[:, :, None] * grad[:, None, :]
         energy = 0.5 * k * (length - rest) ** 2
-        return k * (length - rest), grad, np.abs(k) * (reach + rest), energy, k[:, None, None] * stiff
+        return (
+            k * (length - rest),
+            grad,
+            np.abs(k) * (reach + rest),
+            energy,
+            np.maximum(k, 0.0)[:, None, None] * stiff,
+        )
 
     def effective(self, motion: Motion, trapezoidal: bool) -> Array:
         """N (B, nv, nv), which stands for M where v' is solved. Implicit damping: M + h C (Euler), K + B K^-1
