@@ -131,6 +131,21 @@ def make_rows(spec: Specialisation) -> SimpleNamespace:
                 ) / world.params[wp.static(H)]
         return out
 
+    twice = tuple(j for j in range(NV) if sum(limit[i] and index[i] == j for i in range(NR)) == 2)
+
+    @wp.func
+    def excluded(world: t.World):
+        """Whether a degree of freedom has limits that exclude each other: no velocity opens both, however
+        little they cross.
+        """
+        out = bool(False)
+        for j in range(wp.static(NV)):
+            if wp.static(j in twice):
+                out = out or (
+                    world.params[wp.static(LOWER + j)] > world.params[wp.static(UPPER + j)]
+                )
+        return out
+
     def make_put_pair(pair: int) -> wp.Function:
         @wp.func
         def put_pair(world: t.World, pj: t.J2, jac: JR):
@@ -171,6 +186,7 @@ def make_rows(spec: Specialisation) -> SimpleNamespace:
         limit=limit,
         tangent=tangent,
         limit_rates=limit_rates,
+        excluded=excluded if twice else None,
         put_pairs=tuple(make_put_pair(k) for k in range(len(s.pairs))),
         scale=scale,
     )

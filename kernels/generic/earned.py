@@ -17,7 +17,7 @@ from .work import V3, WORK, Island, Slot
 
 ROW = 10.0  # what is good enough of a row relative to its own terms, in units of ACCEPTED
 EARNED = {wp.float64: 2e-10, wp.float32: 1e-8}  # and where the data alone do not suggest its impulses
-ROUNDED = 1e-12  # and relative to the terms of J v'
+ROUNDED = 5e-14  # and relative to the terms of J v'
 EXCHANGED = {wp.float64: 1e-13, wp.float32: 1e-8}  # what may be missing of M dv relative to impulses alone
 GROWN = 10.0  # by which rows may press a place harder than they do where they yield more
 
@@ -44,8 +44,10 @@ def make_earned(given: type) -> SimpleNamespace:
         return r + t.row_sign[i]
 
     @wp.func
-    def is_open(t: wp.ref[Topology], k: wp.ref[Slot], r: int, share: dtype):
-        """Whether J v' + d/h = w of row r is no violation, to `share` of the row's own scale."""
+    def is_open(t: wp.ref[Topology], k: wp.ref[Slot], r: int, share: dtype, fastest: dtype):
+        """Whether J v' + d/h = w of row r is no violation, to `share` of the row's own scale, and to the
+        rounding of its terms or, if these are less, of `fastest`.
+        """
         w = k.rate[r]
         terms = dtype(0.0)
         e = k.entry[r]
@@ -57,7 +59,7 @@ def make_earned(given: type) -> SimpleNamespace:
             terms += wp.abs(change[0]) + wp.abs(change[1]) + wp.abs(change[2])
             e += 1
             at += 1
-        return w >= -(share * k.own[r] + LEAST * wp.max(terms, k.unit[r]))
+        return w >= -(share * k.own[r] + LEAST * wp.max(terms, fastest))
 
     @wp.func
     def is_held(t: wp.ref[Topology], k: wp.ref[Slot], j: int, told: dtype):
@@ -164,7 +166,7 @@ def make_earned(given: type) -> SimpleNamespace:
             if k.acting[r] > 0:
                 if not (ROUND * k.diag[r] * k.lam[r] <= ENOUGH * k.unit[r]):
                     good = 0
-                if not is_open(t, k, r, OPEN):
+                if not is_open(t, k, r, OPEN, k.unit[r]):
                     good = 0
         for g in range(o.group, o.last_group):
             start = k.group[g]
@@ -207,7 +209,7 @@ def make_earned(given: type) -> SimpleNamespace:
             k.best_v[i] = V3()
         for r in range(o.row, o.last_row):
             if k.acting[r] > 0:
-                if not is_open(t, k, r, EXACT):
+                if not is_open(t, k, r, EXACT, ZERO):
                     good = 0
                 spare = MORE * (k.least[r] + k.alone[r]) - k.lam[r]
                 if t.coulomb == 1 and not (spare >= ZERO):  # a fixed point that runs away does so row by row

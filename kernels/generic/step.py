@@ -12,7 +12,7 @@ from ..contact.problem import COLD
 from ..device.compile import packed
 from ..factories import cached
 from ..method import Method
-from ..status import NONFINITE, SOLVED
+from ..status import INFEASIBLE, NONFINITE, SOLVED
 from .contact import AFRESH, ALL, JOINING, make_contact
 from .island import make_island
 from .linear.envelope import make_envelope
@@ -39,6 +39,7 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
     rounding = make_newton(given, residual).rounding if residual != "none" else None
     rearrange = make_order().rearrange
     H, FRICTION = COLUMN["step_size"], COLUMN["friction"]
+    LOWER, UPPER = COLUMN["lower"], COLUMN["upper"]
     UNUSED = dtype(COLD)
     number = mech.number
 
@@ -98,6 +99,18 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
             k.v[i] = k.vfree[i]
 
     @wp.func
+    def excluded(t: wp.ref[Topology], k: wp.ref[Slot]):
+        """Whether a degree of freedom has limits that exclude each other: no velocity opens both, however
+        little they cross.
+        """
+        for n in range(1, t.limits):
+            j = t.row_index[t.limit_row[n]]
+            if t.row_index[t.limit_row[n - 1]] == j:
+                if number(t, k, LOWER, j) > number(t, k, UPPER, j):
+                    return True
+        return False
+
+    @wp.func
     def contacts(t: wp.ref[Topology], k: wp.ref[Slot]):
         """Solve the islands of the near pairs until no pair joins them. Rows that press may free what is
         jammed without them: before that is said, all pairs join.
@@ -125,6 +138,8 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
                 if t.coulomb == 0 or status == wp.static(NONFINITE) or which == wp.static(ALL):
                     more = int(0)
                 which = int(wp.static(ALL))
+        if status != wp.static(NONFINITE) and excluded(t, k):
+            status = int(wp.static(INFEASIBLE))
         return status
 
     @wp.func

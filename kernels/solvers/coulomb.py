@@ -184,7 +184,9 @@ def make_coulomb_solver(spec: Specialisation) -> wp.Function:
     def at_first(dense: Dense):
         # the status before anything is tried
         status = int(wp.static(NOT_CONVERGED))
-        if dense.shut == 1:
+        if dense.lost == 1:
+            status = wp.static(NONFINITE)
+        elif dense.shut == 1:
             status = wp.static(INFEASIBLE)
         for i in range(dense.count):
             if not wp.isfinite(dense.b[i]):

@@ -58,6 +58,7 @@ def make_active(spec: Specialisation) -> SimpleNamespace:
         own: VR  # of the row's own terms
         touching: dtype  # rounding of a gap over h
         shut: int  # 1: a row that no impulse moves (J = 0) is violated
+        lost: int  # 1: it has a J, but M^-1 has no digits for it
 
     @wp.struct
     class Lu:
@@ -80,11 +81,14 @@ def make_active(spec: Specialisation) -> SimpleNamespace:
                 response[n] = wp.static(r.applies[i])(p.minv, p.jac)
                 b[n] = wp.static(r.dots[i])(p.jac, p.vfree) + p.rate[i]
                 terms = wp.abs(b[n]) + wp.abs(p.rate[i])
+                lever = ZERO
                 if wp.static(r.limit[i]):
                     terms += wp.abs(p.vfree[wp.static(s.rows[i].index)])
+                    lever = dtype(1.0)
                 else:
                     for j in range(wp.static(s.nv)):
                         terms += wp.abs(p.jac[i, j] * p.vfree[j])
+                        lever = wp.max(lever, wp.abs(p.jac[i, j]))
                 size = wp.max(size, terms)
                 own[n] = terms
                 for k in range(n + 1):
@@ -95,6 +99,8 @@ def make_active(spec: Specialisation) -> SimpleNamespace:
                     allowed = SHARE * terms + out.touching
                     if not (a[n, n] > SMALLEST) and b[n] < -allowed:
                         out.shut = 1
+                        if lever > SHARE:
+                            out.lost = 1
                 a[n, n] = wp.max(a[n, n], SMALLEST)
                 if wp.static(r.tangent[i]):
                     tangent[n] = 1

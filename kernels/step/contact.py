@@ -2,7 +2,9 @@
 
 A row is left out while w = J v' + d/h > cut sigma, where its smoothed impulse s(-w)/D is below the dtype's
 resolution (of a law that takes the whole system, all rows or none); the test is repeated with the solved v'
-until no row has to be added, so leaving out is exact to rounding.
+until no row has to be added, so leaving out is exact to rounding. Limits that cross are INFEASIBLE by how
+little they may cross (whatever the velocity, one of them is violated, so that a row acts); only a law that
+asks for the least expected error has an answer to them.
 """
 
 import warp as wp
@@ -13,7 +15,7 @@ from ..factories import cached
 from ..solvers.coulomb import MOST_TRIED
 from ..solvers.law import law_of
 from ..specialisation import Specialisation
-from ..status import JAMMED, NOT_CONVERGED, SOLVED
+from ..status import INFEASIBLE, JAMMED, NOT_CONVERGED, SOLVED
 from .end_gap import make_correction
 from .groups import make_group_solver
 from .reach import make_reach
@@ -54,6 +56,10 @@ def make_contact(spec: Specialisation, exact_gap: bool) -> wp.Function:
             if wp.static(method.fast):
                 if reach.lost == 1:
                     out.status = wp.static(NOT_CONVERGED)
+                    more = 0
+            if wp.static(rows.excluded is not None and not method.erm):
+                if more == 1 and wp.static(rows.excluded)(world):
+                    out.status = wp.static(INFEASIBLE)
                     more = 0
             if more == 1:
                 out.scale = wp.static(rows.scale)(out.minv, reach.jac, reach.mask)

@@ -13,6 +13,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from ...factories import cached
+from ..mechanism import COLUMN
 from ..newton import make_newton
 from ..topology import CONTACT, Topology
 from ..work import WORK, Island, Slot
@@ -20,6 +21,7 @@ from ..work import WORK, Island, Slot
 COULOMB_PASSES = 100
 RETREATS = 8  # of mu s, halfway each
 TOLERANCE = 4e-12  # of mu s, relative to the pair's own velocities
+SLIPPING = 5e-11  # and of s
 ROUNDING = 4e-16  # of J v', relative to its terms
 
 
@@ -29,7 +31,8 @@ def make_coulomb(given: type) -> SimpleNamespace:
     dtype = WORK
     dot = make_newton(given, "hard").dot
     HALF, ONE, ZERO = dtype(0.5), dtype(1.0), dtype(0.0)
-    ENOUGH, ROUND = dtype(TOLERANCE), dtype(ROUNDING)
+    ENOUGH, SLIP, ROUND = dtype(TOLERANCE), dtype(SLIPPING), dtype(ROUNDING)
+    FRICTION = COLUMN["friction"]
     FARTHEST, SMALLEST = dtype(2.0), dtype(1e-30)
 
     @wp.func
@@ -55,7 +58,8 @@ def make_coulomb(given: type) -> SimpleNamespace:
             moved = wp.abs(wp.cw_mul(k.jac[start + e], k.v[b]))
             data += free[0] + free[1] + free[2]
             terms += moved[0] + moved[1] + moved[2]
-        return ENOUGH * data + ROUND * terms
+        mu = k.numbers[t.columns[FRICTION] + t.row_index[k.row[r]]]
+        return wp.min(ENOUGH, SLIP * mu) * data + ROUND * terms
 
     @wp.func(inline=False)
     def lift(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, passes: int):

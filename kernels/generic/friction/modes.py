@@ -20,6 +20,7 @@ import warp as wp
 
 from ...factories import cached
 from ..linear.lu import make_lu
+from ..mechanism import COLUMN
 from ..newton import TOLERANCE, make_newton
 from ..topology import CONTACT, Topology
 from ..work import M33, V3, WORK, Island, Slot
@@ -28,6 +29,8 @@ PROXIMAL = 1e-9  # tau
 OFF, HOLDS, SLIDES = 0, 1, 2  # modes of a row; SLIDES: presses, and holds the mean of the pair's rows
 STAYS = 1e-12  # residual of the last impulses that stay as they are: rounding of gaps makes as much
 CHANGES = 4.0  # of a contact's modes, after which it is in a cycle
+SLIP = 0.2  # of v_t of what sticks, that counts as the residual of a row does
+LEAST = 1e-6  # friction coefficient for which v_t has digits in mu v_t
 PATIENCE = 2  # iterations at modes that stay, without a gain
 
 
@@ -42,6 +45,7 @@ def make_modes(given: type) -> SimpleNamespace:
     ZERO, ONE, HALF = dtype(0.0), dtype(1.0), dtype(0.5)
     TAU, GOOD, AIM, KEPT = dtype(PROXIMAL), nt.GOOD, dtype(TOLERANCE), dtype(STAYS)
     HUGE, RESTLESS = dtype(1e300), dtype(CHANGES)
+    STUCK, LITTLE, FRICTION = dtype(SLIP), dtype(LEAST), COLUMN["friction"]
 
     @wp.func
     def begins_pair(t: wp.ref[Topology], k: wp.ref[Slot], r: int):
@@ -299,6 +303,11 @@ def make_modes(given: type) -> SimpleNamespace:
                 k.lam[r] = lam
                 k.z[r] = k.scale[r] * lam - w
                 worst = wp.max(worst, wp.abs(held - w) / k.unit[r])
+                if follows(t, k, r) and k.mode[r] == HOLDS and k.mode[r - 1] == HOLDS:
+                    mu = k.numbers[t.columns[FRICTION] + t.row_index[k.row[r]]]
+                    if mu > LITTLE:  # sticks, by v_t itself: mu v_t may be a rounding
+                        slip = STUCK / mu * wp.abs(k.rate[r] - k.gap[r])
+                        worst = wp.max(worst, slip / wp.max(k.unit[r - 1], k.unit[r]))
                 finite += wp.abs(held) + wp.abs(k.a[r])
         if not wp.isfinite(finite):
             worst = ZERO + HUGE

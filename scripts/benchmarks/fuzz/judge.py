@@ -158,7 +158,9 @@ def _motion(p: Problem, v1: Array, lam: Array, like_v: Array, like_lam: Array) -
     alone = (np.maximum(-p.free, 0.0) + p.sigma) / np.maximum(p.diag, FLOOR)  # a row's impulse by itself
     data = drive.size + np.einsum("bij,bj->bi", np.abs(drive.h_mass), np.abs(drive.free))
     data = data + p.loose * drive.doubt
-    data = data + np.einsum("bri,br->bi", p.bound, np.where(lam != 0.0, alone, 0.0))
+    pushed = np.einsum("bri,br->bi", p.bound, np.where(lam != 0.0, alone, 0.0))
+    reached = np.einsum("bij,bj->bi", np.abs(np.linalg.inv(drive.h_mass)), pushed)
+    data = data + pushed + p.loose * root * np.sum(root * reached, 1, keepdims=True)  # M's own rounding
     answer = np.einsum("bij,bj->bi", np.abs(drive.h_mass), np.abs(like_v))
     answer = data + answer + np.einsum("bri,br->bi", p.bound, np.abs(like_lam))
     out = []
@@ -220,7 +222,9 @@ def _contact(p: Problem, rate: Array, v1: Array, lam: Array, data: Array) -> Arr
     bent = error > BENT * p.sigma  # slopes tell no more how far a root is: it is looked for
     sigma, weight = p.sigma[bent], (p.diag / p.scale)[bent]
     by_b = np.abs(b[bent] - partner(a[bent], sigma, method))
-    error[bent] = np.minimum(by_b, weight * np.abs(a[bent] - partner(b[bent], sigma, method)))
+    by_a = weight * np.abs(a[bent] - partner(b[bent], sigma, method))
+    both = np.maximum(np.abs(b[bent] - partner(sigma, sigma, method)), weight * np.abs(a[bent] - sigma))
+    error[bent] = np.minimum(np.minimum(by_a, by_b), both)  # neither alone has a root where both are <= 0
     return error
 
 

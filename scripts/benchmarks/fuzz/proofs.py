@@ -3,6 +3,7 @@ contact has a solution, and how large a solution is.
 """
 
 import itertools
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -37,6 +38,53 @@ def widest_opening(p: Problem, i: int) -> float:
     bounds = [(-FASTEST, FASTEST)] * jac.shape[1] + [(None, 1.0)]
     found = linprog(goal, sides, rate / speed, bounds=bounds, method="highs")
     return float(-found.fun) if found.status == 0 else np.nan
+
+
+def opens(p: Problem, i: int) -> bool:
+    """Whether some velocity gives every row w >= 0, for the numbers as they stand and without rounding: the
+    simplex method on fractions for max t, J v + d/h >= t, Bland's rule. Floating-point programs end at 1e-7.
+    """
+    sides = [[-Fraction(x) for x in row] + [Fraction(1), Fraction(d)] for row, d in zip(p.jac[i], p.rate[i])]
+    return _largest(sides) >= 0 if sides else True
+
+
+def _largest(rows: list[list[Fraction]]) -> Fraction:
+    """max t of slack = d - a x >= 0 for rows (a, d), x = (v, t) free, t their last; stops at t >= 0. `rows`
+    holds the dictionary: what the slacks (or those x that took their places) lose by each that is not basic.
+    """
+    n = len(rows[0]) - 1
+    names: list[Any] = [f"x{j}" for j in range(n)]  # not basic; slacks are numbers, free variables texts
+    basic: list[Any] = list(range(len(rows)))
+    goal = [Fraction(0)] * (n - 1) + [Fraction(1), Fraction(0)]  # gain by each, and value
+
+    def pivot(r: int, c: int) -> None:
+        by = rows[r][c]
+        rows[r] = [x / by for x in rows[r]]
+        rows[r][c] = 1 / by
+        for k, row in enumerate(rows):
+            if k != r and row[c]:
+                share = row[c]
+                rows[k] = [x - share * y for x, y in zip(row, rows[r])]
+                rows[k][c] = -share * rows[r][c]
+        share = goal[c]
+        goal[:n] = [x - share * y for x, y in zip(goal[:n], rows[r][:n])]
+        goal[c] = -share * rows[r][c]
+        goal[n] += share * rows[r][n]
+        names[c], basic[r] = basic[r], names[c]
+
+    pivot(min(range(len(rows)), key=lambda k: rows[k][n]), n - 1)  # t = min d: every slack is >= 0
+    while goal[n] < 0:
+        free = [c for c in range(n) if isinstance(names[c], str) and goal[c]]
+        gains = [c for c in range(n) if not isinstance(names[c], str) and goal[c] > 0]
+        if not free and not gains:
+            break
+        c = free[0] if free else min(gains, key=lambda c: names[c])
+        sign = 1 if goal[c] > 0 else -1
+        tied = [k for k in range(len(rows)) if not isinstance(basic[k], str) and sign * rows[k][c] > 0]
+        if not tied:
+            return Fraction(1)  # without a bound
+        pivot(min(tied, key=lambda k: (rows[k][n] / abs(rows[k][c]), basic[k])), c)
+    return goal[n]
 
 
 def least_motion(p: Problem, i: int) -> tuple[Array, Array] | None:

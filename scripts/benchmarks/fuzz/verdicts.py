@@ -16,7 +16,7 @@ from slcp_warp.results.pictures.kinematics import Array
 
 from .judge import Errors, Outcome, ended, judge
 from .problem import EPSILON, FLOOR, MOST_LOSS, Problem
-from .proofs import coulomb_solution, least_motion, widest_opening
+from .proofs import coulomb_solution, least_motion, opens, widest_opening
 
 HOLDS, AMBIGUOUS, STATUS, UNPROVEN, WRONG, SILENT = (
     "holds", "ambiguous", "status", "unproven", "wrong status", "silent"
@@ -78,6 +78,8 @@ class Verdicts:
         found: Any = self._tried(p, near) if p.method.coulomb else least_motion(p, 0)
         if found is False:
             return self._set(i, UNPROVEN, "too many modes")
+        if found is None and not p.method.coulomb and opens(p, 0):
+            return self._set(i, UNPROVEN, "a solution beyond rounding")
         if found is None:
             return self._set(i, SILENT, "no solution exists")
         again = self._judged_by(p, i, found)
