@@ -141,9 +141,7 @@ def make_rows(spec: Specialisation) -> SimpleNamespace:
         out = bool(False)
         for j in range(wp.static(NV)):
             if wp.static(j in twice):
-                out = out or (
-                    world.params[wp.static(LOWER + j)] > world.params[wp.static(UPPER + j)]
-                )
+                out = out or (world.params[wp.static(LOWER + j)] > world.params[wp.static(UPPER + j)])
         return out
 
     def make_put_pair(pair: int) -> wp.Function:

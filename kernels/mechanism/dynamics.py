@@ -181,14 +181,13 @@ def make_inverse(s: Structure, dtype: type) -> Any:
     SHARE = dtype(LOST[dtype])
     fill = _fill_pattern(s)
     LARGEST = dtype(1.0 / LOST[dtype])
-    coupled = any(any(fill[j][:j]) for j in range(NV))
+    coupled = tuple(any(fill[i][j] or fill[j][i] for j in range(NV) if j != i) for i in range(NV))
 
     @wp.func
     def inverse(m: MQ):
         # L^-1 row by row (M = L L'), then M^-1 = L^-T L^-1
         low = MQ()
         inv = MQ()
-        spread = dtype(1.0)  # 1/det(M) in units of the diagonal: at least max M_ii (M^-1)_ii
         for j in range(wp.static(NV)):
             diag = m[j, j]
             for k in range(wp.static(j)):
@@ -196,8 +195,6 @@ def make_inverse(s: Structure, dtype: type) -> Any:
                     diag -= low[j, k] * low[j, k]
             root = ONE / wp.sqrt(wp.where(diag > SHARE * m[j, j], diag, ZERO - ONE))
             inv[j, j] = root
-            if wp.static(j > 0 and any(fill[j][:j])):
-                spread = spread * (m[j, j] * root * root)
             for i in range(wp.static(j + 1), wp.static(NV)):
                 if wp.static(fill[i][j]):
                     value = m[i, j]
@@ -221,14 +218,18 @@ def make_inverse(s: Structure, dtype: type) -> Any:
                         value += inv[k, i] * inv[k, j]
                 out[i, j] = value
                 out[j, i] = value
-        if wp.static(coupled):
-            if spread > LARGEST:  # pivots that lose digits one after the other
-                for i in range(wp.static(NV)):
-                    if not (m[i, i] * out[i, i] <= LARGEST):
-                        out[0, 0] = wp.sqrt(ZERO - ONE)
         return out
 
-    return inverse
+    @wp.func
+    def checked(m: MQ):
+        out = inverse(m)
+        for i in range(wp.static(NV)):
+            if wp.static(coupled[i]):
+                if not (m[i, i] * out[i, i] <= LARGEST):
+                    out[i, i] = wp.sqrt(ZERO - ONE)
+        return out
+
+    return checked if any(coupled) and dtype is wp.float32 else inverse
 
 
 def _fill_pattern(s: Structure) -> tuple[tuple[bool, ...], ...]:

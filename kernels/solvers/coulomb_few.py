@@ -20,6 +20,7 @@ from .few_rows import LARGEST
 FEW = 4
 ITERATIONS = 5
 TOLERANCE = {wp.float64: 1e-13, wp.float32: 2e-6}  # of the natural map, relative to the problem's size
+MISSED = {wp.float64: 5e-11, wp.float32: 1e-4}  # and to the contact's own
 PROXIMAL = {wp.float64: 1e-9, wp.float32: 1e-4}  # relative to A_ii
 
 
@@ -38,6 +39,7 @@ def make_coulomb_few(spec: Specialisation) -> wp.Function:
     cone = make_cone(dtype)
     ZERO, ONE, SMALLEST = dtype(0.0), dtype(1.0), dtype(LEAST)
     TOL, TAU = dtype(TOLERANCE[dtype]), dtype(PROXIMAL[dtype])
+    MISS = dtype(MISSED[dtype])
     UNUSED, HUGE, CANCEL = dtype(0.5 * COLD), dtype(1e30), dtype(LARGEST)
     FRICTION = layout(s).offset("friction")
     pair = tuple(row.index if row.kind == "contact" else 0 for row in s.rows)
@@ -49,6 +51,7 @@ def make_coulomb_few(spec: Specialisation) -> wp.Function:
         b: V  # J v_free + d/h
         mu: V  # of friction rows; -1: a normal row or a limit, -2: no row
         z: V
+        own: V  # size of the row's own terms
         size: dtype  # of the terms of the natural map
 
     @wp.func
@@ -72,6 +75,7 @@ def make_coulomb_few(spec: Specialisation) -> wp.Function:
                         for j in range(wp.static(NV)):
                             own[k, j] = row_i[j]
                         out.b[k] = b
+                        out.own[k] = terms
                         out.mu[k] = -ONE
                         if wp.static(r.tangent[i]):
                             out.mu[k] = world.params[wp.static(FRICTION + pair[i])]
@@ -176,7 +180,8 @@ def make_coulomb_few(spec: Specialisation) -> wp.Function:
 
     @wp.func
     def violation(p: Few, lam: V, z: V):
-        # largest error of the natural map, huge where impulses against each other hide it, or are no number
+        # largest error of the natural map, huge where impulses against each other hide it, where it is one on
+        # the scale of the contact itself (others may be far faster), or where it is no number
         worst = ZERO
         for k in range(wp.static(K)):
             error = ZERO
@@ -185,13 +190,21 @@ def make_coulomb_few(spec: Specialisation) -> wp.Function:
                 total += wp.abs(p.a[k, l] * lam[l])
             if not (total <= CANCEL * p.size):
                 error = ZERO + HUGE
+            own = p.own[k]
             if p.mu[k] == -ONE:
                 error = wp.max(error, wp.abs(wp.min(p.a[k, k] * lam[k], p.a[k, k] * lam[k] - z[k])))
+                for l in range(wp.static(K)):
+                    if wp.static(l == k + 1):
+                        if p.mu[l] >= ZERO:
+                            own += p.own[l]
             for l in range(wp.static(K)):
                 if wp.static(l == k - 1):
                     if p.mu[k] >= ZERO:
                         bound = p.a[k, k] * p.mu[k] * wp.max(lam[l], ZERO)
                         error = wp.max(error, wp.abs(p.a[k, k] * lam[k] - wp.clamp(z[k], -bound, bound)))
+                        own += p.own[l]
+            if error > MISS * own:
+                error = ZERO + HUGE
             worst = wp.max(worst, error)
         return worst
 

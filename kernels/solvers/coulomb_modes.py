@@ -16,7 +16,7 @@ from ..structure import layout
 
 TOUCHING = {wp.float64: 1e-12, wp.float32: 1e-6}  # rounding of a gap [m] whose row nothing can open
 LENGTHS = {wp.float64: 3e-3, wp.float32: 4e-2}  # that a gap is the difference of, and rounds with [m]
-TOLD = {wp.float64: 2e-9, wp.float32: 1e-5}  # of a row's own scale: what w may miss of it
+TOLD = {wp.float64: 5e-11, wp.float32: 1e-5}  # of a row's own scale: what w may miss of it
 CANCELLED = {wp.float64: 5e6, wp.float32: 166.0}  # of |A| |lambda|: rounding of more leaves less
 OFF, PRESS, STICK, LEFT, RIGHT = 0, 1, 2, 3, 4  # modes; LEFT: lambda_t = -mu lambda_n, RIGHT: + mu lambda_n
 
@@ -154,7 +154,9 @@ def make_active(spec: Specialisation) -> SimpleNamespace:
 
     @wp.func
     def is_earned(dense: Dense, lam: VR):
-        """Whether every row is open on its own scale, and rounding of the impulses leaves it digits."""
+        """Whether every row is open, and rubs as it must, on its contact's own scale, and rounding of the
+        impulses leaves it digits.
+        """
         most = reach(dense)
         a = dense.a
         b = dense.b
@@ -173,6 +175,11 @@ def make_active(spec: Specialisation) -> SimpleNamespace:
             allowed = MISS * (own[i] + wp.min(most[i], largest)) + dense.touching
             if tangent[i] == 0 and not (w >= -allowed):
                 good = 0
+            if tangent[i] == 1:
+                bound = a[i, i] * dense.mu[i] * wp.max(lam[i - 1], ZERO)
+                error = a[i, i] * lam[i] - wp.clamp(a[i, i] * lam[i] - w, -bound, bound)
+                if not (wp.abs(error) <= allowed + MISS * own[i - 1]):
+                    good = 0
             if not (total <= MOST * (own[i] + most[i])):
                 good = 0
         return good

@@ -21,6 +21,8 @@ from ..specialisation import Specialisation
 from .dual import make_dual
 from .erm import PROXIMAL, make_erm, make_gather
 
+REFINEMENTS = 2  # of what H^-1 is applied to
+
 
 @cached
 def make_erm_response(spec: Specialisation) -> SimpleNamespace:
@@ -38,7 +40,8 @@ def make_erm_response(spec: Specialisation) -> SimpleNamespace:
 
     @wp.struct
     class Factor:
-        root: MR  # Cholesky factor of H
+        h: MR  # H
+        root: MR  # Cholesky factor of H and a proximal term
         scale: VR
         r_a: VR
         y: VR  # r_w
@@ -72,8 +75,17 @@ def make_erm_response(spec: Specialisation) -> SimpleNamespace:
             A = gather(problem.minv, problem.jac)
             h = wp.static(erm.hessian)(A, problem.scale, level, a, w)
             root, _ok = wp.static(erm.factor)(h, wp.static(erm.sizes)(A, problem.scale), TAU)
+            out.h = h
             out.root = root
         return out
+
+    @wp.func
+    def solved(fac: Factor, rhs: VR):
+        """H^-1 rhs: of flat directions the proximal term would leave little right."""
+        x = wp.static(erm.substitute)(fac.root, rhs)
+        for _ in range(wp.static(REFINEMENTS)):
+            x += wp.static(erm.substitute)(fac.root, rhs - fac.h * x)
+        return x
 
     @wp.func
     def complete(fac: Factor, problem: Problem, lam: VR, force: MQ, motion: JR, scale_by_q: JR):
@@ -106,7 +118,7 @@ def make_erm_response(spec: Specialisation) -> SimpleNamespace:
             rhs[i] = rhs[i] + wp.static(r.dots[i])(jac, dp)
             if column < wp.static(NV):
                 rhs[i] = rhs[i] + fac.by_q[i, column]
-        dlam = -wp.static(erm.substitute)(fac.root, rhs)
+        dlam = -solved(fac, rhs)
         f = VQ()
         for i in range(wp.static(NR)):
             f = wp.static(r.adds[i])(f, jac, dlam[i])
@@ -120,7 +132,7 @@ def make_erm_response(spec: Specialisation) -> SimpleNamespace:
             rhs = VR()
             for i in range(wp.static(NR)):
                 rhs[i] = wp.static(r.dots[i])(problem.jac, out.p)
-            nu = wp.static(erm.substitute)(fac.root, rhs)
+            nu = solved(fac, rhs)
             f = VQ()
             for i in range(wp.static(NR)):
                 f = wp.static(r.adds[i])(f, problem.jac, nu[i])

@@ -270,7 +270,9 @@ def make_newton(spec: Specialisation) -> SimpleNamespace:
         if status == wp.static(SOLVED) and not (hidden(world, p, at) <= HIDDEN):
             status = wp.static(NOT_CONVERGED)
         if wp.static(not method.hard):
-            if status == wp.static(SOLVED) and not (left(world, p, at, z) <= wp.max(LARGEST * p.size, tolerance)):
+            if status == wp.static(SOLVED) and not (
+                left(world, p, at, z) <= wp.max(LARGEST * p.size, tolerance)
+            ):
                 status = wp.static(NOT_CONVERGED)
         return at, z, status, it
 

@@ -1,13 +1,14 @@
-"""Limits that meet, or cross by a rounding, in the kernels for large scenes: rows that can press against each
-other without end.
-"""
+"""Limits that meet, or cross by a rounding: rows that can press against each other without end."""
 
 import numpy as np
 import pytest
+import warp as wp
+from simulators import scene as named
+from simulators import simulator
 
 import slcp_warp as slcp
 from slcp_warp import Body, Scene
-from slcp_warp.scripts.benchmarks.fuzz.draws import Worlds
+from slcp_warp.scripts.benchmarks.fuzz.draws import Worlds, draw_worlds
 from slcp_warp.scripts.benchmarks.fuzz.judged import judged
 from slcp_warp.scripts.benchmarks.fuzz.tasks import Task
 from slcp_warp.scripts.benchmarks.fuzz.verdicts import SILENT, WRONG
@@ -89,6 +90,14 @@ UNSCALED = slcp.Options("rem-logistic", "none")
         (6, 17, 441, COULOMB, "float32"),  # a gram that carries tonnes, opposed impulses of 2e9
         (1, 12, 1894, HARD, "float64"),  # what carries both bodies of a contact got a part of its impulse
         (2, 28, 7, HARD, "float64"),  # INFEASIBLE, and opens at 5,000 times v_free
+        (23, 25, 441, UNSCALED, "float64"),  # open by a rounding of what is fast elsewhere
+        (
+            24,
+            15,
+            122,
+            COULOMB,
+            "float64",
+        ),  # little friction: mu v_t of what sticks is a rounding, v_t is none
     ],
 )
 def test_impulses_that_the_data_do_not_suggest_are_earned(seed, scene, world, options, dtype):
@@ -99,4 +108,54 @@ def test_impulses_that_the_data_do_not_suggest_are_earned(seed, scene, world, op
     worlds = task.worlds(chunk, drawn_scene).part([place])
     sim = slcp.Simulator(drawn_scene, options, device="cpu", dtype=dtype, strategy="generic")
     found, _ = judged(worlds, sim)
+    assert found.verdict[0] not in (SILENT, WRONG), found.reason[0]
+
+
+@pytest.mark.parametrize("crossed", [1e-1, 1e-6, 1e-12])
+@pytest.mark.parametrize(("strategy", "options"), [("generic", HARD), ("specialised", UNSCALED)])
+def test_limits_that_cross_have_no_solution_however_little(strategy, options, crossed):
+    """Beside a joint at 1e6 rad/s they were SOLVED: what they cross by was less than its rounding."""
+    finger = named("flicking_finger")
+    x = np.array([[0.3, 0.5, 2.0, 0.0, 0.0, 0.0]])
+    sim = slcp.Simulator(finger, options, device="cpu", strategy=strategy)
+    numbers = finger.default_parameters()
+    for upper in (0.5, 0.5 - crossed):
+        numbers["lower"][1], numbers["upper"][1] = 0.5, upper
+        params = sim.params.replace(lower=numbers["lower"], upper=numbers["upper"])
+        for u in (0.0, 1e3):
+            done = sim.step(x, np.array([[0.0, u]]), params)
+            assert (done.status[0] == slcp.Status.INFEASIBLE) == (upper < 0.5)
+    np.testing.assert_array_equal(done.state, x)
+
+
+@pytest.mark.slow
+def test_a_last_step_of_newtons_method_is_looked_at():
+    """In float32 limits that meet were SOLVED with one of them entered by 2e-4 of the speeds: the impulses
+    that the last step was to first order press against each other, and round by more than it was worth.
+    """
+    finger = named("flicking_finger")
+    worlds = draw_worlds(np.random.default_rng(0), finger, 20000).part([919, 18879])
+    sim = simulator("flicking_finger", "cpu", wp.float32, "none")
+    found, _ = judged(worlds, sim)
+    assert not np.isin(found.verdict, (SILENT, WRONG)).any(), found.reason
+
+
+@pytest.mark.full
+@pytest.mark.parametrize(
+    ("seed", "scene", "world"),
+    [
+        (2, 20, 1337),  # float32: the rounding of J_i lambda_i hid in the sum that it was compared with
+        (2, 9, 869),  # J M^-1 J' = 0 where M^-1 has no digits: INFEASIBLE
+        (2, 47, 452),  # a mass matrix that loses its digits over several pivots
+        (21, 4, 1431),  # friction the wrong way, on the scale of a row that is open
+        (21, 8, 1555),
+        (21, 28, 1976),  # opposed impulses of 1e8 where friction jams
+    ],
+)
+def test_worlds_that_were_silent_in_specialised_kernels(seed, scene, world):
+    task = Task(seed, scene, "specialised")
+    drawn_scene, ((options, dtype),) = task.make_scene(), task.methods()
+    chunk, place = divmod(world, task.per_chunk)
+    sim = slcp.Simulator(drawn_scene, options, device="cpu", dtype=dtype, strategy="specialised")
+    found, _ = judged(task.worlds(chunk, drawn_scene).part([place]), sim)
     assert found.verdict[0] not in (SILENT, WRONG), found.reason[0]

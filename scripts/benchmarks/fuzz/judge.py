@@ -20,7 +20,7 @@ from ..mechanics.complementarity import (
     rubbed,
 )
 from ..mechanics.contact import gaps
-from .problem import EPSILON, FLOOR, TOLERANCE, Problem
+from .problem import EPSILON, FLOOR, LEVER, TOLERANCE, Problem
 
 STEADY = {"float64": (4e-8, 4e-15), "float32": (1e-4, 2e-6)}  # gap="end": [m/s], and of positions [m]
 TINY = 1e-300
@@ -160,7 +160,10 @@ def _motion(p: Problem, v1: Array, lam: Array, like_v: Array, like_lam: Array) -
     data = data + p.loose * drive.doubt
     pushed = np.einsum("bri,br->bi", p.bound, np.where(lam != 0.0, alone, 0.0))
     reached = np.einsum("bij,bj->bi", np.abs(np.linalg.inv(drive.h_mass)), pushed)
-    data = data + pushed + p.loose * root * np.sum(root * reached, 1, keepdims=True)  # M's own rounding
+    swift = np.sum(root * (reached + np.abs(drive.free)), 1, keepdims=True)
+    data = (
+        data + pushed + (LEVER + 0.5 * root.shape[1]) * p.loose * root * swift
+    )  # M's and its factor's rounding
     answer = np.einsum("bij,bj->bi", np.abs(drive.h_mass), np.abs(like_v))
     answer = data + answer + np.einsum("bri,br->bi", p.bound, np.abs(like_lam))
     out = []

@@ -16,14 +16,15 @@ from .problem import FLOOR, Problem
 
 MOST_MODES = 1_024
 FASTEST = (
-    1e5  # velocities that open rows, in units of the world's speeds: pi/2 in float32 is a direction, too
+    1e5  # velocities that open rows, in units of the acting rows' speeds: pi/2 in float32 is a direction, too
 )
 OPEN, PRESS, STICK, LEFT, RIGHT = range(5)
 
 
 def widest_opening(p: Problem, i: int) -> float:
     """The largest t <= 1 such that some velocity gives every row (Coulomb: every normal row) w >= t, with w
-    in units of the world's own speeds: below 0 no velocity up to FASTEST of them opens the rows.
+    in units of the speeds of the rows that act at v_free: below 0 no velocity up to FASTEST of them opens
+    the rows.
     """
     rows = ~p.tangent
     jac, rate = p.jac[i][rows], p.rate[i][rows]
@@ -31,7 +32,11 @@ def widest_opening(p: Problem, i: int) -> float:
         return 1.0
     size = np.maximum(np.abs(jac).max(1), 1e-9)  # every row by itself: its largest entry is 1
     jac, rate = jac / size[:, None], rate / size
-    speed = max(1e-12, float(np.abs(rate).max()))
+    acts = p.free[i][rows] < 0.0
+    acts = acts if acts.any() else ~acts
+    speed = max(
+        1e-12, float(np.abs(rate[acts]).max()), float((np.abs(jac) @ np.abs(p.drive.free[i]))[acts].max())
+    )
     linprog = scipy_module("optimize").linprog
     goal = np.r_[np.zeros(jac.shape[1]), -1.0]
     sides = np.c_[-jac, np.ones(len(rate))]
