@@ -117,7 +117,10 @@ def draw_numbers(rng: Rng, scene: Scene, worlds: int) -> dict[str, Array]:
 
 
 def stiffened(rng: Rng, scene: Scene, stiffness: Array, mass: Array, h: Array) -> Array:
-    """Stiffnesses (B, n), in a third of the worlds with (h omega)^2 from .01 to 1e6 where that is stable."""
+    """Stiffnesses (B, n), in a third of the worlds with (h omega)^2 from .01 to 1e6 where that is stable.
+    Drawn aside: what else a world is drawn as stays what it is.
+    """
+    (rng,) = rng.spawn(1)
     if not getattr(scene, "implicit_stiffness", True):
         return stiffness
     stiff = mass / h[:, None] ** 2 * decades(rng, -2, 6, *stiffness.shape)

@@ -40,9 +40,11 @@ def random_scene(rng: Rng, name: str, size: Size = Size()) -> Scene:
         used = {n for c in contacts for n in (c.shape_a, c.shape_b)}
         names = [b.name for b in bodies]
         arguments: dict[str, Any] = {}
-        for rule in ("implicit_damping", "implicit_stiffness"):
-            if rule in inspect.signature(Scene).parameters:
-                arguments[rule] = bool(rng.random() < 0.75)
+        known = inspect.signature(Scene).parameters
+        if "implicit_damping" in known:
+            arguments["implicit_damping"] = bool(rng.random() < 0.75)
+        if "implicit_stiffness" in known:  # drawn aside: what else a scene is drawn as stays what it is
+            arguments["implicit_stiffness"] = bool(rng.spawn(1)[0].random() < 0.75)
         scene = Scene(
             name, bodies, tuple(s for s in shapes if s.name in used), contacts,
             tuple(Actuator(n, int(rng.integers(JOINTS[b.joint])), 1.0)
