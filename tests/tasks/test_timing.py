@@ -1,0 +1,47 @@
+"""Delays and holds of every world's own, around policies that act on the host, and where they may not be."""
+
+import numpy as np
+import pytest
+from test_disturbances import FORCE, GOAL, LIMITS, B, H, K, swept, task
+
+import slcp_warp as slcp
+from slcp_warp import policies
+from slcp_warp.ensembles.questions.rare.numbers import Numbers
+from slcp_warp.ensembles.questions.rare.scenario import scenario_of
+from slcp_warp.ensembles.questions.rare.space import searched
+
+DRAWN = {"delay": slcp.Uniform(0.0, 0.08), "hold": slcp.Uniform(0.02, 0.1), "sensor": 0.01}
+
+
+def test_what_acts_on_the_host_is_held_alike(device):
+    """A callback of the linear law, which every world hears with its own delay and hold."""
+    own = task(disturbances=slcp.Disturbances(velocity=0.02, **DRAWN))
+    law = policies.Callback(lambda x, time: FORCE + (x - GOAL) @ K.T)
+    kernel, host = (swept(device, "specialised", own, policy).part("policy") for policy in (None, law))
+    for name in ("block.x", "pusher.vshift", "force", "drawn_delay", "drawn_hold"):
+        np.testing.assert_allclose(host[name], kernel[name], rtol=0, atol=1e-9, err_msg=name)
+    assert np.ptp(kernel["drawn_delay"]) > 0.03 and np.ptp(kernel["force"]) > 1e-3
+
+
+def test_a_search_keeps_the_mean_and_a_found_world_its_own():
+    own = task(disturbances=slcp.Disturbances(kick_times=(0.3,), kick=0.1, **DRAWN))
+    assert searched(own, "kick", None, None, 0.1).delay == pytest.approx(0.04)
+    assert searched(own, "all", None, None, 0.1).delay == DRAWN["delay"]
+    numbers = Numbers(own.simulator(device="cpu"), own, H)
+    assert {"delay", "hold"} < set(numbers.names)
+    world = numbers.worlds(np.full((1, numbers.dimension), -9.0))
+    np.testing.assert_allclose(world.timing, [[[0.0, 0.02]]], atol=1e-9)
+    once = scenario_of(own, numbers, world)
+    assert (once.disturbances.delay, round(once.disturbances.hold, 9)) == (0.0, 0.02)
+
+
+@pytest.mark.parametrize("wrong", [slcp.LogNormal(0.1, median=0.02), slcp.Uniform(-0.1, 0.1), -0.1, "late"])
+def test_only_what_has_an_end_is_taken(wrong):
+    with pytest.raises(slcp.InputError, match="Disturbances.delay"):
+        slcp.Disturbances(delay=wrong)
+
+
+def test_a_world_has_its_own_in_every_chunk(device):
+    own = task(disturbances=slcp.Disturbances(**DRAWN), control_limits=LIMITS)
+    whole, cut = (swept(device, "specialised", own, chunk=chunk).part("policy") for chunk in (None, 4))
+    assert len(whole["world"]) == B and all(np.array_equal(whole[name], cut[name]) for name in whole)
