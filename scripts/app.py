@@ -38,6 +38,7 @@ IN_CHECKOUTS = {  # commands of `slcp paper` and `slcp` that a wheel leaves out:
     "mpc": ("studies.mpc", "mpc_command"),
     "published": ("studies.published.command", "published_command"),
     "starts": ("studies.starts.command", "starts_command"),
+    "schedules": ("studies.starts.schedules", "schedules_command"),
     "bench": ("benchmarks.commands", "app"),
     "gpu-check": ("benchmarks.gpu.command", "gpu_check_command"),
 }

@@ -1,5 +1,6 @@
 """Published problems of optimal control, with the costs that are known for them."""
 
+import functools
 import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -60,8 +61,11 @@ def acrobot(device: Any = None) -> Published:
     return Published(problem, np.zeros(4), 44.5133, "trajax, optimizers_test: below 51")
 
 
-def make_cart_pole(dtype: Any, VX: Any, VU: Any) -> Any:
-    """A cart of 1 kg with a point of .2 kg at .5 m, hanging at angle 0; Kutta's third-order rule."""
+def make_cart_pole(dtype: Any, VX: Any, VU: Any, order: int = 3) -> Any:
+    """A cart of 1 kg with a point of .2 kg at .5 m, hanging at angle 0.
+
+    The midpoint rule (order 2), Kutta's third-order rule, or the classical one of order 4.
+    """
     h, cart, pole, length, g = (dtype(v) for v in (0.05, 1.0, 0.2, 0.5, 9.81))
     half, two, four, six = dtype(0.5), dtype(2.0), dtype(4.0), dtype(6.0)
 
@@ -84,17 +88,29 @@ def make_cart_pole(dtype: Any, VX: Any, VU: Any) -> Any:
     def step(params: wp.array2d(dtype=dtype), row: int, x: VX, u: VU):
         k1 = h * rate(x, u)
         k2 = h * rate(x + half * k1, u)
-        k3 = h * rate(x - k1 + two * k2, u)
-        return x + (k1 + four * k2 + k3) / six
+        if wp.static(order == 2):
+            after = x + k2
+        elif wp.static(order == 3):
+            after = x + (k1 + four * k2 + h * rate(x - k1 + two * k2, u)) / six
+        else:
+            k3 = h * rate(x + half * k2, u)
+            after = x + (k1 + two * k2 + two * k3 + h * rate(x + k3, u)) / six
+        return after
 
     return step
 
 
-def cart_pole(device: Any = None) -> Published:
-    """Altro's swing-up in 5 s with at most 3 N, the goal as a final cost."""
+def cart_pole(device: Any = None, order: int = 3, final: float = 100.0) -> Published:
+    """Altro's swing-up in 5 s with at most 3 N, the goal as a final cost; a large one is Altro's constraint.
+
+    Args:
+        order: of the rule of integration.
+        final: weight of the goal.
+    """
     goal, one = np.array([0.0, math.pi, 0.0, 0.0]), np.eye(4)
-    cost = ddp.costs.quadratic(5e-4 * one, [[5e-3]], 100.0 * one, goal)
-    dynamics = ddp.WarpDynamics(make_cart_pole, 4, 1, device=device)
+    cost = ddp.costs.quadratic(5e-4 * one, [[5e-3]], final * one, goal)
+    make = make_cart_pole if order == 3 else functools.partial(make_cart_pole, order=order)
+    dynamics = ddp.WarpDynamics(make, 4, 1, device=device)
     problem = ddp.Problem(dynamics, cost, 100, control_limits=(-3.0, 3.0))
     return Published(problem, np.zeros(4), 1.4943, "Altro.jl, problems/cartpole.jl, RK3")
 
