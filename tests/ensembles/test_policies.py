@@ -42,14 +42,20 @@ def test_tracking_follows_its_own_time_and_period(device, count):
             np.testing.assert_allclose(run.controls[world, k], expected, rtol=0, atol=1e-12)
 
 
+@pytest.mark.parametrize("timed", [False, True])
 @pytest.mark.parametrize("metric", ["covariance", "variance"])
-def test_the_norm_of_the_nearest_neighbour_is_in_units_of_the_spread(metric):
-    """(20): |W dx|^2 = dx' C^-1 dx, with C the covariance of the entries or its diagonal."""
+def test_the_norm_of_the_nearest_neighbour_is_in_units_of_the_spread(metric, timed):
+    """(20): |W dx|^2 = dx' C^-1 dx, with C the covariance of the entries or its diagonal; of entries that
+    belong to steps the covariance about the mean of the same step."""
     rng = np.random.default_rng(1)
-    library = SimpleNamespace(
-        x=rng.standard_normal((500, 6)) @ rng.standard_normal((6, 6)), period=np.zeros(6)
-    )
-    covariance = np.cov(library.x.T)
+    x = rng.standard_normal((500, 6)) @ rng.standard_normal((6, 6))
+    library = SimpleNamespace(x=x, period=np.zeros(6), step=None)
+    covariance = np.cov(x.T)
+    if timed:
+        library.step = np.repeat([0, 3], 250)
+        library.x = x + np.where(library.step == 3, 100.0, 0.0)[:, None]
+        halves = (x[:250] - x[:250].mean(axis=0), x[250:] - x[250:].mean(axis=0))
+        covariance = sum(half.T @ half for half in halves) / 499
     if metric == "variance":
         covariance = np.diag(np.diag(covariance))
     white = whitening(library, metric)
