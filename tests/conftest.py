@@ -4,6 +4,7 @@ Every (scene, options, precision, kind of kernel) compiles for seconds the first
 tests of the files that compile much stay in the quick run (`scripts/test.sh --fast`); others are marked slow.
 """
 
+import gc
 import os
 import re
 
@@ -88,6 +89,25 @@ test_compile test_cache test_limits test_rem_normal test_tape
 """.split()
 
 
+# Kernels of these files are compiled without optimisation, in half the time: they say of policies, tasks and
+# plans what holds whatever the compiler makes of a kernel, and make few steps. They come last: files in which
+# another process repeats a result to the bit are others. SLCP_TESTS_OPTIMISED=1 (.ci/full): as users'.
+PLAIN = """
+test_disturbances test_task_sight test_own test_host test_network_gradient test_function_gradient
+test_around test_task_ends test_network test_task_sweep
+""".split()
+
+
+@pytest.fixture(autouse=True, scope="module")
+def optimisation(request):
+    """The compiler's level of optimisation for the kernels that a file is the first to ask for."""
+    plain = request.path.name.removesuffix(".py") in PLAIN and not wp.is_cuda_available()
+    if plain and not os.environ.get("SLCP_TESTS_OPTIMISED"):
+        wp.config.optimization_level = 0
+    yield
+    wp.config.optimization_level = None
+
+
 def pytest_addoption(parser) -> None:
     parser.addoption("--full", action="store_true", help="also the tests marked full (.ci/full long)")
     parser.addoption("--docs", action="store_true", help="also the code in the texts (.ci/run)")
@@ -99,6 +119,12 @@ def pytest_configure(config) -> None:
         from compiled import Compiled
 
         config.pluginmanager.register(Compiled(config.getoption("--compiled")))
+
+
+def pytest_collection_finish() -> None:
+    """What thousands of collected tests are made of is not looked through for garbage time and again."""
+    gc.collect()
+    gc.freeze()
 
 
 def pytest_collection_modifyitems(config, items) -> None:
@@ -113,4 +139,5 @@ def pytest_collection_modifyitems(config, items) -> None:
             config.hook.pytest_deselected(items=left_out)
             items[:] = [item for item in items if item.get_closest_marker(mark) is None]
     place = {f"{name}.py": i for i, name in enumerate(FIRST)}
-    items.sort(key=lambda item: place.get(item.path.name, len(place)))
+    last = {f"{name}.py": len(place) + 1 + i for i, name in enumerate(PLAIN)}
+    items.sort(key=lambda item: (place | last).get(item.path.name, len(place)))

@@ -13,7 +13,6 @@ OPTIONAL = {  # the libraries of pyproject.toml's extras, by the names that they
     *("psutil", "pyarrow", "pydrake", "rich", "scipy", "submitit", "torch", "typer"),
     "websockets",
 }
-LAYER_GRAPH = graph(*LAYERS)
 
 
 def upward(arrows: dict[str, set[str]], order: tuple[str, ...]) -> list[str]:
@@ -59,7 +58,7 @@ def test_a_file_belongs_to_one_room():
 
 
 def test_there_are_no_circles_between_files():
-    assert [[str(path.relative_to(ROOT)) for path in loop] for loop in circles(LAYER_GRAPH)] == []
+    assert [[str(path.relative_to(ROOT)) for path in loop] for loop in circles(graph(*LAYERS))] == []
 
 
 @pytest.mark.parametrize("layer", LAYERS)
@@ -92,13 +91,13 @@ def needing_an_option() -> set[Path]:
     """The files of ours that cannot be imported without an optional library, over others too."""
     found = {
         path
-        for path in LAYER_GRAPH
+        for path in graph(*LAYERS)
         if optional(item.module for item in imports(path.read_text(), package_of(path)) if not item.inside)
     }
     while True:
         more = {
             path
-            for path, targets in LAYER_GRAPH.items()
+            for path, targets in graph(*LAYERS).items()
             if any(target in found and not all(i.inside for i in items) for target, items in targets.items())
         }
         if more <= found:
@@ -110,7 +109,7 @@ def hidden(path: Path, needing: set[Path]) -> list[str]:
     """Imports inside functions, of anything but optional libraries and files that need one."""
     wrong = [
         f"line {item.line}: {target.relative_to(ROOT)}"
-        for target, items in LAYER_GRAPH[path].items()
+        for target, items in graph(*LAYERS)[path].items()
         for item in items
         if item.inside and target not in needing
     ]
@@ -124,7 +123,7 @@ def hidden(path: Path, needing: set[Path]) -> list[str]:
 
 def test_nothing_is_imported_behind_a_function():
     needing = needing_an_option()
-    found = {str(path.relative_to(ROOT)): hidden(path, needing) for path in LAYER_GRAPH}
+    found = {str(path.relative_to(ROOT)): hidden(path, needing) for path in graph(*LAYERS)}
     assert {path: lines for path, lines in found.items() if lines} == {}
 
 

@@ -38,7 +38,8 @@ def in_between(control, delay, hold, limits):
 
 
 @pytest.mark.parametrize(
-    "strategy, delay, hold", [("specialised", 2, 3), ("generic", 1, 4), ("specialised", 3, 1)]
+    "strategy, delay, hold",
+    [("specialised", 2, 3), pytest.param("generic", 1, 4, marks=pytest.mark.full), ("specialised", 3, 1)],
 )
 def test_delay_hold_and_limits_around_a_policy_that_remembers(device, strategy, delay, hold):
     between = {"limits": (-1.0, 5.5), "delay": delay, "hold": hold}
@@ -78,11 +79,13 @@ def test_streams_of_sensors_meet_no_others():
 
 def test_a_sweep_draws_noise_by_the_worlds_number(device):
     policy = policies.Around(policies.Linear(K, GOAL, FORCE), noise=0.05)
-    given = {"worlds": 30, "cases": slcp.Options(residual="hard"), "dtype": "float64", "device": device,
-             "strategy": "generic"}  # fmt: skip
-    one, split = (
-        slcp.sweep(task(start=None), policy, chunk=chunk, **given).part("policy") for chunk in (None, 7)
-    )
+    given = {"worlds": 30, "cases": slcp.Options(residual="hard"), "dtype": "float64", "device": device}
+    measures = {
+        "x": slcp.measures.final("pusher.shift"),
+        "most": slcp.measures.largest(slcp.measures.control(0)),
+    }
+    own = task(scene=loose(device).scene, start=None, measures=measures)
+    one, split = (slcp.sweep(own, policy, chunk=chunk, **given).part("policy") for chunk in (None, 7))
     np.testing.assert_array_equal(one["x"], split["x"])
     assert len(np.unique(one["x"])) == 30
 
@@ -91,11 +94,11 @@ def test_no_number_within_limits_is_no_control(device):
     """It ends the world: a clamp would make it the lower limit."""
     nan = policies.Function(smoothed, memory=1, share=0.0, gain=[[0.0]],
                             force=wp.array([np.nan], dtype=wp.float64, device=device))  # fmt: skip
-    sim = simulator(device, "generic")
-    run = loose(device).rollout(STARTS[:1], policy=policies.Around(nan, (-1.0, 1.0)), steps=2)
+    sim = loose(device)
+    run = sim.rollout(STARTS[:1], policy=policies.Around(nan, (-1.0, 1.0)), steps=2)
     assert (run.status == slcp.Status.NONFINITE).all()
-    report = slcp.sweep(task(start=STARTS[:1], control_limits=(-1.0, 1.0)), nan, worlds=1, cases=sim.options,
-                        dtype="float64", device=device, strategy="generic")  # fmt: skip
+    own = task(scene=sim.scene, start=STARTS[:1], control_limits=(-1.0, 1.0))
+    report = slcp.sweep(own, nan, worlds=1, cases=sim.options, dtype="float64", device=device)
     assert (report.table["status"] == slcp.Status.NONFINITE).all()
 
 

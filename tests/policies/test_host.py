@@ -65,7 +65,7 @@ def test_a_callback_of_the_linear_law_gives_its_table(device, strategy, chunk):
     same(sweep(named, device, strategy, chunk=chunk), "linear", "callback")
 
 
-@pytest.mark.parametrize("strategy", OPTIONS)
+@pytest.mark.parametrize("strategy", ["specialised", pytest.param("generic", marks=pytest.mark.full)])
 def test_a_launch_makes_the_steps_of_a_period(device, strategy):
     """Controls by time, held over 7 steps of a run of 75, whose last period is shorter."""
     force = np.sin(np.arange(STEPS // 7 + 1))

@@ -148,11 +148,10 @@ def test_a_sweep_counts_the_worlds_of_a_policy_through_its_chunks(device):
     """World by world another force: the same whatever the chunks."""
     force = np.linspace(0.0, 5.0, 30)
     policy = policies.Function(smoothed, memory=1, start=first_position, share=0.2, force=force, gain=[[5.0]])
-    given = {"worlds": 30, "cases": slcp.Options(residual="hard"), "dtype": "float64", "device": device,
-             "strategy": "generic"}  # fmt: skip
-    one, split = (
-        slcp.sweep(task(start=None), policy, chunk=chunk, **given).part("policy") for chunk in (None, 7)
-    )
+    given = {"worlds": 30, "cases": slcp.Options(residual="hard"), "dtype": "float64", "device": device}
+    measures = {"x": m.final("pusher.shift"), "most": m.largest(m.control(0))}
+    own = task(scene=loose(device).scene, start=None, measures=measures)
+    one, split = (slcp.sweep(own, policy, chunk=chunk, **given).part("policy") for chunk in (None, 7))
     np.testing.assert_array_equal(one["x"], split["x"])
     assert len(np.unique(one["most"])) > 10
 

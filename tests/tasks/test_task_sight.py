@@ -1,11 +1,12 @@
 """What policies see of a state, and the periods of angles."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import warp as wp
-from test_disturbances import ENDS, FORCE, GOAL, SCENE, H, N, swept, task
+from test_disturbances import ENDS, EVERYTHING, FORCE, GOAL, LOOSE, SCENE, H, N, swept, task
 
 import slcp_warp as slcp
 from slcp_warp import policies
@@ -29,20 +30,24 @@ def summed(dtype, VX, VY):
     return observe
 
 
-def seeing(**changes):
-    return task(disturbances=NOISE, **changes)
+QUIET = slcp.Disturbances(velocity=0.02)
+ALL = replace(EVERYTHING, parameters={"mass": 0.1})  # there is no friction where nothing touches
+
+
+def seeing(disturbances=NOISE, **changes):
+    return task(disturbances=disturbances, scene=LOOSE, **changes)
 
 
 def test_a_policy_sees_what_is_observed(device, tmp_path):
     """Some components, of a noisy sensor; the same as all of them with gains that leave the others out."""
     few = policies.Linear(GAIN, GOAL[PLACES], FORCE)
-    found = swept(device, "generic", seeing(observation=SEEN), few).part("policy")
-    whole = swept(device, "generic", seeing(), policies.Linear(WHOLE, GOAL, FORCE)).part("policy")
+    found = swept(device, "specialised", seeing(observation=SEEN), few).part("policy")
+    whole = swept(device, "specialised", seeing(), policies.Linear(WHOLE, GOAL, FORCE)).part("policy")
     for name in ENDS:
         np.testing.assert_allclose(found[name], whole[name], rtol=0, atol=1e-9, err_msg=name)
     assert np.ptp(found["block.x"]) > 1e-3
     policies.save_policy(policies.Observed(few, SEEN), tmp_path / "few.npz")
-    again = swept(device, "generic", seeing(), policies.load_policy(tmp_path / "few.npz")).part("policy")
+    again = swept(device, "specialised", seeing(), policies.load_policy(tmp_path / "few.npz")).part("policy")
     assert all((again[name] == found[name]).all() for name in ENDS)
 
 
@@ -64,12 +69,10 @@ def test_a_policy_sees_a_users_function_and_remembers(device):
 
         return control
 
-    quiet, given = slcp.Disturbances(velocity=0.02), {"memory": 1, "force": 3.0, "gain": 0.1}
-    sees = task(disturbances=quiet, observation=policies.Observation(summed, 2))
-    one = swept(device, "generic", sees, policies.Function(remembers, **given)).part("policy")
-    two = swept(device, "generic", task(disturbances=quiet), policies.Function(by_hand, **given)).part(
-        "policy"
-    )
+    given = {"memory": 1, "force": 3.0, "gain": 0.1}
+    sees = seeing(QUIET, observation=policies.Observation(summed, 2))
+    one = swept(device, "specialised", sees, policies.Function(remembers, **given)).part("policy")
+    two = swept(device, "specialised", seeing(QUIET), policies.Function(by_hand, **given)).part("policy")
     for name in ENDS:
         np.testing.assert_allclose(one[name], two[name], rtol=0, atol=1e-9, err_msg=name)
 
@@ -79,11 +82,9 @@ def test_what_acts_on_the_host_sees_the_same(device):
         def act(self, x, time, worlds):
             return FORCE + (x - GOAL[PLACES]) @ GAIN.T
 
-    quiet = {"disturbances": slcp.Disturbances(velocity=0.02), "observation": SEEN}
+    own = seeing(QUIET, observation=SEEN)
     few = policies.Linear(GAIN, GOAL[PLACES], FORCE)
-    one, two = (
-        swept(device, "generic", task(**quiet), each, worlds=3).part("policy") for each in (few, Host())
-    )
+    one, two = (swept(device, "specialised", own, each, worlds=3).part("policy") for each in (few, Host()))
     for name in ENDS:
         np.testing.assert_allclose(one[name], two[name], rtol=0, atol=1e-9, err_msg=name)
 
@@ -96,10 +97,10 @@ def test_what_acts_on_the_host_sees_a_function_of_the_state(device):
             met.append(x)
             return np.zeros((len(x), 1))
 
-    swept(device, "generic", task(observation=policies.Observation(summed, 2)), Host(), worlds=3)
+    swept(device, "specialised", seeing(ALL, observation=policies.Observation(summed, 2)), Host(), worlds=3)
     every, seen = [], met[:]
     met.clear()
-    swept(device, "generic", task(), Host(), worlds=3)
+    swept(device, "specialised", seeing(ALL), Host(), worlds=3)
     for x, y in zip(met, seen, strict=True):
         assert y.shape == (len(x), 2) and y.dtype == x.dtype
         every.append(np.abs(y - np.stack([x[:, 0] + x[:, 1], x[:, 4]], axis=1)).max())
@@ -115,10 +116,10 @@ def test_a_function_of_the_state_that_cannot_be_used_is_said_so(device):
         raise KeyError("nothing")
 
     with pytest.raises(slcp.InputError, match="Observation.function cannot be used: .*nothing"):
-        swept(device, "generic", task(observation=policies.Observation(broken, 2)), Host(), worlds=1)
+        swept(device, "specialised", seeing(observation=policies.Observation(broken, 2)), Host(), worlds=1)
 
 
-@pytest.mark.parametrize("strategy", ["specialised", "generic"])
+@pytest.mark.parametrize("strategy", ["specialised", pytest.param("generic", marks=pytest.mark.full)])
 def test_what_lies_around_a_policy_lies_around_one_on_the_host(device, strategy):
     """A noisy sensor, delay and hold; undisturbed none of them. It is asked when a control is to be held."""
     asked = []

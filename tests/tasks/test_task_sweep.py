@@ -70,7 +70,10 @@ def test_measures_are_those_of_the_recorded_run(device, residual, strategy):
     assert 0.0 < found["contact"].min() and np.isinf(found["never"]).all() and np.isnan(found["late"]).all()
 
 
-@pytest.mark.parametrize("residual, strategy", [("rem-logistic", "specialised"), ("hard", "generic")])
+@pytest.mark.parametrize(
+    "residual, strategy",
+    [("rem-logistic", "specialised"), pytest.param("hard", "generic", marks=pytest.mark.full)],
+)
 def test_records_are_those_of_the_recorded_run(device, residual, strategy):
     """Several states at once, less their start, in the undisturbed world and through a kick."""
     kicked = task(disturbances=slcp.Disturbances(kick_times=(0.2,), kick=1.0))
