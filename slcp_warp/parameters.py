@@ -128,7 +128,11 @@ class Parameters(Printed):
                 f"params belong to scene {given.scene.name!r}; this simulator has {self.scene.name!r}"
             )
         if given.worlds not in (None, worlds):
-            raise ArrayError(f"params are given for {given.worlds} worlds, the arrays for {worlds}")
+            shapes = [(n, self.layout.shape(n)) for n, v in given._values.items()
+                      if np.ndim(v) > len(self.layout.shape(n))]  # fmt: skip
+            several = ", ".join(f"{n} (a world's has shape {shape})" for n, shape in shapes)
+            raise ArrayError(f"params are given for {given.worlds} worlds, the arrays for {worlds}; "
+                             f"one a world are: {several}")  # fmt: skip
         return given
 
     def track(self) -> "Parameters":

@@ -176,7 +176,7 @@ ERRORS = {
         "params belong to scene 'grasp'; this simulator has 'flicking_finger'"),
     "parameters for other worlds": (
         lambda: sim().step(WORLDS, params=replace(mass=np.ones((2, 3)))), ArrayError,
-        "params are given for 2 worlds, the arrays for 3"),
+        "params are given for 2 worlds, the arrays for 3; one a world are: mass"),
     # rollouts
     "record by number": (
         lambda: sim().rollout(X, FIVE, record=1), TypeError, "record is 1; names out of .*'impulse'"),
