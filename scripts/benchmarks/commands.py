@@ -13,6 +13,7 @@ import warp as wp
 
 import slcp_warp as slcp
 from slcp_warp.options import CHOICES
+from slcp_warp.scenes.registry import NAMED
 
 from ..support.options import Dtype, SceneName
 from ..support.paper import SCENE
@@ -35,6 +36,7 @@ from .cost.pair import PairError, bench_pair, print_pairs
 from .cost.policies import bench_policies
 from .cost.statistics import bench_statistics
 from .cost.step import bench_step
+from .cost.strategies import bench_strategies, print_strategies
 from .cost.threads import bench_threads
 from .cost.watch import bench_watch
 from .derivatives.jacobians import bench_differences
@@ -292,9 +294,20 @@ def kernels_command(
     cache: Annotated[
         bool, typer.Option(help="Use compiled kernels; compile times then mean nothing.")
     ] = False,
+    scene: Annotated[
+        list[str] | None, typer.Option(help="Named scenes instead, under every law; 'all' for all of them.")
+    ] = None,
     csv: Csv = None,
 ) -> None:
     """Registers, compile time and step time over the size of a scene, both strategies; rows out of reach."""
+    if scene:
+        chosen_scenes = [] if scene == ["all"] else scene
+        if unknown := [name for name in chosen_scenes if name not in NAMED]:
+            raise typer.BadParameter(f"--scene is {unknown[0]!r}; choose from {', '.join(NAMED)}, all")
+        rows = bench_strategies(chosen_scenes, repeats=repeats)
+        print_strategies(rows)
+        _save(csv, rows)
+        return
     try:
         chosen = tuple((int(a), int(b)) for a, b in (size.split("x") for size in sizes.split(",")))
     except ValueError:

@@ -8,6 +8,7 @@ for scenes whose unrolled kernels would take minutes to compile and spill anyway
 
 import os
 import warnings
+from collections import Counter
 from typing import Any
 
 import warp as wp
@@ -15,7 +16,7 @@ import warp as wp
 from slcp_warp.kernels.generic.topology import NUMBERS
 from slcp_warp.kernels.method import Method
 from slcp_warp.kernels.solvers.law import law_of
-from slcp_warp.kernels.structure import MOST_ROWS, Structure, layout
+from slcp_warp.kernels.structure import MOST_ROWS, WORLD, Structure, layout
 
 from ..inputs.checks import choice, flag
 from ..inputs.errors import ArgumentError
@@ -30,6 +31,32 @@ PAIRS = 2  # of which the rows that act together are few in most steps
 
 class StrategyError(ArgumentError):
     """What was asked for is not offered with the kernels of this scene."""
+
+
+def structure_facts(s: Structure) -> dict[str, int]:
+    """What "auto" chooses by: degrees of freedom, rows, and the most trees that contact pairs join."""
+    return {"nv": s.nv, "rows": s.nr, "trees": joined_trees(s)}
+
+
+def joined_trees(s: Structure) -> int:
+    """The most trees (bodies that joints hang on each other) that pairs may join, the world left out."""
+    root = [b if body.parent == WORLD else -1 for b, body in enumerate(s.bodies)]
+    for b, body in enumerate(s.bodies):
+        if body.parent != WORLD:
+            root[b] = root[body.parent]
+    name = {r: r for r in root}
+
+    def find(r: int) -> int:
+        while name[r] != r:
+            r = name[r]
+        return r
+
+    for pair in s.pairs:
+        bodies = [s.shapes[i].body for i in (pair.shape_a, pair.shape_b)]
+        if WORLD not in bodies:
+            one, other = (find(root[b]) for b in bodies)
+            name[max(one, other)] = min(one, other)
+    return max(Counter(find(r) for r in name).values())
 
 
 def missing(s: Structure, method: Method) -> str:
