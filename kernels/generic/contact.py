@@ -14,9 +14,10 @@ from ..factories import cached
 from ..residual.smoothing import make_smoothing
 from ..structure import CAPSULE, DISC, ELLIPSE, HALFPLANE, WORLD
 from .broad.phase import make_broad
+from .linear.matrix import make_matrix
 from .mechanism import COLUMN, make_mechanism
 from .topology import CONTACT, LONG, LOWER, MOVES_A, MOVES_B, PLANE, ROUND, TURN, Topology
-from .work import LISTED, NEAR, ORDERS, V2, V3, V4, WORK, Slot
+from .work import LISTED, NEAR, ORDERS, V2, V3, V4, WORK, Island, Slot
 
 ROUNDING = {wp.float64: 1e-14, wp.float32: 4e-7}  # of a gap [m], whatever the precision of the work
 
@@ -29,6 +30,7 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
     dtype = WORK
     mech = make_mechanism(given)
     broad = make_broad(residual)
+    ends = make_matrix().ends
     number, column = mech.number, mech.column
     GEO = wp.types.vector(8, dtype)
     ZERO, ONE, TOUCHING, UNUSED = dtype(0.0), dtype(1.0), dtype(ROUNDING[given]), dtype(COLD)
@@ -327,28 +329,43 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
     def velocity(t: wp.ref[Topology], k: wp.ref[Slot], r: int):
         """J_r v'."""
         out = dtype(0.0)
-        e = k.entry[r]
         at = k.pattern[r]
-        end = k.entry[r + 1]
-        while e < end:
+        for e in range(k.entry[r], k.entry[r + 1]):
             out += wp.dot(k.jac[e], k.v[t.row_block[at]])
-            e += 1
             at += 1
         return out
 
+    @wp.func
+    def measure(t: wp.ref[Topology], k: wp.ref[Slot], g: int):
+        """k.w of a group's rows that do not act: J v' + d/h."""
+        start, end, entry, entries, one, two = ends(t, k, g)
+        v = k.v[one]
+        u = V3()
+        if entries == 2:
+            u = k.v[two]
+        at = entry + 0
+        for r in range(start, end):
+            if k.acting[r] == 0:
+                if entries <= 2:
+                    k.w[r] = k.rate[r] + (wp.dot(k.jac[at], v) + wp.dot(k.jac[at + entries - 1], u))
+                else:
+                    k.w[r] = k.rate[r] + velocity(t, k, r)
+            at += entries
+
     @wp.func(inline=False)
-    def grow(t: wp.ref[Topology], k: wp.ref[Slot], start: int, end: int, margin: dtype, known: int):
+    def grow(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, margin: dtype, known: int):
         """Add the rows that k.v lets act (or comes within `margin` of it); their number and the largest
         approach. k.w of what does not act is J v' + d/h: it may be known from the last time.
         """
         added = int(0)
         approach = dtype(0.0)
-        for r in range(start, end):
+        if known == 0:
+            for g in range(o.group, o.last_group):
+                measure(t, k, g)
+        for r in range(o.row, o.last_row):
             if k.acting[r] == 0:
-                if known == 0:
-                    k.w[r] = velocity(t, k, r) + k.rate[r]
                 w = k.w[r]
-                approach = wp.max(approach, -w)
+                approach = wp.where(-w > approach, -w, approach)
                 if not (w > CUT * k.sigma[r] + margin):
                     k.acting[r] = 1
                     added += 1

@@ -45,6 +45,20 @@ def make_interior(given: type, residual: str) -> SimpleNamespace:
         e = nt.smooth(k, r, a - w)
         return a * w - e[0] * e[1], e[2] * e[1] - e[3] * e[0]
 
+    @wp.func
+    def bend(k: wp.ref[Slot], r: int, a: dtype, w: dtype, excess: dtype, slope: dtype):
+        """Excess and weights of a row; |excess|."""
+        p = wp.max(a + slope, POSITIVE * a)
+        q = wp.max(w - slope, POSITIVE * w)
+        total = p + q
+        inverse = ONE / total
+        k.excess[r] = excess
+        k.cross[r] = ZERO
+        k.p[r] = p * inverse
+        k.slack[r] = q * inverse
+        k.total[r] = total
+        return wp.abs(excess)
+
     @wp.func(inline=False)
     def curve(k: wp.ref[Slot], o: Island, n: dtype):
         """Excess and weights of every acting row; mean |excess|."""
@@ -54,15 +68,7 @@ def make_interior(given: type, residual: str) -> SimpleNamespace:
                 a = k.a[r]
                 w = k.w[r]
                 excess, slope = product(k, r, a, w)
-                p = wp.max(a + slope, POSITIVE * a)
-                q = wp.max(w - slope, POSITIVE * w)
-                total = p + q
-                k.excess[r] = excess
-                k.cross[r] = ZERO
-                k.p[r] = p / total
-                k.slack[r] = q / total
-                k.total[r] = total
-                mean += wp.abs(excess)
+                mean += bend(k, r, a, w, excess, slope)
         return mean / n
 
     @wp.func(inline=False)
@@ -180,10 +186,12 @@ def make_interior(given: type, residual: str) -> SimpleNamespace:
         return step
 
     @wp.func(inline=False)
-    def advance(k: wp.ref[Slot], o: Island, inside: int, step: dtype):
+    def advance(k: wp.ref[Slot], o: Island, n: dtype, inside: int, step: dtype):
+        """Make the step; inside with what `curve` finds there, whose mean is given back."""
         for place in range(o.start, o.end):
             i = k.block[place]
             k.v[i] = k.v[i] + step * k.move[i]
+        mean = dtype(0.0)
         for r in range(o.row, o.last_row):
             if k.acting[r] > 0:
                 dz = k.dz[r]
@@ -193,12 +201,20 @@ def make_interior(given: type, residual: str) -> SimpleNamespace:
                     e = k.aimed[r]
                     a = k.a[r] + step * (k.p[r] * dz + e)
                     w = k.w[r] + step * (e - k.slack[r] * dz)
-                    if wp.static(not hard):  # below the curve steps would get shorter and shorter
-                        least = nt.smooth(k, r, a - w)
-                        a = wp.max(a, least[0])
-                        w = wp.max(w, least[1])
+                    slope = dtype(0.0)
+                    excess = dtype(0.0)
+                    if wp.static(hard):
+                        excess = a * w
+                    else:  # below the curve steps would get shorter and shorter
+                        on = nt.smooth(k, r, a - w)
+                        a = wp.max(a, on[0])
+                        w = wp.max(w, on[1])
+                        excess = a * w - on[0] * on[1]
+                        slope = on[2] * on[1] - on[3] * on[0]
                     k.a[r] = a
                     k.w[r] = w
+                    mean += bend(k, r, a, w, excess, slope)
+        return mean / n
 
     return SimpleNamespace(
         enter=enter, curve=curve, aim=aim, advance=advance, proves_infeasible=proves_infeasible

@@ -128,7 +128,7 @@ def make_island(given: type, residual: str) -> wp.Function:
             if filling == 1:
                 refill(t, k, o, rub, looking)
                 filling = 0
-            added, approach = contact.grow(t, k, o.row, o.last_row, margin, known)
+            added, approach = contact.grow(t, k, o, margin, known)
             known = int(looking)
             if looking == 1:
                 looking = 0

@@ -80,10 +80,12 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
             at = t.mass_at[i]
             change = k.v[i] - k.vfree[i]
             value = k.mass[at + i] * change
-            for j in range(t.mass_first[i], i):
+            j = t.mass_first[i]
+            while j < i:
                 m = k.mass[at + j]
                 value += m * (k.v[j] - k.vfree[j])
                 k.balance[j] = k.balance[j] + wp.transpose(m) * change
+                j += 1
             k.balance[i] = value
 
     @wp.func

@@ -51,6 +51,8 @@ class Search:
     yielding: WORK
     rest: WORK  # residual at which Newton's method is not even begun
     tried: WORK  # sqrt(mu) at which Newton's method is tried next
+    bent: int  # 1: excess and weights of the interior point are those at hand
+    mean: WORK  # |excess| there
     last: int  # 1: the best point of Newton's method is the one at hand
 
 
@@ -175,6 +177,7 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
     @wp.func
     def begin(s: wp.ref[Search], inside: int):
         s.inside = inside
+        s.bent = 0
         s.it = 0
         s.misses = 0
         s.best = HUGE
@@ -252,22 +255,23 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
         while status == wp.static(NOT_CONVERGED) and s.attempt < wp.static(YIELDING + ROUNDS):
             yields = wp.where(s.inside == 1, s.yielding, ZERO)
             worst, changed, largest = nt.residuals(t, k, o, s.inside, yields)
-            mean = dtype(0.0)
             ended = int(0)
             if s.it == 0 and s.attempt == 0:
                 remember(k, o)
             s.it = s.it + 1
             if s.inside == 1:
-                mean = inner.curve(k, o, n)
-                ended = end_inside(s, worst, mean, largest, size)
+                if s.bent == 0:
+                    s.mean = inner.curve(k, o, n)
+                ended = end_inside(s, worst, s.mean, largest, size)
             else:
                 ended = end_newton(k, o, s, worst)
             if ended == 0:
                 if changed == 1 or s.inside == 1 or s.it == 1:
                     nt.factor(t, k, o, yields)
                 cold = wp.where(s.attempt > wp.static(WARM), 1, 0)
-                step = inner.aim(t, k, o, s.inside, n, size, yields, mean, cold)
-                inner.advance(k, o, s.inside, step)
+                step = inner.aim(t, k, o, s.inside, n, size, yields, s.mean, cold)
+                s.mean = inner.advance(k, o, n, s.inside, step)
+                s.bent = int(s.inside)
             elif s.inside == 1:
                 status = to_newton(t, k, o, s, ended, size)
             else:

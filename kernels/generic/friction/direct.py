@@ -75,7 +75,7 @@ def make_direct(given: type) -> SimpleNamespace:
             if mean > LIMIT * size * size and largest < bound:
                 nt.factor(t, k, o, ZERO)
                 step = solver.aim(t, k, o, 1, n, size, ZERO, mean, 0)
-                solver.advance(k, o, 1, step)
+                solver.advance(k, o, n, 1, step)
             else:
                 it = int(wp.static(MAX_ITERATIONS))
         for r in range(o.row, o.last_row):
