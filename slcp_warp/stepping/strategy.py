@@ -26,6 +26,9 @@ RENAMED = {"registers": "specialised", "memory": "generic"}  # as they were call
 # nv times the larger of nr and nv, by whether the device is a CPU: beyond, specialised kernels compile for
 # half a minute on a CPU and for minutes on a GPU (docs/performance.md)
 LARGEST = {True: 200, False: 32}
+# nv times nr, of hard rows and of others: from here on generic kernels are the faster ones on a CPU where pairs
+# join two trees and more (`slcp bench kernels --scene all`, docs/performance.md)
+TOUCHING = {True: 48, False: 96}
 PAIRS = 2  # of which the rows that act together are few in most steps
 
 
@@ -126,5 +129,7 @@ def choose(strategy: str, s: Structure, method: Method, device: Any) -> str:
         )
     if strategy != "auto" or lacks:
         return "specialised" if strategy == "auto" else strategy
-    large = s.nr > MOST_ROWS or s.nv * max(s.nr, s.nv) > LARGEST[wp.get_device(device).is_cpu]
-    return "generic" if large else "specialised"
+    on_cpu = wp.get_device(device).is_cpu
+    large = s.nr > MOST_ROWS or s.nv * max(s.nr, s.nv) > LARGEST[on_cpu]
+    slower = on_cpu and s.nv * s.nr >= TOUCHING[method.hard] and joined_trees(s) > 1
+    return "generic" if large or slower else "specialised"

@@ -320,6 +320,36 @@ def test_strategy_is_chosen_and_refused():
         slcp.Simulator(sc, device="cpu", strategy="fast")
 
 
+HARD_LAWS = ({"residual": "hard"}, {"residual": "hard", "friction": "coulomb"})
+
+
+def test_strategy_is_the_faster_one_on_a_cpu():
+    """Trees that touch each other, by rows and law; what hangs together, and what the world alone touches, has
+    kernels of its own, as has all that generic kernels lack.
+    """
+    own = ("flicking_finger", "sliding_block", "grasp", "walker", "hopper", "beam", "ball_drop", "push_block")
+    for options in ({}, *HARD_LAWS):
+        chosen = {name: slcp.Simulator(scene(name), slcp.Options(**options), device="cpu").strategy for name in own}
+        assert set(chosen.values()) == {"specialised"}, chosen
+        for count in (3, 5):
+            sim = slcp.Simulator(scenes.stack(count), slcp.Options(**options), device="cpu")
+            assert sim.strategy == "generic", (count, options)
+    two = scenes.stack(2)
+    assert slcp.Simulator(two, device="cpu").strategy == "specialised"
+    assert {slcp.Simulator(two, slcp.Options(**of), device="cpu").strategy for of in HARD_LAWS} == {"generic"}
+    lacking = slcp.Options(residual="erm-logistic", scaling="inertia")
+    assert slcp.Simulator(scenes.stack(3), lacking, device="cpu").strategy == "specialised"
+
+
+def test_trees_that_pairs_join():
+    """The world joins none; a tree counts once, however many of its bodies touch."""
+    count = {"flicking_finger": 2, "walker": 1, "sliding_block": 1, "grasp": 3, "two_balls": 2}
+    assert {name: joined_trees(scene(name).structure) for name in count} == count
+    assert joined_trees(scenes.stack(7).structure) == 7
+    apart = replace(scenes.stack(4), contacts=scenes.stack(4).contacts[:4])
+    assert joined_trees(apart.structure) < 4
+
+
 @pytest.mark.parametrize("old, new", [("registers", "specialised"), ("memory", "generic")])
 def test_strategies_of_old_name_warn_where_they_are_asked_for(old, new):
     finger, spec = scene("flicking_finger"), slcp.SweepSpec(worlds=1)
