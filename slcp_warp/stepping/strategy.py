@@ -3,7 +3,8 @@
 "specialised": every (scene, options, precision) compiles kernels of its own, unrolled, one world per thread
 in registers: fastest for small mechanisms, and the only ones with every option. "generic": one kernel per
 precision and residual serves every scene by tables, a world's state in memory (`kernels/generic/step.py`):
-for scenes whose unrolled kernels would take minutes to compile and spill anyway.
+for scenes whose unrolled kernels would take minutes to compile and spill anyway, and on a CPU for trees that
+touch each other, which they step faster.
 """
 
 import os

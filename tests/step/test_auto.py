@@ -111,7 +111,7 @@ def test_what_is_recorded_does_not_change_the_motion():
 
 
 def test_a_small_scene_has_kernels_of_its_own():
-    """Three discs are few enough: every pair is unrolled, as if it were listed."""
-    scene = slcp.scenes.heap()
+    """One box is few enough: every pair is unrolled, as if it were listed."""
+    scene = slcp.scenes.tumbling_boxes()
     assert slcp.Simulator(scene).strategy == "specialised"
     assert scene.structure == scene.with_listed_contacts().structure
