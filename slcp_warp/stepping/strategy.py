@@ -3,7 +3,7 @@
 "specialised": every (scene, options, precision) compiles kernels of its own, unrolled, one world per thread
 in registers: fastest for small mechanisms, and the only ones with every option. "generic": one kernel per
 precision and residual serves every scene by tables, a world's state in memory (`kernels/generic/step.py`):
-for scenes whose unrolled kernels would take minutes to compile and spill anyway, and on a CPU for trees that
+for scenes whose unrolled kernels would take minutes to compile and spill anyway, on a CPU for trees that
 touch each other, which they step faster.
 """
 
@@ -27,7 +27,7 @@ RENAMED = {"registers": "specialised", "memory": "generic"}  # as they were call
 # nv times the larger of nr and nv, by whether the device is a CPU: beyond, specialised kernels compile for
 # half a minute on a CPU and for minutes on a GPU (docs/performance.md)
 LARGEST = {True: 200, False: 32}
-# nv times nr, of hard rows and of others: from here on generic kernels are the faster ones on a CPU where pairs
+# nv times nr, of hard rows and of others, from which generic kernels are the faster ones on a CPU where pairs
 # join two trees and more (`slcp bench kernels --scene all`, docs/performance.md)
 TOUCHING = {True: 48, False: 96}
 PAIRS = 2  # of which the rows that act together are few in most steps

@@ -325,8 +325,8 @@ HARD_LAWS = ({"residual": "hard"}, {"residual": "hard", "friction": "coulomb"})
 
 
 def test_strategy_is_the_faster_one_on_a_cpu():
-    """Trees that touch each other, by rows and law. What hangs together, or touches the world alone, has kernels
-    of its own, as has all that generic kernels lack.
+    """Trees that touch each other, by rows and law. What hangs together, or touches the world alone, has
+    kernels of its own, as has all that generic kernels lack.
     """
     own = ("flicking_finger", "sliding_block", "grasp", "walker", "hopper", "beam", "ball_drop", "push_block")
     for options in ({}, *HARD_LAWS):
