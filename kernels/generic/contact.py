@@ -138,7 +138,7 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
             n += V2(g[6], -g[5])
         return n
 
-    @wp.func
+    @wp.func(inline=False)
     def chained_rows(
         t: wp.ref[Topology], k: wp.ref[Slot], pair: int, r: int, pa: V4, pb: V4, g: GEO, mu: dtype
     ):

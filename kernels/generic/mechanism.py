@@ -183,7 +183,7 @@ def make_mechanism(given: type) -> SimpleNamespace:
             if b == c and i != j:
                 k.mass[t.mass_at[b] + c][j, i] = k.mass[t.mass_at[b] + c][j, i] + value
 
-    @wp.func
+    @wp.func(inline=False)
     def chained_body(
         t: wp.ref[Topology], k: wp.ref[Slot], i: int, x: dtype, y: dtype, mass: dtype, inertia: dtype, f: V3
     ):
@@ -257,7 +257,7 @@ def make_mechanism(given: type) -> SimpleNamespace:
         b = t.dof_block[dof]
         k.move[b][t.dof_part[dof]] = k.move[b][t.dof_part[dof]] + force
 
-    @wp.func
+    @wp.func(inline=False)
     def push(t: wp.ref[Topology], k: wp.ref[Slot], body: int, p: V4, f: V2):
         """Add the generalised force of f at point p of a body to k.move."""
         if body != WORLD:
@@ -271,7 +271,7 @@ def make_mechanism(given: type) -> SimpleNamespace:
         arm = column(t, k, j, p[0], p[1])
         return arm[0] * d[0] + arm[1] * d[1]
 
-    @wp.func
+    @wp.func(inline=False)
     def couple(
         t: wp.ref[Topology], k: wp.ref[Slot], left: int, p: V4, right: int, o: V4, d: V2, weight: dtype
     ):

@@ -124,7 +124,7 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
         k.p[r] = p
         return changed
 
-    @wp.func
+    @wp.func(inline=False)
     def exchange(t: wp.ref[Topology], k: wp.ref[Slot], g: int):
         """Take J' lambda of a group off k.balance and add its terms to k.move."""
         start, end, entry, entries, _one, _two = ends(t, k, g)

@@ -64,7 +64,7 @@ def make_scales(given: type, residual: str) -> wp.Function:
             k.most[i] = own + largest * k.most[i]
             k.unseen[i] = LOST * own
 
-    @wp.func
+    @wp.func(inline=False)
     def own_impulse(t: wp.ref[Topology], k: wp.ref[Slot], r: int):
         """diag(A) of row r, and the least part of it that a side has: 1/mass of the heaviest."""
         value = dtype(0.0)
@@ -196,7 +196,7 @@ def make_scales(given: type, residual: str) -> wp.Function:
             k.most[two] = k.most[two] + V3(p, q, s)
         return size, sum, closes, lightest
 
-    @wp.func
+    @wp.func(inline=False)
     def of_many(t: wp.ref[Topology], k: wp.ref[Slot], g: int):
         """The same of any group."""
         size, sum, closes = dtype(0.0), dtype(0.0), dtype(0.0)

@@ -82,7 +82,7 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
         mech.dynamics(t, k, external, world)
         mech.springs(t, k)
 
-    @wp.func
+    @wp.func(inline=False)
     def free_motion(t: wp.ref[Topology], k: wp.ref[Slot]):
         """v_free = v + h M^-1 (r + u)."""
         for i in range(k.mass.shape[0]):
@@ -110,7 +110,7 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
                     return True
         return False
 
-    @wp.func
+    @wp.func(inline=False)
     def contacts(t: wp.ref[Topology], k: wp.ref[Slot]):
         """Solve the islands of the near pairs until no pair joins them. Rows that press may free what is
         jammed without them: before that is said, all pairs join.
@@ -181,7 +181,7 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
                     k.q[j] = k.q[j] + h * k.v0[j]
         return status
 
-    @wp.func
+    @wp.func(inline=False)
     def record(
         t: wp.ref[Topology],
         k: wp.ref[Slot],

@@ -95,7 +95,7 @@ def make_matrix() -> SimpleNamespace:
                     else:
                         k.factor[k.at[one] + two] = k.factor[k.at[one] + two] + total
 
-    @wp.func
+    @wp.func(inline=False)
     def push_group(t: wp.ref[Topology], k: wp.ref[Slot], g: int):
         """k.move += J' k.weight of a group's rows."""
         start, end, entry, entries, _one, _two = ends(t, k, g)
