@@ -22,6 +22,7 @@ from ..support.simulators import named_scene, numbers
 from ..support.tables import write_csv
 from .accuracy.command import charts_command
 from .contacts.command import contacts_command
+from .contacts.strategies import bench_strategies, print_strategies
 from .cost.chunks import bench_chunks
 from .cost.compile import bench_compile
 from .cost.ddp import bench_ddp
@@ -36,7 +37,6 @@ from .cost.pair import PairError, bench_pair, print_pairs
 from .cost.policies import bench_policies
 from .cost.statistics import bench_statistics
 from .cost.step import bench_step
-from .cost.strategies import bench_strategies, print_strategies
 from .cost.threads import bench_threads
 from .cost.watch import bench_watch
 from .derivatives.jacobians import bench_differences

@@ -14,15 +14,11 @@ from slcp_warp.kernels.device.cache import load
 from slcp_warp.scenes.registry import NAMED
 from slcp_warp.stepping.strategy import STRATEGIES, StrategyError, structure_facts
 
+from ..cost.kernels import rollout_kernel
 from ..shared.machine import machine
 from ..shared.ours import cpu_threads
-from .kernels import rollout_kernel
+from .cost import LAWS
 
-LAWS: dict[str, dict[str, Any]] = {
-    "hard": {"residual": "hard"},
-    "smoothed": {},
-    "coulomb": {"residual": "hard", "friction": "coulomb"},
-}
 SIZES = {  # scenes that come in sizes, beside their own
     "stack": ({"count": 2}, {"count": 5}),
     "tumbling_boxes": ({"count": 2},),
