@@ -1,4 +1,4 @@
-"""What `slcp bench fuzz` decides beside its judge: openings, differences, what the trapezoidal rule predicts."""
+"""What `slcp bench fuzz` decides beside its judge: openings, differences, the trapezoidal prediction."""
 
 import dataclasses
 from types import SimpleNamespace
