@@ -28,7 +28,6 @@ from ..work import M33, V3, WORK, Island, Slot
 PROXIMAL = 1e-9  # tau
 OFF, HOLDS, SLIDES = 0, 1, 2  # modes of a row; SLIDES: presses, and holds the mean of the pair's rows
 STAYS = 1e-12  # residual of the last impulses that stay as they are: rounding of gaps makes as much
-CHANGES = 4.0  # of a contact's modes, after which it is in a cycle
 SLIP = 0.2  # of v_t of what sticks, that counts as the residual of a row does
 LEAST = 1e-6  # friction coefficient for which v_t has digits in mu v_t
 PATIENCE = 2  # iterations at modes that stay, without a gain
@@ -44,7 +43,7 @@ def make_modes(given: type) -> SimpleNamespace:
     lu = make_lu()
     ZERO, ONE, HALF = dtype(0.0), dtype(1.0), dtype(0.5)
     TAU, GOOD, AIM, KEPT = dtype(PROXIMAL), nt.GOOD, dtype(TOLERANCE), dtype(STAYS)
-    HUGE, RESTLESS = dtype(1e300), dtype(CHANGES)
+    HUGE = dtype(1e300)
     STUCK, LITTLE, FRICTION = dtype(SLIP), dtype(LEAST), COLUMN["friction"]
 
     @wp.func
@@ -132,14 +131,13 @@ def make_modes(given: type) -> SimpleNamespace:
 
     @wp.func
     def warm(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
-        """Modes and impulses of k.z, and v' that these give; D lambda stays in k.excess."""
+        """Modes and impulses of D lambda = k.excess, and v' that these give."""
         for r in range(o.row, o.last_row):
             k.mode[r] = OFF
             k.weight[r] = ZERO
             if k.acting[r] > 0:
-                k.excess[r] = wp.max(k.z[r], ZERO)
                 k.weight[r] = k.excess[r] / k.scale[r]
-                if k.z[r] > ZERO:
+                if k.excess[r] > ZERO:
                     k.mode[r] = HOLDS
                 if follows(t, k, r) and k.mode[r] != k.mode[r - 1]:
                     k.mode[r] = SLIDES * k.mode[r]
@@ -167,7 +165,6 @@ def make_modes(given: type) -> SimpleNamespace:
                     k.a[r + 1] = wp.where(second == SLIDES, total, wp.where(second == OFF, ZERO, k.a[r + 1]))
                     if second != k.mode[r + 1]:
                         changed = 1
-                        k.divisor[r] = k.divisor[r] + ONE
                     k.mode[r + 1] = second
                 else:
                     if k.diag[r] * k.a[r] > k.total[r]:
@@ -176,7 +173,6 @@ def make_modes(given: type) -> SimpleNamespace:
                         k.a[r] = ZERO
                 if first != k.mode[r]:
                     changed = 1
-                    k.divisor[r] = k.divisor[r] + ONE
                 k.mode[r] = first
         return changed
 
@@ -188,21 +184,21 @@ def make_modes(given: type) -> SimpleNamespace:
         return r
 
     @wp.func
-    def stiffen(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, tau: dtype):
+    def stiffen(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
         """k.p: kappa; whether something slides."""
         slides = int(0)
         for r in range(o.row, o.last_row):
             k.p[r] = ZERO
             if k.acting[r] > 0 and k.mode[r] != OFF:
-                k.p[r] = ONE / (tau * k.diag[r])
+                k.p[r] = ONE / (TAU * k.diag[r])
                 if k.mode[r] == SLIDES:
                     slides = 1
         return slides
 
     @wp.func
-    def assemble(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
-        """M + J' kappa J~ into k.factor and k.upper, where something slides."""
-        for place in range(o.start, o.end):
+    def assemble(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, begin: int):
+        """The rows from place `begin` on of M + J' kappa J~ into k.factor, their columns into k.upper."""
+        for place in range(begin, o.end):
             at = k.at[place]
             b = k.block[place]
             own = place - b + t.mass_first[b]
@@ -225,7 +221,7 @@ def make_modes(given: type) -> SimpleNamespace:
                     total = M33()
                     across = M33()  # of (f, e), transposed
                     for r in range(start, end):
-                        if k.p[r] > ZERO:
+                        if k.p[r] > ZERO and wp.max(one, two) >= begin:
                             at = k.entry[r]
                             other = k.entry[partner(t, k, r)]
                             weight = HALF * k.p[r]
@@ -233,6 +229,8 @@ def make_modes(given: type) -> SimpleNamespace:
                             held_f = weight * (k.jac[at + f] + k.jac[other + f])
                             total += wp.outer(k.jac[at + e], held_f)
                             across += wp.outer(held_e, k.jac[at + f])
+                    if wp.max(one, two) < begin:
+                        continue
                     if one < two:
                         slot = k.at[two] + one
                         k.factor[slot] = k.factor[slot] + wp.transpose(across)
@@ -242,19 +240,33 @@ def make_modes(given: type) -> SimpleNamespace:
                         k.factor[slot] = k.factor[slot] + total
                         k.upper[slot] = k.upper[slot] + across
 
+    @wp.func(inline=False)
+    def factor_from(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, begin: int):
+        """LU factors of the matrix of the modes at hand, of weights k.p, from place `begin` on."""
+        assemble(t, k, o, begin)
+        lu.factor(k.factor, k.upper, k.first, k.at, begin, o.end)
+
     @wp.func
-    def factor(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, tau: dtype):
-        """The matrix of the modes at hand and its factors; 1 if it is not symmetric."""
-        slides = stiffen(t, k, o, tau)
+    def factor(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, slides: int):
+        """The matrix of the modes at hand, of weights k.p, and its factors; not symmetric if one `slides`."""
         if slides == 1:
-            assemble(t, k, o)
-            lu.factor(k.factor, k.upper, k.first, k.at, o.start, o.end)
+            factor_from(t, k, o, o.start)
         else:
             for r in range(o.row, o.last_row):
                 k.weight[r] = k.p[r]
             nt.assemble(t, k, o)
             nt.env.factor(k.factor, k.first, k.at, o.start, o.end)
-        return slides
+
+    @wp.func(inline=False)
+    def solve(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, slides: int):
+        """k.move by the factors at hand; k.dz: what it changes in the rows."""
+        if slides == 1:
+            lu.solve(k.factor, k.upper, k.first, k.at, k.block, k.move, o.start, o.end)
+        else:
+            nt.env.solve(k.factor, k.first, k.at, k.block, k.move, o.start, o.end)
+        for r in range(o.row, o.last_row):
+            if k.acting[r] > 0:
+                k.dz[r] = nt.dot(t, k, k.move, r)
 
     @wp.func
     def advance(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, slides: int):
@@ -268,16 +280,10 @@ def make_modes(given: type) -> SimpleNamespace:
             b = k.block[place]
             k.move[b] = -k.balance[b]
         nt.add_pushes(t, k, o)
-        if slides == 1:
-            lu.solve(k.factor, k.upper, k.first, k.at, k.block, k.move, o.start, o.end)
-        else:
-            nt.env.solve(k.factor, k.first, k.at, k.block, k.move, o.start, o.end)
+        solve(t, k, o, slides)
         for place in range(o.start, o.end):
             b = k.block[place]
             k.v[b] = k.v[b] + k.move[b]
-        for r in range(o.row, o.last_row):
-            if k.acting[r] > 0:
-                k.dz[r] = nt.dot(t, k, k.move, r)
         for r in range(o.row, o.last_row):
             if k.p[r] > ZERO:
                 other = partner(t, k, r)
@@ -314,17 +320,6 @@ def make_modes(given: type) -> SimpleNamespace:
         return wp.max(worst, nt.unbalanced(t, k, o))
 
     @wp.func
-    def let_go(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
-        """Turn off the contacts whose modes went on changing in `newton` (counted in k.divisor)."""
-        for r in range(o.row, o.last_row):
-            first = int(r)
-            if follows(t, k, r):
-                first = r - 1
-            if k.acting[r] > 0 and k.divisor[first] >= RESTLESS:
-                k.mode[r] = OFF
-                k.a[r] = ZERO
-
-    @wp.func
     def keep(k: wp.ref[Slot], o: Island):
         for place in range(o.start, o.end):
             k.best_v[k.block[place]] = k.v[k.block[place]]
@@ -339,9 +334,9 @@ def make_modes(given: type) -> SimpleNamespace:
             k.a[r] = k.best_z[r]
 
     @wp.func
-    def newton(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, chosen: int, iterations: int):
-        """From (k.v, k.a), at first in the modes at hand where they are `chosen`; 1 if the best point, which
-        stays, is a solution. `prepare` has to be called before, without a lift.
+    def newton(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, iterations: int):
+        """From (k.v, k.a), at first in the modes at hand; 1 if the best point, which stays, is a solution.
+        `scales` has to be called before, without a lift.
         """
         best = ZERO + HUGE
         slides = int(0)
@@ -349,8 +344,6 @@ def make_modes(given: type) -> SimpleNamespace:
         last = int(0)  # 1: the last point is the best
         it = int(0)
         measure(t, k, o)
-        for r in range(o.row, o.last_row):
-            k.divisor[r] = ZERO
         going = int(1)
         while going == 1:
             worst = evaluate(t, k, o)
@@ -367,14 +360,15 @@ def make_modes(given: type) -> SimpleNamespace:
                 going = 0
             if going == 1:
                 changed = int(1)
-                if it > 0 or chosen == 0:
-                    changed = wp.max(choose(t, k, o), wp.where(it == 0, 1, 0))
+                if it > 0:
+                    changed = choose(t, k, o)
                 if changed == 1 and best > GOOD:
                     misses = 0
                 if misses >= PATIENCE:
                     going = 0
                 elif changed == 1:
-                    slides = factor(t, k, o, TAU)
+                    slides = stiffen(t, k, o)
+                    factor(t, k, o, slides)
             if going == 1:
                 advance(t, k, o, slides)
             it += 1
@@ -392,6 +386,11 @@ def make_modes(given: type) -> SimpleNamespace:
         push=push,
         leave_alone=leave_alone,
         warm=warm,
-        let_go=let_go,
+        begins_pair=begins_pair,
+        follows=follows,
+        partner=partner,
+        factor_from=factor_from,
+        solve=solve,
+        evaluate=evaluate,
         newton=newton,
     )
