@@ -19,7 +19,7 @@ from ..work import WORK, Island, Slot
 from .homotopy import make_homotopy
 from .modes import make_modes
 
-ATTEMPTS = 3  # from the last modes, by a path from there, by one from nothing
+ATTEMPTS = 4  # from the last modes, by a path from there, by two from nothing
 WARM, POLISHING = 4, 12  # iterations on modes, from the last step's and from a path's end
 
 
@@ -52,7 +52,7 @@ def make_direct(given: type) -> SimpleNamespace:
             elif attempt == 1:
                 homotopy.from_here(t, k, o, size)
             else:
-                homotopy.from_nothing(t, k, o, size)
+                homotopy.from_nothing(t, k, o, size, attempt - 2)
             if modes.newton(t, k, o, iterations) == 1:
                 good = adds_up(t, k, o)
                 if good == 0:

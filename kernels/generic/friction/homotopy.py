@@ -61,9 +61,9 @@ def make_homotopy(given: type) -> SimpleNamespace:
     SMALLER, SMALLEST, GOOD = dtype(LESS), dtype(LEAST), dtype(ENOUGH)
 
     @wp.func
-    def random(k: wp.ref[Slot], r: int):
+    def random(k: wp.ref[Slot], r: int, seed: int):
         """A number between 0 and 1 that belongs to the scene's row."""
-        return dtype(wp.randf(wp.rand_init(1, k.row[r])))
+        return dtype(wp.randf(wp.rand_init(seed, k.row[r])))
 
     @wp.func
     def state(t: wp.ref[Topology], k: wp.ref[Slot], r: int):
@@ -286,9 +286,9 @@ def make_homotopy(given: type) -> SimpleNamespace:
         return arrived
 
     @wp.func(inline=False)
-    def refine(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+    def refine(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, yielding: dtype):
         """Paths from a path's end that take off what the yielding left, with less of it."""
-        tau = TAU + ZERO
+        tau = yielding + ZERO
         left = int(STAGES)
         while left > 0:
             modes.measure(t, k, o)
@@ -304,8 +304,9 @@ def make_homotopy(given: type) -> SimpleNamespace:
                 left = wp.where(follow(t, k, o, tau, PIVOTS) == 1, left - 1, 0)
 
     @wp.func
-    def from_nothing(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, size: dtype):
-        """A path from no impulse, where all rows are opened."""
+    def from_nothing(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, size: dtype, trial: int):
+        """A path from no impulse, where all rows are opened; another one, that yields less, by `trial`."""
+        tau = wp.where(trial == 0, TAU, SMALLER * TAU)
         for place in range(o.start, o.end):
             k.v[k.block[place]] = k.vfree[k.block[place]]
         modes.measure(t, k, o)
@@ -314,16 +315,16 @@ def make_homotopy(given: type) -> SimpleNamespace:
             k.a[r] = ZERO
             k.slack[r] = ZERO
             if k.acting[r] > 0:
-                k.cross[r] = size * (ONE + WIDE * random(k, r))
+                k.cross[r] = size * (ONE + WIDE * random(k, r, trial))
                 k.total[r] = k.total[r] + k.cross[r]
-        if follow(t, k, o, TAU, COLD_PIVOTS) == 1:
-            refine(t, k, o)
+        if follow(t, k, o, tau, COLD_PIVOTS) == 1:
+            refine(t, k, o, tau)
 
     @wp.func
     def cover(t: wp.ref[Topology], k: wp.ref[Slot], r: int, size: dtype):
         """What makes contact r do at s = 1 what its mode says, of k.total, into k.cross."""
         now = state(t, k, r)
-        apart = SMALL * size * (ONE + random(k, r))
+        apart = SMALL * size * (ONE + random(k, r, 0))
         k.cross[r] = -k.total[r]
         if not modes.begins_pair(t, k, r):
             if now == OPENS:
@@ -334,7 +335,7 @@ def make_homotopy(given: type) -> SimpleNamespace:
             return
         lifted = -HALF * (k.total[r] + k.total[r + 1])
         slip = HALF * (k.total[r] - k.total[r + 1])
-        side = SMALL * size * random(k, r + 1)
+        side = SMALL * size * random(k, r + 1, 0)
         if now == OPENS:
             lifted = wp.max(lifted, ZERO) + apart
         elif now == RISES:
@@ -349,7 +350,7 @@ def make_homotopy(given: type) -> SimpleNamespace:
         """A path from the impulses k.a in their modes."""
         for r in range(o.row, o.last_row):
             if k.acting[r] > 0 and k.mode[r] != OFF:
-                k.a[r] = wp.max(k.a[r], SMALL * random(k, r) * size / k.diag[r])
+                k.a[r] = wp.max(k.a[r], SMALL * random(k, r, 0) * size / k.diag[r])
             else:
                 k.a[r] = ZERO
             k.weight[r] = k.a[r]
@@ -363,6 +364,6 @@ def make_homotopy(given: type) -> SimpleNamespace:
             if k.acting[r] > 0:
                 k.total[r] = k.total[r] + k.cross[r]
         if follow(t, k, o, TAU, PIVOTS) == 1:
-            refine(t, k, o)
+            refine(t, k, o, TAU)
 
     return SimpleNamespace(from_nothing=from_nothing, from_here=from_here)
