@@ -19,7 +19,7 @@ from ..work import WORK, Island, Slot
 from .homotopy import make_homotopy
 from .modes import make_modes
 
-ATTEMPTS = 4  # from the last modes, by a path from there, by two from nothing
+ATTEMPTS = 5  # from the last modes, by a path from there, by three from nothing
 WARM, POLISHING = 4, 12  # iterations on modes, from the last step's and from a path's end
 
 

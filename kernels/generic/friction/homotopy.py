@@ -30,8 +30,8 @@ APART = (
 )
 FARTHEST = 1e3  # s at which a path that leads away is left
 STAGES = 4  # paths after the first
-LESS, LEAST = 0.02, 4e-13  # tau, from one to the next, and at the end
-ENOUGH = 1e-11  # residual at which there is no further one
+LESS, LEAST = 0.02, 2e-12  # tau, from one to the next, and at the end
+ENOUGH = 2e-11  # residual at which there is no further one
 
 
 @wp.struct
@@ -301,12 +301,18 @@ def make_homotopy(given: type) -> SimpleNamespace:
                         k.slack[r] = k.a[r]
                         k.total[r] = k.total[r] + k.cross[r]
                 tau = wp.max(SMALLER * tau, SMALLEST)
-                left = wp.where(follow(t, k, o, tau, PIVOTS) == 1, left - 1, 0)
+                modes.keep(k, o)
+                left -= 1
+                if follow(t, k, o, tau, PIVOTS) == 0:
+                    modes.take(k, o)
+                    left = 0
 
     @wp.func
     def from_nothing(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, size: dtype, trial: int):
         """A path from no impulse, where all rows are opened; another one, that yields less, by `trial`."""
-        tau = wp.where(trial == 0, TAU, SMALLER * TAU)
+        tau = TAU + ZERO
+        for _once in range(trial):
+            tau = wp.max(SMALLER * tau, SMALLEST)
         for place in range(o.start, o.end):
             k.v[k.block[place]] = k.vfree[k.block[place]]
         modes.measure(t, k, o)

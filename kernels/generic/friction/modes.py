@@ -392,5 +392,7 @@ def make_modes(given: type) -> SimpleNamespace:
         factor_from=factor_from,
         solve=solve,
         evaluate=evaluate,
+        keep=keep,
+        take=take,
         newton=newton,
     )
