@@ -63,6 +63,35 @@ def test_law_holds(name):
     assert pressed > 50
 
 
+@pytest.mark.parametrize("discs,width,worlds,most", [(10, 0.63, 150, 0), (30, 1.05, 12, 0), (10, 0.6, 60, 3)],
+                         ids=["10 discs", "30 discs", "wedged"])  # fmt: skip
+def test_thrown_heaps_are_solved(discs, width, worlds, most):
+    """Loops of contacts that stick; wedged exactly between two walls a few worlds have no solution."""
+    sc = slcp.scenes.heap(discs, width=width)
+    run = rolled(sc, thrown(sc, worlds, np.random.default_rng(11)), 40)
+    assert (run.status != slcp.Status.SOLVED).sum() <= most
+    if discs > 10:  # the oracle looks at all pairs
+        return
+    going = np.flatnonzero(run.status == slcp.Status.SOLVED)[:2]
+    for k in (5, 20):
+        step = SimpleNamespace(state=run.states[going, k + 1], impulse=run.impulse[going, k])
+        worst = natural_map(sc, float, run.states[going, k], np.zeros((len(going), 0)), step)
+        assert worst.max() < 1e-10 and (step.impulse > 0).sum() > 2 * discs
+
+
+def test_a_heap_comes_to_rest():
+    """30 discs with 5 % of room between the walls settle; ground and walls bear their weight."""
+    sc = slcp.scenes.heap(30, width=1.05)
+    run = rolled(sc, sc.x0[None], 300)
+    assert run.status[0] == slcp.Status.SOLVED
+    assert np.abs(run.states[0, -1, sc.nv :]).max() < 1e-9
+    names, impulse = np.array(sc.row_names), run.impulse[0, -1]
+    up = {"ground": ("+", 1.0), "left_wall": ("-", 1.0), "right_wall": ("-", -1.0)}  # rows n +, t -
+    weight = sum(sign * impulse[np.char.startswith(names, wall) & np.char.endswith(names, row)].sum()
+                 for wall, (row, sign) in up.items())  # fmt: skip
+    np.testing.assert_allclose(weight, 30 * 9.81 * 0.01, rtol=1e-9)
+
+
 def test_rest_stays():
     """A stack at rest for 200 steps: nothing moves but by rounding of the gaps."""
     sc = slcp.scenes.stack(10)
