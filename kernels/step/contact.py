@@ -48,6 +48,10 @@ def make_contact(spec: Specialisation, exact_gap: bool) -> wp.Function:
         ending = correction.begin()
         stale = int(0)  # 1: what the rows of the mask say has changed since they were solved
         more = int(1)
+        if wp.static(rows.excluded is not None and not law.weighs):
+            if wp.static(rows.excluded)(world):
+                out.status = wp.static(INFEASIBLE)
+                more = 0
         while more == 1:
             before = reach.mask
             reach = reach_of.look(world, pose.frames, out.v, reach)
@@ -56,10 +60,6 @@ def make_contact(spec: Specialisation, exact_gap: bool) -> wp.Function:
             if wp.static(method.fast):
                 if reach.lost == 1:
                     out.status = wp.static(NOT_CONVERGED)
-                    more = 0
-            if wp.static(rows.excluded is not None and not method.erm):
-                if more == 1 and wp.static(rows.excluded)(world):
-                    out.status = wp.static(INFEASIBLE)
                     more = 0
             if more == 1:
                 out.scale = wp.static(rows.scale)(out.minv, reach.jac, reach.mask)

@@ -72,7 +72,9 @@ def gradient_errors(sim: Any, x: Array, u: Array, params: Any, seed: int) -> tup
         done = sim.step(start, control if sim.nu else None, tracked)
     tape.backward(grads={done.state: wp.array(weight, **kinds)})
     good = done.status.numpy() == 0
-    exact, forwards, backwards = [], [], []
+    exact: list[Array] = []
+    forwards: list[Array] = []
+    backwards: list[Array] = []
 
     def value(name: str, moved: Array) -> Array:
         out = sim.step(x, u if sim.nu else None, params.replace(**{name: moved}))
