@@ -12,6 +12,7 @@ from ..support.options import Device, Seed, StepSize
 from ..support.policies import POLICY, named_policies
 from ..support.rules import HARD_RULE, HardRule, with_rules
 from ..support.screen import INTERRUPTED, console, one_line_errors, prepared, progress_bar, timed, wrote
+from ..support.simulators import numbers
 
 
 @one_line_errors
@@ -35,6 +36,13 @@ def compare_command(
     ] = False,
     policy: Annotated[list[str] | None, typer.Option(help=f"Of a task, twice: {POLICY}.")] = None,
     measure: Annotated[str, typer.Option(help="Of a task: success, or a measure.")] = "success",
+    statistic: Annotated[
+        str | None,
+        typer.Option(help="Of a measure: median or mean of its differences; with --bounds mean."),
+    ] = None,
+    bounds: Annotated[
+        str | None, typer.Option(help="low,high of the measure; what is beyond counts as the bound.")
+    ] = None,
     confidence: Annotated[float, typer.Option(help="Of the decision about a task.")] = 0.95,
     margin: Annotated[
         float | None, typer.Option(help="Differences below it count as equal, and end the comparison.")
@@ -62,7 +70,8 @@ def compare_command(
     case = rules.of(task.options)
     with timed("comparison"), progress_bar("worlds") as progress:
         found = slcp.compare_sequentially(
-            task, named_policies(policy, task.scene, task), measure=measure, confidence=confidence,
+            task, named_policies(policy, task.scene, task), measure=measure, statistic=statistic,
+            bounds=None if bounds is None else numbers(bounds, "--bounds", 2), confidence=confidence,
             margin=margin, worlds=worlds, batch=batch, seed=seed, case=case,
             step_size=step_size, dtype=dtype, device=device,
             progress=progress,

@@ -148,8 +148,9 @@ class Report(Printed):
 
         Of success (as 0 and 1) and of every measure, over the worlds where both are finite; case and step
         size None: the first. The intervals are for one look at a number of worlds that was chosen before;
-        with `peeking` they are wider, and hold for one who looks while a sweep runs and stops when he likes
-        (see `compare_sequentially`).
+        with `peeking` they are wider, and hold for one who looks while a sweep runs and stops when he likes:
+        of success exactly, of means for many worlds, unless few of them make the mean (`compare_sequentially`
+        has medians and bounded means, which hold for every law).
         """
         a, b = (self.key(policy, case, step_size) for policy in (first, second))
         names = ("success", *self.measures)

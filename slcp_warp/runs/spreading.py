@@ -104,19 +104,19 @@ class Spread:
         self.books.tell()
 
     def _lost(self, group: list[int], error: BaseException) -> None:
-        """A worker is gone: its chunks again, some times."""
+        """A worker is gone: its chunks again; the first that is left, which it was at, some times."""
         told = self.workers.error(error)
         if isinstance(told, WorkerError) and not self.workers.shares:
             raise told from error
-        for index in group:
-            if not self.store.part(index).exists():
-                self.attempts[index] += 1
-                self.todo.append(index)
-                if self.attempts[index] >= ATTEMPTS:
-                    raise WorkerError(
-                        f"chunk {index} has lost its worker {ATTEMPTS} times ({type(error).__name__}: "
-                        f"{error}); the finished parts are safe"
-                    ) from error
+        left = [index for index in group if not self.store.part(index).exists()]
+        self.todo.extend(left)
+        for index in left[:1]:
+            self.attempts[index] += 1
+            if self.attempts[index] >= ATTEMPTS:
+                raise WorkerError(
+                    f"chunk {index} has lost its worker {ATTEMPTS} times ({type(error).__name__}: "
+                    f"{error}); the finished parts are safe"
+                ) from error
         self._count(index for index in group if self.store.part(index).exists())
 
     def _count(self, indices: Any) -> None:

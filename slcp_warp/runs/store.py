@@ -255,7 +255,7 @@ def locked(path: Path, wait: bool = True) -> Iterator[bool]:
 
 @contextmanager
 def saying(folder: Path) -> Iterator[None]:
-    """Turn an error of the system into one line that says what is safe."""
+    """Turn an error of the system into one line that says what is safe, where there is something."""
     try:
         yield
     except (FileError, TimeoutError):
@@ -263,6 +263,7 @@ def saying(folder: Path) -> Iterator[None]:
     except OSError as error:
         said = error.strerror or str(error)
         file = f" ({error.filename})" if error.filename else ""
-        raise FileError(
-            f"{folder}: {said}{file}; the finished parts are safe, and the same call goes on from them"
-        ) from error
+        advice = "a folder that can be made and written is needed"
+        if (folder / "parts").is_dir():
+            advice = "the finished parts are safe, and the same call goes on from them"
+        raise FileError(f"{folder}: {said}{file}; {advice}") from error

@@ -169,6 +169,16 @@ def test_a_folder_that_can_only_be_read(tmp_path):
             Store.open(disk / "y", job)
 
 
+@pytest.mark.parametrize("place", ["file", "file/below"])
+def test_where_no_folder_can_be_nothing_is_said_of_parts(tmp_path, place):
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(
+        slcp.FileError, match=f"{place}: Not a directory.*; a folder that can be made"
+    ) as raised:
+        Store.open(tmp_path / place, Numbers())
+    assert "parts are safe" not in str(raised.value) and (tmp_path / "file").read_text() == "mine"
+
+
 def test_a_folder_that_is_lost(tmp_path):
     job = Numbers()
     store = Store.open(tmp_path / "x", job)

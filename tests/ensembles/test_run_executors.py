@@ -142,9 +142,12 @@ def test_a_killed_worker_of_dask_loses_a_chunk(times, cluster, tmp_path, digest)
 
 
 @pytest.mark.full
-def test_a_killed_job_of_submitit_loses_a_chunk(jobs, tmp_path, digest):
-    store, more, kills = run_and_kill(jobs, tmp_path, 1)
-    assert kills == 1 and more <= kills and store.digest() == digest
+@pytest.mark.parametrize("times", [1, 10])
+def test_a_killed_job_of_submitit_loses_a_chunk(times, jobs, tmp_path, digest):
+    """With -s: what ten kills cost. A new array of jobs takes longer to begin than a worker."""
+    store, more, kills = run_and_kill(jobs, tmp_path, times, 0.03 if times == 1 else 0.3)
+    print(f"{kills} kills, {more} chunks begun twice")
+    assert kills == times and more <= kills and store.digest() == digest
 
 
 def test_the_process_that_spreads_is_killed(tmp_path, digest):

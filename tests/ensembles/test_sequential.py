@@ -7,10 +7,11 @@ import pytest
 from scipy.integrate import quad
 
 from slcp_warp.ensembles.questions.sequential import Look, decision
+from slcp_warp.ensembles.statistics.any_law import RunningBoundedMean, RunningMedian, rank_above
+from slcp_warp.ensembles.statistics.bets import log_wealth
 from slcp_warp.ensembles.statistics.moments import Moments
 from slcp_warp.ensembles.statistics.sequential import (
     RunningDifference,
-    log_wealth,
     paired_share_interval,
     running_mean_interval,
 )
@@ -102,6 +103,120 @@ def test_seldom_losses_are_not_overlooked():
     assert (
         ever_outside(outside) < 50
     )  # of 200: more than of numbers that are nearly normal, not three in four
+
+
+HEAVY = {  # differences with median 0, of which most have no mean that a sample tells
+    "Cauchy": lambda rng, n: rng.standard_cauchy(n),
+    "lognormal": lambda rng, n: np.exp(3.0 * rng.standard_normal(n)) - 1.0,
+    "a seldom loss": lambda rng, n: np.where(rng.random(n) < 1e-3, -999.0, 1.0) * (rng.random(n) < 0.5),
+    "t of 1.5": lambda rng, n: rng.standard_t(1.5, n),
+}
+MOST = math.log(100.0)
+LOSSES = {  # values in [0, 1] and their means
+    "seldom": (lambda rng, n: (rng.random(n) < 1e-3).astype(float), 1e-3),
+    "lognormal, cut": (lambda rng, n: np.exp(np.minimum(3 * rng.standard_normal(n) - MOST, 0)), 0.126718569),
+    "even": (lambda rng, n: rng.random(n), 0.5),
+}
+
+
+def wrong_medians(draw, repetitions, looks):
+    def outside(rng):
+        known, ends = RunningMedian(0.05), []
+        for _ in range(looks):
+            known.add(draw(rng, 256))
+            ends.append(known.interval()[1:])
+        low, high = np.array(ends).T
+        return (low > 0.0) | (high < 0.0)
+
+    return ever_outside(outside, repetitions)
+
+
+def wrong_bounded_means(draw, mean, repetitions, looks):
+    def outside(rng):
+        known, ends = RunningBoundedMean(0.0, 1.0, 0.05), []
+        for _ in range(looks):
+            known.add(draw(rng, 256))
+            ends.append(known.interval()[1:])
+        low, high = np.array(ends).T
+        return (low > mean) | (high < mean)
+
+    return ever_outside(outside, repetitions)
+
+
+@pytest.mark.parametrize("law", HEAVY)
+def test_medians_are_outside_as_seldom_as_promised_whatever_the_law(law):
+    assert wrong_medians(HEAVY[law], 200, 8) < 19
+
+
+@pytest.mark.parametrize("law", LOSSES)
+def test_bounded_means_are_outside_as_seldom_as_promised_whatever_the_law(law):
+    assert wrong_bounded_means(*LOSSES[law], 200, 8) < 19
+
+
+@pytest.mark.full
+def test_of_two_thousand_repetitions_at_most_a_twentieth_is_wrong():
+    """With -s: of how many the interval leaves out the truth at some of 32 looks, 256 worlds apart."""
+
+    def mean(rng, draw, truth):
+        known, ends = RunningDifference("x", 0.05), []
+        for _ in range(32):
+            known.add({"x": draw(rng, 256)}, {"x": np.zeros(256)})
+            ends.append(known.interval()[1:])
+        low, high = np.array(ends).T
+        return (low > truth) | (high < truth)
+
+    for law, draw in HEAVY.items():
+        wrong = wrong_medians(draw, 2000, 32)
+        print(f"median, {law}: {wrong} of 2,000")
+        assert wrong <= 100
+    for law, (draw, truth) in LOSSES.items():
+        wrong = wrong_bounded_means(draw, truth, 2000, 32)
+        without = ever_outside(lambda rng, draw=draw, truth=truth: mean(rng, draw, truth), 2000)
+        print(f"mean within bounds, {law}: {wrong} of 2,000; without bounds {without}")
+        assert wrong <= 100
+
+
+@pytest.mark.parametrize("count", [1, 5, 8, 40, 1000])
+def test_a_median_is_judged_by_signs(count):
+    """As many below as bets that half are had to become rich: by quadrature."""
+    rank = rank_above(count, 0.05)
+    assert rank > count or wealth(0.0, rank, count - rank, count) >= 0.98 * 40.0
+    assert wealth(0.0, rank - 1, count - rank + 1, count) <= 1.02 * 40.0
+    known, values = RunningMedian(0.05), np.random.default_rng(count).standard_normal(count)
+    known.add(values)
+    middle, low, high = known.interval()
+    assert middle == np.median(values) and low <= middle <= high
+    assert (low == -math.inf) == (high == math.inf) == (rank > count)
+    if rank <= count:
+        assert (values <= high).sum() == rank == (values >= low).sum()
+
+
+def test_a_bounded_mean_is_that_of_its_paper():
+    """Theorem 2 of Waudby-Smith and Ramdas (2024), value after value; batches make no difference."""
+    rng = np.random.default_rng(4)
+    values = rng.beta(0.3, 2.0, 700)
+    means, squares, sums = 0.5, 0.25, np.zeros(3)
+    for i, x in enumerate(values, start=1):
+        weight = min(math.sqrt(2 * math.log(40.0) / (squares / i * i * math.log(1 + i))), 0.5)
+        sums += weight, weight * x, 4.0 * (x - means) ** 2 * (-math.log(1.0 - weight) - weight) / 4.0
+        means = (0.5 + values[:i].sum()) / (i + 1)
+        squares += (x - means) ** 2
+    middle, half = sums[1] / sums[0], (math.log(40.0) + sums[2]) / sums[0]
+    for cuts in ([], [1, 2, 300], [256, 512]):
+        known = RunningBoundedMean(-2.0, 6.0, 0.05)
+        for part in np.split(8.0 * values - 2.0, cuts):
+            known.add(part)
+        expected = (values.mean(), middle - half, middle + half)
+        assert known.interval() == pytest.approx([8.0 * v - 2.0 for v in expected], abs=1e-9)
+
+
+def test_what_is_beyond_bounds_counts_as_the_bound():
+    known = RunningDifference("x", 0.05, bounds=(0.0, 10.0))
+    known.add({"x": np.array([1.0, np.inf, 50.0, np.nan])}, {"x": np.array([3.0, np.inf, -np.inf, 1.0])})
+    assert known.worlds == 3 and known.interval()[0] == pytest.approx((-2.0 + 0.0 + 10.0) / 3.0)
+    median = RunningDifference("x", 0.05, "median")
+    median.add({"x": np.array([np.inf, np.inf, 2.0])}, {"x": np.array([1.0, np.inf, 5.0])})
+    assert median.worlds == 3 and median.interval() == (0.0, -math.inf, math.inf)
 
 
 def test_fixed_intervals_do_not_hold_under_peeking():

@@ -14,7 +14,7 @@ import slcp_warp as slcp
 from slcp_warp import ddp
 from slcp_warp import measures as m
 from slcp_warp.ensembles.questions.rare.gradient import ClosedLoop
-from slcp_warp.ensembles.questions.rare.interval import island_interval, student
+from slcp_warp.ensembles.questions.rare.interval import freedom_of, island_interval, student
 from slcp_warp.ensembles.questions.rare.margin import Margin
 from slcp_warp.ensembles.questions.rare.numbers import Numbers
 from slcp_warp.ensembles.questions.rare.shells import Search
@@ -92,8 +92,26 @@ def test_students_factor_is_the_distributions():
 
 
 def test_a_margin_that_leads_nowhere_is_said():
-    with pytest.raises(StuckError, match="margin of all 2000 worlds is at its lowest, 1"):
+    with pytest.raises(StuckError, match="margin of all 32000 worlds is at its lowest, 1"):
         pilot(lambda z: np.ones(len(z)), Moves(2), Effort(), 2000, np.random.default_rng(0))
+
+
+def test_a_margin_of_few_values_may_fall_seldom():
+    """Of 200 worlds of a pilot one in ten finds a lower margin; it looks on until it has one."""
+    score = lambda z: np.where(z[:, 0] < 3.29, 1.0, 0.0)  # noqa: E731
+    for seed in range(5):
+        levels = pilot(score, Moves(2), Effort(200, 10), 200, np.random.default_rng(seed))
+        assert levels.scores == (1.0, 0.0) and levels.complete
+
+
+def test_islands_that_hold_most_of_it_tell_less_of_their_spread():
+    even = np.random.default_rng(0).standard_normal((400, 20))
+    assert np.median([freedom_of(each) for each in even]) > 17.0
+    assert freedom_of(np.arange(20.0)) == 19.0 == freedom_of(np.ones(20))
+    assert freedom_of(np.eye(20)[0]) == pytest.approx(40.0 / (18.05 - 17.0 / 19.0), rel=0.01)
+    one, spread = np.eye(20)[0] * 20.0, 1.0 + np.linspace(-1.0, 1.0, 20)
+    spread = 1.0 + (spread - 1.0) * one.std() / spread.std()
+    assert np.divide(*island_interval(one)[:0:-1]) > 1.5 * np.divide(*island_interval(spread)[:0:-1])
 
 
 def test_margins_have_the_sign_of_the_success():

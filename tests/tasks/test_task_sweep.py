@@ -319,8 +319,16 @@ def test_a_sequential_comparison_stops_when_it_is_decided(device):
     assert found.difference[0] == found.report.compare("all", "half")["success"][0] > 0.0
     assert "all less half" in repr(found) and "all is larger" in repr(found)
     how = {"measure": "final", "margin": 0.01, "worlds": 300, "batch": 100, "device": device}
-    same = slcp.compare_sequentially(task(), {"a": plan(), "b": plan()}, **how)  # no variance, no interval
+    equals = {"a": plan(), "b": plan()}
+    same = slcp.compare_sequentially(task(), equals, statistic="mean", **how)  # no variance, no interval
     assert (same.decision, same.worlds, same.difference) == ("undecided", 300, (0.0, -np.inf, np.inf))
+    same = slcp.compare_sequentially(task(), equals, **how)
+    assert (same.decision, same.worlds, same.difference) == ("equal", 100, (0.0, 0.0, 0.0))
+    bounded = slcp.compare_sequentially(task(), policies, bounds=(0.0, 0.5), **how)
+    assert (bounded.statistic, bounded.decision) == ("mean", "larger") and "median" not in repr(bounded)
+    for wrong in ({"bounds": (1, 0)}, {"statistic": "mode"}, {"measure": "success", "statistic": "median"}):
+        with pytest.raises(slcp.InputError, match=r"bounds is|statistic is '(mode|median)'"):
+            slcp.compare_sequentially(task(), policies, **how | wrong)
     with pytest.raises(slcp.InputError, match="policies is"):
         slcp.compare_sequentially(task(), {"a": plan()})
     with pytest.raises(slcp.InputError, match="measure is 'speed'"):

@@ -12,7 +12,7 @@ from ...storage.printed import Printed, Table
 from ...tasks.task import Task
 from ..outcome import Report
 from ..statistics.intervals import Interval
-from ..statistics.sequential import RunningDifference
+from ..statistics.sequential import STATISTICS, RunningDifference
 from ..statistics.source import MemorySource
 from ..tasks import TaskSweep
 
@@ -37,6 +37,7 @@ class SequentialComparison(Printed):
     Attributes:
         first, second: the policies' names.
         measure: what was compared: "success" or a measure's name.
+        statistic: of its differences: "mean" or "median".
         decision: of the first one's value beside the second's: "larger", "smaller", "equal" (within the
             margin) or "undecided".
         looks: at the difference, one after the other.
@@ -48,6 +49,7 @@ class SequentialComparison(Printed):
     first: str
     second: str
     measure: str
+    statistic: str
     decision: str
     looks: list[Look]
     confidence: float
@@ -67,8 +69,9 @@ class SequentialComparison(Printed):
     def _line(self) -> str:
         value, low, high = self.difference
         said = WORDS[self.decision].format(self.first)
+        what = f"median of {self.measure}" if self.statistic == "median" else self.measure
         return (
-            f"{self.measure} of {self.first} less {self.second}: {value:.4g} ({low:.4g} to {high:.4g}) "
+            f"{what} of {self.first} less {self.second}: {value:.4g} ({low:.4g} to {high:.4g}) "
             f"after {self.worlds:,} worlds: {said}"
         )
 
@@ -81,6 +84,8 @@ def compare_sequentially(
     policies: Mapping[str, Any],
     *,
     measure: str = "success",
+    statistic: str | None = None,
+    bounds: Any = None,
     confidence: float = 0.95,
     margin: float | None = None,
     worlds: int = 65536,
@@ -96,14 +101,19 @@ def compare_sequentially(
     """Run two policies in the same disturbed worlds, batch after batch, until their difference is decided.
 
     The interval is looked at after every batch, and it covers the true difference at all looks together with
-    the promised confidence: stopping early costs nothing of it. That of "success" holds exactly, those of
-    other measures for large numbers of worlds, the larger the more a mean is due to seldom, large values
-    (`statistics.sequential` has the sources).
+    the promised confidence: stopping early costs nothing of it. That holds exactly, whatever the law, of
+    "success", of the median of a measure's differences, and of its mean within bounds; of a mean without
+    bounds for large numbers of worlds only, the larger the more it is due to seldom, large values
+    (`statistics.sequential` and `statistics.any_law` have the sources).
 
     Args:
         task: what is run, disturbed and measured.
         policies: two, by name.
         measure: "success", or the name of one of the task's measures.
+        statistic: of a measure's differences, first less second, world by world: "median", or "mean"; None:
+            the mean of "success" and of what has bounds, else the median.
+        bounds: (low, high) of the measure: values beyond count as the bound, and the mean is that of the
+            measure so bounded. None: there are none.
         confidence: in (0, 1).
         margin: stop, too, when the difference is surely smaller than this; None: equal ones run to the end.
         worlds: at most.
@@ -119,10 +129,12 @@ def compare_sequentially(
     first, second = _two(policies)
     checks.instance("task", task, Task, "a slcp_warp.Task")
     checks.choice("measure", measure, ("success", *task.measures))
+    statistic, bounds = _statistic(measure, statistic, bounds)
     error = 1.0 - checks.number("confidence", confidence, 0.0, 1.0 - 1e-9, above=True)
     margin = None if margin is None else checks.number("margin", margin, 0.0, above=True)
     worlds, batch = checks.whole("worlds", worlds), checks.whole("batch", batch)
     checks.function("progress", progress, 2, optional=True)
+    asymptotic = measure != "success" and statistic == "mean" and bounds is None
     sweeps = [  # a policy each: its chunks come first, in order
         TaskSweep(
             task, {name: policy}, worlds=worlds, seed=seed, cases=task.options if case is None else case,
@@ -131,10 +143,9 @@ def compare_sequentially(
         )
         for name, policy in policies.items()
     ]  # fmt: skip
-    source, known = MemorySource(), RunningDifference(measure, error)
-    out = SequentialComparison(
-        first, second, measure, "undecided", [], confidence, margin, Report(task, source, complete=False)
-    )
+    source, known = MemorySource(), RunningDifference(measure, error, statistic, bounds)
+    report = Report(task, source, complete=False)
+    out = SequentialComparison(first, second, measure, statistic, "undecided", [], confidence, margin, report)
     try:
         for index in range(-(-worlds // batch)):
             rows = [sweep.run(index) for sweep in sweeps]
@@ -142,7 +153,7 @@ def compare_sequentially(
                 source.add(sweep.chunks[index].part.keys, found)
             known.add(*rows)
             out.looks.append(Look(known.worlds, *known.interval()))
-            out.decision = decision(out.looks[-1], margin, 1 if measure == "success" else LEAST)
+            out.decision = decision(out.looks[-1], margin, LEAST if asymptotic else 1)
             if progress is not None:
                 progress(min((index + 1) * batch, worlds), worlds)
             if out.decision != "undecided":
@@ -161,6 +172,23 @@ def decision(look: Look, margin: float | None, least: int) -> str:
         return "larger" if look.low > 0.0 else "smaller"
     inside = margin is not None and -margin < look.low and look.high < margin
     return "equal" if inside else "undecided"
+
+
+def _statistic(measure: str, statistic: Any, bounds: Any) -> tuple[str, tuple[float, float] | None]:
+    """What is compared, checked."""
+    if bounds is not None:
+        low, high = checks.array("bounds", bounds, (2,))
+        if not low < high or measure == "success":
+            raise ArgumentError(
+                f"bounds is {shown(bounds)}; (low, high), low < high, of a measure are needed"
+            )
+        bounds = float(low), float(high)
+    if statistic is None:
+        return ("mean" if measure == "success" or bounds is not None else "median"), bounds
+    checks.choice("statistic", statistic, STATISTICS)
+    if statistic == "median" and (measure == "success" or bounds is not None):
+        raise ArgumentError("statistic is 'median': that is of a measure, without bounds")
+    return statistic, bounds
 
 
 def _two(policies: Any) -> tuple[str, str]:

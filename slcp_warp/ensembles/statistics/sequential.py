@@ -6,26 +6,26 @@ comparison may stop as soon as its interval leaves zero. Two are here, for diffe
 - of successes, differences of -1, 0 and 1: wealth of bets against a mean m, mixed over the sizes of the bets
   (Waudby-Smith and Ramdas 2024, "Estimating means of bounded random variables by betting"). It needs no
   approximation; at m = 0 it is Robbins's (1970) mixture for the sign of the pairs that differ.
-- of measures, whose range nobody knows: the asymptotic confidence sequence of Waudby-Smith, Arbour, Sinha,
-  Kennedy and Ramdas (2024), "Time-uniform central limit theory and asymptotic confidence sequences".
+- of means of measures, whose range nobody knows: the asymptotic confidence sequence of Waudby-Smith, Arbour,
+  Sinha, Kennedy and Ramdas (2024), "Time-uniform central limit theory and asymptotic confidence sequences".
+
+Those of `any_law.py`, of medians and of measures within bounds, hold whatever the law.
 """
 
 import math
 
 import numpy as np
 
+from .any_law import RunningBoundedMean, RunningMedian
+from .bets import log_wealth
 from .intervals import Interval
 from .moments import Moments
 from .reductions import difference
 from .source import Columns
 
 EXPECTED = 1024  # worlds at which the interval of a measure is narrowest
-_NEAR = np.geomspace(1e-6, 0.5, 140)
-BETS = np.concatenate([_NEAR, (1.0 - np.geomspace(0.5, 1e-7, 80))[1:]])  # of the most that may be lost
-_LOG_PRIOR = np.log(
-    np.diff(np.concatenate([[0.0], 0.5 * (BETS[1:] + BETS[:-1]), [1.0]]))
-)  # evenly over (0, 1)
 STEPS = 40  # of a bisection
+STATISTICS = ("mean", "median")
 
 
 def paired_share_interval(gained: int, lost: int, worlds: int, error: float) -> Interval:
@@ -58,22 +58,6 @@ def _least(gained: int, lost: int, worlds: int, error: float) -> float:
     return low
 
 
-def log_wealth(mean: float, gained: int, lost: int, worlds: int) -> float:
-    """Logarithm of the mixture's wealth after bets that the mean is larger, from 1 at the start."""
-    if mean <= -1.0:
-        return math.inf
-    stake = BETS / (1.0 + mean)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        terms = (
-            gained * np.log1p(stake * (1.0 - mean))
-            + (worlds - gained - lost) * np.log1p(-stake * mean)
-            + lost * np.log1p(-stake * (1.0 + mean))
-        )
-    terms = terms + _LOG_PRIOR
-    most = float(terms.max())
-    return most + math.log(float(np.exp(terms - most).sum()))
-
-
 def running_mean_interval(moments: Moments, error: float, expected: int = EXPECTED) -> Interval:
     """The mean of independent values, from their moments so far: (mean, low, high).
 
@@ -101,22 +85,37 @@ def running_mean_interval(moments: Moments, error: float, expected: int = EXPECT
 
 
 class RunningDifference:
-    """The mean difference of two policies in the same worlds, looked at as often as one likes.
+    """The difference of two policies in the same worlds, looked at as often as one likes.
 
     Attributes:
         measure: its column; "success" counts as 0 and 1.
         error: the probability that the true difference is ever outside of `interval`.
-        worlds: so far, where both are finite.
+        statistic: "mean", or "median": of the differences world by world.
+        bounds: of the measure, for its mean: what is beyond counts as the bound. None: there are none.
+        worlds: so far, where both are numbers; of a mean without bounds finite ones.
     """
 
-    def __init__(self, measure: str, error: float) -> None:
+    def __init__(
+        self,
+        measure: str,
+        error: float,
+        statistic: str = "mean",
+        bounds: tuple[float, float] | None = None,
+    ) -> None:
         self.measure, self.error, self.worlds = measure, error, 0
+        self.statistic, self.bounds = statistic, bounds
         self._gained = self._lost = 0
-        self._moments = Moments()
+        self._moments, self._median = Moments(), RunningMedian(error)
+        width = 0.0 if bounds is None else bounds[1] - bounds[0]
+        self._bounded = RunningBoundedMean(-width, width, error)
 
     def add(self, first: Columns, second: Columns) -> None:
         """Take the next worlds, the same rows of both."""
-        apart = difference(first[self.measure], second[self.measure])
+        a, b = first[self.measure], second[self.measure]
+        if self.statistic == "median" or self.bounds is not None:
+            self._add_any(np.asarray(a, float), np.asarray(b, float))
+            return
+        apart = difference(a, b)
         self.worlds += len(apart)
         if self.measure == "success":
             self._gained += int(np.count_nonzero(apart > 0.0))
@@ -124,8 +123,24 @@ class RunningDifference:
         else:
             self._moments += Moments.of(apart)
 
+    def _add_any(self, a: np.ndarray, b: np.ndarray) -> None:
+        """Infinite values are numbers here: those of the same sign do not differ."""
+        both = ~np.isnan(a) & ~np.isnan(b)
+        a, b = a[both], b[both]
+        self.worlds += len(a)
+        if self.bounds is not None:
+            a, b = np.clip(a, *self.bounds), np.clip(b, *self.bounds)
+        with np.errstate(invalid="ignore"):
+            apart = np.where(a == b, 0.0, a - b)
+        known = self._median if self.statistic == "median" else self._bounded
+        known.add(apart)
+
     def interval(self) -> Interval:
-        """First less second: (mean, low, high)."""
+        """First less second: (mean or median, low, high)."""
+        if self.statistic == "median":
+            return self._median.interval()
+        if self.bounds is not None:
+            return self._bounded.interval()
         if self.measure == "success":
             return paired_share_interval(self._gained, self._lost, self.worlds, self.error)
         return running_mean_interval(self._moments, self.error)

@@ -23,7 +23,7 @@ from .splitting import Effort, Islands, Levels, Moves, pilot, run_islands
 from .trial import Trial, checked_options
 
 PILOT = 4  # times the particles of an island: particles of the pilot
-FAR_APART = 2.0  # relative standard deviation of the islands above which the report warns
+FAR_APART = 1.0  # relative standard deviation of the islands above which the report warns
 KEPT = 1000  # failing worlds that are kept, at most
 
 

@@ -21,6 +21,7 @@ from ....inputs.errors import ArgumentError
 Score = Callable[[np.ndarray], np.ndarray]  # (B, d) standard normal numbers -> (B,), the event: at most 0
 ACCEPTED = 0.44  # share of the moves of the pilot (Papaioannou et al. 2015)
 SMALL, LARGE = 0.01, 1.0  # sizes of moves
+PATIENCE = 15  # times as many particles that the pilot moves where all have the same score
 ENOUGH = 0.5  # of the share that is kept: so many particles in the event end the levels
 
 
@@ -129,30 +130,50 @@ def chain(
 
 
 def pilot(score: Score, moves: Moves, effort: Effort, worlds: int, rng: np.random.Generator) -> Levels:
-    """Levels and sizes of moves, set from `worlds` particles a level; complete, or `effort.most` of them."""
+    """Levels and sizes of moves, set from `worlds` particles a level; complete, or `effort.most` of them.
+
+    Where all have the same score, up to PATIENCE times as many are moved before they count as stuck: a margin
+    of few values may fall seldom.
+    """
     z = moves.draw(worlds, rng)
     scores = score(z)
     levels: list[float] = []
     sizes: list[float] = []
-    above, size = np.inf, LARGE
+    above, size, patience = np.inf, LARGE, PATIENCE
     while True:
-        above = next_level(scores, above, effort.keep)
+        try:
+            above = next_level(scores, above, effort.keep)
+        except StuckError:
+            if not patience:
+                raise
+            patience -= 1
+            more, lower, _ = _spread(score, moves, z, scores, above, size, effort, worlds, rng)
+            z, scores = np.concatenate([z, more]), np.concatenate([scores, lower])
+            continue
         levels.append(above)
         if above <= 0.0 or len(levels) == effort.most:
             return Levels(tuple(levels), tuple(sizes))
-        seeds = rng.choice(np.flatnonzero(scores <= above), max(1, worlds // effort.length))
-        z, scores = z[seeds], scores[seeds]
-        states, values, used = [z], [scores], []
-        for move in range(effort.length - 1):
-            z, scores, share = chain(score, moves, z, scores, above, size, rng)
-            step = (share - ACCEPTED) / np.sqrt(1.0 + 0.5 * move)
-            size = float(np.clip(size * np.exp(step), SMALL, LARGE))
-            states.append(z)
-            values.append(scores)
-            used.append(size)
-        size = float(np.mean(used[len(used) // 2 :]))
+        z, scores, size = _spread(score, moves, z, scores, above, size, effort, worlds, rng)
         sizes.append(size)
-        z, scores = np.concatenate(states), np.concatenate(values)
+        patience = PATIENCE
+
+
+def _spread(
+    score: Score, moves: Moves, z: np.ndarray, scores: np.ndarray, above: float, size: float, effort: Effort,
+    worlds: int, rng: np.random.Generator,
+) -> tuple[np.ndarray, np.ndarray, float]:  # fmt: skip
+    """Chains of some of the particles below a level: all their states, scores, the size of moves found."""
+    seeds = rng.choice(np.flatnonzero(scores <= above), max(1, worlds // effort.length))
+    z, scores = z[seeds], scores[seeds]
+    states, values, used = [z], [scores], []
+    for move in range(effort.length - 1):
+        z, scores, share = chain(score, moves, z, scores, above, size, rng)
+        step = (share - ACCEPTED) / np.sqrt(1.0 + 0.5 * move)
+        size = float(np.clip(size * np.exp(step), SMALL, LARGE))
+        states.append(z)
+        values.append(scores)
+        used.append(size)
+    return np.concatenate(states), np.concatenate(values), float(np.mean(used[len(used) // 2 :]))
 
 
 def resampled(count: int, wanted: int, rng: np.random.Generator) -> np.ndarray:
