@@ -76,6 +76,10 @@ def compare_command(
             step_size=step_size, dtype=dtype, device=device,
             progress=progress,
         )  # fmt: skip
+    _of_worlds(found, path)
+
+
+def _of_worlds(found: slcp.SequentialComparison, path: Path | None) -> None:
     console.print(str(found), markup=False, highlight=False)
     if path is not None and found.looks:
         found.report.save(path)
