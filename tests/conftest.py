@@ -93,8 +93,7 @@ test_compile test_cache test_limits test_rem_normal test_tape
 # plans what holds whatever the compiler makes of a kernel, and make few steps. They come last: files in which
 # another process repeats a result to the bit are others. SLCP_TESTS_OPTIMISED=1 (.ci/full): as users'.
 PLAIN = """
-test_disturbances test_task_sight test_own test_host test_network_gradient test_function_gradient
-test_around test_task_ends test_network
+test_task_sight test_function_gradient test_task_ends test_network
 """.split()
 
 

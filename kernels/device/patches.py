@@ -2,7 +2,7 @@
 
 All only save time. Another version of Warp is left as it is: kernels are then compiled again after an edit
 of a comment, or where others with the same functions came first, and are translated for a third longer; and
-the functions of structs that only adjoints need are compiled in kernels without one, a twentieth of the time.
+the functions of structs that only adjoints need are compiled in kernels without one.
 """
 
 import re

@@ -223,6 +223,12 @@ def test_proofs():
     truth = Truth(crossed, Worlds(numbers, np.zeros((1, 2)), np.zeros((1, 0)), np.zeros(1, int)))
     p = Problem(truth, truth.drive(), HARD.method, "float64")
     assert widest_opening(p, 0) < -0.9 and least_motion(p, 0) is None
+    loose = Scene("loose", (Body("a", 1.0, 0.1),))
+    numbers = {name: value[None] for name, value in loose.default_parameters().items()}
+    truth = Truth(loose, Worlds(numbers, np.zeros((1, 2)), np.zeros((1, 0)), np.zeros(1, int)))
+    p = Problem(truth, truth.drive(), HARD.method, "float64")
+    v, impulse = least_motion(p, 0)  # a failing case without its rows, as it is made smaller
+    assert len(impulse) == 0 and np.array_equal(v, p.drive.free[0])
 
 
 def test_penetration_at_the_end_is_noticed():

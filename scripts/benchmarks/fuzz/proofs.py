@@ -97,6 +97,8 @@ def least_motion(p: Problem, i: int) -> tuple[Array, Array] | None:
     (Lawson and Hanson's least distances); None where nothing opens them.
     """
     jac, b = p.jac[i], p.free[i]
+    if not len(b):  # SciPy's nnls frees an empty matrix twice
+        return p.drive.free[i], np.zeros(0)
     size = np.sqrt(np.maximum(p.diag[i], FLOOR))
     root = np.linalg.cholesky(p.drive.h_mass[i])
     g = np.linalg.solve(root, jac.T).T / size[:, None]
