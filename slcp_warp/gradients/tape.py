@@ -164,11 +164,12 @@ def record_step(run: Recorded) -> None:
     after.requires_grad = True
     refused = _refused(run)
     worlds, nx = x.shape
-    before, us = (wp.empty(a.shape, dtype=a.dtype, device=a.device) for a in (x, u))
-    copy_rows(x, before)
+    us = wp.empty(u.shape, dtype=u.dtype, device=u.device)
     copy_rows(u, us)
-    states_grad = wp.zeros((worlds, 2, nx), dtype=x.dtype, device=x.device)
-    states, us = before.reshape((worlds, 1, nx)), us.reshape((worlds, 1, u.shape[1]))
+    states, states_grad = (wp.zeros((worlds, 2, nx), dtype=x.dtype, device=x.device) for _ in range(2))
+    copy_rows(x, states[:, 0])
+    copy_rows(after, states[:, 1])
+    us = us.reshape((worlds, 1, u.shape[1]))
     us.requires_grad = u.requires_grad
     longer = replace(run, us=us, states=states)
 

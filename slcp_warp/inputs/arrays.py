@@ -118,6 +118,8 @@ def to_batch(name: str, value: Any, shape: tuple[int | str, ...], dtype: Any, de
         )
     if not batched and not value.is_contiguous:
         raise ArrayError(f"{name} is a Warp array with gaps between its numbers; a contiguous one is needed")
+    if value.size and value.strides[-1] != wp.types.type_size_in_bytes(dtype):
+        value = value.contiguous()  # recorded on a tape; generic kernels read an axis without strides
     return Batch(value if batched else value.reshape((1, *given)), kind, batched)
 
 

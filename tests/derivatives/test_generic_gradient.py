@@ -138,6 +138,30 @@ def test_equal_to_specialised_kernels():
         )
 
 
+@pytest.mark.parametrize("gaps", [False, True])
+def test_a_recorded_step_is_a_rollout_of_one(gaps):
+    """`sim.step` on a tape against A and B of the same states; x and u may have gaps in memory."""
+    sim, rng = generic(scene("flicking_finger"), scaling="none"), np.random.default_rng(6)
+    x0, u0 = near_contact(sim.scene, rng, 5), rng.standard_normal((5, 2))
+    weight = rng.standard_normal((5, 1, 6))
+    every = 2 if gaps else 1
+    wide = [on_device(np.repeat(a, every, axis=1), "cpu") for a in (x0, u0)]
+    with wp.Tape() as tape:
+        x, u = (a[:, ::every] for a in wide) if gaps else wide
+        made = sim.step(x, u)
+        loss = loss_of(made.state.reshape((5, 1, 6)), weight, "cpu")
+    tape.backward(loss)
+    lin = sim.linearize(x0, u0)
+    assert (made.status.numpy() == slcp.Status.SOLVED).all() and (lin.status == slcp.Status.SOLVED).all()
+    for array, by in zip(wide, (lin.A, lin.B), strict=True):
+        want = np.einsum("wi,wij->wj", weight[:, 0], by)
+        np.testing.assert_allclose(
+            array.grad.numpy()[:, ::every], want, atol=1e-8 * (1.0 + np.abs(want).max())
+        )
+        if gaps:
+            assert not array.grad.numpy()[:, 1::2].any()
+
+
 def test_checkpoints_change_nothing():
     sc = scenes.stack(5, [1.0] * 5, 0.5, size=0.1)
     sim, us = generic(sc), wp.zeros((2, 4, 0), dtype=wp.float64, device="cpu")
