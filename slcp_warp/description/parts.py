@@ -181,7 +181,7 @@ class Spring:
     Attributes:
         body_a, body_b: names of bodies, or None for the world.
         point_a, point_b: in the frame of their body [m].
-        stiffness: [N/m], >= 0.
+        stiffness: [N/m]; a negative one pushes apart.
         damping: [N s/m], >= 0.
         length: rest length [m], >= 0.
     """
