@@ -2,7 +2,7 @@
 
     python scripts/faults.py [NAME ...] [--workers 2] [--expected-only] [--list]
 
-The faults are data, tests/faults/*.toml; each changes one place of one file:
+The faults are data, tests/faults/*.toml; each changes one place of one file, as a rule:
 
     [[fault]]
     name = "parameter-axis"                 # unique
@@ -11,6 +11,7 @@ The faults are data, tests/faults/*.toml; each changes one place of one file:
     replace = "what stands there instead"
     tests = ["tests/ensembles/test_sweep.py::test_y"] # expected to notice it
     equivalent = "why no result changes"    # instead of tests, where none can notice
+    also = [["file", "find", "replace"]]    # where more places hold what one of them would hold alone
 
 Every fault goes into a copy of the tree. The tests expected to notice it run first, the others only if these
 pass. In the end the tests that noticed run without a fault: one that fails then proves nothing. Kernels
@@ -41,7 +42,7 @@ SECONDS = 1800  # a test that hangs has noticed
 
 @dataclass(frozen=True)
 class Fault:
-    """A change of one place of one file; see the head of this file."""
+    """A change of one place of one file, or of several; see the head of this file."""
 
     name: str
     file: str
@@ -49,27 +50,38 @@ class Fault:
     replace: str
     tests: tuple[str, ...] = ()
     equivalent: str = ""
+    also: tuple[tuple[str, str, str], ...] = ()
+
+    @property
+    def places(self) -> tuple[tuple[str, str, str], ...]:
+        """File, text and what stands there instead of every place."""
+        return ((self.file, self.find, self.replace), *self.also)
 
     def problem(self, root: Path = ROOT) -> str:
         """Why it cannot be put in; empty where it can."""
-        path = root / self.file
-        if not path.is_file():
-            return f"there is no {self.file}"
-        count = path.read_text(encoding="utf-8").count(self.find)
-        if count != 1:
-            return f"its text is in {self.file} {count} times; once is needed"
-        if self.find == self.replace:
-            return "it changes nothing"
+        for file, find, replace in self.places:
+            path = root / file
+            if not path.is_file():
+                return f"there is no {file}"
+            count = path.read_text(encoding="utf-8").count(find)
+            if count != 1:
+                return f"its text is in {file} {count} times; once is needed"
+            if find == replace:
+                return "it changes nothing"
         if bool(self.tests) == bool(self.equivalent):
             return "either tests or equivalent is needed"
         missing = [test for test in self.tests if not (root / test.split("::")[0]).is_file()]
         return f"there is no {missing[0]}" if missing else ""
 
-    def put_in(self, root: Path) -> None:
-        """Change the file below `root`."""
-        path = root / self.file
-        text = path.read_text(encoding="utf-8")
-        path.write_text(text.replace(self.find, self.replace), encoding="utf-8")
+    def put_in(self, root: Path) -> dict[Path, bytes]:
+        """Change the files below `root`; what they were."""
+        before: dict[Path, bytes] = {}
+        for file, find, replace in self.places:
+            path = root / file
+            before.setdefault(path, path.read_bytes())
+            text = path.read_text(encoding="utf-8")
+            path.write_text(text.replace(find, replace), encoding="utf-8")
+        return before
 
 
 def read_faults(folder: Path = LISTS) -> list[Fault]:
@@ -77,7 +89,8 @@ def read_faults(folder: Path = LISTS) -> list[Fault]:
     faults = []
     for path in sorted(folder.glob("*.toml")):
         for entry in tomllib.loads(path.read_text(encoding="utf-8"))["fault"]:
-            faults.append(Fault(**{**entry, "tests": tuple(entry.get("tests", ()))}))
+            also = tuple(tuple(place) for place in entry.get("also", ()))
+            faults.append(Fault(**{**entry, "tests": tuple(entry.get("tests", ())), "also": also}))
     names = [fault.name for fault in faults]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
@@ -124,17 +137,18 @@ class Tree:
 
     def judge(self, fault: Fault, expected_only: bool) -> "Outcome":
         """Put a fault in, run the tests, take it out."""
-        original, began = (self.root / fault.file).read_bytes(), time.perf_counter()
-        fault.put_in(self.root)
+        began = time.perf_counter()
+        before = fault.put_in(self.root)
         try:
-            kernel = fault.file.startswith("kernels/")
+            kernel = any(file.startswith("kernels/") for file, _, _ in fault.places)
             code, output = self.pytest(["-x", *fault.tests], kernel)
             expected = True
             if code == 0 and not expected_only:
                 code, output = self.pytest(["-x", "--deselect", "tests/house/test_faults.py"], kernel)
                 expected = False
         finally:
-            (self.root / fault.file).write_bytes(original)
+            for path, content in before.items():
+                path.write_bytes(content)
         who = re.search(r"^(?:FAILED|ERROR) ([^\n]*?)(?: - |$)", output, re.MULTILINE)
         failure = "" if code == 0 else who[1] if who else output.strip().splitlines()[-1][:90]
         if code not in (0, 1, 2):  # no such test, no pytest

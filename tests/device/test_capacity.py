@@ -56,32 +56,82 @@ def cost(scene):
     return ddp.costs.quadratic(np.eye(2 * scene.nv), np.eye(1))
 
 
-def gradient(sim, x):
+W = np.linspace(-1.0, 1.0, 8)  # of the states after two steps, whose gradient by the first one is asked for
+US = np.zeros((1, 2, 1))
+
+
+def touching(scene):
+    """On its points, .1 mm inside, the cart at 1 m/s."""
+    x = np.array(scene.x0)
+    x[1], x[7] = 0.0499, 1.0
+    return x
+
+
+def by_differences(sim, x, step=1e-6):
+    """The gradient of W x_2 by x_0."""
+    moved = np.repeat(x[None], 16, 0) + step * np.r_[np.eye(8), -np.eye(8)]
+    run = sim.rollout(moved, np.zeros((16, 2, 1)))
+    assert not run.status.any()
+    after = run.states[:, -1] @ W
+    return (after[:8] - after[8:]) / (2.0 * step)
+
+
+def linearized(sim, x):
+    first, second = (sim.linearize(y).A for y in (x, sim.step(x).state))
+    return W @ second @ first
+
+
+def taped(sim, x, **kept):
     x0 = wp.array(x[None], dtype=wp.float64, device="cpu", requires_grad=True)
-    with wp.Tape():
-        sim.rollout(x0, wp.zeros((1, 2, 1), dtype=wp.float64, device="cpu"))
+    with wp.Tape() as tape:
+        run = sim.rollout(x0, wp.zeros((1, 2, 1), dtype=wp.float64, device="cpu"), **kept)
+    weights = np.zeros(run.states.shape)
+    weights[0, -1] = W
+    tape.backward(grads={run.states: wp.array(weights, dtype=wp.float64, device="cpu")})
+    return x0.grad.numpy()[0]
 
 
 def by_torch(sim, x):
     torch = pytest.importorskip("torch")
     from slcp_warp import torch as differentiable
 
-    differentiable.rollout(sim, torch.tensor(x), torch.zeros((2, 1), dtype=torch.float64))
+    start = torch.tensor(x, requires_grad=True)
+    states = differentiable.rollout(sim, start, torch.zeros((2, 1), dtype=torch.float64))
+    (states[0] if isinstance(states, tuple) else states)[-1].dot(torch.tensor(W)).backward()
+    return start.grad.numpy()
 
 
-US = np.zeros((1, 2, 1))
-TAKEN = {
-    "linearize": lambda sim, x: sim.linearize(x),
-    "checkpoint": lambda sim, x: sim.rollout(x, US[0], checkpoint=1),
-    "tape": gradient,
+def pulled(sim, x):
+    weights = np.zeros((1, 3, 8))
+    weights[0, -1] = W
+    return slcp.vjp(sim, x[None], US, weights).x0[0]
+
+
+def pushed(sim, x):
+    worlds = np.repeat(x[None], 8, 0)
+    return slcp.jvp(sim, worlds, np.zeros((8, 2, 1)), np.eye(8)).tangent[:, -1] @ W
+
+
+GRADIENTS = {
+    "linearize": linearized,
+    "checkpoint": lambda sim, x: taped(sim, x, checkpoint=1),
+    "tape": taped,
     "torch": by_torch,
-    "vjp": lambda sim, x: slcp.vjp(sim, x[None], US, np.zeros((1, 3, len(x)))),
-    "jvp": lambda sim, x: slcp.jvp(sim, x[None], US, x[None]),
-    "weighted hessian": lambda sim, x: slcp.weighted_hessian(sim, x[None], US[:, 0], x[None]),
-    "ddp": lambda sim, x: ddp.solve(ddp.Problem(sim, cost(sim.scene), 2), x, US[0]),
-    "multistart": lambda sim, x: ddp.solve_multistart(ddp.Problem(sim, cost(sim.scene), 2), x, US),
-    "library": lambda sim, x: ddp.build_library(ddp.Problem(sim, cost(sim.scene), 9), x, 2),
-}  # fmt: skip
+    "vjp": pulled,
+    "jvp": pushed,
+}
+
+
+def planned(sim, x):
+    return ddp.solve(ddp.Problem(sim, cost(sim.scene), 2), x, US[0]).us
+
+
+def planned_from_two(sim, x):
+    starts = np.stack([US[0], US[0] + 1.0])
+    return ddp.solve_multistart(ddp.Problem(sim, cost(sim.scene), 2), x, starts).best.us
+
+
+PLANS = {"ddp": planned, "multistart": planned_from_two}
 REFUSED = {
     "specialised": lambda sim, x: slcp.Simulator(sim.scene, device="cpu", strategy="specialised"),
     "trapezoidal": lambda sim, x: simulator(sim.scene, integrator="trapezoidal"),
@@ -97,9 +147,42 @@ REFUSED = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("way", TAKEN)
-def test_derivatives_are_taken(large, way):
-    TAKEN[way](simulator(large), large.x0)
+@pytest.mark.parametrize("way", GRADIENTS)
+def test_derivatives_are_differences(large, way):
+    sim, x = simulator(large), touching(large)
+    expected = by_differences(sim, x)
+    assert np.ptp(expected[:3]) > 0.1  # contact stops what it would else hand on
+    np.testing.assert_allclose(GRADIENTS[way](sim, x), expected, rtol=0, atol=1e-6 * np.abs(expected).max())
+
+
+def test_a_weighted_hessian_is_a_difference_of_gradients(large):
+    sim, x = simulator(large), touching(large)
+    hessian, status = slcp.weighted_hessian(sim, x[None], US[:, 0], W[None])
+    sides = [sim.linearize(x + side * 1e-6 * np.eye(8)).A for side in (1.0, -1.0)]
+    expected = np.einsum("i,bij->bj", W, sides[0] - sides[1]) / 2e-6
+    assert not status.any() and np.abs(expected).max() > 1.0
+    np.testing.assert_allclose(hessian[0, :8, :8], expected, rtol=0, atol=1e-4 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("way", PLANS)
+def test_plans_are_minima(large, way):
+    """Of the sum of x'x/2 + u'u/2, worked out of a rollout: any other control costs more."""
+    sim, x = simulator(large), touching(large)
+    us = np.reshape(PLANS[way](sim, x), (1, 2, 1))
+    moved = us + np.array([[0, 0], [1e-2, 0], [-1e-2, 0], [0, 1e-2], [0, -1e-2]])[:, :, None]
+    run = sim.rollout(np.repeat(x[None], 5, 0), moved)
+    total = 0.5 * (run.states[:, :-1] ** 2).sum((1, 2)) + 0.5 * (moved**2).sum((1, 2))
+    assert np.abs(us).max() > 1e-3 and (total[1:] > total[0]).all()
+
+
+def test_a_library_is_built(large):
+    """Its first entry is what a plan of its horizon begins with."""
+    sim, x = simulator(large), touching(large)
+    problem = ddp.Problem(sim, cost(large), 9)
+    library = ddp.build_library(problem, x, 2)
+    plan = ddp.solve(problem, x, np.zeros((9, 1)))
+    assert len(library) == 2 and np.array_equal(library.x[0], plan.xs[library.age[0]])
+    np.testing.assert_allclose(library.u[0], plan.us[library.age[0]], rtol=0, atol=1e-6)
 
 
 @pytest.mark.parametrize("way", REFUSED)

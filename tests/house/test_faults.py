@@ -41,7 +41,18 @@ def test_a_fault_that_fits_no_more_is_named():
         ({"find": "text that nobody wrote"}, "0 times"),
         ({"find": "wp.static"}, "times; once is needed"),
         ({"replace": good["find"]}, "changes nothing"),
+        ({"also": (("kernels/contact/rows.py", "text that nobody wrote", "x"),)}, "0 times"),
         ({"tests": ()}, "either tests or equivalent"),
         ({}, "there is no x"),
     ):
         assert words in faults.Fault(**{**good, **change}).problem()
+
+
+def test_all_places_of_a_fault_change_and_are_put_back(tmp_path):
+    for name in ("a.py", "b.py"):
+        (tmp_path / name).write_text(f"one\ntwo {name}\n")
+    places = (("a.py", "two", "three"), ("b.py", "one", "none"))
+    before = faults.Fault("x", "a.py", "one", "1", ("t",), also=places).put_in(tmp_path)
+    assert (tmp_path / "a.py").read_text() == "1\nthree a.py\n"
+    assert (tmp_path / "b.py").read_text() == "none\ntwo b.py\n"
+    assert before == {tmp_path / name: f"one\ntwo {name}\n".encode() for name in ("a.py", "b.py")}

@@ -90,6 +90,8 @@ UNSCALED = slcp.Options("rem-logistic", "none")
         (6, 17, 441, COULOMB, "float32"),  # a gram that carries tonnes, opposed impulses of 2e9
         (1, 12, 1894, HARD, "float64"),  # what carries both bodies of a contact got a part of its impulse
         (2, 28, 7, HARD, "float64"),  # INFEASIBLE, and opens at 5,000 times v_free
+        (0, 4, 481, HARD, "float64"),  # momenta judged by what is fastest, not by what a body exchanges
+        (0, 5, 401, RESTING, "float64"),
         (23, 25, 441, UNSCALED, "float64"),  # open by a rounding of what is fast elsewhere
         (
             24,

@@ -13,11 +13,11 @@ H, STEPS = 0.01, 75
 @pytest.mark.parametrize(
     "boxes,name,strategy",
     [
-        (2, "rem-logistic", "specialised"),
+        (3, "rem-logistic", "specialised"),
         (3, "hard", "generic"),
+        pytest.param(2, "rem-logistic", "specialised", marks=pytest.mark.full),
         pytest.param(2, "rem-normal", "specialised", marks=pytest.mark.full),
         pytest.param(2, "hard", "specialised", marks=pytest.mark.slow),
-        pytest.param(3, "rem-logistic", "specialised", marks=pytest.mark.full),
         pytest.param(3, "hard", "specialised", marks=pytest.mark.full),
     ],
 )
