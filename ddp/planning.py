@@ -14,6 +14,7 @@ from .multistart import Multistart
 from .options import Options, Regularization
 from .parts.starts import unstable
 from .problem import Problem
+from .results.result import Result
 from .sampling.options import SHARE, Sampling, limit_share
 from .sampling.sampler import Sampler
 from .workspace import GAP_PASSES, Workspace
@@ -140,7 +141,8 @@ def plan(
         sampling: how controls are sampled.
 
     Returns:
-        The best plan; `all` are the plans of the last method, `index` the best one's place among them.
+        The best plan, with the passes of all methods that led to it; `all` are the plans of the last method,
+        `index` the best one's place among them.
     """
     if isinstance(task, Problem):
         problem = task
@@ -168,7 +170,7 @@ def solve_starts(
     finish = whole("finish", finish)
     x = array("x0", x0, (problem.nx,))
     schedules = (SCHEDULES if options is None else options.regularization).rows()
-    first = us[0]
+    first, before = us[0], dict[int, Result]()
     for place, method in enumerate(methods):
         passes = PASSES if place + 1 < len(methods) else LAST_PASSES
         settings = Options(max_iterations=passes) if options is None else options
@@ -181,8 +183,9 @@ def solve_starts(
         result = Workspace(problem, len(batch), settings).solve(x, batch)
         order = np.argsort(np.where(np.isnan(result.cost), np.inf, result.cost), kind="stable")
         us = result.us[order[:finish]]
-    index = int(order[0])
-    return Multistart(result.select(index), index, result)
+        kept = {i: result.select(int(n)) for i, n in enumerate(order[: max(finish, 1)])}
+        before = {i: each.after(before.get(int(order[i]))) for i, each in kept.items()}
+    return Multistart(before[0], int(order[0]), result)
 
 
 def _check_methods(methods: Any) -> None:

@@ -78,6 +78,14 @@ class Result(Printed):
             **{name: getattr(self, name)[index] for name in ARRAYS},
         )
 
+    def after(self, before: "Result | None") -> "Result":
+        """This result of one problem with the passes of the solve that it went on from; None: of none."""
+        if before is None:
+            return self
+        return replace(
+            self, iterations=before.iterations + self.iterations, trace=before.trace.then(self.trace)
+        )
+
     @property
     def batched(self) -> bool:
         """Whether there is an axis of problems."""

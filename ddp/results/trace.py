@@ -1,6 +1,6 @@
 """The history of a solve."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -33,6 +33,14 @@ class Trace(Arrays):
     gradient: np.ndarray
     min_pivot: np.ndarray
     restarts: np.ndarray
+
+    def then(self, after: "Trace") -> "Trace":
+        """The passes of one problem and those of a solve that went on from its end, whose row comes once."""
+        written = [np.isfinite(each.gradient) for each in (self, after)]
+        last = np.flatnonzero(written[0])[-1:]
+        written[0][last] = np.isfinite(self.step_size[last])  # else no pass, but where the second one begins
+        columns = ((f.name, getattr(self, f.name), getattr(after, f.name)) for f in fields(self))
+        return Trace(**{name: np.concatenate([a[written[0]], b[written[1]]]) for name, a, b in columns})
 
     @classmethod
     def from_rows(cls, rows: np.ndarray) -> "Trace":

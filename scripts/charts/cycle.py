@@ -63,8 +63,11 @@ def cycle_chart(run: slcp.Trajectory, path: Path, surface: Record | None = None,
     over_time[2].set_xlabel("time [s]")
     over_time[2].set_ylim(0.0, None)
     place = figure.add_axes((0.12, 0.1, 0.3, 0.02))
-    bar = figure.colorbar(ScalarMappable(norm, IMPULSE), cax=place, orientation="horizontal")
-    bar.set_label("contact impulse of a step [N s]")
+    if cycle.touches:
+        bar = figure.colorbar(ScalarMappable(norm, IMPULSE), cax=place, orientation="horizontal")
+        bar.set_label("contact impulse of a step [N s]")
+    else:
+        place.set_axis_off()
     residual = run.options.residual
     kind = "smoothed" if residual == "rem-logistic" else residual
     h = run.step_size
@@ -89,6 +92,9 @@ def frames_chart(run: slcp.Trajectory, path: Path, world: int = 0) -> Path:
     height = 1.0 + 3.6 * (bounds[3] - bounds[2]) / (bounds[1] - bounds[0])
     figure, axes = plt.subplots(2, FRAMES // 2, figsize=(9.0, min(height, 6.5)), layout="constrained")
     norm = draw_frames(axes.flat, cycle)
-    bar = figure.colorbar(ScalarMappable(norm, IMPULSE), ax=axes, shrink=0.7, pad=0.02)
-    bar.set_label("contact impulse of the step [N s]")
+    if cycle.touches:
+        bar = figure.colorbar(ScalarMappable(norm, IMPULSE), ax=axes, shrink=0.7, pad=0.02)
+        bar.set_label("contact impulse of the step [N s]")
+    else:
+        figure.supxlabel("nothing touches" if cycle.pushes is not None else "impulses were not recorded")
     return save(figure, path)

@@ -16,7 +16,8 @@ def trace_chart(record: Record, path: Path) -> Path:
     figure, (left, right) = plt.subplots(1, 2, figsize=(9.0, 3.6), layout="constrained")
     if "batch_cost" in record.arrays:
         batch = record["batch_cost"]
-        left.plot(batch.T, color=GREY, lw=0.6, alpha=0.7)
+        since = int(record.header.get("batch_from", 0)) + np.arange(batch.shape[-1])
+        left.plot(since, batch.T, color=GREY, lw=0.6, alpha=0.7)
         left.plot([], [], color=GREY, lw=0.8, label=f"the {len(batch)} starts and schedules")
         shown = batch[np.isfinite(batch)]
         high = float(np.quantile(shown, 0.95))

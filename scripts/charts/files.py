@@ -27,19 +27,21 @@ class Order:
     Attributes:
         path: the file.
         out: folder for its pictures.
+        name: what its pictures are called, see `picture_names`.
         world: of a trajectory, its index.
         surface: a contact surface to draw behind libraries and trajectories; None: none.
     """
 
     path: Path
     out: Path
+    name: str
     world: int = 0
     surface: Record | None = None
 
     @property
     def picture(self) -> Path:
         """The file's one picture."""
-        return (self.out / self.path.stem).with_suffix(".png")
+        return self.out / f"{self.name}.png"
 
 
 TABLES = {  # which columns a .csv of a kind has
@@ -63,15 +65,34 @@ def chart_files(
         RecordError, LibraryError, ValueError: a file that cannot be drawn.
         FileNotFoundError: no such file.
     """
-    drawers = DRAWERS | (others or {})
-    kinds = {path: file_kind(path) for path in files}
+    drawers, names = DRAWERS | (others or {}), picture_names(files)
+    kinds = {path: file_kind(path) for path in names}
     surfaces = [load_record(path, "surface") for path, kind in kinds.items() if kind == "surface"]
     pictures: list[Path] = []
     for path, kind in kinds.items():
         if kind not in drawers:
             raise RecordError(f"{path} holds a {kind!r}, which no picture is made of")
-        pictures += drawers[kind](Order(path, out, world, surfaces[0] if surfaces else None))
+        pictures += drawers[kind](Order(path, out, names[path], world, surfaces[0] if surfaces else None))
     return pictures
+
+
+def picture_names(files: list[Path]) -> dict[Path, str]:
+    """What the pictures of files are called: their stems, and of equal ones as much more of the path as tells
+    them apart; a file that is given twice is drawn once.
+    """
+    parts = {path.resolve(): path for path in reversed(files)}
+    stems = {path: (*whole.parent.parts[1:], whole.stem) for whole, path in parts.items()}
+    there = list(stems.values())
+    for path, own in stems.items():
+        if there.count(own) > 1:  # report.csv beside report.npz
+            stems[path] = (*own[:-1], path.name.replace(".", "_"))
+    names = {path: own[-1] for path, own in stems.items()}
+    for more in range(2, 1 + max(map(len, stems.values()), default=0)):
+        told = list(names.values())
+        for path, own in stems.items():
+            if told.count(names[path]) > 1:
+                names[path] = "_".join(own[-more:])
+    return {path: names[path] for path in files if path in names}
 
 
 def file_kind(path: Path) -> str:
@@ -127,7 +148,7 @@ def _size(order: Order) -> list[Path]:
 def _trajectory(order: Order) -> list[Path]:
     """The limit cycle where it is the finger's, frames, and an animation."""
     run, world = _checked_world(order.path, order.world), order.world
-    name, made = order.path.stem, []
+    name, made = order.name, []
     if mechanism_name(run.scene) == SCENE:
         made.append(cycle.cycle_chart(run, order.out / f"{name}_cycle.png", order.surface, world))
     made.append(cycle.frames_chart(run, order.out / f"{name}_frames.png", world))

@@ -16,28 +16,34 @@ Row = dict[str, Any]
 
 
 def report_chart(file: Path, path: Path) -> Path:
-    """Success of every policy and case with its 95 % interval, and the distribution of each measure."""
+    """Success of every policy and case with its 95 % interval, and the distribution of each measure.
+
+    A measure that is finite in no median (a failure's time where most runs have none) is named below instead.
+    """
     report = load_report(file)
     shares, spreads = (_by_key(rows) for rows in (report.summary, report.quantiles()))
     disturbed = [key for key in shares if key[3] == "disturbed"]
-    height, width = 1.6 + 0.35 * len(disturbed), 4.0 + 2.6 * len(report.measures)
-    figure, axes = plt.subplots(1, 1 + len(report.measures), figsize=(width, height),
+    shown = [m for m in report.measures if any(_finite(spreads[key][m]) for key in disturbed)]
+    height, width = 1.6 + 0.35 * len(disturbed), 4.0 + 2.6 * len(shown)
+    figure, axes = plt.subplots(1, 1 + len(shown), figsize=(width, height),
                                 layout="constrained", squeeze=False)  # fmt: skip
     policies = list(dict.fromkeys(key[0] for key in disturbed))
     rows = np.arange(len(disturbed))[::-1]
     for row, key in zip(rows, disturbed):
         colour = CASES[policies.index(key[0]) % len(CASES)]
         _success(axes[0, 0], shares[key], shares.get((*key[:3], "undisturbed")), row, colour)
-        for ax, name in zip(axes[0, 1:], report.measures):
+        for ax, name in zip(axes[0, 1:], shown):
             _spread(ax, spreads[key][name], row, colour)
     axes[0, 0].set_yticks(rows, [f"{policy}, {case}, h = {h:g}" for policy, case, h, _ in disturbed])
     axes[0, 0].set_xlim(-3.0, 103.0)
     axes[0, 0].set_xlabel("success [%]; ○ undisturbed")
-    for ax, name in zip(axes[0, 1:], report.measures):
+    for ax, name in zip(axes[0, 1:], shown):
         ax.set_yticks([])
         ax.set_xlabel(name)
     for ax in axes[0]:
         ax.set_ylim(-0.6, len(disturbed) - 0.4)
+    if left := [name for name in report.measures if name not in shown]:
+        figure.supxlabel(f"finite in less than half of the worlds: {', '.join(left)}", fontsize=8)
     return save(figure, path)
 
 
@@ -51,6 +57,12 @@ def _success(ax: Any, part: Row, still: Row | None, row: float, colour: str) -> 
     ax.plot(share, row, "o", color=colour)
     if still is not None:
         ax.plot(100.0 * still["success"][0], row, "o", color=colour, markerfacecolor="white", zorder=1)
+
+
+def _finite(quantiles: dict[float, Interval]) -> bool:
+    """Whether the median is a number."""
+    values = [value for value, _, _ in quantiles.values()]
+    return bool(np.isfinite(values[len(values) // 2]))
 
 
 def _spread(ax: Any, quantiles: dict[float, Interval], row: float, colour: str) -> None:

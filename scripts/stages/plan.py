@@ -63,6 +63,7 @@ def optimise(
         arrays["batch_cost"], arrays["batch_status"] = many.all.trace.cost, many.all.status
         options = replace(options, method=methods[-1], regularization=ddp.Regularization())
         header["chosen"] = many.index
+        header["batch_from"] = int(many.best.iterations - many.all.iterations[many.index])  # passes before
     elif len(starts) > 1 or schedules:
         rows = ddp.multistart.SCHEDULES if schedules else ddp.Regularization()
         many = ddp.solve_multistart(problem, x0, starts, options, rows)

@@ -11,6 +11,7 @@ from rich.table import Table
 
 import slcp_warp as slcp
 from slcp_warp.ensembles.chunks import ARMS, KEYS
+from slcp_warp.ensembles.statistics.intervals import Interval
 from slcp_warp.ensembles.statistics.source import MemorySource
 from slcp_warp.runs import manifest
 from slcp_warp.storage.files import FileError
@@ -20,6 +21,7 @@ from ..support.tables import read_csv
 from .sweep import percent, plus_minus
 
 COLUMNS = (*KEYS, "world", "success", "status")
+NONE = "none finite"  # of a measure in all worlds: a time that none reaches
 
 
 def changed_task(task: slcp.Task, disturbances: dict[str, Any], **changes: Any) -> slcp.Task:
@@ -108,6 +110,8 @@ def report_table(report: slcp.Report) -> Table:
 def _mean(row: dict[str, Any], name: str) -> str:
     """A measure's mean; with the share of the worlds where it is finite, if that is not all."""
     mean, share = f"{row[name][0]:.3g}", row["finite"][name] / max(row["worlds"], 1)
+    if not share:
+        return NONE
     return mean if share == 1.0 else f"{mean} in {100.0 * share:.1f} %"
 
 
@@ -127,5 +131,12 @@ def comparison(report: slcp.Report, first: str, second: str, peeking: bool = Fal
         if policy != first or (second, case, step_size, arm) not in keys:
             continue
         found = report.compare(first, second, case, step_size, peeking)
-        table.add_row(f"{case}, h = {step_size:g}", *(plus_minus(found[name], ".3g") for name in names))
+        table.add_row(f"{case}, h = {step_size:g}", *(_difference(found[name]) for name in names))
     return table
+
+
+def _difference(found: Interval) -> str:
+    """A difference with its interval; of what is finite under both policies in no world there is none."""
+    if np.isnan(found[0]):
+        return NONE
+    return plus_minus(found, ".3g") if np.isfinite(found[1:]).all() else f"{found[0]:.3g} of one world"

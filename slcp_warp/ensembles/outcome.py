@@ -225,6 +225,8 @@ class Report(Printed):
 def _mean(row: dict[str, Any], name: str) -> Any:
     """A measure's mean, and over how many worlds where it is not finite in all."""
     mean, count = row[name][0], row["finite"][name]
+    if not count:
+        return "none finite"
     return mean if count == row["worlds"] else f"{mean:.4g} of {count}"
 
 

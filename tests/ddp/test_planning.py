@@ -52,6 +52,20 @@ def test_the_second_method_goes_on_from_the_best_and_never_gets_worse(planned):
     assert float(again.best.cost) <= costs[0]
 
 
+def test_passes_of_all_methods_count(planned, tmp_path):
+    """Also where the last one begins at what is stationary already: it was told as made in 0 passes."""
+    _, _, _, first, best = planned
+    last = best.all.select(best.index)
+    before = first.all.select(int(np.argsort(first.all.cost)[best.index]))
+    assert best.index < 2 and before.iterations > 0
+    assert best.best.iterations == before.iterations + last.iterations
+    costs = best.best.trace.cost
+    np.testing.assert_array_equal(costs[: before.iterations], before.trace.cost[: before.iterations])
+    np.testing.assert_array_equal(costs[before.iterations :], last.trace.cost[: last.iterations + 1])
+    again = ddp.Result.load(best.best.save(tmp_path / "plan.npz"))
+    assert again.iterations == best.best.iterations
+
+
 def test_starts_are_noise_of_the_size_of_the_limits():
     task = slcp.tasks.push_to_mark().replace(control_limits=(-20.0, np.inf))
     assert noise_scale(task) == [1.0]

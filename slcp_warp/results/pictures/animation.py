@@ -36,7 +36,7 @@ def animation(motion: Motion, path: Path, seconds: float = np.inf, rate: int = 1
                 for k, q in zip(chosen, shown):
                     low = max(0, k - round(0.5 / rate / h))
                     peak = motion.impulse[low : k + 1].max()  # a flick shorter than a frame is shown, too
-                    faces = {free_shape(mechanism): IMPULSE(norm(peak))} if motion.impulse.any() else None
+                    faces = {free_shape(mechanism): IMPULSE(norm(peak))} if motion.touches else None
                     drawing.update(q, faces)
                     clock.set_text(f"{(k - chosen[0]) * h:.1f} s")
                     writer.grab_frame()

@@ -11,8 +11,8 @@ from .style import IMPULSE, Normalize
 
 
 def impulse_norm(motion: Motion) -> Normalize:
-    """Colours of a motion's impulses."""
-    return Normalize(0.0, max(float(motion.impulse.max(initial=0.0)), 1e-9))
+    """Colours of a motion's impulses; from 0 to 1 where nothing touches, and there are none."""
+    return Normalize(0.0, float(motion.impulse.max()) if motion.touches else 1.0)
 
 
 def frame_steps(motion: Motion, count: int) -> np.ndarray:
@@ -22,7 +22,7 @@ def frame_steps(motion: Motion, count: int) -> np.ndarray:
     chosen = []
     for low, high in zip(edges[:-1], edges[1:]):
         slot = impulse[low:high]
-        touching = len(slot) and slot.max() > 0.02 * impulse.max() > 0.0
+        touching = len(slot) and motion.touches and slot.max() > 0.02 * impulse.max()
         chosen.append(low + int(np.argmax(slot)) if touching else (low + high) // 2)
     return np.array(chosen)
 
@@ -38,7 +38,7 @@ def draw_frames(axes: Any, motion: Motion) -> Normalize:
     norm, bounds = impulse_norm(motion), mechanism.bounds(motion.states[:, :nv])
     for ax, k in zip(axes, frame_steps(motion, len(axes))):
         drawing = Drawing(ax, mechanism, motion.states[k, :nv])
-        faces = {free_shape(mechanism): IMPULSE(norm(motion.impulse[k]))} if motion.impulse.any() else None
+        faces = {free_shape(mechanism): IMPULSE(norm(motion.impulse[k]))} if motion.touches else None
         drawing.update(motion.states[k, :nv], faces)
         view(ax, bounds)
         ax.set_title(f"{motion.time[k]:.2f} s", fontsize=10)

@@ -5,6 +5,8 @@ from typing import Any
 
 import numpy as np
 
+from slcp_warp.kernels.ensembles.measures import TOUCH
+
 from ...description.scene import Scene
 
 
@@ -32,6 +34,11 @@ class Motion:
     def impulse(self) -> np.ndarray:
         """(T,) normal impulse, zero where it was not recorded [N s]."""
         return np.zeros(len(self.time) - 1) if self.pushes is None else self.pushes
+
+    @property
+    def touches(self) -> bool:
+        """Whether more than 1e-6 N s were recorded in a step, as `measures.contact` counts it."""
+        return bool((self.impulse > TOUCH).any())
 
     @property
     def step_size(self) -> float:

@@ -1,0 +1,92 @@
+"""Pictures that say what is in the files: one for every file, no scale and no panel of what is not there."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("typer")
+pytest.importorskip("matplotlib")
+
+from file_examples import PARTICLE, report, simulated
+from test_cli import call
+
+import slcp_warp as slcp
+from slcp_warp.ensembles.statistics.source import MemorySource
+from slcp_warp.scripts.charts import cycle
+from slcp_warp.scripts.charts import report as reports
+from slcp_warp.scripts.charts.files import picture_names
+from slcp_warp.scripts.stages.task_sweep import NONE, comparison, report_table
+
+
+def test_every_file_has_a_picture_of_its_own(tmp_path):
+    files = [tmp_path / folder / "report.csv" for folder in ("one", "two")]
+    for file in files:
+        file.parent.mkdir()
+        report().save(file)
+    report().save(tmp_path / "one" / "report.npz")
+    out = tmp_path / "pictures"
+    said = call("chart", files[0].parent, files[1], files[1], "--out", out).output
+    assert sorted(path.name for path in out.iterdir()) == [
+        "report.png", "report_csv.png", "report_npz.png",
+    ] and said.count("wrote") == 3  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("files", "names"),
+    [
+        (["a/run.npz"], ["run"]),
+        (["a/run.npz", "a/plan.npz"], ["run", "plan"]),
+        (["a/run.npz", "b/run.npz", "b/plan.npz"], ["a_run", "b_run", "plan"]),
+        (["x/a/run.npz", "y/a/run.npz"], ["x_a_run", "y_a_run"]),
+        (["a/run.npz", "a/../a/run.npz"], ["run"]),
+        (["a/run.csv", "a/run.npz"], ["run_csv", "run_npz"]),
+    ],
+    ids=lambda value: " ".join(value),
+)
+def test_pictures_are_named_by_what_tells_their_files_apart(files, names):
+    assert list(picture_names([Path(file) for file in files]).values()) == names
+
+
+@pytest.mark.parametrize(
+    ("impulse", "scale", "says"),
+    [(2.0, 2.0, None), (0.0, None, "nothing touches"), (None, None, "impulses were not recorded")],
+)
+def test_a_scale_of_colours_is_that_of_impulses(tmp_path, monkeypatch, impulse, scale, says):
+    """A hard run without contact, and a replay, which records none, had one from 0 to 1e-9."""
+    structure = PARTICLE.structure
+    recorded = None if impulse is None else np.full((1, 3, structure.nr), impulse / structure.nr)
+    states = np.cumsum(np.ones((1, 4, 2 * structure.nv)), axis=1)
+    run = slcp.Trajectory(states, np.zeros(1, np.int32), impulse=recorded, simulated=simulated())
+    drawn = []
+    monkeypatch.setattr(cycle, "save", lambda figure, path: drawn.append(figure))
+    cycle.frames_chart(run, tmp_path / "frames.png")
+    bars = [ax for ax in drawn[0].axes if "impulse" in ax.get_ylabel()]
+    assert [ax.get_ylim()[1] for ax in bars] == pytest.approx([] if scale is None else [scale])
+    assert (drawn[0].get_supxlabel() or None) == says
+    assert run.animate(tmp_path / "run.gif").stat().st_size > 1000
+
+
+def never() -> slcp.Report:
+    """Two policies under which nothing ends a run, and one world that is late."""
+    source = MemorySource()
+    for policy in ("a", "b"):
+        rows = {"world": np.arange(3), "x": np.array([0.5, 0.4, 0.3]), "failure_time": np.full(3, np.inf),
+                "late": np.array([np.inf, np.inf, 2.0]), "success": np.ones(3, bool),
+                "status": np.zeros(3, np.int32)}  # fmt: skip
+        source.add((policy, "hard", 0.05, "disturbed"), rows)
+    return slcp.Report(None, source)
+
+
+def test_what_never_happens_has_no_panel_and_no_nan(tmp_path, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(reports, "save", lambda figure, path: drawn.append(figure))
+    path = never().save(tmp_path / "report.csv")
+    reports.report_chart(path, tmp_path / "report.png")
+    assert [ax.get_xlabel() for ax in drawn[0].axes] == ["success [%]; ○ undisturbed", "x"]
+    assert drawn[0].get_supxlabel().endswith("failure_time, late")
+    for table in (report_table(never()), comparison(never(), "a", "b")):
+        cells = {column.header: list(column.cells) for column in table.columns}
+        assert set(cells["failure_time"]) == {NONE}
+        assert not any("nan" in cell for column in cells.values() for cell in column)
+    assert "nan" not in str(never()) and NONE in str(never())
