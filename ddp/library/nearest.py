@@ -126,6 +126,11 @@ class NearestPolicy:
         self.rate, self.step_size = 1.0, library.step_size
 
     @property
+    def limits(self) -> tuple[np.ndarray, np.ndarray]:
+        """Of the controls of every entry, (M, nu)."""
+        return self.library.lower, self.library.upper
+
+    @property
     def timed(self) -> bool:
         """Whether entries belong to steps of a run."""
         return self.library.step is not None

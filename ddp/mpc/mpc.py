@@ -127,6 +127,11 @@ class MPC:
         self.seconds: deque[float] = deque(maxlen=KEPT)
         self._planners: list[Planner] = []
 
+    @property
+    def limits(self) -> tuple[np.ndarray, np.ndarray]:
+        """Of the controls, (1, nu)."""
+        return self.problem.limit_rows()
+
     def _noise(self, given: Any) -> np.ndarray:
         """(nu,) standard deviation."""
         nu = self.problem.nu

@@ -23,7 +23,7 @@ from ..support.options import (
 from ..support.rules import NO_RULE, OneRule, with_rules
 from ..support.screen import INTERRUPTED, console, one_line_errors, prepared, progress_bar, timed, wrote
 from ..support.simulators import numbers, observed_state
-from ..support.tasks import DEFAULT, TaskName
+from ..support.tasks import DEFAULT, TaskName, tell_timing
 
 RUNS, CHAINS = "runs", "chains"
 PLANS = {RUNS: 1000, CHAINS: 400}
@@ -106,6 +106,7 @@ def library_command(
     # long: every option of the command is a parameter of its own, with its help
     path = prepared(out)
     chosen = slcp.load_task(task)
+    tell_timing(chosen)
     problem = task_problem(chosen, horizon, sigma, step_size, settings, rules, device, dtype)
     x0 = chosen.start[0] if start is None else numbers(start, "--start", problem.nx)
     options = task_options(

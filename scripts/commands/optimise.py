@@ -14,7 +14,7 @@ from ..support.options import Device, Dtype, Seed, Settings, Sigma, Start, StepS
 from ..support.rules import NO_RULE, OneRule, with_rules
 from ..support.screen import console, one_line_errors, prepared, timed, waiting, wrote
 from ..support.simulators import numbers
-from ..support.tasks import DEFAULT, TaskName
+from ..support.tasks import DEFAULT, TaskName, tell_timing
 
 
 @one_line_errors
@@ -59,6 +59,7 @@ def optimise_command(
     """Plan a task by DDP and save the trajectory with its feedback gains and trace."""
     path = prepared(out)
     chosen = slcp.load_task(task)
+    tell_timing(chosen)
     problem = task_problem(chosen, horizon, sigma, step_size, settings, rules, device, dtype)
     x0 = chosen.start[0] if start is None else numbers(start, "--start", problem.nx)
     sigmas = None if continuation is None else numbers(continuation, "--continuation")

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 
 import slcp_warp as slcp
+from slcp_warp.ensembles.worlds.nominal import nominal
 
 from ..support.options import Device
 from ..support.policies import POLICY, named_policies
@@ -55,6 +56,9 @@ def watch_command(
         assert what is not None
         subject = watched(what, worlds, seed, rules)
         policies = named_policies(policy or [], subject.scene, subject.task)
+        if subject.task is not None:
+            h = subject.scene.step_size
+            policies = {name: nominal(each, subject.task, h) for name, each in policies.items()}
         out.mkdir(parents=True, exist_ok=True)
         pushes = {} if subject.task is None else buttons_of(subject.task, seed=seed)
         for each in map(slcp.load_task, scenario or []):

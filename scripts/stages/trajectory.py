@@ -10,6 +10,8 @@ from rich.markup import escape
 from rich.table import Table
 
 import slcp_warp as slcp
+from slcp_warp.ensembles.worlds.nominal import nominal
+from slcp_warp.inputs.limits import limit_rows
 
 from ..support.policies import ZERO, named_policy
 from ..support.records import device_facts
@@ -34,7 +36,8 @@ def simulate(
     Args:
         policy: as the commands name one.
         recorded: of RECORD, with "controls" and "impulse".
-        task: of the worlds, where there is one.
+        task: of the worlds, where there is one: what it has between a policy and its world and is not drawn
+            (observation, delay, hold, control limits) acts as in undisturbed worlds of a sweep.
     """
     if steps < 1:
         raise ValueError(f"--steps is {steps}; it must be at least 1")
@@ -42,10 +45,13 @@ def simulate(
         raise ValueError(f"--start contains {x0[~np.isfinite(x0)][0]}; it must be finite")
     facts: dict[str, Any] = {"policy": ZERO}
     if str(policy) == ZERO:
-        controls = np.zeros((len(x0), steps, sim.nu))
+        limits = limit_rows(None if task is None else task.control_limits, sim.nu)
+        controls = np.clip(np.zeros((len(x0), steps, sim.nu)), *(side[0] for side in limits))
         trajectory = sim.rollout(x0, controls, params, record=recorded)
     else:
         controller, facts = named_policy(policy, sim.scene, task)
+        if task is not None:
+            controller = nominal(controller, task, float(np.ravel(params["step_size"])[0]))
         trajectory = sim.rollout(x0, policy=controller, steps=steps, params=params, record=recorded)
     return replace(trajectory, header=device_facts(sim) | facts)
 

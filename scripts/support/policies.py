@@ -11,6 +11,7 @@ import slcp_warp as slcp
 from slcp_warp import ddp
 
 from .records import load_plan, load_policy, read_kind
+from .tasks import tell_timing
 
 ZERO, MPC = "zero", "mpc"
 MISSING = "--policy is missing: a file of `slcp library` or `slcp optimise`, file.py:name, or zero"
@@ -37,6 +38,7 @@ def named_policy(given: str | Path, scene: slcp.Scene, task: slcp.Task | None) -
         if task is None:
             raise ValueError(f"{text}: scene {scene.name!r} is no task; there is nothing to plan for")
         path = Path(text.partition(":")[2]) if ":" in text else None
+        tell_timing(task)
         return planning_policy(task, path), {"policy": MPC}
     if of_python(text):
         return slcp.policies.load_policy(text), {"policy": policy_name(text)}

@@ -1,7 +1,7 @@
 """A command's task, and simulators of it with the command's options."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -24,6 +24,18 @@ def task_simulator(
 ) -> slcp.Simulator:
     """A simulator of a task, with the options of a command."""
     return simulator_of(task.scene, rules.of(task.options), device, dtype)
+
+
+def tell_timing(task: slcp.Task) -> None:
+    """Say that plans of a task know nothing of its delay and hold, where it has them."""
+    words, d = {"delay": "delays controls by", "hold": "holds controls for"}, task.disturbances
+    spans = [f"{word} {_span(getattr(d, name))} s" for name, word in words.items() if getattr(d, name)]
+    if spans:
+        typer.echo(f"slcp: the task {' and '.join(spans)}; plans are made without", err=True)
+
+
+def _span(given: Any) -> str:
+    return f"{given.low:g} to {given.high:g}" if isinstance(given, slcp.Uniform) else f"{given:g}"
 
 
 def found_task(name: str) -> slcp.Task | None:

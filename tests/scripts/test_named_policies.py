@@ -2,7 +2,12 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
+
+pytest.importorskip("typer")
+
+from test_cli import call
 
 import slcp_warp as slcp
 from slcp_warp import ddp
@@ -42,3 +47,22 @@ def test_mpc_takes_a_file_of_a_plan(task, tmp_path):
     small = replace(plan, us=plan.us[:, :1])
     with pytest.raises(slcp.InputError, match=r"plan.us has shape \(6, 1\)"):
         ddp.MPC(ddp.problem_of(task), plan=small)
+
+
+def test_the_commands_simulate_with_them_and_plan_without(tmp_path):
+    """... and say so."""
+    scene, file = slcp.scenes.cart_pole(), tmp_path / "late.json"
+    cost = slcp.costs.terms(scene, [slcp.costs.effort(1.0)])
+    own = slcp.Task("late", scene, cost, 20, control_limits=(1.0, 2.0),
+                    disturbances=slcp.Disturbances(delay=4 * scene.step_size))  # fmt: skip
+    slcp.save_task(own, file)
+    law = slcp.policies.Linear([[40.0, 0.0, 1.0, 0.0]], np.zeros(4), [1.5])
+    slcp.policies.save_policy(law, tmp_path / "law.npz")
+    call("simulate", file, "--policy", tmp_path / "law.npz", "--device", "cpu", "--out", tmp_path / "run.npz")
+    run = slcp.Trajectory.load(tmp_path / "run.npz")
+    assert (run.controls[0, :4] == 1.0).all() and run.controls.max() > 1.0
+    call("simulate", file, "--device", "cpu", "--steps", 3, "--out", tmp_path / "zero.npz")
+    assert (slcp.Trajectory.load(tmp_path / "zero.npz").controls == 1.0).all()
+    plan = ("--starts", 1, "--passes", 2, "--device", "cpu", "--out", tmp_path / "plan.npz")
+    said = " ".join(call("optimise", file, *plan).stderr.split())
+    assert f"the task delays controls by {4 * scene.step_size:g} s; plans are made without" in said

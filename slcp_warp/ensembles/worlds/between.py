@@ -23,14 +23,16 @@ from ...tasks.task import Task
 
 
 class Between:
-    """A policy behind a task's noisy sensor, hold and delay; `quiet`: as if they were not there.
+    """A policy behind a task's noisy sensor, hold and delay; `quiet`: without what is drawn of them.
 
-    The code is the same both ways, so that undisturbed worlds need no kernel of their own.
+    A delay or a hold that is a number belongs to what is controlled, and acts in undisturbed worlds, too. The
+    code is the same both ways, so that these need no kernel of their own.
     """
 
     def __init__(self, policy: Any, d: Disturbances, step_size: float, seed: int, quiet: bool) -> None:
         (delay, hold), self._timed = steps_of(d, step_size), d.timed
         self._around = Around(policy, delay=delay, hold=hold, noise=d.sensor, seed=seed)
+        self._fixed = steps_of(d.fixed(), step_size)
         self._quiet, self.step_size, self.worlds = quiet, self._around.step_size, self._around.worlds
 
     def kernel(self, sim: Simulator) -> tuple[PolicyKernel, Any]:
@@ -38,22 +40,27 @@ class Between:
         kernel, struct = self._around.kernel(sim, self._timed)
         struct.stream = OF_TASK
         if self._quiet:
-            struct.delay, struct.hold = 0, 1
+            struct.delay, struct.hold = self._fixed
             struct.noise = wp.zeros(sim.nx, dtype=sim.dtype, device=sim.device)
         return kernel, struct
 
 
 def between(policy: Any, task: Task, seed: int, step_size: float, quiet: bool) -> Any:
     """A policy as a task's worlds have it, undisturbed ones `quiet`; itself where nothing lies between."""
-    d, host = task.disturbances, acts_on_host(policy)
-    if task.observation is not None and not attribute(policy, "sees_states"):
-        policy = HostObserved(policy, task) if host else Observed(policy, task.observation)
+    d, host, policy = task.disturbances, acts_on_host(policy), observed(policy, task)
     noise = d.sensor.values() if isinstance(d.sensor, Mapping) else (d.sensor,)
     if not any(noise) and not d.delay and not d.hold:
         return policy
     if host:
         return HostBetween(policy, d, step_size, seed, quiet)
     return Between(policy, d, step_size, seed, quiet)
+
+
+def observed(policy: Any, task: Task) -> Any:
+    """A policy that is given what a task's policies see of the states; itself where that is all of them."""
+    if task.observation is None or attribute(policy, "sees_states"):
+        return policy
+    return HostObserved(policy, task) if acts_on_host(policy) else Observed(policy, task.observation)
 
 
 class OfHost:
@@ -96,7 +103,7 @@ class HostBetween(OfHost):
     def __init__(self, policy: Any, d: Disturbances, step_size: float, seed: int, quiet: bool) -> None:
         super().__init__(policy)
         self._given = d, step_size, seed, quiet
-        self.hold = 1 if quiet or d.timed else steps_of(d, step_size)[1]
+        self.hold = 1 if d.timed and not quiet else steps_of(d.fixed(), step_size)[1]
 
     def around(self, held: Any) -> Between:
         """What holds the policy's controls, behind hold and delay."""

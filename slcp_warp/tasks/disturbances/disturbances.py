@@ -176,6 +176,11 @@ class Disturbances:
         """Whether worlds have delays or holds of their own."""
         return isinstance(self.delay, Distribution) or isinstance(self.hold, Distribution)
 
+    def fixed(self) -> "Disturbances":
+        """What acts in undisturbed worlds, too: a delay and a hold that are numbers."""
+        spans = {name: getattr(self, name) for name in kernels.TIMING_FIELDS}
+        return Disturbances(**{name: v for name, v in spans.items() if not isinstance(v, Distribution)})
+
     def timing_laws(self) -> laws.Laws:
         """How delay and hold are drawn; no columns where all worlds have the same."""
         events = [(self.delay, self.hold)] if self.timed else []
