@@ -2,6 +2,7 @@
 
 import functools
 import threading
+import weakref
 from typing import Any
 
 import numpy as np
@@ -73,7 +74,7 @@ class Workspace:
         rows = problem.cost.rows(self.batch)
         self._weights: Any = wp.array(rows.astype(self.numpy_dtype), dtype=dtype, device=self.device)
         self._prepare_derivatives(rows)
-        self._passes = Passes(self, self._policy)
+        self._passes = Passes(weakref.proxy(self), self._policy)  # its parts go with a workspace at once
         first = self._make.first_candidate(self._candidates)
         self._run_first = self._passes.rollouts.run(self.batch, first, self._all)
 
@@ -86,7 +87,7 @@ class Workspace:
         if hasattr(self.dynamics, "prepare_linearize"):
             self._run_linearize = self.dynamics.prepare_linearize(*arrays)
         else:
-            self._run_linearize = lambda: self.dynamics.linearize_into(*arrays)
+            self._run_linearize = functools.partial(self.dynamics.linearize_into, *arrays)
 
         functions = self._functions
         differences = functions.running_derivatives is None or functions.final_derivatives is None
@@ -109,7 +110,7 @@ class Workspace:
     @functools.cached_property
     def _shooting(self) -> "Passes":
         """Passes with gaps between the steps; made when first needed."""
-        return Passes(self, self._make.shooting_policy(self._policy))
+        return Passes(weakref.proxy(self), self._make.shooting_policy(self._policy))
 
     def set_params(self, params: Any) -> None:
         """Use other numbers for the dynamics from now on, of the same number of rows."""

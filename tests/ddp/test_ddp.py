@@ -1,5 +1,8 @@
 """The solver's loop: rates, monotonicity, masks, statuses, warm starts, continuation."""
 
+import gc
+import weakref
+
 import numpy as np
 import pytest
 import warp as wp
@@ -223,6 +226,20 @@ def test_per_problem_parameters_weights_limits_and_schedules(device):
         )
         np.testing.assert_array_equal(batch.us[i], alone.us)
         assert abs(alone.us).max() <= bounds[i]
+
+
+def test_workspace_goes_with_its_last_reference(device):
+    """A receding horizon up to the end of a run makes one a cycle: gigabytes until a collection comes."""
+    problem, data = random_linear_problem(3, batch=3, device=device)
+    workspace = ddp.Workspace(problem, 3)
+    workspace.solve(data["x0"], np.zeros((3, 15, 2)))
+    gone = weakref.ref(workspace)
+    gc.disable()
+    try:
+        del workspace
+        assert gone() is None
+    finally:
+        gc.enable()
 
 
 def test_workspace_is_reusable_and_takes_device_arrays(device):
