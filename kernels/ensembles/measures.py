@@ -42,7 +42,8 @@ def make_tables(dtype: type) -> type:
 
     @wp.struct
     class Measures:
-        signal: wp.array2d(dtype=wp.int32)  # (S, 3): kind, place, state to take off
+        signal: wp.array2d(dtype=wp.int32)  # (S, 5): kind, place, state to take off, 1: absolute, see `since`
+        since: int  # signals that are taken since the start; each has a row of `kept` in its last column
         bounds: wp.array2d(dtype=wp.float64)  # (A, 2): low, high
         compared: wp.array(dtype=wp.int32)  # (A,): its signal
         clause: wp.array2d(dtype=wp.int32)  # (C, 2): first comparison of a clause, and one after the last
@@ -59,8 +60,9 @@ def make_measures(
 ) -> SimpleNamespace:
     """look(m, kept, i, time, h, x, u, contacts, last): takes a step of world i into account.
 
-    `last` is 1 after the last step, with the last state. `kept` (B, M, WIDTH) begins at zero and holds in the
-    end what a measure's value is made of. ended(m, kept, i): whether world i has met what ends it.
+    `last` is 1 after the last step, with the last state. `kept` (B, M + S, WIDTH) begins at zero and holds in
+    the end what a measure's value is made of, and in S rows behind them signals at the start. ended(m, kept,
+    i): whether world i has met what ends it.
 
     Args:
         nx: states.
@@ -79,7 +81,8 @@ def make_measures(
     user, price = chained(users.functions, VX, VU), make_price(users.cost, VX, VU, dtype)
 
     @wp.func
-    def signal(m: Measures, s: int, x: VX, u: VU, time: wp.float64, h: wp.float64, last: int, c: Contacts):
+    def plain(m: Measures, s: int, x: VX, u: VU, time: wp.float64, h: wp.float64, last: int, c: Contacts):
+        """A signal as it is."""
         kind, place = m.signal[s, 0], m.signal[s, 1]
         if kind == wp.static(STATE):
             value = x[place]
@@ -104,12 +107,43 @@ def make_measures(
         return user(place, x, u, time)
 
     @wp.func
-    def holds(m: Measures, j: int, x: VX, u: VU, time: wp.float64, h: wp.float64, last: int, c: Contacts):
+    def signal(
+        m: Measures,
+        kept: wp.array3d(dtype=wp.float64),
+        i: int,
+        s: int,
+        x: VX,
+        u: VU,
+        time: wp.float64,
+        h: wp.float64,
+        last: int,
+        c: Contacts,
+    ):
+        value = plain(m, s, x, u, time, h, last, c)
+        if m.signal[s, 4] != wp.static(NONE):
+            value -= kept[i, m.signal[s, 4], 0]
+        if m.signal[s, 3] == 1:
+            value = wp.abs(value)
+        return value
+
+    @wp.func
+    def holds(
+        m: Measures,
+        kept: wp.array3d(dtype=wp.float64),
+        i: int,
+        j: int,
+        x: VX,
+        u: VU,
+        time: wp.float64,
+        h: wp.float64,
+        last: int,
+        c: Contacts,
+    ):
         """1 where a clause of measure j's condition holds, else 0."""
         for n in range(m.measure[j, 2], m.measure[j, 3]):
             every = int(1)
             for a in range(m.clause[n, 0], m.clause[n, 1]):
-                value = signal(m, m.compared[a], x, u, time, h, last, c)
+                value = signal(m, kept, i, m.compared[a], x, u, time, h, last, c)
                 if not (value > m.bounds[a, 0] and value < m.bounds[a, 1]):
                     every = int(0)
             if every == 1:
@@ -128,6 +162,13 @@ def make_measures(
         c: Contacts,
         last: int,
     ):
+        if m.since > 0:
+            for s in range(m.signal.shape[0]):
+                row = m.signal[s, 4]
+                if row != wp.static(NONE):
+                    if kept[i, row, 1] == ZERO:
+                        kept[i, row, 0] = plain(m, s, x, u, time, h, last, c)
+                        kept[i, row, 1] = ONE
         for j in range(m.measure.shape[0]):
             what = m.measure[j, 0]
             counts = m.measure[j, 4] == 1
@@ -137,9 +178,9 @@ def make_measures(
             if counts and step and not (last == 1 and what == wp.static(SHARE)):
                 v = wp.float64(0.0)
                 if m.measure[j, 1] == wp.static(NONE):
-                    v = holds(m, j, x, u, time, h, last, c)
+                    v = holds(m, kept, i, j, x, u, time, h, last, c)
                 else:
-                    v = signal(m, m.measure[j, 1], x, u, time, h, last, c)
+                    v = signal(m, kept, i, m.measure[j, 1], x, u, time, h, last, c)
                 take(kept, i, j, what, v, time, h)
 
     @wp.func

@@ -4,6 +4,7 @@
     measures.rate("ellipse.angle", start=10.0)      change per second from t = 10 s on
     measures.share_of_time(measures.contact() > 0)  share of the steps in which something touches
     measures.final("block.x").between(0.95, 1.05)   a success
+    measures.excursion(measures.state("block.x", minus="cart.shift"))    how far it slid on the cart
 
 A text or a whole number stands for a component of the state. `start` and `end` are times [s]: only what lies
 between them counts.
@@ -12,8 +13,10 @@ between them counts.
 from .reductions import (
     Measure,
     Success,
+    change,
     contact_share,
     cost,
+    excursion,
     final,
     first_time,
     impulse,
@@ -28,16 +31,18 @@ from .reductions import (
     smallest,
     total,
 )
-from .signals import contact, control, cosine, function, gap, normal_impulse, state, time
+from .signals import contact, control, cosine, function, gap, normal_impulse, since_start, state, time
 
 __all__ = [
     "Measure",
     "Success",
+    "change",
     "contact",
     "contact_share",
     "control",
     "cosine",
     "cost",
+    "excursion",
     "final",
     "first_time",
     "function",
@@ -52,6 +57,7 @@ __all__ = [
     "rate",
     "settled",
     "share_of_time",
+    "since_start",
     "smallest",
     "state",
     "time",

@@ -55,6 +55,12 @@ class Recorded:
 
     def series(self, signal: Signal) -> np.ndarray:
         """(B, N+1) values of a signal; the last is of the last state, with the last step's contacts."""
+        values = self._plain(signal)
+        values = values - values[:, :1] if signal.since_start else values
+        return np.abs(values) if signal.absolute else values
+
+    def _plain(self, signal: Signal) -> np.ndarray:
+        """The same as it is, neither since the start nor absolute."""
         if signal.kind == "time":
             return self.times
         if signal.kind == "function":

@@ -7,7 +7,18 @@ from slcp_warp.kernels.ensembles.measures import REDUCTIONS
 
 from ..inputs.checks import number, shown
 from ..inputs.errors import ArgumentTypeError
-from .signals import Compared, Condition, Joined, Signal, Within, contact, gap, normal_impulse, state
+from .signals import (
+    Compared,
+    Condition,
+    Joined,
+    Signal,
+    Within,
+    contact,
+    gap,
+    normal_impulse,
+    since_start,
+    state,
+)
 from .signals import cost as step_cost
 
 OF_CONDITIONS = REDUCTIONS[-3:]
@@ -39,8 +50,7 @@ class Measure(Compared):
 
     def __repr__(self) -> str:
         """The expression that makes it, the names of `slcp_warp.measures` without the module."""
-        plain = isinstance(self.of, Signal) and self.of.kind == "state" and self.of.minus is None
-        given = [repr(self.of.which) if plain and isinstance(self.of, Signal) else repr(self.of)]
+        given = [repr(self.of.which) if isinstance(self.of, Signal) and self.of.plain else repr(self.of)]
         given += [f"start={self.start:g}"] if self.start else []
         given += [] if self.end is None else [f"end={self.end:g}"]
         return f"{self.reduction}({', '.join(given)})"
@@ -109,6 +119,16 @@ def largest(signal: Any, start: float = 0.0, end: float | None = None) -> Measur
 def smallest(signal: Any, start: float = 0.0, end: float | None = None) -> Measure:
     """The smallest value, that after the last step included."""
     return _of_signal("smallest", signal, start, end)
+
+
+def change(signal: Any, end: float | None = None) -> Measure:
+    """The last value, of those before `end`, less that at the run's start."""
+    return final(since_start(signal), end)
+
+
+def excursion(signal: Any, start: float = 0.0, end: float | None = None) -> Measure:
+    """How far a signal gets from its value at the run's start: the largest absolute difference."""
+    return largest(abs(since_start(signal)), start, end)
 
 
 def share_of_time(condition: Any, start: float = 0.0, end: float | None = None) -> Measure:

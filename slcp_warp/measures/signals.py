@@ -5,7 +5,7 @@ after the last step it is one of x_N and the last step's control and contacts.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,10 +14,11 @@ import warp as wp
 from slcp_warp.kernels.ensembles.measures import NONE, SIGNALS
 
 from ..description.scene import Scene
-from ..inputs.checks import choice, number, shown
+from ..inputs.checks import choice, flag, number, shown
 from ..inputs.errors import ArgumentError, ArgumentTypeError
 
 EVERY = NONE  # in place of a pair: all of them
+SINCE = ("state", "cosine", "control", "function")  # signals that have a value at the start
 
 
 class Compared:
@@ -52,15 +53,32 @@ class Signal(Compared):
         which: a state, a control or a contact pair, by its name or its place; None: no one, or all pairs.
         minus: a state that is taken off a state.
         function: a user's Warp function (x, u, time) -> number, of a signal of kind "function".
+        since_start: less its value at the run's start.
+        absolute: its absolute value, of what is left then.
     """
 
     kind: str
     which: str | int | None = None
     minus: str | int | None = None
     function: Callable[..., Any] | None = None
+    since_start: bool = False
+    absolute: bool = False
 
     def __post_init__(self) -> None:
         choice("Signal.kind", self.kind, SIGNALS)
+        for name in ("since_start", "absolute"):
+            flag(f"Signal.{name}", getattr(self, name))
+        if self.since_start and self.kind not in SINCE:
+            raise ArgumentError(f"Signal.since_start is of a {self.kind}; of {', '.join(SINCE)} it is taken")
+
+    def __abs__(self) -> "Signal":
+        """Its absolute value."""
+        return replace(self, absolute=True)
+
+    @property
+    def plain(self) -> bool:
+        """Whether it is a component of the state and nothing more."""
+        return self == Signal("state", self.which)
 
     def place(self, scene: Scene) -> int:
         """Its component in a scene.
@@ -86,7 +104,9 @@ class Signal(Compared):
         name = {"impulse": "normal_impulse"}.get(self.kind, self.kind)
         given = [getattr(self.function, "__name__", shown(self.function))] if self.function else []
         given += [repr(which) for which in (self.which, self.minus) if which is not None]
-        return f"{name}({', '.join(given)})"
+        told = f"{name}({', '.join(given)})"
+        told = f"since_start({told})" if self.since_start else told
+        return f"abs({told})" if self.absolute else told
 
 
 @dataclass(frozen=True, repr=False)
@@ -160,6 +180,18 @@ class Condition(Joined):
 def state(which: str | int, minus: str | int | None = None) -> Signal:
     """A component of the state, by its name (`Scene.state_names`) or its place, less another one."""
     return Signal("state", _name("which", which), None if minus is None else _name("minus", minus))
+
+
+def since_start(signal: "Signal | str | int") -> Signal:
+    """A signal, or a state by its name or its place, less its value at the run's start.
+
+    Raises:
+        ArgumentError: of an absolute value, or of what need not have a value at the start.
+    """
+    found = signal if isinstance(signal, Signal) else state(signal)
+    if found.absolute:
+        raise ArgumentError(f"signal is {found!r}; abs(since_start(...)) is what can be taken")
+    return replace(found, since_start=True)
 
 
 def cosine(which: str | int) -> Signal:

@@ -36,7 +36,10 @@ class MeasureTable:
         )
         self._cost = cost if any(signal.kind == "cost" for signal in signals) else None
         place = {signal: i for i, signal in enumerate(signals)}
-        self._signals = [self._signal(signal, scene) for signal in signals]
+        since = iter(range(len(self.measures), len(self.measures) + len(signals)))
+        rows = [next(since) if signal.since_start else kernels.NONE for signal in signals]
+        self._since = sum(signal.since_start for signal in signals)
+        self._signals = [(*self._signal(signal, scene), row) for signal, row in zip(signals, rows)]
         kinds = {signal.kind for signal in signals}
         self.looks_at_contacts = not kinds.isdisjoint(("contact", "gap", "impulse"))
         self._bounds: list[tuple[float, float]] = []
@@ -44,10 +47,10 @@ class MeasureTable:
         self._clauses: list[tuple[int, int]] = []
         self._rows = [self._row(measure, place) for measure in self.measures]
 
-    def _signal(self, signal: Signal, scene: Scene) -> tuple[int, int, int]:
+    def _signal(self, signal: Signal, scene: Scene) -> tuple[int, int, int, int]:
         kind = kernels.SIGNALS.index(signal.kind)
         which = self._functions.index(signal.function) if signal.function is not None else signal.place(scene)
-        return kind, which, signal.less(scene)
+        return kind, which, signal.less(scene), int(signal.absolute)
 
     def _row(self, measure: Measure, place: dict[Signal, int]) -> tuple[int, ...]:
         """Reduction, signal, clauses of a condition from and to, whether it counts at all times."""
@@ -74,25 +77,25 @@ class MeasureTable:
             out.weights = wp.array(self._cost.rows(1), dtype=sim.dtype, device=device)
         window = [(each.start, kernels.FAR if each.end is None else each.end) for each in self.measures]
         for name, values, width, kind in (
-            ("signal", self._signals, 3, np.int32),
+            ("signal", self._signals, 5, np.int32),
             ("bounds", self._bounds, 2, np.float64),
             ("clause", self._clauses, 2, np.int32),
             ("measure", self._rows, 5, np.int32),
             ("window", window, 2, np.float64),
         ):
             setattr(out, name, wp.array(np.array(values, kind).reshape(-1, width), device=device))
-        out.ends = self._ends
+        out.ends, out.since = self._ends, self._since
         out.compared = wp.array(np.array(self._compared, np.int32), device=device)
         return out
 
     def kept(self, worlds: int, device: Any) -> wp.array:
         """What kernels keep of the measures, before the first step."""
-        shape = (worlds, len(self.measures), kernels.WIDTH)
+        shape = (worlds, len(self.measures) + self._since, kernels.WIDTH)
         return wp.zeros(shape, dtype=wp.float64, device=device)
 
     def values(self, kept: np.ndarray) -> np.ndarray:
-        """(B, M) values of the measures from what was kept, (B, M, WIDTH); NaN where no step counted."""
-        out = np.empty(kept.shape[:2])
+        """(B, M) values of the measures from what was kept, (B, M + S, WIDTH); NaN where no step counted."""
+        out = np.empty((len(kept), len(self.measures)))
         for j, measure in enumerate(self.measures):
             value, count, second, begin, end = kept[:, j].T
             with np.errstate(invalid="ignore", divide="ignore"):

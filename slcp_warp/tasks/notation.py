@@ -1,9 +1,10 @@
 """Measures, conditions and success as the data of a file.
 
-A signal is a state's name, or a table {kind, which, minus} (`slcp_warp.measures`). A condition compares one:
-{of = SIGNAL, above = 1.0}, with above, below or between = [low, high]; lists of them are joined by
-{all = [...]} and {any = [...]}. A measure is {reduction, of, start, end}. A success compares measures in the
-same way: {measure = NAME, between = [0, 1]}, or {reduction = "final", of = "block.x", between = [0, 1]}.
+A signal is a state's name, or a table {kind, which, minus, since_start, absolute} (`slcp_warp.measures`). A
+condition compares one: {of = SIGNAL, above = 1.0}, with above, below or between = [low, high]; lists of them
+are joined by {all = [...]} and {any = [...]}. A measure is {reduction, of, start, end}. A success compares
+measures in the same way: {measure = NAME, between = [0, 1]}, or {reduction = "final", of = "block.x",
+between = [0, 1]}.
 """
 
 from collections.abc import Callable, Mapping
@@ -15,12 +16,14 @@ from slcp_warp.kernels.ensembles.measures import REDUCTIONS, SIGNALS
 
 from ..inputs.checks import choice
 from ..inputs.errors import ArgumentError, InputError
-from ..measures.reductions import OF_CONDITIONS, Measure, Success
+from ..measures.reductions import OF_CONDITIONS, Measure, Success, change, excursion
 from ..measures.signals import Condition, Joined, Signal, Within, state
 from ..storage.tables import below, entries, place, table
 
 KINDS = tuple(kind for kind in SIGNALS if kind != "function")  # a function is no data
-SIGNAL_FIELDS = ("kind", "which", "minus")
+FLAGS = ("since_start", "absolute")
+SIGNAL_FIELDS = ("kind", "which", "minus", *FLAGS)
+SHORT = {"change": change, "excursion": excursion}  # reductions that are short for others of such signals
 MEASURE_FIELDS = ("reduction", "of", "start", "end")
 BOUNDS = ("above", "below", "between")
 JOINS = ("all", "any")
@@ -52,10 +55,10 @@ def signal_content(signal: Signal) -> Any:
     """A signal as data."""
     if signal.kind not in KINDS:
         raise NotationError("a measure of a function is no data; tasks with one are Python files")
-    if signal.kind == "state" and signal.minus is None:
+    if signal.plain:
         return signal.which
     fields = {name: getattr(signal, name) for name in SIGNAL_FIELDS}
-    return {name: value for name, value in fields.items() if value is not None}
+    return {name: value for name, value in fields.items() if value is not None and value is not False}
 
 
 def condition_of(value: Any, where: str) -> Condition:
@@ -71,13 +74,23 @@ def _condition(values: dict[str, Any], where: str) -> Any:
 def measure_of(value: Any, where: str) -> Measure:
     """A measure from its data."""
     values = dict(table(where, value, MEASURE_FIELDS, ("reduction", "of"), NotationError))
-    choice(below(where, "reduction"), values["reduction"], REDUCTIONS, error=NotationError)
+    choice(below(where, "reduction"), values["reduction"], (*REDUCTIONS, *SHORT), error=NotationError)
     read = condition_of if values["reduction"] in OF_CONDITIONS else signal_of
     values["of"] = read(values["of"], below(where, "of"))
     try:
+        if values["reduction"] in SHORT:
+            return _short(values, where)
         return Measure(**values)
     except InputError as error:
         raise NotationError(place(where, str(error))) from error
+
+
+def _short(values: dict[str, Any], where: str) -> Measure:
+    """A measure of what is taken since the run's start."""
+    name = values.pop("reduction")
+    if name == "change" and "start" in values:
+        raise NotationError(f"{below(where, 'start')}: a change is since the run's start; leave it out")
+    return SHORT[name](values.pop("of"), **values)
 
 
 def measure_content(measure: Measure) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from ..options import CHOICES, Options
 from ..scenes import NAMED as SCENES
 from .disturbances.notation import schemas as disturbance_schemas
 from .files import FIELDS_OF_FILE, FORMAT, NEEDED, SCENE_VERSION, VERSION
-from .notation import BOUNDS, JOINS, KINDS
+from .notation import BOUNDS, FLAGS, JOINS, KINDS, SHORT
 
 NUMBER, TEXT, NAME = {"type": "number"}, {"type": "string"}, {"type": ["string", "integer"]}
 
@@ -67,18 +67,18 @@ def json_schema() -> dict[str, Any]:
 
 def _parts() -> dict[str, Any]:
     measure = {
-        "reduction": {"enum": list(REDUCTIONS)},
+        "reduction": {"enum": [*REDUCTIONS, *SHORT]},
         "of": {"anyOf": [_to("Signal"), _to("Condition")]},
         "start": NUMBER,
         "end": NUMBER,
     }
+    signal = {"kind": {"enum": list(KINDS)}, "which": NAME, "minus": NAME}
+    signal |= dict.fromkeys(FLAGS, {"type": "boolean"})
     return {
         "Term": object_schema(Term, {"kind": TERMS}),
         "Options": object_schema(Options, CHOICES),
         **disturbance_schemas(),
-        "Signal": {
-            "anyOf": [NAME, _table({"kind": {"enum": list(KINDS)}, "which": NAME, "minus": NAME}, ("kind",))]
-        },
+        "Signal": {"anyOf": [NAME, _table(signal, ("kind",))]},
         "Condition": _joined("Condition", {"of": _to("Signal")}),
         "Measure": _table(measure, ("reduction", "of")),
         "Success": _joined("Success", {"measure": TEXT, **measure}),

@@ -60,6 +60,15 @@ CASES = {
     "lowest gap of a pair": (m.lowest_gap(SCENE.pair_names[0]), (0.01, np.inf)),
     "impulse": (m.impulse(), (5 * 2.0 + 8 * 1.0, 1e-7)),
     "impulse of a pair": (m.impulse(1), (8.0, 0.0)),
+    "change": (m.change("block.x", end=1.0), (0.81, -0.9)),
+    "absolute": (m.smallest(abs(m.state("block.x"))), (0.0, 0.0)),
+    "largest absolute": (m.largest(abs(m.state("block.angle"))), (np.abs(np.sin(T)).max(),) * 2),
+    "excursion": (m.excursion("block.x", end=2.05), (4.0, 2.0)),
+    "excursion of a difference": (
+        m.excursion(m.state("block.x", minus="block.angle")),
+        (np.abs(T**2 - np.sin(T)).max(), np.abs(T + np.sin(T)).max()),
+    ),
+    "since the start": (m.first_time(m.since_start("block.x") < -0.95), (np.inf, 1.0)),
 }
 
 
@@ -110,6 +119,9 @@ SHORT = np.zeros((1, 3, 2 * SCENE.nv))
         (lambda: m.mean(0, start=2.0, end=1.0), slcp.InputError, "end"),
         (lambda: m.contact(1.5), slcp.ArgumentTypeError, "pair is 1.5"),
         (lambda: m.function(3), slcp.ArgumentTypeError, "f is 3"),
+        (lambda: m.excursion(m.gap()), slcp.ArgumentError, "since_start is of a gap; of state, cosine"),
+        (lambda: m.since_start(abs(m.state("x"))), slcp.ArgumentError, r"abs\(since_start\(...\)\) is what"),
+        (lambda: m.since_start(1.5), slcp.ArgumentTypeError, "which is 1.5"),
         (
             lambda: recorded().value(m.final("block.z")),
             slcp.ArgumentError,

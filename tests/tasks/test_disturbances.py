@@ -202,16 +202,40 @@ def test_worlds_that_cannot_be(changes, text):
         swept("cpu", "generic", worlds=slcp.Worlds(**given))
 
 
+@pytest.mark.parametrize("shared", [False, True, "bodies"])
+def test_friction_is_drawn_by_pairs_of_shapes_once_or_by_pairs_of_bodies(shared):
+    """The corners of a box on one ground, and the ends of a bar: one draw of one surface, or one of each."""
+    scene = replace(
+        SCENE, contacts=tuple(replace(c, friction=0.1 * (i + 2)) for i, c in enumerate(SCENE.contacts))
+    )
+    law = {"friction": slcp.LogNormal(0.3, shared=shared), "damping": slcp.Uniform(0.1, 1.0, shared)}
+    own = task(scene=scene, disturbances=slcp.Disturbances(parameters=law))
+    table = slcp.draw_worlds(own, 400, dtype="float64", device="cpu").params
+    columns = {name: start for name, start, _ in slcp.Simulator(scene, device="cpu").params.layout.columns}
+    start = columns["friction"]
+    draws = np.log(table[:, start : start + len(scene.pair_names)] / scene.default_parameters()["friction"])
+    assert scene.pair_names == ("ground/corner0", "ground/corner1", "face/pusher")
+    same = np.isclose(draws[:, 0], draws[:, 1:].T, rtol=1e-9).all(1).tolist()
+    assert same == {False: [False, False], True: [True, True], "bodies": [True, False]}[shared]
+    assert np.allclose(draws.std(0), 0.3, atol=0.04)
+    distinct = len(np.unique(np.corrcoef(table[:, columns["damping"] :][:, : scene.nv].T).round(6), axis=0))
+    assert distinct == {False: 4, True: 1, "bodies": 2}[shared]  # the pusher, and the block's three
+
+
 @pytest.mark.parametrize(
     "make, text",
     [
+        (
+            lambda: slcp.Disturbances(parameters={"gravity": slcp.LogNormal(0.1, shared="bodies")}),
+            "gravity is of no body: shared True or False",
+        ),
         (lambda: slcp.Uniform(1.0, 0.0), r"Uniform.high is 0.0; a finite number of at least 1"),
         (lambda: slcp.Uniform(np.nan, 1.0), "Uniform.low is nan"),
         (lambda: slcp.Normal(-1.0), "Normal.sd is -1.0"),
         (lambda: slcp.Normal("wide"), "Normal.sd is 'wide'"),
         (lambda: slcp.LogNormal(2.5), r"LogNormal.sd is 2.5; a number in \[0, 2.0\)"),
         (lambda: slcp.LogNormal(0.1, median=0.0), "LogNormal.median is 0.0"),
-        (lambda: slcp.LogNormal(0.1, shared=1), "LogNormal.shared is 1; True or False"),
+        (lambda: slcp.LogNormal(0.1, shared=1), "LogNormal.shared is 1; True, False or 'bodies'"),
         (lambda: slcp.Push("block", 0.1, slcp.Normal(0.1)), "Push.duration is Normal.*may fall below 0"),
         (lambda: slcp.Push("block", 0.1, slcp.Uniform(-0.1, 0.1)), "Push.duration is Uniform.* at least 0"),
         (lambda: slcp.Push("block", 0.1, 0.1, force=3.0), r"Push.force is 3.0; two numbers \(x, y\)"),

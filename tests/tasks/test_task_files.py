@@ -55,7 +55,14 @@ def rich() -> slcp.Task:
             pushes=(slcp.Push("block", slcp.Uniform(0.1, 0.2), 0.1, (slcp.Normal(2.0), 1.0), at=(0.0, 0.1)),),
             dropouts=(slcp.Dropout(0.3, slcp.LogNormal(0.2, median=0.1)),),
         ),
-        measures=task.measures | {"last": last, "push": m.impulse("face/pusher"), "u": m.mean(m.control(0))},
+        measures=task.measures
+        | {
+            "last": last,
+            "push": m.impulse("face/pusher"),
+            "u": m.mean(m.control(0)),
+            "slid": m.excursion(m.state("block.x", "pusher.shift"), end=1.0),
+            "swung": m.largest(abs(m.cosine("block.angle"))),
+        },
         success=(m.final("block.x") > 0.1)
         & ((last < 1.0) | m.largest(m.cosine("block.angle")).between(0, 2)),
     )
@@ -67,6 +74,22 @@ def test_everything_that_is_data_goes_round(tmp_path):
     same(again, rich())
     assert again.state_limits == {"block.vx": (-np.inf, 2.5), "pusher.shift": (-3.0, 3.0)}
     assert again.control_limits[0] == -np.inf and again.control_limits[1] == [3.0]
+
+
+def test_short_reductions_are_those_of_python():
+    content = tomllib.loads(TOML.read_text())
+    apart = {"kind": "state", "which": "block.x", "minus": "pusher.shift"}
+    content["measures"] |= {
+        "moved": {"reduction": "change", "of": "block.x", "end": 1.0},
+        "slid": {"reduction": "excursion", "of": apart, "start": 0.5},
+        "far": {"reduction": "largest", "of": apart | {"absolute": True}},
+    }
+    content["failure"] = {"of": apart | {"since_start": True, "absolute": True}, "above": 0.3}
+    found, away = task_of(content), m.state("block.x", "pusher.shift")
+    assert found.measures["moved"] == m.change("block.x", 1.0)
+    assert found.measures["slid"] == m.excursion(away, 0.5) and found.measures["far"] == m.largest(abs(away))
+    assert found.failure == (abs(m.since_start(away)) > 0.3)
+    assert repr(found.failure) == "abs(since_start(state('block.x', 'pusher.shift'))) > 0.3"
 
 
 def test_the_toml_example_is_the_same_as_python():
@@ -186,6 +209,9 @@ TERM = {"kind": "square", "weight": 1.0, "state": "block.x"}
         ({"measures": {"a": X | {"of": {"kind": "state", "which": [1]}}}}, r"of, which: \[1\]; a name"),
         ({"measures": {"a": X | {"of": "block.z"}}}, r"Task.measures\['a'\]: .*'block.z'"),
         ({"measures": {"a": X | {"start": "soon"}}}, "measures, a: start is 'soon'"),
+        ({"measures": {"a": X | {"reduction": "change", "start": 1.0}}}, "measures, a, start: a change is"),
+        ({"measures": {"a": {"reduction": "excursion", "of": {"kind": "gap"}}}}, "a: Signal.since_start is"),
+        ({"measures": {"a": X | {"of": {"kind": "time", "absolute": 1}}}}, "a, of: Signal.absolute is 1"),
         ({"measures": {"a": X | {"reduction": "settled"}}}, "measures, a, of: 'block.x'; a table of fields"),
         ({"success": {"measure": "place"}}, "success: no bound; one of above, below, between is needed"),
         ({"success": {"measure": "plaice", "above": 1}}, "no measure 'plaice'; there are place, still"),

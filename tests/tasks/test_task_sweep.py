@@ -35,6 +35,10 @@ MEASURES = {
     "gap": m.lowest_gap(PAIR),
     "impulse": m.impulse(),
     "late": m.mean("block.x", start=1.199, end=1.1995),
+    "change": m.change("pusher.shift"),
+    "slid": m.excursion(m.state("block.x", "pusher.shift"), start=0.4),
+    "swung": m.largest(abs(m.state("block.angle"))),
+    "back": m.share_of_time((m.since_start("block.vx") < 0.05) & (abs(m.state("block.x", 0)) < 0.2)),
 }
 
 

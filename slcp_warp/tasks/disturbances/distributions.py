@@ -5,9 +5,10 @@ from typing import Any, ClassVar
 
 from slcp_warp.kernels.ensembles.draws import LAWS
 
-from ...inputs.checks import flag, number, shown
+from ...inputs.checks import number, shown
 from ...inputs.errors import ArgumentError, ArgumentTypeError
 
+BODIES = "bodies"  # who share a draw: what is of one body, or between the same two
 Row = tuple[int, Any, float, float]
 MOST_SPREAD = 2.0  # of a logarithm: a factor of 50 at two standard deviations
 
@@ -16,14 +17,16 @@ class Distribution:
     """How a number is drawn for every world, from the seed and the world's number."""
 
     law: ClassVar[str] = LAWS[0]
-    shared: bool
+    shared: bool | str
 
     def row(self, base: Any) -> Row:
         """Law, number that it is drawn around, the law's two numbers; base None: there is no number yet."""
         raise NotImplementedError
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "shared", flag(f"{type(self).__name__}.shared", self.shared))
+        if not isinstance(self.shared, bool) and self.shared != BODIES:
+            label = f"{type(self).__name__}.shared"
+            raise ArgumentTypeError(f"{label} is {shown(self.shared)}; True, False or {BODIES!r} is needed")
 
 
 def _number(of: Distribution, name: str, low: float = -float("inf"), high: float = float("inf")) -> None:
@@ -38,13 +41,14 @@ class LogNormal(Distribution):
     Attributes:
         sd: standard deviation of the logarithm, below 2.
         median: of the factor, above 0.
-        shared: whether all components of a parameter take the same draw.
+        shared: True: all components of a parameter take the same draw; "bodies": those of one body do, and of
+            pairs of shapes those between the same two bodies (the corners of a box on the ground).
     """
 
     law: ClassVar[str] = "log-normal"
     sd: float
     median: float = 1.0
-    shared: bool = False
+    shared: bool | str = False
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -65,13 +69,14 @@ class Normal(Distribution):
     Attributes:
         sd: standard deviation [unit of the number].
         mean: what is added beside it.
-        shared: whether all components of a parameter take the same draw.
+        shared: True: all components of a parameter take the same draw; "bodies": those of one body do, and of
+            pairs of shapes those between the same two bodies (the corners of a box on the ground).
     """
 
     law: ClassVar[str] = "normal"
     sd: float
     mean: float = 0.0
-    shared: bool = False
+    shared: bool | str = False
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -89,13 +94,14 @@ class Uniform(Distribution):
 
     Attributes:
         low, high: ends [unit of the number].
-        shared: whether all components of a parameter take the same draw.
+        shared: True: all components of a parameter take the same draw; "bodies": those of one body do, and of
+            pairs of shapes those between the same two bodies (the corners of a box on the ground).
     """
 
     law: ClassVar[str] = "uniform"
     low: float
     high: float
-    shared: bool = False
+    shared: bool | str = False
 
     def __post_init__(self) -> None:
         super().__post_init__()

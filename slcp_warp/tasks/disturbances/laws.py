@@ -14,12 +14,15 @@ from ...description.scene import Scene
 from ...inputs.checks import shown
 from ...inputs.errors import ArgumentError
 from ...inputs.rules import NONNEGATIVE, PERTURBABLE, POSITIVE
-from .distributions import Distribution, Normal, Uniform, row_of
+from .distributions import BODIES, Distribution, Normal, Uniform, row_of
 from .events import Drawn
 
 FACTORS = ("gravity", "radius")  # parameters that keep their directions and shapes: factors only
 SIGNED = ("com", "anchor", "angle", "lower", "upper", "rest", "shape_offset")  # what may be of either sign
 NAMES = (*PERTURBABLE, *SIGNED)
+OF_NO_BODY = ("step_size", "gravity", "sigma", "spring_stiffness", "spring_damping", "spring_length")
+OF_DOFS = ("damping", "lower", "upper", "stiffness", "rest")
+OF_SHAPES = ("radius", "shape_offset", "shape_angle")
 
 
 class Laws(NamedTuple):
@@ -73,10 +76,39 @@ def parameter_laws(scene: Scene, base: np.ndarray, given: Mapping[str, Distribut
     for key in sorted(given, key=lambda key: "." in key):  # what is said of one part counts
         drawn = given[key]
         places = _places(scene, key)
+        first = _first(scene, places, drawn.shared)
         for column in places:
             laws.put(column, drawn)
-            laws.step[column] = group[places[0]] if drawn.shared else group[column]
+            laws.step[column] = group[first[column]]
     return laws
+
+
+def _first(scene: Scene, places: Sequence[int], shared: bool | str) -> dict[int, int]:
+    """Per column of a parameter the column whose random number it takes."""
+    if shared is False:
+        return {column: column for column in places}
+    if shared is True:
+        return dict.fromkeys(places, places[0])
+    found: dict[Any, int] = {}
+    owner = {column: _bodies(scene, column) for column in places}
+    return {column: found.setdefault(owner[column], column) for column in places}
+
+
+def _bodies(scene: Scene, column: int) -> Any:
+    """Which body, or which two, a column of the parameters is of, with its place among its part's numbers."""
+    name, start, shape = column_of(scene, column)
+    structure, width = scene.structure, max(1, int(np.prod(shape[1:], dtype=int)))
+    row, place = divmod(column - start, width)
+    if name in OF_DOFS:
+        return structure.dof_body[row], place
+    if name in OF_SHAPES:
+        return structure.shapes[row].body, place
+    if name == "gear":
+        return structure.dof_body[structure.actuators[row]], place
+    if name == "friction":
+        pair = structure.pairs[row]
+        return frozenset(structure.shapes[s].body for s in (pair.shape_a, pair.shape_b)), place
+    return row, place
 
 
 def check_parameter(key: str, drawn: Distribution) -> None:
@@ -87,6 +119,10 @@ def check_parameter(key: str, drawn: Distribution) -> None:
     kinds = {"log-normal"} if name in FACTORS else {"uniform", "normal"} if name in SIGNED else set(LAWS)
     if name in POSITIVE or name in NONNEGATIVE:
         kinds.discard("normal")
+    if drawn.shared == BODIES and name in OF_NO_BODY:
+        raise ArgumentError(
+            f"{label} is {shown(drawn)}; {name} is of no body: shared True or False is needed"
+        )
     if drawn.law not in kinds:
         need = " or ".join(sorted(kinds - {"none"}))
         raise ArgumentError(f"{label} is {shown(drawn)}; {name} takes {need}")
@@ -156,9 +192,9 @@ def owners(scene: Scene, name: str) -> list[str]:
 def _parts(scene: Scene, name: str) -> list[str]:
     if name in ("mass", "inertia", "com", "anchor", "angle", "axis"):
         return [body.name for body in scene.bodies]
-    if name in ("damping", "lower", "upper", "stiffness", "rest"):
+    if name in OF_DOFS:
         return list(scene.state_names[: scene.nv])
-    if name in ("radius", "shape_offset", "shape_angle"):
+    if name in OF_SHAPES:
         return [shape.name for shape in scene.shapes]
     of = {"gear": scene.control_names, "friction": scene.pair_names, "sigma": scene.row_names}
     return list(of.get(name, ()))

@@ -1,8 +1,9 @@
 """Disturbances as the data of a file.
 
 A distribution is {uniform = [low, high]}, {normal = sd, mean = 0.0} or {log_normal = sd, median = 1.0}, each
-with shared = true where it is; a number stands for a plain one (`Disturbances`), of a push or a dropout for
-itself. A push is {body, start, duration, force = [x, y], torque, at = [x, y]}, a dropout {start, duration}.
+with shared = true or "bodies" where it is; a number stands for a plain one (`Disturbances`), of a push or a
+dropout for itself. A push is {body, start, duration, force = [x, y], torque, at = [x, y]}, a dropout {start,
+duration}.
 """
 
 import dataclasses
@@ -12,7 +13,7 @@ from typing import Any
 from ...inputs.errors import InputError
 from ...storage.tables import below, entries, place, table
 from ..notation import NotationError
-from .distributions import KINDS, Distribution, LogNormal, Normal, Uniform
+from .distributions import BODIES, KINDS, Distribution, LogNormal, Normal, Uniform
 from .disturbances import Disturbances
 from .events import Dropout, Push
 
@@ -130,9 +131,10 @@ def schemas() -> dict[str, Any]:
     number: dict[str, Any] = {"type": "number"}
     pair = {"type": "array", "items": number, "minItems": 2, "maxItems": 2}
     drawn = {"anyOf": [number, {"$ref": "#/$defs/Distribution"}]}
+    others = {"shared": {"enum": [False, True, BODIES]}}
     kinds = [
         _table({kind: pair if kind == "uniform" else number}
-               | {name: {"type": "boolean"} if name == "shared" else number for name in MORE[kind]}, (kind,))
+               | {name: others.get(name, number) for name in MORE[kind]}, (kind,))
         for kind in KINDS
     ]  # fmt: skip
     by_name = {"type": "object", "additionalProperties": drawn}

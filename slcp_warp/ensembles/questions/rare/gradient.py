@@ -68,7 +68,8 @@ def slopes_of(task: Task, policy: Any, numbers: Numbers, judge: Margin, device: 
 
 
 def _smooth(of: Any) -> bool:
-    return isinstance(of, Signal) and of.kind in ("state", "cosine")
+    """Whether it is a signal that derivatives are taken of here."""
+    return isinstance(of, Signal) and of.kind in ("state", "cosine") and not (of.absolute or of.since_start)
 
 
 class ClosedLoop:
