@@ -23,6 +23,7 @@ REDUCTIONS = (
 WIDTH = 5  # value, number of values, a second value and two times
 TOUCH = 1e-6  # impulse above which a contact counts as one [N s]
 FAR = 1e300  # distance of what does not act [m]
+PLAIN, ABSOLUTE, SINCE, BOTH = range(4)  # how a signal is taken: absolute, less its value at the start
 NONE = -1  # no pair: all of them; no state to take off
 
 
@@ -42,7 +43,7 @@ def make_tables(dtype: type) -> type:
 
     @wp.struct
     class Measures:
-        signal: wp.array2d(dtype=wp.int32)  # (S, 5): kind, place, state to take off, 1: absolute, see `since`
+        signal: wp.array2d(dtype=wp.int32)  # (S, 5): kind, place, state to take off, how, see `since`
         since: int  # signals that are taken since the start; each has a row of `kept` in its last column
         bounds: wp.array2d(dtype=wp.float64)  # (A, 2): low, high
         compared: wp.array(dtype=wp.int32)  # (A,): its signal
@@ -120,10 +121,12 @@ def make_measures(
         c: Contacts,
     ):
         value = plain(m, s, x, u, time, h, last, c)
-        if m.signal[s, 4] != wp.static(NONE):
-            value -= kept[i, m.signal[s, 4], 0]
-        if m.signal[s, 3] == 1:
-            value = wp.abs(value)
+        how = m.signal[s, 3]
+        if how != wp.static(PLAIN):
+            if how != wp.static(ABSOLUTE):
+                value -= kept[i, m.signal[s, 4], 0]
+            if how != wp.static(SINCE):
+                value = wp.abs(value)
         return value
 
     @wp.func

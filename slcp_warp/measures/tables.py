@@ -50,7 +50,8 @@ class MeasureTable:
     def _signal(self, signal: Signal, scene: Scene) -> tuple[int, int, int, int]:
         kind = kernels.SIGNALS.index(signal.kind)
         which = self._functions.index(signal.function) if signal.function is not None else signal.place(scene)
-        return kind, which, signal.less(scene), int(signal.absolute)
+        how = kernels.ABSOLUTE * signal.absolute + kernels.SINCE * signal.since_start
+        return kind, which, signal.less(scene), how
 
     def _row(self, measure: Measure, place: dict[Signal, int]) -> tuple[int, ...]:
         """Reduction, signal, clauses of a condition from and to, whether it counts at all times."""
