@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+import numpy as np
+
 from slcp_warp.kernels.ensembles.draws import LAWS
 
 from ...inputs.checks import number, shown
@@ -24,7 +26,9 @@ class Distribution:
         raise NotImplementedError
 
     def __post_init__(self) -> None:
-        if not isinstance(self.shared, bool) and self.shared != BODIES:
+        if isinstance(self.shared, np.bool_):
+            object.__setattr__(self, "shared", bool(self.shared))
+        if not isinstance(self.shared, bool | str) or self.shared not in (True, False, BODIES):
             label = f"{type(self).__name__}.shared"
             raise ArgumentTypeError(f"{label} is {shown(self.shared)}; True, False or {BODIES!r} is needed")
 
