@@ -69,7 +69,10 @@ def sweep_command(
     duration: Annotated[
         float | None, typer.Option(help="Simulated time [s]; default: the task's, or 20.")
     ] = None,
-    residuals: Annotated[str, typer.Option(help="smoothed, hard or both, with a comma.")] = "smoothed,hard",
+    residuals: Annotated[
+        str,
+        typer.Option("--residuals", "--residual", help="smoothed, hard or both, with a comma."),
+    ] = "smoothed,hard",
     step_sizes: Annotated[
         str | None, typer.Option(help="Time steps h1,h2,.. [s]; default: the task's, or 0.05,0.03.")
     ] = None,

@@ -6,6 +6,7 @@ import numpy as np
 
 import slcp_warp as slcp
 from slcp_warp import ddp
+from slcp_warp.ensembles.sweep import sweep_scene
 
 from ..support.simulators import default_scaling
 
@@ -27,7 +28,7 @@ def size_rows(
         if not 0 < count <= number[-1]:
             raise ValueError(f"--plans contains {count}; the library has {number[-1]}")
         part = library.select(number <= count)
-        report = slcp.sweep(scene, part.policy(), spec, scaling=scaling, device=device)
+        report = sweep_scene(scene, part.policy(), spec, scaling=scaling, device=device)
         for case in report.cases:
             row = {"plans": count, "controllers": len(part)} | {
                 k: case[k] for k in ("residual", "step_size", "worlds")

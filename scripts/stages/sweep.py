@@ -10,6 +10,7 @@ from rich.table import Table
 
 import slcp_warp as slcp
 from slcp_warp.ddp.library.entries import scene_digest
+from slcp_warp.ensembles.sweep import sweep_scene
 
 from ..support.records import load_policy
 from ..support.rules import NO_RULES, Rules
@@ -47,7 +48,7 @@ def run_sweep(
     method |= rules.given
     policy, facts = load_policy(policy_file, scene)
     device = str(make_simulator(scene, device=device, dtype=dtype).device)  # a bad name fails here, clearly
-    report = slcp.sweep(scene, policy, spec, **method, dtype=dtype, device=device, progress=progress)
+    report = sweep_scene(scene, policy, spec, **method, dtype=dtype, device=device, progress=progress)
     if not report.cases:
         raise KeyboardInterrupt
     report.spec |= {"scene": scene.name, **method, "dtype": dtype, "device": device, **facts}

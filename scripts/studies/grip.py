@@ -11,6 +11,7 @@ import typer
 import slcp_warp as slcp
 from slcp_warp import ddp
 from slcp_warp.ensembles.statistics import share_interval
+from slcp_warp.ensembles.sweep import sweep_scene
 
 from ..support.options import Device, Seed
 from ..support.screen import console, one_line_errors, prepared, show_rows
@@ -104,7 +105,7 @@ def holding(
     )  # fmt: skip
     shares = []
     for policy in policies:
-        report = slcp.sweep(scene, policy, spec, dtype="float64", device=device)
+        report = sweep_scene(scene, policy, spec, dtype="float64", device=device)
         kept = (report.samples[0][:, -1] > -DROP) & (report.table["status"] == slcp.Status.SOLVED)
         shares.append(share_interval(int(kept.sum()), worlds))
     return shares

@@ -10,6 +10,7 @@ import typer
 import slcp_warp as slcp
 from slcp_warp import ddp
 from slcp_warp.ddp.planning import random_starts
+from slcp_warp.ensembles.sweep import sweep_scene
 
 from ..stages.library import build
 from ..support.options import Device, Seed
@@ -124,7 +125,7 @@ def judged(library: ddp.Library, worlds: int, seed: int, device: str | None) -> 
     """The library's controller on kicked hard fingers for 20 s."""
     scene = slcp.scenes.flicking_finger()
     spec = slcp.SweepSpec(worlds=worlds, residuals=("hard",), observe=OBJECT, velocity_sd=2.0, seed=seed)
-    case = slcp.sweep(scene, library.policy(), spec, scaling="none", device=device).cases[0]
+    case = sweep_scene(scene, library.policy(), spec, scaling="none", device=device).cases[0]
     return {"rate [rad/s]": case["mean_rate"][0], "above .5 rad/s [%]": 100.0 * case["share_above"][0]}
 
 

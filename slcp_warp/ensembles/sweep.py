@@ -3,6 +3,7 @@
 import json
 import os
 import time
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from typing import Any
@@ -26,6 +27,8 @@ from .task_report import sweep_task
 from .tasks import TaskSweep
 from .worlds import Worlds
 from .worlds.draws import Draws
+
+OLD = "slcp.sweep(scene, policy, spec) will go: give a slcp.Task, whose measures and success are its own"
 
 
 def sweep(
@@ -53,7 +56,7 @@ def sweep(
 
     Of a task every policy meets the same disturbed worlds, and from every start an undisturbed one; a
     `Report` of the task's measures comes back. Of a scene the spec says everything, a `SweepReport` comes
-    back.
+    back: the way of before there were tasks, with a DeprecationWarning.
 
     Args:
         scene: a task, or its name or file (`load_task`); or a mechanism.
@@ -95,11 +98,31 @@ def sweep(
     recorded = not isinstance(record, list | tuple) or bool(record)
     if out is not None or executor is not None or recorded:
         raise ArgumentError("out, executor and record are of tasks; a sweep of a scene stays in memory")
-    checks.function("progress", progress, 2, optional=True)
-    work = SceneSweep(
+    if isinstance(scene, Scene):
+        warnings.warn(OLD, DeprecationWarning, stacklevel=2)
+    return sweep_scene(
         scene, policy, spec, scaling=scaling, integrator=integrator, dtype=dtype, device=device,
-        strategy=strategy, chunk=chunk,
+        strategy=strategy, chunk=chunk, progress=progress,
     )  # fmt: skip
+
+
+def sweep_scene(
+    scene: Scene,
+    policy: Any,
+    spec: SweepSpec,
+    *,
+    scaling: str = "inertia",
+    integrator: str = "euler",
+    progress: Callable[[int, int], None] | None = None,
+    **choices: Any,
+) -> SweepReport:
+    """The paper's sweep: of a scene as a spec says, with the rate of one state and its recovery from kicks.
+
+    Args:
+        choices: of a `TaskSweep`: dtype, device, strategy, chunk.
+    """
+    checks.function("progress", progress, 2, optional=True)
+    work = SceneSweep(scene, policy, spec, scaling=scaling, integrator=integrator, **choices)
     return _report_of(work, progress or (lambda done, total: None))
 
 

@@ -19,6 +19,11 @@ from ..storage.files import FileError, reading
 from ..storage.python import python_name
 
 FORMAT, VERSION = "slcp-warp-policy", 1
+RECORDS = "slcp-warp-"  # formats of other files begin with it
+MADE_BY = {  # how other files become policies, in rooms above this one
+    "plan": "ddp.TrackingPolicy(ddp.Result.load({!r}), scene.state_period)",
+    "library": "ddp.Library.load({!r}).policy()",
+}
 PACKAGE = __name__.partition(".")[0]
 
 
@@ -114,6 +119,9 @@ def load_policy(name: str | os.PathLike[str]) -> Any:
     if colon and file.endswith(".py"):
         return _from_python(Path(file), attribute)
     with reading(path, "a policy", FileError), open_archive(path) as archive:
+        kind = str(archive.header.get("format")).removeprefix(RECORDS)
+        if kind in MADE_BY:
+            raise FileError(f"it holds a {kind}; give {MADE_BY[kind].format(path.name)}")
         archive.check_format(FORMAT, VERSION)
         values = archive.header.get("policy")
         if not isinstance(values, dict):

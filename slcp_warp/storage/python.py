@@ -1,20 +1,26 @@
 """Names in users' Python files, as `file.py:name` says them."""
 
+import ast
 import hashlib
 import importlib.util
 import os
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+
+_folders: list[str] = []  # of files that were run, in `sys.path` behind everything else, the latest first
 
 
 def python_name(path: Path, name: str) -> tuple[Any, dict[str, Any]]:
     """What has a name in a Python file, which is run as a module of its own, and all names of it.
 
-    None where nothing has it. Errors of the file go through.
+    None where nothing has it. The file imports modules that lie beside it, as a script does; what is
+    installed comes before them. Errors of the file go through.
 
     Raises:
         FileNotFoundError: no such file.
+        ImportError: a module beside it has the name of one beside another file, which was imported already.
     """
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such file")
@@ -24,5 +30,44 @@ def python_name(path: Path, name: str) -> tuple[Any, dict[str, Any]]:
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[module_name] = module  # Warp looks its functions' modules up
+    _put_folder(path.resolve())
     spec.loader.exec_module(module)
     return getattr(module, name, None), vars(module)
+
+
+def _put_folder(path: Path) -> None:
+    """Let modules beside a file be found."""
+    folder = str(path.parent)
+    for beside in _beside(path):
+        there = getattr(sys.modules.get(beside.stem), "__file__", None)
+        if there is not None and Path(there) != beside and str(Path(there).parent) in _folders:
+            raise ImportError(
+                f"{path} imports {beside.stem!r}, which was imported already from {there}; "
+                "give one of them another name"
+            )
+    if folder in sys.path and folder not in _folders:
+        return
+    sys.path[:] = [each for each in sys.path if each not in _folders]
+    _folders[:] = [folder, *(each for each in _folders if each != folder)]
+    sys.path.extend(_folders)
+
+
+def _beside(path: Path) -> Iterator[Path]:
+    """The files of a folder that one of them imports, also through others."""
+    todo, seen = [path], {path}
+    while todo:
+        file = todo.pop()
+        try:
+            tree = ast.parse(file.read_bytes())
+        except (SyntaxError, ValueError):
+            continue  # it says so when it is run
+        names = {
+            alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names
+        }
+        names |= {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.module}
+        for name in sorted(names):
+            beside = path.parent / f"{name.partition('.')[0]}.py"
+            if beside.is_file() and beside not in seen:
+                seen.add(beside)
+                todo.append(beside)
+                yield beside

@@ -1,10 +1,12 @@
 """Sweeps: the same numbers whatever the split, worlds as asked for, honest statistics, bounded memory."""
 
 import math
+import warnings
 
 import numpy as np
 import pytest
 import scipy.stats
+import sweeps
 import warp as wp
 from sweeps import FINGER, drawn, run, sweep_of
 
@@ -12,6 +14,7 @@ import slcp_warp as slcp
 from slcp_warp import Status
 from slcp_warp.ensembles import launch as launches
 from slcp_warp.ensembles import run_worlds, statistics, summary
+from slcp_warp.ensembles.sweep import sweep_scene
 from slcp_warp.ensembles.worlds import draws
 from slcp_warp.kernels.device import launch as launching
 
@@ -29,6 +32,18 @@ BUSY = {"torque_sd": 0.5, "kick_times": (0.5, 1.0), "parameter_sd": {"mass": 0.2
 @pytest.mark.parametrize("chunk", [1, 7, 40, 1000])
 def test_the_split_into_chunks_changes_nothing(device, chunk):
     assert_equal(run(device, **BUSY), run(device, chunk=chunk, **BUSY))
+
+
+def test_the_way_of_before_there_were_tasks_says_so():
+    """... where it is called; the paper's commands have it from below."""
+    with pytest.warns(DeprecationWarning, match="give a slcp.Task") as told:
+        found = run(worlds=1)
+    assert told[0].filename == sweeps.__file__
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert_equal(
+            found, sweep_scene(FINGER, sweeps.idle(), sweeps.spec(worlds=1), device="cpu", **sweeps.OPTIONS)
+        )
 
 
 @pytest.mark.parametrize("threads", [1, 3])

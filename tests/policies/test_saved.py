@@ -98,6 +98,19 @@ def test_what_is_no_data_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
+    "kind, text",
+    [
+        ("plan", r"holds a plan; give ddp.TrackingPolicy\(ddp.Result.load\('mine.npz'\), scene.state_period"),
+        ("library", r"holds a library; give ddp.Library.load\('mine.npz'\).policy\(\)"),
+    ],
+)
+def test_files_of_plans_and_libraries_say_how_they_become_policies(tmp_path, kind, text):
+    write_archive(tmp_path / "mine.npz", {"format": f"slcp-warp-{kind}", "version": 2}, {"a": np.zeros(2)})
+    with pytest.raises(FileError, match=f"mine.npz cannot be read as a policy: it {text}"):
+        slcp.sweep("catch", {"mine": str(tmp_path / "mine.npz")}, worlds=1)
+
+
+@pytest.mark.parametrize(
     "header, text",
     [
         ({"format": "slcp-policy"}, "its format is 'slcp-policy'"),

@@ -308,7 +308,7 @@ def test_records_of_other_versions_and_contents(tmp_path):
 def test_interrupted_sweep_is_saved(made, tmp_path, monkeypatch):
     from slcp_warp.scripts.stages import sweep as module
 
-    original = slcp.sweep
+    original = module.sweep_scene
 
     def interrupted(*args, progress=None, **kwargs):
         def stop(done, total):
@@ -316,7 +316,7 @@ def test_interrupted_sweep_is_saved(made, tmp_path, monkeypatch):
 
         return original(*args, progress=stop, **kwargs)
 
-    monkeypatch.setattr(module.slcp, "sweep", interrupted)
+    monkeypatch.setattr(module, "sweep_scene", interrupted)
     out = tmp_path / "part.npz"
     result = call("sweep", "--policy", made / "library.npz", "--worlds", 5, "--duration", 6,
                   "--device", "cpu", "--out", out, code=130)  # fmt: skip

@@ -28,7 +28,13 @@ def test_every_command_that_steps_has_them(command):
     said = call(command, "--help").output
     for name in ("scaling", "friction", "integrator", "gap", "noise", "deviation", "tolerance"):
         assert f"--{name}" in said, name
-    assert ("--residual " in said) != (command in ("sweep", "watch"))
+    assert ("--residual" in said) != (command == "watch")
+
+
+def test_a_sweep_takes_residual_for_residuals(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for option in ("--residual", "--residuals"):
+        assert f"{option[:10]}s is 'soft'" in fails("sweep", "catch", "--policy", "zero", option, "soft")
 
 
 def test_cases_have_what_their_residual_offers():

@@ -13,6 +13,7 @@ from test_task_sweep import SCENE, N, plan, task
 import slcp_warp as slcp
 from slcp_warp import ddp
 from slcp_warp import measures as m
+from slcp_warp.ensembles.questions.rare.falsification import Falsification
 from slcp_warp.ensembles.questions.rare.gradient import ClosedLoop
 from slcp_warp.ensembles.questions.rare.interval import freedom_of, island_interval, student
 from slcp_warp.ensembles.questions.rare.margin import Margin
@@ -264,6 +265,19 @@ def test_the_smallest_kick_fails_and_a_smaller_one_does_not(device):
 
 
 @pytest.mark.slow
+def test_what_was_found_is_told_from_the_largest_on():
+    nothing = {"world": None, "scenario": None, "margin": -1.0, "status": slcp.Status.SOLVED, "most": 32.0,
+               "rounds": 3, "by_gradient": 0, "by_draws": 0, "tried": 12345}  # fmt: skip
+    values = {"a": (0.1, 0.5), "b": (-3.0, -2.0), "c": (1.0, 1.0)}
+    drawn, failing = np.array([1.0, 2.5]), np.array([False, True])
+    size = math.sqrt(5.25)
+    told = str(Falsification(task(), size, values, drawn=drawn, failing=failing, **nothing)).splitlines()
+    head = "of task 'push': fails from 2.291 standard deviations on; 50 % of what is drawn is as large"
+    assert head in told[0] and [line.split()[0] for line in told[3:]] == ["b", "c", "a"]
+    for size, text in ((0.0, "the policy fails undisturbed"), (math.inf, "nothing up to 32 standard")):
+        assert text in repr(Falsification(task(), size, {}, drawn=drawn, failing=failing, **nothing))
+
+
 def test_what_was_found_is_a_task_of_its_own(device):
     """Factors, starts, pushes and dropouts, of every law, as numbers: run again, it fails again."""
     by = slcp.Disturbances(

@@ -12,6 +12,7 @@ import numpy as np
 
 import slcp_warp as slcp
 from slcp_warp import ddp
+from slcp_warp.ensembles.sweep import sweep_scene
 from slcp_warp.kernels.device import launch
 
 from ..shared.ours import PAPER
@@ -47,7 +48,7 @@ def kicked(worlds: int, seed: int = 0) -> slcp.SweepSpec:
 def run_sweep(spec: slcp.SweepSpec, dtype: str, device: str = "cpu") -> slcp.SweepReport:
     """The sweep under `controller`, all threads."""
     scene = slcp.scenes.flicking_finger()
-    return slcp.sweep(scene, controller(), spec, scaling=PAPER.scaling, dtype=dtype, device=device)
+    return sweep_scene(scene, controller(), spec, scaling=PAPER.scaling, dtype=dtype, device=device)
 
 
 def outcomes(done: slcp.SweepReport) -> dict[str, np.ndarray]:

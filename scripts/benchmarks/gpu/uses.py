@@ -12,6 +12,7 @@ import warp as wp
 import slcp_warp as slcp
 from slcp_warp import ddp
 from slcp_warp.ddp.library.entries import scene_digest
+from slcp_warp.ensembles.sweep import sweep_scene
 from slcp_warp.kernels.device import cache
 
 from .setting import METHODS, SINGLE, Setting, cast
@@ -66,7 +67,7 @@ def sweep(setting: Setting, policy: Any, worlds: int, duration: float) -> Any:
     """A sweep of the finger in single precision, of the smoothed and of the hard problem."""
     spec = slcp.SweepSpec(worlds=worlds, duration=duration, parameter_sd={"mass": 0.1}, torque_sd=0.1)
     scene = slcp.scenes.flicking_finger()
-    return slcp.sweep(scene, policy, spec, scaling="none", device=setting.device)
+    return sweep_scene(scene, policy, spec, scaling="none", device=setting.device)
 
 
 def _step(method: str, setting: Setting, dtype: str) -> None:

@@ -93,11 +93,18 @@ class Falsification(Printed):
         return save_table(path, self.table)
 
     def _line(self) -> str:
+        of = f"of task {self.task.name!r}"
         if not self.found:
-            return f"of task {self.task.name!r}: nothing up to {self.most:g} sd fails, {self.tried:,} worlds"
-        share = f"{100.0 * self.rarer:.3g} % of draws are as large"
-        return f"of task {self.task.name!r}: {self.size:.4g} sd, {share}; {self.tried:,} worlds"
+            return f"{of}: nothing up to {self.most:g} standard deviations fails; {self.tried:,} worlds tried"
+        if not self.size:
+            return f"{of}: the policy fails undisturbed; {self.tried:,} worlds tried"
+        share = f"{100.0 * self.rarer:.3g} % of what is drawn is as large"
+        return (
+            f"{of}: fails from {self.size:.4g} standard deviations on; {share}; {self.tried:,} worlds tried"
+        )
 
     def _tables(self) -> list[Table]:
-        rows = [(name, value, z) for name, (value, z) in self.values.items()]
-        return [Table("", ("disturbed", "value", "sd"), rows)]
+        """The largest first."""
+        found = sorted(self.values.items(), key=lambda item: -abs(item[1][1]))
+        rows = [(name, value, z) for name, (value, z) in found]
+        return [Table("the smallest that fails", ("disturbed", "value", "standard deviations"), rows)]
