@@ -11,15 +11,12 @@ from ..inputs import checks
 from ..inputs.errors import SceneError
 from ..storage.files import MOST_TEXT, MOST_TOML, parse_json, parse_toml, read_text, reading, write_text
 from ..storage.tables import below, entries, place, table
+from .box_files import SceneFileError, Several, with_boxes
 from .mjcf import load_mjcf
 from .scene import Scene
 from .scene_schema import FORMAT, NO_VALUE, VERSION, VERSIONS, file_fields, is_union, json_schema
 
 __all__ = ["json_schema", "load_scene", "save_scene"]
-
-
-class SceneFileError(SceneError):
-    """A file that is no scene; the message names the file, the field, what came and what is needed."""
 
 
 def load_scene(path: str | os.PathLike[str]) -> Scene:
@@ -56,7 +53,7 @@ def scene_of(content: Any) -> Scene:
     fields = {k: v for k, v in content.items() if k not in ("format", "version", "$schema")}
     if version == 1:  # when it was written damping was explicit
         fields.setdefault("implicit_damping", False)
-    scene: Scene = _build(Scene, fields, "")
+    scene: Scene = _build(Scene, with_boxes(fields), "")
     if version < 3 and "implicit_stiffness" not in fields and scene.structure.implicit_stiffness:
         return dataclasses.replace(scene, implicit_stiffness=False)
     return scene
@@ -133,8 +130,11 @@ def _convert(hint: Any, value: Any, where: str) -> Any:
     if typing.get_origin(hint) is typing.Literal or hint in (float, int, str, bool):
         return value  # the scene's classes look at it
     items = typing.get_args(hint)
-    values = entries(where, value, SceneFileError)
-    return tuple(_convert(items[0], v, f"{where}[{i}]") for i, v in enumerate(values))
+    found = []
+    for i, each in enumerate(entries(where, value, SceneFileError)):
+        parts = each.parts if isinstance(each, Several) else (each,)
+        found += [_convert(items[0], part, f"{where}[{i}]") for part in parts]
+    return tuple(found)
 
 
 def _convert_union(hint: Any, value: Any, where: str) -> Any:

@@ -9,6 +9,7 @@ import types
 import typing
 from typing import Any
 
+from .box_files import BOX, FIELDS, NEEDED
 from .parts import JOINTS, KINDS, Actuator, Body, Contact, Shape, Spring
 from .scene import Scene
 
@@ -58,8 +59,24 @@ def json_schema() -> dict[str, Any]:
 
 
 def part_schemas() -> dict[str, Any]:
-    """The schemas of a scene's parts, by the names of their classes."""
-    return {kind.__name__: object_schema(kind) for kind in (Body, Shape, Contact, Actuator, Spring)}
+    """The schemas of a scene's parts, by the names of their classes; a box is none, but shapes of a file."""
+    parts = {kind.__name__: object_schema(kind) for kind in (Body, Shape, Contact, Actuator, Spring)}
+    return parts | {"Box": _box_schema()}
+
+
+def _box_schema() -> dict[str, Any]:
+    number: dict[str, Any] = {"type": "number"}
+    fields: dict[str, Any] = dict.fromkeys(FIELDS, number)
+    fields |= {"kind": {"const": BOX}, "name": {"type": "string"}, "sides": {"type": "boolean"}}
+    fields |= {"body": {"anyOf": [{"type": "string"}, {"type": "null"}]}}
+    fields |= {"offset": {"type": "array", "items": number, "minItems": 2, "maxItems": 2}}
+    return {
+        "type": "object",
+        "description": "The corners of a box, and its sides.",
+        "properties": fields,
+        "required": list(NEEDED),
+        "additionalProperties": False,
+    }
 
 
 def object_schema(kind: type, choices: dict[str, tuple[Any, ...]] | None = None) -> dict[str, Any]:
@@ -77,6 +94,8 @@ def object_schema(kind: type, choices: dict[str, tuple[Any, ...]] | None = None)
 
 
 def _type(owner: str, name: str, hint: Any, in_list: bool = False) -> dict[str, Any]:
+    if hint is Shape:
+        return {"anyOf": [{"$ref": "#/$defs/Shape"}, {"$ref": "#/$defs/Box"}]}
     if (owner, name) in CHOICES:
         return {"enum": list(CHOICES[owner, name])}
     if dataclasses.is_dataclass(hint):

@@ -1,6 +1,6 @@
 """Measures: reductions of signals over the steps of a run, one number a world; comparisons make a success."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from slcp_warp.kernels.ensembles.measures import REDUCTIONS
@@ -50,10 +50,22 @@ class Measure(Compared):
 
     def __repr__(self) -> str:
         """The expression that makes it, the names of `slcp_warp.measures` without the module."""
-        given = [repr(self.of.which) if isinstance(self.of, Signal) and self.of.plain else repr(self.of)]
+        name, of = self._short()
+        given = [repr(of.which) if isinstance(of, Signal) and of.plain else repr(of)]
         given += [f"start={self.start:g}"] if self.start else []
         given += [] if self.end is None else [f"end={self.end:g}"]
-        return f"{self.reduction}({', '.join(given)})"
+        return f"{name}({', '.join(given)})"
+
+    def _short(self) -> tuple[str, Signal | Condition]:
+        """What makes it: a reduction and of what; `change` and `excursion` take what is since the start."""
+        of = self.of
+        if isinstance(of, Signal) and of.since_start:
+            plain = replace(of, since_start=False, absolute=False)
+            if (self.reduction, of.absolute) == ("largest", True):
+                return "excursion", plain
+            if (self.reduction, of.absolute, self.start) == ("final", False, 0.0):
+                return "change", plain
+        return self.reduction, of
 
     def _within(self, low: float, high: float) -> "Success":
         return Success(((Within(self, low, high),),))

@@ -8,7 +8,7 @@ import pytest
 from simulators import MAKERS
 
 import slcp_warp as slcp
-from slcp_warp.description.scene_file import json_schema
+from slcp_warp.description.scene_file import json_schema, scene_content, scene_of
 
 EXAMPLE = pathlib.Path(__file__).parents[2] / "examples" / "scenes" / "cart_pole.toml"
 
@@ -41,6 +41,7 @@ def test_files_fit_the_schema(tmp_path):
         slcp.save_scene(MAKERS[name](), tmp_path / "scene.json")
         valid(json.loads((tmp_path / "scene.json").read_text()))
     valid(tomllib.loads(EXAMPLE.read_text()))
+    valid(boxed(CRATE))
     for key, wrong in (("version", 4), ("bodies", []), ("gravity", [0.0]), ("colour", "red"),
                        ("implicit_damping", 1), ("implicit_stiffness", 1)):  # fmt: skip
         content = json.loads((tmp_path / "scene.json").read_text())
@@ -53,6 +54,67 @@ def test_files_fit_the_schema(tmp_path):
 def test_shipped_schema_is_the_one_of_the_classes():
     path = pathlib.Path(slcp.__file__).parent / "description" / "scene_schema.json"
     assert json.loads(path.read_text()) == json_schema()  # python -m slcp_warp.description.scene_schema
+
+
+def boxed(*shapes, **more):
+    """Content of a file with a crate and a ball on a ground."""
+    bodies = [{"name": n, "mass": 1.0, "inertia": 0.01, "joint": "free"} for n in ("crate", "ball")]
+    there = (
+        {"name": "ground", "kind": "halfplane"},
+        {"name": "ball", "body": "ball", "kind": "disc", "radius": 0.1},
+    )
+    return {
+        "format": "slcp-scene",
+        "version": 3,
+        "name": "a",
+        "bodies": bodies,
+        "shapes": [*there, *shapes],
+        **more,
+    }
+
+
+CRATE = {"name": "crate", "body": "crate", "kind": "box", "width": 0.4, "height": 0.2}
+
+
+def test_a_box_of_a_file_is_that_of_python():
+    contacts = [
+        {"shape_a": "ground", "shape_b": "crate", "friction": 0.5},
+        {"shape_a": "ball", "shape_b": "ground"},
+    ]
+    found = scene_of(boxed(CRATE | {"offset": [0.1, 0.0], "angle": 0.3}, contacts=contacts))
+    made = slcp.box("crate", "crate", 0.4, 0.2, offset=(0.1, 0.0), angle=0.3)
+    assert found.shapes[2:] == made
+    assert found.contacts[:4] == slcp.touching(made, found.shapes[:1], 0.5) and len(found.contacts) == 5
+    sides = CRATE | {"corner_radius": 0.02, "sides": True}
+    contacts += [{"shape_a": "crate", "shape_b": "ball"}]
+    found = scene_of(boxed(sides, contacts=contacts))
+    made = slcp.box("crate", "crate", 0.4, 0.2, 0.02, sides=True)
+    assert found.shapes[2:] == made and len(found.contacts) == 4 + 1 + 8
+    assert [c.shape_a for c in found.contacts[5:]] == [shape.name for shape in made]
+    assert scene_of(scene_content(found)) == found
+    assert scene_of(boxed(sides, contacts="auto", friction=0.5)).shapes[2:] == made
+
+
+@pytest.mark.parametrize(
+    "shapes, contacts, text",
+    [
+        ([CRATE | {"width": -1.0}], [], r"shapes\[2\]: width is -1.0"),
+        ([CRATE | {"wdth": 1.0}], [], r"shapes\[2\]: no field 'wdth'; did you mean 'width'"),
+        ([{k: v for k, v in CRATE.items() if k != "height"}], [], r"shapes\[2\]: height is missing"),
+        ([CRATE | {"name": 3}], [], r"shapes\[2\]: name is 3; a name is needed"),
+        ([CRATE | {"sides": True}], [], r"shapes\[2\]: corner_radius is 0.0; sides need a positive one"),
+        ([CRATE | {"name": "ball"}], [], r"shapes\[2\]: another shape is named 'ball', too"),
+        ([CRATE, CRATE], [], r"shapes\[2\]: another shape is named 'crate', too"),
+        ([CRATE | {"body": "crates"}], [], "'crates'"),
+        ([CRATE, CRATE | {"name": "b"}], [{"shape_a": "crate", "shape_b": "b"}], r"contacts\[0\]: two boxes"),
+        ([CRATE, {"name": [], "kind": "disc"}], [{"shape_a": "crate", "shape_b": []}], "name"),
+        ([CRATE], [{"shape_a": "crate", "shape_b": "floor"}], "no shape named 'floor'"),
+        ([CRATE], [{"shape_a": "ground", "shape_b": "crate", "mu": 1}], r"contacts\[0\]: no field 'mu'"),
+    ],
+)  # fmt: skip
+def test_boxes_that_cannot_be(shapes, contacts, text):
+    with pytest.raises(slcp.SceneFileError, match=text):
+        scene_of(boxed(*shapes, contacts=contacts))
 
 
 GOOD = {"format": "slcp-scene", "version": 3, "name": "a",

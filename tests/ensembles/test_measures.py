@@ -78,6 +78,13 @@ def test_measures_are_what_they_say(name):
     np.testing.assert_allclose(recorded().value(measure), expected, rtol=1e-12, atol=1e-12)
 
 
+def test_a_measure_prints_as_what_makes_it():
+    names = {name: getattr(m, name) for name in m.__all__}
+    for measure, _ in CASES.values():
+        assert eval(repr(measure), names) == measure, measure
+    assert repr(m.excursion("block.x", 1.0)) == "excursion('block.x', start=1)"
+
+
 def test_every_world_has_its_own_times():
     worlds = recorded()
     slow = Recorded(SCENE, [H, 2.0 * H], worlds.states)

@@ -38,3 +38,23 @@ def test_a_door_stays_shut_until_its_catch_gives_way(device):
     last = run.states[:, -1, door]
     assert last[0] < 0.1 < 1.0 < last[1] and last[2] < 0.1
     assert run.states[1, :, bolt].min() < -0.01 and abs(run.states[1, -1, bolt]) < 5e-3  # in, and out again
+
+
+def test_boxes_on_a_tray_ride_along_until_friction_holds_no_more(device):
+    """Coulomb: up to mu g they move with the cart, beyond they are left behind with mu g on their way."""
+    task = slcp.load_task(FOLDER / "tray.toml")
+    scene = task.scene
+    sim = task.simulator(slcp.Options("hard", friction="coulomb"), device=device)
+    lower, upper, cart = (scene.state_index(name) for name in ("lower.vx", "upper.vx", "cart.vshift"))
+    limit = 0.4 * 9.81
+    forces = np.array([0.5, 0.95, 2.0]) * 3.5 * limit  # of what moves all three at mu g
+    run = sim.rollout(np.repeat(task.start, 3, 0), np.broadcast_to(forces[:, None, None], (3, 30, 1)))
+    assert not run.status.any()
+    speed = run.states[:, -1]
+    for world in (0, 1):
+        assert speed[world, cart] > 0.4 * limit * 0.3
+        np.testing.assert_allclose(speed[world, [lower, upper]], speed[world, cart], rtol=1e-6)
+    np.testing.assert_allclose(speed[2, [lower, upper]], limit * 0.3, rtol=1e-6)
+    assert speed[2, cart] > 1.5 * limit * 0.3
+    away = slcp.measures.state("lower.x", "cart.shift")
+    assert (run.measure(slcp.measures.excursion(away)) > 0.05).tolist() == [False, False, True]

@@ -89,6 +89,7 @@ def test_short_reductions_are_those_of_python():
     assert found.measures["moved"] == m.change("block.x", 1.0)
     assert found.measures["slid"] == m.excursion(away, 0.5) and found.measures["far"] == m.largest(abs(away))
     assert found.failure == (abs(m.since_start(away)) > 0.3)
+    assert repr(found.measures["slid"]) == "excursion(state('block.x', 'pusher.shift'), start=0.5)"
     assert repr(found.failure) == "abs(since_start(state('block.x', 'pusher.shift'))) > 0.3"
 
 
