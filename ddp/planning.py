@@ -29,6 +29,12 @@ SCHEDULES = Regularization(  # of the state, and of the control as Tassa, Mansar
 NOISE_TIME = 8.0  # correlation time of random starts [steps]
 PASSES, LAST_PASSES = 150, 400  # of all methods but the last, and of the last
 FINISH = 2  # plans that every further method goes on from
+SHARES = (
+    (15, 0.5),
+    (40, 0.25),
+    (80, 0.15),
+)  # passes of a method but the last, and plans that go on after them
+LAST_RUNGS = ((20, 3), (100, 1))  # passes of the last method, and plans that go on after them
 
 
 def problem_of(task: Task, sim: Simulator | None = None) -> Problem:
@@ -125,7 +131,9 @@ def plan(
 
     The first method takes all the starts under two regularisation schedules, as one batch; every further one
     goes on from the `finish` plans of lowest cost, and takes the first start under both schedules again. A
-    plan's cost never rises on the way.
+    plan's cost never rises on the way. Plans of high cost are left behind (successive halving, the rungs of
+    `Workspace.run`): of all methods but the last half, three quarters and 85 % of them after 15, 40 and 80
+    passes, of the last all but three after 20 passes and all but the best after 100.
 
     Args:
         task: what is planned.
@@ -142,7 +150,7 @@ def plan(
 
     Returns:
         The best plan, with the passes of all methods that led to it; `all` are the plans of the last method,
-        `index` the best one's place among them.
+        `index` the best one's place among them; those that were left behind have the status MAX_ITERATIONS.
     """
     if isinstance(task, Problem):
         problem = task
@@ -180,12 +188,18 @@ def solve_starts(
             rows = np.concatenate([np.zeros(len(us), dtype=int), np.arange(len(schedules))])
             batch = np.concatenate([us, np.tile(first, (len(schedules), 1, 1))])
         settings = replace(settings, method=method, regularization=Regularization.of(schedules[rows]))
-        result = Workspace(problem, len(batch), settings).solve(x, batch)
+        rungs = LAST_RUNGS if place + 1 == len(methods) else _rungs(len(batch), finish)
+        result = Workspace(problem, len(batch), settings).solve(x, batch, rungs=rungs)
         order = np.argsort(np.where(np.isnan(result.cost), np.inf, result.cost), kind="stable")
         us = result.us[order[:finish]]
         kept = {i: result.select(int(n)) for i, n in enumerate(order[: max(finish, 1)])}
         before = {i: each.after(before.get(int(order[i]))) for i, each in kept.items()}
     return Multistart(before[0], int(order[0]), result)
+
+
+def _rungs(batch: int, finish: int) -> list[tuple[int, int]]:
+    """Of a method that another one goes on from: at least one plan more than that one takes is kept."""
+    return [(passes, max(finish + 1, round(np.ceil(share * batch)))) for passes, share in SHARES]
 
 
 def _check_methods(methods: Any) -> None:

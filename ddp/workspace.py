@@ -3,6 +3,8 @@
 import functools
 import threading
 import weakref
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -65,6 +67,7 @@ class Workspace:
         self.xs, self.us, self.K, self.k, self.Vx, self.Vxx = p.xs, p.us, p.K, p.k, p.Vx, p.Vxx
         self.cost, self.status, self.passes = s.cost, s.status, s.passes
         self.gradient, self.pivot = s.gradient, s.pivot
+        self._behind = np.zeros(self.batch, dtype=bool)
         self._all = wp.ones(self.batch, dtype=wp.int32, device=self.device)
 
     def _prepare(self) -> None:
@@ -128,6 +131,7 @@ class Workspace:
         K0: Any = None,
         k0: Any = None,
         max_iterations: int | None = None,
+        rungs: Sequence[tuple[int, int]] = (),
     ) -> int:
         """Solve and leave the solution in the workspace's arrays; returns the number of passes.
 
@@ -140,12 +144,16 @@ class Workspace:
             K0: gains (B, N, nu, nx).
             k0: (B, N, nu), default 0.
             max_iterations: fewer line searches than the options allow.
+            rungs: pairs of passes and problems, where all are of one start state: after so many passes only
+                so many of lowest cost go on, and the others end with MAX_ITERATIONS (successive halving,
+                Jamieson & Talwalkar 2016). What is kept comes out as without rungs, bit for bit.
         """
         limit = self.options.max_iterations
         limit = limit if max_iterations is None else min(whole("max_iterations", max_iterations, 0), limit)
         with self._using:
             done = self.start(x0, us0, xs0, K0, k0, limit)
-            done = self._descend(done, limit)
+            self._behind[:] = False
+            done = self._descend(done, limit, dict(rungs))
             if self._run_update is not None:
                 done = self._hold_limits(done, limit)
             return done
@@ -192,7 +200,7 @@ class Workspace:
     def _hold_limits(self, done: int, limit: int) -> int:
         """Rounds of new multipliers and passes until the state limits hold; returns the passes in all."""
         for _ in range(self.options.limit_rounds):
-            beyond = self.beyond_limits() > self.options.limit_tolerance
+            beyond = (self.beyond_limits() > self.options.limit_tolerance) & ~self._behind
             if not beyond.any() or done >= limit:
                 break
             self._state.searching.assign(beyond.astype(np.int32))
@@ -201,6 +209,7 @@ class Workspace:
             self.k.zero_()
             self._run_first()  # the same trajectory, and its cost with the new multipliers
             self._passes.start(again=True)
+            self._end(self._behind)
             done = self._descend(done, limit)
         if self.options.limit_rounds:
             code, beyond = self.status.numpy(), self.beyond_limits() > self.options.limit_tolerance
@@ -257,10 +266,12 @@ class Workspace:
             self._passes.start(again=True)
         return done
 
-    def _descend(self, done: int, limit: int) -> int:
+    def _descend(self, done: int, limit: int, rungs: Mapping[int, int] = MappingProxyType({})) -> int:
         """Passes until no problem goes on; returns how many there were in all."""
         while done < limit:
             self.differentiate()
+            if done in rungs:
+                self._leave_behind(rungs[done])
             self._passes.backward()
             if not self.active():
                 return done
@@ -269,6 +280,23 @@ class Workspace:
         self.differentiate()
         self._passes.backward(last=True)
         return done
+
+    def _leave_behind(self, count: int) -> None:
+        """End all problems but `count` of lowest cost, with gains about the trajectories that they have."""
+        cost = self.cost.numpy()
+        best = np.argsort(np.where(np.isnan(cost), np.inf, cost), kind="stable")[:count]
+        behind = self._state.active.numpy() == 1
+        behind[best] = False
+        self._end(behind)
+        self._behind |= behind
+
+    def _end(self, which: np.ndarray) -> None:
+        """A last backward pass of these problems (B,) alone; the others go on after it."""
+        if which.any():
+            going = (self._state.active.numpy() == 1) & ~which
+            self._state.active.assign(which.astype(np.int32))
+            self._passes.backward(last=True)
+            self._state.active.assign(going.astype(np.int32))
 
     def differentiate(self) -> None:
         """Derivatives of dynamics and cost where trajectories changed."""
@@ -297,10 +325,11 @@ class Workspace:
         K0: Any = None,
         k0: Any = None,
         max_iterations: int | None = None,
+        rungs: Sequence[tuple[int, int]] = (),
     ) -> Result:
         """`run`, with the solution copied into a `Result`; other threads wait meanwhile."""
         with self._using:
-            return self.result(self.run(x0, us0, xs0, K0, k0, max_iterations))
+            return self.result(self.run(x0, us0, xs0, K0, k0, max_iterations, rungs))
 
     def result(self, passes: int | None = None) -> Result:
         """Copy of the solution that the workspace holds."""

@@ -1,6 +1,7 @@
 """A plan of a task in one call; and no task has a place in code that all share."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -64,6 +65,45 @@ def test_passes_of_all_methods_count(planned, tmp_path):
     np.testing.assert_array_equal(costs[before.iterations :], last.trace.cost[: last.iterations + 1])
     again = ddp.Result.load(best.best.save(tmp_path / "plan.npz"))
     assert again.iterations == best.best.iterations
+
+
+def rungs(planned, passes=40, **more):
+    """Six starts on the way to the mark, and the same where all but two end after five passes."""
+    task, sim, *_ = planned
+    problem = ddp.problem_of(task.replace(**more), sim)
+    starts = np.concatenate(
+        [plan_starts(problem, task.start[0], 4, seed=1), np.full((1, task.horizon, 1), 5.0)]
+    )
+    options = ddp.Options(method="gauss-newton", max_iterations=passes)
+    work = ddp.Workspace(problem, len(starts), options)
+    short = ddp.Workspace(problem, len(starts), replace(options, max_iterations=5))
+    runs = work.solve(task.start[0], starts), work.solve(task.start[0], starts, rungs=[(5, 2)])
+    return *runs, short.solve(task.start[0], starts), work
+
+
+def test_what_is_left_behind_ends_there_and_what_is_kept_is_as_without_rungs(planned):
+    """Bit for bit: the trajectories, their gains and the values; what has ended by itself is let be."""
+    whole, halved, short, _ = rungs(planned)
+    cost = np.where(whole.iterations >= 5, whole.trace.cost[:, 5], whole.cost)
+    kept = np.isin(np.arange(len(cost)), np.argsort(cost, kind="stable")[:2]) | (whole.iterations < 5)
+    assert 0 < (~kept).sum() and halved.iterations[~kept].tolist() == [5] * (~kept).sum()
+    assert (halved.status[~kept] == ddp.Status.MAX_ITERATIONS).any()
+    for name in ("us", "xs", "K", "Vx", "Vxx", "cost", "status", "gradient"):
+        mine, long, ended = (getattr(each, name) for each in (halved, whole, short))
+        assert mine[kept].tobytes() == long[kept].tobytes(), name
+        assert mine[~kept].tobytes() == ended[~kept].tobytes(), name
+
+
+def test_what_is_left_behind_gets_no_rounds_for_its_limits_of_states(planned):
+    """The others keep them, in rounds of which those that were left behind are no part."""
+    place = planned[0].scene.state_index("block.vx")
+    fastest = 0.6 * float(planned[3].best.xs[:, place].max())
+    whole, halved, _, work = rungs(planned, 400, state_limits={"block.vx": (-np.inf, fastest)})
+    behind = (halved.status == ddp.Status.MAX_ITERATIONS) & (halved.iterations == 5)
+    assert behind.any() and (whole.iterations[behind] > 5).any()
+    best = int(np.argmin(np.where(behind, np.inf, halved.cost)))
+    assert work.beyond_limits()[best] <= work.options.limit_tolerance
+    assert work.beyond_limits()[behind].max() > work.options.limit_tolerance
 
 
 def test_starts_are_noise_of_the_size_of_the_limits():
