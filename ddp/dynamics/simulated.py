@@ -12,6 +12,7 @@ from slcp_warp.gradients.tape import derivatives_exist
 from slcp_warp.inputs.checks import attribute
 from slcp_warp.inputs.errors import ArgumentTypeError
 from slcp_warp.kernels.control.generic_rollouts import FOLLOW
+from slcp_warp.kernels.derivatives.curvature import in_closed_form
 from slcp_warp.kernels.step.rollout import make_transition
 from slcp_warp.stepping.generic import GenericKernels
 
@@ -25,6 +26,11 @@ class SimulatorDynamics:
         self.sim, self.params = sim, sim.params
         self.nx, self.nu, self.nw = sim.nx, sim.nu, launches.curved_outputs(sim.spec)
         self.dtype, self.device = sim.dtype, sim.device
+
+    @property
+    def second_by_differences(self) -> bool:
+        """Whether second derivatives are differences of the first, at 1 + 4 (nx + nu) of them a step."""
+        return not in_closed_form(self.sim.options.method)
 
     def step_function(self) -> Any:
         """See `Dynamics`.
@@ -70,6 +76,8 @@ class SimulatorDynamics:
 
 class GenericDynamics(SimulatorDynamics):
     """With generic kernels, whose step keeps a world in a workspace: they roll out themselves."""
+
+    second_by_differences = True
 
     def prepare_candidates(
         self, problems: int, items: int, offset: int, policy: Any, candidates: Any, params: Any,

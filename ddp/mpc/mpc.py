@@ -15,6 +15,7 @@ from slcp_warp.inputs.checks import instance, number, shown, whole
 from slcp_warp.inputs.errors import ArgumentError
 from slcp_warp.stepping.arguments import policy_arrays
 
+from ..dynamics import dynamics_of
 from ..library.entries import scene_digest
 from ..library.nearest import wrap
 from ..options import Options
@@ -54,7 +55,8 @@ class MPC:
         sigma: noise level of the model's smoothing; None: the problem's.
         noise: standard deviation of the start "noise" [control units]; None: a fifth of the limits, or 1.
         seed: of that noise.
-        options: of DDP; `passes` stand in the place of its max_iterations.
+        options: of DDP; `passes` stand in the place of its max_iterations. None: those of `ddp.solve`, but
+            Gauss-Newton where second derivatives are differences, which take most of a cycle's time.
         block: worlds that are planned at once.
 
     Attributes:
@@ -117,7 +119,7 @@ class MPC:
             raise ArgumentError(f"improved is {improved}; at most the {len(self.starts)} starts are there")
         self.seed = whole("seed", seed, 0)
         instance("options", options, Options | None, "a ddp.Options")
-        self.options = Options() if options is None else options
+        self.options = _fitting(problem) if options is None else options
         self.noise = self._noise(noise)
         self.period = float(np.ravel(problem.params["step_size"])[0])
         self._wrap = problem.dynamics.scene.state_period
@@ -262,6 +264,12 @@ class MPC:
                 return np.asarray(planner.acting.xs[world - first])
             first += planner.worlds
         raise ArgumentError(f"world is {world}; there is no plan of it")
+
+
+def _fitting(problem: Problem) -> Options:
+    """Options of DDP where none are given."""
+    differences = dynamics_of(problem.dynamics).second_by_differences
+    return Options(method="gauss-newton" if differences else "second-order")
 
 
 class _Kept:

@@ -20,6 +20,7 @@ from ..support.paper import SCENE
 from ..support.screen import one_line_errors, show_rows
 from ..support.simulators import named_scene, numbers
 from ..support.tables import write_csv
+from ..support.tasks import DEFAULT
 from .accuracy.command import charts_command
 from .contacts.command import contacts_command
 from .contacts.strategies import bench_strategies, print_strategies
@@ -205,6 +206,7 @@ def watch_command(
 @app.command("latency")
 @one_line_errors
 def latency_command(
+    task: Annotated[str, typer.Option(help="A name of `slcp tasks`, a file, or file.py:name.")] = DEFAULT,
     library: Annotated[
         Path | None, typer.Option(help="Of `slcp library`, whose plan is a second start of every cycle.")
     ] = None,
@@ -214,8 +216,8 @@ def latency_command(
     seed: Seed = 0,
     csv: Csv = None,
 ) -> None:
-    """From a state to the controls: one cycle of MPC of one finger, its slowest ones too."""
-    _save(csv, bench_latency(library, passes, cycles, dtype, seed))
+    """From a state to the controls: one cycle of MPC of one world, its slowest ones too."""
+    _save(csv, bench_latency(task, library, passes, cycles, dtype, seed))
 
 
 @app.command("precision")

@@ -140,3 +140,29 @@ def test_a_scene_that_only_generic_kernels_take_is_planned():
     assert plan.status != ddp.Status.DYNAMICS_FAILED and plan.xs.shape == (61, 50)
     sim = slcp.Simulator(task.scene, task.options, device="cpu")
     np.testing.assert_allclose(sim.rollout(task.scene.x0, plan.us).states, plan.xs, atol=1e-8)
+
+
+def test_discs_on_a_table_stay_until_the_finger_comes():
+    """The example's scene: without gravity and controls nothing moves, torques bring the finger to a disc."""
+    path = EXAMPLE.with_name("among_discs.py")
+    task = runpy.run_path(str(path))["among_discs"](2)
+    sim = slcp.Simulator(task.scene, slcp.Options("hard", "none"), device="cpu", strategy="generic")
+    still = sim.rollout(task.scene.x0, np.zeros((30, 2)))
+    assert still.status == slcp.Status.SOLVED
+    np.testing.assert_array_equal(still.states, np.tile(task.scene.x0, (31, 1)))
+    pushed = sim.rollout(task.scene.x0, np.full((30, 2), -2.0))
+    assert (
+        pushed.status == slcp.Status.SOLVED
+        and np.abs(pushed.states[-1, 2:4] - task.scene.x0[2:4]).max() > 0.02
+    )
+
+
+def test_boxes_on_a_tray_come_along():
+    """The example's scene: below the limit of friction, mu g, cart and boxes are one mass."""
+    task = runpy.run_path(str(EXAMPLE.with_name("tray.py")))["tray"](2)
+    sim = slcp.Simulator(task.scene, slcp.Options("hard", "none"), device="cpu", strategy="generic")
+    force = 1.0 * (2.0 + 0.5 + 0.4)  # 1 m/s^2
+    run = sim.rollout(task.scene.x0, np.full((25, 1), force))
+    assert run.status == slcp.Status.SOLVED
+    speeds = [task.scene.state_index(name) for name in ("cart.vshift", "box0.vx", "box1.vx")]
+    np.testing.assert_allclose(run.states[-1, speeds], 25 * task.scene.step_size, rtol=1e-9)

@@ -16,23 +16,28 @@ from ..shared.machine import machine
 from ..shared.timing import Rows
 
 QUANTILES = (0.5, 0.9, 0.99, 0.999, 1.0)
-KICK, RUN = 2.0, 400  # velocities of a start [rad/s], and steps until the next one
 WARM = 50  # cycles before those that count
 
 
-def bench_latency(library: Path | None, passes: int, cycles: int, dtype: str, seed: int) -> Rows:
-    """From a state of the finger, on hard contact, to the controls: wall time and processor time."""
-    task = slcp.tasks.flicking_finger()
+def bench_latency(name: str, library: Path | None, passes: int, cycles: int, dtype: str, seed: int) -> Rows:
+    """From a state of the task, on hard contact, to the controls: wall time and processor time."""
+    task = slcp.load_task(name)
     problem = ddp.problem_of(task, task.simulator(dtype=dtype))
     entries = None if library is None else ddp.Library.load(library)
+    if entries is not None:
+        entries.check_scene(task.scene)
     rows = []
     for prepared in (False, True):  # real-time iteration readies the next cycle between two
         own = 0 if prepared else passes
         policy = ddp.MPC(problem, entries, passes=own, improved=1 if prepared else len(_starts(entries)))
         times = np.array(list(_cycles(task, policy, cycles + WARM, seed)))[WARM:]
-        name = "real-time iteration" if prepared else f"{passes} passes"
-        rows += [_row(name, clock, column) for clock, column in zip(("wall", "processor"), times.T)]
-    title = f"ms from a state to the controls, {cycles} cycles of one world, {launch.thread_count()} threads"
+        how = "real-time iteration" if prepared else f"{passes} passes"
+        rows += [
+            {"task": task.name} | _row(how, clock, column)
+            for clock, column in zip(("wall", "processor"), times.T)
+        ]
+    what = f"{task.name}: ms from a state to the controls"
+    title = f"{what}, {cycles} cycles of one world, {launch.thread_count()} threads"
     show_rows(title, rows)
     return [row | machine() for row in rows]
 
@@ -44,17 +49,17 @@ def _starts(entries: ddp.Library | None) -> tuple[str, ...]:
 def _cycles(task: slcp.Task, policy: ddp.MPC, cycles: int, seed: int) -> Iterator[tuple[float, float]]:
     """Seconds of every cycle, of the clock and of this process."""
     plant, rng = task.simulator(slcp.Options("hard", "none")), np.random.default_rng(seed)
+    spread = task.disturbances.deviation(task.scene)
     world = np.zeros(1, dtype=int)
     gc.collect()
     gc.disable()
     try:
         for k in range(cycles):
-            if k % RUN == 0:
-                x = task.start[:1].copy()
-                x[:, 3:] += KICK * rng.standard_normal((1, 3))
+            if k % task.steps == 0:
+                x = task.start[:1] + spread * rng.standard_normal((1, len(spread)))
                 policy.begin(plant, world)
             wall, own = time.perf_counter(), time.process_time()
-            u = policy.act(x, (k % RUN) * policy.period, world)
+            u = policy.act(x, (k % task.steps) * policy.period, world)
             yield time.perf_counter() - wall, time.process_time() - own
             policy.prepare()
             x = plant.step(x, u).state

@@ -163,6 +163,22 @@ def test_a_plan_with_a_delay_acts_when_it_is_there(task, problem):
     assert policy._active[0] is policy._coming[0]
 
 
+@pytest.mark.parametrize(
+    "options, strategy, method",
+    [
+        (slcp.Options(), "specialised", "second-order"),
+        (slcp.Options(), "generic", "gauss-newton"),
+        (slcp.Options(integrator="trapezoidal"), "specialised", "gauss-newton"),
+    ],
+)
+def test_second_order_is_the_rule_where_it_is_had_in_closed_form(task, options, strategy, method):
+    """Differences of second order take nineteen twentieths of a cycle on a tray with two boxes."""
+    sim = slcp.Simulator(task.scene, options, strategy=strategy)
+    problem = ddp.Problem(sim, task.cost, 10, control_limits=task.control_limits)
+    assert ddp.MPC(problem).options.method == method
+    assert ddp.MPC(problem, options=ddp.Options()).options.method == "second-order"
+
+
 def test_whole_turns_of_a_periodic_angle_change_nothing(task, problem):
     policy, x0 = ddp.MPC(problem, passes=1), starts_of(task)
     policy.begin(task.simulator(), np.arange(WORLDS))
