@@ -15,7 +15,8 @@ from slcp_warp.stepping.strategy import RENAMED
 from slcp_warp.storage.files import parse_json, read_text, reading, write_text
 
 from .draws import Worlds
-from .judged import judged, predicted
+from .judged import judged, predicted, simulator
+from .rolled import follow, roll
 from .structures import baked
 from .tasks import FIELDS, Failure
 from .verdicts import Verdicts
@@ -32,6 +33,7 @@ class CaseError(ValueError):
 class Case:
     """One world: a scene with its numbers, and those that a scene does not hold (sigma of every row, limits
     that exclude each other), state (2 nv,), controls (nu,), options, precision, kernels, and what was found.
+    Of a world that is followed controls are (steps, nu), and the last step is the one that is judged.
     """
 
     scene: Scene
@@ -50,13 +52,26 @@ class Case:
         numbers |= {name: value[None] for name, value in self.numbers.items()}
         return Worlds(numbers, self.x[None], self.u[None], np.zeros(1, int))
 
+    def _simulator(self) -> Any:
+        return simulator(self.scene, self.options, self.dtype, self.strategy)
+
+    def states(self) -> Array:
+        """States before and after every step (steps + 1, 2 nv) of a world that is followed."""
+        out: Array = np.asarray(roll(self._simulator(), self.worlds, self.u[None]).states[0], float)
+        return out
+
     def run(self) -> tuple[Verdicts, Any]:
         """Step it and judge the step."""
-        sim = slcp.Simulator(self.scene, self.options, device="cpu", dtype=self.dtype, strategy=self.strategy)
-        push = None
+        sim, worlds, out, push, known = self._simulator(), self.worlds, None, None, np.ones(1, bool)
+        if self.u.ndim == 2:
+            steps = follow(roll(sim, worlds, self.u[None]), worlds, self.u[None])
+            steps = steps.part(steps.step == steps.step.max())
+            worlds, out = steps.worlds, steps.out
         if self.options.integrator == "trapezoidal":
-            push, _ = predicted(self.scene, self.worlds, self.options, self.dtype)
-        return judged(self.worlds, sim, push)
+            push, known = predicted(self.scene, worlds, self.options, self.dtype)
+        found, done = judged(worlds, sim, push, out=out)
+        found.doubt(known)
+        return found, done
 
     @property
     def verdict(self) -> tuple[str, str]:
@@ -67,15 +82,18 @@ class Case:
 
 def case_of(failure: Failure) -> Case:
     """The world of a failure by itself."""
-    scene = failure.task.make_scene()
-    chunk, place = divmod(failure.world, failure.task.per_chunk)
-    world = failure.task.worlds(chunk, scene).part(place)
+    task, scene = failure.task, failure.task.make_scene()
+    chunk, place = divmod(failure.world, task.per_chunk)
+    world = task.worlds(chunk, scene).part(place)
     numbers = {name: value[0] for name, value in world.numbers.items()}
-    task = failure.task
-    note = (f"seed {task.seed}, {task.strategy}, scene {task.scene}, world {failure.world} ({failure.kind}): "
+    u = world.u[0]
+    if failure.step is not None:
+        u = task.controls(chunk, scene)[place, : failure.step + 1]
+    scene = scene.with_listed_contacts() if isinstance(scene.contacts, str) else scene
+    note = (f"seed {task.seed}, {task.kernels}, scene {task.scene}, world {failure.world} ({failure.kind}): "
             f"{failure.verdict}, {failure.reason}, error {failure.error:.1e}")  # fmt: skip
     extra = {name: numbers[name] for name in EXTRA}
-    return Case(baked(scene, numbers), extra, world.x[0], world.u[0], failure.options, failure.dtype,
+    return Case(baked(scene, numbers), extra, world.x[0], u, failure.options, failure.dtype,
                 task.strategy, note)  # fmt: skip
 
 
@@ -108,7 +126,8 @@ def load_case(path: Path) -> Case:
         numbers = {name: np.array(content["numbers"][name], float) for name in EXTRA}
         x, u = (np.array(content[name], float) for name in ("x", "u"))
         sizes = (scene.structure.nr, scene.nv, scene.nv, 2 * scene.nv, scene.nu)
-        if [n.shape for n in (*numbers.values(), x, u)] != [(size,) for size in sizes]:
+        shapes = [n.shape for n in (*numbers.values(), x, u if u.ndim == 1 else u[0])]
+        if u.ndim > 2 or shapes != [(size,) for size in sizes]:
             raise ValueError(f"{EXTRA}, x and u need {sizes} numbers")
         return Case(scene, numbers, x, u, Options(**content["options"]), str(content["dtype"]),
                     RENAMED.get(content["strategy"], content["strategy"]), str(content["note"]))  # fmt: skip

@@ -1,6 +1,7 @@
 """`slcp bench fuzz`: random scenes under every method, judged by an oracle that shares no code with them."""
 
 import multiprocessing
+import os
 import time
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from pathlib import Path
@@ -18,6 +19,7 @@ from ...support.tables import write_csv
 from ..shared.machine import machine
 from .case import case_of, describe, load_case, save_case
 from .draws import CHUNK
+from .parts import PARTS
 from .report import markdown, rows_of, show
 from .run import run_task
 from .shrink import shrink
@@ -25,26 +27,37 @@ from .tasks import DTYPES, GENERIC, Failure, Tally, Task
 from .verdicts import SILENT, WRONG
 
 OWN_CHUNKS = 4  # of CHUNK worlds for every scene with kernels of its own
+FOLLOWED = 40  # worlds of a chunk that are followed for many steps
 MOST_SHRUNK = 12  # failures that are made small: one of each method and reason
 
 
-def tasks_of(seed: int, worlds: int, structures: int, residuals: tuple[str, ...]) -> list[Task]:
-    """The tasks of a run: scenes for the generic kernels until there are enough worlds, and those with
-    specialised kernels, evenly between them.
+def tasks_of(
+    seed: int, worlds: int, structures: int, residuals: tuple[str, ...], part: str = "steps"
+) -> list[Task]:
+    """The tasks of a part: scenes for the generic kernels until there are enough worlds (of those that are
+    followed, steps of worlds), and those with kernels of their own, evenly between them.
     """
     methods = [o for o in GENERIC if not residuals or o.residual in residuals]
+    strategies, steps = PARTS[part].strategies, sum(PARTS[part].steps) / 2
+    per_chunk = CHUNK if part in ("steps", "ends") else FOLLOWED
     each = CHUNK * len(methods) * len(DTYPES)
-    count = -(-worlds // each) if methods else 0
-    generic = [(i / max(1, count), Task(seed, i, "generic", 1, residuals)) for i in range(count)]
-    own = [
-        (i / max(1, structures), Task(seed, i, "specialised", OWN_CHUNKS, residuals))
-        for i in range(structures)
-    ]
-    return [task for _, task in sorted(generic + own, key=lambda item: item[0])]
+    if per_chunk == FOLLOWED:
+        each = int(per_chunk * steps) * len(methods) * len(DTYPES)
+    count = -(-worlds // each) if methods and "generic" in strategies else 0
+    out = [(i / max(1, count), Task(seed, i, "generic", 1, residuals, per_chunk, part)) for i in range(count)]
+    for strategy in strategies:
+        if strategy != "generic":
+            tasks = [
+                Task(seed, i, strategy, OWN_CHUNKS, residuals, per_chunk, part) for i in range(structures)
+            ]
+            out += [(i / max(1, structures), task) for i, task in enumerate(tasks)]
+    return [task for _, task in sorted(out, key=lambda item: item[0])]
 
 
 def run_all(tasks: list[Task], jobs: int, until: float, console: Console) -> Tally:
-    """Every task, or those that begin in time, in `jobs` processes."""
+    """Every task, or those that begin in time, in `jobs` processes, BLAS in one thread each: several take
+    turns at products of small matrices for a thousand times as long, on a processor that others use.
+    """
     tally, done = Tally(), 0
 
     def take(found: Tally) -> None:
@@ -58,12 +71,7 @@ def run_all(tasks: list[Task], jobs: int, until: float, console: Console) -> Tal
         if done % 20 == 0:
             console.print(f"  {done} scenes", highlight=False)
 
-    if jobs == 1:
-        for task in tasks:
-            if time.monotonic() > until:
-                break
-            take(run_task(task))
-        return tally
+    os.environ.update(dict.fromkeys(("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"), "1"))
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(jobs, mp_context=context, initializer=_quiet) as pool:
         waiting: set[Future[Tally]] = set()
@@ -88,7 +96,8 @@ def describe_failure(failure: Failure) -> str:
     """A failure in one line, with what names it."""
     o, task = failure.options, failure.task
     method = "/".join([o.residual, o.scaling, o.friction, o.integrator, o.noise, o.gap, failure.dtype])
-    return (f"{task.strategy} scene {task.scene} world {failure.world} ({failure.kind}), {method}: "
+    step = "" if failure.step is None else f" step {failure.step}"
+    return (f"{task.kernels} scene {task.scene} world {failure.world}{step} ({failure.kind}), {method}: "
             f"{failure.reason}, error {failure.error:.1e}")  # fmt: skip
 
 
@@ -99,7 +108,7 @@ def save_failures(failures: list[Failure], folder: Path, small: bool, console: C
     for failure in failures:
         words = failure.reason.split(" by ")[0]
         key = (
-            failure.task.strategy,
+            failure.task.kernels,
             failure.options.residual,
             failure.options.friction,
             failure.dtype,
@@ -110,7 +119,7 @@ def save_failures(failures: list[Failure], folder: Path, small: bool, console: C
         seen.add(key)
         case = case_of(failure)
         if small and not words.startswith("differs"):
-            case = shrink(case, tries=60 if failure.task.strategy == "specialised" else 200)
+            case = shrink(case, tries=60 if failure.task.own else 200)
         path = folder / f"case{len(seen)}.json"
         save_case(case, path)
         console.print(f"wrote {path}: {describe(case)}", highlight=False, soft_wrap=True)
@@ -128,6 +137,9 @@ def fuzz_command(
     residual: Annotated[
         list[str] | None, typer.Option(help="Only this residual; may be given again.")
     ] = None,
+    part: Annotated[
+        list[str] | None, typer.Option(help=f"What is run, of {', '.join(PARTS)}; may be given again.")
+    ] = None,
     csv: Annotated[Path | None, typer.Option(help="Write a row per method and class here.")] = None,
     table: Annotated[Path | None, typer.Option(help="Write the table here as Markdown.")] = None,
     save: Annotated[
@@ -144,12 +156,18 @@ def fuzz_command(
     for name in residual or ():
         if name not in CHOICES["residual"]:
             raise ValueError(f"--residual is {name!r}; choose from {list(CHOICES['residual'])}")
+    for name in part or ():
+        if name not in PARTS:
+            raise ValueError(f"--part is {name!r}; choose from {list(PARTS)}")
     if replay is not None:
         case = load_case(replay)
         verdict, reason = case.verdict
         console.print(f"{describe(case)}\nnow: {verdict} {reason}", highlight=False, soft_wrap=True)
         raise typer.Exit(int(verdict in (SILENT, WRONG)))
-    tasks = tasks_of(seed, worlds, structures, tuple(residual or ()))
+    parts = dict.fromkeys(part or ("steps",))
+    tasks = [
+        task for name in parts for task in tasks_of(seed, worlds, structures, tuple(residual or ()), name)
+    ]
     tally = run_all(tasks, jobs, began + 60.0 * minutes, console)
     rows = rows_of(tally)
     if not rows:

@@ -24,6 +24,7 @@ from .problem import EPSILON, FLOOR, LEVER, TOLERANCE, Problem
 
 STEADY = {"float64": (4e-8, 4e-15), "float32": (1e-4, 2e-6)}  # gap="end": [m/s], and of positions [m]
 TINY = 1e-300
+NORMAL = {"float64": 2.3e-308, "float32": 1.2e-38}  # below, a number's rounding is relative to this
 BENT = 1e-3  # of sigma: where phi is no straight line
 
 
@@ -82,7 +83,7 @@ def judge(problem: Problem, out: Outcome, answer: tuple[Array, Array] | None = N
     joined = _joined(problem, acts)
     moved = truth.h[:, None] * v1
     if not method.trapezoidal:
-        size = np.abs(q1) + np.abs(truth.q) + np.abs(moved) + TINY
+        size = np.abs(q1) + np.abs(truth.q) + np.abs(moved) + NORMAL[problem.dtype]
         strict["update"] = (np.abs(q1 - truth.q - moved) / size).max(1) / (8.0 * EPSILON[problem.dtype])
     elif not method.erm:  # positions move with a velocity of their own, which opens the rows, too
         moved = (q1 - truth.q) / truth.h[:, None]
@@ -127,7 +128,11 @@ def _joined(p: Problem, acts: Array) -> Array:
     bodies = np.array(s.dof_body)
     hang = _closure(hang)[:, bodies[:, None], bodies]
     near = _product(_product(moves, hang), np.swapaxes(moves, 1, 2))
-    return _closure(near & acts[:, None])
+    over = near & acts[:, None]
+    some = np.flatnonzero(acts.any(0))  # a way leads over acting rows alone
+    over[:, :, some] |= _product(over[:, :, some], _closure(over[:, some[:, None], some]))
+    out: Array = over
+    return out
 
 
 def _product(a: Array, b: Array) -> Array:
@@ -138,9 +143,11 @@ def _product(a: Array, b: Array) -> Array:
 
 def _closure(over: Array) -> Array:
     """The transitive closure of a relation (B, n, n)."""
-    for _ in range(max(1, over.shape[1]).bit_length()):
-        over = over | _product(over, over)
-    return over
+    while True:
+        wider = over | _product(over, over)
+        if np.array_equal(wider, over):
+            return over
+        over = wider
 
 
 def _shared(values: Array, joined: Array) -> Array:

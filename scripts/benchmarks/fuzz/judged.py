@@ -34,18 +34,35 @@ def numbers_for(sim: Any, worlds: Worlds, seed: int = 0) -> dict[str, Array]:
     return numbers
 
 
+def simulator(scene: Scene, options: Options, dtype: str, strategy: str) -> Any:
+    """What steps a scene: "relay" has the specialised kernels without last resorts, and those that make what
+    they leave.
+    """
+    fast = True if strategy == "relay" else None
+    strategy = "specialised" if fast else strategy
+    return slcp.Simulator(scene, options, device="cpu", dtype=dtype, strategy=strategy, fast_path=fast)
+
+
+def kind_of(sim: Any) -> Any:
+    """The NumPy type of a simulator's numbers."""
+    return {"float64": np.float64, "float32": np.float32}[sim.dtype.__name__]
+
+
+def parameters(sim: Any, numbers: dict[str, Array]) -> Any:
+    """The worlds' numbers as a simulator takes them."""
+    return sim.params.replace(**{n: v for n, v in numbers.items() if np.size(v)})
+
+
 def step(sim: Any, worlds: Worlds, numbers: dict[str, Array], external: Array | None = None) -> Any:
     """The package's step of the worlds."""
-    kind = {"float64": np.float64, "float32": np.float32}[sim.dtype.__name__]
-    u = worlds.u.astype(kind) if sim.nu else None
-    params = sim.params.replace(**{n: v for n, v in numbers.items() if np.size(v)})
-    return sim.step(worlds.x.astype(kind), u, params, external_force=external)
+    u = worlds.u.astype(kind_of(sim)) if sim.nu else None
+    return sim.step(worlds.x.astype(kind_of(sim)), u, parameters(sim, numbers), external_force=external)
 
 
 def judged(worlds: Worlds, sim: Any, push: Array | None = None, truth: Truth | None = None,
-           force: Array | None = None) -> tuple[Verdicts, Any]:  # fmt: skip
-    """Verdicts on one step of the worlds, and the step. `push`: of the trapezoidal method, see `predicted`;
-    `force` (B, nv): more generalised forces.
+           force: Array | None = None, out: Outcome | None = None) -> tuple[Verdicts, Any]:  # fmt: skip
+    """Verdicts on one step of the worlds, and the step, where `out` does not say what came of it. `push`: of
+    the trapezoidal method, see `predicted`; `force` (B, nv): more generalised forces.
     """
     numbers, dtype = numbers_for(sim, worlds), sim.dtype.__name__
     full = dataclasses.replace(worlds, numbers=numbers | {"sigma": worlds.numbers["sigma"]})
@@ -62,11 +79,13 @@ def judged(worlds: Worlds, sim: Any, push: Array | None = None, truth: Truth | N
         force_there = push if keep is None or push is None else push[keep]
         return Problem(here, here.drive(force_there), method, dtype, inner)
 
-    problem = pose(None)
-    external = None if force is None else problem.truth.mech.wrenches(worlds.x[:, :nv], force)
-    done = step(sim, worlds, numbers, external)
+    problem, done = pose(None), None
+    if out is None:
+        external = None if force is None else problem.truth.mech.wrenches(worlds.x[:, :nv], force)
+        done = step(sim, worlds, numbers, external)
+        out = Outcome.of(done)
     with np.errstate(all="ignore"):
-        return Verdicts(problem, Outcome.of(done), pose), done
+        return Verdicts(problem, out, pose), done
 
 
 def predicted(scene: Scene, worlds: Worlds, options: Options, dtype: str) -> tuple[Array, Array]:

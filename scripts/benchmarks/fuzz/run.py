@@ -1,11 +1,12 @@
 """Running a task: verdicts on its worlds under its methods, and the twins that must agree bit for bit."""
 
+import contextlib
 from collections import Counter
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
-import slcp_warp as slcp
 from slcp_warp import StrategyError
 from slcp_warp.kernels.device import launch
 from slcp_warp.options import Options, Status
@@ -13,10 +14,11 @@ from slcp_warp.results.pictures.kinematics import Array
 
 from .differences import LIMIT, gradient_errors, jacobian_errors
 from .draws import CLASSES, Worlds
-from .judged import judged, numbers_for, predicted, step
+from .judged import judged, numbers_for, predicted, simulator, step
 from .problem import Truth
+from .rolled import follow, roll
 from .tasks import Failure, Tally, Task, key_of
-from .verdicts import HOLDS, SILENT, UNPROVEN, WRONG, Verdicts
+from .verdicts import HOLDS, SILENT, WRONG, Verdicts
 
 SHOWN = 5  # failures that a task keeps of each kind
 COMPARED = 12  # worlds of a scene whose derivatives are compared
@@ -28,33 +30,62 @@ def run_task(task: Task, threads: int = 1) -> Tally:
     tally, scene = Tally(), task.make_scene()
     for chunk in range(task.chunks):
         worlds = task.worlds(chunk, scene)
-        truth = Truth(scene, worlds)
+        truth = Truth(scene, worlds) if task.steps == 1 else None
         for options, dtype in task.methods():
             try:
-                sim = slcp.Simulator(scene, options, device="cpu", dtype=dtype, strategy=task.strategy)
+                sim = simulator(scene, options, dtype, task.strategy)
             except StrategyError:
+                continue
+            if truth is None:
+                _rollout(tally, task, chunk, worlds, sim)
                 continue
             push, known = None, np.ones(len(worlds.x), bool)
             if options.integrator == "trapezoidal":
                 push, known = predicted(scene, worlds, options, dtype)
             verdicts, done = judged(worlds, sim, push, truth)
-            _count(tally, task, chunk, worlds, options, dtype, verdicts, known)
+            places = [(chunk * task.per_chunk + i, None) for i in range(len(worlds.x))]
+            _count(tally, task, places, worlds, options, dtype, verdicts, known)
             _twins(tally, task, chunk, worlds, sim, done)
             if chunk == 0 and task.differentiates and dtype == "float64" and options.gap == "start":
                 _derivatives(tally, task, worlds, sim, verdicts)
     return tally
 
 
-def _count(tally: Tally, task: Task, chunk: int, worlds: Worlds, options: Options, dtype: str,
-           verdicts: Verdicts, known: Array) -> None:  # fmt: skip
-    """Put the verdicts into the tally; `known`: worlds whose equation of motion the oracle can write down."""
+def _rollout(tally: Tally, task: Task, chunk: int, worlds: Worlds, sim: Any) -> None:
+    """Worlds that are followed: every step judged, and twins: a world alone, two threads."""
+    us = task.controls(chunk, sim.scene)
+    run = roll(sim, worlds, us)
+    options, dtype = sim.options, sim.dtype.__name__
+    for piece in follow(run, worlds, us).pieces():
+        push, known = None, np.ones(len(piece.world), bool)
+        if options.integrator == "trapezoidal":
+            push, known = predicted(sim.scene, piece.worlds, options, dtype)
+        verdicts, _ = judged(piece.worlds, sim, push, out=piece.out)
+        first = chunk * task.per_chunk
+        places = [(first + int(i), int(k)) for i, k in zip(piece.world, piece.step)]
+        _count(tally, task, places, piece.worlds, options, dtype, verdicts, known)
+
+    def same(other: Any, keep: Any) -> Array:
+        equal = np.asarray(run.states)[keep] == np.asarray(other.states)
+        return equal.all((1, 2)) & (np.asarray(run.status)[keep] == np.asarray(other.status))
+
+    few = np.arange(0, len(worlds.x), max(1, len(worlds.x) // 4))
+    alone = np.array([same(roll(sim, worlds.part(i), us[[i]]), [i])[0] for i in few])
+    _compared(tally, task, chunk, worlds, sim, "single", few, alone)
+    with _threads(2):
+        together = same(roll(sim, worlds, us), slice(None))
+    _compared(tally, task, chunk, worlds, sim, "threads", np.arange(len(together)), together)
+
+
+def _count(tally: Tally, task: Task, places: list[tuple[int, int | None]], worlds: Worlds, options: Options,
+           dtype: str, verdicts: Verdicts, known: Array) -> None:  # fmt: skip
+    """Put the verdicts into the tally; `places`: world and step of each; `known`: worlds whose equation of
+    motion the oracle can write down.
+    """
     kept: Counter[str] = Counter()
-    unknown = ["motion", "update", "no solution", "runaway"]
-    unknown += ["contact"] if options.gap == "end" else []
+    verdicts.doubt(known)
     for i, kind in enumerate(worlds.kind):
         verdict, reason = verdicts.verdict[i], verdicts.reason[i]
-        if not known[i] and verdict == SILENT and any(part in reason for part in unknown):
-            verdict = UNPROVEN
         key = (*key_of(task, options, dtype), CLASSES[kind])
         status = Status(int(verdicts.out.status[i])).name
         tally.counts.update([(*key, "worlds"), (*key, status), (*key, f"verdict {verdict}")])
@@ -64,9 +95,9 @@ def _count(tally: Tally, task: Task, chunk: int, worlds: Worlds, options: Option
         if verdict in (SILENT, WRONG):
             kept[verdict] += 1
             if kept[verdict] <= SHOWN:
-                error, place = float(verdicts.errors.worst()[i]), chunk * task.per_chunk + i
+                error, (place, step_of) = float(verdicts.errors.worst()[i]), places[i]
                 tally.failures.append(
-                    Failure(task, place, options, dtype, CLASSES[kind], verdict, str(reason), error)
+                    Failure(task, place, options, dtype, CLASSES[kind], verdict, str(reason), error, step_of)
                 )
 
 
@@ -80,19 +111,31 @@ def _twins(tally: Tally, task: Task, chunk: int, worlds: Worlds, sim: Any, done:
 
     few = np.arange(0, len(worlds.x), max(1, len(worlds.x) // 8))
     alone = [same(step(sim, worlds.part(i), numbers_for(sim, worlds.part(i))), [i])[0] for i in few]
-    before, launch._default_threads = launch._default_threads, 2
-    together = same(step(sim, worlds, numbers_for(sim, worlds)), slice(None))
-    launch._default_threads = before
-    for what, places, equal in (
-        ("single", few, np.array(alone)),
-        ("threads", np.arange(len(together)), together),
-    ):
-        key = (*key_of(task, sim.options, sim.dtype.__name__), "all")
-        tally.counts[(*key, f"compared {what}")] += len(places)
-        for i in places[~equal][:SHOWN]:
-            place, kind = chunk * task.per_chunk + int(i), CLASSES[worlds.kind[i]]
-            tally.failures.append(Failure(task, place, sim.options, sim.dtype.__name__, kind, WRONG,
-                                          f"differs: {what}", np.inf))  # fmt: skip
+    with _threads(2):
+        together = same(step(sim, worlds, numbers_for(sim, worlds)), slice(None))
+    _compared(tally, task, chunk, worlds, sim, "single", few, np.array(alone))
+    _compared(tally, task, chunk, worlds, sim, "threads", np.arange(len(together)), together)
+
+
+@contextlib.contextmanager
+def _threads(count: int) -> Iterator[None]:
+    """Kernels run in so many threads."""
+    before, launch._default_threads = launch._default_threads, count
+    try:
+        yield
+    finally:
+        launch._default_threads = before
+
+
+def _compared(tally: Tally, task: Task, chunk: int, worlds: Worlds, sim: Any, what: str, places: Array,
+              equal: Array) -> None:  # fmt: skip
+    """Count worlds that were run otherwise, and keep those with other bits."""
+    key = (*key_of(task, sim.options, sim.dtype.__name__), "all")
+    tally.counts[(*key, f"compared {what}")] += len(places)
+    for i in places[~equal][:SHOWN]:
+        place, kind = chunk * task.per_chunk + int(i), CLASSES[worlds.kind[i]]
+        tally.failures.append(Failure(task, place, sim.options, sim.dtype.__name__, kind, WRONG,
+                                      f"differs: {what}", np.inf))  # fmt: skip
 
 
 def _derivatives(tally: Tally, task: Task, worlds: Worlds, sim: Any, verdicts: Verdicts) -> None:

@@ -59,11 +59,22 @@ def _without_body(case: Case, i: int) -> Case:
     limits = {name: case.numbers[name][dofs] for name in ("lower", "upper")}
     x = np.concatenate([case.x[: scene.nv][dofs], case.x[scene.nv :][dofs]])
     return changed(
-        dataclasses.replace(case, numbers=case.numbers | limits), x, case.u[kept],
+        dataclasses.replace(case, numbers=case.numbers | limits), x, case.u[..., kept],
         bodies=tuple(b for b in scene.bodies if b.name not in gone), contacts=contacts,
         shapes=_used(shapes, contacts), actuators=tuple(scene.actuators[k] for k in kept),
         springs=tuple(s for s in scene.springs if not {s.body_a, s.body_b} & gone),
     )  # fmt: skip
+
+
+def _later(case: Case, steps: int) -> Case:
+    """The case from the state after so many of its steps on, without what these remember."""
+    return dataclasses.replace(case, x=case.states()[steps], u=case.u[steps:])
+
+
+def steps(case: Case) -> Makers:
+    """Fewer of the steps before the one that fails: none, half, one less."""
+    before = len(case.u) - 1 if case.u.ndim == 2 else 0
+    return [partial(_later, case, n) for n in dict.fromkeys((before, before // 2, min(1, before))) if n]
 
 
 def contacts(case: Case) -> Makers:
@@ -85,7 +96,7 @@ def parts(case: Case) -> Makers:
         out.append(partial(changed, case, springs=scene.springs[:i] + scene.springs[i + 1 :]))
     for i in range(len(scene.actuators)):
         kept = scene.actuators[:i] + scene.actuators[i + 1 :]
-        out.append(partial(changed, case, u=np.delete(case.u, i), actuators=kept))
+        out.append(partial(changed, case, u=np.delete(case.u, i, -1), actuators=kept))
     for i, body in enumerate(scene.bodies):
         for name in ("lower", "upper", "stiffness"):
             value = getattr(body, name)
@@ -161,4 +172,4 @@ def _shorter(part: Body | Shape, names: tuple[str, ...]) -> dict[str, Any]:
     return {name: value for name, value in new.items() if value != getattr(part, name)}
 
 
-SIMPLER = (contacts, bodies, parts, zeros, digits)
+SIMPLER = (steps, contacts, bodies, parts, zeros, digits)

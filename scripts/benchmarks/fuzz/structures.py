@@ -38,21 +38,40 @@ def random_scene(rng: Rng, name: str, size: Size = Size()) -> Scene:
             rng, shapes, int(rng.integers(0 if rng.random() < 0.1 else 1, size.contacts + 1))
         )
         used = {n for c in contacts for n in (c.shape_a, c.shape_b)}
-        names = [b.name for b in bodies]
-        arguments: dict[str, Any] = {}
-        known = inspect.signature(Scene).parameters
-        if "implicit_damping" in known:
-            arguments["implicit_damping"] = bool(rng.random() < 0.75)
-        if "implicit_stiffness" in known:  # drawn aside: what else a scene is drawn as stays what it is
-            arguments["implicit_stiffness"] = bool(rng.spawn(1)[0].random() < 0.75)
-        scene = Scene(
-            name, bodies, tuple(s for s in shapes if s.name in used), contacts,
-            tuple(Actuator(n, int(rng.integers(JOINTS[b.joint])), 1.0)
-                  for n, b in zip(names, bodies) if rng.random() < 0.5),
-            springs=tuple(_springs(rng, names)), **arguments,
-        )  # fmt: skip
+        scene = _assembled(rng, name, bodies, tuple(s for s in shapes if s.name in used), contacts=contacts)
         if scene.structure.nr <= size.rows:
             return scene
+
+
+def random_auto(rng: Rng, name: str, size: Size = Size()) -> Scene:
+    """A scene in which everything may touch everything, of at most twice as many rows."""
+    while True:
+        bodies = tuple(_bodies(rng, int(rng.integers(3, size.bodies + 1))))
+        no = str(rng.choice(["capsule", "ellipse"]))  # these do not touch each other
+        shapes = tuple(s for s in _shapes(rng, bodies) if s.kind != no)
+        friction = None if rng.random() < 0.2 else 0.5
+        scene = _assembled(rng, name, bodies, shapes, contacts="auto", friction=friction)
+        if 0 < scene.structure.nr <= 2 * size.rows:
+            return scene
+
+
+def _assembled(
+    rng: Rng, name: str, bodies: tuple[Body, ...], shapes: tuple[Shape, ...], **touching: Any
+) -> Scene:
+    """The scene of bodies and shapes, with actuators, springs and rules of damping and stiffness."""
+    names = [b.name for b in bodies]
+    arguments: dict[str, Any] = {}
+    known = inspect.signature(Scene).parameters
+    if "implicit_damping" in known:
+        arguments["implicit_damping"] = bool(rng.random() < 0.75)
+    if "implicit_stiffness" in known:  # drawn aside: what else a scene is drawn as stays what it is
+        arguments["implicit_stiffness"] = bool(rng.spawn(1)[0].random() < 0.75)
+    return Scene(
+        name, bodies, shapes,
+        actuators=tuple(Actuator(n, int(rng.integers(JOINTS[b.joint])), 1.0)
+                        for n, b in zip(names, bodies) if rng.random() < 0.5),
+        springs=tuple(_springs(rng, names)), **arguments, **touching,
+    )  # fmt: skip
 
 
 def _bodies(rng: Rng, count: int) -> list[Body]:

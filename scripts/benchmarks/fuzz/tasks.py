@@ -1,18 +1,22 @@
 """What is run: a task is one random scene under the generic kernels and many methods, or under specialised
-ones, which compile for seconds, and one method. World i of scene s of a seed is always the same.
+ones, which compile for seconds, and one method. World i of scene s of a seed is always the same. A task is of
+a part (`parts.py`), which says what scenes and states there are, and for how many steps they are followed.
 """
 
 import dataclasses
 from collections import Counter
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from slcp_warp import Scene
 from slcp_warp.options import OptionError, Options
+from slcp_warp.results.pictures.kinematics import Array
 
-from .draws import CHUNK, Worlds, draw_worlds
-from .structures import SMALL, Size, random_scene
+from .draws import CHUNK, Worlds, decades, single
+from .parts import PARTS, Part
+from .structures import SMALL, Size
 
 DTYPES = ("float64", "float32")
 FIELDS = ("residual", "scaling", "friction", "integrator", "noise", "deviation", "gap")
@@ -29,7 +33,7 @@ GENERIC = [
 
 @dataclasses.dataclass(frozen=True)
 class Task:
-    """A scene's worlds under some kernels: `scene` is its number; `chunks` of CHUNK worlds each."""
+    """A scene's worlds under some kernels: `scene` is its number; `chunks` of `per_chunk` worlds each."""
 
     seed: int
     scene: int
@@ -37,22 +41,49 @@ class Task:
     chunks: int = 1
     residuals: tuple[str, ...] = ()
     per_chunk: int = CHUNK
+    part: str = "steps"
+
+    @property
+    def own(self) -> bool:
+        """Whether it has kernels of its own."""
+        return self.strategy != "generic"
+
+    @property
+    def kernels(self) -> str:
+        """What its rows of the table are called."""
+        return self.strategy if self.part == "steps" else f"{self.strategy}, {self.part}"
 
     @property
     def differentiates(self) -> bool:
         """Whether derivatives are compared, too: they compile as long again."""
-        return self.strategy == "specialised" and self.scene % DIFFERENTIATED == 0
+        return self.strategy == "specialised" and self.part == "steps" and self.scene % DIFFERENTIATED == 0
+
+    @property
+    def steps(self) -> int:
+        """For how many steps every world is followed."""
+        low, high = PARTS[self.part].steps
+        return int(self._rng(0, 1).integers(low, high + 1))
+
+    def _rng(self, *more: int) -> np.random.Generator:
+        return np.random.default_rng([self.seed, self.scene, self.own, *PARTS[self.part].seeds, *more])
+
+    def _part(self) -> Part:
+        return PARTS[self.part]
 
     def make_scene(self) -> Scene:
         """The random scene."""
-        rng = np.random.default_rng([self.seed, self.scene, self.strategy == "specialised"])
-        name = f"fuzz-{self.seed}-{self.strategy}-{self.scene}"
-        return random_scene(rng, name, SMALL if self.strategy == "specialised" else Size())
+        name = f"fuzz-{self.seed}-{self.kernels.replace(', ', '-')}-{self.scene}"
+        return self._part().scene(self._rng(), name, SMALL if self.own else Size())
 
     def worlds(self, chunk: int, scene: Scene) -> Worlds:
         """One chunk of its worlds."""
-        rng = np.random.default_rng([self.seed, self.scene, self.strategy == "specialised", 1 + chunk])
-        return draw_worlds(rng, scene, self.per_chunk)
+        return self._part().worlds(self._rng(1 + chunk), scene, self.per_chunk)
+
+    def controls(self, chunk: int, scene: Scene) -> Array:
+        """Controls (worlds, steps, nu) of one chunk that is followed, exact in float32."""
+        shape = (self.per_chunk, self.steps, scene.nu)
+        rng = self._rng(1 + chunk, 2)
+        return single(rng.standard_normal(shape) * decades(rng, -1, 2, self.per_chunk, 1, 1))
 
     def methods(self) -> list[tuple[Options, str]]:
         """Options and precisions that it runs."""
@@ -60,13 +91,15 @@ class Task:
             chosen = [(o, d) for o in GENERIC for d in DTYPES]
         else:
             rng = np.random.default_rng([self.seed, self.scene, 2])
-            chosen = [(random_options(rng), DTYPES[int(rng.random() < 0.4)])]
+            chosen = [(random_options(rng, self._part().wanted), DTYPES[int(rng.random() < 0.4)])]
         return [(o, d) for o, d in chosen if not self.residuals or o.residual in self.residuals]
 
 
 @dataclasses.dataclass(frozen=True)
 class Failure:
-    """A world that is wrong, by where it comes from, and what is wrong with it."""
+    """A world that is wrong, by where it comes from, and what is wrong with it; `step`: of those that it is
+    followed for, the one that is.
+    """
 
     task: Task
     world: int
@@ -76,6 +109,7 @@ class Failure:
     verdict: str
     reason: str
     error: float
+    step: int | None = None
 
 
 @dataclasses.dataclass
@@ -96,8 +130,8 @@ class Tally:
         self.failures += other.failures
 
 
-def random_options(rng: np.random.Generator) -> Options:
-    """A method that the library offers."""
+def random_options(rng: np.random.Generator, wanted: Callable[[Options], bool]) -> Options:
+    """A method that the library offers, and a part wants."""
     while True:
         residual = str(rng.choice(
             ["hard", "rem-logistic", "rem-normal", "erm-logistic", "erm-normal"], p=(0.5, 0.2, 0.1, 0.1, 0.1)
@@ -112,11 +146,13 @@ def random_options(rng: np.random.Generator) -> Options:
             "gap": str(rng.choice(["start", "end"], p=(0.6, 0.4))),
         }
         try:
-            return Options(**values)
+            options = Options(**values)
         except OptionError:
             continue
+        if wanted(options):
+            return options
 
 
 def key_of(task: Task, options: Options, dtype: str) -> tuple[str, ...]:
     """What a row of the table is about."""
-    return (task.strategy, *(str(getattr(options.method, name)) for name in FIELDS), dtype)
+    return (task.kernels, *(str(getattr(options.method, name)) for name in FIELDS), dtype)

@@ -55,6 +55,14 @@ class Verdicts:
             )
             self.verdict[unclear & (self.verdict != HOLDS)] = AMBIGUOUS
 
+    def doubt(self, known: Array) -> None:
+        """Call unproven what hangs on an equation of motion that the oracle cannot write down (B,)."""
+        unknown = ["motion", "update", "no solution", "runaway"]
+        unknown += ["contact"] if self.problem.method.end_gap else []
+        for i in np.flatnonzero((self.verdict == SILENT) & ~known).tolist():
+            if any(part in self.reason[i] for part in unknown):
+                self._set(i, UNPROVEN, self.reason[i])
+
     def _set(self, i: int, verdict: str, reason: str) -> None:
         self.verdict[i], self.reason[i] = verdict, reason
 

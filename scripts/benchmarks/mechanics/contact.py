@@ -191,7 +191,7 @@ def touches(m: Mechanics, q: Array, directions: int = DIRECTIONS, choice: int = 
         projected = [np.einsum("bi,bij->bj", along, jac) for along in (n, across(n))]
         out.append((
             gap, *projected, size, extent, margin,
-            size / np.maximum(np.abs(radius), 1e-12),
+            size / np.maximum(np.abs(radius), 1e-30),
         ))  # fmt: skip
     if not out:
         none = np.zeros((len(q), 0))

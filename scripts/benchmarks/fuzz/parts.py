@@ -1,0 +1,62 @@
+"""The parts of a run: what scenes and states there are, and for how many steps every world is followed.
+
+- steps: random mechanisms and states of five classes, one step;
+- rollouts: the same, followed for 20 to 50 steps that hand on their warm starts;
+- auto: mechanisms in which everything may touch everything, behind the broad phase where there are many
+  pairs; followed for up to 30 steps;
+- heaps: stacks, heaps, boxes that tumble, beams on many supports, followed;
+- relay: rollouts by the specialised kernels without last resorts and those that make what they leave;
+- ends: gaps at the end of the step, and the trapezoidal rule under Coulomb's friction.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from slcp_warp import Scene
+from slcp_warp.options import Options
+
+from .draws import Worlds, draw_worlds
+from .heaps import heap_worlds, random_heap
+from .structures import Size, random_auto, random_scene
+
+Rng = np.random.Generator
+FOLLOWED = (20, 50)
+
+
+def _any(options: Options) -> bool:
+    return True
+
+
+def _relayed(options: Options) -> bool:
+    return not options.residual.startswith("erm")
+
+
+def _ends(options: Options) -> bool:
+    return options.gap == "end" or (options.friction == "coulomb" and options.integrator == "trapezoidal")
+
+
+@dataclass(frozen=True)
+class Part:
+    """How a part draws scenes and states; steps, at least and at most; strategies; which methods of those
+    that the library offers are drawn for own kernels; numbers that random numbers are seeded with beside the
+    task's.
+    """
+
+    seeds: tuple[int, ...] = ()
+    scene: Callable[[Rng, str, Size], Scene] = random_scene
+    worlds: Callable[[Rng, Scene, int], Worlds] = draw_worlds
+    steps: tuple[int, int] = (1, 1)
+    strategies: tuple[str, ...] = ("generic", "specialised")
+    wanted: Callable[[Options], bool] = _any
+
+
+PARTS = {
+    "steps": Part(),
+    "rollouts": Part((99, 1), steps=FOLLOWED),
+    "auto": Part((99, 2), random_auto, steps=(1, 30), strategies=("generic",)),
+    "heaps": Part((99, 3), random_heap, heap_worlds, FOLLOWED, ("generic",)),
+    "relay": Part((99, 4), steps=FOLLOWED, strategies=("relay",), wanted=_relayed),
+    "ends": Part((99, 5), strategies=("specialised",), wanted=_ends),
+}

@@ -1,0 +1,155 @@
+"""`slcp bench fuzz`: worlds that are followed, mechanisms that touch all over, heaps, relays, their cases."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import warp as wp
+from simulators import scene as named
+from sweeps import FINGER
+
+import slcp_warp as slcp
+from slcp_warp.kernels.generic.topology import items_first
+from slcp_warp.scripts.benchmarks.fuzz import case as cases
+from slcp_warp.scripts.benchmarks.fuzz.command import tasks_of
+from slcp_warp.scripts.benchmarks.fuzz.draws import Worlds
+from slcp_warp.scripts.benchmarks.fuzz.judged import judged, parameters, simulator
+from slcp_warp.scripts.benchmarks.fuzz.parts import PARTS
+from slcp_warp.scripts.benchmarks.fuzz.problem import Problem, Truth
+from slcp_warp.scripts.benchmarks.fuzz.rolled import Stepped, follow, roll
+from slcp_warp.scripts.benchmarks.fuzz.run import run_task
+from slcp_warp.scripts.benchmarks.fuzz.simpler import steps as fewer_steps
+from slcp_warp.scripts.benchmarks.fuzz.tasks import Failure, Task
+from slcp_warp.scripts.benchmarks.fuzz.verdicts import HOLDS, SILENT, WRONG
+
+HARD = slcp.Options(residual="hard")
+ROLLED = Task(1, 5, "generic", per_chunk=6, part="rollouts")
+
+
+def rolled(task=ROLLED, options=HARD, dtype="float64"):
+    """The worlds of a task, their controls, what steps them, and their rollout."""
+    scene = task.make_scene()
+    worlds, us = task.worlds(0, scene), task.controls(0, scene)
+    sim = simulator(scene, options, dtype, task.strategy)
+    return worlds, us, sim, roll(sim, worlds, us)
+
+
+@pytest.mark.parametrize(("part", "scene"), [("rollouts", 5), ("auto", 8), ("heaps", 1), ("heaps", 10)])
+def test_small_runs_of_the_parts_have_no_silent_failure(part, scene):
+    task = Task(1, scene, "generic", residuals=("hard",), per_chunk=4, part=part)
+    assert items_first(task.make_scene().structure) == (part == "auto") and task.steps > 10
+    tally = run_task(task)
+    assert [f for f in tally.failures if f.verdict in (SILENT, WRONG)] == []
+    counts = {
+        name: sum(n for key, n in tally.counts.items() if key[-1] == name) for name in ("worlds", "SOLVED")
+    }
+    assert counts["worlds"] > 4 * 6 * task.steps / 3  # six methods; some worlds end before
+    assert counts["SOLVED"] > 0.5 * counts["worlds"]
+
+
+def test_every_part_has_tasks_that_draw_worlds():
+    for part, what in PARTS.items():
+        tasks = tasks_of(3, 20_000, 2, (), part)
+        assert {task.strategy for task in tasks} == set(what.strategies)
+        task = dataclasses.replace(tasks[-1], per_chunk=5)
+        scene = task.make_scene()
+        worlds, again = task.worlds(0, scene), task.worlds(0, task.make_scene())
+        assert np.array_equal(worlds.x, again.x) and worlds.x.shape == (5, 2 * scene.nv)
+        assert task.controls(0, scene).shape == (5, task.steps, scene.nu)
+        other = dataclasses.replace(task, seed=4)
+        assert not np.array_equal(other.worlds(0, other.make_scene()).x[:, :1], worlds.x[:, :1])
+
+
+def test_a_step_that_is_changed_is_found_where_it_is():
+    """The state after it is not its own, and the next one starts from there; no other is silent."""
+    worlds, us, sim, run = rolled()
+    assert (run.status == slcp.Status.SOLVED).any()
+    world, step = int(np.flatnonzero(run.status == slcp.Status.SOLVED)[0]), 7
+    states = np.array(run.states)
+    states[world, step + 1, 0] += 1e-6
+    steps = follow(dataclasses.replace(run, states=states), worlds, us)
+    found, _ = judged(steps.worlds, sim, out=steps.out)
+    silent = found.verdict == SILENT
+    assert {(int(w), int(k)) for w, k in zip(steps.world[silent], steps.step[silent])} == {
+        (world, step),
+        (world, step + 1),
+    }
+
+
+def test_a_world_that_fails_ends_with_the_step_that_does():
+    scene = named("opposing_limits")
+    numbers = {name: np.repeat(v[None], 3, 0) for name, v in scene.default_parameters().items()}
+    x, us = np.tile(scene.x0, (3, 1)), np.zeros((3, 8, 1))
+    us[1, 5] = np.nan
+    worlds = Worlds(numbers, x, us[:, 0], np.zeros(3, int))
+    sim = simulator(scene, HARD, "float64", "generic")
+    run = roll(sim, worlds, us)
+    assert run.status.tolist() == [0, slcp.Status.NONFINITE, 0]
+    steps = follow(run, worlds, us)
+    assert np.bincount(steps.world).tolist() == [8, 6, 8]
+    assert steps.out.status[steps.world == 1].tolist() == [0] * 5 + [slcp.Status.NONFINITE]
+    np.testing.assert_array_equal(steps.worlds.x[steps.step == 3], run.states[:, 3])
+
+
+def test_relays_are_judged():
+    """The finger from states where most worlds need the full kernel for some step."""
+    rng, count = np.random.default_rng(3), 12
+    x = FINGER.x0 + rng.standard_normal((count, 6)) * (0.3, 0.3, 3.0, 1.0, 1.0, 1.0)
+    numbers = {name: np.repeat(v[None], count, 0) for name, v in FINGER.default_parameters().items()}
+    us = rng.standard_normal((count, 40, 2))
+    worlds = Worlds(numbers, x, us[:, 0], np.zeros(count, int))
+    sim = simulator(FINGER, slcp.Options(scaling="none"), "float64", "relay")
+    assert sim.kernels.fast_path and sim.dtype is wp.float64
+    steps = follow(roll(sim, worlds, us), worlds, us)
+    found, _ = judged(steps.worlds, sim, out=steps.out)
+    assert len(steps.world) == 480 and (found.verdict == HOLDS).all()
+    assert (steps.out.impulse > 1e-3).any(1).mean() > 0.05
+
+
+def test_a_followed_case_comes_back_and_gets_shorter(tmp_path):
+    worlds, us, _, run = rolled()
+    world, step = int(np.flatnonzero(run.status == slcp.Status.SOLVED)[0]), 6
+    failure = Failure(ROLLED, world, HARD, "float64", "far", SILENT, "planted", 1.0, step)
+    case = cases.case_of(failure)
+    np.testing.assert_allclose(case.states()[: step + 2], run.states[world, : step + 2], rtol=0, atol=1e-12)
+    _, done = case.run()
+    assert done is None and case.verdict == (HOLDS, "")
+    cases.save_case(case, tmp_path / "case.json")
+    back = cases.load_case(tmp_path / "case.json")
+    np.testing.assert_array_equal(back.u, us[world, : step + 1])
+    np.testing.assert_array_equal(back.states(), case.states())
+    shorter = [make() for make in fewer_steps(case)]
+    assert [len(c.u) for c in shorter] == [1, step + 1 - step // 2, step]
+    np.testing.assert_array_equal(shorter[0].x, case.states()[step])
+
+
+def test_cases_of_auto_contacts_list_them():
+    task = Task(1, 8, "generic", per_chunk=4, part="auto")
+    failure = Failure(task, 1, HARD, "float64", "far", SILENT, "planted", 1.0, 2)
+    case = cases.case_of(failure)
+    assert len(case.scene.contacts) == len(task.make_scene().all_contacts)
+    assert items_first(case.scene.structure) and case.verdict[0] in (HOLDS, "status")
+
+
+def test_points_in_one_place_have_any_normal():
+    """A point that rests on another one ends 3e-16 m away, in a direction that is a rounding."""
+    bodies = (slcp.Body("a", 1.0, 0.1, joint="free"),)
+    shapes = (slcp.Shape("tip", "a", "disc", 0.0, offset=(0.3, 0.0)), slcp.Shape("post", None, "disc", 0.0))
+    scene = slcp.Scene("points", bodies, shapes, (slcp.Contact("tip", "post"),))
+    numbers = {name: np.repeat(v[None], 2, 0) for name, v in scene.default_parameters().items()}
+    for apart, unclear in ((3e-16, True), (1e-6, False)):
+        x = np.array([[-0.3, apart, 0.0, 0.0, -1.0, 0.0]] * 2)
+        truth = Truth(scene, Worlds(numbers, x, np.zeros((2, 0)), np.zeros(2, int)))
+        assert (Problem(truth, truth.drive(), HARD.method, "float64").unclear == unclear).all()
+
+
+@pytest.mark.parametrize(("dtype", "loops"), [("float64", False), ("float32", True)])
+def test_what_is_followed_starts_where_it_says(dtype, loops):
+    """In float32 generic kernels are followed by steps: their rollouts go on in double precision."""
+    worlds, us, sim, run = rolled(dtype=dtype)
+    assert isinstance(run, Stepped) == loops
+    steps = follow(run, worlds, us)
+    again = sim.rollout(worlds.x.astype(dtype), us.astype(dtype), parameters(sim, worlds.numbers))
+    np.testing.assert_array_equal(run.status, again.status)
+    np.testing.assert_allclose(run.states[:, 1], again.states[:, 1], rtol=0, atol=0)
+    assert (steps.worlds.x == steps.worlds.x.astype(dtype)).all()
