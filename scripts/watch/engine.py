@@ -70,8 +70,12 @@ class Engine:
     def choose(self, name: str) -> None:
         """Give the controls to another policy, from its beginning."""
         self.acting: Acting = acting(self.policies[name], self.worlds.sim, len(self.worlds.state))
-        self.policy = name
-        self.since = self.time
+        self.policy, self.since = name, self.time
+        self.lost = self._lost()
+
+    def _lost(self) -> int:
+        """Plans that the policy kept for want of a better one, since it was made."""
+        return int(getattr(self.policies[self.policy], "failures", 0))
 
     def prepare(self) -> None:
         """Compile what stepping and asking need, before anybody waits for it."""
@@ -104,6 +108,8 @@ class Engine:
             self.said = f"{self.policy}: {error}"
             self.choose(ZERO)
             self.controls = np.zeros_like(self.controls)
+        if self._lost() > self.lost:
+            self.said = f"{self.policy}: {self._lost() - self.lost} plans failed, the last ones go on"
         if self.recording is not None:
             self.recording.before(self.controls)
         worlds.step(self.controls, self.pull)

@@ -9,7 +9,6 @@ import pytest
 import scipy.linalg
 
 import slcp_warp as slcp
-from slcp_warp import ddp
 from slcp_warp.results.pictures.kinematics import turn
 from slcp_warp.results.pictures.mechanism import Mechanism
 from slcp_warp.scripts.commands.watch import watched
@@ -217,20 +216,6 @@ def test_a_tasks_disturbances_are_buttons():
     inertia = np.asarray(engine.worlds.params["inertia"])[2]
     assert engine.worlds.state[0, 5] == pytest.approx(0.5 + 2.0 * 0.12 / inertia, rel=1e-3)
     assert not engine.worlds.force.any()
-
-
-def test_a_planning_policy_shows_what_it_intends():
-    """The path of the free ellipse's centre is its anchor; the finger's links move along theirs."""
-    task = slcp.tasks.flicking_finger()
-    policy = ddp.MPC(ddp.problem_of(task), passes=1, starts=["shift", "zero"])
-    engine = stepped(Engine(Subject.of(task), {"mpc": policy}), 3)
-    assert engine.policy == "mpc" and engine.said == ""
-    paths = np.array(engine.picture(1.0)["plan"])
-    assert paths.shape[0] == 3 and np.ptp(paths[0], axis=0).max() > 0.05
-    np.testing.assert_allclose(paths[2], np.tile([0.0, -3.0], (paths.shape[1], 1)), atol=1e-3)
-    engine.send(ME, {"do": "policy", "name": "zero"})
-    engine.advance(0.0)
-    assert engine.picture(1.0)["plan"] == []
 
 
 def test_a_record_is_the_run_to_the_last_bit(tmp_path):

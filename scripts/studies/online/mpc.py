@@ -12,9 +12,9 @@ import slcp_warp as slcp
 from slcp_warp import ddp
 from slcp_warp.ensembles.statistics import mean_interval, share_interval
 
-from ..support.options import Seed
-from ..support.screen import console, one_line_errors, show_rows
-from ..support.tables import write_csv
+from ...support.options import Seed
+from ...support.screen import console, one_line_errors, show_rows
+from ...support.tables import write_csv
 
 SPINNING = 0.5  # rad/s
 KICK = 2.0  # standard deviation of the start's velocities [rad/s]

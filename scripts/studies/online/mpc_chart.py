@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from ..charts.style import BLUE, ORANGE, RED, plt, save
+from ...charts.style import BLUE, ORANGE, RED, plt, save
 
 
 def mpc_chart(path: Path, rows: list[dict[str, Any]]) -> Path:
