@@ -87,3 +87,12 @@ def test_spawned_processes_find_them(python, tmp_path):
     script.write_text(SPAWNED)
     done = python(ROOT, str(script))
     assert done.stdout.strip() == "[100.]", done.stderr
+
+
+def test_no_command_takes_the_name_of_another():
+    """Former names of studies are commands, too: the later of two of one name would be what runs."""
+    from slcp_warp.scripts.app import app, paper
+
+    for group in (app, paper):
+        names = [each.name for each in group.registered_commands]
+        assert len(set(names)) == len(names), names

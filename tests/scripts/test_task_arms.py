@@ -40,7 +40,7 @@ def test_arms_are_made_once_and_told(tmp_path, commands):
     """MPC plans the push itself; the finger, whose run is longer than a plan, from the library."""
     table, chart = tmp_path / "table.csv", tmp_path / "chart.png"
     size = ("--worlds", 64, "--mpc-worlds", 16)
-    call("paper", "tasks", tmp_path, *TASKS, *size, "--csv", table, "--chart", chart)
+    call("paper", "success", tmp_path, *TASKS, *size, "--csv", table, "--chart", chart)
     assert [words[:2] for words in commands] == [
         *[(what, "push_to_mark") for what in ("library", "sweep", "sweep")],
         *[(what, "flicking_finger") for what in ("library", "sweep", "sweep")],
@@ -57,10 +57,10 @@ def test_arms_are_made_once_and_told(tmp_path, commands):
     )
     assert chart.stat().st_size > 10_000
     before = len(commands)
-    call("paper", "tasks", tmp_path, *TASKS, *size)
+    call("paper", "success", tmp_path, *TASKS, *size)
     assert len(commands) == before
 
 
 def test_a_task_that_is_none_is_named(tmp_path, commands):
-    assert "--only names ['juggle']" in fails("paper", "tasks", tmp_path, "--only", "juggle")
+    assert "--only names ['juggle']" in fails("paper", "success", tmp_path, "--only", "juggle")
     assert not commands

@@ -1,4 +1,4 @@
-"""`slcp paper tasks`: every named task under a library and under MPC, disturbed worlds, hard contact."""
+"""`slcp paper success`: every named task under a library and under MPC, disturbed worlds, hard contact."""
 
 import subprocess
 import sys

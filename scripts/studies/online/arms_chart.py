@@ -1,4 +1,4 @@
-"""The picture of `slcp paper tasks`: both arms of every task, and the line that they are to reach."""
+"""The picture of `slcp paper success`: both arms of every task, and the line that they are to reach."""
 
 from pathlib import Path
 from typing import Any
