@@ -20,6 +20,9 @@ from slcp_warp.kernels.device.progress import recorded
 from slcp_warp.scripts.app import app
 from slcp_warp.scripts.stages.task_sweep import load_report, report_table
 from slcp_warp.scripts.support.records import load_record
+from slcp_warp.scripts.watch.engine import Engine
+from slcp_warp.scripts.watch.scenario import buttons_of
+from slcp_warp.scripts.watch.world import Subject
 
 TOML = Path(__file__).parents[2] / "examples" / "tasks" / "shove.toml"
 
@@ -136,6 +139,14 @@ def falsified(folder: Path) -> None:
         hard = replace(task.options, residual="hard")
         found = slcp.sweep(still, plan, worlds=1, cases=hard, dtype="float64", device="cpu").part("policy")
         assert found["success"][0] != fails_then
+    page = Engine(
+        Subject.of(task), pushes=buttons_of(scenario, "found")
+    )  # the same kick is a button of the page
+    page.send(1, {"do": "push", "name": "found: kick"})
+    page.advance(0.0)
+    np.testing.assert_allclose(
+        page.worlds.state[0, task.scene.nv :], scenario.start[0, task.scene.nv :] + kick
+    )
     run = load_record(out / "run.npz", "trajectory")
     assert run["states"].shape[1] == task.steps + 1 and not run["status"].any()
     assert call("chart", out / "falsification.csv", "--out", out / "pictures").exit_code == 0
