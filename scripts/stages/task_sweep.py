@@ -16,6 +16,7 @@ from slcp_warp.ensembles.statistics.source import MemorySource
 from slcp_warp.runs import manifest
 from slcp_warp.storage.files import FileError
 
+from ..support.asking import steps_of_sweep, watched
 from ..support.policies import policies_of_task
 from ..support.tables import read_csv
 from .sweep import percent, plus_minus
@@ -33,8 +34,12 @@ def changed_task(task: slcp.Task, disturbances: dict[str, Any], **changes: Any) 
 
 
 def sweep_task(task: slcp.Task, given: Sequence[str] | None, **choices: Any) -> slcp.Report:
-    """Sweep policies as the commands name them, see `named_policy`."""
-    report: slcp.Report = slcp.sweep(task, policies_of_task(given, task), **choices)
+    """Sweep policies as the commands name them, see `named_policy`; `progress` is told how long they take."""
+    policies, progress = policies_of_task(given, task), choices.get("progress")
+    if progress is not None:
+        steps = steps_of_sweep(task, *(choices.get(name) for name in ("worlds", "cases", "step_sizes")))
+        policies = watched(policies, steps, progress.say)
+    report: slcp.Report = slcp.sweep(task, policies, **choices)
     if not report.source.keys:
         raise KeyboardInterrupt
     return report

@@ -1,5 +1,6 @@
 """Worlds over time, open loop or under a policy."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,10 +13,13 @@ from rich.table import Table
 import slcp_warp as slcp
 from slcp_warp.ensembles.worlds.nominal import nominal
 from slcp_warp.inputs.limits import limit_rows
+from slcp_warp.stepping.host import acts_on_host
 
+from ..support.asking import watched
 from ..support.policies import ZERO, named_policy
 from ..support.records import device_facts
 from ..support.rules import told
+from ..support.screen import waiting
 
 RECORD = ("controls", "impulse", "gap")
 OVERLAP = 1e-6  # from which on a start is said to overlap [m, rad]
@@ -52,7 +56,10 @@ def simulate(
         controller, facts = named_policy(policy, sim.scene, task)
         if task is not None:
             controller = nominal(controller, task, float(np.ravel(params["step_size"])[0]))
-        trajectory = sim.rollout(x0, policy=controller, steps=steps, params=params, record=recorded)
+        with waiting("simulating") if acts_on_host(controller) else nullcontext(print) as tell:
+            name = str(facts["policy"])
+            timed = watched({name: controller}, len(x0) * steps, tell)[name]
+            trajectory = sim.rollout(x0, policy=timed, steps=steps, params=params, record=recorded)
     return replace(trajectory, header=device_facts(sim) | facts)
 
 

@@ -54,21 +54,42 @@ def one_line(error: Exception) -> str:
     return " ".join(text.split())
 
 
+class Bar:
+    """How far a command is: called with (done, total); `say` puts a text behind it."""
+
+    def __init__(self, show: Callable[[int, int, str], None]) -> None:
+        self._show, self._done, self._more = show, (0, 0), ""
+
+    def __call__(self, done: int, total: int) -> None:
+        """So many of so many are done."""
+        self._done = done, total
+        self._show(*self._done, self._more)
+
+    def say(self, text: str) -> None:
+        """What is known beside it."""
+        self._more = f"; {text}" if text else ""
+        self._show(*self._done, self._more)
+
+
 @contextmanager
-def progress_bar(what: str) -> Iterator[Callable[[int, int], None]]:
-    """A progress bar on a terminal, lines now and then elsewhere; yields a callback (done, total)."""
+def progress_bar(what: str) -> Iterator[Bar]:
+    """A progress bar on a terminal, lines now and then elsewhere."""
     if not beside.is_terminal:
         with _lines(what) as tell:
-            yield lambda done, total: tell(f"{done:,} of {total:,} {what}")
+            yield Bar(lambda done, total, more: tell(_of(done, total, what) + more))
         return
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=beside, transient=True) as progress:
         task = progress.add_task(what, total=None)
 
-        def update(done: int, total: int) -> None:
-            progress.update(task, completed=done, total=total)
+        def update(done: int, total: int, more: str) -> None:
+            progress.update(task, completed=done, total=total or None, description=f"{what}{more}")
 
-        yield update
+        yield Bar(update)
+
+
+def _of(done: int, total: int, what: str) -> str:
+    return f"{done:,} of {total:,} {what}" if total else what
 
 
 @contextmanager
@@ -112,6 +133,13 @@ def timed(what: str, times: dict[str, float] | None = None) -> Iterator[None]:
     if times is not None:
         times[what] = seconds
     console.print(f"[dim]{what}: {seconds:.1f} s[/dim]")
+
+
+def span(seconds: float) -> str:
+    """A time in words: "40 s", "12 min", "1.5 h"."""
+    if seconds < 100.0:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60.0:.0f} min" if seconds < 6000.0 else f"{seconds / 3600.0:.1f} h"
 
 
 def show_rows(title: str, rows: list[dict[str, Any]]) -> None:

@@ -1,8 +1,10 @@
 """Options of the steps as commands share them; what commands say where nobody sees a terminal."""
 
 import inspect
+import re
 import time
 
+import numpy as np
 import pytest
 
 pytest.importorskip("typer")
@@ -10,8 +12,11 @@ pytest.importorskip("typer")
 from test_cli import call, fails
 
 import slcp_warp as slcp
+from slcp_warp.scripts.stages import task_sweep
 from slcp_warp.scripts.support import screen
+from slcp_warp.scripts.support.asking import steps_of_sweep
 from slcp_warp.scripts.support.rules import NO_RULE, HardRule, OneRule, Rules, told, with_rules
+from slcp_warp.scripts.support.screen import span
 
 COMMANDS = "simulate optimise library sweep compile watch compare sensitivity map rare falsify".split()
 THROW = """
@@ -91,6 +96,53 @@ def test_a_task_without_controls_by_commands(tmp_path, monkeypatch):
     )
     assert "--policy is missing" in fails("sweep", "catch", "--device", "cpu")
     assert "--friction is of a task" in fails("sweep", "--policy", "x.npz", "--friction", "coulomb")
+
+
+SLOW = """
+import time
+import numpy as np
+import slcp_warp as slcp
+def slowly(x, t):
+    time.sleep(0.02)
+    return np.zeros((len(x), 1))
+policy = slcp.policies.Callback(slowly)
+"""
+
+
+def test_how_long_a_policy_on_the_host_takes_is_said_before_it_has(tmp_path, monkeypatch, capfd):
+    """... to run a task, and to sweep it."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(screen, "TELL_AT", (0.2, 0.3, 0.4))
+    (tmp_path / "slow.py").write_text(SLOW)
+    task = slcp.tasks.cart_pole_walls()
+    short = task.replace(duration=50 * task.scene.step_size, disturbances=slcp.Disturbances())
+    slcp.save_task(short, "short.json")
+    said = call("simulate", "short.json", "--policy", "slow.py:policy", "--device", "cpu").stderr
+    takes = r"policy takes ([\d.]+) ms a step and world, \d+ s to go"
+    found = re.findall(f"slcp: {takes}", said)
+    assert found and all(20.0 <= float(each) for each in found), said
+
+    def asked(task, policies, progress, **choices):
+        for k in range(20):
+            policies["policy"].act(np.zeros((4, 4)), k * 0.02, np.arange(4))
+            progress(k, 20)
+
+    monkeypatch.setattr(task_sweep.slcp, "sweep", asked)
+    monkeypatch.setattr(task_sweep.slcp, "Report", object)
+    with screen.progress_bar("worlds") as progress, pytest.raises(AttributeError):
+        task_sweep.sweep_task(
+            short, ["slow.py:policy"], worlds=4, cases=None, step_sizes=None, progress=progress
+        )
+    found = re.findall(rf"slcp: \d+ of 20 worlds; {takes}", capfd.readouterr().err)
+    assert found and all(5.0 <= float(each) for each in found)
+
+
+def test_steps_of_a_sweep_are_all_that_are_asked_for():
+    task = slcp.tasks.catch()
+    assert steps_of_sweep(task, 7, task.options, None) == 8 * task.steps
+    both = steps_of_sweep(task, 7, None, (task.scene.step_size, 2 * task.scene.step_size))
+    assert both == 2 * 8 * (task.steps + task.steps // 2)
+    assert [span(s) for s in (3.2, 750.0, 7300.0)] == ["3 s", "12 min", "2.0 h"]
 
 
 def test_progress_without_a_terminal_is_lines(monkeypatch, capfd):
