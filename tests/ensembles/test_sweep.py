@@ -14,7 +14,7 @@ import slcp_warp as slcp
 from slcp_warp import Status
 from slcp_warp.ensembles import launch as launches
 from slcp_warp.ensembles import run_worlds, statistics, summary
-from slcp_warp.ensembles.sweep import sweep_scene
+from slcp_warp.ensembles.sweep import sweep_scene, task_of
 from slcp_warp.ensembles.worlds import draws
 from slcp_warp.kernels.device import launch as launching
 
@@ -238,6 +238,23 @@ def test_rates_are_those_of_the_record(device):
         np.testing.assert_allclose(table["rate"], samples[:, -1], rtol=1e-4, atol=1e-6)
         np.testing.assert_allclose(table["late_rate"], late, rtol=1e-4, atol=1e-5)
         np.testing.assert_array_equal(table["spinning"], table["late_rate"] > 0.5)
+
+
+def test_the_time_to_recover_is_that_of_a_measure(device):
+    """With a window of a step the rate that is looked at is the velocity after it: recorded, and measured."""
+    h = FINGER.step_size
+    spec = sweeps.spec(sample_every=h, window=h, threshold=0.5)
+    task = task_of(FINGER, spec)
+    fast = slcp.measures.state("ellipse.vangle") > spec.threshold
+    first = slcp.measures.first_time(fast, start=h)
+    own = task.replace(options=slcp.Options(scaling="none"), measures={"first": first})
+    found = slcp.sweep(
+        own, sweeps.idle(), worlds=spec.worlds, seed=spec.seed, cases=own.options, device=device
+    )
+    measured = found.part("policy")["first"] - h
+    record = run(device, sample_every=h, window=h, threshold=0.5).table["recovery_time"]
+    assert 5 < np.isfinite(record).sum() < spec.worlds
+    np.testing.assert_allclose(record, measured, rtol=0, atol=1e-4)
 
 
 def test_recovery_of_known_motions():

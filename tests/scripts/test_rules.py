@@ -112,7 +112,7 @@ policy = slcp.policies.Callback(slowly)
 def test_how_long_a_policy_on_the_host_takes_is_said_before_it_has(tmp_path, monkeypatch, capfd):
     """... to run a task, and to sweep it."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(screen, "TELL_AT", (0.2, 0.3, 0.4))
+    monkeypatch.setattr(screen, "TELL_AT", tuple(0.1 * k for k in range(1, 600)))
     (tmp_path / "slow.py").write_text(SLOW)
     task = slcp.tasks.cart_pole_walls()
     short = task.replace(duration=50 * task.scene.step_size, disturbances=slcp.Disturbances())
