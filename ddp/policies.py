@@ -81,8 +81,8 @@ class TrackingPolicy:
             )
         struct = make_tracking(sim.nx, sim.nu, sim.dtype).Struct()
         own = functools.partial(put, sim)
-        struct.us, struct.gain, struct.period = own(self.us), own(self.K), own(self.period)
-        struct.xs = own(self.xs)
+        struct.us, struct.gain, struct.period = own(self.us, "us"), own(self.K, "K"), own(self.period)
+        struct.xs = own(self.xs, "xs")
         put_limits(sim, struct, self.limits)
         return TRACKING, struct
 

@@ -13,13 +13,14 @@ from ..measures.reductions import Measure, first_time
 from ..options import Options, Status
 from ..policies.linear import Linear
 from ..simulator import Simulator
-from ..stepping.arguments import at_step_size
+from ..stepping.arguments import at_step_size, checked_kernel
+from ..stepping.host import acts_on_host
 from ..tasks.disturbances import Disturbances
 from ..tasks.task import Task
 from .chunks import ARMS, Chunks, Part
 from .launch import Case, Recorded, worlds_at_once
 from .worlds import Worlds
-from .worlds.between import between, steps_of
+from .worlds.between import between, observed, steps_of
 from .worlds.draws import Draws, Given, draws_of_task
 
 
@@ -86,6 +87,8 @@ class TaskSweep:
             label: Simulator(task.scene, options, device=device, dtype=dtype, strategy=strategy)
             for label, options in self.cases.items()
         }
+        if isinstance(policies, Mapping):
+            _check_kernels(task, self.policies, next(iter(self.simulators.values())), sizes[0])
         self.record = Recorded.of(task.scene, record, record_every, task.duration)
         records = self.record.count(task.duration), len(self.record.states)
         parts = []
@@ -181,6 +184,17 @@ def _check_numbers(given: Worlds | None, policies: Mapping[str, Any]) -> None:
                 f"policy {name!r} is for worlds 0 to {own - 1}; Worlds.numbers holds {last} "
                 "(a policy of every world's own is asked by number)"
             )
+
+
+def _check_kernels(task: Task, policies: Mapping[str, Any], sim: Simulator, step_size: float) -> None:
+    """Raise an error with a policy's name for one that the scene cannot have, before the first world runs."""
+    for name, policy in policies.items():
+        try:
+            policy = observed(at_step_size(policy_of(task, policy), step_size), task)
+            if not acts_on_host(policy):
+                checked_kernel(policy, sim)
+        except (ArgumentError, ArgumentTypeError) as error:
+            raise type(error)(f"policies[{name!r}]: {error}") from error
 
 
 def _undisturbed(task: Task, policy: Any) -> int:

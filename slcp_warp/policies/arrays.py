@@ -10,13 +10,13 @@ from ..inputs.limits import bounded
 from ..simulator import Simulator
 
 
-def put(sim: Simulator, values: Any) -> wp.array:
-    """Values of a policy as a Warp array of a simulator's precision, on its device."""
+def put(sim: Simulator, values: Any, name: str = "a policy's array") -> wp.array:
+    """Values of a policy as a Warp array of a simulator's precision, on its device; `name`: for errors."""
     if isinstance(values, wp.array):
         if values.dtype is not sim.dtype or values.device != sim.device or not values.is_contiguous:
             raise ArgumentError(
-                f"a policy's Warp array is of {values.dtype.__name__} on {values.device}; a contiguous array "
-                f"of {sim.dtype.__name__} on {sim.device} is needed"
+                f"{name} is a Warp array of {values.dtype.__name__} on {values.device}; a contiguous one of "
+                f"{sim.dtype.__name__} on {sim.device} is needed"
             )
         return values
     return wp.array(np.ascontiguousarray(values), dtype=sim.dtype, device=sim.device)

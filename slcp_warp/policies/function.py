@@ -81,7 +81,7 @@ class Function:
                     raise ArgumentError(f"{name} is a Warp array on {value.device}; {sim.device} is needed")
                 setattr(struct, name, value)
             else:
-                setattr(struct, name, put(sim, value) if value.ndim else float(value))
+                setattr(struct, name, put(sim, value, name) if value.ndim else float(value))
         return self._kernel, struct
 
 

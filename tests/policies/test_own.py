@@ -230,7 +230,7 @@ BAD = {
     "five axes": (lambda: F(the_state, gain=np.zeros((1,) * 5)), r"gain has shape .*at most 4 axes"),
     "another precision": (
         roll(lambda: F(no_such_array, gain=wp.zeros(1, dtype=wp.float32, device="cpu"))),
-        "policy's Warp array is of float32 on cpu; a contiguous array of float64"),
+        "is a Warp array of float32 on cpu; a contiguous one of float64"),
     "gains of another scene": (
         roll(lambda: policies.Linear(np.zeros((1, 6)), np.zeros(6), FORCE)), r"K has shape \(1, 6\); scene"),
     "gains of other worlds": (
