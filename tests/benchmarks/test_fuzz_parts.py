@@ -13,6 +13,7 @@ from slcp_warp.kernels.generic.topology import items_first
 from slcp_warp.scripts.benchmarks.fuzz import case as cases
 from slcp_warp.scripts.benchmarks.fuzz.command import tasks_of
 from slcp_warp.scripts.benchmarks.fuzz.draws import Worlds
+from slcp_warp.scripts.benchmarks.fuzz.judge import Outcome
 from slcp_warp.scripts.benchmarks.fuzz.judged import judged, parameters, simulator
 from slcp_warp.scripts.benchmarks.fuzz.parts import PARTS
 from slcp_warp.scripts.benchmarks.fuzz.problem import Problem, Truth
@@ -20,7 +21,7 @@ from slcp_warp.scripts.benchmarks.fuzz.rolled import Stepped, follow, roll
 from slcp_warp.scripts.benchmarks.fuzz.run import run_task
 from slcp_warp.scripts.benchmarks.fuzz.simpler import steps as fewer_steps
 from slcp_warp.scripts.benchmarks.fuzz.tasks import Failure, Task
-from slcp_warp.scripts.benchmarks.fuzz.verdicts import HOLDS, SILENT, WRONG
+from slcp_warp.scripts.benchmarks.fuzz.verdicts import HOLDS, SILENT, WRONG, Verdicts
 
 HARD = slcp.Options(residual="hard")
 ROLLED = Task(1, 5, "generic", per_chunk=6, part="rollouts")
@@ -153,3 +154,36 @@ def test_what_is_followed_starts_where_it_says(dtype, loops):
     np.testing.assert_array_equal(run.status, again.status)
     np.testing.assert_allclose(run.states[:, 1], again.states[:, 1], rtol=0, atol=0)
     assert (steps.worlds.x == steps.worlds.x.astype(dtype)).all()
+
+
+def slider(**fields):
+    """A slider of 1 kg straight above ground that its tip, a point, touches at q = 0; without gravity."""
+    body = slcp.Body("a", 1.0, 0.1, joint="prismatic", axis=(0.0, 1.0), **fields)
+    ground = slcp.Shape("g", None, "halfplane", offset=(0.0, 0.7), angle=np.pi / 2)
+    tip = slcp.Shape("tip", "a", "disc", 0.0, offset=(0.0, 0.7))
+    return slcp.Scene("slider", (body,), (tip, ground), (slcp.Contact("g", "tip"),), gravity=(0.0, 0.0))
+
+
+def verdict_of(scene, q, v, after, impulse, dtype):
+    """Of a step from (q, v) to the velocity `after`, with an impulse."""
+    numbers = {name: value[None] for name, value in scene.default_parameters().items()}
+    truth = Truth(scene, Worlds(numbers, np.array([[q, v]]), np.zeros((1, 0)), np.zeros(1, int)))
+    p = Problem(truth, truth.drive(), HARD.method, dtype)
+    x = np.array([[q + scene.step_size * after, after]])
+    out = Outcome(x, np.array([[impulse]]), p.rate * scene.step_size, np.zeros(1, int))
+    return str(Verdicts(p, out, lambda keep: p).verdict[0])
+
+
+@pytest.mark.parametrize(("v", "held"), [(-4.7e-44, HOLDS), (-4.7e-30, SILENT)])
+def test_numbers_below_the_smallest_normal_keep_no_digits(v, held):
+    """A slider that its damper slows down for ever: in float32 its speed ends at a few units of 1.4e-45."""
+    assert verdict_of(slider(damping=50.0), 0.5, v, 0.65 * v, 0.0, "float32") == held
+    assert verdict_of(slider(damping=50.0), 0.5, v, v / 1.5, 0.0, "float32") == HOLDS
+
+
+@pytest.mark.parametrize(("push", "held"), [(1e-8, HOLDS), (1e-4, SILENT)])
+def test_a_gap_that_is_a_rounding_may_push(push, held):
+    """A tip .7 m from where gaps are worked out, 1e-9 m above ground: in float32 it may be inside by 1e-8."""
+    speed = push / slider().step_size
+    assert verdict_of(slider(), 1e-9, 0.0, speed, speed, "float32") == held
+    assert verdict_of(slider(), 1e-9, 0.0, speed, speed, "float64") == SILENT

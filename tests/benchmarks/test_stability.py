@@ -184,6 +184,16 @@ def test_stiff_dampers_slow_down_springs_stay_and_guides_along_a_surface_are_jud
     assert {row["verdict"] for row in rows} == {PASS}
 
 
+def test_heaps_and_chains_are_judged():
+    """What generic kernels step: thrown heaps gain no energy, a chain stays before its wall."""
+    names = ("heap of 8, thrown", "heavy on a heap", "long chain")
+    selection = Selection(names, ("hard",), ("float64",), (), (0.01,))
+    rows = [row for row in run_battery(CASES, selection, lambda line: None) if row["friction"] == "anitescu"]
+    assert {row["case"] for row in rows} == set(names) and SILENT not in {row["verdict"] for row in rows}
+    kept = [row for row in rows if row["variant"] < 1e3 and row["status"] != "NONFINITE"]
+    assert len(kept) == 14 and {row["verdict"] for row in kept} == {PASS}
+
+
 @pytest.mark.slow
 def test_no_cell_fails_silently():
     """The cheapest kernels of the quick battery: joint limits, and a lever with noise."""

@@ -110,7 +110,9 @@ def test_what_nothing_presses_falls_freely():
 
 
 def envelopes(rng, first):
-    """A diagonally dominant matrix of 3 x 3 blocks in an envelope: dense, and as `lu.py` stores it."""
+    """A matrix of 3 x 3 blocks in an envelope, dominated by its diagonal, whose signs differ: dense, and as
+    `lu.py` stores it.
+    """
     n = len(first)
     dense = np.zeros((3 * n, 3 * n))
     lower, upper, at = [], [], []
@@ -118,7 +120,9 @@ def envelopes(rng, first):
         at.append(len(lower) - first[i])
         for j in range(first[i], i + 1):
             rows, columns = slice(3 * i, 3 * i + 3), slice(3 * j, 3 * j + 3)
-            dense[rows, columns] = rng.standard_normal((3, 3)) + (10.0 * np.eye(3) if i == j else 0.0)
+            dense[rows, columns] = rng.standard_normal((3, 3))
+            if i == j:
+                dense[rows, columns] += 20.0 * np.diag(rng.choice([-1.0, 1.0], 3))
             if i != j:
                 dense[columns, rows] = rng.standard_normal((3, 3))
             lower.append(dense[rows, columns])

@@ -9,8 +9,20 @@ from slcp_warp import policies
 from slcp_warp.ensembles.questions.rare.numbers import Numbers
 from slcp_warp.ensembles.questions.rare.scenario import scenario_of
 from slcp_warp.ensembles.questions.rare.space import searched
+from slcp_warp.ensembles.worlds.between import steps_of
 
 DRAWN = {"delay": slcp.Uniform(0.0, 0.08), "hold": slcp.Uniform(0.02, 0.1), "sensor": 0.01}
+
+
+@pytest.mark.parametrize(
+    ("delay", "hold", "steps"), [(0.034, 0.055, (2, 3)), (0.026, 0.045, (1, 2)), (0, 0, (0, 1))]
+)
+def test_spans_are_the_nearest_steps(delay, hold, steps):
+    """Of .02 s; of drawn ones the most."""
+    assert steps_of(slcp.Disturbances(delay=delay, hold=hold), 0.02) == steps
+    if delay:
+        drawn = slcp.Disturbances(delay=slcp.Uniform(0.0, delay), hold=slcp.Uniform(0.02, hold))
+        assert steps_of(drawn, 0.02) == steps
 
 
 def test_what_acts_on_the_host_is_held_alike(device):

@@ -25,6 +25,7 @@ from .problem import EPSILON, FLOOR, LEVER, TOLERANCE, Problem
 STEADY = {"float64": (4e-8, 4e-15), "float32": (1e-4, 2e-6)}  # gap="end": [m/s], and of positions [m]
 TINY = 1e-300
 NORMAL = {"float64": 2.3e-308, "float32": 1.2e-38}  # below, a number's rounding is relative to this
+SMALL = 64  # rows of a product that BLAS makes in one thread
 BENT = 1e-3  # of sigma: where phi is no straight line
 
 
@@ -136,8 +137,8 @@ def _joined(p: Problem, acts: Array) -> Array:
 
 
 def _product(a: Array, b: Array) -> Array:
-    """Of relations (B, n, m) and (B, m, k)."""
-    out: Array = a.astype(np.float32) @ b.astype(np.float32) > 0.0
+    """Of relations (B, n, m) and (B, m, k). Large ones without BLAS, whose threads are slow."""
+    out: Array = a @ b if a.shape[1] > SMALL else a.astype(np.float32) @ b.astype(np.float32) > 0.0
     return out
 
 
@@ -163,7 +164,8 @@ def _motion(p: Problem, v1: Array, lam: Array, like_v: Array, like_lam: Array) -
     root = np.sqrt(np.einsum("bjj->bj", drive.h_mass))
     mine = np.array(truth.s.dof_body)
     alone = (np.maximum(-p.free, 0.0) + p.sigma) / np.maximum(p.diag, FLOOR)  # a row's impulse by itself
-    data = drive.size + np.einsum("bij,bj->bi", np.abs(drive.h_mass), np.abs(drive.free))
+    free = np.abs(drive.free) + _least(p)
+    data = drive.size + np.einsum("bij,bj->bi", np.abs(drive.h_mass), free)
     data = data + p.loose * drive.doubt
     pushed = np.einsum("bri,br->bi", p.bound, np.where(lam != 0.0, alone, 0.0))
     reached = np.einsum("bij,bj->bi", np.abs(np.linalg.inv(drive.h_mass)), pushed)
@@ -179,6 +181,11 @@ def _motion(p: Problem, v1: Array, lam: Array, like_v: Array, like_lam: Array) -
         body = np.stack([ratio[:, mine == b].max(1) for b in mine], 1)
         out.append((error / (root * np.maximum(body, TINY))).max(1) / p.tolerance)
     return out[0], out[1]
+
+
+def _least(p: Problem) -> float:
+    """A velocity whose rounding is that of numbers too small to be normal, which keep no digits."""
+    return NORMAL[p.dtype] / TOLERANCE[p.dtype]
 
 
 def _rates(p: Problem, q1: Array, v1: Array) -> tuple[Array, Any]:
@@ -238,6 +245,23 @@ def _contact(p: Problem, rate: Array, v1: Array, lam: Array, data: Array) -> Arr
     return error
 
 
+def _miss(p: Problem) -> Array:
+    """What rounding makes of d/h (B, nr)."""
+    return p.tolerance * p.loose * p.size
+
+
+def _pushed_by_rounding(p: Problem, free: Array) -> Array:
+    """What rows whose gap may be a rounding below 0 add to the energy at velocities of this size, in units of
+    what the energy may miss.
+    """
+    away = np.where(p.rate < _miss(p), _miss(p), 0.0) / np.maximum(p.diag, FLOOR)
+    push = np.einsum("bri,br->bi", np.abs(p.jac), away)
+    dv = np.einsum("bij,bj->bi", np.abs(np.linalg.inv(p.drive.h_mass)), push)
+    mass, kinetic = np.abs(p.drive.h_mass), p.truth.mech.kinetic
+    out: Array = (kinetic(mass, free + dv) - kinetic(mass, free)) / (20.0 * p.tolerance)
+    return out
+
+
 def _energy(p: Problem, v1: Array, like: Array) -> tuple[Array, Array]:
     """By how much a step adds kinetic energy where it must not. Hard contact whose rows are all open, or
     closed without overlap: v' is a projection of v_free (Anitescu), or friction and normal both oppose it
@@ -247,17 +271,19 @@ def _energy(p: Problem, v1: Array, like: Array) -> tuple[Array, Array]:
     truth, none = p.truth, np.zeros(len(v1))
     if p.method.trapezoidal:
         return none, none
-    kinetic, h_mass, free = truth.mech.kinetic, p.drive.h_mass, np.abs(p.drive.free)
+    kinetic, h_mass, free = truth.mech.kinetic, p.drive.h_mass, np.abs(p.drive.free) + _least(p)
     undamped = truth.undamped()
-    alone = (p.free > 0.0).all(1) & truth.damped if p.method.hard and not p.method.end_gap else none > 0.0
+    alone = (
+        (p.free > _miss(p)).all(1) & truth.damped if p.method.hard and not p.method.end_gap else none > 0.0
+    )
     gain = np.where(alone, kinetic(truth.inertia, v1) - kinetic(truth.inertia, undamped), 0.0)
-    size = kinetic(np.abs(truth.inertia), np.abs(undamped) + np.abs(truth.v)) + TINY
+    size = kinetic(np.abs(truth.inertia), np.abs(undamped) + np.abs(truth.v) + _least(p)) + TINY
     strict = lenient = gain / (20.0 * TOLERANCE[p.dtype] * p.loss) / size
     if p.method.hard and not p.method.end_gap:
         legal = (p.rate >= 0.0).all(1)
         gain = np.where(legal, kinetic(h_mass, v1) - kinetic(h_mass, p.drive.free), 0.0)
         gain = gain / (20.0 * TOLERANCE[p.dtype] * p.loss)
-        size = kinetic(np.abs(h_mass), free + np.abs(truth.v)) + TINY
+        size = kinetic(np.abs(h_mass), free + np.abs(truth.v)) + TINY + _pushed_by_rounding(p, free)
         strict = np.maximum(strict, gain / size)
         lenient = np.maximum(lenient, gain / (size + kinetic(np.abs(h_mass), np.abs(like))))
     return strict, lenient

@@ -12,6 +12,7 @@ from simulators import NUMPY, simulator
 import slcp_warp as slcp
 from slcp_warp import ddp
 from slcp_warp.ddp.library.nearest import whitening
+from slcp_warp.kernels.policies import tree
 
 
 def chosen(lib, x, device, dtype=wp.float64, **options):
@@ -136,6 +137,15 @@ def test_entries_at_one_place_fill_the_stack_and_no_more(device):
     for count in (1, 8, 9, 64, 300, 1200):
         lib = made(np.tile(FINGER.x0, (count, 1)))
         assert chosen(lib, FINGER.x0[None], device, whiten=np.eye(6)).tolist() == [0]
+
+
+@pytest.mark.parametrize("points", [1, 8, 9, 64, 65, 300, 4000])
+def test_the_stack_has_room_for_all_that_may_wait(points):
+    """Down a tree whose boxes are all as near, all children but the one that is entered wait."""
+    groups, node, wait = tree.groups_of(-(-points // tree.WIDTH)), 0, 0
+    while node < groups:
+        node, wait = tree.WIDTH * node + 1, wait + tree.WIDTH - 1
+    assert tree.waiting(points) == wait
 
 
 def test_nearest_neighbour_in_single_precision(device):

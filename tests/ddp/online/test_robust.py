@@ -30,6 +30,22 @@ def test_a_grip_is_planned_for_heavier_discs():
     np.testing.assert_allclose(moved.cost, found.best.cost, rtol=1e-9)
 
 
+@pytest.mark.slow
+def test_numbers_are_lent_by_worlds_in_which_the_best_plan_fails():
+    """Of one round: where the nominal plan is tracked with the numbers of the plan that is kept, it fails."""
+    task = slcp.tasks.grasp_hold()
+    found = ddp.plan_in_worlds(task, models=8, worlds=128, rounds=1)
+    assert found.index > 0 and found.success[found.index] > found.success[0]
+    hard = slcp.Simulator(task.scene, replace(task.options, residual="hard"), device="cpu")
+    own = {name: found.problem.params[name] for name in ("mass", "inertia", "friction")}
+    lowest = []
+    for plan in (ddp.plan(task).best, found.best):
+        policy = ddp.TrackingPolicy(plan, task.scene.state_period)
+        run = hard.rollout(task.start[0], params=hard.params.replace(**own), policy=policy, steps=task.steps)
+        lowest.append(run.states[:, 3].min())
+    assert lowest[0] < -0.05 < lowest[1]
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
