@@ -80,7 +80,7 @@ def recorded() -> Iterator[list[Loaded]]:
     try:
         yield kernels
     finally:
-        _records.remove(kernels)
+        _records[:] = [each for each in _records if each is not kernels]  # lists of equal kernels are equal
 
 
 def record(loaded: Loaded) -> None:

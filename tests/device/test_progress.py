@@ -146,6 +146,16 @@ def test_a_record_tells_what_was_compiled(tmp_path, monkeypatch):
     assert compiled == [True, False] and len(loads) == 1
 
 
+def test_records_within_records_are_their_own():
+    loaded = progress.Loaded("step", "cpu", 1.0, True)
+    with progress.recorded() as outer:
+        with progress.recorded() as inner:
+            pass  # both are empty, and equal
+        progress.record(loaded)
+    progress.record(loaded)
+    assert outer == [loaded] and inner == []
+
+
 def test_kernels_in_words():
     scene = slcp.scenes.particle()
     slcp.Simulator(scene, device="cpu")
