@@ -80,46 +80,30 @@ QUICK = {  # file: pattern of the quick tests' names; files that are not here ma
 }
 
 
-# What takes the longest comes first, so that of several workers none is left with a long file at the end.
-FIRST = """
-test_planning test_capacity test_gpu_code test_linearize test_generic_gradient test_fuzz
-test_generic_derivatives test_robust test_cli test_damping test_parameter_gradient test_gpu_check test_bench test_large test_step
-test_complementarity test_grip test_protocol test_mpc test_jam test_coulomb test_trapezoidal test_tumbling test_erm
-test_torch test_compile test_cache test_digest test_stability test_diagram_studies
+# Kernels are compiled without optimisation, in less than half the time, and run ten times slower; but not
+# for these files, which make many steps, or compare to the bit what two kernels or processes make, or look at
+# what the compiler makes. They come first: what they have compiled the others take as it is.
+# SLCP_TESTS_OPTIMISED=1 (.ci/full): all as users have them.
+OPTIMISED = """
+test_published test_planning test_gpu_code test_cli test_finger_ddp test_generic_gradient test_robust
+test_mpc test_bench test_car test_diagram_studies test_tumbling test_stationary test_kept_libraries
+test_rare test_cancelling_impulses test_opposed_impulses test_modes test_task_sweep test_multistart_chunks
+test_fast_path test_library test_gradients test_many test_refinement test_sampling
 """.split()
 
 
-# Kernels are compiled without optimisation, in less than half the time, and run ten times slower; but not for
-# these tests, which make many steps or compare to the bit what two kernels or processes make.
-# SLCP_TESTS_OPTIMISED=1 (.ci/full): all as users have them.
-OPTIMISED = {  # file: pattern of the tests' names
-    "test_bench.py": r"commands_run",
-    "test_capacity.py": r"",
-    "test_cli.py": r"",
-    "test_diagram_studies.py": r"sweep_study",
-    "test_fast_path.py": r"",
-    "test_finger_ddp.py": r"",
-    "test_generic_gradient.py": r"thrown_stack|no_gradient",
-    "test_gradients.py": r"",
-    "test_kept_libraries.py": r"",
-    "test_library.py": r"",
-    "test_many.py": r"",
-    "test_mpc.py": r"",
-    "test_multistart_chunks.py": r"",
-    "test_planning.py": r"",
-    "test_protocol.py": r"only_generic_kernels_take",
-    "test_refinement.py": r"",
-    "test_robust.py": r"",
-    "test_trapezoidal.py": r"ddp_of_the_finger",
-    "test_tumbling.py": r"",
-}
+# Of the rest, what takes the longest comes first, so that no worker is left with a long file at the end.
+LONGEST = """
+test_capacity test_linearize test_generic_derivatives test_fuzz test_damping test_parameter_gradient
+test_gpu_check test_large test_step test_complementarity test_grip test_protocol test_jam test_coulomb
+test_trapezoidal test_erm test_torch test_compile test_cache test_digest test_stability
+""".split()
 
 
 def pytest_runtest_setup(item) -> None:
     """The compiler's level for the kernels that a test is the first to ask for."""
-    pattern = OPTIMISED.get(item.path.name)
     users = os.environ.get("SLCP_TESTS_OPTIMISED") or wp.is_cuda_available()
-    optimised = users or (pattern is not None and re.search(pattern, item.name))
+    optimised = users or item.path.stem in OPTIMISED
     wp.config.optimization_level = None if optimised else 0
 
 
@@ -153,5 +137,5 @@ def pytest_collection_modifyitems(config, items) -> None:
             left_out = [item for item in items if item.get_closest_marker(mark) is not None]
             config.hook.pytest_deselected(items=left_out)
             items[:] = [item for item in items if item.get_closest_marker(mark) is None]
-    place = {f"{name}.py": i for i, name in enumerate(FIRST)}
-    items.sort(key=lambda item: place.get(item.path.name, len(place)))
+    place = {name: i for i, name in enumerate([*OPTIMISED, *LONGEST])}
+    items.sort(key=lambda item: place.get(item.path.stem, len(place)))

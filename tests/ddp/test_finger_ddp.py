@@ -171,3 +171,14 @@ def test_without_gravity_zero_controls_never_touch(device):
     p01 = p.params.replace(sigma=0.1)
     impulse = p.dynamics.rollout(X0[None], scaffold[-1].us[None], p01, record=("impulse",)).impulse
     assert impulse[..., 4:].max() > 0.1
+
+
+def test_trapezoidal_steps_converge_from_zero_controls(device):
+    """Full second order through the differences: a quadratic tail ends in a stationary trajectory."""
+    sim = slcp.Simulator(
+        scene("flicking_finger"), slcp.Options(scaling="none", integrator="trapezoidal"), device=device
+    )
+    problem = ddp.Problem(sim, slcp.tasks.flicking_finger().cost, horizon=75)
+    result = ddp.solve(problem, sim.scene.x0, np.zeros((75, 2)), ddp.Options(max_iterations=200))
+    assert result.status == ddp.Status.CONVERGED
+    assert result.cost < -30.0

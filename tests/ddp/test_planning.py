@@ -1,6 +1,7 @@
 """A plan of a task in one call; and no task has a place in code that all share."""
 
 import re
+import runpy
 from dataclasses import replace
 
 import numpy as np
@@ -177,3 +178,15 @@ def test_a_problem_of_ones_own_is_planned_from_sampled_and_stabilised_starts_too
     assert found.best.converged and found.best.cost <= ddp.solve(problem, x0).cost + 1e-9
     with pytest.raises(slcp.InputError, match="is planned from an x0"):
         ddp.plan(problem)
+
+
+@pytest.mark.slow
+def test_a_scene_that_only_generic_kernels_take_is_planned():
+    """Eight boxes have 34 rows; starts are zeros, noise and what sampling finds."""
+    task = runpy.run_path(str(ROOT / "examples/tasks/push_stack.py"))["push_stack"](8)
+    options = ddp.Options(max_iterations=2)
+    found = ddp.plan(task, 4, x0=task.scene.x0, options=options, methods=("gauss-newton",), finish=1)
+    plan = found.best
+    assert plan.status != ddp.Status.DYNAMICS_FAILED and plan.xs.shape == (61, 50)
+    sim = slcp.Simulator(task.scene, task.options, device="cpu")
+    np.testing.assert_allclose(sim.rollout(task.scene.x0, plan.us).states, plan.xs, atol=1e-8)

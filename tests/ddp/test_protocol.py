@@ -130,18 +130,6 @@ def test_a_stack_is_pushed():
     assert run.status == slcp.Status.SOLVED
 
 
-@pytest.mark.slow
-def test_a_scene_that_only_generic_kernels_take_is_planned():
-    """Eight boxes have 34 rows; starts are zeros, noise and what sampling finds."""
-    task = runpy.run_path(str(EXAMPLE))["push_stack"](8)
-    options = ddp.Options(max_iterations=2)
-    found = ddp.plan(task, 4, x0=task.scene.x0, options=options, methods=("gauss-newton",), finish=1)
-    plan = found.best
-    assert plan.status != ddp.Status.DYNAMICS_FAILED and plan.xs.shape == (61, 50)
-    sim = slcp.Simulator(task.scene, task.options, device="cpu")
-    np.testing.assert_allclose(sim.rollout(task.scene.x0, plan.us).states, plan.xs, atol=1e-8)
-
-
 def test_discs_on_a_table_stay_until_the_finger_comes():
     """The example's scene: without gravity and controls nothing moves, torques bring the finger to a disc."""
     path = EXAMPLE.with_name("among_discs.py")

@@ -10,7 +10,6 @@ from scipy.integrate import solve_ivp
 from simulators import scene, simulator
 
 import slcp_warp as slcp
-from slcp_warp import ddp
 from slcp_warp.gradients import launches
 
 H = 0.05
@@ -152,15 +151,3 @@ def test_differences_agree_with_the_closed_form(device, monkeypatch):
             patch.setattr(launches, "in_closed_form", lambda method: False)
             got = sim.linearize(x, u, params, second=True).second
         assert relative(got, exact) < 1e-3
-
-
-@pytest.mark.slow
-def test_ddp_of_the_finger_converges_from_zero_controls(device):
-    """Full second order through the differences: a quadratic tail ends in a stationary trajectory."""
-    sim = slcp.Simulator(
-        scene("flicking_finger"), slcp.Options(scaling="none", integrator="trapezoidal"), device=device
-    )
-    problem = ddp.Problem(sim, slcp.tasks.flicking_finger().cost, horizon=75)
-    result = ddp.solve(problem, sim.scene.x0, np.zeros((75, 2)), ddp.Options(max_iterations=200))
-    assert result.status == ddp.Status.CONVERGED
-    assert result.cost < -30.0
