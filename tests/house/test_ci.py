@@ -45,7 +45,9 @@ def test_tests_marked_full_are_left_out(pytestconfig, request):
 def test_files_that_come_first_are_there(pytestconfig):
     conftest = pytestconfig.pluginmanager.getplugin(str(ROOT / "tests/conftest.py"))
     there = {path.stem for path in (ROOT / "tests").rglob("test_*.py")}
-    assert set(conftest.FIRST) <= there and {name.removesuffix(".py") for name in conftest.QUICK} <= there
+    first = [*conftest.OPTIMISED, *conftest.LONGEST]
+    assert len(set(first)) == len(first)
+    assert set(first) <= there and {name.removesuffix(".py") for name in conftest.QUICK} <= there
 
 
 def test_what_tests_compile_is_listed(tmp_path, monkeypatch):

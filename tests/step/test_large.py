@@ -360,7 +360,8 @@ def test_strategies_of_old_name_warn_where_they_are_asked_for(old, new):
         assert slcp.Simulator(finger, device="cpu", strategy=old).strategy == new
         with pytest.raises(ValueError, match="policy is None"):
             slcp.sweep(finger, None, spec, device="cpu", strategy=old)
-    assert [Path(warning.filename).name for warning in warned] == ["test_large.py"] * 2
+    names = [Path(warning.filename).name for warning in warned if "strategy" in str(warning.message)]
+    assert names == ["test_large.py"] * 2
 
 
 @pytest.mark.parametrize("nv,nc", [(1, 1), (3, 0), (3, 5), (6, 12)])
