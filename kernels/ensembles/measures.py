@@ -23,15 +23,16 @@ REDUCTIONS = (
 WIDTH = 5  # value, number of values, a second value and two times
 TOUCH = 1e-6  # impulse above which a contact counts as one [N s]
 FAR = 1e300  # distance of what does not act [m]
-PLAIN, ABSOLUTE, SINCE, BOTH = range(4)  # how a signal is taken: absolute, less its value at the start
+ABSOLUTE, SINCE, BOTH = 1, 2, 3  # how a signal is taken: absolute, less its value at the start
 NONE = -1  # no pair: all of them; no state to take off
 
 
 class Users(NamedTuple):
-    """Code of users that measures call: functions of signals, by their place; the task's cost."""
+    """What measures need that others do without: functions of signals, by their place; the task's cost."""
 
     functions: tuple[wp.Function, ...] = ()
     cost: Any = None  # CostFunctions, where a measure is of the cost
+    relative: bool = False  # whether a signal is absolute, or less its value at the start
 
 
 NO_USERS = Users()
@@ -43,8 +44,8 @@ def make_tables(dtype: type) -> type:
 
     @wp.struct
     class Measures:
-        signal: wp.array2d(dtype=wp.int32)  # (S, 5): kind, place, state to take off, how, see `since`
-        since: int  # signals that are taken since the start; each has a row of `kept` in its last column
+        signal: wp.array2d(dtype=wp.int32)  # (S, 5): kind, place, state to take off, how, measure to take off
+        since: int  # of the last measures, which come first in a step: what relative signals began with
         bounds: wp.array2d(dtype=wp.float64)  # (A, 2): low, high
         compared: wp.array(dtype=wp.int32)  # (A,): its signal
         clause: wp.array2d(dtype=wp.int32)  # (C, 2): first comparison of a clause, and one after the last
@@ -61,9 +62,8 @@ def make_measures(
 ) -> SimpleNamespace:
     """look(m, kept, i, time, h, x, u, contacts, last): takes a step of world i into account.
 
-    `last` is 1 after the last step, with the last state. `kept` (B, M + S, WIDTH) begins at zero and holds in
-    the end what a measure's value is made of, and in S rows behind them signals at the start. ended(m, kept,
-    i): whether world i has met what ends it.
+    `last` is 1 after the last step, with the last state. `kept` (B, M, WIDTH) begins at zero and holds in the
+    end what a measure's value is made of. ended(m, kept, i): whether world i has met what ends it.
 
     Args:
         nx: states.
@@ -121,11 +121,11 @@ def make_measures(
         c: Contacts,
     ):
         value = plain(m, s, x, u, time, h, last, c)
-        how = m.signal[s, 3]
-        if how != wp.static(PLAIN):
-            if how != wp.static(ABSOLUTE):
+        if wp.static(users.relative):
+            how = m.signal[s, 3]
+            if how == wp.static(SINCE) or how == wp.static(BOTH):
                 value -= kept[i, m.signal[s, 4], 0]
-            if how != wp.static(SINCE):
+            if how == wp.static(ABSOLUTE) or how == wp.static(BOTH):
                 value = wp.abs(value)
         return value
 
@@ -165,14 +165,10 @@ def make_measures(
         c: Contacts,
         last: int,
     ):
-        if m.since > 0:
-            for s in range(m.signal.shape[0]):
-                row = m.signal[s, 4]
-                if row != wp.static(NONE):
-                    if kept[i, row, 1] == ZERO:
-                        kept[i, row, 0] = plain(m, s, x, u, time, h, last, c)
-                        kept[i, row, 1] = ONE
-        for j in range(m.measure.shape[0]):
+        for n in range(m.measure.shape[0]):
+            j = n
+            if wp.static(users.relative):
+                j = (n + m.measure.shape[0] - m.since) % m.measure.shape[0]
             what = m.measure[j, 0]
             counts = m.measure[j, 4] == 1
             if not counts:

@@ -1,6 +1,6 @@
 """Measures: reductions of signals over the steps of a run, one number a world; comparisons make a success."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from slcp_warp.kernels.ensembles.measures import REDUCTIONS
@@ -60,7 +60,7 @@ class Measure(Compared):
         """What makes it: a reduction and of what; `change` and `excursion` take what is since the start."""
         of = self.of
         if isinstance(of, Signal) and of.since_start:
-            plain = replace(of, since_start=False, absolute=False)
+            plain = of.at_start
             if (self.reduction, of.absolute) == ("largest", True):
                 return "excursion", plain
             if (self.reduction, of.absolute, self.start) == ("final", False, 0.0):

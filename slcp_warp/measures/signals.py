@@ -76,6 +76,11 @@ class Signal(Compared):
         return replace(self, absolute=True)
 
     @property
+    def at_start(self) -> "Signal":
+        """What is taken off one `since_start`, in the first step."""
+        return replace(self, since_start=False, absolute=False)
+
+    @property
     def plain(self) -> bool:
         """Whether it is a component of the state and nothing more."""
         return self == Signal("state", self.which)

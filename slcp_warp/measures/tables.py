@@ -30,22 +30,25 @@ class MeasureTable:
         """
         self.measures = tuple(measures)
         self._ends = kernels.NONE if ends is None else self.measures.index(ends)
-        signals = list(dict.fromkeys(signal for measure in self.measures for signal in measure.signals()))
-        self._functions: tuple[Any, ...] = tuple(
-            signal.function for signal in signals if signal.function is not None
-        )
+        asked = dict.fromkeys(signal for measure in self.measures for signal in measure.signals())
+        since = {signal: Measure("initial", signal.at_start) for signal in asked if signal.since_start}
+        starts = list(dict.fromkeys(since.values()))
+        self._all = self.measures + tuple(starts)
+        signals = list(dict.fromkeys(signal for measure in self._all for signal in measure.signals()))
+        functions = dict.fromkeys(signal.function for signal in signals)
+        self._functions: tuple[Any, ...] = tuple(each for each in functions if each is not None)
         self._cost = cost if any(signal.kind == "cost" for signal in signals) else None
         place = {signal: i for i, signal in enumerate(signals)}
-        since = iter(range(len(self.measures), len(self.measures) + len(signals)))
-        rows = [next(since) if signal.since_start else kernels.NONE for signal in signals]
-        self._since = sum(signal.since_start for signal in signals)
+        self._relative = any(signal.since_start or signal.absolute for signal in signals)
+        first = len(self.measures)
+        rows = [first + starts.index(since[each]) if each in since else kernels.NONE for each in signals]
         self._signals = [(*self._signal(signal, scene), row) for signal, row in zip(signals, rows)]
         kinds = {signal.kind for signal in signals}
         self.looks_at_contacts = not kinds.isdisjoint(("contact", "gap", "impulse"))
         self._bounds: list[tuple[float, float]] = []
         self._compared: list[int] = []
         self._clauses: list[tuple[int, int]] = []
-        self._rows = [self._row(measure, place) for measure in self.measures]
+        self._rows = [self._row(measure, place) for measure in self._all]
 
     def _signal(self, signal: Signal, scene: Scene) -> tuple[int, int, int, int]:
         kind = kernels.SIGNALS.index(signal.kind)
@@ -69,14 +72,14 @@ class MeasureTable:
     def users(self, sim: Any) -> kernels.Users:
         """Code of users that a simulator's kernels call for them."""
         cost = self._cost and self._cost.functions(sim.dtype, sim.nx, sim.nu)
-        return kernels.Users(self._functions, cost)
+        return kernels.Users(self._functions, cost, self._relative)
 
     def struct(self, sim: Any) -> Any:
         """The tables on a simulator's device."""
         out, device = kernels.make_tables(sim.dtype)(), sim.device
         if self._cost is not None:
             out.weights = wp.array(self._cost.rows(1), dtype=sim.dtype, device=device)
-        window = [(each.start, kernels.FAR if each.end is None else each.end) for each in self.measures]
+        window = [(each.start, kernels.FAR if each.end is None else each.end) for each in self._all]
         for name, values, width, kind in (
             ("signal", self._signals, 5, np.int32),
             ("bounds", self._bounds, 2, np.float64),
@@ -85,17 +88,17 @@ class MeasureTable:
             ("window", window, 2, np.float64),
         ):
             setattr(out, name, wp.array(np.array(values, kind).reshape(-1, width), device=device))
-        out.ends, out.since = self._ends, self._since
+        out.ends, out.since = self._ends, len(self._all) - len(self.measures)
         out.compared = wp.array(np.array(self._compared, np.int32), device=device)
         return out
 
     def kept(self, worlds: int, device: Any) -> wp.array:
         """What kernels keep of the measures, before the first step."""
-        shape = (worlds, len(self.measures) + self._since, kernels.WIDTH)
+        shape = (worlds, len(self._all), kernels.WIDTH)
         return wp.zeros(shape, dtype=wp.float64, device=device)
 
     def values(self, kept: np.ndarray) -> np.ndarray:
-        """(B, M) values of the measures from what was kept, (B, M + S, WIDTH); NaN where no step counted."""
+        """(B, M) values of the measures from what was kept of them; NaN where no step counted."""
         out = np.empty((len(kept), len(self.measures)))
         for j, measure in enumerate(self.measures):
             value, count, second, begin, end = kept[:, j].T
