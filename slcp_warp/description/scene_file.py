@@ -16,7 +16,7 @@ from .mjcf import load_mjcf
 from .scene import Scene
 from .scene_schema import FORMAT, NO_VALUE, VERSION, VERSIONS, file_fields, is_union, json_schema
 
-__all__ = ["json_schema", "load_scene", "save_scene"]
+__all__ = ["SceneFileError", "json_schema", "load_scene", "save_scene"]
 
 
 def load_scene(path: str | os.PathLike[str]) -> Scene:

@@ -109,7 +109,7 @@ def sweep(
 def sweep_scene(
     scene: Scene,
     policy: Any,
-    spec: SweepSpec,
+    spec: SweepSpec | None,
     *,
     scaling: str = "inertia",
     integrator: str = "euler",

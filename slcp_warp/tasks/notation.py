@@ -23,7 +23,7 @@ from ..storage.tables import below, entries, place, table
 KINDS = tuple(kind for kind in SIGNALS if kind != "function")  # a function is no data
 FLAGS = ("since_start", "absolute")
 SIGNAL_FIELDS = ("kind", "which", "minus", *FLAGS)
-SHORT = {"change": change, "excursion": excursion}  # reductions that are short for others of such signals
+SHORT: dict[str, Callable[..., Measure]] = {"change": change, "excursion": excursion}  # of such signals
 MEASURE_FIELDS = ("reduction", "of", "start", "end")
 BOUNDS = ("above", "below", "between")
 JOINS = ("all", "any")

@@ -72,7 +72,7 @@ def _parts() -> dict[str, Any]:
         "start": NUMBER,
         "end": NUMBER,
     }
-    signal = {"kind": {"enum": list(KINDS)}, "which": NAME, "minus": NAME}
+    signal: dict[str, Any] = {"kind": {"enum": list(KINDS)}, "which": NAME, "minus": NAME}
     signal |= dict.fromkeys(FLAGS, {"type": "boolean"})
     return {
         "Term": object_schema(Term, {"kind": TERMS}),

@@ -70,7 +70,7 @@ def _stepped(sim: Any, x: Array, us: Array, params: Any) -> Stepped:
         gaps.append(done.gap)
         status = np.where(going[:, 0], done.status, status)
         warm = done.multiplier
-    return Stepped(*(np.stack(parts, 1) for parts in (states, impulses, gaps)), status)
+    return Stepped(np.stack(states, 1), np.stack(impulses, 1), np.stack(gaps, 1), status)
 
 
 def follow(run: Any, worlds: Worlds, us: Array) -> Followed:

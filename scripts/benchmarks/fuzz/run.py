@@ -2,7 +2,7 @@
 
 import contextlib
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -77,8 +77,8 @@ def _rollout(tally: Tally, task: Task, chunk: int, worlds: Worlds, sim: Any) -> 
     _compared(tally, task, chunk, worlds, sim, "threads", np.arange(len(together)), together)
 
 
-def _count(tally: Tally, task: Task, places: list[tuple[int, int | None]], worlds: Worlds, options: Options,
-           dtype: str, verdicts: Verdicts, known: Array) -> None:  # fmt: skip
+def _count(tally: Tally, task: Task, places: Sequence[tuple[int, int | None]], worlds: Worlds,
+           options: Options, dtype: str, verdicts: Verdicts, known: Array) -> None:  # fmt: skip
     """Put the verdicts into the tally; `places`: world and step of each; `known`: worlds whose equation of
     motion the oracle can write down.
     """

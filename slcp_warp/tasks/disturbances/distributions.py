@@ -26,11 +26,13 @@ class Distribution:
         raise NotImplementedError
 
     def __post_init__(self) -> None:
-        if isinstance(self.shared, np.bool_):
-            object.__setattr__(self, "shared", bool(self.shared))
-        if not isinstance(self.shared, bool | str) or self.shared not in (True, False, BODIES):
+        given: Any = self.shared
+        if isinstance(given, np.bool_):
+            given = bool(given)
+        if not isinstance(given, bool | str) or given not in (True, False, BODIES):
             label = f"{type(self).__name__}.shared"
-            raise ArgumentTypeError(f"{label} is {shown(self.shared)}; True, False or {BODIES!r} is needed")
+            raise ArgumentTypeError(f"{label} is {shown(given)}; True, False or {BODIES!r} is needed")
+        object.__setattr__(self, "shared", given)
 
 
 def _number(of: Distribution, name: str, low: float = -float("inf"), high: float = float("inf")) -> None:
