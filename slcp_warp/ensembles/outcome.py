@@ -46,8 +46,10 @@ class Report(Printed):
 
     @property
     def measures(self) -> tuple[str, ...]:
-        """The names of the measures."""
-        return measure_names(self.source) if self.task is None else tuple(self.task.measures)
+        """The names of the measures, and "failure_time" where something ends a run."""
+        if self.task is None:
+            return measure_names(self.source)
+        return (*self.task.measures, *(("failure_time",) if self.task.failure is not None else ()))
 
     @property
     def parts(self) -> list[dict[str, Any]]:

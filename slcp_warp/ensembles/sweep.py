@@ -6,7 +6,7 @@ import time
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 
@@ -20,15 +20,54 @@ from ..stepping.strategy import current_name
 from ..tasks.disturbances import Disturbances, LogNormal
 from ..tasks.task import Task
 from .chunks import ARMS, Chunks, Part
+from .outcome import Report
 from .report import SweepReport
 from .spec import SweepSpec
 from .summary import spin_measures, summary_of, table_of
-from .task_report import sweep_task
+from .task_report import Progress, sweep_task
 from .tasks import TaskSweep
 from .worlds import Worlds
 from .worlds.draws import Draws
 
 OLD = "slcp.sweep(scene, policy, spec) will go: give a slcp.Task, whose measures and success are its own"
+
+
+@overload
+def sweep(
+    scene: Task | str,
+    policy: Any = None,
+    spec: None = None,
+    *,
+    worlds: int | Worlds = 4096,
+    seed: int = 0,
+    cases: Any = None,
+    step_sizes: Sequence[float] | None = None,
+    dtype: str = "float32",
+    device: Any = None,
+    strategy: str = "auto",
+    chunk: int | None = None,
+    progress: Progress | None = None,
+    out: str | os.PathLike[str] | None = None,
+    executor: Any = None,
+    record: Sequence[str | int] = (),
+    record_every: float = 0.5,
+) -> Report: ...
+
+
+@overload
+def sweep(
+    scene: Scene,
+    policy: Any,
+    spec: SweepSpec,
+    *,
+    scaling: str = "inertia",
+    integrator: str = "euler",
+    dtype: str = "float32",
+    device: Any = None,
+    strategy: str = "auto",
+    chunk: int | None = None,
+    progress: Progress | None = None,
+) -> SweepReport: ...
 
 
 def sweep(
@@ -46,12 +85,12 @@ def sweep(
     device: Any = None,
     strategy: str = "auto",
     chunk: int | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
     out: str | os.PathLike[str] | None = None,
     executor: Any = None,
     record: Sequence[str | int] = (),
     record_every: float = 0.5,
-) -> Any:
+) -> Report | SweepReport:
     """Run many perturbed worlds, in chunks of bounded memory: of a task, or of a scene as a spec says.
 
     Of a task every policy meets the same disturbed worlds, and from every start an undisturbed one; a
@@ -113,7 +152,7 @@ def sweep_scene(
     *,
     scaling: str = "inertia",
     integrator: str = "euler",
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
     **choices: Any,
 ) -> SweepReport:
     """The paper's sweep: of a scene as a spec says, with the rate of one state and its recovery from kicks.

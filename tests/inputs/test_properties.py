@@ -8,6 +8,8 @@ values for every function.
 import contextlib
 import dataclasses
 import functools
+import inspect
+import typing
 
 import numpy as np
 import pytest
@@ -263,6 +265,27 @@ def test_every_public_function_is_tried(module):
     public = {name: getattr(module, name) for name in module.__all__ if name not in GIVEN}
     errors = {n for n, each in public.items() if isinstance(each, type) and issubclass(each, Exception)}
     assert [n for n, each in public.items() if callable(each) and each not in tried and n not in errors] == []
+
+
+@pytest.mark.parametrize("module", [slcp, ddp, slcp.measures, ddp.costs], ids=lambda module: module.__name__)
+def test_public_results_are_typed(module):
+    functions = {name: getattr(module, name) for name in module.__all__}
+    untyped = {
+        name: each
+        for name, each in functions.items()
+        if inspect.isfunction(each) and each.__annotations__.get("return", typing.Any) is typing.Any
+    }
+    assert untyped == {}
+
+
+def test_a_sweep_of_a_task_gives_its_report_and_one_of_a_scene_another():
+    kinds = [each.__annotations__ for each in typing.get_overloads(slcp.sweep)]
+    assert [kind["return"] for kind in kinds] == [slcp.Report, slcp.SweepReport]
+    own = inspect.signature(slcp.sweep).parameters
+    assert set(own) == set().union(*kinds) - {"return"}
+    for each in typing.get_overloads(slcp.sweep):
+        for name, parameter in inspect.signature(each).parameters.items():
+            assert parameter.default in (own[name].default, inspect.Parameter.empty), name
 
 
 @pytest.mark.parametrize("name", CALLS)

@@ -45,6 +45,9 @@ def test_a_run_ends_with_the_step_of_its_failure(device, strategy):
     assert len(set(ended)) > 2 and 0 < fails.any(1).sum() < 6
     np.testing.assert_allclose(found["failure_time"], np.where(fails.any(1), H * ended, np.inf), atol=1e-12)
     np.testing.assert_array_equal(found["success"], ~fails.any(1))
+    told = report.summary[-1]["finite"]["failure_time"]
+    assert report.measures == (*MEASURED, "failure_time") and told == fails.any(1).sum()
+    assert slcp.Report(None, report.source).measures == report.measures  # as of a table
     for i, k in enumerate(ended):
         steps = min(k + 1, N)
         short = sim.rollout(STARTS[i : i + 1], policy=policy, steps=int(steps),
