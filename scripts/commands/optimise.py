@@ -16,6 +16,11 @@ from ..support.screen import console, one_line_errors, prepared, timed, waiting,
 from ..support.simulators import numbers
 from ..support.tasks import DEFAULT, TaskName, tell_timing
 
+FLAT = (
+    "no start touches what the cost is of: add terms that lead there (a finger to what it grips), more "
+    "--starts, or a larger noise level first, --sigma 0.3 --continuation 0.1,0.05 (docs/do/cost.md)"
+)
+
 
 @one_line_errors
 @with_rules
@@ -75,4 +80,6 @@ def optimise_command(
     record.save(path)
     console.print(trace_table(results[-1]))
     console.print(outcome_table(record, results))
+    if int(results[-1].status) == ddp.Status.FLAT:
+        typer.echo(f"slcp: {FLAT}", err=True)
     wrote(path)

@@ -269,7 +269,9 @@ def _cost_content(cost: Cost, scene: Scene) -> dict[str, Any]:
         of = {"state": scene.state_names[i]} if i < nx else {"control": scene.control_names[i - nx]}
         less = {} if minus < 0 else {"minus": scene.state_names[int(minus)]}
         term = Term(KINDS[int(kind)], weight, target=target, width=width, **of, **less)
-        found.append({"kind": term.kind} | _changed(term, Term(term.kind, 0.0, control=0)) | of)
+        found.append(
+            {"kind": term.kind, "weight": term.weight} | _changed(term, Term(term.kind, 0.0, control=0)) | of
+        )
     running = int(cost.weights[0])
     groups = {"running": found[:running], "final": found[running:]}
     return {name: group for name, group in groups.items() if group}

@@ -66,3 +66,14 @@ def test_the_commands_simulate_with_them_and_plan_without(tmp_path):
     plan = ("--starts", 1, "--passes", 2, "--device", "cpu", "--out", tmp_path / "plan.npz")
     said = " ".join(call("optimise", file, *plan).stderr.split())
     assert f"the task delays controls by {4 * scene.step_size:g} s; plans are made without" in said
+
+
+def test_a_plan_that_nothing_is_felt_of_says_what_may_help(tmp_path):
+    scene = slcp.scenes.cart_pole()
+    cost = slcp.costs.terms(scene, [slcp.costs.Term("square", 0.0, control=0)])
+    flat = slcp.Task("flat", scene, cost, 5)
+    slcp.save_task(flat, tmp_path / "flat.json")
+    plan = ("--starts", 1, "--passes", 2, "--device", "cpu", "--out", tmp_path / "plan.npz")
+    said = call("optimise", tmp_path / "flat.json", *plan)
+    assert "nothing can be felt from here" in " ".join(said.output.split())
+    assert "add terms that lead there" in said.stderr

@@ -76,6 +76,13 @@ def test_everything_that_is_data_goes_round(tmp_path):
     assert again.control_limits[0] == -np.inf and again.control_limits[1] == [3.0]
 
 
+def test_a_term_of_no_weight_is_one(tmp_path):
+    scene = slcp.scenes.push_block()
+    cost = slcp.costs.terms(scene, [slcp.costs.Term("square", 0.0, control=0)])
+    slcp.save_task(slcp.Task("idle", scene, cost, 5), tmp_path / "task.json")
+    np.testing.assert_array_equal(slcp.load_task(tmp_path / "task.json").cost.weights, cost.weights)
+
+
 def test_short_reductions_are_those_of_python():
     content = tomllib.loads(TOML.read_text())
     apart = {"kind": "state", "which": "block.x", "minus": "pusher.shift"}
