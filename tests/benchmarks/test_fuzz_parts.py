@@ -11,6 +11,7 @@ from sweeps import FINGER
 import slcp_warp as slcp
 from slcp_warp.kernels.generic.topology import items_first
 from slcp_warp.scripts.benchmarks.fuzz import case as cases
+from slcp_warp.scripts.benchmarks.fuzz import swept
 from slcp_warp.scripts.benchmarks.fuzz.command import tasks_of
 from slcp_warp.scripts.benchmarks.fuzz.draws import Worlds
 from slcp_warp.scripts.benchmarks.fuzz.judge import Outcome
@@ -19,7 +20,7 @@ from slcp_warp.scripts.benchmarks.fuzz.parts import PARTS
 from slcp_warp.scripts.benchmarks.fuzz.problem import Problem, Truth
 from slcp_warp.scripts.benchmarks.fuzz.rolled import Stepped, follow, roll
 from slcp_warp.scripts.benchmarks.fuzz.run import run_task
-from slcp_warp.scripts.benchmarks.fuzz.simpler import steps as fewer_steps
+from slcp_warp.scripts.benchmarks.fuzz.shrink import steps as fewer_steps
 from slcp_warp.scripts.benchmarks.fuzz.tasks import Failure, Task
 from slcp_warp.scripts.benchmarks.fuzz.verdicts import HOLDS, SILENT, WRONG, Verdicts
 
@@ -187,3 +188,27 @@ def test_a_gap_that_is_a_rounding_may_push(push, held):
     speed = push / slider().step_size
     assert verdict_of(slider(), 1e-9, 0.0, speed, speed, "float32") == held
     assert verdict_of(slider(), 1e-9, 0.0, speed, speed, "float64") == SILENT
+
+
+def cart():
+    """A driven cart between limits that it meets."""
+    body = slcp.Body("cart", 1.0, 0.1, joint="prismatic", lower=-0.1, upper=0.1, damping=0.5)
+    return slcp.Scene("cart", (body,), actuators=(slcp.Actuator("cart"),), gravity=(0.0, 0.0))
+
+
+def test_a_sweep_is_a_loop(monkeypatch):
+    """Under a law and kicks; of a loop without its kicks, or with the law of another place, it is not."""
+    scene, rng, count = cart(), np.random.default_rng(0), 12
+    numbers = {name: np.repeat(v[None], count, 0) for name, v in scene.default_parameters().items()}
+    numbers["mass"] = rng.uniform(0.5, 2.0, (count, 1))
+    x = rng.uniform(-0.05, 0.05, (count, 2)) * (1.0, 40.0)
+    worlds, us = Worlds(numbers, x, np.zeros((count, 1)), np.zeros(count, int)), np.full((count, 30, 1), 3.0)
+    equal, trusted = swept.compare(scene, worlds, us, HARD, "specialised")
+    assert equal.all() and trusted.mean() > 0.9
+    monkeypatch.setattr(swept, "KICKS", (0.3, 0.75))
+    kept = swept._loop
+    monkeypatch.setattr(
+        swept, "_loop", lambda sim, params, x, law, kicks, steps: kept(sim, params, x, law, {}, steps)
+    )
+    equal, _ = swept.compare(scene, worlds, us, HARD, "specialised")
+    assert equal.mean() < 0.5

@@ -43,8 +43,12 @@ def tasks_of(
     each = CHUNK * len(methods) * len(DTYPES)
     if per_chunk == FOLLOWED:
         each = int(per_chunk * steps) * len(methods) * len(DTYPES)
+    chunks = 1
+    if part == "sweeps":  # kernels of its own for every scene, whatever the strategy
+        per_chunk, chunks, each = CHUNK, OWN_CHUNKS, CHUNK * OWN_CHUNKS
     count = -(-worlds // each) if methods and "generic" in strategies else 0
-    out = [(i / max(1, count), Task(seed, i, "generic", 1, residuals, per_chunk, part)) for i in range(count)]
+    generic = [Task(seed, i, "generic", chunks, residuals, per_chunk, part) for i in range(count)]
+    out = [(i / max(1, count), task) for i, task in enumerate(generic)]
     for strategy in strategies:
         if strategy != "generic":
             tasks = [

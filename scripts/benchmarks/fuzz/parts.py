@@ -6,11 +6,12 @@
   pairs; followed for up to 30 steps;
 - heaps: stacks, heaps, boxes that tumble, beams on many supports, followed;
 - relay: rollouts by the specialised kernels without last resorts and those that make what they leave;
+- sweeps: `slcp.sweep` under a linear law and kicks, against a loop over steps;
 - ends: gaps at the end of the step, and the trapezoidal rule under Coulomb's friction.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,6 +24,11 @@ from .structures import Size, random_auto, random_scene
 
 Rng = np.random.Generator
 FOLLOWED = (20, 50)
+
+
+def _swept(rng: Rng, name: str, size: Size) -> Scene:
+    """All worlds of a sweep have one step size."""
+    return replace(random_scene(rng, name, size), step_size=0.01)
 
 
 def _any(options: Options) -> bool:
@@ -58,5 +64,6 @@ PARTS = {
     "auto": Part((99, 2), random_auto, steps=(1, 30), strategies=("generic",)),
     "heaps": Part((99, 3), random_heap, heap_worlds, FOLLOWED, ("generic",)),
     "relay": Part((99, 4), steps=FOLLOWED, strategies=("relay",), wanted=_relayed),
+    "sweeps": Part((99, 6), _swept, steps=FOLLOWED),
     "ends": Part((99, 5), strategies=("specialised",), wanted=_ends),
 }

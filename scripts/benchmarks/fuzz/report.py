@@ -14,7 +14,7 @@ from .verdicts import AMBIGUOUS, SILENT, UNPROVEN, WRONG
 Row = dict[str, Any]
 DEFAULTS = {"scaling": "inertia", "friction": "anitescu", "integrator": "euler", "noise": "row",
             "deviation": "scale", "gap": "start"}  # fmt: skip
-COMPARED = ("compared single", "compared threads", "compared derivatives", "compared gradients")
+COMPARED = tuple(f"compared {what}" for what in ("single", "threads", "derivatives", "gradients", "sweep"))
 
 
 def rows_of(tally: Tally) -> list[Row]:

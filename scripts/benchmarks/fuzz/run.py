@@ -12,6 +12,7 @@ from slcp_warp.kernels.device import launch
 from slcp_warp.options import Options, Status
 from slcp_warp.results.pictures.kinematics import Array
 
+from . import swept
 from .differences import LIMIT, gradient_errors, jacobian_errors
 from .draws import CLASSES, Worlds
 from .judged import judged, numbers_for, predicted, simulator, step
@@ -32,6 +33,9 @@ def run_task(task: Task, threads: int = 1) -> Tally:
         worlds = task.worlds(chunk, scene)
         truth = Truth(scene, worlds) if task.steps == 1 else None
         for options, dtype in task.methods():
+            if task.part == "sweeps":
+                _sweep(tally, task, chunk, worlds, options)
+                continue
             try:
                 sim = simulator(scene, options, dtype, task.strategy)
             except StrategyError:
@@ -49,6 +53,15 @@ def run_task(task: Task, threads: int = 1) -> Tally:
             if chunk == 0 and task.differentiates and dtype == "float64" and options.gap == "start":
                 _derivatives(tally, task, worlds, sim, verdicts)
     return tally
+
+
+def _sweep(tally: Tally, task: Task, chunk: int, worlds: Worlds, options: Options) -> None:
+    """A sweep of the worlds, and a loop over steps that makes the same."""
+    scene = task.make_scene()
+    equal, trusted = swept.compare(scene, worlds, task.controls(chunk, scene), options, task.strategy)
+    sim = simulator(scene, options, "float64", task.strategy)
+    places = np.flatnonzero(trusted)
+    _compared(tally, task, chunk, worlds, sim, "sweep", places, equal[places])
 
 
 def _rollout(tally: Tally, task: Task, chunk: int, worlds: Worlds, sim: Any) -> None:
@@ -132,7 +145,7 @@ def _compared(tally: Tally, task: Task, chunk: int, worlds: Worlds, sim: Any, wh
     """Count worlds that were run otherwise, and keep those with other bits."""
     key = (*key_of(task, sim.options, sim.dtype.__name__), "all")
     tally.counts[(*key, f"compared {what}")] += len(places)
-    for i in places[~equal][:SHOWN]:
+    for i in np.asarray(places)[~equal][:SHOWN]:
         place, kind = chunk * task.per_chunk + int(i), CLASSES[worlds.kind[i]]
         tally.failures.append(Failure(task, place, sim.options, sim.dtype.__name__, kind, WRONG,
                                       f"differs: {what}", np.inf))  # fmt: skip

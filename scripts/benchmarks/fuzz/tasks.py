@@ -87,7 +87,11 @@ class Task:
 
     def methods(self) -> list[tuple[Options, str]]:
         """Options and precisions that it runs."""
-        if self.strategy == "generic":
+        if self.part == "sweeps" and self.strategy == "generic":
+            chosen = [(GENERIC[self.scene % len(GENERIC)], "float64")]
+        elif self.part == "sweeps":
+            chosen = [(random_options(self._rng(0, 2), self._part().wanted), "float64")]
+        elif self.strategy == "generic":
             chosen = [(o, d) for o in GENERIC for d in DTYPES]
         else:
             rng = np.random.default_rng([self.seed, self.scene, 2])
