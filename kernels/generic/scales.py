@@ -4,7 +4,7 @@ import warp as wp
 
 from ..factories import cached
 from .newton import make_newton
-from .topology import Topology
+from .topology import CONTACT, Topology
 from .work import M33, V3, WORK, Island, Slot
 
 
@@ -150,6 +150,20 @@ def make_scales(given: type, residual: str) -> wp.Function:
         return terms
 
     @wp.func
+    def closing(
+        t: wp.ref[Topology], k: wp.ref[Slot], r: int, w: dtype, terms: dtype, last: dtype, other: dtype
+    ):
+        """The size of terms that row r, whose w at v_free is below zero, lends others; 0 of one that opens.
+        Under Coulomb's law a contact closes where w_n does, the mean of its rows' w (the first's is `last`,
+        its terms `other`): where it slides fast J_n +- mu J_t alone is no approach.
+        """
+        if t.coulomb == 1 and t.row_kind[k.row[r]] == CONTACT and t.row_sign[k.row[r]] != 0:
+            if t.row_sign[k.row[r]] > 0 or last + w >= ZERO:
+                return ZERO
+            return wp.max(wp.where(w < ZERO, terms, ZERO), wp.where(last < ZERO, other, ZERO))
+        return wp.where(w < ZERO, terms, ZERO)
+
+    @wp.func
     def of_two(t: wp.ref[Topology], k: wp.ref[Slot], g: int):
         """The rows of a group on one block or two that are whole units: the largest size of terms, their sum,
         the largest size of what closes and the least 1/mass.
@@ -165,6 +179,7 @@ def make_scales(given: type, residual: str) -> wp.Function:
         x, y, z = dtype(0.0), dtype(0.0), dtype(0.0)
         p, q, s = dtype(0.0), dtype(0.0), dtype(0.0)
         size, sum, closes = dtype(0.0), dtype(0.0), dtype(0.0)
+        last, other = dtype(0.0), dtype(0.0)  # w and terms of the row before
         lightest = ZERO + MOST
         at = entry + 0
         for r in range(start, end):
@@ -172,16 +187,18 @@ def make_scales(given: type, residual: str) -> wp.Function:
                 j = k.jac[at]
                 m = k.jac[at + entries - 1]
                 value = pressed(f, j)
-                other = pressed(h, m)
+                second = pressed(h, m)
                 least = wp.where(value > FLOOR, value, MOST)
-                least = wp.where(other > FLOOR and other < least, other, least)
+                least = wp.where(second > FLOOR and second < least, second, least)
                 lightest = wp.where(least < lightest, least, lightest)
                 a = wp.cw_mul(j, v)
                 b = wp.cw_mul(m, u)
                 w = k.rate[r] + (a[0] + a[1] + a[2]) + (b[0] + b[1] + b[2])
                 a = wp.abs(a) + wp.abs(b)
-                terms = keep(k, r, value + other, w, wp.abs(k.rate[r]) + a[0] + a[1] + a[2])
-                closes = wp.where(w < ZERO and terms > closes, terms, closes)
+                terms = keep(k, r, value + second, w, wp.abs(k.rate[r]) + a[0] + a[1] + a[2])
+                closes = wp.max(closes, closing(t, k, r, w, terms, last, other))
+                last = w + ZERO
+                other = terms + ZERO
                 size = wp.where(terms > size, terms, size)
                 sum += terms
                 x += wp.abs(j[0])
@@ -200,6 +217,7 @@ def make_scales(given: type, residual: str) -> wp.Function:
     def of_many(t: wp.ref[Topology], k: wp.ref[Slot], g: int):
         """The same of any group."""
         size, sum, closes = dtype(0.0), dtype(0.0), dtype(0.0)
+        last, other = dtype(0.0), dtype(0.0)  # w and terms of the row before
         lightest = ZERO + MOST
         for r in range(k.group[g], k.group[g + 1]):
             if k.acting[r] > 0:
@@ -208,7 +226,9 @@ def make_scales(given: type, residual: str) -> wp.Function:
                 moved, moves = spread(t, k, r)
                 w = k.rate[r] + moved
                 terms = keep(k, r, value, w, wp.abs(k.rate[r]) + moves)
-                closes = wp.where(w < ZERO and terms > closes, terms, closes)
+                closes = wp.max(closes, closing(t, k, r, w, terms, last, other))
+                last = w + ZERO
+                other = terms + ZERO
                 size = wp.max(size, terms)
                 sum += terms
         return size, sum, closes, lightest

@@ -14,7 +14,8 @@ by a predicted J' lambda among the forces (see `step/trapezoidal.py`): only its 
 matrix.
 External forces are constant in the world over the step; their generalised force follows q. E is solved by
 elimination without pivoting, which needs h small against the fastest instability of the free motion (an
-inverted pendulum's 1/omega); beyond that the result is not finite or merely wrong, as the method itself is.
+inverted pendulum's 1/omega). Beyond that E may be next to singular: where a rounding of its entries changes D
+by more than a per cent, |E^-1| |E| |D| (Skeel's bound) measured by energy, the result is no number.
 """
 
 from types import SimpleNamespace
@@ -27,6 +28,10 @@ from ..structure import layout
 from .dynamics import make_mechanism
 from .dynamics_derivatives import make_mechanism_derivatives
 from .effective_mass import make_effective_mass
+
+UNIT = {wp.float64: 1.1e-16, wp.float32: 6e-8}  # a rounding
+ROUNDS = 10.0  # roundings of an entry of E, which is a sum of products
+MOST_LOST = 1e-2  # of D
 
 
 @cached
@@ -81,6 +86,28 @@ def make_free_motion(spec: Specialisation) -> SimpleNamespace:
     DV = wp.types.matrix((NV, 2 * NV + NU), dtype)
     H, GEAR = lay.offset("step_size"), lay.offset("gear")
     ZERO, ONE, HALF, TWO = dtype(0.0), dtype(1.0), dtype(0.5), dtype(2.0)
+    ROUND = dtype(ROUNDS * UNIT[dtype] / MOST_LOST)
+
+    @wp.func
+    def is_lost(n: MQ, rest: MQ, factor: MQ, d: VQ, v: VQ):
+        # E = n + rest, whose terms may cancel
+        size = VQ()
+        for i in range(wp.static(NV)):
+            for j in range(wp.static(NV)):
+                size[i] = size[i] + (wp.abs(n[i, j]) + wp.abs(rest[i, j])) * wp.abs(d[j])
+        bound = VQ()
+        k = int(0)
+        while k < wp.static(NV):
+            unit = VQ()
+            unit[k] = size[k]
+            bound += wp.abs(wp.static(lu.solve)(factor, unit))
+            k += 1
+        moved = ZERO
+        doubt = ZERO
+        for i in range(wp.static(NV)):
+            moved = wp.max(moved, n[i, i] * (d[i] * d[i] + v[i] * v[i]))
+            doubt = wp.max(doubt, n[i, i] * bound[i] * bound[i])
+        return ROUND * ROUND * doubt > moved
 
     @wp.func
     def velocity(world: t.World, pose: t.Pose, minv: MQ, v: VQ, force: VQ):
@@ -89,9 +116,14 @@ def make_free_motion(spec: Specialisation) -> SimpleNamespace:
         if wp.static(method.trapezoidal):
             kq = wp.static(motion.motion_by_q)(world, pose, a, v, ONE)
             kv = wp.static(motion.motion_by_v)(world, pose, v, ONE)
-            e = wp.static(mass.matrix)(world, pose) + HALF * h * (kv + HALF * h * kq)
+            n = wp.static(mass.matrix)(world, pose)
+            rest = HALF * h * (kv + HALF * h * kq)
             rhs = h * (force - HALF * h * (kq * v))
-            return v + wp.static(lu.solve)(wp.static(lu.factor)(e), rhs), a
+            factor = wp.static(lu.factor)(n + rest)
+            d = wp.static(lu.solve)(factor, rhs)
+            if is_lost(n, rest, factor, d, v):
+                d[0] = wp.sqrt(ZERO - ONE)
+            return v + d, a
         return v + h * a, a
 
     @wp.func

@@ -2,7 +2,7 @@
 
 Stages: kinematics; M, or with implicit damping the N that stands for it (`effective_mass.py`); forces; free
 velocity (`free_motion.py`); the contact problem (`contact.py`), which the trapezoidal integrator has three of
-(`trapezoidal.py`); q' = q + h v'.
+(`trapezoidal.py`); v' to rounding (`balance.py`); q' = q + h v'.
 """
 
 from types import SimpleNamespace
@@ -21,6 +21,7 @@ from ..residual.noise import make_noise
 from ..specialisation import Specialisation
 from ..status import SOLVED
 from ..structure import layout
+from .balance import make_balance
 from .contact import make_contact
 from .solution import make_solution
 from .trapezoidal import make_trapezoidal
@@ -36,6 +37,8 @@ def make_step(spec: Specialisation, exact_gap: bool) -> SimpleNamespace:
     mech, mass, free = make_mechanism(s, dtype), make_effective_mass(spec), make_free_motion(spec)
     forces, contact = make_forces(s, dtype), make_contact(spec, exact_gap)
     trapezoidal = make_trapezoidal(spec, exact_gap) if method.trapezoidal else None
+    balance = make_balance(spec)
+    is_ill, refined = balance.is_ill, balance.refined
     solution, rows = make_solution(s, dtype), make_rows(spec)
     Carry, Solution, split, t = solution.Carry, solution.Solution, solution.split, solution.types
     NV = s.nv
@@ -47,7 +50,9 @@ def make_step(spec: Specialisation, exact_gap: bool) -> SimpleNamespace:
         """The solution of one step from x = (q, v)."""
         q, v = split(x)
         pose = wp.static(mech.pose)(world, q)
-        minv = wp.static(mech.inverse)(wp.static(mass.matrix)(world, pose))
+        n = wp.static(mass.matrix)(world, pose)
+        minv = wp.static(mech.inverse)(n)
+        ill = is_ill(n, minv)
         force = forces(world, pose, v, u)
         vfree, a = wp.static(free.velocity)(world, pose, minv, v, force)
         out = Solution()
@@ -59,8 +64,15 @@ def make_step(spec: Specialisation, exact_gap: bool) -> SimpleNamespace:
         out.normal = carry.normal
         out.status = wp.static(SOLVED)
         if wp.static(method.trapezoidal):
-            return trapezoidal.integrate(world, pose, v, force, out)
-        return contact(world, pose, out)
+            out = trapezoidal.integrate(world, pose, v, force, out)
+        else:
+            out = contact(world, pose, out)
+        if wp.static(balance.loses):
+            if ill and out.status == wp.static(SOLVED):
+                reached, status = refined(world, x, u, out)
+                out.v = reached
+                out.status = status
+        return out
 
     @wp.func
     def next_state(world: t.World, x: VX, sol: Solution):

@@ -20,7 +20,7 @@ from ..mechanics.complementarity import (
     rubbed,
 )
 from ..mechanics.contact import gaps
-from .problem import EPSILON, FLOOR, LEVER, TOLERANCE, Problem
+from .problem import EPSILON, FLOOR, LEVER, MOST_LOSS, TOLERANCE, Problem
 
 STEADY = {"float64": (4e-8, 4e-15), "float32": (1e-4, 2e-6)}  # gap="end": [m/s], and of positions [m]
 TINY = 1e-300
@@ -166,7 +166,8 @@ def _motion(p: Problem, v1: Array, lam: Array, like_v: Array, like_lam: Array) -
     alone = (np.maximum(-p.free, 0.0) + p.sigma) / np.maximum(p.diag, FLOOR)  # a row's impulse by itself
     free = np.abs(drive.free) + _least(p)
     data = drive.size + np.einsum("bij,bj->bi", np.abs(drive.h_mass), free)
-    data = data + p.loose * drive.doubt
+    speed = np.max(root * (np.abs(truth.v) + np.abs(drive.free)), 1, keepdims=True)
+    data = data + np.minimum(p.loose * drive.doubt + drive.guess, MOST_LOSS / p.tolerance * root * speed)
     pushed = np.einsum("bri,br->bi", p.bound, np.where(lam != 0.0, alone, 0.0))
     reached = np.einsum("bij,bj->bi", np.abs(np.linalg.inv(drive.h_mass)), pushed)
     swift = np.sum(root * (reached + np.abs(drive.free)), 1, keepdims=True)
@@ -175,9 +176,10 @@ def _motion(p: Problem, v1: Array, lam: Array, like_v: Array, like_lam: Array) -
     )  # M's and its factor's rounding
     answer = np.einsum("bij,bj->bi", np.abs(drive.h_mass), np.abs(like_v))
     answer = data + answer + np.einsum("bri,br->bi", p.bound, np.abs(like_lam))
+    loss = p.loss if p.method.trapezoidal else np.ones(len(p.loss))
     out = []
     for size in (data, answer):
-        ratio = size / root * p.loss[:, None]
+        ratio = size / root * loss[:, None]
         body = np.stack([ratio[:, mine == b].max(1) for b in mine], 1)
         out.append((error / (root * np.maximum(body, TINY))).max(1) / p.tolerance)
     return out[0], out[1]

@@ -24,6 +24,8 @@ EPSILON = {"float64": 2.2e-16, "float32": 1.2e-7}
 LOGISTIC = np.sqrt(3.0) / np.pi  # scale of the logistic distribution of standard deviation 1
 ERM_SLACK = 10.0  # of TOLERANCE: a vanishing gradient of squares has the square of a residual's condition
 MOST_LOSS = 1e-2  # relative error, whatever the mass matrix
+LOST_ROWS = {"float64": 100.0, "float32": 50.0}  # times TOLERANCE that J v' + d/h may lose by it
+REFUSED = 3e-4  # of the motion that a rounding may make of it where the trapezoidal method may say NONFINITE
 FLOOR = 1e-30
 LEVER = 3.0  # a sum of a dozen terms, which rounds by more than 4 EPSILON of its terms
 TURNED = 0.3  # of a normal by rounding: two points in one place have any
@@ -34,8 +36,10 @@ SHAKEN = 1e-7  # relative change of forces by which conditions are measured
 
 @dataclass(frozen=True)
 class Drive:
-    """H (B, nv, nv), right-hand side H v_free and the size of its terms (B, nv), v_free (B, nv), and by how
-    much the right-hand side changes with a relative change of |H| |acceleration| (B, nv).
+    """H (B, nv, nv), right-hand side H v_free and the size of its terms (B, nv), v_free (B, nv); by how much
+    H v' and H v_free change with relative changes of what they are made of (B, nv), of which roundings are a
+    share, and of the predicted contact forces (B, nv), which are known to the tolerance; the change by the
+    trapezoidal method's matrix as a share of its motion (B,).
     """
 
     h_mass: Array
@@ -43,6 +47,8 @@ class Drive:
     size: Array
     free: Array
     doubt: Array
+    guess: Array
+    lost: Array
 
 
 class Truth:
@@ -91,22 +97,50 @@ class Truth:
         if push is not None:
             pull = np.einsum("bij,bj->bi", h_mass, push)
             reached = self.mech.trapezoid(self.q, self.v, self.worlds.u, pull / h)
-            doubt = self._doubt(h_mass, mo.force - drag + pull / h, pull / h, reached)
+            doubt, guess = self._doubt(h_mass, mo.force - drag + pull / h, pull / h, reached)
+            shaken, lost = self._shaken(h_mass, pull / h, reached)
             rhs = np.einsum("bij,bj->bi", h_mass, reached - push)
-            return Drive(h_mass, rhs, size, reached - push, doubt)
-        return Drive(h_mass, rhs, size, solved(h_mass, rhs), np.zeros(rhs.shape))
+            return Drive(h_mass, rhs, size, reached - push, doubt + LEVER * shaken, guess, lost)
+        free = solved(h_mass, rhs)
+        none = np.zeros(free.shape)
+        return Drive(h_mass, rhs, size, free, self._strung(free), none, none[:, 0])
 
-    def _doubt(self, h_mass: Array, force: Array, push: Array, reached: Array) -> Array:
-        """What a relative error of the acceleration N^-1 f makes of N reached: the method's matrix
-        E holds that acceleration, and may be worse conditioned than N.
+    def _strung(self, free: Array) -> Array:
+        """Products behind springs' forces, C and K: they cancel at right angles to a spring."""
+        mo, h = self.motion, self.h[:, None]
+        out: Array = h * mo.pulled + h * np.einsum("bij,bj->bi", mo.damped, np.abs(self.v))
+        late = (
+            h[..., None] * mo.damped * self.mech.implicit
+            + 0.5 * h[..., None] ** 2 * mo.stiffened * self.mech.stiff
+        )
+        return out + np.einsum("bij,bj->bi", late, np.abs(self.v) + np.abs(free))
+
+    def _shaken(self, n: Array, push: Array, reached: Array) -> tuple[Array, Array]:
+        """What relative errors of the terms of the method's matrix make of N reached (Skeel's bound), also
+        without the predicted forces; and the larger of both as a share of the motion, measured by energy.
         """
-        weight = np.einsum("bij,bj->bi", np.abs(h_mass), np.abs(solved(h_mass, force)))
-        worst = np.zeros(push.shape)
-        for unit in np.eye(push.shape[1]):  # one after the other: the worst that any signs add up to
+        root, lost = np.sqrt(np.einsum("bjj->bj", n)), np.zeros(len(n))
+        still = self.mech.trapezoid(self.q, self.v, self.worlds.u, 0.0 * push)
+        for force, end in ((0.0 * push, still), (push, reached)):
+            change = self.mech.amplified(self.q, self.v, self.worlds.u, force, end)
+            moved = root * np.maximum(np.abs(end - self.v), np.abs(self.v))
+            lost = np.maximum(lost, (root * change).max(1) / np.maximum(moved.max(1), 1e-300))
+        return np.einsum("bij,bj->bi", np.abs(n), change), lost
+
+    def _doubt(self, h_mass: Array, force: Array, push: Array, reached: Array) -> tuple[Array, Array]:
+        """What relative errors of the acceleration N^-1 f, and of its part N^-1 push, make of N reached:
+        the method's matrix E holds that acceleration, and may be worse conditioned than N.
+        """
+        weight, part = (
+            np.einsum("bij,bj->bi", np.abs(h_mass), np.abs(solved(h_mass, x))) for x in (force, push)
+        )
+        share = part / np.maximum(weight, 1e-300)
+        worst, guess = np.zeros(push.shape), np.zeros(push.shape)
+        for j, unit in enumerate(np.eye(push.shape[1])):  # one by one: the worst that any signs add up to
             other = self.mech.trapezoid(self.q, self.v, self.worlds.u, push + SHAKEN * weight * unit)
-            change = np.einsum("bij,bj->bi", h_mass, other - reached)
-            worst = worst + np.abs(change) / SHAKEN
-        return worst
+            change = np.abs(np.einsum("bij,bj->bi", h_mass, other - reached)) / SHAKEN
+            worst, guess = worst + change, guess + change * share[:, j : j + 1]
+        return worst, guess
 
 
 def solved(matrix: Array, rhs: Array) -> Array:
@@ -203,10 +237,18 @@ class Problem:
 
     @property
     def loss(self) -> Array:
-        """How many times the tolerance the digits are that H^-1 costs (B,), at least 1."""
+        """How many times the tolerance the digits are that H^-1 costs of velocities (B,), at least 1. What
+        H v' itself misses is a rounding: v' is refined (of the trapezoidal method to that of v_free).
+        """
         lost = self.condition * EPSILON[self.inner] / self.tolerance
-        out: Array = np.clip(lost, 1.0, MOST_LOSS / self.tolerance)
+        out: Array = np.clip(lost, 1.0, LOST_ROWS[self.dtype])
         return out
+
+    @property
+    def digitless(self) -> Array:
+        """Where the matrices of the step may be said to have no digits (B,)."""
+        out: Array = self.condition * EPSILON[self.inner] > MOST_LOSS
+        return out | (self.drive.lost * EPSILON[self.inner] > REFUSED)
 
     @functools.cached_property
     def condition(self) -> Array:

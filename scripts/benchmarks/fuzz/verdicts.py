@@ -15,7 +15,7 @@ from slcp_warp.options import Status
 from slcp_warp.results.pictures.kinematics import Array
 
 from .judge import Errors, Outcome, ended, judge
-from .problem import EPSILON, FLOOR, MOST_LOSS, Problem
+from .problem import FLOOR, Problem
 from .proofs import coulomb_solution, least_motion, opens, widest_opening
 
 HOLDS, AMBIGUOUS, STATUS, UNPROVEN, WRONG, SILENT = (
@@ -25,6 +25,7 @@ VERDICTS = (HOLDS, AMBIGUOUS, STATUS, UNPROVEN, WRONG, SILENT)
 PROOFS = 500  # of one kind for a batch at most: the rest is counted as unproven
 TRIALS = 15  # of all modes: the same
 SLACK = 10.0  # by which an answer may be larger than an independent solution
+NO_NUMBER = "NONFINITE from finite numbers"
 CLEAR = 1e-5  # an opening this wide, in units of the world's speeds, refutes INFEASIBLE
 
 
@@ -61,6 +62,9 @@ class Verdicts:
         unknown += ["contact"] if self.problem.method.end_gap else []
         for i in np.flatnonzero((self.verdict == SILENT) & ~known).tolist():
             if any(part in self.reason[i] for part in unknown):
+                self._set(i, UNPROVEN, self.reason[i])
+        for i in np.flatnonzero((self.verdict == WRONG) & ~known).tolist():
+            if self.problem.method.trapezoidal and self.reason[i] == NO_NUMBER:  # by the predicted forces
                 self._set(i, UNPROVEN, self.reason[i])
 
     def _set(self, i: int, verdict: str, reason: str) -> None:
@@ -117,8 +121,7 @@ class Verdicts:
         if not (np.array_equal(self.out.x[i], before) and not self.out.impulse[i].any()):
             return self._set(i, WRONG, f"{status.name}, and the state moved")
         if status == Status.NONFINITE:
-            singular = self.problem.condition[i] * EPSILON[self.problem.inner] > MOST_LOSS
-            return None if singular else self._set(i, WRONG, "NONFINITE from finite numbers")
+            return None if self.problem.digitless[i] else self._set(i, WRONG, NO_NUMBER)
         if status == Status.NOT_CONVERGED:
             return None
         method = self.problem.method

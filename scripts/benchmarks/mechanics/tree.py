@@ -43,7 +43,9 @@ class Motion:
     """What drives a step: mass matrix M, damping matrix C and K (..., nv, nv), the stiffness of springs that
     is not negative; forces without C v (..., nv), the sum of the magnitudes of the generalised forces that
     they are the sum of (`terms`) and a bound of that of the products these are made of (`size`, of which
-    rounding errors are a share), potential energy (...).
+    rounding errors are a share), potential energy (...); of springs between points bounds of the products
+    that their forces (..., nv), C and K (..., nv, nv) are made of: along a coordinate at right angles to a
+    spring these cancel.
     """
 
     mass: Array
@@ -53,6 +55,9 @@ class Motion:
     terms: Array
     size: Array
     potential: Array
+    pulled: Array
+    damped: Array
+    stiffened: Array
 
 
 class Mechanics:
@@ -138,8 +143,13 @@ class Mechanics:
             force, terms = force - part, terms + np.abs(part)
             size += p["stiffness"] * (np.abs(q) + np.abs(p["rest"]))
             potential = potential + 0.5 * np.sum(p["stiffness"] * (q - p["rest"]) ** 2, -1)
+        pulled, damped, stiffened = np.zeros((worlds, nv)), np.zeros(mass.shape), np.zeros(mass.shape)
         for i in range(len(self.s.springs)):
-            pull, grad, loose, energy, stiff = self.spring(frames, q, i)
+            pull, grad, loose, energy, stiff, steep = self.spring(frames, q, i)
+            pulled += np.abs(pull)[:, None] * steep
+            square = steep[:, :, None] * steep[:, None, :]
+            damped += p["spring_damping"][:, i, None, None] * square
+            stiffened += np.maximum(p["spring_stiffness"][:, i], 0.0)[:, None, None] * square
             stiffness += stiff
             force, terms = force - pull[:, None] * grad, terms + np.abs(pull[:, None] * grad)
             size += loose[:, None] * np.abs(grad)
@@ -151,11 +161,14 @@ class Mechanics:
                 total[:, dof] += value
         if push is not None:
             force, terms, size = force + push, terms + np.abs(push), size + np.abs(push)
-        return Motion(mass, damping, stiffness, force, terms, size, potential)
+        return Motion(
+            mass, damping, stiffness, force, terms, size, potential, pulled, damped, stiffened
+        )  # fmt: skip
 
-    def spring(self, frames: list[Frame], q: Array, i: int) -> tuple[Array, Array, Array, Array, Array]:
+    def spring(self, frames: list[Frame], q: Array, i: int) -> tuple[Array, ...]:
         """Of spring i: tension k (l - L) (B,), dl/dq (B, nv), the tension's terms and its energy (B,); K (B,
-        nv, nv): k along its line, k (1 - L/l) across it where it pulls.
+        nv, nv): k along its line, k (1 - L/l) across it where it pulls; a bound of the products that dl/dq is
+        the sum of (B, nv), the lengths that its ends' distance is the difference of in place of that.
         """
         p, ends, reach = self.p, [], np.zeros(len(q))
         for end, body in enumerate(self.s.springs[i]):
@@ -171,6 +184,7 @@ class Mechanics:
         rest, k = p["spring_length"][:, i], p["spring_stiffness"][:, i]
         length = np.sqrt(np.sum(delta * delta, -1) + (1e-3 * rest + 1e-5) ** 2)
         grad = np.einsum("bk,bkj->bj", delta, jac) / length[:, None]
+        steep = (np.abs(ends[0][1]) + np.abs(ends[1][1])).sum(1) * (reach / np.abs(length))[:, None]
         across = np.where(length.real > rest, 1.0 - rest / length, 0.0)
         stiff = across[:, None, None] * np.einsum("bki,bkj->bij", jac, jac)
         stiff = stiff + (1.0 - across)[:, None, None] * grad[:, :, None] * grad[:, None, :]
@@ -181,6 +195,7 @@ class Mechanics:
             np.abs(k) * (reach + rest),
             energy,
             np.maximum(k, 0.0)[:, None, None] * stiff,
+            steep,
         )
 
     def effective(self, motion: Motion, trapezoidal: bool) -> Array:
@@ -209,6 +224,25 @@ class Mechanics:
         E = N + h/2 K_v + h^2/4 K_q, K_q = d(M a - f)/dq at constant a = N^-1 f, K_v = -df/dv, f = r + u +
         push. With implicit damping K_v has no dampers and K_q has them at v + h a.
         """
+        n, kv, kq, force = self._slopes(q, v, u, push)
+        h = self.h[:, None, None]
+        e = n + 0.5 * h * (kv + 0.5 * h * kq)
+        rhs = h[..., 0] * (force - 0.5 * h[..., 0] * np.einsum("bij,bj->bi", kq, v))
+        out: Array = v + np.linalg.solve(e, rhs[..., None])[..., 0]
+        return out
+
+    def amplified(self, q: Array, v: Array, u: Array | None, push: Array, reached: Array) -> Array:
+        """|E^-1| |E| |reached - v| (B, nv): what relative errors of E's terms make of `trapezoid` (Skeel)."""
+        n, kv, kq, _ = self._slopes(q, v, u, push)
+        h = self.h[:, None, None]
+        e = n + 0.5 * h * (kv + 0.5 * h * kq)
+        size = np.abs(n) + 0.5 * h * (np.abs(kv) + 0.5 * h * np.abs(kq))
+        moved = np.einsum("bij,bj->bi", size, np.abs(reached - v))
+        out: Array = np.einsum("bij,bj->bi", np.abs(np.linalg.inv(e)), moved)
+        return out
+
+    def _slopes(self, q: Array, v: Array, u: Array | None, push: Array) -> tuple[Array, Array, Array, Array]:
+        """N, K_v, K_q and f of `trapezoid`."""
         h, nv = self.h[:, None, None], q.shape[1]
         here = self.motion(q, v, u, push)
         ahead = h[..., 0] if self.implicit else 0.0 * h[..., 0]
@@ -224,10 +258,7 @@ class Mechanics:
             kq[..., j] = total.imag / COMPLEX_STEP
             drag = np.zeros(v.shape) if self.implicit else np.einsum("bij,bj->bi", by_v.damping, v + step)
             kv[..., j] = (drag - by_v.force).imag / COMPLEX_STEP
-        e = n + 0.5 * h * (kv + 0.5 * h * kq)
-        rhs = h[..., 0] * (force - 0.5 * h[..., 0] * np.einsum("bij,bj->bi", kq, v))
-        out: Array = v + np.linalg.solve(e, rhs[..., None])[..., 0]
-        return out
+        return n, kv, kq, force
 
     def wrenches(self, q: Array, force: Array) -> Array:
         """Forces and torques at the centres of mass (B, nb, 3) whose generalised force is `force` (B, nv)."""

@@ -1,0 +1,135 @@
+"""The equation of motion N (v' - v) = h (r + u) + J' lambda of a solved step, to rounding.
+
+v' = v_free + N^-1 J' lambda misses it by the condition of N, in units of its diagonal, times a rounding: a
+light body that carries heavy ones, say, whose coordinates need not be fast. Where more than a few roundings
+are missing, v' is refined (Higham, Accuracy and Stability of Numerical Algorithms, chapter 12): each time as
+many digits are gained as N^-1 has. Impulses stay, so that what is gained is an error of J v' + d/h, as are
+the digits that A = J N^-1 J' has lost: where it is no longer small, or nothing is gained, the step is
+NOT_CONVERGED.
+"""
+
+from types import SimpleNamespace
+
+import warp as wp
+
+from ..contact.rows import make_rows
+from ..factories import cached
+from ..mechanism.dynamics import make_mechanism
+from ..mechanism.effective_mass import make_effective_mass
+from ..mechanism.forces import make_forces
+from ..residual.noise import make_noise
+from ..specialisation import Specialisation
+from ..status import NOT_CONVERGED, SOLVED
+from ..structure import layout
+from .solution import make_solution
+
+DIGITS = {wp.float64: 1e4, wp.float32: 30.0}  # max N_ii (N^-1)_ii up to which nothing can be missing
+MISSING = {wp.float64: 3e-12, wp.float32: 4e-6}  # of the terms of a coordinate's equation of motion
+MOVED = {wp.float64: 1e-8, wp.float32: 1e-3}  # of the terms of J v' + d/h
+REFINEMENTS = 4
+
+
+@cached
+def make_balance(spec: Specialisation) -> SimpleNamespace:
+    """loses: whether N has couplings at all; is_ill(n, minv): whether digits of v' may be missing; refined(
+    world, x, u, solution) -> v' and the status, of a solved step. Numbers that are none are left to others.
+    """
+    s, dtype, method = spec
+    mech, mass, forces = make_mechanism(s, dtype), make_effective_mass(spec), make_forces(s, dtype)
+    solution, rows, noise, NV = make_solution(s, dtype), make_rows(spec), make_noise(spec), s.nv
+    Solution, split, t = solution.Solution, solution.split, solution.types
+    MQ, VQ, VX, VU, H = t.MQ, t.VQ, t.VX, t.VU, layout(s).offset("step_size")
+    LARGEST, ENOUGH, MOST = dtype(DIGITS[dtype]), dtype(MISSING[dtype]), dtype(MOVED[dtype])
+    index = tuple(row.index if row.kind == "limit" else 0 for row in s.rows)
+    coupled = tuple(tuple(s.coupled(i, j) or i == j for j in range(NV)) for i in range(NV))
+    alone = tuple(sum(row) == 1 for row in coupled)
+
+    @wp.func
+    def pushed(push: VQ, sol: Solution):
+        """push + J' lambda, and the size of its terms."""
+        total = push
+        size = wp.abs(push)
+        for i in range(wp.static(s.nr)):
+            if (sol.mask & wp.static(1 << i)) != 0:
+                total = wp.static(rows.adds[i])(total, sol.jac, sol.lam[i])
+                if wp.static(rows.limit[i]):
+                    size[wp.static(index[i])] = size[wp.static(index[i])] + wp.abs(sol.lam[i])
+                else:
+                    size += wp.abs(sol.lam[i]) * wp.abs(sol.jac[i])
+        return total, size
+
+    @wp.func
+    def missing(n: MQ, v: VQ, reached: VQ, total: VQ, size: VQ):
+        """What is missing, and whether that is too much."""
+        miss = VQ()
+        large = bool(False)
+        for i in range(wp.static(NV)):
+            if wp.static(not alone[i]):
+                left = total[i]
+                terms = size[i]
+                for j in range(wp.static(NV)):
+                    if wp.static(coupled[i][j]):
+                        left -= n[i, j] * (reached[j] - v[j])
+                        terms += wp.abs(n[i, j]) * (wp.abs(reached[j]) + wp.abs(v[j]))
+                miss[i] = left
+                large = large or wp.abs(left) > ENOUGH * terms
+        return miss, large
+
+    @wp.func
+    def astray(world: t.World, sol: Solution, v: VQ, pushes: VQ, fast: VQ):
+        """Whether J v' + d/h of a row is not what it was solved for, A_ii lambda - z or D lambda - z, beside
+        velocities of size `fast`; `pushes`: J' lambda.
+        """
+        out = bool(False)
+        for i in range(wp.static(0 if method.erm else s.nr)):
+            if (sol.mask & wp.static(1 << i)) != 0:
+                terms = wp.abs(sol.rate[i])
+                if wp.static(rows.limit[i]):
+                    terms += fast[wp.static(index[i])]
+                else:
+                    terms += wp.dot(wp.abs(sol.jac[i]), fast)
+                if wp.static(not method.hard):
+                    terms += wp.static(noise.level[i])(world, sol.sigma)
+                response = wp.static(rows.applies[i])(sol.minv, sol.jac)
+                w = wp.static(rows.dots[i])(sol.jac, v) + sol.rate[i]
+                if wp.static(method.end_gap):  # whose d/h in the end is not kept
+                    w -= sol.rate[i] + wp.static(rows.dots[i])(sol.jac, sol.vfree) + wp.dot(response, pushes)
+                elif wp.static(method.coulomb):
+                    w -= wp.static(rows.dots[i])(sol.jac, response) * sol.lam[i] - sol.z[i]
+                else:
+                    w -= sol.scale[i] * sol.lam[i] - sol.z[i]
+                out = out or wp.abs(w) > MOST * terms
+        return out
+
+    @wp.func
+    def refined(world: t.World, x: VX, u: VU, sol: Solution):
+        q, v = split(x)
+        pose = wp.static(mech.pose)(world, q)
+        n = wp.static(mass.matrix)(world, pose)
+        push = world.params[wp.static(H)] * forces(world, pose, v, u)
+        if wp.static(method.trapezoidal):
+            v = sol.vfree
+            push = VQ()
+        total, size = pushed(push, sol)
+        reached = sol.v
+        miss, large = missing(n, v, reached, total, size)
+        status = int(wp.static(SOLVED))
+        if large:
+            left = int(wp.static(REFINEMENTS))
+            while large and left > 0:
+                reached = reached + sol.minv * miss
+                miss, large = missing(n, v, reached, total, size)
+                left -= 1
+        if large or astray(world, sol, reached, total - push, wp.abs(v) + wp.abs(sol.vfree)):
+            status = wp.static(NOT_CONVERGED)
+        return reached, status
+
+    @wp.func
+    def is_ill(n: MQ, minv: MQ):
+        out = bool(False)
+        for i in range(wp.static(NV)):
+            if wp.static(not alone[i]):
+                out = out or n[i, i] * minv[i, i] > LARGEST
+        return out
+
+    return SimpleNamespace(loses=not all(alone), is_ill=is_ill, refined=refined)
