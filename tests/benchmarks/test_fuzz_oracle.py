@@ -1,17 +1,24 @@
 """What `slcp bench fuzz` decides beside its judge: openings, differences, the trapezoidal prediction."""
 
 import dataclasses
+from fractions import Fraction
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import slcp_warp as slcp
+from slcp_warp import Body, Scene, Spring
 from slcp_warp.scripts.benchmarks.fuzz.differences import STEPS, compare
+from slcp_warp.scripts.benchmarks.fuzz.draws import Worlds
+from slcp_warp.scripts.benchmarks.fuzz.judge import Outcome
 from slcp_warp.scripts.benchmarks.fuzz.judged import judged, predicted
+from slcp_warp.scripts.benchmarks.fuzz.problem import Problem, Truth
 from slcp_warp.scripts.benchmarks.fuzz.proofs import opens
 from slcp_warp.scripts.benchmarks.fuzz.tasks import Task
-from slcp_warp.scripts.benchmarks.fuzz.verdicts import SILENT
+from slcp_warp.scripts.benchmarks.fuzz.verdicts import SILENT, WRONG, Verdicts
+
+HARD = slcp.Options(residual="hard")
 
 
 def test_openings_are_decided_without_rounding():
@@ -59,3 +66,130 @@ def test_the_predicted_push_knows_no_stiff_springs():
     found, _ = judged(worlds, sim, push)
     assert options.integrator == "trapezoidal" and known.mean() > 0.2
     assert not (found.verdict[known] == SILENT).any()
+
+
+def chain(ratio, count=4):
+    """Links whose masses grow from one to the next, the last with a limit that is met."""
+    bodies = tuple(
+        Body(f"link{i}", ratio**i, 0.02 * ratio**i, f"link{i - 1}" if i else None,
+             anchor=(0.5 if i else 0.0, 0.0), com=(0.25, 0.0), lower=-0.5 if i == count - 1 else None)
+        for i in range(count)
+    )  # fmt: skip
+    x = np.array([[0.3, -0.2, 0.4, -0.5, 1.0, -2.0, 3.0, -4.0]])
+    return Scene("chain", bodies), x
+
+
+def posed(scene, x, dtype, options=HARD, push=None):
+    """The oracle's problem of one world, as a function of which worlds are asked for."""
+    numbers = {name: value[None] for name, value in scene.default_parameters().items()}
+    numbers["sigma"] = np.zeros((1, scene.structure.nr))
+    worlds = Worlds(numbers, x, np.zeros((1, 0)), np.zeros(1, int))
+
+    def pose(keep):
+        truth = Truth(scene, worlds)
+        return Problem(truth, truth.drive(push), options.method, dtype)
+
+    return pose
+
+
+def sentence(pose, v, impulse, status=slcp.Status.SOLVED):
+    """The verdict on an answer and what is wrong, and the largest error."""
+    p = pose(None)
+    q = p.truth.q + p.truth.h[:, None] * v
+    gap = p.rate * p.truth.h[:, None]
+    x = np.concatenate([q, v], 1) if status == slcp.Status.SOLVED else p.truth.worlds.x
+    found = Verdicts(p, Outcome(x, impulse, gap, np.array([status])), pose)
+    return found.verdict[0], found.reason[0], found.errors.worst("lenient")[0]
+
+
+def refined(p, impulse):
+    """v' of given impulses, to the last digits: by fractions."""
+    nv = p.drive.rhs.shape[1]
+    matrix = [[Fraction(a) for a in row] for row in p.drive.h_mass[0]]
+    rhs = [Fraction(b) for b in p.drive.rhs[0]]
+    rhs = [b + sum(Fraction(j) * Fraction(f) for j, f in zip(col, impulse[0]))
+           for b, col in zip(rhs, p.jac[0].T)]  # fmt: skip
+    for k in range(nv):
+        for i in range(k + 1, nv):
+            share = matrix[i][k] / matrix[k][k]
+            matrix[i] = [a - share * b for a, b in zip(matrix[i], matrix[k])]
+            rhs[i] -= share * rhs[k]
+    out = [Fraction(0)] * nv
+    for k in reversed(range(nv)):
+        out[k] = (rhs[k] - sum(matrix[k][j] * out[j] for j in range(k + 1, nv))) / matrix[k][k]
+    return np.array([[float(value) for value in out]])
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("ratio", [1.0, 1e2, 1e4])
+def test_a_mass_matrix_without_digits_excuses_no_motion_and_little_of_a_row(ratio, dtype):
+    """Ten times what is promised of M dv, and of J v' + d/h where the condition of M is worst: it excused a
+    per cent of both.
+    """
+    pose = posed(*chain(ratio), dtype)
+    p = pose(None)
+    free = refined(p, np.zeros((1, 1)))
+    stop = -(p.rate[0, 0] + free[0, -1]) / (refined(p, np.ones((1, 1))) - free)[0, -1]
+    impulse = np.array([[stop]])
+    right = refined(p, impulse)
+    assert stop > 0.0 and sentence(pose, right, impulse)[0] == "holds"
+    promise = {"float64": 1e-10, "float32": 2e-5}[dtype]
+    mass = p.drive.h_mass[0]
+    terms = np.abs(mass) @ (np.abs(p.truth.v[0]) + np.abs(right[0])) + np.abs(p.drive.rhs[0])
+    for sign in (-1.0, 1.0):
+        off = right + 10.0 * sign * promise * np.eye(4)[0] * terms[0] / mass[0, 0]
+        assert sentence(pose, off, impulse)[:2] == (SILENT, "motion")
+    rows = {"float64": 100.0, "float32": 50.0}[dtype] * promise
+    speed = np.abs(free[0, -1]) + np.abs(p.truth.v[0, -1])
+    least = impulse * (1.0 - 10.0 * rows * speed / abs(free[0, -1]))
+    assert sentence(pose, refined(p, least), least)[0] == SILENT
+
+
+def test_springs_at_right_angles_excuse_roundings_of_their_products_alone():
+    """A spring of 1e10 N/m across a slider's way: its part along it is a rounding of 4 N."""
+    axis = np.array([0.8286469578742981, -0.5597715973854065])
+    spring = Spring(None, "slider", stiffness=1e10, length=1.5, point_a=(0.72 * axis[1], -0.72 * axis[0]))
+    scene = Scene("across", (Body("slider", 1.0, 0.1, joint="prismatic", axis=tuple(axis)),),
+                  springs=(spring,), gravity=(0.0, 0.0))  # fmt: skip
+    pose = posed(scene, np.array([[0.0, 0.1]]), "float64")
+    p = pose(None)
+    rounding = 2.2e-16 * p.drive.doubt[0, 0] / p.drive.h_mass[0, 0, 0]
+    none = np.zeros((1, 0))
+    assert sentence(pose, p.drive.free + rounding, none)[0] == "holds"
+    assert sentence(pose, p.drive.free + 40.0 * rounding, none)[0] == SILENT
+    assert 2.2e-16 * p.drive.doubt[0, 0] < 1e-3  # N s: of 8e7 that the spring has
+
+
+@pytest.mark.parametrize("longer", [1e-3, 1e-5])
+def test_a_trapezoidal_step_may_lose_a_per_cent_at_most(longer):
+    """However near to singular its matrix is; NONFINITE where it has digits is refuted."""
+    omega = np.sqrt(9.81 * 0.5 / 0.35)
+    scene = Scene("rod", (Body("rod", 1.0, 0.1, com=(0.5, 0.0)),), step_size=2.0 / omega * (1.0 + longer))
+    options = slcp.Options(residual="hard", integrator="trapezoidal")
+    pose = posed(scene, np.array([[np.pi / 2, 0.1]]), "float32", options, np.zeros((1, 1)))
+    none = np.zeros((1, 0))
+    v = pose(None).drive.free
+    assert sentence(pose, v, none)[0] == "holds" and sentence(pose, 1.03 * v, none)[0] == SILENT
+    refused = sentence(pose, v, none, slcp.Status.NONFINITE)[0]
+    assert refused == ("status" if longer < 1e-4 else WRONG)
+
+
+def test_an_opening_beyond_all_speeds_excuses_no_runaway_answer():
+    """Rows that open by a direction's rounding alone, answered at 1e9 m/s: the fractions open them, too."""
+    bodies = (Body("a", 1.0, 0.1, lower=-1.0, upper=1.0), Body("b", 1.0, 1.0))
+    pose = posed(Scene("two limits", bodies), np.array([[0.1, 0.0, 1.0, 0.0]]), "float64")
+
+    def opened(keep):
+        p = pose(keep)
+        p.rate = np.array([[-20.0, 10.0]])
+        p.jac = np.array([[[1.0, 0.0], [-1.0, 1e-9]]])
+        p.free = p.rate + np.einsum("bij,bj->bi", p.jac, p.drive.free)
+        return p
+
+    p = opened(None)
+    assert opens(p, 0)
+    v = np.array([[20.0, 1e10]])
+    mass = p.drive.h_mass[0]
+    impulse = np.linalg.solve(p.jac[0].T, mass @ (v - p.drive.free)[0])[None]
+    impulse[0, 0] *= 1.0 + 1e-14
+    assert sentence(opened, v, impulse)[:2] == (SILENT, "no solution exists")

@@ -279,13 +279,15 @@ def _energy(p: Problem, v1: Array, like: Array) -> tuple[Array, Array]:
         (p.free > _miss(p)).all(1) & truth.damped if p.method.hard and not p.method.end_gap else none > 0.0
     )
     gain = np.where(alone, kinetic(truth.inertia, v1) - kinetic(truth.inertia, undamped), 0.0)
-    size = kinetic(np.abs(truth.inertia), np.abs(undamped) + np.abs(truth.v) + _least(p)) + TINY
+    doubt = p.loose * np.sum(p.drive.doubt * (np.abs(undamped) + np.abs(truth.v)), 1)
+    size = kinetic(np.abs(truth.inertia), np.abs(undamped) + np.abs(truth.v) + _least(p)) + doubt + TINY
     strict = lenient = gain / (20.0 * TOLERANCE[p.dtype] * p.loss) / size
     if p.method.hard and not p.method.end_gap:
         legal = (p.rate >= 0.0).all(1)
         gain = np.where(legal, kinetic(h_mass, v1) - kinetic(h_mass, p.drive.free), 0.0)
         gain = gain / (20.0 * TOLERANCE[p.dtype] * p.loss)
-        size = kinetic(np.abs(h_mass), free + np.abs(truth.v)) + TINY + _pushed_by_rounding(p, free)
+    doubt = p.loose * np.sum(p.drive.doubt * (np.abs(undamped) + np.abs(truth.v)), 1)
+    size = kinetic(np.abs(truth.inertia), np.abs(undamped) + np.abs(truth.v) + _least(p)) + doubt + TINY
         strict = np.maximum(strict, gain / size)
         lenient = np.maximum(lenient, gain / (size + kinetic(np.abs(h_mass), np.abs(like))))
     return strict, lenient

@@ -26,6 +26,7 @@ PROOFS = 500  # of one kind for a batch at most: the rest is counted as unproven
 TRIALS = 15  # of all modes: the same
 SLACK = 10.0  # by which an answer may be larger than an independent solution
 NO_NUMBER = "NONFINITE from finite numbers"
+BEYOND = 1e6  # of the data's speeds: INFEASIBLE says that no velocity below opens the rows
 CLEAR = 1e-5  # an opening this wide, in units of the world's speeds, refutes INFEASIBLE
 
 
@@ -90,7 +91,7 @@ class Verdicts:
         found: Any = self._tried(p, near) if p.method.coulomb else least_motion(p, 0)
         if found is False:
             return self._set(i, UNPROVEN, "too many modes")
-        if found is None and not p.method.coulomb and opens(p, 0):
+        if found is None and not p.method.coulomb and not self._is_runaway(p, i) and opens(p, 0):
             return self._set(i, UNPROVEN, "a solution beyond rounding")
         if found is None:
             return self._set(i, SILENT, "no solution exists")
@@ -101,6 +102,12 @@ class Verdicts:
         if again.worst("lenient")[0] > 1.0:
             self._set(i, SILENT, f"runaway {again.name(0)}")
         return None
+
+    def _is_runaway(self, p: Problem, i: int) -> bool:
+        """Whether the answer is faster than what may still be called an opening, by what acts at v_free."""
+        v = np.abs(self.out.x[i, p.truth.s.nv :])
+        data = p.terms(np.abs(p.drive.free) + np.abs(p.truth.v))[0].max()
+        return bool(v.max() > BEYOND * data)
 
     def _judged_by(self, p: Problem, i: int, found: tuple[Array, Array]) -> Errors:
         """Errors of world i where the answer may be as large as that found."""
