@@ -18,6 +18,7 @@ from ..mechanism.dynamics import make_mechanism
 from ..mechanism.effective_mass import make_effective_mass
 from ..mechanism.forces import make_forces
 from ..residual.noise import make_noise
+from ..solvers.law import law_of
 from ..specialisation import Specialisation
 from ..status import NOT_CONVERGED, SOLVED
 from ..structure import layout
@@ -35,6 +36,7 @@ def make_balance(spec: Specialisation) -> SimpleNamespace:
     world, x, u, solution) -> v' and the status, of a solved step. Numbers that are none are left to others.
     """
     s, dtype, method = spec
+    law = law_of(method, s.nr)
     mech, mass, forces = make_mechanism(s, dtype), make_effective_mass(spec), make_forces(s, dtype)
     solution, rows, noise, NV = make_solution(s, dtype), make_rows(spec), make_noise(spec), s.nv
     Solution, split, t = solution.Solution, solution.split, solution.types
@@ -81,7 +83,7 @@ def make_balance(spec: Specialisation) -> SimpleNamespace:
         velocities of size `fast`; `pushes`: J' lambda.
         """
         out = bool(False)
-        for i in range(wp.static(0 if method.erm else s.nr)):
+        for i in range(wp.static(0 if law.weighs else s.nr)):
             if (sol.mask & wp.static(1 << i)) != 0:
                 terms = wp.abs(sol.rate[i])
                 if wp.static(rows.limit[i]):
@@ -94,7 +96,7 @@ def make_balance(spec: Specialisation) -> SimpleNamespace:
                 w = wp.static(rows.dots[i])(sol.jac, v) + sol.rate[i]
                 if wp.static(method.end_gap):  # whose d/h in the end is not kept
                     w -= sol.rate[i] + wp.static(rows.dots[i])(sol.jac, sol.vfree) + wp.dot(response, pushes)
-                elif wp.static(method.coulomb):
+                elif wp.static(law.by_diagonal):
                     w -= wp.static(rows.dots[i])(sol.jac, response) * sol.lam[i] - sol.z[i]
                 else:
                     w -= sol.scale[i] * sol.lam[i] - sol.z[i]

@@ -45,7 +45,7 @@ def test_rollout_without_contact_fits_in_registers(tmp_path):
     spec = Specialisation(structure, wp.float32, Method())
     kernel = rollout.make_rollout_kernel(spec, OPEN_LOOP, False)
     used = sm90_resources(kernel, tmp_path)
-    assert 0 < used["registers"] <= 128 and used["frame"] <= SINE, used  # 16 warps a multiprocessor
+    assert 0 < used["registers"] <= 136 and used["frame"] <= SINE, used  # 15 warps a multiprocessor
     assert used["code"] <= 40_000, used
 
 

@@ -237,10 +237,11 @@ class Problem:
 
     @property
     def loss(self) -> Array:
-        """How many times the tolerance the digits are that H^-1 costs of velocities (B,), at least 1. What
-        H v' itself misses is a rounding: v' is refined (of the trapezoidal method to that of v_free).
+        """How many times the tolerance the digits are that H^-1 costs of velocities (B,), at least 1: its own
+        rounding, that of A, and of the sum v_free + H^-1 J' lambda. What H v' itself misses is a rounding, v'
+        being refined (with the trapezoidal method as much as v_free).
         """
-        lost = self.condition * EPSILON[self.inner] / self.tolerance
+        lost = LEVER * self.condition * EPSILON[self.inner] / self.tolerance
         out: Array = np.clip(lost, 1.0, LOST_ROWS[self.dtype])
         return out
 
