@@ -35,7 +35,8 @@ class Status(IntEnum):
     friction the rows J_n +- mu J_t. JAMMED: some velocity opens limits and normal rows, but Coulomb's
     friction holds against every impulse, so that the problem of the paper's [8] has no solution
     (docs/understand/friction.md says how that is proved). NONFINITE: a state or force that is no number, or a
-    mass matrix (or that of the trapezoidal method) without digits. NOT_CONVERGED: the solver gave up; there may be a solution or none.
+    mass matrix (or that of the trapezoidal method) without digits. NOT_CONVERGED: the solver gave up; there
+    may be a solution or none.
     """
 
     SOLVED = status.SOLVED

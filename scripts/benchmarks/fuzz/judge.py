@@ -286,8 +286,7 @@ def _energy(p: Problem, v1: Array, like: Array) -> tuple[Array, Array]:
         legal = (p.rate >= 0.0).all(1)
         gain = np.where(legal, kinetic(h_mass, v1) - kinetic(h_mass, p.drive.free), 0.0)
         gain = gain / (20.0 * TOLERANCE[p.dtype] * p.loss)
-    doubt = p.loose * np.sum(p.drive.doubt * (np.abs(undamped) + np.abs(truth.v)), 1)
-    size = kinetic(np.abs(truth.inertia), np.abs(undamped) + np.abs(truth.v) + _least(p)) + doubt + TINY
+        size = kinetic(np.abs(h_mass), free + np.abs(truth.v)) + doubt + TINY + _pushed_by_rounding(p, free)
         strict = np.maximum(strict, gain / size)
         lenient = np.maximum(lenient, gain / (size + kinetic(np.abs(h_mass), np.abs(like))))
     return strict, lenient
