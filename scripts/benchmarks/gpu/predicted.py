@@ -52,7 +52,7 @@ FAST = {
     "hard rollout": Most(
         lambda: make_rollout_relay(finger(residual="hard"), OPEN_LOOP, False), 176, SINE, 66_000
     ),
-    "sweep": Most(lambda: make_sweep_kernel(finger(), HELD, spans=True), 200, SINE + 160, 134_000),
+    "sweep": Most(lambda: make_sweep_kernel(finger(), HELD, spans=True), 200, SINE + 48, 132_000),
     "linearisation": Most(lambda: make_linearize_kernel(finger(), False), 200, SINE + 16, 112_000),
     "library": Most(lambda: make_ask_kernel(NEAREST, 6, 2, wp.float32), 56, TREE, 24_000),
     "line search": Most(line_search, 200, SINE + 16, 90_000),
