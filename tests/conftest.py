@@ -88,15 +88,16 @@ OPTIMISED = """
 test_published test_planning test_gpu_code test_cli test_finger_ddp test_robust test_jam
 test_mpc test_bench test_car test_diagram_studies test_tumbling test_stationary test_kept_libraries
 test_rare test_cancelling_impulses test_opposed_impulses test_modes test_task_sweep test_multistart_chunks
-test_fast_path test_library test_gradients test_many test_refinement test_sampling test_auto test_stored_sweep
+test_library test_gradients test_many test_refinement test_sampling test_auto test_stored_sweep
+test_host test_trajectory test_disturbances
 """.split()
 
 
 # Of the rest, what takes the longest comes first, so that no worker is left with a long file at the end.
 LONGEST = """
-test_capacity test_generic_gradient test_linearize test_generic_derivatives test_fuzz test_damping
-test_parameter_gradient test_gpu_check test_large test_step test_complementarity test_grip test_protocol
-test_coulomb test_trapezoidal test_erm test_torch test_compile test_cache test_digest test_stability
+test_capacity test_generic_gradient test_fast_path test_linearize test_generic_derivatives test_fuzz
+test_damping test_parameter_gradient test_gpu_check test_large test_step test_complementarity test_grip
+test_protocol test_coulomb test_trapezoidal test_erm test_torch test_compile test_cache test_digest test_stability
 """.split()
 
 

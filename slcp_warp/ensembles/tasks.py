@@ -23,6 +23,8 @@ from .worlds import Worlds
 from .worlds.between import between, observed, steps_of
 from .worlds.draws import Draws, Given, draws_of_task
 
+ALONE = "policy"  # name of a policy that has none
+
 
 class TaskSweep:
     """A task in many disturbed worlds, the same under every policy, and from every start undisturbed.
@@ -194,7 +196,8 @@ def _check_kernels(task: Task, policies: Mapping[str, Any], sim: Simulator, step
             if not acts_on_host(policy):
                 checked_kernel(policy, sim)
         except (ArgumentError, ArgumentTypeError) as error:
-            raise type(error)(f"policies[{name!r}]: {error}") from error
+            alone = list(policies) == [ALONE]
+            raise type(error)(str(error) if alone else f"policies[{name!r}]: {error}") from error
 
 
 def _undisturbed(task: Task, policy: Any) -> int:
@@ -263,12 +266,12 @@ def policy_of(task: Task, policy: Any) -> Any:
 
 
 def policies_by_name(policies: Any, task: Task) -> dict[str, Any]:
-    """Policies by name; one alone is named "policy", none "none"."""
+    """Policies by name; one alone is named `ALONE`, none "none"."""
     if isinstance(policies, Mapping):
         if not policies or not all(isinstance(name, str) and name for name in policies):
             raise ArgumentError(f"policies is {shown(policies)}; at least one, by name, is needed")
         return dict(policies)
-    return {"policy" if policies is not None else "none": policy_of(task, policies)}
+    return {ALONE if policies is not None else "none": policy_of(task, policies)}
 
 
 def cases_by_name(task: Task, cases: Any) -> dict[str, Options]:
