@@ -97,7 +97,8 @@ test_host test_trajectory test_disturbances
 LONGEST = """
 test_capacity test_generic_gradient test_fast_path test_linearize test_generic_derivatives test_fuzz
 test_damping test_parameter_gradient test_gpu_check test_large test_step test_complementarity test_grip
-test_protocol test_coulomb test_trapezoidal test_erm test_torch test_compile test_cache test_digest test_stability
+test_protocol test_coulomb test_trapezoidal test_erm test_torch test_compile test_cache test_digest
+test_stability
 """.split()
 
 
