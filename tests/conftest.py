@@ -85,7 +85,7 @@ QUICK = {  # file: pattern of the quick tests' names; files that are not here ma
 # what the compiler makes. They come first: what they have compiled the others take as it is.
 # SLCP_TESTS_OPTIMISED=1 (.ci/full): all as users have them.
 OPTIMISED = """
-test_published test_planning test_gpu_code test_cli test_finger_ddp test_robust test_jam
+test_task_commands test_published test_planning test_gpu_code test_cli test_finger_ddp test_robust test_jam
 test_mpc test_bench test_car test_diagram_studies test_tumbling test_stationary test_kept_libraries
 test_rare test_cancelling_impulses test_opposed_impulses test_modes test_task_sweep test_multistart_chunks
 test_library test_gradients test_many test_refinement test_sampling test_auto test_stored_sweep
