@@ -35,6 +35,8 @@ def solve(
 ) -> Result:
     """Solve a batch of problems, or one where the batch axis is left out.
 
+    One descent from one start: it ends at what lies below that. `plan` tries many starts and two schedules.
+
     Where nobody says what to start from, and next to nothing can be felt from where `Options.start`
     "automatic" leads (`Status.FLAT`, or an end for want of improvement within a thousandth of the first
     cost), the problem is solved again from the best of sampled controls (`sample`), if they cost less.
