@@ -270,13 +270,15 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
 
     @wp.func
     def approach(t: wp.ref[Topology], k: wp.ref[Slot], fresh: bool):
-        """k.reach of the listed pairs, of all (fresh) or of those that are not near; the largest approach."""
+        """k.weight of the listed pairs, of all (fresh) or of those that are not near: d/h less what they can
+        approach by; the largest approach.
+        """
         margin = dtype(0.0)
         for n in range(k.count[wp.static(LISTED)]):
             pair = k.listed[n]
             if fresh or k.known[pair] == 0:
-                k.reach[pair] = least_rate(t, k, pair)
-                margin = wp.max(margin, -k.reach[pair])
+                k.weight[pair] = least_rate(t, k, pair)
+                margin = wp.max(margin, -k.weight[pair])
         return margin
 
     @wp.func(inline=False)
@@ -306,7 +308,7 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
         for n in range(k.count[wp.static(LISTED)]):
             pair = k.listed[n]
             if fresh or k.known[pair] == 0:
-                if which == wp.static(ALL) or not (k.reach[pair] > margin):
+                if which == wp.static(ALL) or not (k.weight[pair] > margin):
                     k.sorted[found] = pair
                     found += 1
                     kept += k.known[pair]

@@ -5,16 +5,17 @@ import warp as wp
 from ..contact.problem import COLD
 from ..factories import cached
 from ..status import INFEASIBLE, JAMMED, NONFINITE, NOT_CONVERGED, SOLVED
-from .contact import make_contact
+from .contact import ROUNDING, make_contact
 from .friction.coulomb import COULOMB_PASSES, RETREATS, make_coulomb
-from .friction.direct import make_direct
+from .friction.direct import MOVES, RELAXED, STILL, make_direct
 from .friction.jam import make_jam
 from .mechanism import COLUMN, make_mechanism
-from .search import make_solver
+from .search import ALL_ATTEMPTS, QUICK_ATTEMPTS, make_solver
 from .topology import Topology
 from .work import WORK, Island, Slot
 
 NOWHERE = -1e30
+RESTING = 1e-3  # of the fastest approach in an island, with which a row without a last step lies still
 
 
 @cached
@@ -29,23 +30,33 @@ def make_island(given: type, residual: str) -> wp.Function:
     jammed = make_jam(given) if residual == "hard" else None
     PASSES, H = COULOMB_PASSES, COLUMN["step_size"]
     UNUSED, HALF, ZERO, ONE = dtype(COLD), dtype(0.5), dtype(0.0), dtype(1.0)
-    FAR = dtype(-NOWHERE)
+    FAR, SLOW, ROUND = dtype(-NOWHERE), dtype(RESTING), dtype(ROUNDING[given])
 
-    @wp.func
-    def count_rows(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
-        """The number of acting rows; those that are new start from k.v."""
+    @wp.func(inline=False)
+    def count_rows(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, closes: dtype):
+        """The number of acting rows; whether most of them are new and lie still. New ones start from k.v, and
+        press a little where they lie still, less than a share of the fastest approach beyond rounding.
+        """
         if wp.static(residual == "hard"):
             if t.coulomb == 1:
                 direct.join_pairs(t, k, o)
-        n = int(0)
+        little = wp.where(closes * number(t, k, H, 0) > ROUND, SLOW * closes, ZERO)
+        n, new, touching, rests = int(0), int(0), int(0), int(0)
         for r in range(o.row, o.last_row):
             if k.acting[r] > 0:
                 n += 1
                 if k.acting[r] == 1:
                     if not (wp.abs(k.z[r]) < HALF * UNUSED):
-                        k.z[r] = -k.rate[r] - contact.velocity(t, k, r)
+                        new += 1
+                        w = k.rate[r] + contact.velocity(t, k, r)
+                        k.z[r] = -w
+                        if w <= little:
+                            touching += 1
+                            if w >= -little:
+                                rests += 1
+                                k.z[r] = little
                     k.acting[r] = 2
-        return n
+        return n, wp.where(2 * new > n and 2 * rests > touching, STILL, MOVES)
 
     @wp.func
     def free(k: wp.ref[Slot], o: Island):
@@ -68,6 +79,26 @@ def make_island(given: type, residual: str) -> wp.Function:
             k.lam[r] = ZERO
             k.miss[r] = ZERO
             k.target[r] = ZERO
+
+    @wp.func
+    def directly(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, known: int, closes: dtype):
+        """Coulomb's friction without a fixed point: SOLVED, NONFINITE or NOT_CONVERGED."""
+        status = int(wp.static(NOT_CONVERGED))
+        start = int(known)
+        more = int(1)
+        while more == 1:
+            if start == wp.static(RELAXED):
+                free(k, o)
+                direct.drop_lifts(k, o)
+                for r in range(o.row, o.last_row):
+                    k.z[r] = UNUSED
+                    k.acting[r] = wp.min(k.acting[r], 1)
+                count_rows(t, k, o, closes)
+                solve(t, k, o, wp.static(QUICK_ATTEMPTS))
+            status = direct.stick_and_slide(t, k, o, start)
+            more = wp.where(status == wp.static(NOT_CONVERGED) and start == wp.static(STILL), 1, 0)
+            start = wp.static(RELAXED)
+        return status
 
     @wp.func
     def under_friction(
@@ -114,16 +145,14 @@ def make_island(given: type, residual: str) -> wp.Function:
         begin(k, o)
         status = int(wp.static(SOLVED))
         margin = ZERO - FAR
-        looking = int(1)
-        known = int(0)  # whether J v' + d/h is
+        looking, known = int(1), int(0)  # known: whether J v' + d/h is
         filling = int(1)
         more = int(1)
         passes = int(0)  # of the fixed point; negative: go back
-        rub = dtype(1.0)
+        rub, closes = dtype(1.0), dtype(0.0)
         hopeless = int(0)  # and when Newton's method on modes failed
         freed = int(0)  # rows in the system when friction was last left out
-        n = int(0)
-        solves = int(0)
+        n, solves = int(0), int(0)
         while more == 1:  # the first pass only looks how large the approach is
             if filling == 1:
                 refill(t, k, o, rub, looking)
@@ -132,25 +161,27 @@ def make_island(given: type, residual: str) -> wp.Function:
             known = int(looking)
             if looking == 1:
                 looking = 0
+                closes = approach
                 margin = wp.where(t.coulomb == 1, ZERO + FAR, approach)  # modes that are off cost nothing
             else:
-                n = count_rows(t, k, o)
+                n, state = count_rows(t, k, o, closes)
                 more = wp.where(added > 0 or rub < ONE, 1, 0)
+                fresh = wp.where(t.coulomb == 1 and rub == ONE and n > hopeless, 1, 0)
                 if wp.static(residual == "hard"):
-                    if t.coulomb == 1 and n > 0:
+                    if t.coulomb == 1 and n > 0 and (fresh == 0 or more == 0):
                         more = wp.max(more, friction.lift(t, k, o, passes))
                         passes = wp.abs(passes) + 1
                 if more == 1:
                     status = int(wp.static(NOT_CONVERGED))
                     if wp.static(residual == "hard"):
-                        if t.coulomb == 1 and rub == ONE and n > hopeless:
-                            status = direct.stick_and_slide(t, k, o)
+                        if fresh == 1:
+                            status = directly(t, k, o, state, closes)
                             hopeless = wp.where(status == wp.static(NOT_CONVERGED), n, hopeless)
                     if status == wp.static(NOT_CONVERGED):
                         if solves == 0 and t.coulomb == 0:
                             resume(k, o)
                         solves += 1
-                        status = solve(t, k, o)
+                        status = solve(t, k, o, wp.static(ALL_ATTEMPTS))
                     margin = dtype(0.0)
                     if passes > PASSES and status == wp.static(SOLVED):
                         status = int(wp.static(NOT_CONVERGED))

@@ -59,10 +59,10 @@ def make_mechanism(given: type) -> SimpleNamespace:
             py = y
             if up != WORLD:
                 f = k.frame[up]
-                angle += k.angle[up]
+                angle += k.twist[up][2]
                 px = f[2] + f[0] * x - f[1] * y
                 py = f[3] + f[1] * x + f[0] * y
-            k.angle[i] = angle
+            k.twist[i] = V3(ZERO, ZERO, angle)
             k.frame[i] = V4(wp.cos(angle), wp.sin(angle), px, py)
 
     @wp.func

@@ -46,19 +46,20 @@ def make_order() -> SimpleNamespace:
         """An arrow of the graph, once."""
         start = k.link_start[u]
         new = int(1)
-        for e in range(start, start + k.degree[u]):
+        for e in range(start, start + k.at[u]):
             if k.link[e] == other:
                 new = 0
         if new == 1:
-            k.link[start + k.degree[u]] = other
-            k.degree[u] = k.degree[u] + 1
+            k.link[start + k.at[u]] = other
+            k.at[u] = k.at[u] + 1
 
     @wp.func
     def graph(t: wp.ref[Topology], k: wp.ref[Slot]):
         """Which units near pairs connect; a unit's neighbours by their own number of neighbours."""
         for u in range(t.units + 1):
             k.link_start[u] = 0
-            k.degree[u] = 0
+            if u < t.units:
+                k.at[u] = 0
         for u in range(t.units):
             k.island[u] = wp.static(UNTOUCHED)
         for n in range(t.limits):
@@ -79,10 +80,10 @@ def make_order() -> SimpleNamespace:
                 link(k, two, one)
         for u in range(t.units):
             start = k.link_start[u]
-            for e in range(start + 1, start + k.degree[u]):
+            for e in range(start + 1, start + k.at[u]):
                 other = k.link[e]
                 at = int(e)
-                while at > start and k.degree[k.link[wp.max(at - 1, 0)]] > k.degree[other]:
+                while at > start and k.at[k.link[wp.max(at - 1, 0)]] > k.at[other]:
                     k.link[at] = k.link[at - 1]
                     at -= 1
                 k.link[at] = other
@@ -97,7 +98,7 @@ def make_order() -> SimpleNamespace:
         while head < end:
             u = k.queue[head]
             head += 1
-            for e in range(k.link_start[u], k.link_start[u] + k.degree[u]):
+            for e in range(k.link_start[u], k.link_start[u] + k.at[u]):
                 other = k.link[e]
                 if k.island[other] != mark:
                     k.island[other] = mark

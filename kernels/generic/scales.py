@@ -21,9 +21,9 @@ def make_scales(given: type, residual: str) -> wp.Function:
     def name_of(k: wp.ref[Slot], u: int):
         """The unit after which what unit u hangs together with is named."""
         name = int(u)
-        while k.name[name] != name:
-            k.name[name] = k.name[k.name[name]]
-            name = k.name[name]
+        while k.queue[name] != name:
+            k.queue[name] = k.queue[k.queue[name]]
+            name = k.queue[name]
         return name
 
     @wp.func
@@ -31,7 +31,7 @@ def make_scales(given: type, residual: str) -> wp.Function:
         """What two blocks hang together with has one name."""
         first = name_of(k, t.block_unit[one])
         other = name_of(k, t.block_unit[two])
-        k.name[wp.max(first, other)] = wp.min(first, other)
+        k.queue[wp.max(first, other)] = wp.min(first, other)
 
     @wp.func
     def share_units(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
@@ -242,7 +242,7 @@ def make_scales(given: type, residual: str) -> wp.Function:
         lightest = ZERO + MOST
         for place in range(o.start, o.end):
             b = k.block[place]
-            k.name[t.block_unit[b]] = t.block_unit[b]
+            k.queue[t.block_unit[b]] = t.block_unit[b]
             k.most[b] = V3()
         for g in range(o.group, o.last_group):
             _start, _end, _entry, entries, one, two = nt.ends(t, k, g)

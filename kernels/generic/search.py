@@ -20,6 +20,7 @@ from .work import WORK, Island, Slot
 
 WARM, COLD, YIELDING = 1, 2, 3  # attempts after Newton's method alone: the last are ROUNDS where rows yield
 ROUNDS = 3  # for impulses that are the least there are
+ALL_ATTEMPTS, QUICK_ATTEMPTS = YIELDING + ROUNDS, COLD  # all, or only those from what is known
 WARM_ITERATIONS, POLISHING = {True: 12, False: 8}, 12  # of Newton's method before (hard or not) and after
 RESTS = 1e-12  # residual at which the last solution is one of this step: gaps round, at some height
 PATIENCE = 6  # iterations of it without a gain, where it has nearly ended
@@ -54,6 +55,7 @@ class Search:
     bent: int  # 1: excess and weights of the interior point are those at hand
     mean: WORK  # |excess| there
     last: int  # 1: the best point of Newton's method is the one at hand
+    attempts: int  # that may be made
 
 
 @cached
@@ -229,6 +231,8 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
             go_back(k, o)
             return wp.static(NOT_CONVERGED)
         s.attempt = next
+        if next >= s.attempts:
+            return wp.static(NOT_CONVERGED)
         begin(s, 1)
         if s.attempt == wp.static(YIELDING):
             from_nothing(t, k, o)
@@ -238,21 +242,23 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
         return wp.static(NOT_CONVERGED)
 
     @wp.func(inline=False)
-    def solve(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+    def solve(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, attempts: int):
         """Newton from k.v, k.z; where it fails, the interior-point method, warm, then cold, and Newton from
         its points. Impulses that do not add up on the scale of the data are looked for once more, the least
-        that there are: rows yield by `yielding` of what they press more than k.least.
+        that there are: rows yield by `yielding` of what they press more than k.least; `attempts`: how many
+        of these may be made.
         """
         size, n = scales(t, k, o)
         if not wp.isfinite(size):
             return wp.static(NONFINITE)
         size = wp.max(size, TINY)
         s = Search()
+        s.attempts = attempts
         s.best = HUGE
         s.tried = dtype(wp.static(TRIED))
         s.rest = wp.where(t.coulomb == 0, REST, AIM)  # a fixed point would stop where it moves little
         status = int(wp.static(NOT_CONVERGED))
-        while status == wp.static(NOT_CONVERGED) and s.attempt < wp.static(YIELDING + ROUNDS):
+        while status == wp.static(NOT_CONVERGED) and s.attempt < attempts:
             yields = wp.where(s.inside == 1, s.yielding, ZERO)
             worst, changed, largest = nt.residuals(t, k, o, s.inside, yields)
             ended = int(0)

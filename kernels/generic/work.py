@@ -30,8 +30,7 @@ class Slot:
     q: wp.array(dtype=WORK)  # (nv) by dof
     v0: wp.array(dtype=WORK)  # (nv) by dof, v before the step
     frame: wp.array(dtype=V4)  # (nb) cos, sin, x, y of every body
-    angle: wp.array(dtype=WORK)  # (nb)
-    twist: wp.array(dtype=V3)  # (nb) velocity of the body's joint, rate of turning, at k.v
+    twist: wp.array(dtype=V3)  # (nb) velocity of the body's joint, rate of turning, at k.v; first its angle
     column: wp.array(dtype=V2)  # (nv) Jacobian of one centre of mass
     local: wp.array(dtype=V4)  # (shapes) centre and axis in the body
     shape: wp.array(dtype=V4)  # (shapes) and in the world
@@ -75,19 +74,17 @@ class Slot:
     dz: wp.array(dtype=WORK)
     divisor: wp.array(dtype=WORK)  # what a direction multiplies the row's misses by
     aimed: wp.array(dtype=WORK)  # e of the last direction
-    weight: wp.array(dtype=WORK)  # of the row in M + J' W J; impulse that a direction gives it
+    weight: wp.array(dtype=WORK)  # in M + J' W J; impulse of a direction; by pair while these are looked for
     normal: wp.array(dtype=V2)  # (pairs) last normals
     lift: wp.array(dtype=WORK)  # by first row of a pair: mu |J_t v'| of Coulomb friction, as it is assumed
     target: wp.array(dtype=WORK)  # and as it came out last
     miss: wp.array(dtype=WORK)  # difference of the two
     warm: wp.array(dtype=WORK)  # (nr) by the scene's rows: z while rows move
-    reach: wp.array(dtype=WORK)  # (pairs) d/h less what a pair can approach by
     row: wp.array(dtype=wp.int32)  # the scene's row
     entry: wp.array(dtype=wp.int32)  # (+ 1) first entry in jac
     pattern: wp.array(dtype=wp.int32)  # first entry in the table of blocks
     acting: wp.array(dtype=wp.int32)  # 1 or 2: the row is in the system
     mode: wp.array(dtype=wp.int32)  # of Coulomb's friction
-    name: wp.array(dtype=wp.int32)  # (units) of what hangs together by closing rows
     known: wp.array(dtype=wp.int32)  # (pairs) 1: near
     near: wp.array(dtype=wp.int32)  # (pairs) list of the near pairs, ascending
     count: wp.array(dtype=wp.int32)
@@ -97,12 +94,11 @@ class Slot:
     place: wp.array(dtype=wp.int32)  # (blocks) of the order of elimination
     block: wp.array(dtype=wp.int32)  # (blocks) by place
     first: wp.array(dtype=wp.int32)  # (blocks) by place: envelope of M + J' W J
-    at: wp.array(dtype=wp.int32)
-    degree: wp.array(dtype=wp.int32)  # (units + 1) of the graph of near units
+    at: wp.array(dtype=wp.int32)  # while places are looked for by unit: how many units it touches
     link: wp.array(dtype=wp.int32)  # (2 pairs) its arrows
     link_start: wp.array(dtype=wp.int32)  # (units + 1)
     island: wp.array(dtype=wp.int32)  # (units) -1: none
-    queue: wp.array(dtype=wp.int32)  # (units) in the order of elimination
+    queue: wp.array(dtype=wp.int32)  # (units) in the order of elimination; names of what hangs together
     disc_local: wp.array(dtype=V3)  # (items) bounding discs in their bodies: centre and radius
     disc: wp.array(dtype=V3)  # (items) and in the world
     disc_reach: wp.array(dtype=WORK)  # (items) radius within which it can act
@@ -110,10 +106,9 @@ class Slot:
     item_order: wp.array(dtype=wp.int32)  # (items) along the axis on which they are spread more
     item_low: wp.array(dtype=WORK)  # (items) where they begin there, in this order
     listed: wp.array(dtype=wp.int32)  # (pairs) that are looked at
-    unsorted: wp.array(dtype=wp.int32)  # (pairs)
     bucket: wp.array(dtype=wp.int32)
     bound: wp.array(dtype=WORK)  # (5) see `broad/phase.py`
-    sorted: wp.array(dtype=wp.int32)  # (nr) rows that begin a pair or are a limit, by islands
+    sorted: wp.array(dtype=wp.int32)  # (nr) rows that begin a pair or are a limit, by islands; pairs before
 
 
 @wp.struct
@@ -183,12 +178,10 @@ def view_rows(k: wp.ref[Slot], work: wp.ref[Work], b: int):
     k.target = work.target[b]
     k.miss = work.miss[b]
     k.warm = work.warm[b]
-    k.reach = work.reach[b]
     k.row = work.row[b]
     k.entry = work.entry[b]
     k.pattern = work.pattern[b]
     k.acting = work.acting[b]
-    k.name = work.name[b]
     k.known = work.known[b]
     k.near = work.near[b]
     k.count = work.count[b]
@@ -199,7 +192,6 @@ def view_rows(k: wp.ref[Slot], work: wp.ref[Work], b: int):
     k.block = work.block[b]
     k.first = work.first[b]
     k.at = work.at[b]
-    k.degree = work.degree[b]
     k.link = work.link[b]
     k.link_start = work.link_start[b]
     k.island = work.island[b]
@@ -211,7 +203,6 @@ def view_rows(k: wp.ref[Slot], work: wp.ref[Work], b: int):
     k.item_order = work.item_order[b]
     k.item_low = work.item_low[b]
     k.listed = work.listed[b]
-    k.unsorted = work.unsorted[b]
     k.bucket = work.bucket[b]
     k.bound = work.bound[b]
     k.sorted = work.sorted[b]
@@ -225,7 +216,6 @@ def view(work: wp.ref[Work], b: int):
     k.q = work.q[b]
     k.v0 = work.v0[b]
     k.frame = work.frame[b]
-    k.angle = work.angle[b]
     k.twist = work.twist[b]
     k.column = work.column[b]
     k.local = work.local[b]
@@ -258,7 +248,7 @@ def lengths(s: Structure) -> dict[str, int]:
     """Items of every workspace of a structure."""
     sizes = tables(s)[1]
     pairs, shapes, units = len(s.pairs), len(s.shapes), sizes.blocks  # no more units than blocks
-    out = dict.fromkeys(("frame", "angle", "twist"), s.nb) | {"numbers": sizes.numbers, "count": 7}
+    out = dict.fromkeys(("frame", "twist"), s.nb) | {"numbers": sizes.numbers, "count": 7}
     out |= dict.fromkeys(("q", "v0", "column"), s.nv) | dict.fromkeys(("local", "shape"), shapes)
     matrices = dict.fromkeys(("mass", "mass_factor"), sizes.mass) | {"jac": sizes.entries}
     matrices |= dict.fromkeys(("factor", "upper"), sizes.matrix)
@@ -270,12 +260,12 @@ def lengths(s: Structure) -> dict[str, int]:
             "sorted")  # fmt: skip
     out |= matrices | dict.fromkeys(blocks, sizes.blocks) | dict.fromkeys(rows, s.nr)
     out |= dict.fromkeys(("entry", "group"), s.nr + 1)
-    out |= dict.fromkeys(("normal", "reach", "known", "near"), pairs) | {"link": 2 * pairs}
-    out |= dict.fromkeys(("name", "island", "queue"), units)
+    out |= dict.fromkeys(("normal", "known", "near"), pairs) | {"link": 2 * pairs}
+    out |= dict.fromkeys(("island", "queue"), units)
     out |= dict.fromkeys(("disc_local", "disc", "disc_reach", "item_order", "item_low"), sizes.items)
-    out |= dict.fromkeys(("listed", "unsorted"), pairs) | {"bucket": 2 ** bits_of(pairs) + 1, "bound": 5}
+    out |= {"listed": pairs, "bucket": 2 ** bits_of(pairs) + 1, "bound": 5}
     out["item_speed"] = sizes.items + sizes.planes
-    return out | dict.fromkeys(("degree", "link_start", "island_group", "island_block"), units + 1)
+    return out | dict.fromkeys(("link_start", "island_group", "island_block"), units + 1)
 
 
 def allocate_work(s: Structure, slots: int, device: Any) -> Work:

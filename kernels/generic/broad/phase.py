@@ -54,8 +54,8 @@ def make_sort() -> wp.Function:
     @wp.func
     def sort(t: wp.ref[Topology], k: wp.ref[Slot]):
         base = 1 << t.pair_bits
-        count_out(k, k.listed, k.unsorted, base, 0)
-        count_out(k, k.unsorted, k.listed, base, t.pair_bits)
+        count_out(k, k.listed, k.sorted, base, 0)
+        count_out(k, k.sorted, k.listed, base, t.pair_bits)
 
     return sort
 

@@ -1,9 +1,11 @@
 """Coulomb's hard friction of an island, solved directly.
 
 Newton's method on modes (`modes.py`) starts at those of the last step, for a few iterations. Where it fails a
-path is followed from there, and where that leads away one from nothing (`homotopy.py`); Newton's method takes
-the last digits from its end. The fixed point of `coulomb.py` stays behind both: what has no solution at all
-is told by it.
+path is followed from there, and where that leads away others from nothing (`homotopy.py`); Newton's method
+takes the last digits from their ends. Where most rows have no last step and lie still all of these stick at
+first, and if a short path from there does not end the convex problem (Anitescu's relaxation) has to say what
+to start from: a path takes a pivot for every contact that lies otherwise, in a heap many. The fixed point of
+`coulomb.py` stays behind all of them: what has no solution at all is told by it.
 """
 
 from types import SimpleNamespace
@@ -19,7 +21,10 @@ from ..work import WORK, Island, Slot
 from .homotopy import make_homotopy
 from .modes import make_modes
 
-ATTEMPTS = 5  # from the last modes, by a path from there, by three from nothing
+MOVES, STILL, RELAXED = 0, 1, 2  # what is known of an island: a last step; lies still; the convex solution
+AGAIN, HERE, NOTHING = 0, 1, 2  # attempts: the modes at hand, a path from there, three paths from nothing
+ATTEMPTS = 5
+SHORT, LONG = 100, 1 << 30  # pivots of a path from what was assumed, from the last step's impulses
 WARM, POLISHING = 4, 12  # iterations on modes, from the last step's and from a path's end
 
 
@@ -31,28 +36,45 @@ def make_direct(given: type) -> SimpleNamespace:
     scales, adds_up = make_scales(given, "hard"), make_earned(given).adds_up
     ZERO, TINY = dtype(0.0), dtype(1e-30)
 
+    @wp.func
+    def resume(k: wp.ref[Slot], o: Island):
+        """v' = v: what rests stays so."""
+        for place in range(o.start, o.end):
+            k.v[k.block[place]] = k.before[k.block[place]]
+
+    @wp.func
+    def begin(k: wp.ref[Slot], o: Island, known: int):
+        """k.excess and v' of the first attempt."""
+        for r in range(o.row, o.last_row):
+            k.excess[r] = wp.max(k.z[r], ZERO)
+        if known == wp.static(MOVES):
+            resume(k, o)
+
+    @wp.func
+    def begin_attempt(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, size: dtype, known: int, attempt: int):
+        """(k.v, k.a) and modes that Newton's method starts from, and its iterations."""
+        if attempt < wp.static(NOTHING):
+            modes.warm(t, k, o)
+        else:
+            homotopy.from_nothing(t, k, o, size, attempt - wp.static(NOTHING))
+        if attempt == wp.static(HERE):
+            homotopy.from_here(t, k, o, size, wp.where(known == wp.static(STILL), SHORT, LONG))
+        return wp.where(attempt == wp.static(AGAIN) and known == wp.static(MOVES), WARM, POLISHING)
+
     @wp.func(inline=False)
-    def stick_and_slide(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
-        """SOLVED, NONFINITE or NOT_CONVERGED."""
+    def stick_and_slide(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, known: int):
+        """SOLVED, NONFINITE or NOT_CONVERGED; of what lies STILL without paths from nothing."""
         modes.drop_lifts(k, o)
         size, _n = scales(t, k, o)
         if not wp.isfinite(size):
             return wp.static(NONFINITE)
         size = wp.max(size, TINY)
-        for r in range(o.row, o.last_row):
-            k.excess[r] = wp.max(k.z[r], ZERO)
+        begin(k, o, known)
         status = int(wp.static(NOT_CONVERGED))
         attempt = int(0)
-        while attempt < wp.static(ATTEMPTS) and status == wp.static(NOT_CONVERGED):
-            iterations = int(wp.static(POLISHING))
-            if attempt < 2:
-                modes.warm(t, k, o)
-            if attempt == 0:
-                iterations = int(wp.static(WARM))
-            elif attempt == 1:
-                homotopy.from_here(t, k, o, size)
-            else:
-                homotopy.from_nothing(t, k, o, size, attempt - 2)
+        attempts = wp.where(known == wp.static(STILL), wp.static(NOTHING), wp.static(ATTEMPTS))
+        while attempt < attempts and status == wp.static(NOT_CONVERGED):
+            iterations = begin_attempt(t, k, o, size, known, attempt)
             if modes.newton(t, k, o, iterations) == 1:
                 good = adds_up(t, k, o)
                 if good == 0:
@@ -62,4 +84,6 @@ def make_direct(given: type) -> SimpleNamespace:
             attempt += 1
         return status
 
-    return SimpleNamespace(stick_and_slide=stick_and_slide, join_pairs=modes.join_pairs)
+    return SimpleNamespace(
+        stick_and_slide=stick_and_slide, join_pairs=modes.join_pairs, drop_lifts=modes.drop_lifts
+    )

@@ -19,7 +19,8 @@ from ...factories import cached
 from ..newton import make_newton
 from ..topology import Topology
 from ..work import V3, WORK, Island, Slot
-from .modes import HOLDS, OFF, PROXIMAL, SLIDES, make_modes
+from .matrix import HOLDS, OFF, SLIDES
+from .modes import PROXIMAL, make_modes
 
 OPENS, STICKS, RISES, FALLS = 0, 1, 2, 3  # a contact: off, held, sliding with J_t v' below or above zero
 PIVOTS, COLD_PIVOTS, MORE_PIVOTS = 1, 6, 20  # at most: by row, by row from nothing, and more
@@ -252,15 +253,20 @@ def make_homotopy(given: type) -> SimpleNamespace:
                 k.a[r] = k.a[r] + change * k.res[r]
                 k.total[r] = k.total[r] + change * k.dz[r]
 
+    @wp.func
+    def pivots(o: Island, each: int):
+        """How many are made at most, so many a row and a few."""
+        return MORE_PIVOTS + each * (o.last_row - o.row)
+
     @wp.func(inline=False)
-    def follow(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, tau: dtype, pivots: int):
-        """From s = 1 to s = 0: 1 if it gets there. k.total are the rows at s = 1."""
+    def follow(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, tau: dtype, most: int):
+        """From s = 1 to s = 0: 1 if it gets there, with `most` pivots. k.total are the rows at s = 1."""
         p = Path()
         p.s = ONE
         p.way = -ONE
         p.tau = tau
         p.row = -1
-        left = int(MORE_PIVOTS + pivots * (o.last_row - o.row))
+        left = int(most)
         arrived = int(0)
         while left > 0:
             left -= 1
@@ -303,7 +309,7 @@ def make_homotopy(given: type) -> SimpleNamespace:
                 tau = wp.max(SMALLER * tau, SMALLEST)
                 modes.keep(k, o)
                 left -= 1
-                if follow(t, k, o, tau, PIVOTS) == 0:
+                if follow(t, k, o, tau, pivots(o, PIVOTS)) == 0:
                     modes.take(k, o)
                     left = 0
 
@@ -323,7 +329,7 @@ def make_homotopy(given: type) -> SimpleNamespace:
             if k.acting[r] > 0:
                 k.cross[r] = size * (ONE + WIDE * random(k, r, trial))
                 k.total[r] = k.total[r] + k.cross[r]
-        if follow(t, k, o, tau, COLD_PIVOTS) == 1:
+        if follow(t, k, o, tau, pivots(o, COLD_PIVOTS)) == 1:
             refine(t, k, o, tau)
 
     @wp.func
@@ -352,8 +358,8 @@ def make_homotopy(given: type) -> SimpleNamespace:
         k.cross[r + 1] = lifted - side
 
     @wp.func
-    def from_here(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, size: dtype):
-        """A path from the impulses k.a in their modes."""
+    def from_here(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, size: dtype, most: int):
+        """A path from the impulses k.a in their modes, of `most` pivots."""
         for r in range(o.row, o.last_row):
             if k.acting[r] > 0 and k.mode[r] != OFF:
                 k.a[r] = wp.max(k.a[r], SMALL * random(k, r, 0) * size / k.diag[r])
@@ -369,7 +375,7 @@ def make_homotopy(given: type) -> SimpleNamespace:
         for r in range(o.row, o.last_row):
             if k.acting[r] > 0:
                 k.total[r] = k.total[r] + k.cross[r]
-        if follow(t, k, o, TAU, PIVOTS) == 1:
+        if follow(t, k, o, TAU, wp.min(pivots(o, PIVOTS), most)) == 1:
             refine(t, k, o, TAU)
 
     return SimpleNamespace(from_nothing=from_nothing, from_here=from_here)

@@ -19,14 +19,13 @@ from types import SimpleNamespace
 import warp as wp
 
 from ...factories import cached
-from ..linear.lu import make_lu
 from ..mechanism import COLUMN
 from ..newton import TOLERANCE, make_newton
 from ..topology import CONTACT, Topology
-from ..work import M33, V3, WORK, Island, Slot
+from ..work import V3, WORK, Island, Slot
+from .matrix import HOLDS, OFF, SLIDES, make_modes_matrix
 
 PROXIMAL = 1e-9  # tau
-OFF, HOLDS, SLIDES = 0, 1, 2  # modes of a row; SLIDES: presses, and holds the mean of the pair's rows
 STAYS = 1e-12  # residual of the last impulses that stay as they are: rounding of gaps makes as much
 SLIP = 0.2  # of v_t of what sticks, that counts as the residual of a row does
 LEAST = 1e-6  # friction coefficient for which v_t has digits in mu v_t
@@ -40,7 +39,8 @@ def make_modes(given: type) -> SimpleNamespace:
     """
     dtype = WORK
     nt = make_newton(given, "hard")
-    lu = make_lu()
+    matrix = make_modes_matrix()
+    partner, lu = matrix.partner, matrix.lu
     ZERO, ONE, HALF = dtype(0.0), dtype(1.0), dtype(0.5)
     TAU, GOOD, AIM, KEPT = dtype(PROXIMAL), nt.GOOD, dtype(TOLERANCE), dtype(STAYS)
     HUGE = dtype(1e300)
@@ -131,7 +131,7 @@ def make_modes(given: type) -> SimpleNamespace:
 
     @wp.func
     def warm(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
-        """Modes and impulses of D lambda = k.excess, and v' that these give."""
+        """Modes and impulses of D lambda = k.excess."""
         for r in range(o.row, o.last_row):
             k.mode[r] = OFF
             k.weight[r] = ZERO
@@ -143,7 +143,6 @@ def make_modes(given: type) -> SimpleNamespace:
                     k.mode[r] = SLIDES * k.mode[r]
                     k.mode[r - 1] = SLIDES * k.mode[r - 1]
             k.a[r] = k.weight[r]
-        push(t, k, o)
 
     @wp.func
     def choose(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
@@ -177,13 +176,6 @@ def make_modes(given: type) -> SimpleNamespace:
         return changed
 
     @wp.func
-    def partner(t: wp.ref[Topology], k: wp.ref[Slot], r: int):
-        """The row whose mean with r is held: of one that slides the other one of the pair, else r itself."""
-        if k.mode[r] == SLIDES:
-            return r + t.row_sign[k.row[r]]
-        return r
-
-    @wp.func
     def stiffen(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
         """k.p: kappa; whether something slides."""
         slides = int(0)
@@ -196,61 +188,10 @@ def make_modes(given: type) -> SimpleNamespace:
         return slides
 
     @wp.func
-    def assemble(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, begin: int):
-        """The rows from place `begin` on of M + J' kappa J~ into k.factor, their columns into k.upper."""
-        for place in range(begin, o.end):
-            at = k.at[place]
-            b = k.block[place]
-            own = place - b + t.mass_first[b]
-            for j in range(k.first[place], own):
-                k.factor[at + j] = M33()
-                k.upper[at + j] = M33()
-            for j in range(own, place + 1):
-                m = k.mass[t.mass_at[b] + j + b - place]
-                k.factor[at + j] = m
-                k.upper[at + j] = m
-        for g in range(o.group, o.last_group):
-            start = k.group[g]
-            end = k.group[g + 1]
-            pattern = k.pattern[start]
-            entries = k.entry[start + 1] - k.entry[start]
-            for e in range(entries):
-                one = k.place[t.row_block[pattern + e]]
-                for f in range(e + 1):
-                    two = k.place[t.row_block[pattern + f]]
-                    total = M33()
-                    across = M33()  # of (f, e), transposed
-                    for r in range(start, end):
-                        if k.p[r] > ZERO and wp.max(one, two) >= begin:
-                            at = k.entry[r]
-                            other = k.entry[partner(t, k, r)]
-                            weight = HALF * k.p[r]
-                            held_e = weight * (k.jac[at + e] + k.jac[other + e])
-                            held_f = weight * (k.jac[at + f] + k.jac[other + f])
-                            total += wp.outer(k.jac[at + e], held_f)
-                            across += wp.outer(held_e, k.jac[at + f])
-                    if wp.max(one, two) < begin:
-                        continue
-                    if one < two:
-                        slot = k.at[two] + one
-                        k.factor[slot] = k.factor[slot] + wp.transpose(across)
-                        k.upper[slot] = k.upper[slot] + wp.transpose(total)
-                    else:
-                        slot = k.at[one] + two
-                        k.factor[slot] = k.factor[slot] + total
-                        k.upper[slot] = k.upper[slot] + across
-
-    @wp.func(inline=False)
-    def factor_from(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, begin: int):
-        """LU factors of the matrix of the modes at hand, of weights k.p, from place `begin` on."""
-        assemble(t, k, o, begin)
-        lu.factor(k.factor, k.upper, k.first, k.at, begin, o.end)
-
-    @wp.func
     def factor(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, slides: int):
         """The matrix of the modes at hand, of weights k.p, and its factors; not symmetric if one `slides`."""
         if slides == 1:
-            factor_from(t, k, o, o.start)
+            matrix.factor_from(t, k, o, o.start)
         else:
             for r in range(o.row, o.last_row):
                 k.weight[r] = k.p[r]
@@ -389,7 +330,7 @@ def make_modes(given: type) -> SimpleNamespace:
         begins_pair=begins_pair,
         follows=follows,
         partner=partner,
-        factor_from=factor_from,
+        factor_from=matrix.factor_from,
         solve=solve,
         evaluate=evaluate,
         keep=keep,
