@@ -39,8 +39,9 @@ def compare(scene: Scene, worlds: Worlds, us: Array, options: Options, strategy:
                      measures={name: measures.final(name) for name in names},
                      disturbances=slcp.Disturbances(kick_times=times, kick=1.0))  # fmt: skip
     given = slcp.Worlds(worlds.x, params.table(), kicks)
-    kind = {"dtype": "float64", "device": "cpu", "strategy": strategy}
-    report = slcp.sweep(task, law, worlds=given, cases=options, **kind)
+    report = slcp.sweep(
+        task, law, worlds=given, cases=options, dtype="float64", device="cpu", strategy=strategy
+    )
     found = report.part(report.parts[0]["policy"])
     at = [round(time / scene.step_size) for time in times]
     sudden = dict(zip(at, kicks.swapaxes(0, 1)))
