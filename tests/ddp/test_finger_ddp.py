@@ -71,15 +71,27 @@ def test_the_minimum_is_one(device):
     assert np.abs((costs[1] - costs[0]) / (costs[1] + costs[0] - 2.0 * result.cost)).max() < 0.2
 
 
-def test_cost_never_rises_and_the_tail_is_quadratic(device):
+def test_cost_never_rises_and_the_tail_is_superlinear(device):
     trace, passes = canonical(device).trace, int(canonical(device).iterations)
     assert (np.diff(trace.cost[: passes + 1]) <= 0.0).all()
     reductions = trace.reduction[np.isfinite(trace.reduction) & (trace.reduction > 0.0)]
     ratios = reductions[-2:] / reductions[-3:-1]
-    assert ratios[0] < 0.1 and ratios[1] < 0.5 * ratios[0], reductions[-5:]
+    assert ratios.max() < 0.1, reductions[-5:]
     gradients = trace.gradient[np.isfinite(trace.gradient)]
     assert gradients[-1] < 0.05 * gradients[-2] < 0.05 * 0.2 * gradients[-3], gradients[-5:]
     assert trace.step_size[passes - 1] == 1.0 and trace.regularization[passes] < 1e-3
+
+
+def test_near_the_minimum_the_gradient_is_squared(device):
+    """From any side; how the last of a hundred passes from far away come near it hangs on rounding."""
+    minimum = canonical(device).us
+    starts = minimum + 0.002 * smooth_noise(4)
+    plain = ddp.Options(max_iterations=10, regularization=ddp.Regularization(1e-9))
+    result = ddp.solve(problem(device), np.tile(X0, (4, 1)), starts, plain)
+    gradient = result.trace.gradient
+    first, then = gradient[:, 1], gradient[:, 2]
+    assert (first > 1e-5).all() and (then < np.minimum(1000.0 * first**2, 0.05 * first)).all(), gradient
+    np.testing.assert_allclose(result.cost, canonical(device).cost, rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("feedback", [False, True], ids=["open-loop", "policy"])
