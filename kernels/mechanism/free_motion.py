@@ -15,7 +15,8 @@ matrix.
 External forces are constant in the world over the step; their generalised force follows q. E is solved by
 elimination without pivoting, which needs h small against the fastest instability of the free motion (an
 inverted pendulum's 1/omega). Beyond that E may be next to singular: where a rounding of its entries changes D
-by more than a per cent, |E^-1| |E| |D| (Skeel's bound) measured by energy, the result is no number.
+by more than a per cent, |E^-1| |E| |D| (Skeel's bound) measured by energy, the result is no number. K_q has a
+in it, which has lost max N_ii (N^-1)_ii roundings, the condition of N.
 """
 
 from types import SimpleNamespace
@@ -30,7 +31,7 @@ from .dynamics_derivatives import make_mechanism_derivatives
 from .effective_mass import make_effective_mass
 
 UNIT = {wp.float64: 1.1e-16, wp.float32: 6e-8}  # a rounding
-ROUNDS = 10.0  # roundings of an entry of E, which is a sum of products
+ROUNDS = 10.0  # roundings of an entry of E, which is a sum of products, beside those of a
 MOST_LOST = 1e-2  # of D
 
 
@@ -86,13 +87,15 @@ def make_free_motion(spec: Specialisation) -> SimpleNamespace:
     DV = wp.types.matrix((NV, 2 * NV + NU), dtype)
     H, GEAR = lay.offset("step_size"), lay.offset("gear")
     ZERO, ONE, HALF, TWO = dtype(0.0), dtype(1.0), dtype(0.5), dtype(2.0)
-    ROUND = dtype(ROUNDS * UNIT[dtype] / MOST_LOST)
+    SUMMED, ROUND = dtype(ROUNDS), dtype(UNIT[dtype] / MOST_LOST)
 
     @wp.func
-    def is_lost(n: MQ, rest: MQ, factor: MQ, d: VQ, v: VQ):
+    def is_lost(n: MQ, minv: MQ, rest: MQ, factor: MQ, d: VQ, v: VQ):
         # E = n + rest, whose terms may cancel
         size = VQ()
+        condition = ZERO
         for i in range(wp.static(NV)):
+            condition = wp.max(condition, n[i, i] * minv[i, i])
             for j in range(wp.static(NV)):
                 size[i] = size[i] + (wp.abs(n[i, j]) + wp.abs(rest[i, j])) * wp.abs(d[j])
         bound = VQ()
@@ -107,7 +110,8 @@ def make_free_motion(spec: Specialisation) -> SimpleNamespace:
         for i in range(wp.static(NV)):
             moved = wp.max(moved, n[i, i] * (d[i] * d[i] + v[i] * v[i]))
             doubt = wp.max(doubt, n[i, i] * bound[i] * bound[i])
-        return ROUND * ROUND * doubt > moved
+        share = ROUND * (SUMMED + condition)
+        return share * share * doubt > moved
 
     @wp.func
     def velocity(world: t.World, pose: t.Pose, minv: MQ, v: VQ, force: VQ):
@@ -121,7 +125,7 @@ def make_free_motion(spec: Specialisation) -> SimpleNamespace:
             rhs = h * (force - HALF * h * (kq * v))
             factor = wp.static(lu.factor)(n + rest)
             d = wp.static(lu.solve)(factor, rhs)
-            if is_lost(n, rest, factor, d, v):
+            if is_lost(n, minv, rest, factor, d, v):
                 d[0] = wp.sqrt(ZERO - ONE)
             return v + d, a
         return v + h * a, a

@@ -14,7 +14,7 @@ from slcp_warp.scripts.benchmarks.fuzz.draws import Worlds
 from slcp_warp.scripts.benchmarks.fuzz.judge import Outcome
 from slcp_warp.scripts.benchmarks.fuzz.judged import judged, predicted
 from slcp_warp.scripts.benchmarks.fuzz.problem import Problem, Truth
-from slcp_warp.scripts.benchmarks.fuzz.proofs import opens
+from slcp_warp.scripts.benchmarks.fuzz.proofs import coulomb_solution, least_motion, opens
 from slcp_warp.scripts.benchmarks.fuzz.tasks import Task
 from slcp_warp.scripts.benchmarks.fuzz.verdicts import SILENT, WRONG, Verdicts
 
@@ -193,3 +193,60 @@ def test_an_opening_beyond_all_speeds_excuses_no_runaway_answer():
     impulse = np.linalg.solve(p.jac[0].T, mass @ (v - p.drive.free)[0])[None]
     impulse[0, 0] *= 1.0 + 1e-14
     assert sentence(opened, v, impulse)[:2] == (SILENT, "no solution exists")
+
+
+def test_friction_that_all_but_depends_on_its_normal_is_solved_without_rounding():
+    """A disc on its own parent's edge, 6e-6 m inside: it sticks as the parent turns at -77 rad/s, with
+    impulses of 1e7. A has no digits for them; what solves the numbers as they stand is what the kernels gave.
+    """
+    task = Task(51, 13, "generic")
+    scene = task.make_scene()
+    worlds = task.worlds(0, scene).part(7)
+    sim = slcp.Simulator(scene, slcp.Options(residual="hard", friction="coulomb"), device="cpu",
+                         dtype="float64", strategy="generic")  # fmt: skip
+    found, done = judged(worlds, sim)
+    assert done.status[0] == slcp.Status.SOLVED and found.errors.worst()[0] > 1.0
+    assert found.verdict[0] == "holds"
+    p = found.part(np.array([0]))
+    assert coulomb_solution(p, 0) is None
+    v, impulse = coulomb_solution(p, 0, exact=True)
+    assert np.abs(done.state[0, 4:] - v).max() < 1e-8 * np.abs(v).max()
+    assert np.abs(done.impulse[0, 1:] / impulse[1:] - 1.0).max() < 1e-7 and impulse[3] > 1e7
+    off = Outcome(done.state, done.impulse * (1.0 + 1e-6 * np.eye(5)[3]), done.gap, done.status)
+    assert judged(worlds, sim, out=off)[0].verdict[0] == SILENT
+
+
+def test_rows_that_exclude_each_other_by_little_have_no_least_motion():
+    """A limit and a contact, by 1e-4 m/s beside 6 m/s: least distances gave 13 m/s, that open nothing."""
+    mass = np.diag([0.07073384568846602, 0.37477856228371964])
+    jac = np.array([[-1.0, 0.0], [0.29488933952049556, -0.4137068634052622],
+                    [0.18115162998699494, 0.5726938338583383]])  # fmt: skip
+    rate = -np.array([5.9018340182178742e-05, 1.3586361936530717e-05, 1.3586361936530717e-05])
+    free = np.array([-5.85401292787742, 0.0548050503501626])
+    diag = np.einsum("ij,ji->i", jac, np.linalg.solve(mass, jac.T))
+
+    def least(rate):
+        drive = SimpleNamespace(h_mass=[mass], free=[free])
+        p = SimpleNamespace(jac=[jac], rate=[rate], free=[jac @ free + rate], diag=[diag], drive=drive)
+        return opens(p, 0), least_motion(p, 0)
+
+    assert least(rate) == (False, None)
+    opened, found = least(-rate)
+    assert opened and (jac @ found[0] - rate > -1e-12).all()
+
+
+def test_a_stiff_spring_across_makes_forces_of_a_rounding():
+    """A trapezoidal step: the answer to a position half a rounding away holds, one far from it does not."""
+    spring = Spring(None, "slider", stiffness=6.6e7, length=0.1, damping=0.98, point_a=(-0.3447556, 0.125))
+    body = Body("slider", 0.005, 1e-5, joint="prismatic", damping=12506.0)
+    scene = Scene("across", (body,), springs=(spring,), gravity=(0.0, 0.0), step_size=0.0019)
+    options = slcp.Options(residual="hard", integrator="trapezoidal")
+
+    def posed_at(q):
+        return posed(scene, np.array([[q, 0.0856]]), "float32", options, np.zeros((1, 1)))
+
+    pose, none = posed_at(-0.344757), np.zeros((1, 0))
+    v = pose(None).drive.free
+    nudged = posed_at(-0.344757 * (1.0 + 6e-8))(None).drive.free
+    assert sentence(pose, nudged, none)[0] == "holds"
+    assert sentence(pose, v + 40.0 * (nudged - v), none)[:2] == (SILENT, "motion")

@@ -26,6 +26,7 @@ ERM_SLACK = 10.0  # of TOLERANCE: a vanishing gradient of squares has the square
 MOST_LOSS = 1e-2  # relative error, whatever the mass matrix
 LOST_ROWS = {"float64": 100.0, "float32": 50.0}  # times TOLERANCE that J v' + d/h may lose by it
 REFUSED = 3e-4  # of the motion that a rounding may make of it where the trapezoidal method may say NONFINITE
+SUMMED = 10.0  # roundings that the kernels lay to entries of that method's matrix, beside those of H^-1
 FLOOR = 1e-30
 LEVER = 3.0  # a sum of a dozen terms, which rounds by more than 4 EPSILON of its terms
 TURNED = 0.3  # of a normal by rounding: two points in one place have any
@@ -100,7 +101,8 @@ class Truth:
             doubt, guess = self._doubt(h_mass, mo.force - drag + pull / h, pull / h, reached)
             shaken, lost = self._shaken(h_mass, pull / h, reached)
             rhs = np.einsum("bij,bj->bi", h_mass, reached - push)
-            return Drive(h_mass, rhs, size, reached - push, doubt + LEVER * shaken, guess, lost)
+            doubt += LEVER * shaken + self._placed(h_mass, pull / h, reached)
+            return Drive(h_mass, rhs, size, reached - push, doubt, guess, lost)
         free = solved(h_mass, rhs)
         none = np.zeros(free.shape)
         return Drive(h_mass, rhs, size, free, self._strung(free), none, none[:, 0])
@@ -114,6 +116,18 @@ class Truth:
             + 0.5 * h[..., None] ** 2 * mo.stiffened * self.mech.stiff
         )
         return out + np.einsum("bij,bj->bi", late, np.abs(self.v) + np.abs(free))
+
+    def _placed(self, n: Array, push: Array, reached: Array) -> Array:
+        """What relative errors of positions make of N reached: no method does better than to solve the step
+        of data that are rounded. A stiff spring turns them into forces.
+        """
+        change = np.zeros(push.shape)
+        for j in range(push.shape[1]):
+            q = self.q.copy()
+            q[:, j] *= 1.0 + SHAKEN
+            moved = self.mech.trapezoid(q, self.v, self.worlds.u, push) - reached
+            change += np.abs(np.einsum("bij,bj->bi", n, moved)) / SHAKEN
+        return change
 
     def _shaken(self, n: Array, push: Array, reached: Array) -> tuple[Array, Array]:
         """What relative errors of the terms of the method's matrix make of N reached (Skeel's bound), also
@@ -247,9 +261,12 @@ class Problem:
 
     @property
     def digitless(self) -> Array:
-        """Where the matrices of the step may be said to have no digits (B,)."""
+        """Where the matrices of the step may be said to have no digits (B,): H, or the trapezoidal method's,
+        whose accelerations have lost the digits of H's condition.
+        """
         out: Array = self.condition * EPSILON[self.inner] > MOST_LOSS
-        return out | (self.drive.lost * EPSILON[self.inner] > REFUSED)
+        lost = self.drive.lost * (1.0 + self.condition / SUMMED)
+        return out | (lost * EPSILON[self.inner] > REFUSED)
 
     @functools.cached_property
     def condition(self) -> Array:

@@ -3,6 +3,7 @@ contact has a solution, and how large a solution is.
 """
 
 import itertools
+from collections.abc import Callable
 from fractions import Fraction
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 from slcp_warp.results.pictures.kinematics import Array
 
 from ..mechanics.complementarity import rubbed
+from ..mechanics.rational import Row, largest, product, rational, solve
 from ..shared.optional import scipy_module
 from .problem import FLOOR, Problem
 
@@ -18,6 +20,7 @@ MOST_MODES = 1_024
 FASTEST = (
     1e5  # velocities that open rows, in units of the acting rows' speeds: pi/2 in float32 is a direction, too
 )
+CLOSED = 1e-6  # of its terms: what keeps a row from being open
 OPEN, PRESS, STICK, LEFT, RIGHT = range(5)
 
 
@@ -50,46 +53,7 @@ def opens(p: Problem, i: int) -> bool:
     simplex method on fractions for max t, J v + d/h >= t, Bland's rule. Floating-point programs end at 1e-7.
     """
     sides = [[-Fraction(x) for x in row] + [Fraction(1), Fraction(d)] for row, d in zip(p.jac[i], p.rate[i])]
-    return _largest(sides) >= 0 if sides else True
-
-
-def _largest(rows: list[list[Fraction]]) -> Fraction:
-    """max t of slack = d - a x >= 0 for rows (a, d), x = (v, t) free, t their last; stops at t >= 0. `rows`
-    holds the dictionary: what the slacks (or those x that took their places) lose by each that is not basic.
-    """
-    n = len(rows[0]) - 1
-    names: list[Any] = [f"x{j}" for j in range(n)]  # not basic; slacks are numbers, free variables texts
-    basic: list[Any] = list(range(len(rows)))
-    goal = [Fraction(0)] * (n - 1) + [Fraction(1), Fraction(0)]  # gain by each, and value
-
-    def pivot(r: int, c: int) -> None:
-        by = rows[r][c]
-        rows[r] = [x / by for x in rows[r]]
-        rows[r][c] = 1 / by
-        for k, row in enumerate(rows):
-            if k != r and row[c]:
-                share = row[c]
-                rows[k] = [x - share * y for x, y in zip(row, rows[r])]
-                rows[k][c] = -share * rows[r][c]
-        share = goal[c]
-        goal[:n] = [x - share * y for x, y in zip(goal[:n], rows[r][:n])]
-        goal[c] = -share * rows[r][c]
-        goal[n] += share * rows[r][n]
-        names[c], basic[r] = basic[r], names[c]
-
-    pivot(min(range(len(rows)), key=lambda k: rows[k][n]), n - 1)  # t = min d: every slack is >= 0
-    while goal[n] < 0:
-        free = [c for c in range(n) if isinstance(names[c], str) and goal[c]]
-        gains = [c for c in range(n) if not isinstance(names[c], str) and goal[c] > 0]
-        if not free and not gains:
-            break
-        c = free[0] if free else min(gains, key=lambda c: names[c])
-        sign = 1 if goal[c] > 0 else -1
-        tied = [k for k in range(len(rows)) if not isinstance(basic[k], str) and sign * rows[k][c] > 0]
-        if not tied:
-            return Fraction(1)  # without a bound
-        pivot(min(tied, key=lambda k: (rows[k][n] / abs(rows[k][c]), basic[k])), c)
-    return goal[n]
+    return largest(sides) >= 0 if sides else True
 
 
 def least_motion(p: Problem, i: int) -> tuple[Array, Array] | None:
@@ -114,16 +78,18 @@ def least_motion(p: Problem, i: int) -> tuple[Array, Array] | None:
         return None
     lam = dual / rest[-1] * unit / size
     move = np.linalg.solve(root.T, np.linalg.solve(root, jac.T @ lam))
-    return p.drive.free[i] + move, lam
+    shut = b + jac @ move < -CLOSED * (np.abs(b) + np.abs(jac) @ np.abs(move))
+    return None if shut.any() else (p.drive.free[i] + move, lam)
 
 
 def coulomb_solution(
-    p: Problem, i: int, acting: Array | None = None, accuracy: float = 1e-11, like: Array | None = None
-) -> tuple[Array, Array] | None | bool:
+    p: Problem, i: int, acting: Array | None = None, accuracy: float = 1e-11, like: Array | None = None,
+    exact: bool = False,
+) -> tuple[Array, Array] | None | bool:  # fmt: skip
     """v' and lambda of a solution of Coulomb contact, by trying all modes of all rows (or of those `acting`
     (nr,), the others open): the one with the least impulses, or, of those that hold on the scale of the data
     alone, the nearest to the impulses `like` (nr,). None where there is none, False where there are too many
-    modes to try.
+    modes to try. `exact`: systems are solved in fractions, and all must hold on the scale of the data.
     """
     groups: list[tuple[tuple[int, ...], tuple[int, ...]]] = []
     for r in range(len(p.tangent)):
@@ -139,13 +105,14 @@ def coulomb_solution(
         return False
     best: Any = None
     least = np.inf
+    rounded = _exactly(p, i) if exact else _impulses
     for modes in itertools.product(*(modes for _, modes in groups)):
-        lam = _impulses(p, i, [g for g, _ in groups], modes)
-        if lam is None:
+        found = rounded(p, i, [g for g, _ in groups], modes)
+        if found is None:
             continue
-        w = p.free[i] + p.a[i] @ lam
+        lam, w = found
         size = (np.abs(p.free[i]) + np.abs(p.a[i]) @ np.abs(lam)).max() + 1e-300
-        if like is not None:
+        if like is not None or exact:
             size = np.abs(p.free[i]).max()
         if _legal(p, i, [g for g, _ in groups], lam, w, accuracy * size):
             far = np.abs(p.diag[i] * (lam if like is None else lam - like)).max()
@@ -156,10 +123,10 @@ def coulomb_solution(
     return p.drive.free[i] + np.linalg.solve(p.drive.h_mass[i], p.jac[i].T @ best), best
 
 
-def _impulses(p: Problem, i: int, groups: list[Any], modes: tuple[int, ...]) -> Array | None:
-    """The impulses that the modes ask for; None where their system has no solution."""
+def _asked(p: Problem, i: int, groups: list[Any], modes: tuple[int, ...]) -> tuple[Array, list[int]]:
+    """What modes ask for: columns of lambda = columns x (nr, n), and the n rows whose w must vanish."""
     n = len(p.tangent)
-    basis, zero = [], []  # columns of lambda = basis x, and rows that must vanish
+    basis, zero = [], []
     for rows, mode in zip(groups, modes):
         if mode == OPEN:
             continue
@@ -174,16 +141,43 @@ def _impulses(p: Problem, i: int, groups: list[Any], modes: tuple[int, ...]) -> 
             unit[rows[1]] = 1.0
             basis.append(unit)
             zero.append(rows[1])
-    if not basis:
-        return np.zeros(n)
-    columns = np.array(basis).T
+    return np.array(basis).reshape(-1, n).T, zero
+
+
+def _impulses(p: Problem, i: int, groups: list[Any], modes: tuple[int, ...]) -> tuple[Array, Array] | None:
+    """The impulses that the modes ask for, by least squares, and w."""
+    columns, zero = _asked(p, i, groups, modes)
+    if not zero:
+        return np.zeros(len(p.tangent)), p.free[i]
     scale = np.sqrt(np.maximum(p.diag[i], FLOOR))
     matrix = (p.a[i] @ columns)[zero] / scale[zero][:, None]
     goal = -p.free[i][zero] / scale[zero]
     x, *_ = np.linalg.lstsq(matrix, goal, rcond=1e-12)
     x = x + np.linalg.lstsq(matrix, goal - matrix @ x, rcond=1e-12)[0]  # where masses differ by much
-    out: Array = columns @ x
-    return out
+    lam = columns @ x
+    return lam, p.free[i] + p.a[i] @ lam
+
+
+def _exactly(p: Problem, i: int) -> Callable[..., tuple[Array, Array] | None]:
+    """The same for the numbers as they stand, without rounding; None where the rows depend on each other."""
+    mass, jac = rational(p.drive.h_mass[i]), rational(p.jac[i])
+    right: Row = [Fraction(x) for x in p.drive.rhs[i]]
+    responses = [solve(mass, row) or row for row in jac]
+    a = [[product(row, other) for other in responses] for row in jac]
+    start = solve(mass, right) or right
+    free = [product(row, start) + Fraction(d) for row, d in zip(jac, p.rate[i])]
+
+    def impulses(_: Problem, __: int, groups: list[Any], modes: tuple[int, ...]) -> Any:
+        columns, zero = _asked(p, i, groups, modes)
+        basis = rational(columns.T)
+        x = solve([[product(a[r], unit) for unit in basis] for r in zero], [-free[r] for r in zero])
+        if x is None:
+            return None
+        lam = [sum((s * unit[r] for s, unit in zip(x, basis)), Fraction(0)) for r in range(len(a))]
+        w = [b + product(row, lam) for b, row in zip(free, a)]
+        return np.array(lam, float), np.array(w, float)
+
+    return impulses
 
 
 def _legal(p: Problem, i: int, groups: list[Any], lam: Array, w: Array, miss: float) -> bool:

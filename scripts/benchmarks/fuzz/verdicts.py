@@ -71,10 +71,10 @@ class Verdicts:
     def _set(self, i: int, verdict: str, reason: str) -> None:
         self.verdict[i], self.reason[i] = verdict, reason
 
-    def _tried(self, p: Problem, acting: Array | None, like: Array | None = None) -> Any:
+    def _tried(self, p: Problem, acting: Array | None, like: Array | None = None, exact: bool = False) -> Any:
         """`coulomb_solution`, while there are trials left."""
         self.trials -= 1
-        return coulomb_solution(p, 0, acting, like=like) if self.trials >= 0 else False
+        return coulomb_solution(p, 0, acting, like=like, exact=exact) if self.trials >= 0 else False
 
     def _earn(self, i: int, prove: bool) -> None:
         """Judge a large answer by the size of an independent solution, the least; with Coulomb's friction,
@@ -89,6 +89,8 @@ class Verdicts:
         w = p.rate[0] + p.jac[0] @ self.out.x[i, p.truth.s.nv :]
         near = (self.out.impulse[i] > 0.0) | (w < 1e-2 * p.terms(np.abs(p.truth.v))[0])
         found: Any = self._tried(p, near) if p.method.coulomb else least_motion(p, 0)
+        if found is None and p.method.coulomb:  # rows may all but depend on each other
+            found = self._tried(p, near, exact=True)
         if found is False:
             return self._set(i, UNPROVEN, "too many modes")
         if found is None and not p.method.coulomb and not self._is_runaway(p, i) and opens(p, 0):
