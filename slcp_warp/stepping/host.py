@@ -35,6 +35,14 @@ def acts_on_host(policy: Any) -> bool:
     return not isinstance(policy, type) and callable(attribute(policy, "act"))
 
 
+def steps_between(policy: Any, step_size: float) -> int:
+    """Steps between two questions to a policy on the host."""
+    period = attribute(policy, "period")
+    if period is None:
+        return 1
+    return max(1, round(number("policy.period", period, 0.0, above=True) / step_size))
+
+
 class Asked:
     """A policy on the host in one rollout, or one chunk of a sweep.
 
@@ -53,10 +61,7 @@ class Asked:
             )
         self.policy, self.nu, self.worlds = policy, sim.nu, worlds
         self.h = float(step_sizes[0]) if len(step_sizes) else sim.scene.step_size
-        period = attribute(policy, "period")
-        if period is not None:
-            period = number("policy.period", period, 0.0, above=True)
-        self.every = 1 if period is None else max(1, round(period / self.h))
+        self.every = steps_between(policy, self.h)
         begin = attribute(policy, "begin")
         if begin is not None:
             if not callable(begin):
@@ -69,19 +74,26 @@ class Asked:
         Raises:
             ArgumentError, ArrayError: what came back is no such array of finite numbers.
         """
-        time = k * self.h
-        given = self.policy.act(x.astype(np.float64), time, self.worlds)
-        found = numeric(given)
-        if found is None:
-            raise ArgumentError(f"policy gave {shown(given)} at {time:g} s; an array of numbers is needed")
-        if found.shape not in ((self.nu,), (len(x), self.nu)):
-            raise ArrayError(
-                f"policy gave shape {found.shape} at {time:g} s; ({len(x)}, {self.nu}) or ({self.nu},) is "
-                "needed"
-            )
-        out = np.broadcast_to(found, (len(x), self.nu))
-        still = np.isfinite(x).all(1)
-        if not np.isfinite(out[still]).all():
-            bad = out[still][~np.isfinite(out[still])][0]
-            raise ArgumentError(f"policy gave {bad} at {time:g} s; finite numbers are needed")
-        return out
+        return told(self.policy, x.astype(np.float64), k * self.h, self.worlds, self.nu)
+
+
+def told(policy: Any, x: np.ndarray, time: float, worlds: np.ndarray, nu: int) -> np.ndarray:
+    """Controls (B, nu) that a policy on the host gives for states (B, nx).
+
+    Raises:
+        ArgumentError, ArrayError: what came back is no such array of finite numbers.
+    """
+    given = policy.act(x, time, worlds)
+    found = numeric(given)
+    if found is None:
+        raise ArgumentError(f"policy gave {shown(given)} at {time:g} s; an array of numbers is needed")
+    if found.shape not in ((nu,), (len(x), nu)):
+        raise ArrayError(
+            f"policy gave shape {found.shape} at {time:g} s; ({len(x)}, {nu}) or ({nu},) is needed"
+        )
+    out = np.broadcast_to(found, (len(x), nu))
+    still = np.isfinite(x).all(1)
+    if not np.isfinite(out[still]).all():
+        bad = out[still][~np.isfinite(out[still])][0]
+        raise ArgumentError(f"policy gave {bad} at {time:g} s; finite numbers are needed")
+    return out

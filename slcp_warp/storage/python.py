@@ -39,10 +39,11 @@ def _put_folder(path: Path) -> None:
     """Let modules beside a file be found."""
     folder = str(path.parent)
     for beside in _beside(path):
-        there = getattr(sys.modules.get(beside.stem), "__file__", None)
-        if there is not None and Path(there) != beside and str(Path(there).parent) in _folders:
+        name = beside.relative_to(path.parent).parts[0].removesuffix(".py")
+        there = getattr(sys.modules.get(name), "__file__", None)
+        if there is not None and Path(there) != beside and _folder_of(Path(there)) in _folders:
             raise ImportError(
-                f"{path} imports {beside.stem!r}, which was imported already from {there}; "
+                f"{path} imports {name!r}, which was imported already from {there}; "
                 "give one of them another name"
             )
     if folder in sys.path and folder not in _folders:
@@ -50,6 +51,11 @@ def _put_folder(path: Path) -> None:
     sys.path[:] = [each for each in sys.path if each not in _folders]
     _folders[:] = [folder, *(each for each in _folders if each != folder)]
     sys.path.extend(_folders)
+
+
+def _folder_of(module: Path) -> str:
+    """Where a module was found, or the package that a file begins."""
+    return str(module.parent.parent if module.name == "__init__.py" else module.parent)
 
 
 def _beside(path: Path) -> Iterator[Path]:
@@ -66,7 +72,9 @@ def _beside(path: Path) -> Iterator[Path]:
         }
         names |= {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.module}
         for name in sorted(names):
-            beside = path.parent / f"{name.partition('.')[0]}.py"
+            first = name.partition(".")[0]
+            package, module = path.parent / first / "__init__.py", path.parent / f"{first}.py"
+            beside = package if package.is_file() else module  # as Python chooses
             if beside.is_file() and beside not in seen:
                 seen.add(beside)
                 todo.append(beside)

@@ -70,3 +70,37 @@ def test_limits_and_what_is_seen_are_the_tasks(device):
     again = ddp.TrackingPolicy(plan, control_limits=(-1.0, 2.0))
     assert nominal(again, own, H) is again
     assert np.isinf(tracked.limits[1]).all()  # it is another one that has them
+
+
+class Reusing:
+    """A law on the host that gives the same array every time, as buffers do."""
+
+    def __init__(self):
+        self.out = np.zeros(1)
+
+    def act(self, x, time, worlds):
+        self.out[:] = FORCE + K @ (x[0] - GOAL)
+        return self.out
+
+
+def test_what_a_policy_on_the_host_says_is_its_own_to_change(device):
+    """A delayed control is the one that was given, not the one that the array holds later."""
+    own = late(0.08, 0.0)
+    sim = own.simulator(device=device)
+    run = sim.rollout(own.start, policy=nominal(Reusing(), own, H), steps=N)
+    np.testing.assert_allclose(run.states[0, -1], by_hand(own, 4, 1, *LIMITS), rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "given, text", [([1.0, 2.0, 3.0], r"policy gave shape \(3,\) at 0 s"), ("x", "policy gave 'x'"),
+                    ([np.nan], "policy gave nan at 0 s")]
+)  # fmt: skip
+def test_what_is_no_control_is_refused_as_without_a_delay(device, given, text):
+    own = late(0.08, 0.0)
+    policy = nominal(policies.Callback(lambda x, time: given), own, H)
+    with pytest.raises(slcp.InputError, match=text):
+        own.simulator(device=device).rollout(own.start, policy=policy, steps=6)
+    bad = called()
+    bad.period = "often"
+    with pytest.raises(slcp.InputError, match="policy.period"):
+        nominal(bad, own, H)

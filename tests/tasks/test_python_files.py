@@ -66,3 +66,17 @@ def test_two_modules_of_one_name_are_not_mixed_up(tmp_path):
     with pytest.raises(slcp.InputError, match="'own_helper', which was imported already"):
         slcp.load_task(f"{second}:task")
     assert slcp.load_task(f"{first}:task").name == "a"
+
+
+def test_two_packages_of_one_name_are_not_mixed_up(tmp_path):
+    """Nor a package and a module; what a package imports is beside the file, too."""
+    first, second, third = (put(tmp_path / name, "own_helper", name) for name in ("a", "b", "c"))
+    for name in ("a", "b"):
+        package = tmp_path / name / "own_helper"
+        package.mkdir()
+        (tmp_path / name / "own_helper.py").rename(package / "__init__.py")
+    assert slcp.load_task(f"{first}:task").name == "a"
+    for other in (second, third):
+        with pytest.raises(slcp.InputError, match="'own_helper', which was imported already from .*a/own_h"):
+            slcp.load_task(f"{other}:task")
+    assert slcp.load_task(f"{first}:task").name == "a"

@@ -10,7 +10,7 @@ from ...inputs.checks import attribute
 from ...inputs.limits import bounded, limit_rows
 from ...policies.around import Around
 from ...stepping.arguments import at_step_size
-from ...stepping.host import acts_on_host
+from ...stepping.host import acts_on_host, steps_between, told
 from ...tasks.task import Task
 from .between import OfHost, observed, steps_of
 
@@ -66,7 +66,7 @@ class HostAround(OfHost):
 
     def __init__(self, policy: Any, limits: Any, delay: int, hold: int, step_size: float) -> None:
         super().__init__(policy)
-        own = 1 if self.period is None else max(1, round(self.period / step_size))
+        own = steps_between(policy, step_size)
         self._every = hold if hold % own == 0 else own  # what is said in between reaches no world
         self._limits, self._delay, self._hold = limits, delay, hold
         self._h, self.period = step_size, step_size
@@ -84,7 +84,7 @@ class HostAround(OfHost):
         """Controls of the states x (B, nx)."""
         k = round(time / self._h)
         if k % self._every == 0:
-            self._said = np.broadcast_to(self._policy.act(x, time, worlds), self._held.shape)
+            self._said = told(self._policy, x, time, worlds, self._held.shape[1])  # a copy: it may be reused
         if k % self._hold == 0:
             self._held = self._said
         self._way.append(self._held)
