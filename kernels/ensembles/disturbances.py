@@ -17,6 +17,7 @@ DROPOUT_FIELDS = ("start", "duration")  # of a dropout [s]
 TIMING_FIELDS = ("delay", "hold")  # of controls [s]
 END = 1e300  # time after a world's last step [s]
 ROUNDING = 1e-6  # of a step: by so much times may miss the limits that they are to meet
+SINGLE = 1e-7  # of a time, the same: step sizes of single precision add up
 
 
 @cached
@@ -75,7 +76,7 @@ def make_disturbances(nv: int, nu: int, dtype: type) -> SimpleNamespace:
     rng = make_normal(dtype)
     Conditions, Events = make_conditions(dtype), make_events(dtype)
     VX, VU = wp.types.vector(2 * nv, dtype), wp.types.vector(max(nu, 1), dtype)
-    HALF, ZERO, EPS = wp.float64(0.5), wp.float64(0.0), wp.float64(ROUNDING)
+    HALF, ZERO, EPS, PART = wp.float64(0.5), wp.float64(0.0), wp.float64(ROUNDING), wp.float64(SINGLE)
     within = make_limits(nu, dtype)
 
     @wp.func
@@ -114,7 +115,7 @@ def make_disturbances(nv: int, nu: int, dtype: type) -> SimpleNamespace:
             if rng.share(c.seed, world, k, wp.static(DROPPED)) < c.dropped:
                 return 1
         for d in range(e.dropout.shape[1]):
-            since = time - e.dropout[i, d, 0] + EPS * h
+            since = time - e.dropout[i, d, 0] + EPS * h + PART * time
             if since >= ZERO and since < e.dropout[i, d, 1]:
                 return 1
         return 0

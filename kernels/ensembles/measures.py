@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from ..factories import cached
-from .disturbances import ROUNDING
+from .disturbances import ROUNDING, SINGLE
 
 SIGNALS = ("state", "cosine", "control", "time", "contact", "gap", "impulse", "function", "cost")
 STATE, COSINE, CONTROL, TIME, CONTACT, GAP, IMPULSE, FUNCTION, COST = range(len(SIGNALS))
@@ -78,7 +78,7 @@ def make_measures(
     VX, VU = wp.types.vector(nx, dtype), wp.types.vector(max(nu, 1), dtype)
     Contacts = contacts.Contacts
     ZERO, ONE = wp.float64(0.0), wp.float64(1.0)
-    EPS = wp.float64(ROUNDING)
+    EPS, PART = wp.float64(ROUNDING), wp.float64(SINGLE)
     user, price = chained(users.functions, VX, VU), make_price(users.cost, VX, VU, dtype)
 
     @wp.func
@@ -172,7 +172,8 @@ def make_measures(
             what = m.measure[j, 0]
             counts = m.measure[j, 4] == 1
             if not counts:
-                counts = time >= m.window[j, 0] - EPS * h and time < m.window[j, 1] - EPS * h
+                about = time + EPS * h + PART * time
+                counts = about >= m.window[j, 0] and about < m.window[j, 1]
             step = last == 0 or not (what >= wp.static(MEAN) and what <= wp.static(TOTAL))
             if counts and step and not (last == 1 and what == wp.static(SHARE)):
                 v = wp.float64(0.0)

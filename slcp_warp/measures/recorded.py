@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from slcp_warp.kernels.ensembles.disturbances import ROUNDING
+from slcp_warp.kernels.ensembles.disturbances import ROUNDING, SINGLE
 from slcp_warp.kernels.ensembles.measures import NONE, TOUCH
 
 from ..description.scene import Scene
@@ -138,8 +138,8 @@ class Recorded:
 def counted_steps(measure: Measure, times: np.ndarray, step_size: float) -> np.ndarray:
     """Which of the states at `times` (N+1,) a measure counts."""
     end = np.inf if measure.end is None else measure.end
-    slack = ROUNDING * step_size
-    return np.asarray((times >= measure.start - slack) & (times < end - slack))
+    about = times + ROUNDING * step_size + SINGLE * times
+    return np.asarray((about >= measure.start) & (about < end))
 
 
 def checked_measures(measures: Any) -> dict[str, Measure]:

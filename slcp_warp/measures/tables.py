@@ -12,6 +12,8 @@ from ..description.scene import Scene
 from .reductions import Measure
 from .signals import Condition, Signal
 
+INFINITE = 1e-50 * kernels.FAR  # what a mean or an integral of one FAR is above, whatever the steps
+
 
 class MeasureTable:
     """The measures of a run, looked up in a scene.
@@ -109,6 +111,6 @@ class MeasureTable:
                     value = np.where(count > 1, (value - second) / (end - begin), 0.0)
                 elif measure.reduction in ("first_time", "settled"):
                     value = np.where(second > 0.0, value, np.inf)
-            value = np.where(np.abs(value) >= kernels.FAR, np.copysign(np.inf, value), value)
+            value = np.where(np.abs(value) >= INFINITE, np.copysign(np.inf, value), value)
             out[:, j] = np.where(count > 0, value, np.nan)
         return out
