@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from slcp_warp.inputs.checks import instance, whole
+from slcp_warp.inputs.checks import instance, shown, whole
 from slcp_warp.inputs.errors import ArgumentError
 from slcp_warp.kernels.control.costs import make_cost_kernel
 from slcp_warp.kernels.control.state_limits import make_limit_kernels
@@ -148,12 +148,13 @@ class Workspace:
                 so many of lowest cost go on, and the others end with MAX_ITERATIONS (successive halving,
                 Jamieson & Talwalkar 2016). What is kept comes out as without rungs, bit for bit.
         """
+        left = _by_passes(rungs)
         limit = self.options.max_iterations
         limit = limit if max_iterations is None else min(whole("max_iterations", max_iterations, 0), limit)
         with self._using:
             done = self.start(x0, us0, xs0, K0, k0, limit)
             self._behind[:] = False
-            done = self._descend(done, limit, dict(rungs))
+            done = self._descend(done, limit, left)
             if self._run_update is not None:
                 done = self._hold_limits(done, limit)
             return done
@@ -347,3 +348,14 @@ class Workspace:
             trace=Trace.from_rows(self._state.trace.numpy()[:, : passes + 1]),
             simulated=self.problem.simulated(),
         )
+
+
+def _by_passes(rungs: Any) -> dict[int, int]:
+    """Problems by the passes after which they are left."""
+    try:
+        pairs = [(passes, count) for passes, count in rungs]
+    except (TypeError, ValueError):
+        raise ArgumentError(
+            f"rungs is {shown(rungs)}; pairs of passes and of problems that go on are needed"
+        ) from None
+    return {whole("passes of rungs", n, 0): whole("problems of rungs", count) for n, count in pairs}

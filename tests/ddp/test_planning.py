@@ -95,6 +95,16 @@ def test_what_is_left_behind_ends_there_and_what_is_kept_is_as_without_rungs(pla
         assert mine[~kept].tobytes() == ended[~kept].tobytes(), name
 
 
+@pytest.mark.parametrize(
+    "given, text", [([(5, -1)], "problems of rungs is -1"), ([(5, 0)], "problems of rungs is 0"),
+                    ([(-1, 2)], "passes of rungs is -1"), ([5], r"rungs is \[5\]; pairs"), (3, "rungs is 3")]
+)  # fmt: skip
+def test_bad_rungs_are_refused(planned, given, text):
+    work = ddp.Workspace(ddp.problem_of(*planned[:2]), 2, ddp.Options(method="gauss-newton"))
+    with pytest.raises(slcp.InputError, match=text):
+        work.solve(planned[0].start[0], None, rungs=given)
+
+
 def test_what_is_left_behind_gets_no_rounds_for_its_limits_of_states(planned):
     """The others keep them, in rounds of which those that were left behind are no part."""
     place = planned[0].scene.state_index("block.vx")

@@ -120,26 +120,6 @@ def test_bad_records_are_refused(record, every, text):
         slcp.sweep(task(), plan(), worlds=2, record=record, record_every=every)
 
 
-def test_windows_and_dropouts_are_met_in_single_precision(device):
-    """Fifty of its steps of .02 s are not 1 s, yet no step more or less is counted."""
-    window = {"start": 1.0, "end": 1.1}
-    found = {
-        "begins": m.initial(m.time(), start=1.0), "ends": m.final(m.time(), end=1.0),
-        "moved": m.change("block.x"),
-        "steps": m.total(m.time(), **window), "dropped": m.largest(abs(m.control(0)), **window),
-        "before": m.final(m.control(0), end=1.0), "after": m.initial(m.control(0), start=1.1),
-        "far": m.mean(m.gap(PAIR)), "long": m.integral(m.gap(PAIR)),
-    }  # fmt: skip
-    still = slcp.Disturbances(dropouts=(slcp.Dropout(1.0, 0.1),))
-    report = slcp.sweep(task(measures=found, disturbances=still), plan(), worlds=3, device=device)
-    rows = report.part("policy")
-    expected = {"begins": 1.0, "ends": 0.98, "steps": 5.2, "dropped": 0.0}
-    for name, value in expected.items():
-        np.testing.assert_allclose(rows[name], value, rtol=1e-6, atol=1e-9, err_msg=name)
-    assert rows["before"].all() and rows["after"].all()
-    assert np.isinf(rows["far"]).all() and np.isinf(rows["long"]).all()  # of what did not act in some steps
-
-
 def test_policies_meet_the_same_worlds(device):
     report = slcp.sweep(task(), {"all": plan(), "half": plan(0.5)}, worlds=300, seed=3, device=device)
     full, half = report.part("all"), report.part("half")

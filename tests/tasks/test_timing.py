@@ -3,8 +3,11 @@
 import numpy as np
 import pytest
 from test_disturbances import FORCE, GOAL, LIMITS, B, H, K, swept, task
+from test_task_sweep import PAIR, plan
+from test_task_sweep import task as measured
 
 import slcp_warp as slcp
+from slcp_warp import measures as m
 from slcp_warp import policies
 from slcp_warp.ensembles.questions.rare.numbers import Numbers
 from slcp_warp.ensembles.questions.rare.scenario import scenario_of
@@ -57,3 +60,23 @@ def test_a_world_has_its_own_in_every_chunk(device):
     own = task(disturbances=slcp.Disturbances(**DRAWN), control_limits=LIMITS)
     whole, cut = (swept(device, "specialised", own, chunk=chunk).part("policy") for chunk in (None, 4))
     assert len(whole["world"]) == B and all(np.array_equal(whole[name], cut[name]) for name in whole)
+
+
+def test_windows_and_dropouts_are_met_in_single_precision(device):
+    """Fifty of its steps of .02 s are not 1 s, yet no step more or less is counted."""
+    window = {"start": 1.0, "end": 1.1}
+    found = {
+        "begins": m.initial(m.time(), start=1.0), "ends": m.final(m.time(), end=1.0),
+        "moved": m.change("block.x"),
+        "steps": m.total(m.time(), **window), "dropped": m.largest(abs(m.control(0)), **window),
+        "before": m.final(m.control(0), end=1.0), "after": m.initial(m.control(0), start=1.1),
+        "far": m.mean(m.gap(PAIR)), "long": m.integral(m.gap(PAIR)),
+    }  # fmt: skip
+    still = slcp.Disturbances(dropouts=(slcp.Dropout(1.0, 0.1),))
+    report = slcp.sweep(measured(measures=found, disturbances=still), plan(), worlds=3, device=device)
+    rows = report.part("policy")
+    expected = {"begins": 1.0, "ends": 0.98, "steps": 5.2, "dropped": 0.0}
+    for name, value in expected.items():
+        np.testing.assert_allclose(rows[name], value, rtol=1e-6, atol=1e-9, err_msg=name)
+    assert rows["before"].all() and rows["after"].all()
+    assert np.isinf(rows["far"]).all() and np.isinf(rows["long"]).all()  # of what did not act in some steps
