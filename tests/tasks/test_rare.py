@@ -14,6 +14,7 @@ import slcp_warp as slcp
 from slcp_warp import ddp
 from slcp_warp import measures as m
 from slcp_warp.ensembles.questions.rare.falsification import Falsification
+from slcp_warp.ensembles.questions.rare.falsify import _smallest_parts
 from slcp_warp.ensembles.questions.rare.gradient import ClosedLoop
 from slcp_warp.ensembles.questions.rare.interval import freedom_of, island_interval, student
 from slcp_warp.ensembles.questions.rare.margin import Margin
@@ -242,6 +243,19 @@ def test_the_nearest_of_several_regions_is_found(width):
     assert 1.18 < np.linalg.norm(known.best[0]) < 1.181 and len(known.tried) == len(known.failed)
     nothing = Search(lambda y: np.zeros(len(y), bool), width, 512, 0.1, 8.0).run(np.random.default_rng(0))
     assert len(nothing.best) == 0
+
+
+def test_parts_that_fail_where_more_does_not_are_found():
+    def fails(z):
+        size = np.linalg.norm(z, axis=1)
+        return (size > 3.0) | ((size > 1.0) & (size < 1.2))
+
+    found = _smallest_parts(fails, np.array([[0.0, 4.0], [3.2, 0.0], [-3.1, 0.5]]))
+    near = np.array([[-3.1, 0.5], [3.2, 0.0], [0.0, 4.0]]) * np.array([[21], [21], [17]]) / 64
+    np.testing.assert_allclose(found, near, rtol=0, atol=1e-12)
+    assert fails(found).all() and (np.diff(np.linalg.norm(found, axis=1)) >= 0.0).all()
+    only = _smallest_parts(lambda z: np.abs(z[:, 0]) > 3.0, np.array([[3.01, 0.0]]))
+    np.testing.assert_array_equal(only, [[3.01, 0.0]])
 
 
 @pytest.mark.slow

@@ -26,6 +26,7 @@ SHELLS = 256.0  # the outermost shell over the innermost
 MOST = (32.0, 256.0)  # the largest sizes that are looked at, one after the other
 NEAR = (1.0, 1.001, 1.003, 1.01, 1.03, 1.1, 1.3)  # sizes at which what failed in float32 is tried in float64
 POLISH = 512  # vectors at once, in float64
+RAY = np.arange(1, 65) / 64.0  # parts of what was found that are looked at: less may fail where more does not
 DRAWN = 4096  # worlds of the distribution that the size is compared with
 
 
@@ -55,8 +56,9 @@ def falsify(
 
     Size is the length in standard deviations of what is disturbed. Directions on shells come first, then
     evolution strategies that shrink what fails, `worlds` at once; with `gradients` also the nearest point of
-    the margin's tangent plane, by derivatives through contact. What is found fails in float64 and, if
-    anything nearby does, in the search's precision.
+    the margin's tangent plane, by derivatives through contact. What is found fails in float64, and none
+    of its own 64ths below it does; it fails in the search's precision, too, if anything nearby that large
+    does.
 
     Args:
         task: with a success; its first start counts, and no noise.
@@ -108,6 +110,7 @@ def falsify(
         for fails in (hunt.fails_in_both, hunt.exact_fails):
             best = _exact(fails, found.best, largest, rng)
             if len(best):
+                best = _smallest_parts(hunt.exact_fails, best)
                 break
         if len(best):
             break
@@ -189,3 +192,11 @@ def _exact(
         return best[:0]
     search = Search(fails, best.shape[1], POLISH, most / SHELLS, most, len(kept), rounds=10)
     return search.refine(np.array(kept), rng, step=0.02).best
+
+
+def _smallest_parts(fails: Callable[[np.ndarray], np.ndarray], best: np.ndarray) -> np.ndarray:
+    """Of each the smallest 64ths that fail so; the smallest first."""
+    tried = best[:, None] * RAY[:, None]
+    failed = fails(tried.reshape(-1, best.shape[1])).reshape(len(best), len(RAY))
+    parts = tried[np.arange(len(best)), np.where(failed.any(1), failed.argmax(1), len(RAY) - 1)]
+    return parts[np.argsort(np.linalg.norm(parts, axis=1), kind="stable")]
