@@ -189,8 +189,12 @@ def solve_starts(
             batch = np.concatenate([us, np.tile(first, (len(schedules), 1, 1))])
         settings = replace(settings, method=method, regularization=Regularization.of(schedules[rows]))
         rungs = LAST_RUNGS if place + 1 == len(methods) else _rungs(len(batch), finish)
-        result = Workspace(problem, len(batch), settings).solve(x, batch, rungs=rungs)
+        work = Workspace(problem, len(batch), settings)
+        result = work.solve(x, batch, rungs=rungs)
         order = np.argsort(np.where(np.isnan(result.cost), np.inf, result.cost), kind="stable")
+        if place + 1 == len(methods) and problem.state_limits is not None:  # what was left behind kept none
+            beyond = work.beyond_limits()[order] > settings.limit_tolerance
+            order = order[np.argsort(beyond, kind="stable")]
         us = result.us[order[:finish]]
         kept = {i: result.select(int(n)) for i, n in enumerate(order[: max(finish, 1)])}
         before = {i: each.after(before.get(int(order[i]))) for i, each in kept.items()}

@@ -117,6 +117,18 @@ def test_what_is_left_behind_gets_no_rounds_for_its_limits_of_states(planned):
     assert work.beyond_limits()[behind].max() > work.options.limit_tolerance
 
 
+def test_the_best_plan_keeps_its_limits_of_states(planned):
+    """Those that were left behind do not, and cost less."""
+    task, sim, *_ = planned
+    place = task.scene.state_index("block.vx")
+    fastest = 0.6 * float(planned[3].best.xs[:, place].max())
+    problem = ddp.problem_of(task.replace(state_limits={"block.vx": (-np.inf, fastest)}), sim)
+    options = ddp.Options(max_iterations=400)
+    found = ddp.plan(problem, 8, x0=task.start[0], methods=("gauss-newton",), options=options)
+    assert found.best.cost > found.all.cost.min() and found.best.status != ddp.Status.MAX_ITERATIONS
+    assert found.best.xs[:, place].max() <= fastest + options.limit_tolerance * max(1.0, fastest)
+
+
 def test_starts_are_noise_of_the_size_of_the_limits():
     task = slcp.tasks.push_to_mark().replace(control_limits=(-20.0, np.inf))
     assert noise_scale(task) == [1.0]
