@@ -83,7 +83,10 @@ def library_of_runs(
             progress(world0 + count, worlds)
     columns = {name: np.concatenate([part[name] for part in parts]) for name in KEPT}
     if not len(columns["x"]):
-        raise ArgumentError(f"mpc brings none of {worlds} worlds to success; a library is of runs that do")
+        raise ArgumentError(
+            f"mpc brings none of {worlds} worlds to success; a library is of runs that do: look at a sweep "
+            "of policy mpc, and let the cost ask for what success means, or plan longer and with more passes"
+        )
     lower, upper = (np.tile(a, (len(columns["x"]), 1)) for a in mpc.problem.limit_rows())
     made = {"offset": mpc.replan, "chains": worlds, "seed": seed, "end": task.steps}
     return Library(

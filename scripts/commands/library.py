@@ -60,7 +60,11 @@ def library_command(
     out: Annotated[Path, typer.Option(help="File to write.")] = Path("library.npz"),
     plans: Annotated[
         int | None,
-        typer.Option("--plans", "--count", help="Plans; default: the paper's 400, and 1,000 of runs."),
+        typer.Option(
+            "--plans",
+            "--count",
+            help="Plans; default: the paper's 400, and 1,000 of runs (kept of those that succeed).",
+        ),
     ] = None,
     source: Annotated[
         str | None,

@@ -18,6 +18,7 @@ from ..support.screen import INTERRUPTED, console, one_line_errors, prepared, pr
 from ..support.simulators import named_scene, numbers, observed_of, parse_settings
 from ..support.tasks import OptionalTask
 
+REPORT = (".csv", ".npz", ".parquet")  # what a report is written as
 OF_RESUMING = {"resume", "prepare", "chunk", "processes", "dask", "slurm", "slurm_option"}  # options
 
 
@@ -33,8 +34,9 @@ def sweep_command(
     out: Annotated[
         Path | None,
         typer.Option(
-            help="File to write: of a task report.csv; of a scene sweep.npz, with a table beside it. Of a "
-            "task also a folder: finished chunks are kept there, and the same command goes on."
+            help="File to write: of a task report.csv, or .npz or .parquet, which keep the task too; of a "
+            "scene sweep.npz, with a table beside it. Of a task also a folder: finished chunks are kept "
+            "there, and the same command goes on."
         ),
     ] = None,
     resume: Annotated[
@@ -145,7 +147,7 @@ def sweep_command(
             text = task if same and ".py:" in task else None
             finish_stored(opened_sweep(folder, changed, text, policy, chunk_worlds, where, choices), where)
         else:
-            _sweep_task(prepared(out or Path("report.csv"), ".csv"), changed, policy, choices)
+            _sweep_task(prepared(out or Path("report.csv"), REPORT), changed, policy, choices)
         return
     if given_worlds is not None:
         raise ValueError("--given is of a task; a scene's worlds are drawn")

@@ -70,7 +70,9 @@ def build_of_runs(
     options: ddp.RecedingOptions,
     progress: Callable[[int, int], None] | None = None,
 ) -> ddp.Library:
-    """A library of at least so many plans of a task's disturbed worlds (`ddp.library_of_runs`).
+    """A library of a task's disturbed worlds, by so many plans or a few more (`ddp.library_of_runs`).
+
+    Plans of runs that do not succeed are made, and not kept.
 
     Args:
         options: its offset, passes, entries and seed.
@@ -127,7 +129,11 @@ def library_table(library: ddp.Library, observe: int | None = None) -> Table:
     table = Table(title="library", box=SIMPLE_HEAD)
     first = library.age == 0
     cells = {"controllers": str(len(library)), "plans": str(int(first.sum()))}
-    cells["chains"] = str(len(np.unique(library.chain)))
+    kept = len(np.unique(library.chain))
+    if "end" in library.header:  # of runs, of which those that succeed are kept
+        cells["runs that succeeded"] = f"{kept} of {library.header['chains']}"
+    else:
+        cells["chains"] = str(kept)
     for name, share in (("gain 10 %", 0.1), ("median", 0.5), ("90 %", 0.9)):
         cells[name] = f"{np.quantile(library.gain[first], share):.1f}"
     if observe is not None:

@@ -62,9 +62,14 @@ def named_policies(
     given: Sequence[str | Path], scene: slcp.Scene, task: slcp.Task | None = None
 ) -> dict[str, Any]:
     """Policies by what they are called in tables; see `named_policy`."""
-    named = {policy_name(each): each for each in given}
-    if len(named) < len(given):
-        raise ValueError(f"two of the policies have the same name: {', '.join(map(str, given))}")
+    named: dict[str, str | Path] = {}
+    for each in given:
+        name = policy_name(each)
+        if name in named:
+            raise ValueError(
+                f"--policy: {named[name]} and {each} are both {name!r} in tables; rename a file or a function"
+            )
+        named[name] = each
     return {name: named_policy(each, scene, task)[0] for name, each in named.items()}
 
 

@@ -11,7 +11,7 @@ from test_cli import call
 
 import slcp_warp as slcp
 from slcp_warp import ddp
-from slcp_warp.scripts.support.policies import named_policy
+from slcp_warp.scripts.support.policies import named_policies, named_policy
 
 
 @pytest.fixture(scope="module")
@@ -77,3 +77,8 @@ def test_a_plan_that_nothing_is_felt_of_says_what_may_help(tmp_path):
     said = call("optimise", tmp_path / "flat.json", *plan)
     assert "nothing can be felt from here" in " ".join(said.output.split())
     assert "add terms that lead there" in said.stderr
+
+
+def test_two_of_one_name_are_named():
+    with pytest.raises(ValueError, match=r"law.py:net and a/net.npz are both 'net' in tables; rename"):
+        named_policies(["zero", "law.py:net", "a/net.npz"], slcp.tasks.flicking_finger().scene)

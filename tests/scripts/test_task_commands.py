@@ -32,7 +32,10 @@ def end_to_end(task, folder, worlds: int, plans: int) -> Path:
     cpu = ("--device", "cpu")
     plan, library, run, report = (folder / n for n in ("plan.npz", "library.npz", "run.npz", "report.csv"))
     call("optimise", task, *cpu, "--out", plan)
-    call("library", task, "--plans", plans, "--passes", 3, *cpu, "--out", library)
+    said = call("library", task, "--plans", plans, "--passes", 3, *cpu, "--out", library).output
+    made = ddp.Library.load(library)
+    if "end" in made.header:
+        assert f" {len(np.unique(made.chain))} of {made.header['chains']} " in said
     call("simulate", task, "--policy", plan, "--residual", "hard", *cpu, "--out", run)
     policies = ("--policy", plan, "--policy", library)
     call("sweep", task, *policies, "--worlds", worlds, *cpu, "--out", report)
@@ -89,8 +92,8 @@ def test_a_task_of_a_file_goes_end_to_end(tmp_path):
     assert "there is no policy 'mpc'" in fails("compare", tmp_path / "report.csv", "mpc", "plan")
     still = ("--velocity-sd", 0, "--torque-sd", 0, "--vary", "mass=0", "--duration", 0.4, "--worlds", 3)
     call("sweep", TOML, "--policy", tmp_path / "plan.npz", *still, "--device", "cpu",
-         "--residuals", "hard", "--out", tmp_path / "still.csv")  # fmt: skip
-    own = parts_of(tmp_path / "still.csv")["plan", "hard", 0.02, "disturbed"]
+         "--residuals", "hard", "--out", tmp_path / "still.npz")  # fmt: skip
+    own = parts_of(tmp_path / "still.npz")["plan", "hard", 0.02, "disturbed"]
     assert (
         np.ptp(own["place"]) == 0.0 and own["place"].max() < 0.45
     )  # nothing is disturbed, and it ends early
