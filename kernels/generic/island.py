@@ -135,6 +135,16 @@ def make_island(given: type, residual: str) -> wp.Function:
         if first == 0:
             contact.touch(t, k, o.row, o.last_row)
 
+    @wp.func
+    def outlook(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, approach: dtype):
+        """Whether rows are to be solved, by v_free, and who joins: under Coulomb's law all, as modes that are
+        off cost nothing; but of several solutions the one without impulses is taken, where there is one.
+        """
+        if wp.static(residual == "hard"):
+            if t.coulomb == 1:
+                return wp.where(direct.closes_none(t, k, o), 0, 1), ZERO + FAR
+        return int(1), approach
+
     @wp.func(inline=False)
     def settle(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
         """Add rows until none is missing, solve after every addition. The first time also those within reach
@@ -162,7 +172,7 @@ def make_island(given: type, residual: str) -> wp.Function:
             if looking == 1:
                 looking = 0
                 closes = approach
-                margin = wp.where(t.coulomb == 1, ZERO + FAR, approach)  # modes that are off cost nothing
+                more, margin = outlook(t, k, o, approach)
             else:
                 n, state = count_rows(t, k, o, closes)
                 more = wp.where(added > 0 or rub < ONE, 1, 0)

@@ -216,6 +216,47 @@ def test_friction_that_all_but_depends_on_its_normal_is_solved_without_rounding(
     assert judged(worlds, sim, out=off)[0].verdict[0] == SILENT
 
 
+def of_task(task, world):
+    """A scene under hard Coulomb friction in the common kernels, and one of its worlds."""
+    scene = task.make_scene()
+    sim = slcp.Simulator(scene, slcp.Options(residual="hard", friction="coulomb"), device="cpu",
+                         dtype="float64", strategy="generic")  # fmt: skip
+    return sim, task.worlds(0, scene).part(world)
+
+
+def test_what_separates_by_itself_is_left_alone():
+    """No row closes at v_free, which obeys all of them; so do 171 kN s by which two contacts stick, one of
+    them 75 mm inside, and which make energy. Coulomb's law allows both.
+    """
+    sim, worlds = of_task(Task(75, 26, "generic"), 481)
+    found, done = judged(worlds, sim)
+    p = found.problem
+    assert (p.free[0] > 10.0).all()
+    assert done.status[0] == slcp.Status.SOLVED and not done.impulse.any()
+    assert found.verdict[0] == "holds" and np.allclose(done.state[0, 7:], p.drive.free[0], rtol=1e-12)
+    rows = [3, 4, 9, 10]
+    impulse = np.zeros((1, 11))
+    impulse[0, rows] = np.linalg.solve(p.a[0][np.ix_(rows, rows)], -p.free[0, rows])
+    v = p.drive.free + np.linalg.solve(p.drive.h_mass[0], p.jac[0].T @ impulse[0])
+    stuck = Outcome(np.c_[p.truth.q + p.truth.h[:, None] * v, v], impulse, done.gap, done.status)
+    found, _ = judged(worlds, sim, out=stuck)
+    assert found.errors.strict["contact"][0] < 1.0
+    assert (found.verdict[0], found.reason[0]) == (SILENT, "energy")
+
+
+def test_a_jam_is_refuted_on_the_scale_of_its_own_contact():
+    """A lever in the cone of friction, 1e-10 m inside, beside a limit 6.5 rad away, d/h = 2,700 rad/s: by
+    that a contact that slides the wrong way at 2e-8 m/s was a solution.
+    """
+    sim, worlds = of_task(Task(81, 28, "generic"), 147)
+    found, done = judged(worlds, sim)
+    p = found.problem
+    assert done.status[0] == slcp.Status.JAMMED and found.verdict[0] == "status"
+    v, impulse = coulomb_solution(p, 0)
+    assert impulse[3] > 0.0 and p.jac[0, 3] @ v > 1e-8  # pushed along as it slides
+    assert coulomb_solution(p, 0, exact=True) is None
+
+
 def test_rows_that_exclude_each_other_by_little_have_no_least_motion():
     """A limit and a contact, by 1e-4 m/s beside 6 m/s: least distances gave 13 m/s, that open nothing."""
     mass = np.diag([0.07073384568846602, 0.37477856228371964])

@@ -85,5 +85,8 @@ def make_direct(given: type) -> SimpleNamespace:
         return status
 
     return SimpleNamespace(
-        stick_and_slide=stick_and_slide, join_pairs=modes.join_pairs, drop_lifts=modes.drop_lifts
+        stick_and_slide=stick_and_slide,
+        join_pairs=modes.join_pairs,
+        closes_none=modes.closes_none,
+        drop_lifts=modes.drop_lifts,
     )

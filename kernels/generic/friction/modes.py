@@ -68,6 +68,18 @@ def make_modes(given: type) -> SimpleNamespace:
                     k.acting[r + 1] = wp.max(k.acting[r + 1], 1)
 
     @wp.func
+    def closes_none(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+        """Whether no contact and no limit closes, by k.w of all rows: w_n is the mean of a contact's two."""
+        out = bool(True)
+        for r in range(o.row, o.last_row):
+            if not follows(t, k, r):
+                w = k.w[r]
+                if begins_pair(t, k, r):
+                    w = HALF * (w + k.w[r + 1])
+                out = out and w >= ZERO
+        return out
+
+    @wp.func
     def drop_lifts(k: wp.ref[Slot], o: Island):
         """d/h of the data."""
         for r in range(o.row, o.last_row):
@@ -321,6 +333,7 @@ def make_modes(given: type) -> SimpleNamespace:
 
     return SimpleNamespace(
         join_pairs=join_pairs,
+        closes_none=closes_none,
         drop_lifts=drop_lifts,
         measure=measure,
         lift=lift,

@@ -21,6 +21,7 @@ FASTEST = (
     1e5  # velocities that open rows, in units of the acting rows' speeds: pi/2 in float32 is a direction, too
 )
 CLOSED = 1e-6  # of its terms: what keeps a row from being open
+ROUNDED = 4e-16  # of an impulse found in fractions
 OPEN, PRESS, STICK, LEFT, RIGHT = range(5)
 
 
@@ -89,7 +90,7 @@ def coulomb_solution(
     """v' and lambda of a solution of Coulomb contact, by trying all modes of all rows (or of those `acting`
     (nr,), the others open): the one with the least impulses, or, of those that hold on the scale of the data
     alone, the nearest to the impulses `like` (nr,). None where there is none, False where there are too many
-    modes to try. `exact`: systems are solved in fractions, and all must hold on the scale of the data.
+    modes to try. `exact`: systems are solved in fractions, and every row must hold on the scale of its data.
     """
     groups: list[tuple[tuple[int, ...], tuple[int, ...]]] = []
     for r in range(len(p.tangent)):
@@ -111,9 +112,12 @@ def coulomb_solution(
         if found is None:
             continue
         lam, w = found
-        size = (np.abs(p.free[i]) + np.abs(p.a[i]) @ np.abs(lam)).max() + 1e-300
-        if like is not None or exact:
-            size = np.abs(p.free[i]).max()
+        size = np.full(len(w), (np.abs(p.free[i]) + np.abs(p.a[i]) @ np.abs(lam)).max() + 1e-300)
+        if like is not None:
+            size[:] = np.abs(p.free[i]).max()
+        if exact:
+            size = np.abs(p.rate[i]) + np.abs(p.jac[i]) @ np.abs(p.drive.free[i])
+            size = size + ROUNDED / accuracy * p.diag[i] * np.abs(lam)
         if _legal(p, i, [g for g, _ in groups], lam, w, accuracy * size):
             far = np.abs(p.diag[i] * (lam if like is None else lam - like)).max()
             if far < least:
@@ -180,11 +184,12 @@ def _exactly(p: Problem, i: int) -> Callable[..., tuple[Array, Array] | None]:
     return impulses
 
 
-def _legal(p: Problem, i: int, groups: list[Any], lam: Array, w: Array, miss: float) -> bool:
-    """Whether impulses and velocities w obey the contact law to `miss` [m/s]."""
+def _legal(p: Problem, i: int, groups: list[Any], lam: Array, w: Array, within: Array) -> bool:
+    """Whether impulses and velocities w obey the contact law to `within` (nr,) [m/s]."""
     a = p.diag[i]
     for rows in groups:
         n = rows[0]
+        miss = within[list(rows)].max()
         if w[n] < -miss or a[n] * lam[n] < -miss or min(w[n], a[n] * lam[n]) > miss:
             return False
         if len(rows) == 2:

@@ -148,6 +148,10 @@ class Verdicts:
             self._set(i, WRONG, f"INFEASIBLE, but rows open by {opening:.1e}")
         if status == Status.JAMMED:
             found = self._tried(p, None)
+            if isinstance(found, tuple):  # a far limit's d/h is no measure of a contact that enters by less
+                v, lam = found
+                near = (lam != 0.0) | (p.rate[0] + p.jac[0] @ v < 1e-2 * p.terms(np.abs(p.truth.v))[0])
+                found = coulomb_solution(p, 0, near, exact=True)
             if found is False:
                 self._set(i, UNPROVEN, status.name)
             elif found is not None:
