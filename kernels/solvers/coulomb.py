@@ -8,12 +8,15 @@ system; its solution gives new modes, a semismooth Newton step on the natural ma
 by a proximal term about the last impulses, which leaves no trace where the iteration ends. Where the modes
 cycle, Lemke's method (lemke.py) finds modes to start from. Several solutions may exist (Painleve); the one
 found first is returned, and it is checked, on the scale of J v_free and d/h. Where Lemke's method ends on a
-ray every combination of modes is tried (of at most MOST_TRIED rows): a linear complementarity problem that
-has a solution has one in which the rows that hold are independent, so that there is none where no
-combination fits, and the world is JAMMED; of more rows the ray proves nothing, and it is NOT_CONVERGED.
-Without friction the method's ray is a proof that no velocity opens the rows, where it holds: INFEASIBLE. Rows
-may be off by the rounding of a gap: what rests in a jam would else be entering half the time.
+ray every combination of modes is tried: a linear complementarity problem that has a solution has one in which
+the rows that hold are independent, so that there is none where no combination fits, and the world is JAMMED.
+Of more than MOST_TRIED rows these are the combinations in which at most as many hold as there are velocities;
+where they are more than MOST_COMBINATIONS the ray proves nothing, and the world is NOT_CONVERGED. Without
+friction the method's ray is a proof that no velocity opens the rows, where it holds: INFEASIBLE. Rows may be
+off by the rounding of a gap: what rests in a jam would else be entering half the time.
 """
+
+import math
 
 import warp as wp
 
@@ -31,9 +34,18 @@ CORRECTIONS = 3  # of the proximal term, where the modes are given
 ATTEMPTS = 6  # from several starts, before all modes are tried
 TOLERANCE = {wp.float64: 1e-13, wp.float32: 2e-6}  # of the natural map, relative to the problem's size
 MOST_TRIED = 8  # rows, of which all combinations of modes are tried: four frictional contacts
+MOST_COMBINATIONS = 2048  # of the rows that hold where there are more rows
 NEAR = 30.0  # times the accepted error: modes that fit so far are not a proof that none do
 # relative to A_ii: at first, and where rows are nearly redundant
 PROXIMAL = {wp.float64: (1e-9, 1e-13), wp.float32: (1e-4, 3e-7)}
+
+
+def most_tried(nv: int) -> int:
+    """Most rows of which every combination is tried that velocities of this number may need."""
+    rows = MOST_TRIED
+    while rows < 30 and sum(math.comb(rows + 1, held) for held in range(nv + 1)) <= MOST_COMBINATIONS:
+        rows += 1
+    return rows
 
 
 @cached
@@ -56,6 +68,7 @@ def make_coulomb_solver(spec: Specialisation) -> wp.Function:
     # tonne on a gram), which leaves v' and w uncertain by 2e-9 or 1e-5 of it
     PROOF = dtype(0.0015 if dtype is wp.float64 else 1.0)
     UNUSED = dtype(0.5 * COLD)
+    MOST_HELD, MOST_ROWS = s.nv, most_tried(s.nv)
 
     @wp.func
     def kept(z: VR, warm: VR, mask: int):
@@ -152,6 +165,22 @@ def make_coulomb_solver(spec: Specialisation) -> wp.Function:
         return out
 
     @wp.func
+    def next_code(dense: Dense, code: int):
+        # the combination after this one; of many rows without those in which more hold than can
+        out = code + int(1)
+        if dense.count > wp.static(MOST_TRIED):
+            held = int(MOST_HELD + 1)
+            while held > MOST_HELD:
+                held = int(0)
+                left = int(out)
+                while left > 0:
+                    left = left & (left - 1)
+                    held += 1
+                if held > MOST_HELD:
+                    out += out & (-out)
+        return out
+
+    @wp.func
     def settle(dense: Dense, z: VR, tau: dtype, before: Trial, code: int):
         # active sets from z, or the modes of a code >= 0; the best trial, or the one before
         best = before
@@ -210,18 +239,17 @@ def make_coulomb_solver(spec: Specialisation) -> wp.Function:
         status = at_first(dense)
         best = Trial()
         best.worst = HUGE
-        attempts = int(wp.static(ATTEMPTS))
-        if dense.count <= wp.static(MOST_TRIED):
-            attempts += int(1) << dense.count
+        codes = wp.where(dense.count <= MOST_ROWS, int(1) << dense.count, int(0))
+        code = int(-1)  # of a combination, once all else was tried
         ray = int(0)
         attempt = int(0)
-        while status == wp.static(NOT_CONVERGED) and attempt < attempts:
+        while status == wp.static(NOT_CONVERGED) and (attempt < wp.static(ATTEMPTS) or code < codes):
             if attempt == 2:
                 lam, found = lemke(p, dense, int(1))
                 z = judge(dense, lam).z
                 if found == wp.static(RAY):
                     ray = 1
-                    attempt = int(wp.static(ATTEMPTS))
+                    attempt, code = int(wp.static(ATTEMPTS)), int(0)
                     lam, opens = lemke(p, dense, int(0))
                     if opens == wp.static(RAY):
                         status = wp.static(INFEASIBLE)
@@ -231,15 +259,17 @@ def make_coulomb_solver(spec: Specialisation) -> wp.Function:
                 z = best.z
             if status == wp.static(NOT_CONVERGED):
                 tau = wp.where(attempt % 2 == 0 and attempt < wp.static(ATTEMPTS), TAU, NEARLY_NONE)
-                best = settle(dense, z, tau, best, attempt - wp.static(ATTEMPTS))
+                best = settle(dense, z, tau, best, code)
                 if best.worst <= ENOUGH:
                     if active.is_earned(dense, best.lam) == 1:
                         status = wp.static(SOLVED)
                     else:  # better than nothing, and worse than any solution
                         best.worst = NEARLY
             attempt += 1
+            if attempt >= wp.static(ATTEMPTS):
+                code = next_code(dense, code)
         if status == wp.static(NOT_CONVERGED) and ray == 1 and best.worst > NEARLY:
-            if dense.count <= wp.static(MOST_TRIED):
+            if codes > 0:
                 status = wp.static(JAMMED)
         v = p.vfree
         lam_out = VR()

@@ -166,6 +166,29 @@ def test_runaway_impulses_excuse_nothing():
     assert verdict.motion.max() > 1e4 * TOLERANCE["float64"] < verdict.contact.max()
 
 
+def test_trapezoidal_steps_of_springs_are_judged():
+    """Of one joint on a spring, by its own formula. What is off is noticed; with contact it is not known."""
+    method, h = Method("hard", integrator="trapezoidal"), 0.01
+    q, v = np.random.default_rng(0).standard_normal((2, 1, 50))
+    for ring in (0.1, 1.0, 1e3):
+        k = (ring / h) ** 2
+        checker = Checker(scenes.sprung(), {"stiffness": np.array([k]), "step_size": np.array(h)})
+        v1 = v - (h * k * q + 0.5 * h**2 * k * v) / (1.0 + 0.25 * h**2 * k)
+        x, after = np.stack([q, v], -1), np.stack([q + 0.5 * h * (v + v1), v1], -1)
+        none = np.zeros((1, 50, 2))
+        verdict = checker.judge(x, after, none, None, method)
+        assert verdict.motion.max() < 1e-14 and verdict.contact.max() < 1e-14
+        for wrong in ([1e-8, 0.0], [0.0, 1e-8]):
+            off = wrong * (np.abs(x) + np.abs(after))
+            verdict = checker.judge(x, after + off, none, None, method)
+            assert (verdict.motion > TOLERANCE["float64"]).all()
+    none[0, :20, 0] = 1.0
+    x[0, 20:25] = 99.0, 1e6  # beyond its limit within the step
+    checker.numbers["stiffness"] = np.array([1.0])
+    known = ~np.isnan(checker.judge(x, after, none, None, method).motion[0])
+    assert not known[:25].any() and known[25:].all()
+
+
 @pytest.mark.full
 def test_stiff_dampers_slow_down_springs_stay_and_guides_along_a_surface_are_judged():
     names = (

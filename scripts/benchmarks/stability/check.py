@@ -115,11 +115,14 @@ class Checker:
         mechanics, drive = self.motion(q, v, u)
         _, force, size, energy = self.forces(mechanics, drive, v)
         mass = mechanics.effective(drive, method.trapezoidal).reshape(*q.shape, nv)
+        if method.trapezoidal and not self.constant_forces():
+            force, size = self._trapezoidal_force(mechanics, mass, q, v, u)
         last = self.dynamics(q1, v1, None)[3]
         gap_after = self.contacts(q1)[0].min(-1)
-        moved = h[..., None] * v1
+        moved = h[..., None] * (0.5 * (v + v1) if method.trapezoidal else v1)
         update = np.abs(q1 - q - moved) / (np.abs(q1) + np.abs(q) + np.abs(moved) + 1e-30)
         motion = contact = np.full(q.shape[:-1], np.inf)
+        flies = np.all(impulse == 0.0, -1)
         for choice in range(self.choices):
             d, jn, jt, lengths = self.contacts(q, choice)
             problem = Problem(
@@ -132,19 +135,37 @@ class Checker:
                 pass
             elif method.trapezoidal:  # positions move with a velocity of their own, which opens the rows, too
                 c_error = np.maximum(c_error, problem.entered((q1 - q) / h[..., None], self.p["sigma"]))
-            else:
+            flies &= problem.opens(problem.free) & problem.opens(0.5 * (v + problem.free))
+            if not method.trapezoidal:
                 m_error = np.maximum(m_error, update.max(-1))
+            elif not method.erm:
+                m_error = np.where(flies, np.maximum(m_error, update.max(-1)), m_error)
             better = ~(m_error + c_error >= motion + contact)
             motion, contact = np.where(better, m_error, motion), np.where(better, c_error, contact)
-        if method.trapezoidal and not self.constant_forces():
-            motion = motion * np.nan
+        if method.trapezoidal and not self.constant_forces():  # a predictor's impulses stretch springs
+            motion = np.where(flies, motion, np.nan)
         elif method.trapezoidal and np.any(self.p["damping"]):  # a predictor's impulses are felt by dampers
             motion = np.where(np.any(impulse != 0.0, -1), np.nan, motion)
         return Verdict(motion, contact, gap_after, np.concatenate([energy, last[:, -1:]], 1))
 
+    def _trapezoidal_force(
+        self, mechanics: Mechanics, mass: Array, q: Array, v: Array, u: Array | None
+    ) -> tuple[Array, Array]:
+        """The force (B, N, nv) that takes v where the trapezoidal method takes it in free flight, and the sum
+        of the magnitudes of its terms.
+        """
+        here = _flat(q), _flat(v), None if u is None else _flat(u), 0.0 * _flat(v)
+        reached = mechanics.trapezoid(*here)
+        moved = reached.reshape(v.shape) - v, mechanics.amplified(*here, reached).reshape(v.shape)
+        force, size = (
+            np.einsum("bnij,bnj->bni", matrix, each) / self.p["step_size"][..., None]
+            for matrix, each in zip((mass, np.abs(mass)), moved)
+        )
+        return force, size
+
     def constant_forces(self) -> bool:
         """Whether the acceleration depends on the state by implicit dampers of joints alone, if at all: free
-        motion has a closed form then, of both integrators.
+        motion has a simple form then, of both integrators.
         """
         swings = np.any(self.p["com"]) or self.s.sprung or self.s.springs
         return not (swings or (np.any(self.p["damping"]) and not self.s.implicit_damping))

@@ -17,6 +17,7 @@ from slcp_warp.results.pictures.kinematics import Array
 from ..mechanics.complementarity import complementarity, expected_square_slopes, rubbed
 
 EARNED = 100.0  # times what the data set: impulses and velocities beyond are no measure of an error
+OPEN = 1e-6  # of its terms: a row that is open by more acts in no precision
 FLOOR = 1e-30  # of D, as the solver documents it: a row whose J is 0 acts on nothing
 
 
@@ -101,6 +102,12 @@ class Problem:
             asked = rubbed(impulse[..., i], b[..., i], np.maximum(self.delassus[..., i], FLOOR), bound)
             error[..., i] = self.delassus[..., i] * (impulse[..., i] - asked)
         return np.abs(error).max(-1) / self.weight(impulse)
+
+    def opens(self, v: Array) -> Array:
+        """Whether (B, N) all rows are clearly open when the bodies move with v, so that nothing acts."""
+        b = self.rate + np.einsum("...ij,...j->...i", self.jac, v)
+        clear = OPEN * (self.lengths + np.einsum("...ij,...j->...i", self.reach, np.abs(v)))
+        return np.all(self.tangent | (b > clear), -1)
 
     def entered(self, v: Array, sigma: Array) -> Array:
         """By how much (B, N) moving with v enters the rows' half spaces, relative to velocities and sigma."""
