@@ -17,6 +17,8 @@ torch=${SLCP_TORCH-torch==2.13.0}
 workers=${SLCP_WORKERS:-2}
 venv=${SLCP_VENV:-.venv-test}
 export PYTHONSAFEPATH=1  # never import the bare folders kernels/ and ddp/ from here
+# matrices of tests are small; threads that wait for work take time from the kernels' compiler
+export OPENBLAS_NUM_THREADS=${OPENBLAS_NUM_THREADS:-1}
 
 arguments=()
 for argument in "$@"; do

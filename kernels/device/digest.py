@@ -174,7 +174,10 @@ class _Walk:
     def _of_overload(self, value: wp.Function) -> bytes:
         parts = [value.key, value.inline_hint, value.native_snippet, value.adj_native_snippet,
                  value.replay_snippet, value.custom_grad_func, value.custom_replay_func]  # fmt: skip
-        return _hash(self.of(parts), self.of_function(value.func, value.adj.arg_types, value.adj.source))
+        whole = _hash(self.of(parts), self.of_function(value.func, value.adj.arg_types, value.adj.source))
+        if (value.func.__module__ or "").partition(".")[0] == OWN:
+            value.adj.code_digest = whole  # its translation is kept for it (`translated.py`)
+        return whole
 
     def _of_python_function(self, value: FunctionType) -> bytes:
         if _in_library(value.__module__):

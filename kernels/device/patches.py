@@ -1,8 +1,8 @@
-"""Three places where Warp 1.19 does more than it needs, done shorter.
+"""Places where Warp 1.19 does more than it needs, done shorter.
 
 All only save time. Another version of Warp is left as it is: kernels are then compiled again after an edit
-of a comment, or where others with the same functions came first, and are translated for a third longer; and
-the functions of structs that only adjoints need are compiled in kernels without one.
+of a comment, or where others with the same functions came first, and are translated for a third longer, all
+of them anew; and the functions of structs that only adjoints need are compiled in kernels without one.
 """
 
 import re
@@ -14,12 +14,15 @@ from warp._src.codegen import Adjoint
 from warp._src.context import ModuleHasher
 from warp._src.types import Reference
 
+from . import translated
+
 
 def apply() -> None:
     """Make the changes, once."""
     if wp.__version__.startswith("1.19.") and not hasattr(ModuleHasher.hash_adjoint, "shortened"):
         ModuleHasher.hash_adjoint = _hash_by_name(ModuleHasher.hash_adjoint)
         Adjoint.resolve_func = _resolve_once(Adjoint.resolve_func)
+        translated.keep()
         codegen.struct_template = re.sub(
             "^CUDA_CALLABLE", "static CUDA_CALLABLE", codegen.struct_template, flags=re.M
         )

@@ -6,10 +6,11 @@ import pytest
 import warp as wp
 from warp._src import codegen
 from warp._src.codegen import Adjoint
-from warp._src.context import ModuleBuilder, ModuleHasher
+from warp._src.context import Function, ModuleBuilder, ModuleHasher
 
 import slcp_warp as slcp
-from slcp_warp.kernels.device import patches
+from slcp_warp.kernels.device import digest, patches
+from slcp_warp.kernels.device.compile import named_by_code, with_adjoint
 from slcp_warp.kernels.method import Method
 from slcp_warp.kernels.policies.tracking import TRACKING
 from slcp_warp.kernels.specialisation import Specialisation
@@ -20,6 +21,11 @@ def code(kernel):
     """The C++ that Warp makes of a kernel."""
     options = kernel.module.resolve_options(wp.config, block_dim=1) | {"output_arch": None, "block_dim": 1}
     return ModuleBuilder(kernel.module, options, target="cpu").codegen("cpu")
+
+
+def parts(text):
+    """Structs and functions of C++, sorted."""
+    return sorted(part.strip() for part in re.split(r"\n\n+(?=struct |//|static )", text))
 
 
 def counted(monkeypatch):
@@ -35,13 +41,24 @@ def counted(monkeypatch):
     return calls
 
 
+def inner(function, name):
+    """What a function of `patches` or `translated` calls by this name."""
+    return dict(zip(function.__code__.co_freevars, function.__closure__))[name].cell_contents
+
+
 @pytest.fixture
 def unpatched(monkeypatch):
     """Warp as it comes."""
+    for where, name, called in (
+        (Adjoint, "build", "translate"),
+        (Function, "build", "translate"),
+        (codegen, "codegen_func", "write"),
+        (ModuleBuilder, "build_struct_recursive", "build_struct"),
+    ):
+        monkeypatch.setattr(where, name, inner(getattr(where, name), called))
     (hash_adjoint,) = (c.cell_contents for c in ModuleHasher.hash_adjoint.__closure__)
     monkeypatch.setattr(ModuleHasher, "hash_adjoint", hash_adjoint)
-    found = dict(zip(Adjoint.resolve_func.__code__.co_freevars, Adjoint.resolve_func.__closure__))
-    monkeypatch.setattr(Adjoint, "resolve_func", found["resolve"].cell_contents)
+    monkeypatch.setattr(Adjoint, "resolve_func", inner(Adjoint.resolve_func, "resolve"))
     shared = codegen.struct_template.replace(
         "\nstatic CUDA_CALLABLE {name} add", "\nCUDA_CALLABLE {name} add"
     )
@@ -58,6 +75,7 @@ def test_the_code_is_the_same(monkeypatch, unpatched):
     calls = len(by_warp)
     patches.apply()
     after = code(kernel)
+    assert parts(code(kernel)) == parts(after)  # of what is kept: structs may come in another order
     hashes = re.compile(rf"(?<={kernel.key}_)[0-9a-f]{{8}}")  # Warp's own, which one of the patches shortens
     assert (
         after.count("\nstatic CUDA_CALLABLE ")
@@ -73,9 +91,10 @@ def test_the_code_is_the_same(monkeypatch, unpatched):
 
 def test_another_version_of_warp_is_left_as_it_is(monkeypatch, unpatched):
     monkeypatch.setattr(wp, "__version__", "1.20.0")
-    before = ModuleHasher.hash_adjoint, Adjoint.resolve_func, codegen.struct_template
+    before = ModuleHasher.hash_adjoint, Adjoint.resolve_func, codegen.struct_template, Function.build
     patches.apply()
-    assert (ModuleHasher.hash_adjoint, Adjoint.resolve_func, codegen.struct_template) == before
+    after = ModuleHasher.hash_adjoint, Adjoint.resolve_func, codegen.struct_template, Function.build
+    assert after == before
 
 
 def test_they_are_applied_once():
@@ -93,3 +112,107 @@ def test_a_call_that_no_overload_takes_is_still_an_error():
     for _ in range(2):
         with pytest.raises(Exception, match="Couldn't find function overload"):
             code(kernel)
+
+
+GAIN = wp.constant(2.0)
+
+
+@wp.struct
+class Pair:
+    one: float
+    other: float
+
+
+@wp.func
+def amplified(x: float):
+    pair = Pair(x, x)
+    return GAIN * pair.one
+
+
+@wp.func
+def handed_on(x: float):
+    return amplified(x) + 1.0
+
+
+def translated(monkeypatch, declare, number=0):
+    """The C++ of a kernel, and how many functions were translated for it."""
+
+    def kernel(x: wp.array(dtype=float)):
+        x[wp.static(number)] = handed_on(x[0])
+
+    translate, done = Adjoint.build, []
+
+    def build(adjoint, *arguments, **named):
+        done.append(adjoint.fun_name)
+        translate(adjoint, *arguments, **named)
+
+    made = declare(kernel)
+    monkeypatch.setattr(Adjoint, "build", build)
+    text = code(made)
+    monkeypatch.setattr(Adjoint, "build", translate)
+    return text, done[1:]  # without the kernel itself
+
+
+@pytest.fixture
+def ours(monkeypatch):
+    """The functions of this file pass for the package's."""
+    monkeypatch.setattr(digest, "OWN", __name__)
+    yield
+    for function in (amplified, handed_on):
+        function.adj.kept, function.adj.code_digest = None, None
+
+
+def test_a_function_is_translated_once(monkeypatch, ours):
+    first, done = translated(monkeypatch, named_by_code())
+    assert done == ["handed_on", "amplified"]
+    again, done = translated(monkeypatch, named_by_code(), 1)
+    assert done == []
+    functions = [
+        text[text.index("\nstruct Pair") : text.index("_cpu_kernel_forward")] for text in (first, again)
+    ]
+    body = [text[: text.rindex("struct wp_args")] for text in functions]
+    assert body[0] == body[1] and "amplified" in body[0]
+
+
+def test_a_function_whose_numbers_changed_is_translated_anew(monkeypatch, ours):
+    translated(monkeypatch, named_by_code())
+    monkeypatch.setitem(globals(), "GAIN", wp.constant(3.0))
+    text, done = translated(monkeypatch, named_by_code())
+    assert done == ["handed_on", "amplified"]
+    assert re.search(r"var_\d+ = 3\.0", text) and not re.search(r"var_\d+ = 2\.0", text)
+
+
+def test_a_users_function_is_translated_for_every_kernel(monkeypatch):
+    for number in (0, 1):
+        assert translated(monkeypatch, named_by_code(), number)[1] == ["handed_on", "amplified"]
+
+
+def test_an_adjoint_is_that_of_what_was_kept(monkeypatch, ours):
+    before, _ = translated(monkeypatch, with_adjoint)
+    translated(monkeypatch, named_by_code())
+    after, _ = translated(monkeypatch, with_adjoint)
+    assert after == before and "reverse mode disabled" not in after
+
+
+@wp.func
+def squared(x: float):
+    return x * x
+
+
+@wp.func
+def slope(x: float):
+    return wp.grad(squared)(x)
+
+
+def test_a_gradient_is_translated_for_every_kernel(monkeypatch, ours):
+    """Warp does not list what it differentiates among what a function calls."""
+
+    def kernel(x: wp.array(dtype=float)):
+        x[0] = slope(x[0])
+
+    def other(x: wp.array(dtype=float)):
+        x[1] = slope(x[1])
+
+    for each in (kernel, other):
+        assert re.search(r"static void adj_squared\w*\(", code(named_by_code()(each)))
+    squared.adj.kept, squared.adj.code_digest, slope.adj.code_digest = None, None, None
