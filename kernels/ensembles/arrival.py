@@ -58,7 +58,7 @@ def make_arrival(nv: int, nu: int, dtype: type) -> SimpleNamespace:
         for j in range(2 * nv):
             x[j] = state[i, j]
         event = p.event[i]
-        h = wp.float64(params[i, STEP_SIZE])
+        h = disturb.seconds(c, params[i, STEP_SIZE])
         time = wp.float64(k) * h
         p.record[i] = disturb.record(c, p.records, i, p.record[i], time, h, x, x0)
         coming = disturb.due(c, event, time, h)

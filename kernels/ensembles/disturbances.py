@@ -27,7 +27,7 @@ def make_conditions(dtype: type) -> type:
     @wp.struct
     class Conditions:
         world0: int  # number of the launch's first world
-        step: wp.float64  # [s] that delays and holds are counted in
+        step: wp.float64  # [s] of worlds that draw none; delays and holds are counted in it
         seed: int
         torque: dtype  # standard deviation of white torque noise per step
         dropped: wp.float64  # share of the steps without controls
@@ -66,6 +66,7 @@ def make_events(dtype: type) -> type:
 def make_disturbances(nv: int, nu: int, dtype: type) -> SimpleNamespace:
     """Warp functions of what happens to a world of a sweep, row i of Events e, under Conditions c.
 
+    seconds(c, h): a world's step size in float64, so that times are those of any precision.
     number(c, e, i): the world's number. due(c, event, time, h): kicks up to the step that begins at `time`,
     from the first that is still to come. kicked(e, i, event, x): a state after a kick.
     acting(c, e, i, world, k, time, h, u): controls of step k as they act: within limits, with noise, dropped.
@@ -78,6 +79,12 @@ def make_disturbances(nv: int, nu: int, dtype: type) -> SimpleNamespace:
     VX, VU = wp.types.vector(2 * nv, dtype), wp.types.vector(max(nu, 1), dtype)
     HALF, ZERO, EPS, PART = wp.float64(0.5), wp.float64(0.0), wp.float64(ROUNDING), wp.float64(SINGLE)
     within = make_limits(nu, dtype)
+
+    @wp.func
+    def seconds(c: Conditions, h: dtype):
+        if dtype(c.step) == h:  # not one that was rounded, whose steps add up to another time
+            return c.step
+        return wp.float64(h)
 
     @wp.func
     def number(c: Conditions, e: Events, i: int):
@@ -179,4 +186,6 @@ def make_disturbances(nv: int, nu: int, dtype: type) -> SimpleNamespace:
             out += 1
         return out
 
-    return SimpleNamespace(number=number, due=due, kicked=kicked, acting=acting, push=push, record=record)
+    return SimpleNamespace(
+        seconds=seconds, number=number, due=due, kicked=kicked, acting=acting, push=push, record=record
+    )

@@ -102,7 +102,7 @@ def make_generic_sweep_kernel(
         number = disturb.number(c, e, i)
         who = wp.where(wp.static(policy.by_row), i, number)
         x = load(x0, i)
-        h = wp.float64(params[i, STEP_SIZE])
+        h = disturb.seconds(c, params[i, STEP_SIZE])
         steps = int(wp.round(c.duration / h))
         code = int(0)
         record = int(0)

@@ -94,7 +94,7 @@ def make_sweep_kernel(
         world = step.types.world_at(params, e.external, i)
         x = batch.load_state(x0, i)
         carry = step.cold_carry()
-        h = wp.float64(world.params[wp.static(H)])
+        h = disturb.seconds(c, world.params[wp.static(H)])
         steps = int(wp.round(c.duration / h))
         code = int(0)
         record = int(0)

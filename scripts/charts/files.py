@@ -97,7 +97,7 @@ def picture_names(files: list[Path]) -> dict[Path, str]:
 
 def file_kind(path: Path) -> str:
     """What a file holds: "results" of the studies, one of TABLES, "size", or what `read_kind` says."""
-    if path.suffix == ".parquet":
+    if path.suffix == ".parquet" or path.is_dir():  # of a sweep in chunks
         return "report"
     if path.suffix != ".csv":
         return read_kind(path)

@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from slcp_warp.runs.manifest import NAME as MANIFEST
+
 from ..support.checkout import need_checkout
 from ..support.screen import one_line_errors, wrote
 from ..support.tables import RESULTS
@@ -24,7 +26,7 @@ def chart_command(
 
     chosen: list[Path] = []
     for path in files:
-        if path.is_dir():
+        if path.is_dir() and not (path / MANIFEST).is_file():
             inside = [
                 file
                 for name in ("*.npz", "size*.csv", "report*.csv", "sensitivity*.csv", "map*.csv", RESULTS)

@@ -153,7 +153,9 @@ def cold(sim: Simulator, worlds: int) -> wp.array:
 def progress(conditions: Any, params: wp.array, records: wp.array) -> Progress:
     """Worlds that begin."""
     p, worlds, device = Progress(), len(params), params.device
-    steps = np.floor(conditions.duration / params.numpy()[:, STEP_SIZE].astype(float) + 0.5)
+    h = params.numpy()[:, STEP_SIZE]
+    seconds = np.where(h == h.dtype.type(conditions.step), conditions.step, h.astype(float))
+    steps = np.floor(conditions.duration / seconds + 0.5)
     for name in ("record", "event", "status"):
         setattr(p, name, wp.zeros(worlds, dtype=wp.int32, device=device))
     p.steps = wp.array(steps.astype(np.int32), dtype=wp.int32, device=device)

@@ -57,12 +57,15 @@ class Table:
     most: int = ROWS
 
     def cells(self) -> list[list[str]]:
-        """The heading and the rows, bounded; what is left out is counted in the last row."""
+        """The heading and the rows, bounded; what is left out is counted in the last row and column."""
         count = min(len(self.head), COLUMNS)
+        beyond = len(self.head) - count
         rows = (self.head, *self.rows[: self.most])
         lines = [[cell(value, self.width) for value in row[:count]] for row in rows]
         if len(self.rows) > self.most:
             lines.append([f"... {len(self.rows) - self.most:,} more", *[""] * (count - 1)])
+        if beyond:
+            lines = [[*line, "" if i else f"... {beyond:,} more"] for i, line in enumerate(lines)]
         return lines
 
     def text(self) -> str:

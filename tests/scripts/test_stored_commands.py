@@ -35,6 +35,8 @@ def through(tmp_path_factory):
     """The digest of the sweep that ran through."""
     folder = tmp_path_factory.mktemp("through")
     said = call(*given(folder), "--out", folder / "run").output
+    assert call("chart", folder / "run", "--out", folder / "pictures").exit_code == 0
+    assert (folder / "pictures" / "run.png").stat().st_size > 5000
     assert "chunks are in" in said and "gain" in said and "asked" in said
     return Store(folder / "run").digest()
 

@@ -114,6 +114,7 @@ def test_tables_are_bounded_and_escaped():
     table = Table("many", [f"c{j}" for j in range(40)], [["<b>" + 99 * "x", *range(39)]] * 1000)
     text, page = table.text(), table.html()
     assert text.splitlines()[-1].strip() == f"... {1000 - ROWS} more" and len(text) < 4000
+    assert text.splitlines()[1].endswith("... 30 more")
     assert "<b>" not in page and "&lt;b&gt;" in page and page.count("<tr>") == ROWS + 2
     assert cut("a  b\nc", 10) == "a b c" and cut("x" * 50, 10) == "x" * 7 + "..."
 

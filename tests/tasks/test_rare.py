@@ -281,7 +281,8 @@ def test_the_smallest_kick_fails_and_a_smaller_one_does_not(device):
 @pytest.mark.slow
 def test_what_was_found_is_told_from_the_largest_on():
     nothing = {"world": None, "scenario": None, "margin": -1.0, "status": slcp.Status.SOLVED, "most": 32.0,
-               "rounds": 3, "by_gradient": 0, "by_draws": 0, "tried": 12345}  # fmt: skip
+               "rounds": 3, "by_gradient": 0, "by_draws": 0, "tried": 12345,
+               "options": SMOOTH}  # fmt: skip
     values = {"a": (0.1, 0.5), "b": (-3.0, -2.0), "c": (1.0, 1.0)}
     drawn, failing = np.array([1.0, 2.5]), np.array([False, True])
     size = math.sqrt(5.25)
@@ -295,7 +296,8 @@ def test_what_was_found_is_told_from_the_largest_on():
 def test_what_was_found_is_a_task_of_its_own(device):
     """Factors, starts, pushes and dropouts, of every law, as numbers: run again, it fails again."""
     by = slcp.Disturbances(
-        parameters={"mass": 0.1, "friction": slcp.Uniform(0.2, 0.6)}, start={"block.vx": 0.1}, torque=1.0,
+        parameters={"mass": 0.1, "friction": slcp.Uniform(0.2, 0.6), "com": slcp.Uniform(-0.01, 0.01)},
+        start={"block.vx": 0.1}, torque=1.0,
         pushes=(slcp.Push("block", slcp.Uniform(0.2, 0.4), 0.3, (slcp.Normal(3.0), 0.0), at=(0.0, 0.05)),),
         dropouts=(slcp.Dropout(0.5, slcp.LogNormal(0.5, median=0.1)),),
     )  # fmt: skip
@@ -304,6 +306,7 @@ def test_what_was_found_is_a_task_of_its_own(device):
     assert found.found and set(found.values) > {
         "pusher.mass",
         "face/pusher.friction",
+        "block.com_x",
         "block.vx",
         "push_0_start",
     }
@@ -313,6 +316,7 @@ def test_what_was_found_is_a_task_of_its_own(device):
     for name in ("x0", "params", "pushes", "dropouts"):
         np.testing.assert_allclose(getattr(drawn, name)[:1], getattr(found.world.numpy(), name), rtol=1e-6)
         assert np.ptp(getattr(drawn, name), axis=0).max() == 0.0
+    assert found.options == once.options == found.replay(plan()).options == SMOOTH
     report = slcp.sweep(once, plan(), worlds=1, cases=SMOOTH, device=device)
     assert not report.part("policy")["success"].any()
 

@@ -364,33 +364,3 @@ def test_sensitivity_names_what_matters(device):
         slcp.sensitivity(task(disturbances=slcp.Disturbances()), policy, **options)
     with pytest.raises(slcp.InputError, match="policy is .*; one is needed"):
         slcp.sensitivity(own, {"a": plan(), "b": plan()}, **options)
-
-
-def test_a_map_has_the_sweep_in_its_middle(device):
-    """The cell without a change is the sweep; what is heavier is pushed less far."""
-    options = {"worlds": 100, "seed": 3, "device": device}
-    x, y = ("block.mass", (0.25, 1.0, 4.0)), ("pusher.shift", (-0.1, 0.0))
-    found = slcp.robustness_map(task(), {"push": plan(0.6)}, x, y, case=slcp.Options(), **options)
-    sweep = slcp.sweep(task(), plan(0.6), cases=slcp.Options(), **options)
-    assert found.successes[1, 1] == sweep.part("policy")["success"].sum()
-    assert found.successes.shape == (2, 3) and found.successes[1, 0] > found.successes[1, 2]
-    share = found.share
-    assert (share[1] <= share[0]).all() and (share[0] <= share[2]).all()
-    assert "block.mass x pusher.shift, 3 x 2 cells of 100 worlds" in repr(found)
-    assert "success [%]" in str(found)
-
-
-@pytest.mark.parametrize(
-    "x, y, text",
-    [
-        (("mass", (1.0,)), ("mass", (1.0,)), "x and y are both 'mass'"),
-        (("weight", (1.0,)), ("mass", (1.0,)), "x is 'weight'; a state .* or a parameter"),
-        (("mass", (0.0, 1.0)), ("block.x", (0.0,)), "hold 0; 'mass' takes positive factors"),
-        (("mass", ()), ("block.x", (0.0,)), "the values of x"),
-        ("mass", ("block.x", (0.0,)), "x is 'mass'"),
-        (("kicks", (1.0,)), ("block.x", (0.0,)), "has none"),
-    ],
-)
-def test_what_is_no_axis_is_refused(x, y, text):
-    with pytest.raises(slcp.InputError, match=text):
-        slcp.robustness_map(task(), plan(), x, y)

@@ -67,7 +67,7 @@ def test_windows_and_dropouts_are_met_in_single_precision(device):
     window = {"start": 1.0, "end": 1.1}
     found = {
         "begins": m.initial(m.time(), start=1.0), "ends": m.final(m.time(), end=1.0),
-        "moved": m.change("block.x"),
+        "moved": m.change("block.x"), "since": m.settled(m.time() > 0.99),
         "steps": m.total(m.time(), **window), "dropped": m.largest(abs(m.control(0)), **window),
         "before": m.final(m.control(0), end=1.0), "after": m.initial(m.control(0), start=1.1),
         "far": m.mean(m.gap(PAIR)), "long": m.integral(m.gap(PAIR)),
@@ -75,8 +75,8 @@ def test_windows_and_dropouts_are_met_in_single_precision(device):
     still = slcp.Disturbances(dropouts=(slcp.Dropout(1.0, 0.1),))
     report = slcp.sweep(measured(measures=found, disturbances=still), plan(), worlds=3, device=device)
     rows = report.part("policy")
-    expected = {"begins": 1.0, "ends": 0.98, "steps": 5.2, "dropped": 0.0}
+    expected = {"begins": 1.0, "since": 1.0, "ends": 0.98, "steps": 5.2, "dropped": 0.0}
     for name, value in expected.items():
-        np.testing.assert_allclose(rows[name], value, rtol=1e-6, atol=1e-9, err_msg=name)
+        np.testing.assert_allclose(rows[name], value, rtol=1e-14, atol=0.0, err_msg=name)
     assert rows["before"].all() and rows["after"].all()
     assert np.isinf(rows["far"]).all() and np.isinf(rows["long"]).all()  # of what did not act in some steps

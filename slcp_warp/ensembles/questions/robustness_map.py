@@ -14,7 +14,7 @@ from ...options import Options
 from ...parameters import Parameters
 from ...storage.printed import Printed, Table
 from ...storage.rows import save_rows
-from ...tasks.disturbances import LogNormal, laws
+from ...tasks.disturbances import LogNormal, Normal, laws
 from ...tasks.task import Task
 from ..statistics.intervals import share_interval
 from ..worlds import Worlds, draw_worlds
@@ -97,7 +97,9 @@ def robustness_map(
         task: what is run, disturbed and judged.
         policy: one.
         x, y: name and values: of a parameter, of all parts ("mass") or of one ("block.mass"), as factors on
-            what was drawn; of a state ("block.x"), as what is added to the start; or of "kicks", as factors.
+            what was drawn; of a place or an angle ("hand.shape_offset_x", see `SIGNED` of the disturbances),
+            as what is added to it; of a state ("block.x"), as what is added to the start; or of "kicks", as
+            factors.
         worlds: of every cell.
         seed: of all that is drawn.
         case: options of the steps; None: the task's.
@@ -122,22 +124,34 @@ def robustness_map(
 
 
 def changed(task: Task, worlds: Worlds, name: str, values: np.ndarray) -> Worlds:
-    """The worlds with one number changed, to (B,) values: factors, or what is added to a start."""
+    """The worlds with one number changed, to (B,) values: factors, or what is added to a start or a place."""
     if name in task.scene.state_names:
         x0 = np.array(worlds.x0)
         x0[:, task.scene.state_index(name)] += values
         return replace(worlds, x0=x0)
     if name == KICKS:
         return replace(worlds, kicks=np.asarray(worlds.kicks) * values[:, None, None])
-    params = np.array(worlds.params)
-    params[:, _columns(task, name)] *= values[:, None]
+    params, columns = np.array(worlds.params), _columns(task, name)
+    if _added(name):
+        params[:, columns] += values[:, None]
+    else:
+        params[:, columns] *= values[:, None]
     return replace(worlds, params=params)
+
+
+def _added(name: str) -> bool:
+    """Whether values are added to a parameter, which may be of either sign."""
+    return laws.parameter_of(name)[1] in laws.SIGNED
+
+
+def _any_law(name: str) -> LogNormal | Normal:
+    return Normal(0.1) if _added(name) else LogNormal(0.1)
 
 
 def _columns(task: Task, name: str) -> np.ndarray:
     """Columns of a parameter in the table, named as in `Disturbances.parameters`."""
     base = Parameters(task.scene).table()[0]
-    return laws.parameter_laws(task.scene, base, {name: LogNormal(0.1)}).varied
+    return laws.parameter_laws(task.scene, base, {name: _any_law(name)}).varied
 
 
 def _axis(label: str, task: Task, given: Any) -> tuple[str, np.ndarray]:
@@ -149,14 +163,14 @@ def _axis(label: str, task: Task, given: Any) -> tuple[str, np.ndarray]:
         raise ArgumentError(f"the values of {label} have shape {values.shape}; at least one is needed")
     if name in task.scene.state_names:
         return name, values
-    if (values < 0.0).any() or (name != KICKS and (values == 0.0).any()):
+    if not _added(name) and ((values < 0.0).any() or (name != KICKS and (values == 0.0).any())):
         raise ArgumentError(f"the values of {label} hold {values.min():g}; {name!r} takes positive factors")
     if name == KICKS:
         if not task.disturbances.kick_times:
             raise ArgumentError(f"{label} is 'kicks', but task {task.name!r} has none")
         return name, values
     try:
-        laws.check_parameter(name, LogNormal(0.1))
+        laws.check_parameter(name, _any_law(name))
         _columns(task, name)
     except ArgumentError as error:
         states = ", ".join(task.scene.state_names)

@@ -23,6 +23,9 @@ NAMES = (*PERTURBABLE, *SIGNED)
 OF_NO_BODY = ("step_size", "gravity", "sigma", "spring_stiffness", "spring_damping", "spring_length")
 OF_DOFS = ("damping", "lower", "upper", "stiffness", "rest")
 OF_SHAPES = ("radius", "shape_offset", "shape_angle")
+COMPONENTS = {
+    f"{name}_{axis}": (name, i) for name in ("com", "anchor", "shape_offset") for i, axis in enumerate("xy")
+}
 
 
 class Laws(NamedTuple):
@@ -73,7 +76,7 @@ def parameter_laws(scene: Scene, base: np.ndarray, given: Mapping[str, Distribut
     columns = layout(scene.structure).columns
     names, group = _parameter_names(scene, columns), _groups(columns)
     laws = still(base, group, [kernels.PARAMETER] * len(names), names)
-    for key in sorted(given, key=lambda key: "." in key):  # what is said of one part counts
+    for key in sorted(given, key=_precision):  # what is said of one part, or one component, counts
         drawn = given[key]
         places = _places(scene, key)
         first = _first(scene, places, drawn.shared)
@@ -81,6 +84,17 @@ def parameter_laws(scene: Scene, base: np.ndarray, given: Mapping[str, Distribut
             laws.put(column, drawn)
             laws.step[column] = group[first[column]]
     return laws
+
+
+def parameter_of(key: str) -> tuple[str, str, int | None]:
+    """Part ("": all), parameter and component (None: all) of a name such as "hand.shape_offset_x"."""
+    part, _, name = key.rpartition(".")
+    return part, *COMPONENTS.get(name, (name, None))
+
+
+def _precision(key: str) -> tuple[bool, bool]:
+    part, _, component = parameter_of(key)
+    return bool(part), component is not None
 
 
 def _first(scene: Scene, places: Sequence[int], shared: bool | str) -> dict[int, int]:
@@ -113,9 +127,10 @@ def _bodies(scene: Scene, column: int) -> Any:
 
 def check_parameter(key: str, drawn: Distribution) -> None:
     """Raise ArgumentError for a parameter that cannot be drawn, or not so."""
-    label, name = f"Disturbances.parameters[{key!r}]", key.rpartition(".")[2]
+    label, name = f"Disturbances.parameters[{key!r}]", parameter_of(key)[1]
     if name not in NAMES:
-        raise ArgumentError(f"Disturbances.parameters names {key!r}; choose from {', '.join(sorted(NAMES))}")
+        known = ", ".join(sorted({*NAMES, *COMPONENTS}))
+        raise ArgumentError(f"Disturbances.parameters names {key!r}; choose from {known}")
     kinds = {"log-normal"} if name in FACTORS else {"uniform", "normal"} if name in SIGNED else set(LAWS)
     if name in POSITIVE or name in NONNEGATIVE:
         kinds.discard("normal")
@@ -165,23 +180,25 @@ def _groups(columns: Sequence[tuple[str, int, tuple[int, ...]]]) -> np.ndarray:
 
 
 def _places(scene: Scene, key: str) -> list[int]:
-    """Columns of a parameter of all parts, "mass", or of one, "block.mass"."""
-    part, _, name = key.rpartition(".")
+    """Columns of a parameter: of all parts, "mass", of one, "block.mass", of a component, "hand.com_x"."""
+    part, name, component = parameter_of(key)
     found = [(start, shape) for column, start, shape in layout(scene.structure).columns if column == name]
     if not found or not np.prod(found[0][1], dtype=int):
         raise ArgumentError(f"Disturbances.parameters names {key!r}; scene {scene.name!r} has no {name}")
     start, shape = found[0]
     size = int(np.prod(shape, dtype=int))
-    if not part:
+    if not part and component is None:
         return list(range(start, start + size))
-    parts = owners(scene, name)
+    width, parts = size // (shape[0] if shape else 1), owners(scene, name)
+    if not part:
+        return list(range(start + component, start + size, width))
     wanted = {part, turned(part)}
     rows = [i for i, owner in enumerate(parts) if owner in wanted or owner.startswith(part + ".")]
     if not rows:
         there = ", ".join(f"{owner}.{name}" for owner in parts) or "none of a part"
         raise ArgumentError(f"Disturbances.parameters names {key!r}; there are {there}")
-    width = size // shape[0]
-    return [start + width * row + i for row in rows for i in range(width)]
+    numbers = range(width) if component is None else (component,)
+    return [start + width * row + i for row in rows for i in numbers]
 
 
 def owners(scene: Scene, name: str) -> list[str]:
@@ -203,13 +220,15 @@ def _parts(scene: Scene, name: str) -> list[str]:
 def key_of(scene: Scene, column: int) -> str:
     """The name that a column of the parameters is drawn by: "block.mass", or "gravity" where no part owns it.
 
-    Of a parameter with several numbers a part all of them have this name.
+    Both radii of a capsule have the same one, components of places their own: "hand.shape_offset_x".
     """
     name, start, shape = column_of(scene, column)
     parts = owners(scene, name)
     if not parts or not shape:
         return name
-    return f"{parts[(column - start) // (int(np.prod(shape, dtype=int)) // shape[0])]}.{name}"
+    row, place = divmod(column - start, int(np.prod(shape, dtype=int)) // shape[0])
+    component = f"{name}_{'xy'[place % 2]}"
+    return f"{parts[row]}.{component if component in COMPONENTS else name}"
 
 
 def column_of(scene: Scene, column: int) -> tuple[str, int, tuple[int, ...]]:

@@ -38,6 +38,7 @@ class Falsification(Printed):
         tried: worlds that were run.
         rounds: of the search.
         by_gradient, by_draws: improvements from gradients and from draws.
+        options: of the steps that it fails under.
     """
 
     task: Task
@@ -54,6 +55,7 @@ class Falsification(Printed):
     rounds: int
     by_gradient: int
     by_draws: int
+    options: Options
 
     @property
     def found(self) -> bool:
@@ -66,14 +68,19 @@ class Falsification(Printed):
         return float((self.drawn >= self.size).mean())
 
     def replay(self, policy: Any, options: Options | None = None) -> Trajectory:
-        """The failing world step by step, in float64; options None: the hard problem.
+        """The failing world step by step, in float64; options None: those that it was found with.
 
         Raises:
             ArgumentError: nothing was found.
         """
         if self.world is None:
             raise ArgumentError("no failing disturbance was found; there is nothing to replay")
-        return replayed(self.task, policy, self.world, checked_options(self.task, options))
+        return replayed(
+            self.task,
+            policy,
+            self.world,
+            self.options if options is None else checked_options(self.task, options),
+        )
 
     @property
     def table(self) -> dict[str, np.ndarray]:

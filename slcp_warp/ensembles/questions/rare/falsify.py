@@ -153,7 +153,7 @@ class Hunt:
         """What was found: `best` (K, dimension), the smallest first, or nothing."""
         common: dict[str, Any] = {
             "task": self.exact.task, "most": most, "drawn": drawn, "failing": failing, "rounds": found.rounds,
-            "by_gradient": found.suggested, "by_draws": found.drawn,
+            "options": self.exact.sim.options, "by_gradient": found.suggested, "by_draws": found.drawn,
         }  # fmt: skip
         if not len(best):
             nothing: dict[str, Any] = {
@@ -171,7 +171,9 @@ class Hunt:
             size=float(np.linalg.norm(best[0])),
             values=self.numbers.told(best[0]),
             world=world,
-            scenario=scenario_of(self.exact.task, self.numbers, world),
+            scenario=scenario_of(
+                self.exact.task.replace(options=self.exact.sim.options), self.numbers, world
+            ),
             margin=float(self.judge(ends.values, ends.success)[0]),
             status=Status(int(ends.status[0])),
             tried=self.quick.worlds + self.exact.worlds,

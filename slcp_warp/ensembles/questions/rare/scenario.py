@@ -38,7 +38,8 @@ def scenario_of(task: Task, numbers: Numbers, world: Worlds) -> Task | None:
     for c in table.varied:
         key = laws.key_of(task.scene, int(c))
         value, base = float(given.params[0, c]), float(table.base[c])
-        factor = key.rpartition(".")[2] in laws.FACTORS or base > 0.0
+        name = laws.parameter_of(key)[1]
+        factor = name in laws.FACTORS or (name not in laws.SIGNED and base > 0.0)
         parameters[key] = LogNormal(0.0, median=value / base) if factor else Uniform(value, value)
     return task.replace(
         name=f"{task.name}_falsified", start=given.x0[:1], disturbances=replace(found, parameters=parameters)

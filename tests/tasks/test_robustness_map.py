@@ -1,0 +1,70 @@
+"""Maps of where a policy holds, and what their axes name: parts and components of parameters."""
+
+import numpy as np
+import pytest
+from test_task_sweep import SCENE, plan, task
+
+import slcp_warp as slcp
+from slcp_warp.ensembles.questions.robustness_map import changed
+from slcp_warp.kernels.structure import layout
+
+
+def _column(name: str, body: str, place: int) -> int:
+    start, shape = next(
+        (start, shape) for which, start, shape in layout(SCENE.structure).columns if which == name
+    )
+    return start + [each.name for each in SCENE.bodies].index(body) * shape[1] + place
+
+
+def test_a_component_of_a_place_is_drawn_alone():
+    drawn = {
+        "com": slcp.Uniform(-0.1, 0.1),
+        "block.com_y": slcp.Uniform(0.3, 0.3),
+        "com_x": slcp.Normal(0.0, 0.2),
+    }
+    found = (
+        slcp.draw_worlds(task(disturbances=slcp.Disturbances(parameters=drawn)), 50, dtype="float64")
+        .numpy()
+        .params
+    )
+    assert (found[:, _column("com", "block", 1)] == 0.3).all()
+    np.testing.assert_allclose(found[:, _column("com", "block", 0)], 0.2 + SCENE.bodies[-1].com[0])
+    assert np.ptp(found[:, _column("com", "pusher", 1)]) > 0.1
+    with pytest.raises(slcp.InputError, match="names 'block.mass_x'; choose from .*, com, com_x, com_y, "):
+        slcp.Disturbances(parameters={"block.mass_x": 0.1})
+
+
+def test_a_map_has_the_sweep_in_its_middle(device):
+    """The cell without a change is the sweep; what is heavier is pushed less far."""
+    options = {"worlds": 100, "seed": 3, "device": device}
+    x, y = ("block.mass", (0.25, 1.0, 4.0)), ("pusher.shift", (-0.1, 0.0))
+    found = slcp.robustness_map(task(), {"push": plan(0.6)}, x, y, case=slcp.Options(), **options)
+    sweep = slcp.sweep(task(), plan(0.6), cases=slcp.Options(), **options)
+    assert found.successes[1, 1] == sweep.part("policy")["success"].sum()
+    assert found.successes.shape == (2, 3) and found.successes[1, 0] > found.successes[1, 2]
+    share = found.share
+    assert (share[1] <= share[0]).all() and (share[0] <= share[2]).all()
+    assert "block.mass x pusher.shift, 3 x 2 cells of 100 worlds" in repr(found)
+    assert "success [%]" in str(found)
+    place = ("block.com_x", (-0.02, 0.0))
+    moved = slcp.robustness_map(task(), {"push": plan(0.6)}, place, y, case=slcp.Options(), **options)
+    assert moved.successes[1, 1] == found.successes[1, 1]
+    worlds = slcp.draw_worlds(task(), 100, 3, dtype="float32", device=device)
+    beside = changed(task(), worlds, place[0], np.full(100, -0.02)).params - np.array(worlds.params)
+    assert np.unique(np.flatnonzero(beside.any(axis=0))).tolist() == [_column("com", "block", 0)]
+
+
+@pytest.mark.parametrize(
+    "x, y, text",
+    [
+        (("mass", (1.0,)), ("mass", (1.0,)), "x and y are both 'mass'"),
+        (("weight", (1.0,)), ("mass", (1.0,)), "x is 'weight'; a state .* or a parameter"),
+        (("mass", (0.0, 1.0)), ("block.x", (0.0,)), "hold 0; 'mass' takes positive factors"),
+        (("mass", ()), ("block.x", (0.0,)), "the values of x"),
+        ("mass", ("block.x", (0.0,)), "x is 'mass'"),
+        (("kicks", (1.0,)), ("block.x", (0.0,)), "has none"),
+    ],
+)
+def test_what_is_no_axis_is_refused(x, y, text):
+    with pytest.raises(slcp.InputError, match=text):
+        slcp.robustness_map(task(), plan(), x, y)
