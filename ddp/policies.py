@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 
 from slcp_warp import Simulator
-from slcp_warp.inputs.checks import array, attribute, number
+from slcp_warp.inputs.checks import array, attribute, number, whole
 from slcp_warp.inputs.errors import ArgumentError, ArgumentTypeError
 from slcp_warp.inputs.limits import limit_rows
 from slcp_warp.kernels.policies.contract import PolicyKernel
@@ -24,8 +24,9 @@ SAME = 1e-6  # of a step: times that differ by less are the same
 class TrackingPolicy:
     """u = us_k + K_k (x - xs_k) along trajectories (M36), by step, within the limits of the plan.
 
-    The last step is held. Where the plan's step size is known and steps of another one are made, the plan is
-    followed in time (`at`).
+    The last step is held. The controls of a plan that act later than they are sent (`Result.delay`) are sent
+    as much earlier: u = us_(k+d) + K_(k+d) (x - xs_k), to be delayed by the task or `policies.Around`. Where
+    the plan's step size is known and steps of another one are made, the plan is followed in time (`at`).
 
     Args:
         result: of `ddp.solve`, for one problem or as many as there are worlds; or any object with `us`
@@ -53,6 +54,9 @@ class TrackingPolicy:
                 )
         single = result.us.ndim == 2
         self.us, self.xs, self.K = (a[None] if single else a for a in (result.us, result.xs, result.K))
+        self.early = whole("result.delay", attribute(result, "delay") or 0, 0, self.us.shape[1] - 1)
+        if self.early:
+            self.us, self.K = self.us[:, self.early :], self.K[:, self.early :]
         self.period = np.zeros(self.xs.shape[-1]) if period is None else array("period", period)
         if control_limits is None and getattr(result, "lower", None) is not None:
             control_limits = result.lower, result.upper

@@ -90,6 +90,10 @@ class Problem:
         """
         return limit_rows(self.control_limits, self.nu)
 
+    def rest_control(self) -> np.ndarray:
+        """(1 or B, nu) the controls before the first one acts: zero, within the limits."""
+        return np.clip(0.0, *self.limit_rows())
+
     def state_limit_rows(self) -> tuple[np.ndarray, np.ndarray]:
         """Lower and upper limits of the states (1 or B, nx), infinite where there is none.
 

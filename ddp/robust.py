@@ -16,7 +16,7 @@ from slcp_warp.inputs.errors import ArgumentError
 from slcp_warp.storage.printed import Printed
 
 from .options import Options
-from .planning import plan, problem_of
+from .planning import Late, delay_of, plan_late, problem_of
 from .policies import TrackingPolicy
 from .problem import Problem
 from .results.result import Result
@@ -92,7 +92,8 @@ def plan_in_worlds(
             "long as a run are needed"
         )
     judge = _Judge(task, worlds, whole("seed", seed, 0))
-    plans = [(problem, plan(problem, starts, seed, x0=task.start[0]).best)]
+    delay, x0 = delay_of(task, problem), task.start[0]
+    plans = [(problem, plan_late(Late.of(problem, delay), x0, starts, seed).best)]
     well = judge([plans[0][1]])
     for _ in range(rounds):
         best = int(np.argmax(well.sum(axis=1)))
@@ -100,7 +101,7 @@ def plan_in_worlds(
         if not len(failed):
             break
         more = [_in_world(problem, judge.params[world]) for world in failed]
-        found = _solve_from(plans[best][1], more, task.start[0])
+        found = _solve_from(plans[best][1], more, x0, delay)
         plans += list(zip(more, found, strict=True))
         well = np.concatenate([well, judge(found)])
     index = int(np.argmax(well.sum(axis=1)))
@@ -145,12 +146,13 @@ def _in_world(problem: Problem, numbers: dict[str, np.ndarray]) -> Problem:
     return problem.with_params(**numbers) if numbers else problem
 
 
-def _solve_from(first: Result, models: list[Problem], x0: np.ndarray) -> list[Result]:
-    """Plans of all models from one plan with its feedback, as one batch."""
+def _solve_from(first: Result, models: list[Problem], x0: np.ndarray, delay: int) -> list[Result]:
+    """Plans of all models from one plan with its feedback, as one batch; controls act so many steps late."""
     names = models[0].params.names
     rows = {name: np.stack([model.params[name] for model in models]) for name in names}
-    batch, many = models[0].with_params(**rows), len(models)
-    us, xs, K = (np.repeat(getattr(first, name)[None], many, axis=0) for name in ("us", "xs", "K"))
+    late, many = Late.of(models[0].with_params(**rows), delay), len(models)
+    us, xs, K = (np.repeat(getattr(first, name)[None, delay:], many, axis=0) for name in ("us", "xs", "K"))
     starts = np.repeat(x0[None], many, axis=0)
-    found = solve(batch, starts, us, Options(max_iterations=PASSES), xs0=xs, K0=K)
+    found = solve(late.rest, late.begin(starts), us, Options(max_iterations=PASSES), xs0=xs, K0=K)
+    found = late.extend(found, starts)
     return [replace(found.select(i), simulated=each.simulated()) for i, each in enumerate(models)]

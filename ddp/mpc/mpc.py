@@ -22,6 +22,7 @@ from ..options import Options
 from ..problem import Problem
 from ..results.result import Result
 from .planner import Planner
+from .sent import OnTheWay
 from .starts import Planned, Policy, Situation, chosen_starts
 
 SHARE = 0.2  # of the control limits: noise of starts
@@ -49,6 +50,8 @@ class MPC:
             pass, and the next one is made after the control is given (`prepare`).
         replan: steps between two plans.
         delay: steps for which a new plan is not there yet, less than `replan`; the last one acts meanwhile.
+        lag: steps after which a control acts that is sent, as of a task's delay. Plans begin with the state
+            that the controls sent before lead to on the model, none before the first; so does feedback.
         starts: of "shift", "keep", "plan", "library", "noise", "zero", a `ddp.Sampling`, or functions of a
             `ddp.Situation` that give controls (B, N, nu), a `ddp.StartPolicy`, or None.
         improved: starts of lowest cost that go through the passes; the best of them is taken.
@@ -84,6 +87,7 @@ class MPC:
         block: int = 256,
         plan: Result | None = None,
         end: int | None = None,
+        lag: int = 0,
     ) -> None:
         instance("problem", problem, Problem, "a ddp.Problem")
         if not isinstance(problem.dynamics, Simulator):
@@ -94,9 +98,9 @@ class MPC:
             raise ArgumentError(f"problem has numbers of {max(own)} worlds; one for all is needed")
         if sigma is not None:
             problem = problem.with_params(sigma=number("sigma", sigma, 0.0, above=True))
-        self.problem, self.model = problem, problem.dynamics
-        self.passes, self.replan = whole("passes", passes, 0), whole("replan", replan)
-        self.delay, self.block = whole("delay", delay, 0), whole("block", block)
+        self.problem, self.model, self.passes = problem, problem.dynamics, whole("passes", passes, 0)
+        self.replan, self.delay = whole("replan", replan), whole("delay", delay, 0)
+        self.block, self.lag = whole("block", block), whole("lag", lag, 0)
         if self.delay >= self.replan and self.delay:
             raise ArgumentError(f"delay is {delay}; less than replan, {replan} steps, is needed")
         if self.replan > problem.horizon:
@@ -114,10 +118,9 @@ class MPC:
         if plan is not None:
             made = Planned(instance("plan", plan, Result, "a ddp.Result of one problem"), problem)
             self.starts |= {"plan": made} if "plan" in self.starts else {}
-        self.improved = whole("improved", improved)
+        self.improved, self.seed = whole("improved", improved), whole("seed", seed, 0)
         if self.improved > len(self.starts):
             raise ArgumentError(f"improved is {improved}; at most the {len(self.starts)} starts are there")
-        self.seed = whole("seed", seed, 0)
         instance("options", options, Options | None, "a ddp.Options")
         self.options = _fitting(problem) if options is None else options
         self.noise = self._noise(noise)
@@ -125,7 +128,7 @@ class MPC:
         self._wrap = problem.dynamics.scene.state_period
         policy = library.policy() if hasattr(library, "policy") else library
         self._library = None if policy is None else _Kept(policy, problem)
-        self.failures, self.chosen = 0, {name: 0 for name in self.starts}
+        self.failures, self.chosen = 0, dict.fromkeys(self.starts, 0)
         self.seconds: deque[float] = deque(maxlen=KEPT)
         self._planners: list[Planner] = []
 
@@ -165,6 +168,7 @@ class MPC:
             planner.forget()
         self._ahead = self.problem
         self._numbers = np.asarray(worlds)
+        self._way = [OnTheWay(self.problem, self.lag, n) for n in sizes] if self.lag else []
         self._newest: int | None = None  # steps at which the newest plans were made, and those that act
         self._begun = 0
         self._active: list[Policy | None] = [None] * len(sizes)
@@ -188,11 +192,15 @@ class MPC:
             first = own.stop
             alive = np.isfinite(x[own]).all(1)
             states = np.where(alive[:, None], x[own], self.model.scene.x0)
+            if self.lag:
+                states = self._way[i].arrive(now, states)
             planner.prepare()
             if due:
                 self._plan(i, planner, states, time, (now, passed), self._numbers[own])
                 self._active[i] = self._active[i] if late else self._coming[i]
             out[own] = np.where(alive[:, None], self._controls(i, now - self._begun, states), 0.0)
+            if self.lag:
+                self._way[i].send(out[own])
         if due:
             self.seconds.append(clock.perf_counter() - began)
         return out
@@ -208,6 +216,8 @@ class MPC:
     def _look_ahead(self, now: int) -> None:
         """The problem of what is left of the run, or of the whole horizon."""
         left = self.problem.horizon if self.end is None else self.end - now
+        if self.lag and left > 0:  # what is sent in the last steps acts after the end
+            left = max(left - self.lag, min(left, self.replan))
         horizon = self.problem.horizon if left <= 0 else min(left, self.problem.horizon)
         if horizon != self._ahead.horizon:
             self._ahead = replace(self.problem, horizon=horizon)
@@ -222,13 +232,14 @@ class MPC:
         numbers: np.ndarray,
     ) -> None:
         """A new plan of a block of worlds, in a step, so many after the last; it acts after the delay."""
-        now, passed = steps
+        (now, passed), ahead = steps, self.lag * self.period
+        now += self.lag  # plans begin when the first of their controls acts
         last = planner.policy
         if last is not None:
             last = last.shifted(passed, self._ahead.horizon).near(x, self._wrap)
         cycle = self.seed, now
         rolled = None if self._library is None else functools.partial(self._library.controls, now)
-        situation = Situation(self._ahead, x, time, numbers, last, cycle, self.noise, rolled)
+        situation = Situation(self._ahead, x, time + ahead, numbers, last, cycle, self.noise, rolled)
         made = planner.plan(situation, self.starts)
         self.failures += made.failures
         for name, count in made.chosen.items():
@@ -253,6 +264,14 @@ class MPC:
         if not made or any(each is None for each in made):
             raise ArgumentError("there are no plans yet: act, or a run, makes them")
         return self._ahead, Policy.join([each for each in made if each is not None])
+
+    def met(self) -> np.ndarray:
+        """(B, lag + 1, nx) the states from that which was met last on, up to where the next control acts, of
+        all worlds; the last ones are those that plans begin with.
+        """
+        if not self.lag:
+            return self.plans()[1].xs[:, :1]
+        return np.concatenate([way.path for way in self._way])
 
     def intended(self, world: int = 0) -> np.ndarray:
         """(N+1, nx) the states that the plan of a world passes through; for pictures."""

@@ -129,8 +129,9 @@ class Recorder:
         """The first controllers of the plans that were just made."""
         problem, plans = self.mpc.plans()
         cost, passive = self._costs(problem, plans.xs[:, 0], plans.us)
+        xs = np.concatenate([self.mpc.met()[:, :-1], plans.xs], axis=1)  # where they are sent
         for age in range(min(self.entries, problem.horizon)):
-            rows = {"x": plans.xs[:, age], "u": plans.us[:, age], "K": plans.K[:, age]}
+            rows = {"x": xs[:, age], "u": plans.us[:, age], "K": plans.K[:, age]}
             rows |= {"cost": cost, "gain": passive - cost, "chain": self._worlds}
             rows |= {name: np.full(len(cost), n) for name, n in (("age", age), ("plan", plan))}
             self._kept.append(rows)

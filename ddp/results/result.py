@@ -11,11 +11,14 @@ from slcp_warp.inputs.checks import whole
 from slcp_warp.inputs.errors import ArgumentError
 from slcp_warp.results.records import Record, read_record
 from slcp_warp.results.simulated import Simulated
+from slcp_warp.storage.files import FileError
 from slcp_warp.storage.printed import Printed, Table, counted
 
 from .plan_check import check_plan
 from .status import Status
 from .trace import Trace
+
+DELAY = "delay"  # entry of a plan's header
 
 
 @dataclass(frozen=True, repr=False)
@@ -38,7 +41,7 @@ class Result(Printed):
             them.
         trace: history.
         simulated: scene, options and parameters that were planned with; None: dynamics of one's own.
-        header: further entries of its file, JSON values.
+        header: further entries of its file, JSON values; see `delay`.
     """
 
     xs: np.ndarray
@@ -67,6 +70,21 @@ class Result(Printed):
     def positive_definite(self) -> np.ndarray:
         """Whether Q_uu, without regularisation, is positive definite at every step (B,)."""
         return np.asarray(self.min_pivot > 0.0)
+
+    @property
+    def delay(self) -> int:
+        """Steps after which a control acts that is sent: none acts in the first so many of `us`, and
+        `TrackingPolicy` sends the others as much earlier. Vx and Vxx are NaN in these steps.
+        """
+        return whole("header['delay']", self.header.get(DELAY, 0), 0, self.us.shape[-2] - 1)
+
+    def as_batch(self) -> "Result":
+        """This result of one problem as a batch of one."""
+        return replace(
+            self,
+            trace=Trace(**{name: np.asarray(getattr(self.trace, name))[None] for name in PASSES}),
+            **{name: np.asarray(getattr(self, name))[None] for name in ARRAYS},
+        )
 
     def select(self, index: int) -> "Result":
         """Problem ``index`` alone, without the batch axis."""
@@ -126,7 +144,12 @@ class Result(Printed):
         for name, none in (("lower", -np.inf), ("upper", np.inf)):  # of files that state no limits
             values.setdefault(name, np.full(np.delete(record["us"].shape, -2), none))
         trace = Trace(**{name: record[f"trace_{name}"] for name in PASSES})
-        return cls(**values, trace=trace, simulated=record.simulated, header=record.facts())
+        found = cls(**values, trace=trace, simulated=record.simulated, header=record.facts())
+        try:
+            whole("header['delay']", found.delay, 0)
+        except ValueError as error:
+            raise FileError(str(error)) from None
+        return found
 
     def _line(self) -> str:
         codes, counts = np.unique(np.ravel(self.status), return_counts=True)

@@ -30,6 +30,30 @@ def make_plain(make):
     return adapted
 
 
+@cached
+def make_later(make, first):
+    """A cost's functions of the steps from one on, counted from there."""
+
+    def later(dtype, VX, VU):
+        whole = make(dtype, VX, VU)
+        own, of_running, START = whole.running, whole.running_derivatives, int(first)
+
+        @wp.func
+        def running(weights: wp.array2d(dtype=dtype), row: int, x: VX, u: VU, k: int):
+            return own(weights, row, x, u, k + START)
+
+        derivatives = None
+        if of_running is not None:
+
+            @wp.func
+            def derivatives(weights: wp.array2d(dtype=dtype), row: int, x: VX, u: VU, k: int):
+                return of_running(weights, row, x, u, k + START)
+
+        return CostFunctions(running, whole.final, derivatives, whole.final_derivatives)
+
+    return later
+
+
 def make_quadratic(dtype, VX, VU):
     """l = (x - t_k)' Q (x - t_k) / 2 + u' R u / 2 and a final one; weights Q, R, Qf, t, (1 or N+1) rows."""
     nx, nu = VX._length_, VU._length_

@@ -110,7 +110,6 @@ def library_command(
     # long: every option of the command is a parameter of its own, with its help
     path = prepared(out)
     chosen = slcp.load_task(task)
-    tell_timing(chosen)
     problem = task_problem(chosen, horizon, sigma, step_size, settings, rules, device, dtype)
     x0 = chosen.start[0] if start is None else numbers(start, "--start", problem.nx)
     options = task_options(
@@ -118,6 +117,7 @@ def library_command(
         perturb_variance=perturb_variance, unperturbed=unperturbed, noisy=noisy, seed=seed,
     )  # fmt: skip
     observe, runs = observed_state(chosen), of_runs(context, chosen, problem, source)
+    tell_timing(chosen, delayed=runs)
     try:
         with timed("library"), progress_bar("worlds" if runs else "controllers") as progress:
             plans = plans if plans is not None else PLANS[RUNS if runs else CHAINS]

@@ -7,7 +7,7 @@ import typer
 
 import slcp_warp as slcp
 from slcp_warp import ddp
-from slcp_warp.ddp.planning import METHODS, SCHEDULES, noise_scale, plan_starts
+from slcp_warp.ddp.planning import METHODS, SCHEDULES, Late, delay_of, noise_scale, plan_starts
 
 from ..stages.plan import optimise, outcome_table, task_problem, trace_table
 from ..support.options import Device, Dtype, Seed, Settings, Sigma, Start, StepSize
@@ -64,7 +64,7 @@ def optimise_command(
     """Plan a task by DDP and save the trajectory with its feedback gains and trace."""
     path = prepared(out)
     chosen = slcp.load_task(task)
-    tell_timing(chosen)
+    tell_timing(chosen, delayed=True)
     problem = task_problem(chosen, horizon, sigma, step_size, settings, rules, device, dtype)
     x0 = chosen.start[0] if start is None else numbers(start, "--start", problem.nx)
     sigmas = None if continuation is None else numbers(continuation, "--continuation")
@@ -74,8 +74,9 @@ def optimise_command(
     options = ddp.Options(max_iterations=passes, method=method or METHODS[-1], regularization=regularization)
     scale = noise_scale(chosen) if explore is None else explore
     with timed("DDP"), waiting("planning from all starts; minutes where many bodies may touch"):
-        guesses = plan_starts(problem, x0, starts, seed, scale, method=method or METHODS[0])
-        record, results = optimise(problem, x0, guesses, options, schedules, sigmas, methods)
+        late = Late.of(problem, delay_of(chosen, problem))
+        guesses = plan_starts(late.rest, late.begin(x0), starts, seed, scale, method=method or METHODS[0])
+        record, results = optimise(late, x0, guesses, options, schedules, sigmas, methods)
     record.header["seed"], record.header["task"] = seed, chosen.name
     record.save(path)
     console.print(trace_table(results[-1]))

@@ -8,7 +8,7 @@ import numpy as np
 
 import slcp_warp as slcp
 from slcp_warp import ddp
-from slcp_warp.ddp.planning import random_starts
+from slcp_warp.ddp.planning import Late, random_starts
 
 from ..stages.library import Interrupted, build
 from ..stages.plan import optimise
@@ -83,7 +83,7 @@ class Run:
         problem = finger_problem(device=self.device)
         starts = random_starts(self.scale.starts, problem.horizon, problem.nu, 1.0, self.seed)
         options = ddp.Options(max_iterations=self.scale.passes)
-        record, results = optimise(problem, self.scene.x0, starts, options, schedules=True)
+        record, results = optimise(Late.of(problem, 0), self.scene.x0, starts, options, schedules=True)
         record.save(self.file("plan.npz"))
         return record, results
 

@@ -81,7 +81,7 @@ def build_of_runs(
         raise ValueError(f"--plans is {plans}; it must be at least 1")
     found = ddp.plan_in_worlds(task, seed=options.seed, problem=problem)
     how = {"replan": options.offset, "passes": options.passes, "seed": options.seed}
-    mpc = planned_policy(found, starts=["shift", "plan"], **how)
+    mpc = planned_policy(task, found, starts=["shift", "plan"], **how)
     worlds = -(-plans // -(-task.steps // options.offset))
     return ddp.library_of_runs(task, mpc, worlds, options.entries, options.seed, progress)
 

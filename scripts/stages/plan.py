@@ -9,7 +9,7 @@ from rich.table import Table
 
 import slcp_warp as slcp
 from slcp_warp import ddp
-from slcp_warp.ddp.planning import solve_starts
+from slcp_warp.ddp.planning import Late, solve_starts
 from slcp_warp.results.simulated import Simulated
 
 from ..support.records import Record, device_facts
@@ -38,7 +38,7 @@ def task_problem(
 
 
 def optimise(
-    problem: ddp.Problem,
+    late: Late,
     x0: np.ndarray,
     starts: np.ndarray,
     options: ddp.Options,
@@ -49,41 +49,47 @@ def optimise(
     """Solve, and describe the outcome as a plan; the results are those of the noise levels, one or many.
 
     Args:
-        starts: controls (S, N, nu).
+        late: the problem, with the delay of its controls.
+        starts: controls (S, N, nu) of what is left to plan.
         schedules: try eight regularisation schedules for each of them.
         sigmas: noise levels of a continuation that begins at the best solution.
         methods: one after the other, as `ddp.plan` has them; none: that of the options.
     """
-    simulated = Simulated.of(problem.dynamics, problem.params)
+    simulated = Simulated.of(late.whole.dynamics, late.whole.params)
     arrays: dict[str, np.ndarray] = {}
-    header: dict[str, Any] = device_facts(problem.dynamics)
+    header: dict[str, Any] = device_facts(late.whole.dynamics)
+    problem, began = late.rest, late.begin(x0)
     if methods:
-        many = solve_starts(problem, x0, starts, options, methods)
+        many = solve_starts(problem, began, starts, options, methods)
         results = [many.best]
-        arrays["batch_cost"], arrays["batch_status"] = many.all.trace.cost, many.all.status
+        arrays["batch_cost"] = late.extend(many.all, x0).trace.cost
+        arrays["batch_status"] = many.all.status
         options = replace(options, method=methods[-1], regularization=ddp.Regularization())
         header["chosen"] = many.index
         header["batch_from"] = int(many.best.iterations - many.all.iterations[many.index])  # passes before
     elif len(starts) > 1 or schedules:
         rows = ddp.multistart.SCHEDULES if schedules else ddp.Regularization()
-        many = ddp.solve_multistart(problem, x0, starts, options, rows)
+        many = ddp.solve_multistart(problem, began, starts, options, rows)
         results = [many.best]
-        arrays["batch_cost"], arrays["batch_status"] = many.all.trace.cost, many.all.status
+        arrays["batch_cost"] = late.extend(many.all, x0).trace.cost
+        arrays["batch_status"] = many.all.status
         header["chosen"] = many.index
     else:
-        results = [ddp.solve(problem, x0, starts[0], options)]
+        results = [ddp.solve(problem, began, starts[0], options)]
     if sigmas is not None:
         last = results[0]
         results += ddp.solve_continuation(
-            problem, x0, last.us, sigmas.tolist(), options, xs0=last.xs, K0=last.K
+            problem, began, last.us, sigmas.tolist(), options, xs0=last.xs, K0=last.K
         )
+    results = [late.extend(each, x0) for each in results]
     levels = np.array([simulated.header()["sigma"], *([] if sigmas is None else sigmas)])
     arrays |= results[-1].record().arrays
     for f in fields(ddp.Trace):
         arrays[f"trace_{f.name}"] = np.concatenate([_passes(r, f.name) for r in results])
     arrays["trace_level"] = np.repeat(np.arange(len(results)), [len(_passes(r, "cost")) for r in results])
     arrays["level_sigma"], arrays["level_cost"] = levels, np.array([float(r.cost) for r in results])
-    header |= {"horizon": problem.horizon, "method": options.method, "sigma": float(levels[-1])}
+    header |= {"horizon": late.whole.horizon, "method": options.method, "sigma": float(levels[-1])}
+    header |= results[-1].header
     return Record("plan", arrays, simulated, header), results
 
 

@@ -9,6 +9,7 @@ import typer
 
 import slcp_warp as slcp
 from slcp_warp import ddp
+from slcp_warp.ddp.planning import delay_of
 
 from .records import load_plan, load_policy, read_kind
 from .tasks import tell_timing
@@ -38,11 +39,26 @@ def named_policy(given: str | Path, scene: slcp.Scene, task: slcp.Task | None) -
         if task is None:
             raise ValueError(f"{text}: scene {scene.name!r} is no task; there is nothing to plan for")
         path = Path(text.partition(":")[2]) if ":" in text else None
-        tell_timing(task)
+        tell_timing(task, delayed=True)
         return planning_policy(task, path), {"policy": MPC}
     if of_python(text):
         return slcp.policies.load_policy(text), {"policy": policy_name(text)}
-    return load_policy(Path(text), scene)
+    policy, facts = load_policy(Path(text), scene)
+    _tell_early(text, policy, task)
+    return policy, facts
+
+
+def _tell_early(name: str, policy: Any, task: slcp.Task | None) -> None:
+    """Say where a plan is of another delay than its controls have here."""
+    if isinstance(policy, ddp.TrackingPolicy) and policy.step_size is not None:
+        planned = policy.early * policy.step_size
+        here = 0.0 if task is None else float(task.disturbances.fixed().delay)
+        if abs(planned - here) > 0.5 * policy.step_size:
+            typer.echo(
+                f"slcp: the controls of {name} are planned to act {planned:g} s after they are sent; here "
+                f"they act {here:g} s after",
+                err=True,
+            )
 
 
 def policies_of_task(given: Sequence[str | Path] | str | None, task: slcp.Task) -> dict[str, Any] | None:
@@ -92,21 +108,22 @@ def planning_policy(task: slcp.Task, path: Path | None) -> ddp.MPC:
     Plans are tried from the shifted plan and from what the file holds: a library's controls, or a plan made
     ahead, zero and noise; without a file the task is planned first: where a run is as long as a plan for its
     disturbed worlds (`ddp.plan_in_worlds`), whose model is then the planner's, else as `slcp optimise` does.
-    Where a run is as long as a plan, plans end with it.
+    Where a run is as long as a plan, plans end with it. A task's delay that is a number is the planner's.
 
     Args:
         path: of a library or a plan of the task's scene.
     """
     problem = ddp.problem_of(task)
     if path is None and ends_with_plan(task) and task.success is not None:
-        return planned_policy(ddp.plan_in_worlds(task))
-    end = task.steps if ends_with_plan(task) else None
+        return planned_policy(task, ddp.plan_in_worlds(task))
+    how: dict[str, Any] = {"improved": 2, "lag": delay_of(task, problem)}
+    how["end"] = task.steps if ends_with_plan(task) else None
     if path is not None and read_kind(path) == "library":
         entries = ddp.Library.load(path)
         entries.check_scene(task.scene)
-        return ddp.MPC(problem, entries, improved=2, end=end)
+        return ddp.MPC(problem, entries, **how)
     plan = ddp.plan(task).best if path is None else ddp.Result.of(load_plan(path, task.scene))
-    return ddp.MPC(problem, starts=STARTS, improved=2, plan=plan, end=end)
+    return ddp.MPC(problem, starts=STARTS, plan=plan, **how)
 
 
 def ends_with_plan(task: slcp.Task) -> bool:
@@ -114,7 +131,7 @@ def ends_with_plan(task: slcp.Task) -> bool:
     return bool(task.steps == task.horizon)
 
 
-def planned_policy(found: ddp.Robust, **more: Any) -> ddp.MPC:
+def planned_policy(task: slcp.Task, found: ddp.Robust, **more: Any) -> ddp.MPC:
     """Model predictive control with the model and the plan that were found, up to the plan's end."""
-    how: dict[str, Any] = {"starts": STARTS, "improved": 2} | more
+    how: dict[str, Any] = {"starts": STARTS, "improved": 2, "lag": delay_of(task, found.problem)} | more
     return ddp.MPC(found.problem, plan=found.best, end=found.problem.horizon, **how)

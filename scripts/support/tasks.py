@@ -26,10 +26,17 @@ def task_simulator(
     return simulator_of(task.scene, rules.of(task.options), device, dtype)
 
 
-def tell_timing(task: slcp.Task) -> None:
-    """Say that plans of a task know nothing of its delay and hold, where it has them."""
+def tell_timing(task: slcp.Task, delayed: bool = False) -> None:
+    """Say what plans of a task know nothing of: its hold and a drawn delay, and any delay unless they are
+    `delayed` as the task has it.
+    """
     words, d = {"delay": "delays controls by", "hold": "holds controls for"}, task.disturbances
-    spans = [f"{word} {_span(getattr(d, name))} s" for name, word in words.items() if getattr(d, name)]
+    known = ("delay",) if delayed and not isinstance(d.delay, slcp.Uniform) else ()
+    spans = [
+        f"{word} {_span(getattr(d, name))} s"
+        for name, word in words.items()
+        if getattr(d, name) and name not in known
+    ]
     if spans:
         typer.echo(f"slcp: the task {' and '.join(spans)}; plans are made without", err=True)
 

@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from slcp_warp.kernels.control.cost_functions import make_plain, make_quadratic
+from slcp_warp.kernels.control.cost_functions import make_later, make_plain, make_quadratic
 from slcp_warp.kernels.control.costs import CostFunctions
 from slcp_warp.kernels.factories import cached
 
-from ..inputs.checks import array, function, whole
+from ..inputs.checks import array, flag, function, whole
 from ..inputs.errors import ArgumentError, ArgumentTypeError
 
 
@@ -26,6 +26,7 @@ class Cost:
         nu: number of controls, or None for any.
         nodes: N + 1 for the horizon N that the weights belong to, or None for any.
         fixed: (P,) which weights are no numbers but say what the others are of: `with_weights` keeps them.
+        steady: whether the running cost is the same function at every step.
     """
 
     def __init__(
@@ -36,6 +37,7 @@ class Cost:
         nu: int | None = None,
         nodes: int | None = None,
         fixed: Any = None,
+        steady: bool = False,
     ) -> None:
         function("make", make, 3)
         for name, size in (("nx", nx), ("nu", nu), ("nodes", nodes)):
@@ -47,7 +49,7 @@ class Cost:
                 f"weights must be finite numbers of shape (P,) or (B, P), got shape {values.shape}"
             )
         self.make, self.weights = make, values
-        self.nx, self.nu, self.nodes = nx, nu, nodes
+        self.nx, self.nu, self.nodes, self.steady = nx, nu, nodes, flag("steady", steady)
         own = np.zeros(values.shape[-1]) if fixed is None else array("fixed", fixed, (values.shape[-1],))
         self.fixed = own != 0.0
 
@@ -57,7 +59,7 @@ class Cost:
 
     def with_weights(self, weights: Any) -> "Cost":
         """The same functions with other numbers, (P,) or (B, P); nothing is compiled."""
-        other = Cost(self.make, weights, self.nx, self.nu, self.nodes)
+        other = Cost(self.make, weights, self.nx, self.nu, self.nodes, steady=self.steady)
         other.fixed = self.fixed
         if other.weights.shape[-1] != self.weights.shape[-1]:
             raise ArgumentError(
@@ -72,6 +74,15 @@ class Cost:
                 f"weights[..., {place}] is {after[after[:, at] != before[0, at], at][0]}; it says what other "
                 f"weights are of, and must stay {before[0, at]}"
             )
+        return other
+
+    def from_step(self, first: int) -> "Cost":
+        """The cost of the steps from this one on, which becomes step 0."""
+        if first == 0 or self.steady:
+            return self
+        nodes = None if self.nodes is None else self.nodes - first
+        other = Cost(make_later(self.make, first), self.weights, self.nx, self.nu, nodes)
+        other.fixed = self.fixed
         return other
 
     def rows(self, batch: int) -> np.ndarray:
@@ -131,4 +142,4 @@ def quadratic(Q: Any, R: Any, Qf: Any = None, target: Any = None) -> Cost:
         raise ArgumentError(f"target must have shape ({nx},) or (N+1, {nx}), got {target.shape}")
     weights = np.concatenate([a.ravel() for a in (Q, R, Qf, target)])
     nodes = len(target) if target.ndim == 2 and len(target) > 1 else None
-    return Cost(make_quadratic, weights, nx=nx, nu=nu, nodes=nodes)
+    return Cost(make_quadratic, weights, nx=nx, nu=nu, nodes=nodes, steady=nodes is None)

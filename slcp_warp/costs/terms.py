@@ -57,7 +57,8 @@ class Term:
             raise ArgumentError(f"Term.minus is {shown(self.minus)} without a state that it is taken off")
 
 
-NO_COST = Cost(make_terms, [0.0], fixed=[1.0])  # of a task that is not planned: the sum of no terms
+# of a task that is not planned: the sum of no terms
+NO_COST = Cost(make_terms, [0.0], fixed=[1.0], steady=True)
 
 
 def effort(weight: float) -> Term:
@@ -108,7 +109,7 @@ def sum_of(
     places = np.zeros((len(rows), FIELDS))
     places[:, NAMING] = 1.0
     fixed = np.concatenate([[1.0], places.reshape(-1)])
-    return Cost(make_terms, weights, nx=len(states), nu=len(controls), fixed=fixed)
+    return Cost(make_terms, weights, nx=len(states), nu=len(controls), fixed=fixed, steady=True)
 
 
 def _places(label: str, term: Term, states: Sequence[str], controls: Sequence[str]) -> list[int]:

@@ -12,6 +12,7 @@ from simulators import simulator
 
 import slcp_warp as slcp
 from slcp_warp import ddp, scenes
+from slcp_warp.ddp.planning import Late
 from slcp_warp.kernels.policies.tracking import TRACKING
 from slcp_warp.scripts.stages.plan import optimise
 from slcp_warp.scripts.stages.trajectory import simulate
@@ -152,7 +153,7 @@ def test_a_library_file_of_version_1_states_no_limits(tmp_path):
 def plan_file(path, *without):
     """What `slcp optimise` saves, without some of the arrays."""
     options = ddp.Options(max_iterations=15)
-    record, _ = optimise(problem(), FINGER.x0, np.zeros((1, N, 2)), options)
+    record, _ = optimise(Late.of(problem(), 0), FINGER.x0, np.zeros((1, N, 2)), options)
     kept = {name: array for name, array in record.arrays.items() if name not in without}
     return replace(record, arrays=kept).save(path)
 

@@ -49,8 +49,8 @@ def test_mpc_takes_a_file_of_a_plan(task, tmp_path):
         ddp.MPC(ddp.problem_of(task), plan=small)
 
 
-def test_the_commands_simulate_with_them_and_plan_without(tmp_path):
-    """... and say so."""
+def test_the_commands_simulate_with_delays_and_plan_with_them(tmp_path):
+    """... and say that they plan without a hold."""
     scene, file = slcp.scenes.cart_pole(), tmp_path / "late.json"
     cost = slcp.costs.terms(scene, [slcp.costs.effort(1.0)])
     own = slcp.Task("late", scene, cost, 20, control_limits=(1.0, 2.0),
@@ -64,8 +64,19 @@ def test_the_commands_simulate_with_them_and_plan_without(tmp_path):
     call("simulate", file, "--device", "cpu", "--steps", 3, "--out", tmp_path / "zero.npz")
     assert (slcp.Trajectory.load(tmp_path / "zero.npz").controls == 1.0).all()
     plan = ("--starts", 1, "--passes", 2, "--device", "cpu", "--out", tmp_path / "plan.npz")
+    assert "plans are made without" not in call("optimise", file, *plan).stderr
+    found = ddp.Result.load(tmp_path / "plan.npz")
+    assert found.delay == 4 and found.us.shape == (20, 1) and (found.us[:4] == 1.0).all()
+    simulate = ("--policy", tmp_path / "plan.npz", "--device", "cpu", "--out", tmp_path / "run.npz")
+    assert "planned to act" not in call("simulate", file, *simulate).stderr
+    run = slcp.Trajectory.load(tmp_path / "run.npz")
+    np.testing.assert_allclose(run.controls[0], found.us, atol=1e-9)
+    slcp.save_task(own.replace(disturbances=slcp.Disturbances()), tmp_path / "early.json")
+    said = " ".join(call("simulate", tmp_path / "early.json", *simulate).stderr.split())
+    assert f"planned to act {4 * scene.step_size:g} s after they are sent; here they act 0 s after" in said
+    slcp.save_task(own.replace(disturbances=slcp.Disturbances(hold=2 * scene.step_size)), file)
     said = " ".join(call("optimise", file, *plan).stderr.split())
-    assert f"the task delays controls by {4 * scene.step_size:g} s; plans are made without" in said
+    assert f"the task holds controls for {2 * scene.step_size:g} s; plans are made without" in said
 
 
 def test_a_plan_that_nothing_is_felt_of_says_what_may_help(tmp_path):

@@ -7,6 +7,7 @@ import pytest
 
 import slcp_warp as slcp
 from slcp_warp import ddp
+from slcp_warp.ensembles.worlds.nominal import nominal
 
 HORIZON = 75
 WORLDS = 3
@@ -283,6 +284,29 @@ def drawn(s):
 
 
 RANDOM = {"noise": "noise", "sampled": ddp.Sampling(samples=4, iterations=1), "drawn": drawn}
+
+
+@pytest.mark.parametrize(("replan", "hold"), [(6, 1), (1, 1), (2, 2)])
+def test_what_was_sent_before_is_foretold(task, problem, replan, hold):
+    """With a lag of two steps an undisturbed world is, when a control acts, where its plan said."""
+    x0, h, seen = starts_of(task), task.scene.step_size, []
+
+    def keep(s):
+        seen.append((round(s.time / h), s.x.copy()))
+        return np.full((s.problem.horizon, 2), 0.05)
+
+    policy = ddp.MPC(problem, passes=1, replan=replan, starts=[keep], lag=2)
+    own = task.replace(disturbances=slcp.Disturbances(delay=2 * h, hold=hold * h))
+    found = run(nominal(policy, own, h), own, x0, 6)
+    assert [step for step, _ in seen] == list(range(2, 8, replan))
+    assert not found.controls[:, :2].any() and found.controls[:, 2:].any()
+    for step, x in seen:
+        if step <= 6:
+            np.testing.assert_allclose(x, found.states[:, step], rtol=0, atol=1e-9)
+    if hold == 1:  # the plan that acts goes through the states that are met two steps later
+        begins = 6 - replan
+        np.testing.assert_allclose(policy.intended(1)[: 5 - begins], found.states[1, begins + 2 :], atol=1e-7)
+    assert policy.met().shape == (WORLDS, 3, 6)
 
 
 @pytest.mark.parametrize("start", RANDOM.values(), ids=RANDOM)

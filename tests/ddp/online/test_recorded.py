@@ -60,6 +60,19 @@ def test_where_it_was_recorded_it_does_what_was_done(task, library):
     np.testing.assert_allclose(run.controls, own.u[order][:REPLAN], atol=1e-9)
 
 
+def test_entries_of_controls_that_act_late_are_of_where_they_are_sent(task):
+    """From the states met: in an undisturbed world with that delay the library sends what was sent."""
+    h = task.scene.step_size
+    late = task.replace(disturbances=replace(task.disturbances, delay=2 * h))
+    library = ddp.library_of_runs(late, planner(task, lag=2), 2, seed=4)
+    own = library.select(library.chain == 1)
+    own = own.select(np.argsort(own.step))
+    np.testing.assert_array_equal(own.step, np.arange(STEPS))
+    sim = ddp.problem_of(task).dynamics
+    run = sim.rollout(own.x[0], np.concatenate([np.zeros((2, 2)), own.u[: REPLAN - 2]]))
+    np.testing.assert_allclose(run.states[:REPLAN], own.x[:REPLAN], atol=1e-9)
+
+
 def test_its_worlds_are_not_those_of_a_sweep_of_the_same_seed(task, library):
     swept = slcp.draw_worlds(task, WORLDS, 4).x0
     started = library.x[library.step == 0]

@@ -10,14 +10,15 @@ from slcp_warp.costs import NO_COST
 from slcp_warp.inputs.checks import array, instance, whole
 from slcp_warp.inputs.errors import ArgumentError, ArgumentTypeError
 
-from .multistart import Multistart
-from .options import Options, Regularization
-from .parts.starts import unstable
-from .problem import Problem
-from .results.result import Result
-from .sampling.options import SHARE, Sampling, limit_share
-from .sampling.sampler import Sampler
-from .workspace import GAP_PASSES, Workspace
+from ..multistart import Multistart
+from ..options import Options, Regularization
+from ..parts.starts import unstable
+from ..problem import Problem
+from ..results.result import Result
+from ..sampling.options import SHARE, Sampling, limit_share
+from ..sampling.sampler import Sampler
+from ..workspace import GAP_PASSES, Workspace
+from .late import Late, delay_of
 
 METHODS = ("gauss-newton", "second-order")
 SCHEDULES = Regularization(  # of the state, and of the control as Tassa, Mansard & Todorov (2014) have it
@@ -135,10 +136,13 @@ def plan(
     `Workspace.run`): of all methods but the last half, three quarters and 85 % of them after 15, 40 and 80
     passes, of the last all but three after 20 passes and all but the best after 100.
 
+    Where a task's disturbances have a delay that is a number, controls act that much later than they are sent
+    (`Result.delay`): nothing acts before the first, and what is planned begins where that leads to.
+
     Args:
         task: what is planned.
         starts: how many of zeros and smoothed noise, to which `plan_starts` adds sampled and stabilised ones
-            from four on; or the controls themselves, (S, N, nu).
+            from four on; or the controls themselves as they act, (S, N, nu).
         seed: of noise and sampling.
         x0: the initial state (nx,); None: the first of the task's.
         sim: as of `problem_of`.
@@ -153,15 +157,34 @@ def plan(
         `index` the best one's place among them; those that were left behind have the status MAX_ITERATIONS.
     """
     if isinstance(task, Problem):
-        problem = task
+        problem, delay = task, 0
         if x0 is None or sim is not None:
             raise ArgumentTypeError("a ddp.Problem is planned from an x0, and has its simulator in it")
     else:
         problem = problem_of(task, sim)
+        delay = delay_of(task, problem)
         x0 = task.start[0] if x0 is None else x0
+    late = Late.of(problem, delay)
     x = array("x0", x0, (problem.nx,))
-    us = _controls(problem, x, starts, whole("seed", seed, 0), sampling, methods)
-    return solve_starts(problem, x, us, options, methods, finish)
+    return plan_late(late, x, starts, seed, options, methods, finish, sampling)
+
+
+def plan_late(
+    late: Late,
+    x0: np.ndarray,
+    starts: Any = 8,
+    seed: int = 0,
+    options: Options | None = None,
+    methods: tuple[str, ...] = METHODS,
+    finish: int = FINISH,
+    sampling: Sampling | None = None,
+) -> Multistart:
+    """`plan` of controls that may act later than they are sent, from x0 (nx,)."""
+    began = late.begin(x0)
+    if not isinstance(starts, int):
+        starts = late.controls(starts)
+    us = _controls(late.rest, began, starts, whole("seed", seed, 0), sampling, methods)
+    return late.extended(solve_starts(late.rest, began, us, options, methods, finish), x0)
 
 
 def solve_starts(
