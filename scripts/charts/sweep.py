@@ -12,6 +12,7 @@ from ..support.tables import number, read_csv
 from .style import BLACK, CASES, GREY, plt, save
 
 RIDGE = 0.85  # height of the tallest histogram, in rows
+LAST_GUESS = "a report of `slcp sweep`, a sensitivity, a map, a falsification or a table of `slcp paper size`"
 SIZE_COLUMNS = ("plans", "controllers", "residual", "step_size", "worlds", "mean_rate", "mean_rate_low",
                 "mean_rate_high", "share_above", "share_above_low", "share_above_high")  # fmt: skip
 
@@ -91,7 +92,7 @@ def _recovery(ax: Any, times: np.ndarray, colour: str, label: str) -> None:
 
 def read_sizes(path: Path) -> list[dict[str, Any]]:
     """Rows of `slcp size`. Raises FileError."""
-    rows = read_csv(path, "a table of `slcp size`", SIZE_COLUMNS)
+    rows = read_csv(path, LAST_GUESS, SIZE_COLUMNS)
     finite = ("plans", "step_size")  # rates of sweeps in which nothing was solved are not
     return [
         row | {k: number(path, row, k, k in finite) for k in SIZE_COLUMNS if k != "residual"} for row in rows

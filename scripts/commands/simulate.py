@@ -1,8 +1,10 @@
 """`slcp simulate`: worlds over time, open loop or under a policy, into a file."""
 
+import math
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import typer
 
 import slcp_warp as slcp
@@ -49,12 +51,15 @@ def simulate_command(
     path = prepared(out)
     if task is None:
         sim = make_simulator(named_scene(scene), rules, device, dtype)
-        first, steps = sim.scene.x0, 400 if steps is None else steps
+        first, length = sim.scene.x0, None
     else:
         chosen = slcp.load_task(task)
         sim = task_simulator(chosen, rules, device, dtype)
-        first, steps = chosen.start[0], chosen.steps if steps is None else steps
+        first, length = chosen.start[0], chosen.duration
     params = make_params(sim, step_size, sigma, settings)
+    if steps is None:
+        h = float(np.ravel(params["step_size"])[0])
+        steps = 400 if length is None else max(1, math.floor(length / h + 0.5))  # as the kernels round
     x0 = start_states(sim.scene, start, worlds, velocity_sd, seed, first)
     run = simulate(sim, params, x0, steps, policy, task=None if task is None else chosen)
     run.header["seed"] = seed

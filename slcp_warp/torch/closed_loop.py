@@ -10,7 +10,7 @@ from torch.autograd.function import once_differentiable
 
 from ..gradients.tape import Recorded, adjoint, derivatives_exist
 from ..inputs.arrays import ArrayError
-from ..inputs.checks import instance, whole
+from ..inputs.checks import flag, instance, whole
 from ..inputs.errors import ArgumentError
 from ..policies.function import Function
 from ..policies.network import Network
@@ -19,7 +19,7 @@ from .adjoint_check import check_adjoint
 from .followed import Followed, Memory, filled, followed, innermost, leaves_of
 from .functions import Outcome, given
 from .network import of_same_kind, roll_out, under_module
-from .operators import share, stream
+from .operators import check_values, share, stream
 from .table import Values, parameter_table
 
 
@@ -30,6 +30,7 @@ def closed_loop(
     steps: int,
     params: Values = None,
     arrays: Mapping[str, Tensor] | None = None,
+    check: bool = True,
 ) -> Outcome:
     """Step every world N times under a policy; differentiable by x0, its numbers and the physical parameters
     that are tensors; once.
@@ -44,9 +45,11 @@ def closed_loop(
             or one of `policies`: Function, Network, Linear, or Around one of these.
         steps: N.
         arrays: tensors by name in place of a function's arrays.
+        check: whether values of parameters are looked at (on a GPU this waits for them).
 
     Raises:
-        ArrayError: another shape, dtype or device. Other errors of the policy and of `rollout`.
+        ArrayError: another shape, dtype or device.
+        ParameterError: an unknown name or an illegal value. Other errors of the policy and of `rollout`.
         ArgumentError: a function's adjoint by Warp is wrong.
         ArgumentTypeError: a policy through which no gradient flows.
     """
@@ -57,6 +60,9 @@ def closed_loop(
     if len(table) not in (1, len(x)):
         raise ArrayError(f"params are given for {len(table)} worlds, x0 for {len(x)}")
     instance("arrays", arrays, Mapping | None, "a dict of tensors by name")
+    flag("check", check)
+    if check and isinstance(params, Mapping) and params:  # `Parameters` were looked at before
+        check_values(sim, table)
     states: Any
     if isinstance(policy, torch.nn.Module):
         if arrays:

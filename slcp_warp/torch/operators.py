@@ -50,7 +50,7 @@ def _(handle: int, dtype: torch.dtype, device: torch.device) -> Tensor:
     return torch.empty(_kept[handle].table().shape, dtype=dtype, device=device)
 
 
-def _check(sim: Simulator, table: Tensor) -> None:
+def check_values(sim: Simulator, table: Tensor) -> None:
     """The errors of `Parameters.replace` for illegal values; a covariance need be finite only."""
     rows = table.detach().double().cpu().numpy()
     values = {
@@ -90,7 +90,7 @@ def rollout_op(
     """States (B, N+1, nx), or every `every`-th of them, and status (B,)."""
     sim = _kept[handle]
     if check:
-        _check(sim, table)
+        check_values(sim, table)
     status = torch.zeros(len(x0), dtype=torch.int32, device=x0.device)
     kernels = sim.kernels.stepping
     with stream(x0):

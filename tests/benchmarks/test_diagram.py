@@ -104,7 +104,7 @@ def test_bad_files_are_named(tmp_path):
     path.write_bytes(text[:-40])
     assert "is cut off" in call("chart", path, "--out", tmp_path, code=2)
     path.write_text("a,b\n1,2\n")
-    assert "cannot be read as a table of `slcp size`" in call("chart", path, "--out", tmp_path, code=2)
+    assert "a falsification or a table of `slcp paper size`" in call("chart", path, "--out", tmp_path, code=2)
 
 
 def test_studies_run_and_resume(tmp_path, two_studies):

@@ -176,6 +176,8 @@ def test_single_precision_and_one_world(device):
     sim, (x0, _, weight) = pendulum(device, "float32"), leaves(device)
     single = x0[0].detach().float().requires_grad_()
     gain = torch.tensor(GAIN, device=device, dtype=torch.float32, requires_grad=True)
+    with pytest.raises(slcp.InputError, match="mass"):
+        slcp_torch.closed_loop(sim, single, function(), 5, {"mass": -single[0]}, {"gain": gain})
     run = slcp_torch.closed_loop(sim, single, function(), 5, arrays={"gain": gain})
     assert run.states.shape == (6, 2)
     fine = torch.tensor(GAIN, device=device, requires_grad=True)

@@ -79,6 +79,9 @@ def test_simulate_saves_what_the_simulator_gives(tmp_path):
     np.testing.assert_array_equal(record.simulated.parameters["friction"], [0.3])
     assert record.step_size == 0.03 and record.simulated.options.residual == "rem-logistic"
     assert record["impulse"].shape == (1, 12, 6) and record["contact_impulse"].shape == (1, 12, 1, 2)
+    call("simulate", "flicking_finger", "--step-size", 0.5, "--device", "cpu", "--out", path)
+    seconds = slcp.tasks.flicking_finger().duration
+    assert load_record(path, "trajectory")["states"].shape[1] == 1 + round(seconds / 0.5)  # the task's run
 
 
 def test_optimise_saves_a_policy(made):

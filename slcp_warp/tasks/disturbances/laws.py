@@ -187,11 +187,9 @@ def _places(scene: Scene, key: str) -> list[int]:
         raise ArgumentError(f"Disturbances.parameters names {key!r}; scene {scene.name!r} has no {name}")
     start, shape = found[0]
     size = int(np.prod(shape, dtype=int))
-    if not part and component is None:
-        return list(range(start, start + size))
     width, parts = size // (shape[0] if shape else 1), owners(scene, name)
     if not part:
-        return list(range(start + component, start + size, width))
+        return list(range(start + (component or 0), start + size, 1 if component is None else width))
     wanted = {part, turned(part)}
     rows = [i for i, owner in enumerate(parts) if owner in wanted or owner.startswith(part + ".")]
     if not rows:
