@@ -26,8 +26,8 @@ from ..specialisation import Specialisation
 from ..status import INFEASIBLE, JAMMED, NONFINITE, NOT_CONVERGED, SOLVED
 from .coulomb_alone import ACCEPT, make_alone, make_cone
 from .coulomb_few import make_coulomb_few
-from .coulomb_modes import LEFT, OFF, PRESS, RIGHT, STICK, make_active
-from .lemke import RAY, make_lemke
+from .coulomb_modes import DOUBTFUL, LEFT, OFF, PRESS, RIGHT, STICK, make_active
+from .lemke import FOUND, NONE, RAY, make_lemke
 
 ITERATIONS = 12  # of the active set, and as many more for every row
 CORRECTIONS = 3  # of the proximal term, where the modes are given
@@ -223,6 +223,19 @@ def make_coulomb_solver(spec: Specialisation) -> wp.Function:
         return status
 
     @wp.func
+    def earned(p: Problem, dense: Dense, lam: VR, known: int):
+        """Whether impulses are to be given back; what double precision says of there being any, NONE if it
+        was not asked.
+        """
+        good = active.is_earned(dense, lam)
+        exists = int(known)
+        if good == wp.static(DOUBTFUL):
+            if exists == wp.static(NONE):
+                _lam, exists = lemke(p, dense, int(1), dense.touching)
+            good = wp.where(exists == wp.static(FOUND), 1, 0)
+        return good, exists
+
+    @wp.func
     def solve(world: t.World, p: Problem, warm: VR):
         v_alone, z_alone, lam_alone, found = single(world, p)
         if found == 1:
@@ -242,15 +255,16 @@ def make_coulomb_solver(spec: Specialisation) -> wp.Function:
         codes = wp.where(dense.count <= MOST_ROWS, int(1) << dense.count, int(0))
         code = int(-1)  # of a combination, once all else was tried
         ray = int(0)
+        exists = int(wp.static(NONE))
         attempt = int(0)
         while status == wp.static(NOT_CONVERGED) and (attempt < wp.static(ATTEMPTS) or code < codes):
             if attempt == 2:
-                lam, found = lemke(p, dense, int(1))
+                lam, found = lemke(p, dense, int(1), ZERO)
                 z = judge(dense, lam).z
                 if found == wp.static(RAY):
                     ray = 1
                     attempt, code = int(wp.static(ATTEMPTS)), int(0)
-                    lam, opens = lemke(p, dense, int(0))
+                    lam, opens = lemke(p, dense, int(0), ZERO)
                     if opens == wp.static(RAY):
                         status = wp.static(INFEASIBLE)
             elif attempt == 4:
@@ -261,7 +275,8 @@ def make_coulomb_solver(spec: Specialisation) -> wp.Function:
                 tau = wp.where(attempt % 2 == 0 and attempt < wp.static(ATTEMPTS), TAU, NEARLY_NONE)
                 best = settle(dense, z, tau, best, code)
                 if best.worst <= ENOUGH:
-                    if active.is_earned(dense, best.lam) == 1:
+                    good, exists = earned(p, dense, best.lam, exists)
+                    if good == 1:
                         status = wp.static(SOLVED)
                     else:  # better than nothing, and worse than any solution
                         best.worst = NEARLY

@@ -18,6 +18,8 @@ TOUCHING = {wp.float64: 1e-12, wp.float32: 1e-6}  # rounding of a gap [m] whose 
 LENGTHS = {wp.float64: 3e-3, wp.float32: 4e-2}  # that a gap is the difference of, and rounds with [m]
 TOLD = {wp.float64: 5e-11, wp.float32: 1e-5}  # of a row's own scale: what w may miss of it
 CANCELLED = {wp.float64: 5e6, wp.float32: 166.0}  # of |A| |lambda|: rounding of more leaves less
+PLAIN = {wp.float64: 1e5, wp.float32: 30.0}  # and to which an answer needs no proof that there is one
+DOUBTFUL = 2  # beside 0 and 1: earned, if there is a solution at all
 OFF, PRESS, STICK, LEFT, RIGHT = 0, 1, 2, 3, 4  # modes; LEFT: lambda_t = -mu lambda_n, RIGHT: + mu lambda_n
 
 
@@ -41,7 +43,7 @@ def make_active(spec: Specialisation) -> SimpleNamespace:
     SMALLEST = dtype(1e-30)
     SHARE = dtype(1e-12 if dtype is wp.float64 else 1e-5)
     CLOSE, LENGTH, MOST = dtype(TOUCHING[dtype]), dtype(LENGTHS[dtype]), dtype(CANCELLED[dtype])
-    MISS = dtype(TOLD[dtype])
+    MISS, LITTLE = dtype(TOLD[dtype]), dtype(PLAIN[dtype])
     FRICTION, H = layout(s).offset("friction"), layout(s).offset("step_size")
     pair = tuple(row.index if row.kind == "contact" else 0 for row in s.rows)
 
@@ -154,8 +156,8 @@ def make_active(spec: Specialisation) -> SimpleNamespace:
 
     @wp.func
     def is_earned(dense: Dense, lam: VR):
-        """Whether every row is open, and rubs as it must, on its contact's own scale, and rounding of the
-        impulses leaves it digits.
+        """1 if every row is open, and rubs as it must, on its contact's own scale, and rounding of the
+        impulses leaves it digits; DOUBTFUL if it leaves few.
         """
         most = reach(dense)
         a = dense.a
@@ -182,6 +184,8 @@ def make_active(spec: Specialisation) -> SimpleNamespace:
                     good = 0
             if not (total <= MOST * (own[i] + most[i])):
                 good = 0
+            elif total > LITTLE * (own[i] + most[i]):
+                good = wp.where(good == 1, wp.static(DOUBTFUL), good)
         return good
 
     @wp.func

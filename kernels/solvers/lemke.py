@@ -30,9 +30,9 @@ SPEED = {wp.float64: 1e6, wp.float32: 1e3}  # that opens nothing, relative to th
 
 @cached
 def make_lemke(spec: Specialisation, dense_type: Any) -> wp.Function:
-    """lemke(problem, dense, friction) -> (lambda of the rows, FOUND, RAY or LIMIT).
+    """lemke(problem, dense, friction, ease) -> (lambda of the rows, FOUND, RAY or LIMIT).
 
-    friction = 0 leaves friction out; a RAY is then a proof.
+    friction = 0 leaves friction out; a RAY is then a proof. `ease` is added to d/h.
     """
     s, dtype, _ = spec
     r = make_rows(spec)
@@ -64,7 +64,7 @@ def make_lemke(spec: Specialisation, dense_type: Any) -> wp.Function:
         root: BR  # sqrt(A_ii)
 
     @wp.func
-    def measure(p: Problem, dense: dense_type, l: Lifted):
+    def measure(p: Problem, dense: dense_type, l: Lifted, ease: dtype):
         out = l
         jac = JR()  # J, then J M^-1, of the rows in the system
         response = JR()
@@ -72,7 +72,7 @@ def make_lemke(spec: Specialisation, dense_type: Any) -> wp.Function:
             row_i = wp.static(r.adds[i])(VQ(), p.jac, dtype(1.0))
             for n in range(dense.count):
                 if dense.row[n] == i:
-                    out.b[n] = D(p.rate[i])
+                    out.b[n] = D(p.rate[i]) + D(wp.where(dense.tangent[n] == 0, ease, dtype(0.0)))
                     for j in range(wp.static(NV)):
                         jac[n, j] = D(row_i[j])
                         out.b[n] = out.b[n] + D(row_i[j]) * D(p.vfree[j])
@@ -95,8 +95,8 @@ def make_lemke(spec: Specialisation, dense_type: Any) -> wp.Function:
         return out
 
     @wp.func
-    def lift(p: Problem, dense: dense_type, friction: int):
-        out = measure(p, dense, Lifted())
+    def lift(p: Problem, dense: dense_type, friction: int, ease: dtype):
+        out = measure(p, dense, Lifted(), ease)
         n = int(0)
         for i in range(dense.count):
             if dense.tangent[i] == 0:
@@ -203,8 +203,8 @@ def make_lemke(spec: Specialisation, dense_type: Any) -> wp.Function:
         return y
 
     @wp.func(inline=False)  # a last resort: in line it would cost the steps that do without
-    def lemke(p: Problem, dense: dense_type, friction: int):
-        l = lift(p, dense, friction)
+    def lemke(p: Problem, dense: dense_type, friction: int, ease: dtype):
+        l = lift(p, dense, friction, ease)
         n = l.size
         largest = D(1e-300)
         for i in range(n):

@@ -10,7 +10,7 @@ import pytest
 import slcp_warp as slcp
 from slcp_warp import Body, Scene, Spring
 from slcp_warp.scripts.benchmarks.fuzz.differences import STEPS, compare
-from slcp_warp.scripts.benchmarks.fuzz.draws import Worlds
+from slcp_warp.scripts.benchmarks.fuzz.draws import Worlds, draw_worlds
 from slcp_warp.scripts.benchmarks.fuzz.judge import Outcome
 from slcp_warp.scripts.benchmarks.fuzz.judged import judged, predicted
 from slcp_warp.scripts.benchmarks.fuzz.problem import Problem, Truth
@@ -255,6 +255,20 @@ def test_a_jam_is_refuted_on_the_scale_of_its_own_contact():
     v, impulse = coulomb_solution(p, 0)
     assert impulse[3] > 0.0 and p.jac[0, 3] @ v > 1e-8  # pushed along as it slides
     assert coulomb_solution(p, 0, exact=True) is None
+
+
+@pytest.mark.slow
+def test_single_precision_presses_no_solution_out_of_a_jam():
+    """A light distal link at -73,000 rad/s between a limit and the ellipse: of terms that large the rows held
+    to 1e-5, at impulses that no solution has.
+    """
+    scene, law = slcp.scenes.flicking_finger(), slcp.Options(residual="hard", friction="coulomb")
+    worlds = draw_worlds(np.random.default_rng(1), scene, 40000).part(1058)
+    sim = slcp.Simulator(scene, law, device="cpu", dtype="float32", strategy="specialised")
+    found, done = judged(worlds, sim)
+    assert coulomb_solution(found.problem, 0) is None
+    assert coulomb_solution(found.problem, 0, exact=True) is None
+    assert done.status[0] in (slcp.Status.NOT_CONVERGED, slcp.Status.JAMMED)
 
 
 def test_rows_that_exclude_each_other_by_little_have_no_least_motion():
