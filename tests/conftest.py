@@ -109,6 +109,13 @@ def pytest_runtest_setup(item) -> None:
     wp.config.optimization_level = None if optimised else 0
 
 
+def pytest_runtest_teardown(item, nextitem) -> None:
+    """What a file leaves behind, kernels above all, is not looked through for garbage in those after it."""
+    if nextitem is not None and nextitem.path != item.path:
+        gc.collect()
+        gc.freeze()
+
+
 def pytest_addoption(parser) -> None:
     parser.addoption("--full", action="store_true", help="also the tests marked full (.ci/full long)")
     parser.addoption("--docs", action="store_true", help="also the code in the texts (.ci/run)")
@@ -141,3 +148,21 @@ def pytest_collection_modifyitems(config, items) -> None:
             items[:] = [item for item in items if item.get_closest_marker(mark) is None]
     place = {name: i for i, name in enumerate([*OPTIMISED, *LONGEST])}
     items.sort(key=lambda item: place.get(item.path.stem, len(place)))
+
+
+# Files whose kernels those of another have compiled, with optimisation: one worker takes both, in this order.
+AFTER = {"test_capacity": "test_planning", "test_fuzz": "test_opposed_impulses"}
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    """As `--dist loadfile`, with the files of AFTER in one worker."""
+    from xdist.scheduler import LoadFileScheduling
+
+    class Scheduling(LoadFileScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            file = super()._split_scope(nodeid)
+            stem = file.rpartition("/")[2].removesuffix(".py")
+            return AFTER.get(stem, stem)
+
+    return Scheduling(config, log) if config.getvalue("dist") == "loadfile" else None
