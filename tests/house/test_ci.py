@@ -47,7 +47,8 @@ def test_files_that_come_first_are_there(pytestconfig):
     there = {path.stem for path in (ROOT / "tests").rglob("test_*.py")}
     first = [*conftest.OPTIMISED, *conftest.LONGEST]
     assert len(set(first)) == len(first)
-    assert set(first) <= there and {name.removesuffix(".py") for name in conftest.QUICK} <= there
+    assert {*first, *conftest.AFTER, *conftest.AFTER.values()} <= there
+    assert {name.removesuffix(".py") for name in conftest.QUICK} <= there
 
 
 def test_what_tests_compile_is_listed(tmp_path, monkeypatch):

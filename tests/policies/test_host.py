@@ -5,12 +5,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from simulators import scene
 
 import slcp_warp as slcp
 from slcp_warp import ddp, policies
 from slcp_warp import measures as m
 
-SCENE = replace(slcp.scenes.push_block(), step_size=0.02, sigma=0.05)
+SCENE = replace(scene("push_on_ice"), step_size=0.02, sigma=0.05)
 STEPS, WORLDS = 75, 40
 GOAL = np.eye(8)[0] * 0.3  # the pusher's place
 GAIN = -9.0 * np.eye(8)[:1] - 0.25 * np.eye(8)[4:5]  # place and speed; a quarter of it has no rounding

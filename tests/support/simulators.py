@@ -109,6 +109,13 @@ def sprung() -> Scene:
     return dataclasses.replace(base, name="sprung", bodies=bodies, springs=springs)
 
 
+def push_on_ice() -> Scene:
+    """`push_block` on a ground without friction: kernels of its own, of four rows."""
+    base = scenes.push_block()
+    smooth = tuple(dataclasses.replace(contact, friction=None) for contact in base.contacts[:2])
+    return dataclasses.replace(base, contacts=(*smooth, base.contacts[2]))
+
+
 def touching_tree() -> Scene:
     """A random tree with ellipses and a tilted ground: rows that depend on every coordinate."""
     tree = random_tree(np.random.default_rng(11), 2, ("free", "prismatic"), contacts=True)
@@ -122,6 +129,7 @@ MAKERS = {
     "moving_plane": moving_plane,
     "capsules": capsules,
     "pill": pill,
+    "push_on_ice": push_on_ice,
     "touching_tree": touching_tree,
     "tree0": lambda: tree(0),
     "tree1": lambda: tree(1),

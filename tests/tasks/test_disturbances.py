@@ -5,13 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from draws_oracle import even, normals, overlap
+from simulators import scene
 
 import slcp_warp as slcp
 from slcp_warp import measures as m
 from slcp_warp import policies
 from slcp_warp.tasks.disturbances import laws
 
-SCENE = replace(slcp.scenes.push_block(), step_size=0.02, sigma=0.05)
+SCENE = replace(scene("push_on_ice"), step_size=0.02, sigma=0.05)
 LOOSE = replace(SCENE, contacts=())  # for what is said of no contact, in kernels that compile soon
 H, N, SEED, B, NX = 0.02, 60, 7, 9, 8
 COST = slcp.costs.terms(SCENE, [slcp.costs.effort(1.0)])
@@ -191,7 +192,7 @@ def test_what_is_not_given_is_undisturbed(device):
         ({"numbers": [0, -1]}, "Worlds.numbers holds -1; whole numbers"),
         ({"numbers": [0, 0.5]}, "Worlds.numbers holds 0.5"),
         ({"numbers": [0, 2**31]}, "Worlds.numbers holds 2.14748e[+]09; whole numbers"),
-        ({"params": np.zeros((2, 78))}, "Worlds.params: step_size is 0.0; it must be positive"),
+        ({"params": np.zeros((2, 76))}, "Worlds.params: step_size is 0.0; it must be positive"),
         ({"x0": 1.0}, r"Worlds.x0 has shape \(\); 2 axes are needed"),
         ({"dropouts": "none"}, "Worlds.dropouts is 'none'"),
     ],
