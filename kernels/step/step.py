@@ -45,7 +45,7 @@ def make_step(spec: Specialisation, exact_gap: bool) -> SimpleNamespace:
     VX, VU = t.VX, t.VU
     H = layout(s).offset("step_size")
 
-    @wp.func
+    @wp.func(inline=True)
     def solve_step(world: t.World, x: VX, u: VU, carry: Carry):
         """The solution of one step from x = (q, v)."""
         q, v = split(x)
