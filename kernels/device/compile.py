@@ -42,10 +42,18 @@ template <typename T> inline T* address(const array_t<T>& a, int i, int j)
 {
     return data_at_byte_offset(a, i * stride(a, 0)) + j;
 }
+template <typename T> inline T* address(const array_t<T>& a, int i, int j, int k)
+{
+    return data_at_byte_offset(a, i * stride(a, 0) + j * stride(a, 1)) + k;
+}
 template <typename T> inline void array_store(const array_t<T>& a, int i, T value) { *address(a, i) = value; }
 template <typename T> inline void array_store(const array_t<T>& a, int i, int j, T value)
 {
     *address(a, i, j) = value;
+}
+template <typename T> inline void array_store(const array_t<T>& a, int i, int j, int k, T value)
+{
+    *address(a, i, j, k) = value;
 }
 struct wide_range_t : range_t { long long more; };
 inline wide_range_t wide_range(int start, int end, int step)
@@ -84,21 +92,24 @@ def packed(function: Callable) -> wp.Kernel:
 
     On a CPU an element is then found without a stride and without looking whether its index counts from the
     end: kernels whose state is in arrays take little more than half as long. A user's function may do either,
-    so that a kernel that calls one is as `specialised` makes it.
+    so that a kernel that calls one is as `specialised` makes it. Not for loops over columns in which few call
+    a function of the library: the compiler then calls it for all of them, in vectors.
     """
-    options = {"cpu_compiler_flags": cpu_compiler_flags()}
-    if not own_alone(function):
-        return _declare(function, options)
-    kernel = _declare(function, options, preamble=PACKED)
-    kernel.packed = True
-    return kernel
+    return _packed(function)
 
 
 def fitted(fast: bool) -> Callable[[Callable], wp.Kernel]:
-    """Decorator: as `specialised`; kernels that step all worlds, `fast` ones, have few registers on a GPU."""
+    """Decorator: as `packed`; kernels that step all worlds, `fast` ones, have few registers on a GPU."""
     most = int(os.environ.get("SLCP_CUDA_REGISTERS", FAST_REGISTERS)) if fast else None
+    return lambda function: _packed(function, most)
+
+
+def _packed(function: Callable, registers: int | None = None) -> wp.Kernel:
+    own = own_alone(function)
     options = {"cpu_compiler_flags": cpu_compiler_flags()}
-    return lambda function: _declare(function, options, registers=most)
+    kernel = _declare(function, options, registers=registers, preamble=PACKED if own else None)
+    kernel.packed = own
+    return kernel
 
 
 def with_adjoint(function: Callable) -> wp.Kernel:

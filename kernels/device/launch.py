@@ -12,6 +12,7 @@ import threading
 from concurrent.futures import ThreadPoolExecutor
 
 import warp as wp
+from warp._src.codegen import StructInstance
 
 from .cache import block_of, load
 
@@ -88,13 +89,23 @@ def no_gaps(kernel, inputs):
     """Refuse arrays with gaps along their last axis where a kernel reads them without strides."""
     if not getattr(kernel, "packed", False):
         return
-    for number, array in enumerate(inputs):
-        if isinstance(array, wp.array) and array.device.is_cpu and array.size > 0 and array.shape[-1] > 1:
-            if array.strides[-1] != wp.types.type_size_in_bytes(array.dtype):
-                raise ValueError(
-                    f"argument {number + 1} of {kernel.key} has strides {array.strides} bytes; "
-                    "no gaps along the last axis are needed"
-                )
+    for number, value in enumerate(inputs):
+        for array in _arrays(value):
+            if array.device.is_cpu and array.size > 0 and array.shape[-1] > 1:
+                if array.strides[-1] != wp.types.type_size_in_bytes(array.dtype):
+                    raise ValueError(
+                        f"argument {number + 1} of {kernel.key} has strides {array.strides} bytes; "
+                        "no gaps along the last axis are needed"
+                    )
+
+
+def _arrays(value):
+    """The arrays of an argument: itself, or those of a struct and of the structs in it."""
+    if isinstance(value, wp.array):
+        return [value]
+    if isinstance(value, StructInstance):
+        return [array for name in value._cls.vars for array in _arrays(getattr(value, name))]
+    return []
 
 
 class Prepared:
@@ -105,7 +116,7 @@ class Prepared:
     """
 
     def __init__(self, kernel, dim, inputs, device, threads=None, grain=DEFAULT_GRAIN, offset=0):
-        self.device = wp.get_device(device)
+        self.kernel, self.device = kernel, wp.get_device(device)
         no_gaps(kernel, inputs)
         load(kernel, self.device)
         self.inputs = list(inputs)
@@ -130,6 +141,7 @@ class Prepared:
 
     def set_input(self, index, value):
         """Replace ``inputs[index]`` (counted without ``first``)."""
+        no_gaps(self.kernel, [value])
         self.inputs[index] = value
         for command in self.commands:
             command.set_param_at_index(index + 1, value)

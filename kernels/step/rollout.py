@@ -10,7 +10,7 @@ from typing import NamedTuple
 import warp as wp
 
 from ..contact.problem import COLD
-from ..device.compile import specialised
+from ..device.compile import packed
 from ..factories import cached
 from ..policies.contract import PolicyKernel, make_policy
 from ..specialisation import Specialisation
@@ -192,7 +192,7 @@ def make_step_kernel(spec: Specialisation) -> wp.Kernel:
     batch = make_batch(spec, True)
     step = batch.step
 
-    @specialised
+    @packed
     def step_kernel(
         first: int,
         params: wp.array2d(dtype=dtype),
@@ -228,7 +228,7 @@ def make_rollout_kernel(spec: Specialisation, policy: PolicyKernel, exact_gap: b
     asked = make_policy(policy, NX, NU, dtype)
     Policy = asked.Struct
 
-    @specialised
+    @packed
     def rollout_kernel(
         first: int,
         params: wp.array2d(dtype=dtype),

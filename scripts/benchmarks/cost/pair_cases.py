@@ -5,6 +5,7 @@ a case a line, this process answers with the CPU seconds per item of one call of
 compiles its kernels and is not timed), or with what went wrong. Launches use one thread.
 """
 
+import dataclasses
 import functools
 import json
 import sys
@@ -68,14 +69,22 @@ def passes(dtype: str) -> tuple[Callable[[], Any], int]:
 
 
 def sweep() -> tuple[Callable[[], Any], int]:
-    """A sweep of the finger that tracks a plan."""
-    spec = slcp.SweepSpec(worlds=2000, duration=2.5, parameter_sd={"mass": 0.1}, torque_sd=0.1)
-    scene = scene_of("flicking_finger")
-    sim = slcp.Simulator(scene, slcp.Options(scaling="none"), device="cpu")
-    problem = ddp.Problem(sim, slcp.tasks.flicking_finger().cost, horizon=75)
-    plan = ddp.solve(problem, scene.x0, np.zeros((75, sim.nu)), ddp.Options(max_iterations=3))
+    """A sweep of the finger that tracks a plan, with measures that every version has."""
+    task = slcp.tasks.flicking_finger()
+    sim = slcp.Simulator(task.scene, slcp.Options(scaling="none"), device="cpu")
+    problem = ddp.Problem(sim, task.cost, horizon=75)
+    plan = ddp.solve(problem, task.scene.x0, np.zeros((75, sim.nu)), ddp.Options(max_iterations=3))
+    task = dataclasses.replace(
+        task,
+        duration=STEPS * 0.05,
+        disturbances=slcp.Disturbances(torque=0.1, parameters={"mass": 0.1}),
+        measures={"share": slcp.measures.contact_share(), "gap": slcp.measures.lowest_gap()},
+        success=None,
+    )
     policy = ddp.TrackingPolicy(plan)
-    return functools.partial(slcp.sweep, scene, policy, spec, device="cpu"), 2 * 2000 * STEPS
+    choices = [slcp.Options(scaling="none"), slcp.Options(residual="hard", scaling="none")]
+    run = functools.partial(slcp.sweep, task, policy, worlds=2000, cases=choices, device="cpu")
+    return run, 2 * 2000 * STEPS
 
 
 def cases() -> dict[str, Callable[[], tuple[Callable[[], Any], int]]]:
