@@ -18,6 +18,7 @@ from slcp_warp.kernels.policies.function import function_kernel
 from slcp_warp.kernels.policies.open_loop import OPEN_LOOP
 from slcp_warp.kernels.specialisation import Specialisation
 from slcp_warp.kernels.step import rollout
+from slcp_warp.kernels.step.step import make_step
 
 
 def walk(
@@ -119,3 +120,11 @@ def test_kernels_that_step_are_packed():
     assert rollout.make_rollout_kernel(spec, OPEN_LOOP, False).packed
     assert make_sweep_kernel(spec, OPEN_LOOP).packed
     assert not rollout.make_rollout_kernel(spec, own, False).packed
+
+
+def test_a_step_is_part_of_its_kernel():
+    """Left to the compiler, a function as large as a step is called: its solution, of a hundred numbers, goes
+    through memory, which costs a box on a plane a seventh.
+    """
+    spec = Specialisation(scenes.particle().structure, wp.float64, Method(residual="hard"))
+    assert make_step(spec, False).solve_step.inline_hint == "forceinline"
