@@ -115,7 +115,9 @@ class Uniform(Distribution):
         _number(self, "high", self.low)
 
     def row(self, base: Any) -> Row:
-        """See `Distribution`."""
+        """See `Distribution`; one number alone is none that is drawn."""
+        if self.low == self.high:
+            return LAWS.index(Normal.law), self.low, 0.0, 0.0
         return LAWS.index(self.law), 0.0 if base is None else base, self.low, self.high
 
 

@@ -76,11 +76,13 @@ def parameter_laws(scene: Scene, base: np.ndarray, given: Mapping[str, Distribut
     columns = layout(scene.structure).columns
     names, group = _parameter_names(scene, columns), _groups(columns)
     laws = still(base, group, [kernels.PARAMETER] * len(names), names)
-    for key in sorted(given, key=_precision):  # what is said of one part, or one component, counts
-        drawn = given[key]
-        places = _places(scene, key)
+    found = {key: _places(scene, key) for key in given}
+    # what is said of one part, or one component, counts
+    for key in sorted(given, key=lambda key: (*_precision(key), -len(found[key]))):
+        drawn, places = given[key], found[key]
         first = _first(scene, places, drawn.shared)
         for column in places:
+            laws.base[..., column] = np.asarray(base)[..., column]  # alone
             laws.put(column, drawn)
             laws.step[column] = group[first[column]]
     return laws
@@ -101,11 +103,19 @@ def _first(scene: Scene, places: Sequence[int], shared: bool | str) -> dict[int,
     """Per column of a parameter the column whose random number it takes."""
     if shared is False:
         return {column: column for column in places}
-    if shared is True:
-        return dict.fromkeys(places, places[0])
+    if shared is True:  # by all parts; both components of a place are drawn
+        component = {column: _component(scene, column) for column in places}
+        least = {i: column for column, i in reversed(component.items())}
+        return {column: least[i] for column, i in component.items()}
     found: dict[Any, int] = {}
     owner = {column: _bodies(scene, column) for column in places}
     return {column: found.setdefault(owner[column], column) for column in places}
+
+
+def _component(scene: Scene, column: int) -> int:
+    """Which of a place's two components a column is; 0 of all else."""
+    name, start, _ = column_of(scene, column)
+    return (column - start) % 2 if f"{name}_x" in COMPONENTS else 0
 
 
 def _bodies(scene: Scene, column: int) -> Any:
@@ -187,11 +197,12 @@ def _places(scene: Scene, key: str) -> list[int]:
         raise ArgumentError(f"Disturbances.parameters names {key!r}; scene {scene.name!r} has no {name}")
     start, shape = found[0]
     size = int(np.prod(shape, dtype=int))
-    width, parts = size // (shape[0] if shape else 1), owners(scene, name)
+    width, exact, parts = size // (shape[0] if shape else 1), _parts(scene, name), owners(scene, name)
     if not part:
         return list(range(start + (component or 0), start + size, 1 if component is None else width))
     wanted = {part, turned(part)}
     rows = [i for i, owner in enumerate(parts) if owner in wanted or owner.startswith(part + ".")]
+    rows = rows or [i for i, each in enumerate(exact) if each in wanted]  # of one end of a capsule
     if not rows:
         there = ", ".join(f"{owner}.{name}" for owner in parts) or "none of a part"
         raise ArgumentError(f"Disturbances.parameters names {key!r}; there are {there}")
@@ -221,7 +232,7 @@ def key_of(scene: Scene, column: int) -> str:
     Both radii of a capsule have the same one, components of places their own: "hand.shape_offset_x".
     """
     name, start, shape = column_of(scene, column)
-    parts = owners(scene, name)
+    parts = _parts(scene, name)
     if not parts or not shape:
         return name
     row, place = divmod(column - start, int(np.prod(shape, dtype=int)) // shape[0])

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ....parameters import Parameters
 from ....tasks.disturbances import Disturbances, Dropout, LogNormal, Normal, Push, Uniform, laws
 from ....tasks.task import Task
 from ...worlds import Worlds
@@ -13,7 +14,7 @@ from .numbers import Numbers
 def scenario_of(task: Task, numbers: Numbers, world: Worlds) -> Task | None:
     """The task whose only disturbed world is the first of `world`.
 
-    None where a task cannot say it: kicks at several times that differ.
+    None where a task cannot say it: kicks at several times that differ, or springs that do.
     """
     given, own = world.numpy(), task.disturbances
     found = Disturbances(delay=own.delay, hold=own.hold)
@@ -33,17 +34,33 @@ def scenario_of(task: Task, numbers: Numbers, world: Worlds) -> Task | None:
         found = replace(found, pushes=tuple(pushes))
     if given.dropouts is not None:
         found = replace(found, dropouts=tuple(Dropout(*map(float, row)) for row in given.dropouts[0]))
-    parameters: dict[str, LogNormal | Uniform] = {}
-    table = numbers.tables["params"]
-    for c in table.varied:
-        key = laws.key_of(task.scene, int(c))
-        value, base = float(given.params[0, c]), float(table.base[c])
-        name = laws.parameter_of(key)[1]
-        factor = name in laws.FACTORS or (name not in laws.SIGNED and base > 0.0)
-        parameters[key] = LogNormal(0.0, median=value / base) if factor else Uniform(value, value)
+    parameters = _parameters(task, numbers, given.params[0])
+    if parameters is None:
+        return None
     return task.replace(
         name=f"{task.name}_falsified", start=given.x0[:1], disturbances=replace(found, parameters=parameters)
     )
+
+
+def _parameters(task: Task, numbers: Numbers, row: np.ndarray) -> dict[str, LogNormal | Uniform] | None:
+    """What the parameters of a world (P,) are, by name, where the task's disturbances name them."""
+    out: dict[str, LogNormal | Uniform] = {}
+    origin = Parameters(task.scene).table()[0].astype(float)
+    for c in np.flatnonzero(numbers.tables["params"].law):
+        key = laws.key_of(task.scene, int(c))
+        name, value, base = laws.parameter_of(key)[1], float(row[c]), float(origin[c])
+        if name in laws.FACTORS and base == 0.0:
+            continue
+        factor = name in laws.FACTORS or (name not in laws.SIGNED and base > 0.0)
+        before = out.get(key)
+        out[key] = LogNormal(0.0, median=value / base) if factor else Uniform(value, value)
+        if before is not None and not np.isclose(_number(before), _number(out[key]), rtol=1e-9, atol=0.0):
+            return None
+    return out
+
+
+def _number(drawn: LogNormal | Uniform) -> float:
+    return drawn.median if isinstance(drawn, LogNormal) else drawn.low
 
 
 def _push(push: Push, row: np.ndarray) -> Push:

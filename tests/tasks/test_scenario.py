@@ -1,0 +1,111 @@
+"""A world's parameters as a task of that one world, and what several names of one parameter draw."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import slcp_warp as slcp
+from slcp_warp.ensembles.questions.rare.numbers import Numbers
+from slcp_warp.ensembles.questions.rare.scenario import scenario_of
+from slcp_warp.tasks.disturbances import laws
+
+
+def drawn(scene, parameters):
+    """A task, what its worlds are numbers of, and a world of it."""
+    sim = slcp.Simulator(scene, slcp.Options("hard"), dtype="float64", device="cpu", strategy="generic")
+    task = slcp.Task("t", scene, duration=1.0, disturbances=slcp.Disturbances(parameters=parameters))
+    numbers = Numbers(sim, task, scene.step_size)
+    z = np.random.default_rng(1).standard_normal((1, numbers.dimension + numbers.fresh))
+    return task, numbers, numbers.worlds(z)
+
+
+def table(task, count=1):
+    """Parameters (count, P) of a task's worlds."""
+    return np.asarray(slcp.draw_worlds(task, count, seed=3).numpy().params)
+
+
+def ways(name):
+    """Distributions of a parameter."""
+    kind = laws.parameter_of(name)[1]
+    for shared in (False, True, "bodies"):
+        if shared == "bodies" and kind in laws.OF_NO_BODY:
+            continue
+        yield slcp.Normal(0.05, 0.1, shared) if kind in laws.SIGNED else slcp.LogNormal(0.1, 2.0, shared)
+        if kind not in laws.FACTORS:
+            yield slcp.Uniform(0.3, 0.7, shared)
+
+
+@pytest.mark.parametrize("name", ["push_block", "hopper"])
+def test_every_parameter_is_the_worlds(name, tmp_path):
+    """Gravity across and radii of points are zero; both ends of a capsule have the same pair of names."""
+    scene = slcp.scenes.NAMED[name]()
+    for parameter in (*laws.NAMES, *laws.COMPONENTS):
+        for way in ways(parameter):
+            try:
+                task, numbers, world = drawn(scene, {parameter: way})
+            except slcp.InputError as error:
+                assert "has no" in str(error)
+                continue
+            slcp.save_task(scenario_of(task, numbers, world), tmp_path / "once.json")
+            np.testing.assert_allclose(
+                table(slcp.load_task(tmp_path / "once.json")),
+                world.numpy().params,
+                rtol=1e-6,
+                err_msg=f"{parameter} {way}",
+            )
+
+
+def test_what_is_moved_and_not_drawn_is_the_worlds_too():
+    scene = slcp.scenes.push_block()
+    fixed = {"mass": slcp.LogNormal(0.0, median=2.0), "block.com_x": slcp.Normal(0.0, mean=0.1)}
+    fixed |= {"damping": slcp.Uniform(0.4, 0.4), "friction": 0.1}
+    task, numbers, world = drawn(scene, fixed)
+    own = slcp.Parameters(scene)
+    own = own.replace(mass=2.0 * own["mass"], com=own["com"] + [[0.0, 0.0], [0.1, 0.0]], damping=0.4)
+    own, row = own.table()[0], world.numpy().params[0]
+    friction = [c for c in range(len(own)) if laws.column_of(scene, c)[0] == "friction"]
+    assert (row[friction] != own[friction]).all()
+    own[friction] = row[friction]
+    np.testing.assert_allclose(row, own, rtol=1e-12)
+    for each in (task, scenario_of(task, numbers, world)):
+        rows = table(each)[0]
+        rows[friction] = own[friction]
+        np.testing.assert_allclose(rows, own, rtol=1e-6)
+
+
+def test_springs_that_differ_have_no_names():
+    springs = (
+        slcp.Spring(None, "block", (0.0, 1.0), stiffness=1.0),
+        slcp.Spring(None, "block", stiffness=2.0),
+    )
+    scene = replace(slcp.scenes.push_block(), springs=springs)
+    assert scenario_of(*drawn(scene, {"spring_stiffness": 0.1})) is None
+    both = scenario_of(*drawn(scene, {"spring_stiffness": slcp.LogNormal(0.1, shared=True)}))
+    assert list(both.disturbances.parameters) == ["spring_stiffness"]
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_what_is_said_of_a_part_is_around_its_own_number(turned):
+    scene = slcp.scenes.push_block()
+    given = {"mass": slcp.LogNormal(0.0, median=2.0), "block.mass": slcp.LogNormal(0.0, median=3.0)}
+    given |= {"friction": slcp.Uniform(0.9, 0.9), "face/pusher.friction": slcp.LogNormal(0.0, median=2.0)}
+    given = dict(reversed(given.items())) if turned else given
+    task, _, world = drawn(scene, given)
+    own = slcp.Parameters(scene)
+    want = own.replace(mass=own["mass"] * [2.0, 3.0], friction=[0.9, 0.9, 2.0 * own["friction"][2]]).table()[
+        0
+    ]
+    for found in (table(task)[0], world.numpy().params[0]):
+        np.testing.assert_allclose(found, want, rtol=1e-6)
+
+
+def test_all_parts_share_a_draw_of_each_component():
+    scene = slcp.scenes.push_block()
+    task, _, _ = drawn(scene, {"com": slcp.Normal(0.1, shared=True)})
+    moved = table(task, 8) - slcp.Parameters(scene).table()
+    places = [c for c in range(moved.shape[1]) if laws.column_of(scene, c)[0] == "com"]
+    x, y = moved[:, places[::2]], moved[:, places[1::2]]
+    np.testing.assert_allclose(x, x[:, :1] + 0.0 * x, atol=1e-6)
+    np.testing.assert_allclose(y, y[:, :1] + 0.0 * y, atol=1e-6)
+    assert (np.abs(x - y) > 1e-4).all()
