@@ -11,6 +11,7 @@ import numpy as np
 import warp as wp
 
 from slcp_warp.inputs.checks import instance, shown, whole
+from slcp_warp.inputs.copies import NotCopied
 from slcp_warp.inputs.errors import ArgumentError
 from slcp_warp.kernels.control.costs import make_cost_kernel
 from slcp_warp.kernels.control.state_limits import make_limit_kernels
@@ -31,7 +32,7 @@ from .results.trace import Trace
 GAP_PASSES = 30  # then what gaps are left are closed by a rollout
 
 
-class Workspace:
+class Workspace(NotCopied):
     """Arrays and launches of one problem and batch size, made once and used for any number of solves.
 
     The device arrays ``xs``, ``us``, ``K``, ``k``, ``Vx``, ``Vxx``, ``cost``, ``status``, ``passes``,

@@ -58,6 +58,9 @@ class Parameters(Printed):
         out._values, out.requires_grad, out._uploaded = values, requires_grad, {}
         return out
 
+    def __getstate__(self) -> dict[str, Any]:
+        return vars(self) | {"_uploaded": {}}  # what is on devices is put there again
+
     def _line(self) -> str:
         of = "shared by all worlds" if self.worlds is None else f"for {counted(self.worlds, 'world')}"
         tracked = "; tracked" if self.requires_grad else ""

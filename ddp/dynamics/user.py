@@ -55,6 +55,9 @@ class Parameters:
                 raise ArgumentError(f"parameter {name!r} must be finite, got {shown(value)}")
             self.values[name] = given
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _parameters_on, (self.shapes, self.values, self.dtype, str(self.device))
+
     def replace(self, **changes: Any) -> "Parameters":
         """The same with other numbers."""
         return Parameters(self.shapes, {**self.values, **changes}, self.dtype, self.device)
@@ -71,6 +74,11 @@ class Parameters:
         flat = [np.broadcast_to(a, (rows, a.shape[1])) for a in flat] or [np.zeros((1, 1))]
         numbers = np.ascontiguousarray(np.concatenate(flat, axis=1))
         return make_table(numbers.astype(wp.dtype_to_numpy(self.dtype)), self.dtype, self.device)
+
+
+def _parameters_on(shapes: Any, values: Any, dtype: Any, device: str) -> Parameters:
+    """Parameters on a device of this name."""
+    return Parameters(shapes, values, dtype, checked_device(device))
 
 
 class WarpDynamics:
@@ -117,6 +125,11 @@ class WarpDynamics:
         }
         shapes = {name: value.shape for name, value in values.items()}
         self.params = Parameters(shapes, values, self.dtype, self.device)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copies and pickles are made anew of the same; pickles where `make` is a function of a module."""
+        given = self.make, self.nx, self.nu, None, str(self.device), self.dtype.__name__
+        return type(self), given, {"params": self.params}
 
     def step_function(self) -> Any:
         """See `Dynamics`."""

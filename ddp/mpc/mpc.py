@@ -27,6 +27,7 @@ from .starts import Planned, Policy, Situation, chosen_starts
 
 SHARE = 0.2  # of the control limits: noise of starts
 KEPT = 10_000  # cycles whose times are kept
+OF_RUN = ("_ahead", "_numbers", "_way", "_newest", "_begun", "_active", "_coming")  # attributes
 
 
 class MPC:
@@ -132,6 +133,10 @@ class MPC:
         self.seconds: deque[float] = deque(maxlen=KEPT)
         self._planners: list[Planner] = []
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Of no run: copies and pickles begin anew."""
+        return {name: value for name, value in vars(self).items() if name not in OF_RUN} | {"_planners": []}
+
     @property
     def limits(self) -> tuple[np.ndarray, np.ndarray]:
         """Of the controls, (1, nu)."""
@@ -176,6 +181,8 @@ class MPC:
 
     def act(self, x: np.ndarray, time: float, worlds: np.ndarray) -> np.ndarray:
         """Controls (B, nu) of states (B, nx); a world that is not finite gets none."""
+        if "_newest" not in vars(self):
+            raise ArgumentError("this policy is in no run yet; begin(sim, worlds) comes before act")
         began = clock.perf_counter()
         out, first = np.zeros((len(x), self.problem.nu)), 0
         now = round(time / self.period)
@@ -295,8 +302,12 @@ class _Kept:
     """A policy in kernels whose arrays are made once, rolled out on a model."""
 
     def __init__(self, policy: Any, problem: Problem) -> None:
-        self.problem, self._found = problem, policy_arrays(policy, problem.dynamics, None)
+        self.policy, self.problem = policy, problem
+        self._found = policy_arrays(policy, problem.dynamics, None)
         self._timed = getattr(policy, "timed", False)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.policy, self.problem)
 
     def kernel(self, sim: Simulator) -> tuple[Any, Any]:
         """What was made."""

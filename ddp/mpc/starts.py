@@ -182,6 +182,9 @@ class Search:
         self.options = options
         self._samplers: dict[tuple[Problem, int], Sampler] = {}
 
+    def __getstate__(self) -> dict[str, Any]:
+        return vars(self) | {"_samplers": {}}
+
     def __call__(self, s: Situation) -> np.ndarray:
         """Controls (B, N, nu)."""
         key = s.problem, len(s.x)

@@ -8,6 +8,7 @@ import numpy as np
 import warp as wp
 
 from slcp_warp.inputs.checks import instance, whole
+from slcp_warp.inputs.copies import NotCopied
 from slcp_warp.kernels.control.candidate_costs import make_candidate_cost_kernel
 from slcp_warp.kernels.control.generic_rollouts import GIVEN
 from slcp_warp.kernels.control.rollouts import make_candidate_arrays
@@ -136,7 +137,7 @@ class _OwnPlays:
             run()
 
 
-class Sampler:
+class Sampler(NotCopied):
     """Arrays and launches of one problem and batch size; as `Workspace` is of DDP.
 
     The device arrays ``us``, ``xs`` and ``cost`` hold the best sample of every problem; the next search

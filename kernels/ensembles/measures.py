@@ -207,10 +207,10 @@ def make_measures(
             kept[i, j, 0] = v
             kept[i, j, 4] = time
         elif what == wp.static(LARGEST):
-            if fresh or v > kept[i, j, 0]:
+            if fresh or not (v <= kept[i, j, 0] or wp.isnan(kept[i, j, 0])):  # a NaN comes in, and stays
                 kept[i, j, 0] = v
         elif what == wp.static(SMALLEST):
-            if fresh or v < kept[i, j, 0]:
+            if fresh or not (v >= kept[i, j, 0] or wp.isnan(kept[i, j, 0])):
                 kept[i, j, 0] = v
         elif what == wp.static(FIRST):
             if v > ZERO and kept[i, j, 2] == ZERO:

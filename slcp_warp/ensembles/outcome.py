@@ -130,7 +130,8 @@ class Report(Printed):
             if same and case in (None, key[1]) and step_size in (None, key[2]):
                 return key
         raise ArgumentError(
-            f"there is no {policy!r}, {case!r}, {step_size!r}, {arm!r}; there are {shown(self.source.keys)}"
+            f"there is no {shown(policy)}, {shown(case)}, {step_size!r}, {shown(arm)}; there are "
+            f"{shown(self.source.keys)}"
         )
 
     def part(self, policy: str, case: str | None = None, step_size: float | None = None,

@@ -164,7 +164,7 @@ def contact_share(pair: str | int | None = None) -> Measure:
 
 
 def lowest_gap(pair: str | int | None = None) -> Measure:
-    """The lowest distance of a pair, or of all, before a step [m]; infinite where none ever acted."""
+    """The lowest distance of a pair, or of all, before a step [m]; of a sweep see `gap`."""
     return smallest(gap(pair))
 
 

@@ -2,6 +2,8 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -41,6 +43,9 @@ class Step(Printed):
         """
         return self._by_pair()
 
+    def __getstate__(self) -> dict[str, Any]:
+        return vars(self) | {"_by_pair": partial(_same, self.contact_impulse)}
+
     def _line(self) -> str:
         worlds = self.state.shape[0] if len(self.state.shape) == 2 else 1
         of = "" if self.scene is None else f" of {self.scene.name!r}"
@@ -76,3 +81,7 @@ def contact_impulse(scene: Scene, impulse: np.ndarray, friction: np.ndarray, opt
     out[..., pair[plus], 0] = rows[..., plus] + rows[..., minus]
     out[..., pair[plus], 1] = mu * (rows[..., plus] - rows[..., minus])
     return out
+
+
+def _same(value: Array) -> Array:
+    return value

@@ -74,6 +74,11 @@ class Simulator(Printed):
         self.strategy = self.kernels.strategy
         self._arguments = Arguments(scene.structure, self.dtype, self.device)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copies and pickles are made anew of the same, with the same parameters."""
+        how = str(self.device), self.dtype.__name__, self.strategy, self.kernels.fast_path
+        return type(self), (self.scene, self.options, *how), {"params": self.params}
+
     def _line(self) -> str:
         how = f"{self.dtype.__name__} on {self.device}, {self.strategy} kernels"
         return f"of {self.scene.name!r}: {self.options.residual}, {how}; h = {self.scene.step_size:g} s"

@@ -10,7 +10,7 @@ import numpy as np
 from ..costs import NO_COST, Cost
 from ..description.scene import Scene
 from ..inputs.checks import array, instance, number, shown, whole
-from ..inputs.errors import ArgumentError
+from ..inputs.errors import ArgumentError, ArgumentTypeError
 from ..inputs.limits import limit_rows
 from ..measures.recorded import checked_measures
 from ..measures.reductions import Measure, Success, first_time
@@ -107,7 +107,7 @@ class Task(Printed):
         put(self, "measures", checked_measures(self.measures))
         try:
             self.disturbances.check(self.scene, self.duration)
-        except ArgumentError as error:
+        except (ArgumentError, ArgumentTypeError) as error:
             raise TaskError(f"Task.disturbances: {error}") from None
         self._check_names()
 
@@ -137,7 +137,7 @@ class Task(Printed):
             where = f"Task.state_limits[{name!r}]"
             try:
                 place = self.scene.state_index(name)
-            except ArgumentError as error:
+            except (ArgumentError, ArgumentTypeError) as error:
                 raise TaskError(f"Task.state_limits: {error}") from None
             pair = array(where, given, (2,), finite=False, error=TaskError)
             if not pair[0] <= pair[1]:
@@ -153,7 +153,10 @@ class Task(Printed):
         names, period = self.scene.state_names, list(self.scene.period or [None] * self.scene.nv)
         values = {}
         for name, value in given.items():
-            place = self.scene.state_index(name)
+            try:
+                place = self.scene.state_index(name)
+            except (ArgumentError, ArgumentTypeError) as error:
+                raise TaskError(f"Task.periods: {error}") from None
             if place >= self.scene.nv or self.scene.state_units[place] != "rad":
                 angles = [each for each, unit in zip(names, self.scene.state_units) if unit == "rad"]
                 raise TaskError(f"Task.periods names {shown(name)}; angles are {', '.join(angles) or 'none'}")
@@ -197,7 +200,7 @@ class Task(Printed):
             for name in self.observation:
                 try:
                     self.scene.state_index(name)
-                except ArgumentError as error:
+                except (ArgumentError, ArgumentTypeError) as error:
                     raise TaskError(f"Task.observation: {error}") from None
         assert self.duration is not None
         for label, measure in self.judged:
@@ -215,7 +218,7 @@ class Task(Printed):
                     )
                 try:
                     signal.place(self.scene), signal.less(self.scene)
-                except ArgumentError as error:
+                except (ArgumentError, ArgumentTypeError) as error:
                     raise TaskError(f"{label}: {error}") from None
 
     def _line(self) -> str:

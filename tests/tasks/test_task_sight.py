@@ -158,6 +158,9 @@ def test_periods_are_those_of_the_scene(tmp_path):
 @pytest.mark.parametrize(
     "changes, text",
     [
+        ({"periods": {"box.angle": 1.0}}, "Task.periods: state component is 'box.angle'"),
+        ({"periods": {None: 1.0}}, "Task.periods: state component is None"),
+        ({"state_limits": {None: (0.0, 1.0)}}, "Task.state_limits: state component is None"),
         ({"periods": {"block.x": 1.0}}, "Task.periods names 'block.x'; angles are block.angle"),
         ({"periods": {"block.vangle": 1.0}}, "Task.periods names 'block.vangle'"),
         ({"periods": {"block.angle": 0.0}}, r"Task.periods\['block.angle'\] is 0.0"),

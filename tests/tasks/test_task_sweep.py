@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -203,13 +204,26 @@ def kinetic_energy(x: wp.types.vector(8, wp.float32), u: wp.types.vector(1, wp.f
     return wp.float32(0.5) * (x[5] * x[5] + x[6] * x[6])
 
 
+@wp.func
+def root(x: Any, u: Any, time: wp.float64):
+    return wp.sqrt(wp.float64(0.61) - time)
+
+
 def test_a_measure_of_a_users_function(device):
-    """Half the squared speed of the block, by a Warp function and by the speeds' own measures."""
+    """Half the squared speed of the block, by a Warp function and by the speeds' own measures. What is no
+    number later is told: the largest and the smallest value of before were.
+    """
+    lost = m.function(root)
     own = {"energy": m.largest(m.function(kinetic_energy)), "speed": m.largest("block.vx"),
-           "up": m.largest("block.vy"), "down": m.smallest("block.vy")}  # fmt: skip
+           "up": m.largest("block.vy"), "down": m.smallest("block.vy"),
+           "most": m.largest(lost), "least": m.smallest(lost), "last": m.final(lost),
+           "before": m.smallest(lost, end=0.61), "began": m.largest(lost, end=0.61)}  # fmt: skip
     found = slcp.sweep(task(measures=own), plan(), worlds=20, device=device, cases=slcp.Options()).part(
         "policy"
     )
+    assert all(np.isnan(found[name]).all() for name in ("most", "least", "last"))
+    np.testing.assert_allclose(found["before"], 0.1, rtol=1e-5)
+    np.testing.assert_allclose(found["began"], np.sqrt(0.61), rtol=1e-12)
     most = 0.5 * (found["speed"] ** 2 + np.maximum(np.abs(found["up"]), np.abs(found["down"])) ** 2)
     assert (found["energy"] >= 0.5 * found["speed"] ** 2 * (1 - 1e-6)).all()
     assert (found["energy"] <= most * (1 + 1e-6)).all() and found["energy"].min() > 0.0
