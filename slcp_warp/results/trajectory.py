@@ -132,8 +132,9 @@ class Trajectory(Printed):
         return contact_impulse(self.scene, self.recorded("impulse"), self.params["friction"], self.options)
 
     def measure(self, what: Measure | Success) -> np.ndarray:
-        """(B,) values of a measure of `slcp_warp.measures`, or whether worlds succeeded; gaps are those of all
-        pairs in all steps, where a sweep knows those of pairs within reach.
+        """(B,) values of a measure of `slcp_warp.measures`, or whether worlds succeeded.
+
+        Gaps are those of all pairs in all steps, where a sweep knows those of pairs within reach.
 
         Raises:
             ArgumentError: it looks at what was not recorded (controls; "impulse" for contacts; "gap"), or at

@@ -38,10 +38,9 @@ def python_name(path: Path, name: str) -> tuple[Any, dict[str, Any]]:
 def _put_folder(path: Path) -> None:
     """Let modules beside a file be found."""
     folder = str(path.parent)
-    for beside in _beside(path):
-        name = beside.relative_to(path.parent).parts[0].removesuffix(".py")
+    for name, beside in _beside(path):
         there = getattr(sys.modules.get(name), "__file__", None)
-        if there is not None and Path(there) != beside and _folder_of(Path(there)) in _folders:
+        if there is not None and Path(there) != beside and _folder_of(name, Path(there)) in _folders:
             raise ImportError(
                 f"{path} imports {name!r}, which was imported already from {there}; "
                 "give one of them another name"
@@ -53,13 +52,13 @@ def _put_folder(path: Path) -> None:
     sys.path.extend(_folders)
 
 
-def _folder_of(module: Path) -> str:
-    """Where a module was found, or the package that a file begins."""
-    return str(module.parent.parent if module.name == "__init__.py" else module.parent)
+def _folder_of(name: str, module: Path) -> str:
+    """Where a module of this name was found, or the package that a file begins."""
+    return str(module.parents[name.count(".") + (module.name == "__init__.py")])
 
 
-def _beside(path: Path) -> Iterator[Path]:
-    """The files of a folder that one of them imports, also through others."""
+def _beside(path: Path) -> Iterator[tuple[str, Path]]:
+    """The modules of a folder that one of its files imports, also through others, by name."""
     todo, seen = [path], {path}
     while todo:
         file = todo.pop()
@@ -70,12 +69,27 @@ def _beside(path: Path) -> Iterator[Path]:
         names = {
             alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names
         }
-        names |= {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.module}
+        names |= {
+            f"{node.module}.{alias.name}"
+            for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.module
+            for alias in node.names
+        }  # fmt: skip
         for name in sorted(names):
-            first = name.partition(".")[0]
-            package, module = path.parent / first / "__init__.py", path.parent / f"{first}.py"
-            beside = package if package.is_file() else module  # as Python chooses
-            if beside.is_file() and beside not in seen:
+            found, beside = _first_file(path.parent, name.split("."))
+            if beside is not None and beside not in seen:
                 seen.add(beside)
                 todo.append(beside)
-                yield beside
+                yield found, beside
+
+
+def _first_file(folder: Path, parts: list[str]) -> tuple[str, Path | None]:
+    """The first file that importing a name from a folder runs, and its name: of a folder without
+    `__init__.py`, a package over several places, it is a module in it. None: it is not there.
+    """
+    for n, part in enumerate(parts):
+        package, module = folder / part / "__init__.py", folder / f"{part}.py"
+        beside = package if package.is_file() else module  # as Python chooses
+        if beside.is_file():
+            return ".".join(parts[: n + 1]), beside
+        folder = folder / part
+    return "", None

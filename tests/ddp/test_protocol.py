@@ -143,14 +143,3 @@ def test_discs_on_a_table_stay_until_the_finger_comes():
         pushed.status == slcp.Status.SOLVED
         and np.abs(pushed.states[-1, 2:4] - task.scene.x0[2:4]).max() > 0.02
     )
-
-
-def test_boxes_on_a_tray_come_along():
-    """The example's scene: below the limit of friction, mu g, cart and boxes are one mass."""
-    task = runpy.run_path(str(EXAMPLE.with_name("tray.py")))["tray"](2)
-    sim = slcp.Simulator(task.scene, slcp.Options("hard", "none"), device="cpu", strategy="generic")
-    force = 1.0 * (2.0 + 0.5 + 0.4)  # 1 m/s^2
-    run = sim.rollout(task.scene.x0, np.full((25, 1), force))
-    assert run.status == slcp.Status.SOLVED
-    speeds = [task.scene.state_index(name) for name in ("cart.vshift", "box0.vx", "box1.vx")]
-    np.testing.assert_allclose(run.states[-1, speeds], 25 * task.scene.step_size, rtol=1e-9)

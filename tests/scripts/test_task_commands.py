@@ -198,7 +198,7 @@ def _one_policy(folder: Path) -> Path:
 @pytest.mark.full
 @pytest.mark.parametrize("name", slcp.tasks.NAMED)
 def test_every_named_task_goes_end_to_end(tmp_path, name):
-    """Libraries of converged plans, of several runs: of one walker with three passes a plan nothing is left."""
+    """Libraries of converged plans and several runs: of one walker with three passes a plan none is left."""
     task = slcp.load_task(name)
     parts = check(task, end_to_end(name, tmp_path, 256, 100), 256)
     if task.duration <= task.horizon * task.scene.step_size:  # a plan is as long as a run

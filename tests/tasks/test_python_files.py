@@ -80,3 +80,27 @@ def test_two_packages_of_one_name_are_not_mixed_up(tmp_path):
         with pytest.raises(slcp.InputError, match="'own_helper', which was imported already from .*a/own_h"):
             slcp.load_task(f"{other}:task")
     assert slcp.load_task(f"{first}:task").name == "a"
+
+
+IMPORTS = (
+    "from own_tools.{0} import NAME",
+    "from own_tools import {0}\nNAME = {0}.NAME",
+    "import own_tools.{0}\nNAME = own_tools.{0}.NAME",
+)
+
+
+@pytest.mark.parametrize("how", IMPORTS)
+def test_two_folders_of_one_name_are_not_mixed_up(tmp_path, how):
+    """Without `__init__.py` both are one package to Python; the second file got the first one's module."""
+    files = {}
+    for name, module in (("a", "own_helper"), ("b", "own_helper"), ("c", "own_third")):
+        files[name] = put(tmp_path / name, module, name)
+        (tmp_path / name / "own_tools").mkdir()
+        (tmp_path / name / f"{module}.py").rename(tmp_path / name / "own_tools" / f"{module}.py")
+        files[name].write_text(TASK.replace("from {helper} import NAME", how.format(module)))
+    assert slcp.load_task(f"{files['a']}:task").name == "a"
+    assert slcp.load_task(f"{files['c']}:task").name == "c"  # another module of such a folder
+    with pytest.raises(
+        slcp.InputError, match="'own_tools.own_helper', which was imported already from .*a/own"
+    ):
+        slcp.load_task(f"{files['b']}:task")
