@@ -27,6 +27,7 @@ from .solution import make_solution
 DIGITS = {wp.float64: 1e4, wp.float32: 30.0}  # max N_ii (N^-1)_ii up to which nothing can be missing
 MISSING = {wp.float64: 3e-12, wp.float32: 4e-6}  # of the terms of a coordinate's equation of motion
 MOVED = {wp.float64: 1e-8, wp.float32: 1e-3}  # of the terms of J v' + d/h
+SHARED = 0.1  # of that where a row's error is every other row's, too
 REFINEMENTS = 4
 
 
@@ -41,7 +42,8 @@ def make_balance(spec: Specialisation) -> SimpleNamespace:
     solution, rows, noise, NV = make_solution(s, dtype), make_rows(spec), make_noise(spec), s.nv
     Solution, split, t = solution.Solution, solution.split, solution.types
     MQ, VQ, VX, VU, H = t.MQ, t.VQ, t.VX, t.VU, layout(s).offset("step_size")
-    LARGEST, ENOUGH, MOST = dtype(DIGITS[dtype]), dtype(MISSING[dtype]), dtype(MOVED[dtype])
+    LARGEST, ENOUGH = dtype(DIGITS[dtype]), dtype(MISSING[dtype])
+    MOST = dtype((SHARED if law.weighs else 1.0) * MOVED[dtype])
     index = tuple(row.index if row.kind == "limit" else 0 for row in s.rows)
     coupled = tuple(tuple(s.coupled(i, j) or i == j for j in range(NV)) for i in range(NV))
     alone = tuple(sum(row) == 1 for row in coupled)
@@ -83,7 +85,7 @@ def make_balance(spec: Specialisation) -> SimpleNamespace:
         velocities of size `fast`; `pushes`: J' lambda.
         """
         out = bool(False)
-        for i in range(wp.static(0 if law.weighs else s.nr)):
+        for i in range(wp.static(s.nr)):
             if (sol.mask & wp.static(1 << i)) != 0:
                 terms = wp.abs(sol.rate[i])
                 if wp.static(rows.limit[i]):

@@ -6,6 +6,7 @@ nv), which degrees of freedom turn it W (nv,), and the acceleration of its origi
 used but the scene's structure, which names what there is.
 """
 
+import copy
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +14,8 @@ import numpy as np
 
 from slcp_warp import Scene
 from slcp_warp.results.pictures.kinematics import Array, across, joint_pose, slides, turn
+
+from .extended import solve
 
 COMPLEX_STEP = 1e-30
 
@@ -209,7 +212,7 @@ class Mechanics:
             return motion.mass
         drag = self.h[:, None, None] * motion.damping
         k = motion.mass + 0.5 * drag
-        whole: Array = k + 0.25 * drag @ np.linalg.solve(k, drag)
+        whole: Array = k + 0.25 * drag @ solve(k, drag)
         return whole
 
     def inertia(self, motion: Motion) -> Array:
@@ -219,17 +222,25 @@ class Mechanics:
         out: Array = motion.mass + 0.5 * self.h[:, None, None] ** 2 * motion.stiffness
         return out
 
+    def extended(self) -> "Mechanics":
+        """The same in extended precision, where the machine has one."""
+        out = copy.copy(self)
+        out.p = {name: value.astype(np.longdouble) for name, value in self.p.items()}
+        return out
+
     def trapezoid(self, q: Array, v: Array, u: Array | None, push: Array) -> Array:
         """Where the linearly implicit trapezoidal method takes v: E (reached - v) = h f - h^2/2 K_q v,
         E = N + h/2 K_v + h^2/4 K_q, K_q = d(M a - f)/dq at constant a = N^-1 f, K_v = -df/dv, f = r + u +
-        push. With implicit damping K_v has no dampers and K_q has them at v + h a.
+        push. With implicit damping K_v has no dampers and K_q has them at v + h a. In extended precision: the
+        accelerations of a stiff spring times dM/dq cancel.
         """
-        n, kv, kq, force = self._slopes(q, v, u, push)
-        h = self.h[:, None, None]
+        wide = self.extended()
+        q, v, push = (part.astype(np.longdouble) for part in (q, v, push))
+        n, kv, kq, force = wide._slopes(q, v, u, push)
+        h = wide.h[:, None, None]
         e = n + 0.5 * h * (kv + 0.5 * h * kq)
         rhs = h[..., 0] * (force - 0.5 * h[..., 0] * np.einsum("bij,bj->bi", kq, v))
-        out: Array = v + np.linalg.solve(e, rhs[..., None])[..., 0]
-        return out
+        return np.asarray(v + solve(e, rhs[..., None])[..., 0], float)
 
     def amplified(self, q: Array, v: Array, u: Array | None, push: Array, reached: Array) -> Array:
         """|E^-1| |E| |reached - v| (B, nv): what relative errors of E's terms make of `trapezoid` (Skeel)."""
@@ -248,8 +259,8 @@ class Mechanics:
         ahead = h[..., 0] if self.implicit else 0.0 * h[..., 0]
         n = self.effective(here, True)
         force = here.force - np.einsum("bij,bj->bi", here.damping, v)
-        a = np.linalg.solve(n, force[..., None])[..., 0]
-        kq, kv = np.zeros(n.shape), np.zeros(n.shape)
+        a = solve(n, force[..., None])[..., 0]
+        kq, kv = np.zeros(n.shape, n.dtype), np.zeros(n.shape, n.dtype)
         for j in range(nv):
             step = 1j * COMPLEX_STEP * np.eye(nv)[j]
             by_q, by_v = self.motion(q + step, v + 0j, u), self.motion(q + 0j, v + step, u)
