@@ -75,7 +75,7 @@ def test_the_code_is_the_same(monkeypatch, unpatched):
     calls = len(by_warp)
     patches.apply()
     after = code(kernel)
-    assert parts(code(kernel)) == parts(after)  # of what is kept: structs may come in another order
+    assert parts(code(kernel)) == parts(after)  # all of it kept
     hashes = re.compile(rf"(?<={kernel.key}_)[0-9a-f]{{8}}")  # Warp's own, which one of the patches shortens
     assert (
         after.count("\nstatic CUDA_CALLABLE ")
@@ -85,7 +85,7 @@ def test_the_code_is_the_same(monkeypatch, unpatched):
     before, after = (
         hashes.sub("", text).replace("static CUDA_CALLABLE", "CUDA_CALLABLE") for text in (before, after)
     )
-    assert before == after
+    assert parts(before) == parts(after)  # structs of what is kept come in another order
     assert len(by_warp) - calls < calls / 2
 
 
