@@ -1,7 +1,7 @@
 """Places where Warp 1.19 does more than it needs, done shorter.
 
 All only save time. Another version of Warp is left as it is: kernels are then compiled again after an edit
-of a comment, or where others with the same functions came first, and are translated for a third longer, all
+of a comment, or where others with the same functions came first, and are translated twice as long, all
 of them anew; and the functions of structs that only adjoints need are compiled in kernels without one.
 """
 
@@ -9,8 +9,8 @@ import re
 from typing import Any
 
 import warp as wp
-from warp._src import codegen
-from warp._src.codegen import Adjoint
+from warp._src import codegen, types
+from warp._src.codegen import Adjoint, Var
 from warp._src.context import ModuleHasher
 from warp._src.types import Reference
 
@@ -22,6 +22,7 @@ def apply() -> None:
     if wp.__version__.startswith("1.19.") and not hasattr(ModuleHasher.hash_adjoint, "shortened"):
         ModuleHasher.hash_adjoint = _hash_by_name(ModuleHasher.hash_adjoint)
         Adjoint.resolve_func = _resolve_once(Adjoint.resolve_func)
+        _know_plain_types()
         translated.keep()
         codegen.struct_template = re.sub(
             "^CUDA_CALLABLE", "static CUDA_CALLABLE", codegen.struct_template, flags=re.M
@@ -58,6 +59,42 @@ def _resolve_once(resolve: Any) -> Any:
         return known[key]
 
     return resolve_func
+
+
+def _know_plain_types() -> None:
+    """Types of scalars, vectors and matrices are told by one look, before all else that may be asked."""
+    of_any, value_of_any, strip_any, name_any = (
+        codegen.get_arg_type,
+        codegen.get_arg_value,
+        codegen.strip_reference,
+        Var.type_to_ctype,
+    )
+    names: dict[type, str] = {}
+
+    def get_arg_type(arg: Any) -> Any:
+        kind = strip_reference(arg.type) if arg.__class__ is Var else arg
+        return kind if isinstance(kind, type) else of_any(arg)
+
+    def get_arg_value(arg: Any) -> Any:
+        if arg.__class__ is Var and isinstance(arg.type, type):
+            return arg if arg.constant is None else arg.constant
+        return value_of_any(arg)
+
+    def strip_reference(arg: Any) -> Any:
+        if arg.__class__ is Reference:
+            return arg.value_type
+        return arg if arg.__class__ is Var or isinstance(arg, type) else strip_any(arg)
+
+    def type_to_ctype(kind: Any, value_type: bool = False) -> str:
+        if not isinstance(kind, type):
+            return name_any(kind, value_type)
+        if kind not in names:
+            names[kind] = name_any(kind, value_type)
+        return names[kind]
+
+    codegen.get_arg_type, codegen.get_arg_value = get_arg_type, get_arg_value
+    codegen.strip_reference = types.strip_reference = strip_reference
+    Var.type_to_ctype = staticmethod(type_to_ctype)
 
 
 def _key(function: Any, arg_types: Any, min_outputs: Any) -> tuple | None:
