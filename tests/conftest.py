@@ -151,7 +151,7 @@ def pytest_collection_modifyitems(config, items) -> None:
 
 
 # Files whose kernels those of another have compiled, with optimisation: one worker takes both, in this order.
-AFTER = {"test_capacity": "test_planning", "test_fuzz": "test_opposed_impulses"}
+AFTER = {"test_capacity": "test_modes", "test_fuzz": "test_opposed_impulses"}
 
 
 @pytest.hookimpl(optionalhook=True)
