@@ -23,6 +23,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
+from ..device.seldom import seldom
 from ..factories import cached
 from ..specialisation import Specialisation
 from ..structure import layout
@@ -90,6 +91,19 @@ def make_free_motion(spec: Specialisation) -> SimpleNamespace:
     SUMMED, ROUND = dtype(ROUNDS), dtype(UNIT[dtype] / MOST_LOST)
 
     @wp.func
+    def may_be_lost(n: MQ, minv: MQ, rest: MQ):
+        # not where |x . rest y| <= 1/2 in units of energy: |E^-1_ik| <= 2 (N^-1_ii N^-1_kk)^1/2 then, and
+        # |E_ij| <= 3/2 (N_ii N_jj)^1/2, so that doubt <= (3 NV^2 condition)^2 moved in `is_lost`
+        condition = ZERO
+        bend = ZERO
+        for i in range(wp.static(NV)):
+            condition = wp.max(condition, n[i, i] * minv[i, i])
+            for j in range(wp.static(NV)):
+                bend += rest[i, j] * rest[i, j] * minv[i, i] * minv[j, j]
+        small = bend <= wp.static(dtype(0.25 / NV**2))
+        return not (small and wp.static(dtype(3.0 * NV**2)) * ROUND * (SUMMED + condition) * condition <= ONE)
+
+    @wp.func
     def is_lost(n: MQ, minv: MQ, rest: MQ, factor: MQ, d: VQ, v: VQ):
         # E = n + rest, whose terms may cancel
         size = VQ()
@@ -125,8 +139,9 @@ def make_free_motion(spec: Specialisation) -> SimpleNamespace:
             rhs = h * (force - HALF * h * (kq * v))
             factor = wp.static(lu.factor)(n + rest)
             d = wp.static(lu.solve)(factor, rhs)
-            if is_lost(n, minv, rest, factor, d, v):
-                d[0] = wp.sqrt(ZERO - ONE)
+            if seldom(may_be_lost(n, minv, rest)):
+                if is_lost(n, minv, rest, factor, d, v):
+                    d[0] = wp.sqrt(ZERO - ONE)
             return v + d, a
         return v + h * a, a
 

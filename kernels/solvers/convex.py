@@ -12,6 +12,7 @@ import warp as wp
 
 from ..contact.problem import COLD, make_measure, make_problem
 from ..contact.rows import make_rows
+from ..device.seldom import seldom
 from ..factories import cached
 from ..specialisation import Specialisation
 from ..status import INFEASIBLE, NOT_CONVERGED, SOLVED
@@ -119,7 +120,7 @@ def make_solver(spec: Specialisation) -> wp.Function:
         p = measure(world, problem)
         z = start(p, warm)
         v, z_few, lam_few, status, iterations = solve_few(world, p, z)
-        if status == wp.static(SOLVED):
+        if not seldom(status != wp.static(SOLVED)):
             return v, z_few, lam_few, status, iterations
         at = n.Point()
         attempt = int(0)

@@ -21,6 +21,7 @@ import math
 import warp as wp
 
 from ..contact.problem import COLD, make_problem
+from ..device.seldom import seldom
 from ..factories import cached
 from ..specialisation import Specialisation
 from ..status import INFEASIBLE, JAMMED, NONFINITE, NOT_CONVERGED, SOLVED
@@ -241,7 +242,7 @@ def make_coulomb_solver(spec: Specialisation) -> wp.Function:
         if found == 1:
             return v_alone, kept(z_alone, warm, p.mask), lam_alone, wp.static(SOLVED), int(0)
         v_few, z_few, lam_few, settled = few(world, p, warm)
-        if settled == 1:
+        if not seldom(settled != 1):
             return v_few, z_few, lam_few, wp.static(SOLVED), int(0)
         dense = active.gather(world, p)
         z = alone(dense)

@@ -12,6 +12,7 @@ import warp as wp
 from ..contact.acting import rows_of_pairs
 from ..contact.rows import make_rows
 from ..contact.shapes import make_pair
+from ..device.seldom import seldom
 from ..factories import cached
 from ..mechanism.dynamics import make_mechanism
 from ..mechanism.effective_mass import make_effective_mass
@@ -68,7 +69,7 @@ def make_step(spec: Specialisation, exact_gap: bool) -> SimpleNamespace:
         else:
             out = contact(world, pose, out)
         if wp.static(balance.loses):
-            if ill and out.status == wp.static(SOLVED):
+            if seldom(ill) and out.status == wp.static(SOLVED):
                 if wp.static(method.fast):  # left to what makes the steps that the fast methods leave
                     out.status = wp.static(NOT_CONVERGED)
                 else:
