@@ -139,7 +139,9 @@ class _Walk:
     def _of_type(self, value: type) -> bytes:
         scalar = getattr(value, "_wp_scalar_type_", None)
         if scalar is not None:
-            return _hash("matrix", repr(value._shape_), self.of(scalar))
+            kind = value._wp_generic_type_str_  # a quaternion is no vector of four
+            plain = "matrix" if kind in ("vec_t", "mat_t") else kind
+            return _hash(plain, repr(value._shape_), self.of(scalar))
         if _in_library(value.__module__):
             return _hash("type", value.__module__, value.__qualname__)
         return _hash("class", value.__qualname__, self._of_methods(value))

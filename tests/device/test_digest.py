@@ -216,6 +216,22 @@ def test_types_of_arguments_and_structs_count():
     assert digest(wp.types.vector(2, wp.float64)) == digest(wp.types.vector(2, wp.float64))
 
 
+def test_a_quaternion_is_no_vector():
+    def digest(kind):
+        @wp.func
+        def turn(x: float):
+            out = kind()
+            return (out * out)[0] + x
+
+        def run(x: wp.array(dtype=float)):
+            x[0] = turn(x[0])
+
+        return content_digest(run)
+
+    vectors = [wp.types.vector(n, wp.float64) for n in (4, 7)]
+    assert len({digest(kind) for kind in (*vectors, wp.quatd, wp.transformd)}) == 4
+
+
 def test_what_cannot_be_told_is_said():
     with pytest.raises(OpaqueError, match="object"):
         content_digest(kernel(value(shift=object())))
