@@ -17,7 +17,7 @@ from ..structure import STEP_SIZE
 from .arrival import make_span
 from .disturbances import END, make_conditions, make_disturbances, make_events
 from .generic_rollout import make_world
-from .measures import FAR, NO_USERS, Users, make_listed_contacts, make_measures, make_tables
+from .measures import NO_USERS, Users, make_listed_contacts, make_measures, make_tables
 
 
 @cached
@@ -34,7 +34,7 @@ def make_generic_sweep_kernel(
     Span, Measures, contacts = make_span(given), make_tables(given), make_listed_contacts()
     measures = make_measures(2 * nv, nu, given, contacts, users)
     VX, VU = wp.types.vector(2 * nv, given), wp.types.vector(max(nu, 1), given)
-    ZERO, NOTHING, UNUSED = WORK(0.0), WORK(FAR), WORK(COLD)
+    ZERO, UNUSED = WORK(0.0), WORK(COLD)
 
     @wp.func
     def load(x: wp.array2d(dtype=given), i: int):
@@ -45,16 +45,20 @@ def make_generic_sweep_kernel(
 
     @wp.func
     def contacts_of(t: wp.ref[Topology], k: wp.ref[Slot], c: contacts.Contacts, h: wp.float64):
-        """Normal impulses and distances of the pairs that act."""
+        """Normal impulses of the pairs that act, and where they are looked at all distances."""
         for pair in range(t.pairs):
             c.impulse[pair] = ZERO
-            c.distance[pair] = NOTHING
+            if wp.static(users.gaps and residual != "none"):
+                if k.known[pair] == 0:
+                    c.distance[pair] = one.step.far_gap(t, k, pair)
         for r in range(k.count[wp.static(ROWS)]):
             i = k.row[r]
-            if k.acting[r] > 0 and t.row_kind[i] == wp.static(CONTACT):
+            if t.row_kind[i] == wp.static(CONTACT):
                 pair = t.row_index[i]
-                c.impulse[pair] = c.impulse[pair] + k.lam[r]
-                c.distance[pair] = k.gap[r] * h
+                if wp.static(users.gaps):
+                    c.distance[pair] = k.gap[r] * h
+                if k.acting[r] > 0:
+                    c.impulse[pair] = c.impulse[pair] + k.lam[r]
 
     @wp.func
     def leave(

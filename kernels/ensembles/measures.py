@@ -22,7 +22,7 @@ REDUCTIONS = (
  SHARE, FIRST, SETTLED) = range(len(REDUCTIONS))  # fmt: skip
 WIDTH = 5  # value, number of values, a second value and two times
 TOUCH = 1e-6  # impulse above which a contact counts as one [N s]
-FAR = 1e300  # distance of what does not act [m]
+FAR = 1e300  # distance where there is none [m]
 ABSOLUTE, SINCE, BOTH = 1, 2, 3  # how a signal is taken: absolute, less its value at the start
 NONE = -1  # no pair: all of them; no state to take off
 
@@ -33,6 +33,7 @@ class Users(NamedTuple):
     functions: tuple[wp.Function, ...] = ()
     cost: Any = None  # CostFunctions, where a measure is of the cost
     relative: bool = False  # whether a signal is absolute, or less its value at the start
+    gaps: bool = False  # whether a signal is a distance, which is then known of all pairs in every step
 
 
 NO_USERS = Users()
@@ -71,7 +72,7 @@ def make_measures(
         dtype: of states and controls.
         contacts: struct `Contacts` of a step's contacts and what reads it, in float64, of a pair or, for
             NONE, of all: `push(c, pair)`, the largest normal impulse; `impulse(c, pair)`, their sum;
-            `gap(c, pair)`, the lowest distance, FAR where none acts.
+            `gap(c, pair)`, the lowest distance, FAR where there is no pair.
         users: their functions are (x, u, time), of signals of kind FUNCTION.
     """
     Measures = make_tables(dtype)
@@ -243,7 +244,7 @@ def make_contacts(pairs: int) -> SimpleNamespace:
     @wp.struct
     class Contacts:
         impulse: VP  # normal [N s]
-        distance: VP  # [m], FAR where a pair does not act
+        distance: VP  # [m], with `Users.gaps`
 
     @wp.func
     def none():
@@ -290,7 +291,7 @@ def make_listed_contacts() -> SimpleNamespace:
     @wp.struct
     class Contacts:
         impulse: wp.array(dtype=wp.float64)  # (pairs,) normal [N s]
-        distance: wp.array(dtype=wp.float64)  # (pairs,) [m], FAR where a pair does not act
+        distance: wp.array(dtype=wp.float64)  # (pairs,) [m], with `Users.gaps`
         on: int  # 0: nothing touches
 
     @wp.func

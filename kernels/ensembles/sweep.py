@@ -8,6 +8,7 @@ from ..factories import cached
 from ..policies.contract import PolicyKernel, make_policy
 from ..specialisation import Specialisation
 from ..status import SOLVED
+from ..step.reach import AFTER
 from ..step.rollout import make_batch
 from ..structure import layout
 from .arrival import make_span
@@ -27,7 +28,7 @@ def make_sweep_kernel(
     too, a step that is not solved is left to the other kernel (`device/relay.py`).
     """
     s, dtype, method = spec
-    batch = make_batch(spec, False)
+    batch = make_batch(spec, AFTER if users.gaps else False)
     step = batch.step
     asked = make_policy(policy, 2 * s.nv, s.nu, dtype)
     disturb = make_disturbances(s.nv, s.nu, dtype)
@@ -42,13 +43,14 @@ def make_sweep_kernel(
 
     @wp.func
     def contacts_of(sol: step.Solution, h: wp.float64):
-        """Normal impulses and distances of the pairs that act."""
+        """Normal impulses of the pairs that act, and where they are looked at all distances."""
         out = contacts.none()
         for r in range(wp.static(NR)):
             if wp.static(pair_of[r] >= 0):
-                if (sol.mask & wp.static(1 << r)) != 0:
+                if wp.static(users.gaps):
                     gap = wp.float64(sol.rate[wp.static(step.gap_row[r])]) * h
                     out.distance[wp.static(pair_of[r])] = gap
+                if (sol.mask & wp.static(1 << r)) != 0:
                     if wp.static(step.gap_row[r] == r):
                         out.impulse[wp.static(pair_of[r])] = out.impulse[wp.static(pair_of[r])] + wp.float64(
                             sol.lam[r]

@@ -18,12 +18,12 @@ from ..specialisation import Specialisation
 from ..status import INFEASIBLE, JAMMED, NOT_CONVERGED, SOLVED
 from .end_gap import make_correction
 from .groups import make_group_solver
-from .reach import make_reach
+from .reach import AFTER, make_reach
 from .solution import make_solution
 
 
 @cached
-def make_contact(spec: Specialisation, exact_gap: bool) -> wp.Function:
+def make_contact(spec: Specialisation, exact_gap: int) -> wp.Function:
     """contact(world, pose, start) -> the solved `start`; without rows it is."""
     s, dtype, method = spec
     solution = make_solution(s, dtype)
@@ -43,6 +43,7 @@ def make_contact(spec: Specialisation, exact_gap: bool) -> wp.Function:
 
     @wp.func
     def contact(world: t.World, pose: t.Pose, start: Solution):
+        # long: one loop over what joins the system, and what it leaves behind in its locals
         out = start
         reach = reach_of.begin(world, pose.q, start.normal)
         ending = correction.begin()
@@ -93,6 +94,11 @@ def make_contact(spec: Specialisation, exact_gap: bool) -> wp.Function:
                     if ending.failed == 1:
                         out.status = wp.static(NOT_CONVERGED)
                         more = 0
+        if wp.static(exact_gap == AFTER):
+            reach = reach_of.complete(world, pose.frames, reach)
+            if wp.static(method.fast):
+                if reach.lost == 1:
+                    out.status = wp.static(NOT_CONVERGED)
         out.mask = reach.mask
         out.jac = reach.jac
         out.rate = reach.rate

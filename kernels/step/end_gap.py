@@ -17,7 +17,7 @@ from .solution import make_solution
 
 
 @cached
-def make_correction(spec: Specialisation, exact_gap: bool) -> SimpleNamespace:
+def make_correction(spec: Specialisation, exact_gap: int) -> SimpleNamespace:
     """The struct `Ending`; begin() -> Ending; correct(world, q, v, reach, ending) -> Reach, Ending;
     `needed`: whether the method asks for it.
     """

@@ -18,15 +18,18 @@ from ..specialisation import Specialisation
 from ..structure import layout
 from .solution import make_solution
 
+AFTER = 2  # of `exact_gap`: distances are completed once a step is solved, which they change no bit of
+
 
 @cached
-def make_reach(spec: Specialisation, exact_gap: bool) -> SimpleNamespace:
+def make_reach(spec: Specialisation, exact_gap: int) -> SimpleNamespace:
     """The struct `Reach`; begin(world, q, normal) -> Reach, no pairs; look(world, fr, v, reach)
-    -> Reach with the rows that v brings within reach in its mask.
+    -> Reach with the rows that v brings within reach in its mask; complete(world, fr, reach)
+    -> Reach with the distances of the other pairs.
     """
     s, dtype, method = spec
     rows, noise, law = make_rows(spec), make_noise(spec), law_of(method, s.nr)
-    acting = make_acting(spec, exact_gap or law.whole)
+    acting = make_acting(spec, exact_gap == 1 or law.whole)
     solution = make_solution(s, dtype)
     t, VN = solution.types, solution.VN
     VQ, VR, JR, V2 = t.VQ, t.VR, t.JR, t.V2
@@ -114,4 +117,21 @@ def make_reach(spec: Specialisation, exact_gap: bool) -> SimpleNamespace:
                 out.mask = wp.static(ALL)
         return out
 
-    return SimpleNamespace(Reach=Reach, begin=begin, look=look, rates=rates, ALL=ALL, PAIRS=(1 << NP) - 1)
+    @wp.func
+    def complete(world: t.World, fr: t.FRAMES, reach: Reach):
+        out = reach
+        for k in range(wp.static(NP)):
+            if (out.known & wp.static(pair_bit[k])) == 0:
+                warm = V2(out.normal[wp.static(2 * k)], out.normal[wp.static(2 * k + 1)])
+                g = wp.static(geometries[k])(world, fr, warm)
+                if wp.static(method.fast):
+                    if g[0] == dtype(0.0) and g[1] == dtype(0.0):
+                        out.lost = 1
+                for i in range(wp.static(NR)):
+                    if wp.static(i in pair_rows[k] and not rows.tangent[i]):
+                        out.rate[i] = g[2] / world.params[wp.static(H)]
+        return out
+
+    return SimpleNamespace(
+        Reach=Reach, begin=begin, look=look, complete=complete, rates=rates, ALL=ALL, PAIRS=(1 << NP) - 1
+    )

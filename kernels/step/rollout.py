@@ -19,7 +19,7 @@ from .step import make_step
 
 
 @cached
-def make_batch(spec: Specialisation, exact_gap: bool) -> SimpleNamespace:
+def make_batch(spec: Specialisation, exact_gap: int) -> SimpleNamespace:
     """Warp functions that read and write one world's rows of the batch arrays."""
     s, dtype, _ = spec
     step = make_step(spec, exact_gap)
@@ -219,7 +219,7 @@ def make_step_kernel(spec: Specialisation) -> wp.Kernel:
 
 
 @cached
-def make_rollout_kernel(spec: Specialisation, policy: PolicyKernel, exact_gap: bool) -> wp.Kernel:
+def make_rollout_kernel(spec: Specialisation, policy: PolicyKernel, exact_gap: int) -> wp.Kernel:
     """Roll every world out under a policy; `exact_gap` as in `make_step`."""
     s, dtype, _ = spec
     batch = make_batch(spec, exact_gap)

@@ -29,8 +29,9 @@ from .trapezoidal import make_trapezoidal
 
 
 @cached
-def make_step(spec: Specialisation, exact_gap: bool) -> SimpleNamespace:
-    """Warp functions of a step; `exact_gap` computes every pair's distance even where it cannot act.
+def make_step(spec: Specialisation, exact_gap: int) -> SimpleNamespace:
+    """Warp functions of a step; `exact_gap` computes every pair's distance even where it cannot act; AFTER:
+    so that no bit of the step depends on it.
 
     solve_step(world, x, u, carry) -> Solution; next_state(world, x, solution) -> x'.
     """

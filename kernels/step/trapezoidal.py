@@ -20,7 +20,7 @@ from .solution import make_solution
 
 
 @cached
-def make_trapezoidal(spec: Specialisation, exact_gap: bool) -> SimpleNamespace:
+def make_trapezoidal(spec: Specialisation, exact_gap: int) -> SimpleNamespace:
     """integrate(world, pose, v, force, start) -> Solution, from the motion in
     `start`; parts(world, pose, v, sol) -> the other two contact problems of a solved step, predictor
     and drift.

@@ -164,7 +164,7 @@ def contact_share(pair: str | int | None = None) -> Measure:
 
 
 def lowest_gap(pair: str | int | None = None) -> Measure:
-    """The lowest distance of a pair, or of all, before a step [m]; of a sweep see `gap`."""
+    """The lowest distance of a pair, or of all, before a step [m]; infinite without any."""
     return smallest(gap(pair))
 
 

@@ -220,11 +220,7 @@ def contact(pair: str | int | None = None) -> Signal:
 
 
 def gap(pair: str | int | None = None) -> Signal:
-    """Distance of a pair before the step [m], or the lowest of all pairs.
-
-    A sweep knows it of pairs that could come within reach in the step; it is infinite where there is none.
-    `Trajectory.measure` knows the distance of every pair.
-    """
+    """Distance of a pair before the step [m], or the lowest of all pairs; infinite without any."""
     return Signal("gap", None if pair is None else _name("pair", pair))
 
 

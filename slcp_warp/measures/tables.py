@@ -46,6 +46,7 @@ class MeasureTable:
         rows = [first + starts.index(since[each]) if each in since else kernels.NONE for each in signals]
         self._signals = [(*self._signal(signal, scene), row) for signal, row in zip(signals, rows)]
         kinds = {signal.kind for signal in signals}
+        self._gaps = "gap" in kinds
         self.looks_at_contacts = not kinds.isdisjoint(("contact", "gap", "impulse"))
         self._bounds: list[tuple[float, float]] = []
         self._compared: list[int] = []
@@ -74,7 +75,7 @@ class MeasureTable:
     def users(self, sim: Any) -> kernels.Users:
         """Code of users that a simulator's kernels call for them."""
         cost = self._cost and self._cost.functions(sim.dtype, sim.nx, sim.nu)
-        return kernels.Users(self._functions, cost, self._relative)
+        return kernels.Users(self._functions, cost, self._relative, self._gaps)
 
     def struct(self, sim: Any) -> Any:
         """The tables on a simulator's device."""

@@ -134,8 +134,6 @@ class Trajectory(Printed):
     def measure(self, what: Measure | Success) -> np.ndarray:
         """(B,) values of a measure of `slcp_warp.measures`, or whether worlds succeeded.
 
-        Gaps are those of all pairs in all steps, where a sweep knows those of pairs within reach.
-
         Raises:
             ArgumentError: it looks at what was not recorded (controls; "impulse" for contacts; "gap"), or at
                 what the scene has not got.

@@ -42,6 +42,13 @@ def test_tests_marked_full_are_left_out(pytestconfig, request):
     assert pytestconfig.getoption("--full") or not found
 
 
+def test_tests_are_collected_without_pytorch():
+    """As section `pythons` has none: a file that imports it at its head would end the run."""
+    head = re.compile(r"^(?:import|from) torch\b", re.MULTILINE)
+    files = sorted((ROOT / "tests").rglob("*.py"))
+    assert [path.name for path in files if head.search(path.read_text(encoding="utf-8"))] == []
+
+
 def test_files_that_come_first_are_there(pytestconfig):
     conftest = pytestconfig.pluginmanager.getplugin(str(ROOT / "tests/conftest.py"))
     there = {path.stem for path in (ROOT / "tests").rglob("test_*.py")}

@@ -4,7 +4,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import torch
 import warp as wp
 from test_disturbances import LOOSE, N, task
 
@@ -29,8 +28,8 @@ def plan(nx=NX, nu=NU, steps=N, worlds=None):
 
 
 def network(sizes):
-    layers = [torch.nn.Linear(*pair) for pair in zip(sizes, sizes[1:])]
-    return policies.Network(torch.nn.Sequential(*layers))
+    nn = pytest.importorskip("torch").nn
+    return policies.Network(nn.Sequential(*(nn.Linear(*pair) for pair in zip(sizes, sizes[1:]))))
 
 
 def empty_data(dtype, VX, VU, Data):
