@@ -21,7 +21,7 @@ from .work import LISTED, NEAR, ORDERS, V2, V3, V4, WORK, Island, Slot
 
 ROUNDING = {wp.float64: 1e-14, wp.float32: 4e-7}  # of a gap [m], whatever the precision of the work
 
-AFRESH, JOINING, ALL = 0, 1, 2  # which pairs are looked at
+AFRESH, JOINING, AGAIN, ALL = 0, 1, 2, 3  # which pairs are looked at; AGAIN: none, all stays
 
 
 @cached
@@ -287,6 +287,8 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
         they act next), those that are JOINING them, or ALL others. 1 if their list has changed.
         """
         fresh = which == wp.static(AFRESH)
+        if which == wp.static(AGAIN):
+            return 0
         if not fresh and t.items == 0 and k.count[wp.static(NEAR)] == t.pairs:
             return 0
         mech.twists(t, k)

@@ -12,15 +12,17 @@ from ..contact.problem import COLD
 from ..device.compile import packed
 from ..factories import cached
 from ..method import Method
-from ..status import INFEASIBLE, NONFINITE, SOLVED
-from .contact import AFRESH, ALL, JOINING, make_contact
+from ..status import INFEASIBLE, NONFINITE, NOT_CONVERGED, SOLVED
+from .contact import AFRESH, AGAIN, ALL, JOINING, make_contact
 from .island import make_island
 from .linear.envelope import make_envelope
 from .mechanism import COLUMN, make_mechanism
 from .newton import make_newton
 from .order import make_order
 from .topology import CONTACT, Topology
-from .work import ISLANDS, ROWS, V2, V3, WORK, Slot, Work, island, view
+from .work import ISLANDS, LOOKS, ROWS, V2, V3, WORK, Slot, Work, island, view
+
+MOST_LOOKS = 2  # further ones, at what did not converge
 
 
 def residual_of(method: Method, rows: int) -> str:
@@ -112,32 +114,38 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
 
     @wp.func(inline=False)
     def contacts(t: wp.ref[Topology], k: wp.ref[Slot]):
-        """Solve the islands of the near pairs until no pair joins them. Rows that press may free what is
-        jammed without them: before that is said, all pairs join.
+        """Solve the islands of the near pairs until no pair joins them. What did not converge under Coulomb's
+        friction is solved again, from where that ended and with more patience. Rows that press may free what
+        is jammed without them: before anything is given up, all pairs join.
         """
         contact.move_shapes(t, k)
         rounding(t, k)
         status = int(wp.static(SOLVED))
         which = int(wp.static(AFRESH))
+        k.count[wp.static(LOOKS)] = 0
         more = int(1)
         while more == 1:
             changed = contact.look(t, k, which)
             more = int(changed)
             if changed == 1:
                 rearrange(t, k)
-            if changed == 1 or which == wp.static(AFRESH):
+            if changed == 1 or which == wp.static(AFRESH) or which == wp.static(AGAIN):
                 more = int(1)
                 status = int(wp.static(SOLVED))
                 for i in range(k.count[wp.static(ISLANDS)]):
                     code = settle(t, k, island(k, i))  # of all: their gaps are given back
                     if status == wp.static(SOLVED):
                         status = code
-            if which != wp.static(ALL):
-                which = int(wp.static(JOINING))
-            if status != wp.static(SOLVED):
-                if t.coulomb == 0 or status == wp.static(NONFINITE) or which == wp.static(ALL):
-                    more = int(0)
-                which = int(wp.static(ALL))
+            if status == wp.static(SOLVED):
+                which = wp.where(which == wp.static(ALL), which, wp.static(JOINING))
+            elif t.coulomb == 0 or status == wp.static(NONFINITE) or which == wp.static(ALL):
+                more = int(0)
+            else:
+                looks = k.count[wp.static(LOOKS)]
+                again = status == wp.static(NOT_CONVERGED) and looks < MOST_LOOKS
+                which = wp.where(again, wp.static(AGAIN), wp.static(ALL))
+                k.count[wp.static(LOOKS)] = wp.where(again, looks + 1, 0)
+                more = int(1)
         if status != wp.static(NONFINITE) and excluded(t, k):
             status = int(wp.static(INFEASIBLE))
         return status

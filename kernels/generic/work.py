@@ -19,7 +19,7 @@ V2, V3, V4 = (wp.types.vector(n, WORK) for n in (2, 3, 4))
 M33 = wp.types.matrix((3, 3), WORK)
 LANES = 16  # right-hand sides that are solved at once: two registers of a CPU halve what a loop costs
 Lanes = wp.types.vector(LANES, WORK)
-NEAR, ROWS, GROUPS, ISLANDS, ORDERS, LISTED, AXIS_OF_ITEMS = range(7)  # what `count` holds; orders: 0, 1
+NEAR, ROWS, GROUPS, ISLANDS, ORDERS, LISTED, AXIS_OF_ITEMS, LOOKS = range(8)  # in `count`; orders: 0, 1
 
 
 @wp.struct
@@ -248,7 +248,7 @@ def lengths(s: Structure) -> dict[str, int]:
     """Items of every workspace of a structure."""
     sizes = tables(s)[1]
     pairs, shapes, units = len(s.pairs), len(s.shapes), sizes.blocks  # no more units than blocks
-    out = dict.fromkeys(("frame", "twist"), s.nb) | {"numbers": sizes.numbers, "count": 7}
+    out = dict.fromkeys(("frame", "twist"), s.nb) | {"numbers": sizes.numbers, "count": 8}
     out |= dict.fromkeys(("q", "v0", "column"), s.nv) | dict.fromkeys(("local", "shape"), shapes)
     matrices = dict.fromkeys(("mass", "mass_factor"), sizes.mass) | {"jac": sizes.entries}
     matrices |= dict.fromkeys(("factor", "upper"), sizes.matrix)

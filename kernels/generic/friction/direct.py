@@ -18,12 +18,12 @@ from ..earned import make_earned
 from ..scales import make_scales
 from ..topology import Topology
 from ..work import WORK, Island, Slot
-from .homotopy import make_homotopy
+from .homotopy import TRIALS, make_homotopy
 from .modes import make_modes
 
 MOVES, STILL, RELAXED = 0, 1, 2  # what is known of an island: a last step; lies still; the convex solution
 AGAIN, HERE, NOTHING = 0, 1, 2  # attempts: the modes at hand, a path from there, three paths from nothing
-ATTEMPTS = 5
+ATTEMPTS = NOTHING + TRIALS
 SHORT, LONG = 100, 1 << 30  # pivots of a path from what was assumed, from the last step's impulses
 WARM, POLISHING = 4, 12  # iterations on modes, from the last step's and from a path's end
 

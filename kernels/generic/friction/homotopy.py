@@ -18,19 +18,23 @@ import warp as wp
 from ...factories import cached
 from ..newton import make_newton
 from ..topology import Topology
-from ..work import V3, WORK, Island, Slot
+from ..work import LOOKS, V3, WORK, Island, Slot
 from .matrix import HOLDS, OFF, SLIDES
 from .modes import PROXIMAL, make_modes
 
 OPENS, STICKS, RISES, FALLS = 0, 1, 2, 3  # a contact: off, held, sliding with J_t v' below or above zero
 PIVOTS, COLD_PIVOTS, MORE_PIVOTS = 1, 6, 20  # at most: by row, by row from nothing, and more
+PATIENCE = 12  # times as many by row where an island is looked at again, for each time
+COUNTED = 500  # rows at most, of which most are far where there are more
 CORRECTED = 8  # pivots after which rounding is taken off
 SPREAD = 0.5  # of the covering vector of a path from nothing, relative to its least
 APART = (
     1e-3  # by which what is open, slides or presses does so where other paths begin, of the problem's size
 )
+TRIALS = 3  # paths from nothing
 FARTHEST = 1e3  # s at which a path that leads away is left
 STAGES = 4  # paths after the first
+YIELDS_MORE = 100.0  # tau, from one path from nothing to the next, where an island is looked at again
 LESS, LEAST = 0.02, 2e-12  # tau, from one to the next, and at the end
 ENOUGH = 2e-11  # residual at which there is no further one
 
@@ -59,7 +63,7 @@ def make_homotopy(given: type) -> SimpleNamespace:
     nt, modes = make_newton(given, "hard"), make_modes(given)
     ZERO, HALF, ONE, HUGE, TAU = dtype(0.0), dtype(0.5), dtype(1.0), dtype(1e300), dtype(PROXIMAL)
     WIDE, SMALL, FAR = dtype(SPREAD), dtype(APART), dtype(FARTHEST)
-    SMALLER, SMALLEST, GOOD = dtype(LESS), dtype(LEAST), dtype(ENOUGH)
+    MORE, SMALLER, SMALLEST, GOOD = dtype(YIELDS_MORE), dtype(LESS), dtype(LEAST), dtype(ENOUGH)
 
     @wp.func
     def random(k: wp.ref[Slot], r: int, seed: int):
@@ -254,9 +258,14 @@ def make_homotopy(given: type) -> SimpleNamespace:
                 k.total[r] = k.total[r] + change * k.dz[r]
 
     @wp.func
+    def patience(k: wp.ref[Slot]):
+        """How many times as many pivots by row a path may make."""
+        return wp.max(PATIENCE * k.count[wp.static(LOOKS)], 1)
+
+    @wp.func
     def pivots(o: Island, each: int):
         """How many are made at most, so many a row and a few."""
-        return MORE_PIVOTS + each * (o.last_row - o.row)
+        return MORE_PIVOTS + each * wp.min(o.last_row - o.row, COUNTED)
 
     @wp.func(inline=False)
     def follow(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, tau: dtype, most: int):
@@ -318,7 +327,7 @@ def make_homotopy(given: type) -> SimpleNamespace:
         """A path from no impulse, where all rows are opened; another one, that yields less, by `trial`."""
         tau = TAU + ZERO
         for _once in range(trial):
-            tau = wp.max(SMALLER * tau, SMALLEST)
+            tau = wp.where(k.count[wp.static(LOOKS)] > 0, MORE * tau, wp.max(SMALLER * tau, SMALLEST))
         for place in range(o.start, o.end):
             k.v[k.block[place]] = k.vfree[k.block[place]]
         modes.measure(t, k, o)
@@ -327,9 +336,9 @@ def make_homotopy(given: type) -> SimpleNamespace:
             k.a[r] = ZERO
             k.slack[r] = ZERO
             if k.acting[r] > 0:
-                k.cross[r] = size * (ONE + WIDE * random(k, r, trial))
+                k.cross[r] = size * (ONE + WIDE * random(k, r, trial + TRIALS * k.count[wp.static(LOOKS)]))
                 k.total[r] = k.total[r] + k.cross[r]
-        if follow(t, k, o, tau, pivots(o, COLD_PIVOTS)) == 1:
+        if follow(t, k, o, tau, wp.max(pivots(o, COLD_PIVOTS), pivots(o, patience(k)))) == 1:
             refine(t, k, o, tau)
 
     @wp.func
@@ -375,7 +384,7 @@ def make_homotopy(given: type) -> SimpleNamespace:
         for r in range(o.row, o.last_row):
             if k.acting[r] > 0:
                 k.total[r] = k.total[r] + k.cross[r]
-        if follow(t, k, o, TAU, wp.min(pivots(o, PIVOTS), most)) == 1:
+        if follow(t, k, o, TAU, wp.min(pivots(o, patience(k) * PIVOTS), most)) == 1:
             refine(t, k, o, TAU)
 
     return SimpleNamespace(from_nothing=from_nothing, from_here=from_here)
