@@ -202,7 +202,7 @@ def test_a_problem_of_ones_own_is_planned_from_sampled_and_stabilised_starts_too
         ddp.plan(problem)
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_a_scene_that_only_generic_kernels_take_is_planned():
     """Eight boxes have 34 rows; starts are zeros, noise and what sampling finds."""
     task = runpy.run_path(str(ROOT / "examples/tasks/push_stack.py"))["push_stack"](8)

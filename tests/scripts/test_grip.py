@@ -43,7 +43,7 @@ def test_smoothed_grip_creeps_at_the_analytic_speed():
     assert np.isinf(creep(cone_edge(sim.scene), sim.scene, 0.02))
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_optimal_grip_sits_on_the_edge_without_noise_and_inside_with_it():
     sim = simulator("grasp", dtype=wp.float64)
     edge = cone_edge(sim.scene)

@@ -13,7 +13,7 @@ H, STEPS = 0.01, 75
 @pytest.mark.parametrize(
     "boxes,name,strategy",
     [
-        (3, "rem-logistic", "specialised"),
+        pytest.param(3, "rem-logistic", "specialised", marks=pytest.mark.full),
         (3, "hard", "generic"),
         pytest.param(2, "rem-logistic", "specialised", marks=pytest.mark.full),
         pytest.param(2, "rem-normal", "specialised", marks=pytest.mark.full),
