@@ -83,7 +83,7 @@ def test_capsules(device, name, dtype=wp.float64):
     Deeper than the sum of the radii both sides of a segment are as good: too close for the oracle's grid.
     """
     sc, rng = scene(name), np.random.default_rng(10)
-    x = near_contact(sc, rng, 300, (0.0, 0.01, -0.05, np.inf))
+    x = near_contact(sc, rng, 120, (0.0, 0.01, -0.05, np.inf))
     x = x[Oracle(sc).rows(x[:, : sc.nv])[0].min(axis=1) > -0.2]
     got, exact = gaps(name, device, dtype, x[:, : sc.nv])
     assert (np.abs(exact).min(axis=1) < 0.06).mean() > 0.5

@@ -13,6 +13,7 @@ from slcp_warp.kernels.device.digest import OpaqueError, content_digest
 RUN = """
 import sys, numpy as np, warp as wp
 wp.config.log_level = wp.LOG_WARNING
+wp.config.optimization_level = 0
 import slcp_warp as slcp
 sim = slcp.Simulator(slcp.scenes.particle(), device="cpu", dtype="float32")
 x = sim.scene.x0[None]

@@ -206,11 +206,15 @@ class Oracle:
         parameter = np.arctan2(ry * np.sin(angle - turn), rx * np.cos(angle - turn))
         return centre + rotate(turn, np.stack([rx * np.cos(parameter), ry * np.sin(parameter)], -1))
 
-    def separation(self, q, k, angle):
-        """n.(c_B - c_A) - h_A(n) - h_B(-n) of pair k along `angle`."""
+    def ends(self, q, k):
+        """Centres (..., 2) and world angles (...) of both shapes of pair k: of A, then of B."""
         pair = self.structure.pairs[k]
-        ca, ta = self.shape_pose(q, pair.shape_a, pair.end_a)
-        cb, tb = self.shape_pose(q, pair.shape_b, pair.end_b)
+        return *self.shape_pose(q, pair.shape_a, pair.end_a), *self.shape_pose(q, pair.shape_b, pair.end_b)
+
+    def separation(self, ends, k, angle):
+        """n.(c_B - c_A) - h_A(n) - h_B(-n) of pair k along `angle`, from its `ends`."""
+        pair = self.structure.pairs[k]
+        ca, ta, cb, tb = ends
         along = np.sum(direction(angle) * (cb - ca), -1) - self.support(pair.shape_a, ta, angle, pair.end_a)
         return along - self.support(pair.shape_b, tb, angle + np.pi, pair.end_b)
 
@@ -222,14 +226,15 @@ class Oracle:
             turn = self.shape_pose(q, (pair.shape_a, pair.shape_b)[kinds.index("halfplane")])[1]
             return turn + np.pi * kinds.index("halfplane"), np.full(turn.shape, np.inf)
         grid = 2 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
-        tried = self.separation(q, k, grid.reshape((-1,) + (1,) * (q.ndim - 1)))
+        ends = self.ends(q, k)
+        tried = self.separation(ends, k, grid.reshape((-1,) + (1,) * (q.ndim - 1)))
         peak = (tried >= np.roll(tried, 1, 0)) & (tried > np.roll(tried, -1, 0))
         best = np.argmax(tried, 0)
         rivals = np.sort(np.where(peak, tried, -np.inf), axis=0)
         lo, hi = grid[best] - grid[1], grid[best] + grid[1]
         for _ in range(60):
             mid = 0.5 * (lo + hi)
-            rising = self.separation(q, k, mid + 1j * COMPLEX_STEP).imag > 0.0
+            rising = self.separation(ends, k, mid + 1j * COMPLEX_STEP).imag > 0.0
             lo, hi = np.where(rising, mid, lo), np.where(rising, hi, mid)
         return 0.5 * (lo + hi), rivals[-1] - rivals[-2]
 
@@ -238,22 +243,22 @@ class Oracle:
         pair = self.structure.pairs[k]
         a, b = pair.shape_a, pair.shape_b
         angle, margin = self.normal_angle(q, k)
-        (ca, ta), (cb, tb) = self.shape_pose(q, a, pair.end_a), self.shape_pose(q, b, pair.end_b)
+        ends = ca, ta, cb, tb = self.ends(q, k)
         kind_a = "disc" if pair.end_a else self.structure.shapes[a].kind
         kind_b = "disc" if pair.end_b else self.structure.shapes[b].kind
         n = direction(angle)
         if kind_a in ("halfplane", "capsule"):
             pb = self.farthest(b, cb, tb, angle + np.pi, pair.end_b)
-            gap = np.sum(n * (pb - ca), -1) if kind_a == "halfplane" else self.separation(q, k, angle)
+            gap = np.sum(n * (pb - ca), -1) if kind_a == "halfplane" else self.separation(ends, k, angle)
             pa = pb - gap[..., None] * n
         elif kind_b in ("halfplane", "capsule"):
             pa = self.farthest(a, ca, ta, angle, pair.end_a)
-            gap = np.sum(n * (cb - pa), -1) if kind_b == "halfplane" else self.separation(q, k, angle)
+            gap = np.sum(n * (cb - pa), -1) if kind_b == "halfplane" else self.separation(ends, k, angle)
             pb = pa + gap[..., None] * n
         else:
             pa = self.farthest(a, ca, ta, angle, pair.end_a)
             pb = self.farthest(b, cb, tb, angle + np.pi, pair.end_b)
-            gap = self.separation(q, k, angle)
+            gap = self.separation(ends, k, angle)
         return gap, angle, pa, pb, margin
 
     def contact_jacobian(self, q, k):

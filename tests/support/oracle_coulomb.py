@@ -113,7 +113,7 @@ def natural_map(sc, kind, x, u, step, **changes):
     q, v0 = x[:, : sc.nv], x[:, sc.nv :]
     v, lam = np.asarray(step.state, float)[:, sc.nv :], np.asarray(step.impulse, float)
     problem = oracle.problem(x, u)
-    gaps, jac, _ = oracle.rows(q)
+    gaps, jac = problem["d"], problem["J"]
     contacts = [oracle.contact_jacobian(q, k) for k in range(len(s.pairs))]
     inverse, h = np.linalg.inv(problem["M"]), problem["h"][..., None]
     rows = np.zeros(jac.shape)
