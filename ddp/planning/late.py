@@ -52,8 +52,8 @@ class Late:
             )
         if not delay:
             return cls(problem, 0, problem)
-        later = {"cost": problem.cost.from_step(delay), "horizon": problem.horizon - delay}
-        return cls(problem, delay, replace(problem, **later))
+        rest = replace(problem, cost=problem.cost.from_step(delay), horizon=problem.horizon - delay)
+        return cls(problem, delay, rest)
 
     def begin(self, x0: np.ndarray) -> np.ndarray:
         """The state that x0 (nx,) or (B, nx) has come to when the first control acts."""

@@ -80,11 +80,9 @@ class Result(Printed):
 
     def as_batch(self) -> "Result":
         """This result of one problem as a batch of one."""
-        return replace(
-            self,
-            trace=Trace(**{name: np.asarray(getattr(self.trace, name))[None] for name in PASSES}),
-            **{name: np.asarray(getattr(self, name))[None] for name in ARRAYS},
-        )
+        own: dict[str, Any] = {name: np.asarray(getattr(self, name))[None] for name in ARRAYS}
+        trace = Trace(**{name: np.asarray(getattr(self.trace, name))[None] for name in PASSES})
+        return replace(self, trace=trace, **own)
 
     def select(self, index: int) -> "Result":
         """Problem ``index`` alone, without the batch axis."""

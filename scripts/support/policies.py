@@ -52,7 +52,8 @@ def _tell_early(name: str, policy: Any, task: slcp.Task | None) -> None:
     """Say where a plan is of another delay than its controls have here."""
     if isinstance(policy, ddp.TrackingPolicy) and policy.step_size is not None:
         planned = policy.early * policy.step_size
-        here = 0.0 if task is None else float(task.disturbances.fixed().delay)
+        delay = 0.0 if task is None else task.disturbances.fixed().delay
+        here = delay if isinstance(delay, float) else 0.0
         if abs(planned - here) > 0.5 * policy.step_size:
             typer.echo(
                 f"slcp: the controls of {name} are planned to act {planned:g} s after they are sent; here "
