@@ -21,6 +21,41 @@ from .groups import make_group_solver
 from .reach import AFTER, make_reach
 from .solution import make_solution
 
+LIGHTEST = 1e-11  # response of a coordinate beside another's, that proofs in double precision still see
+
+
+@cached
+def make_digits(spec: Specialisation) -> wp.Function:
+    """known(status, minv, jac, mask) -> the status: NOT_CONVERGED for INFEASIBLE and JAMMED where rows move
+    coordinates that answer so differently to them, by their masses, that no proof has digits for both.
+    """
+    s, dtype, _ = spec
+    rows, t = make_rows(spec), make_solution(s, dtype).types
+    LEAST, ZERO = dtype(LIGHTEST), dtype(0.0)
+
+    @wp.func(inline=False)
+    def few(minv: t.MQ, jac: t.JR, mask: int):
+        lever = t.VQ()
+        for i in range(wp.static(s.nr)):
+            if (mask & wp.static(1 << i)) != 0:
+                lever = wp.max(lever, wp.abs(wp.static(rows.adds[i])(t.VQ(), jac, dtype(1.0))))
+        most = ZERO
+        for j in range(wp.static(s.nv)):
+            most = wp.max(most, minv[j, j] * lever[j] * lever[j])
+        out = bool(False)
+        for j in range(wp.static(s.nv)):
+            out = out or (lever[j] > ZERO and minv[j, j] * lever[j] * lever[j] < LEAST * most)
+        return out
+
+    @wp.func
+    def known(status: int, minv: t.MQ, jac: t.JR, mask: int):
+        if (status == wp.static(INFEASIBLE) or status == wp.static(JAMMED)) and mask != 0:
+            if few(minv, jac, mask):
+                return wp.static(NOT_CONVERGED)
+        return status
+
+    return known
+
 
 @cached
 def make_contact(spec: Specialisation, exact_gap: int) -> wp.Function:
@@ -39,6 +74,7 @@ def make_contact(spec: Specialisation, exact_gap: int) -> wp.Function:
     law, rows, reach_of = law_of(method, s.nr), make_rows(spec), make_reach(spec, exact_gap)
     solve = make_group_solver(spec)
     correction = make_correction(spec, exact_gap)
+    known = make_digits(spec)
     UNUSED = dtype(COLD)
 
     @wp.func
@@ -99,6 +135,7 @@ def make_contact(spec: Specialisation, exact_gap: int) -> wp.Function:
             if wp.static(method.fast):
                 if reach.lost == 1:
                     out.status = wp.static(NOT_CONVERGED)
+        out.status = known(out.status, out.minv, reach.jac, reach.mask)
         out.mask = reach.mask
         out.jac = reach.jac
         out.rate = reach.rate

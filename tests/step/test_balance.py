@@ -59,6 +59,27 @@ def test_a_chain_whose_masses_grow_is_balanced_or_says_no(links, ratio):
         assert solved.all()
 
 
+@pytest.mark.parametrize(("friction", "dtype"), [("coulomb", "float64"), ("anitescu", "float32")])
+def test_nothing_is_proved_of_masses_that_double_precision_does_not_see_together(friction, dtype):
+    """A light disc on the ground under a heavy one: from 1e12 on it was JAMMED, in single INFEASIBLE."""
+    shapes = (Shape("ground", None, "halfplane", angle=np.pi / 2),
+              Shape("low", "light", "disc", 0.5), Shape("high", "heavy", "disc", 0.5))  # fmt: skip
+    bodies = tuple(Body(name, 1.0, 0.4, joint="free") for name in ("light", "heavy"))
+    scene = Scene("pile", bodies, shapes, (Contact("ground", "low", 0.5), Contact("low", "high", 0.5)))
+    sim = slcp.Simulator(scene, slcp.Options(residual="hard", friction=friction), device="cpu", dtype=dtype,
+                         strategy="specialised")  # fmt: skip
+    rng = np.random.default_rng(0)
+    x = np.zeros((60, 12), dtype)
+    x[:, 1], x[:, 4] = 0.5, 1.5
+    x[20:, :6] += 1e-3 * rng.standard_normal((40, 6))
+    x[40:, 6:] = rng.standard_normal((20, 6))
+    for ratio in (1.0, 1e12, 1e14, 1e16):
+        mass = np.array([1.0, ratio])
+        status = sim.step(x, params=sim.params.replace(mass=mass, inertia=0.4 * mass)).status
+        assert np.isin(status, (Status.SOLVED, Status.NOT_CONVERGED)).all()
+        assert (status == Status.SOLVED).all() if ratio == 1.0 else (status == Status.SOLVED).any()
+
+
 @pytest.mark.parametrize(("longer", "status"), [(1e-7, Status.NONFINITE), (-0.1, Status.SOLVED)])
 def test_a_trapezoidal_step_without_digits_is_no_number(longer, status):
     """A rod held up, h = 2/omega: M - h^2/4 m g l is a rounding, and v' was what that made of it, SOLVED."""

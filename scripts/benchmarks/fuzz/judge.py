@@ -166,16 +166,19 @@ def _motion(p: Problem, v1: Array, lam: Array, like_v: Array, like_lam: Array) -
     alone = (np.maximum(-p.free, 0.0) + p.sigma) / np.maximum(p.diag, FLOOR)  # a row's impulse by itself
     free = np.abs(drive.free) + _least(p)
     data = drive.size + np.einsum("bij,bj->bi", np.abs(drive.h_mass), free)
-    speed = np.max(root * (np.abs(truth.v) + np.abs(drive.free)), 1, keepdims=True)
+    hang = _closure((np.abs(drive.h_mass) > 0.0).any(0, keepdims=True))  # what one factor of H is of
+    speed = _shared(root * (np.abs(truth.v) + np.abs(drive.free)), hang)
     data = data + np.minimum(p.loose * drive.doubt + drive.guess, MOST_LOSS / p.tolerance * root * speed)
-    pushed = np.einsum("bri,br->bi", p.bound, np.where(lam != 0.0, alone, 0.0))
-    reached = np.einsum("bij,bj->bi", np.abs(np.linalg.inv(drive.h_mass)), pushed)
-    swift = np.sum(root * (reached + np.abs(drive.free)), 1, keepdims=True)
-    data = (
-        data + pushed + (LEVER + 0.5 * root.shape[1]) * p.loose * root * swift
-    )  # M's and its factor's rounding
+    data = data + np.einsum("bri,br->bi", p.bound, np.where(lam != 0.0, alone, 0.0))
     answer = np.einsum("bij,bj->bi", np.abs(drive.h_mass), np.abs(like_v))
     answer = data + answer + np.einsum("bri,br->bi", p.bound, np.abs(like_lam))
+    factor = (LEVER + 0.5 * root.shape[1]) * p.loose * root  # rounding of H and of its factor
+
+    def swift(v: Array) -> Array:
+        return np.einsum("bij,bj->bi", hang + np.zeros((len(v), 1, 1)), root * v)
+
+    data = data + factor * swift(np.abs(drive.free))
+    answer = answer + factor * swift(np.abs(drive.free) + np.abs(like_v))
     loss = p.loss if p.method.trapezoidal else np.ones(len(p.loss))
     out = []
     for size in (data, answer):

@@ -1,0 +1,132 @@
+"""Answers that are wrong by ten times what is promised, where the fuzz oracle excuses most: mass matrices
+that cost digits. What is right is solved in fractions; everything else must be convicted.
+"""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+import slcp_warp as slcp
+from slcp_warp.scripts.benchmarks.fuzz.judge import Outcome
+from slcp_warp.scripts.benchmarks.fuzz.problem import EPSILON, LOST_ROWS, Problem, Truth
+from slcp_warp.scripts.benchmarks.fuzz.proofs import coulomb_solution, least_motion
+from slcp_warp.scripts.benchmarks.fuzz.tasks import Task
+from slcp_warp.scripts.benchmarks.fuzz.verdicts import SILENT, Verdicts
+from slcp_warp.scripts.benchmarks.mechanics.rational import rational, solve
+
+PROMISE = {"float64": 1e-10, "float32": 2e-5}
+SEED, SCENES, EACH, WORLDS = 75, 30, 3, 12
+ACTING, NEAR = 5, 1e-4  # rows that are solved in fractions, and how far from open they are at most
+ROUNDINGS = 32.0  # of entries of the mass matrix
+
+
+def velocity(p, impulse):
+    """v' of given impulses, to the last digit."""
+    rhs = [Fraction(b) for b in p.drive.rhs[0]]
+    for row, push in zip(p.jac[0], impulse):
+        rhs = [b + Fraction(j) * Fraction(push) for b, j in zip(rhs, row)]
+    return np.array(solve(rational(p.drive.h_mass[0]), rhs), float)
+
+
+def right(p):
+    """v' and lambda of a solution in fractions; None where too many rows act."""
+    found = coulomb_solution(p, 0) if p.method.coulomb else least_motion(p, 0)
+    if not isinstance(found, tuple):
+        return None
+    v, impulse = found
+    w = p.rate[0] + p.jac[0] @ v
+    near = (impulse != 0.0) | (w < NEAR * p.terms(np.abs(p.truth.v) + np.abs(p.drive.free))[0])
+    found = coulomb_solution(p, 0, near, exact=True) if near.sum() <= ACTING else None
+    return (velocity(p, found[1]), found[1]) if isinstance(found, tuple) else None
+
+
+def posed(scene, worlds, method, dtype):
+    """The oracle's problem of one world, as `Verdicts` asks for it."""
+
+    def pose(_):
+        truth = Truth(scene, worlds)
+        return Problem(truth, truth.drive(), method, dtype)
+
+    return pose
+
+
+def excused(method, dtype):
+    """Worlds whose rows may lose more digits than others, and their right answers."""
+    count = 0
+    for number in range(SCENES):
+        task = Task(SEED, number, "generic")
+        scene = task.make_scene()
+        worlds = task.worlds(0, scene)
+        truth = Truth(scene, worlds)
+        p = Problem(truth, truth.drive(), method, dtype)
+        if not scene.structure.nr:
+            continue
+        for i in np.flatnonzero((p.loss >= 3.0) & (p.free.min(1) < 0.0))[:EACH]:
+            pose = posed(scene, worlds.part(i), method, dtype)
+            answer = right(pose(None))
+            if answer is not None:
+                yield pose, pose(None), *answer
+                count += 1
+                if count == WORLDS:
+                    return
+
+
+def is_silent(pose, v, impulse):
+    p = pose(None)
+    h = p.truth.h[0]
+    x = np.r_[p.truth.q[0] + h * v, v][None]
+    gap = np.where(p.tangent, 0.0, p.rate * h)
+    found = Verdicts(p, Outcome(x, impulse[None], gap, np.zeros(1, int)), pose)
+    return found.verdict[0] == SILENT
+
+
+def promised_momentum(p, v, impulse, dtype):
+    """What M dv = J' lambda may miss: of a body's terms, weighed by energy, and of what a rounding of the
+    mass matrix makes of the velocities that it couples.
+    """
+    mass = p.drive.h_mass[0]
+    root = np.sqrt(np.diag(mass))
+    fast = np.abs(v) + np.abs(p.truth.v[0]) + np.abs(p.drive.free[0])
+    terms = np.abs(mass) @ fast + p.drive.size[0] + p.bound[0].T @ np.abs(impulse)
+    bodies = np.array(p.truth.s.dof_body)
+    of_body = np.array([(terms / root)[bodies == b].max() for b in bodies])
+    coupled = np.linalg.matrix_power((np.abs(mass) > 0.0).astype(float), len(v)) > 0.0
+    rounded = ROUNDINGS * EPSILON[dtype] * coupled @ (root * fast)
+    return root * (PROMISE[dtype] * of_body + rounded)
+
+
+def wrong(p, v, impulse, dtype):
+    """Answers that are ten times off, each with what is wrong with it."""
+    may = promised_momentum(p, v, impulse, dtype)
+    for j, unit in enumerate(np.eye(len(v))):
+        for sign in (-1.0, 1.0):
+            yield f"momentum {j}", v + 10.0 * sign * may[j] / p.drive.h_mass[0, j, j] * unit, impulse
+    fast = np.abs(v) + np.abs(p.truth.v[0]) + np.abs(p.drive.free[0])
+    terms = (p.terms(fast[None])[0] + p.diag[0] * np.abs(impulse)).max()
+    row = min(p.loss[0], LOST_ROWS[dtype]) * PROMISE[dtype] * terms
+    for i in np.flatnonzero(impulse):
+        unit = np.eye(len(impulse))[i]
+        less = impulse - 10.0 * row / p.diag[0, i] * np.sign(impulse[i]) * unit
+        yield f"row {i}", velocity(p, less), less
+        push = np.abs(p.jac[0, i])
+        k = np.argmax(push / may)
+        yield f"impulse {i}", v, impulse + 10.0 * may[k] / push[k] * unit
+        if p.tangent[i] and p.diag[0, i] * abs(impulse[i]) > 10.0 * row:
+            turned = impulse * (1.0 - 2.0 * unit)
+            yield f"direction of {i}", velocity(p, turned), turned
+
+
+@pytest.mark.parametrize("friction", ["anitescu", "coulomb"])
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+def test_what_is_ten_times_off_is_convicted_where_matrices_excuse_most(dtype, friction):
+    method = slcp.Options(residual="hard", friction=friction).method
+    seen, kinds = 0, set()
+    for pose, p, v, impulse in excused(method, dtype):
+        assert not is_silent(pose, v, impulse)
+        for what, off, pushes in wrong(p, v, impulse, dtype):
+            assert is_silent(pose, off, pushes), (p.truth.scene.name, what, p.loss, p.condition)
+            kinds.add(what.split()[0])
+        seen += 1
+    assert seen >= 5 and {"momentum", "row", "impulse"} <= kinds
+    assert ("direction" in kinds) == (friction == "coulomb")
