@@ -174,6 +174,11 @@ class Structure:
             for group in groups
         )
 
+    @property
+    def couples(self) -> bool:
+        """Whether M, or what stands for M, can have entries beside its diagonal."""
+        return any(self.coupled(i, j) for i in range(self.nv) for j in range(i))
+
 
 @dataclass(frozen=True)
 class Layout:

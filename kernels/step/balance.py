@@ -136,4 +136,4 @@ def make_balance(spec: Specialisation) -> SimpleNamespace:
                 out = out or n[i, i] * minv[i, i] > LARGEST
         return out
 
-    return SimpleNamespace(loses=not all(alone), is_ill=is_ill, refined=refined)
+    return SimpleNamespace(loses=s.couples, is_ill=is_ill, refined=refined)

@@ -93,8 +93,8 @@ def takes_fast_path(fast_path: Any, s: Structure, method: Method, device: Any, s
     reason = ""
     if strategy == "generic":
         reason = "generic kernels step"
-    elif s.nr == 0:
-        reason = "the scene has no rows"
+    elif s.nr == 0 and not s.couples:  # nothing that could lose digits, either
+        reason = "the scene has neither rows nor couplings"
     elif not law_of(method, s.nr).fast:
         reason = f"the residual is {method.residual!r}"
     if fast_path is None:

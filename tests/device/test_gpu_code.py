@@ -15,7 +15,6 @@ from slcp_warp.kernels.generic import step as generic_step
 from slcp_warp.kernels.method import Method
 from slcp_warp.kernels.policies.open_loop import OPEN_LOOP
 from slcp_warp.kernels.specialisation import Specialisation
-from slcp_warp.kernels.step import rollout
 from slcp_warp.kernels.step.relayed import make_rollout_relay
 from slcp_warp.scripts.benchmarks.cost.cubin import sm90_resources
 from slcp_warp.scripts.benchmarks.gpu.predicted import FAST, SINE, finger
@@ -40,13 +39,14 @@ def test_what_makes_the_steps_that_are_left_spills_within_bounds(tmp_path):
 
 
 @pytest.mark.slow
-def test_rollout_without_contact_fits_in_registers(tmp_path):
+@pytest.mark.parametrize("part, registers", [("fast", 88), ("rest", 128)])  # 23 and 16 warps a multiprocessor
+def test_rollout_without_contact_fits_in_registers(tmp_path, part, registers):
+    """Where the mass matrix has few digits, v' is refined by the kernel for the rest."""
     structure = scenes.pendulum_chain().structure
-    spec = Specialisation(structure, wp.float32, Method())
-    kernel = rollout.make_rollout_kernel(spec, OPEN_LOOP, False)
-    used = sm90_resources(kernel, tmp_path)
-    assert 0 < used["registers"] <= 136 and used["frame"] <= SINE, used  # 15 warps a multiprocessor
-    assert used["code"] <= 40_000, used
+    spec = Specialisation(structure, wp.float32, Method(part=part))
+    used = sm90_resources(make_rollout_relay(spec, OPEN_LOOP, False), tmp_path)
+    assert 0 < used["registers"] <= registers and used["frame"] <= SINE, used
+    assert used["code"] <= 42_000, used
 
 
 @pytest.mark.slow
