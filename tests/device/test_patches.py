@@ -83,11 +83,8 @@ def test_the_code_is_the_same(monkeypatch, unpatched):
     after = code(kernel)
     assert parts(code(kernel)) == parts(after)  # all of it kept
     hashes = re.compile(rf"(?<={kernel.key}_)[0-9a-f]{{8}}")  # Warp's own, which one of the patches shortens
-    assert (
-        after.count("\nstatic CUDA_CALLABLE ")
-        == 3 * after.count("\nstruct make_")
-        > before.count("\nstatic CUDA_CALLABLE ")
-    )
+    own = [text.count("\nstatic CUDA_CALLABLE ") for text in (before, after)]
+    assert own[1] - own[0] == 2 * after.count("\nstruct make_") > 0  # two of a struct's three functions
     before, after = (
         hashes.sub("", text).replace("static CUDA_CALLABLE", "CUDA_CALLABLE") for text in (before, after)
     )
