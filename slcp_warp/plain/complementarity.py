@@ -49,6 +49,17 @@ class Complementarity(Arrays):
     _batched: bool
     _sigma_shape: tuple[int, ...]
 
+    def __getstate__(self) -> dict[str, Any]:
+        kept = [(each.numpy(), str(each.device)) for each in self._arrays]
+        return vars(self) | {"_arrays": kept}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        arrays = tuple(
+            wp.array(values, dtype=wp.dtype_from_numpy(values.dtype), device=device)
+            for values, device in state["_arrays"]
+        )
+        vars(self).update(state | {"_arrays": arrays})
+
     def vjp(self, impulse_grad: Array) -> tuple[Array, Array, Array]:
         """Gradients by A, b and sigma of a scalar whose gradient by the impulses is given.
 

@@ -75,6 +75,10 @@ def test_all_else_comes_out(task, sim):
         sim.linearize(task.start[0], np.zeros(2)), slcp.draw_worlds(task, 3, 0, device="cpu"),
         ddp.RecedingOptions(), ddp.plan(task, 1, sim=sim, options=ddp.Options(max_iterations=1)),
     ]  # fmt: skip
+    solution = slcp.solve_complementarity(2.0 * np.eye(2)[None], -np.ones((1, 2)))
+    for way in WAYS:
+        for own, other in zip(solution.vjp(np.ones((1, 2))), way(solution).vjp(np.ones((1, 2)))):
+            np.testing.assert_array_equal(own, other)
     for each in given:
         assert [type(way(each)) for way in WAYS] == [type(each)] * 3
 
