@@ -150,8 +150,12 @@ def pytest_collection_modifyitems(config, items) -> None:
     items.sort(key=lambda item: place.get(item.path.stem, len(place)))
 
 
-# Files whose kernels those of another have compiled, with optimisation: one worker takes both, in this order.
-AFTER = {"test_capacity": "test_modes", "test_fuzz": "test_opposed_impulses"}
+# Files that take the optimised kernels of another, or leave plain ones that others would take: one worker has
+# all of them, in the order of the lists above.
+AFTER = dict.fromkeys(
+    ("test_tumbling", "test_modes", "test_capacity", "test_generic_gradient"), "test_planning"
+)
+AFTER |= dict.fromkeys(("test_fuzz", "test_fuzz_oracle"), "test_opposed_impulses")
 
 
 @pytest.hookimpl(optionalhook=True)
