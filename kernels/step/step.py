@@ -70,7 +70,7 @@ def make_step(spec: Specialisation, exact_gap: int) -> SimpleNamespace:
         else:
             out = contact(world, pose, out)
         if wp.static(balance.loses):
-            if seldom(ill) and out.status == wp.static(SOLVED):
+            if seldom(ill and out.status == wp.static(SOLVED)):
                 if wp.static(method.fast):  # left to what makes the steps that the fast methods leave
                     out.status = wp.static(NOT_CONVERGED)
                 else:
