@@ -178,9 +178,9 @@ def test_plans_are_minima(large, way):
 def test_a_library_is_built(large):
     """Its first entry is what a plan of its horizon begins with."""
     sim, x = simulator(large), touching(large)
-    problem = ddp.Problem(sim, cost(large), 9)
+    problem = ddp.Problem(sim, cost(large), 5)
     library = ddp.build_library(problem, x, 2)
-    plan = ddp.solve(problem, x, np.zeros((9, 1)))
+    plan = ddp.solve(problem, x, np.zeros((5, 1)))
     assert len(library) == 2 and np.array_equal(library.x[0], plan.xs[library.age[0]])
     np.testing.assert_allclose(library.u[0], plan.us[library.age[0]], rtol=0, atol=1e-6)
 
