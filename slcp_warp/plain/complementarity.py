@@ -54,7 +54,7 @@ class Complementarity(Arrays):
         return vars(self) | {"_arrays": kept}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        arrays = tuple(
+        arrays: tuple[wp.array, ...] = tuple(
             wp.array(values, dtype=wp.dtype_from_numpy(values.dtype), device=device)
             for values, device in state["_arrays"]
         )
