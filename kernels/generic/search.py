@@ -11,6 +11,7 @@ import warp as wp
 
 from ..factories import cached
 from ..status import INFEASIBLE, NONFINITE, NOT_CONVERGED, SOLVED
+from .digits import make_digits
 from .earned import make_earned
 from .interior import MAX_ITERATIONS, make_interior
 from .newton import ACCEPTED, REFINED, TOLERANCE, make_newton
@@ -65,7 +66,7 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
     nt = make_newton(given, residual)
     inner = make_interior(given, residual)
     earned = make_earned(given)
-    scales = make_scales(given, residual)
+    scales, digits = make_scales(given, residual), make_digits(given, residual)
     hard = residual == "hard"
     LIMIT, RESIDUAL = (dtype(x) for x in END[hard])
     ZERO, HALF = dtype(0.0), dtype(0.5)
@@ -282,6 +283,10 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
                 status = to_newton(t, k, o, s, ended, size)
             else:
                 status = judge(t, k, o, s, size)
+        if wp.static(not hard):
+            if status == wp.static(SOLVED) and digits.is_ill(t, k, o):
+                if digits.loses(t, k, o):
+                    return wp.static(NOT_CONVERGED)
         return status
 
     return SimpleNamespace(solve=solve, rounding=nt.rounding)

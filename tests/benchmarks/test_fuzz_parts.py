@@ -49,6 +49,17 @@ def test_small_runs_of_the_parts_have_no_silent_failure(part, scene):
     assert counts["SOLVED"] > 0.5 * counts["worlds"]
 
 
+@pytest.mark.slow
+def test_a_law_whose_scale_has_no_digits_is_not_solved():
+    """Four bodies, a condition of 6e11: D of a limit is off by 3e-5, and so was w, at 250 times the bound."""
+    task = Task(81, 3, "generic", per_chunk=40, part="auto")
+    worlds, us, sim, run = rolled(task, slcp.Options())
+    assert run.status[32] == slcp.Status.NOT_CONVERGED and (run.status == 0).sum() > 30
+    for piece in follow(run, worlds, us).pieces():
+        found, _ = judged(piece.worlds, sim, None, out=piece.out)
+        assert SILENT not in found.verdict
+
+
 def test_every_part_has_tasks_that_draw_worlds():
     for part, what in PARTS.items():
         tasks = tasks_of(3, 20_000, 2, (), part)

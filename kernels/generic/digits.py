@@ -1,0 +1,76 @@
+"""Whether D = diag(J N^-1 J') of a smoothed law has the digits that a solution is judged by.
+
+D of a row is off by roundings of N times the squares of what its unit impulse moves: eps sum N_ii y_i^2
+with y = N^-1 J', which may be as many times D as N is ill-conditioned. The law is then another row's: where
+that moves D lambda by more than the row is judged by, the step is NOT_CONVERGED. Hard contact does not ask
+for D, and without inertia scaling it is 1.
+"""
+
+from types import SimpleNamespace
+
+import warp as wp
+
+from ..factories import cached
+from .newton import make_newton
+from .topology import Topology
+from .work import V3, WORK, Island, Slot
+
+ILL = 1e4  # of N_ii times a pivot's inverse, from which on rows are looked at
+ROUNDINGS = 2e-15  # of the terms N_ii y_i^2
+MOST = {wp.float64: 1e-9, wp.float32: 1e-6}  # of the size of a row's terms, by the precision that is promised
+
+
+@cached
+def make_digits(given: type, residual: str) -> SimpleNamespace:
+    """is_ill(t, k, o): whether N of an island's bodies may cost D digits; loses(t, k, o): whether it does."""
+    dtype = WORK
+    env = make_newton(given, residual).env
+    ZERO, WHOLE = dtype(0.0), dtype(MOST[given])
+
+    @wp.func
+    def is_ill(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+        worst = dtype(0.0)
+        for place in range(o.start, o.end):
+            b = k.block[place]
+            f = wp.get_diag(k.mass_factor[t.mass_at[b] + b])
+            own = wp.cw_mul(wp.cw_mul(f, f), wp.get_diag(k.mass[t.mass_at[b] + b]))
+            worst = wp.max(worst, wp.max(own[0], wp.max(own[1], own[2])))
+        return t.inertia_scaling == 1 and worst > dtype(wp.static(ILL))
+
+    @wp.func
+    def terms(t: wp.ref[Topology], k: wp.ref[Slot], r: int):
+        """sum N_ii y_i^2 of row r; uses k.move."""
+        total = dtype(0.0)
+        e = k.entry[r]
+        end = k.entry[r + 1]
+        at = k.pattern[r]
+        while e < end:
+            u = t.block_unit[t.row_block[at]]
+            start = t.unit_start[u]
+            last = t.unit_start[u + 1]
+            for j in range(start, last):
+                k.move[j] = V3()
+            more = int(1)
+            while more == 1:
+                k.move[t.row_block[at]] = k.jac[e]
+                e += 1
+                at += 1
+                more = int(0)
+                if e < end:
+                    more = wp.where(t.block_unit[t.row_block[at]] == u, 1, 0)
+            env.solve(k.mass_factor, t.mass_first, t.mass_at, t.block_id, k.move, start, last)
+            for j in range(start, last):
+                y = k.move[j]
+                total += wp.dot(wp.get_diag(k.mass[t.mass_at[j] + j]), wp.cw_mul(y, y))
+        return total
+
+    @wp.func(inline=False)
+    def loses(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+        for r in range(o.row, o.last_row):
+            if k.acting[r] > 0 and k.lam[r] > ZERO:
+                lost = dtype(wp.static(ROUNDINGS)) * terms(t, k, r) * k.lam[r]
+                if not (lost <= WHOLE * k.own[r]):
+                    return True
+        return False
+
+    return SimpleNamespace(is_ill=is_ill, loses=loses)
