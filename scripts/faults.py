@@ -141,7 +141,7 @@ class Tree:
         before = fault.put_in(self.root)
         try:
             kernel = any(file.startswith("kernels/") for file, _, _ in fault.places)
-            code, output = self.pytest(["-x", *fault.tests], kernel)
+            code, output = self.pytest(["-x", "--full", *fault.tests], kernel)
             expected = True
             if code == 0 and not expected_only:
                 code, output = self.pytest(["-x", "--deselect", "tests/house/test_faults.py"], kernel)
@@ -174,7 +174,7 @@ class Outcome:
 def failing(tree: Tree, outcomes: list[Outcome]) -> str:
     """The output of the tests that noticed, on sources without a fault, where one of them fails."""
     tests = sorted({outcome.by for outcome in outcomes if "::" in outcome.by})
-    code, output = tree.pytest(tests, False) if tests else (0, "")
+    code, output = tree.pytest(["--full", *tests], False) if tests else (0, "")
     return "" if code == 0 else output
 
 

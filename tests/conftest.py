@@ -153,7 +153,7 @@ def pytest_collection_modifyitems(config, items) -> None:
 # Files that take the optimised kernels of another, or leave plain ones that others would take: one worker has
 # all of them, in the order of the lists above.
 AFTER = dict.fromkeys(
-    ("test_tumbling", "test_modes", "test_capacity", "test_generic_gradient"), "test_planning"
+    ("test_jam", "test_tumbling", "test_modes", "test_capacity", "test_generic_gradient"), "test_planning"
 )
 AFTER |= dict.fromkeys(("test_fuzz", "test_fuzz_oracle"), "test_opposed_impulses")
 

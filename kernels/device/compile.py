@@ -13,7 +13,8 @@ parts lie near that limit, where a line more in a part that is seldom run cost a
 
 The environment variable SLCP_CPU_FLAGS replaces all flags of the CPU's compiler, these and Warp's:
 "-ffp-contract=off" rounds as a processor without fused operations does. Flags go into a
-kernel's hash, so that caches do not mix; `.ci/full rounding` runs all tests that way. SLCP_CUDA_REGISTERS is
+kernel's hash, so that caches do not mix; `.ci/full rounding` runs all tests that way. SLCP_STRIDES, where
+set, has a CPU's kernels read all arrays by their strides, as a GPU's do. SLCP_CUDA_REGISTERS is
 the number of registers that the fast kernels (`relay.py`) may take on a GPU, to be tried where one is.
 """
 
@@ -105,7 +106,7 @@ def fitted(fast: bool) -> Callable[[Callable], wp.Kernel]:
 
 
 def _packed(function: Callable, registers: int | None = None) -> wp.Kernel:
-    own = own_alone(function)
+    own = own_alone(function) and not os.environ.get("SLCP_STRIDES")
     options = {"cpu_compiler_flags": cpu_compiler_flags()}
     kernel = _declare(function, options, registers=registers, preamble=PACKED if own else None)
     kernel.packed = own

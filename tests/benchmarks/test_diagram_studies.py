@@ -80,7 +80,7 @@ def test_scaling_chart_reads_rows_of_a_file(tmp_path):
         chart_scaling.draw([{"study": "ddp"}], path)
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_solver_study(tmp_path):
     """Both strategies agree to rounding, float32 to its own, and a tolerance of 1e-3 leaves about that."""
     chosen = solver.variants({"float64": (1e-3, None)}, ())

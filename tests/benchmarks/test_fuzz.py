@@ -335,11 +335,11 @@ def test_a_mass_matrix_without_inverse_is_no_number(dtype, status):
 @pytest.mark.slow
 def test_small_run_of_the_common_kernels_has_no_silent_failure():
     worlds = 0
-    for scene in (0, 1, 2, 3, 4, 5, 6, 9):
+    for scene in (1, 3, 5, 9):
         tally = run_task(Task(1, scene, "generic", per_chunk=40))
         assert [f for f in tally.failures if f.verdict in (SILENT, WRONG)] == []
         worlds += sum(n for key, n in tally.counts.items() if key[-1] == "worlds")
-    assert worlds == 8 * 40 * 14
+    assert worlds == 4 * 40 * 14
 
 
 def test_an_opening_by_the_rounding_of_a_direction_is_none():

@@ -185,6 +185,7 @@ def test_without_gravity_zero_controls_never_touch(device):
     assert impulse[..., 4:].max() > 0.1
 
 
+@pytest.mark.full
 def test_trapezoidal_steps_converge_from_zero_controls(device):
     """Full second order through the differences: a quadratic tail ends in a stationary trajectory."""
     sim = slcp.Simulator(

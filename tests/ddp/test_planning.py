@@ -105,6 +105,7 @@ def test_bad_rungs_are_refused(planned, given, text):
         work.solve(planned[0].start[0], None, rungs=given)
 
 
+@pytest.mark.full
 def test_what_is_left_behind_gets_no_rounds_for_its_limits_of_states(planned):
     """The others keep them, in rounds of which those that were left behind are no part."""
     place = planned[0].scene.state_index("block.vx")

@@ -84,7 +84,12 @@ def thrown(sc, count, seed=3, speed=0.5):
 
 
 @pytest.mark.parametrize(
-    "options, boxes", [({}, 30), ({"residual": "hard"}, 30), ({"residual": "hard", "friction": "coulomb"}, 6)]
+    "options, boxes",
+    [
+        pytest.param({}, 30, marks=pytest.mark.full),
+        ({"residual": "hard"}, 30),
+        ({"residual": "hard", "friction": "coulomb"}, 6),
+    ],
 )
 def test_thrown_stack(options, boxes):
     """Two steps of 90 degrees of freedom and 120 rows."""

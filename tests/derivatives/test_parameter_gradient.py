@@ -142,7 +142,7 @@ def test_coulomb_friction(device):
     check(errors(sim, x, u, damped(sim.params), force, modes))
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_springs_capsules_and_noise_of_the_state(device):
     sc = crane()
     sim = slcp.Simulator(sc, slcp.Options(noise="state"), device=device, dtype="float64")

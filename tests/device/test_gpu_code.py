@@ -31,7 +31,7 @@ def test_fast_kernels_of_the_finger_fit_in_registers(tmp_path, name):
     assert used["frame"] <= most.frame and used["code"] <= most.code, used
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_what_makes_the_steps_that_are_left_spills_within_bounds(tmp_path):
     used = sm90_resources(make_rollout_relay(finger("rest"), OPEN_LOOP, False), tmp_path)
     assert SINE < used["frame"] <= 1_600, used  # bytes: all threads that a GPU may hold get as many

@@ -1,5 +1,8 @@
 """Tables laid out column by column, as on a GPU: the same bits wherever a world's own numbers are read."""
 
+import os
+import subprocess
+import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -16,25 +19,20 @@ from slcp_warp.stepping.generic import WORKSPACE_BYTES, Workspaces, workspace_by
 WORLDS, STEPS = 6, 5
 
 
-@pytest.fixture
-def by_columns(monkeypatch):
-    """Calls a function under the layout of a CPU and under that of a GPU."""
+def by_columns(call):
+    """What a function gives under the layout of a CPU and under that of a GPU."""
+    rows = call()
+    made = []
 
-    def both(call):
-        rows = call()
-        made = []
+    def noted(count, device):
+        made.append(count > 1)
+        return count > 1
 
-        def noted(count, device):
-            made.append(count > 1)
-            return count > 1
-
-        with monkeypatch.context() as patch:
-            patch.setattr(tables, "by_columns", noted)
-            columns = call()
-        assert any(made)
-        return rows, columns
-
-    return both
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(tables, "by_columns", noted)
+        columns = call()
+    assert any(made)
+    return rows, columns
 
 
 def same(pair):
@@ -60,7 +58,7 @@ def test_columns_are_columns(monkeypatch):
     assert tables.empty_table((4, 3), wp.float32, "cpu").strides == (4, 16)
 
 
-def test_steps_and_derivatives(by_columns):
+def steps_and_derivatives():
     sim = simulator("flicking_finger", "cpu", wp.float64, "none")
     mass, x, us = numbers(sim)
     weights = np.ones((WORLDS, STEPS + 1, 6))
@@ -80,7 +78,7 @@ def test_steps_and_derivatives(by_columns):
     assert np.ptp(pair[0][-1][:, :2], axis=0).all()  # the third body is not near
 
 
-def test_gradients_of_numbers_that_worlds_share(by_columns):
+def test_gradients_of_numbers_that_worlds_share():
     """The table has one row; what every world adds to its gradient has a row each."""
     sim = simulator("flicking_finger", "cpu", wp.float64, "none")
     _, x, us = numbers(sim)
@@ -99,8 +97,9 @@ def test_gradients_of_numbers_that_worlds_share(by_columns):
     same(by_columns(found))
 
 
-def test_torch(by_columns):
-    torch = pytest.importorskip("torch")
+def torch_rollouts():
+    import torch
+
     from slcp_warp import torch as differentiable
 
     sim = simulator("flicking_finger", "cpu", wp.float64, "none")
@@ -116,7 +115,19 @@ def test_torch(by_columns):
     same(by_columns(found))
 
 
-def test_plans_and_sweeps(by_columns):
+@pytest.mark.full
+@pytest.mark.parametrize("what", ["steps_and_derivatives", "torch_rollouts"])
+def test_kernels_with_strides(what):
+    """Those that step read a CPU's tables without: a process of its own has them with strides, as a GPU."""
+    if what == "torch_rollouts":
+        pytest.importorskip("torch")
+    code = f"import warp as wp; wp.config.optimization_level = 0; import test_tables; test_tables.{what}()"
+    env = os.environ | {"SLCP_STRIDES": "1", "PYTHONPATH": os.pathsep.join(sys.path)}
+    child = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, timeout=600)
+    assert child.returncode == 0, child.stderr
+
+
+def test_plans_and_sweeps():
     problem, x0, us = cart_pole("cpu", "float64")
     own = problem.with_params(step_size=np.linspace(0.04, 0.05, WORLDS))
 

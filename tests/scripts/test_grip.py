@@ -56,7 +56,7 @@ def test_optimal_grip_sits_on_the_edge_without_noise_and_inside_with_it():
     assert ratios[0] > 1.5 > 1.3 > ratios[1] > 1.1 > 1.02 > ratios[2] > 1.0
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_command_judges_and_draws(tmp_path, monkeypatch):
     typer_testing = pytest.importorskip("typer.testing")
     app = pytest.importorskip("slcp_warp.scripts.app").app

@@ -17,7 +17,10 @@ def test_the_acrobot_is_trajaxs():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", KNOWN)
+@pytest.mark.parametrize(
+    "name",
+    ["car", "acrobot", *(pytest.param(name, marks=pytest.mark.full) for name in ("rendezvous", "cart-pole"))],
+)
 def test_one_default_call(name):
     given = PROBLEMS[name]("cpu")
     best = ddp.plan(given.problem, x0=given.x0).best

@@ -75,7 +75,7 @@ def test_steps_with_all_their_outputs(device):
         )
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_linearisations_whose_step_is_left(device, left):
     x, us = workload(3000, 1)
     x[3, 0] = np.nan
