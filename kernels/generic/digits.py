@@ -12,8 +12,9 @@ import warp as wp
 
 from ..factories import cached
 from .newton import make_newton
+from .scales import gather
 from .topology import Topology
-from .work import V3, WORK, Island, Slot
+from .work import WORK, Island, Slot
 
 ILL = 1e4  # of N_ii times a pivot's inverse, from which on rows are looked at
 ROUNDINGS = 2e-15  # of the terms N_ii y_i^2
@@ -48,16 +49,7 @@ def make_digits(given: type, residual: str) -> SimpleNamespace:
             u = t.block_unit[t.row_block[at]]
             start = t.unit_start[u]
             last = t.unit_start[u + 1]
-            for j in range(start, last):
-                k.move[j] = V3()
-            more = int(1)
-            while more == 1:
-                k.move[t.row_block[at]] = k.jac[e]
-                e += 1
-                at += 1
-                more = int(0)
-                if e < end:
-                    more = wp.where(t.block_unit[t.row_block[at]] == u, 1, 0)
+            e, at = gather(t, k, e, end, at, u)
             env.solve(k.mass_factor, t.mass_first, t.mass_at, t.block_id, k.move, start, last)
             for j in range(start, last):
                 y = k.move[j]

@@ -8,6 +8,24 @@ from .topology import CONTACT, Topology
 from .work import M33, V3, WORK, Island, Slot
 
 
+@wp.func
+def gather(t: wp.ref[Topology], k: wp.ref[Slot], entry: int, end: int, pattern: int, u: int):
+    """The entries of a row in unit u, from `entry` on, into k.move; where the next unit's begin."""
+    for j in range(t.unit_start[u], t.unit_start[u + 1]):
+        k.move[j] = V3()
+    e = int(entry)
+    at = int(pattern)
+    more = int(1)
+    while more == 1:
+        k.move[t.row_block[at]] = k.jac[e]
+        e += 1
+        at += 1
+        more = int(0)
+        if e < end:
+            more = wp.where(t.block_unit[t.row_block[at]] == u, 1, 0)
+    return e, at
+
+
 @cached
 def make_scales(given: type, residual: str) -> wp.Function:
     """scales(t, k, o) -> the size of velocities in an island, and the number of its acting rows."""
@@ -82,16 +100,7 @@ def make_scales(given: type, residual: str) -> wp.Function:
                 e += 1
                 at += 1
             else:
-                for j in range(t.unit_start[u], t.unit_start[u + 1]):
-                    k.move[j] = V3()
-                more = int(1)
-                while more == 1:
-                    k.move[t.row_block[at]] = k.jac[e]
-                    e += 1
-                    at += 1
-                    more = int(0)
-                    if e < end:
-                        more = wp.where(t.block_unit[t.row_block[at]] == u, 1, 0)
+                e, at = gather(t, k, e, end, at, u)
                 start = t.unit_start[u]
                 last = t.unit_start[u + 1]
                 nt.env.forward(k.mass_factor, t.mass_first, t.mass_at, t.block_id, k.move, start, last)
