@@ -1,9 +1,8 @@
 """Whether D = diag(J N^-1 J') of a smoothed law has the digits that a solution is judged by.
 
-D of a row is off by roundings of N times the squares of what its unit impulse moves: eps sum N_ii y_i^2
-with y = N^-1 J', which may be as many times D as N is ill-conditioned. The law is then another row's: where
-that moves D lambda by more than the row is judged by, the step is NOT_CONVERGED. Hard contact does not ask
-for D, and without inertia scaling it is 1.
+D of a row is J y with y = N^-1 J'. Where N is ill-conditioned y is off, and J y with it, to first order by
+y (J' - N y). The law is then another row's: where what D lacks, times lambda, is more than the row is judged
+by, the step is NOT_CONVERGED. Hard contact does not ask for D, and without inertia scaling it is 1.
 """
 
 from types import SimpleNamespace
@@ -17,7 +16,6 @@ from .topology import Topology
 from .work import WORK, Island, Slot
 
 ILL = 1e4  # of N_ii times a pivot's inverse, from which on rows are looked at
-ROUNDINGS = 2e-15  # of the terms N_ii y_i^2
 MOST = {wp.float64: 1e-9, wp.float32: 1e-6}  # of the size of a row's terms, by the precision that is promised
 
 
@@ -39,8 +37,8 @@ def make_digits(given: type, residual: str) -> SimpleNamespace:
         return t.inertia_scaling == 1 and worst > dtype(wp.static(ILL))
 
     @wp.func
-    def terms(t: wp.ref[Topology], k: wp.ref[Slot], r: int):
-        """sum N_ii y_i^2 of row r; uses k.move."""
+    def refined(t: wp.ref[Topology], k: wp.ref[Slot], r: int):
+        """J y + y (J' - N y) of row r; uses k.move and k.balance."""
         total = dtype(0.0)
         e = k.entry[r]
         end = k.entry[r + 1]
@@ -50,17 +48,27 @@ def make_digits(given: type, residual: str) -> SimpleNamespace:
             start = t.unit_start[u]
             last = t.unit_start[u + 1]
             e, at = gather(t, k, e, end, at, u)
-            env.solve(k.mass_factor, t.mass_first, t.mass_at, t.block_id, k.move, start, last)
             for j in range(start, last):
-                y = k.move[j]
-                total += wp.dot(wp.get_diag(k.mass[t.mass_at[j] + j]), wp.cw_mul(y, y))
+                k.balance[j] = k.move[j]
+            env.solve(k.mass_factor, t.mass_first, t.mass_at, t.block_id, k.move, start, last)
+            for i in range(start, last):
+                y = k.move[i]
+                total += wp.dot(y, k.balance[i])
+                row = t.mass_at[i]
+                k.balance[i] = k.balance[i] - k.mass[row + i] * y
+                for j in range(t.mass_first[i], i):
+                    m = k.mass[row + j]
+                    k.balance[i] = k.balance[i] - m * k.move[j]
+                    k.balance[j] = k.balance[j] - wp.transpose(m) * y
+            for i in range(start, last):
+                total += wp.dot(k.move[i], k.balance[i])
         return total
 
     @wp.func(inline=False)
     def loses(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
         for r in range(o.row, o.last_row):
             if k.acting[r] > 0 and k.lam[r] > ZERO:
-                lost = dtype(wp.static(ROUNDINGS)) * terms(t, k, r) * k.lam[r]
+                lost = wp.abs(refined(t, k, r) - k.diag[r]) * k.lam[r]
                 if not (lost <= WHOLE * k.own[r]):
                     return True
         return False
