@@ -80,6 +80,24 @@ QUICK = {  # file: pattern of the quick tests' names; files that are not here ma
 }
 
 
+FULL = {  # file: pattern of tests that are marked full: long cases of what its others say of shorter ones
+    "test_capacity.py": r"library_is_built|minima\[pairs-multistart|differences\[rows-linearize",
+    "test_compile.py": r"other_compiler_flags",
+    "test_complementarity.py": r"float32_torch.*erm-normal",
+    "test_damping.py": r"dampers_are_stiff.*euler",
+    "test_erm.py": r"tape.*erm-normal|first_derivatives.*flicking_finger-erm-normal",
+    "test_fast_path.py": r"ddp_with_both|asked apart|long_rollouts",
+    "test_finger_ddp.py": r"second_order_against",
+    "test_generic_derivatives.py": r"options[4789]\]|stacks_are_differences\[30",
+    "test_gpu_check.py": r"compiled_by_processes",
+    "test_jam.py": r"gantry-float32|vice-float64|a_jam_so\[(gantry|vice)",
+    "test_linearize.py": r"moving_plane|finger-inertia-True-True|touching_tree-inertia-False|free.*sprung",
+    "test_parameter_gradient.py": r"sprung_plane-inertia-hard|coulomb_friction",
+    "test_planning.py": r"best_plan_keeps_its_limits|problem_of_ones_own_is_planned_from",
+    "test_run_executors.py": r"an_error_in_a_chunk|has_its_gpu",
+}
+
+
 # Kernels are compiled without optimisation, in less than half the time, and run ten times slower; but not
 # for these files, which make many steps, or compare to the bit what two kernels or processes make, or look at
 # what the compiler makes. They come first: what they have compiled the others take as it is.
@@ -136,11 +154,14 @@ def pytest_collection_finish() -> None:
 
 
 def pytest_collection_modifyitems(config, items) -> None:
-    """Mark as slow what QUICK does not name; leave out what is to be asked for, and is not; sort."""
+    """Mark as slow what QUICK does not name, as full what FULL does; leave out what is not asked for."""
     for item in items:
         pattern = QUICK.get(item.path.name)
         if pattern is not None and not re.search(pattern, item.name):
             item.add_marker(pytest.mark.slow)
+        pattern = FULL.get(item.path.name)
+        if pattern is not None and re.search(pattern, item.name):
+            item.add_marker(pytest.mark.full)
     for mark in ("full", "docs"):
         if not config.getoption(f"--{mark}"):
             left_out = [item for item in items if item.get_closest_marker(mark) is not None]
