@@ -1,4 +1,4 @@
-"""Whether D = diag(J N^-1 J') of a smoothed law has the digits that a solution is judged by.
+"""Whether D = diag(J N^-1 J') of a smoothed law, (M3) and (M17), has the digits that a solution is judged by.
 
 D of a row is J y with y = N^-1 J'. Where N is ill-conditioned y is off, and J y with it, to first order by
 y (J' - N y). The law is then another row's: where what D lacks, times lambda, is more than the row is judged
