@@ -70,10 +70,8 @@ def load(kernel: wp.Kernel, device: wp.Device) -> None:
 
 
 def load_all(kernels: Sequence[wp.Kernel], device: wp.Device) -> None:
-    """As `load`; several are compiled for a GPU by a thread each, in the time of the slowest.
-
-    For a CPU they are compiled one after the other: every thread would make Warp's precompiled header for
-    itself, which takes as long as a small kernel.
+    """As `load`; several are compiled for a GPU by a thread each, in the time of the slowest, for a CPU one
+    after the other.
     """
     done = _loaded.get(device.alias, ())
     if all(kernel in done for kernel in kernels):

@@ -2,12 +2,11 @@
 
 All only save time. Another version of Warp is left as it is: kernels are then compiled again after an edit
 of a comment, or where others with the same functions came first, and are translated twice as long, all
-of them anew; and the functions of structs that only adjoints need are compiled in kernels without one.
+of them anew; the functions of structs that only adjoints need are compiled in kernels without one, and
+Warp's whole header in all.
 """
 
 import re
-import threading
-from collections import Counter
 from typing import Any
 
 import warp as wp
@@ -16,9 +15,7 @@ from warp._src.codegen import Adjoint, Var
 from warp._src.context import ModuleHasher
 from warp._src.types import Reference
 
-from . import translated
-
-FEW = 3  # kernels of a set of flags that are compiled without Warp's header precompiled
+from . import header, translated
 
 
 def apply() -> None:
@@ -28,27 +25,10 @@ def apply() -> None:
         Adjoint.resolve_func = _resolve_once(Adjoint.resolve_func)
         _know_plain_types()
         translated.keep()
-        build.build_cpu = _header_for_many(build.build_cpu)
+        build.build_cpu = header.with_needed_header(build.build_cpu)
         codegen.struct_template = re.sub(
             "^CUDA_CALLABLE", "static CUDA_CALLABLE", codegen.struct_template, flags=re.M
         )
-
-
-def _header_for_many(build_cpu: Any) -> Any:
-    """Warp's header is precompiled for the kernels that come after the first few of a thread and a set of
-    flags: that takes as long as reading it five times. Which it is does not go into a kernel's hash.
-    """
-    made: Counter = Counter()
-
-    def build_few(*args: Any, **kwargs: Any) -> Any:
-        flags = kwargs.get("extra_flags"), kwargs.get("optimization_level"), kwargs.get("block_dim")
-        key = threading.get_ident(), flags
-        made[key] += 1
-        if made[key] <= FEW and "use_precompiled_headers" in kwargs:
-            kwargs["use_precompiled_headers"] = False
-        return build_cpu(*args, **kwargs)
-
-    return build_few
 
 
 def _hash_by_name(by_source: Any) -> Any:

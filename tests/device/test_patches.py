@@ -219,16 +219,3 @@ def test_a_gradient_is_translated_for_every_kernel(monkeypatch, ours):
     for each in (kernel, other):
         assert re.search(r"static void adj_squared\w*\(", code(named_by_code()(each)))
     squared.adj.kept, squared.adj.code_digest, slope.adj.code_digest = None, None, None
-
-
-def test_the_header_is_precompiled_for_many_kernels_alone():
-    """Of every set of flags; who asks for none gets none."""
-    asked = []
-    compiler = patches._header_for_many(lambda *paths, **options: asked.append(options))
-    for flags in ("-O2", "-O0"):
-        for _ in range(patches.FEW + 2):
-            compiler("a.o", "a.cpp", extra_flags=flags, use_precompiled_headers=True)
-    compiler("a.o", "a.cpp", extra_flags="-O2", use_precompiled_headers=False)
-    compiler("a.o", "a.cpp", extra_flags="-O2")
-    found = [options.get("use_precompiled_headers") for options in asked]
-    assert found == 2 * ([False] * patches.FEW + [True, True]) + [False, None]
