@@ -1,8 +1,8 @@
 """Planar scenes from MJCF, read off the model that the `mujoco` package compiles (extra `mjcf`).
 
 MuJoCo resolves defaults, includes and angles; what it compiled is mapped to a `Scene` where that is exact,
-and refused by name where it is not. Solver settings (solref, solimp, margins, integrator) have no counterpart
-and are not read. docs/reference/scene_files.md has the table.
+and refused by name where it is not. Solver settings (solref, solimp, margins, integrator) and the ranges of
+controls, which are a task's, are not read. docs/reference/scene_files.md has the table.
 """
 
 import math
@@ -16,6 +16,7 @@ from ..storage.files import reading
 from .mjcf_bounds import check_bounds
 from .mjcf_contacts import read_contacts
 from .mjcf_plane import MjcfError, Plane
+from .mjcf_refused import refuse_what_is_missing
 from .parts import Actuator, Body
 from .scene import Scene
 
@@ -56,7 +57,7 @@ class _Reader:
         self.welded: dict[str, list[tuple[float, np.ndarray, float]]] = {}
 
     def scene(self, name: str) -> Scene:
-        self._refuse()
+        refuse_what_is_missing(self.m)
         drafts = [self._body(b) for b in range(1, self.m.nbody)]
         bodies = tuple(self._with_mass(draft) for draft in drafts if draft is not None)
         if not bodies:
@@ -75,23 +76,6 @@ class _Reader:
             step_size=float(m.opt.timestep),
             initial_state=tuple(state.tolist()),
         )
-
-    def _refuse(self) -> None:
-        import mujoco
-
-        m = self.m
-        for flag in ("GRAVITY", "LIMIT", "SPRING", "DAMPER", "ACTUATION"):
-            bit = getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}", 0)
-            if m.opt.disableflags & int(bit):
-                raise MjcfError(f"flag {flag.lower()} is disabled; leave out of the model what is not to act")
-        for count, what in ((m.neq, "equality constraints"), (m.ntendon, "tendons"), (m.nflex, "flexes")):
-            if count:
-                raise MjcfError(f"the model has {count} {what}; they are not supported")
-        for j in range(m.nv):
-            joint = m.joint(m.dof_jntid[j]).name
-            for field, what in ((m.dof_armature, "armature"), (m.dof_frictionloss, "frictionloss")):
-                if field[j] != 0.0:
-                    raise MjcfError(f"joint {joint!r}: {what} is {field[j]}; it is not supported")
 
     def _name(self, b: int) -> str:
         return str(self.m.body(b).name or f"body{b}")

@@ -69,8 +69,13 @@ def _pairs(m: Any, place: Place) -> list[tuple[int, int, float | None]]:
     with_parents = bool(m.opt.disableflags & off.mjDSBL_FILTERPARENT)
     out = []
     for i in range(m.npair):
-        friction = float(m.pair_friction[i, 0]) if m.pair_dim[i] > 1 else None
-        out.append((int(m.pair_geom1[i]), int(m.pair_geom2[i]), friction))
+        a, b, sliding = int(m.pair_geom1[i]), int(m.pair_geom2[i]), m.pair_friction[i, :2]
+        if m.pair_dim[i] > 1 and sliding[0] != sliding[1]:
+            raise MjcfError(
+                f"pair of geoms {_name(m, a)!r} and {_name(m, b)!r}: its coefficients of sliding are "
+                f"{sliding.tolist()}; one in all directions is supported"
+            )
+        out.append((a, b, float(sliding[0]) if m.pair_dim[i] > 1 else None))
     explicit = {frozenset(p[:2]) for p in out}
     names = {name: i for i, name in enumerate({place[b][0] for b in range(m.nbody)})}
     body = np.asarray(m.geom_bodyid, np.int64)
@@ -84,9 +89,10 @@ def _pairs(m: Any, place: Place) -> list[tuple[int, int, float | None]]:
         related &= not with_parents
         signature = ((body[a] << 16) + body[rest], (body[rest] << 16) + body[a])
         excluded = np.isin(signature, m.exclude_signature).any(axis=0)
-        for b in a + 1 + np.flatnonzero((bits != 0) & (holder[a] != holder[rest]) & ~related & ~excluded):
-            if frozenset((a, int(b))) not in explicit:
-                out.append((a, int(b), _friction(m, a, int(b))))
+        touching = (bits != 0) & (holder[a] != holder[rest]) & ~related & ~excluded
+        for b in (a + 1 + np.flatnonzero(touching)).tolist():
+            if frozenset((a, b)) not in explicit:
+                out.append((a, b, _friction(m, a, b)))
         if len(out) > MOST_PAIRS:
             raise MjcfError(f"more than {MOST_PAIRS:,} pairs of geoms may touch; exclude some")
     return out

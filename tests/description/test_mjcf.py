@@ -106,6 +106,21 @@ def test_same_distances(pair):
     (("</worldbody>", ""), "XML"),
     (('gravity="0 0 -9.81"/>', 'gravity="0 0 -9.81"><flag gravity="disable"/></option>'),
      "flag gravity is disabled"),
+    (('damping="0.1"', 'damping="0.1 2"'), "nonlinear damping is .2.0, 0.0."),
+    (('stiffness="200"', 'stiffness="200 5"'), "joint 'knee': nonlinear stiffness"),
+    (('axis="0 1 0" range', 'axis="0 1 0" actuatorfrcrange="-1 1" range'), "joint 'hip': actuatorfrcrange"),
+    (('<body name="thigh"', '<body name="thigh" gravcomp="1"'), "body 'thigh': gravcomp is 1.0"),
+    (('timestep="0.01"', 'timestep="0.01" density="1.2"'), "option density is 1.2"),
+    (('timestep="0.01"', 'timestep="0.01" viscosity="1e-3"'), "option viscosity is 0.001"),
+    (('gravity="0 0 -9.81"/>', 'gravity="0 0 -9.81"><flag constraint="disable"/></option>'),
+     "flag constraint is disabled"),
+    (('gravity="0 0 -9.81"/>', 'gravity="0 0 -9.81"><flag override="enable"/></option>'), "flag override"),
+    (('timestep="0.01"', 'timestep="0.01" actuatorgroupdisable="0"'), "its group 0 is disabled"),
+    (('gear="20"/>', 'gear="20" forcerange="-1 1"/>'), "forcerange is limited"),
+    (('gear="20"/>', 'gear="20" damping="1"/>'), "damping is 1.0"),
+    (('gear="20"/>', 'gear="20" armature="1"/>'), "armature is 1.0"),
+    (('<contact>', '<contact><pair geom1="floor" geom2="foot" condim="3" friction="0.9 0.1"/>'),
+     "'floor' and 'foot': its coefficients of sliding are .0.9, 0.1."),
 ])  # fmt: skip
 def test_what_is_refused_is_named(tmp_path, change, message):
     text = HOPPER.read_text()

@@ -1,0 +1,66 @@
+"""What acts in a MuJoCo model and has no counterpart here: refused by name, for `mjcf.py`.
+
+A field that a version of MuJoCo lacks says nothing: that version has not got what it stands for.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from .mjcf_plane import MjcfError
+
+FLAGS = ("GRAVITY", "LIMIT", "SPRING", "DAMPER", "ACTUATION")
+COUNTS = {"neq": "equality constraints", "ntendon": "tendons", "nflex": "flexes", "nplugin": "plugins"}
+MEDIUM = ("density", "viscosity")  # of what bodies move in: drag
+# fields that are zero where nothing of the kind acts, by the element that they belong to
+FIELDS = {
+    "joint": {
+        "dof_armature": "armature", "dof_frictionloss": "frictionloss",
+        "dof_dampingpoly": "nonlinear damping", "jnt_stiffnesspoly": "nonlinear stiffness",
+        "jnt_springyield": "a spring that yields", "jnt_actfrclimited": "actuatorfrcrange",
+    },
+    "body": {"body_gravcomp": "gravcomp"},
+    "actuator": {
+        "actuator_forcelimited": "forcerange", "actuator_armature": "armature", "actuator_damping": "damping",
+        "actuator_dampingpoly": "nonlinear damping", "actuator_delay": "delay",
+    },
+}  # fmt: skip
+
+
+def refuse_what_is_missing(m: Any) -> None:
+    """Raise MjcfError for the first thing that would act in MuJoCo and not here."""
+    _refuse_options(m)
+    for count, what in COUNTS.items():
+        if getattr(m, count, 0):
+            raise MjcfError(f"the model has {getattr(m, count)} {what}; they are not supported")
+    for kind, fields in FIELDS.items():
+        for field, what in fields.items():
+            values = np.asarray(getattr(m, field, ()))
+            for place in (i for i, value in enumerate(values) if np.any(value)):
+                owner = m.dof_jntid[place] if field.startswith("dof_") else place
+                name = getattr(m, kind)(int(owner)).name
+                value = np.round(values[place].astype(float), 9).tolist()
+                of = "is limited" if values.dtype == bool else f"is {value}"
+                raise MjcfError(f"{kind} {name!r}: {what} {of}; it is not supported")
+
+
+def _refuse_options(m: Any) -> None:
+    import mujoco
+
+    def disabled(flag: str) -> bool:
+        return bool(m.opt.disableflags & int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}", 0)))
+
+    for flag in (*FLAGS, *(("CONSTRAINT",) if m.jnt_limited.any() else ())):
+        if disabled(flag):
+            raise MjcfError(f"flag {flag.lower()} is disabled; leave out of the model what is not to act")
+    if m.opt.enableflags & int(mujoco.mjtEnableBit.mjENBL_OVERRIDE):
+        raise MjcfError("flag override is enabled; give the geoms the friction that they are to have")
+    for name in MEDIUM:
+        value = float(getattr(m.opt, name))
+        if value != 0.0:
+            raise MjcfError(f"option {name} is {value:g}; there is no drag of a medium")
+    for i in range(m.nu):
+        if 0 <= (group := int(m.actuator_group[i])) < 31 and m.opt.disableactuator >> group & 1:
+            raise MjcfError(
+                f"actuator {m.actuator(i).name!r}: its group {group} is disabled; leave it out of the model"
+            )
