@@ -116,6 +116,7 @@ def make_coulomb_solver(spec: Specialisation) -> wp.Function:
         lam: VR
         z: VR
         worst: dtype  # of the natural map, relative to the rows' sizes
+        least: dtype  # of all trials so far, where no row that is open at v_free lends others its size
 
     @wp.func
     def judge(dense: Dense, lam: VR):
@@ -126,6 +127,7 @@ def make_coulomb_solver(spec: Specialisation) -> wp.Function:
         b = dense.b
         mu = dense.mu
         size = dense.size
+        near = dense.near
         tangent = dense.tangent
         z = VR()
         for i in range(dense.count):
@@ -142,7 +144,10 @@ def make_coulomb_solver(spec: Specialisation) -> wp.Function:
                 bound = a[i, i] * mu[i] * wp.max(lam[i - 1], ZERO)
                 error = wp.abs(a[i, i] * lam[i] - wp.clamp(z[i], -bound, bound))
             # impulses that cancel may hide what is wrong, and may be all that is wrong
-            error = wp.max(error - EPSILON * rounding, PROOF * EPSILON * rounding) / size[i]
+            cancels = PROOF * EPSILON * rounding / size[i]
+            error = error - EPSILON * rounding
+            out.least = wp.max(out.least, wp.max(error / near[i], cancels))
+            error = wp.max(error / size[i], cancels)
             if not (error <= out.worst):  # a NaN stays
                 out.worst = error
         out.z = z
@@ -204,6 +209,8 @@ def make_coulomb_solver(spec: Specialisation) -> wp.Function:
             lam = active.impulses(dense, mode, lu, dense.b, here.lam, tau)
             here = judge(dense, lam)
             stalls = here.worst <= ENOUGH and here.worst > HALF * best.worst
+            here.least = wp.min(here.least, best.least)
+            best.least = here.least
             if here.worst < best.worst:
                 best = here
             if stalls or not (here.worst > TOL):
@@ -253,6 +260,7 @@ def make_coulomb_solver(spec: Specialisation) -> wp.Function:
         status = at_first(dense)
         best = Trial()
         best.worst = HUGE
+        best.least = HUGE
         codes = wp.where(dense.count <= MOST_ROWS, int(1) << dense.count, int(0))
         code = int(-1)  # of a combination, once all else was tried
         ray = int(0)
@@ -284,7 +292,7 @@ def make_coulomb_solver(spec: Specialisation) -> wp.Function:
             attempt += 1
             if attempt >= wp.static(ATTEMPTS):
                 code = next_code(dense, code)
-        if status == wp.static(NOT_CONVERGED) and ray == 1 and best.worst > NEARLY:
+        if status == wp.static(NOT_CONVERGED) and ray == 1 and best.least > NEARLY:
             if codes > 0:
                 status = wp.static(JAMMED)
         v = p.vfree

@@ -57,6 +57,7 @@ def make_active(spec: Specialisation) -> SimpleNamespace:
         mu: VR
         response: JR  # M^-1 J_i'
         size: VR  # of the terms of the natural map in every row, as J v_free, d/h and A set it
+        near: VR  # the same without the terms of other rows that are open at v_free
         own: VR  # of the row's own terms
         touching: dtype  # rounding of a gap over h
         shut: int  # 1: a row that no impulse moves (J = 0) is violated
@@ -75,7 +76,7 @@ def make_active(spec: Specialisation) -> SimpleNamespace:
         a, b, own, response = AR(), VR(), VR(), JR()
         row, tangent = MODES(), MODES()
         out.touching = CLOSE / world.params[wp.static(H)]
-        size = dtype(0.0)
+        size, closing = dtype(0.0), dtype(0.0)
         n = int(0)
         for i in range(wp.static(NR)):
             if (p.mask & wp.static(1 << i)) != 0:
@@ -92,6 +93,8 @@ def make_active(spec: Specialisation) -> SimpleNamespace:
                         terms += wp.abs(p.jac[i, j] * p.vfree[j])
                         lever = wp.max(lever, wp.abs(p.jac[i, j]))
                 size = wp.max(size, terms)
+                if wp.static(r.tangent[i]) or b[n] < ZERO:
+                    closing = wp.max(closing, terms)
                 own[n] = terms
                 for k in range(n + 1):
                     value = wp.static(r.dots[i])(p.jac, response[k])
@@ -115,17 +118,19 @@ def make_active(spec: Specialisation) -> SimpleNamespace:
         out.own = own
         out.a = a
         out.tangent = tangent
-        sizes = VR()
+        sizes, near = VR(), VR()
         most = wp.max(size, SMALLEST)
         noise = LENGTH / world.params[wp.static(H)]
         for i in range(n):
             # what opens a violated row may move others much faster than it (a guide along the surface)
-            value = most
+            value = wp.max(own[i], wp.max(closing, SMALLEST))
             for k in range(n):
                 if tangent[k] == 0 and b[k] < ZERO:
                     value = wp.max(value, -b[k] * wp.abs(a[i, k]) / a[k, k])
-            sizes[i] = value + noise
+            near[i] = value + noise
+            sizes[i] = wp.max(value, most) + noise
         out.size = sizes
+        out.near = near
         return out
 
     @wp.func

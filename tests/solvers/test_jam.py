@@ -51,7 +51,17 @@ def gantry() -> Scene:
                  step_size=0.01)  # fmt: skip
 
 
-MAKERS = {"slider": slider, "vice": vice, "gantry": gantry}
+def wheel() -> Scene:
+    """A disc all but centred on its own hinge between six planes, a limit far away, and a bystander: 13 rows
+    of two velocities.
+    """
+    bodies = (Body("wheel", 1.0, 0.1, anchor=(0.3, 0.7), lower=-50.0), Body("other", 1.0, 0.1))
+    planes = tuple(plane(f"plane{i}") for i in range(6))
+    return Scene("wheel", bodies, (Shape("rim", "wheel", "disc", 0.1, offset=(1e-3, 0.0)), *planes),
+                 tuple(Contact(p.name, "rim", 0.5) for p in planes), step_size=0.01)  # fmt: skip
+
+
+MAKERS = {"slider": slider, "vice": vice, "gantry": gantry, "wheel": wheel}
 
 
 @functools.cache
@@ -172,6 +182,36 @@ def test_a_slider_in_the_cone_of_its_own_guide_is_jammed(strategy):
         assert step.status[0] == status
         if status == slcp.Status.SOLVED:  # out of the plane in one step, or where it was
             assert step.state[0, 1] * 0.01 * math.sin(0.0734) == pytest.approx(-depth, abs=1e-12)
+
+
+def wheels(scene, rng, count):
+    """States and numbers of `wheel`: two planes deep, touching or apart, four apart."""
+    turn, gap = rng.uniform(-math.pi, math.pi, (count, 7)), rng.uniform(0.5, 1.5, (count, 7))
+    gap[:, :3] *= rng.choice([-1e-2, -1e-3, 0.0, 1e-4, 1e-2, 0.1, 1.0], (count, 3))
+    gap[:, 3:] *= rng.choice([1e-4, 1e-2, 0.1, 1.0], (count, 4))
+    offset = [0.3, 0.7] - np.stack([np.cos(turn), np.sin(turn)], -1) * (0.1 + gap)[..., None]
+    turn[:, 0], offset[:, 0] = 0.0, (1e-3, 0.0)
+    changes = {"shape_angle": turn, "shape_offset": offset, "step_size": np.full(count, 0.01),
+               "friction": rng.choice([0, 0.05, 0.2, 0.5, 1.0, 2.0], (count, 6)),
+               "mass": 10 ** rng.uniform(-2, 2, (count, 2)), "inertia": np.full((count, 2), 0.1)}  # fmt: skip
+    x = rng.standard_normal((count, 2 * scene.nv))
+    x[:, scene.nv :] *= rng.choice([0, 0.1, 1, 10], (count, 1))
+    return x, changes
+
+
+@pytest.mark.slow
+def test_a_limit_far_away_is_no_measure_of_a_jam():
+    """Its d/h of 5,000 rad/s made all that a contact misses small: nearly a solution, so never JAMMED."""
+    scene, sim = wheel(), simulator("wheel", wp.float32)
+    x, changes = wheels(scene, np.random.default_rng(3), 400)
+    status = sim.step(x.astype(np.float32), None, sim.params.replace(**changes)).status
+    jammed = np.flatnonzero(status == slcp.Status.JAMMED)
+    assert len(jammed) > 100 and (status == slcp.Status.NOT_CONVERGED).mean() < 0.02
+    some = jammed[::12]
+    for mass, jac, free, rate, mu, _ in posed(
+        scene, wp.float32, x[some], {k: v[some] for k, v in changes.items()}
+    ):
+        assert solutions(mass, jac, free, rate, mu) == [] and can_open(jac[::2], rate[::2])
 
 
 @pytest.mark.full
