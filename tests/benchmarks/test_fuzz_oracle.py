@@ -18,7 +18,7 @@ from slcp_warp.scripts.benchmarks.fuzz.judged import judged, predicted
 from slcp_warp.scripts.benchmarks.fuzz.problem import Problem, Truth
 from slcp_warp.scripts.benchmarks.fuzz.proofs import coulomb_solution, least_motion, opens
 from slcp_warp.scripts.benchmarks.fuzz.tasks import Task
-from slcp_warp.scripts.benchmarks.fuzz.verdicts import SILENT, WRONG, Verdicts
+from slcp_warp.scripts.benchmarks.fuzz.verdicts import SILENT, UNPROVEN, WRONG, Verdicts
 
 HARD = slcp.Options(residual="hard")
 JAMMED = Path(__file__).with_name("jammed_finger.json")
@@ -347,3 +347,29 @@ def test_a_stiff_spring_across_makes_forces_of_a_rounding():
     nudged = posed_at(-0.344757 * (1.0 + 6e-8))(None).drive.free
     assert sentence(pose, nudged, none)[0] == "holds"
     assert sentence(pose, v + 40.0 * (nudged - v), none)[:2] == (SILENT, "motion")
+
+
+def test_predicted_forces_of_points_that_are_nearly_one_are_not_known():
+    """Two points 2e-9 m apart: rounding turns their normal, and the impulses that it predicts, by 1e-8."""
+    task = Task(401, 1, "specialised", 4, ("hard",))
+    scene, (options, dtype) = task.make_scene(), task.methods()[0]
+    worlds = task.worlds(2, scene).part(np.arange(100, 110))  # that of 107 is pressed
+    _, known = predicted(scene, worlds, options, dtype)
+    assert not known[7] and known.sum() >= 6
+
+
+@pytest.mark.parametrize(("dtype", "verdict"), [("float32", UNPROVEN), ("float64", WRONG)])
+def test_a_solution_that_rounding_makes_or_not_does_not_refute_a_jam(dtype, verdict):
+    """Impulses of 3e9 N s, of whose 1e11 m/s a row keeps 300: the last digits of float32 decide."""
+    task = Task(403, 21, "specialised", 4)
+    scene = task.make_scene()
+    worlds = task.worlds(0, scene).part([180])
+    none = np.zeros((1, scene.structure.nr))
+    out = Outcome(worlds.x, none, none, np.array([slcp.Status.JAMMED]))
+    method = slcp.Options(residual="hard", friction="coulomb").method
+    truth = Truth(scene, worlds)
+
+    def pose(keep):
+        return Problem(truth, truth.drive(), method, dtype)
+
+    assert Verdicts(pose(None), out, pose).verdict.tolist() == [verdict]

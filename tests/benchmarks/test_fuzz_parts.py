@@ -62,6 +62,19 @@ def test_a_law_whose_scale_has_no_digits_is_not_solved():
         assert SILENT not in found.verdict
 
 
+@pytest.mark.slow
+def test_a_scale_that_no_answer_hangs_on_may_lack_digits():
+    """Rows that press by many sigma have the w that they have with any D: conditions of 4e4 to 1e6."""
+    task, ill = Task(82, 7, "generic"), [164, 168, 182, 207, 312, 383, 442, 443, 484]
+    scene = task.make_scene()
+    worlds, us = task.worlds(0, scene).part(ill), task.controls(0, scene)[ill]
+    run = roll(sim := simulator(scene, slcp.Options(), "float64", "generic"), worlds, us)
+    assert (run.status == slcp.Status.SOLVED).all()
+    for piece in follow(run, worlds, us).pieces():
+        found, _ = judged(piece.worlds, sim, None, out=piece.out)
+        assert (found.verdict == HOLDS).all() and found.problem.condition.min() > 4e4
+
+
 def test_every_part_has_tasks_that_draw_worlds():
     for part, what in PARTS.items():
         tasks = tasks_of(3, 20_000, 2, (), part)

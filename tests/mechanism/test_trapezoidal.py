@@ -32,6 +32,42 @@ def errors(sim, x0, exact, duration, step_sizes, **changes):
     return np.array(out)
 
 
+def kicked(q, k, h):
+    """M and v' of two equal links (1 kg, 1 m, inertia .1, mass in the middle) at rest, a spring k at the
+    second joint: (M + h^2/4 K_q) v' = -h (0, k q_2), K_q = d(M a + f)/dq_2 at constant a = -M^-1 (0, k q_2).
+    """
+    m = 0.25 + 0.1 + 0.5 * np.cos(q) * np.array([[2.0, 1.0], [1.0, 0.0]]) + np.array([[1.0, 0.0], [0.0, 0.0]])
+    m[0, 0] += 0.25 + 0.1
+    slope = -0.5 * np.sin(q) * np.array([[2.0, 1.0], [1.0, 0.0]])
+    pull = np.array([0.0, k])
+    by_q = np.zeros((2, 2))
+    by_q[:, 1] = pull - slope @ np.linalg.solve(m, pull * q)
+    return m, np.linalg.solve(m + h * h / 4 * by_q, -h * pull * q)
+
+
+def test_a_stiff_spring_kicks_the_other_joint_as_the_rule_says(device):
+    """h omega = .3 keeps the energy, 1 nearly; 2 and more multiply it, in the end by .15 (h omega)^2."""
+    upper = slcp.Body("upper", 1.0, 0.1, com=(0.5, 0.0))
+    lower = slcp.Body("lower", 1.0, 0.1, parent="upper", anchor=(1.0, 0.0), com=(0.5, 0.0), stiffness=1.0)
+    sim = trapezoidal(slcp.Scene("sprung_links", (upper, lower), gravity=(0.0, 0.0), step_size=0.01), device)
+    q, product = 0.7, np.array([0.1, 0.3, 1.0, 2.0, 3.0, 10.0, 1e2, 1e3, 1e4])
+    mass = kicked(q, 1.0, 0.01)[0]
+    k = (product / 0.01) ** 2 / np.linalg.inv(mass)[1, 1]
+    truth = [kicked(q, value, 0.01) for value in k]
+    stiffness = np.stack([0.0 * k, k], 1)
+    step = sim.step(np.tile([0.5, q, 0.0, 0.0], (len(k), 1)), None, sim.params.replace(stiffness=stiffness))
+    assert (step.status == 0).all()
+    gain = []
+    for i, (_, v) in enumerate(truth):
+        assert np.abs(step.state[i, 2:] - v).max() < 1e-5 * max(1.0, product[i] / 100) * np.abs(v).max()
+        x, m = np.asarray(step.state[i], float), mass * 1.0
+        m[0, :] += (np.cos(x[1]) - np.cos(q)) * np.array([1.0, 0.5])
+        m[1, 0] = m[0, 1]
+        gain.append((0.5 * x[2:] @ m @ x[2:] + 0.5 * k[i] * x[1] ** 2) / (0.5 * k[i] * q * q))
+    assert abs(gain[0] - 1) < 1e-3 and abs(gain[1] - 1) < 1e-2 and abs(gain[2] - 1) < 0.1
+    assert gain[3] > 2.0 and gain[4] > 8.0 and gain[-1] / gain[-2] == pytest.approx(100.0, rel=0.05)
+
+
 def test_free_swing_of_the_finger_is_second_order(device):
     """Undamped, T = 2 s, no limit and no contact in reach; 1e-2 at h = .05."""
     sc = scene("flicking_finger")

@@ -93,7 +93,8 @@ def predicted(scene: Scene, worlds: Worlds, options: Options, dtype: str) -> tup
     row can act, where the hard problem is solved by least distances, and where without dampers the common
     kernels solve Euler's problem under a force that gives it the same free velocity and the oracle confirms
     it. Mass matrices that amplify what is left of an error are left out, Coulomb's friction, which may have
-    several solutions, gaps at the end, whose predictor bends its rows, and what hangs on a rounding of gaps.
+    several solutions, gaps at the end, whose predictor bends its rows, and what hangs on a rounding of gaps
+    or of the normal between two points that are nearly one.
     """
     none = np.zeros((len(worlds.x), scene.nv))
     truth = Truth(scene, worlds)
@@ -110,7 +111,7 @@ def predicted(scene: Scene, worlds: Worlds, options: Options, dtype: str) -> tup
         for i in np.flatnonzero(~known).tolist():
             found = least_motion(p, i)
             if found is not None and p.condition[i] < WELL_POSED:
-                push[i], known[i] = found[0] - drive.free[i], True
+                push[i], known[i] = found[0] - drive.free[i], not (rounded.turned[i] & (found[1] > 0.0)).any()
                 found = least_motion(rounded, i)
                 other[i] = push[i] if found is None else found[0] - drive.free[i]
         change = np.abs(truth.drive(other).rhs - truth.drive(push).rhs)
@@ -126,6 +127,6 @@ def predicted(scene: Scene, worlds: Worlds, options: Options, dtype: str) -> tup
     verdicts, done = judged(worlds, sim, force=force)
     sure = (verdicts.verdict == HOLDS) & (np.asarray(done.status) == Status.SOLVED)
     sure &= ~known & ~truth.motion.damping.any((1, 2))
-    sure &= p.condition < WELL_POSED
+    sure &= (p.condition < WELL_POSED) & ~(rounded.turned & (np.asarray(done.impulse) > 0.0)).any(1)
     found = np.asarray(done.state, float)[:, scene.nv :] - drive.free
     return np.where(sure[:, None], found, push), known | sure

@@ -260,6 +260,13 @@ class Problem:
         return out
 
     @property
+    def turned(self) -> Array:
+        """Whether rounding turns a row's normal by more than the tolerance (B, nr)."""
+        rows = [(row.kind == "contact", row.index) for row in self.truth.s.rows]
+        bends = [self.truth.touches.bend[:, k] if contact else 0.0 * self.truth.h for contact, k in rows]
+        return _stack([bend * self.loose > 1.0 for bend in bends], self.truth.h > 0.0)
+
+    @property
     def digitless(self) -> Array:
         """Where the matrices of the step may be said to have no digits (B,): H, or the trapezoidal method's,
         whose accelerations have lost the digits of H's condition.

@@ -15,7 +15,7 @@ from slcp_warp.options import Status
 from slcp_warp.results.pictures.kinematics import Array
 
 from .judge import Errors, Outcome, ended, judge
-from .problem import FLOOR, Problem
+from .problem import EPSILON, FLOOR, Problem
 from .proofs import coulomb_solution, least_motion, opens, widest_opening
 
 HOLDS, AMBIGUOUS, STATUS, UNPROVEN, WRONG, SILENT = (
@@ -26,6 +26,7 @@ PROOFS = 500  # of one kind for a batch at most: the rest is counted as unproven
 TRIALS = 15  # of all modes: the same
 SLACK = 10.0  # by which an answer may be larger than an independent solution
 NO_NUMBER = "NONFINITE from finite numbers"
+HALF_ULP = 2.0**-24  # of an overlap's lengths: by so much single precision may have made it
 BEYOND = 1e6  # of the data's speeds: INFEASIBLE says that no velocity below opens the rows
 CLEAR = 1e-5  # an opening this wide, in units of the world's speeds, refutes INFEASIBLE
 
@@ -93,6 +94,9 @@ class Verdicts:
             found = self._tried(p, near, exact=True)
         if found is False:
             return self._set(i, UNPROVEN, "too many modes")
+        if found is None and not p.method.coulomb and p.dtype == "float32":
+            p.start_from(p.rate + np.clip(-p.rate, 0.0, HALF_ULP * p.size))
+            found = least_motion(p, 0)
         if found is None and not p.method.coulomb and not self._is_runaway(p, i) and opens(p, 0):
             return self._set(i, UNPROVEN, "a solution beyond rounding")
         if found is None:
@@ -152,8 +156,17 @@ class Verdicts:
                 v, lam = found
                 near = (lam != 0.0) | (p.rate[0] + p.jac[0] @ v < 1e-2 * p.terms(np.abs(p.truth.v))[0])
                 found = coulomb_solution(p, 0, near, exact=True)
-            if found is False:
+            if found is False or (isinstance(found, tuple) and _hangs_on_rounding(p, found[1])):
                 self._set(i, UNPROVEN, status.name)
             elif found is not None:
                 self._set(i, WRONG, "JAMMED, but a solution exists")
         return None
+
+
+def _hangs_on_rounding(p: Problem, lam: Array) -> bool:
+    """Whether impulses (nr,) of the only world are so large that rounding of a row's entries counts as much
+    as the largest of what the data set of any: such a solution is there or not by rounding.
+    """
+    moved = np.abs(p.a[0]) @ np.abs(lam)
+    told = p.terms(np.abs(p.truth.v) + np.abs(p.drive.free))[0]
+    return bool(EPSILON[p.dtype] * np.max(moved) > np.max(told))
