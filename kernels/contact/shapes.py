@@ -11,17 +11,38 @@ from .distance import make_distance, make_round_support
 
 
 @cached
-def make_upright(dtype: type) -> wp.Function:
-    """upright(c) -> c, or 0 where the cosine or sine of a right angle left its rounding: the normal of level
-    ground has no part along it, by which it could move what slides on it.
+def make_upright(dtype: type, given: type | None = None) -> wp.Function:
+    """upright(c) -> c, or 0 where the cosine or sine of a right angle, `given` in less precision or not, left
+    its rounding: the normal of level ground has no part along it, by which it could move what slides on it.
     """
-    ZERO, ROUNDING = dtype(0.0), dtype(4e-16 if dtype is wp.float64 else 2e-7)
+    ZERO, ROUNDING = dtype(0.0), dtype(4e-16 if (given or dtype) is wp.float64 else 2e-7)
 
     @wp.func
     def upright(c: dtype):
         return wp.where(wp.abs(c) < ROUNDING, ZERO, c)
 
     return upright
+
+
+@cached
+def make_told(dtype: type, given: type) -> wp.Function:
+    """told(gap, n, ra, rb, pa, pb) -> a distance along n, less what rounding may have made of it, or 0:
+    centres and radii are given in single precision to kernels that work in double.
+    """
+    V2, V4 = wp.types.vector(2, dtype), wp.types.vector(4, dtype)
+    ROUNDING = dtype(2.0**-24)
+
+    @wp.func
+    def told(gap: dtype, n: V2, ra: V2, rb: V2, pa: V4, pb: V4):
+        if wp.static(given is not wp.float32):
+            return gap
+        lengths = wp.abs(n[0]) * (wp.abs(pa[0]) + wp.abs(pb[0]))
+        lengths += wp.abs(n[1]) * (wp.abs(pa[1]) + wp.abs(pb[1]))
+        lengths += wp.max(ra[0], ra[1]) + wp.max(rb[0], rb[1])
+        rounds = ROUNDING * lengths
+        return gap - wp.clamp(gap, -rounds, rounds)
+
+    return told
 
 
 @cached

@@ -9,7 +9,7 @@ import warp as wp
 
 from ..contact.distance import make_distance
 from ..contact.problem import COLD
-from ..contact.shapes import make_upright
+from ..contact.shapes import make_told, make_upright
 from ..factories import cached
 from ..residual.smoothing import make_smoothing
 from ..structure import CAPSULE, DISC, ELLIPSE, HALFPLANE, WORLD
@@ -39,7 +39,7 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
         COLUMN[n]
         for n in ("step_size", "sigma", "lower", "upper", "friction", "radius", "shape_offset", "shape_angle")
     )
-    upright = make_upright(dtype)
+    upright, told = make_upright(dtype, given), make_told(dtype, given)
     long_distance = make_distance(CAPSULE, DISC, dtype)
     plane_distance = make_distance(HALFPLANE, ELLIPSE, dtype)
     round_distance = make_distance(ELLIPSE, ELLIPSE, dtype)
@@ -54,7 +54,7 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
                 angle = number(t, k, TURNED, i)
                 ex = upright(wp.cos(angle))
                 ey = upright(wp.sin(angle))
-            k.local[i] = V4(number(t, k, OFFSET, 2 * i), number(t, k, OFFSET, 2 * i + 1), ex, ey)
+            k.shape[t.shapes + i] = V4(number(t, k, OFFSET, 2 * i), number(t, k, OFFSET, 2 * i + 1), ex, ey)
         broad.measure(t, k)
         broad.list_all(t, k)
 
@@ -62,7 +62,7 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
     def move_shapes(t: wp.ref[Topology], k: wp.ref[Slot]):
         """Centre and axis of every shape in the world."""
         for i in range(t.shapes):
-            p = k.local[i]
+            p = k.shape[t.shapes + i]
             body = t.shape_body[i]
             if body != WORLD:
                 f = k.frame[body]
@@ -105,7 +105,9 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
 
     @wp.func(inline=False)
     def geometry(t: wp.ref[Topology], k: wp.ref[Slot], pair: int):
-        """GEO of a pair; the search starts at the last normal, which it replaces."""
+        """GEO of a pair, its distance as far as the data tell it; the search starts at the last normal, which
+        it replaces.
+        """
         pa = pose_a(t, k, pair)
         pb = pose_b(t, k, pair)
         ra = radii_a(t, k, pair)
@@ -118,6 +120,7 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
         else:
             g = round_distance.geometry(ra, rb, pa, pb, k.normal[pair])
         k.normal[pair] = V2(g[0], g[1])
+        g[2] = told(g[2], k.normal[pair], ra, rb, pa, pb)
         return g
 
     @wp.func

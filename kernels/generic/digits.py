@@ -1,8 +1,10 @@
 """Whether D = diag(J N^-1 J') of a smoothed law, (M3) and (M17), has the digits that a solution is judged by.
 
 D of a row is J y with y = N^-1 J'. Where N is ill-conditioned y is off, and J y with it, to first order by
-y (J' - N y). The law is then another row's: where what D lacks, times lambda, is more than the row is judged
-by, the step is NOT_CONVERGED. Hard contact does not ask for D, and without inertia scaling it is 1.
+y (J' - N y); D with this added is no better, as the entries of N have lost the same digits. The law is then
+another row's: it moves D lambda by what D lacks times lambda, and w by s'(-z)/s'(z) times that, next to
+nothing of a row that presses by many sigma. Where the less of both is more than the row is judged by, the
+step is NOT_CONVERGED. Hard contact does not ask for D, and without inertia scaling it is 1.
 """
 
 from types import SimpleNamespace
@@ -23,8 +25,9 @@ MOST = {wp.float64: 1e-9, wp.float32: 1e-6}  # of the size of a row's terms, by 
 def make_digits(given: type, residual: str) -> SimpleNamespace:
     """is_ill(t, k, o): whether N of an island's bodies may cost D digits; loses(t, k, o): whether it does."""
     dtype = WORK
-    env = make_newton(given, residual).env
-    ZERO, WHOLE = dtype(0.0), dtype(MOST[given])
+    nt = make_newton(given, residual)
+    env = nt.env
+    ZERO, ONE, WHOLE = dtype(0.0), dtype(1.0), dtype(MOST[given])
 
     @wp.func
     def is_ill(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
@@ -68,7 +71,8 @@ def make_digits(given: type, residual: str) -> SimpleNamespace:
     def loses(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
         for r in range(o.row, o.last_row):
             if k.acting[r] > 0 and k.lam[r] > ZERO:
-                lost = wp.abs(refined(t, k, r) - k.diag[r]) * k.lam[r]
+                e = nt.smooth(k, r, k.z[r])
+                lost = wp.abs(refined(t, k, r) - k.diag[r]) * k.lam[r] * wp.min(ONE, e[3] / e[2])
                 if not (lost <= WHOLE * k.own[r]):
                     return True
         return False

@@ -1,10 +1,10 @@
 """Primal and dual interior-point method of the generic kernels.
 
 a = D lambda > 0 and w > 0, a w = m(a - w) + mu, as in `solvers/interior.py`, but v' is an unknown too and
-need not balance the impulses before the end. Warm it starts from the last impulses and what they make of v';
-cold with a as large as all momentum of the scene on one row could make it (a hundredth of that): from small
-impulses a heap of unequal masses took several times the iterations. A step is aimed at the mean of a w that
-the straight one suggests, with what that leaves of a w (Mehrotra).
+need not balance the impulses before the end. Warm it starts where Newton's method came nearest, with one a w
+for all rows; cold with a as large as all momentum of the scene on one row could make it (a hundredth of
+that): from small impulses a heap of unequal masses took several times the iterations. A step is aimed at the
+mean of a w that the straight one suggests, with what that leaves of a w (Mehrotra).
 """
 
 from types import SimpleNamespace
@@ -12,12 +12,17 @@ from types import SimpleNamespace
 import warp as wp
 
 from ..factories import cached
-from .newton import make_newton
-from .topology import Topology
+from .mechanism import COLUMN
+from .newton import TOLERANCE, make_newton
+from .topology import CONTACT, Topology
 from .work import V3, WORK, Island, Slot
 
 MAX_ITERATIONS = 80
 MOMENTUM = 0.01
+CENTRE = {
+    True: 0.1,
+    False: 0.03,
+}  # sqrt(a w) of a warm start (hard or not), relative to the size of the problem
 
 
 @cached
@@ -30,10 +35,13 @@ def make_interior(given: type, residual: str) -> SimpleNamespace:
     SHARE = dtype(MOMENTUM)
     POSITIVE = dtype(0.01)  # smallest weight, relative to that of the hard problem
     TRUSTED = dtype(0.8)  # length of a straight step whose second order is believed
-    FLOORED = dtype(0.1)  # a and w of a warm start, relative to the size of the problem
+    MEAN = dtype(CENTRE[hard])
+    FARTHEST_Z = dtype(10.0)  # of a warm start, relative to the size of the problem
     NEAREST, CLOSE = dtype(1e-6), dtype(0.005)  # kept of the way to the boundary
     CAREFUL, FARTHEST = dtype(1e-3), dtype(0.1)  # where that failed
-    TINY = dtype(1e-30)
+    TINY, SEEN = dtype(1e-30), dtype(TOLERANCE)
+    HALF_ULP, LENGTHS = dtype(2.0**-24), dtype(4.0)  # of float32; a gap is of two centres and two radii
+    RADIUS, H = COLUMN["radius"], COLUMN["step_size"]
     DIVERGED = dtype(1e12)
     FASTEST = dtype(1e6)  # V, relative to the size of the problem and to v_free
 
@@ -86,9 +94,25 @@ def make_interior(given: type, residual: str) -> SimpleNamespace:
                     k.cross[r] = wp.where(step > TRUSTED, ONE, step * step) * da * dw
         return mean / n
 
+    @wp.func
+    def rounding(t: wp.ref[Topology], k: wp.ref[Slot]):
+        """What `told` of `contact/shapes.py` may have taken of any d/h, at most."""
+        largest = dtype(0.0)
+        for i in range(t.shapes):
+            p = k.shape[i]
+            at = t.columns[RADIUS] + 2 * i
+            largest = wp.max(largest, wp.abs(p[0]) + wp.abs(p[1]))
+            largest = wp.max(largest, wp.max(k.numbers[at], k.numbers[at + 1]))
+        return HALF_ULP * LENGTHS * largest / k.numbers[t.columns[H]]
+
     @wp.func(inline=False)
     def proves_infeasible(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, size: dtype):
-        """Farkas: lambda >= 0 and -lambda . d/h > |J' lambda| . V prove that no |v'| <= V opens the rows."""
+        """Farkas: lambda >= 0 and -lambda . d/h > |J' lambda| . V prove that no |v'| <= V opens the rows,
+        whatever the gaps are within rounding.
+        """
+        rounds = dtype(0.0)
+        if wp.static(given is wp.float32):
+            rounds = rounding(t, k)
         for place in range(o.start, o.end):
             k.move[k.block[place]] = V3()
         work = dtype(0.0)
@@ -96,6 +120,8 @@ def make_interior(given: type, residual: str) -> SimpleNamespace:
             k.weight[r] = ZERO
             if k.acting[r] > 0:
                 work -= k.lam[r] * k.rate[r]
+                if t.row_kind[k.row[r]] == CONTACT:
+                    work -= k.lam[r] * rounds
                 k.weight[r] = k.lam[r]
         nt.add_pushes(t, k, o)
         most = dtype(0.0)
@@ -106,46 +132,50 @@ def make_interior(given: type, residual: str) -> SimpleNamespace:
         return work > most * FASTEST
 
     @wp.func
-    def impulsive(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
-        """k.v = v_free + M^-1 J' k.least"""
-        for place in range(o.start, o.end):
-            k.move[k.block[place]] = V3()
+    def centre(k: wp.ref[Slot], o: Island, size: dtype):
+        """a and w to start from where Newton's method came nearest: a - w = z, a w the same of all rows
+        beyond what the curve asks for. The largest a.
+        """
+        largest = dtype(0.0)
+        mu = MEAN * size * MEAN * size
         for r in range(o.row, o.last_row):
-            k.weight[r] = wp.where(k.acting[r] > 0, k.least[r], ZERO)
-        nt.add_pushes(t, k, o)
-        for place in range(o.start, o.end):
-            u = t.block_unit[k.block[place]]
-            start = t.unit_start[u]
-            if k.block[place] == start:
-                end = t.unit_start[u + 1]
-                nt.env.solve(k.mass_factor, t.mass_first, t.mass_at, t.block_id, k.move, start, end)
-        for place in range(o.start, o.end):
-            i = k.block[place]
-            k.v[i] = k.vfree[i] + k.move[i]
+            k.least[r] = ZERO
+            if k.acting[r] > 0:
+                z = wp.clamp(k.z[r], -FARTHEST_Z * size, FARTHEST_Z * size)
+                on = nt.smooth(k, r, z)
+                tail = wp.min(on[0], on[1])
+                big = HALF * (wp.abs(z) + wp.sqrt(z * z + (ONE + ONE) * (ONE + ONE) * mu))
+                small = mu / big + tail
+                big += tail
+                k.a[r] = wp.where(z > ZERO, big, small)
+                k.w[r] = wp.where(z > ZERO, small, big)
+                largest = wp.max(largest, big)
+        return largest
 
-    @wp.func(inline=False)
-    def enter(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, size: dtype, yielding: dtype, cold: int):
-        """v', and a, w > 0 to start from; the largest a that does not count as diverged."""
+    @wp.func
+    def from_afar(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, size: dtype, yielding: dtype):
+        """v', a and w to start from where nothing is known; the largest a."""
         momentum = dtype(0.0)
         for place in range(o.start, o.end):
             i = k.block[place]
             k.v[i] = k.vfree[i]
             momentum += wp.dot(wp.get_diag(k.mass[t.mass_at[i] + i]), wp.abs(k.vfree[i]))
-        if cold == 0:
-            impulsive(t, k, o)
         largest = dtype(0.0)
         for r in range(o.row, o.last_row):
             if k.acting[r] > 0:
                 w = k.rate[r] - yielding * k.diag[r] * k.least[r] + nt.dot(t, k, k.v, r)
                 alone = nt.smooth(k, r, -w)
-                if cold == 1:
-                    k.a[r] = alone[0] + size + SHARE * k.scale[r] * momentum
-                    k.w[r] = alone[1] + size
-                else:
-                    k.a[r] = wp.max(k.scale[r] * k.least[r], FLOORED * size)
-                    k.w[r] = wp.max(w, FLOORED * size)
-                largest = wp.max(largest, wp.max(k.a[r], alone[0] + size))
-        return DIVERGED * (largest + size)
+                k.a[r] = alone[0] + size + SHARE * k.scale[r] * momentum
+                k.w[r] = alone[1] + size
+                largest = wp.max(largest, k.a[r])
+        return largest
+
+    @wp.func(inline=False)
+    def enter(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, size: dtype, yielding: dtype, cold: int):
+        """v', and a, w > 0 to start from; the largest a that does not count as diverged."""
+        if cold == 0:
+            return DIVERGED * (centre(k, o, size) + size)
+        return DIVERGED * (from_afar(t, k, o, size, yielding) + size)
 
     @wp.func
     def aim(
@@ -185,18 +215,32 @@ def make_interior(given: type, residual: str) -> SimpleNamespace:
                     kept = wp.clamp(kept, NEAREST, CLOSE)
         return step
 
+    @wp.func
+    def leaves(k: wp.ref[Slot], r: int):
+        """Whether z of a hard row has left the set that the last factor was made for, of those that press or
+        of those that do not, by more than rounding.
+        """
+        far = SEEN * k.unit[r]
+        return (k.p[r] > HALF and k.z[r] < -far) or (k.p[r] < HALF and k.z[r] > far)
+
     @wp.func(inline=False)
     def advance(k: wp.ref[Slot], o: Island, n: dtype, inside: int, step: dtype):
-        """Make the step; inside with what `curve` finds there, whose mean is given back."""
+        """Make the step; inside with what `curve` finds there, whose mean is given back. Of hard rows outside
+        the number of those that leave the set that the step was made for.
+        """
         for place in range(o.start, o.end):
             i = k.block[place]
             k.v[i] = k.v[i] + step * k.move[i]
-        mean = dtype(0.0)
+        mean, leaving = dtype(0.0), dtype(0.0)
         for r in range(o.row, o.last_row):
             if k.acting[r] > 0:
                 dz = k.dz[r]
                 if inside == 0:
-                    k.z[r] = k.z[r] + dz
+                    z = k.z[r] + dz
+                    k.z[r] = z
+                    if wp.static(hard):
+                        if leaves(k, r):
+                            leaving += ONE
                 else:
                     e = k.aimed[r]
                     a = k.a[r] + step * (k.p[r] * dz + e)
@@ -214,8 +258,8 @@ def make_interior(given: type, residual: str) -> SimpleNamespace:
                     k.a[r] = a
                     k.w[r] = w
                     mean += bend(k, r, a, w, excess, slope)
-        return mean / n
+        return wp.where(inside == 1, mean / n, leaving)
 
     return SimpleNamespace(
-        enter=enter, curve=curve, aim=aim, advance=advance, proves_infeasible=proves_infeasible
+        enter=enter, curve=curve, aim=aim, leaves=leaves, advance=advance, proves_infeasible=proves_infeasible
     )

@@ -7,7 +7,7 @@ from ..factories import cached
 from ..status import INFEASIBLE, JAMMED, NONFINITE, NOT_CONVERGED, SOLVED
 from .contact import ROUNDING, make_contact
 from .friction.coulomb import COULOMB_PASSES, RETREATS, make_coulomb
-from .friction.direct import MOVES, RELAXED, STILL, make_direct
+from .friction.direct import MANY, MOVES, RELAXED, STILL, make_direct
 from .friction.jam import make_jam
 from .mechanism import COLUMN, make_mechanism
 from .search import ALL_ATTEMPTS, QUICK_ATTEMPTS, make_solver
@@ -15,6 +15,7 @@ from .topology import Topology
 from .work import WORK, Island, Slot
 
 NOWHERE = -1e30
+RELAXING = 20  # passes of the fixed point before paths start again, of islands of many blocks
 RESTING = 1e-3  # of the fastest approach in an island, with which a row without a last step lies still
 
 
@@ -80,6 +81,24 @@ def make_island(given: type, residual: str) -> wp.Function:
             k.miss[r] = ZERO
             k.target[r] = ZERO
 
+    @wp.func(inline=False)
+    def relax(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, closes: dtype):
+        """A convex solution from nothing, of many blocks some passes of the fixed point further."""
+        free(k, o)
+        direct.drop_lifts(k, o)
+        for r in range(o.row, o.last_row):
+            k.z[r] = UNUSED
+            k.acting[r] = wp.min(k.acting[r], 1)
+        count_rows(t, k, o, closes)
+        most = wp.where(o.end - o.start > wp.static(MANY), wp.static(RELAXING), 0)
+        passes = int(0)
+        going = int(1)
+        while going == 1:
+            going = int(0)
+            if solve(t, k, o, wp.static(QUICK_ATTEMPTS)) == wp.static(SOLVED) and passes < most:
+                going = friction.lift(t, k, o, passes)
+                passes += 1
+
     @wp.func
     def directly(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, known: int, closes: dtype):
         """Coulomb's friction without a fixed point: SOLVED, NONFINITE or NOT_CONVERGED."""
@@ -88,15 +107,10 @@ def make_island(given: type, residual: str) -> wp.Function:
         more = int(1)
         while more == 1:
             if start == wp.static(RELAXED):
-                free(k, o)
-                direct.drop_lifts(k, o)
-                for r in range(o.row, o.last_row):
-                    k.z[r] = UNUSED
-                    k.acting[r] = wp.min(k.acting[r], 1)
-                count_rows(t, k, o, closes)
-                solve(t, k, o, wp.static(QUICK_ATTEMPTS))
+                relax(t, k, o, closes)
             status = direct.stick_and_slide(t, k, o, start)
-            more = wp.where(status == wp.static(NOT_CONVERGED) and start == wp.static(STILL), 1, 0)
+            failed = status == wp.static(NOT_CONVERGED)
+            more = wp.where(failed and direct.is_relaxed_next(o, start), 1, 0)
             start = wp.static(RELAXED)
         return status
 

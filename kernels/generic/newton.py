@@ -39,6 +39,7 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
     ZERO, HALF, ONE = dtype(0.0), dtype(0.5), dtype(1.0)
     LOST, UNLOST = dtype(ROUNDING), dtype(1.0 / ROUNDING)
     TOLD = dtype(GIVEN[given] * ACCEPTED[given] / SUMMED[given])
+    PRESSES, SEEN, FOUR, SIXTH = dtype(2.0), dtype(TOLERANCE), dtype(4.0), dtype(1.0 / 6.0)
     TAU, GOOD, HUGE = dtype(PROXIMAL), dtype(ACCEPTED[given]), dtype(1e300)
 
     @wp.func
@@ -123,6 +124,17 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
         changed = wp.where(k.p[r] != p, 1, 0)
         k.p[r] = p
         return changed
+
+    @wp.func
+    def chord(k: wp.ref[Slot], r: int, res: dtype):
+        """The slope of s(-z) of a row that presses, on its way to what J v' + d/h is instead of where z is:
+        with an exponential's own slope w would fall by a factor of e an iteration at most.
+        """
+        w = k.w[r]
+        if k.z[r] > PRESSES * k.sigma[r] and w > SEEN * k.unit[r]:
+            x = wp.max(ONE + res / w, ZERO)
+            mean = (FOUR * wp.sqrt(x) + ONE + x) * SIXTH  # of 1 and x, the logarithmic one in good measure
+            k.slack[r] = k.slack[r] * wp.clamp(mean, HALF, ONE + ONE)
 
     @wp.func(inline=False)
     def exchange(t: wp.ref[Topology], k: wp.ref[Slot], g: int):
@@ -245,6 +257,8 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
                     if inside == 1:
                         largest = wp.where(k.a[r] > largest, k.a[r], largest)
                         res += yielding * k.diag[r] * (lam - k.least[r])
+                    elif wp.static(not hard):
+                        chord(k, r, res)
                     k.res[r] = res
                     if wp.abs(res) > worst * k.unit[r]:
                         worst = wp.abs(res) / k.unit[r]
@@ -258,8 +272,7 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
                 if entries == 2:
                     k.balance[two] = k.balance[two] - V3(p, q, s)
                     k.move[two] = k.move[two] + V3(ap, aq, az2)
-        if not wp.isfinite(finite):
-            worst = ZERO + HUGE
+        worst = wp.where(wp.isfinite(finite), worst, HUGE)
         return wp.max(worst, imbalance(k, o)), changed, largest
 
     @wp.func

@@ -44,7 +44,7 @@ def make_order() -> SimpleNamespace:
     @wp.func
     def link(k: wp.ref[Slot], u: int, other: int):
         """An arrow of the graph, once."""
-        start = k.link_start[u]
+        start = k.island_group[u]
         new = int(1)
         for e in range(start, start + k.at[u]):
             if k.link[e] == other:
@@ -55,9 +55,11 @@ def make_order() -> SimpleNamespace:
 
     @wp.func
     def graph(t: wp.ref[Topology], k: wp.ref[Slot]):
-        """Which units near pairs connect; a unit's neighbours by their own number of neighbours."""
+        """Which units near pairs connect; a unit's neighbours, from k.island_group on in k.link, by their own
+        number of neighbours.
+        """
         for u in range(t.units + 1):
-            k.link_start[u] = 0
+            k.island_group[u] = 0
             if u < t.units:
                 k.at[u] = 0
         for u in range(t.units):
@@ -69,9 +71,9 @@ def make_order() -> SimpleNamespace:
                 u = t.pair_unit[2 * k.near[n] + side]
                 if u >= 0:
                     k.island[u] = wp.static(WAITING)
-                    k.link_start[u + 1] = k.link_start[u + 1] + 1
+                    k.island_group[u + 1] = k.island_group[u + 1] + 1
         for u in range(t.units):
-            k.link_start[u + 1] = k.link_start[u + 1] + k.link_start[u]
+            k.island_group[u + 1] = k.island_group[u + 1] + k.island_group[u]
         for n in range(k.count[wp.static(NEAR)]):
             one = t.pair_unit[2 * k.near[n]]
             two = t.pair_unit[2 * k.near[n] + 1]
@@ -79,7 +81,7 @@ def make_order() -> SimpleNamespace:
                 link(k, one, two)
                 link(k, two, one)
         for u in range(t.units):
-            start = k.link_start[u]
+            start = k.island_group[u]
             for e in range(start + 1, start + k.at[u]):
                 other = k.link[e]
                 at = int(e)
@@ -98,7 +100,7 @@ def make_order() -> SimpleNamespace:
         while head < end:
             u = k.queue[head]
             head += 1
-            for e in range(k.link_start[u], k.link_start[u] + k.at[u]):
+            for e in range(k.island_group[u], k.island_group[u] + k.at[u]):
                 other = k.link[e]
                 if k.island[other] != mark:
                     k.island[other] = mark

@@ -17,15 +17,17 @@ from .interior import MAX_ITERATIONS, make_interior
 from .newton import ACCEPTED, REFINED, TOLERANCE, make_newton
 from .scales import make_scales
 from .topology import Topology
-from .work import WORK, Island, Slot
+from .work import V3, WORK, Island, Slot
 
 WARM, COLD, YIELDING = 1, 2, 3  # attempts after Newton's method alone: the last are ROUNDS where rows yield
 ROUNDS = 3  # for impulses that are the least there are
 ALL_ATTEMPTS, QUICK_ATTEMPTS = YIELDING + ROUNDS, COLD  # all, or only those from what is known
-WARM_ITERATIONS, POLISHING = {True: 12, False: 8}, 12  # of Newton's method before (hard or not) and after
+WARM_ITERATIONS, POLISHING = {True: 16, False: 12}, 12  # of Newton's method before and after
+NEARLY = {True: 0, False: 12}  # more before, where it has nearly ended (hard or not)
 RESTS = 1e-12  # residual at which the last solution is one of this step: gaps round, at some height
 PATIENCE = 6  # iterations of it without a gain, where it has nearly ended
-SETS = {True: 4, False: 2}  # and before: of hard rows sets change before the residual falls
+SETS = {True: 6, False: 4}  # and before (hard or not): fewer rows change sets, or the residual falls
+GAIN = {True: 0.5, False: 0.8}  # what counts as one, before: smoothed rows may take shortened steps
 # end: sqrt(mu) and residuals relative to the size of the problem
 END = {
     False: (1e-10, 1e-13),
@@ -54,7 +56,8 @@ class Search:
     rest: WORK  # residual at which Newton's method is not even begun
     tried: WORK  # sqrt(mu) at which Newton's method is tried next
     bent: int  # 1: excess and weights of the interior point are those at hand
-    mean: WORK  # |excess| there
+    mean: WORK  # |excess| there; outside, of hard rows, how many left their set in the last step
+    missing: WORK  # what the equations missed at the last one; of hard rows the fewest that left their set
     last: int  # 1: the best point of Newton's method is the one at hand
     attempts: int  # that may be made
 
@@ -69,18 +72,14 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
     scales, digits = make_scales(given, residual), make_digits(given, residual)
     hard = residual == "hard"
     LIMIT, RESIDUAL = (dtype(x) for x in END[hard])
-    ZERO, HALF = dtype(0.0), dtype(0.5)
+    ZERO, HALF, LESS = dtype(0.0), dtype(0.5), dtype(GAIN[hard])
     GOOD, MORE = nt.GOOD, earned.MORE
     AIM, FINE, NEAR = dtype(TOLERANCE), dtype(min(ACCEPTED[given], REFINED)), dtype(1e-4)
+    FEW = dtype(6.0)  # rows that leave their sets, of which patience is worth while
+    SHORTER, SHORTEST = dtype(0.3), dtype(0.02)  # of a step of Newton's method
     TINY, HUGE, REST = dtype(1e-30), dtype(1e300), dtype(RESTS)
     LEAST, SLOW = dtype(YIELDS[given]), dtype(0.99)
     SHRINK = dtype(1e-3)  # of the yielding from round to round, of sqrt(mu) from trial to trial
-
-    @wp.func
-    def remember(k: wp.ref[Slot], o: Island):
-        """k.least: what rows pressed last."""
-        for r in range(o.row, o.last_row):
-            k.least[r] = k.lam[r]
 
     @wp.func
     def keep_least(k: wp.ref[Slot], o: Island, attempt: int):
@@ -137,8 +136,10 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
         """Keep the best point of Newton's method; 1 if its iterations end here: at the aim, where there is no
         gain, or at once where the last step's solution is one of this.
         """
-        if worst > HALF * s.best:
+        if worst > wp.where(s.attempt == 0, LESS, HALF) * s.best and (s.attempt > 0 or s.mean == ZERO):
             s.misses = s.misses + 1
+        if worst <= FINE and s.best > FINE:
+            s.misses = 0  # what went before is no reason to end short of rounding
         s.last = wp.where(worst < s.best, 1, 0)
         if s.last == 1:
             s.best = worst
@@ -146,8 +147,11 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
         most = int(wp.static(POLISHING))
         aim = AIM + ZERO
         if s.attempt == 0:
-            patience = wp.static(SETS[hard])
+            if wp.static(hard) or s.best > FINE:
+                patience = wp.static(SETS[hard])
             most = wp.static(WARM_ITERATIONS[hard])
+            if s.best < NEAR:
+                most += wp.static(NEARLY[hard])
             if s.it == 1:
                 aim = s.rest + ZERO
         if s.best > FINE and s.best < NEAR:  # nearly solved
@@ -176,6 +180,87 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
         if s.attempt == wp.static(WARM) and mean <= s.tried * s.tried * size * size:
             return 2
         return 0
+
+    @wp.func
+    def missing(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+        """What the equations miss, in energy: |r1|^2 in M^-1 and |r2|^2 in D^-1."""
+        total = dtype(0.0)
+        for place in range(o.start, o.end):
+            i = k.block[place]
+            part = k.mass_factor[t.mass_at[i] + i] * k.balance[i]
+            total += wp.dot(part, part)
+        for r in range(o.row, o.last_row):
+            if k.acting[r] > 0:
+                total += k.res[r] * k.res[r] * k.inverse[r]
+        return total
+
+    @wp.func
+    def keep_way(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, s: wp.ref[Search]):
+        """Before a step of Newton's method: dv, which the next residuals need the room of."""
+        for place in range(o.start, o.end):
+            k.inner_v[k.block[place]] = k.move[k.block[place]]
+        if s.it == 1:
+            s.missing = missing(t, k, o)
+
+    @wp.func(inline=False)
+    def hold(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+        """Of the hard rows that left their set only those leave it that did so farthest of all on their
+        bodies; the others stop where they change.
+        """
+        for place in range(o.start, o.end):
+            k.move[k.block[place]] = V3()
+        for r in range(o.row, o.last_row):
+            if k.acting[r] > 0 and inner.leaves(k, r):
+                for e in range(k.pattern[r], k.pattern[r] + k.entry[r + 1] - k.entry[r]):
+                    b = t.row_block[e]
+                    k.move[b] = V3(wp.max(k.move[b][0], wp.abs(k.z[r])), ZERO, ZERO)
+        for r in range(o.row, o.last_row):
+            if k.acting[r] > 0 and inner.leaves(k, r):
+                farthest = dtype(0.0)
+                for e in range(k.pattern[r], k.pattern[r] + k.entry[r + 1] - k.entry[r]):
+                    farthest = wp.max(farthest, k.move[t.row_block[e]][0])
+                if wp.abs(k.z[r]) < farthest:
+                    k.z[r] = wp.where(k.p[r] > HALF, TINY, -TINY)
+
+    @wp.func
+    def exchange(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, s: wp.ref[Search]):
+        """Let all rows change sets while ever fewer do; where that is not so only some: together they would
+        change back and forth.
+        """
+        if s.mean < s.missing:
+            s.missing = s.mean
+            s.misses = 0
+        elif s.mean > ZERO:
+            s.misses = s.misses + wp.where(s.missing > FEW, 3, 1)
+            hold(t, k, o)
+
+    @wp.func
+    def shorten(k: wp.ref[Slot], o: Island, less: dtype):
+        """Take a share of the last step back."""
+        for place in range(o.start, o.end):
+            i = k.block[place]
+            k.v[i] = k.v[i] - less * k.inner_v[i]
+        for r in range(o.row, o.last_row):
+            if k.acting[r] > 0:
+                k.z[r] = k.z[r] - less * k.dz[r]
+
+    @wp.func
+    def look(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, s: wp.ref[Search], yields: dtype):
+        """Residuals of the point at hand. Of smoothed rows a step of Newton's method from the last solution
+        is shortened until the equations miss less than before it.
+        """
+        worst, changed, largest = nt.residuals(t, k, o, s.inside, yields)
+        if wp.static(not hard):
+            if s.attempt == 0 and s.it > 0 and not (worst <= GOOD):
+                step = dtype(1.0)
+                now = missing(t, k, o)
+                while step > SHORTEST and not (now < s.missing):
+                    shorten(k, o, step - SHORTER * step)
+                    step = SHORTER * step
+                    worst, changed, largest = nt.residuals(t, k, o, s.inside, yields)
+                    now = missing(t, k, o)
+                s.missing = now
+        return worst, changed, largest
 
     @wp.func
     def begin(s: wp.ref[Search], inside: int):
@@ -256,15 +341,14 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
         s = Search()
         s.attempts = attempts
         s.best = HUGE
+        s.missing = HUGE
         s.tried = dtype(wp.static(TRIED))
         s.rest = wp.where(t.coulomb == 0, REST, AIM)  # a fixed point would stop where it moves little
         status = int(wp.static(NOT_CONVERGED))
         while status == wp.static(NOT_CONVERGED) and s.attempt < attempts:
             yields = wp.where(s.inside == 1, s.yielding, ZERO)
-            worst, changed, largest = nt.residuals(t, k, o, s.inside, yields)
+            worst, changed, largest = look(t, k, o, s, yields)
             ended = int(0)
-            if s.it == 0 and s.attempt == 0:
-                remember(k, o)
             s.it = s.it + 1
             if s.inside == 1:
                 if s.bent == 0:
@@ -277,7 +361,13 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
                     nt.factor(t, k, o, yields)
                 cold = wp.where(s.attempt > wp.static(WARM), 1, 0)
                 step = inner.aim(t, k, o, s.inside, n, size, yields, s.mean, cold)
+                if wp.static(not hard):
+                    if s.attempt == 0:
+                        keep_way(t, k, o, s)
                 s.mean = inner.advance(k, o, n, s.inside, step)
+                if wp.static(hard):
+                    if s.attempt == 0:
+                        exchange(t, k, o, s)
                 s.bent = int(s.inside)
             elif s.inside == 1:
                 status = to_newton(t, k, o, s, ended, size)

@@ -14,6 +14,7 @@ from ..factories import cached
 from ..method import Method
 from ..status import INFEASIBLE, NONFINITE, NOT_CONVERGED, SOLVED
 from .contact import AFRESH, AGAIN, ALL, JOINING, make_contact
+from .friction.direct import MOST_LOOKS
 from .island import make_island
 from .linear.envelope import make_envelope
 from .mechanism import COLUMN, make_mechanism
@@ -21,8 +22,6 @@ from .newton import make_newton
 from .order import make_order
 from .topology import CONTACT, Topology
 from .work import ISLANDS, LOOKS, ROWS, V2, V3, WORK, Slot, Work, island, view
-
-MOST_LOOKS = 2  # further ones, at what did not converge
 
 
 def residual_of(method: Method, rows: int) -> str:
@@ -116,7 +115,8 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
     def contacts(t: wp.ref[Topology], k: wp.ref[Slot]):
         """Solve the islands of the near pairs until no pair joins them. What did not converge under Coulomb's
         friction is solved again, from where that ended and with more patience. Rows that press may free what
-        is jammed without them: before anything is given up, all pairs join.
+        is jammed without them, with what bodies of other islands bring: before it is given up, all pairs
+        join. Rows that no velocity opens stay INFEASIBLE whatever joins them.
         """
         contact.move_shapes(t, k)
         rounding(t, k)
@@ -138,7 +138,9 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
                         status = code
             if status == wp.static(SOLVED):
                 which = wp.where(which == wp.static(ALL), which, wp.static(JOINING))
-            elif t.coulomb == 0 or status == wp.static(NONFINITE) or which == wp.static(ALL):
+            elif t.coulomb == 0 or status == wp.static(NONFINITE) or status == wp.static(INFEASIBLE):
+                more = int(0)
+            elif which == wp.static(ALL):
                 more = int(0)
             else:
                 looks = k.count[wp.static(LOOKS)]

@@ -62,7 +62,6 @@ class Topology:
     dof_kind: wp.array(dtype=wp.int32)  # (nv)
     dof_block: wp.array(dtype=wp.int32)  # (nv)
     dof_part: wp.array(dtype=wp.int32)  # (nv) 0, 1 or 2: where in its block
-    place: wp.array(dtype=wp.int32)  # (nv) 3 block + part
     block_dof: wp.array(dtype=wp.int32)  # (3 blocks) -1: padding
     block_unit: wp.array(dtype=wp.int32)  # (blocks)
     block_id: wp.array(dtype=wp.int32)  # (blocks) 0, 1, 2, ...: the static order
@@ -105,6 +104,12 @@ class Topology:
     item_pair: wp.array(dtype=wp.int32)
 
 
+@wp.func
+def place(t: wp.ref[Topology], j: int):
+    """Where a degree of freedom is in vectors by block."""
+    return 3 * t.dof_block[j] + t.dof_part[j]
+
+
 @dataclass(frozen=True)
 class Sizes:
     """Lengths of the workspaces of one world."""
@@ -143,7 +148,6 @@ def tables(s: Structure) -> tuple[dict[str, list[int]], Sizes]:
     begin = [next(b for b, dofs in enumerate(blocks) if unit[dofs[0]] == u) for u in units]
     out["dof_block"] = [block_of[j] for j in range(s.nv)]
     out["dof_part"] = [blocks[block_of[j]].index(j) for j in range(s.nv)]
-    out["place"] = [3 * b + part for b, part in zip(out["dof_block"], out["dof_part"], strict=True)]
     out["block_dof"] = [j for dofs in blocks for j in (*dofs, -1, -1)[:3]]
     out["block_unit"] = [units.index(unit[dofs[0]]) for dofs in blocks]
     out["block_id"] = list(range(len(blocks)))

@@ -32,8 +32,7 @@ class Slot:
     frame: wp.array(dtype=V4)  # (nb) cos, sin, x, y of every body
     twist: wp.array(dtype=V3)  # (nb) velocity of the body's joint, rate of turning, at k.v; first its angle
     column: wp.array(dtype=V2)  # (nv) Jacobian of one centre of mass
-    local: wp.array(dtype=V4)  # (shapes) centre and axis in the body
-    shape: wp.array(dtype=V4)  # (shapes) and in the world
+    shape: wp.array(dtype=V4)  # (2 shapes) centre and axis in the world; in their bodies
     before: wp.array(dtype=V3)  # (blocks), this and what follows by block: v before the step
     vfree: wp.array(dtype=V3)
     v: wp.array(dtype=V3)  # v'
@@ -89,19 +88,16 @@ class Slot:
     near: wp.array(dtype=wp.int32)  # (pairs) list of the near pairs, ascending
     count: wp.array(dtype=wp.int32)
     group: wp.array(dtype=wp.int32)  # (groups + 1) first rows of groups, which share their blocks
-    island_group: wp.array(dtype=wp.int32)  # (islands + 1) first groups of islands
+    island_group: wp.array(dtype=wp.int32)  # (islands + 1) first groups; before, of units, first arrows
     island_block: wp.array(dtype=wp.int32)  # (islands + 1) and first places of their blocks
     place: wp.array(dtype=wp.int32)  # (blocks) of the order of elimination
     block: wp.array(dtype=wp.int32)  # (blocks) by place
     first: wp.array(dtype=wp.int32)  # (blocks) by place: envelope of M + J' W J
     at: wp.array(dtype=wp.int32)  # while places are looked for by unit: how many units it touches
     link: wp.array(dtype=wp.int32)  # (2 pairs) its arrows
-    link_start: wp.array(dtype=wp.int32)  # (units + 1)
     island: wp.array(dtype=wp.int32)  # (units) -1: none
     queue: wp.array(dtype=wp.int32)  # (units) in the order of elimination; names of what hangs together
-    disc_local: wp.array(dtype=V3)  # (items) bounding discs in their bodies: centre and radius
-    disc: wp.array(dtype=V3)  # (items) and in the world
-    disc_reach: wp.array(dtype=WORK)  # (items) radius within which it can act
+    disc: wp.array(dtype=V4)  # (2 items) bounding discs: centre, radius, radius of acting; in their bodies
     item_speed: wp.array(dtype=V2)  # (items + planes) that the list is made for, and rate of turning
     item_order: wp.array(dtype=wp.int32)  # (items) along the axis on which they are spread more
     item_low: wp.array(dtype=WORK)  # (items) where they begin there, in this order
@@ -193,12 +189,9 @@ def view_rows(k: wp.ref[Slot], work: wp.ref[Work], b: int):
     k.first = work.first[b]
     k.at = work.at[b]
     k.link = work.link[b]
-    k.link_start = work.link_start[b]
     k.island = work.island[b]
     k.queue = work.queue[b]
-    k.disc_local = work.disc_local[b]
     k.disc = work.disc[b]
-    k.disc_reach = work.disc_reach[b]
     k.item_speed = work.item_speed[b]
     k.item_order = work.item_order[b]
     k.item_low = work.item_low[b]
@@ -218,7 +211,6 @@ def view(work: wp.ref[Work], b: int):
     k.frame = work.frame[b]
     k.twist = work.twist[b]
     k.column = work.column[b]
-    k.local = work.local[b]
     k.shape = work.shape[b]
     k.before = work.before[b]
     k.vfree = work.vfree[b]
@@ -249,7 +241,7 @@ def lengths(s: Structure) -> dict[str, int]:
     sizes = tables(s)[1]
     pairs, shapes, units = len(s.pairs), len(s.shapes), sizes.blocks  # no more units than blocks
     out = dict.fromkeys(("frame", "twist"), s.nb) | {"numbers": sizes.numbers, "count": 8}
-    out |= dict.fromkeys(("q", "v0", "column"), s.nv) | dict.fromkeys(("local", "shape"), shapes)
+    out |= dict.fromkeys(("q", "v0", "column"), s.nv) | {"shape": 2 * shapes}
     matrices = dict.fromkeys(("mass", "mass_factor"), sizes.mass) | {"jac": sizes.entries}
     matrices |= dict.fromkeys(("factor", "upper"), sizes.matrix)
     blocks = ("before", "vfree", "v", "best_v", "inner_v", "balance", "move", "most", "momentum", "lost",
@@ -262,10 +254,10 @@ def lengths(s: Structure) -> dict[str, int]:
     out |= dict.fromkeys(("entry", "group"), s.nr + 1)
     out |= dict.fromkeys(("normal", "known", "near"), pairs) | {"link": 2 * pairs}
     out |= dict.fromkeys(("island", "queue"), units)
-    out |= dict.fromkeys(("disc_local", "disc", "disc_reach", "item_order", "item_low"), sizes.items)
+    out |= dict.fromkeys(("item_order", "item_low"), sizes.items) | {"disc": 2 * sizes.items}
     out |= {"listed": pairs, "bucket": 2 ** bits_of(pairs) + 1, "bound": 5}
     out["item_speed"] = sizes.items + sizes.planes
-    return out | dict.fromkeys(("link_start", "island_group", "island_block"), units + 1)
+    return out | dict.fromkeys(("island_group", "island_block"), units + 1)
 
 
 def allocate_work(s: Structure, slots: int, device: Any) -> Work:

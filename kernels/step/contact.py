@@ -100,11 +100,12 @@ def make_contact(spec: Specialisation, exact_gap: int) -> wp.Function:
                     more = 0
             if more == 1:
                 out.scale = wp.static(rows.scale)(out.minv, reach.jac, reach.mask)
-                out.jac = reach.jac
-                out.rate = reach_of.rates(reach.rate, reach.bent)
-                out.sigma = reach.sigma
-                out.mask = reach.mask
-                v, z, lam, status, _iterations = wp.static(solve)(world, posed(out), out.z)
+                problem = posed(out)
+                problem.jac = reach.jac
+                problem.rate = reach_of.rates(reach.rate, reach.bent)
+                problem.sigma = reach.sigma
+                problem.mask = reach.mask
+                v, z, lam, status, _iterations = wp.static(solve)(world, problem, out.z)
                 out.v = v
                 out.z = z
                 out.lam = lam

@@ -24,8 +24,9 @@ class SweepSpec:
         start: (M, nx) states, one drawn per world; None: the scene's.
         position_sd, velocity_sd: normal noise on it.
         parameter_sd: name -> standard deviation of the logarithm of a factor on it (one factor per body,
-            shape, contact or degree of freedom; mass and inertia of a body share theirs); a drawn step size
-            is at most sample_every. The drawn values are columns of the report's table.
+            shape, contact or degree of freedom; mass and inertia of a body share theirs where both are
+            named); a drawn step size is at most sample_every. The drawn values are columns of the
+            report's table.
         parameters: name -> other base value (Simulator.params.replace).
         torque_sd: white noise on the controls.
         kick_times, kick_sd: normal velocity kicks [s; rad/s, m/s].

@@ -79,15 +79,15 @@ def kernel():
 
     @wp.kernel(module="unique", enable_backward=False)
     def find(
-        t: Topology, work: Work, params: wp.array(dtype=F), local: wp.array(dtype=V4),
-        frame: wp.array2d(dtype=V4), twist: wp.array3d(dtype=V3), shape: wp.array2d(dtype=V4), cut: F,
-        margin: F, out: wp.array3d(dtype=wp.int32), made: wp.array2d(dtype=wp.int32),
+        t: Topology, work: Work, params: wp.array(dtype=F), frame: wp.array2d(dtype=V4),
+        twist: wp.array3d(dtype=V3), shape: wp.array2d(dtype=V4), cut: F, margin: F,
+        out: wp.array3d(dtype=wp.int32), made: wp.array2d(dtype=wp.int32),
     ):  # fmt: skip
         """Every slot takes as many states, one after the other, as there are for it."""
         b = wp.tid()
         k = view(work, b)
         k.numbers = params
-        k.local = local
+        k.shape = shape[0]
         broad.measure(t, k)
         k.bound[wp.static(CUT)] = cut
         each = frame.shape[0] // work.q.shape[0]
@@ -112,11 +112,14 @@ def lists_of(scene, bodies, numbers, slots):
     h, cut, margin = numbers
     table = p.replace(step_size=h).array(F, "cpu").flatten()
     local = np.concatenate([p["shape_offset"], 0.0 * p["shape_offset"]], -1)
+    frame, twist, shape = bodies
+    shape = np.concatenate([shape, np.broadcast_to(local, shape.shape)], 1)
     out = wp.full((2, len(bodies[0]), len(s.pairs)), -1, dtype=wp.int32, device="cpu")
     made = wp.zeros((2, len(bodies[0])), dtype=wp.int32, device="cpu")
     t = make_topology(s, True, False, "cpu")
     t.items, t.planes, _ = item_tables(s)  # however few pairs there are
-    arrays = (wp.array(x, dtype=kind, device="cpu") for x, kind in zip((local, *bodies), (V4, V4, V3, V4)))
+    parts = zip((frame, twist, shape), (V4, V3, V4))
+    arrays = (wp.array(x, dtype=kind, device="cpu") for x, kind in parts)
     inputs = [t, allocate_work(s, slots, "cpu"), table, *arrays, cut, margin, out, made]
     wp.launch(kernel(), slots, inputs, device="cpu")
     return out.numpy(), made.numpy()

@@ -63,8 +63,11 @@ def test_law_holds(name):
     assert pressed > 50
 
 
-@pytest.mark.parametrize("discs,width,worlds,most", [(10, 0.63, 150, 0), (30, 1.05, 12, 0), (10, 0.6, 60, 3)],
-                         ids=["10 discs", "30 discs", "wedged"])  # fmt: skip
+@pytest.mark.parametrize(
+    "discs,width,worlds,most",
+    [(10, 0.63, 150, 0), (30, 1.05, 12, 0), (10, 0.6, 60, 3), (100, 2.1, 2, 1)],
+    ids=["10 discs", "30 discs", "wedged", "100 discs"],
+)
 def test_thrown_heaps_are_solved(discs, width, worlds, most):
     """Loops of contacts that stick; wedged exactly between two walls a few worlds have no solution."""
     sc = slcp.scenes.heap(discs, width=width)

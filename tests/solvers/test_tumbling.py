@@ -45,3 +45,18 @@ def test_tumbling_stacks_are_always_solved(device, boxes, name, strategy):
         }[name]
         error = np.abs(p["D"] * lam - smooth).max(axis=1)
         assert (balance / size).max() < 1e-10 and (error / size).max() < 1e-10
+
+
+@pytest.mark.parametrize("name,steps,most", [("rem-logistic", 10, 0.3), ("hard", 20, 0.1)])
+def test_newtons_method_alone_solves_most_thrown_stacks(name, steps, most):
+    """Few worlds enter the interior-point method, which alone writes `aimed`: .08 and .03, where it was .89
+    without chords and shortened steps, and .19 while all hard rows that left their set did so together.
+    """
+    sc = slcp.scenes.stack(3)
+    sim = slcp.Simulator(sc, slcp.Options(residual=name), "cpu", "float64", strategy="generic")
+    x = np.tile(sc.x0, (200, 1))
+    x[:, sc.nv :] += np.random.default_rng(0).standard_normal((len(x), sc.nv))
+    assert (sim.rollout(x, steps=steps).status == slcp.Status.SOLVED).all()
+    with sim.kernels.stepping.workspaces.lend(len(x)) as space:
+        entered = (space.aimed.numpy()[: len(x)] != 0.0).any(axis=1)
+    assert entered.mean() < most

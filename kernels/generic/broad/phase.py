@@ -21,7 +21,7 @@ from ...residual.smoothing import make_smoothing
 from ...structure import WORLD
 from ..mechanism import COLUMN
 from ..topology import CONTACT, Topology
-from ..work import AXIS_OF_ITEMS, LISTED, V2, V3, WORK, Slot
+from ..work import AXIS_OF_ITEMS, LISTED, V2, V4, WORK, Slot
 
 SPARE = 0.05  # margin beyond what is asked for, in mean radii a step
 ROUNDING = 1e-12  # of a disc, relative to its place and size
@@ -74,7 +74,7 @@ def make_discs() -> SimpleNamespace:
         x = WORK(0.0)
         y = WORK(0.0)
         for at in range(start, end):
-            p = k.local[t.item_shape[at]]
+            p = k.shape[t.shapes + t.item_shape[at]]
             x += p[0]
             y += p[1]
         x = x / WORK(end - start)
@@ -82,22 +82,22 @@ def make_discs() -> SimpleNamespace:
         r = WORK(0.0)
         for at in range(start, end):
             shape = t.item_shape[at]
-            p = k.local[shape]
+            p = k.shape[t.shapes + shape]
             one = k.numbers[t.columns[RADIUS] + 2 * shape]
             other = k.numbers[t.columns[RADIUS] + 2 * shape + 1]
             own = wp.where(t.item_capsule[at] == 1, one + other, wp.max(one, other))
             r = wp.max(r, wp.length(V2(p[0] - x, p[1] - y)) + own)
-        return V3(x, y, r)
+        return V4(x, y, r, r)
 
     @wp.func
     def placed(t: wp.ref[Topology], k: wp.ref[Slot], i: int):
         """The disc of item i in the world."""
-        d = k.disc_local[i]
+        d = k.disc[t.items + i]
         body = t.item_body[i]
         if body == WORLD:
             return d
         f = k.frame[body]
-        return V3(f[2] + f[0] * d[0] - f[1] * d[1], f[3] + f[1] * d[0] + f[0] * d[1], d[2])
+        return V4(f[2] + f[0] * d[0] - f[1] * d[1], f[3] + f[1] * d[0] + f[0] * d[1], d[2], d[2])
 
     @wp.func
     def moved(k: wp.ref[Slot], body: int, x: WORK, y: WORK):
@@ -177,9 +177,10 @@ def make_broad(residual: str) -> SimpleNamespace:
         k.bound[wp.static(CUT)] = CUT_OFF * sigma
         total = WORK(0.0)
         for i in range(t.items):
-            k.disc_local[i] = discs.bounding(t, k, i)
+            d = discs.bounding(t, k, i)
+            k.disc[t.items + i] = d
             k.item_order[i] = i
-            total += k.disc_local[i][2]
+            total += d[2]
         k.bound[wp.static(TYPICAL)] = total / WORK(wp.max(t.items, 1))
 
     @wp.func
@@ -207,12 +208,12 @@ def make_broad(residual: str) -> SimpleNamespace:
         excess = WORK(0.0)
         good = int(1)
         for i in range(t.items + t.planes):
-            at = V3()
+            at = V4()
             if i < t.items:
                 at = k.disc[i]
             else:
                 foot = k.shape[t.item_shape[t.item_shape_start[i]]]
-                at = V3(foot[0], foot[1], ZERO)
+                at = V4(foot[0], foot[1], ZERO, ZERO)
             now = discs.moved(k, t.item_body[i], at[0], at[1])
             speed = now[0] + now[1] * at[2]
             old = k.item_speed[i]
@@ -235,10 +236,10 @@ def make_broad(residual: str) -> SimpleNamespace:
         for i in range(t.items):
             d = k.disc[i]
             lost = LOST * (wp.abs(d[0]) + wp.abs(d[1]) + d[2])
-            k.disc_reach[i] = d[2] + steep * k.item_speed[i][0] + half + lost
+            k.disc[i] = V4(d[0], d[1], d[2], d[2] + steep * k.item_speed[i][0] + half + lost)
         for at in range(t.items):
             i = k.item_order[at]
-            low = k.disc[i][along] - k.disc_reach[i]
+            low = k.disc[i][along] - k.disc[i][3]
             to = int(at)
             while to > 0 and k.item_low[wp.max(to - 1, 0)] > low:
                 k.item_low[to] = k.item_low[to - 1]
@@ -254,13 +255,12 @@ def make_broad(residual: str) -> SimpleNamespace:
         for at in range(t.items):
             i = k.item_order[at]
             d = k.disc[i]
-            r = k.disc_reach[i]
-            end = d[along] + r
+            end = d[along] + d[3]
             to = at + 1
             while to < t.items and not (k.item_low[wp.min(to, t.items - 1)] > end):
                 j = k.item_order[to]
                 o = k.disc[j]
-                both = r + k.disc_reach[j]
+                both = d[3] + o[3]
                 x = o[0] - d[0]
                 y = o[1] - d[1]
                 if not (x * x + y * y > both * both):
@@ -279,7 +279,7 @@ def make_broad(residual: str) -> SimpleNamespace:
                 d = k.disc[j]
                 x = d[0] - face[0]
                 y = d[1] - face[1]
-                gap = x * face[2] + y * face[3] - k.disc_reach[j]
+                gap = x * face[2] + y * face[3] - d[3]
                 arm = wp.abs(y * face[2] - x * face[3]) + d[2]
                 if not (gap > steep * (own[0] + own[1] * arm) + half + lost):
                     put.partner(t, k, at)

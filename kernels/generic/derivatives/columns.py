@@ -7,7 +7,7 @@ import warp as wp
 from ...factories import cached
 from ...mechanism.stiff_springs import SHARE
 from ..mechanism import COLUMN, make_mechanism
-from ..topology import CONTACT, LOWER, Topology
+from ..topology import CONTACT, LOWER, Topology, place
 from ..work import LANES, WORK, Lanes, Slot
 from .bodies import make_bodies
 from .pairs import make_pair_slopes
@@ -53,7 +53,7 @@ def make_columns(given: type, residual: str) -> SimpleNamespace:
                     lane = t.chain[by] - first
                     if lane >= 0 and lane < COUNT:
                         for at in range(start, end):
-                            p = t.place[t.chain[at]]
+                            p = place(t, t.chain[at])
                             if velocity == 1:
                                 put(x, p, lane, bodies.by_v(t, d, b, mass, inertia, h, at, by))
                             else:
@@ -71,7 +71,7 @@ def make_columns(given: type, residual: str) -> SimpleNamespace:
                 lane = g.spring_dof[by] - first
                 if lane >= 0 and lane < COUNT:
                     for at in range(g.spring_start[i], g.spring_start[i + 1]):
-                        p = t.place[g.spring_dof[at]]
+                        p = place(t, g.spring_dof[at])
                         if velocity == 0:
                             put(x, p, lane, springs.by_q(g, d, b, i, at, by))
                         elif t.implicit_damping == 0:
@@ -93,10 +93,10 @@ def make_columns(given: type, residual: str) -> SimpleNamespace:
             for one in range(t.sprung):
                 j = t.sprung_dof[one]
                 if j >= first and j < first + COUNT:
-                    put(x, t.place[j], j - first, share * wp.max(number(t, k, STIFFNESS, j), least))
+                    put(x, place(t, j), j - first, share * wp.max(number(t, k, STIFFNESS, j), least))
         if velocity == 1 and t.implicit_damping == 0:
             for j in range(wp.max(first, 0), wp.min(first + COUNT, t.nv)):
-                put(x, t.place[j], j - first, -h * number(t, k, DAMPING, j))
+                put(x, place(t, j), j - first, -h * number(t, k, DAMPING, j))
 
     @wp.func
     def is_within(g: Groups, group: int, first: int):
@@ -136,7 +136,7 @@ def make_columns(given: type, residual: str) -> SimpleNamespace:
                         j = t.pair_dof[at]
                         e = d.of_contact[b, entry + at]
                         value = pairs.entry(e, o, push, f[0], f[1], wp.where(j <= dof, 1, 0))
-                        put(x, t.place[j], lane, value)
+                        put(x, place(t, j), lane, value)
 
     @wp.func
     def of_scale(
@@ -217,7 +217,7 @@ def make_columns(given: type, residual: str) -> SimpleNamespace:
             for i in range(t.nu):
                 lane = 2 * t.nv + i - first
                 if lane >= 0 and lane < COUNT:
-                    put(x, t.place[t.actuator[i]], lane, h * number(t, k, GEAR, i))
+                    put(x, place(t, t.actuator[i]), lane, h * number(t, k, GEAR, i))
         if wp.static(contacts):
             if first < t.nv:
                 of_pairs(t, g, d, k, b, count, first)

@@ -17,7 +17,7 @@ from ...residual.smoothing import HARD_LAYER, LARGEST_LAYER, REACH
 from ...status import SOLVED
 from ...structure import Structure
 from ..mechanism import COLUMN, make_mechanism
-from ..topology import Topology
+from ..topology import Topology, place
 from ..work import LANES, ROWS, V2, WORK, Slot, Work, view
 from .expansion import make_expansion
 from .tables import Groups, Slopes
@@ -78,7 +78,7 @@ def make_writer(given: type) -> SimpleNamespace:
     ):
         h = number(t, k, H, 0)
         for j in range(t.nv):
-            value = d.found[b, t.place[j]]
+            value = d.found[b, place(t, j)]
             for lane in range(COUNT):
                 column = first + lane
                 if column < 2 * t.nv:
@@ -159,7 +159,7 @@ def make_differences(given: type, residual: str) -> SimpleNamespace:
     @wp.func
     def add_slope(t: wp.ref[Topology], d: Slopes, e: Stencil, b: int, first: int, weight: real):
         for j in range(t.nv):
-            value = d.found[b, t.place[j]]
+            value = d.found[b, place(t, j)]
             for lane in range(COUNT):
                 column = first + lane
                 if column < 2 * t.nv + t.nu:

@@ -18,6 +18,7 @@ from ..topology import CONTACT, Topology
 from ..work import ISLANDS, M33, V3, WORK, Island, Lanes, Slot, island
 from .many import make_many
 from .tables import Share, Slopes
+from .vertex import make_vertex
 
 YIELDING = 1e-10  # diag(A) dlambda by which a row yields
 REFINED = 1e-6  # a correction relative to what it corrects, after which the next one is rounding
@@ -34,6 +35,7 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
     env, lu, many = make_envelope(), make_lu(), make_many()
     contacts = residual != "none"
     nt = make_newton(given, residual) if contacts else None
+    vertex = make_vertex(given, residual) if residual == "hard" else None
     ONE, ZERO, HALF, YIELDS = dtype(1.0), dtype(0.0), dtype(0.5), dtype(YIELDING)
     TAU, SMALL = dtype(YIELDING + PROXIMAL), dtype(REFINED)
 
@@ -108,9 +110,13 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
             e = nt.smooth(k, s, k.z[s])
             k.p[s] = e[2]
             k.slack[s] = e[3]
-            own = TAU * e[2] * k.diag[s] / k.scale[s]
-            inverse = ONE / (e[3] + own)
-            push = e[2] / k.scale[s]
+        if wp.static(residual == "hard"):
+            vertex.walk(t, k, YIELDS)
+        for r in range(n):
+            s = d.row[b, r]
+            own = TAU * k.p[s] * k.diag[s] / k.scale[s]
+            inverse = ONE / (k.slack[s] + own)
+            push = k.p[s] / k.scale[s]
             d.share[b, r] = Share(own, inverse, push, push * inverse)
             d.slides[b, r] = 0
             if t.coulomb == 1 and t.row_kind[k.row[s]] == CONTACT and t.row_sign[k.row[s]] != 0:

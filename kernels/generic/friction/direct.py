@@ -4,8 +4,11 @@ Newton's method on modes (`modes.py`) starts at those of the last step, for a fe
 path is followed from there, and where that leads away others from nothing (`homotopy.py`); Newton's method
 takes the last digits from their ends. Where most rows have no last step and lie still all of these stick at
 first, and if a short path from there does not end the convex problem (Anitescu's relaxation) has to say what
-to start from: a path takes a pivot for every contact that lies otherwise, in a heap many. The fixed point of
-`coulomb.py` stays behind all of them: what has no solution at all is told by it.
+to start from: a path takes a pivot for every contact that lies otherwise, in a heap many. Paths from nothing
+take several pivots a row, which cost the more the more there is, and seldom end in large heaps. So an island
+of many blocks starts from some passes of the fixed point of `coulomb.py` before, and one of still more is
+spared them at the first look. The fixed point stays behind all of them: what has no solution at all is
+told by it.
 """
 
 from types import SimpleNamespace
@@ -17,14 +20,16 @@ from ...status import NONFINITE, NOT_CONVERGED, SOLVED
 from ..earned import make_earned
 from ..scales import make_scales
 from ..topology import Topology
-from ..work import WORK, Island, Slot
+from ..work import LOOKS, NEAR, WORK, Island, Slot
 from .homotopy import TRIALS, make_homotopy
 from .modes import make_modes
 
-MOVES, STILL, RELAXED = 0, 1, 2  # what is known of an island: a last step; lies still; the convex solution
+MOVES, STILL, RELAXED = 0, 1, 2  # what is known of an island: a last step; lies still; a convex solution
 AGAIN, HERE, NOTHING = 0, 1, 2  # attempts: the modes at hand, a path from there, three paths from nothing
 ATTEMPTS = NOTHING + TRIALS
 SHORT, LONG = 100, 1 << 30  # pivots of a path from what was assumed, from the last step's impulses
+MANY, MOST = 45, 90  # blocks, beyond which paths from nothing come after some passes, or at later looks
+MOST_LOOKS = 2  # at what did not converge, after the first
 WARM, POLISHING = 4, 12  # iterations on modes, from the last step's and from a path's end
 
 
@@ -61,9 +66,28 @@ def make_direct(given: type) -> SimpleNamespace:
             homotopy.from_here(t, k, o, size, wp.where(known == wp.static(STILL), SHORT, LONG))
         return wp.where(attempt == wp.static(AGAIN) and known == wp.static(MOVES), WARM, POLISHING)
 
+    @wp.func
+    def is_relaxed_next(o: Island, known: int):
+        """Whether an island that fails starts once more from a convex solution."""
+        many = known == wp.static(MOVES) and o.end - o.start > wp.static(MANY)
+        return known == wp.static(STILL) or many
+
+    @wp.func
+    def attempts_at(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, known: int):
+        """How many there are, with all paths from nothing or with fewer."""
+        blocks = o.end - o.start
+        if is_relaxed_next(o, known):
+            return wp.static(NOTHING)
+        looks = k.count[wp.static(LOOKS)]
+        if blocks > wp.static(MOST):
+            return wp.static(NOTHING) + wp.where(looks == wp.static(MOST_LOOKS), wp.static(TRIALS), looks)
+        if blocks <= wp.static(MANY) or looks > 0 or k.count[wp.static(NEAR)] == t.pairs:
+            return wp.static(ATTEMPTS)
+        return wp.static(NOTHING + 1)
+
     @wp.func(inline=False)
     def stick_and_slide(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, known: int):
-        """SOLVED, NONFINITE or NOT_CONVERGED; of what lies STILL without paths from nothing."""
+        """SOLVED, NONFINITE or NOT_CONVERGED; without paths from nothing if RELAXED comes next."""
         modes.drop_lifts(k, o)
         size, _n = scales(t, k, o)
         if not wp.isfinite(size):
@@ -72,7 +96,7 @@ def make_direct(given: type) -> SimpleNamespace:
         begin(k, o, known)
         status = int(wp.static(NOT_CONVERGED))
         attempt = int(0)
-        attempts = wp.where(known == wp.static(STILL), wp.static(NOTHING), wp.static(ATTEMPTS))
+        attempts = attempts_at(t, k, o, known)
         while attempt < attempts and status == wp.static(NOT_CONVERGED):
             iterations = begin_attempt(t, k, o, size, known, attempt)
             if modes.newton(t, k, o, iterations) == 1:
@@ -86,6 +110,7 @@ def make_direct(given: type) -> SimpleNamespace:
 
     return SimpleNamespace(
         stick_and_slide=stick_and_slide,
+        is_relaxed_next=is_relaxed_next,
         join_pairs=modes.join_pairs,
         closes_none=modes.closes_none,
         drop_lifts=modes.drop_lifts,

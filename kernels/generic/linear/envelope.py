@@ -10,6 +10,7 @@ import warp as wp
 
 from ...factories import cached
 from ..work import M33, V3, WORK
+from .blocks import pays, reduced
 
 
 @cached
@@ -58,8 +59,13 @@ def make_envelope() -> SimpleNamespace:
             for j in range(begin, i):
                 other = at[j]
                 value = m[row + j]
-                for k in range(wp.max(begin, first[j]), j):
+                k = wp.max(begin, first[j])
+                if pays(j - k):
+                    value = reduced(value, m, row + k, m, other + k, j - k)
+                    k = j
+                while k < j:
                     value -= m[row + k] * wp.transpose(m[other + k])
+                    k += 1
                 value = value * wp.transpose(m[other + j])
                 m[row + j] = value
                 d -= value * wp.transpose(value)

@@ -13,6 +13,7 @@ import warp as wp
 
 from ...factories import cached
 from ..work import M33, V3, WORK
+from .blocks import pays, reduced
 
 
 @cached
@@ -76,9 +77,15 @@ def make_lu() -> SimpleNamespace:
                 other = at[j]
                 lower = m[row + j]
                 upper = u[row + j]
-                for k in range(wp.max(begin, first[j]), j):
+                k = wp.max(begin, first[j])
+                if pays(j - k):
+                    lower = reduced(lower, m, row + k, u, other + k, j - k)
+                    upper = reduced(upper, u, row + k, m, other + k, j - k)
+                    k = j
+                while k < j:
                     lower -= m[row + k] * wp.transpose(u[other + k])
                     upper -= u[row + k] * wp.transpose(m[other + k])
+                    k += 1
                 lower = lower * wp.transpose(u[other + j])
                 upper = upper * wp.transpose(m[other + j])
                 m[row + j] = lower

@@ -33,7 +33,8 @@ class Disturbances:
         start: the same for single components by their names, instead of these; a `Uniform` one stands in
             place of the start's number.
         parameters: name -> distribution (a draw for each body, shape, contact or degree of freedom, or one
-            for all of them, `shared`; mass and inertia of a body share theirs); "block.mass" is of one part.
+            for all of them, `shared`; mass and inertia of a body share theirs where both are named; "mass"
+            alone changes no inertia); "block.mass" is of one part.
         torque: standard deviation of white noise on the controls, a number a step.
         sensor: of white noise on the state that a policy sees, by state name, or one for all.
         delay: from a control to its action [s], to the nearest step; a number, or a `Uniform` of which every

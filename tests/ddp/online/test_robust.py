@@ -17,7 +17,7 @@ def test_a_shove_is_planned_for_other_blocks():
     """More of the worlds end well than under the nominal plan, in a sweep of others, too."""
     own = slcp.Disturbances(parameters={"mass": 0.2, "friction": 0.2})
     task = slcp.load_task(SHOVE).replace(disturbances=own)
-    found = ddp.plan_in_worlds(task, models=4, worlds=128, rounds=1)
+    found = ddp.plan_in_worlds(task, models=12, worlds=128, rounds=1)
     assert found.index > 0 and found.success[found.index] == found.success.max()
     assert found.success[found.index] > found.success[0] + 0.1
     assert (found.problem.params["mass"] != task.simulator().params["mass"]).all()

@@ -1,0 +1,128 @@
+"""Bodies stuck by more rows than they have degrees of freedom (docs: gradients, at a kink)."""
+
+import math
+
+import numpy as np
+import pytest
+
+import slcp_warp as slcp
+from slcp_warp import Body, Contact, Scene, Shape
+
+LEAN = 1.1  # of the ladder against the floor [rad]
+LADDER = Scene(
+    "ladder",
+    (Body("ladder", 1.0, 1.0 / 12.0, joint="free"),),
+    (
+        Shape("floor", None, "halfplane", angle=math.pi / 2),
+        Shape("wall", None, "halfplane", angle=0.0),
+        Shape("foot", "ladder", "disc", offset=(0.5, 0.0)),
+        Shape("top", "ladder", "disc", offset=(-0.5, 0.0)),
+    ),
+    (Contact("floor", "foot", 0.8), Contact("wall", "top", 0.8)),
+    sigma=0.01,
+    initial_state=(0.5 * math.cos(LEAN), 0.5 * math.sin(LEAN), -LEAN, 0.0, 0.0, 0.0),
+)
+
+
+def derivative_and_sides(strategy, spacing, **options):
+    """A at rest, and the differences of v' by q to either side, (3, 3) each."""
+    sim = slcp.Simulator(LADDER, slcp.Options(**options), device="cpu", strategy=strategy)
+    x = sim.rollout(LADDER.x0[None], steps=300).states[:, -1]
+    at = np.concatenate([x, x + spacing * np.eye(6)[:3], x - spacing * np.eye(6)[:3]])
+    after = sim.step(at)
+    assert (after.status == 0).all()
+    v = after.state[:, 3:]
+    return sim.linearize(x).A[0, 3:, :3], (v[1:4] - v[0]).T / spacing, (v[0] - v[4:]).T / spacing
+
+
+def test_smoothed_contact_has_its_derivative():
+    A, ahead, behind = derivative_and_sides("generic", 3e-9)
+    np.testing.assert_allclose(A, 0.5 * (ahead + behind), atol=1e-3 * np.abs(A).max())
+
+
+@pytest.mark.parametrize(
+    ("strategy", "friction"),
+    [
+        pytest.param("specialised", "coulomb", marks=pytest.mark.full),
+        ("generic", "coulomb"),
+        ("generic", "anitescu"),
+    ],
+)
+def test_hard_contact_has_a_derivative_between_both_sides(strategy, friction):
+    A, ahead, behind = derivative_and_sides(strategy, 1e-6, residual="hard", friction=friction)
+    slack = 1e-4 * np.abs(A).max()
+    assert (A > np.minimum(ahead, behind) - slack).all()
+    assert (A < np.maximum(ahead, behind) + slack).all()
+
+
+def plane_and_point(body, k, centre, turn, at, lean):
+    """A plane of the world under a point of a body."""
+    c, s = math.cos(turn), math.sin(turn)
+    own = (c * at[0] + s * at[1], c * at[1] - s * at[0])
+    return (
+        Shape(f"plane{body}{k}", None, "halfplane", offset=tuple(centre + at), angle=0.5 * math.pi + lean),
+        Shape(f"point{body}{k}", f"body{body}", "disc", offset=own),
+    )
+
+
+def stuck_bodies(rng, count):
+    """Bodies at rest, each on two or three points of planes of their own, and each against the next."""
+    bodies, shapes, contacts, x0, last = [], [], [], [], None
+    for i in range(count):
+        name, centre, turn = f"body{i}", np.array([2.0 * i, 1.0]), rng.uniform(-math.pi, math.pi)
+        bodies.append(Body(name, rng.uniform(0.5, 2.0), rng.uniform(0.05, 0.3), joint="free"))
+        x0 += [*centre, turn]
+        for k, side in enumerate((-1, 1, 0)[: rng.integers(2, 4)]):
+            across = side * rng.uniform(0.3, 0.6) if side else rng.uniform(-0.2, 0.2)
+            at = np.array([across, -rng.uniform(0.1, 0.6)])
+            shapes += plane_and_point(i, k, centre, turn, at, side * rng.uniform(-0.2, 0.6))
+            contacts.append(Contact(f"plane{i}{k}", f"point{i}{k}", rng.uniform(0.7, 1.2)))
+        if last is not None:
+            y = rng.uniform(-0.3, 0.3)
+            for end, body, x, angle in (("left", last[0], 0.8, last[1]), ("right", name, -0.8, turn)):
+                own = (
+                    x * math.cos(angle) + y * math.sin(angle),
+                    y * math.cos(angle) - x * math.sin(angle),
+                )
+                shapes.append(Shape(f"{end}{i}", body, "disc", 0.2, own))
+            contacts.append(Contact(f"left{i}", f"right{i}", rng.uniform(0.3, 1.0)))
+        last = name, turn
+    speeds = [0.0] * len(x0)
+    return Scene("stuck", tuple(bodies), tuple(shapes), tuple(contacts), initial_state=(*x0, *speeds))
+
+
+def at_rest(scene, friction):
+    sim = slcp.Simulator(scene, slcp.Options("hard", friction=friction), device="cpu", strategy="generic")
+    x = sim.rollout(scene.x0[None], steps=20).states[:, -1]
+    after = sim.step(x)
+    assert after.status[0] == 0
+    assert np.abs(after.state[0, sim.scene.nv :]).max() < 1e-6
+    return sim, x, after.state[0, sim.scene.nv :]
+
+
+@pytest.mark.parametrize("count", [1, 2, 4])
+def test_the_derivative_is_that_of_a_step_beside(count):
+    """Coordinates moved the way that `vertex.py` moves them: A has the difference to there."""
+    for seed in range(10):
+        sim, x, v = at_rest(stuck_bodies(np.random.default_rng([count, seed]), count), "anitescu")
+        way = np.zeros(sim.nx)
+        way[: sim.scene.nv] = (0.6180339887498949 * np.arange(1, sim.scene.nv + 1)) % 1.0 - 0.5
+        there = sim.step(x + 1e-7 * way)
+        assert there.status[0] == 0
+        change = sim.linearize(x).A[0, sim.scene.nv :] @ way
+        np.testing.assert_allclose(
+            change,
+            (there.state[0, sim.scene.nv :] - v) / 1e-7,
+            atol=1e-4 * np.abs(change).max(),
+            err_msg=str(seed),
+        )
+
+
+@pytest.mark.parametrize("friction", ["anitescu", "coulomb"])
+def test_the_adjoint_is_the_transpose(friction):
+    sim, x, _ = at_rest(stuck_bodies(np.random.default_rng(3), 2), friction)
+    weights = np.random.default_rng(0).normal(size=(1, 2, sim.nx))
+    weights[:, 0] = 0.0
+    pulled = slcp.vjp(sim, x, np.zeros((1, 1, 0)), weights).x0[0]
+    expected = sim.linearize(x).A[0].T @ weights[0, 1]
+    np.testing.assert_allclose(pulled, expected, atol=1e-9 * np.abs(expected).max())

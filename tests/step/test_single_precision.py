@@ -1,0 +1,54 @@
+"""Generic kernels under float32: a world is solved to what its rounded states and numbers mean."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import slcp_warp as slcp
+from slcp_warp.scripts.benchmarks.fuzz.draws import Worlds, single
+from slcp_warp.scripts.benchmarks.fuzz.judged import judged
+from slcp_warp.scripts.benchmarks.fuzz.verdicts import HOLDS
+
+LAWS = {"hard": {"residual": "hard"}, "coulomb": {"residual": "hard", "friction": "coulomb"}, "smoothed": {}}
+ROUNDED = 2.0**-24  # relative, of a number in single precision
+
+
+def simulator(scene, law):
+    return slcp.Simulator(scene, slcp.Options(**LAWS[law]), device="cpu", dtype="float32", strategy="generic")
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_wedged_discs_rest(law):
+    """Three discs of 0.1 m beside each other between walls 0.6 m apart, whose gaps are 0 to a rounding of up
+    to 3e-8 m: by 3e-6 m/s the rows excluded each other, and the walls leaned by the rounding of pi.
+    """
+    scene = slcp.scenes.heap(10, width=0.6)
+    sim = simulator(scene, law)
+    x = scene.x0[None].astype(np.float32)
+    numbers = {
+        name: single(np.asarray(value, float)[None]) for name, value in scene.default_parameters().items()
+    }
+    for _ in range(8):  # every state is rounded
+        worlds = Worlds(numbers, x.astype(float), np.zeros((1, 0)), np.zeros(1, int))
+        verdicts, step = judged(worlds, sim)
+        assert verdicts.verdict[0] == HOLDS, verdicts.reason
+        assert step.status[0] == slcp.Status.SOLVED
+        assert np.abs(step.state - scene.x0)[0, : scene.nv].max() < (1e-5 if law == "smoothed" else 1e-7)
+        x = step.state
+    assert np.abs(x[0, scene.nv :]).max() < 1.5e-6  # no gap jumps between a rounding and 0
+
+
+@pytest.mark.parametrize("aside, up", [(0.0, 0.0), (300.0, 0.0), (0.0, 300.0)])
+def test_what_is_no_rounding_acts(aside, up):
+    """A disc 1e-6 m inside the ground leaves it, one as far above sinks to it, also far to the side; 300 m up
+    float32 tells neither from a disc that touches.
+    """
+    scene = slcp.scenes.heap(1)
+    ground = replace(scene.shapes[0], offset=(0.0, up))
+    scene = replace(scene, shapes=(ground, *scene.shapes[1:]))
+    x = np.tile(scene.x0, (2, 1))
+    x[:, 0] = aside
+    x[:, 1] += [up - 1e-6, up + 1e-6]
+    rises = simulator(scene, "hard").step(x.astype(np.float32)).state[:, scene.nv + 1] * 0.01
+    np.testing.assert_allclose(rises, [0.0, 0.0] if up else [1e-6, -1e-6], atol=ROUNDED)
