@@ -4,13 +4,17 @@ Every (scene, options, precision, kind of kernel) compiles for seconds the first
 tests of the files that compile much stay in the quick run (`scripts/test.sh --fast`); others are marked slow.
 """
 
+import functools
 import gc
 import os
+import pathlib
 import re
+import zlib
 
 import hypothesis
 import pytest
 import warp as wp
+from warp._src import build
 
 os.environ.setdefault("SLCP_PROGRESS", "0")  # tests that look at stderr see what they ask for
 wp.config.log_level = wp.LOG_WARNING  # before wp.init(); the older config.quiet does nothing in 1.19
@@ -19,10 +23,12 @@ wp.config.cpu_compiler_flags = os.environ.get("SLCP_CPU_FLAGS", "-march=native")
 wp.init()
 
 try:
-    import slcp_warp.kernels  # noqa: F401
+    from slcp_warp.kernels.device.compile import cpu_compiler_flags
 except ModuleNotFoundError as error:
     message = f"{error}: tests need the installed package and PYTHONSAFEPATH=1 (see scripts/test.sh)"
     raise pytest.UsageError(message) from error
+
+os.environ["SLCP_CPU_FLAGS"] = cpu_compiler_flags()  # processes that tests begin take the same kernels
 
 
 # The same examples on every run; `HYPOTHESIS_PROFILE=full` (.ci/full) tries many, new ones every time.
@@ -118,6 +124,25 @@ test_damping test_parameter_gradient test_gpu_check test_large test_step test_co
 test_protocol test_coulomb test_trapezoidal test_erm test_torch test_compile test_cache test_digest
 test_stability
 """.split()
+
+
+def _unlike(build_cpu):
+    """Warp's `build_cpu` that fuses no a b + c in every second kernel, by the kernel's name."""
+
+    @functools.wraps(build_cpu)
+    def build(object_path, *args, extra_flags=None, **options):
+        if zlib.crc32(f"{UNLIKE} {pathlib.Path(object_path).stem}".encode()) % 2:
+            extra_flags = f"{extra_flags or ''} -ffp-contract=off"
+        return build_cpu(object_path, *args, extra_flags=extra_flags, **options)
+
+    return build
+
+
+# Set (.ci/full rounding): every second kernel rounds otherwise, other halves with other values. What holds to
+# the bit between two kernels holds by luck, of the compiler and the processor.
+UNLIKE = os.environ.get("SLCP_TESTS_UNLIKE", "")
+if UNLIKE:
+    build.build_cpu = _unlike(build.build_cpu)
 
 
 def pytest_runtest_setup(item) -> None:

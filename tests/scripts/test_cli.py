@@ -74,7 +74,8 @@ def test_simulate_saves_what_the_simulator_gives(tmp_path):
     record = load_record(path, "trajectory")
     sim = slcp.Simulator(scenes.flicking_finger(), slcp.Options(scaling="none"), device="cpu")
     params = sim.params.replace(step_size=0.03, friction=0.3)
-    expected = sim.rollout(np.array([[-0.4, -0.5, 0.2, 0.0, 0.0, 1.0]]), np.zeros((1, 12, 2)), params)
+    x0, us = np.array([[-0.4, -0.5, 0.2, 0.0, 0.0, 1.0]]), np.zeros((1, 12, 2))
+    expected = sim.rollout(x0, us, params, record=("controls", "impulse", "gap"))  # in the same kernel
     np.testing.assert_array_equal(record["states"], expected.states)
     np.testing.assert_array_equal(record.simulated.parameters["friction"], [0.3])
     assert record.step_size == 0.03 and record.simulated.options.residual == "rem-logistic"

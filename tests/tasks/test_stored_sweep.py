@@ -21,7 +21,6 @@ from slcp_warp.ensembles.stored.job import SweepJob
 from slcp_warp.ensembles.stored.sweep import StoredSweep
 from slcp_warp.ensembles.stored.travel import given
 from slcp_warp.ensembles.tasks import TaskSweep
-from slcp_warp.kernels.device.compile import cpu_compiler_flags
 from slcp_warp.runs.job import rebuild, sha256_of
 from slcp_warp.storage.files import FileError
 
@@ -188,7 +187,7 @@ def test_names_in_python_files_travel(tmp_path):
     part, again = store.table(2), job.run(2)
     for name, column in part.items():
         np.testing.assert_array_equal(column, again[name], err_msg=name)
-    np.testing.assert_array_equal(report.part("gain")["x"], report.part("asked")["x"])
+    np.testing.assert_allclose(report.part("gain")["x"], report.part("asked")["x"], atol=1e-5)  # float32
     push_file(tmp_path, 2.0)
     with pytest.raises(FileError, match="policies.gain.numbers: .*policies.asked.file: "):
         StoredSweep.resume(tmp_path / "run")
@@ -231,9 +230,8 @@ def test_what_cannot_travel_stays_in_its_process(tmp_path):
 
 
 @pytest.mark.slow
-def test_other_processes_give_the_same_table(tmp_path, monkeypatch):
+def test_other_processes_give_the_same_table(tmp_path):
     """Numbers travel in the folder, Python by its name; a worker that is killed loses nothing but time."""
-    monkeypatch.setenv("SLCP_CPU_FLAGS", cpu_compiler_flags())  # other code rounds otherwise
     file, fields = push_file(tmp_path), FIELDS | {"worlds": 60}
     mixed = {"numbers": plan(), "kernel": f"{file}:gain", "host": f"{file}:asked"}
     here = slcp.sweep(f"{file}:push", mixed, out=tmp_path / "here", chunk=60, **fields)
@@ -260,7 +258,6 @@ from test_task_sweep import plan, task
 import slcp_warp as slcp
 from slcp_warp.ensembles.stored.job import SweepJob
 from slcp_warp.ensembles.tasks import TaskSweep
-from slcp_warp.kernels.device.compile import cpu_compiler_flags
 from slcp_warp.runs.job import sha256_of
 fields = {"worlds": 30, "seed": 3, "cases": slcp.Options(), "device": "cpu"}
 work = TaskSweep(task(), {"all": plan(), "half": plan(0.5)}, **fields)
