@@ -105,8 +105,8 @@ FULL = {  # file: pattern of tests that are marked full: long cases of what its 
 
 
 # Kernels are compiled without optimisation, in less than half the time, and run ten times slower; but not
-# for these files, which make many steps, or compare to the bit what two kernels or processes make, or look at
-# what the compiler makes. They come first: what they have compiled the others take as it is.
+# for these files, which make many steps, or compare to the bit what two processes make, or look at what the
+# compiler makes. They come first: what they have compiled the others take as it is.
 # SLCP_TESTS_OPTIMISED=1 (.ci/full): all as users have them.
 OPTIMISED = """
 test_task_commands test_published test_planning test_gpu_code test_cli test_finger_ddp test_robust test_jam

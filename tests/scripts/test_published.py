@@ -24,7 +24,8 @@ def test_the_acrobot_is_trajaxs():
 def test_one_default_call(name):
     given = PROBLEMS[name]("cpu")
     best = ddp.plan(given.problem, x0=given.x0).best
-    assert best.status == ddp.Status.CONVERGED and best.positive_definite
+    # which of the two it is, is up to rounding: from the minimum on improvements drown in it
+    assert best.status in (ddp.Status.CONVERGED, ddp.Status.SMALL_IMPROVEMENT) and best.positive_definite
     assert float(best.cost) == pytest.approx(KNOWN[name], rel=5e-5)
     again = ddp.solve(given.problem, given.x0, best.us, ddp.Options(max_iterations=0))
     assert float(again.cost) == pytest.approx(float(best.cost), rel=1e-9)
