@@ -11,6 +11,7 @@ import warp as wp
 
 from ..factories import cached
 from ..status import INFEASIBLE, NONFINITE, NOT_CONVERGED, SOLVED
+from .active_set import make_active_set
 from .digits import make_digits
 from .earned import make_earned
 from .interior import MAX_ITERATIONS, make_interior
@@ -21,7 +22,8 @@ from .work import V3, WORK, Island, Slot
 
 WARM, COLD, YIELDING = 1, 2, 3  # attempts after Newton's method alone: the last are ROUNDS where rows yield
 ROUNDS = 3  # for impulses that are the least there are
-ALL_ATTEMPTS, QUICK_ATTEMPTS = YIELDING + ROUNDS, COLD  # all, or only those from what is known
+EXACT = YIELDING + ROUNDS  # of hard rows without Coulomb's friction: their set one by one
+ALL_ATTEMPTS, QUICK_ATTEMPTS = EXACT + 1, COLD  # all, or only those from what is known
 WARM_ITERATIONS, POLISHING = {True: 16, False: 12}, 12  # of Newton's method before and after
 NEARLY = {True: 0, False: 12}  # more before, where it has nearly ended (hard or not)
 RESTS = 1e-12  # residual at which the last solution is one of this step: gaps round, at some height
@@ -71,6 +73,7 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
     earned = make_earned(given)
     scales, digits = make_scales(given, residual), make_digits(given, residual)
     hard = residual == "hard"
+    pivots = make_active_set(given) if hard else None
     LIMIT, RESIDUAL = (dtype(x) for x in END[hard])
     ZERO, HALF, LESS = dtype(0.0), dtype(0.5), dtype(GAIN[hard])
     GOOD, MORE = nt.GOOD, earned.MORE
@@ -292,6 +295,13 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
         return status
 
     @wp.func
+    def one_by_one(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+        """Whether the active-set method of single exchanges has a solution, from which Newton's goes on."""
+        if wp.static(hard):
+            return t.coulomb == 0 and pivots.find(t, k, o) == 1
+        return False
+
+    @wp.func
     def judge(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, s: wp.ref[Search], size: dtype):
         """SOLVED if what Newton's method ended at is a solution; else what is next: impulses that do not add
         up are looked for as the least that there are.
@@ -318,6 +328,11 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
             return wp.static(NOT_CONVERGED)
         s.attempt = next
         if next >= s.attempts:
+            return wp.static(NOT_CONVERGED)
+        if s.attempt == wp.static(EXACT):
+            begin(s, 0)
+            if not one_by_one(t, k, o):
+                s.attempt = s.attempts
             return wp.static(NOT_CONVERGED)
         begin(s, 1)
         if s.attempt == wp.static(YIELDING):

@@ -1,0 +1,56 @@
+"""Discs wedged between walls that they just fit: rows dependent but for 1e-7, impulses 1e5 times the data."""
+
+import numpy as np
+import pytest
+
+import slcp_warp as slcp
+from slcp_warp.scripts.benchmarks.fuzz.draws import Worlds
+from slcp_warp.scripts.benchmarks.fuzz.judged import judged
+from slcp_warp.scripts.benchmarks.fuzz.problem import Problem, Truth
+from slcp_warp.scripts.benchmarks.fuzz.proofs import least_motion
+from slcp_warp.scripts.benchmarks.fuzz.verdicts import SILENT, WRONG
+
+STEPS, WORLDS = 8, 30
+DIGITS = 1e5  # pushes on a body in units of its momenta whose rounding is 1e-11 of these
+
+
+def pushed(problem, i, velocity, impulse):
+    """The largest push on a body, one of a group's terms, in units of what the step does to its momenta; its
+    coordinates weighed by energy.
+    """
+    mass, free = problem.drive.h_mass[i], problem.drive.free[i]
+    unit = 1.0 / np.sqrt(np.diag(mass))
+    terms = unit * (np.abs(problem.jac[i]).T @ impulse)
+    momenta = unit * (np.abs(mass @ free) + np.abs(mass @ (velocity - free)))
+    return (terms.reshape(-1, 3).max(1) / momenta.reshape(-1, 3).max(1)).max()
+
+
+@pytest.mark.parametrize("count, width, friction", [(10, 0.6, 0.5), (10, 0.6, 0.2)])
+def test_wedged_discs_are_solved_while_their_impulses_have_digits(count, width, friction):
+    """Thrown discs, three or four of which fit exactly between the walls: what holds the others up are ever
+    larger impulses of ever flatter wedges. A step ends unsolved only where these round by more than momenta
+    may miss; smaller ones were lost, too.
+    """
+    scene = slcp.scenes.heap(count, width=width, friction=friction)
+    sim = slcp.Simulator(scene, slcp.Options(residual="hard"), device="cpu", strategy="generic")
+    x = np.tile(scene.x0, (WORLDS, 1))
+    x[:, scene.nv :] = np.random.default_rng(count).standard_normal((WORLDS, scene.nv))
+    held = 0
+    for _ in range(STEPS):
+        numbers = {
+            name: np.broadcast_to(value, (len(x), *np.shape(value)))
+            for name, value in scene.default_parameters().items()
+        }
+        worlds = Worlds(numbers, x, np.zeros((len(x), 0)), np.zeros(len(x), int))
+        truth = Truth(scene, worlds)
+        verdicts, done = judged(worlds, sim, truth=truth)
+        assert not np.isin(verdicts.verdict, (SILENT, WRONG)).any(), verdicts.reason
+        problem = Problem(truth, truth.drive(), sim.options.method, "float64")
+        solved = done.status == slcp.Status.SOLVED
+        for i in np.flatnonzero(~solved):
+            found = least_motion(problem, i)
+            assert found is None or pushed(problem, i, *found) > DIGITS
+        for i in np.flatnonzero(solved):
+            held += pushed(problem, i, done.state[i, scene.nv :], done.impulse[i]) > 0.1 * DIGITS
+        x = done.state[solved]
+    assert held > 5
