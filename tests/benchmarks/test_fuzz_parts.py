@@ -234,7 +234,28 @@ def test_a_sweep_is_a_loop(monkeypatch):
     monkeypatch.setattr(swept, "KICKS", (0.3, 0.75))
     kept = swept._loop
     monkeypatch.setattr(
-        swept, "_loop", lambda sim, params, x, law, kicks, steps: kept(sim, params, x, law, {}, steps)
+        swept, "_loop", lambda sim, params, x, law, kicks, *more: kept(sim, params, x, law, {}, *more)
     )
     equal, _ = swept.compare(scene, worlds, us, HARD, "specialised")
     assert equal.mean() < 0.5
+    monkeypatch.setattr(swept, "_loop", parts_by_a_rounding(kept))
+    equal, trusted = swept.compare(scene, worlds, us, HARD, "specialised")
+    assert not equal.any() and not trusted.any()
+    given = []
+    whole, sweep = swept._kicks(x[3], 1), slcp.sweep
+    monkeypatch.setattr(
+        slcp, "sweep", lambda *a, **more: given.append(more["worlds"].kicks) or sweep(*a, **more)
+    )
+    swept.compare(scene, worlds.part(3), us[[3]], HARD, "specialised")
+    np.testing.assert_array_equal(given[0], whole[None])
+
+
+def parts_by_a_rounding(loop):
+    """Loops that end on one side, or on either one where every step is rounded, as points that meet do."""
+
+    def ends(sim, params, x, law, kicks, steps, rounded=None):
+        after, status = loop(sim, params, x, law, {}, steps)
+        side = 1.0 if rounded is None else rounded.choice([-1.0, 1.0], (len(x), 1))
+        return after + side, status
+
+    return ends
