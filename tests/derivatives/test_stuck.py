@@ -7,6 +7,9 @@ import pytest
 
 import slcp_warp as slcp
 from slcp_warp import Body, Contact, Scene, Shape
+from slcp_warp.scripts.benchmarks.fuzz.differences import jacobian_errors
+from slcp_warp.scripts.benchmarks.fuzz.judged import parameters
+from slcp_warp.scripts.benchmarks.fuzz.tasks import Task
 
 LEAN = 1.1  # of the ladder against the floor [rad]
 LADDER = Scene(
@@ -116,6 +119,16 @@ def test_the_derivative_is_that_of_a_step_beside(count):
             atol=1e-4 * np.abs(change).max(),
             err_msg=str(seed),
         )
+
+
+@pytest.mark.parametrize(("scene", "world"), [(140, 34), (332, 12), (470, 24)])
+def test_dependent_rows_that_moving_bodies_can_follow_have_no_kink(scene, world):
+    """Random mechanisms whose contacts stick, twice in one place or beside a limit that moves with others."""
+    task = Task(601, scene, "generic", per_chunk=40)
+    worlds = task.worlds(0, own := task.make_scene()).part(world)
+    sim = slcp.Simulator(own, slcp.Options("hard", friction="coulomb"), device="cpu", strategy="generic")
+    error, trusted = jacobian_errors(sim, worlds.x, worlds.u, parameters(sim, worlds.numbers))
+    assert trusted.all() and (error < 1e-4).all()
 
 
 @pytest.mark.parametrize("friction", ["anitescu", "coulomb"])
