@@ -49,6 +49,14 @@ def test_small_runs_of_the_parts_have_no_silent_failure(part, scene):
     assert counts["SOLVED"] > 0.5 * counts["worlds"]
 
 
+def test_derivatives_of_the_common_kernels_are_compared():
+    task = Task(1, 7, "generic", per_chunk=40, part="derivatives")
+    (options, _), tally = task.methods()[0], run_task(task)
+    assert options.residual == "hard" and tally.failures == []
+    for what in ("derivatives", "gradients"):
+        assert sum(n for key, n in tally.counts.items() if key[-1] == f"compared {what}") >= 8
+
+
 @pytest.mark.slow
 def test_a_law_whose_scale_has_no_digits_is_not_solved():
     """Four bodies, a condition of 6e11: D of a limit is off by 3e-5, and so was w, at 250 times the bound."""

@@ -121,14 +121,25 @@ def test_the_derivative_is_that_of_a_step_beside(count):
         )
 
 
-@pytest.mark.parametrize(("scene", "world"), [(140, 34), (332, 12), (470, 24)])
-def test_dependent_rows_that_moving_bodies_can_follow_have_no_kink(scene, world):
-    """Random mechanisms whose contacts stick, twice in one place or beside a limit that moves with others."""
+def of_random_mechanism(scene, world, **options):
+    """Error of A and B of a world of `slcp bench fuzz --seed 601`, by the common kernels."""
     task = Task(601, scene, "generic", per_chunk=40)
     worlds = task.worlds(0, own := task.make_scene()).part(world)
-    sim = slcp.Simulator(own, slcp.Options("hard", friction="coulomb"), device="cpu", strategy="generic")
+    sim = slcp.Simulator(own, slcp.Options(**options), device="cpu", strategy="generic")
     error, trusted = jacobian_errors(sim, worlds.x, worlds.u, parameters(sim, worlds.numbers))
-    assert trusted.all() and (error < 1e-4).all()
+    assert trusted.all()
+    return error[0]
+
+
+@pytest.mark.parametrize(("scene", "world"), [(140, 34), (332, 12), (470, 24)])
+def test_dependent_rows_that_moving_bodies_can_follow_have_no_kink(scene, world):
+    """Contacts that stick, twice in one place or beside a limit that moves with others."""
+    assert of_random_mechanism(scene, world, residual="hard", friction="coulomb") < 1e-4
+
+
+def test_rows_that_are_nearly_one_are_refined_to_the_end():
+    """Impulses of 2e10 N s: what is left of an error falls by little at a time."""
+    assert of_random_mechanism(325, 16, residual="hard", scaling="none") < 1e-4
 
 
 @pytest.mark.parametrize("friction", ["anitescu", "coulomb"])

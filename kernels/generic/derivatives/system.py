@@ -23,6 +23,8 @@ from .vertex import make_vertex
 YIELDING = 1e-10  # diag(A) dlambda by which a row yields
 REFINED = 1e-6  # a correction relative to what it corrects, after which the next one is rounding
 REFINEMENTS = 3
+SLOW = 100  # refinements of rows that are nearly one, whose error falls by little at a time
+NOISE = 1e-10  # a correction relative to the response without rows that is rounding
 
 
 @cached
@@ -37,7 +39,7 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
     nt = make_newton(given, residual) if contacts else None
     vertex = make_vertex(given, residual) if residual == "hard" else None
     ONE, ZERO, HALF, YIELDS = dtype(1.0), dtype(0.0), dtype(0.5), dtype(YIELDING)
-    TAU, SMALL = dtype(YIELDING + PROXIMAL), dtype(REFINED)
+    TAU, SMALL, LEAST = dtype(YIELDING + PROXIMAL), dtype(REFINED), dtype(NOISE)
 
     @wp.func
     def first_row(t: wp.ref[Topology], k: wp.ref[Slot], s: int):
@@ -210,7 +212,7 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
 
     @wp.func
     def settled(t: wp.ref[Topology], x: wp.array(dtype=Lanes), change: wp.array(dtype=Lanes)):
-        """x += change; 1 if that was little of every column."""
+        """x += change; 1 if that was little of every column, and the squares of the changes."""
         size = Lanes()
         moved = Lanes()
         for i in range(3 * t.blocks):
@@ -223,7 +225,28 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
         for lane in range(wp.static(len(Lanes()))):
             if not (moved[lane] <= SMALL * SMALL * size[lane]):
                 good = 0
-        return good
+        return good, moved
+
+    @wp.func(inline=False)
+    def improves(
+        t: wp.ref[Topology], k: wp.ref[Slot], known: wp.array(dtype=Lanes), x: wp.array(dtype=Lanes),
+        moved: Lanes, last: Lanes,
+    ):  # fmt: skip
+        """Whether a column is still on its way: changes shrink, and are more than rounding."""
+        size = Lanes()
+        free = Lanes()
+        for i in range(t.blocks):
+            m = k.mass[t.mass_at[i] + i]
+            for part in range(3):
+                value = x[3 * i + part]
+                size += wp.cw_mul(value, value)
+                value = known[3 * i + part] / m[part, part]
+                free += wp.cw_mul(value, value)
+        for lane in range(wp.static(len(Lanes()))):
+            least = wp.max(SMALL * SMALL * size[lane], LEAST * LEAST * free[lane])
+            if moved[lane] > least and moved[lane] < last[lane]:
+                return 1
+        return 0
 
     @wp.func
     def solve(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, n: int):
@@ -237,14 +260,21 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
             d.root[b, r] = Lanes()
         add_pushes(t, k, d, b, n, side)
         more = int(0)
-        while more <= REFINEMENTS:
+        last = Lanes()
+        while more <= SLOW:
             substitute(t, k, d, b, side)
             if more == 0:
                 for i in range(3 * t.blocks):
                     found[i] = side[i]
-            elif settled(t, found, side) == 1:
-                return
-            if more == REFINEMENTS or n == 0:
+            else:
+                good, moved = settled(t, found, side)
+                if good == 1:
+                    return
+                if more >= REFINEMENTS:
+                    if improves(t, k, known, found, moved, last) == 0:
+                        return
+                last = moved
+            if n == 0:
                 return
             for r in range(n):  # what is left of F2 once dz follows is the proximal term's
                 rate(t, k, d, b, r, side)

@@ -7,6 +7,7 @@
 - heaps: stacks, heaps, boxes that tumble, beams on many supports, followed;
 - relay: rollouts by the specialised kernels without last resorts and those that make what they leave;
 - sweeps: `slcp.sweep` under a linear law and kicks, against a loop over steps;
+- derivatives: one step by the common kernels, of which A, B and gradients are compared with differences;
 - ends: gaps at the end of the step, and the trapezoidal rule under Coulomb's friction.
 """
 
@@ -65,5 +66,6 @@ PARTS = {
     "heaps": Part((99, 3), random_heap, heap_worlds, FOLLOWED, ("generic",)),
     "relay": Part((99, 4), steps=FOLLOWED, strategies=("relay",), wanted=_relayed),
     "sweeps": Part((99, 6), _swept, steps=FOLLOWED),
+    "derivatives": Part((99, 7), strategies=("generic",)),
     "ends": Part((99, 5), strategies=("specialised",), wanted=_ends),
 }

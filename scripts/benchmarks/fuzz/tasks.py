@@ -55,7 +55,9 @@ class Task:
 
     @property
     def differentiates(self) -> bool:
-        """Whether derivatives are compared, too: they compile as long again."""
+        """Whether derivatives are compared, too: with kernels of its own they compile as long again."""
+        if self.part == "derivatives":
+            return True
         return self.strategy == "specialised" and self.part == "steps" and self.scene % DIFFERENTIATED == 0
 
     @property
@@ -87,7 +89,7 @@ class Task:
 
     def methods(self) -> list[tuple[Options, str]]:
         """Options and precisions that it runs."""
-        if self.part == "sweeps" and self.strategy == "generic":
+        if self.part in ("sweeps", "derivatives") and self.strategy == "generic":
             chosen = [(GENERIC[self.scene % len(GENERIC)], "float64")]
         elif self.part == "sweeps":
             chosen = [(random_options(self._rng(0, 2), self._part().wanted), "float64")]
