@@ -23,14 +23,16 @@ GROWN = 10.0  # by which rows may press a place harder than they do where they y
 
 
 @cached
-def make_earned(given: type) -> SimpleNamespace:
+def make_earned(given: type, residual: str) -> SimpleNamespace:
     """Warp functions `adds_up`, `plainly_adds_up`, `see_all` and `is_earned`."""
     dtype = WORK
-    nt = make_newton(given, "hard")
-    ZERO, HALF = dtype(0.0), dtype(0.5)
+    nt = make_newton(given, residual)
+    hard = residual == "hard"
+    ZERO, HALF, ONE = dtype(0.0), dtype(0.5), dtype(1.0)
     LOST, ROUND, ENOUGH = nt.LOST, dtype(GIVEN[given]), dtype(SUMMED[given])
     OPEN, EXACT, LEAST = dtype(ROW * ACCEPTED[given]), dtype(EARNED[given]), dtype(ROUNDED)
-    CLOSE = dtype(EXCHANGED[given])
+    CLOSE = dtype(EXCHANGED[given] + (0.0 if hard else GIVEN[given]))
+    UNTOLD = dtype(GIVEN[given if hard else WORK])  # rounding of impulses that `press` does not make itself
     MORE = dtype(GROWN)
 
     @wp.func
@@ -77,6 +79,17 @@ def make_earned(given: type) -> SimpleNamespace:
         return held
 
     @wp.func
+    def felt(k: wp.ref[Slot], r: int):
+        """What rounding of a row's impulse makes of its velocity: on the curve of a smoothed law, next to
+        nothing where it presses by many sigma.
+        """
+        rounds = ROUND * k.diag[r] * k.lam[r]
+        if wp.static(not hard):
+            e = nt.smooth(k, r, k.z[r])
+            rounds = rounds * wp.min(ONE, e[3] / e[2])
+        return rounds
+
+    @wp.func
     def press(t: wp.ref[Topology], k: wp.ref[Slot], start: int, end: int, e: int):
         """Take what a group's rows press entry e with off k.balance; add what is given back of it to k.move,
         what they do by themselves to k.momentum.
@@ -87,6 +100,8 @@ def make_earned(given: type) -> SimpleNamespace:
         r = int(start)
         while r < end:
             lam = k.lam[r]
+            if wp.static(not hard):
+                lam = dtype(given(lam))
             if k.acting[r] > 0 and lam != ZERO:
                 j = k.jac[k.entry[r] + e]
                 size = wp.abs(j)
@@ -164,7 +179,7 @@ def make_earned(given: type) -> SimpleNamespace:
         good = int(1)
         for r in range(o.row, o.last_row):
             if k.acting[r] > 0:
-                if not (ROUND * k.diag[r] * k.lam[r] <= ENOUGH * k.unit[r]):
+                if not (felt(k, r) <= ENOUGH * k.unit[r]):
                     good = 0
                 if not is_open(t, k, r, OPEN, k.unit[r]):
                     good = 0
@@ -175,7 +190,7 @@ def make_earned(given: type) -> SimpleNamespace:
         for place in range(o.start, o.end):
             b = k.block[place]
             miss = wp.max(wp.abs(k.balance[b]) - k.lost[b], V3())
-            told = (miss + ROUND * k.move[b]) / ENOUGH
+            told = (miss + UNTOLD * k.move[b]) / ENOUGH
             have = k.momentum[b]
             for part in range(3):
                 if not (told[part] <= have[part]):
@@ -193,6 +208,22 @@ def make_earned(given: type) -> SimpleNamespace:
             k.unseen[k.block[place]] = V3()
 
     @wp.func(inline=False)
+    def least_pressed(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+        """k.best_z: the least impulses, in D, of the rows that press by which M dv = J' lambda; what smoothed
+        rows press against each other beyond these is the noise's, not the data's.
+        """
+        nt.mass_times(t, k, o)
+        for r in range(o.row, o.last_row):
+            k.res[r] = ZERO
+            k.p[r] = wp.where(k.z[r] > ZERO, ONE, ZERO)
+            k.slack[r] = ONE - k.p[r]
+        nt.factor(t, k, o, ZERO)
+        nt.direction(t, k, o, ZERO, 0, ZERO)
+        for r in range(o.row, o.last_row):
+            if k.acting[r] > 0:
+                k.best_z[r] = wp.abs(k.dz[r]) * k.p[r] * k.inverse[r]
+
+    @wp.func(inline=False)
     def is_earned(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
         """1 if every row is open on its own scale, nearly to the precision of the work, M dv = J' lambda
         holds as well (of `adds_up`), and rows press no place much harder than they must (k.least). What is
@@ -205,13 +236,20 @@ def make_earned(given: type) -> SimpleNamespace:
             for j in range(3):
                 if not (miss[j] <= ENOUGH * k.momentum[i][j]):
                     good = 0
+        if wp.static(not hard):
+            least_pressed(t, k, o)
+        for place in range(o.start, o.end):
+            i = k.block[place]
             k.move[i] = V3()
             k.best_v[i] = V3()
         for r in range(o.row, o.last_row):
             if k.acting[r] > 0:
                 if not is_open(t, k, r, EXACT, ZERO):
                     good = 0
-                spare = MORE * (k.least[r] + k.alone[r]) - k.lam[r]
+                least = k.least[r]
+                if wp.static(not hard):
+                    least = k.best_z[r]
+                spare = MORE * (least + k.alone[r]) - k.lam[r]
                 if t.coulomb == 1 and not (spare >= ZERO):  # a fixed point that runs away does so row by row
                     good = 0
                 start = k.entry[r]

@@ -36,10 +36,8 @@ END = {
     True: (1e-14, 1e-13),  # hard: sqrt(mu) is what a row that only just touches is off by
 }
 TRIED = 1e-5  # sqrt(mu), relative to the size of the problem, at which Newton's method is tried first
-YIELDS = {
-    wp.float64: 2e-12,
-    wp.float32: 1e-7,
-}  # of rows whose impulses must be the least there are
+PRESSED = 32.0  # sigma by which z of a smoothed row is at most, where w is nothing: exp(-32) is 1e-14
+YIELDS = {wp.float64: 2e-12, wp.float32: 1e-7}  # of rows whose impulses must be the least there are
 
 
 @wp.struct
@@ -62,6 +60,7 @@ class Search:
     missing: WORK  # what the equations missed at the last one; of hard rows the fewest that left their set
     last: int  # 1: the best point of Newton's method is the one at hand
     attempts: int  # that may be made
+    eased: int  # 1: smoothed rows were eased in this attempt
 
 
 @cached
@@ -70,7 +69,7 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
     dtype = WORK
     nt = make_newton(given, residual)
     inner = make_interior(given, residual)
-    earned = make_earned(given)
+    earned = make_earned(given, residual)
     scales, digits = make_scales(given, residual), make_digits(given, residual)
     hard = residual == "hard"
     pivots = make_active_set(given) if hard else None
@@ -81,7 +80,7 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
     FEW = dtype(6.0)  # rows that leave their sets, of which patience is worth while
     SHORTER, SHORTEST = dtype(0.3), dtype(0.02)  # of a step of Newton's method
     TINY, HUGE, REST = dtype(1e-30), dtype(1e300), dtype(RESTS)
-    LEAST, SLOW = dtype(YIELDS[given]), dtype(0.99)
+    LEAST, SLOW, SHUT = dtype(YIELDS[given]), dtype(0.99), dtype(PRESSED)
     SHRINK = dtype(1e-3)  # of the yielding from round to round, of sqrt(mu) from trial to trial
 
     @wp.func
@@ -118,6 +117,15 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
             if k.acting[r] > 0:
                 k.z[r] = k.best_z[r]
                 k.lam[r] = nt.smooth(k, r, k.z[r])[0] * k.inverse[r]
+
+    @wp.func
+    def ease(k: wp.ref[Slot], o: Island):
+        """Smoothed rows whose w is nothing press so little that it stays nothing: rows that oppose each other
+        could press by anything. What the bodies need of it Newton's method adds again.
+        """
+        for r in range(o.row, o.last_row):
+            if k.acting[r] > 0:
+                k.z[r] = wp.min(k.z[r], SHUT * k.sigma[r])
 
     @wp.func
     def leave(k: wp.ref[Slot], o: Island):
@@ -321,12 +329,20 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
                 next = wp.static(YIELDING)
             if good == 1:
                 return wp.static(SOLVED)
+            if wp.static(not hard):
+                if s.eased == 0:
+                    ease(k, o)
+                    begin(s, 0)
+                    s.trying = 0
+                    s.eased = 1
+                    return wp.static(NOT_CONVERGED)
         elif s.trying == 1:
             begin(s, 1)
             s.it = s.walked
             go_back(k, o)
             return wp.static(NOT_CONVERGED)
         s.attempt = next
+        s.eased = 0
         if next >= s.attempts:
             return wp.static(NOT_CONVERGED)
         if s.attempt == wp.static(EXACT):

@@ -58,6 +58,17 @@ def test_derivatives_of_the_common_kernels_are_compared():
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("scene", [1, 3])
+def test_limits_that_meet_are_drawn_and_no_world_is_silent(scene):
+    task = Task(1003, scene, "generic", residuals=("hard", "rem-logistic"), per_chunk=40, part="locked")
+    worlds = task.worlds(0, task.make_scene())
+    meets = (worlds.numbers["lower"] == worlds.numbers["upper"]).any(1)
+    tally = run_task(task)
+    assert meets.mean() > 0.2 and tally.failures == []
+    assert sum(n for key, n in tally.counts.items() if key[-1] == "SOLVED") > 0.3 * 40 * 10
+
+
+@pytest.mark.slow
 def test_a_law_whose_scale_has_no_digits_is_not_solved():
     """Four bodies, a condition of 6e11: D of a limit is off by 3e-5, and so was w, at 250 times the bound."""
     task = Task(81, 3, "generic", per_chunk=40, part="auto")

@@ -96,6 +96,8 @@ UNSCALED = slcp.Options("rem-logistic", "none")
         (2, 28, 7, HARD, "float64"),  # INFEASIBLE, and opens at 5,000 times v_free
         (0, 4, 481, HARD, "float64"),  # momenta judged by what is fastest, not by what a body exchanges
         (0, 5, 401, RESTING, "float64"),
+        (71, 2, 154, UNSCALED, "float32"),  # a locked joint of 27 mg: the noise presses with 5 N s
+        (197, 6, 24, RESTING, "float64"),  # one beside what is fast: 4e10 N s
         (23, 25, 441, UNSCALED, "float64"),  # open by a rounding of what is fast elsewhere
         (
             24,
@@ -167,3 +169,20 @@ def test_worlds_that_were_silent_in_specialised_kernels(seed, scene, world):
     sim = slcp.Simulator(drawn_scene, options, device="cpu", dtype=dtype, strategy="specialised")
     found, _ = judged(task.worlds(chunk, drawn_scene).part([place]), sim)
     assert found.verdict[0] not in (SILENT, WRONG), found.reason[0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+def test_locked_joints_press_no_harder_than_their_noise(dtype):
+    """A cart of 610 kg on a slider whose limits meet, beside 1e6 m/s: 4.3 N s stop it, and each limit gave
+    4e10 of its own. The noise asks for some 30 sigma/D, 8 N s. In single precision as in double.
+    """
+    task = Task(197, 6, "generic")
+    scene = task.make_scene()
+    worlds = task.worlds(0, scene).part([24])
+    sim = slcp.Simulator(scene, RESTING, device="cpu", dtype=dtype, strategy="generic")
+    found, done = judged(worlds, sim)
+    assert done.status[0] == slcp.Status.SOLVED and found.verdict[0] == "holds", found.reason[0]
+    low, up = np.asarray(done.impulse, float)[0, :2]
+    np.testing.assert_allclose(low - up, 4.29928772, rtol={"float64": 1e-8, "float32": 1e-4}[dtype])
+    assert max(low, up) < 100.0

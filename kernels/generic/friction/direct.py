@@ -38,7 +38,7 @@ def make_direct(given: type) -> SimpleNamespace:
     """stick_and_slide(t, k, o) -> status: k.v, k.z, k.lam and k.lift of an island."""
     dtype = WORK
     modes, homotopy = make_modes(given), make_homotopy(given)
-    scales, adds_up = make_scales(given, "hard"), make_earned(given).adds_up
+    scales, adds_up = make_scales(given, "hard"), make_earned(given, "hard").adds_up
     ZERO, TINY = dtype(0.0), dtype(1e-30)
 
     @wp.func

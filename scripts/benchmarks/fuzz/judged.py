@@ -13,7 +13,7 @@ from slcp_warp.results.pictures.kinematics import Array
 from .draws import Worlds
 from .judge import Outcome
 from .problem import Problem, Truth
-from .proofs import least_motion
+from .proofs import least_motion, least_push
 from .verdicts import HOLDS, Verdicts
 
 WELL_POSED = 1e4  # condition of a mass matrix in units of its diagonal
@@ -111,9 +111,10 @@ def predicted(scene: Scene, worlds: Worlds, options: Options, dtype: str) -> tup
         for i in np.flatnonzero(~known).tolist():
             found = least_motion(p, i)
             if found is not None and p.condition[i] < WELL_POSED:
-                push[i], known[i] = found[0] - drive.free[i], not (rounded.turned[i] & (found[1] > 0.0)).any()
+                push[i] = least_push(p, i, found[1])
+                known[i] = not (rounded.turned[i] & (found[1] > 0.0)).any()
                 found = least_motion(rounded, i)
-                other[i] = push[i] if found is None else found[0] - drive.free[i]
+                other[i] = push[i] if found is None else least_push(rounded, i, found[1])
         change = np.abs(truth.drive(other).rhs - truth.drive(push).rhs)
         return push, known & (change <= rounded.tolerance * drive.size).all(1)
     euler = dataclasses.replace(options, integrator="euler", gap="start")

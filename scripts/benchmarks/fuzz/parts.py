@@ -8,7 +8,8 @@
 - relay: rollouts by the specialised kernels without last resorts and those that make what they leave;
 - sweeps: `slcp.sweep` under a linear law and kicks, against a loop over steps;
 - derivatives: one step by the common kernels, of which A, B and gradients are compared with differences;
-- ends: gaps at the end of the step, and the trapezoidal rule under Coulomb's friction.
+- ends: gaps at the end of the step, and the trapezoidal rule under Coulomb's friction;
+- locked: one step of mechanisms whose joints' limits meet.
 """
 
 from collections.abc import Callable
@@ -21,6 +22,7 @@ from slcp_warp.options import Options
 
 from .draws import Worlds, draw_worlds
 from .heaps import heap_worlds, random_heap
+from .locked import locked_scene, locked_worlds
 from .structures import Size, random_auto, random_scene
 
 Rng = np.random.Generator
@@ -68,4 +70,5 @@ PARTS = {
     "sweeps": Part((99, 6), _swept, steps=FOLLOWED),
     "derivatives": Part((99, 7), strategies=("generic",)),
     "ends": Part((99, 5), strategies=("specialised",), wanted=_ends),
+    "locked": Part((99, 7), locked_scene, locked_worlds),
 }

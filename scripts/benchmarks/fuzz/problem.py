@@ -65,7 +65,7 @@ class Truth:
         self.h = np.broadcast_to(self.mech.h, (len(self.q),))
         self.motion = self.mech.motion(self.q, self.v, worlds.u, force)
         self.touches = touches(self.mech, self.q)
-        self.openings: dict[bool, dict[int, float]] = {}  # proofs, by Coulomb's friction and world
+        self.openings: dict[tuple[bool, str], dict[int, float]] = {}  # proofs, by method and world
 
     @property
     def damped(self) -> bool:
@@ -142,8 +142,9 @@ class Truth:
         return np.einsum("bij,bj->bi", np.abs(n), change), lost
 
     def _doubt(self, h_mass: Array, force: Array, push: Array, reached: Array) -> tuple[Array, Array]:
-        """What relative errors of the acceleration N^-1 f, and of its part N^-1 push, make of N reached:
-        the method's matrix E holds that acceleration, and may be worse conditioned than N.
+        """What relative errors of the acceleration N^-1 f make of N reached: the method's matrix E holds that
+        acceleration, and may be worse conditioned than N. And what those of its part N^-1 push make of the
+        right-hand side N reached - h push: where E is stiff next to nothing of N reached, but all of h push.
         """
         weight, part = (
             np.einsum("bij,bj->bi", np.abs(h_mass), np.abs(solved(h_mass, x))) for x in (force, push)
@@ -152,8 +153,9 @@ class Truth:
         worst, guess = np.zeros(push.shape), np.zeros(push.shape)
         for j, unit in enumerate(np.eye(push.shape[1])):  # one by one: the worst that any signs add up to
             other = self.mech.trapezoid(self.q, self.v, self.worlds.u, push + SHAKEN * weight * unit)
-            change = np.abs(np.einsum("bij,bj->bi", h_mass, other - reached)) / SHAKEN
-            worst, guess = worst + change, guess + change * share[:, j : j + 1]
+            change = np.einsum("bij,bj->bi", h_mass, other - reached) / SHAKEN
+            taken = change - self.h[:, None] * weight * unit
+            worst, guess = worst + np.abs(change), guess + np.abs(taken) * share[:, j : j + 1]
         return worst, guess
 
 

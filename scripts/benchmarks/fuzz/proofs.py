@@ -11,42 +11,61 @@ import numpy as np
 
 from slcp_warp.results.pictures.kinematics import Array
 
+from ..mechanics import extended
 from ..mechanics.complementarity import rubbed
 from ..mechanics.rational import Row, largest, product, rational, solve
 from ..shared.optional import scipy_module
-from .problem import FLOOR, Problem
+from .problem import EPSILON, FLOOR, Problem
 
 MOST_MODES = 1_024
 FASTEST = (
     1e5  # velocities that open rows, in units of the acting rows' speeds: pi/2 in float32 is a direction, too
 )
 CLOSED = 1e-6  # of its terms: what keeps a row from being open
+REFINED = 4  # refinements of least impulses
 ROUNDED = 4e-16  # of an impulse found in fractions
 OPEN, PRESS, STICK, LEFT, RIGHT = range(5)
 
 
 def widest_opening(p: Problem, i: int) -> float:
     """The largest t <= 1 such that some velocity gives every row (Coulomb: every normal row) w >= t, with w
-    in units of the speeds of the rows that act at v_free: below 0 no velocity up to FASTEST of them opens
-    the rows.
+    in units of the speeds of its island (`_speeds`): below 0 no velocity up to FASTEST of them opens them.
+    In single precision w is less what a rounding of the row's entries makes of it.
     """
     rows = ~p.tangent
-    jac, rate = p.jac[i][rows], p.rate[i][rows]
+    jac, rate, bound = p.jac[i][rows], p.rate[i][rows], p.bound[i][rows]
     if not len(rate):
         return 1.0
     size = np.maximum(np.abs(jac).max(1), 1e-9)  # every row by itself: its largest entry is 1
     jac, rate = jac / size[:, None], rate / size
     acts = p.free[i][rows] < 0.0
-    acts = acts if acts.any() else ~acts
-    speed = max(
-        1e-12, float(np.abs(rate[acts]).max()), float((np.abs(jac) @ np.abs(p.drive.free[i]))[acts].max())
-    )
+    speed = _speeds(p, i, jac, rate, acts if acts.any() else ~acts)
+    unit = np.where(np.abs(jac) > 0.0, speed, 0.0).max(1)
+    share, one = speed / unit[:, None], np.eye(jac.shape[1])
+    rounds = bound / size[:, None] * share * (EPSILON["float32"] if p.dtype == "float32" else 0.0)
     linprog = scipy_module("optimize").linprog
-    goal = np.r_[np.zeros(jac.shape[1]), -1.0]
-    sides = np.c_[-jac, np.ones(len(rate))]
-    bounds = [(-FASTEST, FASTEST)] * jac.shape[1] + [(None, 1.0)]
-    found = linprog(goal, sides, rate / speed, bounds=bounds, method="highs")
+    sides = np.block([[-jac * share, rounds, np.ones((len(rate), 1))],
+                      [one, -one, 0.0 * one[:, :1]], [-one, -one, 0.0 * one[:, :1]]])  # fmt: skip
+    goal, limits = np.r_[np.zeros(2 * len(one)), -1.0], np.r_[rate / unit, np.zeros(2 * len(one))]
+    bounds = [(-FASTEST, FASTEST)] * len(one) + [(0.0, FASTEST)] * len(one) + [(None, 1.0)]
+    found = linprog(goal, sides, limits, bounds=bounds, method="highs")
     return float(-found.fun) if found.status == 0 else np.nan
+
+
+def _speeds(p: Problem, i: int, jac: Array, rate: Array, acts: Array) -> Array:
+    """The speed of every coordinate's island (nv,), of what hangs together or touches over rows that act at
+    v_free: the largest of their terms. What touches nothing counts as the slowest that does, or as it is.
+    """
+    near = np.abs(p.drive.h_mass[i]) > 0.0
+    for row in jac[acts]:
+        near |= np.outer(row != 0.0, row != 0.0)
+    for _ in range(len(near)):
+        near = near.astype(int) @ near.astype(int) > 0
+    free = np.abs(p.drive.free[i])
+    terms = np.maximum(np.abs(rate), np.abs(jac) @ free)[acts, None] * (jac[acts] != 0.0)
+    speed = (near * terms.max(0)).max(1)
+    out: Array = np.where(speed > 0.0, speed, np.maximum(terms.max(1).min(), free))
+    return np.maximum(out, 1e-12)
 
 
 def opens(p: Problem, i: int) -> bool:
@@ -81,6 +100,21 @@ def least_motion(p: Problem, i: int) -> tuple[Array, Array] | None:
     move = np.linalg.solve(root.T, np.linalg.solve(root, jac.T @ lam))
     shut = b + jac @ move < -CLOSED * (np.abs(b) + np.abs(jac) @ np.abs(move))
     return None if shut.any() else (p.drive.free[i] + move, lam)
+
+
+def least_push(p: Problem, i: int, lam: Array) -> Array:
+    """H^-1 J' lambda (nv,) of an answer of `least_motion`, its pressing rows shut in extended precision: as
+    v' - v_free large impulses that cancel each other leave it few digits.
+    """
+    jac, rate = (part[i][lam > 0.0].astype(np.longdouble) for part in (p.jac, p.rate))
+    right = np.concatenate([jac.T, p.drive.rhs[i][:, None]], 1)
+    moved = extended.solve(p.drive.h_mass[i : i + 1].astype(np.longdouble), right[None])[0]
+    a, w = jac @ moved[:, :-1], rate + jac @ moved[:, -1]
+    x = lam[lam > 0.0].astype(np.longdouble)
+    for _ in range(REFINED):
+        x = x - np.linalg.lstsq(a.astype(float), (a @ x + w).astype(float), rcond=None)[0]
+    out: Array = (moved[:, :-1] @ x).astype(float)
+    return out
 
 
 def coulomb_solution(

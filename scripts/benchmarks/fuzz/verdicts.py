@@ -144,7 +144,7 @@ class Verdicts:
         if not prove or method.end_gap or other:
             return self._set(i, UNPROVEN, status.name)
         p = self.part(np.array([i]))
-        cache = truth.openings.setdefault(p.method.coulomb, {})
+        cache = truth.openings.setdefault((p.method.coulomb, p.dtype), {})
         if i not in cache:
             cache[i] = widest_opening(p, 0)
         opening = cache[i]
