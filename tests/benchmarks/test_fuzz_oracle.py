@@ -16,10 +16,9 @@ from slcp_warp.scripts.benchmarks.fuzz.draws import Worlds
 from slcp_warp.scripts.benchmarks.fuzz.judge import Outcome
 from slcp_warp.scripts.benchmarks.fuzz.judged import judged, predicted
 from slcp_warp.scripts.benchmarks.fuzz.problem import Problem, Truth
-from slcp_warp.scripts.benchmarks.fuzz.proofs import coulomb_solution, least_motion, opens, widest_opening
+from slcp_warp.scripts.benchmarks.fuzz.proofs import coulomb_solution, least_motion, opens
 from slcp_warp.scripts.benchmarks.fuzz.tasks import Task
 from slcp_warp.scripts.benchmarks.fuzz.verdicts import SILENT, UNPROVEN, WRONG, Verdicts
-from slcp_warp.scripts.benchmarks.mechanics.rational import product, rational, solve
 
 HARD = slcp.Options(residual="hard")
 JAMMED = Path(__file__).with_name("jammed_finger.json")
@@ -54,57 +53,6 @@ def test_differences_do_not_judge_across_a_kink():
     for f, slope, sure in ((np.abs, 1.0, False), (lambda x: x + 0.5 * x * x, 1.0 + 1e-9, True)):
         error, trusted = compare(np.full((1, 1), slope), *slopes(f, np.full((1, 1), 1e-9)))
         assert trusted[0] == sure and (not sure or error[0] < 1e-6)
-
-
-def test_an_island_opens_at_its_own_speeds():
-    """A shut slot opens at 1e7 times its speeds, which another island's 1e6 m/s are no measure for; and in
-    single precision not by what a rounding of its rows makes of 1e5 times.
-    """
-    rate, free = np.array([[0.0, -1e-2, -1e6]]), np.array([[-0.1, 0.1, -1e6]])
-
-    def opening(lean, dtype, rates=rate, closes=free):
-        jac = np.array([[[1.0, 0.0, 0.0], [-1.0, lean, 0.0], [0.0, 0.0, 1.0]]])
-        drive = SimpleNamespace(h_mass=np.eye(3)[None], free=np.array([[-0.1, 0.05, 0.0]]))
-        rows = {"jac": jac, "rate": rates, "free": closes, "bound": np.ones((1, 3, 3)), "dtype": dtype}
-        return widest_opening(SimpleNamespace(**rows, tangent=np.zeros(3, bool), drive=drive), 0)
-
-    assert opening(1e-8, "float64") < 0.0 < opening(1e-3, "float64") and opening(1e-3, "float32") > 0.0
-    near = np.array([[0.0, -1e-5, 0.0]])
-    assert opening(9e-8, "float32", near) < 0.0 < opening(9e-8, "float64", near)
-
-
-def test_the_predicted_push_has_its_digits():
-    """Impulses of 2e5 whose response all but cancels: as v' - v_free the push was 1e-8 off, and a world whose
-    step is right to 1e-11 silent. In fractions.
-    """
-    task = Task(401, 1, "specialised", 4)
-    ((options, dtype),) = task.methods()
-    scene = task.make_scene()
-    worlds = task.worlds(0, scene).part([41])
-    push, known = predicted(scene, worlds, options, dtype)
-    truth = Truth(scene, worlds)
-    p = Problem(truth, truth.drive(np.zeros(push.shape)), options.method, dtype)
-    presses = least_motion(p, 0)[1] > 0.0
-    mass, jac = rational(p.drive.h_mass[0]), rational(p.jac[0][presses])
-    free = solve(mass, [Fraction(x) for x in p.drive.rhs[0]])
-    moved = [solve(mass, row) for row in jac]
-    w = [-product(row, free) - Fraction(d) for row, d in zip(jac, p.rate[0][presses])]
-    lam = solve([[product(row, other) for other in moved] for row in jac], w)
-    exact = [float(sum((x * y[j] for x, y in zip(lam, moved)), Fraction(0))) for j in range(scene.nv)]
-    assert known[0] and max(map(abs, map(float, lam))) > 1e5
-    np.testing.assert_allclose(push[0], exact, rtol=1e-11)
-
-
-def test_what_a_stiff_spring_leaves_of_an_error_of_the_predicted_force():
-    """N reached - h f of a slider, E = m + h^2 k/4: an error of f remains but for m/E of it."""
-    for stiffness in (1e-3, 1e5):
-        body = Body("a", 2.0, 0.1, joint="prismatic", stiffness=stiffness)
-        scene = Scene("spring", (body,), gravity=(0.0, 0.0), step_size=0.1)
-        numbers = {n: np.asarray(v)[None] for n, v in scene.default_parameters().items()}
-        worlds = Worlds(numbers, np.array([[0.1, 1.0]]), np.zeros((1, 0)), np.zeros(1, int))
-        e = 2.0 + 0.25 * 0.1**2 * stiffness
-        guess = Truth(scene, worlds).drive(np.array([[3.0]])).guess[0, 0]
-        np.testing.assert_allclose(guess, 6.0 * (1.0 - 2.0 / e), rtol=1e-5, atol=1e-6)
 
 
 @pytest.mark.slow
