@@ -19,12 +19,13 @@ ROW = 10.0  # what is good enough of a row relative to its own terms, in units o
 EARNED = {wp.float64: 2e-10, wp.float32: 1e-8}  # and where the data alone do not suggest its impulses
 ROUNDED = 5e-14  # and relative to the terms of J v'
 EXCHANGED = {wp.float64: 1e-13, wp.float32: 1e-8}  # what may be missing of M dv relative to impulses alone
+PRESSED = 32.0  # sigma by which z of a smoothed row is at most, where w is nothing: exp(-32) is 1e-14
 GROWN = 10.0  # by which rows may press a place harder than they do where they yield more
 
 
 @cached
 def make_earned(given: type, residual: str) -> SimpleNamespace:
-    """Warp functions `adds_up`, `plainly_adds_up`, `see_all` and `is_earned`."""
+    """Warp functions `adds_up`, `plainly_adds_up`, `see_all`, `ease` and `is_earned`."""
     dtype = WORK
     nt = make_newton(given, residual)
     hard = residual == "hard"
@@ -33,7 +34,7 @@ def make_earned(given: type, residual: str) -> SimpleNamespace:
     OPEN, EXACT, LEAST = dtype(ROW * ACCEPTED[given]), dtype(EARNED[given]), dtype(ROUNDED)
     CLOSE = dtype(EXCHANGED[given] + (0.0 if hard else GIVEN[given]))
     UNTOLD = dtype(GIVEN[given if hard else WORK])  # rounding of impulses that `press` does not make itself
-    MORE = dtype(GROWN)
+    MORE, SHUT = dtype(GROWN), dtype(PRESSED)
 
     @wp.func
     def partner(t: wp.ref[Topology], k: wp.ref[Slot], r: int):
@@ -207,6 +208,15 @@ def make_earned(given: type, residual: str) -> SimpleNamespace:
         for place in range(o.start, o.end):
             k.unseen[k.block[place]] = V3()
 
+    @wp.func
+    def ease(k: wp.ref[Slot], o: Island):
+        """Smoothed rows whose w is nothing press so little that it stays nothing: rows that oppose each other
+        could press by anything. What the bodies need of it Newton's method adds again.
+        """
+        for r in range(o.row, o.last_row):
+            if k.acting[r] > 0:
+                k.z[r] = wp.min(k.z[r], SHUT * k.sigma[r])
+
     @wp.func(inline=False)
     def least_pressed(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
         """k.best_z: the least impulses, in D, of the rows that press by which M dv = J' lambda; what smoothed
@@ -271,6 +281,7 @@ def make_earned(given: type, residual: str) -> SimpleNamespace:
         adds_up=adds_up,
         plainly_adds_up=plainly_adds_up,
         see_all=see_all,
+        ease=ease,
         is_earned=is_earned,
         MORE=MORE,
     )

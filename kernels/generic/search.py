@@ -30,13 +30,9 @@ RESTS = 1e-12  # residual at which the last solution is one of this step: gaps r
 PATIENCE = 6  # iterations of it without a gain, where it has nearly ended
 SETS = {True: 6, False: 4}  # and before (hard or not): fewer rows change sets, or the residual falls
 GAIN = {True: 0.5, False: 0.8}  # what counts as one, before: smoothed rows may take shortened steps
-# end: sqrt(mu) and residuals relative to the size of the problem
-END = {
-    False: (1e-10, 1e-13),
-    True: (1e-14, 1e-13),  # hard: sqrt(mu) is what a row that only just touches is off by
-}
+# end: sqrt(mu) (hard: what a row that only just touches is off by) and residuals relative to the problem's size
+END = {False: (1e-10, 1e-13), True: (1e-14, 1e-13)}
 TRIED = 1e-5  # sqrt(mu), relative to the size of the problem, at which Newton's method is tried first
-PRESSED = 32.0  # sigma by which z of a smoothed row is at most, where w is nothing: exp(-32) is 1e-14
 YIELDS = {wp.float64: 2e-12, wp.float32: 1e-7}  # of rows whose impulses must be the least there are
 
 
@@ -80,7 +76,7 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
     FEW = dtype(6.0)  # rows that leave their sets, of which patience is worth while
     SHORTER, SHORTEST = dtype(0.3), dtype(0.02)  # of a step of Newton's method
     TINY, HUGE, REST = dtype(1e-30), dtype(1e300), dtype(RESTS)
-    LEAST, SLOW, SHUT = dtype(YIELDS[given]), dtype(0.99), dtype(PRESSED)
+    LEAST, SLOW = dtype(YIELDS[given]), dtype(0.99)
     SHRINK = dtype(1e-3)  # of the yielding from round to round, of sqrt(mu) from trial to trial
 
     @wp.func
@@ -117,15 +113,6 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
             if k.acting[r] > 0:
                 k.z[r] = k.best_z[r]
                 k.lam[r] = nt.smooth(k, r, k.z[r])[0] * k.inverse[r]
-
-    @wp.func
-    def ease(k: wp.ref[Slot], o: Island):
-        """Smoothed rows whose w is nothing press so little that it stays nothing: rows that oppose each other
-        could press by anything. What the bodies need of it Newton's method adds again.
-        """
-        for r in range(o.row, o.last_row):
-            if k.acting[r] > 0:
-                k.z[r] = wp.min(k.z[r], SHUT * k.sigma[r])
 
     @wp.func
     def leave(k: wp.ref[Slot], o: Island):
@@ -331,7 +318,7 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
                 return wp.static(SOLVED)
             if wp.static(not hard):
                 if s.eased == 0:
-                    ease(k, o)
+                    earned.ease(k, o)
                     begin(s, 0)
                     s.trying = 0
                     s.eased = 1
