@@ -30,7 +30,7 @@ RESTS = 1e-12  # residual at which the last solution is one of this step: gaps r
 PATIENCE = 6  # iterations of it without a gain, where it has nearly ended
 SETS = {True: 6, False: 4}  # and before (hard or not): fewer rows change sets, or the residual falls
 GAIN = {True: 0.5, False: 0.8}  # what counts as one, before: smoothed rows may take shortened steps
-# end: sqrt(mu) (hard: what a row that only just touches is off by) and residuals relative to the problem's size
+# end: sqrt(mu) (hard: what a row that only just touches is off by) and residuals, of the problem's size
 END = {False: (1e-10, 1e-13), True: (1e-14, 1e-13)}
 TRIED = 1e-5  # sqrt(mu), relative to the size of the problem, at which Newton's method is tried first
 YIELDS = {wp.float64: 2e-12, wp.float32: 1e-7}  # of rows whose impulses must be the least there are
