@@ -39,7 +39,7 @@ def tasks_of(
     """
     methods = [o for o in GENERIC if not residuals or o.residual in residuals]
     strategies, steps = PARTS[part].strategies, sum(PARTS[part].steps) / 2
-    per_chunk = CHUNK if PARTS[part].steps == (1, 1) else FOLLOWED
+    per_chunk = CHUNK if part in ("steps", "ends", "locked") else FOLLOWED
     each = CHUNK * len(methods) * len(DTYPES)
     if per_chunk == FOLLOWED:
         each = int(per_chunk * steps) * len(methods) * len(DTYPES)
