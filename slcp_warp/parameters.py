@@ -12,6 +12,7 @@ import warp as wp
 from slcp_warp.kernels.device.tables import make_table
 from slcp_warp.kernels.structure import Layout, layout
 
+from .description.acting import BUILT, acting, parts_of
 from .description.scene import Scene
 from .inputs import rules
 from .inputs.arrays import ArrayError
@@ -185,17 +186,21 @@ class Parameters(Printed):
             for i, part in enumerate(self.scene.shapes):
                 label = f"radius of {part.kind} {part.name!r}"
                 rules.check_radius(label, part.kind, array[..., i, :], ParameterError)
-        if name == "shape_angle":
-            self._check_angles(array)
+        every = np.ndim(value) < len(shape) or np.shape(value)[-len(shape) :] == (1,) * len(shape)
+        if name in BUILT and (name == "shape_angle" or not every):
+            self._check_built(name, array)
         return array
 
-    def _check_angles(self, array: np.ndarray) -> None:
-        for i, kind in enumerate(self.scene.structure.shapes):
-            if not kind.turned and np.any(array[..., i] != 0.0):
-                given = np.ravel(array[..., i])[0]
+    def _check_built(self, name: str, array: np.ndarray) -> None:
+        """Raise ParameterError for a number, other than the one there, that no kernel would read."""
+        shape, scene = self.layout.shape(name), self.scene
+        for i, acts in enumerate(acting(scene.structure, name)):
+            mine, there = np.moveaxis(array, -len(shape), 0)[i], np.moveaxis(self[name], -len(shape), 0)[i]
+            changed = mine != (there if there.ndim == len(shape) - 1 else there[:1])
+            if not acts and changed.any():
+                given, part = np.asarray(mine[changed]).flat[0], parts_of(scene, name)[i]
                 raise ParameterError(
-                    f"shape_angle of {self.scene.shapes[i].name!r} is {given}; it was built with the "
-                    "angle 0, which the kernels leave out: build the scene with another angle"
+                    f"{name} of {part!r} is {given}; it was built {BUILT[name]}: build the scene with another"
                 )
 
     def table(self) -> np.ndarray:

@@ -224,7 +224,7 @@ def task_of(scene: Scene, spec: SweepSpec) -> Task:
         parameters={name: LogNormal(sd) for name, sd in spec.parameter_sd.items() if name in there},
         torque=spec.torque_sd,
         kick_times=spec.kick_times,
-        kick=spec.kick_sd,
+        kick=spec.kick_sd if spec.kick_times else 0.0,
     )
     judged = {"contact_share": contact_share(), "lowest_gap": lowest_gap()} | spin_measures(spec)
     return Task(scene.name, scene, duration=spec.duration, start=spec.start,

@@ -112,7 +112,8 @@ def file_with_number(path, name, value):
 
 def replaced(name, value):
     _, _, parameter, at = PLACES[name]
-    params = slcp.Parameters(GOOD)
+    limit = name in ("lower", "upper")  # of a joint that has one
+    params = slcp.Parameters(with_number(name, 0.1) if limit else GOOD)
     array = params[parameter].copy()
     if name == "disc":
         at = (0,)  # both numbers

@@ -259,7 +259,10 @@ def test_friction_is_drawn_by_pairs_of_shapes_once_or_by_pairs_of_bodies(shared)
         (lambda: slcp.Disturbances(parameters={"friction": slcp.Uniform(-1, 1)}), "no negative numbers"),
         (lambda: disturbed(parameters={"cart.mass": 0.1}), "'cart.mass'; there are pusher.mass, block.mass"),
         (lambda: disturbed(parameters={"rest": slcp.Normal(0.1)}), "'rest'; scene 'push_block' has no rest"),
-        (lambda: disturbed(kicks={"block.x": 0.1}), "kicks names 'block.x'; velocities are kicked: pusher"),
+        (
+            lambda: disturbed(kicks={"block.x": 0.1}, kick_times=(0.1,)),
+            "kicks names 'block.x'; velocities are kicked: pusher",
+        ),
         (lambda: disturbed(sensor={"block.z": 0.1}), "'block.z'"),
         (lambda: disturbed(pushes=(slcp.Push("cart", 0.1, 0.1),)), r"pushes\[0\].body is 'cart'; there are"),
         (

@@ -7,6 +7,7 @@ import numpy as np
 
 import slcp_warp as slcp
 from slcp_warp import Scene, StrategyError
+from slcp_warp.description.acting import BUILT, acting
 from slcp_warp.options import Options, Status
 from slcp_warp.results.pictures.kinematics import Array
 
@@ -31,7 +32,14 @@ def numbers_for(sim: Any, worlds: Worlds, seed: int = 0) -> dict[str, Array]:
             )
     if not sim.nr:
         numbers.pop("sigma")
-    return numbers
+    return {name: read(sim, name, value) for name, value in numbers.items() if np.size(value)}
+
+
+def read(sim: Any, name: str, value: Array) -> Array:
+    """Numbers of a parameter with those that the scene has in the place of what no kernel reads."""
+    if name not in BUILT:
+        return value
+    return np.where(acting(sim.scene.structure, name), value, sim.params[name])
 
 
 def simulator(scene: Scene, options: Options, dtype: str, strategy: str) -> Any:

@@ -43,7 +43,7 @@ class Disturbances:
         dropped: share of the steps, at random, in which all controls are zero.
         dropouts: times without controls.
         kick_times: when velocities are kicked [s].
-        kick: standard deviation of a kick on every velocity [m/s, rad/s].
+        kick: standard deviation of a kick on every velocity [m/s, rad/s]; `kick_times` say when.
         kicks: the same for single velocities by their names, instead of it.
         pushes: forces on bodies for a while.
     """
@@ -93,6 +93,10 @@ class Disturbances:
             raise ArgumentError(f"Disturbances.kick_times is {shown(self.kick_times)}; a tuple is needed")
         times = tuple(number("Disturbances.kick_times", time, 0.0) for time in self.kick_times)
         put(self, "kick_times", tuple(sorted(times)))
+        if not times and (self.kick or self.kicks):
+            name = "kick" if self.kick else "kicks"
+            raise ArgumentError(f"Disturbances.{name} is {shown(getattr(self, name))}, but there are no "
+                                "kick_times; when velocities are kicked is needed")  # fmt: skip
 
     def _named(self, name: str) -> Mapping[str, Any]:
         given = instance(f"Disturbances.{name}", getattr(self, name), Mapping, "a dict of numbers by name")

@@ -9,6 +9,7 @@ from slcp_warp.kernels.ensembles import disturbances as kernels
 from slcp_warp.kernels.ensembles.draws import LAWS
 from slcp_warp.kernels.structure import layout
 
+from ...description.acting import BUILT, OF_DOFS, OF_SHAPES, acting, parts_of
 from ...description.names import turned
 from ...description.scene import Scene
 from ...inputs.checks import shown
@@ -21,8 +22,6 @@ FACTORS = ("gravity", "radius")  # parameters that keep their directions and sha
 SIGNED = ("com", "anchor", "angle", "lower", "upper", "rest", "shape_offset")  # what may be of either sign
 NAMES = (*PERTURBABLE, *SIGNED)
 OF_NO_BODY = ("step_size", "gravity", "sigma", "spring_stiffness", "spring_damping", "spring_length")
-OF_DOFS = ("damping", "lower", "upper", "stiffness", "rest")
-OF_SHAPES = ("radius", "shape_offset", "shape_angle")
 COMPONENTS = {
     f"{name}_{axis}": (name, i) for name in ("com", "anchor", "shape_offset") for i, axis in enumerate("xy")
 }
@@ -76,12 +75,15 @@ def parameter_laws(scene: Scene, base: np.ndarray, given: Mapping[str, Distribut
     columns = layout(scene.structure).columns
     names, group = _parameter_names(scene, columns), _groups(columns)
     laws = still(base, group, [kernels.PARAMETER] * len(names), names)
-    found = {key: _places(scene, key) for key in given}
+    found, inert = {key: _places(scene, key) for key in given}, _inert(scene)
+    for key, places in found.items():
+        if inert.keys() >= set(places):
+            raise ArgumentError(f"Disturbances.parameters names {key!r}; it was built {inert[places[0]]}")
     # what is said of one part, or one component, counts
     for key in sorted(given, key=lambda key: (*_precision(key), -len(found[key]))):
         drawn, places = given[key], found[key]
         first = _first(scene, places, drawn.shared)
-        for column in places:
+        for column in (place for place in places if place not in inert):
             laws.base[..., column] = np.asarray(base)[..., column]  # alone
             laws.put(column, drawn)
             laws.step[column] = group[first[column]]
@@ -163,7 +165,7 @@ def _parameter_names(scene: Scene, columns: Sequence[tuple[str, int, tuple[int, 
     names = []
     for name, _, shape in columns:
         size = int(np.prod(shape, dtype=int))
-        parts = _parts(scene, name)
+        parts = parts_of(scene, name)
         if not shape:
             names.append(name)
         elif not parts:
@@ -197,7 +199,7 @@ def _places(scene: Scene, key: str) -> list[int]:
         raise ArgumentError(f"Disturbances.parameters names {key!r}; scene {scene.name!r} has no {name}")
     start, shape = found[0]
     size = int(np.prod(shape, dtype=int))
-    width, exact, parts = size // (shape[0] if shape else 1), _parts(scene, name), owners(scene, name)
+    width, exact, parts = size // (shape[0] if shape else 1), parts_of(scene, name), owners(scene, name)
     if not part:
         return list(range(start + (component or 0), start + size, 1 if component is None else width))
     wanted = {part, turned(part)}
@@ -210,20 +212,19 @@ def _places(scene: Scene, key: str) -> list[int]:
     return [start + width * row + i for row in rows for i in numbers]
 
 
+def _inert(scene: Scene) -> dict[int, str]:
+    """Columns that no kernel reads, and what their parts were built without."""
+    found = {}
+    for name, start, shape in layout(scene.structure).columns:
+        if name in BUILT and np.prod(shape, dtype=int):
+            acts = acting(scene.structure, name)
+            found |= {start + row: BUILT[name] for row, each in enumerate(acts) if not each}
+    return found
+
+
 def owners(scene: Scene, name: str) -> list[str]:
     """Names of the parts that a parameter's rows belong to, both ends of a capsule alike."""
-    return [each.replace("(+)", "").replace("(-)", "") for each in _parts(scene, name)]
-
-
-def _parts(scene: Scene, name: str) -> list[str]:
-    if name in ("mass", "inertia", "com", "anchor", "angle", "axis"):
-        return [body.name for body in scene.bodies]
-    if name in OF_DOFS:
-        return list(scene.state_names[: scene.nv])
-    if name in OF_SHAPES:
-        return [shape.name for shape in scene.shapes]
-    of = {"gear": scene.control_names, "friction": scene.pair_names, "sigma": scene.row_names}
-    return list(of.get(name, ()))
+    return [each.replace("(+)", "").replace("(-)", "") for each in parts_of(scene, name)]
 
 
 def key_of(scene: Scene, column: int) -> str:
@@ -232,7 +233,7 @@ def key_of(scene: Scene, column: int) -> str:
     Both radii of a capsule have the same one, components of places their own: "hand.shape_offset_x".
     """
     name, start, shape = column_of(scene, column)
-    parts = _parts(scene, name)
+    parts = parts_of(scene, name)
     if not parts or not shape:
         return name
     row, place = divmod(column - start, int(np.prod(shape, dtype=int)) // shape[0])

@@ -3,6 +3,7 @@
 import numpy as np
 
 import slcp_warp as slcp
+from slcp_warp.description.acting import acting
 
 from ..record import Found
 from ..setting import Setting, cast
@@ -20,7 +21,8 @@ def run(setting: Setting, found: Found) -> None:
         ill = x.copy()
         ill[5], ill[21, 3], ill[37] = np.nan, np.inf, -np.inf
         lower = np.tile(sim.params["lower"], (WORLDS, 1))
-        lower[bad & (np.arange(WORLDS) > 37)] = 10.0  # above the upper ones
+        limited = acting(sim.scene.structure, "lower")
+        lower[np.ix_(bad & (np.arange(WORLDS) > 37), limited)] = 10.0  # above the upper ones
         _step(found, f"step, {dtype}", sim, x, ill, us, lower, bad)
         _rollout(found, f"rollout, {dtype}", sim, x, ill, us, lower, bad)
         _gradient(found, f"gradient, {dtype}", sim, x, ill, us, lower, bad)

@@ -1,0 +1,46 @@
+"""Which numbers of a parameter stand for something that a scene has.
+
+A table of parameters has a number for every degree of freedom, pair or shape, also where a joint has no limit
+or spring and a pair no friction: no kernel reads it there.
+"""
+
+from slcp_warp.kernels.structure import Structure
+
+from .scene import Scene
+
+OF_DOFS = ("damping", "lower", "upper", "stiffness", "rest")
+OF_SHAPES = ("radius", "shape_offset", "shape_angle")
+
+# what a part was built without
+BUILT = {
+    "lower": "without a lower limit",
+    "upper": "without an upper limit",
+    "stiffness": "without a spring",
+    "rest": "without a spring",
+    "friction": "without friction",
+    "shape_angle": "with the angle 0, which the kernels leave out",
+}
+
+
+def acting(structure: Structure, name: str) -> list[bool]:
+    """Of a parameter of `BUILT`, one for every row: whether it stands for something."""
+    s = structure
+    if name in ("lower", "upper"):
+        return list(s.lower if name == "lower" else s.upper)
+    if name in ("stiffness", "rest"):
+        return [j in s.sprung for j in range(s.nv if s.sprung else 0)]
+    if name == "friction":
+        return [pair.friction for pair in s.pairs]
+    return [shape.turned for shape in s.shapes]
+
+
+def parts_of(scene: Scene, name: str) -> list[str]:
+    """Names of the parts that a parameter's rows are of; none for what has no names."""
+    if name in ("mass", "inertia", "com", "anchor", "angle", "axis"):
+        return [body.name for body in scene.bodies]
+    if name in OF_DOFS:
+        return list(scene.state_names[: scene.nv])
+    if name in OF_SHAPES:
+        return [shape.name for shape in scene.shapes]
+    of = {"gear": scene.control_names, "friction": scene.pair_names, "sigma": scene.row_names}
+    return list(of.get(name, ()))
