@@ -1,5 +1,6 @@
 """The command line: every command on tiny settings, its files, and what bad input comes to."""
 
+import dataclasses
 import io
 import json
 import os
@@ -90,6 +91,18 @@ def test_optimise_saves_a_policy(made):
     assert record["xs"].shape == (31, 6) and record["trace_cost"].shape == record["trace_level"].shape
     policy, facts = load_policy(made / "plan.npz", scenes.flicking_finger())
     assert isinstance(policy, ddp.TrackingPolicy) and facts["policy"] == "tracking"
+
+
+def test_plans_of_python_are_drawn(made, tmp_path):
+    """They hold a trace and no noise levels; of a batch the cheapest is drawn before the others."""
+    one = ddp.Result.load(made / "plan.npz").record()
+    arrays = {name: each for name, each in one.arrays.items() if "level" not in name}
+    many = {name: np.stack([each, each]) for name, each in arrays.items()}
+    many["cost"][0] = np.nan  # never solved
+    for name, held in (("one", arrays), ("many", many)):
+        dataclasses.replace(one, arrays=held).save(tmp_path / f"{name}.npz")
+        call("chart", tmp_path / f"{name}.npz", "--out", tmp_path)
+        assert (tmp_path / f"{name}.png").stat().st_size > 10_000
 
 
 def test_optimise_from_many_starts_and_noise_levels(made, tmp_path):

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from slcp_warp.description.acting import BUILT, acting
 from slcp_warp.results.pictures.kinematics import Array
 
 STEPS = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
@@ -86,6 +87,8 @@ def gradient_errors(sim: Any, x: Array, u: Array, params: Any, seed: int) -> tup
         base = np.broadcast_to(base, (len(x), *shape)).copy()
         gradient = tracked.gradient(name).reshape(len(x), -1)
         for k in np.ndindex(*shape):
+            if name in BUILT and not acting(sim.scene.structure, name)[k[0]]:
+                continue  # no kernel reads it
             size = np.maximum(np.abs(base[(slice(None), *k)]), 1e-3 if name not in ONE_SIDED else 0.0)
             if not size.all() or name in SKIPPED:
                 continue

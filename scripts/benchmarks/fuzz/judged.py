@@ -32,14 +32,7 @@ def numbers_for(sim: Any, worlds: Worlds, seed: int = 0) -> dict[str, Array]:
             )
     if not sim.nr:
         numbers.pop("sigma")
-    return {name: read(sim, name, value) for name, value in numbers.items() if np.size(value)}
-
-
-def read(sim: Any, name: str, value: Array) -> Array:
-    """Numbers of a parameter with those that the scene has in the place of what no kernel reads."""
-    if name not in BUILT:
-        return value
-    return np.where(acting(sim.scene.structure, name), value, sim.params[name])
+    return numbers
 
 
 def simulator(scene: Scene, options: Options, dtype: str, strategy: str) -> Any:
@@ -58,7 +51,14 @@ def kind_of(sim: Any) -> Any:
 
 def parameters(sim: Any, numbers: dict[str, Array]) -> Any:
     """The worlds' numbers as a simulator takes them."""
-    return sim.params.replace(**{n: v for n, v in numbers.items() if np.size(v)})
+    return sim.params.replace(**{n: _read(sim, n, v) for n, v in numbers.items() if np.size(v)})
+
+
+def _read(sim: Any, name: str, value: Array) -> Array:
+    """Numbers of a parameter with those that the scene has in the place of what no kernel reads."""
+    if name not in BUILT:
+        return value
+    return np.where(acting(sim.scene.structure, name), value, sim.params[name])
 
 
 def step(sim: Any, worlds: Worlds, numbers: dict[str, Array], external: Array | None = None) -> Any:

@@ -15,7 +15,7 @@ from slcp_warp.results.pictures.kinematics import Array
 from . import swept
 from .differences import LIMIT, gradient_errors, jacobian_errors
 from .draws import CLASSES, Worlds
-from .judged import judged, numbers_for, predicted, simulator, step
+from .judged import judged, numbers_for, parameters, predicted, simulator, step
 from .problem import Truth
 from .rolled import follow, roll
 from .tasks import Failure, Tally, Task, key_of
@@ -158,7 +158,7 @@ def _derivatives(tally: Tally, task: Task, worlds: Worlds, sim: Any, verdicts: V
     if not len(places) or not task.differentiates:
         return
     part = worlds.part(places)
-    params = sim.params.replace(**{n: v for n, v in numbers_for(sim, part).items() if np.size(v)})
+    params = parameters(sim, numbers_for(sim, part))
     key = (*key_of(task, sim.options, sim.dtype.__name__), "all")
     with np.errstate(all="ignore"):
         found = {
