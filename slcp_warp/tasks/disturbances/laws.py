@@ -214,7 +214,7 @@ def _places(scene: Scene, key: str) -> list[int]:
 
 def _inert(scene: Scene) -> dict[int, str]:
     """Columns that no kernel reads, and what their parts were built without."""
-    found = {}
+    found: dict[int, str] = {}
     for name, start, shape in layout(scene.structure).columns:
         if name in BUILT and np.prod(shape, dtype=int):
             acts = acting(scene.structure, name)
