@@ -64,12 +64,13 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
         for i in range(t.shapes):
             p = k.shape[t.shapes + i]
             body = t.shape_body[i]
-            if body != WORLD:
+            if body == WORLD:
+                k.shape[i] = p
+            else:
                 f = k.frame[body]
                 x = f[2] + f[0] * p[0] - f[1] * p[1]
                 y = f[3] + f[1] * p[0] + f[0] * p[1]
-                p = V4(x, y, f[0] * p[2] - f[1] * p[3], f[1] * p[2] + f[0] * p[3])
-            k.shape[i] = p
+                k.shape[i] = V4(x, y, f[0] * p[2] - f[1] * p[3], f[1] * p[2] + f[0] * p[3])
 
     @wp.func
     def pose(t: wp.ref[Topology], k: wp.ref[Slot], shape: int, end: int):
@@ -103,25 +104,28 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
     def radii_b(t: wp.ref[Topology], k: wp.ref[Slot], pair: int):
         return radii(t, k, t.pair_b[pair], t.pair_ends[2 * pair + 1])
 
+    @wp.func
+    def parts(k: wp.ref[Slot], pair: int, g: GEO, ra: V2, rb: V2, pa: V4, pb: V4):
+        """What `geometry` gives back."""
+        n = V2(g[0], g[1])
+        k.normal[pair] = n
+        return g[0], g[1], told(g[2], n, ra, rb, pa, pb), g[3], g[4], g[5], g[6]
+
     @wp.func(inline=False)
     def geometry(t: wp.ref[Topology], k: wp.ref[Slot], pair: int):
-        """GEO of a pair, its distance as far as the data tell it; the search starts at the last normal, which
-        it replaces.
+        """GEO of a pair without its last entry, its distance as far as the data tell it; the search starts at
+        the last normal, which it replaces. Numbers one by one: a vector goes through memory, and a processor
+        waits where it is written in parts and read as a whole.
         """
         pa = pose_a(t, k, pair)
         pb = pose_b(t, k, pair)
         ra = radii_a(t, k, pair)
         rb = radii_b(t, k, pair)
-        g = GEO()
         if t.pair_kind[pair] == PLANE:
-            g = plane_distance.geometry(ra, rb, pa, pb, V2())
-        elif t.pair_kind[pair] == LONG:
-            g = long_distance.geometry(ra, rb, pa, pb, V2())
-        else:
-            g = round_distance.geometry(ra, rb, pa, pb, k.normal[pair])
-        k.normal[pair] = V2(g[0], g[1])
-        g[2] = told(g[2], k.normal[pair], ra, rb, pa, pb)
-        return g
+            return parts(k, pair, plane_distance.geometry(ra, rb, pa, pb, V2()), ra, rb, pa, pb)
+        if t.pair_kind[pair] == LONG:
+            return parts(k, pair, long_distance.geometry(ra, rb, pa, pb, V2()), ra, rb, pa, pb)
+        return parts(k, pair, round_distance.geometry(ra, rb, pa, pb, k.normal[pair]), ra, rb, pa, pb)
 
     @wp.func
     def moved_by(t: wp.ref[Topology], k: wp.ref[Slot], j: int, side: int, pa: V4, pb: V4, g: GEO):
@@ -192,7 +196,8 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
             i = k.row[r]
             if t.row_kind[i] == wp.static(CONTACT):
                 pair = t.row_index[i]
-                g = geometry(t, k, pair)
+                nx, ny, gap, ha, turn_a, hb, turn_b = geometry(t, k, pair)
+                g = GEO(nx, ny, gap, ha, turn_a, hb, turn_b, ZERO)
                 pa = pose_a(t, k, pair)
                 pb = pose_b(t, k, pair)
                 mu = rub * number(t, k, FRICTION, pair)
@@ -201,7 +206,7 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
                 else:
                     chained_rows(t, k, pair, r, pa, pb, g, mu)
                 for _same in range(t.pair_row[pair + 1] - t.pair_row[pair]):
-                    k.gap[r] = g[2] / h
+                    k.gap[r] = gap / h
                     r += 1
             else:
                 j = t.row_index[i]

@@ -25,7 +25,7 @@ GROWN = 10.0  # by which rows may press a place harder than they do where they y
 
 @cached
 def make_earned(given: type, residual: str) -> SimpleNamespace:
-    """Warp functions `adds_up`, `plainly_adds_up`, `see_all`, `ease` and `is_earned`."""
+    """Warp functions `adds_up`, `give_back`, `plainly_adds_up`, `see_all`, `ease` and `is_earned`."""
     dtype = WORK
     nt = make_newton(given, residual)
     hard = residual == "hard"
@@ -143,9 +143,36 @@ def make_earned(given: type, residual: str) -> SimpleNamespace:
         return held
 
     @wp.func(inline=False)
+    def give_back(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+        """Add to k.move what is given back of contacts with Coulomb's friction: as in `press`, by pairs."""
+        for g in range(o.group, o.last_group):
+            start = k.group[g]
+            entry = k.entry[start]
+            entries = k.entry[start + 1] - entry
+            for e in range(entries):
+                x, y, z = dtype(0.0), dtype(0.0), dtype(0.0)
+                at = entry + e
+                r = start + 0
+                while r < k.group[g + 1]:
+                    rows = partner(t, k, r) - r + 1  # a pair's first row comes first
+                    size = wp.abs(k.jac[at])
+                    lam = k.lam[r]
+                    if rows == 2:
+                        size = wp.max(size, wp.abs(k.jac[at + entries]))
+                        lam += k.lam[r + 1]
+                    x += lam * size[0]
+                    y += lam * size[1]
+                    z += lam * size[2]
+                    r += rows
+                    at += rows * entries
+                b = t.row_block[k.pattern[start] + e]
+                k.move[b] = k.move[b] + V3(x, y, z)
+
+    @wp.func(inline=False)
     def plainly_adds_up(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
         """1 if what `nt.residuals` left of the point at hand proves what `adds_up` asks: of J v' + d/h - w, w
-        not being negative, that no row is open by less; of momenta, without those of rows by themselves.
+        not being negative, that no row is open by less; of momenta, without those of rows by themselves. With
+        Coulomb's friction `give_back` comes before.
         """
         good = int(1)
         for r in range(o.row, o.last_row):
@@ -279,6 +306,7 @@ def make_earned(given: type, residual: str) -> SimpleNamespace:
 
     return SimpleNamespace(
         adds_up=adds_up,
+        give_back=give_back,
         plainly_adds_up=plainly_adds_up,
         see_all=see_all,
         ease=ease,

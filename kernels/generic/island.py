@@ -192,7 +192,7 @@ def make_island(given: type, residual: str) -> wp.Function:
                 more = wp.where(added > 0 or rub < ONE, 1, 0)
                 fresh = wp.where(t.coulomb == 1 and rub == ONE and n > hopeless, 1, 0)
                 if wp.static(residual == "hard"):
-                    if t.coulomb == 1 and n > 0 and (fresh == 0 or more == 0):
+                    if t.coulomb == 1 and n > 0 and fresh == 0:
                         more = wp.max(more, friction.lift(t, k, o, passes))
                         passes = wp.abs(passes) + 1
                 if more == 1:

@@ -215,11 +215,13 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
         inside the largest a. A row yields by `yielding` diag(A) (lambda - k.least). Its residual is relative
         to the velocities that the data set in its island.
         """
-        worst = dtype(0.0)
-        finite = dtype(0.0)
-        largest = dtype(0.0)
+        worst, finite, largest = dtype(0.0), dtype(0.0), dtype(0.0)
         changed = int(0)
         begin_balance(t, k, o)
+        if wp.static(not hard):  # a call in the loop below would put all of its sums into memory
+            for r in range(o.row, o.last_row):
+                if k.acting[r] > 0:
+                    changed = wp.max(changed, put(k, r, inside))
         for g in range(o.group, o.last_group):
             start, end, entry, entries, one, two = ends(t, k, g)
             v = k.v[one]
@@ -231,7 +233,8 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
             at = entry + 0
             for r in range(start, end):
                 if k.acting[r] > 0:
-                    changed = wp.max(changed, put(k, r, inside))
+                    if wp.static(hard):
+                        changed = wp.max(changed, put(k, r, inside))
                     lam = k.lam[r]
                     res = k.rate[r] - k.w[r]
                     if entries <= 2:
@@ -388,7 +391,7 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
         factor=factor,
         direction=direction,
         add_pushes=matrix.add_pushes,
-        put=put,
+        turn_group=matrix.turn_group,
         ends=ends,
         GOOD=GOOD,
         mass_times=mass_times,

@@ -168,9 +168,9 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
         motion does not depend on what is recorded.
         """
         normal = V2(k.normal[pair][0], k.normal[pair][1])
-        g = contact.geometry(t, k, pair)
+        _nx, _ny, gap, _ha, _turn_a, _hb, _turn_b = contact.geometry(t, k, pair)
         k.normal[pair] = normal
-        return g[2]
+        return gap
 
     @wp.func
     def solve_step(t: wp.ref[Topology], k: wp.ref[Slot]):

@@ -29,7 +29,7 @@ ROUNDING = 4e-16  # of J v', relative to its terms
 def make_coulomb(given: type) -> SimpleNamespace:
     """lift(t, k, o, passes) -> 1 if k.rate of the acting pairs had to change."""
     dtype = WORK
-    dot = make_newton(given, "hard").dot
+    turn_group = make_newton(given, "hard").turn_group
     HALF, ONE, ZERO = dtype(0.5), dtype(1.0), dtype(0.0)
     ENOUGH, SLIP, ROUND = dtype(TOLERANCE), dtype(SLIPPING), dtype(ROUNDING)
     FRICTION = COLUMN["friction"]
@@ -69,10 +69,12 @@ def make_coulomb(given: type) -> SimpleNamespace:
         settled = int(1)
         along = dtype(0.0)
         across = dtype(0.0)
+        for g in range(o.group, o.last_group):
+            turn_group(t, k, g, k.v, k.dz)
         for r in range(o.row, o.last_row):
             first = first_of_pair(t, k, r)
             if first >= 0:
-                target = HALF * wp.abs(dot(t, k, k.v, first) - dot(t, k, k.v, first + 1))
+                target = HALF * wp.abs(k.dz[first] - k.dz[first + 1])
                 miss = target - k.lift[first]
                 change = miss - k.miss[first]
                 along += miss * change
@@ -87,7 +89,7 @@ def make_coulomb(given: type) -> SimpleNamespace:
         for r in range(o.row, o.last_row):
             first = first_of_pair(t, k, r)
             if first >= 0:
-                target = HALF * wp.abs(dot(t, k, k.v, first) - dot(t, k, k.v, first + 1))
+                target = HALF * wp.abs(k.dz[first] - k.dz[first + 1])
                 moved = wp.max(target - share * (target - k.target[first]), ZERO)
                 if passes < 0:
                     moved = HALF * (k.lift[first] + k.target[first] - k.miss[first])

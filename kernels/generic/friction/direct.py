@@ -38,7 +38,7 @@ def make_direct(given: type) -> SimpleNamespace:
     """stick_and_slide(t, k, o) -> status: k.v, k.z, k.lam and k.lift of an island."""
     dtype = WORK
     modes, homotopy = make_modes(given), make_homotopy(given)
-    scales, adds_up = make_scales(given, "hard"), make_earned(given, "hard").adds_up
+    scales, earned = make_scales(given, "hard"), make_earned(given, "hard")
     ZERO, TINY = dtype(0.0), dtype(1e-30)
 
     @wp.func
@@ -100,10 +100,13 @@ def make_direct(given: type) -> SimpleNamespace:
         while attempt < attempts and status == wp.static(NOT_CONVERGED):
             iterations = begin_attempt(t, k, o, size, known, attempt)
             if modes.newton(t, k, o, iterations) == 1:
-                good = adds_up(t, k, o)
+                earned.give_back(t, k, o)
+                good = earned.plainly_adds_up(t, k, o)
+                if good == 0:
+                    good = earned.adds_up(t, k, o)
                 if good == 0:
                     modes.leave_alone(t, k, o)
-                    good = adds_up(t, k, o)
+                    good = earned.adds_up(t, k, o)
                 status = wp.where(good == 1, wp.static(SOLVED), status)
             attempt += 1
         return status

@@ -89,9 +89,11 @@ def make_modes(given: type) -> SimpleNamespace:
     @wp.func
     def measure(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
         """k.total: J v' + d/h without a lift."""
+        for g in range(o.group, o.last_group):
+            nt.turn_group(t, k, g, k.v, k.total)
         for r in range(o.row, o.last_row):
             if k.acting[r] > 0:
-                k.total[r] = k.gap[r] + nt.dot(t, k, k.v, r)
+                k.total[r] = k.gap[r] + k.total[r]
 
     @wp.func
     def lift(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
@@ -217,9 +219,8 @@ def make_modes(given: type) -> SimpleNamespace:
             lu.solve(k.factor, k.upper, k.first, k.at, k.block, k.move, o.start, o.end)
         else:
             nt.env.solve(k.factor, k.first, k.at, k.block, k.move, o.start, o.end)
-        for r in range(o.row, o.last_row):
-            if k.acting[r] > 0:
-                k.dz[r] = nt.dot(t, k, k.move, r)
+        for g in range(o.group, o.last_group):
+            nt.turn_group(t, k, g, k.move, k.dz)
 
     @wp.func
     def advance(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, slides: int):
@@ -242,13 +243,13 @@ def make_modes(given: type) -> SimpleNamespace:
                 other = partner(t, k, r)
                 held = (k.total[r] + k.total[other]) + (k.dz[r] + k.dz[other])  # as on the right-hand side
                 k.a[r] = k.a[r] - HALF * k.p[r] * held
-        for r in range(o.row, o.last_row):
-            if k.acting[r] > 0:
-                k.total[r] = k.total[r] + k.dz[r]
+        measure(t, k, o)
 
     @wp.func
     def evaluate(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
-        """z and lambda of (k.v, k.a); the largest residual of Coulomb's law and of M dv = J' lambda."""
+        """z and lambda of (k.v, k.a), in k.res what w misses; the largest residual of Coulomb's law and of
+        M dv = J' lambda.
+        """
         lift(t, k, o)
         worst = dtype(0.0)
         finite = dtype(0.0)
@@ -261,6 +262,7 @@ def make_modes(given: type) -> SimpleNamespace:
                     w = ZERO
                 k.lam[r] = lam
                 k.z[r] = k.scale[r] * lam - w
+                k.res[r] = held - w
                 worst = wp.max(worst, wp.abs(held - w) / k.unit[r])
                 if follows(t, k, r) and k.mode[r] == HOLDS and k.mode[r - 1] == HOLDS:
                     mu = k.numbers[t.columns[FRICTION] + t.row_index[k.row[r]]]

@@ -95,6 +95,33 @@ def make_matrix() -> SimpleNamespace:
                     else:
                         k.factor[k.at[one] + two] = k.factor[k.at[one] + two] + total
 
+    @wp.func
+    def turn_group(
+        t: wp.ref[Topology],
+        k: wp.ref[Slot],
+        g: int,
+        x: wp.ref[wp.array(dtype=V3)],
+        out: wp.ref[wp.array(dtype=WORK)],
+    ):
+        """J x of a group's acting rows."""
+        start, end, entry, entries, one, two = ends(t, k, g)
+        v = x[one]
+        u = V3()
+        if entries == 2:
+            u = x[two]
+        at = entry + 0
+        for r in range(start, end):
+            if k.acting[r] > 0:
+                change = wp.dot(k.jac[at], v)
+                if entries <= 2:
+                    change += wp.dot(k.jac[at + entries - 1], u)
+                else:
+                    pattern = k.pattern[r]
+                    for e in range(1, entries):
+                        change += wp.dot(k.jac[at + e], x[t.row_block[pattern + e]])
+                out[r] = change
+            at += entries
+
     @wp.func(inline=False)
     def push_group(t: wp.ref[Topology], k: wp.ref[Slot], g: int):
         """k.move += J' k.weight of a group's rows."""
@@ -118,5 +145,10 @@ def make_matrix() -> SimpleNamespace:
             push_group(t, k, g)
 
     return SimpleNamespace(
-        env=env, ends=ends, assemble=assemble, push_group=push_group, add_pushes=add_pushes
+        env=env,
+        ends=ends,
+        assemble=assemble,
+        turn_group=turn_group,
+        push_group=push_group,
+        add_pushes=add_pushes,
     )
