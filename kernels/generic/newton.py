@@ -215,6 +215,7 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
         inside the largest a. A row yields by `yielding` diag(A) (lambda - k.least). Its residual is relative
         to the velocities that the data set in its island.
         """
+        # long: one pass over a group's rows, whose sums stay in registers
         worst, finite, largest = dtype(0.0), dtype(0.0), dtype(0.0)
         changed = int(0)
         begin_balance(t, k, o)
@@ -275,8 +276,7 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
                 if entries == 2:
                     k.balance[two] = k.balance[two] - V3(p, q, s)
                     k.move[two] = k.move[two] + V3(ap, aq, az2)
-        worst = wp.where(wp.isfinite(finite), worst, HUGE)
-        return wp.max(worst, imbalance(k, o)), changed, largest
+        return wp.max(wp.where(wp.isfinite(finite), worst, HUGE), imbalance(k, o)), changed, largest
 
     @wp.func
     def weigh(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, yielding: dtype):
