@@ -216,7 +216,7 @@ def test_worlds_with_their_own_numbers_are_their_own_scene(device, dtype):
         "radius": sim.params["radius"] * rng.uniform(0.8, 1.2, (30, 3, 1)),
         "sigma": rng.uniform(0.02, 0.2, (30, 6)),
         "step_size": rng.uniform(0.01, 0.05, 30),
-        "lower": sim.params["lower"] + rng.uniform(-0.1, 0.1, (30, 3)),
+        "lower": sim.params["lower"] + rng.uniform(-0.1, 0.1, (30, 3)) * sim.scene.structure.lower,
     }
     step = sim.step(x, u, sim.params.replace(**changes))
     for i in range(30):

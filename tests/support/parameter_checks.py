@@ -20,15 +20,23 @@ def alike(scene, name, at):
     return {at}
 
 
+def acts(scene, name, row):
+    """Whether a number may be changed at all: of limits, springs and friction, those that the scene has."""
+    s = scene.structure
+    has = {"lower": s.lower, "upper": s.upper, "friction": [pair.friction for pair in s.pairs],
+           "shape_angle": [shape.turned for shape in s.shapes]}  # fmt: skip
+    has |= dict.fromkeys(("stiffness", "rest"), [j in s.sprung for j in range(s.nv)])
+    return name not in has or has[name][row]
+
+
 def columns(sim, params):
     """(name, entries of it that change together, unit of the change) for every number that may change."""
-    structure = sim.scene.structure
     for name in sim.params.names:
         for at in np.ndindex(*sim.params.layout.shape(name)):
-            if name == "shape_angle" and not structure.shapes[at[0]].turned:
+            if not acts(sim.scene, name, at[0] if at else 0):
                 continue
             if name in ("friction", "radius") and not sim.params[name][at]:
-                continue  # a pair without friction, a half-plane
+                continue  # a pair with a friction of 0, a half-plane
             if name.endswith("covariance"):
                 if at[0] <= at[1]:
                     yield name, {at, at[::-1]}, params[name].max()
@@ -73,6 +81,9 @@ def errors(sim, x, u, params, force, modes):
             exact = sum(back.parameters[name][(slice(None), *entry)] for entry in at)
             error = np.where(kept[own].all(0), np.abs(shifts @ value[own] / unit - exact), np.nan)
             best[name, min(at)] = np.fmin(best.get((name, min(at)), np.nan), error)
+    for name in ("lower", "upper", "stiffness", "rest", "friction"):
+        for row in range(sim.params.layout.shape(name)[0] if name in sim.params.names else 0):
+            assert acts(sim.scene, name, row) or not back.parameters[name][:, row].any(), (name, row)
     out = {}
     for name, at, unit in todo:
         largest = np.abs(back.parameters[name]).reshape(worlds, -1).max(1)
