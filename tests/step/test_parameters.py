@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from parameter_checks import acts
 from simulators import scene
 
 import slcp_warp as slcp
@@ -74,8 +75,11 @@ def test_every_number_lands_in_its_own_column_and_world(name, worlds):
         if key == "shape_angle":  # an angle that was 0 stays 0
             given = [np.where(before[key][0] == 0.0, 0.0, rng.uniform(1.0, 2.0, shape))]
         else:
+            may = [acts(params.scene, key, row) for row in range(shape[0] if shape else 1)]
+            may = np.reshape(may, (-1,) + (1,) * (len(shape) - 1)) if shape else True
             given = [
-                legal(params.scene, key, rng.uniform(1.0, 2.0, size)) for size in (shape, (worlds, *shape))
+                np.where(may, legal(params.scene, key, rng.uniform(1.0, 2.0, size)), before[key][0])
+                for size in (shape, (worlds, *shape))
             ]
             if key != "axis":
                 given.append(1.5)
