@@ -169,7 +169,8 @@ class Parameters(Printed):
         array = rules.numbers(name, value, ParameterError, name)
         if name in COVARIANCES:
             return rules.covariance(name, array, shape[0], ParameterError)
-        if array.shape == shape or array.shape[1:] == shape and array.ndim == len(shape) + 1:
+        single = array.shape == shape or array.shape[1:] == shape and array.ndim == len(shape) + 1
+        if single:
             array = array.copy()
         elif array.ndim == 0:
             array = np.full(shape, array)
@@ -186,8 +187,7 @@ class Parameters(Printed):
             for i, part in enumerate(self.scene.shapes):
                 label = f"radius of {part.kind} {part.name!r}"
                 rules.check_radius(label, part.kind, array[..., i, :], ParameterError)
-        every = np.ndim(value) < len(shape) or np.shape(value)[-len(shape) :] == (1,) * len(shape)
-        if name in BUILT and (name == "shape_angle" or not every):
+        if name in BUILT and (single or name == "shape_angle"):
             self._check_built(name, array)
         return array
 

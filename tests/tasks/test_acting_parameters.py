@@ -48,7 +48,8 @@ def test_replaced_numbers_that_nothing_reads_are_refused(name):
         with pytest.raises(slcp.ParameterError, match=f"{name} of '{part}' is 0.5; it was built {why}"):
             params.replace(**{name: given})
     if name != "shape_angle":
-        assert (params.replace(**{name: 0.3})[name] == 0.3).all()
+        for one in (0.3, np.full(7, 0.3), np.full((4, 1), 0.3)):  # of all, of every world
+            assert (params.replace(**{name: one})[name] == 0.3).all()
 
 
 def test_numbers_that_are_read_are_taken():
