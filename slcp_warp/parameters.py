@@ -101,10 +101,11 @@ class Parameters(Printed):
         """A copy with some parameters changed.
 
         Args:
-            changes: name=value; a scalar (for every component), the parameter's own shape, (B, *shape), or
-                (B, 1, ..) for a number of every world, for all components; (B,) is that, too, where B is not
-                the length of the parameter, whose components they are then. A disc has one radius, twice; an
-                axis is of unit length; lower above upper is a world without a solution (its status says so).
+            changes: name=value; a scalar (for every component that the scene was built with), the parameter's
+                own shape, (B, *shape), or (B, 1, ..) for a number of every world, for all components; (B,) is
+                that, too, where B is not the length of the parameter, whose components they are then. A disc
+                has one radius, twice; an axis is of unit length; lower above upper is a world without a
+                solution (its status says so); what was built without a limit, spring or friction has none.
 
         Raises:
             ParameterError: unknown name, shape that does not fit, non-finite or illegal value.
@@ -187,21 +188,23 @@ class Parameters(Printed):
             for i, part in enumerate(self.scene.shapes):
                 label = f"radius of {part.kind} {part.name!r}"
                 rules.check_radius(label, part.kind, array[..., i, :], ParameterError)
-        if name in BUILT and (single or name == "shape_angle"):
-            self._check_built(name, array)
-        return array
+        return self._of_parts(name, array, single) if name in BUILT else array
 
-    def _check_built(self, name: str, array: np.ndarray) -> None:
-        """Raise ParameterError for a number, other than the one there, that no kernel would read."""
-        shape, scene = self.layout.shape(name), self.scene
-        for i, acts in enumerate(acting(scene.structure, name)):
-            mine, there = np.moveaxis(array, -len(shape), 0)[i], np.moveaxis(self[name], -len(shape), 0)[i]
-            changed = mine != (there if there.ndim == len(shape) - 1 else there[:1])
-            if not acts and changed.any():
-                given, part = np.asarray(mine[changed]).flat[0], parts_of(scene, name)[i]
+    def _of_parts(self, name: str, array: np.ndarray, single: bool) -> np.ndarray:
+        """Numbers with the scene's own where no kernel reads one; others, given singly, are an error."""
+        own, ndim = np.asarray(self.scene.default_parameters()[name], float), len(self.layout.shape(name))
+        for i, acts in enumerate(acting(self.scene.structure, name)):
+            rows = np.moveaxis(array, -ndim, 0)
+            changed = np.asarray(rows[i])[np.asarray(rows[i] != own[i])]
+            if acts or not changed.size:
+                continue
+            if single or name == "shape_angle":
+                part = parts_of(self.scene, name)[i]
                 raise ParameterError(
-                    f"{name} of {part!r} is {given}; it was built {BUILT[name]}: build the scene with another"
+                    f"{name} of {part!r} is {changed.flat[0]}; it was built {BUILT[name]}: build another"
                 )
+            rows[i] = own[i]
+        return array
 
     def table(self) -> np.ndarray:
         """All columns, (1 or B, width), float64."""
