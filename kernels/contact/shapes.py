@@ -27,15 +27,13 @@ def make_upright(dtype: type, given: type | None = None) -> wp.Function:
 @cached
 def make_told(dtype: type, given: type) -> wp.Function:
     """told(gap, n, ra, rb, pa, pb) -> a distance along n, less what rounding may have made of it, or 0:
-    centres and radii are given in single precision to kernels that work in double.
+    centres and radii are rounded to the precision that they are given in.
     """
     V2, V4 = wp.types.vector(2, dtype), wp.types.vector(4, dtype)
-    ROUNDING = dtype(2.0**-24)
+    ROUNDING = dtype(2.0**-24 if given is wp.float32 else 2.0**-52)
 
     @wp.func
     def told(gap: dtype, n: V2, ra: V2, rb: V2, pa: V4, pb: V4):
-        if wp.static(given is not wp.float32):
-            return gap
         lengths = wp.abs(n[0]) * (wp.abs(pa[0]) + wp.abs(pb[0]))
         lengths += wp.abs(n[1]) * (wp.abs(pa[1]) + wp.abs(pb[1]))
         lengths += wp.max(ra[0], ra[1]) + wp.max(rb[0], rb[1])

@@ -17,6 +17,7 @@ from .topology import tables
 WORK = wp.float64
 V2, V3, V4 = (wp.types.vector(n, WORK) for n in (2, 3, 4))
 M33 = wp.types.matrix((3, 3), WORK)
+WORD, LINE = 8, 64  # bytes
 LANES = 16  # right-hand sides that are solved at once: two registers of a CPU halve what a loop costs
 Lanes = wp.types.vector(LANES, WORK)
 NEAR, ROWS, GROUPS, ISLANDS, ORDERS, LISTED, AXIS_OF_ITEMS, LOOKS = range(8)  # in `count`; orders: 0, 1
@@ -261,19 +262,37 @@ def lengths(s: Structure) -> dict[str, int]:
 
 
 def allocate_work(s: Structure, slots: int, device: Any) -> Work:
-    """Workspaces of `slots` worlds: neighbours in memory are worlds on a GPU, items on a CPU."""
+    """Workspaces of `slots` worlds: neighbours in memory are worlds on a GPU. On a CPU a world has a block of
+    whole cache lines to itself: of what two worlds share, threads that step them rob each other.
+    """
     work = Work()
+    if wp.get_device(device).is_cpu:
+        stride, begin = _places(s)
+        block = wp.zeros(slots * stride + LINE, dtype=wp.uint8, device=device)
+        start = -(-block.ptr // LINE) * LINE
     for name, length in lengths(s).items():
         kind = Slot.cls.__annotations__[name].dtype
         if wp.get_device(device).is_cpu:
-            array = wp.zeros((slots, length), dtype=kind, device=device)
+            steps = (stride, wp.types.type_size_in_bytes(kind))
+            at = start + begin[name]
+            array = wp.array(ptr=at, dtype=kind, shape=(slots, length), strides=steps, device=device)
+            array._ref = block  # as of Warp's own views
         else:
             array = wp.zeros((length, slots), dtype=kind, device=device).transpose()
         setattr(work, name, array)
     return work
 
 
+def _places(s: Structure) -> tuple[int, dict[str, int]]:
+    """Bytes from a world's block to the next one's, and where in it its arrays begin."""
+    begin, end = {}, 0
+    for name, length in lengths(s).items():
+        begin[name] = end
+        size = length * wp.types.type_size_in_bytes(Slot.cls.__annotations__[name].dtype)
+        end += -(-size // WORD) * WORD
+    return -(-end // LINE) * LINE, begin
+
+
 def bytes_per_world(s: Structure) -> int:
     """Memory of one slot."""
-    fields = Slot.cls.__annotations__
-    return sum(wp.types.type_size_in_bytes(fields[name].dtype) * n for name, n in lengths(s).items())
+    return _places(s)[0]
