@@ -205,11 +205,11 @@ def _rates(p: Problem, q1: Array, v1: Array) -> tuple[Array, Any]:
 def ended(p: Problem, q1: Array, v1: Array) -> Array:
     """d/h of the rows such that J v' + d/h has the gap at the end of the step (B, nr)."""
     truth = p.truth
-    after = gaps(truth.mech, q1)
+    after = gaps(p.mech, q1)
     rate = p.rate.copy()
     for i, row in enumerate(truth.s.rows):
         if row.kind == "contact" and not p.tangent[i]:
-            approach = np.einsum("bj,bj->b", truth.touches.normal[:, row.index], v1)
+            approach = np.einsum("bj,bj->b", p.touches.normal[:, row.index], v1)
             rate[:, i] = after[:, row.index] / truth.h - approach
     return rate
 

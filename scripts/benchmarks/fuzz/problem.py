@@ -16,6 +16,7 @@ from slcp_warp.kernels.method import Method
 from slcp_warp.results.pictures.kinematics import Array
 
 from ..mechanics.contact import Touches, touches
+from ..mechanics.level import level, level_touches
 from ..mechanics.tree import Mechanics
 from .draws import Worlds
 
@@ -27,6 +28,7 @@ MOST_LOSS = 1e-2  # relative error, whatever the mass matrix
 LOST_ROWS = {"float64": 100.0, "float32": 50.0}  # times TOLERANCE that J v' + d/h may lose by it
 REFUSED = 3e-4  # of the motion that a rounding may make of it where the trapezoidal method may say NONFINITE
 SUMMED = 10.0  # roundings that the kernels lay to entries of that method's matrix, beside those of H^-1
+GIVEN = {"float64": 2.0**-52, "float32": 2.0**-24}  # of its lengths: what kernels take an overlap for less by
 FLOOR = 1e-30
 LEVER = 3.0  # a sum of a dozen terms, which rounds by more than 4 EPSILON of its terms
 TURNED = 0.3  # of a normal by rounding: two points in one place have any
@@ -66,6 +68,15 @@ class Truth:
         self.motion = self.mech.motion(self.q, self.v, worlds.u, force)
         self.touches = touches(self.mech, self.q)
         self.openings: dict[tuple[bool, str], dict[int, float]] = {}  # proofs, by method and world
+
+    def placed(self, dtype: str) -> tuple[Mechanics, Touches]:
+        """The scene and its contacts as kernels of this precision take them."""
+        return self._level if dtype == "float32" else (self.mech, self.touches)
+
+    @functools.cached_property
+    def _level(self) -> tuple[Mechanics, Touches]:
+        mech = level(self.mech)
+        return mech, level_touches(mech, self.q, self.touches if mech is self.mech else None)
 
     @property
     def damped(self) -> bool:
@@ -178,6 +189,7 @@ class Problem:
         diag: its diagonal.
         free: b = J v_free + d/h.
         sigma: noise levels.
+        mech, touches: the scene and its contacts as the kernels take them.
     """
 
     def __init__(
@@ -186,7 +198,8 @@ class Problem:
         self.truth, self.drive, self.method, self.dtype = truth, drive, method, dtype
         self.inner = inner or dtype  # the precision that the kernels work in
         self.tolerance = TOLERANCE[dtype] * (ERM_SLACK if method.erm else 1.0)
-        s, p, t = truth.s, truth.mech.p, truth.touches
+        self.mech, self.touches = truth.placed(dtype)
+        s, p, t = truth.s, truth.mech.p, self.touches
         self.loose = 4.0 * EPSILON[dtype] / TOLERANCE[dtype]  # a rounding error in units of the tolerance
         rows, rates, bounds, mus, sizes, unclear = [], [], [], [], [], []
         zero = np.zeros(truth.q.shape)
@@ -215,14 +228,34 @@ class Problem:
         self.jac, self.bound = _stack(rows, zero), _stack(bounds, zero)
         self.rate, self.mu, self.size = (_stack(x, truth.h) for x in (rates, mus, sizes))
         self.unclear = _stack(unclear, truth.h > 0.0)
-        self.a = self.jac @ np.linalg.solve(drive.h_mass, np.swapaxes(self.jac, 1, 2))
-        self.diag = np.einsum("bii->bi", self.a)
-        self.free = self.rate + np.einsum("bij,bj->bi", self.jac, drive.free)
+        self._respond()
         self.sigma = self._sigma()
+
+    def _respond(self) -> None:
+        """What follows from J and d/h: A, its diagonal and b."""
+        self.a = self.jac @ np.linalg.solve(self.drive.h_mass, np.swapaxes(self.jac, 1, 2))
+        self.diag = np.einsum("bii->bi", self.a)
+        self.free = self.rate + np.einsum("bij,bj->bi", self.jac, self.drive.free)
 
     def start_from(self, rate: Array) -> None:
         """Take other values of d/h."""
         self.free, self.rate = self.free + rate - self.rate, rate
+
+    def ease(self) -> None:
+        """Take overlaps for less by what rounding of their lengths may have made of them. In J, too: what turns
+        both sides of a contact as one moves them along its surface alone, by the distance.
+        """
+        s = self.truth.s
+        self.rate = self.rate + np.clip(-self.rate, 0.0, GIVEN[self.dtype] * self.size)
+        for i, row in enumerate(s.rows):
+            if row.kind == "contact":
+                pair, tangent = s.pairs[row.index], self.tangent[i]
+                sides = [s.shapes[shape].body for shape in (pair.shape_a, pair.shape_b)]
+                both = [j for j in range(s.nv) if all(s.turns(body, j) for body in sides)]
+                slope = 0.0 if self.method.coulomb else row.sign * self.mu[:, i]
+                gap = self.rate[:, i - tangent] * self.truth.h
+                self.jac[:, i, both] = (gap * np.where(tangent, 1.0, slope))[:, None]
+        self._respond()
 
     def _is_tangent(self, row: object) -> bool:
         return self.method.coulomb and row.kind == "contact" and row.sign < 0  # type: ignore[attr-defined]
@@ -265,7 +298,7 @@ class Problem:
     def turned(self) -> Array:
         """Whether rounding turns a row's normal by more than the tolerance (B, nr)."""
         rows = [(row.kind == "contact", row.index) for row in self.truth.s.rows]
-        bends = [self.truth.touches.bend[:, k] if contact else 0.0 * self.truth.h for contact, k in rows]
+        bends = [self.touches.bend[:, k] if contact else 0.0 * self.truth.h for contact, k in rows]
         return _stack([bend * self.loose > 1.0 for bend in bends], self.truth.h > 0.0)
 
     @property

@@ -26,7 +26,6 @@ PROOFS = 500  # of one kind for a batch at most: the rest is counted as unproven
 TRIALS = 15  # of all modes: the same
 SLACK = 10.0  # by which an answer may be larger than an independent solution
 NO_NUMBER = "NONFINITE from finite numbers"
-HALF_ULP = 2.0**-24  # of an overlap's lengths: by so much single precision may have made it
 BEYOND = 1e6  # of the data's speeds: INFEASIBLE says that no velocity below opens the rows
 CLEAR = 1e-5  # an opening this wide, in units of the world's speeds, refutes INFEASIBLE
 
@@ -94,9 +93,8 @@ class Verdicts:
             found = self._tried(p, near, exact=True)
         if found is False:
             return self._set(i, UNPROVEN, "too many modes")
-        if found is None and not p.method.coulomb and p.dtype == "float32":
-            p.start_from(p.rate + np.clip(-p.rate, 0.0, HALF_ULP * p.size))
-            found = least_motion(p, 0)
+        if found is None:
+            found = _eased(p, near)
         if found is None and not p.method.coulomb and not self._is_runaway(p, i) and opens(p, 0):
             return self._set(i, UNPROVEN, "a solution beyond rounding")
         if found is None:
@@ -161,6 +159,14 @@ class Verdicts:
             elif found is not None:
                 self._set(i, WRONG, "JAMMED, but a solution exists")
         return None
+
+
+def _eased(p: Problem, near: Array) -> Any:
+    """A solution of the only world, its overlaps eased by what rounding may have made of them."""
+    p.ease()
+    if not p.method.coulomb:
+        return least_motion(p, 0)
+    return coulomb_solution(p, 0, near) or coulomb_solution(p, 0, near, exact=True)
 
 
 def _hangs_on_rounding(p: Problem, lam: Array) -> bool:
