@@ -242,7 +242,7 @@ class Problem:
         self.free, self.rate = self.free + rate - self.rate, rate
 
     def ease(self) -> None:
-        """Take overlaps for less by what rounding of their lengths may have made of them. In J, too: what turns
+        """Take overlaps for less by what rounding of lengths may have made of them. In J, too: what turns
         both sides of a contact as one moves them along its surface alone, by the distance.
         """
         s = self.truth.s
