@@ -4,12 +4,25 @@ from dataclasses import fields
 
 import numpy as np
 
-from slcp_warp.results.record_checks import Arrays, finite, known_statuses, length, shapes
+from slcp_warp.results.record_checks import (
+    Arrays,
+    finite,
+    known_statuses,
+    length,
+    shapes,
+    worlds_of_parameters,
+)
 from slcp_warp.results.simulated import Simulated
 from slcp_warp.storage.files import FileError
 
 from .status import Status
 from .trace import Trace
+
+SINGLE = ("cost", "status", "iterations", "gradient", "min_pivot")
+COLUMNS = tuple(f"trace_{f.name}" for f in fields(Trace))
+OF_STEPS = ("xs", "us", "K", "k", "Vx", "Vxx")
+OF_COMMANDS = ("level_sigma", "level_cost", "trace_level", "batch_cost", "batch_status")  # of `slcp optimise`
+PLAN = (*OF_STEPS, *SINGLE, *COLUMNS, "lower", "upper", *OF_COMMANDS)
 
 
 def check_plan(arrays: Arrays, simulated: Simulated) -> None:
@@ -22,12 +35,10 @@ def check_plan(arrays: Arrays, simulated: Simulated) -> None:
     steps, passes = length(arrays, "us", axes - 2, axes), length(arrays, "trace_cost", axes - 2, axes - 1)
     if steps < 1 or passes < 1 or 0 in batch:
         raise FileError("it holds no step, no pass or no problem")
-    each = ("cost", "status", "iterations", "gradient", "min_pivot")
-    columns = tuple(f"trace_{f.name}" for f in fields(Trace))
     need = {
         "xs": (steps + 1, nx), "us": (steps, nu), "K": (steps, nu, nx), "k": (steps, nu),
-        "Vx": (steps + 1, nx), "Vxx": (steps + 1, nx, nx), **dict.fromkeys(each, ()),
-        **dict.fromkeys(columns, (passes,)),
+        "Vx": (steps + 1, nx), "Vxx": (steps + 1, nx, nx), **dict.fromkeys(SINGLE, ()),
+        **dict.fromkeys(COLUMNS, (passes,)),
     }  # fmt: skip
     limits = ("lower", "upper") if {"lower", "upper"} & arrays.keys() else ()  # files without state none
     need |= dict.fromkeys(limits, (nu,))
@@ -35,9 +46,25 @@ def check_plan(arrays: Arrays, simulated: Simulated) -> None:
     if limits and not (arrays["lower"] <= arrays["upper"]).all():
         raise FileError("a lower control limit is above the upper one")
     planned = np.isfinite(arrays["cost"]) if batch else ...
-    finite({name: arrays[name][planned] for name in ("xs", "us", "K")}, "xs", "us", "K")
+    followed = ("xs", "us", "K", "k")
+    finite({name: arrays[name][planned] for name in followed}, *followed)
     known_statuses(arrays["status"], Status)
+    worlds_of_parameters(simulated, batch or (1,))
+    _check_solved(arrays)
     _check_levels(arrays, passes)
+
+
+def _check_solved(arrays: Arrays) -> None:
+    """Raise FileError for numbers of a solve that none leaves."""
+    if np.isnan(arrays["cost"]).any():
+        raise FileError("array 'cost' contains nan; numbers are needed")
+    for name in ("iterations", "trace_restarts", "trace_regularization", "trace_step_size", "trace_gradient"):
+        if (arrays[name] < 0).any():
+            raise FileError(
+                f"array {name!r} contains {np.nanmin(arrays[name])}; numbers of at least 0 are needed"
+            )
+    if (arrays["iterations"] != np.floor(arrays["iterations"])).any():
+        raise FileError("array 'iterations' contains what is no whole number")
 
 
 def _check_levels(arrays: Arrays, passes: int) -> None:

@@ -11,10 +11,10 @@ from slcp_warp.inputs.checks import whole
 from slcp_warp.inputs.errors import ArgumentError
 from slcp_warp.results.records import Record, read_record
 from slcp_warp.results.simulated import Simulated
-from slcp_warp.storage.files import FileError
+from slcp_warp.storage.files import FileError, reading
 from slcp_warp.storage.printed import Printed, Table, counted
 
-from .plan_check import check_plan
+from .plan_check import PLAN, check_plan
 from .status import Status
 from .trace import Trace
 
@@ -133,7 +133,9 @@ class Result(Printed):
             FileError: truncated, no plan, of a newer version, or inconsistent.
             FileNotFoundError: no such file.
         """
-        return cls.of(read_record(path, "plan", check_plan))
+        record = read_record(path, "plan", PLAN, check_plan)
+        with reading(path, "a plan", FileError):
+            return cls.of(record)
 
     @classmethod
     def of(cls, record: Record) -> "Result":
@@ -143,6 +145,9 @@ class Result(Printed):
             values.setdefault(name, np.full(np.delete(record["us"].shape, -2), none))
         trace = Trace(**{name: record[f"trace_{name}"] for name in PASSES})
         found = cls(**values, trace=trace, simulated=record.simulated, header=record.facts())
+        steps = found.us.shape[-2]
+        if found.header.get("horizon", steps) != steps:
+            raise FileError(f"its header: horizon is {found.header['horizon']!r:.60}; it holds {steps} steps")
         try:
             whole("header['delay']", found.delay, 0)
         except ValueError as error:

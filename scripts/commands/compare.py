@@ -7,17 +7,23 @@ import typer
 
 import slcp_warp as slcp
 
-from ..stages.task_sweep import comparison, load_report, report_table
-from ..support.options import Device, Seed, StepSize
+from ..stages.task_sweep import comparison, report_table
+from ..support.options import Device, Seed, StepSize, refuse
 from ..support.policies import POLICY, named_policies
-from ..support.rules import HARD_RULE, HardRule, with_rules
+from ..support.rules import HARD_RULE, RULES, HardRule, with_rules
 from ..support.screen import INTERRUPTED, console, one_line_errors, prepared, progress_bar, timed, wrote
 from ..support.simulators import numbers
+
+OF_TASKS = {  # options that a report has no use for
+    *("measure", "statistic", "bounds", "confidence", "margin", "worlds", "batch", "out"),
+    *("step_size", "seed", "device", "dtype", *RULES),
+}
 
 
 @one_line_errors
 @with_rules
 def compare_command(
+    context: typer.Context,
     report: Annotated[
         str,
         typer.Argument(
@@ -61,6 +67,7 @@ def compare_command(
     Of a report; or of a task, in as many worlds as it takes (--sequential).
     """
     if not policy:
+        refuse(context, OF_TASKS, "of a task with --policy; this is of a report")
         _of_report(Path(report), first, second, sequential)
         return
     if not sequential or first is not None:
@@ -90,7 +97,7 @@ def _of_worlds(found: slcp.SequentialComparison, path: Path | None) -> None:
 
 
 def _of_report(path: Path, first: str | None, second: str | None, sequential: bool) -> None:
-    found = load_report(path)
+    found = slcp.load_report(path)
     there = list(dict.fromkeys(key[0] for key in found.source.keys))
     one = first or there[0]
     other = second or next((name for name in there if name != one), "")

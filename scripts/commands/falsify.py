@@ -10,7 +10,7 @@ import slcp_warp as slcp
 from ..support.options import Device, Seed
 from ..support.policies import TaskPolicy, policy_of_task
 from ..support.rules import HARD_RULE, HardRule, with_rules
-from ..support.screen import console, one_line_errors, timed, waiting, wrote
+from ..support.screen import console, one_line_errors, prepared_folder, timed, waiting, wrote
 from ..support.tasks import TaskName
 
 
@@ -29,28 +29,28 @@ def falsify_command(
     most: Annotated[
         float | None, typer.Option(help="Largest size [standard deviations]; default: 32, then 256.")
     ] = None,
-    worlds: Annotated[int, typer.Option(help="Worlds at once.")] = 4096,
+    worlds: Annotated[int, typer.Option(help="Worlds that are tried at once.")] = 4096,
     gradients: Annotated[
         bool, typer.Option("--gradients", help="Use derivatives through contact, too.")
     ] = False,
     rules: HardRule = HARD_RULE,
     seed: Seed = 0,
     device: Device = None,
+    dtype: Annotated[str, typer.Option(help="float32 or float64.")] = "float32",
 ) -> None:
     """Find the smallest disturbance under which a policy fails, and save it."""
     from ..charts.falsify import falsify_chart  # it loads matplotlib
 
-    chosen = slcp.load_task(task)
+    out, chosen = prepared_folder(out), slcp.load_task(task)
     followed = policy_of_task(policy, chosen)
     options = rules.of(chosen.options)
     with timed("search"), waiting("worlds") as shown:
         found = slcp.falsify(
             chosen, followed, by, time=time, body=body, duration=duration, most=most, worlds=worlds,
-            gradients=gradients, options=options, seed=seed, device=device,
+            gradients=gradients, options=options, seed=seed, dtype=dtype, device=device,
             progress=lambda count: shown(f"{count:,} worlds"),
         )  # fmt: skip
     console.print(str(found), highlight=False, soft_wrap=True)
-    out.mkdir(parents=True, exist_ok=True)
     written = [found.save(out / "falsification.csv")]
     if found.found:
         written.append(found.replay(followed, options).save(out / "run.npz"))

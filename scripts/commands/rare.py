@@ -34,7 +34,7 @@ def rare_command(
 ) -> None:
     """Estimate the share of a task's disturbed worlds in which a policy fails, by multilevel splitting."""
     path, chosen = prepared(out, ".csv"), slcp.load_task(task)
-    kept = None if failing is None else prepared(failing, ".npz")
+    kept = None if failing is None else prepared(failing, ".npz", "--failing")
     followed = policy_of_task(policy, chosen)
     options = rules.of(chosen.options)
     with timed("splitting"), waiting("worlds") as shown:

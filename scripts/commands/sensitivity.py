@@ -6,17 +6,20 @@ from typing import Annotated
 import typer
 
 import slcp_warp as slcp
+from slcp_warp.ensembles.questions.sensitivity import factors_of
 
-from ..stages.task_sweep import load_report
-from ..support.options import Device, Seed
+from ..support.options import Device, Seed, refuse
 from ..support.policies import POLICY, policies_of_task
-from ..support.rules import HARD_RULE, HardRule, with_rules
+from ..support.rules import HARD_RULE, RULES, HardRule, with_rules
 from ..support.screen import console, one_line_errors, prepared, progress_bar, timed, wrote
+
+OF_TASKS = {"samples", "worlds", "seed", "device", "dtype", *RULES}  # options that a report has no use for
 
 
 @one_line_errors
 @with_rules
 def sensitivity_command(
+    context: typer.Context,
     subject: Annotated[
         str,
         typer.Argument(
@@ -30,6 +33,9 @@ def sensitivity_command(
     samples: Annotated[
         int, typer.Option(help="Of a task: n; n (d + 2) worlds run for d drawn numbers.")
     ] = 1024,
+    worlds: Annotated[
+        int | None, typer.Option(help="Of a task: so many in all, at most, in place of --samples.")
+    ] = None,
     rules: HardRule = HARD_RULE,
     seed: Seed = 0,
     device: Device = None,
@@ -44,9 +50,13 @@ def sensitivity_command(
     """
     path = prepared(out, ".csv")
     if Path(subject).is_dir() or Path(subject).suffix in (".csv", ".npz", ".parquet"):
-        found = load_report(Path(subject)).sensitivity(measure, policy)
+        refuse(context, OF_TASKS, "of a task; this is of a report")
+        found = slcp.load_report(Path(subject)).sensitivity(measure, policy)
     else:
         task = slcp.load_task(subject)
+        if worlds is not None:
+            refuse(context, {"samples"}, "and --worlds, too; one of them")
+            samples = samples_within(worlds, task)
         case = rules.of(task.options)
         with timed("sensitivity"), progress_bar("worlds") as progress:
             found = slcp.sensitivity(
@@ -56,3 +66,11 @@ def sensitivity_command(
     console.print(str(found), markup=False, highlight=False)
     found.save(path)
     wrote(path)
+
+
+def samples_within(worlds: int, task: slcp.Task) -> int:
+    """Samples n for which n (d + 2) worlds, of d drawn numbers, are at most so many."""
+    each = len(factors_of(task)) + 2
+    if worlds < 2 * each:
+        raise ValueError(f"--worlds is {worlds}; of {each - 2} drawn numbers {2 * each} or more are needed")
+    return worlds // each

@@ -1,6 +1,5 @@
 """`slcp simulate`: worlds over time, open loop or under a policy, into a file."""
 
-import math
 from pathlib import Path
 from typing import Annotated
 
@@ -8,6 +7,7 @@ import numpy as np
 import typer
 
 import slcp_warp as slcp
+from slcp_warp.inputs.times import nearest_steps
 
 from ..stages.trajectory import overlaps, simulate, summary
 from ..support.options import (
@@ -20,6 +20,7 @@ from ..support.options import (
     Sigma,
     Start,
     StepSize,
+    refuse,
 )
 from ..support.policies import POLICY
 from ..support.rules import NO_RULE, OneRule, with_rules
@@ -31,6 +32,7 @@ from ..support.tasks import OptionalTask, task_simulator
 @one_line_errors
 @with_rules
 def simulate_command(
+    context: typer.Context,
     task: OptionalTask = None,
     out: Annotated[Path, typer.Option(help="File to write.")] = Path("trajectory.npz"),
     scene: SceneName = DEFAULT_SCENE,
@@ -53,13 +55,14 @@ def simulate_command(
         sim = make_simulator(named_scene(scene), rules, device, dtype)
         first, length = sim.scene.x0, None
     else:
+        refuse(context, {"scene"}, "and a task, which has its own")
         chosen = slcp.load_task(task)
         sim = task_simulator(chosen, rules, device, dtype)
         first, length = chosen.start[0], chosen.duration
     params = make_params(sim, step_size, sigma, settings)
     if steps is None:
         h = float(np.ravel(params["step_size"])[0])
-        steps = 400 if length is None else max(1, math.floor(length / h + 0.5))  # as the kernels round
+        steps = 400 if length is None else nearest_steps("Task.duration", length, h)
     x0 = start_states(sim.scene, start, worlds, velocity_sd, seed, first)
     run = simulate(sim, params, x0, steps, policy, task=None if task is None else chosen)
     run.header["seed"] = seed

@@ -11,7 +11,7 @@ from slcp_warp.ensembles.stored.sweep import StoredSweep
 from ..stages.stored_sweep import Where, executor_of, finish_stored, opened_sweep
 from ..stages.sweep import cycle_states, run_sweep, sweep_table
 from ..stages.task_sweep import changed_task, report_table, sweep_task
-from ..support.options import DEFAULT_SCENE, Device, SceneName, Seed, Settings, given_options
+from ..support.options import DEFAULT_SCENE, Device, SceneName, Seed, Settings, given_options, refuse
 from ..support.policies import MISSING, POLICY
 from ..support.rules import NO_RULES, Rules, residual_of, with_rules
 from ..support.screen import INTERRUPTED, console, one_line_errors, prepared, progress_bar, timed, wrote
@@ -125,10 +125,12 @@ def sweep_command(
         return
     given = {
         "velocity": velocity_sd, "position": position_sd, "torque": torque_sd, "kick": kick_sd,
-        "kick_times": None if not kick_times else tuple(numbers(kick_times, "--kick-times").tolist()),
+        "kick_times": None if kick_times is None else tuple(numbers(kick_times, "--kick-times").tolist()),
         "parameters": parse_settings(vary, "--vary") or None,
     }  # fmt: skip
     given = {name: value for name, value in given.items() if value is not None}
+    if start is None:
+        refuse(context, {"skip"}, "without --start")
     sizes = None if step_sizes is None else tuple(numbers(step_sizes, "--step-sizes").tolist())
     folder = out if out is not None and not out.suffix else None
     if folder is None and (where.given or chunk_worlds is not None):
@@ -136,7 +138,9 @@ def sweep_command(
     if task is not None:
         if settings or observe is not None:
             raise ValueError("--set and --observe are of --scene; a task has numbers and measures of its own")
+        refuse(context, {"scene", "threshold"}, "of a scene; the task has its own")
         chosen = slcp.load_task(task)
+        _check_kicks(chosen, kick_times, kick_sd)
         changes = {"start": _states(start, chosen.scene, skip), "duration": duration}
         changed = changed_task(chosen, given, **changes)
         own = worlds if given_worlds is None else slcp.load_worlds(given_worlds)
@@ -186,6 +190,12 @@ def _sweep_task(path: Path, task: slcp.Task, policy: list[str] | None, choices: 
     console.print(report_table(report))
     wrote(path)
     _end(report.complete, sum(map(report.source.worlds, report.source.keys)))
+
+
+def _check_kicks(task: slcp.Task, times: str | None, deviation: float | None) -> None:
+    """Raise ValueError for times of kicks that are none."""
+    if times is not None and deviation is None and not (task.disturbances.kick or task.disturbances.kicks):
+        raise ValueError(f"--kick-times is {times}, and task {task.name!r} has no kicks; --kick-sd is needed")
 
 
 def _states(start: Path | None, scene: slcp.Scene, skip: float) -> Any:

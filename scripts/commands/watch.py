@@ -11,10 +11,10 @@ import typer
 import slcp_warp as slcp
 from slcp_warp.ensembles.worlds.nominal import nominal
 
-from ..support.options import Device
+from ..support.options import Device, refuse
 from ..support.policies import POLICY, named_policies
-from ..support.rules import NO_RULES, Rules, with_rules
-from ..support.screen import INTERRUPTED, console, one_line_errors
+from ..support.rules import NO_RULES, RULES, Rules, with_rules
+from ..support.screen import INTERRUPTED, console, one_line_errors, prepared_folder
 from ..support.simulators import default_scaling, named_scene
 from ..support.tasks import found_task
 from ..watch.engine import Engine
@@ -23,10 +23,13 @@ from ..watch.record import Replay
 from ..watch.scenario import buttons_of
 from ..watch.world import Subject
 
+OF_TASKS = {"policy", "worlds", "seed", "scenario", "out", *RULES}  # options of no use to a recorded run
+
 
 @one_line_errors
 @with_rules
 def watch_command(
+    context: typer.Context,
     what: Annotated[
         str | None,
         typer.Argument(metavar="TASK", help="A task or a scene: a name, a file, or file.py:name."),
@@ -51,15 +54,16 @@ def watch_command(
         raise ValueError("a TASK to watch, or --replay FILE, is needed, and not both")
     engine: Engine
     if replay is not None:
+        refuse(context, OF_TASKS, "of a TASK, not of --replay")
         engine = Player(Replay(replay), device)
     else:
         assert what is not None
+        out = prepared_folder(out)
         subject = watched(what, worlds, seed, rules)
         policies = named_policies(policy or [], subject.scene, subject.task)
         if subject.task is not None:
             h = subject.scene.step_size
             policies = {name: nominal(each, subject.task, h) for name, each in policies.items()}
-        out.mkdir(parents=True, exist_ok=True)
         pushes = {} if subject.task is None else buttons_of(subject.task, seed=seed)
         for each in map(slcp.load_task, scenario or []):
             if each.scene.structure != subject.scene.structure:

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,16 +11,11 @@ from rich.table import Table
 import slcp_warp as slcp
 from slcp_warp.ensembles.chunks import ARMS, KEYS
 from slcp_warp.ensembles.statistics.intervals import Interval
-from slcp_warp.ensembles.statistics.source import MemorySource
-from slcp_warp.runs import manifest
-from slcp_warp.storage.files import FileError
 
 from ..support.asking import steps_of_sweep, watched
 from ..support.policies import policies_of_task
-from ..support.tables import read_csv
 from .sweep import percent, plus_minus
 
-COLUMNS = (*KEYS, "world", "success", "status")
 NONE = "none finite"  # of a measure in all worlds: a time that none reaches
 
 
@@ -43,51 +37,6 @@ def sweep_task(task: slcp.Task, given: Sequence[str] | None, **choices: Any) -> 
     if not report.source.keys:
         raise KeyboardInterrupt
     return report
-
-
-def load_report(path: Path) -> slcp.Report:
-    """A report of `slcp sweep TASK`: its file, or the folder of its chunks.
-
-    Raises:
-        FileError: no report, or one that is damaged.
-    """
-    stored = (path / manifest.NAME).is_file()
-    return _from_csv(path) if path.suffix == ".csv" and not stored else slcp.load_report(path)
-
-
-def _from_csv(path: Path) -> slcp.Report:
-    rows = read_csv(path, "a report of `slcp sweep`", COLUMNS)
-    columns = {name: _column(path, name, [row[name] for row in rows]) for name in rows[0]}
-    keys = list(zip(*(columns.pop(key).tolist() for key in KEYS)))
-    source = MemorySource()
-    for key in dict.fromkeys(keys):
-        mine = [other == key for other in keys]
-        part = {name: column[mine] for name, column in columns.items()}
-        order = np.argsort(part["world"], kind="stable")
-        if (np.diff(part["world"][order]) == 0).any():
-            raise FileError(f"{path}: a world of {', '.join(map(str, key))} has two rows")
-        source.add(key, {name: column[order] for name, column in part.items()})
-    return slcp.Report(None, source)
-
-
-def _column(path: Path, name: str, texts: list[str]) -> np.ndarray:
-    if name in ("policy", "case", "arm"):
-        return np.array(texts)
-    if name == "success":
-        if not {"True", "False"} >= set(texts):
-            raise FileError(f"{path}: success holds {(set(texts) - {'True', 'False'}).pop()!r:.60}")
-        return np.array([text == "True" for text in texts])
-    try:
-        column = np.array(texts, float)
-    except ValueError as error:
-        raise FileError(f"{path}: {name}: {error}") from None
-    if name not in ("world", "status"):
-        return column
-    most = 2**53 if name == "world" else max(slcp.Status)
-    wrong = ~((column >= 0) & (column <= most) & (column == np.floor(column)))
-    if wrong.any():
-        raise FileError(f"{path}: {name} holds {column[wrong][0]}; a whole number in [0, {most}] is needed")
-    return column.astype(np.int64)
 
 
 def report_table(report: slcp.Report) -> Table:

@@ -13,7 +13,7 @@ from ..benchmarks.shared.scenes import IMPACTS_DURATION as DURATION
 from ..benchmarks.shared.scenes import IMPACTS_SPREAD as SPREAD
 from ..benchmarks.shared.scenes import IMPACTS_START as START
 from ..support.options import Seed
-from ..support.screen import console, one_line_errors, show_rows
+from ..support.screen import console, one_line_errors, prepared, show_rows
 
 STEP_SIZES = (0.05, 0.02, 0.01, 0.005, 0.002, 0.001, 0.0005)
 SIGMAS = (0.1, 0.05, 0.02)
@@ -127,6 +127,7 @@ def impact_command(
     out: Annotated[Path | None, typer.Option(help="Draw the norms here (PNG).")] = None,
 ) -> None:
     """Chain derivatives through two seconds of the finger's impacts, over step sizes and noise levels."""
+    out = None if out is None else prepared(out, ".png")
     rows = ours(members, seed)
     show_rows(f"dx({DURATION:g} s)/dx0, {members} starts within +-{SPREAD}", rows)
     beside = peers() if mujoco else []

@@ -18,12 +18,12 @@ import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
+import slcp_warp as slcp
 from slcp_warp.ensembles.questions.sequential import LEAST, Look, decision
 from slcp_warp.ensembles.statistics.intervals import Interval
 from slcp_warp.ensembles.statistics.moments import Moments
 from slcp_warp.ensembles.statistics.sequential import RunningDifference
 
-from ..stages.task_sweep import load_report
 from ..support.screen import console
 
 
@@ -108,7 +108,7 @@ def main() -> None:
     parser.add_argument("--batch", type=int, default=256, help="worlds between looks")
     parser.add_argument("--repetitions", type=int, help="so many, of worlds drawn from all")
     given = parser.parse_args()
-    report = load_report(given.report)
+    report = slcp.load_report(given.report)
     keys = [key for key in report.source.keys if key[3] == "disturbed"][:2]
     first, second = (report.part(*key)[given.measure] for key in keys)
     ends = study(first, second, given.measure, given.worlds, given.batch, given.repetitions)

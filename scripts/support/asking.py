@@ -8,6 +8,8 @@ import numpy as np
 
 import slcp_warp as slcp
 from slcp_warp.ensembles.tasks import cases_by_name
+from slcp_warp.inputs.checks import number
+from slcp_warp.inputs.times import nearest_steps
 from slcp_warp.stepping.host import acts_on_host
 
 from .screen import span
@@ -60,5 +62,6 @@ def steps_of_sweep(task: slcp.Task, worlds: Any, cases: Any, step_sizes: Any) ->
     """Steps of all worlds, disturbed and not, of one policy in a sweep."""
     count = len(worlds) if isinstance(worlds, slcp.Worlds) else int(worlds)
     assert task.duration is not None
-    steps = sum(round(task.duration / h) for h in step_sizes or (task.scene.step_size,))
+    sizes = [number("step_sizes", h, 0.0, above=True) for h in step_sizes or (task.scene.step_size,)]
+    steps = sum(nearest_steps("Task.duration", task.duration, h, "step_sizes") for h in sizes)
     return (count + len(task.start)) * len(cases_by_name(task, cases)) * steps

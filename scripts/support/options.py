@@ -6,6 +6,7 @@ import typer
 
 import slcp_warp as slcp
 
+NAMES = {"settings": "set", "residuals": "residuals"}  # of options that are called otherwise
 DEFAULT_SCENE = next(iter(slcp.scenes.NAMED))
 SceneName = Annotated[
     str,
@@ -34,3 +35,15 @@ def given_options(context: typer.Context) -> set[str]:
         for name in context.params
         if (source := context.get_parameter_source(name)) is not None and source.name != "DEFAULT"
     }
+
+
+def refuse(context: typer.Context, options: set[str], what: str) -> None:
+    """Raise ValueError where options are given that would do nothing.
+
+    Args:
+        options: names of parameters of the command.
+        what: what they are of, "of a task".
+    """
+    if found := sorted(given_options(context) & options):
+        named = " and ".join(f"--{NAMES.get(name, name).replace('_', '-')}" for name in found)
+        raise ValueError(f"{named} {'is' if len(found) == 1 else 'are'} given, {what}")

@@ -8,8 +8,8 @@ import numpy as np
 import slcp_warp as slcp
 from slcp_warp import ddp
 from slcp_warp.ddp.library.entries import scene_digest
-from slcp_warp.ddp.results.plan_check import check_plan
-from slcp_warp.results.record_checks import Arrays, check_trajectory, finite, length, shapes
+from slcp_warp.ddp.results.plan_check import PLAN, check_plan
+from slcp_warp.results.record_checks import TRAJECTORY, Arrays, check_trajectory, finite, length, shapes
 from slcp_warp.results.records import Check, Record, RecordError, read_kind, read_record
 from slcp_warp.results.simulated import Simulated
 from slcp_warp.storage.files import FileError
@@ -24,7 +24,7 @@ def load_record(path: Path, kind: str) -> Record:
         RecordError: truncated, of another kind or of a newer version, without its scene, or inconsistent.
         FileNotFoundError: no such file.
     """
-    return read_record(path, kind, CHECKS[kind])
+    return read_record(path, kind, *CHECKS[kind])
 
 
 def device_facts(sim: slcp.Simulator) -> dict[str, Any]:
@@ -59,9 +59,12 @@ def load_plan(path: Path, scene: slcp.Scene) -> Record:
     return plan
 
 
+SURFACE = ("axis0", "axis1", "axis2", "gap")
+
+
 def check_surface(arrays: Arrays, simulated: Simulated) -> None:
     """Distances on a grid of the first three coordinates."""
-    axes = [f"axis{i}" for i in range(3)]
+    axes = SURFACE[:3]
     counts = tuple(length(arrays, name, 0, 1) for name in axes)
     if min(counts) < 2 or simulated.scene.nv < 3:
         raise FileError(f"a grid of {counts} points; two a coordinate and three coordinates are needed")
@@ -72,8 +75,8 @@ def check_surface(arrays: Arrays, simulated: Simulated) -> None:
             raise FileError(f"array {name!r} does not rise")
 
 
-CHECKS: dict[str, Check] = {
-    "trajectory": check_trajectory,
-    "plan": check_plan,
-    "surface": check_surface,
+CHECKS: dict[str, tuple[tuple[str, ...], Check]] = {
+    "trajectory": (TRAJECTORY, check_trajectory),
+    "plan": (PLAN, check_plan),
+    "surface": (SURFACE, check_surface),
 }

@@ -128,6 +128,7 @@ class HardRule(OneRule):
     residual: HardResidual = "hard"
 
 
+RULES = tuple(field.name for field in dataclasses.fields(OneRule))  # options, by name
 NO_RULES, NO_RULE, HARD_RULE = Rules(), OneRule(), HardRule()
 
 

@@ -1,5 +1,6 @@
 """What the commands say: errors as one line, progress bars, tables, what was written."""
 
+import errno
 import functools
 import itertools
 import os
@@ -16,6 +17,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from slcp_warp.inputs.errors import InputError
 from slcp_warp.kernels.device.progress import compiling
 
 WIDE = 160  # characters of a line where nobody sees a terminal
@@ -39,7 +41,10 @@ def one_line_errors(command: Callable[..., None]) -> Callable[..., None]:
         except KeyboardInterrupt:
             typer.echo("slcp: interrupted; nothing was saved", err=True)
             raise typer.Exit(INTERRUPTED) from None
-        except (ValueError, OSError, ImportError) as error:  # ImportError: an extra is missing
+        except MemoryError as error:
+            typer.echo(f"slcp: this needs more memory than there is ({one_line(error)})", err=True)
+            raise typer.Exit(BAD_INPUT) from None
+        except (ValueError, InputError, OSError, ImportError) as error:  # ImportError: an extra is missing
             typer.echo(f"slcp: {one_line(error)}", err=True)
             raise typer.Exit(BAD_INPUT) from None
 
@@ -152,13 +157,39 @@ def show_rows(title: str, rows: list[dict[str, Any]]) -> None:
     console.print(table)
 
 
-def prepared(path: Path, suffix: str | tuple[str, ...] = ".npz") -> Path:
-    """An output path with its folder made; ValueError for another suffix (than one of several)."""
+def prepared(path: Path, suffix: str | tuple[str, ...] = ".npz", option: str = "--out") -> Path:
+    """An output file's path with its folder made, before anything is computed.
+
+    Raises:
+        ValueError: another suffix (than one of several), or something else than a file is there.
+        OSError: nothing can be written there.
+    """
     known = (suffix,) if isinstance(suffix, str) else suffix
     if path.suffix not in known:
-        raise ValueError(f"--out is {path}; a name that ends in {' or '.join(known)} is needed")
-    path.parent.mkdir(parents=True, exist_ok=True)
+        raise ValueError(f"{option} is {path}; a name that ends in {' or '.join(known)} is needed")
+    if path.exists() and not path.is_file():
+        raise ValueError(f"{option} is {path}, which is no file; another name is needed")
+    _made(path.parent)
     return path
+
+
+def prepared_folder(path: Path, option: str = "--out") -> Path:
+    """An output folder, made before anything is computed; a name with an ending is a file's.
+
+    Raises:
+        ValueError: a file's name, or a file is there.
+        OSError: nothing can be written there.
+    """
+    if path.is_dir() or (not path.suffix and not path.exists()):
+        return _made(path)
+    raise ValueError(f"{option} is {path}; a folder, whose name has no ending, is needed")
+
+
+def _made(folder: Path) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(folder))
+    return folder
 
 
 def wrote(path: Path) -> None:

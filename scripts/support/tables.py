@@ -1,14 +1,15 @@
 """Tables in CSV files: written whole, read within bounds and only if no row is cut off."""
 
 import csv
-import io
 import math
 from pathlib import Path
 from typing import Any
 
-from slcp_warp.storage.files import FileError, opened, read_text, reading, replacing
+from slcp_warp.storage.files import FileError, opened, reading, replacing
+from slcp_warp.storage.rows import MOST_TABLE, read_csv
 
-MOST_TABLE = 64 * 2**20  # bytes of a table
+__all__ = ["has_columns", "is_results", "number", "read_csv", "write_csv"]
+
 LONGEST_LINE = 2**16  # bytes
 RESULTS = "results.csv"  # of `slcp bench charts`, in its folder
 
@@ -24,34 +25,6 @@ def write_csv(path: Path, rows: list[dict[str, Any]]) -> None:
         writer = csv.DictWriter(file, columns, restval="")
         writer.writeheader()
         writer.writerows(rows)
-
-
-def read_csv(path: Path, what: str, needed: tuple[str, ...]) -> list[dict[str, str]]:
-    """Rows as texts by column.
-
-    Args:
-        what: what it is read as, "results of `slcp bench charts`".
-        needed: columns that must be there.
-
-    Raises:
-        FileError: no such table, or one that is cut off.
-        FileNotFoundError: no such file.
-    """
-    with reading(path, what, FileError):
-        text = read_text(path, MOST_TABLE)
-        lines = list(csv.reader(io.StringIO(text, newline="")))
-        header = lines[0] if lines else []
-        missing = [name for name in needed if name not in header]
-        if missing:
-            raise FileError(f"it has no columns {', '.join(missing)}")
-        if len(set(header)) < len(header):
-            raise FileError("two of its columns have the same name")
-        if len(lines) < 2:
-            raise FileError("it has no rows")
-        for number, line in enumerate(lines, start=1):
-            if len(line) != len(header) or (number == len(lines) and not text.endswith("\n")):
-                raise FileError(f"it is cut off or damaged: line {number} is not whole")
-        return [dict(zip(header, line)) for line in lines[1:]]
 
 
 def is_results(path: Path) -> bool:

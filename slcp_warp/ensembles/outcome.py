@@ -201,7 +201,8 @@ class Report(Printed):
 
     @classmethod
     def load(cls, path: str | Path) -> "Report":
-        """Read a .npz or .parquet file that `save` wrote.
+        """Read a file that `save` wrote. A .csv holds rows only: the report has no task, and is complete
+        where no world is missing.
 
         Raises:
             FileNotFoundError: not there.

@@ -17,6 +17,9 @@ INTERVALS = ("mean_rate", "share_above", "share_spinning", "share_recovered", "m
 COLUMNS = ("residual", "step_size", "world", "status", "rate", "spinning", "recovery_time", "contact_share",
            "lowest_gap")  # fmt: skip
 
+SHARES = ("spinning", "contact_share")  # columns in [0, 1]
+ROUNDING = 1e-5  # of shares in single precision
+
 Table = dict[str, np.ndarray]
 Cases = list[dict[str, Any]]
 
@@ -76,12 +79,17 @@ def _check_case(label: str, case: Any) -> None:
         interval = case.get(name)
         if not isinstance(interval, list) or len(interval) != 3 or not all(map(_number, interval)):
             raise FileError(f"{label}: {name} is {interval!r:.60}; (value, low, high) is needed")
+        value, low, high = interval
+        if value < low - ROUNDING or high + ROUNDING < value:
+            raise FileError(f"{label}: {name} is {interval!r:.80}; low <= value <= high is needed")
 
 
 def _check_spec(spec: dict[str, Any]) -> None:
-    for name in ("duration", "window", "threshold", "sample_every"):
-        if not _number(spec.get(name)) or not math.isfinite(spec[name]):
-            raise FileError(f"spec: {name} is {spec.get(name)!r:.60}; a finite number is needed")
+    for name in ("duration", "window", "sample_every"):
+        if not _number(spec.get(name), positive=True):
+            raise FileError(f"spec: {name} is {spec.get(name)!r:.60}; a positive and finite number is needed")
+    if not _number(spec.get("threshold")) or not math.isfinite(spec["threshold"]):
+        raise FileError(f"spec: threshold is {spec.get('threshold')!r:.60}; a finite number is needed")
 
 
 def _check_table(table: dict[str, np.ndarray], cases: list[dict[str, Any]]) -> None:
@@ -95,10 +103,41 @@ def _check_table(table: dict[str, np.ndarray], cases: list[dict[str, Any]]) -> N
             raise FileError(f"column {name!r} has shape {column.shape}, ({rows},) is needed")
         if (column.dtype.kind == "U") != (name == "residual"):
             raise FileError(f"column {name!r} is of type {column.dtype}")
-    if cases:
-        unknown = np.setdiff1d(table["status"], [int(status) for status in Status])
-        if len(unknown):
-            raise FileError(f"column 'status' contains {unknown[0]}, which is none")
+    begin = 0
+    for i, case in enumerate(cases):
+        own = slice(begin, begin + case["worlds"])
+        _check_rows(f"case {i}", case, {name: column[own] for name, column in table.items()})
+        begin = own.stop
+
+
+def _check_rows(label: str, case: dict[str, Any], rows: Table) -> None:
+    """Raise FileError unless the rows of a case are those that it names and counts."""
+    unknown = np.setdiff1d(rows["status"], [int(status) for status in Status])
+    if len(unknown):
+        raise FileError(f"{label}: column 'status' holds {unknown[0]}, which is none")
+    for status in Status:
+        found, named = int((rows["status"] == status).sum()), case["statuses"].get(status.name, 0)
+        if found != named:
+            raise FileError(f"{label}: {found} rows are {status.name}, it counts {named}")
+    if (rows["world"] != np.arange(case["worlds"])).any():
+        raise FileError(f"{label}: column 'world' does not count up from 0")
+    need = {"residual": case["residual"], "step_size": case["step_size"]}
+    for name, value in need.items():
+        column = rows[name]
+        same = column == value if column.dtype.kind == "U" else np.isclose(column, value, rtol=1e-6, atol=0.0)
+        if not same.all():
+            raise FileError(f"{label}: column {name!r} holds {column[~same][0]}, {value!r} is needed")
+    solved = rows["status"] == Status.SOLVED
+    for name in SHARES:
+        column = rows[name][solved]
+        if not ((column >= 0.0) & (column <= 1.0 + ROUNDING)).all():
+            raise FileError(f"{label}: column {name!r} holds what is not in [0, 1]")
+    for name in ("rate", "lowest_gap", "recovery_time"):
+        column = rows[name][solved]
+        if np.isnan(column).any() or (name == "rate" and np.isinf(column).any()):
+            raise FileError(f"{label}: column {name!r} holds what is no number, of a world that is solved")
+    if (rows["recovery_time"] < 0.0).any():
+        raise FileError(f"{label}: column 'recovery_time' holds a negative time")
 
 
 def _samples(archive: Archive, cases: list[dict[str, Any]]) -> list[np.ndarray]:

@@ -5,7 +5,7 @@ import os
 import time
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any, overload
 
 import numpy as np
@@ -227,7 +227,8 @@ def task_of(scene: Scene, spec: SweepSpec) -> Task:
         kick=spec.kick_sd if spec.kick_times else 0.0,
     )
     judged = {"contact_share": contact_share(), "lowest_gap": lowest_gap()} | spin_measures(spec)
-    return Task(scene.name, scene, duration=spec.duration, start=spec.start,
+    own = replace(scene, step_size=float(spec.step_sizes[0]))
+    return Task(scene.name, own, duration=spec.duration, start=spec.start,
                 disturbances=disturbances, measures=judged)  # fmt: skip
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from ..inputs import checks
 from ..inputs.checks import shown
 from ..inputs.errors import ArgumentError, ArgumentTypeError
+from ..inputs.times import nearest_steps
 from ..measures.reductions import Measure, first_time
 from ..options import Options, Status
 from ..policies.linear import Linear
@@ -212,8 +213,10 @@ def _step_sizes(task: Task, given: Any) -> tuple[float, ...]:
     if not isinstance(given, list | tuple | np.ndarray) or not len(given):
         raise ArgumentError(f"step_sizes is {shown(given)}; at least one, in a tuple, is needed")
     assert task.duration is not None
-    longest = task.duration
-    return tuple(checks.number("step_sizes", h, 0.0, longest, above=True) for h in given)
+    sizes = tuple(checks.number("step_sizes", h, 0.0, above=True) for h in given)
+    for size in sizes:
+        nearest_steps("Task.duration", task.duration, size, "step_sizes")
+    return sizes
 
 
 def _columns(

@@ -44,6 +44,19 @@ def limit_rows(given: Any, size: int, name: str = "control_limits") -> tuple[np.
     return np.ascontiguousarray(low), np.ascontiguousarray(high)
 
 
+def any_limits(given: Any, name: str = "control_limits") -> Any:
+    """Limits as they came, of however many controls.
+
+    Raises:
+        ArgumentError: as of `limit_rows`.
+    """
+    several = isinstance(given, tuple | list) or isinstance(given, np.ndarray) and given.ndim > 0
+    sides = [numeric(value) for value in given] if several else []
+    sizes = (each.shape[-1] for each in sides if each is not None and each.ndim)
+    limit_rows(given, max(sizes, default=1), name)
+    return given
+
+
 def bounded(lower: np.ndarray, upper: np.ndarray) -> bool:
     """Whether any limit is finite."""
     return bool(np.isfinite(lower).any() or np.isfinite(upper).any())

@@ -12,12 +12,13 @@ from slcp_warp.kernels.policies.contract import PolicyKernel
 
 from ..inputs.checks import array, attribute, number, shown, whole
 from ..inputs.errors import ArgumentError
-from ..inputs.limits import bounded, limit_rows
+from ..inputs.limits import any_limits, bounded, limit_rows
 from ..simulator import Simulator
 from ..stepping.arguments import checked_kernel
 from .saved import Content, content_of, policy_of
 
 LONGEST = 256
+LIMITS = ("lower", "upper")
 
 
 class Around:
@@ -39,7 +40,7 @@ class Around:
     def __init__(
         self, policy: Any, limits: Any = None, delay: int = 0, hold: int = 1, noise: Any = None, seed: int = 0
     ) -> None:
-        self.policy, self.limits = policy, limits
+        self.policy, self.limits = policy, any_limits(limits, "limits")
         self.worlds = getattr(policy, "worlds", 1)
         self.step_size = attribute(policy, "step_size")
         self.delay, self.hold = whole("delay", delay, 0, LONGEST), whole("hold", hold)
@@ -78,7 +79,7 @@ class Around:
         values: dict[str, Any] = {"delay": self.delay, "hold": self.hold, "seed": self.seed}
         arrays = {}
         if self.limits is not None:
-            arrays = {name: np.asarray(v, float) for name, v in zip(("lower", "upper"), self.limits)}
+            arrays = {name: np.asarray(v, float) for name, v in zip(LIMITS, self.limits)}
         if isinstance(self.noise, Mapping):
             values["noise"] = dict(self.noise)
         elif self.noise is not None:
@@ -90,7 +91,7 @@ class Around:
     def of_content(cls, content: Content) -> "Around":
         """From what `content` gave."""
         values, arrays = content
-        limits = (arrays["lower"], arrays["upper"]) if "lower" in arrays else None
+        limits = tuple(arrays[name] for name in LIMITS) if set(LIMITS) & set(arrays) else None
         between = {name: values[name] for name in ("delay", "hold", "seed")}
         noise = values.get("noise", arrays.get("noise"))
         return cls(policy_of(content.below("policy")), limits, noise=noise, **between)

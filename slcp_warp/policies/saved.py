@@ -126,7 +126,10 @@ def load_policy(name: str | os.PathLike[str]) -> Any:
         values = archive.header.get("policy")
         if not isinstance(values, dict):
             raise FileError("its header says no policy")
-        return policy_of(Content(values, archive.read_all(archive.names)))
+        policy = policy_of(Content(values, archive.read_all(archive.names)))
+        if unknown := sorted(set(archive.names) - set(content_of(policy).arrays)):
+            raise FileError(f"it holds {unknown[0]!r:.60}, for which its policy has no use")
+        return policy
 
 
 def _from_python(path: Path, attribute: str) -> Any:

@@ -9,6 +9,7 @@ from ..storage.files import FileError
 from .simulated import Simulated
 
 Arrays = dict[str, np.ndarray]
+TRAJECTORY = ("states", "status", "controls", "impulse", "contact_impulse", "gap")
 
 
 def shapes(arrays: Arrays, need: dict[str, tuple[int, ...]]) -> None:
@@ -29,9 +30,17 @@ def finite(arrays: Arrays, *names: str) -> None:
 
 def known_statuses(status: np.ndarray, known: Iterable[int]) -> None:
     """Raise FileError for a status that is none of the known ones."""
-    unknown = np.setdiff1d(status, [int(s) for s in known])
+    codes = [int(s) for s in known]
+    unknown = np.setdiff1d(status, codes)
     if len(unknown):
-        raise FileError(f"array 'status' contains {unknown[0]}, which is none")
+        raise FileError(f"array 'status' contains {unknown[0]}, which is none; of {codes} each is needed")
+
+
+def worlds_of_parameters(simulated: Simulated, counts: Iterable[int]) -> None:
+    """Raise FileError where parameters are of other worlds than there can be."""
+    found, need = simulated.parameters.worlds, tuple(counts)
+    if found is not None and found not in need:
+        raise FileError(f"its parameters are of {found} worlds, {need[0]} is needed")
 
 
 def length(arrays: Arrays, name: str, axis: int, axes: int) -> int:
@@ -58,8 +67,7 @@ def check_trajectory(arrays: Arrays, simulated: Simulated) -> None:
     need = {"states": (worlds, steps + 1, 2 * scene.nv), "status": (worlds,)}
     need |= {name: shape for name, shape in recorded.items() if name in arrays}
     shapes(arrays, need)
-    if simulated.parameters.worlds not in (None, worlds):
-        raise FileError(f"its parameters are of {simulated.parameters.worlds} worlds, its states of {worlds}")
+    worlds_of_parameters(simulated, (worlds,))
     known_statuses(arrays["status"], Status)
     solved = arrays["status"] == Status.SOLVED
     names = [name for name in need if name != "gap"]  # of what does not act it is infinite

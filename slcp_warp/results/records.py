@@ -6,7 +6,7 @@ scene, options and parameters (`simulated.py`). Libraries and sweeps have files 
 """
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from ..storage.archive import open_archive, write_archive
 from ..storage.files import FileError, reading
 from ..storage.printed import Printed
 from ..storage.version import __version__
-from .simulated import OLDER, PREFIX, Simulated
+from .simulated import OLDER, Simulated
 
 FORMAT, VERSION = "slcp-warp-", 2
 Check = Callable[[dict[str, np.ndarray], Simulated], None]
@@ -96,8 +96,8 @@ def read_kind(path: str | os.PathLike[str]) -> str:
         return form.removeprefix(FORMAT)
 
 
-def read_record(path: str | os.PathLike[str], kind: str, check: Check) -> Record:
-    """Read a file of a kind, whose arrays `check` judges.
+def read_record(path: str | os.PathLike[str], kind: str, names: Collection[str], check: Check) -> Record:
+    """Read a file of a kind, whose arrays `check` judges. Arrays of other `names` are not looked at.
 
     Raises:
         RecordError: truncated, of another kind or of a newer version, without its scene, or inconsistent.
@@ -109,7 +109,6 @@ def read_record(path: str | os.PathLike[str], kind: str, check: Check) -> Record
     with reading(path, f"a {kind}", RecordError), open_archive(path) as archive:
         version = archive.check_format(FORMAT + kind, OLDER, VERSION)
         simulated = Simulated.read(archive, version)
-        own = {f"{PREFIX}{name}" for name in simulated.parameters.names}
-        arrays = archive.read_all(name for name in archive.names if name not in own)
+        arrays = archive.read_all(name for name in archive.names if name in names)
         check(arrays, simulated)
         return Record(kind, arrays, simulated, archive.header)

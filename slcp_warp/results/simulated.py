@@ -84,7 +84,17 @@ class Simulated(Printed):
         parameters = Parameters(scene)
         names = [name for name in parameters.names if f"{PREFIX}{name}" in archive.names or version != OLDER]
         values = archive.read_all(f"{PREFIX}{name}" for name in names)
-        return cls(scene, options, parameters.replace(**{n: values[f"{PREFIX}{n}"] for n in names}))
+        found = cls(scene, options, parameters.replace(**{n: values[f"{PREFIX}{n}"] for n in names}))
+        if version != OLDER:
+            found._check_said(header)
+        return found
+
+    def _check_said(self, header: Mapping[str, Any]) -> None:
+        """Raise FileError where a header's own words about scene, residual and step size are of others."""
+        own = self.header()
+        for name in ("scene", "residual", "step_size"):
+            if header.get(name) != own[name]:
+                raise FileError(f"its header: {name} is {header.get(name)!r:.60}; {own[name]!r} is needed")
 
     def select(self, index: Any) -> "Simulated":
         """Some worlds, or, for a whole number, one without a world axis."""

@@ -19,7 +19,7 @@ from ..options import Options
 from ..parameters import Parameters
 from ..storage.printed import Printed, Table, counted
 from .pictures.motion import Motion
-from .record_checks import check_trajectory
+from .record_checks import TRAJECTORY, check_trajectory
 from .records import Record, read_record
 from .simulated import Simulated
 from .statuses import statuses
@@ -185,7 +185,7 @@ class Trajectory(Printed):
             FileError: truncated, no trajectory, of a newer version, or inconsistent.
             FileNotFoundError: no such file.
         """
-        record = read_record(path, "trajectory", check_trajectory)
+        record = read_record(path, "trajectory", TRAJECTORY, check_trajectory)
         values: dict[str, Any] = {name: record.arrays.get(name) for name in ARRAYS}
         if record.header.get("batched") is False and len(record["states"]) == 1:
             values = {name: None if each is None else each[0] for name, each in values.items()}

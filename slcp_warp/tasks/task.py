@@ -12,6 +12,7 @@ from ..description.scene import Scene
 from ..inputs.checks import array, instance, number, shown, whole
 from ..inputs.errors import ArgumentError, ArgumentTypeError
 from ..inputs.limits import limit_rows
+from ..inputs.times import nearest_steps
 from ..measures.recorded import checked_measures
 from ..measures.reductions import Measure, Success, first_time
 from ..measures.signals import Condition
@@ -42,7 +43,8 @@ class Task(Printed):
         cost: of a plan, see `slcp_warp.costs`; left out: the task is not planned, only judged.
         horizon: steps of a plan; None: the task is not planned.
         options: what a plan's steps solve.
-        duration: of a run [s]; None: as long as a plan, which then has to have a horizon.
+        duration: of a run [s], in as many steps as come nearest to it, at least one; None: as long as a plan,
+            which then has to have a horizon.
         control_limits: (lower, upper), each a number or (nu,); None: none. They hold in plans and in runs.
         state_limits: by name of a state (lower, upper), infinite where there is none: plans keep them.
         start: states that runs start from: (nx,) or (M, nx), or a dict of numbers by state name on the
@@ -121,6 +123,7 @@ class Task(Printed):
             raise TaskError("Task.duration is None and Task.horizon, too; one of them is needed")
         found = number("Task.duration", span, 0.0, above=True, error=TaskError)
         object.__setattr__(self, "duration", found)
+        nearest_steps("Task.duration", found, self.scene.step_size, error=TaskError)
 
     def state_limit_rows(self) -> tuple[np.ndarray, np.ndarray] | None:
         """Limits of all states (nx,), infinite where there is none; None: of no state.
@@ -239,7 +242,7 @@ class Task(Printed):
     def steps(self) -> int:
         """Steps of a run with the scene's step size."""
         assert self.duration is not None
-        return max(1, math.floor(self.duration / self.scene.step_size + 0.5))  # as the kernels round
+        return nearest_steps("Task.duration", self.duration, self.scene.step_size, error=TaskError)
 
     def simulator(self, options: Options | None = None, **choices: Any) -> Simulator:
         """A simulator of its scene, with its options or others; `choices` as of `Simulator`."""

@@ -18,7 +18,7 @@ from slcp_warp.ensembles.statistics.source import MemorySource
 from slcp_warp.kernels.device import cache
 from slcp_warp.kernels.device.progress import recorded
 from slcp_warp.scripts.app import app
-from slcp_warp.scripts.stages.task_sweep import load_report, report_table
+from slcp_warp.scripts.stages.task_sweep import report_table
 from slcp_warp.scripts.support.records import load_record
 from slcp_warp.scripts.watch.engine import Engine
 from slcp_warp.scripts.watch.scenario import buttons_of
@@ -73,13 +73,13 @@ def test_a_task_of_a_file_goes_end_to_end(tmp_path):
         np.testing.assert_array_equal(found["drawn_block.mass"], other["drawn_block.mass"])  # the same worlds
     said = " ".join(call("compare", tmp_path / "report.csv", "--sequential").output.split())
     assert "plan less library, the same worlds, 95 % intervals, at all looks" in said
-    again = load_report(tmp_path / "report.csv").save(tmp_path / "report.npz")
+    again = slcp.load_report(tmp_path / "report.csv").save(tmp_path / "report.npz")
     assert call("compare", again).output == call("compare", tmp_path / "report.csv").output
     both = [f"--policy={tmp_path / name}" for name in ("plan.npz", "library.npz")]
     said = call("compare", TOML, *both, "--sequential", "--worlds", 64, "--batch", 32, "--device", "cpu",
                 "--out", tmp_path / "compared.npz").output  # fmt: skip
     assert "success of plan less library" in said and "looks" in said
-    compared = load_report(tmp_path / "compared.npz").part("plan", "hard")
+    compared = slcp.load_report(tmp_path / "compared.npz").part("plan", "hard")
     assert len(compared["world"]) in (32, 64)
     np.testing.assert_array_equal(
         compared["success"], parts["plan", "hard", 0.02, "disturbed"]["success"][: len(compared["world"])]
@@ -184,7 +184,7 @@ def rare(folder: Path) -> None:
 
 
 def parts_of(path: Path) -> dict:
-    report = load_report(path)
+    report = slcp.load_report(path)
     return {key: report.part(*key) for key in report.source.keys}
 
 

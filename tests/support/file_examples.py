@@ -20,7 +20,6 @@ from slcp_warp.scripts.charts.questions import MAP_COLUMNS as MAP
 from slcp_warp.scripts.charts.questions import SENSITIVITY_COLUMNS as SENSITIVITY
 from slcp_warp.scripts.charts.questions import read_map, read_sensitivity
 from slcp_warp.scripts.charts.sweep import SIZE_COLUMNS, read_sizes
-from slcp_warp.scripts.stages.task_sweep import load_report
 from slcp_warp.scripts.support.records import Record, RecordError, load_record
 from slcp_warp.scripts.support.tables import write_csv
 
@@ -177,7 +176,7 @@ FORMATS = {
     "library": Format(".npz", lambda p: library().save(p), ddp.Library.load, ddp.LibraryError),
     "sweep": Format(".npz", lambda p: sweep_report().save(p), slcp.SweepReport.load, slcp.FileError),
     "report": Format(".npz", lambda p: report().save(p), slcp.Report.load, slcp.FileError),
-    "report table": Format(".csv", lambda p: report().save(p), load_report, slcp.FileError),
+    "report table": Format(".csv", lambda p: report().save(p), slcp.Report.load, slcp.FileError),
     "report in columns": Format(".parquet", in_columns, slcp.Report.load, slcp.FileError),
     "trajectory": Format(
         ".npz", lambda p: trajectory().save(p), lambda p: load_record(p, "trajectory"), RecordError

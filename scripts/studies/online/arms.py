@@ -9,7 +9,6 @@ import typer
 
 import slcp_warp as slcp
 
-from ...stages.task_sweep import load_report
 from ...support.options import Seed
 from ...support.policies import MPC, ends_with_plan
 from ...support.screen import one_line_errors, show_rows
@@ -70,7 +69,7 @@ def arms_command(
     rows = []
     for task in only or slcp.tasks.NAMED:
         for arm, count in ((LIBRARY, worlds), (MPC, mpc_worlds)):
-            rows.append(row_of(load_report(made(folder, task, arm, count, seed)), task, arm))
+            rows.append(row_of(slcp.load_report(made(folder, task, arm, count, seed)), task, arm))
     show_rows("share of disturbed worlds that succeed, hard contact, 95 % intervals", rows)
     if csv is not None:
         write_csv(csv, rows)

@@ -1,4 +1,4 @@
-"""Rows of a sweep in one file: .csv for other programs; .npz and .parquet with all that a report needs."""
+"""Rows of a sweep in one file: .csv, the table alone; .npz and .parquet with all that a report needs."""
 
 import csv
 import itertools
@@ -10,20 +10,19 @@ from typing import Any
 import numpy as np
 
 from ...inputs.errors import ArgumentError
-from ...options import Status
 from ...runs import parts
 from ...storage.archive import open_archive, write_archive
 from ...storage.files import FileError, reading, replacing
 from ...tasks.files import TaskFileError, task_content, task_of
 from ...tasks.task import Task
 from ..chunks import KEYS
+from .csv_table import WHAT, read_table
+from .row_checks import all_there, check_rows, checked_key
 from .source import OF_ROWS, Columns, MemorySource, Source, joined
 
 FORMAT, VERSION = "slcp-warp-report", 1
-WHAT = "a report of a sweep"
 PREFIX = "table_"  # of the arrays of an archive
-FIELDS: dict[str, Any] = {"policy": str, "case": str, "step_size": float, "arm": str, "rows": int,
-                          "columns": list}  # fmt: skip
+FIELDS: dict[str, Any] = {"rows": int, "columns": list}
 
 
 def tables(source: Source) -> Iterator[Columns]:
@@ -91,15 +90,17 @@ def _header(source: Source, task: Task | None, complete: bool) -> dict[str, Any]
 
 
 def read(path: Path) -> tuple[Task | None, MemorySource, bool]:
-    """Task, rows and whether they are complete, of a .npz or .parquet file that `write` made.
+    """Task, rows and whether they are complete, of a file that `write` made; a .csv says no task.
 
     Raises:
         FileNotFoundError: not there.
         FileError: truncated, no report, or inconsistent.
         ArgumentError: another suffix.
     """
+    if path.suffix == ".csv":
+        return None, *read_table(path)
     if path.suffix not in (".npz", ".parquet"):
-        raise ArgumentError(f"path {path} ends in {path.suffix!r}; .npz or .parquet is needed")
+        raise ArgumentError(f"path {path} ends in {path.suffix!r}; .csv, .npz or .parquet is needed")
     with reading(path, WHAT, FileError):
         header, columns = _archive(path) if path.suffix == ".npz" else _parquet(path)
         complete, listed, content = (header.get(name) for name in ("complete", "parts", "task"))
@@ -107,6 +108,8 @@ def read(path: Path) -> tuple[Task | None, MemorySource, bool]:
             raise FileError("parts or complete of its header are missing")
         task = None if content is None else task_of(content)
         source = _split(listed, columns)
+        if complete and (why := all_there(source)):
+            raise FileError(f"it says that it is complete, and {why}")
         if task is not None:
             _check_measures(task, source)
         return task, source, complete
@@ -141,13 +144,13 @@ def _split(listed: list[Any], columns: Columns) -> MemorySource:
         if column.shape != (total,) or column.dtype.kind not in "biuf":
             raise FileError(f"column {name!r} is {column.dtype} {column.shape}; ({total},) numbers needed")
     source, begin = MemorySource(), 0
-    for part in listed:
-        key = tuple(part[name] for name in KEYS)
+    for number, part in enumerate(listed):
+        key = checked_key(f"part {number}", part)
         if key in source.pieces:
             raise FileError(f"it has the part {key} twice")
         end = begin + part["rows"]
         rows = {name: columns[name][begin:end] for name in part["columns"]}
-        _check_rows(f"part {key}", rows)
+        check_rows(f"part {key}", rows)
         source.add(key, rows)
         begin = end
     return source
@@ -156,27 +159,18 @@ def _split(listed: list[Any], columns: Columns) -> MemorySource:
 def _check_part(label: str, part: Any, columns: Columns) -> None:
     if not isinstance(part, dict):
         raise FileError(f"{label} is {part!r:.60}; a table of values is needed")
+    if missing := [name for name in (*KEYS, *FIELDS) if name not in part]:
+        raise FileError(f"{label} lacks {', '.join(missing)}")
     for name, kind in FIELDS.items():
-        value = part.get(name)
-        if not isinstance(value, kind) or isinstance(value, bool):
-            raise FileError(f"{label}: {name} is {value!r:.60}")
-    if not 0.0 < part["step_size"] < math.inf or part["rows"] < 0:
-        raise FileError(f"{label}: step_size or rows is {part['step_size']}, {part['rows']}")
+        if not isinstance(part[name], kind) or isinstance(part[name], bool):
+            raise FileError(f"{label}: {name} is {part[name]!r:.60}; a {kind.__name__} is needed")
+    if part["rows"] < 0:
+        raise FileError(f"{label}: rows is {part['rows']}; a whole number of at least 0 is needed")
     names = part["columns"]
     if not all(isinstance(name, str) and name in columns for name in names) or len(set(names)) < len(names):
         raise FileError(f"{label}: its columns are {names!r:.80}, which the table has not got")
     if not set(OF_ROWS) <= set(names) or names[0] != "world":
         raise FileError(f"{label} lacks one of the columns {', '.join(OF_ROWS)}")
-
-
-def _check_rows(label: str, rows: Columns) -> None:
-    world, success, status = (rows[name] for name in OF_ROWS)
-    if world.dtype.kind not in "iu" or (len(world) and world[0] < 0) or (np.diff(world) <= 0).any():
-        raise FileError(f"{label}: its worlds are no rising whole numbers")
-    if success.dtype.kind != "b":
-        raise FileError(f"{label}: success is of type {success.dtype}")
-    if status.dtype.kind not in "iu" or not np.isin(status, [int(each) for each in Status]).all():
-        raise FileError(f"{label}: its statuses are none")
 
 
 def _check_measures(task: Task, source: MemorySource) -> None:

@@ -19,7 +19,8 @@ from .travel import unpack
 def load_report(path: str | os.PathLike[str]) -> Report:
     """A report of what a sweep's folder holds (`sweep(..., out=)`), or of a file of `Report.save`.
 
-    Of a folder nothing is read before it is asked for. The task is None where it cannot be read here.
+    Of a folder nothing is read before it is asked for. The task is None where it cannot be read here, and
+    of a .csv, which holds rows only.
 
     Raises:
         FileNotFoundError: not there.

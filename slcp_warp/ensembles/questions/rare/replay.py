@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from ....inputs.times import nearest_steps
 from ....measures.reductions import first_time
 from ....options import Options
 from ....parameters import Parameters
@@ -26,7 +27,7 @@ def replayed(task: Task, policy: Any, world: Worlds, options: Options) -> Trajec
     given = world.numpy()
     h = task.scene.step_size if given.params is None else float(given.params[0, 0])
     sim = Simulator(task.scene, options, dtype="float64")
-    steps = int(np.floor(task.duration / h + 0.5))
+    steps = nearest_steps("Task.duration", task.duration, h)
     judged = [] if task.failure is None else [first_time(task.failure)]
     case = case_of(
         task, sim, policy, Given(sim, task, given, h), judged, h, worlds=len(given), duration=steps * h,

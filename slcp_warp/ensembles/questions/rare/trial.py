@@ -7,6 +7,7 @@ import numpy as np
 
 from ....inputs.checks import number, shown
 from ....inputs.errors import ArgumentTypeError
+from ....inputs.times import nearest_steps
 from ....measures.reductions import Measure, first_time
 from ....options import Options
 from ....simulator import Simulator
@@ -55,7 +56,8 @@ class Trial:
     ) -> None:
         assert task.duration is not None
         size = task.scene.step_size if step_size is None else step_size
-        self.step_size = number("step_size", size, 0.0, task.duration, above=True)
+        self.step_size = number("step_size", size, 0.0, above=True)
+        nearest_steps("Task.duration", task.duration, self.step_size)
         self.task, self.worlds = task, 0
         self.sim = Simulator(task.scene, options, device=device, dtype=dtype, strategy=strategy)
         judged = [*measures, *(() if task.success is None else task.success.parts())]
