@@ -56,7 +56,7 @@ def check_plan(arrays: Arrays, simulated: Simulated) -> None:
 
 def _check_solved(arrays: Arrays) -> None:
     """Raise FileError for numbers of a solve that none leaves."""
-    if np.isnan(arrays["cost"]).any():
+    if np.isnan(arrays["cost"]).all():
         raise FileError("array 'cost' contains nan; numbers are needed")
     for name in ("iterations", "trace_restarts", "trace_regularization", "trace_step_size", "trace_gradient"):
         if (arrays[name] < 0).any():

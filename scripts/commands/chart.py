@@ -8,7 +8,7 @@ import typer
 from slcp_warp.runs.manifest import NAME as MANIFEST
 
 from ..support.checkout import need_checkout
-from ..support.screen import one_line_errors, prepared_folder, wrote
+from ..support.screen import checked_folder, one_line_errors, wrote
 from ..support.tables import RESULTS
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ def chart_command(
     """Draw pictures from saved files: contact surface, library, limit cycle, animation, trace, robustness."""
     from ..charts.files import chart_files  # it loads matplotlib
 
-    out = prepared_folder(out)
+    out = checked_folder(out)
     chosen: list[Path] = []
     for path in files:
         if path.is_dir() and not (path / MANIFEST).is_file():

@@ -10,7 +10,7 @@ import slcp_warp as slcp
 from ..support.options import Device, Seed
 from ..support.policies import TaskPolicy, policy_of_task
 from ..support.rules import HARD_RULE, HardRule, with_rules
-from ..support.screen import console, one_line_errors, prepared_folder, timed, waiting, wrote
+from ..support.screen import checked_folder, console, one_line_errors, timed, waiting, wrote
 from ..support.tasks import TaskName
 
 
@@ -41,7 +41,7 @@ def falsify_command(
     """Find the smallest disturbance under which a policy fails, and save it."""
     from ..charts.falsify import falsify_chart  # it loads matplotlib
 
-    out, chosen = prepared_folder(out), slcp.load_task(task)
+    out, chosen = checked_folder(out), slcp.load_task(task)
     followed = policy_of_task(policy, chosen)
     options = rules.of(chosen.options)
     with timed("search"), waiting("worlds") as shown:
@@ -51,6 +51,7 @@ def falsify_command(
             progress=lambda count: shown(f"{count:,} worlds"),
         )  # fmt: skip
     console.print(str(found), highlight=False, soft_wrap=True)
+    out.mkdir(parents=True, exist_ok=True)
     written = [found.save(out / "falsification.csv")]
     if found.found:
         written.append(found.replay(followed, options).save(out / "run.npz"))

@@ -8,6 +8,7 @@ import typer
 import slcp_warp as slcp
 from slcp_warp import ddp
 from slcp_warp.ddp.planning import METHODS, SCHEDULES, Late, delay_of, noise_scale, plan_starts
+from slcp_warp.inputs.checks import number
 
 from ..stages.plan import optimise, outcome_table, task_problem, trace_table
 from ..support.options import Device, Dtype, Seed, Settings, Sigma, Start, StepSize
@@ -69,13 +70,14 @@ def optimise_command(
     x0 = chosen.start[0] if start is None else numbers(start, "--start", problem.nx)
     sigmas = None if continuation is None else numbers(continuation, "--continuation")
     ddp.Options(sigma_schedule=None if sigmas is None else tuple(sigmas))  # must be positive and fall
-    methods = () if method or schedules else METHODS
+    methods = () if method is not None or schedules else METHODS
+    last, first = (METHODS[-1], METHODS[0]) if method is None else (method, method)
     regularization = SCHEDULES if methods else ddp.Regularization()
-    options = ddp.Options(max_iterations=passes, method=method or METHODS[-1], regularization=regularization)
-    scale = noise_scale(chosen) if explore is None else explore
+    options = ddp.Options(max_iterations=passes, method=last, regularization=regularization)
+    scale = noise_scale(chosen) if explore is None else number("--explore", explore, 0.0)
     with timed("DDP"), waiting("planning from all starts; minutes where many bodies may touch"):
         late = Late.of(problem, delay_of(chosen, problem))
-        guesses = plan_starts(late.rest, late.begin(x0), starts, seed, scale, method=method or METHODS[0])
+        guesses = plan_starts(late.rest, late.begin(x0), starts, seed, scale, method=first)
         record, results = optimise(late, x0, guesses, options, schedules, sigmas, methods)
     record.header["seed"], record.header["task"] = seed, chosen.name
     record.save(path)

@@ -14,7 +14,7 @@ from slcp_warp.ensembles.worlds.nominal import nominal
 from ..support.options import Device, refuse
 from ..support.policies import POLICY, named_policies
 from ..support.rules import NO_RULES, RULES, Rules, with_rules
-from ..support.screen import INTERRUPTED, console, one_line_errors, prepared_folder
+from ..support.screen import INTERRUPTED, checked_folder, console, one_line_errors
 from ..support.simulators import default_scaling, named_scene
 from ..support.tasks import found_task
 from ..watch.engine import Engine
@@ -58,12 +58,13 @@ def watch_command(
         engine = Player(Replay(replay), device)
     else:
         assert what is not None
-        out = prepared_folder(out)
+        checked_folder(out)
         subject = watched(what, worlds, seed, rules)
         policies = named_policies(policy or [], subject.scene, subject.task)
         if subject.task is not None:
             h = subject.scene.step_size
             policies = {name: nominal(each, subject.task, h) for name, each in policies.items()}
+        out.mkdir(parents=True, exist_ok=True)
         pushes = {} if subject.task is None else buttons_of(subject.task, seed=seed)
         for each in map(slcp.load_task, scenario or []):
             if each.scene.structure != subject.scene.structure:

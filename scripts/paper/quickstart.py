@@ -11,7 +11,7 @@ from ..stages.plan import outcome_table
 from ..stages.sweep import sweep_table
 from ..support.options import Device, Seed
 from ..support.paper import OBSERVED
-from ..support.screen import INTERRUPTED, console, one_line_errors, prepared_folder, timed
+from ..support.screen import INTERRUPTED, checked_folder, console, one_line_errors, timed
 from .experiment import FULL, QUICK, STANDARD, Run
 
 
@@ -25,7 +25,7 @@ def quickstart_command(
     device: Device = None,
 ) -> None:
     """Trajectory, library, sweep, figures and report of the paper's experiment."""
-    run = Run(prepared_folder(out), {None: STANDARD, True: QUICK, False: FULL}[quick], seed, device)
+    run = Run(checked_folder(out), {None: STANDARD, True: QUICK, False: FULL}[quick], seed, device)
     try:
         with timed("everything", run.times):
             _run_all(run)

@@ -169,27 +169,27 @@ def prepared(path: Path, suffix: str | tuple[str, ...] = ".npz", option: str = "
         raise ValueError(f"{option} is {path}; a name that ends in {' or '.join(known)} is needed")
     if path.exists() and not path.is_file():
         raise ValueError(f"{option} is {path}, which is no file; another name is needed")
-    _made(path.parent)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    _check_writable(path.parent)
     return path
 
 
-def prepared_folder(path: Path, option: str = "--out") -> Path:
-    """An output folder, made before anything is computed; a name with an ending is a file's.
+def checked_folder(path: Path, option: str = "--out") -> Path:
+    """An output folder's path, before anything is computed; a name with an ending is a file's.
 
     Raises:
         ValueError: a file's name, or a file is there.
         OSError: nothing can be written there.
     """
-    if path.is_dir() or (not path.suffix and not path.exists()):
-        return _made(path)
-    raise ValueError(f"{option} is {path}; a folder, whose name has no ending, is needed")
+    if not path.is_dir() and (path.suffix or path.exists()):
+        raise ValueError(f"{option} is {path}; a folder, whose name has no ending, is needed")
+    _check_writable(next(each for each in (path, *path.absolute().parents) if each.exists()))
+    return path
 
 
-def _made(folder: Path) -> Path:
-    folder.mkdir(parents=True, exist_ok=True)
+def _check_writable(folder: Path) -> None:
     if not os.access(folder, os.W_OK | os.X_OK):
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(folder))
-    return folder
 
 
 def wrote(path: Path) -> None:

@@ -223,14 +223,17 @@ def test_a_broken_report_is_one_line(tmp_path):
     for text, says in (
         (head, "it has no rows"),
         ("a,b\n1,2\n", "it has no columns policy, case"),
-        (head + "plan,hard,0.1,disturbed,0,1.0,yes,0\n", "success holds 'yes'"),
-        (head + "plan,hard,0.1,disturbed,0,wide,True,0\n", "x: could not convert string to float: 'wide'"),
+        (head + "plan,hard,0.1,disturbed,0,1.0,yes,0\n", "column 'success' holds 'yes'"),
+        (
+            head + "plan,hard,0.1,disturbed,0,wide,True,0\n",
+            "column 'x': could not convert string to float: 'wide'",
+        ),
         (
             head + 2 * "plan,hard,0.1,disturbed,0,1.0,True,0\n",
-            "a world of plan, hard, 0.1, disturbed has two",
+            "('plan', 'hard', 0.1, 'disturbed'): column 'world' holds no rising whole numbers",
         ),
-        (head + "plan,hard,0.1,disturbed,0.5,1.0,True,0\n", "world holds 0.5; a whole number"),
-        (head + "plan,hard,0.1,disturbed,0,1.0,True,99\n", "status holds 99.0; a whole number"),
+        (head + "plan,hard,0.1,disturbed,0.5,1.0,True,0\n", "column 'world' holds 0.5; whole numbers"),
+        (head + "plan,hard,0.1,disturbed,0,1.0,True,99\n", "column 'status' holds 99; one of [0, 1"),
         (head + "plan,hard,0.1", "it is cut off or damaged"),
     ):
         path.write_text(text)

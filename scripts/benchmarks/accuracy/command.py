@@ -15,7 +15,7 @@ from typing import Annotated, Any
 
 import typer
 
-from ...support.screen import INTERRUPTED, one_line_errors, prepared_folder, wrote
+from ...support.screen import INTERRUPTED, checked_folder, one_line_errors, wrote
 from ...support.tables import RESULTS, write_csv
 from ..shared.machine import machine
 from ..shared.rows import Say
@@ -192,7 +192,7 @@ def charts_command(
 ) -> None:
     """Speed against accuracy beside the peers: all studies into one CSV, then the charts."""
     names, path, facts = checked(study or []), out / RESULTS, machine()
-    prepared_folder(out)
+    checked_folder(out).mkdir(parents=True, exist_ok=True)
     if study or resume:
         kept = kept_rows(path, facts, () if resume else names)
     else:
