@@ -142,6 +142,28 @@ def test_rows_that_are_nearly_one_are_refined_to_the_end():
     assert of_random_mechanism(325, 16, residual="hard", scaling="none") < 1e-4
 
 
+def test_a_factor_without_digits_is_made_firmer():
+    """A mass matrix of condition 1e7: refinement diverged, and A was 1e5 times too large."""
+    task = Task(601, 301, "generic", per_chunk=40)
+    worlds = task.worlds(0, own := task.make_scene()).part(2)
+    sim = slcp.Simulator(
+        own, slcp.Options("hard", scaling="none"), dtype="float64", device="cpu", strategy="generic"
+    )
+    params, spacing = parameters(sim, worlds.numbers), 1e-4
+    found = sim.linearize(worlds.x, worlds.u, params)
+    assert found.status[0] == 0
+    ends = [sim.step(worlds.x + e * unit, worlds.u, params) for unit in np.eye(sim.nx) for e in (spacing, -spacing)]
+    assert all(end.status[0] == 0 for end in ends)
+    states = np.stack([end.state[0] for end in ends], axis=1)
+    slope = (states[:, ::2] - states[:, 1::2]) / (2.0 * spacing)
+    np.testing.assert_allclose(found.A[0], slope, atol=1e-3 * np.abs(slope).max())
+    weights = np.random.default_rng(0).normal(size=(1, 2, sim.nx))
+    weights[:, 0] = 0.0
+    pulled = slcp.vjp(sim, worlds.x, worlds.u[:, None], weights, params).x0[0]
+    expected = slope.T @ weights[0, 1]
+    np.testing.assert_allclose(pulled, expected, atol=1e-3 * np.abs(expected).max())
+
+
 @pytest.mark.parametrize("friction", ["anitescu", "coulomb"])
 def test_the_adjoint_is_the_transpose(friction):
     sim, x, _ = at_rest(stuck_bodies(np.random.default_rng(3), 2), friction)

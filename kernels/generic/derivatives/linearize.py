@@ -14,7 +14,7 @@ from ...contact.problem import COLD
 from ...device.compile import packed
 from ...factories import cached
 from ...residual.smoothing import HARD_LAYER, LARGEST_LAYER, REACH
-from ...status import SOLVED
+from ...status import NOT_CONVERGED, SOLVED
 from ...structure import Structure
 from ..mechanism import COLUMN, make_mechanism
 from ..topology import Topology, place
@@ -55,7 +55,7 @@ def bytes_of_stencil(s: Structure) -> int:
 @cached
 def make_writer(given: type) -> SimpleNamespace:
     """take(t, k, b, x): the state of a step. write(t, d, k, b, first, a, c): LANES columns of x' =
-    (q + h v', v'), from `first` on of (x, u), into A and B.
+    (q + h v', v'), from `first` on of (x, u), into A and B. clear(a, c): zeros of both.
     """
     COUNT, ONE, H = LANES, WORK(1.0), COLUMN["step_size"]
     number = make_mechanism(given).number
@@ -88,7 +88,15 @@ def make_writer(given: type) -> SimpleNamespace:
                     c[t.nv + j, column - 2 * t.nv] = given(value[lane])
                     c[j, column - 2 * t.nv] = given(h * value[lane])
 
-    return SimpleNamespace(take=take, write=write)
+    @wp.func
+    def clear(a: wp.array2d(dtype=given), c: wp.array2d(dtype=given)):
+        for i in range(a.shape[0]):
+            for j in range(a.shape[1]):
+                a[i, j] = given(0.0)
+            for j in range(c.shape[1]):
+                c[i, j] = given(0.0)
+
+    return SimpleNamespace(take=take, write=write, clear=clear)
 
 
 @cached
@@ -239,7 +247,10 @@ def make_differentiate(given: type, residual: str) -> wp.Function:
                 return status
             n, pairs = expansion.prepare(t, k, g, d, b, external, world)
             for part in range((width + COUNT - 1) / COUNT):
-                expansion.columns(t, k, g, d, b, n, pairs, part * COUNT)
+                if expansion.columns(t, k, g, d, b, n, pairs, part * COUNT) == 0:
+                    writer.clear(a, c)
+                    diff.clear(fzz, item)
+                    return int(wp.static(NOT_CONVERGED))
                 if move == 0:
                     writer.write(t, d, k, b, part * COUNT, a, c)
                 else:

@@ -21,7 +21,9 @@ from .tables import Share, Slopes
 from .vertex import make_vertex
 
 YIELDING = 1e-10  # diag(A) dlambda by which a row yields
+FIRMER, FIRMEST = 1e3, 1e-4  # times that and at most, where the factor has lost the digits to refine with
 REFINED = 1e-6  # a correction relative to what it corrects, after which the next one is rounding
+WRONG = 1e-4  # what may be left of an error where refinement ends
 REFINEMENTS = 3
 SLOW = 100  # refinements of rows that are nearly one, whose error falls by little at a time
 NOISE = 1e-10  # a correction relative to the response without rows that is rounding
@@ -29,8 +31,9 @@ NOISE = 1e-10  # a correction relative to the response without rows that is roun
 
 @cached
 def make_system(given: type, residual: str) -> SimpleNamespace:
-    """factor(t, k, d, b, n) of the n acting rows, and solve(t, k, d, b, n): d.found = dv' from -F1 in d.known
-    and -F2 in d.given, which is overwritten. response(t, k, s): k.move = M^-1 J_s' in the units that row s
+    """factor(t, k, d, b, n) of the n acting rows, firmer(t, k, d, b, n): the same with rows that yield more, 1
+    if they may, and solve(t, k, d, b, n): d.found = dv' from -F1 in d.known and -F2 in d.given, which is
+    overwritten, 1 if that holds. response(t, k, s): k.move = M^-1 J_s' in the units that row s
     moves. add(t, k, s, x, c): x += J_s' c. inverse(t, k, dof): (M^-1)_jj.
     """
     dtype = WORK
@@ -39,7 +42,7 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
     nt = make_newton(given, residual) if contacts else None
     vertex = make_vertex(given, residual) if residual == "hard" else None
     ONE, ZERO, HALF, YIELDS = dtype(1.0), dtype(0.0), dtype(0.5), dtype(YIELDING)
-    TAU, SMALL, LEAST = dtype(YIELDING + PROXIMAL), dtype(REFINED), dtype(NOISE)
+    TAU, SMALL, LEAST, MISSED = dtype(PROXIMAL), dtype(REFINED), dtype(NOISE), dtype(WRONG)
 
     @wp.func
     def first_row(t: wp.ref[Topology], k: wp.ref[Slot], s: int):
@@ -106,7 +109,7 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
 
     @wp.func
     def weigh(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, n: int):
-        """p and q of the acting rows, what a row yields by with dz, 1/T, p/D, p/(T D); which rows slide."""
+        """p and q of the acting rows; which rows slide."""
         for r in range(n):
             s = d.row[b, r]
             e = nt.smooth(k, s, k.z[s])
@@ -116,15 +119,22 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
             vertex.walk(t, k, YIELDS)
         for r in range(n):
             s = d.row[b, r]
-            own = TAU * k.p[s] * k.diag[s] / k.scale[s]
-            inverse = ONE / (k.slack[s] + own)
-            push = k.p[s] / k.scale[s]
-            d.share[b, r] = Share(own, inverse, push, push * inverse)
             d.slides[b, r] = 0
             if t.coulomb == 1 and t.row_kind[k.row[s]] == CONTACT and t.row_sign[k.row[s]] != 0:
                 first = first_row(t, k, s)
                 if k.lam[first] * k.lam[first + 1] == ZERO:
                     d.slides[b, r] = 1
+
+    @wp.func
+    def yields(k: wp.ref[Slot], d: Slopes, b: int, n: int):
+        """What a row yields by with dz, 1/T, p/D, p/(T D)."""
+        tau = TAU + d.yielding[b, 0]
+        for r in range(n):
+            s = d.row[b, r]
+            own = tau * k.p[s] * k.diag[s] / k.scale[s]
+            inverse = ONE / (k.slack[s] + own)
+            push = k.p[s] / k.scale[s]
+            d.share[b, r] = Share(own, inverse, push, push * inverse)
 
     @wp.func
     def assemble(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, o: Island, start: int):
@@ -145,8 +155,7 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
         r = int(start)
         for s in range(o.row, o.last_row):
             if k.acting[s] > 0:
-                p = k.p[s]
-                weight = p / (k.slack[s] * k.scale[s] + TAU * k.diag[s] * p)
+                weight = d.share[b, r][3]
                 first = first_row(t, k, s)
                 slides = d.slides[b, r]
                 count = k.entry[s + 1] - k.entry[s]
@@ -163,18 +172,35 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
                 r += 1
         return r
 
+    @wp.func(inline=False)
+    def refactor(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, n: int):
+        """Of the weighed rows, which yield by d.yielding."""
+        yields(k, d, b, n)
+        start = int(0)
+        for i in range(k.count[wp.static(ISLANDS)]):
+            o = island(k, i)
+            if t.coulomb == 1:
+                start = assemble(t, k, d, b, o, start)
+                lu.factor(k.factor, d.upper[b], k.first, k.at, o.start, o.end)
+            else:
+                nt.factor(t, k, o, d.yielding[b, 0])
+
     @wp.func
     def factor(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, n: int):
         if wp.static(contacts):
+            d.yielding[b, 0] = YIELDS
             weigh(t, k, d, b, n)
-            start = int(0)
-            for i in range(k.count[wp.static(ISLANDS)]):
-                o = island(k, i)
-                if t.coulomb == 1:
-                    start = assemble(t, k, d, b, o, start)
-                    lu.factor(k.factor, d.upper[b], k.first, k.at, o.start, o.end)
-                else:
-                    nt.factor(t, k, o, YIELDS)
+            refactor(t, k, d, b, n)
+
+    @wp.func
+    def firmer(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, n: int):
+        """The factor of rows that yield more keeps more digits; refinement takes longer. 1: there is one."""
+        if wp.static(contacts):
+            if d.yielding[b, 0] < dtype(wp.static(0.5 * FIRMEST)):
+                d.yielding[b, 0] = dtype(wp.static(FIRMER)) * d.yielding[b, 0]
+                refactor(t, k, d, b, n)
+                return int(1)
+        return int(0)
 
     @wp.func
     def substitute(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, x: wp.array(dtype=Lanes)):
@@ -228,11 +254,13 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
         return good, moved
 
     @wp.func(inline=False)
-    def improves(
+    def left(
         t: wp.ref[Topology], k: wp.ref[Slot], known: wp.array(dtype=Lanes), x: wp.array(dtype=Lanes),
-        moved: Lanes, last: Lanes,
+        moved: Lanes, last: Lanes, slow: int, most: dtype,
     ):  # fmt: skip
-        """Whether a column is still on its way: changes shrink, and are more than rounding."""
+        """What is left of the columns after a change: 0 at most `most` of them, or rounding; 1 more, and
+        changes shrink; -1 more, and they do not. Of slow refinement changes to come count, too.
+        """
         size = Lanes()
         free = Lanes()
         for i in range(t.blocks):
@@ -242,11 +270,19 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
                 size += wp.cw_mul(value, value)
                 value = known[3 * i + part] / m[part, part]
                 free += wp.cw_mul(value, value)
+        out = int(0)
         for lane in range(wp.static(len(Lanes()))):
-            least = wp.max(SMALL * SMALL * size[lane], LEAST * LEAST * free[lane])
-            if moved[lane] > least and moved[lane] < last[lane]:
-                return 1
-        return 0
+            least = wp.max(most * most * size[lane], LEAST * LEAST * free[lane])
+            error = moved[lane] + ZERO
+            shrinks = error < last[lane]
+            if slow == 1 and shrinks:
+                rate = wp.sqrt(error / last[lane])
+                error = error * wp.max(rate * rate / ((ONE - rate) * (ONE - rate)), SMALL)
+            if not (error <= least):
+                if shrinks:
+                    return int(1)
+                out = int(-1)
+        return out
 
     @wp.func
     def solve(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, n: int):
@@ -260,6 +296,7 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
             d.root[b, r] = Lanes()
         add_pushes(t, k, d, b, n, side)
         more = int(0)
+        since = int(0)  # refinements with this factor
         last = Lanes()
         while more <= SLOW:
             substitute(t, k, d, b, side)
@@ -268,28 +305,38 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
                     found[i] = side[i]
             else:
                 good, moved = settled(t, found, side)
-                if good == 1:
-                    return
-                if more >= REFINEMENTS:
-                    if improves(t, k, known, found, moved, last) == 0:
-                        return
+                slow = wp.where(d.yielding[b, 0] > YIELDS, 1, 0)
+                if good == 1 and slow == 0:
+                    return int(1)
+                if since >= REFINEMENTS:
+                    way = left(t, k, known, found, moved, last, slow, SMALL)
+                    if way == 0:
+                        return int(1)
+                    if way < 0:
+                        if firmer(t, k, d, b, n) == 0:
+                            more = wp.static(SLOW)
+                        since = 0
+                    if more == wp.static(SLOW):
+                        return wp.where(left(t, k, known, found, moved, last, slow, MISSED) == 0, 1, 0)
                 last = moved
             if n == 0:
-                return
+                return int(1)
             for r in range(n):  # what is left of F2 once dz follows is the proximal term's
                 rate(t, k, d, b, r, side)
                 share = d.share[b, r]
                 change = share[1] * (d.given[b, r] - d.push[b, r])
                 root = d.root[b, r] + change
-                left = share[0] * change
+                rest = share[0] * change
                 d.root[b, r] = root
-                d.given[b, r] = left
-                d.push[b, r] = share[2] * root + share[3] * left
+                d.given[b, r] = rest
+                d.push[b, r] = share[2] * root + share[3] * rest
             for i in range(3 * t.blocks):
                 side[i] = known[i]
             take_momentum(t, k, found, side)
             add_pushes(t, k, d, b, n, side)
             more += 1
+            since += 1
+        return int(1)
 
     @wp.func
     def response(t: wp.ref[Topology], k: wp.ref[Slot], s: int):
@@ -319,4 +366,6 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
         env.solve(k.mass_factor, t.mass_first, t.mass_at, t.block_id, k.move, 0, t.blocks)
         return k.move[b][t.dof_part[dof]]
 
-    return SimpleNamespace(factor=factor, solve=solve, response=response, add=add, inverse=inverse)
+    return SimpleNamespace(
+        factor=factor, firmer=firmer, solve=solve, response=response, add=add, inverse=inverse
+    )

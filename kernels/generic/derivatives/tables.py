@@ -55,6 +55,7 @@ class Slopes:
     row: wp.array2d(dtype=wp.int32)  # (nr) list of the acting rows; what follows is by that list
     bunch: wp.array2d(dtype=wp.int32)  # (nr) ends of the parts of that list that share their blocks
     share: wp.array2d(dtype=Share)  # (nr) numbers of the acting rows, see `system.py`
+    yielding: wp.array2d(dtype=WORK)  # (1) diag(A) dlambda by which a row yields in the factor
     slides: wp.array2d(dtype=wp.int32)  # (nr) 1: the row is that of a sliding contact with Coulomb's friction
     gap_by_q: wp.array2d(dtype=WORK)  # (nr most) of J_i v' + d/h, by entries of the pair
     scale_by_q: wp.array2d(dtype=WORK)  # (nr width) of D_i, by dofs of the groups
@@ -149,6 +150,7 @@ def lengths(s: Structure) -> dict[str, tuple[int, Any]]:
         "force": (pairs, Pair),
         "pair": (pairs, wp.int32),
         "share": (s.nr, Share),
+        "yielding": (1, WORK),
         **dict.fromkeys(("row", "bunch", "slides"), (s.nr, wp.int32)),
         "gap_by_q": (s.nr * most, WORK),
         "scale_by_q": (s.nr * width, WORK),

@@ -68,7 +68,8 @@ def make_generic_adjoint_kernel(given: type, residual: str) -> wp.Kernel:
 
     Every step is solved again at its recorded state, warm from the step after it, and differentiated at the
     solution; nothing else is stored. A world whose rollout or whose step now is not solved gets NaN; so does
-    one that solves to other velocities now than in the rollout, as Coulomb's friction may.
+    one that solves to other velocities now than in the rollout, as Coulomb's friction may, and one whose
+    derivatives have no digits left.
     """
     back = make_step_adjoint(given, residual)
     through = make_policy_adjoint(given)
@@ -180,7 +181,8 @@ def make_generic_adjoint_kernel(given: type, residual: str) -> wp.Kernel:
             u = us[world, n]
             solved = back.solve(t, k, w, external, world, x, u) * is_the_step(t, k, states[world, n + 1])
             if solved == 1:
-                back.pull(t, s, k, room, w, b, external, world)
+                solved = back.pull(t, s, k, room, w, b, external, world)
+            if solved == 1:
                 for j in range(t.nv):
                     w.weight[j] = w.by_q[j] + WORK(states_grad[world, n, j])
                     w.weight[t.nv + j] = w.by_v[j] + WORK(states_grad[world, n, t.nv + j])

@@ -11,25 +11,26 @@ from types import SimpleNamespace
 import warp as wp
 
 from ...factories import cached
-from ...generic.derivatives.system import PROXIMAL, YIELDING, make_system
+from ...generic.derivatives.system import NOISE, PROXIMAL, SLOW, WRONG, make_system
 from ...generic.linear.lu import make_lu
 from ...generic.topology import Topology
 from ...generic.work import ISLANDS, ROWS, V3, WORK, Slot
 from .room import Room, View
 
-REFINEMENTS = 8  # at most
+REFINEMENTS = 8  # at most, where what is left is below `LEAVES`
+LEAVES = 1e-9
 ENOUGH = 1e-15  # of a correction, relative to the whole
 
 
 @cached
 def make_dual(given: type, residual: str) -> SimpleNamespace:
-    """weights(t, k, room, w, b): P (in w.p as -P) and rho of w.target; response(t, k, r): k.move = M^-1 J_r'
+    """weights(t, k, room, w, b): P (in w.p as -P) and rho of w.target, 1 if these hold; response(t, k, r): k.move = M^-1 J_r'
     in the units that row r moves.
     """
     system, lu = make_system(given, residual), make_lu()
     contacts = residual != "none"
-    TAU, SMALL = WORK(YIELDING + PROXIMAL), WORK(ENOUGH)
-    ZERO, HALF = WORK(0.0), WORK(0.5)
+    TAU, SMALL, LEAST = WORK(PROXIMAL), WORK(ENOUGH), WORK(NOISE / WRONG)
+    ZERO, HALF, ONE = WORK(0.0), WORK(0.5), WORK(1.0)
 
     @wp.func
     def acting(k: wp.ref[Slot], room: wp.ref[Room], b: int):
@@ -99,58 +100,76 @@ def make_dual(given: type, residual: str) -> SimpleNamespace:
                 lu.solve(m, m, t.mass_first, t.mass_at, t.block_id, k.move, start, t.unit_start[u + 1])
 
     @wp.func
-    def divisor(k: wp.ref[Slot], r: int):
-        return k.slack[r] + TAU * k.p[r] * k.diag[r] / k.scale[r]
-
-    @wp.func
     def correction(
         t: wp.ref[Topology], k: wp.ref[Slot], room: wp.ref[Room], w: wp.ref[View], b: int,
         rows: wp.array(dtype=int), n: int,
     ):  # fmt: skip
-        """What k.balance and k.res ask for, added to w.p and w.y; its size relative to the whole."""
+        """What k.balance and k.res ask for, added to w.p and w.y; its size relative to the whole, of which
+        there is no less than rounding leaves of what bodies without rows would do.
+        """
         for i in range(t.blocks):
             k.move[i] = -k.balance[i]
         for n_th in range(n):
             r = rows[n_th]
-            push(t, k, w, k.move, r, k.p[r] / (divisor(k, r) * k.scale[r]) * k.res[r])
+            push(t, k, w, k.move, r, room.factor.share[b, n_th][3] * k.res[r])
         transposed(t, k, room, b)
         for n_th in range(n):
             r = rows[n_th]
-            w.y[r] = w.y[r] - (k.res[r] + along(t, k, k.move, r)) / divisor(k, r)
+            w.y[r] = w.y[r] - (k.res[r] + along(t, k, k.move, r)) * room.factor.share[b, n_th][1]
         size = WORK(0.0)
         change = WORK(0.0)
         for i in range(t.blocks):
             w.p[i] = w.p[i] + k.move[i]
+            free = wp.cw_div(w.target[i], wp.get_diag(k.mass[t.mass_at[i] + i]))
             for part in range(3):
-                size = wp.max(size, wp.abs(w.p[i][part]))
+                size = wp.max(size, wp.max(wp.abs(w.p[i][part]), LEAST * wp.abs(free[part])))
                 change = wp.max(change, wp.abs(k.move[i][part]))
         if not (change > SMALL * size):
             return ZERO
         return change / size
 
     @wp.func
-    def weights(t: wp.ref[Topology], k: wp.ref[Slot], room: wp.ref[Room], w: wp.ref[View], b: int):
+    def refine(
+        t: wp.ref[Topology], k: wp.ref[Slot], room: wp.ref[Room], w: wp.ref[View], b: int,
+        rows: wp.array(dtype=int), n: int,
+    ):  # fmt: skip
+        """w.p and w.y, refined while that helps; what is left of them, relative to the whole."""
         for i in range(t.blocks):
             w.p[i] = V3()
+        for n_th in range(n):
+            w.y[rows[n_th]] = ZERO
+        last = WORK(1e300)
+        left = ZERO + ONE
+        more = int(1)
+        while more <= wp.static(SLOW):
+            miss(t, k, w, rows, n)
+            size = correction(t, k, room, w, b, rows, n)
+            left = wp.where(size < last, size * size / wp.max(last - size, SMALL), size)  # what is to come
+            more += 1
+            if not (size > ZERO and size < last) or (
+                more > wp.static(REFINEMENTS) and left < WORK(wp.static(LEAVES))
+            ):
+                more = 1 + wp.static(SLOW)
+            last = size
+        return left
+
+    @wp.func
+    def weights(t: wp.ref[Topology], k: wp.ref[Slot], room: wp.ref[Room], w: wp.ref[View], b: int):
         n = int(0)
         rows = room.factor.row[b]
         if wp.static(contacts):
             n = acting(k, room, b)
         system.factor(t, k, room.factor, b, n)
         for n_th in range(n):
-            w.y[rows[n_th]] = ZERO
             w.slides[rows[n_th]] = room.factor.slides[b, n_th]
-        last = WORK(1e300)
-        more = int(1)
-        while more <= wp.static(REFINEMENTS):
-            miss(t, k, w, rows, n)
-            size = correction(t, k, room, w, b, rows, n)
-            more += 1
-            if not (size > ZERO and size < last):
-                more = 1 + wp.static(REFINEMENTS)
-            last = size
+        left = refine(t, k, room, w, b, rows, n)
+        while left > WORK(wp.static(WRONG)):
+            if system.firmer(t, k, room.factor, b, n) == 0:
+                return int(0)
+            left = refine(t, k, room, w, b, rows, n)
         for n_th in range(n):
             r = rows[n_th]
             w.rho[r] = k.p[r] / k.scale[r] * w.y[r]
+        return int(1)
 
     return SimpleNamespace(weights=weights, response=system.response, along=along)

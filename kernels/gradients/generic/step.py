@@ -25,7 +25,7 @@ from .solved import make_solved
 @cached
 def make_step_adjoint(given: type, residual: str) -> SimpleNamespace:
     """solve(..., x, u): the step anew, 1 if it is solved. pull(...): from w.weight, of the state after it,
-    slopes by q and v (w.by_q, w.by_v) and by the parameters (added to w.grad). control(..., i, u): that by a
+    slopes by q and v (w.by_q, w.by_v) and by the parameters (added to w.grad), 1 if these hold. control(..., i, u): that by a
     control.
     """
     step, z = make_step(given, residual), make_solved(given)
@@ -92,7 +92,8 @@ def make_step_adjoint(given: type, residual: str) -> SimpleNamespace:
             w.by_q[j] = w.weight[j]
             w.by_v[j] = ZERO
         add(t, w, H, 0, by_h)
-        dual.weights(t, k, room, w, slot)
+        if dual.weights(t, k, room, w, slot) == 0:
+            return int(0)
         z.rates(t, k, w)
         rise(t, k, w)
         for i in range(t.nb):
@@ -107,5 +108,6 @@ def make_step_adjoint(given: type, residual: str) -> SimpleNamespace:
         if wp.static(contact):
             rows.constraints(t, s, k, room, w)
         fall(t, k, w)
+        return int(1)
 
     return SimpleNamespace(prepare=step.prepare, solve=solve, pull=pull, control=motion.control)
