@@ -152,7 +152,11 @@ def test_a_factor_without_digits_is_made_firmer():
     params, spacing = parameters(sim, worlds.numbers), 1e-4
     found = sim.linearize(worlds.x, worlds.u, params)
     assert found.status[0] == 0
-    ends = [sim.step(worlds.x + e * unit, worlds.u, params) for unit in np.eye(sim.nx) for e in (spacing, -spacing)]
+    ends = [
+        sim.step(worlds.x + e * unit, worlds.u, params)
+        for unit in np.eye(sim.nx)
+        for e in (spacing, -spacing)
+    ]
     assert all(end.status[0] == 0 for end in ends)
     states = np.stack([end.state[0] for end in ends], axis=1)
     slope = (states[:, ::2] - states[:, 1::2]) / (2.0 * spacing)

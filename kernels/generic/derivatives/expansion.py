@@ -27,8 +27,8 @@ def make_expansion(given: type, residual: str) -> SimpleNamespace:
     """start(t, k, params, world): numbers, no roots and no normals. solve(t, k, d, b, u, moved, far,
     external, world) -> status: a step from the state (k.q, k.v0) under controls u, that of index `moved` (-1:
     none) greater by `far`. prepare(t, k, g, d, b, external, world) -> (acting rows, pairs): the parts of its
-    derivatives and the factor; columns(t, k, g, d, b, n, pairs, first): d.found = dv' by LANES of (q, v, u), 1 if
-    it holds.
+    derivatives and the factor; columns(t, k, g, d, b, n, pairs, first): d.found = dv' by LANES of (q, v, u),
+    1 if it holds.
     """
     dtype = WORK
     step = make_step(given, residual)

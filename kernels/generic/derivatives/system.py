@@ -31,8 +31,8 @@ NOISE = 1e-10  # a correction relative to the response without rows that is roun
 
 @cached
 def make_system(given: type, residual: str) -> SimpleNamespace:
-    """factor(t, k, d, b, n) of the n acting rows, firmer(t, k, d, b, n): the same with rows that yield more, 1
-    if they may, and solve(t, k, d, b, n): d.found = dv' from -F1 in d.known and -F2 in d.given, which is
+    """factor(t, k, d, b, n) of the n acting rows, firmer(t, k, d, b, n): the same with rows that yield more,
+    1 if they may, and solve(t, k, d, b, n): d.found = dv' from -F1 in d.known and -F2 in d.given, which is
     overwritten, 1 if that holds. response(t, k, s): k.move = M^-1 J_s' in the units that row s
     moves. add(t, k, s, x, c): x += J_s' c. inverse(t, k, dof): (M^-1)_jj.
     """

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from ...factories import cached
-from ...generic.derivatives.system import NOISE, PROXIMAL, SLOW, WRONG, make_system
+from ...generic.derivatives.system import NOISE, SLOW, WRONG, make_system
 from ...generic.linear.lu import make_lu
 from ...generic.topology import Topology
 from ...generic.work import ISLANDS, ROWS, V3, WORK, Slot
@@ -24,12 +24,12 @@ ENOUGH = 1e-15  # of a correction, relative to the whole
 
 @cached
 def make_dual(given: type, residual: str) -> SimpleNamespace:
-    """weights(t, k, room, w, b): P (in w.p as -P) and rho of w.target, 1 if these hold; response(t, k, r): k.move = M^-1 J_r'
-    in the units that row r moves.
+    """weights(t, k, room, w, b): P (in w.p as -P) and rho of w.target, 1 if these hold; response(t, k, r):
+    k.move = M^-1 J_r' in the units that row r moves.
     """
     system, lu = make_system(given, residual), make_lu()
     contacts = residual != "none"
-    TAU, SMALL, LEAST = WORK(PROXIMAL), WORK(ENOUGH), WORK(NOISE / WRONG)
+    SMALL, LEAST = WORK(ENOUGH), WORK(NOISE / WRONG)
     ZERO, HALF, ONE = WORK(0.0), WORK(0.5), WORK(1.0)
 
     @wp.func

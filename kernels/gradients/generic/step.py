@@ -25,8 +25,8 @@ from .solved import make_solved
 @cached
 def make_step_adjoint(given: type, residual: str) -> SimpleNamespace:
     """solve(..., x, u): the step anew, 1 if it is solved. pull(...): from w.weight, of the state after it,
-    slopes by q and v (w.by_q, w.by_v) and by the parameters (added to w.grad), 1 if these hold. control(..., i, u): that by a
-    control.
+    slopes by q and v (w.by_q, w.by_v) and by the parameters (added to w.grad), 1 if these hold.
+    control(..., i, u): that by a control.
     """
     step, z = make_step(given, residual), make_solved(given)
     contact = residual != "none"
