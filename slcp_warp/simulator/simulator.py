@@ -237,7 +237,9 @@ class Simulator(Printed):
     ) -> Linearization:
         """Jacobians of the step at (x, u) by the implicit function theorem (M27).
 
-        Worlds that are not solved have zero derivatives and a status.
+        Worlds that are not solved, or whose derivatives have no digits, have zero derivatives and a status.
+        Where rows of hard contact hold more than bodies can follow the step has a kink: specialised kernels
+        give under Anitescu's friction what may lie outside of both sides there, generic kernels one side.
 
         Args:
             x, u, params, external_force: as for `step`.

@@ -104,8 +104,8 @@ def make_dual(given: type, residual: str) -> SimpleNamespace:
         t: wp.ref[Topology], k: wp.ref[Slot], room: wp.ref[Room], w: wp.ref[View], b: int,
         rows: wp.array(dtype=int), n: int,
     ):  # fmt: skip
-        """What k.balance and k.res ask for, added to w.p and w.y; its size relative to the whole, of which
-        there is no less than rounding leaves of what bodies without rows would do.
+        """What k.balance and k.res ask for, added to w.p and w.y; its size and that of the whole, which is no
+        less than what rounding leaves of what bodies without rows would do.
         """
         for i in range(t.blocks):
             k.move[i] = -k.balance[i]
@@ -124,9 +124,7 @@ def make_dual(given: type, residual: str) -> SimpleNamespace:
             for part in range(3):
                 size = wp.max(size, wp.max(wp.abs(w.p[i][part]), LEAST * wp.abs(free[part])))
                 change = wp.max(change, wp.abs(k.move[i][part]))
-        if not (change > SMALL * size):
-            return ZERO
-        return change / size
+        return change, size
 
     @wp.func
     def refine(
@@ -143,14 +141,17 @@ def make_dual(given: type, residual: str) -> SimpleNamespace:
         more = int(1)
         while more <= wp.static(SLOW):
             miss(t, k, w, rows, n)
-            size = correction(t, k, room, w, b, rows, n)
-            left = wp.where(size < last, size * size / wp.max(last - size, SMALL), size)  # what is to come
+            change, size = correction(t, k, room, w, b, rows, n)
+            if not (change > SMALL * size):
+                return wp.where(change <= SMALL * size, ZERO, ONE)
+            left = change / size
+            if not (change < last):
+                return left
+            left = left * change / (last - change)  # what is to come
+            if more >= wp.static(REFINEMENTS) and left < WORK(wp.static(LEAVES)):
+                return left
+            last = change
             more += 1
-            if not (size > ZERO and size < last) or (
-                more > wp.static(REFINEMENTS) and left < WORK(wp.static(LEAVES))
-            ):
-                more = 1 + wp.static(SLOW)
-            last = size
         return left
 
     @wp.func
@@ -163,7 +164,7 @@ def make_dual(given: type, residual: str) -> SimpleNamespace:
         for n_th in range(n):
             w.slides[rows[n_th]] = room.factor.slides[b, n_th]
         left = refine(t, k, room, w, b, rows, n)
-        while left > WORK(wp.static(WRONG)):
+        while not (left <= WORK(wp.static(WRONG))):
             if system.firmer(t, k, room.factor, b, n) == 0:
                 return int(0)
             left = refine(t, k, room, w, b, rows, n)
