@@ -169,12 +169,11 @@ def make_generic_adjoint_kernel(given: type, residual: str) -> wp.Kernel:
         world = base + b
         tracked = wp.where(gain.shape[0] == 1, 0, world)
         bounds = wp.where(lower.shape[0] == 1, 0, world)
-        steps = us.shape[1]
         k = view(work, b)
         w = view_of(room, b)
         back.prepare(t, k, params, world)
-        enter(t, w, states_grad[world, steps])
-        n = steps - 1
+        enter(t, w, states_grad[world, us.shape[1]])
+        n = us.shape[1] - 1
         solved = wp.where(status[world] == wp.static(SOLVED), 1, 0)
         while n >= 0 and solved == 1:
             x = states[world, n]
