@@ -151,7 +151,9 @@ class Tree:
                 path.write_bytes(content)
         who = re.search(r"^(?:FAILED|ERROR) ([^\n]*?)(?: - |$)", output, re.MULTILINE)
         failure = "" if code == 0 else who[1] if who else output.strip().splitlines()[-1][:90]
-        if code not in (0, 1, 2):  # no such test, no pytest
+        if code < 0:
+            failure = f"the tests' process, by signal {-code}"
+        elif code not in (0, 1, 2):  # no such test, no pytest
             raise RuntimeError(f"{fault.name}: pytest ended with {code}:\n{output[-2000:]}")
         return Outcome(fault, failure, expected, time.perf_counter() - began)
 
