@@ -20,6 +20,7 @@ EARNED = {wp.float64: 2e-10, wp.float32: 1e-8}  # and where the data alone do no
 ROUNDED = 5e-14  # and relative to the terms of J v'
 EXCHANGED = {wp.float64: 1e-13, wp.float32: 1e-8}  # what may be missing of M dv relative to impulses alone
 PRESSED = 32.0  # sigma by which z of a smoothed row is at most, where w is nothing: exp(-32) is 1e-14
+UNSPENT = 1e-6  # of the energy of the data that a row's impulse may give by what its velocity misses
 GROWN = 10.0  # by which rows may press a place harder than they do where they yield more
 
 
@@ -34,7 +35,7 @@ def make_earned(given: type, residual: str) -> SimpleNamespace:
     OPEN, EXACT, LEAST = dtype(ROW * ACCEPTED[given]), dtype(EARNED[given]), dtype(ROUNDED)
     CLOSE = dtype(EXCHANGED[given] + (0.0 if hard else GIVEN[given]))
     UNTOLD = dtype(GIVEN[given if hard else WORK])  # rounding of impulses that `press` does not make itself
-    MORE, SHUT = dtype(GROWN), dtype(PRESSED)
+    MORE, SHUT, SPENT = dtype(GROWN), dtype(PRESSED), dtype(UNSPENT)
 
     @wp.func
     def partner(t: wp.ref[Topology], k: wp.ref[Slot], r: int):
@@ -63,6 +64,13 @@ def make_earned(given: type, residual: str) -> SimpleNamespace:
             e += 1
             at += 1
         return w >= -(share * k.own[r] + LEAST * wp.max(terms, fastest))
+
+    @wp.func
+    def spends_nothing(k: wp.ref[Slot], r: int, miss: dtype):
+        """Whether a row's impulse, times what J v' + d/h misses of w, is little beside the energy of the data:
+        (v' - v*)' M (v' - v*) is at most the sum of |lambda - lambda*| times what is missed.
+        """
+        return k.lam[r] * k.diag[r] * wp.abs(miss) <= SPENT * k.unit[r] * k.unit[r]
 
     @wp.func
     def is_held(t: wp.ref[Topology], k: wp.ref[Slot], j: int, told: dtype):
@@ -181,6 +189,8 @@ def make_earned(given: type, residual: str) -> SimpleNamespace:
                     good = 0
                 if not (ROUND * k.diag[r] * k.lam[r] <= ENOUGH * k.unit[r]):
                     good = 0
+                if not spends_nothing(k, r, k.res[r]):
+                    good = 0
         place = o.start + 0
         while place < o.end and good == 1:
             b = k.block[place]
@@ -210,6 +220,8 @@ def make_earned(given: type, residual: str) -> SimpleNamespace:
                 if not (felt(k, r) <= ENOUGH * k.unit[r]):
                     good = 0
                 if not is_open(t, k, r, OPEN, k.unit[r]):
+                    good = 0
+                if not spends_nothing(k, r, k.rate[r] + nt.dot(t, k, k.v, r) - k.w[r]):
                     good = 0
         for g in range(o.group, o.last_group):
             start = k.group[g]

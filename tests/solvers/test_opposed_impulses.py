@@ -13,6 +13,7 @@ import slcp_warp as slcp
 from slcp_warp import Body, Scene
 from slcp_warp.scripts.benchmarks.fuzz.draws import Worlds, single
 from slcp_warp.scripts.benchmarks.fuzz.judged import judged
+from slcp_warp.scripts.benchmarks.fuzz.proofs import least_motion
 from slcp_warp.scripts.benchmarks.fuzz.tasks import Task
 from slcp_warp.scripts.benchmarks.fuzz.verdicts import SILENT, WRONG
 
@@ -73,6 +74,24 @@ def test_opposed_impulses_are_as_small_as_they_can_be(scene, world):
         found, done = judged(worlds, sim)
         assert done.status[0] == slcp.Status.SOLVED and found.verdict[0] == "holds"
         assert found.errors.worst()[0] < 1.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scaling", ["inertia", "none"])
+def test_rows_that_all_but_depend_on_each_other_press_as_little_as_they_can(scaling):
+    """Two rows of a ring on its bearing tell 1e-10 of the bearing's own spin: impulses of 1e9 left either of
+    them open by 1e-9 m/s, the spin .5 rad/s off, and were SOLVED. sigma is 1e-4 m/s, so that the hard law's
+    motion, here from the oracle, is nearly that of the smoothed one.
+    """
+    task = Task(1003, 19, "generic")
+    drawn_scene = task.make_scene()
+    worlds = task.worlds(0, drawn_scene).part([386])
+    options = slcp.Options("rem-normal", scaling)
+    sim = slcp.Simulator(drawn_scene, options, device="cpu", dtype="float64", strategy="generic")
+    found, done = judged(worlds, sim)
+    assert done.status[0] == slcp.Status.SOLVED and found.verdict[0] == "holds"
+    expected, _ = least_motion(found.problem, 0)
+    np.testing.assert_allclose(done.state[0, drawn_scene.nv :], expected, rtol=2e-3, atol=1e-6)
 
 
 RESTING, COULOMB = slcp.Options("rem-logistic"), slcp.Options("hard", friction="coulomb")
