@@ -67,7 +67,7 @@ def make_earned(given: type, residual: str) -> SimpleNamespace:
 
     @wp.func
     def spends_nothing(k: wp.ref[Slot], r: int, miss: dtype):
-        """Whether a row's impulse, times what J v' + d/h misses of w, is little beside the energy of the data:
+        """Whether a row's impulse, times what J v' + d/h misses of w, is little beside the data's energy:
         (v' - v*)' M (v' - v*) is at most the sum of |lambda - lambda*| times what is missed.
         """
         return k.lam[r] * k.diag[r] * wp.abs(miss) <= SPENT * k.unit[r] * k.unit[r]
