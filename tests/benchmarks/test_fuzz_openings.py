@@ -11,6 +11,7 @@ from slcp_warp.scripts.benchmarks.fuzz.judged import predicted
 from slcp_warp.scripts.benchmarks.fuzz.problem import Problem, Truth
 from slcp_warp.scripts.benchmarks.fuzz.proofs import least_motion, widest_opening
 from slcp_warp.scripts.benchmarks.fuzz.tasks import Task
+from slcp_warp.scripts.benchmarks.fuzz.verdicts import predicted_within
 from slcp_warp.scripts.benchmarks.mechanics.rational import product, rational, solve
 
 
@@ -39,7 +40,7 @@ def test_the_predicted_push_has_its_digits():
     ((options, dtype),) = task.methods()
     scene = task.make_scene()
     worlds = task.worlds(0, scene).part([41])
-    push, _ = predicted(scene, worlds, options, dtype)
+    push, known = predicted(scene, worlds, options, dtype)
     truth = Truth(scene, worlds)
     p = Problem(truth, truth.drive(np.zeros(push.shape)), options.method, dtype)
     presses = least_motion(p, 0)[1] > 0.0
@@ -49,7 +50,7 @@ def test_the_predicted_push_has_its_digits():
     w = [-product(row, free) - Fraction(d) for row, d in zip(jac, p.rate[0][presses])]
     lam = solve([[product(row, other) for other in moved] for row in jac], w)
     exact = [float(sum((x * y[j] for x, y in zip(lam, moved)), Fraction(0))) for j in range(scene.nv)]
-    assert max(map(abs, map(float, lam))) > 1e5
+    assert known[0] and max(map(abs, map(float, lam))) > 1e5
     np.testing.assert_allclose(push[0], exact, rtol=1e-11)
 
 
@@ -65,16 +66,19 @@ def test_what_a_stiff_spring_leaves_of_an_error_of_the_predicted_force():
         np.testing.assert_allclose(guess, 6.0 * (1.0 - 2.0 / e), rtol=1e-5, atol=1e-6)
 
 
-def test_a_predicted_force_that_the_tolerance_of_rows_decides_is_not_known():
+def test_how_far_the_tolerance_of_rows_decides_predicted_forces():
     """A part of 20 mg m^2 flung at 7e6 m/s beside one of 20 g m^2: rows solved to 2e-5 of that leave the
-    other's velocity open by 1e3 m/s, and the forces predicted from it. Most worlds of the scene have no such part.
+    other's velocity open by 1e3 m/s, and the forces predicted from it. Other worlds of the scene are told.
     """
     task = Task(1004, 32, "specialised")
     scene = task.make_scene()
-    worlds = task.worlds(3, scene)
-    (options, dtype), *_ = task.methods()
+    ((options, dtype),) = task.methods()
     assert (options.integrator, options.residual, dtype) == ("trapezoidal", "hard", "float32")
+    worlds = task.worlds(3, scene)
     push, known = predicted(scene, worlds, options, dtype)
-    pushed = push.any(1)
-    assert pushed[[197, 362]].all() and not known[[197, 362]].any()
-    assert pushed.sum() > 200 and known[pushed].mean() > 0.6
+    room = []
+    for i in [197, 362, *np.flatnonzero(known & push.any(1))[:40]]:
+        truth = Truth(scene, worlds.part([i]))
+        room.append(predicted_within(Problem(truth, truth.drive(push[i : i + 1]), options.method, dtype)))
+    assert min(room[:2]) > 40.0
+    assert np.median(room[2:]) < 1.0

@@ -96,48 +96,35 @@ def judged(worlds: Worlds, sim: Any, push: Array | None = None, truth: Truth | N
         return Verdicts(problem, out, pose), done
 
 
-def _stays(p: Problem, push: Array, worlds: list[int]) -> Array:
-    """Whether what the problem p predicts leaves the forces of these worlds as `push` (B, nv) makes them."""
-    other = push.copy()
-    for i in worlds:
-        found = least_motion(p, i)
-        other[i] = push[i] if found is None else least_push(p, i, found[1])
-    change = np.abs(p.truth.drive(other).rhs - p.truth.drive(push).rhs)
-    out: Array = (change <= p.tolerance * p.drive.size).all(1)
-    return out
-
-
 def predicted(scene: Scene, worlds: Worlds, options: Options, dtype: str) -> tuple[Array, Array]:
     """N^-1 J' lambda (B, nv) that the trapezoidal method predicts, and in which worlds it is known: where no
     row can act, where the hard problem is solved by least distances, and where without dampers the common
     kernels solve Euler's problem under a force that gives it the same free velocity and the oracle confirms
     it. Mass matrices that amplify what is left of an error are left out, Coulomb's friction, which may have
-    several solutions, gaps at the end, whose predictor bends its rows, and what hangs on a rounding of gaps,
-    of the normal between two points that are nearly one, or on less than rows are solved to.
+    several solutions, gaps at the end, whose predictor bends its rows, and what hangs on a rounding of gaps
+    or of the normal between two points that are nearly one.
     """
     none = np.zeros((len(worlds.x), scene.nv))
     truth = Truth(scene, worlds)
     drive = truth.drive(none)
     method = dataclasses.replace(options, noise="row", gap="start").method
     p, rounded = Problem(truth, drive, method, "float64"), Problem(truth, drive, method, dtype)
-    apart = rounded.tolerance * rounded.loose * rounded.size
-    missed = rounded.tolerance * rounded.terms(np.abs(truth.v) + np.abs(drive.free))  # as `judge` has it
-    rates = [rounded.rate - apart, rounded.rate - missed, rounded.rate + missed]
+    rounded.start_from(rounded.rate - rounded.tolerance * rounded.loose * rounded.size)
     known = np.full(len(worlds.x), method.hard) & (p.free > 0.0).all(1)
     push = none.copy()
     if method.coulomb or options.gap == "end":
         return push, known & (options.gap == "start")
     if method.hard:
-        asked = np.flatnonzero(~known & (p.condition < WELL_POSED)).tolist()
-        for i in asked:
+        other = push.copy()
+        for i in np.flatnonzero(~known).tolist():
             found = least_motion(p, i)
-            if found is not None:
+            if found is not None and p.condition[i] < WELL_POSED:
                 push[i] = least_push(p, i, found[1])
                 known[i] = not (rounded.turned[i] & (found[1] > 0.0)).any()
-        for rate in rates:
-            rounded.start_from(rate)
-            known &= _stays(rounded, push, np.flatnonzero(known & push.any(1)).tolist())
-        return push, known
+                found = least_motion(rounded, i)
+                other[i] = push[i] if found is None else least_push(rounded, i, found[1])
+        change = np.abs(truth.drive(other).rhs - truth.drive(push).rhs)
+        return push, known & (change <= rounded.tolerance * drive.size).all(1)
     euler = dataclasses.replace(options, integrator="euler", gap="start")
     plain = dataclasses.replace(scene, implicit_stiffness=False)  # impulses act through M in both methods
     try:

@@ -16,7 +16,7 @@ from slcp_warp.results.pictures.kinematics import Array
 
 from .judge import Errors, Outcome, ended, judge
 from .problem import EPSILON, FLOOR, Problem
-from .proofs import coulomb_solution, least_motion, opens, widest_opening
+from .proofs import coulomb_solution, least_motion, least_push, opens, widest_opening
 
 HOLDS, AMBIGUOUS, STATUS, UNPROVEN, WRONG, SILENT = (
     "holds", "ambiguous", "status", "unproven", "wrong status", "silent"
@@ -67,6 +67,9 @@ class Verdicts:
         for i in np.flatnonzero((self.verdict == WRONG) & ~known).tolist():
             if self.problem.method.trapezoidal and self.reason[i] == NO_NUMBER:  # by the predicted forces
                 self._set(i, UNPROVEN, self.reason[i])
+        for i in np.flatnonzero((self.verdict == SILENT) & (self.reason == "motion")).tolist():
+            if self.errors.worst("lenient")[i] <= 1.0 + predicted_within(self.part(np.array([i]))):
+                self._set(i, UNPROVEN, "motion, by predicted forces that the tolerance of rows decides")
 
     def _set(self, i: int, verdict: str, reason: str) -> None:
         self.verdict[i], self.reason[i] = verdict, reason
@@ -167,6 +170,25 @@ def _eased(p: Problem, near: Array) -> Any:
     if not p.method.coulomb:
         return least_motion(p, 0)
     return coulomb_solution(p, 0, near) or coulomb_solution(p, 0, near, exact=True)
+
+
+def predicted_within(p: Problem) -> float:
+    """By how much the trapezoidal rule's predicted forces, whose rows hold to the tolerance, may move the
+    equations of motion of the only world, in units of what is allowed: infinite where nothing opens the rows.
+    """
+    if not p.method.trapezoidal or p.method.coulomb:
+        return 0.0
+    truth, moved = p.truth, []
+    first = Problem(truth, truth.drive(np.zeros(p.drive.free.shape)), p.method, p.dtype)
+    missed = first.tolerance * first.terms(np.abs(truth.v) + np.abs(first.drive.free))  # as in `judge`
+    for rate in (first.rate, first.rate - missed, first.rate + missed):
+        first.start_from(rate)
+        found = least_motion(first, 0)
+        if found is None:
+            return np.inf
+        moved.append(truth.drive(least_push(first, 0, found[1])[None]).rhs)
+    changes = [np.abs(rhs - moved[0]) / (p.tolerance * p.drive.size) for rhs in moved[1:]]
+    return float(np.max(changes))
 
 
 def _hangs_on_rounding(p: Problem, lam: Array) -> bool:
