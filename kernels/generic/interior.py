@@ -13,7 +13,7 @@ import warp as wp
 
 from ..factories import cached
 from .mechanism import COLUMN
-from .newton import TOLERANCE, make_newton
+from .newton import make_newton
 from .topology import CONTACT, Topology
 from .work import V3, WORK, Island, Slot
 
@@ -39,7 +39,7 @@ def make_interior(given: type, residual: str) -> SimpleNamespace:
     FARTHEST_Z = dtype(10.0)  # of a warm start, relative to the size of the problem
     NEAREST, CLOSE = dtype(1e-6), dtype(0.005)  # kept of the way to the boundary
     CAREFUL, FARTHEST = dtype(1e-3), dtype(0.1)  # where that failed
-    TINY, SEEN = dtype(1e-30), dtype(TOLERANCE)
+    TINY = dtype(1e-30)
     HALF_ULP, LENGTHS = dtype(2.0**-24), dtype(4.0)  # of float32; a gap is of two centres and two radii
     RADIUS, H = COLUMN["radius"], COLUMN["step_size"]
     DIVERGED = dtype(1e12)
@@ -215,32 +215,18 @@ def make_interior(given: type, residual: str) -> SimpleNamespace:
                     kept = wp.clamp(kept, NEAREST, CLOSE)
         return step
 
-    @wp.func
-    def leaves(k: wp.ref[Slot], r: int):
-        """Whether z of a hard row has left the set that the last factor was made for, of those that press or
-        of those that do not, by more than rounding.
-        """
-        far = SEEN * k.unit[r]
-        return (k.p[r] > HALF and k.z[r] < -far) or (k.p[r] < HALF and k.z[r] > far)
-
     @wp.func(inline=False)
     def advance(k: wp.ref[Slot], o: Island, n: dtype, inside: int, step: dtype):
-        """Make the step; inside with what `curve` finds there, whose mean is given back. Of hard rows outside
-        the number of those that leave the set that the step was made for.
-        """
+        """Make the step; inside with what `curve` finds there, whose mean is given back."""
         for place in range(o.start, o.end):
             i = k.block[place]
             k.v[i] = k.v[i] + step * k.move[i]
-        mean, leaving = dtype(0.0), dtype(0.0)
+        mean = dtype(0.0)
         for r in range(o.row, o.last_row):
             if k.acting[r] > 0:
                 dz = k.dz[r]
                 if inside == 0:
-                    z = k.z[r] + dz
-                    k.z[r] = z
-                    if wp.static(hard):
-                        if leaves(k, r):
-                            leaving += ONE
+                    k.z[r] = k.z[r] + dz
                 else:
                     e = k.aimed[r]
                     a = k.a[r] + step * (k.p[r] * dz + e)
@@ -258,8 +244,8 @@ def make_interior(given: type, residual: str) -> SimpleNamespace:
                     k.a[r] = a
                     k.w[r] = w
                     mean += bend(k, r, a, w, excess, slope)
-        return wp.where(inside == 1, mean / n, leaving)
+        return mean / n
 
     return SimpleNamespace(
-        enter=enter, curve=curve, aim=aim, leaves=leaves, advance=advance, proves_infeasible=proves_infeasible
+        enter=enter, curve=curve, aim=aim, advance=advance, proves_infeasible=proves_infeasible
     )

@@ -16,19 +16,21 @@ from .digits import make_digits
 from .earned import make_earned
 from .interior import MAX_ITERATIONS, make_interior
 from .newton import ACCEPTED, REFINED, TOLERANCE, make_newton
+from .pivots import SOFTENED, make_pivots
 from .scales import make_scales
 from .topology import Topology
-from .work import V3, WORK, Island, Slot
+from .work import WORK, Island, Slot
 
 WARM, COLD, YIELDING = 1, 2, 3  # attempts after Newton's method alone: the last are ROUNDS where rows yield
 ROUNDS = 3  # for impulses that are the least there are
 EXACT = YIELDING + ROUNDS  # of hard rows without Coulomb's friction: their set one by one
 ALL_ATTEMPTS, QUICK_ATTEMPTS = EXACT + 1, COLD  # all, or only those from what is known
 WARM_ITERATIONS, POLISHING = {True: 16, False: 12}, 12  # of Newton's method before and after
+PIVOTS = 50  # of hard rows, before: the interior-point method costs about as many
 NEARLY = {True: 0, False: 12}  # more before, where it has nearly ended (hard or not)
 RESTS = 1e-12  # residual at which the last solution is one of this step: gaps round, at some height
 PATIENCE = 6  # iterations of it without a gain, where it has nearly ended
-SETS = {True: 6, False: 4}  # and before (hard or not): fewer rows change sets, or the residual falls
+SETS = {True: 6, False: 4}  # and before (hard or not)
 GAIN = {True: 0.5, False: 0.8}  # what counts as one, before: smoothed rows may take shortened steps
 # end: sqrt(mu) (hard: what a row that only just touches is off by) and residuals, of the problem's size
 END = {False: (1e-10, 1e-13), True: (1e-14, 1e-13)}
@@ -52,8 +54,9 @@ class Search:
     rest: WORK  # residual at which Newton's method is not even begun
     tried: WORK  # sqrt(mu) at which Newton's method is tried next
     bent: int  # 1: excess and weights of the interior point are those at hand
-    mean: WORK  # |excess| there; outside, of hard rows, how many left their set in the last step
-    missing: WORK  # what the equations missed at the last one; of hard rows the fewest that left their set
+    mean: WORK  # |excess| there; outside, of hard rows, how many changed sets in the last step
+    pivots: int  # of hard rows, made in all
+    missing: WORK  # what the equations of smoothed rows missed at the last one
     last: int  # 1: the best point of Newton's method is the one at hand
     attempts: int  # that may be made
     eased: int  # 1: smoothed rows were eased in this attempt
@@ -68,14 +71,15 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
     earned = make_earned(given, residual)
     scales, digits = make_scales(given, residual), make_digits(given, residual)
     hard = residual == "hard"
-    pivots = make_active_set(given) if hard else None
+    exact = make_active_set(given) if hard else None
+    follow = make_pivots(given) if hard else None
     LIMIT, RESIDUAL = (dtype(x) for x in END[hard])
     ZERO, HALF, LESS = dtype(0.0), dtype(0.5), dtype(GAIN[hard])
     GOOD, MORE = nt.GOOD, earned.MORE
     AIM, FINE, NEAR = dtype(TOLERANCE), dtype(min(ACCEPTED[given], REFINED)), dtype(1e-4)
-    FEW = dtype(6.0)  # rows that leave their sets, of which patience is worth while
     SHORTER, SHORTEST = dtype(0.3), dtype(0.02)  # of a step of Newton's method
     TINY, HUGE, REST = dtype(1e-30), dtype(1e300), dtype(RESTS)
+    SOFTER = dtype(SOFTENED)
     LEAST, SLOW = dtype(YIELDS[given]), dtype(0.99)
     SHRINK = dtype(1e-3)  # of the yielding from round to round, of sqrt(mu) from trial to trial
 
@@ -156,7 +160,8 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
             patience = wp.static(PATIENCE)
         if s.trying == 1:
             patience = 1
-        if s.misses >= patience or s.it >= most or not (worst < HUGE) or s.best <= aim:
+        ends = s.misses >= patience or s.it >= most or s.pivots >= wp.static(PIVOTS)
+        if ends or not (worst < HUGE) or s.best <= aim:
             return 1
         if s.last == 1:
             keep_best(k, o)
@@ -200,37 +205,18 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
         if s.it == 1:
             s.missing = missing(t, k, o)
 
-    @wp.func(inline=False)
-    def hold(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
-        """Of the hard rows that left their set only those leave it that did so farthest of all on their
-        bodies; the others stop where they change.
-        """
-        for place in range(o.start, o.end):
-            k.move[k.block[place]] = V3()
-        for r in range(o.row, o.last_row):
-            if k.acting[r] > 0 and inner.leaves(k, r):
-                for e in range(k.pattern[r], k.pattern[r] + k.entry[r + 1] - k.entry[r]):
-                    b = t.row_block[e]
-                    k.move[b] = V3(wp.max(k.move[b][0], wp.abs(k.z[r])), ZERO, ZERO)
-        for r in range(o.row, o.last_row):
-            if k.acting[r] > 0 and inner.leaves(k, r):
-                farthest = dtype(0.0)
-                for e in range(k.pattern[r], k.pattern[r] + k.entry[r + 1] - k.entry[r]):
-                    farthest = wp.max(farthest, k.move[t.row_block[e]][0])
-                if wp.abs(k.z[r]) < farthest:
-                    k.z[r] = wp.where(k.p[r] > HALF, TINY, -TINY)
-
     @wp.func
-    def exchange(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, s: wp.ref[Search]):
-        """Let all rows change sets while ever fewer do; where that is not so only some: together they would
-        change back and forth.
-        """
-        if s.mean < s.missing:
-            s.missing = s.mean
-            s.misses = 0
-        elif s.mean > ZERO:
-            s.misses = s.misses + wp.where(s.missing > FEW, 3, 1)
-            hold(t, k, o)
+    def proceed(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, s: wp.ref[Search], n: dtype, step: dtype):
+        """Make the step; of hard rows, from the last solution, with their changes of sets on the way."""
+        follows = int(0)
+        if wp.static(hard):
+            if s.attempt == 0:
+                follows = 1
+                made = follow(t, k, o, wp.static(PIVOTS) - s.pivots)
+                s.pivots = s.pivots + made
+                s.mean = dtype(made)
+        if follows == 0:
+            s.mean = inner.advance(k, o, n, s.inside, step)
 
     @wp.func
     def shorten(k: wp.ref[Slot], o: Island, less: dtype):
@@ -266,6 +252,7 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
         s.bent = 0
         s.it = 0
         s.misses = 0
+        s.pivots = 0
         s.best = HUGE
 
     @wp.func
@@ -293,7 +280,7 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
     def one_by_one(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
         """Whether the active-set method of single exchanges has a solution, from which Newton's goes on."""
         if wp.static(hard):
-            return t.coulomb == 0 and pivots.find(t, k, o) == 1
+            return t.coulomb == 0 and exact.find(t, k, o) == 1
         return False
 
     @wp.func
@@ -375,6 +362,8 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
             else:
                 ended = end_newton(k, o, s, worst)
             if ended == 0:
+                if wp.static(hard):
+                    yields = wp.where(s.attempt == 0, SOFTER, yields)
                 if changed == 1 or s.inside == 1 or s.it == 1:
                     nt.factor(t, k, o, yields)
                 cold = wp.where(s.attempt > wp.static(WARM), 1, 0)
@@ -382,10 +371,7 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
                 if wp.static(not hard):
                     if s.attempt == 0:
                         keep_way(t, k, o, s)
-                s.mean = inner.advance(k, o, n, s.inside, step)
-                if wp.static(hard):
-                    if s.attempt == 0:
-                        exchange(t, k, o, s)
+                proceed(t, k, o, s, n, step)
                 s.bent = int(s.inside)
             elif s.inside == 1:
                 status = to_newton(t, k, o, s, ended, size)

@@ -61,7 +61,7 @@ def test_backward_pass_of_ddp_spills_nothing(tmp_path):
 @pytest.mark.parametrize(
     "residual, registers, frame",
     [
-        pytest.param("hard", None, 10368, marks=pytest.mark.full, id="hard"),
+        pytest.param("hard", None, 10432, marks=pytest.mark.full, id="hard"),
         pytest.param("none", 208, 8320, id="no rows"),
     ],
 )
