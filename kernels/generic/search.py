@@ -15,8 +15,8 @@ from .active_set import make_active_set
 from .digits import make_digits
 from .earned import make_earned
 from .interior import MAX_ITERATIONS, make_interior
+from .linear.pivots import SOFTENED, make_pivots
 from .newton import ACCEPTED, REFINED, TOLERANCE, make_newton
-from .pivots import SOFTENED, make_pivots
 from .scales import make_scales
 from .topology import Topology
 from .work import WORK, Island, Slot

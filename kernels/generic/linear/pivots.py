@@ -11,10 +11,10 @@ by a term of rank one a pivot (Sherman and Morrison), so each costs a solution i
 
 import warp as wp
 
-from ..factories import cached
-from .newton import PROXIMAL, make_newton
-from .topology import Topology
-from .work import M33, V3, WORK, Island, Slot
+from ...factories import cached
+from ..newton import PROXIMAL, make_newton
+from ..topology import Topology
+from ..work import M33, V3, WORK, Island, Slot
 
 SOFTENED = 1e-10  # rows yield by so much more of diag(A), so that sums of terms of rank one keep digits
 PASSED = 1e-8  # of a unit of velocity: what a row that leaves by less does next is another step's to say
