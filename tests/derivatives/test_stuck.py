@@ -168,6 +168,19 @@ def test_a_factor_without_digits_is_made_firmer():
     np.testing.assert_allclose(pulled, expected, atol=1e-3 * np.abs(expected).max())
 
 
+def test_bodies_that_rows_hold_whole_have_gradients():
+    """By velocities it is 0: what refinement begins with is taken back."""
+    task = Task(801, 38, "generic", per_chunk=40)
+    worlds = task.worlds(0, own := task.make_scene()).part(np.full(64, 35))
+    sim = slcp.Simulator(own, slcp.Options("hard", friction="coulomb"), device="cpu", strategy="generic")
+    params = parameters(sim, worlds.numbers)
+    weights = np.random.default_rng(0).normal(size=(64, 2, sim.nx))
+    weights[:, 0] = 0.0
+    pulled = slcp.vjp(sim, worlds.x, worlds.u[:, None], weights, params).x0
+    expected = np.einsum("bij,bi->bj", sim.linearize(worlds.x, worlds.u, params).A, weights[:, 1])
+    np.testing.assert_allclose(pulled, expected, atol=1e-6 * np.abs(expected).max())
+
+
 @pytest.mark.parametrize("friction", ["anitescu", "coulomb"])
 def test_the_adjoint_is_the_transpose(friction):
     sim, x, _ = at_rest(stuck_bodies(np.random.default_rng(3), 2), friction)

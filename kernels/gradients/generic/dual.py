@@ -145,10 +145,11 @@ def make_dual(given: type, residual: str) -> SimpleNamespace:
             if not (change > SMALL * size):
                 return wp.where(change <= SMALL * size, ZERO, ONE)
             left = change / size
-            if not (change < last):
-                return left
-            left = left * change / (last - change)  # what is to come
-            if more >= wp.static(REFINEMENTS) and left < WORK(wp.static(LEAVES)):
+            if change < last:
+                left = left * change / (last - change)  # what is to come
+                if more >= wp.static(REFINEMENTS) and left < WORK(wp.static(LEAVES)):
+                    return left
+            elif more > 2:  # of an answer of 0 the second one takes the first one back
                 return left
             last = change
             more += 1
