@@ -7,11 +7,12 @@ import numpy as np
 
 from slcp_warp import Body, Scene
 from slcp_warp.scripts.benchmarks.fuzz.draws import Worlds
+from slcp_warp.scripts.benchmarks.fuzz.judge import Outcome
 from slcp_warp.scripts.benchmarks.fuzz.judged import predicted
 from slcp_warp.scripts.benchmarks.fuzz.problem import Problem, Truth
 from slcp_warp.scripts.benchmarks.fuzz.proofs import least_motion, widest_opening
 from slcp_warp.scripts.benchmarks.fuzz.tasks import Task
-from slcp_warp.scripts.benchmarks.fuzz.verdicts import predicted_within
+from slcp_warp.scripts.benchmarks.fuzz.verdicts import Verdicts, predicted_within
 from slcp_warp.scripts.benchmarks.mechanics.rational import product, rational, solve
 
 
@@ -21,15 +22,18 @@ def test_an_island_opens_at_its_own_speeds():
     """
     rate, free = np.array([[0.0, -1e-2, -1e6]]), np.array([[-0.1, 0.1, -1e6]])
 
-    def opening(lean, dtype, rates=rate, closes=free):
+    def opening(lean, dtype, rates=rate, closes=free, lengths=0.0):
         jac = np.array([[[1.0, 0.0, 0.0], [-1.0, lean, 0.0], [0.0, 0.0, 1.0]]])
         drive = SimpleNamespace(h_mass=np.eye(3)[None], free=np.array([[-0.1, 0.05, 0.0]]))
         rows = {"jac": jac, "rate": rates, "free": closes, "bound": np.ones((1, 3, 3)), "dtype": dtype}
-        return widest_opening(SimpleNamespace(**rows, tangent=np.zeros(3, bool), drive=drive), 0)
+        rows |= {"tangent": np.zeros(3, bool), "size": np.full((1, 3), lengths)}
+        return widest_opening(SimpleNamespace(**rows, drive=drive), 0)
 
     assert opening(1e-8, "float64") < 0.0 < opening(1e-3, "float64") and opening(1e-3, "float32") > 0.0
     near = np.array([[0.0, -1e-5, 0.0]])
     assert opening(9e-8, "float32", near) < 0.0 < opening(9e-8, "float64", near)
+    wide = np.array([[1e-8, 1e-8, 0.0]])  # d/h, less than what rounding makes of lengths of 1 m/s h
+    assert opening(0.0, "float32", wide, lengths=1.0) < 0.0 < opening(0.0, "float64", wide, lengths=1.0)
 
 
 def test_the_predicted_push_has_its_digits():
@@ -64,6 +68,47 @@ def test_what_a_stiff_spring_leaves_of_an_error_of_the_predicted_force():
         e = 2.0 + 0.25 * 0.1**2 * stiffness
         guess = Truth(scene, worlds).drive(np.array([[3.0]])).guess[0, 0]
         np.testing.assert_allclose(guess, 6.0 * (1.0 - 2.0 / e), rtol=1e-5, atol=1e-6)
+
+
+def test_what_the_trapezoidal_matrix_costs_where_the_mass_matrix_has_lost_digits():
+    """200 g m beside 4.5 t: a change of the state by 1e-15 moves the kernels' v' by 1e-4 of 9 m/s, the oracle's by
+    1e-12. What roundings of that matrix's accelerations make of the motion is 7e-6 of it; 1e-3 is not theirs.
+    """
+    task = Task(90001, 56, "specialised")
+    scene = task.make_scene()
+    ((options, dtype),) = task.methods()
+    worlds = task.worlds(0, scene).part([202])
+    truth = Truth(scene, worlds)
+    p = Problem(truth, truth.drive(np.zeros((1, scene.nv))), options.method, dtype)
+    given = np.array([[-9.183663687793, -5.373805888209, 16.300525313834, 15.242512185402]])  # by the kernels
+    verdicts = []
+    for share in (1.0, 100.0):
+        v = p.drive.free + share * (given - p.drive.free)
+        x = np.concatenate([truth.q + 0.5 * truth.h[:, None] * (truth.v + v), v], 1)
+        none = np.zeros((1, p.rate.shape[1]))
+        out = Outcome(x, none, p.rate * truth.h[:, None], np.zeros(1, int))
+        verdicts.append(Verdicts(p, out, lambda _: p).verdict[0])
+    assert options.integrator == "trapezoidal" and verdicts == ["holds", "silent"]
+
+
+def test_digits_of_other_rows_in_a_slope_of_erm():
+    """A heavy row's slope has what the velocity of a light one lost to a condition of 9e4, 43 times: a step right
+    to 1e-10 of that velocity was silent. One that is 1e-8 off is.
+    """
+    task = Task(90001, 34, "specialised")
+    scene = task.make_scene()
+    ((options, dtype),) = task.methods()
+    worlds = task.worlds(0, scene).part([163])
+    truth = Truth(scene, worlds)
+    p = Problem(truth, truth.drive(), options.method, dtype)
+    push = least_motion(p, 0)[1]
+    verdicts = []
+    for share in (1e-10, 1e-8):
+        v = p.drive.free + np.linalg.solve(p.drive.h_mass[0], p.jac[0].T @ (push * (1.0 - share)))
+        x = np.concatenate([truth.q + truth.h[:, None] * v, v], 1)
+        out = Outcome(x, push[None] * (1.0 - share), p.rate * truth.h[:, None], np.zeros(1, int))
+        verdicts.append(Verdicts(p, out, lambda _: p).verdict[0])
+    assert options.residual == "erm-logistic" and verdicts == ["holds", "silent"]
 
 
 def test_how_far_the_tolerance_of_rows_decides_predicted_forces():

@@ -20,7 +20,7 @@ from ..mechanics.complementarity import (
     rubbed,
 )
 from ..mechanics.contact import gaps
-from .problem import EPSILON, FLOOR, LEVER, MOST_LOSS, TOLERANCE, Problem
+from .problem import EPSILON, FLOOR, LEVER, LOST_ROWS, MOST_LOSS, TOLERANCE, Problem
 
 STEADY = {"float64": (4e-8, 4e-15), "float32": (1e-4, 2e-6)}  # gap="end": [m/s], and of positions [m]
 TINY = 1e-300
@@ -94,7 +94,10 @@ def judge(problem: Problem, out: Outcome, answer: tuple[Array, Array] | None = N
         size = size + np.abs(truth.q).max(1)[:, None] * problem.loose / truth.h[:, None]
         strict["update"] = _highest(np.where(problem.tangent, 0.0, -w) / (tol * size))
     data = problem.terms(free) + problem.sigma + TINY
-    data = np.maximum(data, _shared(data, joined)) * problem.loss[:, None]
+    data = np.maximum(data, _shared(data, joined))
+    if method.erm:
+        extra = extra + _weighed_rounding(problem, data)
+    data = data * problem.loss[:, None]
     swing = problem.terms(np.abs(like_v)) + problem.diag * np.abs(like_lam)
     swing = data + np.maximum(swing, _shared(swing, joined))
     error = _contact(problem, rate, v1, lam, data)
@@ -168,7 +171,10 @@ def _motion(p: Problem, v1: Array, lam: Array, like_v: Array, like_lam: Array) -
     data = drive.size + np.einsum("bij,bj->bi", np.abs(drive.h_mass), free)
     hang = _closure((np.abs(drive.h_mass) > 0.0).any(0, keepdims=True))  # what one factor of H is of
     speed = _shared(root * (np.abs(truth.v) + np.abs(drive.free)), hang)
-    data = data + np.minimum(p.loose * drive.doubt + drive.guess, MOST_LOSS / p.tolerance * root * speed)
+    lost = p.loose * drive.doubt + drive.guess
+    if p.method.trapezoidal:
+        lost = lost + LEVER * p.shaken[:, None] / p.tolerance * root * speed
+    data = data + np.minimum(lost, MOST_LOSS / p.tolerance * root * speed)
     data = data + np.einsum("bri,br->bi", p.bound, np.where(lam != 0.0, alone, 0.0))
     answer = np.einsum("bij,bj->bi", np.abs(drive.h_mass), np.abs(like_v))
     answer = data + answer + np.einsum("bri,br->bi", p.bound, np.abs(like_lam))
@@ -248,6 +254,16 @@ def _contact(p: Problem, rate: Array, v1: Array, lam: Array, data: Array) -> Arr
     both = np.maximum(np.abs(b[bent] - partner(sigma, sigma, method)), weight * np.abs(a[bent] - sigma))
     error[bent] = np.minimum(np.minimum(by_a, by_b), both)  # neither alone has a root where both are <= 0
     return error
+
+
+def _weighed_rounding(p: Problem, data: Array) -> Array:
+    """What the digits that H^-1 costs of all rows' velocities, of this size, make of a row's slope of ERM's
+    objective (B, nr), whose second derivatives by w are at most 2.
+    """
+    most = LOST_ROWS[p.dtype] * TOLERANCE[p.dtype]
+    lost = np.minimum(LEVER * p.condition * EPSILON[p.inner], most)[:, None] * data
+    out: Array = 2.0 * np.einsum("bij,bj->bi", np.abs(p.a), lost) / np.maximum(p.diag, p.scale)
+    return out
 
 
 def _miss(p: Problem) -> Array:

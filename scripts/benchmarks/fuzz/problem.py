@@ -307,8 +307,13 @@ class Problem:
         whose accelerations have lost the digits of H's condition.
         """
         out: Array = self.condition * EPSILON[self.inner] > MOST_LOSS
-        lost = self.drive.lost * (1.0 + self.condition / SUMMED)
-        return out | (lost * EPSILON[self.inner] > REFUSED)
+        return out | (self.shaken > REFUSED)
+
+    @property
+    def shaken(self) -> Array:
+        """The share of the motion (B,) that roundings in the trapezoidal method's matrix make."""
+        out: Array = self.drive.lost * (1.0 + self.condition / SUMMED) * EPSILON[self.inner]
+        return out
 
     @functools.cached_property
     def condition(self) -> Array:

@@ -30,10 +30,12 @@ OPEN, PRESS, STICK, LEFT, RIGHT = range(5)
 def widest_opening(p: Problem, i: int) -> float:
     """The largest t <= 1 such that some velocity gives every row (Coulomb: every normal row) w >= t, with w
     in units of the speeds of its island (`_speeds`): below 0 no velocity up to FASTEST of them opens them.
-    In single precision w is less what a rounding of the row's entries makes of it.
+    In single precision w is less what a rounding of the row's entries and of its lengths makes of it.
     """
     rows = ~p.tangent
     jac, rate, bound = p.jac[i][rows], p.rate[i][rows], p.bound[i][rows]
+    rounding = EPSILON["float32"] if p.dtype == "float32" else 0.0
+    rate = rate - rounding * p.size[i][rows]
     if not len(rate):
         return 1.0
     size = np.maximum(np.abs(jac).max(1), 1e-9)  # every row by itself: its largest entry is 1
@@ -42,7 +44,7 @@ def widest_opening(p: Problem, i: int) -> float:
     speed = _speeds(p, i, jac, rate, acts if acts.any() else ~acts)
     unit = np.where(np.abs(jac) > 0.0, speed, 0.0).max(1)
     share, one = speed / unit[:, None], np.eye(jac.shape[1])
-    rounds = bound / size[:, None] * share * (EPSILON["float32"] if p.dtype == "float32" else 0.0)
+    rounds = bound / size[:, None] * share * rounding
     linprog = scipy_module("optimize").linprog
     sides = np.block([[-jac * share, rounds, np.ones((len(rate), 1))],
                       [one, -one, 0.0 * one[:, :1]], [-one, -one, 0.0 * one[:, :1]]])  # fmt: skip
