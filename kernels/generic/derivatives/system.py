@@ -27,6 +27,7 @@ WRONG = 1e-4  # what may be left of an error where refinement ends
 REFINEMENTS = 3
 SLOW = 100  # refinements of rows that are nearly one, whose error falls by little at a time
 NOISE = 1e-10  # a correction relative to the response without rows that is rounding
+STEEP = 0.7  # of the one before: a correction that is no rounding
 
 
 @cached
@@ -43,6 +44,7 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
     vertex = make_vertex(given, residual) if residual == "hard" else None
     ONE, ZERO, HALF, YIELDS = dtype(1.0), dtype(0.0), dtype(0.5), dtype(YIELDING)
     TAU, SMALL, LEAST, MISSED = dtype(PROXIMAL), dtype(REFINED), dtype(NOISE), dtype(WRONG)
+    FALLS = dtype(STEEP * STEEP)
 
     @wp.func
     def first_row(t: wp.ref[Topology], k: wp.ref[Slot], s: int):
@@ -259,7 +261,8 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
         moved: Lanes, last: Lanes, slow: int, most: dtype,
     ):  # fmt: skip
         """What is left of the columns after a change: 0 at most `most` of them, or rounding; 1 more, and
-        changes shrink; -1 more, and they do not. Of slow refinement changes to come count, too.
+        changes shrink; -1 more, and they do not. Of slow refinement changes to come count, too. What may be
+        rounding beside the response without rows is none while it falls: impulses make that large.
         """
         size = Lanes()
         free = Lanes()
@@ -272,13 +275,15 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
                 free += wp.cw_mul(value, value)
         out = int(0)
         for lane in range(wp.static(len(Lanes()))):
-            least = wp.max(most * most * size[lane], LEAST * LEAST * free[lane])
+            least = most * most * size[lane]
+            floor = LEAST * LEAST * free[lane]
             error = moved[lane] + ZERO
             shrinks = error < last[lane]
             if slow == 1 and shrinks:
                 rate = wp.sqrt(error / last[lane])
                 error = error * wp.max(rate * rate / ((ONE - rate) * (ONE - rate)), SMALL)
-            if not (error <= least):
+            falls = most < MISSED and moved[lane] > LEAST * LEAST and moved[lane] < FALLS * last[lane]
+            if not (error <= least) and (falls or not (error <= floor)):
                 if shrinks:
                     return int(1)
                 out = int(-1)

@@ -17,9 +17,8 @@ from ...generic.topology import Topology
 from ...generic.work import ISLANDS, ROWS, V3, WORK, Slot
 from .room import Room, View
 
-REFINEMENTS = 8  # at most, where what is left is below `LEAVES`
-LEAVES = 1e-9
 ENOUGH = 1e-15  # of a correction, relative to the whole
+CARRIED = 1e-2  # of the slopes by v': the last correction's work on the impulses, of which little is an error
 
 
 @cached
@@ -147,13 +146,27 @@ def make_dual(given: type, residual: str) -> SimpleNamespace:
             left = change / size
             if change < last:
                 left = left * change / (last - change)  # what is to come
-                if more >= wp.static(REFINEMENTS) and left < WORK(wp.static(LEAVES)):
-                    return left
             elif more > 2:  # of an answer of 0 the second one takes the first one back
                 return left
             last = change
             more += 1
         return left
+
+    @wp.func
+    def carries(t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View], rows: wp.array(dtype=int), n: int):
+        """1 if the impulses, which J's slopes are multiplied by, leave the last change small."""
+        size = ZERO + ZERO
+        for i in range(t.blocks):
+            for part in range(3):
+                size = wp.max(size, wp.abs(w.target[i][part]))
+        moved = ZERO + ZERO
+        for n_th in range(n):
+            r = rows[n_th]
+            for e in range(k.entry[r + 1] - k.entry[r]):
+                change = wp.cw_mul(k.jac[k.entry[r] + e], k.move[t.row_block[k.pattern[r] + e]])
+                for part in range(3):
+                    moved = wp.max(moved, k.lam[r] * wp.abs(change[part]))
+        return wp.where(moved <= WORK(wp.static(CARRIED)) * size, 1, 0)
 
     @wp.func
     def weights(t: wp.ref[Topology], k: wp.ref[Slot], room: wp.ref[Room], w: wp.ref[View], b: int):
@@ -172,6 +185,6 @@ def make_dual(given: type, residual: str) -> SimpleNamespace:
         for n_th in range(n):
             r = rows[n_th]
             w.rho[r] = k.p[r] / k.scale[r] * w.y[r]
-        return int(1)
+        return carries(t, k, w, rows, n)
 
     return SimpleNamespace(weights=weights, response=system.response, along=along)
