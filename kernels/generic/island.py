@@ -119,28 +119,27 @@ def make_island(given: type, residual: str) -> wp.Function:
         t: wp.ref[Topology], k: wp.ref[Slot], o: Island, frees: int, status: int, passes: int, rub: dtype
     ):
         """What follows from a solution, or that there is none, with (rub = 1) or without friction: status,
-        passes and rub. Without a solution v' starts from v_free again.
+        passes, rub and whether that changed. Without a solution v' starts from v_free again.
         """
         if rub < ONE:
-            return (
-                status,
-                wp.where(status == wp.static(SOLVED), 0, passes),
-                wp.where(status == wp.static(SOLVED), ONE, rub),
-            )
+            if status != wp.static(SOLVED):
+                return status, passes, rub, 0
+            friction.share(t, k, o)
+            return status, 0, ONE, 1
         if status == wp.static(SOLVED):
-            return status, passes, rub
+            return status, passes, rub, 0
         if frees == 1 and status != wp.static(NONFINITE):
             free(k, o)
-            return wp.static(SOLVED), passes, ZERO
+            return wp.static(SOLVED), passes, ZERO, 1
         if jammed(t, k, o, number(t, k, H, 0)) == 1:
-            return wp.static(JAMMED), passes, rub
+            return wp.static(JAMMED), passes, rub, 0
         if status != wp.static(INFEASIBLE):
-            return status, passes, rub
+            return status, passes, rub, 0
         back = -passes - wp.static(COULOMB_PASSES // RETREATS)
         if back < -PASSES:
-            return wp.static(NOT_CONVERGED), back, rub
+            return wp.static(NOT_CONVERGED), back, rub, 0
         free(k, o)
-        return wp.static(SOLVED), back, rub
+        return wp.static(SOLVED), back, rub, 0
 
     @wp.func
     def refill(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, rub: dtype, first: int):
@@ -178,6 +177,7 @@ def make_island(given: type, residual: str) -> wp.Function:
         freed = int(0)  # rows in the system when friction was last left out
         n, solves = int(0), int(0)
         while more == 1:  # the first pass only looks how large the approach is
+            refilled = int(filling)
             if filling == 1:
                 refill(t, k, o, rub, looking)
                 filling = 0
@@ -189,8 +189,8 @@ def make_island(given: type, residual: str) -> wp.Function:
                 more, margin = outlook(t, k, o, approach)
             else:
                 n, state = count_rows(t, k, o, closes)
-                more = wp.where(added > 0 or rub < ONE, 1, 0)
                 fresh = wp.where(t.coulomb == 1 and rub == ONE and n > hopeless, 1, 0)
+                more = wp.where(added > 0 or rub < ONE or refilled * fresh == 1, 1, 0)
                 if wp.static(residual == "hard"):
                     if t.coulomb == 1 and n > 0 and fresh == 0:
                         more = wp.max(more, friction.lift(t, k, o, passes))
@@ -212,11 +212,9 @@ def make_island(given: type, residual: str) -> wp.Function:
                     if wp.static(residual == "hard"):
                         if t.coulomb == 1:
                             frees = wp.where(n > freed and rub == ONE, 1, 0)
-                            before = rub + ZERO
-                            status, passes, rub = under_friction(t, k, o, frees, status, passes, rub)
-                            if rub != before:
-                                filling = 1
-                            if rub < before:
+                            turned = under_friction(t, k, o, frees, status, passes, rub)
+                            status, passes, rub, filling = turned
+                            if filling == 1 and rub < ONE:
                                 freed = n
                                 margin = ZERO + FAR  # rows that press may free what is jammed without them
                     if status != wp.static(SOLVED):

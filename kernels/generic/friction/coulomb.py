@@ -27,7 +27,7 @@ ROUNDING = 4e-16  # of J v', relative to its terms
 
 @cached
 def make_coulomb(given: type) -> SimpleNamespace:
-    """lift(t, k, o, passes) -> 1 if k.rate of the acting pairs had to change."""
+    """lift(t, k, o, passes) -> 1 if k.rate of the acting pairs had to change; share(t, k, o)."""
     dtype = WORK
     turn_group = make_newton(given, "hard").turn_group
     HALF, ONE, ZERO = dtype(0.5), dtype(1.0), dtype(0.0)
@@ -101,4 +101,16 @@ def make_coulomb(given: type) -> SimpleNamespace:
                 k.rate[first + 1] = k.gap[first + 1] + k.lift[first]
         return 1
 
-    return SimpleNamespace(lift=lift)
+    @wp.func
+    def share(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+        """Halves of what both rows of a contact press, which were one without friction: nothing rubs."""
+        for r in range(o.row, o.last_row):
+            first = first_of_pair(t, k, r)
+            if first >= 0:
+                lam = HALF * (k.lam[first] + k.lam[first + 1])
+                z = HALF * (k.z[first] + k.z[first + 1])
+                for row in range(first, first + 2):
+                    k.lam[row] = lam
+                    k.z[row] = z
+
+    return SimpleNamespace(lift=lift, share=share)

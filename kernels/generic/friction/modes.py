@@ -27,8 +27,8 @@ from .matrix import HOLDS, OFF, SLIDES, make_modes_matrix
 
 PROXIMAL = 1e-9  # tau
 STAYS = 1e-12  # residual of the last impulses that stay as they are: rounding of gaps makes as much
-SLIP = 0.2  # of v_t of what sticks, that counts as the residual of a row does
-LEAST = 1e-6  # friction coefficient for which v_t has digits in mu v_t
+SLIP = 0.2  # of v_t of what sticks, or slides the other way, that counts as the residual of a row does
+ROUNDED = 4e-16  # of mu v_t, relative to the terms of its rows: v_t has digits beyond this
 PATIENCE = 2  # iterations at modes that stay, without a gain
 
 
@@ -44,7 +44,7 @@ def make_modes(given: type) -> SimpleNamespace:
     ZERO, ONE, HALF = dtype(0.0), dtype(1.0), dtype(0.5)
     TAU, GOOD, AIM, KEPT = dtype(PROXIMAL), nt.GOOD, dtype(TOLERANCE), dtype(STAYS)
     HUGE = dtype(1e300)
-    STUCK, LITTLE, FRICTION = dtype(SLIP), dtype(LEAST), COLUMN["friction"]
+    STUCK, ROUND, FRICTION = dtype(SLIP), dtype(ROUNDED), COLUMN["friction"]
 
     @wp.func
     def begins_pair(t: wp.ref[Topology], k: wp.ref[Slot], r: int):
@@ -246,6 +246,16 @@ def make_modes(given: type) -> SimpleNamespace:
         measure(t, k, o)
 
     @wp.func
+    def wrongly(k: wp.ref[Slot], r: int):
+        """mu v_t of a contact that sticks, or that slides along with what it presses; r: its second row."""
+        u = HALF * (k.total[r - 1] - k.total[r])
+        if k.mode[r] == HOLDS and k.mode[r - 1] == HOLDS:
+            return wp.abs(u)
+        if k.mode[r] == SLIDES:
+            return -u
+        return wp.where(k.mode[r - 1] == SLIDES, u, ZERO)
+
+    @wp.func
     def evaluate(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
         """z and lambda of (k.v, k.a), in k.res what w misses; the largest residual of Coulomb's law and of
         M dv = J' lambda.
@@ -264,11 +274,11 @@ def make_modes(given: type) -> SimpleNamespace:
                 k.z[r] = k.scale[r] * lam - w
                 k.res[r] = held - w
                 worst = wp.max(worst, wp.abs(held - w) / k.unit[r])
-                if follows(t, k, r) and k.mode[r] == HOLDS and k.mode[r - 1] == HOLDS:
-                    mu = k.numbers[t.columns[FRICTION] + t.row_index[k.row[r]]]
-                    if mu > LITTLE:  # sticks, by v_t itself: mu v_t may be a rounding
-                        slip = STUCK / mu * wp.abs(k.rate[r] - k.gap[r])
-                        worst = wp.max(worst, slip / wp.max(k.unit[r - 1], k.unit[r]))
+                if follows(t, k, r):  # v_t by itself: mu v_t may be little beside w_n
+                    rubs = wrongly(k, r) - ROUND * wp.max(k.own[r - 1], k.own[r])
+                    if rubs > ZERO:
+                        mu = k.numbers[t.columns[FRICTION] + t.row_index[k.row[r]]]
+                        worst = wp.max(worst, STUCK * rubs / (mu * wp.max(k.unit[r - 1], k.unit[r])))
                 finite += wp.abs(held) + wp.abs(k.a[r])
         if not wp.isfinite(finite):
             worst = ZERO + HUGE
