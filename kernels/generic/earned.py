@@ -221,7 +221,10 @@ def make_earned(given: type, residual: str) -> SimpleNamespace:
                     good = 0
                 if not is_open(t, k, r, OPEN, k.unit[r]):
                     good = 0
-                if not spends_nothing(k, r, k.rate[r] + nt.dot(t, k, k.v, r) - k.w[r]):
+                w = ZERO  # of a hard row that presses, and of others nothing is asked
+                if wp.static(not hard):
+                    w = k.w[r]
+                if not spends_nothing(k, r, k.rate[r] + nt.dot(t, k, k.v, r) - w):
                     good = 0
         for g in range(o.group, o.last_group):
             start = k.group[g]
