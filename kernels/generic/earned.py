@@ -39,13 +39,24 @@ def make_earned(given: type, residual: str) -> SimpleNamespace:
 
     @wp.func
     def partner(t: wp.ref[Topology], k: wp.ref[Slot], r: int):
-        """The other row of a contact with Coulomb's friction, else row r itself. What is given back is their
-        sum and difference, whose terms are bounded by the larger of |J_n + mu J_t| and |J_n - mu J_t|.
-        """
+        """The other row of a contact with Coulomb's friction, else row r itself."""
         i = k.row[r]
         if t.coulomb == 0 or t.row_kind[i] != CONTACT:
             return r
         return r + t.row_sign[i]
+
+    @wp.func
+    def given_back(k: wp.ref[Slot], r: int, other: int, e: int):
+        """Size of the terms of J' lambda in entry e of row r; of both rows where they are a contact with
+        Coulomb's friction, of which J_n lambda_n + J_t lambda_t is given back, their sums and differences.
+        """
+        j = k.jac[k.entry[r] + e]
+        lam = k.lam[r]
+        if other == r:
+            return lam * wp.abs(j)
+        l = k.jac[k.entry[other] + e]
+        m = wp.where(k.acting[other] > 0, k.lam[other], ZERO)
+        return HALF * ((lam + m) * wp.abs(j + l) + wp.abs(lam - m) * wp.abs(j - l))
 
     @wp.func
     def is_open(t: wp.ref[Topology], k: wp.ref[Slot], r: int, share: dtype, fastest: dtype):
@@ -111,19 +122,20 @@ def make_earned(given: type, residual: str) -> SimpleNamespace:
             lam = k.lam[r]
             if wp.static(not hard):
                 lam = dtype(given(lam))
-            if k.acting[r] > 0 and lam != ZERO:
+            if k.acting[r] > 0 and (lam != ZERO or t.coulomb == 1):
                 j = k.jac[k.entry[r] + e]
                 size = wp.abs(j)
-                most = size
-                if t.coulomb == 1:
-                    most = wp.max(size, wp.abs(k.jac[k.entry[partner(t, k, r)] + e]))
+                most = lam * size
+                other = partner(t, k, r)
+                if other != r:
+                    most = HALF * given_back(k, r, other, e)
                 alone = wp.min(k.alone[r], lam)
                 x += lam * j[0]
                 y += lam * j[1]
                 z += lam * j[2]
-                mx += lam * most[0]
-                my += lam * most[1]
-                mz += lam * most[2]
+                mx += most[0]
+                my += most[1]
+                mz += most[2]
                 ax += alone * size[0]
                 ay += alone * size[1]
                 az += alone * size[2]
@@ -152,27 +164,21 @@ def make_earned(given: type, residual: str) -> SimpleNamespace:
 
     @wp.func(inline=False)
     def give_back(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
-        """Add to k.move what is given back of contacts with Coulomb's friction: as in `press`, by pairs."""
+        """k.move: what is given back with Coulomb's friction, as in `press`."""
+        for place in range(o.start, o.end):
+            k.move[k.block[place]] = V3()
         for g in range(o.group, o.last_group):
             start = k.group[g]
-            entry = k.entry[start]
-            entries = k.entry[start + 1] - entry
-            for e in range(entries):
+            for e in range(k.entry[start + 1] - k.entry[start]):
                 x, y, z = dtype(0.0), dtype(0.0), dtype(0.0)
-                at = entry + e
                 r = start + 0
                 while r < k.group[g + 1]:
-                    rows = partner(t, k, r) - r + 1  # a pair's first row comes first
-                    size = wp.abs(k.jac[at])
-                    lam = k.lam[r]
-                    if rows == 2:
-                        size = wp.max(size, wp.abs(k.jac[at + entries]))
-                        lam += k.lam[r + 1]
-                    x += lam * size[0]
-                    y += lam * size[1]
-                    z += lam * size[2]
-                    r += rows
-                    at += rows * entries
+                    other = partner(t, k, r)  # a pair's first row comes first
+                    size = given_back(k, r, other, e)
+                    x += size[0]
+                    y += size[1]
+                    z += size[2]
+                    r = other + 1
                 b = t.row_block[k.pattern[start] + e]
                 k.move[b] = k.move[b] + V3(x, y, z)
 
