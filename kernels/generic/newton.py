@@ -19,7 +19,7 @@ from .topology import Topology
 from .work import M33, V3, WORK, Island, Slot
 
 PROXIMAL = 1e-11  # tau; with 1e-12 rows that all but repeat others cost blocks of three their last digits
-ROUNDING = 2e-14  # of M (v' - v_free) where v' and v_free are stored, relative to |M| |v_free|
+ROUNDING = 2e-14  # of M (v' - v_free) where v' and v_free are stored, relative to |M| |v_free| or |M| |v|
 TOLERANCE = 2e-14  # residual relative to the size of its terms: the aim,
 # and what is good enough where rounding, or rows that all but repeat others, end the iteration
 ACCEPTED = {wp.float64: 2e-11, wp.float32: 1e-6}
@@ -91,14 +91,15 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
 
     @wp.func
     def rounding(t: wp.ref[Topology], k: wp.ref[Slot]):
-        """k.lost, in all blocks."""
+        """k.lost, in all blocks. What a force stops within the step is data, too."""
         for i in range(t.blocks):
             at = t.mass_at[i]
-            value = sized(k.mass[at + i], k.vfree[i])
+            fast = wp.max(wp.abs(k.vfree[i]), wp.abs(k.before[i]))
+            value = sized(k.mass[at + i], fast)
             for j in range(t.mass_first[i], i):
                 m = k.mass[at + j]
-                value += sized(m, k.vfree[j])
-                k.lost[j] = k.lost[j] + LOST * sized(wp.transpose(m), k.vfree[i])
+                value += sized(m, wp.max(wp.abs(k.vfree[j]), wp.abs(k.before[j])))
+                k.lost[j] = k.lost[j] + LOST * sized(wp.transpose(m), fast)
             k.lost[i] = LOST * value
 
     @wp.func
@@ -185,8 +186,7 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
         exchange that the data do not allow counts as the most that they do (k.most), and impulses so large
         that what is given back of them no longer sums up count, too.
         """
-        worst = V3()
-        finite = dtype(0.0)
+        worst, finite = V3(), dtype(0.0)
         for place in range(o.start, o.end):
             i = k.block[place]
             size = wp.abs(k.balance[i])
