@@ -112,10 +112,7 @@ def _check_table(table: dict[str, np.ndarray], cases: list[dict[str, Any]]) -> N
 
 def _check_rows(label: str, case: dict[str, Any], rows: Table) -> None:
     """Raise FileError unless the rows of a case are those that it names and counts."""
-    unknown = np.setdiff1d(rows["status"], [int(status) for status in Status])
-    if len(unknown):
-        raise FileError(f"{label}: column 'status' holds {unknown[0]}, which is none")
-    for status in Status:
+    for status in Status:  # counts add up to all worlds, so that what is no status is missed here
         found, named = int((rows["status"] == status).sum()), case["statuses"].get(status.name, 0)
         if found != named:
             raise FileError(f"{label}: {found} rows are {status.name}, it counts {named}")
