@@ -4,6 +4,7 @@ All of them only start `worker.work` somewhere; the store is where workers meet.
 is in `Workers`.
 """
 
+import asyncio
 import os
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError
@@ -98,15 +99,13 @@ class Dask(Workers):
     """A Dask client's workers (see `dask`)."""
 
     def __init__(self, client: Any, owned: Any = None) -> None:
-        from asyncio import CancelledError as Unfinished
-
         from distributed import CancelledError as Cancelled
         from distributed import KilledWorker
         from distributed.comm.core import CommClosedError
 
         super().__init__(client.get_executor(pure=False))  # the same chunk may have to be computed again
         self.client, self.owned = client, owned
-        self.lost = (*Workers.lost, KilledWorker, Cancelled, CommClosedError, Unfinished)
+        self.lost = (*Workers.lost, KilledWorker, Cancelled, CommClosedError, asyncio.CancelledError)
 
     def count(self) -> int:
         """Threads of all workers that there are now."""
