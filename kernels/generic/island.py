@@ -14,7 +14,7 @@ from .search import ALL_ATTEMPTS, QUICK_ATTEMPTS, make_solver
 from .topology import Topology
 from .work import WORK, Island, Slot
 
-NOWHERE = -1e30
+NOWHERE = -1e300
 RELAXING = 20  # passes of the fixed point before paths start again, of islands of many blocks
 RESTING = 1e-3  # of the fastest approach in an island, with which a row without a last step lies still
 

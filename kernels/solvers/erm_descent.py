@@ -173,7 +173,7 @@ def make_erm_search(n: int, dtype: type, residual: str) -> wp.Function:
     def minimise(A: MR, w0: VR, scale: VR, sigma: VR, rem: VR, unit: dtype):
         """The least of the minima found from the REM solution and from other starts.
 
-        unit: size of the terms of w0, what a vanishing gradient is relative to.
+        unit: size of the terms of w0 of rows that act, what a vanishing gradient is relative to.
         """
         closed = VR()
         w = w0 + A * rem
@@ -247,6 +247,27 @@ def make_erm_solver(spec: Specialisation) -> wp.Function:
     rem = make_solver(spec._replace(method=twin(method)))
     measure = make_measure(spec)
     gather = make_gather(spec)
+    MR = make_erm(NR, dtype, method.residual).MR
+    ZERO = dtype(0.0)
+
+    @wp.func
+    def size_of(world: t.World, p: Problem, w0: VR, A: MR, level: VR, rem: VR):
+        """What a vanishing gradient is relative to: the terms of rows that v_free or the REM solution closes,
+        and what the others' velocities change by. A wall far away, d/h of thousands, is no measure of a
+        contact.
+        """
+        acting = p
+        acting.mask = int(0)
+        out = ZERO
+        w = w0 + A * rem
+        for i in range(wp.static(NR)):
+            if w0[i] < ZERO or p.scale[i] * rem[i] > w[i]:
+                acting.mask = acting.mask | wp.static(1 << i)
+            moved = level[i]
+            for j in range(wp.static(NR)):
+                moved += wp.abs(A[i, j] * rem[j])
+            out = wp.max(out, moved)
+        return wp.max(out, measure(world, acting).size)
 
     @wp.func
     def solve(world: t.World, p: Problem, warm: VR):
@@ -256,9 +277,9 @@ def make_erm_solver(spec: Specialisation) -> wp.Function:
             known = measure(world, p)
             for i in range(wp.static(NR)):
                 level[i] = wp.static(noise.level[i])(world, p.sigma)
-            lam, w, status, count = wp.static(search)(
-                gather(p.minv, p.jac), known.w0, p.scale, level, lam, known.size
-            )
+            A = gather(p.minv, p.jac)
+            unit = size_of(world, p, known.w0, A, level, lam)
+            lam, w, status, count = wp.static(search)(A, known.w0, p.scale, level, lam, unit)
             iterations += count
             f = VQ()
             for i in range(wp.static(NR)):

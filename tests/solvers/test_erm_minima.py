@@ -50,6 +50,22 @@ def least(name, a, b, d, sigma, rng, starts):
     return min(x.fun for x in found)
 
 
+def test_what_is_far_away_is_no_measure_of_a_minimum(device):
+    """A row that is open by 1e8 and moves with nothing: the others' slopes vanish as they do without it. They
+    were let off with 1e-11 of its distance, so that the minimum was left where the search had come to.
+    """
+    a = np.tile(np.array([[2.0, 0.5, 0.0], [0.5, 1.0, 0.0], [0.0, 0.0, 1.0]]), (20, 1, 1))
+    rng = np.random.default_rng(2)
+    b = np.concatenate([rng.normal(0.0, 0.3, (20, 2)), np.full((20, 1), 1e8)], axis=1)
+    sol = slcp.solve_complementarity(a, b, 0.05, "erm-logistic", "none", device=device, dtype="float64")
+    assert (sol.status == 0).all()
+    for one in range(len(b)):
+        _, slope = expected_squares(
+            "erm-logistic", sol.impulse[one, :2], a[one, :2, :2], b[one, :2], np.ones(2), 0.05
+        )
+        np.testing.assert_allclose(slope, 0.0, rtol=0, atol=1e-10)
+
+
 @pytest.mark.parametrize("dtype", ["float64", pytest.param("float32", marks=pytest.mark.slow)])
 def test_the_least_of_three_minima(device, dtype):
     order = np.array(list(itertools.permutations(range(3))))

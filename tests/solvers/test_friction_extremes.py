@@ -92,3 +92,13 @@ def test_a_small_coefficient_never_speeds_up(mu):
     np.testing.assert_allclose(pushed, change, rtol=0, atol=1e-8 * lam.max())
     rubs = lam[:, 1] * slip
     assert (rubs <= 1e-6 * mu * lam[:, 0] * mu).all()
+
+
+@pytest.mark.parametrize("speed", [1e20, 1e31, 1e100])
+def test_the_ground_stops_what_comes_at_any_speed(speed):
+    """Beyond 1e30 m/s no row was looked at, and the disc was in the ground with no impulse."""
+    x = [0.0, 0.1, 0.0, 0.0, -speed, 0.0]
+    v, lam, change, pushed, _slip = stepped(x, [0.1], [1.0], [0.01], [0.5])
+    np.testing.assert_allclose(v[0, 1] / speed, 0.0, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(lam[0] / speed, [1.0, 0.0], rtol=0, atol=1e-10)
+    np.testing.assert_allclose(pushed / speed, change / speed, rtol=0, atol=1e-10)
