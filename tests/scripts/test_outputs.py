@@ -106,6 +106,19 @@ def test_a_sensitivity_of_so_many_worlds(tmp_path):
     assert samples * each <= 500 < (samples + 1) * each and f"{samples * each:,}" in said
 
 
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_a_search_runs_in_the_precision_that_is_asked_for(dtype, tmp_path, monkeypatch):
+    asked = {}
+
+    def search(*_args, **given):
+        asked.update(given)
+        raise slcp.ArgumentError("enough")
+
+    monkeypatch.setattr(slcp, "falsify", search)
+    assert "enough" in fails(*FOLDERS["falsify"], "--dtype", dtype, "--out", tmp_path / "found")
+    assert asked["dtype"] == dtype
+
+
 def block(**changes):
     values = {"cost": slcp.costs.terms(slcp.scenes.push_block(), [slcp.costs.effort(1.0)]), "horizon": 5}
     return slcp.Task("push", slcp.scenes.push_block(), **(values | changes))
