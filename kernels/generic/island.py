@@ -7,8 +7,9 @@ from ..factories import cached
 from ..status import INFEASIBLE, JAMMED, NONFINITE, NOT_CONVERGED, SOLVED
 from .contact import ROUNDING, make_contact
 from .friction.coulomb import COULOMB_PASSES, RETREATS, make_coulomb
-from .friction.direct import MANY, MOVES, RELAXED, STILL, make_direct
+from .friction.direct import MANY, MOVES, NEARER, ONCE, RELAXED, STILL, make_direct
 from .friction.jam import make_jam
+from .friction.passes import make_passes
 from .mechanism import COLUMN, make_mechanism
 from .search import ALL_ATTEMPTS, QUICK_ATTEMPTS, make_solver
 from .topology import Topology
@@ -28,6 +29,7 @@ def make_island(given: type, residual: str) -> wp.Function:
     solve = make_solver(given, residual).solve
     friction = make_coulomb(given) if residual == "hard" else None
     direct = make_direct(given) if residual == "hard" else None
+    approach = make_passes(given) if residual == "hard" else None
     jammed = make_jam(given) if residual == "hard" else None
     PASSES, H = COULOMB_PASSES, COLUMN["step_size"]
     UNUSED, HALF, ZERO, ONE = dtype(COLD), dtype(0.5), dtype(0.0), dtype(1.0)
@@ -100,18 +102,43 @@ def make_island(given: type, residual: str) -> wp.Function:
                 passes += 1
 
     @wp.func
+    def come_nearer(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, closes: dtype):
+        """Some short passes of the fixed point from the last step's impulses k.excess, kept in k.least."""
+        resume(k, o)
+        direct.drop_lifts(k, o)
+        for r in range(o.row, o.last_row):
+            k.least[r] = k.excess[r]
+            k.z[r] = wp.where(k.excess[r] > ZERO, k.excess[r], UNUSED)
+            k.acting[r] = wp.min(k.acting[r], 1)
+        count_rows(t, k, o, closes)
+        approach(t, k, o)
+
+    @wp.func
+    def recall(k: wp.ref[Slot], o: Island):
+        """The last step's impulses."""
+        for r in range(o.row, o.last_row):
+            k.z[r] = k.least[r]
+
+    @wp.func
     def directly(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, known: int, closes: dtype):
         """Coulomb's friction without a fixed point: SOLVED, NONFINITE or NOT_CONVERGED."""
         status = int(wp.static(NOT_CONVERGED))
         start = int(known)
+        many = known == wp.static(MOVES) and o.end - o.start > wp.static(MANY)
+        if many:
+            start = wp.static(ONCE)
         more = int(1)
         while more == 1:
-            if start == wp.static(RELAXED):
+            if start == wp.static(NEARER):
+                come_nearer(t, k, o, closes)
+            elif start == wp.static(RELAXED):
                 relax(t, k, o, closes)
+            elif start == wp.static(MOVES) and many:
+                recall(k, o)
             status = direct.stick_and_slide(t, k, o, start)
             failed = status == wp.static(NOT_CONVERGED)
-            more = wp.where(failed and direct.is_relaxed_next(o, start), 1, 0)
-            start = wp.static(RELAXED)
+            more = wp.where(failed and direct.is_another_next(o, start), 1, 0)
+            start = direct.after(start)
         return status
 
     @wp.func

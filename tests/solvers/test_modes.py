@@ -97,6 +97,18 @@ def test_a_thrown_heap_is_looked_at_again():
         np.testing.assert_allclose(borne(sc, run.impulse[world, 0]), rises.sum(), rtol=1e-9)
 
 
+def test_the_law_holds_in_large_islands():
+    """50 boxes thrown from a stack, without and with a last step: so many blocks come near by passes."""
+    sc = slcp.scenes.stack(50)
+    x = thrown(sc, 6, np.random.default_rng(7))
+    run = rolled(sc, x, 12)
+    assert (run.status == slcp.Status.SOLVED).all()
+    for k in (0, 1, 11):
+        step = SimpleNamespace(state=run.states[:, k + 1], impulse=run.impulse[:, k])
+        worst = natural_map(sc, float, run.states[:, k], np.zeros((len(x), 0)), step)
+        assert worst.max() < 1e-10 and (step.impulse > 0).sum() > 600
+
+
 def test_a_heap_comes_to_rest():
     """30 discs with 5 % of room between the walls settle; ground and walls bear their weight."""
     sc = slcp.scenes.heap(30, width=1.05)

@@ -6,8 +6,9 @@ takes the last digits from their ends. Where most rows have no last step and lie
 first, and if a short path from there does not end the convex problem (Anitescu's relaxation) has to say what
 to start from: a path takes a pivot for every contact that lies otherwise, in a heap many. Paths from nothing
 take several pivots a row, which cost the more the more there is, and seldom end in large heaps. So an island
-of many blocks starts from some passes of the fixed point of `coulomb.py` before, and one of still more is
-spared them at the first look. The fixed point stays behind all of them: what has no solution at all is
+of many blocks that moves starts from short passes of the fixed point (`passes.py`) before it follows a path
+from the last step, and from whole ones (`coulomb.py`) after that; one of still more is spared paths from
+nothing at the first look. The fixed point stays behind all of them: what has no solution at all is
 told by it.
 """
 
@@ -25,6 +26,7 @@ from .homotopy import TRIALS, make_homotopy
 from .modes import make_modes
 
 MOVES, STILL, RELAXED = 0, 1, 2  # what is known of an island: a last step; lies still; a convex solution
+ONCE, NEARER = 3, 4  # of many blocks before: a last step without a path; some passes from there
 AGAIN, HERE, NOTHING = 0, 1, 2  # attempts: the modes at hand, a path from there, three paths from nothing
 ATTEMPTS = NOTHING + TRIALS
 SHORT, LONG = 100, 1 << 30  # pivots of a path from what was assumed, from the last step's impulses
@@ -52,7 +54,7 @@ def make_direct(given: type) -> SimpleNamespace:
         """k.excess and v' of the first attempt."""
         for r in range(o.row, o.last_row):
             k.excess[r] = wp.max(k.z[r], ZERO)
-        if known == wp.static(MOVES):
+        if known == wp.static(MOVES) or known == wp.static(ONCE):
             resume(k, o)
 
     @wp.func
@@ -63,20 +65,30 @@ def make_direct(given: type) -> SimpleNamespace:
         else:
             homotopy.from_nothing(t, k, o, size, attempt - wp.static(NOTHING))
         if attempt == wp.static(HERE):
-            homotopy.from_here(t, k, o, size, wp.where(known == wp.static(STILL), SHORT, LONG))
-        return wp.where(attempt == wp.static(AGAIN) and known == wp.static(MOVES), WARM, POLISHING)
+            short = known == wp.static(STILL) or known == wp.static(NEARER)
+            homotopy.from_here(t, k, o, size, wp.where(short, SHORT, LONG))
+        last = known == wp.static(MOVES) or known == wp.static(ONCE)
+        return wp.where(attempt == wp.static(AGAIN) and last, WARM, POLISHING)
 
     @wp.func
-    def is_relaxed_next(o: Island, known: int):
-        """Whether an island that fails starts once more from a convex solution."""
-        many = known == wp.static(MOVES) and o.end - o.start > wp.static(MANY)
-        return known == wp.static(STILL) or many
+    def is_another_next(o: Island, known: int):
+        """Whether an island that fails starts once more from elsewhere."""
+        if known == wp.static(MOVES):
+            return o.end - o.start > wp.static(MANY)
+        return known != wp.static(RELAXED)
+
+    @wp.func
+    def after(known: int):
+        """And from where."""
+        return wp.where(known == ONCE, NEARER, wp.where(known == NEARER, MOVES, RELAXED))
 
     @wp.func
     def attempts_at(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, known: int):
         """How many there are, with all paths from nothing or with fewer."""
         blocks = o.end - o.start
-        if is_relaxed_next(o, known):
+        if known == wp.static(ONCE):
+            return wp.static(HERE)
+        if is_another_next(o, known):
             return wp.static(NOTHING)
         looks = k.count[wp.static(LOOKS)]
         if blocks > wp.static(MOST):
@@ -113,7 +125,8 @@ def make_direct(given: type) -> SimpleNamespace:
 
     return SimpleNamespace(
         stick_and_slide=stick_and_slide,
-        is_relaxed_next=is_relaxed_next,
+        is_another_next=is_another_next,
+        after=after,
         join_pairs=modes.join_pairs,
         closes_none=modes.closes_none,
         drop_lifts=modes.drop_lifts,
