@@ -9,6 +9,7 @@ from .contact import ROUNDING, make_contact
 from .friction.coulomb import COULOMB_PASSES, RETREATS, make_coulomb
 from .friction.direct import MANY, MOVES, NEARER, ONCE, RELAXED, STILL, make_direct
 from .friction.jam import make_jam
+from .friction.normal import make_normal
 from .friction.passes import make_passes
 from .mechanism import COLUMN, make_mechanism
 from .search import ALL_ATTEMPTS, QUICK_ATTEMPTS, make_solver
@@ -31,6 +32,7 @@ def make_island(given: type, residual: str) -> wp.Function:
     direct = make_direct(given) if residual == "hard" else None
     approach = make_passes(given) if residual == "hard" else None
     jammed = make_jam(given) if residual == "hard" else None
+    keeps_apart = make_normal(given) if residual == "hard" else None
     PASSES, H = COULOMB_PASSES, COLUMN["step_size"]
     UNUSED, HALF, ZERO, ONE = dtype(COLD), dtype(0.5), dtype(0.0), dtype(1.0)
     FAR, SLOW, ROUND = dtype(-NOWHERE), dtype(RESTING), dtype(ROUNDING[given])
@@ -251,4 +253,14 @@ def make_island(given: type, residual: str) -> wp.Function:
                 k.z[r] = UNUSED
         return status
 
-    return settle
+    @wp.func
+    def settle_judged(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+        """`settle`, whose solution with Coulomb's friction holds without it, too."""
+        status = settle(t, k, o)
+        if wp.static(residual == "hard"):
+            if t.coulomb == 1 and status == wp.static(SOLVED):
+                if keeps_apart(t, k, o) == 0:
+                    status = int(wp.static(NOT_CONVERGED))
+        return status
+
+    return settle_judged
