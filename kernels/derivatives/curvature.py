@@ -241,7 +241,7 @@ def make_curvature(spec: Specialisation) -> wp.Function:
         target = VQ()
         target[output] = dtype(1.0)
         fr = wp.static(mech.frames)(world, q)
-        p, rho = linear.response.transposed(lin.factor, step.posed(sol), target)
+        p, rho = linear.response.transposed(lin.factor, step.posed(sol), sol.lam, target)
         hess = motion_hessian(world, lin, p, v, HESSIAN())
         for k in range(wp.static(len(s.pairs))):
             if (sol.mask & wp.static(pair_mask[k])) != 0:

@@ -6,7 +6,7 @@ from ..device.compile import fitted
 from ..device.relay import Relay, hand_on, taken
 from ..factories import cached
 from ..specialisation import Specialisation
-from ..status import SOLVED
+from ..status import NOT_CONVERGED, SOLVED
 from ..step.rollout import make_batch
 from .curvature import make_curvature
 from .sensitivity import make_linearization
@@ -85,6 +85,9 @@ def make_linearize_kernel(spec: Specialisation, second: bool) -> wp.Kernel:
         status[b, k] = code
         if code == wp.static(SOLVED):
             lin, drift = linear.linearize(world, x, sol)
+            if not linear.exists(lin.dv, drift):
+                status[b, k] = wp.static(NOT_CONVERGED)
+                return
             write(fx, fu, b, k, world.params[0], lin.dv, drift)
             if wp.static(second):
                 for output in range(NV):

@@ -15,7 +15,7 @@ from ..device.compile import specialised
 from ..factories import cached
 from ..residual.smoothing import HARD_LAYER, LARGEST_LAYER, REACH
 from ..specialisation import Specialisation
-from ..status import SOLVED
+from ..status import NOT_CONVERGED, SOLVED
 from ..step.rollout import make_batch
 from ..structure import layout
 from .sensitivity import make_linearization
@@ -167,6 +167,11 @@ def make_difference_kernel(spec: Specialisation) -> wp.Kernel:
                     status[b, k] = code
                     return
             lin, drift = linear.linearize(world, x, sol)
+            if not linear.exists(lin.dv, drift):
+                good = 0
+                if move == 0:
+                    status[b, k] = wp.static(NOT_CONVERGED)
+                    return
             out = outputs(lin.dv, drift)
             if move == 0:
                 status[b, k] = code

@@ -21,7 +21,7 @@ from .trapezoidal import make_trapezoidal_expansion
 @cached
 def make_linearization(spec: Specialisation) -> SimpleNamespace:
     """linearize(world, x, sol) -> the first-order expansion `Linear` of v' (and z) at a step's solution, and
-    d/d(q, v, u) of what positions move with; beside it what curvature and gradients by parameters start from.
+    d/d(q, v, u) of what positions move with, which `exists` or is refused; beside it what curvature and gradients by parameters start from.
     """
     s, dtype, method = spec
     linear = make_linear(spec)
@@ -42,6 +42,16 @@ def make_linearization(spec: Specialisation) -> SimpleNamespace:
         lin = respond(world, sol, lin, source)
         return lin, lin.dv
 
+    @wp.func
+    def exists(dv: linear.DV, drift: linear.DV):
+        """A law gives columns of numbers that are none where it has no derivative."""
+        total = dtype(0.0)
+        for j in range(wp.static(linear.NZ)):
+            total += dv[0, j]
+            if wp.static(method.trapezoidal):
+                total += drift[0, j]
+        return not wp.isnan(total)
+
     contact = make_rows_by_q(spec)
     return SimpleNamespace(
         step=step,
@@ -49,6 +59,7 @@ def make_linearization(spec: Specialisation) -> SimpleNamespace:
         Linear=Linear,
         factored=linear.factored,
         linearize=linearize,
+        exists=exists,
         motion=make_mechanism_derivatives(s, dtype, method.trapezoidal),
         pairs=contact.pairs,
         pair_mask=contact.pair_mask,

@@ -10,12 +10,14 @@ import warp as wp
 
 from ..contact.problem import make_problem
 from ..contact.rows import make_rows
+from ..device.seldom import seldom
 from ..factories import cached
 from ..residual.noise import make_noise
 from ..residual.smoothing import make_smoothing
 from ..specialisation import Specialisation
 from .dual import make_dual
 from .elimination import PROXIMAL, make_row_elimination
+from .refinement import GO_ON, LOST, SMALL, make_refinement
 
 
 @cached
@@ -28,17 +30,19 @@ def make_convex_response(spec: Specialisation) -> SimpleNamespace:
     NR, Problem = s.nr, make_problem(s, dtype)
     Dual, noise = make_dual(s, dtype), make_noise(spec)
     elimination, sm = make_row_elimination(spec), make_smoothing(dtype, method.residual)
-    TAU, ONE = dtype(PROXIMAL[dtype]), dtype(1.0)
+    refinement = make_refinement(spec)
+    TAU, ONE, SHARE = dtype(PROXIMAL[dtype]), dtype(1.0), dtype(SMALL[dtype])
 
     @wp.struct
     class Factor:
         saddle: elimination.Factor
         slope: VR  # s'(z)
+        slack: VR  # s'(-z)
+        near: int  # 1: rows nearly oppose or repeat each other, solutions are refined
 
     @wp.func
     def factor(world: t.World, p: Problem, lam: VR, z: VR, normals: JR):
         out = Factor()
-        slack = VR()  # s'(-z)
         diag = VR()
         for i in range(wp.static(NR)):
             if (p.mask & wp.static(1 << i)) != 0:
@@ -48,26 +52,72 @@ def make_convex_response(spec: Specialisation) -> SimpleNamespace:
                     sigma = wp.static(noise.level[i])(world, p.sigma)
                     e = wp.static(sm.smooth)(z[i], sigma, ONE / sigma)
                 out.slope[i] = e[2]
-                slack[i] = e[3]
+                out.slack[i] = e[3]
                 diag[i] = wp.static(r.dots[i])(p.jac, normals[i])
         out.saddle = wp.static(elimination.factor)(
-            p.minv, p.jac, p.scale, diag, out.slope, slack, p.mask, TAU
+            p.minv, p.jac, p.scale, diag, out.slope, out.slack, p.mask, TAU
         )
+        for i in range(wp.static(NR)):
+            if (p.mask & wp.static(1 << i)) != 0:
+                if TAU * out.slope[i] * diag[i] * out.saddle.weight[i] > SHARE:
+                    out.near = 1
         return out
 
     @wp.func
-    def solve(fac: Factor, minv: MQ, jac: JR, scale: VR, mask: int, dv0: VQ, f2: VR, column: int):
+    def once(fac: Factor, jac: JR, scale: VR, mask: int, dv0: VQ, f2: VR):
         dv, innovation = wp.static(elimination.forward)(fac.saddle, jac, fac.slope, mask, dv0, f2)
         dz = wp.static(elimination.back)(fac.saddle, jac, scale, fac.slope, mask, innovation)
         return dv, dz
 
     @wp.func
-    def transposed(fac: Factor, p: Problem, target: VQ):
+    def correction(
+        fac: Factor, minv: MQ, jac: JR, scale: VR, mask: int, dv0: VQ, f2: VR, dv: VQ, dz: VR
+    ):  # fmt: skip
+        """What the equations without a proximal term, (dv0, f2) of (dv, dz), still ask for."""
+        f = VQ()
+        rest = VR()
+        for i in range(wp.static(NR)):
+            if (mask & wp.static(1 << i)) != 0:
+                f = wp.static(r.adds[i])(f, jac, fac.slope[i] / scale[i] * dz[i])
+                rest[i] = f2[i] - wp.static(r.dots[i])(jac, dv) - fac.slack[i] * dz[i]
+        return once(fac, jac, scale, mask, dv0 - dv + minv * f, rest)
+
+    @wp.func(inline=False)
+    def refined(fac: Factor, minv: MQ, jac: JR, scale: VR, mask: int, dv0: VQ, f2: VR):
+        """(dv, dz), refined; not numbers where that does not end."""
+        dv, dz = once(fac, jac, scale, mask, dv0, f2)
+        before = VQ()
+        way = int(wp.static(GO_ON))
+        count = int(1)
+        while way == wp.static(GO_ON):
+            by, more = correction(fac, minv, jac, scale, mask, dv0, f2, dv, dz)
+            dv += by
+            dz += more
+            way = refinement.judge(minv, dv0, dv, by, before, count)
+            before = by
+            count += 1
+        if way == wp.static(LOST):
+            dv, dz = refinement.none()
+        return dv, dz
+
+    @wp.func
+    def solve(fac: Factor, minv: MQ, jac: JR, scale: VR, mask: int, dv0: VQ, f2: VR, column: int):
+        if seldom(fac.near == 1):
+            return refined(fac, minv, jac, scale, mask, dv0, f2)
+        return once(fac, jac, scale, mask, dv0, f2)
+
+    @wp.func
+    def transposed(fac: Factor, p: Problem, lam: VR, target: VQ):
         """(P, rho) with target . dv' = -(P . dF1 + rho . dF2)."""
         back = p.minv * target
         rho = VR()
         if p.mask != 0:
-            back, dz = solve(fac, p.minv, p.jac, p.scale, p.mask, back, VR(), 0)
+            free = back
+            back, dz = solve(fac, p.minv, p.jac, p.scale, p.mask, free, VR(), 0)
+            if seldom(fac.near == 1):
+                by, _dz = correction(fac, p.minv, p.jac, p.scale, p.mask, free, VR(), back, dz)
+                if not refinement.carries(p.jac, lam, target, by):
+                    back, dz = refinement.none()
             for i in range(wp.static(NR)):
                 rho[i] = -fac.slope[i] * dz[i] / p.scale[i]
         return back, rho
@@ -75,7 +125,7 @@ def make_convex_response(spec: Specialisation) -> SimpleNamespace:
     @wp.func
     def dual(fac: Factor, p: Problem, lam: VR, z: VR, target: VQ):
         out = Dual()
-        back, rho = transposed(fac, p, target)
+        back, rho = transposed(fac, p, lam, target)
         out.p = -back
         for i in range(wp.static(NR)):
             if (p.mask & wp.static(1 << i)) != 0:

@@ -10,11 +10,13 @@ from types import SimpleNamespace
 import warp as wp
 
 from ..contact.problem import make_problem
+from ..device.seldom import seldom
 from ..factories import cached
 from ..specialisation import Specialisation
 from .coulomb import PROXIMAL
 from .coulomb_modes import LEFT, RIGHT, make_active
 from .dual import make_dual
+from .refinement import GO_ON, LOST, SMALL, make_refinement
 
 
 @cached
@@ -26,13 +28,15 @@ def make_coulomb_response(spec: Specialisation) -> SimpleNamespace:
     VQ, VR, MQ, JR = t.VQ, t.VR, t.MQ, t.JR
     Problem, Dual = make_problem(s, dtype), make_dual(s, dtype)
     TAU = dtype(PROXIMAL[dtype][1])
-    ONE = dtype(1.0)
+    refinement = make_refinement(spec)
+    ONE, SHARE = dtype(1.0), dtype(SMALL[dtype])
 
     @wp.struct
     class Factor:
         dense: active.Dense
         mode: active.MODES
         lu: active.Lu
+        near: int  # 1: rows nearly oppose or repeat each other, solutions are refined
 
     @wp.func
     def factor(world: t.World, p: Problem, lam: VR, z: VR, normals: JR):
@@ -44,10 +48,14 @@ def make_coulomb_response(spec: Specialisation) -> SimpleNamespace:
             own[i] = z[row[i]]
         out.mode = active.modes(out.dense, own)
         out.lu = active.factor(out.dense, out.mode, TAU)
+        m = out.lu.m
+        for c in range(out.lu.size):
+            if TAU > SHARE * wp.abs(m[c, c]):
+                out.near = 1
         return out
 
     @wp.func
-    def solve(fac: Factor, minv: MQ, jac: JR, scale: VR, mask: int, dv0: VQ, f2: VR, column: int):
+    def once(fac: Factor, jac: JR, dv0: VQ, f2: VR):
         """dv = dv0 + M^-1 J' dlambda with J_i dv = f2_i in the rows that hold."""
         target = VR()
         moved = VR()
@@ -61,7 +69,67 @@ def make_coulomb_response(spec: Specialisation) -> SimpleNamespace:
         dv = dv0
         for i in range(fac.dense.count):
             dv += dlam[i] * response[i]
-        return dv, VR()
+        return dv
+
+    @wp.func(inline=False)
+    def refined(fac: Factor, minv: MQ, jac: JR, dv0: VQ, f2: VR):
+        """dv, refined; not numbers where that does not end."""
+        dv = once(fac, jac, dv0, f2)
+        before = VQ()
+        way = int(wp.static(GO_ON))
+        count = int(1)
+        while way == wp.static(GO_ON):
+            better = once(fac, jac, dv, f2)
+            by = better - dv
+            dv = better
+            way = refinement.judge(minv, dv0, dv, by, before, count)
+            before = by
+            count += 1
+        if way == wp.static(LOST):
+            dv, _rows = refinement.none()
+        return dv
+
+    @wp.func
+    def solve(fac: Factor, minv: MQ, jac: JR, scale: VR, mask: int, dv0: VQ, f2: VR, column: int):
+        if seldom(fac.near == 1):
+            return refined(fac, minv, jac, dv0, f2), VR()
+        return once(fac, jac, dv0, f2), VR()
+
+    @wp.func
+    def held(fac: Factor, jac: JR, p: VQ):
+        """The rows' weights that keep impulses from changing P, and P with them, once."""
+        moved = VR()
+        wanted = VR()
+        out = p
+        row = fac.dense.row
+        response = fac.dense.response
+        for i in range(wp.static(s.nr)):
+            moved[i] = wp.static(r.dots[i])(jac, p)
+        for i in range(fac.dense.count):
+            wanted[i] = moved[row[i]]
+        own = active.transposed(fac.dense, fac.mode, fac.lu, wanted)
+        for i in range(fac.dense.count):
+            out = out - own[i] * response[i]
+        return out, own
+
+    @wp.func(inline=False)
+    def held_refined(fac: Factor, minv: MQ, jac: JR, lam: VR, target: VQ, p: VQ):
+        """The same, refined; not numbers where that does not end, or impulses make much of what is left."""
+        out, own = held(fac, jac, p)
+        before = VQ()
+        way = int(wp.static(GO_ON))
+        count = int(1)
+        while way == wp.static(GO_ON):
+            better, more = held(fac, jac, out)
+            by = better - out
+            out = better
+            own += more
+            way = refinement.judge(minv, p, out, by, before, count)
+            before = by
+            count += 1
+        if way == wp.static(LOST) or not refinement.carries(jac, lam, target, before):
+            out, own = refinement.none()
+        return out, own
 
     @wp.func
     def dual(fac: Factor, p: Problem, lam: VR, z: VR, target: VQ):
@@ -69,19 +137,16 @@ def make_coulomb_response(spec: Specialisation) -> SimpleNamespace:
         out = Dual()
         out.p = -(p.minv * target)
         if p.mask != 0:
-            wanted = VR()
-            moved = VR()
             row = fac.dense.row
-            response = fac.dense.response
             mode = fac.mode
-            for i in range(wp.static(s.nr)):
-                moved[i] = wp.static(r.dots[i])(p.jac, out.p)
-            for i in range(fac.dense.count):
-                wanted[i] = moved[row[i]]
-            own = active.transposed(fac.dense, fac.mode, fac.lu, wanted)
+            free = out.p
+            own = VR()
+            if seldom(fac.near == 1):
+                out.p, own = held_refined(fac, p.minv, p.jac, lam, target, free)
+            else:
+                out.p, own = held(fac, p.jac, free)
             for i in range(fac.dense.count):
                 out.rho[row[i]] = own[i]
-                out.p = out.p - own[i] * response[i]
                 if mode[i] == wp.static(RIGHT):
                     out.slides[row[i]] = ONE
                 if mode[i] == wp.static(LEFT):

@@ -15,13 +15,16 @@ import warp as wp
 
 from ..contact.problem import make_problem
 from ..contact.rows import make_rows
+from ..device.seldom import seldom
 from ..factories import cached
 from ..residual.noise import make_noise
 from ..specialisation import Specialisation
 from .dual import make_dual
 from .erm import PROXIMAL, make_erm, make_gather
+from .refinement import GO_ON, LOST, make_refinement
 
 REFINEMENTS = 2  # of what H^-1 is applied to
+SMALL = {wp.float64: 1e-9, wp.float32: 1e-4}  # pivots of H, beside its diagonal: H itself has lost its digits
 
 
 @cached
@@ -36,7 +39,8 @@ def make_erm_response(spec: Specialisation) -> SimpleNamespace:
     Problem, Dual = make_problem(s, dtype), make_dual(s, dtype)
     noise = make_noise(spec)
     NR, NV = s.nr, s.nv
-    TAU = dtype(PROXIMAL[dtype])
+    TAU, LEAST = dtype(PROXIMAL[dtype]), dtype(SMALL[dtype])
+    refinement = make_refinement(spec)
 
     @wp.struct
     class Factor:
@@ -50,6 +54,7 @@ def make_erm_response(spec: Specialisation) -> SimpleNamespace:
         r_ww: VR
         p: VQ
         by_q: JR  # dG/dq at fixed lambda and v'
+        near: int  # 1: rows nearly oppose or repeat each other
 
     @wp.func
     def factor(world: t.World, problem: Problem, lam: VR, z: VR, normals: JR):
@@ -74,14 +79,64 @@ def make_erm_response(spec: Specialisation) -> SimpleNamespace:
             out.p = problem.minv * f
             A = gather(problem.minv, problem.jac)
             h = wp.static(erm.hessian)(A, problem.scale, level, a, w)
-            root, _ok = wp.static(erm.factor)(h, wp.static(erm.sizes)(A, problem.scale), TAU)
+            size = wp.static(erm.sizes)(A, problem.scale)
+            root, ok = wp.static(erm.factor)(h, size, TAU)
+            out.near = wp.where(ok == 0, 1, 0)
+            for i in range(wp.static(NR)):
+                if not (root[i, i] * root[i, i] > LEAST * size[i]):
+                    out.near = 1
             out.h = h
             out.root = root
         return out
 
     @wp.func
-    def solved(fac: Factor, rhs: VR):
+    def pushed(minv: MQ, jac: JR, x: VR):
+        f = VQ()
+        for i in range(wp.static(NR)):
+            f = wp.static(r.adds[i])(f, jac, x[i])
+        return minv * f
+
+    @wp.func
+    def correction(fac: Factor, minv: MQ, jac: JR, rhs: VR, x: VR):
+        """Of x, by what H leaves of rhs. H's entries have lost the digits of A's small ones, squared: J and
+        M^-1 have them.
+        """
+        moves = pushed(minv, jac, x)
+        a = VR()
+        second = VR()
+        for i in range(wp.static(NR)):
+            a[i] = wp.static(r.dots[i])(jac, moves)
+            second[i] = fac.r_aw[i] * fac.scale[i] * x[i] + fac.r_ww[i] * a[i]
+        moves = pushed(minv, jac, second)
+        left = rhs
+        for i in range(wp.static(NR)):
+            own = fac.scale[i] * (fac.r_aa[i] * fac.scale[i] * x[i] + fac.r_aw[i] * a[i])
+            left[i] = left[i] - own - wp.static(r.dots[i])(jac, moves)
+        return wp.static(erm.substitute)(fac.root, left)
+
+    @wp.func(inline=False)
+    def refined(fac: Factor, minv: MQ, jac: JR, dv0: VQ, rhs: VR):
+        """H^-1 rhs, refined until dv0 - M^-1 J' of it stays; not numbers where it does not."""
+        x = wp.static(erm.substitute)(fac.root, rhs)
+        before = VQ()
+        way = int(wp.static(GO_ON))
+        count = int(1)
+        while way == wp.static(GO_ON):
+            by = correction(fac, minv, jac, rhs, x)
+            x += by
+            change = pushed(minv, jac, by)
+            way = refinement.judge(minv, dv0, dv0 - pushed(minv, jac, x), change, before, count)
+            before = change
+            count += 1
+        if way == wp.static(LOST):
+            _dv, x = refinement.none()
+        return x
+
+    @wp.func
+    def solved(fac: Factor, minv: MQ, jac: JR, dv0: VQ, rhs: VR):
         """H^-1 rhs: of flat directions the proximal term would leave little right."""
+        if seldom(fac.near == 1):
+            return refined(fac, minv, jac, dv0, rhs)
         x = wp.static(erm.substitute)(fac.root, rhs)
         for _ in range(wp.static(REFINEMENTS)):
             x += wp.static(erm.substitute)(fac.root, rhs - fac.h * x)
@@ -118,7 +173,7 @@ def make_erm_response(spec: Specialisation) -> SimpleNamespace:
             rhs[i] = rhs[i] + wp.static(r.dots[i])(jac, dp)
             if column < wp.static(NV):
                 rhs[i] = rhs[i] + fac.by_q[i, column]
-        dlam = -solved(fac, rhs)
+        dlam = -solved(fac, minv, jac, dv0, rhs)
         f = VQ()
         for i in range(wp.static(NR)):
             f = wp.static(r.adds[i])(f, jac, dlam[i])
@@ -132,7 +187,12 @@ def make_erm_response(spec: Specialisation) -> SimpleNamespace:
             rhs = VR()
             for i in range(wp.static(NR)):
                 rhs[i] = wp.static(r.dots[i])(problem.jac, out.p)
-            nu = solved(fac, rhs)
+            nu = solved(fac, problem.minv, problem.jac, out.p, rhs)
+            if seldom(fac.near == 1):
+                by = correction(fac, problem.minv, problem.jac, rhs, nu)
+                by_p = pushed(problem.minv, problem.jac, by)
+                if not refinement.carries(problem.jac, lam, target, by_p):
+                    _dv, nu = refinement.none()
             f = VQ()
             for i in range(wp.static(NR)):
                 f = wp.static(r.adds[i])(f, problem.jac, nu[i])
