@@ -16,8 +16,8 @@ from .sensitivity import make_linearization
 def make_linearize_kernel(spec: Specialisation, second: bool) -> wp.Kernel:
     """A = df/dx, B = df/du (and d2v'/d(x, u)2) at every step of every problem.
 
-    Item i is step i mod N of problem i div N. A fast method leaves items whose step it does not solve to the
-    other kernel (`device/relay.py`).
+    Item i is step i mod N of problem i div N. A fast method leaves items whose step it does not solve, or
+    whose derivatives ask for refinement, to the other kernel (`device/relay.py`).
     """
     s, dtype, method = spec
     linear = make_linearization(spec)
@@ -86,7 +86,10 @@ def make_linearize_kernel(spec: Specialisation, second: bool) -> wp.Kernel:
         if code == wp.static(SOLVED):
             lin, drift = linear.linearize(world, x, sol)
             if not linear.exists(lin.dv, drift):
-                status[b, k] = wp.static(NOT_CONVERGED)
+                if wp.static(method.fast):
+                    hand_on(relay, slot, item)
+                else:
+                    status[b, k] = wp.static(NOT_CONVERGED)
                 return
             write(fx, fu, b, k, world.params[0], lin.dv, drift)
             if wp.static(second):

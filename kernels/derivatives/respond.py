@@ -2,6 +2,7 @@
 
 import warp as wp
 
+from ..device.seldom import seldom
 from ..factories import cached
 from ..specialisation import Specialisation
 from .linear import make_linear
@@ -20,6 +21,19 @@ def make_respond(spec: Specialisation) -> wp.Function:
     contact = make_rows_by_q(spec)
     t = step.types
     VQ, VR, MQ, JR = t.VQ, t.VR, t.MQ, t.JR
+
+    @wp.func
+    def whole(dv: linear.DV):
+        """No column, where one is none."""
+        total = dtype(0.0)
+        for c in range(wp.static(linear.NZ)):
+            total += dv[0, c]
+        out = dv
+        if wp.isnan(total):
+            for c in range(wp.static(linear.NZ)):
+                for j in range(wp.static(s.nv)):
+                    out[j, c] = total
+        return out
 
     @wp.func
     def fill(sol: step.Solution, start: Linear, source: linear.DV, f1q: MQ, f2q: JR):
@@ -43,6 +57,8 @@ def make_respond(spec: Specialisation) -> wp.Function:
                         lin.dz[i, c] = dz[i]
             for j in range(wp.static(s.nv)):
                 lin.dv[j, c] = dv[j]
+        if seldom(lin.factor.near == 1):
+            lin.dv = whole(lin.dv)
         return lin
 
     @wp.func

@@ -161,16 +161,13 @@ def make_difference_kernel(spec: Specialisation) -> wp.Kernel:
             x, u = point(xs, us, b, k, c, times * size[c])
             sol = step.solve_step(world, x, u, carry)
             code = batch.status_of(sol, step.next_state(world, x, sol))
+            lin, drift = linear.linearize(world, x, sol)
+            if code == wp.static(SOLVED) and not linear.exists(lin.dv, drift):
+                code = wp.static(NOT_CONVERGED)
             if code != wp.static(SOLVED):
                 good = 0
                 if move == 0:
                     status[b, k] = code
-                    return
-            lin, drift = linear.linearize(world, x, sol)
-            if not linear.exists(lin.dv, drift):
-                good = 0
-                if move == 0:
-                    status[b, k] = wp.static(NOT_CONVERGED)
                     return
             out = outputs(lin.dv, drift)
             if move == 0:

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from ..contact.problem import make_problem
+from ..contact.refinement import GO_ON, LOST, SMALL, make_refinement
 from ..contact.rows import make_rows
 from ..device.seldom import seldom
 from ..factories import cached
@@ -17,7 +18,6 @@ from ..residual.smoothing import make_smoothing
 from ..specialisation import Specialisation
 from .dual import make_dual
 from .elimination import PROXIMAL, make_row_elimination
-from .refinement import GO_ON, LOST, SMALL, make_refinement
 
 
 @cached
@@ -103,6 +103,8 @@ def make_convex_response(spec: Specialisation) -> SimpleNamespace:
     @wp.func
     def solve(fac: Factor, minv: MQ, jac: JR, scale: VR, mask: int, dv0: VQ, f2: VR, column: int):
         if seldom(fac.near == 1):
+            if wp.static(method.fast):  # another kernel's
+                return refinement.none()
             return refined(fac, minv, jac, scale, mask, dv0, f2)
         return once(fac, jac, scale, mask, dv0, f2)
 
@@ -114,7 +116,7 @@ def make_convex_response(spec: Specialisation) -> SimpleNamespace:
         if p.mask != 0:
             free = back
             back, dz = solve(fac, p.minv, p.jac, p.scale, p.mask, free, VR(), 0)
-            if seldom(fac.near == 1):
+            if seldom(fac.near == 1 and wp.static(not method.fast)):
                 by, _dz = correction(fac, p.minv, p.jac, p.scale, p.mask, free, VR(), back, dz)
                 if not refinement.carries(p.jac, lam, target, by):
                     back, dz = refinement.none()

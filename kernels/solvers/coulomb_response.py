@@ -10,13 +10,13 @@ from types import SimpleNamespace
 import warp as wp
 
 from ..contact.problem import make_problem
+from ..contact.refinement import GO_ON, LOST, SMALL, make_refinement
 from ..device.seldom import seldom
 from ..factories import cached
 from ..specialisation import Specialisation
 from .coulomb import PROXIMAL
 from .coulomb_modes import LEFT, RIGHT, make_active
 from .dual import make_dual
-from .refinement import GO_ON, LOST, SMALL, make_refinement
 
 
 @cached
@@ -92,6 +92,8 @@ def make_coulomb_response(spec: Specialisation) -> SimpleNamespace:
     @wp.func
     def solve(fac: Factor, minv: MQ, jac: JR, scale: VR, mask: int, dv0: VQ, f2: VR, column: int):
         if seldom(fac.near == 1):
+            if wp.static(method.fast):  # another kernel's
+                return refinement.none()
             return refined(fac, minv, jac, dv0, f2), VR()
         return once(fac, jac, dv0, f2), VR()
 

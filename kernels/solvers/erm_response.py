@@ -14,6 +14,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from ..contact.problem import make_problem
+from ..contact.refinement import GO_ON, LOST, make_refinement
 from ..contact.rows import make_rows
 from ..device.seldom import seldom
 from ..factories import cached
@@ -21,7 +22,6 @@ from ..residual.noise import make_noise
 from ..specialisation import Specialisation
 from .dual import make_dual
 from .erm import PROXIMAL, make_erm, make_gather
-from .refinement import GO_ON, LOST, make_refinement
 
 REFINEMENTS = 2  # of what H^-1 is applied to
 SMALL = {wp.float64: 1e-9, wp.float32: 1e-4}  # pivots of H, beside its diagonal: H itself has lost its digits

@@ -11,9 +11,9 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ..contact.rows import make_rows
 from ..factories import cached
 from ..specialisation import Specialisation
+from .rows import make_rows
 
 SMALL = {wp.float64: 1e-7, wp.float32: 1e-3}  # the proximal term's share of a pivot that needs no refinement
 REFINED = {wp.float64: 1e-6, wp.float32: 1e-3}  # an error relative to the change of v', where refinement ends
