@@ -136,7 +136,8 @@ def test_disturbed_worlds_are_those_of_a_loop(device, strategy):
     assert len(np.unique(np.round(found["drawn_delay"] / H))) > 2 and found["drawn_hold"].max() <= 0.1
     quiet = swept(device, strategy, task(disturbances=slcp.Disturbances()), worlds=1).part("policy")
     still = report.part("policy", arm="undisturbed")
-    assert all(still[name] == quiet[name] for name in ENDS)
+    for name in ENDS:  # of another kernel
+        np.testing.assert_allclose(still[name], quiet[name], rtol=0.0, atol=1e-9, err_msg=name)
 
 
 TABLES = ("x0", "params", "kicks", "pushes", "dropouts", "timing")
