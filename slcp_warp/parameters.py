@@ -216,10 +216,12 @@ class Parameters(Printed):
         return table
 
     def _check_range(self, table: np.ndarray, dtype: Any) -> None:
-        """Raise ParameterError for a number that is infinite or 0 in the kernels' precision and was not."""
-        with np.errstate(over="ignore"):
+        """Raise ParameterError for a number that is infinite, 0 or denormal in the kernels' precision: a mass
+        whose last digits are gone falls at another rate.
+        """
+        with np.errstate(over="ignore", under="ignore"):
             kept = table.astype(dtype)
-        lost = ~np.isfinite(kept) | ((kept == 0.0) & (table != 0.0))
+        lost = ~np.isfinite(kept) | ((np.abs(kept) < np.finfo(dtype).tiny) & (table != 0.0))
         if lost.any():
             row, at = np.argwhere(lost)[0]
             name = next(n for n, start, _ in reversed(self.layout.columns) if start <= at)

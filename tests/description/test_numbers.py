@@ -232,6 +232,9 @@ def test_a_number_that_the_precision_does_not_hold():
         params.array(wp.float32, "cpu")
     with pytest.raises(slcp.ParameterError, match=r"step_size is 1e-60; float32 does not hold"):
         slcp.Parameters(GOOD).replace(step_size=1e-60).array(wp.float32, "cpu")
+    for dtype, value in ((wp.float32, 1e-42), (wp.float64, 1e-310)):  # denormal: digits are gone
+        with pytest.raises(slcp.ParameterError, match=rf"mass is {value}; {dtype.__name__} does not hold"):
+            slcp.Parameters(GOOD).replace(mass=value).array(dtype, "cpu")
 
 
 @pytest.mark.parametrize("attribute, words", [
