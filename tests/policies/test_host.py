@@ -45,8 +45,8 @@ def sweep(policy, device="cpu", strategy="specialised", **given):
 
 
 def same(report, first, second):
-    """The tables of two policies, which kernels of their own make: what is exact by its bits, numbers to rounding
-    in all but a few worlds, in which hard contact parts a rounding; worlds differ.
+    """The tables of two policies, which kernels of their own make: what is exact by its bits, numbers to
+    rounding in all but a few worlds, in which hard contact parts a rounding; worlds differ.
     """
     for arm in ("disturbed", "undisturbed"):
         a, b = report.part(first, arm=arm), report.part(second, arm=arm)
