@@ -23,6 +23,8 @@ AXES = 8
 RATIO = 1032  # the most that deflate can do
 CHUNK = 2**20
 _END = struct.Struct("<4s4H2LH")
+_LOCAL = struct.Struct("<26xH2x")  # what stands before an array's name, and how long that is
+_UTF8 = 0x800
 
 
 def write_archive(
@@ -70,6 +72,7 @@ class Archive:
         for info in packed.infolist():
             if info.filename in self._members:
                 raise FileError(f"it holds {info.filename!r:.60} twice")
+            _check_name(packed, info)
             self._members[info.filename] = info
         if "header.npy" not in self._members:
             raise FileError("it has no header")
@@ -125,6 +128,19 @@ class Archive:
         self._left -= size
         array = array.astype(dtype.newbyteorder("="), copy=False)
         return array.reshape(shape, order="F" if fortran else "C")
+
+
+def _check_name(packed: zipfile.ZipFile, info: zipfile.ZipInfo) -> None:
+    """Raise FileError unless the array itself has the name that the directory gives it: one that may be
+    missing would be lost by a damaged letter.
+    """
+    file: Any = packed.fp
+    file.seek(max(info.header_offset, 0))
+    local = file.read(_LOCAL.size)
+    length = _LOCAL.unpack(local)[0] if len(local) == _LOCAL.size else 0
+    encoding = "utf-8" if info.flag_bits & _UTF8 else "cp437"
+    if file.read(length) != info.orig_filename.encode(encoding, "replace"):
+        raise FileError(f"its list of arrays names {info.filename!r:.60} what has another name")
 
 
 def _array_header(member: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype]:
