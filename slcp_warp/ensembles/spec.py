@@ -84,6 +84,9 @@ class SweepSpec:
             object.__setattr__(self, name, tuple(value))
         if not self.residuals or not self.step_sizes:
             raise ArgumentError("SweepSpec.residuals and step_sizes must name at least one case")
+        for name, values in (("residuals", self.residuals), ("step_sizes", self.step_sizes)):
+            if any(value in values[:i] for i, value in enumerate(values)):
+                raise ArgumentError(f"SweepSpec.{name} is {shown(values)}; each of them once is needed")
         for residual in self.residuals:
             Options(residual=residual)
         if self.sample_every > self.duration / 2.0:

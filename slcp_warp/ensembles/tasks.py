@@ -216,6 +216,8 @@ def _step_sizes(task: Task, given: Any) -> tuple[float, ...]:
     sizes = tuple(checks.number("step_sizes", h, 0.0, above=True) for h in given)
     for size in sizes:
         nearest_steps("Task.duration", task.duration, size, "step_sizes")
+    if len(set(sizes)) < len(sizes):
+        raise ArgumentError(f"step_sizes is {shown(given)}; each of them once is needed")
     return sizes
 
 

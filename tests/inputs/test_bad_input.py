@@ -255,6 +255,7 @@ ERRORS = {
     "sweep of an unknown residual": (lambda: spec(residuals=("soft",)), OptionError, "residual is 'soft'"),
     "residuals as text": (lambda: spec(residuals="hard"), ValueError, "residuals is 'hard'; a tuple"),
     "no cases": (lambda: spec(step_sizes=()), ValueError, "at least one case"),
+    "a case twice": (lambda: spec(residuals=("hard", "hard")), ValueError, "each of them once"),
     "one step size": (lambda: spec(step_sizes=0.05), ValueError, "step_sizes is 0.05; a tuple"),
     "negative step size": (lambda: spec(step_sizes=(-0.05,)), ValueError, "step_sizes contains -0.05"),
     "spread of nothing": (

@@ -276,6 +276,7 @@ def test_what_is_no_task_is_refused(changes, text):
         ({"seed": -1}, "seed is -1"),
         ({"step_sizes": (0.0,)}, "step_size"),
         ({"step_sizes": 0.02}, "step_sizes is 0.02; at least one, in a tuple"),
+        ({"step_sizes": (0.02, 0.02)}, "each of them once"),
         ({"spec": slcp.SweepSpec()}, "a task has its own"),
     ],
 )
