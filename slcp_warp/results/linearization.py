@@ -36,9 +36,9 @@ class Linearization(Printed):
         return f"of {counted(worlds, 'world')}: {sizes}{more}; {statuses(self.status)}"
 
     def _tables(self) -> list[Table]:
-        if self.scene is None:
+        if self.scene is None or not self.A.shape[0]:
             return []
-        both = [to_numpy(a).reshape(-1, *a.shape[-2:])[0] for a in (self.A, self.B)]
+        both = [a if a.ndim == 2 else a[0] for a in map(to_numpy, (self.A, self.B))]
         numbers, names = np.concatenate(both, axis=1), self.scene.state_names
         head = ("d next / d", *names, *(f"control {name}" for name in self.scene.control_names))
         rows = [(name, *map(float, row)) for name, row in zip(names, numbers)]

@@ -52,11 +52,12 @@ class Step(Printed):
         return f"{of} in {counted(worlds, 'world')}: {statuses(self.status)}".strip()
 
     def _tables(self) -> list[Table]:
-        if self.scene is None:
+        if self.scene is None or not self.state.shape[0]:
             return []
-        first = to_numpy(self.state).reshape(-1, self.state.shape[-1])[0]
+        first, *both = (
+            a if a.ndim == 1 else a[0] for a in map(to_numpy, (self.state, self.impulse, self.gap))
+        )
         states = zip(self.scene.state_names, self.scene.state_units, map(float, first))
-        both = [to_numpy(a).reshape(-1, a.shape[-1])[0] for a in (self.impulse, self.gap)]
         rows = [(name, *map(float, numbers)) for name, *numbers in zip(self.scene.row_names, *both)]
         return [
             Table("the first world", ("state", "unit", "next"), list(states), left=2),

@@ -152,3 +152,14 @@ def test_measures_print_as_the_expression_that_makes_them(text):
     assert eval(repr(made), {name: getattr(m, name) for name in m.__all__}) == made
     squeezed = re.sub(r"[()\s]", "", repr(made))
     assert squeezed == re.sub(r"[()\s]", "", text)
+
+
+@pytest.mark.parametrize("worlds", [0, 2])
+def test_what_has_no_rows_and_no_controls_prints(worlds):
+    sc = slcp.Scene(name="swing", bodies=(slcp.Body("bob", mass=1.0, inertia=0.1, joint="revolute"),))
+    assert (sc.structure.nr, sc.nu) == (0, 0)
+    state, none, status = np.zeros((worlds, 2)), np.zeros((worlds, 0)), np.zeros(worlds, np.int32)
+    step = slcp.Step(state, none, none, none, status, lambda: none, sc)
+    slopes = slcp.Linearization(np.zeros((worlds, 2, 2)), np.zeros((worlds, 2, 0)), None, status, sc)
+    for thing in (step, slopes):
+        assert f"{worlds} worlds" in str(thing)
