@@ -319,4 +319,4 @@ class _Kept:
         if self._timed:
             self._found[1].begin = float(step)
         run = p.dynamics.rollout(x, params=p.params, policy=self, steps=p.horizon, record="controls")
-        return np.asarray(run.controls)
+        return np.nan_to_num(run.controls)  # of worlds that fail on the way: none

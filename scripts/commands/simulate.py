@@ -9,7 +9,7 @@ import typer
 import slcp_warp as slcp
 from slcp_warp.inputs.times import nearest_steps
 
-from ..stages.trajectory import overlaps, simulate, summary
+from ..stages.trajectory import simulate, summary, warnings
 from ..support.options import (
     DEFAULT_SCENE,
     Device,
@@ -67,7 +67,7 @@ def simulate_command(
     run = simulate(sim, params, x0, steps, policy, task=None if task is None else chosen)
     run.header["seed"] = seed
     run.save(path)
-    if deep := overlaps(run):
-        typer.echo(f"slcp: the start overlaps: {', '.join(deep)}", err=True)
+    for line in warnings(run):
+        typer.echo(f"slcp: {line}", err=True)
     console.print(summary(run))
     wrote(path)

@@ -13,6 +13,7 @@ from rich.table import Table
 import slcp_warp as slcp
 from slcp_warp.ensembles.worlds.nominal import nominal
 from slcp_warp.inputs.limits import limit_rows
+from slcp_warp.results.overlaps import overlaps
 from slcp_warp.stepping.host import acts_on_host
 
 from ..support.asking import watched
@@ -22,8 +23,7 @@ from ..support.rules import told
 from ..support.screen import waiting
 
 RECORD = ("controls", "impulse", "gap")
-OVERLAP = 1e-6  # from which on a start is said to overlap [m, rad]
-MOST = 8  # pairs that are named
+MOST = 4  # failed worlds that are named
 
 
 def simulate(
@@ -83,20 +83,24 @@ def summary(run: slcp.Trajectory) -> Table:
     return table
 
 
-def overlaps(run: slcp.Trajectory) -> list[str]:
-    """What of the starts overlaps: pairs and limits by name, how deep at most and in how many worlds."""
-    assert run.gap is not None
-    names = [name.removesuffix(" +").removesuffix(" -") for name in run.scene.row_names]
-    depth: dict[str, np.ndarray] = {}
-    for name, column in zip(names, -np.asarray(run.gap)[:, 0].T):
-        depth[name] = np.fmax(depth.get(name, column), column)
-    found = {name: each for name, each in depth.items() if (each > OVERLAP).any()}
-    said = []
-    for name, each in sorted(found.items(), key=lambda item: -np.nanmax(item[1])):
-        many = f" in {(each > OVERLAP).sum()} of {len(each)} worlds" if len(each) > 1 else ""
-        said.append(f"{name} by {np.nanmax(each):.3g}{many}")
-    more = [f"and {len(said) - MOST} more"] if len(said) > MOST else []
-    return [*said[:MOST], *more]
+def warnings(run: slcp.Trajectory) -> list[str]:
+    """Lines about what overlaps at the start, and about the first worlds that failed: when, and what overlaps
+    there.
+    """
+    gap, states = run.recorded("gap").copy(), run.recorded("states")
+    unsolved = np.isnan(gap).any(axis=2)
+    at_once = unsolved[:, 0]
+    if at_once.any():
+        gap[at_once, 0] = run.last_gap(at_once)
+    deep = overlaps(run.scene, gap[:, 0])
+    lines = [f"the start overlaps: {deep}"] if deep else []
+    failures = run.failures()
+    for world, status, overlapping in failures[:MOST]:
+        step = int(unsolved[world].argmax()) if unsolved[world].any() else None
+        when = "" if step is None else f" in step {step + 1} of {states.shape[1] - 1}"
+        lines.append(f"world {world} is {status}{when}; what overlaps there: {overlapping}")
+    more = int((run.recorded("status") != slcp.Status.SOLVED).sum()) - len(failures[:MOST])
+    return [*lines, *([f"{more:,} more worlds are not SOLVED"] if more else [])]
 
 
 def _freedoms(scene: slcp.Scene) -> list[str]:

@@ -11,6 +11,7 @@ from ..description.scene import Scene
 from ..inputs.arrays import Array, to_numpy
 from ..options import Options
 from ..storage.printed import Printed, Table, counted
+from .overlaps import failed_table
 from .statuses import statuses
 
 
@@ -62,6 +63,7 @@ class Step(Printed):
         return [
             Table("the first world", ("state", "unit", "next"), list(states), left=2),
             Table("its rows", ("row", "impulse", "gap before"), rows),
+            failed_table(self.scene, self.status, lambda worlds: np.atleast_2d(to_numpy(self.gap))[worlds]),
         ]
 
 

@@ -2,7 +2,7 @@
 
 import functools
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Self
@@ -15,9 +15,10 @@ from ..inputs.arrays import Array, to_numpy
 from ..inputs.errors import ArgumentError, ArgumentTypeError
 from ..measures.recorded import Recorded
 from ..measures.reductions import Measure, Success
-from ..options import Options
+from ..options import Options, Status
 from ..parameters import Parameters
 from ..storage.printed import Printed, Table, counted
+from .overlaps import failed, failed_table
 from .pictures.motion import Motion
 from .record_checks import TRAJECTORY, check_trajectory
 from .records import Record, read_record
@@ -39,9 +40,9 @@ class Trajectory(Printed):
     Attributes:
         states: (B, N+1, nx), the start first.
         status: (B,) see `Status`.
-        controls: (B, N, nu) if recorded, else None.
-        impulse: (B, N, nr) of the rows [N s, N m s] if recorded, else None.
-        gap: (B, N, nr) of the rows before every step [m, rad] if recorded, else None.
+        controls: (B, N, nu) if recorded, else None; NaN from the step on that was not solved.
+        impulse: (B, N, nr) of the rows [N s, N m s], likewise.
+        gap: (B, N, nr) of the rows before every step [m, rad], likewise.
         simulated: scene, options and parameters of the worlds; None: unknown.
         kept: which steps the states are of, where a rollout kept checkpoints only; None: all.
         header: further entries of its file, JSON values.
@@ -55,6 +56,10 @@ class Trajectory(Printed):
     simulated: Simulated | None = None
     kept: tuple[int, ...] | None = None
     header: dict[str, Any] = field(default_factory=dict)
+    _measured: Callable[[np.ndarray, Parameters], np.ndarray] | None = field(default=None, compare=False)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return vars(self) | {"_measured": None}
 
     @property
     def batched(self) -> bool:
@@ -134,6 +139,8 @@ class Trajectory(Printed):
     def measure(self, what: Measure | Success) -> np.ndarray:
         """(B,) values of a measure of `slcp_warp.measures`, or whether worlds succeeded.
 
+        NaN, and no success, of worlds that are not SOLVED.
+
         Raises:
             ArgumentError: it looks at what was not recorded (controls; "impulse" for contacts; "gap"), or at
                 what the scene has not got.
@@ -147,8 +154,36 @@ class Trajectory(Printed):
         seen = {name: None if getattr(self, name) is None else self.recorded(name) for name in RECORDED}
         seen["impulse"] = None if self.impulse is None else self.contact_impulse[..., 0]
         seen["gap"] = None if seen["gap"] is None else pair_gap(self.scene, seen["gap"])
-        worlds = Recorded(self.scene, self.params["step_size"], self.recorded("states"), **seen)
-        return worlds.value(what) if isinstance(what, Measure) else worlds.success(what)
+        solved = self.recorded("status") == Status.SOLVED
+        own = self._known().select(solved).parameters["step_size"]
+        of = {name: None if array is None else array[solved] for name, array in seen.items()}
+        worlds = Recorded(self.scene, own, self.recorded("states")[solved], **of)
+        found = worlds.value(what) if isinstance(what, Measure) else worlds.success(what)
+        out = np.full(len(solved), np.nan if isinstance(what, Measure) else False, found.dtype)
+        out[solved] = found
+        return out
+
+    def failures(self) -> list[tuple[int, str, str]]:
+        """The first worlds that are not SOLVED: number, status, what overlaps in the state they failed at.
+
+        Raises:
+            ArgumentError: see `last_gap`.
+        """
+        return failed(self.scene, self.status, self.last_gap)
+
+    def last_gap(self, worlds: Any) -> np.ndarray:
+        """(K, nr) distances of the rows of worlds in their last states [m, rad], measured by a step.
+
+        Args:
+            worlds: their numbers (K,), or a mask.
+
+        Raises:
+            ArgumentError: this trajectory has no simulator: it is from a file, or unpickled.
+        """
+        if self._measured is None:
+            raise ArgumentError("this trajectory has no simulator; Simulator.step measures gaps, too")
+        index = np.atleast_1d(some_worlds(worlds, len(self)))
+        return self._measured(self.recorded("states")[index, -1], self._known().select(index).parameters)
 
     def table(self) -> dict[str, np.ndarray]:
         """Tidy columns by name, a row for every world and state: `pandas.DataFrame(run.table())`.
@@ -256,5 +291,6 @@ class Trajectory(Printed):
         names = zip(self.scene.state_names, self.scene.state_units)
         rows = [(*name, *values) for name, values in zip(names, numbers)]
         return [
-            Table("the first world", ("state", "unit", "start", "end", "lowest", "highest"), rows, left=2)
+            Table("the first world", ("state", "unit", "start", "end", "lowest", "highest"), rows, left=2),
+            *([] if self._measured is None else [failed_table(self.scene, self.status, self.last_gap)]),
         ]

@@ -11,7 +11,7 @@ from slcp_warp.kernels.specialisation import Specialisation
 from ..description.scene import Scene
 from ..gradients import launches, tape
 from ..inputs import checks
-from ..inputs.arrays import Array
+from ..inputs.arrays import Array, to_numpy
 from ..inputs.errors import ArgumentError
 from ..options import Options
 from ..parameters import Parameters
@@ -191,7 +191,8 @@ class Simulator(Printed):
             policy: `ddp.TrackingPolicy`, a library's, one of `slcp_warp.policies`, or any object with
                 `kernel(sim)` -> (PolicyKernel, struct), or a `policies.HostPolicy`.
             external_force: constant over the rollout, as in `step`.
-            record: any of "controls", "impulse", "gap", one name or several.
+            record: any of "controls", "impulse", "gap", one name or several; NaN where a world's step was not
+                solved, and after it.
             checkpoint: keep the states of steps 0, k, 2k, ..., N only, and recompute the others in a backward
                 pass (open loop, nothing else recorded): for long horizons, k near the root of N.
 
@@ -214,17 +215,24 @@ class Simulator(Printed):
                 table, state.array, source.us, external, status, every
             )
             kept = (*range(0, source.steps, every), source.steps)
-            return Trajectory(state.give(states), state.give(status), simulated=simulated, kept=kept)
+            own: dict[str, Any] = {"simulated": simulated, "kept": kept, "_measured": self._measured}
+            return Trajectory(state.give(states), state.give(status), **own)
         needed = {*record, "controls"} if taped_policy(source, state.array, table) else record
         controls, impulse, gap = recorded = [
-            self.empty(worlds if name in needed else 0, source.steps, max(size, 1))
+            self._arguments.unknown(worlds if name in needed else 0, source.steps, size)
             for name, size in zip(RECORDED, (self.nu, self.nr, self.nr))
         ]
         states = self.empty(worlds, source.steps + 1, self.nx)
         arrays = RolloutArrays(table, state.array, external, states, controls, impulse, gap, status)
         self.kernels.stepping.rollout(arrays, source, record)
         shown: dict[str, Any] = {n: state.give(a) for n, a in zip(RECORDED, recorded) if n in record}
-        return Trajectory(state.give(states), state.give(status), simulated=simulated, **shown)
+        return Trajectory(
+            state.give(states), state.give(status), simulated=simulated, _measured=self._measured, **shown
+        )
+
+    def _measured(self, states: np.ndarray, params: Parameters) -> np.ndarray:
+        """Distances of rows (B, nr) in states (B, nx)."""
+        return to_numpy(self.step(states, params=params).gap)
 
     def linearize(
         self,

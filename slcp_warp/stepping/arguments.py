@@ -35,6 +35,13 @@ class Arguments:
         """A zeroed array."""
         return zeros(shape, self.dtype, self.device)
 
+    def unknown(self, worlds: int, steps: int, size: int) -> wp.array:
+        """An array (B, N, size) for what steps leave behind, NaN until one has; of no size (B, N, 1), 0."""
+        out = self.empty(worlds, steps, max(size, 1))
+        if size:
+            out.fill_(np.nan)
+        return out
+
     def status(self, worlds: int) -> wp.array:
         """A status (B,), SOLVED."""
         return wp.zeros(worlds, dtype=wp.int32, device=self.device)

@@ -5,7 +5,8 @@ import pytest
 import warp as wp
 from simulators import scene, simulator
 
-from slcp_warp import Status
+import slcp_warp as slcp
+from slcp_warp import Status, measures
 
 X = scene("flicking_finger").x0
 WORLDS = np.tile(X, (3, 1))
@@ -38,6 +39,66 @@ def test_a_world_that_fails_on_the_way_stays_where_it_was(device):
     assert traj.status.tolist() == [0, 3, 0] and np.isfinite(traj.states).all()
     np.testing.assert_array_equal(traj.states[1, 6:], np.tile(traj.states[1, 6], (5, 1)))
     np.testing.assert_array_equal(traj.states[0], traj.states[2])
+
+
+class Rest:
+    """A policy on the host that does nothing."""
+
+    def act(self, x, time, worlds):
+        return np.zeros((len(x), 2))
+
+
+FINGERS = pytest.mark.parametrize("strategy", ["specialised", "generic"])
+
+
+def finger(device, strategy):
+    if strategy == "specialised":
+        return simulator("flicking_finger", device, wp.float64, "none")
+    options = slcp.Options("hard")
+    return slcp.Simulator(scene("flicking_finger"), options, device, dtype="float64", strategy=strategy)
+
+
+@FINGERS
+def test_what_is_recorded_of_steps_that_failed_is_no_number(device, strategy):
+    """It was 0, which of a gap is touching; a measure took it, and the state where the world stopped."""
+    us = np.zeros((3, 10, 2))
+    us[1, 6, 1] = NAN
+    sim = finger(device, strategy)
+    run = sim.rollout(WORLDS, us, record=("controls", "impulse", "gap"))
+    assert run.status.tolist() == [0, 3, 0]
+    for recorded in (run.controls, run.impulse, run.gap):
+        expected = np.zeros(recorded.shape, bool)
+        expected[1, 6:] = True
+        np.testing.assert_array_equal(np.isnan(recorded), expected)
+    assert np.isnan(run.measure(measures.lowest_gap())).tolist() == [False, True, False]
+    assert run.measure(measures.lowest_gap() > -9.0).tolist() == [True, False, True]
+    lower = np.tile(sim.params["lower"], (3, 1))
+    lower[1, 0] = 30.0
+    params = sim.params.replace(lower=lower)
+    asked = sim.rollout(WORLDS, None, params, policy=Rest(), steps=4, record=("controls", "gap"))
+    assert asked.status.tolist() == [0, Status.INFEASIBLE, 0]
+    for recorded in (asked.controls, asked.gap):
+        assert np.isnan(recorded).all(axis=(1, 2)).tolist() == [False, True, False]
+        assert not np.isnan(recorded[[0, 2]]).any()
+
+
+@FINGERS
+def test_a_failed_world_names_what_overlaps_in_its_last_state(device, strategy, tmp_path):
+    sim = finger(device, strategy)
+    lower, upper = (np.tile(sim.params[name], (3, 1)) for name in ("lower", "upper"))
+    lower[2, 1], upper[2, 1] = X[1] + 0.5, X[1] - 0.25
+    run = sim.rollout(WORLDS, np.zeros((3, 2, 2)), sim.params.replace(lower=lower, upper=upper))
+    name = scene("flicking_finger").state_names[1]
+    text = f"{name} lower by 0.5, {name} upper by 0.25"
+    assert run.failures() == [(2, "INFEASIBLE", text)] and text in str(run)
+    assert run[:2].failures() == [] and "not SOLVED" not in str(run[:2])
+    assert run[2].failures() == [(0, "INFEASIBLE", text)]
+    step = sim.step(WORLDS, params=sim.params.replace(lower=lower, upper=upper))
+    assert text in str(step)
+    kept = slcp.Trajectory.load(run.save(tmp_path / "run.npz"))
+    with pytest.raises(slcp.ArgumentError, match="no simulator"):
+        kept.failures()
+    assert "1 INFEASIBLE" in str(kept)
 
 
 def test_a_penetrating_start_opens(device):

@@ -19,7 +19,7 @@ class Motion:
         numbers: value of every parameter by name, without a world axis.
         time: (T+1,) [s].
         states: (T+1, nx).
-        pushes: (T,) normal impulse of all pairs together [N s]; None: not recorded.
+        pushes: (T,) normal impulse of all pairs together [N s], NaN of failed steps; None: not recorded.
         controls: (T, nu); None: not recorded.
     """
 
@@ -32,8 +32,8 @@ class Motion:
 
     @property
     def impulse(self) -> np.ndarray:
-        """(T,) normal impulse, zero where it was not recorded [N s]."""
-        return np.zeros(len(self.time) - 1) if self.pushes is None else self.pushes
+        """(T,) normal impulse, zero where there is none: not recorded, or of steps that failed [N s]."""
+        return np.zeros(len(self.time) - 1) if self.pushes is None else np.nan_to_num(self.pushes)
 
     @property
     def touches(self) -> bool:

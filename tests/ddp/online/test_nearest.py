@@ -21,7 +21,7 @@ def chosen(lib, x, device, dtype=wp.float64, **options):
     x = x.astype(NUMPY[dtype])
     traj = sim.rollout(x, policy=lib.policy(**options), steps=1, record=("controls",))
     np.testing.assert_array_equal(traj.controls[:, 0, 0], -traj.controls[:, 0, 1])
-    return np.where(traj.status == 0, traj.controls[:, 0, 0].astype(int), -1)
+    return np.where(traj.status == 0, np.nan_to_num(traj.controls[:, 0, 0]).astype(int), -1)
 
 
 def brute_force(lib, x, white, images=range(-20, 21)):

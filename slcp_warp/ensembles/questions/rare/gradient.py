@@ -91,7 +91,7 @@ class ClosedLoop:
             x0[:, sim.nx // 2 :] += worlds.kicks.sum(axis=1)
         params = self._parameters(worlds.params)
         run = sim.rollout(x0, params=params, policy=self.policy, steps=self.task.steps, record="controls")
-        states, controls = np.asarray(run.states), np.asarray(run.controls)
+        states, controls = np.asarray(run.states), np.nan_to_num(run.controls)
         gains = self._gains(states, controls)
         steps = np.broadcast_to(params["step_size"], (len(z),))
         margin, weights = weighted(judge, Recorded(sim.scene, steps, states, controls))
@@ -156,7 +156,7 @@ class ClosedLoop:
     def _asked(self, states: np.ndarray) -> np.ndarray:
         """Controls (n, nu) at states (n, nx), each as in the first step of a run."""
         run = self.sim.rollout(states, policy=self.policy, steps=1, record="controls")
-        return np.asarray(run.controls)[:, 0]
+        return np.nan_to_num(run.controls)[:, 0]
 
 
 def weighted(judge: Margin, run: Recorded) -> tuple[np.ndarray, np.ndarray]:
