@@ -23,6 +23,8 @@ from .parts import Body, Contact, Shape
 AUTO = "auto"
 MOST_PAIRS = 32_768  # of contacts="auto": every pair has parameters, and a place in impulses and gaps
 
+SIDES = ("01", "12", "23", "30")  # of `parts.box`, by the corners that they join
+
 Names = tuple[str, str]
 
 
@@ -45,7 +47,7 @@ def auto_contacts(
                 continue
             if not (a.contype & b.conaffinity or b.contype & a.conaffinity):
                 continue
-            _check_kinds(a, b)
+            _check_kinds(a, b, shapes)
             out.append(Contact(a.name, b.name, _friction(a, b, friction)))
         if len(out) > MOST_PAIRS:
             raise SceneError(
@@ -67,12 +69,21 @@ def _friction(a: Shape, b: Shape, common: float | None) -> float | None:
     return max((mu for mu in own if mu is not None), default=None)
 
 
-def _check_kinds(a: Shape, b: Shape) -> None:
+def _check_kinds(a: Shape, b: Shape, shapes: Sequence[Shape]) -> None:
     if {a.kind, b.kind} == {CAPSULE, ELLIPSE}:
         raise SceneError(
-            f"contacts 'auto': {a.kind} {a.name!r} and {b.kind} {b.name!r} cannot touch; a capsule touches "
-            "half-planes, discs, capsules; leave the pair out by contype and conaffinity"
+            f"contacts 'auto': {_told(a, shapes)} and {_told(b, shapes)} cannot touch; a capsule touches "
+            "half-planes, discs, capsules; leave the pair out by contype and conaffinity: an ellipse with "
+            "contype=2, conaffinity=3 meets no side of a box"
         )
+
+
+def _told(shape: Shape, shapes: Sequence[Shape]) -> str:
+    """A shape in words: its kind and name, and of a box's side which one it is."""
+    box, side = shape.name[:-2], shape.name[-2:]
+    corners = {other.name for other in shapes if other.body == shape.body}
+    of_box = shape.kind == CAPSULE and side in SIDES and {f"{box}{i}" for i in range(4)} <= corners
+    return f"{shape.kind} {shape.name!r}" + (f" (side {side} of box {box!r})" if of_box else "")
 
 
 def check_excluded(label: str, value: Any, bodies: Sequence[Body]) -> tuple[Names, ...]:

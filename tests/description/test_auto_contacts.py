@@ -169,6 +169,8 @@ def test_what_is_listed_is_the_same_scene(tmp_path):
     ({"excluded": 3}, "excluded is 3; pairs of names of bodies are needed"),
     ({"shapes": (Shape("e", "a", "ellipse", (0.2, 0.1)), Shape("c", "b", "capsule", (0.1, 0.1)))},
      "contacts 'auto': ellipse 'e' and capsule 'c' cannot touch"),
+    ({"shapes": (Shape("e", "a", "ellipse", (0.2, 0.1)), *slcp.box("b4", "b", 1, 1, 0.1, sides=True))},
+     r"ellipse 'e' and capsule 'b401' \(side 01 of box 'b4'\) cannot touch.*contype=2, conaffinity=3"),
 ])  # fmt: skip
 def test_what_cannot_be_is_one_error(changes, words):
     bodies = tuple(Body(n, 1.0, 0.1, joint="free") for n in "abc")
