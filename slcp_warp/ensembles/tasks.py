@@ -290,12 +290,15 @@ def cases_by_name(task: Task, cases: Any) -> dict[str, Options]:
         given = [cases] if isinstance(cases, Options) else cases
         if not isinstance(given, list | tuple) or not all(isinstance(each, Options) for each in given):
             raise ArgumentTypeError(f"cases is {shown(cases)}; slcp_warp.Options, one or several, are needed")
+        if any(each in given[:i] for i, each in enumerate(given)):
+            raise ArgumentError(f"cases is {shown(cases)}; each of them once is needed")
         found = {}
         for each in given:
             label = each.residual + ("" if each.friction == "anitescu" else f", {each.friction}")
             label += "" if each.gap == "start" else f", gap {each.gap}"
             label += "" if each.integrator == "euler" else f", {each.integrator}"
             found[label if label not in found else f"{label} {len(found) + 1}"] = each
-    if not found or not all(isinstance(each, Options) for each in found.values()):
+    named = all(isinstance(name, str) and name for name in found)
+    if not found or not named or not all(isinstance(each, Options) for each in found.values()):
         raise ArgumentTypeError(f"cases is {shown(cases)}; slcp_warp.Options by name are needed")
     return found

@@ -175,14 +175,14 @@ class Trajectory(Printed):
         """(K, nr) distances of the rows of worlds in their last states [m, rad], measured by a step.
 
         Args:
-            worlds: their numbers (K,), or a mask.
+            worlds: as in `trajectory[worlds]`.
 
         Raises:
             ArgumentError: this trajectory has no simulator: it is from a file, or unpickled.
         """
         if self._measured is None:
             raise ArgumentError("this trajectory has no simulator; Simulator.step measures gaps, too")
-        index = np.atleast_1d(some_worlds(worlds, len(self)))
+        index = np.atleast_1d(np.arange(len(self))[some_worlds(worlds, len(self))])
         return self._measured(self.recorded("states")[index, -1], self._known().select(index).parameters)
 
     def table(self) -> dict[str, np.ndarray]:
@@ -284,7 +284,7 @@ class Trajectory(Printed):
         return f"{known}{counted(len(self), 'world')}, {steps} steps{of}: {statuses(self.status)}{recorded}"
 
     def _tables(self) -> list[Table]:
-        if self.simulated is None:
+        if self.simulated is None or not len(self):
             return []
         first = self.recorded("states")[0]
         numbers = zip(*(map(float, each) for each in (first[0], first[-1], first.min(0), first.max(0))))

@@ -91,6 +91,9 @@ def test_a_failed_world_names_what_overlaps_in_its_last_state(device, strategy, 
     name = scene("flicking_finger").state_names[1]
     text = f"{name} lower by 0.5, {name} upper by 0.25"
     assert run.failures() == [(2, "INFEASIBLE", text)] and text in str(run)
+    np.testing.assert_array_equal(run.last_gap(slice(1, 3)), run.last_gap([1, 2]))
+    with pytest.raises(IndexError, match="worlds are 3; there are 3"):
+        run.last_gap(3)
     assert run[:2].failures() == [] and "not SOLVED" not in str(run[:2])
     assert run[2].failures() == [(0, "INFEASIBLE", text)]
     step = sim.step(WORLDS, params=sim.params.replace(lower=lower, upper=upper))

@@ -161,5 +161,7 @@ def test_what_has_no_rows_and_no_controls_prints(worlds):
     state, none, status = np.zeros((worlds, 2)), np.zeros((worlds, 0)), np.zeros(worlds, np.int32)
     step = slcp.Step(state, none, none, none, status, lambda: none, sc)
     slopes = slcp.Linearization(np.zeros((worlds, 2, 2)), np.zeros((worlds, 2, 0)), None, status, sc)
-    for thing in (step, slopes):
+    known = slcp.results.simulated.Simulated.of(slcp.Simulator(sc, device="cpu"))
+    run = slcp.Trajectory(np.zeros((worlds, 3, 2)), status, simulated=known)
+    for thing in (step, slopes, run):
         assert f"{worlds} worlds" in str(thing)

@@ -272,6 +272,8 @@ def test_what_is_no_task_is_refused(changes, text):
         ({"policy": 3}, "policy"),
         ({"cases": "hard"}, "cases is 'hard'"),
         ({"cases": {}}, "cases is {}"),
+        ({"cases": {"": slcp.Options("hard")}}, "by name are needed"),
+        ({"cases": [slcp.Options("hard")] * 2}, "each of them once"),
         ({"worlds": 0}, "worlds is 0"),
         ({"seed": -1}, "seed is -1"),
         ({"step_sizes": (0.0,)}, "step_size"),
