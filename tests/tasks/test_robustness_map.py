@@ -61,6 +61,7 @@ def test_a_map_has_the_sweep_in_its_middle(device):
         (("weight", (1.0,)), ("mass", (1.0,)), "x is 'weight'; a state .* or a parameter"),
         (("mass", (0.0, 1.0)), ("block.x", (0.0,)), "hold 0; 'mass' takes positive factors"),
         (("mass", ()), ("block.x", (0.0,)), "the values of x"),
+        (("mass", (1.0, 2.0, 1.0)), ("block.x", (0.0,)), "the values of x are .* each of them once"),
         ("mass", ("block.x", (0.0,)), "x is 'mass'"),
         (("kicks", (1.0,)), ("block.x", (0.0,)), "has none"),
     ],

@@ -161,6 +161,8 @@ def _axis(label: str, task: Task, given: Any) -> tuple[str, np.ndarray]:
     name, values = given[0], np.atleast_1d(checks.array(f"the values of {label}", given[1]))
     if values.ndim != 1 or not len(values):
         raise ArgumentError(f"the values of {label} have shape {values.shape}; at least one is needed")
+    if len(np.unique(values)) < len(values):
+        raise ArgumentError(f"the values of {label} are {shown(given[1])}; each of them once is needed")
     if name in task.scene.state_names:
         return name, values
     if not _added(name) and ((values < 0.0).any() or (name != KICKS and (values == 0.0).any())):

@@ -34,9 +34,15 @@ def searched(
         point: of a push, in the body's frame [m]; None: the end of the body's first shape.
 
     Raises:
-        ArgumentError: a kind that the task has nothing of, or times after the end.
+        ArgumentError: a kind that the task has nothing of, times after the end, or what this kind has no use
+            for.
     """
     own = task.disturbances
+    number("duration", duration, 0.0, above=True)
+    of_kind = by if isinstance(by, str) else "Disturbances"
+    _has_use("time", time, of_kind, ("kick", "push"))
+    _has_use("body", body, of_kind, ("push",))
+    _has_use("at", point, of_kind, ("push",))
     if isinstance(by, Disturbances):
         return without_noise(by)
     if not isinstance(by, str):
@@ -71,6 +77,12 @@ def searched(
             f"by is {by!r}; task {task.name!r} disturbs nothing of this kind: give Disturbances"
         )
     return found
+
+
+def _has_use(name: str, given: Any, by: str, kinds: tuple[str, ...]) -> None:
+    """Raise ArgumentError for what is given and would do nothing, as disturbances of other kinds use it."""
+    if given is not None and by in (*KINDS, "Disturbances") and by not in kinds:
+        raise ArgumentError(f"{name} is {shown(given)}, and by is {by!r}; it is for {' and '.join(kinds)}")
 
 
 def _kicks(task: Task) -> dict[str, Any]:
