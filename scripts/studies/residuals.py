@@ -108,7 +108,7 @@ def replanned(library: ddp.Library, device: str | None) -> Iterator[tuple[Case, 
         problem = case.problem(device)
         if base is None:
             run = problem.dynamics.rollout(x0, policy=library.policy(), steps=HORIZON, record="controls")
-            base = result = ddp.solve(problem, x0, run.controls, options)
+            base = result = ddp.solve(problem, x0, np.nan_to_num(run.controls), options)
         else:
             result = ddp.solve(problem, x0, base.us, options, xs0=base.xs, K0=base.K)
         count, n = len(x0), ENTRIES

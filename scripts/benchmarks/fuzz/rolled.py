@@ -76,6 +76,7 @@ def _stepped(sim: Any, x: Array, us: Array, params: Any) -> Stepped:
 def follow(run: Any, worlds: Worlds, us: Array) -> Followed:
     """The steps of a rollout, as far as there are any: a world that fails ends with the step that does."""
     states, impulse, gap = (np.asarray(a, float) for a in (run.states, run.impulse, run.gap))
+    impulse, gap = (np.where(np.isnan(a), 0.0, a) for a in (impulse, gap))  # of steps that failed
     count, steps = us.shape[:2]
     nr = worlds.numbers["sigma"].shape[1]
     before, after = states[:, :-1], states[:, 1:]

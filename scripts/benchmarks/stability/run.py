@@ -108,6 +108,8 @@ def _run_grid(case: Case, sim: Any, grid: Grid, dtype: str) -> list[Row]:
     number = np.float32 if dtype == "float32" else np.float64
     traj = sim.rollout(start.x0.astype(number), controls.astype(number), params, record=("impulse",))
     states, impulse = np.asarray(traj.states, float), np.asarray(traj.impulse, float)
+    failed = np.asarray(traj.status) != Status.SOLVED
+    impulse[failed] = np.nan_to_num(impulse[failed])
     rounded = {n: params[n].astype(number).astype(float) for n in params.names}
     return judge(case, grid, dtype, sim.scene, rounded, states, controls, impulse, np.asarray(traj.status))
 
