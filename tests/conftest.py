@@ -98,7 +98,7 @@ FULL = {  # file: pattern of tests that are marked full: long cases of what its 
     "test_gpu_check.py": r"compiled_by_processes",
     "test_jam.py": r"gantry-float32|vice-float64|a_jam_so\[(gantry|vice)",
     "test_linearize.py": r"moving_plane|finger-inertia-True-True|touching_tree-inertia-False|free.*sprung",
-    "test_parameter_gradient.py": r"sprung_plane-inertia-hard|coulomb_friction",
+    "test_parameter_gradient.py": r"sprung_plane-inertia-hard",
     "test_planning.py": r"best_plan_keeps_its_limits|problem_of_ones_own_is_planned_from",
     "test_run_executors.py": r"an_error_in_a_chunk|has_its_gpu",
 }

@@ -4,6 +4,7 @@ import warp as wp
 
 from ..device.compile import fitted
 from ..device.relay import Relay, hand_on, taken
+from ..device.seldom import seldom
 from ..factories import cached
 from ..specialisation import Specialisation
 from ..status import NOT_CONVERGED, SOLVED
@@ -27,6 +28,8 @@ def make_linearize_kernel(spec: Specialisation, second: bool) -> wp.Kernel:
     NV, NX, NU, NZ = s.nv, 2 * s.nv, s.nu, linear.NZ
     VX, VU, DV = step.types.VX, step.types.VU, linear.DV
     ZERO, ONE = dtype(0.0), dtype(1.0)
+    ONCE = not second and not method.trapezoidal
+    linearize = linear.once if ONCE else linear.linearize
 
     @wp.func
     def write(
@@ -40,6 +43,18 @@ def make_linearize_kernel(spec: Specialisation, second: bool) -> wp.Kernel:
             for j in range(wp.static(NU)):
                 fu[b, k, wp.static(NV + i), j] = dv[i, wp.static(NX + j)]
                 fu[b, k, i, j] = h * drift[i, wp.static(NX + j)]
+
+    @wp.func(inline=False)
+    def refine(
+        world: step.types.World, x: VX, sol: step.Solution,
+        fx: wp.array4d(dtype=dtype), fu: wp.array4d(dtype=dtype), b: int, k: int,
+    ):  # fmt: skip
+        """Of a step whose derivatives ask for refinement. The status."""
+        lin, drift = linear.linearize(world, x, sol)
+        if not linear.exists(lin.dv, drift):
+            return int(wp.static(NOT_CONVERGED))
+        write(fx, fu, b, k, world.params[0], lin.dv, drift)
+        return int(wp.static(SOLVED))
 
     @fitted(method.fast and not second)
     def linearize_kernel(
@@ -84,12 +99,16 @@ def make_linearize_kernel(spec: Specialisation, second: bool) -> wp.Kernel:
                 return
         status[b, k] = code
         if code == wp.static(SOLVED):
-            lin, drift = linear.linearize(world, x, sol)
-            if not linear.exists(lin.dv, drift):
-                if wp.static(method.fast):
-                    hand_on(relay, slot, item)
-                else:
-                    status[b, k] = wp.static(NOT_CONVERGED)
+            lin, drift = linearize(world, x, sol)
+            if wp.static(ONCE):
+                if seldom(lin.factor.near == 1):
+                    if wp.static(method.fast):
+                        hand_on(relay, slot, item)
+                    else:
+                        status[b, k] = refine(world, x, sol, fx, fu, b, k)
+                    return
+            elif not linear.exists(lin.dv, drift):
+                status[b, k] = wp.static(NOT_CONVERGED)
                 return
             write(fx, fu, b, k, world.params[0], lin.dv, drift)
             if wp.static(second):

@@ -21,27 +21,30 @@ from .trapezoidal import make_trapezoidal_expansion
 @cached
 def make_linearization(spec: Specialisation) -> SimpleNamespace:
     """linearize(world, x, sol) -> the first-order expansion `Linear` of v' (and z) at a step's solution, and
-    d/d(q, v, u) of what positions move with, which `exists` or is refused; beside it what curvature and
-    gradients by parameters start from.
+    d/d(q, v, u) of what positions move with, which `exists` or is refused; once(...): the same, faster and
+    without refinement, so only where its factor is not near; beside it what curvature and gradients by
+    parameters start from.
     """
     s, dtype, method = spec
     linear = make_linear(spec)
     step, Linear = linear.step, linear.Linear
     mech, t = step.mech, step.types
-    respond = make_respond(spec)
     trapezoidal = make_trapezoidal_expansion(spec) if method.trapezoidal else None
 
-    @wp.func
-    def linearize(world: t.World, x: t.VX, sol: step.Solution):
-        q, v = step.split(x)
-        lin = Linear()
-        lin.pose = wp.static(mech.pose)(world, q)
-        lin.w = sol.v - v
-        if wp.static(method.trapezoidal):
-            return trapezoidal(world, q, v, sol, lin)
-        source = wp.static(step.free.source)(world, lin.pose, lin.w, v)
-        lin = respond(world, sol, lin, source)
-        return lin, lin.dv
+    def linearized_by(respond: wp.Function) -> wp.Function:
+        @wp.func
+        def linearize(world: t.World, x: t.VX, sol: step.Solution):
+            q, v = step.split(x)
+            lin = Linear()
+            lin.pose = wp.static(mech.pose)(world, q)
+            lin.w = sol.v - v
+            if wp.static(method.trapezoidal):
+                return trapezoidal(world, q, v, sol, lin)
+            source = wp.static(step.free.source)(world, lin.pose, lin.w, v)
+            lin = respond(world, sol, lin, source)
+            return lin, lin.dv
+
+        return linearize
 
     @wp.func
     def exists(dv: linear.DV, drift: linear.DV):
@@ -57,7 +60,8 @@ def make_linearization(spec: Specialisation) -> SimpleNamespace:
         response=linear.response,
         Linear=Linear,
         factored=linear.factored,
-        linearize=linearize,
+        linearize=linearized_by(make_respond(spec)),
+        once=linearized_by(make_respond(spec, False)),
         exists=exists,
         motion=make_mechanism_derivatives(s, dtype, method.trapezoidal),
         pairs=contact.pairs,

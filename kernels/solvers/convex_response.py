@@ -37,13 +37,13 @@ def make_convex_response(spec: Specialisation) -> SimpleNamespace:
     class Factor:
         saddle: elimination.Factor
         slope: VR  # s'(z)
-        slack: VR  # s'(-z)
         near: int  # 1: rows nearly oppose or repeat each other, solutions are refined
 
     @wp.func
     def factor(world: t.World, p: Problem, lam: VR, z: VR, normals: JR):
         out = Factor()
         diag = VR()
+        slack = VR()
         for i in range(wp.static(NR)):
             if (p.mask & wp.static(1 << i)) != 0:
                 if wp.static(method.hard):
@@ -52,10 +52,10 @@ def make_convex_response(spec: Specialisation) -> SimpleNamespace:
                     sigma = wp.static(noise.level[i])(world, p.sigma)
                     e = wp.static(sm.smooth)(z[i], sigma, ONE / sigma)
                 out.slope[i] = e[2]
-                out.slack[i] = e[3]
+                slack[i] = e[3]
                 diag[i] = wp.static(r.dots[i])(p.jac, normals[i])
         out.saddle = wp.static(elimination.factor)(
-            p.minv, p.jac, p.scale, diag, out.slope, out.slack, p.mask, TAU
+            p.minv, p.jac, p.scale, diag, out.slope, slack, p.mask, TAU
         )
         for i in range(wp.static(NR)):
             if (p.mask & wp.static(1 << i)) != 0:
@@ -64,7 +64,7 @@ def make_convex_response(spec: Specialisation) -> SimpleNamespace:
         return out
 
     @wp.func
-    def once(fac: Factor, jac: JR, scale: VR, mask: int, dv0: VQ, f2: VR):
+    def solve(fac: Factor, minv: MQ, jac: JR, scale: VR, mask: int, dv0: VQ, f2: VR, column: int):
         dv, innovation = wp.static(elimination.forward)(fac.saddle, jac, fac.slope, mask, dv0, f2)
         dz = wp.static(elimination.back)(fac.saddle, jac, scale, fac.slope, mask, innovation)
         return dv, dz
@@ -79,13 +79,13 @@ def make_convex_response(spec: Specialisation) -> SimpleNamespace:
         for i in range(wp.static(NR)):
             if (mask & wp.static(1 << i)) != 0:
                 f = wp.static(r.adds[i])(f, jac, fac.slope[i] / scale[i] * dz[i])
-                rest[i] = f2[i] - wp.static(r.dots[i])(jac, dv) - fac.slack[i] * dz[i]
-        return once(fac, jac, scale, mask, dv0 - dv + minv * f, rest)
+                rest[i] = f2[i] - wp.static(r.dots[i])(jac, dv) - (ONE - fac.slope[i]) * dz[i]
+        return solve(fac, minv, jac, scale, mask, dv0 - dv + minv * f, rest, 0)
 
-    @wp.func(inline=False)
-    def refined(fac: Factor, minv: MQ, jac: JR, scale: VR, mask: int, dv0: VQ, f2: VR):
+    @wp.func
+    def refined(fac: Factor, minv: MQ, jac: JR, scale: VR, mask: int, dv0: VQ, f2: VR, column: int):
         """(dv, dz), refined; not numbers where that does not end."""
-        dv, dz = once(fac, jac, scale, mask, dv0, f2)
+        dv, dz = solve(fac, minv, jac, scale, mask, dv0, f2, column)
         before = VQ()
         way = int(wp.static(GO_ON))
         count = int(1)
@@ -101,12 +101,13 @@ def make_convex_response(spec: Specialisation) -> SimpleNamespace:
         return dv, dz
 
     @wp.func
-    def solve(fac: Factor, minv: MQ, jac: JR, scale: VR, mask: int, dv0: VQ, f2: VR, column: int):
-        if seldom(fac.near == 1):
-            if wp.static(method.fast):  # another kernel's
-                return refinement.none()
-            return refined(fac, minv, jac, scale, mask, dv0, f2)
-        return once(fac, jac, scale, mask, dv0, f2)
+    def carried(fac: Factor, p: Problem, lam: VR, target: VQ, free: VQ):
+        """(P, -rho D / s'(z)), refined; not numbers where impulses make much of what is left."""
+        back, dz = refined(fac, p.minv, p.jac, p.scale, p.mask, free, VR(), 0)
+        by, _dz = correction(fac, p.minv, p.jac, p.scale, p.mask, free, VR(), back, dz)
+        if not refinement.carries(p.jac, lam, target, by):
+            back, dz = refinement.none()
+        return back, dz
 
     @wp.func
     def transposed(fac: Factor, p: Problem, lam: VR, target: VQ):
@@ -116,10 +117,8 @@ def make_convex_response(spec: Specialisation) -> SimpleNamespace:
         if p.mask != 0:
             free = back
             back, dz = solve(fac, p.minv, p.jac, p.scale, p.mask, free, VR(), 0)
-            if seldom(fac.near == 1 and wp.static(not method.fast)):
-                by, _dz = correction(fac, p.minv, p.jac, p.scale, p.mask, free, VR(), back, dz)
-                if not refinement.carries(p.jac, lam, target, by):
-                    back, dz = refinement.none()
+            if seldom(fac.near == 1):
+                back, dz = carried(fac, p, lam, target, free)
             for i in range(wp.static(NR)):
                 rho[i] = -fac.slope[i] * dz[i] / p.scale[i]
         return back, rho
@@ -142,6 +141,6 @@ def make_convex_response(spec: Specialisation) -> SimpleNamespace:
         return out
 
     return SimpleNamespace(
-        Factor=Factor, factor=factor, solve=solve, dual=dual, transposed=transposed,
+        Factor=Factor, factor=factor, solve=solve, refined=refined, dual=dual, transposed=transposed,
         complete=None, roots=True, scaled=method.inertia_scaling,
     )  # fmt: skip

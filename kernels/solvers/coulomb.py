@@ -202,7 +202,7 @@ def make_coulomb_solver(spec: Specialisation) -> wp.Function:
         last = wp.where(code >= 0, wp.static(CORRECTIONS), wp.static(ITERATIONS) + dense.count)
         while it < last:
             it += 1
-            mode = active.modes(dense, here.z)
+            mode = active.modes(dense, here.z, dtype(1.0))
             if code >= 0:
                 mode = decode(dense, code)
             lu = active.factor(dense, mode, tau)

@@ -27,7 +27,7 @@ OFF, PRESS, STICK, LEFT, RIGHT = 0, 1, 2, 3, 4  # modes; LEFT: lambda_t = -mu la
 def make_active(spec: Specialisation) -> SimpleNamespace:
     """The dense problem of the rows in the mask, and the linear system of given modes.
 
-    gather(world, problem) -> Dense; is_earned(dense, lambda); modes(dense, z) -> MODES;
+    gather(world, problem) -> Dense; is_earned(dense, lambda); modes(dense, z, edge) -> MODES;
     factor(dense, modes, tau) -> Lu; impulses(dense, modes, lu, target, centre) -> lambda with
     A lambda + target = 0 in the rows that hold; `transposed` is its adjoint.
     """
@@ -194,8 +194,8 @@ def make_active(spec: Specialisation) -> SimpleNamespace:
         return good
 
     @wp.func
-    def modes(dense: Dense, z: VR):
-        """The mode of every row; a tie presses not, and sticks."""
+    def modes(dense: Dense, z: VR, edge: dtype):
+        """The mode of every row; a tie presses not, and sticks. Contacts slide from mu `edge` on."""
         out = MODES()
         a = dense.a
         mu = dense.mu
@@ -205,7 +205,7 @@ def make_active(spec: Specialisation) -> SimpleNamespace:
                 if z[i] > ZERO:
                     out[i] = wp.static(PRESS)
             elif out[i - 1] == wp.static(PRESS):
-                bound = a[i, i] * mu[i] * z[i - 1] / a[i - 1, i - 1]
+                bound = edge * a[i, i] * mu[i] * z[i - 1] / a[i - 1, i - 1]
                 out[i] = wp.static(STICK)
                 if z[i] > bound:
                     out[i] = wp.static(RIGHT)

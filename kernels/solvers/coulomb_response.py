@@ -10,13 +10,15 @@ from types import SimpleNamespace
 import warp as wp
 
 from ..contact.problem import make_problem
-from ..contact.refinement import GO_ON, LOST, SMALL, make_refinement
+from ..contact.refinement import GO_ON, LOST, SMALL, WRONG, make_refinement
 from ..device.seldom import seldom
 from ..factories import cached
 from ..specialisation import Specialisation
 from .coulomb import PROXIMAL
-from .coulomb_modes import LEFT, RIGHT, make_active
+from .coulomb_modes import LEFT, PRESS, RIGHT, STICK, make_active
 from .dual import make_dual
+
+EDGE = {wp.float64: 1e-9, wp.float32: 1e-5}  # of mu: rounding of a contact at its edge
 
 
 @cached
@@ -29,7 +31,8 @@ def make_coulomb_response(spec: Specialisation) -> SimpleNamespace:
     Problem, Dual = make_problem(s, dtype), make_dual(s, dtype)
     TAU = dtype(PROXIMAL[dtype][1])
     refinement = make_refinement(spec)
-    ONE, SHARE = dtype(1.0), dtype(SMALL[dtype])
+    ZERO, ROUGH = dtype(0.0), dtype(WRONG[dtype])
+    ONE, SHARE, INSIDE = dtype(1.0), dtype(SMALL[dtype]), dtype(1.0 - EDGE[dtype])
 
     @wp.struct
     class Factor:
@@ -39,15 +42,11 @@ def make_coulomb_response(spec: Specialisation) -> SimpleNamespace:
         near: int  # 1: rows nearly oppose or repeat each other, solutions are refined
 
     @wp.func
-    def factor(world: t.World, p: Problem, lam: VR, z: VR, normals: JR):
+    def factored(dense: active.Dense, own: VR, edge: dtype):
         out = Factor()
-        out.dense = active.gather(world, p)
-        own = VR()
-        row = out.dense.row
-        for i in range(out.dense.count):
-            own[i] = z[row[i]]
-        out.mode = active.modes(out.dense, own)
-        out.lu = active.factor(out.dense, out.mode, TAU)
+        out.dense = dense
+        out.mode = active.modes(dense, own, edge)
+        out.lu = active.factor(dense, out.mode, TAU)
         m = out.lu.m
         for c in range(out.lu.size):
             if TAU > SHARE * wp.abs(m[c, c]):
@@ -55,7 +54,20 @@ def make_coulomb_response(spec: Specialisation) -> SimpleNamespace:
         return out
 
     @wp.func
-    def once(fac: Factor, jac: JR, dv0: VQ, f2: VR):
+    def factor(world: t.World, p: Problem, lam: VR, z: VR, normals: JR):
+        """Where more sticks than bodies can follow, contacts at the edge of what friction holds slide."""
+        dense = active.gather(world, p)
+        own = VR()
+        row = dense.row
+        for i in range(dense.count):
+            own[i] = z[row[i]]
+        out = factored(dense, own, ONE)
+        if seldom(out.near == 1):
+            out = factored(dense, own, INSIDE)
+        return out
+
+    @wp.func
+    def solve(fac: Factor, minv: MQ, jac: JR, scale: VR, mask: int, dv0: VQ, f2: VR, column: int):
         """dv = dv0 + M^-1 J' dlambda with J_i dv = f2_i in the rows that hold."""
         target = VR()
         moved = VR()
@@ -69,33 +81,46 @@ def make_coulomb_response(spec: Specialisation) -> SimpleNamespace:
         dv = dv0
         for i in range(fac.dense.count):
             dv += dlam[i] * response[i]
-        return dv
+        return dv, VR()
+
+    @wp.func
+    def agrees(fac: Factor, jac: JR, dv0: VQ, f2: VR, dv: VQ):
+        """Whether the rows that hold, more than bodies can follow, ask for the same."""
+        mode = fac.mode
+        row = fac.dense.row
+        a = fac.dense.a
+        size = ZERO
+        rest = ZERO
+        for i in range(fac.dense.count):
+            if mode[i] == wp.static(PRESS) or mode[i] == wp.static(STICK):
+                asked = f2[row[i]]
+                unit = wp.sqrt(a[i, i])
+                free = ZERO
+                left = -asked
+                for j in range(wp.static(s.nv)):
+                    free += wp.abs(jac[row[i], j] * dv0[j])
+                    left += jac[row[i], j] * dv[j]
+                size = wp.max(size, (wp.abs(asked) + free) / unit)
+                rest = wp.max(rest, wp.abs(left) / unit)
+        return rest <= ROUGH * size
 
     @wp.func(inline=False)
-    def refined(fac: Factor, minv: MQ, jac: JR, dv0: VQ, f2: VR):
+    def refined(fac: Factor, minv: MQ, jac: JR, scale: VR, mask: int, dv0: VQ, f2: VR, column: int):
         """dv, refined; not numbers where that does not end."""
-        dv = once(fac, jac, dv0, f2)
+        dv, rows = solve(fac, minv, jac, scale, mask, dv0, f2, column)
         before = VQ()
         way = int(wp.static(GO_ON))
         count = int(1)
         while way == wp.static(GO_ON):
-            better = once(fac, jac, dv, f2)
+            better, rows = solve(fac, minv, jac, scale, mask, dv, f2, column)
             by = better - dv
             dv = better
             way = refinement.judge(minv, dv0, dv, by, before, count)
             before = by
             count += 1
-        if way == wp.static(LOST):
-            dv, _rows = refinement.none()
-        return dv
-
-    @wp.func
-    def solve(fac: Factor, minv: MQ, jac: JR, scale: VR, mask: int, dv0: VQ, f2: VR, column: int):
-        if seldom(fac.near == 1):
-            if wp.static(method.fast):  # another kernel's
-                return refinement.none()
-            return refined(fac, minv, jac, dv0, f2), VR()
-        return once(fac, jac, dv0, f2), VR()
+        if way == wp.static(LOST) or not agrees(fac, jac, dv0, f2, dv):
+            dv, rows = refinement.none()
+        return dv, rows
 
     @wp.func
     def held(fac: Factor, jac: JR, p: VQ):
@@ -142,11 +167,10 @@ def make_coulomb_response(spec: Specialisation) -> SimpleNamespace:
             row = fac.dense.row
             mode = fac.mode
             free = out.p
-            own = VR()
+            reached, own = held(fac, p.jac, free)
             if seldom(fac.near == 1):
-                out.p, own = held_refined(fac, p.minv, p.jac, lam, target, free)
-            else:
-                out.p, own = held(fac, p.jac, free)
+                reached, own = held_refined(fac, p.minv, p.jac, lam, target, free)
+            out.p = reached
             for i in range(fac.dense.count):
                 out.rho[row[i]] = own[i]
                 if mode[i] == wp.static(RIGHT):
@@ -156,5 +180,12 @@ def make_coulomb_response(spec: Specialisation) -> SimpleNamespace:
         return out
 
     return SimpleNamespace(
-        Factor=Factor, factor=factor, solve=solve, dual=dual, complete=None, roots=False, scaled=False
+        Factor=Factor,
+        factor=factor,
+        solve=solve,
+        refined=refined,
+        dual=dual,
+        complete=None,
+        roots=False,
+        scaled=False,
     )

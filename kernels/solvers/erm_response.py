@@ -115,7 +115,7 @@ def make_erm_response(spec: Specialisation) -> SimpleNamespace:
         return wp.static(erm.substitute)(fac.root, left)
 
     @wp.func(inline=False)
-    def refined(fac: Factor, minv: MQ, jac: JR, dv0: VQ, rhs: VR):
+    def inverse_refined(fac: Factor, minv: MQ, jac: JR, dv0: VQ, rhs: VR):
         """H^-1 rhs, refined until dv0 - M^-1 J' of it stays; not numbers where it does not."""
         x = wp.static(erm.substitute)(fac.root, rhs)
         before = VQ()
@@ -133,10 +133,8 @@ def make_erm_response(spec: Specialisation) -> SimpleNamespace:
         return x
 
     @wp.func
-    def solved(fac: Factor, minv: MQ, jac: JR, dv0: VQ, rhs: VR):
+    def inverse(fac: Factor, minv: MQ, jac: JR, dv0: VQ, rhs: VR):
         """H^-1 rhs: of flat directions the proximal term would leave little right."""
-        if seldom(fac.near == 1):
-            return refined(fac, minv, jac, dv0, rhs)
         x = wp.static(erm.substitute)(fac.root, rhs)
         for _ in range(wp.static(REFINEMENTS)):
             x += wp.static(erm.substitute)(fac.root, rhs - fac.h * x)
@@ -159,25 +157,30 @@ def make_erm_response(spec: Specialisation) -> SimpleNamespace:
                 out.by_q[i, k] = value
         return out
 
-    @wp.func
-    def solve(fac: Factor, minv: MQ, jac: JR, scale: VR, mask: int, dv0: VQ, f2: VR, column: int):
-        """dv' of a column, from dv0 and -f2 = dJ v' + d(d/h)."""
-        rhs = VR()
-        f = VQ()
-        for i in range(wp.static(NR)):
-            dw = wp.static(r.dots[i])(jac, dv0) - f2[i]
-            rhs[i] = fac.scale[i] * fac.r_aw[i] * dw
-            f = wp.static(r.adds[i])(f, jac, fac.r_ww[i] * dw)
-        dp = minv * f
-        for i in range(wp.static(NR)):
-            rhs[i] = rhs[i] + wp.static(r.dots[i])(jac, dp)
-            if column < wp.static(NV):
-                rhs[i] = rhs[i] + fac.by_q[i, column]
-        dlam = -solved(fac, minv, jac, dv0, rhs)
-        f = VQ()
-        for i in range(wp.static(NR)):
-            f = wp.static(r.adds[i])(f, jac, dlam[i])
-        return dv0 + minv * f, VR()
+    def column_by(applied: wp.Function) -> wp.Function:
+        @wp.func
+        def solve(fac: Factor, minv: MQ, jac: JR, scale: VR, mask: int, dv0: VQ, f2: VR, column: int):
+            """dv' of a column, from dv0 and -f2 = dJ v' + d(d/h)."""
+            rhs = VR()
+            f = VQ()
+            for i in range(wp.static(NR)):
+                dw = wp.static(r.dots[i])(jac, dv0) - f2[i]
+                rhs[i] = fac.scale[i] * fac.r_aw[i] * dw
+                f = wp.static(r.adds[i])(f, jac, fac.r_ww[i] * dw)
+            dp = minv * f
+            for i in range(wp.static(NR)):
+                rhs[i] = rhs[i] + wp.static(r.dots[i])(jac, dp)
+                if column < wp.static(NV):
+                    rhs[i] = rhs[i] + fac.by_q[i, column]
+            dlam = -applied(fac, minv, jac, dv0, rhs)
+            f = VQ()
+            for i in range(wp.static(NR)):
+                f = wp.static(r.adds[i])(f, jac, dlam[i])
+            return dv0 + minv * f, VR()
+
+        return solve
+
+    solve, refined = column_by(inverse), column_by(inverse_refined)
 
     @wp.func
     def dual(fac: Factor, problem: Problem, lam: VR, z: VR, target: VQ):
@@ -187,8 +190,9 @@ def make_erm_response(spec: Specialisation) -> SimpleNamespace:
             rhs = VR()
             for i in range(wp.static(NR)):
                 rhs[i] = wp.static(r.dots[i])(problem.jac, out.p)
-            nu = solved(fac, problem.minv, problem.jac, out.p, rhs)
+            nu = inverse(fac, problem.minv, problem.jac, out.p, rhs)
             if seldom(fac.near == 1):
+                nu = inverse_refined(fac, problem.minv, problem.jac, out.p, rhs)
                 by = correction(fac, problem.minv, problem.jac, rhs, nu)
                 by_p = pushed(problem.minv, problem.jac, by)
                 if not refinement.carries(problem.jac, lam, target, by_p):
@@ -224,6 +228,7 @@ def make_erm_response(spec: Specialisation) -> SimpleNamespace:
         Factor=Factor,
         factor=factor,
         solve=solve,
+        refined=refined,
         dual=dual,
         complete=complete,
         roots=False,

@@ -11,8 +11,9 @@ changes with the problem. Another law is a file with these two factories, and it
     solve(factor, minv, jac, scale, mask, dv0, f2, column) -> dv', dz, where dv0 is the change of v' at fixed
         lambda, -f2 that of w by J and d/h, and column the number of what is changed, q first; called for
         every column, and so without the rest of the problem, which would be copied each time;
+    refined(...) -> the same of a factor whose `near` is 1, refined (`contact/refinement.py`);
     dual(factor, problem, lambda, z, target) -> Dual, the weights of `dual.py`;
-both not numbers where refinement finds none (`contact/refinement.py`), which Factor.near, 1, asks for;
+the last two not numbers where refinement finds none;
 with `scaled`, whether D enters; `roots`, whether z is the unknown, so that at fixed z lambda changes with D
 (then there is `transposed`, too, for second derivatives); and `complete`, or None: what a law adds to its
 factor that has a second form in the rows, of y and p for lambda and v':

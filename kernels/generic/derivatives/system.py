@@ -14,9 +14,10 @@ from ...factories import cached
 from ..linear.envelope import make_envelope
 from ..linear.lu import make_lu
 from ..newton import PROXIMAL, make_newton
-from ..topology import CONTACT, Topology
+from ..topology import Topology
 from ..work import ISLANDS, M33, V3, WORK, Island, Lanes, Slot, island
 from .many import make_many
+from .slips import make_slips
 from .tables import Share, Slopes
 from .vertex import make_vertex
 
@@ -38,18 +39,13 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
     moves. add(t, k, s, x, c): x += J_s' c. inverse(t, k, dof): (M^-1)_jj.
     """
     dtype = WORK
-    env, lu, many = make_envelope(), make_lu(), make_many()
+    env, lu, many, slips = make_envelope(), make_lu(), make_many(), make_slips()
     contacts = residual != "none"
     nt = make_newton(given, residual) if contacts else None
     vertex = make_vertex(given, residual) if residual == "hard" else None
     ONE, ZERO, HALF, YIELDS = dtype(1.0), dtype(0.0), dtype(0.5), dtype(YIELDING)
     TAU, SMALL, LEAST, MISSED = dtype(PROXIMAL), dtype(REFINED), dtype(NOISE), dtype(WRONG)
     FALLS = dtype(STEEP * STEEP)
-
-    @wp.func
-    def first_row(t: wp.ref[Topology], k: wp.ref[Slot], s: int):
-        """The first row of a contact's two."""
-        return wp.where(t.row_sign[k.row[s]] < 0, s - 1, s)
 
     @wp.func
     def add(t: wp.ref[Topology], k: wp.ref[Slot], s: int, x: wp.array(dtype=Lanes), c: Lanes):
@@ -105,7 +101,7 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
             j = k.jac[start + e]
             if wp.static(residual == "hard"):
                 if d.slides[b, r] == 1:
-                    j = column(k, s, e, 1, first_row(t, k, s))
+                    j = column(k, s, e, 1, slips.first_row(t, k, s))
             p = 3 * t.row_block[pattern + e]
             d.push[b, r] = d.push[b, r] + (j[0] * x[p] + j[1] * x[p + 1] + j[2] * x[p + 2])
 
@@ -119,13 +115,7 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
             k.slack[s] = e[3]
         if wp.static(residual == "hard"):
             vertex.walk(t, k, YIELDS)
-        for r in range(n):
-            s = d.row[b, r]
-            d.slides[b, r] = 0
-            if t.coulomb == 1 and t.row_kind[k.row[s]] == CONTACT and t.row_sign[k.row[s]] != 0:
-                first = first_row(t, k, s)
-                if k.lam[first] * k.lam[first + 1] == ZERO:
-                    d.slides[b, r] = 1
+        slips.mark(t, k, d, b, n)
 
     @wp.func
     def yields(k: wp.ref[Slot], d: Slopes, b: int, n: int):
@@ -158,7 +148,7 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
         for s in range(o.row, o.last_row):
             if k.acting[s] > 0:
                 weight = d.share[b, r][3]
-                first = first_row(t, k, s)
+                first = slips.first_row(t, k, s)
                 slides = d.slides[b, r]
                 count = k.entry[s + 1] - k.entry[s]
                 for one in range(count):

@@ -1,0 +1,62 @@
+"""A corner that several shapes share sticks with Coulomb's friction: its contacts stick together."""
+
+import math
+
+import numpy as np
+import pytest
+
+import slcp_warp as slcp
+from slcp_warp import Body, Contact, Scene, Shape
+
+MU, RADIUS, HALF, PEG = 0.6, 0.02, 0.2, 0.05
+CORNERS = tuple(Shape(f"corner{i}", "rod", "disc", RADIUS, offset=(-HALF, 0.0)) for i in range(3))
+SCENE = Scene(
+    "leaning_rod",
+    (Body("rod", 0.4, 0.4 * (2.0 * HALF) ** 2 / 12.0, joint="free"),),
+    (
+        *CORNERS,
+        Shape("side", "rod", "capsule", (RADIUS, HALF)),
+        Shape("floor", None, "halfplane", angle=0.5 * math.pi),
+        Shape("peg", None, "disc", PEG, offset=(0.0, 2.0 * PEG)),
+    ),
+    (*(Contact("floor", corner.name, MU) for corner in CORNERS), Contact("side", "peg", MU)),
+    step_size=0.01,
+)
+WORLDS = 300
+
+
+def leaning():
+    """Rods at rest with their corner on the floor; the line of the side goes past the peg, touching."""
+    angle = np.random.default_rng(3).uniform(0.25, 1.45, WORLDS)
+    x = np.zeros((WORLDS, 6))
+    x[:, 1], x[:, 2] = RADIUS + HALF * np.sin(angle), angle
+    x[:, 0] = -(PEG + RADIUS + (2.0 * PEG - x[:, 1]) * np.cos(angle)) / np.sin(angle)
+    return x
+
+
+def differences(sim, x):
+    """dx'/dx of every world by differences, and where one-sided ones along any direction are the same."""
+    more = np.concatenate([np.eye(6), np.random.default_rng(4).standard_normal((8, 6))])
+    ends = [(spacing, sign) for spacing in (1e-8, 2.5e-9) for sign in (1.0, -1.0)]
+    moved = np.concatenate([x[:, None] + sign * spacing * more for spacing, sign in ends], axis=1)
+    after = sim.step(moved.reshape(-1, 6))
+    assert (after.status == 0).all()
+    after = after.state.reshape(WORLDS, len(ends), len(more), 6) - sim.step(x).state[:, None, None]
+    slopes = after / np.array([spacing * sign for spacing, sign in ends])[:, None, None]
+    size = np.abs(slopes).max((1, 2, 3))
+    by_state = slopes[:, 0, :6]
+    linear = np.abs(slopes - np.einsum("kj,bji->bki", more, by_state)[:, None]).max((1, 2, 3)) < 3e-3 * size
+    return by_state.transpose(0, 2, 1), linear, size
+
+
+@pytest.mark.parametrize(("strategy", "least"), [("generic", 1.0), ("specialised", 0.7)])
+def test_where_the_step_is_differentiable_that_is_the_derivative(strategy, least):
+    sim = slcp.Simulator(SCENE, slcp.Options("hard", friction="coulomb"), device="cpu", strategy=strategy)
+    x = leaning()
+    found, linear, size = differences(sim, x)
+    stuck = np.abs(sim.step(x).state[:, 3:]).max(1) < 1e-9
+    assert 20 < (linear & stuck).sum() and linear.sum() < WORLDS
+    lin = sim.linearize(x)
+    solved = lin.status == 0
+    assert solved[linear].mean() >= least
+    assert (np.abs(lin.A - found).max((1, 2)) < 1e-4 * size)[linear & solved].all()
