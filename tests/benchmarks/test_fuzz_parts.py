@@ -9,6 +9,7 @@ from simulators import scene as named
 from sweeps import FINGER
 
 import slcp_warp as slcp
+from slcp_warp.kernels.generic.friction.direct import MANY
 from slcp_warp.kernels.generic.topology import items_first
 from slcp_warp.scripts.benchmarks.fuzz import case as cases
 from slcp_warp.scripts.benchmarks.fuzz import swept
@@ -47,6 +48,15 @@ def test_small_runs_of_the_parts_have_no_silent_failure(part, scene):
     }
     assert counts["worlds"] > 4 * 6 * task.steps / 3  # six methods; some worlds end before
     assert counts["SOLVED"] > 0.5 * counts["worlds"]
+
+
+@pytest.mark.full
+def test_a_small_run_of_towers_has_no_silent_failure():
+    task = Task(1, 0, "generic", residuals=("hard",), per_chunk=2, part="towers")
+    assert task.make_scene().structure.nb > MANY
+    tally = run_task(task)
+    assert [f for f in tally.failures if f.verdict in (SILENT, WRONG)] == []
+    assert sum(n for key, n in tally.counts.items() if key[-1] == "SOLVED") > 2 * 6
 
 
 def test_derivatives_of_the_common_kernels_are_compared():

@@ -16,6 +16,7 @@ from .structures import Size
 
 Rng = np.random.Generator
 MOST_ROWS = 140
+TOWER = (46, 71)  # boxes; from 46 blocks on an island is large (`kernels/generic/friction/passes.py`)
 SHIFTS = (0.0, 1e-6, 1e-3, 2e-2)  # standard deviations of positions [m, rad]
 TOUCH = 1e-3  # a pair this near touches [m]
 
@@ -41,6 +42,13 @@ def _drawn(rng: Rng) -> Scene:
     if kind == "boxes":
         return scenes.tumbling_boxes(int(rng.integers(2, 5)), walls, mu)
     return scenes.beam(int(rng.integers(3, 30)), bool(rng.random() < 0.5), mu)
+
+
+def random_tower(rng: Rng, name: str, size: Size) -> Scene:
+    """A stack of so many boxes that common kernels solve its friction as that of a large island."""
+    count = int(rng.integers(*TOWER))
+    masses = tuple(10.0 ** rng.uniform(-1.0, 1.0, count)) if rng.random() < 0.5 else 1.0
+    return replace(scenes.stack(count, masses=masses, friction=float(rng.uniform(0.0, 1.2))), name=name)
 
 
 def heap_worlds(rng: Rng, scene: Scene, worlds: int) -> Worlds:

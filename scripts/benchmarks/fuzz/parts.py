@@ -5,6 +5,7 @@
 - auto: mechanisms in which everything may touch everything, behind the broad phase where there are many
   pairs; followed for up to 30 steps;
 - heaps: stacks, heaps, boxes that tumble, beams on many supports, followed;
+- towers: stacks of 46 to 70 boxes, which are large islands, followed for fewer steps;
 - relay: rollouts by the specialised kernels without last resorts and those that make what they leave;
 - sweeps: `slcp.sweep` under a linear law and kicks, against a loop over steps;
 - derivatives: one step by the common kernels, of which A, B and gradients are compared with differences;
@@ -21,7 +22,7 @@ from slcp_warp import Scene
 from slcp_warp.options import Options
 
 from .draws import Worlds, decades, draw_worlds, single
-from .heaps import heap_worlds, random_heap
+from .heaps import heap_worlds, random_heap, random_tower
 from .structures import JOINTS, Size, random_auto, random_scene
 
 Rng = np.random.Generator
@@ -92,6 +93,7 @@ PARTS = {
     "rollouts": Part((99, 1), steps=FOLLOWED),
     "auto": Part((99, 2), random_auto, steps=(1, 30), strategies=("generic",)),
     "heaps": Part((99, 3), random_heap, heap_worlds, FOLLOWED, ("generic",)),
+    "towers": Part((99, 8), random_tower, heap_worlds, (3, 9), ("generic",)),
     "relay": Part((99, 4), steps=FOLLOWED, strategies=("relay",), wanted=_relayed),
     "sweeps": Part((99, 6), _swept, steps=FOLLOWED),
     "derivatives": Part((99, 7), strategies=("generic",)),
