@@ -241,12 +241,14 @@ class Problem:
         """Take other values of d/h."""
         self.free, self.rate = self.free + rate - self.rate, rate
 
-    def ease(self) -> None:
-        """Take overlaps for less by what rounding of lengths may have made of them. In J, too: what turns
-        both sides of a contact as one moves them along its surface alone, by the distance.
+    def ease(self, told: Array | None = None) -> None:
+        """Take overlaps for less by what rounding of lengths may have made of them, or for what they are
+        `told` to be (B, nr) [m] where that is not more. In J, too: what turns both sides of a contact as one
+        moves them along its surface alone, by the distance.
         """
         s = self.truth.s
-        self.rate = self.rate + np.clip(-self.rate, 0.0, GIVEN[self.dtype] * self.size)
+        most = self.rate + np.clip(-self.rate, 0.0, GIVEN[self.dtype] * self.size)
+        self.rate = most if told is None else np.clip(told / self.truth.h[:, None], self.rate, most)
         for i, row in enumerate(s.rows):
             if row.kind == "contact":
                 pair, tangent = s.pairs[row.index], self.tangent[i]

@@ -80,11 +80,14 @@ class Verdicts:
         return coulomb_solution(p, 0, acting, like=like, exact=exact) if self.trials >= 0 else False
 
     def _earn(self, i: int, prove: bool) -> None:
-        """Judge a large answer by the size of an independent solution, the least; with Coulomb's friction,
-        which may have several, by that of the nearest as well.
+        """Judge a large answer by overlaps that are less by a rounding, as its gaps say, or by the size of an
+        independent solution, the least; with Coulomb's friction, which may have several, by that of the
+        nearest as well.
         """
         if not prove:
             return self._set(i, UNPROVEN, "a large answer")
+        if self._holds_eased(i):
+            return None
         p = self.part(np.array([i]))
         if p.method.end_gap:  # the answer solves the problem with the gaps that it ends at
             x, nv = self.out.x[i : i + 1], p.truth.s.nv
@@ -109,6 +112,15 @@ class Verdicts:
         if again.worst("lenient")[0] > 1.0:
             self._set(i, SILENT, f"runaway {again.name(0)}")
         return None
+
+    def _holds_eased(self, i: int) -> bool:
+        """Whether world i holds on the scale of the data with overlaps eased as its gaps say: a rounding may
+        be much of a lever that all but vanishes, which opposed impulses press by.
+        """
+        p = self.part(np.array([i]))
+        p.ease(self.out.gap[i : i + 1])
+        with np.errstate(all="ignore"):
+            return bool(judge(p, self.out.part(i)).worst()[0] <= 1.0)
 
     def _is_runaway(self, p: Problem, i: int) -> bool:
         """Whether the answer is faster than what may still be called an opening, by what acts at v_free."""
