@@ -208,7 +208,7 @@ def make_vertex(given: type, residual: str) -> SimpleNamespace:
             moves = ZERO + ZERO
             for e in range(k.entry[r + 1] - k.entry[r]):
                 moves += wp.dot(wp.abs(k.jac[k.entry[r] + e]), wp.abs(k.v[t.row_block[k.pattern[r] + e]]))
-            if t.coulomb == 0 and k.acting[r] > 0 and moves > WORK(wp.static(RESTS)) * k.unit[r]:
+            if k.acting[r] > 0 and moves > WORK(wp.static(RESTS)) * k.unit[r]:
                 return int(0)
         most = follow(t, k, o)
         for r in range(o.row, o.last_row):
