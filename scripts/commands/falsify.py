@@ -24,8 +24,12 @@ def falsify_command(
     time: Annotated[
         float | None, typer.Option(help="Of the kick or push [s]; default: the task's, or 0.")
     ] = None,
-    body: Annotated[str | None, typer.Option(help="That is pushed; default: the scene's last.")] = None,
-    duration: Annotated[float, typer.Option(help="Of the push [s].")] = 0.1,
+    body: Annotated[
+        str | None, typer.Option(help="That is pushed; default: the task's, or the scene's last.")
+    ] = None,
+    duration: Annotated[
+        float | None, typer.Option(help="Of the push [s]; default: the task's, or 0.1.")
+    ] = None,
     most: Annotated[
         float | None, typer.Option(help="Largest size [standard deviations]; default: 32, then 256.")
     ] = None,

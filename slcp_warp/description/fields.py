@@ -32,10 +32,11 @@ class Fields:
         object.__setattr__(self.item, name, value)  # the classes are frozen
 
     def text(self, name: str, optional: bool = False) -> None:
-        """A name, not empty, or (optional) None."""
+        """A name, not empty, of printable characters, or (optional) None."""
         value, label = self._get(name)
-        if not (value is None and optional or isinstance(value, str) and value):
+        if not (value is None and optional or isinstance(value, str) and value and value.isprintable()):
             need = "a name, or None for the world," if optional else "a name"
+            need += " of printable characters" if isinstance(value, str) and value else ""
             raise SceneError(f"{label} is {shown(value)}; {need} is needed")
 
     def choice(self, name: str, choices: Sequence[str]) -> None:

@@ -2,14 +2,14 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
 
 from ..costs import NO_COST, Cost
 from ..description.scene import Scene
-from ..inputs.checks import array, instance, number, shown, whole
+from ..inputs.checks import array, instance, names, number, shown, whole
 from ..inputs.errors import ArgumentError, ArgumentTypeError
 from ..inputs.limits import limit_rows
 from ..inputs.times import nearest_steps
@@ -77,8 +77,8 @@ class Task(Printed):
     periods: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if not isinstance(self.name, str) or not self.name:
-            raise TaskError(f"Task.name is {shown(self.name)}; a text is needed")
+        if not (isinstance(self.name, str) and self.name and self.name.isprintable()):
+            raise TaskError(f"Task.name is {shown(self.name)}; a text of printable characters is needed")
         for name, kind, need in (
             ("scene", Scene, "a slcp_warp.Scene"),
             ("cost", Cost, "one of slcp_warp.costs"),
@@ -263,5 +263,10 @@ class Task(Printed):
         return picture.figure(self)
 
     def replace(self, **changes: Any) -> "Task":
-        """The same task with other fields."""
+        """The same task with other fields.
+
+        Raises:
+            TaskError: a field that a task has not got, or a value that it cannot have.
+        """
+        names("replace", tuple(changes), [each.name for each in fields(self)], error=TaskError)
         return replace(self, **changes)

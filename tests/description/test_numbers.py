@@ -179,6 +179,8 @@ def test_good_numbers_pass_all_doors_and_mean_the_same(tmp_path, name):
     ({"bodies": ()}, "bodies: scene 'good' has none"),
     ({"name": ""}, "name is ''; a name is needed"),
     ({"name": None}, "name is None; a name is needed"),
+    ({"name": "a\nb"}, r"name is 'a\\nb'; a name of printable characters is needed"),
+    ({"name": "a\ud800"}, "a name of printable characters is needed"),
 ])  # fmt: skip
 def test_a_scene_that_is_none(changes, words):
     with pytest.raises(slcp.SceneError, match=words):

@@ -20,6 +20,7 @@ from slcp_warp.ensembles.questions.rare.interval import freedom_of, island_inter
 from slcp_warp.ensembles.questions.rare.margin import Margin
 from slcp_warp.ensembles.questions.rare.numbers import Numbers
 from slcp_warp.ensembles.questions.rare.shells import Search
+from slcp_warp.ensembles.questions.rare.space import searched
 from slcp_warp.ensembles.questions.rare.splitting import Effort, Moves, StuckError, pilot, run_islands
 from slcp_warp.ensembles.statistics import share_interval
 
@@ -379,7 +380,8 @@ def test_shares_that_cannot_be_estimated(given, text):
         ({"body": "block"}, "body is 'block', and by is 'kick'; it is for push"),
         ({"at": (0.0, 0.1)}, "at is .* and by is 'kick'"),
         ({"by": "parameters", "time": 0.1}, "time is 0.1, and by is 'parameters'; it is for kick and push"),
-        ({"duration": float("nan")}, "duration is nan"),
+        ({"by": "push", "duration": float("nan")}, "duration is nan"),
+        ({"duration": 0.2}, "duration is 0.2, and by is 'kick'; it is for push"),
         ({"most": 0.0}, "most"),
         ({"task": task(disturbances=slcp.Disturbances()), "by": "start"}, "disturbs nothing of this kind"),
         ({"task": task(success=None)}, "has no success"),
@@ -389,3 +391,25 @@ def test_shares_that_cannot_be_estimated(given, text):
 def test_searches_that_cannot_be_made(given, text):
     with pytest.raises(slcp.InputError, match=text):
         slcp.falsify(given.pop("task", task()), plan(), device="cpu", **given)
+
+
+def test_a_searched_push_is_the_tasks_first_but_for_what_is_given():
+    weight = tuple(slcp.Normal(9.81 * body.mass) for body in SCENE.bodies)
+    pusher = [body.name for body in SCENE.bodies].index("pusher")
+    first = slcp.Push("pusher", 0.3, 0.2, (slcp.Normal(3.0), 0.0), at=(0.01, 0.0))
+    own = task(disturbances=slcp.Disturbances(pushes=(first, slcp.Push("block", 0.5, 0.1))))
+
+    def push(of=own, time=None, body=None, duration=None, at=None):
+        (found,) = searched(of, "push", time, body, duration, at).pushes
+        return found
+
+    assert push() == first
+    assert push(time=0.1) == replace(first, start=0.1) and push(at=(0.0, 0.02)) == replace(
+        first, at=(0.0, 0.02)
+    )
+    assert push(duration=0.4, body="pusher") == replace(first, duration=0.4)
+    other = push(body="block")
+    assert (other.body, other.start, other.duration) == ("block", 0.3, 0.2) and other.at is not None
+    assert other.force == (weight[1 - pusher],) * 2
+    none = push(task(disturbances=slcp.Disturbances()))
+    assert (none.body, none.start, none.duration) == (SCENE.bodies[-1].name, 0.0, 0.1)

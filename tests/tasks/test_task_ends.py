@@ -102,6 +102,10 @@ def test_costs_and_failures_that_cannot_be(tmp_path):
                         (m.state("block.z") > 1.0, "Task.failure: .*'block.z'")):  # fmt: skip
         with pytest.raises(slcp.InputError, match=text):
             task(failure=wrong)
+    for changes, text in (({"name": "two\nlines"}, "a text of printable characters"),
+                          ({"nmae": "x"}, r"replace names \['nmae'\]; choose from name, ")):  # fmt: skip
+        with pytest.raises(slcp.TaskError, match=text):
+            task().replace(**changes)
     with pytest.raises(slcp.TaskError, match="names 'failure_time', which every"):
         task(measures={"failure_time": m.final(0)})
     sim = slcp.Simulator(SCENE, dtype="float64", device="cpu")

@@ -40,8 +40,8 @@ def test_what_acts_on_the_host_is_held_alike(device):
 
 def test_a_search_keeps_the_mean_and_a_found_world_its_own():
     own = task(disturbances=slcp.Disturbances(kick_times=(0.3,), kick=0.1, **DRAWN))
-    assert searched(own, "kick", None, None, 0.1).delay == pytest.approx(0.04)
-    assert searched(own, "all", None, None, 0.1).delay == DRAWN["delay"]
+    assert searched(own, "kick", None, None, None).delay == pytest.approx(0.04)
+    assert searched(own, "all", None, None, None).delay == DRAWN["delay"]
     numbers = Numbers(own.simulator(device="cpu"), own, H)
     assert {"delay", "hold"} < set(numbers.names)
     world = numbers.worlds(np.full((1, numbers.dimension), -9.0))

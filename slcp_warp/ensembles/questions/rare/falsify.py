@@ -37,7 +37,7 @@ def falsify(
     *,
     time: float | None = None,
     body: str | None = None,
-    duration: float = 0.1,
+    duration: float | None = None,
     at: tuple[float, float] | None = None,
     options: Any = None,
     margin: Any = None,
@@ -67,8 +67,9 @@ def falsify(
             "start", "parameters", "all" that the task disturbs, or `Disturbances` of your own.
         time: of the kick or push [s]; None: the task's first, or 0.
         body: that is pushed; None: the task's first push's, or the scene's last.
-        duration: of the push [s].
-        at: the point that is pushed, in the body's frame [m]; None: the end of the body's first shape.
+        duration: of the push [s]; None: of the task's first push, or 0.1.
+        at: the point that is pushed, in the body's frame [m]; None: the task's first push's, if it is on this
+            body, or the end of the body's first shape.
         options: of the steps; None: the task's, of the hard problem.
         margin: as of `failure_share`.
         most: the largest size that is looked at [standard deviations]; None: 32, and 256 if nothing fails.

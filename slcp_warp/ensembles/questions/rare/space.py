@@ -12,6 +12,7 @@ from ....tasks.disturbances import Disturbances, Normal, Push, Uniform
 from ....tasks.task import Task
 
 KINDS = ("kick", "push", "start", "parameters", "all")
+PUSHED = 0.1  # [s], where nothing says for how long
 GRAVITY = 9.81  # [m/s^2]: forces are in weights of what is pushed
 
 
@@ -21,7 +22,7 @@ def without_noise(disturbances: Disturbances) -> Disturbances:
 
 
 def searched(
-    task: Task, by: Any, time: float | None, body: str | None, duration: float, point: Any = None
+    task: Task, by: Any, time: float | None, body: str | None, duration: float | None, point: Any = None
 ) -> Disturbances:
     """Disturbances of the kind `by`, or those that are given, with standard deviations as units of size.
 
@@ -30,19 +31,19 @@ def searched(
         by: one of `KINDS`, or `Disturbances` of the caller's own.
         time: of a kick or a push [s]; None: the task's first, or 0.
         body: that is pushed; None: the task's first, or the scene's last.
-        duration: of a push [s].
-        point: of a push, in the body's frame [m]; None: the end of the body's first shape.
+        duration: of a push [s]; None: of the task's first, or 0.1.
+        point: of a push, in the body's frame [m]; None: the task's first, if it is on this body, or the end
+            of the body's first shape.
 
     Raises:
         ArgumentError: a kind that the task has nothing of, times after the end, or what this kind has no use
             for.
     """
     own = task.disturbances
-    number("duration", duration, 0.0, above=True)
     of_kind = by if isinstance(by, str) else "Disturbances"
     _has_use("time", time, of_kind, ("kick", "push"))
-    _has_use("body", body, of_kind, ("push",))
-    _has_use("at", point, of_kind, ("push",))
+    for name, given in (("body", body), ("duration", duration), ("at", point)):
+        _has_use(name, given, of_kind, ("push",))
     if isinstance(by, Disturbances):
         return without_noise(by)
     if not isinstance(by, str):
@@ -96,17 +97,22 @@ def _kicks(task: Task) -> dict[str, Any]:
     return {name: Normal(float(sd)) for name, sd in zip(names, spread)}
 
 
-def _push(task: Task, time: float | None, body: str | None, duration: float, at: Any) -> Push:
-    """A force in any direction on a point of a body, in weights of the body."""
-    own = task.disturbances.pushes
-    if own and time is None and body is None:
-        return own[0]
-    names = [each.name for each in task.scene.bodies]
-    name = names[-1] if body is None else choice("body", body, names)
-    mass = next(each.mass for each in task.scene.bodies if each.name == name)
-    sd = float(mass) * GRAVITY
-    return Push(name, 0.0 if time is None else time, number("duration", duration, 0.0, above=True),
-                force=(Normal(sd), Normal(sd)), at=_end(task, name) if at is None else at)  # fmt: skip
+def _push(task: Task, time: float | None, body: str | None, duration: float | None, at: Any) -> Push:
+    """The task's first push with what is given of another, or a force in any direction, in weights of the
+    body that it pushes.
+    """
+    first, names = next(iter(task.disturbances.pushes), None), [each.name for each in task.scene.bodies]
+    name = names[-1] if first is None else first.body
+    name = name if body is None else choice("body", body, names)
+    push = first
+    if push is None or push.body != name:
+        sd = float(next(each.mass for each in task.scene.bodies if each.name == name)) * GRAVITY
+        start, lasts = (0.0, PUSHED) if first is None else (first.start, first.duration)
+        push = Push(name, start, lasts, force=(Normal(sd), Normal(sd)), at=_end(task, name))
+    if duration is not None:
+        push = replace(push, duration=number("duration", duration, 0.0, above=True))
+    push = push if time is None else replace(push, start=time)
+    return push if at is None else replace(push, at=at)
 
 
 def _end(task: Task, body: str) -> tuple[float, float] | None:
