@@ -114,7 +114,9 @@ def make_trapezoidal_gradient(spec: Specialisation) -> wp.Function:
         kv = wp.static(motion.motion_by_v)(world, start.pose, v, ONE)
         mass = wp.static(step.mass.matrix)(world, start.pose)
         e = mass + HALF * h * (kv + HALF * h * kq)
-        l = -wp.static(lu.solve)(wp.static(lu.factor)(wp.transpose(e)), target)
+        turned = wp.transpose(e)
+        factor = wp.static(lu.factor)(turned)
+        l = -wp.static(lu.refined)(turned, factor, target, wp.static(lu.solves)(turned, factor))
         yv = HALF * h * d
         yq = HALF * HALF * h * h * (d + TWO * v)
         b = minv * by_acceleration(world, start, l, yq)

@@ -11,6 +11,8 @@ from simulators import scene, simulator
 
 import slcp_warp as slcp
 from slcp_warp.gradients import launches
+from slcp_warp.scripts.benchmarks.fuzz.draws import Worlds
+from slcp_warp.scripts.benchmarks.fuzz.problem import Truth
 
 H = 0.05
 
@@ -187,3 +189,36 @@ def test_differences_agree_with_the_closed_form(device, monkeypatch):
             patch.setattr(launches, "in_closed_form", lambda method: False)
             got = sim.linearize(x, u, params, second=True).second
         assert relative(got, exact) < 1e-3
+
+
+def test_accelerations_of_a_stiff_spring_cost_no_digits_in_the_elimination():
+    """A body that rides on a sprung arm, up to 1e12 rad/s^2: in units of v', v' and its derivatives by state
+    are as right as a rounding of K_q, 1e-16 h^2 k/I of what it is added to, lets them be. v' was 50 times as
+    far off without refinement. Against the rule in extended precision.
+    """
+    arm = slcp.Body("arm", 1.0, 0.01, com=(0.2, 0.1), stiffness=1e3, rest=0.3)
+    puck = slcp.Body("puck", 0.5, 0.02, parent="arm", joint="free", anchor=(0.4, -0.1), com=(0.0, 0.05))
+    sc = slcp.Scene("puck_on_an_arm", (arm, puck), step_size=0.01)
+    sim = slcp.Simulator(sc, slcp.Options("hard", integrator="trapezoidal"), device="cpu")
+    worlds = 64
+    x, k = np.random.default_rng(0).standard_normal((worlds, 8)), np.zeros((worlds, 4))
+    k[:, 0] = np.tile(10.0 ** np.arange(3, 11), worlds // 8)
+
+    def reached(x):
+        numbers = {n: np.repeat(v[None], worlds, 0) for n, v in sc.default_parameters().items()}
+        numbers |= {"stiffness": k, "sigma": np.zeros((worlds, 0))}
+        truth = Truth(sc, Worlds(numbers, x, np.zeros((worlds, 0)), np.zeros(worlds, int)))
+        return truth.drive(np.zeros((worlds, 4))).free
+
+    params, true = sim.params.replace(stiffness=k), reached(x)
+    within = 2e-15 * (1.0 + 0.01**2 * k[:, 0] / 0.06)
+    step, linear = sim.step(x, None, params), sim.linearize(x, None, params)
+    assert (step.status == 0).all() and (linear.status == 0).all()
+    missed = np.abs(step.state[:, 4:] - true).max(1) / np.abs(true).max(1)
+    assert (missed < within).all()
+    e = 1e-6
+    for j, unit in enumerate(np.eye(8)):
+        slope = (8.0 * (reached(x + e * unit) - reached(x - e * unit))
+                 - (reached(x + 2 * e * unit) - reached(x - 2 * e * unit))) / (12.0 * e)  # fmt: skip
+        off = np.abs(linear.A[:, 4:, j] - slope).max(1) / np.abs(linear.A[:, 4:]).max((1, 2))
+        assert (off < 1e-6).all()
