@@ -21,7 +21,7 @@ class Step(Printed):
 
     Attributes:
         state: (B, nx) = (q', v').
-        impulse: (B, nr) lambda [N s, N m s].
+        impulse: (B, nr) lambda [N s, N m s]; 0 in worlds that are not SOLVED, whose state is the one before.
         gap: (B, nr) signed distance of every row before the step [m, rad].
         multiplier: (B, nr + 2 pairs) for `warm_start`.
         status: (B,) see `Status`.
