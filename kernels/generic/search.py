@@ -278,9 +278,15 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
 
     @wp.func
     def one_by_one(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
-        """Whether the active-set method of single exchanges has a solution, from which Newton's goes on."""
+        """Whether the active-set method of single exchanges has a solution, from which Newton's goes on: it
+        moves the bodies by the least that opens all rows, and its rows do not depend on each other, so that
+        no impulses are less.
+        """
         if wp.static(hard):
-            return t.coulomb == 0 and exact.find(t, k, o) == 1
+            if t.coulomb == 0 and exact.find(t, k, o) == 1:
+                for r in range(o.row, o.last_row):
+                    k.least[r] = k.lam[r]
+                return True
         return False
 
     @wp.func
