@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 import slcp_warp as slcp
+from slcp_warp import Body, Scene, Spring
+from slcp_warp.scripts.benchmarks.fuzz.draws import Worlds
 from slcp_warp.scripts.benchmarks.fuzz.judge import Outcome
 from slcp_warp.scripts.benchmarks.fuzz.problem import EPSILON, LOST_ROWS, Problem, Truth
 from slcp_warp.scripts.benchmarks.fuzz.proofs import coulomb_solution, least_motion
@@ -15,6 +17,7 @@ from slcp_warp.scripts.benchmarks.fuzz.tasks import Task
 from slcp_warp.scripts.benchmarks.fuzz.verdicts import SILENT, Verdicts
 from slcp_warp.scripts.benchmarks.mechanics.rational import rational, solve
 
+HARD = slcp.Options(residual="hard")
 PROMISE = {"float64": 1e-10, "float32": 2e-5}
 SEED, SCENES, EACH, WORLDS = 75, 30, 3, 12
 ACTING, NEAR = 5, 1e-4  # rows that are solved in fractions, and how far from open they are at most
@@ -176,3 +179,18 @@ def test_an_answer_is_right_for_the_overlap_that_it_took():
     assert sentence(took) == "holds"
     assert sentence(known) == SILENT and sentence(2.0 * known - took) == SILENT  # deeper than it is
     assert sentence(took, push=1.0 + 1e-4) == SILENT and sentence(took, speed=1.01) == SILENT
+
+
+def test_a_spring_at_right_angles_tells_what_rests_as_much_as_its_direction_rounds():
+    """k (l - L) cos in float32, where the cosine is 1e-6 +- 6e-8: v' is as far off by that, and no more."""
+    spring = Spring(None, "slider", stiffness=4.4e6, length=0.3, point_a=(-0.33, 0.38), point_b=(-0.33, 1.57))
+    scene = Scene("across", (Body("slider", 4.2, 0.1, joint="prismatic"),), springs=(spring,),
+                  gravity=(0.0, 0.0), step_size=0.0014)  # fmt: skip
+    x = np.array([[1.2e-6, 0.0]])
+    numbers = {name: value[None] for name, value in scene.default_parameters().items()}
+    pose = posed(scene, Worlds(numbers, x, np.zeros((1, 0)), np.zeros(1, int)), HARD.method, "float32")
+    p = pose(None)
+    kick = 4.4e6 * (1.19 - 0.3) * 0.0014 / p.drive.h_mass[0, 0, 0]  # of a cosine of 1
+    assert 0.5e-6 < np.abs(p.drive.free[0, 0]) / kick < 2e-6
+    for off, silent in ((0.0, False), (6e-8, False), (-2e-7, False), (6e-6, True), (-6e-6, True)):
+        assert is_silent(pose, p.drive.free[0] + off * kick, np.zeros(0)) == silent

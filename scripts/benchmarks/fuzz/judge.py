@@ -172,9 +172,10 @@ def _motion(p: Problem, v1: Array, lam: Array, like_v: Array, like_lam: Array) -
     hang = _closure((np.abs(drive.h_mass) > 0.0).any(0, keepdims=True))  # what one factor of H is of
     speed = _shared(root * (np.abs(truth.v) + np.abs(drive.free)), hang)
     lost = p.loose * drive.doubt + drive.guess
-    if p.method.trapezoidal:
+    if p.method.trapezoidal:  # at rest beside a stiff spring at right angles Euler's is all of the motion
         lost = lost + LEVER * p.shaken[:, None] / p.tolerance * root * speed
-    data = data + np.minimum(lost, MOST_LOSS / p.tolerance * root * speed)
+        lost = np.minimum(lost, MOST_LOSS / p.tolerance * root * speed)
+    data = data + lost
     data = data + np.einsum("bri,br->bi", p.bound, np.where(lam != 0.0, alone, 0.0))
     answer = np.einsum("bij,bj->bi", np.abs(drive.h_mass), np.abs(like_v))
     answer = data + answer + np.einsum("bri,br->bi", p.bound, np.abs(like_lam))
