@@ -49,6 +49,8 @@ def make_newton(spec: Specialisation) -> SimpleNamespace:
     ROUNDING = dtype(1e-15)  # of the impulses' own velocities, which cancel between heavy and light bodies
     WQ, bounded = wp.types.vector(s.nv, wp.float64), dtype is wp.float64
     ROUND, HIDDEN = wp.float64(1e-16 if bounded else 1.0), dtype(CANCELLED[dtype])
+    JACOBIAN = dtype(1.2e-8)  # of impulses: a rounding of J, 6e-8, may be 2e-5 of a row, CANCELLED is 4e-6
+    twins = tuple(i + (row.sign if row.kind == "contact" else 0) for i, row in enumerate(s.rows))
     MOST = dtype(1.0 if dtype is wp.float64 else 2.5)  # of a row's size, relative to the problem's
     DECREASE = dtype(1e-4)
     SHORTEST = dtype(0.05)
@@ -161,13 +163,16 @@ def make_newton(spec: Specialisation) -> SimpleNamespace:
     @wp.func
     def hidden(world: t.World, p: Problem, at: Point):
         # what the rounding of impulses against each other left in J v', where r, of the same v', does not see
-        # it: the error itself in float32, in float64 a bound of it; relative to a row's own terms and to what
-        # the rows that press, each by itself, do to it
+        # it: the error itself in float32, with what a rounding of J = J_n +- mu J_t makes of J' lambda, in
+        # float64 a bound of both; relative to a row's own terms and to what the rows that press, each by
+        # itself, do to it
         f = WQ()
         alone = VQ()
+        push = VQ()
         for i in range(wp.static(NR)):
             if (p.mask & wp.static(1 << i)) != 0:
                 j = wp.static(r.adds[i])(VQ(), p.jac, ONE)
+                twin = wp.static(r.adds[twins[i]])(VQ(), p.jac, ONE)
                 most = wp.max(-p.w0[i], ZERO)
                 if wp.static(not method.hard):
                     most += wp.static(noise.level[i])(world, p.sigma)
@@ -175,8 +180,11 @@ def make_newton(spec: Specialisation) -> SimpleNamespace:
                 for k in range(wp.static(s.nv)):
                     f[k] = f[k] + wp.static(weigh)(j[k]) * wp.static(weigh)(at.lam[i])
                     alone[k] = alone[k] + wp.abs(j[k]) * most
+                    if wp.static(not bounded):
+                        push[k] = push[k] + wp.max(wp.abs(j[k]), wp.abs(twin[k])) * at.lam[i]
         v = WQ()
         reach = VQ()
+        hit = VQ()
         for k in range(wp.static(s.nv)):
             reach[k] = wp.abs(p.vfree[k])
             if wp.static(not bounded):
@@ -184,6 +192,8 @@ def make_newton(spec: Specialisation) -> SimpleNamespace:
             for l in range(wp.static(s.nv)):
                 v[k] = v[k] + wp.static(weigh)(p.minv[k, l]) * f[l]
                 reach[k] = reach[k] + wp.abs(p.minv[k, l]) * alone[l]
+                if wp.static(not bounded):
+                    hit[k] = hit[k] + wp.abs(p.minv[k, l]) * push[l]
         worst = dtype(0.0)
         for i in range(wp.static(NR)):
             if (p.mask & wp.static(1 << i)) != 0:
@@ -196,6 +206,8 @@ def make_newton(spec: Specialisation) -> SimpleNamespace:
                     moved += wp.static(weigh)(j[k]) * v[k]
                     size += wp.abs(j[k]) * reach[k]
                 error = dtype(wp.abs(moved) * ROUND)
+                if wp.static(not bounded):
+                    error += JACOBIAN * wp.dot(wp.abs(j), hit)
                 size = wp.min(size, MOST * p.size)
                 if not (error <= worst * size):
                     worst = error / size

@@ -20,7 +20,7 @@ from ..mechanism.forces import make_forces
 from ..residual.noise import make_noise
 from ..solvers.law import law_of
 from ..specialisation import Specialisation
-from ..status import NOT_CONVERGED, SOLVED
+from ..status import NOT_CONVERGED
 from ..structure import layout
 from .solution import make_solution
 
@@ -29,12 +29,13 @@ MISSING = {wp.float64: 3e-12, wp.float32: 4e-6}  # of the terms of a coordinate'
 MOVED = {wp.float64: 1e-8, wp.float32: 1e-3}  # of the terms of J v' + d/h
 SHARED = 0.1  # of that where a row's error is every other row's, too
 REFINEMENTS = 4
+PASSES = {wp.float64: 2, wp.float32: 0}  # over hard rows, whose impulses have lost what A has
 
 
 @cached
 def make_balance(spec: Specialisation) -> SimpleNamespace:
     """loses: whether N has couplings at all; is_ill(n, minv): whether digits of v' may be missing; refined(
-    world, x, u, solution) -> v' and the status, of a solved step. Numbers that are none are left to others.
+    world, x, u, solution) -> the solution of a solved step. Numbers that are none are left to others.
     """
     s, dtype, method = spec
     law = law_of(method, s.nr)
@@ -43,10 +44,13 @@ def make_balance(spec: Specialisation) -> SimpleNamespace:
     Solution, split, t = solution.Solution, solution.split, solution.types
     MQ, VQ, VX, VU, H = t.MQ, t.VQ, t.VX, t.VU, layout(s).offset("step_size")
     LARGEST, ENOUGH = dtype(DIGITS[dtype]), dtype(MISSING[dtype])
+    ZERO = dtype(0.0)
     MOST = dtype((SHARED if law.weighs else 1.0) * MOVED[dtype])
     index = tuple(row.index if row.kind == "limit" else 0 for row in s.rows)
     coupled = tuple(tuple(s.coupled(i, j) or i == j for j in range(NV)) for i in range(NV))
     alone = tuple(sum(row) == 1 for row in coupled)
+    shut = method.hard and not method.end_gap
+    shuts = tuple(shut and (limit or not law.by_diagonal) for limit in rows.limit)
 
     @wp.func
     def pushed(push: VQ, sol: Solution):
@@ -80,30 +84,43 @@ def make_balance(spec: Specialisation) -> SimpleNamespace:
         return miss, large
 
     @wp.func
-    def astray(world: t.World, sol: Solution, v: VQ, pushes: VQ, fast: VQ):
-        """Whether J v' + d/h of a row is not what it was solved for, A_ii lambda - z or D lambda - z, beside
-        velocities of size `fast`; `pushes`: J' lambda.
+    def astray(world: t.World, sol: Solution, pushes: VQ, fast: VQ):
+        """The solution, and whether J v' + d/h of a row is not what it was solved for, A_ii lambda - z or D
+        lambda - z, beside velocities of size `fast`; `pushes`: J' lambda. Hard rows that press, but for
+        Coulomb's two, are shut again by impulses of their own first, one by one.
         """
-        out = bool(False)
-        for i in range(wp.static(s.nr)):
-            if (sol.mask & wp.static(1 << i)) != 0:
-                terms = wp.abs(sol.rate[i])
-                if wp.static(rows.limit[i]):
-                    terms += fast[wp.static(index[i])]
-                else:
-                    terms += wp.dot(wp.abs(sol.jac[i]), fast)
-                if wp.static(not method.hard):
-                    terms += wp.static(noise.level[i])(world, sol.sigma)
-                response = wp.static(rows.applies[i])(sol.minv, sol.jac)
-                w = wp.static(rows.dots[i])(sol.jac, v) + sol.rate[i]
-                if wp.static(method.end_gap):  # whose d/h in the end is not kept
-                    w -= sol.rate[i] + wp.static(rows.dots[i])(sol.jac, sol.vfree) + wp.dot(response, pushes)
-                elif wp.static(law.by_diagonal):
-                    w -= wp.static(rows.dots[i])(sol.jac, response) * sol.lam[i] - sol.z[i]
-                else:
-                    w -= sol.scale[i] * sol.lam[i] - sol.z[i]
-                out = out or wp.abs(w) > MOST * terms
-        return out
+        out = sol
+        lost = bool(False)
+        passes = int(0)
+        while passes <= wp.static(PASSES[dtype]):
+            for i in range(wp.static(s.nr)):
+                if (sol.mask & wp.static(1 << i)) != 0:
+                    terms = wp.abs(sol.rate[i])
+                    if wp.static(rows.limit[i]):
+                        terms += fast[wp.static(index[i])]
+                    else:
+                        terms += wp.dot(wp.abs(sol.jac[i]), fast)
+                    if wp.static(not method.hard):
+                        terms += wp.static(noise.level[i])(world, sol.sigma)
+                    response = wp.static(rows.applies[i])(sol.minv, sol.jac)
+                    speed = wp.static(rows.dots[i])(sol.jac, out.v)
+                    w = speed + sol.rate[i]
+                    own = wp.static(rows.dots[i])(sol.jac, response)
+                    if wp.static(method.end_gap):  # whose d/h in the end is not kept
+                        w = speed - wp.static(rows.dots[i])(sol.jac, sol.vfree) - wp.dot(response, pushes)
+                    elif wp.static(shuts[i]):
+                        if not (sol.lam[i] > ZERO):
+                            w = wp.min(w, ZERO)
+                        elif passes < wp.static(PASSES[dtype]) and wp.abs(w) <= MOST * terms:
+                            out.lam[i] = wp.max(out.lam[i] - w / own, ZERO)
+                            out.v = out.v - (w / own) * response
+                    elif wp.static(law.by_diagonal):
+                        w -= own * sol.lam[i] - sol.z[i]
+                    else:
+                        w -= sol.scale[i] * sol.lam[i] - sol.z[i]
+                    lost = lost or wp.abs(w) > MOST * terms
+            passes += 1
+        return out, lost
 
     @wp.func
     def refined(world: t.World, x: VX, u: VU, sol: Solution):
@@ -114,19 +131,24 @@ def make_balance(spec: Specialisation) -> SimpleNamespace:
         if wp.static(method.trapezoidal):
             v = sol.vfree
             push = VQ()
-        total, size = pushed(push, sol)
-        reached = sol.v
-        miss, large = missing(n, v, reached, total, size)
-        status = int(wp.static(SOLVED))
-        if large:
+        out = sol
+        lost = bool(False)
+        large = bool(False)
+        rounds = int(0)
+        while rounds < 2:  # impulses that shut rows again move v' by a response that has lost digits, too
+            total, size = pushed(push, out)
+            miss, large = missing(n, v, out.v, total, size)
             left = int(wp.static(REFINEMENTS))
             while large and left > 0:
-                reached = reached + sol.minv * miss
-                miss, large = missing(n, v, reached, total, size)
+                out.v = out.v + out.minv * miss
+                miss, large = missing(n, v, out.v, total, size)
                 left -= 1
-        if large or astray(world, sol, reached, total - push, wp.abs(v) + wp.abs(sol.vfree)):
-            status = wp.static(NOT_CONVERGED)
-        return reached, status
+            if rounds == 0:
+                out, lost = astray(world, out, total - push, wp.abs(v) + wp.abs(out.vfree))
+            rounds += 1
+        if large or lost:
+            out.status = wp.static(NOT_CONVERGED)
+        return out
 
     @wp.func
     def is_ill(n: MQ, minv: MQ):

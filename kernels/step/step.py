@@ -74,9 +74,7 @@ def make_step(spec: Specialisation, exact_gap: int) -> SimpleNamespace:
                 if wp.static(method.fast):  # left to what makes the steps that the fast methods leave
                     out.status = wp.static(NOT_CONVERGED)
                 else:
-                    reached, status = refined(world, x, u, out)
-                    out.v = reached
-                    out.status = status
+                    out = refined(world, x, u, out)
         return out
 
     @wp.func

@@ -16,6 +16,7 @@ from ..linear.lu import make_lu
 from ..newton import PROXIMAL, make_newton
 from ..topology import Topology
 from ..work import ISLANDS, M33, V3, WORK, Island, Lanes, Slot, island
+from .asked import make_asked
 from .many import make_many
 from .slips import make_slips
 from .tables import Share, Slopes
@@ -39,7 +40,7 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
     moves. add(t, k, s, x, c): x += J_s' c. inverse(t, k, dof): (M^-1)_jj.
     """
     dtype = WORK
-    env, lu, many, slips = make_envelope(), make_lu(), make_many(), make_slips()
+    env, lu, many, slips, asks = make_envelope(), make_lu(), make_many(), make_slips(), make_asked()
     contacts = residual != "none"
     nt = make_newton(given, residual) if contacts else None
     vertex = make_vertex(given, residual) if residual == "hard" else None
@@ -279,8 +280,8 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
                 out = int(-1)
         return out
 
-    @wp.func
-    def solve(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, n: int):
+    @wp.func(inline=False)
+    def refined(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, n: int):
         known = d.known[b]
         side = d.side[b]
         found = d.found[b]
@@ -332,6 +333,14 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
             more += 1
             since += 1
         return int(1)
+
+    @wp.func
+    def solve(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, n: int):
+        asked, free = asks.told(t, k, d, b, n)
+        good = refined(t, k, d, b, n)
+        if good == 1:
+            good = asks.suffices(t, k, d, b, asked, free)
+        return good
 
     @wp.func
     def response(t: wp.ref[Topology], k: wp.ref[Slot], s: int):

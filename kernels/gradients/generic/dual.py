@@ -11,6 +11,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from ...factories import cached
+from ...generic.derivatives.asked import FAR
 from ...generic.derivatives.system import NOISE, SLOW, WRONG, make_system
 from ...generic.linear.lu import make_lu
 from ...generic.topology import Topology
@@ -154,19 +155,26 @@ def make_dual(given: type, residual: str) -> SimpleNamespace:
 
     @wp.func
     def carries(t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View], rows: wp.array(dtype=int), n: int):
-        """1 if the impulses, which J's slopes are multiplied by, leave the last change small."""
+        """1 if the impulses, which J's slopes are multiplied by, leave the last change small, and no row's
+        weight is far beyond the target.
+        """
         size = ZERO + ZERO
         for i in range(t.blocks):
             for part in range(3):
                 size = wp.max(size, wp.abs(w.target[i][part]))
         moved = ZERO + ZERO
+        most = ZERO + ZERO
         for n_th in range(n):
             r = rows[n_th]
             for e in range(k.entry[r + 1] - k.entry[r]):
                 change = wp.cw_mul(k.jac[k.entry[r] + e], k.move[t.row_block[k.pattern[r] + e]])
+                weight = k.p[r] / k.scale[r] * wp.abs(w.y[r]) * wp.abs(k.jac[k.entry[r] + e])
                 for part in range(3):
                     moved = wp.max(moved, k.lam[r] * wp.abs(change[part]))
-        return wp.where(moved <= WORK(wp.static(CARRIED)) * size, 1, 0)
+                    most = wp.max(most, weight[part])
+        return wp.where(
+            moved <= WORK(wp.static(CARRIED)) * size and most <= WORK(wp.static(FAR)) * size, 1, 0
+        )
 
     @wp.func
     def weights(t: wp.ref[Topology], k: wp.ref[Slot], room: wp.ref[Room], w: wp.ref[View], b: int):
