@@ -85,7 +85,7 @@ def index_of(label: str, which: int | str, names: Sequence[str]) -> int:
     if isinstance(which, str):
         if which in names:
             return names.index(which)
-        raise ArgumentError(f"{label} is {shown(which)}; {_some(which, names)}")
+        raise ArgumentError(f"{label} is {shown(which)}; {some(which, names)}")
     if isinstance(which, bool) or not isinstance(which, int):
         raise ArgumentTypeError(f"{label} is {shown(which)}; a name or a whole number is needed")
     if not 0 <= which < len(names):
@@ -105,7 +105,7 @@ def turned(pair: str) -> str:
     return "/".join(pair.split("/")[::-1])
 
 
-def _some(which: str, names: Sequence[str]) -> str:
+def some(which: str, names: Sequence[str]) -> str:
     """What there is: all names, or those that are like one that is not among many."""
     if len(names) <= FEW:
         return f"there are {', '.join(names) or 'none'}"

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import pytest
 from test_task_sweep import SCENE, task
 
 import slcp_warp as slcp
@@ -28,3 +29,15 @@ def test_a_searched_push_is_the_tasks_first_but_for_what_is_given():
     assert other.force == (weight[1 - pusher],) * 2
     none = push(task(disturbances=slcp.Disturbances()))
     assert (none.body, none.start, none.duration) == (SCENE.bodies[-1].name, 0.0, 0.1)
+
+
+def test_of_many_parts_an_error_names_those_that_are_like_it():
+    shapes = [slcp.Shape(f"disc{i}", f"disc{i}", "disc", 0.1) for i in range(12)]
+    bodies = [slcp.Body(f"disc{i}", 1.0, 0.01, joint="free") for i in range(12)]
+    scene = slcp.Scene("discs", tuple(bodies), tuple(shapes), contacts="auto", friction=0.3)
+    with pytest.raises(
+        slcp.InputError, match=r"there are 66, disc\d+/disc\d+.friction and .* like it"
+    ) as found:
+        slcp.Task("many", scene, duration=1.0,
+                  disturbances=slcp.Disturbances(parameters={"disc1/disk2.friction": 0.1}))  # fmt: skip
+    assert len(str(found.value)) < 300

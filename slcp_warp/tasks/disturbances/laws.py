@@ -10,7 +10,7 @@ from slcp_warp.kernels.ensembles.draws import LAWS
 from slcp_warp.kernels.structure import layout
 
 from ...description.acting import BUILT, OF_DOFS, OF_SHAPES, acting, parts_of
-from ...description.names import turned
+from ...description.names import some, turned
 from ...description.scene import Scene
 from ...inputs.checks import shown
 from ...inputs.errors import ArgumentError
@@ -206,8 +206,8 @@ def _places(scene: Scene, key: str) -> list[int]:
     rows = [i for i, owner in enumerate(parts) if owner in wanted or owner.startswith(part + ".")]
     rows = rows or [i for i, each in enumerate(exact) if each in wanted]  # of one end of a capsule
     if not rows:
-        there = ", ".join(f"{owner}.{name}" for owner in parts) or "none of a part"
-        raise ArgumentError(f"Disturbances.parameters names {key!r}; there are {there}")
+        known = list(dict.fromkeys(f"{owner}.{name}" for owner in parts))
+        raise ArgumentError(f"Disturbances.parameters names {key!r}; {some(key, known)}")
     numbers = range(width) if component is None else (component,)
     return [start + width * row + i for row in rows for i in numbers]
 
