@@ -51,6 +51,7 @@ def make_balance(spec: Specialisation) -> SimpleNamespace:
     alone = tuple(sum(row) == 1 for row in coupled)
     shut = method.hard and not method.end_gap
     shuts = tuple(shut and (limit or not law.by_diagonal) for limit in rows.limit)
+    ROUNDS = 2 if any(shuts) and PASSES[dtype] else 1
 
     @wp.func
     def pushed(push: VQ, sol: Solution):
@@ -135,7 +136,7 @@ def make_balance(spec: Specialisation) -> SimpleNamespace:
         lost = bool(False)
         large = bool(False)
         rounds = int(0)
-        while rounds < 2:  # impulses that shut rows again move v' by a response that has lost digits, too
+        while rounds < wp.static(ROUNDS):  # shut rows move v' by a response that has lost digits, too
             total, size = pushed(push, out)
             miss, large = missing(n, v, out.v, total, size)
             left = int(wp.static(REFINEMENTS))
