@@ -64,21 +64,32 @@ def make_mechanism_derivatives(s: Structure, dtype: type, trapezoidal: bool) -> 
 
     body_jacobians = tuple(make_body(b) for b in range(NB))
 
-    def make_acceleration(b: int) -> wp.Function:
+    def make_given(b: int) -> wp.Function:
         @wp.func
-        def acceleration(world: t.World, jac: J2, w: VQ, weights: VQ, h: dtype):
-            """J w + h (perp J s - g - F/m): the centre's change of velocity less what forces on it give."""
+        def given(world: t.World, h: dtype):
+            """-h (g + F/m), what gravity and forces on the body take from its centre's change of velocity."""
             x = -h * world.params[wp.static(GRAVITY)]
             y = -h * world.params[wp.static(GRAVITY + 1)]
-            for k in range(wp.static(NV)):
-                if wp.static(s.in_chain(b, k)):
-                    x += jac[0, k] * w[k] - h * jac[1, k] * weights[k]
-                    y += jac[1, k] * w[k] + h * jac[0, k] * weights[k]
             if world.pushed == 1:
                 share = h / world.params[wp.static(MASS + b)]
                 x -= share * world.external[wp.static(3 * b)]
                 y -= share * world.external[wp.static(3 * b + 1)]
             return t.V2(x, y)
+
+        return given
+
+    givens = tuple(make_given(b) for b in range(NB))
+
+    def make_acceleration(b: int) -> wp.Function:
+        @wp.func
+        def acceleration(world: t.World, jac: J2, w: VQ, weights: VQ, h: dtype):
+            """J w + h (perp J s - g - F/m): the centre's change of velocity less what forces on it give."""
+            out = wp.static(givens[b])(world, h)
+            for k in range(wp.static(NV)):
+                if wp.static(s.in_chain(b, k)):
+                    out[0] = out[0] + jac[0, k] * w[k] - h * jac[1, k] * weights[k]
+                    out[1] = out[1] + jac[1, k] * w[k] + h * jac[0, k] * weights[k]
+            return out
 
         return acceleration
 
@@ -86,29 +97,49 @@ def make_mechanism_derivatives(s: Structure, dtype: type, trapezoidal: bool) -> 
 
     @wp.func
     def motion_by_q(world: t.World, pose: t.Pose, w: VQ, v: VQ, h: dtype):
-        """d/dq_k of (M w - h r)_j at constant w and v; with h = 0: of (M w)_j."""
+        """d/dq_k of (M w - h r)_j at constant w and v; with h = 0: of (M w)_j.
+
+        Where k moves j's body with all that is deeper, it turns force and direction alike: what is above k is
+        left, and what would cancel is not computed.
+        """
         out = MQ()
         for b in range(wp.static(NB)):
             mass = world.params[wp.static(MASS + b)]
             jac = wp.static(body_jacobians[b])(pose.jacobians)
             weights = wp.static(mech.bias_weights[b])(v)
             acc = wp.static(accelerations[b])(world, jac, w, weights, h)
-            pw = wp.static(second[b])(jac, w)
-            ps = wp.static(second[b])(jac, weights)
+            above = wp.static(givens[b])(world, h)
             gravity_free = h == ZERO
             if gravity_free:
                 acc = jac * w
+                above = t.V2()
+            pw = wp.static(second[b])(jac, w)
+            ps = wp.static(second[b])(jac, weights)
+            turned_w = ZERO
+            turned_s = ZERO
             for k in range(wp.static(NV)):
-                bx = pw[0, k] - h * ps[1, k]
-                by = pw[1, k] + h * ps[0, k]
-                for j in range(wp.static(NV)):
-                    if wp.static(both[b][j][k]):
-                        value = jac[0, j] * bx + jac[1, j] * by
-                        if wp.static(rev[min(j, k)]):
-                            value += (
-                                jac[0, wp.static(max(j, k))] * acc[1] - jac[1, wp.static(max(j, k))] * acc[0]
+                if wp.static(both[b][k][k]):
+                    cx = jac[0, k]
+                    cy = jac[1, k]
+                    for j in range(wp.static(NV)):
+                        if wp.static(both[b][j][k] and j >= k):
+                            value = turned_w * (jac[1, j] * cx - jac[0, j] * cy)
+                            value -= h * turned_s * (jac[0, j] * cx + jac[1, j] * cy)
+                            if wp.static(rev[k]):
+                                value += jac[0, j] * above[1] - jac[1, j] * above[0]
+                            out[j, k] = out[j, k] + mass * value
+                        if wp.static(both[b][j][k] and j < k):
+                            value = jac[0, j] * (pw[0, k] - h * ps[1, k]) + jac[1, j] * (
+                                pw[1, k] + h * ps[0, k]
                             )
-                        out[j, k] = out[j, k] + mass * value
+                            if wp.static(rev[j]):
+                                value += cx * acc[1] - cy * acc[0]
+                            out[j, k] = out[j, k] + mass * value
+                    above[0] = above[0] + cx * w[k] - h * cy * weights[k]
+                    above[1] = above[1] + cy * w[k] + h * cx * weights[k]
+                    if wp.static(rev[k]):
+                        turned_w += w[k]
+                        turned_s += weights[k]
         for j in range(wp.static(NV)):
             if wp.static(j in s.sprung):
                 out[j, j] = out[j, j] + h * world.params[wp.static(STIFFNESS + j)]

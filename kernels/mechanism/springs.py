@@ -21,7 +21,8 @@ def make_spring(s: Structure, index: int, dtype: type) -> SimpleNamespace:
     """Warp functions of spring `index`; the derivatives add to what they are given. They are of -r with a
     share of the stiffness, and the damper seeing y: of -h r with share = h, y = h v.
 
-    span(world, frames, y, share) -> Span: what all are made of; rounding(L) = eps, of slope SHORT.
+    span(world, frames, y, share) -> Span: what all are made of; rounding(L) = eps, of slope SHORT. apart: of
+    which coordinates l is a function; those that move both ends as one would only leave roundings of k.
     """
     kin = make_kinematics(s, dtype)
     t = kin.types
@@ -39,6 +40,7 @@ def make_spring(s: Structure, index: int, dtype: type) -> SimpleNamespace:
     rev = tuple(kind == REVOLUTE for kind in s.dof_kind)
     chain_a = tuple(s.in_chain(a, j) for j in range(NV))
     chain_b = tuple(s.in_chain(b, j) for j in range(NV))
+    apart = tuple(one != two for one, two in zip(chain_a, chain_b))
 
     def make_point(body: int, column: int) -> wp.Function:
         @wp.func
@@ -86,10 +88,11 @@ def make_spring(s: Structure, index: int, dtype: type) -> SimpleNamespace:
         out.jb = wp.static(jac_b)(world, fr, pb[0], pb[1])
         m = ZERO
         for j in range(wp.static(NV)):
-            slope = out.delta[0] * (out.jb[0, j] - out.ja[0, j])
-            slope += out.delta[1] * (out.jb[1, j] - out.ja[1, j])
-            out.a[j] = slope
-            m += slope * y[j]
+            if wp.static(apart[j]):
+                slope = out.delta[0] * (out.jb[0, j] - out.ja[0, j])
+                slope += out.delta[1] * (out.jb[1, j] - out.ja[1, j])
+                out.a[j] = slope
+                m += slope * y[j]
         k = share * world.params[wp.static(K)]
         c = world.params[wp.static(C)]
         rest = world.params[wp.static(L)]
@@ -112,12 +115,13 @@ def make_spring(s: Structure, index: int, dtype: type) -> SimpleNamespace:
         sb = wp.static(second_b)(e.jb, y)
         dy = e.jb * y - e.ja * y
         for k in range(wp.static(NV)):
-            out[k] = (
-                dy[0] * (e.jb[0, k] - e.ja[0, k])
-                + dy[1] * (e.jb[1, k] - e.ja[1, k])
-                + e.delta[0] * (sb[0, k] - sa[0, k])
-                + e.delta[1] * (sb[1, k] - sa[1, k])
-            )
+            if wp.static(apart[k]):
+                out[k] = (
+                    dy[0] * (e.jb[0, k] - e.ja[0, k])
+                    + dy[1] * (e.jb[1, k] - e.ja[1, k])
+                    + e.delta[0] * (sb[0, k] - sa[0, k])
+                    + e.delta[1] * (sb[1, k] - sa[1, k])
+                )
         return out
 
     @wp.func
@@ -140,15 +144,16 @@ def make_spring(s: Structure, index: int, dtype: type) -> SimpleNamespace:
         for k in range(wp.static(NV)):
             for i in range(wp.static(NV - k)):
                 l = wp.static(k + i)
-                value = (e.jb[0, k] - e.ja[0, k]) * (e.jb[0, l] - e.ja[0, l])
-                value += (e.jb[1, k] - e.ja[1, k]) * (e.jb[1, l] - e.ja[1, l])
-                if wp.static(rev[k]):
-                    in_a = wp.static(chain_a[k] and chain_a[k + i])
-                    in_b = wp.static(chain_b[k] and chain_b[k + i])
-                    p = across(e.ja, e.jb, l, in_a, in_b)
-                    value += e.delta[0] * p[0] + e.delta[1] * p[1]
-                out[k, l] = value
-                out[l, k] = value
+                if wp.static(apart[k] and apart[k + i]):
+                    value = (e.jb[0, k] - e.ja[0, k]) * (e.jb[0, l] - e.ja[0, l])
+                    value += (e.jb[1, k] - e.ja[1, k]) * (e.jb[1, l] - e.ja[1, l])
+                    if wp.static(rev[k]):
+                        in_a = wp.static(chain_a[k] and chain_a[k + i])
+                        in_b = wp.static(chain_b[k] and chain_b[k + i])
+                        p = across(e.ja, e.jb, l, in_a, in_b)
+                        value += e.delta[0] * p[0] + e.delta[1] * p[1]
+                    out[k, l] = value
+                    out[l, k] = value
         return out
 
     @wp.func
@@ -161,18 +166,19 @@ def make_spring(s: Structure, index: int, dtype: type) -> SimpleNamespace:
         for k in range(wp.static(NV)):
             for i in range(wp.static(NV - k)):
                 l = wp.static(k + i)
-                value = (sb[0, k] - sa[0, k]) * (e.jb[0, l] - e.ja[0, l])
-                value += (sb[1, k] - sa[1, k]) * (e.jb[1, l] - e.ja[1, l])
-                value += (sb[0, l] - sa[0, l]) * (e.jb[0, k] - e.ja[0, k])
-                value += (sb[1, l] - sa[1, l]) * (e.jb[1, k] - e.ja[1, k])
-                if wp.static(rev[k]):
-                    in_a = wp.static(chain_a[k] and chain_a[k + i])
-                    in_b = wp.static(chain_b[k] and chain_b[k + i])
-                    p = across(e.ja, e.jb, l, in_a, in_b)
-                    r = across(sa, sb, l, in_a, in_b)
-                    value += dy[0] * p[0] + dy[1] * p[1] + e.delta[0] * r[0] + e.delta[1] * r[1]
-                out[k, l] = value
-                out[l, k] = value
+                if wp.static(apart[k] and apart[k + i]):
+                    value = (sb[0, k] - sa[0, k]) * (e.jb[0, l] - e.ja[0, l])
+                    value += (sb[1, k] - sa[1, k]) * (e.jb[1, l] - e.ja[1, l])
+                    value += (sb[0, l] - sa[0, l]) * (e.jb[0, k] - e.ja[0, k])
+                    value += (sb[1, l] - sa[1, l]) * (e.jb[1, k] - e.ja[1, k])
+                    if wp.static(rev[k]):
+                        in_a = wp.static(chain_a[k] and chain_a[k + i])
+                        in_b = wp.static(chain_b[k] and chain_b[k + i])
+                        p = across(e.ja, e.jb, l, in_a, in_b)
+                        r = across(sa, sb, l, in_a, in_b)
+                        value += dy[0] * p[0] + dy[1] * p[1] + e.delta[0] * r[0] + e.delta[1] * r[1]
+                    out[k, l] = value
+                    out[l, k] = value
         return out
 
     @wp.func
@@ -227,4 +233,5 @@ def make_spring(s: Structure, index: int, dtype: type) -> SimpleNamespace:
         span=span,
         rounding=rounding,
         SHORT=SHORT,
+        apart=apart,
     )

@@ -40,6 +40,7 @@ def make_stiff_spring(s: Structure, index: int, dtype: type) -> SimpleNamespace:
     second_a, second_b = make_second(s, a, dtype), make_second(s, b, dtype)
     rev = tuple(kind == REVOLUTE for kind in s.dof_kind)
     chain_a, chain_b = (tuple(s.in_chain(body, j) for j in range(NV)) for body in (a, b))
+    apart = spring.apart
 
     @wp.func
     def shares(e: spring.Span, rest: dtype):
@@ -98,6 +99,10 @@ def make_stiff_spring(s: Structure, index: int, dtype: type) -> SimpleNamespace:
         out += g[1] * wp.outer(e.a, wp.static(spring.bend)(e, y))
         out += TWO * wp.outer(g[2] * (wp.transpose(d) * dy) + (g[3] * ay) * e.a, e.a)
         out = turned(e.ja, e.jb, g[0] * dy, out)
+        for m in range(wp.static(NV)):
+            for j in range(wp.static(NV)):
+                if wp.static(not apart[m]):
+                    out[j, m] = ZERO
         return total + (share * k) * out
 
     @wp.func
@@ -121,6 +126,10 @@ def make_stiff_spring(s: Structure, index: int, dtype: type) -> SimpleNamespace:
         out += cross + wp.transpose(cross)
         out += (TWO * (g[2] * both + g[3] * ap * ay)) * wp.static(spring.second)(e)
         out += (FOUR * (g[4] * both + g[5] * ap * ay)) * wp.outer(e.a, e.a)
+        for m in range(wp.static(NV)):
+            for j in range(wp.static(NV)):
+                if wp.static(not (apart[j] and apart[m])):
+                    out[j, m] = ZERO
         return total + (share * k) * out
 
     return SimpleNamespace(types=t, spring=spring, matrix=matrix, by_q=by_q, hessian=hessian, shares=shares)

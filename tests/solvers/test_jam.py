@@ -2,6 +2,7 @@
 What is SOLVED obeys the law on the scale of the data, and what has no solution says so: by trying all modes.
 """
 
+import dataclasses
 import functools
 import math
 
@@ -14,6 +15,8 @@ from simulators import NUMPY, WIDTH, numbers, rounded
 
 import slcp_warp as slcp
 from slcp_warp import Body, Contact, Scene, Shape
+from slcp_warp.scripts.benchmarks.fuzz.judged import judged
+from slcp_warp.scripts.benchmarks.fuzz.tasks import Task
 
 COULOMB = slcp.Options(residual="hard", friction="coulomb")
 ROUND = {wp.float64: 2e-14, wp.float32: 1e-6}  # of a gap [m]
@@ -201,13 +204,15 @@ def wheels(scene, rng, count):
 
 @pytest.mark.slow
 def test_a_limit_far_away_is_no_measure_of_a_jam():
-    """Its d/h of 5,000 rad/s made all that a contact misses small: nearly a solution, so never JAMMED."""
+    """Its d/h of 5,000 rad/s made all that a contact misses small: nearly a solution, so never JAMMED. Where
+    modes fit to roundings of impulses of 5,000 times the data, single precision knows of no jam.
+    """
     scene, sim = wheel(), simulator("wheel", wp.float32)
     x, changes = wheels(scene, np.random.default_rng(3), 400)
     status = sim.step(x.astype(np.float32), None, sim.params.replace(**changes)).status
     jammed = np.flatnonzero(status == slcp.Status.JAMMED)
-    assert len(jammed) > 100 and (status == slcp.Status.NOT_CONVERGED).mean() < 0.02
-    some = jammed[::12]
+    assert len(jammed) > 60 and (status == slcp.Status.NOT_CONVERGED).mean() < 0.15
+    some = jammed[::8]
     for mass, jac, free, rate, mu, _ in posed(
         scene, wp.float32, x[some], {k: v[some] for k, v in changes.items()}
     ):
@@ -219,3 +224,19 @@ def test_what_presses_may_free_what_is_jammed_without_it():
     """Rows join as they come within reach: a jam of some is none before all are in the system."""
     truth, status, _ = verdicts("gantry", wp.float64, "specialised", 4000)
     assert (status[truth == "solvable"] == slcp.Status.SOLVED).all()
+
+
+@pytest.mark.slow
+def test_what_takes_impulses_of_30_000_times_the_data_is_no_jam():
+    """Three bodies of one tree wedged by springs of up to 3e7 N/m: in double precision it has a solution. Its
+    own modes miss by a rounding of such impulses in single precision, which proves nothing.
+    """
+    task = Task(90010, 29, "specialised")
+    scene, ((options, dtype),) = task.make_scene(), task.methods()
+    chunk, place = divmod(1950, task.per_chunk)
+    one = task.worlds(chunk, scene).part([place])
+    shaken = one.x * (1.0 + 1e-4 * np.random.default_rng(5).standard_normal((60, one.x.shape[1])))
+    worlds = dataclasses.replace(one.part(np.zeros(60, int)), x=shaken.astype(np.float32).astype(float))
+    sim = slcp.Simulator(scene, options, device="cpu", dtype=dtype, strategy="specialised")
+    found = judged(worlds, sim)[0]
+    assert dtype == "float32" and set(found.verdict) <= {"holds", "status"}
