@@ -55,6 +55,19 @@ def test_differences_do_not_judge_across_a_kink():
         assert trusted[0] == sure and (not sure or error[0] < 1e-6)
 
 
+def test_differences_see_a_ripple_that_long_steps_step_over():
+    """The slope is 1,001 at 0, but 1,000 to all steps above 1e-5, which agree."""
+    steps = np.array(STEPS)[:, None, None]
+
+    def ripple(x):
+        return 1e3 * x + x * np.exp(-((x / 3e-6) ** 2))
+
+    up, down = ripple(steps) / steps, ripple(-steps) / -steps
+    for slope, right in ((1001.0, True), (1000.5, False)):
+        error, trusted = compare(np.full((1, 1), slope), up, down)
+        assert trusted[0] and (error[0] < 1e-5) == right
+
+
 @pytest.mark.slow
 def test_the_predicted_push_knows_no_stiff_springs():
     """Impulses act through M in the trapezoidal method, in Euler's beside h^2 K/2: predicted by Euler's, the

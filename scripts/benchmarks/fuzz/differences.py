@@ -31,9 +31,10 @@ def compare(exact: Array, up: Array, down: Array) -> tuple[Array, Array]:
     apart = np.abs(np.diff(tried, axis=0)) / size[:, None]
     apart = np.where(np.isfinite(apart), apart, np.inf)
     best = apart.argmin(0)[None]
-    value = np.take_along_axis(tried, best + 1, 0)[0]
     unsure = np.take_along_axis(apart, best, 0)[0]
-    error = np.abs(exact - value) / size[:, None]
+    missed = np.abs(exact - tried) / size[:, None]
+    longer = np.arange(len(tried))[:, None, None] <= best
+    error = np.where(longer | ~np.isfinite(missed), np.inf, missed).min(0)
     bent = np.abs(up - down)[2:4] / size[:, None]
     kinked = ((bent[1] > KINK) & (bent[1] > STAYS * bent[0])).any(1)
     trusted = (unsure < AGREE).all(1) & ~kinked
