@@ -123,8 +123,10 @@ def make_mechanism_derivatives(s: Structure, dtype: type, trapezoidal: bool) -> 
                     cy = jac[1, k]
                     for j in range(wp.static(NV)):
                         if wp.static(both[b][j][k] and j >= k):
-                            value = turned_w * (jac[1, j] * cx - jac[0, j] * cy)
-                            value -= h * turned_s * (jac[0, j] * cx + jac[1, j] * cy)
+                            value = ZERO
+                            if wp.static(any(both[b][i][k] and rev[i] for i in range(k))):
+                                value += turned_w * (jac[1, j] * cx - jac[0, j] * cy)
+                                value -= h * turned_s * (jac[0, j] * cx + jac[1, j] * cy)
                             if wp.static(rev[k]):
                                 value += jac[0, j] * above[1] - jac[1, j] * above[0]
                             out[j, k] = out[j, k] + mass * value
