@@ -49,7 +49,7 @@ def simulate_command(
     device: Device = None,
     dtype: Dtype = "float64",
 ) -> None:
-    """Simulate worlds of a task or a scene and save states, controls, impulses and gaps."""
+    """Simulate worlds of a task or a scene and save states, controls, impulses and gaps; exit 1 if all fail."""
     path = prepared(out)
     if task is None:
         sim = make_simulator(named_scene(scene), rules, device, dtype)
@@ -71,3 +71,5 @@ def simulate_command(
         typer.echo(f"slcp: {line}", err=True)
     console.print(summary(run))
     wrote(path)
+    if not (run.recorded("status") == slcp.Status.SOLVED).any():
+        raise typer.Exit(1)

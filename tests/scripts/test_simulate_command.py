@@ -24,10 +24,11 @@ def test_simulate_says_what_overlaps_where_a_world_fails(tmp_path):
     file, out = tmp_path / "held.json", tmp_path / "held.npz"
     slcp.save_scene(held, file)
     given = ("simulate", "--scene", file, "--steps", 3, "--residual", "hard", "--device", "cpu", "--out", out)
-    lines = call(*given).stderr.splitlines()
+    lines = call(*given, code=1).stderr.splitlines()
     start = next(line for line in lines if line.startswith("slcp: the start overlaps: "))
     assert all(f"b{side}/disc by 0.09" in start for side in ("01", "12", "23", "30"))
     failed = next(line for line in lines if line.startswith("slcp: world 0 is INFEASIBLE in step 1 of 3; "))
     assert failed.count("/disc by 0.09") == 3 and failed.endswith("and 5 more")
+    assert out.exists()
     apart = call(*given, "--start", "0,0,0,2,0,0,0,0,0,0,0,0").stderr
     assert "overlaps" not in apart
