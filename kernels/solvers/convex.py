@@ -35,7 +35,7 @@ def make_solver(spec: Specialisation) -> wp.Function:
     ZERO, HALF, UNUSED = dtype(0.0), dtype(0.5), dtype(COLD)
     RANK = dtype(1e-14 if dtype is wp.float64 else 1e-6)
     CERTIFICATE = dtype(1e-18 if dtype is wp.float64 else 1e-11)  # a square: tells 1:1e6 in mass from zero
-    SPEED = dtype(1e6 if dtype is wp.float64 else 1e3)  # opens nothing, relative to the problem's
+    SPEED = dtype(1e6 if dtype is wp.float64 else 1e5)  # opens nothing, relative to the problem's
 
     def make_couple(first: int) -> wp.Function:
         @wp.func
@@ -100,19 +100,25 @@ def make_solver(spec: Specialisation) -> wp.Function:
     @wp.func
     def proves_infeasible(p: Problem, y: VR):
         # Farkas: y >= 0, J'y = 0, y.w0 = y.d/h < 0 proves that no velocity opens the rows; where J'y is not
-        # quite 0, that no velocity below SPEED times the problem's does
+        # quite 0, that none below SPEED times the problem's does, neither its energy nor a coordinate
         f = VQ()
         length = ZERO
         work = ZERO
         smallest = ZERO + UNUSED
+        lever = ZERO + UNUSED
         for i in range(wp.static(NR)):
             if (p.mask & wp.static(1 << i)) != 0:
                 length += y[i] * y[i] * p.diag[i]
                 work += y[i] * p.w0[i]
                 smallest = wp.min(smallest, p.diag[i])
+                row = wp.abs(wp.static(r.adds[i])(VQ(), p.jac, wp.static(dtype(1.0))))
+                lever = wp.min(lever, wp.max(row))
                 f = wp.static(r.adds[i])(f, p.jac, y[i])
         left = wp.dot(f, p.minv * f)
-        moves = SPEED * p.size * wp.sqrt(left / smallest)
+        pull = ZERO
+        for j in range(wp.static(s.nv)):
+            pull += wp.abs(f[j])
+        moves = SPEED * p.size * wp.max(wp.sqrt(left / smallest), pull / lever)
         return work < -moves and left <= CERTIFICATE * length
 
     @wp.func

@@ -25,7 +25,7 @@ PERTURBATION = 1e-10
 SMALLEST_PIVOT = 1e-11
 PER_CONTACT = 4  # c, b+, b-, g
 STEPS_PER_UNKNOWN = 12
-SPEED = {wp.float64: 1e6, wp.float32: 1e3}  # that opens nothing, relative to the problem's
+SPEED = {wp.float64: 1e6, wp.float32: 1e5}  # that opens nothing, relative to the problem's
 
 
 @cached
