@@ -31,12 +31,16 @@ def around_kernel(inner: PolicyKernel, between: Between, timed: bool = False) ->
 
 @cached
 def make_around(inner: PolicyKernel, between: Between, nx: int, nu: int, dtype: type) -> PolicyFunctions:
-    """Kept are the policy's memory, the control that is held, and those on their way, the oldest first."""
+    """Kept are the policy's memory, the control that is held, those on their way, the oldest first, and the
+    step after the last one in which it was asked: another hold around it may not ask in every step.
+    """
     asked = make_policy(inner, nx, nu, dtype)
     Inner, Inside = asked.Struct, wp.types.vector(max(asked.size, 1), dtype)
     DELAY, HELD = between.delay, asked.size
     WAY = HELD + (nu if between.holds else 0)
-    SIZE = max(1, WAY + DELAY * nu)
+    FOLLOWS = WAY + DELAY * nu
+    COUNTS = between.holds or DELAY > 0
+    SIZE = max(1, FOLLOWS + COUNTS)
     VX, VU = wp.types.vector(nx, dtype), wp.types.vector(max(nu, 1), dtype)
     Memory = wp.types.vector(SIZE, dtype)
     normal, limited = make_normal(dtype).normal, make_limits(nu, dtype)
@@ -69,10 +73,25 @@ def make_around(inner: PolicyKernel, between: Between, nx: int, nu: int, dtype: 
         return out
 
     @wp.func
+    def later(data: Around, memory: Memory):
+        """What is on the way, one step nearer; behind it what was sent last."""
+        out = memory
+        for d in range(DELAY - 1):
+            if d < data.delay - 1:
+                for i in range(nu):
+                    out[WAY + d * nu + i] = memory[WAY + (d + 1) * nu + i]
+        return out
+
+    @wp.func
     def control(data: Around, world: int, step: int, x: VX, memory: Memory):
         after = memory
         u = VU()
-        if step % data.hold == 0:
+        follows = step  # the step after the last one in which this was asked, or 0
+        if wp.static(COUNTS):
+            follows = int(memory[FOLLOWS])
+            after[FOLLOWS] = dtype(step + 1)
+        asks = follows == 0 or step // data.hold != (follows - 1) // data.hold
+        if asks:
             inside = Inside()
             for j in range(HELD):
                 inside[j] = memory[j]
@@ -81,17 +100,20 @@ def make_around(inner: PolicyKernel, between: Between, nx: int, nu: int, dtype: 
                 after[j] = inside[j]
         if wp.static(between.holds):
             for i in range(nu):
-                if step % data.hold != 0:
+                if not asks:
                     u[i] = memory[HELD + i]
                 after[HELD + i] = u[i]
         if wp.static(DELAY > 0):
             if data.delay > 0:
+                for _step in range(wp.min(step - follows, data.delay)):  # in which nobody asked
+                    after = later(data, after)
+                arriving = VU()
                 for i in range(nu):
-                    arriving = memory[WAY + i]
-                    for d in range(DELAY - 1):
-                        after[WAY + d * nu + i] = memory[WAY + (d + 1) * nu + i]
+                    arriving[i] = after[WAY + i]
+                after = later(data, after)
+                for i in range(nu):
                     after[WAY + (data.delay - 1) * nu + i] = u[i]
-                    u[i] = arriving
+                u = arriving
         return limited(data.lower, data.upper, u), after
 
     return PolicyFunctions(Around, control, SIZE, start)

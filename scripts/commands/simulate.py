@@ -49,7 +49,7 @@ def simulate_command(
     device: Device = None,
     dtype: Dtype = "float64",
 ) -> None:
-    """Simulate worlds of a task or a scene and save states, controls, impulses and gaps; exit 1 if all fail."""
+    """Simulate worlds of a task or scene and save states, controls, impulses and gaps; exit 1 if all fail."""
     path = prepared(out)
     if task is None:
         sim = make_simulator(named_scene(scene), rules, device, dtype)

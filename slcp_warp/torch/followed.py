@@ -76,7 +76,9 @@ class FollowedLinear:
 
 
 class FollowedAround:
-    """Another policy behind a noisy sensor, a hold, a delay and limits; memory: of it, held, on the way."""
+    """Another policy behind a noisy sensor, a hold, a delay and limits; memory: the step after the one in
+    which it was asked last, what is held, what is on the way, the other's.
+    """
 
     def __init__(self, policy: Around, inner: Followed, sim: Simulator, like: Tensor) -> None:
         self.inner, self.delay, self.hold, self.seed = inner, policy.delay, policy.hold, policy.seed
@@ -90,7 +92,7 @@ class FollowedAround:
     def start(self, x: Tensor) -> Memory:
         """See `Followed`."""
         zeros = x.new_zeros((len(x), self._sim.nu))
-        return (zeros,) * (1 + self.delay) + self.inner.start(self._seen(0, x))
+        return (x.new_zeros(()), *(zeros,) * (1 + self.delay), *self.inner.start(self._seen(0, x)))
 
     def _seen(self, k: int, x: Tensor) -> Tensor:
         if not self._noisy:
@@ -103,13 +105,16 @@ class FollowedAround:
 
     def __call__(self, k: int, x: Tensor, memory: Memory) -> tuple[Tensor, Memory]:
         """See `Followed`."""
-        held, way, inside = memory[0], memory[1 : 1 + self.delay], memory[1 + self.delay :]
-        if k % self.hold == 0:
+        follows, (last, *way), inside = int(memory[0]), memory[1 : 2 + self.delay], memory[2 + self.delay :]
+        held = last
+        if not follows or k // self.hold != (follows - 1) // self.hold:
             held, inside = self.inner(k, self._seen(k, x), inside)
-        u, way = (*way, held)[0], (*way, held)[1:]  # the oldest arrives
+        for _ in range(min(k - follows, self.delay)):  # steps in which nobody asked
+            way = [*way[1:], last]
+        u, *way = (*way, held)  # the oldest arrives
         if self._bounded:
             u = torch.clamp(u, *self._limits)
-        return u, (held, *way, *inside)
+        return u, (x.new_tensor(k + 1), held, *way, *inside)
 
 
 def innermost(policy: Any) -> Any:

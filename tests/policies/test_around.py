@@ -48,10 +48,23 @@ def test_delay_hold_and_limits_around_a_policy_that_remembers(device, strategy, 
     assert (run.controls[:, :delay] == 0.0).all() and (run.controls == 5.5).any()
 
 
-def test_one_around_another(device):
-    policy = policies.Around(policies.Around(policies.Linear(K, GOAL, FORCE), delay=1), hold=4)
-    inner = in_between(lambda k, x: FORCE + (x - GOAL) @ K.T, 1, 1, (-np.inf, np.inf))
-    same_as_by_hand(loose(device), policy, in_between(inner, 0, 4, (-np.inf, np.inf)))
+@pytest.mark.parametrize("inside, around", [((1, 1), (0, 4)), ((6, 1), (0, 4)), ((2, 2), (1, 3))])
+def test_one_around_another(device, inside, around):
+    """Delay and hold are steps, also where what is around them asks in some only: what was sent acts in the
+    first of these that is not before its time.
+    """
+    between = [dict(zip(("delay", "hold"), numbers)) for numbers in (inside, around)]
+    policy = policies.Around(policies.Around(policies.Linear(K, GOAL, FORCE), **between[0]), **between[1])
+    sent = [(-1, np.zeros((len(STARTS), 1)))]  # by the inner one, and when it acts
+
+    def inner(k, x):
+        last = sent[-1][0] - inside[0]
+        if len(sent) == 1 or k // inside[1] > last // inside[1]:
+            u = FORCE + (x - GOAL) @ K.T
+            sent.append((k + inside[0], u))
+        return [u for when, u in sent if when <= k][-1]
+
+    same_as_by_hand(loose(device), policy, in_between(inner, *around, (-np.inf, np.inf)))
 
 
 def seen(noise, hold=1, seed=0, device="cpu", worlds=100):

@@ -135,6 +135,23 @@ def test_around_a_network_and_around_linear_feedback(device):
     same_gradients(sim, policies.Around(feedback, delay=1), ask, x0, mass, weight, [])
 
 
+def test_around_what_lies_around(device):
+    """A delay of 2 steps that is asked in every third one: what it was sent the last time has arrived."""
+    sim, (x0, mass, weight) = pendulum(device), leaves(device)
+    gain, offset = (torch.tensor(a, device=device, requires_grad=True) for a in (GAIN, OFFSET))
+    kept, sent = None, [torch.zeros((len(STARTS), 1), dtype=x0.dtype, device=device)]
+
+    def ask(k, x):
+        nonlocal kept
+        if k % 3 == 0:
+            u, kept = law(k, x, kept, gain, offset)
+            sent.append(u)
+        return sent[-2]
+
+    policy = policies.Around(policies.Around(function(), delay=2), hold=3)
+    same_gradients(sim, policy, ask, x0, mass, weight, [gain, offset], {"gain": gain, "offset": offset})
+
+
 def test_noise_of_a_sensor_is_what_the_kernel_saw(device):
     """Differences of the whole rollout: its noise does not change with the start."""
     sim, (x0, _, weight) = pendulum(device), leaves(device)
