@@ -36,6 +36,7 @@ def make_solver(spec: Specialisation) -> wp.Function:
     RANK = dtype(1e-14 if dtype is wp.float64 else 1e-6)
     CERTIFICATE = dtype(1e-18 if dtype is wp.float64 else 1e-11)  # a square: tells 1:1e6 in mass from zero
     SPEED = dtype(1e6 if dtype is wp.float64 else 1e5)  # opens nothing, relative to the problem's
+    LIGHTER = dtype(1e3)  # than the rest is a coordinate by up to the square of this
 
     def make_couple(first: int) -> wp.Function:
         @wp.func
@@ -118,7 +119,8 @@ def make_solver(spec: Specialisation) -> wp.Function:
         pull = ZERO
         for j in range(wp.static(s.nv)):
             pull += wp.abs(f[j])
-        moves = SPEED * p.size * wp.max(wp.sqrt(left / smallest), pull / lever)
+        energy = wp.sqrt(left / smallest)
+        moves = SPEED * p.size * wp.max(energy, wp.min(pull / lever, LIGHTER * energy))
         return work < -moves and left <= CERTIFICATE * length
 
     @wp.func
