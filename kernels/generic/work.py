@@ -62,7 +62,7 @@ class Slot:
     z: wp.array(dtype=WORK)
     best_z: wp.array(dtype=WORK)
     lam: wp.array(dtype=WORK)
-    least: wp.array(dtype=WORK)  # lambda where rows yield
+    least: wp.array(dtype=WORK)  # lambda where rows yield; the step's own where derivatives hold a vertex
     a: wp.array(dtype=WORK)  # D lambda > 0
     w: wp.array(dtype=WORK)  # J v' + d/h > 0
     res: wp.array(dtype=WORK)  # J v' + d/h - w

@@ -82,3 +82,27 @@ def test_where_contacts_of_one_corner_exclude_each_other_there_is_no_derivative(
     assert 10 < (found.status == 0).sum() < 40 and size[found.status == 0].max() < 1e4
     pulled = slcp.vjp(sim, x, u[:, None], np.ones((len(x), 2, 8))).x0
     assert np.isnan(pulled[found.status != 0]).all() or np.nanmax(np.abs(pulled)) < 1e5
+
+
+@pytest.mark.parametrize("strategy", ["generic", "specialised"])
+def test_what_shares_a_sliding_corner_has_its_own_part_of_the_gradient_by_friction(strategy):
+    """Of which pair the friction changes tells what force there is: that of the impulses that the step has."""
+    sim = slcp.Simulator(SCENE, slcp.Options("hard", friction="coulomb"), device="cpu", strategy=strategy)
+    x = leaning()
+    x[:, 3] = np.linspace(0.5, 2.0, len(x))
+    x = x[(sim.step(x).contact_impulse[:, :3, 0] > 1e-3).all(1)][:40]  # all three carry
+    assert len(x) == 40
+    weight = np.random.default_rng(5).standard_normal(x.shape)
+    by = np.zeros((len(x), 2, 6))
+    by[:, 1] = weight
+    found = slcp.vjp(sim, x, np.zeros((len(x), 1, sim.nu)), by, parameters=("friction",)).parameters["friction"]
+    ends = []
+    for pair in range(4):
+        for spacing in (1e-6, -1e-6):
+            mu = sim.params["friction"].copy()
+            mu[pair] += spacing
+            after = sim.step(x, params=sim.params.replace(friction=mu))
+            ends.append((weight * after.state).sum(1))
+    slopes = (np.array(ends[::2]) - ends[1::2]).T / 2e-6
+    assert np.median(np.abs(slopes[:, :3])) > 1e-3
+    np.testing.assert_allclose(found, slopes, rtol=0, atol=1e-6 * np.abs(slopes).max())

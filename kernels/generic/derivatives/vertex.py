@@ -35,7 +35,7 @@ LEFT = 1e-14  # of an impulse that another one's walk uses up at the same place
 @cached
 def make_vertex(given: type, residual: str) -> SimpleNamespace:
     """walk(t, k, yielding): k.lam, k.p and k.slack of a basic solution; those of rows that do not depend on
-    others are left as they are. Uses k.factor, k.dz, k.weight, k.divisor and k.move.
+    others are left as they are. k.least is what k.lam was. Uses k.factor, k.dz, k.weight, k.divisor, k.move.
     """
     nt = make_newton(given, residual)
     ZERO, HALF, ONE = WORK(0.0), WORK(0.5), WORK(1.0)
@@ -271,6 +271,8 @@ def make_vertex(given: type, residual: str) -> SimpleNamespace:
     @wp.func
     def walk(t: wp.ref[Topology], k: wp.ref[Slot], yielding: WORK):
         open(t, k)
+        for r in range(k.count[wp.static(ROWS)]):
+            k.least[r] = k.lam[r]
         for i in range(k.count[wp.static(ISLANDS)]):
             walk_island(t, k, island(k, i), yielding)
 

@@ -16,7 +16,7 @@ from ...structure import WORLD
 from .dual import make_dual
 from .motion import make_motion
 from .room import DUAL, NEW, ROW, Room, View
-from .touch import Sum, make_touch
+from .touch import Sum, Touch, make_touch
 
 
 @cached
@@ -106,6 +106,17 @@ def make_rows(given: type, residual: str) -> SimpleNamespace:
             scaled(t, s, k, w, k.row[r], kappa)
 
     @wp.func
+    def shared(t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View], pair: int, g: Touch, start: int, end: int):
+        """The slope by mu of the impulses along t that the step has and the vertex has not."""
+        more = WORK(0.0)
+        for r in range(start, end):
+            if k.acting[r] > 0:
+                more -= WORK(t.row_sign[k.row[r]]) * (k.least[r] - k.lam[r])
+        if more == ZERO:
+            return ZERO
+        return more * touch.slip(t, k, w, pair, g, wp.static(DUAL))
+
+    @wp.func
     def pair_part(
         t: wp.ref[Topology],
         s: wp.ref[Groups],
@@ -150,6 +161,9 @@ def make_rows(given: type, residual: str) -> SimpleNamespace:
             y = touch.include(t, k, w, pair, g, set, wp.where(by_v, opens, presses), along_t * mu, along_t, y)
         gap = gap / number(t, k, H, 0)
         by_friction = touch.settle(t, room.disc, k, w, pair, g, gap, y)
+        if wp.static(hard):
+            if t.coulomb == 1:  # mu moves no gap: what rows that depend on each other share stays as it is
+                by_friction += shared(t, k, w, pair, g, start, end)
         add(t, w, FRICTION, pair, by_friction)
 
     @wp.func

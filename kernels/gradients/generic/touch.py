@@ -49,8 +49,9 @@ class Sum:
 
 @cached
 def make_touch(given: type, residual: str) -> SimpleNamespace:
-    """touch(..., pair) -> Touch; include(..., set, by_normal, by_tangent, by_friction, Sum) adds rates to the
-    y; settle(..., gap, Sum) adds the slopes by places, angles and radii, and returns that by friction.
+    """touch(..., pair) -> Touch; slip(..., set) -> J_t y; include(..., set, by_normal, by_tangent, by_friction,
+    Sum) adds rates to the y; settle(..., gap, Sum) adds the slopes by places, angles and radii, and returns
+    that by friction.
     """
     contact = make_contact(given, residual)
     move = make_twists(given)
@@ -140,6 +141,18 @@ def make_touch(given: type, residual: str) -> SimpleNamespace:
         return out
 
     @wp.func
+    def slip(t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View], pair: int, g: Touch, set: int):
+        """J_t y of a set of joint rates."""
+        v = V2()
+        body = t.shape_body[t.pair_a[pair]]
+        if body != WORLD:
+            v -= move.point(t, w, set, body, lever(k, body, g.pa) + g.ha[0] * g.n)
+        body = t.shape_body[t.pair_b[pair]]
+        if body != WORLD:
+            v += move.point(t, w, set, body, lever(k, body, g.pb) - g.hb[0] * g.n)
+        return wp.dot(perp(g.n), v)
+
+    @wp.func
     def shape_back(
         t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View], shape: int,
         end: int, pose: V4, place: V2, by_lever: V2, turn: wp.float64,
@@ -210,4 +223,4 @@ def make_touch(given: type, residual: str) -> SimpleNamespace:
         radii_back(t, k, w, o, point, 0, 0, g.pb, g.n, out.support_b)
         return wp.dot(tangent, y.vm) - g.ha[0] * y.turn_a[2] - g.hb[0] * y.turn_b[2]
 
-    return SimpleNamespace(touch=touch, include=include, settle=settle)
+    return SimpleNamespace(touch=touch, slip=slip, include=include, settle=settle)
