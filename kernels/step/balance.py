@@ -12,6 +12,8 @@ from types import SimpleNamespace
 
 import warp as wp
 
+from ..contact.acting import rows_of_pairs
+from ..contact.end_gap import make_end_gap
 from ..contact.rows import make_rows
 from ..factories import cached
 from ..mechanism.dynamics import make_mechanism
@@ -49,9 +51,13 @@ def make_balance(spec: Specialisation) -> SimpleNamespace:
     index = tuple(row.index if row.kind == "limit" else 0 for row in s.rows)
     coupled = tuple(tuple(s.coupled(i, j) or i == j for j in range(NV)) for i in range(NV))
     alone = tuple(sum(row) == 1 for row in coupled)
+    ends = method.end_gap and len(s.pairs) > 0
+    end_gap = make_end_gap(spec) if ends else None
     shut = method.hard and not method.end_gap
     shuts = tuple(shut and (limit or not law.by_diagonal) for limit in rows.limit)
     ROUNDS = 2 if any(shuts) and PASSES[dtype] else 1
+
+    rows_of = rows_of_pairs(s)
 
     @wp.func
     def pushed(push: VQ, sol: Solution):
@@ -85,12 +91,26 @@ def make_balance(spec: Specialisation) -> SimpleNamespace:
         return miss, large
 
     @wp.func
-    def astray(world: t.World, sol: Solution, pushes: VQ, fast: VQ):
+    def turned(world: t.World, q: VQ, before: Solution, after: Solution):
+        """How d(q + h v')/h moved beside J_n v'."""
+        known = int(0)
+        for k in range(wp.static(len(s.pairs))):
+            if (before.mask & wp.static(1 << rows_of[k][0])) != 0:
+                known = known | wp.static(1 << k)
+        now = end_gap.bend(world, q, after.v, before.normal, before.jac, before.rate, known)
+        return now - end_gap.bend(world, q, before.v, before.normal, before.jac, before.rate, known)
+
+    @wp.func
+    def astray(world: t.World, q: VQ, before: Solution, sol: Solution, fast: VQ):
         """The solution, and whether J v' + d/h of a row is not what it was solved for, A_ii lambda - z or D
-        lambda - z, beside velocities of size `fast`; `pushes`: J' lambda. Hard rows that press, but for
-        Coulomb's two, are shut again by impulses of their own first, one by one.
+        lambda - z, beside velocities of size `fast`; with the gap at the end whether that moved from where
+        it was `before`. Hard rows that press, but for Coulomb's two, are shut again by impulses of their own
+        first, one by one.
         """
         out = sol
+        bent = t.VR()
+        if wp.static(ends):
+            bent = turned(world, q, before, sol)
         lost = bool(False)
         passes = int(0)
         while passes <= wp.static(PASSES[dtype]):
@@ -108,7 +128,7 @@ def make_balance(spec: Specialisation) -> SimpleNamespace:
                     w = speed + sol.rate[i]
                     own = wp.static(rows.dots[i])(sol.jac, response)
                     if wp.static(method.end_gap):  # whose d/h in the end is not kept
-                        w = speed - wp.static(rows.dots[i])(sol.jac, sol.vfree) - wp.dot(response, pushes)
+                        w = speed - wp.static(rows.dots[i])(sol.jac, before.v) + bent[i]
                     elif wp.static(shuts[i]):
                         if not (sol.lam[i] > ZERO):
                             w = wp.min(w, ZERO)
@@ -145,7 +165,7 @@ def make_balance(spec: Specialisation) -> SimpleNamespace:
                 miss, large = missing(n, v, out.v, total, size)
                 left -= 1
             if rounds == 0:
-                out, lost = astray(world, out, total - push, wp.abs(v) + wp.abs(out.vfree))
+                out, lost = astray(world, q, sol, out, wp.abs(v) + wp.abs(out.vfree))
             rounds += 1
         if large or lost:
             out.status = wp.static(NOT_CONVERGED)

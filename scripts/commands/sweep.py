@@ -174,7 +174,7 @@ def sweep_command(
         observe=observed_of(mechanism) if observe is None else observe,
     )  # fmt: skip
     with timed("sweep"), progress_bar("worlds") as progress:
-        report = run_sweep(mechanism, Path(policy[0]), spec, rules, device, dtype, progress)
+        report = run_sweep(mechanism, policy[0], spec, rules, device, dtype, progress)
     report.save(path)
     report.save(path.with_suffix(".csv"))
     console.print(sweep_table(report))

@@ -12,7 +12,7 @@ import slcp_warp as slcp
 from slcp_warp.ddp.library.entries import scene_digest
 from slcp_warp.ensembles.sweep import sweep_scene
 
-from ..support.records import load_policy
+from ..support.policies import named_policy
 from ..support.rules import NO_RULES, Rules
 from ..support.simulators import default_scaling, make_simulator
 
@@ -34,19 +34,19 @@ def cycle_states(run: slcp.Trajectory, scene: slcp.Scene, skip: float) -> np.nda
 
 def run_sweep(
     scene: slcp.Scene,
-    policy_file: Path,
+    policy_name: str | Path,
     spec: slcp.SweepSpec,
     rules: Rules = NO_RULES,
     device: str | None = None,
     dtype: str = "float32",
     progress: Callable[[int, int], None] | None = None,
 ) -> slcp.SweepReport:
-    """Sweep a policy's file; the report's `spec` also says which scene and policy they were."""
+    """Sweep a policy by its name or file; the report's `spec` also says which scene and policy they were."""
     method: dict[str, Any] = {"scaling": default_scaling(scene), "integrator": "euler"}
     if others := sorted(set(rules.given) - set(method)):
         raise ValueError(f"--{others[0]} is of a task; a sweep of a scene has {', '.join(method)}")
     method |= rules.given
-    policy, facts = load_policy(policy_file, scene)
+    policy, facts = named_policy(policy_name, scene, None)
     device = str(make_simulator(scene, device=device, dtype=dtype).device)  # a bad name fails here, clearly
     report = sweep_scene(scene, policy, spec, **method, dtype=dtype, device=device, progress=progress)
     if not report.cases:

@@ -69,6 +69,8 @@ class Rules:
         for name in names:
             residual = residual_of(name, "--residuals")
             own = self._of_residual(residual)
+            if _label(name, own) in found:
+                raise ValueError(f"--residuals is {residuals!r}, which names {name} more than once")
             found[_label(name, own)] = dataclasses.replace(options.with_residual(residual), **own)
             unused -= set(own)
         if unused:

@@ -85,8 +85,12 @@ def make_params(
 ) -> slcp.Parameters:
     """The scene's numbers with those of the options."""
     changes = parse_settings(settings, "--set")
-    changes |= {k: v for k, v in (("step_size", step_size), ("sigma", sigma)) if v is not None}
-    return sim.params.replace(**changes)
+    own = {k: v for k, v in (("step_size", step_size), ("sigma", sigma)) if v is not None}
+    if twice := sorted(own.keys() & changes.keys()):
+        raise ValueError(f"--set {twice[0]} and --{twice[0].replace('_', '-')} are both given")
+    if sigma is not None and sim.options.hard:
+        raise ValueError(f"--sigma is {sigma:g}, which the hard problem has not; --residual smoothed has")
+    return sim.params.replace(**changes, **own)
 
 
 def parse_settings(settings: list[str] | None, option: str) -> dict[str, Any]:
@@ -96,6 +100,8 @@ def parse_settings(settings: list[str] | None, option: str) -> dict[str, Any]:
         name, equals, value = text.partition("=")
         if not equals:
             raise ValueError(f"{option} is {text!r}; name=value is needed")
+        if name in changes:
+            raise ValueError(f"{option} {name} is given more than once")
         values = numbers(value, f"{option} {name}")
         changes[name] = float(values[0]) if len(values) == 1 else values
     return changes

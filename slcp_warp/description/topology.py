@@ -100,10 +100,13 @@ def _pairs(
     places: Mapping[str, int],
     structures: Sequence[ShapeStructure],
 ) -> tuple[PairStructure, ...]:
-    pairs = []
+    pairs, seen = [], set()
     for c in contacts:
         a = _index(places, c.shape_a, "shape", "contacts, shape_a")
         b = _index(places, c.shape_b, "shape", "contacts, shape_b")
+        if {a, b} in seen:
+            raise SceneError(f"contacts has {c.shape_a!r} - {c.shape_b!r} twice; a pair stands in it once")
+        seen.add(frozenset((a, b)))
         _check_pair(c, structures[a], structures[b])
         pairs += [PairStructure(a, b, c.friction is not None, *ends) for ends in contact_ends(shapes, c)]
     return tuple(pairs)

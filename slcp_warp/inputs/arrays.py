@@ -74,7 +74,7 @@ def to_batch(name: str, value: Any, shape: tuple[int | str, ...], dtype: Any, de
     """
     kind = kind_of(value)
     if kind == "numpy":
-        plain = isinstance(value, np.ndarray) and value.dtype.kind in "iuf"
+        plain = type(value) is np.ndarray and value.dtype.kind in "iuf"
         found = value if plain else numeric(value)
         if found is None:
             raise ArrayError(f"{name} is {shown(value)}; an array of numbers is needed")

@@ -26,9 +26,10 @@ FEW = 2**24  # numbers that fit into any memory: not worth a look
 
 
 def shown(value: Any) -> str:
-    """A value for an error message, short."""
+    """A value for an error message, short and in one line."""
     try:
-        return f"{_short.repr(value):.100}"
+        text = _short.repr(value)
+        return f"{' '.join(text.split()) if chr(10) in text else text:.100}"
     except Exception:  # a foreign object's own repr
         return f"a {type(value).__name__}"
 
@@ -36,11 +37,13 @@ def shown(value: Any) -> str:
 def numeric(value: Any) -> np.ndarray | None:
     """Integers and floats as a float64 array.
 
-    None for text, bools, complex numbers, other objects and ragged lists.
+    None for text, bools, complex numbers, other objects, ragged lists and arrays with masked entries.
     """
     if _holds_bool(value):
         return None
     try:
+        if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
+            return None
         given = np.asarray(float(value) if type(value) is int else value)
         return given.astype(np.float64) if given.dtype.kind in "iuf" else None
     except Exception:  # whatever a foreign object raises when it is asked for numbers

@@ -97,8 +97,8 @@ def read_bytes(path: str | os.PathLike[str], most: int = MOST_TEXT) -> bytes:
 
 
 def read_text(path: str | os.PathLike[str], most: int = MOST_TEXT) -> str:
-    """The text (UTF-8) of a plain file of at most `most` bytes."""
-    return read_bytes(path, most).decode("utf-8")
+    """The text (UTF-8) of a plain file of at most `most` bytes, after a byte order mark or not."""
+    return read_bytes(path, most).decode("utf-8-sig")
 
 
 def parse_json(text: str) -> Any:

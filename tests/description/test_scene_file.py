@@ -30,6 +30,17 @@ def test_toml_example_is_a_scene():
     assert scene.bodies[0].lower == -1.0 and scene.structure.lower == (True, False)
 
 
+@pytest.mark.parametrize("suffix", [".toml", ".json"])
+def test_a_byte_order_mark_is_no_part_of_the_text(suffix, tmp_path):
+    scene, path = slcp.load_scene(EXAMPLE), tmp_path / f"scene{suffix}"
+    if suffix == ".json":
+        slcp.save_scene(scene, path)
+    else:
+        path.write_bytes(EXAMPLE.read_bytes())
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
+    assert slcp.load_scene(path) == scene
+
+
 def test_files_fit_the_schema(tmp_path):
     fastjsonschema = pytest.importorskip("fastjsonschema")
     schema = json_schema()

@@ -95,6 +95,8 @@ ERRORS = {
     "text for a state": (lambda: sim().step("abc"), ArrayError, "x is 'abc'; an array of numbers"),
     "no state": (lambda: sim().step(None), ArrayError, "x is None; an array of numbers"),
     "ragged lists": (lambda: sim().step([[1, 2], [3]]), ArrayError, "x is .*; an array of numbers"),
+    "masked state": (
+        lambda: sim().step(np.ma.masked_less(X, 0.5)), ArrayError, "x is .*; an array of numbers"),
     "complex state": (lambda: sim().step(X + 1j), ArrayError, "x is .*; an array of numbers"),
     "controls of another scene": (
         lambda: sim().step(X, np.zeros(3)), ArrayError, r"u has shape \(3,\).*\(2\)"),
@@ -134,6 +136,11 @@ ERRORS = {
     "capsule without a length": (
         lambda: mechanism(slcp.Shape("s", "a", "capsule", 0.1)), SceneError,
         r"'s': radius is 0.1; a capsule needs \(radius, half length\)"),
+    "a pair twice": (
+        lambda: mechanism(
+            slcp.Shape("s", "a", "disc", 0.1), slcp.Shape("e", None, "disc", 0.1),
+            contacts=(slcp.Contact("s", "e"), slcp.Contact("e", "s"))), SceneError,
+        "contacts has 'e' - 's' twice; a pair stands in it once"),
     "capsule against an ellipse": (
         lambda: mechanism(
             slcp.Shape("s", "a", "capsule", (0.1, 0.2)), slcp.Shape("e", None, "ellipse", (1, 2)),

@@ -1,11 +1,11 @@
-"""`slcp simulate` says what overlaps, at the start and where a world fails."""
+"""`slcp simulate` says what overlaps, where a world fails, and which options exclude others."""
 
 import pytest
 
 pytest.importorskip("typer")
 pytest.importorskip("matplotlib")
 
-from test_cli import call
+from test_cli import call, fails
 
 import slcp_warp as slcp
 
@@ -32,3 +32,27 @@ def test_simulate_says_what_overlaps_where_a_world_fails(tmp_path):
     assert out.exists()
     apart = call(*given, "--start", "0,0,0,2,0,0,0,0,0,0,0,0").stderr
     assert "overlaps" not in apart
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (["--set", "mass=1", "--set", "mass=2"], "--set mass is given more than once"),
+        (["--set", "step_size=.1", "--step-size", ".2"], "--set step_size and --step-size are both given"),
+        (["--set", "sigma=.1", "--sigma", ".2"], "--set sigma and --sigma are both given"),
+        (["--residual", "hard", "--sigma", ".1"], "--sigma is 0.1, which the hard problem has not"),
+    ],
+)
+def test_what_would_be_dropped_is_refused(options, says, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert says in fails("simulate", "--device", "cpu", *options)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_sweep_takes_policies_by_name_and_cases_once(tmp_path):
+    out = tmp_path / "still.npz"
+    call("sweep", "--policy", "zero", "--worlds", 2, "--duration", 1, "--residuals", "hard", "--step-sizes",
+         0.05, "--device", "cpu", "--out", out)  # fmt: skip
+    assert slcp.SweepReport.load(out).cases[0]["worlds"] == 2
+    said = fails("sweep", "push_to_mark", "--policy", "zero", "--residuals", "hard,hard", "--device", "cpu")
+    assert "--residuals is 'hard,hard', which names hard more than once" in said

@@ -271,6 +271,14 @@ def test_friction_is_drawn_by_pairs_of_shapes_once_or_by_pairs_of_bodies(shared)
             r"pushes\[0\].start holds 1.3; times before",
         ),
         (
+            lambda: disturbed(pushes=(slcp.Push("block", 0.1, 0.0),)),
+            r"pushes\[0\].duration is 0; a positive one",
+        ),
+        (
+            lambda: disturbed(dropouts=(slcp.Dropout(slcp.Uniform(-2, -1), 0.5),)),
+            r"dropouts\[0\] ends before a run begins, at -0.5 s",
+        ),
+        (
             lambda: disturbed(dropouts=(slcp.Dropout(slcp.Uniform(2, 3), 0.1),)),
             r"dropouts\[0\].start holds 2",
         ),

@@ -106,7 +106,9 @@ def make_rows(given: type, residual: str) -> SimpleNamespace:
             scaled(t, s, k, w, k.row[r], kappa)
 
     @wp.func
-    def shared(t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View], pair: int, g: Touch, start: int, end: int):
+    def shared(
+        t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View], pair: int, g: Touch, start: int, end: int
+    ):
         """The slope by mu of the impulses along t that the step has and the vertex has not."""
         more = WORK(0.0)
         for r in range(start, end):

@@ -49,9 +49,9 @@ class Sum:
 
 @cached
 def make_touch(given: type, residual: str) -> SimpleNamespace:
-    """touch(..., pair) -> Touch; slip(..., set) -> J_t y; include(..., set, by_normal, by_tangent, by_friction,
-    Sum) adds rates to the y; settle(..., gap, Sum) adds the slopes by places, angles and radii, and returns
-    that by friction.
+    """touch(..., pair) -> Touch; slip(..., set) -> J_t y; include(..., set, by_normal, by_tangent,
+    by_friction, Sum) adds rates to the y; settle(..., gap, Sum) adds the slopes by places, angles and radii,
+    and returns that by friction.
     """
     contact = make_contact(given, residual)
     move = make_twists(given)

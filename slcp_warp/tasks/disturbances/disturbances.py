@@ -15,7 +15,7 @@ from ...inputs.checks import instance, number, shown
 from ...inputs.errors import ArgumentError
 from . import laws
 from .distributions import Distribution, LogNormal, Normal, Uniform, fixed_or_drawn, of
-from .events import Dropout, Push
+from .events import Dropout, Push, latest_end
 
 Timing = float | Uniform
 
@@ -127,6 +127,10 @@ class Disturbances:
                 start = event.start.low if isinstance(event.start, Uniform) else event.start
                 if not isinstance(start, Distribution) and start >= duration:
                     late.append((f"{name}[{n}].start", start))
+                if latest_end(event) <= 0.0:
+                    raise ArgumentError(f"{name}[{n}] ends before a run begins, at {latest_end(event):g} s")
+                if event.duration == 0.0:
+                    raise ArgumentError(f"{name}[{n}].duration is 0; a positive one is needed to act at all")
         if late:
             raise ArgumentError(
                 f"{late[0][0]} holds {late[0][1]}; times before the end of a run, "

@@ -1,11 +1,12 @@
 """What happens to a world while it runs: pushes on bodies, dropouts of the controls."""
 
 from dataclasses import dataclass
+from math import inf
 from typing import Any
 
 from ...inputs.checks import shown
 from ...inputs.errors import ArgumentError
-from .distributions import Distribution, fixed_or_drawn
+from .distributions import Distribution, Uniform, fixed_or_drawn
 
 Drawn = float | Distribution
 
@@ -74,6 +75,15 @@ class Dropout:
     def numbers(self) -> tuple[Drawn, ...]:
         """In the order of `DROPOUT_FIELDS`."""
         return self.start, self.duration
+
+
+def latest_end(event: Push | Dropout) -> float:
+    """When it ends at the latest [s]; infinite where nothing bounds that."""
+    ends = (event.start, event.duration)
+    return sum(
+        each.high if isinstance(each, Uniform) else inf if isinstance(each, Distribution) else each
+        for each in ends
+    )
 
 
 def _pair(label: str, value: Any) -> tuple[Drawn, Drawn]:

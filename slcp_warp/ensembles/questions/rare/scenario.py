@@ -30,10 +30,11 @@ def scenario_of(task: Task, numbers: Numbers, world: Worlds) -> Task | None:
         mean = {name: Normal(0.0, mean=float(value)) for name, value in zip(names, kicks[0])}
         found = replace(found, kick_times=own.kick_times, kicks=mean)
     if given.pushes is not None:
-        pushes = [_push(push, row) for push, row in zip(own.pushes, given.pushes[0])]
+        pushes = [_push(push, row) for push, row in zip(own.pushes, given.pushes[0]) if _acts(task, row)]
         found = replace(found, pushes=tuple(pushes))
     if given.dropouts is not None:
-        found = replace(found, dropouts=tuple(Dropout(*map(float, row)) for row in given.dropouts[0]))
+        dropouts = tuple(Dropout(*map(float, row)) for row in given.dropouts[0] if _acts(task, row))
+        found = replace(found, dropouts=dropouts)
     parameters = _parameters(task, numbers, given.params[0])
     if parameters is None:
         return None
@@ -61,6 +62,13 @@ def _parameters(task: Task, numbers: Numbers, row: np.ndarray) -> dict[str, LogN
 
 def _number(drawn: LogNormal | Uniform) -> float:
     return drawn.median if isinstance(drawn, LogNormal) else drawn.low
+
+
+def _acts(task: Task, row: np.ndarray) -> bool:
+    """Whether a push or a dropout (start, duration, ..) lies in a run of the task, if in part."""
+    assert task.duration is not None
+    start, duration = map(float, row[:2])
+    return duration > 0.0 and 0.0 < start + duration and start < task.duration
 
 
 def _push(push: Push, row: np.ndarray) -> Push:
