@@ -19,11 +19,22 @@ from slcp_warp.scripts.benchmarks.fuzz.judge import Outcome
 from slcp_warp.scripts.benchmarks.fuzz.judged import judged, parameters, simulator
 from slcp_warp.scripts.benchmarks.fuzz.parts import PARTS
 from slcp_warp.scripts.benchmarks.fuzz.problem import Problem, Truth
+from slcp_warp.scripts.benchmarks.fuzz.report import rows_of, unsolved_lines
 from slcp_warp.scripts.benchmarks.fuzz.rolled import Stepped, follow, roll
 from slcp_warp.scripts.benchmarks.fuzz.run import run_task
 from slcp_warp.scripts.benchmarks.fuzz.shrink import steps as fewer_steps
 from slcp_warp.scripts.benchmarks.fuzz.tasks import Failure, Task
-from slcp_warp.scripts.benchmarks.fuzz.verdicts import HOLDS, SILENT, WRONG, Verdicts
+from slcp_warp.scripts.benchmarks.fuzz.verdicts import (
+    HOLDS,
+    LARGE,
+    NONE,
+    REASONS,
+    SILENT,
+    SOLVABLE,
+    WRONG,
+    Verdicts,
+    reason_of,
+)  # fmt: skip
 
 HARD = slcp.Options(residual="hard")
 ROLLED = Task(1, 5, "generic", per_chunk=6, part="rollouts")
@@ -48,6 +59,29 @@ def test_small_runs_of_the_parts_have_no_silent_failure(part, scene):
     }
     assert counts["worlds"] > 4 * 6 * task.steps / 3  # six methods; some worlds end before
     assert counts["SOLVED"] > 0.5 * counts["worlds"]
+
+
+@pytest.mark.parametrize("friction", ["anitescu", "coulomb"])
+def test_why_a_world_is_unsolved_is_told_by_solutions_of_its_own(friction):
+    """What is INFEASIBLE or JAMMED has none, what is SOLVED has one."""
+    options, task = dataclasses.replace(HARD, friction=friction), Task(1, 12, "generic", per_chunk=60)
+    scene = task.make_scene()
+    verdicts, _ = judged(task.worlds(0, scene), simulator(scene, options, "float64", "generic"))
+    told = np.array([reason_of(verdicts.part(np.array([i]))) for i in range(60)])
+    solved = verdicts.out.status == slcp.Status.SOLVED
+    refuted = np.isin(verdicts.out.status, (slcp.Status.INFEASIBLE, slcp.Status.JAMMED))
+    assert solved.sum() > 20 and set(told[solved]) <= {SOLVABLE, LARGE}
+    assert refuted.sum() > 10 and set(told[refuted]) == {NONE}
+
+
+def test_what_is_looked_into_is_counted():
+    task = Task(90013, 0, "generic", residuals=("hard",), per_chunk=300, explains=True)
+    lines = unsolved_lines(rows_of(run_task(task)))
+    table = {(line[1], line[2]): dict(zip(lines[0], line)) for line in lines[1:]}
+    row = table["coulomb", "float64"]
+    looked, counts = int(row["looked into"]), [int(row[reason]) for reason in REASONS]
+    assert 0 < looked == sum(counts) <= int(row["NOT_CONVERGED"])
+    assert float(row["least"]) <= float(row["solved"]) < 100.0
 
 
 @pytest.mark.full

@@ -1,5 +1,6 @@
 """`slcp bench fuzz`: random scenes under every method, judged by an oracle that shares no code with them."""
 
+import dataclasses
 import multiprocessing
 import os
 import time
@@ -20,7 +21,7 @@ from ..shared.machine import machine
 from .case import case_of, describe, load_case, save_case
 from .draws import CHUNK
 from .parts import PARTS
-from .report import markdown, rows_of, show
+from .report import lines_of, markdown, rows_of, show, unsolved_lines
 from .run import run_task
 from .shrink import shrink
 from .tasks import DTYPES, GENERIC, Failure, Tally, Task
@@ -131,6 +132,14 @@ def save_failures(failures: list[Failure], folder: Path, small: bool, console: C
         console.print(f"wrote {path}: {describe(case)}", highlight=False, soft_wrap=True)
 
 
+def _write(path: Path | None, lines: list[list[str]]) -> None:
+    """A table as Markdown, where there is a file for it."""
+    if path is not None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_text(path, markdown(lines))
+        typer.echo(f"wrote {path}")
+
+
 @one_line_errors
 def fuzz_command(
     worlds: Annotated[
@@ -148,6 +157,9 @@ def fuzz_command(
     ] = None,
     csv: Annotated[Path | None, typer.Option(help="Write a row per method and class here.")] = None,
     table: Annotated[Path | None, typer.Option(help="Write the table here as Markdown.")] = None,
+    unsolved: Annotated[
+        Path | None, typer.Option(help="Look into why worlds are NOT_CONVERGED; write that here as Markdown.")
+    ] = None,
     save: Annotated[
         Path | None, typer.Option(help="Write failing cases, made small, into this folder.")
     ] = None,
@@ -172,7 +184,9 @@ def fuzz_command(
         raise typer.Exit(int(verdict in (SILENT, WRONG)))
     parts = dict.fromkeys(part or ("steps",))
     tasks = [
-        task for name in parts for task in tasks_of(seed, worlds, structures, tuple(residual or ()), name)
+        dataclasses.replace(task, explains=unsolved is not None)
+        for name in parts
+        for task in tasks_of(seed, worlds, structures, tuple(residual or ()), name)
     ]
     tally = run_all(tasks, jobs, began + 60.0 * minutes, console)
     rows = rows_of(tally)
@@ -184,10 +198,8 @@ def fuzz_command(
         facts = machine()
         write_csv(csv, [row | facts for row in rows])
         typer.echo(f"wrote {csv}")
-    if table is not None:
-        table.parent.mkdir(parents=True, exist_ok=True)
-        write_text(table, markdown(rows))
-        typer.echo(f"wrote {table}")
+    _write(table, lines_of(rows))
+    _write(unsolved, unsolved_lines(rows))
     if save is not None and tally.failures:
         save_failures(tally.failures, save, not whole, console)
     if tally.failures:

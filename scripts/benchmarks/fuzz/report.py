@@ -9,11 +9,12 @@ from rich.table import Table
 from slcp_warp.options import Status
 
 from .tasks import FIELDS, Tally
-from .verdicts import AMBIGUOUS, SILENT, UNPROVEN, WRONG
+from .verdicts import AMBIGUOUS, REASONS, SILENT, UNPROVEN, WRONG
 
 Row = dict[str, Any]
 DEFAULTS = {"scaling": "inertia", "friction": "anitescu", "integrator": "euler", "noise": "row",
             "deviation": "scale", "gap": "start"}  # fmt: skip
+UNSOLVED = tuple(f"unsolved {reason}" for reason in REASONS)
 COMPARED = tuple(f"compared {what}" for what in ("single", "threads", "derivatives", "gradients", "sweep"))
 
 
@@ -31,7 +32,7 @@ def rows_of(tally: Tally) -> list[Row]:
         for verdict in (SILENT, WRONG, UNPROVEN, AMBIGUOUS):
             row[verdict] = counts[f"verdict {verdict}"]
         row["worst"] = tally.worst.get(key, 0.0)
-        for what in COMPARED:
+        for what in (*COMPARED, *UNSOLVED):
             row[what] = counts[what]
         out.append(row)
     return out
@@ -77,6 +78,31 @@ def lines_of(rows: list[Row]) -> list[list[str]]:
     return out
 
 
+def law_of(row: Row) -> str:
+    """The contact law of a row: what a step solves, whatever its scaling and integrator."""
+    law = {"hard": row["friction"], "erm": "erm"}.get(row["residual"].partition("-")[0], "smoothed")
+    return law + ("/end" if row["gap"] == "end" else "")
+
+
+def unsolved_lines(rows: list[Row]) -> list[list[str]]:
+    """Header and a line per kernels, law and precision with worlds that are NOT_CONVERGED: the solved share
+    of all and of the class with the least [%], how many worlds were looked into, and what there was.
+    """
+    rows = [row | {"law": law_of(row)} for row in rows if row["worlds"]]
+    names = ("kernels", "law", "dtype")
+    out = [[*names, "worlds", "solved", "least", "NOT_CONVERGED", "looked into", *REASONS]]
+    least: dict[tuple[Any, ...], list[float]] = {}
+    for row in merged(rows, *names, "class"):
+        least.setdefault(tuple(row[name] for name in names), []).append(solved(row))
+    for row in merged(rows, *names):
+        counts, key = [row[name] for name in UNSOLVED], tuple(row[name] for name in names)
+        if sum(counts):
+            shares = [f"{solved(row):.2f}", f"{min(least[key]):.2f}"]
+            cells = [*key, row["worlds"], *shares, row["NOT_CONVERGED"], sum(counts), *counts]
+            out.append([str(cell) for cell in cells])
+    return out
+
+
 def solved(row: Row) -> float:
     """Share of the worlds that have a solution that are solved [%]."""
     able = row["worlds"] - row["INFEASIBLE"] - row["JAMMED"] + row[WRONG]
@@ -101,8 +127,8 @@ def summary(rows: list[Row]) -> str:
     return ", ".join(f"{v} {k}" for k, v in total.items()) + f"; {compared}"
 
 
-def markdown(rows: list[Row]) -> str:
-    """The table for docs/understand/stability.md."""
-    head, *lines = lines_of(rows)
+def markdown(lines_of_table: list[list[str]]) -> str:
+    """A table for docs/understand/stability.md: `lines_of`, `unsolved_lines`."""
+    head, *lines = lines_of_table
     out = [head, ["---"] * len(head), *lines]
     return "\n".join("| " + " | ".join(cells) + " |" for cells in out) + "\n"

@@ -19,7 +19,7 @@ from .judged import judged, numbers_for, parameters, predicted, simulator, step
 from .problem import Truth
 from .rolled import follow, roll
 from .tasks import Failure, Tally, Task, key_of
-from .verdicts import HOLDS, SILENT, WRONG, Verdicts
+from .verdicts import HOLDS, SILENT, WRONG, Verdicts, reasons
 
 SHOWN = 5  # failures that a task keeps of each kind
 COMPARED = 12  # worlds of a scene whose derivatives are compared
@@ -97,6 +97,9 @@ def _count(tally: Tally, task: Task, places: Sequence[tuple[int, int | None]], w
     """
     kept: Counter[str] = Counter()
     verdicts.doubt(known)
+    if task.explains:
+        for name, reason in reasons(verdicts.out.status, worlds.kind, verdicts.part):
+            tally.counts[(*key_of(task, options, dtype), name, f"unsolved {reason}")] += 1
     for i, kind in enumerate(worlds.kind):
         verdict, reason = verdicts.verdict[i], verdicts.reason[i]
         key = (*key_of(task, options, dtype), CLASSES[kind])

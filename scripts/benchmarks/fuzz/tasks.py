@@ -33,7 +33,9 @@ GENERIC = [
 
 @dataclasses.dataclass(frozen=True)
 class Task:
-    """A scene's worlds under some kernels: `scene` is its number; `chunks` of `per_chunk` worlds each."""
+    """A scene's worlds under some kernels: `scene` is its number; `chunks` of `per_chunk` worlds each;
+    `explains`: whether it is looked into why worlds are NOT_CONVERGED.
+    """
 
     seed: int
     scene: int
@@ -42,6 +44,7 @@ class Task:
     residuals: tuple[str, ...] = ()
     per_chunk: int = CHUNK
     part: str = "steps"
+    explains: bool = False
 
     @property
     def own(self) -> bool:

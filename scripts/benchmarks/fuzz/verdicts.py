@@ -4,6 +4,9 @@
 where a velocity opens the rows, JAMMED where a solution exists, NONFINITE from finite numbers), or a failed
 world whose state moved. `ambiguous`: two normals are equally right, so the oracle cannot say which rows there
 are. `unproven`: there was no proof to be had, or too many to make.
+
+Why worlds are NOT_CONVERGED is told by solutions of hard contact at the start of the step (`proofs.py`), also
+where the residual is smoothed: the first of `REASONS` that holds.
 """
 
 from collections.abc import Callable
@@ -14,8 +17,9 @@ import numpy as np
 from slcp_warp.options import Status
 from slcp_warp.results.pictures.kinematics import Array
 
+from .draws import CLASSES
 from .judge import Errors, Outcome, ended, judge
-from .problem import EPSILON, FLOOR, Problem
+from .problem import EPSILON, FLOOR, LEVER, LOST_ROWS, Problem
 from .proofs import coulomb_solution, least_motion, least_push, opens, widest_opening
 
 HOLDS, AMBIGUOUS, STATUS, UNPROVEN, WRONG, SILENT = (
@@ -27,6 +31,16 @@ TRIALS = 15  # of all modes: the same
 SLACK = 10.0  # by which an answer may be larger than an independent solution
 NO_NUMBER = "NONFINITE from finite numbers"
 BEYOND = 1e6  # of the data's speeds: INFEASIBLE says that no velocity below opens the rows
+DIGITS, NONE, MANY, LARGE, END, SOLVABLE = REASONS = (
+    "few digits",  # rows keep less of J v' + d/h than is promised, by the condition of the mass matrix
+    "no solution",  # nothing opens the rows, or no modes of Coulomb's law solve them
+    "too many modes",  # of Coulomb's law, to try
+    "large impulses",  # the least are more than MUCH times what the data suggest
+    "gap at the end",  # solved at the start of the step; how its rows bend was not followed
+    "solvable",
+)
+MUCH = 30.0
+LOOKED_AT = 6  # worlds of a class in a chunk
 CLEAR = 1e-5  # an opening this wide, in units of the world's speeds, refutes INFEASIBLE
 
 
@@ -210,3 +224,31 @@ def _hangs_on_rounding(p: Problem, lam: Array) -> bool:
     moved = np.abs(p.a[0]) @ np.abs(lam)
     told = p.terms(np.abs(p.truth.v) + np.abs(p.drive.free))[0]
     return bool(EPSILON[p.dtype] * np.max(moved) > np.max(told))
+
+
+def reason_of(p: Problem) -> str:
+    """The reason of one world's problem."""
+    lost = LEVER * p.condition[0] * EPSILON[p.inner] / p.tolerance
+    if np.max(lost) >= LOST_ROWS[p.dtype]:
+        return DIGITS
+    found = coulomb_solution(p, 0) if p.method.coulomb else least_motion(p, 0)
+    if found is False:
+        return MANY
+    if not isinstance(found, tuple):
+        return NONE
+    data = p.terms(np.abs(p.truth.v) + np.abs(p.drive.free))[0]
+    if (p.diag[0] * np.abs(found[1])).max(initial=0.0) > MUCH * data.max(initial=0.0):
+        return LARGE
+    return END if p.method.end_gap else SOLVABLE
+
+
+def reasons(status: Array, kind: Array, part: Callable[[Array], Problem]) -> list[tuple[str, str]]:
+    """Class and reason of the first LOOKED_AT worlds of each class that are NOT_CONVERGED; `part` as of
+    `Verdicts`.
+    """
+    out = []
+    for number, name in enumerate(CLASSES):
+        found = np.flatnonzero((status == Status.NOT_CONVERGED) & (kind == number))[:LOOKED_AT]
+        with np.errstate(all="ignore"):
+            out += [(name, reason_of(part(np.array([i])))) for i in found.tolist()]
+    return out
