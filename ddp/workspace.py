@@ -3,14 +3,14 @@
 import functools
 import threading
 import weakref
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 import warp as wp
 
-from slcp_warp.inputs.checks import instance, shown, whole
+from slcp_warp.inputs.checks import function, instance, shown, whole
 from slcp_warp.inputs.copies import NotCopied
 from slcp_warp.inputs.errors import ArgumentError
 from slcp_warp.kernels.control.costs import make_cost_kernel
@@ -69,6 +69,7 @@ class Workspace(NotCopied):
         self.cost, self.status, self.passes = s.cost, s.status, s.passes
         self.gradient, self.pivot = s.gradient, s.pivot
         self._behind = np.zeros(self.batch, dtype=bool)
+        self._tell: Callable[[int, int, float], None] | None = None
         self._all = wp.ones(self.batch, dtype=wp.int32, device=self.device)
 
     def _prepare(self) -> None:
@@ -133,6 +134,7 @@ class Workspace(NotCopied):
         k0: Any = None,
         max_iterations: int | None = None,
         rungs: Sequence[tuple[int, int]] = (),
+        progress: Callable[[int, int, float], None] | None = None,
     ) -> int:
         """Solve and leave the solution in the workspace's arrays; returns the number of passes.
 
@@ -148,11 +150,15 @@ class Workspace(NotCopied):
             rungs: pairs of passes and problems, where all are of one start state: after so many passes only
                 so many of lowest cost go on, and the others end with MAX_ITERATIONS (successive halving,
                 Jamieson & Talwalkar 2016). What is kept comes out as without rungs, bit for bit.
+            progress: called after every pass with the passes made, how many problems go on and the lowest
+                cost.
         """
         left = _by_passes(rungs)
+        tell = function("progress", progress, 3, optional=True)
         limit = self.options.max_iterations
         limit = limit if max_iterations is None else min(whole("max_iterations", max_iterations, 0), limit)
         with self._using:
+            self._tell = tell
             done = self.start(x0, us0, xs0, K0, k0, limit)
             self._behind[:] = False
             done = self._descend(done, limit, left)
@@ -279,6 +285,9 @@ class Workspace(NotCopied):
                 return done
             self._passes.search()
             done += 1
+            if self._tell is not None:
+                going, cost = int(self._state.active.numpy().sum()), self.cost.numpy()
+                self._tell(done, going, float(np.nanmin(np.append(cost, np.inf))))
         self.differentiate()
         self._passes.backward(last=True)
         return done
@@ -328,10 +337,11 @@ class Workspace(NotCopied):
         k0: Any = None,
         max_iterations: int | None = None,
         rungs: Sequence[tuple[int, int]] = (),
+        progress: Callable[[int, int, float], None] | None = None,
     ) -> Result:
         """`run`, with the solution copied into a `Result`; other threads wait meanwhile."""
         with self._using:
-            return self.result(self.run(x0, us0, xs0, K0, k0, max_iterations, rungs))
+            return self.result(self.run(x0, us0, xs0, K0, k0, max_iterations, rungs, progress))
 
     def result(self, passes: int | None = None) -> Result:
         """Copy of the solution that the workspace holds."""

@@ -1,13 +1,15 @@
 """A plan in one call: starts of four kinds, Gauss-Newton from all of them, second order from the best."""
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from slcp_warp import Simulator, Task
 from slcp_warp.costs import NO_COST
-from slcp_warp.inputs.checks import array, instance, whole
+from slcp_warp.inputs.checks import array, function, instance, whole
 from slcp_warp.inputs.errors import ArgumentError, ArgumentTypeError
 
 from ..multistart import Multistart
@@ -36,6 +38,8 @@ SHARES = (
     (80, 0.15),
 )  # passes of a method but the last, and plans that go on after them
 LAST_RUNGS = ((20, 3), (100, 1))  # passes of the last method, and plans that go on after them
+
+Tell = Callable[[str, int, int, float], None]  # method, passes, plans that go on, lowest cost
 
 
 def problem_of(task: Task, sim: Simulator | None = None) -> Problem:
@@ -127,6 +131,7 @@ def plan(
     methods: tuple[str, ...] = METHODS,
     finish: int = FINISH,
     sampling: Sampling | None = None,
+    progress: Tell | None = None,
 ) -> Multistart:
     """Plan a task or a problem from many starts, and keep the plan of lowest cost.
 
@@ -151,6 +156,8 @@ def plan(
         methods: of `Options.method`, one after the other.
         finish: how many plans every further method goes on from.
         sampling: how controls are sampled.
+        progress: called after every pass with the method, its passes so far, how many plans go on and the
+            lowest cost. Before the first one, controls are sampled and kernels compiled.
 
     Returns:
         The best plan, with the passes of all methods that led to it; `all` are the plans of the last method,
@@ -166,7 +173,7 @@ def plan(
         x0 = task.start[0] if x0 is None else x0
     late = Late.of(problem, delay)
     x = array("x0", x0, (problem.nx,))
-    return plan_late(late, x, starts, seed, options, methods, finish, sampling)
+    return plan_late(late, x, starts, seed, options, methods, finish, sampling, progress)
 
 
 def plan_late(
@@ -178,13 +185,15 @@ def plan_late(
     methods: tuple[str, ...] = METHODS,
     finish: int = FINISH,
     sampling: Sampling | None = None,
+    progress: Tell | None = None,
 ) -> Multistart:
     """`plan` of controls that may act later than they are sent, from x0 (nx,)."""
+    function("progress", progress, 4, optional=True)
     began = late.begin(x0)
     if not isinstance(starts, int):
         starts = late.controls(starts)
     us = _controls(late.rest, began, starts, whole("seed", seed, 0), sampling, methods)
-    return late.extended(solve_starts(late.rest, began, us, options, methods, finish), x0)
+    return late.extended(solve_starts(late.rest, began, us, options, methods, finish, progress), x0)
 
 
 def solve_starts(
@@ -194,6 +203,7 @@ def solve_starts(
     options: Options | None = None,
     methods: tuple[str, ...] = METHODS,
     finish: int = FINISH,
+    progress: Tell | None = None,
 ) -> Multistart:
     """`plan` for a problem, from controls us (S, N, nu)."""
     instance("options", options, Options | None, "a ddp.Options")
@@ -213,7 +223,7 @@ def solve_starts(
         settings = replace(settings, method=method, regularization=Regularization.of(schedules[rows]))
         rungs = LAST_RUNGS if place + 1 == len(methods) else _rungs(len(batch), finish)
         work = Workspace(problem, len(batch), settings)
-        result = work.solve(x, batch, rungs=rungs)
+        result = work.solve(x, batch, rungs=rungs, progress=progress and partial(progress, method))
         order = np.argsort(np.where(np.isnan(result.cost), np.inf, result.cost), kind="stable")
         if place + 1 == len(methods) and problem.state_limits is not None:  # what was left behind kept none
             beyond = work.beyond_limits()[order] > settings.limit_tolerance

@@ -36,7 +36,6 @@ def make_solver(spec: Specialisation) -> wp.Function:
     RANK = dtype(1e-14 if dtype is wp.float64 else 1e-6)
     CERTIFICATE = dtype(1e-18 if dtype is wp.float64 else 1e-11)  # a square: tells 1:1e6 in mass from zero
     SPEED = dtype(1e6 if dtype is wp.float64 else 1e5)  # opens nothing, relative to the problem's
-    LIGHTER = dtype(1e3)  # than the rest is a coordinate by up to the square of this
 
     def make_couple(first: int) -> wp.Function:
         @wp.func
@@ -101,26 +100,19 @@ def make_solver(spec: Specialisation) -> wp.Function:
     @wp.func
     def proves_infeasible(p: Problem, y: VR):
         # Farkas: y >= 0, J'y = 0, y.w0 = y.d/h < 0 proves that no velocity opens the rows; where J'y is not
-        # quite 0, that none below SPEED times the problem's does, neither its energy nor a coordinate
+        # quite 0, that no velocity below SPEED times the problem's does
         f = VQ()
         length = ZERO
         work = ZERO
         smallest = ZERO + UNUSED
-        lever = ZERO + UNUSED
         for i in range(wp.static(NR)):
             if (p.mask & wp.static(1 << i)) != 0:
                 length += y[i] * y[i] * p.diag[i]
                 work += y[i] * p.w0[i]
                 smallest = wp.min(smallest, p.diag[i])
-                row = wp.abs(wp.static(r.adds[i])(VQ(), p.jac, wp.static(dtype(1.0))))
-                lever = wp.min(lever, wp.max(row))
                 f = wp.static(r.adds[i])(f, p.jac, y[i])
         left = wp.dot(f, p.minv * f)
-        pull = ZERO
-        for j in range(wp.static(s.nv)):
-            pull += wp.abs(f[j])
-        energy = wp.sqrt(left / smallest)
-        moves = SPEED * p.size * wp.max(energy, wp.min(pull / lever, LIGHTER * energy))
+        moves = SPEED * p.size * wp.sqrt(left / smallest)
         return work < -moves and left <= CERTIFICATE * length
 
     @wp.func

@@ -75,10 +75,14 @@ def optimise_command(
     regularization = SCHEDULES if methods else ddp.Regularization()
     options = ddp.Options(max_iterations=passes, method=last, regularization=regularization)
     scale = noise_scale(chosen) if explore is None else number("--explore", explore, 0.0)
-    with timed("DDP"), waiting("planning from all starts; minutes where many bodies may touch"):
+
+    def tell(name: str, made: int, going: int, cost: float) -> None:
+        say(f"{name}, pass {made}: {going} of the plans go on, lowest cost {cost:.6g}")
+
+    with timed("DDP"), waiting("planning from all starts; minutes where many bodies may touch") as say:
         late = Late.of(problem, delay_of(chosen, problem))
         guesses = plan_starts(late.rest, late.begin(x0), starts, seed, scale, method=first)
-        record, results = optimise(late, x0, guesses, options, schedules, sigmas, methods)
+        record, results = optimise(late, x0, guesses, options, schedules, sigmas, methods, tell)
     record.header["seed"], record.header["task"] = seed, chosen.name
     record.save(path)
     console.print(trace_table(results[-1]))

@@ -1,5 +1,6 @@
 """A plan of a task by DDP, from one start or many, at one or more noise levels."""
 
+from collections.abc import Callable
 from dataclasses import fields, replace
 from typing import Any
 
@@ -45,6 +46,7 @@ def optimise(
     schedules: bool = False,
     sigmas: np.ndarray | None = None,
     methods: tuple[str, ...] = (),
+    tell: Callable[[str, int, int, float], None] | None = None,
 ) -> tuple[Record, list[ddp.Result]]:
     """Solve, and describe the outcome as a plan; the results are those of the noise levels, one or many.
 
@@ -54,13 +56,14 @@ def optimise(
         schedules: try eight regularisation schedules for each of them.
         sigmas: noise levels of a continuation that begins at the best solution.
         methods: one after the other, as `ddp.plan` has them; none: that of the options.
+        tell: `progress` of `ddp.plan`, where there are methods.
     """
     simulated = Simulated.of(late.whole.dynamics, late.whole.params)
     arrays: dict[str, np.ndarray] = {}
     header: dict[str, Any] = device_facts(late.whole.dynamics)
     problem, began = late.rest, late.begin(x0)
     if methods:
-        many = solve_starts(problem, began, starts, options, methods)
+        many = solve_starts(problem, began, starts, options, methods, progress=tell)
         results = [many.best]
         arrays["batch_cost"] = late.extend(many.all, x0).trace.cost
         arrays["batch_status"] = many.all.status

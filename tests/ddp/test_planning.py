@@ -54,6 +54,24 @@ def test_the_second_method_goes_on_from_the_best_and_never_gets_worse(planned):
     assert float(again.best.cost) <= costs[0]
 
 
+def test_passes_are_told_as_they_are_made(planned):
+    task, sim, options, first, best = planned
+    told = []
+    again = ddp.plan(task, 4, seed=1, sim=sim, options=options, progress=lambda *found: told.append(found))
+    np.testing.assert_array_equal(again.best.us, best.best.us)
+    methods, passes, going, cost = zip(*told)
+    assert list(dict.fromkeys(methods)) == ["gauss-newton", "second-order"]
+    parts = [[each[1:] for each in told if each[0] == method] for method in dict.fromkeys(methods)]
+    for part in parts:
+        made, left, lowest = zip(*part)
+        assert list(made) == list(range(made[0], made[0] + len(part))) and min(left) >= 0
+        assert list(lowest) == sorted(lowest, reverse=True)
+    assert cost[-1] == pytest.approx(float(best.best.cost), rel=1e-9)
+    assert parts[0][-1][2] == pytest.approx(float(first.best.cost), rel=1e-9)
+    with pytest.raises(slcp.InputError, match="progress is .*; it must take 4 arguments"):
+        ddp.plan(task, 4, sim=sim, progress=lambda done: None)
+
+
 def test_passes_of_all_methods_count(planned, tmp_path):
     """Also where the last one begins at what is stationary already: it was told as made in 0 passes."""
     _, _, _, first, best = planned

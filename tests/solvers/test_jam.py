@@ -244,7 +244,7 @@ def test_what_takes_impulses_of_30_000_times_the_data_is_no_jam():
 
 def test_what_opens_at_ten_thousand_times_the_speeds_is_not_infeasible():
     """Two rows of a contact that oppose each other but for .1 % open at 1e6 rad/s of a damped coordinate that
-    is 1e5 times as heavy as the other: much energy, but what float32 may exclude is said of coordinates.
+    is 1e5 times as heavy as the other.
     """
     task = Task(90011, 33, "specialised")
     scene, ((options, dtype),) = task.make_scene(), task.methods()
