@@ -12,6 +12,7 @@ from rich.table import Table
 
 import slcp_warp as slcp
 from slcp_warp.ensembles.worlds.nominal import nominal
+from slcp_warp.inputs.checks import memory, whole
 from slcp_warp.inputs.limits import limit_rows
 from slcp_warp.results.overlaps import overlaps
 from slcp_warp.stepping.host import acts_on_host
@@ -43,8 +44,8 @@ def simulate(
         task: of the worlds, where there is one: what it has between a policy and its world and is not drawn
             (observation, delay, hold, control limits) acts as in undisturbed worlds of a sweep.
     """
-    if steps < 1:
-        raise ValueError(f"--steps is {steps}; it must be at least 1")
+    whole("--steps", steps)
+    memory("--steps", len(x0) * steps * (sim.nx + sim.nu), 8, sim.device)
     if not np.isfinite(x0).all():
         raise ValueError(f"--start contains {x0[~np.isfinite(x0)][0]}; it must be finite")
     facts: dict[str, Any] = {"policy": ZERO}

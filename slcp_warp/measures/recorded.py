@@ -151,8 +151,10 @@ def checked_measures(measures: Any) -> dict[str, Measure]:
     if not isinstance(measures, Mapping):
         raise ArgumentTypeError(f"measures is {shown(measures)}; a dict of measures by name is needed")
     for name, measure in measures.items():
-        if not isinstance(name, str) or not name:
-            raise ArgumentTypeError(f"measures has the name {shown(name)}; a text is needed")
+        if not (isinstance(name, str) and name and name.isprintable()):
+            raise ArgumentTypeError(
+                f"measures has the name {shown(name)}; a text of printable characters is needed"
+            )
         if not isinstance(measure, Measure):
             raise ArgumentTypeError(
                 f"measures[{name!r}] is {shown(measure)}; one of slcp_warp.measures is needed"

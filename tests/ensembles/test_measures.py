@@ -139,6 +139,11 @@ SHORT = np.zeros((1, 3, 2 * SCENE.nv))
         (lambda: Recorded(SCENE, H, SHORT[..., 1:]), slcp.ArgumentError, "states has shape"),
         (lambda: Recorded(SCENE, H, SHORT[:, :1]), slcp.ArgumentError, "at least one step"),
         (lambda: checked_measures([m.final(0)]), slcp.ArgumentTypeError, "a dict of measures"),
+        (
+            lambda: checked_measures({"a\nb": m.final(0)}),
+            slcp.ArgumentTypeError,
+            r"measures has the name 'a\\nb'; a text of printable characters",
+        ),
         (lambda: checked_measures({"x": m.state(0)}), slcp.ArgumentTypeError, r"measures\['x'\] is"),
     ],
 )

@@ -40,10 +40,12 @@ def test_simulate_says_what_overlaps_where_a_world_fails(tmp_path):
         (["--set", "mass=1", "--set", "mass=2"], "--set mass is given more than once"),
         (["--set", "step_size=.1", "--step-size", ".2"], "--set step_size and --step-size are both given"),
         (["--set", "sigma=.1", "--sigma", ".2"], "--set sigma and --sigma are both given"),
+        (["--steps", "99999999999999999999"], "--steps is 99999999999999999999; a whole number below 2^31"),
+        (["--steps", "2000000000", "--worlds", "1000"], "--steps would take 1.192e+05 GiB"),
         (["--residual", "hard", "--sigma", ".1"], "--sigma is 0.1, which the hard problem has not"),
     ],
 )
-def test_what_would_be_dropped_is_refused(options, says, tmp_path, monkeypatch):
+def test_what_would_be_dropped_or_does_not_fit_is_refused(options, says, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert says in fails("simulate", "--device", "cpu", *options)
     assert list(tmp_path.iterdir()) == []
