@@ -179,7 +179,7 @@ def make_inverse(s: Structure, dtype: type) -> Any:
     NV = s.nv
     ZERO, ONE = dtype(0.0), dtype(1.0)
     SHARE = dtype(LOST[dtype])
-    fill = _fill_pattern(s)
+    fill = fill_pattern(s)
     LARGEST = dtype(1.0 / LOST[dtype])
     coupled = tuple(any(fill[i][j] or fill[j][i] for j in range(NV) if j != i) for i in range(NV))
 
@@ -232,7 +232,7 @@ def make_inverse(s: Structure, dtype: type) -> Any:
     return checked if any(coupled) and dtype is wp.float32 else inverse
 
 
-def _fill_pattern(s: Structure) -> tuple[tuple[bool, ...], ...]:
+def fill_pattern(s: Structure) -> tuple[tuple[bool, ...], ...]:
     """Entries of L and of L^-1 that can differ from zero, as the transitive closure of M's pattern."""
     fill = [[s.coupled(i, j) or i == j for j in range(s.nv)] for i in range(s.nv)]
     for k in range(s.nv):

@@ -16,7 +16,7 @@ from ..contact.acting import rows_of_pairs
 from ..contact.end_gap import make_end_gap
 from ..contact.rows import make_rows
 from ..factories import cached
-from ..mechanism.dynamics import make_mechanism
+from ..mechanism.dynamics import fill_pattern, make_mechanism
 from ..mechanism.effective_mass import make_effective_mass
 from ..mechanism.forces import make_forces
 from ..residual.noise import make_noise
@@ -50,6 +50,8 @@ def make_balance(spec: Specialisation) -> SimpleNamespace:
     MOST = dtype((SHARED if law.weighs else 1.0) * MOVED[dtype])
     index = tuple(row.index if row.kind == "limit" else 0 for row in s.rows)
     coupled = tuple(tuple(s.coupled(i, j) or i == j for j in range(NV)) for i in range(NV))
+    if method.trapezoidal and s.implicit_damping:  # whose N = K + B K^-1 B has what M^-1 has
+        coupled = fill_pattern(s)
     alone = tuple(sum(row) == 1 for row in coupled)
     ends = method.end_gap and len(s.pairs) > 0
     end_gap = make_end_gap(spec) if ends else None
@@ -149,6 +151,7 @@ def make_balance(spec: Specialisation) -> SimpleNamespace:
         pose = wp.static(mech.pose)(world, q)
         n = wp.static(mass.matrix)(world, pose)
         push = world.params[wp.static(H)] * forces(world, pose, v, u)
+        fast = wp.abs(v) + wp.abs(sol.vfree)
         if wp.static(method.trapezoidal):
             v = sol.vfree
             push = VQ()
@@ -165,7 +168,7 @@ def make_balance(spec: Specialisation) -> SimpleNamespace:
                 miss, large = missing(n, v, out.v, total, size)
                 left -= 1
             if rounds == 0:
-                out, lost = astray(world, q, sol, out, wp.abs(v) + wp.abs(out.vfree))
+                out, lost = astray(world, q, sol, out, fast)
             rounds += 1
         if large or lost:
             out.status = wp.static(NOT_CONVERGED)

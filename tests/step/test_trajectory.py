@@ -119,7 +119,9 @@ def test_what_was_saved_is_loaded(tmp_path, run, record, batched):
     sim = slcp.Simulator(again.scene, again.options, device="cpu")
     if "controls" in record:
         twice = sim.rollout(saved.states[..., 0, :], again.controls, again.params)
-        np.testing.assert_array_equal(twice.states, again.states)
+        np.testing.assert_allclose(
+            twice.states, again.states, rtol=0, atol=1e-11
+        )  # other kernels round otherwise
 
 
 def test_a_file_that_fits_itself_not_is_refused(tmp_path, run):
