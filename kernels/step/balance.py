@@ -55,8 +55,7 @@ def make_balance(spec: Specialisation) -> SimpleNamespace:
     alone = tuple(sum(row) == 1 for row in coupled)
     ends = method.end_gap and len(s.pairs) > 0
     end_gap = make_end_gap(spec) if ends else None
-    shut = method.hard and not method.end_gap
-    shuts = tuple(shut and (limit or not law.by_diagonal) for limit in rows.limit)
+    shuts = tuple(method.hard and (limit or not (law.by_diagonal or ends)) for limit in rows.limit)
     ROUNDS = 2 if any(shuts) and PASSES[dtype] else 1
 
     rows_of = rows_of_pairs(s)
@@ -111,11 +110,11 @@ def make_balance(spec: Specialisation) -> SimpleNamespace:
         """
         out = sol
         bent = t.VR()
-        if wp.static(ends):
-            bent = turned(world, q, before, sol)
         lost = bool(False)
         passes = int(0)
         while passes <= wp.static(PASSES[dtype]):
+            if wp.static(ends):
+                bent = turned(world, q, before, out)
             for i in range(wp.static(s.nr)):
                 if (sol.mask & wp.static(1 << i)) != 0:
                     terms = wp.abs(sol.rate[i])
@@ -129,7 +128,7 @@ def make_balance(spec: Specialisation) -> SimpleNamespace:
                     speed = wp.static(rows.dots[i])(sol.jac, out.v)
                     w = speed + sol.rate[i]
                     own = wp.static(rows.dots[i])(sol.jac, response)
-                    if wp.static(method.end_gap):  # whose d/h in the end is not kept
+                    if wp.static(ends and not rows.limit[i]):  # whose d/h in the end is not kept
                         w = speed - wp.static(rows.dots[i])(sol.jac, before.v) + bent[i]
                     elif wp.static(shuts[i]):
                         if not (sol.lam[i] > ZERO):

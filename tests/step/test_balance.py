@@ -169,3 +169,13 @@ def test_a_trapezoidal_step_is_refined_with_all_of_its_matrix():
     verdict = judged(worlds, sim, push)[0].verdict
     assert set(verdict) <= {"holds", "status", "unproven"} and verdict[43] == "holds"
     assert (verdict == "holds").sum() > 50
+
+
+def test_limits_are_shut_where_gaps_are_those_at_the_end():
+    """Grams at a condition of 7e5: a limit was left open by three roundings times that and more."""
+    task = Task(90015, 34, "specialised")
+    scene, ((options, dtype),) = task.make_scene(), task.methods()
+    assert options.gap == "end" and options.hard and dtype == "float64"
+    sim = slcp.Simulator(scene, options, device="cpu", dtype=dtype, strategy="specialised")
+    verdict = judged(task.worlds(2, scene), sim)[0].verdict
+    assert set(verdict) <= {"holds", "status"} and verdict[173] == "holds"
