@@ -28,7 +28,8 @@ from .solution import make_solution
 
 DIGITS = {wp.float64: 1e4, wp.float32: 30.0}  # max N_ii (N^-1)_ii up to which nothing can be missing
 MISSING = {wp.float64: 3e-12, wp.float32: 4e-6}  # of the terms of a coordinate's equation of motion
-MOVED = {wp.float64: 1e-8, wp.float32: 1e-3}  # of the terms of J v' + d/h
+MOVED = {wp.float64: 1e-8, wp.float32: 1e-3}  # of the terms of J v' + d/h, at most
+ROUNDED = {wp.float64: 5e-15, wp.float32: 2.4e-6}  # of them, times max N_ii (N^-1)_ii: 20 roundings
 SHARED = 0.1  # of that where a row's error is every other row's, too
 REFINEMENTS = 4
 PASSES = {wp.float64: 2, wp.float32: 0}  # over hard rows, whose impulses have lost what A has
@@ -37,7 +38,8 @@ PASSES = {wp.float64: 2, wp.float32: 0}  # over hard rows, whose impulses have l
 @cached
 def make_balance(spec: Specialisation) -> SimpleNamespace:
     """loses: whether N has couplings at all; is_ill(n, minv): whether digits of v' may be missing; refined(
-    world, x, u, solution) -> the solution of a solved step. Numbers that are none are left to others.
+    world, x, u, solution) -> v', lambda and the status of a solved step; shuts: whether lambda may be another
+    one. Numbers that are none are left to others.
     """
     s, dtype, method = spec
     law = law_of(method, s.nr)
@@ -102,11 +104,11 @@ def make_balance(spec: Specialisation) -> SimpleNamespace:
         return now - end_gap.bend(world, q, before.v, before.normal, before.jac, before.rate, known)
 
     @wp.func
-    def astray(world: t.World, q: VQ, before: Solution, sol: Solution, fast: VQ):
+    def astray(world: t.World, q: VQ, before: Solution, sol: Solution, fast: VQ, most: dtype):
         """The solution, and whether J v' + d/h of a row is not what it was solved for, A_ii lambda - z or D
-        lambda - z, beside velocities of size `fast`; with the gap at the end whether that moved from where
-        it was `before`. Hard rows that press, but for Coulomb's two, are shut again by impulses of their own
-        first, one by one.
+        lambda - z, by `most` of its terms beside velocities of size `fast`; with the gap at the end whether
+        that moved from where it was `before`. Hard rows that press, but for Coulomb's two, are shut again by
+        impulses of their own first, one by one.
         """
         out = sol
         bent = t.VR()
@@ -128,21 +130,29 @@ def make_balance(spec: Specialisation) -> SimpleNamespace:
                     speed = wp.static(rows.dots[i])(sol.jac, out.v)
                     w = speed + sol.rate[i]
                     own = wp.static(rows.dots[i])(sol.jac, response)
+                    bound = wp.where(passes < wp.static(PASSES[dtype]), MOST, most) * terms
                     if wp.static(ends and not rows.limit[i]):  # whose d/h in the end is not kept
                         w = speed - wp.static(rows.dots[i])(sol.jac, before.v) + bent[i]
                     elif wp.static(shuts[i]):
                         if not (sol.lam[i] > ZERO):
                             w = wp.min(w, ZERO)
-                        elif passes < wp.static(PASSES[dtype]) and wp.abs(w) <= MOST * terms:
+                        elif passes < wp.static(PASSES[dtype]) and wp.abs(w) <= bound:
                             out.lam[i] = wp.max(out.lam[i] - w / own, ZERO)
                             out.v = out.v - (w / own) * response
                     elif wp.static(law.by_diagonal):
                         w -= own * sol.lam[i] - sol.z[i]
                     else:
                         w -= sol.scale[i] * sol.lam[i] - sol.z[i]
-                    lost = lost or wp.abs(w) > MOST * terms
+                    lost = lost or wp.abs(w) > bound
             passes += 1
         return out, lost
+
+    @wp.func
+    def illness(n: MQ, minv: MQ):
+        worst = ZERO
+        for i in range(wp.static(NV)):
+            worst = wp.max(worst, n[i, i] * minv[i, i])
+        return worst
 
     @wp.func
     def refined(world: t.World, x: VX, u: VU, sol: Solution):
@@ -167,11 +177,12 @@ def make_balance(spec: Specialisation) -> SimpleNamespace:
                 miss, large = missing(n, v, out.v, total, size)
                 left -= 1
             if rounds == 0:
-                out, lost = astray(world, q, sol, out, fast)
+                most = wp.min(MOST, wp.static(dtype(ROUNDED[dtype])) * illness(n, out.minv))
+                out, lost = astray(world, q, sol, out, fast, most)
             rounds += 1
         if large or lost:
             out.status = wp.static(NOT_CONVERGED)
-        return out
+        return out.v, out.lam, out.status
 
     @wp.func
     def is_ill(n: MQ, minv: MQ):
@@ -181,4 +192,4 @@ def make_balance(spec: Specialisation) -> SimpleNamespace:
                 out = out or n[i, i] * minv[i, i] > LARGEST
         return out
 
-    return SimpleNamespace(loses=s.couples, is_ill=is_ill, refined=refined)
+    return SimpleNamespace(loses=s.couples, shuts=ROUNDS > 1, is_ill=is_ill, refined=refined)

@@ -74,7 +74,11 @@ def make_step(spec: Specialisation, exact_gap: int) -> SimpleNamespace:
                 if wp.static(method.fast):  # left to what makes the steps that the fast methods leave
                     out.status = wp.static(NOT_CONVERGED)
                 else:
-                    out = refined(world, x, u, out)
+                    reached, lam, status = refined(world, x, u, out)  # not a Solution: that is kept in memory
+                    out.v = reached
+                    if wp.static(balance.shuts):
+                        out.lam = lam
+                    out.status = status
         return out
 
     @wp.func
