@@ -263,10 +263,7 @@ def make_erm_solver(spec: Specialisation) -> wp.Function:
         for i in range(wp.static(NR)):
             if w0[i] < ZERO or p.scale[i] * rem[i] > w[i]:
                 acting.mask = acting.mask | wp.static(1 << i)
-            moved = level[i]
-            for j in range(wp.static(NR)):
-                moved += wp.abs(A[i, j] * rem[j])
-            out = wp.max(out, moved)
+            out = wp.max(out, level[i] + wp.abs(w[i] - w0[i]))
         return wp.max(out, measure(world, acting).size)
 
     @wp.func
