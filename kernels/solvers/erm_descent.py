@@ -60,7 +60,7 @@ def make_erm_search(n: int, dtype: type, residual: str) -> wp.Function:
         w: VR
         gradient: VR
         value: dtype
-        worst: dtype  # largest component of the gradient, each over D_i + A_ii
+        worst: dtype  # largest component of the gradient, each over its unit times D_i + A_ii
 
     @wp.struct
     class End:
@@ -71,7 +71,7 @@ def make_erm_search(n: int, dtype: type, residual: str) -> wp.Function:
         iterations: int
 
     @wp.func
-    def evaluate(A: MR, w0: VR, scale: VR, sigma: VR, lam: VR):
+    def evaluate(A: MR, w0: VR, scale: VR, sigma: VR, unit: VR, lam: VR):
         out = Point()
         out.w = w0 + A * lam
         ra = VR()
@@ -84,7 +84,7 @@ def make_erm_search(n: int, dtype: type, residual: str) -> wp.Function:
             rw[i] = t[1]
         out.gradient = ra + A * rw
         for i in range(n):
-            out.worst = wp.max(out.worst, wp.abs(out.gradient[i]) / (scale[i] + A[i, i]))
+            out.worst = wp.max(out.worst, wp.abs(out.gradient[i]) / ((scale[i] + A[i, i]) * unit[i]))
         if not wp.isfinite(out.value + wp.dot(out.gradient, out.gradient)):  # wp.max drops a NaN
             out.worst = HUGE
         return out
@@ -98,19 +98,19 @@ def make_erm_search(n: int, dtype: type, residual: str) -> wp.Function:
         return out
 
     @wp.func
-    def descend(A: MR, w0: VR, scale: VR, sigma: VR, start: VR, unit: dtype, limit: int):
+    def descend(A: MR, w0: VR, scale: VR, sigma: VR, unit: VR, start: VR, limit: int):
         """Levenberg-Marquardt from lambda = start: `limit` iterations, or less."""
         out = End()
         lam = start
         size = sizes(A, scale)
-        at = evaluate(A, w0, scale, sigma, lam)
+        at = evaluate(A, w0, scale, sigma, unit, lam)
         damping = dtype(0.0)
         it = int(0)
         status = int(wp.static(NOT_CONVERGED))
         while status == wp.static(NOT_CONVERGED) and it < limit:
             it += 1
             out.iterations += 1
-            if at.worst <= TOL * unit:
+            if at.worst <= TOL:
                 status = wp.static(SOLVED)
                 break
             moved = int(0)
@@ -122,7 +122,7 @@ def make_erm_search(n: int, dtype: type, residual: str) -> wp.Function:
                 step = -substitute(l, at.gradient)
             while tries > 0:
                 tries -= 1
-                there = evaluate(A, w0, scale, sigma, lam + step)
+                there = evaluate(A, w0, scale, sigma, unit, lam + step)
                 if there.worst < HUGE and gain(at, there, step) > ZERO:
                     lam += step
                     at = there
@@ -140,7 +140,7 @@ def make_erm_search(n: int, dtype: type, residual: str) -> wp.Function:
                 damping = wp.max(TEN * damping, FIRST)
                 if damping > LARGEST:
                     it = limit
-        if status == wp.static(NOT_CONVERGED) and at.worst <= ACCEPT * unit:
+        if status == wp.static(NOT_CONVERGED) and at.worst <= ACCEPT:
             status = wp.static(SOLVED)
         out.lam = lam
         out.w = at.w
@@ -170,10 +170,10 @@ def make_erm_search(n: int, dtype: type, residual: str) -> wp.Function:
         return out
 
     @wp.func
-    def minimise(A: MR, w0: VR, scale: VR, sigma: VR, rem: VR, unit: dtype):
+    def minimise(A: MR, w0: VR, scale: VR, sigma: VR, rem: VR, unit: VR):
         """The least of the minima found from the REM solution and from other starts.
 
-        unit: size of the terms of w0 of rows that act, what a vanishing gradient is relative to.
+        unit: by row, what a vanishing gradient is relative to.
         """
         closed = VR()
         w = w0 + A * rem
@@ -204,7 +204,7 @@ def make_erm_search(n: int, dtype: type, residual: str) -> wp.Function:
                 lam = other_side(A, w0, scale, choice)
                 worth = wp.where(best.value * FAR > plain(A, w0, scale, lam), 1, 0)
             if worth == 1:
-                end = descend(A, w0, scale, sigma, lam, unit, limit)
+                end = descend(A, w0, scale, sigma, unit, lam, limit)
                 iterations += end.iterations
                 if k == 0:
                     best = end
@@ -222,7 +222,7 @@ def make_erm_search(n: int, dtype: type, residual: str) -> wp.Function:
             told = ZERO  # of w: impulses against each other may leave no digits of it
             for j in range(n):
                 told += wp.abs(A[i, j] * best.lam[j])
-            if not (ROUND * told <= LOST * unit):
+            if not (ROUND * told <= LOST * unit[i]):
                 best.status = wp.static(NOT_CONVERGED)
         return best.lam, best.w, best.status, iterations
 
@@ -249,22 +249,31 @@ def make_erm_solver(spec: Specialisation) -> wp.Function:
     gather = make_gather(spec)
     MR = make_erm(NR, dtype, method.residual).MR
     ZERO = dtype(0.0)
+    index = tuple(row.index for row in s.rows)
 
     @wp.func
-    def size_of(world: t.World, p: Problem, w0: VR, A: MR, level: VR, rem: VR):
-        """What a vanishing gradient is relative to: the terms of rows that v_free or the REM solution closes,
-        and what the others' velocities change by. A wall far away, d/h of thousands, is no measure of a
-        contact.
+    def units(p: Problem, w0: VR, A: MR, level: VR, rem: VR):
+        """By row what a vanishing gradient is relative to: the largest, of rows that move with it, of terms
+        where v_free or the REM solution closes a row, and of what velocities change by in that solution. A
+        wall far away, d/h of thousands, is no measure of a contact, nor are impulses against each other.
         """
-        acting = p
-        acting.mask = int(0)
-        out = ZERO
+        own = VR()
         w = w0 + A * rem
         for i in range(wp.static(NR)):
+            own[i] = level[i] + wp.abs(w[i] - w0[i])
             if w0[i] < ZERO or p.scale[i] * rem[i] > w[i]:
-                acting.mask = acting.mask | wp.static(1 << i)
-            out = wp.max(out, level[i] + wp.abs(w[i] - w0[i]))
-        return wp.max(out, measure(world, acting).size)
+                terms = level[i] + wp.abs(p.rate[i]) + wp.abs(w0[i])
+                if wp.static(r.limit[i]):
+                    terms += wp.abs(p.vfree[wp.static(index[i])])
+                else:
+                    terms += wp.dot(wp.abs(p.jac[i]), wp.abs(p.vfree))
+                own[i] = wp.max(own[i], terms)
+        out = VR()
+        for i in range(wp.static(NR)):
+            for j in range(wp.static(NR)):
+                if A[i, j] != ZERO or i == j:
+                    out[i] = wp.max(out[i], own[j])
+        return out
 
     @wp.func
     def solve(world: t.World, p: Problem, warm: VR):
@@ -275,7 +284,7 @@ def make_erm_solver(spec: Specialisation) -> wp.Function:
             for i in range(wp.static(NR)):
                 level[i] = wp.static(noise.level[i])(world, p.sigma)
             A = gather(p.minv, p.jac)
-            unit = size_of(world, p, known.w0, A, level, lam)
+            unit = units(p, known.w0, A, level, lam)
             lam, w, status, count = wp.static(search)(A, known.w0, p.scale, level, lam, unit)
             iterations += count
             f = VQ()

@@ -66,7 +66,9 @@ def test_particle_rollout_diffuses_in_flight_and_is_the_rollout_without_noise():
     x0, us = np.array([0.0, 0.1, 0.0, 0.3, 0.0, 0.0]), np.zeros((20, 0))
     still = slcp.particle_rollout(hard, x0, us, params, covariance=np.zeros((6, 6)), count=3)
     plain = hard.rollout(x0, us, params)
-    np.testing.assert_allclose(still.states, np.broadcast_to(plain.states, still.states.shape), atol=1e-12)  # kernels apart
+    np.testing.assert_allclose(
+        still.states, np.broadcast_to(plain.states, still.states.shape), atol=1e-12
+    )  # kernels apart
     assert still.states[0, -1, 1] < 1e-3  # it has landed: contact is in the comparison
 
     spread = np.diag([0.0, 0.0, 0.0, SD**2, 0.0, 0.0])

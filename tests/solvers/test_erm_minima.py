@@ -1,5 +1,6 @@
 """ERM's objective (15) has several minima: which one is found, and when it counts as found."""
 
+import dataclasses
 import itertools
 
 import numpy as np
@@ -9,6 +10,8 @@ from scipy.optimize import minimize
 from scipy.special import ndtr, spence
 
 import slcp_warp as slcp
+from slcp_warp.scripts.benchmarks.fuzz.judged import judged
+from slcp_warp.scripts.benchmarks.fuzz.tasks import Task
 
 # Two minima of more than .0158 beside the one of .014051.
 A = np.array(
@@ -111,3 +114,20 @@ def test_large_impulses_excuse_no_gradient(device, name):
     for i in solved:
         _value, gradient = expected_squares(name, *(x[i] for x in wide), diagonal(wide[1][i]), 0.1)
         assert np.abs(gradient).max() < 1e-3 * (0.1 + np.abs(b[i]).max())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed,scene,world", [(90018, 44, 646), (90020, 10, 1579)], ids=["jam", "apart"])
+def test_what_moves_elsewhere_excuses_no_gradient(seed, scene, world):
+    """A slider of .4 g at 790 m/s in a guide that jams it: the REM solution's impulses, which oppose each
+    other, are no measure. And limits at 1e-4 rad/s beside a body at 5 m/s that they do not move.
+    """
+    task = Task(seed, scene, "specialised", chunks=4)
+    mechanism, ((options, dtype),) = task.make_scene(), task.methods()
+    chunk, place = divmod(world, task.per_chunk)
+    one = task.worlds(chunk, mechanism).part([place])
+    shaken = one.x * (1.0 + 1e-5 * np.random.default_rng(5).standard_normal((100, one.x.shape[1])))
+    worlds = dataclasses.replace(one.part(np.zeros(100, int)), x=shaken.astype(np.float32).astype(float))
+    sim = slcp.Simulator(mechanism, options, device="cpu", dtype=dtype, strategy="specialised")
+    found = judged(worlds, sim)[0]
+    assert dtype == "float32" and set(found.verdict) <= {"holds", "status"}
