@@ -129,8 +129,8 @@ def sweep(
     if isinstance(scene, Task | str):
         if spec is not None:
             raise ArgumentError(
-                f"scene is {checks.shown(scene)} and spec is {checks.shown(spec)}; a task, or one by name,"
-                " has disturbances and measures of its own: a spec is of a slcp_warp.Scene"
+                f"scene is {checks.shown(scene)} and spec is {checks.shown(spec)}; a task has its own"
+                " disturbances and measures, also one by name: a spec is of a slcp_warp.Scene"
             )
         return sweep_task(
             scene, policy, worlds=worlds, seed=seed, cases=cases, step_sizes=step_sizes, dtype=dtype,
