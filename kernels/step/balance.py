@@ -24,6 +24,7 @@ from ..solvers.law import law_of
 from ..specialisation import Specialisation
 from ..status import NOT_CONVERGED
 from ..structure import layout
+from .scale_digits import make_scale_digits
 from .solution import make_solution
 
 DIGITS = {wp.float64: 1e4, wp.float32: 30.0}  # max N_ii (N^-1)_ii up to which nothing can be missing
@@ -58,6 +59,8 @@ def make_balance(spec: Specialisation) -> SimpleNamespace:
     ends = method.end_gap and len(s.pairs) > 0
     end_gap = make_end_gap(spec) if ends else None
     shuts = tuple(method.hard and (limit or not (law.by_diagonal or ends)) for limit in rows.limit)
+    smoothed = not (method.hard or law.by_diagonal or law.weighs) and method.inertia_scaling
+    scale_loses = make_scale_digits(spec) if smoothed and s.nr else None
     ROUNDS = 2 if any(shuts) and PASSES[dtype] else 1
 
     rows_of = rows_of_pairs(s)
@@ -179,6 +182,8 @@ def make_balance(spec: Specialisation) -> SimpleNamespace:
             if rounds == 0:
                 most = wp.min(MOST, wp.static(dtype(ROUNDED[dtype])) * illness(n, out.minv))
                 out, lost = astray(world, q, sol, out, fast, most)
+                if wp.static(scale_loses is not None):
+                    lost = lost or scale_loses(world, n, fast, sol, MOST)
             rounds += 1
         if large or lost:
             out.status = wp.static(NOT_CONVERGED)
