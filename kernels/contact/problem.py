@@ -34,7 +34,8 @@ def make_problem(s: Structure, dtype: type) -> type:
         inverse_diag: t.VR
         inverse_sigma: t.VR
         w0: t.VR  # J v_free + d/h
-        size: dtype  # of the terms of the residual: what its rounding is relative to
+        size: dtype  # of the terms of the residual, the largest of all rows: what rounding is relative to
+        least: dtype  # the smallest of all rows
 
     return Problem
 
@@ -46,13 +47,14 @@ def make_measure(spec: Specialisation) -> wp.Function:
     r = make_rows(spec)
     noise = make_noise(spec)
     Problem = make_problem(s, dtype)
-    ZERO, ONE, FLOOR = dtype(0.0), dtype(1.0), dtype(SMALLEST)
+    ZERO, ONE, FLOOR, NONE = dtype(0.0), dtype(1.0), dtype(SMALLEST), dtype(COLD)
     index = tuple(row.index for row in s.rows)
 
     @wp.func
     def measure(world: r.types.World, problem: Problem):
         out = problem
         out.size = ZERO
+        out.least = NONE
         for i in range(wp.static(s.nr)):
             if (problem.mask & wp.static(1 << i)) != 0:
                 response = wp.static(r.applies[i])(problem.minv, problem.jac)
@@ -70,6 +72,7 @@ def make_measure(spec: Specialisation) -> wp.Function:
                     out.inverse_sigma[i] = ONE / level
                     terms += level
                 out.size = wp.max(out.size, terms)
+                out.least = wp.min(out.least, terms)
         return out
 
     return measure

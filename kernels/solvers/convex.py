@@ -11,6 +11,7 @@ to go on from, or a proof that no velocity opens the rows. For REM-logistic, eq.
 import warp as wp
 
 from ..contact.problem import COLD, make_measure, make_problem
+from ..contact.row_sizes import make_row_sizes
 from ..contact.rows import make_rows
 from ..device.seldom import seldom
 from ..factories import cached
@@ -30,6 +31,7 @@ def make_solver(spec: Specialisation) -> wp.Function:
     r = make_rows(spec)
     solve_few = make_few_rows(spec)
     Problem, measure = make_problem(s, dtype), make_measure(spec)
+    uneven = make_row_sizes(spec).uneven
     VQ, VR, World = r.types.VQ, r.types.VR, r.types.World
     NR = s.nr
     ZERO, HALF, UNUSED = dtype(0.0), dtype(0.5), dtype(COLD)
@@ -91,7 +93,11 @@ def make_solver(spec: Specialisation) -> wp.Function:
     @wp.func
     def solve_fast(world: World, problem: Problem, warm: VR):
         p = measure(world, problem)
-        return solve_few(world, p, start(p, warm))
+        v, z, lam, status, iterations = solve_few(world, p, start(p, warm))
+        if wp.static(uneven is not None):
+            if uneven(p):
+                status = wp.static(NOT_CONVERGED)
+        return v, z, lam, status, iterations
 
     if method.fast:
         return solve_fast
@@ -120,8 +126,17 @@ def make_solver(spec: Specialisation) -> wp.Function:
         p = measure(world, problem)
         z = start(p, warm)
         v, z_few, lam_few, status, iterations = solve_few(world, p, z)
-        if not seldom(status != wp.static(SOLVED)):
+        unlike = bool(False)
+        size = p.size
+        if wp.static(uneven is not None):
+            unlike = uneven(p)
+        if not seldom(status != wp.static(SOLVED) or unlike):
             return v, z_few, lam_few, status, iterations
+        if unlike:
+            size = p.least
+            if status == wp.static(SOLVED):  # relative to the largest row
+                z = z_few
+                status = wp.static(NOT_CONVERGED)
         at = n.Point()
         attempt = int(0)
         while status == wp.static(NOT_CONVERGED) and attempt < 2:
@@ -131,8 +146,10 @@ def make_solver(spec: Specialisation) -> wp.Function:
                 if found == 0 and proves_infeasible(p, lam):
                     status = wp.static(INFEASIBLE)
             if status == wp.static(NOT_CONVERGED):
-                at, z, status, count = wp.static(n.newton)(world, p, z)
+                at, z, status, count = wp.static(n.newton)(world, p, z, size)
                 iterations += count
+                if status == wp.static(SOLVED) and not wp.static(n.good)(world, p, at, z, unlike):
+                    status = wp.static(NOT_CONVERGED)
             attempt += 1
         return at.v, z, at.lam, status, iterations
 

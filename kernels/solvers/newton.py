@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from ..contact.problem import make_problem
+from ..contact.row_sizes import make_row_sizes
 from ..contact.rows import make_rows
 from ..factories import cached
 from ..method import Method
@@ -26,25 +27,28 @@ RESOLUTION = {wp.float64: 2e-14, wp.float32: 1e-6}  # rounding of r, relative to
 
 
 def resolution(dtype: type, method: Method) -> float:
-    """|r| that counts as none, relative to the problem's size."""
+    """|r_i| that counts as none, relative to the size of its row."""
     return max(RESOLUTION[dtype], method.tolerance or 0.0)
 
 
 @cached
 def make_newton(spec: Specialisation) -> SimpleNamespace:
-    """Of a measured problem: `evaluate` r at z, Newton's `direction` there, the damped iteration `newton`."""
+    """Of a measured problem: `evaluate` r at z, Newton's `direction` there, the damped iteration `newton`,
+    and whether what it ends at is `good`.
+    """
     s, dtype, method = spec
     r = make_rows(spec)
     t = r.types
     sm = make_smoothing(dtype, method.residual)
     VQ, VR, JR = t.VQ, t.VR, t.JR
     NR, Problem = s.nr, make_problem(s, dtype)
-    noise = make_noise(spec)
+    noise, row_sizes = make_noise(spec), make_row_sizes(spec)
     ZERO, HALF, ONE = dtype(0.0), dtype(0.5), dtype(1.0)
     BEND = dtype(0.5 * sm.steepest)
     HUGE = dtype(1e300 if dtype is wp.float64 else 1e38)
     TOL = dtype(resolution(dtype, method))
     ACCEPT, LARGEST = (dtype(x) for x in ((2e-12, 1e-10) if dtype is wp.float64 else (1e-5, 1e-5)))
+    COUNTS = dtype(max(TOL, ACCEPT))
     OPPOSED = dtype(8.0)  # times the problem's size: velocities by single impulses that others take back
     ROUNDING = dtype(1e-15)  # of the impulses' own velocities, which cancel between heavy and light bodies
     WQ, bounded = wp.types.vector(s.nv, wp.float64), dtype is wp.float64
@@ -161,11 +165,11 @@ def make_newton(spec: Specialisation) -> SimpleNamespace:
         return out
 
     @wp.func
-    def hidden(world: t.World, p: Problem, at: Point):
+    def hidden(world: t.World, p: Problem, at: Point, own: VR):
         # what the rounding of impulses against each other left in J v', where r, of the same v', does not see
         # it: the error itself in float32, with what a rounding of J = J_n +- mu J_t makes of J' lambda, in
         # float64 a bound of both; relative to a row's own terms and to what the rows that press, each by
-        # itself, do to it
+        # itself, do to it, or to what is its `own` size
         f = WQ()
         alone = VQ()
         push = VQ()
@@ -208,7 +212,7 @@ def make_newton(spec: Specialisation) -> SimpleNamespace:
                 error = dtype(wp.abs(moved) * ROUND)
                 if wp.static(not bounded):
                     error += JACOBIAN * wp.dot(wp.abs(j), hit)
-                size = wp.min(size, MOST * p.size)
+                size = wp.max(wp.min(size, MOST * p.size), own[i])
                 if not (error <= worst * size):
                     worst = error / size
         return worst
@@ -224,15 +228,25 @@ def make_newton(spec: Specialisation) -> SimpleNamespace:
         return out
 
     @wp.func
-    def newton(world: t.World, p: Problem, z0: VR):
-        # from z0; NOT_CONVERGED where no step length helps or the iterations do not suffice
+    def rounding(p: Problem, z: VR):
+        # of the velocities that impulses of z make by themselves
+        out = ZERO
+        for i in range(wp.static(NR)):
+            if (p.mask & wp.static(1 << i)) != 0:
+                out = wp.max(out, ROUNDING * z[i] * p.diag[i] / p.scale[i])
+        return out
+
+    @wp.func
+    def newton(world: t.World, p: Problem, z0: VR, size: dtype):
+        # from z0 until no |r_i| counts relative to `size`; NOT_CONVERGED where no step length helps or the
+        # iterations do not suffice
         z = z0
         best = z0
         dz = VR()
         old = ZERO + HUGE
         best_worst = ZERO + HUGE
         length = dtype(1.0)
-        tolerance = TOL * p.size
+        tolerance = TOL * size
         it = int(0)
         last = int(0)
         status = int(wp.static(NOT_CONVERGED))
@@ -257,7 +271,7 @@ def make_newton(spec: Specialisation) -> SimpleNamespace:
                 dz = direction(p, at)
                 z = best + dz
                 if wp.static(not method.hard):
-                    if remainder(p, dz) <= TOL * p.size and not loud(p, at):
+                    if remainder(p, dz) <= TOL * size and not loud(p, at):
                         at = follow(p, at, dz)
                         status = wp.static(SOLVED)
             else:
@@ -265,17 +279,27 @@ def make_newton(spec: Specialisation) -> SimpleNamespace:
                 z = best + length * dz
             if length < SHORTEST or it >= wp.static(ITERATIONS[method.hard]):
                 # rounding may be all that is left: the best point then counts with a wider tolerance
-                tolerance = ACCEPT * p.size
-                for i in range(wp.static(NR)):
-                    if (p.mask & wp.static(1 << i)) != 0:
-                        tolerance = wp.max(tolerance, ROUNDING * best[i] * p.diag[i] / p.scale[i])
-                tolerance = wp.min(tolerance, LARGEST * p.size)
+                tolerance = wp.min(wp.max(ACCEPT * p.size, rounding(p, best)), LARGEST * p.size)
                 if best_worst > tolerance:
                     break
                 z = best
                 last = 1
-        if status == wp.static(SOLVED) and not (hidden(world, p, at) <= HIDDEN):
-            status = wp.static(NOT_CONVERGED)
         return at, z, status, it
 
-    return SimpleNamespace(Point=Point, evaluate=evaluate, direction=direction, newton=newton)
+    @wp.func(inline=False)  # in line, with sizes by row, it makes every step a seventh slower
+    def good(world: t.World, p: Problem, at: Point, z: VR, unlike: bool):
+        # whether a point that newton ended at, or a step from it, solves every row relative to what it is
+        # measured by, `unlike` where rows are no measure of one another
+        own = VR()
+        out = bool(True)
+        if unlike:
+            own = row_sizes.sizes(world, p)
+            rounded = rounding(p, z)
+            again = evaluate(world, p, z)
+            for i in range(wp.static(NR)):
+                if (p.mask & wp.static(1 << i)) != 0:
+                    most = wp.max(COUNTS * own[i], wp.min(rounded, LARGEST * own[i]))
+                    out = out and wp.abs(again.res[i]) <= most
+        return out and hidden(world, p, at, own) <= HIDDEN
+
+    return SimpleNamespace(Point=Point, evaluate=evaluate, direction=direction, newton=newton, good=good)
