@@ -23,8 +23,8 @@ ROUNDS = 4  # over all rows; what a row does reaches all later ones in one
 
 @cached
 def make_row_sizes(spec: Specialisation) -> SimpleNamespace:
-    """Of a measured problem: `uneven`, whether rows differ, None where they cannot, being of one pair;
-    `sizes` of rows that differ.
+    """Of a measured problem: `uneven`, whether rows may differ, None where they cannot, being of one pair;
+    then the `sizes` of rows; whether they are `unlike`, and the size that all are solved relative to.
     """
     s, dtype, method = spec
     r, noise = make_rows(spec), make_noise(spec)
@@ -61,14 +61,30 @@ def make_row_sizes(spec: Specialisation) -> SimpleNamespace:
         left = int(ROUNDS)
         while left > 0:
             left -= 1
+            grows = bool(False)
             for i in range(wp.static(s.nr)):
                 if (p.mask & wp.static(1 << i)) != 0:
                     row = wp.static(r.adds[i])(VQ(), p.jac, ONE)
-                    size[i] = wp.min(wp.max(size[i], wp.dot(wp.abs(row), reach)), p.size)
+                    now = wp.min(wp.max(size[i], wp.dot(wp.abs(row), reach)), p.size)
+                    grows = grows or now > size[i]
+                    size[i] = now
                     if p.diag[i] > FLOOR:
                         response = wp.abs(wp.static(r.applies[i])(p.minv, p.jac))
                         reach = wp.max(reach, (size[i] * p.inverse_diag[i]) * response)
+            if left < wp.static(ROUNDS - 1) and not grows:
+                left = int(0)
         return size
 
+    @wp.func(inline=False)
+    def unlike(world: World, p: Problem):
+        size = sizes(world, p)
+        least = p.size
+        for i in range(wp.static(s.nr)):
+            if (p.mask & wp.static(1 << i)) != 0:
+                least = wp.min(least, size[i])
+        if RANGE * least < p.size:
+            return True, least
+        return False, p.size
+
     differ = len({(row.kind, row.index) for row in s.rows}) > 1
-    return SimpleNamespace(uneven=uneven if differ else None, sizes=sizes)
+    return SimpleNamespace(uneven=uneven if differ else None, sizes=sizes, unlike=unlike)

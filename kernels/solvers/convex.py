@@ -31,7 +31,8 @@ def make_solver(spec: Specialisation) -> wp.Function:
     r = make_rows(spec)
     solve_few = make_few_rows(spec)
     Problem, measure = make_problem(s, dtype), make_measure(spec)
-    uneven = make_row_sizes(spec).uneven
+    row_sizes = make_row_sizes(spec)
+    uneven = row_sizes.uneven
     VQ, VR, World = r.types.VQ, r.types.VR, r.types.World
     NR = s.nr
     ZERO, HALF, UNUSED = dtype(0.0), dtype(0.5), dtype(COLD)
@@ -129,14 +130,13 @@ def make_solver(spec: Specialisation) -> wp.Function:
         unlike = bool(False)
         size = p.size
         if wp.static(uneven is not None):
-            unlike = uneven(p)
+            if seldom(uneven(p)):
+                unlike, size = row_sizes.unlike(world, p)
         if not seldom(status != wp.static(SOLVED) or unlike):
             return v, z_few, lam_few, status, iterations
-        if unlike:
-            size = p.least
-            if status == wp.static(SOLVED):  # relative to the largest row
-                z = z_few
-                status = wp.static(NOT_CONVERGED)
+        if status == wp.static(SOLVED):  # relative to the largest row
+            z = z_few
+            status = wp.static(NOT_CONVERGED)
         at = n.Point()
         attempt = int(0)
         while status == wp.static(NOT_CONVERGED) and attempt < 2:
