@@ -21,7 +21,7 @@ from ..contact.problem import make_measure, make_problem
 from ..factories import cached
 from ..mechanism.kinematics import make_types
 from ..specialisation import Specialisation
-from ..status import NOT_CONVERGED
+from ..status import NOT_CONVERGED, SOLVED
 from .newton import RESOLUTION, make_newton
 
 START = 0.3  # first sigma relative to the size of w
@@ -125,8 +125,10 @@ def make_continuation_solver(spec: Specialisation) -> wp.Function:
         at = hard.Point()
         status = int(wp.static(NOT_CONVERGED))
         if level > ZERO and level <= LAST * p.size:
-            at, z, status, count = wp.static(hard.newton)(world, p, z)
+            at, z, status, count = wp.static(hard.newton)(world, p, z, p.size)
             iterations += count
+            if status == wp.static(SOLVED) and not wp.static(hard.good)(world, p, at, z, False):
+                status = wp.static(NOT_CONVERGED)
         return at.v, z, at.lam, status, iterations
 
     return solve

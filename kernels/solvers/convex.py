@@ -94,11 +94,11 @@ def make_solver(spec: Specialisation) -> wp.Function:
     @wp.func
     def solve_fast(world: World, problem: Problem, warm: VR):
         p = measure(world, problem)
-        v, z, lam, status, iterations = solve_few(world, p, start(p, warm))
+        z = start(p, warm)
         if wp.static(uneven is not None):
             if uneven(p):
-                status = wp.static(NOT_CONVERGED)
-        return v, z, lam, status, iterations
+                return p.vfree, z, VR(), wp.static(NOT_CONVERGED), int(0)
+        return solve_few(world, p, z)
 
     if method.fast:
         return solve_fast
