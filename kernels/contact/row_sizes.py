@@ -2,8 +2,8 @@
 
 Where all rows are alike, the largest of their terms, |d/h| + |w_0| + |J| |v_free| + sigma: a row that others
 press is rounded as they are. Where they are not, what is far away is no measure, nor is the speed of grams on
-tonnes: a row is then judged by its own terms, or by what a row does to it that is stopped by itself, |J_i
-M^-1 J_j'| r_j/A_jj, be it on the way over others.
+tonnes: a row is then judged by its own terms, or by what a row does to it that shuts and is stopped by
+itself, |J_i M^-1 J_j'| r_j/A_jj, be it on the way over others.
 """
 
 from types import SimpleNamespace
@@ -30,7 +30,7 @@ def make_row_sizes(spec: Specialisation) -> SimpleNamespace:
     r, noise = make_rows(spec), make_noise(spec)
     World, VQ, VR = r.types.World, r.types.VQ, r.types.VR
     Problem = make_problem(s, dtype)
-    ONE, FLOOR = dtype(1.0), dtype(SMALLEST)
+    ZERO, ONE, FLOOR = dtype(0.0), dtype(1.0), dtype(SMALLEST)
     # a tolerance asked for makes float64's acceptance as coarse as float32's
     RANGE = dtype(ALIKE[wp.float32] if method.tolerance else ALIKE[dtype])
     index = tuple(row.index for row in s.rows)
@@ -64,13 +64,16 @@ def make_row_sizes(spec: Specialisation) -> SimpleNamespace:
             grows = bool(False)
             for i in range(wp.static(s.nr)):
                 if (p.mask & wp.static(1 << i)) != 0:
-                    row = wp.static(r.adds[i])(VQ(), p.jac, ONE)
-                    now = wp.min(wp.max(size[i], wp.dot(wp.abs(row), reach)), p.size)
+                    moved = wp.dot(wp.abs(wp.static(r.adds[i])(VQ(), p.jac, ONE)), reach)
+                    now = wp.min(wp.max(size[i], moved), p.size)
                     grows = grows or now > size[i]
                     size[i] = now
-                    if p.diag[i] > FLOOR:
+                    shut = moved - p.w0[i]
+                    if wp.static(not method.hard):
+                        shut = wp.max(shut, ZERO) + wp.static(noise.level[i])(world, p.sigma)
+                    if p.diag[i] > FLOOR and shut > ZERO:
                         response = wp.abs(wp.static(r.applies[i])(p.minv, p.jac))
-                        reach = wp.max(reach, (size[i] * p.inverse_diag[i]) * response)
+                        reach = wp.max(reach, (wp.min(shut, p.size) * p.inverse_diag[i]) * response)
             if left < wp.static(ROUNDS - 1) and not grows:
                 left = int(0)
         return size

@@ -7,6 +7,9 @@ from .newton import make_newton
 from .topology import CONTACT, Topology
 from .work import M33, V3, WORK, Island, Slot
 
+DIFFERENT = 1e4  # size of an island's velocities, relative to a row's own: its roundings count in such a row
+REACHES = 8  # passes, in which what is stopped reaches further bodies
+
 
 @wp.func
 def gather(t: wp.ref[Topology], k: wp.ref[Slot], entry: int, end: int, pattern: int, u: int):
@@ -32,7 +35,8 @@ def make_scales(given: type, residual: str) -> wp.Function:
     dtype = WORK
     nt = make_newton(given, residual)
     hard = residual == "hard"
-    ZERO, ONE = dtype(0.0), dtype(1.0)
+    ZERO, HALF, ONE = dtype(0.0), dtype(0.5), dtype(1.0)
+    UNLIKE, FAR = dtype(DIFFERENT), dtype(1e300)
     LOST, FLOOR, TINY, MOST = nt.LOST, dtype(1e-30), dtype(1e-30), dtype(1e300)
 
     @wp.func
@@ -52,10 +56,8 @@ def make_scales(given: type, residual: str) -> wp.Function:
         k.queue[wp.max(first, other)] = wp.min(first, other)
 
     @wp.func
-    def share_units(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
-        """k.unit, from what v_free closes (k.dz of a group's first row) and a row's own terms: rows of bodies
-        that neither hang together nor touch are no measure of each other.
-        """
+    def lend(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+        """k.move of a name's first block: the largest of what v_free closes (k.dz of a group's first row)."""
         for place in range(o.start, o.end):
             k.move[k.block[place]] = V3()
         for g in range(o.group, o.last_group):
@@ -64,6 +66,34 @@ def make_scales(given: type, residual: str) -> wp.Function:
             if closes > ZERO:
                 b = t.unit_start[name_of(k, t.block_unit[t.row_block[k.pattern[start]]])]
                 k.move[b] = V3(wp.max(k.move[b][0], closes), ZERO, ZERO)
+
+    @wp.func(inline=False)
+    def reach(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+        """Join over contacts that v_free leaves open by no more than what else is stopped on one of their
+        sides: that may shut them, as where a spinning disc is driven against what nothing moves.
+        """
+        joined = int(1)
+        passes = int(0)
+        while joined == 1 and passes < wp.static(REACHES):
+            passes += 1
+            joined = int(0)
+            lend(t, k, o)
+            for g in range(o.group, o.last_group):
+                start, _end, _entry, _entries, one, two = nt.ends(t, k, g)
+                first = name_of(k, t.block_unit[one])
+                other = name_of(k, t.block_unit[two])
+                if first != other and k.dz[start] <= ZERO:
+                    moves = wp.max(k.move[t.unit_start[first]][0], k.move[t.unit_start[other]][0])
+                    if -k.dz[start] < moves:
+                        join(t, k, one, two)
+                        joined = int(1)
+
+    @wp.func
+    def share_units(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+        """k.unit, from what v_free closes and a row's own terms: rows of bodies that neither hang together
+        nor touch are no measure of each other.
+        """
+        lend(t, k, o)
         for g in range(o.group, o.last_group):
             start = k.group[g]
             shared = k.move[t.unit_start[name_of(k, t.block_unit[t.row_block[k.pattern[start]]])]][0]
@@ -162,15 +192,17 @@ def make_scales(given: type, residual: str) -> wp.Function:
     def closing(
         t: wp.ref[Topology], k: wp.ref[Slot], r: int, w: dtype, terms: dtype, last: dtype, other: dtype
     ):
-        """The size of terms that row r, whose w at v_free is below zero, lends others; 0 of one that opens.
+        """The size of terms that row r, whose w at v_free is below zero, lends others; of one that opens -w.
         Under Coulomb's law a contact closes where w_n does, the mean of its rows' w (the first's is `last`,
         its terms `other`): where it slides fast J_n +- mu J_t alone is no approach.
         """
         if t.coulomb == 1 and t.row_kind[k.row[r]] == CONTACT and t.row_sign[k.row[r]] != 0:
-            if t.row_sign[k.row[r]] > 0 or last + w >= ZERO:
-                return ZERO
+            if t.row_sign[k.row[r]] > 0:
+                return -FAR
+            if last + w >= ZERO:
+                return -HALF * (last + w)
             return wp.max(wp.where(w < ZERO, terms, ZERO), wp.where(last < ZERO, other, ZERO))
-        return wp.where(w < ZERO, terms, ZERO)
+        return wp.where(w < ZERO, terms, -w)
 
     @wp.func
     def of_two(t: wp.ref[Topology], k: wp.ref[Slot], g: int):
@@ -187,7 +219,7 @@ def make_scales(given: type, residual: str) -> wp.Function:
             u = V3()
         x, y, z = dtype(0.0), dtype(0.0), dtype(0.0)
         p, q, s = dtype(0.0), dtype(0.0), dtype(0.0)
-        size, sum, closes = dtype(0.0), dtype(0.0), dtype(0.0)
+        size, sum, closes = dtype(0.0), dtype(0.0), ZERO - FAR
         last, other = dtype(0.0), dtype(0.0)  # w and terms of the row before
         lightest = ZERO + MOST
         at = entry + 0
@@ -225,7 +257,7 @@ def make_scales(given: type, residual: str) -> wp.Function:
     @wp.func(inline=False)
     def of_many(t: wp.ref[Topology], k: wp.ref[Slot], g: int):
         """The same of any group."""
-        size, sum, closes = dtype(0.0), dtype(0.0), dtype(0.0)
+        size, sum, closes = dtype(0.0), dtype(0.0), ZERO - FAR
         last, other = dtype(0.0), dtype(0.0)  # w and terms of the row before
         lightest = ZERO + MOST
         for r in range(k.group[g], k.group[g + 1]):
@@ -255,7 +287,7 @@ def make_scales(given: type, residual: str) -> wp.Function:
             k.most[b] = V3()
         for g in range(o.group, o.last_group):
             _start, _end, _entry, entries, one, two = nt.ends(t, k, g)
-            most, sum, closes, least = dtype(0.0), dtype(0.0), dtype(0.0), dtype(0.0)
+            most, sum, closes, least = dtype(0.0), dtype(0.0), ZERO - FAR, dtype(0.0)
             if entries <= 2 and is_whole(t, one) and is_whole(t, two):
                 most, sum, closes, least = of_two(t, k, g)
             else:
@@ -267,13 +299,17 @@ def make_scales(given: type, residual: str) -> wp.Function:
             if closes > ZERO:
                 join(t, k, one, two)
         n = dtype(0.0)
+        own = size + ZERO
         for r in range(o.row, o.last_row):
             if k.acting[r] > 0:
                 n += ONE
+                own = wp.min(own, k.own[r])
                 k.scale[r] = wp.where(t.inertia_scaling == 1, k.diag[r], ONE)
                 k.inverse[r] = wp.where(t.inertia_scaling == 1, k.inverse[r], ONE)
         if not wp.isfinite(finite):
             return finite, n
+        if UNLIKE * own < size:
+            reach(t, k, o)
         share_units(t, k, o)
         bounds(t, k, o, size, wp.where(lightest < MOST, size / lightest, ZERO))
         return size, n

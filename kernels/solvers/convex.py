@@ -127,10 +127,12 @@ def make_solver(spec: Specialisation) -> wp.Function:
         p = measure(world, problem)
         z = start(p, warm)
         v, z_few, lam_few, status, iterations = solve_few(world, p, z)
+        differ = bool(False)
         unlike = bool(False)
         size = p.size
         if wp.static(uneven is not None):
-            if seldom(uneven(p)):
+            differ = uneven(p)
+            if seldom(differ):
                 unlike, size = row_sizes.unlike(world, p)
         if not seldom(status != wp.static(SOLVED) or unlike):
             return v, z_few, lam_few, status, iterations
@@ -148,7 +150,7 @@ def make_solver(spec: Specialisation) -> wp.Function:
             if status == wp.static(NOT_CONVERGED):
                 at, z, status, count = wp.static(n.newton)(world, p, z, size)
                 iterations += count
-                if status == wp.static(SOLVED) and not wp.static(n.good)(world, p, at, z, unlike):
+                if status == wp.static(SOLVED) and not wp.static(n.good)(world, p, at, z, differ):
                     status = wp.static(NOT_CONVERGED)
             attempt += 1
         return at.v, z, at.lam, status, iterations

@@ -287,12 +287,12 @@ def make_newton(spec: Specialisation) -> SimpleNamespace:
         return at, z, status, it
 
     @wp.func(inline=False)  # in line, with sizes by row, it makes every step a seventh slower
-    def good(world: t.World, p: Problem, at: Point, z: VR, unlike: bool):
+    def good(world: t.World, p: Problem, at: Point, z: VR, differ: bool):
         # whether a point that newton ended at, or a step from it, solves every row relative to what it is
-        # measured by, `unlike` where rows are no measure of one another
+        # measured by, where rows may `differ`
         own = VR()
         out = bool(True)
-        if unlike:
+        if differ:
             own = row_sizes.sizes(world, p)
             rounded = rounding(p, z)
             again = evaluate(world, p, z)
