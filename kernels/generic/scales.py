@@ -7,7 +7,7 @@ from .newton import make_newton
 from .topology import CONTACT, Topology
 from .work import M33, V3, WORK, Island, Slot
 
-DIFFERENT = 1e4  # size of an island's velocities, relative to a row's own: its roundings count in such a row
+DIFFERENT = 1e5  # velocities, relative to those of a row in which no more than their rounding counts
 REACHES = 8  # passes, in which what is stopped reaches further bodies
 
 
@@ -69,37 +69,43 @@ def make_scales(given: type, residual: str) -> wp.Function:
 
     @wp.func(inline=False)
     def reach(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
-        """Join over contacts that v_free leaves open by no more than what else is stopped on one of their
-        sides: that may shut them, as where a spinning disc is driven against what nothing moves.
+        """k.move[.][1] of a name's first block: what is stopped behind contacts that v_free leaves open by
+        less. It may shut them, as where a spinning disc is driven against what nothing else moves.
         """
-        joined = int(1)
+        further = int(1)
         passes = int(0)
-        while joined == 1 and passes < wp.static(REACHES):
+        while further == 1 and passes < wp.static(REACHES):
             passes += 1
-            joined = int(0)
-            lend(t, k, o)
+            further = int(0)
             for g in range(o.group, o.last_group):
                 start, _end, _entry, _entries, one, two = nt.ends(t, k, g)
-                first = name_of(k, t.block_unit[one])
-                other = name_of(k, t.block_unit[two])
+                first = t.unit_start[name_of(k, t.block_unit[one])]
+                other = t.unit_start[name_of(k, t.block_unit[two])]
                 if first != other and k.dz[start] <= ZERO:
-                    moves = wp.max(k.move[t.unit_start[first]][0], k.move[t.unit_start[other]][0])
-                    if -k.dz[start] < moves:
-                        join(t, k, one, two)
-                        joined = int(1)
+                    here = wp.max(k.move[first][0], k.move[first][1])
+                    there = wp.max(k.move[other][0], k.move[other][1])
+                    moves = wp.max(here, there)
+                    if -k.dz[start] < moves and (here < moves or there < moves):
+                        k.move[first] = V3(k.move[first][0], moves, ZERO)
+                        k.move[other] = V3(k.move[other][0], moves, ZERO)
+                        further = int(1)
 
     @wp.func
-    def share_units(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+    def share_units(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, differ: bool):
         """k.unit, from what v_free closes and a row's own terms: rows of bodies that neither hang together
-        nor touch are no measure of each other.
+        nor touch are no measure of each other. Of what may shut a contact, where sizes `differ`, its rounding
+        counts.
         """
         lend(t, k, o)
+        if differ:
+            reach(t, k, o)
         for g in range(o.group, o.last_group):
             start = k.group[g]
-            shared = k.move[t.unit_start[name_of(k, t.block_unit[t.row_block[k.pattern[start]]])]][0]
+            shared = k.move[t.unit_start[name_of(k, t.block_unit[t.row_block[k.pattern[start]]])]]
+            lent = wp.max(shared[0], shared[1] / UNLIKE)
             for r in range(start, k.group[g + 1]):
                 if k.acting[r] > 0:
-                    k.unit[r] = wp.where(shared > k.own[r], shared, k.own[r]) + TINY
+                    k.unit[r] = wp.where(lent > k.own[r], lent, k.own[r]) + TINY
 
     @wp.func
     def bounds(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, size: dtype, largest: dtype):
@@ -308,9 +314,7 @@ def make_scales(given: type, residual: str) -> wp.Function:
                 k.inverse[r] = wp.where(t.inertia_scaling == 1, k.inverse[r], ONE)
         if not wp.isfinite(finite):
             return finite, n
-        if UNLIKE * own < size:
-            reach(t, k, o)
-        share_units(t, k, o)
+        share_units(t, k, o, UNLIKE * own < size)
         bounds(t, k, o, size, wp.where(lightest < MOST, size / lightest, ZERO))
         return size, n
 
