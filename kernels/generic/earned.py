@@ -21,7 +21,7 @@ ROUNDED = 5e-14  # and relative to the terms of J v'
 EXCHANGED = {wp.float64: 1e-13, wp.float32: 1e-8}  # what may be missing of M dv relative to impulses alone
 PRESSED = 32.0  # sigma by which z of a smoothed row is at most, where w is nothing: exp(-32) is 1e-14
 UNSPENT = 1e-6  # of the energy of the data that a row's impulse may give by what its velocity misses
-ROUNDS = 2.2e-16  # of the velocities that a row is judged by: what presses by as little has no digits
+NOTHING = 1e-19  # of the velocities that a hard row is judged by: less than it presses by needs no momentum
 GROWN = 10.0  # by which rows may press a place harder than they do where they yield more
 
 
@@ -36,7 +36,7 @@ def make_earned(given: type, residual: str) -> SimpleNamespace:
     OPEN, EXACT, LEAST = dtype(ROW * ACCEPTED[given]), dtype(EARNED[given]), dtype(ROUNDED)
     CLOSE = dtype(EXCHANGED[given] + (0.0 if hard else GIVEN[given]))
     UNTOLD = dtype(GIVEN[given if hard else WORK])  # rounding of impulses that `press` does not make itself
-    SEEN = dtype(ROUNDS / SUMMED[given])
+    SEEN = dtype(NOTHING / SUMMED[given])
     MORE, SHUT, SPENT = dtype(GROWN), dtype(PRESSED), dtype(UNSPENT)
 
     @wp.func
@@ -131,7 +131,9 @@ def make_earned(given: type, residual: str) -> SimpleNamespace:
                 other = partner(t, k, r)
                 if other != r:
                     most = HALF * given_back(k, r, other, e)
-                alone = wp.min(k.alone[r], lam) + SEEN * k.unit[r] / k.diag[r]
+                alone = wp.min(k.alone[r], lam)
+                if wp.static(hard):
+                    alone += SEEN * k.unit[r] / k.diag[r]
                 x += lam * j[0]
                 y += lam * j[1]
                 z += lam * j[2]

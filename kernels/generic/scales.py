@@ -97,8 +97,9 @@ def make_scales(given: type, residual: str) -> wp.Function:
         counts.
         """
         lend(t, k, o)
-        if differ:
-            reach(t, k, o)
+        if wp.static(hard):
+            if differ:
+                reach(t, k, o)
         for g in range(o.group, o.last_group):
             start = k.group[g]
             shared = k.move[t.unit_start[name_of(k, t.block_unit[t.row_block[k.pattern[start]]])]]
