@@ -133,7 +133,8 @@ def make_earned(given: type, residual: str) -> SimpleNamespace:
                     most = HALF * given_back(k, r, other, e)
                 alone = wp.min(k.alone[r], lam)
                 if wp.static(hard):
-                    alone += SEEN * k.unit[r] / k.diag[r]
+                    if lam > ZERO:
+                        alone += SEEN * k.unit[r] / k.diag[r]
                 x += lam * j[0]
                 y += lam * j[1]
                 z += lam * j[2]
