@@ -94,7 +94,7 @@ def frames_chart(run: slcp.Trajectory, path: Path, world: int = 0) -> Path:
     norm = draw_frames(axes.flat, cycle)
     if cycle.touches:
         bar = figure.colorbar(ScalarMappable(norm, IMPULSE), ax=axes, shrink=0.7, pad=0.02)
-        bar.set_label("contact impulse of the step [N s]")
+        bar.set_label("contact impulse\nof the step [N s]")
     else:
         figure.supxlabel("nothing touches" if cycle.pushes is not None else "impulses were not recorded")
     return save(figure, path)

@@ -24,7 +24,7 @@ def report_chart(file: Path, path: Path) -> Path:
     shares, spreads = (_by_key(rows) for rows in (report.summary, report.quantiles()))
     disturbed = [key for key in shares if key[3] == "disturbed"]
     shown = [m for m in report.measures if any(_finite(spreads[key][m]) for key in disturbed)]
-    height, width = 1.6 + 0.35 * len(disturbed), 4.0 + 2.6 * len(shown)
+    height, width = 1.9 + 0.35 * len(disturbed), 4.0 + 2.6 * len(shown)
     figure, axes = plt.subplots(1, 1 + len(shown), figsize=(width, height),
                                 layout="constrained", squeeze=False)  # fmt: skip
     policies = list(dict.fromkeys(key[0] for key in disturbed))
@@ -42,8 +42,12 @@ def report_chart(file: Path, path: Path) -> Path:
         ax.set_xlabel(name)
     for ax in axes[0]:
         ax.set_ylim(-0.6, len(disturbed) - 0.4)
+    notes = ["bars: success with its 95 % interval"]
+    if shown:
+        notes.append("of measures the median (○), the middle half (thick) and nine tenths (thin)")
     if left := [name for name in report.measures if name not in shown]:
-        figure.supxlabel(f"finite in less than half of the worlds: {', '.join(left)}", fontsize=8)
+        notes.append(f"finite in less than half of the worlds: {', '.join(left)}")
+    figure.supxlabel("\n".join(notes), fontsize=8)
     return save(figure, path)
 
 

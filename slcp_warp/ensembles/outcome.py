@@ -11,6 +11,7 @@ import warp as wp
 from ..inputs import checks
 from ..inputs.checks import shown
 from ..inputs.errors import ArgumentError
+from ..options import Status
 from ..runs.parts import in_memory
 from ..storage.printed import Printed, Table, counted
 from ..tasks.task import Task
@@ -125,14 +126,14 @@ class Report(Printed):
         for name, value in (("policy", policy), ("case", "" if case is None else case), ("arm", arm)):
             checks.instance(name, value, str, "a text")
         step_size = None if step_size is None else checks.number("step_size", step_size)
-        for key in self.source.keys:
-            same = key[0] == policy and key[3] == arm
-            if same and case in (None, key[1]) and step_size in (None, key[2]):
-                return key
-        raise ArgumentError(
-            f"there is no {shown(policy)}, {shown(case)}, {step_size!r}, {shown(arm)}; there are "
-            f"{shown(self.source.keys)}"
-        )
+        left = list(self.source.keys)
+        for place, name, value in zip((0, 3, 1, 2), ("policy", "arm", "case", "step_size"),
+                                      (policy, arm, case, step_size)):  # fmt: skip
+            there = list(dict.fromkeys(key[place] for key in left))
+            left = [key for key in left if value is None or key[place] == value]
+            if not left:
+                raise ArgumentError(f"{name} is {shown(value)}; choose from {shown(there)}")
+        return left[0]
 
     def part(self, policy: str, case: str | None = None, step_size: float | None = None,
              arm: str = "disturbed") -> dict[str, np.ndarray]:  # fmt: skip
@@ -221,8 +222,9 @@ class Report(Printed):
             share, low, high = (100.0 * value for value in row["success"])
             success = f"{share:.1f} ({low:.1f} to {high:.1f})"
             means = [_mean(row, name) for name in self.measures]
-            rows.append((*(row[key] for key in KEYS), row["worlds"], success, *means))
-        head = (*KEYS, "worlds", "success, %", *(f"mean {name}" for name in self.measures))
+            unsolved = row["worlds"] - row["statuses"][Status.SOLVED.name]
+            rows.append((*(row[key] for key in KEYS), row["worlds"], unsolved, success, *means))
+        head = (*KEYS, "worlds", "unsolved", "success, %", *(f"mean {name}" for name in self.measures))
         return [Table("", head, rows, left=2)]
 
 

@@ -18,6 +18,10 @@ from ..inputs.checks import choice, flag, number, shown
 from ..inputs.errors import ArgumentError, ArgumentTypeError
 
 EVERY = NONE  # in place of a pair: all of them
+NO_VALUE = (
+    "there is no value yet: join comparisons with & and |, not with and, or; between two bounds is "
+    ".between(low, high)"
+)
 SINCE = ("state", "cosine", "control", "function")  # signals that have a value at the start
 
 
@@ -41,7 +45,7 @@ class Compared:
         raise NotImplementedError
 
     def __bool__(self) -> bool:
-        raise ArgumentTypeError("there is no value yet: join comparisons with & and |, not with and, or")
+        raise ArgumentTypeError(NO_VALUE)
 
 
 @dataclass(frozen=True, repr=False)
@@ -149,7 +153,7 @@ class Joined:
         return type(self)(self.clauses + other.clauses)
 
     def __bool__(self) -> bool:
-        raise ArgumentTypeError("there is no value yet: join comparisons with & and |, not with and, or")
+        raise ArgumentTypeError(NO_VALUE)
 
     def __repr__(self) -> str:
         """The expression that makes it."""

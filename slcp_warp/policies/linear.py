@@ -21,8 +21,8 @@ class Linear:
 
     Args:
         K: (nu, nx), or (B, nu, nx) for one per world.
-        x_ref: (nx,), or (B, nx).
-        u_ref: (nu,), or (B, nu).
+        x_ref: (nx,), or (B, nx); None: zero.
+        u_ref: (nu,), or (B, nu); None: zero.
         limits: (lower, upper) of the controls, each a number, (nu,) or (B, nu); None: none beside a task's.
         period: (nx,) as in `Scene.state_period`: differences are taken within half a period; None: none.
 
@@ -31,11 +31,17 @@ class Linear:
     """
 
     def __init__(
-        self, K: Any, x_ref: Any, u_ref: Any, limits: Any = None, period: np.ndarray | None = None
+        self,
+        K: Any,
+        x_ref: Any = None,
+        u_ref: Any = None,
+        limits: Any = None,
+        period: np.ndarray | None = None,
     ) -> None:
         gain = _rows("K", K, 2)
         nu, nx = gain.shape[1:]
-        x, u = _rows("x_ref", x_ref, 1), _rows("u_ref", u_ref, 1)
+        x = _rows("x_ref", np.zeros(nx) if x_ref is None else x_ref, 1)
+        u = _rows("u_ref", np.zeros(nu) if u_ref is None else u_ref, 1)
         for name, value, size in (("x_ref", x, nx), ("u_ref", u, nu)):
             if value.shape[1] != size:
                 raise ArgumentError(

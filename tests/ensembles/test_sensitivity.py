@@ -150,7 +150,7 @@ def test_what_cannot_be_answered_is_refused(tmp_path):
     assert np.isnan(slcp.Report(None, sweep_of("g", 4)).sensitivity("y").first).all()
     with pytest.raises(slcp.InputError, match="measure is 'z'"):
         report.sensitivity("z")
-    with pytest.raises(slcp.InputError, match="there is no 'mpc'"):
+    with pytest.raises(slcp.InputError, match="policy is 'mpc'; choose from"):
         report.sensitivity("y", "mpc")
     with pytest.raises(slcp.InputError, match="ends in '.txt'"):
         report.sensitivity("y").save(tmp_path / "a.txt")

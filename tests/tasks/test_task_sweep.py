@@ -297,8 +297,13 @@ def test_a_report_says_what_there_is(tmp_path):
     report = slcp.sweep(task(), plan(), worlds=5, device="cpu", cases=slcp.Options())
     told = str(report).splitlines()
     assert told[0] == "Report of task 'push': 2 parts" and " disturbed " in told[2] and "  5  " in told[2]
-    with pytest.raises(slcp.InputError, match="there is no 'mine'"):
-        report.part("mine")
+    after = told[2].split("disturbed")[1].split()
+    assert "worlds  unsolved " in told[1] and after[:2] == ["5", "0"]
+    for arguments, named in ((("mine",), "policy is 'mine'; choose from"), (("policy", "mine"), "case is 'mine'"),
+                             (("policy", None, 9.0), "step_size is 9.0; choose from"),
+                             (("policy", None, None, "mine"), "arm is 'mine'; choose from")):  # fmt: skip
+        with pytest.raises(slcp.InputError, match=named):
+            report.part(*arguments)
     text = report.save(tmp_path / "report.csv").read_text().splitlines()
     assert len(text) == 1 + 5 + 1 and text[0].startswith("policy,case,step_size,arm,world,drawn_pusher.mass")
     with pytest.raises(slcp.InputError, match=".csv, .npz or .parquet is needed"):
