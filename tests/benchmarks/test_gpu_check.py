@@ -19,6 +19,7 @@ from slcp_warp.scripts.benchmarks.gpu import sections
 from slcp_warp.scripts.benchmarks.gpu.against import compare
 from slcp_warp.scripts.benchmarks.gpu.checks import compiling, graphs, isolation, rates, states, sweeping
 from slcp_warp.scripts.benchmarks.gpu.page import write_page
+from slcp_warp.scripts.benchmarks.gpu.processes import side_by_side
 from slcp_warp.scripts.benchmarks.gpu.record import DONE, FAILED, LEFT_OUT, Found, Record, read, wrong
 from slcp_warp.scripts.benchmarks.gpu.sections import SECTIONS, Section
 from slcp_warp.scripts.benchmarks.gpu.setting import SMALL, Setting
@@ -58,6 +59,14 @@ def stand(setting, found):
 def wrong_one(setting, found):
     """A section that finds something wrong."""
     found.at_most("too much", 2.0, 1.0)
+
+
+def part_of(setting, found, part):
+    """A part of a section, which one of them falls in."""
+    if part == "bad":
+        raise ArithmeticError("on purpose")
+    found.row(part, process=os.getpid(), device=setting.device)
+    found.check(f"{part} is done", True)
 
 
 def found_by(work, setting=SETTING):
@@ -247,3 +256,18 @@ def test_exit_codes(tmp_path, monkeypatch):
     done = call(*small, "stand,wrong", "--against", str(tmp_path / "gpu.json"))
     assert done.exit_code == 1 and "wrong: too much" in done.stdout
     assert "| too much | **no** | 2 | 1 |" in (tmp_path / "gpu.md").read_text()
+
+
+@pytest.mark.parametrize("workers", [None, 2])
+def test_parts_of_a_section_in_processes_of_their_own_or_in_this_one(workers):
+    def section(parts):
+        return lambda setting, found: side_by_side(part_of, setting, found, parts, workers)
+
+    events = found_by(section(["a", "b", "c"]))
+    rows = [e for e in events if e["kind"] == "rows"]
+    assert sorted(e["case"] for e in rows) == ["a", "b", "c"] and {e["device"] for e in rows} == {"cpu"}
+    assert all((e["process"] == os.getpid()) == (workers is None) for e in rows)
+    assert checks(events) == {f"{part} is done": True for part in "abc"}
+    assert [e["kind"] for e in events] == ["rows", "checks"] * 3  # a part's together
+    with pytest.raises(ArithmeticError, match="on purpose"):
+        found_by(section(["a", "bad"]))

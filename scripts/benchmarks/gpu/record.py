@@ -17,14 +17,18 @@ Event = dict[str, Any]
 
 
 class Found:
-    """What a section says of what it finds."""
+    """What a section says of what it finds.
+
+    Attributes:
+        send: takes an event.
+    """
 
     def __init__(self, send: Callable[[Event], None]) -> None:
-        self._send = send
+        self.send = send
 
     def check(self, what: str, right: bool, **figures: Any) -> None:
         """Something that must hold, with the figures that say whether it does."""
-        self._send({"kind": "checks", "what": what, "right": bool(right), **plain(figures)})
+        self.send({"kind": "checks", "what": what, "right": bool(right), **plain(figures)})
 
     def at_most(self, what: str, found: float, most: float, **figures: Any) -> None:
         """A number that must not be larger (NaN is)."""
@@ -32,11 +36,11 @@ class Found:
 
     def row(self, case: str, **figures: Any) -> None:
         """Figures of a case; a name that ends in `rate` is one that another run is compared by."""
-        self._send({"kind": "rows", "case": case, **plain(figures)})
+        self.send({"kind": "rows", "case": case, **plain(figures)})
 
     def note(self, text: str) -> None:
         """A sentence."""
-        self._send({"kind": "notes", "text": text})
+        self.send({"kind": "notes", "text": text})
 
 
 class Record:

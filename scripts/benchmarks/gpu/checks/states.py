@@ -11,6 +11,7 @@ import slcp_warp as slcp
 from ...fuzz.draws import Worlds, draw_worlds
 from ...fuzz.judged import judged
 from ...fuzz.verdicts import SILENT, WRONG
+from ..processes import side_by_side
 from ..record import Found
 from ..setting import CPU, Setting, cast
 
@@ -24,14 +25,23 @@ ROUNDED = 1e-4  # share of normal numbers that may round to another one in singl
 
 def run(setting: Setting, found: Found) -> None:
     """Legal states of the finger, and random numbers and states of all classes for it and a stack."""
-    for dtype in setting.sizes.dtypes:
-        for method in setting.sizes.methods:
-            case = f"{method}, {dtype}"
-            _legal(setting, found, case, dtype, method)
-            sims = [setting.finger(dtype, method, device) for device in (setting.device, CPU)]
-            _random(setting, found, f"finger, {case}", sims, setting.sizes.judged)
-        sims = [setting.stack(dtype, device) for device in (setting.device, CPU)]
-        _random(setting, found, f"stack of 3, hard, {dtype}", sims, max(10, setting.sizes.judged // FEW))
+    sizes = setting.sizes
+    finger = [(dtype, method) for dtype in sizes.dtypes for method in sizes.methods]
+    side_by_side(_of_finger, setting, found, finger)
+    side_by_side(_of_stack, setting, found, sizes.dtypes, 1)
+
+
+def _of_finger(setting: Setting, found: Found, part: tuple[str, str]) -> None:
+    dtype, method = part
+    case = f"{method}, {dtype}"
+    _legal(setting, found, case, dtype, method)
+    sims = [setting.finger(dtype, method, device) for device in (setting.device, CPU)]
+    _random(setting, found, f"finger, {case}", sims, setting.sizes.judged)
+
+
+def _of_stack(setting: Setting, found: Found, dtype: str) -> None:
+    sims = [setting.stack(dtype, device) for device in (setting.device, CPU)]
+    _random(setting, found, f"stack of 3, hard, {dtype}", sims, max(10, setting.sizes.judged // FEW))
 
 
 def _legal(setting: Setting, found: Found, case: str, dtype: str, method: str) -> None:
