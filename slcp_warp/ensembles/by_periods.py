@@ -8,6 +8,7 @@ import warp as wp
 from slcp_warp.kernels.contact.problem import COLD
 from slcp_warp.kernels.device.launch import Prepared, launch
 from slcp_warp.kernels.device.relay import Run
+from slcp_warp.kernels.device.tables import read_columns
 from slcp_warp.kernels.ensembles.arrival import Progress, make_arrival, make_span
 from slcp_warp.kernels.ensembles.asking import make_sweep_ask_kernel
 from slcp_warp.kernels.ensembles.sweep import make_sweep_kernel
@@ -36,7 +37,8 @@ class OnHost:
         self._numbers = conditions.world0 + np.arange(len(worlds))
         if worlds.numbers is not None:
             self._numbers = worlds.numbers.numpy().copy()
-        self._asked = Asked(policy, sim, self._numbers, worlds.params.numpy()[:, STEP_SIZE])
+        (h,) = read_columns(worlds.params, [STEP_SIZE])
+        self._asked = Asked(policy, sim, self._numbers, h)
         self._conditions, self._worlds, self._sim = conditions, worlds, sim
         self._arrival = make_arrival(sim.scene.nv, sim.nu, sim.dtype).kernel
         self.every, self._held = self._asked.every, Held(sim, len(worlds))
@@ -153,7 +155,7 @@ def cold(sim: Simulator, worlds: int) -> wp.array:
 def progress(conditions: Any, params: wp.array, records: wp.array) -> Progress:
     """Worlds that begin."""
     p, worlds, device = Progress(), len(params), params.device
-    h = params.numpy()[:, STEP_SIZE]
+    (h,) = read_columns(params, [STEP_SIZE])
     seconds = np.where(h == h.dtype.type(conditions.step), conditions.step, h.astype(float))
     steps = np.floor(conditions.duration / seconds + 0.5)
     for name in ("record", "event", "status"):

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import warp as wp
 
+from slcp_warp.kernels.device.tables import read_columns
 from slcp_warp.kernels.ensembles.arrival import make_span
 from slcp_warp.kernels.ensembles.disturbances import make_conditions
 from slcp_warp.kernels.policies.contract import PolicyKernel
@@ -30,6 +31,7 @@ from .worlds.draws import Draws, Given
 from .worlds.events import events_of, put_pushes
 
 CHUNK_BYTES = 128 * 2**20
+CHUNK_SHARE = 128  # of a GPU's memory, where that is more: few worlds leave it idle
 
 
 class Recorded(NamedTuple):
@@ -130,7 +132,7 @@ class Case:
         self._conditions.world0 = world0
         policy = self.policy
         if self._timed is not None:  # a plan: no world makes steps of another size
-            at_step_size(self._timed, worlds.params.numpy()[:, STEP_SIZE])
+            at_step_size(self._timed, *read_columns(worlds.params, [STEP_SIZE]))
         if not isinstance(policy, tuple):
             policy = OnHost(self.sim, policy, self._conditions, worlds)
         kept, status = self.roll_out(self.sim, policy, self._conditions, self.table, worlds, records)
@@ -150,10 +152,15 @@ def _road(sim: Simulator, policy: Any) -> Any:
 
 
 def worlds_at_once(sim: Simulator, records: tuple[int, int], measures: int, events: int = 0) -> int:
-    """Worlds whose launch stays within `CHUNK_BYTES`, with so many records, measures and events each."""
+    """Worlds of a launch of `CHUNK_BYTES` or a share of a GPU's memory, with so many records, measures and
+    events each.
+    """
+    room = CHUNK_BYTES
+    if sim.device.is_cuda:
+        room = max(room, sim.device.total_memory // CHUNK_SHARE)
     kept = 4 * records[0] * records[1] + 48 * measures
     per_world = 8 * (sim.params.layout.width + sim.nx + events) + kept + 16
-    return max(1, CHUNK_BYTES // per_world)
+    return max(1, room // per_world)
 
 
 def at_once(

@@ -113,7 +113,11 @@ SHORT = np.zeros((1, 3, 2 * SCENE.nv))
         (lambda: m.final(True), slcp.ArgumentTypeError, "final is of True"),
         (lambda: m.settled("block.x"), slcp.ArgumentTypeError, "a comparison of a signal is needed"),
         (lambda: m.largest(m.time() > 1.0), slcp.ArgumentTypeError, "largest is of"),
-        (lambda: 0.0 < m.final(0) < 1.0, slcp.ArgumentTypeError, r"& and \|, .*between two bounds is .between"),
+        (
+            lambda: 0.0 < m.final(0) < 1.0,
+            slcp.ArgumentTypeError,
+            r"& and \|, .*between two bounds is .between",
+        ),
         (
             lambda: (m.final(0) > 0.0) and (m.final(1) > 0.0),
             slcp.ArgumentTypeError,

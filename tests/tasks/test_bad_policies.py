@@ -111,4 +111,9 @@ def test_arrays_on_another_device_or_of_another_precision_are_named():
 
 def test_a_law_without_references_goes_to_zero():
     law = policies.Linear([[1.0, 2.0], [3.0, 4.0]])
-    assert law.x_ref.shape == (1, 2) and law.u_ref.shape == (1, 2) and not law.x_ref.any() and not law.u_ref.any()
+    assert (
+        law.x_ref.shape == (1, 2)
+        and law.u_ref.shape == (1, 2)
+        and not law.x_ref.any()
+        and not law.u_ref.any()
+    )

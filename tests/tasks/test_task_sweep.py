@@ -299,9 +299,13 @@ def test_a_report_says_what_there_is(tmp_path):
     assert told[0] == "Report of task 'push': 2 parts" and " disturbed " in told[2] and "  5  " in told[2]
     after = told[2].split("disturbed")[1].split()
     assert "worlds  unsolved " in told[1] and after[:2] == ["5", "0"]
-    for arguments, named in ((("mine",), "policy is 'mine'; choose from"), (("policy", "mine"), "case is 'mine'"),
-                             (("policy", None, 9.0), "step_size is 9.0; choose from"),
-                             (("policy", None, None, "mine"), "arm is 'mine'; choose from")):  # fmt: skip
+    unknown = {
+        "policy is 'mine'; choose from": ("mine",),
+        "case is 'mine'; choose from": ("policy", "mine"),
+        "step_size is 9.0; choose from": ("policy", None, 9.0),
+        "arm is 'mine'; choose from": ("policy", None, None, "mine"),
+    }
+    for named, arguments in unknown.items():
         with pytest.raises(slcp.InputError, match=named):
             report.part(*arguments)
     text = report.save(tmp_path / "report.csv").read_text().splitlines()

@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 
 from slcp_warp.kernels.device.launch import launch
-from slcp_warp.kernels.device.tables import empty_table, make_table
+from slcp_warp.kernels.device.tables import empty_table, make_table, read_columns
 from slcp_warp.kernels.ensembles.disturbances import DROPOUT_FIELDS, PUSH_FIELDS, TIMING_FIELDS
 from slcp_warp.kernels.ensembles.draws import make_columns, make_draw_kernel, pick_kernel
 from slcp_warp.kernels.structure import STEP_SIZE
@@ -126,10 +126,8 @@ class Draws:
             out["drawn_start"] = self._pick(world0, len(worlds)).numpy()
         for each, table in zip((self._params, self._x0, *self._events), tables):
             if each in self.told and len(each.laws.varied):
-                rows = table.numpy().reshape(len(worlds), -1)
-                out |= {
-                    f"drawn_{each.laws.names[c]}": rows[:, c].astype(np.float32) for c in each.laws.varied
-                }
+                columns = zip(each.laws.varied, read_columns(table, each.laws.varied))
+                out |= {f"drawn_{each.laws.names[c]}": drawn.astype(np.float32) for c, drawn in columns}
         return out
 
 

@@ -36,7 +36,8 @@ def _linearize(setting: Setting, found: Found, dtype: str) -> None:
 
 def _generic(setting: Setting, found: Found, dtype: str) -> None:
     """A, B and gradients of the stack, about its rest, from generic kernels."""
-    x0 = setting.stack(dtype).scene.x0
+    scene = setting.stack(dtype).scene
+    x0, h = scene.x0, scene.step_size
     rng = np.random.default_rng(setting.seed)
     (x,) = cast(dtype, x0 + 1e-3 * rng.standard_normal((setting.sizes.gradients, len(x0))))
     mine, cpu = (setting.stack(dtype, device).linearize(x) for device in (setting.device, CPU))
@@ -50,7 +51,11 @@ def _generic(setting: Setting, found: Found, dtype: str) -> None:
     )
     solved = (pulled.status == 0) & (other.status == 0)
     a, b = (each.parameters["mass"][solved] for each in (pulled, other))
-    _beside(found, f"stack of 3: gradient by mass over 2 steps, {dtype}", dtype, a, b)
+    # of boxes that rest it is zero, a difference of what weight and contact do in a step
+    terms = float(
+        h * np.abs(scene.gravity).max() * np.abs(weights).max() / min(body.mass for body in scene.bodies)
+    )
+    _beside(found, f"stack of 3: gradient by mass over 2 steps, {dtype}", dtype, a, b, terms)
 
 
 def _gradients(setting: Setting, found: Found, dtype: str) -> None:
@@ -70,9 +75,12 @@ def _gradients(setting: Setting, found: Found, dtype: str) -> None:
         _beside(found, f"gradient by {name} over {steps} steps, {dtype}", dtype, a[solved], b[solved])
 
 
-def _beside(found: Found, case: str, dtype: str, mine: np.ndarray, cpu: np.ndarray) -> None:
+def _beside(
+    found: Found, case: str, dtype: str, mine: np.ndarray, cpu: np.ndarray, terms: float = 1e-30
+) -> None:
+    """Relative to the largest entry of a world, or the size of the `terms` that entries are sums of."""
     a, b = (np.asarray(each, float).reshape(len(each), -1) for each in (mine, cpu))
-    apart = np.abs(a - b).max(1) / np.maximum(np.abs(b).max(1), 1e-30)
+    apart = np.abs(a - b).max(1) / np.maximum(np.abs(b).max(1), terms)
     figures = {"median": np.median(apart), "largest": apart.max(), "same_bits": (a == b).mean()}
     share = float(np.mean(~(apart <= CLOSE[dtype])))
     found.at_most(f"{case}: further than {CLOSE[dtype]:g} from the CPU's", share, SHARE[dtype], **figures)
