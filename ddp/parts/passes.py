@@ -3,13 +3,21 @@
 from typing import Any
 
 import numpy as np
+import warp as wp
 
 from slcp_warp.inputs.checks import attribute
 from slcp_warp.kernels.control.line_search import make_choice_kernels
 from slcp_warp.kernels.control.riccati import make_backward_kernel
+from slcp_warp.kernels.control.riccati_lanes import make_lanes_kernel
+from slcp_warp.kernels.control.riccati_steps import LANES, room_of
 from slcp_warp.kernels.device.launch import Prepared
 
 from .rollouts import OwnRollouts, StepRollouts
+
+
+def lanes_of(device: wp.Device) -> int:
+    """Lanes of a warp that make a problem's backward pass together; 0 on a CPU, where a thread makes it."""
+    return 0 if device.is_cpu else LANES
 
 
 class Passes:
@@ -38,12 +46,18 @@ class Passes:
     def _prepare_backward(self) -> None:
         work, problem = self.work, self.work.problem
         limited = problem.control_limits is not None
-        kernel = make_backward_kernel(
-            problem.nx, problem.nu, int(work.dynamics.nw), work.options.method, limited, work.dtype
-        )
-        inputs = [work._derivatives, self.policy, work._state, work.gradient_tolerance]
-        self._run_backward = self._launch(kernel, work.batch, [*inputs, 0])
-        self._run_last_backward = self._launch(kernel, work.batch, [*inputs, 1])
+        sizes = problem.nx, problem.nu, int(work.dynamics.nw)
+        inputs, lanes = [work._derivatives, self.policy, work._state], lanes_of(work.device)
+        if lanes:
+            kernel = make_lanes_kernel(*sizes, work.options.method, limited, work.dtype, lanes)
+            shape = work.batch, room_of(*sizes)["width"]
+            inputs.append(wp.empty(shape, dtype=work.dtype, device=work.device))
+        else:
+            kernel = make_backward_kernel(*sizes, work.options.method, limited, work.dtype)
+        inputs.append(work.gradient_tolerance)
+        items = work.batch * max(1, lanes)
+        self._run_backward = self._launch(kernel, items, [*inputs, 0])
+        self._run_last_backward = self._launch(kernel, items, [*inputs, 1])
 
     def _prepare_rollouts(self) -> None:
         """In stages those with the first step size and those with the others; else all in one launch."""
