@@ -32,7 +32,7 @@ from .digest import OpaqueError, content_digest, own_alone
 CPU_ARITHMETIC = "-ffp-contract=fast -freciprocal-math -fno-signed-zeros"
 INLINING = re.compile(r"(-inline(?:-cold-callsite)?-threshold=)\d+")
 INLINED = r"\g<1>20000"
-FAST_REGISTERS = 200  # of a thread: the few kernels that would take more, up to 207, spill nothing for it
+FAST_REGISTERS = 128  # of a thread: what spills for it costs less than more warps bring (docs/performance.md)
 # C++ that a CPU's compiler makes less of: an array's element without a stride and without looking whether its
 # index counts from the end; a loop over a range that is too large for two registers, in which the compiler
 # loses sight of a step of one

@@ -1,5 +1,7 @@
 """The backward pass by the lanes of a warp, with a single lane, beside that of a thread."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import warp as wp
@@ -15,7 +17,7 @@ FIELDS = ("us", "xs", "K", "k", "Vx", "Vxx", "cost", "gradient", "min_pivot")
 
 
 def by_one_lane(monkeypatch):
-    monkeypatch.setattr(passes, "lanes_of", lambda device: 1)
+    monkeypatch.setattr(passes, "lanes_of", lambda device, problems: 1)
 
 
 def both(monkeypatch, solve):
@@ -94,8 +96,10 @@ def test_a_room_holds_everything_once():
     width = room.pop("width")
     places = list(room.values())
     assert places == sorted(set(places)) and places[0] == 0 and places[-1] == width - 1
-    assert room["vxx"] == 6 and room["y"] == 42 and room["product"] == 45
+    assert room["vxx"] == 6 and room["y"] == 42 and room["f"] == 45 and room["product"] == 93
 
 
 def test_threads_on_a_cpu_lanes_on_a_gpu():
-    assert passes.lanes_of(wp.get_device("cpu")) == 0
+    assert passes.lanes_of(wp.get_device("cpu"), 9) == 0
+    gpu = SimpleNamespace(is_cpu=False)
+    assert passes.lanes_of(gpu, 1) == 32 > passes.lanes_of(gpu, 4096) > 1

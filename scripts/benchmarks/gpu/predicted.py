@@ -21,6 +21,7 @@ from slcp_warp.kernels.step.rollout import make_transition
 
 ARCH = 90
 SINE = 32  # bytes of local memory of the argument reduction of sine and cosine
+REGISTERS = 128  # a fast kernel has no more: what it spills costs less than the warps bring that find room
 TREE = 8 * (STACKS[0] + 1) + 2 * 4 * WIDTH  # of a search in the library's tree: what waits, distances
 
 
@@ -48,12 +49,12 @@ def line_search() -> Any:
 
 
 FAST = {
-    "rollout": Most(lambda: make_rollout_relay(finger(), OPEN_LOOP, False), 200, SINE, 72_000),
+    "rollout": Most(lambda: make_rollout_relay(finger(), OPEN_LOOP, False), REGISTERS, 264, 72_000),
     "hard rollout": Most(
-        lambda: make_rollout_relay(finger(residual="hard"), OPEN_LOOP, False), 176, SINE, 66_000
+        lambda: make_rollout_relay(finger(residual="hard"), OPEN_LOOP, False), REGISTERS, 184, 66_000
     ),
-    "sweep": Most(lambda: make_sweep_kernel(finger(), HELD, spans=True), 200, SINE + 48, 132_000),
-    "linearisation": Most(lambda: make_linearize_kernel(finger(), False), 200, SINE + 16, 112_000),
+    "sweep": Most(lambda: make_sweep_kernel(finger(), HELD, spans=True), REGISTERS, 352, 132_000),
+    "linearisation": Most(lambda: make_linearize_kernel(finger(), False), REGISTERS, 296, 112_000),
     "library": Most(lambda: make_ask_kernel(NEAREST, 6, 2, wp.float32), 56, TREE, 24_000),
-    "line search": Most(line_search, 200, SINE + 16, 90_000),
+    "line search": Most(line_search, REGISTERS, 336, 90_000),
 }
