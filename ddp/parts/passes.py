@@ -9,21 +9,15 @@ from slcp_warp.inputs.checks import attribute
 from slcp_warp.kernels.control.line_search import make_choice_kernels
 from slcp_warp.kernels.control.riccati import make_backward_kernel
 from slcp_warp.kernels.control.riccati_lanes import make_lanes_kernel
-from slcp_warp.kernels.control.riccati_steps import WARP, room_of
+from slcp_warp.kernels.control.riccati_steps import LANES, room_of
 from slcp_warp.kernels.device.launch import Prepared
 
 from .rollouts import OwnRollouts, StepRollouts
 
-FEW, LANES = 512, 8  # problems that a GPU makes by whole warps; lanes of one of more
 
-
-def lanes_of(device: wp.Device, problems: int) -> int:
-    """Lanes of a warp that make a problem's backward pass together; 0 on a CPU, where a thread makes it.
-
-    Few problems leave a GPU idle, and are done sooner by all lanes of a warp; of many, what every lane works
-    out by itself is what counts. Results have the same bits.
-    """
-    return 0 if device.is_cpu else WARP if problems <= FEW else LANES
+def lanes_of(device: wp.Device) -> int:
+    """Lanes of a warp that make a problem's backward pass together; 0 on a CPU, where a thread makes it."""
+    return 0 if device.is_cpu else LANES
 
 
 class Passes:
@@ -53,7 +47,7 @@ class Passes:
         work, problem = self.work, self.work.problem
         limited = problem.control_limits is not None
         sizes = problem.nx, problem.nu, int(work.dynamics.nw)
-        inputs, lanes = [work._derivatives, self.policy, work._state], lanes_of(work.device, work.batch)
+        inputs, lanes = [work._derivatives, self.policy, work._state], lanes_of(work.device)
         if lanes:
             kernel = make_lanes_kernel(*sizes, work.options.method, limited, work.dtype, lanes)
             shape = work.batch, room_of(*sizes)["width"]

@@ -16,7 +16,7 @@ import warp as wp
 from ..device.compile import named_by_code
 from ..factories import cached
 from .riccati_parts import make_pass_parts
-from .riccati_steps import WARP, make_shared_steps, room_of, together
+from .riccati_steps import LANES, make_shared_steps, room_of, together
 from .solver_state import (
     SolverState,
     make_derivative_arrays,
@@ -28,7 +28,7 @@ from .status import SCHEDULE_CONTROL, SCHEDULE_STATE
 
 
 @cached
-def make_lanes_kernel(nx, nu, nw, method, has_limits, dtype, lanes=WARP):
+def make_lanes_kernel(nx, nu, nw, method, has_limits, dtype, lanes=LANES):
     """Kernel ``(first, Derivatives, Policy, SolverState, room, gradient_tolerance, last)``, an item a lane.
 
     As that of `make_backward_kernel`; room (B, `room_of`) is overwritten.
@@ -59,12 +59,11 @@ def make_lanes_kernel(nx, nu, nw, method, has_limits, dtype, lanes=WARP):
         lane = item % lanes
         if state.active[b] == 0:
             return
-        together(lanes)  # before one of them may end it
+        together()  # before one of them may end it
         if not linearised(d, policy, state, b):
             return
         horizon = policy.us.shape[1]
-        row = room[b]
-        schedule = schedule_row(state, b)
+        row = schedule_row(state, b)
         limits = wp.where(policy.lower.shape[0] == 1, 0, b)
         unsolved = int(1)
         restarts = int(0)
@@ -76,8 +75,8 @@ def make_lanes_kernel(nx, nu, nw, method, has_limits, dtype, lanes=WARP):
         wanted = ZERO
         highest, widest = VU(), VU()
         while unsolved == 1:
-            mu_x = dtype(state.mu[b] * state.schedule[schedule, SCHEDULE_STATE])
-            mu_u = dtype(state.mu[b] * state.schedule[schedule, SCHEDULE_CONTROL])
+            mu_x = dtype(state.mu[b] * state.schedule[row, SCHEDULE_STATE])
+            mu_u = dtype(state.mu[b] * state.schedule[row, SCHEDULE_CONTROL])
             if wp.static(not quadratic):
                 mu_u += mu_x
             change_1 = wp.float64(0.0)
@@ -87,21 +86,21 @@ def make_lanes_kernel(nx, nu, nw, method, has_limits, dtype, lanes=WARP):
             highest, widest = VU(), VU()
             broken = int(0)
             step = VU()
-            share.final_value(d, policy, row, b, horizon, lane)
+            share.final_value(d, policy, room, b, horizon, lane)
             k = horizon - 1
             good = int(1)
             while good == 1 and k >= 0:
                 if policy.gaps.shape[0] > 0:
-                    change_1 += share.shifted(policy, row, b, k, lane)
-                vx = share.read_x(row, wp.static(at.vx))
+                    change_1 += share.shifted(policy, room, b, k, lane)
+                vx = share.read_x(room, b, wp.static(at.vx))
                 for j in range(nx):
                     wanted = wp.max(wanted, wp.abs(vx[j]))
-                share.model(d, row, b, k, lane, mu_x, mu_u)
-                qx = share.read_x(row, wp.static(at.q))
-                qu = share.read_u(row, wp.static(at.q + nx))
-                quu = share.read_uu(row, wp.static(at.quu))
-                ruu = share.read_uu(row, wp.static(at.ruu))
-                rux = share.read_ux(row, wp.static(at.rux))
+                share.model(d, room, b, k, lane, mu_x, mu_u)
+                qx = share.read_x(room, b, wp.static(at.qx))
+                qu = share.read_u(room, b, wp.static(at.qu))
+                quu = share.read_uu(room, b, wp.static(at.quu))
+                ruu = share.read_uu(room, b, wp.static(at.ruu))
+                rux = share.read_ux(room, b, wp.static(at.rux))
                 new_step, gain, free_quu, pivot = direction(policy, b, k, limits, ruu, rux, qu, quu, step)
                 step = new_step
                 if not (pivot > ZERO) or not wp.isfinite(step) or not wp.isfinite(qx):
@@ -114,7 +113,7 @@ def make_lanes_kernel(nx, nu, nw, method, has_limits, dtype, lanes=WARP):
                         ignored, bare = cholesky(free_quu)
                     if k == horizon - 1 or wp.float64(bare) < lowest:
                         lowest = wp.float64(bare)
-                    sizes = share.read_u(row, wp.static(at.sizes + nx))
+                    sizes = share.read_u(room, b, wp.static(at.sizes))
                     slopes = steepest(policy, b, k, limits, qu)
                     for i in range(nu):
                         highest[i] = wp.max(highest[i], slopes[i])
@@ -123,20 +122,20 @@ def make_lanes_kernel(nx, nu, nw, method, has_limits, dtype, lanes=WARP):
                     bent = quu * step
                     change_1 += wp.float64(wp.dot(step, qu))
                     change_2 += wp.float64(HALF * wp.dot(step, bent))
-                    share.value(policy, row, b, k, lane, qu, bent, step, gain)
+                    share.value(policy, room, b, k, lane, qu, bent, step, gain)
                     k -= 1
-            together(lanes)
+            together()
             if good == 1:
                 unsolved = 0
             else:
                 if lane == 0:
-                    row[wp.static(at.raised)] = dtype(raise_regularization(state, b))
-                together(lanes)
-                if row[wp.static(at.raised)] == ZERO:
+                    room[b, wp.static(at.raised)] = dtype(raise_regularization(state, b))
+                together()
+                if room[b, wp.static(at.raised)] == ZERO:
                     unsolved = 2
                 else:
                     restarts += 1
-        together(lanes)
+        together()
         if lane == 0:
             end(
                 policy, state, b, unsolved, restarts, broken, lowest, change_1, change_2, highest, widest,

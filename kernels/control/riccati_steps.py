@@ -7,38 +7,24 @@ import warp as wp
 from ..factories import cached
 from .solver_state import make_derivative_arrays, make_policy_arrays
 
-WARP = 32  # lanes
+LANES = 32  # of a warp
 
 
 @wp.func_native("""
 #if defined(__CUDA_ARCH__)
-    unsigned first = threadIdx.x & 31u & ~unsigned(lanes - 1);
-    __syncwarp((0xffffffffu >> (32 - lanes)) << first);
+    __syncwarp();
 #endif
 """)
-def together(lanes: int):
-    """So many lanes of a warp, a power of two, wait for each other, and see what they wrote."""
-    ...
-
-
-@wp.func_native("""
-    int next = i + lanes;
-#if defined(__CUDA_ARCH__)
-    asm volatile("" : "+r"(next));
-#endif
-    return next;
-""")
-def onward(i: int, lanes: int) -> int:
-    """i + lanes, which the compiler does not know: it unrolls no loop that goes on so."""
+def together():
+    """The lanes of a warp wait for each other, and see what they wrote."""
     ...
 
 
 def room_of(nx, nu, nw):
-    """Where a problem's numbers begin in its room, {name: place}; "width" is their number."""
-    nz = nx + nu
+    """Where a problem's numbers begin in its room: {name: place}, and "width", their number."""
     sizes = {
-        "vx": nx, "vxx": nx * nx, "y": nw, "f": nx * nz, "product": nx * nz, "q": nz, "qxx": nx * nx,
-        "qux": nu * nx, "quu": nu * nu, "ruu": nu * nu, "rux": nu * nx, "sizes": nz, "step": nu,
+        "vx": nx, "vxx": nx * nx, "y": nw, "product": nx * (nx + nu), "qx": nx, "qu": nu, "qxx": nx * nx,
+        "qux": nu * nx, "quu": nu * nu, "ruu": nu * nu, "rux": nu * nx, "sizes": nu, "step": nu,
         "gain": nu * nx, "slope": nu, "gap": nx, "raised": 1,
     }  # fmt: skip
     out, end = {}, 0
@@ -49,268 +35,236 @@ def room_of(nx, nu, nw):
 
 @cached
 def make_shared_steps(nx, nu, nw, method, dtype, lanes):
-    """Warp functions of a step that lanes share: `model`, `value`, `final_value`, `shifted`; `read_x` and the
-    like take out of a room what is in it.
-
-    A room is a row, so that its numbers are found by one product each, and loops have bounds that the
-    compiler does not know: unrolled, a step is more code than a multiprocessor keeps.
-    """
+    """Warp functions of a step that lanes share: `model`, `value`, `shifted`."""
     Derivatives, Policy = make_derivative_arrays(dtype), make_policy_arrays(dtype)
     VX, VU = wp.types.vector(nx, dtype), wp.types.vector(nu, dtype)
     MUX, MUU = wp.types.matrix((nu, nx), dtype), wp.types.matrix((nu, nu), dtype)
-    Row = wp.array(dtype=dtype)
     NZ = nx + nu
     ZERO, HALF = dtype(0.0), dtype(0.5)
     at = SimpleNamespace(**room_of(nx, nu, nw))
     curved, quadratic = method == "second-order", method != "first-order"
+    Room = wp.array2d(dtype=dtype)
 
     @wp.func
-    def product(row: Row, left: int, stride: int, right: int, count: int):
-        """Sum of row[left + j stride] row[right + j NZ] over j."""
+    def slope(d: Derivatives, b: int, k: int, j: int, c: int):
+        """f_z of a step: column c of (f_x, f_u)."""
+        if c < nx:
+            return d.fx[b, k, j, c]
+        return d.fu[b, k, j, c - nx]
+
+    @wp.func
+    def prepare(d: Derivatives, room: Room, b: int, k: int, lane: int):
+        """V_xx f_z, and what weighs the second derivatives."""
+        if wp.static(quadratic):
+            e = int(lane)
+            while e < wp.static(nx * NZ):
+                r = e // NZ
+                c = e % NZ
+                sum = ZERO
+                for j in range(nx):
+                    sum += room[b, wp.static(at.vxx) + r * nx + j] * slope(d, b, k, j, c)
+                room[b, wp.static(at.product) + e] = sum
+                e += lanes
+        if wp.static(curved):
+            i = int(lane)
+            while i < nw:
+                sum = ZERO
+                for j in range(nx):
+                    sum += d.lift[b, i, j] * room[b, wp.static(at.vx) + j]
+                room[b, wp.static(at.y) + i] = sum
+                i += lanes
+
+    @wp.func
+    def first_order(d: Derivatives, room: Room, b: int, k: int, c: int):
+        """f_z' V_x, and the sizes of its terms."""
         sum = ZERO
-        for j in range(count):
-            sum += row[left + j * stride] * row[right + j * NZ]
+        size = ZERO
+        for j in range(nx):
+            term = slope(d, b, k, j, c) * room[b, wp.static(at.vx) + j]
+            sum += term
+            size += wp.abs(term)
+        return sum, size
+
+    @wp.func
+    def second_order(d: Derivatives, room: Room, b: int, k: int, r: int, c: int):
+        """f_z' V_xx f_z + V_x.f_zz, an entry."""
+        sum = ZERO
+        if wp.static(quadratic):
+            for j in range(nx):
+                sum += slope(d, b, k, j, r) * room[b, wp.static(at.product) + j * NZ + c]
+        if wp.static(curved):
+            cell = b * d.fx.shape[1] + k
+            high = wp.max(r, c)  # of z, by which second derivatives are symmetric
+            low = wp.min(r, c)
+            for i in range(nw):
+                sum += room[b, wp.static(at.y) + i] * d.second[cell, i, high, low]
         return sum
 
     @wp.func
-    def prepare(d: Derivatives, row: Row, b: int, k: int, lane: int):
-        """f_z = (f_x, f_u), V_xx f_z, and what weighs the second derivatives."""
-        count = d.fx.shape[2]
-        fx, fu = d.fx[b, k], d.fu[b, k]
-        e = int(lane)
-        while e < count * NZ:
-            j = e / NZ
-            c = e - j * NZ
-            if c < nx:
-                row[wp.static(at.f) + e] = fx[j, c]
-            else:
-                row[wp.static(at.f) + e] = fu[j, c - nx]
-            e = onward(e, lanes)
-        together(lanes)
+    def regular(d: Derivatives, b: int, k: int, r: int, c: int, mu_x: dtype):
+        """mu_x f_u' f_z, an entry."""
+        sum = ZERO
         if wp.static(quadratic):
-            e = lane + 0
-            while e < count * NZ:
-                r = e / NZ
-                c = e - r * NZ
-                row[wp.static(at.product) + e] = product(
-                    row, wp.static(at.vxx) + r * nx, 1, wp.static(at.f) + c, count
-                )
-                e = onward(e, lanes)
-        if wp.static(curved):
-            lift = d.lift[b]
-            i = int(lane)
-            while i < lift.shape[0]:
-                sum = ZERO
-                for j in range(count):
-                    sum += lift[i, j] * row[wp.static(at.vx) + j]
-                row[wp.static(at.y) + i] = sum
-                i = onward(i, lanes)
-        together(lanes)
+            if mu_x != ZERO:
+                for j in range(nx):
+                    sum += d.fu[b, k, j, r] * slope(d, b, k, j, c)
+        return mu_x * sum
 
     @wp.func
-    def first_order(d: Derivatives, row: Row, b: int, k: int, lane: int):
-        """Q_z = l_z + f_z' V_x, and the sizes of its terms."""
-        lx, lu = d.lx[b, k], d.lu[b, k]
-        count = d.fx.shape[2]
-        c = int(lane)
-        while c < NZ:
-            sum = ZERO
-            if c < nx:
-                sum = lx[c]
-            else:
-                sum = lu[c - nx]
-            size = wp.abs(sum)
-            for j in range(count):
-                term = row[wp.static(at.f) + j * NZ + c] * row[wp.static(at.vx) + j]
-                sum += term
-                size += wp.abs(term)
-            row[wp.static(at.q) + c] = sum
-            row[wp.static(at.sizes) + c] = size
-            c = onward(c, lanes)
-
-    @wp.func
-    def second_order(d: Derivatives, row: Row, b: int, k: int, lane: int, mu_x: dtype, mu_u: dtype):
-        """Q_zz = l_zz + f_z' V_xx f_z + V_x.f_zz, but for Q_xu, and R, S."""
-        lxx, lux, luu = d.lxx[b, k], d.lux[b, k], d.luu[b, k]
-        count = d.fx.shape[2]
-        e = int(lane)
-        while e < wp.static(NZ * NZ):
-            r = e / NZ
-            c = e - r * NZ
-            if r >= nx or c < nx:
-                sum = ZERO
-                if wp.static(quadratic):
-                    sum = product(row, wp.static(at.f) + r, NZ, wp.static(at.product) + c, count)
-                if wp.static(curved):
-                    second = d.second[b * d.fx.shape[1] + k]
-                    high = wp.max(r, c)  # of z, by which second derivatives are symmetric
-                    low = wp.min(r, c)
-                    i = int(0)
-                    while i < second.shape[0]:
-                        sum += row[wp.static(at.y) + i] * second[i, high, low]
-                        i = onward(i, 1)
-                if r < nx:
-                    row[wp.static(at.qxx) + r * nx + c] = lxx[r, c] + sum
-                else:
-                    i = r - nx + 0
-                    regular = ZERO
-                    if wp.static(quadratic):
-                        if mu_x != ZERO:
-                            regular = mu_x * product(row, wp.static(at.f) + r, NZ, wp.static(at.f) + c, count)
-                    if c < nx:
-                        sum += lux[i, c]
-                        row[wp.static(at.qux) + i * nx + c] = sum
-                        row[wp.static(at.rux) + i * nx + c] = sum + regular
-                    else:
-                        j = c - nx
-                        sum += luu[i, j]
-                        row[wp.static(at.quu) + i * nu + j] = sum
-                        if i == j:
-                            regular += mu_u
-                        row[wp.static(at.ruu) + i * nu + j] = sum + regular
-            e = onward(e, lanes)
-
-    @wp.func
-    def model(d: Derivatives, row: Row, b: int, k: int, lane: int, mu_x: dtype, mu_u: dtype):
+    def model(d: Derivatives, room: Room, b: int, k: int, lane: int, mu_x: dtype, mu_u: dtype):
         """Unminimised value (11): Q_x, Q_u, Q_xx, Q_ux, Q_uu of step k, and R, S, into the room."""
-        prepare(d, row, b, k, lane)
-        first_order(d, row, b, k, lane)
-        second_order(d, row, b, k, lane, mu_x, mu_u)
-        together(lanes)
+        prepare(d, room, b, k, lane)
+        together()
+        e = int(lane)
+        while e < wp.static(NZ + NZ * NZ):
+            if e < NZ:
+                sum, size = first_order(d, room, b, k, e)
+                if e < nx:
+                    room[b, wp.static(at.qx) + e] = d.lx[b, k, e] + sum
+                else:
+                    i = e - nx
+                    room[b, wp.static(at.qu) + i] = d.lu[b, k, i] + sum
+                    room[b, wp.static(at.sizes) + i] = wp.abs(d.lu[b, k, i]) + size
+            else:
+                r = (e - NZ) // NZ
+                c = (e - NZ) % NZ
+                if r < nx and c < nx:
+                    entry = d.lxx[b, k, r, c] + second_order(d, room, b, k, r, c)
+                    room[b, wp.static(at.qxx) + r * nx + c] = entry
+                elif r >= nx and c < nx:
+                    i = r - nx
+                    entry = d.lux[b, k, i, c] + second_order(d, room, b, k, r, c)
+                    room[b, wp.static(at.qux) + i * nx + c] = entry
+                    room[b, wp.static(at.rux) + i * nx + c] = entry + regular(d, b, k, i, c, mu_x)
+                elif r >= nx:
+                    i = r - nx
+                    j = c - nx
+                    entry = d.luu[b, k, i, j] + second_order(d, room, b, k, r, c)
+                    room[b, wp.static(at.quu) + i * nu + j] = entry
+                    entry += regular(d, b, k, i, c, mu_x)
+                    if i == j:
+                        entry += mu_u
+                    room[b, wp.static(at.ruu) + i * nu + j] = entry
+            e += lanes
+        together()
 
     @wp.func
-    def read_x(row: Row, place: int):
+    def read_x(room: Room, b: int, place: int):
         """A vector of states out of the room."""
         out = VX()
         for i in range(nx):
-            out[i] = row[place + i]
+            out[i] = room[b, place + i]
         return out
 
     @wp.func
-    def read_u(row: Row, place: int):
+    def read_u(room: Room, b: int, place: int):
         """A vector of controls."""
         out = VU()
         for i in range(nu):
-            out[i] = row[place + i]
+            out[i] = room[b, place + i]
         return out
 
     @wp.func
-    def read_uu(row: Row, place: int):
+    def read_uu(room: Room, b: int, place: int):
         """Q_uu or R."""
         out = MUU()
         for i in range(nu):
             for j in range(nu):
-                out[i, j] = row[place + i * nu + j]
+                out[i, j] = room[b, place + i * nu + j]
         return out
 
     @wp.func
-    def read_ux(row: Row, place: int):
-        """S."""
+    def read_ux(room: Room, b: int, place: int):
+        """Q_ux or S."""
         out = MUX()
         for i in range(nu):
             for j in range(nx):
-                out[i, j] = row[place + i * nx + j]
+                out[i, j] = room[b, place + i * nx + j]
         return out
 
     @wp.func
-    def keep(policy: Policy, row: Row, b: int, k: int, qu: VU, bent: VU, step: VU, gain: MUX):
-        """A step's policy, stored and in the room."""
-        for i in range(nu):
-            row[wp.static(at.slope) + i] = bent[i] + qu[i]
-            row[wp.static(at.step) + i] = step[i]
-            policy.k[b, k, i] = step[i]
-            for j in range(nx):
-                row[wp.static(at.gain) + i * nx + j] = gain[i, j]
-
-    @wp.func
-    def bent_entry(row: Row, r: int, c: int, controls: int):
+    def bent_entry(room: Room, b: int, r: int, c: int):
         """Q_xx + K' Q_uu K + K' Q_ux + Q_ux' K, an entry."""
-        sum = row[wp.static(at.qxx) + r * nx + c]
-        i = int(0)
-        while i < controls:
-            inner = row[wp.static(at.qux) + i * nx + c]
-            j = int(0)
-            while j < controls:
-                inner += row[wp.static(at.quu) + i * nu + j] * row[wp.static(at.gain) + j * nx + c]
-                j = onward(j, 1)
-            sum += row[wp.static(at.gain) + i * nx + r] * inner
-            sum += row[wp.static(at.qux) + i * nx + r] * row[wp.static(at.gain) + i * nx + c]
-            i = onward(i, 1)
+        sum = room[b, wp.static(at.qxx) + r * nx + c]
+        for i in range(nu):
+            inner = room[b, wp.static(at.qux) + i * nx + c]
+            for j in range(nu):
+                inner += room[b, wp.static(at.quu) + i * nu + j] * room[b, wp.static(at.gain) + j * nx + c]
+            sum += room[b, wp.static(at.gain) + i * nx + r] * inner
+            sum += room[b, wp.static(at.qux) + i * nx + r] * room[b, wp.static(at.gain) + i * nx + c]
         return sum
 
     @wp.func
-    def value(policy: Policy, row: Row, b: int, k: int, lane: int, qu: VU, bent: VU, step: VU, gain: MUX):
+    def value(policy: Policy, room: Room, b: int, k: int, lane: int, qu: VU, bent: VU, step: VU, gain: MUX):
         """V_x and V_xx under the policy, and the policy, stored; of the first-order method V_xx stays."""
         if lane == 0:
-            keep(policy, row, b, k, qu, bent, step, gain)
-        together(lanes)
-        controls = policy.us.shape[2]
-        gains, slopes, curves = policy.K[b, k], policy.Vx[b, k], policy.Vxx[b, k]
+            for i in range(nu):
+                room[b, wp.static(at.slope) + i] = bent[i] + qu[i]
+                room[b, wp.static(at.step) + i] = step[i]
+                policy.k[b, k, i] = step[i]
+                for j in range(nx):
+                    room[b, wp.static(at.gain) + i * nx + j] = gain[i, j]
+                    policy.K[b, k, i, j] = gain[i, j]
+        together()
         e = int(lane)
-        while e < wp.static(nx * nx):
-            r = e / nx
-            c = e - r * nx
-            entry = row[wp.static(at.vxx) + e]
-            if wp.static(quadratic):
-                entry = HALF * (bent_entry(row, r, c, controls) + bent_entry(row, c, r, controls))
-                row[wp.static(at.vxx) + e] = entry
-            curves[r, c] = entry
-            e = onward(e, lanes)
-        c = lane + 0
-        while c < nx:
-            sum = row[wp.static(at.q) + c]
-            i = int(0)
-            while i < controls:
-                own = row[wp.static(at.gain) + i * nx + c]
-                gains[i, c] = own
+        while e < wp.static(nx + nx * nx):
+            if e < nx:
+                sum = room[b, wp.static(at.qx) + e]
                 if wp.static(quadratic):
-                    sum += own * row[wp.static(at.slope) + i]
-                    sum += row[wp.static(at.qux) + i * nx + c] * row[wp.static(at.step) + i]
-                i = onward(i, 1)
-            row[wp.static(at.vx) + c] = sum
-            slopes[c] = sum
-            c = onward(c, lanes)
-        together(lanes)
+                    for i in range(nu):
+                        sum += room[b, wp.static(at.gain) + i * nx + e] * room[b, wp.static(at.slope) + i]
+                        sum += room[b, wp.static(at.qux) + i * nx + e] * room[b, wp.static(at.step) + i]
+                room[b, wp.static(at.vx) + e] = sum
+                policy.Vx[b, k, e] = sum
+            else:
+                r = (e - nx) // nx
+                c = (e - nx) % nx
+                entry = room[b, wp.static(at.vxx) + e - nx]
+                if wp.static(quadratic):
+                    entry = HALF * (bent_entry(room, b, r, c) + bent_entry(room, b, c, r))
+                    room[b, wp.static(at.vxx) + e - nx] = entry
+                policy.Vxx[b, k, r, c] = entry
+            e += lanes
+        together()
 
     @wp.func
-    def final_value(d: Derivatives, policy: Policy, row: Row, b: int, horizon: int, lane: int):
+    def final_value(d: Derivatives, policy: Policy, room: Room, b: int, horizon: int, lane: int):
         """V_x and V_xx of the final cost."""
         e = int(lane)
-        while e < wp.static(nx * nx):
-            r = e / nx
-            c = e - r * nx
-            row[wp.static(at.vxx) + e] = d.lxx[b, horizon, r, c]
-            policy.Vxx[b, horizon, r, c] = d.lxx[b, horizon, r, c]
-            if r == 0:
-                row[wp.static(at.vx) + c] = d.lx[b, horizon, c]
-                policy.Vx[b, horizon, c] = d.lx[b, horizon, c]
-            e = onward(e, lanes)
-        together(lanes)
+        while e < wp.static(nx + nx * nx):
+            if e < nx:
+                room[b, wp.static(at.vx) + e] = d.lx[b, horizon, e]
+                policy.Vx[b, horizon, e] = d.lx[b, horizon, e]
+            else:
+                r = (e - nx) // nx
+                c = (e - nx) % nx
+                room[b, wp.static(at.vxx) + e - nx] = d.lxx[b, horizon, r, c]
+                policy.Vxx[b, horizon, r, c] = d.lxx[b, horizon, r, c]
+            e += lanes
+        together()
 
     @wp.func
-    def shifted(policy: Policy, row: Row, b: int, k: int, lane: int):
+    def shifted(policy: Policy, room: Room, b: int, k: int, lane: int):
         """V_x beyond the gap to x_{k+1}, into the room; the change of V on the way (M43), (M44)."""
-        gaps = policy.gaps[b, k]
-        count = policy.xs.shape[2]
         i = int(lane)
         while i < nx:
             sum = ZERO
-            for j in range(count):
-                sum += row[wp.static(at.vxx) + i * nx + j] * gaps[j]
-            row[wp.static(at.gap) + i] = sum
-            i = onward(i, lanes)
-        together(lanes)
+            for j in range(nx):
+                sum += room[b, wp.static(at.vxx) + i * nx + j] * policy.gaps[b, k, j]
+            room[b, wp.static(at.gap) + i] = sum
+            i += lanes
+        together()
         change = wp.float64(0.0)
-        for j in range(count):
-            gap = wp.float64(gaps[j])
-            change += wp.float64(row[wp.static(at.vx) + j]) * gap
-            change += wp.float64(HALF * row[wp.static(at.gap) + j]) * gap
-        together(lanes)
+        for j in range(nx):
+            gap = policy.gaps[b, k, j]
+            half = wp.float64(gap) * wp.float64(HALF * room[b, wp.static(at.gap) + j])
+            change += wp.float64(room[b, wp.static(at.vx) + j]) * wp.float64(gap) + half
+        together()
         i = lane + 0
         while i < nx:
-            row[wp.static(at.vx) + i] = row[wp.static(at.vx) + i] + row[wp.static(at.gap) + i]
-            i = onward(i, lanes)
-        together(lanes)
+            room[b, wp.static(at.vx) + i] = room[b, wp.static(at.vx) + i] + room[b, wp.static(at.gap) + i]
+            i += lanes
+        together()
         return change
 
     return SimpleNamespace(

@@ -17,7 +17,7 @@ FIELDS = ("us", "xs", "K", "k", "Vx", "Vxx", "cost", "gradient", "min_pivot")
 
 
 def by_one_lane(monkeypatch):
-    monkeypatch.setattr(passes, "lanes_of", lambda device, problems: 1)
+    monkeypatch.setattr(passes, "lanes_of", lambda device: 1)
 
 
 def both(monkeypatch, solve):
@@ -96,10 +96,9 @@ def test_a_room_holds_everything_once():
     width = room.pop("width")
     places = list(room.values())
     assert places == sorted(set(places)) and places[0] == 0 and places[-1] == width - 1
-    assert room["vxx"] == 6 and room["y"] == 42 and room["f"] == 45 and room["product"] == 93
+    assert room["vxx"] == 6 and room["y"] == 42 and room["product"] == 45
 
 
 def test_threads_on_a_cpu_lanes_on_a_gpu():
-    assert passes.lanes_of(wp.get_device("cpu"), 9) == 0
-    gpu = SimpleNamespace(is_cpu=False)
-    assert passes.lanes_of(gpu, 1) == 32 > passes.lanes_of(gpu, 4096) > 1
+    assert passes.lanes_of(wp.get_device("cpu")) == 0
+    assert passes.lanes_of(SimpleNamespace(is_cpu=False)) == 32

@@ -60,12 +60,10 @@ def test_backward_pass_of_ddp_spills_nothing(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("lanes", [8, 32])
-def test_backward_pass_by_lanes_spills_nothing(tmp_path, lanes):
-    kernel = make_lanes_kernel(6, 2, 3, "second-order", False, wp.float32, lanes)
-    used = sm90_resources(kernel, tmp_path)
+def test_backward_pass_by_lanes_spills_nothing(tmp_path):
+    used = sm90_resources(make_lanes_kernel(6, 2, 3, "second-order", False, wp.float32), tmp_path)
     assert 0 < used["registers"] <= 128 and used["frame"] == 0, used
-    assert used["code"] <= 96_000, used
+    assert used["code"] <= 76_000, used
 
 
 @pytest.mark.slow
