@@ -25,7 +25,7 @@ def room_of(nx, nu, nw):
     sizes = {
         "vx": nx, "vxx": nx * nx, "y": nw, "product": nx * (nx + nu), "qx": nx, "qu": nu, "qxx": nx * nx,
         "qux": nu * nx, "quu": nu * nu, "ruu": nu * nu, "rux": nu * nx, "sizes": nu, "step": nu,
-        "gain": nu * nx, "slope": nu, "gap": nx, "raised": 1,
+        "gain": nu * nx, "pull": nu, "gap": nx, "raised": 1,
     }  # fmt: skip
     out, end = {}, 0
     for name, size in sizes.items():
@@ -46,7 +46,7 @@ def make_shared_steps(nx, nu, nw, method, dtype, lanes):
     Room = wp.array2d(dtype=dtype)
 
     @wp.func
-    def slope(d: Derivatives, b: int, k: int, j: int, c: int):
+    def jacobian(d: Derivatives, b: int, k: int, j: int, c: int):
         """f_z of a step: column c of (f_x, f_u)."""
         if c < nx:
             return d.fx[b, k, j, c]
@@ -62,7 +62,7 @@ def make_shared_steps(nx, nu, nw, method, dtype, lanes):
                 c = e % NZ
                 sum = ZERO
                 for j in range(nx):
-                    sum += room[b, wp.static(at.vxx) + r * nx + j] * slope(d, b, k, j, c)
+                    sum += room[b, wp.static(at.vxx) + r * nx + j] * jacobian(d, b, k, j, c)
                 room[b, wp.static(at.product) + e] = sum
                 e += lanes
         if wp.static(curved):
@@ -80,7 +80,7 @@ def make_shared_steps(nx, nu, nw, method, dtype, lanes):
         sum = ZERO
         size = ZERO
         for j in range(nx):
-            term = slope(d, b, k, j, c) * room[b, wp.static(at.vx) + j]
+            term = jacobian(d, b, k, j, c) * room[b, wp.static(at.vx) + j]
             sum += term
             size += wp.abs(term)
         return sum, size
@@ -91,7 +91,7 @@ def make_shared_steps(nx, nu, nw, method, dtype, lanes):
         sum = ZERO
         if wp.static(quadratic):
             for j in range(nx):
-                sum += slope(d, b, k, j, r) * room[b, wp.static(at.product) + j * NZ + c]
+                sum += jacobian(d, b, k, j, r) * room[b, wp.static(at.product) + j * NZ + c]
         if wp.static(curved):
             cell = b * d.fx.shape[1] + k
             high = wp.max(r, c)  # of z, by which second derivatives are symmetric
@@ -107,7 +107,7 @@ def make_shared_steps(nx, nu, nw, method, dtype, lanes):
         if wp.static(quadratic):
             if mu_x != ZERO:
                 for j in range(nx):
-                    sum += d.fu[b, k, j, r] * slope(d, b, k, j, c)
+                    sum += d.fu[b, k, j, r] * jacobian(d, b, k, j, c)
         return mu_x * sum
 
     @wp.func
@@ -199,7 +199,7 @@ def make_shared_steps(nx, nu, nw, method, dtype, lanes):
         """V_x and V_xx under the policy, and the policy, stored; of the first-order method V_xx stays."""
         if lane == 0:
             for i in range(nu):
-                room[b, wp.static(at.slope) + i] = bent[i] + qu[i]
+                room[b, wp.static(at.pull) + i] = bent[i] + qu[i]
                 room[b, wp.static(at.step) + i] = step[i]
                 policy.k[b, k, i] = step[i]
                 for j in range(nx):
@@ -212,7 +212,7 @@ def make_shared_steps(nx, nu, nw, method, dtype, lanes):
                 sum = room[b, wp.static(at.qx) + e]
                 if wp.static(quadratic):
                     for i in range(nu):
-                        sum += room[b, wp.static(at.gain) + i * nx + e] * room[b, wp.static(at.slope) + i]
+                        sum += room[b, wp.static(at.gain) + i * nx + e] * room[b, wp.static(at.pull) + i]
                         sum += room[b, wp.static(at.qux) + i * nx + e] * room[b, wp.static(at.step) + i]
                 room[b, wp.static(at.vx) + e] = sum
                 policy.Vx[b, k, e] = sum

@@ -5,10 +5,8 @@ by column, so that a warp reads a column in few transactions; rows would be 32 o
 is in one place. Kernels index both alike, by strides.
 """
 
-from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
 import warp as wp
 
 from ..factories import cached
@@ -72,14 +70,3 @@ def copy_table(table: wp.array) -> wp.array:
 def laid_out(table: wp.array) -> wp.array:
     """A table by rows in the layout of its device: itself, or a copy of its numbers."""
     return copy_table(table) if by_columns(table.shape[0], table.device) else table
-
-
-def read_columns(table: wp.array, places: Sequence[int]) -> list[np.ndarray]:
-    """Columns (rows,) of a table (rows, width), or of one whose further axes count as one; views on a CPU.
-
-    No more than these come from a GPU.
-    """
-    if table.ndim == 2:
-        return [table[:, int(place)].numpy() for place in places]
-    rows = table.numpy().reshape(table.shape[0], -1)
-    return [rows[:, place] for place in places]

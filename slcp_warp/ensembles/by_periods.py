@@ -8,7 +8,6 @@ import warp as wp
 from slcp_warp.kernels.contact.problem import COLD
 from slcp_warp.kernels.device.launch import Prepared, launch
 from slcp_warp.kernels.device.relay import Run
-from slcp_warp.kernels.device.tables import read_columns
 from slcp_warp.kernels.ensembles.arrival import Progress, make_arrival, make_span
 from slcp_warp.kernels.ensembles.asking import make_sweep_ask_kernel
 from slcp_warp.kernels.ensembles.sweep import make_sweep_kernel
@@ -22,6 +21,7 @@ from ..stepping.host import Asked
 from .run_worlds import Period, run_worlds
 from .worlds import Worlds
 from .worlds.between import HostBetween
+from .worlds.columns import read_columns
 from .worlds.events import events_of
 
 

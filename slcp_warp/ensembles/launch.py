@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import warp as wp
 
-from slcp_warp.kernels.device.tables import read_columns
 from slcp_warp.kernels.ensembles.arrival import make_span
 from slcp_warp.kernels.ensembles.disturbances import make_conditions
 from slcp_warp.kernels.policies.contract import PolicyKernel
@@ -27,6 +26,7 @@ from ..tasks.task import RECORDED
 from .by_periods import OnHost, by_periods, handed_on
 from .run_worlds import run_worlds
 from .worlds import Worlds
+from .worlds.columns import read_columns
 from .worlds.draws import Draws, Given
 from .worlds.events import events_of, put_pushes
 

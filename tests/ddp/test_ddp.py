@@ -6,7 +6,7 @@ import weakref
 import numpy as np
 import pytest
 import warp as wp
-from ddp_examples import cart_pole, make_cart_pole, random_linear_problem
+from ddp_examples import cart_pole, fragile_problem, make_cart_pole, random_linear_problem
 
 import slcp_warp as slcp
 from slcp_warp import ddp
@@ -70,26 +70,6 @@ def test_batch_equals_singles_bit_for_bit(device):
         ):
             np.testing.assert_array_equal(getattr(batch, name)[i], getattr(alone, name), err_msg=name)
         np.testing.assert_array_equal(batch.trace.cost[i, : alone.iterations + 1], alone.trace.cost)
-
-
-def make_fragile(dtype, VX, VU):
-    """An integrator that breaks, and says nothing, when it leaves |x| < 4."""
-    limit, h = dtype(4.0), dtype(0.1)
-
-    @wp.func
-    def step(params: wp.array2d(dtype=dtype), row: int, x: VX, u: VU):
-        y = VX(x[0] + h * x[1], x[1] + h * u[0])
-        if wp.abs(y[0]) > limit:
-            y = VX(wp.log(-limit), y[1])
-        return y
-
-    return step
-
-
-def fragile_problem(device):
-    dynamics = ddp.WarpDynamics(make_fragile, 2, 1, device=device)
-    cost = ddp.costs.quadratic(np.eye(2), [[0.1]], 10.0 * np.eye(2))
-    return ddp.Problem(dynamics, cost, 20)
 
 
 def test_a_failed_problem_is_reported_and_does_not_touch_its_neighbours(device):

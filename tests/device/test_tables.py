@@ -164,17 +164,3 @@ def test_workspaces_are_found_again_on_a_stream():
 
     first = lent(7)
     assert lent(7) is first and lent(8) is not first and lent(7) is first and made == [4, 4]
-
-
-@pytest.mark.parametrize("by_columns", [False, True])
-def test_columns_are_read_by_their_places(monkeypatch, by_columns):
-    monkeypatch.setattr(tables, "by_columns", lambda rows, device: by_columns)
-    values = np.arange(12.0).reshape(4, 3)
-    made = tables.make_table(values, wp.float64, "cpu")
-    for places in ([], [2], np.array([1, 0])):
-        read = tables.read_columns(made, places)
-        assert len(read) == len(places)
-        for place, column in zip(places, read):
-            np.testing.assert_array_equal(column, values[:, place])
-    deep = wp.array(np.arange(24.0).reshape(4, 2, 3), dtype=wp.float64, device="cpu")
-    np.testing.assert_array_equal(tables.read_columns(deep, [4])[0], 4.0 + 6.0 * np.arange(4))

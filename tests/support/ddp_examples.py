@@ -140,3 +140,23 @@ def made_library(x, **changes):
               "plan": order, "period": FINGER.state_period,
               "header": {"scene": FINGER.name, "digest": scene_digest(FINGER)}}  # fmt: skip
     return ddp.Library(**{**values, **changes})
+
+
+def make_fragile(dtype, VX, VU):
+    """An integrator that breaks, and says nothing, when it leaves |x| < 4."""
+    limit, h = dtype(4.0), dtype(0.1)
+
+    @wp.func
+    def step(params: wp.array2d(dtype=dtype), row: int, x: VX, u: VU):
+        y = VX(x[0] + h * x[1], x[1] + h * u[0])
+        if wp.abs(y[0]) > limit:
+            y = VX(wp.log(-limit), y[1])
+        return y
+
+    return step
+
+
+def fragile_problem(device):
+    dynamics = ddp.WarpDynamics(make_fragile, 2, 1, device=device)
+    cost = ddp.costs.quadratic(np.eye(2), [[0.1]], 10.0 * np.eye(2))
+    return ddp.Problem(dynamics, cost, 20)

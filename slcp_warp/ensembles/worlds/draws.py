@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 
 from slcp_warp.kernels.device.launch import launch
-from slcp_warp.kernels.device.tables import empty_table, make_table, read_columns
+from slcp_warp.kernels.device.tables import empty_table, make_table
 from slcp_warp.kernels.ensembles.disturbances import DROPOUT_FIELDS, PUSH_FIELDS, TIMING_FIELDS
 from slcp_warp.kernels.ensembles.draws import make_columns, make_draw_kernel, pick_kernel
 from slcp_warp.kernels.structure import STEP_SIZE
@@ -21,6 +21,7 @@ from ...tasks.disturbances import Disturbances, Uniform, laws
 from ...tasks.disturbances.laws import Laws
 from ...tasks.task import Task
 from .arrays import Worlds
+from .columns import read_columns
 
 MOST = float(np.finfo(np.float32).max)
 

@@ -5,8 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import warp as wp
-from ddp_examples import cart_pole, random_linear_problem
-from test_ddp import fragile_problem
+from ddp_examples import cart_pole, fragile_problem, random_linear_problem
 
 from slcp_warp import ddp
 from slcp_warp.ddp.parts import passes
