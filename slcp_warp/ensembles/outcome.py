@@ -127,8 +127,9 @@ class Report(Printed):
             checks.instance(name, value, str, "a text")
         step_size = None if step_size is None else checks.number("step_size", step_size)
         left = list(self.source.keys)
-        for place, name, value in zip((0, 3, 1, 2), ("policy", "arm", "case", "step_size"),
-                                      (policy, arm, case, step_size)):  # fmt: skip
+        wanted: dict[str, Any] = {"policy": policy, "case": case, "step_size": step_size, "arm": arm}
+        for name in ("policy", "arm", "case", "step_size"):
+            place, value = KEYS.index(name), wanted[name]
             there = list(dict.fromkeys(key[place] for key in left))
             left = [key for key in left if value is None or key[place] == value]
             if not left:

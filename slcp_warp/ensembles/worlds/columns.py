@@ -6,7 +6,7 @@ import numpy as np
 import warp as wp
 
 
-def read_columns(table: wp.array, places: Sequence[int]) -> list[np.ndarray]:
+def read_columns(table: wp.array, places: Sequence[int] | np.ndarray) -> list[np.ndarray]:
     """Columns (rows,) of a table (rows, width), or of one whose further axes count as one; views on a CPU.
 
     No more than these come from a GPU.
