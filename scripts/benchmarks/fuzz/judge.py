@@ -25,6 +25,7 @@ from .problem import EPSILON, FLOOR, LEVER, LOST_ROWS, MOST_LOSS, TOLERANCE, Pro
 STEADY = {"float64": (4e-8, 4e-15), "float32": (1e-4, 2e-6)}  # gap="end": [m/s], and of positions [m]
 TINY = 1e-300
 NORMAL = {"float64": 2.3e-308, "float32": 1.2e-38}  # below, a number's rounding is relative to this
+NOTHING = 1e-24  # of a world's largest speed at the start: eight orders below its rounding
 SMALL = 64  # rows of a product that BLAS makes in one thread
 BENT = 1e-3  # of sigma: where phi is no straight line
 
@@ -195,9 +196,12 @@ def _motion(p: Problem, v1: Array, lam: Array, like_v: Array, like_lam: Array) -
     return out[0], out[1]
 
 
-def _least(p: Problem) -> float:
-    """A velocity whose rounding is that of numbers too small to be normal, which keep no digits."""
-    return NORMAL[p.dtype] / TOLERANCE[p.dtype]
+def _least(p: Problem) -> Array:
+    """A velocity (B, 1) whose share is that of numbers too small to be normal, which keep no digits, or
+    NOTHING beside what is fastest in a world: what is left of a body's speed after many steps at a stop.
+    """
+    fastest = (np.abs(p.truth.v) + np.abs(p.drive.free)).max(1, initial=0.0)
+    return np.asarray(NORMAL[p.dtype] + NOTHING * fastest)[:, None] / TOLERANCE[p.dtype]
 
 
 def _rates(p: Problem, q1: Array, v1: Array) -> tuple[Array, Any]:
