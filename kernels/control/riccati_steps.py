@@ -35,7 +35,10 @@ def room_of(nx, nu, nw):
 
 @cached
 def make_shared_steps(nx, nu, nw, method, dtype, lanes):
-    """Warp functions of a step that lanes share: `model`, `value`, `shifted`."""
+    """Warp functions of a step that lanes share: `final_value`, `shifted`, `model` and `value`, of which (11)
+    and the value function's equations stand in `riccati.py`; `read_x` and the like take out of a room, a row
+    of (B, width), what is in it.
+    """
     Derivatives, Policy = make_derivative_arrays(dtype), make_policy_arrays(dtype)
     VX, VU = wp.types.vector(nx, dtype), wp.types.vector(nu, dtype)
     MUX, MUU = wp.types.matrix((nu, nx), dtype), wp.types.matrix((nu, nu), dtype)

@@ -161,6 +161,14 @@ def test_a_mass_matrix_without_digits_excuses_no_motion_and_little_of_a_row(rati
     assert sentence(pose, refined(p, least), least)[0] == SILENT
 
 
+@pytest.mark.parametrize(("slow", "verdict"), [(1e-24, "holds"), (1e-20, SILENT), (1e-9, SILENT)])
+def test_a_momentum_counts_that_is_more_than_nothing_beside_the_fastest(slow, verdict):
+    """One slider at 20 m/s, and another, which nothing joins to it, that loses all of its speed."""
+    scene = Scene("apart", tuple(Body(n, 1.0, 0.1, joint="prismatic") for n in "ab"), gravity=(0.0, 0.0))
+    pose = posed(scene, np.array([[0.0, 0.0, 20.0, slow]]), "float64")
+    assert sentence(pose, np.array([[20.0, 0.0]]), np.zeros((1, 0)))[0] == verdict
+
+
 def test_springs_at_right_angles_excuse_roundings_of_their_products_alone():
     """A spring of 1e10 N/m across a slider's way: its part along it is a rounding of 4 N."""
     axis = np.array([0.8286469578742981, -0.5597715973854065])

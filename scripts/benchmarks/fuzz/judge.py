@@ -168,7 +168,7 @@ def _motion(p: Problem, v1: Array, lam: Array, like_v: Array, like_lam: Array) -
     root = np.sqrt(np.einsum("bjj->bj", drive.h_mass))
     mine = np.array(truth.s.dof_body)
     alone = (np.maximum(-p.free, 0.0) + p.sigma) / np.maximum(p.diag, FLOOR)  # a row's impulse by itself
-    free = np.abs(drive.free) + _least(p)
+    free = np.abs(drive.free) + _least(p) + _nothing(p)
     data = drive.size + np.einsum("bij,bj->bi", np.abs(drive.h_mass), free)
     hang = _closure((np.abs(drive.h_mass) > 0.0).any(0, keepdims=True))  # what one factor of H is of
     speed = _shared(root * (np.abs(truth.v) + np.abs(drive.free)), hang)
@@ -196,12 +196,18 @@ def _motion(p: Problem, v1: Array, lam: Array, like_v: Array, like_lam: Array) -
     return out[0], out[1]
 
 
-def _least(p: Problem) -> Array:
-    """A velocity (B, 1) whose share is that of numbers too small to be normal, which keep no digits, or
-    NOTHING beside what is fastest in a world: what is left of a body's speed after many steps at a stop.
+def _least(p: Problem) -> float:
+    """A velocity whose rounding is that of numbers too small to be normal, which keep no digits."""
+    return NORMAL[p.dtype] / TOLERANCE[p.dtype]
+
+
+def _nothing(p: Problem) -> Array:
+    """A velocity (B, 1) whose share is NOTHING beside what the data say is fastest in a world: what is left
+    of a body's speed after many steps at a stop.
     """
     fastest = (np.abs(p.truth.v) + np.abs(p.drive.free)).max(1, initial=0.0)
-    return np.asarray(NORMAL[p.dtype] + NOTHING * fastest)[:, None] / TOLERANCE[p.dtype]
+    out: Array = NOTHING * fastest[:, None] / TOLERANCE[p.dtype]
+    return out
 
 
 def _rates(p: Problem, q1: Array, v1: Array) -> tuple[Array, Any]:
