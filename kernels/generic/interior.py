@@ -13,7 +13,8 @@ import warp as wp
 
 from ..factories import cached
 from .mechanism import COLUMN
-from .newton import make_newton
+from .newton import law_of, make_newton
+from .rows.passes import make_passes
 from .topology import CONTACT, Topology
 from .work import V3, WORK, Island, Slot
 
@@ -31,6 +32,7 @@ def make_interior(given: type, residual: str) -> SimpleNamespace:
     dtype = WORK
     nt = make_newton(given, residual)
     hard = residual == "hard"
+    rows = make_passes(law_of(residual))
     ZERO, HALF, ONE = dtype(0.0), dtype(0.5), dtype(1.0)
     SHARE = dtype(MOMENTUM)
     POSITIVE = dtype(0.01)  # smallest weight, relative to that of the hard problem
@@ -45,54 +47,24 @@ def make_interior(given: type, residual: str) -> SimpleNamespace:
     DIVERGED = dtype(1e12)
     FASTEST = dtype(1e6)  # V, relative to the size of the problem and to v_free
 
-    @wp.func
-    def product(k: wp.ref[Slot], r: int, a: dtype, w: dtype):
-        """(a w - m(a - w), m'(a - w))"""
-        if wp.static(hard):
-            return a * w, ZERO
-        e = nt.smooth(k, r, a - w)
-        return a * w - e[0] * e[1], e[2] * e[1] - e[3] * e[0]
-
-    @wp.func
-    def bend(k: wp.ref[Slot], r: int, a: dtype, w: dtype, excess: dtype, slope: dtype):
-        """Excess and weights of a row; |excess|."""
-        p = wp.max(a + slope, POSITIVE * a)
-        q = wp.max(w - slope, POSITIVE * w)
-        total = p + q
-        inverse = ONE / total
-        k.excess[r] = excess
-        k.cross[r] = ZERO
-        k.p[r] = p * inverse
-        k.slack[r] = q * inverse
-        k.total[r] = total
-        return wp.abs(excess)
-
     @wp.func(inline=False)
     def curve(k: wp.ref[Slot], o: Island, n: dtype):
         """Excess and weights of every acting row; mean |excess|."""
-        mean = dtype(0.0)
-        for r in range(o.row, o.last_row):
-            if k.acting[r] > 0:
-                a = k.a[r]
-                w = k.w[r]
-                excess, slope = product(k, r, a, w)
-                mean += bend(k, r, a, w, excess, slope)
-        return mean / n
+        sum = wp.static(rows.curve)(
+            o.row, o.last_row, k.acting, POSITIVE, k.sigma, k.a, k.w, k.excess, k.cross, k.p, k.slack, k.total
+        )
+        return sum / n
 
     @wp.func(inline=False)
     def mean_after(k: wp.ref[Slot], o: Island, n: dtype, step: dtype, cold: int):
         """Mean |excess| after the straight step (mu = 0); k.cross: the excess after all of it."""
-        mean = dtype(0.0)
-        for r in range(o.row, o.last_row):
-            if k.acting[r] > 0:
-                e = k.aimed[r]
-                da = k.p[r] * k.dz[r] + e
-                dw = e - k.slack[r] * k.dz[r]
-                excess, _slope = product(k, r, k.a[r] + step * da, k.w[r] + step * dw)
-                mean += wp.abs(excess)
-                if cold == 0:
-                    k.cross[r] = wp.where(step > TRUSTED, ONE, step * step) * da * dw
-        return mean / n
+        kept = dtype(0.0)
+        if cold == 0:
+            kept = wp.where(step > TRUSTED, ONE, step * step)
+        sum = wp.static(rows.look_ahead)(
+            o.row, o.last_row, k.acting, step, kept, k.sigma, k.dz, k.aimed, k.a, k.w, k.cross, k.p, k.slack
+        )
+        return sum / n
 
     @wp.func
     def rounding(t: wp.ref[Topology], k: wp.ref[Slot]):
@@ -221,30 +193,16 @@ def make_interior(given: type, residual: str) -> SimpleNamespace:
         for place in range(o.start, o.end):
             i = k.block[place]
             k.v[i] = k.v[i] + step * k.move[i]
-        mean = dtype(0.0)
+        if inside == 1:
+            sum = wp.static(rows.advance)(
+                o.row, o.last_row, k.acting, step, POSITIVE, k.sigma, k.dz, k.aimed, k.a, k.w, k.excess,
+                k.cross, k.p, k.slack, k.total,
+            )  # fmt: skip
+            return sum / n
         for r in range(o.row, o.last_row):
             if k.acting[r] > 0:
-                dz = k.dz[r]
-                if inside == 0:
-                    k.z[r] = k.z[r] + dz
-                else:
-                    e = k.aimed[r]
-                    a = k.a[r] + step * (k.p[r] * dz + e)
-                    w = k.w[r] + step * (e - k.slack[r] * dz)
-                    slope = dtype(0.0)
-                    excess = dtype(0.0)
-                    if wp.static(hard):
-                        excess = a * w
-                    else:  # below the curve steps would get shorter and shorter
-                        on = nt.smooth(k, r, a - w)
-                        a = wp.max(a, on[0])
-                        w = wp.max(w, on[1])
-                        excess = a * w - on[0] * on[1]
-                        slope = on[2] * on[1] - on[3] * on[0]
-                    k.a[r] = a
-                    k.w[r] = w
-                    mean += bend(k, r, a, w, excess, slope)
-        return mean / n
+                k.z[r] = k.z[r] + k.dz[r]
+        return ZERO
 
     return SimpleNamespace(
         enter=enter, curve=curve, aim=aim, advance=advance, proves_infeasible=proves_infeasible

@@ -15,6 +15,7 @@ import warp as wp
 from ..factories import cached
 from ..residual.smoothing import make_smoothing
 from .linear.matrix import make_matrix
+from .rows.passes import make_passes, put_inside, weigh
 from .topology import Topology
 from .work import M33, V3, WORK, Island, Slot
 
@@ -28,6 +29,11 @@ GIVEN = {wp.float64: 1.1e-16, wp.float32: 6e-8}  # rounding of the impulses that
 SUMMED = {wp.float64: 5e-11, wp.float32: 1e-5}  # what it may make of momenta, relative to those in the data
 
 
+def law_of(residual: str) -> str:
+    """The law of a residual, as loops over rows know it (`rows/vectors.py`)."""
+    return "hard" if residual == "hard" else "normal" if residual.endswith("normal") else "logistic"
+
+
 @cached
 def make_newton(given: type, residual: str) -> SimpleNamespace:
     """Warp functions: residuals and linear algebra on the acting rows of an island."""
@@ -36,10 +42,11 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
     env, ends = matrix.env, matrix.ends
     sm = make_smoothing(dtype, residual)
     hard = residual == "hard"
+    rows = make_passes(law_of(residual))
     ZERO, HALF, ONE = dtype(0.0), dtype(0.5), dtype(1.0)
     LOST, UNLOST = dtype(ROUNDING), dtype(1.0 / ROUNDING)
     TOLD = dtype(GIVEN[given] * ACCEPTED[given] / SUMMED[given])
-    PRESSES, SEEN, FOUR, SIXTH = dtype(2.0), dtype(TOLERANCE), dtype(4.0), dtype(1.0 / 6.0)
+    SEEN = dtype(TOLERANCE)
     TAU, GOOD, HUGE = dtype(PROXIMAL), dtype(ACCEPTED[given]), dtype(1e300)
 
     @wp.func
@@ -103,39 +110,14 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
             k.lost[i] = LOST * value
 
     @wp.func
-    def put(k: wp.ref[Slot], r: int, inside: int):
-        """lambda and w of a row at z, and their slopes, or inside at a and w; 1 if the matrix changes."""
+    def put(k: wp.ref[Slot], o: Island, inside: int):
+        """lambda and w of rows at z, and their slopes, or inside at a and w; 1 if the matrix changes."""
         if inside == 1:
-            k.lam[r] = k.a[r] * k.inverse[r]
-            k.z[r] = k.a[r] - k.w[r]
+            put_inside(o.row, o.last_row, k.acting, k.inverse, k.a, k.w, k.lam, k.z)
             return 0
-        z = k.z[r]
-        p = dtype(0.0)
-        if wp.static(hard):
-            p = wp.where(z > ZERO, ONE, wp.where(z < ZERO, ZERO, HALF))
-            k.lam[r] = wp.where(z > ZERO, z, ZERO) * k.inverse[r]
-            k.w[r] = wp.where(z < ZERO, -z, ZERO)
-            k.slack[r] = ONE - p
-        else:
-            e = smooth(k, r, z)
-            k.lam[r] = e[0] * k.inverse[r]
-            k.w[r] = e[1]
-            k.slack[r] = e[3]
-            p = e[2] + ZERO
-        changed = wp.where(k.p[r] != p, 1, 0)
-        k.p[r] = p
-        return changed
-
-    @wp.func
-    def chord(k: wp.ref[Slot], r: int, res: dtype):
-        """The slope of s(-z) of a row that presses, on its way to what J v' + d/h is instead of where z is:
-        with an exponential's own slope w would fall by a factor of e an iteration at most.
-        """
-        w = k.w[r]
-        if k.z[r] > PRESSES * k.sigma[r] and w > SEEN * k.unit[r]:
-            x = wp.max(ONE + res / w, ZERO)
-            mean = (FOUR * wp.sqrt(x) + ONE + x) * SIXTH  # of 1 and x, the logarithmic one in good measure
-            k.slack[r] = k.slack[r] * wp.clamp(mean, HALF, ONE + ONE)
+        return wp.static(rows.put)(
+            o.row, o.last_row, k.acting, k.z, k.sigma, k.inverse, k.lam, k.w, k.p, k.slack
+        )
 
     @wp.func(inline=False)
     def exchange(t: wp.ref[Topology], k: wp.ref[Slot], g: int):
@@ -216,13 +198,8 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
         to the velocities that the data set in its island.
         """
         # long: one pass over a group's rows, whose sums stay in registers
-        worst, finite, largest = dtype(0.0), dtype(0.0), dtype(0.0)
-        changed = int(0)
         begin_balance(t, k, o)
-        if wp.static(not hard):  # a call in the loop below would put all of its sums into memory
-            for r in range(o.row, o.last_row):
-                if k.acting[r] > 0:
-                    changed = wp.max(changed, put(k, r, inside))
+        changed = put(k, o, inside)
         for g in range(o.group, o.last_group):
             start, end, entry, entries, one, two = ends(t, k, g)
             v = k.v[one]
@@ -234,8 +211,6 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
             at = entry + 0
             for r in range(start, end):
                 if k.acting[r] > 0:
-                    if wp.static(hard):
-                        changed = wp.max(changed, put(k, r, inside))
                     lam = k.lam[r]
                     res = k.rate[r] - k.w[r]
                     if entries <= 2:
@@ -258,15 +233,7 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
                         az2 += wp.abs(m[2])
                     else:
                         res += dot(t, k, k.v, r)
-                    if inside == 1:
-                        largest = wp.where(k.a[r] > largest, k.a[r], largest)
-                        res += yielding * k.diag[r] * (lam - k.least[r])
-                    elif wp.static(not hard):
-                        chord(k, r, res)
                     k.res[r] = res
-                    if wp.abs(res) > worst * k.unit[r]:
-                        worst = wp.abs(res) / k.unit[r]
-                    finite += wp.abs(res)
                 at += entries
             if entries > 2:
                 exchange(t, k, g)
@@ -276,25 +243,25 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
                 if entries == 2:
                     k.balance[two] = k.balance[two] - V3(p, q, s)
                     k.move[two] = k.move[two] + V3(ap, aq, az2)
-        return wp.max(wp.where(wp.isfinite(finite), worst, HUGE), imbalance(k, o)), changed, largest
+        worst = wp.static(rows.finish)(
+            o.row, o.last_row, k.acting, inside, yielding, SEEN, k.unit, k.res, k.diag, k.lam, k.least, k.a,
+            k.z, k.sigma, k.w, k.slack,
+        )  # fmt: skip
+        off = wp.where(wp.isfinite(worst[1]), worst[0], HUGE)
+        return wp.max(off, imbalance(k, o)), changed, worst[2]
 
     @wp.func
-    def weigh(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, yielding: dtype):
+    def weigh_rows(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, yielding: dtype):
         """k.weight: W; k.divisor: 1/T."""
         tau = TAU + yielding
         for r in range(o.row, o.last_row):
             k.weight[r] = ZERO
-            if k.acting[r] > 0:
-                inverse = k.inverse[r]
-                p = k.p[r]
-                divisor = ONE / (k.slack[r] + tau * k.diag[r] * inverse * p)
-                k.divisor[r] = divisor
-                k.weight[r] = p * divisor * inverse
+        weigh(o.row, o.last_row, k.acting, tau, k.diag, k.inverse, k.p, k.slack, k.divisor, k.weight)
 
     @wp.func
     def factor(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, yielding: dtype):
         """Factor of M + J' W J for k.p and k.slack."""
-        weigh(t, k, o, yielding)
+        weigh_rows(t, k, o, yielding)
         matrix.assemble(t, k, o)
         env.factor(k.factor, k.first, k.at, o.start, o.end)
 

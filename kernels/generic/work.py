@@ -18,6 +18,7 @@ WORK = wp.float64
 V2, V3, V4 = (wp.types.vector(n, WORK) for n in (2, 3, 4))
 M33 = wp.types.matrix((3, 3), WORK)
 WORD, LINE = 8, 64  # bytes
+WIDTH = 8  # rows that a CPU takes at once: what is by row begins and ends at multiples of them there
 LANES = 16  # right-hand sides that are solved at once: two registers of a CPU halve what a loop costs
 Lanes = wp.types.vector(LANES, WORK)
 NEAR, ROWS, GROUPS, ISLANDS, ORDERS, LISTED, AXIS_OF_ITEMS, LOOKS = range(8)  # in `count`; orders: 0, 1
@@ -237,6 +238,13 @@ def view(work: wp.ref[Work], b: int):
     return k
 
 
+BY_ROW = (
+    "gap", "rate", "sigma", "scale", "diag", "alone", "own", "unit", "z", "best_z", "lam", "least", "a", "w",
+    "res", "excess", "cross", "p", "slack", "total", "dz", "divisor", "aimed", "weight", "lift", "inverse",
+    "target", "miss", "warm", "row", "pattern", "acting", "mode", "sorted",
+)  # fmt: skip
+
+
 def lengths(s: Structure) -> dict[str, int]:
     """Items of every workspace of a structure."""
     sizes = tables(s)[1]
@@ -247,11 +255,7 @@ def lengths(s: Structure) -> dict[str, int]:
     matrices |= dict.fromkeys(("factor", "upper"), sizes.matrix)
     blocks = ("before", "vfree", "v", "best_v", "inner_v", "balance", "move", "most", "momentum", "lost",
               "unseen", "place", "block", "first", "at")  # fmt: skip
-    rows = ("gap", "rate", "sigma", "scale", "diag", "alone", "own", "unit", "z", "best_z", "lam", "least",
-            "a", "w", "res", "excess", "cross", "p", "slack", "total", "dz", "divisor", "aimed", "weight",
-            "lift", "inverse", "target", "miss", "warm", "row", "pattern", "acting", "mode",
-            "sorted")  # fmt: skip
-    out |= matrices | dict.fromkeys(blocks, sizes.blocks) | dict.fromkeys(rows, s.nr)
+    out |= matrices | dict.fromkeys(blocks, sizes.blocks) | dict.fromkeys(BY_ROW, s.nr)
     out |= dict.fromkeys(("entry", "group"), s.nr + 1)
     out |= dict.fromkeys(("normal", "known", "near"), pairs) | {"link": 2 * pairs}
     out |= dict.fromkeys(("island", "queue"), units)
@@ -287,9 +291,10 @@ def _places(s: Structure) -> tuple[int, dict[str, int]]:
     """Bytes from a world's block to the next one's, and where in it its arrays begin."""
     begin, end = {}, 0
     for name, length in lengths(s).items():
-        begin[name] = end
-        size = length * wp.types.type_size_in_bytes(Slot.cls.__annotations__[name].dtype)
-        end += -(-size // WORD) * WORD
+        size = wp.types.type_size_in_bytes(Slot.cls.__annotations__[name].dtype)
+        whole = WIDTH * size if name in BY_ROW else WORD
+        begin[name] = -(-end // whole) * whole
+        end = begin[name] + -(-length * size // whole) * whole
     return -(-end // LINE) * LINE, begin
 
 
