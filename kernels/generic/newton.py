@@ -43,7 +43,7 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
     sm = make_smoothing(dtype, residual)
     hard = residual == "hard"
     rows = make_passes(law_of(residual))
-    ZERO, HALF, ONE = dtype(0.0), dtype(0.5), dtype(1.0)
+    ZERO, ONE = dtype(0.0), dtype(1.0)
     LOST, UNLOST = dtype(ROUNDING), dtype(1.0 / ROUNDING)
     TOLD = dtype(GIVEN[given] * ACCEPTED[given] / SUMMED[given])
     SEEN = dtype(TOLERANCE)
