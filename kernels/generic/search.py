@@ -2,7 +2,7 @@
 
 Newton's method starts from the last step's impulses; of hard rows it is an active-set method, whose matrix
 changes only with the set. The interior-point method tries Newton's from its points as soon as they are near
-a solution, and goes on where that fails. Every solution has to be earned (`earned.py`).
+a solution, and goes on where that fails. Every solution has to be earned (`judge/earned.py`).
 """
 
 from types import SimpleNamespace
@@ -12,12 +12,12 @@ import warp as wp
 from ..factories import cached
 from ..status import INFEASIBLE, NONFINITE, NOT_CONVERGED, SOLVED
 from .active_set import make_active_set
-from .digits import make_digits
-from .earned import make_earned
 from .interior import MAX_ITERATIONS, make_interior
+from .judge.digits import make_digits
+from .judge.earned import make_earned
+from .judge.scales import make_scales
 from .linear.pivots import SOFTENED, make_pivots
 from .newton import ACCEPTED, REFINED, TOLERANCE, make_newton
-from .scales import make_scales
 from .topology import Topology
 from .work import WORK, Island, Slot
 

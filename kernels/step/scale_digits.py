@@ -3,7 +3,8 @@
 With y = N^-1 J_i' a rounding of the entries of N moves D_i = J_i y by up to epsilon |y|' |N| |y|, to first
 order, which no refinement takes back. The law is then another row's: D lambda is off by that times lambda,
 and w by s'(-z)/s'(z) times as much, next to nothing of a row that presses by many sigma. Hard contact does
-not ask for D, and without inertia scaling it is 1. `kernels/generic/digits.py` asks the same of D's solution.
+not ask for D, and without inertia scaling it is 1. `generic/judge/digits.py` asks the same of D's
+solution.
 """
 
 import warp as wp

@@ -36,8 +36,8 @@ def test_fast_kernels_of_the_finger_spill_within_bounds(tmp_path, name):
 @pytest.mark.full
 def test_what_makes_the_steps_that_are_left_spills_within_bounds(tmp_path):
     used = sm90_resources(make_rollout_relay(finger("rest"), OPEN_LOOP, False), tmp_path)
-    assert SINE < used["frame"] <= 1_600, used  # bytes: all threads that a GPU may hold get as many
-    assert used["code"] <= 220_000, used
+    assert SINE < used["frame"] <= 2_304, used  # bytes: all threads that a GPU may hold get as many
+    assert used["code"] <= 250_000, used
 
 
 @pytest.mark.slow
@@ -70,7 +70,7 @@ def test_backward_pass_by_lanes_spills_nothing(tmp_path):
 @pytest.mark.parametrize(
     "residual, registers, frame",
     [
-        pytest.param("hard", None, 10432, marks=pytest.mark.full, id="hard"),
+        pytest.param("hard", None, 10368, marks=pytest.mark.full, id="hard"),
         pytest.param("none", 208, 8320, id="no rows"),
     ],
 )

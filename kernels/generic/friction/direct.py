@@ -18,8 +18,8 @@ import warp as wp
 
 from ...factories import cached
 from ...status import NONFINITE, NOT_CONVERGED, SOLVED
-from ..earned import make_earned
-from ..scales import make_scales
+from ..judge.earned import make_earned
+from ..judge.scales import make_scales
 from ..topology import Topology
 from ..work import LOOKS, NEAR, WORK, Island, Slot
 from .homotopy import TRIALS, make_homotopy

@@ -2,10 +2,10 @@
 
 import warp as wp
 
-from ..factories import cached
-from .newton import make_newton
-from .topology import CONTACT, Topology
-from .work import M33, V3, WORK, Island, Slot
+from ...factories import cached
+from ..newton import make_newton
+from ..topology import CONTACT, Topology
+from ..work import M33, V3, WORK, Island, Slot
 
 DIFFERENT = 1e5  # velocities, relative to those of a row in which no more than their rounding counts
 REACHES = 8  # passes, in which what is stopped reaches further bodies

@@ -11,11 +11,11 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ..factories import cached
-from .newton import make_newton
+from ...factories import cached
+from ..newton import make_newton
+from ..topology import Topology
+from ..work import WORK, Island, Slot
 from .scales import gather
-from .topology import Topology
-from .work import WORK, Island, Slot
 
 ILL = 1e4  # of N_ii times a pivot's inverse, from which on rows are looked at
 MOST = {wp.float64: 1e-9, wp.float32: 1e-6}  # of the size of a row's terms, by the precision that is promised

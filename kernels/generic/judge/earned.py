@@ -10,10 +10,10 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ..factories import cached
-from .newton import ACCEPTED, GIVEN, SUMMED, make_newton
-from .topology import CONTACT, Topology
-from .work import V3, WORK, Island, Slot
+from ...factories import cached
+from ..newton import ACCEPTED, GIVEN, SUMMED, make_newton
+from ..topology import CONTACT, Topology
+from ..work import V3, WORK, Island, Slot
 
 ROW = 10.0  # what is good enough of a row relative to its own terms, in units of ACCEPTED
 EARNED = {wp.float64: 2e-10, wp.float32: 1e-8}  # and where the data alone do not suggest its impulses
