@@ -29,6 +29,7 @@ WRONG = 1e-4  # what may be left of an error where refinement ends
 REFINEMENTS = 3
 SLOW = 100  # refinements of rows that are nearly one, whose error falls by little at a time
 NOISE = 1e-10  # a correction relative to the response without rows that is rounding
+UNSEEN = 1e-20  # and relative to the largest of the columns beside it: of one that is 0 but for roundings
 STEEP = 0.7  # of the one before: a correction that is no rounding
 
 
@@ -46,7 +47,7 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
     vertex = make_vertex(given, residual) if residual == "hard" else None
     ONE, ZERO, HALF, YIELDS = dtype(1.0), dtype(0.0), dtype(0.5), dtype(YIELDING)
     TAU, SMALL, LEAST, MISSED = dtype(PROXIMAL), dtype(REFINED), dtype(NOISE), dtype(WRONG)
-    FALLS = dtype(STEEP * STEEP)
+    FALLS, NOTHING = dtype(STEEP * STEEP), dtype(UNSEEN)
 
     @wp.func
     def add(t: wp.ref[Topology], k: wp.ref[Slot], s: int, x: wp.array(dtype=Lanes), c: Lanes):
@@ -264,10 +265,13 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
                 size += wp.cw_mul(value, value)
                 value = known[3 * i + part] / m[part, part]
                 free += wp.cw_mul(value, value)
+        largest = ZERO + ZERO
+        for lane in range(wp.static(len(Lanes()))):
+            largest = wp.max(largest, size[lane])
         out = int(0)
         for lane in range(wp.static(len(Lanes()))):
             least = most * most * size[lane]
-            floor = LEAST * LEAST * free[lane]
+            floor = wp.max(LEAST * LEAST * free[lane], NOTHING * NOTHING * largest)
             error = moved[lane] + ZERO
             shrinks = error < last[lane]
             if slow == 1 and shrinks:

@@ -1,0 +1,75 @@
+"""Derivatives along trajectories of piles, each step from the roots of the one before, as DDP takes them."""
+
+import numpy as np
+import pytest
+import warp as wp
+
+import slcp_warp as slcp
+from slcp_warp.ddp.dynamics.simulated import dynamics_of
+
+EPS = 1e-6
+
+
+def pile(rng, count=8):
+    """Discs and boxes with sides, whose rounded corners several shapes share, in two columns between walls."""
+    bodies, x0, heights = [], [], [0.0, 0.0]
+    shapes = [
+        slcp.Shape("ground", None, "halfplane", angle=np.pi / 2, contype=0),
+        slcp.Shape("wall", None, "halfplane", offset=(0.45, 0.0), angle=np.pi, contype=0),
+        slcp.Shape("left", None, "halfplane", offset=(-0.1, 0.0), angle=0.0, contype=0),
+    ]
+    for i in range(count):
+        name, column = f"body {i}", i % 2
+        if rng.random() < 0.5:
+            half = rng.uniform(0.04, 0.1)
+            mass, inertia = 40.0 * half, 20.0 * half**3
+            shapes.append(slcp.Shape(name, name, "disc", half))
+        else:
+            w, t = rng.uniform(0.1, 0.22), rng.uniform(0.08, 0.14)
+            mass, half = 60.0 * w * t, t / 2.0
+            inertia = mass * (w * w + t * t) / 12.0
+            shapes += list(slcp.box(name, name, w, t, corner_radius=0.01, sides=True))
+        bodies.append(slcp.Body(name, mass=mass, inertia=inertia, joint="free"))
+        x0 += [
+            0.22 * column + 0.02 * rng.standard_normal(),
+            heights[column] + half + 0.01,
+            0.05 * rng.standard_normal(),
+        ]
+        heights[column] += 2.0 * half + 0.02
+    return slcp.Scene(
+        "pile", tuple(bodies), tuple(shapes), contacts="auto", friction=0.5, step_size=0.02, sigma=0.05,
+        initial_state=(*x0, *np.zeros(len(x0))),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_no_step_of_a_pile_is_refused(seed):
+    """A column that is zero but for roundings of its terms is never right to a part of itself: one of a
+    thousand such steps was NOT_CONVERGED for it, and DDP over 75 steps DYNAMICS_FAILED.
+    """
+    sc = pile(np.random.default_rng(seed))
+    sim = slcp.Simulator(sc, device="cpu", dtype="float64", strategy="generic")
+    rng, worlds, steps, nx = np.random.default_rng(seed), 16, 60, sim.nx
+    x = np.tile(sc.x0, (worlds, 1))
+    x[:, sc.nv :] += 0.3 * rng.standard_normal((worlds, sc.nv))
+    run = sim.rollout(x, np.zeros((worlds, steps, 0)))
+    assert (run.status == slcp.Status.SOLVED).all()
+
+    dynamics = dynamics_of(sim)
+    given = [wp.array(run.states, dtype=wp.float64), wp.zeros((worlds, steps, 0), dtype=wp.float64)]
+    fx = wp.zeros((worlds, steps, nx, nx), dtype=wp.float64)
+    fu = wp.zeros((worlds, steps, nx, 0), dtype=wp.float64)
+    status, active = wp.zeros((worlds, steps), dtype=wp.int32), wp.ones(worlds, dtype=wp.int32)
+    params = dynamics.parameter_array(sim.params, worlds)
+    dynamics.linearize_into(*given, params, fx, fu, None, status, active)
+    assert not status.numpy().any(), np.argwhere(status.numpy())
+
+    for world, step in ((6, 4), (7, 31)):  # those that were refused: of the first pile, of the second
+        z = np.tile(run.states[world, step], (2 * nx, 1))
+        z[:nx] += EPS * np.eye(nx)
+        z[nx:] -= EPS * np.eye(nx)
+        ends = sim.step(z, np.zeros((2 * nx, 0)))
+        assert (ends.status == slcp.Status.SOLVED).all()
+        slopes = (ends.state[:nx] - ends.state[nx:]).T / (2.0 * EPS)
+        miss = np.abs(fx.numpy()[world, step] - slopes).max()
+        assert miss <= 1e-5 * np.abs(slopes).max()
