@@ -11,7 +11,7 @@ EPS = 1e-6
 
 
 def pile(rng, count=8):
-    """Discs and boxes with sides, whose rounded corners several shapes share, in two columns between walls."""
+    """Discs and boxes with sides, whose rounded corners several shapes share, two columns between walls."""
     bodies, x0, heights = [], [], [0.0, 0.0]
     shapes = [
         slcp.Shape("ground", None, "halfplane", angle=np.pi / 2, contype=0),
