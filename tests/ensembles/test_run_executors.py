@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections import Counter
 from pathlib import Path
 
 import chunked
@@ -93,9 +94,11 @@ def run_and_kill(executor, tmp_path, kills, seconds=0.03):
     dead: list[int] = []
 
     def at_it():
-        """The process that began a chunk last and still lives."""
-        pids = [pid for _, pid in reversed(starts(log)) if pid not in dead and pid != os.getpid()]
-        return pids[:1]
+        """The process that began a chunk last and still lives; none of a chunk that lost three: five end it."""
+        begun = starts(log)
+        lost = Counter(chunk for chunk, pid in begun if pid in dead)
+        alive = [(chunk, pid) for chunk, pid in reversed(begun) if pid not in dead and pid != os.getpid()]
+        return [pid for chunk, pid in alive[:1] if lost[chunk] < 3]
 
     end = threading.Event()
     thread, dead = killed(at_it, end, kills, random.Random(7))
