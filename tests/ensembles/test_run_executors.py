@@ -94,7 +94,7 @@ def run_and_kill(executor, tmp_path, kills, seconds=0.03):
     dead: list[int] = []
 
     def at_it():
-        """The process that began a chunk last and still lives; none of a chunk that lost three: five end it."""
+        """The process that began a chunk last and still lives; none of one that lost three: five end it."""
         begun = starts(log)
         lost = Counter(chunk for chunk, pid in begun if pid in dead)
         alive = [(chunk, pid) for chunk, pid in reversed(begun) if pid not in dead and pid != os.getpid()]
