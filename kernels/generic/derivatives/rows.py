@@ -13,7 +13,8 @@ from ..mechanism import COLUMN, make_mechanism
 from ..topology import CONTACT, Topology
 from ..work import WORK, Slot
 from .bodies import make_bodies
-from .pairs import ACROSS, TURNS_A, TURNS_B, make_pair_slopes
+from .gaps import make_gap_slopes
+from .pairs import make_pair_slopes
 from .springs import make_spring_slopes
 from .system import make_system
 from .tables import Groups, Pair, Slopes
@@ -29,6 +30,7 @@ def make_row_slopes(given: type, residual: str) -> SimpleNamespace:
     number = make_mechanism(given).number
     bodies, springs = make_bodies(given), make_spring_slopes(given)
     pairs, system = make_pair_slopes(given, residual), make_system(given, residual)
+    gaps = make_gap_slopes(given, residual)
     H, FRICTION, MASS = COLUMN["step_size"], COLUMN["friction"], COLUMN["mass"]
     V2, V4 = wp.types.vector(2, dtype), wp.types.vector(4, dtype)
     ZERO, ONE, TWO = dtype(0.0), dtype(1.0), dtype(2.0)
@@ -127,30 +129,6 @@ def make_row_slopes(given: type, residual: str) -> SimpleNamespace:
                 d.scale_by_q[b, slot] = d.scale_by_q[b, slot] + value
 
     @wp.func
-    def gaps(
-        t: wp.ref[Topology],
-        d: Slopes,
-        b: int,
-        pair: int,
-        start: int,
-        n: V2,
-        levers: V2,
-        rub: dtype,
-        h: dtype,
-        first: int,
-    ):
-        """d.gap_by_q of a row at `first`."""
-        f = pairs.force(n, ONE, rub)
-        pairs.contract(t, d, b, pair, start, d.velocity[b], f, ONE, rub, d.gap_by_q[b], first)
-        for i in range(t.pair_start[pair + 1] - t.pair_start[pair]):
-            e = d.of_contact[b, start + i]
-            a = e[wp.static(TURNS_A)]
-            c = e[wp.static(TURNS_B)]
-            if t.pair_side[t.pair_start[pair] + i] != 3:
-                value = e[wp.static(ACROSS)] + levers[0] * a + levers[1] * c
-                d.gap_by_q[b, first + i] = d.gap_by_q[b, first + i] + value / h
-
-    @wp.func
     def prepare(t: wp.ref[Topology], k: wp.ref[Slot], g: Groups, d: Slopes, b: int, n: int):
         h = number(t, k, H, 0)
         found = int(0)
@@ -179,9 +157,8 @@ def make_row_slopes(given: type, residual: str) -> SimpleNamespace:
             if t.row_kind[i] == CONTACT:
                 if d.slides[b, r] == 1:
                     rub = ZERO
-                n_ = V2(normal[0], normal[1])
-                levers = V2(normal[2], normal[3])
-                gaps(t, d, b, t.row_index[i], (found - 1) * g.most, n_, levers, rub, h, r * g.most)
+                start = (found - 1) * g.most
+                gaps(t, d, b, t.row_index[i], start, normal, rub, k.v0, h, r * g.most)
         return found
 
     return SimpleNamespace(prepare=prepare, place=place, first_group=first_group, second_group=second_group)
