@@ -20,13 +20,22 @@ SAME = 1e-9  # of parts of J_t, relative to its largest
 
 @cached
 def make_slips() -> SimpleNamespace:
-    """mark(t, k, d, b, n): d.slides of the n acting rows, where Coulomb's friction is the law."""
-    ZERO = WORK(0.0)
+    """mark(t, k, d, b, start, end): d.slides of these acting rows, all of some islands, where Coulomb's friction
+    is the law. held_entry(t, k, s, e, slides): entry e of row s of C.
+    """
+    ZERO, HALF = WORK(0.0), WORK(0.5)
 
     @wp.func
     def first_row(t: wp.ref[Topology], k: wp.ref[Slot], s: int):
         """The first row of a contact's two."""
         return wp.where(t.row_sign[k.row[s]] < 0, s - 1, s)
+
+    @wp.func
+    def held_entry(t: wp.ref[Topology], k: wp.ref[Slot], s: int, e: int, slides: int):
+        if slides == 0:
+            return k.jac[k.entry[s] + e]
+        first = first_row(t, k, s)
+        return HALF * (k.jac[k.entry[first] + e] + k.jac[k.entry[first + 1] + e])
 
     @wp.func
     def rubs(t: wp.ref[Topology], k: wp.ref[Slot], s: int):
@@ -72,10 +81,10 @@ def make_slips() -> SimpleNamespace:
         return int(1)
 
     @wp.func(inline=False)
-    def held(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, n: int, first: int):
+    def held(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, start: int, end: int, first: int):
         """Whether another contact presses against what this one slides along."""
         plus = k.lam[first] > ZERO
-        for r in range(n):
+        for r in range(start, end):
             s = d.row[b, r]
             if rubs(t, k, s) and k.lam[s] > ZERO:
                 other = first_row(t, k, s)
@@ -86,8 +95,8 @@ def make_slips() -> SimpleNamespace:
         return int(0)
 
     @wp.func
-    def mark(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, n: int):
-        for r in range(n):
+    def mark(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, start: int, end: int):
+        for r in range(start, end):
             s = d.row[b, r]
             d.slides[b, r] = 0
             if t.coulomb == 1 and rubs(t, k, s):
@@ -96,6 +105,6 @@ def make_slips() -> SimpleNamespace:
                 if pressing < 2:
                     d.slides[b, r] = 1
                 if pressing == 1:
-                    d.slides[b, r] = 1 - held(t, k, d, b, n, first)
+                    d.slides[b, r] = 1 - held(t, k, d, b, start, end, first)
 
-    return SimpleNamespace(first_row=first_row, mark=mark)
+    return SimpleNamespace(first_row=first_row, held_entry=held_entry, mark=mark)

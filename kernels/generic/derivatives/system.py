@@ -12,14 +12,14 @@ import warp as wp
 
 from ...factories import cached
 from ..linear.envelope import make_envelope
-from ..linear.lu import make_lu
-from ..newton import PROXIMAL, make_newton
+from ..newton import make_newton
 from ..topology import Topology
-from ..work import ISLANDS, M33, V3, WORK, Island, Lanes, Slot, island
+from ..work import ISLANDS, V3, WORK, Lanes, Slot
 from .asked import make_asked
 from .many import make_many
+from .matrix import make_matrix
 from .slips import make_slips
-from .tables import Share, Slopes
+from .tables import Slopes
 from .vertex import make_vertex
 
 YIELDING = 1e-10  # diag(A) dlambda by which a row yields
@@ -35,18 +35,19 @@ STEEP = 0.7  # of the one before: a correction that is no rounding
 
 @cached
 def make_system(given: type, residual: str) -> SimpleNamespace:
-    """factor(t, k, d, b, n) of the n acting rows, firmer(t, k, d, b, n): the same with rows that yield more,
+    """factor(t, k, d, b, n) of the n acting rows, firmer(t, k, d, b): the same with rows that yield more,
     1 if they may, and solve(t, k, d, b, n): d.found = dv' from -F1 in d.known and -F2 in d.given, which is
     overwritten, 1 if that holds. response(t, k, s): k.move = M^-1 J_s' in the units that row s
     moves. add(t, k, s, x, c): x += J_s' c. inverse(t, k, dof): (M^-1)_jj.
     """
     dtype = WORK
-    env, lu, many, slips, asks = make_envelope(), make_lu(), make_many(), make_slips(), make_asked()
+    env, many, slips, asks = make_envelope(), make_many(), make_slips(), make_asked()
     contacts = residual != "none"
     nt = make_newton(given, residual) if contacts else None
+    matrix = make_matrix(given, residual) if contacts else None
     vertex = make_vertex(given, residual) if residual == "hard" else None
-    ONE, ZERO, HALF, YIELDS = dtype(1.0), dtype(0.0), dtype(0.5), dtype(YIELDING)
-    TAU, SMALL, LEAST, MISSED = dtype(PROXIMAL), dtype(REFINED), dtype(NOISE), dtype(WRONG)
+    ONE, ZERO, YIELDS = dtype(1.0), dtype(0.0), dtype(YIELDING)
+    SMALL, LEAST, MISSED = dtype(REFINED), dtype(NOISE), dtype(WRONG)
     FALLS, NOTHING = dtype(STEEP * STEEP), dtype(UNSEEN)
 
     @wp.func
@@ -58,13 +59,6 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
             p = 3 * t.row_block[pattern + e]
             for part in range(3):
                 x[p + part] = x[p + part] + j[part] * c
-
-    @wp.func
-    def column(k: wp.ref[Slot], s: int, e: int, slides: int, first: int):
-        """Entry e of row s of C."""
-        if slides == 1:
-            return HALF * (k.jac[k.entry[first] + e] + k.jac[k.entry[first + 1] + e])
-        return k.jac[k.entry[s] + e]
 
     @wp.func
     def add_pushes(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, n: int, x: wp.array(dtype=Lanes)):
@@ -103,7 +97,7 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
             j = k.jac[start + e]
             if wp.static(residual == "hard"):
                 if d.slides[b, r] == 1:
-                    j = column(k, s, e, 1, slips.first_row(t, k, s))
+                    j = slips.held_entry(t, k, s, e, 1)
             p = 3 * t.row_block[pattern + e]
             d.push[b, r] = d.push[b, r] + (j[0] * x[p] + j[1] * x[p + 1] + j[2] * x[p + 2])
 
@@ -117,82 +111,22 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
             k.slack[s] = e[3]
         if wp.static(residual == "hard"):
             vertex.walk(t, k, YIELDS)
-        slips.mark(t, k, d, b, n)
-
-    @wp.func
-    def yields(k: wp.ref[Slot], d: Slopes, b: int, n: int):
-        """What a row yields by with dz, 1/T, p/D, p/(T D)."""
-        tau = TAU + d.yielding[b, 0]
-        for r in range(n):
-            s = d.row[b, r]
-            own = tau * k.p[s] * k.diag[s] / k.scale[s]
-            inverse = ONE / (k.slack[s] + own)
-            push = k.p[s] / k.scale[s]
-            d.share[b, r] = Share(own, inverse, push, push * inverse)
-
-    @wp.func
-    def assemble(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, o: Island, start: int):
-        """M + J' W C of an island, whose acting rows begin at `start`: the lower envelope in k.factor, the
-        transpose of the upper one in d.upper. Where the next island's begin.
-        """
-        upper = d.upper[b]
-        for place in range(o.start, o.end):
-            at = k.at[place]
-            c = k.block[place]
-            own = place - c + t.mass_first[c]
-            for j in range(k.first[place], place + 1):
-                m = M33()
-                if j >= own:
-                    m = k.mass[t.mass_at[c] + j + c - place]
-                k.factor[at + j] = m
-                upper[at + j] = m
-        r = int(start)
-        for s in range(o.row, o.last_row):
-            if k.acting[s] > 0:
-                weight = d.share[b, r][3]
-                first = slips.first_row(t, k, s)
-                slides = d.slides[b, r]
-                count = k.entry[s + 1] - k.entry[s]
-                for one in range(count):
-                    left = weight * k.jac[k.entry[s] + one]
-                    high = k.place[t.row_block[k.pattern[s] + one]]
-                    for two in range(count):
-                        right = column(k, s, two, slides, first)
-                        low = k.place[t.row_block[k.pattern[s] + two]]
-                        if low <= high:
-                            k.factor[k.at[high] + low] = k.factor[k.at[high] + low] + wp.outer(left, right)
-                        else:
-                            upper[k.at[low] + high] = upper[k.at[low] + high] + wp.outer(right, left)
-                r += 1
-        return r
-
-    @wp.func(inline=False)
-    def refactor(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, n: int):
-        """Of the weighed rows, which yield by d.yielding."""
-        yields(k, d, b, n)
-        start = int(0)
-        for i in range(k.count[wp.static(ISLANDS)]):
-            o = island(k, i)
-            if t.coulomb == 1:
-                start = assemble(t, k, d, b, o, start)
-                lu.factor(k.factor, d.upper[b], k.first, k.at, o.start, o.end)
-            else:
-                nt.factor(t, k, o, d.yielding[b, 0])
+        slips.mark(t, k, d, b, 0, n)
 
     @wp.func
     def factor(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, n: int):
         if wp.static(contacts):
             d.yielding[b, 0] = YIELDS
             weigh(t, k, d, b, n)
-            refactor(t, k, d, b, n)
+            matrix.factor(t, k, d, b)
 
     @wp.func
-    def firmer(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, n: int):
+    def firmer(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int):
         """The factor of rows that yield more keeps more digits; refinement takes longer. 1: there is one."""
         if wp.static(contacts):
             if d.yielding[b, 0] < dtype(wp.static(0.5 * FIRMEST)):
                 d.yielding[b, 0] = dtype(wp.static(FIRMER)) * d.yielding[b, 0]
-                refactor(t, k, d, b, n)
+                matrix.factor(t, k, d, b)
                 return int(1)
         return int(0)
 
@@ -313,7 +247,7 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
                     if way == 0:
                         return int(1)
                     if way < 0:
-                        if firmer(t, k, d, b, n) == 0:
+                        if firmer(t, k, d, b) == 0:
                             more = wp.static(SLOW)
                         since = 0
                     if more == wp.static(SLOW):

@@ -12,6 +12,7 @@ import warp as wp
 
 from ...factories import cached
 from ...generic.derivatives.asked import FAR
+from ...generic.derivatives.slips import make_slips
 from ...generic.derivatives.system import NOISE, SLOW, WRONG, make_system
 from ...generic.linear.lu import make_lu
 from ...generic.topology import Topology
@@ -27,10 +28,10 @@ def make_dual(given: type, residual: str) -> SimpleNamespace:
     """weights(t, k, room, w, b): P (in w.p as -P) and rho of w.target, 1 if these hold; response(t, k, r):
     k.move = M^-1 J_r' in the units that row r moves.
     """
-    system, lu = make_system(given, residual), make_lu()
+    system, lu, slips = make_system(given, residual), make_lu(), make_slips()
     contacts = residual != "none"
     SMALL, LEAST = WORK(ENOUGH), WORK(NOISE / WRONG)
-    ZERO, HALF, ONE = WORK(0.0), WORK(0.5), WORK(1.0)
+    ZERO, ONE = WORK(0.0), WORK(1.0)
 
     @wp.func
     def acting(k: wp.ref[Slot], room: wp.ref[Room], b: int):
@@ -43,19 +44,11 @@ def make_dual(given: type, residual: str) -> SimpleNamespace:
         return n
 
     @wp.func
-    def entry(t: wp.ref[Topology], k: wp.ref[Slot], r: int, e: int, slides: int):
-        """Entry e of row r of C."""
-        if slides == 0:
-            return k.jac[k.entry[r] + e]
-        first = wp.where(t.row_sign[k.row[r]] < 0, r - 1, r)
-        return HALF * (k.jac[k.entry[first] + e] + k.jac[k.entry[first + 1] + e])
-
-    @wp.func
     def push(t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View], x: wp.array(dtype=V3), r: int, by: WORK):
         """x -= C_r' by"""
         for e in range(k.entry[r + 1] - k.entry[r]):
             block = t.row_block[k.pattern[r] + e]
-            x[block] = x[block] - by * entry(t, k, r, e, w.slides[r])
+            x[block] = x[block] - by * slips.held_entry(t, k, r, e, w.slides[r])
 
     @wp.func
     def along(t: wp.ref[Topology], k: wp.ref[Slot], x: wp.array(dtype=V3), r: int):
@@ -187,7 +180,7 @@ def make_dual(given: type, residual: str) -> SimpleNamespace:
             w.slides[rows[n_th]] = room.factor.slides[b, n_th]
         left = refine(t, k, room, w, b, rows, n)
         while not (left <= WORK(wp.static(WRONG))):
-            if system.firmer(t, k, room.factor, b, n) == 0:
+            if system.firmer(t, k, room.factor, b) == 0:
                 return int(0)
             left = refine(t, k, room, w, b, rows, n)
         for n_th in range(n):
