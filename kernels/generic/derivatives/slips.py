@@ -20,8 +20,9 @@ SAME = 1e-9  # of parts of J_t, relative to its largest
 
 @cached
 def make_slips() -> SimpleNamespace:
-    """mark(t, k, d, b, start, end): d.slides of these acting rows, all of some islands, where Coulomb's friction
-    is the law. held_entry(t, k, s, e, slides): entry e of row s of C.
+    """mark(t, k, d, b, start, end): d.slides of these acting rows, all of some islands, where Coulomb's
+    friction is the law. held_entry(t, k, s, e, slides): entry e of row s of C. first_row(t, k, s): the first
+    row of a contact's two; rubs(t, k, s): whether s is one of two.
     """
     ZERO, HALF = WORK(0.0), WORK(0.5)
 
@@ -107,4 +108,4 @@ def make_slips() -> SimpleNamespace:
                 if pressing == 1:
                     d.slides[b, r] = 1 - held(t, k, d, b, start, end, first)
 
-    return SimpleNamespace(first_row=first_row, held_entry=held_entry, mark=mark)
+    return SimpleNamespace(first_row=first_row, rubs=rubs, held_entry=held_entry, mark=mark)

@@ -16,11 +16,11 @@ from ..newton import make_newton
 from ..topology import Topology
 from ..work import ISLANDS, V3, WORK, Lanes, Slot
 from .asked import make_asked
+from .kinks import make_kinks
 from .many import make_many
 from .matrix import make_matrix
 from .slips import make_slips
 from .tables import Slopes
-from .vertex import make_vertex
 
 YIELDING = 1e-10  # diag(A) dlambda by which a row yields
 FIRMER, FIRMEST = 1e3, 1e-4  # times that and at most, where the factor has lost the digits to refine with
@@ -45,7 +45,7 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
     contacts = residual != "none"
     nt = make_newton(given, residual) if contacts else None
     matrix = make_matrix(given, residual) if contacts else None
-    vertex = make_vertex(given, residual) if residual == "hard" else None
+    hold = make_kinks(given, residual) if residual == "hard" else None
     ONE, ZERO, YIELDS = dtype(1.0), dtype(0.0), dtype(YIELDING)
     SMALL, LEAST, MISSED = dtype(REFINED), dtype(NOISE), dtype(WRONG)
     FALLS, NOTHING = dtype(STEEP * STEEP), dtype(UNSEEN)
@@ -103,22 +103,23 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
 
     @wp.func
     def weigh(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, n: int):
-        """p and q of the acting rows; which rows slide."""
+        """p and q of the acting rows."""
         for r in range(n):
             s = d.row[b, r]
             e = nt.smooth(k, s, k.z[s])
             k.p[s] = e[2]
             k.slack[s] = e[3]
-        if wp.static(residual == "hard"):
-            vertex.walk(t, k, YIELDS)
-        slips.mark(t, k, d, b, 0, n)
 
     @wp.func
     def factor(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, n: int):
         if wp.static(contacts):
             d.yielding[b, 0] = YIELDS
             weigh(t, k, d, b, n)
-            matrix.factor(t, k, d, b)
+            if wp.static(residual == "hard"):
+                hold(t, k, d, b, YIELDS)
+            else:
+                slips.mark(t, k, d, b, 0, n)
+                matrix.factor(t, k, d, b)
 
     @wp.func
     def firmer(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int):

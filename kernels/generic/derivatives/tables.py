@@ -110,7 +110,7 @@ def _blocks(s: Structure) -> list[int]:
     return block
 
 
-def _widths(s: Structure) -> tuple[int, int]:
+def widths(s: Structure) -> tuple[int, int]:
     """`width` and `most` of a structure's groups."""
     lists, found = tables(s)[0], group_tables(s)
     size = [end - start for start, end in zip(found["group_start"], found["group_start"][1:], strict=False)]
@@ -129,7 +129,7 @@ def _widths(s: Structure) -> tuple[int, int]:
 def make_groups(s: Structure, device: Any) -> Groups:
     """The tables on a device."""
     out = Groups()
-    out.width, out.most = _widths(s)
+    out.width, out.most = widths(s)
     for name, values in group_tables(s).items():
         setattr(out, name, wp.array(values, dtype=wp.int32, device=device))
     return out
@@ -138,7 +138,7 @@ def make_groups(s: Structure, device: Any) -> Groups:
 def lengths(s: Structure) -> dict[str, tuple[int, Any]]:
     """Items of every workspace of a structure, and what they are."""
     (lists, sizes), found = tables(s), group_tables(s)
-    width, most = _widths(s)
+    width, most = widths(s)
     pairs = len(s.pairs)
     return {
         **dict.fromkeys(("velocity", "change", "answer"), (s.nv, WORK)),

@@ -17,7 +17,7 @@ import warp as wp
 from ...factories import cached
 from ..newton import make_newton
 from ..topology import CONTACT, Topology
-from ..work import ISLANDS, ROWS, V3, WORK, Island, Slot, island
+from ..work import ROWS, V3, WORK, Island, Slot
 
 ROUNDS = 128  # of an island at most; rows that still depend on each other are held by least squares
 PROJECTIONS = 8
@@ -34,8 +34,9 @@ LEFT = 1e-14  # of an impulse that another one's walk uses up at the same place
 
 @cached
 def make_vertex(given: type, residual: str) -> SimpleNamespace:
-    """walk(t, k, yielding): k.lam, k.p and k.slack of a basic solution; those of rows that do not depend on
-    others are left as they are. k.least is what k.lam was. Uses k.factor, k.dz, k.weight, k.divisor, k.move.
+    """open(t, k): k.aimed, and k.lam in k.least. walk(t, k, o, yielding): k.lam, k.p and k.slack of a basic
+    solution of an island; those of rows that do not depend on others are left as they are. Uses k.factor,
+    k.dz, k.weight, k.divisor, k.move.
     """
     nt = make_newton(given, residual)
     ZERO, HALF, ONE = WORK(0.0), WORK(0.5), WORK(1.0)
@@ -56,13 +57,14 @@ def make_vertex(given: type, residual: str) -> SimpleNamespace:
 
     @wp.func
     def open(t: wp.ref[Topology], k: wp.ref[Slot]):
-        """k.aimed: how gaps change where coordinates do by numbers of no pattern."""
+        """k.aimed: how gaps change where coordinates do by numbers of no pattern. k.least: lambda."""
         for i in range(t.blocks):
             k.move[i] = V3()
         for j in range(t.nv):
             x = GOLDEN * WORK(j + 1)
             k.move[t.dof_block[j]][t.dof_part[j]] = x - wp.floor(x) - HALF
         for r in range(k.count[wp.static(ROWS)]):
+            k.least[r] = k.lam[r]
             k.aimed[r] = ZERO
             if k.acting[r] > 0:
                 k.aimed[r] = nt.dot(t, k, k.move, r)
@@ -240,11 +242,11 @@ def make_vertex(given: type, residual: str) -> SimpleNamespace:
         return found
 
     @wp.func
-    def walk_island(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, yielding: WORK):
+    def walk(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, yielding: WORK):
         if scatter(k, o) < 2:
             return
         nt.factor(t, k, o, yielding)
-        if agree(t, k, o) == 1:
+        if t.coulomb == 0 and agree(t, k, o) == 1:
             return
         rounds = int(0)
         turns = int(0)
@@ -268,12 +270,4 @@ def make_vertex(given: type, residual: str) -> SimpleNamespace:
                 k.p[r] = ZERO
                 k.slack[r] = ONE
 
-    @wp.func
-    def walk(t: wp.ref[Topology], k: wp.ref[Slot], yielding: WORK):
-        open(t, k)
-        for r in range(k.count[wp.static(ROWS)]):
-            k.least[r] = k.lam[r]
-        for i in range(k.count[wp.static(ISLANDS)]):
-            walk_island(t, k, island(k, i), yielding)
-
-    return SimpleNamespace(walk=walk)
+    return SimpleNamespace(open=open, walk=walk)

@@ -43,7 +43,15 @@ KINDS = {"twist": wp.vec3d, "by_twist": wp.vec3d, "by_frame": wp.vec3d, "slides"
     ("acceleration", "by_acceleration", "by_arm"), wp.vec2d
 )
 KINDS |= {"target": V3, "p": V3}
-FACTOR = ("upper", "row", "share", "yielding", "slides")
+FACTOR = ("upper", "row", "share", "yielding", "slides", "of_contact", "gap_by_q")
+
+
+@cached
+def of_factor(s: Structure) -> dict[str, tuple[int, Any]]:
+    """Items of its arrays, and what they are; of one pair where one at a time is looked at."""
+    sizes, most = tables.lengths(s), tables.widths(s)[1]
+    out = {name: sizes[name] for name in FACTOR}
+    return out | {name: (most, sizes[name][1]) for name in ("of_contact", "gap_by_q")}
 
 
 @cached
@@ -68,9 +76,8 @@ def allocate_room(s: Structure, slots: int, device: Any) -> Room:
 
     for name, length in lengths(s).items():
         setattr(out, name, room(length, KINDS.get(name, WORK)))
-    sizes = tables.lengths(s)
-    for name in FACTOR:
-        setattr(out.factor, name, room(*sizes[name]))
+    for name, items in of_factor(s).items():
+        setattr(out.factor, name, room(*items))
     discs = [int(shape.kind == DISC) for shape in s.shapes]
     out.disc = wp.array(discs, dtype=wp.int32, device=device)
     return out
@@ -79,7 +86,7 @@ def allocate_room(s: Structure, slots: int, device: Any) -> Room:
 def bytes_per_world(s: Structure) -> int:
     """Memory of one slot."""
     kinds = [(length, KINDS.get(name, WORK)) for name, length in lengths(s).items()]
-    kinds += [tables.lengths(s)[name] for name in FACTOR]
+    kinds += of_factor(s).values()
     return sum(length * wp.types.type_size_in_bytes(kind) for length, kind in kinds)
 
 

@@ -1,0 +1,120 @@
+"""Whether bodies can follow all rows that a step with Coulomb's friction holds, whatever way they are moved.
+
+Rows whose C are dependent may hold no more than each other: of a chain that lies along a plane every
+contact's gap follows from some others', wherever the chain is. All of them are held then, and any impulses of
+the step give its derivative. Where they do not, the step has a kink or contacts slide after all, and a vertex
+tells (`vertex.py`). Coordinates moved by numbers of no pattern ask for changes of C v': whether the linear
+system's solution has them tells.
+"""
+
+from types import SimpleNamespace
+
+import warp as wp
+
+from ...factories import cached
+from ..linear.lu import make_lu
+from ..mechanism import COLUMN, make_mechanism
+from ..newton import make_newton
+from ..topology import CONTACT, LOWER, Topology
+from ..work import V3, WORK, Island, Slot
+from .gaps import make_gap_slopes
+from .pairs import make_pair_slopes
+from .slips import make_slips
+from .tables import Slopes
+
+MET = 1e-6  # of the largest change that is asked for, in units of the rows' own impulses
+
+
+@cached
+def make_agreement(given: type, residual: str) -> SimpleNamespace:
+    """agree(t, k, d, b, o, start): 1 if bodies of an island, whose acting rows begin at `start` of the list,
+    follow all of its rows. Uses the system's factor, d.of_contact, d.gap_by_q, k.dz, k.weight and k.move.
+    """
+    nt, lu, slips = make_newton(given, residual), make_lu(), make_slips()
+    number = make_mechanism(given).number
+    pairs, gaps = make_pair_slopes(given, residual), make_gap_slopes(given, residual)
+    V4 = wp.types.vector(4, WORK)
+    H, FRICTION = COLUMN["step_size"], COLUMN["friction"]
+    ZERO, HALF, ONE, GOLDEN = WORK(0.0), WORK(0.5), WORK(1.0), WORK(0.6180339887498949)
+
+    @wp.func
+    def way(j: int):
+        """How far degree of freedom j is moved."""
+        x = GOLDEN * WORK(j + 1)
+        return x - wp.floor(x) - HALF
+
+    @wp.func
+    def of_contact(t: wp.ref[Topology], d: Slopes, b: int, pair: int):
+        """How the row in d.gap_by_q changes."""
+        out = ZERO + ZERO
+        begin = t.pair_start[pair]
+        for at in range(begin, t.pair_start[pair + 1]):
+            out += d.gap_by_q[b, at - begin] * way(t.pair_dof[at])
+        return out
+
+    @wp.func
+    def ask(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, o: Island, start: int):
+        """k.dz: the changes that rows that press ask of C v'; the largest, and how many these are."""
+        h = number(t, k, H, 0)
+        normal = V4()
+        last = int(-1)
+        size = ZERO + ZERO
+        count = int(0)
+        r = start + 0
+        for s in range(o.row, o.last_row):
+            k.dz[s] = ZERO
+            if k.acting[s] > 0:
+                if k.p[s] == ONE:
+                    i = k.row[s]
+                    index = t.row_index[i]
+                    if t.row_kind[i] == CONTACT:
+                        if index != last:
+                            normal = pairs.prepare(t, k, d, b, index, 0)
+                            last = index + 0
+                        rub = ZERO + ZERO
+                        if d.slides[b, r] == 0:
+                            rub = WORK(t.row_sign[i]) * number(t, k, FRICTION, index)
+                        gaps(t, d, b, index, 0, normal, rub, k.v0, h, 0)
+                        k.dz[s] = -of_contact(t, d, b, index)
+                    else:
+                        k.dz[s] = wp.where(t.row_kind[i] == LOWER, -ONE, ONE) * way(index) / h
+                    size = wp.max(size, wp.abs(k.dz[s]) / wp.sqrt(k.diag[s]))
+                    count += 1
+                r += 1
+        return size, count
+
+    @wp.func
+    def rate(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, r: int, s: int):
+        """C_r of k.move."""
+        out = ZERO + ZERO
+        for e in range(k.entry[s + 1] - k.entry[s]):
+            block = t.row_block[k.pattern[s] + e]
+            out += wp.dot(slips.held_entry(t, k, s, e, d.slides[b, r]), k.move[block])
+        return out
+
+    @wp.func(inline=False)
+    def agree(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, o: Island, start: int):
+        size, count = ask(t, k, d, b, o, start)
+        if count < 2:
+            return int(1)
+        for place in range(o.start, o.end):
+            k.move[k.block[place]] = V3()
+        r = start + 0
+        for s in range(o.row, o.last_row):
+            k.weight[s] = ZERO
+            if k.acting[s] > 0:
+                k.weight[s] = d.share[b, r][3] * k.dz[s]
+                r += 1
+        nt.add_pushes(t, k, o)
+        lu.solve(k.factor, d.upper[b], k.first, k.at, k.block, k.move, o.start, o.end)
+        most = WORK(wp.static(MET)) * size
+        r = start + 0
+        for s in range(o.row, o.last_row):
+            if k.acting[s] > 0:
+                if k.p[s] == ONE:
+                    if not (wp.abs(rate(t, k, d, b, r, s) - k.dz[s]) <= most * wp.sqrt(k.diag[s])):
+                        return int(0)
+                r += 1
+        return int(1)
+
+    return SimpleNamespace(agree=agree)
