@@ -81,13 +81,13 @@ def test_where_contacts_of_one_corner_exclude_each_other_derivatives_are_those_o
     assert (found.status == 0).all()
     assert np.abs(found.A).max() < 200.0  # 1/h is 100
     now, off, jumps = sim.step(x, u).state[:, None], [], []
-    for spacing in (1e-8, -1e-8):
+    for spacing in (1e-6, -1e-6):
         there = sim.step((x[:, None] + spacing * np.eye(8)).reshape(-1, 8), np.repeat(u, 8, axis=0)).state
         slopes = ((there.reshape(-1, 8, 8) - now) / spacing).transpose(0, 2, 1)
         off.append(np.abs(found.A - slopes).max(1))
-        jumps.append(np.abs(slopes).max(1) > 1e4)
+        jumps.append(np.abs(slopes).max(1) > 1e3)
     assert 10 < jumps[0].any(1).sum() and np.sum(jumps, axis=2).max() <= 2
-    assert ((np.min(off, axis=0) < 0.1) | jumps[0] | jumps[1]).mean() > 0.98
+    assert ((np.min(off, axis=0) < 0.5) | jumps[0] | jumps[1]).mean() > 0.95
     pulled = slcp.vjp(sim, x, u[:, None], np.ones((len(x), 2, 8))).x0
     pulled = pulled[np.isfinite(pulled).all(1)]
     assert len(pulled) > 20 and np.abs(pulled).max() < 1e4

@@ -18,6 +18,7 @@ from ..work import WORK, Island, Slot
 from .slips import make_slips
 from .tables import Slopes
 
+UNSURE = 1e-6  # of what a row pressed: less at a vertex does not tell which way its contact slides
 FIRST = 1e100  # what makes contacts that stick at a vertex carry more than others
 
 
@@ -29,7 +30,7 @@ def make_sticking() -> SimpleNamespace:
     agrees): it keeps to that if that agrees.
     """
     slips = make_slips()
-    ZERO, ONE, TRIED, BEFORE = WORK(0.0), WORK(1.0), WORK(-1.0), WORK(FIRST)
+    ZERO, ONE, TRIED, BEFORE, LITTLE = WORK(0.0), WORK(1.0), WORK(-1.0), WORK(FIRST), WORK(UNSURE)
 
     @wp.func
     def press(k: wp.ref[Slot], s: int, presses: int):
@@ -40,9 +41,9 @@ def make_sticking() -> SimpleNamespace:
     def carried(t: wp.ref[Topology], k: wp.ref[Slot], s: int):
         """The row of a contact that presses if it slides: as the vertex has it, or where more pressed."""
         first = slips.first_row(t, k, s)
-        if k.lam[first] != k.lam[first + 1]:
-            return wp.where(k.lam[first] > k.lam[first + 1], first, first + 1)
-        return wp.where(k.least[first] >= k.least[first + 1], first, first + 1)
+        one = k.lam[first] + LITTLE * k.least[first]
+        two = k.lam[first + 1] + LITTLE * k.least[first + 1]
+        return wp.where(one >= two, first, first + 1)
 
     @wp.func(inline=False)
     def remember(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, o: Island, start: int):
@@ -75,9 +76,14 @@ def make_sticking() -> SimpleNamespace:
     @wp.func(inline=False)
     def restore(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
         for s in range(o.row, o.last_row):
+            k.miss[s] = ZERO
             if k.acting[s] > 0:
-                k.miss[s] = ZERO
-                press(k, s, wp.where(k.lam[s] > ZERO, 1, 0))
+                holds = k.lam[s] > ZERO
+                if slips.rubs(t, k, s):
+                    first = slips.first_row(t, k, s)
+                    if k.lam[first] == ZERO or k.lam[first + 1] == ZERO:
+                        holds = k.lam[first] + k.lam[first + 1] > ZERO and carried(t, k, s) == s
+                press(k, s, wp.where(holds, 1, 0))
 
     @wp.func
     def set_slides(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, o: Island, start: int, first: int,
