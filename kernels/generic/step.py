@@ -173,12 +173,21 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
         return gap
 
     @wp.func
+    def given_numbers(t: wp.ref[Topology], k: wp.ref[Slot]):
+        """NONFINITE where q or v_free is: gaps or momenta of such worlds are no problem to solve."""
+        for j in range(t.nv):
+            if not (wp.isfinite(k.q[j]) and wp.isfinite(k.vfree[t.dof_block[j]][t.dof_part[j]])):
+                return int(wp.static(NONFINITE))
+        return int(wp.static(SOLVED))
+
+    @wp.func
     def solve_step(t: wp.ref[Topology], k: wp.ref[Slot]):
         """k.v = v' and, on success, the next state in (k.q, k.v0); the status."""
         free_motion(t, k)
-        status = int(wp.static(SOLVED))
+        status = given_numbers(t, k)
         if wp.static(residual != "none"):
-            status = contacts(t, k)
+            if status == wp.static(SOLVED):
+                status = contacts(t, k)
         if status == wp.static(SOLVED):
             h = number(t, k, H, 0)
             for j in range(t.nv):

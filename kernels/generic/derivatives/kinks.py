@@ -16,6 +16,8 @@ from .sticking import make_sticking
 from .tables import Slopes
 from .vertex import make_vertex
 
+AT_ONCE = 4  # contacts that are tried together at first
+
 
 @cached
 def make_kinks(given: type, residual: str) -> wp.Function:
@@ -47,8 +49,13 @@ def make_kinks(given: type, residual: str) -> wp.Function:
         if agrees(t, k, d, b, o, start) == 0:
             sticking.restore(t, k, o)
             slips.mark(t, k, d, b, start, end)
-        while sticking.try_next(t, k, d, b, o, start) == 1:
-            sticking.decide(t, k, d, b, o, start, agrees(t, k, d, b, o, start))
+        most = int(wp.static(AT_ONCE))
+        count = sticking.try_next(t, k, d, b, o, start, most)
+        while count > 0:
+            good = agrees(t, k, d, b, o, start)
+            sticking.decide(t, k, d, b, o, start, good, count)
+            most = wp.where(good == 1, 4 * most, 1)
+            count = sticking.try_next(t, k, d, b, o, start, most)
         matrix.factor_island(t, k, d, b, o, start)
         return end
 

@@ -3,9 +3,9 @@
 Bodies that lie still may be stuck by more contacts than they can follow (`agreement.py`): of a chain along a
 plane that is moved a little some links slide and others stick. A vertex (`vertex.py`) tells which slide
 first, but drops normals, too, where contacts are many. So gaps come first: all contacts slide that touched at
-rest and hold J_n, those that the vertex gave up as well. Then they stick one after the other, those that do
-so at the vertex first and then those that carry most, as long as bodies can follow. Where gaps alone disagree
-the vertex stays what counts.
+rest and hold J_n, those that the vertex gave up as well. Then they stick one after the other, or several at
+once, those that do so at the vertex first and then those that carry most, as long as bodies can follow. Where
+gaps alone disagree the vertex stays what counts.
 """
 
 from types import SimpleNamespace
@@ -26,11 +26,11 @@ FIRST = 1e100  # what makes contacts that stick at a vertex carry more than othe
 def make_sticking() -> SimpleNamespace:
     """Of the rows of an island, which begin at `start` of the list of acting ones: remember(t, k, d, b, o,
     start) what sticks and presses, before a vertex is looked for, in k.miss and k.least; loosen(...) all and
-    hold gaps; restore(...) the vertex. try_next(...): one contact more sticks, 1 if there is one; decide(...,
-    agrees): it keeps to that if that agrees.
+    hold gaps; restore(...) the vertex. try_next(..., most): so many contacts more stick, or how many there
+    are; decide(..., agrees, count): they keep to that if that agrees, are tried again if they were several.
     """
     slips = make_slips()
-    ZERO, ONE, TRIED, BEFORE, LITTLE = WORK(0.0), WORK(1.0), WORK(-1.0), WORK(FIRST), WORK(UNSURE)
+    ZERO, ONE, BEFORE, LITTLE = WORK(0.0), WORK(1.0), WORK(FIRST), WORK(UNSURE)
 
     @wp.func
     def press(k: wp.ref[Slot], s: int, presses: int):
@@ -99,27 +99,45 @@ def make_sticking() -> SimpleNamespace:
                         press(k, s, wp.where(carried(t, k, s) == s, 1, 0))
                 r += 1
 
-    @wp.func(inline=False)
-    def try_next(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, o: Island, start: int):
+    @wp.func
+    def best(k: wp.ref[Slot], o: Island):
+        """The first row of the contact to be tried next, -1: none."""
         found = int(-1)
         most = ZERO + ZERO
         for s in range(o.row, o.last_row):
             if k.miss[s] > most:
                 most = k.miss[s]
                 found = s + 0
-        if found < 0:
-            return int(0)
-        k.miss[found] = TRIED
-        set_slides(t, k, d, b, o, start, found, 0)
-        return int(1)
+        return found
 
     @wp.func(inline=False)
-    def decide(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, o: Island, start: int, agrees: int):
+    def try_next(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, o: Island, start: int, most: int):
+        count = int(0)
+        while count < most:
+            s = best(k, o)
+            if s < 0:
+                return count
+            k.miss[s] = -k.miss[s]
+            set_slides(t, k, d, b, o, start, s, 0)
+            count += 1
+        return count
+
+    @wp.func(inline=False)
+    def decide(
+        t: wp.ref[Topology],
+        k: wp.ref[Slot],
+        d: Slopes,
+        b: int,
+        o: Island,
+        start: int,
+        agrees: int,
+        count: int,
+    ):
         for s in range(o.row, o.last_row):
-            if k.miss[s] == TRIED:
-                k.miss[s] = ZERO
+            if k.miss[s] < ZERO:
                 if agrees == 0:
                     set_slides(t, k, d, b, o, start, s, 1)
+                k.miss[s] = wp.where(agrees == 0 and count > 1, -k.miss[s], ZERO)
 
     return SimpleNamespace(
         remember=remember, loosen=loosen, restore=restore, try_next=try_next, decide=decide
