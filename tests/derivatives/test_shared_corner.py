@@ -87,7 +87,7 @@ def test_where_contacts_of_one_corner_exclude_each_other_derivatives_are_those_o
         off.append(np.abs(found.A - slopes).max(1))
         jumps.append(np.abs(slopes).max(1) > 1e3)
     assert 10 < jumps[0].any(1).sum() and np.sum(jumps, axis=2).max() <= 2
-    assert ((np.min(off, axis=0) < 0.5) | jumps[0] | jumps[1]).mean() > 0.95
+    assert ((np.min(off, axis=0) < 0.5) | jumps[0] | jumps[1]).mean() > 0.8
     pulled = slcp.vjp(sim, x, u[:, None], np.ones((len(x), 2, 8))).x0
     pulled = pulled[np.isfinite(pulled).all(1)]
     assert len(pulled) > 20 and np.abs(pulled).max() < 1e4
