@@ -27,7 +27,7 @@ def make_kinks(given: type, residual: str) -> wp.Function:
     agreement, matrix, slips = make_agreement(given, residual), make_matrix(given, residual), make_slips()
     sticking, vertex = make_sticking(), make_vertex(given, residual)
 
-    @wp.func
+    @wp.func(inline=False)
     def agrees(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, o: Island, start: int):
         """Whether bodies can follow what is held; the factor of that."""
         matrix.factor_island(t, k, d, b, o, start)

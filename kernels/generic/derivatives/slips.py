@@ -95,7 +95,7 @@ def make_slips() -> SimpleNamespace:
                         return int(1)
         return int(0)
 
-    @wp.func
+    @wp.func(inline=False)
     def mark(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, start: int, end: int):
         for r in range(start, end):
             s = d.row[b, r]

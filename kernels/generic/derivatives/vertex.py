@@ -241,7 +241,7 @@ def make_vertex(given: type, residual: str) -> SimpleNamespace:
                 found += 1
         return found
 
-    @wp.func
+    @wp.func(inline=False)
     def walk(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, yielding: WORK):
         if scatter(k, o) < 2:
             return
