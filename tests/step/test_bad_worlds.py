@@ -25,6 +25,21 @@ def test_a_state_or_control_that_is_no_number_is_a_status(device, dtype, residua
     np.testing.assert_array_equal(step.state[2], simulated.step(X).state)  # the neighbour does not notice
 
 
+@pytest.mark.parametrize("friction", ["anitescu", "coulomb"])
+@pytest.mark.parametrize("pile", [slcp.scenes.stack(3), slcp.scenes.heap(6)], ids=["stack", "heap"])
+def test_generic_kernels_say_so_with_either_friction(pile, friction):
+    """With Coulomb's friction it was NOT_CONVERGED, after every way to solve such rows had been tried."""
+    sim = slcp.Simulator(pile, slcp.Options("hard", friction=friction), device="cpu", strategy="generic")
+    x = np.tile(pile.x0, (5, 1))
+    x[1, 1] = NAN
+    x[2] = NAN
+    x[3, pile.nv] = np.inf
+    step = sim.step(x)
+    assert step.status.tolist() == [Status.SOLVED, *[Status.NONFINITE] * 3, Status.SOLVED]
+    np.testing.assert_array_equal(step.state[1:4], x[1:4])
+    np.testing.assert_array_equal(step.state[[0, 4]], np.tile(sim.step(pile.x0).state, (2, 1)))
+
+
 def test_a_force_that_is_no_number_is_a_status(device):
     simulated = simulator("flicking_finger", device, wp.float64, "none")
     force = np.zeros((3, 3, 3))

@@ -19,6 +19,7 @@ from ..topology import CONTACT, LOWER, Topology
 from ..work import V3, WORK, Island, Slot
 from .gaps import make_gap_slopes
 from .pairs import make_pair_slopes
+from .scatter import scattered
 from .slips import make_slips
 from .tables import Slopes
 
@@ -35,13 +36,7 @@ def make_agreement(given: type, residual: str) -> SimpleNamespace:
     pairs, gaps = make_pair_slopes(given, residual), make_gap_slopes(given, residual)
     V4 = wp.types.vector(4, WORK)
     H, FRICTION = COLUMN["step_size"], COLUMN["friction"]
-    ZERO, HALF, ONE, GOLDEN = WORK(0.0), WORK(0.5), WORK(1.0), WORK(0.6180339887498949)
-
-    @wp.func
-    def way(j: int):
-        """How far degree of freedom j is moved."""
-        x = GOLDEN * WORK(j + 1)
-        return x - wp.floor(x) - HALF
+    ZERO, ONE = WORK(0.0), WORK(1.0)
 
     @wp.func
     def of_contact(t: wp.ref[Topology], d: Slopes, b: int, pair: int):
@@ -49,7 +44,7 @@ def make_agreement(given: type, residual: str) -> SimpleNamespace:
         out = ZERO + ZERO
         begin = t.pair_start[pair]
         for at in range(begin, t.pair_start[pair + 1]):
-            out += d.gap_by_q[b, at - begin] * way(t.pair_dof[at])
+            out += d.gap_by_q[b, at - begin] * scattered(t.pair_dof[at])
         return out
 
     @wp.func
@@ -77,7 +72,7 @@ def make_agreement(given: type, residual: str) -> SimpleNamespace:
                         gaps(t, d, b, index, 0, normal, rub, k.v0, h, 0)
                         k.dz[s] = -of_contact(t, d, b, index)
                     else:
-                        k.dz[s] = wp.where(t.row_kind[i] == LOWER, -ONE, ONE) * way(index) / h
+                        k.dz[s] = wp.where(t.row_kind[i] == LOWER, -ONE, ONE) * scattered(index) / h
                     size = wp.max(size, wp.abs(k.dz[s]) / wp.sqrt(k.diag[s]))
                     count += 1
                 r += 1

@@ -46,7 +46,8 @@ def make_kinks(given: type, residual: str) -> wp.Function:
         vertex.walk(t, k, o, yielding)
         slips.mark(t, k, d, b, start, end)
         sticking.loosen(t, k, d, b, o, start)
-        if agrees(t, k, d, b, o, start) == 0:
+        stale = 1 - agrees(t, k, d, b, o, start)
+        if stale == 1:
             sticking.restore(t, k, o)
             slips.mark(t, k, d, b, start, end)
         most = int(wp.static(AT_ONCE))
@@ -54,9 +55,11 @@ def make_kinks(given: type, residual: str) -> wp.Function:
         while count > 0:
             good = agrees(t, k, d, b, o, start)
             sticking.decide(t, k, d, b, o, start, good, count)
+            stale = 1 - good
             most = wp.where(good == 1, 4 * most, 1)
             count = sticking.try_next(t, k, d, b, o, start, most)
-        matrix.factor_island(t, k, d, b, o, start)
+        if stale == 1:
+            matrix.factor_island(t, k, d, b, o, start)
         return end
 
     @wp.func

@@ -25,9 +25,9 @@ FIRST = 1e100  # what makes contacts that stick at a vertex carry more than othe
 @cached
 def make_sticking() -> SimpleNamespace:
     """Of the rows of an island, which begin at `start` of the list of acting ones: remember(t, k, d, b, o,
-    start) what sticks and presses, before a vertex is looked for, in k.miss and k.least; loosen(...) all and
-    hold gaps; restore(...) the vertex. try_next(..., most): so many contacts more stick, or how many there
-    are; decide(..., agrees, count): they keep to that if that agrees, are tried again if they were several.
+    start) in k.miss what sticks, before a vertex is looked for (what presses is in k.least); loosen(...) all
+    and hold gaps; restore(...) the vertex. try_next(..., most): so many contacts more stick, or how many
+    there are; decide(..., agrees, count): they keep to that if that agrees, are tried again if several.
     """
     slips = make_slips()
     ZERO, ONE, BEFORE, LITTLE = WORK(0.0), WORK(1.0), WORK(FIRST), WORK(UNSURE)
@@ -50,7 +50,6 @@ def make_sticking() -> SimpleNamespace:
         r = start + 0
         for s in range(o.row, o.last_row):
             k.miss[s] = ZERO
-            k.least[s] = k.lam[s]
             if k.acting[s] > 0:
                 if d.slides[b, r] == 0 and slips.rubs(t, k, s):
                     first = slips.first_row(t, k, s)

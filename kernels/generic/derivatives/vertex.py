@@ -18,6 +18,7 @@ from ...factories import cached
 from ..newton import make_newton
 from ..topology import CONTACT, Topology
 from ..work import ROWS, V3, WORK, Island, Slot
+from .scatter import scattered
 
 ROUNDS = 128  # of an island at most; rows that still depend on each other are held by least squares
 PROJECTIONS = 8
@@ -41,7 +42,7 @@ def make_vertex(given: type, residual: str) -> SimpleNamespace:
     nt = make_newton(given, residual)
     ZERO, HALF, ONE = WORK(0.0), WORK(0.5), WORK(1.0)
     TOUCHES = WORK(TOUCHING)
-    GOLDEN, HUGE = WORK(0.6180339887498949), WORK(1e300)
+    HUGE = WORK(1e300)
 
     @wp.func
     def scatter(k: wp.ref[Slot], o: Island):
@@ -50,8 +51,7 @@ def make_vertex(given: type, residual: str) -> SimpleNamespace:
         for r in range(o.row, o.last_row):
             k.dz[r] = ZERO
             if k.acting[r] > 0 and k.p[r] == ONE:
-                x = GOLDEN * WORK(k.row[r] + 1)
-                k.dz[r] = (HALF + x - wp.floor(x)) / wp.sqrt(k.diag[r])
+                k.dz[r] = (ONE + scattered(k.row[r])) / wp.sqrt(k.diag[r])
                 n += 1
         return n
 
@@ -61,8 +61,7 @@ def make_vertex(given: type, residual: str) -> SimpleNamespace:
         for i in range(t.blocks):
             k.move[i] = V3()
         for j in range(t.nv):
-            x = GOLDEN * WORK(j + 1)
-            k.move[t.dof_block[j]][t.dof_part[j]] = x - wp.floor(x) - HALF
+            k.move[t.dof_block[j]][t.dof_part[j]] = scattered(j)
         for r in range(k.count[wp.static(ROWS)]):
             k.least[r] = k.lam[r]
             k.aimed[r] = ZERO
