@@ -22,7 +22,8 @@ from .matrix import make_matrix
 from .slips import make_slips
 from .tables import Slopes
 
-YIELDING = 1e-10  # diag(A) dlambda by which a row yields
+YIELDING = {True: 1e-10, False: 1e-11}  # diag(A) dlambda by which a row yields (hard or not)
+PRESSED = 1e3  # diag(A) lambda, relative to the row's velocities, from which smoothed rows may yield less
 FIRMER, FIRMEST = 1e3, 1e-4  # times that and at most, where the factor has lost the digits to refine with
 REFINED = 1e-6  # a correction relative to what it corrects, after which the next one is rounding
 WRONG = 1e-4  # what may be left of an error where refinement ends
@@ -42,13 +43,13 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
     """
     dtype = WORK
     env, many, slips, asks = make_envelope(), make_many(), make_slips(), make_asked()
-    contacts = residual != "none"
+    contacts, hard = residual != "none", residual == "hard"
     nt = make_newton(given, residual) if contacts else None
     matrix = make_matrix(given, residual) if contacts else None
-    hold = make_kinks(given, residual) if residual == "hard" else None
-    ONE, ZERO, YIELDS = dtype(1.0), dtype(0.0), dtype(YIELDING)
+    hold = make_kinks(given, residual) if hard else None
+    ONE, ZERO, YIELDS = dtype(1.0), dtype(0.0), dtype(YIELDING[hard])
     SMALL, LEAST, MISSED = dtype(REFINED), dtype(NOISE), dtype(WRONG)
-    FALLS, NOTHING = dtype(STEEP * STEEP), dtype(UNSEEN)
+    FALLS, NOTHING, MOST = dtype(STEEP * STEEP), dtype(UNSEEN), dtype(PRESSED)
 
     @wp.func
     def add(t: wp.ref[Topology], k: wp.ref[Slot], s: int, x: wp.array(dtype=Lanes), c: Lanes):
@@ -95,7 +96,7 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
         d.push[b, r] = Lanes()
         for e in range(k.entry[s + 1] - start):
             j = k.jac[start + e]
-            if wp.static(residual == "hard"):
+            if wp.static(hard):
                 if d.slides[b, r] == 1:
                     j = slips.held_entry(t, k, s, e, 1)
             p = 3 * t.row_block[pattern + e]
@@ -103,19 +104,27 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
 
     @wp.func
     def weigh(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, n: int):
-        """p and q of the acting rows."""
+        """p and q of the acting rows. Smoothed ones yield no less than the factor's term, but for 1e-8 of
+        their velocities at most: where they depend on each other but for less, impulses change places within
+        1e-11 m, which takes a hundred refinements to find.
+        """
         for r in range(n):
             s = d.row[b, r]
             e = nt.smooth(k, s, k.z[s])
             k.p[s] = e[2]
             k.slack[s] = e[3]
+            if wp.static(not hard):
+                least = k.diag[s]
+                if k.lam[s] * least > MOST * k.unit[s]:
+                    least = MOST * k.unit[s] / k.lam[s]
+                k.slack[s] = wp.max(e[3], YIELDS * e[2] * least / k.scale[s])
 
     @wp.func
     def factor(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, n: int):
         if wp.static(contacts):
             d.yielding[b, 0] = YIELDS
             weigh(t, k, d, b, n)
-            if wp.static(residual == "hard"):
+            if wp.static(hard):
                 hold(t, k, d, b, YIELDS)
             else:
                 slips.mark(t, k, d, b, 0, n)
