@@ -27,7 +27,7 @@ PRESSED = 1e3  # diag(A) lambda, relative to the row's velocities, from which sm
 FIRMER, FIRMEST = 1e3, 1e-4  # times that and at most, where the factor has lost the digits to refine with
 REFINED = 1e-6  # a correction relative to what it corrects, after which the next one is rounding
 WRONG = 1e-4  # what may be left of an error where refinement ends
-REFINEMENTS = 3
+REFINEMENTS = 2
 SLOW = 100  # refinements of rows that are nearly one, whose error falls by little at a time
 NOISE = 1e-10  # a correction relative to the response without rows that is rounding
 UNSEEN = 1e-20  # and relative to the largest of the columns beside it: of one that is 0 but for roundings
@@ -175,8 +175,18 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
                         out[3 * j + part] = out[3 * j + part] - many.times(wp.transpose(m), part, x, i)
 
     @wp.func
-    def settled(t: wp.ref[Topology], x: wp.array(dtype=Lanes), change: wp.array(dtype=Lanes)):
-        """x += change; 1 if that was little of every column, and the squares of the changes."""
+    def to_come(moved: dtype, last: dtype):
+        """What changes that shrink as the last two did add up to, relative to the last; squares."""
+        if not (moved < last):
+            return ZERO
+        rate = wp.sqrt(moved / last)
+        return rate * rate / ((ONE - rate) * (ONE - rate))
+
+    @wp.func
+    def settled(t: wp.ref[Topology], x: wp.array(dtype=Lanes), change: wp.array(dtype=Lanes), last: Lanes):
+        """x += change; 1 if that, or what is to come, was little of every column, and the squares of the
+        changes.
+        """
         size = Lanes()
         moved = Lanes()
         for i in range(3 * t.blocks):
@@ -187,7 +197,8 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
             moved += wp.cw_mul(step, step)
         good = int(1)
         for lane in range(wp.static(len(Lanes()))):
-            if not (moved[lane] <= SMALL * SMALL * size[lane]):
+            error = moved[lane] * wp.max(ONE, to_come(moved[lane], last[lane]))
+            if not (error <= SMALL * SMALL * size[lane]):
                 good = 0
         return good, moved
 
@@ -197,8 +208,8 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
         moved: Lanes, last: Lanes, slow: int, most: dtype,
     ):  # fmt: skip
         """What is left of the columns after a change: 0 at most `most` of them, or rounding; 1 more, and
-        changes shrink; -1 more, and they do not. Of slow refinement changes to come count, too. What may be
-        rounding beside the response without rows is none while it falls: impulses make that large.
+        changes shrink; -1 more, and they do not. Changes to come count; of slow refinement they alone. What
+        may be rounding beside the response without rows is none while it falls: impulses make that large.
         """
         size = Lanes()
         free = Lanes()
@@ -213,14 +224,13 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
         for lane in range(wp.static(len(Lanes()))):
             largest = wp.max(largest, size[lane])
         out = int(0)
+        counts = wp.where(slow == 1, SMALL, ONE)  # of the change itself
         for lane in range(wp.static(len(Lanes()))):
             least = most * most * size[lane]
             floor = wp.max(LEAST * LEAST * free[lane], NOTHING * NOTHING * largest)
             error = moved[lane] + ZERO
             shrinks = error < last[lane]
-            if slow == 1 and shrinks:
-                rate = wp.sqrt(error / last[lane])
-                error = error * wp.max(rate * rate / ((ONE - rate) * (ONE - rate)), SMALL)
+            error = error * wp.max(to_come(error, last[lane]), counts)
             falls = most < MISSED and moved[lane] > LEAST * LEAST and moved[lane] < FALLS * last[lane]
             if not (error <= least) and (falls or not (error <= floor)):
                 if shrinks:
@@ -248,7 +258,7 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
                 for i in range(3 * t.blocks):
                     found[i] = side[i]
             else:
-                good, moved = settled(t, found, side)
+                good, moved = settled(t, found, side, last)
                 slow = wp.where(d.yielding[b, 0] > YIELDS, 1, 0)
                 if good == 1 and slow == 0:
                     return int(1)
