@@ -3,7 +3,9 @@
 The normal's angle alpha follows q by the implicit function theorem (M28): with R = n.Delta + h_A'' + h_B''
 (minus the curvature of the distance), alpha_k = (t.Delta_k + h_A'' phiA_k + h_B'' phiB_k)/R. For a half-plane
 A the normal turns with its body, alpha_k = phiA_k, and h_A' is the lever of the touched point; so it is for a
-capsule A that is touched between its ends.
+capsule A that is touched between its ends. By an end, where the curvature jumps as for a box on another with
+the same sides, derivatives are the mean of both: that of what goes on to one side for each that goes to the
+other.
 """
 
 from types import SimpleNamespace
@@ -34,7 +36,7 @@ def make_pair_geometry(s: Structure, dtype: type) -> Any:
         ha: V4  # h_A and its derivatives by the angle
         hb: V4
         radius: dtype  # R, kept away from zero
-        flat: int  # 1: A is a half-plane, or a capsule touched between its ends
+        flat: int  # 1: A is a half-plane, or a capsule touched between its ends; 2: by one of these
         alpha: VQ  # d alpha/dq
         da: VQ  # d h_A'/dq
         db: VQ  # d h_B'/dq
@@ -51,7 +53,7 @@ def make_pair_derivatives(s: Structure, pair: int, dtype: type) -> SimpleNamespa
     VQ, MQ, J2, V2 = t.VQ, t.MQ, t.J2, t.V2
     V3, V4 = wp.types.vector(3, dtype), wp.types.vector(4, dtype)
     NV = s.nv
-    ZERO, ONE = dtype(0.0), dtype(1.0)
+    ZERO, HALF, ONE = dtype(0.0), dtype(0.5), dtype(1.0)
     EPS = dtype(1e-12 if dtype is wp.float64 else 1e-6)
     a, b, plane = p.body_a, p.body_b, p.plane
     jac_a, jac_b = mech.point_jacobian(a), mech.point_jacobian(b)
@@ -81,6 +83,9 @@ def make_pair_derivatives(s: Structure, pair: int, dtype: type) -> SimpleNamespa
         if wp.static(plane):
             return flat_normal(g, along, turn_a, turn_b)
         if wp.static(p.capsule):
+            if g.flat == 2:
+                beside = flat_normal(g, along, turn_a, turn_b)
+                return HALF * (beside + round_normal(g, along, turn_a, turn_b))
             if g.flat == 1:
                 return flat_normal(g, along, turn_a, turn_b)
         return round_normal(g, along, turn_a, turn_b)
@@ -102,14 +107,13 @@ def make_pair_derivatives(s: Structure, pair: int, dtype: type) -> SimpleNamespa
         else:
             g.ha = wp.static(p.support_a)(world, pa, n)
             if wp.static(p.capsule):
-                if wp.static(p.flat)(world, pa, pb):
-                    g.flat = 1
+                g.flat = wp.static(p.flat)(world, pa, pb)
             reach = wp.dot(n, g.delta)
             radius = reach + g.ha[2] + g.hb[2]
             floor = EPS * (wp.abs(g.ha[0]) + wp.abs(g.hb[0]) + wp.abs(reach)) + EPS
             g.radius = wp.where(wp.abs(radius) > floor, radius, floor)
         if wp.static(plane or p.capsule):
-            if g.flat == 1:
+            if g.flat > 0:
                 g.ha = V4(g.ha[0], n[0] * g.delta[1] - n[1] * g.delta[0] - g.hb[1], ZERO, ZERO)
         for k in range(wp.static(NV)):
             along = n[0] * (g.jb[1, k] - g.ja[1, k]) - n[1] * (g.jb[0, k] - g.ja[0, k])
@@ -168,6 +172,9 @@ def make_pair_derivatives(s: Structure, pair: int, dtype: type) -> SimpleNamespa
         akl = (rest - g.ha[3] * turning) / g.radius
         hakl = g.ha[3] * turning + g.ha[2] * akl
         if wp.static(plane or p.capsule):
+            if g.flat == 2:
+                akl = HALF * akl
+                hakl = HALF * (hakl + rest)
             if g.flat == 1:
                 akl = ZERO
                 hakl = rest

@@ -23,6 +23,8 @@ from ..structure import CAPSULE, DISC, HALFPLANE
 
 SAMPLES = 12  # boundary points of either shape tried by the global search
 LOCAL_ITERATIONS = 12
+ENDS = {wp.float64: 1e-14, wp.float32: 1e-5}  # of a capsule's half length: roundings beyond its ends
+BORDERS = {wp.float64: 1e-9, wp.float32: 1e-5}  # and what is by an end, where derivatives are those of a mean
 
 
 @cached
@@ -74,7 +76,7 @@ def make_round_support(kind: str, dtype: type) -> wp.Function:
 def make_distance(kind_a: str, kind_b: str, dtype: type) -> SimpleNamespace:
     """geometry(ra, rb, pa, pb, warm) -> GEO and bound(ra, rb, pa, pb) <= d; a half-plane or a capsule can
     only be A, a capsule only against a disc. `local` is `geometry` by a local search alone: where that does
-    not suffice n is (0, 0).
+    not suffice n is (0, 0). flat(ra, pa, pb): where B touches a capsule A.
 
     An ellipse of equal radii (zero too) is a disc to rounding, so one pair of ellipses serves all round
     shapes where the kind is known at run time only.
@@ -83,13 +85,28 @@ def make_distance(kind_a: str, kind_b: str, dtype: type) -> SimpleNamespace:
     exact = plane or capsule or (kind_a == DISC and kind_b == DISC)
     support_a, support_b = make_round_support(kind_a, dtype), make_round_support(kind_b, dtype)
     V2, V4, GEO = wp.types.vector(2, dtype), wp.types.vector(4, dtype), wp.types.vector(8, dtype)
-    ZERO, ONE = dtype(0.0), dtype(1.0)
+    ZERO, ONE, NEARLY = dtype(0.0), dtype(1.0), dtype(1.0 + ENDS[dtype])
+    BORDER = dtype(BORDERS[dtype])
     maximise, climb = (None, None) if exact else make_maximisers(kind_a, kind_b, dtype)
 
     @wp.func
+    def along_axis(pa: V4, pb: V4):
+        return (pb[0] - pa[0]) * pa[2] + (pb[1] - pa[1]) * pa[3]
+
+    @wp.func
+    def is_beside(along: dtype, half: dtype):
+        """Not beyond the ends, nor so little that rounding tells which end a normal points to."""
+        return wp.abs(along) <= NEARLY * half
+
+    @wp.func
     def flat(ra: V2, pa: V4, pb: V4):
-        """Whether the centre of B lies beside the segment of a capsule A, not beyond its ends."""
-        return wp.abs((pb[0] - pa[0]) * pa[2] + (pb[1] - pa[1]) * pa[3]) < ra[1]
+        """1: the centre of B lies beside the segment of a capsule A, 0: beyond its ends, 2: by one, where the
+        curvature jumps.
+        """
+        over = wp.abs(along_axis(pa, pb)) - ra[1]
+        if wp.abs(over) <= BORDER * ra[1]:
+            return int(2)
+        return wp.where(over < ZERO, 1, 0)
 
     @wp.func
     def direct(ra: V2, rb: V2, pa: V4, pb: V4, n: V2):
@@ -102,7 +119,7 @@ def make_distance(kind_a: str, kind_b: str, dtype: type) -> SimpleNamespace:
             ha[1] = n[0] * dy - n[1] * dx - hb[1]
         elif wp.static(capsule):
             ha = wp.static(support_a)(ra, pa, n)
-            if flat(ra, pa, pb):
+            if is_beside(along_axis(pa, pb), ra[1]):
                 ha = V4(ra[0], n[0] * dy - n[1] * dx - hb[1], ZERO, ZERO)
         else:
             ha = wp.static(support_a)(ra, pa, n)
@@ -123,7 +140,7 @@ def make_distance(kind_a: str, kind_b: str, dtype: type) -> SimpleNamespace:
         dx = pb[0] - pa[0]
         dy = pb[1] - pa[1]
         along = dx * pa[2] + dy * pa[3]
-        if wp.abs(along) < ra[1]:
+        if is_beside(along, ra[1]):
             side = wp.where(pa[2] * dy - pa[3] * dx < ZERO, ZERO - ONE, ONE)
             return V2(-side * pa[3], side * pa[2])
         end = wp.where(along < ZERO, -ra[1], ra[1])

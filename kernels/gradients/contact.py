@@ -23,10 +23,10 @@ from ..structure import CAPSULE, DISC, HALFPLANE, Structure, layout
 def make_answer(dtype: type) -> SimpleNamespace:
     """Answer: derivatives of a pair's G by what its shapes may do. flat and round give it at a normal n, with
     Delta, supports (h, h', h''), y's velocities and dG/dalpha at fixed places; of a half-plane or a capsule
-    touched between its ends, and of round shapes. by_radii gives a shape's.
+    touched between its ends, and of round shapes; mean that of two, by an end. by_radii gives a shape's.
     """
     V2, V4 = wp.types.vector(2, dtype), wp.types.vector(4, dtype)
-    ZERO, ONE = dtype(0.0), dtype(1.0)
+    ZERO, HALF, ONE = dtype(0.0), dtype(0.5), dtype(1.0)
 
     @wp.struct
     class Answer:
@@ -75,6 +75,16 @@ def make_answer(dtype: type) -> SimpleNamespace:
         return out
 
     @wp.func
+    def mean(one: Answer, two: Answer):
+        out = Answer()
+        out.shift = HALF * (one.shift + two.shift)
+        out.turn_a = HALF * (one.turn_a + two.turn_a)
+        out.turn_b = HALF * (one.turn_b + two.turn_b)
+        out.support_a = HALF * (one.support_a + two.support_a)
+        out.support_b = HALF * (one.support_b + two.support_b)
+        return out
+
+    @wp.func
     def of_capsule(c: dtype, slope: dtype, by: V2):
         # by the half length, h = r + L |c|
         return wp.where(c < ZERO, -by[0] * c - by[1] * slope, by[0] * c + by[1] * slope)
@@ -91,7 +101,7 @@ def make_answer(dtype: type) -> SimpleNamespace:
         return V4(ha, da, hb, db)
 
     return SimpleNamespace(
-        Answer=Answer, flat=flat, round=round, of_capsule=of_capsule, of_ellipse=of_ellipse
+        Answer=Answer, flat=flat, round=round, mean=mean, of_capsule=of_capsule, of_ellipse=of_ellipse
     )
 
 
@@ -138,10 +148,12 @@ def make_pair_answer(s: Structure, pair: int, dtype: type) -> SimpleNamespace:
         if wp.static(plane):
             out = flat_answer(g, gap, alpha, an, bn, at, bt)
         elif wp.static(p.capsule):
+            if g.flat != 1:
+                out = round_answer(g, gap, alpha, an, bn, at, bt)
             if g.flat == 1:
                 out = flat_answer(g, gap, alpha, an, bn, at, bt)
-            else:
-                out = round_answer(g, gap, alpha, an, bn, at, bt)
+            if g.flat == 2:
+                out = of.mean(out, flat_answer(g, gap, alpha, an, bn, at, bt))
         else:
             out = round_answer(g, gap, alpha, an, bn, at, bt)
         vm = g.jb * ymu - g.ja * ymu

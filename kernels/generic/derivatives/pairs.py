@@ -40,8 +40,8 @@ def make_pair_slopes(given: type, residual: str) -> SimpleNamespace:
     contact = make_contact(given, residual)
     pose_a, pose_b, radii_a, radii_b = contact.pose_a, contact.pose_b, contact.radii_a, contact.radii_b
     of_ellipse, of_capsule = make_round_support(ELLIPSE, dtype), make_round_support(CAPSULE, dtype)
-    beside = make_distance(CAPSULE, DISC, dtype).flat
-    ZERO, ONE, EPS = dtype(0.0), dtype(1.0), dtype(1e-12)
+    where = make_distance(CAPSULE, DISC, dtype).flat
+    ZERO, HALF, ONE, EPS = dtype(0.0), dtype(0.5), dtype(1.0), dtype(1e-12)
 
     @wp.func
     def moved(t: wp.ref[Topology], k: wp.ref[Slot], b: int, at: int, side: int, p: V4):
@@ -55,11 +55,15 @@ def make_pair_slopes(given: type, residual: str) -> SimpleNamespace:
     @wp.func
     def normal_by_q(flat: int, ha: V4, hb: V4, radius: dtype, reach: dtype, along: dtype, a: dtype, c: dtype):
         """Derivatives of alpha, h_A' and h_B' by what turns A by a and B by c."""
+        support_b = hb[2] * (a - c)
+        beside = V3(a, along - reach * a - support_b, support_b)
         if flat == 1:
-            support_b = hb[2] * (a - c)
-            return V3(a, along - reach * a - support_b, support_b)
+            return beside
         alpha = (along + ha[2] * a + hb[2] * c) / radius
-        return V3(alpha, ha[2] * (alpha - a), hb[2] * (alpha - c))
+        beyond = V3(alpha, ha[2] * (alpha - a), hb[2] * (alpha - c))
+        if flat == 2:
+            return HALF * (beside + beyond)
+        return beyond
 
     @wp.func
     def prepare(
@@ -84,14 +88,13 @@ def make_pair_slopes(given: type, residual: str) -> SimpleNamespace:
             flat = 1
         elif t.pair_kind[pair] == LONG:
             ha = of_capsule(ra, pa, n)
-            if beside(ra, pa, pb):
-                flat = 1
+            flat = where(ra, pa, pb)
         else:
             ha = of_ellipse(ra, pa, n)
         radius = reach + ha[2] + hb[2]
         floor = EPS * (wp.abs(ha[0]) + wp.abs(hb[0]) + wp.abs(reach)) + EPS
         radius = wp.where(wp.abs(radius) > floor, radius, floor)
-        if flat == 1:
+        if flat > 0:
             ha = V4(ha[0], n[0] * dy - n[1] * dx - hb[1], ZERO, ZERO)
         first = t.pair_start[pair]
         for at in range(first, t.pair_start[pair + 1]):

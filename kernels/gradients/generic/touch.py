@@ -31,7 +31,7 @@ class Touch:
     ha: V4  # h and its derivatives by the normal's angle
     hb: V4
     curvature: wp.float64
-    flat: int  # 1: A is a half-plane, or a capsule touched between its ends
+    flat: int  # 1: A is a half-plane, or a capsule touched between its ends; 2: by one of these
 
 
 @wp.struct
@@ -61,7 +61,7 @@ def make_touch(given: type, residual: str) -> SimpleNamespace:
     RADIUS, OFFSET, ANGLE = (z.COLUMN[n] for n in ("radius", "shape_offset", "shape_angle"))
     ZERO, ONE, EPS = wp.float64(0.0), wp.float64(1.0), wp.float64(LEAST)
     disc, ellipse, capsule = (make_round_support(kind, wp.float64) for kind in (DISC, ELLIPSE, CAPSULE))
-    beside = make_distance(CAPSULE, DISC, wp.float64).flat
+    where = make_distance(CAPSULE, DISC, wp.float64).flat
 
     @wp.func
     def support(radii: V2, pose: V4, n: V2, end: int):
@@ -83,16 +83,15 @@ def make_touch(given: type, residual: str) -> SimpleNamespace:
             flat = 1
         elif t.pair_kind[pair] == LONG:
             ha = capsule(ra, pa, n)
-            if beside(ra, pa, pb):
-                flat = 1
+            flat = where(ra, pa, pb)
         else:
             ha = support(ra, pa, n, t.pair_ends[2 * pair])
         delta = V2(pb[0] - pa[0], pb[1] - pa[1])
         reach = wp.dot(n, delta)
         out.curvature = ONE
-        if flat == 1:
+        if flat > 0:
             ha = V4(ha[0], wp.dot(perp(n), delta) - hb[1], ZERO, ZERO)
-        else:
+        if flat != 1:
             curvature = reach + ha[2] + hb[2]
             floor = EPS * (wp.abs(ha[0]) + wp.abs(hb[0]) + wp.abs(reach)) + EPS
             out.curvature = wp.where(wp.abs(curvature) > floor, curvature, floor)
@@ -199,15 +198,18 @@ def make_touch(given: type, residual: str) -> SimpleNamespace:
         tangent = perp(g.n)
         alpha = wp.dot(tangent, y.vn) - wp.dot(g.n, y.vt) - y.turn_b[1] * g.hb[1]  # dG/dalpha at fixed places
         out = Answer()
-        if g.flat == 1:
+        if g.flat > 0:
             delta = V2(g.pb[0] - g.pa[0], g.pb[1] - g.pa[1])
             out = of.flat(
                 g.n, delta, g.ha, g.hb, gap, alpha, y.turn_a[0], y.turn_b[0], y.turn_a[1], y.turn_b[1]
             )
-        else:
-            out = of.round(
+        if g.flat != 1:
+            beyond = of.round(
                 g.n, g.ha, g.hb, g.curvature, gap, alpha, y.turn_a[0], y.turn_b[0], y.turn_a[1], y.turn_b[1]
             )
+            if g.flat == 2:
+                beyond = of.mean(out, beyond)
+            out = beyond
         a = t.pair_a[pair]
         o = t.pair_b[pair]
         end_a = t.pair_ends[2 * pair]
