@@ -4,6 +4,10 @@ The contact problem of every time step is a stochastic complementarity problem (
 docstrings (17) is an equation of that paper, (M17) one of docs/understand/mathematics.md.
 """
 
+from .storage.installed import require_installed
+
+require_installed(__name__)
+
 from . import costs, measures, policies, runs, scenes, tasks
 from .description.mjcf import MjcfError, load_mjcf
 from .description.parts import Actuator, Body, Contact, Shape, Spring, box, touching

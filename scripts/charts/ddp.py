@@ -79,4 +79,4 @@ def _title(header: dict[str, Any]) -> list[str]:
     """How the plan was made, as far as the file says."""
     method = header["method"].replace("-", " ") if "method" in header else ""
     title = [f"DDP ({method})" if method else "DDP", f"N = {header['horizon']}"]
-    return [*title, f"σ = {header['sigma']:g}"] if "sigma" in header else title
+    return [*title, f"σ = {header['sigma']:g}"] if header.get("sigma") is not None else title

@@ -85,13 +85,18 @@ def optimise(
             problem, began, last.us, sigmas.tolist(), options, xs0=last.xs, K0=last.K
         )
     results = [late.extend(each, x0) for each in results]
-    levels = np.array([simulated.header()["sigma"], *([] if sigmas is None else sigmas)])
+    sigma = simulated.header()["sigma"]  # None: hard contact, which has none
+    levels = np.array([sigma, *([] if sigmas is None else sigmas)], float)
     arrays |= results[-1].record().arrays
     for f in fields(ddp.Trace):
         arrays[f"trace_{f.name}"] = np.concatenate([_passes(r, f.name) for r in results])
     arrays["trace_level"] = np.repeat(np.arange(len(results)), [len(_passes(r, "cost")) for r in results])
     arrays["level_sigma"], arrays["level_cost"] = levels, np.array([float(r.cost) for r in results])
-    header |= {"horizon": late.whole.horizon, "method": options.method, "sigma": float(levels[-1])}
+    header |= {
+        "horizon": late.whole.horizon,
+        "method": options.method,
+        "sigma": sigma if sigmas is None else float(levels[-1]),
+    }
     header |= results[-1].header
     return Record("plan", arrays, simulated, header), results
 
@@ -133,7 +138,11 @@ def outcome_table(record: Record, results: list[ddp.Result]) -> Table:
     for heading in ("sigma", "cost", "passes", "max |Q_u|", "Q_uu > 0", "status"):
         table.add_column(heading, justify="right")
     for sigma, result in zip(record["level_sigma"], results):
-        row: tuple[Any, ...] = (f"{sigma:g}", f"{float(result.cost):.4f}", int(result.iterations))
+        row: tuple[Any, ...] = (
+            "" if np.isnan(sigma) else f"{sigma:g}",
+            f"{float(result.cost):.4f}",
+            int(result.iterations),
+        )
         good = "yes" if result.positive_definite else "no"
         meaning = ddp.Status(int(result.status)).explanation
         table.add_row(*map(str, row), f"{float(result.gradient):.1e}", good, meaning)

@@ -176,7 +176,7 @@ class GenericKernels:
         length = min(steps, RUN) if wp.get_device(self.device).is_cpu else 1
         items = us.shape[0] * -(-steps // length)
         given = [params, steps, xs, us, external, active, *outputs]
-        chunk = min(self.chunk, self.slopes.most, self.stencils.most if second else items)
+        chunk = max(min(self.chunk, self.slopes.most, self.stencils.most if second else items), 1)
         slots = min(items, chunk)
         kernel = linearize.make_linearize_kernel(self.dtype, self.residual)
 

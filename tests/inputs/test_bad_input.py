@@ -311,6 +311,15 @@ def test_the_table_in_the_docs_tells_what_comes_back(request, what):
     assert message.endswith("...") or message == str(caught.value)
 
 
+def test_no_worlds_in_generic_kernels():
+    simulated = slcp.Simulator(slcp.scenes.stack(3), device="cpu", strategy="generic")
+    none, us, n = np.zeros((0, 18)), np.zeros((0, 5, 0)), (0, 6, 18)
+    assert simulated.step(none).state.shape == (0, 18) and simulated.rollout(none, us).states.shape == n
+    assert simulated.linearize(none).A.shape == simulated.linearize(none, second=True).A.shape == (0, 18, 18)
+    assert slcp.vjp(simulated, none, us, np.zeros(n)).x0.shape == (0, 18)
+    assert slcp.jvp(simulated, none, us, none).tangent.shape == n
+
+
 def test_no_worlds_at_all(device):
     simulated = simulator("flicking_finger", device, wp.float64, "none")
     assert simulated.step(np.zeros((0, 6))).state.shape == (0, 6)

@@ -3,7 +3,8 @@
 A contact slides unless both of its rows press. Contacts of two bodies whose J_t are the same, as of a corner
 that several shapes share or of a line that lies on another, slide together or not at all, and what they press
 is shared among them in any way: one may press its one row and another one the opposite one. Together they
-stick then, and each holds the row that presses.
+stick then, and each holds the row that presses. Beside one that sticks by itself the others hold their gaps
+alone: its tangent is held once.
 """
 
 from types import SimpleNamespace
@@ -83,13 +84,16 @@ def make_slips() -> SimpleNamespace:
 
     @wp.func(inline=False)
     def held(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, start: int, end: int, first: int):
-        """Whether another contact presses against what this one slides along."""
+        """Whether another contact, one that does not stick by itself, presses against what this one slides
+        along.
+        """
         plus = k.lam[first] > ZERO
         for r in range(start, end):
             s = d.row[b, r]
             if rubs(t, k, s) and k.lam[s] > ZERO:
                 other = first_row(t, k, s)
-                if other != first and place(t, k, other, t.row_block[k.pattern[first]]) >= 0:
+                sticks = k.lam[other] > ZERO and k.lam[other + 1] > ZERO
+                if other != first and not sticks and place(t, k, other, t.row_block[k.pattern[first]]) >= 0:
                     opposite = (s == other) != plus
                     if together(t, k, first, other, wp.where(opposite, WORK(1.0), WORK(-1.0))) == 1:
                         return int(1)
