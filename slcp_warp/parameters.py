@@ -89,7 +89,9 @@ class Parameters(Printed):
 
     def _known(self, name: Any) -> None:
         if not isinstance(name, str) or name not in self._values:
-            raise ParameterError(f"no parameter {shown(name)}; there are {list(self.names)}")
+            whole = name.rpartition(".")[2] if isinstance(name, str) else ""
+            hint = f" ({whole!r} takes the numbers of all its items at once)" if whole in self._values else ""
+            raise ParameterError(f"no parameter {shown(name)}; there are {list(self.names)}{hint}")
 
     @functools.cached_property
     def worlds(self) -> int | None:

@@ -35,12 +35,18 @@ def sensitivity_chart(file: Path, path: Path) -> Path:
     ):  # fmt: skip
         if np.isfinite(indices[:, order, 0]).any():
             _bars(ax, places + shift, indices[:, order], colour, label)
-    ax.set_yticks(places, [row["drawn"] for row in rows])
+    ax.set_yticks(places, [_short(row["drawn"]) for row in rows])
     ax.axvline(0.0, color="black", lw=0.8)
     ax.set_xlabel(f"share of the variance of {rows[0]['measure']} ({rows[0]['policy']})")
     if ax.containers:
         ax.legend(loc="lower right")
     return save(figure, path)
+
+
+def _short(drawn: str) -> str:
+    """The first of the names that share a draw, and how many these are."""
+    first, *others = drawn.split(", ")
+    return drawn if len(others) < 2 else f"{first} and {len(others)} more"
 
 
 def _bars(ax: Any, places: np.ndarray, values: np.ndarray, colour: str, label: str) -> None:

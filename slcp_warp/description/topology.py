@@ -154,7 +154,8 @@ def _places(items: Sequence[Any], what: str) -> dict[str, int]:
     for i, item in enumerate(items):
         if item.name in places:
             raise SceneError(f"{what}: {what}[{places[item.name]}] and {what}[{i}] are both named "
-                             f"{item.name!r}; names must be unique")  # fmt: skip
+                             f"{item.name!r}; names must be unique (parts of `box` are named by its own "
+                             "name and one or two digits)")  # fmt: skip
         places[item.name] = i
     return places
 

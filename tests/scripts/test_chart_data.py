@@ -10,7 +10,7 @@ pytest.importorskip("matplotlib")
 
 import slcp_warp as slcp
 from slcp_warp.scripts.benchmarks.accuracy.charts import ratios
-from slcp_warp.scripts.charts import quickstart_report
+from slcp_warp.scripts.charts import questions, quickstart_report
 from slcp_warp.scripts.charts import sweep as chart_sweep
 from slcp_warp.scripts.stages import sweep
 
@@ -134,3 +134,9 @@ def test_report_of_a_sweep_says_what_its_cases_say():
     for entry in good.cases:
         entry["share_above"] = interval(0.95)
     assert quickstart_report._sweep_lines(good, "Kicked")[-1].endswith("every case: reached.")
+
+
+def test_names_that_share_a_draw_fit_beside_their_bar():
+    for few in ("a.mass", "a/b.friction, a/c.friction"):
+        assert questions._short(few) == few
+    assert questions._short(", ".join(f"a/b{i}.friction" for i in range(12))) == "a/b0.friction and 11 more"

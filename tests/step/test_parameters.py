@@ -111,3 +111,9 @@ def test_covariances_land_in_their_own_columns_and_worlds():
             (matrices, matrices),
         ):
             np.testing.assert_array_equal(block(params.replace(**{key: value}), key), expected)
+
+
+def test_a_parameter_of_one_body_is_a_number_of_the_whole():
+    params = slcp.Simulator(scene("flicking_finger"), device="cpu").params
+    with pytest.raises(slcp.ParameterError, match=r"no parameter 'cup\.mass'; .*'mass' takes the numbers"):
+        params.replace(**{"cup.mass": 1.0})
