@@ -118,18 +118,6 @@ def test_optimise_from_many_starts_and_noise_levels(made, tmp_path):
     assert (tmp_path / "many.png").stat().st_size > 10_000
 
 
-def test_optimise_through_hard_contact(tmp_path):
-    """A plan without a noise level was lost after it had been made."""
-    out = tmp_path / "hard.npz"
-    result = call("optimise", "--passes", 2, "--horizon", 15, "--starts", 1, "--residual", "hard",
-                  "--method", "gauss-newton", "--device", "cpu", "--out", out)  # fmt: skip
-    record = load_record(out, "plan")
-    assert record.header["sigma"] is None and np.isnan(record["level_sigma"]).all()
-    assert "nan" not in result.output
-    call("chart", out, "--out", tmp_path)
-    assert (tmp_path / "hard.png").stat().st_size > 10_000
-
-
 def test_library_reloads_and_says_how_it_was_made(made):
     library = ddp.Library.load(made / "library.npz")
     assert len(library) == 6 and library.header["horizon"] == 15 and library.header["rounds"] == 1

@@ -19,9 +19,9 @@ from ..topology import CONTACT, LOWER, Topology
 from ..work import V3, WORK, Island, Slot
 from .gaps import make_gap_slopes
 from .pairs import make_pair_slopes
-from .scatter import scattered
 from .slips import make_slips
 from .tables import Slopes
+from .vertex import scattered
 
 MET = 1e-6  # of the largest change that is asked for, in units of the rows' own impulses
 TRIES = 4  # rows yield, most where heavy bodies press light ones: what they leave is asked for again

@@ -23,7 +23,7 @@ from .slips import make_slips
 from .tables import Slopes
 
 YIELDING = {True: 1e-10, False: 1e-11}  # diag(A) dlambda by which a row yields (hard or not)
-PRESSED = 1e3  # diag(A) lambda, relative to the row's velocities, from which smoothed rows may yield less
+PRESSED = 30.0  # diag(A) lambda, by the velocities of its data, from which a smoothed row yields as it is
 FIRMER, FIRMEST = 1e3, 1e-4  # times that and at most, where the factor has lost the digits to refine with
 REFINED = 1e-6  # a correction relative to what it corrects, after which the next one is rounding
 WRONG = 1e-4  # what may be left of an error where refinement ends
@@ -104,9 +104,9 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
 
     @wp.func
     def weigh(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, n: int):
-        """p and q of the acting rows. Smoothed ones yield no less than the factor's term, but for 1e-8 of
-        their velocities at most: where they depend on each other but for less, impulses change places within
-        1e-11 m, which takes a hundred refinements to find.
+        """p and q of the acting rows. Smoothed ones that press no harder than their data suggest yield no
+        less than the factor's term: where they depend on each other but for that, impulses change places
+        within 1e-11 m, which takes a hundred refinements to find.
         """
         for r in range(n):
             s = d.row[b, r]
@@ -114,10 +114,8 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
             k.p[s] = e[2]
             k.slack[s] = e[3]
             if wp.static(not hard):
-                least = k.diag[s]
-                if k.lam[s] * least > MOST * k.unit[s]:
-                    least = MOST * k.unit[s] / k.lam[s]
-                k.slack[s] = wp.max(e[3], YIELDS * e[2] * least / k.scale[s])
+                if k.lam[s] * k.diag[s] <= MOST * k.unit[s]:
+                    k.slack[s] = wp.max(e[3], YIELDS * e[2] * k.diag[s] / k.scale[s])
 
     @wp.func
     def factor(t: wp.ref[Topology], k: wp.ref[Slot], d: Slopes, b: int, n: int):

@@ -18,7 +18,6 @@ from ...factories import cached
 from ..newton import make_newton
 from ..topology import CONTACT, Topology
 from ..work import ROWS, V3, WORK, Island, Slot
-from .scatter import scattered
 
 ROUNDS = 128  # of an island at most; rows that still depend on each other are held by least squares
 PROJECTIONS = 8
@@ -31,6 +30,16 @@ CLOSES = 1e-6  # of a gap's change, relative to the largest
 RESTS = 1e-3  # speed of bodies at rest, relative to those in the data
 TURNS = 16  # at which rows that left press again
 LEFT = 1e-14  # of an impulse that another one's walk uses up at the same place
+
+
+GOLDEN, HALF = WORK(0.6180339887498949), WORK(0.5)  # multiples of the first never repeat, modulo 1
+
+
+@wp.func
+def scattered(i: int):
+    """The i-th number of no pattern, of -1/2 to 1/2; i >= 0."""
+    x = GOLDEN * WORK(i + 1)
+    return x - wp.floor(x) - HALF
 
 
 @cached

@@ -1,0 +1,23 @@
+"""`slcp optimise` under the laws that have no noise."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("typer")
+pytest.importorskip("matplotlib")
+
+from test_cli import call
+
+from slcp_warp.scripts.support.records import load_record
+
+
+def test_optimise_through_hard_contact(tmp_path):
+    """A plan without a noise level was lost after it had been made."""
+    out = tmp_path / "hard.npz"
+    result = call("optimise", "--passes", 2, "--horizon", 15, "--starts", 1, "--residual", "hard",
+                  "--method", "gauss-newton", "--device", "cpu", "--out", out)  # fmt: skip
+    record = load_record(out, "plan")
+    assert record.header["sigma"] is None and np.isnan(record["level_sigma"]).all()
+    assert "nan" not in result.output
+    call("chart", out, "--out", tmp_path)
+    assert (tmp_path / "hard.png").stat().st_size > 10_000
