@@ -6,7 +6,7 @@ docstrings (17) is an equation of that paper, (M17) one of docs/understand/mathe
 
 from .storage.installed import require_installed
 
-require_installed(__name__)
+require_installed(__name__, __path__[0])
 
 from . import costs, measures, policies, runs, scenes, tasks
 from .description.mjcf import MjcfError, load_mjcf

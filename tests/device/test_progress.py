@@ -103,6 +103,7 @@ def test_no_stderr_is_no_error(said, monkeypatch, stderr):
     line = progress._Line("this and that")
     line.begin()
     line.end("")
+    assert line.begun and line.ended and line.timer.finished.is_set()
 
 
 def test_threads_write_whole_lines(said, monkeypatch):
