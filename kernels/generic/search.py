@@ -18,6 +18,7 @@ from .judge.earned import make_earned
 from .judge.scales import make_scales
 from .linear.pivots import SOFTENED, make_pivots
 from .newton import ACCEPTED, REFINED, TOLERANCE, make_newton
+from .rows.kept import make_kept
 from .topology import Topology
 from .work import WORK, Island, Slot
 
@@ -73,6 +74,7 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
     hard = residual == "hard"
     exact = make_active_set(given) if hard else None
     follow = make_pivots(given) if hard else None
+    kept = make_kept(given, residual)
     LIMIT, RESIDUAL = (dtype(x) for x in END[hard])
     ZERO, HALF, LESS = dtype(0.0), dtype(0.5), dtype(GAIN[hard])
     GOOD, MORE = nt.GOOD, earned.MORE
@@ -101,37 +103,6 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
         earned.see_all(t, k, o)
         for r in range(o.row, o.last_row):
             k.least[r] = ZERO
-
-    @wp.func
-    def keep_best(k: wp.ref[Slot], o: Island):
-        for place in range(o.start, o.end):
-            k.best_v[k.block[place]] = k.v[k.block[place]]
-        for r in range(o.row, o.last_row):
-            k.best_z[r] = k.z[r]
-
-    @wp.func
-    def take_best(k: wp.ref[Slot], o: Island):
-        for place in range(o.start, o.end):
-            k.v[k.block[place]] = k.best_v[k.block[place]]
-        for r in range(o.row, o.last_row):
-            if k.acting[r] > 0:
-                k.z[r] = k.best_z[r]
-                k.lam[r] = nt.smooth(k, r, k.z[r])[0] * k.inverse[r]
-
-    @wp.func
-    def leave(k: wp.ref[Slot], o: Island):
-        """Keep the interior point while Newton's method is tried."""
-        for place in range(o.start, o.end):
-            k.inner_v[k.block[place]] = k.v[k.block[place]]
-        for r in range(o.row, o.last_row):
-            k.total[r] = k.w[r]
-
-    @wp.func
-    def go_back(k: wp.ref[Slot], o: Island):
-        for place in range(o.start, o.end):
-            k.v[k.block[place]] = k.inner_v[k.block[place]]
-        for r in range(o.row, o.last_row):
-            k.w[r] = k.total[r]
 
     @wp.func
     def end_newton(k: wp.ref[Slot], o: Island, s: wp.ref[Search], worst: dtype):
@@ -164,7 +135,7 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
         if ends or not (worst < HUGE) or s.best <= aim:
             return 1
         if s.last == 1:
-            keep_best(k, o)
+            kept.keep_best(k, o)
         return 0
 
     @wp.func
@@ -266,7 +237,7 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
             s.trying = 1
             s.walked = s.it
             s.tried = SHRINK * s.tried
-            leave(k, o)
+            kept.leave(k, o)
         else:
             keep_least(k, o, s.attempt)
             if s.attempt == wp.static(COLD) and ended == 3:
@@ -295,7 +266,7 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
         up are looked for as the least that there are.
         """
         if s.last == 0:
-            take_best(k, o)
+            kept.take_best(k, o)
         next = s.attempt + 1
         if s.best <= GOOD:
             good = int(0)
@@ -319,7 +290,7 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
         elif s.trying == 1:
             begin(s, 1)
             s.it = s.walked
-            go_back(k, o)
+            kept.go_back(k, o)
             return wp.static(NOT_CONVERGED)
         s.attempt = next
         s.eased = 0
