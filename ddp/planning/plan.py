@@ -151,8 +151,8 @@ def plan(
         seed: of noise and sampling.
         x0: the initial state (nx,); None: the first of the task's.
         sim: as of `problem_of`.
-        options: of every method's solve but for the method; None: two schedules, and 150 passes, 400 of the
-            last method.
+        options: of every method's solve but for the method, where all but the last make 150 passes at most;
+            None: two schedules, and 400 passes of the last method.
         methods: of `Options.method`, one after the other.
         finish: how many plans every further method goes on from.
         sampling: how controls are sampled.
@@ -213,8 +213,9 @@ def solve_starts(
     schedules = (SCHEDULES if options is None else options.regularization).rows()
     first, before = us[0], dict[int, Result]()
     for place, method in enumerate(methods):
-        passes = PASSES if place + 1 < len(methods) else LAST_PASSES
-        settings = Options(max_iterations=passes) if options is None else options
+        settings = Options(max_iterations=LAST_PASSES) if options is None else options
+        if place + 1 < len(methods):
+            settings = replace(settings, max_iterations=min(PASSES, settings.max_iterations))
         rows = np.repeat(np.arange(len(schedules)), len(us))
         batch = np.tile(us, (len(schedules), 1, 1))
         if place:  # the best plans under the first schedule, then the first start under all

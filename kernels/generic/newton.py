@@ -355,6 +355,7 @@ def make_newton(given: type, residual: str) -> SimpleNamespace:
         residuals=residuals,
         unbalanced=unbalanced,
         assemble=matrix.assemble,
+        weigh_rows=weigh_rows,
         factor=factor,
         direction=direction,
         add_pushes=matrix.add_pushes,

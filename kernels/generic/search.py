@@ -16,6 +16,7 @@ from .interior import MAX_ITERATIONS, make_interior
 from .judge.digits import make_digits
 from .judge.earned import make_earned
 from .judge.scales import make_scales
+from .linear.held import make_held
 from .linear.pivots import SOFTENED, make_pivots
 from .newton import ACCEPTED, REFINED, TOLERANCE, make_newton
 from .rows.kept import make_kept
@@ -24,9 +25,10 @@ from .work import WORK, Island, Slot
 
 WARM, COLD, YIELDING = 1, 2, 3  # attempts after Newton's method alone: the last are ROUNDS where rows yield
 ROUNDS = 3  # for impulses that are the least there are
-EXACT = YIELDING + ROUNDS  # of hard rows without Coulomb's friction: their set one by one
+EXACT = YIELDING + ROUNDS  # of hard rows without Coulomb's friction: their set one by one; smoothed: held
 ALL_ATTEMPTS, QUICK_ATTEMPTS = EXACT + 1, COLD  # all, or only those from what is known
 WARM_ITERATIONS, POLISHING = {True: 16, False: 12}, 12  # of Newton's method before and after
+HOLDING = 60  # of smoothed rows that are held: z of such a row rises by a sigma an iteration
 PIVOTS = 50  # of hard rows, before: the interior-point method costs about as many
 NEARLY = {True: 0, False: 12}  # more before, where it has nearly ended (hard or not)
 RESTS = 1e-12  # residual at which the last solution is one of this step: gaps round, at some height
@@ -72,8 +74,9 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
     earned = make_earned(given, residual)
     scales, digits = make_scales(given, residual), make_digits(given, residual)
     hard = residual == "hard"
-    exact = make_active_set(given) if hard else None
+    exact = make_active_set(given)
     follow = make_pivots(given) if hard else None
+    held = None if hard else make_held(given, residual)
     kept = make_kept(given, residual)
     LIMIT, RESIDUAL = (dtype(x) for x in END[hard])
     ZERO, HALF, LESS = dtype(0.0), dtype(0.5), dtype(GAIN[hard])
@@ -118,6 +121,9 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
             s.best = worst
         patience = int(2)
         most = int(wp.static(POLISHING))
+        if wp.static(not hard):
+            if s.attempt == wp.static(EXACT):
+                most = wp.static(HOLDING)
         aim = AIM + ZERO
         if s.attempt == 0:
             if wp.static(hard) or s.best > FINE:
@@ -131,6 +137,8 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
             patience = wp.static(PATIENCE)
         if s.trying == 1:
             patience = 1
+        if most == wp.static(HOLDING):  # residuals rise where the set changes
+            patience = wp.where(s.best > GOOD, wp.static(HOLDING), wp.static(PATIENCE))
         ends = s.misses >= patience or s.it >= most or s.pivots >= wp.static(PIVOTS)
         if ends or not (worst < HUGE) or s.best <= aim:
             return 1
@@ -249,16 +257,15 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
 
     @wp.func
     def one_by_one(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
-        """Whether the active-set method of single exchanges has a solution, from which Newton's goes on: it
-        moves the bodies by the least that opens all rows, and its rows do not depend on each other, so that
-        no impulses are less.
+        """Whether the active-set method of single exchanges has a solution of hard rows, from which Newton's
+        goes on: it moves the bodies by the least that opens all rows, and its rows do not depend on each
+        other, so that no impulses are less.
         """
-        if wp.static(hard):
-            if t.coulomb == 0 and exact.find(t, k, o) == 1:
-                for r in range(o.row, o.last_row):
-                    k.least[r] = k.lam[r]
-                return True
-        return False
+        if t.coulomb == 1 or exact.find(t, k, o) == 0:
+            return False
+        for r in range(o.row, o.last_row):
+            k.least[r] = k.lam[r]
+        return True
 
     @wp.func
     def judge(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, s: wp.ref[Search], size: dtype):
@@ -275,7 +282,7 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
             if good == 0:
                 good = earned.adds_up(t, k, o)
             if good == 0 and s.attempt >= wp.static(YIELDING):
-                good = earned.is_earned(t, k, o)
+                good = earned.is_earned(t, k, o, wp.where(s.attempt == wp.static(EXACT), 1, 0))
             elif good == 0:
                 next = wp.static(YIELDING)
             if good == 1:
@@ -341,10 +348,16 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
             if ended == 0:
                 if wp.static(hard):
                     yields = wp.where(s.attempt == 0, SOFTER, yields)
-                if changed == 1 or s.inside == 1 or s.it == 1:
-                    nt.factor(t, k, o, yields)
-                cold = wp.where(s.attempt > wp.static(WARM), 1, 0)
-                step = inner.aim(t, k, o, s.inside, n, size, yields, s.mean, cold)
+                holds = wp.where(wp.static(not hard) and s.attempt == wp.static(EXACT), 1, 0)
+                step = dtype(1.0)
+                if wp.static(not hard):
+                    if holds == 1 and held.direction(t, k, o) == 0:
+                        return status
+                if holds == 0:
+                    if changed == 1 or s.inside == 1 or s.it == 1:
+                        nt.factor(t, k, o, yields)
+                    cold = wp.where(s.attempt > wp.static(WARM), 1, 0)
+                    step = inner.aim(t, k, o, s.inside, n, size, yields, s.mean, cold)
                 if wp.static(not hard):
                     if s.attempt == 0:
                         keep_way(t, k, o, s)

@@ -53,7 +53,11 @@ def optimise_command(
         float | None,
         typer.Option(help="Deviation of random starts; default: a fifth of the limits, or 1."),
     ] = None,
-    passes: Annotated[int, typer.Option(help="Passes at most, of a method.")] = 400,
+    passes: Annotated[int, typer.Option(help="Passes at most, of a method; 150 where another follows.")] = 400,
+    gain: Annotated[
+        float,
+        typer.Option(help="Stop where a pass lowers the cost by no more than this; 0: go on to rounding."),
+    ] = 0.0,
     horizon: Annotated[int | None, typer.Option(help="Steps N of the plan; default: the task's.")] = None,
     step_size: StepSize = None,
     rules: OneRule = NO_RULE,
@@ -73,7 +77,12 @@ def optimise_command(
     methods = () if method is not None or schedules else METHODS
     last, first = (METHODS[-1], METHODS[0]) if method is None else (method, method)
     regularization = SCHEDULES if methods else ddp.Regularization()
-    options = ddp.Options(max_iterations=passes, method=last, regularization=regularization)
+    options = ddp.Options(
+        max_iterations=passes,
+        method=last,
+        regularization=regularization,
+        improvement_tolerance=number("--gain", gain, 0.0),
+    )
     scale = noise_scale(chosen) if explore is None else number("--explore", explore, 0.0)
 
     def tell(name: str, made: int, going: int, cost: float) -> None:

@@ -21,3 +21,14 @@ def test_optimise_through_hard_contact(tmp_path):
     assert "nan" not in result.output
     call("chart", out, "--out", tmp_path)
     assert (tmp_path / "hard.png").stat().st_size > 10_000
+
+
+def test_a_plan_ends_where_passes_gain_no_more_than_asked_for(tmp_path):
+    """Passes went on to 400 for gains of a millionth."""
+    made = {}
+    for gain in ("0", "1e9"):
+        out = tmp_path / f"{gain}.npz"
+        call("optimise", "--passes", 6, "--horizon", 30, "--starts", 1, "--gain", gain,
+             "--method", "gauss-newton", "--device", "cpu", "--out", out)  # fmt: skip
+        made[gain] = len(load_record(out, "plan")["trace_cost"])
+    assert made["1e9"] == 2 < made["0"]

@@ -25,14 +25,17 @@ def pushed(problem, i, velocity, impulse):
     return (terms.reshape(-1, 3).max(1) / momenta.reshape(-1, 3).max(1)).max()
 
 
-@pytest.mark.parametrize("count, width, friction", [(10, 0.6, 0.5), (10, 0.6, 0.2)])
-def test_wedged_discs_are_solved_while_their_impulses_have_digits(count, width, friction):
+@pytest.mark.parametrize(
+    "residual, friction", [("hard", 0.5), ("hard", 0.2), ("rem-logistic", 0.5), ("rem-normal", 0.2)]
+)
+def test_wedged_discs_are_solved_while_their_impulses_have_digits(residual, friction):
     """Thrown discs, three or four of which fit exactly between the walls: what holds the others up are ever
     larger impulses of ever flatter wedges. A step ends unsolved only where these round by more than momenta
-    may miss; smaller ones were lost, too.
+    may miss; smaller ones were lost, too, of smoothed rows a quarter of the worlds.
     """
-    scene = slcp.scenes.heap(count, width=width, friction=friction)
-    sim = slcp.Simulator(scene, slcp.Options(residual="hard"), device="cpu", strategy="generic")
+    count = 10
+    scene = slcp.scenes.heap(count, width=0.6, friction=friction)
+    sim = slcp.Simulator(scene, slcp.Options(residual=residual), device="cpu", strategy="generic")
     x = np.tile(scene.x0, (WORLDS, 1))
     x[:, scene.nv :] = np.random.default_rng(count).standard_normal((WORLDS, scene.nv))
     held = 0
@@ -49,7 +52,8 @@ def test_wedged_discs_are_solved_while_their_impulses_have_digits(count, width, 
         solved = done.status == slcp.Status.SOLVED
         for i in np.flatnonzero(~solved):
             found = least_motion(problem, i)
-            assert found is None or pushed(problem, i, *found) > DIGITS
+            digits = DIGITS if residual == "hard" else 0.25 * DIGITS  # of the hard solution: a smoothed one presses more
+            assert found is None or pushed(problem, i, *found) > digits
         for i in np.flatnonzero(solved):
             held += pushed(problem, i, done.state[i, scene.nv :], done.impulse[i]) > 0.1 * DIGITS
         x = done.state[solved]

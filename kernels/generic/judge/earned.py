@@ -11,6 +11,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from ...factories import cached
+from ..linear.held import make_held
 from ..newton import ACCEPTED, GIVEN, SUMMED, make_newton
 from ..topology import CONTACT, Topology
 from ..work import V3, WORK, Island, Slot
@@ -31,6 +32,7 @@ def make_earned(given: type, residual: str) -> SimpleNamespace:
     dtype = WORK
     nt = make_newton(given, residual)
     hard = residual == "hard"
+    held = None if hard else make_held(given, residual)
     ZERO, HALF, ONE = dtype(0.0), dtype(0.5), dtype(1.0)
     LOST, ROUND, ENOUGH = nt.LOST, dtype(GIVEN[given]), dtype(SUMMED[given])
     OPEN, EXACT, LEAST = dtype(ROW * ACCEPTED[given]), dtype(EARNED[given]), dtype(ROUNDED)
@@ -287,10 +289,11 @@ def make_earned(given: type, residual: str) -> SimpleNamespace:
                 k.best_z[r] = wp.abs(k.dz[r]) * k.p[r] * k.inverse[r]
 
     @wp.func(inline=False)
-    def is_earned(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+    def is_earned(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, holds: int):
         """1 if every row is open on its own scale, nearly to the precision of the work, M dv = J' lambda
         holds as well (of `adds_up`), and rows press no place much harder than they must (k.least). What is
-        given back of a contact may round by no more than its rows.
+        given back of a contact may round by no more than its rows. `holds`: what presses hard is held to find
+        the least.
         """
         good = int(1)
         for place in range(o.start, o.end):
@@ -300,7 +303,10 @@ def make_earned(given: type, residual: str) -> SimpleNamespace:
                 if not (miss[j] <= ENOUGH * k.momentum[i][j]):
                     good = 0
         if wp.static(not hard):
-            least_pressed(t, k, o)
+            if holds == 0:
+                least_pressed(t, k, o)
+            elif held.least(t, k, o) == 0:
+                return 0
         for place in range(o.start, o.end):
             i = k.block[place]
             k.move[i] = V3()
