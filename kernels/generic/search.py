@@ -18,13 +18,14 @@ from .judge.earned import make_earned
 from .judge.scales import make_scales
 from .linear.held import make_held
 from .linear.pivots import SOFTENED, make_pivots
-from .newton import ACCEPTED, REFINED, TOLERANCE, make_newton
+from .newton import ACCEPTED, PROXIMAL, REFINED, TOLERANCE, make_newton
 from .rows.kept import make_kept
 from .topology import Topology
 from .work import WORK, Island, Slot
 
-WARM, COLD, YIELDING = 1, 2, 3  # attempts after Newton's method alone: the last are ROUNDS where rows yield
-ROUNDS = 3  # for impulses that are the least there are
+WARM, COLD, FIRM, YIELDING = 1, 2, 3, 4  # attempts after Newton's method alone: FIRM with less of the proximal
+ROUNDS = 3  # term, and so many where rows yield for impulses that are the least there are
+FIRMER = 1e-15  # that term, of diag(A), for rows that repeat others but for a rounding of their gaps
 EXACT = YIELDING + ROUNDS  # of hard rows without Coulomb's friction: their set one by one; smoothed: held
 ALL_ATTEMPTS, QUICK_ATTEMPTS = EXACT + 1, COLD  # all, or only those from what is known
 WARM_ITERATIONS, POLISHING = {True: 16, False: 12}, 12  # of Newton's method before and after
@@ -84,9 +85,14 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
     AIM, FINE, NEAR = dtype(TOLERANCE), dtype(min(ACCEPTED[given], REFINED)), dtype(1e-4)
     SHORTER, SHORTEST = dtype(0.3), dtype(0.02)  # of a step of Newton's method
     TINY, HUGE, REST = dtype(1e-30), dtype(1e300), dtype(RESTS)
-    SOFTER = dtype(SOFTENED)
+    SOFTER, LESS_TAU = dtype(SOFTENED), dtype(FIRMER - PROXIMAL)
     LEAST, SLOW = dtype(YIELDS[given]), dtype(0.99)
     SHRINK = dtype(1e-3)  # of the yielding from round to round, of sqrt(mu) from trial to trial
+
+    @wp.func
+    def lean(attempt: int):
+        """What a factor has more than the proximal term: of later attempts less, but where a set is given."""
+        return wp.where(attempt >= wp.static(FIRM) and attempt < wp.static(EXACT), LESS_TAU, ZERO)
 
     @wp.func
     def keep_least(k: wp.ref[Slot], o: Island, attempt: int):
@@ -355,7 +361,7 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
                         return status
                 if holds == 0:
                     if changed == 1 or s.inside == 1 or s.it == 1:
-                        nt.factor(t, k, o, yields)
+                        nt.factor(t, k, o, yields + lean(s.attempt))
                     cold = wp.where(s.attempt > wp.static(WARM), 1, 0)
                     step = inner.aim(t, k, o, s.inside, n, size, yields, s.mean, cold)
                 if wp.static(not hard):
