@@ -64,6 +64,7 @@ class Search:
     last: int  # 1: the best point of Newton's method is the one at hand
     attempts: int  # that may be made
     eased: int  # 1: smoothed rows were eased in this attempt
+    exact: int  # 1: EXACT was made, 2: and is behind
 
 
 @cached
@@ -274,6 +275,17 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
         return True
 
     @wp.func
+    def leave_out(s: wp.ref[Search]):
+        """From what did not converge to where single exchanges end, once, before rows yield."""
+        if s.attempt == wp.static(FIRM) and s.best > GOOD and s.exact == 0:
+            s.attempt = wp.static(EXACT)
+        elif s.attempt > wp.static(EXACT) and s.exact == 1:
+            s.attempt = wp.static(FIRM)
+            s.exact = 2
+        elif s.attempt == wp.static(EXACT) and s.exact > 0:
+            s.attempt = s.attempts + 0
+
+    @wp.func
     def judge(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, s: wp.ref[Search], size: dtype):
         """SOLVED if what Newton's method ended at is a solution; else what is next: impulses that do not add
         up are looked for as the least that there are.
@@ -307,12 +319,15 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
             return wp.static(NOT_CONVERGED)
         s.attempt = next
         s.eased = 0
-        if next >= s.attempts:
-            return wp.static(NOT_CONVERGED)
+        leave_out(s)
         if s.attempt == wp.static(EXACT):
+            s.exact = 1
             begin(s, 0)
-            if not one_by_one(t, k, o):
-                s.attempt = s.attempts
+            if one_by_one(t, k, o):
+                return wp.static(NOT_CONVERGED)
+            s.attempt = s.attempt + 1
+            leave_out(s)
+        if s.attempt >= s.attempts:
             return wp.static(NOT_CONVERGED)
         begin(s, 1)
         if s.attempt == wp.static(YIELDING):
@@ -351,14 +366,14 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
                 ended = end_inside(s, worst, s.mean, largest, size)
             else:
                 ended = end_newton(k, o, s, worst)
+            holds = wp.where(wp.static(not hard) and s.attempt == wp.static(EXACT), 1, 0)
+            if wp.static(not hard):
+                if ended == 0 and holds == 1:
+                    ended = 1 - held.direction(t, k, o)
             if ended == 0:
                 if wp.static(hard):
                     yields = wp.where(s.attempt == 0, SOFTER, yields)
-                holds = wp.where(wp.static(not hard) and s.attempt == wp.static(EXACT), 1, 0)
                 step = dtype(1.0)
-                if wp.static(not hard):
-                    if holds == 1 and held.direction(t, k, o) == 0:
-                        return status
                 if holds == 0:
                     if changed == 1 or s.inside == 1 or s.it == 1:
                         nt.factor(t, k, o, yields + lean(s.attempt))

@@ -18,6 +18,7 @@ from ..work import M33, V3, WORK, Island, Slot
 
 HELD = 1e-12  # rows that yield by less of diag(A) are held: logistic ones that press by 28 sigma
 YIELD = 1e-15  # of diag(A), of those held: a rounding of what A is summed up from
+SUGGESTED = 32.0  # times the impulse of a row by itself that one may press which is not held
 LOST = 1e-16  # of a pivot's own size: what is less is rounding
 
 
@@ -25,10 +26,12 @@ LOST = 1e-16  # of a pivot's own size: what is less is rounding
 def make_held(given: type, residual: str) -> SimpleNamespace:
     """direction(t, k, o) -> 1 with Newton's direction at hand as `newton.direction` leaves it, or 0 where
     there is no room for those held; least(t, k, o) -> 1 with the least impulses of these rows in k.best_z, of
-    all others their own, or 0. Both use k.upper for A, k.mode for the list of rows and k.aimed.
+    all others their own as far as their data suggest them, or 0. Both use k.upper for A, k.mode for the list
+    of rows and k.aimed.
     """
     nt = make_newton(given, residual)
     ZERO, ONE, STIFF, LITTLE, NOTHING = WORK(0.0), WORK(1.0), WORK(HELD), WORK(YIELD), WORK(LOST)
+    MOST = WORK(SUGGESTED)
 
     @wp.func
     def entry(k: wp.ref[Slot], i: int, j: int):
@@ -147,9 +150,9 @@ def make_held(given: type, residual: str) -> SimpleNamespace:
         nt.mass_times(t, k, o)
         for r in range(o.row, o.last_row):
             k.weight[r] = ZERO
-            k.best_z[r] = k.lam[r]
+            k.best_z[r] = wp.min(k.lam[r], MOST * k.alone[r])
             if k.acting[r] > 0 and k.aimed[r] == ZERO:
-                press(t, k, r, k.lam[r])
+                press(t, k, r, k.best_z[r])
         nt.assemble(t, k, o)
         nt.env.factor(k.factor, k.first, k.at, o.start, o.end)
         for j in range(m):
