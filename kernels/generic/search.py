@@ -23,10 +23,12 @@ from .rows.kept import make_kept
 from .topology import Topology
 from .work import WORK, Island, Slot
 
-WARM, COLD, FIRM, YIELDING = 1, 2, 3, 4  # attempts after Newton's method alone: FIRM with less of the proximal
-ROUNDS = 3  # term, and so many where rows yield for impulses that are the least there are
-FIRMER = 1e-15  # that term, of diag(A), for rows that repeat others but for a rounding of their gaps
-EXACT = YIELDING + ROUNDS  # of hard rows without Coulomb's friction: their set one by one; smoothed: held
+# Attempts after Newton's method alone: FIRM with less of the proximal term, ROUNDS where rows yield for the
+# least impulses there are, EXACT from single exchanges (not Coulomb's friction), of smoothed rows held.
+WARM, COLD, FIRM, YIELDING = 1, 2, 3, 4
+ROUNDS = 3
+EXACT = YIELDING + ROUNDS
+FIRMER = 1e-15  # the proximal term, of diag(A), for rows that repeat others but for a rounding of their gaps
 ALL_ATTEMPTS, QUICK_ATTEMPTS = EXACT + 1, COLD  # all, or only those from what is known
 WARM_ITERATIONS, POLISHING = {True: 16, False: 12}, 12  # of Newton's method before and after
 HOLDING = 60  # of smoothed rows that are held: z of such a row rises by a sigma an iteration

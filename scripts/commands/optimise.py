@@ -22,6 +22,18 @@ FLAT = (
     "--starts, or a larger noise level first, --sigma 0.3 --continuation 0.1,0.05 (docs/do/cost.md)"
 )
 
+Method = Annotated[
+    str | None,
+    typer.Option(
+        help="second-order, gauss-newton or first-order; default: gauss-newton from every start, then "
+        "second-order from the best."
+    ),
+]
+Gain = Annotated[
+    float,
+    typer.Option(help="Stop where a pass lowers the cost by no more than this; 0: go on to rounding."),
+]
+
 
 @one_line_errors
 @with_rules
@@ -33,13 +45,7 @@ def optimise_command(
     continuation: Annotated[
         str | None, typer.Option(help="Falling noise levels s1,s2,.. to go on to afterwards.")
     ] = None,
-    method: Annotated[
-        str | None,
-        typer.Option(
-            help="second-order, gauss-newton or first-order; default: gauss-newton from every start, then "
-            "second-order from the best."
-        ),
-    ] = None,
+    method: Method = None,
     starts: Annotated[
         int,
         typer.Option(
@@ -53,11 +59,8 @@ def optimise_command(
         float | None,
         typer.Option(help="Deviation of random starts; default: a fifth of the limits, or 1."),
     ] = None,
-    passes: Annotated[int, typer.Option(help="Passes at most, of a method; 150 where another follows.")] = 400,
-    gain: Annotated[
-        float,
-        typer.Option(help="Stop where a pass lowers the cost by no more than this; 0: go on to rounding."),
-    ] = 0.0,
+    passes: Annotated[int, typer.Option(help="Passes at most; 150 where a method follows.")] = 400,
+    gain: Gain = 0.0,
     horizon: Annotated[int | None, typer.Option(help="Steps N of the plan; default: the task's.")] = None,
     step_size: StepSize = None,
     rules: OneRule = NO_RULE,

@@ -52,7 +52,7 @@ def test_wedged_discs_are_solved_while_their_impulses_have_digits(residual, fric
         solved = done.status == slcp.Status.SOLVED
         for i in np.flatnonzero(~solved):
             found = least_motion(problem, i)
-            digits = DIGITS if residual == "hard" else 0.25 * DIGITS  # of the hard solution: a smoothed one presses more
+            digits = DIGITS if residual == "hard" else 0.25 * DIGITS  # smoothed rows press harder than these
             assert found is None or pushed(problem, i, *found) > digits
         for i in np.flatnonzero(solved):
             held += pushed(problem, i, done.state[i, scene.nv :], done.impulse[i]) > 0.1 * DIGITS

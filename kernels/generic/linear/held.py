@@ -3,8 +3,8 @@
 Between walls that discs just fit, a combination of rows may move nothing but for 1e-7: its part of A is 1e-14
 of the diagonal. Newton's matrix M + J' W J loses it, for W of a row that presses by many sigma is 1e11 and
 more, whether for the proximal term or for its own value. Such rows are held here: they are left out of the
-matrix, and their impulses solve J dv + (q D/p) dlambda = -r2 themselves, of A among them (Cholesky, as dense as
-they are many). So nothing of A's digits is lost to W, and rows yield next to nothing.
+matrix, and their impulses solve J dv + (q D/p) dlambda = -r2 themselves, of A among them (Cholesky, dense).
+So nothing of A's digits is lost to W, and rows yield next to nothing.
 """
 
 from types import SimpleNamespace
@@ -14,7 +14,7 @@ import warp as wp
 from ...factories import cached
 from ..newton import make_newton
 from ..topology import Topology
-from ..work import M33, V3, WORK, Island, Slot
+from ..work import V3, WORK, Island, Slot
 
 HELD = 1e-12  # rows that yield by less of diag(A) are held: logistic ones that press by 28 sigma
 YIELD = 1e-15  # of diag(A), of those held: a rounding of what A is summed up from

@@ -1,4 +1,4 @@
-"""Points that the search for a solution keeps: the best of Newton's method, and an interior one that it left."""
+"""Points that a search keeps: the best of Newton's method, and an interior one that it left."""
 
 from types import SimpleNamespace
 
