@@ -278,14 +278,15 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
 
     @wp.func
     def leave_out(s: wp.ref[Search]):
-        """From what did not converge to where single exchanges end, once, before rows yield."""
-        if s.attempt == wp.static(FIRM) and s.best > GOOD and s.exact == 0:
-            s.attempt = wp.static(EXACT)
-        elif s.attempt > wp.static(EXACT) and s.exact == 1:
-            s.attempt = wp.static(FIRM)
-            s.exact = 2
-        elif s.attempt == wp.static(EXACT) and s.exact > 0:
-            s.attempt = s.attempts + 0
+        """Single exchanges once, of hard rows before what is less exact; of smoothed ones, dear, at last."""
+        if wp.static(hard):
+            if s.attempt == wp.static(FIRM) and s.best > GOOD and s.exact == 0:
+                s.attempt = wp.static(EXACT)
+            elif s.attempt > wp.static(EXACT) and s.exact == 1:
+                s.attempt = wp.static(FIRM)
+                s.exact = 2
+            elif s.attempt == wp.static(EXACT) and s.exact > 0:
+                s.attempt = s.attempts + 0
 
     @wp.func
     def judge(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, s: wp.ref[Search], size: dtype):

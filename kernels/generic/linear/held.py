@@ -14,37 +14,47 @@ import warp as wp
 from ...factories import cached
 from ..newton import make_newton
 from ..topology import Topology
-from ..work import V3, WORK, Island, Slot
+from ..work import M33, V3, WORK, Island, Slot
 
 HELD = 1e-12  # rows that yield by less of diag(A) are held: logistic ones that press by 28 sigma
 YIELD = 1e-15  # of diag(A), of those held: a rounding of what A is summed up from
 SUGGESTED = 32.0  # times the impulse of a row by itself that one may press which is not held
-LOST = 1e-16  # of a pivot's own size: what is less is rounding
 
 
 @cached
 def make_held(given: type, residual: str) -> SimpleNamespace:
     """direction(t, k, o) -> 1 with Newton's direction at hand as `newton.direction` leaves it, or 0 where
     there is no room for those held; least(t, k, o) -> 1 with the least impulses of these rows in k.best_z, of
-    all others their own as far as their data suggest them, or 0. Both use k.upper for A, k.mode for the list
-    of rows and k.aimed.
+    all others their own as far as their data suggest them, or 0. Both use k.upper for A, k.link and k.sorted
+    for its layout, k.mode for the list of rows, k.aimed and k.inner_v.
     """
     nt = make_newton(given, residual)
-    ZERO, ONE, STIFF, LITTLE, NOTHING = WORK(0.0), WORK(1.0), WORK(HELD), WORK(YIELD), WORK(LOST)
+    ZERO, ONE, STIFF, LITTLE = WORK(0.0), WORK(1.0), WORK(HELD), WORK(YIELD)
     MOST = WORK(SUGGESTED)
 
     @wp.func
-    def entry(k: wp.ref[Slot], i: int, j: int):
-        """Entry (i, j), j <= i, of A or its factor: nine share a matrix."""
-        at = i * (i + 1) // 2 + j
-        return k.upper[at // 9][(at % 9) // 3, at % 3]
+    def put_entry(k: wp.ref[Slot], i: int, j: int, value: WORK):
+        """Entry (i, j), j <= i, of A; both triangles of a block of the diagonal."""
+        at = k.link[i / 3] + j / 3
+        m = k.upper[at]
+        m[i % 3, j % 3] = value
+        if i / 3 == j / 3:
+            m[j % 3, i % 3] = value
+        k.upper[at] = m
 
     @wp.func
-    def put_entry(k: wp.ref[Slot], i: int, j: int, value: WORK):
-        at = i * (i + 1) // 2 + j
-        m = k.upper[at // 9]
-        m[(at % 9) // 3, at % 3] = value
-        k.upper[at // 9] = m
+    def lay_out(k: wp.ref[Slot], m: int):
+        """Empty rows of blocks for A of m rows, the last ones of a block of the diagonal as of none."""
+        blocks = (m + 2) / 3
+        at = int(0)
+        for i in range(blocks):
+            k.link[i] = at
+            k.sorted[i] = 0
+            for j in range(i + 1):
+                k.upper[at + j] = M33()
+            k.upper[at + i] = wp.identity(n=3, dtype=WORK)
+            at += i + 1
+        return blocks
 
     @wp.func
     def choose(k: wp.ref[Slot], o: Island):
@@ -58,7 +68,10 @@ def make_held(given: type, residual: str) -> SimpleNamespace:
                     k.mode[o.row + m] = r
                     k.aimed[r] = ONE
                     m += 1
-        if m * (m + 1) // 2 > 9 * k.upper.shape[0]:
+        blocks = (m + 2) / 3
+        if blocks * (blocks + 1) / 2 > k.upper.shape[0] or blocks > k.inner_v.shape[0]:
+            return -1
+        if blocks > wp.min(k.link.shape[0], k.sorted.shape[0]):
             return -1
         return m
 
@@ -73,42 +86,30 @@ def make_held(given: type, residual: str) -> SimpleNamespace:
 
     @wp.func(inline=False)
     def couple(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, m: int):
-        """The factor of A of the held rows, of k.slack and k.p what they yield by; its diagonal inverted."""
+        """The factor of A of the held rows, of k.slack and k.p what they yield by."""
+        blocks = lay_out(k, m)
         for j in range(m):
             r = k.mode[o.row + j]
             respond(t, k, o, r)
-            for i in range(j, m):
-                put_entry(k, i, j, nt.dot(t, k, k.move, k.mode[o.row + i]))
             own = k.slack[r] / (k.p[r] * k.inverse[r]) + LITTLE * k.diag[r]
-            put_entry(k, j, j, entry(k, j, j) + own)
-        for i in range(m):
-            for j in range(i + 1):
-                value = entry(k, i, j)
-                size = value + ZERO
-                for q in range(j):
-                    value -= entry(k, i, q) * entry(k, j, q)
-                if j < i:
-                    value = value * entry(k, j, j)
-                else:
-                    value = ONE / wp.sqrt(wp.max(value, NOTHING * size))
-                put_entry(k, i, j, value)
+            put_entry(k, j, j, nt.dot(t, k, k.move, r) + own)
+            for i in range(j + 1, m):
+                put_entry(k, i, j, nt.dot(t, k, k.move, k.mode[o.row + i]))
+        nt.env.factor(k.upper, k.sorted, k.link, 0, blocks)
 
     @wp.func(inline=False)
-    def relieve(k: wp.ref[Slot], o: Island, m: int):
+    def relieve(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, m: int):
         """k.aimed of the held rows solved for."""
-        for i in range(m):
-            r = k.mode[o.row + i]
-            value = k.aimed[r]
-            for j in range(i):
-                value -= entry(k, i, j) * k.aimed[k.mode[o.row + j]]
-            k.aimed[r] = value * entry(k, i, i)
-        for n in range(m):
-            i = m - 1 - n
-            r = k.mode[o.row + i]
-            value = k.aimed[r]
-            for j in range(i + 1, m):
-                value -= entry(k, j, i) * k.aimed[k.mode[o.row + j]]
-            k.aimed[r] = value * entry(k, i, i)
+        blocks = (m + 2) / 3
+        for i in range(blocks):
+            x = V3()
+            for part in range(3):
+                if 3 * i + part < m:
+                    x[part] = k.aimed[k.mode[o.row + 3 * i + part]]
+            k.inner_v[i] = x
+        nt.env.solve(k.upper, k.sorted, k.link, t.block_id, k.inner_v, 0, blocks)
+        for j in range(m):
+            k.aimed[k.mode[o.row + j]] = k.inner_v[j / 3][j % 3]
 
     @wp.func
     def press(t: wp.ref[Topology], k: wp.ref[Slot], r: int, impulse: WORK):
@@ -133,7 +134,7 @@ def make_held(given: type, residual: str) -> SimpleNamespace:
         for j in range(m):
             r = k.mode[o.row + j]
             k.aimed[r] = -(k.res[r] + nt.dot(t, k, k.move, r))
-        relieve(k, o, m)
+        relieve(t, k, o, m)
         for j in range(m):
             press(t, k, k.mode[o.row + j], k.aimed[k.mode[o.row + j]])
         nt.direction(t, k, o, ZERO, 0, ZERO)
@@ -164,7 +165,7 @@ def make_held(given: type, residual: str) -> SimpleNamespace:
         nt.env.solve(k.factor, k.first, k.at, k.block, k.move, o.start, o.end)
         for j in range(m):
             k.aimed[k.mode[o.row + j]] = nt.dot(t, k, k.move, k.mode[o.row + j])
-        relieve(k, o, m)
+        relieve(t, k, o, m)
         for j in range(m):
             k.best_z[k.mode[o.row + j]] = wp.abs(k.aimed[k.mode[o.row + j]])
         return 1
