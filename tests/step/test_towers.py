@@ -12,8 +12,8 @@ from slcp_warp.scripts.benchmarks.fuzz.verdicts import SILENT, WRONG
 
 @pytest.mark.parametrize("residual", ["hard", "rem-logistic"])
 def test_towers_of_unequal_masses_are_solved(residual):
-    """One world of five was NOT_CONVERGED: what lets go presses by 1e4 times what the proximal term lets it move
-    by in an iteration.
+    """One world of five was NOT_CONVERGED: what lets go presses by 1e4 times what the proximal term lets it
+    move by in an iteration.
     """
     rng = np.random.default_rng(1)
     lost, worlds = 0, 0
