@@ -71,3 +71,14 @@ def test_what_fails_in_a_rollout_fails_by_itself():
     assert 0 < failed.sum() < 60
     alone = sim.rollout(run.states[failed, -1], steps=1)  # the same kernel, and its roundings
     np.testing.assert_array_equal(alone.status, run.status[failed])
+
+
+@pytest.mark.parametrize("residual", ["rem-logistic", "rem-normal"])
+def test_smoothed_rows_of_wedged_discs_are_held(residual):
+    """A fifth of the worlds was NOT_CONVERGED within twelve steps: a matrix of all rows loses their wedge."""
+    scene = slcp.scenes.heap(10, width=0.6, friction=0.5)
+    sim = slcp.Simulator(scene, slcp.Options(residual=residual), device="cpu", strategy="generic")
+    x = np.tile(scene.x0, (60, 1))
+    x[:, scene.nv :] = np.random.default_rng(4).standard_normal((60, scene.nv))
+    run = sim.rollout(x, steps=12)
+    assert (run.status != slcp.Status.SOLVED).sum() <= 4
