@@ -1,5 +1,5 @@
-"""The dual active-set method of Goldfarb and Idnani: the last resort for hard rows that all but exclude each
-other.
+"""The dual active-set method of Goldfarb and Idnani, for hard rows that all but exclude each other, and for
+where smoothed ones that do are held from (`linear/held.py`).
 
 Between walls that discs just fit, a set of rows is dependent but for 1e-7, and its impulses are 1e5 times
 what the data suggest. The proximal term of Newton's and the interior-point method hides such a set. Here v'

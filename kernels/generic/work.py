@@ -49,7 +49,7 @@ class Slot:
     mass: wp.array(dtype=M33)  # envelope of M
     mass_factor: wp.array(dtype=M33)  # and of its factor
     factor: wp.array(dtype=M33)  # envelope of M + J' W J, then of its factor, in the order of elimination
-    upper: wp.array(dtype=M33)  # the other triangle of what is not symmetric, transposed (`lu.py`)
+    upper: wp.array(dtype=M33)  # the other triangle of what is not symmetric (`lu.py`); A of `held.py`
     jac: wp.array(dtype=V3)  # entries of J's rows
     gap: wp.array(dtype=WORK)  # d/h, this and what follows by row
     rate: wp.array(dtype=WORK)  # d/h, plus what Coulomb friction lifts it by
@@ -85,7 +85,7 @@ class Slot:
     entry: wp.array(dtype=wp.int32)  # (+ 1) first entry in jac
     pattern: wp.array(dtype=wp.int32)  # first entry in the table of blocks
     acting: wp.array(dtype=wp.int32)  # 1 or 2: the row is in the system
-    mode: wp.array(dtype=wp.int32)  # of Coulomb's friction
+    mode: wp.array(dtype=wp.int32)  # of Coulomb's friction; the list of rows that are held
     known: wp.array(dtype=wp.int32)  # (pairs) 1: near
     near: wp.array(dtype=wp.int32)  # (pairs) list of the near pairs, ascending
     count: wp.array(dtype=wp.int32)
@@ -96,7 +96,7 @@ class Slot:
     block: wp.array(dtype=wp.int32)  # (blocks) by place
     first: wp.array(dtype=wp.int32)  # (blocks) by place: envelope of M + J' W J
     at: wp.array(dtype=wp.int32)  # while places are looked for by unit: how many units it touches
-    link: wp.array(dtype=wp.int32)  # (2 pairs) its arrows
+    link: wp.array(dtype=wp.int32)  # (2 pairs) its arrows; where the rows of A of `held.py` begin
     island: wp.array(dtype=wp.int32)  # (units) -1: none
     queue: wp.array(dtype=wp.int32)  # (units) in the order of elimination; names of what hangs together
     disc: wp.array(dtype=V4)  # (2 items) bounding discs: centre, radius, radius of acting; in their bodies

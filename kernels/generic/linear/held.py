@@ -3,7 +3,7 @@
 Between walls that discs just fit, a combination of rows may move nothing but for 1e-7: its part of A is 1e-14
 of the diagonal. Newton's matrix M + J' W J loses it, for W of a row that presses by many sigma is 1e11 and
 more, whether for the proximal term or for its own value. Such rows are held here: they are left out of the
-matrix, and their impulses solve J dv + (q D/p) dlambda = -r2 themselves, of A among them (Cholesky, dense).
+matrix, and their impulses solve J dv + (q D/p) dlambda = -r2, from (M11), of A among them (Cholesky, dense).
 So nothing of A's digits is lost to W, and rows yield next to nothing.
 """
 
