@@ -105,7 +105,9 @@ def make_island(given: type, residual: str) -> wp.Function:
 
     @wp.func
     def come_nearer(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, closes: dtype):
-        """Some short passes of the fixed point from the last step's impulses k.excess, kept in k.least."""
+        """Some short passes of the fixed point from the last step's impulses k.excess, kept in k.least; 0 if
+        they lead far away.
+        """
         resume(k, o)
         direct.drop_lifts(k, o)
         for r in range(o.row, o.last_row):
@@ -113,7 +115,7 @@ def make_island(given: type, residual: str) -> wp.Function:
             k.z[r] = wp.where(k.excess[r] > ZERO, k.excess[r], UNUSED)
             k.acting[r] = wp.min(k.acting[r], 1)
         count_rows(t, k, o, closes)
-        approach(t, k, o)
+        return approach(t, k, o, o.end - o.start > wp.static(MANY))
 
     @wp.func
     def recall(k: wp.ref[Slot], o: Island):
@@ -126,16 +128,17 @@ def make_island(given: type, residual: str) -> wp.Function:
         """Coulomb's friction without a fixed point: SOLVED, NONFINITE or NOT_CONVERGED."""
         status = int(wp.static(NOT_CONVERGED))
         start = int(known)
-        many = known == wp.static(MOVES) and o.end - o.start > wp.static(MANY)
-        if many:
+        passes = known == wp.static(MOVES) and direct.passes_first(o)
+        if passes:
             start = wp.static(ONCE)
         more = int(1)
         while more == 1:
             if start == wp.static(NEARER):
-                come_nearer(t, k, o, closes)
-            elif start == wp.static(RELAXED):
+                if come_nearer(t, k, o, closes) == 0:
+                    start = int(wp.static(MOVES))
+            if start == wp.static(RELAXED):
                 relax(t, k, o, closes)
-            elif start == wp.static(MOVES) and many:
+            elif start == wp.static(MOVES) and passes:
                 recall(k, o)
             status = direct.stick_and_slide(t, k, o, start)
             failed = status == wp.static(NOT_CONVERGED)

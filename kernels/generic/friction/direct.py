@@ -4,11 +4,12 @@ Newton's method on modes (`modes.py`) starts at those of the last step, for a fe
 path is followed from there, and where that leads away others from nothing (`homotopy.py`); Newton's method
 takes the last digits from their ends. Where most rows have no last step and lie still all of these stick at
 first, and if a short path from there does not end the convex problem (Anitescu's relaxation) has to say what
-to start from: a path takes a pivot for every contact that lies otherwise, in a heap many. Paths from nothing
-take several pivots a row, which cost the more the more there is, and seldom end in large heaps. So an island
-of many blocks that moves starts from short passes of the fixed point (`passes.py`) before it follows a path
-from the last step, and from whole ones (`coulomb.py`) after that; one of still more is spared paths from
-nothing at the first look. The fixed point stays behind all of them: what has no solution at all is
+to start from: a path takes a pivot for every contact that lies otherwise, in a heap many. So an island of
+some blocks that moves tries Newton's method where a few short passes of the fixed point lead (`passes.py`)
+before it follows a path from the last step. Paths from nothing take several pivots a row, which cost the more
+the more there is, and seldom end in large heaps: one of many blocks makes more of these passes and follows a
+path from their end, too, and starts from whole ones (`coulomb.py`) after that; one of still more is spared
+paths from nothing at the first look. The fixed point stays behind all of them: what has no solution at all is
 told by it.
 """
 
@@ -26,11 +27,12 @@ from .homotopy import TRIALS, make_homotopy
 from .modes import make_modes
 
 MOVES, STILL, RELAXED = 0, 1, 2  # what is known of an island: a last step; lies still; a convex solution
-ONCE, NEARER = 3, 4  # of many blocks before: a last step without a path; some passes from there
+ONCE, NEARER = 3, 4  # of more blocks before: a last step without a path; some passes from there
 AGAIN, HERE, NOTHING = 0, 1, 2  # attempts: the modes at hand, a path from there, three paths from nothing
 ATTEMPTS = NOTHING + TRIALS
 SHORT, LONG = 100, 1 << 30  # pivots of a path from what was assumed, from the last step's impulses
-MANY, MOST = 45, 90  # blocks, beyond which paths from nothing come after some passes, or at later looks
+SOME = 20  # blocks, beyond which passes come before a path from the last step
+MANY, MOST = 45, 90  # and paths from nothing after a path from there, or at later looks
 MOST_LOOKS = 2  # at what did not converge, after the first
 WARM, POLISHING = 4, 12  # iterations on modes, from the last step's and from a path's end
 
@@ -71,6 +73,11 @@ def make_direct(given: type) -> SimpleNamespace:
         return wp.where(attempt == wp.static(AGAIN) and last, WARM, POLISHING)
 
     @wp.func
+    def passes_first(o: Island):
+        """Whether an island that moves makes some passes before a path from the last step."""
+        return o.end - o.start > wp.static(SOME)
+
+    @wp.func
     def is_another_next(o: Island, known: int):
         """Whether an island that fails starts once more from elsewhere."""
         if known == wp.static(MOVES):
@@ -86,7 +93,7 @@ def make_direct(given: type) -> SimpleNamespace:
     def attempts_at(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, known: int):
         """How many there are, with all paths from nothing or with fewer."""
         blocks = o.end - o.start
-        if known == wp.static(ONCE):
+        if known == wp.static(ONCE) or (known == wp.static(NEARER) and blocks <= wp.static(MANY)):
             return wp.static(HERE)
         if is_another_next(o, known):
             return wp.static(NOTHING)
@@ -107,11 +114,13 @@ def make_direct(given: type) -> SimpleNamespace:
         size = wp.max(size, TINY)
         begin(k, o, known)
         status = int(wp.static(NOT_CONVERGED))
-        attempt = int(0)
         attempts = attempts_at(t, k, o, known)
+        attempt = int(wp.static(AGAIN))
+        if known == wp.static(MOVES) and passes_first(o):
+            attempt = int(wp.static(HERE))  # as ONCE has made the other
         while attempt < attempts and status == wp.static(NOT_CONVERGED):
             iterations = begin_attempt(t, k, o, size, known, attempt)
-            if modes.newton(t, k, o, iterations) == 1:
+            if modes.newton(t, k, o, iterations, wp.where(attempt == wp.static(AGAIN), 1, 0)) == 1:
                 earned.give_back(t, k, o)
                 good = earned.plainly_adds_up(t, k, o)
                 if good == 0:
@@ -125,6 +134,7 @@ def make_direct(given: type) -> SimpleNamespace:
 
     return SimpleNamespace(
         stick_and_slide=stick_and_slide,
+        passes_first=passes_first,
         is_another_next=is_another_next,
         after=after,
         join_pairs=modes.join_pairs,

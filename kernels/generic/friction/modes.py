@@ -30,6 +30,7 @@ STAYS = 1e-12  # residual of the last impulses that stay as they are: rounding o
 SLIP = 0.2  # of v_t of what sticks, or slides the other way, that counts as the residual of a row does
 ROUNDED = 4e-16  # of mu v_t, relative to the terms of its rows: v_t has digits beyond this
 PATIENCE = 2  # iterations at modes that stay, without a gain
+TOO_MANY, GROWING = 15, 8  # contacts that change at once, or more of them than before: no solution is near
 
 
 @cached
@@ -160,12 +161,13 @@ def make_modes(given: type) -> SimpleNamespace:
 
     @wp.func
     def choose(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
-        """Modes by the natural map at (k.v, k.a), impulses that they allow; 1 if a mode changed."""
+        """Modes by the natural map at (k.v, k.a), impulses that they allow; how many contacts changed."""
         changed = int(0)
         for r in range(o.row, o.last_row):
             if k.acting[r] > 0 and not follows(t, k, r):
                 first = int(OFF)
                 second = int(OFF)
+                turned = int(0)
                 if begins_pair(t, k, r):
                     size = HALF * (k.diag[r] + k.diag[r + 1])
                     presses = size * (k.a[r] + k.a[r + 1]) - HALF * (k.total[r] + k.total[r + 1])
@@ -177,7 +179,7 @@ def make_modes(given: type) -> SimpleNamespace:
                     k.a[r] = wp.where(first == SLIDES, total, wp.where(first == OFF, ZERO, k.a[r]))
                     k.a[r + 1] = wp.where(second == SLIDES, total, wp.where(second == OFF, ZERO, k.a[r + 1]))
                     if second != k.mode[r + 1]:
-                        changed = 1
+                        turned = 1
                     k.mode[r + 1] = second
                 else:
                     if k.diag[r] * k.a[r] > k.total[r]:
@@ -185,8 +187,9 @@ def make_modes(given: type) -> SimpleNamespace:
                     else:
                         k.a[r] = ZERO
                 if first != k.mode[r]:
-                    changed = 1
+                    turned = 1
                 k.mode[r] = first
+                changed += turned
         return changed
 
     @wp.func
@@ -299,15 +302,17 @@ def make_modes(given: type) -> SimpleNamespace:
             k.a[r] = k.best_z[r]
 
     @wp.func
-    def newton(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, iterations: int):
+    def newton(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, iterations: int, wary: int):
         """From (k.v, k.a), at first in the modes at hand; 1 if the best point, which stays, is a solution.
-        `scales` has to be called before, without a lift.
+        Ends where ever more contacts change, if it is `wary`. `scales` has to be called before, without a
+        lift.
         """
         best = ZERO + HUGE
         slides = int(0)
         misses = int(0)
         last = int(0)  # 1: the last point is the best
         it = int(0)
+        changed, before = int(1), int(wp.static(GROWING))
         measure(t, k, o)
         going = int(1)
         while going == 1:
@@ -324,14 +329,15 @@ def make_modes(given: type) -> SimpleNamespace:
             if it >= iterations and (best > GOOD or misses > 0):  # what still gains is refined
                 going = 0
             if going == 1:
-                changed = int(1)
                 if it > 0:
+                    before = wp.max(changed, wp.static(GROWING))
                     changed = choose(t, k, o)
-                if changed == 1 and best > GOOD:
+                if changed > 0 and best > GOOD:
                     misses = 0
-                if misses >= PATIENCE:
+                leads_away = it > 1 and changed > before or changed > wp.static(TOO_MANY)
+                if misses >= PATIENCE or (wary == 1 and leads_away):
                     going = 0
-                elif changed == 1:
+                elif changed > 0:
                     slides = stiffen(t, k, o)
                     factor(t, k, o, slides)
             if going == 1:

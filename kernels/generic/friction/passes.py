@@ -15,27 +15,34 @@ from .coulomb import make_coulomb
 
 QUIET = 3  # in a row along which no row changes its set, after which there are no more
 PIVOTS = 50  # of a pass
+PASSES, ALL_PIVOTS = 6, 45  # in islands that are not large: what takes more is wedged, and no solution near
 
 
 @cached
 def make_passes(given: type) -> wp.Function:
-    """approach(t, k, o): (k.v, k.z) near a solution, from where they are, with no more passes than the island
-    has blocks. Needs scales and d/h without a lift.
+    """approach(t, k, o, large) -> 1 with (k.v, k.z) near a solution, from where they are, with a few passes,
+    in a `large` island no more than it has blocks; 0 where they lead far away. Needs scales and d/h without a
+    lift.
     """
     nt, follow, lift = make_newton(given, "hard"), make_pivots(given), make_coulomb(given).lift
     ZERO, SOFTER = WORK(0.0), WORK(SOFTENED)
 
     @wp.func(inline=False)
-    def approach(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+    def approach(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, large: bool):
         passes, quiet = int(0), int(0)
+        left = int(wp.static(ALL_PIVOTS))
+        most = wp.where(large, o.end - o.start, wp.static(PASSES))
         going = lift(t, k, o, passes)
-        while going == 1 and passes < o.end - o.start and quiet < wp.static(QUIET):
+        while going == 1 and passes < most and quiet < wp.static(QUIET) and (large or left > 0):
             _worst, changed, _largest = nt.residuals(t, k, o, 0, ZERO)
             if changed == 1 or passes == 0:
                 nt.factor(t, k, o, SOFTER)
             nt.direction(t, k, o, ZERO, 0, SOFTER)
-            quiet = wp.where(follow(t, k, o, wp.static(PIVOTS)) == 0, quiet + 1, 0)
+            made = follow(t, k, o, wp.where(large, wp.static(PIVOTS), left))
+            left -= made
+            quiet = wp.where(made == 0, quiet + 1, 0)
             passes += 1
             going = lift(t, k, o, passes)
+        return wp.where(large or left > 0, 1, 0)
 
     return approach
