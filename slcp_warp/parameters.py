@@ -217,6 +217,28 @@ class Parameters(Printed):
             table[:, start : start + size] = np.reshape(self._values[name], (-1, size) if size else (1, 0))
         return table
 
+    def from_table(self, table: Any) -> "Parameters":
+        """A copy with the numbers of a table's rows, as `table` and `Worlds.params` hold them: worlds that a
+        sweep draws, by name. What is the same as here in all rows stays shared.
+
+        Args:
+            table: (B, width), of this scene.
+
+        Raises:
+            ParameterError: a table of another shape, or non-finite or illegal values.
+        """
+        rows = rules.numbers("table", table, ParameterError, "table")
+        if rows.ndim != 2 or rows.shape[1] != self.layout.width or not len(rows):
+            raise ParameterError(f"table has shape {rows.shape}; (B, {self.layout.width}) is needed")
+        single = getattr(table, "dtype", None) == np.float32  # then what is shared was rounded, too
+        same = (rows == self.table().astype(np.float32 if single else float)).all(0)
+        changes = {}
+        for name, start, shape in self.layout.columns:
+            end = start + int(np.prod(shape, dtype=int))
+            if not same[start:end].all():
+                changes[name] = rows[:, start:end].reshape(-1, *shape)
+        return self.replace(**changes)
+
     def _check_range(self, table: np.ndarray, dtype: Any) -> None:
         """Raise ParameterError for a number that is infinite, 0 or denormal in the kernels' precision: a mass
         whose last digits are gone falls at another rate.

@@ -117,3 +117,30 @@ def test_a_parameter_of_one_body_is_a_number_of_the_whole():
     params = slcp.Simulator(scene("flicking_finger"), device="cpu").params
     with pytest.raises(slcp.ParameterError, match=r"no parameter 'cup\.mass'; .*'mass' takes the numbers"):
         params.replace(**{"cup.mass": 1.0})
+
+
+@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_a_table_gives_back_what_made_it_by_name(name, dtype):
+    params, rng = params_of(name), np.random.default_rng(3)
+    mass = params["mass"] * rng.uniform(0.5, 2.0, (4, len(params["mass"])))
+    made = params.replace(mass=mass, step_size=rng.uniform(0.01, 0.1, 4))
+    found = params.from_table(made.table().astype(dtype))
+    assert found.worlds == 4 and all(n in found.names for n in made.names)
+    np.testing.assert_array_equal(found["mass"], mass.astype(dtype))
+    for n in set(params.names) - {"mass", "step_size"}:
+        np.testing.assert_array_equal(found[n], params[n])  # shared, unrounded
+
+
+@pytest.mark.parametrize("table", [np.zeros(4), np.zeros((2, 3)), np.zeros((0, 3)), "rows"])
+def test_what_is_no_table_is_refused(table):
+    with pytest.raises(slcp.parameters.ParameterError, match="table"):
+        params_of("grasp").from_table(table)
+
+
+def test_a_table_of_illegal_numbers_is_refused():
+    params = params_of("grasp")
+    table = params.table()
+    table[0, params.layout.offset("mass")] = -1.0
+    with pytest.raises(slcp.parameters.ParameterError, match="mass"):
+        params.from_table(table)

@@ -16,7 +16,8 @@ from .structures import Size
 
 Rng = np.random.Generator
 MOST_ROWS = 140
-TOWER = (46, 71)  # boxes; from 46 blocks on an island is large (`kernels/generic/friction/passes.py`)
+TOWER = (46, 71)  # boxes; from 46 blocks on an island is large (`kernels/generic/friction/direct.py`)
+PILE = {"stack": (21, 46), "heap": (12, 41)}  # bodies of what is neither small nor large there
 SHIFTS = (0.0, 1e-6, 1e-3, 2e-2)  # standard deviations of positions [m, rad]
 TOUCH = 1e-3  # a pair this near touches [m]
 
@@ -49,6 +50,18 @@ def random_tower(rng: Rng, name: str, size: Size) -> Scene:
     count = int(rng.integers(*TOWER))
     masses = tuple(10.0 ** rng.uniform(-1.0, 1.0, count)) if rng.random() < 0.5 else 1.0
     return replace(scenes.stack(count, masses=masses, friction=float(rng.uniform(0.0, 1.2))), name=name)
+
+
+def random_pile(rng: Rng, name: str, size: Size) -> Scene:
+    """A stack or a heap of so many bodies that passes come before a path; of any masses."""
+    kind, friction = str(rng.choice(list(PILE))), float(rng.uniform(0.0, 1.2))
+    count = int(rng.integers(*PILE[kind]))
+    if kind == "stack":
+        masses = tuple(10.0 ** rng.uniform(-1.0, 1.0, count)) if rng.random() < 0.5 else 1.0
+        return replace(scenes.stack(count, masses=masses, friction=friction), name=name)
+    walls = 0.1 * max(2, round(count**0.5)) * float(rng.uniform(2.0, 2.4))
+    made = scenes.heap(count, walls, friction, variety=float(rng.choice([0.0, 0.3])))
+    return replace(made, name=name)
 
 
 def heap_worlds(rng: Rng, scene: Scene, worlds: int) -> Worlds:

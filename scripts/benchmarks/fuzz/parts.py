@@ -22,7 +22,7 @@ from slcp_warp import Scene
 from slcp_warp.options import Options
 
 from .draws import Worlds, decades, draw_worlds, single
-from .heaps import heap_worlds, random_heap, random_tower
+from .heaps import heap_worlds, random_heap, random_pile, random_tower
 from .structures import JOINTS, Size, random_auto, random_scene
 
 Rng = np.random.Generator
@@ -94,6 +94,7 @@ PARTS = {
     "auto": Part((99, 2), random_auto, steps=(1, 30), strategies=("generic",)),
     "heaps": Part((99, 3), random_heap, heap_worlds, FOLLOWED, ("generic",)),
     "towers": Part((99, 8), random_tower, heap_worlds, (3, 9), ("generic",)),
+    "piles": Part((99, 9), random_pile, heap_worlds, (3, 9), ("generic",)),
     "relay": Part((99, 4), steps=FOLLOWED, strategies=("relay",), wanted=_relayed),
     "sweeps": Part((99, 6), _swept, steps=FOLLOWED),
     "derivatives": Part((99, 7), strategies=("generic",)),

@@ -21,7 +21,8 @@ class Worlds:
 
     Attributes:
         x0: starts (B, nx).
-        params: rows (B, P) of the table of parameters, as `Parameters.table` gives them.
+        params: rows (B, P) of the table of parameters, as `Parameters.table` gives them; `from_table` of
+            a scene's `Parameters` has them by name.
         kicks: what each of K kicks adds to the velocities (B, K, nv), at `Disturbances.kick_times`.
         pushes: (B, Q, 5) of `Disturbances.pushes`: start, duration [s], x, y of the force [N], torque [N m].
         dropouts: (B, D, 2) of `Disturbances.dropouts`: start, duration [s].
