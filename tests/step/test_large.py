@@ -188,7 +188,7 @@ def coulomb():
     return slcp.Options(residual="hard", friction="coulomb")
 
 
-@pytest.mark.parametrize("count", [1, 6])
+@pytest.mark.parametrize("count", [1, 6, 25])
 def test_coulomb_friction_in_a_thrown_stack(count):
     """Impulses in the cone, on its edge against the slip where a contact slips; contacts neither pull nor
     sink.
