@@ -15,7 +15,7 @@ from slcp_warp.inputs.errors import ArgumentError, ArgumentTypeError
 from slcp_warp.inputs.limits import limit_rows
 from slcp_warp.kernels.policies.contract import PolicyKernel
 from slcp_warp.kernels.policies.tracking import TRACKING, make_tracking
-from slcp_warp.policies.arrays import put, put_limits
+from slcp_warp.policies.arrays import period_of, put, put_limits
 from slcp_warp.policies.saved import Content
 
 SAME = 1e-6  # of a step: times that differ by less are the same
@@ -33,7 +33,7 @@ class TrackingPolicy:
             (N, nu), `xs` (N+1, nx) and `K` (N, nu, nx), or with a batch axis. Warp arrays (with a batch axis)
             that require gradients collect them from rollouts on a `wp.Tape`; a control at its limit has the
             derivative 0.
-        period: (nx,) as in `Scene.state_period`.
+        period: (nx,) as in `Scene.state_period`; None: that of the scene that it is followed in.
         control_limits: as of a `Problem`; None: `lower` and `upper` of the result where it has them.
         step_size: of the plan [s]; None: that of the result's simulator, where it has one.
     """
@@ -57,7 +57,7 @@ class TrackingPolicy:
         self.early = whole("result.delay", attribute(result, "delay") or 0, 0, self.us.shape[1] - 1)
         if self.early:
             self.us, self.K = self.us[:, self.early :], self.K[:, self.early :]
-        self.period = np.zeros(self.xs.shape[-1]) if period is None else array("period", period)
+        self.period = None if period is None else array("period", period)
         if control_limits is None and getattr(result, "lower", None) is not None:
             control_limits = result.lower, result.upper
         self.limits = limit_rows(control_limits, self.us.shape[-1])
@@ -67,7 +67,8 @@ class TrackingPolicy:
 
     def kernel(self, sim: Simulator) -> tuple[PolicyKernel, Any]:
         """Kernel and struct for a simulator."""
-        size = self.xs.shape[-1], self.us.shape[-1], self.period.shape
+        period = period_of(self.period, sim)
+        size = self.xs.shape[-1], self.us.shape[-1], period.shape
         if size != (sim.nx, sim.nu, (sim.nx,)):
             raise ArgumentError(
                 f"the trajectory has {size[0]} states, {size[1]} controls and a period of shape {size[2]}; "
@@ -85,7 +86,7 @@ class TrackingPolicy:
             )
         struct = make_tracking(sim.nx, sim.nu, sim.dtype).Struct()
         own = functools.partial(put, sim)
-        struct.us, struct.gain, struct.period = own(self.us, "us"), own(self.K, "K"), own(self.period)
+        struct.us, struct.gain, struct.period = own(self.us, "us"), own(self.K, "K"), own(period)
         struct.xs = own(self.xs, "xs")
         put_limits(sim, struct, self.limits)
         return TRACKING, struct
@@ -115,9 +116,9 @@ class TrackingPolicy:
         """What it is made from, see `slcp_warp.policies.saved`."""
         arrays = {"us": self.us, "xs": self.xs, "K": self.K}
         arrays = {name: a.numpy() if isinstance(a, wp.array) else a for name, a in arrays.items()}
+        arrays |= dict(zip(("lower", "upper"), self.limits))
         return Content(
-            {"step_size": self.step_size},
-            arrays | dict(zip(("period", "lower", "upper"), (self.period, *self.limits))),
+            {"step_size": self.step_size}, arrays | ({} if self.period is None else {"period": self.period})
         )
 
     @classmethod
@@ -125,4 +126,4 @@ class TrackingPolicy:
         """From what `content` gave."""
         a = content.arrays
         plan = SimpleNamespace(us=a["us"], xs=a["xs"], K=a["K"])
-        return cls(plan, a["period"], (a["lower"], a["upper"]), content.values.get("step_size"))
+        return cls(plan, a.get("period"), (a["lower"], a["upper"]), content.values.get("step_size"))

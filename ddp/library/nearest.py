@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import warp as wp
 
 from slcp_warp import Simulator
 from slcp_warp.inputs.checks import array, choice, instance, number
@@ -20,6 +21,8 @@ from .entries import NEEDED, Entries
 from .tree import put_tree
 
 METRICS = ("covariance", "variance")
+TELLS = 1e-6  # of W's largest entry: least weight by which the images of a periodic component are told apart
+ROUNDINGS = 16.0  # of the kernels' precision
 CLOCK = 2.0**30  # of one step between timed entries, in units of the states' spread; exact in float32
 
 
@@ -32,23 +35,57 @@ def wrap(difference: np.ndarray, period: np.ndarray) -> np.ndarray:
 def whitening(library: Entries, metric: str) -> np.ndarray:
     """W (nx, nx) with |W dx| the norm of (20), scaled by the covariance of the x_i.
 
-    Periodic components are wrapped. Of entries that belong to steps of a run it is the spread about the mean
-    of the same step.
+    Of entries that belong to steps of a run it is the spread about the mean of the same step. Periodic
+    components are measured from the mean of their directions, within half a period: where a period begins
+    does not matter.
     """
-    x = wrap(library.x, library.period)
-    step = library.step
-    if step is None:
-        centred = x - x.mean(axis=0)
-    else:
-        count = np.maximum(np.bincount(step), 1)
-        sums = np.stack([np.bincount(step, weights=column) for column in x.T], axis=1)
-        centred = x - (sums / count[:, None])[step]
-    covariance = centred.T @ centred / max(len(x) - 1, 1)
+    step = np.zeros(len(library.x), int) if library.step is None else library.step
+    centred = wrap(library.x - _directions(library.x, library.period, step), library.period)
+    centred = centred - _means(centred, step)
+    covariance = centred.T @ centred / max(len(centred) - 1, 1)
     if metric == "variance":
         covariance = np.diag(np.diag(covariance))
     spread = np.trace(covariance) / len(covariance)
     covariance += (1e-9 * spread if spread > 0.0 else 1.0) * np.eye(len(covariance))
     return np.linalg.inv(np.linalg.cholesky(covariance))
+
+
+def _means(x: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """The mean of the rows of the same step, for every row."""
+    sums = np.stack([np.bincount(step, weights=column) for column in x.T], axis=1)
+    return (sums / np.maximum(np.bincount(step), 1)[:, None])[step]
+
+
+def _directions(x: np.ndarray, period: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """The mean direction of periodic components in the rows of a step, for every row; zero of others."""
+    rate = np.where(period > 0.0, 2.0 * np.pi / np.where(period > 0.0, period, 1.0), 0.0)
+    up, across = _means(np.sin(rate * x), step), _means(np.cos(rate * x), step)
+    return np.where(period > 0.0, np.arctan2(up, across) / np.where(rate > 0.0, rate, 1.0), 0.0)
+
+
+def turned(white: np.ndarray, period: np.ndarray, dtype: Any) -> tuple[np.ndarray, np.ndarray]:
+    """W turned so that its last rows are of periodic components alone, and what tells their images apart.
+
+    Returns R (nx, nx) with |R dx| = |W dx|, and (p, p + 1) for p periodic components: C, R's last rows, upper
+    triangular, with its diagonal inverted; in the last column half a period and what differences of C dx in
+    the precision of the kernels may be off by.
+    """
+    turning = period > 0.0
+    p, places = int(turning.sum()), np.argsort(turning, kind="stable")
+    if p == 0:
+        return white, np.zeros((0, 1))
+    triangle = np.linalg.qr(white[:, places])[1]
+    least = TELLS * max(np.abs(white).max(), np.finfo(float).tiny)
+    for j in range(len(triangle) - p, len(triangle)):
+        if abs(triangle[j, j]) < least:
+            triangle[j, j] = least  # what the norm does not see tells images apart all the same
+    out = np.empty_like(triangle)
+    out[:, places] = triangle
+    corner, periods = triangle[-p:, -p:], period[turning]
+    size = np.abs(np.linalg.inv(corner)) @ (np.abs(corner) @ (2.0 * periods))
+    near = np.concatenate([corner, (0.5 * periods + ROUNDINGS * np.finfo(dtype).eps * size)[:, None]], axis=1)
+    near[np.arange(p), np.arange(p)] = 1.0 / np.diag(corner)
+    return out, near
 
 
 def images(x: np.ndarray, period: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -148,8 +185,9 @@ class NearestPolicy:
         self.library.check_scene(sim.scene)
         lib = self.library
         points, owner = images(lib.x, lib.period)
-        points = points @ self.whiten.T
-        kernel = nearest_kernel(len(points), self.timed)
+        whiten, near = turned(self.whiten, lib.period, wp.dtype_to_numpy(sim.dtype))
+        points = points @ whiten.T
+        kernel = nearest_kernel(len(points), self.timed, len(near))
         struct = kernel.functions(sim.nx, sim.nu, sim.dtype).Struct()
         own = functools.partial(put, sim)
         struct.us, struct.xs, struct.gain = own(lib.u), own(lib.x), own(lib.K)
@@ -157,7 +195,8 @@ class NearestPolicy:
             points = np.concatenate([points, CLOCK * lib.step[owner][:, None]], axis=1)
             struct.clock, struct.rate, struct.begin, struct.last = CLOCK, self.rate, 0.0, lib.step.max()
         put_tree(sim, struct.tree, points, owner)
-        struct.whitening = own(self.whiten)
+        struct.tree.within = own(near)
+        struct.whitening = own(whiten)
         struct.period = own(lib.period)
         struct.limit = self.feedback_limit
         put_limits(sim, struct, (lib.lower, lib.upper))

@@ -1,6 +1,6 @@
 """The rule of the nearest neighbour, over a library of states with controls and gains."""
 
-from functools import partial
+from functools import cache, partial
 
 import warp as wp
 
@@ -13,11 +13,12 @@ STACKS = (28, 56)  # children that wait in a search: of trees of at most 32,768 
 
 
 @cached
-def make_nearest(stack: int, timed: bool, nx: int, nu: int, dtype: type) -> PolicyFunctions:
+def make_nearest(stack: int, timed: bool, turns: int, nx: int, nu: int, dtype: type) -> PolicyFunctions:
     """The nearest-neighbour rule (20), (M37); `timed`: among the entries of the step alone.
 
-    Points y = W x_j stand in a tree, those of entries with a periodic component with their images within half
-    a period of [0, period), so that the search needs no wrapping. Where entries belong to steps of a run
+    Points y = W x_j stand in a tree, those of entries with periodic components, `turns` in number, with their
+    images within half a period of [0, period), of which the one within half a period of x counts: the last
+    `turns` rows of W are of periodic components alone. Where entries belong to steps of a run
     their step is one more coordinate, times `clock`, which is larger than what else can tell points apart:
     entries of other steps are farther than all of the same.
     """
@@ -25,7 +26,7 @@ def make_nearest(stack: int, timed: bool, nx: int, nu: int, dtype: type) -> Poli
     VY = wp.types.vector(nx + int(timed), dtype)
     ZERO = dtype(0.0)
     SAME = dtype(1e-3)  # of a step: times that differ by less are the same
-    found = make_search(stack, nx + int(timed), dtype)
+    found = make_search(stack, nx + int(timed), dtype, (turns, nx - turns))
     Tree, search = found.Tree, found.search
     wrapped, held = make_wrap(dtype), make_hold(dtype)
 
@@ -80,19 +81,12 @@ def make_nearest(stack: int, timed: bool, nx: int, nu: int, dtype: type) -> Poli
     return PolicyFunctions(Nearest, control)
 
 
-def _kernel(name: str, stack: int, timed: bool) -> PolicyKernel:
-    return PolicyKernel(name, partial(make_nearest, stack, timed), apart=True)
+@cache
+def _kernel(deep: bool, timed: bool, turns: int) -> PolicyKernel:
+    name = "nearest" + timed * " in time" + deep * ", deep" + bool(turns) * f", {turns} periodic"
+    return PolicyKernel(name, partial(make_nearest, STACKS[deep], timed, turns), apart=True)
 
 
-NEAREST = _kernel("nearest", STACKS[0], False)
-DEEP = _kernel("nearest, deep", STACKS[1], False)
-TIMED = _kernel("nearest in time", STACKS[0], True)
-DEEP_TIMED = _kernel("nearest in time, deep", STACKS[1], True)
-
-
-def nearest_kernel(points: int, timed: bool = False) -> PolicyKernel:
-    """The rule's kernel for a tree of so many points."""
-    few = waiting(points) <= STACKS[0]
-    if timed:
-        return TIMED if few else DEEP_TIMED
-    return NEAREST if few else DEEP
+def nearest_kernel(points: int, timed: bool = False, turns: int = 0) -> PolicyKernel:
+    """The rule's kernel for a tree of so many points, of states with so many periodic components."""
+    return _kernel(waiting(points) > STACKS[0], timed, turns)

@@ -23,22 +23,39 @@ NATIVE = {  # a number, a whole number of as many bits, the largest of these; fr
 
 
 @cached
-def make_search(stack: int, nx: int, dtype: type) -> SimpleNamespace:
+def make_search(stack: int, nx: int, dtype: type, turns: tuple[int, int] = (0, 0)) -> SimpleNamespace:
     """search(tree, y): the entry of the point nearest to y, of several the lowest; and its struct Tree.
 
-    `stack` children wait at once, see `waiting`. What is not finite is nearest to the first point.
+    `stack` children wait at once, see `waiting`. What is not finite is nearest to the first point. `turns`:
+    how many coordinates, and from which on, tell which image of a periodic point is within half a period:
+    they are C d of the periodic differences d, C upper triangular. Other images are none.
     """
     VX, VB = wp.types.vector(nx, dtype), wp.types.vector(WIDTH, dtype)
     Nodes, Gaps = wp.types.vector(stack + 1, wp.int32), wp.types.vector(stack + 1, dtype)
     NOWHERE, ZERO = dtype(FAR), dtype(0.0)
+    periodic, start = turns
     real, key, largest, epsilon = NATIVE[dtype]
     SLACK = dtype(1.0 + 4.0 * (nx + 2) * epsilon)
+
+    far_images = f"""
+        {real} turned[{periodic}];
+        #pragma unroll
+        for (int j = {periodic - 1}; j >= 0; --j) {{
+            {real} rest = y.c[{start} + j] - point[{start} + j].c[i];
+            #pragma unroll
+            for (int k = j + 1; k < {periodic}; ++k) rest -= wp::index(near, j, k) * turned[k];
+            turned[j] = rest * wp::index(near, j, j);
+            const {real} half = wp::index(near, j, {periodic}), none = {2.0 * FAR};
+            sum = turned[j] > half || turned[j] < -half ? none : sum;
+        }}
+    """ if periodic else ""  # fmt: skip
 
     @wp.struct
     class Tree:
         boxes: wp.array2d(dtype=VB)  # (G, 2 nx) lower corners, then upper ones; beyond the last child +-inf
         points: wp.array2d(dtype=VB)  # (P, nx) leaves; where points are fewer, the first one again
         entry: wp.array2d(dtype=wp.int32)  # (P, WIDTH) of the points
+        within: wp.array2d(dtype=dtype)  # (turns, turns + 1) C, 1/C_jj on its diagonal; half a period last
 
     @wp.func_native(f"""
     const auto* box = &wp::index(boxes, n, 0);
@@ -72,11 +89,12 @@ def make_search(stack: int, nx: int, dtype: type) -> SimpleNamespace:
             const {real} delta = y.c[k] - point[k].c[i];
             sum += delta * delta;
         }}
+        {far_images}
         d.c[i] = sum;
     }}
     return d;
     """)
-    def to_points(points: wp.array2d(dtype=VB), n: int, y: VX) -> VB:
+    def to_points(points: wp.array2d(dtype=VB), n: int, y: VX, near: wp.array2d(dtype=dtype)) -> VB:
         """Squared distances to the points of a leaf."""
         ...
 
@@ -132,7 +150,7 @@ def make_search(stack: int, nx: int, dtype: type) -> SimpleNamespace:
                     depth += (rest >> i) & 1
             if n >= 0:
                 leaf = n - groups
-                d = to_points(tree.points, leaf, y)
+                d = to_points(tree.points, leaf, y, tree.within)
                 closer = within(d, least)
                 i = int(0)
                 while closer != 0:

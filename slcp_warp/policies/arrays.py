@@ -22,6 +22,11 @@ def put(sim: Simulator, values: Any, name: str = "a policy's array") -> wp.array
     return wp.array(np.ascontiguousarray(values), dtype=sim.dtype, device=sim.device)
 
 
+def period_of(own: np.ndarray | None, sim: Simulator) -> np.ndarray:
+    """The period (nx,) of a policy's states: its own, or the scene's."""
+    return sim.scene.state_period if own is None else own
+
+
 def put_limits(sim: Simulator, struct: Any, limits: tuple[np.ndarray, np.ndarray]) -> None:
     """Limits of the controls in a policy's struct; a policy without any has none there."""
     if bounded(*limits):

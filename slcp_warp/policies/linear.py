@@ -12,7 +12,7 @@ from ..inputs.checks import array
 from ..inputs.errors import ArgumentError
 from ..inputs.limits import limit_rows
 from ..simulator import Simulator
-from .arrays import put, put_limits
+from .arrays import period_of, put, put_limits
 from .saved import Content
 
 
@@ -24,7 +24,8 @@ class Linear:
         x_ref: (nx,), or (B, nx); None: zero.
         u_ref: (nu,), or (B, nu); None: zero.
         limits: (lower, upper) of the controls, each a number, (nu,) or (B, nu); None: none beside a task's.
-        period: (nx,) as in `Scene.state_period`: differences are taken within half a period; None: none.
+        period: (nx,) as in `Scene.state_period`: differences are taken within half a period; None: that of the
+            scene, zeros: none.
 
     Raises:
         ArgumentError: other shapes, or numbers that are not finite.
@@ -52,7 +53,7 @@ class Linear:
             raise ArgumentError(f"K, x_ref and u_ref are for {len(gain)}, {len(x)} and {len(u)} worlds")
         self.worlds = counts.pop() if counts else 1
         self.K, self.x_ref, self.u_ref = (np.repeat(a, self.worlds // len(a), 0) for a in (gain, x, u))
-        self.period = np.zeros(nx) if period is None else array("period", period, (nx,))
+        self.period = None if period is None else array("period", period, (nx,))
         self.limits = limit_rows(limits, nu)
         if len(self.limits[0]) not in (1, self.worlds):
             raise ArgumentError(f"limits are for {len(self.limits[0])} worlds; there are {self.worlds}")
@@ -65,20 +66,21 @@ class Linear:
             )
         struct = make_tracking(sim.nx, sim.nu, sim.dtype).Struct()
         struct.us, struct.xs = put(sim, self.u_ref[:, None]), put(sim, self.x_ref[:, None])
-        struct.gain, struct.period = put(sim, self.K[:, None]), put(sim, self.period)
+        struct.gain, struct.period = put(sim, self.K[:, None]), put(sim, period_of(self.period, sim))
         put_limits(sim, struct, self.limits)
         return TRACKING, struct
 
     def content(self) -> Content:
         """What it is made from, see `saved`."""
-        arrays = {"K": self.K, "x_ref": self.x_ref, "u_ref": self.u_ref, "period": self.period}
+        arrays = {"K": self.K, "x_ref": self.x_ref, "u_ref": self.u_ref}
+        arrays |= {} if self.period is None else {"period": self.period}
         return Content({}, arrays | dict(zip(("lower", "upper"), self.limits)))
 
     @classmethod
     def of_content(cls, content: Content) -> "Linear":
         """From what `content` gave."""
         a = content.arrays
-        return cls(a["K"], a["x_ref"], a["u_ref"], (a["lower"], a["upper"]), a["period"])
+        return cls(a["K"], a["x_ref"], a["u_ref"], (a["lower"], a["upper"]), a.get("period"))
 
 
 def _rows(name: str, value: Any, ndim: int) -> np.ndarray:

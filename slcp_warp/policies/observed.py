@@ -131,8 +131,10 @@ def checked(label: str, of: Any) -> Any:
 
 def _view(sim: Simulator, names: Sequence[str]) -> Any:
     """A simulator as a policy meets it whose states are these."""
+    period = dict(zip(sim.scene.state_names, sim.scene.state_period))
     scene = SimpleNamespace(
         name=f"{sim.scene.name} (as observed)",
+        state_period=np.array([period.get(name, 0.0) for name in names]),
         state_names=tuple(names),
         state_index=lambda which: index_of("observed component", which, names),
     )

@@ -17,6 +17,7 @@ from slcp_warp.kernels.policies.around import make_noise_kernel
 from ..inputs.errors import ArgumentError, ArgumentTypeError
 from ..inputs.limits import bounded, limit_rows
 from ..policies.around import Around
+from ..policies.arrays import period_of
 from ..policies.function import Function
 from ..policies.linear import Linear
 from ..policies.network import Network
@@ -55,11 +56,13 @@ class FollowedNetwork:
 class FollowedLinear:
     """Linear feedback."""
 
-    def __init__(self, policy: Linear, like: Tensor) -> None:
+    def __init__(self, policy: Linear, sim: Simulator, like: Tensor) -> None:
+        period = period_of(policy.period, sim)
+
         def put(values: Any) -> Tensor:
             return torch.tensor(values, dtype=like.dtype, device=like.device)
 
-        self.K, self.x, self.u, self.period = map(put, (policy.K, policy.x_ref, policy.u_ref, policy.period))
+        self.K, self.x, self.u, self.period = map(put, (policy.K, policy.x_ref, policy.u_ref, period))
         self.lower, self.upper = map(put, policy.limits)
 
     def start(self, x: Tensor) -> Memory:
@@ -150,7 +153,7 @@ def followed(policy: Any, sim: Simulator, like: Tensor, leaves: Mapping[str, Ten
         return AskedFunction(policy, sim, leaves)
     if isinstance(policy, Network):
         return FollowedNetwork(policy, leaves)
-    return FollowedLinear(policy, like)
+    return FollowedLinear(policy, sim, like)
 
 
 def filled(policy: Any, sim: Simulator, leaves: Mapping[str, Tensor]) -> Any:

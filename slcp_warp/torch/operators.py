@@ -72,15 +72,17 @@ def stream(tensor: Tensor) -> Iterator[None]:
         yield
 
 
-def share(sim: Simulator, *tensors: Tensor) -> list[Any]:
-    """Warp arrays of the tensors, with the strides of a fresh array.
-
-    PyTorch ignores the stride of an axis of length one and `contiguous` keeps it; Warp compares it
-    with that of the gradient.
+def plain(tensor: Tensor) -> Tensor:
+    """A tensor with the strides of a fresh one: PyTorch ignores that of an axis of length one, and
+    `contiguous` keeps it.
     """
-    rows = (t.detach().contiguous() for t in tensors)
-    plain = (t.as_strided(t.shape, torch.empty(t.shape, device="meta").stride()) for t in rows)
-    return [wp.from_torch(t, dtype=sim.dtype, requires_grad=False) for t in plain]
+    row = tensor.detach().contiguous()
+    return row.as_strided(row.shape, torch.empty(row.shape, device="meta").stride())
+
+
+def share(sim: Simulator, *tensors: Tensor) -> list[Any]:
+    """Warp arrays of the tensors, with the strides of a fresh array, which Warp compares with the gradient's."""
+    return [wp.from_torch(plain(t), dtype=sim.dtype, requires_grad=False) for t in tensors]
 
 
 @torch.library.custom_op("slcp_warp::rollout", mutates_args=())
@@ -132,7 +134,7 @@ def pull_op(
         if numbers is not rows and parameters:
             numbers.grad = empty_table(rows.shape, sim.dtype, sim.device)
             numbers.requires_grad = True
-        code: Any = wp.from_torch(status)
+        code: Any = wp.from_torch(plain(status))
         run = Recorded(kernels, numbers, x, u, external, kept, code)
         if every:
             bounds = (*range(0, us.shape[1], every), us.shape[1])

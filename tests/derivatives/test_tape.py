@@ -9,7 +9,7 @@ from simulators import scene
 from taped import STEPS, finger, loss_of, on_device, start, tape_gradient
 
 from slcp_warp import ddp
-from slcp_warp.kernels.policies.nearest import NEAREST
+from slcp_warp.kernels.policies.nearest import nearest_kernel
 
 SHIFTS = {1: 0.75, 2: -0.15, 3: 1.0 / 60.0}  # sixth-order central difference (Richardson, twice)
 
@@ -219,8 +219,9 @@ def test_gradients_that_do_not_exist_are_refused(device):
 def test_policies_without_a_gradient_say_so(device):
     sim = finger(device)
     x0, us, _ = start()
-    nearest = NEAREST.functions(sim.nx, sim.nu, sim.dtype).Struct()
-    library = SimpleNamespace(kernel=lambda sim: (NEAREST, nearest))
+    kernel = nearest_kernel(1)
+    nearest = kernel.functions(sim.nx, sim.nu, sim.dtype).Struct()
+    library = SimpleNamespace(kernel=lambda sim: (kernel, nearest))
     with wp.Tape(), pytest.raises(ValueError, match="'nearest' policy; only open-loop rollouts and those"):
         sim.rollout(on_device(x0, device), policy=library, steps=3)
     short = SimpleNamespace(us=us, xs=np.zeros((3, 5, 6)), K=np.zeros((3, 70, 2, 6)))

@@ -308,3 +308,17 @@ def test_a_disc_that_is_learned_keeps_one_radius():
     start = sim.params.layout.offset("radius")
     radius = table[0, start : start + 6].reshape(3, 2)
     np.testing.assert_array_equal(sim.params.replace(radius=radius)["radius"], sim.params["radius"] + 0.01)
+
+
+def test_jacobians_of_one_world_in_common_kernels():
+    """An expanded status of one world has no stride that Warp takes."""
+    sim = slcp.Simulator(slcp.scenes.stack(3), device="cpu", dtype="float64")
+    assert sim.strategy == "generic"
+    x = torch.tensor(sim.scene.x0[None])
+
+    def after(y):
+        return slcp_torch.step(sim, y, torch.zeros(len(y), sim.nu, dtype=torch.float64))[0]
+
+    rows = torch.func.jacrev(after)(x)[0, :, 0]
+    torch.testing.assert_close(rows, torch.autograd.functional.jacobian(after, x)[0, :, 0])
+    assert rows.abs().max() > 0.5

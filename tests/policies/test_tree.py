@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from slcp_warp.ddp.library.tree import boxes_of
-from slcp_warp.kernels.policies.nearest import NEAREST, STACKS, nearest_kernel
+from slcp_warp.kernels.policies.nearest import STACKS, nearest_kernel
 from slcp_warp.kernels.policies.tree import WIDTH, groups_of, waiting
 
 
@@ -35,5 +35,6 @@ def test_children_that_wait_fit_in_the_stack(points):
         depth += min(WIDTH, groups + leaves - 1 - WIDTH * node) - 1
         node = WIDTH * node + 1
     kernel = nearest_kernel(points)
-    assert depth <= waiting(points) <= (STACKS[0] if kernel is NEAREST else STACKS[1])
-    assert (kernel is NEAREST) == (points <= 32_768)
+    few = kernel is nearest_kernel(1)
+    assert depth <= waiting(points) <= (STACKS[0] if few else STACKS[1])
+    assert few == (points <= 32_768)

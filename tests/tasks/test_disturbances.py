@@ -1,6 +1,7 @@
 """Disturbed worlds against a loop over `sim.step` in NumPy that draws, delays and pushes on its own."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +10,8 @@ from simulators import scene
 
 import slcp_warp as slcp
 from slcp_warp import measures as m
-from slcp_warp import policies
+from slcp_warp import ddp, policies
+from slcp_warp.policies.saved import content_of, policy_of
 from slcp_warp.tasks.disturbances import laws
 
 SCENE = replace(scene("push_on_ice"), step_size=0.02, sigma=0.05)
@@ -351,3 +353,25 @@ def test_a_policy_of_every_worlds_own_has_none_for_other_numbers():
     drawn = slcp.draw_worlds(task(), 3, SEED, 1)
     with pytest.raises(slcp.InputError, match="policy 'policy' is for worlds 0 to 2; Worlds.numbers holds 3"):
         swept("cpu", "generic", policy=own, worlds=drawn)
+
+
+@pytest.mark.parametrize("strategy", ["generic", "specialised"])
+def test_a_tasks_periods_are_those_of_policies_that_have_none(strategy):
+    """A turn further on feedback is the same; a policy of its own periods keeps them."""
+    scene = slcp.scenes.cart_pole()
+    gain, straight = np.array([[0.0, 1.0, 0.0, 0.0]]), np.zeros(4)
+    whole = slcp.Task("turn", scene, horizon=1, options=slcp.Options("hard"), periods={"pole.angle": "turn"},
+                      start={"pole.angle": 2.0 * np.pi + 0.1}, measures={"u": m.final(m.control(0))})  # fmt: skip
+    plan = SimpleNamespace(us=np.zeros((1, 1)), xs=np.zeros((2, 4)), K=gain[None])
+    given = {
+        "linear": policies.Linear(gain, straight), "plan": ddp.TrackingPolicy(plan),
+        "around": policies.Around(policies.Linear(gain, straight)),
+        "none": policies.Linear(gain, straight, period=straight),
+        "saved": policy_of(content_of(policies.Linear(gain, straight))),
+        "seen": policies.Observed(policies.Linear(gain[:, 1:2]), ("pole.angle",)),
+    }  # fmt: skip
+    report = slcp.sweep(whole, given, worlds=1, cases={"h": whole.options}, dtype="float64", device="cpu",
+                        strategy=strategy)  # fmt: skip
+    found = {name: float(report.part(name)["u"][0]) for name in given}
+    expected = dict.fromkeys(given, 0.1) | {"none": 2.0 * np.pi + 0.1}
+    assert found == pytest.approx(expected, abs=1e-12)

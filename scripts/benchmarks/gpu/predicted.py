@@ -12,7 +12,7 @@ from slcp_warp.kernels.ensembles.sweep import make_sweep_kernel
 from slcp_warp.kernels.method import Method
 from slcp_warp.kernels.policies.ask import make_ask_kernel
 from slcp_warp.kernels.policies.held import HELD
-from slcp_warp.kernels.policies.nearest import NEAREST, STACKS
+from slcp_warp.kernels.policies.nearest import STACKS, nearest_kernel
 from slcp_warp.kernels.policies.open_loop import OPEN_LOOP
 from slcp_warp.kernels.policies.tree import WIDTH
 from slcp_warp.kernels.specialisation import Specialisation
@@ -55,6 +55,6 @@ FAST = {
     ),
     "sweep": Most(lambda: make_sweep_kernel(finger(), HELD, spans=True), REGISTERS, 352, 132_000),
     "linearisation": Most(lambda: make_linearize_kernel(finger(), False), REGISTERS, 296, 112_000),
-    "library": Most(lambda: make_ask_kernel(NEAREST, 6, 2, wp.float32), 56, TREE, 24_000),
+    "library": Most(lambda: make_ask_kernel(nearest_kernel(1, turns=1), 6, 2, wp.float32), 56, TREE, 24_000),
     "line search": Most(line_search, REGISTERS, 336, 90_000),
 }
