@@ -8,7 +8,15 @@ import typer
 import slcp_warp as slcp
 from slcp_warp import ddp
 
-from ..stages.library import Interrupted, build, build_of_runs, kept_beside, library_table, task_options
+from ..stages.library import (
+    Interrupted,
+    build,
+    build_of_runs,
+    kept_beside,
+    kept_folder,
+    library_table,
+    task_options,
+)
 from ..stages.plan import task_problem
 from ..support.options import (
     Device,
@@ -33,11 +41,14 @@ OF_CHAINS = {  # options that runs have no use for
 }
 
 
-def of_runs(context: typer.Context, task: slcp.Task, problem: ddp.Problem, source: str | None) -> bool:
+def of_runs(
+    context: typer.Context, task: slcp.Task, problem: ddp.Problem, source: str | None, path: Path
+) -> bool:
     """Whether a library is of a task's runs.
 
     Raises:
-        ValueError: it is asked to be and cannot, or options of the other kind are given.
+        ValueError: it is asked to be and cannot, options of the other kind are given, or it would be, but is
+            to go on from plans that nothing has kept beside `path`.
     """
     if source not in (None, RUNS, CHAINS):
         raise ValueError(f"--from is {source!r}; choose {RUNS} or {CHAINS}")
@@ -49,6 +60,11 @@ def of_runs(context: typer.Context, task: slcp.Task, problem: ddp.Problem, sourc
     other = sorted(given_options(context) & OF_CHAINS)
     if source == RUNS and other:
         raise ValueError(f"--from {RUNS} is given with {', '.join(other)}, of {CHAINS}")
+    if can and source is None and other == ["resume"] and not kept_folder(path).exists():
+        raise ValueError(
+            f"--resume: {kept_folder(path)} is not there; plans of {CHAINS} are kept, and of {RUNS} none: "
+            f"leave it out for {RUNS}, or give --from {CHAINS}"
+        )
     return can and source != CHAINS and not other
 
 
@@ -63,7 +79,8 @@ def library_command(
         typer.Option(
             "--plans",
             "--count",
-            help="Plans; default: the paper's 400, and 1,000 of runs (kept of those that succeed).",
+            help="Plans; default: the paper's 400, and 1,000 of runs (as many whole runs as make them; kept "
+            "of those that succeed).",
         ),
     ] = None,
     source: Annotated[
@@ -104,8 +121,8 @@ def library_command(
 ) -> None:
     """Build a trajectory library of a task.
 
-    Every plan is kept in a folder beside the file (.kept) until the library is complete; Ctrl-C saves the
-    entries there are.
+    Every plan of chains is kept in a folder beside the file (.kept) until the library is complete; Ctrl-C
+    saves the entries there are. Runs are made all at once, and an interrupted one leaves nothing.
     """
     # long: every option of the command is a parameter of its own, with its help
     path = prepared(out)
@@ -116,7 +133,7 @@ def library_command(
         chosen, offset=offset, chains=chains, entries=entries, perturb_every=perturb_every, passes=passes,
         perturb_variance=perturb_variance, unperturbed=unperturbed, noisy=noisy, seed=seed,
     )  # fmt: skip
-    observe, runs = observed_state(chosen), of_runs(context, chosen, problem, source)
+    observe, runs = observed_state(chosen), of_runs(context, chosen, problem, source, path)
     tell_timing(chosen, delayed=runs)
     try:
         with timed("library"), progress_bar("worlds" if runs else "controllers") as progress:
@@ -129,7 +146,7 @@ def library_command(
             library.save(path)
     except Interrupted as stopped:
         stopped.library.save(path)
-        more = "; --resume goes on" if path.with_suffix(".kept").exists() else ""
+        more = "; --resume goes on" if kept_folder(path).exists() else ""
         said = f"slcp: interrupted; saved the {len(stopped.library)} controllers there were{more}"
         typer.echo(said, err=True)
         wrote(path)

@@ -86,6 +86,11 @@ def build_of_runs(
     return ddp.library_of_runs(task, mpc, worlds, options.entries, options.seed, progress)
 
 
+def kept_folder(path: Path) -> Path:
+    """Where plans of a library's file are kept while it is built."""
+    return path.with_suffix(".kept")
+
+
 @contextmanager
 def kept_beside(path: Path, resume: bool) -> Iterator[Path | None]:
     """The folder beside a library's file that keeps every plan while it is built; gone once it is complete.
@@ -95,7 +100,7 @@ def kept_beside(path: Path, resume: bool) -> Iterator[Path | None]:
     Raises:
         ValueError: it is there from an earlier run, and that is not to go on.
     """
-    folder = path.with_suffix(".kept")
+    folder = kept_folder(path)
     if folder.exists() and not resume:
         raise ValueError(f"{folder} is what an earlier run left: --resume goes on from it; else remove it")
     before = folder.exists()

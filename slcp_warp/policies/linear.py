@@ -24,8 +24,8 @@ class Linear:
         x_ref: (nx,), or (B, nx); None: zero.
         u_ref: (nu,), or (B, nu); None: zero.
         limits: (lower, upper) of the controls, each a number, (nu,) or (B, nu); None: none beside a task's.
-        period: (nx,) as in `Scene.state_period`: differences are taken within half a period; None: that of the
-            scene, zeros: none.
+        period: (nx,) as in `Scene.state_period`: differences are taken within half a period; None: that of
+            the scene, zeros: none.
 
     Raises:
         ArgumentError: other shapes, or numbers that are not finite.

@@ -81,7 +81,7 @@ def plain(tensor: Tensor) -> Tensor:
 
 
 def share(sim: Simulator, *tensors: Tensor) -> list[Any]:
-    """Warp arrays of the tensors, with the strides of a fresh array, which Warp compares with the gradient's."""
+    """Warp arrays of the tensors, with the strides of fresh ones: Warp compares them with a gradient's."""
     return [wp.from_torch(plain(t), dtype=sim.dtype, requires_grad=False) for t in tensors]
 
 

@@ -42,3 +42,12 @@ def test_an_interrupted_library_is_saved_and_goes_on(tmp_path, monkeypatch):
     for name in NEEDED:
         found, whole = (getattr(ddp.Library.load(p), name) for p in (out, tmp_path / "whole.npz"))
         assert len(found) == len(whole) and found.tobytes() == whole.tobytes()
+
+
+def test_runs_that_nothing_has_kept_are_not_gone_on_with(tmp_path):
+    """A library of runs was replaced by one of chains."""
+    out = tmp_path / "runs.npz"
+    out.write_bytes(b"a library")
+    told = call("library", "cart_pole_walls", "--resume", "--device", "cpu", "--out", out, code=2).stderr
+    assert "runs.kept is not there; plans of chains are kept, and of runs none" in " ".join(told.split())
+    assert out.read_bytes() == b"a library"

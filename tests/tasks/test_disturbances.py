@@ -9,8 +9,8 @@ from draws_oracle import even, normals, overlap
 from simulators import scene
 
 import slcp_warp as slcp
-from slcp_warp import measures as m
 from slcp_warp import ddp, policies
+from slcp_warp import measures as m
 from slcp_warp.policies.saved import content_of, policy_of
 from slcp_warp.tasks.disturbances import laws
 
@@ -360,8 +360,10 @@ def test_a_tasks_periods_are_those_of_policies_that_have_none(strategy):
     """A turn further on feedback is the same; a policy of its own periods keeps them."""
     scene = slcp.scenes.cart_pole()
     gain, straight = np.array([[0.0, 1.0, 0.0, 0.0]]), np.zeros(4)
-    whole = slcp.Task("turn", scene, horizon=1, options=slcp.Options("hard"), periods={"pole.angle": "turn"},
-                      start={"pole.angle": 2.0 * np.pi + 0.1}, measures={"u": m.final(m.control(0))})  # fmt: skip
+    whole = slcp.Task(
+        "turn", scene, horizon=1, options=slcp.Options("hard"), periods={"pole.angle": "turn"},
+        start={"pole.angle": 2.0 * np.pi + 0.1}, measures={"u": m.final(m.control(0))},
+    )  # fmt: skip
     plan = SimpleNamespace(us=np.zeros((1, 1)), xs=np.zeros((2, 4)), K=gain[None])
     given = {
         "linear": policies.Linear(gain, straight), "plan": ddp.TrackingPolicy(plan),

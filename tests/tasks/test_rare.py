@@ -291,6 +291,9 @@ def test_what_was_found_is_told_from_the_largest_on():
     assert head in told[0] and [line.split()[0] for line in told[3:]] == ["b", "c", "a"]
     for size, text in ((0.0, "the policy fails undisturbed"), (math.inf, "nothing up to 32 standard")):
         assert text in repr(Falsification(task(), size, {}, drawn=drawn, failing=failing, **nothing))
+    nothing |= {"by": ("kick",), "left": ("start", "parameters")}
+    told = repr(Falsification(task(), 2.0, {}, drawn=drawn, failing=failing, **nothing))
+    assert "of task 'push' by kick, without start, parameters: fails from 2 standard deviations" in told
 
 
 def test_what_was_found_is_a_task_of_its_own(device):

@@ -191,8 +191,8 @@ def chain_library(x):
     count = len(x)
     order = np.arange(count, dtype=float)
     return scene, ddp.Library(
-        x=x, u=np.tile(order[:, None], 3), K=np.zeros((count, 3, 6)), cost=0 * order, gain=order, age=0 * order,
-        chain=0 * order, plan=order, period=scene.state_period,
+        x=x, u=np.tile(order[:, None], 3), K=np.zeros((count, 3, 6)), cost=0 * order, gain=order,
+        age=0 * order, chain=0 * order, plan=order, period=scene.state_period,
         header={"scene": scene.name, "digest": scene_digest(scene)},
     )  # fmt: skip
 

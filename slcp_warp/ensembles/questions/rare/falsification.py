@@ -39,6 +39,7 @@ class Falsification(Printed):
         rounds: of the search.
         by_gradient, by_draws: improvements from gradients and from draws.
         options: of the steps that it fails under.
+        by: names of what was searched; `left`: what the task disturbs beside it, and the search did not.
     """
 
     task: Task
@@ -56,6 +57,8 @@ class Falsification(Printed):
     by_gradient: int
     by_draws: int
     options: Options
+    by: tuple[str, ...] = ()
+    left: tuple[str, ...] = ()
 
     @property
     def found(self) -> bool:
@@ -100,7 +103,9 @@ class Falsification(Printed):
         return save_table(path, self.table)
 
     def _line(self) -> str:
-        of = f"of task {self.task.name!r}"
+        of = f"of task {self.task.name!r}" + (f" by {', '.join(self.by)}" if self.by else "")
+        if self.left:
+            of += f", without {', '.join(self.left)}"
         if not self.found:
             return f"{of}: nothing up to {self.most:g} standard deviations fails; {self.tried:,} worlds tried"
         if not self.size:

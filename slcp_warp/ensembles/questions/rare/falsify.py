@@ -19,7 +19,7 @@ from .margin import Margin
 from .numbers import Numbers
 from .scenario import scenario_of
 from .shells import Found, Search
-from .space import searched
+from .space import kinds_of, searched
 from .trial import Trial, checked_options
 
 SHELLS = 256.0  # the outermost shell over the innermost
@@ -98,7 +98,9 @@ def falsify(
     numbers = Numbers(exact.sim, own, exact.step_size)
     if not numbers.dimension:
         raise ArgumentError(f"by is {checks.shown(by)}; nothing is disturbed by it")
-    hunt = Hunt(quick, exact, judge, numbers, progress)
+    kinds = kinds_of(own.disturbances)
+    left = tuple(kind for kind in kinds_of(task.disturbances) if kind not in kinds)
+    hunt = Hunt(quick, exact, judge, numbers, progress, kinds, left)
     rng = np.random.default_rng(seed)
     drawn = rng.standard_normal((DRAWN, numbers.dimension))
     failing = hunt.quick_fails(drawn)
@@ -127,6 +129,8 @@ class Hunt:
     judge: Margin
     numbers: Numbers
     progress: Callable[[int], None] | None
+    by: tuple[str, ...]
+    left: tuple[str, ...]
 
     def quick_fails(self, z: np.ndarray) -> np.ndarray:
         """Which of z (B, dimension) fail."""
@@ -155,6 +159,7 @@ class Hunt:
         common: dict[str, Any] = {
             "task": self.exact.task, "most": most, "drawn": drawn, "failing": failing, "rounds": found.rounds,
             "options": self.exact.sim.options, "by_gradient": found.suggested, "by_draws": found.drawn,
+            "by": self.by, "left": self.left,
         }  # fmt: skip
         if not len(best):
             nothing: dict[str, Any] = {

@@ -21,6 +21,17 @@ def without_noise(disturbances: Disturbances) -> Disturbances:
     return replace(disturbances, torque=0.0, sensor=0.0, dropped=0.0)
 
 
+def kinds_of(disturbances: Disturbances) -> tuple[str, ...]:
+    """The names of what is disturbed, of `KINDS` or in words."""
+    d = disturbances
+    drawn = {
+        "kick": d.kick_times, "push": d.pushes, "start": d.position or d.velocity or d.start,
+        "parameters": d.parameters, "dropouts": d.dropouts,
+        "noise of single steps": d.torque or d.sensor or d.dropped,
+    }  # fmt: skip
+    return tuple(name for name, given in drawn.items() if given)
+
+
 def searched(
     task: Task, by: Any, time: float | None, body: str | None, duration: float | None, point: Any = None
 ) -> Disturbances:
