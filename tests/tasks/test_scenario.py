@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import slcp_warp as slcp
+from slcp_warp.description import columns
 from slcp_warp.ensembles.questions.rare.numbers import Numbers
 from slcp_warp.ensembles.questions.rare.scenario import scenario_of
 from slcp_warp.tasks.disturbances import laws
@@ -27,7 +28,7 @@ def table(task, count=1):
 
 def ways(name):
     """Distributions of a parameter."""
-    kind = laws.parameter_of(name)[1]
+    kind = columns.parameter_of(name)[1]
     for shared in (False, True, "bodies"):
         if shared == "bodies" and kind in laws.OF_NO_BODY:
             continue
@@ -40,7 +41,7 @@ def ways(name):
 def test_every_parameter_is_the_worlds(name, tmp_path):
     """Gravity across and radii of points are zero; both ends of a capsule have the same pair of names."""
     scene = slcp.scenes.NAMED[name]()
-    for parameter in (*laws.NAMES, *laws.COMPONENTS):
+    for parameter in (*laws.NAMES, *columns.COMPONENTS):
         for way in ways(parameter):
             try:
                 task, numbers, world = drawn(scene, {parameter: way})
@@ -64,7 +65,7 @@ def test_what_is_moved_and_not_drawn_is_the_worlds_too():
     own = slcp.Parameters(scene)
     own = own.replace(mass=2.0 * own["mass"], com=own["com"] + [[0.0, 0.0], [0.1, 0.0]], damping=0.4)
     own, row = own.table()[0], world.numpy().params[0]
-    friction = [c for c in range(len(own)) if laws.column_of(scene, c)[0] == "friction"]
+    friction = [c for c in range(len(own)) if columns.column_of(scene, c)[0] == "friction"]
     assert (row[friction] != own[friction]).all()
     own[friction] = row[friction]
     np.testing.assert_allclose(row, own, rtol=1e-12)
@@ -104,7 +105,7 @@ def test_all_parts_share_a_draw_of_each_component():
     scene = slcp.scenes.push_block()
     task, _, _ = drawn(scene, {"com": slcp.Normal(0.1, shared=True)})
     moved = table(task, 8) - slcp.Parameters(scene).table()
-    places = [c for c in range(moved.shape[1]) if laws.column_of(scene, c)[0] == "com"]
+    places = [c for c in range(moved.shape[1]) if columns.column_of(scene, c)[0] == "com"]
     x, y = moved[:, places[::2]], moved[:, places[1::2]]
     np.testing.assert_allclose(x, x[:, :1] + 0.0 * x, atol=1e-6)
     np.testing.assert_allclose(y, y[:, :1] + 0.0 * y, atol=1e-6)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ...description.columns import parameter_of
 from ...inputs import checks
 from ...inputs.checks import shown
 from ...inputs.errors import ArgumentError
@@ -141,7 +142,7 @@ def changed(task: Task, worlds: Worlds, name: str, values: np.ndarray) -> Worlds
 
 def _added(name: str) -> bool:
     """Whether values are added to a parameter, which may be of either sign."""
-    return laws.parameter_of(name)[1] in laws.SIGNED
+    return parameter_of(name)[1] in laws.SIGNED
 
 
 def _any_law(name: str) -> LogNormal | Normal:

@@ -10,7 +10,7 @@ from slcp_warp.kernels.ensembles.draws import LAWS
 from slcp_warp.kernels.structure import layout
 
 from ...description.acting import BUILT, OF_DOFS, OF_SHAPES, acting, parts_of
-from ...description.names import some, turned
+from ...description.columns import COMPONENTS, column_of, parameter_of, places_of
 from ...description.scene import Scene
 from ...inputs.checks import shown
 from ...inputs.errors import ArgumentError
@@ -22,9 +22,6 @@ FACTORS = ("gravity", "radius")  # parameters that keep their directions and sha
 SIGNED = ("com", "anchor", "angle", "lower", "upper", "rest", "shape_offset")  # what may be of either sign
 NAMES = (*PERTURBABLE, *SIGNED)
 OF_NO_BODY = ("step_size", "gravity", "sigma", "spring_stiffness", "spring_damping", "spring_length")
-COMPONENTS = {
-    f"{name}_{axis}": (name, i) for name in ("com", "anchor", "shape_offset") for i, axis in enumerate("xy")
-}
 
 
 class Laws(NamedTuple):
@@ -75,7 +72,7 @@ def parameter_laws(scene: Scene, base: np.ndarray, given: Mapping[str, Distribut
     columns = layout(scene.structure).columns
     names, group = _parameter_names(scene, columns), _groups(columns)
     laws = still(base, group, [kernels.PARAMETER] * len(names), names)
-    found, inert = {key: _places(scene, key) for key in given}, _inert(scene)
+    found, inert = {key: places_of(scene, key, "Disturbances.parameters") for key in given}, _inert(scene)
     for key, places in found.items():
         if inert.keys() >= set(places):
             raise ArgumentError(f"Disturbances.parameters names {key!r}; it was built {inert[places[0]]}")
@@ -88,12 +85,6 @@ def parameter_laws(scene: Scene, base: np.ndarray, given: Mapping[str, Distribut
             laws.put(column, drawn)
             laws.step[column] = group[first[column]]
     return laws
-
-
-def parameter_of(key: str) -> tuple[str, str, int | None]:
-    """Part ("": all), parameter and component (None: all) of a name such as "hand.shape_offset_x"."""
-    part, _, name = key.rpartition(".")
-    return part, *COMPONENTS.get(name, (name, None))
 
 
 def _precision(key: str) -> tuple[bool, bool]:
@@ -191,27 +182,6 @@ def _groups(columns: Sequence[tuple[str, int, tuple[int, ...]]]) -> np.ndarray:
     return group
 
 
-def _places(scene: Scene, key: str) -> list[int]:
-    """Columns of a parameter: of all parts, "mass", of one, "block.mass", of a component, "hand.com_x"."""
-    part, name, component = parameter_of(key)
-    found = [(start, shape) for column, start, shape in layout(scene.structure).columns if column == name]
-    if not found or not np.prod(found[0][1], dtype=int):
-        raise ArgumentError(f"Disturbances.parameters names {key!r}; scene {scene.name!r} has no {name}")
-    start, shape = found[0]
-    size = int(np.prod(shape, dtype=int))
-    width, exact, parts = size // (shape[0] if shape else 1), parts_of(scene, name), owners(scene, name)
-    if not part:
-        return list(range(start + (component or 0), start + size, 1 if component is None else width))
-    wanted = {part, turned(part)}
-    rows = [i for i, owner in enumerate(parts) if owner in wanted or owner.startswith(part + ".")]
-    rows = rows or [i for i, each in enumerate(exact) if each in wanted]  # of one end of a capsule
-    if not rows:
-        known = list(dict.fromkeys(f"{owner}.{name}" for owner in parts))
-        raise ArgumentError(f"Disturbances.parameters names {key!r}; {some(key, known)}")
-    numbers = range(width) if component is None else (component,)
-    return [start + width * row + i for row in rows for i in numbers]
-
-
 def _inert(scene: Scene) -> dict[int, str]:
     """Columns that no kernel reads, and what their parts were built without."""
     found: dict[int, str] = {}
@@ -220,11 +190,6 @@ def _inert(scene: Scene) -> dict[int, str]:
             acts = acting(scene.structure, name)
             found |= {start + row: BUILT[name] for row, each in enumerate(acts) if not each}
     return found
-
-
-def owners(scene: Scene, name: str) -> list[str]:
-    """Names of the parts that a parameter's rows belong to, both ends of a capsule alike."""
-    return [each.replace("(+)", "").replace("(-)", "") for each in parts_of(scene, name)]
 
 
 def key_of(scene: Scene, column: int) -> str:
@@ -239,12 +204,6 @@ def key_of(scene: Scene, column: int) -> str:
     row, place = divmod(column - start, int(np.prod(shape, dtype=int)) // shape[0])
     component = f"{name}_{'xy'[place % 2]}"
     return f"{parts[row]}.{component if component in COMPONENTS else name}"
-
-
-def column_of(scene: Scene, column: int) -> tuple[str, int, tuple[int, ...]]:
-    """Name, first column and shape of the parameter that a column of the table belongs to."""
-    columns = layout(scene.structure).columns
-    return next(each for each in reversed(columns) if each[1] <= column and np.prod(each[2], dtype=int))
 
 
 def start_laws(scene: Scene, starts: Any, spread: np.ndarray, given: Mapping[str, Distribution]) -> Laws:

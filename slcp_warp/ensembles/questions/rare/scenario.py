@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ....description.columns import parameter_of
 from ....parameters import Parameters
 from ....tasks.disturbances import Disturbances, Dropout, LogNormal, Normal, Push, Uniform, laws
 from ....tasks.task import Task
@@ -49,7 +50,7 @@ def _parameters(task: Task, numbers: Numbers, row: np.ndarray) -> dict[str, LogN
     origin = Parameters(task.scene).table()[0].astype(float)
     for c in np.flatnonzero(numbers.tables["params"].law):
         key = laws.key_of(task.scene, int(c))
-        name, value, base = laws.parameter_of(key)[1], float(row[c]), float(origin[c])
+        name, value, base = parameter_of(key)[1], float(row[c]), float(origin[c])
         if name in laws.FACTORS and base == 0.0:
             continue
         factor = name in laws.FACTORS or (name not in laws.SIGNED and base > 0.0)

@@ -1,0 +1,56 @@
+"""Columns of the table of parameters by the names of their parts: "block.mass", "hand.com_x"."""
+
+import numpy as np
+
+from slcp_warp.kernels.structure import layout
+
+from ..inputs.errors import ArgumentError
+from .acting import parts_of
+from .names import some, turned
+from .scene import Scene
+
+COMPONENTS = {
+    f"{name}_{axis}": (name, i) for name in ("com", "anchor", "shape_offset") for i, axis in enumerate("xy")
+}
+
+
+def parameter_of(key: str) -> tuple[str, str, int | None]:
+    """Part ("": all), parameter and component (None: all) of a name such as "hand.shape_offset_x"."""
+    part, _, name = key.rpartition(".")
+    return part, *COMPONENTS.get(name, (name, None))
+
+
+def places_of(scene: Scene, key: str, label: str) -> list[int]:
+    """Columns of a parameter: of all parts, "mass", of one, "block.mass", of a component, "hand.com_x".
+
+    Raises:
+        ArgumentError: there are none; `label` is who names it.
+    """
+    part, name, component = parameter_of(key)
+    found = [(start, shape) for column, start, shape in layout(scene.structure).columns if column == name]
+    if not found or not np.prod(found[0][1], dtype=int):
+        raise ArgumentError(f"{label} names {key!r}; scene {scene.name!r} has no {name}")
+    start, shape = found[0]
+    size = int(np.prod(shape, dtype=int))
+    width, exact, parts = size // (shape[0] if shape else 1), parts_of(scene, name), owners(scene, name)
+    if not part:
+        return list(range(start + (component or 0), start + size, 1 if component is None else width))
+    wanted = {part, turned(part)}
+    rows = [i for i, owner in enumerate(parts) if owner in wanted or owner.startswith(part + ".")]
+    rows = rows or [i for i, each in enumerate(exact) if each in wanted]  # of one end of a capsule
+    if not rows:
+        known = list(dict.fromkeys(f"{owner}.{name}" for owner in parts))
+        raise ArgumentError(f"{label} names {key!r}; {some(key, known)}")
+    numbers = range(width) if component is None else (component,)
+    return [start + width * row + i for row in rows for i in numbers]
+
+
+def owners(scene: Scene, name: str) -> list[str]:
+    """Names of the parts that a parameter's rows belong to, both ends of a capsule alike."""
+    return [each.replace("(+)", "").replace("(-)", "") for each in parts_of(scene, name)]
+
+
+def column_of(scene: Scene, column: int) -> tuple[str, int, tuple[int, ...]]:
+    """Name, first column and shape of the parameter that a column of the table belongs to."""
+    columns = layout(scene.structure).columns
+    return next(each for each in reversed(columns) if each[1] <= column and np.prod(each[2], dtype=int))
