@@ -15,7 +15,7 @@ from slcp_warp.inputs.errors import ArgumentError, ArgumentTypeError
 from slcp_warp.inputs.limits import limit_rows
 from slcp_warp.kernels.policies.contract import PolicyKernel
 from slcp_warp.kernels.policies.tracking import TRACKING, make_tracking
-from slcp_warp.policies.arrays import period_of, put, put_limits
+from slcp_warp.policies.arrays import kept_period, own_period, period_of, put, put_limits
 from slcp_warp.policies.saved import Content
 
 SAME = 1e-6  # of a step: times that differ by less are the same
@@ -67,8 +67,8 @@ class TrackingPolicy:
 
     def kernel(self, sim: Simulator) -> tuple[PolicyKernel, Any]:
         """Kernel and struct for a simulator."""
-        period = period_of(self.period, sim)
-        size = self.xs.shape[-1], self.us.shape[-1], period.shape
+        size = self.xs.shape[-1], self.us.shape[-1]
+        size += (size[:1] if self.period is None else self.period.shape,)
         if size != (sim.nx, sim.nu, (sim.nx,)):
             raise ArgumentError(
                 f"the trajectory has {size[0]} states, {size[1]} controls and a period of shape {size[2]}; "
@@ -86,7 +86,11 @@ class TrackingPolicy:
             )
         struct = make_tracking(sim.nx, sim.nu, sim.dtype).Struct()
         own = functools.partial(put, sim)
-        struct.us, struct.gain, struct.period = own(self.us, "us"), own(self.K, "K"), own(period)
+        struct.us, struct.gain, struct.period = (
+            own(self.us, "us"),
+            own(self.K, "K"),
+            own(period_of(self.period, sim)),
+        )
         struct.xs = own(self.xs, "xs")
         put_limits(sim, struct, self.limits)
         return TRACKING, struct
@@ -116,14 +120,12 @@ class TrackingPolicy:
         """What it is made from, see `slcp_warp.policies.saved`."""
         arrays = {"us": self.us, "xs": self.xs, "K": self.K}
         arrays = {name: a.numpy() if isinstance(a, wp.array) else a for name, a in arrays.items()}
-        arrays |= dict(zip(("lower", "upper"), self.limits))
-        return Content(
-            {"step_size": self.step_size}, arrays | ({} if self.period is None else {"period": self.period})
-        )
+        kept = (kept_period(self.period), *self.limits)
+        return Content({"step_size": self.step_size}, arrays | dict(zip(("period", "lower", "upper"), kept)))
 
     @classmethod
     def of_content(cls, content: Content) -> "TrackingPolicy":
         """From what `content` gave."""
         a = content.arrays
         plan = SimpleNamespace(us=a["us"], xs=a["xs"], K=a["K"])
-        return cls(plan, a.get("period"), (a["lower"], a["upper"]), content.values.get("step_size"))
+        return cls(plan, own_period(a["period"]), (a["lower"], a["upper"]), content.values.get("step_size"))

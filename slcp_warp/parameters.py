@@ -13,6 +13,7 @@ from slcp_warp.kernels.device.tables import make_table
 from slcp_warp.kernels.structure import Layout, layout
 
 from .description.acting import BUILT, acting, parts_of
+from .description.columns import parameter_of, places_of
 from .description.scene import Scene
 from .inputs import rules
 from .inputs.arrays import ArrayError
@@ -48,9 +49,7 @@ class Parameters(Printed):
         self.requires_grad = flag("requires_grad", requires_grad)
         self._uploaded: dict[tuple[Any, str], wp.array] = {}
         if values is not None:
-            for name in instance("values", values, Mapping, "a dict"):
-                self._known(name)
-            self._values = self.replace(**values)._values
+            self._values = self.replace(**instance("values", values, Mapping, "a dict"))._values
 
     def _with(self, values: dict[str, np.ndarray], requires_grad: bool) -> "Parameters":
         """A copy with values that were checked."""
@@ -89,9 +88,7 @@ class Parameters(Printed):
 
     def _known(self, name: Any) -> None:
         if not isinstance(name, str) or name not in self._values:
-            whole = name.rpartition(".")[2] if isinstance(name, str) else ""
-            hint = f" ({whole!r} takes the numbers of all its items at once)" if whole in self._values else ""
-            raise ParameterError(f"no parameter {shown(name)}; there are {list(self.names)}{hint}")
+            raise ParameterError(f"no parameter {shown(name)}; there are {list(self.names)}")
 
     @functools.cached_property
     def worlds(self) -> int | None:
@@ -103,18 +100,22 @@ class Parameters(Printed):
         """A copy with some parameters changed.
 
         Args:
-            changes: name=value; a scalar (for every component that the scene was built with), the parameter's
-                own shape, (B, *shape), or (B, 1, ..) for a number of every world, for all components; (B,) is
-                that, too, where B is not the length of the parameter, whose components they are then. A disc
-                has one radius, twice; an axis is of unit length; lower above upper is a world without a
-                solution (its status says so); what was built without a limit, spring or friction has none.
+            changes: name=value, and of one part **{"box.mass": value}, a number or (B,) one a world, after
+                those of all. These are a scalar (for every component that the scene was built with), the
+                parameter's own shape, (B, *shape), or (B, 1, ..) for a number of every world, for all
+                components; (B,) is that, too, where B is not the length of the parameter, whose components
+                they are then. A disc has one radius, twice; an axis is of unit length; lower above upper is a
+                world without a solution (its status says so); what was built without a limit, spring or
+                friction has none.
 
         Raises:
             ParameterError: unknown name, shape that does not fit, non-finite or illegal value.
         """
         values = dict(self._values)
-        for name, value in changes.items():
-            values[name] = self._fit(name, value)
+        for name in sorted(changes, key=lambda name: "." in name):  # of parts last, in the order given
+            whole = parameter_of(name)[1] if "." in name else name
+            self._known(whole)
+            values[whole] = self._fit(whole, self._of_part(name, values[whole], changes[name]))
         sizes = {n: len(v) for n, v in values.items() if np.ndim(v) > len(self.layout.shape(n))}
         if len(set(sizes.values())) > 1:
             raise ParameterError(f"parameters disagree on the number of worlds: {sizes}")
@@ -191,6 +192,25 @@ class Parameters(Printed):
                 label = f"radius of {part.kind} {part.name!r}"
                 rules.check_radius(label, part.kind, array[..., i, :], ParameterError)
         return self._of_parts(name, array, single) if name in BUILT else array
+
+    def _of_part(self, name: str, whole: np.ndarray, value: Any) -> Any:
+        """The numbers of all parts with those of one, "box.mass"; `value` where all parts are named."""
+        if "." not in name:
+            return value
+        given = rules.numbers(name, value, ParameterError, parameter_of(name)[1])
+        if given.ndim > 1:
+            raise ParameterError(f"{name} has shape {given.shape}; a number, or (B,) one a world, is needed")
+        try:
+            places = places_of(self.scene, name, "parameters")
+        except ArgumentError as error:
+            raise ParameterError(str(error)) from None
+        start, shape = self.layout.offset(parameter_of(name)[1]), self.layout.shape(parameter_of(name)[1])
+        own = (*given.shape, *shape) if whole.ndim == len(shape) else whole.shape
+        if given.ndim and own[0] != len(given):
+            raise ParameterError(f"{name} is for {len(given)} worlds, other numbers are for {own[0]}")
+        out = np.broadcast_to(whole, own).reshape(*own[: len(own) - len(shape)], -1).copy()
+        out[..., np.array(places) - start] = given[..., None]
+        return out.reshape(own)
 
     def _of_parts(self, name: str, array: np.ndarray, single: bool) -> np.ndarray:
         """Numbers with the scene's own where no kernel reads one; others, given singly, are an error."""

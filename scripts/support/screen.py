@@ -80,7 +80,7 @@ class Bar:
 def progress_bar(what: str) -> Iterator[Bar]:
     """A progress bar on a terminal, lines now and then elsewhere."""
     if not beside.is_terminal:
-        with _lines(what) as tell:
+        with _lines(f"0 {what}") as tell:
             yield Bar(lambda done, total, more: tell(_of(done, total, what) + more))
         return
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())

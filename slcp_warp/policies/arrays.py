@@ -27,6 +27,16 @@ def period_of(own: np.ndarray | None, sim: Simulator) -> np.ndarray:
     return sim.scene.state_period if own is None else own
 
 
+def kept_period(own: np.ndarray | None) -> np.ndarray:
+    """A policy's own period as files keep it: nothing in an array where it has none."""
+    return np.zeros(0) if own is None else own
+
+
+def own_period(kept: np.ndarray) -> np.ndarray | None:
+    """From what `kept_period` gave."""
+    return kept if kept.size else None
+
+
 def put_limits(sim: Simulator, struct: Any, limits: tuple[np.ndarray, np.ndarray]) -> None:
     """Limits of the controls in a policy's struct; a policy without any has none there."""
     if bounded(*limits):

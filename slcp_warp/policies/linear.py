@@ -12,7 +12,7 @@ from ..inputs.checks import array
 from ..inputs.errors import ArgumentError
 from ..inputs.limits import limit_rows
 from ..simulator import Simulator
-from .arrays import period_of, put, put_limits
+from .arrays import kept_period, own_period, period_of, put, put_limits
 from .saved import Content
 
 
@@ -73,14 +73,14 @@ class Linear:
     def content(self) -> Content:
         """What it is made from, see `saved`."""
         arrays = {"K": self.K, "x_ref": self.x_ref, "u_ref": self.u_ref}
-        arrays |= {} if self.period is None else {"period": self.period}
+        arrays["period"] = kept_period(self.period)
         return Content({}, arrays | dict(zip(("lower", "upper"), self.limits)))
 
     @classmethod
     def of_content(cls, content: Content) -> "Linear":
         """From what `content` gave."""
         a = content.arrays
-        return cls(a["K"], a["x_ref"], a["u_ref"], (a["lower"], a["upper"]), a.get("period"))
+        return cls(a["K"], a["x_ref"], a["u_ref"], (a["lower"], a["upper"]), own_period(a["period"]))
 
 
 def _rows(name: str, value: Any, ndim: int) -> np.ndarray:

@@ -129,12 +129,18 @@ class Trajectory(Printed):
         return (found if self.batched else found[None])[..., :size]
 
     @functools.cached_property
+    def _by_pair(self) -> np.ndarray:
+        """`contact_impulse`, batch first."""
+        return contact_impulse(self.scene, self.recorded("impulse"), self.params["friction"], self.options)
+
+    @property
     def contact_impulse(self) -> np.ndarray:
         """Normal and tangential impulse on shape_b along (n, t) of every pair, (B, N, pairs, 2) [N s].
 
-        Needs the impulse recorded.
+        Without the axis of worlds where the states have none. Needs the impulse recorded. Which of several
+        contacts of the same bodies carries what is not unique.
         """
-        return contact_impulse(self.scene, self.recorded("impulse"), self.params["friction"], self.options)
+        return self._by_pair if self.batched else self._by_pair[0]
 
     def measure(self, what: Measure | Success) -> np.ndarray:
         """(B,) values of a measure of `slcp_warp.measures`, or whether worlds succeeded.
@@ -152,7 +158,7 @@ class Trajectory(Printed):
         if self.kept is not None:
             raise ArgumentError("this trajectory has checkpoints only; a measure needs all states")
         seen = {name: None if getattr(self, name) is None else self.recorded(name) for name in RECORDED}
-        seen["impulse"] = None if self.impulse is None else self.contact_impulse[..., 0]
+        seen["impulse"] = None if self.impulse is None else self._by_pair[..., 0]
         seen["gap"] = None if seen["gap"] is None else pair_gap(self.scene, seen["gap"])
         solved = self.recorded("status") == Status.SOLVED
         own = self._known().select(solved).parameters["step_size"]
@@ -201,7 +207,7 @@ class Trajectory(Printed):
         names = ("states", "status", *(name for name in RECORDED if getattr(self, name) is not None))
         arrays = {name: self.recorded(name) for name in names}
         if self.impulse is not None:
-            arrays["contact_impulse"] = self.contact_impulse
+            arrays["contact_impulse"] = self._by_pair
         return Record("trajectory", arrays, self._known(), self.header | {"batched": self.batched})
 
     def save(self, path: str | os.PathLike[str]) -> Path:
@@ -239,7 +245,7 @@ class Trajectory(Printed):
             raise ArgumentError(f"the states of world {index} are not finite")
         times = self.times[index] if self.times.ndim == 2 else self.times
         known = {name: getattr(self, name) is not None for name in ("controls", "impulse")}
-        pushes = self.contact_impulse[index, :, :, 0].sum(axis=-1).astype(float) if known["impulse"] else None
+        pushes = self._by_pair[index, :, :, 0].sum(axis=-1).astype(float) if known["impulse"] else None
         controls = self.recorded("controls")[index] if known["controls"] else None
         return Motion(self.scene, self._known().world(index), times, states, pushes, controls)
 

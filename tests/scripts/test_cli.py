@@ -206,7 +206,7 @@ def test_quickstart(tmp_path):
         (["simulate", "--sigma", "0"], "hard"),
         (["simulate", "--set", "mass"], "name=value"),
         (["simulate", "--set", "mass=-1"], "mass"),
-        (["simulate", "--set", "colour=1"], "no parameter 'colour'"),
+        (["simulate", "--set", "cup.mass=1"], "parameters names 'cup.mass'; there are link1.mass"),
         (["simulate", "--policy", "nowhere.npz"], "no such file"),
         (["simulate", "--out", "x.txt"], ".npz"),
         (["optimise", "--method", "newton"], "newton"),

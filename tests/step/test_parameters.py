@@ -113,10 +113,37 @@ def test_covariances_land_in_their_own_columns_and_worlds():
             np.testing.assert_array_equal(block(params.replace(**{key: value}), key), expected)
 
 
-def test_a_parameter_of_one_body_is_a_number_of_the_whole():
-    params = slcp.Simulator(scene("flicking_finger"), device="cpu").params
-    with pytest.raises(slcp.ParameterError, match=r"no parameter 'cup\.mass'; .*'mass' takes the numbers"):
-        params.replace(**{"cup.mass": 1.0})
+@pytest.mark.parametrize("name", SCENES)
+def test_a_parameter_of_one_part_has_the_name_of_both(name):
+    params, rng = params_of(name), np.random.default_rng(0)
+    body = params.scene.bodies[-1].name
+    several = params.replace(**{f"{body}.com_x": 0.1, f"{body}.mass": (each := rng.uniform(1.0, 2.0, 5))})
+    mass = np.tile(params["mass"], (5, 1))
+    mass[:, -1], com = each, params["com"].copy()
+    com[-1, 0] = 0.1
+    np.testing.assert_array_equal(several["mass"], mass)
+    np.testing.assert_array_equal(several["com"], com)
+    one = params.replace(**{f"{body}.mass": 3.0}, mass=2.0)
+    assert one.worlds is None and one["mass"].tolist() == [2.0] * (len(params["mass"]) - 1) + [3.0]
+    assert slcp.Parameters(params.scene, {f"{body}.mass": 3.0})["mass"][-1] == 3.0
+    owners = [name.replace("(-)", "").replace("(+)", "") for name in params.scene.pair_names]
+    for pair in set(owners[:1]):  # of several ends, all
+        rough = 0.25 * (params["friction"][0] > 0.0)  # 0: built without
+        found = several.replace(**{f"{pair}.friction": rough})["friction"]
+        expected = np.where(np.array(owners) == pair, rough, params["friction"])
+        np.testing.assert_array_equal(found, expected)
+
+
+@pytest.mark.parametrize("key, value, message", [
+    ("cup.mass", 1.0, r"parameters names 'cup\.mass'; there are link1\.mass"),
+    ("link1.masss", 1.0, "no parameter 'masss'"), ("link1.mass", -1.0, "link1.mass is -1.0; it must be pos"),
+    ("link1.com_x", np.zeros((2, 2)), r"link1\.com_x has shape \(2, 2\); a number, or \(B,\)"),
+    ("link1.mass", [1.0, 2.0], "link1.mass is for 2 worlds, other numbers are for 3"),
+])  # fmt: skip
+def test_what_one_part_cannot_have_is_refused(key, value, message):
+    params = params_of("flicking_finger").replace(mass=np.ones((3, 3)) + np.arange(3)[:, None])
+    with pytest.raises(slcp.ParameterError, match=message):
+        params.replace(**{key: value})
 
 
 @pytest.mark.parametrize("name", SCENES)

@@ -149,7 +149,7 @@ def saved_task(path: Path) -> None:
 
 
 def saved_policy(path: Path) -> None:
-    linear = slcp.policies.Linear(np.ones((1, 8)), np.zeros(8), [0.5], limits=(-1.0, 2.0))
+    linear = slcp.policies.Linear(np.ones((1, 8)), np.zeros(8), [0.5], limits=(-1.0, 2.0), period=np.zeros(8))
     noise = {"pusher.shift": 0.01}
     slcp.policies.save_policy(slcp.policies.Around(linear, limits=(-1.0, 1.0), delay=2, noise=noise), path)
 
