@@ -127,10 +127,7 @@ def make_island(given: type, residual: str) -> wp.Function:
     def directly(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, known: int, closes: dtype):
         """Coulomb's friction without a fixed point: SOLVED, NONFINITE or NOT_CONVERGED."""
         status = int(wp.static(NOT_CONVERGED))
-        start = int(known)
-        passes = known == wp.static(MOVES) and direct.passes_first(o)
-        if passes:
-            start = wp.static(ONCE)
+        start = int(wp.where(known == wp.static(MOVES), wp.static(ONCE), known))
         more = int(1)
         while more == 1:
             if start == wp.static(NEARER):
@@ -138,7 +135,7 @@ def make_island(given: type, residual: str) -> wp.Function:
                     start = int(wp.static(MOVES))
             if start == wp.static(RELAXED):
                 relax(t, k, o, closes)
-            elif start == wp.static(MOVES) and passes:
+            elif start == wp.static(MOVES):
                 recall(k, o)
             status = direct.stick_and_slide(t, k, o, start)
             failed = status == wp.static(NOT_CONVERGED)

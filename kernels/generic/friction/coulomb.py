@@ -79,8 +79,9 @@ def make_coulomb(given: type) -> SimpleNamespace:
                 change = miss - k.miss[first]
                 along += miss * change
                 across += change * change
-                if not (wp.abs(miss) <= uncertain(t, k, first, target)):
-                    settled = 0
+                if settled == 1:
+                    if not (wp.abs(miss) <= uncertain(t, k, first, target)):
+                        settled = 0
         if settled == 1 and passes >= 0:
             return 0
         share = dtype(0.0)

@@ -4,13 +4,12 @@ Newton's method on modes (`modes.py`) starts at those of the last step, for a fe
 path is followed from there, and where that leads away others from nothing (`homotopy.py`); Newton's method
 takes the last digits from their ends. Where most rows have no last step and lie still all of these stick at
 first, and if a short path from there does not end the convex problem (Anitescu's relaxation) has to say what
-to start from: a path takes a pivot for every contact that lies otherwise, in a heap many. So an island of
-some blocks that moves tries Newton's method where a few short passes of the fixed point lead (`passes.py`)
-before it follows a path from the last step. Paths from nothing take several pivots a row, which cost the more
-the more there is, and seldom end in large heaps: one of many blocks makes more of these passes and follows a
-path from their end, too, and starts from whole ones (`coulomb.py`) after that; one of still more is spared
-paths from nothing at the first look. The fixed point stays behind all of them: what has no solution at all is
-told by it.
+to start from: a path takes a pivot for every contact that lies otherwise, in a heap many. So an island that
+moves tries Newton's method where short passes of the fixed point lead (`passes.py`) before it follows a path
+from the last step. Paths from nothing take several pivots a row, which cost the more the more there is, and
+seldom end in large heaps: one of many blocks follows a path from the passes' end, too, and starts from whole
+ones (`coulomb.py`) after the last step's; one of still more is spared paths from nothing at the first look.
+The fixed point stays behind all of them: what has no solution at all is told by it.
 """
 
 from types import SimpleNamespace
@@ -27,12 +26,11 @@ from .homotopy import TRIALS, make_homotopy
 from .modes import make_modes
 
 MOVES, STILL, RELAXED = 0, 1, 2  # what is known of an island: a last step; lies still; a convex solution
-ONCE, NEARER = 3, 4  # of more blocks before: a last step without a path; some passes from there
+ONCE, NEARER = 3, 4  # before: a last step without a path; some passes from there
 AGAIN, HERE, NOTHING = 0, 1, 2  # attempts: the modes at hand, a path from there, three paths from nothing
 ATTEMPTS = NOTHING + TRIALS
 SHORT, LONG = 100, 1 << 30  # pivots of a path from what was assumed, from the last step's impulses
-SOME = 20  # blocks, beyond which passes come before a path from the last step
-MANY, MOST = 45, 90  # and paths from nothing after a path from there, or at later looks
+MANY, MOST = 45, 90  # blocks, beyond which paths from nothing come after others, or at later looks
 MOST_LOOKS = 2  # at what did not converge, after the first
 WARM, POLISHING = 4, 12  # iterations on modes, from the last step's and from a path's end
 
@@ -69,13 +67,7 @@ def make_direct(given: type) -> SimpleNamespace:
         if attempt == wp.static(HERE):
             short = known == wp.static(STILL) or known == wp.static(NEARER)
             homotopy.from_here(t, k, o, size, wp.where(short, SHORT, LONG))
-        last = known == wp.static(MOVES) or known == wp.static(ONCE)
-        return wp.where(attempt == wp.static(AGAIN) and last, WARM, POLISHING)
-
-    @wp.func
-    def passes_first(o: Island):
-        """Whether an island that moves makes some passes before a path from the last step."""
-        return o.end - o.start > wp.static(SOME)
+        return wp.where(known == wp.static(ONCE), WARM, POLISHING)
 
     @wp.func
     def is_another_next(o: Island, known: int):
@@ -116,8 +108,8 @@ def make_direct(given: type) -> SimpleNamespace:
         status = int(wp.static(NOT_CONVERGED))
         attempts = attempts_at(t, k, o, known)
         attempt = int(wp.static(AGAIN))
-        if known == wp.static(MOVES) and passes_first(o):
-            attempt = int(wp.static(HERE))  # as ONCE has made the other
+        if known == wp.static(MOVES):
+            attempt = int(wp.static(HERE))  # ONCE has made the other
         while attempt < attempts and status == wp.static(NOT_CONVERGED):
             iterations = begin_attempt(t, k, o, size, known, attempt)
             if modes.newton(t, k, o, iterations, wp.where(attempt == wp.static(AGAIN), 1, 0)) == 1:
@@ -134,7 +126,6 @@ def make_direct(given: type) -> SimpleNamespace:
 
     return SimpleNamespace(
         stick_and_slide=stick_and_slide,
-        passes_first=passes_first,
         is_another_next=is_another_next,
         after=after,
         join_pairs=modes.join_pairs,

@@ -30,7 +30,7 @@ STAYS = 1e-12  # residual of the last impulses that stay as they are: rounding o
 SLIP = 0.2  # of v_t of what sticks, or slides the other way, that counts as the residual of a row does
 ROUNDED = 4e-16  # of mu v_t, relative to the terms of its rows: v_t has digits beyond this
 PATIENCE = 2  # iterations at modes that stay, without a gain
-TOO_MANY, GROWING = 15, 8  # contacts that change at once, or more of them than before: no solution is near
+TOO_MANY, GROWING = 10, 5  # contacts that change at once, or more of them than before: no solution is near
 
 
 @cached

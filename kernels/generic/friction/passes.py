@@ -15,14 +15,14 @@ from .coulomb import make_coulomb
 
 QUIET = 3  # in a row along which no row changes its set, after which there are no more
 PIVOTS = 50  # of a pass
-PASSES, ALL_PIVOTS = 6, 45  # in islands that are not large: what takes more is wedged, and no solution near
+BY_BLOCK = 10  # in all passes, for every block of an island that is not large: what takes more is wedged
 
 
 @cached
 def make_passes(given: type) -> wp.Function:
-    """approach(t, k, o, large) -> 1 with (k.v, k.z) near a solution, from where they are, with a few passes,
-    in a `large` island no more than it has blocks; 0 where they lead far away. Needs scales and d/h without a
-    lift.
+    """approach(t, k, o, large) -> 1 with (k.v, k.z) near a solution, from where they are, with no more passes
+    than the island has blocks; 0 where they lead far away, if it is not `large`. Needs scales and d/h without
+    a lift.
     """
     nt, follow, lift = make_newton(given, "hard"), make_pivots(given), make_coulomb(given).lift
     ZERO, SOFTER = WORK(0.0), WORK(SOFTENED)
@@ -30,8 +30,8 @@ def make_passes(given: type) -> wp.Function:
     @wp.func(inline=False)
     def approach(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, large: bool):
         passes, quiet = int(0), int(0)
-        left = int(wp.static(ALL_PIVOTS))
-        most = wp.where(large, o.end - o.start, wp.static(PASSES))
+        most = o.end - o.start
+        left = wp.static(BY_BLOCK) * most
         going = lift(t, k, o, passes)
         while going == 1 and passes < most and quiet < wp.static(QUIET) and (large or left > 0):
             _worst, changed, _largest = nt.residuals(t, k, o, 0, ZERO)
