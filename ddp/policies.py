@@ -67,8 +67,8 @@ class TrackingPolicy:
 
     def kernel(self, sim: Simulator) -> tuple[PolicyKernel, Any]:
         """Kernel and struct for a simulator."""
-        size = self.xs.shape[-1], self.us.shape[-1]
-        size += (size[:1] if self.period is None else self.period.shape,)
+        period = self.xs.shape[-1:] if self.period is None else self.period.shape
+        size = self.xs.shape[-1], self.us.shape[-1], period
         if size != (sim.nx, sim.nu, (sim.nx,)):
             raise ArgumentError(
                 f"the trajectory has {size[0]} states, {size[1]} controls and a period of shape {size[2]}; "
