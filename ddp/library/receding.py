@@ -206,7 +206,7 @@ class _Chains:
         if x0.shape not in ((problem.nx,), (options.chains, problem.nx)) or not np.isfinite(x0).all():
             raise ArgumentError(
                 f"x0 has shape {x0.shape}; finite numbers of shape ({problem.nx},) or "
-                f"({options.chains}, {problem.nx}) are needed"
+                f"({options.chains}, {problem.nx}) are needed, by RecedingOptions.chains"
             )
         self.problem, self.options, self.sim = problem, options, problem.dynamics
         self.period = self.sim.scene.state_period

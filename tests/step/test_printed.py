@@ -78,6 +78,8 @@ THINGS = {  # what: it, and what its line, its text and its page say
              ("judged by", 'final', "final('block.x') > 1")),
     "report": (report, "<Report of task 'shove': 1 part>", ("50.0 (", "mean x", "1.5")),
     "sweep report": (sweep_report, "<SweepReport of 'mine': 1 case, 7 runs; interrupted>", ("(0.5, 0.25",)),
+    "worlds": (lambda: slcp.Worlds(np.zeros((3, 8)), numbers=[4, 5, 6]),
+               "<Worlds x0 (3, 8), numbers (3,)>", ()),
     "particles": (
         lambda: slcp.Particles(np.zeros(8), np.zeros(8), np.zeros(6), np.zeros(6), np.eye(8), 5),
         "<Particles state (8,), ", (),

@@ -8,12 +8,13 @@ import warp as wp
 
 from ...inputs.checks import array
 from ...inputs.errors import ArgumentError
+from ...storage.printed import Arrays
 
 AXES = {"x0": 2, "params": 2, "kicks": 3, "pushes": 3, "dropouts": 3, "timing": 3, "numbers": 1}
 
 
-@dataclass(frozen=True)
-class Worlds:
+@dataclass(frozen=True, repr=False)
+class Worlds(Arrays):
     """Numbers of B worlds, in place of drawn ones; what is None is as in a world without disturbance.
 
     Noise of single steps (of controls, of sensors, steps dropped at random) is not among them: it follows
