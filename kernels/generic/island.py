@@ -7,7 +7,7 @@ from ..factories import cached
 from ..status import INFEASIBLE, JAMMED, NONFINITE, NOT_CONVERGED, SOLVED
 from .contact import ROUNDING, make_contact
 from .friction.coulomb import COULOMB_PASSES, RETREATS, make_coulomb
-from .friction.direct import MANY, MOVES, NEARER, ONCE, RELAXED, STILL, make_direct
+from .friction.direct import LAST, MANY, MOVES, NEARER, ONCE, RELAXED, SOME, STILL, make_direct
 from .friction.jam import make_jam
 from .friction.normal import make_normal
 from .friction.passes import make_passes
@@ -37,10 +37,25 @@ def make_island(given: type, residual: str) -> wp.Function:
     UNUSED, HALF, ZERO, ONE = dtype(COLD), dtype(0.5), dtype(0.0), dtype(1.0)
     FAR, SLOW, ROUND = dtype(-NOWHERE), dtype(RESTING), dtype(ROUNDING[given])
 
+    @wp.func
+    def is_moving(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+        """Whether an island's motion is more than what forces change of it in a step, in energy."""
+        own, change = dtype(0.0), dtype(0.0)
+        for place in range(o.start, o.end):
+            b = k.block[place]
+            m = k.mass[t.mass_at[b] + b]
+            v = k.before[b]
+            dv = k.vfree[b] - v
+            own += wp.dot(v, m * v)
+            change += wp.dot(dv, m * dv)
+        return own > change
+
     @wp.func(inline=False)
     def count_rows(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, closes: dtype):
-        """The number of acting rows; whether most of them are new and lie still. New ones start from k.v, and
-        press a little where they lie still, less than a share of the fastest approach beyond rounding.
+        """The number of acting rows; whether most of them are new and lie still, or passes are to be made.
+
+        New ones start from k.v, and press a little where they lie still, less than a share of the fastest
+        approach beyond rounding.
         """
         if wp.static(residual == "hard"):
             if t.coulomb == 1:
@@ -61,7 +76,12 @@ def make_island(given: type, residual: str) -> wp.Function:
                                 rests += 1
                                 k.z[r] = little
                     k.acting[r] = 2
-        return n, wp.where(2 * new > n and 2 * rests > touching, STILL, MOVES)
+        state = wp.where(2 * new > n and 2 * rests > touching, STILL, MOVES)
+        blocks = o.end - o.start
+        if state == MOVES and blocks > wp.static(SOME):
+            if blocks > wp.static(MANY) or (2 * new <= n and is_moving(t, k, o)):
+                state = wp.static(ONCE)
+        return n, state
 
     @wp.func
     def free(k: wp.ref[Slot], o: Island):
@@ -127,15 +147,15 @@ def make_island(given: type, residual: str) -> wp.Function:
     def directly(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, known: int, closes: dtype):
         """Coulomb's friction without a fixed point: SOLVED, NONFINITE or NOT_CONVERGED."""
         status = int(wp.static(NOT_CONVERGED))
-        start = int(wp.where(known == wp.static(MOVES), wp.static(ONCE), known))
+        start = int(known)
         more = int(1)
         while more == 1:
             if start == wp.static(NEARER):
                 if come_nearer(t, k, o, closes) == 0:
-                    start = int(wp.static(MOVES))
+                    start = int(wp.static(LAST))
             if start == wp.static(RELAXED):
                 relax(t, k, o, closes)
-            elif start == wp.static(MOVES):
+            elif start == wp.static(LAST):
                 recall(k, o)
             status = direct.stick_and_slide(t, k, o, start)
             failed = status == wp.static(NOT_CONVERGED)

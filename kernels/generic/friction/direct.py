@@ -4,12 +4,14 @@ Newton's method on modes (`modes.py`) starts at those of the last step, for a fe
 path is followed from there, and where that leads away others from nothing (`homotopy.py`); Newton's method
 takes the last digits from their ends. Where most rows have no last step and lie still all of these stick at
 first, and if a short path from there does not end the convex problem (Anitescu's relaxation) has to say what
-to start from: a path takes a pivot for every contact that lies otherwise, in a heap many. So an island that
-moves tries Newton's method where short passes of the fixed point lead (`passes.py`) before it follows a path
-from the last step. Paths from nothing take several pivots a row, which cost the more the more there is, and
-seldom end in large heaps: one of many blocks follows a path from the passes' end, too, and starts from whole
-ones (`coulomb.py`) after the last step's; one of still more is spared paths from nothing at the first look.
-The fixed point stays behind all of them: what has no solution at all is told by it.
+to start from: a path takes a pivot for every contact that lies otherwise, in a heap many. So an island of
+some blocks that moves, and whose rows have a last step, tries Newton's method where short passes of the fixed
+point lead (`passes.py`) before it follows a path from that step. In small ones, without a last step and where
+bodies may stay at rest passes would find another of several solutions too often, and from neighbouring states
+not the same. Paths from nothing take several pivots a row, which cost the more the more there is, and seldom
+end in large heaps: one of many blocks follows a path from the passes' end, too, and starts from whole ones
+(`coulomb.py`) after the last step's; one of still more is spared paths from nothing at the first look. The
+fixed point stays behind all of them: what has no solution at all is told by it.
 """
 
 from types import SimpleNamespace
@@ -26,10 +28,11 @@ from .homotopy import TRIALS, make_homotopy
 from .modes import make_modes
 
 MOVES, STILL, RELAXED = 0, 1, 2  # what is known of an island: a last step; lies still; a convex solution
-ONCE, NEARER = 3, 4  # before: a last step without a path; some passes from there
+ONCE, NEARER, LAST = 3, 4, 5  # before: a last step without a path; passes from there; that step with a path
 AGAIN, HERE, NOTHING = 0, 1, 2  # attempts: the modes at hand, a path from there, three paths from nothing
 ATTEMPTS = NOTHING + TRIALS
 SHORT, LONG = 100, 1 << 30  # pivots of a path from what was assumed, from the last step's impulses
+SOME = 8  # blocks, beyond which passes are made
 MANY, MOST = 45, 90  # blocks, beyond which paths from nothing come after others, or at later looks
 MOST_LOOKS = 2  # at what did not converge, after the first
 WARM, POLISHING = 4, 12  # iterations on modes, from the last step's and from a path's end
@@ -67,19 +70,20 @@ def make_direct(given: type) -> SimpleNamespace:
         if attempt == wp.static(HERE):
             short = known == wp.static(STILL) or known == wp.static(NEARER)
             homotopy.from_here(t, k, o, size, wp.where(short, SHORT, LONG))
-        return wp.where(known == wp.static(ONCE), WARM, POLISHING)
+        last = known == wp.static(MOVES) or known == wp.static(ONCE)
+        return wp.where(attempt == wp.static(AGAIN) and last, WARM, POLISHING)
 
     @wp.func
     def is_another_next(o: Island, known: int):
         """Whether an island that fails starts once more from elsewhere."""
-        if known == wp.static(MOVES):
+        if known == wp.static(MOVES) or known == wp.static(LAST):
             return o.end - o.start > wp.static(MANY)
         return known != wp.static(RELAXED)
 
     @wp.func
     def after(known: int):
         """And from where."""
-        return wp.where(known == ONCE, NEARER, wp.where(known == NEARER, MOVES, RELAXED))
+        return wp.where(known == ONCE, NEARER, wp.where(known == NEARER, LAST, RELAXED))
 
     @wp.func
     def attempts_at(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, known: int):
@@ -107,12 +111,13 @@ def make_direct(given: type) -> SimpleNamespace:
         begin(k, o, known)
         status = int(wp.static(NOT_CONVERGED))
         attempts = attempts_at(t, k, o, known)
+        wary = wp.where(known == wp.static(ONCE) or known == wp.static(NEARER), 1, 0)
         attempt = int(wp.static(AGAIN))
-        if known == wp.static(MOVES):
+        if known == wp.static(LAST):
             attempt = int(wp.static(HERE))  # ONCE has made the other
         while attempt < attempts and status == wp.static(NOT_CONVERGED):
             iterations = begin_attempt(t, k, o, size, known, attempt)
-            if modes.newton(t, k, o, iterations, wp.where(attempt == wp.static(AGAIN), 1, 0)) == 1:
+            if modes.newton(t, k, o, iterations, wary) == 1:
                 earned.give_back(t, k, o)
                 good = earned.plainly_adds_up(t, k, o)
                 if good == 0:
