@@ -111,7 +111,7 @@ def make_direct(given: type) -> SimpleNamespace:
         begin(k, o, known)
         status = int(wp.static(NOT_CONVERGED))
         attempts = attempts_at(t, k, o, known)
-        wary = wp.where(known == wp.static(ONCE) or known == wp.static(NEARER), 1, 0)
+        wary = wp.where(attempts == wp.static(HERE), 1, 0)  # what is tried before a path
         attempt = int(wp.static(AGAIN))
         if known == wp.static(LAST):
             attempt = int(wp.static(HERE))  # ONCE has made the other
