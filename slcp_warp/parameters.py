@@ -49,7 +49,10 @@ class Parameters(Printed):
         self.requires_grad = flag("requires_grad", requires_grad)
         self._uploaded: dict[tuple[Any, str], wp.array] = {}
         if values is not None:
-            self._values = self.replace(**instance("values", values, Mapping, "a dict"))._values
+            for name in instance("values", values, Mapping, "a dict"):
+                if not isinstance(name, str):
+                    self._known(name)
+            self._values = self.replace(**values)._values
 
     def _with(self, values: dict[str, np.ndarray], requires_grad: bool) -> "Parameters":
         """A copy with values that were checked."""

@@ -63,8 +63,8 @@ def _directions(x: np.ndarray, period: np.ndarray, step: np.ndarray) -> np.ndarr
     return np.where(period > 0.0, np.arctan2(up, across) / np.where(rate > 0.0, rate, 1.0), 0.0)
 
 
-def turned(white: np.ndarray, period: np.ndarray, dtype: Any) -> tuple[np.ndarray, np.ndarray]:
-    """W turned so that its last rows are of periodic components alone, and what tells their images apart.
+def rotated(white: np.ndarray, period: np.ndarray, dtype: Any) -> tuple[np.ndarray, np.ndarray]:
+    """W rotated so that its last rows are of periodic components alone, and what tells their images apart.
 
     Returns R (nx, nx) with |R dx| = |W dx|, and (p, p + 1) for p periodic components: C, R's last rows, upper
     triangular, with its diagonal inverted; in the last column half a period and what differences of C dx in
@@ -185,7 +185,7 @@ class NearestPolicy:
         self.library.check_scene(sim.scene)
         lib = self.library
         points, owner = images(lib.x, lib.period)
-        whiten, near = turned(self.whiten, lib.period, wp.dtype_to_numpy(sim.dtype))
+        whiten, near = rotated(self.whiten, lib.period, wp.dtype_to_numpy(sim.dtype))
         points = points @ whiten.T
         kernel = nearest_kernel(len(points), self.timed, len(near))
         struct = kernel.functions(sim.nx, sim.nu, sim.dtype).Struct()
@@ -195,7 +195,7 @@ class NearestPolicy:
             points = np.concatenate([points, CLOCK * lib.step[owner][:, None]], axis=1)
             struct.clock, struct.rate, struct.begin, struct.last = CLOCK, self.rate, 0.0, lib.step.max()
         put_tree(sim, struct.tree, points, owner)
-        struct.tree.within = own(near)
+        struct.tree.near = own(near)
         struct.whitening = own(whiten)
         struct.period = own(lib.period)
         struct.limit = self.feedback_limit

@@ -55,7 +55,7 @@ def make_search(stack: int, nx: int, dtype: type, turns: tuple[int, int] = (0, 0
         boxes: wp.array2d(dtype=VB)  # (G, 2 nx) lower corners, then upper ones; beyond the last child +-inf
         points: wp.array2d(dtype=VB)  # (P, nx) leaves; where points are fewer, the first one again
         entry: wp.array2d(dtype=wp.int32)  # (P, WIDTH) of the points
-        within: wp.array2d(dtype=dtype)  # (turns, turns + 1) C, 1/C_jj on its diagonal; half a period last
+        near: wp.array2d(dtype=dtype)  # (turns, turns + 1) C, 1/C_jj on its diagonal; half a period last
 
     @wp.func_native(f"""
     const auto* box = &wp::index(boxes, n, 0);
@@ -150,7 +150,7 @@ def make_search(stack: int, nx: int, dtype: type, turns: tuple[int, int] = (0, 0
                     depth += (rest >> i) & 1
             if n >= 0:
                 leaf = n - groups
-                d = to_points(tree.points, leaf, y, tree.within)
+                d = to_points(tree.points, leaf, y, tree.near)
                 closer = within(d, least)
                 i = int(0)
                 while closer != 0:

@@ -165,6 +165,11 @@ def test_what_is_no_table_is_refused(table):
         params_of("grasp").from_table(table)
 
 
+def test_a_name_that_is_none_is_refused():
+    with pytest.raises(slcp.ParameterError, match="no parameter 1; there are"):
+        slcp.Parameters(scene("grasp"), {1: 2.0})
+
+
 def test_a_table_of_illegal_numbers_is_refused():
     params = params_of("grasp")
     table = params.table()
