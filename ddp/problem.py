@@ -73,6 +73,16 @@ class Problem:
         """Number of controls."""
         return int(self.dynamics.nu)
 
+    @property
+    def quick_method(self) -> str:
+        """Of `Options.method`: "gauss-newton" where second derivatives are differences of first ones, at
+        1 + 4 (nx + nu) linearisations a step; else "second-order".
+        """
+        differences = (
+            isinstance(self.dynamics, Simulator) and dynamics_of(self.dynamics).second_by_differences
+        )
+        return "gauss-newton" if differences else "second-order"
+
     def simulated(self) -> Simulated | None:
         """Scene, options and parameters of a simulator with parameters of its own kind; else None."""
         known = isinstance(self.dynamics, Simulator) and isinstance(self.params, Parameters)

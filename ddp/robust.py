@@ -153,6 +153,7 @@ def _solve_from(first: Result, models: list[Problem], x0: np.ndarray, delay: int
     late, many = Late.of(models[0].with_params(**rows), delay), len(models)
     us, xs, K = (np.repeat(getattr(first, name)[None, delay:], many, axis=0) for name in ("us", "xs", "K"))
     starts = np.repeat(x0[None], many, axis=0)
-    found = solve(late.rest, late.begin(starts), us, Options(max_iterations=PASSES), xs0=xs, K0=K)
+    options = Options(max_iterations=PASSES, method=late.rest.quick_method)
+    found = solve(late.rest, late.begin(starts), us, options, xs0=xs, K0=K)
     found = late.extend(found, starts)
     return [replace(found.select(i), simulated=each.simulated()) for i, each in enumerate(models)]

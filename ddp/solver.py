@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from slcp_warp.inputs.errors import ArgumentTypeError
+from slcp_warp.inputs.errors import ArgumentError, ArgumentTypeError
 
 from .batches import batch_of
 from .continuation import solve_continuation
@@ -44,7 +44,8 @@ def solve(
     Args:
         problem: what to minimise.
         x0: initial states (B, nx) or (nx,).
-        u0: initial controls (B, N, nu) or (N, nu); None: zeros or what ``options.start`` makes.
+        u0: initial controls (B, N, nu) or (N, nu); None: zeros or what ``options.start`` makes. Or a
+            `Result`, of any cost and numbers, to go on from with its feedback.
         options: see `Options`; with ``sigma_schedule`` this is `solve_continuation`.
         xs0: states of a policy to start from, with ``K0``; alone, states of multiple shooting (see
             `Workspace.run`).
@@ -57,6 +58,12 @@ def solve(
             f"problem and options are a {type(problem).__name__} and a {type(options).__name__}; "
             "a ddp.Problem and a ddp.Options are needed"
         )
+    if isinstance(u0, Result):
+        if xs0 is not None or K0 is not None:
+            raise ArgumentError(
+                "u0 is a ddp.Result, which has states and gains of its own: leave out xs0, K0"
+            )
+        u0, xs0, K0 = u0.us, u0.xs, u0.K
     if options.sigma_schedule is not None:
         return solve_continuation(problem, x0, u0, options.sigma_schedule, options, xs0=xs0, K0=K0, k0=k0)[-1]
     single, batch = batch_of(problem, x0, u0)

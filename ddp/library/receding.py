@@ -31,6 +31,7 @@ from .kept import kept_shifts
 from .library import Library
 from .nearest import wrap
 
+STEP_SIZES = tuple(2.0 ** -np.arange(8.0))
 STATE = ("x", "us", "xs", "K", "lower", "upper", "cost", "gain")
 
 
@@ -52,7 +53,8 @@ class RecedingOptions:
         first_passes: of the first plan.
         entries: controllers stored of every plan, at its steps 0, 1, .. (at most the offset).
         seed: of all random numbers.
-        solver: `Options` of DDP; `passes` stand in the place of its max_iterations.
+        solver: `Options` of DDP; `passes` stand in the place of its max_iterations. None: eight step sizes,
+            by the problem's `quick_method`.
     """
 
     offset: int = 4
@@ -68,7 +70,7 @@ class RecedingOptions:
     first_passes: int = 200
     entries: int = 1
     seed: int = 0
-    solver: Options = field(default_factory=lambda: Options(step_sizes=tuple(2.0 ** -np.arange(8.0))))
+    solver: Options | None = None
 
     def __post_init__(self) -> None:
         for name, low in (
@@ -90,7 +92,7 @@ class RecedingOptions:
             )
         for name in ("perturb_variance", "noise", "noise_time"):
             number(f"RecedingOptions.{name}", getattr(self, name), 0.0, above=name == "noise_time")
-        instance("RecedingOptions.solver", self.solver, Options, "a ddp.Options")
+        instance("RecedingOptions.solver", self.solver, Options | None, "a ddp.Options")
 
 
 @dataclass
@@ -223,7 +225,14 @@ class _Chains:
     def shifting(self) -> Workspace:
         """What plans a shift."""
         options = self.options
-        return Workspace(self.problem, options.chains * self.starts, _limited(options.solver, options.passes))
+        return Workspace(self.problem, options.chains * self.starts, self._limited(options.passes))
+
+    def _limited(self, passes: int) -> Options:
+        """Options of the solver with so many passes."""
+        own = self.options.solver
+        if own is None:
+            own = Options(method=self.problem.quick_method, step_sizes=STEP_SIZES)
+        return replace(own, max_iterations=passes)
 
     def columns(self) -> dict[str, np.ndarray]:
         """What the next shift depends on, beside the plans kept so far: a row a chain."""
@@ -240,9 +249,7 @@ class _Chains:
 
     def first_plans(self) -> None:
         """The first plan of every chain: from zero and from noise, to convergence."""
-        first = Workspace(
-            self.problem, len(self.shifting_x()), _limited(self.options.solver, self.options.first_passes)
-        )
+        first = Workspace(self.problem, len(self.shifting_x()), self._limited(self.options.first_passes))
         us = np.stack([self._noise() if start else np.zeros((self.problem.horizon, self.problem.nu))
                        for _ in self.x for start in range(self.starts)])  # fmt: skip
         self._keep_best(first, first.solve(self.shifting_x(), us))
@@ -365,8 +372,3 @@ def library_header(problem: Problem) -> dict[str, Any]:
         "residual": sim.options.residual,
         "integrator": sim.options.integrator,
     }
-
-
-def _limited(options: Options, passes: int) -> Options:
-    """The same options with another number of passes."""
-    return replace(options, max_iterations=passes)

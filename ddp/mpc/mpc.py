@@ -15,7 +15,6 @@ from slcp_warp.inputs.checks import instance, number, shown, whole
 from slcp_warp.inputs.errors import ArgumentError
 from slcp_warp.stepping.arguments import policy_arrays
 
-from ..dynamics import dynamics_of
 from ..library.entries import scene_digest
 from ..library.nearest import wrap
 from ..options import Options
@@ -123,7 +122,7 @@ class MPC:
         if self.improved > len(self.starts):
             raise ArgumentError(f"improved is {improved}; at most the {len(self.starts)} starts are there")
         instance("options", options, Options | None, "a ddp.Options")
-        self.options = _fitting(problem) if options is None else options
+        self.options = Options(method=problem.quick_method) if options is None else options
         self.noise = self._noise(noise)
         self.period = float(np.ravel(problem.params["step_size"])[0])
         self._wrap = problem.dynamics.scene.state_period
@@ -290,12 +289,6 @@ class MPC:
                 return np.asarray(planner.acting.xs[world - first])
             first += planner.worlds
         raise ArgumentError(f"world is {world}; there is no plan of it")
-
-
-def _fitting(problem: Problem) -> Options:
-    """Options of DDP where none are given."""
-    differences = dynamics_of(problem.dynamics).second_by_differences
-    return Options(method="gauss-newton" if differences else "second-order")
 
 
 class _Kept:

@@ -159,6 +159,9 @@ def test_feedback_in_the_warm_start_beats_open_loop(device):
     opened = ddp.solve(problem, moved, solution.us, none)
     best = ddp.solve(problem, moved, solution.us, xs0=solution.xs, K0=solution.K)
     assert best.cost <= closed.cost < opened.cost
+    np.testing.assert_array_equal(ddp.solve(problem, moved, solution, none).us, closed.us)
+    with pytest.raises(ValueError, match="u0 is a ddp.Result, .* leave out xs0, K0"):
+        ddp.solve(problem, moved, solution, K0=solution.K)
     # the quadratic value predicts the closed loop's cost to third order
     d = moved - x0
     predicted = solution.cost + solution.Vx[0] @ d + 0.5 * d @ solution.Vxx[0] @ d

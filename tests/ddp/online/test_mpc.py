@@ -7,6 +7,7 @@ import pytest
 
 import slcp_warp as slcp
 from slcp_warp import ddp
+from slcp_warp.ddp.library import receding
 from slcp_warp.ensembles.worlds.nominal import nominal
 
 HORIZON = 75
@@ -178,6 +179,9 @@ def test_second_order_is_the_rule_where_it_is_had_in_closed_form(task, options, 
     problem = ddp.Problem(sim, task.cost, 10, control_limits=task.control_limits)
     assert ddp.MPC(problem).options.method == method
     assert ddp.MPC(problem, options=ddp.Options()).options.method == "second-order"
+    for given, used in ((None, method), (ddp.Options(), "second-order")):
+        chains = receding._Chains(problem, task.start[0], ddp.RecedingOptions(solver=given))
+        assert chains.shifting.options.method == used
 
 
 def test_whole_turns_of_a_periodic_angle_change_nothing(task, problem):
