@@ -27,9 +27,10 @@ RENAMED = {"registers": "specialised", "memory": "generic"}  # as they were call
 # nv times the larger of nr and nv, by whether the device is a CPU: beyond, specialised kernels compile for
 # half a minute on a CPU and for minutes on a GPU (docs/performance.md)
 LARGEST = {True: 200, False: 32}
-# nv times nr, of hard rows and of others, from which generic kernels are the faster ones on a CPU where pairs
-# join two trees and more (`slcp bench kernels --scene all`, docs/performance.md)
-TOUCHING = {True: 48, False: 96}
+# nv times nr from which generic kernels are the faster ones on a CPU where pairs join two trees and more
+# (`slcp bench kernels --scene all`, docs/performance.md)
+TOUCHING = 48
+CROWDED = 4  # rows a degree of freedom from which they are under Coulomb's friction: all may act at once
 PAIRS = 2  # of which the rows that act together are few in most steps
 
 
@@ -132,5 +133,6 @@ def choose(strategy: str, s: Structure, method: Method, device: Any) -> str:
         return "specialised" if strategy == "auto" else strategy
     on_cpu = wp.get_device(device).is_cpu
     large = s.nr > MOST_ROWS or s.nv * max(s.nr, s.nv) > LARGEST[on_cpu]
-    slower = on_cpu and s.nv * s.nr >= TOUCHING[method.hard] and joined_trees(s) > 1
-    return "generic" if large or slower else "specialised"
+    touching = s.nv * s.nr >= TOUCHING and joined_trees(s) > 1
+    crowded = method.coulomb and s.nr >= CROWDED * s.nv
+    return "generic" if large or on_cpu and (touching or crowded) else "specialised"
