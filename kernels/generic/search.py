@@ -128,20 +128,16 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
         s.last = wp.where(worst < s.best, 1, 0)
         if s.last == 1:
             s.best = worst
-        patience = int(2)
-        most = int(wp.static(POLISHING))
-        if wp.static(not hard):
-            if s.attempt == wp.static(EXACT):
-                most = wp.static(HOLDING)
-        aim = AIM + ZERO
+        patience, most = int(2), int(wp.static(POLISHING))
+        if s.attempt == wp.static(EXACT) and wp.static(not hard):
+            most = wp.static(HOLDING)
+        aim = wp.where(s.attempt == 0 and s.it == 1, s.rest, AIM)
         if s.attempt == 0:
             if wp.static(hard) or s.best > FINE:
                 patience = wp.static(SETS[hard])
             most = wp.static(WARM_ITERATIONS[hard])
             if s.best < NEAR:
                 most += wp.static(NEARLY[hard])
-            if s.it == 1:
-                aim = s.rest + ZERO
         if s.best > FINE and s.best < NEAR:  # nearly solved
             patience = wp.static(PATIENCE)
         if s.trying == 1:
@@ -196,15 +192,13 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
     @wp.func
     def proceed(t: wp.ref[Topology], k: wp.ref[Slot], o: Island, s: wp.ref[Search], n: dtype, step: dtype):
         """Make the step; of hard rows, from the last solution, with their changes of sets on the way."""
-        follows = int(0)
         if wp.static(hard):
             if s.attempt == 0:
-                follows = 1
                 made = follow(t, k, o, wp.static(PIVOTS) - s.pivots)
                 s.pivots = s.pivots + made
                 s.mean = dtype(made)
-        if follows == 0:
-            s.mean = inner.advance(k, o, n, s.inside, step)
+                return
+        s.mean = inner.advance(k, o, n, s.inside, step)
 
     @wp.func
     def shorten(k: wp.ref[Slot], o: Island, less: dtype):
@@ -302,6 +296,12 @@ def make_solver(given: type, residual: str) -> SimpleNamespace:
                 good = earned.plainly_adds_up(t, k, o)
             if good == 0:
                 good = earned.adds_up(t, k, o)
+            if wp.static(hard):
+                if good == 0 and s.attempt < wp.static(YIELDING):
+                    earned.take_impulses(t, k, o)
+                    worst, _changed, _largest = nt.residuals(t, k, o, 0, ZERO)
+                    if worst <= GOOD:
+                        good = earned.adds_up(t, k, o)
             if good == 0 and s.attempt >= wp.static(YIELDING):
                 good = earned.is_earned(t, k, o, wp.where(s.attempt == wp.static(EXACT), 1, 0))
             elif good == 0:

@@ -28,7 +28,7 @@ GROWN = 10.0  # by which rows may press a place harder than they do where they y
 
 @cached
 def make_earned(given: type, residual: str) -> SimpleNamespace:
-    """Warp functions `adds_up`, `give_back`, `plainly_adds_up`, `see_all`, `ease` and `is_earned`."""
+    """Warp functions: judges `adds_up`, `plainly_adds_up`, `is_earned`, and what comes before and after."""
     dtype = WORK
     nt = make_newton(given, residual)
     hard = residual == "hard"
@@ -215,6 +215,22 @@ def make_earned(given: type, residual: str) -> SimpleNamespace:
             place += 1
         return good
 
+    @wp.func
+    def misses(t: wp.ref[Topology], k: wp.ref[Slot], b: int):
+        """Whether a coordinate of block b misses more momentum than the data suggest."""
+        miss = wp.max(wp.abs(k.balance[b]) - k.lost[b], V3())
+        told = (miss + UNTOLD * k.move[b]) / ENOUGH
+        have = k.momentum[b]
+        short = False
+        for part in range(3):
+            if not (told[part] <= have[part]):
+                dof = t.block_dof[3 * b + part]
+                if dof < 0:
+                    short = True
+                elif is_held(t, k, dof, told[part]) == 0:
+                    short = True
+        return short
+
     @wp.func(inline=False)
     def adds_up(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
         """1 if every row is open on its own scale, and M dv = J' lambda, as it is given back, holds on the
@@ -244,18 +260,30 @@ def make_earned(given: type, residual: str) -> SimpleNamespace:
             for e in range(k.entry[start + 1] - k.entry[start]):
                 press(t, k, start, k.group[g + 1], e)
         for place in range(o.start, o.end):
-            b = k.block[place]
-            miss = wp.max(wp.abs(k.balance[b]) - k.lost[b], V3())
-            told = (miss + UNTOLD * k.move[b]) / ENOUGH
-            have = k.momentum[b]
-            for part in range(3):
-                if not (told[part] <= have[part]):
-                    dof = t.block_dof[3 * b + part]
-                    if dof < 0:
-                        good = 0
-                    elif is_held(t, k, dof, told[part]) == 0:
-                        good = 0
+            if misses(t, k, k.block[place]):
+                good = 0
         return good
+
+    @wp.func(inline=False)
+    def take_impulses(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
+        """After `adds_up`: v' = v_free + M^-1 J' lambda of trees whose data do not suggest what they miss, as
+        of what next to nothing moves beside a load: it is the rounding of what else the solution moves.
+        """
+        for place in range(o.start, o.end):
+            b = k.block[place]
+            u = t.block_unit[b]
+            if t.unit_start[u] == b:
+                end = t.unit_start[u + 1]
+                takes = int(0)
+                for i in range(b, end):
+                    if misses(t, k, i):
+                        takes = 1
+                if takes == 1:
+                    for i in range(b, end):
+                        k.move[i] = k.balance[i]
+                    nt.env.solve(k.mass_factor, t.mass_first, t.mass_at, t.block_id, k.move, b, end)
+                    for i in range(b, end):
+                        k.v[i] = k.v[i] - k.move[i]
 
     @wp.func
     def see_all(t: wp.ref[Topology], k: wp.ref[Slot], o: Island):
@@ -340,6 +368,7 @@ def make_earned(given: type, residual: str) -> SimpleNamespace:
         adds_up=adds_up,
         give_back=give_back,
         plainly_adds_up=plainly_adds_up,
+        take_impulses=take_impulses,
         see_all=see_all,
         ease=ease,
         is_earned=is_earned,
