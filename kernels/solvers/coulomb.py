@@ -12,8 +12,8 @@ ray every combination of modes is tried: a linear complementarity problem that h
 the rows that hold are independent, so that there is none where no combination fits, and the world is JAMMED.
 Of more than MOST_TRIED rows these are the combinations in which at most as many hold as there are velocities;
 where they are more than MOST_COMBINATIONS the ray proves nothing, and the world is NOT_CONVERGED. Without
-friction the method's ray is a proof that no velocity opens the rows, where it holds: INFEASIBLE. Rows may be
-off by the rounding of a gap: what rests in a jam would else be entering half the time.
+friction the method's ray is a proof that no velocity opens the rows, where it holds: INFEASIBLE. Where there
+is no solution gaps that are roundings count as 0: what rests in a jam would else be entering half the time.
 """
 
 import math
@@ -242,18 +242,15 @@ def make_coulomb_solver(spec: Specialisation) -> wp.Function:
         exists = int(known)
         if good == wp.static(DOUBTFUL):
             if exists == wp.static(NONE):
-                _lam, exists = lemke(p, dense, int(1), dense.touching)
+                _lam, exists = lemke(p, dense, int(1), ZERO)
             good = wp.where(exists == wp.static(FOUND), 1, 0)
         return good, exists
 
     @wp.func
-    def solve(world: t.World, p: Problem, warm: VR):
-        v_alone, z_alone, lam_alone, found = single(world, p)
-        if found == 1:
-            return v_alone, kept(z_alone, warm, p.mask), lam_alone, wp.static(SOLVED), int(0)
-        v_few, z_few, lam_few, settled = few(world, p, warm)
-        if not seldom(settled != 1):
-            return v_few, z_few, lam_few, wp.static(SOLVED), int(0)
+    def search(world: t.World, p: Problem, warm: VR):
+        """Impulses by active sets, from Lemke's method, of all combinations: the best trial, the problem that
+        it is of, the status and how many attempts were made.
+        """
         dense = active.gather(world, p)
         z = alone(dense)
         for i in range(dense.count):
@@ -298,6 +295,27 @@ def make_coulomb_solver(spec: Specialisation) -> wp.Function:
         if status == wp.static(NOT_CONVERGED) and ray == 1 and best.least > NEARLY:
             if codes > 0:
                 status = wp.static(JAMMED)
+        return best, dense, status, attempt
+
+    @wp.func
+    def solve(world: t.World, p: Problem, warm: VR):
+        v_alone, z_alone, lam_alone, found = single(world, p)
+        if found == 1:
+            return v_alone, kept(z_alone, warm, p.mask), lam_alone, wp.static(SOLVED), int(0)
+        v_few, z_few, lam_few, settled = few(world, p, warm)
+        if not seldom(settled != 1):
+            return v_few, z_few, lam_few, wp.static(SOLVED), int(0)
+        problem = p
+        best, dense = Trial(), Dense()
+        status, attempts, turn = int(wp.static(NOT_CONVERGED)), int(0), int(0)
+        while turn < 2:
+            best, dense, status, attempts = search(world, problem, warm)
+            turn += 1
+            if status != wp.static(SOLVED) and turn == 1:
+                problem, rounded = active.touch(world, problem)
+                turn = wp.where(rounded > 0, 1, 2)
+            else:
+                turn = 2
         v = p.vfree
         lam_out = VR()
         z_out = VR()
@@ -306,6 +324,6 @@ def make_coulomb_solver(spec: Specialisation) -> wp.Function:
             lam_out[k] = best.lam[i]
             z_out[k] = best.z[i]
             v += best.lam[i] * dense.response[i]
-        return v, kept(z_out, warm, p.mask), lam_out, status, attempt
+        return v, kept(z_out, warm, p.mask), lam_out, status, attempts
 
     return solve

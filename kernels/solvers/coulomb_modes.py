@@ -14,8 +14,7 @@ from ..factories import cached
 from ..specialisation import Specialisation
 from ..structure import layout
 
-TOUCHING = {wp.float64: 1e-12, wp.float32: 1e-6}  # rounding of a gap [m] whose row nothing can open
-LENGTHS = {wp.float64: 3e-3, wp.float32: 4e-2}  # that a gap is the difference of, and rounds with [m]
+ROUNDING = {wp.float64: 2e-14, wp.float32: 4e-7}  # of a gap [m]
 TOLD = {wp.float64: 5e-11, wp.float32: 1e-5}  # of a row's own scale: what w may miss of it
 CANCELLED = {wp.float64: 5e6, wp.float32: 166.0}  # of |A| |lambda|: rounding of more leaves less
 PLAIN = {wp.float64: 1e5, wp.float32: 30.0}  # and to which an answer needs no proof that there is one
@@ -42,7 +41,7 @@ def make_active(spec: Specialisation) -> SimpleNamespace:
     ZERO = dtype(0.0)
     SMALLEST = dtype(1e-30)
     SHARE = dtype(1e-12 if dtype is wp.float64 else 1e-5)
-    CLOSE, LENGTH, MOST = dtype(TOUCHING[dtype]), dtype(LENGTHS[dtype]), dtype(CANCELLED[dtype])
+    CLOSE, MOST = dtype(ROUNDING[dtype]), dtype(CANCELLED[dtype])
     MISS, LITTLE = dtype(TOLD[dtype]), dtype(PLAIN[dtype])
     FRICTION, H = layout(s).offset("friction"), layout(s).offset("step_size")
     pair = tuple(row.index if row.kind == "contact" else 0 for row in s.rows)
@@ -59,7 +58,6 @@ def make_active(spec: Specialisation) -> SimpleNamespace:
         size: VR  # of the terms of the natural map in every row, as J v_free, d/h and A set it
         near: VR  # the same without the terms of other rows that are open at v_free
         own: VR  # of the row's own terms
-        touching: dtype  # rounding of a gap over h
         shut: int  # 1: a row that no impulse moves (J = 0) is violated
         lost: int  # 1: it has a J, but M^-1 has no digits for it
 
@@ -71,11 +69,23 @@ def make_active(spec: Specialisation) -> SimpleNamespace:
         m: AR
 
     @wp.func
+    def touch(world: t.World, p: Problem):
+        """The problem with gaps of 0 where they are roundings of 0; how many are."""
+        out = p
+        close = CLOSE / world.params[wp.static(H)]
+        rounded = int(0)
+        for i in range(wp.static(NR)):
+            if (p.mask & wp.static(1 << i)) != 0 and wp.static(not r.tangent[i]):
+                if out.rate[i] != ZERO and wp.abs(out.rate[i]) <= close:
+                    out.rate[i] = ZERO
+                    rounded += 1
+        return out, rounded
+
+    @wp.func
     def gather(world: t.World, p: Problem):
         out = Dense()
         a, b, own, response = AR(), VR(), VR(), JR()
         row, tangent = MODES(), MODES()
-        out.touching = CLOSE / world.params[wp.static(H)]
         size, closing = dtype(0.0), dtype(0.0)
         n = int(0)
         for i in range(wp.static(NR)):
@@ -101,8 +111,7 @@ def make_active(spec: Specialisation) -> SimpleNamespace:
                     a[n, k] = value
                     a[k, n] = value
                 if wp.static(not r.tangent[i]):
-                    allowed = SHARE * terms + out.touching
-                    if not (a[n, n] > SMALLEST) and b[n] < -allowed:
+                    if not (a[n, n] > SMALLEST) and b[n] < -SHARE * terms:
                         out.shut = 1
                         if lever > SHARE:
                             out.lost = 1
@@ -120,15 +129,14 @@ def make_active(spec: Specialisation) -> SimpleNamespace:
         out.tangent = tangent
         sizes, near = VR(), VR()
         most = wp.max(size, SMALLEST)
-        noise = LENGTH / world.params[wp.static(H)]
         for i in range(n):
             # what opens a violated row may move others much faster than it (a guide along the surface)
             value = wp.max(own[i], wp.max(closing, SMALLEST))
             for k in range(n):
                 if tangent[k] == 0 and b[k] < ZERO:
                     value = wp.max(value, -b[k] * wp.abs(a[i, k]) / a[k, k])
-            near[i] = value + noise
-            sizes[i] = wp.max(value, most) + noise
+            near[i] = value
+            sizes[i] = wp.max(value, most)
         out.size = sizes
         out.near = near
         return out
@@ -179,7 +187,7 @@ def make_active(spec: Specialisation) -> SimpleNamespace:
             for k in range(dense.count):
                 w += a[i, k] * lam[k]
                 total += wp.abs(a[i, k] * lam[k])
-            allowed = MISS * (own[i] + wp.min(most[i], largest)) + dense.touching
+            allowed = MISS * (own[i] + wp.min(most[i], largest))
             if tangent[i] == 0 and not (w >= -allowed):
                 good = 0
             if tangent[i] == 1:
@@ -355,6 +363,7 @@ def make_active(spec: Specialisation) -> SimpleNamespace:
         is_earned=is_earned,
         Lu=Lu,
         MODES=MODES,
+        touch=touch,
         gather=gather,
         modes=modes,
         factor=factor,

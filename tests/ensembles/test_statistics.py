@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import slcp_warp as slcp
-from slcp_warp.ensembles.statistics.intervals import quantile_interval, share_interval
+from slcp_warp.ensembles.statistics.intervals import quantile_interval, share_interval, shares_interval
 from slcp_warp.ensembles.statistics.moments import Z95, Moments
 from slcp_warp.ensembles.statistics.quantiles import quantile_intervals
 from slcp_warp.ensembles.statistics.source import BLOCK, MemorySource, in_blocks
@@ -112,7 +112,10 @@ def test_differences_are_over_the_worlds_that_both_have():
         apart = a[name][: 2 * BLOCK + 5][both].astype(float) - b[name][both]
         assert found[0] == pytest.approx(apart.mean(), abs=1e-12)
         half = Z95 * apart.std(ddof=1) / math.sqrt(len(apart))
-        assert found[2] - found[0] == pytest.approx(half, rel=1e-12)
+        if name == "success":
+            assert found == shares_interval(int((apart > 0).sum()), int((apart < 0).sum()), len(apart))
+        else:
+            assert found[2] - found[0] == pytest.approx(half, rel=1e-12)
 
 
 def test_worlds_that_are_missing_are_left_out_of_a_comparison():

@@ -14,6 +14,7 @@ import slcp_warp as slcp
 from slcp_warp import Status
 from slcp_warp.ensembles import launch as launches
 from slcp_warp.ensembles import run_worlds, statistics, summary
+from slcp_warp.ensembles.statistics.intervals import quantile_ranks, shares_interval
 from slcp_warp.ensembles.sweep import sweep_scene, task_of
 from slcp_warp.ensembles.worlds import draws
 from slcp_warp.kernels.device import launch as launching
@@ -214,13 +215,39 @@ def test_mean_interval_against_scipy():
     np.testing.assert_allclose((mean, low, high), (values.mean(), *exact), rtol=1e-12)
 
 
-@pytest.mark.parametrize("q", [0.5, 0.9])
-def test_quantile_interval_covers_the_quantile_as_often_as_it_says(q):
+@pytest.mark.parametrize(
+    "count, q", [(200, 0.5), (200, 0.9), (100, 0.01), (20, 0.05), (1000, 0.999), (3, 0.5)]
+)
+def test_quantile_interval_covers_the_quantile_as_often_as_it_says(count, q):
+    """Also where no value is far enough out: of 100 worlds the quantile of 1 % is covered in .62 if the least
+    value is the end.
+    """
     rng, exact = np.random.default_rng(1), -math.log(1.0 - q)
-    found = [statistics.quantile_interval(rng.exponential(size=200), q) for _ in range(2000)]
-    covered = np.mean([low <= exact <= high for _, low, high in found])
-    assert 0.94 < covered < 0.985
-    assert abs(np.mean([value for value, _, _ in found]) - exact) < 0.03
+    found = np.array([statistics.quantile_interval(rng.exponential(size=count), q) for _ in range(2000)])
+    assert 0.94 < np.mean((found[:, 1] <= exact) & (exact <= found[:, 2]))
+    ranks = quantile_ranks(count, q)
+    for end, rank in zip(found.T[1:], ranks[1:]):
+        assert np.isfinite(end).all() == (0 <= rank < count)
+    law = scipy.stats.binom(count, q)  # the narrowest ends that cover
+    assert law.cdf(ranks[1]) <= 0.025 < law.cdf(ranks[1] + 1)
+    assert law.sf(ranks[2]) <= 0.025 < law.sf(ranks[2] - 1)
+
+
+def test_quantile_ranks_of_many_worlds_are_those_of_the_normal_law():
+    _, low, high = quantile_ranks(10**9, 0.5)
+    half = scipy.stats.norm.isf(0.025) * math.sqrt(10**9) / 2.0
+    assert abs(5e8 - half - low) < 3 and abs(5e8 + half - high) < 3
+
+
+@pytest.mark.parametrize("first, second, count", [(0.004, 0.0, 128), (0.3, 0.25, 128), (0.01, 0.005, 1000)])
+def test_a_difference_of_shares_is_covered(first, second, count):
+    """Where no world of the sweep tells two policies apart, too."""
+    rng, exact = np.random.default_rng(2), first - second
+    counts = rng.multinomial(count, [first, second, 1.0 - first - second], 2000)
+    found = np.array([shares_interval(int(a), int(b), count) for a, b, _ in counts])
+    assert 0.94 < np.mean((found[:, 1] <= exact) & (exact <= found[:, 2]))
+    assert (found[:, 1] < found[:, 2]).all()
+    np.testing.assert_allclose(found[:, 0], (counts[:, 0] - counts[:, 1]) / count, atol=1e-15)
 
 
 def test_quantile_interval_with_infinite_values():

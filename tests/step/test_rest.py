@@ -87,7 +87,7 @@ def test_what_rests_against_a_stop_is_solved(law):
 
 
 def pushed_stack(count, damping):
-    """A stack on the floor, and a slider whose tip touches the lowest box; it is brought to rest by damping."""
+    """A stack on the floor, and a slider that damping brings to rest, whose tip touches the lowest box."""
     base = slcp.scenes.stack(count, 1.0, 0.5, 0.2)
     slider = slcp.Body("slider", 1.0, 1e-3, joint="prismatic", anchor=(-0.15, 0.08), damping=damping)
     face = slcp.Shape("face", "box0", "halfplane", offset=(-0.1, 0.0), angle=np.pi)

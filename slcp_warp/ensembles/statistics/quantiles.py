@@ -23,13 +23,15 @@ def quantile_intervals(stream: Stream, probabilities: Sequence[float]) -> list[I
 
     Returns:
         (value, low, high) for each: values of the stream, without any error; infinite ones count, NaN do not.
+        An end is infinite where too few values are beyond the quantile.
     """
     first = _counts(stream, np.zeros(1, np.uint64), 0)
     count = int(first.sum())
     if not count:
         return [(math.nan, math.nan, math.nan)] * len(probabilities)
     ranks = np.array([quantile_ranks(count, q) for q in probabilities])
-    found = _values(stream, first, ranks.ravel()).reshape(-1, 3)
+    found = _values(stream, first, np.clip(ranks, 0, count - 1).ravel()).reshape(-1, 3)
+    found[ranks < 0], found[ranks >= count] = -math.inf, math.inf
     return [(float(value), float(low), float(high)) for value, low, high in found]
 
 

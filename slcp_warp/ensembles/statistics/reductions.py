@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ...options import Status
-from .intervals import Interval, share_interval
+from .intervals import Interval, share_interval, shares_interval
 from .moments import Moments
 from .quantiles import quantile_intervals
 from .source import BLOCK, Columns, Key, Source
@@ -49,13 +49,19 @@ def quantiles_of_part(
 def differences(source: Source, first: Key, second: Key, names: Sequence[str]) -> dict[str, Interval]:
     """Mean differences first - second of columns of the same worlds, with 95 % intervals.
 
-    Over the worlds that both have, where both columns are finite.
+    Over the worlds that both have, where both columns are finite; that of success is one of shares.
     """
     out = dict.fromkeys(names, Moments())
+    one, other, worlds = 0, 0, 0
     for a, b in paired_blocks(source, first, second, names):
         for name in names:
-            out[name] += Moments.of(difference(a[name], b[name]))
-    return {name: moments.interval() for name, moments in out.items()}
+            change = difference(a[name], b[name])
+            out[name] += Moments.of(change)
+            if name == "success":
+                one, other = one + int((change > 0.0).sum()), other + int((change < 0.0).sum())
+                worlds += len(change)
+    found = {name: moments.interval() for name, moments in out.items()}
+    return found | ({"success": shares_interval(one, other, worlds)} if "success" in found else {})
 
 
 def difference(a: np.ndarray, b: np.ndarray) -> np.ndarray:
