@@ -3,7 +3,7 @@
 import copy
 import functools
 import threading
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from slcp_warp.kernels.device.tables import make_table
 from slcp_warp.kernels.structure import Layout, layout
 
 from .description.acting import BUILT, acting, parts_of
-from .description.columns import parameter_of, places_of
+from .description.columns import parameter_of, places_of, places_of_all
 from .description.scene import Scene
 from .inputs import rules
 from .inputs.arrays import ArrayError
@@ -85,9 +85,11 @@ class Parameters(Printed):
         return self.layout.names
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """A parameter's value: its own shape, or (B, *shape)."""
+        """A parameter's value, read-only: its own shape, or (B, *shape)."""
         self._known(name)
-        return self._values[name]
+        value = np.asarray(self._values[name]).view()
+        value.flags.writeable = False
+        return value
 
     def _known(self, name: Any) -> None:
         if not isinstance(name, str) or name not in self._values:
@@ -115,6 +117,7 @@ class Parameters(Printed):
             ParameterError: unknown name, shape that does not fit, non-finite or illegal value.
         """
         values = dict(self._values)
+        self._check_parts([name for name in changes if "." in name])
         for name in sorted(changes, key=lambda name: "." in name):  # of parts last, in the order given
             whole = parameter_of(name)[1] if "." in name else name
             self._known(whole)
@@ -196,6 +199,15 @@ class Parameters(Printed):
                 rules.check_radius(label, part.kind, array[..., i, :], ParameterError)
         return self._of_parts(name, array, single) if name in BUILT else array
 
+    def _check_parts(self, names: Sequence[str]) -> None:
+        """Raise ParameterError for names of parts that there are not, or that are of the same numbers."""
+        for name in names:
+            self._known(parameter_of(name)[1])
+        try:
+            places_of_all(self.scene, names, "parameters")
+        except ArgumentError as error:
+            raise ParameterError(str(error)) from None
+
     def _of_part(self, name: str, whole: np.ndarray, value: Any) -> Any:
         """The numbers of all parts with those of one, "box.mass"; `value` where all parts are named."""
         if "." not in name:
@@ -203,10 +215,7 @@ class Parameters(Printed):
         given = rules.numbers(name, value, ParameterError, parameter_of(name)[1])
         if given.ndim > 1:
             raise ParameterError(f"{name} has shape {given.shape}; a number, or (B,) one a world, is needed")
-        try:
-            places = places_of(self.scene, name, "parameters")
-        except ArgumentError as error:
-            raise ParameterError(str(error)) from None
+        places = places_of(self.scene, name, "parameters")
         start, shape = self.layout.offset(parameter_of(name)[1]), self.layout.shape(parameter_of(name)[1])
         own = (*given.shape, *shape) if whole.ndim == len(shape) else whole.shape
         if given.ndim and own[0] != len(given):

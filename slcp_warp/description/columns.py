@@ -1,5 +1,8 @@
 """Columns of the table of parameters by the names of their parts: "block.mass", "hand.com_x"."""
 
+import difflib
+from collections.abc import Iterable
+
 import numpy as np
 
 from slcp_warp.kernels.structure import layout
@@ -35,14 +38,42 @@ def places_of(scene: Scene, key: str, label: str) -> list[int]:
     width, exact, parts = size // (shape[0] if shape else 1), parts_of(scene, name), owners(scene, name)
     if not part:
         return list(range(start + (component or 0), start + size, 1 if component is None else width))
-    wanted = {part, turned(part)}
-    rows = [i for i, owner in enumerate(parts) if owner in wanted or owner.startswith(part + ".")]
+    wanted = {part, turned(part), *_positions(scene, part)}
+    limits = tuple(f"{each} " for each in wanted)  # "cart.shift lower"
+    rows = [i for i, owner in enumerate(parts) if owner in wanted or owner.startswith(limits)]
     rows = rows or [i for i, each in enumerate(exact) if each in wanted]  # of one end of a capsule
     if not rows:
         known = list(dict.fromkeys(f"{owner}.{name}" for owner in parts))
         raise ArgumentError(f"{label} names {key!r}; {some(key, known)}")
     numbers = range(width) if component is None else (component,)
     return [start + width * row + i for row in rows for i in numbers]
+
+
+def places_of_all(scene: Scene, keys: Iterable[str], label: str) -> dict[str, list[int]]:
+    """`places_of` of several names.
+
+    Raises:
+        ArgumentError: there are none, or two names are of the same numbers, as a pair's in either order.
+    """
+    found: dict[str, list[int]] = {}
+    first: dict[tuple[int, ...], str] = {}
+    for key in keys:
+        places = found[key] = places_of(scene, key, label)
+        if (same := first.setdefault(tuple(places), key)) != key and "." in same and "." in key:
+            raise ArgumentError(f"{label} names {same!r} and {key!r}, which are the same; leave one out")
+    return found
+
+
+def like(key: str, known: Iterable[str]) -> str:
+    """A hint at a name that one may have meant, or ""."""
+    near = difflib.get_close_matches(parameter_of(key)[1], list(known), 1)
+    return f"; {key.rpartition('.')[0] + '.' if '.' in key else ''}{near[0]} is like it" if near else ""
+
+
+def _positions(scene: Scene, body: str) -> set[str]:
+    """Names of the degrees of freedom of a body, and of their controls."""
+    of = [name for name in scene.state_names[: scene.nv] if name.rpartition(".")[0] == body]
+    return {*of, *(name for name in scene.control_names if name.partition("#")[0] in of)}
 
 
 def owners(scene: Scene, name: str) -> list[str]:

@@ -9,7 +9,7 @@ import difflib
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from slcp_warp.kernels.structure import Structure
+from slcp_warp.kernels.structure import PairStructure, Structure
 
 from ..inputs.checks import shown
 from ..inputs.errors import ArgumentError, ArgumentTypeError
@@ -50,13 +50,13 @@ def control_names(bodies: Sequence["Body"], structure: Structure) -> tuple[str, 
     return tuple(names)
 
 
-def pair_names(shapes: Sequence["Shape"], structure: Structure) -> tuple[str, ...]:
+def pair_names(shapes: Sequence["Shape"], pairs: Sequence[PairStructure]) -> tuple[str, ...]:
     """Names of the pairs that may touch: `shape_a/shape_b`; ends of capsules have (+) or (-) behind them."""
 
     def end(shape: int, sign: int) -> str:
         return shapes[shape].name + (f"({SIDES[sign]})" if sign else "")
 
-    return tuple(f"{end(p.shape_a, p.end_a)}/{end(p.shape_b, p.end_b)}" for p in structure.pairs)
+    return tuple(f"{end(p.shape_a, p.end_a)}/{end(p.shape_b, p.end_b)}" for p in pairs)
 
 
 def row_names(bodies: Sequence["Body"], shapes: Sequence["Shape"], structure: Structure) -> tuple[str, ...]:
@@ -65,7 +65,7 @@ def row_names(bodies: Sequence["Body"], shapes: Sequence["Shape"], structure: St
     With friction there are two rows a pair, `pair +` and `pair -`: n + mu t and n - mu t, with Coulomb's
     friction the normal and the tangent.
     """
-    positions, pairs = state_names(bodies), pair_names(shapes, structure)
+    positions, pairs = state_names(bodies), pair_names(shapes, structure.pairs)
     names = []
     for row in structure.rows:
         if row.kind == "limit":

@@ -159,7 +159,7 @@ class Scene(Printed):
     @property
     def pair_names(self) -> tuple[str, ...]:
         """Names of the pairs that may touch, `shape_a/shape_b`."""
-        return names.pair_names(self.shapes, self.structure)
+        return names.pair_names(self.shapes, self.structure.pairs)
 
     @property
     def row_names(self) -> tuple[str, ...]:

@@ -18,6 +18,7 @@ from slcp_warp.kernels.structure import (
 
 from ..inputs.checks import shown
 from ..inputs.errors import SceneError
+from .names import pair_names, turned
 from .parts import JOINTS, Actuator, Body, Contact, Shape, Spring, spread
 
 
@@ -109,7 +110,19 @@ def _pairs(
         seen.add(frozenset((a, b)))
         _check_pair(c, structures[a], structures[b])
         pairs += [PairStructure(a, b, c.friction is not None, *ends) for ends in contact_ends(shapes, c)]
+    _check_pair_names(shapes, pairs)
     return tuple(pairs)
+
+
+def _check_pair_names(shapes: Sequence[Shape], pairs: Sequence[PairStructure]) -> None:
+    known: set[str] = set()
+    for name in pair_names(shapes, pairs):
+        if name in known:
+            raise SceneError(
+                f"contacts has two pairs of the name {name!r}; shapes need names that tell them apart, without "
+                "'/' or the '(+)' of a capsule's end"
+            )
+        known |= {name, turned(name)}
 
 
 def _driven(

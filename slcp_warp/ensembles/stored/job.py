@@ -14,6 +14,7 @@ from ...runs.origin import device_kind
 from ...runs.store import Store
 from ..chunks import ARMS, KEYS
 from ..launch import NOT_RECORDED
+from ..statistics.source import DRAWN
 from ..tasks import TaskSweep
 from .identity import policy_identity, task_identity, worlds_identity
 from .layout import chunks_of, layout_of
@@ -102,14 +103,19 @@ class SweepJob(Job):
         rows = self.work.rows(part, world0, count)
         found: Columns = {name: np.full(count, key) for name, key in zip(KEYS, part.keys)}
         for name, dtype in self._row_columns().items():
-            found[name] = rows[name] if name in rows else np.full(count, np.nan, dtype)
+            found[name] = rows[name].astype(dtype) if name in rows else np.full(count, np.nan, dtype)
         return found
 
     def _row_columns(self) -> dict[str, np.dtype]:
-        """Names and types of a row's columns: those of a disturbed world, where everything is drawn."""
+        """Names and types of a row's columns: those of a disturbed world, where everything is drawn. What is
+        drawn is none of an undisturbed one, which whole numbers cannot say.
+        """
         if not self._columns:
             part = self.work.chunks.parts[0]
-            self._columns = {name: a.dtype for name, a in self.work.rows(part, 0, 1).items()}
+            self._columns = {
+                name: np.dtype(float) if name.startswith(DRAWN) and a.dtype.kind in "iu" else a.dtype
+                for name, a in self.work.rows(part, 0, 1).items()
+            }
         return self._columns
 
     def tally(self, columns: Columns) -> dict[str, int]:

@@ -10,7 +10,7 @@ from slcp_warp.kernels.ensembles.draws import LAWS
 from slcp_warp.kernels.structure import layout
 
 from ...description.acting import BUILT, OF_DOFS, OF_SHAPES, acting, parts_of
-from ...description.columns import COMPONENTS, column_of, parameter_of, places_of
+from ...description.columns import COMPONENTS, column_of, like, parameter_of, places_of_all
 from ...description.scene import Scene
 from ...inputs.checks import shown
 from ...inputs.errors import ArgumentError
@@ -72,7 +72,7 @@ def parameter_laws(scene: Scene, base: np.ndarray, given: Mapping[str, Distribut
     columns = layout(scene.structure).columns
     names, group = _parameter_names(scene, columns), _groups(columns)
     laws = still(base, group, [kernels.PARAMETER] * len(names), names)
-    found, inert = {key: places_of(scene, key, "Disturbances.parameters") for key in given}, _inert(scene)
+    found, inert = places_of_all(scene, given, "Disturbances.parameters"), _inert(scene)
     for key, places in found.items():
         if inert.keys() >= set(places):
             raise ArgumentError(f"Disturbances.parameters names {key!r}; it was built {inert[places[0]]}")
@@ -132,8 +132,11 @@ def check_parameter(key: str, drawn: Distribution) -> None:
     """Raise ArgumentError for a parameter that cannot be drawn, or not so."""
     label, name = f"Disturbances.parameters[{key!r}]", parameter_of(key)[1]
     if name not in NAMES:
-        known = ", ".join(sorted({*NAMES, *COMPONENTS}))
-        raise ArgumentError(f"Disturbances.parameters names {key!r}; choose from {known}")
+        known = sorted({*NAMES, *COMPONENTS})
+        raise ArgumentError(
+            f"Disturbances.parameters names {key!r}{like(key, known)}; choose from {', '.join(known)}, of all "
+            "parts, or of one, as 'box.mass'"
+        )
     kinds = {"log-normal"} if name in FACTORS else {"uniform", "normal"} if name in SIGNED else set(LAWS)
     if name in POSITIVE or name in NONNEGATIVE:
         kinds.discard("normal")
