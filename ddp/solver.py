@@ -9,7 +9,7 @@ from slcp_warp.inputs.errors import ArgumentError, ArgumentTypeError
 
 from .batches import batch_of
 from .continuation import solve_continuation
-from .options import Options
+from .options import Options, Regularization
 from .problem import Problem
 from .results.result import Result
 from .results.status import Status
@@ -20,6 +20,7 @@ from .workspace import Workspace
 
 FELT = 1e-3  # of a cost: what gains less has felt next to nothing
 STUCK = (Status.SMALL_IMPROVEMENT, Status.LINE_SEARCH_FAILED, Status.REGULARIZATION_LIMIT)
+OF_CONTROLS = Regularization(initial=1.0, factor=1.6, state_weight=0.0, control_weight=1.0)  # as of `plan`
 WIDER = (1.0, 4.0)  # deviations of sampled controls, in those of `Sampling`
 
 
@@ -39,7 +40,9 @@ def solve(
 
     Where nobody says what to start from, and next to nothing can be felt from where `Options.start`
     "automatic" leads (`Status.FLAT`, or an end for want of improvement within a thousandth of the first
-    cost), the problem is solved again from the best of sampled controls (`sample`), if they cost less.
+    cost), the problem is solved again from the best of sampled controls (`sample`), if they cost less. Where
+    nobody says how to regularise, and the default ends at its limit (controls that hardly move the state, as
+    of a grip that is squeezed), passes go on from there with the control regularised.
 
     Args:
         problem: what to minimise.
@@ -71,7 +74,22 @@ def solve(
     result = work.solve(x0, u0, xs0, K0, k0)
     if u0 is None and xs0 is None and options.start == "automatic":
         result = _felt(work, x0, result)
+    if np.array_equal(options.regularization.rows(), Regularization().rows()):
+        result = _stuck(work, x0, result)
     return result.select(0) if single else result
+
+
+def _stuck(work: Workspace, x0: Any, result: Result) -> Result:
+    """The result; of problems whose regularisation reached its limit from passes that go on from there with
+    the control regularised, if they cost less.
+    """
+    stuck = result.status == Status.REGULARIZATION_LIMIT
+    if not stuck.any():
+        return result
+    again = Workspace(work.problem, work.batch, replace(work.options, regularization=OF_CONTROLS))
+    found = again.solve(x0, result.us)
+    lower = stuck & (found.cost < result.cost)
+    return _either(lower, found, result)
 
 
 def _felt(work: Workspace, x0: Any, result: Result) -> Result:

@@ -164,6 +164,7 @@ class Workspace(NotCopied):
             done = self._descend(done, limit, left)
             if self._run_update is not None:
                 done = self._hold_limits(done, limit)
+            self._without_regularization()
             return done
 
     def start(
@@ -308,6 +309,14 @@ class Workspace(NotCopied):
             self._state.active.assign(which.astype(np.int32))
             self._passes.backward(last=True)
             self._state.active.assign(going.astype(np.int32))
+
+    def _without_regularization(self) -> None:
+        """Once more the gains of what converged while it was regularised, as far as Q_uu does without."""
+        mu = self._state.mu.numpy()
+        which = (self.status.numpy() == Status.CONVERGED) & (mu > 0.0)
+        if which.any():
+            self._state.mu.assign(np.where(which, 0.0, mu))
+            self._end(which)
 
     def differentiate(self) -> None:
         """Derivatives of dynamics and cost where trajectories changed."""

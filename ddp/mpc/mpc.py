@@ -132,6 +132,13 @@ class MPC:
         self.seconds: deque[float] = deque(maxlen=KEPT)
         self._planners: list[Planner] = []
 
+    def __repr__(self) -> str:
+        how = f"{self.passes} passes" if self.passes else "real-time iteration"
+        return (
+            f"<MPC of {self.model.scene.name!r}: {self.problem.horizon} steps ahead, {how} every "
+            f"{self.replan}; starts {', '.join(self.starts)}>"
+        )
+
     def __getstate__(self) -> dict[str, Any]:
         """Of no run: copies and pickles begin anew."""
         return {name: value for name, value in vars(self).items() if name not in OF_RUN} | {"_planners": []}

@@ -100,7 +100,10 @@ def sweep_command(
     ] = None,
     vary: Annotated[
         list[str] | None,
-        typer.Option(help="name=sd: log-normal spread of a parameter over worlds (repeatable)."),
+        typer.Option(
+            help="name=sd: log-normal spread of a parameter over worlds (repeatable); in place of all those "
+            "of the task."
+        ),
     ] = None,
     settings: Settings = None,
     observe: Annotated[

@@ -94,7 +94,7 @@ def progress_bar(what: str) -> Iterator[Bar]:
 
 
 def _of(done: int, total: int, what: str) -> str:
-    return f"{done:,} of {total:,} {what}" if total else what
+    return f"{done:,} of {total:,} {what}" if total else f"{done:,} {what}"
 
 
 @contextmanager

@@ -119,8 +119,8 @@ def _check_pair_names(shapes: Sequence[Shape], pairs: Sequence[PairStructure]) -
     for name in pair_names(shapes, pairs):
         if name in known:
             raise SceneError(
-                f"contacts has two pairs of the name {name!r}; shapes need names that tell them apart, without "
-                "'/' or the '(+)' of a capsule's end"
+                f"contacts has two pairs of the name {name!r}; shapes need names that tell them apart, "
+                "without '/' or the '(+)' of a capsule's end"
             )
         known |= {name, turned(name)}
 

@@ -138,7 +138,8 @@ def leaves_of(policy: Any, arrays: Mapping[str, Tensor]) -> dict[str, Tensor]:
     if not isinstance(inner, Function | Network | Linear):
         raise ArgumentTypeError(
             f"policy is a {type(inner).__name__}, through which no gradient flows; a torch.nn.Sequential, or "
-            "policies.Function, Network, Linear or Around of these is needed"
+            "policies.Function, Network, Linear or Around of these is needed (of a plan that is tracked: "
+            "rollouts on a wp.Tape, docs/understand/gradients.md)"
         )
     if arrays and not isinstance(inner, Function):
         raise ArgumentError(f"arrays are given, but a {type(inner).__name__} has none; a Function has")

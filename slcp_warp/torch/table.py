@@ -41,7 +41,10 @@ def parameter_table(sim: Simulator, params: Values, like: Tensor) -> Tensor:
         derivatives_exist(sim.options.method)
     unknown = [name for name in params if name not in base.names]
     if unknown:
-        raise ParameterError(f"no parameter {shown(unknown)}; there are {list(base.names)}")
+        of_parts = (
+            "; those of single parts are numbers of the tensor of all" if "." in str(unknown[0]) else ""
+        )
+        raise ParameterError(f"no parameter {shown(unknown)}; there are {list(base.names)}{of_parts}")
     columns = []
     for name, start, shape in base.layout.columns:
         size = math.prod(shape)

@@ -168,6 +168,49 @@ def test_feedback_in_the_warm_start_beats_open_loop(device):
     assert abs(closed.cost - predicted) < 0.2 * abs(closed.cost - solution.cost)
 
 
+def test_gains_of_what_has_converged_are_not_regularised(device):
+    """Solving again from a solution ends with its first pass, whatever that is regularised by."""
+    problem, x0, u0 = cart_pole(device)
+    solution = ddp.solve(problem, x0, u0)
+    assert solution.status == ddp.Status.CONVERGED
+    for initial in (1e-3, 1.0, 100.0):
+        options = ddp.Options(regularization=ddp.Regularization(initial=initial))
+        again = ddp.solve(problem, x0, solution, options)
+        assert again.status == ddp.Status.CONVERGED and (again.us == solution.us).all()
+        np.testing.assert_allclose(again.K, solution.K, rtol=1e-6, atol=1e-6 * np.abs(solution.K).max())
+        np.testing.assert_allclose(again.Vxx, solution.Vxx, rtol=1e-6, atol=1e-6 * np.abs(solution.Vxx).max())
+
+
+def make_wavy_cost(dtype, VX, VU):
+    """Of a second control that moves nothing, with a maximum at 0."""
+
+    @wp.func
+    def running(x: VX, u: VU, k: int):
+        return dtype(0.5) * (x[0] * x[0] + u[0] * u[0]) + wp.cos(dtype(3.0) * (u[1] - dtype(0.1)))
+
+    @wp.func
+    def final(x: VX):
+        return dtype(5.0) * x[0] * x[0]
+
+    return running, final
+
+
+def test_a_control_that_moves_nothing_is_regularised_by_itself(device):
+    """mu f_u' f_u bends no such direction: with the default alone passes end at its limit, without a gain."""
+    dynamics = ddp.linear_system(np.eye(1), np.array([[0.1, 1e-9]]), device=device)
+    problem = ddp.Problem(dynamics, ddp.costs.plain(make_wavy_cost), 20)
+    x0, u0 = np.ones(1), np.zeros((20, 2))
+    solution = ddp.solve(problem, x0, u0)
+    assert solution.status in (ddp.Status.CONVERGED, ddp.Status.SMALL_IMPROVEMENT)
+    np.testing.assert_allclose(np.cos(3.0 * (solution.us[:, 1] - 0.1)), -1.0, atol=1e-10)
+    both = ddp.solve(problem, np.array([[1.0], [0.5]]), np.zeros((2, 20, 2)))
+    np.testing.assert_allclose(both.us[0], solution.us, atol=1e-12)
+    said = ddp.Regularization(initial=1e-2)
+    assert (
+        ddp.solve(problem, x0, u0, ddp.Options(regularization=said)).status == ddp.Status.REGULARIZATION_LIMIT
+    )
+
+
 def test_returned_policy_belongs_to_the_returned_trajectory_at_the_iteration_limit(device):
     problem, x0, u0 = cart_pole(device)
     stopped = ddp.solve(problem, x0, u0, ddp.Options(max_iterations=3))

@@ -24,7 +24,7 @@ class Sensitivity(Printed):
 
     Attributes:
         measure: "success" or a measure's name.
-        policy: its name.
+        policy: its name, and where the rows of a report are of several cases or step sizes, these.
         names: of what is drawn.
         first: index of first order of each, (value, low, high): what goes when it is known.
         total: index of total order of each: what stays when all others are known; NaN where unknown.
@@ -80,7 +80,9 @@ def sensitivity_of_rows(source: Source, key: Key, measure: str) -> Sensitivity:
         raise ArgumentError(f"report has no columns {DRAWN}...; nothing was drawn, or it is not kept")
     first = [first_order(source, key, names[0], measure) for names in columns]
     labels = tuple(", ".join(name.removeprefix(DRAWN) for name in names) for names in columns)
-    return Sensitivity(measure, key[0], labels, first, [NOTHING] * len(first), source.worlds(key))
+    others = {each[1:3] for each in source.keys}
+    policy = key[0] if len(others) == 1 else f"{key[0]}, {key[1]}, h = {key[2]:g}"
+    return Sensitivity(measure, policy, labels, first, [NOTHING] * len(first), source.worlds(key))
 
 
 def drawn_columns(source: Source, key: Key) -> list[list[str]]:

@@ -134,8 +134,8 @@ def check_parameter(key: str, drawn: Distribution) -> None:
     if name not in NAMES:
         known = sorted({*NAMES, *COMPONENTS})
         raise ArgumentError(
-            f"Disturbances.parameters names {key!r}{like(key, known)}; choose from {', '.join(known)}, of all "
-            "parts, or of one, as 'box.mass'"
+            f"Disturbances.parameters names {key!r}{like(key, known)}; choose from {', '.join(known)}, of "
+            "all parts, or of one, as 'box.mass'"
         )
     kinds = {"log-normal"} if name in FACTORS else {"uniform", "normal"} if name in SIGNED else set(LAWS)
     if name in POSITIVE or name in NONNEGATIVE:
