@@ -125,6 +125,9 @@ def make_direct(given: type) -> SimpleNamespace:
                 if good == 0:
                     modes.leave_alone(t, k, o)
                     good = earned.adds_up(t, k, o)
+                if good == 0:
+                    earned.take_impulses(t, k, o)
+                    good = earned.adds_up(t, k, o)
                 status = wp.where(good == 1, wp.static(SOLVED), status)
             attempt += 1
         return status

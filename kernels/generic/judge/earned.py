@@ -22,7 +22,8 @@ ROUNDED = 5e-14  # and relative to the terms of J v'
 EXCHANGED = {wp.float64: 1e-13, wp.float32: 1e-8}  # what may be missing of M dv relative to impulses alone
 PRESSED = 32.0  # sigma by which z of a smoothed row is at most, where w is nothing: exp(-32) is 1e-14
 UNSPENT = 1e-6  # of the energy of the data that a row's impulse may give by what its velocity misses
-NOTHING = 1e-19  # of the velocities that a hard row is judged by: less than it presses by needs no momentum
+NOTHING = 1e-17  # of the velocities that a hard row is judged by: less than it presses by needs no momentum
+FELT = {wp.float64: 1e-15, wp.float32: 5e-7}  # of its own terms: what a side that it presses need not tell
 GROWN = 10.0  # by which rows may press a place harder than they do where they yield more
 
 
@@ -38,7 +39,8 @@ def make_earned(given: type, residual: str) -> SimpleNamespace:
     OPEN, EXACT, LEAST = dtype(ROW * ACCEPTED[given]), dtype(EARNED[given]), dtype(ROUNDED)
     CLOSE = dtype(EXCHANGED[given] + (0.0 if hard else GIVEN[given]))
     UNTOLD = dtype(GIVEN[given if hard else WORK])  # rounding of impulses that `press` does not make itself
-    SEEN = dtype(NOTHING / SUMMED[given])
+    SEEN, TOLD = dtype(NOTHING / SUMMED[given]), dtype(FELT[given] / SUMMED[given])
+    TINY = dtype(1e-30)
     MORE, SHUT, SPENT = dtype(GROWN), dtype(PRESSED), dtype(UNSPENT)
 
     @wp.func
@@ -121,6 +123,8 @@ def make_earned(given: type, residual: str) -> SimpleNamespace:
         x, y, z = dtype(0.0), dtype(0.0), dtype(0.0)
         mx, my, mz = dtype(0.0), dtype(0.0), dtype(0.0)
         ax, ay, az = dtype(0.0), dtype(0.0), dtype(0.0)
+        b = t.row_block[k.pattern[start] + e]
+        mass = wp.get_diag(k.mass[t.mass_at[b] + b])
         r = int(start)
         while r < end:
             lam = k.lam[r]
@@ -137,6 +141,8 @@ def make_earned(given: type, residual: str) -> SimpleNamespace:
                 if wp.static(hard):
                     if lam > ZERO:
                         alone += SEEN * k.unit[r] / k.diag[r]
+                        side = wp.dot(j, wp.cw_div(j, mass))
+                        alone += TOLD * k.own[r] / wp.max(side, TINY)
                 x += lam * j[0]
                 y += lam * j[1]
                 z += lam * j[2]
@@ -147,7 +153,6 @@ def make_earned(given: type, residual: str) -> SimpleNamespace:
                 ay += alone * size[1]
                 az += alone * size[2]
             r += 1
-        b = t.row_block[k.pattern[start] + e]
         k.balance[b] = k.balance[b] - V3(x, y, z)
         k.move[b] = k.move[b] + V3(mx, my, mz)
         k.momentum[b] = k.momentum[b] + V3(ax, ay, az)
