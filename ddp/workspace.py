@@ -69,7 +69,7 @@ class Workspace(NotCopied):
         self.cost, self.status, self.passes = s.cost, s.status, s.passes
         self.gradient, self.pivot = s.gradient, s.pivot
         self._behind = np.zeros(self.batch, dtype=bool)
-        self._tell: Callable[[int, int, float], None] | None = None
+        self._tell: Callable[[int, int, float], bool | None] | None = None
         self._all = wp.ones(self.batch, dtype=wp.int32, device=self.device)
 
     def _prepare(self) -> None:
@@ -134,7 +134,7 @@ class Workspace(NotCopied):
         k0: Any = None,
         max_iterations: int | None = None,
         rungs: Sequence[tuple[int, int]] = (),
-        progress: Callable[[int, int, float], None] | None = None,
+        progress: Callable[[int, int, float], bool | None] | None = None,
     ) -> int:
         """Solve and leave the solution in the workspace's arrays; returns the number of passes.
 
@@ -151,7 +151,7 @@ class Workspace(NotCopied):
                 so many of lowest cost go on, and the others end with MAX_ITERATIONS (successive halving,
                 Jamieson & Talwalkar 2016). What is kept comes out as without rungs, bit for bit.
             progress: called after every pass with the passes made, how many problems go on and the lowest
-                cost.
+                cost; where it returns True, passes end.
         """
         left = _by_passes(rungs)
         tell = function("progress", progress, 3, optional=True)
@@ -288,7 +288,8 @@ class Workspace(NotCopied):
             done += 1
             if self._tell is not None:
                 going, cost = int(self._state.active.numpy().sum()), self.cost.numpy()
-                self._tell(done, going, float(np.nanmin(np.append(cost, np.inf))))
+                if self._tell(done, going, float(np.nanmin(np.append(cost, np.inf)))) is True:
+                    break
         self.differentiate()
         self._passes.backward(last=True)
         return done
@@ -346,7 +347,7 @@ class Workspace(NotCopied):
         k0: Any = None,
         max_iterations: int | None = None,
         rungs: Sequence[tuple[int, int]] = (),
-        progress: Callable[[int, int, float], None] | None = None,
+        progress: Callable[[int, int, float], bool | None] | None = None,
     ) -> Result:
         """`run`, with the solution copied into a `Result`; other threads wait meanwhile."""
         with self._using:

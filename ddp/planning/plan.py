@@ -39,7 +39,7 @@ SHARES = (
 )  # passes of a method but the last, and plans that go on after them
 LAST_RUNGS = ((20, 3), (100, 1))  # passes of the last method, and plans that go on after them
 
-Tell = Callable[[str, int, int, float], None]  # method, passes, plans that go on, lowest cost
+Tell = Callable[[str, int, int, float], bool | None]  # method, passes, plans that go on, lowest cost
 
 
 def problem_of(task: Task, sim: Simulator | None = None) -> Problem:
@@ -157,7 +157,8 @@ def plan(
         finish: how many plans every further method goes on from.
         sampling: how controls are sampled.
         progress: called after every pass with the method, its passes so far, how many plans go on and the
-            lowest cost. Before the first one, controls are sampled and kernels compiled.
+            lowest cost; where it returns True, the best plan so far is returned. Before the first one,
+            controls are sampled and kernels compiled.
 
     Returns:
         The best plan, with the passes of all methods that led to it; `all` are the plans of the last method,
@@ -211,7 +212,13 @@ def solve_starts(
     finish = whole("finish", finish)
     x = array("x0", x0, (problem.nx,))
     schedules = (SCHEDULES if options is None else options.regularization).rows()
-    first, before = us[0], dict[int, Result]()
+    first, before, ended = us[0], dict[int, Result](), False
+
+    def tell(method: str, passes: int, going: int, cost: float) -> bool:
+        nonlocal ended
+        ended = progress is not None and progress(method, passes, going, cost) is True
+        return ended
+
     for place, method in enumerate(methods):
         settings = Options(max_iterations=LAST_PASSES) if options is None else options
         if place + 1 < len(methods):
@@ -224,7 +231,7 @@ def solve_starts(
         settings = replace(settings, method=method, regularization=Regularization.of(schedules[rows]))
         rungs = LAST_RUNGS if place + 1 == len(methods) else _rungs(len(batch), finish)
         work = Workspace(problem, len(batch), settings)
-        result = work.solve(x, batch, rungs=rungs, progress=progress and partial(progress, method))
+        result = work.solve(x, batch, rungs=rungs, progress=progress and partial(tell, method))
         order = np.argsort(np.where(np.isnan(result.cost), np.inf, result.cost), kind="stable")
         if place + 1 == len(methods) and problem.state_limits is not None:  # what was left behind kept none
             beyond = work.beyond_limits()[order] > settings.limit_tolerance
@@ -232,6 +239,8 @@ def solve_starts(
         us = result.us[order[:finish]]
         kept = {i: result.select(int(n)) for i, n in enumerate(order[: max(finish, 1)])}
         before = {i: each.after(before.get(int(order[i]))) for i, each in kept.items()}
+        if ended:
+            break
     return Multistart(before[0], int(order[0]), result)
 
 

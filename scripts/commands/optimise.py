@@ -1,5 +1,6 @@
 """`slcp optimise`: DDP on a task, from one start or many, at one or more noise levels."""
 
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated
 
@@ -9,6 +10,7 @@ import slcp_warp as slcp
 from slcp_warp import ddp
 from slcp_warp.ddp.planning import METHODS, SCHEDULES, Late, delay_of, noise_scale, plan_starts
 from slcp_warp.inputs.checks import number
+from slcp_warp.runs.stopping import Stop, on_signals
 
 from ..stages.plan import optimise, outcome_table, task_problem, trace_table
 from ..support.options import Device, Dtype, Seed, Settings, Sigma, Start, StepSize
@@ -69,7 +71,10 @@ def optimise_command(
     device: Device = None,
     dtype: Dtype = "float64",
 ) -> None:
-    """Plan a task by DDP and save the trajectory with its feedback gains and trace."""
+    """Plan a task by DDP and save the trajectory with its feedback gains and trace.
+
+    Ctrl-C ends the passes, and what is the best plan then is saved.
+    """
     path = prepared(out)
     chosen = slcp.load_task(task)
     tell_timing(chosen, delayed=True)
@@ -88,13 +93,20 @@ def optimise_command(
     )
     scale = noise_scale(chosen) if explore is None else number("--explore", explore, 0.0)
 
-    def tell(name: str, made: int, going: int, cost: float) -> None:
-        say(f"{name}, pass {made}: {going} of the plans go on, lowest cost {cost:.6g}")
+    stop = Stop()
 
-    with timed("DDP"), waiting("planning from all starts; minutes where many bodies may touch") as say:
+    def tell(name: str, made: int, going: int, cost: float) -> bool:
+        say(f"{name}, pass {made}: {going} of the plans go on, lowest cost {cost:.6g}")
+        return bool(stop)
+
+    with (
+        on_signals(stop) if methods else nullcontext(),
+        timed("DDP"),
+        waiting("planning from all starts; minutes where many bodies may touch") as say,
+    ):
         late = Late.of(problem, delay_of(chosen, problem))
         guesses = plan_starts(late.rest, late.begin(x0), starts, seed, scale, method=first)
-        record, results = optimise(late, x0, guesses, options, schedules, sigmas, methods, tell)
+        record, results = optimise(late, x0, guesses, options, schedules, sigmas, methods, tell, stop)
     record.header["seed"], record.header["task"] = seed, chosen.name
     record.save(path)
     console.print(trace_table(results[-1]))
@@ -102,3 +114,7 @@ def optimise_command(
     if int(results[-1].status) == ddp.Status.FLAT:
         typer.echo(f"slcp: {FLAT}", err=True)
     wrote(path)
+    if stop:
+        passes = int(results[-1].iterations)
+        typer.echo(f"slcp: interrupted; saved the best of the plans so far, after {passes} passes", err=True)
+        raise typer.Exit(128 + stop.signal)

@@ -12,6 +12,7 @@ import slcp_warp as slcp
 from slcp_warp import ddp
 from slcp_warp.ddp.planning import Late, solve_starts
 from slcp_warp.results.simulated import Simulated
+from slcp_warp.runs.stopping import Stop
 
 from ..support.records import Record, device_facts
 from ..support.rules import NO_RULE, OneRule
@@ -46,7 +47,8 @@ def optimise(
     schedules: bool = False,
     sigmas: np.ndarray | None = None,
     methods: tuple[str, ...] = (),
-    tell: Callable[[str, int, int, float], None] | None = None,
+    tell: Callable[[str, int, int, float], bool | None] | None = None,
+    stop: Stop | None = None,
 ) -> tuple[Record, list[ddp.Result]]:
     """Solve, and describe the outcome as a plan; the results are those of the noise levels, one or many.
 
@@ -57,6 +59,7 @@ def optimise(
         sigmas: noise levels of a continuation that begins at the best solution.
         methods: one after the other, as `ddp.plan` has them; none: that of the options.
         tell: `progress` of `ddp.plan`, where there are methods.
+        stop: where it is wished for meanwhile, there is no continuation.
     """
     simulated = Simulated.of(late.whole.dynamics, late.whole.params)
     arrays: dict[str, np.ndarray] = {}
@@ -79,6 +82,7 @@ def optimise(
         header["chosen"] = many.index
     else:
         results = [ddp.solve(problem, began, starts[0], options)]
+    sigmas = None if stop else sigmas
     if sigmas is not None:
         last = results[0]
         results += ddp.solve_continuation(

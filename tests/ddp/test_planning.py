@@ -72,6 +72,24 @@ def test_passes_are_told_as_they_are_made(planned):
         ddp.plan(task, 4, sim=sim, progress=lambda done: None)
 
 
+def test_planning_ends_where_progress_says_so(planned):
+    """With the best plan so far, a rollout with gains, and no further method."""
+    task, sim, options, first, best = planned
+    told = []
+    ended = ddp.plan(
+        task,
+        4,
+        seed=1,
+        sim=sim,
+        options=options,
+        progress=lambda *found: told.append(found) or len(told) == 3,
+    ).best
+    assert [each[0] for each in told] == ["gauss-newton"] * 3 and ended.iterations == told[-1][1]
+    assert ended.status == ddp.Status.MAX_ITERATIONS and ended.K.any()
+    assert float(ended.cost) == pytest.approx(told[-1][3], rel=1e-9) and ended.cost >= best.best.cost
+    np.testing.assert_allclose(sim.rollout(ended.xs[0], ended.us).states, ended.xs, atol=1e-9)
+
+
 def test_passes_of_all_methods_count(planned, tmp_path):
     """Also where the last one begins at what is stationary already: it was told as made in 0 passes."""
     _, _, _, first, best = planned

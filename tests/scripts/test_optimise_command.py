@@ -1,5 +1,8 @@
 """`slcp optimise` under the laws that have no noise."""
 
+import contextlib
+import signal
+
 import numpy as np
 import pytest
 
@@ -8,6 +11,7 @@ pytest.importorskip("matplotlib")
 
 from test_cli import call
 
+from slcp_warp.scripts.commands import optimise
 from slcp_warp.scripts.support.records import load_record
 
 
@@ -32,3 +36,22 @@ def test_a_plan_ends_where_passes_gain_no_more_than_asked_for(tmp_path):
              "--method", "gauss-newton", "--device", "cpu", "--out", out)  # fmt: skip
         made[gain] = len(load_record(out, "plan")["trace_cost"])
     assert made["1e9"] == 2 < made["0"]
+
+
+def test_an_interrupted_plan_is_saved(tmp_path, monkeypatch):
+    """Ctrl-C after hundreds of passes left nothing."""
+    out, said = tmp_path / "plan.npz", []
+
+    def say(text):
+        said.append(text)
+        if len(said) == 4:
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(optimise, "waiting", lambda what: contextlib.nullcontext(say))
+    result = call("optimise", "--horizon", 30, "--starts", 2, "--device", "cpu", "--out", out, code=130)
+    assert len(said) == 4 and "saved the best of the plans so far, after 4 passes" in result.output
+    plan = load_record(out, "plan")
+    assert np.isfinite(plan["K"]).all() and len(plan["trace_cost"]) == 5
+    before = len(said)
+    call("optimise", "--horizon", 30, "--starts", 1, "--passes", 1, "--device", "cpu", "--out", out)
+    assert len(said) > before  # signals do again what they did
