@@ -23,7 +23,7 @@ EXCHANGED = {wp.float64: 1e-13, wp.float32: 1e-8}  # what may be missing of M dv
 PRESSED = 32.0  # sigma by which z of a smoothed row is at most, where w is nothing: exp(-32) is 1e-14
 UNSPENT = 1e-6  # of the energy of the data that a row's impulse may give by what its velocity misses
 NOTHING = 1e-17  # of the velocities that a hard row is judged by: less than it presses by needs no momentum
-FELT = {wp.float64: 1e-15, wp.float32: 5e-7}  # of its own terms: what a side that it presses need not tell
+FELT = 1e-15  # of its own terms: what a side that it presses need not tell of its velocity
 GROWN = 10.0  # by which rows may press a place harder than they do where they yield more
 
 
@@ -39,7 +39,7 @@ def make_earned(given: type, residual: str) -> SimpleNamespace:
     OPEN, EXACT, LEAST = dtype(ROW * ACCEPTED[given]), dtype(EARNED[given]), dtype(ROUNDED)
     CLOSE = dtype(EXCHANGED[given] + (0.0 if hard else GIVEN[given]))
     UNTOLD = dtype(GIVEN[given if hard else WORK])  # rounding of impulses that `press` does not make itself
-    SEEN, TOLD = dtype(NOTHING / SUMMED[given]), dtype(FELT[given] / SUMMED[given])
+    SEEN, TOLD = dtype(NOTHING / SUMMED[given]), dtype(FELT / SUMMED[given])
     TINY = dtype(1e-30)
     MORE, SHUT, SPENT = dtype(GROWN), dtype(PRESSED), dtype(UNSPENT)
 
