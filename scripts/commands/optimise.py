@@ -1,6 +1,7 @@
 """`slcp optimise`: DDP on a task, from one start or many, at one or more noise levels."""
 
-from contextlib import nullcontext
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Annotated
 
@@ -35,6 +36,35 @@ Gain = Annotated[
     float,
     typer.Option(help="Stop where a pass lowers the cost by no more than this; 0: go on to rounding."),
 ]
+
+
+@contextmanager
+def passes_told(stop: Stop, on: bool) -> Iterator[Callable[[str, int, int, float], bool]]:
+    """How far planning is, said as it goes on. What it gives is called after every pass, True where passes
+    are to end: where Ctrl-C, if that is `on`, has wished for `stop`.
+    """
+    with (
+        on_signals(stop) if on else nullcontext(),
+        timed("DDP"),
+        waiting("planning from all starts; minutes where many bodies may touch") as say,
+    ):
+
+        def tell(name: str, made: int, going: int, cost: float) -> bool:
+            say(f"{name}, pass {made}: {going} of the plans go on, lowest cost {cost:.6g}")
+            return bool(stop)
+
+        yield tell
+
+
+def tell_end(result: ddp.Result, path: Path, stop: Stop) -> None:
+    """Say what was written, and of what it is where it is no solution."""
+    if int(result.status) == ddp.Status.FLAT:
+        typer.echo(f"slcp: {FLAT}", err=True)
+    wrote(path)
+    if stop:
+        after = f"after {int(result.iterations)} passes"
+        typer.echo(f"slcp: interrupted; saved the best of the plans so far, {after}", err=True)
+        raise typer.Exit(128 + stop.signal)
 
 
 @one_line_errors
@@ -86,24 +116,12 @@ def optimise_command(
     last, first = (METHODS[-1], METHODS[0]) if method is None else (method, method)
     regularization = SCHEDULES if methods else ddp.Regularization()
     options = ddp.Options(
-        max_iterations=passes,
-        method=last,
-        regularization=regularization,
+        max_iterations=passes, method=last, regularization=regularization,
         improvement_tolerance=number("--gain", gain, 0.0),
-    )
+    )  # fmt: skip
     scale = noise_scale(chosen) if explore is None else number("--explore", explore, 0.0)
-
     stop = Stop()
-
-    def tell(name: str, made: int, going: int, cost: float) -> bool:
-        say(f"{name}, pass {made}: {going} of the plans go on, lowest cost {cost:.6g}")
-        return bool(stop)
-
-    with (
-        on_signals(stop) if methods else nullcontext(),
-        timed("DDP"),
-        waiting("planning from all starts; minutes where many bodies may touch") as say,
-    ):
+    with passes_told(stop, bool(methods)) as tell:
         late = Late.of(problem, delay_of(chosen, problem))
         guesses = plan_starts(late.rest, late.begin(x0), starts, seed, scale, method=first)
         record, results = optimise(late, x0, guesses, options, schedules, sigmas, methods, tell, stop)
@@ -111,10 +129,4 @@ def optimise_command(
     record.save(path)
     console.print(trace_table(results[-1]))
     console.print(outcome_table(record, results))
-    if int(results[-1].status) == ddp.Status.FLAT:
-        typer.echo(f"slcp: {FLAT}", err=True)
-    wrote(path)
-    if stop:
-        passes = int(results[-1].iterations)
-        typer.echo(f"slcp: interrupted; saved the best of the plans so far, after {passes} passes", err=True)
-        raise typer.Exit(128 + stop.signal)
+    tell_end(results[-1], path, stop)

@@ -30,7 +30,10 @@ def test_a_component_of_a_place_is_drawn_alone():
     assert (found[:, _column("com", "block", 1)] == 0.3).all()
     np.testing.assert_allclose(found[:, _column("com", "block", 0)], 0.2 + SCENE.bodies[-1].com[0])
     assert np.ptp(found[:, _column("com", "pusher", 1)]) > 0.1
-    with pytest.raises(slcp.InputError, match="names 'block.mass_x'; choose from .*, com, com_x, com_y, "):
+    with pytest.raises(
+        slcp.InputError,
+        match="names 'block.mass_x'; block.mass is like it; choose from .*, com, com_x, com_y, ",
+    ):
         slcp.Disturbances(parameters={"block.mass_x": 0.1})
 
 

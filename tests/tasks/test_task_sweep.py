@@ -168,7 +168,7 @@ def test_kicks_come_when_they_are_due(device):
 @pytest.mark.parametrize(
     "fields, text",
     [
-        ({"parameters": {"frict": 0.1}}, "names 'frict'; choose from"),
+        ({"parameters": {"frict": 0.1}}, "names 'frict'; friction is like it; choose from"),
         ({"parameters": {"mass": 2.0}}, r"in \[0, 2.0\)"),
         ({"parameters": {"mass": -0.1}}, r"Disturbances.parameters\['mass'\]"),
         ({"torque": -1.0}, "Disturbances.torque"),

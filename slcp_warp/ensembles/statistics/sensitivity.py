@@ -24,11 +24,12 @@ class Sensitivity(Printed):
 
     Attributes:
         measure: "success" or a measure's name.
-        policy: its name, and where the rows of a report are of several cases or step sizes, these.
+        policy: its name.
         names: of what is drawn.
         first: index of first order of each, (value, low, high): what goes when it is known.
         total: index of total order of each: what stays when all others are known; NaN where unknown.
         worlds: that were run.
+        case: of the rows, where their report has several cases or step sizes: "hard, h = 0.02".
     """
 
     measure: str
@@ -37,6 +38,7 @@ class Sensitivity(Printed):
     first: list[Interval]
     total: list[Interval]
     worlds: int
+    case: str = ""
 
     @property
     def order(self) -> list[int]:
@@ -53,9 +55,9 @@ class Sensitivity(Printed):
         return save_rows(path, HEAD, rows)
 
     def _line(self) -> str:
-        return (
-            f"of {self.measure} under {self.policy}: {len(self.names)} drawn numbers, {self.worlds:,} worlds"
-        )
+        case = f" ({self.case})" if self.case else ""
+        counts = f"{len(self.names)} drawn numbers, {self.worlds:,} worlds"
+        return f"of {self.measure} under {self.policy}{case}: {counts}"
 
     def _tables(self) -> list[Table]:
         rows = [
@@ -81,8 +83,8 @@ def sensitivity_of_rows(source: Source, key: Key, measure: str) -> Sensitivity:
     first = [first_order(source, key, names[0], measure) for names in columns]
     labels = tuple(", ".join(name.removeprefix(DRAWN) for name in names) for names in columns)
     others = {each[1:3] for each in source.keys}
-    policy = key[0] if len(others) == 1 else f"{key[0]}, {key[1]}, h = {key[2]:g}"
-    return Sensitivity(measure, policy, labels, first, [NOTHING] * len(first), source.worlds(key))
+    case = f"{key[1]}, h = {key[2]:g}" if len(others) > 1 else ""
+    return Sensitivity(measure, key[0], labels, first, [NOTHING] * len(first), source.worlds(key), case)
 
 
 def drawn_columns(source: Source, key: Key) -> list[list[str]]:
