@@ -3,6 +3,7 @@
 The same numbers come from a `wp.Tape` (vjp) or from `Simulator.linearize`; these ways need neither.
 """
 
+import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -17,6 +18,8 @@ from ..inputs.checks import array, instance, names
 from ..parameters import ParameterError, Parameters
 from ..storage.printed import Arrays
 from .simulator import Simulator
+
+_taping = threading.Lock()  # Warp records on one tape at a time, whichever thread launches
 
 
 @dataclass(frozen=True, repr=False)
@@ -105,9 +108,10 @@ def vjp(
     if force is not None:
         force = array("external_force", force, ("B", "bodies", 3), finite=False, error=ArrayError)
         force = wp.array(force, dtype=sim.dtype, device=sim.device)
-    with wp.Tape() as tape:
-        traj = sim.rollout(x, us, given, external_force=force)
-    tape.backward(grads={traj.states: wp.array(weights, dtype=sim.dtype, device=sim.device)})
+    with _taping:
+        with wp.Tape() as tape:
+            traj = sim.rollout(x, us, given, external_force=force)
+        tape.backward(grads={traj.states: wp.array(weights, dtype=sim.dtype, device=sim.device)})
     found = {name: given.gradient(name) for name in parameters}
     return Pullback(x.grad.numpy(), us.grad.numpy(), found, traj.states.numpy(), traj.status.numpy())
 

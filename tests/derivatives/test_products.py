@@ -1,5 +1,7 @@
 """Products with derivatives of rollouts against central differences, in float64."""
 
+import concurrent.futures
+
 import numpy as np
 import pytest
 import warp as wp
@@ -38,6 +40,16 @@ def test_jvp_is_a_difference_and_vjp_its_transpose(device):
     ]
     by_friction = ((shifted[0] - shifted[1]) / (2.0 * EPS) * weight).sum((1, 2))
     np.testing.assert_allclose(back.parameters["friction"][:, 0], by_friction, rtol=1e-4)
+
+
+def test_threads_may_pull_back_at_once(device):
+    """Warp has one tape at a time: a second thread met "entering a tape while one is already active"."""
+    sim, (x0, us, weight) = finger(device), start()
+    alone = slcp.vjp(sim, x0, us, weight)
+    with concurrent.futures.ThreadPoolExecutor(4) as pool:
+        for each in pool.map(lambda _: slcp.vjp(sim, x0, us, weight), range(24)):
+            np.testing.assert_array_equal(each.x0, alone.x0)
+            np.testing.assert_array_equal(each.controls, alone.controls)
 
 
 @pytest.mark.slow
