@@ -9,11 +9,11 @@ import typer
 
 import slcp_warp as slcp
 from slcp_warp import ddp
-from slcp_warp.ddp.planning import METHODS, SCHEDULES, Late, delay_of, noise_scale, plan_starts
+from slcp_warp.ddp.planning import METHODS, SCHEDULES, Late, delay_of, noise_scale
 from slcp_warp.inputs.checks import number
 from slcp_warp.runs.stopping import Stop, on_signals
 
-from ..stages.plan import optimise, outcome_table, task_problem, trace_table
+from ..stages.plan import first_controls, optimise, outcome_table, task_problem, trace_table
 from ..support.options import Device, Dtype, Seed, Settings, Sigma, Start, StepSize
 from ..support.rules import NO_RULE, OneRule, with_rules
 from ..support.screen import console, one_line_errors, prepared, timed, waiting, wrote
@@ -30,6 +30,12 @@ Method = Annotated[
     typer.Option(
         help="second-order, gauss-newton or first-order; default: gauss-newton from every start, then "
         "second-order from the best."
+    ),
+]
+Source = Annotated[
+    Path | None,
+    typer.Option(
+        "--from", help="A plan, whose controls are a start in place of zeros (with --starts 1 the only one)."
     ),
 ]
 Gain = Annotated[
@@ -72,6 +78,7 @@ def tell_end(result: ddp.Result, path: Path, stop: Stop) -> None:
 def optimise_command(
     task: TaskName = DEFAULT,
     out: Annotated[Path, typer.Option(help="File to write.")] = Path("plan.npz"),
+    source: Source = None,
     start: Start = None,
     sigma: Sigma = None,
     continuation: Annotated[
@@ -105,8 +112,7 @@ def optimise_command(
 
     Ctrl-C ends the passes, and what is the best plan then is saved.
     """
-    path = prepared(out)
-    chosen = slcp.load_task(task)
+    path, chosen = prepared(out), slcp.load_task(task)
     tell_timing(chosen, delayed=True)
     problem = task_problem(chosen, horizon, sigma, step_size, settings, rules, device, dtype)
     x0 = chosen.start[0] if start is None else numbers(start, "--start", problem.nx)
@@ -123,7 +129,7 @@ def optimise_command(
     stop = Stop()
     with passes_told(stop, bool(methods)) as tell:
         late = Late.of(problem, delay_of(chosen, problem))
-        guesses = plan_starts(late.rest, late.begin(x0), starts, seed, scale, method=first)
+        guesses = first_controls(late, x0, starts, seed, scale, first, source)
         record, results = optimise(late, x0, guesses, options, schedules, sigmas, methods, tell, stop)
     record.header["seed"], record.header["task"] = seed, chosen.name
     record.save(path)

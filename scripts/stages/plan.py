@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import fields, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,11 +11,11 @@ from rich.table import Table
 
 import slcp_warp as slcp
 from slcp_warp import ddp
-from slcp_warp.ddp.planning import Late, solve_starts
+from slcp_warp.ddp.planning import Late, plan_starts, solve_starts
 from slcp_warp.results.simulated import Simulated
 from slcp_warp.runs.stopping import Stop
 
-from ..support.records import Record, device_facts
+from ..support.records import Record, device_facts, load_plan
 from ..support.rules import NO_RULE, OneRule
 from ..support.simulators import make_params
 from ..support.tasks import task_simulator
@@ -37,6 +38,21 @@ def task_problem(
     params = make_params(sim, step_size, sigma, settings)
     task = task if horizon is None else task.replace(horizon=horizon)
     return replace(ddp.problem_of(task, sim), params=params)
+
+
+def first_controls(
+    late: Late, x0: np.ndarray, count: int, seed: int, scale: Any, method: str, plan: Path | None = None
+) -> np.ndarray:
+    """Controls to plan from (S, N, nu): zeros, noise and what `ddp.plan` adds; a plan's in place of zeros.
+
+    Raises:
+        RecordError, ArgumentError: the plan is of another scene, or of another number of steps.
+    """
+    guesses = plan_starts(late.rest, late.begin(x0), count, seed, scale, method=method)
+    if plan is None:
+        return guesses
+    given = late.controls(load_plan(plan, late.whole.dynamics.scene)["us"][None])
+    return np.concatenate([given, guesses[1:]])
 
 
 def optimise(

@@ -1,5 +1,6 @@
 """The commands' files of every kind, as `slcp_warp.results.records` reads them."""
 
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -55,7 +56,11 @@ def load_plan(path: Path, scene: slcp.Scene) -> Record:
     """
     plan = load_record(path, "plan")
     if scene_digest(plan.scene) != scene_digest(scene):
-        raise RecordError(f"{path} was planned for scene {plan.scene.name!r}, not {scene.name!r}")
+        unlike = [
+            f.name for f in fields(scene) if repr(getattr(plan.scene, f.name)) != repr(getattr(scene, f.name))
+        ]
+        there = f"scene {plan.scene.name!r}, not {scene.name!r}"
+        raise RecordError(f"{path} was planned for {there}; {', '.join(unlike)} differ")
     return plan
 
 

@@ -9,7 +9,7 @@ import pytest
 pytest.importorskip("typer")
 pytest.importorskip("matplotlib")
 
-from test_cli import call
+from test_cli import call, fails
 
 from slcp_warp.scripts.commands import optimise
 from slcp_warp.scripts.support.records import load_record
@@ -55,3 +55,17 @@ def test_an_interrupted_plan_is_saved(tmp_path, monkeypatch):
     before = len(said)
     call("optimise", "--horizon", 30, "--starts", 1, "--passes", 1, "--device", "cpu", "--out", out)
     assert len(said) > before  # signals do again what they did
+
+
+def test_a_plan_goes_on_from_another(tmp_path):
+    """From its controls alone, as of one start; one of another mechanism or length is refused."""
+    first, then = tmp_path / "first.npz", tmp_path / "then.npz"
+    given = "--horizon", 30, "--method", "gauss-newton", "--device", "cpu"
+    call("optimise", *given, "--starts", 1, "--passes", 3, "--out", first)
+    call("optimise", *given, "--starts", 1, "--passes", 2, "--from", first, "--out", then)
+    costs = [load_record(path, "plan")["trace_cost"] for path in (first, then)]
+    assert costs[1][0] < costs[0][-1]  # after its first pass
+    wrong = fails("optimise", "--horizon", 31, "--from", first, "--out", then)
+    assert "starts has shape (1, 30, 2)" in wrong
+    wrong = fails("optimise", "push_to_mark", "--from", first, "--out", then)
+    assert "planned for scene 'flicking_finger', not 'push_block'; name, bodies," in wrong
