@@ -48,11 +48,9 @@ def first_controls(
     Raises:
         RecordError, ArgumentError: the plan is of another scene, or of another number of steps.
     """
+    given = None if plan is None else late.controls(load_plan(plan, late.whole.dynamics.scene)["us"][None])
     guesses = plan_starts(late.rest, late.begin(x0), count, seed, scale, method=method)
-    if plan is None:
-        return guesses
-    given = late.controls(load_plan(plan, late.whole.dynamics.scene)["us"][None])
-    return np.concatenate([given, guesses[1:]])
+    return guesses if given is None else np.concatenate([given, guesses[1:]])
 
 
 def optimise(
