@@ -22,7 +22,7 @@ ROUNDED = 5e-14  # and relative to the terms of J v'
 EXCHANGED = {wp.float64: 1e-13, wp.float32: 1e-8}  # what may be missing of M dv relative to impulses alone
 PRESSED = 32.0  # sigma by which z of a smoothed row is at most, where w is nothing: exp(-32) is 1e-14
 UNSPENT = 1e-6  # of the energy of the data that a row's impulse may give by what its velocity misses
-NOTHING = 1e-17  # of the velocities that a hard row is judged by: less than it presses by needs no momentum
+NOTHING = 1e-19  # of the velocities that a hard row is judged by: less than it presses by needs no momentum
 FELT = 1e-15  # of its own terms: what a side that it presses need not tell of its velocity
 GROWN = 10.0  # by which rows may press a place harder than they do where they yield more
 
