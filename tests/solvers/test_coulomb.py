@@ -52,7 +52,7 @@ def named(name):
 
 @functools.cache
 def simulator(name, device, dtype=wp.float64, options=COULOMB):
-    return slcp.Simulator(named(name), options, device=device, dtype=WIDTH[dtype])
+    return slcp.Simulator(named(name), options, device=device, dtype=WIDTH[dtype], strategy="specialised")
 
 
 def states(name, rng, count):

@@ -22,7 +22,6 @@ from ...factories import cached
 from ...status import NONFINITE, NOT_CONVERGED, SOLVED
 from ..judge.earned import make_earned
 from ..judge.scales import make_scales
-from ..newton import make_newton
 from ..topology import Topology
 from ..work import LOOKS, NEAR, WORK, Island, Slot
 from .homotopy import TRIALS, make_homotopy
@@ -45,7 +44,7 @@ def make_direct(given: type) -> SimpleNamespace:
     dtype = WORK
     modes, homotopy = make_modes(given), make_homotopy(given)
     scales, earned = make_scales(given, "hard"), make_earned(given, "hard")
-    ZERO, TINY, GOOD = dtype(0.0), dtype(1e-30), make_newton(given, "hard").GOOD
+    ZERO, TINY = dtype(0.0), dtype(1e-30)
 
     @wp.func
     def resume(k: wp.ref[Slot], o: Island):
@@ -126,11 +125,6 @@ def make_direct(given: type) -> SimpleNamespace:
                 if good == 0:
                     modes.leave_alone(t, k, o)
                     good = earned.adds_up(t, k, o)
-                if good == 0:
-                    earned.take_impulses(t, k, o)
-                    modes.measure(t, k, o)
-                    if modes.evaluate(t, k, o) <= GOOD:
-                        good = earned.adds_up(t, k, o)
                 status = wp.where(good == 1, wp.static(SOLVED), status)
             attempt += 1
         return status
