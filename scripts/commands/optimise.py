@@ -50,7 +50,7 @@ def passes_told(stop: Stop, on: bool) -> Iterator[Callable[[str, int, int, float
     are to end: where Ctrl-C, if that is `on`, has wished for `stop`.
     """
     with (
-        on_signals(stop) if on else nullcontext(),
+        on_signals(stop, grace=None) if on else nullcontext(),
         timed("DDP"),
         waiting("planning from all starts; minutes where many bodies may touch") as say,
     ):
@@ -110,7 +110,8 @@ def optimise_command(
 ) -> None:
     """Plan a task by DDP and save the trajectory with its feedback gains and trace.
 
-    Ctrl-C ends the passes, and what is the best plan then is saved.
+    Ctrl-C ends the passes after the one at hand, and what is the best plan then is saved; a second Ctrl-C, or
+    one where --method or --schedules is given, leaves nothing.
     """
     path, chosen = prepared(out), slcp.load_task(task)
     tell_timing(chosen, delayed=True)

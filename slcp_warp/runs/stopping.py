@@ -34,11 +34,11 @@ class Stop:
 
 
 @contextmanager
-def on_signals(stop: Stop) -> Iterator[None]:
+def on_signals(stop: Stop, grace: float | None = GRACE) -> Iterator[None]:
     """Within the block Ctrl-C and SIGTERM wish for `stop`.
 
-    Python code that still runs after GRACE seconds, and at a second signal, is interrupted
-    (KeyboardInterrupt). Outside the main thread, where no signal arrives, nothing changes.
+    Python code that still runs after `grace` seconds (None: however long), and at a second signal, is
+    interrupted (KeyboardInterrupt). Outside the main thread, where no signal arrives, nothing changes.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -52,9 +52,10 @@ def on_signals(stop: Stop) -> Iterator[None]:
             raise KeyboardInterrupt
         stop.signal = number
         stop()
-        timers.append(threading.Timer(GRACE, signal.pthread_kill, (main, number)))
-        timers[0].daemon = True
-        timers[0].start()
+        if grace is not None:
+            timers.append(threading.Timer(grace, signal.pthread_kill, (main, number)))
+            timers[0].daemon = True
+            timers[0].start()
 
     before = {number: signal.signal(number, wish) for number in SIGNALS}
     try:
