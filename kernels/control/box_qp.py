@@ -20,7 +20,6 @@ def make_small_solver(nx, nu, dtype):
     TOLERANCE = dtype(16.0 * EPSILON[dtype])
     ARMIJO = dtype(0.1)
     MAX_ITERATIONS = 20 + 10 * nu
-    MAX_HALVINGS = 24
 
     @wp.func
     def cholesky(a: MUU):
@@ -111,8 +110,52 @@ def make_small_solver(nx, nu, dtype):
         return out
 
     @wp.func
+    def step_inside(h: MUU, l: MUU, slope: VU, y: VU, free: VU, lower: VU, upper: VU):
+        """Newton's step on the free set, less what would lead out of limits that y is at: downhill."""
+        moving = free
+        step = -solve_vector(l, wp.cw_mul(slope, free))
+        blocked = int(1)
+        while blocked == 1:
+            blocked = int(0)
+            left = int(0)
+            for i in range(nu):
+                if (y[i] <= lower[i] and step[i] < ZERO) or (y[i] >= upper[i] and step[i] > ZERO):
+                    moving[i] = ZERO
+                    blocked = 1
+                if moving[i] == ONE:
+                    left = 1
+            if blocked == 1:
+                step = -wp.cw_mul(slope, free)  # along the gradient nothing leads out
+                if left == 1:
+                    factor, _lowest = cholesky(masked(h, moving))
+                    step = -solve_vector(factor, wp.cw_mul(slope, moving))
+                else:
+                    step = step / wp.trace(h)
+                    blocked = 0
+        return step
+
+    @wp.func
+    def to_first_limit(y: VU, step: VU, lower: VU, upper: VU):
+        """y + t step with the largest t <= 1 that stays inside; what meets its limit is on it exactly."""
+        length = ONE
+        for i in range(nu):
+            if y[i] + step[i] < lower[i]:
+                length = wp.min(length, (lower[i] - y[i]) / step[i])
+            if y[i] + step[i] > upper[i]:
+                length = wp.min(length, (upper[i] - y[i]) / step[i])
+        out = clamp_vector(y + length * step, lower, upper)
+        for i in range(nu):
+            if y[i] + step[i] < lower[i] and (lower[i] - y[i]) / step[i] <= length:
+                out[i] = lower[i]
+            if y[i] + step[i] > upper[i] and (upper[i] - y[i]) / step[i] <= length:
+                out[i] = upper[i]
+        return out
+
+    @wp.func
     def box_qp(h: MUU, g: VU, lower: VU, upper: VU, start: VU):
         """Minimise y'hy/2 + g'y within lower <= y <= upper by projected Newton (Tassa et al. 2014, III).
+
+        Where the projected step does not lower the cost, the step to the first limit does.
 
         Returns y, the free set, the factor of h on it, and the smallest pivot (not positive: h is not
         positive definite on a free set that was met; y is then of no use).
@@ -127,7 +170,6 @@ def make_small_solver(nx, nu, dtype):
             slope = g + h * y
             free = free_set(y, slope, lower, upper)
             l, pivot = cholesky(masked(h, free))
-            step = -solve_vector(l, wp.cw_mul(slope, free))
             scale = dtype(0.0)
             size = dtype(0.0)
             for i in range(nu):
@@ -138,24 +180,13 @@ def make_small_solver(nx, nu, dtype):
             if not (pivot > ZERO) or not (size > TOLERANCE * scale) or iteration >= MAX_ITERATIONS:
                 running = 0
             else:
-                value = wp.dot(y, g) + HALF * wp.dot(y, h * y)
-                length = dtype(1.0)
+                step = step_inside(h, l, slope, y, free, lower, upper)
                 trial = clamp_vector(y + step, lower, upper)
-                halvings = int(0)
-                searching = int(1)
-                while searching == 1:
-                    descent = wp.dot(slope, trial - y)
-                    reached = wp.dot(trial, g) + HALF * wp.dot(trial, h * trial)
-                    if value - reached >= -ARMIJO * descent or halvings >= MAX_HALVINGS:
-                        searching = 0
-                    else:
-                        halvings += 1
-                        length = length * HALF
-                        trial = clamp_vector(y + length * step, lower, upper)
-                if halvings >= MAX_HALVINGS:
-                    running = 0
-                else:
-                    y = trial
+                move = trial - y
+                descent = -wp.dot(slope, move)
+                if descent - HALF * wp.dot(move, h * move) < ARMIJO * descent:
+                    trial = to_first_limit(y, step, lower, upper)
+                y = trial
             iteration += 1
         return y, free, l, pivot
 
