@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 from xml.parsers import expat
 
-from ..storage.files import FileError, opened, read_bytes
+from ...storage.files import FileError, opened, read_bytes
 
 ELEMENTS = 10_000  # with what <replicate> repeats and <include> and <attach> bring
 DEPTH = 100  # nested elements

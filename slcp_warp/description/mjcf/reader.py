@@ -11,14 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from ..inputs import checks
-from ..storage.files import reading
-from .mjcf_bounds import check_bounds
-from .mjcf_contacts import read_contacts
-from .mjcf_plane import MjcfError, Plane
-from .mjcf_refused import refuse_what_is_missing
-from .parts import Actuator, Body
-from .scene import Scene
+from ...inputs import checks
+from ...storage.files import reading
+from ..parts import Actuator, Body
+from ..scene import Scene
+from .bounds import check_bounds
+from .contacts import read_contacts
+from .plane import MjcfError, Plane
+from .refused import refuse_what_is_missing
 
 __all__ = ["MjcfError", "load_mjcf"]
 
@@ -32,7 +32,7 @@ def load_mjcf(path: str | os.PathLike[str], plane: str = "xz") -> Scene:
 
     Raises:
         MjcfError: a file that MuJoCo does not compile, an element that is not planar or not supported, or a
-            model that grows too large (`mjcf_bounds`).
+            model that grows too large (`bounds`).
         FileNotFoundError: no such file.
         ImportError: the package mujoco is not installed.
     """

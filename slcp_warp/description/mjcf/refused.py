@@ -1,4 +1,4 @@
-"""What acts in a MuJoCo model and has no counterpart here: refused by name, for `mjcf.py`.
+"""What acts in a MuJoCo model and has no counterpart here: refused by name, for `reader.py`.
 
 A field that a version of MuJoCo lacks says nothing: that version has not got what it stands for.
 """
@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .mjcf_plane import MjcfError
+from .plane import MjcfError
 
 FLAGS = ("GRAVITY", "LIMIT", "SPRING", "DAMPER", "ACTUATION")
 COUNTS = {"neq": "equality constraints", "ntendon": "tendons", "nflex": "flexes", "nplugin": "plugins"}

@@ -1,4 +1,4 @@
-"""Shapes and contact pairs of a MuJoCo model, for `mjcf.py`."""
+"""Shapes and contact pairs of a MuJoCo model, for `reader.py`."""
 
 import dataclasses
 import math
@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from .auto_contacts import AUTO, MOST_PAIRS, auto_contacts
-from .mjcf_plane import FLAT, MjcfError, Plane
-from .parts import Body, Contact, Shape
+from ..auto_contacts import AUTO, MOST_PAIRS, auto_contacts
+from ..parts import Body, Contact, Shape
+from .plane import FLAT, MjcfError, Plane
 
 GEOMS = ("plane", "hfield", "sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh", "sdf")
 BITS = 2**31 - 1  # of contype and conaffinity that ours have; whether they say the same is looked at

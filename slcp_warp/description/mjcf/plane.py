@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from ..inputs.checks import choice
-from ..inputs.errors import SceneError
+from ...inputs.checks import choice
+from ...inputs.errors import SceneError
 
 FLAT = 1e-6  # what counts as in the plane
 
