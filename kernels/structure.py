@@ -95,6 +95,7 @@ class Structure:
     uncertain: bool = False  # whether there are covariances of the state, eq. (18)
     implicit_damping: bool = False  # whether dampers act with the velocity at the end of a step
     implicit_stiffness: bool = False  # whether Euler's step meets springs half a step on; only where some are
+    armature: tuple[int, ...] = ()  # degrees of freedom whose coordinate has an inertia of its own
 
     @property
     def nb(self) -> int:
@@ -233,6 +234,8 @@ def layout(s: Structure) -> Layout:
             "spring_length": (n,),
             "spring_point": (n, 2, 2),
         }
+    if s.armature:
+        shapes |= {"armature": (s.nv,)}
     if s.uncertain:
         shapes |= {"position_covariance": (s.nv, s.nv), "velocity_covariance": (s.nv, s.nv)}
     columns, start = [], 0

@@ -34,7 +34,7 @@ class Parameters(Printed):
 
     Names and units: step_size h [s]; sigma per row [m/s, rad/s]; gravity [m/s^2]; mass [kg]; inertia [kg
     m^2]; com, anchor, axis per body [m]; angle per body [rad]; damping, lower, upper per degree of freedom,
-    and stiffness, rest where the scene has joint springs; gear per actuator; friction per contact; radius
+    and stiffness, rest, armature where the scene has such; gear per actuator; friction per contact; radius
     (2), shape_offset (2) [m], shape_angle [rad] per shape; spring_stiffness [N/m], spring_damping [N s/m],
     spring_length [m], spring_point (2 ends, 2) [m] per spring.
     """

@@ -26,7 +26,8 @@ def scene_digest(scene: Scene) -> str:
     readable.
     """
     s = scene.structure
-    parts = (f"{f.name}={getattr(s, f.name)!r}" for f in fields(s) if not f.name.startswith("implicit_"))
+    names = [f.name for f in fields(s) if not f.name.startswith("implicit_")]
+    parts = (f"{name}={getattr(s, name)!r}" for name in names if name != "armature" or s.armature)
     return hashlib.sha256(f"Structure({', '.join(parts)})".encode()).hexdigest()[:16]
 
 

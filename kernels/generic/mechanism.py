@@ -25,10 +25,10 @@ def make_mechanism(given: type) -> SimpleNamespace:
     ANCHOR, ANGLE, AXIS_OF, COM, MASS, INERTIA, GRAVITY, DAMPING, GEAR = (
         COLUMN[n] for n in ("anchor", "angle", "axis", "com", "mass", "inertia", "gravity", "damping", "gear")
     )
-    STIFFNESS, REST, PULL, DAMP, LENGTH, TIED = (
-        COLUMN[n]
-        for n in ("stiffness", "rest", "spring_stiffness", "spring_damping", "spring_length", "spring_point")
-    )
+    STIFFNESS, REST, PULL, DAMP, LENGTH, TIED, ARMATURE = (
+        COLUMN[n] for n in ("stiffness", "rest", "spring_stiffness", "spring_damping", "spring_length",
+                            "spring_point", "armature")
+    )  # fmt: skip
     PRISMATIC, FREE = JOINT["prismatic"], JOINT["free"]
     SHORT, TINY = dtype(1e-3), dtype(1e-5)  # as in `springs.py`
     PART = dtype(SHARE)
@@ -133,8 +133,22 @@ def make_mechanism(given: type) -> SimpleNamespace:
         return V2(ax, ay)
 
     @wp.func
+    def add_mass(t: wp.ref[Topology], k: wp.ref[Slot], one: int, two: int, value: dtype):
+        """Add to entry (one, two) of M, two dofs; in a diagonal block to both triangles."""
+        b = t.dof_block[one]
+        c = t.dof_block[two]
+        i = t.dof_part[one]
+        j = t.dof_part[two]
+        if b < c:
+            k.mass[t.mass_at[c] + b][j, i] = k.mass[t.mass_at[c] + b][j, i] + value
+        else:
+            k.mass[t.mass_at[b] + c][i, j] = k.mass[t.mass_at[b] + c][i, j] + value
+            if b == c and i != j:
+                k.mass[t.mass_at[b] + c][j, i] = k.mass[t.mass_at[b] + c][j, i] + value
+
+    @wp.func
     def joints(t: wp.ref[Topology], k: wp.ref[Slot]):
-        """No force and no mass, but the joints' damping."""
+        """No force and no mass, but the joints' damping and their own inertia."""
         for i in range(k.mass.shape[0]):
             k.mass[i] = M33()
         for i in range(t.blocks):
@@ -150,6 +164,9 @@ def make_mechanism(given: type) -> SimpleNamespace:
             k.move[b][part] = -damping * k.v0[j]
             if t.implicit_damping == 1:
                 k.mass[t.mass_at[b] + b][part, part] = h * damping
+        for i in range(t.rotors):
+            j = t.rotor_dof[i]
+            add_mass(t, k, j, j, number(t, k, ARMATURE, j))
 
     @wp.func
     def free_body(
@@ -168,20 +185,6 @@ def make_mechanism(given: type) -> SimpleNamespace:
         k.move[b] = k.move[b] + V3(fx, fy, arm[0] * fx + arm[1] * fy + f[2])
         at = t.mass_at[b] + b
         k.mass[at] = k.mass[at] + M33(mass, ZERO, mx, ZERO, mass, my, mx, my, turn)
-
-    @wp.func
-    def add_mass(t: wp.ref[Topology], k: wp.ref[Slot], one: int, two: int, value: dtype):
-        """Add to entry (one, two) of M, two dofs; in a diagonal block to both triangles."""
-        b = t.dof_block[one]
-        c = t.dof_block[two]
-        i = t.dof_part[one]
-        j = t.dof_part[two]
-        if b < c:
-            k.mass[t.mass_at[c] + b][j, i] = k.mass[t.mass_at[c] + b][j, i] + value
-        else:
-            k.mass[t.mass_at[b] + c][i, j] = k.mass[t.mass_at[b] + c][i, j] + value
-            if b == c and i != j:
-                k.mass[t.mass_at[b] + c][j, i] = k.mass[t.mass_at[b] + c][j, i] + value
 
     @wp.func(inline=False)
     def chained_body(

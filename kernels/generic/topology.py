@@ -27,7 +27,7 @@ MOVES_A, MOVES_B = 1, 2  # which sides of a pair a degree of freedom moves
 NUMBERS = (
     "step_size", "gravity", "sigma", "mass", "inertia", "com", "anchor", "angle", "axis", "damping", "lower",
     "upper", "gear", "friction", "radius", "shape_offset", "shape_angle",
-    "stiffness", "rest", "spring_stiffness", "spring_damping", "spring_length", "spring_point",
+    "stiffness", "rest", "spring_stiffness", "spring_damping", "spring_length", "spring_point", "armature",
 )  # fmt: skip
 
 
@@ -47,6 +47,7 @@ class Topology:
     room: int  # blocks of a matrix M + J' W J that there is room for
     sprung: int  # dofs with a joint spring
     springs: int
+    rotors: int  # dofs with an inertia of their own (armature)
     inertia_scaling: int
     coulomb: int
     implicit_damping: int
@@ -71,6 +72,7 @@ class Topology:
     actuator: wp.array(dtype=wp.int32)  # (nu) dof
     sprung_dof: wp.array(dtype=wp.int32)  # (sprung)
     spring_body: wp.array(dtype=wp.int32)  # (2 springs)
+    rotor_dof: wp.array(dtype=wp.int32)  # (rotors)
     shape_body: wp.array(dtype=wp.int32)
     shape_turned: wp.array(dtype=wp.int32)
     pair_kind: wp.array(dtype=wp.int32)  # (pairs) PLANE, LONG or ROUND
@@ -130,6 +132,7 @@ def tables(s: Structure) -> tuple[dict[str, list[int]], Sizes]:
     lay = layout(s)
     out["columns"] = [lay.offset(name) if name in lay.names else -1 for name in NUMBERS]
     out["sprung_dof"] = list(s.sprung)
+    out["rotor_dof"] = list(s.armature)
     out["spring_body"] = [body for spring in s.springs for body in spring]
     chains = [[j for j in range(s.nv) if s.in_chain(b, j)] for b in range(s.nb)]
     out["parent"] = [b.parent for b in s.bodies]
@@ -186,7 +189,7 @@ def make_topology(s: Structure, inertia_scaling: bool, coulomb: bool, device: ob
     out.units, out.limits = len(lists["unit_start"]) - 1, len(lists["limit_row"])
     out.items, out.planes = (sizes.items, sizes.planes) if items_first(s) else (0, 0)
     out.pair_bits = bits_of(len(s.pairs))
-    out.sprung, out.springs = len(s.sprung), len(s.springs)
+    out.sprung, out.springs, out.rotors = len(s.sprung), len(s.springs), len(s.armature)
     out.inertia_scaling, out.coulomb = int(inertia_scaling), int(coulomb)
     out.implicit_damping, out.implicit_stiffness = int(s.implicit_damping), int(s.implicit_stiffness)
     for name, values in lists.items():

@@ -177,6 +177,15 @@ def make_motion_gradient(spec: Specialisation) -> SimpleNamespace:
         for i in range(wp.static(len(springs))):
             wp.static(springs[i])(world, pose, y, p, share, grad)
 
+    @wp.func
+    def rotor(m: Motion, rows: JR, j: int):
+        """What an inertia of coordinate j by itself weighs."""
+        out = m.p[j] * m.w[j]
+        if wp.static(linear.response.scaled):
+            for i in range(wp.static(NR)):
+                out -= m.kappa[i] * rows[i, j] * rows[i, j]
+        return out
+
     inertia_of = tuple(make_inertia(b) for b in range(NB))
     own_shifts = tuple(make_shift(b, b) for b in range(NB))
 
@@ -199,6 +208,8 @@ def make_motion_gradient(spec: Specialisation) -> SimpleNamespace:
             wp.static(joints[b])(world, pose, m, normals, grad)
         add2(grad, wp.static(col["gravity"]), -m.h * pulled)
         for j in range(wp.static(s.nv)):
+            if wp.static(j in s.armature):
+                add(grad, wp.static(col["armature"] + j), rotor(m, normals, j))
             if wp.static(not s.implicit_damping):
                 add(grad, wp.static(col["damping"] + j), m.h * m.p[j] * m.v[j])
             if wp.static(j in s.sprung):

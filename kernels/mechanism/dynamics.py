@@ -31,6 +31,7 @@ def make_mechanism(s: Structure, dtype: type) -> SimpleNamespace:
         lay.offset(n) for n in ("mass", "inertia", "com", "gravity", "damping", "gear")
     )
     STIFFNESS, REST = (lay.offset(n) if s.sprung else 0 for n in ("stiffness", "rest"))
+    ARMATURE = lay.offset("armature") if s.armature else 0
     springs = tuple(make_spring(s, i, dtype) for i in range(len(s.springs)))
     jacobian_of = tuple(kin.point_jacobian(b) for b in range(NB))
 
@@ -78,6 +79,8 @@ def make_mechanism(s: Structure, dtype: type) -> SimpleNamespace:
         for i in range(wp.static(NV)):
             for j in range(wp.static(i)):
                 m[j, i] = m[i, j]
+            if wp.static(i in s.armature):
+                m[i, i] = m[i, i] + world.params[wp.static(ARMATURE + i)]
         return m
 
     def make_bias_weights(body: int) -> wp.Function:

@@ -8,7 +8,7 @@ from slcp_warp.kernels.structure import Structure
 
 from .scene import Scene
 
-OF_DOFS = ("damping", "lower", "upper", "stiffness", "rest")
+OF_DOFS = ("damping", "lower", "upper", "stiffness", "rest", "armature")
 OF_SHAPES = ("radius", "shape_offset", "shape_angle")
 
 # what a part was built without
@@ -17,6 +17,7 @@ BUILT = {
     "upper": "without an upper limit",
     "stiffness": "without a spring",
     "rest": "without a spring",
+    "armature": "without an armature",
     "friction": "without friction",
     "shape_angle": "with the angle 0, which the kernels leave out",
 }
@@ -29,6 +30,8 @@ def acting(structure: Structure, name: str) -> list[bool]:
         return list(s.lower if name == "lower" else s.upper)
     if name in ("stiffness", "rest"):
         return [j in s.sprung for j in range(s.nv if s.sprung else 0)]
+    if name == "armature":
+        return [j in s.armature for j in range(s.nv if s.armature else 0)]
     if name == "friction":
         return [pair.friction for pair in s.pairs]
     return [shape.turned for shape in s.shapes]

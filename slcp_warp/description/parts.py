@@ -41,6 +41,8 @@ class Body:
             a step unless the scene says otherwise (`Scene.implicit_damping`).
         stiffness, rest: joint spring per degree of freedom, force -stiffness (q - rest) [N m/rad, N/m; rad,
             m]; stiffness None: no spring.
+        armature: inertia >= 0 of a coordinate by itself, per degree of freedom, added to M's diagonal
+            [kg m^2, kg], as of a rotor behind a gear (its own times the square of the ratio); None: none.
         lower, upper: limits per degree of freedom, lower <= upper (None: no limit, no row).
         touches_parent: whether its shapes may touch those of its parent under `contacts="auto"`.
     """
@@ -60,6 +62,7 @@ class Body:
     lower: tuple[float | None, ...] | float | None = None
     upper: tuple[float | None, ...] | float | None = None
     touches_parent: bool = False
+    armature: tuple[float | None, ...] | float | None = None
 
     def __post_init__(self) -> None:
         Fields(self, "body, ").text("name")
@@ -73,7 +76,7 @@ class Body:
         rules.check_axis(f"body {self.name!r}: axis", np.array(self.axis), SceneError)
         for name in ("damping", "rest"):
             fields.per_dof(name, JOINTS[self.joint])
-        for name in ("stiffness", "lower", "upper"):
+        for name in ("stiffness", "lower", "upper", "armature"):
             fields.per_dof(name, JOINTS[self.joint], optional=True)
         fields.flag("touches_parent")
 

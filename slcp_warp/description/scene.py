@@ -212,10 +212,10 @@ class Scene(Printed):
             "shape_offset": np.array([sh.offset for sh in self.shapes], float).reshape(-1, 2),
             "shape_angle": np.array([sh.angle for sh in self.shapes], float),
         }
-        if s.sprung:
-            for name in ("stiffness", "rest"):
-                per = [spread(getattr(b, name), i, 0.0) for b in self.bodies for i in range(JOINTS[b.joint])]
-                values[name] = np.array([0.0 if x is None else x for x in per], float)
+        present = [*(("stiffness", "rest") if s.sprung else ()), *(("armature",) if s.armature else ())]
+        for name in present:
+            per = [spread(getattr(b, name), i, 0.0) for b in self.bodies for i in range(JOINTS[b.joint])]
+            values[name] = np.array([0.0 if x is None else x for x in per], float)
         if s.springs:
             for name in ("stiffness", "damping", "length"):
                 values[f"spring_{name}"] = np.array([getattr(sp, name) for sp in self.springs], float)

@@ -53,6 +53,7 @@ def structure_of(
         _spring_ends(springs, body_places),
         implicit_damping=implicit_damping,
         implicit_stiffness=implicit_stiffness and bool(tree.sprung or springs),
+        armature=tuple(tree.armature),
     )
 
 
@@ -71,12 +72,13 @@ def contact_ends(shapes: Sequence[Shape], contact: Contact) -> tuple[tuple[int, 
 
 @dataclass
 class _Tree:
-    """Bodies, whether every degree of freedom has a lower and an upper limit, and which have a spring."""
+    """Bodies, whether each degree of freedom has either limit, and which have a spring or an armature."""
 
     bodies: list[BodyStructure] = field(default_factory=list)
     lower: list[bool] = field(default_factory=list)
     upper: list[bool] = field(default_factory=list)
     sprung: list[int] = field(default_factory=list)
+    armature: list[int] = field(default_factory=list)
 
 
 def _tree(bodies: Sequence[Body], places: Mapping[str, int]) -> _Tree:
@@ -92,6 +94,7 @@ def _tree(bodies: Sequence[Body], places: Mapping[str, int]) -> _Tree:
         tree.lower += [spread(body.lower, i, None) is not None for i in range(n)]
         tree.upper += [spread(body.upper, i, None) is not None for i in range(n)]
         tree.sprung += [start + i for i in range(n) if spread(body.stiffness, i, None) is not None]
+        tree.armature += [start + i for i in range(n) if spread(body.armature, i, None) is not None]
     return tree
 
 

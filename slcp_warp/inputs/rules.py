@@ -13,7 +13,7 @@ from .checks import numeric, shown
 from .errors import ArgumentError
 
 POSITIVE = ("step_size", "sigma", "mass", "inertia", "period")
-NONNEGATIVE = ("damping", "friction", "radius", "spring_damping", "spring_length")
+NONNEGATIVE = ("damping", "armature", "friction", "radius", "spring_damping", "spring_length")
 OF_EITHER_SIGN = ("gravity", "gear", "stiffness", "spring_stiffness")
 PERTURBABLE = sorted({*POSITIVE, *NONNEGATIVE, *OF_EITHER_SIGN} - {"period"})  # by factors
 COVARIANCES = ("position_covariance", "velocity_covariance")

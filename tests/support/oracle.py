@@ -102,7 +102,8 @@ class Oracle:
     def mass_matrix(self, q):
         """M(q), (..., nv, nv)."""
         g = complex_step(self.poses, q)
-        return np.einsum("...ki,...k,...kj->...ij", g, self.inertias(), g)
+        own = self.p["armature"][..., None] * np.eye(self.nv) if self.structure.armature else 0.0
+        return np.einsum("...ki,...k,...kj->...ij", g, self.inertias(), g) + own
 
     def force(self, q, v, u=None, external=None):
         """r(q, v) + gear u + external wrenches (..., nb, 3) at the centres of mass, as (..., nv)."""

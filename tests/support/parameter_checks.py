@@ -26,6 +26,7 @@ def acts(scene, name, row):
     has = {"lower": s.lower, "upper": s.upper, "friction": [pair.friction for pair in s.pairs],
            "shape_angle": [shape.turned for shape in s.shapes]}  # fmt: skip
     has |= dict.fromkeys(("stiffness", "rest"), [j in s.sprung for j in range(s.nv)])
+    has["armature"] = [j in s.armature for j in range(s.nv)]
     return name not in has or has[name][row]
 
 
@@ -118,7 +119,7 @@ def crane():
     )
     bodies = (
         Body("cart", 1.0, 0.1, joint="prismatic", axis=(0.8, 0.6), com=(0.1, 0.2), angle=0.2),
-        Body("arm", 2.0, 0.5, parent="cart", anchor=(0.1, 0.05), damping=0.3),
+        Body("arm", 2.0, 0.5, parent="cart", anchor=(0.1, 0.05), damping=0.3, armature=0.2),
         Body("pill", 1.0, 0.1, anchor=(0.6, 0.45), com=(0.0, 0.1), lower=-0.2),
     )
     springs = (

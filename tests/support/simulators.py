@@ -61,7 +61,7 @@ def moving_plane() -> Scene:
 def sprung_plane() -> Scene:
     """`moving_plane` with a joint spring."""
     base = moving_plane()
-    plate = dataclasses.replace(base.bodies[0], stiffness=40.0, rest=0.1)
+    plate = dataclasses.replace(base.bodies[0], stiffness=40.0, rest=0.1, armature=0.3)
     return dataclasses.replace(base, name="sprung_plane", bodies=(plate, *base.bodies[1:]))
 
 
@@ -98,9 +98,9 @@ def sprung() -> Scene:
     base = random_tree(np.random.default_rng(5), 2, ("prismatic", "revolute"))
     first, second = base.bodies
     bodies = (
-        first, dataclasses.replace(second, stiffness=3.0, rest=0.4),
+        first, dataclasses.replace(second, stiffness=3.0, rest=0.4, armature=0.3),
         Body("stone", 1.0, 0.1, joint="free", anchor=(1.5, 0.5),
-             stiffness=(None, 2.0, 0.3), rest=(0.0, 0.2, -0.1)),
+             stiffness=(None, 2.0, 0.3), rest=(0.0, 0.2, -0.1), armature=(None, 0.4, 0.05)),
     )  # fmt: skip
     springs = (
         Spring("body1", "stone", (0.4, -0.1), (0.1, 0.2), stiffness=20.0, damping=1.5, length=0.5),

@@ -29,8 +29,8 @@ def make_columns(given: type, residual: str) -> SimpleNamespace:
     pairs = make_pair_slopes(given, residual) if contacts else None
     rows = make_row_slopes(given, residual) if contacts else None
     system = make_system(given, residual)
-    H, MASS, INERTIA, DAMPING, STIFFNESS, GEAR = (
-        COLUMN[n] for n in ("step_size", "mass", "inertia", "damping", "stiffness", "gear")
+    H, MASS, INERTIA, DAMPING, STIFFNESS, GEAR, ARMATURE = (
+        COLUMN[n] for n in ("step_size", "mass", "inertia", "damping", "stiffness", "gear", "armature")
     )
     ONE, PART, COUNT = dtype(1.0), dtype(SHARE), LANES
 
@@ -84,7 +84,7 @@ def make_columns(given: type, residual: str) -> SimpleNamespace:
 
     @wp.func
     def of_joints(t: wp.ref[Topology], d: Slopes, k: wp.ref[Slot], b: int, first: int, velocity: int):
-        """Joint springs, by v where they are implicit, and joint dampers where these are not."""
+        """Joint springs, by v where they are implicit, joint dampers where these are not, armature."""
         x = d.known[b]
         h = number(t, k, H, 0)
         if velocity == 0 or t.implicit_stiffness == 1:
@@ -97,6 +97,11 @@ def make_columns(given: type, residual: str) -> SimpleNamespace:
         if velocity == 1 and t.implicit_damping == 0:
             for j in range(wp.max(first, 0), wp.min(first + COUNT, t.nv)):
                 put(x, place(t, j), j - first, -h * number(t, k, DAMPING, j))
+        if velocity == 1:
+            for one in range(t.rotors):
+                j = t.rotor_dof[one]
+                if j >= first and j < first + COUNT:
+                    put(x, place(t, j), j - first, number(t, k, ARMATURE, j))
 
     @wp.func
     def is_within(g: Groups, group: int, first: int):

@@ -27,10 +27,10 @@ def make_motion(given: type) -> SimpleNamespace:
     move, spans, stiffness_of = make_twists(given), make_spans(given), make_stiffness(given)
     z = move.solved
     number, two, add, add2, axes = z.number, z.two, z.add, z.add2, z.axes
-    H, GRAVITY, MASS, INERTIA, COM, DAMPING, GEAR, STIFFNESS, REST, PULL, DAMP, LENGTH = (
+    H, GRAVITY, MASS, INERTIA, COM, DAMPING, GEAR, STIFFNESS, REST, PULL, DAMP, LENGTH, ARMATURE = (
         z.COLUMN[n]
         for n in ("step_size", "gravity", "mass", "inertia", "com", "damping", "gear", "stiffness", "rest",
-                  "spring_stiffness", "spring_damping", "spring_length")
+                  "spring_stiffness", "spring_damping", "spring_length", "armature")
     )  # fmt: skip
     ONE, TWO, HALF = wp.float64(1.0), wp.float64(2.0), wp.float64(0.5)
     FREE = JOINT["free"]
@@ -76,7 +76,7 @@ def make_motion(given: type) -> SimpleNamespace:
 
     @wp.func
     def joints(t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View]):
-        """Dampers and springs of the joints; of all springs what they add to M."""
+        """Dampers, springs and inertia of the joints; of all springs what they add to M."""
         h = number(t, k, H, 0)
         seen = wp.where(t.implicit_damping == 1, wp.static(NEW), wp.static(OLD)) * t.nv
         by_h = wp.float64(0.0)
@@ -96,6 +96,12 @@ def make_motion(given: type) -> SimpleNamespace:
             add(t, w, REST, j, -h * p * stiffness)
             w.by_q[j] = w.by_q[j] + h * p * stiffness
             by_h += stiffness * p * stretch
+        for i in range(t.rotors):
+            j = t.rotor_dof[i]
+            p = w.rates[wp.static(DUAL) * t.nv + j]
+            change = w.rates[wp.static(NEW) * t.nv + j] - w.rates[wp.static(OLD) * t.nv + j]
+            add(t, w, ARMATURE, j, p * change)
+            w.by_v[j] = w.by_v[j] - number(t, k, ARMATURE, j) * p
         add(t, w, H, 0, by_h)
         stiffness_of.motion(t, k, w)
 
@@ -180,6 +186,11 @@ def make_motion(given: type) -> SimpleNamespace:
                     m = w.rates[wp.static(ROW) * t.nv + j]
                     add(t, w, DAMPING, j, -kappa * h * m * m)
                     add(t, w, H, 0, -kappa * number(t, k, DAMPING, j) * m * m)
+        for i in range(t.rotors):
+            j = t.rotor_dof[i]
+            if s.dof_group[j] == group:
+                m = w.rates[wp.static(ROW) * t.nv + j]
+                add(t, w, ARMATURE, j, -kappa * m * m)
         if t.implicit_damping == 1 or t.implicit_stiffness == 1:
             for i in range(t.springs):
                 if s.body_group[wp.max(t.spring_body[2 * i], t.spring_body[2 * i + 1])] == group:

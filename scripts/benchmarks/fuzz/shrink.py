@@ -20,7 +20,8 @@ Makers = list[Callable[[], Case]]
 PLAIN: dict[str, Any] = {
     "com": (0.0, 0.0), "damping": 0.0, "anchor": (0.0, 0.0), "angle": 0.0, "mass": 1.0, "inertia": 0.1,
 }  # fmt: skip
-NUMBERS = ("mass", "inertia", "com", "anchor", "angle", "damping", "lower", "upper", "stiffness", "rest")
+NUMBERS = ("mass", "inertia", "com", "anchor", "angle", "damping", "lower", "upper", "stiffness", "rest",
+           "armature")  # fmt: skip
 
 
 def changed(case: Case, x: np.ndarray | None = None, u: np.ndarray | None = None, **changes: Any) -> Case:

@@ -66,12 +66,21 @@ def _assembled(
         arguments["implicit_damping"] = bool(rng.random() < 0.75)
     if "implicit_stiffness" in known:  # drawn aside: what else a scene is drawn as stays what it is
         arguments["implicit_stiffness"] = bool(rng.spawn(1)[0].random() < 0.75)
+    if "armature" in inspect.signature(Body).parameters:  # aside, too
+        bodies = _with_rotors(rng.spawn(1)[0], bodies)
     return Scene(
         name, bodies, shapes,
         actuators=tuple(Actuator(n, int(rng.integers(JOINTS[b.joint])), 1.0)
                         for n, b in zip(names, bodies) if rng.random() < 0.5),
         springs=tuple(_springs(rng, names)), **arguments, **touching,
     )  # fmt: skip
+
+
+def _with_rotors(rng: Rng, bodies: tuple[Body, ...]) -> tuple[Body, ...]:
+    """The bodies, in three of ten scenes with armature at half of their joints."""
+    if rng.random() < 0.7:
+        return bodies
+    return tuple(dataclasses.replace(b, armature=0.1) if rng.random() < 0.5 else b for b in bodies)
 
 
 def _bodies(rng: Rng, count: int) -> list[Body]:
@@ -160,7 +169,8 @@ def baked(scene: Scene, numbers: dict[str, Any], sigma: float | None = None) -> 
             anchor=flat(numbers["anchor"][i]), angle=float(numbers["angle"][i]),
             axis=flat(numbers["axis"][i]), com=flat(numbers["com"][i]),
             damping=flat([numbers["damping"][j] for j in dofs]),
-            stiffness=kept(b.stiffness, "stiffness"), lower=kept(b.lower, "lower"),
+            stiffness=kept(b.stiffness, "stiffness"),
+            armature=kept(b.armature, "armature"), lower=kept(b.lower, "lower"),
             upper=kept(b.upper, "upper", "lower"),
             rest=flat([numbers["rest"][j] for j in dofs]) if "rest" in numbers else b.rest,
         ))  # fmt: skip

@@ -137,6 +137,8 @@ class Mechanics:
             pulls = gravity + frame.bias_size + np.abs(frame.spin) ** 2 * np.abs(com).sum(-1)
             size += np.abs(jac).sum(1) * (m * pulls)[:, None]
             potential = potential - m * np.sum(p["gravity"] * (frame.at + com), -1)
+        if self.s.armature:
+            mass[:, range(nv), range(nv)] += p["armature"]
         damping = np.zeros((worlds, nv, nv), q.dtype)
         damping[:, range(nv), range(nv)] = p["damping"]
         stiffness = np.zeros((worlds, nv, nv), q.dtype)

@@ -136,6 +136,7 @@ def _body(parent: xml.Element, body: Body) -> xml.Element:
     for i, (kind, axis) in enumerate(axes):
         joint = xml.SubElement(node, "joint", name=f"{body.name}.{i}", type=kind, axis=_text(*axis))
         joint.set("damping", _text(spread(body.damping, i, 0.0) or 0.0))
+        joint.set("armature", _text(spread(body.armature, i, None) or 0.0))
         lower, upper = spread(body.lower, i, None), spread(body.upper, i, None)
         if lower is not None or upper is not None:
             joint.set("range", _text(-1e6 if lower is None else lower, 1e6 if upper is None else upper))

@@ -17,6 +17,7 @@ from ..parts import Actuator, Body
 from ..scene import Scene
 from .bounds import check_bounds
 from .contacts import read_contacts
+from .motors import Servo, gain_of, servos
 from .plane import MjcfError, Plane
 from .refused import refuse_what_is_missing
 
@@ -55,9 +56,11 @@ class _Reader:
         # place of every MuJoCo body: (our body or None, turn, origin) in that body's frame
         self.place: dict[int, tuple[str | None, float, np.ndarray]] = {0: (None, 0.0, np.zeros(2))}
         self.welded: dict[str, list[tuple[float, np.ndarray, float]]] = {}
+        self.servos: dict[int, Servo] = {}
 
     def scene(self, name: str) -> Scene:
         refuse_what_is_missing(self.m)
+        self.servos = servos(self.m)
         drafts = [self._body(b) for b in range(1, self.m.nbody)]
         bodies = tuple(self._with_mass(draft) for draft in drafts if draft is not None)
         if not bodies:
@@ -145,19 +148,35 @@ class _Reader:
 
     def _dof_fields(self, joints: list[int], signs: list[float]) -> dict[str, Any]:
         m = self.m
-        damping, stiffness, rest, lower, upper = [], [], [], [], []
+        damping, armature, lower, upper, springs = [], [], [], [], []
         for j, sign in zip(joints, signs):
-            dof, q = m.jnt_dofadr[j], m.jnt_qposadr[j]
-            damping.append(float(m.dof_damping[dof]))
-            stiffness.append(float(m.jnt_stiffness[j]) or None)
-            rest.append(sign * float(m.qpos_spring[q] - m.qpos0[q]))
+            dof, q, servo = m.jnt_dofadr[j], m.jnt_qposadr[j], self.servos.get(j, Servo())
+            damping.append(float(m.dof_damping[dof]) + servo.damping)
+            armature.append((float(m.dof_armature[dof]) + servo.armature) or None)
+            springs.append(self._spring(j, sign, servo))
             ends = sorted(sign * (float(x) - float(m.qpos0[q])) for x in m.jnt_range[j])
             lower.append(ends[0] if m.jnt_limited[j] else None)
             upper.append(ends[1] if m.jnt_limited[j] else None)
+        stiffness, rest = zip(*springs)
         return {
-            "damping": tuple(damping), "stiffness": tuple(stiffness), "rest": tuple(rest),
-            "lower": tuple(lower), "upper": tuple(upper),
+            "damping": tuple(damping), "stiffness": stiffness, "rest": rest,
+            "lower": tuple(lower), "upper": tuple(upper), "armature": tuple(armature),
         }  # fmt: skip
+
+    def _spring(self, j: int, sign: float, servo: Servo) -> tuple[float | None, float]:
+        """Stiffness and rest of a joint: those of its own spring, or with what a servo adds."""
+        m, q = self.m, self.m.jnt_qposadr[j]
+        own, rest = float(m.jnt_stiffness[j]), float(m.qpos_spring[q] - m.qpos0[q])
+        stiffness = own + servo.stiffness
+        push = servo.push - servo.stiffness * float(m.qpos0[q])
+        if stiffness == 0.0 and push != 0.0:
+            raise MjcfError(
+                f"joint {m.joint(j).name!r}: an actuator pushes it by {push:g} without a control; that is "
+                "supported only where a spring or a position servo acts, too"
+            )
+        if servo.stiffness != 0.0 or push != 0.0:
+            rest = (own * rest + push) / stiffness if stiffness != 0.0 else 0.0
+        return stiffness or None, sign * rest
 
     def _inertia(self, b: int) -> tuple[float, float, np.ndarray]:
         """Mass, inertia about the plane's normal through the centre of mass, and that centre in the body."""
@@ -179,22 +198,9 @@ class _Reader:
         return Body(mass=mass, inertia=inertia, com=tuple(com.tolist()), **draft)
 
     def _actuator(self, i: int) -> Actuator:
-        import mujoco
-
-        m = self.m
-        label = f"actuator {m.actuator(i).name!r}"
-        plain = (
-            m.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT
-            and m.actuator_gaintype[i] == mujoco.mjtGain.mjGAIN_FIXED
-            and m.actuator_biastype[i] == mujoco.mjtBias.mjBIAS_NONE
-            and m.actuator_dyntype[i] == mujoco.mjtDyn.mjDYN_NONE
-        )
-        if not plain:
-            raise MjcfError(f"{label}: only a <motor> on a joint is supported")
-        joint = int(m.actuator_trnid[i, 0])
+        joint, push = gain_of(self.m, i)
         body, dof = self.dof_of_joint[joint]
-        sign = self.signs[int(m.jnt_dofadr[joint])]
-        return Actuator(body, dof, sign * float(m.actuator_gear[i, 0] * m.actuator_gainprm[i, 0]))
+        return Actuator(body, dof, self.signs[int(self.m.jnt_dofadr[joint])] * push)
 
 
 def _rotate(angle: float, vector: np.ndarray) -> np.ndarray:

@@ -15,14 +15,14 @@ MEDIUM = ("density", "viscosity")  # of what bodies move in: drag
 # fields that are zero where nothing of the kind acts, by the element that they belong to
 FIELDS = {
     "joint": {
-        "dof_armature": "armature", "dof_frictionloss": "frictionloss",
-        "dof_dampingpoly": "nonlinear damping", "jnt_stiffnesspoly": "nonlinear stiffness",
-        "jnt_springyield": "a spring that yields", "jnt_actfrclimited": "actuatorfrcrange",
+        "dof_frictionloss": "frictionloss", "dof_dampingpoly": "nonlinear damping",
+        "jnt_stiffnesspoly": "nonlinear stiffness", "jnt_springyield": "a spring that yields",
+        "jnt_actfrclimited": "actuatorfrcrange",
     },
     "body": {"body_gravcomp": "gravcomp"},
     "actuator": {
-        "actuator_forcelimited": "forcerange", "actuator_armature": "armature", "actuator_damping": "damping",
-        "actuator_dampingpoly": "nonlinear damping", "actuator_delay": "delay",
+        "actuator_forcelimited": "forcerange", "actuator_dampingpoly": "nonlinear damping",
+        "actuator_delay": "delay",
     },
 }  # fmt: skip
 

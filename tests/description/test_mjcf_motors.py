@@ -1,0 +1,101 @@
+"""Rotors and servos of MJCF models against MuJoCo itself: mass matrix, forces, and a step."""
+
+import numpy as np
+import pytest
+from oracle import Oracle
+
+import slcp_warp as slcp
+
+mujoco = pytest.importorskip("mujoco")
+SIGNS = np.array([1, 1, -1, -1, 1, -1.0])  # our degrees of freedom against hinges about +y, and one about -y
+MODEL = """<mujoco>
+  <compiler angle="radian"/>
+  <default><joint axis="0 1 0"/><geom type="capsule" contype="0" conaffinity="0"/></default>
+  <option gravity="0 0 -9.81" timestep="0.005" integrator="implicit"/>
+  <worldbody>
+    <geom name="floor" type="plane" size="9 9 1" contype="1" conaffinity="1"/>
+    <body name="torso" pos="0 0 1.5">
+      <joint type="slide" axis="1 0 0"/>
+      <joint type="slide" axis="0 0 1"/>
+      <joint/>
+      <geom fromto="-.3 0 0 .3 0 0" size=".05"/>
+      <body name="one" pos="-.3 0 0">
+        <joint name="one" armature=".2" damping=".3" stiffness="4" springref=".3" ref=".1"/>
+        <geom fromto="0 0 0 0 0 -.4" size=".04"/>
+        <body name="two" pos="0 0 -.4">
+          <joint name="two" axis="0 -1 0"/>
+          <geom fromto="0 0 0 .1 0 -.3" size=".03"/>
+        </body>
+      </body>
+      <body name="three" pos=".3 0 0">
+        <joint name="three" ref="-.4" armature=".01"/>
+        <geom fromto="0 0 0 0 0 -.4" size=".04"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator>ACTUATORS</actuator>
+</mujoco>"""
+ACTUATORS = {
+    "motors": '<motor joint="one" gear="3" armature=".02" damping=".1"/><motor joint="two" gear="-2"/>',
+    "position": '<position joint="one" kp="30" kv="2"/><position joint="two" kp="9" dampratio="1"/>'
+    '<position joint="three" kp="12" gear="1.5"/>',
+    "velocity": '<velocity joint="two" kv="3" gear="-.5"/><motor joint="two"/><velocity joint="three"/>',
+    "general": '<general joint="one" gainprm="3" biastype="affine" biasprm="1 -4 -.5" gear="2"/>'
+    '<general joint="three" gainprm="2" biastype="affine" biasprm="-1 -6 0"/>',
+}
+
+
+@pytest.fixture(params=sorted(ACTUATORS))
+def models(request, tmp_path):
+    path = tmp_path / "model.xml"
+    path.write_text(MODEL.replace("ACTUATORS", ACTUATORS[request.param]))
+    return slcp.load_mjcf(path), mujoco.MjModel.from_xml_path(str(path))
+
+
+def states(model, count):
+    rng = np.random.default_rng(0)
+    shape = count, model.nv
+    return (
+        0.5 * rng.standard_normal(shape),
+        rng.standard_normal(shape),
+        rng.standard_normal((count, model.nu)),
+    )
+
+
+def full_matrix(model, data):
+    out = np.zeros((model.nv, model.nv))
+    if hasattr(data, "qM"):
+        mujoco.mj_fullM(model, out, data.qM)
+    else:
+        mujoco.mj_fullM(model, data, out)
+    return SIGNS[:, None] * out * SIGNS
+
+
+def test_same_mass_matrix_and_forces(models):
+    scene, model = models
+    data, oracle = mujoco.MjData(model), Oracle(scene)
+    for q, v, u in zip(*states(model, 20)):
+        data.qpos[:], data.qvel[:], data.ctrl[:] = model.qpos0 + SIGNS * q, SIGNS * v, u
+        mujoco.mj_forward(model, data)
+        np.testing.assert_allclose(oracle.mass_matrix(q), full_matrix(model, data), atol=1e-12)
+        force = SIGNS * (data.qfrc_passive - data.qfrc_bias + data.qfrc_actuator)
+        np.testing.assert_allclose(oracle.force(q, v, u), force, atol=1e-11)
+
+
+def test_same_motion(models):
+    """A tenth of a second, to the first order in h that both integrators have: the error halves with h."""
+    scene, model = models
+    data = mujoco.MjData(model)
+    (q,), (v,), (u,) = states(model, 1)
+    errors = []
+    for h in (1e-3, 5e-4):
+        model.opt.timestep, steps = h, round(0.1 / h)
+        mujoco.mj_resetData(model, data)
+        data.qpos[:], data.qvel[:], data.ctrl[:] = model.qpos0 + SIGNS * q, SIGNS * v, u
+        for _ in range(steps):
+            mujoco.mj_step(model, data)
+        sim = slcp.Simulator(scene, device="cpu", dtype="float64", strategy="generic")
+        run = sim.rollout([*q, *v], np.tile(u, (1, steps, 1)), sim.params.replace(step_size=h))
+        there = [*(SIGNS * (data.qpos - model.qpos0)), *(SIGNS * data.qvel)]
+        errors.append(np.abs(np.ravel(run.states)[-2 * model.nv :] - there).max())
+    assert errors[0] < 0.05 and 0.4 < errors[1] / errors[0] < 0.6
