@@ -64,5 +64,5 @@ def solve_continuation(
             if not np.isfinite(result.cost).all():
                 gains = np.where(np.isfinite(result.cost)[:, None, None, None], last.K, 0.0)
                 result = workspace.solve(x0, last.us, last.xs, gains)
-        results.append(result)
+        results.append(replace(result, simulated=level.simulated()))
     return [r.select(0) for r in results] if single else results

@@ -21,6 +21,22 @@ from slcp_warp.policies.saved import Content
 SAME = 1e-6  # of a step: times that differ by less are the same
 
 
+def in_steps_of(
+    rate: float, us: np.ndarray, xs: np.ndarray, K: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Controls (B, N', nu), states (B, N'+1, nx) and gains of trajectories, in steps `rate` times as long.
+
+    Controls and gains are those at the same time, states between their own.
+    """
+    steps = us.shape[1]
+    count = max(1, math.ceil(steps / rate - SAME))
+    place = np.arange(count + 1) * rate
+    row = np.minimum(np.floor(place + SAME).astype(int), steps - 1)
+    share = np.clip(place - row, 0.0, 1.0)[:, None]
+    after = np.minimum(row + 1, xs.shape[1] - 1)
+    return us[:, row[:-1]], (1.0 - share) * xs[:, row] + share * xs[:, after], K[:, row[:-1]]
+
+
 class TrackingPolicy:
     """u = us_k + K_k (x - xs_k) along trajectories (M36), by step, within the limits of the plan.
 
@@ -105,15 +121,9 @@ class TrackingPolicy:
         if self.step_size is None or not all(isinstance(a, np.ndarray) for a in (self.us, self.xs, self.K)):
             why = "has no step size" if self.step_size is None else "is of Warp arrays"
             raise ArgumentError(f"the plan {why}; it is followed with its own steps only, not with {h} s")
-        steps = self.us.shape[1]
-        count = max(1, math.ceil(steps * self.step_size / h - SAME))
-        place = np.arange(count) * h / self.step_size
-        row = np.minimum(np.floor(place + SAME).astype(int), steps - 1)
-        share = np.clip(place - row, 0.0, 1.0)[:, None]
-        after = np.minimum(row + 1, self.xs.shape[1] - 1)
         out = copy.copy(self)
-        out.us, out.K, out.step_size = self.us[:, row], self.K[:, row], h
-        out.xs = (1.0 - share) * self.xs[:, row] + share * self.xs[:, after]
+        out.us, out.xs, out.K = in_steps_of(h / self.step_size, self.us, self.xs, self.K)
+        out.step_size = h
         return out
 
     def content(self) -> Content:

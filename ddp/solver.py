@@ -14,7 +14,7 @@ from .problem import Problem
 from .results.result import Result
 from .results.status import Status
 from .results.trace import Trace
-from .sampling.options import Sampling, limit_share
+from .sampling.options import Sampling
 from .sampling.sampler import Sampler
 from .workspace import Workspace
 
@@ -101,8 +101,7 @@ def _felt(work: Workspace, x0: Any, result: Result) -> Result:
         return result
     us, cost = result.us.copy(), result.cost.copy()
     for wider in WIDER:
-        scale = wider * limit_share(work.problem.control_limits, work.problem.nu)
-        sampler = Sampler(work.problem, work.batch, Sampling(scale=scale))
+        sampler = Sampler(work.problem, work.batch, Sampling(), wider)
         sampler.run(x0)
         lower = flat & (sampler.cost.numpy() < cost - FELT * np.abs(cost))
         us[lower], cost[lower] = sampler.us.numpy()[lower], sampler.cost.numpy()[lower]

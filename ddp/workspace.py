@@ -22,14 +22,13 @@ from .batches import fill
 from .dynamics import dynamics_of
 from .options import Options
 from .parts.arrays import Arrays
+from .parts.gaps import close_gaps, start_again
 from .parts.passes import Passes
 from .parts.starts import held_states, no_controls, start_automatically
 from .problem import Problem
 from .results.result import Result
 from .results.status import Status
 from .results.trace import Trace
-
-GAP_PASSES = 30  # then what gaps are left are closed by a rollout
 
 
 class Workspace(NotCopied):
@@ -43,6 +42,11 @@ class Workspace(NotCopied):
         instance("problem", problem, Problem, "a ddp.Problem")
         instance("options", options, Options | None, "a ddp.Options")
         self.problem, self.batch, self.options = problem, whole("batch", batch, 0), options or Options()
+        if self.options.sigma_schedule is not None:
+            raise ArgumentError(
+                f"options.sigma_schedule is {shown(self.options.sigma_schedule)}; it is for ddp.solve and "
+                "ddp.solve_continuation, which solve at one level after the other"
+            )
         self.dynamics = dynamics_of(problem.dynamics)
         self.device, self.dtype = self.dynamics.device, self.dynamics.dtype
         self.numpy_dtype = wp.dtype_to_numpy(self.dtype)
@@ -201,25 +205,23 @@ class Workspace(NotCopied):
             else:
                 fill(target, value, name, shape)
         if xs0 is not None and K0 is None:
-            return self._close_gaps(limit)
+            return close_gaps(self, limit)
         self._run_first()
         self._passes.start()
         return 0
 
     def _hold_limits(self, done: int, limit: int) -> int:
-        """Rounds of new multipliers and passes until the state limits hold; returns the passes in all."""
+        """Rounds of new multipliers and passes until the state limits hold; returns most passes of one."""
         for _ in range(self.options.limit_rounds):
-            beyond = (self.beyond_limits() > self.options.limit_tolerance) & ~self._behind
-            if not beyond.any() or done >= limit:
+            passes = self.passes.numpy()
+            beyond = (self.beyond_limits() > self.options.limit_tolerance) & ~self._behind & (passes < limit)
+            if not beyond.any():
                 break
             self._state.searching.assign(beyond.astype(np.int32))
             assert self._run_update is not None
             self._run_update()
-            self.k.zero_()
-            self._run_first()  # the same trajectory, and its cost with the new multipliers
-            self._passes.start(again=True)
-            self._end(self._behind)
-            done = self._descend(done, limit)
+            start_again(self, beyond)  # the same trajectory, and its cost with the new multipliers
+            done = max(done, self._descend(int(passes[beyond].max()), limit))
         if self.options.limit_rounds:
             code, beyond = self.status.numpy(), self.beyond_limits() > self.options.limit_tolerance
             unheld = beyond & np.isin(code, (Status.CONVERGED, Status.SMALL_IMPROVEMENT, Status.FLAT))
@@ -250,37 +252,20 @@ class Workspace(NotCopied):
         v = v - np.clip(v, lower, upper)
         return np.asarray(0.5 * (weight * v**2 - y**2 / weight).sum((1, 2)))
 
-    def _close_gaps(self, limit: int, wait: bool = False) -> int:
-        """Passes over the states in `xs` and the controls in `us` until no gap is open.
-
-        With `wait` a problem without gaps makes no more of them: what it comes to does not depend on others.
-        """
-        shooting, state = self._shooting, self._state
-        shooting.shoot()
-        shooting.start()
-        done = 0
-        while done < min(limit, GAP_PASSES) and (state.gap.numpy()[state.active.numpy() == 1] > 0.0).any():
-            self.differentiate()
-            shooting.backward()
-            if self.active():
-                shooting.search()
-            done += 1
-            if wait:
-                going = (state.active.numpy() == 1) & (state.gap.numpy() > 0.0)
-                state.active.assign(going.astype(np.int32))
-        if not (state.gap.numpy() == 0.0).all() or (state.status.numpy() > 0).any():
-            state.gap.zero_()  # what is still open is closed by a rollout under the policy
-            self.k.zero_()
-            self._run_first()
-            self._passes.start(again=True)
-        return done
-
     def _descend(self, done: int, limit: int, rungs: Mapping[int, int] = MappingProxyType({})) -> int:
-        """Passes until no problem goes on; returns how many there were in all."""
-        while done < limit:
+        """Passes until no problem goes on, or has made as many as it may; returns the most that one has made.
+
+        Args:
+            done: the most that one which goes on has made so far.
+        """
+        while True:
             self.differentiate()
             if done in rungs:
                 self._leave_behind(rungs[done])
+            if done >= limit:
+                self._end((self._state.active.numpy() == 1) & (self.passes.numpy() >= limit))
+                if not self.active():
+                    return done
             self._passes.backward()
             if not self.active():
                 return done

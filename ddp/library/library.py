@@ -23,7 +23,7 @@ from .nearest import NearestPolicy
 FORMAT, VERSION = "slcp-warp-library", 2
 WITHOUT_LIMITS = 1  # version of files that state no control limits
 WHOLE = ("age", "chain", "plan")
-OF_STEPS = ("end",)  # of a header: libraries that differ in it are not joined
+OF_STEPS = ("end", "offset", "step_size")  # of a header: runs that differ in them are not joined
 
 
 @dataclass(frozen=True, repr=False)

@@ -104,6 +104,14 @@ def images(x: np.ndarray, period: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return points, owner
 
 
+def _due(step: np.ndarray) -> np.ndarray:
+    """For every step up to the last that has entries the nearest one that has, the earlier of two."""
+    known, every = np.unique(step), np.arange(step.max() + 1)
+    after = np.searchsorted(known, every)
+    before = np.maximum(after - 1, 0)
+    return np.where(every - known[before] <= known[after] - every, known[before], known[after])
+
+
 def _rows(name: str, values: np.ndarray, count: int) -> np.ndarray:
     """One row for each of `count` entries."""
     if len(values) not in (1, count):
@@ -193,7 +201,7 @@ class NearestPolicy:
         struct.us, struct.xs, struct.gain = own(lib.u), own(lib.x), own(lib.K)
         if lib.step is not None:
             points = np.concatenate([points, CLOCK * lib.step[owner][:, None]], axis=1)
-            struct.clock, struct.rate, struct.begin, struct.last = CLOCK, self.rate, 0.0, lib.step.max()
+            struct.clock, struct.rate, struct.begin, struct.due = CLOCK, self.rate, 0.0, own(_due(lib.step))
         put_tree(sim, struct.tree, points, owner)
         struct.tree.near = own(near)
         struct.whitening = own(whiten)

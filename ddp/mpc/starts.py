@@ -10,6 +10,7 @@ from slcp_warp.inputs.checks import numeric, shown
 from slcp_warp.inputs.errors import ArgumentError
 
 from ..library.nearest import wrap
+from ..policies import in_steps_of
 from ..problem import Problem
 from ..results.result import Result
 from ..sampling.options import Sampling
@@ -157,6 +158,9 @@ class Planned:
                 raise ArgumentError(
                     f"plan.{name} has shape {given.shape}; (steps, {str(row)[1:]} of one plan is needed"
                 )
+        if plan.simulated is not None:
+            rate = float(np.ravel(problem.params["step_size"])[0]) / plan.simulated.step_size
+            us, xs, K = (a[0] for a in in_steps_of(rate, us[None], xs[None], K[None]))
         self._policy = Policy(us[None], xs[None], K[None], np.zeros_like(us)[None])
         self._period = problem.dynamics.scene.state_period
 

@@ -89,7 +89,9 @@ class Passes:
         self._shoot()
 
     def start(self, again: bool = False) -> None:
-        """Make the first candidate the trajectory; ``again``: passes, trace and regularisation go on."""
+        """Make the first candidate the trajectory; ``again``: of the problems that are searched for alone,
+        whose passes, trace and regularisation go on.
+        """
         (self._run_again if again else self._run_start)()
 
     def backward(self, last: bool = False) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 from ..batches import fill
 from ..problem import Problem
 from ..results.status import Status
+from .gaps import close_gaps
 
 GROWTH = 100.0  # of errors over a plan: a start from which a rollout is of little use
 
@@ -69,7 +70,7 @@ def start_automatically(work: Any, limit: int) -> int:
     rolled = [a.numpy().copy() for a in (work.us, work.xs)]
     cost = work.cost.numpy().copy()
     work.xs.assign(held_states(work, "hold").astype(work.numpy_dtype))
-    work._close_gaps(limit, wait=True)
+    close_gaps(work, limit)
     failed = work.status.numpy() == Status.DYNAMICS_FAILED
     better = (own & (np.where(failed, np.inf, work.cost.numpy()) < cost))[:, None, None]
     work.us.assign(np.where(better, work.us.numpy(), rolled[0]))

@@ -14,12 +14,13 @@ from slcp_warp.inputs.errors import ArgumentError, ArgumentTypeError
 
 from ..multistart import Multistart
 from ..options import Options, Regularization
+from ..parts.gaps import GAP_PASSES
 from ..parts.starts import unstable
 from ..problem import Problem
 from ..results.result import Result
 from ..sampling.options import SHARE, Sampling, limit_share
 from ..sampling.sampler import Sampler
-from ..workspace import GAP_PASSES, Workspace
+from ..workspace import Workspace
 from .late import Late, delay_of
 
 METHODS = ("gauss-newton", "second-order")
@@ -82,7 +83,7 @@ def random_starts(
 
 def noise_scale(task: Task, share: float = SHARE) -> np.ndarray:
     """(nu,) a share of the larger limit of every control, and 1 where it has none."""
-    return limit_share(task.control_limits, task.scene.nu, share)
+    return limit_share(task.control_limits, task.scene.nu, share)[0]
 
 
 def plan_starts(
@@ -104,7 +105,7 @@ def plan_starts(
         sampling: how is sampled; its scale is `scale` where that is given.
         method: of the passes that close gaps.
     """
-    scale = limit_share(problem.control_limits, problem.nu) if scale is None else scale
+    scale = limit_share(problem.control_limits, problem.nu)[0] if scale is None else scale
     lower, upper = problem.limit_rows()
     us = np.clip(random_starts(count, problem.horizon, problem.nu, scale, seed), lower[0], upper[0])
     if count < 4:

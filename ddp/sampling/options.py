@@ -71,7 +71,7 @@ class Sampling:
                 )
 
     def deviations(self, control_limits: Any, nu: int) -> np.ndarray:
-        """(nu,) standard deviations of the first knots.
+        """(1 or B, nu) standard deviations of the first knots.
 
         Raises:
             ArgumentError: `scale` is for another number of controls.
@@ -81,11 +81,10 @@ class Sampling:
         given = np.asarray(self.scale, dtype=np.float64)
         if given.shape not in ((), (nu,)):
             raise ArgumentError(f"scale has shape {given.shape}; a number or ({nu},) is needed")
-        return np.broadcast_to(given, (nu,)).copy()
+        return np.broadcast_to(given, (1, nu)).copy()
 
 
 def limit_share(control_limits: Any, nu: int, share: float = SHARE) -> np.ndarray:
-    """(nu,) a share of the larger limit of every control, and 1 where it has none."""
-    lower, upper = limit_rows(control_limits, nu)
-    reach = np.maximum(np.abs(lower[0]), np.abs(upper[0]))
+    """(1 or B, nu) a share of the larger limit of every control, and 1 where it has none."""
+    reach = np.maximum(*np.abs(limit_rows(control_limits, nu)))
     return np.where(np.isfinite(reach), share * np.where(np.isfinite(reach), reach, 0.0), 1.0)

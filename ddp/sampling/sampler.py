@@ -144,10 +144,14 @@ class Sampler(NotCopied):
     overwrites them. An iteration is one launch of rollouts and one of the update.
     """
 
-    def __init__(self, problem: Problem, batch: int, options: Sampling | None = None) -> None:
+    def __init__(
+        self, problem: Problem, batch: int, options: Sampling | None = None, wider: float = 1.0
+    ) -> None:
+        """`wider`: a factor of the deviations."""
         instance("problem", problem, Problem, "a ddp.Problem")
         instance("options", options, Sampling | None, "a ddp.Sampling")
         self.problem, self.batch, self.options = problem, whole("batch", batch), options or Sampling()
+        self.wider = wider
         self.dynamics = dynamics_of(problem.dynamics)
         self.device, self.dtype = self.dynamics.device, self.dynamics.dtype
         self._using = threading.RLock()
@@ -169,11 +173,11 @@ class Sampler(NotCopied):
         s.knots, s.cost = make.zeros(B, S, rows, nu), make.zeros(B, S, dtype=wp.float64)
         s.best_cost = make.zeros(B, dtype=wp.float64)
         s.lower, s.upper = make.rows("control_limits", *problem.limit_rows())
-        scale = options.deviations(problem.control_limits, nu).astype(make.numpy_dtype)
-        least = (options.least * scale).astype(make.numpy_dtype)
+        scale = self.wider * options.deviations(problem.control_limits, nu)
+        least = np.broadcast_to(options.least * scale, (B, nu)).astype(make.numpy_dtype)
         s.least = wp.array(least, dtype=self.dtype, device=self.device)
         wide = np.zeros((B, rows, nu), dtype=make.numpy_dtype)
-        wide[:, :M] = scale
+        wide[:, :M] = scale[:, None]
         self._wide: Any = wp.array(wide, dtype=self.dtype, device=self.device)
         self.x0, self.params = make.zeros(B, nx), copy_table(problem.param_array(B))
         self._limits = make.state_limits()

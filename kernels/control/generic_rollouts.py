@@ -12,7 +12,7 @@ from ..generic.step import make_step
 from ..generic.topology import Topology
 from ..generic.work import WORK, Slot, Work, view
 from ..status import NONFINITE, SOLVED
-from .rollouts import make_candidate_arrays
+from .rollouts import make_candidate_arrays, make_limited
 from .solver_state import make_policy_arrays
 
 FOLLOW, SHOOT, GIVEN = range(3)  # what a trajectory's controls are
@@ -26,7 +26,7 @@ def make_candidates_kernel(given: type, residual: str) -> wp.Kernel:
     """
     step = make_step(given, residual)
     Policy, Candidates = make_policy_arrays(given), make_candidate_arrays(given)
-    ONE = WORK(1.0)
+    ONE, limited = WORK(1.0), make_limited(given)
 
     @wp.func
     def control(
@@ -40,8 +40,8 @@ def make_candidates_kernel(given: type, residual: str) -> wp.Kernel:
             gain = WORK(policy.K[p, n, i, t.nv + j])
             value += gain * (k.v0[j] - WORK(policy.xs[p, n, t.nv + j]))
         row = wp.where(policy.lower.shape[0] == 1, 0, p)
-        value = wp.max(value, WORK(policy.lower[row, i]))
-        return given(wp.min(value, WORK(policy.upper[row, i])))
+        low, high = policy.lower[row, i], policy.upper[row, i]
+        return limited(given(value), policy.us[p, n, i], low, high)
 
     @wp.func
     def take(t: wp.ref[Topology], k: wp.ref[Slot], x: wp.array(dtype=given)):

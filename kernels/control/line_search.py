@@ -54,6 +54,8 @@ def make_choice_kernels(nx, nu, dtype):
     @named_by_code(max_unroll=1)
     def start(first: int, policy: Policy, out: Candidates, state: SolverState, again: int):
         b = first + wp.tid()
+        if again == 1 and state.searching[b] == 0:
+            return
         adopt(policy, out, b, 0)
         good = wp.where(out.status[b, 0] == 0, 1, 0)
         if good == 0:
@@ -190,6 +192,9 @@ def make_choice_kernels(nx, nu, dtype):
             state.status[b] = wp.where(near, CONVERGED, SMALL_IMPROVEMENT)
             if state.flat[b] == 1:
                 state.status[b] = FLAT
+            state.active[b] = 0
+        elif state.relative[b] <= tolerance:  # nothing is left of what the pass promised
+            state.status[b] = wp.where(state.flat[b] == 1, FLAT, CONVERGED)
             state.active[b] = 0
         elif raise_regularization(state, b) == 0:
             state.status[b] = LINE_SEARCH_FAILED

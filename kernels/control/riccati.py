@@ -225,7 +225,7 @@ def make_backward_kernel(nx, nu, nw, method, has_limits, dtype):
                     for i in range(nu):
                         highest[i] = wp.max(highest[i], slopes[i])
                         widest[i] = wp.max(widest[i], sizes[i])
-                        felt += sizes[i] * sizes[i] / ruu[i, i]
+                        felt += sizes[i] * sizes[i] / wp.max(ruu[i, i], ZERO)  # a held one may bend down
                     bent = quu * step
                     change_1 += wp.float64(wp.dot(step, qu))
                     change_2 += wp.float64(HALF * wp.dot(step, bent))

@@ -36,7 +36,8 @@ def make_pass_parts(nx, nu, method, has_limits, dtype):
     box_qp, masked = small.box_qp, small.masked
     drop_policy = make_drop_policy(nx, nu, dtype)
     ZERO = dtype(0.0)
-    ROUNDING = wp.float64(8.0 * EPSILON[dtype])
+    ROUNDING, PROMISE = wp.float64(8.0 * EPSILON[dtype]), wp.float64(64.0)
+    SQUARE = wp.float64(EPSILON[dtype])  # of the least tolerance that tells something of J
     quadratic = method != "first-order"
 
     @wp.func
@@ -122,7 +123,12 @@ def make_pass_parts(nx, nu, method, has_limits, dtype):
         unseen = left and wp.float64(felt) <= ROUNDING * state.size[b]
         worth = wanted > ZERO or not (state.pivot[b] > wp.float64(0.0))
         state.flat[b] = wp.where(unseen and worth, 1, 0)
-        if state.relative[b] <= tolerance:
+        # a gradient may be small beside the largest terms of all steps, and yet promise what J can feel: then
+        # a line search has to say, or has said, that there is nothing to be had
+        promised = -(state.expected[b, 0] + state.expected[b, 1])
+        enough = wp.max(tolerance * tolerance, SQUARE) * state.size[b]
+        unheard = state.status[b] == RUNNING and promised > PROMISE * enough
+        if state.relative[b] <= tolerance and not unheard:
             state.status[b] = wp.where(state.flat[b] == 1, FLAT, CONVERGED)
         elif state.status[b] == RUNNING and last == 1:
             state.status[b] = MAX_ITERATIONS

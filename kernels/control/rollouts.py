@@ -5,6 +5,7 @@ import warp as wp
 from ..device.compile import fitted, specialised
 from ..device.relay import Relay, hand_on, taken
 from ..factories import cached
+from .box_qp import EPSILON
 from .solver_state import SolverState, make_policy_arrays
 from .state_limits import make_penalty, make_state_limits
 from .status import NOT_FINITE
@@ -53,6 +54,25 @@ def make_costs_with_limits(running, final, nx, nu, limits_states, dtype):
 
 
 @cached
+def make_limited(dtype):
+    """``(value, before, low, high)``: a control within its limits, and at one that `before` and a step to it
+    miss by rounding, since only what is at a limit is held by it.
+    """
+    ROUNDING = dtype(4.0 * EPSILON[dtype])
+
+    @wp.func
+    def limited(value: dtype, before: dtype, low: dtype, high: dtype):
+        near = ROUNDING * wp.abs(before)
+        if value <= low + (near + ROUNDING * wp.abs(low)):  # not where it is infinite
+            return low
+        if value >= high - (near + ROUNDING * wp.abs(high)):
+            return high
+        return value
+
+    return limited
+
+
+@cached
 def make_rollout_kernel(
     step, initial_carry, running, final, nx, nu, has_limits, limits_states, dtype, handed=None
 ):
@@ -73,6 +93,7 @@ def make_rollout_kernel(
     Policy, Candidates = make_policy_arrays(dtype), make_candidate_arrays(dtype)
     StateLimits = make_state_limits(dtype)
     stage, at_end = make_costs_with_limits(running, final, nx, nu, limits_states, dtype)
+    limited = make_limited(dtype)
 
     @wp.func
     def control(policy: Policy, b: int, k: int, limits: int, alpha: dtype, x: VX):
@@ -83,10 +104,7 @@ def make_rollout_kernel(
             for j in range(wp.static(nx)):
                 value += policy.K[b, k, i, j] * (x[j] - policy.xs[b, k, j])
             if wp.static(has_limits):
-                if value < policy.lower[limits, i]:
-                    value = policy.lower[limits, i]
-                if value > policy.upper[limits, i]:
-                    value = policy.upper[limits, i]
+                value = limited(value, policy.us[b, k, i], policy.lower[limits, i], policy.upper[limits, i])
             u[i] = value
         return u
 

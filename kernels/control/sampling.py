@@ -32,7 +32,7 @@ def make_sample_arrays(dtype):
         upper: wp.array(ndim=2, dtype=dtype)  # (1 or B, nu)
         mean: wp.array(ndim=3, dtype=dtype)  # (B, M, nu)
         deviation: wp.array(ndim=3, dtype=dtype)  # (B, M, nu)
-        least: wp.array(dtype=dtype)  # (nu,) that deviations do not fall below
+        least: wp.array(ndim=2, dtype=dtype)  # (B, nu) that deviations do not fall below
         knots: wp.array(ndim=4, dtype=dtype)  # (B, S, M, nu)
         cost: wp.array(ndim=2, dtype=wp.float64)  # (B, S), +inf where the rollout failed
         best: wp.array(ndim=3, dtype=dtype)  # (B, M, nu)
@@ -301,6 +301,6 @@ def make_update_kernel(nu, dtype):
                     samples.mean[b, m, i] = weighed(samples, b, m, i, lowest, heat)
                 if method != wp.static(CEM):
                     samples.deviation[b, m, i] = decay * samples.deviation[b, m, i]
-                samples.deviation[b, m, i] = wp.max(samples.least[i], samples.deviation[b, m, i])
+                samples.deviation[b, m, i] = wp.max(samples.least[b, i], samples.deviation[b, m, i])
 
     return update

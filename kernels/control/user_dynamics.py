@@ -11,7 +11,7 @@ import warp as wp
 
 from ..device.adjoints import GRADIENT_STEP, after_adjoints, make_jacobian
 from ..device.compile import MOST_UNROLLED, named_by_code
-from ..device.differences import FIRST_STEP, SECOND_STEP
+from ..device.differences import FIRST_STEP, SECOND_STEP, reach
 from ..factories import cached
 from .status import NOT_FINITE
 
@@ -83,7 +83,7 @@ def make_adjoint_derivatives(step, nx, nu, dtype):
         wp.types.matrix((nx, nx), inner),
         wp.types.matrix((nx, nu), inner),
     )
-    ONE, QUARTER, H = inner(1.0), inner(0.25), inner(GRADIENT_STEP)
+    QUARTER, H = inner(0.25), inner(GRADIENT_STEP)
     jacobian = make_jacobian(make_component(step, nx, nu), nz, nx)
 
     @after_adjoints
@@ -108,7 +108,7 @@ def make_adjoint_derivatives(step, nx, nu, dtype):
                 for c in range(int(nz)):
                     second[cell, i, r, c] = dtype(0.0)
         for r in range(int(nz)):
-            h = H * wp.max(ONE, wp.abs(z[r]))
+            h = H * reach(z[r])
             d = VZ()
             d[r] = h
             along = (jacobian(params, row, z + d) - jacobian(params, row, z - d)) * (QUARTER / h)
@@ -129,7 +129,7 @@ def make_difference_derivatives(step, nx, nu, dtype):
     nz = nx + nu
     VX, VU, VZ = wp.types.vector(nx, inner), wp.types.vector(nu, inner), wp.types.vector(nz, inner)
     MXX, MXU = wp.types.matrix((nx, nx), inner), wp.types.matrix((nx, nu), inner)
-    ONE, TWO, EIGHT, TWELVE = inner(1.0), inner(2.0), inner(8.0), inner(12.0)
+    TWO, EIGHT, TWELVE = inner(2.0), inner(8.0), inner(12.0)
     SIXTEEN, THIRTY, QUARTER = inner(16.0), inner(30.0), inner(0.25)
     H1, H2 = inner(FIRST_STEP), inner(SECOND_STEP)
 
@@ -152,7 +152,7 @@ def make_difference_derivatives(step, nx, nu, dtype):
     def difference_jacobians(params: wp.array2d(dtype=inner), row: int, z: VZ):
         fx, fu = MXX(), MXU()
         for j in range(nz):
-            h = H1 * wp.max(ONE, wp.abs(z[j]))
+            h = H1 * reach(z[j])
             d = VZ()
             d[j] = h
             near = step_at(params, row, z + d) - step_at(params, row, z - d)
@@ -171,9 +171,9 @@ def make_difference_derivatives(step, nx, nu, dtype):
     ):
         middle = step_at(params, row, z)
         for r in range(nz):
-            hr = H2 * wp.max(ONE, wp.abs(z[r]))
+            hr = H2 * reach(z[r])
             for c in range(r + 1):
-                hc = H2 * wp.max(ONE, wp.abs(z[c]))
+                hc = H2 * reach(z[c])
                 d = VZ()
                 d[r] = hr
                 if c == r:

@@ -15,7 +15,7 @@ from ..factories import cached
 from .compile import MOST_UNROLLED, named_by_code
 from .differences import make_gradient
 
-GRADIENT_STEP = 1.0e-5
+GRADIENT_STEP = 2.0**-17
 MOST_ROWS = 8  # outputs whose adjoints are unrolled, so that they share what they have in common
 
 

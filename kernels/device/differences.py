@@ -2,29 +2,37 @@
 
 First derivatives: (f(-2h) - 8 f(-h) + 8 f(h) - f(2h)) / 12h. Second derivatives along a direction d:
 D(d) = (-f(-2d) + 16 f(-d) - 30 f(0) + 16 f(d) - f(2d)) / 12, mixed ones
-(D(d_i + d_j) - D(d_i - d_j)) / 4. Steps are relative to max(1, |z_i|).
+(D(d_i + d_j) - D(d_i - d_j)) / 4. Steps are powers of two, times |z_i|/100 where that is larger than 1: what
+is far from 0, as an angle after many turns, may change as fast as what is near.
 """
 
 import warp as wp
 
 from ..factories import cached
 
-FIRST_STEP = 1.0e-3
-SECOND_STEP = 4.0e-3
+FIRST_STEP = 2.0**-10
+SECOND_STEP = 2.0**-8
+FAR = 0.01
+
+
+@wp.func
+def reach(z: wp.float64):
+    """What steps at z are times."""
+    return wp.max(wp.float64(1.0), wp.float64(FAR) * wp.abs(z))
 
 
 @cached
 def make_gradient(value, nz, size):
     """``(numbers, row, z, index) -> d value / d z`` by the first ``size`` of nz numbers, float64."""
     VZ = wp.types.vector(nz, wp.float64)
-    ONE, TWO, EIGHT, TWELVE = wp.float64(1.0), wp.float64(2.0), wp.float64(8.0), wp.float64(12.0)
+    TWO, EIGHT, TWELVE = wp.float64(2.0), wp.float64(8.0), wp.float64(12.0)
     H = wp.float64(FIRST_STEP)
 
     @wp.func
     def gradient(numbers: wp.array2d(dtype=wp.float64), row: int, z: VZ, index: int):
         slope = VZ()
         for i in range(int(size)):  # not unrolled
-            h = H * wp.max(ONE, wp.abs(z[i]))
+            h = H * reach(z[i])
             d = VZ()
             d[i] = h
             near = value(numbers, row, z + d, index) - value(numbers, row, z - d, index)
@@ -43,7 +51,7 @@ def make_scalar_differences(running, final, nx, nu):
     VX, VU, VZ = wp.types.vector(nx, dtype), wp.types.vector(nu, dtype), wp.types.vector(nz, dtype)
     MXX, MZZ = wp.types.matrix((nx, nx), dtype), wp.types.matrix((nz, nz), dtype)
     MUX, MUU = wp.types.matrix((nu, nx), dtype), wp.types.matrix((nu, nu), dtype)
-    ONE, TWO, TWELVE = dtype(1.0), dtype(2.0), dtype(12.0)
+    TWO, TWELVE = dtype(2.0), dtype(12.0)
     SIXTEEN, THIRTY, QUARTER = dtype(16.0), dtype(30.0), dtype(0.25)
     H2 = dtype(SECOND_STEP)
 
@@ -78,9 +86,9 @@ def make_scalar_differences(running, final, nx, nu):
             hessian = MZZ()
             middle = value(weights, row, z, k)
             for i in range(size):
-                hi = H2 * wp.max(ONE, wp.abs(z[i]))
+                hi = H2 * reach(z[i])
                 for j in range(i + 1):
-                    hj = H2 * wp.max(ONE, wp.abs(z[j]))
+                    hj = H2 * reach(z[j])
                     e = VZ()
                     e[i] = hi
                     if j == i:

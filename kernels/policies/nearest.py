@@ -20,7 +20,8 @@ def make_nearest(stack: int, timed: bool, turns: int, nx: int, nu: int, dtype: t
     images within half a period of [0, period), of which the one within half a period of x counts: the last
     `turns` rows of W are of periodic components alone. Where entries belong to steps of a run
     their step is one more coordinate, times `clock`, which is larger than what else can tell points apart:
-    entries of other steps are farther than all of the same.
+    entries of other steps are farther than all of the same. A step without entries asks as the nearest step
+    that has some (`due`), so that nothing of the distance between states is lost beside that of steps.
     """
     VX, VU = wp.types.vector(nx, dtype), wp.types.vector(max(nu, 1), dtype)
     VY = wp.types.vector(nx + int(timed), dtype)
@@ -38,10 +39,10 @@ def make_nearest(stack: int, timed: bool, turns: int, nx: int, nu: int, dtype: t
         tree: Tree  # of W x_j and its images
         whitening: wp.array2d(dtype=dtype)  # (nx, nx) W
         period: wp.array(dtype=dtype)  # (nx,)
-        clock: dtype  # of one step of the entries; the four are of timed entries
+        clock: dtype  # of one step of the entries; this and the next three are of timed entries
         rate: dtype  # steps of the entries in one that is made
         begin: dtype  # step of the entries at which a rollout begins
-        last: dtype  # step of the entries that is held
+        due: wp.array(dtype=dtype)  # (steps) for every step the one whose entries act; the last one is held
         limit: dtype  # the feedback term K dx is clamped to +- limit
         lower: wp.array2d(dtype=dtype)  # (0 or L, nu) limits of the controls
         upper: wp.array2d(dtype=dtype)
@@ -61,8 +62,8 @@ def make_nearest(stack: int, timed: bool, turns: int, nx: int, nu: int, dtype: t
                 value += policy.whitening[i, j] * turned[j]
             y[i] = value
         if wp.static(timed):
-            step = wp.floor(policy.begin + dtype(k) * policy.rate + SAME)
-            y[wp.static(nx)] = policy.clock * wp.min(step, policy.last)
+            step = int(wp.floor(policy.begin + dtype(k) * policy.rate + SAME))
+            y[wp.static(nx)] = policy.clock * policy.due[wp.clamp(step, 0, policy.due.shape[0] - 1)]
         return y
 
     @wp.func

@@ -90,7 +90,7 @@ def _both(problem: ddp.Problem, x0: Any, sampling: ddp.Sampling) -> Callable[[in
 
 
 def _planned(problem: ddp.Problem, x0: Any, count: int) -> Callable[[int], float]:
-    scale = limit_share(problem.control_limits, problem.nu)
+    scale = limit_share(problem.control_limits, problem.nu)[0]
 
     def run(seed: int) -> float:
         us = random_starts(count, problem.horizon, problem.nu, scale, seed)
