@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from slcp_warp import Simulator
-from slcp_warp.inputs.checks import array, attribute, number, whole
+from slcp_warp import Scene, Simulator
+from slcp_warp.inputs.checks import array, attribute, number, shown, whole
 from slcp_warp.inputs.errors import ArgumentError, ArgumentTypeError
 from slcp_warp.inputs.limits import limit_rows
 from slcp_warp.kernels.policies.contract import PolicyKernel
@@ -65,8 +65,10 @@ class TrackingPolicy:
     ) -> None:
         for name in ("us", "xs", "K"):
             if not isinstance(attribute(result, name), np.ndarray | wp.array):
+                best = ", its `best`" if hasattr(result, "best") else ""
                 raise ArgumentTypeError(
-                    f"result is a {type(result).__name__}; us, xs and K, arrays, are needed: a ddp.Result"
+                    f"result is a {type(result).__name__}; us, xs and K, arrays, are needed: a "
+                    f"ddp.Result{best}"
                 )
         single = result.us.ndim == 2
         self.us, self.xs, self.K = (a[None] if single else a for a in (result.us, result.xs, result.K))
@@ -78,11 +80,13 @@ class TrackingPolicy:
             control_limits = result.lower, result.upper
         self.limits = limit_rows(control_limits, self.us.shape[-1])
         self.worlds = len(self.us)
+        self._scene = attribute(attribute(result, "simulated"), "scene")
         own = attribute(attribute(result, "simulated"), "step_size") if step_size is None else step_size
         self.step_size = None if own is None else number("step_size", own, 0.0, above=True)
 
     def kernel(self, sim: Simulator) -> tuple[PolicyKernel, Any]:
         """Kernel and struct for a simulator."""
+        self._check_names(sim.scene)
         period = self.xs.shape[-1:] if self.period is None else self.period.shape
         size = self.xs.shape[-1], self.us.shape[-1], period
         if size != (sim.nx, sim.nu, (sim.nx,)):
@@ -110,6 +114,16 @@ class TrackingPolicy:
         struct.xs = own(self.xs, "xs")
         put_limits(sim, struct, self.limits)
         return TRACKING, struct
+
+    def _check_names(self, scene: Scene) -> None:
+        """Raise an error for a scene whose states or controls have other names than those of the plan's."""
+        for what in ("state_names", "control_names"):
+            own = None if self._scene is None else getattr(self._scene, what)
+            if own is not None and own != getattr(scene, what):
+                raise ArgumentError(
+                    f"the plan is of scene {self._scene.name!r}, with {what} {shown(list(own))}; scene "
+                    f"{scene.name!r} has {shown(list(getattr(scene, what)))}"
+                )
 
     def at(self, step_size: float) -> "TrackingPolicy":
         """The plan for steps of another size [s]: controls and gains held, states between its own.

@@ -5,6 +5,7 @@ from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import typer
 
 import slcp_warp as slcp
@@ -14,6 +15,7 @@ from slcp_warp.inputs.checks import number
 from slcp_warp.runs.stopping import Stop, on_signals
 
 from ..stages.plan import first_controls, optimise, outcome_table, task_problem, trace_table
+from ..stages.trajectory import judged, simulate
 from ..support.options import Device, Dtype, Seed, Settings, Sigma, Start, StepSize
 from ..support.rules import NO_RULE, OneRule, with_rules
 from ..support.screen import console, one_line_errors, prepared, timed, waiting, wrote
@@ -22,7 +24,12 @@ from ..support.tasks import DEFAULT, TaskName, tell_timing
 
 FLAT = (
     "no start touches what the cost is of: add terms that lead there (a finger to what it grips), more "
-    "--starts, or a larger noise level first, --sigma 0.3 --continuation 0.1,0.05 (docs/do/cost.md)"
+    "--starts, wider ones (--explore), or a larger noise level first, --sigma 0.3 --continuation 0.1,0.05 "
+    "(docs/do/cost.md)"
+)
+HELP = (
+    "try more --starts or wider ones (--explore), or let the cost lead to what success asks for "
+    "(docs/do/cost.md)"
 )
 
 Method = Annotated[
@@ -60,6 +67,21 @@ def passes_told(stop: Stop, on: bool) -> Iterator[Callable[[str, int, int, float
             return bool(stop)
 
         yield tell
+
+
+def tell_success(task: slcp.Task, problem: ddp.Problem, x0: np.ndarray, path: Path) -> None:
+    """Run a plan as long as the task's runs in the undisturbed task, and say what that says of it."""
+    if task.success is None or problem.horizon != task.steps:
+        return
+    assert isinstance(problem.dynamics, slcp.Simulator)
+    run = simulate(problem.dynamics, problem.params, x0[None], task.steps, path, task=task)
+    table, good = judged(run, task)
+    if table is not None:
+        console.print(table)
+    if good is not None and not good.all():
+        pressed = np.any(run.contact_impulse > 0.0)
+        nothing = "" if pressed else ", and nothing is touched"
+        typer.echo(f"slcp: undisturbed, this plan is no success of the task{nothing}: {HELP}", err=True)
 
 
 def tell_end(result: ddp.Result, path: Path, stop: Stop) -> None:
@@ -136,4 +158,6 @@ def optimise_command(
     record.save(path)
     console.print(trace_table(results[-1]))
     console.print(outcome_table(record, results))
+    if not stop:
+        tell_success(chosen, late.whole, x0, path)
     tell_end(results[-1], path, stop)

@@ -9,7 +9,7 @@ import typer
 import slcp_warp as slcp
 from slcp_warp.inputs.times import nearest_steps
 
-from ..stages.trajectory import simulate, summary, warnings
+from ..stages.trajectory import judged, simulate, summary, warnings
 from ..support.options import (
     DEFAULT_SCENE,
     Device,
@@ -49,7 +49,10 @@ def simulate_command(
     device: Device = None,
     dtype: Dtype = "float64",
 ) -> None:
-    """Simulate worlds of a task or scene and save states, controls, impulses and gaps; exit 1 if all fail."""
+    """Simulate worlds of a task or scene and save states, controls, impulses and gaps; exit 1 if all fail.
+
+    Of a run as long as the task's, its measures and success are printed.
+    """
     path = prepared(out)
     if task is None:
         sim = make_simulator(named_scene(scene), rules, device, dtype)
@@ -70,6 +73,8 @@ def simulate_command(
     for line in warnings(run):
         typer.echo(f"slcp: {line}", err=True)
     console.print(summary(run))
+    if task is not None and (table := judged(run, chosen)[0]) is not None:
+        console.print(table)
     wrote(path)
     if not (run.recorded("status") == slcp.Status.SOLVED).any():
         raise typer.Exit(1)

@@ -14,6 +14,8 @@ import slcp_warp as slcp
 from slcp_warp.ensembles.worlds.nominal import nominal
 from slcp_warp.inputs.checks import memory, whole
 from slcp_warp.inputs.limits import limit_rows
+from slcp_warp.inputs.times import nearest_steps
+from slcp_warp.measures import Measure, first_time
 from slcp_warp.results.overlaps import overlaps
 from slcp_warp.stepping.host import acts_on_host
 
@@ -82,6 +84,36 @@ def summary(run: slcp.Trajectory) -> Table:
     for name, numbers in zip(_freedoms(scene), columns.T):
         table.add_row(name, *(f"{value:.4g}" for value in numbers))
     return table
+
+
+def judged(run: slcp.Trajectory, task: slcp.Task) -> tuple[Table | None, np.ndarray | None]:
+    """What a task says of its own run: its measures, means over the worlds, and which worlds succeed (B,).
+
+    None where the run is not as long as the task's, or the task says nothing of the kind.
+    """
+    steps = nearest_steps("Task.duration", task.duration, run.step_size)
+    if run.states.shape[1] - 1 != steps:
+        return None, None
+    solved = run.recorded("status") == slcp.Status.SOLVED
+    good = None
+    if task.success is not None and all(_is_recorded(part) for part in task.success.parts()):
+        good = run.measure(task.success)
+    if good is not None and task.failure is not None:
+        good = good & ~np.isfinite(run.measure(first_time(task.failure)))
+    rows = [] if good is None else [("success", f"{int(good.sum())} of {len(good)}")]
+    for name, what in task.measures.items():
+        if solved.any() and _is_recorded(what):
+            rows.append((name, f"{run.measure(what)[solved].mean():.4g}"))
+    title = "the task's measures" + (", means" if len(solved) > 1 else "")
+    table = Table(title=title, box=SIMPLE_HEAD, show_header=False)
+    for row in rows:
+        table.add_row(*row)
+    return (table if rows else None), good
+
+
+def _is_recorded(measure: Measure) -> bool:
+    """Whether a measure is of what a trajectory holds; costs and functions are a sweep's."""
+    return all(signal.kind not in ("cost", "function") for signal in measure.signals())
 
 
 def warnings(run: slcp.Trajectory) -> list[str]:

@@ -86,6 +86,36 @@ def test_intervals_hold_the_truth_as_often_as_they_say():
     assert inside.min() > 88, inside
 
 
+def seldom(x):
+    """Success of (3, n) normal numbers, in 3 % of them; the index of total order of each, by quadrature."""
+    return (x[0] + 0.5 * x[1] + 0.3 * x[2] * x[0] > 2.2).astype(float)
+
+
+@pytest.mark.parametrize("count, least", [(160, 0.0), (1600, 0.9)])
+def test_intervals_of_a_rare_result_hold_the_truth_or_are_none(count, least):
+    """Indices from 400,000 rows; of 160, five fail: half of the intervals of first order were too narrow."""
+    rng = np.random.default_rng(0)
+
+    def drawn(n):
+        a, b = rng.standard_normal((2, 3, n))
+        ab = np.repeat(a[None], 3, 0)
+        for j in range(3):
+            ab[j, j] = b[j]
+        return sobol_indices(seldom(a), seldom(b), np.array([seldom(x) for x in ab]))
+
+    known, held, told = drawn(400_000), np.zeros(6), np.zeros(6)
+    truth = np.array([v for v, _, _ in (*known.first, *known.total)])
+    for _ in range(60):
+        found = drawn(count)
+        value, low, high = np.array([*found.first, *found.total]).T
+        assert np.isfinite(value).all()
+        told += np.isfinite(low)
+        held += (low <= truth) & (truth <= high)
+    assert (held >= 0.8 * told - 2.0).all()
+    assert told[[0, 3]].min() >= least * 60  # of the first number, which matters most
+    assert (told[1:3] <= 6).all()  # of first order of the others too few rows say something
+
+
 def test_rows_without_a_number_are_left_out():
     a, b, ab = results("g", 1024)
     ab[2, ::7] = np.nan

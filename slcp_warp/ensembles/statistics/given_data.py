@@ -18,12 +18,14 @@ from .source import Key, Source
 GROUPS = 64
 MOST = 256  # bins
 FEWEST = 8  # worlds of the first block in a bin
+RARE = 50  # worlds that succeed, or fail, at least for an interval
 
 
 def first_order(source: Source, key: Key, drawn: str, measure: str) -> Interval:
     """The index of a drawn column for a column of results: (value, low, high), a 95 % interval.
 
-    Over the worlds where the result is finite; NaN where it does not vary, or with too few worlds.
+    Over the worlds where the result is finite; NaN where it does not vary, or with too few worlds; an
+    interval of NaN for success where fewer than `RARE` worlds succeed or fail.
     """
     known = np.sort(next(source.blocks(key, (drawn,)), {drawn: np.zeros(0)})[drawn])
     bins = min(MOST, int(0.5 * math.sqrt(source.worlds(key))), len(known) // FEWEST)
@@ -34,7 +36,12 @@ def first_order(source: Source, key: Key, drawn: str, measure: str) -> Interval:
     sums = np.zeros((GROUPS, len(edges) + 1, 3))
     for block in source.blocks(key, (drawn, measure)):
         sums += _sums(block["world"], block[drawn], np.asarray(block[measure], float) - centre, edges)
-    return _interval(sums)
+    value, low, high = _interval(sums)
+    if measure == "success":
+        good = sum(float(np.nansum(block[measure])) for block in source.blocks(key, (measure,)))
+        if min(good, source.worlds(key) - good) < RARE:
+            return value, math.nan, math.nan
+    return value, low, high
 
 
 def _sums(world: np.ndarray, drawn: np.ndarray, values: np.ndarray, edges: np.ndarray) -> np.ndarray:

@@ -57,7 +57,9 @@ class Sensitivity(Printed):
     def _line(self) -> str:
         case = f" ({self.case})" if self.case else ""
         counts = f"{len(self.names)} drawn numbers, {self.worlds:,} worlds"
-        return f"of {self.measure} under {self.policy}{case}: {counts}"
+        few = any(math.isfinite(v) and math.isnan(low) for v, low, _high in (*self.first, *self.total))
+        few_are = "; too few worlds succeed, or fail, for some of the intervals" if few else ""
+        return f"of {self.measure} under {self.policy}{case}: {counts}{few_are}"
 
     def _tables(self) -> list[Table]:
         rows = [
@@ -68,7 +70,8 @@ class Sensitivity(Printed):
 
 def _shown(interval: Interval) -> str:
     value, low, high = interval
-    return "" if math.isnan(value) else f"{value:.3f} ({low:.3f} to {high:.3f})"
+    within = "" if math.isnan(low) else f" ({low:.3f} to {high:.3f})"
+    return "" if math.isnan(value) else f"{value:.3f}{within}"
 
 
 def sensitivity_of_rows(source: Source, key: Key, measure: str) -> Sensitivity:

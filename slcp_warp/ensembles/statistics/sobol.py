@@ -11,6 +11,9 @@ import numpy as np
 from .intervals import Interval
 
 RESAMPLES = 500
+EVENTS = (
+    10  # rows at least that tell two values apart: with fewer, resampled ones say nothing of those unseen
+)
 
 
 class Indices(NamedTuple):
@@ -32,8 +35,9 @@ class Indices(NamedTuple):
 def sobol_indices(a: np.ndarray, b: np.ndarray, ab: np.ndarray, seed: int = 0) -> Indices:
     """Indices by the estimators of Saltelli et al. (2010) of first order and of Jansen (1999) of total order.
 
-    The intervals are the 2.5 and 97.5 % quantiles of a bootstrap over the rows. Rows in which any result is
-    not finite are left out.
+    The intervals are the 2.5 and 97.5 % quantiles of a bootstrap over the rows; of results of two values, as
+    success, NaN where an input changes fewer than `EVENTS` of them, of first order where fewer that have the
+    rarer value in B. Rows in which any result is not finite are left out.
 
     Args:
         a, b: (n,) results of independent inputs A and B.
@@ -46,6 +50,7 @@ def sobol_indices(a: np.ndarray, b: np.ndarray, ab: np.ndarray, seed: int = 0) -
     nothing = [(np.nan,) * 3] * count
     if len(a) < 2:
         return Indices(nothing, nothing, np.nan, len(a))
+    few = _few(a, b, ab)
     centre = 0.5 * (a.mean() + b.mean())
     a, b, ab = a - centre, b - centre, ab - centre
     rows = np.vstack([0.5 * (a + b), 0.5 * (a * a + b * b), b * (ab - a), 0.5 * (ab - a) ** 2])
@@ -59,8 +64,19 @@ def sobol_indices(a: np.ndarray, b: np.ndarray, ab: np.ndarray, seed: int = 0) -
         drawn[r] = rows @ times / len(a)
     value, resampled = _ratios(known[None], count)[0], _ratios(drawn, count)
     low, high = np.nanquantile(resampled, (0.025, 0.975), axis=0)
+    low, high = (np.where(few, np.nan, side) for side in (low, high))
     intervals = [(float(v), float(lo), float(hi)) for v, lo, hi in zip(value, low, high)]
     return Indices(intervals[:count], intervals[count:], float(known[1] - known[0] ** 2), len(a))
+
+
+def _few(a: np.ndarray, b: np.ndarray, ab: np.ndarray) -> np.ndarray:
+    """(2 d,) whether too few rows tell something of an index, of first and of total order."""
+    values, counts = np.unique(np.concatenate([a, b]), return_counts=True)
+    if len(values) != 2:
+        return np.zeros(2 * len(ab), dtype=bool)
+    changed = ab != a
+    seen = changed & (b == values[counts.argmin()])
+    return np.concatenate([seen.sum(axis=1), changed.sum(axis=1)]) < EVENTS
 
 
 def _ratios(means: np.ndarray, count: int) -> np.ndarray:
