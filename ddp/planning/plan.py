@@ -31,6 +31,7 @@ SCHEDULES = Regularization(  # of the state, and of the control as Tassa, Mansar
     control_weight=np.array([0.0, 1.0]),
 )
 NOISE_TIME = 8.0  # correlation time of random starts [steps]
+WIDTHS = (5.0, 1.0, 2.5)  # of random starts after the first, in turn, in their scale
 PASSES, LAST_PASSES = 150, 400  # of all methods but the last, and of the last
 FINISH = 2  # plans that every further method goes on from
 SHARES = (
@@ -101,13 +102,15 @@ def plan_starts(
     state is unstable, what multiple shooting from that state held comes to once its gaps are closed.
 
     Args:
-        scale: standard deviation of the noise and of what is sampled; None: a fifth of the limits, or 1.
+        scale: standard deviation of what is sampled and, times 1, 2.5 and 5 in turn, of the noise; None: a
+            fifth of the limits, or 1.
         sampling: how is sampled; its scale is `scale` where that is given.
         method: of the passes that close gaps.
     """
     scale = limit_share(problem.control_limits, problem.nu)[0] if scale is None else scale
     lower, upper = problem.limit_rows()
-    us = np.clip(random_starts(count, problem.horizon, problem.nu, scale, seed), lower[0], upper[0])
+    us = random_starts(count, problem.horizon, problem.nu, scale, seed)
+    us = np.clip(us * np.resize(WIDTHS, count)[:, None, None], lower[0], upper[0])
     if count < 4:
         return us
     sampler = Sampler(problem, 1, replace(sampling or Sampling(), scale=scale))
@@ -126,6 +129,7 @@ def plan(
     starts: Any = 8,
     seed: int = 0,
     *,
+    explore: Any = None,
     x0: Any = None,
     sim: Simulator | None = None,
     options: Options | None = None,
@@ -150,6 +154,8 @@ def plan(
         starts: how many of zeros and smoothed noise, to which `plan_starts` adds sampled and stabilised ones
             from four on; or the controls themselves as they act, (S, N, nu).
         seed: of noise and sampling.
+        explore: standard deviation of the noise of narrow starts, and of what is sampled, a number or (nu,);
+            others have 2.5 and 5 times as much. None: as of `sampling`, else a fifth of the limits, or 1.
         x0: the initial state (nx,); None: the first of the task's.
         sim: as of `problem_of`.
         options: of every method's solve but for the method, where all but the last make 150 passes at most;
@@ -175,6 +181,8 @@ def plan(
         x0 = task.start[0] if x0 is None else x0
     late = Late.of(problem, delay)
     x = array("x0", x0, (problem.nx,))
+    if explore is not None:
+        sampling = replace(sampling or Sampling(), scale=explore)
     return plan_late(late, x, starts, seed, options, methods, finish, sampling, progress)
 
 

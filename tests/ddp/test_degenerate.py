@@ -229,3 +229,18 @@ def test_a_plan_of_other_steps_is_a_start_in_time(rate):
     )
     np.testing.assert_allclose(run.controls, expected.controls, atol=1e-12)
     np.testing.assert_allclose(run.controls.ravel(), 0.1 * np.floor(rate * np.arange(4)), atol=0.05)
+
+
+def test_a_plan_is_not_tracked_in_a_scene_of_other_names():
+    scene, cost = slcp.scenes.cart_pole(), ddp.costs.quadratic(np.eye(4), ONE, np.eye(4))
+    sim = slcp.Simulator(scene, slcp.Options("hard"), device="cpu", dtype="float64")
+    plan = ddp.solve(ddp.Problem(sim, cost, 8), scene.x0, np.zeros((8, 1)), ddp.Options(max_iterations=0))
+    bodies = tuple(dataclasses.replace(body, name=f"other_{body.name}", parent=None) for body in scene.bodies)
+    actuators = tuple(dataclasses.replace(a, body=f"other_{a.body}") for a in scene.actuators)
+    other = slcp.Scene("other", bodies, actuators=actuators, step_size=scene.step_size)
+    with pytest.raises(slcp.InputError, match="the plan is of scene 'cart_pole', with state_names"):
+        slcp.Simulator(other, slcp.Options("hard"), device="cpu").rollout(
+            other.x0, policy=ddp.TrackingPolicy(plan), steps=2
+        )
+    with pytest.raises(slcp.InputError, match="a ddp.Result, its `best`"):
+        ddp.TrackingPolicy(ddp.solve_multistart(ddp.Problem(sim, cost, 8), scene.x0, np.zeros((1, 8, 1))))

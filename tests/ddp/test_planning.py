@@ -177,6 +177,21 @@ def test_starts_are_noise_of_the_size_of_the_limits():
     assert near == pytest.approx(np.exp(-1.0 / 8.0), abs=0.06)
 
 
+def test_starts_are_narrow_and_wide_in_turn():
+    """A lever that a fifth of the limits never reaches was left alone by every plan."""
+    problem, x0, _ = cart_pole("cpu")
+    quick = ddp.Sampling(samples=8, iterations=1)
+    us = plan_starts(problem, x0, 400, seed=3, scale=0.4, sampling=quick)[:400]
+    assert not us[0].any()
+    sizes = [us[first::3].std() for first in (1, 2, 3)]
+    assert sizes == pytest.approx([0.4, 1.0, 2.0], rel=0.1)
+    nothing, methods = ddp.Options(max_iterations=0), ("gauss-newton",)
+    found = ddp.plan(problem, 6, 3, x0=x0, explore=0.4, options=nothing, methods=methods)
+    np.testing.assert_array_equal(found.all.us[:6], us[:6])
+    with pytest.raises(slcp.InputError, match="scale must be a number of at least 0"):
+        ddp.plan(problem, 6, x0=x0, explore=-1.0)
+
+
 @pytest.mark.parametrize(
     "given, text",
     [

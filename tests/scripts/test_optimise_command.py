@@ -11,6 +11,7 @@ pytest.importorskip("matplotlib")
 
 from test_cli import call, fails
 
+import slcp_warp as slcp
 from slcp_warp.scripts.commands import optimise
 from slcp_warp.scripts.support.records import load_record
 
@@ -69,3 +70,21 @@ def test_a_plan_goes_on_from_another(tmp_path):
     assert "starts has shape (1, 30, 2)" in wrong
     wrong = fails("optimise", "push_to_mark", "--from", first, "--out", then)
     assert "planned for scene 'flicking_finger', not 'push_block'; name, bodies," in wrong
+
+
+def test_a_plan_is_tried_in_its_task(tmp_path):
+    """Plans that do nothing were written without a word."""
+    out, weak = tmp_path / "plan.npz", tmp_path / "weak.json"
+    slcp.save_task(slcp.tasks.push_to_mark().replace(control_limits=(-1e-3, 1e-3)), weak)
+    given = "--starts", 1, "--passes", 15, "--method", "gauss-newton", "--device", "cpu", "--out", out
+    said = call("optimise", weak, *given)
+    assert "success   0 of 1" in said.output
+    assert "undisturbed, this plan is no success of the task: try more --starts" in said.output
+    said = call("optimise", "push_to_mark", *given)
+    assert "success   1 of 1" in said.output and "no success" not in said.output
+    said = call("simulate", "push_to_mark", "--policy", out, "--device", "cpu", "--out", tmp_path / "run.npz")
+    run = slcp.Trajectory.load(tmp_path / "run.npz")
+    place = run.measure(slcp.tasks.push_to_mark().measures["place"])[0]
+    assert f"place     {place:.4g}" in said.output and "success   1 of 1" in said.output
+    said = call("optimise", "push_to_mark", *given, "--horizon", 40)
+    assert "success" not in said.output  # shorter than a run
