@@ -76,7 +76,7 @@ def test_a_plan_is_tried_in_its_task(tmp_path):
     """Plans that do nothing were written without a word."""
     out, weak = tmp_path / "plan.npz", tmp_path / "weak.json"
     slcp.save_task(slcp.tasks.push_to_mark().replace(control_limits=(-1e-3, 1e-3)), weak)
-    given = "--starts", 1, "--passes", 15, "--method", "gauss-newton", "--device", "cpu", "--out", out
+    given = "--starts", 4, "--passes", 40, "--method", "gauss-newton", "--device", "cpu", "--out", out
     said = call("optimise", weak, *given)
     assert "success   0 of 1" in said.output
     assert "undisturbed, this plan is no success of the task: try more --starts" in said.output
