@@ -8,7 +8,7 @@ import numpy as np
 
 from slcp_warp.inputs.checks import number, numeric, shown, whole
 from slcp_warp.inputs.errors import ArgumentError, ArgumentTypeError
-from slcp_warp.kernels.control.riccati_parts import METHODS
+from slcp_warp.kernels.control.backward.riccati_parts import METHODS
 
 DEFAULT_STEP_SIZES = tuple(float(a) for a in 2.0 ** -np.arange(11.0))
 

@@ -6,10 +6,10 @@ import numpy as np
 import warp as wp
 
 from slcp_warp.inputs.checks import attribute
+from slcp_warp.kernels.control.backward.riccati import make_backward_kernel
+from slcp_warp.kernels.control.backward.riccati_lanes import make_lanes_kernel
+from slcp_warp.kernels.control.backward.riccati_steps import LANES, room_of
 from slcp_warp.kernels.control.line_search import make_choice_kernels
-from slcp_warp.kernels.control.riccati import make_backward_kernel
-from slcp_warp.kernels.control.riccati_lanes import make_lanes_kernel
-from slcp_warp.kernels.control.riccati_steps import LANES, room_of
 from slcp_warp.kernels.device.launch import Prepared
 
 from .rollouts import OwnRollouts, StepRollouts

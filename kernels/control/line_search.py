@@ -4,7 +4,7 @@ import warp as wp
 
 from ..device.compile import named_by_code
 from ..factories import cached
-from .box_qp import EPSILON
+from .backward.box_qp import EPSILON
 from .rollouts import make_candidate_arrays
 from .solver_state import (
     SolverState,

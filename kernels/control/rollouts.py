@@ -5,7 +5,7 @@ import warp as wp
 from ..device.compile import fitted, specialised
 from ..device.relay import Relay, hand_on, taken
 from ..factories import cached
-from .box_qp import EPSILON
+from .backward.box_qp import EPSILON
 from .solver_state import SolverState, make_policy_arrays
 from .state_limits import make_penalty, make_state_limits
 from .status import NOT_FINITE

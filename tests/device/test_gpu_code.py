@@ -12,7 +12,7 @@ import warp as wp
 
 from slcp_warp import scenes
 from slcp_warp.kernels.control import riccati
-from slcp_warp.kernels.control.riccati_lanes import make_lanes_kernel
+from slcp_warp.kernels.control.backward.riccati_lanes import make_lanes_kernel
 from slcp_warp.kernels.generic import step as generic_step
 from slcp_warp.kernels.method import Method
 from slcp_warp.kernels.policies.open_loop import OPEN_LOOP

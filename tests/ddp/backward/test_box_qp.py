@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from slcp_warp.kernels.control.box_qp import make_small_solver
+from slcp_warp.kernels.control.backward.box_qp import make_small_solver
 
 NU = 3
 PROGRAMS = 400

@@ -9,7 +9,7 @@ from ddp_examples import cart_pole, fragile_problem, random_linear_problem
 
 from slcp_warp import ddp
 from slcp_warp.ddp.parts import passes
-from slcp_warp.kernels.control.riccati_steps import room_of
+from slcp_warp.kernels.control.backward.riccati_steps import room_of
 
 METHODS = ("second-order", "gauss-newton", "first-order")
 FIELDS = ("us", "xs", "K", "k", "Vx", "Vxx", "cost", "gradient")

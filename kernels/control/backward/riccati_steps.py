@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ..factories import cached
-from .solver_state import make_derivative_arrays, make_policy_arrays
+from ...factories import cached
+from ..solver_state import make_derivative_arrays, make_policy_arrays
 
 LANES = 32  # of a warp
 

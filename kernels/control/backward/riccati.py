@@ -21,17 +21,17 @@ pass.
 
 import warp as wp
 
-from ..device.compile import named_by_code
-from ..factories import cached
-from .riccati_parts import make_pass_parts
-from .solver_state import (
+from ...device.compile import named_by_code
+from ...factories import cached
+from ..solver_state import (
     SolverState,
     make_derivative_arrays,
     make_policy_arrays,
     raise_regularization,
     schedule_row,
 )
-from .status import SCHEDULE_CONTROL, SCHEDULE_STATE
+from ..status import SCHEDULE_CONTROL, SCHEDULE_STATE
+from .riccati_parts import make_pass_parts
 
 
 @cached

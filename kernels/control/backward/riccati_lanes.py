@@ -13,18 +13,18 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ..device.compile import named_by_code
-from ..factories import cached
-from .riccati_parts import make_pass_parts
-from .riccati_steps import LANES, make_shared_steps, room_of, together
-from .solver_state import (
+from ...device.compile import named_by_code
+from ...factories import cached
+from ..solver_state import (
     SolverState,
     make_derivative_arrays,
     make_policy_arrays,
     raise_regularization,
     schedule_row,
 )
-from .status import SCHEDULE_CONTROL, SCHEDULE_STATE
+from ..status import SCHEDULE_CONTROL, SCHEDULE_STATE
+from .riccati_parts import make_pass_parts
+from .riccati_steps import LANES, make_shared_steps, room_of, together
 
 
 @cached

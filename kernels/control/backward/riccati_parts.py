@@ -4,10 +4,9 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ..factories import cached
-from .box_qp import EPSILON, make_small_solver
-from .solver_state import SolverState, make_derivative_arrays, make_drop_policy, make_policy_arrays
-from .status import (
+from ...factories import cached
+from ..solver_state import SolverState, make_derivative_arrays, make_drop_policy, make_policy_arrays
+from ..status import (
     CONVERGED,
     DYNAMICS_FAILED,
     FLAT,
@@ -20,6 +19,7 @@ from .status import (
     TRACE_REGULARIZATION,
     TRACE_RESTARTS,
 )
+from .box_qp import EPSILON, make_small_solver
 
 METHODS = ("second-order", "gauss-newton", "first-order")
 

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from ..factories import cached
+from ...factories import cached
 
 EPSILON = {wp.float32: 1.1920929e-07, wp.float64: 2.220446049250313e-16}
 

@@ -1,0 +1,1 @@
+"""Backward passes of DDP, and the quadratic program of one step."""
