@@ -12,6 +12,7 @@ and e = s - t, a term is
 
 import warp as wp
 
+from ..factories import cached
 from .costs import CostFunctions
 
 KINDS = ("linear", "square", "cosine", "absolute", "above", "below")
@@ -19,16 +20,14 @@ LINEAR, SQUARE, COSINE, ABSOLUTE, ABOVE, BELOW = range(len(KINDS))
 FIELDS = 6
 
 
-def make_terms(dtype, VX, VU):
-    """See the module's docstring; derivatives are exact."""
-    nx, nu = VX._length_, VU._length_
-    MXX, MUX, MUU = (wp.types.matrix(shape, dtype) for shape in ((nx, nx), (nu, nx), (nu, nu)))
+@cached
+def make_shape(dtype):
+    """``(kind, e, d)``: a term of weight 1, its slope and its curvature."""
     V3 = wp.types.vector(3, dtype)
     ZERO, ONE, TWO = dtype(0.0), dtype(1.0), dtype(2.0)
 
     @wp.func
-    def term(kind: int, e: dtype, d: dtype):
-        """A term of weight 1, its slope and its curvature."""
+    def shape(kind: int, e: dtype, d: dtype):
         if kind == wp.static(SQUARE):
             return V3(e * e, TWO * e, TWO)
         if kind == wp.static(LINEAR):
@@ -43,6 +42,16 @@ def make_terms(dtype, VX, VU):
         if kind == wp.static(BELOW) and e > ZERO:
             return V3()
         return V3(e * e, TWO * e, TWO)
+
+    return shape
+
+
+def make_terms(dtype, VX, VU):
+    """See the module's docstring; derivatives are exact."""
+    nx, nu = VX._length_, VU._length_
+    MXX, MUX, MUU = (wp.types.matrix(shape, dtype) for shape in ((nx, nx), (nu, nx), (nu, nu)))
+    V3 = wp.types.vector(3, dtype)
+    shape = make_shape(dtype)
 
     @wp.func
     def place(weights: wp.array2d(dtype=dtype), row: int, i: int):
@@ -83,7 +92,7 @@ def make_terms(dtype, VX, VU):
         """Term i at the component's value s, its slope and its curvature."""
         at = 1 + FIELDS * i
         e = s - weights[row, at + 3]
-        return weights[row, at + 2] * term(int(weights[row, at]), e, weights[row, at + 4])
+        return weights[row, at + 2] * shape(int(weights[row, at]), e, weights[row, at + 4])
 
     @wp.func
     def counts(weights: wp.array2d(dtype=dtype), row: int):

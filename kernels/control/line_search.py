@@ -137,6 +137,12 @@ def make_choice_kernels(nx, nu, dtype):
         if state.active[b] == 1 and first_suffices(out, state, b, full_ratio):
             state.searching[b] = 0
 
+    @wp.func
+    def end(state: SolverState, b: int, status: int):
+        """Let a problem end, FLAT where it feels nothing."""
+        state.status[b] = wp.where(state.flat[b] == 1, FLAT, status)
+        state.active[b] = 0
+
     @named_by_code(max_unroll=1)
     def accept(
         first: int,
@@ -189,13 +195,9 @@ def make_choice_kernels(nx, nu, dtype):
                 state.status[b] = SMALL_IMPROVEMENT  # one more backward pass makes its policy
         elif drowned:
             near = state.relative[b] <= NEARLY * tolerance or state.size[b] == wp.float64(0.0)
-            state.status[b] = wp.where(near, CONVERGED, SMALL_IMPROVEMENT)
-            if state.flat[b] == 1:
-                state.status[b] = FLAT
-            state.active[b] = 0
+            end(state, b, wp.where(near, CONVERGED, SMALL_IMPROVEMENT))
         elif state.relative[b] <= tolerance:  # nothing is left of what the pass promised
-            state.status[b] = wp.where(state.flat[b] == 1, FLAT, CONVERGED)
-            state.active[b] = 0
+            end(state, b, CONVERGED)
         elif raise_regularization(state, b) == 0:
             state.status[b] = LINE_SEARCH_FAILED
             state.active[b] = 0

@@ -69,9 +69,9 @@ def passes_told(stop: Stop, on: bool) -> Iterator[Callable[[str, int, int, float
         yield tell
 
 
-def tell_success(task: slcp.Task, problem: ddp.Problem, x0: np.ndarray, path: Path) -> None:
+def tell_success(task: slcp.Task, problem: ddp.Problem, x0: np.ndarray, path: Path, stop: Stop) -> None:
     """Run a plan as long as the task's runs in the undisturbed task, and say what that says of it."""
-    if task.success is None or problem.horizon != task.steps:
+    if stop or task.success is None or problem.horizon != task.steps:
         return
     assert isinstance(problem.dynamics, slcp.Simulator)
     run = simulate(problem.dynamics, problem.params, x0[None], task.steps, path, task=task)
@@ -146,10 +146,9 @@ def optimise_command(
     ddp.Options(sigma_schedule=None if sigmas is None else tuple(sigmas))  # must be positive and fall
     methods = () if method is not None or schedules else METHODS
     last, first = (METHODS[-1], METHODS[0]) if method is None else (method, method)
-    regularization = SCHEDULES if methods else ddp.Regularization()
     options = ddp.Options(
-        max_iterations=passes, method=last, regularization=regularization,
-        improvement_tolerance=number("--gain", gain, 0.0),
+        max_iterations=passes, method=last, improvement_tolerance=number("--gain", gain, 0.0),
+        regularization=SCHEDULES if methods else ddp.Regularization(),
     )  # fmt: skip
     scale = noise_scale(chosen) if explore is None else number("--explore", explore, 0.0)
     stop = Stop()
@@ -161,6 +160,5 @@ def optimise_command(
     record.save(path)
     console.print(trace_table(results[-1]))
     console.print(outcome_table(record, results))
-    if not stop:
-        tell_success(chosen, late.whole, x0, path)
+    tell_success(chosen, late.whole, x0, path, stop)
     tell_end(results[-1], path, stop)

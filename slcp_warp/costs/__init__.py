@@ -3,6 +3,18 @@
 from slcp_warp.kernels.control.costs import CostFunctions
 
 from .cost import Cost, plain, quadratic
+from .points import Point, position
 from .terms import NO_COST, Term, effort, terms
 
-__all__ = ["NO_COST", "Cost", "CostFunctions", "Term", "effort", "plain", "quadratic", "terms"]
+__all__ = [
+    "NO_COST",
+    "Cost",
+    "CostFunctions",
+    "Point",
+    "Term",
+    "effort",
+    "plain",
+    "position",
+    "quadratic",
+    "terms",
+]

@@ -50,6 +50,7 @@ class Cost:
             )
         self.make, self.weights = make, values
         self.nx, self.nu, self.nodes, self.steady = nx, nu, nodes, flag("steady", steady)
+        self.points: tuple[Any, ...] = ()  # of bodies, that terms are of; in the order of the weights
         own = np.zeros(values.shape[-1]) if fixed is None else array("fixed", fixed, (values.shape[-1],))
         self.fixed = own != 0.0
 
@@ -60,7 +61,7 @@ class Cost:
     def with_weights(self, weights: Any) -> "Cost":
         """The same functions with other numbers, (P,) or (B, P); nothing is compiled."""
         other = Cost(self.make, weights, self.nx, self.nu, self.nodes, steady=self.steady)
-        other.fixed = self.fixed
+        other.fixed, other.points = self.fixed, self.points
         if other.weights.shape[-1] != self.weights.shape[-1]:
             raise ArgumentError(
                 f"weights must have {self.weights.shape[-1]} columns, got {other.weights.shape[-1]}"

@@ -1,17 +1,21 @@
-"""Costs as sums of terms, each of one state or one control by its name."""
+"""Costs as sums of terms, each of one state, one control or a point of a body by its name."""
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from slcp_warp.kernels.control.cost_points import make_point_terms
 from slcp_warp.kernels.control.cost_terms import FIELDS, KINDS, make_terms
 
 from ..description.names import index_of
 from ..description.scene import Scene
-from ..inputs.checks import choice, instance, number, shown
+from ..inputs.checks import array, choice, instance, number, shown
 from ..inputs.errors import ArgumentError
 from .cost import Cost
+from .points import AXES, Point, check_axis, point_numbers
 
 EVERY = "all"
 WIDTH = 0.1
@@ -29,32 +33,56 @@ class Term:
         kind: one of the above.
         weight: per step, or of the final state.
         state: a component of the state, by its name (`Scene.state_names`) or its place.
-        control: a control, by its name or its place, or "all"; either a state or a control.
-        target: [unit of the component].
-        minus: a state that is taken off `state`, by its name or its place: the term is of their difference.
+        control: a control, by its name or its place, or "all".
+        target: [unit of the component]; of both coordinates of a point two numbers, or one for both.
+        minus: what is taken off, so that the term is of a difference: of a state another, by its name or its
+            place, and of a point another `Point`.
         width: > 0, where "absolute" turns from a parabola into a line [unit of the component].
+        point: a `Point` of a body: the component is its coordinate in the world [m]. Lengths and angles of
+            the bodies are the scene's own, whatever `Parameters` say. One of state, control and point.
+        axis: which coordinate, "x" or "y"; None: both, as a term each.
     """
 
     kind: str
     weight: float
     state: str | int | None = None
     control: str | int | None = None
-    target: float = 0.0
+    target: float | tuple[float, float] = 0.0
     width: float = WIDTH
-    minus: str | int | None = None
+    minus: str | int | Point | None = None
+    point: Point | None = None
+    axis: str | None = None
 
     def __post_init__(self) -> None:
         choice("Term.kind", self.kind, KINDS)
-        for name in ("weight", "target"):
-            object.__setattr__(self, name, number(f"Term.{name}", getattr(self, name)))
-        object.__setattr__(self, "width", number("Term.width", self.width, 0.0, above=True))
-        if (self.state is None) == (self.control is None):
-            raise ArgumentError(
-                f"Term.state is {shown(self.state)} and Term.control {shown(self.control)}; "
-                "one of them is needed"
-            )
-        if self.minus is not None and self.state is None:
-            raise ArgumentError(f"Term.minus is {shown(self.minus)} without a state that it is taken off")
+        put = functools.partial(object.__setattr__, self)
+        put("weight", number("Term.weight", self.weight))
+        put("width", number("Term.width", self.width, 0.0, above=True))
+        instance("Term.point", self.point, Point | None, "a costs.Point")
+        of = {"state": self.state, "control": self.control, "point": self.point}
+        if sum(value is not None for value in of.values()) != 1:
+            given = ", ".join(f"Term.{name} {shown(value)}" for name, value in of.items())
+            raise ArgumentError(f"{given}; one of them is needed")
+        if self.point is None:
+            if self.axis is not None:
+                raise ArgumentError(f"Term.axis is {shown(self.axis)} without a point that it is of")
+            if isinstance(self.minus, Point) or (self.minus is not None and self.state is None):
+                raise ArgumentError(f"Term.minus is {shown(self.minus)} without a state that it is taken off")
+        else:
+            check_axis("Term.axis", self.axis)
+            instance("Term.minus", self.minus, Point | None, "a costs.Point, as Term.point,")
+        if self.point is not None and self.axis is None and isinstance(self.target, list | tuple):
+            x, y = array("Term.target", self.target, (2,)).tolist()
+            put("target", (x, y))
+        else:
+            put("target", number("Term.target", self.target))
+
+    @property
+    def places(self) -> list[tuple[int, float]]:
+        """Coordinates of its point and the target of each."""
+        axes = [0, 1] if self.axis is None else [AXES.index(self.axis)]
+        target = self.target if isinstance(self.target, tuple) else (self.target, self.target)
+        return [(axis, target[axis]) for axis in axes]
 
 
 # of a task that is not planned: the sum of no terms
@@ -70,23 +98,58 @@ def terms(scene: Scene, running: Sequence[Term], final: Sequence[Term] = ()) -> 
     """The sum of the running terms over all steps and of the final terms at the last state.
 
     Args:
-        scene: whose states and controls the terms name.
+        scene: whose states, controls and bodies the terms name.
         running: of x_k and u_k, k = 0 .. N - 1.
-        final: of x_N, of states only.
+        final: of x_N, of states and points only.
 
     Raises:
         ArgumentError: a name that the scene has not got, or a final term of a control.
     """
     instance("scene", scene, Scene, "a slcp_warp.Scene")
-    return sum_of(scene.state_names, scene.control_names, running, final)
+    rows, counts, points = _rows(scene.state_names, scene.control_names, running, final)
+    if not points:
+        return _cost(rows, counts, scene)
+    weights = np.concatenate([[counts[0]], rows.reshape(-1)])
+    more = point_numbers(scene, points, len(weights))
+    weights = np.concatenate([weights, more, [len(rows)]])
+    fixed = np.concatenate([_fixed(len(rows)), np.ones(len(more) + 1)])
+    cost = Cost(make_point_terms, weights, nx=2 * scene.nv, nu=scene.nu, fixed=fixed, steady=True)
+    cost.points = tuple(points)
+    return cost
 
 
 def sum_of(
     states: Sequence[str], controls: Sequence[str], running: Sequence[Term], final: Sequence[Term] = ()
 ) -> Cost:
-    """`terms` for states and controls of these names."""
+    """`terms`, without points, for states and controls of these names."""
+    rows, counts, points = _rows(states, controls, running, final)
+    if points:
+        raise ArgumentError("running and final hold a term of a point, which only a scene's cost has")
+    return _cost(rows, counts, (len(states), len(controls)))
+
+
+def _cost(rows: np.ndarray, counts: list[int], of: Any) -> Cost:
+    """The cost of states and controls alone."""
+    nx, nu = (2 * of.nv, of.nu) if isinstance(of, Scene) else of
+    weights = np.concatenate([[counts[0]], rows.reshape(-1)])
+    assert weights.size == 1 + FIELDS * sum(counts)
+    return Cost(make_terms, weights, nx=nx, nu=nu, fixed=_fixed(len(rows)), steady=True)
+
+
+def _fixed(count: int) -> np.ndarray:
+    """Which weights of so many terms say what the others are of."""
+    places = np.zeros((count, FIELDS))
+    places[:, NAMING] = 1.0
+    return np.concatenate([[1.0], places.reshape(-1)])
+
+
+def _rows(
+    states: Sequence[str], controls: Sequence[str], running: Sequence[Term], final: Sequence[Term]
+) -> tuple[np.ndarray, list[int], list[Point]]:
+    """(terms, FIELDS) numbers, how many are running and final ones, and the points that they are of."""
     rows: list[tuple[float, ...]] = []
-    counts = []
+    counts: list[int] = []
+    points: list[Point] = []
     for name, group in (("running", running), ("final", final)):
         if not isinstance(group, list | tuple) or not all(isinstance(each, Term) for each in group):
             raise ArgumentError(f"{name} is {shown(group)}; a list of costs.Term is needed")
@@ -97,26 +160,42 @@ def sum_of(
                 raise ArgumentError(
                     f"{label}.control is {shown(each.control)}; no control follows the last state"
                 )
-            less = -1 if each.minus is None else index_of(f"{label}.minus", each.minus, states)
-            rows += [(KINDS.index(each.kind), place, each.weight, each.target, each.width, less)
-                     for place in _places(label, each, states, controls)]  # fmt: skip
+            for place, target, less in _places(label, each, states, controls, points):
+                rows.append((KINDS.index(each.kind), place, each.weight, target, each.width, less))
         counts.append(len(rows) - before)
     if not rows:
         every = "" if controls or not (running or final) else " but of controls, of which there are none"
         raise ArgumentError(f"running and final hold no term{every}; at least one is needed")
-    weights = np.concatenate([[counts[0]], np.array(rows, float).reshape(-1)])
-    assert weights.size == 1 + FIELDS * sum(counts)
-    places = np.zeros((len(rows), FIELDS))
-    places[:, NAMING] = 1.0
-    fixed = np.concatenate([[1.0], places.reshape(-1)])
-    return Cost(make_terms, weights, nx=len(states), nu=len(controls), fixed=fixed, steady=True)
+    return np.array(rows, float), counts, points
 
 
-def _places(label: str, term: Term, states: Sequence[str], controls: Sequence[str]) -> list[int]:
-    """Where a term's components are among states and then controls."""
-    if term.control is None:
-        return [index_of(f"{label}.state", term.state, states)]  # type: ignore[arg-type]
+def _places(
+    label: str, term: Term, states: Sequence[str], controls: Sequence[str], points: list[Point]
+) -> list[tuple[int, float, int]]:
+    """A term's components among states, then controls, then coordinates of points; the target of each, and
+    what is taken off.
+    """
     nx = len(states)
-    if term.control == EVERY:
-        return [nx + i for i in range(len(controls))]
-    return [nx + index_of(f"{label}.control", term.control, controls)]
+    if term.point is not None:
+        begin = nx + max(len(controls), 1)
+        point, less = (
+            -1 if each is None else begin + 2 * _listed(points, each) for each in (term.point, term.minus)
+        )
+        return [(point + axis, target, less + axis if less >= 0 else -1) for axis, target in term.places]
+    assert isinstance(term.target, float)
+    if term.state is not None:
+        minus = term.minus
+        less = -1 if minus is None else index_of(f"{label}.minus", minus, states)  # type: ignore[arg-type]
+        return [(index_of(f"{label}.state", term.state, states), term.target, less)]
+    every = range(len(controls))
+    if term.control != EVERY:
+        every = range((i := index_of(f"{label}.control", term.control, controls)), i + 1)  # type: ignore[arg-type]
+    return [(nx + i, term.target, -1) for i in every]
+
+
+def _listed(points: list[Point], point: object) -> int:
+    """The place of a point, which is put behind the others if it is a new one."""
+    assert isinstance(point, Point)
+    if point not in points:
+        points.append(point)
+    return points.index(point)

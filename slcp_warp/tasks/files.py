@@ -9,9 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from slcp_warp.kernels.control.cost_points import make_point_terms
 from slcp_warp.kernels.control.cost_terms import FIELDS, KINDS, make_terms
 
-from ..costs import NO_COST, Cost, Term, terms
+from ..costs import NO_COST, Cost, Point, Term, terms
+from ..costs.points import AXES
 from ..description.scene import Scene
 from ..description.scene_file import load_scene, scene_content, scene_of
 from ..description.scene_schema import NO_VALUE, file_fields
@@ -253,28 +255,51 @@ def _cost(values: Any, scene: Scene) -> Cost:
     made = {}
     for name in ("running", "final"):
         listed = entries(f"cost, {name}", groups.get(name, []), TaskFileError)
-        made[name] = [_build(Term, each, f"cost, {name}[{i}]") for i, each in enumerate(listed)]
+        made[name] = [_term(each, f"cost, {name}[{i}]") for i, each in enumerate(listed)]
     cost: Cost = _said("cost", terms, scene, made["running"], made["final"])
     return cost
 
 
+def _term(values: Any, where: str) -> Any:
+    """A term; points that it is of are tables."""
+    given = dict(values) if isinstance(values, dict) else values
+    for name in ("point", "minus"):
+        if isinstance(given, dict) and isinstance(given.get(name), dict):
+            given[name] = _build(Point, given[name], f"{where}, {name}")
+    return _build(Term, given, where)
+
+
 def _cost_content(cost: Cost, scene: Scene) -> dict[str, Any]:
     """The terms of a cost, from its weights."""
-    if cost.make is not make_terms or cost.weights.ndim > 1:
+    if cost.make not in (make_terms, make_point_terms) or cost.weights.ndim > 1:
         raise TaskFileError("cost: no sum of costs.Term, which alone are data; write the task in Python")
-    rows, nx = cost.weights[1:].reshape(-1, FIELDS), 2 * scene.nv
+    count = int(cost.weights[-1]) if cost.points else (len(cost.weights) - 1) // FIELDS
     found = []
-    for kind, component, weight, target, width, minus in rows:
-        i = int(component)
-        of = {"state": scene.state_names[i]} if i < nx else {"control": scene.control_names[i - nx]}
-        less = {} if minus < 0 else {"minus": scene.state_names[int(minus)]}
-        term = Term(KINDS[int(kind)], weight, target=target, width=width, **of, **less)
-        found.append(
-            {"kind": term.kind, "weight": term.weight} | _changed(term, Term(term.kind, 0.0, control=0)) | of
-        )
+    for kind, component, weight, target, width, minus in cost.weights[1 : 1 + FIELDS * count].reshape(
+        -1, FIELDS
+    ):
+        of = _component(cost, scene, int(component), int(minus))
+        term = Term(KINDS[int(kind)], weight, target=target, width=width, **of)
+        own = _changed(term, Term(term.kind, 0.0, control=0)) | of
+        points = {
+            name: _changed(value, Point(None)) for name, value in of.items() if isinstance(value, Point)
+        }
+        found.append({"kind": term.kind, "weight": term.weight} | own | points)
     running = int(cost.weights[0])
     groups = {"running": found[:running], "final": found[running:]}
     return {name: group for name, group in groups.items() if group}
+
+
+def _component(cost: Cost, scene: Scene, i: int, minus: int) -> dict[str, Any]:
+    """What a term is of, by its fields."""
+    nx, points = 2 * scene.nv, 2 * scene.nv + max(scene.nu, 1)
+    if i >= points:
+        point, axis = divmod(i - points, 2)
+        of = {"point": cost.points[point], "axis": AXES[axis]}
+        return of | ({} if minus < 0 else {"minus": cost.points[(minus - points) // 2]})
+    if i >= nx:
+        return {"control": scene.control_names[i - nx]}
+    return {"state": scene.state_names[i]} | ({} if minus < 0 else {"minus": scene.state_names[minus]})
 
 
 def _changed(item: Any, default: Any) -> dict[str, Any]:

@@ -6,7 +6,8 @@ from typing import Any
 from slcp_warp.kernels.control.cost_terms import KINDS as TERMS
 from slcp_warp.kernels.ensembles.measures import REDUCTIONS
 
-from ..costs import Term
+from ..costs import Point, Term
+from ..costs.points import AXES
 from ..description.scene import Scene
 from ..description.scene_schema import NO_VALUE, object_schema, part_schemas
 from ..options import CHOICES, Options
@@ -75,7 +76,8 @@ def _parts() -> dict[str, Any]:
     signal: dict[str, Any] = {"kind": {"enum": list(KINDS)}, "which": NAME, "minus": NAME}
     signal |= dict.fromkeys(FLAGS, {"type": "boolean"})
     return {
-        "Term": object_schema(Term, {"kind": TERMS}),
+        "Term": object_schema(Term, {"kind": TERMS, "axis": (*AXES, None)}),
+        "Point": object_schema(Point),
         "Options": object_schema(Options, CHOICES),
         **disturbance_schemas(),
         "Signal": {"anyOf": [NAME, _table(signal, ("kind",))]},

@@ -226,4 +226,4 @@ def test_wedged_discs_are_solved_by_the_least_impulses_that_open_them():
     assert solved.mean() > 0.8 and (found.verdict[solved] == "holds").all()
     for i in np.flatnonzero(solved)[:10]:
         v, _ = least_motion(found.part(np.array([i])), 0)
-        np.testing.assert_allclose(done.state[i, wedged.scene.nv :], v, rtol=0, atol=1e-5 * np.abs(v).max())
+        np.testing.assert_allclose(done.state[i, wedged.scene.nv :], v, rtol=0, atol=1e-4 * np.abs(v).max())
