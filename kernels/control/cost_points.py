@@ -10,8 +10,11 @@ before j among the degrees of freedom of the chain:
     J_j = perp(p - o_j), or the joint's direction;     d2p/dq_i dq_j = perp(J_j) if i turns, else 0.
 """
 
+from types import SimpleNamespace
+
 import warp as wp
 
+from ..factories import cached
 from .cost_terms import FIELDS, make_shape
 from .costs import CostFunctions
 
@@ -19,13 +22,14 @@ REVOLUTE, PRISMATIC, FREE = range(3)
 POINT, LINK = 4, 7
 
 
-def make_point_terms(dtype, VX, VU):
-    """See the module's docstring; derivatives are exact."""
-    nx, nu = VX._length_, VU._length_
-    MXX, MUX, MUU = (wp.types.matrix(shape, dtype) for shape in ((nx, nx), (nu, nx), (nu, nu)))
+@cached
+def make_reach(dtype, VX):
+    """Struct `Reach`; ``reach(weights, row, which, x)``: coordinate `which`, 2 p or 2 p + 1, of the points in
+    weights; ``terms_of(weights, row)``: how many terms there are.
+    """
+    nx = VX._length_
     V2 = wp.types.vector(2, dtype)
     ZERO, ONE = dtype(0.0), dtype(1.0)
-    shape = make_shape(dtype)
 
     @wp.struct
     class Reach:
@@ -46,7 +50,6 @@ def make_point_terms(dtype, VX, VU):
 
     @wp.func
     def reach(weights: wp.array2d(dtype=dtype), row: int, which: int, x: VX):
-        """Coordinate `which`, 2 p or 2 p + 1."""
         point = which / 2
         points = 1 + FIELDS * terms_of(weights, row)
         first = points + POINT * point
@@ -95,6 +98,17 @@ def make_point_terms(dtype, VX, VU):
             out.slope = jy
             out.across = jx
         return out
+
+    return SimpleNamespace(Reach=Reach, reach=reach, terms_of=terms_of)
+
+
+def make_point_terms(dtype, VX, VU):
+    """See the module's docstring; derivatives are exact."""
+    nx, nu = VX._length_, VU._length_
+    MXX, MUX, MUU = (wp.types.matrix(shape, dtype) for shape in ((nx, nx), (nu, nx), (nu, nu)))
+    ZERO, ONE = dtype(0.0), dtype(1.0)
+    shape, points = make_shape(dtype), make_reach(dtype, VX)
+    Reach, reach, terms_of = points.Reach, points.reach, points.terms_of
 
     @wp.func
     def value_of(weights: wp.array2d(dtype=dtype), row: int, i: int, x: VX, u: VU):

@@ -9,11 +9,15 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
+from ..control.cost_points import make_reach
 from ..factories import cached
 from .disturbances import ROUNDING, SINGLE
 
-SIGNALS = ("state", "cosine", "control", "time", "contact", "gap", "impulse", "function", "cost")
-STATE, COSINE, CONTROL, TIME, CONTACT, GAP, IMPULSE, FUNCTION, COST = range(len(SIGNALS))
+SIGNALS = (
+    *("state", "cosine", "control", "time", "contact", "gap", "impulse", "function", "cost"),
+    *("point", "distance"),
+)
+(STATE, COSINE, CONTROL, TIME, CONTACT, GAP, IMPULSE, FUNCTION, COST, POINT, DISTANCE) = range(len(SIGNALS))
 REDUCTIONS = (
     *("initial", "final", "rate", "mean", "integral", "total", "largest", "smallest", "accumulated"),
     *("share_of_time", "first_time", "settled"),
@@ -33,7 +37,8 @@ class Users(NamedTuple):
     functions: tuple[wp.Function, ...] = ()
     cost: Any = None  # CostFunctions, where a measure is of the cost
     relative: bool = False  # whether a signal is absolute, or less its value at the start
-    gaps: bool = False  # whether a signal is a distance, which is then known of all pairs in every step
+    gaps: bool = False  # whether a signal is a gap, which is then known of all pairs in every step
+    points: bool = False  # whether a signal is of a point of a body
 
 
 NO_USERS = Users()
@@ -54,6 +59,7 @@ def make_tables(dtype: type) -> type:
         window: wp.array2d(dtype=wp.float64)  # (M, 2): start, end [s]
         ends: int  # measure, a first time, that ends a world; NONE: none does
         weights: wp.array2d(dtype=dtype)  # (1, P) of the cost
+        points: wp.array2d(dtype=dtype)  # (1, P) as in a cost of no terms (control/cost_points.py)
 
     return Measures
 
@@ -80,7 +86,15 @@ def make_measures(
     Contacts = contacts.Contacts
     ZERO, ONE = wp.float64(0.0), wp.float64(1.0)
     EPS, PART = wp.float64(ROUNDING), wp.float64(SINGLE)
+    reach = make_reach(dtype, VX).reach if users.points else None
     user, price = chained(users.functions, VX, VU), make_price(users.cost, VX, VU, dtype)
+
+    @wp.func
+    def coordinate(m: Measures, which: int, x: VX):
+        """Of a point of a body."""
+        if wp.static(users.points):
+            return wp.float64(reach(m.points, 0, which, x).value)
+        return ZERO
 
     @wp.func
     def plain(m: Measures, s: int, x: VX, u: VU, time: wp.float64, h: wp.float64, last: int, c: Contacts):
@@ -103,6 +117,15 @@ def make_measures(
             return contacts.gap(c, place)
         if kind == wp.static(IMPULSE):
             return contacts.impulse(c, place)
+        if wp.static(users.points):
+            if kind == wp.static(POINT):
+                return coordinate(m, place, x) - wp.where(
+                    m.signal[s, 2] == wp.static(NONE), ZERO, coordinate(m, wp.max(m.signal[s, 2], 0), x)
+                )
+            if kind == wp.static(DISTANCE):
+                across = coordinate(m, place, x) - coordinate(m, m.signal[s, 2], x)
+                up = coordinate(m, place + 1, x) - coordinate(m, m.signal[s, 2] + 1, x)
+                return wp.sqrt(across * across + up * up)
         if wp.static(users.cost is not None):
             if kind == wp.static(COST):
                 return price(m.weights, x, u, int(wp.round(time / h)), last)

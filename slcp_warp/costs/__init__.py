@@ -2,8 +2,8 @@
 
 from slcp_warp.kernels.control.costs import CostFunctions
 
+from ..description.points import Point, position
 from .cost import Cost, plain, quadratic
-from .points import Point, position
 from .terms import NO_COST, Term, effort, terms
 
 __all__ = [

@@ -11,11 +11,11 @@ from slcp_warp.kernels.control.cost_points import make_point_terms
 from slcp_warp.kernels.control.cost_terms import FIELDS, KINDS, make_terms
 
 from ..description.names import index_of
+from ..description.points import AXES, Point, check_axis, point_numbers
 from ..description.scene import Scene
 from ..inputs.checks import array, choice, instance, number, shown
 from ..inputs.errors import ArgumentError
 from .cost import Cost
-from .points import AXES, Point, check_axis, point_numbers
 
 EVERY = "all"
 WIDTH = 0.1

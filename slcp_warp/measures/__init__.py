@@ -31,7 +31,19 @@ from .reductions import (
     smallest,
     total,
 )
-from .signals import contact, control, cosine, function, gap, normal_impulse, since_start, state, time
+from .signals import (
+    contact,
+    control,
+    cosine,
+    distance,
+    function,
+    gap,
+    normal_impulse,
+    point,
+    since_start,
+    state,
+    time,
+)
 
 __all__ = [
     "Measure",
@@ -42,6 +54,7 @@ __all__ = [
     "control",
     "cosine",
     "cost",
+    "distance",
     "excursion",
     "final",
     "first_time",
@@ -54,6 +67,7 @@ __all__ = [
     "lowest_gap",
     "mean",
     "normal_impulse",
+    "point",
     "rate",
     "settled",
     "share_of_time",

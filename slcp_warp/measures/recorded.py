@@ -9,6 +9,7 @@ import numpy as np
 from slcp_warp.kernels.ensembles.disturbances import ROUNDING, SINGLE
 from slcp_warp.kernels.ensembles.measures import NONE, TOUCH
 
+from ..description.points import AXES, Point, position
 from ..description.scene import Scene
 from ..inputs.checks import array, shown
 from ..inputs.errors import ArgumentError, ArgumentTypeError
@@ -67,6 +68,8 @@ class Recorded:
             raise ArgumentTypeError("a Warp function is evaluated in a sweep only, not on recorded states")
         if signal.kind == "cost":
             raise ArgumentTypeError("the cost is a task's: it is evaluated in a sweep only")
+        if isinstance(signal.which, Point):
+            return self._of_points(signal)
         place = signal.place(self.scene)
         if signal.kind == "cosine":
             return np.cos(self.states[:, :, place])
@@ -90,6 +93,16 @@ class Recorded:
             values = found.sum(axis=2)
         values = (values > TOUCH).astype(float) if signal.kind == "contact" else values
         return np.concatenate([values, values[:, -1:]], axis=1)
+
+    def _of_points(self, signal: Signal) -> np.ndarray:
+        places = [position(self.scene, each, self.states)
+                  for each in (signal.which, signal.minus) if isinstance(each, Point)]  # fmt: skip
+        apart = places[0] if len(places) == 1 else places[0] - places[1]
+        return (
+            np.hypot(*np.moveaxis(apart, -1, 0))
+            if signal.axis is None
+            else apart[..., AXES.index(signal.axis)]
+        )
 
     def value(self, measure: Measure) -> np.ndarray:
         """(B,) values of a measure."""

@@ -13,6 +13,7 @@ import warp as wp
 
 from slcp_warp.kernels.ensembles.measures import NONE, SIGNALS
 
+from ..description.points import AXES, Point, point_numbers
 from ..description.scene import Scene
 from ..inputs.checks import choice, flag, number, shown
 from ..inputs.errors import ArgumentError, ArgumentTypeError
@@ -22,7 +23,14 @@ NO_VALUE = (
     "there is no value yet: join comparisons with & and |, not with and, or; between two bounds is "
     ".between(low, high)"
 )
-SINCE = ("state", "cosine", "control", "function")  # signals that have a value at the start
+SINCE = (
+    "state",
+    "cosine",
+    "control",
+    "function",
+    "point",
+    "distance",
+)  # signals that have a value at the start
 
 
 class Compared:
@@ -54,19 +62,22 @@ class Signal(Compared):
 
     Attributes:
         kind: one of `SIGNALS`.
-        which: a state, a control or a contact pair, by its name or its place; None: no one, or all pairs.
-        minus: a state that is taken off a state.
+        which: a state, a control or a contact pair, by its name or its place; None: no one, or all pairs; or
+            a `costs.Point`.
+        minus: a state that is taken off a state, or a point off a point.
+        axis: "x" or "y" of a point.
         function: a user's Warp function (x, u, time) -> number, of a signal of kind "function".
         since_start: less its value at the run's start.
         absolute: its absolute value, of what is left then.
     """
 
     kind: str
-    which: str | int | None = None
-    minus: str | int | None = None
+    which: str | int | Point | None = None
+    minus: str | int | Point | None = None
     function: Callable[..., Any] | None = None
     since_start: bool = False
     absolute: bool = False
+    axis: str | None = None
 
     def __post_init__(self) -> None:
         choice("Signal.kind", self.kind, SIGNALS)
@@ -74,6 +85,15 @@ class Signal(Compared):
             flag(f"Signal.{name}", getattr(self, name))
         if self.since_start and self.kind not in SINCE:
             raise ArgumentError(f"Signal.since_start is of a {self.kind}; of {', '.join(SINCE)} it is taken")
+        of_points = {"point": ("which",), "distance": ("which", "minus")}.get(self.kind, ())
+        for name in ("which", "minus"):
+            given = getattr(self, name)
+            needed = name in of_points or (given is not None and bool(of_points))
+            if needed != isinstance(given, Point):
+                need = "a costs.Point" if of_points else "a name or a whole number"
+                raise ArgumentTypeError(f"{name} of a {self.kind} is {shown(given)}; {need} is needed")
+        if (self.kind == "point") != (self.axis in AXES):
+            raise ArgumentError(f"axis of a {self.kind} is {shown(self.axis)}; 'x' or 'y' is of a point")
 
     def __abs__(self) -> "Signal":
         """Its absolute value."""
@@ -87,14 +107,17 @@ class Signal(Compared):
     @property
     def plain(self) -> bool:
         """Whether it is a component of the state and nothing more."""
-        return self == Signal("state", self.which)
+        return self.kind == "state" and self == Signal("state", self.which)
 
     def place(self, scene: Scene) -> int:
-        """Its component in a scene.
+        """Its component in a scene; 0 of points, which have a table of their own.
 
         Raises:
             ArgumentError: the scene has none of this name.
         """
+        if isinstance(self.which, Point):
+            point_numbers(scene, [each for each in (self.which, self.minus) if isinstance(each, Point)], 0)
+            return 0
         if self.kind in ("state", "cosine"):
             return scene.state_index(self.which)  # type: ignore[arg-type]
         if self.kind == "control":
@@ -103,7 +126,7 @@ class Signal(Compared):
 
     def less(self, scene: Scene) -> int:
         """The place of the state that is taken off it; -1: none."""
-        return NONE if self.minus is None else scene.state_index(self.minus)
+        return NONE if self.minus is None or isinstance(self.minus, Point) else scene.state_index(self.minus)
 
     def _within(self, low: float, high: float) -> "Condition":
         return Condition(((Within(self, low, high),),))
@@ -112,7 +135,7 @@ class Signal(Compared):
         """The expression that makes it, the names of `slcp_warp.measures` without the module."""
         name = {"impulse": "normal_impulse"}.get(self.kind, self.kind)
         given = [getattr(self.function, "__name__", shown(self.function))] if self.function else []
-        given += [repr(which) for which in (self.which, self.minus) if which is not None]
+        given += [repr(which) for which in (self.which, self.axis, self.minus) if which is not None]
         told = f"{name}({', '.join(given)})"
         told = f"since_start({told})" if self.since_start else told
         return f"abs({told})" if self.absolute else told
@@ -216,6 +239,19 @@ def control(which: str | int) -> Signal:
 def time() -> Signal:
     """The time k h [s]."""
     return Signal("time")
+
+
+def point(of: Point, axis: str, minus: Point | None = None) -> Signal:
+    """Coordinate "x" or "y" of a `costs.Point` in the world [m], less that of another one.
+
+    Lengths and angles of the bodies are the scene's own, whatever a world's parameters are.
+    """
+    return Signal("point", of, minus, axis=axis)
+
+
+def distance(of: Point, to: Point) -> Signal:
+    """Distance of two points [m]; lengths as of `point`."""
+    return Signal("distance", of, to)
 
 
 def contact(pair: str | int | None = None) -> Signal:

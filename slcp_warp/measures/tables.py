@@ -8,6 +8,7 @@ import warp as wp
 
 from slcp_warp.kernels.ensembles import measures as kernels
 
+from ..description.points import AXES, Point, point_numbers
 from ..description.scene import Scene
 from .reductions import Measure
 from .signals import Condition, Signal
@@ -30,7 +31,7 @@ class MeasureTable:
         ends: one of the measures, a first time: a world ends with the step in which it comes.
         cost: a `costs.Cost`, for measures of it.
         """
-        self.measures = tuple(measures)
+        self.measures, self._scene = tuple(measures), scene
         self._ends = kernels.NONE if ends is None else self.measures.index(ends)
         asked = dict.fromkeys(signal for measure in self.measures for signal in measure.signals())
         since = {signal: Measure("initial", signal.at_start) for signal in asked if signal.since_start}
@@ -40,6 +41,7 @@ class MeasureTable:
         functions = dict.fromkeys(signal.function for signal in signals)
         self._functions: tuple[Any, ...] = tuple(each for each in functions if each is not None)
         self._cost = cost if any(signal.kind == "cost" for signal in signals) else None
+        self._points: list[Point] = []
         place = {signal: i for i, signal in enumerate(signals)}
         self._relative = any(signal.since_start or signal.absolute for signal in signals)
         first = len(self.measures)
@@ -57,7 +59,19 @@ class MeasureTable:
         kind = kernels.SIGNALS.index(signal.kind)
         which = self._functions.index(signal.function) if signal.function is not None else signal.place(scene)
         how = kernels.ABSOLUTE * signal.absolute + kernels.SINCE * signal.since_start
+        if isinstance(signal.which, Point):
+            axis = 0 if signal.axis is None else AXES.index(signal.axis)
+            which, less = (self._listed(each, axis) for each in (signal.which, signal.minus))
+            return kind, which, less, how
         return kind, which, signal.less(scene), how
+
+    def _listed(self, point: Any, axis: int) -> int:
+        """The number of a point's coordinate; NONE: no point."""
+        if point is None:
+            return kernels.NONE
+        if point not in self._points:
+            self._points.append(point)
+        return 2 * self._points.index(point) + axis
 
     def _row(self, measure: Measure, place: dict[Signal, int]) -> tuple[int, ...]:
         """Reduction, signal, clauses of a condition from and to, whether it counts at all times."""
@@ -75,13 +89,16 @@ class MeasureTable:
     def users(self, sim: Any) -> kernels.Users:
         """Code of users that a simulator's kernels call for them."""
         cost = self._cost and self._cost.functions(sim.dtype, sim.nx, sim.nu)
-        return kernels.Users(self._functions, cost, self._relative, self._gaps)
+        return kernels.Users(self._functions, cost, self._relative, self._gaps, bool(self._points))
 
     def struct(self, sim: Any) -> Any:
         """The tables on a simulator's device."""
         out, device = kernels.make_tables(sim.dtype)(), sim.device
         if self._cost is not None:
             out.weights = wp.array(self._cost.rows(1), dtype=sim.dtype, device=device)
+        if self._points:
+            points = [0.0, *point_numbers(self._scene, self._points, 1), 0.0]
+            out.points = wp.array(np.array([points]), dtype=sim.dtype, device=device)
         window = [(each.start, kernels.FAR if each.end is None else each.end) for each in self._all]
         for name, values, width, kind in (
             ("signal", self._signals, 5, np.int32),

@@ -13,7 +13,7 @@ from slcp_warp.kernels.control.cost_points import make_point_terms
 from slcp_warp.kernels.control.cost_terms import FIELDS, KINDS, make_terms
 
 from ..costs import NO_COST, Cost, Point, Term, terms
-from ..costs.points import AXES
+from ..description.points import AXES
 from ..description.scene import Scene
 from ..description.scene_file import load_scene, scene_content, scene_of
 from ..description.scene_schema import NO_VALUE, file_fields

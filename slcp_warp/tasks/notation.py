@@ -1,10 +1,10 @@
 """Measures, conditions and success as the data of a file.
 
-A signal is a state's name, or a table {kind, which, minus, since_start, absolute} (`slcp_warp.measures`). A
-condition compares one: {of = SIGNAL, above = 1.0}, with above, below or between = [low, high]; lists of them
-are joined by {all = [...]} and {any = [...]}. A measure is {reduction, of, start, end}. A success compares
-measures in the same way: {measure = NAME, between = [0, 1]}, or {reduction = "final", of = "block.x",
-between = [0, 1]}.
+A signal is a state's name, or a table {kind, which, minus, axis, since_start, absolute} of the fields of
+`slcp_warp.measures`, in which a point is a table {body, at}. A condition compares one: {of = SIGNAL, above =
+1.0}, with above, below or between = [low, high]; lists of them are joined by {all = [...]} and {any = [...]}.
+A measure is {reduction, of, start, end}. A success compares measures in the same way: {measure = NAME,
+between = [0, 1]}, or {reduction = "final", of = "block.x", between = [0, 1]}.
 """
 
 from collections.abc import Callable, Mapping
@@ -14,6 +14,7 @@ import numpy as np
 
 from slcp_warp.kernels.ensembles.measures import REDUCTIONS, SIGNALS
 
+from ..description.points import Point
 from ..inputs.checks import choice
 from ..inputs.errors import ArgumentError, InputError
 from ..measures.reductions import OF_CONDITIONS, Measure, Success, change, excursion
@@ -22,7 +23,8 @@ from ..storage.tables import below, entries, place, table
 
 KINDS = tuple(kind for kind in SIGNALS if kind != "function")  # a function is no data
 FLAGS = ("since_start", "absolute")
-SIGNAL_FIELDS = ("kind", "which", "minus", *FLAGS)
+SIGNAL_FIELDS = ("kind", "which", "minus", "axis", *FLAGS)
+POINT_FIELDS = ("body", "at")
 SHORT: dict[str, Callable[..., Measure]] = {"change": change, "excursion": excursion}  # of such signals
 MEASURE_FIELDS = ("reduction", "of", "start", "end")
 BOUNDS = ("above", "below", "between")
@@ -41,8 +43,13 @@ def signal_of(value: Any, where: str) -> Signal:
             return state(value)
         values = table(where, value, SIGNAL_FIELDS, ("kind",), NotationError)
         choice(below(where, "kind"), values["kind"], KINDS, error=NotationError)
+        values = {name: _point(given, below(where, name)) for name, given in values.items()}
         for name in ("which", "minus"):
-            if name in values and (not isinstance(values[name], str | int) or isinstance(values[name], bool)):
+            if (
+                name in values
+                and not isinstance(values[name], Point)
+                and (not isinstance(values[name], str | int) or isinstance(values[name], bool))
+            ):
                 raise NotationError(f"{below(where, name)}: {values[name]!r:.60}; a name is needed")
         return Signal(**values)
     except NotationError:
@@ -58,7 +65,19 @@ def signal_content(signal: Signal) -> Any:
     if signal.plain:
         return signal.which
     fields = {name: getattr(signal, name) for name in SIGNAL_FIELDS}
-    return {name: value for name, value in fields.items() if value is not None and value is not False}
+    return {
+        name: {"body": value.body, "at": list(value.at)} if isinstance(value, Point) else value
+        for name, value in fields.items()
+        if value is not None and value is not False
+    }
+
+
+def _point(value: Any, where: str) -> Any:
+    """A point from its table; what is no table as it is."""
+    if not isinstance(value, dict):
+        return value
+    given = dict(table(where, value, POINT_FIELDS, (), NotationError))
+    return Point(given.get("body"), tuple(given.get("at", (0.0, 0.0))))
 
 
 def condition_of(value: Any, where: str) -> Condition:

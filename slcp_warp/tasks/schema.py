@@ -7,7 +7,7 @@ from slcp_warp.kernels.control.cost_terms import KINDS as TERMS
 from slcp_warp.kernels.ensembles.measures import REDUCTIONS
 
 from ..costs import Point, Term
-from ..costs.points import AXES
+from ..description.points import AXES
 from ..description.scene import Scene
 from ..description.scene_schema import NO_VALUE, object_schema, part_schemas
 from ..options import CHOICES, Options
@@ -73,7 +73,9 @@ def _parts() -> dict[str, Any]:
         "start": NUMBER,
         "end": NUMBER,
     }
-    signal: dict[str, Any] = {"kind": {"enum": list(KINDS)}, "which": NAME, "minus": NAME}
+    named = {"anyOf": [NAME, _to("Point")]}
+    signal: dict[str, Any] = {"kind": {"enum": list(KINDS)}, "which": named, "minus": named}
+    signal |= {"axis": {"enum": list(AXES)}}
     signal |= dict.fromkeys(FLAGS, {"type": "boolean"})
     return {
         "Term": object_schema(Term, {"kind": TERMS, "axis": (*AXES, None)}),

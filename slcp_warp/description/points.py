@@ -7,10 +7,10 @@ import numpy as np
 
 from slcp_warp.kernels.control.cost_points import FREE, LINK, POINT, PRISMATIC, REVOLUTE
 
-from ..description.names import index_of
-from ..description.scene import Scene
 from ..inputs.checks import array, instance, shown
 from ..inputs.errors import ArgumentError, ArgumentTypeError
+from .names import index_of
+from .scene import Scene
 
 AXES = ("x", "y")
 JOINTS = {"revolute": REVOLUTE, "prismatic": PRISMATIC, "free": FREE}
