@@ -91,6 +91,7 @@ def judged(run: slcp.Trajectory, task: slcp.Task) -> tuple[Table | None, np.ndar
 
     None where the run is not as long as the task's, or the task says nothing of the kind.
     """
+    assert task.duration is not None
     steps = nearest_steps("Task.duration", task.duration, run.step_size)
     if run.states.shape[1] - 1 != steps:
         return None, None
