@@ -51,7 +51,7 @@ def falsify_command(
     with timed("search"), waiting("worlds") as shown:
         found = slcp.falsify(
             chosen, followed, by, time=time, body=body, duration=duration, most=most, worlds=worlds,
-            gradients=gradients, options=options, seed=seed, dtype=dtype, device=device,
+            gradients=gradients, case=options, seed=seed, dtype=dtype, device=device,
             progress=lambda count: shown(f"{count:,} worlds"),
         )  # fmt: skip
     console.print(str(found), highlight=False, soft_wrap=True)

@@ -39,7 +39,7 @@ def rare_command(
     options = rules.of(chosen.options)
     with timed("splitting"), waiting("worlds") as shown:
         found = slcp.failure_share(
-            chosen, followed, options=options, islands=islands, particles=particles, length=length,
+            chosen, followed, case=options, islands=islands, particles=particles, length=length,
             smallest=smallest, seed=seed, dtype=dtype, device=device,
             progress=lambda count: shown(f"{count:,} worlds"),
         )  # fmt: skip

@@ -45,5 +45,7 @@ def parts_of(scene: Scene, name: str) -> list[str]:
         return list(scene.state_names[: scene.nv])
     if name in OF_SHAPES:
         return [shape.name for shape in scene.shapes]
+    if name.startswith("spring_"):
+        return list(scene.spring_names)
     of = {"gear": scene.control_names, "friction": scene.pair_names, "sigma": scene.row_names}
     return list(of.get(name, ()))

@@ -15,11 +15,12 @@ from ..inputs.checks import shown
 from ..inputs.errors import ArgumentError, ArgumentTypeError
 
 if TYPE_CHECKING:
-    from .parts import Body, Shape
+    from .parts import Body, Shape, Spring
 
 DOFS = {"revolute": ("angle",), "prismatic": ("shift",), "free": ("x", "y", "angle")}
 UNITS = {"angle": "rad", "shift": "m", "x": "m", "y": "m"}
 FEW = 40  # names that an error lists
+WORLD_NAME = "world"  # at the end of a spring
 SIDES = {1: "+", -1: "-"}  # of the tangent, in the two rows n + mu t and n - mu t of a contact with friction
 
 
@@ -57,6 +58,16 @@ def pair_names(shapes: Sequence["Shape"], pairs: Sequence[PairStructure]) -> tup
         return shapes[shape].name + (f"({SIDES[sign]})" if sign else "")
 
     return tuple(f"{end(p.shape_a, p.end_a)}/{end(p.shape_b, p.end_b)}" for p in pairs)
+
+
+def spring_names(springs: Sequence["Spring"]) -> tuple[str, ...]:
+    """Names of the springs: `body_a/body_b`, or `world`; further ones between the same have #2, #3, .."""
+    names: list[str] = []
+    for spring in springs:
+        ends = f"{spring.body_a or WORLD_NAME}/{spring.body_b or WORLD_NAME}"
+        same = sum(name.partition("#")[0] == ends for name in names)
+        names.append(f"{ends}#{same + 1}" if same else ends)
+    return tuple(names)
 
 
 def row_names(bodies: Sequence["Body"], shapes: Sequence["Shape"], structure: Structure) -> tuple[str, ...]:

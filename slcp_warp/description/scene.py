@@ -157,6 +157,11 @@ class Scene(Printed):
         return names.control_names(self.bodies, self.structure)
 
     @property
+    def spring_names(self) -> tuple[str, ...]:
+        """Names of the springs between bodies: `body_a/body_b`, further ones #2, #3, .."""
+        return names.spring_names(self.springs)
+
+    @property
     def pair_names(self) -> tuple[str, ...]:
         """Names of the pairs that may touch, `shape_a/shape_b`."""
         return names.pair_names(self.shapes, self.structure.pairs)

@@ -56,3 +56,24 @@ def test_a_start_that_is_not_drawn_is_no_number(tmp_path):
     )
     np.testing.assert_array_equal(stored, kept)
     assert np.isnan(stored[-2:]).all()
+
+
+def test_springs_have_names():
+    """A single one could be neither set nor drawn nor mapped."""
+    bodies = (slcp.Body("arm", 1.0, 0.1), slcp.Body("load", 1.0, 0.1, joint="free"))
+    springs = (slcp.Spring(None, "arm", stiffness=1.0), slcp.Spring("arm", "load", stiffness=2.0),
+               slcp.Spring("arm", "load", point_a=(0.1, 0.0), stiffness=3.0))  # fmt: skip
+    scene = slcp.Scene("tied", bodies, springs=springs)
+    assert scene.spring_names == ("world/arm", "arm/load", "arm/load#2")
+    params = slcp.Parameters(scene).replace(
+        **{"arm/load#2.spring_stiffness": 5.0, "arm/world.spring_length": 0.4}
+    )
+    assert params["spring_stiffness"].tolist() == [1.0, 2.0, 5.0]
+    assert params["spring_length"].tolist() == [0.4, 0.0, 0.0]
+    with pytest.raises(slcp.ParameterError, match="arm/load.spring_damping"):
+        params.replace(**{"load/load.spring_damping": 1.0})
+    drawn = slcp.Disturbances(parameters={"arm/load.spring_stiffness": 0.2})
+    task = slcp.Task(name="tied", scene=scene, duration=0.1, disturbances=drawn)
+    report = slcp.sweep(task, None, worlds=16, cases=slcp.Options("hard"), device="cpu")
+    stiffness = report.part(report.source.keys[0][0])["drawn_arm/load.spring_stiffness"]
+    assert np.ptp(stiffness) > 0.0 and not any("arm/load#2" in name for name in report.table)

@@ -180,7 +180,7 @@ def test_splitting_counts_as_plain_worlds_do(device):
     for share in (0.03, 2e-3):
         bound = float(np.quantile(x, share))
         counted = float((x <= bound).mean())
-        found = slcp.failure_share(reaching(bound), plan(), options=SMOOTH, islands=10, particles=200,
+        found = slcp.failure_share(reaching(bound), plan(), case=SMOOTH, islands=10, particles=200,
                                    length=10, seed=1, device=device)  # fmt: skip
         slack = 3.0 / math.sqrt(30_000 * counted)  # of the counted share
         assert found.low * (1.0 - slack) < counted < found.high * (1.0 + slack)
@@ -198,7 +198,7 @@ def test_twenty_intervals_hold_a_million_worlds(device, share):
     own = reaching(0.0).replace(measures={"x": m.final("block.x")})
     x = slcp.sweep(own, plan(), worlds=10**6, seed=99, cases=SMOOTH, device=device).part("policy")["x"]
     task_of = reaching(float(np.quantile(x, share)))
-    found = [slcp.failure_share(task_of, plan(), options=SMOOTH, seed=s, device=device) for s in range(20)]
+    found = [slcp.failure_share(task_of, plan(), case=SMOOTH, seed=s, device=device) for s in range(20)]
     held = sum(each.low <= share <= each.high for each in found)
     estimates = np.array([each.share for each in found])
     print(f"share {share:g}: {held} of 20 hold it; estimates {estimates.mean():.3g} +- {estimates.std():.2g},"
@@ -208,7 +208,7 @@ def test_twenty_intervals_hold_a_million_worlds(device, share):
 
 
 def test_what_no_world_reaches_has_an_upper_bound(device):
-    found = slcp.failure_share(reaching(-100.0), plan(), options=SMOOTH, islands=3, particles=40, length=10,
+    found = slcp.failure_share(reaching(-100.0), plan(), case=SMOOTH, islands=3, particles=40, length=10,
                                smallest=1e-3, device=device)  # fmt: skip
     assert found.share == found.low == 0.0 and 0.0 < found.high < 0.1 and found.failing is None
     assert np.isnan(found.spread)
@@ -216,7 +216,7 @@ def test_what_no_world_reaches_has_an_upper_bound(device):
 
 def test_where_plain_worlds_fail_they_are_counted(device):
     """Islands that are all alike say nothing: where all worlds fail, nearly all may."""
-    options = {"options": SMOOTH, "islands": 3, "particles": 40, "length": 10, "device": device}
+    options = {"case": SMOOTH, "islands": 3, "particles": 40, "length": 10, "device": device}
     found = slcp.failure_share(reaching(100.0), plan(), **options)
     assert found.share == found.high == 1.0 and found.low == pytest.approx(share_interval(120, 120)[1])
     assert 0.9 < found.low < 1.0
@@ -262,7 +262,7 @@ def test_parts_that_fail_where_more_does_not_are_found():
 def test_the_smallest_kick_fails_and_a_smaller_one_does_not(device):
     bound = 0.9 * float(_final(np.zeros((1, 4)), device)[0])
     own = reaching(bound)
-    found = slcp.falsify(own, plan(), "kick", options=SMOOTH, worlds=512, strategies=3, device=device)
+    found = slcp.falsify(own, plan(), "kick", case=SMOOTH, worlds=512, strategies=3, device=device)
     kick = np.array([found.values[f"kick_0_{name}"][0] for name in SCENE.state_names[4:]])
     assert found.found and found.margin <= 0.0 and found.size == pytest.approx(np.linalg.norm(kick) / 0.05)
     assert _final(kick[None], device)[0] <= bound < _final(0.97 * kick[None], device)[0]
@@ -305,7 +305,7 @@ def test_what_was_found_is_a_task_of_its_own(device):
         dropouts=(slcp.Dropout(0.5, slcp.LogNormal(0.5, median=0.1)),),
     )  # fmt: skip
     own = reaching(0.8 * float(_final(np.zeros((1, 4)), device)[0]))
-    found = slcp.falsify(own, plan(), by, options=SMOOTH, worlds=256, rounds=6, device=device)
+    found = slcp.falsify(own, plan(), by, case=SMOOTH, worlds=256, rounds=6, device=device)
     assert found.found and set(found.values) > {
         "pusher.mass",
         "face/pusher.friction",
@@ -362,7 +362,7 @@ def test_slopes_of_margins_are_differences(device):
         ({"particles": 30, "length": 20}, "at least two chains"),
         ({"smallest": 0.9}, "smallest"),
         ({"margin": "x"}, "margin is 'x'"),
-        ({"options": "hard"}, "options is 'hard'"),
+        ({"case": "hard"}, "case is 'hard'"),
         ({"task": task(disturbances=slcp.Disturbances())}, "no disturbances"),
         ({"task": SCENE}, "task"),
     ],

@@ -75,15 +75,18 @@ def test_what_is_moved_and_not_drawn_is_the_worlds_too():
         np.testing.assert_allclose(rows, own, rtol=1e-6)
 
 
-def test_springs_that_differ_have_no_names():
+def test_springs_that_differ_are_said_by_their_names():
     springs = (
         slcp.Spring(None, "block", (0.0, 1.0), stiffness=1.0),
         slcp.Spring(None, "block", stiffness=2.0),
     )
     scene = replace(slcp.scenes.push_block(), springs=springs)
-    assert scenario_of(*drawn(scene, {"spring_stiffness": 0.1})) is None
-    both = scenario_of(*drawn(scene, {"spring_stiffness": slcp.LogNormal(0.1, shared=True)}))
-    assert list(both.disturbances.parameters) == ["spring_stiffness"]
+    for law in (0.1, slcp.LogNormal(0.1, shared=True)):
+        task, numbers, world = drawn(scene, {"spring_stiffness": law})
+        found = scenario_of(task, numbers, world)
+        names = [f"{name}.spring_stiffness" for name in scene.spring_names]
+        assert list(found.disturbances.parameters) == names
+        np.testing.assert_allclose(table(found)[0], world.numpy().params[0], rtol=1e-6)
 
 
 @pytest.mark.parametrize("turned", [False, True])

@@ -155,7 +155,7 @@ def check_parameter(key: str, drawn: Distribution) -> None:
 
 
 def _parameter_names(scene: Scene, columns: Sequence[tuple[str, int, tuple[int, ...]]]) -> list[str]:
-    """A name for every column: "block.mass", "block.com_x"; of parts without names "spring_length_0"."""
+    """A name for every column: "block.mass", "block.com_x"; of what has no parts "gravity_x"."""
     names = []
     for name, _, shape in columns:
         size = int(np.prod(shape, dtype=int))
@@ -165,7 +165,8 @@ def _parameter_names(scene: Scene, columns: Sequence[tuple[str, int, tuple[int, 
         elif not parts:
             names += [f"{name}_{'xy'[i] if name == 'gravity' else i}" for i in range(size)]
         else:
-            ends = [""] if size == len(parts) else ["_0", "_1"] if name == "radius" else ["_x", "_y"]
+            ends = ["_0", "_1"] if name == "radius" else ["_x", "_y"]
+            ends = {1: [""], 2: ends, 4: ["_ax", "_ay", "_bx", "_by"]}[size // len(parts)]
             names += [f"{part}.{name}{end}" for part in parts for end in ends]
     return names
 

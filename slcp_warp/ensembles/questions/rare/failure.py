@@ -105,7 +105,7 @@ def failure_share(
     task: Task,
     policy: Any = None,
     *,
-    options: Any = None,
+    case: Any = None,
     margin: Any = None,
     islands: int = 20,
     particles: int = 500,
@@ -128,7 +128,7 @@ def failure_share(
     Args:
         task: with disturbances and a success.
         policy: as for `sweep`.
-        options: of the steps; None: the task's, of the hard problem.
+        case: options of the steps; None: the task's, of the hard problem.
         margin: how far a world is from failing: a measure that falls towards failing, or a comparison of
             measures, whose distance from its bounds counts; None: the task's success. It decides how fast the
             levels fall, not what fails.
@@ -150,7 +150,7 @@ def failure_share(
     seed = checks.whole("seed", seed, 0)
     checks.function("progress", progress, 1, optional=True)
     trial = Trial(
-        task, policy, checked_options(task, options), judge.measures, seed=seed, step_size=step_size,
+        task, policy, checked_options(task, case), judge.measures, seed=seed, step_size=step_size,
         dtype=dtype, device=device, strategy=strategy,
     )  # fmt: skip
     numbers = Numbers(trial.sim, task, trial.step_size)

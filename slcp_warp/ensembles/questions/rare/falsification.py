@@ -70,8 +70,8 @@ class Falsification(Printed):
         """Share of the drawn disturbances that are as large or larger."""
         return float((self.drawn >= self.size).mean())
 
-    def replay(self, policy: Any, options: Options | None = None) -> Trajectory:
-        """The failing world step by step, in float64; options None: those that it was found with.
+    def replay(self, policy: Any, case: Options | None = None) -> Trajectory:
+        """The failing world step by step, in float64; case, options of the steps, None: those that it was found with.
 
         Raises:
             ArgumentError: nothing was found.
@@ -82,7 +82,7 @@ class Falsification(Printed):
             self.task,
             policy,
             self.world,
-            self.options if options is None else checked_options(self.task, options),
+            self.options if case is None else checked_options(self.task, case),
         )
 
     @property

@@ -39,7 +39,7 @@ def falsify(
     body: str | None = None,
     duration: float | None = None,
     at: tuple[float, float] | None = None,
-    options: Any = None,
+    case: Any = None,
     margin: Any = None,
     most: float | None = None,
     worlds: int = 4096,
@@ -70,7 +70,7 @@ def falsify(
         duration: of the push [s]; None: of the task's first push, or 0.1.
         at: the point that is pushed, in the body's frame [m]; None: the task's first push's, if it is on this
             body, or the end of the body's first shape.
-        options: of the steps; None: the task's, of the hard problem.
+        case: options of the steps; None: the task's, of the hard problem.
         margin: as of `failure_share`.
         most: the largest size that is looked at [standard deviations]; None: 32, and 256 if nothing fails.
         worlds: at once.
@@ -90,7 +90,7 @@ def falsify(
     sizes = MOST if most is None else (checks.number("most", most, 0.0, above=True),)
     checks.flag("gradients", gradients), checks.function("progress", progress, 1, optional=True)
     own = task.replace(disturbances=searched(task, by, time, body, duration, at), start=task.start[:1])
-    judge, chosen, policy = Margin(own, margin), checked_options(task, options), policy_of(own, policy)
+    judge, chosen, policy = Margin(own, margin), checked_options(task, case), policy_of(own, policy)
     quick, exact = (
         Trial(own, policy, chosen, judge.measures, seed=seed, dtype=each, device=device, strategy=strategy)
         for each in (dtype, "float64")

@@ -15,7 +15,7 @@ from .numbers import Numbers
 def scenario_of(task: Task, numbers: Numbers, world: Worlds) -> Task | None:
     """The task whose only disturbed world is the first of `world`.
 
-    None where a task cannot say it: kicks at several times that differ, or springs that do.
+    None where a task cannot say it: kicks at several times that differ.
     """
     given, own = world.numpy(), task.disturbances
     found = Disturbances(delay=own.delay, hold=own.hold)

@@ -81,10 +81,10 @@ class Trial:
         return Ends(values[:, : self._measures], succeeded(self.task, own, status), status)
 
 
-def checked_options(task: Task, options: Any) -> Options:
+def checked_options(task: Task, case: Any) -> Options:
     """Options of the steps; None: the task's, of the hard problem."""
-    if options is None:
+    if case is None:
         return task.options.with_residual("hard")
-    if not isinstance(options, Options):
-        raise ArgumentTypeError(f"options is {shown(options)}; slcp_warp.Options are needed")
-    return options
+    if not isinstance(case, Options):
+        raise ArgumentTypeError(f"case is {shown(case)}; slcp_warp.Options are needed")
+    return case
