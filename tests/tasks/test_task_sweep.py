@@ -257,6 +257,7 @@ def test_a_measure_of_a_users_function(device):
         ({"measures": {"drawn_mass_0": m.final(0)}}, "Task.measures names 'drawn_mass_0'"),
         ({"measures": {"x": m.mean(0, start=1.2)}}, "counts from 1.2 s on; a run ends"),
         ({"disturbances": slcp.Disturbances(kick_times=(1.3,), kick=1.0)}, "times before the end"),
+        ({"disturbances": slcp.Disturbances(delay=1.3)}, "delay holds 1.3; times before the end"),
         ({"disturbances": slcp.Disturbances(kick_times=(1.195,), kick=1.0)}, "1.195; .* up to 1.19 are felt"),
     ],
 )

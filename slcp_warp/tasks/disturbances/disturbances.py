@@ -122,6 +122,8 @@ class Disturbances:
             if push.body not in bodies:
                 raise ArgumentError(f"pushes[{n}].body is {shown(push.body)}; there are {', '.join(bodies)}")
         late = [("kick_times", time) for time in self.kick_times if time >= duration]
+        delay = self.delay.low if isinstance(self.delay, Uniform) else self.delay
+        late += [("delay", delay)] if not isinstance(delay, Distribution) and delay >= duration else []
         for name in ("pushes", "dropouts"):
             for n, event in enumerate(getattr(self, name)):
                 start = event.start.low if isinstance(event.start, Uniform) else event.start

@@ -71,7 +71,7 @@ class Falsification(Printed):
         return float((self.drawn >= self.size).mean())
 
     def replay(self, policy: Any, case: Options | None = None) -> Trajectory:
-        """The failing world step by step, in float64; case, options of the steps, None: those that it was found with.
+        """The failing world step by step, in float64; `case` None: with the options that it was found with.
 
         Raises:
             ArgumentError: nothing was found.
