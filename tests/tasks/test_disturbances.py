@@ -285,7 +285,15 @@ def test_friction_is_drawn_by_pairs_of_shapes_once_or_by_pairs_of_bodies(shared)
             r"dropouts\[0\].start holds 2",
         ),
         (lambda: swept("cpu", "generic", disturbed(delay=0.004)), "delay is 0.004 s, less than half a step"),
-        (lambda: swept("cpu", "generic", disturbed(delay=9.0)), "delay is 9.0 s, .* at most 256 steps"),
+        (lambda: disturbed(delay=9.0), "delay holds 9.0; times before the end of a run"),
+        (
+            lambda: swept(
+                "cpu",
+                "generic",
+                disturbed().replace(duration=20.0, disturbances=slcp.Disturbances(delay=9.0)),
+            ),
+            "delay is 9.0 s, .* at most 256 steps",
+        ),
     ],
 )
 def test_what_cannot_be_drawn_is_refused(make, text):
