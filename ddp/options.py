@@ -171,3 +171,13 @@ def check_levels(name: str, value: Any) -> None:
         raise ArgumentError(f"{name} must be positive numbers, got {shown(value)}")
     if (np.diff(sigmas) >= 0.0).any():
         raise ArgumentError(f"{name} must decrease, got {shown(value)}")
+
+
+def of_one_level(options: Options) -> Options:
+    """The options; an ArgumentError where they have a schedule of noise levels, which nobody would follow."""
+    if options.sigma_schedule is not None:
+        raise ArgumentError(
+            f"options.sigma_schedule is {shown(options.sigma_schedule)}; it is for ddp.solve and "
+            "ddp.solve_continuation, which solve at one level after the other"
+        )
+    return options

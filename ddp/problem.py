@@ -7,6 +7,7 @@ import numpy as np
 import warp as wp
 
 from slcp_warp import Parameters, Simulator
+from slcp_warp.costs.terms import at_scene
 from slcp_warp.inputs.checks import whole
 from slcp_warp.inputs.errors import ArgumentError, ArgumentTypeError
 from slcp_warp.inputs.limits import limit_rows
@@ -47,6 +48,12 @@ class Problem:
                 raise ArgumentError(
                     f"cost is for {name} = {need}, the dynamics has {name} = {getattr(self.dynamics, name)}"
                 )
+        scene = self.dynamics.scene if isinstance(self.dynamics, Simulator) else None
+        if scene is not None and at_scene(self.cost, scene) is not self.cost:
+            raise ArgumentError(
+                "cost is of points of bodies with other joints or lengths than those of scene "
+                f"{scene.name!r}; make it by costs.terms of this scene"
+            )
         object.__setattr__(self, "horizon", whole("horizon", self.horizon))
         if self.cost.nodes is not None and self.cost.nodes != self.horizon + 1:
             raise ArgumentError(

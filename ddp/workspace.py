@@ -20,7 +20,7 @@ from slcp_warp.kernels.device.tables import copy_table
 
 from .batches import fill
 from .dynamics import dynamics_of
-from .options import Options
+from .options import Options, of_one_level
 from .parts.arrays import Arrays
 from .parts.gaps import close_gaps, start_again
 from .parts.passes import Passes
@@ -42,11 +42,7 @@ class Workspace(NotCopied):
         instance("problem", problem, Problem, "a ddp.Problem")
         instance("options", options, Options | None, "a ddp.Options")
         self.problem, self.batch, self.options = problem, whole("batch", batch, 0), options or Options()
-        if self.options.sigma_schedule is not None:
-            raise ArgumentError(
-                f"options.sigma_schedule is {shown(self.options.sigma_schedule)}; it is for ddp.solve and "
-                "ddp.solve_continuation, which solve at one level after the other"
-            )
+        of_one_level(self.options)
         self.dynamics = dynamics_of(problem.dynamics)
         self.device, self.dtype = self.dynamics.device, self.dynamics.dtype
         self.numpy_dtype = wp.dtype_to_numpy(self.dtype)
@@ -73,6 +69,7 @@ class Workspace(NotCopied):
         self.cost, self.status, self.passes = s.cost, s.status, s.passes
         self.gradient, self.pivot = s.gradient, s.pivot
         self._behind = np.zeros(self.batch, dtype=bool)
+        self._stopped = False  # by who is told
         self._tell: Callable[[int, int, float], bool | None] | None = None
         self._all = wp.ones(self.batch, dtype=wp.int32, device=self.device)
 
@@ -140,7 +137,7 @@ class Workspace(NotCopied):
         rungs: Sequence[tuple[int, int]] = (),
         progress: Callable[[int, int, float], bool | None] | None = None,
     ) -> int:
-        """Solve and leave the solution in the workspace's arrays; returns the number of passes.
+        """Solve and leave the solution in the workspace's arrays; returns the most passes of a problem.
 
         Args:
             x0: initial states (B, nx), or one (nx,) for all.
@@ -164,12 +161,12 @@ class Workspace(NotCopied):
         with self._using:
             self._tell = tell
             done = self.start(x0, us0, xs0, K0, k0, limit)
-            self._behind[:] = False
-            done = self._descend(done, limit, left)
+            self._behind[:], self._stopped = False, False
+            self._descend(done, limit, left)
             if self._run_update is not None:
-                done = self._hold_limits(done, limit)
+                self._hold_limits(limit)
             self._without_regularization()
-            return done
+            return int(self.passes.numpy().max(initial=0))
 
     def start(
         self, x0: Any, us0: Any, xs0: Any = None, K0: Any = None, k0: Any = None, limit: int = 0
@@ -210,23 +207,22 @@ class Workspace(NotCopied):
         self._passes.start()
         return 0
 
-    def _hold_limits(self, done: int, limit: int) -> int:
-        """Rounds of new multipliers and passes until the state limits hold; returns most passes of one."""
-        for _ in range(self.options.limit_rounds):
+    def _hold_limits(self, limit: int) -> None:
+        """Rounds of new multipliers and passes until the state limits hold."""
+        for _ in range(0 if self._stopped else self.options.limit_rounds):
             passes = self.passes.numpy()
             beyond = (self.beyond_limits() > self.options.limit_tolerance) & ~self._behind & (passes < limit)
-            if not beyond.any():
+            if not beyond.any() or self._stopped:
                 break
             self._state.searching.assign(beyond.astype(np.int32))
             assert self._run_update is not None
             self._run_update()
             start_again(self, beyond)  # the same trajectory, and its cost with the new multipliers
-            done = max(done, self._descend(int(passes[beyond].max()), limit))
+            self._descend(int(passes[beyond].max()), limit)
         if self.options.limit_rounds:
             code, beyond = self.status.numpy(), self.beyond_limits() > self.options.limit_tolerance
             unheld = beyond & np.isin(code, (Status.CONVERGED, Status.SMALL_IMPROVEMENT, Status.FLAT))
             self.status.assign(np.where(unheld, Status.STATE_LIMITS, code).astype(np.int32))
-        return done
 
     def beyond_limits(self) -> np.ndarray:
         """(B,) how far a state is at most beyond its limits, relative to max(1, |limit|); 0: nowhere."""
@@ -252,8 +248,8 @@ class Workspace(NotCopied):
         v = v - np.clip(v, lower, upper)
         return np.asarray(0.5 * (weight * v**2 - y**2 / weight).sum((1, 2)))
 
-    def _descend(self, done: int, limit: int, rungs: Mapping[int, int] = MappingProxyType({})) -> int:
-        """Passes until no problem goes on, or has made as many as it may; returns the most that one has made.
+    def _descend(self, done: int, limit: int, rungs: Mapping[int, int] = MappingProxyType({})) -> None:
+        """Passes until no problem goes on, or has made as many as it may.
 
         Args:
             done: the most that one which goes on has made so far.
@@ -265,19 +261,20 @@ class Workspace(NotCopied):
             if done >= limit:
                 self._end((self._state.active.numpy() == 1) & (self.passes.numpy() >= limit))
                 if not self.active():
-                    return done
+                    return
             self._passes.backward()
             if not self.active():
-                return done
+                return
             self._passes.search()
             done += 1
             if self._tell is not None:
                 going, cost = int(self._state.active.numpy().sum()), self.cost.numpy()
-                if self._tell(done, going, float(np.nanmin(np.append(cost, np.inf)))) is True:
+                most = int(self.passes.numpy().max())
+                if self._tell(most, going, float(np.nanmin(np.append(cost, np.inf)))) is True:
+                    self._stopped = True
                     break
         self.differentiate()
         self._passes.backward(last=True)
-        return done
 
     def _leave_behind(self, count: int) -> None:
         """End all problems but `count` of lowest cost, with gains about the trajectories that they have."""

@@ -17,7 +17,7 @@ from slcp_warp.stepping.arguments import policy_arrays
 
 from ..library.entries import scene_digest
 from ..library.nearest import wrap
-from ..options import Options
+from ..options import Options, of_one_level
 from ..problem import Problem
 from ..results.result import Result
 from .planner import Planner
@@ -122,7 +122,7 @@ class MPC:
         if self.improved > len(self.starts):
             raise ArgumentError(f"improved is {improved}; at most the {len(self.starts)} starts are there")
         instance("options", options, Options | None, "a ddp.Options")
-        self.options = Options(method=problem.quick_method) if options is None else options
+        self.options = of_one_level(options or Options(method=problem.quick_method))
         self.noise = self._noise(noise)
         self.period = float(np.ravel(problem.params["step_size"])[0])
         self._wrap = problem.dynamics.scene.state_period

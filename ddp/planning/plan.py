@@ -107,7 +107,8 @@ def plan_starts(
         sampling: how is sampled; its scale is `scale` where that is given.
         method: of the passes that close gaps.
     """
-    scale = limit_share(problem.control_limits, problem.nu)[0] if scale is None else scale
+    drawn = Sampling(scale=scale) if scale is not None else Sampling()
+    scale = drawn.deviations(problem.control_limits, problem.nu)[0]
     lower, upper = problem.limit_rows()
     us = random_starts(count, problem.horizon, problem.nu, scale, seed)
     us = np.clip(us * np.resize(WIDTHS, count)[:, None, None], lower[0], upper[0])

@@ -79,7 +79,7 @@ def tell_success(task: slcp.Task, problem: ddp.Problem, x0: np.ndarray, path: Pa
     if table is not None:
         console.print(table)
     if good is not None and not good.all():
-        pressed = np.any(run.contact_impulse > 0.0)
+        pressed = not run.contact_impulse.size or np.any(run.contact_impulse > 0.0)
         nothing = "" if pressed else ", and nothing is touched"
         typer.echo(f"slcp: undisturbed, this plan is no success of the task{nothing}: {HELP}", err=True)
 

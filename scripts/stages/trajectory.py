@@ -97,14 +97,18 @@ def judged(run: slcp.Trajectory, task: slcp.Task) -> tuple[Table | None, np.ndar
         return None, None
     solved = run.recorded("status") == slcp.Status.SOLVED
     good = None
-    if task.success is not None and all(_is_recorded(part) for part in task.success.parts()):
+    ends = [] if task.failure is None else [first_time(task.failure)]
+    if task.success is not None and all(_is_recorded(part) for part in [*task.success.parts(), *ends]):
         good = run.measure(task.success)
-    if good is not None and task.failure is not None:
-        good = good & ~np.isfinite(run.measure(first_time(task.failure)))
+        for end in ends:
+            good = good & ~np.isfinite(run.measure(end))
     rows = [] if good is None else [("success", f"{int(good.sum())} of {len(good)}")]
     for name, what in task.measures.items():
         if solved.any() and _is_recorded(what):
-            rows.append((name, f"{run.measure(what)[solved].mean():.4g}"))
+            values = run.measure(what)[solved]
+            finite = np.isfinite(values)
+            share = "" if finite.all() or not finite.any() else f" in {finite.sum()} of {len(values)}"
+            rows.append((name, f"{values[finite].mean() if finite.any() else values[0]:.4g}{share}"))
     title = "the task's measures" + (", means" if len(solved) > 1 else "")
     table = Table(title=title, box=SIMPLE_HEAD, show_header=False)
     for row in rows:

@@ -118,6 +118,27 @@ def terms(scene: Scene, running: Sequence[Term], final: Sequence[Term] = ()) -> 
     return cost
 
 
+def at_scene(cost: Cost, scene: Scene) -> Cost:
+    """A cost of points with the lengths and chains of another scene's bodies; any other cost as it is.
+
+    Raises:
+        ArgumentError: a body that the scene has not got.
+    """
+    if not cost.points:
+        return cost
+    count = int(np.atleast_2d(cost.weights)[0, -1])
+    start = 1 + FIELDS * count
+    more = np.array([*point_numbers(scene, cost.points, start), count])
+    own = cost.weights[..., :start]
+    weights = np.concatenate([own, np.broadcast_to(more, (*own.shape[:-1], len(more)))], axis=-1)
+    if np.array_equal(weights, cost.weights):
+        return cost
+    fixed = np.concatenate([_fixed(count), np.ones(len(more))])
+    found = Cost(make_point_terms, weights, nx=2 * scene.nv, nu=scene.nu, fixed=fixed, steady=True)
+    found.points = cost.points
+    return found
+
+
 def sum_of(
     states: Sequence[str], controls: Sequence[str], running: Sequence[Term], final: Sequence[Term] = ()
 ) -> Cost:

@@ -25,7 +25,7 @@ class Point:
         at: (x, y) in the frame of the body, whose origin is its joint [m].
     """
 
-    body: str | None
+    body: str | None = None
     at: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
@@ -95,5 +95,5 @@ def position(scene: Scene, point: Point, states: np.ndarray) -> np.ndarray:
 
 def check_axis(label: str, axis: object) -> None:
     """Raise an error for what is neither "x", "y" nor None."""
-    if axis is not None and axis not in AXES:
+    if axis is not None and not (isinstance(axis, str) and axis in AXES):
         raise ArgumentError(f"{label} is {shown(axis)}; 'x', 'y' or None, for both, is needed")

@@ -92,7 +92,7 @@ class Signal(Compared):
             if needed != isinstance(given, Point):
                 need = "a costs.Point" if of_points else "a name or a whole number"
                 raise ArgumentTypeError(f"{name} of a {self.kind} is {shown(given)}; {need} is needed")
-        if (self.kind == "point") != (self.axis in AXES):
+        if (self.kind == "point") != (isinstance(self.axis, str) and self.axis in AXES):
             raise ArgumentError(f"axis of a {self.kind} is {shown(self.axis)}; 'x' or 'y' is of a point")
 
     def __abs__(self) -> "Signal":

@@ -281,9 +281,7 @@ def _cost_content(cost: Cost, scene: Scene) -> dict[str, Any]:
         of = _component(cost, scene, int(component), int(minus))
         term = Term(KINDS[int(kind)], weight, target=target, width=width, **of)
         own = _changed(term, Term(term.kind, 0.0, control=0)) | of
-        points = {
-            name: _changed(value, Point(None)) for name, value in of.items() if isinstance(value, Point)
-        }
+        points = {name: _changed(value, Point()) for name, value in of.items() if isinstance(value, Point)}
         found.append({"kind": term.kind, "weight": term.weight} | own | points)
     running = int(cost.weights[0])
     groups = {"running": found[:running], "final": found[running:]}

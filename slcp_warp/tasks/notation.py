@@ -77,7 +77,7 @@ def _point(value: Any, where: str) -> Any:
     if not isinstance(value, dict):
         return value
     given = dict(table(where, value, POINT_FIELDS, (), NotationError))
-    return Point(given.get("body"), tuple(given.get("at", (0.0, 0.0))))
+    return Point(**given)
 
 
 def condition_of(value: Any, where: str) -> Condition:

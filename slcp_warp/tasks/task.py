@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..costs import NO_COST, Cost
+from ..costs.terms import at_scene
 from ..description.scene import Scene
 from ..inputs.checks import array, instance, names, number, shown, whole
 from ..inputs.errors import ArgumentError, ArgumentTypeError
@@ -98,6 +99,10 @@ class Task(Printed):
             need = getattr(self.cost, name)
             if need is not None and need != size:
                 raise TaskError(f"Task.cost is for {name} = {need}, scene {self.scene.name!r} has {size}")
+        try:
+            put(self, "cost", at_scene(self.cost, self.scene))
+        except ArgumentError as error:
+            raise TaskError(f"Task.cost: {error}") from None
         if self.control_limits is not None:
             lower, _ = limit_rows(self.control_limits, self.scene.nu)
             if len(lower) > 1:

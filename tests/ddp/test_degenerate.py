@@ -175,6 +175,25 @@ def test_neighbours_change_nothing_where_states_are_limited():
     assert {int(n) for n in batch.iterations} != {15}
 
 
+def test_passes_end_where_the_listener_says_so_and_are_told_as_they_are():
+    """Every round of state limits began again, and the passes of a batch were told beyond those allowed."""
+    dynamics = ddp.WarpDynamics(make_pendulum, 2, 1, {"g": 1.0})
+    cost = ddp.costs.quadratic(np.diag([1, 0.1]), [[0.01]], np.diag([100, 10.0]), target=[np.pi, 0])
+    params = dynamics.params.replace(g=np.array([1.0, 20.0]))
+    problem = ddp.Problem(dynamics, cost, 25, params, state_limits=([-np.inf, -2.0], [np.inf, 2.0]))
+    work, told = ddp.Workspace(problem, 2, ddp.Options(max_iterations=15)), []
+    made = work.run(np.array([[0.0, 0.0], [0.5, 0.0]]), None, progress=lambda *each: told.append(each[0]))
+    assert max(told) == made == work.passes.numpy().max() <= 15
+    stopped = []
+
+    def stop(passes, going, cost):
+        stopped.append(passes)
+        return len(stopped) == 3
+
+    work.run(np.array([[0.0, 0.0], [0.5, 0.0]]), None, progress=stop)
+    assert stopped == [1, 2, 3]
+
+
 def entries(scene, plan, offset=1, order=slice(None)):
     """A library of runs: pairs of entries at the cart's places 0 and 1/4, numbered 0, 1, 10, 11, 20, .."""
     x, count = np.zeros((2 * len(plan), 4)), 2 * len(plan)

@@ -12,6 +12,7 @@ pytest.importorskip("matplotlib")
 from test_cli import call, fails
 
 import slcp_warp as slcp
+from slcp_warp.measures import signals as measures
 from slcp_warp.scripts.commands import optimise
 from slcp_warp.scripts.support.records import load_record
 
@@ -86,5 +87,9 @@ def test_a_plan_is_tried_in_its_task(tmp_path):
     run = slcp.Trajectory.load(tmp_path / "run.npz")
     place = run.measure(slcp.tasks.push_to_mark().measures["place"])[0]
     assert f"place     {place:.4g}" in said.output and "success   1 of 1" in said.output
+    priced = slcp.tasks.push_to_mark().replace(failure=measures.Signal("cost") > 1e9)
+    slcp.save_task(priced, weak)
+    said = call("simulate", weak, "--policy", out, "--device", "cpu", "--out", tmp_path / "run.npz")
+    assert "place" in said.output and "success" not in said.output  # costs are a sweep's
     said = call("optimise", "push_to_mark", *given, "--horizon", 40)
     assert "success" not in said.output  # shorter than a run

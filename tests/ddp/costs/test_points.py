@@ -1,6 +1,7 @@
 """Terms of points of bodies: against frames and differences; a plan, a file, and what is refused."""
 
 import functools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -98,6 +99,12 @@ def gradient(f, x, h=1e-4):
     return out
 
 
+def reaching_terms(tip):
+    """Running and final ones."""
+    rest = [Term("square", 1.0, state=name) for name in ("upper.vangle", "fore.vangle")]
+    return [slcp.costs.effort(1e-4)], [Term("square", 500.0, point=tip, target=(0.3, 0.6)), *rest]
+
+
 def reaching():
     """A finger of two links that is to touch a mark with its tip."""
     scene = slcp.Scene(
@@ -107,9 +114,7 @@ def reaching():
         actuators=(slcp.Actuator("upper"), slcp.Actuator("fore")), gravity=(0.0, 0.0), step_size=0.02,
     )  # fmt: skip
     tip = Point("fore", (0.4, 0.0))
-    final = [Term("square", 500.0, point=tip, target=(0.3, 0.6)), Term("square", 1.0, state="upper.vangle"),
-             Term("square", 1.0, state="fore.vangle")]  # fmt: skip
-    cost = slcp.costs.terms(scene, [slcp.costs.effort(1e-4)], final)
+    cost = slcp.costs.terms(scene, *reaching_terms(tip))
     return slcp.Task(name="reach", scene=scene, cost=cost, horizon=40), tip
 
 
@@ -129,7 +134,10 @@ def test_a_cost_of_points_is_kept_in_a_file(tmp_path):
     cost = slcp.costs.terms(
         task.scene,
         [Term("above", 2.0, point=Point("fore"), minus=Point("upper", (0.1, 0.2)), axis="y", target=0.1)],
-        [Term("square", 3.0, point=Point("fore", (0.4, 0.0)), target=(0.3, 0.6))],
+        [
+            Term("square", 3.0, point=Point("fore", (0.4, 0.0)), target=(0.3, 0.6)),
+            Term("square", 3.0, point=Point(), minus=Point(None, (0.0, 0.2))),
+        ],
     )
     path = tmp_path / "task.json"
     slcp.save_task(task.replace(cost=cost), path)
@@ -140,6 +148,22 @@ def test_a_cost_of_points_is_kept_in_a_file(tmp_path):
     assert twice.points == cost.points
 
 
+def test_a_task_of_another_scene_has_its_lengths():
+    """A tip of 1 m was planned as one of .4."""
+    task, tip = reaching()
+    bodies = task.scene.bodies
+    longer = replace(task.scene, bodies=(bodies[0], replace(bodies[1], anchor=(1.0, 0.0))))
+    other = task.replace(scene=longer)
+    same = slcp.costs.terms(longer, *(reaching_terms(tip)))
+    np.testing.assert_array_equal(other.cost.weights, same.weights)
+    np.testing.assert_array_equal(other.replace(scene=task.scene).cost.weights, task.cost.weights)
+    with pytest.raises(slcp.InputError, match="other joints or lengths than those of scene 'reaching'"):
+        ddp.Problem(slcp.Simulator(longer), task.cost, 5)
+    renamed = replace(task.scene, bodies=(bodies[0], replace(bodies[1], name="hand")), actuators=())
+    with pytest.raises(slcp.InputError, match="Task.cost"):
+        task.replace(scene=renamed)
+
+
 @pytest.mark.parametrize("make, message", [
     (lambda s: Term("square", 1.0, point="tip"), "Term.point is .* costs.Point"),
     (lambda s: Term("square", 1.0), "one of them is needed"),
@@ -148,6 +172,7 @@ def test_a_cost_of_points_is_kept_in_a_file(tmp_path):
     (lambda s: Term("square", 1.0, state=0, minus=Point("fore")), "without a state that it is taken off"),
     (lambda s: Term("square", 1.0, point=Point("fore"), minus="upper.angle"), "Term.minus is .* costs.Point"),
     (lambda s: Term("square", 1.0, point=Point("fore"), axis="z"), "Term.axis is 'z'; 'x', 'y' or None"),
+    (lambda s: Term("square", 1.0, point=Point("fore"), axis=np.zeros(2)), "Term.axis is"),
     (lambda s: Term("square", 1.0, point=Point("fore"), target=(1.0, 2.0, 3.0)), "Term.target has shape"),
     (lambda s: Term("square", 1.0, point=Point("fore"), axis="x", target=(1.0, 2.0)), "Term.target"),
     (lambda s: Point("fore", (1.0, np.nan)), "Point.at"),

@@ -63,7 +63,7 @@ def test_a_late_plan_is_a_plan_in_files_and_says_what_it_is(planned, tmp_path):
     with pytest.raises(slcp.InputError, match="starts has controls in its first 3 steps"):
         ddp.plan(late(task), np.ones((1, task.horizon, 1)), **short)
     with pytest.raises(slcp.InputError, match="controls act 80 steps after they are sent; plans of more"):
-        ddp.plan(late(task, task.horizon), 1, sim=sim)
+        ddp.plan(late(task, task.horizon, duration=2.0), 1, sim=sim)
 
 
 @pytest.mark.parametrize("steady", [True, False])
