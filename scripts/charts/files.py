@@ -49,6 +49,7 @@ TABLES = {  # which columns a .csv of a kind has
     "sensitivity": {"drawn", "first", "total"},
     "map": {"x_value", "y_value", "success"},
     "falsification": {"role", "failed"},
+    "rare": {"margin", "reached", "share"},
 }
 Drawer = Callable[[Order], list[Path]]
 
@@ -67,11 +68,12 @@ def chart_files(
     """
     drawers, names = DRAWERS | (others or {}), picture_names(files)
     kinds = {path: file_kind(path) for path in names}
-    surfaces = [load_record(path, "surface") for path, kind in kinds.items() if kind == "surface"]
-    pictures: list[Path] = []
     for path, kind in kinds.items():
         if kind not in drawers:
             raise RecordError(f"{path} holds a {kind!r}, which no picture is made of")
+    surfaces = [load_record(path, "surface") for path, kind in kinds.items() if kind == "surface"]
+    pictures: list[Path] = []
+    for path, kind in kinds.items():
         pictures += drawers[kind](Order(path, out, names[path], world, surfaces[0] if surfaces else None))
     return pictures
 

@@ -15,8 +15,9 @@ import slcp_warp as slcp
 from slcp_warp.ensembles.statistics.source import MemorySource
 from slcp_warp.scripts.charts import cycle
 from slcp_warp.scripts.charts import report as reports
-from slcp_warp.scripts.charts.files import picture_names
+from slcp_warp.scripts.charts.files import chart_files, picture_names
 from slcp_warp.scripts.stages.task_sweep import NONE, comparison, report_table
+from slcp_warp.scripts.support.records import RecordError
 
 
 def test_every_file_has_a_picture_of_its_own(tmp_path):
@@ -90,3 +91,13 @@ def test_what_never_happens_has_no_panel_and_no_nan(tmp_path, monkeypatch):
         assert set(cells["failure_time"]) == {NONE}
         assert not any("nan" in cell for column in cells.values() for cell in column)
     assert "nan" not in str(never()) and NONE in str(never())
+
+
+def test_a_table_without_a_picture_is_named_before_any_is_drawn(tmp_path):
+    """It was read as a table of another command, after the files before it had been drawn."""
+    rare, grid = tmp_path / "rare.csv", tmp_path / "map.csv"
+    rare.write_text("margin,reached,accepted,share,low,high\n0.0,0.1,nan,0.1,0.05,0.2\n")
+    grid.write_text("x_value,y_value,success\n0.0,0.0,1.0\n")
+    with pytest.raises(RecordError, match=r"rare.csv holds a 'rare', which no picture is made of"):
+        chart_files([grid, rare], tmp_path / "out")
+    assert not (tmp_path / "out").exists()
