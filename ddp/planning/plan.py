@@ -183,7 +183,11 @@ def plan(
     late = Late.of(problem, delay)
     x = array("x0", x0, (problem.nx,))
     if explore is not None:
-        sampling = replace(sampling or Sampling(), scale=explore)
+        try:
+            sampling = replace(sampling or Sampling(), scale=explore)
+            sampling.deviations(problem.control_limits, problem.nu)
+        except ArgumentError as error:
+            raise ArgumentError(f"explore: {error}") from None
     return plan_late(late, x, starts, seed, options, methods, finish, sampling, progress)
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from slcp_warp.inputs.checks import instance, whole
+from slcp_warp.inputs.checks import instance, number, whole
 from slcp_warp.inputs.copies import NotCopied
 from slcp_warp.kernels.control.candidate_costs import make_candidate_cost_kernel
 from slcp_warp.kernels.control.generic_rollouts import GIVEN
@@ -151,7 +151,7 @@ class Sampler(NotCopied):
         instance("problem", problem, Problem, "a ddp.Problem")
         instance("options", options, Sampling | None, "a ddp.Sampling")
         self.problem, self.batch, self.options = problem, whole("batch", batch), options or Sampling()
-        self.wider = wider
+        self.wider = number("wider", wider, 0.0, above=True)
         self.dynamics = dynamics_of(problem.dynamics)
         self.device, self.dtype = self.dynamics.device, self.dynamics.dtype
         self._using = threading.RLock()

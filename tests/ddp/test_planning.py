@@ -188,9 +188,9 @@ def test_starts_are_narrow_and_wide_in_turn():
     nothing, methods = ddp.Options(max_iterations=0), ("gauss-newton",)
     found = ddp.plan(problem, 6, 3, x0=x0, explore=0.4, options=nothing, methods=methods)
     np.testing.assert_array_equal(found.all.us[:6], us[:6])
-    with pytest.raises(slcp.InputError, match="scale must be a number of at least 0"):
+    with pytest.raises(slcp.InputError, match="explore: scale must be a number of at least 0"):
         ddp.plan(problem, 6, x0=x0, explore=-1.0)
-    with pytest.raises(slcp.InputError, match=r"scale has shape \(3,\)"):
+    with pytest.raises(slcp.InputError, match=r"explore: scale has shape \(3,\)"):
         ddp.plan(problem, 6, x0=x0, explore=[1.0, 2.0, 3.0])
 
 

@@ -11,7 +11,7 @@ import pytest
 import warp as wp
 
 from slcp_warp import scenes
-from slcp_warp.kernels.control import riccati
+from slcp_warp.kernels.control.backward import riccati
 from slcp_warp.kernels.control.backward.riccati_lanes import make_lanes_kernel
 from slcp_warp.kernels.generic import step as generic_step
 from slcp_warp.kernels.method import Method

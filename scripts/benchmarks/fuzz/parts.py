@@ -10,7 +10,8 @@
 - sweeps: `slcp.sweep` under a linear law and kicks, against a loop over steps;
 - derivatives: one step by the common kernels, of which A, B and gradients are compared with differences;
 - ends: gaps at the end of the step, and the trapezoidal rule under Coulomb's friction;
-- locked: one step of mechanisms whose joints' limits meet.
+- locked: one step of mechanisms whose joints' limits meet;
+- rotors: one to four steps of mechanisms with armature at half of their joints.
 """
 
 from collections.abc import Callable
@@ -46,6 +47,13 @@ def _relayed(options: Options) -> bool:
 
 def _ends(options: Options) -> bool:
     return options.gap == "end" or (options.friction == "coulomb" and options.integrator == "trapezoidal")
+
+
+def rotor_scene(rng: Rng, name: str, size: Size) -> Scene:
+    """A random scene with armature at half of its joints."""
+    scene = random_scene(rng, name, size)
+    has = [[0.1 if rng.random() < 0.5 else None for _ in range(JOINTS[b.joint])] for b in scene.bodies]
+    return replace(scene, bodies=tuple(replace(b, armature=tuple(own)) for b, own in zip(scene.bodies, has)))
 
 
 def locked_scene(rng: Rng, name: str, size: Size) -> Scene:
@@ -100,4 +108,5 @@ PARTS = {
     "derivatives": Part((99, 7), strategies=("generic",)),
     "ends": Part((99, 5), strategies=("specialised",), wanted=_ends),
     "locked": Part((99, 7), locked_scene, locked_worlds),
+    "rotors": Part((99, 10), rotor_scene, steps=(1, 4)),
 }

@@ -66,21 +66,12 @@ def _assembled(
         arguments["implicit_damping"] = bool(rng.random() < 0.75)
     if "implicit_stiffness" in known:  # drawn aside: what else a scene is drawn as stays what it is
         arguments["implicit_stiffness"] = bool(rng.spawn(1)[0].random() < 0.75)
-    if "armature" in inspect.signature(Body).parameters:  # aside, too
-        bodies = _with_rotors(rng.spawn(1)[0], bodies)
     return Scene(
         name, bodies, shapes,
         actuators=tuple(Actuator(n, int(rng.integers(JOINTS[b.joint])), 1.0)
                         for n, b in zip(names, bodies) if rng.random() < 0.5),
         springs=tuple(_springs(rng, names)), **arguments, **touching,
     )  # fmt: skip
-
-
-def _with_rotors(rng: Rng, bodies: tuple[Body, ...]) -> tuple[Body, ...]:
-    """The bodies, in three of ten scenes with armature at half of their joints."""
-    if rng.random() < 0.7:
-        return bodies
-    return tuple(dataclasses.replace(b, armature=0.1) if rng.random() < 0.5 else b for b in bodies)
 
 
 def _bodies(rng: Rng, count: int) -> list[Body]:

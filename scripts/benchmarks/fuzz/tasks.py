@@ -61,7 +61,8 @@ class Task:
         """Whether derivatives are compared, too: with kernels of its own they compile as long again."""
         if self.part == "derivatives":
             return True
-        return self.strategy == "specialised" and self.part == "steps" and self.scene % DIFFERENTIATED == 0
+        own = self.strategy == "specialised" and self.part in ("steps", "rotors")
+        return own and self.scene % DIFFERENTIATED == 0
 
     @property
     def steps(self) -> int:
