@@ -75,7 +75,6 @@ def optimise(
         tell: `progress` of `ddp.plan`, where there are methods.
         stop: where it is wished for meanwhile, there is no continuation.
     """
-    simulated = Simulated.of(late.whole.dynamics, late.whole.params)
     arrays: dict[str, np.ndarray] = {}
     header: dict[str, Any] = device_facts(late.whole.dynamics)
     problem, began = late.rest, late.begin(x0)
@@ -97,26 +96,37 @@ def optimise(
     else:
         results = [ddp.solve(problem, began, starts[0], options)]
     sigmas = None if stop else sigmas
-    if sigmas is not None:
-        last = results[0]
-        results += ddp.solve_continuation(
-            problem, began, last.us, sigmas.tolist(), options, xs0=last.xs, K0=last.K
-        )
-    results = [late.extend(each, x0) for each in results]
-    sigma = simulated.header()["sigma"]  # None: hard contact, which has none
-    levels = np.array([sigma, *([] if sigmas is None else sigmas)], float)
+    falling = [] if sigmas is None else sigmas.tolist()
+    levels = [Late.of(late.whole.with_params(sigma=each), late.delay) for each in falling]
+    for level in levels:
+        results.append(_follow(level, x0, results[-1], options))
+    results = [each.extend(result, x0) for each, result in zip([late, *levels], results, strict=True)]
+    first, simulated = (
+        Simulated.of(late.whole.dynamics, each.whole.params) for each in (late, [late, *levels][-1])
+    )
+    sigma = first.header()["sigma"]  # None: hard contact, which has none
+    noise = np.array([sigma, *falling], float)
     arrays |= results[-1].record().arrays
     for f in fields(ddp.Trace):
         arrays[f"trace_{f.name}"] = np.concatenate([_passes(r, f.name) for r in results])
     arrays["trace_level"] = np.repeat(np.arange(len(results)), [len(_passes(r, "cost")) for r in results])
-    arrays["level_sigma"], arrays["level_cost"] = levels, np.array([float(r.cost) for r in results])
+    arrays["level_sigma"], arrays["level_cost"] = noise, np.array([float(r.cost) for r in results])
     header |= {
         "horizon": late.whole.horizon,
         "method": options.method,
-        "sigma": sigma if sigmas is None else float(levels[-1]),
+        "sigma": sigma if sigmas is None else float(noise[-1]),
     }
     header |= results[-1].header
     return Record("plan", arrays, simulated, header), results
+
+
+def _follow(level: Late, x0: np.ndarray, last: ddp.Result, options: ddp.Options) -> ddp.Result:
+    """Solve at the next noise level, from the policy before."""
+    start = {"xs0": last.xs, "K0": last.K}
+    found: ddp.Result = ddp.solve(level.rest, level.begin(x0), last.us, options, **start)
+    if np.isfinite(found.cost):
+        return found
+    return ddp.solve(level.rest, level.begin(x0), last.us, options)
 
 
 def _passes(result: ddp.Result, name: str) -> np.ndarray:

@@ -93,3 +93,18 @@ def test_a_plan_is_tried_in_its_task(tmp_path):
     assert "place" in said.output and "success" not in said.output  # costs are a sweep's
     said = call("optimise", "push_to_mark", *given, "--horizon", 40)
     assert "success" not in said.output  # shorter than a run
+
+
+def test_a_continuation_ends_at_its_last_noise_level(tmp_path):
+    """Its file stated the first one; with a delay every level began with the first one's steps, too."""
+    out, late = tmp_path / "plan.npz", tmp_path / "late.json"
+    task = slcp.tasks.flicking_finger()
+    slcp.save_task(task.replace(disturbances=slcp.Disturbances(delay=2 * task.scene.step_size)), late)
+    call("optimise", late, "--horizon", 20, "--starts", 1, "--passes", 3, "--method", "gauss-newton",
+         "--continuation", "0.2,0.1", "--device", "cpu", "--out", out)  # fmt: skip
+    plan = slcp.ddp.Result.load(out)
+    assert load_record(out, "plan")["level_sigma"].tolist()[1:] == [0.2, 0.1]
+    assert np.unique(plan.simulated.parameters["sigma"]).tolist() == [0.1]
+    sim = slcp.Simulator(task.scene, plan.simulated.options, device="cpu", dtype="float64")
+    run = sim.rollout(plan.xs[0], plan.us, plan.simulated.parameters)
+    np.testing.assert_allclose(run.states, plan.xs, atol=1e-9)
