@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from slcp_warp.results.pictures.kinematics import across, turn
+from slcp_warp.description.kinematics import across, turn
 from slcp_warp.results.pictures.mechanism import Mechanism
 
 DIRECTIONS = 72

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from slcp_warp.results.pictures.kinematics import turn
+from slcp_warp.description.kinematics import turn
 from slcp_warp.results.pictures.mechanism import Mechanism
 
 REACH = 0.15  # of the picture's height: how far beside a body it is still caught

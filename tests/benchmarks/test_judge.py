@@ -56,7 +56,7 @@ def test_the_mechanics_shares_no_code_with_the_kernels():
     named = {ROOT / "kernels" / f"{name}.py" for name in ("method", "structure")}  # what there is, by name
     own = [
         *(ROOT / "scripts/benchmarks/mechanics").glob("*.py"),
-        ROOT / "slcp_warp/results/pictures/kinematics.py",
+        ROOT / "slcp_warp/description/kinematics.py",
     ]
     for path in own:
         kernels = {target for target in imported_files(path) if target.is_relative_to(ROOT / "kernels")}

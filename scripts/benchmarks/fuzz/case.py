@@ -9,8 +9,8 @@ import numpy as np
 
 import slcp_warp as slcp
 from slcp_warp import Scene
+from slcp_warp.description.kinematics import Array
 from slcp_warp.options import Options
-from slcp_warp.results.pictures.kinematics import Array
 from slcp_warp.stepping.strategy import RENAMED
 from slcp_warp.storage.files import parse_json, read_text, reading, write_text
 

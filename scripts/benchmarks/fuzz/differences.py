@@ -12,7 +12,7 @@ import numpy as np
 import warp as wp
 
 from slcp_warp.description.acting import BUILT, acting
-from slcp_warp.results.pictures.kinematics import Array
+from slcp_warp.description.kinematics import Array
 
 STEPS = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
 AGREE = 1e-5  # of the largest entry: neighbours that agree to this are trusted

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from slcp_warp import Scene
+from slcp_warp.description.kinematics import Array
 from slcp_warp.description.topology import contact_ends
-from slcp_warp.results.pictures.kinematics import Array
 
 from ..mechanics.contact import gaps, touches
 from ..mechanics.tree import Mechanics, worlds_of

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from slcp_warp import Scene, scenes
+from slcp_warp.description.kinematics import Array
 from slcp_warp.description.topology import contact_ends
-from slcp_warp.results.pictures.kinematics import Array
 
 from ..mechanics.contact import gaps
 from ..mechanics.tree import Mechanics

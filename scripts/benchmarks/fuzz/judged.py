@@ -8,8 +8,8 @@ import numpy as np
 import slcp_warp as slcp
 from slcp_warp import Scene, StrategyError
 from slcp_warp.description.acting import BUILT, acting
+from slcp_warp.description.kinematics import Array
 from slcp_warp.options import Options, Status
-from slcp_warp.results.pictures.kinematics import Array
 
 from .draws import Worlds
 from .judge import Outcome

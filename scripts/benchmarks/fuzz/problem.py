@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from slcp_warp import Scene
+from slcp_warp.description.kinematics import Array
 from slcp_warp.kernels.method import Method
-from slcp_warp.results.pictures.kinematics import Array
 
 from ..mechanics.contact import Touches, touches
 from ..mechanics.level import level, level_touches

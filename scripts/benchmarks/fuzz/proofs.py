@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from slcp_warp.results.pictures.kinematics import Array
+from slcp_warp.description.kinematics import Array
 
 from ..mechanics import extended
 from ..mechanics.complementarity import rubbed

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from slcp_warp.description.kinematics import Array
 from slcp_warp.options import Status
-from slcp_warp.results.pictures.kinematics import Array
 
 from .draws import Worlds
 from .judge import Outcome

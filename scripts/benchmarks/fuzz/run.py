@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from slcp_warp import StrategyError
+from slcp_warp.description.kinematics import Array
 from slcp_warp.kernels.device import launch
 from slcp_warp.options import Options, Status
-from slcp_warp.results.pictures.kinematics import Array
 
 from . import swept
 from .differences import LIMIT, gradient_errors, jacobian_errors

@@ -13,8 +13,8 @@ import numpy as np
 
 import slcp_warp as slcp
 from slcp_warp import Scene, measures, policies
+from slcp_warp.description.kinematics import Array
 from slcp_warp.options import Options, Status
-from slcp_warp.results.pictures.kinematics import Array
 
 from .draws import Worlds
 from .judged import numbers_for, parameters, simulator

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from slcp_warp import Scene
+from slcp_warp.description.kinematics import Array
 from slcp_warp.options import OptionError, Options
-from slcp_warp.results.pictures.kinematics import Array
 
 from .draws import CHUNK, Worlds, decades, single
 from .parts import PARTS, Part

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
+from slcp_warp.description.kinematics import Array
 from slcp_warp.kernels.method import Method
-from slcp_warp.results.pictures.kinematics import Array
 
 
 def expected_square_slopes(a: Array, b: Array, sigma: Array, method: Method) -> tuple[Array, Array]:

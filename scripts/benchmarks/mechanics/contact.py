@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slcp_warp.results.pictures.kinematics import Array, across, turn
+from slcp_warp.description.kinematics import Array, across, turn
 
 from .tree import Frame, Mechanics
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from slcp_warp.results.pictures.kinematics import Array
+from slcp_warp.description.kinematics import Array
 
 
 def solve(matrix: Array, right: Array) -> Array:

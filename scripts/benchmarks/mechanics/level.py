@@ -10,7 +10,7 @@ import dataclasses
 
 import numpy as np
 
-from slcp_warp.results.pictures.kinematics import Array
+from slcp_warp.description.kinematics import Array
 
 from .contact import Touches, touches
 from .tree import Mechanics

@@ -3,7 +3,7 @@
 from fractions import Fraction
 from typing import Any
 
-from slcp_warp.results.pictures.kinematics import Array
+from slcp_warp.description.kinematics import Array
 
 Row = list[Fraction]
 

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from slcp_warp import Scene
-from slcp_warp.results.pictures.kinematics import Array
+from slcp_warp.description.kinematics import Array
 
 from .contact import DIRECTIONS, place, touch
 from .tree import Mechanics

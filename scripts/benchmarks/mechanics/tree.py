@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from slcp_warp import Scene
-from slcp_warp.results.pictures.kinematics import Array, across, joint_pose, slides, turn
+from slcp_warp.description.kinematics import Array, across, joint_pose, slides, turn
 
 from .extended import solve
 

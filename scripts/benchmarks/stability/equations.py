@@ -10,9 +10,9 @@ times what the data set: all momentum there is on one row, or what a row needs t
 
 import numpy as np
 
+from slcp_warp.description.kinematics import Array
 from slcp_warp.kernels.method import Method
 from slcp_warp.kernels.structure import Structure
-from slcp_warp.results.pictures.kinematics import Array
 
 from ..mechanics.complementarity import complementarity, expected_square_slopes, rubbed
 

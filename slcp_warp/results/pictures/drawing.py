@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from .kinematics import turn
+from ...description.kinematics import turn
 from .mechanism import EXTENT, Mechanism, outline
 from .style import BLACK, BLUE, GREY, ORANGE, SKY, Axes, Polygon
 

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...description.kinematics import joint_pose, turn
 from ...description.scene import Scene
-from .kinematics import joint_pose, turn
 from .motion import Motion
 
 EXTENT = 100.0  # half-planes are drawn this wide

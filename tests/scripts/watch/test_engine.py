@@ -9,7 +9,7 @@ import pytest
 import scipy.linalg
 
 import slcp_warp as slcp
-from slcp_warp.results.pictures.kinematics import turn
+from slcp_warp.description.kinematics import turn
 from slcp_warp.results.pictures.mechanism import Mechanism
 from slcp_warp.scripts.commands.watch import watched
 from slcp_warp.scripts.watch.acting import acting
