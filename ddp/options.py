@@ -99,7 +99,7 @@ class Options:
         gradient_tolerance: converged when the largest |Q_u| of every control is at most this, relative to the
             largest size of its terms l_u and f_u' V_x; the root of the dtype's epsilon: 1.5e-8, float32:
             3.5e-4. And what the pass promises is at most 64 times its square (or 64 epsilons) of the sizes of
-            J's terms, or a line search found nothing of it.
+            J's terms (M53), or a line search found nothing of it.
         improvement_tolerance: stop when an accepted step lowers the cost by at most this.
         min_reduction_ratio: least actual / expected reduction of an accepted step.
         limit_weight: of the problem's state limits, as penalties (M46), in the first round.

@@ -48,10 +48,15 @@ def make_shape(dtype):
 
 def make_terms(dtype, VX, VU):
     """See the module's docstring; derivatives are exact."""
+    return make_sum(dtype, VX, VU)
+
+
+def make_sum(dtype, VX, VU, points=None):
+    """The sum of terms, some of `points` where there are such (`cost_points.make_points`)."""
     nx, nu = VX._length_, VU._length_
     MXX, MUX, MUU = (wp.types.matrix(shape, dtype) for shape in ((nx, nx), (nu, nx), (nu, nu)))
     V3 = wp.types.vector(3, dtype)
-    shape = make_shape(dtype)
+    shape, pointed = make_shape(dtype), points is not None
 
     @wp.func
     def place(weights: wp.array2d(dtype=dtype), row: int, i: int):
@@ -97,7 +102,32 @@ def make_terms(dtype, VX, VU):
     @wp.func
     def counts(weights: wp.array2d(dtype=dtype), row: int):
         """Number of running terms, and of all."""
+        if wp.static(pointed):
+            return int(weights[row, 0]), points.terms_of(weights, row)
         return int(weights[row, 0]), (weights.shape[1] - 1) / FIELDS
+
+    @wp.func
+    def of_state(weights: wp.array2d(dtype=dtype), row: int, i: int, x: VX):
+        """What term i is of, where that is no control."""
+        j = place(weights, row, i)
+        if wp.static(pointed):
+            if j >= wp.static(nx + nu):
+                return points.value(weights, row, j - wp.static(nx + nu), less(weights, row, i), x)
+        return difference(weights, row, i, x, j)
+
+    @wp.func
+    def bent(weights: wp.array2d(dtype=dtype), row: int, i: int, x: VX, lx: VX, lxx: MXX):
+        """lx and lxx with those of term i, which is of no control."""
+        j, k = place(weights, row, i), less(weights, row, i)
+        t = weighed(weights, row, i, of_state(weights, row, i, x))
+        if wp.static(pointed):
+            if j >= wp.static(nx + nu):
+                return points.add_slopes(weights, row, j - wp.static(nx + nu), k, x, t, lx, lxx)
+        return slope(lx, j, k, t), curvature(lxx, j, k, t)
+
+    @wp.func
+    def is_control(j: int):
+        return j >= nx and j < wp.static(nx + nu)
 
     @wp.func
     def running(weights: wp.array2d(dtype=dtype), row: int, x: VX, u: VU, k: int):
@@ -105,10 +135,10 @@ def make_terms(dtype, VX, VU):
         value = dtype(0.0)
         for i in range(many):
             j = place(weights, row, i)
-            if j < nx:
-                value += weighed(weights, row, i, difference(weights, row, i, x, j))[0]
-            else:
+            if is_control(j):
                 value += weighed(weights, row, i, u[j - nx])[0]
+            else:
+                value += weighed(weights, row, i, of_state(weights, row, i, x))[0]
         return value
 
     @wp.func
@@ -116,7 +146,7 @@ def make_terms(dtype, VX, VU):
         first, end = counts(weights, row)
         value = dtype(0.0)
         for i in range(first, end):
-            value += weighed(weights, row, i, difference(weights, row, i, x, place(weights, row, i)))[0]
+            value += weighed(weights, row, i, of_state(weights, row, i, x))[0]
         return value
 
     @wp.func
@@ -126,15 +156,12 @@ def make_terms(dtype, VX, VU):
         lu, luu = VU(), MUU()
         for i in range(many):
             j = place(weights, row, i)
-            if j < nx:
-                t = weighed(weights, row, i, difference(weights, row, i, x, j))
-                k = less(weights, row, i)
-                lx = slope(lx, j, k, t)
-                lxx = curvature(lxx, j, k, t)
-            else:
+            if is_control(j):
                 t = weighed(weights, row, i, u[j - nx])
                 lu[j - nx] = lu[j - nx] + t[1]
                 luu[j - nx, j - nx] = luu[j - nx, j - nx] + t[2]
+            else:
+                lx, lxx = bent(weights, row, i, x, lx, lxx)
         return lx, lu, lxx, MUX(), luu
 
     @wp.func
@@ -142,10 +169,7 @@ def make_terms(dtype, VX, VU):
         first, end = counts(weights, row)
         lx, lxx = VX(), MXX()
         for i in range(first, end):
-            j = place(weights, row, i)
-            t = weighed(weights, row, i, difference(weights, row, i, x, j))
-            lx = slope(lx, j, less(weights, row, i), t)
-            lxx = curvature(lxx, j, less(weights, row, i), t)
+            lx, lxx = bent(weights, row, i, x, lx, lxx)
         return lx, lxx
 
     return CostFunctions(running, final, running_derivatives, final_derivatives)

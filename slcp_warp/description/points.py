@@ -5,15 +5,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slcp_warp.kernels.control.cost_points import FREE, LINK, POINT, PRISMATIC, REVOLUTE
+from slcp_warp.kernels.control.cost_points import LINK, POINT
+from slcp_warp.kernels.generic.topology import JOINT
 
 from ..inputs.checks import array, instance, shown
 from ..inputs.errors import ArgumentError, ArgumentTypeError
+from .kinematics import joint_pose, turn
 from .names import index_of
 from .scene import Scene
 
 AXES = ("x", "y")
-JOINTS = {"revolute": REVOLUTE, "prismatic": PRISMATIC, "free": FREE}
 
 
 @dataclass(frozen=True)
@@ -43,22 +44,27 @@ def point_numbers(scene: Scene, points: Sequence[Point], start: int) -> list[flo
     Raises:
         ArgumentError: a body that the scene has not got.
     """
-    names = [body.name for body in scene.bodies]
     heads: list[float] = []
     links: list[float] = []
     for point in points:
-        chain = []
-        at = -1 if point.body is None else index_of("Point.body", point.body, names)
-        while at >= 0:
-            chain.append(at)
-            at = scene.structure.bodies[at].parent
+        chain = _chain(scene, point)
         first = start + POINT * len(points) + len(links)
         heads += [first, len(chain), *point.at]
-        for b in reversed(chain):
+        for b in chain:
             body, own = scene.bodies[b], scene.structure.bodies[b]
-            links += [JOINTS[own.joint], own.dofs[0], *body.anchor, body.angle, *body.axis]
+            links += [JOINT[own.joint], own.dofs[0], *body.anchor, body.angle, *body.axis]
     assert len(heads) == POINT * len(points) and len(links) % LINK == 0
     return [*heads, *links]
+
+
+def _chain(scene: Scene, point: Point) -> list[int]:
+    """The bodies from the world on to the one that a point is of."""
+    at = -1 if point.body is None else index_of("Point.body", point.body, [b.name for b in scene.bodies])
+    chain: list[int] = []
+    while at >= 0:
+        chain.insert(0, at)
+        at = scene.structure.bodies[at].parent
+    return chain
 
 
 def position(scene: Scene, point: Point, states: np.ndarray) -> np.ndarray:
@@ -74,23 +80,15 @@ def position(scene: Scene, point: Point, states: np.ndarray) -> np.ndarray:
     """
     instance("scene", scene, Scene, "a slcp_warp.Scene")
     instance("point", point, Point, "a costs.Point")
-    names = [body.name for body in scene.bodies]
-    at = -1 if point.body is None else index_of("Point.body", point.body, names)
     states = array("states", states, finite=False)
     if states.shape[-1:] != (2 * scene.nv,):
         raise ArgumentError(f"states has shape {states.shape}; (..., {2 * scene.nv}) is needed")
-    place = np.broadcast_to(np.array(point.at), (*states.shape[:-1], 2))
-    while at >= 0:  # from the body on to the world
-        body, own = scene.bodies[at], scene.structure.bodies[at]
-        q = states[..., list(own.dofs)]
-        shift = {"revolute": 0.0 * q[..., :1] * np.zeros(2), "prismatic": q[..., :1] * np.array(body.axis),
-                 "free": q[..., :2]}[own.joint]  # fmt: skip
-        turn = body.angle + (0.0 * q[..., 0] if own.joint == "prismatic" else q[..., -1])
-        c, s = np.cos(turn), np.sin(turn)
-        x, y = place[..., 0], place[..., 1]
-        place = np.array(body.anchor) + shift + np.stack([c * x - s * y, s * x + c * y], -1)
-        at = own.parent
-    return place
+    q, numbers = states[..., : scene.nv], scene.default_parameters()
+    angle, place = np.zeros(q.shape[:-1]), np.zeros((*q.shape[:-1], 2))
+    for b in _chain(scene, point):
+        local, then = joint_pose(scene.structure.bodies[b], b, numbers, q, angle)
+        place, angle = place + turn(angle, local), then
+    return place + turn(angle, np.broadcast_to(point.at, place.shape))
 
 
 def check_axis(label: str, axis: object) -> None:

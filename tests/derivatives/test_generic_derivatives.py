@@ -58,7 +58,7 @@ def test_same_derivatives_as_specialised(name, options):
     ours = generic(sc, **options).linearize(x, u)
     exact = theirs.linearize(x, u)
     assert (ours.status == exact.status).all() and (ours.status == slcp.Status.SOLVED).mean() > 0.9
-    agree(ours, exact, 2e-9)  # capsules side by side: rows that all but depend on each other
+    agree(ours, exact, 2e-9 if name == "capsules" else 1e-9)  # there one world has rows that all but repeat
 
 
 def test_same_derivatives_as_specialised_without_contact():

@@ -124,7 +124,7 @@ def make_pass_parts(nx, nu, method, has_limits, dtype):
         worth = wanted > ZERO or not (state.pivot[b] > wp.float64(0.0))
         state.flat[b] = wp.where(unseen and worth, 1, 0)
         # a gradient may be small beside the largest terms of all steps, and yet promise what J can feel: then
-        # a line search has to say, or has said, that there is nothing to be had
+        # a line search has to say, or has said, that there is nothing to be had (M53)
         promised = -(state.expected[b, 0] + state.expected[b, 1])
         enough = wp.max(tolerance * tolerance, SQUARE) * state.size[b]
         unheard = state.status[b] == RUNNING and promised > PROMISE * enough
