@@ -3,8 +3,10 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 import slcp_warp as slcp
+from slcp_warp import ddp
 
 FOLDER = Path(__file__).parents[2] / "examples" / "tasks"
 
@@ -58,3 +60,18 @@ def test_boxes_on_a_tray_ride_along_until_friction_holds_no_more(device):
     assert speed[2, cart] > 1.5 * limit * 0.3
     away = slcp.measures.state("lower.x", "cart.shift")
     assert (run.measure(slcp.measures.excursion(away)) > 0.05).tolist() == [False, False, True]
+
+
+@pytest.mark.slow
+def test_a_switch_is_flipped_by_starts_that_reach_it(device):
+    """It stays at its end by itself; starts of a fifth of the limits alone left it there, CONVERGED."""
+    task = slcp.load_task(FOLDER / "switch.toml")
+    sim = task.simulator(device=device)
+    still = sim.rollout(task.start[0], np.zeros((task.steps, 2)))
+    assert still.status == 0 and still.states[-1, task.scene.state_index("lever.angle")] > 0.45
+    plan = ddp.plan(task, 8, sim=sim).best
+    run = sim.rollout(
+        task.start[0], policy=ddp.TrackingPolicy(plan), steps=task.steps, record=("controls", "impulse")
+    )
+    assert run.measure(task.success).tolist() == [True] and plan.cost < 50.0 < 108.0
+    assert run.measure(task.measures["nearest"])[0] < 0.03 and run.measure(task.measures["impact"])[0] > 0.0

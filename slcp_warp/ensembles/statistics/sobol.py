@@ -11,9 +11,7 @@ import numpy as np
 from .intervals import Interval
 
 RESAMPLES = 500
-EVENTS = (
-    10  # rows at least that tell two values apart: with fewer, resampled ones say nothing of those unseen
-)
+EVENTS = 10  # rows at least that tell two values apart: fewer say nothing of those unseen
 
 
 class Indices(NamedTuple):
