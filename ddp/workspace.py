@@ -15,7 +15,7 @@ from slcp_warp.inputs.copies import NotCopied
 from slcp_warp.inputs.errors import ArgumentError
 from slcp_warp.kernels.control.costs import make_cost_kernel
 from slcp_warp.kernels.control.state_limits import make_limit_kernels
-from slcp_warp.kernels.device.launch import Prepared
+from slcp_warp.kernels.device.launch import Prepared, together
 from slcp_warp.kernels.device.tables import copy_table
 
 from .batches import fill
@@ -51,8 +51,9 @@ class Workspace(NotCopied):
         tolerance = self.options.gradient_tolerance
         self.gradient_tolerance = default if tolerance is None else float(tolerance)
         self._using = threading.RLock()
-        self._allocate()
-        self._prepare()
+        with together():
+            self._allocate()
+            self._prepare()
 
     def _allocate(self) -> None:
         """Arrays in the structs that the kernels share."""

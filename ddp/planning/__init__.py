@@ -4,6 +4,7 @@ from .late import Late as Late
 from .late import delay_of as delay_of
 from .plan import METHODS as METHODS
 from .plan import SCHEDULES as SCHEDULES
+from .plan import compile_kernels as compile_kernels
 from .plan import noise_scale as noise_scale
 from .plan import plan as plan
 from .plan import plan_late as plan_late

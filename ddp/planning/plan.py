@@ -11,6 +11,7 @@ from slcp_warp import Simulator, Task
 from slcp_warp.costs import NO_COST
 from slcp_warp.inputs.checks import array, function, instance, whole
 from slcp_warp.inputs.errors import ArgumentError, ArgumentTypeError
+from slcp_warp.kernels.device.launch import together
 
 from ..multistart import Multistart
 from ..options import Options, Regularization
@@ -32,6 +33,7 @@ SCHEDULES = Regularization(  # of the state, and of the control as Tassa, Mansar
 )
 NOISE_TIME = 8.0  # correlation time of random starts [steps]
 WIDTHS = (5.0, 1.0, 2.5)  # of random starts after the first, in turn, in their scale
+SAMPLED = 4  # random starts from which on there are others, too
 PASSES, LAST_PASSES = 150, 400  # of all methods but the last, and of the last
 FINISH = 2  # plans that every further method goes on from
 SHARES = (
@@ -112,7 +114,7 @@ def plan_starts(
     lower, upper = problem.limit_rows()
     us = random_starts(count, problem.horizon, problem.nu, scale, seed)
     us = np.clip(us * np.resize(WIDTHS, count)[:, None, None], lower[0], upper[0])
-    if count < 4:
+    if count < SAMPLED:
         return us
     sampler = Sampler(problem, 1, replace(sampling or Sampling(), scale=scale))
     sampler.run(x0, None, seed)
@@ -123,6 +125,15 @@ def plan_starts(
         found.append(work)
     more = [each.us.numpy().copy() for each in found if np.isfinite(each.cost.numpy()[0])]
     return np.concatenate([us, *more])
+
+
+def compile_kernels(problem: Problem, methods: tuple[str, ...] = METHODS, count: int = 0) -> None:
+    """Compile what planning by these methods from so many random starts needs, several kernels at once."""
+    with together():  # the last method's first: it has the largest, which nothing should wait for
+        for method in reversed(methods):
+            Workspace(problem, 1, Options(method=method))
+        if count >= SAMPLED:
+            Sampler(problem, 1)
 
 
 def plan(
@@ -275,10 +286,12 @@ def _controls(
     instance("sampling", sampling, Sampling | None, "a ddp.Sampling")
     _check_methods(methods)
     if isinstance(starts, int) and not isinstance(starts, bool):
-        scale = None if sampling is None else sampling.scale
-        return plan_starts(problem, x0, whole("starts", starts), seed, scale, sampling, methods[0])
+        scale, count = None if sampling is None else sampling.scale, whole("starts", starts)
+        compile_kernels(problem, methods, count)
+        return plan_starts(problem, x0, count, seed, scale, sampling, methods[0])
     us = array("starts", starts, ("S", problem.horizon, problem.nu))
     if not len(us):
         raise ArgumentError(f"starts has shape {us.shape}; at least one start is needed")
+    compile_kernels(problem, methods)
     lower, upper = problem.limit_rows()
     return np.clip(us, lower[0], upper[0])

@@ -20,7 +20,7 @@ from slcp_warp.kernels.control.sampling import (
     make_sample_kernel,
     make_update_kernel,
 )
-from slcp_warp.kernels.device.launch import Prepared
+from slcp_warp.kernels.device.launch import Prepared, together
 from slcp_warp.kernels.device.tables import copy_table
 from slcp_warp.storage.printed import Printed
 
@@ -155,8 +155,9 @@ class Sampler(NotCopied):
         self.dynamics = dynamics_of(problem.dynamics)
         self.device, self.dtype = self.dynamics.device, self.dynamics.dtype
         self._using = threading.RLock()
-        self._allocate()
-        self._prepare()
+        with together():
+            self._allocate()
+            self._prepare()
 
     def _allocate(self) -> None:
         problem, options, B = self.problem, self.options, self.batch

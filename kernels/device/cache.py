@@ -14,12 +14,13 @@ import os
 import pathlib
 import shutil
 import tempfile
+import threading
 import time
 import warnings
 import weakref
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import warp as wp
@@ -34,6 +35,7 @@ except ImportError:  # Windows: processes do not wait for each other, and may co
 
 CHECKSUMS = "checksums.json"
 CHECKED = (".o", ".cubin", ".ptx", ".meta")
+NAMED = 3  # kernels of several that are compiled at once that are named
 PATIENCE = 600.0  # seconds that a process waits for another one's compiler before it compiles itself
 
 # Threads of a block on a GPU. How many of a kernel's warps a multiprocessor holds is up to its registers;
@@ -43,6 +45,7 @@ BLOCK = 64
 
 _loaded: dict[str, "weakref.WeakSet[wp.Kernel]"] = {}
 _prepared = False
+_looking = threading.Lock()  # one thread at a time finds that the folder cannot be used
 
 
 class KernelCacheError(OSError):
@@ -69,34 +72,43 @@ def load(kernel: wp.Kernel, device: wp.Device) -> None:
     load_all((kernel,), device)
 
 
-def load_all(kernels: Sequence[wp.Kernel], device: wp.Device) -> None:
-    """As `load`; several are compiled for a GPU by a thread each, in the time of the slowest, for a CPU one
-    after the other.
-    """
+def load_all(kernels: Sequence[wp.Kernel], device: wp.Device, threads: int = 1) -> None:
+    """As `load`; several kernels are compiled by so many threads, at best in the time of the slowest."""
     done = _loaded.get(device.alias, ())
     if all(kernel in done for kernel in kernels):
         return
     with building():
         _prepare()
         done = _loaded.setdefault(device.alias, weakref.WeakSet())
-        missing = [kernel for kernel in kernels if kernel not in done]  # nor by another thread meanwhile
-        if len(missing) > 1 and not device.is_cpu:
-            what = " and ".join(map(describe, missing))
-            with announced(f"{what} for {device.alias}"), one_line(), ThreadPoolExecutor() as pool:
-                found = list(pool.map(lambda kernel: _loaded_kernel(kernel, device), missing))
-        else:
-            found = []
-            for kernel in missing:
-                with announced(f"{describe(kernel)} for {device.alias}"), one_line():
-                    found.append(_loaded_kernel(kernel, device))
-        for loaded in found:
-            record(loaded)
-        done.update(missing)
+        missing = [kernel for kernel in dict.fromkeys(kernels) if kernel not in done]  # by no other thread
+        if missing:
+            with announced(f"{_in_few_words(missing, device)} for {device.alias}"), one_line():
+                found = _compiled(missing, device, threads)
+            for loaded in found:
+                record(loaded)
+            done.update(missing)
 
 
-def _loaded_kernel(kernel: wp.Kernel, device: wp.Device) -> Loaded:
+def _compiled(kernels: Sequence[wp.Kernel], device: wp.Device, threads: int) -> list[Loaded]:
+    with _lock_file() as file:
+        if min(threads, len(kernels)) == 1:
+            return [_loaded_kernel(kernel, device, file) for kernel in kernels]
+        with ThreadPoolExecutor(min(threads, len(kernels))) as pool:
+            return list(pool.map(lambda kernel: _loaded_kernel(kernel, device, file), kernels))
+
+
+def _in_few_words(kernels: Sequence[wp.Kernel], device: wp.Device) -> str:
+    """Some kernels in words; of many those that are not in the cache, and of these three at most."""
+    new = [each for each in kernels if not _folder(each.module, block_of(device)).exists()] or kernels
+    words = [describe(kernel) for kernel in new]
+    if len(words) > NAMED + 1:
+        words = [*words[:NAMED], f"{len(words) - NAMED} more"]
+    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
+
+
+def _loaded_kernel(kernel: wp.Kernel, device: wp.Device, file: Any) -> Loaded:
     start = time.monotonic()
-    with _alone(kernel.module.name):
+    with _alone(kernel.module.name, file):
         compiled = _load(kernel.module, device)
     return Loaded(describe(kernel), device.alias, time.monotonic() - start, compiled)
 
@@ -104,14 +116,8 @@ def _loaded_kernel(kernel: wp.Kernel, device: wp.Device) -> Loaded:
 def _load(module: Any, device: wp.Device) -> bool:
     """Load a module; whether it had to be compiled."""
     block = block_of(device)
-    folder = _folder(module, block)
-    if folder.exists():
-        _keep_what_is_whole(folder)
-    folder = _folder(module, block)
-    reason = None if folder.exists() else _unwritable(folder.parent)
-    if reason is not None:
-        _use_temporary_folder(reason)
-        folder = _folder(module, block)
+    with _looking:
+        folder = _usable_folder(module, block)
     cached = folder.exists()
     try:
         module.load(device, block)
@@ -125,6 +131,18 @@ def _load(module: Any, device: wp.Device) -> bool:
     if compiled:
         _write_checksums(folder)
     return compiled
+
+
+def _usable_folder(module: Any, block: int) -> pathlib.Path:
+    """Where a module's objects are, whole ones alone, or can be written."""
+    folder = _folder(module, block)
+    if folder.exists():
+        _keep_what_is_whole(folder)
+    folder = _folder(module, block)
+    reason = None if folder.exists() else _unwritable(folder.parent)
+    if reason is not None:
+        _use_temporary_folder(reason)
+    return _folder(module, block)
 
 
 def _folder(module: Any, block: int) -> pathlib.Path:
@@ -248,19 +266,35 @@ def _remove_own(folder: str, pid: int) -> None:
 
 
 @contextmanager
-def _alone(name: str) -> Iterator[None]:
-    """Hold a kernel against other processes: the byte of one lock file that its name falls on."""
+def _lock_file() -> Iterator[Any]:
+    """The file whose bytes are locks; None where there are none, or the folder can only be read.
+
+    A process that closes it gives all of its locks back: it is opened once for all kernels of a call.
+    """
     try:
         if fcntl is None:
             raise OSError
         file = open(pathlib.Path(wp.config.kernel_cache_dir, "slcp-warp.lock"), "ab")
-    except OSError:  # no locks, or a folder that can only be read: objects appear there as a whole anyway
+    except OSError:  # objects appear in the folder as a whole anyway
+        yield None
+        return
+    with file:
+        yield file
+
+
+@contextmanager
+def _alone(name: str, file: Any) -> Iterator[None]:
+    """Hold a kernel against other processes: the byte of the lock file that its name falls on."""
+    if file is None:
         yield
         return
     byte = int.from_bytes(hashlib.sha256(name.encode()).digest()[:4], "little") % 2**30
-    with file:
-        _wait_for(file, byte)
+    _wait_for(file, byte)
+    try:
         yield
+    finally:
+        with suppress(OSError):
+            fcntl.lockf(file, fcntl.LOCK_UN, 1, byte)
 
 
 def _wait_for(file: Any, byte: int) -> None:

@@ -10,11 +10,12 @@ import collections
 import os
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 
 import warp as wp
 from warp._src.codegen import StructInstance
 
-from .cache import block_of, load
+from .cache import block_of, load, load_all
 
 CHUNKS_PER_THREAD = 4  # more chunks than threads: worlds take unequal numbers of iterations
 DEFAULT_GRAIN = 128  # items of about a microsecond that are worth waking another thread for
@@ -23,6 +24,7 @@ _pool: ThreadPoolExecutor | None = None
 _pool_size = 0
 _pool_pid = 0
 _pool_lock = threading.Lock()
+_gathered = threading.local()  # .launches: those that wait for the end of a block
 
 
 def thread_count():
@@ -70,7 +72,7 @@ def launch(kernel, dim, inputs, device, threads=None, grain=DEFAULT_GRAIN):
     chunks = split(dim, _default_threads if threads is None else threads, grain)
     if not chunks:
         return
-    load(kernel, device)  # compiles on this thread: compiling on several at once is slow
+    load(kernel, device)
 
     def run(chunk):
         wp.launch(
@@ -108,6 +110,26 @@ def _arrays(value):
     return []
 
 
+@contextmanager
+def together():
+    """Kernels of the launches that are prepared in the block are compiled at its end, several at once.
+
+    Until then such a launch may be made, too, and compiles its own.
+    """
+    if getattr(_gathered, "launches", None) is not None:  # within such a block: at the end of that one
+        yield
+        return
+    _gathered.launches = found = []
+    try:
+        yield
+    finally:
+        _gathered.launches = None
+    for device in {launch.device.alias: launch.device for launch in found}.values():
+        load_all([each.kernel for each in found if each.device == device], device, thread_count())
+    for each in found:
+        each.pack()
+
+
 class Prepared:
     """A launch with its arguments packed once; calling it repeats the launch at a fraction of the overhead.
 
@@ -118,24 +140,36 @@ class Prepared:
     def __init__(self, kernel, dim, inputs, device, threads=None, grain=DEFAULT_GRAIN, offset=0):
         self.kernel, self.device = kernel, wp.get_device(device)
         no_gaps(kernel, inputs)
-        load(kernel, self.device)
-        self.inputs = list(inputs)
+        self.inputs, self.offset = list(inputs), offset
         self.threads = _default_threads if threads is None else threads
-        chunks = split(dim, self.threads if self.device.is_cpu else 1, grain)
+        self.chunks = split(dim, self.threads if self.device.is_cpu else 1, grain)
+        self.commands = None
+        waiting = getattr(_gathered, "launches", None)
+        if waiting is None:
+            self.pack()
+        else:
+            waiting.append(self)
+
+    def pack(self):
+        """Compile the kernel and pack the arguments, unless that is done."""
+        if self.commands is not None:
+            return
+        load(self.kernel, self.device)
         self.commands = [
             wp.launch(
-                kernel,
+                self.kernel,
                 dim=count,
-                inputs=[offset + first, *inputs],
+                inputs=[self.offset + first, *self.inputs],
                 device=self.device,
                 block_dim=block_of(self.device),
                 record_cmd=True,
                 record_tape=False,
             )
-            for first, count in chunks
+            for first, count in self.chunks
         ]
 
     def __call__(self):
+        self.pack()
         # a graph of a CPU records one launch at a time
         _drain(_launch_command, self.commands, 1 if self.device.is_capturing else self.threads)
 
@@ -143,7 +177,7 @@ class Prepared:
         """Replace ``inputs[index]`` (counted without ``first``)."""
         no_gaps(self.kernel, [value])
         self.inputs[index] = value
-        for command in self.commands:
+        for command in self.commands or ():
             command.set_param_at_index(index + 1, value)
 
 

@@ -17,8 +17,7 @@ from typing import Any
 
 import warp as wp
 
-from .cache import load_all
-from .launch import DEFAULT_GRAIN, Prepared
+from .launch import DEFAULT_GRAIN, Prepared, together
 
 SPAN = 16  # steps in which a world is left to the full kernel once or not at all, mostly
 GROWTH = 4
@@ -111,9 +110,9 @@ class Run:
             setattr(self.relay, name, wp.zeros(worlds, dtype=wp.int32, device=device))
         self.relay.queue = wp.empty((2, worlds), dtype=wp.int32, device=device)
         self.relay.waiting = wp.zeros(2 * len(self._most) + 1, dtype=wp.int32, device=device)
-        load_all((fast, full), self._device)
         given = [0, 0, 0, self.relay, *inputs]
-        self._launches = [Prepared(kernel, worlds, given, device, grain=grain) for kernel in (fast, full)]
+        with together():
+            self._launches = [Prepared(kernel, worlds, given, device, grain=grain) for kernel in (fast, full)]
 
     def __call__(self) -> wp.array:
         """Make them; how often each world was left to the full kernel, (B,)."""

@@ -145,16 +145,16 @@ def optimise_command(
     sigmas = None if continuation is None else numbers(continuation, "--continuation")
     ddp.Options(sigma_schedule=None if sigmas is None else tuple(sigmas))  # must be positive and fall
     methods = () if method is not None or schedules else METHODS
-    last, first = (METHODS[-1], METHODS[0]) if method is None else (method, method)
+    every = METHODS if method is None else (method,)
     options = ddp.Options(
-        max_iterations=passes, method=last, improvement_tolerance=number("--gain", gain, 0.0),
+        max_iterations=passes, method=every[-1], improvement_tolerance=number("--gain", gain, 0.0),
         regularization=SCHEDULES if methods else ddp.Regularization(),
     )  # fmt: skip
     scale = noise_scale(chosen) if explore is None else number("--explore", explore, 0.0)
     stop = Stop()
     with passes_told(stop, bool(methods)) as tell:
         late = Late.of(problem, delay_of(chosen, problem))
-        guesses = first_controls(late, x0, starts, seed, scale, first, source)
+        guesses = first_controls(late, x0, starts, seed, scale, every, source)
         record, results = optimise(late, x0, guesses, options, schedules, sigmas, methods, tell, stop)
     record.header["seed"], record.header["task"] = seed, chosen.name
     record.save(path)

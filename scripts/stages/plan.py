@@ -11,7 +11,7 @@ from rich.table import Table
 
 import slcp_warp as slcp
 from slcp_warp import ddp
-from slcp_warp.ddp.planning import Late, plan_starts, solve_starts
+from slcp_warp.ddp.planning import Late, compile_kernels, plan_starts, solve_starts
 from slcp_warp.results.simulated import Simulated
 from slcp_warp.runs.stopping import Stop
 
@@ -41,15 +41,24 @@ def task_problem(
 
 
 def first_controls(
-    late: Late, x0: np.ndarray, count: int, seed: int, scale: Any, method: str, plan: Path | None = None
+    late: Late,
+    x0: np.ndarray,
+    count: int,
+    seed: int,
+    scale: Any,
+    methods: tuple[str, ...],
+    plan: Path | None = None,
 ) -> np.ndarray:
     """Controls to plan from (S, N, nu): zeros, noise and what `ddp.plan` adds; a plan's in place of zeros.
+
+    What these and passes of the methods need is compiled together.
 
     Raises:
         RecordError, ArgumentError: the plan is of another scene, or of another number of steps.
     """
     given = None if plan is None else late.controls(load_plan(plan, late.whole.dynamics.scene)["us"][None])
-    guesses = plan_starts(late.rest, late.begin(x0), count, seed, scale, method=method)
+    compile_kernels(late.rest, methods, count)
+    guesses = plan_starts(late.rest, late.begin(x0), count, seed, scale, method=methods[0])
     return guesses if given is None else np.concatenate([given, guesses[1:]])
 
 

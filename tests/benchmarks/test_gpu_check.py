@@ -1,6 +1,7 @@
 """`slcp gpu-check` without a GPU: all sections that a CPU has, and what becomes of those that fail."""
 
 import json
+import multiprocessing
 import os
 import time
 from dataclasses import replace
@@ -140,7 +141,7 @@ def test_blocks_are_put_back_after_they_were_tried(monkeypatch):
 def test_a_section_that_fails_dies_or_hangs_stops_no_other(tmp_path, monkeypatch):
     parts = {"fall": fall, "die": die, "hang": hang, "stand": stand}
     for name, work in parts.items():
-        monkeypatch.setitem(SECTIONS, name, Section(work, 6.0 if work is hang else 60.0))
+        monkeypatch.setitem(SECTIONS, name, Section(work, 20.0 if work is hang else 60.0))
     record = Record(tmp_path / "gpu.json", "cpu", list(parts))
     running.run(record, SETTING, list(parts), 600.0, quiet)
     found = read(tmp_path / "gpu.json")["sections"]
@@ -148,8 +149,18 @@ def test_a_section_that_fails_dies_or_hangs_stops_no_other(tmp_path, monkeypatch
     assert found["fall"]["error"] == "ArithmeticError: on purpose" and found["fall"]["rows"]
     assert "raise ArithmeticError" in found["fall"]["traceback"]
     assert found["die"]["error"] == "its process ended with code 3" and found["die"]["checks"]
-    assert found["hang"]["error"] == "it took more than 6 s" and found["hang"]["notes"] == ["before"]
+    assert found["hang"]["error"] == "it took more than 20 s" and found["hang"]["notes"] == ["before"]
     assert len(wrong(record.content)) == 3
+
+
+@pytest.mark.slow
+def test_a_section_that_ends_before_its_process_began_leaves_none(tmp_path, monkeypatch):
+    monkeypatch.setitem(SECTIONS, "hang", Section(hang, 0.05))
+    record = Record(tmp_path / "gpu.json", "cpu", ["hang"])
+    running.run(record, SETTING, ["hang"], 600.0, quiet)
+    found = read(tmp_path / "gpu.json")["sections"]["hang"]
+    assert found["status"] == FAILED and found["error"] == "it took more than 0 s"
+    assert multiprocessing.active_children() == []
 
 
 def test_sections_for_which_no_time_is_left_are_left_out(tmp_path, monkeypatch):

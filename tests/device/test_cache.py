@@ -22,7 +22,10 @@ RUN = """
 import sys, threading, warp as wp
 wp.config.log_level = wp.LOG_WARNING
 import slcp_warp as slcp
-threads = int(sys.argv[1])
+from slcp_warp.kernels.device.cache import get_device, load_all
+from slcp_warp.kernels.residual.residuals import make_residual_kernel
+threads, kinds = int(sys.argv[1]), sys.argv[2:]
+load_all([make_residual_kernel(wp.float64, kind) for kind in kinds], get_device("cpu"), 3)
 barrier, out = threading.Barrier(threads), []
 def work():
     barrier.wait()
@@ -37,12 +40,13 @@ RESTRICT = ["setpriv", "--bounding-set=-dac_override,-dac_read_search", "--inh-c
 RESTRICT = RESTRICT if os.name == "posix" and os.geteuid() == 0 and shutil.which("setpriv") else []
 
 
-def start(threads=1, **environment):
-    """A process that needs one small kernel, in so many threads at once."""
+def start(threads=1, at_once=(), **environment):
+    """A process that needs one small kernel, in so many threads at once, and before it others together."""
     variables = os.environ | {"PYTHONSAFEPATH": "1"} | {k: str(v) for k, v in environment.items()}
     variables = {name: value for name, value in variables.items() if value != "None"}
-    return subprocess.Popen([*RESTRICT, sys.executable, "-c", RUN, str(threads)], env=variables, text=True,
-                            stdout=subprocess.PIPE, stderr=subprocess.PIPE)  # fmt: skip
+    command = [*RESTRICT, sys.executable, "-c", RUN, str(threads), *at_once]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    return subprocess.Popen(command, env=variables, text=True, **pipes)
 
 
 def ended(process, threads=1):
@@ -187,16 +191,35 @@ def test_processes_and_threads_compile_the_same_kernel_at_once(tmp_path):
     assert sorted(p.suffix for p in folder.iterdir()) == [".cpp", ".json", ".meta", ".o"]
 
 
-def test_kernels_for_a_gpu_are_compiled_at_once(monkeypatch):
+def test_processes_compile_several_kernels_at_once(tmp_path):
+    kinds = ("min", "rem-logistic", "rem-normal")
+    for running in [start(at_once=kinds, WARP_CACHE_PATH=tmp_path) for _ in range(2)]:
+        assert "compiled again" not in ended(running)[1]
+    assert len(list(tmp_path.rglob("wp_*_kernel_*/checksums.json"))) == len(kinds)
+    assert not list(tmp_path.rglob("*.part")) and not list(tmp_path.rglob("*_t*"))
+
+
+def test_threads_that_find_an_unusable_folder_replace_it_once(tmp_path):
+    (tmp_path / "file").write_text("")
+    running = start(
+        at_once=("min", "rem-logistic", "rem-normal"), WARP_CACHE_PATH=tmp_path / "file" / "cache"
+    )
+    out, errors = ended(running)
+    assert errors.count("RuntimeWarning") == 1 and not os.path.exists(out.split()[-1])
+
+
+@pytest.mark.parametrize("name", ["cpu", "a GPU"])
+def test_kernels_are_compiled_at_once(monkeypatch, name):
     kernels = [make_residual_kernel(wp.float64, name) for name in ("min", "rem-logistic")]
     both = threading.Barrier(2, timeout=20)
+    device = SimpleNamespace(is_cpu=name == "cpu", alias=f"{name} of this test")
 
-    def compiling(kernel, device):
+    def compiling(kernel, device, file):
         both.wait()
         return cache.Loaded(kernel.key, device.alias, 1.0, True)
 
     monkeypatch.setattr(cache, "_loaded_kernel", compiling)
     with recorded() as found:
-        cache.load_all(kernels, SimpleNamespace(is_cpu=False, alias="a GPU"))
-        cache.load_all(kernels[:1], SimpleNamespace(is_cpu=False, alias="a GPU"))  # is ready
+        cache.load_all(kernels, device, 2)
+        cache.load_all(kernels[:1], device, 2)  # is ready
     assert [loaded.kernel for loaded in found] == [kernel.key for kernel in kernels]

@@ -17,6 +17,12 @@ def count_visits(first: int, scale: float, visits: wp.array(dtype=wp.float32)):
     visits[item] = visits[item] + scale * float(item + 1)
 
 
+@wp.kernel(module="unique", enable_backward=False)
+def count_twice(first: int, visits: wp.array(dtype=wp.float32)):
+    item = first + wp.tid()
+    visits[item] = visits[item] + float(2 * (item + 1))
+
+
 @pytest.mark.parametrize(
     ("dim", "threads", "grain"), [(1, 4, 1), (11, 2, 1), (1000, 3, 16), (129, 2, 64), (5, 8, 1)]
 )
@@ -46,6 +52,56 @@ def test_prepared_launch_repeats_and_takes_other_inputs(device):
     prepared.set_input(0, 10.0)
     prepared()
     np.testing.assert_array_equal(visits.numpy(), 11.0 * np.arange(1, 101, dtype=np.float32))
+
+
+@pytest.fixture
+def loads(monkeypatch):
+    """Kernels that were asked for, call by call."""
+    asked, load_all = [], launching.load_all
+
+    def load(kernels, *more):
+        asked.append(list(kernels))
+        load_all(kernels, *more)
+
+    monkeypatch.setattr(launching, "load_all", load)
+    monkeypatch.setattr(launching, "load", lambda kernel, device: load((kernel,), device))
+    return asked
+
+
+def test_launches_prepared_together_are_compiled_together(device, loads):
+    visits = wp.zeros(100, dtype=wp.float32, device=device)
+    with launching.together():
+        first = launching.Prepared(count_visits, 100, [1.0, visits], device, threads=3, grain=1)
+        with launching.together():
+            second = launching.Prepared(count_twice, 100, [visits], device)
+        first.set_input(0, 10.0)
+        assert loads == []
+    assert loads[0] == [count_visits, count_twice] and not visits.numpy().any()
+    first()
+    second()
+    first.set_input(0, 1.0)
+    first()
+    np.testing.assert_array_equal(visits.numpy(), 13.0 * np.arange(1, 101, dtype=np.float32))
+
+
+def test_a_launch_that_is_made_at_once_does_not_wait_for_the_others(device, loads):
+    visits = wp.zeros(5, dtype=wp.float32, device=device)
+    with launching.together():
+        launching.Prepared(count_visits, 5, [1.0, visits], device)()
+        np.testing.assert_array_equal(visits.numpy(), np.arange(1, 6))
+        assert loads == [[count_visits]]
+
+
+def test_an_error_in_between_leaves_nothing_waiting(device, loads):
+    visits = wp.zeros(5, dtype=wp.float32, device=device)
+    with pytest.raises(RuntimeError, match="in between"):
+        with launching.together():
+            left = launching.Prepared(count_visits, 5, [1.0, visits], device)
+            raise RuntimeError("in between")
+    assert loads == []
+    launching.Prepared(count_twice, 5, [visits], device)()  # prepared alone again
+    left()
+    np.testing.assert_array_equal(visits.numpy(), 3.0 * np.arange(1, 6))
 
 
 def test_errors_of_helper_threads_reach_the_caller():

@@ -112,6 +112,5 @@ def _end(process: Any) -> None:
         with contextlib.suppress(ProcessLookupError, PermissionError):
             if hasattr(os, "killpg"):
                 os.killpg(process.pid, signal.SIGKILL)
-            else:
-                process.kill()
+        process.kill()  # where it has no group of its own yet
     process.join(10.0)
