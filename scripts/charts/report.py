@@ -10,6 +10,7 @@ from slcp_warp import ddp
 from slcp_warp.ensembles.chunks import KEYS
 from slcp_warp.ensembles.statistics.intervals import Interval
 
+from ..stages.task_sweep import tell_incomplete
 from .style import BLUE, CASES, GREY, plt, save
 
 Row = dict[str, Any]
@@ -20,7 +21,7 @@ def report_chart(file: Path, path: Path) -> Path:
 
     A measure that is finite in no median (a failure's time where most runs have none) is named below instead.
     """
-    report = slcp.load_report(file)
+    report = tell_incomplete(slcp.load_report(file), file)
     shares, spreads = (_by_key(rows) for rows in (report.summary, report.quantiles()))
     disturbed = [key for key in shares if key[3] == "disturbed"]
     shown = [m for m in report.measures if any(_finite(spreads[key][m]) for key in disturbed)]

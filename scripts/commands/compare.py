@@ -7,7 +7,7 @@ import typer
 
 import slcp_warp as slcp
 
-from ..stages.task_sweep import comparison, report_table
+from ..stages.task_sweep import comparison, report_table, tell_incomplete
 from ..support.options import Device, Seed, StepSize, refuse
 from ..support.policies import POLICY, named_policies
 from ..support.rules import HARD_RULE, RULES, HardRule, with_rules
@@ -70,8 +70,10 @@ def compare_command(
         refuse(context, OF_TASKS, "of a task with --policy; this is of a report")
         _of_report(Path(report), first, second, sequential)
         return
-    if not sequential or first is not None:
+    if not sequential:
         raise ValueError("--policy is of a task with --sequential; `slcp sweep` makes reports to compare")
+    if first is not None:
+        raise ValueError(f"{first} is a name of a report's policy; of a task's --policy alone say which")
     task = slcp.load_task(report)
     path = None if out is None else prepared(out, (".csv", ".npz", ".parquet"))
     case = rules.of(task.options)
@@ -103,5 +105,7 @@ def _of_report(path: Path, first: str | None, second: str | None, sequential: bo
     other = second or next((name for name in there if name != one), "")
     if not other:
         raise ValueError(f"{path} has the policy {there[0]!r} only; two are needed")
+    differences = comparison(found, one, other, sequential)
+    tell_incomplete(found, path)
     console.print(report_table(found))
-    console.print(comparison(found, one, other, sequential))
+    console.print(differences)

@@ -8,6 +8,7 @@ import typer
 import slcp_warp as slcp
 from slcp_warp.ensembles.questions.sensitivity import factors_of
 
+from ..stages.task_sweep import tell_incomplete
 from ..support.options import Device, Seed, refuse
 from ..support.policies import POLICY, policies_of_task
 from ..support.rules import HARD_RULE, RULES, HardRule, with_rules
@@ -51,7 +52,8 @@ def sensitivity_command(
     path = prepared(out, ".csv")
     if Path(subject).is_dir() or Path(subject).suffix in (".csv", ".npz", ".parquet"):
         refuse(context, OF_TASKS, "of a task; this is of a report")
-        found = slcp.load_report(Path(subject)).sensitivity(measure, policy)
+        report = tell_incomplete(slcp.load_report(Path(subject)), subject)
+        found = report.sensitivity(measure, policy)
     else:
         task = slcp.load_task(subject)
         if worlds is not None:

@@ -1,5 +1,6 @@
 """`slcp sweep`: thousands of perturbed worlds under policies, on smoothed and hard dynamics."""
 
+import warnings
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -19,6 +20,7 @@ from ..support.simulators import named_scene, numbers, observed_of, parse_settin
 from ..support.tasks import OptionalTask
 
 REPORT = (".csv", ".npz", ".parquet")  # what a report is written as
+DRAWN = {"worlds", "velocity_sd", "position_sd", "kick_sd", "vary", "start", "skip"}  # options
 OF_RESUMING = {"resume", "prepare", "chunk", "processes", "dask", "slurm", "slurm_option"}  # options
 
 
@@ -142,6 +144,8 @@ def sweep_command(
         if settings or observe is not None:
             raise ValueError("--set and --observe are of --scene; a task has numbers and measures of its own")
         refuse(context, {"scene", "threshold"}, "of a scene; the task has its own")
+        if given_worlds is not None:
+            refuse(context, DRAWN, "with --given, whose worlds have their own")
         chosen = slcp.load_task(task)
         _check_kicks(chosen, kick_times, kick_sd)
         changes = {"start": _states(start, chosen.scene, skip), "duration": duration}
@@ -189,7 +193,8 @@ def sweep_command(
 def _sweep_task(path: Path, task: slcp.Task, policy: list[str] | None, choices: dict[str, Any]) -> None:
     with timed("sweep"), progress_bar("worlds") as progress:
         report = sweep_task(task, policy, progress=progress, **choices)
-    report.save(path)
+    with warnings.catch_warnings(action="ignore"):  # of a .csv that does not say what the end here says
+        report.save(path)
     console.print(report_table(report))
     wrote(path)
     _end(report.complete, sum(map(report.source.worlds, report.source.keys)))

@@ -2,9 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import typer
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
@@ -14,7 +16,7 @@ from slcp_warp.ensembles.statistics.intervals import Interval
 
 from ..support.asking import steps_of_sweep, watched
 from ..support.policies import policies_of_task
-from .sweep import percent, plus_minus
+from .sweep import percent
 
 NONE = "none finite"  # of a measure in all worlds: a time that none reaches
 
@@ -69,6 +71,14 @@ def _mean(row: dict[str, Any], name: str) -> str:
     return mean if share == 1.0 else f"{mean} in {100.0 * share:.1f} %"
 
 
+def tell_incomplete(report: slcp.Report, path: str | Path) -> slcp.Report:
+    """The report, after a word about what is missing in it."""
+    if not report.complete:
+        worlds = sum(report.source.worlds(key) for key in report.source.keys)
+        typer.echo(f"slcp: {path} is not finished: of the {worlds} worlds that are there alone", err=True)
+    return report
+
+
 def comparison(report: slcp.Report, first: str, second: str, peeking: bool = False) -> Table:
     """Differences first - second in the same disturbed worlds, with their 95 % intervals."""
     keys = [key for key in report.source.keys if key[3] == ARMS[0]]
@@ -85,6 +95,11 @@ def comparison(report: slcp.Report, first: str, second: str, peeking: bool = Fal
         if policy != first or (second, case, step_size, arm) not in keys:
             continue
         found = report.compare(first, second, case, step_size, peeking)
+        if np.isnan(found["success"][0]):
+            raise ValueError(
+                f"{first} and {second} have no world in common in {case}, h = {step_size:g}: what is "
+                "finished of them is of different worlds"
+            )
         table.add_row(f"{case}, h = {step_size:g}", *(_difference(found[name]) for name in names))
     return table
 
@@ -93,4 +108,6 @@ def _difference(found: Interval) -> str:
     """A difference with its interval; of what is finite under both policies in no world there is none."""
     if np.isnan(found[0]):
         return NONE
-    return plus_minus(found, ".3g") if np.isfinite(found[1:]).all() else f"{found[0]:.3g} of one world"
+    if not np.isfinite(found[1:]).all():
+        return f"{found[0]:.3g} of one world"
+    return f"{found[0]:.3g} [{found[1]:.3g}, {found[2]:.3g}]"

@@ -7,7 +7,7 @@ import numpy as np
 import warp as wp
 
 from slcp_warp.kernels.ensembles.arrival import make_span
-from slcp_warp.kernels.ensembles.disturbances import make_conditions
+from slcp_warp.kernels.ensembles.disturbances import ROUNDING, make_conditions
 from slcp_warp.kernels.policies.contract import PolicyKernel
 from slcp_warp.kernels.structure import STEP_SIZE
 
@@ -48,7 +48,7 @@ class Recorded(NamedTuple):
 
     def count(self, duration: float) -> int:
         """Records of a world in a run of a duration [s]."""
-        return int(round(duration / self.every)) + 1 if self.states else 0
+        return int(duration / self.every * (1.0 + ROUNDING)) + 1 if self.states else 0
 
     @classmethod
     def of(cls, scene: Scene, states: Any, every: Any, duration: float) -> "Recorded":

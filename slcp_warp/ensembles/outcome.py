@@ -1,5 +1,6 @@
 """What came out of a sweep of a task: a table, a summary with intervals, comparisons of policies."""
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -193,11 +194,18 @@ class Report(Printed):
         """Write the table as .csv, or with all that `load` needs as .npz or .parquet (extra `data`).
 
         The file is replaced only once complete. A task whose cost or measures are functions is left out: the
-        report that is loaded has the names of its measures, and no task.
+        report that is loaded has the names of its measures, and no task. A .csv does not say that a sweep was
+        interrupted, which is a RuntimeWarning.
         """
         path = checks.path("path", path)
         if path.suffix != ".csv":
             self._check_memory("Report.save")
+        elif not self.complete:
+            warnings.warn(
+                f"{path} will not say that the sweep was interrupted; .npz and .parquet do",
+                RuntimeWarning,
+                stacklevel=2,
+            )
         files.write(path, self.source, self.task, self.complete)
         return path
 

@@ -4,6 +4,8 @@ import os
 from collections.abc import Callable, Mapping
 from typing import Any
 
+import warp as wp
+
 from ..inputs import checks
 from ..inputs.errors import ArgumentError
 from ..runs.progress import Standing
@@ -51,6 +53,10 @@ def sweep_task(
 def _in_memory(work: TaskSweep, progress: Progress) -> Report:
     source, done = MemorySource(), 0
     report = Report(work.task, source)
+    assert work.task.duration is not None
+    recorded = len(work.record.states) * work.record.count(work.task.duration)
+    each = len(work.task.measures) + recorded + 2  # world, success and status
+    checks.memory("worlds: their rows", work.chunks.worlds * each, 8, wp.get_device("cpu"))
     try:
         for index in range(len(work.chunks)):
             rows = work.run(index)

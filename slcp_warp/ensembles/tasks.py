@@ -60,7 +60,7 @@ class TaskSweep:
         policies: a policy, or policies by name; None: none, of a scene without controls.
         worlds: disturbed ones, a case and a policy; or the numbers of given ones.
         cases: options of the steps, one, several, or by name; None: the task's, and the hard problem.
-        step_sizes: [s]; None: the scene's.
+        step_sizes: [s]; None: the scene's, or the one that all of the given worlds have.
         dtype, device, strategy: as of a `Simulator`.
         chunk: worlds a launch, default by memory; results do not depend on it.
         record: states whose way from the start is kept over time, in columns of their own.
@@ -74,11 +74,11 @@ class TaskSweep:
             policies_by_name(policies, task),
             cases_by_name(task, cases),
         )
-        self.given = worlds if isinstance(worlds, Worlds) else None
+        self.given = worlds.numpy() if isinstance(worlds, Worlds) else None
         _check_numbers(self.given, self.policies)
         worlds, self.seed = _count(worlds), checks.whole("seed", seed, 0)
         chunk = None if chunk is None else checks.whole("chunk", chunk)
-        sizes, self.strategy = _step_sizes(task, step_sizes), strategy
+        sizes, self.strategy = _step_sizes(task, step_sizes, self.given), strategy
         assert task.duration is not None
         for size in sizes:
             steps_of(task.disturbances, size)
@@ -135,7 +135,7 @@ class TaskSweep:
         """What the worlds of a part are drawn from."""
         sim, disturbed = self.simulators[part.case], part.arm == ARMS[0]
         if self.given is not None and disturbed:
-            return Given(sim, self.task, self.given, part.step_size)
+            return Given(sim, self.task, self.given.at_step_size(part.step_size), part.step_size)
         d = self.task.disturbances if disturbed else Disturbances()
         return draws_of_task(sim, self.task, d, self.seed, part.step_size)
 
@@ -207,9 +207,16 @@ def _undisturbed(task: Task, policy: Any) -> int:
     return own if isinstance(own, int) and own > 1 else len(task.start)
 
 
-def _step_sizes(task: Task, given: Any) -> tuple[float, ...]:
+def _step_sizes(task: Task, given: Any, worlds: Worlds | None) -> tuple[float, ...]:
+    """Step sizes of a sweep; of given worlds those that they have, if they have one."""
+    own = (task.scene.step_size,) if worlds is None else worlds.step_sizes(task.scene.step_size)
     if given is None:
-        return (task.scene.step_size,)
+        return own if len(own) == 1 else (task.scene.step_size,)
+    if len(own) > 1:
+        raise ArgumentError(
+            f"step_sizes is {shown(given)}; the given worlds make steps of their own, of {min(own):g} to "
+            f"{max(own):g} s"
+        )
     if not isinstance(given, list | tuple | np.ndarray) or not len(given):
         raise ArgumentError(f"step_sizes is {shown(given)}; at least one, in a tuple, is needed")
     assert task.duration is not None

@@ -150,8 +150,17 @@ class Within:
     high: float
 
     def holds(self, value: Any) -> Any:
-        """The comparison itself; NaN holds nothing."""
-        return (value > self.low) & (value < self.high)
+        """The comparison itself; no bound holds for infinite values, too, NaN for none."""
+        above = value > self.low if self.low > -np.inf else value == value
+        return above & (value < self.high if self.high < np.inf else value == value)
+
+    def distances(self, value: Any) -> tuple[Any, Any]:
+        """How far a value is above the lower bound and below the upper one; inf where there is none."""
+        none = np.where(np.isnan(value), np.nan, np.inf)
+        return (
+            value - self.low if self.low > -np.inf else none,
+            self.high - value if self.high < np.inf else none,
+        )
 
     def __repr__(self) -> str:
         if self.low == -np.inf:

@@ -5,6 +5,7 @@ Only JSON values travel to it, and only counts travel back.
 
 import functools
 import json
+import threading
 import time
 from dataclasses import asdict
 from typing import NamedTuple
@@ -47,11 +48,17 @@ def _joined(folder: str, reference: Plain) -> tuple[Store, Job]:
             f"{folder}: a worker does not find it; a folder on a disk that all share is needed"
         ) from error
     manifest = json.dumps(asdict(store.manifest), sort_keys=True)
-    return store, _rebuilt(folder, json.dumps(reference, sort_keys=True), manifest)
+    return store, _own.rebuilt(folder, json.dumps(reference, sort_keys=True), manifest)
 
 
-@functools.lru_cache(maxsize=8)
-def _rebuilt(folder: str, text: str, manifest: str) -> Job:
+class _OfThisThread(threading.local):
+    """What a thread rebuilt: a job keeps what its launches share, so that no two threads may have one."""
+
+    def __init__(self) -> None:
+        self.rebuilt = functools.lru_cache(maxsize=8)(_rebuild)
+
+
+def _rebuild(folder: str, text: str, manifest: str) -> Job:
     """The job of a reference (its JSON) for a store with this manifest."""
     store, job = Store(folder), rebuild(json.loads(text))
     try:
@@ -59,6 +66,9 @@ def _rebuilt(folder: str, text: str, manifest: str) -> Job:
     except FileError as error:
         raise FileError(f"{folder}: a worker is refused: {error}") from error
     return job
+
+
+_own = _OfThisThread()
 
 
 def work(folder: str, reference: Plain, indices: list[int]) -> list[Done]:

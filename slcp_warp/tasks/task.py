@@ -46,7 +46,8 @@ class Task(Printed):
         options: what a plan's steps solve.
         duration: of a run [s], in as many steps as come nearest to it, at least one; None: as long as a plan,
             which then has to have a horizon.
-        control_limits: (lower, upper), each a number or (nu,); None: none. They hold in plans and in runs.
+        control_limits: (lower, upper), each a number or (nu,); None: none. They hold in plans and for
+            what policies send in runs; noise of the disturbances comes on top.
         state_limits: by name of a state (lower, upper), infinite where there is none: plans keep them.
         start: states that runs start from: (nx,) or (M, nx), or a dict of numbers by state name on the
             scene's initial state; None: that.

@@ -103,6 +103,24 @@ def test_success_joins_comparisons():
     assert worlds.success(nothing | (m.mean("block.x", start=100.0) < 1.0)).tolist() == [False, False]
 
 
+def test_infinite_values_keep_to_the_bounds_there_are():
+    """A time that nothing reaches is later than any, and no time within bounds; NaN keeps to none."""
+    never = m.first_time(m.state("block.x") > 1e6)
+    worlds = recorded()
+    assert np.isinf(worlds.value(never)).all()
+    for success, expected in (
+        (never > 0.5, True),
+        (never < 0.5, False),
+        (never.between(0.5, 9.0), False),
+        ((never > 0.5) & (m.final("block.x") < 1e6), True),
+    ):
+        assert worlds.success(success).tolist() == [expected] * 2
+    value = np.array([-np.inf, 0.0, np.inf, np.nan])
+    above, below = (never > 0.0).parts(), (never < 0.0).parts()
+    assert (never > 0.0).holds({above[0]: value}).tolist() == [False, False, True, False]
+    assert (never < 0.0).holds({below[0]: value}).tolist() == [True, False, False, False]
+
+
 SHORT = np.zeros((1, 3, 2 * SCENE.nv))
 
 

@@ -30,6 +30,7 @@ def test_what_is_loaded_is_what_was_saved(tmp_path, suffix, complete):
     given = report(complete=complete)
     path = given.save(tmp_path / f"report{suffix}")
     found = slcp.Report.load(path)
+    assert found.complete == complete
     assert equal(found, given) and repr(found.summary) == repr(given.summary)
     assert found.task.name == given.task.name and repr(found.task.measures) == repr(given.task.measures)
     assert repr(found.task.success) == repr(given.task.success) and str(found) == str(given)
@@ -55,6 +56,11 @@ def test_csv_holds_the_table(tmp_path):
     assert lines[0] == ",".join(table) and len(lines) == 1 + len(table["world"])
     assert lines[1].split(",") == [str(column[0].item()) for column in table.values()]
     assert slcp.Report(None).save(tmp_path / "empty.csv").read_text() == ""
+
+
+def test_csv_warns_of_what_it_does_not_say(tmp_path):
+    with pytest.warns(RuntimeWarning, match="report.csv will not say that the sweep was interrupted; .npz"):
+        report(complete=False).save(tmp_path / "report.csv")
 
 
 def test_parquet_opens_in_other_programs(tmp_path):

@@ -175,6 +175,15 @@ def test_a_report_says_what_matters(tmp_path):
     assert len(lines) == 6 and lines[1].startswith('y,policy,8192,"0, same_0",')
 
 
+def test_indices_say_which_rows_they_are_of():
+    source = sweep_of("g", 8192)
+    rows = source.pieces[KEY][0]
+    rows["y"] = np.where(np.arange(8192) % 4, np.inf, rows["y"])
+    found = slcp.Report(None, source).sensitivity("y")
+    assert found.finite == 0.25 and "of the 25 % of samples where y is finite" in str(found)
+    assert slcp.Report(None, sweep_of("g", 8192)).sensitivity("y").finite == 1.0
+
+
 def test_what_cannot_be_answered_is_refused(tmp_path):
     report = slcp.Report(None, sweep_of("g", 100))
     assert np.isnan(slcp.Report(None, sweep_of("g", 4)).sensitivity("y").first).all()

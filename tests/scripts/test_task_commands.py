@@ -241,6 +241,21 @@ def test_a_broken_report_is_one_line(tmp_path):
         assert "slcp: " in fails("chart", path)
 
 
+def test_differences_have_the_bounds_of_their_intervals(tmp_path):
+    """Which are not as far below as above; of what is not finished a word is said."""
+    rows = [f"{name},hard,0.1,disturbed,{i},{name == 'a'},0" for name in "ab" for i in range(5)]
+    path = tmp_path / "five.csv"
+    path.write_text("\n".join(["policy,case,step_size,arm,world,success,status", *rows]) + "\n")
+    one, low, high = slcp.load_report(path).compare("a", "b")["success"]
+    assert f"{one:.3g} [{low:.3g}, {high:.3g}]" in call("compare", path).output
+    path.write_text("\n".join(["policy,case,step_size,arm,world,success,status", *rows[:-1]]) + "\n")
+    for said in (call("compare", path), call("chart", path, "--out", tmp_path / "figures")):
+        assert "five.csv is not finished: of the 9 worlds that are there alone" in said.stderr
+    apart = [row.replace("b,hard,0.1,disturbed,", "b,hard,0.1,disturbed,1") for row in rows]
+    path.write_text("\n".join(["policy,case,step_size,arm,world,success,status", *apart]) + "\n")
+    assert "a and b have no world in common" in fails("compare", path)
+
+
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
@@ -251,6 +266,14 @@ def test_a_broken_report_is_one_line(tmp_path):
         (["sweep", "catch", "--policy", "a.npz", "--set", "mass=1"], "--set and --observe are of --scene"),
         (["sweep", "catch", "--policy", "a.npz", "--residuals", "soft"], "--residuals is 'soft'"),
         (["sweep", "--policy", "a.npz", "--policy", "b.npz"], "only a task takes several"),
+        (
+            ["sweep", "catch", "--policy", "a.npz", "--given", "w.npz", "--vary", "mass=1", "--worlds", "9"],
+            "--vary and --worlds are given, with --given, whose worlds have their own",
+        ),
+        (
+            ["compare", "catch", "a", "b", "--policy", "a.npz", "--policy", "b.npz", "--sequential"],
+            "a is a name of a report's policy",
+        ),
         (["falsify", "catch", "--policy", "a.npz"], "a.npz"),
         (["rare", "catch", "--policy", "zero", "--residual", "soft"], "--residual is 'soft'; choose"),
         (["compile", "juggle"], "SCENE is 'juggle'"),

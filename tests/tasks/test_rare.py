@@ -118,12 +118,15 @@ def test_islands_that_hold_most_of_it_tell_less_of_their_spread():
 
 def test_margins_have_the_sign_of_the_success():
     """Of random clauses, at random values and at the bounds themselves."""
-    rng = np.random.default_rng(3)
+    rng, first = np.random.default_rng(3), m.first_time(m.state("block.x") > 0.1)
     a, b = m.final("block.x"), m.largest("block.angle")
-    for success in (a > 0.2, (a > 0.1) & b.between(-0.5, 0.5), (a < 0.0) | (b > 0.3) & (a < 1.0)):
+    both = (a > 0.1) & b.between(-0.5, 0.5)
+    for success in (a > 0.2, first > 0.1, (first > 0.1) & (b < 0.2), both, (a < 0.0) | (b > 0.3) & (a < 1.0)):
         judge = Margin(task(success=success))
         values = np.where(rng.random((500, 2)) < 0.1, rng.choice([0.1, 0.2, 0.5], (500, 2)),
                           rng.standard_normal((500, 2)))[:, : len(judge.measures)]  # fmt: skip
+        if judge.measures[0] is first:
+            values[rng.random(500) < 0.3, 0] = np.inf
         judge.fit(values)
         holds = success.holds({each: values[:, j] for j, each in enumerate(judge.measures)})
         alone = judge.active({each: values[:, j] for j, each in enumerate(judge.measures)})[0]

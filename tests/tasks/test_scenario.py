@@ -1,11 +1,14 @@
-"""A world's parameters as a task of that one world, and what several names of one parameter draw."""
+"""A world's parameters as a task of that one world, what names of one parameter draw, given worlds."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from test_task_sweep import plan
+from test_task_sweep import task as push
 
 import slcp_warp as slcp
+from slcp_warp import measures as m
 from slcp_warp.description import columns
 from slcp_warp.ensembles.questions.rare.numbers import Numbers
 from slcp_warp.ensembles.questions.rare.scenario import scenario_of
@@ -113,3 +116,53 @@ def test_all_parts_share_a_draw_of_each_component():
     np.testing.assert_allclose(x, x[:, :1] + 0.0 * x, atol=1e-6)
     np.testing.assert_allclose(y, y[:, :1] + 0.0 * y, atol=1e-6)
     assert (np.abs(x - y) > 1e-4).all()
+
+
+def test_what_never_happens_is_later_than_any_time(device):
+    """In sweeps as in recorded trajectories; a scene without pairs has no lowest gap."""
+    never = m.first_time(m.state("block.x") > 1e6)
+    choices = {"worlds": 5, "cases": slcp.Options(), "device": device}
+    report = slcp.sweep(push(success=(never > 0.5) & (never > 9.0)), plan(), **choices)
+    assert report.part("policy")["success"].all()
+    assert not slcp.sweep(push(success=never < 9.0), plan(), **choices).part("policy")["success"].any()
+
+
+def test_given_worlds_make_the_steps_that_are_asked_for(device):
+    """As drawn ones do; without a word the steps that they have, under the label of these."""
+    sizes, choices = (0.02, 0.01, 0.04), {"seed": 3, "cases": slcp.Options(), "device": device}
+    worlds = slcp.draw_worlds(push(), 20, 3, device=device)
+    drawn = slcp.sweep(push(), plan(), worlds=20, step_sizes=sizes, **choices)
+    given = slcp.sweep(push(), plan(), worlds=worlds, step_sizes=sizes, **choices)
+    assert given.source.keys == drawn.source.keys
+    for size in sizes:
+        a, b = (each.part("policy", step_size=size)["final"] for each in (drawn, given))
+        np.testing.assert_array_equal(a, b, err_msg=str(size))
+    fine = replace(worlds, params=np.where(np.arange(worlds.params.shape[1]) == 0, 0.01, worlds.params))
+    found = slcp.sweep(push(), plan(), worlds=fine, **choices)
+    assert {key[2] for key in found.source.keys} == {0.01}
+    np.testing.assert_array_equal(
+        found.part("policy")["final"], drawn.part("policy", step_size=0.01)["final"]
+    )
+    assert {key[2] for key in slcp.sweep(push(), plan(), worlds=worlds, **choices).source.keys} == {0.02}
+    fine.params[:5, 0] = 0.02
+    with pytest.raises(slcp.InputError, match="step_sizes is .*, of 0.01 to 0.02 s"):
+        slcp.sweep(push(), plan(), worlds=fine, step_sizes=(0.02,), **choices)
+
+
+def test_more_worlds_than_memory_are_refused_at_once():
+    for call in (
+        lambda: slcp.draw_worlds(push(), 2**31 - 1),
+        lambda: slcp.sweep(push(), plan(), worlds=2**31 - 1),
+        lambda: slcp.compare_sequentially(push(), {"a": plan(), "b": plan()}, worlds=2**30, batch=2**30),
+        lambda: slcp.robustness_map(
+            push(), plan(), ("mass", np.linspace(1.0, 2.0, 99)), ("block.x", [0.0]), worlds=2**27
+        ),
+    ):
+        with pytest.raises(slcp.InputError, match="GiB of memory"):
+            call()
+
+
+def test_records_end_with_the_run():
+    for every, last in ((0.5, "1"), (0.7, "0.7"), (0.4, "1.2"), (1.2, "1.2"), (0.1, "1.2")):
+        found = slcp.sweep(push(), plan(), worlds=2, record=("block.x",), record_every=every).part("policy")
+        assert max(name for name in found if name.startswith("recorded_")) == f"recorded_block.x_{last}"

@@ -1,5 +1,6 @@
 """Sweeps of tasks in a folder: the same table however they are cut, ended and gone on with; refusals."""
 
+import concurrent.futures
 import os
 import shutil
 import signal
@@ -247,6 +248,32 @@ def test_other_processes_give_the_same_table(tmp_path):
             f"{file}:push", mixed, out=tmp_path / "there", chunk=4, executor=workers, progress=kill, **fields
         )
     assert there.complete and killed and digest(there) == digest(here) and str(there) == str(here)
+
+
+def test_threads_give_the_same_table(tmp_path):
+    """Noise of every step depends on the world's number alone, whichever thread has the chunk before it."""
+    fields = FIELDS | {"worlds": 400}
+    alone = slcp.sweep(task(), TWO, out=tmp_path / "alone", chunk=400, **fields)
+    with concurrent.futures.ThreadPoolExecutor(8) as threads:
+        found = slcp.sweep(task(), TWO, out=tmp_path / "threads", chunk=10, executor=threads, **fields)
+    assert found.complete and digest(found) == digest(alone)
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".parquet", ".csv"])
+def test_the_report_of_a_folder_is_saved_as_one_of_memory(tmp_path, suffix):
+    if suffix == ".parquet":
+        pytest.importorskip("pyarrow")
+    stored = slcp.sweep(task(), TWO, out=tmp_path / "run", **FIELDS)
+    memory = slcp.sweep(task(), TWO, **FIELDS)
+    found = slcp.load_report(stored.save(tmp_path / f"report{suffix}"))
+    assert found.complete and found.source.keys == memory.source.keys
+    for key in memory.source.keys:
+        one, other = found.part(*key), memory.part(*key)
+        assert list(one) == list(other) and any(name.startswith("drawn_") for name in one) == (
+            key[3] == "disturbed"
+        )
+        for name in one:
+            np.testing.assert_array_equal(one[name], other[name], err_msg=name)
 
 
 def test_two_processes_agree_on_the_hash(tmp_path):

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import warp as wp
 
 from ...description.columns import parameter_of
 from ...inputs import checks
@@ -114,6 +115,8 @@ def robustness_map(
     worlds, width, height = checks.whole("worlds", worlds), len(across[1]), len(down[1])
     if width * height > MOST_CELLS:
         raise ArgumentError(f"x and y have {width} and {height} values; at most {MOST_CELLS} cells are drawn")
+    each = Parameters(task.scene).layout.width + 2 * task.scene.nv
+    checks.memory("worlds of a row of x", worlds * width * each, 32, wp.get_device("cpu"))
     base = draw_worlds(task, worlds, seed, dtype=dtype, device=device)
     repeated = base[np.tile(np.arange(worlds), width)]
     row = changed(task, repeated, across[0], np.repeat(across[1], worlds))

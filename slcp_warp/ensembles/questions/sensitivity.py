@@ -117,4 +117,5 @@ def sensitivity(
 
     found = sobol_indices(of(a), of(b), np.array([of(exchanged(a, b, factor)) for factor in factors]), seed)
     names = tuple(factor.name for factor in factors)
-    return Sensitivity(measure, judge.name, names, found.first, found.total, total)
+    share = found.samples / samples
+    return Sensitivity(measure, judge.name, names, found.first, found.total, total, finite=share)

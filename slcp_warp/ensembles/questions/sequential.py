@@ -143,6 +143,10 @@ def compare_sequentially(
         )
         for name, policy in policies.items()
     ]  # fmt: skip
+    sim = next(iter(sweeps[0].simulators.values()))
+    checks.memory(
+        "batch: its worlds", min(batch, worlds) * (sim.params.layout.width + sim.nx), 16, sim.device
+    )
     source, known = MemorySource(), RunningDifference(measure, error, statistic, bounds)
     report = Report(task, source, complete=False)
     out = SequentialComparison(first, second, measure, statistic, "undecided", [], confidence, margin, report)

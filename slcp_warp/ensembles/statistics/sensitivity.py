@@ -30,6 +30,8 @@ class Sensitivity(Printed):
         total: index of total order of each: what stays when all others are known; NaN where unknown.
         worlds: that were run.
         case: of the rows, where their report has several cases or step sizes: "hard, h = 0.02".
+        finite: share of the samples that the indices are of: those with numbers alone. A measure that is
+            infinite where something never happens says nothing of where it does not.
     """
 
     measure: str
@@ -39,6 +41,7 @@ class Sensitivity(Printed):
     total: list[Interval]
     worlds: int
     case: str = ""
+    finite: float = 1.0
 
     @property
     def order(self) -> list[int]:
@@ -58,7 +61,10 @@ class Sensitivity(Printed):
         case = f" ({self.case})" if self.case else ""
         counts = f"{len(self.names)} drawn numbers, {self.worlds:,} worlds"
         few = any(math.isfinite(v) and math.isnan(low) for v, low, _high in (*self.first, *self.total))
-        few_are = "; too few worlds succeed, or fail, for some of the intervals" if few else ""
+        what = "succeed, or fail," if self.measure == "success" else "differ"
+        few_are = f"; too few worlds {what} for some of the intervals" if few else ""
+        if self.finite < 1.0:
+            few_are += f"; of the {100.0 * self.finite:.3g} % of samples where {self.measure} is finite"
         return f"of {self.measure} under {self.policy}{case}: {counts}{few_are}"
 
     def _tables(self) -> list[Table]:
@@ -87,7 +93,10 @@ def sensitivity_of_rows(source: Source, key: Key, measure: str) -> Sensitivity:
     labels = tuple(", ".join(name.removeprefix(DRAWN) for name in names) for names in columns)
     others = {each[1:3] for each in source.keys}
     case = f"{key[1]}, h = {key[2]:g}" if len(others) > 1 else ""
-    return Sensitivity(measure, key[0], labels, first, [NOTHING] * len(first), source.worlds(key), case)
+    worlds = source.worlds(key)
+    finite = sum(int(np.isfinite(block[measure]).sum()) for block in source.blocks(key, [measure]))
+    nothing = [NOTHING] * len(first)
+    return Sensitivity(measure, key[0], labels, first, nothing, worlds, case, finite / max(worlds, 1))
 
 
 def drawn_columns(source: Source, key: Key) -> list[list[str]]:

@@ -5,8 +5,8 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from ...runs.store import Store
-from ..chunks import KEYS, Chunks
-from ..statistics.source import Columns, Key, chosen, in_blocks
+from ..chunks import ARMS, KEYS, Chunks
+from ..statistics.source import DRAWN, Columns, Key, chosen, in_blocks
 
 
 class StoreSource:
@@ -38,12 +38,14 @@ class StoreSource:
         return tuple(name for name in self.store.names(first) if name not in KEYS)
 
     def names(self, key: Key) -> tuple[str, ...]:
-        """The columns of a part: the same for all."""
-        return self._names
+        """The columns of a part: the same for all, but that nothing is drawn of undisturbed worlds."""
+        if key[3] == ARMS[0]:
+            return self._names
+        return tuple(name for name in self._names if not name.startswith(DRAWN))
 
     def blocks(self, key: Key, names: Sequence[str] | None = None) -> Iterator[Columns]:
         """The blocks of a part, as `Source.blocks`."""
-        wanted = chosen(names, self._names)
+        wanted = chosen(names, self.names(key))
         return in_blocks(self.store.table(index, wanted) for index in self._finished[key])
 
     def dataset(self) -> Any:

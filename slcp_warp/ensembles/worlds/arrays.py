@@ -1,10 +1,12 @@
 """The worlds of a sweep as arrays: what each of them is and goes through."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
 import warp as wp
+
+from slcp_warp.kernels.structure import STEP_SIZE
 
 from ...inputs.checks import array
 from ...inputs.errors import ArgumentError
@@ -75,6 +77,32 @@ class Worlds(Arrays):
         ]
         values.append(np.asarray(numbers)[index])
         return Worlds(*values)
+
+    def step_sizes(self, otherwise: float) -> tuple[float, ...]:
+        """The step sizes [s] that worlds on the host have, each once; `otherwise` where none are said, and
+        where one number's rounding is all that differs.
+        """
+        if self.params is None or not self.params.size:
+            return (otherwise,)
+        own = np.unique(self.params[:, STEP_SIZE])
+        if not own[0] > 0.0:  # who takes them will say so
+            return (otherwise,)
+        single = own.astype(np.float32)  # as worlds drawn in single precision have it
+        return tuple(
+            otherwise if h == otherwise or s == h == np.float32(otherwise)
+            else float(str(s)) if h == s else float(h)
+            for h, s in zip(own, single)
+        )  # fmt: skip
+
+    def at_step_size(self, step_size: float) -> "Worlds":
+        """The same with steps of a size [s]; unchanged where worlds have several, or none that can be."""
+        if self.params is None or not self.params.size or np.ptp(self.params[:, STEP_SIZE]) > 0.0:
+            return self
+        if not self.params[0, STEP_SIZE] > 0.0:
+            return self
+        params = self.params.copy()
+        params[:, STEP_SIZE] = step_size
+        return replace(self, params=params)
 
     def numpy(self) -> "Worlds":
         """The same in NumPy arrays."""

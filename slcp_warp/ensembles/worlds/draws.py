@@ -14,7 +14,7 @@ from slcp_warp.kernels.ensembles.draws import make_columns, make_draw_kernel, pi
 from slcp_warp.kernels.structure import STEP_SIZE
 
 from ...inputs import rules
-from ...inputs.checks import instance, whole
+from ...inputs.checks import instance, memory, whole
 from ...inputs.errors import ArgumentError
 from ...simulator import Simulator
 from ...tasks.disturbances import Disturbances, Uniform, laws
@@ -253,5 +253,7 @@ def draw_worlds(
     task = instance("task", task, Task, "a slcp_warp.Task")
     count, seed, first = whole("worlds", worlds), whole("seed", seed, 0), whole("first", first, 0)
     sim = task.simulator(dtype=dtype, device=device)
+    each = sim.params.layout.width + sim.nx + task.disturbances.numbers(task.scene.nv)
+    memory("worlds: their numbers", count * each, 16, sim.device)
     draws = draws_of_task(sim, task, task.disturbances, seed, task.scene.step_size)
     return replace(draws.worlds(first, count).numpy(), numbers=first + np.arange(count))

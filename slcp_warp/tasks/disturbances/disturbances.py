@@ -35,7 +35,8 @@ class Disturbances:
         parameters: name -> distribution (a draw for each body, shape, contact or degree of freedom, or one
             for all of them, `shared`; mass and inertia of a body share theirs where both are named; "mass"
             alone changes no inertia); "block.mass" is of one part.
-        torque: standard deviation of white noise on the controls, a number a step.
+        torque: standard deviation of white noise on the controls, a number a step, added to what the policy
+            sends within its limits.
         sensor: of white noise on the state that a policy sees, by state name, or one for all.
         delay: from a control to its action [s], to the nearest step; a number, or a `Uniform` of which every
             world has its own.

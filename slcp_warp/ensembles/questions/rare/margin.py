@@ -88,15 +88,13 @@ class Margin:
             own = {measure: values[measure][k : k + 1] for measure in values}
             clause = max(joined.clauses, key=lambda each: min(float(self._distance(w, own)[0]) for w in each))
             within = min(clause, key=lambda each: float(self._distance(each, own)[0]))
-            value, scale = float(own[within.of][0]), self._scale.get(within.of, 1.0)
-            lower = value - within.low <= within.high - value
+            low, high = within.distances(float(own[within.of][0]))
+            lower, scale = low <= high, self._scale.get(within.of, 1.0)
             found.append((within.of, (1.0 if lower else -1.0) / scale))
         return margin, found
 
     def _distance(self, within: Within, own: dict[Any, np.ndarray]) -> np.ndarray:
-        with np.errstate(invalid="ignore"):
-            low, high = own[within.of] - within.low, within.high - own[within.of]
-        return np.asarray(np.minimum(low, high) / self._scale.get(within.of, 1.0))
+        return np.asarray(np.minimum(*within.distances(own[within.of])) / self._scale.get(within.of, 1.0))
 
     def _joined(self, success: Success, own: dict[Any, np.ndarray]) -> np.ndarray:
         return over(success.clauses, lambda within: self._distance(within, own))
