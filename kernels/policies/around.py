@@ -24,8 +24,10 @@ class Between(NamedTuple):
 
 def around_kernel(inner: PolicyKernel, between: Between, timed: bool = False) -> PolicyKernel:
     """The kernel of a policy with things between it and the world; `timed` as of a `PolicyKernel`."""
+    late = f"up to {between.delay} steps late" if between.delay else ""
+    words = (late, "held" if between.holds else "", "with a noisy sensor" if between.noisy else "")
     by_world = ", by world" if timed else ""
-    key = f"{inner.in_words}, around it {'; '.join(map(str, between))}{by_world}:{inner.key}"
+    key = f"{inner.in_words}, {', '.join(filter(None, words)) or 'on time'}{by_world}:{inner.key}"
     return PolicyKernel(key, partial(make_around, inner, between), inner, inner.by_row, inner.apart, timed)
 
 

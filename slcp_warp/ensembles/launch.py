@@ -24,7 +24,7 @@ from ..stepping.host import acts_on_host
 from ..tasks.disturbances import Disturbances
 from ..tasks.task import RECORDED
 from .by_periods import OnHost, by_periods, handed_on
-from .run_worlds import run_worlds
+from .run_worlds import run_worlds, sweep_kernel
 from .worlds import Worlds
 from .worlds.columns import read_columns
 from .worlds.draws import Draws, Given
@@ -124,6 +124,13 @@ class Case:
         self._conditions.seed, self._conditions.duration = seed, duration
         self._conditions.step = step_size
         self.table = MeasureTable(measures, sim.scene, failure, cost)
+
+    @property
+    def kernel(self) -> wp.Kernel | None:
+        """The one kernel that runs its worlds; None where there are several."""
+        if self.roll_out is not at_once:
+            return None
+        return sweep_kernel(self.sim, self.policy[0], self.table, spans=False)
 
     def launch(self, world0: int, count: int) -> dict[str, np.ndarray]:
         """Worlds world0, ...: records (B, S, R), measures (B, M), status and what was drawn (B,)."""

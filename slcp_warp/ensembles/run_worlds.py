@@ -23,6 +23,14 @@ class Period(NamedTuple):
     next: wp.array
 
 
+def sweep_kernel(sim: Simulator, policy: PolicyKernel, table: MeasureTable, spans: bool) -> wp.Kernel:
+    """The kernel of `run_worlds`; `spans`: where the launch is one of several."""
+    stepping, users = sim.kernels.stepping, table.users(sim)
+    if isinstance(stepping, GenericKernels):
+        return make_generic_sweep_kernel(sim.dtype, stepping.residual, sim.scene.nv, sim.nu, policy, users)
+    return make_sweep_kernel(sim.spec, policy, users, spans=spans)
+
+
 def run_worlds(
     sim: Simulator,
     policy: PolicyKernel,
@@ -41,17 +49,15 @@ def run_worlds(
         grain: worlds that are worth a thread.
         period: where the launch is one of several.
     """
-    worlds, users, stepping = len(inputs[3]), table.users(sim), sim.kernels.stepping
+    worlds, stepping = len(inputs[3]), sim.kernels.stepping
     steps = (0, 0) if period is None else (period.first, period.first + period.steps)
+    kernel = sweep_kernel(sim, policy, table, spans=period is not None)
     if isinstance(stepping, GenericKernels):
-        sizes = sim.dtype, stepping.residual, sim.scene.nv, sim.nu
-        kernel = make_generic_sweep_kernel(*sizes, policy, users)
         slots = min(worlds, stepping.chunk) if table.looks_at_contacts else 0
         shape = slots, len(sim.scene.structure.pairs)
         contacts = [wp.zeros(shape, dtype=wp.float64, device=sim.device) for _ in range(2)]
         stepping.launch(kernel, worlds, [*steps], [*contacts, *inputs], grain)
         return
-    kernel = make_sweep_kernel(sim.spec, policy, users, spans=period is not None)
     relay = Relay()
     if period is not None:
         relay.next = period.next

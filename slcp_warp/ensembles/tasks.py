@@ -6,6 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from slcp_warp.kernels.device.cache import load_all
+from slcp_warp.kernels.device.launch import thread_count
+
 from ..inputs import checks
 from ..inputs.checks import shown
 from ..inputs.errors import ArgumentError, ArgumentTypeError
@@ -105,6 +108,7 @@ class TaskSweep:
                 parts.append(Part(name, label, size, arm, count, min(at_once, count)))
         self.chunks = Chunks(parts)
         self._case: tuple[Part | None, Any] = None, None
+        self._compiled = False
 
     def cut(self, at_once: Sequence[int]) -> None:
         """Cut every part into chunks of so many worlds instead."""
@@ -126,10 +130,21 @@ class TaskSweep:
 
     def found(self, part: Part, world0: int, count: int) -> dict[str, np.ndarray]:
         """What `Case.launch` leaves of worlds world0, world0 + 1, ... of a part."""
+        self._compile()
         if self._case[0] != part:
             self._case = part, self._case_of(part)
         found: dict[str, np.ndarray] = self._case[1].launch(world0, count)
         return found
+
+    def _compile(self) -> None:
+        """Compile the kernels of all policies and cases before the first chunk, several at once."""
+        parts = {(part.policy, part.case, part.arm): part for part in reversed(self.chunks.parts)}
+        if self._compiled or len(parts) <= len(ARMS):  # of one policy and case: whoever launches them does it
+            return
+        self._compiled = True
+        kernels = [self._case_of(part).kernel for part in parts.values()]
+        device = next(iter(self.simulators.values())).device
+        load_all([kernel for kernel in kernels if kernel is not None], device, thread_count())
 
     def draws(self, part: Part) -> Draws | Given:
         """What the worlds of a part are drawn from."""
