@@ -55,7 +55,9 @@ class Store:
         Raises:
             FileError: it is of another job (the message says what differs), of other versions, or damaged; or
                 the folder cannot be made or written.
+            ImportError: pyarrow is not installed; it names the extra.
         """
+        parts.arrow()  # before a folder is made that nothing can be written to
         path = checks.path("folder", folder)
         with saying(path):
             for name in FOLDERS:

@@ -3,6 +3,7 @@
 import json
 import random
 import shutil
+import sys
 
 import numpy as np
 import pytest
@@ -341,9 +342,14 @@ def test_durations_as_a_person_says_them():
 
 
 def test_without_pyarrow_the_extra_is_named(tmp_path, monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "filelock", None)
-    with pytest.raises(ImportError, match=r"pip install 'slcp-warp\[data\]'"):
-        Store.open(tmp_path / "x", Numbers())
+    for name in ("filelock", "pyarrow"):
+        with (
+            monkeypatch.context() as patch,
+            pytest.raises(ImportError, match=r"pip install 'slcp-warp\[data\]'"),
+        ):
+            patch.setitem(sys.modules, name, None)
+            Store.open(tmp_path / name, Numbers())
+    assert not (tmp_path / "pyarrow").exists()
 
 
 def test_specifications_are_plain_values():

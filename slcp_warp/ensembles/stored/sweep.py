@@ -12,6 +12,7 @@ from ...inputs import checks
 from ...inputs.errors import ArgumentError
 from ...runs import manifest
 from ...runs.job import rebuild
+from ...runs.parts import arrow
 from ...runs.progress import Progress, Standing
 from ...runs.running import Outcome, run
 from ...runs.stopping import Stop, on_signals
@@ -56,7 +57,9 @@ class StoredSweep:
 
         Raises:
             FileError: the folder holds another sweep (the message says what differs), or something else.
+            ImportError: pyarrow is not installed; it names the extra.
         """
+        arrow()  # before the kernels are compiled
         path = checks.path("out", folder)
         job = SweepJob(work, path, texts)
         if not _take_over(job, path) and chunk is None:
