@@ -19,6 +19,12 @@ from ..problem import Problem
 SHIFTS, ROUNDS = "library", "refined library"
 
 
+def _told(options: Any) -> Any:
+    """A `RecedingOptions`; what is not given and was no option once is left out."""
+    own = asdict(options)
+    return told({name: own[name] for name in own if name != "first" or own[name] is not None}, "options")
+
+
 def kept_shifts(folder: str | os.PathLike[str], problem: Problem, x0: np.ndarray, options: Any) -> Store:
     """The store of a library's shifts: a new one, or the one that is there if it is of the same chains.
 
@@ -28,7 +34,7 @@ def kept_shifts(folder: str | os.PathLike[str], problem: Problem, x0: np.ndarray
     """
     specification = {
         "problem": problem_identity(problem), "x0": told(x0, "x0"),
-        "options": told(asdict(options), "options"),
+        "options": _told(options),
     }  # fmt: skip
     return opened(checked_path("out", folder), Sequence(SHIFTS, specification, device_kind(problem.dynamics)))
 
@@ -46,7 +52,7 @@ def kept_rounds(
     """The store of a refined library's rounds: the states in which each round's chains start."""
     specification = {
         "problem": problem_identity(problem), "x0": told(x0, "x0"),
-        "options": told(asdict(options), "options"),
+        "options": _told(options),
         "entries": count, "rounds": rounds, "score": function_identity(score, "score"),
         "tried on": simulator_identity(sim),
     }  # fmt: skip

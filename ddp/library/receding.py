@@ -51,6 +51,8 @@ class RecedingOptions:
         unperturbed: the first so many chains are never kicked.
         passes: DDP passes of a shift.
         first_passes: of the first plan.
+        first: controls (N, nu) that first plans are made from, too, in place of zeros: of a plan that is
+            there. None: zeros.
         entries: controllers stored of every plan, at its steps 0, 1, .. (at most the offset).
         seed: of all random numbers.
         solver: `Options` of DDP; `passes` stand in the place of its max_iterations. None: eight step sizes,
@@ -68,6 +70,7 @@ class RecedingOptions:
     unperturbed: int = 0
     passes: int = 10
     first_passes: int = 200
+    first: Any = None
     entries: int = 1
     seed: int = 0
     solver: Options | None = None
@@ -211,6 +214,9 @@ class _Chains:
                 f"({options.chains}, {problem.nx}) are needed, by RecedingOptions.chains"
             )
         self.problem, self.options, self.sim = problem, options, problem.dynamics
+        shape = problem.horizon, problem.nu
+        first = np.zeros(shape) if options.first is None else options.first
+        self.first = np.clip(array("RecedingOptions.first", first, shape), *problem.limit_rows())
         self.period = self.sim.scene.state_period
         self.rng = np.random.default_rng(options.seed)
         self.x = np.broadcast_to(x0, (options.chains, problem.nx)).copy()
@@ -248,10 +254,10 @@ class _Chains:
         self.rng.bit_generator.state = json.loads(str(columns["random"][0]))
 
     def first_plans(self) -> None:
-        """The first plan of every chain: from zero and from noise, to convergence."""
+        """The first plan of every chain: from zero, or controls given, and from noise, to convergence."""
         first = Workspace(self.problem, len(self.shifting_x()), self._limited(self.options.first_passes))
-        us = np.stack([self._noise() if start else np.zeros((self.problem.horizon, self.problem.nu))
-                       for _ in self.x for start in range(self.starts)])  # fmt: skip
+        starts = [start for _ in self.x for start in range(self.starts)]
+        us = np.stack([self._noise() if start else self.first for start in starts])
         self._keep_best(first, first.solve(self.shifting_x(), us))
 
     def shifting_x(self) -> np.ndarray:

@@ -134,7 +134,7 @@ def build_refined(
                 chains = max(1, each // SHIFTS)
                 settings = replace(
                     options, chains=chains, seed=options.seed + 1000 * k, perturb_every=0, first_passes=60,
-                    noisy=3,
+                    noisy=3, first=None,
                 )  # fmt: skip
                 x = _starts(kept, k, library, tried, score, settings, problem.params)
                 library = concatenate([library, build_library(problem, x, part, settings, report, out=below)])

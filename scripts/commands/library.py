@@ -28,6 +28,7 @@ from ..support.options import (
     StepSize,
     given_options,
 )
+from ..support.records import load_plan
 from ..support.rules import NO_RULE, OneRule, with_rules
 from ..support.screen import INTERRUPTED, console, one_line_errors, prepared, progress_bar, timed, wrote
 from ..support.simulators import numbers, observed_state
@@ -92,6 +93,13 @@ def library_command(
             "is as long as a plan.",
         ),
     ] = None,
+    plan: Annotated[
+        Path | None,
+        typer.Option(
+            help="A plan of the task that is there: runs follow it, in place of one made for disturbed "
+            "worlds; of chains the first plan starts from it, too."
+        ),
+    ] = None,
     entries: Annotated[int, typer.Option(help="Controllers kept of every plan, at its first steps.")] = 4,
     rounds: Annotated[
         int, typer.Option(help="Rounds of new chains where the controller gets nowhere; 0: none.")
@@ -128,10 +136,12 @@ def library_command(
     path = prepared(out)
     chosen = slcp.load_task(task)
     problem = task_problem(chosen, horizon, sigma, step_size, settings, rules, device, dtype)
+    given = None if plan is None else ddp.Result.of(load_plan(plan, chosen.scene))
     x0 = chosen.start[0] if start is None else numbers(start, "--start", problem.nx)
     options = task_options(
         chosen, offset=offset, chains=chains, entries=entries, perturb_every=perturb_every, passes=passes,
         perturb_variance=perturb_variance, unperturbed=unperturbed, noisy=noisy, seed=seed,
+        first=None if given is None else given.us,
     )  # fmt: skip
     observe, runs = observed_state(chosen), of_runs(context, chosen, problem, source, path)
     tell_timing(chosen, delayed=runs)
@@ -139,7 +149,7 @@ def library_command(
         with timed("library"), progress_bar("worlds" if runs else "controllers") as progress:
             plans = plans if plans is not None else PLANS[RUNS if runs else CHAINS]
             if runs:
-                library = build_of_runs(chosen, problem, plans, options, progress)
+                library = build_of_runs(chosen, problem, plans, options, progress, given)
             else:
                 with kept_beside(path, resume) as kept:
                     library = build(problem, x0, plans, options, observe, rounds, progress, kept)

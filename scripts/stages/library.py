@@ -69,6 +69,7 @@ def build_of_runs(
     plans: int,
     options: ddp.RecedingOptions,
     progress: Callable[[int, int], None] | None = None,
+    plan: ddp.Result | None = None,
 ) -> ddp.Library:
     """A library of a task's disturbed worlds, by so many plans or a few more (`ddp.library_of_runs`).
 
@@ -76,12 +77,15 @@ def build_of_runs(
 
     Args:
         options: its offset, passes, entries and seed.
+        plan: that runs follow; None: one is made for disturbed worlds (`ddp.plan_in_worlds`).
     """
     if plans < 1:
         raise ValueError(f"--plans is {plans}; it must be at least 1")
-    found = ddp.plan_in_worlds(task, seed=options.seed, problem=problem)
+    if plan is None:
+        found = ddp.plan_in_worlds(task, seed=options.seed, problem=problem)
+        problem, plan = found.problem, found.best
     how = {"replan": options.offset, "passes": options.passes, "seed": options.seed}
-    mpc = planned_policy(task, found, starts=["shift", "plan"], **how)
+    mpc = planned_policy(task, problem, plan, starts=["shift", "plan"], **how)
     worlds = -(-plans // -(-task.steps // options.offset))
     return ddp.library_of_runs(task, mpc, worlds, options.entries, options.seed, progress)
 

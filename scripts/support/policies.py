@@ -116,7 +116,8 @@ def planning_policy(task: slcp.Task, path: Path | None) -> ddp.MPC:
     """
     problem = ddp.problem_of(task)
     if path is None and ends_with_plan(task) and task.success is not None:
-        return planned_policy(task, ddp.plan_in_worlds(task))
+        found = ddp.plan_in_worlds(task)
+        return planned_policy(task, found.problem, found.best)
     how: dict[str, Any] = {"improved": 2, "lag": delay_of(task, problem)}
     how["end"] = task.steps if ends_with_plan(task) else None
     if path is not None and read_kind(path) == "library":
@@ -132,7 +133,7 @@ def ends_with_plan(task: slcp.Task) -> bool:
     return bool(task.steps == task.horizon)
 
 
-def planned_policy(task: slcp.Task, found: ddp.Robust, **more: Any) -> ddp.MPC:
-    """Model predictive control with the model and the plan that were found, up to the plan's end."""
-    how: dict[str, Any] = {"starts": STARTS, "improved": 2, "lag": delay_of(task, found.problem)} | more
-    return ddp.MPC(found.problem, plan=found.best, end=found.problem.horizon, **how)
+def planned_policy(task: slcp.Task, problem: ddp.Problem, plan: ddp.Result, **more: Any) -> ddp.MPC:
+    """Model predictive control with a model and a plan of it, up to the plan's end."""
+    how: dict[str, Any] = {"starts": STARTS, "improved": 2, "lag": delay_of(task, problem)} | more
+    return ddp.MPC(problem, plan=plan, end=problem.horizon, **how)

@@ -32,6 +32,15 @@ def library(device="cpu", **changes):
     return ddp.build_library(problem(device), FINGER.x0, 24, **{**OPTIONS, **changes})
 
 
+def test_chains_begin_with_controls_that_are_given(device):
+    us = np.linspace(-0.5, 0.5, 2 * HORIZON).reshape(HORIZON, 2)
+    own = {"first": us, "first_passes": 0, "noisy": 0, "recalled": 0, "perturb_every": 0}
+    found = ddp.build_library(problem(device), FINGER.x0, 2, **{**OPTIONS, **own, "chains": 1})
+    np.testing.assert_array_equal(found.u, us[:2])
+    with pytest.raises(slcp.ArgumentError, match=r"RecedingOptions.first has shape \(20, 2\); \(40, 2\)"):
+        ddp.build_library(replace(problem(device), horizon=40), FINGER.x0, 2, **{**OPTIONS, "first": us})
+
+
 def test_files_of_earlier_versions_fit_their_scene():
     """The digest that they state is from before scenes had rules of damping and stiffness."""
     before = "c0c5a8888eb050e5"
