@@ -156,6 +156,54 @@ def test_float32_follows_float64():
     agree(got, exact, 1e-3)
 
 
+GRIPPED = (  # q and v of a box that two fingers lift, flat but for 1e-14 rad
+    *(0.00011053888420371641, 0.3999556748919722, 0.24848234103378775, -0.24848771190091745),
+    *(-4.828202811927718e-06, 0.040175931519524775, 1.0792341106095058e-14),
+    *(-0.00012875183409114964, 1.3499699505450207, 0.5577964164111996, -0.5576882016325106),
+    *(2.743843578153542e-12, -1.4088384305916234e-16, -6.347141642851485e-13),
+)
+
+
+def gripper():
+    """Two fingers on a cart and a lift at its end, and a box on the floor whose corners and sides touch."""
+    box = slcp.box("box", "box", width=0.08, height=0.08, corner_radius=0.005, sides=True)
+    floor = slcp.Shape("floor", None, "halfplane", angle=np.pi / 2)
+    finger = {"mass": 0.15, "inertia": 3e-4, "parent": "lift", "com": (0.0, -0.06), "damping": 0.05}
+    bodies = (
+        slcp.Body("cart", 1.0, 0.01, joint="prismatic", damping=2.0),
+        slcp.Body(
+            "lift", 1.0, 0.01, "cart", joint="prismatic", anchor=(0.0, 0.17), axis=(0.0, 1.0), damping=2.0,
+            upper=0.4,
+        ),
+        slcp.Body("finger0", anchor=(-0.07, 0.0), armature=1e-3, lower=-0.6, upper=0.8, **finger),
+        slcp.Body("finger1", anchor=(0.07, 0.0), armature=1e-3, lower=-0.8, upper=0.6, **finger),
+        slcp.Body("box", 0.45, 3.2e-4, joint="free"),
+    )  # fmt: skip
+    tips = tuple(slcp.Shape(f"tip{i}", f"finger{i}", "disc", 0.012, offset=(0.0, -0.12)) for i in range(2))
+    return slcp.Scene(
+        "gripper", bodies, (floor, *box, *tips),
+        (*slcp.touching(box[:4], (floor,), friction=0.4), *slcp.touching(tips, (floor,), friction=0.4),
+         slcp.Contact("box30", "tip0", 0.4), slcp.Contact("box12", "tip1", 0.4)),
+        actuators=tuple(slcp.Actuator(body.name) for body in bodies[:4]), step_size=0.01, sigma=0.05,
+    )  # fmt: skip
+
+
+def test_corrections_as_small_as_rounding_end():
+    """Refinement that goes round in what numbers round by has found them: second derivatives, and DDP, ended
+    there for one such state of a hundred.
+    """
+    sim = generic(gripper())
+    x = np.array(GRIPPED) + 1e-15 * np.random.default_rng(0).standard_normal((1000, 14))
+    u = np.tile(
+        [-0.005261020229882367, 12.752999997940947, -0.37814815805683266, 0.3781100119444919], (1000, 1)
+    )
+    first, both = sim.linearize(x, u), sim.linearize(x, u, second=True)
+    assert (sim.step(x, u).status == 0).all() and (first.status == 0).all() and (both.status == 0).all()
+    np.testing.assert_allclose(both.A, first.A, rtol=0, atol=1e-9 * np.abs(first.A).max())
+    bent = np.abs(both.second).max(axis=(1, 2, 3))
+    assert (bent > 0.1 * np.median(bent)).all()  # and all have second ones
+
+
 def test_unsolved_worlds_have_a_status_and_no_derivatives():
     sc, x = tumbling(5, 5)
     sim = generic(sc)

@@ -248,8 +248,10 @@ def make_differentiate(given: type, residual: str) -> wp.Function:
             n, pairs = expansion.prepare(t, k, g, d, b, external, world)
             for part in range((width + COUNT - 1) / COUNT):
                 if expansion.columns(t, k, g, d, b, n, pairs, part * COUNT) == 0:
-                    writer.clear(a, c)
                     diff.clear(fzz, item)
+                    if move > 0:
+                        return status
+                    writer.clear(a, c)
                     return int(wp.static(NOT_CONVERGED))
                 if move == 0:
                     writer.write(t, d, k, b, part * COUNT, a, c)

@@ -31,6 +31,7 @@ REFINEMENTS = 2
 SLOW = 100  # refinements of rows that are nearly one, whose error falls by little at a time
 NOISE = 1e-10  # a correction relative to the response without rows that is rounding
 UNSEEN = 1e-20  # and relative to the largest of the columns beside it: of one that is 0 but for roundings
+ROUNDS = 2.0**-52  # a correction relative to what it corrects that is rounding
 STEEP = 0.7  # of the one before: a correction that is no rounding
 
 
@@ -50,6 +51,7 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
     ONE, ZERO, YIELDS = dtype(1.0), dtype(0.0), dtype(YIELDING[hard])
     SMALL, LEAST, MISSED = dtype(REFINED), dtype(NOISE), dtype(WRONG)
     FALLS, NOTHING, MOST = dtype(STEEP * STEEP), dtype(UNSEEN), dtype(PRESSED)
+    ROUND = dtype(ROUNDS * ROUNDS)
 
     @wp.func
     def add(t: wp.ref[Topology], k: wp.ref[Slot], s: int, x: wp.array(dtype=Lanes), c: Lanes):
@@ -173,9 +175,11 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
                         out[3 * j + part] = out[3 * j + part] - many.times(wp.transpose(m), part, x, i)
 
     @wp.func
-    def to_come(moved: dtype, last: dtype):
-        """What changes that shrink as the last two did add up to, relative to the last; squares."""
-        if not (moved < last):
+    def to_come(moved: dtype, last: dtype, size: dtype):
+        """What changes that shrink as the last two did add up to, relative to the last; squares. Nothing,
+        where they are what numbers of such a size round by: these may be the same for ever.
+        """
+        if not (moved < last) or moved <= ROUND * size:
             return ZERO
         rate = wp.sqrt(moved / last)
         return rate * rate / ((ONE - rate) * (ONE - rate))
@@ -195,7 +199,7 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
             moved += wp.cw_mul(step, step)
         good = int(1)
         for lane in range(wp.static(len(Lanes()))):
-            error = moved[lane] * wp.max(ONE, to_come(moved[lane], last[lane]))
+            error = moved[lane] * wp.max(ONE, to_come(moved[lane], last[lane], size[lane]))
             if not (error <= SMALL * SMALL * size[lane]):
                 good = 0
         return good, moved
@@ -228,7 +232,7 @@ def make_system(given: type, residual: str) -> SimpleNamespace:
             floor = wp.max(LEAST * LEAST * free[lane], NOTHING * NOTHING * largest)
             error = moved[lane] + ZERO
             shrinks = error < last[lane]
-            error = error * wp.max(to_come(error, last[lane]), counts)
+            error = error * wp.max(to_come(error, last[lane], size[lane]), counts)
             falls = most < MISSED and moved[lane] > LEAST * LEAST and moved[lane] < FALLS * last[lane]
             if not (error <= least) and (falls or not (error <= floor)):
                 if shrinks:
