@@ -17,6 +17,7 @@ from slcp_warp.kernels.policies.contract import PolicyKernel
 from slcp_warp.kernels.policies.tracking import TRACKING, make_tracking
 from slcp_warp.policies.arrays import kept_period, own_period, period_of, put, put_limits
 from slcp_warp.policies.saved import Content
+from slcp_warp.storage.printed import counted
 
 SAME = 1e-6  # of a step: times that differ by less are the same
 
@@ -83,6 +84,11 @@ class TrackingPolicy:
         self._scene = attribute(attribute(result, "simulated"), "scene")
         own = attribute(attribute(result, "simulated"), "step_size") if step_size is None else step_size
         self.step_size = None if own is None else number("step_size", own, 0.0, above=True)
+
+    def __repr__(self) -> str:
+        of = "" if self._scene is None else f" of scene {self._scene.name!r}"
+        step = "" if self.step_size is None else f" of {self.step_size:g} s"
+        return f"<TrackingPolicy{of}: {counted(self.worlds, 'plan')}, {self.us.shape[1]} steps{step}>"
 
     def kernel(self, sim: Simulator) -> tuple[PolicyKernel, Any]:
         """Kernel and struct for a simulator."""

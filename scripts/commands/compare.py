@@ -89,9 +89,12 @@ def compare_command(
 
 
 def _of_worlds(found: slcp.SequentialComparison, path: Path | None) -> None:
-    console.print(str(found), markup=False, highlight=False)
-    if path is not None and found.looks:
+    kept = path is not None and bool(found.looks)
+    if kept:
+        assert path is not None
         found.report.save(path)
+    console.print(str(found), markup=False, highlight=False)
+    if kept:
         wrote(path)
     if not found.report.complete:
         typer.echo(f"slcp: interrupted after {found.worlds} worlds", err=True)

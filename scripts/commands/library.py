@@ -31,7 +31,7 @@ from ..support.options import (
 from ..support.records import load_plan
 from ..support.rules import NO_RULE, OneRule, with_rules
 from ..support.screen import INTERRUPTED, console, one_line_errors, prepared, progress_bar, timed, wrote
-from ..support.simulators import numbers, observed_state
+from ..support.simulators import observed_state, start_state
 from ..support.tasks import DEFAULT, TaskName, tell_timing
 
 RUNS, CHAINS = "runs", "chains"
@@ -137,7 +137,7 @@ def library_command(
     chosen = slcp.load_task(task)
     problem = task_problem(chosen, horizon, sigma, step_size, settings, rules, device, dtype)
     given = None if plan is None else ddp.Result.of(load_plan(plan, chosen.scene))
-    x0 = chosen.start[0] if start is None else numbers(start, "--start", problem.nx)
+    x0 = chosen.start[0] if start is None else start_state(chosen.scene, start, chosen.start[0])
     options = task_options(
         chosen, offset=offset, chains=chains, entries=entries, perturb_every=perturb_every, passes=passes,
         perturb_variance=perturb_variance, unperturbed=unperturbed, noisy=noisy, seed=seed,

@@ -40,8 +40,8 @@ def map_command(
             chosen, policies_of_task(policy, chosen), *axes, worlds=worlds, seed=seed,
             case=case, dtype=dtype, device=device, progress=progress,
         )  # fmt: skip
-    console.print(str(found), markup=False, highlight=False)
     found.save(path)
+    console.print(str(found), markup=False, highlight=False)
     wrote(path)
 
 

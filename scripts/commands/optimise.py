@@ -17,9 +17,10 @@ from slcp_warp.runs.stopping import Stop, on_signals
 from ..stages.plan import first_controls, optimise, outcome_table, task_problem, trace_table
 from ..stages.trajectory import judged, simulate
 from ..support.options import Device, Dtype, Seed, Settings, Sigma, Start, StepSize
+from ..support.policies import tell_gains
 from ..support.rules import NO_RULE, OneRule, with_rules
 from ..support.screen import console, one_line_errors, prepared, timed, waiting, wrote
-from ..support.simulators import numbers
+from ..support.simulators import numbers, start_state
 from ..support.tasks import DEFAULT, TaskName, tell_timing
 
 FLAT = (
@@ -88,6 +89,8 @@ def tell_end(result: ddp.Result, path: Path, stop: Stop) -> None:
     """Say what was written, and of what it is where it is no solution."""
     if int(result.status) == ddp.Status.FLAT:
         typer.echo(f"slcp: {FLAT}", err=True)
+    else:
+        tell_gains("the plan", result)
     wrote(path)
     if stop:
         after = f"after {int(result.iterations)} passes"
@@ -141,7 +144,7 @@ def optimise_command(
     path, chosen = prepared(out), slcp.load_task(task)
     tell_timing(chosen, delayed=True)
     problem = task_problem(chosen, horizon, sigma, step_size, settings, rules, device, dtype)
-    x0 = chosen.start[0] if start is None else numbers(start, "--start", problem.nx)
+    x0 = chosen.start[0] if start is None else start_state(chosen.scene, start, chosen.start[0])
     sigmas = None if continuation is None else numbers(continuation, "--continuation")
     ddp.Options(sigma_schedule=None if sigmas is None else tuple(sigmas))  # must be positive and fall
     methods = () if method is not None or schedules else METHODS

@@ -43,8 +43,9 @@ def rare_command(
             smallest=smallest, seed=seed, dtype=dtype, device=device,
             progress=lambda count: shown(f"{count:,} worlds"),
         )  # fmt: skip
-    console.print(str(found), markup=False, highlight=False, soft_wrap=True)
-    found.save(path)
-    wrote(path)
+    written = [found.save(path)]
     if kept is not None and found.failing is not None:
-        wrote(slcp.save_worlds(found.failing, kept))
+        written.append(slcp.save_worlds(found.failing, kept))
+    console.print(str(found), markup=False, highlight=False, soft_wrap=True)
+    for each in written:
+        wrote(each)

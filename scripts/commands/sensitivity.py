@@ -65,8 +65,8 @@ def sensitivity_command(
                 task, policies_of_task(policy, task), measure=measure, samples=samples, seed=seed,
                 case=case, dtype=dtype, device=device, progress=progress,
             )  # fmt: skip
-    console.print(str(found), markup=False, highlight=False)
     found.save(path)
+    console.print(str(found), markup=False, highlight=False)
     wrote(path)
 
 

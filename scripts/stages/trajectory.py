@@ -99,13 +99,13 @@ def judged(run: slcp.Trajectory, task: slcp.Task) -> tuple[Table | None, np.ndar
     good = None
     ends = [] if task.failure is None else [first_time(task.failure)]
     if task.success is not None and all(_is_recorded(part) for part in [*task.success.parts(), *ends]):
-        good = run.measure(task.success)
+        good = np.atleast_1d(run.measure(task.success))
         for end in ends:
             good = good & ~np.isfinite(run.measure(end))
     rows = [] if good is None else [("success", f"{int(good.sum())} of {len(good)}")]
     for name, what in task.measures.items():
         if solved.any() and _is_recorded(what):
-            values = run.measure(what)[solved]
+            values = np.atleast_1d(run.measure(what))[solved]
             finite = np.isfinite(values)
             share = "" if finite.all() or not finite.any() else f" in {finite.sum()} of {len(values)}"
             rows.append((name, f"{values[finite].mean() if finite.any() else values[0]:.4g}{share}"))

@@ -24,7 +24,10 @@ Settings = Annotated[
     typer.Option("--set", help="A parameter of the scene, name=value or name=v1,v2,.. (repeatable)."),
 ]
 Start = Annotated[
-    str | None, typer.Option(help="Initial state q1,..,v1,..; default: the scene's (the canonical start).")
+    str | None,
+    typer.Option(
+        help="Initial state: q1,..,v1,.., or name=value,.. of some; default: the scene's (canonical) start."
+    ),
 ]
 
 

@@ -45,7 +45,23 @@ def named_policy(given: str | Path, scene: slcp.Scene, task: slcp.Task | None) -
         return slcp.policies.load_policy(text), {"policy": policy_name(text)}
     policy, facts = load_policy(Path(text), scene)
     _tell_early(text, policy, task)
+    if facts["policy"] == "tracking":
+        tell_gains(text, ddp.Result.load(text))
     return policy, facts
+
+
+def tell_gains(name: str, plan: ddp.Result) -> None:
+    """Say where a plan's gains are none to rely on."""
+    status = ddp.Status(int(plan.status))
+    if status == ddp.Status.DYNAMICS_FAILED:
+        typer.echo(f"slcp: {name} ended {status.name}: {status.explanation}; it has no gains", err=True)
+    elif not plan.positive_definite:
+        typer.echo(
+            f"slcp: {name} ended {status.name} where Q_uu is not positive definite: no minimum, whose gains "
+            "may amplify what they should correct; go on from it (slcp optimise --from), with --method "
+            "gauss-newton, too, and look at a sweep",
+            err=True,
+        )
 
 
 def _tell_early(name: str, policy: Any, task: slcp.Task | None) -> None:
@@ -117,6 +133,12 @@ def planning_policy(task: slcp.Task, path: Path | None) -> ddp.MPC:
     problem = ddp.problem_of(task)
     if path is None and ends_with_plan(task) and task.success is not None:
         found = ddp.plan_in_worlds(task)
+        if not found.success[found.index]:
+            typer.echo(
+                f"slcp: the plan that mpc made succeeds in none of {found.worlds} worlds: plan first, with "
+                "more --starts (slcp optimise), and give --policy mpc:plan.npz",
+                err=True,
+            )
         return planned_policy(task, found.problem, found.best)
     how: dict[str, Any] = {"improved": 2, "lag": delay_of(task, problem)}
     how["end"] = task.steps if ends_with_plan(task) else None
@@ -125,6 +147,7 @@ def planning_policy(task: slcp.Task, path: Path | None) -> ddp.MPC:
         entries.check_scene(task.scene)
         return ddp.MPC(problem, entries, **how)
     plan = ddp.plan(task).best if path is None else ddp.Result.of(load_plan(path, task.scene))
+    tell_gains("its plan" if path is None else str(path), plan)
     return ddp.MPC(problem, starts=STARTS, plan=plan, **how)
 
 

@@ -4,6 +4,7 @@ import errno
 import functools
 import itertools
 import os
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -44,6 +45,9 @@ def one_line_errors(command: Callable[..., None]) -> Callable[..., None]:
         except MemoryError as error:
             typer.echo(f"slcp: this needs more memory than there is ({one_line(error)})", err=True)
             raise typer.Exit(BAD_INPUT) from None
+        except BrokenPipeError:  # who reads what is printed has seen enough; Python closes what is left
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            raise typer.Exit(0) from None
         except (ValueError, InputError, OSError, ImportError) as error:  # ImportError: an extra is missing
             typer.echo(f"slcp: {one_line(error)}", err=True)
             raise typer.Exit(BAD_INPUT) from None

@@ -118,6 +118,21 @@ def numbers(text: str, name: str, count: int | None = None) -> np.ndarray:
     return values
 
 
+def start_state(scene: slcp.Scene, text: str, otherwise: np.ndarray) -> np.ndarray:
+    """The state (nx,) of --start: all numbers in order, or name=value,.. of some, the others as they are.
+
+    Args:
+        otherwise: (nx,) what is not named.
+    """
+    if "=" not in text:
+        return numbers(text, "--start", 2 * scene.nv)
+    out = np.array(otherwise, float)
+    for part in text.split(","):
+        name, _, value = part.partition("=")
+        (out[scene.state_index(name.strip())],) = numbers(value, f"--start {name.strip()}", 1)
+    return out
+
+
 def start_states(
     scene: slcp.Scene,
     start: str | None,
@@ -131,9 +146,8 @@ def start_states(
     Args:
         default: where no start is given, (nx,); None: the scene's.
     """
-    nx = 2 * scene.nv
     own = scene.x0 if default is None else default
-    x0 = own if start is None else numbers(start, "--start", nx)
+    x0 = own if start is None else start_state(scene, start, own)
     if not (math.isfinite(velocity_sd) and velocity_sd >= 0.0):
         raise ValueError(f"--velocity-sd is {velocity_sd}; it must be >= 0")
     x = np.tile(x0, (worlds, 1))

@@ -142,8 +142,9 @@ class Trajectory(Printed):
         """
         return self._by_pair if self.batched else self._by_pair[0]
 
-    def measure(self, what: Measure | Success) -> np.ndarray:
-        """(B,) values of a measure of `slcp_warp.measures`, or whether worlds succeeded.
+    def measure(self, what: Measure | Success) -> Any:
+        """(B,) values of a measure of `slcp_warp.measures`, or whether worlds succeeded; one number of one
+        world without an axis of worlds.
 
         NaN, and no success, of worlds that are not SOLVED.
 
@@ -167,7 +168,7 @@ class Trajectory(Printed):
         found = worlds.value(what) if isinstance(what, Measure) else worlds.success(what)
         out = np.full(len(solved), np.nan if isinstance(what, Measure) else False, found.dtype)
         out[solved] = found
-        return out
+        return out if self.batched else out[0]
 
     def failures(self) -> list[tuple[int, str, str]]:
         """The first worlds that are not SOLVED: number, status, what overlaps in the state they failed at.

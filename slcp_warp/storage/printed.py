@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-ROWS, COLUMNS, WIDTH, LINE = 12, 10, 32, 240  # at most: of a table, characters of a cell, of a line
+ROWS, COLUMNS, WIDTH, LINE = 24, 10, 32, 240  # at most: of a table, characters of a cell, of a line
 
 
 def cell(value: Any, most: int = WIDTH) -> str:
