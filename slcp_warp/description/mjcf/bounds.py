@@ -15,6 +15,7 @@ MOST_ASSET = 256 * 2**20  # bytes of a file that a mesh, texture or height field
 CELLS = 2**24  # of a texture or a height field
 USER = 1000  # numbers of a user's per element, and keyframes
 SIZES = ("nrow", "ncol", "width", "height")
+GRIDS = ("texture", "hfield")  # elements that have them; of others a width is a length
 FOLDERS = ("meshdir", "texturedir", "assetdir")
 
 
@@ -120,7 +121,8 @@ class _Parser:
             scan.folders |= {self.path.parent / attributes[key] for key in FOLDERS if key in attributes}
         cells = 1
         for key in SIZES:
-            cells *= max(_whole(name, key, attributes[key]), 1) if key in attributes else 1
+            if name in GRIDS and key in attributes:
+                cells *= max(_whole(name, key, attributes[key]), 1)
         if cells > CELLS:
             raise FileError(f"<{name}> has {cells} cells; at most {CELLS} are read")
         for key, value in attributes.items():

@@ -15,11 +15,17 @@ BITS = 2**31 - 1  # of contype and conaffinity that ours have; whether they say 
 Place = dict[int, tuple[str | None, float, np.ndarray]]
 
 
-def read_contacts(m: Any, plane: Plane, place: Place, bodies: tuple[Body, ...]) -> dict[str, Any]:
+def read_contacts(
+    m: Any, plane: Plane, place: Place, depth: dict[int, float], bodies: tuple[Body, ...]
+) -> dict[str, Any]:
     """Fields of the scene: shapes that may touch, and the pairs of them that MuJoCo's filters leave; "auto",
     with MuJoCo's own numbers, where it says the same.
+
+    Args:
+        depth: of every body along the plane's normal. Geoms at different ones touch planes alone.
     """
     pairs = _pairs(m, place)
+    at = [depth[int(m.geom_bodyid[g])] + plane.depth(m.geom_pos[g]) for g in range(m.ngeom)]
     shapes: dict[int, list[Shape]] = {}
     for geom in sorted({g for a, b, _ in pairs for g in (a, b)}):
         shapes[geom] = _shapes(m, plane, place, geom)
@@ -29,7 +35,12 @@ def read_contacts(m: Any, plane: Plane, place: Place, bodies: tuple[Body, ...]) 
         if "box" in kinds and "plane" not in kinds:
             raise MjcfError(
                 f"geoms {_name(m, a)!r} and {_name(m, b)!r}: a box touches planes only, by its corners; "
-                "exclude the pair"
+                "exclude the pair, or give a scene in Python slcp.box(sides=True), with round corners"
+            )
+        if "plane" not in kinds and abs(at[a] - at[b]) > FLAT:
+            raise MjcfError(
+                f"geoms {_name(m, a)!r} and {_name(m, b)!r} are {abs(at[a] - at[b]):g} m apart along the "
+                f"normal of the plane {plane.name}, where they do not touch as in it; exclude the pair"
             )
         contacts += [Contact(x.name, y.name, friction) for x in shapes[a] for y in shapes[b]]
     bits: dict[Any, dict[str, Any]] = {
@@ -115,7 +126,7 @@ def _shapes(m: Any, plane: Plane, place: Place, geom: int) -> list[Shape]:
     holder, turn, origin = place[int(m.geom_bodyid[geom])]
     axes = plane.matrix(m.geom_quat[geom])
     size = [float(x) for x in m.geom_size[geom]]
-    local = plane.point(m.geom_pos[geom], label, flat=kind != "plane")
+    local = plane.point(m.geom_pos[geom])
     c, s = math.cos(turn), math.sin(turn)
     centre = origin + np.array([c * local[0] - s * local[1], s * local[0] + c * local[1]])
     offset = (float(centre[0]), float(centre[1]))

@@ -15,6 +15,22 @@ class MjcfError(SceneError):
     """A model that is not planar or not supported; the message names the element and the reason."""
 
 
+def plane_of(m: Any) -> str:
+    """The plane that a MuJoCo model moves in: "xy" where all of its hinges turn about z, or all of its slides
+    keep z, else "xz".
+    """
+    import mujoco
+
+    data = mujoco.MjData(m)
+    mujoco.mj_kinematics(m, data)
+    hinges = np.asarray(m.jnt_type) == int(mujoco.mjtJoint.mjJNT_HINGE)
+    axes = np.asarray(data.xaxis).reshape(m.njnt, 3)
+    if hinges.any():
+        return "xy" if (np.abs(np.abs(axes[hinges, 2]) - 1.0) < FLAT).all() else "xz"
+    flat = len(axes) > 0 and (np.abs(axes[:, 2]) < FLAT).all() and (np.abs(axes[:, 1]) > FLAT).any()
+    return "xy" if flat else "xz"
+
+
 class Plane:
     """The plane "xz" or "xy"; `normal` completes its axes to a right-handed frame."""
 
@@ -24,11 +40,13 @@ class Plane:
         first, second, normal = planes[name]
         self.name, self.axes, self.normal = name, [first, second], np.array(normal)
 
-    def point(self, x: Any, label: str, flat: bool = True) -> np.ndarray:
-        """A place in the plane; `flat`: it must lie there."""
-        if flat and abs(float(self.normal @ x)) > FLAT:
-            raise MjcfError(f"{label}: its place {np.round(x, 6).tolist()} is not in the plane {self.name}")
+    def point(self, x: Any) -> np.ndarray:
+        """A place as it is seen along the normal."""
         return np.asarray(x, float)[self.axes]
+
+    def depth(self, x: Any) -> float:
+        """How far a place is along the normal."""
+        return float(self.normal @ np.asarray(x, float))
 
     def vector(self, x: Any, label: str) -> tuple[float, float]:
         """A direction or force in the plane."""

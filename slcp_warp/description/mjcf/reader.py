@@ -7,6 +7,7 @@ controls, which are a task's, are not read. docs/reference/scene_files.md has th
 
 import math
 import os
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -18,18 +19,21 @@ from ..scene import Scene
 from .bounds import check_bounds
 from .contacts import read_contacts
 from .motors import Servo, gain_of, servos
-from .plane import MjcfError, Plane
-from .refused import refuse_what_is_missing
+from .plane import MjcfError, Plane, plane_of
+from .refused import WORDS, is_disabled, refuse_what_is_missing
 
 __all__ = ["MjcfError", "load_mjcf"]
 
 
-def load_mjcf(path: str | os.PathLike[str], plane: str = "xz") -> Scene:
+def load_mjcf(path: str | os.PathLike[str], plane: str | None = None, left_out: Sequence[str] = ()) -> Scene:
     """Read a planar mechanism from an MJCF file.
 
     Args:
-        plane: "xz" (x right, z up) or "xy", the plane of motion. Angles count counter-clockwise in it, so
-            that a hinge about +y of an "xz" model changes its sign. q = 0: the joints' reference positions.
+        plane: "xz" (x right, z up) or "xy", the plane of motion; None: "xy" where all hinges turn about z,
+            else "xz". Angles count counter-clockwise in it, so that a hinge about +y of an "xz" model changes
+            its sign. q = 0: the joints' reference positions.
+        left_out: of what would be refused, as it has no counterpart ("frictionloss", "tendons", "density",
+            .., as errors name it), what the scene is to do without: it is another mechanism then.
 
     Raises:
         MjcfError: a file that MuJoCo does not compile, an element that is not planar or not supported, or a
@@ -41,25 +45,29 @@ def load_mjcf(path: str | os.PathLike[str], plane: str = "xz") -> Scene:
         import mujoco
     except ImportError as error:
         raise ImportError("reading MJCF needs the package mujoco: pip install 'slcp-warp[mjcf]'") from error
-    path, chosen = checks.path("path", path), Plane(plane)
+    path, chosen = checks.path("path", path), None if plane is None else Plane(plane)
+    for word in (left_out,) if isinstance(left_out, str) else left_out:
+        checks.choice("left_out", word, WORDS)
     with reading(path, "MJCF", MjcfError):
         check_bounds(path)
         model = mujoco.MjModel.from_xml_path(str(path))
-        return _Reader(model, chosen).scene(model.names.split(b"\0")[0].decode() or path.stem)
+        refuse_what_is_missing(model, left_out)
+        reader = _Reader(model, chosen or Plane(plane_of(model)))
+        return reader.scene(model.names.split(b"\0")[0].decode() or path.stem)
 
 
 class _Reader:
     def __init__(self, model: Any, plane: Plane) -> None:
         self.m, self.plane = model, plane
-        self.signs: list[float] = []  # of our degrees of freedom against MuJoCo's
-        self.dof_of_joint: dict[int, tuple[str, int]] = {}
+        self.turns: list[np.ndarray] = []  # our degrees of freedom by MuJoCo's, of each body with joints
+        self.dof_of_joint: dict[int, tuple[str, int, float]] = {}  # body, place, sense
+        self.depth: dict[int, float] = {0: 0.0}  # of every MuJoCo body, along the normal
         # place of every MuJoCo body: (our body or None, turn, origin) in that body's frame
         self.place: dict[int, tuple[str | None, float, np.ndarray]] = {0: (None, 0.0, np.zeros(2))}
         self.welded: dict[str, list[tuple[float, np.ndarray, float]]] = {}
         self.servos: dict[int, Servo] = {}
 
     def scene(self, name: str) -> Scene:
-        refuse_what_is_missing(self.m)
         self.servos = servos(self.m)
         drafts = [self._body(b) for b in range(1, self.m.nbody)]
         bodies = tuple(self._with_mass(draft) for draft in drafts if draft is not None)
@@ -68,17 +76,25 @@ class _Reader:
         m = self.m
         q = m.key_qpos[0] if m.nkey else m.qpos0
         v = m.key_qvel[0] if m.nkey else np.zeros(m.nv)
-        signs = np.array(self.signs)
-        state = np.concatenate([signs * (q - m.qpos0), signs * v])
+        sizes = np.cumsum([0, *map(len, self.turns)])
+        parts = [slice(a, b) for a, b in zip(sizes[:-1], sizes[1:])]
+        state = np.concatenate([t @ x[at] for x in (q - m.qpos0, v) for t, at in zip(self.turns, parts)])
         return Scene(
             name=name,
             bodies=bodies,
-            **read_contacts(self.m, self.plane, self.place, bodies),
+            **read_contacts(self.m, self.plane, self.place, self.depth, bodies),
             actuators=tuple(self._actuator(i) for i in range(m.nu)),
-            gravity=self.plane.vector(m.opt.gravity, "gravity"),
+            gravity=(0.0, 0.0) if is_disabled(m, "GRAVITY") else self._gravity(),
             step_size=float(m.opt.timestep),
             initial_state=tuple(state.tolist()),
         )
+
+    def _gravity(self) -> tuple[float, float]:
+        """In the plane; what points along its normal alone the joints hold."""
+        pull = self.m.opt.gravity
+        if not np.any(self.plane.point(pull)):
+            return 0.0, 0.0
+        return self.plane.vector(pull, "gravity")
 
     def _name(self, b: int) -> str:
         return str(self.m.body(b).name or f"body{b}")
@@ -89,7 +105,8 @@ class _Reader:
         label = f"body {name!r}"
         parent, turn, origin = self.place[int(m.body_parentid[b])]
         angle = turn + self.plane.turn(m.body_quat[b], label)
-        at = origin + _rotate(turn, self.plane.point(m.body_pos[b], label))
+        at = origin + _rotate(turn, self.plane.point(m.body_pos[b]))
+        self.depth[b] = self.depth[int(m.body_parentid[b])] + self.plane.depth(m.body_pos[b])
         first, count = int(m.body_jntadr[b]), int(m.body_jntnum[b])
         mass, inertia, com = self._inertia(b)
         if count == 0:
@@ -98,9 +115,7 @@ class _Reader:
                 self.welded.setdefault(parent, []).append((mass, at + _rotate(angle, com), inertia))
             return None
         joints = list(range(first, first + count))
-        fields, pivot = self._joint(joints, angle, label)
-        for i, j in enumerate(joints):
-            self.dof_of_joint[j] = (name, i)
+        fields, pivot = self._joint(joints, angle, name)
         self.place[b] = (name, 0.0, -pivot)
         return fields | {
             "name": name,
@@ -110,41 +125,63 @@ class _Reader:
             "parts": [(mass, com - pivot, inertia)],
         }
 
-    def _joint(self, joints: list[int], angle: float, label: str) -> tuple[dict[str, Any], np.ndarray]:
+    def _joint(self, joints: list[int], angle: float, name: str) -> tuple[dict[str, Any], np.ndarray]:
         """Joint fields, and the joint's place in the body's frame."""
-        m = self.m
+        m, label = self.m, f"body {name!r}"
         kinds = [("free", "ball", "slide", "hinge")[m.jnt_type[j]] for j in joints]
-        pivot = np.zeros(2)
-        signs = []
-        axes = []
+        pivot, signs, axes = np.zeros(2), [], []
         for j, kind in zip(joints, kinds):
             where = f"joint {m.joint(j).name!r}"
             if kind == "hinge":
                 signs.append(self.plane.normal_sign(m.jnt_axis[j], where))
-                pivot = self.plane.point(m.jnt_pos[j], where, flat=False)
+                pivot = self.plane.point(m.jnt_pos[j])
             elif kind == "slide":
                 signs.append(1.0)
                 axes.append(_rotate(angle, np.array(self.plane.vector(m.jnt_axis[j], where))))
             else:
                 raise MjcfError(f"{where}: a {kind} joint is not planar; use slide, slide and hinge joints")
-        fields: dict[str, Any] = {}
+        turn, fields = np.diag(signs), dict[str, Any]()
         if kinds == ["hinge"]:
             fields["joint"] = "revolute"
         elif kinds == ["slide"]:
             fields |= {"joint": "prismatic", "axis": tuple(axes[0].tolist())}
         elif kinds == ["slide", "slide", "hinge"]:
-            if not np.allclose(axes, np.eye(2), atol=1e-9):
-                raise MjcfError(
-                    f"{label}: its slides point along {np.round(axes, 6).tolist()}; a free planar body needs "
-                    "the parent's first and second axis, in this order"
-                )
             fields["joint"] = "free"
+            turn[:2, :2] = np.transpose(axes)
+            joints, signs = self._free(joints, signs, turn[:2, :2], label)
         else:
             raise MjcfError(
                 f"{label}: joints {kinds}; one hinge, one slide, or slide, slide, hinge are supported"
             )
-        self.signs += signs
+        self.turns.append(turn)
+        self.dof_of_joint |= {j: (name, i, sign) for i, (j, sign) in enumerate(zip(joints, signs))}
         return fields | self._dof_fields(joints, signs), pivot
+
+    def _free(
+        self, joints: list[int], signs: list[float], turn: np.ndarray, label: str
+    ) -> tuple[list[int], list[float]]:
+        """The joints of a free body in the order of the parent's axes that its slides go along, and their
+        senses; slides that are turned against these are one as the other, and nothing is said of one alone.
+        """
+        m = self.m
+        if not np.allclose(turn @ turn.T, np.eye(2), atol=1e-9):
+            raise MjcfError(
+                f"{label}: its slides point along {np.round(turn.T, 6).tolist()}; a free planar body needs "
+                "two at right angles"
+            )
+        along = np.abs(turn).argmax(axis=1)  # the slide of each of our axes
+        if np.allclose(np.abs(turn), np.eye(2)[along], atol=1e-9):
+            own = [(joints[s], float(np.sign(turn[axis, s]))) for axis, s in enumerate(along)]
+            return [*(j for j, _ in own), joints[2]], [*(sign for _, sign in own), signs[2]]
+        dofs = [m.jnt_dofadr[j] for j in joints[:2]]
+        same = all(np.ptp(values[dofs]) == 0.0 for values in (m.dof_damping, m.dof_armature))
+        alone = any(m.jnt_limited[j] or m.jnt_stiffness[j] or j in self.servos for j in joints[:2])
+        if alone or not same:
+            raise MjcfError(
+                f"{label}: its slides are turned against its parent's axes; damping and armature have to be "
+                "the same for both, and limits, springs and actuators along them are not supported"
+            )
+        return joints, signs
 
     def _dof_fields(self, joints: list[int], signs: list[float]) -> dict[str, Any]:
         m = self.m
@@ -181,11 +218,10 @@ class _Reader:
     def _inertia(self, b: int) -> tuple[float, float, np.ndarray]:
         """Mass, inertia about the plane's normal through the centre of mass, and that centre in the body."""
         m = self.m
-        label = f"body {self._name(b)!r}"
         axes = self.plane.matrix(m.body_iquat[b])
         along = self.plane.normal @ axes
         inertia = float(along**2 @ m.body_inertia[b])
-        return float(m.body_mass[b]), inertia, self.plane.point(m.body_ipos[b], label)
+        return float(m.body_mass[b]), inertia, self.plane.point(m.body_ipos[b])
 
     def _with_mass(self, draft: dict[str, Any]) -> Body:
         """The body with the masses welded to it."""
@@ -199,8 +235,8 @@ class _Reader:
 
     def _actuator(self, i: int) -> Actuator:
         joint, push = gain_of(self.m, i)
-        body, dof = self.dof_of_joint[joint]
-        return Actuator(body, dof, self.signs[int(self.m.jnt_dofadr[joint])] * push)
+        body, dof, sign = self.dof_of_joint[joint]
+        return Actuator(body, dof, sign * push)
 
 
 def _rotate(angle: float, vector: np.ndarray) -> np.ndarray:

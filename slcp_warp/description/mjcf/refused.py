@@ -3,13 +3,14 @@
 A field that a version of MuJoCo lacks says nothing: that version has not got what it stands for.
 """
 
+from collections.abc import Collection
 from typing import Any
 
 import numpy as np
 
 from .plane import MjcfError
 
-FLAGS = ("GRAVITY", "LIMIT", "SPRING", "DAMPER", "ACTUATION")
+FLAGS = ("LIMIT", "SPRING", "DAMPER", "ACTUATION")
 COUNTS = {"neq": "equality constraints", "ntendon": "tendons", "nflex": "flexes", "nplugin": "plugins"}
 MEDIUM = ("density", "viscosity")  # of what bodies move in: drag
 # fields that are zero where nothing of the kind acts, by the element that they belong to
@@ -27,38 +28,50 @@ FIELDS = {
 }  # fmt: skip
 
 
-def refuse_what_is_missing(m: Any) -> None:
-    """Raise MjcfError for the first thing that would act in MuJoCo and not here."""
-    _refuse_options(m)
+WORDS = (*COUNTS.values(), *MEDIUM, *dict.fromkeys(w for fields in FIELDS.values() for w in fields.values()))
+HINT = " (load_mjcf can leave it out: left_out)"
+
+
+def refuse_what_is_missing(m: Any, left_out: Collection[str] = ()) -> None:
+    """Raise MjcfError for the first thing that would act in MuJoCo and not here.
+
+    Args:
+        left_out: words of `WORDS`, of what may act there alone.
+    """
+    _refuse_options(m, left_out)
     for count, what in COUNTS.items():
-        if getattr(m, count, 0):
-            raise MjcfError(f"the model has {getattr(m, count)} {what}; they are not supported")
+        if getattr(m, count, 0) and what not in left_out:
+            raise MjcfError(f"the model has {getattr(m, count)} {what}; they are not supported{HINT}")
     for kind, fields in FIELDS.items():
         for field, what in fields.items():
-            values = np.asarray(getattr(m, field, ()))
+            values = np.asarray(getattr(m, field, ()) if what not in left_out else ())
             for place in (i for i, value in enumerate(values) if np.any(value)):
                 owner = m.dof_jntid[place] if field.startswith("dof_") else place
                 name = getattr(m, kind)(int(owner)).name
                 value = np.round(values[place].astype(float), 9).tolist()
                 of = "is limited" if values.dtype == bool else f"is {value}"
-                raise MjcfError(f"{kind} {name!r}: {what} {of}; it is not supported")
+                raise MjcfError(f"{kind} {name!r}: {what} {of}; it is not supported{HINT}")
 
 
-def _refuse_options(m: Any) -> None:
+def is_disabled(m: Any, flag: str) -> bool:
+    """Whether a flag of the options is off."""
     import mujoco
 
-    def disabled(flag: str) -> bool:
-        return bool(m.opt.disableflags & int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}", 0)))
+    return bool(m.opt.disableflags & int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}", 0)))
+
+
+def _refuse_options(m: Any, left_out: Collection[str]) -> None:
+    import mujoco
 
     for flag in (*FLAGS, *(("CONSTRAINT",) if m.jnt_limited.any() else ())):
-        if disabled(flag):
+        if is_disabled(m, flag):
             raise MjcfError(f"flag {flag.lower()} is disabled; leave out of the model what is not to act")
     if m.opt.enableflags & int(mujoco.mjtEnableBit.mjENBL_OVERRIDE):
         raise MjcfError("flag override is enabled; give the geoms the friction that they are to have")
     for name in MEDIUM:
         value = float(getattr(m.opt, name))
-        if value != 0.0:
-            raise MjcfError(f"option {name} is {value:g}; there is no drag of a medium")
+        if value != 0.0 and name not in left_out:
+            raise MjcfError(f"option {name} is {value:g}; there is no drag of a medium{HINT}")
     for i in range(m.nu):
         if 0 <= (group := int(m.actuator_group[i])) < 31 and m.opt.disableactuator >> group & 1:
             raise MjcfError(
