@@ -27,6 +27,7 @@ from ..support.screen import waiting
 
 RECORD = ("controls", "impulse", "gap")
 MOST = 4  # failed worlds that are named
+NEAR = 1e-3  # that touches, more or less [m]
 
 
 def simulate(
@@ -138,7 +139,22 @@ def warnings(run: slcp.Trajectory) -> list[str]:
         when = "" if step is None else f" in step {step + 1} of {states.shape[1] - 1}"
         lines.append(f"world {world} is {status}{when}; what overlaps there: {overlapping}")
     more = int((run.recorded("status") != slcp.Status.SOLVED).sum()) - len(failures[:MOST])
-    return [*lines, *([f"{more:,} more worlds are not SOLVED"] if more else [])]
+    lines += [f"{more:,} more worlds are not SOLVED"] if more else []
+    return lines + _soft(run, bool((gap[:, -1] < NEAR).any()))
+
+
+def _soft(run: slcp.Trajectory, touching: bool) -> list[str]:
+    """A line where what touches at the end creeps, as the noise of contacts is faster than a step's fall."""
+    if not touching or run.options is None or run.options.hard:
+        return []
+    h, sigma = (float(np.max(run.params[name])) for name in ("step_size", "sigma"))
+    fall = float(np.hypot(*np.reshape(run.params["gravity"], (-1, 2))[0])) * h
+    if not 0.0 < fall < sigma:
+        return []
+    return [
+        f"sigma is {sigma:g} m/s, more than what a step falls, g h = {fall:.3g}: what rests or is held by "
+        f"friction creeps; {fall / 5.0:.2g} holds it (--sigma), --residual hard is the limit (docs/do/scene.md)"
+    ]
 
 
 def _freedoms(scene: slcp.Scene) -> list[str]:
