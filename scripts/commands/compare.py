@@ -89,13 +89,10 @@ def compare_command(
 
 
 def _of_worlds(found: slcp.SequentialComparison, path: Path | None) -> None:
-    kept = path is not None and bool(found.looks)
-    if kept:
-        assert path is not None
-        found.report.save(path)
+    written = [] if path is None or not found.looks else [found.report.save(path)]
     console.print(str(found), markup=False, highlight=False)
-    if kept:
-        wrote(path)
+    for each in written:
+        wrote(each)
     if not found.report.complete:
         typer.echo(f"slcp: interrupted after {found.worlds} worlds", err=True)
         raise typer.Exit(INTERRUPTED)

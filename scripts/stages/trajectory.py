@@ -153,7 +153,7 @@ def _soft(run: slcp.Trajectory, touching: bool) -> list[str]:
         return []
     return [
         f"sigma is {sigma:g} m/s, more than what a step falls, g h = {fall:.3g}: what rests or is held by "
-        f"friction creeps; {fall / 5.0:.2g} holds it (--sigma), --residual hard is the limit (docs/do/scene.md)"
+        f"friction creeps; {fall / 5.0:.2g} holds it (--sigma), hard contact is the limit (docs/do/scene.md)"
     ]
 
 

@@ -8,6 +8,8 @@ import warp as wp
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
+from slcp_warp.kernels.structure import STEP_SIZE
+
 from ..gradients.tape import Recorded, adjoint, derivatives_exist
 from ..inputs.arrays import ArrayError
 from ..inputs.checks import flag, instance, whole
@@ -15,8 +17,9 @@ from ..inputs.errors import ArgumentError
 from ..policies.function import Function
 from ..policies.network import Network
 from ..simulator import Simulator
+from ..stepping.arguments import at_step_size, policy_arrays
 from .adjoint_check import check_adjoint
-from .followed import Followed, Memory, filled, followed, innermost, leaves_of
+from .followed import Followed, Memory, filled, followed, innermost, is_plan, leaves_of
 from .functions import Outcome, given
 from .network import of_same_kind, roll_out, under_module
 from .operators import check_values, share, stream
@@ -42,7 +45,8 @@ def closed_loop(
         sim, params: as for `rollout`.
         x0: (B, nx) or (nx,).
         policy: a torch.nn.Sequential as of `policies.Network`, of the simulator's precision, on its device;
-            or one of `policies`: Function, Network, Linear, or Around one of these.
+            or one of `policies`: Function, Network, Linear, or Around one of these; or a `ddp.TrackingPolicy`
+            of NumPy arrays, whose own numbers collect no gradient here.
         steps: N.
         arrays: tensors by name in place of a function's arrays.
         check: whether values of parameters are looked at (on a GPU this waits for them).
@@ -70,6 +74,9 @@ def closed_loop(
         states, status = under_module(sim, x, policy, steps, table)
     else:
         leaves = leaves_of(policy, arrays or {})
+        policy = at_step_size(policy, table[:, STEP_SIZE].detach().cpu().numpy())
+        if is_plan(innermost(policy)):
+            policy_arrays(policy, sim, len(x))  # as many plans as worlds, or one
         if isinstance(innermost(policy), Network):
             of_same_kind(innermost(policy).module, x)
         wanted = torch.is_grad_enabled() and any(t.requires_grad for t in (x, table, *leaves.values()))

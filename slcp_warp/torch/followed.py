@@ -7,6 +7,7 @@ import copy
 from collections.abc import Mapping
 from typing import Any, Protocol
 
+import numpy as np
 import torch
 import warp as wp
 from torch import Tensor
@@ -14,6 +15,7 @@ from torch import Tensor
 from slcp_warp.kernels.device.launch import launch
 from slcp_warp.kernels.policies.around import make_noise_kernel
 
+from ..inputs import checks
 from ..inputs.errors import ArgumentError, ArgumentTypeError
 from ..inputs.limits import bounded, limit_rows
 from ..policies.around import Around
@@ -54,16 +56,14 @@ class FollowedNetwork:
 
 
 class FollowedLinear:
-    """Linear feedback."""
+    """Linear feedback about a state."""
 
     def __init__(self, policy: Linear, sim: Simulator, like: Tensor) -> None:
         period = period_of(policy.period, sim)
-
-        def put(values: Any) -> Tensor:
-            return torch.tensor(values, dtype=like.dtype, device=like.device)
-
-        self.K, self.x, self.u, self.period = map(put, (policy.K, policy.x_ref, policy.u_ref, period))
-        self.lower, self.upper = map(put, policy.limits)
+        self.K, self.x, self.u, self.period = (
+            _like(like, values) for values in (policy.K, policy.x_ref, policy.u_ref, period)
+        )
+        self.lower, self.upper = (_like(like, values) for values in policy.limits)
 
     def start(self, x: Tensor) -> Memory:
         """Nothing."""
@@ -71,11 +71,40 @@ class FollowedLinear:
 
     def __call__(self, k: int, x: Tensor, memory: Memory) -> tuple[Tensor, Memory]:
         """See `Followed`."""
-        off = x - self.x
+        return self._about(x, self.x, self.u, self.K), memory
+
+    def _about(self, x: Tensor, at: Tensor, u: Tensor, gain: Tensor) -> Tensor:
+        """u + K (x - x_ref), the nearest x_ref there is, within the limits."""
+        off = x - at
         safe = torch.where(self.period > 0.0, self.period, 1.0)
         off = off - torch.where(self.period > 0.0, safe * torch.round(off / safe), 0.0).detach()
-        u = self.u + (self.K @ off[:, :, None])[:, :, 0]
-        return torch.clamp(u, self.lower, self.upper), memory
+        return torch.clamp(u + (gain @ off[:, :, None])[:, :, 0], self.lower, self.upper)
+
+
+class FollowedPlan(FollowedLinear):
+    """Linear feedback along a trajectory, whose last step is held, as a `ddp.TrackingPolicy` has it."""
+
+    def __init__(self, policy: Any, sim: Simulator, like: Tensor) -> None:
+        period = period_of(policy.period, sim)
+        self.K, self.x, self.u, self.period = (
+            _like(like, values) for values in (policy.K, policy.xs, policy.us, period)
+        )
+        self.lower, self.upper = (_like(like, values) for values in policy.limits)
+
+    def __call__(self, k: int, x: Tensor, memory: Memory) -> tuple[Tensor, Memory]:
+        """See `Followed`."""
+        at = min(k, self.u.shape[1] - 1)
+        return self._about(x, self.x[:, at], self.u[:, at], self.K[:, at]), memory
+
+
+def _like(like: Tensor, values: Any) -> Tensor:
+    return torch.tensor(np.asarray(values), dtype=like.dtype, device=like.device)
+
+
+def is_plan(policy: Any) -> bool:
+    """Whether a policy tracks a plan of NumPy arrays."""
+    arrays = [checks.attribute(policy, name) for name in ("us", "xs", "K")]
+    return all(isinstance(a, np.ndarray) for a in arrays) and hasattr(policy, "limits")
 
 
 class FollowedAround:
@@ -135,11 +164,11 @@ def leaves_of(policy: Any, arrays: Mapping[str, Tensor]) -> dict[str, Tensor]:
         ArgumentError: arrays for one that has none.
     """
     inner = innermost(policy)
-    if not isinstance(inner, Function | Network | Linear):
+    if not isinstance(inner, Function | Network | Linear) and not is_plan(inner):
         raise ArgumentTypeError(
             f"policy is a {type(inner).__name__}, through which no gradient flows; a torch.nn.Sequential, or "
-            "policies.Function, Network, Linear or Around of these is needed (of a plan that is tracked: "
-            "rollouts on a wp.Tape, docs/understand/gradients.md)"
+            "policies.Function, Network, Linear, a ddp.TrackingPolicy or Around of these is needed (by the "
+            "numbers of a plan that is tracked: rollouts on a wp.Tape, docs/understand/gradients.md)"
         )
     if arrays and not isinstance(inner, Function):
         raise ArgumentError(f"arrays are given, but a {type(inner).__name__} has none; a Function has")
@@ -154,7 +183,9 @@ def followed(policy: Any, sim: Simulator, like: Tensor, leaves: Mapping[str, Ten
         return AskedFunction(policy, sim, leaves)
     if isinstance(policy, Network):
         return FollowedNetwork(policy, leaves)
-    return FollowedLinear(policy, sim, like)
+    if isinstance(policy, Linear):
+        return FollowedLinear(policy, sim, like)
+    return FollowedPlan(policy, sim, like)
 
 
 def filled(policy: Any, sim: Simulator, leaves: Mapping[str, Tensor]) -> Any:

@@ -3,13 +3,14 @@
 import contextlib
 import functools
 import importlib
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import warp as wp
 
 import slcp_warp as slcp
-from slcp_warp import policies
+from slcp_warp import ddp, policies
 
 torch = pytest.importorskip("torch")
 import slcp_warp.torch as slcp_torch  # noqa: E402
@@ -118,6 +119,34 @@ def test_a_function_that_remembers(device, between):
     policy = policies.Around(function(), **between) if between else function()
     ask = around(lambda k, x, memory: law(k, x, memory, gain, offset), **between)
     same_gradients(sim, policy, ask, x0, mass, weight, [gain, offset], {"gain": gain, "offset": offset})
+
+
+@pytest.mark.parametrize("plans", [1, len(STARTS)])
+@pytest.mark.parametrize("between", [{}, {"delay": 2, "limits": (-0.3, 0.4)}])
+def test_a_plan_that_is_tracked(device, between, plans):
+    """Shorter than the run, so that its last step is held; one for all worlds or one each; of other steps."""
+    sim, (x0, mass, weight) = pendulum(device), leaves(device)
+    rng = np.random.default_rng(5)
+    us, xs = rng.standard_normal((plans, STEPS - 3, 1)), 0.3 * rng.standard_normal((plans, STEPS - 2, 2))
+    K = rng.standard_normal((plans, STEPS - 3, 1, 2))
+    plan = SimpleNamespace(us=us, xs=xs, K=K)
+    tracked = ddp.TrackingPolicy(plan, control_limits=(-0.6, 0.7))
+    u, x, gain = (torch.tensor(a, device=device) for a in (us, xs, K))
+
+    def control(k, state, memory):
+        at = min(k, STEPS - 4)
+        found = u[:, at] + (gain[:, at] @ (state - x[:, at])[:, :, None])[:, :, 0]
+        return torch.clamp(found, -0.6, 0.7), memory
+
+    policy = policies.Around(tracked, **between) if between else tracked
+    same_gradients(sim, policy, around(control, **between), x0, mass, weight, [])
+    h = float(sim.params["step_size"])
+    timed = ddp.TrackingPolicy(plan, control_limits=(-0.6, 0.7), step_size=2.0 * h)
+    own = [slcp_torch.closed_loop(sim, x0, each, STEPS).states for each in (timed, timed.at(h))]
+    assert torch.equal(*own)
+    five = SimpleNamespace(us=np.repeat(us[:1], 5, 0), xs=np.repeat(xs[:1], 5, 0), K=np.repeat(K[:1], 5, 0))
+    with pytest.raises(slcp.InputError, match="5"):
+        slcp_torch.closed_loop(sim, x0, ddp.TrackingPolicy(five), 3)
 
 
 def test_around_a_network_and_around_linear_feedback(device):
