@@ -85,7 +85,14 @@ class Parameters(Printed):
         return self.layout.names
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """A parameter's value, read-only: its own shape, or (B, *shape)."""
+        """A parameter's value, read-only: its own shape, or (B, *shape); of one part, "box.mass", its number
+        or numbers, with B in front where worlds differ.
+        """
+        if isinstance(name, str) and "." in name:
+            self._check_parts([name])
+            places = places_of(self.scene, name, "parameters")
+            rows = self.table()[:, places if len(places) > 1 else places[0]]
+            return rows[0] if self.worlds is None else rows
         self._known(name)
         value = np.asarray(self._values[name]).view()
         value.flags.writeable = False

@@ -7,9 +7,11 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ..description.columns import places_of_all
+from ..description.scene import Scene
 from ..gradients.tape import derivatives_exist
 from ..inputs.checks import array, shown
-from ..inputs.errors import ArgumentTypeError
+from ..inputs.errors import ArgumentError, ArgumentTypeError
 from ..inputs.rules import COVARIANCES
 from ..parameters import ParameterError, Parameters
 from ..simulator import Simulator
@@ -39,12 +41,10 @@ def parameter_table(sim: Simulator, params: Values, like: Tensor) -> Tensor:
         return table
     if any(isinstance(value, Tensor) and value.requires_grad for value in params.values()):
         derivatives_exist(sim.options.method)
-    unknown = [name for name in params if name not in base.names]
+    parts = [name for name in params if isinstance(name, str) and "." in name]
+    unknown = [name for name in params if name not in base.names and name not in parts]
     if unknown:
-        of_parts = (
-            "; those of single parts are numbers of the tensor of all" if "." in str(unknown[0]) else ""
-        )
-        raise ParameterError(f"no parameter {shown(unknown)}; there are {list(base.names)}{of_parts}")
+        raise ParameterError(f"no parameter {shown(unknown)}; there are {list(base.names)}")
     columns = []
     for name, start, shape in base.layout.columns:
         size = math.prod(shape)
@@ -54,7 +54,25 @@ def parameter_table(sim: Simulator, params: Values, like: Tensor) -> Tensor:
     if len(rows) > 1:
         raise ParameterError(f"params disagree on the number of worlds: {sorted(rows)}")
     count = rows.pop() if rows else 1
-    return torch.cat([c.expand(count, -1) for c in columns], 1)
+    table = torch.cat([c.expand(count, -1) for c in columns], 1)
+    return _with_parts(table, sim.scene, {name: params[name] for name in parts}, like)
+
+
+def _with_parts(table: Tensor, scene: Scene, values: Mapping[str, Any], like: Tensor) -> Tensor:
+    """The table with numbers of single parts, "box.mass", after those of all."""
+    try:
+        places = places_of_all(scene, values, "params")
+    except ArgumentError as error:
+        raise ParameterError(str(error)) from None
+    for name, value in values.items():
+        column = _column(name, value, (), 1, like)
+        if len(column) > 1 and len(table) == 1:
+            table = table.expand(len(column), -1)
+        if len(column) not in (1, len(table)):
+            raise ParameterError(f"{name} is for {len(column)} worlds, other numbers are for {len(table)}")
+        at = torch.tensor(places[name], device=like.device)
+        table = torch.index_copy(table, 1, at, column.expand(len(table), len(at)))
+    return table
 
 
 def _base_table(params: Parameters, dtype: torch.dtype, device: torch.device) -> Tensor:

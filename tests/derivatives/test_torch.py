@@ -77,6 +77,40 @@ def test_same_gradient_as_the_tape_and_no_copy(device):
 
 
 @pytest.mark.slow
+def test_parameters_of_single_parts(device):
+    """The same states as with all of them, and the gradients of their numbers; by world or for all."""
+    sim, (x, us) = finger(device), contact(device)
+    names = [body.name for body in sim.scene.bodies]
+    mass = tensor([0.4, 0.5, 0.6], device)  # of the second body, a world's own
+    gain = tensor(1.3, device)
+    kept = tensor(np.tile(sim.params["mass"], (3, 1)), device, grad=False)
+    whole = torch.stack([kept[:, 0], mass, kept[:, 2]], 1)
+    both = (
+        {f"{names[1]}.mass": mass, f"{names[0]}.com_x": 0.1 * gain},
+        {"mass": whole, "com": torch.stack([
+            torch.cat([0.1 * gain[None], tensor(sim.params["com"][0, 1:], device, grad=False)]),
+            *tensor(sim.params["com"][1:], device, grad=False)])},
+    )  # fmt: skip
+    found = []
+    for params in both:
+        run = slcp_torch.rollout(sim, x, us, params)
+        loss = (run.states * torch.arange(6.0, dtype=x.dtype, device=x.device)).sum()
+        found.append((run.states.detach(), *torch.autograd.grad(loss, [mass, gain])))
+    for one, other in zip(*found):
+        torch.testing.assert_close(one, other, rtol=1e-12, atol=1e-12)
+        assert one.abs().max() > 0.0
+    params = sim.params.replace(**{f"{names[1]}.mass": [0.4, 0.5, 0.6], f"{names[0]}.com_x": 0.13})
+    np.testing.assert_array_equal(params[f"{names[1]}.mass"], [0.4, 0.5, 0.6])
+    np.testing.assert_array_equal(params[f"{names[0]}.com"], [[0.13, params["com"][0, 1]]] * 3)
+    assert sim.params[f"{names[1]}.mass"] == sim.params["mass"][1]
+    for wrong, text in (
+        ({"nobody.mass": mass}, "nobody.mass"), ({f"{names[1]}.masss": mass}, "masss"),
+        ({f"{names[1]}.mass": mass[:2]}, "3 worlds|2 worlds"), ({f"{names[1]}.mass": whole}, "has shape"),
+    ):  # fmt: skip
+        with pytest.raises(slcp.InputError, match=text):
+            slcp_torch.rollout(sim, x, us, {"friction": tensor([0.4, 0.5, 0.6], device)} | wrong)
+
+
 def test_float32_steps_chain_to_a_rollout(device):
     sim = finger(device, wp.float32)
     x0, us, _ = start()
