@@ -14,7 +14,7 @@ from slcp_warp.ddp.planning import METHODS, SCHEDULES, Late, delay_of, noise_sca
 from slcp_warp.inputs.checks import number
 from slcp_warp.runs.stopping import Stop, on_signals
 
-from ..stages.plan import first_controls, optimise, outcome_table, task_problem, trace_table
+from ..stages.plan import first_controls, optimise, outcome_table, shown_controls, task_problem, trace_table
 from ..stages.trajectory import judged, simulate
 from ..support.options import Device, Dtype, Seed, Settings, Sigma, Start, StepSize
 from ..support.policies import tell_gains
@@ -41,9 +41,11 @@ Method = Annotated[
     ),
 ]
 Source = Annotated[
-    Path | None,
+    str | None,
     typer.Option(
-        "--from", help="A plan, whose controls are a start in place of zeros (with --starts 1 the only one)."
+        "--from",
+        help="A plan, or a policy (a library, file.py:name, ..) that is run once: its controls are a start "
+        "in place of zeros (with --starts 1 the only one).",
     ),
 ]
 Gain = Annotated[
@@ -157,7 +159,8 @@ def optimise_command(
     stop = Stop()
     with passes_told(stop, bool(methods)) as tell:
         late = Late.of(problem, delay_of(chosen, problem))
-        guesses = first_controls(late, x0, starts, seed, scale, every, source)
+        given = None if source is None else shown_controls(late, x0, source, chosen)
+        guesses = first_controls(late, x0, starts, seed, scale, every, given)
         record, results = optimise(late, x0, guesses, options, schedules, sigmas, methods, tell, stop)
     record.header["seed"], record.header["task"] = seed, chosen.name
     record.save(path)

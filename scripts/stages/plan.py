@@ -15,10 +15,12 @@ from slcp_warp.ddp.planning import Late, compile_kernels, plan_starts, solve_sta
 from slcp_warp.results.simulated import Simulated
 from slcp_warp.runs.stopping import Stop
 
-from ..support.records import Record, device_facts, load_plan
+from ..support.policies import of_python
+from ..support.records import Record, device_facts, load_plan, read_kind
 from ..support.rules import NO_RULE, OneRule
 from ..support.simulators import make_params
 from ..support.tasks import task_simulator
+from .trajectory import simulate
 
 HEAD, TAIL = 4, 14  # rows of a long trace that are printed
 
@@ -40,6 +42,29 @@ def task_problem(
     return replace(ddp.problem_of(task, sim), params=params)
 
 
+def shown_controls(late: Late, x0: np.ndarray, source: str, task: slcp.Task) -> np.ndarray:
+    """Controls (1, N, nu), of what is left to plan, that a plan has or that a policy sends in the undisturbed
+    task, within the limits.
+
+    Args:
+        source: a plan's file, or a policy as the commands name one.
+
+    Raises:
+        RecordError, ArgumentError: a plan of another scene, or of another number of steps.
+        ValueError: a run of the policy that is not SOLVED.
+    """
+    sim, limits = late.whole.dynamics, late.whole.limit_rows()
+    assert isinstance(sim, slcp.Simulator)
+    if not of_python(source) and Path(source).exists() and read_kind(Path(source)) == "plan":
+        found = load_plan(Path(source), sim.scene)["us"][None]
+    else:
+        run = simulate(sim, late.whole.params, x0[None], late.whole.horizon, source, ("controls",), task)
+        if (code := int(run.recorded("status")[0])) != slcp.Status.SOLVED:
+            raise ValueError(f"--from {source}: its run is {slcp.Status(code).name}, no start of a plan")
+        found = run.recorded("controls")
+    return np.clip(late.controls(found), *(side[0] for side in limits))
+
+
 def first_controls(
     late: Late,
     x0: np.ndarray,
@@ -47,16 +72,12 @@ def first_controls(
     seed: int,
     scale: Any,
     methods: tuple[str, ...],
-    plan: Path | None = None,
+    given: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Controls to plan from (S, N, nu): zeros, noise and what `ddp.plan` adds; a plan's in place of zeros.
+    """Controls to plan from (S, N, nu): zeros, noise and what `ddp.plan` adds; given ones in place of zeros.
 
     What these and passes of the methods need is compiled together.
-
-    Raises:
-        RecordError, ArgumentError: the plan is of another scene, or of another number of steps.
     """
-    given = None if plan is None else late.controls(load_plan(plan, late.whole.dynamics.scene)["us"][None])
     compile_kernels(late.rest, methods, count)
     guesses = plan_starts(late.rest, late.begin(x0), count, seed, scale, method=methods[0])
     return guesses if given is None else np.concatenate([given, guesses[1:]])

@@ -73,6 +73,26 @@ def test_a_plan_goes_on_from_another(tmp_path):
     assert "planned for scene 'flicking_finger', not 'push_block'; name, bodies," in wrong
 
 
+def test_a_plan_begins_with_what_a_policy_shows(tmp_path):
+    """Its controls in the undisturbed task, with its delay, are the first trajectory."""
+    file, out, late = tmp_path / "hand.py", tmp_path / "plan.npz", tmp_path / "late.json"
+    file.write_text(
+        "import numpy as np\nfrom slcp_warp import policies\n"
+        "hand = policies.Linear(np.array([[-4.0, 0, 0, 0, -1.0, 0, 0, 0]]), np.full(8, 0.3), [2.0])\n"
+    )
+    task = slcp.tasks.push_to_mark()
+    slcp.save_task(task.replace(disturbances=slcp.Disturbances(delay=2 * task.scene.step_size)), late)
+    for given, delay in (("push_to_mark", 0), (late, 2)):
+        arguments = "optimise", given, "--starts", 1, "--passes", 0, "--device", "cpu", "--out", out
+        call(*arguments, "--from", f"{file}:hand")
+        us, xs = load_record(out, "plan")["us"], load_record(out, "plan")["xs"]
+        for k in range(5):
+            sent = 2.0 - 4.0 * (xs[k, 0] - 0.3) - (xs[k, 4] - 0.3)
+            np.testing.assert_allclose(us[k + delay, 0], np.clip(sent, -20.0, 20.0), rtol=1e-12)
+        assert not us[:delay].any()
+    assert "no such file" in fails("optimise", "push_to_mark", "--from", "nowhere.npz", "--out", out)
+
+
 def test_a_plan_is_tried_in_its_task(tmp_path):
     """Plans that do nothing were written without a word."""
     out, weak = tmp_path / "plan.npz", tmp_path / "weak.json"
