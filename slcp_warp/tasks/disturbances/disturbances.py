@@ -29,7 +29,8 @@ class Disturbances:
 
     Attributes:
         position, velocity: standard deviation of normal noise on every coordinate, and on every velocity, of
-            the start.
+            the start. Of what rests half begins inside of what it rests on then, and is pushed out at once:
+            `start` disturbs single components.
         start: the same for single components by their names, instead of these; a `Uniform` one stands in
             place of the start's number.
         parameters: name -> distribution (a draw for each body, shape, contact or degree of freedom, or one

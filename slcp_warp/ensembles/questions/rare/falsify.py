@@ -63,8 +63,9 @@ def falsify(
     Args:
         task: with a success; its first start counts, and no noise.
         policy: as for `sweep`.
-        by: what is disturbed: "kick" (velocities, at one time), "push" (a force on a body for a while),
-            "start", "parameters", "all" that the task disturbs, or `Disturbances` of your own.
+        by: what is disturbed: "kick" (velocities, at one time; in the task's kicks' standard deviations, else
+            in its starts', else in m/s and rad/s), "push" (a force on a body for a while), "start",
+            "parameters", "all" that the task disturbs, or `Disturbances` of your own.
         time: of the kick or push [s]; None: the task's first, or 0.
         body: that is pushed; None: the task's first push's, or the scene's last.
         duration: of the push [s]; None: of the task's first push, or 0.1.
