@@ -186,6 +186,8 @@ class Parameters(Printed):
         array = rules.numbers(name, value, ParameterError, name)
         if name in COVARIANCES:
             return rules.covariance(name, array, shape[0], ParameterError)
+        if len(shape) == 2 and array.shape == shape[:1]:  # of each item, not of each world
+            array = np.broadcast_to(array[:, None], shape)
         single = array.shape == shape or array.shape[1:] == shape and array.ndim == len(shape) + 1
         if single:
             array = array.copy()

@@ -38,7 +38,8 @@ def places_of(scene: Scene, key: str, label: str) -> list[int]:
     width, exact, parts = size // (shape[0] if shape else 1), parts_of(scene, name), owners(scene, name)
     if not part:
         return list(range(start + (component or 0), start + size, 1 if component is None else width))
-    wanted = {part, turned(part), *_positions(scene, part)}
+    own = part if any(owner == part or owner.startswith(f"{part} ") for owner in parts) else turned(part)
+    wanted = {part, own, *_positions(scene, part)}
     limits = tuple(f"{each} " for each in wanted)  # "cart.shift lower"
     rows = [i for i, owner in enumerate(parts) if owner in wanted or owner.startswith(limits)]
     rows = rows or [i for i, each in enumerate(exact) if each in wanted]  # of one end of a capsule

@@ -40,6 +40,8 @@ class Segments:
 
     def run(self, i: int, start: wp.array, status: wp.array) -> wp.array:
         """Roll segment i out from start (B, nx); its states (B, L+1, nx), in the room there is."""
+        if start.shape[0] == 0:
+            return self.states
         states = self.states[:, : self.bounds[i + 1] - self.bounds[i] + 1]
         self.kernels.roll_out(self.table, start, self.controls(i), self.external, states, status)
         return states
@@ -67,6 +69,8 @@ def checkpointed(
 
     segments = Segments(kernels, table, us, external, bounds, empty(worlds, longest + 1, nx))
     kept = empty(worlds, len(bounds), nx)
+    if worlds == 0:
+        return kept
     copy_rows(x0, kept[:, 0])
     for i in range(len(bounds) - 1):
         states = segments.run(i, kept[:, i], status)

@@ -7,7 +7,6 @@ from typing import Any
 import torch
 import warp as wp
 from torch import Tensor
-from torch.autograd.function import once_differentiable
 
 from slcp_warp.kernels.device.cache import block_of, load
 from slcp_warp.kernels.policies.pull import make_asked_kernel, make_begun_kernel
@@ -18,7 +17,7 @@ from ..inputs.errors import ArgumentError
 from ..policies.arrays import put
 from ..policies.function import Function
 from ..simulator import Simulator
-from .operators import share, stream
+from .operators import once, share, stream
 
 
 class AskedFunction:
@@ -121,7 +120,7 @@ class WarpCall(torch.autograd.Function):
         return tuple(asked.run(k, [t.detach().contiguous() for t in given]))
 
     @staticmethod
-    @once_differentiable
+    @once
     def backward(ctx: Any, *slopes: Tensor) -> tuple[Tensor | None, ...]:
         """Gradients by states, memory and arrays."""
         given = [t.detach().contiguous() for t in ctx.saved_tensors]

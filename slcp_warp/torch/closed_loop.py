@@ -6,7 +6,6 @@ from typing import Any
 import torch
 import warp as wp
 from torch import Tensor
-from torch.autograd.function import once_differentiable
 
 from slcp_warp.kernels.structure import STEP_SIZE
 
@@ -17,12 +16,12 @@ from ..inputs.errors import ArgumentError
 from ..policies.function import Function
 from ..policies.network import Network
 from ..simulator import Simulator
-from ..stepping.arguments import at_step_size, policy_arrays
+from ..stepping.arguments import at_step_size
 from .adjoint_check import check_adjoint
-from .followed import Followed, Memory, filled, followed, innermost, is_plan, leaves_of
+from .followed import Followed, Memory, filled, followed, innermost, leaves_of
 from .functions import Outcome, given
 from .network import of_same_kind, roll_out, under_module
-from .operators import check_values, share, stream
+from .operators import check_values, once, share, stream
 from .table import Values, parameter_table
 
 
@@ -75,8 +74,6 @@ def closed_loop(
     else:
         leaves = leaves_of(policy, arrays or {})
         policy = at_step_size(policy, table[:, STEP_SIZE].detach().cpu().numpy())
-        if is_plan(innermost(policy)):
-            policy_arrays(policy, sim, len(x))  # as many plans as worlds, or one
         if isinstance(innermost(policy), Network):
             of_same_kind(innermost(policy).module, x)
         wanted = torch.is_grad_enabled() and any(t.requires_grad for t in (x, table, *leaves.values()))
@@ -104,7 +101,7 @@ class UnderPolicy(torch.autograd.Function):
         return states, status
 
     @staticmethod
-    @once_differentiable
+    @once
     def backward(ctx: Any, by_states: Tensor, _by_status: Any) -> tuple[Tensor | None, ...]:
         """Gradients by the start, the table and the policy's numbers."""
         sim = ctx.sim
@@ -114,7 +111,7 @@ class UnderPolicy(torch.autograd.Function):
         memories = _memories(repeated, states)
         by_table, by_leaves = torch.zeros_like(table), [torch.zeros_like(leaf) for leaf in leaves]
         by_x, by_memory = by_states[:, -1], [torch.zeros_like(m) for m in memories[-1]]
-        for k in reversed(range(controls.shape[1])):
+        for k in reversed(range(controls.shape[1] if len(x0) else 0)):
             by_x, by_u = _step_back(sim, table, by_table, states, controls, status, k, by_x)
             through, by_memory, by_own = _ask_back(
                 repeated, k, states[:, k], memories[k], leaves, by_u, by_memory

@@ -101,7 +101,9 @@ def given(sim: Simulator, name: str, value: Tensor, shape: tuple[int | None, ...
         )
         raise ArrayError(f"{name} is {came}; a tensor of {dtype} on {device} is needed")
     batched = value if value.ndim == len(shape) + 1 else value.unsqueeze(0)
-    if batched.ndim != len(shape) + 1 or any(w not in (None, g) for w, g in zip(shape, batched.shape[1:])):
+    if batched.ndim != len(shape) + 1 or any(
+        w is not None and w != g for w, g in zip(shape, batched.shape[1:])
+    ):
         need = ", ".join("N" if n is None else str(n) for n in shape)
         raise ArrayError(f"{name} has shape {tuple(value.shape)}; (B, {need}) or ({need}) is needed")
     return batched

@@ -10,7 +10,6 @@ from typing import Any
 import torch
 import warp as wp
 from torch import Tensor
-from torch.autograd.function import once_differentiable
 
 from slcp_warp.kernels.device.tables import laid_out
 from slcp_warp.kernels.policies.tracking import make_tracking
@@ -19,8 +18,9 @@ from ..gradients.tape import Recorded, adjoint
 from ..inputs.arrays import ArrayError
 from ..policies.network import Network
 from ..simulator import Simulator
+from ..stepping.arguments import policy_arrays
 from ..stepping.arrays import Controls, RolloutArrays
-from .operators import share, stream
+from .operators import once, share, stream
 
 
 def under_module(
@@ -53,7 +53,7 @@ def roll_out(
     states, controls = x.new_zeros((worlds, steps + 1, sim.nx)), x.new_zeros((worlds, steps, sim.nu))
     status = torch.zeros(worlds, dtype=torch.int32, device=x.device)
     with stream(x):
-        kernel, struct = policy.kernel(sim)
+        kernel, struct = policy_arrays(policy, sim, worlds)
         source = Controls(kernel, struct, steps)
         numbers, start, out, us = share(sim, table, x, states, controls)
         none = sim.empty(0, steps, 1)
@@ -84,12 +84,14 @@ class ClosedLoop(torch.autograd.Function):
         return states.clone()
 
     @staticmethod
-    @once_differentiable
+    @once
     def backward(ctx: Any, by_states: Tensor) -> tuple[Tensor | None, ...]:
         """Gradients by x0, the table and the controls."""
         sim, wanted = ctx.sim, ctx.needs_input_grad
         x0, table, controls, gain, states, status = ctx.saved_tensors
         found = [torch.zeros_like(t, memory_format=torch.contiguous_format) for t in (x0, table, controls)]
+        if not len(x0):
+            return (*(f if want else None for f, want in zip(found, wanted)), None, None, None, None, None)
         with stream(x0):
             start, numbers, us, slopes, out, by_out = arrays = share(
                 sim, x0, table, controls, gain, states, by_states
@@ -99,7 +101,7 @@ class ClosedLoop(torch.autograd.Function):
                     array.grad = wp.from_torch(gradient, dtype=sim.dtype)
                     array.requires_grad = True
             struct = make_tracking(sim.nx, sim.nu, sim.dtype).Struct()
-            struct.us, struct.xs, struct.gain, struct.period = us, out, slopes, wp.zeros_like(start[0])
+            struct.us, struct.xs, struct.gain, struct.period = us, out, slopes, sim.empty(sim.nx)
             code: Any = wp.from_torch(status)
             run = Recorded(sim.kernels.stepping, numbers, start, us, sim.empty(0, 0), out, code, struct)
             adjoint(run, by_out)

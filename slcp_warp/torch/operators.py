@@ -5,9 +5,10 @@ the worlds.
 """
 
 import contextlib
+import functools
 import math
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -124,6 +125,8 @@ def pull_op(
     kernels = sim.kernels.stepping
     derivatives_exist(sim.options.method)
     out = [torch.zeros_like(t, memory_format=torch.contiguous_format) for t in (x0, us, table)]
+    if not len(x0):
+        return out[0], out[1], out[2]
     with stream(x0):
         arrays = share(sim, x0, us, table, force, states, by_states)
         for array, gradient in list(zip(arrays, out))[: 3 if parameters else 2]:
@@ -195,6 +198,44 @@ class RolloutFunction(torch.autograd.Function):
         return _gradients(PullFunction.apply, ctx, by_states)
 
 
+SECOND = (
+    "second derivatives of slcp_warp.torch rollouts are not supported; slcp_warp.weighted_hessian "
+    "and Simulator.linearize(second=True) give those of a step"
+)
+
+
+class _Gradients(torch.autograd.Function):
+    """The first `count` tensors, as what follows from the others, and whose derivative is an error."""
+
+    @staticmethod
+    def forward(ctx: Any, count: int, *tensors: Tensor) -> tuple[Tensor, ...]:
+        """The gradients."""
+        return tuple(t.view_as(t) for t in tensors[:count])
+
+    @staticmethod
+    def backward(ctx: Any, *_: Any) -> Any:
+        """There is none."""
+        raise NotImplementedError(SECOND)
+
+
+def once(backward: Callable[..., Any]) -> Callable[..., Any]:
+    """Decorator: a `backward` without derivatives of its own, which are an error where they are asked for."""
+
+    @functools.wraps(backward)
+    def run(ctx: Any, *slopes: Tensor) -> Any:
+        with torch.no_grad():
+            found = list(backward(ctx, *slopes))
+        if torch.is_grad_enabled():  # create_graph
+            places = [i for i, each in enumerate(found) if isinstance(each, Tensor)]
+            of = [t for t in (*ctx.saved_tensors, *slopes) if isinstance(t, Tensor)]
+            marked = _Gradients.apply(len(places), *(found[i] for i in places), *of)
+            for i, each in zip(places, marked):
+                found[i] = each
+        return tuple(found)
+
+    return run
+
+
 class PullFunction(torch.autograd.Function):
     """The backward operator, whose own derivative is an error."""
 
@@ -213,10 +254,7 @@ class PullFunction(torch.autograd.Function):
     @staticmethod
     def backward(ctx: Any, *_: Any) -> Any:
         """There is none."""
-        raise NotImplementedError(
-            "second derivatives of slcp_warp.torch rollouts are not supported; slcp_warp.weighted_hessian "
-            "and Simulator.linearize(second=True) give those of a step"
-        )
+        raise NotImplementedError(SECOND)
 
 
 def _fold(count: int, value: Tensor, dim: int | None, worlds: int) -> Tensor:

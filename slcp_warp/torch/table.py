@@ -4,9 +4,11 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
+from ..description.acting import BUILT, acting
 from ..description.columns import places_of_all
 from ..description.scene import Scene
 from ..gradients.tape import derivatives_exist
@@ -27,7 +29,7 @@ def parameter_table(sim: Simulator, params: Values, like: Tensor) -> Tensor:
             f"params is a {type(params).__name__}; Parameters or a dict of tensors by name is needed"
         )
     base = params if isinstance(params, Parameters) else sim.params
-    if base.scene is not sim.scene:
+    if base.scene.structure != sim.scene.structure:
         raise ParameterError(
             f"params belong to scene {base.scene.name!r}; this simulator has {sim.scene.name!r}"
         )
@@ -49,13 +51,29 @@ def parameter_table(sim: Simulator, params: Values, like: Tensor) -> Tensor:
     for name, start, shape in base.layout.columns:
         size = math.prod(shape)
         kept = table[:, start : start + size]
-        columns.append(_column(name, params[name], shape, size, like) if name in params else kept)
+        given = _column(name, params[name], shape, size, like) if name in params else kept
+        if name in params and name in BUILT and name != "shape_angle" and not _has_shape(params[name], shape):
+            given = _where_it_acts(given, kept, acting(sim.scene.structure, name))
+        columns.append(given)
     rows = {len(c) for c in columns} - {1}
     if len(rows) > 1:
         raise ParameterError(f"params disagree on the number of worlds: {sorted(rows)}")
     count = rows.pop() if rows else 1
     table = torch.cat([c.expand(count, -1) for c in columns], 1)
     return _with_parts(table, sim.scene, {name: params[name] for name in parts}, like)
+
+
+def _has_shape(value: Any, shape: tuple[int, ...]) -> bool:
+    """Whether a value has a number for everything that the parameter has one of, or that for each world."""
+    own = tuple(np.shape(value)) if not isinstance(value, Tensor) else tuple(value.shape)
+    return own == shape or own[1:] == shape
+
+
+def _where_it_acts(given: Tensor, kept: Tensor, acts: list[bool]) -> Tensor:
+    """One number for all parts, of those that the scene was built with; the others keep theirs."""
+    each = given.shape[1] // max(len(acts), 1)
+    mask = torch.tensor(acts, dtype=torch.bool, device=given.device).repeat_interleave(each)
+    return torch.where(mask, given, kept)
 
 
 def _with_parts(table: Tensor, scene: Scene, values: Mapping[str, Any], like: Tensor) -> Tensor:
@@ -91,6 +109,8 @@ def _column(name: str, value: Any, shape: tuple[int, ...], size: int, like: Tens
         )
     if name in COVARIANCES and value.ndim < 2:  # times the identity, as in `Parameters.replace`
         value = value[..., None, None] * torch.eye(shape[0], dtype=like.dtype, device=like.device)
+    if len(shape) == 2 and value.shape == shape[:1]:  # of each item, not of each world
+        value = value[:, None].expand(shape)
     if value.shape == shape or value.ndim == 0:
         return value.reshape(1, -1).expand(1, size)
     if value.shape[1:] == shape:

@@ -1,5 +1,6 @@
 """Rollouts in PyTorch: gradcheck, the tape's numbers, torch.func, torch.compile, and what is refused."""
 
+import copy
 import gc
 
 import numpy as np
@@ -356,3 +357,33 @@ def test_jacobians_of_one_world_in_common_kernels():
     rows = torch.func.jacrev(after)(x)[0, :, 0]
     torch.testing.assert_close(rows, torch.autograd.functional.jacobian(after, x)[0, :, 0])
     assert rows.abs().max() > 0.5
+
+
+def test_a_number_for_all_is_of_what_the_scene_has(device):
+    """Friction of two contacts, one built without: a scalar, or one a world, as in NumPy; parameters and
+    copies of an equal scene; no worlds.
+    """
+    bodies = tuple(slcp.Body(name, 1.0, 0.1, joint="free") for name in "ab")
+    shapes = (slcp.Shape("floor", None, "halfplane", angle=np.pi / 2),
+              *(slcp.Shape(f"disc{name}", name, "disc", 0.1) for name in "ab"))  # fmt: skip
+    contacts = slcp.Contact("floor", "disca", 0.5), slcp.Contact("floor", "discb", None)
+    own = slcp.Scene("two", bodies, shapes, contacts, initial_state=(0, 0.1, 0, 1, 0.1, 0, *(0.0,) * 6))
+    sim = slcp.Simulator(own, device=device, strategy="generic")
+    x = np.tile(own.x0, (3, 1))
+    x[:, 6] = 1.0
+    expected = sim.rollout(x, np.zeros((3, 5, 0)), sim.params.replace(friction=0.3)).states
+    states, us = tensor(x, device), tensor(np.zeros((3, 5, 0)), device)
+    for value in (0.3, [0.3] * 3, [[0.3]] * 3):
+        friction = tensor(value, device)
+        run = slcp_torch.rollout(sim, states, us, {"friction": friction})
+        np.testing.assert_allclose(run.states.detach().cpu(), expected, rtol=0, atol=1e-12)
+        assert torch.autograd.grad(run.states.sum(), friction)[0].abs().sum() > 0.0
+    with pytest.raises(slcp.ParameterError, match="'floor/discb' is 0.3; it was built without friction"):
+        slcp_torch.rollout(sim, states, us, {"friction": tensor([0.3, 0.3], device)})
+    for same in (slcp.Parameters(own), copy.deepcopy(sim.params)):
+        slcp_torch.rollout(sim, states, us, same)
+    none = tensor(np.zeros((0, 12)), device)
+    for keep in (None, 2):
+        run = slcp_torch.rollout(sim, none, us[:0], checkpoint=keep)
+        assert torch.autograd.grad(run.states.sum(), none)[0].shape == (0, 12)
+    assert sim.rollout(np.zeros((0, 12)), np.zeros((0, 5, 0)), checkpoint=2).states.shape == (0, 4, 12)

@@ -176,3 +176,15 @@ def test_what_has_no_counterpart_is_left_out_where_that_is_said(tmp_path):
     assert repr(left) == repr(slcp.load_mjcf(read(tmp_path)))
     with pytest.raises(ValueError, match="left_out is 'tendon'"):
         slcp.load_mjcf(path, left_out=("tendon",))
+
+
+def test_what_has_no_name_gets_one_that_nobody_has(tmp_path):
+    text = REACHER.replace('<body name="hand"', "<body").replace('name="arm"', 'name="body2"')
+    text = text.replace(
+        '<geom type="capsule" fromto="0 0 0 .12', '<geom name="geom2" type="capsule" fromto="0 0 0 .12'
+    )
+    path = tmp_path / "reacher.xml"
+    path.write_text(text)
+    scene = slcp.load_mjcf(path)
+    assert [body.name for body in scene.bodies] == ["body2", "body2_"]
+    assert [shape.name for shape in scene.shapes] == ["wall", "geom2", "geom2_"]

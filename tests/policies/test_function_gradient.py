@@ -265,3 +265,27 @@ def test_what_has_no_right_gradient_says_so():
     ):
         with pytest.raises(slcp.InputError, match=text):
             slcp_torch.closed_loop(sim, x0, policy, 3, arrays=arrays)
+
+
+@pytest.mark.parametrize("kind", ["linear", "module", "network", "function"])
+def test_what_is_asked_for_once_too_often_says_so(device, kind):
+    """Second derivatives, which were dropped; policies of other worlds, read beyond their end."""
+    sim, (x0, mass, weight) = pendulum(device), leaves(device)
+    module = torch.nn.Sequential(torch.nn.Linear(2, 1)).to(x0.device, torch.float64)
+    policy = {
+        "linear": policies.Linear(GAIN, np.zeros(2), OFFSET), "module": module,
+        "network": policies.Network(module), "function": function(),
+    }[kind]  # fmt: skip
+    run = slcp_torch.closed_loop(sim, x0, policy, 4, {"mass": mass})
+    slopes = torch.autograd.grad((weight[:, :5] * run.states).sum(), [x0, mass], create_graph=True)
+    assert all(slope.requires_grad for slope in slopes)
+    with pytest.raises(NotImplementedError, match="second derivatives of slcp_warp.torch rollouts"):
+        sum(slope.square().sum() for slope in slopes).backward()
+    empty = torch.zeros((0, 2), dtype=torch.float64, device=x0.device, requires_grad=True)
+    nothing = slcp_torch.closed_loop(sim, empty, policy, 4)
+    nothing.states.sum().backward()
+    assert nothing.states.shape == (0, 5, 2) and empty.grad.shape == (0, 2)
+    five = policies.Linear(np.tile(GAIN, (5, 1, 1)), np.zeros(2), OFFSET)
+    for each in (five, policies.Around(five, delay=1)):
+        with pytest.raises(slcp.InputError, match="policy holds 5 trajectories; 1 or 3 is needed"):
+            slcp_torch.closed_loop(sim, x0, each, 2)

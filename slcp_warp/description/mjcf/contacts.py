@@ -8,7 +8,7 @@ import numpy as np
 
 from ..auto_contacts import AUTO, MOST_PAIRS, auto_contacts
 from ..parts import Body, Contact, Shape
-from .plane import FLAT, MjcfError, Plane
+from .plane import FLAT, MjcfError, Plane, named
 
 GEOMS = ("plane", "hfield", "sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh", "sdf")
 BITS = 2**31 - 1  # of contype and conaffinity that ours have; whether they say the same is looked at
@@ -67,7 +67,7 @@ def _kind(m: Any, geom: int) -> str:
 
 
 def _name(m: Any, geom: int) -> str:
-    return str(m.geom(geom).name or f"geom{geom}")
+    return named(m, "geom", geom)
 
 
 def _pairs(m: Any, place: Place) -> list[tuple[int, int, float | None]]:

@@ -31,6 +31,19 @@ def plane_of(m: Any) -> str:
     return "xy" if flat else "xz"
 
 
+def named(m: Any, kind: str, i: int) -> str:
+    """The name of a MuJoCo body or geom; without one its kind and number, as no other one is called."""
+    import mujoco
+
+    objects = {"body": mujoco.mjtObj.mjOBJ_BODY, "geom": mujoco.mjtObj.mjOBJ_GEOM}
+    if name := getattr(m, kind)(i).name:
+        return str(name)
+    out = f"{kind}{i}"
+    while mujoco.mj_name2id(m, int(objects[kind]), out) >= 0:
+        out += "_"
+    return out
+
+
 class Plane:
     """The plane "xz" or "xy"; `normal` completes its axes to a right-handed frame."""
 

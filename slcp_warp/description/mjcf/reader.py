@@ -19,7 +19,7 @@ from ..scene import Scene
 from .bounds import check_bounds
 from .contacts import read_contacts
 from .motors import Servo, gain_of, servos
-from .plane import MjcfError, Plane, plane_of
+from .plane import MjcfError, Plane, named, plane_of
 from .refused import WORDS, is_disabled, refuse_what_is_missing
 
 __all__ = ["MjcfError", "load_mjcf"]
@@ -46,7 +46,8 @@ def load_mjcf(path: str | os.PathLike[str], plane: str | None = None, left_out: 
     except ImportError as error:
         raise ImportError("reading MJCF needs the package mujoco: pip install 'slcp-warp[mjcf]'") from error
     path, chosen = checks.path("path", path), None if plane is None else Plane(plane)
-    for word in (left_out,) if isinstance(left_out, str) else left_out:
+    left_out = (left_out,) if isinstance(left_out, str) else left_out
+    for word in checks.instance("left_out", left_out, list | tuple, "a tuple of words"):
         checks.choice("left_out", word, WORDS)
     with reading(path, "MJCF", MjcfError):
         check_bounds(path)
@@ -97,7 +98,7 @@ class _Reader:
         return self.plane.vector(pull, "gravity")
 
     def _name(self, b: int) -> str:
-        return str(self.m.body(b).name or f"body{b}")
+        return named(self.m, "body", b)
 
     def _body(self, b: int) -> dict[str, Any] | None:
         """One MuJoCo body as fields of ours, or None where it is welded to its parent."""
