@@ -21,11 +21,14 @@ import weakref
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import warp as wp
 
 from ..factories import building
+from .forked import FORKS, in_processes
 from .progress import Loaded, announced, describe, one_line, record
 
 try:
@@ -73,7 +76,9 @@ def load(kernel: wp.Kernel, device: wp.Device) -> None:
 
 
 def load_all(kernels: Sequence[wp.Kernel], device: wp.Device, threads: int = 1) -> None:
-    """As `load`; several kernels are compiled by so many threads, at best in the time of the slowest."""
+    """As `load`; several kernels are compiled by so many threads for a GPU, by so many processes for a CPU
+    (on Linux, else one after the other), at best in the time of the slowest.
+    """
     done = _loaded.get(device.alias, ())
     if all(kernel in done for kernel in kernels):
         return
@@ -90,11 +95,39 @@ def load_all(kernels: Sequence[wp.Kernel], device: wp.Device, threads: int = 1) 
 
 
 def _compiled(kernels: Sequence[wp.Kernel], device: wp.Device, threads: int) -> list[Loaded]:
+    most, apart = min(threads, len(kernels)), dict[wp.Kernel, float]()
+    if most > 1 and device.is_cpu:
+        apart = _compiled_apart(kernels, device, most)
     with _lock_file() as file:
-        if min(threads, len(kernels)) == 1:
-            return [_loaded_kernel(kernel, device, file) for kernel in kernels]
-        with ThreadPoolExecutor(min(threads, len(kernels))) as pool:
-            return list(pool.map(lambda kernel: _loaded_kernel(kernel, device, file), kernels))
+        if most == 1 or device.is_cpu:
+            found = [_loaded_kernel(kernel, device, file) for kernel in kernels]
+        else:
+            with ThreadPoolExecutor(most) as pool:
+                found = list(pool.map(lambda kernel: _loaded_kernel(kernel, device, file), kernels))
+    return [
+        replace(each, seconds=apart[kernel] + each.seconds, compiled=True) if kernel in apart else each
+        for kernel, each in zip(kernels, found)
+    ]
+
+
+def _compiled_apart(kernels: Sequence[wp.Kernel], device: wp.Device, most: int) -> dict[wp.Kernel, float]:
+    """Those that were not in the cache and now are, and in how many seconds all of them."""
+    block = block_of(device)
+    new = [kernel for kernel in kernels if not _folder(kernel.module, block).exists()]
+    if len(new) < 2 or not FORKS:
+        return {}
+    with _looking:
+        _usable_folder(new[0].module, block)  # a folder of this process's own, not of a child's
+    start = time.monotonic()
+    in_processes([partial(_compile_here, kernel, device) for kernel in new], most, PATIENCE)
+    seconds = time.monotonic() - start
+    return {kernel: seconds for kernel in new if _folder(kernel.module, block).exists()}
+
+
+def _compile_here(kernel: wp.Kernel, device: wp.Device) -> None:
+    wp.config.log_level = wp.LOG_ERROR
+    with _lock_file() as file:
+        _loaded_kernel(kernel, device, file)
 
 
 def _in_few_words(kernels: Sequence[wp.Kernel], device: wp.Device) -> str:

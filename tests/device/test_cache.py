@@ -1,11 +1,13 @@
 """Warp's cache of kernels: damage is mended, an unusable folder replaced, sharing works."""
 
+import functools
 import json
 import os
 import shutil
 import subprocess
 import sys
 import threading
+import time
 import warnings
 from types import SimpleNamespace
 
@@ -14,7 +16,7 @@ import pytest
 import warp as wp
 
 import slcp_warp as slcp
-from slcp_warp.kernels.device import cache
+from slcp_warp.kernels.device import cache, forked
 from slcp_warp.kernels.device.progress import recorded
 from slcp_warp.kernels.residual.residuals import make_residual_kernel
 
@@ -208,11 +210,10 @@ def test_threads_that_find_an_unusable_folder_replace_it_once(tmp_path):
     assert errors.count("RuntimeWarning") == 1 and not os.path.exists(out.split()[-1])
 
 
-@pytest.mark.parametrize("name", ["cpu", "a GPU"])
-def test_kernels_are_compiled_at_once(monkeypatch, name):
+def test_kernels_for_a_gpu_are_compiled_at_once(monkeypatch):
     kernels = [make_residual_kernel(wp.float64, name) for name in ("min", "rem-logistic")]
     both = threading.Barrier(2, timeout=20)
-    device = SimpleNamespace(is_cpu=name == "cpu", alias=f"{name} of this test")
+    device = SimpleNamespace(is_cpu=False, alias="a GPU")
 
     def compiling(kernel, device, file):
         both.wait()
@@ -223,3 +224,66 @@ def test_kernels_are_compiled_at_once(monkeypatch, name):
         cache.load_all(kernels, device, 2)
         cache.load_all(kernels[:1], device, 2)  # is ready
     assert [loaded.kernel for loaded in found] == [kernel.key for kernel in kernels]
+
+
+KINDS = ("min", "rem-logistic", "rem-normal")
+
+
+def fresh_kernels(monkeypatch):
+    """Kernels that this process has not loaded."""
+    monkeypatch.setattr(cache, "_loaded", {})
+    kernels = [make_residual_kernel(wp.float64, kind) for kind in KINDS]
+    for kernel in kernels:
+        kernel.module.unload()
+    return kernels
+
+
+@pytest.mark.skipif(not forked.FORKS, reason="processes are forked on Linux alone")
+@pytest.mark.parametrize("child", ["well", "killed", "error", "too long"])
+def test_kernels_for_a_cpu_are_compiled_by_processes(tmp_path, monkeypatch, child):
+    """Whatever becomes of these."""
+    monkeypatch.setattr(wp.config, "kernel_cache_dir", str(tmp_path))
+    monkeypatch.setattr(cache, "PATIENCE", 0.3 if child == "too long" else 60.0)
+    work = {
+        "killed": lambda *_: os.kill(os.getpid(), 9),
+        "error": lambda *_: 1 / 0,
+        "too long": lambda *_: time.sleep(60.0),
+    }
+    if child in work:
+        monkeypatch.setattr(cache, "_compile_here", work[child])
+    compiled, compile_ = [], wp._src.context.Module._compile
+
+    def counted(*given, **more):
+        compiled.append(compile_(*given, **more))
+        return compiled[-1]
+
+    monkeypatch.setattr(wp._src.context.Module, "_compile", counted)
+    with recorded() as found:
+        cache.load_all(fresh_kernels(monkeypatch), wp.get_device("cpu"), 2)
+    assert sum(compiled) == (0 if child == "well" else len(KINDS))  # by this process
+    assert [each.compiled for each in found] == [True] * len(KINDS)
+    assert len(list(tmp_path.glob("wp_*/checksums.json"))) == len(KINDS)
+    again()
+    assert slcp.residual("min", 1.0, 2.0).item() == 1.0
+
+
+@pytest.mark.skipif(not forked.FORKS, reason="processes are forked on Linux alone")
+def test_processes_end_with_who_asked_for_them(tmp_path, monkeypatch):
+    def job(name):
+        (tmp_path / name).write_text(str(os.getpid()))
+        time.sleep(60.0)
+
+    def sleep(seconds):
+        if len(list(tmp_path.iterdir())) == 2:
+            raise KeyboardInterrupt
+        wait(seconds)
+
+    wait = time.sleep
+    jobs = [functools.partial(job, name) for name in "abc"]
+    monkeypatch.setattr(forked.time, "sleep", lambda s: sleep(s) if os.getpid() == own else wait(s))
+    own = os.getpid()
+    with pytest.raises(KeyboardInterrupt):
+        forked.in_processes(jobs, 2, 60.0)
+    for name in "ab":
+        with pytest.raises(ProcessLookupError):
+            os.kill(int((tmp_path / name).read_text() or 0) or 2**30, 0)
