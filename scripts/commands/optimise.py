@@ -164,7 +164,6 @@ def optimise_command(
         record, results = optimise(late, x0, guesses, options, schedules, sigmas, methods, tell, stop)
     record.header["seed"], record.header["task"] = seed, chosen.name
     record.save(path)
-    console.print(trace_table(results[-1]))
-    console.print(outcome_table(record, results))
+    console.print(trace_table(results[-1]), outcome_table(record, results))
     tell_success(chosen, late.whole, x0, path, stop)
     tell_end(results[-1], path, stop)
