@@ -45,13 +45,17 @@ def in_processes(jobs: Sequence[Callable[[], Any]], most: int, patience: float) 
 
 
 def _forked(job: Callable[[], Any]) -> int:
-    with _codegen_lock, warnings.catch_warnings(action="ignore"):  # that a thread may hold another lock
-        pid = os.fork()
-    if pid:
-        return pid
+    """Fork; the process that does the job. That one never leaves here, whatever comes in between."""
+    own = os.getpid()
     try:
+        with _codegen_lock, warnings.catch_warnings(action="ignore"):  # that a thread may hold another lock
+            pid = os.fork()
+        if pid:
+            return pid
         job()
     except BaseException:  # the parent does it again, and sees what is wrong
+        if os.getpid() == own:
+            raise
         os._exit(1)
     os._exit(0)
 

@@ -48,7 +48,7 @@ class Recorded(NamedTuple):
 
     def count(self, duration: float) -> int:
         """Records of a world in a run of a duration [s]."""
-        return int(duration / self.every * (1.0 + ROUNDING)) + 1 if self.states else 0
+        return int(duration / self.every + ROUNDING) + 1 if self.states else 0
 
     @classmethod
     def of(cls, scene: Scene, states: Any, every: Any, duration: float) -> "Recorded":

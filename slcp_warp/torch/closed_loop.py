@@ -11,7 +11,7 @@ from slcp_warp.kernels.structure import STEP_SIZE
 
 from ..gradients.tape import Recorded, adjoint, derivatives_exist
 from ..inputs.arrays import ArrayError
-from ..inputs.checks import flag, instance, whole
+from ..inputs.checks import attribute, flag, instance, whole
 from ..inputs.errors import ArgumentError
 from ..policies.function import Function
 from ..policies.network import Network
@@ -73,7 +73,8 @@ def closed_loop(
         states, status = under_module(sim, x, policy, steps, table)
     else:
         leaves = leaves_of(policy, arrays or {})
-        policy = at_step_size(policy, table[:, STEP_SIZE].detach().cpu().numpy())
+        if isinstance(attribute(policy, "step_size"), float):  # a plan's; on a GPU this waits for the table
+            policy = at_step_size(policy, table[:, STEP_SIZE].detach().cpu().numpy())
         if isinstance(innermost(policy), Network):
             of_same_kind(innermost(policy).module, x)
         wanted = torch.is_grad_enabled() and any(t.requires_grad for t in (x, table, *leaves.values()))

@@ -9,6 +9,7 @@ import numpy as np
 from ..auto_contacts import AUTO, MOST_PAIRS, auto_contacts
 from ..parts import Body, Contact, Shape
 from .plane import FLAT, MjcfError, Plane, named
+from .refused import is_disabled
 
 GEOMS = ("plane", "hfield", "sphere", "capsule", "ellipsoid", "cylinder", "box", "mesh", "sdf")
 BITS = 2**31 - 1  # of contype and conaffinity that ours have; whether they say the same is looked at
@@ -72,12 +73,9 @@ def _name(m: Any, geom: int) -> str:
 
 def _pairs(m: Any, place: Place) -> list[tuple[int, int, float | None]]:
     """(geom, geom, friction or None) by MuJoCo's rules: flags, bits, parents, excludes, explicit pairs."""
-    import mujoco
-
-    off = mujoco.mjtDisableBit
-    if m.opt.disableflags & (off.mjDSBL_CONTACT | off.mjDSBL_CONSTRAINT):
+    if is_disabled(m, "CONTACT") or is_disabled(m, "CONSTRAINT"):
         return []
-    with_parents = bool(m.opt.disableflags & off.mjDSBL_FILTERPARENT)
+    with_parents = is_disabled(m, "FILTERPARENT")
     out = []
     for i in range(m.npair):
         a, b, sliding = int(m.pair_geom1[i]), int(m.pair_geom2[i]), m.pair_friction[i, :2]
