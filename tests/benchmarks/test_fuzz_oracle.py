@@ -68,6 +68,24 @@ def test_differences_see_a_ripple_that_long_steps_step_over():
         assert trusted[0] and (error[0] < 1e-5) == right
 
 
+def test_differences_do_not_blame_a_row_that_enters_within_the_shortest_steps():
+    """50 max(x, 0), rounded off within 1e-6 with a slope of 35 at 0: steps from 1e-5 on agree on 25, and one
+    of 1e-7 is off by 3e-3.
+    """
+    steps = np.array(STEPS)[:, None, None]
+
+    def entering(x):
+        y = x / 1e-6
+        return 5e-5 * (np.logaddexp(0.0, y) + 0.2 * y * np.exp(-y * y))
+
+    def slopes(side):
+        return (entering(side * steps) - entering(0.0)) / (side * steps)
+
+    for slope, right in ((35.0, True), (35.01, False)):
+        error, trusted = compare(np.full((1, 1), slope), slopes(1.0), slopes(-1.0))
+        assert trusted[0] and (error[0] < 1e-5) == right
+
+
 @pytest.mark.slow
 def test_the_predicted_push_knows_no_stiff_springs():
     """Impulses act through M in the trapezoidal method, in Euler's beside h^2 K/2: predicted by Euler's, the
