@@ -1,13 +1,13 @@
 """A batch of optimal control problems that differ in numbers only."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
 import warp as wp
 
 from slcp_warp import Parameters, Simulator
-from slcp_warp.costs.terms import at_scene
+from slcp_warp.costs.terms import with_points_of
 from slcp_warp.inputs.checks import whole
 from slcp_warp.inputs.errors import ArgumentError, ArgumentTypeError
 from slcp_warp.inputs.limits import limit_rows
@@ -49,7 +49,7 @@ class Problem:
                     f"cost is for {name} = {need}, the dynamics has {name} = {getattr(self.dynamics, name)}"
                 )
         scene = self.dynamics.scene if isinstance(self.dynamics, Simulator) else None
-        if scene is not None and at_scene(self.cost, scene) is not self.cost:
+        if scene is not None and with_points_of(self.cost, scene) is not self.cost:
             raise ArgumentError(
                 "cost is of points of bodies with other joints or lengths than those of scene "
                 f"{scene.name!r}; make it by costs.terms of this scene"
@@ -65,10 +65,32 @@ class Problem:
             raise ArgumentTypeError(
                 f"params is a {type(self.params).__name__}; parameters of the dynamics are needed"
             )
+        if self.cost.windows is not None:
+            object.__setattr__(self, "cost", self.cost.in_steps_of(self._step_size()))
         if self.control_limits is not None:
             self.limit_rows()
         if self.state_limits is not None:
             self.state_limit_rows()
+
+    def _step_size(self) -> float:
+        """Of all problems [s]; terms of the cost that count for a time need it."""
+        sizes = np.unique(self.params["step_size"]) if isinstance(self.params, Parameters) else np.empty(0)
+        if len(sizes) != 1:
+            raise ArgumentError(
+                f"cost has terms for a time, and params {len(sizes)} step sizes; parameters of a Simulator "
+                "with one step size are needed"
+            )
+        return float(sizes[0])
+
+    def differs_by_weights(self, other: "Problem") -> bool:
+        """Whether another problem is this one but for numbers of its cost."""
+        same = all(
+            getattr(self, each.name) is getattr(other, each.name)
+            for each in fields(self)
+            if each.name not in ("cost", "horizon")
+        )
+        shapes = self.cost.weights.shape == other.cost.weights.shape
+        return same and self.horizon == other.horizon and self.cost.make is other.cost.make and shapes
 
     @property
     def nx(self) -> int:

@@ -100,6 +100,7 @@ class Workspace(NotCopied):
         differences = functions.running_derivatives is None or functions.final_derivatives is None
         inner = wp.float64 if differences else dtype
         exact = self._weights if inner == dtype else wp.array(rows, dtype=inner, device=self.device)
+        self._priced = (self._weights,) if exact is self._weights else (self._weights, exact)
         kernel = make_cost_kernel(
             problem.cost.functions(inner, problem.nx, problem.nu), problem.nx, problem.nu, dtype
         )
@@ -126,6 +127,12 @@ class Workspace(NotCopied):
             raise ArgumentError(f"params must have shape {self.params.shape} as before, got {array.shape}")
         wp.copy(self.params, array)
         self.dynamics.lift_into(self.params, self._derivatives.lift)
+
+    def set_cost(self, problem: Problem) -> None:
+        """The numbers of the cost of a problem that differs by them alone."""
+        self.problem, rows = problem, problem.cost.rows(self.batch)
+        for weights in self._priced:
+            weights.assign(rows.astype(weights.numpy().dtype))
 
     def run(
         self,

@@ -203,6 +203,11 @@ class _Chains:
     def __init__(self, problem: Problem, x0: np.ndarray, options: RecedingOptions) -> None:
         if not isinstance(problem, Problem) or not isinstance(problem.dynamics, Simulator):
             raise ArgumentTypeError("build_library needs a problem whose dynamics is a slcp_warp.Simulator")
+        if problem.cost.windows is not None:
+            raise ArgumentError(
+                "problem.cost has terms for a time; chains begin anew with every plan, and need a cost that "
+                "is the same at every step"
+            )
         if options.offset >= problem.horizon:
             raise ArgumentError(
                 f"RecedingOptions.offset is {options.offset}; less than the horizon, {problem.horizon}, "

@@ -234,6 +234,9 @@ class MPC:
         horizon = self.problem.horizon if left <= 0 else min(left, self.problem.horizon)
         if horizon != self._ahead.horizon:
             self._ahead = replace(self.problem, horizon=horizon)
+        if self.problem.cost.windows is not None:  # times of the run
+            cost = self.problem.cost.from_step(now + self.lag)
+            self._ahead = replace(self._ahead, cost=cost)
 
     def _plan(
         self,

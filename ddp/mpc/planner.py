@@ -48,6 +48,15 @@ class Planner:
         self.trial = Workspace(problem, worlds * self.starts, trial)  # it only rolls out
         self.work = Workspace(problem, worlds * self.improved, self.options)
 
+    def _take(self, problem: Problem) -> None:
+        """Another problem; where only numbers of its cost differ, in the same workspaces."""
+        if not self.problem.differs_by_weights(problem):
+            self._make(problem)
+            return
+        self.problem = problem
+        for work in (self.trial, self.work):
+            work.set_cost(problem)
+
     def forget(self) -> None:
         """Begin anew."""
         self.acting: Policy | None = None
@@ -57,7 +66,7 @@ class Planner:
     def plan(self, situation: Situation, starts: dict[str, Start]) -> Made:
         """New plans from the states of the situation, of its problem, into `acting`."""
         if situation.problem is not self.problem:
-            self._make(situation.problem)
+            self._take(situation.problem)
         B, x, work = self.worlds, situation.x, self.work
         found = {name: policies_of(name, make(situation), situation) for name, make in starts.items()}
         nothing = Policy.open_loop(x, np.zeros((B, self.problem.horizon, self.problem.nu)))

@@ -74,7 +74,8 @@ class Situation:
     """What a start is made from.
 
     Attributes:
-        problem: of the plans; near the end of a run its horizon is what is left.
+        problem: of the plans; near the end of a run its horizon is what is left, and times of its cost count
+            from the plan's beginning.
         x: (B, nx) states.
         time: [s].
         worlds: (B,) their numbers.
@@ -184,24 +185,30 @@ class Search:
 
     def __init__(self, options: Sampling) -> None:
         self.options = options
-        self._samplers: dict[tuple[Problem, int], Sampler] = {}
+        self._samplers: dict[int, Sampler] = {}  # by worlds
 
     def __getstate__(self) -> dict[str, Any]:
         return vars(self) | {"_samplers": {}}
 
     def __call__(self, s: Situation) -> np.ndarray:
         """Controls (B, N, nu)."""
-        key = s.problem, len(s.x)
-        if key not in self._samplers:
-            self._samplers = {k: each for k, each in self._samplers.items() if k[0] is s.problem}
-            self._samplers[key] = Sampler(s.problem, len(s.x), self.options)
-        sampler = self._samplers[key]
+        sampler = self._sampler(s.problem, len(s.x))
         sampler.run(
             s.x,
             None if s.last is None else s.last.us,
             seed=int(np.random.default_rng(s.cycle).integers(2**31)),
         )
         return np.asarray(sampler.us.numpy(), np.float64)
+
+    def _sampler(self, problem: Problem, worlds: int) -> Sampler:
+        """Of a problem; one that differs by numbers of its cost alone takes those."""
+        kept = {n: each for n, each in self._samplers.items() if each.problem.differs_by_weights(problem)}
+        if worlds not in kept:
+            kept[worlds] = Sampler(problem, worlds, self.options)
+        self._samplers, sampler = kept, kept[worlds]
+        if sampler.problem is not problem:
+            sampler.set_cost(problem)
+        return sampler
 
 
 STARTS: dict[str, Start] = {

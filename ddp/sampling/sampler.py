@@ -196,6 +196,11 @@ class Sampler(NotCopied):
         update = make_update_kernel(self.problem.nu, dtype)
         self._run_update = Prepared(update, B, [*numbers, self._samples, self.trace, 0], device, grain=1)
 
+    def set_cost(self, problem: Problem) -> None:
+        """The numbers of the cost of a problem that differs by them alone."""
+        self.problem = problem
+        self._weights.assign(problem.cost.rows(self.batch).astype(self._make.numpy_dtype))
+
     def run(self, x0: Any, us0: Any = None, seed: int = 0) -> None:
         """Search, and leave the best sample in the arrays.
 

@@ -13,16 +13,16 @@ import warp as wp
 
 from ..factories import cached
 from ..generic.topology import JOINT
-from .cost_terms import FIELDS, make_sum
+from .cost_terms import FIELDS, TIMED, make_sum
 
 PRISMATIC, FREE = JOINT["prismatic"], JOINT["free"]
 POINT, LINK = 4, 7
 
 
 @cached
-def make_reach(dtype, VX):
+def make_reach(dtype, VX, fields=FIELDS):
     """Struct `Reach`; ``reach(weights, row, which, x)``: coordinate `which`, 2 p or 2 p + 1, of the points in
-    weights; ``terms_of(weights, row)``: how many terms there are.
+    weights of so many numbers a term; ``terms_of(weights, row)``: how many terms there are.
     """
     nx = VX._length_
     V2 = wp.types.vector(2, dtype)
@@ -48,7 +48,7 @@ def make_reach(dtype, VX):
     @wp.func
     def reach(weights: wp.array2d(dtype=dtype), row: int, which: int, x: VX):
         point = which / 2
-        points = 1 + FIELDS * terms_of(weights, row)
+        points = 1 + fields * terms_of(weights, row)
         first = points + POINT * point
         link = int(weights[row, first])
         count = int(weights[row, first + 1])
@@ -100,7 +100,7 @@ def make_reach(dtype, VX):
 
 
 @cached
-def make_points(dtype, VX, VU):
+def make_points(dtype, VX, VU, fields=FIELDS):
     """What `cost_terms.make_sum` asks of points; `less` is a component as the weights have it, or below 0.
 
     ``value(weights, row, which, less, x)``: a coordinate, less another one. ``add_slopes(.., t, lx, lxx)``:
@@ -110,7 +110,7 @@ def make_points(dtype, VX, VU):
     MXX, V3 = wp.types.matrix((nx, nx), dtype), wp.types.vector(3, dtype)
     ZERO = dtype(0.0)
     BEGIN = nx + VU._length_
-    points = make_reach(dtype, VX)
+    points = make_reach(dtype, VX, fields)
     Reach, reach = points.Reach, points.reach
 
     @wp.func
@@ -152,3 +152,8 @@ def make_points(dtype, VX, VU):
 def make_point_terms(dtype, VX, VU):
     """See the module's docstring; derivatives are exact."""
     return make_sum(dtype, VX, VU, make_points(dtype, VX, VU))
+
+
+def make_timed_point_terms(dtype, VX, VU):
+    """Terms of TIMED numbers each, some of points."""
+    return make_sum(dtype, VX, VU, make_points(dtype, VX, VU, TIMED), TIMED)

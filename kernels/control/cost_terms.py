@@ -8,6 +8,9 @@ and e = s - t, a term is
     LINEAR    w e                   SQUARE    w e^2
     COSINE    w (1 - cos e)         ABSOLUTE  w (sqrt(e^2 + d^2) - d)
     ABOVE     w max(e, 0)^2         BELOW     w min(e, 0)^2
+
+Of costs some of whose running terms count for a time only each term has TIMED numbers: those, and the first
+step at which it counts and the first at which it does so no more. Such costs have kernels of their own.
 """
 
 import warp as wp
@@ -18,6 +21,7 @@ from .costs import CostFunctions
 KINDS = ("linear", "square", "cosine", "absolute", "above", "below")
 LINEAR, SQUARE, COSINE, ABSOLUTE, ABOVE, BELOW = range(len(KINDS))
 FIELDS = 6
+TIMED = FIELDS + 2
 
 
 @cached
@@ -51,20 +55,25 @@ def make_terms(dtype, VX, VU):
     return make_sum(dtype, VX, VU)
 
 
-def make_sum(dtype, VX, VU, points=None):
-    """The sum of terms, some of `points` where there are such (`cost_points.make_points`)."""
+def make_timed_terms(dtype, VX, VU):
+    """Terms of TIMED numbers each."""
+    return make_sum(dtype, VX, VU, fields=TIMED)
+
+
+def make_sum(dtype, VX, VU, points=None, fields=FIELDS):
+    """The sum of terms of so many numbers, some of `points` (`cost_points.make_points`) if there are such."""
     nx, nu = VX._length_, VU._length_
     MXX, MUX, MUU = (wp.types.matrix(shape, dtype) for shape in ((nx, nx), (nu, nx), (nu, nu)))
     V3 = wp.types.vector(3, dtype)
-    shape, pointed = make_shape(dtype), points is not None
+    shape, pointed, timed = make_shape(dtype), points is not None, fields == TIMED
 
     @wp.func
     def place(weights: wp.array2d(dtype=dtype), row: int, i: int):
-        return int(weights[row, 1 + FIELDS * i + 1])
+        return int(weights[row, 1 + fields * i + 1])
 
     @wp.func
     def less(weights: wp.array2d(dtype=dtype), row: int, i: int):
-        return int(weights[row, 1 + FIELDS * i + 5])
+        return int(weights[row, 1 + fields * i + 5])
 
     @wp.func
     def difference(weights: wp.array2d(dtype=dtype), row: int, i: int, x: VX, j: int):
@@ -95,7 +104,7 @@ def make_sum(dtype, VX, VU, points=None):
     @wp.func
     def weighed(weights: wp.array2d(dtype=dtype), row: int, i: int, s: dtype):
         """Term i at the component's value s, its slope and its curvature."""
-        at = 1 + FIELDS * i
+        at = 1 + fields * i
         e = s - weights[row, at + 3]
         return weights[row, at + 2] * shape(int(weights[row, at]), e, weights[row, at + 4])
 
@@ -104,7 +113,7 @@ def make_sum(dtype, VX, VU, points=None):
         """Number of running terms, and of all."""
         if wp.static(pointed):
             return int(weights[row, 0]), points.terms_of(weights, row)
-        return int(weights[row, 0]), (weights.shape[1] - 1) / FIELDS
+        return int(weights[row, 0]), (weights.shape[1] - 1) / fields
 
     @wp.func
     def of_state(weights: wp.array2d(dtype=dtype), row: int, i: int, x: VX):
@@ -126,6 +135,14 @@ def make_sum(dtype, VX, VU, points=None):
         return slope(lx, j, k, t), curvature(lxx, j, k, t)
 
     @wp.func
+    def counts_at(weights: wp.array2d(dtype=dtype), row: int, i: int, step: int):
+        """Whether running term i counts at a step."""
+        if wp.static(timed):
+            first = 1 + fields * i + wp.static(FIELDS)
+            return dtype(step) >= weights[row, first] and dtype(step) < weights[row, first + 1]
+        return True
+
+    @wp.func
     def is_control(j: int):
         return j >= nx and j < wp.static(nx + nu)
 
@@ -134,11 +151,12 @@ def make_sum(dtype, VX, VU, points=None):
         many, _ = counts(weights, row)
         value = dtype(0.0)
         for i in range(many):
-            j = place(weights, row, i)
-            if is_control(j):
-                value += weighed(weights, row, i, u[j - nx])[0]
-            else:
-                value += weighed(weights, row, i, of_state(weights, row, i, x))[0]
+            if counts_at(weights, row, i, k):
+                j = place(weights, row, i)
+                if is_control(j):
+                    value += weighed(weights, row, i, u[j - nx])[0]
+                else:
+                    value += weighed(weights, row, i, of_state(weights, row, i, x))[0]
         return value
 
     @wp.func
@@ -155,13 +173,14 @@ def make_sum(dtype, VX, VU, points=None):
         lx, lxx = VX(), MXX()
         lu, luu = VU(), MUU()
         for i in range(many):
-            j = place(weights, row, i)
-            if is_control(j):
-                t = weighed(weights, row, i, u[j - nx])
-                lu[j - nx] = lu[j - nx] + t[1]
-                luu[j - nx, j - nx] = luu[j - nx, j - nx] + t[2]
-            else:
-                lx, lxx = bent(weights, row, i, x, lx, lxx)
+            if counts_at(weights, row, i, step):
+                j = place(weights, row, i)
+                if is_control(j):
+                    t = weighed(weights, row, i, u[j - nx])
+                    lu[j - nx] = lu[j - nx] + t[1]
+                    luu[j - nx, j - nx] = luu[j - nx, j - nx] + t[2]
+                else:
+                    lx, lxx = bent(weights, row, i, x, lx, lxx)
         return lx, lu, lxx, MUX(), luu
 
     @wp.func

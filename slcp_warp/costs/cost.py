@@ -1,6 +1,7 @@
 """Costs of optimal control problems: sums over k of l(x_k, u_k, k), and a final cost l_f(x_N)."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from slcp_warp.kernels.factories import cached
 
 from ..inputs.checks import array, flag, function, whole
 from ..inputs.errors import ArgumentError, ArgumentTypeError
+from .windows import Windows
 
 
 class Cost:
@@ -51,6 +53,7 @@ class Cost:
         self.make, self.weights = make, values
         self.nx, self.nu, self.nodes, self.steady = nx, nu, nodes, flag("steady", steady)
         self.points: tuple[Any, ...] = ()  # of bodies, that terms are of; in the order of the weights
+        self.windows: Windows | None = None  # of time, in which running terms count
         own = np.zeros(values.shape[-1]) if fixed is None else array("fixed", fixed, (values.shape[-1],))
         self.fixed = own != 0.0
 
@@ -61,7 +64,7 @@ class Cost:
     def with_weights(self, weights: Any) -> "Cost":
         """The same functions with other numbers, (P,) or (B, P); nothing is compiled."""
         other = Cost(self.make, weights, self.nx, self.nu, self.nodes, steady=self.steady)
-        other.fixed, other.points = self.fixed, self.points
+        other.fixed, other.points, other.windows = self.fixed, self.points, self.windows
         if other.weights.shape[-1] != self.weights.shape[-1]:
             raise ArgumentError(
                 f"weights must have {self.weights.shape[-1]} columns, got {other.weights.shape[-1]}"
@@ -81,9 +84,23 @@ class Cost:
         """The cost of the steps from this one on, which becomes step 0."""
         if first == 0 or self.steady:
             return self
+        if self.windows is not None:
+            return self._within(replace(self.windows, begun=self.windows.begun + first))
         nodes = None if self.nodes is None else self.nodes - first
         other = Cost(make_later(self.make, first), self.weights, self.nx, self.nu, nodes)
         other.fixed = self.fixed
+        return other
+
+    def in_steps_of(self, step_size: float) -> "Cost":
+        """The cost of steps of another size [s]: windows of terms are times."""
+        if self.windows is None or self.windows.step_size == step_size:
+            return self
+        return self._within(replace(self.windows, step_size=step_size))
+
+    def _within(self, windows: Windows) -> "Cost":
+        """With other windows."""
+        other = Cost(self.make, windows.into(self.weights), self.nx, self.nu, self.nodes)
+        other.fixed, other.points, other.windows = self.fixed, self.points, windows
         return other
 
     def rows(self, batch: int) -> np.ndarray:

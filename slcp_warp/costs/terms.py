@@ -3,12 +3,11 @@
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from slcp_warp.kernels.control.cost_points import make_point_terms
-from slcp_warp.kernels.control.cost_terms import FIELDS, KINDS, make_terms
+from slcp_warp.kernels.control.cost_points import make_point_terms, make_timed_point_terms
+from slcp_warp.kernels.control.cost_terms import FIELDS, KINDS, TIMED, make_terms, make_timed_terms
 
 from ..description.names import index_of
 from ..description.points import AXES, Point, check_axis, point_numbers
@@ -16,9 +15,12 @@ from ..description.scene import Scene
 from ..inputs.checks import array, choice, instance, number, shown
 from ..inputs.errors import ArgumentError
 from .cost import Cost
+from .windows import Windows
 
 EVERY = "all"
 WIDTH = 0.1
+SUMS = make_terms, make_timed_terms, make_point_terms, make_timed_point_terms
+ALWAYS = (0.0, None)
 NAMING = [0, 1, 5]  # of a term's fields: its kind, its component, the state that is taken off it
 
 
@@ -41,6 +43,8 @@ class Term:
         point: a `Point` of a body: the component is its coordinate in the world [m]. Lengths and angles of
             the bodies are the scene's own, whatever `Parameters` say. One of state, control and point.
         axis: which coordinate, "x" or "y"; None: both, as a term each.
+        start, end: of a running term, the times of the plan (in MPC of the run) between which it counts, at
+            steps k with start <= k h < end [s]; end None: to the last step.
     """
 
     kind: str
@@ -52,12 +56,17 @@ class Term:
     minus: str | int | Point | None = None
     point: Point | None = None
     axis: str | None = None
+    start: float = 0.0
+    end: float | None = None
 
     def __post_init__(self) -> None:
         choice("Term.kind", self.kind, KINDS)
         put = functools.partial(object.__setattr__, self)
         put("weight", number("Term.weight", self.weight))
         put("width", number("Term.width", self.width, 0.0, above=True))
+        put("start", number("Term.start", self.start, 0.0))
+        if self.end is not None:
+            put("end", number("Term.end", self.end, self.start, above=True))
         instance("Term.point", self.point, Point | None, "a costs.Point")
         of = {"state": self.state, "control": self.control, "point": self.point}
         if sum(value is not None for value in of.values()) != 1:
@@ -76,6 +85,11 @@ class Term:
             put("target", (x, y))
         else:
             put("target", number("Term.target", self.target))
+
+    @property
+    def timed(self) -> bool:
+        """Whether it counts for a time only."""
+        return self.start > 0.0 or self.end is not None
 
     @property
     def places(self) -> list[tuple[int, float]]:
@@ -103,22 +117,29 @@ def terms(scene: Scene, running: Sequence[Term], final: Sequence[Term] = ()) -> 
         final: of x_N, of states and points only.
 
     Raises:
-        ArgumentError: a name that the scene has not got, or a final term of a control.
+        ArgumentError: a name that the scene has not got, a final term of a control or for a time, or a time
+            without a step.
     """
     instance("scene", scene, Scene, "a slcp_warp.Scene")
-    rows, counts, points = _rows(scene.state_names, scene.control_names, running, final)
-    if not points:
-        return _cost(rows, counts, scene)
-    weights = np.concatenate([[counts[0]], rows.reshape(-1)])
-    more = point_numbers(scene, points, len(weights))
-    weights = np.concatenate([weights, more, [len(rows)]])
-    fixed = np.concatenate([_fixed(len(rows)), np.ones(len(more) + 1)])
-    cost = Cost(make_point_terms, weights, nx=2 * scene.nv, nu=scene.nu, fixed=fixed, steady=True)
-    cost.points = tuple(points)
-    return cost
+    rows, counts, points, spans = _rows(scene.state_names, scene.control_names, running, final)
+    windows = None
+    if any(span != ALWAYS for span in spans):
+        windows = Windows(tuple(spans), scene.step_size)
+        rows = np.concatenate([rows, np.zeros((len(rows), TIMED - FIELDS))], axis=1)
+    return _cost(rows, counts, (2 * scene.nv, scene.nu), scene, tuple(points), windows)
 
 
 def at_scene(cost: Cost, scene: Scene) -> Cost:
+    """A cost of points with the lengths and chains of another scene's bodies, and one of times with its
+    steps; any other cost as it is.
+
+    Raises:
+        ArgumentError: a body that the scene has not got, or a time without a step.
+    """
+    return with_points_of(cost.in_steps_of(scene.step_size), scene)
+
+
+def with_points_of(cost: Cost, scene: Scene) -> Cost:
     """A cost of points with the lengths and chains of another scene's bodies; any other cost as it is.
 
     Raises:
@@ -127,50 +148,65 @@ def at_scene(cost: Cost, scene: Scene) -> Cost:
     if not cost.points:
         return cost
     count = int(np.atleast_2d(cost.weights)[0, -1])
-    start = 1 + FIELDS * count
+    start = 1 + numbers_of_term(cost) * count
     more = np.array([*point_numbers(scene, cost.points, start), count])
     own = cost.weights[..., :start]
     weights = np.concatenate([own, np.broadcast_to(more, (*own.shape[:-1], len(more)))], axis=-1)
     if np.array_equal(weights, cost.weights):
         return cost
-    fixed = np.concatenate([_fixed(count), np.ones(len(more))])
-    found = Cost(make_point_terms, weights, nx=2 * scene.nv, nu=scene.nu, fixed=fixed, steady=True)
-    found.points = cost.points
+    fixed = np.concatenate([cost.fixed[:start], np.ones(len(more))])
+    found = Cost(cost.make, weights, nx=2 * scene.nv, nu=scene.nu, fixed=fixed, steady=cost.steady)
+    found.points, found.windows = cost.points, cost.windows
     return found
+
+
+def numbers_of_term(cost: Cost) -> int:
+    """How many weights a term of a sum has."""
+    return FIELDS if cost.windows is None else TIMED
 
 
 def sum_of(
     states: Sequence[str], controls: Sequence[str], running: Sequence[Term], final: Sequence[Term] = ()
 ) -> Cost:
     """`terms`, without points, for states and controls of these names."""
-    rows, counts, points = _rows(states, controls, running, final)
-    if points:
-        raise ArgumentError("running and final hold a term of a point, which only a scene's cost has")
+    rows, counts, points, spans = _rows(states, controls, running, final)
+    for what, there in (("of a point", points), ("for a time", [each for each in spans if each != ALWAYS])):
+        if there:
+            raise ArgumentError(f"running and final hold a term {what}, which only a scene's cost has")
     return _cost(rows, counts, (len(states), len(controls)))
 
 
-def _cost(rows: np.ndarray, counts: list[int], of: Any) -> Cost:
-    """The cost of states and controls alone."""
-    nx, nu = (2 * of.nv, of.nu) if isinstance(of, Scene) else of
+def _cost(
+    rows: np.ndarray, counts: list[int], sizes: tuple[int, int], scene: Scene | None = None,
+    points: tuple[Point, ...] = (), windows: Windows | None = None,
+) -> Cost:  # fmt: skip
+    """The sum of rows of numbers of terms, of which some may be of points of a scene, or for a time."""
+    naming = np.zeros(rows.shape)
+    naming[:, [*NAMING, *range(FIELDS, rows.shape[1])]] = 1.0
     weights = np.concatenate([[counts[0]], rows.reshape(-1)])
-    assert weights.size == 1 + FIELDS * sum(counts)
-    return Cost(make_terms, weights, nx=nx, nu=nu, fixed=_fixed(len(rows)), steady=True)
-
-
-def _fixed(count: int) -> np.ndarray:
-    """Which weights of so many terms say what the others are of."""
-    places = np.zeros((count, FIELDS))
-    places[:, NAMING] = 1.0
-    return np.concatenate([[1.0], places.reshape(-1)])
+    fixed = np.concatenate([[1.0], naming.reshape(-1)])
+    if windows is not None:
+        weights = windows.into(weights)
+    if points:
+        assert scene is not None
+        more = [*point_numbers(scene, points, len(weights)), len(rows)]
+        weights, fixed = np.concatenate([weights, more]), np.concatenate([fixed, np.ones(len(more))])
+    make = SUMS[2 * bool(points) + (windows is not None)]
+    cost = Cost(make, weights, *sizes, fixed=fixed, steady=windows is None)
+    cost.points, cost.windows = points, windows
+    return cost
 
 
 def _rows(
     states: Sequence[str], controls: Sequence[str], running: Sequence[Term], final: Sequence[Term]
-) -> tuple[np.ndarray, list[int], list[Point]]:
-    """(terms, FIELDS) numbers, how many are running and final ones, and the points that they are of."""
+) -> tuple[np.ndarray, list[int], list[Point], list[tuple[float, float | None]]]:
+    """(terms, FIELDS) numbers, how many are running and final ones, the points that they are of, and when
+    each running one counts.
+    """
     rows: list[tuple[float, ...]] = []
     counts: list[int] = []
     points: list[Point] = []
+    spans: list[tuple[float, float | None]] = []
     for name, group in (("running", running), ("final", final)):
         if not isinstance(group, list | tuple) or not all(isinstance(each, Term) for each in group):
             raise ArgumentError(f"{name} is {shown(group)}; a list of costs.Term is needed")
@@ -181,13 +217,19 @@ def _rows(
                 raise ArgumentError(
                     f"{label}.control is {shown(each.control)}; no control follows the last state"
                 )
+            if name == "final" and each.timed:
+                raise ArgumentError(
+                    f"{label} has start {each.start:g} s and end {shown(each.end)}; of the last state alone "
+                    "neither is needed"
+                )
             for place, target, less in _places(label, each, states, controls, points):
                 rows.append((KINDS.index(each.kind), place, each.weight, target, each.width, less))
+                spans += [(each.start, each.end)] if name == "running" else []
         counts.append(len(rows) - before)
     if not rows:
         every = "" if controls or not (running or final) else " but of controls, of which there are none"
         raise ArgumentError(f"running and final hold no term{every}; at least one is needed")
-    return np.array(rows, float), counts, points
+    return np.array(rows, float), counts, points, spans
 
 
 def _places(

@@ -123,6 +123,7 @@ class Case:
         self._conditions = _conditions(sim, draws.disturbances, limits, record)
         self._conditions.seed, self._conditions.duration = seed, duration
         self._conditions.step = step_size
+        cost = None if cost is None else cost.in_steps_of(step_size)
         self.table = MeasureTable(measures, sim.scene, failure, cost)
 
     @property

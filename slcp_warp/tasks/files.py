@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from slcp_warp.kernels.control.cost_points import make_point_terms
-from slcp_warp.kernels.control.cost_terms import FIELDS, KINDS, make_terms
+from slcp_warp.kernels.control.cost_terms import FIELDS, KINDS
 
 from ..costs import NO_COST, Cost, Point, Term, terms
+from ..costs.terms import ALWAYS, SUMS, numbers_of_term
 from ..description.points import AXES
 from ..description.scene import Scene
 from ..description.scene_file import load_scene, scene_content, scene_of
@@ -271,19 +271,20 @@ def _term(values: Any, where: str) -> Any:
 
 def _cost_content(cost: Cost, scene: Scene) -> dict[str, Any]:
     """The terms of a cost, from its weights."""
-    if cost.make not in (make_terms, make_point_terms) or cost.weights.ndim > 1:
+    if cost.make not in SUMS or cost.weights.ndim > 1:
         raise TaskFileError("cost: no sum of costs.Term, which alone are data; write the task in Python")
-    count = int(cost.weights[-1]) if cost.points else (len(cost.weights) - 1) // FIELDS
+    each = numbers_of_term(cost)
+    count = int(cost.weights[-1]) if cost.points else (len(cost.weights) - 1) // each
+    running = int(cost.weights[0])
+    spans = [ALWAYS] * count if cost.windows is None else [*cost.windows.spans, *[ALWAYS] * (count - running)]
     found = []
-    for kind, component, weight, target, width, minus in cost.weights[1 : 1 + FIELDS * count].reshape(
-        -1, FIELDS
-    ):
+    for row, (start, end) in zip(cost.weights[1 : 1 + each * count].reshape(-1, each), spans):
+        kind, component, weight, target, width, minus = row[:FIELDS]
         of = _component(cost, scene, int(component), int(minus))
-        term = Term(KINDS[int(kind)], weight, target=target, width=width, **of)
+        term = Term(KINDS[int(kind)], weight, target=target, width=width, start=start, end=end, **of)
         own = _changed(term, Term(term.kind, 0.0, control=0)) | of
         points = {name: _changed(value, Point()) for name, value in of.items() if isinstance(value, Point)}
         found.append({"kind": term.kind, "weight": term.weight} | own | points)
-    running = int(cost.weights[0])
     groups = {"running": found[:running], "final": found[running:]}
     return {name: group for name, group in groups.items() if group}
 

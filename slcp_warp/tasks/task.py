@@ -102,6 +102,8 @@ class Task(Printed):
                 raise TaskError(f"Task.cost is for {name} = {need}, scene {self.scene.name!r} has {size}")
         try:
             put(self, "cost", at_scene(self.cost, self.scene))
+            if self.cost.windows is not None:
+                self.cost.windows.check(max(self.duration, (self.horizon or 0) * self.scene.step_size))
         except ArgumentError as error:
             raise TaskError(f"Task.cost: {error}") from None
         if self.control_limits is not None:

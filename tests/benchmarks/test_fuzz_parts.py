@@ -14,6 +14,7 @@ from slcp_warp.kernels.generic.topology import items_first
 from slcp_warp.scripts.benchmarks.fuzz import case as cases
 from slcp_warp.scripts.benchmarks.fuzz import swept
 from slcp_warp.scripts.benchmarks.fuzz.command import tasks_of
+from slcp_warp.scripts.benchmarks.fuzz.differences import STEPS, compare
 from slcp_warp.scripts.benchmarks.fuzz.draws import Worlds
 from slcp_warp.scripts.benchmarks.fuzz.judge import Outcome
 from slcp_warp.scripts.benchmarks.fuzz.judged import judged, parameters, simulator
@@ -92,6 +93,49 @@ def test_a_small_run_of_many_bodies_has_no_silent_failure(part, least, most):
     tally = run_task(task)
     assert [f for f in tally.failures if f.verdict in (SILENT, WRONG)] == []
     assert sum(n for key, n in tally.counts.items() if key[-1] == "SOLVED") > 2 * 6
+
+
+def test_differences_do_not_judge_across_a_kink():
+    """|x - x0| at a distance of 1e-9: central differences of all lengths agree on 0."""
+    steps = np.array(STEPS)[:, None, None]
+
+    def slopes(f, x):
+        return (f(x + steps) - f(x)) / steps, (f(x - steps) - f(x)) / -steps
+
+    for f, slope, sure in ((np.abs, 1.0, False), (lambda x: x + 0.5 * x * x, 1.0 + 1e-9, True)):
+        error, trusted = compare(np.full((1, 1), slope), *slopes(f, np.full((1, 1), 1e-9)))
+        assert trusted[0] == sure and (not sure or error[0] < 1e-6)
+
+
+def test_differences_see_a_ripple_that_long_steps_step_over():
+    """The slope is 1,001 at 0, but 1,000 to all steps above 1e-5, which agree."""
+    steps = np.array(STEPS)[:, None, None]
+
+    def ripple(x):
+        return 1e3 * x + x * np.exp(-((x / 3e-6) ** 2))
+
+    up, down = ripple(steps) / steps, ripple(-steps) / -steps
+    for slope, right in ((1001.0, True), (1000.5, False)):
+        error, trusted = compare(np.full((1, 1), slope), up, down)
+        assert trusted[0] and (error[0] < 1e-5) == right
+
+
+def test_differences_do_not_blame_a_row_that_enters_within_the_shortest_steps():
+    """50 max(x, 0), rounded off within 1e-6 with a slope of 35 at 0: steps from 1e-5 on agree on 25, and one
+    of 1e-7 is off by 3e-3.
+    """
+    steps = np.array(STEPS)[:, None, None]
+
+    def entering(x):
+        y = x / 1e-6
+        return 5e-5 * (np.logaddexp(0.0, y) + 0.2 * y * np.exp(-y * y))
+
+    def slopes(side):
+        return (entering(side * steps) - entering(0.0)) / (side * steps)
+
+    for slope, right in ((35.0, True), (35.01, False)):
+        error, trusted = compare(np.full((1, 1), slope), slopes(1.0), slopes(-1.0))
+        assert trusted[0] and (error[0] < 1e-5) == right
 
 
 def test_derivatives_of_the_common_kernels_are_compared():
