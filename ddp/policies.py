@@ -56,6 +56,7 @@ class TrackingPolicy:
     """
 
     sees_states = True  # whatever else a task's policies see
+    alike = True  # in all worlds: by state and time alone
 
     def __init__(
         self,
@@ -92,7 +93,7 @@ class TrackingPolicy:
 
     def kernel(self, sim: Simulator) -> tuple[PolicyKernel, Any]:
         """Kernel and struct for a simulator."""
-        self._check_names(sim.scene)
+        self.check_names(sim.scene)
         period = self.xs.shape[-1:] if self.period is None else self.period.shape
         size = self.xs.shape[-1], self.us.shape[-1], period
         if size != (sim.nx, sim.nu, (sim.nx,)):
@@ -121,7 +122,7 @@ class TrackingPolicy:
         put_limits(sim, struct, self.limits)
         return TRACKING, struct
 
-    def _check_names(self, scene: Scene) -> None:
+    def check_names(self, scene: Scene) -> None:
         """Raise an error for a scene whose states or controls have other names than those of the plan's."""
         for what in ("state_names", "control_names"):
             own = None if self._scene is None else getattr(self._scene, what)

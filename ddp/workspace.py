@@ -13,7 +13,7 @@ import warp as wp
 from slcp_warp.inputs.checks import function, instance, shown, whole
 from slcp_warp.inputs.copies import NotCopied
 from slcp_warp.inputs.errors import ArgumentError
-from slcp_warp.kernels.control.costs import make_cost_kernel
+from slcp_warp.kernels.control.costs import make_cost_kernel, make_price_kernel
 from slcp_warp.kernels.control.state_limits import make_limit_kernels
 from slcp_warp.kernels.device.launch import Prepared, together
 from slcp_warp.kernels.device.tables import copy_table
@@ -107,11 +107,15 @@ class Workspace(NotCopied):
         inputs = [policy.xs, policy.us, exact, fresh, d]
         grain = 16 if differences else 512
         self._run_cost = Prepared(kernel, B * (N + 1), inputs, self.device, grain=grain)
-        self._run_penalty = self._run_update = None
+        self._run_penalty = self._run_update = self._run_price = None
         if problem.state_limits is not None:
             add, update = make_limit_kernels(problem.nx, dtype)
             inputs = [policy, self._limits, fresh, d]
             self._run_penalty = Prepared(add, B, inputs, self.device, grain=16)
+            self._price: Any = wp.zeros(B, dtype=wp.float64, device=self.device)
+            price = make_price_kernel(functions, problem.nx, problem.nu, dtype)
+            inputs = [policy.xs, policy.us, self._weights, self._price]
+            self._run_price = Prepared(price, B, inputs, self.device, grain=16)
             inputs = [policy, self._limits, self._state.searching, dtype(self.options.limit_factor)]
             self._run_update = Prepared(update, B, inputs, self.device, grain=16)
 
@@ -245,16 +249,15 @@ class Workspace(NotCopied):
         )
         return np.maximum(np.maximum(below, above).max((1, 2), initial=0.0), 0.0)
 
-    def penalties(self) -> np.ndarray:
-        """(B,) what of the cost is the penalties' of the state limits (M46)."""
-        if self.problem.state_limits is None:
-            return np.zeros(self.batch)
-        xs, y = (a.numpy()[:, 1:].astype(np.float64) for a in (self.xs, self._limits.multiplier))
-        weight = self._limits.weight.numpy().astype(np.float64)[:, None, None]
-        lower, upper = (a[:, None] for a in self.problem.state_limit_rows())
-        v = xs + y / weight
-        v = v - np.clip(v, lower, upper)
-        return np.asarray(0.5 * (weight * v**2 - y**2 / weight).sum((1, 2)))
+    def own_cost(self) -> np.ndarray:
+        """(B,) the cost without the penalties of the state limits (M46), which can be so large that a
+        difference tells nothing.
+        """
+        cost: np.ndarray = self.cost.numpy().copy()
+        if self._run_price is None:
+            return cost
+        self._run_price()
+        return np.where(np.isfinite(cost), self._price.numpy(), cost)
 
     def _descend(self, done: int, limit: int, rungs: Mapping[int, int] = MappingProxyType({})) -> None:
         """Passes until no problem goes on, or has made as many as it may.
@@ -351,7 +354,7 @@ class Workspace(NotCopied):
         lower, upper = (np.tile(a, (self.batch // len(a), 1)) for a in self.problem.limit_rows())
         return Result(
             **{name: getattr(self, name).numpy().copy() for name in names},
-            cost=self.cost.numpy() - self.penalties(),
+            cost=self.own_cost(),
             iterations=self.passes.numpy().copy(),
             min_pivot=self.pivot.numpy().copy(),
             lower=lower,

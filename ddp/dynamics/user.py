@@ -18,6 +18,7 @@ from slcp_warp.kernels.control.user_dynamics import (
     make_protocol_step,
     no_carry,
 )
+from slcp_warp.kernels.device.compile import digest_of
 from slcp_warp.kernels.device.launch import Prepared
 from slcp_warp.kernels.device.tables import empty_table, make_copy_kernel, make_table
 from slcp_warp.kernels.factories import cached
@@ -85,12 +86,13 @@ class WarpDynamics:
     """Dynamics from a Warp function x' = step(params, row, x, u).
 
     Args:
-        make: ``make(dtype, VX, VU) -> DynamicsFunctions`` or just the step, called once per dtype; it reads
-            its parameters as ``params[row, i]``, in the order of ``parameters``, arrays flattened.
-            Derivatives that it does not give are Warp's own, in double precision, and second ones differences
-            of these; if a comparison at random states, made once, says that Warp's are wrong, both are
-            central differences. It must be a function of a module, or be kept and passed again, for kernels
-            to be found again instead of being compiled anew.
+        make: ``make(dtype, VX, VU) -> DynamicsFunctions`` or just the step, called once per dtype, and again
+            once a global or enclosed value that it uses has changed; it reads its parameters as
+            ``params[row, i]``, in the order of ``parameters``, arrays flattened. Derivatives that it does not
+            give are Warp's own, in double precision, and second ones differences of these; if a comparison at
+            random states, made once, says that Warp's are wrong, both are central differences. It must be
+            a function of a module, or be kept and passed again, for kernels to be found again instead of
+            being compiled anew.
         nx: number of states.
         nu: number of controls.
         parameters: names and default values.
@@ -131,9 +133,13 @@ class WarpDynamics:
         given = self.make, self.nx, self.nu, None, str(self.device), self.dtype.__name__
         return type(self), given, {"params": self.params}
 
+    def _functions(self, dtype: Any) -> DynamicsFunctions:
+        """Of a scalar type; made anew where `make` sees other values."""
+        return _dynamics_functions(self.make, digest_of(self.make), dtype, self.nx, self.nu)
+
     def step_function(self) -> Any:
         """See `Dynamics`."""
-        step = _dynamics_functions(self.make, self.dtype, self.nx, self.nu).step
+        step = self._functions(self.dtype).step
         return make_protocol_step(step, self.nx, self.nu, self.dtype)
 
     def initial_carry(self) -> Any:
@@ -154,12 +160,12 @@ class WarpDynamics:
         self, xs: Any, us: Any, params: Any, fx: Any, fu: Any, second: Any, status: Any, active: Any
     ) -> Callable[[], None]:
         """`linearize_into` as a function without arguments, to be called many times with less overhead."""
-        functions = _dynamics_functions(self.make, self.dtype, self.nx, self.nu)
+        functions = self._functions(self.dtype)
         widen: Prepared | None = None
         found = functions.jacobians is None or (second is not None and functions.curvature is None)
         numbers, exact = params, False
         if found and self.dtype != wp.float64:
-            functions = _dynamics_functions(self.make, wp.float64, self.nx, self.nu)
+            functions = self._functions(wp.float64)
             numbers = empty_table(params.shape, wp.float64, self.device)
             copy = make_copy_kernel(self.dtype, wp.float64)
             widen = Prepared(copy, params.shape[0], [params, numbers], self.device)
@@ -187,7 +193,10 @@ class WarpDynamics:
 
 
 @cached
-def _dynamics_functions(make: Callable[..., Any], dtype: Any, nx: int, nu: int) -> DynamicsFunctions:
+def _dynamics_functions(
+    make: Callable[..., Any], seen: str, dtype: Any, nx: int, nu: int
+) -> DynamicsFunctions:
+    """What `make` gives; `seen`: digest of what it is made of."""
     made = make(dtype, wp.types.vector(nx, dtype), wp.types.vector(nu, dtype))
     return made if isinstance(made, DynamicsFunctions) else DynamicsFunctions(made)
 

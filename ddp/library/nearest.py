@@ -135,6 +135,7 @@ class NearestPolicy:
     """
 
     sees_states = True  # whatever else a task's policies see
+    alike = True  # in all worlds: by state and time alone
 
     def __init__(
         self,

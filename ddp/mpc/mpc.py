@@ -22,7 +22,7 @@ from ..problem import Problem
 from ..results.result import Result
 from .planner import Planner
 from .sent import OnTheWay
-from .starts import Planned, Policy, Situation, chosen_starts
+from .starts import Planned, Policy, Situation, chosen_starts, read_only
 
 SHARE = 0.2  # of the control limits: noise of starts
 KEPT = 10_000  # cycles whose times are kept
@@ -255,7 +255,9 @@ class MPC:
             last = last.shifted(passed, self._ahead.horizon).near(x, self._wrap)
         cycle = self.seed, now
         rolled = None if self._library is None else functools.partial(self._library.controls, now)
-        situation = Situation(self._ahead, x, time + ahead, numbers, last, cycle, self.noise, rolled)
+        last = None if last is None else last.read_only()
+        x, numbers, noise = (read_only(a) for a in (x, numbers, self.noise))
+        situation = Situation(self._ahead, x, time + ahead, numbers, last, cycle, noise, rolled)
         made = planner.plan(situation, self.starts)
         self.failures += made.failures
         for name, count in made.chosen.items():

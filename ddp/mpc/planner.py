@@ -70,11 +70,13 @@ class Planner:
         B, x, work = self.worlds, situation.x, self.work
         found = {name: policies_of(name, make(situation), situation) for name, make in starts.items()}
         nothing = Policy.open_loop(x, np.zeros((B, self.problem.horizon, self.problem.nu)))
-        tried = Policy.join([nothing if p is None else p for p in found.values()])
+        usable = np.array([np.zeros(B, bool) if p is None else p.finite for p in found.values()])
+        tried = Policy.join(
+            [nothing if p is None else _either(own, p, nothing) for own, p in zip(usable, found.values())]
+        )
         self._roll_out(self.trial, np.tile(x, (self.starts, 1)), tried)
         cost = self.trial.cost.numpy().reshape(self.starts, B).astype(np.float64)
-        cost[[p is None for p in found.values()]] = np.inf
-        cost[~np.isfinite(cost)] = np.inf
+        cost[~usable | ~np.isfinite(cost)] = np.inf
         order = cost.argsort(axis=0, kind="stable")[: self.improved]  # (improved, B): the best first
         own = np.arange(B)
         self._roll_out(work, np.tile(x, (self.improved, 1)), tried.select((order * B + own).ravel()))
@@ -93,7 +95,7 @@ class Planner:
         us, xs, K = (self._chosen(name) for name in ("us", "xs", "K"))
         fresh = Policy(us, xs, K, np.zeros_like(us))
         last = nothing if situation.last is None else situation.last
-        self.acting = fresh if self._good.all() else _either(self._good, fresh, last)
+        self.acting = _either(self._good, fresh, last)
         return Made(int((~self._good).sum()), dict(zip(names, counts, strict=True)))
 
     def _chosen(self, name: str) -> np.ndarray:
@@ -120,6 +122,8 @@ class Planner:
 
 def _either(own: np.ndarray, first: Policy, second: Policy) -> Policy:
     """Policies of the first where it says so, else of the second."""
+    if own.all():
+        return first
     parts = []
     for name in ("us", "xs", "K", "k"):
         a = getattr(first, name)

@@ -10,11 +10,18 @@ from slcp_warp.inputs.checks import numeric, shown
 from slcp_warp.inputs.errors import ArgumentError
 
 from ..library.nearest import wrap
-from ..policies import in_steps_of
+from ..policies import TrackingPolicy, in_steps_of
 from ..problem import Problem
 from ..results.result import Result
 from ..sampling.options import Sampling
 from ..sampling.sampler import Sampler
+
+
+def read_only(a: np.ndarray) -> np.ndarray:
+    """A view that cannot be written to."""
+    view = a.view()
+    view.flags.writeable = False
+    return view
 
 
 @dataclass
@@ -39,6 +46,16 @@ class Policy:
         (B, N, nu), nx = us.shape, x.shape[1]
         xs = np.repeat(x[:, None], N + 1, axis=1)
         return cls(us, xs, np.zeros((B, N, nu, nx)), np.zeros_like(us))
+
+    @property
+    def finite(self) -> np.ndarray:
+        """(B,) worlds whose numbers all are."""
+        parts = [np.isfinite(a).reshape(len(a), -1).all(axis=1) for a in (self.us, self.xs, self.K, self.k)]
+        return np.logical_and.reduce(parts)
+
+    def read_only(self) -> "Policy":
+        """The same numbers in arrays that cannot be written to."""
+        return Policy(*(read_only(a) for a in (self.us, self.xs, self.K, self.k)))
 
     def shifted(self, steps: int, horizon: int) -> "Policy":
         """The same policies that many steps later (19), over another horizon.
@@ -71,7 +88,7 @@ class Policy:
 
 @dataclass
 class Situation:
-    """What a start is made from.
+    """What a start is made from; its arrays are read-only, since other starts are made from them, too.
 
     Attributes:
         problem: of the plans; near the end of a run its horizon is what is left, and times of its cost count
@@ -159,6 +176,7 @@ class Planned:
                 raise ArgumentError(
                     f"plan.{name} has shape {given.shape}; (steps, {str(row)[1:]} of one plan is needed"
                 )
+        TrackingPolicy(plan).check_names(problem.dynamics.scene)
         if plan.simulated is not None:
             rate = float(np.ravel(problem.params["step_size"])[0]) / plan.simulated.step_size
             us, xs, K = (a[0] for a in in_steps_of(rate, us[None], xs[None], K[None]))
@@ -254,9 +272,17 @@ def _free(name: str, taken: dict[str, Start]) -> str:
 
 def policies_of(name: str, made: Any, s: Situation) -> Policy | None:
     """What a start gave, as policies of all worlds; controls are open loop."""
-    if made is None or isinstance(made, Policy):
+    if made is None:
+        return None
+    need = B, N, nu = len(s.x), s.problem.horizon, s.problem.nu
+    if isinstance(made, Policy):
+        nx = s.x.shape[1]
+        shapes = {"us": need, "xs": (B, N + 1, nx), "K": (B, N, nu, nx), "k": need}
+        for field, shape in shapes.items():
+            if np.shape(getattr(made, field)) != shape:
+                came = np.shape(getattr(made, field))
+                raise ArgumentError(f"start {name!r} gave {field} of shape {came}; {shape} is needed")
         return made
-    need = (len(s.x), s.problem.horizon, s.problem.nu)
     us = numeric(made)
     if us is None or us.shape not in (need, need[1:]):
         raise ArgumentError(f"start {name!r} gave {shown(made)}; controls {need} or {need[1:]} are needed")

@@ -95,7 +95,7 @@ class Late:
         us, K, k = (_before(a, d, b) for a, b in ((result.us, rest), (result.K, 0.0), (result.k, 0.0)))
         work = Workspace(self.whole, B, ONLY_ROLLED)
         work.start(x0, us, np.concatenate([states, result.xs], axis=1), K)
-        cost = work.cost.numpy() - work.penalties()
+        cost = work.own_cost()
         trace = replace(result.trace, cost=result.trace.cost + (cost - result.cost)[:, None])
         return replace(
             result, xs=work.xs.numpy().copy(), us=work.us.numpy().copy(), K=K, k=k, cost=cost, trace=trace,

@@ -31,6 +31,37 @@ class CostFunctions(NamedTuple):
 
 
 @cached
+def make_price_kernel(functions, nx, nu, dtype):
+    """Kernel ``(first, xs, us, weights, price)`` over B: costs, summed in double precision."""
+    VX, VU = wp.types.vector(nx, dtype), wp.types.vector(nu, dtype)
+    running, final = functions.running, functions.final
+
+    @named_by_code(max_unroll=1)
+    def price(
+        first: int,
+        xs: wp.array3d(dtype=dtype),
+        us: wp.array3d(dtype=dtype),
+        weights: wp.array2d(dtype=dtype),
+        out: wp.array(dtype=wp.float64),
+    ):
+        b = first + wp.tid()
+        row = wp.where(weights.shape[0] == 1, 0, b)
+        x, u = VX(), VU()
+        value = wp.float64(0.0)
+        for k in range(us.shape[1]):
+            for i in range(nx):
+                x[i] = xs[b, k, i]
+            for i in range(nu):
+                u[i] = us[b, k, i]
+            value += wp.float64(running(weights, row, x, u, k))
+        for i in range(nx):
+            x[i] = xs[b, us.shape[1], i]
+        out[b] = value + wp.float64(final(weights, row, x))
+
+    return price
+
+
+@cached
 def make_cost_kernel(functions, nx, nu, dtype):
     """Kernel ``(first, xs, us, weights, mask, Derivatives)`` over B (N+1): derivatives of l and l_f.
 

@@ -85,7 +85,9 @@ def comparison(report: slcp.Report, first: str, second: str, peeking: bool = Fal
     there = list(dict.fromkeys(key[0] for key in keys))
     for name in (first, second):
         if name not in there:
-            raise ValueError(f"there is no policy {name!r} in the report; there are {', '.join(there)}")
+            raise ValueError(
+                f"there is no policy {name!r} in the report; it has {', '.join(map(repr, there))}"
+            )
     names = ("success", *report.measures)
     looks = ", at all looks" if peeking else ""
     table = Table(title=f"{first} less {second}, the same worlds, 95 % intervals{looks}", box=SIMPLE_HEAD)

@@ -1,6 +1,8 @@
 """The engine: simulated time that follows the clock, commands in, pictures out; it knows no browser."""
 
 import queue
+import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -152,7 +154,7 @@ class Engine:
             wake()
             stop.wait(max(0.0, FRAME - (time.perf_counter() - now)))
         if self.recording is not None:
-            self._record(False)
+            self._save_last()
 
     def latest(self) -> dict[str, Any]:
         """The newest picture."""
@@ -212,11 +214,20 @@ class Engine:
         if on and self.recording is None:
             self.recording = Record(self.worlds, tuple(self.knobs))
         elif not on and self.recording is not None:
-            ended, self.recording = self.recording, None
-            if ended.rows:
+            if self.recording.rows:
                 while (path := self.folder / f"watch-{self.written:03d}.npz").exists():
                     self.written += 1
-                self.said = f"wrote {ended.save(path)}"
+                self.said = f"wrote {self.recording.save(path)}"
+            self.recording = None  # one that cannot be written goes on, to be written once it can
+
+    def _save_last(self) -> None:
+        """Write the record that is being made when the page ends, elsewhere where its folder takes none."""
+        try:
+            self._record(False)
+        except (ValueError, OSError) as error:
+            self.folder = Path(tempfile.mkdtemp(prefix="slcp-watch-"))
+            self._record(False)
+            print(f"slcp watch: {error}; {self.said}", file=sys.stderr)
 
     def hello(self) -> dict[str, Any]:
         """What a page needs once: shapes, widgets and where they stand."""

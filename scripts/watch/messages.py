@@ -1,11 +1,12 @@
 """What the page may ask: each message checked before the engine sees it."""
 
 import json
-import math
+import sys
 from typing import Any
 
 MOST_BYTES = 4096
 POINT = 1e6  # m: no cursor is further away
+LARGEST = sys.float_info.max
 FIELDS: dict[str, dict[str, type]] = {  # what is to be done -> what belongs to it
     "grab": {"at": list, "world": int},
     "drag": {"at": list},
@@ -48,7 +49,7 @@ def parsed(text: str | bytes) -> dict[str, Any]:
 
 def _value(label: str, value: Any, kind: type) -> Any:
     if kind is float and isinstance(value, int | float) and not isinstance(value, bool):
-        if math.isfinite(value):
+        if abs(value) <= LARGEST:
             return float(value)
     elif kind is list:
         if isinstance(value, list) and len(value) == 2:

@@ -47,13 +47,14 @@ class Record:
     def after(self) -> None:
         """Keep what it did."""
         row = self._row | {"forces": self.worlds.force.copy(), "status": self.worlds.status}
+        self._end = self.worlds.state  # whatever is done with the worlds before the record is saved
         self.rows.append(row)
         self.bytes += sum(a.nbytes for a in row.values())
 
     def save(self, path: Path) -> Path:
         """Write it, whole or not at all."""
         stacked = {name: np.stack([row[name] for row in self.rows]) for name in ARRAYS}
-        stacked["states"] = np.concatenate([stacked["states"], self.worlds.state[None]])
+        stacked["states"] = np.concatenate([stacked["states"], self._end[None]])
         known = Simulated.of(
             next(iter(self.worlds.sims.values()))
         )  # whichever steps: the others follow from it

@@ -22,6 +22,7 @@ except ImportError as error:
 
 HOST = "127.0.0.1"
 CREDITS = 3  # pictures on their way to a page
+MOST_REASON = 120  # bytes that tell a page why its socket closes
 CLIENTS = 8
 FILES = {
     "": ("index.html", "text/html"),
@@ -135,7 +136,8 @@ class PageServer:
         try:
             message = parsed(text)
         except ValueError as error:
-            await connection.close(1008, str(error)[:100])
+            reason = str(error).encode(errors="replace")[:MOST_REASON].decode(errors="ignore")
+            await connection.close(1008, reason)
             return
         if message["do"] == "got":
             if credit._value < CREDITS:

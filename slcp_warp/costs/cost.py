@@ -9,6 +9,7 @@ import warp as wp
 
 from slcp_warp.kernels.control.cost_functions import make_later, make_plain, make_quadratic
 from slcp_warp.kernels.control.costs import CostFunctions
+from slcp_warp.kernels.device.compile import digest_of
 from slcp_warp.kernels.factories import cached
 
 from ..inputs.checks import array, flag, function, whole
@@ -20,9 +21,10 @@ class Cost:
     """A running and a final cost as Warp functions, made for each dtype; their weights are run-time data.
 
     Args:
-        make: ``make(dtype, VX, VU) -> CostFunctions``, called once per dtype; VX, VU are the vector types of
-            a state and a control. Functions read weights as ``weights[row, i]``. It must be a function of a
-            module, or be kept and passed again, for kernels to be found again instead of being compiled anew.
+        make: ``make(dtype, VX, VU) -> CostFunctions``, called once per dtype, and again once a global or
+            enclosed value that it uses has changed; VX, VU are the vector types of a state and a control.
+            Functions read weights as ``weights[row, i]``. It must be a function of a module, or be kept and
+            passed again, for kernels to be found again instead of being compiled anew.
         weights: numbers (P,), or one row per problem (B, P).
         nx: number of states that the cost needs, or None for any.
         nu: number of controls, or None for any.
@@ -58,8 +60,8 @@ class Cost:
         self.fixed = own != 0.0
 
     def functions(self, dtype: Any, nx: int, nu: int) -> CostFunctions:
-        """Warp functions for a scalar type and sizes, made once."""
-        return _functions(self.make, dtype, nx, nu)
+        """Warp functions for a scalar type and sizes, made once, and anew where `make` sees other values."""
+        return _functions(self.make, digest_of(self.make), dtype, nx, nu)
 
     def with_weights(self, weights: Any) -> "Cost":
         """The same functions with other numbers, (P,) or (B, P); nothing is compiled."""
@@ -112,7 +114,8 @@ class Cost:
 
 
 @cached
-def _functions(make: Callable[..., CostFunctions], dtype: Any, nx: int, nu: int) -> CostFunctions:
+def _functions(make: Callable[..., CostFunctions], seen: str, dtype: Any, nx: int, nu: int) -> CostFunctions:
+    """What `make` gives; `seen`: digest of what it is made of."""
     functions = make(dtype, wp.types.vector(nx, dtype), wp.types.vector(max(nu, 1), dtype))
     if not isinstance(functions, CostFunctions):
         raise ArgumentTypeError(

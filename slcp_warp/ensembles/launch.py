@@ -114,7 +114,8 @@ class Case:
         self.sim, self.draws = sim, draws
         policy = at_step_size(policy, step_size)
         asked = checks.attribute(policy, "worlds") if draws.numbered else None  # by number, not by place
-        self.policy = policy if acts_on_host(policy) else policy_arrays(policy, sim, asked or worlds)
+        asked = asked if isinstance(asked, int) and asked > 1 else draws.most or worlds
+        self.policy = policy if acts_on_host(policy) else policy_arrays(policy, sim, asked)
         self._timed = policy if isinstance(checks.attribute(policy, "step_size"), float) else None
         self.records = record.count(duration), len(record.states)
         self.roll_out = _road(sim, policy)

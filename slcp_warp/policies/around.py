@@ -15,6 +15,7 @@ from ..inputs.errors import ArgumentError
 from ..inputs.limits import any_limits, bounded, limit_rows
 from ..simulator import Simulator
 from ..stepping.arguments import checked_kernel
+from ..stepping.by_world import alike
 from .saved import Content, content_of, policy_of
 
 LONGEST = 256
@@ -52,6 +53,12 @@ class Around:
             self.noise = array("noise", noise)
             if (self.noise < 0.0).any() or self.noise.ndim > 1:
                 raise ArgumentError(f"noise is {shown(noise)}; standard deviations, not negative, are needed")
+
+    @property
+    def alike(self) -> bool:
+        """Whether it acts by state and time alone in all worlds: noise follows from a world's number."""
+        sds = [*self.noise.values()] if isinstance(self.noise, Mapping) else self.noise
+        return alike(self.policy) and (sds is None or not np.any(sds))
 
     def at(self, step_size: float) -> "Around":
         """The same around a plan for steps of another size [s]; delay and hold stay as many steps."""

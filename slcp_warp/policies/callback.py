@@ -19,6 +19,8 @@ class Callback:
         period: between two calls [s], rounded to whole steps; None: a step.
     """
 
+    alike = True  # in all worlds: by state and time alone
+
     def __init__(self, f: Callable[[np.ndarray, float], Any], period: float | None = None) -> None:
         self.f = function("f", f, 2)
         self.period = None if period is None else number("period", period, 0.0, above=True)

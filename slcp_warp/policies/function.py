@@ -23,7 +23,8 @@ class Function:
     """A user's control(data, world, step, x) -> u, a Warp function; `data` holds the arrays given by name.
 
     With memory from step to step it is control(data, world, step, x, memory) -> (u, memory). Worlds of a
-    sweep are counted through all its chunks. Policies with other numbers, but the same function, names and
+    sweep are counted through all its chunks; arrays that are looked up by `world` itself need a row for each.
+    Policies with other numbers, but the same function, names and
     axes, share their kernels.
 
     Args:

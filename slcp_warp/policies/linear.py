@@ -58,6 +58,11 @@ class Linear:
         if len(self.limits[0]) not in (1, self.worlds):
             raise ArgumentError(f"limits are for {len(self.limits[0])} worlds; there are {self.worlds}")
 
+    @property
+    def alike(self) -> bool:
+        """Whether it acts by state and time alone in all worlds."""
+        return self.worlds == 1
+
     def kernel(self, sim: Simulator) -> tuple[PolicyKernel, Any]:
         """Kernel and struct for a simulator."""
         if self.K.shape[1:] != (sim.nu, sim.nx):

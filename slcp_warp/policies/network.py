@@ -36,6 +36,8 @@ class Network:
         ArgumentTypeError, ArgumentError: another module, or one that does not fit the scene.
     """
 
+    alike = True  # in all worlds: by state and time alone
+
     def __init__(self, module: Any) -> None:
         self.module = module
         self._linear, layers = _layers(module)

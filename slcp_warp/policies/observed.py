@@ -18,6 +18,7 @@ from ..inputs.checks import attribute, function, shown, whole
 from ..inputs.errors import ArgumentError, ArgumentTypeError
 from ..simulator import Simulator
 from ..stepping.arguments import checked_kernel
+from ..stepping.by_world import alike
 from .saved import Content, content_of, policy_of
 
 MOST = 1024  # numbers that a policy sees
@@ -78,6 +79,11 @@ class Observed:
             )
         self.policy, self.of = policy, checked("of", of)
         self.worlds = attribute(policy, "worlds")
+
+    @property
+    def alike(self) -> bool:
+        """Whether it acts by state and time alone in all worlds."""
+        return alike(self.policy)
 
     def kernel(self, sim: Simulator) -> tuple[PolicyKernel, Any]:
         """Kernel and struct for a simulator."""

@@ -7,7 +7,6 @@ import warp as wp
 
 from slcp_warp.kernels.policies.contract import PolicyKernel
 from slcp_warp.kernels.policies.open_loop import OPEN_LOOP, make_open_loop
-from slcp_warp.kernels.policies.tracking import TRACKING
 from slcp_warp.kernels.structure import Structure
 
 from ..gradients import tape
@@ -16,6 +15,7 @@ from ..inputs.arrays import ArrayError, Batch, same_worlds, to_batch, zeros
 from ..inputs.checks import shown
 from ..inputs.errors import ArgumentError, ArgumentTypeError
 from .arrays import Controls
+from .by_world import check_rows
 from .host import acts_on_host
 
 
@@ -140,11 +140,5 @@ def at_step_size(policy: Any, step_sizes: Any) -> Any:
 def policy_arrays(policy: Any, sim: Any, worlds: int | None) -> tuple[PolicyKernel, Any]:
     """Kernel and struct of a policy, for so many worlds (None: for any number)."""
     kernel, struct = checked_kernel(policy, sim)
-    innermost, inside = kernel, struct
-    while innermost.inner is not None:
-        innermost, inside = innermost.inner, inside.inner
-    rows = inside.us.shape[0] if innermost == TRACKING else 1
-    if rows not in (1, worlds):
-        need = "one for all" if worlds is None else f"1 or {worlds}"
-        raise ArrayError(f"policy holds {rows} trajectories; {need} is needed, one per world")
+    check_rows(kernel, struct, sim, worlds)
     return kernel, struct

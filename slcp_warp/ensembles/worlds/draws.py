@@ -64,7 +64,10 @@ class Draws:
         disturbances: that they are drawn by.
         numbers: of a world that are kept while it runs, beside its parameters and state.
         numbered: whether worlds have numbers of their own, which are not their places.
+        most: beyond every world's number; None: nobody knows.
     """
+
+    most: int | None = None
 
     def __init__(
         self,
@@ -183,6 +186,7 @@ class Given:
         _check_timing(d, self.tables["timing"])
         self.numbered = worlds.numbers is not None
         numbers = np.arange(count) if worlds.numbers is None else worlds.numbers
+        self.most = int(np.max(numbers, initial=0)) + 1
         self.tables["numbers"] = numbers.astype(np.int32)
         self.numbers = d.numbers(nv)
         params = laws.parameter_laws(sim.scene, table[0], {})

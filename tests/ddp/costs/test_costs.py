@@ -65,6 +65,48 @@ def test_differences_of_a_cost_in_double_precision(device, dtype):
     np.testing.assert_allclose(out["lxx"][:, 3].reshape(2, 4), bend, rtol=tolerance_2, atol=4 * tolerance_2)
 
 
+GOAL = 1.0
+
+
+def make_globally(dtype, VX, VU):
+    """To GOAL, as it is when the functions are made."""
+    goal = dtype(GOAL)
+
+    @wp.func
+    def running(x: VX, u: VU, k: int):
+        return dtype(0.01) * u[0] * u[0]
+
+    @wp.func
+    def final(x: VX):
+        return (x[0] - goal) * (x[0] - goal)
+
+    return running, final
+
+
+def make_drift(dtype, VX, VU):
+    """By GOAL a step."""
+    drift = dtype(GOAL)
+
+    @wp.func
+    def step(params: wp.array2d(dtype=dtype), row: int, x: VX, u: VU):
+        return VX(x[0] + u[0] + drift)
+
+    return step
+
+
+def test_a_maker_sees_a_global_that_has_changed(device, monkeypatch):
+    """As in a notebook whose cells are run again; costs, samples and dynamics kept the first value."""
+    moves = ddp.linear_system([[1.0]], [[1.0]], device=device)
+    cost = ddp.costs.plain(make_globally)
+    for goal in (1.0, 4.0, 1.0):
+        monkeypatch.setitem(globals(), "GOAL", goal)
+        plan = ddp.solve(ddp.Problem(moves, cost, 3), np.zeros(1), np.zeros((3, 1)))
+        assert plan.xs[-1, 0] == pytest.approx(goal / (1.0 + 0.01 / 3.0), rel=1e-6)
+        drifts = ddp.Problem(ddp.WarpDynamics(make_drift, 1, 1, device=device), cost, 3)
+        still = ddp.solve(drifts, np.zeros(1), np.zeros((3, 1)), ddp.Options(max_iterations=0))
+        assert still.xs[-1, 0] == 3.0 * goal
+
+
 @pytest.mark.parametrize("style", ["values", "functions"])
 def test_costs_that_differ_by_what_a_loop_looks_up_are_told_apart(device, style):
     """The same source with other `wp.static` values: Warp's own hash is the same, the kernel must not be."""

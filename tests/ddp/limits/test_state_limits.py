@@ -85,6 +85,19 @@ def test_limits_that_cannot_hold_are_said():
     assert found.status == ddp.Status.STATE_LIMITS and not found.converged
 
 
+def test_the_cost_of_a_plan_beyond_its_limits_is_its_own():
+    """Penalties of 1e9 are a million times the cost, and single precision has no digits left beside them."""
+    held, x0 = double_integrator(([-0.6, -np.inf], [np.inf, np.inf]), horizon=3)
+    dynamics = ddp.linear_system([[1.0, 0.1], [0.0, 1.0]], [[0.005], [0.1]], device="cpu", dtype="float32")
+    problem = ddp.Problem(dynamics, held.cost, 3, control_limits=(-1.0, 1.0), state_limits=held.state_limits)
+    found = ddp.solve(problem, x0, np.zeros((3, 1)))
+    assert found.status == ddp.Status.STATE_LIMITS
+    u, (x, v) = found.us.astype(float), found.xs[-1].astype(float)
+    assert found.cost == pytest.approx(
+        0.5 * (0.01 * (u @ u.T).trace() + 100.0 * x**2 + 10.0 * v**2), rel=1e-6
+    )
+
+
 def test_every_problem_has_limits_of_its_own():
     upper = np.array([[np.inf, 0.3], [np.inf, 0.4], [np.inf, np.inf]])
     problem, x0 = double_integrator((np.full((3, 2), -np.inf), upper))

@@ -360,7 +360,8 @@ BAD = [
     '{"do": "grab", "at": [1e300, 1], "world": 0}', '{"do": "grab", "at": [1, true], "world": 0}',
     '{"do": "grab", "at": [0, 1], "world": true}', '{"do": "set", "name": "sigma", "value": "1"}',
     '{"do": "set", "name": 3, "value": 1}', '{"do": "set", "name": "sigma", "value": Infinity}',
-    '{"do": "pause", "value": 1}', '{"do": "release", "path": "x"}', "[" * 3000, "x" * 5000,
+    '{"do": "set", "name": "sigma", "value": 1' + "0" * 400 + "}", '{"do": "pause", "value": 1}',
+    '{"do": "set", "name": "sigma", "value": NaN}', '{"do": "release", "path": "x"}', "[" * 3000, "x" * 5000,
 ]  # fmt: skip
 
 

@@ -113,13 +113,16 @@ def test_pictures_come_as_fast_as_they_are_taken_and_no_faster(running):
         assert json.loads(page.recv(timeout=20))["frame"] > frames[-1]
 
 
-@pytest.mark.parametrize("text", ["{", '{"do": "quit"}', "x" * 5000, b"\x00\x01"])
+@pytest.mark.parametrize(
+    "text", ["{", '{"do": "quit"}', "x" * 5000, b"\x00\x01", '{"do": "' + 80 * "\U0001f600" + '"}']
+)
 def test_a_message_that_is_not_the_pages_ends_the_connection_and_no_other(running, text):
     with running.connect() as page, running.connect() as other:
         page.send(text)
-        with pytest.raises(ConnectionClosed):
+        with pytest.raises(ConnectionClosed) as ended:
             for _ in range(100):
                 page.recv(timeout=20)
+        assert ended.value.rcvd.code in (1008, 1009)  # 1009: longer than a frame may be
         assert json.loads(other.recv(timeout=20))["hello"]
         assert "frame" in json.loads(other.recv(timeout=20))
 

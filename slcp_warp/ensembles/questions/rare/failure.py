@@ -153,7 +153,7 @@ def failure_share(
         task, policy, checked_options(task, case), judge.measures, seed=seed, step_size=step_size,
         dtype=dtype, device=device, strategy=strategy,
     )  # fmt: skip
-    numbers = Numbers(trial.sim, task, trial.step_size)
+    numbers = Numbers(trial.sim, task, trial.step_size, numbered=not trial.alike)
     width = numbers.dimension + numbers.fresh
     if not width:
         raise ArgumentError(f"task {task.name!r} has no disturbances: all of its worlds are the same")

@@ -61,7 +61,7 @@ def falsify(
     does.
 
     Args:
-        task: with a success; its first start counts, and no noise.
+        task: with a success; its first start counts, and no noise; a policy's own noise is that of world 0.
         policy: as for `sweep`.
         by: what is disturbed: "kick" (velocities, at one time; in the task's kicks' standard deviations, else
             in its starts', else in m/s and rad/s), "push" (a force on a body for a while), "start",

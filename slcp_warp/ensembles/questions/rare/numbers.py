@@ -35,8 +35,9 @@ class Numbers:
     """Starts, parameters and events of a task's worlds, from standard normal z (B, dimension + fresh).
 
     The first `dimension` numbers are what a task draws once a world: as many as the addresses of its random
-    numbers. Behind them come the choice among several starts and, where noise is drawn in single steps, the
-    number of the world that this noise follows from; a small change of these two is none.
+    numbers. Behind them come the choice among several starts and, where noise is drawn in single steps or a
+    policy's controls follow from more than state and time, the world's number, by which they do; a small
+    change of these two is none.
 
     Attributes:
         dimension: of what is drawn once a world.
@@ -44,7 +45,10 @@ class Numbers:
         names: of what each of the first draws.
     """
 
-    def __init__(self, sim: Simulator, task: Task, step_size: float) -> None:
+    def __init__(self, sim: Simulator, task: Task, step_size: float, numbered: bool = False) -> None:
+        """Args:
+        numbered: whether worlds have numbers whatever the task draws.
+        """
         d, scene = task.disturbances, sim.scene
         assert task.duration is not None
         base = sim.params.replace(step_size=step_size).table()[0]
@@ -64,7 +68,7 @@ class Numbers:
         self.names = tuple(names.values())
         self._place = {address: i for i, address in enumerate(names)}
         self.dimension = len(self.names)
-        self._choice, self._noise = len(task.start) > 1, noisy(d)
+        self._choice, self._noise = len(task.start) > 1, numbered or noisy(d)
         self.fresh = int(self._choice) + int(self._noise)
 
     def places(self, name: str) -> tuple[np.ndarray, np.ndarray]:

@@ -11,10 +11,14 @@ from ....inputs.times import nearest_steps
 from ....measures.reductions import Measure, first_time
 from ....options import Options
 from ....simulator import Simulator
+from ....stepping.arguments import at_step_size, policy_arrays
+from ....stepping.by_world import alike
+from ....stepping.host import acts_on_host
 from ....tasks.task import Task
 from ...launch import worlds_at_once
-from ...tasks import case_of, succeeded
+from ...tasks import case_of, policy_of, succeeded
 from ...worlds import Worlds
+from ...worlds.between import observed
 from ...worlds.draws import Given
 
 
@@ -39,6 +43,10 @@ class Trial:
         sim: whose steps they make.
         step_size: [s].
         worlds: run so far.
+        alike: whether the policy acts by state and time alone in all worlds.
+
+    Raises:
+        ArrayError: a policy that has not got what any world's number asks for.
     """
 
     def __init__(
@@ -63,6 +71,10 @@ class Trial:
         judged = [*measures, *(() if task.success is None else task.success.parts())]
         judged += [] if task.failure is None else [first_time(task.failure)]
         self._judged, self._measures = list(dict.fromkeys(judged)), len(measures)
+        policy = policy_of(task, policy)
+        self.alike = alike(policy)
+        if not acts_on_host(policy):
+            policy_arrays(observed(at_step_size(policy, self.step_size), task), self.sim, None)
         given = Given(self.sim, task, Worlds(task.start[:1]), self.step_size)
         at_once = worlds_at_once(self.sim, (0, 0), len(self._judged), given.numbers)
         self._case = case_of(
