@@ -133,13 +133,13 @@ class WarpDynamics:
         given = self.make, self.nx, self.nu, None, str(self.device), self.dtype.__name__
         return type(self), given, {"params": self.params}
 
-    def _functions(self, dtype: Any) -> DynamicsFunctions:
+    def functions(self, dtype: Any) -> DynamicsFunctions:
         """Of a scalar type; made anew where `make` sees other values."""
         return _dynamics_functions(self.make, digest_of(self.make), dtype, self.nx, self.nu)
 
     def step_function(self) -> Any:
         """See `Dynamics`."""
-        step = self._functions(self.dtype).step
+        step = self.functions(self.dtype).step
         return make_protocol_step(step, self.nx, self.nu, self.dtype)
 
     def initial_carry(self) -> Any:
@@ -160,12 +160,12 @@ class WarpDynamics:
         self, xs: Any, us: Any, params: Any, fx: Any, fu: Any, second: Any, status: Any, active: Any
     ) -> Callable[[], None]:
         """`linearize_into` as a function without arguments, to be called many times with less overhead."""
-        functions = self._functions(self.dtype)
+        functions = self.functions(self.dtype)
         widen: Prepared | None = None
         found = functions.jacobians is None or (second is not None and functions.curvature is None)
         numbers, exact = params, False
         if found and self.dtype != wp.float64:
-            functions = self._functions(wp.float64)
+            functions = self.functions(wp.float64)
             numbers = empty_table(params.shape, wp.float64, self.device)
             copy = make_copy_kernel(self.dtype, wp.float64)
             widen = Prepared(copy, params.shape[0], [params, numbers], self.device)

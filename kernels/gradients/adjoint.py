@@ -9,6 +9,7 @@ from ..policies.pieces import make_wrap
 from ..policies.tracking import make_tracking
 from ..specialisation import Specialisation
 from ..status import SOLVED
+from .faded import FADED
 from .parameters import make_parameter_gradient
 
 
@@ -28,6 +29,7 @@ def make_adjoint_kernel(spec: Specialisation, by_parameters: bool, feedback: boo
     parameters = make_parameter_gradient(spec) if by_parameters else None
     Tracking = make_tracking(NX, NU, dtype).Struct
     wrapped, free = make_wrap(dtype), make_free(NX, NU, dtype)
+    LEAST = dtype(FADED[dtype])
 
     @wp.func
     def pulled(g: VX, dv: linear.DV, drift: linear.DV, h: dtype, recorded: VX):
@@ -118,8 +120,17 @@ def make_adjoint_kernel(spec: Specialisation, by_parameters: bool, feedback: boo
         for j in range(wp.static(NX)):
             g[j] = states_grad[index, steps, j]
         carry = step.cold_carry()
+        most = dtype(0.0)
         for back in range(steps):
             k = steps - 1 - back
+            size = dtype(0.0)  # NaN where a slope is
+            for j in range(wp.static(NX)):
+                size += wp.abs(g[j])
+            most = wp.max(most, size)
+            if size <= LEAST * most:  # nothing, or nothing any more, comes from later
+                for j in range(wp.static(NX)):
+                    g[j] = states_grad[index, k, j]
+                continue
             x = VX()
             u = VU()
             recorded = VX()

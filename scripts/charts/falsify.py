@@ -50,10 +50,11 @@ def falsify_chart(file: Path, path: Path) -> Path:
         left.axvline(smallest, color=BLACK, lw=1.5, ls="--", label=f"smallest that fails: {smallest:.3g}")
     left.set_xlabel("size of the disturbance [standard deviations]")
     left.set_ylabel(f"of {len(sizes)} that were drawn")
-    left.legend()
+    left.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False)
     shown = sorted(found, key=lambda row: -abs(row["sd"]))[:MOST][::-1]
     right.barh(range(len(shown)), [row["sd"] for row in shown], color=GREY)
     right.set_yticks(range(len(shown)), [f"{row['name']} = {row['value']:.3g}" for row in shown])
+    right.set_ylim(-1.0, max(len(shown), 3))
     right.axvline(0.0, color=BLACK, lw=0.8)
     right.set_xlabel("standard deviations")
     right.set_title("the smallest that fails" if found else "none was found that fails", loc="left")

@@ -6,7 +6,7 @@ import warp as wp
 from ddp_examples import central_differences
 
 from slcp_warp import ddp
-from slcp_warp.ddp.dynamics.user import _dynamics_functions
+from slcp_warp.ddp.dynamics.user import WarpDynamics
 from slcp_warp.gradients import adjoint_check
 from slcp_warp.kernels.control.user_dynamics import make_component
 from slcp_warp.scripts.studies.published import models
@@ -27,7 +27,7 @@ def derivatives(dynamics, xs, us):
 
 def is_right(make, nx, nu):
     """What the check says of a step without parameters."""
-    component = make_component(_dynamics_functions(make, wp.float64, nx, nu).step, nx, nu)
+    component = make_component(WarpDynamics(make, nx, nu).functions(wp.float64).step, nx, nu)
     numbers = wp.zeros((1, 1), dtype=wp.float64, device="cpu")
     return adjoint_check.adjoint_is_right(component, nx + nu, nx, numbers)
 
@@ -164,7 +164,7 @@ def make_hidden(dtype, VX, VU):
 
 
 def test_a_wrong_adjoint_is_not_hidden_by_a_parameter_that_is_zero():
-    component = make_component(_dynamics_functions(make_hidden, wp.float64, 2, 1).step, 2, 1)
+    component = make_component(WarpDynamics(make_hidden, 2, 1).functions(wp.float64).step, 2, 1)
     hiding = wp.array([[2.0, 0.0]], dtype=wp.float64, device="cpu")
     assert not adjoint_check.adjoint_is_right(component, 3, 2, hiding)
 

@@ -2,10 +2,13 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from test_task_sweep import SCENE, task
 
 import slcp_warp as slcp
+from slcp_warp.ensembles.questions.rare.falsification import Falsification
+from slcp_warp.ensembles.questions.rare.numbers import Numbers
 from slcp_warp.ensembles.questions.rare.space import searched
 
 
@@ -41,3 +44,21 @@ def test_of_many_parts_an_error_names_those_that_are_like_it():
         slcp.Task("many", scene, duration=1.0,
                   disturbances=slcp.Disturbances(parameters={"disc1/disk2.friction": 0.1}))  # fmt: skip
     assert len(str(found.value)) < 300
+
+
+def test_a_number_that_several_parts_share_counts_once():
+    """In the size, and in the table that the chart is drawn from: its length over all rows is the size."""
+    shared = slcp.Disturbances(parameters={"friction": slcp.LogNormal(0.3, shared=True), "mass": 0.1})
+    own = task(disturbances=shared, success=slcp.measures.final("block.x") > 1e9)
+    numbers = Numbers(own.simulator(device="cpu"), own, own.scene.step_size)
+    pairs = [name for name in numbers.told(np.ones(numbers.dimension)) if name.endswith("friction")]
+    groups = numbers.shared()
+    assert len(pairs) > 1 and tuple(pairs) in groups and len(groups) == numbers.dimension
+    z = np.arange(1.0, numbers.dimension + 1.0)
+    found = Falsification(
+        own, float(np.linalg.norm(z)), numbers.told(z), None, None, -1.0, slcp.Status.SOLVED, 32.0,
+        np.array([1.0]), np.array([False]), 1, 1, 0, 0, own.options, shared=groups,
+    )  # fmt: skip
+    rows = found.table["role"] == "found"
+    assert np.linalg.norm(found.table["sd"][rows]) == pytest.approx(found.size)
+    assert f"{pairs[0]} (of {len(pairs)})" in found.table["name"].tolist() and str(found).count("(of ") == 1

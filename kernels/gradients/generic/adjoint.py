@@ -11,12 +11,22 @@ from ...generic.topology import Topology
 from ...generic.work import WORK, Slot, Work, view
 from ...policies.pieces import make_wrap
 from ...status import SOLVED
+from ..faded import FADED
 from .room import Room, View, view_of
 from .step import make_step_adjoint
 
 # relative to a world's speeds: what tells another solution from rounding of the recorded state, which contact
 # amplifies
 OTHER = {wp.float64: 1e-5, wp.float32: 1e-2}
+
+
+@wp.func
+def sum_of(a: wp.array(dtype=wp.float64)):
+    """Of the sizes of all entries: NaN where one is."""
+    out = wp.float64(0.0)
+    for i in range(a.shape[0]):
+        out += wp.abs(a[i])
+    return out
 
 
 @wp.func
@@ -73,7 +83,7 @@ def make_generic_adjoint_kernel(given: type, residual: str) -> wp.Kernel:
     """
     back = make_step_adjoint(given, residual)
     through = make_policy_adjoint(given)
-    ZERO, ONE, APART = WORK(0.0), WORK(1.0), WORK(OTHER[given])
+    ZERO, ONE, APART, LEAST = WORK(0.0), WORK(1.0), WORK(OTHER[given]), WORK(FADED[wp.float64])
 
     @wp.func
     def say_none(
@@ -175,7 +185,18 @@ def make_generic_adjoint_kernel(given: type, residual: str) -> wp.Kernel:
         enter(t, w, states_grad[world, us.shape[1]])
         n = us.shape[1] - 1
         solved = wp.where(status[world] == wp.static(SOLVED), 1, 0)
+        most = ZERO + ZERO
         while n >= 0 and solved == 1:
+            most = wp.max(most, sum_of(w.weight))
+            while (
+                n >= 0 and sum_of(w.weight) <= LEAST * most
+            ):  # nothing, or nothing any more, comes from later
+                for j in range(2 * t.nv):
+                    w.weight[j] = WORK(states_grad[world, n, j])
+                n -= 1
+                most = wp.max(most, sum_of(w.weight))
+            if n < 0:
+                break
             x = states[world, n]
             u = us[world, n]
             solved = back.solve(t, k, w, external, world, x, u) * is_the_step(t, k, states[world, n + 1])

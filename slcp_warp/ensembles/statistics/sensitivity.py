@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ...inputs.errors import ArgumentError
-from ...storage.printed import Printed, Table
+from ...storage.printed import WIDTH, Printed, Table
 from ...storage.rows import save_rows
 from .given_data import first_order
 from .intervals import Interval
@@ -69,9 +69,16 @@ class Sensitivity(Printed):
 
     def _tables(self) -> list[Table]:
         rows = [
-            (self.names[i], *(_shown(each) for each in (self.first[i], self.total[i]))) for i in self.order
+            (_short(self.names[i]), *(_shown(each) for each in (self.first[i], self.total[i])))
+            for i in self.order
         ]
         return [Table("shares of the variance", ("drawn", "alone", "with interactions"), rows)]
+
+
+def _short(drawn: str) -> str:
+    """The first of the names that share a draw, and how many these are, where all are more than a cell holds."""
+    names = drawn.split(", ")
+    return drawn if len(drawn) <= WIDTH or len(names) < 2 else f"{names[0]} (of {len(names)})"
 
 
 def _shown(interval: Interval) -> str:

@@ -40,6 +40,7 @@ class Falsification(Printed):
         by_gradient, by_draws: improvements from gradients and from draws.
         options: of the steps that it fails under.
         by: names of what was searched; `left`: what the task disturbs beside it, and the search did not.
+        shared: the names in `values`, those together that one number draws; it counts once in `size`.
     """
 
     task: Task
@@ -59,6 +60,7 @@ class Falsification(Printed):
     options: Options
     by: tuple[str, ...] = ()
     left: tuple[str, ...] = ()
+    shared: tuple[tuple[str, ...], ...] = ()
 
     @property
     def found(self) -> bool:
@@ -87,16 +89,29 @@ class Falsification(Printed):
 
     @property
     def table(self) -> dict[str, np.ndarray]:
-        """Columns `COLUMNS`: a row for all that was "drawn", its size under sd, and for what was "found"."""
-        drawn, found = len(self.drawn), len(self.values)
-        value, sd = (np.array([each[i] for each in self.values.values()]) for i in (0, 1))
+        """Columns `COLUMNS`: a row for all that was "drawn", its size under sd, and for every number that was
+        "found"; of one that several parts share the value is that of the first.
+        """
+        drawn, rows = len(self.drawn), self._found
+        found = len(rows)
+        value, sd = (np.array([row[i] for row in rows]) for i in (1, 2))
         return {
             "role": np.repeat(["drawn", "found"], [drawn, found]),
-            "name": np.array([""] * drawn + list(self.values)),
+            "name": np.array([""] * drawn + [name for name, _, _ in rows]),
             "value": np.concatenate([np.full(drawn, np.nan), value]),
             "sd": np.concatenate([self.drawn, sd]),
             "failed": np.concatenate([self.failing, np.ones(found, bool)]),
         }
+
+    @property
+    def _found(self) -> list[tuple[str, float, float]]:
+        """Name, value and standard deviations of every number that was found."""
+        together = [names for names in self.shared if names[0] in self.values]
+        together += [(name,) for name in self.values if all(name not in names for names in together)]
+        return [
+            (f"{names[0]} (of {len(names)})" if len(names) > 1 else names[0], *self.values[names[0]])
+            for names in together
+        ]
 
     def save(self, path: str | Path) -> Path:
         """Write the table as .csv; replaced only once complete."""
@@ -117,6 +132,5 @@ class Falsification(Printed):
 
     def _tables(self) -> list[Table]:
         """The largest first."""
-        found = sorted(self.values.items(), key=lambda item: -abs(item[1][1]))
-        rows = [(name, value, z) for name, (value, z) in found]
+        rows = sorted(self._found, key=lambda row: -abs(row[2]))
         return [Table("the smallest that fails", ("disturbed", "value", "standard deviations"), rows)]

@@ -160,7 +160,7 @@ class Hunt:
         common: dict[str, Any] = {
             "task": self.exact.task, "most": most, "drawn": drawn, "failing": failing, "rounds": found.rounds,
             "options": self.exact.sim.options, "by_gradient": found.suggested, "by_draws": found.drawn,
-            "by": self.by, "left": self.left,
+            "by": self.by, "left": self.left, "shared": self.numbers.shared(),
         }  # fmt: skip
         if not len(best):
             nothing: dict[str, Any] = {

@@ -138,3 +138,11 @@ class Numbers:
                 for c, place in zip(*self.places(name)):
                     out[table.names[c]] = float(row[c]), float(z[place])
         return out
+
+    def shared(self) -> tuple[tuple[str, ...], ...]:
+        """The names of `told`, those that one number draws together."""
+        found: dict[int, list[str]] = {}
+        for name, table in self.tables.items():
+            for c, place in zip(*self.places(name)):
+                found.setdefault(int(place), []).append(table.names[c])
+        return tuple(tuple(names) for names in found.values())
