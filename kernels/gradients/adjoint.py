@@ -96,6 +96,22 @@ def make_adjoint_kernel(spec: Specialisation, by_parameters: bool, feedback: boo
                         for i in range(wp.static(NU)):
                             gain_grad[index, k, i, j] = dtype(wp.NAN)
 
+    @wp.func
+    def asked(states_grad: wp.array3d(dtype=dtype), index: int, k: int):
+        """Slopes by a recorded state."""
+        out = VX()
+        for j in range(wp.static(NX)):
+            out[j] = states_grad[index, k, j]
+        return out
+
+    @wp.func
+    def size_of(g: VX):
+        """The sum of all sizes: NaN where one is."""
+        out = dtype(0.0)
+        for j in range(wp.static(NX)):
+            out += wp.abs(g[j])
+        return out
+
     @specialised
     def adjoint_kernel(
         first: int,
@@ -116,27 +132,21 @@ def make_adjoint_kernel(spec: Specialisation, by_parameters: bool, feedback: boo
         world = step.types.world_at(params, external, index)
         steps = us.shape[1]
         h = world.params[0]
-        g = VX()
-        for j in range(wp.static(NX)):
-            g[j] = states_grad[index, steps, j]
+        g = asked(states_grad, index, steps)
         carry = step.cold_carry()
         most = dtype(0.0)
         for back in range(steps):
             k = steps - 1 - back
-            size = dtype(0.0)  # NaN where a slope is
-            for j in range(wp.static(NX)):
-                size += wp.abs(g[j])
+            size = size_of(g)
             most = wp.max(most, size)
             if size <= LEAST * most:  # nothing, or nothing any more, comes from later
-                for j in range(wp.static(NX)):
-                    g[j] = states_grad[index, k, j]
+                g = asked(states_grad, index, k)
                 continue
             x = VX()
             u = VU()
-            recorded = VX()
+            recorded = asked(states_grad, index, k)
             for j in range(wp.static(NX)):
                 x[j] = states[index, k, j]
-                recorded[j] = states_grad[index, k, j]
             for j in range(wp.static(NU)):
                 u[j] = us[index, k, j]
             sol = step.solve_step(world, x, u, carry)

@@ -136,6 +136,25 @@ def make_generic_adjoint_kernel(given: type, residual: str) -> wp.Kernel:
         return same
 
     @wp.func
+    def hand_back(t: wp.ref[Topology], w: wp.ref[View], asked: wp.array(dtype=given)):
+        """The slopes by the state before a step: through it, and of its own."""
+        for j in range(t.nv):
+            w.weight[j] = w.by_q[j] + WORK(asked[j])
+            w.weight[t.nv + j] = w.by_v[j] + WORK(asked[t.nv + j])
+
+    @wp.func
+    def skip(w: wp.ref[View], asked: wp.array2d(dtype=given), n: int, most: WORK):
+        """The step before n, or n, that something comes back to, and the most that came."""
+        at = int(n)
+        largest = wp.max(most, sum_of(w.weight))
+        while at >= 0 and sum_of(w.weight) <= LEAST * largest:  # nothing, or nothing any more
+            for j in range(asked.shape[1]):
+                w.weight[j] = WORK(asked[at, j])
+            at -= 1
+            largest = wp.max(largest, sum_of(w.weight))
+        return at, largest
+
+    @wp.func
     def leave(
         t: wp.ref[Topology],
         w: wp.ref[View],
@@ -183,29 +202,16 @@ def make_generic_adjoint_kernel(given: type, residual: str) -> wp.Kernel:
         w = view_of(room, b)
         back.prepare(t, k, params, world)
         enter(t, w, states_grad[world, us.shape[1]])
-        n = us.shape[1] - 1
+        n, most = skip(w, states_grad[world], us.shape[1] - 1, ZERO)
         solved = wp.where(status[world] == wp.static(SOLVED), 1, 0)
-        most = ZERO + ZERO
         while n >= 0 and solved == 1:
-            most = wp.max(most, sum_of(w.weight))
-            while (
-                n >= 0 and sum_of(w.weight) <= LEAST * most
-            ):  # nothing, or nothing any more, comes from later
-                for j in range(2 * t.nv):
-                    w.weight[j] = WORK(states_grad[world, n, j])
-                n -= 1
-                most = wp.max(most, sum_of(w.weight))
-            if n < 0:
-                break
             x = states[world, n]
             u = us[world, n]
             solved = back.solve(t, k, w, external, world, x, u) * is_the_step(t, k, states[world, n + 1])
             if solved == 1:
                 solved = back.pull(t, s, k, room, w, b, external, world)
             if solved == 1:
-                for j in range(t.nv):
-                    w.weight[j] = w.by_q[j] + WORK(states_grad[world, n, j])
-                    w.weight[t.nv + j] = w.by_v[j] + WORK(states_grad[world, n, t.nv + j])
+                hand_back(t, w, states_grad[world, n])
                 for i in range(t.nu):
                     by = back.control(t, k, w, i, WORK(u[i]))
                     if lower.shape[0] > 0:
@@ -217,7 +223,7 @@ def make_generic_adjoint_kernel(given: type, residual: str) -> wp.Kernel:
                     if gain.shape[0] > 0:
                         at = wp.min(n, gain.shape[1] - 1)
                         through(tracked, world, at, i, by, x, xs, gain, period, w.weight, xs_grad, gain_grad)
-                n -= 1
+                n, most = skip(w, states_grad[world], n - 1, most)
         if solved == 0:
             say_none(t, world, x0_grad, us_grad, xs_grad, gain_grad, params_grad)
         else:

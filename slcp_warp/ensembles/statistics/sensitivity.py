@@ -76,7 +76,7 @@ class Sensitivity(Printed):
 
 
 def _short(drawn: str) -> str:
-    """The first of the names that share a draw, and how many these are, where all are more than a cell holds."""
+    """The first of the names that share a draw, and how many these are, where a cell does not hold all."""
     names = drawn.split(", ")
     return drawn if len(drawn) <= WIDTH or len(names) < 2 else f"{names[0]} (of {len(names)})"
 
