@@ -103,3 +103,63 @@ def test_an_unknown_name_among_thousands_is_a_short_error():
     assert len(str(caught.value)) < 150
     with pytest.raises(slcp.ArgumentError, match="there are 360, as disc0.x$"):
         heap.state_index("?")
+
+
+def boxes_on_a_floor():
+    """Two boxes on a floor and beside each other, of four corners each: pairs of shapes are many."""
+    bodies = tuple(slcp.Body(name, 1.0, 0.01, joint="free") for name in ("left", "right"))
+    corners = {name: slcp.box(name[0], name, width=0.2, height=0.2) for name in ("left", "right")}
+    floor = slcp.Shape("floor", None, "halfplane", angle=np.pi / 2)
+    contacts = (
+        *slcp.touching(corners["left"], (floor,), friction=0.4),
+        *slcp.touching(corners["right"], (floor,), friction=0.4),
+        *slcp.touching(corners["left"], corners["right"], friction=0.3),
+    )
+    return slcp.Scene("boxes", bodies, (floor, *corners["left"], *corners["right"]), contacts)
+
+
+@pytest.mark.parametrize(
+    ("name", "of"),
+    [
+        ("floor/left", lambda a, b: {a, b} == {"floor", "left"}),
+        ("right/left", lambda a, b: {a, b} == {"left", "right"}),
+        ("left", lambda a, b: "left" in (a, b)),
+        ("floor", lambda a, b: "floor" in (a, b)),
+        ("l0/right", None),
+    ],
+)
+def test_friction_of_bodies_is_that_of_all_pairs_of_their_shapes(name, of):
+    scene = boxes_on_a_floor()
+    shapes = scene.shapes
+    pairs = [[shapes[s] for s in (p.shape_a, p.shape_b)] for p in scene.structure.pairs]
+    owners = [[s.body or s.name for s in pair] for pair in pairs]
+    if of is None:
+        mine = [any(s.name == "l0" for s in pair) and "right" in own for pair, own in zip(pairs, owners)]
+    else:
+        mine = [of(*own) for own in owners]
+    before = slcp.Parameters(scene)
+    after = before.replace(**{f"{name}.friction": 0.7})["friction"]
+    np.testing.assert_array_equal(after, np.where(mine, 0.7, before["friction"]))
+    assert 0 < sum(mine) < len(mine)
+    np.testing.assert_array_equal(before[f"{name}.friction"], before["friction"][np.array(mine)])
+    law = slcp.Uniform(0.1, 0.9, shared=True)
+    drawn = slcp.draw_worlds(
+        slcp.Task("drawn", scene, duration=0.1,
+                  disturbances=slcp.Disturbances(parameters={f"{name}.friction": law})), 5,
+    )  # fmt: skip
+    friction = before.from_table(np.asarray(drawn.params, float))["friction"]
+    assert (np.ptp(friction[:, np.array(mine)], axis=1) == 0.0).all() and np.ptp(
+        friction[:, mine.index(True)]
+    ) > 0.01
+    np.testing.assert_allclose(
+        friction[:, ~np.array(mine)], before["friction"][~np.array(mine)] + np.zeros((5, 1))
+    )
+
+
+def test_friction_of_what_does_not_touch_is_refused():
+    scene = boxes_on_a_floor()
+    for name in ("left/left", "floor/floor", "floor/middle", "middle"):
+        with pytest.raises(slcp.InputError, match=f"names '{name}.friction'"):
+            slcp.Parameters(scene).replace(**{f"{name}.friction": 0.7})
+    with pytest.raises(slcp.InputError, match="which are the same; leave one out"):
+        slcp.Parameters(scene).replace(**{"floor/left.friction": 0.7, "left/floor.friction": 0.6})
