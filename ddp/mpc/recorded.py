@@ -71,7 +71,8 @@ def library_of_runs(
         )
     drawn = seed_apart(seed, OTHER)
     recorder = Recorder(mpc, entries)
-    sweep = TaskSweep(task, recorder, worlds=worlds, seed=drawn, cases=replace(task.options, residual="hard"))
+    hard = replace(task.options, residual="hard")
+    sweep = TaskSweep(task, recorder, worlds=worlds, seed=drawn, cases=hard, chunk=min(worlds, mpc.block))
     parts = []
     for index in range(len(sweep.chunks)):
         part, world0, count = sweep.chunks[index]

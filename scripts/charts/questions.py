@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from slcp_warp.ensembles.questions.robustness_map import HEAD as MAP_COLUMNS
+from slcp_warp.ensembles.questions.robustness_map import meant
 from slcp_warp.ensembles.statistics.sensitivity import HEAD as SENSITIVITY_COLUMNS
 from slcp_warp.storage.files import FileError
 
@@ -79,7 +80,7 @@ def map_chart(file: Path, path: Path) -> Path:
     if min(grid.shape) > 1 and grid.min() < grid.max():
         lines = ax.contour(across, down, grid, levels=LEVELS, colors="white", linewidths=1.2)
         ax.clabel(lines, fmt=lambda level: f"{100.0 * level:g} %")
-    ax.set_xlabel(named["x"])
-    ax.set_ylabel(named["y"])
+    ax.set_xlabel(meant(named["x"]))
+    ax.set_ylabel(meant(named["y"]))
     figure.colorbar(mesh, ax=ax, label=f"share of successes, {named['worlds']} worlds a cell")
     return save(figure, path)

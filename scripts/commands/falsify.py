@@ -30,6 +30,12 @@ def falsify_command(
     duration: Annotated[
         float | None, typer.Option(help="Of the push [s]; default: the task's, or 0.1.")
     ] = None,
+    at: Annotated[
+        tuple[float, float] | None,
+        typer.Option(
+            help="The point that is pushed, in the body's frame [m]; default: the task's, or its end."
+        ),
+    ] = None,
     most: Annotated[
         float | None, typer.Option(help="Largest size [standard deviations]; default: 32, then 256.")
     ] = None,
@@ -50,8 +56,8 @@ def falsify_command(
     options = rules.of(chosen.options)
     with timed("search"), waiting("worlds") as shown:
         found = slcp.falsify(
-            chosen, followed, by, time=time, body=body, duration=duration, most=most, worlds=worlds,
-            gradients=gradients, case=options, seed=seed, dtype=dtype, device=device,
+            chosen, followed, by, time=time, body=body, duration=duration, at=at, most=most,
+            worlds=worlds, gradients=gradients, case=options, seed=seed, dtype=dtype, device=device,
             progress=lambda count: shown(f"{count:,} worlds"),
         )  # fmt: skip
     console.print(str(found), highlight=False, soft_wrap=True)

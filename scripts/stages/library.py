@@ -87,6 +87,8 @@ def build_of_runs(
     how = {"replan": options.offset, "passes": options.passes, "seed": options.seed}
     mpc = planned_policy(task, problem, plan, starts=["shift", "plan"], **how)
     worlds = -(-plans // -(-task.steps // options.offset))
+    if progress is not None:
+        progress(0, worlds)
     return ddp.library_of_runs(task, mpc, worlds, options.entries, options.seed, progress)
 
 

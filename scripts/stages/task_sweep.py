@@ -14,7 +14,7 @@ import slcp_warp as slcp
 from slcp_warp.ensembles.chunks import ARMS, KEYS
 from slcp_warp.ensembles.statistics.intervals import Interval
 
-from ..support.asking import steps_of_sweep, watched
+from ..support.asking import steps_of_sweep, watched, worlds_of_sweep
 from ..support.policies import policies_of_task
 from .sweep import percent
 
@@ -33,8 +33,9 @@ def sweep_task(task: slcp.Task, given: Sequence[str] | None, **choices: Any) -> 
     """Sweep policies as the commands name them, see `named_policy`; `progress` is told how long they take."""
     policies, progress = policies_of_task(given, task), choices.get("progress")
     if progress is not None:
-        steps = steps_of_sweep(task, *(choices.get(name) for name in ("worlds", "cases", "step_sizes")))
-        policies = watched(policies, steps, progress.say)
+        sizes = [choices.get(name) for name in ("worlds", "cases", "step_sizes")]
+        policies = watched(policies, steps_of_sweep(task, *sizes), progress.say)
+        progress(0, worlds_of_sweep(task, *sizes) * max(1, len(policies or ())))
     report: slcp.Report = slcp.sweep(task, policies, **choices)
     if not report.source.keys:
         raise KeyboardInterrupt

@@ -60,8 +60,13 @@ def watched(policies: Any, steps: int, say: Say) -> Any:
 
 def steps_of_sweep(task: slcp.Task, worlds: Any, cases: Any, step_sizes: Any) -> int:
     """Steps of all worlds, disturbed and not, of one policy in a sweep."""
-    count = len(worlds) if isinstance(worlds, slcp.Worlds) else int(worlds)
     assert task.duration is not None
     sizes = [number("step_sizes", h, 0.0, above=True) for h in step_sizes or (task.scene.step_size,)]
     steps = sum(nearest_steps("Task.duration", task.duration, h, "step_sizes") for h in sizes)
-    return (count + len(task.start)) * len(cases_by_name(task, cases)) * steps
+    return worlds_of_sweep(task, worlds, cases, None) * steps
+
+
+def worlds_of_sweep(task: slcp.Task, worlds: Any, cases: Any, step_sizes: Any) -> int:
+    """Worlds, disturbed and not, of one policy in a sweep."""
+    count = len(worlds) if isinstance(worlds, slcp.Worlds) else int(worlds)
+    return (count + len(task.start)) * len(cases_by_name(task, cases)) * len(step_sizes or (None,))

@@ -244,7 +244,16 @@ class Task(Printed):
         rows = [("success", "every run to the end" if self.success is None else repr(self.success))]
         rows += [] if self.failure is None else [("failure", repr(self.failure))]
         rows += [(name, repr(measure)) for name, measure in self.measures.items()]
-        return [Table("", ("judged by", "expression"), rows, left=2, width=160)]
+        judged = Table("", ("judged by", "expression"), rows, left=2, width=160)
+        d, plain = self.disturbances, Disturbances()
+        drawn: list[tuple[str, str]] = []
+        for name in (each.name for each in fields(d)):
+            own = getattr(d, name)
+            if isinstance(own, Mapping):
+                drawn += [(f"{name}: {key}", repr(law)) for key, law in own.items()]
+            elif own != getattr(plain, name):
+                drawn.append((name, repr(own)))
+        return [judged, Table("", ("disturbed", "by"), drawn, left=2, width=160)] if drawn else [judged]
 
     @property
     def steps(self) -> int:

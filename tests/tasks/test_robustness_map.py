@@ -47,7 +47,7 @@ def test_a_map_has_the_sweep_in_its_middle(device):
     assert found.successes.shape == (2, 3) and found.successes[1, 0] > found.successes[1, 2]
     share = found.share
     assert (share[1] <= share[0]).all() and (share[0] <= share[2]).all()
-    assert "block.mass x pusher.shift, 3 x 2 cells of 100 worlds" in repr(found)
+    assert "factor on block.mass x added to pusher.shift, 3 x 2 cells of 100 worlds" in repr(found)
     assert "success [%]" in str(found)
     place = ("block.com_x", (-0.02, 0.0))
     moved = slcp.robustness_map(task(), {"push": plan(0.6)}, place, y, case=slcp.Options(), **options)

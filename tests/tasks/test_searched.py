@@ -1,5 +1,6 @@
 """What a search for the smallest failure disturbs, from a task and what is given beside it."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -62,3 +63,22 @@ def test_a_number_that_several_parts_share_counts_once():
     rows = found.table["role"] == "found"
     assert np.linalg.norm(found.table["sd"][rows]) == pytest.approx(found.size)
     assert f"{pairs[0]} (of {len(pairs)})" in found.table["name"].tolist() and str(found).count("(of ") == 1
+
+
+@pytest.mark.parametrize(
+    ("by", "given", "said"),
+    [("push", {"at": (0.01, -0.2), "duration": 0.4},
+      "by push of 'block' at (0.01, -0.2) from 0.3 s for 0.4 s: "),
+     ("push", {}, "by push of 'block' at its centre of mass from 0.3 s for 0.2 s: "),
+     ("kick", {"time": 0.5}, "by kick at 0.5 s: ")],
+)  # fmt: skip
+def test_what_is_pushed_where_and_when_is_told(by, given, said):
+    push = slcp.Disturbances(pushes=(slcp.Push("block", 0.3, 0.2, (slcp.Normal(3.0), 0.0)),))
+    own = task(disturbances=push)
+    given = dict.fromkeys(("time", "body", "duration")) | {"point": given.pop("at", None)} | given
+    own = replace(own, disturbances=searched(own, by, **given))
+    nothing = Falsification(
+        own, math.inf, {}, None, None, math.nan, slcp.Status.SOLVED, 32.0, np.array([1.0]),
+        np.array([False]), 1, 1, 0, 0, own.options, by=(by,),
+    )  # fmt: skip
+    assert said in repr(nothing)

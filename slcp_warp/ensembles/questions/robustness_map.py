@@ -65,7 +65,8 @@ class RobustnessMap(Printed):
 
     def _line(self) -> str:
         height, width = self.successes.shape
-        return f"of {self.policy}: {self.x} x {self.y}, {width} x {height} cells of {self.worlds:,} worlds"
+        axes = f"{meant(self.x)} x {meant(self.y)}"
+        return f"of {self.policy}: {axes}, {width} x {height} cells of {self.worlds:,} worlds"
 
     def _tables(self) -> list[Table]:
         head = (f"{self.y} \\ {self.x}", *(f"{value:.3g}" for value in self.x_values))
@@ -146,6 +147,12 @@ def changed(task: Task, worlds: Worlds, name: str, values: np.ndarray) -> Worlds
 def _added(name: str) -> bool:
     """Whether values are added to a parameter, which may be of either sign."""
     return parameter_of(name)[1] in laws.SIGNED
+
+
+def meant(name: str) -> str:
+    """What the values of an axis are of: factors on what was drawn, or added to it."""
+    known = parameter_of(name)[1] in laws.NAMES or name == KICKS
+    return f"factor on {name}" if known and not _added(name) else f"added to {name}"
 
 
 def _any_law(name: str) -> LogNormal | Normal:

@@ -118,7 +118,7 @@ class Falsification(Printed):
         return save_table(path, self.table)
 
     def _line(self) -> str:
-        of = f"of task {self.task.name!r}" + (f" by {', '.join(self.by)}" if self.by else "")
+        of = f"of task {self.task.name!r}" + (f" by {', '.join(map(self._how, self.by))}" if self.by else "")
         if self.left:
             of += f", without {', '.join(self.left)}"
         if not self.found:
@@ -129,6 +129,19 @@ class Falsification(Printed):
         return (
             f"{of}: fails from {self.size:.4g} standard deviations on; {share}; {self.tried:,} worlds tried"
         )
+
+    def _how(self, kind: str) -> str:
+        """A kind of disturbances, with when and where where one is meant."""
+        d = self.task.disturbances
+        if kind == "push" and len(d.pushes) == 1:
+            (push,) = d.pushes
+            point = "its centre of mass" if push.at is None else f"({push.at[0]:.3g}, {push.at[1]:.3g})"
+            spans = (push.start, push.duration)
+            start, lasts = (f"{span:g}" if isinstance(span, float | int) else repr(span) for span in spans)
+            return f"push of {push.body!r} at {point} from {start} s for {lasts} s"
+        if kind == "kick" and len(d.kick_times) == 1:
+            return f"kick at {d.kick_times[0]:g} s"
+        return kind
 
     def _tables(self) -> list[Table]:
         """The largest first."""
