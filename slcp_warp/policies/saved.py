@@ -6,6 +6,7 @@ which gives a policy that does the same, bit for bit.
 
 import importlib
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from types import FunctionType
 from typing import Any, NamedTuple
@@ -134,12 +135,24 @@ def load_policy(name: str | os.PathLike[str]) -> Any:
 
 def _from_python(path: Path, attribute: str) -> Any:
     try:
-        found, _ = python_name(path, attribute)
+        found, names = python_name(path, attribute)
         policy = found() if isinstance(found, FunctionType) else found
     except FileNotFoundError:
         raise
     except Exception as error:
         raise FileError(f"{path}:{attribute}: {type(error).__name__}: {error}") from error
     if policy is None:
-        raise FileError(f"{path}: no {attribute} in it; a policy, or a function that makes one, is needed")
+        need = "a policy, or a function that makes one, is needed"
+        raise FileError(f"{path}: no {attribute} in it; {need}{_hint(names)}")
     return policy
+
+
+def _hint(names: Mapping[str, Any]) -> str:
+    """Policies among the names of a file, and functions that may make one."""
+    own = []
+    for name, value in names.items():
+        acts = any(callable(checks.attribute(value, what)) for what in ("kernel", "act"))
+        makes = isinstance(value, FunctionType) and value.__module__ == names["__name__"]
+        if not isinstance(value, type) and (acts or (makes and not value.__code__.co_argcount)):
+            own.append(name)
+    return f"; there are {', '.join(own[:8])}" if own else ""

@@ -126,3 +126,23 @@ def test_files_that_are_no_policies(tmp_path, header, text):
     write_archive(tmp_path / "mine.npz", json.loads(json.dumps(whole)), {"a": np.zeros(2)})
     with pytest.raises(FileError, match=text):
         policies.load_policy(tmp_path / "mine.npz")
+
+
+def test_a_name_that_a_file_has_not_got_comes_with_those_that_it_has(tmp_path):
+    path = tmp_path / "mine.py"
+    path.write_text("""import numpy as np
+from slcp_warp import policies
+
+steady = policies.Linear(np.zeros((1, 2)))
+
+
+def make():
+    return steady
+
+
+def of(x):
+    return x
+""")
+    with pytest.raises(slcp.InputError, match="no nope in it; .*; there are steady, make$"):
+        policies.load_policy(f"{path}:nope")
+    assert policies.load_policy(f"{path}:make").K.shape == (1, 1, 2)
