@@ -18,7 +18,7 @@ from slcp_warp.kernels.control.user_dynamics import (
     make_protocol_step,
     no_carry,
 )
-from slcp_warp.kernels.device.compile import digest_of
+from slcp_warp.kernels.device.compile import seen_by
 from slcp_warp.kernels.device.launch import Prepared
 from slcp_warp.kernels.device.tables import empty_table, make_copy_kernel, make_table
 from slcp_warp.kernels.factories import cached
@@ -87,12 +87,12 @@ class WarpDynamics:
 
     Args:
         make: ``make(dtype, VX, VU) -> DynamicsFunctions`` or just the step, called once per dtype, and again
-            once a global or enclosed value that it uses has changed; it reads its parameters as
-            ``params[row, i]``, in the order of ``parameters``, arrays flattened. Derivatives that it does not
-            give are Warp's own, in double precision, and second ones differences of these; if a comparison at
-            random states, made once, says that Warp's are wrong, both are central differences. It must be
-            a function of a module, or be kept and passed again, for kernels to be found again instead of
-            being compiled anew.
+            once a global or enclosed number, array or function that it names has changed; it reads its
+            parameters as ``params[row, i]``, in the order of ``parameters``, arrays flattened. Derivatives
+            that it does not give are Warp's own, in double precision, and second ones differences of these;
+            if a comparison at random states, made once, says that Warp's are wrong, both are central
+            differences. It must be a function of a module, or be kept and passed again, for kernels to be
+            found again instead of being compiled anew.
         nx: number of states.
         nu: number of controls.
         parameters: names and default values.
@@ -135,7 +135,7 @@ class WarpDynamics:
 
     def functions(self, dtype: Any) -> DynamicsFunctions:
         """Of a scalar type; made anew where `make` sees other values."""
-        return _dynamics_functions(self.make, digest_of(self.make), dtype, self.nx, self.nu)
+        return _dynamics_functions(self.make, seen_by(self.make), dtype, self.nx, self.nu)
 
     def step_function(self) -> Any:
         """See `Dynamics`."""

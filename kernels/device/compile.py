@@ -170,6 +170,12 @@ def digest_of(*values: Any) -> str:
         return "at " + " ".join(f"{id(value):x}" for value in values)
 
 
+def seen_by(make: Callable) -> str:
+    """Digest of a function with the globals and enclosed values that it names; "" of what it cannot tell."""
+    found = digest_of(make)
+    return "" if found.startswith("at ") else found
+
+
 def _nothing() -> None:
     """In place of a function, where values alone are told."""
 

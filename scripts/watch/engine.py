@@ -112,16 +112,16 @@ class Engine:
             self.controls = np.zeros_like(self.controls)
         if self._lost() > self.lost:
             self.said = f"{self.policy}: {self._lost() - self.lost} plans failed, the last ones go on"
-        if self.recording is not None:
-            self.recording.before(self.controls)
+        record = self.recording if self.recording is not None and not self.recording.full else None
+        if record is not None:
+            record.before(self.controls)
         worlds.step(self.controls, self.pull)
-        if self.recording is not None:
-            self.recording.after()
-            if self.recording.full:
-                self.said = "the record is full"
-                self._record(False)
         self.time += worlds.step_size
         self.steps += 1
+        if record is not None:
+            record.after()
+            if record.full:
+                self._fill()
 
     def advance(self, seconds: float) -> int:
         """Step until the simulated time has caught up with that much more of the clock; steps made."""
@@ -219,6 +219,14 @@ class Engine:
                     self.written += 1
                 self.said = f"wrote {self.recording.save(path)}"
             self.recording = None  # one that cannot be written goes on, to be written once it can
+
+    def _fill(self) -> None:
+        """Write a record that is full; one that cannot be written takes no more steps."""
+        try:
+            self._record(False)
+            self.said = f"the record is full; {self.said}"
+        except (ValueError, OSError) as error:
+            self.said = f"the record is full, and is kept: {error}"
 
     def _save_last(self) -> None:
         """Write the record that is being made when the page ends, elsewhere where its folder takes none."""

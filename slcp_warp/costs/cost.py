@@ -9,7 +9,7 @@ import warp as wp
 
 from slcp_warp.kernels.control.cost_functions import make_later, make_plain, make_quadratic
 from slcp_warp.kernels.control.costs import CostFunctions
-from slcp_warp.kernels.device.compile import digest_of
+from slcp_warp.kernels.device.compile import seen_by
 from slcp_warp.kernels.factories import cached
 
 from ..inputs.checks import array, flag, function, whole
@@ -22,9 +22,9 @@ class Cost:
 
     Args:
         make: ``make(dtype, VX, VU) -> CostFunctions``, called once per dtype, and again once a global or
-            enclosed value that it uses has changed; VX, VU are the vector types of a state and a control.
-            Functions read weights as ``weights[row, i]``. It must be a function of a module, or be kept and
-            passed again, for kernels to be found again instead of being compiled anew.
+            enclosed number, array or function that it names has changed; VX, VU are the vector types of a
+            state and a control. Functions read weights as ``weights[row, i]``. It must be a function of a
+            module, or be kept and passed again, for kernels to be found again instead of being compiled anew.
         weights: numbers (P,), or one row per problem (B, P).
         nx: number of states that the cost needs, or None for any.
         nu: number of controls, or None for any.
@@ -61,7 +61,7 @@ class Cost:
 
     def functions(self, dtype: Any, nx: int, nu: int) -> CostFunctions:
         """Warp functions for a scalar type and sizes, made once, and anew where `make` sees other values."""
-        return _functions(self.make, digest_of(self.make), dtype, nx, nu)
+        return _functions(self.make, seen_by(self.make), dtype, nx, nu)
 
     def with_weights(self, weights: Any) -> "Cost":
         """The same functions with other numbers, (P,) or (B, P); nothing is compiled."""
@@ -87,7 +87,9 @@ class Cost:
         if first == 0 or self.steady:
             return self
         if self.windows is not None:
-            return self._within(replace(self.windows, begun=self.windows.begun + first))
+            return self._within(
+                replace(self.windows, begun=self.windows.begun + first * self.windows.step_size)
+            )
         nodes = None if self.nodes is None else self.nodes - first
         other = Cost(make_later(self.make, first), self.weights, self.nx, self.nu, nodes)
         other.fixed = self.fixed

@@ -21,12 +21,12 @@ class Windows:
         spans: (start, end) of each [s]; end None: to the last step. A term counts at the steps k with start
             <= k h < end.
         step_size: h of the weights [s].
-        begun: steps of the plan that are over before the weights' step 0.
+        begun: time of the plan that is over before the weights' step 0 [s].
     """
 
     spans: tuple[tuple[float, float | None], ...]
     step_size: float
-    begun: int = 0
+    begun: float = 0.0
 
     def into(self, weights: np.ndarray) -> np.ndarray:
         """Weights (P,) or (B, P) with these windows.
@@ -54,5 +54,5 @@ class Windows:
                 )
 
     def _step(self, time: float) -> float:
-        """The first step at a time or after it, counted from the weights' step 0."""
-        return math.ceil(time / self.step_size - ROUNDING) - self.begun
+        """The first step at a time of the plan or after it, counted from the weights' step 0."""
+        return math.ceil((time - self.begun) / self.step_size - ROUNDING)

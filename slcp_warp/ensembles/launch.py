@@ -17,7 +17,7 @@ from ..inputs.checks import shown
 from ..inputs.errors import ArgumentError, ArgumentTypeError
 from ..inputs.limits import limit_rows
 from ..measures import Measure
-from ..measures.tables import MeasureTable
+from ..measures.tables import MeasureTable, priced
 from ..simulator import Simulator
 from ..stepping.arguments import at_step_size, policy_arrays
 from ..stepping.host import acts_on_host
@@ -124,7 +124,7 @@ class Case:
         self._conditions = _conditions(sim, draws.disturbances, limits, record)
         self._conditions.seed, self._conditions.duration = seed, duration
         self._conditions.step = step_size
-        cost = None if cost is None else cost.in_steps_of(step_size)
+        cost = None if cost is None or not priced(measures) else cost.in_steps_of(step_size)
         self.table = MeasureTable(measures, sim.scene, failure, cost)
 
     @property

@@ -14,6 +14,7 @@ from ..inputs.checks import shown
 from ..inputs.errors import ArgumentError, ArgumentTypeError
 from ..inputs.times import nearest_steps
 from ..measures.reductions import Measure, first_time
+from ..measures.tables import priced
 from ..options import Options, Status
 from ..policies.linear import Linear
 from ..simulator import Simulator
@@ -89,6 +90,8 @@ class TaskSweep:
         self._judged: list[Measure] = list(task.measures.values())
         self._judged += [] if task.success is None else task.success.parts()
         self._judged += [] if task.failure is None else [first_time(task.failure)]
+        for size in sizes if priced(self._judged) else ():
+            task.cost.in_steps_of(size)  # before the first world runs: times that steps of it do not have
         self.simulators = {
             label: Simulator(task.scene, options, device=device, dtype=dtype, strategy=strategy)
             for label, options in self.cases.items()

@@ -16,6 +16,11 @@ from .signals import Condition, Signal
 INFINITE = 1e-50 * kernels.FAR  # what a mean or an integral of one FAR is above, whatever the steps
 
 
+def priced(measures: Sequence[Measure]) -> bool:
+    """Whether any of them is of the cost."""
+    return any(signal.kind == "cost" for measure in measures for signal in measure.signals())
+
+
 class MeasureTable:
     """The measures of a run, looked up in a scene.
 

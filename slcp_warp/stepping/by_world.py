@@ -24,7 +24,7 @@ def check_rows(kernel: PolicyKernel, struct: Any, sim: Any, worlds: int | None) 
     if kernel == TRACKING:
         rows, need = struct.us.shape[0], f"1 or {worlds} is needed, one per world"
         if rows not in (1, worlds):
-            need = "one for all worlds is needed" if worlds is None else need
+            need = "one for all worlds is needed" if worlds in (None, 1) else need
             raise ArrayError(f"policy holds {rows} trajectories; {need}")
         return
     functions = kernel.functions(sim.nx, sim.nu, sim.dtype)
@@ -39,21 +39,36 @@ def check_rows(kernel: PolicyKernel, struct: Any, sim: Any, worlds: int | None) 
 
 
 def _looked_up(function: Any) -> set[str]:
-    """Arrays of `data` whose first index is the world's number, in a Warp function (data, world, ...)."""
+    """Arrays of `data` whose first index is the world's number, in a Warp function (data, world, ...): by
+    itself or another name of it, where nothing asks first how large it is, and nothing else takes its name.
+    """
     if function is None or not isinstance(function.adj.tree.body[0], ast.FunctionDef):
         return set()
     body = function.adj.tree.body[0]
     data, world = (each.arg for each in body.args.args[:2])
     alias: dict[str, str] = {}
+    numbers = {world}
+    for node in ast.walk(body):
+        if isinstance(node, ast.Assign | ast.AugAssign | ast.AnnAssign):
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            if any(isinstance(each, ast.Name) and each.id == world for each in targets):
+                return set()
+            if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
+                if isinstance(node.value, ast.Name) and node.value.id == world:
+                    numbers.add(node.targets[0].id)
+                for name in _of(node.value, data, {}):
+                    alias[node.targets[0].id] = name
+    asked = {
+        id(inner)
+        for node in ast.walk(body) if isinstance(node, ast.If | ast.IfExp | ast.While)
+        and any(isinstance(each, ast.Name) and each.id in numbers for each in ast.walk(node.test))
+        for inner in ast.walk(node)
+    }  # fmt: skip
     found = set()
     for node in ast.walk(body):
-        if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
-            for name in _of(node.value, data, {}):
-                alias[node.targets[0].id] = name
-    for node in ast.walk(body):
-        if isinstance(node, ast.Subscript):
+        if isinstance(node, ast.Subscript) and id(node) not in asked:
             first = node.slice.elts[0] if isinstance(node.slice, ast.Tuple) else node.slice
-            if isinstance(first, ast.Name) and first.id == world:
+            if isinstance(first, ast.Name) and first.id in numbers:
                 found |= _of(node.value, data, alias)
     return found
 

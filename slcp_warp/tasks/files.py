@@ -273,6 +273,8 @@ def _cost_content(cost: Cost, scene: Scene) -> dict[str, Any]:
     """The terms of a cost, from its weights."""
     if cost.make not in SUMS or cost.weights.ndim > 1:
         raise TaskFileError("cost: no sum of costs.Term, which alone are data; write the task in Python")
+    if cost.windows is not None and cost.windows.begun:
+        raise TaskFileError(f"cost: it begins {cost.windows.begun:g} s after its plan does, which is no data")
     each = numbers_of_term(cost)
     count = int(cost.weights[-1]) if cost.points else (len(cost.weights) - 1) // each
     running = int(cost.weights[0])

@@ -23,7 +23,8 @@ def goal(task: Any) -> np.ndarray | None:
     rows = cost.weights[1:].reshape(-1, numbers_of_term(cost))
     running = int(cost.weights[0])
     ends = [] if cost.windows is None else [end for _, end in cost.windows.spans]
-    lasting = [row for row, end in zip(rows, ends or [None] * running) if end is None]
+    last = task.duration - task.scene.step_size
+    lasting = [row for row, end in zip(rows, ends or [None] * running) if end is None or end > last]
     x, asked = task.start[0].copy(), False
     x[nv:] = 0.0
     later = []

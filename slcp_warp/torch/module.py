@@ -1,5 +1,6 @@
 """A rollout as a `torch.nn.Module` with learnable physical parameters."""
 
+import math
 from collections.abc import Collection, Sequence
 
 import numpy as np
@@ -7,29 +8,29 @@ import torch
 import warp as wp
 from torch import Tensor
 
-from ..inputs.checks import instance, names, whole
+from ..description.columns import parameter_of
+from ..inputs.checks import instance, names, shown, whole
 from ..parameters import ParameterError
 from ..simulator import Simulator
 from .functions import Outcome, rollout
-
-
-def _key(name: str) -> str:
-    """As PyTorch takes it."""
-    return name.replace(".", ":")
 
 
 def _first(sim: Simulator, name: str) -> np.ndarray:
     """Where a parameter begins; of a name of several parts, which learn one number, their own one.
 
     Raises:
-        ParameterError: an unknown name, or parts that differ.
+        ParameterError: an unknown name, parts that differ, or parts of several numbers.
     """
     value = np.asarray(sim.params[name])
-    if "." in name and value.ndim:
-        if np.ptp(value):
-            raise ParameterError(f"learn names {name!r}, which is {value.tolist()}; one number is needed")
-        value = value[0]
-    return value
+    if "." not in name or not value.ndim:
+        return value
+    _, whole, component = parameter_of(name)
+    width = math.prod(sim.params.layout.shape(whole)[1:])
+    if width > 1 and component is None and not (whole == "radius" and not np.ptp(value)):
+        raise ParameterError(f"learn names {name!r}, which has {width} numbers; name one, as {name + '_x'!r}")
+    if np.ptp(value):
+        raise ParameterError(f"learn names {name!r}, which is {value.tolist()}; one number is needed")
+    return np.asarray(value[0])
 
 
 class Rollout(torch.nn.Module):
@@ -52,12 +53,13 @@ class Rollout(torch.nn.Module):
         known = (*sim.params.names, *parts)
         learn = names("learn", learn, known, error=ParameterError)
         dtype, device = getattr(torch, sim.dtype.__name__), wp.device_to_torch(sim.device)
-        self.physical = torch.nn.ParameterDict(
-            {
-                _key(n): torch.nn.Parameter(torch.tensor(_first(sim, n), dtype=dtype, device=device))
-                for n in learn
-            }
-        )
+        self._names = {n.replace(".", ":"): n for n in learn}  # PyTorch takes no dots
+        if len(self._names) < len(set(learn)):
+            raise ParameterError(f"learn names {shown(learn)}; two of them are the same but for . and :")
+        first = {
+            key: torch.tensor(_first(sim, n), dtype=dtype, device=device) for key, n in self._names.items()
+        }
+        self.physical = torch.nn.ParameterDict({key: torch.nn.Parameter(at) for key, at in first.items()})
 
     def forward(self, x0: Tensor, controls: Tensor) -> Outcome:
         """States and status, as `rollout`."""
@@ -68,7 +70,7 @@ class Rollout(torch.nn.Module):
 
         A disc has one radius, twice: its gradient is that of the first number.
         """
-        out = {key.replace(":", "."): value for key, value in self.physical.items()}
+        out = {self._names[key]: value for key, value in self.physical.items()}
         if "radius" in out:
             discs = [[shape.kind == "disc"] for shape in self.sim.scene.shapes]
             both = torch.tensor(discs, device=out["radius"].device)

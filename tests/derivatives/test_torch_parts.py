@@ -24,3 +24,19 @@ def test_a_module_learns_numbers_of_single_parts(device):
     for wrong in (("mas",), 3):
         with pytest.raises(slcp.InputError, match="learn"):
             slcp_torch.Rollout(sim, learn=wrong)
+
+
+def test_parts_of_several_numbers_are_named_by_one(device):
+    """Two coordinates learned as one number, silently, where they happened to be the same."""
+    sim = finger(device)
+    with pytest.raises(slcp.ParameterError, match="has 2 numbers; name one, as 'link2.com_x'"):
+        slcp_torch.Rollout(sim, learn="link2.com")
+    assert slcp_torch.Rollout(sim, learn="link2.com_x").values()["link2.com_x"].ndim == 0
+
+
+def test_names_may_hold_what_stands_for_a_dot(device):
+    scene = slcp.Scene("odd", (slcp.Body("a:b", 2.0, 1.0, joint="prismatic"),), gravity=(0.0, 0.0))
+    sim = slcp.Simulator(scene, device=device)
+    module = slcp_torch.Rollout(sim, learn=("a:b.mass",))
+    states = module(torch.ones(1, 2, dtype=torch.float64), torch.zeros(1, 3, 0, dtype=torch.float64)).states
+    assert list(module.values()) == ["a:b.mass"] and states.shape == (1, 4, 2)

@@ -49,6 +49,26 @@ def in_turn(data: Any, world: int, step: int, x: Any):
 
 
 @wp.func
+def by_another_name(data: Any, world: int, step: int, x: Any):
+    who = world
+    return wp.vector(data.gain[who], length=1)
+
+
+@wp.func
+def asked_before(data: Any, world: int, step: int, x: Any):
+    u = data.gain[0]
+    if world < 16:
+        u = data.gain[world]
+    return wp.vector(u, length=1)
+
+
+@wp.func
+def taken_in_turn(data: Any, world: int, step: int, x: Any):
+    world = world % 16
+    return wp.vector(data.gain[world], length=1)
+
+
+@wp.func
 def remembered(data: Any, world: int, step: int, x: Any, memory: Any):
     return wp.vector(memory[0], length=1), memory
 
@@ -62,6 +82,7 @@ GAIN = np.linspace(-1.0, 1.0, B)
 LOOKS_UP = {
     "gain": policies.Function(own_gain, gain=GAIN),
     "table": policies.Function(own_row, table=np.stack([GAIN, -GAIN], axis=1)),
+    "another name": policies.Function(by_another_name, gain=GAIN),
     "start": policies.Function(remembered, memory=1, start=own_start, gain=GAIN),
     "behind": policies.Around(policies.Function(own_gain, gain=GAIN), delay=1),
 }
@@ -88,15 +109,29 @@ def test_rows_that_are_not_there_are_never_looked_up(name):
 def test_questions_about_any_world_refuse_policies_of_some(policy):
     for ask in (
         lambda: slcp.failure_share(task(torque=0.01), policy, case=H),
-        lambda: slcp.falsify(task(), policy, "start", case=H, worlds=64),
         lambda: slcp.sensitivity(task(torque=0.01), policy, measure="shift", case=H, samples=16),
     ):
         with pytest.raises(ArgumentError, match="any world's number|one for all worlds is needed"):
             ask()
 
 
-def test_rows_in_turn_are_for_any_world():
-    policy = policies.Function(in_turn, gain=0.05 * GAIN[:4])
+def test_questions_about_known_worlds_take_policies_of_as_many():
+    """Maps run worlds 0, 1, ... and `falsify` world 0 alone."""
+    policy, axes = LOOKS_UP["gain"], (("mass", (1.0, 2.0)), ("cart.vshift", (0.0,)))
+    found = slcp.robustness_map(task(), policy, *axes, worlds=B, case=H)
+    assert (found.successes > 0).all()
+    with pytest.raises(ArgumentError, match=f"numbers up to {B}"):
+        slcp.robustness_map(task(), policy, *axes, worlds=B + 1, case=H)
+    one = slcp.falsify(task(), policies.Function(own_gain, gain=[0.1]), "start", case=H, worlds=64)
+    same = slcp.falsify(task(), policies.Linear(np.zeros((1, 2)), u_ref=[0.1]), "start", case=H, worlds=64)
+    assert one.size == same.size < np.inf
+    with pytest.raises(ArgumentError, match="one for all worlds is needed"):
+        slcp.falsify(task(), policies.Linear(np.zeros((B, 1, 2))), "start", case=H, worlds=64)
+
+
+@pytest.mark.parametrize("control", [in_turn, asked_before, taken_in_turn])
+def test_rows_in_turn_are_for_any_world(control):
+    policy = policies.Function(control, gain=0.05 * GAIN)
     found = slcp.sweep(task(), policy, worlds=100, cases=H).part("policy")["shift"]
     assert np.isfinite(found).all()
     assert slcp.failure_share(task(), policy, case=H, islands=2, particles=40, length=10).worlds > 0

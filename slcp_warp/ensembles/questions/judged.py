@@ -26,12 +26,20 @@ class Judge:
     """
 
     def __init__(
-        self, task: Any, policy: Any, seed: int, case: Options | None, progress: Any, **choices: Any
+        self,
+        task: Any,
+        policy: Any,
+        seed: int,
+        case: Options | None,
+        progress: Any,
+        most: int | None = None,
+        **choices: Any,
     ) -> None:
         """Args:
         seed: of the noise of single steps.
         case: options of the steps; None: the task's.
         progress: called with (worlds done, worlds in all).
+        most: beyond every world's number; None: they may have any.
         choices: as of a `Simulator`.
         """
         self.task: Task = checks.instance("task", task, Task, "a slcp_warp.Task")
@@ -42,13 +50,13 @@ class Judge:
         self._progress: Callable[[int, int], None] | None = checks.function("progress", progress, 2, True)
         self._choices = choices | {"seed": seed, "cases": task.options if case is None else case}
         self.done = 0
-        self._check_policy()
+        self._check_policy(most)
 
-    def _check_policy(self) -> None:
+    def _check_policy(self, most: int | None) -> None:
         """Refuse what is no policy before anything is drawn."""
         one = TaskSweep(self.task, {self.name: self._policy}, worlds=1, **self._choices)
         if not acts_on_host(self._policy):
-            policy_arrays(self._policy, next(iter(one.simulators.values())), None)
+            policy_arrays(self._policy, next(iter(one.simulators.values())), most)
 
     def run(self, worlds: Worlds, total: int) -> Columns:
         """The rows of the worlds: what was drawn, measures, success, status; `total`: worlds in all."""

@@ -109,11 +109,12 @@ def robustness_map(
         dtype, device, strategy: as of a `Simulator`.
         progress: called with (worlds done, worlds in all).
     """
-    judge = Judge(task, policy, seed, case, progress, dtype=dtype, device=device, strategy=strategy)
+    worlds = checks.whole("worlds", worlds)
+    judge = Judge(task, policy, seed, case, progress, worlds, dtype=dtype, device=device, strategy=strategy)
     across, down = (_axis(label, task, given) for label, given in (("x", x), ("y", y)))
     if across[0] == down[0]:
         raise ArgumentError(f"x and y are both {across[0]!r}; two names are needed")
-    worlds, width, height = checks.whole("worlds", worlds), len(across[1]), len(down[1])
+    width, height = len(across[1]), len(down[1])
     if width * height > MOST_CELLS:
         raise ArgumentError(f"x and y have {width} and {height} values; at most {MOST_CELLS} cells are drawn")
     each = Parameters(task.scene).layout.width + 2 * task.scene.nv

@@ -168,6 +168,27 @@ def test_a_sweep_counts_at_the_times_of_its_own_steps(task):
         np.testing.assert_allclose(value, first * 50.0 * 0.4**2 + last * 3.0 * 0.2**2, rtol=1e-6)
 
 
+def test_a_sweep_of_steps_that_a_time_has_not_got(task):
+    """No matter where no measure is of the cost, and said before the first world runs where one is."""
+    short = terms(CART, [Term("square", 1.0, state="cart.shift", start=0.3, end=0.4)])
+    rest = slcp.policies.Linear(np.zeros((1, 2)), CART.x0, [0.0])
+    own = replace(task, cost=short, measures={"shift": slcp.measures.final("cart.shift")})
+    assert len(slcp.sweep(own, rest, worlds=2, step_sizes=(H, 0.24)).summary) > 1
+    seen = []
+    with pytest.raises(ArgumentError, match="from 0.3 s to 0.4 s; there is no step of 0.24 s"):
+        slcp.sweep(replace(own, measures={"price": slcp.measures.cost()}), rest, worlds=2,
+                   step_sizes=(H, 0.24), progress=lambda *done: seen.append(done))  # fmt: skip
+    assert not seen
+
+
+def test_what_a_cost_asks_for_at_the_runs_end(task):
+    """Of terms that count there; others are of the way."""
+    for end, asked in ((None, True), (N * H, True), (5.0, True), ((N - 1) * H, False)):
+        term = Term("square", 1.0, state="cart.shift", target=0.7, end=end)
+        goal = replace(task, cost=terms(CART, [term])).goal()
+        assert (goal is not None) == asked and (goal is None or goal[0] == 0.7)
+
+
 def test_files_tell_times(task, tmp_path):
     pointed = replace(
         task, cost=terms(CART, [*PASSES_BY, Term("square", 1.0, point=Point("cart"), end=0.5)], LAST)
@@ -208,6 +229,8 @@ def test_what_cannot_count_is_refused(sim, task):
     table = sim.parameter_array(sim.params, 1)
     with pytest.raises(ArgumentError, match="terms for a time, and params 0 step sizes"):
         ddp.Problem(sim, task.cost, N, wp.clone(table))
+    with pytest.raises(TaskError, match="begins 0.3 s after its plan does, which is no data"):
+        save_task(replace(task, cost=task.cost.from_step(3)), "begun.json")
     moved = task.cost.weights.copy()
     moved[7] += 1.0
     with pytest.raises(ArgumentError, match="says what other weights are of"):
@@ -220,4 +243,4 @@ def test_other_weights_keep_their_times(sim, task):
     later = heavier.from_step(4)
     assert later.make is heavier.make  # nothing is compiled
     np.testing.assert_array_equal(later.weights[[7, 8]], [-1.0, 2.0])
-    np.testing.assert_array_equal(later.in_steps_of(H / 2).weights[[7, 8]], [2.0, 8.0])
+    np.testing.assert_array_equal(later.in_steps_of(H / 2).weights[[7, 8]], [-2.0, 4.0])

@@ -61,7 +61,7 @@ def falsify(
     does.
 
     Args:
-        task: with a success; its first start counts, and no noise; a policy's own noise is that of world 0.
+        task: with a success; its first start counts, and no noise; policies act as in world 0.
         policy: as for `sweep`.
         by: what is disturbed: "kick" (velocities, at one time; in the task's kicks' standard deviations, else
             in its starts', else in m/s and rad/s), "push" (a force on a body for a while), "start",
@@ -92,9 +92,9 @@ def falsify(
     checks.flag("gradients", gradients), checks.function("progress", progress, 1, optional=True)
     own = task.replace(disturbances=searched(task, by, time, body, duration, at), start=task.start[:1])
     judge, chosen, policy = Margin(own, margin), checked_options(task, case), policy_of(own, policy)
+    how: dict[str, Any] = {"seed": seed, "device": device, "strategy": strategy, "most": 1}
     quick, exact = (
-        Trial(own, policy, chosen, judge.measures, seed=seed, dtype=each, device=device, strategy=strategy)
-        for each in (dtype, "float64")
+        Trial(own, policy, chosen, judge.measures, dtype=each, **how) for each in (dtype, "float64")
     )
     numbers = Numbers(exact.sim, own, exact.step_size)
     if not numbers.dimension:

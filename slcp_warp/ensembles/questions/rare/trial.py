@@ -61,7 +61,11 @@ class Trial:
         dtype: str = "float32",
         device: Any = None,
         strategy: str = "auto",
+        most: int | None = None,
     ) -> None:
+        """Args:
+        most: beyond every world's number; None: they may have any.
+        """
         assert task.duration is not None
         size = task.scene.step_size if step_size is None else step_size
         self.step_size = number("step_size", size, 0.0, above=True)
@@ -74,7 +78,7 @@ class Trial:
         policy = policy_of(task, policy)
         self.alike = alike(policy)
         if not acts_on_host(policy):
-            policy_arrays(observed(at_step_size(policy, self.step_size), task), self.sim, None)
+            policy_arrays(observed(at_step_size(policy, self.step_size), task), self.sim, most)
         given = Given(self.sim, task, Worlds(task.start[:1]), self.step_size)
         at_once = worlds_at_once(self.sim, (0, 0), len(self._judged), given.numbers)
         self._case = case_of(
