@@ -21,7 +21,12 @@ MOST = 1024  # values of an axis
 @with_rules
 def map_command(
     task: TaskName,
-    x: Annotated[str, typer.Option(help="name=low:high:count, of a parameter, a state or kicks.")],
+    x: Annotated[
+        str,
+        typer.Option(
+            help="name=low:high:count, of a parameter, a state or kicks; name==... for its own values."
+        ),
+    ],
     y: Annotated[str, typer.Option(help="The same of another.")],
     policy: TaskPolicy = None,
     worlds: Annotated[int, typer.Option(help="Disturbed worlds of every cell, the same in all.")] = 256,
@@ -48,6 +53,8 @@ def map_command(
 def _axis(option: str, text: str) -> tuple[str, np.ndarray]:
     """A name with evenly spaced values, of "name=low:high:count"."""
     name, _, values = text.partition("=")
+    if values.startswith("="):
+        name, values = f"{name}=", values[1:]
     try:
         low, high, count = values.split(":")
         if not 1 <= int(count) <= MOST:

@@ -125,6 +125,7 @@ def check_questions(folder: Path, parts: dict) -> None:
     bad = ("map", TOML, "--policy", plan, "--y", "mass=1:2:3", "--x")
     assert "name=low:high:count is needed" in fails(*bad, "friction=1:2")
     assert "x is 'weight'; a state" in fails(*bad, "weight=1:2:2")
+    assert "the values of x is -1.0; it must not be negative" in fails(*bad, "friction==-1:2:2")
 
 
 def falsified(folder: Path) -> None:

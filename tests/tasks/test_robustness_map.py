@@ -1,5 +1,7 @@
 """Maps of where a policy holds, and what their axes name: parts and components of parameters."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from test_task_sweep import SCENE, plan, task
@@ -7,6 +9,7 @@ from test_task_sweep import SCENE, plan, task
 import slcp_warp as slcp
 from slcp_warp.ensembles.questions.robustness_map import changed
 from slcp_warp.kernels.structure import layout
+from slcp_warp.scripts.charts.questions import read_map
 
 
 def _column(name: str, body: str, place: int) -> int:
@@ -57,9 +60,38 @@ def test_a_map_has_the_sweep_in_its_middle(device):
     assert np.unique(np.flatnonzero(beside.any(axis=0))).tolist() == [_column("com", "block", 0)]
 
 
+def test_a_map_of_values_puts_them_in_place_of_what_was_drawn(device, tmp_path):
+    """Against sweeps of worlds with these very masses and starts, by the columns of the table."""
+    options = {"seed": 3, "device": device}
+    masses, shifts = (0.3, 2.5), (-0.6, -0.5)
+    found = slcp.robustness_map(
+        task(), {"push": plan(0.6)}, ("block.mass=", masses), ("pusher.shift=", shifts), worlds=50,
+        case=slcp.Options(), **options,
+    )  # fmt: skip
+    drawn = slcp.draw_worlds(task(), 50, 3, dtype="float32", device=device)
+    block = [each.name for each in SCENE.bodies].index("block")
+    for i, mass in enumerate(masses):
+        for j, shift in enumerate(shifts):
+            params, x0 = np.array(drawn.params), np.array(drawn.x0)
+            params[:, layout(SCENE.structure).offset("mass") + block] = mass
+            x0[:, SCENE.state_index("pusher.shift")] = shift
+            own = replace(drawn, params=params, x0=x0)
+            sweep = slcp.sweep(task(), plan(0.6), worlds=own, cases=slcp.Options(), **options)
+            assert found.successes[j, i] == sweep.part("policy")["success"].sum()
+    assert 0 < found.successes.sum() < 200
+    assert "of push: block.mass x pusher.shift, 2 x 2 cells" in repr(found)
+    _, across, down, _ = read_map(found.save(tmp_path / "map.csv"))
+    np.testing.assert_allclose(across, masses)
+    np.testing.assert_allclose(down, shifts)
+
+
 @pytest.mark.parametrize(
     "x, y, text",
     [
+        (("mass=", (1.0,)), ("mass", (1.0,)), "x and y are both 'mass='"),
+        (("mass=", (-1.0, 1.0)), ("block.x", (0.0,)), "the values of x is -1.0; it must be positive"),
+        (("kicks=", (1.0,)), ("block.x", (0.0,)), "x is 'kicks='; kicks have factors alone"),
+        (("weight=", (1.0,)), ("mass", (1.0,)), "x is 'weight'; a state .* or a parameter"),
         (("mass", (1.0,)), ("mass", (1.0,)), "x and y are both 'mass'"),
         (("weight", (1.0,)), ("mass", (1.0,)), "x is 'weight'; a state .* or a parameter"),
         (("mass", (0.0, 1.0)), ("block.x", (0.0,)), "hold 0; 'mass' takes positive factors"),

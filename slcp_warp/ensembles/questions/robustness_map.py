@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 
 from ...description.columns import parameter_of
-from ...inputs import checks
+from ...inputs import checks, rules
 from ...inputs.checks import shown
 from ...inputs.errors import ArgumentError
 from ...options import Options
@@ -24,6 +24,7 @@ from .judged import Judge
 
 HEAD = ("x", "y", "x_value", "y_value", "worlds", "success", "low", "high")
 KICKS = "kicks"
+ITSELF = "="  # behind a name whose values are its own
 MOST_CELLS = 2**16
 
 
@@ -69,7 +70,10 @@ class RobustnessMap(Printed):
         return f"of {self.policy}: {axes}, {width} x {height} cells of {self.worlds:,} worlds"
 
     def _tables(self) -> list[Table]:
-        head = (f"{self.y} \\ {self.x}", *(f"{value:.3g}" for value in self.x_values))
+        head = (
+            f"{self.y.rstrip(ITSELF)} \\ {self.x.rstrip(ITSELF)}",
+            *(f"{value:.3g}" for value in self.x_values),
+        )
         rows = [
             (f"{value:.3g}", *(f"{100.0 * share:.0f}" for share in row))
             for value, row in zip(self.y_values, self.share[0])
@@ -102,7 +106,8 @@ def robustness_map(
         x, y: name and values: of a parameter, of all parts ("mass") or of one ("block.mass"), as factors on
             what was drawn; of a place or an angle ("hand.shape_offset_x", see `SIGNED` of the disturbances),
             as what is added to it; of a state ("block.x"), as what is added to the start; or of "kicks", as
-            factors.
+            factors. With an equals sign behind the name ("block.mass=") the values are a parameter's or a
+            state's own, in place of what was drawn.
         worlds: of every cell.
         seed: of all that is drawn.
         case: options of the steps; None: the task's.
@@ -112,7 +117,7 @@ def robustness_map(
     worlds = checks.whole("worlds", worlds)
     judge = Judge(task, policy, seed, case, progress, worlds, dtype=dtype, device=device, strategy=strategy)
     across, down = (_axis(label, task, given) for label, given in (("x", x), ("y", y)))
-    if across[0] == down[0]:
+    if across[0].rstrip(ITSELF) == down[0].rstrip(ITSELF):
         raise ArgumentError(f"x and y are both {across[0]!r}; two names are needed")
     width, height = len(across[1]), len(down[1])
     if width * height > MOST_CELLS:
@@ -130,15 +135,20 @@ def robustness_map(
 
 
 def changed(task: Task, worlds: Worlds, name: str, values: np.ndarray) -> Worlds:
-    """The worlds with one number changed, to (B,) values: factors, or what is added to a start or a place."""
+    """The worlds with one number changed, by (B,) values: factors, what is added to a start or a place, or
+    its own.
+    """
+    itself, name = name.endswith(ITSELF), name.removesuffix(ITSELF)
     if name in task.scene.state_names:
-        x0 = np.array(worlds.x0)
-        x0[:, task.scene.state_index(name)] += values
+        x0, place = np.array(worlds.x0), task.scene.state_index(name)
+        x0[:, place] = values if itself else x0[:, place] + values
         return replace(worlds, x0=x0)
     if name == KICKS:
         return replace(worlds, kicks=np.asarray(worlds.kicks) * values[:, None, None])
     params, columns = np.array(worlds.params), _columns(task, name)
-    if _added(name):
+    if itself:
+        params[:, columns] = values[:, None]
+    elif _added(name):
         params[:, columns] += values[:, None]
     else:
         params[:, columns] *= values[:, None]
@@ -151,7 +161,9 @@ def _added(name: str) -> bool:
 
 
 def meant(name: str) -> str:
-    """What the values of an axis are of: factors on what was drawn, or added to it."""
+    """What the values of an axis are of: its own, factors on what was drawn, or added to it."""
+    if name.endswith(ITSELF):
+        return name.removesuffix(ITSELF)
     known = parameter_of(name)[1] in laws.NAMES or name == KICKS
     return f"factor on {name}" if known and not _added(name) else f"added to {name}"
 
@@ -175,9 +187,16 @@ def _axis(label: str, task: Task, given: Any) -> tuple[str, np.ndarray]:
         raise ArgumentError(f"the values of {label} have shape {values.shape}; at least one is needed")
     if len(np.unique(values)) < len(values):
         raise ArgumentError(f"the values of {label} are {shown(given[1])}; each of them once is needed")
+    itself, whole, name = name.endswith(ITSELF), name, name.removesuffix(ITSELF)
     if name in task.scene.state_names:
-        return name, values
-    if not _added(name) and ((values < 0.0).any() or (name != KICKS and (values == 0.0).any())):
+        return whole, values
+    if itself and name == KICKS:
+        raise ArgumentError(f"{label} is {whole!r}; kicks have factors alone")
+    if (
+        not itself
+        and not _added(name)
+        and ((values < 0.0).any() or (name != KICKS and (values == 0.0).any()))
+    ):
         raise ArgumentError(f"the values of {label} hold {values.min():g}; {name!r} takes positive factors")
     if name == KICKS:
         if not task.disturbances.kick_times:
@@ -189,4 +208,6 @@ def _axis(label: str, task: Task, given: Any) -> tuple[str, np.ndarray]:
     except ArgumentError as error:
         states = ", ".join(task.scene.state_names)
         raise ArgumentError(f"{label} is {name!r}; a state ({states}) or a parameter: {error}") from None
-    return name, values
+    if itself:
+        rules.check(f"the values of {label}", values, ArgumentError, parameter_of(name)[1])
+    return whole, values
