@@ -40,7 +40,8 @@ class Windows:
             first, last = self._step(start), NEVER_ENDS if end is None else self._step(end)
             if first == last:
                 raise ArgumentError(
-                    f"a term counts from {start:g} s to {end:g} s; there is no step of {self.step_size:g} s"
+                    f"Term.start is {start:g} s, Term.end {end:g} s; a step of {self.step_size:g} s between "
+                    "them is needed"
                 )
             out[..., place], out[..., place + 1] = first, last
         return out
@@ -50,7 +51,7 @@ class Windows:
         for start, _ in self.spans:
             if start > duration - ROUNDING * self.step_size:
                 raise ArgumentError(
-                    f"a term counts from {start:g} s on; a plan and a run end at {duration:g} s"
+                    f"Term.start is {start:g} s; less is needed, as plans and runs end at {duration:g} s"
                 )
 
     def _step(self, time: float) -> float:

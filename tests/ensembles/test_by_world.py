@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 import warp as wp
+from simulators import driven_cart
 
 import slcp_warp as slcp
 from slcp_warp import measures, policies
@@ -14,13 +15,7 @@ from slcp_warp.stepping.by_world import alike
 
 H = slcp.Options("hard", "none")
 B = 16
-CART = slcp.Scene(
-    "cart",
-    bodies=(slcp.Body("cart", 1.0, 0.1, joint="prismatic"),),
-    actuators=(slcp.Actuator("cart"),),
-    gravity=(0.0, 0.0),
-    step_size=0.1,
-)
+CART = driven_cart(1.0)
 
 
 def task(**disturbances):

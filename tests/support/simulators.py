@@ -14,6 +14,17 @@ WIDTH = {wp.float32: "float32", wp.float64: "float64"}
 NUMPY = {wp.float32: np.float32, wp.float64: np.float64}
 
 
+def driven_cart(mass: float = 2.0) -> Scene:
+    """A cart that is pushed along a line, and touches nothing."""
+    return Scene(
+        "cart",
+        bodies=(Body("cart", mass, 1.0, joint="prismatic"),),
+        actuators=(slcp.Actuator("cart"),),
+        gravity=(0.0, 0.0),
+        step_size=0.1,
+    )
+
+
 def menagerie() -> Scene:
     """A hinged and a free body with every kind of shape, turned and off centre, and all kinds of pairs."""
     shapes = (

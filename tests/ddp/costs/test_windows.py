@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import warp as wp
+from simulators import driven_cart
 from test_costs import evaluate
 
 import slcp_warp as slcp
@@ -17,13 +18,7 @@ from slcp_warp.inputs.errors import ArgumentError
 from slcp_warp.tasks import TaskError, load_task, save_task
 
 H, N = 0.1, 12
-CART = slcp.Scene(
-    "cart",
-    bodies=(slcp.Body("cart", 2.0, 1.0, joint="prismatic"),),
-    actuators=(slcp.Actuator("cart"),),
-    gravity=(0.0, 0.0),
-    step_size=H,
-)
+CART = driven_cart()
 PASSES_BY = [
     Term("square", 50.0, state="cart.shift", target=0.4, start=0.3, end=0.6),  # steps 3, 4, 5
     Term("square", 20.0, state="cart.vshift", start=0.75, end=0.95),  # steps 8 and 9
@@ -175,7 +170,9 @@ def test_a_sweep_of_steps_that_a_time_has_not_got(task):
     own = replace(task, cost=short, measures={"shift": slcp.measures.final("cart.shift")})
     assert len(slcp.sweep(own, rest, worlds=2, step_sizes=(H, 0.24)).summary) > 1
     seen = []
-    with pytest.raises(ArgumentError, match="from 0.3 s to 0.4 s; there is no step of 0.24 s"):
+    with pytest.raises(
+        ArgumentError, match="is 0.3 s, Term.end 0.4 s; a step of 0.24 s between them is needed"
+    ):
         slcp.sweep(replace(own, measures={"price": slcp.measures.cost()}), rest, worlds=2,
                    step_sizes=(H, 0.24), progress=lambda *done: seen.append(done))  # fmt: skip
     assert not seen
@@ -216,9 +213,13 @@ def test_what_cannot_count_is_refused(sim, task):
         terms(CART, [], [shift])
     with pytest.raises(ArgumentError, match="Term.end is 0.2"):
         replace(shift, end=0.2)
-    with pytest.raises(ArgumentError, match="from 0.31 s to 0.39 s; there is no step of 0.1 s"):
+    with pytest.raises(
+        ArgumentError, match="is 0.31 s, Term.end 0.39 s; a step of 0.1 s between them is needed"
+    ):
         terms(CART, [replace(shift, start=0.31, end=0.39)])
-    with pytest.raises(TaskError, match="from 1.2 s on; a plan and a run end at 1.2 s"):
+    with pytest.raises(
+        TaskError, match="Term.start is 1.2 s; less is needed, as plans and runs end at 1.2 s"
+    ):
         slcp.Task("late", CART, terms(CART, [replace(shift, start=1.2)]), horizon=N)
     with pytest.raises(ArgumentError, match="a term for a time, which only a scene's cost has"):
         sum_of(["cart.shift"], [], [shift])

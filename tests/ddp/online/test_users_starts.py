@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from simulators import driven_cart
 
 import slcp_warp as slcp
 from slcp_warp import ddp
@@ -11,13 +12,7 @@ from slcp_warp.costs import Term, effort, terms
 from slcp_warp.inputs.errors import ArgumentError
 
 N = 8
-CART = slcp.Scene(
-    "cart",
-    bodies=(slcp.Body("cart", 2.0, 1.0, joint="prismatic"),),
-    actuators=(slcp.Actuator("cart"),),
-    gravity=(0.0, 0.0),
-    step_size=0.1,
-)
+CART = driven_cart()
 X0 = np.array([[0.1, 0.0], [-0.2, 0.3]])
 
 
