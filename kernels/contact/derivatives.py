@@ -82,7 +82,7 @@ def make_pair_derivatives(s: Structure, pair: int, dtype: type) -> SimpleNamespa
     def normal_by_q(g: PairGeometry, along: dtype, turn_a: dtype, turn_b: dtype):
         if wp.static(plane):
             return flat_normal(g, along, turn_a, turn_b)
-        if wp.static(p.capsule):
+        if wp.static(p.sided):
             if g.flat == 2:
                 beside = flat_normal(g, along, turn_a, turn_b)
                 return HALF * (beside + round_normal(g, along, turn_a, turn_b))
@@ -106,13 +106,13 @@ def make_pair_derivatives(s: Structure, pair: int, dtype: type) -> SimpleNamespa
             g.flat = 1
         else:
             g.ha = wp.static(p.support_a)(world, pa, n)
-            if wp.static(p.capsule):
+            if wp.static(p.sided):
                 g.flat = wp.static(p.flat)(world, pa, pb)
             reach = wp.dot(n, g.delta)
             radius = reach + g.ha[2] + g.hb[2]
             floor = EPS * (wp.abs(g.ha[0]) + wp.abs(g.hb[0]) + wp.abs(reach)) + EPS
             g.radius = wp.where(wp.abs(radius) > floor, radius, floor)
-        if wp.static(plane or p.capsule):
+        if wp.static(plane or p.sided):
             if g.flat > 0:
                 g.ha = V4(g.ha[0], n[0] * g.delta[1] - n[1] * g.delta[0] - g.hb[1], ZERO, ZERO)
         for k in range(wp.static(NV)):
@@ -171,7 +171,7 @@ def make_pair_derivatives(s: Structure, pair: int, dtype: type) -> SimpleNamespa
         # second derivatives of alpha and h_A'
         akl = (rest - g.ha[3] * turning) / g.radius
         hakl = g.ha[3] * turning + g.ha[2] * akl
-        if wp.static(plane or p.capsule):
+        if wp.static(plane or p.sided):
             if g.flat == 2:
                 akl = HALF * akl
                 hakl = HALF * (hakl + rest)

@@ -168,7 +168,7 @@ def make_pair(s: Structure, pair: int, dtype: type) -> SimpleNamespace:
         support_a=make_pair_support(radii_a, kind_a),
         support_b=make_pair_support(radii_b, kind_b),
         plane=plane,
-        capsule=kind_a == CAPSULE,
+        sided=kind_a == CAPSULE,
         flat=flat,
         body_a=s.shapes[a].body,
         body_b=s.shapes[b].body,

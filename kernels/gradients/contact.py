@@ -147,7 +147,7 @@ def make_pair_answer(s: Structure, pair: int, dtype: type) -> SimpleNamespace:
         alpha = wp.dot(tangent, vn) - wp.dot(n, vt) - bt * g.hb[1]  # dG/dalpha at fixed places
         if wp.static(plane):
             out = flat_answer(g, gap, alpha, an, bn, at, bt)
-        elif wp.static(p.capsule):
+        elif wp.static(p.sided):
             if g.flat != 1:
                 out = round_answer(g, gap, alpha, an, bn, at, bt)
             if g.flat == 1:
