@@ -20,11 +20,10 @@ import warp as wp
 
 from ..factories import cached
 from ..structure import CAPSULE, DISC, HALFPLANE
+from .sided import SIDED, make_sided
 
 SAMPLES = 12  # boundary points of either shape tried by the global search
 LOCAL_ITERATIONS = 12
-ENDS = {wp.float64: 1e-14, wp.float32: 1e-5}  # of a capsule's half length: roundings beyond its ends
-BORDERS = {wp.float64: 1e-9, wp.float32: 1e-5}  # and what is by an end, where derivatives are those of a mean
 
 
 @cached
@@ -81,32 +80,13 @@ def make_distance(kind_a: str, kind_b: str, dtype: type) -> SimpleNamespace:
     An ellipse of equal radii (zero too) is a disc to rounding, so one pair of ellipses serves all round
     shapes where the kind is known at run time only.
     """
-    plane, capsule = kind_a == HALFPLANE, kind_a == CAPSULE
-    exact = plane or capsule or (kind_a == DISC and kind_b == DISC)
+    plane, sided = kind_a == HALFPLANE, kind_a in SIDED
+    sides = make_sided(dtype)
+    exact = plane or sided or (kind_a == DISC and kind_b == DISC)
     support_a, support_b = make_round_support(kind_a, dtype), make_round_support(kind_b, dtype)
     V2, V4, GEO = wp.types.vector(2, dtype), wp.types.vector(4, dtype), wp.types.vector(8, dtype)
-    ZERO, ONE, NEARLY = dtype(0.0), dtype(1.0), dtype(1.0 + ENDS[dtype])
-    BORDER = dtype(BORDERS[dtype])
+    ZERO, ONE = dtype(0.0), dtype(1.0)
     maximise, climb = (None, None) if exact else make_maximisers(kind_a, kind_b, dtype)
-
-    @wp.func
-    def along_axis(pa: V4, pb: V4):
-        return (pb[0] - pa[0]) * pa[2] + (pb[1] - pa[1]) * pa[3]
-
-    @wp.func
-    def is_beside(along: dtype, half: dtype):
-        """Not beyond the ends, nor so little that rounding tells which end a normal points to."""
-        return wp.abs(along) <= NEARLY * half
-
-    @wp.func
-    def flat(ra: V2, pa: V4, pb: V4):
-        """1: the centre of B lies beside the segment of a capsule A, 0: beyond its ends, 2: by one, where the
-        curvature jumps.
-        """
-        over = wp.abs(along_axis(pa, pb)) - ra[1]
-        if wp.abs(over) <= BORDER * ra[1]:
-            return int(2)
-        return wp.where(over < ZERO, 1, 0)
 
     @wp.func
     def direct(ra: V2, rb: V2, pa: V4, pb: V4, n: V2):
@@ -117,10 +97,10 @@ def make_distance(kind_a: str, kind_b: str, dtype: type) -> SimpleNamespace:
         hb = wp.static(support_b)(rb, pb, n)
         if wp.static(plane):
             ha[1] = n[0] * dy - n[1] * dx - hb[1]
-        elif wp.static(capsule):
+        elif wp.static(sided):
             ha = wp.static(support_a)(ra, pa, n)
-            if is_beside(along_axis(pa, pb), ra[1]):
-                ha = V4(ra[0], n[0] * dy - n[1] * dx - hb[1], ZERO, ZERO)
+            if sides.beside(ra, pa, pb):
+                ha = V4(sides.height(ra, pa, n), n[0] * dy - n[1] * dx - hb[1], ZERO, ZERO)
         else:
             ha = wp.static(support_a)(ra, pa, n)
         return GEO(n[0], n[1], n[0] * dx + n[1] * dy - ha[0] - hb[0], ha[0], ha[1], hb[0], hb[1], ZERO)
@@ -135,29 +115,12 @@ def make_distance(kind_a: str, kind_b: str, dtype: type) -> SimpleNamespace:
         return V2(dx / norm, dy / norm)
 
     @wp.func
-    def capsule_normal(ra: V2, pa: V4, pb: V4):
-        # from the nearest point of the segment to the centre of B
-        dx = pb[0] - pa[0]
-        dy = pb[1] - pa[1]
-        along = dx * pa[2] + dy * pa[3]
-        if is_beside(along, ra[1]):
-            side = wp.where(pa[2] * dy - pa[3] * dx < ZERO, ZERO - ONE, ONE)
-            return V2(-side * pa[3], side * pa[2])
-        end = wp.where(along < ZERO, -ra[1], ra[1])
-        dx -= end * pa[2]
-        dy -= end * pa[3]
-        norm = wp.sqrt(dx * dx + dy * dy)
-        if not norm > ZERO:
-            return V2(-pa[3], pa[2])
-        return V2(dx / norm, dy / norm)
-
-    @wp.func
     def first_normal(ra: V2, pa: V4, pb: V4):
         # the normal, or where a search for it starts
         if wp.static(plane):
             return V2(pa[2], pa[3])
-        if wp.static(capsule):
-            return capsule_normal(ra, pa, pb)
+        if wp.static(sided):
+            return sides.normal(ra, pa, pb)
         return centre_normal(pa, pb)
 
     @wp.func
@@ -181,7 +144,11 @@ def make_distance(kind_a: str, kind_b: str, dtype: type) -> SimpleNamespace:
         return geometry
 
     return SimpleNamespace(
-        bound=bound, geometry=make_geometry(maximise), local=make_geometry(climb), flat=flat, exact=exact
+        bound=bound,
+        geometry=make_geometry(maximise),
+        local=make_geometry(climb),
+        flat=sides.flat,
+        exact=exact,
     )
 
 
