@@ -17,6 +17,9 @@ from .factories import cached
 
 REVOLUTE, PRISMATIC = "revolute", "prismatic"
 DISC, ELLIPSE, HALFPLANE, CAPSULE = "disc", "ellipse", "halfplane", "capsule"
+RECTANGLE = "rectangle"
+SIDED = (CAPSULE, RECTANGLE)  # shapes that are flat beside their sides, and have discs at their ends
+CORNERS = {2: (-1, -1), 3: (1, -1), 4: (1, 1), 5: (-1, 1)}  # of a rectangle, as ends, along its axes
 WORLD = -1
 
 STEP_SIZE = 0  # column of the parameter table, see `layout`
@@ -55,7 +58,8 @@ class ShapeStructure:
 class PairStructure:
     """Two shapes that may touch; the normal points from shape_a to shape_b.
 
-    An end of +1 or -1 stands for the disc at that end of a capsule, 0 for the whole shape.
+    An end of +1 or -1 stands for the disc at that end of a capsule, one of `CORNERS` for that at a corner of
+    a rectangle, 0 for the whole shape.
     """
 
     shape_a: int
@@ -224,6 +228,8 @@ def layout(s: Structure) -> Layout:
         "shape_offset": (ns, 2),
         "shape_angle": (ns,),
     }
+    if any(shape.kind == RECTANGLE for shape in s.shapes):
+        shapes |= {"corner_radius": (ns,)}
     if s.sprung:
         shapes |= {"stiffness": (s.nv,), "rest": (s.nv,)}
     if s.springs:

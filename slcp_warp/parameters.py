@@ -132,6 +132,11 @@ class Parameters(Printed):
         sizes = {n: len(v) for n, v in values.items() if np.ndim(v) > len(self.layout.shape(n))}
         if len(set(sizes.values())) > 1:
             raise ParameterError(f"parameters disagree on the number of worlds: {sizes}")
+        if "corner_radius" in values:
+            for i, part in enumerate(self.scene.shapes):
+                both = values["radius"][..., i, :], values["corner_radius"][..., i]
+                label = f"corner_radius of {part.name!r}"
+                rules.check_corners(label, part.kind, *both, ParameterError)
         return self._with(values, self.requires_grad)
 
     def matching(self, other: "Parameters | None", worlds: int) -> "Parameters":

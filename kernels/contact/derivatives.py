@@ -3,9 +3,9 @@
 The normal's angle alpha follows q by the implicit function theorem (M28): with R = n.Delta + h_A'' + h_B''
 (minus the curvature of the distance), alpha_k = (t.Delta_k + h_A'' phiA_k + h_B'' phiB_k)/R. For a half-plane
 A the normal turns with its body, alpha_k = phiA_k, and h_A' is the lever of the touched point; so it is for a
-capsule A that is touched between its ends. By an end, where the curvature jumps as for a box on another with
-the same sides, derivatives are the mean of both: that of what goes on to one side for each that goes to the
-other.
+capsule or a rectangle A that is touched beside a side. By an end, where the curvature jumps as for a box on
+another with the same sides, derivatives are the mean of both: that of what goes on to one side for each that
+goes to the other.
 """
 
 from types import SimpleNamespace
@@ -36,7 +36,7 @@ def make_pair_geometry(s: Structure, dtype: type) -> Any:
         ha: V4  # h_A and its derivatives by the angle
         hb: V4
         radius: dtype  # R, kept away from zero
-        flat: int  # 1: A is a half-plane, or a capsule touched between its ends; 2: by one of these
+        flat: int  # 1: A is a half-plane, or touched beside one of its sides; 2: by an end of one
         alpha: VQ  # d alpha/dq
         da: VQ  # d h_A'/dq
         db: VQ  # d h_B'/dq

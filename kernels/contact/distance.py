@@ -19,8 +19,8 @@ from types import SimpleNamespace
 import warp as wp
 
 from ..factories import cached
-from ..structure import CAPSULE, DISC, HALFPLANE
-from .sided import SIDED, make_sided
+from ..structure import CAPSULE, DISC, HALFPLANE, RECTANGLE, SIDED
+from .sided import make_core, make_sided, make_size
 
 SAMPLES = 12  # boundary points of either shape tried by the global search
 LOCAL_ITERATIONS = 12
@@ -50,15 +50,16 @@ def make_support(dtype: type) -> wp.Function:
 
 @cached
 def make_round_support(kind: str, dtype: type) -> wp.Function:
-    """support(radii, pose, n) -> (h, h', h'', h''') of a disc, an ellipse, or the end of a
-    capsule that n points to.
+    """support(size, pose, n) -> (h, h', h'', h''') of a disc, an ellipse, or the end of a
+    capsule or corner of a rectangle that n points to.
     """
     support = make_support(dtype)
+    SIZE, core = make_size(kind, dtype), make_core(dtype)
     V2, V4 = wp.types.vector(2, dtype), wp.types.vector(4, dtype)
     ZERO = dtype(0.0)
 
     @wp.func
-    def round_support(radii: V2, pose: V4, n: V2):
+    def round_support(radii: SIZE, pose: V4, n: V2):
         if wp.static(kind == DISC):
             return V4(radii[0], ZERO, ZERO, ZERO)
         c = n[0] * pose[2] + n[1] * pose[3]
@@ -66,6 +67,14 @@ def make_round_support(kind: str, dtype: type) -> wp.Function:
             end = wp.where(c < ZERO, -radii[1], radii[1])
             across = end * (n[0] * pose[3] - n[1] * pose[2])
             return V4(radii[0] + end * c, across, -end * c, -across)
+        if wp.static(kind == RECTANGLE):
+            half = core(radii)
+            sn = n[1] * pose[2] - n[0] * pose[3]
+            ax = wp.where(c < ZERO, -half[0], half[0])
+            ay = wp.where(sn < ZERO, -half[1], half[1])
+            reach = ax * c + ay * sn
+            lever = ay * c - ax * sn
+            return V4(radii[2] + reach, lever, -reach, -lever)
         return support(radii[0], radii[1], c, n[1] * pose[2] - n[0] * pose[3])
 
     return round_support
@@ -81,7 +90,8 @@ def make_distance(kind_a: str, kind_b: str, dtype: type) -> SimpleNamespace:
     shapes where the kind is known at run time only.
     """
     plane, sided = kind_a == HALFPLANE, kind_a in SIDED
-    sides = make_sided(dtype)
+    sides = make_sided(kind_a, dtype)
+    SIZE = make_size(kind_a, dtype)
     exact = plane or sided or (kind_a == DISC and kind_b == DISC)
     support_a, support_b = make_round_support(kind_a, dtype), make_round_support(kind_b, dtype)
     V2, V4, GEO = wp.types.vector(2, dtype), wp.types.vector(4, dtype), wp.types.vector(8, dtype)
@@ -89,7 +99,7 @@ def make_distance(kind_a: str, kind_b: str, dtype: type) -> SimpleNamespace:
     maximise, climb = (None, None) if exact else make_maximisers(kind_a, kind_b, dtype)
 
     @wp.func
-    def direct(ra: V2, rb: V2, pa: V4, pb: V4, n: V2):
+    def direct(ra: SIZE, rb: V2, pa: V4, pb: V4, n: V2):
         # GEO at a given normal
         dx = pb[0] - pa[0]
         dy = pb[1] - pa[1]
@@ -115,7 +125,7 @@ def make_distance(kind_a: str, kind_b: str, dtype: type) -> SimpleNamespace:
         return V2(dx / norm, dy / norm)
 
     @wp.func
-    def first_normal(ra: V2, pa: V4, pb: V4):
+    def first_normal(ra: SIZE, pa: V4, pb: V4):
         # the normal, or where a search for it starts
         if wp.static(plane):
             return V2(pa[2], pa[3])
@@ -124,7 +134,7 @@ def make_distance(kind_a: str, kind_b: str, dtype: type) -> SimpleNamespace:
         return centre_normal(pa, pb)
 
     @wp.func
-    def bound(ra: V2, rb: V2, pa: V4, pb: V4):
+    def bound(ra: SIZE, rb: V2, pa: V4, pb: V4):
         """A lower bound of d: its objective along the line of centres (exact where that is the normal)."""
         n = first_normal(ra, pa, pb)
         geo = direct(ra, rb, pa, pb, n)
@@ -132,7 +142,7 @@ def make_distance(kind_a: str, kind_b: str, dtype: type) -> SimpleNamespace:
 
     def make_geometry(search: wp.Function | None) -> wp.Function:
         @wp.func
-        def geometry(ra: V2, rb: V2, pa: V4, pb: V4, warm: V2):
+        def geometry(ra: SIZE, rb: V2, pa: V4, pb: V4, warm: V2):
             """GEO of the pair; `warm` starts the search (0, 0: from the line of centres)."""
             n = first_normal(ra, pa, pb)
             if wp.static(search is not None):

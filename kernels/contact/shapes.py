@@ -6,8 +6,9 @@ import warp as wp
 
 from ..factories import cached
 from ..mechanism.kinematics import make_types
-from ..structure import CAPSULE, DISC, HALFPLANE, WORLD, Structure, layout
+from ..structure import CORNERS, DISC, HALFPLANE, RECTANGLE, SIDED, WORLD, Structure, layout
 from .distance import make_distance, make_round_support
+from .sided import make_core, make_size
 
 
 @cached
@@ -44,9 +45,33 @@ def make_told(dtype: type, given: type) -> wp.Function:
 
 
 @cached
+def make_shape_size(s: Structure, shape: int, dtype: type, end: int = 0) -> wp.Function:
+    """world -> the numbers of a shape's size (`make_size`), or twice the radius of the disc at its end."""
+    t, lay = make_types(s, dtype), layout(s)
+    kind = s.shapes[shape].kind
+    disc = wp.types.vector(2, dtype)
+    SIZE = disc if end else make_size(kind, dtype)
+    FIRST = lay.offset("radius") + 2 * shape
+    CORNER = lay.offset("corner_radius") + shape if kind == RECTANGLE else FIRST
+
+    @wp.func
+    def size(world: t.World):
+        if wp.static(end in CORNERS):
+            return disc(world.params[wp.static(CORNER)], world.params[wp.static(CORNER)])
+        out = SIZE()
+        out[0] = world.params[wp.static(FIRST)]
+        out[1] = world.params[wp.static(FIRST + 1)]
+        if wp.static(kind == RECTANGLE):
+            out[2] = world.params[wp.static(CORNER)]
+        return out
+
+    return size
+
+
+@cached
 def make_shape_pose(s: Structure, shape: int, end: int, dtype: type) -> wp.Function:
     """pose -> (c_x, c_y, e_x, e_y): centre and axis of a shape (a half-plane's point and outward normal), or
-    of the disc at an end of a capsule.
+    of the disc at an end of a capsule or a corner of a rectangle.
     """
     t = make_types(s, dtype)
     lay = layout(s)
@@ -54,6 +79,8 @@ def make_shape_pose(s: Structure, shape: int, end: int, dtype: type) -> wp.Funct
     ZERO, ONE = dtype(0.0), dtype(1.0)
     OFFSET, ANGLE = lay.offset("shape_offset") + 2 * shape, lay.offset("shape_angle") + shape
     HALF_LENGTH, END = lay.offset("radius") + 2 * shape + 1, dtype(float(end))
+    SIGN_X, SIGN_Y = map(dtype, CORNERS.get(end, (0.0, 0.0)))
+    size, core = make_shape_size(s, shape, dtype), make_core(dtype)
     body, turned = s.shapes[shape].body, s.shapes[shape].turned
     upright = make_upright(dtype)
 
@@ -66,7 +93,11 @@ def make_shape_pose(s: Structure, shape: int, end: int, dtype: type) -> wp.Funct
         if wp.static(turned):
             ex = upright(wp.cos(world.params[wp.static(ANGLE)]))
             ey = upright(wp.sin(world.params[wp.static(ANGLE)]))
-        if wp.static(end != 0):
+        if wp.static(end in CORNERS):
+            half = core(size(world))
+            x += SIGN_X * half[0] * ex - SIGN_Y * half[1] * ey
+            y += SIGN_X * half[0] * ey + SIGN_Y * half[1] * ex
+        elif wp.static(end != 0):
             x += END * world.params[wp.static(HALF_LENGTH)] * ex
             y += END * world.params[wp.static(HALF_LENGTH)] * ey
         if wp.static(body == WORLD):
@@ -81,7 +112,7 @@ def make_shape_pose(s: Structure, shape: int, end: int, dtype: type) -> wp.Funct
 
 
 def oriented_pair(s: Structure, pair: int) -> tuple[int, int]:
-    """(shape_a, shape_b) with a half-plane, or a whole capsule, first.
+    """(shape_a, shape_b) with a half-plane, or a whole shape with sides, first.
 
     The swap turns n and t both, so that J_n and J_t do not change.
     """
@@ -98,7 +129,7 @@ def oriented_ends(s: Structure, pair: int) -> tuple[int, int]:
 def _swapped(s: Structure, pair: int) -> bool:
     p = s.pairs[pair]
     kind = s.shapes[p.shape_b].kind
-    return kind == HALFPLANE or (kind == CAPSULE and p.end_b == 0)
+    return kind == HALFPLANE or (kind in SIDED and p.end_b == 0)
 
 
 @cached
@@ -106,7 +137,8 @@ def make_pair(s: Structure, pair: int, dtype: type) -> SimpleNamespace:
     """Warp functions of one contact pair: geometry, a cheap lower bound of d, and support derivatives.
 
     `local_geometry` has a normal of (0, 0) where it takes a global search to find it.
-    `flat` tells whether a capsule A is touched between its ends, where it acts like a half-plane on its body.
+    `flat` tells whether a capsule or rectangle A is touched beside a side, where it acts like a half-plane on
+    its body.
     """
     a, b = oriented_pair(s, pair)
     end_a, end_b = oriented_ends(s, pair)
@@ -116,18 +148,7 @@ def make_pair(s: Structure, pair: int, dtype: type) -> SimpleNamespace:
     pose_a, pose_b = make_shape_pose(s, a, end_a, dtype), make_shape_pose(s, b, end_b, dtype)
     distance = make_distance(kind_a, kind_b, dtype)
     V2, V4 = wp.types.vector(2, dtype), wp.types.vector(4, dtype)
-    RADIUS = layout(s).offset("radius")
-
-    def make_radii(shape: int) -> wp.Function:
-        @wp.func
-        def radii(world: t.World):
-            return V2(
-                world.params[wp.static(RADIUS + 2 * shape)], world.params[wp.static(RADIUS + 2 * shape + 1)]
-            )
-
-        return radii
-
-    radii_a, radii_b = make_radii(a), make_radii(b)
+    radii_a, radii_b = make_shape_size(s, a, dtype, end_a), make_shape_size(s, b, dtype, end_b)
 
     def make_pair_support(radii: wp.Function, kind: str) -> wp.Function:
         round_support = make_round_support(kind, dtype)
@@ -168,7 +189,7 @@ def make_pair(s: Structure, pair: int, dtype: type) -> SimpleNamespace:
         support_a=make_pair_support(radii_a, kind_a),
         support_b=make_pair_support(radii_b, kind_b),
         plane=plane,
-        sided=kind_a == CAPSULE,
+        sided=kind_a in SIDED,
         flat=flat,
         body_a=s.shapes[a].body,
         body_b=s.shapes[b].body,

@@ -170,7 +170,7 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
         pb = pose_b(t, k, pair)
         ra = radii_a(t, k, pair)
         rb = radii_b(t, k, pair)
-        gap = bound(t, pair, ra, rb, pa, pb)
+        gap = bound(t, k, pair, ra, rb, pa, pb)
         spread_a = wp.max(rb[0], rb[1])
         va = V3()
         if t.pair_kind[pair] == ROUND:
@@ -310,4 +310,5 @@ def make_contact(given: type, residual: str) -> SimpleNamespace:
         pose_b=pose_b,
         radii_a=radii_a,
         radii_b=radii_b,
+        size=shapes.size,
     )

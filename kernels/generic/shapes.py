@@ -6,25 +6,30 @@ import warp as wp
 
 from ..contact.distance import make_distance
 from ..contact.shapes import make_told, make_upright
+from ..contact.sided import make_core
 from ..factories import cached
-from ..structure import CAPSULE, DISC, ELLIPSE, HALFPLANE, WORLD
+from ..structure import CAPSULE, DISC, ELLIPSE, HALFPLANE, RECTANGLE, WORLD
 from .mechanism import COLUMN, make_mechanism
-from .topology import LONG, PLANE, Topology
-from .work import V2, V4, WORK, Slot
+from .topology import BLOCK, LONG, PLANE, Topology
+from .work import V2, V3, V4, WORK, Slot
 
 
 @cached
 def make_shapes(given: type) -> SimpleNamespace:
     """Warp functions: place_shapes in their bodies, move_shapes with these; pose_a, pose_b, radii_a, radii_b
-    of a pair's shapes; geometry(t, k, pair); bound(t, pair, ra, rb, pa, pb) <= its distance.
+    of a pair's shapes; geometry(t, k, pair); bound(t, k, pair, ra, rb, pa, pb) <= its distance.
     """
     dtype = WORK
     number = make_mechanism(given).number
     ZERO, ONE = dtype(0.0), dtype(1.0)
-    RADIUS, OFFSET, TURNED = (COLUMN[n] for n in ("radius", "shape_offset", "shape_angle"))
+    RADIUS, CORNER, OFFSET, TURNED = (
+        COLUMN[n] for n in ("radius", "corner_radius", "shape_offset", "shape_angle")
+    )
     upright, told = make_upright(dtype, given), make_told(dtype, given)
     GEO = wp.types.vector(8, dtype)
     long_distance = make_distance(CAPSULE, DISC, dtype)
+    block_distance = make_distance(RECTANGLE, DISC, dtype)
+    core = make_core(dtype)
     plane_distance = make_distance(HALFPLANE, ELLIPSE, dtype)
     round_distance = make_distance(ELLIPSE, ELLIPSE, dtype)
 
@@ -55,9 +60,20 @@ def make_shapes(given: type) -> SimpleNamespace:
                 k.shape[i] = V4(x, y, f[0] * p[2] - f[1] * p[3], f[1] * p[2] + f[0] * p[3])
 
     @wp.func
+    def size(t: wp.ref[Topology], k: wp.ref[Slot], shape: int):
+        """Half sizes and corner radius of a rectangle."""
+        first = 2 * shape
+        return V3(number(t, k, RADIUS, first), number(t, k, RADIUS, first + 1), number(t, k, CORNER, shape))
+
+    @wp.func
     def pose(t: wp.ref[Topology], k: wp.ref[Slot], shape: int, end: int):
-        """Centre and axis of a shape, or of the disc at an end of a capsule."""
+        """Centre and axis of a shape, or of the disc at an end of a capsule or a corner of a rectangle."""
         p = k.shape[shape]
+        if end > 1:
+            half = core(size(t, k, shape))
+            x = wp.where(end == 2 or end == 5, -half[0], half[0])
+            y = wp.where(end < 4, -half[1], half[1])
+            return V4(p[0] + x * p[2] - y * p[3], p[1] + x * p[3] + y * p[2], p[2], p[3])
         if end != 0:
             reach = dtype(end) * number(t, k, RADIUS, 2 * shape + 1)
             return V4(p[0] + reach * p[2], p[1] + reach * p[3], p[2], p[3])
@@ -65,6 +81,9 @@ def make_shapes(given: type) -> SimpleNamespace:
 
     @wp.func
     def radii(t: wp.ref[Topology], k: wp.ref[Slot], shape: int, end: int):
+        if end > 1:
+            r = number(t, k, CORNER, shape)
+            return V2(r, r)
         r = number(t, k, RADIUS, 2 * shape)
         if end != 0:
             return V2(r, r)
@@ -107,14 +126,19 @@ def make_shapes(given: type) -> SimpleNamespace:
             return parts(k, pair, plane_distance.geometry(ra, rb, pa, pb, V2()), ra, rb, pa, pb)
         if t.pair_kind[pair] == LONG:
             return parts(k, pair, long_distance.geometry(ra, rb, pa, pb, V2()), ra, rb, pa, pb)
+        if t.pair_kind[pair] == BLOCK:
+            block = size(t, k, t.pair_a[pair])
+            return parts(k, pair, block_distance.geometry(block, rb, pa, pb, V2()), ra, rb, pa, pb)
         return parts(k, pair, round_distance.geometry(ra, rb, pa, pb, k.normal[pair]), ra, rb, pa, pb)
 
     @wp.func
-    def bound(t: wp.ref[Topology], pair: int, ra: V2, rb: V2, pa: V4, pb: V4):
+    def bound(t: wp.ref[Topology], k: wp.ref[Slot], pair: int, ra: V2, rb: V2, pa: V4, pb: V4):
         if t.pair_kind[pair] == PLANE:
             return plane_distance.bound(ra, rb, pa, pb)
         if t.pair_kind[pair] == LONG:
             return long_distance.bound(ra, rb, pa, pb)
+        if t.pair_kind[pair] == BLOCK:
+            return block_distance.bound(size(t, k, t.pair_a[pair]), rb, pa, pb)
         return round_distance.bound(ra, rb, pa, pb)
 
     return SimpleNamespace(
@@ -124,6 +148,7 @@ def make_shapes(given: type) -> SimpleNamespace:
         pose_b=pose_b,
         radii_a=radii_a,
         radii_b=radii_b,
+        size=size,
         geometry=geometry,
         bound=bound,
     )

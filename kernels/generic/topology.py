@@ -15,12 +15,18 @@ import warp as wp
 
 from ..contact.shapes import oriented_ends, oriented_pair
 from ..factories import cached
-from ..structure import CAPSULE, DISC, HALFPLANE, PRISMATIC, WORLD, Structure, layout
+from ..structure import CAPSULE, DISC, HALFPLANE, PRISMATIC, RECTANGLE, WORLD, Structure, layout
 from .broad.items import bits_of, item_tables, items_first
 
 TURN, AXIS, SHIFT_X, SHIFT_Y = 0, 1, 2, 3  # what a degree of freedom does
 LOWER, UPPER, CONTACT = 0, 1, 2  # kinds of rows
-PLANE, LONG, ROUND = 0, 1, 2  # first shape of a pair: half-plane, capsule, ellipse or disc
+PLANE, LONG, ROUND, BLOCK = (
+    0,
+    1,
+    2,
+    3,
+)  # first shape of a pair: half-plane, capsule, ellipse or disc, rectangle
+KINDS = {HALFPLANE: PLANE, CAPSULE: LONG, RECTANGLE: BLOCK}
 JOINT = {"revolute": 0, "prismatic": 1, "free": 2}
 MOVES_A, MOVES_B = 1, 2  # which sides of a pair a degree of freedom moves
 
@@ -28,6 +34,7 @@ NUMBERS = (
     "step_size", "gravity", "sigma", "mass", "inertia", "com", "anchor", "angle", "axis", "damping", "lower",
     "upper", "gear", "friction", "radius", "shape_offset", "shape_angle",
     "stiffness", "rest", "spring_stiffness", "spring_damping", "spring_length", "spring_point", "armature",
+    "corner_radius",
 )  # fmt: skip
 
 
@@ -75,10 +82,10 @@ class Topology:
     rotor_dof: wp.array(dtype=wp.int32)  # (rotors)
     shape_body: wp.array(dtype=wp.int32)
     shape_turned: wp.array(dtype=wp.int32)
-    pair_kind: wp.array(dtype=wp.int32)  # (pairs) PLANE, LONG or ROUND
+    pair_kind: wp.array(dtype=wp.int32)  # (pairs) PLANE, LONG, ROUND or BLOCK
     pair_a: wp.array(dtype=wp.int32)
     pair_b: wp.array(dtype=wp.int32)
-    pair_ends: wp.array(dtype=wp.int32)  # (2 pairs) +1, -1: the disc at that end of a capsule; 0: the shape
+    pair_ends: wp.array(dtype=wp.int32)  # (2 pairs) as in `PairStructure`; 0: the shape
     pair_unit: wp.array(dtype=wp.int32)  # (2 pairs) units of the bodies, -1: none
     pair_free: wp.array(dtype=wp.int32)  # (2 pairs) entry of a body free in the world, -1: none, -2: others
     pair_row: wp.array(dtype=wp.int32)  # (pairs + 1) first row
@@ -99,7 +106,7 @@ class Topology:
     item_body: wp.array(dtype=wp.int32)  # (items + planes)
     item_shape_start: wp.array(dtype=wp.int32)  # (items + planes + 1)
     item_shape: wp.array(dtype=wp.int32)
-    item_capsule: wp.array(dtype=wp.int32)  # whether these are capsules
+    item_reach: wp.array(dtype=wp.int32)  # how far these reach (`broad/items.py`)
     item_partner_start: wp.array(dtype=wp.int32)  # (items + planes + 1)
     item_partner: wp.array(dtype=wp.int32)  # of an item those after it, of a half-plane all, ascending
     item_pair_start: wp.array(dtype=wp.int32)  # by partner, + 1
@@ -303,7 +310,7 @@ def _pair_tables(s: Structure, chains: list[list[int]], out: dict[str, list[int]
     ]
     out["shape_body"] = [shape.body for shape in s.shapes]
     out["shape_turned"] = [int(shape.turned) for shape in s.shapes]
-    out["pair_kind"] = [{HALFPLANE: PLANE, CAPSULE: LONG}.get(a, ROUND) for a, _ in kinds]
+    out["pair_kind"] = [KINDS.get(a, ROUND) for a, _ in kinds]
     out["pair_ends"] = [end for at in ends for end in at]
     out["pair_a"] = [a for a, _ in pairs]
     out["pair_b"] = [b for _, b in pairs]

@@ -5,7 +5,8 @@ B's centre against A's under joint rates y and Omega(y) a body's rate of turning
 J_n.y = n.V + h_A' Omega_A + h_B' Omega_B and J_t.y = t.V - h_A Omega_A - h_B Omega_B (`rows.py`). With R as
 in `kernels/contact/derivatives.py` the normal turns by R delta(alpha) = t.delta(Delta) + h_A'' delta(psi_A)
 + h_B'' delta(psi_B) - delta(h_A' + h_B'), the last at a fixed direction; that of a half-plane, or of a
-capsule touched between its ends, turns with it. An end of a capsule is a disc that its half length moves.
+shape touched beside one of its sides, turns with it. The end of a capsule, or the corner of a rectangle, is a
+disc that its size moves.
 """
 
 from types import SimpleNamespace
@@ -16,16 +17,16 @@ from ..contact.derivatives import make_pair_derivatives
 from ..contact.shapes import make_pair, oriented_ends, oriented_pair
 from ..factories import cached
 from ..mechanism.dynamics import make_mechanism
-from ..structure import CAPSULE, DISC, HALFPLANE, Structure, layout
+from ..structure import CAPSULE, CORNERS, DISC, ELLIPSE, RECTANGLE, Structure, layout
 
 
 @cached
 def make_answer(dtype: type) -> SimpleNamespace:
     """Answer: derivatives of a pair's G by what its shapes may do. flat and round give it at a normal n, with
-    Delta, supports (h, h', h''), y's velocities and dG/dalpha at fixed places; of a half-plane or a capsule
-    touched between its ends, and of round shapes; mean that of two, by an end. by_radii gives a shape's.
+    Delta, supports (h, h', h''), y's velocities and dG/dalpha at fixed places; of a half-plane or what is
+    touched beside a side, and of round shapes; mean that of two, by an end. by_radii gives a shape's.
     """
-    V2, V4 = wp.types.vector(2, dtype), wp.types.vector(4, dtype)
+    V2, V3, V4 = (wp.types.vector(n, dtype) for n in (2, 3, 4))
     ZERO, HALF, ONE = dtype(0.0), dtype(0.5), dtype(1.0)
 
     @wp.struct
@@ -90,6 +91,15 @@ def make_answer(dtype: type) -> SimpleNamespace:
         return wp.where(c < ZERO, -by[0] * c - by[1] * slope, by[0] * c + by[1] * slope)
 
     @wp.func
+    def of_rectangle(c: dtype, sn: dtype, by: V2):
+        # by the half sizes and the corner radius, h = r + (A - r) |c| + (B - r) |s|
+        sx = wp.where(c < ZERO, -ONE, ONE)
+        sy = wp.where(sn < ZERO, -ONE, ONE)
+        width = sx * (by[0] * c - by[1] * sn)
+        height = sy * (by[0] * sn + by[1] * c)
+        return V3(width, height, by[0] - width - height)
+
+    @wp.func
     def of_ellipse(a: dtype, b: dtype, c: dtype, sn: dtype):
         # h and h' by a, then by b: h = sqrt(a^2 c^2 + b^2 s^2), h' = (b^2 - a^2) c s/h at c e1 + s e2
         inverse = ONE / wp.sqrt(a * a * c * c + b * b * sn * sn)
@@ -101,7 +111,13 @@ def make_answer(dtype: type) -> SimpleNamespace:
         return V4(ha, da, hb, db)
 
     return SimpleNamespace(
-        Answer=Answer, flat=flat, round=round, mean=mean, of_capsule=of_capsule, of_ellipse=of_ellipse
+        Answer=Answer,
+        flat=flat,
+        round=round,
+        mean=mean,
+        of_capsule=of_capsule,
+        of_ellipse=of_ellipse,
+        of_rectangle=of_rectangle,
     )
 
 
@@ -165,18 +181,25 @@ def make_pair_answer(s: Structure, pair: int, dtype: type) -> SimpleNamespace:
     def make_radius(shape: int, end: int) -> wp.Function:
         FIRST = RADIUS + 2 * shape
         kind = DISC if end else s.shapes[shape].kind
-        disc, capsule, round_ = kind == DISC, kind == CAPSULE, kind != HALFPLANE
+        CORNER = lay.offset("corner_radius") + shape if RECTANGLE in (kind, s.shapes[shape].kind) else FIRST
+        DISC_RADIUS = CORNER if end in CORNERS else FIRST
+        disc, capsule = kind == DISC, kind == CAPSULE
 
         @wp.func
         def radius(world: t.World, pose: V4, n: V2, by: V2, flat: int, grad: wp.array(dtype=dtype)):
             c = n[0] * pose[2] + n[1] * pose[3]
             if wp.static(disc or capsule):
-                grad[wp.static(FIRST)] = grad[wp.static(FIRST)] + by[0]
+                grad[wp.static(DISC_RADIUS)] = grad[wp.static(DISC_RADIUS)] + by[0]
+            if wp.static(kind == RECTANGLE):
+                size = of.of_rectangle(c, n[1] * pose[2] - n[0] * pose[3], by)
+                grad[wp.static(FIRST)] = grad[wp.static(FIRST)] + size[0]
+                grad[wp.static(FIRST + 1)] = grad[wp.static(FIRST + 1)] + size[1]
+                grad[wp.static(CORNER)] = grad[wp.static(CORNER)] + size[2]
             if wp.static(capsule):
                 if flat == 0:
                     value = of.of_capsule(c, n[0] * pose[3] - n[1] * pose[2], by)
                     grad[wp.static(FIRST + 1)] = grad[wp.static(FIRST + 1)] + value
-            elif wp.static(round_ and not disc):
+            elif wp.static(kind == ELLIPSE):
                 a = world.params[wp.static(FIRST)]
                 b = world.params[wp.static(FIRST + 1)]
                 e = of.of_ellipse(a, b, c, n[1] * pose[2] - n[0] * pose[3])

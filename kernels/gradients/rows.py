@@ -5,12 +5,13 @@ See `solvers/dual.py` for the scalar and `parameters.py` for the rule.
 
 import warp as wp
 
-from ..contact.shapes import oriented_ends, oriented_pair
+from ..contact.shapes import make_shape_size, oriented_ends, oriented_pair
+from ..contact.sided import make_core
 from ..derivatives.sensitivity import make_linearization
 from ..factories import cached
 from ..solvers.dual import make_dual
 from ..specialisation import Specialisation
-from ..structure import layout
+from ..structure import CORNERS, layout
 from .contact import make_pair_answer
 from .places import make_places
 
@@ -42,6 +43,9 @@ def make_row_gradient(spec: Specialisation) -> wp.Function:
         shape_pose = step.pairs[k].pose_b if b_side else step.pairs[k].pose_a
         SIDE, END = dtype(1.0 if b_side else -1.0), dtype(float(end))
         ANGLE, HALF_LENGTH = col["shape_angle"] + shape, col["radius"] + 2 * shape + 1
+        CORNER = col["corner_radius"] + shape if end in CORNERS else 0
+        SIGN_X, SIGN_Y = map(dtype, CORNERS.get(end, (0.0, 0.0)))
+        size, core = make_shape_size(s, shape, dtype), make_core(dtype)
 
         @wp.func
         def side(
@@ -65,10 +69,20 @@ def make_row_gradient(spec: Specialisation) -> wp.Function:
             centre = V2(place[0], place[1])
             own = chain(world, pose, centre, jac, shift, n, yn, tangent, yt, turned, grad)
             add2(grad, wp.static(col["shape_offset"] + 2 * shape), own)
-            if wp.static(end != 0):  # the end of a capsule: its centre is at half the length along the axis
-                axis = V2(wp.static(dtype(1.0)), ZERO)
-                if wp.static(turned_shape):
-                    axis = V2(wp.cos(world.params[wp.static(ANGLE)]), wp.sin(world.params[wp.static(ANGLE)]))
+            axis = V2(wp.static(dtype(1.0)), ZERO)
+            if wp.static(end != 0 and turned_shape):
+                axis = V2(wp.cos(world.params[wp.static(ANGLE)]), wp.sin(world.params[wp.static(ANGLE)]))
+            if wp.static(end in CORNERS):  # its centre is at a corner of the core
+                half = core(size(world))
+                x = SIGN_X * wp.dot(own, axis)
+                y = SIGN_Y * wp.dot(own, places.perp(axis))
+                add(grad, wp.static(HALF_LENGTH - 1), x)
+                add(grad, wp.static(HALF_LENGTH), y)
+                add(grad, wp.static(CORNER), -x - y)
+                turned += half[0] * SIGN_X * wp.dot(own, places.perp(axis)) - half[1] * SIGN_Y * wp.dot(
+                    own, axis
+                )
+            elif wp.static(end != 0):  # the end of a capsule: its centre is at half the length along the axis
                 add(grad, wp.static(HALF_LENGTH), END * wp.dot(own, axis))
                 turned += END * world.params[wp.static(HALF_LENGTH)] * wp.dot(own, places.perp(axis))
             add(grad, wp.static(ANGLE), turned)

@@ -4,12 +4,12 @@ A table of parameters has a number for every degree of freedom, pair or shape, a
 or spring and a pair no friction: no kernel reads it there.
 """
 
-from slcp_warp.kernels.structure import Structure
+from slcp_warp.kernels.structure import RECTANGLE, Structure
 
 from .scene import Scene
 
 OF_DOFS = ("damping", "lower", "upper", "stiffness", "rest", "armature")
-OF_SHAPES = ("radius", "shape_offset", "shape_angle")
+OF_SHAPES = ("radius", "corner_radius", "shape_offset", "shape_angle")
 
 # what a part was built without
 BUILT = {
@@ -19,6 +19,7 @@ BUILT = {
     "rest": "without a spring",
     "armature": "without an armature",
     "friction": "without friction",
+    "corner_radius": "without corners",
     "shape_angle": "with the angle 0, which the kernels leave out",
 }
 
@@ -34,6 +35,8 @@ def acting(structure: Structure, name: str) -> list[bool]:
         return [j in s.armature for j in range(s.nv if s.armature else 0)]
     if name == "friction":
         return [pair.friction for pair in s.pairs]
+    if name == "corner_radius":
+        return [shape.kind == RECTANGLE for shape in s.shapes]
     return [shape.turned for shape in s.shapes]
 
 

@@ -14,7 +14,7 @@ Friction is the larger one of the two shapes', each its own or else the scene's.
 from collections.abc import Sequence
 from typing import Any
 
-from slcp_warp.kernels.structure import CAPSULE, ELLIPSE, HALFPLANE
+from slcp_warp.kernels.structure import CAPSULE, ELLIPSE, HALFPLANE, SIDED
 
 from ..inputs.checks import shown
 from ..inputs.errors import SceneError
@@ -37,7 +37,7 @@ def auto_contacts(
     """Every two shapes that may touch, in the order of the shapes.
 
     Raises:
-        SceneError: a capsule and an ellipse among them, which cannot touch, or more than `MOST_PAIRS`.
+        SceneError: an ellipse and what has sides among them, which cannot touch, or more than `MOST_PAIRS`.
     """
     apart = _apart(bodies, excluded)
     out: list[Contact] = []
@@ -70,11 +70,12 @@ def _friction(a: Shape, b: Shape, common: float | None) -> float | None:
 
 
 def _check_kinds(a: Shape, b: Shape, shapes: Sequence[Shape]) -> None:
-    if {a.kind, b.kind} == {CAPSULE, ELLIPSE}:
+    if ELLIPSE in (a.kind, b.kind) and {a.kind, b.kind} & set(SIDED):
+        side = a.kind if a.kind in SIDED else b.kind
         raise SceneError(
-            f"contacts 'auto': {_told(a, shapes)} and {_told(b, shapes)} cannot touch; a capsule touches "
-            "half-planes, discs, capsules; leave the pair out by contype and conaffinity: an ellipse with "
-            "contype=2, conaffinity=3 meets no side of a box"
+            f"contacts 'auto': {_told(a, shapes)} and {_told(b, shapes)} cannot touch; a {side} touches "
+            "half-planes, discs, capsules, rectangles; leave the pair out by contype and conaffinity: an "
+            "ellipse with contype=2, conaffinity=3 meets no side of a box"
         )
 
 

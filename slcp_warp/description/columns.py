@@ -1,6 +1,7 @@
 """Columns of the table of parameters by the names of their parts: "block.mass", "hand.com_x"."""
 
 import difflib
+import re
 from collections.abc import Iterable
 
 import numpy as np
@@ -9,12 +10,14 @@ from slcp_warp.kernels.structure import layout
 
 from ..inputs.errors import ArgumentError
 from .acting import parts_of
-from .names import some, turned
+from .names import ENDS, some, turned
 from .scene import Scene
 
 COMPONENTS = {
     f"{name}_{axis}": (name, i) for name in ("com", "anchor", "shape_offset") for i, axis in enumerate("xy")
 }
+
+END = re.compile(r"\((?:" + "|".join(map(re.escape, ENDS.values())) + r")\)(?=/|$)")  # behind a name
 
 
 def parameter_of(key: str) -> tuple[str, str, int | None]:
@@ -44,7 +47,7 @@ def places_of(scene: Scene, key: str, label: str) -> list[int]:
     wanted = {part, own, *_positions(scene, part)}
     limits = tuple(f"{each} " for each in wanted)  # "cart.shift lower"
     rows = [i for i, owner in enumerate(parts) if owner in wanted or owner.startswith(limits)]
-    rows = rows or [i for i, each in enumerate(exact) if each in wanted]  # of one end of a capsule
+    rows = rows or [i for i, each in enumerate(exact) if each in wanted]  # of one end
     if not rows and name == "friction":
         rows = _between(scene, part)
     if not rows:
@@ -94,8 +97,8 @@ def _positions(scene: Scene, body: str) -> set[str]:
 
 
 def owners(scene: Scene, name: str) -> list[str]:
-    """Names of the parts that a parameter's rows belong to, both ends of a capsule alike."""
-    return [each.replace("(+)", "").replace("(-)", "") for each in parts_of(scene, name)]
+    """Names of the parts that a parameter's rows belong to, all ends of a shape alike."""
+    return [END.sub("", each) for each in parts_of(scene, name)]
 
 
 def column_of(scene: Scene, column: int) -> tuple[str, int, tuple[int, ...]]:

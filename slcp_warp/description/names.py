@@ -9,7 +9,7 @@ import difflib
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from slcp_warp.kernels.structure import PairStructure, Structure
+from slcp_warp.kernels.structure import CORNERS, PairStructure, Structure
 
 from ..inputs.checks import shown
 from ..inputs.errors import ArgumentError, ArgumentTypeError
@@ -22,6 +22,7 @@ UNITS = {"angle": "rad", "shift": "m", "x": "m", "y": "m"}
 FEW = 40  # names that an error lists
 WORLD_NAME = "world"  # at the end of a spring
 SIDES = {1: "+", -1: "-"}  # of the tangent, in the two rows n + mu t and n - mu t of a contact with friction
+ENDS = SIDES | {end: str(i) for i, end in enumerate(CORNERS)}  # of capsules, and corners of rectangles
 
 
 def dofs_of(bodies: Sequence["Body"]) -> list[tuple[str, str]]:
@@ -52,10 +53,12 @@ def control_names(bodies: Sequence["Body"], structure: Structure) -> tuple[str, 
 
 
 def pair_names(shapes: Sequence["Shape"], pairs: Sequence[PairStructure]) -> tuple[str, ...]:
-    """Names of the pairs that may touch: `shape_a/shape_b`; ends of capsules have (+) or (-) behind them."""
+    """Names of the pairs that may touch: `shape_a/shape_b`; ends of capsules have (+) or (-) behind them,
+    corners of rectangles (0) to (3), counter-clockwise from the lower left.
+    """
 
-    def end(shape: int, sign: int) -> str:
-        return shapes[shape].name + (f"({SIDES[sign]})" if sign else "")
+    def end(shape: int, which: int) -> str:
+        return shapes[shape].name + (f"({ENDS[which]})" if which else "")
 
     return tuple(f"{end(p.shape_a, p.end_a)}/{end(p.shape_b, p.end_b)}" for p in pairs)
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from slcp_warp.kernels.structure import CAPSULE, DISC, ELLIPSE, HALFPLANE
+from slcp_warp.kernels.structure import CAPSULE, DISC, ELLIPSE, HALFPLANE, RECTANGLE
 
 from ..inputs import rules
 from ..inputs.checks import array, flag, number, shown
@@ -20,7 +20,7 @@ from .fields import Fields, several
 
 Pair2 = tuple[float, float]
 JOINTS = {"revolute": 1, "prismatic": 1, "free": 3}  # and their degrees of freedom
-KINDS = (DISC, ELLIPSE, HALFPLANE, CAPSULE)
+KINDS = (DISC, ELLIPSE, HALFPLANE, CAPSULE, RECTANGLE)
 
 
 @dataclass(frozen=True)
@@ -89,14 +89,16 @@ class Shape:
         name: unique name.
         body: name of its body, or None for the world.
         kind: "disc" (radius; 0 is a point), "ellipse" (two radii along its axes), "capsule" (radius and half
-            length of its segment, which lies along its axis) or "halfplane".
-        radius: (r,), (rx, ry) or a capsule's (r, half length) [m].
+            length of its segment, which lies along its axis), "rectangle" (half of its width and height) or
+            "halfplane".
+        radius: (r,), (rx, ry), a capsule's (r, half length) or a rectangle's (half width, half height) [m].
         offset: centre, or a point of the half-plane, in the body's frame [m].
         angle: of the first axis, or of a half-plane's outward normal, against the body's x [rad].
         friction: under `contacts="auto"` a pair has the larger coefficient of its two shapes, >= 0; None:
             the scene's `friction`. Contacts that are listed have their own.
         contype, conaffinity: under `contacts="auto"` two shapes may touch where the bits of one's contype
             and of the other's conaffinity have one in common, as in MuJoCo.
+        corner_radius: of a rectangle's corners, within its size; 0: sharp [m].
     """
 
     name: str
@@ -108,6 +110,7 @@ class Shape:
     friction: float | None = None
     contype: int = 1
     conaffinity: int = 1
+    corner_radius: float = 0.0
 
     def __post_init__(self) -> None:
         Fields(self, "shape, ").text("name")
@@ -118,6 +121,8 @@ class Shape:
         given: Any = self.radius
         if self.kind == "capsule" and not (several(given) and len(given) == 2):
             raise SceneError(f"{label}radius is {shown(given)}; a capsule needs (radius, half length)")
+        if self.kind == "rectangle" and not (several(given) and len(given) == 2):
+            raise SceneError(f"{label}radius is {shown(given)}; a rectangle needs (half width, half height)")
         if several(given):
             fields.entries("radius", 1 if len(given) == 1 else 2)
         else:
@@ -128,6 +133,11 @@ class Shape:
         fields.number("friction", optional=True)
         fields.whole("contype")
         fields.whole("conaffinity")
+        fields.number("corner_radius")
+        if self.corner_radius and self.kind != "rectangle":
+            raise SceneError(f"{label}corner_radius is {self.corner_radius}; a {self.kind} has no corners")
+        both = np.array(radii(self)), np.array(self.corner_radius)
+        rules.check_corners(f"{label}corner_radius", self.kind, *both, SceneError)
 
 
 @dataclass(frozen=True)
@@ -135,7 +145,8 @@ class Contact:
     """Two shapes that may touch, by name, and their friction coefficient (None: no friction).
 
     A capsule touches half-planes with the discs at its ends (two pairs), discs with its nearest point (one
-    pair), and another capsule with the ends of either on the other (four pairs). Ellipses do not touch it.
+    pair), and another capsule with the ends of either on the other (four pairs); so does a rectangle, with
+    the discs at its four corners. Ellipses touch neither.
 
     Attributes:
         shape_a, shape_b: names of shapes; the normal points from the first to the second.

@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from slcp_warp.kernels.structure import Structure
+from slcp_warp.kernels.structure import Structure, layout
 
 from ..inputs.checks import array, instance
 from ..inputs.errors import SceneError
@@ -217,6 +217,8 @@ class Scene(Printed):
             "shape_offset": np.array([sh.offset for sh in self.shapes], float).reshape(-1, 2),
             "shape_angle": np.array([sh.angle for sh in self.shapes], float),
         }
+        if "corner_radius" in layout(s).names:
+            values["corner_radius"] = np.array([sh.corner_radius for sh in self.shapes], float)
         present = [*(("stiffness", "rest") if s.sprung else ()), *(("armature",) if s.armature else ())]
         for name in present:
             per = [spread(getattr(b, name), i, 0.0) for b in self.bodies for i in range(JOINTS[b.joint])]

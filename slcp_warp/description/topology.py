@@ -7,8 +7,11 @@ from typing import Any
 
 from slcp_warp.kernels.structure import (
     CAPSULE,
+    CORNERS,
     ELLIPSE,
     HALFPLANE,
+    RECTANGLE,
+    SIDED,
     WORLD,
     BodyStructure,
     PairStructure,
@@ -19,7 +22,7 @@ from slcp_warp.kernels.structure import (
 from ..inputs.checks import shown
 from ..inputs.errors import SceneError
 from .names import pair_names, turned
-from .parts import JOINTS, Actuator, Body, Contact, Shape, Spring, spread
+from .parts import JOINTS, Actuator, Body, Contact, Shape, Spring, radii, spread
 
 
 def structure_of(
@@ -58,16 +61,15 @@ def structure_of(
 
 
 def contact_ends(shapes: Sequence[Shape], contact: Contact) -> tuple[tuple[int, int], ...]:
-    """The pairs that a contact makes: which ends of capsules (+-1; 0: the whole shape) on either side."""
+    """The pairs that a contact makes: which ends of capsules (+-1) and corners of rectangles (`CORNERS`) on
+    either side; 0: the whole shape.
+    """
     kind = {shape.name: shape.kind for shape in shapes}
     a, b = kind[contact.shape_a], kind[contact.shape_b]
-    if a == b == CAPSULE:
-        return ((-1, 0), (1, 0), (0, -1), (0, 1))
-    if (a, b) == (CAPSULE, HALFPLANE):
-        return ((-1, 0), (1, 0))
-    if (a, b) == (HALFPLANE, CAPSULE):
-        return ((0, -1), (0, 1))
-    return ((0, 0),)
+    ends: dict[str, tuple[int, ...]] = {CAPSULE: (-1, 1), RECTANGLE: tuple(CORNERS)}
+    of_a = [(end, 0) for end in ends.get(a, ()) if b in ends or b == HALFPLANE]
+    of_b = [(0, end) for end in ends.get(b, ()) if a in ends or a == HALFPLANE]
+    return (*of_a, *of_b) or ((0, 0),)
 
 
 @dataclass
@@ -112,6 +114,7 @@ def _pairs(
             raise SceneError(f"contacts has {c.shape_a!r} - {c.shape_b!r} twice; a pair stands in it once")
         seen.add(frozenset((a, b)))
         _check_pair(c, structures[a], structures[b])
+        _check_sharp(c, shapes[a], shapes[b])
         pairs += [PairStructure(a, b, c.friction is not None, *ends) for ends in contact_ends(shapes, c)]
     _check_pair_names(shapes, pairs)
     return tuple(pairs)
@@ -184,13 +187,28 @@ def _check_limits(body: Body) -> None:
                              "at most as much is needed")  # fmt: skip
 
 
+def _check_sharp(contact: Contact, a: Shape, b: Shape) -> None:
+    """Raise SceneError for a rectangle and another shape whose corners are both points."""
+
+    def rounds(shape: Shape) -> float:
+        return shape.corner_radius if shape.kind == RECTANGLE else radii(shape)[0]
+
+    kinds = (a.kind, b.kind)
+    if RECTANGLE in kinds and HALFPLANE not in kinds and rounds(a) == rounds(b) == 0.0:
+        raise SceneError(
+            f"contact {contact.shape_a!r} - {contact.shape_b!r}: both have sharp corners, and two points "
+            "that touch have no normal; one of them needs a radius (of rectangles: corner_radius) > 0"
+        )
+
+
 def _check_pair(contact: Contact, a: ShapeStructure, b: ShapeStructure) -> None:
     label = f"contact {contact.shape_a!r} - {contact.shape_b!r}"
     if a.kind == HALFPLANE and b.kind == HALFPLANE:
         raise SceneError(f"{label}: both are half-planes; at least one shape must be round")
-    if {a.kind, b.kind} == {CAPSULE, ELLIPSE}:
-        raise SceneError(f"{label}: a capsule and an ellipse cannot touch; "
-                         "a capsule touches half-planes, discs, capsules")  # fmt: skip
+    if ELLIPSE in (a.kind, b.kind) and {a.kind, b.kind} & set(SIDED):
+        side = a.kind if a.kind in SIDED else b.kind
+        raise SceneError(f"{label}: a {side} and an ellipse cannot touch; "
+                         f"a {side} touches half-planes, discs, capsules, rectangles")  # fmt: skip
     if a.body == b.body:
         raise SceneError(
             f"{label}: both shapes are on the same body; a pair needs two bodies, or a body and the world"

@@ -13,7 +13,15 @@ from .checks import numeric, shown
 from .errors import ArgumentError
 
 POSITIVE = ("step_size", "sigma", "mass", "inertia", "period")
-NONNEGATIVE = ("damping", "armature", "friction", "radius", "spring_damping", "spring_length")
+NONNEGATIVE = (
+    "damping",
+    "armature",
+    "friction",
+    "radius",
+    "corner_radius",
+    "spring_damping",
+    "spring_length",
+)
 OF_EITHER_SIGN = ("gravity", "gear", "stiffness", "spring_stiffness")
 PERTURBABLE = sorted({*POSITIVE, *NONNEGATIVE, *OF_EITHER_SIGN} - {"period"})  # by factors
 COVARIANCES = ("position_covariance", "velocity_covariance")
@@ -62,12 +70,25 @@ def check_axis(label: str, array: np.ndarray, error: type[ArgumentError]) -> Non
 
 def check_radius(label: str, kind: str, radius: np.ndarray, error: type[ArgumentError]) -> None:
     """Raise an error for sizes (..., 2) that a kind of shape cannot have."""
-    if kind == "ellipse" and not (radius > 0.0).all():
-        raise error(f"{label} is {radius.min()}; an ellipse's must be positive")
+    if kind in ("ellipse", "rectangle") and not (radius > 0.0).all():
+        which = "an ellipse" if kind == "ellipse" else "a rectangle"
+        raise error(f"{label} is {radius.min()}; {which}'s must be positive")
     different = radius[..., 0] != radius[..., 1]
     if kind == "disc" and different.any():
         pair = tuple(np.atleast_2d(radius[different])[0].tolist())
         raise error(f"{label} is {pair}; a disc has one radius, an ellipse two")
+
+
+def check_corners(
+    label: str, kind: str, radius: np.ndarray, corner: np.ndarray, error: type[ArgumentError]
+) -> None:
+    """Raise an error for corner radii (...) that are larger than half a rectangle (..., 2)."""
+    half = radius.min(axis=-1)
+    wrong = corner > half
+    if kind == "rectangle" and wrong.any():
+        at = np.broadcast_to(corner, wrong.shape)[wrong].flat[0]
+        most = np.broadcast_to(half, wrong.shape)[wrong].flat[0]
+        raise error(f"{label} is {at}; at most half of the shorter side is needed, {most}")
 
 
 def covariance(label: str, array: np.ndarray, size: int, error: type[ArgumentError]) -> np.ndarray:

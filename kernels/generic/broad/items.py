@@ -1,13 +1,15 @@
 """What a scene's broad phase looks at: items that may touch, and the pairs between any two of them.
 
-An *item* is a body with its round shapes (ellipses, discs, capsules) that are in pairs, or such a shape of
+An *item* is a body with its round shapes (all but half-planes) that are in pairs, or such a shape of
 the world. Half-planes are no items: each is tested against all items that it has pairs with.
 """
 
 from ...factories import cached
-from ...structure import CAPSULE, HALFPLANE, WORLD, Structure
+from ...structure import CAPSULE, HALFPLANE, RECTANGLE, WORLD, Structure
 
 FEWEST = 64  # pairs
+LARGER, SUM, DIAGONAL = 0, 1, 2  # of both numbers of a shape's size: how far it reaches from its centre
+REACHES = {CAPSULE: SUM, RECTANGLE: DIAGONAL}
 
 
 @cached
@@ -30,12 +32,12 @@ def item_tables(s: Structure) -> tuple[int, int, dict[str, list[int]]]:
         between[low].setdefault(high, []).append(k)
     out: dict[str, list[int]] = {
         "item_body": [s.shapes[group[0]].body for group in groups],
-        "item_shape_start": [0], "item_shape": [], "item_capsule": [],
+        "item_shape_start": [0], "item_shape": [], "item_reach": [],
         "item_partner_start": [0], "item_partner": [], "item_pair_start": [0], "item_pair": [],
     }  # fmt: skip
     for group, partners in zip(groups, between, strict=True):
         out["item_shape"] += group
-        out["item_capsule"] += [int(s.shapes[i].kind == CAPSULE) for i in group]
+        out["item_reach"] += [REACHES.get(s.shapes[i].kind, LARGER) for i in group]
         out["item_shape_start"].append(len(out["item_shape"]))
         for partner in sorted(partners):
             out["item_partner"].append(partner)

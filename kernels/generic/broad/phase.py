@@ -22,6 +22,7 @@ from ...structure import WORLD
 from ..mechanism import COLUMN
 from ..topology import CONTACT, Topology
 from ..work import AXIS_OF_ITEMS, LISTED, V2, V4, WORK, Slot
+from .items import DIAGONAL, SUM
 
 SPARE = 0.05  # margin beyond what is asked for, in mean radii a step
 ROUNDING = 1e-12  # of a disc, relative to its place and size
@@ -85,7 +86,11 @@ def make_discs() -> SimpleNamespace:
             p = k.shape[t.shapes + shape]
             one = k.numbers[t.columns[RADIUS] + 2 * shape]
             other = k.numbers[t.columns[RADIUS] + 2 * shape + 1]
-            own = wp.where(t.item_capsule[at] == 1, one + other, wp.max(one, other))
+            own = wp.max(one, other)
+            if t.item_reach[at] == SUM:
+                own = one + other
+            elif t.item_reach[at] == DIAGONAL:
+                own = wp.sqrt(one * one + other * other)
             r = wp.max(r, wp.length(V2(p[0] - x, p[1] - y)) + own)
         return V4(x, y, r, r)
 

@@ -8,11 +8,12 @@ from types import SimpleNamespace
 import warp as wp
 
 from ...contact.distance import make_distance, make_round_support
+from ...contact.sided import make_core
 from ...factories import cached
 from ...generic.contact import make_contact
-from ...generic.topology import LONG, PLANE, Topology
+from ...generic.topology import BLOCK, LONG, PLANE, ROUND, Topology
 from ...generic.work import Slot
-from ...structure import CAPSULE, DISC, ELLIPSE, WORLD
+from ...structure import CAPSULE, DISC, ELLIPSE, RECTANGLE, WORLD
 from ..contact import make_answer
 from .room import View
 from .twists import make_twists, perp
@@ -31,7 +32,7 @@ class Touch:
     ha: V4  # h and its derivatives by the normal's angle
     hb: V4
     curvature: wp.float64
-    flat: int  # 1: A is a half-plane, or a capsule touched between its ends; 2: by one of these
+    flat: int  # 1: A is a half-plane, or touched beside one of its sides; 2: by an end of one
 
 
 @wp.struct
@@ -58,10 +59,15 @@ def make_touch(given: type, residual: str) -> SimpleNamespace:
     z, of = move.solved, make_answer(wp.float64)
     Answer = of.Answer
     number, two, add, add2, origin = z.number, z.two, z.add, z.add2, z.origin
-    RADIUS, OFFSET, ANGLE = (z.COLUMN[n] for n in ("radius", "shape_offset", "shape_angle"))
+    RADIUS, CORNER, OFFSET, ANGLE = (
+        z.COLUMN[n] for n in ("radius", "corner_radius", "shape_offset", "shape_angle")
+    )
     ZERO, ONE, EPS = wp.float64(0.0), wp.float64(1.0), wp.float64(LEAST)
-    disc, ellipse, capsule = (make_round_support(kind, wp.float64) for kind in (DISC, ELLIPSE, CAPSULE))
-    where = make_distance(CAPSULE, DISC, wp.float64).flat
+    disc, ellipse, capsule, rectangle = (
+        make_round_support(kind, wp.float64) for kind in (DISC, ELLIPSE, CAPSULE, RECTANGLE)
+    )
+    where, where_block = (make_distance(kind, DISC, wp.float64).flat for kind in (CAPSULE, RECTANGLE))
+    core = make_core(wp.float64)
 
     @wp.func
     def support(radii: V2, pose: V4, n: V2, end: int):
@@ -84,6 +90,10 @@ def make_touch(given: type, residual: str) -> SimpleNamespace:
         elif t.pair_kind[pair] == LONG:
             ha = capsule(ra, pa, n)
             flat = where(ra, pa, pb)
+        elif t.pair_kind[pair] == BLOCK:
+            size = contact.size(t, k, t.pair_a[pair])
+            ha = rectangle(size, pa, n)
+            flat = where_block(size, pa, pb)
         else:
             ha = support(ra, pa, n, t.pair_ends[2 * pair])
         delta = V2(pb[0] - pa[0], pb[1] - pa[1])
@@ -163,11 +173,20 @@ def make_touch(given: type, residual: str) -> SimpleNamespace:
             move.turn_back(w, body, turn)
         add2(t, w, OFFSET, shape, own)
         whole = turn
-        if end != 0:  # the centre lies half the length along the axis
-            axis = V2(ONE, ZERO)
-            if t.shape_turned[shape] == 1:
-                angle = number(t, k, ANGLE, shape)
-                axis = V2(wp.cos(angle), wp.sin(angle))
+        axis = V2(ONE, ZERO)
+        if end != 0 and t.shape_turned[shape] == 1:
+            angle = number(t, k, ANGLE, shape)
+            axis = V2(wp.cos(angle), wp.sin(angle))
+        if end > 1:  # the centre lies at a corner of the core
+            half = core(contact.size(t, k, shape))
+            x = wp.where(end == 2 or end == 5, -ONE, ONE)
+            y = wp.where(end < 4, -ONE, ONE)
+            along = wp.dot(own, axis)
+            across = wp.dot(own, perp(axis))
+            add2(t, w, RADIUS, shape, V2(x * along, y * across))
+            add(t, w, CORNER, shape, -x * along - y * across)
+            whole += x * half[0] * across - y * half[1] * along
+        elif end != 0:  # the centre lies half the length along the axis
             reach = wp.float64(end)
             add(t, w, RADIUS, 2 * shape + 1, reach * wp.dot(own, axis))
             reach *= number(t, k, RADIUS, 2 * shape + 1)
@@ -176,14 +195,20 @@ def make_touch(given: type, residual: str) -> SimpleNamespace:
 
     @wp.func
     def radii_back(
-        t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View], shape: int, disc: int, long: int,
+        t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View], shape: int, end: int, disc: int, kind: int,
         flat: int, pose: V4, n: V2, by: V2,
     ):  # fmt: skip
         c = n[0] * pose[2] + n[1] * pose[3]
         across = n[1] * pose[2] - n[0] * pose[3]
-        if disc == 1 or long == 1:
+        if end > 1:
+            add(t, w, CORNER, shape, by[0])
+        elif kind == BLOCK:
+            b = of.of_rectangle(c, across, by)
+            add2(t, w, RADIUS, shape, V2(b[0], b[1]))
+            add(t, w, CORNER, shape, b[2])
+        elif disc == 1 or end != 0 or kind == LONG:
             add(t, w, RADIUS, 2 * shape, by[0])
-            if long == 1 and flat == 0:
+            if kind == LONG and flat == 0:
                 add(t, w, RADIUS, 2 * shape + 1, of.of_capsule(c, -across, by))
         else:
             size = two(t, k, RADIUS, shape)
@@ -218,11 +243,8 @@ def make_touch(given: type, residual: str) -> SimpleNamespace:
         shape_back(t, k, w, o, end_b, g.pb, out.shift, y.by_b, out.turn_b)
         kind = t.pair_kind[pair]
         if kind != PLANE:
-            long = wp.where(kind == LONG, 1, 0)
-            point = wp.where(end_a != 0, 1, discs[a])
-            radii_back(t, k, w, a, point, long, g.flat, g.pa, g.n, out.support_a)
-        point = wp.where(end_b != 0, 1, discs[o])
-        radii_back(t, k, w, o, point, 0, 0, g.pb, g.n, out.support_b)
+            radii_back(t, k, w, a, end_a, discs[a], kind, g.flat, g.pa, g.n, out.support_a)
+        radii_back(t, k, w, o, end_b, discs[o], ROUND, 0, g.pb, g.n, out.support_b)
         return wp.dot(tangent, y.vm) - g.ha[0] * y.turn_a[2] - g.hb[0] * y.turn_b[2]
 
     return SimpleNamespace(touch=touch, slip=slip, include=include, settle=settle)
