@@ -183,16 +183,31 @@ class Oracle:
     # ---------------------------------------------------------------- contact
 
     def shape_pose(self, q, shape, end=0):
-        """Centre (..., 2) and world angle (...) of a shape, or of the disc at an end of a capsule."""
+        """Centre (..., 2) and world angle (...) of a shape, or of the disc at an end of a capsule or a
+        rectangle's corner.
+        """
         body = self.structure.shapes[shape].body
-        reach = end * self.p["radius"][..., shape, 1, None] * direction(self.p["shape_angle"][..., shape])
+        along = np.zeros(self.p["radius"].shape[:-2] + (2,))
+        if self.structure.shapes[shape].kind == "rectangle" and end:
+            along = self.core(shape) * {2: (-1, -1), 3: (1, -1), 4: (1, 1), 5: (-1, 1)}[end]
+        elif end:
+            along[..., 0] = end * self.p["radius"][..., shape, 1]
+        reach = rotate(self.p["shape_angle"][..., shape], along)
         at = self.point(q, body, self.p["shape_offset"][..., shape, :] + reach)
         turn = self.p["shape_angle"][..., shape] + 0.0 * q[..., 0]
         return at, turn if body == WORLD else turn + self.frames(q)[body][0]
 
+    def core(self, shape):
+        """Half sizes (..., 2) of a rectangle without its rounding."""
+        return self.p["radius"][..., shape, :] - self.p["corner_radius"][..., shape, None]
+
     def support(self, shape, turn, angle, end=0):
         """Largest extent (...) of a round shape along the direction `angle`; analytic in `angle`."""
         rx, ry = self.p["radius"][..., shape, 0], self.p["radius"][..., shape, 1]
+        if self.structure.shapes[shape].kind == "rectangle":
+            half, corner = self.core(shape), self.p["corner_radius"][..., shape]
+            sides = [np.sqrt((half[..., i] * f(angle - turn)) ** 2) for i, f in enumerate((np.cos, np.sin))]
+            return corner + (0.0 * (angle - turn) if end else sides[0] + sides[1])
         if self.structure.shapes[shape].kind == "disc" or end:
             return rx + 0.0 * (angle - turn)
         if self.structure.shapes[shape].kind == "capsule":
@@ -203,6 +218,8 @@ class Oracle:
         """The boundary point (..., 2) that is farthest along `angle`, by the shape's parametric form."""
         rx, ry = self.p["radius"][..., shape, 0], self.p["radius"][..., shape, 1]
         if self.structure.shapes[shape].kind == "disc" or end:
+            if self.structure.shapes[shape].kind == "rectangle":
+                rx = self.p["corner_radius"][..., shape]
             return centre + rx[..., None] * direction(angle)
         parameter = np.arctan2(ry * np.sin(angle - turn), rx * np.cos(angle - turn))
         return centre + rotate(turn, np.stack([rx * np.cos(parameter), ry * np.sin(parameter)], -1))
@@ -248,11 +265,11 @@ class Oracle:
         kind_a = "disc" if pair.end_a else self.structure.shapes[a].kind
         kind_b = "disc" if pair.end_b else self.structure.shapes[b].kind
         n = direction(angle)
-        if kind_a in ("halfplane", "capsule"):
+        if kind_a in ("halfplane", "capsule", "rectangle"):
             pb = self.farthest(b, cb, tb, angle + np.pi, pair.end_b)
             gap = np.sum(n * (pb - ca), -1) if kind_a == "halfplane" else self.separation(ends, k, angle)
             pa = pb - gap[..., None] * n
-        elif kind_b in ("halfplane", "capsule"):
+        elif kind_b in ("halfplane", "capsule", "rectangle"):
             pa = self.farthest(a, ca, ta, angle, pair.end_a)
             gap = np.sum(n * (cb - pa), -1) if kind_b == "halfplane" else self.separation(ends, k, angle)
             pb = pa + gap[..., None] * n

@@ -26,6 +26,7 @@ def acts(scene, name, row):
     has = {"lower": s.lower, "upper": s.upper, "friction": [pair.friction for pair in s.pairs],
            "shape_angle": [shape.turned for shape in s.shapes]}  # fmt: skip
     has |= dict.fromkeys(("stiffness", "rest"), [j in s.sprung for j in range(s.nv)])
+    has["corner_radius"] = [shape.kind == "rectangle" for shape in s.shapes]
     has["armature"] = [j in s.armature for j in range(s.nv)]
     return name not in has or has[name][row]
 
@@ -128,6 +129,16 @@ def crane():
     )
     contacts = (Contact("pill", "plate"), Contact("ball", "bar", 0.4))
     return Scene("crane", bodies, shapes, contacts, springs=springs, step_size=0.02)
+
+
+def jib():
+    """`crane` with rectangles in place of its capsules, the plate at a corner."""
+    base = crane()
+    bar, plate, pill, ball = base.shapes
+    bar = dataclasses.replace(bar, kind="rectangle", radius=(0.5, 0.1), corner_radius=0.03)
+    block = dataclasses.replace(pill, kind="rectangle", radius=(0.4, 0.15), corner_radius=0.06)
+    shapes = (bar, dataclasses.replace(plate, offset=(0.0, -0.5)), block, ball)
+    return dataclasses.replace(base, name="jib", shapes=shapes)
 
 
 def lever():

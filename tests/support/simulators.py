@@ -98,6 +98,28 @@ def pill() -> Scene:
     return Scene("pill", bodies, shapes, (Contact("bar", "ball", 0.4),), step_size=0.02)
 
 
+def blocks() -> Scene:
+    """As `capsules`, of rectangles: a hinged one and a plane against a free one, all corners rounded off."""
+    shapes = (
+        Shape("bar", "arm", "rectangle", (0.5, 0.1), offset=(0.5, 0.05), angle=0.2, corner_radius=0.04),
+        Shape("plate", "arm", "halfplane", offset=(0.0, -0.6), angle=1.3),
+        Shape("block", "block", "rectangle", (0.3, 0.2), (0.05, 0.0), -0.4, corner_radius=0.06),
+    )
+    bodies = (Body("arm", 2.0, 0.5, damping=0.3), Body("block", 1.0, 0.1, joint="free", anchor=(0.6, 0.45)))
+    contacts = (Contact("bar", "block"), Contact("block", "plate"))
+    return Scene("blocks", bodies, shapes, contacts, step_size=0.02)
+
+
+def slab() -> Scene:
+    """A hinged rectangle with sharp corners against a hinged disc, with friction."""
+    shapes = (
+        Shape("bar", "arm", "rectangle", (0.4, 0.1), offset=(0.5, 0.05), angle=0.2),
+        Shape("ball", "mate", "disc", 0.2, offset=(0.5, 0.1)),
+    )
+    bodies = (Body("arm", 2.0, 0.5, damping=0.3), Body("mate", 1.0, 0.1, anchor=(0.4, 0.45)))
+    return Scene("slab", bodies, shapes, (Contact("ball", "bar", 0.4),), step_size=0.02)
+
+
 def tree(seed: int, *joints: str) -> Scene:
     """A random chain with these joints, or a random tree of four bodies; no contacts."""
     rng = np.random.default_rng(seed)
@@ -140,6 +162,8 @@ MAKERS = {
     "moving_plane": moving_plane,
     "capsules": capsules,
     "pill": pill,
+    "blocks": blocks,
+    "slab": slab,
     "push_on_ice": push_on_ice,
     "touching_tree": touching_tree,
     "tree0": lambda: tree(0),

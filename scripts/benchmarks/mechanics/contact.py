@@ -14,6 +14,8 @@ from slcp_warp.description.kinematics import Array, across, turn
 from .tree import Frame, Mechanics
 
 DIRECTIONS, PEAKS, HALVINGS = 192, 3, 46
+SIDED = ("capsule", "rectangle")
+CORNERS = {2: (-1.0, -1.0), 3: (1.0, -1.0), 4: (1.0, 1.0), 5: (-1.0, 1.0)}
 CHOICES = 4  # maxima of a distance that can be asked for
 EQUAL = 1e-9  # maxima of a distance that differ by less are equal [m]
 
@@ -37,7 +39,9 @@ class Touches:
 
 @dataclass(frozen=True)
 class Placed:
-    """A shape of every world: kind, centre (B, 2), angle (B,), radii (B,), and lengths of its pose (B,)."""
+    """A shape of every world: kind, centre (B, 2), angle (B,), radii (B,), lengths of its pose (B,), and a
+    rectangle's corner radius (B,), with half its sizes less that as radii.
+    """
 
     kind: str
     body: int
@@ -46,6 +50,7 @@ class Placed:
     a: Array
     b: Array
     reach: Array
+    corner: Array
 
     def support(self, angle: Array) -> tuple[Array, Array, Array]:
         """h, h' and the radius of curvature h + h'' of a disc or ellipse at a direction (B, ...)."""
@@ -59,11 +64,19 @@ class Placed:
 
 
 def place(m: Mechanics, frames: list[Frame], shape: int, end: int) -> Placed:
-    """A shape, or the disc at an end of a capsule."""
+    """A shape, or the disc at an end of a capsule or a corner of a rectangle."""
     kind, body = m.s.shapes[shape].kind, m.s.shapes[shape].body
     offset, angle = m.p["shape_offset"][:, shape], m.p["shape_angle"][:, shape]
     radius, half = m.p["radius"][:, shape, 0], m.p["radius"][:, shape, 1]
-    if end:
+    corner = np.zeros(1)
+    if kind == "rectangle":
+        corner = m.p["corner_radius"][:, shape]
+        radius, half = radius - corner, half - corner
+        if end:
+            sign = np.array(CORNERS[end])
+            offset = offset + turn(angle, sign * np.stack([radius, half], -1))
+            kind, radius, half = "disc", corner, corner
+    elif end:
         offset = offset + end * half[:, None] * np.stack([np.cos(angle), np.sin(angle)], -1)
         kind = "disc"
     elif kind == "disc":
@@ -76,7 +89,8 @@ def place(m: Mechanics, frames: list[Frame], shape: int, end: int) -> Placed:
         frame = frames[body]
         at, angle = frame.at + turn(frame.angle, offset + 0.0 * frame.at), frame.angle + angle
         reach = frame.reach + np.abs(offset).sum(-1)
-    return Placed(kind, body, at, angle, radius + 0.0 * angle, half + 0.0 * angle, reach + 0.0 * angle)
+    flat = 0.0 * angle
+    return Placed(kind, body, at, angle, radius + flat, half + flat, reach + flat, corner + flat)
 
 
 def direction(angle: Array) -> Array:
@@ -116,8 +130,10 @@ def search(a: Placed, b: Placed, directions: int = DIRECTIONS, peaks: int = PEAK
 
 
 def nearest(a: Placed, b: Placed) -> tuple[Array, Array]:
-    """Unit normal (B, 2) and signed distance (B,) of a capsule or disc A and a disc B, or the other way."""
-    if b.kind == "capsule":
+    """Unit normal (B, 2) and signed distance (B,) of a shape with sides or disc A and a disc B, or turned."""
+    if a.kind == "rectangle":
+        return _outside(a, b)
+    if b.kind in SIDED:
         n, gap = nearest(b, a)
         return -n, gap
     half = a.b if a.kind == "capsule" else np.zeros(len(a.at))
@@ -128,6 +144,19 @@ def nearest(a: Placed, b: Placed) -> tuple[Array, Array]:
     safe = np.where(length > 0.0, length, 1.0)
     n = np.where(length[:, None] > 0.0, delta / safe[:, None], across(axis))
     return n, length - a.a - b.a
+
+
+def _outside(a: Placed, b: Placed) -> tuple[Array, Array]:
+    """As `nearest`, of a rectangle A: from the nearest point of its core, or through its nearest side."""
+    local, half = turn(-a.angle, b.at - a.at), np.stack([a.a, a.b], -1)
+    away = local - np.clip(local, -half, half)
+    length = np.linalg.norm(away, axis=-1)
+    depth = half - np.abs(local)
+    sign = np.where(local < 0.0, -1.0, 1.0)
+    side = np.where((depth[:, :1] < depth[:, 1:]), sign * [1.0, 0.0], sign * [0.0, 1.0])
+    out = length > 0.0
+    n = np.where(out[:, None], away / np.where(out, length, 1.0)[:, None], side)
+    return turn(a.angle, n), np.where(out, length, -depth.min(-1)) - a.corner - b.a
 
 
 def touch(a: Placed, b: Placed, directions: int = DIRECTIONS, choice: int = 0) -> tuple[Array, ...]:
@@ -147,10 +176,11 @@ def touch(a: Placed, b: Placed, directions: int = DIRECTIONS, choice: int = 0) -
         return side * out, gap, pa, pb, infinite, infinite
     if "ellipse" not in (a.kind, b.kind):
         n, gap = nearest(a, b)
-        radius = gap + a.a + b.a  # 0 where the centres are in one place
-        if "capsule" not in (a.kind, b.kind):
+        first, second = (side.corner if side.kind == "rectangle" else side.a for side in (a, b))
+        radius = gap + first + second  # 0 where the centres are in one place
+        if not {a.kind, b.kind} & set(SIDED):
             return n, gap, a.at + a.a[:, None] * n, b.at - b.a[:, None] * n, infinite, radius
-        disc, at = (b, b.at - b.a[:, None] * n) if a.kind == "capsule" else (a, a.at + a.a[:, None] * n)
+        disc, at = (b, b.at - b.a[:, None] * n) if a.kind in SIDED else (a, a.at + a.a[:, None] * n)
         shift = gap[:, None] * n
         return (n, gap, at - shift, at, infinite, radius) if disc is b else (
             n, gap, at, at + shift, infinite, radius)  # fmt: skip
