@@ -114,7 +114,9 @@ def make_pair_derivatives(s: Structure, pair: int, dtype: type) -> SimpleNamespa
             g.radius = wp.where(wp.abs(radius) > floor, radius, floor)
         if wp.static(plane or p.sided):
             if g.flat > 0:
-                g.ha = V4(g.ha[0], n[0] * g.delta[1] - n[1] * g.delta[0] - g.hb[1], ZERO, ZERO)
+                g.ha[1] = n[0] * g.delta[1] - n[1] * g.delta[0] - g.hb[1]
+            if g.flat == 1:
+                g.ha = V4(g.ha[0], g.ha[1], ZERO, ZERO)
         for k in range(wp.static(NV)):
             along = n[0] * (g.jb[1, k] - g.ja[1, k]) - n[1] * (g.jb[0, k] - g.ja[0, k])
             change = normal_by_q(g, along, wp.static(turn_a[k]), wp.static(turn_b[k]))

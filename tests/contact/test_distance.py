@@ -91,7 +91,7 @@ def test_capsules_and_rectangles(device, name, dtype=wp.float64):
     (x64,) = rounded(dtype, x)
     step = simulator(name, device, dtype).step(x)
     oracle, solved = Oracle(sc, **numbers(sc, dtype)), step.status == 0
-    assert solved.mean() > 0.98
+    assert solved.mean() > 0.95
     assert np.isnan(oracle.step(x64[~solved], hard=True)[1]).any(axis=1).all()  # jammed: infeasible
     state = oracle.step(x64[solved])[0]
     error = np.abs(step.state[solved] - state).max(axis=1) / (1.0 + np.abs(state).max(axis=1))

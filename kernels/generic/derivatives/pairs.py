@@ -100,7 +100,9 @@ def make_pair_slopes(given: type, residual: str) -> SimpleNamespace:
         floor = EPS * (wp.abs(ha[0]) + wp.abs(hb[0]) + wp.abs(reach)) + EPS
         radius = wp.where(wp.abs(radius) > floor, radius, floor)
         if flat > 0:
-            ha = V4(ha[0], n[0] * dy - n[1] * dx - hb[1], ZERO, ZERO)
+            ha = V4(ha[0], n[0] * dy - n[1] * dx - hb[1], ha[2], ha[3])
+        if flat == 1:
+            ha = V4(ha[0], ha[1], ZERO, ZERO)
         first = t.pair_start[pair]
         for at in range(first, t.pair_start[pair + 1]):
             ja = moved(t, k, b, at, MOVES_A, pa)

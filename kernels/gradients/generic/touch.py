@@ -100,7 +100,9 @@ def make_touch(given: type, residual: str) -> SimpleNamespace:
         reach = wp.dot(n, delta)
         out.curvature = ONE
         if flat > 0:
-            ha = V4(ha[0], wp.dot(perp(n), delta) - hb[1], ZERO, ZERO)
+            ha = V4(ha[0], wp.dot(perp(n), delta) - hb[1], ha[2], ha[3])
+        if flat == 1:
+            ha = V4(ha[0], ha[1], ZERO, ZERO)
         if flat != 1:
             curvature = reach + ha[2] + hb[2]
             floor = EPS * (wp.abs(ha[0]) + wp.abs(hb[0]) + wp.abs(reach)) + EPS
