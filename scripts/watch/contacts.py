@@ -5,7 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from slcp_warp.description.kinematics import across, turn
+from slcp_warp.kernels.structure import CORNERS, SIDED
 from slcp_warp.results.pictures.mechanism import Mechanism
+
+Part = tuple[int, int]  # a shape, and which end of it: 0, the whole shape
 
 DIRECTIONS = 72
 REFINED = 4  # times the grid is narrowed
@@ -23,41 +26,45 @@ def contact_points(
     structure = mechanism.scene.structure
     points, normals = np.zeros((len(pairs), 2)), np.zeros((len(pairs), 2))
     for i, pair in enumerate(structure.pairs[k] for k in pairs):
-        a, b = pair.shape_a, pair.shape_b
-        plane = [s for s in (a, b) if structure.shapes[s].kind == "halfplane"]
+        a, b = (pair.shape_a, pair.end_a), (pair.shape_b, pair.end_b)
+        plane = [part for part in (a, b) if structure.shapes[part[0]].kind == "halfplane"]
         if plane:
-            facing = turn(angle[0, plane[0]], np.array([1.0, 0.0]))
+            facing = turn(angle[0, plane[0][0]], np.array([1.0, 0.0]))
             normal = facing if plane[0] == a else -facing
         else:
             normal = _normal(mechanism, centre[0], angle[0], a, b)
         touching = a if plane and plane[0] == b else b
         along = normal if touching == a else -normal
-        points[i] = centre[0, touching] + _support(mechanism, angle[0], touching, along[None])[0]
+        points[i] = centre[0, touching[0]] + _support(mechanism, angle[0], touching, along[None])[0]
         normals[i] = normal
     return points, normals
 
 
-def _normal(mechanism: Mechanism, centre: np.ndarray, angle: np.ndarray, a: int, b: int) -> np.ndarray:
+def _normal(mechanism: Mechanism, centre: np.ndarray, angle: np.ndarray, a: Part, b: Part) -> np.ndarray:
     """The unit vector of the largest signed distance."""
     middle, width = 0.0, np.pi
     for _ in range(REFINED):
         angles = middle + width * np.linspace(-1.0, 1.0, DIRECTIONS)
         n = np.stack([np.cos(angles), np.sin(angles)], axis=1)
         reach = (n * _support(mechanism, angle, a, n)).sum(1) - (n * _support(mechanism, angle, b, -n)).sum(1)
-        middle = angles[np.argmax(n @ (centre[b] - centre[a]) - reach)]
+        middle = angles[np.argmax(n @ (centre[b[0]] - centre[a[0]]) - reach)]
         width *= 3.0 / DIRECTIONS
     return np.array([np.cos(middle), np.sin(middle)])
 
 
-def _support(mechanism: Mechanism, angle: np.ndarray, s: int, n: np.ndarray) -> np.ndarray:
-    """grad h(n): the point of a shape furthest along n (k, 2), from its centre."""
-    radius, local = mechanism.params["radius"][s], turn(np.full(len(n), -angle[s]), n)
-    if mechanism.scene.structure.shapes[s].kind == "capsule":
-        point = radius[0] * local + np.stack([radius[1] * np.sign(local[:, 0]), 0.0 * local[:, 0]], axis=1)
+def _support(mechanism: Mechanism, angle: np.ndarray, part: Part, n: np.ndarray) -> np.ndarray:
+    """grad h(n): the point of a shape furthest along n (k, 2), or of the disc at its end, from its centre."""
+    s, end = part
+    kind, size = mechanism.scene.structure.shapes[s].kind, mechanism.size(s)
+    local = turn(np.full(len(n), -angle[s]), n)
+    if kind in SIDED:
+        core = size[:2] - size[2] if kind == "rectangle" else np.array([size[1], 0.0])
+        sign = np.array(CORNERS[end] if end in CORNERS else (end, end)) if end else np.sign(local)
+        point = (size[2] if kind == "rectangle" else size[0]) * local + sign * core
     else:
-        scaled = radius * local
+        scaled = size * local
         length = np.linalg.norm(scaled, axis=1, keepdims=True)
-        point = radius * scaled / np.where(length > 0.0, length, 1.0)
+        point = size * scaled / np.where(length > 0.0, length, 1.0)
     return turn(np.full(len(n), angle[s]), point)
 
 

@@ -241,7 +241,7 @@ class Engine:
         """What a page needs once: shapes, widgets and where they stand."""
         scene, mechanism = self.worlds.subject.scene, self.worlds.mechanism
         shapes = [
-            {"kind": shape.kind, "body": shape.body, "radius": mechanism.params["radius"][s].tolist()}
+            {"kind": shape.kind, "body": shape.body, "radius": mechanism.size(s).tolist()}
             for s, shape in enumerate(scene.structure.shapes)
         ]
         values = self.worlds.values

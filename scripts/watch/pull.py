@@ -111,7 +111,7 @@ def catch(mechanism: Mechanism, q: np.ndarray, at: np.ndarray, height: float, wo
     best, body = REACH * height, -1
     for s, shape in enumerate(mechanism.scene.structure.shapes):
         if shape.body >= 0 and shape.kind != "halfplane":
-            away = _distance(shape.kind, mechanism.params["radius"][s], turn(-angle[0, s], at - centre[0, s]))
+            away = _distance(shape.kind, mechanism.size(s), turn(-angle[0, s], at - centre[0, s]))
             best, body = (away, shape.body) if away < best else (best, body)
     origin, turned = mechanism.frames(q[None])
     for b in range(mechanism.scene.structure.nb):  # bodies that have no shape of their own
@@ -127,11 +127,14 @@ def catch(mechanism: Mechanism, q: np.ndarray, at: np.ndarray, height: float, wo
     return Pull(world, body, point, np.array(at, float), stiffness, float(damping), float(most))
 
 
-def _distance(kind: str, radius: np.ndarray, local: np.ndarray) -> float:
+def _distance(kind: str, size: np.ndarray, local: np.ndarray) -> float:
     """How far a point of a shape's own axes is from it; negative inside (of an ellipse, nearly)."""
     if kind == "capsule":
-        along = np.clip(local[0], -radius[1], radius[1])
-        return float(np.hypot(local[0] - along, local[1]) - radius[0])
-    size = np.maximum(radius, 1e-3)
+        along = np.clip(local[0], -size[1], size[1])
+        return float(np.hypot(local[0] - along, local[1]) - size[0])
+    if kind == "rectangle":
+        over = np.abs(local) - size[:2] + size[2]
+        return float(np.linalg.norm(np.maximum(over, 0.0)) + min(over.max(), 0.0) - size[2])
+    size = np.maximum(size, 1e-3)
     level = float(np.linalg.norm(local / size))
     return (level - 1.0) * float(size.min())

@@ -153,10 +153,11 @@ function world(c, i) {
   c.restore();
 }
 function outline(c, shape) {
-  const [a, b] = shape.radius;
+  const [a, b, corner] = shape.radius;
   c.beginPath();
   if (shape.kind === "halfplane") c.rect(-60, -60, 60, 120);
   else if (shape.kind === "capsule") { c.arc(b, 0, a, -Math.PI / 2, Math.PI / 2); c.arc(-b, 0, a, Math.PI / 2, 1.5 * Math.PI); c.closePath(); }
+  else if (shape.kind === "rectangle") c.roundRect(-a, -b, 2 * a, 2 * b, corner);
   else { c.ellipse(0, 0, Math.max(a, 0.008), Math.max(b, 0.008), 0, 0, 2 * Math.PI); c.moveTo(-a, 0); c.lineTo(a, 0); }
 }
 function line(c, points) {

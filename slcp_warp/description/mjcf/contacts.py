@@ -17,26 +17,32 @@ Place = dict[int, tuple[str | None, float, np.ndarray]]
 
 
 def read_contacts(
-    m: Any, plane: Plane, place: Place, depth: dict[int, float], bodies: tuple[Body, ...]
+    m: Any,
+    plane: Plane,
+    place: Place,
+    depth: dict[int, float],
+    bodies: tuple[Body, ...],
+    corner_radius: float = 0.0,
 ) -> dict[str, Any]:
     """Fields of the scene: shapes that may touch, and the pairs of them that MuJoCo's filters leave; "auto",
     with MuJoCo's own numbers, where it says the same.
 
     Args:
         depth: of every body along the plane's normal. Geoms at different ones touch planes alone.
+        corner_radius: of boxes [m].
     """
     pairs = _pairs(m, place)
     at = [depth[int(m.geom_bodyid[g])] + plane.depth(m.geom_pos[g]) for g in range(m.ngeom)]
     shapes: dict[int, list[Shape]] = {}
     for geom in sorted({g for a, b, _ in pairs for g in (a, b)}):
-        shapes[geom] = _shapes(m, plane, place, geom)
+        shapes[geom] = _shapes(m, plane, place, geom, corner_radius)
     contacts = []
     for a, b, friction in pairs:
         kinds = {_kind(m, a), _kind(m, b)}
-        if "box" in kinds and "plane" not in kinds:
+        if kinds == {"box"} and not corner_radius:
             raise MjcfError(
-                f"geoms {_name(m, a)!r} and {_name(m, b)!r}: a box touches planes only, by its corners; "
-                "exclude the pair, or give a scene in Python slcp.box(sides=True), with round corners"
+                f"geoms {_name(m, a)!r} and {_name(m, b)!r}: two boxes touch each other with rounded corners "
+                "only; exclude the pair, or give load_mjcf a corner_radius > 0"
             )
         if "plane" not in kinds and abs(at[a] - at[b]) > FLAT:
             raise MjcfError(
@@ -118,7 +124,7 @@ def _friction(m: Any, a: int, b: int) -> float | None:
     return float(mu) if dim > 1 else None
 
 
-def _shapes(m: Any, plane: Plane, place: Place, geom: int) -> list[Shape]:
+def _shapes(m: Any, plane: Plane, place: Place, geom: int, corner_radius: float) -> list[Shape]:
     kind, name = _kind(m, geom), _name(m, geom)
     label = f"geom {name!r}"
     holder, turn, origin = place[int(m.geom_bodyid[geom])]
@@ -152,11 +158,9 @@ def _shapes(m: Any, plane: Plane, place: Place, geom: int) -> list[Shape]:
         return [Shape(name, holder, "ellipse", (size[first], size[second]), offset, angle(first))]
     if kind == "box":
         first, second = (axis for axis in range(3) if axis != normal_axis())
-        corners = []
-        for i, (sx, sy) in enumerate(((-1, -1), (1, -1), (-1, 1), (1, 1))):
-            reach = sx * size[first] * axes[:, first] + sy * size[second] * axes[:, second]
-            x, y = plane.vector(reach, label)
-            at = (offset[0] + c * x - s * y, offset[1] + s * x + c * y)
-            corners.append(Shape(f"{name}_corner{i}", holder, "disc", 0.0, at))
-        return corners
+        if corner_radius > min(size[first], size[second]):
+            raise MjcfError(f"{label}: corner_radius is {corner_radius}; at most half of its shorter side is "
+                            f"needed, {min(size[first], size[second])}")  # fmt: skip
+        half = (size[first], size[second])
+        return [Shape(name, holder, "rectangle", half, offset, angle(first), corner_radius=corner_radius)]
     raise MjcfError(f"{label}: a {kind} is not supported; use sphere, capsule, ellipsoid, box or plane")

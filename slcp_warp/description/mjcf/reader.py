@@ -25,7 +25,12 @@ from .refused import WORDS, is_disabled, refuse_what_is_missing
 __all__ = ["MjcfError", "load_mjcf"]
 
 
-def load_mjcf(path: str | os.PathLike[str], plane: str | None = None, left_out: Sequence[str] = ()) -> Scene:
+def load_mjcf(
+    path: str | os.PathLike[str],
+    plane: str | None = None,
+    left_out: Sequence[str] = (),
+    corner_radius: float = 0.0,
+) -> Scene:
     """Read a planar mechanism from an MJCF file.
 
     Args:
@@ -34,6 +39,8 @@ def load_mjcf(path: str | os.PathLike[str], plane: str | None = None, left_out: 
             its sign. q = 0: the joints' reference positions.
         left_out: of what would be refused, as it has no counterpart ("frictionloss", "tendons", "density",
             .., as errors name it), what the scene is to do without: it is another mechanism then.
+        corner_radius: of boxes, within their size: MuJoCo's are sharp, two that touch each other need some
+            [m].
 
     Raises:
         MjcfError: a file that MuJoCo does not compile, an element that is not planar or not supported, or a
@@ -49,17 +56,18 @@ def load_mjcf(path: str | os.PathLike[str], plane: str | None = None, left_out: 
     left_out = (left_out,) if isinstance(left_out, str) else left_out
     for word in checks.instance("left_out", left_out, list | tuple, "a tuple of words"):
         checks.choice("left_out", word, WORDS)
+    checks.number("corner_radius", corner_radius, 0.0)
     with reading(path, "MJCF", MjcfError):
         check_bounds(path)
         model = mujoco.MjModel.from_xml_path(str(path))
         refuse_what_is_missing(model, left_out)
-        reader = _Reader(model, chosen or Plane(plane_of(model)))
+        reader = _Reader(model, chosen or Plane(plane_of(model)), corner_radius)
         return reader.scene(model.names.split(b"\0")[0].decode() or path.stem)
 
 
 class _Reader:
-    def __init__(self, model: Any, plane: Plane) -> None:
-        self.m, self.plane = model, plane
+    def __init__(self, model: Any, plane: Plane, corner_radius: float) -> None:
+        self.m, self.plane, self.corner_radius = model, plane, corner_radius
         self.turns: list[np.ndarray] = []  # our degrees of freedom by MuJoCo's, of each body with joints
         self.dof_of_joint: dict[int, tuple[str, int, float]] = {}  # body, place, sense
         self.depth: dict[int, float] = {0: 0.0}  # of every MuJoCo body, along the normal
@@ -83,7 +91,7 @@ class _Reader:
         return Scene(
             name=name,
             bodies=bodies,
-            **read_contacts(self.m, self.plane, self.place, self.depth, bodies),
+            **read_contacts(self.m, self.plane, self.place, self.depth, bodies, self.corner_radius),
             actuators=tuple(self._actuator(i) for i in range(m.nu)),
             gravity=(0.0, 0.0) if is_disabled(m, "GRAVITY") else self._gravity(),
             step_size=float(m.opt.timestep),

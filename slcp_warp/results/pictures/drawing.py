@@ -33,7 +33,7 @@ class Drawing:
             ax.add_patch(patch)
             self.patches.append(patch)
             width = self._width(shape.body) if shape.body >= 0 and shape.kind == "halfplane" else EXTENT
-            self.outlines.append(outline(shape.kind, mechanism.params["radius"][s], width))
+            self.outlines.append(outline(shape.kind, mechanism.size(s), width))
         style: Any = {"edgecolor": BLACK, "linewidth": EDGE, "zorder": 1.5, "alpha": alpha}
         self.hulls: dict[int, Any] = {
             b: ax.add_patch(Polygon(corners, facecolor=self._colour(b), **style))

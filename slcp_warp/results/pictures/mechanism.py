@@ -104,6 +104,11 @@ class Mechanism:
             lines.append(ends[0] + share[:, None] * along + side[:, None] * across)
         return lines
 
+    def size(self, s: int) -> np.ndarray:
+        """Radii of a shape; of a rectangle its half sizes and corner radius."""
+        rounded = self.scene.structure.shapes[s].kind == "rectangle"
+        return np.append(self.params["radius"][s], self.params["corner_radius"][s] if rounded else ())
+
     def joints(self, q: np.ndarray) -> np.ndarray:
         """Positions (T, n, 2) of the revolute joints."""
         chosen = [b for b, body in enumerate(self.scene.structure.bodies) if body.joint == "revolute"]
@@ -117,21 +122,32 @@ class Mechanism:
         for s, shape in enumerate(structure.shapes):
             if shape.kind != "halfplane":
                 radius = self.params["radius"][s]
-                reach = radius.sum() if shape.kind == "capsule" else radius.max()
+                reach = {"capsule": radius.sum(), "rectangle": np.hypot(*radius)}.get(
+                    shape.kind, radius.max()
+                )
                 points += [centre[:, s] - reach, centre[:, s] + reach]
         low, high = np.concatenate(points).min(axis=0) - margin, np.concatenate(points).max(axis=0) + margin
         return float(low[0]), float(high[0]), float(low[1]), float(high[1])
 
 
-def outline(kind: str, radius: np.ndarray, plane: float) -> np.ndarray:
-    """Corners (n, 2) of a shape in its own axes; a half-plane's face is `plane` wide either side."""
+def outline(kind: str, size: np.ndarray, plane: float) -> np.ndarray:
+    """Corners (n, 2) of a shape in its own axes; a half-plane's face is `plane` wide either side.
+
+    `size` is that of `Mechanism.size`.
+    """
     if kind == "halfplane":
         depth = EXTENT if plane == EXTENT else 0.06 * plane
         return np.array([[0.0, plane], [0.0, -plane], [-depth, -plane], [-depth, plane]])
     turn = np.linspace(-np.pi / 2, np.pi / 2, 25)
     if kind == "capsule":
-        right = np.stack([radius[1] + radius[0] * np.cos(turn), radius[0] * np.sin(turn)], axis=1)
+        right = np.stack([size[1] + size[0] * np.cos(turn), size[0] * np.sin(turn)], axis=1)
         return np.concatenate([right, -right])
-    size = np.maximum(radius, POINT)
+    if kind == "rectangle":
+        turn = np.linspace(0.0, np.pi / 2, 9)
+        core = np.maximum(size[:2] - size[2], 0.0)
+        first = core + size[2] * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+        mirrored = first[::-1] * [-1.0, 1.0]
+        return np.concatenate([first, mirrored, -first, -mirrored])
+    size = np.maximum(size, POINT)
     turn = np.linspace(0.0, 2.0 * np.pi, 49)
     return np.stack([size[0] * np.cos(turn), size[1] * np.sin(turn)], axis=1)
