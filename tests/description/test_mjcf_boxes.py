@@ -38,7 +38,7 @@ def written(folder, text=MODEL):
 
 
 def test_same_distances_from_round_geoms(tmp_path):
-    """A capsule's nearest point may be its own end or a corner of the box; a sphere may be inside a little."""
+    """A capsule's nearest point may be its own end or a corner of the box; a sphere may be inside."""
     text = MODEL.replace('name="ledge" type="box"', 'name="ledge" type="box" contype="0" conaffinity="0"')
     scene = slcp.load_mjcf(written(tmp_path, text))
     model = mujoco.MjModel.from_xml_string(text)
@@ -47,8 +47,8 @@ def test_same_distances_from_round_geoms(tmp_path):
     q = rng.uniform(-1.0, 1.0, (300, 5)) * [1.5, 1.5, 0.4, 0.3, 3.0]
     assert [shape.kind for shape in scene.shapes if shape.name == "crate"] == ["rectangle"]
     pairs = scene.structure.pairs
-    named = [{scene.shapes[i].name for i in (p.shape_a, p.shape_b)} for p in pairs]
-    found = {name: [k for k, both in enumerate(named) if name in both] for name in ("link", "tip")}
+    both_of = [{scene.shapes[i].name for i in (p.shape_a, p.shape_b)} for p in pairs]
+    found = {name: [k for k, both in enumerate(both_of) if name in both] for name in ("link", "tip")}
     assert [len(rows) for rows in found.values()] == [6, 1]
     gaps = np.stack([oracle.contact_jacobian(q, k)[0] for k in range(len(pairs))], -1)
     ours = np.asarray(

@@ -45,7 +45,7 @@ def tasks_of(
     if per_chunk == FOLLOWED:
         each = int(per_chunk * steps) * len(methods) * len(DTYPES)
     chunks = 1
-    if part == "derivatives":
+    if PARTS[part].differentiated:
         each = per_chunk
     if part == "sweeps":  # kernels of its own for every scene, whatever the strategy
         per_chunk, chunks, each = CHUNK, OWN_CHUNKS, CHUNK * OWN_CHUNKS

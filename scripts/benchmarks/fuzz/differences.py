@@ -112,4 +112,10 @@ def gradient_errors(sim: Any, x: Array, u: Array, params: Any, seed: int) -> tup
 
 ONE_SIDED = ("mass", "inertia", "step_size", "sigma", "radius", "damping", "armature", "friction",
              "spring_damping", "spring_length", "shape_angle")  # fmt: skip
-SKIPPED = ("axis", "position_covariance", "velocity_covariance", "radius")  # constrained, not free numbers
+SKIPPED = (
+    "axis",
+    "position_covariance",
+    "velocity_covariance",
+    "radius",
+    "corner_radius",
+)  # constrained, not free numbers

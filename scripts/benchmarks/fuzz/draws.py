@@ -100,6 +100,9 @@ def draw_numbers(rng: Rng, scene: Scene, worlds: int) -> dict[str, Array]:
         out |= {"stiffness": decades(rng, -1, 4, n, nv), "rest": u(-0.5, 0.5, nv)}
         out["stiffness"] = stiffened(rng, scene, out["stiffness"], mass[:, list(s.dof_body)], h)
         out["stiffness"][:, [j for j in range(nv) if j not in s.sprung]] = 0.0
+    if "corner_radius" in base:
+        least = np.min(radius, -1) * np.array([shape.kind == "rectangle" for shape in s.shapes])
+        out["corner_radius"] = least * u(0.02, 0.98, ns)
     if s.armature:
         out["armature"] = mass[:, list(s.dof_body)] * often(0.9, decades(rng, -4, 2, n, nv))
         out["armature"][:, [j for j in range(nv) if j not in s.armature]] = 0.0

@@ -11,6 +11,8 @@
 - derivatives: one step by the common kernels, of which A, B and gradients are compared with differences;
 - ends: gaps at the end of the step, and the trapezoidal rule under Coulomb's friction;
 - locked: one step of mechanisms whose joints' limits meet;
+- blocks: mechanisms with rectangles, followed for up to 20 steps;
+- block-derivatives: derivatives of these;
 - rotors: one to four steps of mechanisms with armature at half of their joints.
 """
 
@@ -24,7 +26,7 @@ from slcp_warp.options import Options
 
 from .draws import Worlds, decades, draw_worlds, single
 from .heaps import heap_worlds, random_heap, random_pile, random_tower
-from .structures import JOINTS, Size, random_auto, random_scene
+from .structures import JOINTS, Size, random_auto, random_blocks, random_scene
 
 Rng = np.random.Generator
 FOLLOWED = (20, 50)
@@ -94,6 +96,7 @@ class Part:
     steps: tuple[int, int] = (1, 1)
     strategies: tuple[str, ...] = ("generic", "specialised")
     wanted: Callable[[Options], bool] = _any
+    differentiated: bool = False  # whether A, B and gradients by common kernels are what it looks at
 
 
 PARTS = {
@@ -105,8 +108,10 @@ PARTS = {
     "piles": Part((99, 9), random_pile, heap_worlds, (3, 9), ("generic",)),
     "relay": Part((99, 4), steps=FOLLOWED, strategies=("relay",), wanted=_relayed),
     "sweeps": Part((99, 6), _swept, steps=FOLLOWED),
-    "derivatives": Part((99, 7), strategies=("generic",)),
+    "derivatives": Part((99, 7), strategies=("generic",), differentiated=True),
     "ends": Part((99, 5), strategies=("specialised",), wanted=_ends),
     "locked": Part((99, 7), locked_scene, locked_worlds),
+    "blocks": Part((99, 11), random_blocks, steps=(1, 20)),
+    "block-derivatives": Part((99, 12), random_blocks, strategies=("generic",), differentiated=True),
     "rotors": Part((99, 10), rotor_scene, steps=(1, 4)),
 }

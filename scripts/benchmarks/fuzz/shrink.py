@@ -164,7 +164,7 @@ def digits(case: Case) -> Makers:
         if new:
             out.append(partial(_body, case, i, **new))
     for i, shape in enumerate(scene.shapes):
-        new = _shorter(shape, ("radius", "offset", "angle"))
+        new = _shorter(shape, ("offset", "angle", *(() if shape.kind == "rectangle" else ("radius",))))
         if new:
             plain = dataclasses.replace(shape, **new)
             out.append(partial(changed, case, shapes=_with(scene.shapes, i, plain)))

@@ -55,6 +55,20 @@ def random_auto(rng: Rng, name: str, size: Size = Size()) -> Scene:
             return scene
 
 
+def random_blocks(rng: Rng, name: str, size: Size = Size()) -> Scene:
+    """A scene with rectangles in place of its ellipses and of half of its other round shapes."""
+    while True:
+        scene = random_scene(rng, name, size)
+        shapes = tuple(
+            dataclasses.replace(s, kind="rectangle", radius=(0.2, 0.1), corner_radius=0.03)
+            if s.kind == "ellipse" or (s.kind != "halfplane" and rng.random() < 0.5) else s
+            for s in scene.shapes
+        )  # fmt: skip
+        out = dataclasses.replace(scene, shapes=shapes)
+        if out.structure.nr <= 2 * size.rows and any(s.kind == "rectangle" for s in shapes):
+            return out
+
+
 def _assembled(
     rng: Rng, name: str, bodies: tuple[Body, ...], shapes: tuple[Shape, ...], **touching: Any
 ) -> Scene:
@@ -166,9 +180,10 @@ def baked(scene: Scene, numbers: dict[str, Any], sigma: float | None = None) -> 
             rest=flat([numbers["rest"][j] for j in dofs]) if "rest" in numbers else b.rest,
         ))  # fmt: skip
     for i, shape in enumerate(scene.shapes):
-        radius = flat(numbers["radius"][i])
+        radius, two = flat(numbers["radius"][i]), shape.kind in ("ellipse", "capsule", "rectangle")
+        corner = float(numbers["corner_radius"][i]) if shape.kind == "rectangle" else 0.0
         shapes.append(dataclasses.replace(
-            shape, radius=radius if shape.kind in ("ellipse", "capsule") else radius[0],
+            shape, radius=radius if two else radius[0], corner_radius=corner,
             offset=flat(numbers["shape_offset"][i]), angle=float(numbers["shape_angle"][i]),
         ))  # fmt: skip
     for contact in scene.all_contacts:

@@ -59,7 +59,7 @@ class Task:
     @property
     def differentiates(self) -> bool:
         """Whether derivatives are compared, too: with kernels of its own they compile as long again."""
-        if self.part == "derivatives":
+        if self._part().differentiated:
             return True
         own = self.strategy == "specialised" and self.part in ("steps", "rotors")
         return own and self.scene % DIFFERENTIATED == 0
@@ -93,7 +93,7 @@ class Task:
 
     def methods(self) -> list[tuple[Options, str]]:
         """Options and precisions that it runs."""
-        if self.part in ("sweeps", "derivatives") and self.strategy == "generic":
+        if (self.part == "sweeps" or self._part().differentiated) and self.strategy == "generic":
             chosen = [(GENERIC[self.scene % len(GENERIC)], "float64")]
         elif self.part == "sweeps":
             chosen = [(random_options(self._rng(0, 2), self._part().wanted), "float64")]
