@@ -34,10 +34,10 @@ def test_scene_is_documented_and_small(name):
 
 
 def test_every_scene_can_be_drawn(tmp_path):
-    """Points, capsules, half-planes on bodies, links and springs, without stepping."""
+    """Points, capsules, rectangles, half-planes on bodies, links and springs, without stepping."""
     from slcp_warp.scripts.charts.scene_sheet import sheet
 
-    drawn = {name: scene(name) for name in (*scenes.NAMED, "sprung", "capsules", "moving_plane")}
+    drawn = {name: scene(name) for name in (*scenes.NAMED, "sprung", "capsules", "blocks", "moving_plane")}
     still = {name: (sc, np.tile(sc.x0[: sc.nv], (2, 1))) for name, sc in drawn.items()}
     assert sheet(still, tmp_path / "scenes.png").stat().st_size > 10_000
 
