@@ -7,7 +7,8 @@ from .dynamics import Dynamics, DynamicsFunctions, Parameters, WarpDynamics, lin
 from .library.entries import LibraryError
 from .library.library import Library, concatenate
 from .library.nearest import NearestPolicy
-from .library.receding import RecedingOptions, build_library
+from .library.receding import build_library
+from .library.receding_options import RecedingOptions
 from .library.refinement import build_refined, stuck_states, turning
 from .mpc.mpc import MPC
 from .mpc.recorded import library_of_runs

@@ -22,7 +22,8 @@ from slcp_warp.runs.store import Store
 from ..problem import Problem
 from .kept import kept_rounds
 from .library import Library, concatenate
-from .receding import RecedingOptions, build_library
+from .receding import build_library
+from .receding_options import RecedingOptions
 
 SHIFTS = 5  # plans of every new chain
 FIRST_SHARE = 0.375  # of the plans, before the first round
