@@ -89,7 +89,11 @@ def _check(data: dict[str, np.ndarray]) -> None:
 
 
 def concatenate(libraries: list[Library]) -> Library:
-    """One library of the entries of several `libraries`; chains are renumbered."""
+    """One library of the entries of several `libraries`; chains are renumbered.
+
+    Raises:
+        LibraryError: none, or of different scenes, periods, or steps of runs.
+    """
     if not isinstance(libraries, list | tuple) or not all(isinstance(each, Library) for each in libraries):
         raise LibraryError(f"libraries is {shown(libraries)}; a list of ddp.Library is needed")
     if not libraries:
@@ -98,8 +102,14 @@ def concatenate(libraries: list[Library]) -> Library:
     for library in libraries:
         if library.header.get("digest") != libraries[0].header.get("digest"):
             raise LibraryError("the libraries were built for different scenes")
-        if any(library.header.get(name) != libraries[0].header.get(name) for name in OF_STEPS):
+        of_runs = any(each.header.get("end") is not None for each in (library, libraries[0]))
+        if of_runs and any(library.header.get(name) != libraries[0].header.get(name) for name in OF_STEPS):
             raise LibraryError("the libraries' entries belong to steps of different runs, or to none")
+        if not np.array_equal(library.period, libraries[0].period):
+            raise LibraryError(
+                f"the libraries' periods are {shown(libraries[0].period.tolist())} and "
+                f"{shown(library.period.tolist())}; the same ones are needed"
+            )
         parts.append(replace(library, chain=library.chain + offset))
         offset += int(library.chain.max(initial=-1)) + 1
     arrays: dict[str, Any] = {

@@ -9,6 +9,7 @@ of passive plans attracts a controller to them.
 import functools
 import json
 import os
+import warnings
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import dataclass, field, fields, replace
@@ -17,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from slcp_warp import Simulator
-from slcp_warp.inputs.checks import array, function, instance, whole
+from slcp_warp.inputs.checks import array, function, instance, shown, whole
 from slcp_warp.inputs.errors import ArgumentError, ArgumentTypeError
 from slcp_warp.runs.sequence import step_of
 from slcp_warp.runs.stopping import Stop, on_signals
@@ -33,6 +34,7 @@ from .nearest import wrap
 from .receding_options import RecedingOptions
 
 STEP_SIZES = tuple(2.0 ** -np.arange(8.0))
+LOST = 20  # shifts without a plan of any chain, after which there is none to hope for
 STATE = ("x", "us", "xs", "K", "lower", "upper", "cost", "gain")
 
 
@@ -78,8 +80,9 @@ def build_library(
         changes: fields of `RecedingOptions` (offset=4, ...).
 
     Raises:
-        ValueError: illegal options. A keyboard interrupt, and with ``out`` SIGTERM too, returns what there is
-            if there are entries, else is raised.
+        ValueError: illegal options, or no plan from x0 with a finite cost in as many shifts as `LOST`; where
+            there are entries by then, a RuntimeWarning, and these. A keyboard interrupt, and with ``out``
+            SIGTERM too, returns what there is if there are entries, else is raised.
         FileError: the folder is of another library, damaged, full or gone.
     """
     whole("count", count)
@@ -114,11 +117,32 @@ def _propagate(
 ) -> None:
     """First plans, then shifts until there are enough entries; those that are kept are not planned again."""
     _plan(chains, kept, chains.first_plans)
+    lost = 0  # shifts since one had a plan
     while chains.stored < count and not stop:
         if progress is not None:
             progress(min(chains.stored, count), count)
+        before = chains.stored
         chains.store()
+        lost = 0 if chains.stored > before else lost + 1
+        if lost == LOST:
+            _give_up(chains, count)
+            return
         _plan(chains, kept, chains.shift)
+
+
+def _give_up(chains: "_Chains", count: int) -> None:
+    """Warn that no chain has a plan any more; or an error where none ever had one."""
+    if not chains.stored:
+        raise ArgumentError(
+            f"x0 is {shown(chains.first_x.tolist())}, from where no plan of {LOST} has a finite cost: "
+            "ddp.solve says why by its status"
+        )
+    warnings.warn(
+        f"chains ended at {chains.stored} of {count} entries: no plan of the last {LOST} shifts has a finite "
+        "cost",
+        RuntimeWarning,
+        stacklevel=2,
+    )
 
 
 def _plan(chains: "_Chains", kept: Store | None, plan: Callable[[], None]) -> None:
@@ -164,6 +188,7 @@ class _Chains:
         self.rng = np.random.default_rng(options.seed)
         self.x = np.broadcast_to(x0, (options.chains, problem.nx)).copy()
         self.starts = 1 + options.recalled + options.noisy
+        self.first_x = self.x
         self.plans = Plans()
         self.entries: list[dict[str, Any]] = []
         self.stored = 0
@@ -230,7 +255,8 @@ class _Chains:
         self.us, self.xs, self.K = result.us[best], result.xs[best], result.K[best]
         self.lower, self.upper = result.lower[best], result.upper[best]
         self.cost = result.cost[best]
-        self.gain = self._passive_cost() - self.cost
+        with np.errstate(invalid="ignore"):  # of chains without a plan
+            self.gain = self._passive_cost() - self.cost
 
     def _passive_cost(self) -> np.ndarray:
         """Cost of zero controls from every chain's state."""

@@ -1,6 +1,7 @@
 """How chains of plans are propagated (`receding.py`)."""
 
 from dataclasses import dataclass
+from typing import Any
 
 from slcp_warp.inputs.checks import instance, number, whole
 from slcp_warp.inputs.errors import ArgumentError

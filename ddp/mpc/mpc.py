@@ -229,7 +229,7 @@ class MPC:
     def _look_ahead(self, now: int) -> None:
         """The problem of what is left of the run, or of the whole horizon."""
         left = self.problem.horizon if self.end is None else self.end - now
-        if self.lag and left > 0:  # what is sent in the last steps acts after the end
+        if self.end is not None and left > 0:  # what is sent in the last `lag` steps acts after the end
             left = max(left - self.lag, min(left, self.replan))
         horizon = self.problem.horizon if left <= 0 else min(left, self.problem.horizon)
         if horizon != self._ahead.horizon:

@@ -13,6 +13,7 @@ from simulators import scene, simulator
 import slcp_warp as slcp
 from slcp_warp import ddp
 from slcp_warp.ddp.library.entries import ARRAYS, scene_digest
+from slcp_warp.ddp.library.receding import _Chains
 
 FINGER = scene("flicking_finger")
 HORIZON = 20
@@ -130,6 +131,43 @@ def test_interrupt_keeps_the_entries(device):
     np.testing.assert_array_equal(part.x, library(device).x[: len(part)])
     with pytest.raises(KeyboardInterrupt):
         ddp.build_library(problem(device), FINGER.x0, 24, progress=lambda *_: stop(8, 24), **OPTIONS)
+
+
+def test_chains_without_a_plan_end():
+    """They went on for good, with a part in the folder for every shift."""
+    started = []
+    x0 = np.array([0.0, 0.0, 0.0, 1e200, 0.0, 0.0])
+    with pytest.raises(slcp.ArgumentError, match=r"x0 is .*1e\+200.* no plan of 20 has a finite cost"):
+        ddp.build_library(problem(), x0, 4, progress=lambda done, of: started.append(done), **OPTIONS)
+    assert len(started) == 20 and not any(started)
+
+
+@pytest.mark.slow
+def test_chains_that_lose_their_plans_leave_what_they_have(monkeypatch):
+    shift = _Chains.shift
+
+    def lost(self):
+        shift(self)
+        self.cost = np.full_like(self.cost, np.nan if self.index > 2 else 1.0)
+
+    monkeypatch.setattr(_Chains, "shift", lost)
+    with pytest.warns(
+        RuntimeWarning, match="chains ended at 12 of 24 entries: no plan of the last 20 shifts"
+    ):
+        found = ddp.build_library(problem(), FINGER.x0, 24, **OPTIONS)
+    np.testing.assert_array_equal(found.x, library().x[:12])
+
+
+def test_libraries_that_are_joined_have_the_same_periods():
+    x = np.zeros((2, 6))
+    with pytest.raises(ddp.LibraryError, match=r"periods are \[0.0, 6.28.* and \[0.0, 0.0"):
+        ddp.concatenate(
+            [made(x, period=np.array([0.0, 2.0 * np.pi, 0, 0, 0, 0])), made(x, period=np.zeros(6))]
+        )
+    both = ddp.concatenate(
+        [made(x, header={"offset": 3}), made(x, header={"offset": 4})]
+    )  # of no run's steps
+    assert len(both) == 4
 
 
 def test_concatenation_renumbers_the_chains():

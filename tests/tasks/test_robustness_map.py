@@ -40,6 +40,17 @@ def test_a_component_of_a_place_is_drawn_alone():
         slcp.Disturbances(parameters={"block.mass_x": 0.1})
 
 
+def test_a_factor_is_on_values_of_the_other_axis(device):
+    """Whichever of them is x; the values were put in place of what the factors had changed."""
+    axes = ("block.mass", (0.25, 1.0, 4.0)), ("mass=", (0.5, 2.0))
+    options = {"worlds": 60, "seed": 3, "device": device, "case": slcp.Options()}
+    one, other = (slcp.robustness_map(task(), plan(0.6), *pair, **options) for pair in (axes, axes[::-1]))
+    np.testing.assert_array_equal(one.successes, other.successes.T)
+    assert np.ptp(one.successes, axis=1).max() > 0
+    with pytest.raises(slcp.ArgumentError, match="'block.mass=' and 'mass=', are both values of the same"):
+        slcp.robustness_map(task(), plan(0.6), ("block.mass=", (1.0,)), axes[1], **options)
+
+
 def test_a_map_has_the_sweep_in_its_middle(device):
     """The cell without a change is the sweep; what is heavier is pushed less far."""
     options = {"worlds": 100, "seed": 3, "device": device}

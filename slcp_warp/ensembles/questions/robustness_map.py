@@ -107,7 +107,7 @@ def robustness_map(
             what was drawn; of a place or an angle ("hand.shape_offset_x", see `SIGNED` of the disturbances),
             as what is added to it; of a state ("block.x"), as what is added to the start; or of "kicks", as
             factors. With an equals sign behind the name ("block.mass=") the values are a parameter's or a
-            state's own, in place of what was drawn.
+            state's own, in place of what was drawn; factors of the other axis are on these.
         worlds: of every cell.
         seed: of all that is drawn.
         case: options of the steps; None: the task's.
@@ -119,6 +119,8 @@ def robustness_map(
     across, down = (_axis(label, task, given) for label, given in (("x", x), ("y", y)))
     if across[0].rstrip(ITSELF) == down[0].rstrip(ITSELF):
         raise ArgumentError(f"x and y are both {across[0]!r}; two names are needed")
+    if _set_twice(task, across[0], down[0]):
+        raise ArgumentError(f"x and y, {across[0]!r} and {down[0]!r}, are both values of the same numbers")
     width, height = len(across[1]), len(down[1])
     if width * height > MOST_CELLS:
         raise ArgumentError(f"x and y have {width} and {height} values; at most {MOST_CELLS} cells are drawn")
@@ -126,12 +128,23 @@ def robustness_map(
     checks.memory("worlds of a row of x", worlds * width * each, 32, wp.get_device("cpu"))
     base = draw_worlds(task, worlds, seed, dtype=dtype, device=device)
     repeated = base[np.tile(np.arange(worlds), width)]
-    row = changed(task, repeated, across[0], np.repeat(across[1], worlds))
+    along = np.repeat(across[1], worlds)
     successes = np.zeros((height, width), np.int64)
     for j, value in enumerate(down[1]):
-        found = judge.run(changed(task, row, down[0], np.full(len(row), value)), worlds * width * height)
+        axes = [(across[0], along), (down[0], np.full(len(along), value))]
+        cells = repeated
+        for name, values in sorted(axes, key=lambda axis: not axis[0].endswith(ITSELF)):  # before factors
+            cells = changed(task, cells, name, values)
+        found = judge.run(cells, worlds * width * height)
         successes[j] = found["success"].reshape(width, worlds).sum(axis=1)
     return RobustnessMap(across[0], down[0], across[1], down[1], successes, worlds, judge.name)
+
+
+def _set_twice(task: Task, x: str, y: str) -> bool:
+    """Whether the values of both names are those of a number itself, of the same one."""
+    names = [name.removesuffix(ITSELF) for name in (x, y) if name.endswith(ITSELF)]
+    names = [name for name in names if name not in task.scene.state_names]
+    return len(names) == 2 and bool(np.intersect1d(*(_columns(task, name) for name in names)).size)
 
 
 def changed(task: Task, worlds: Worlds, name: str, values: np.ndarray) -> Worlds:

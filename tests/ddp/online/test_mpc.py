@@ -313,6 +313,14 @@ def test_what_was_sent_before_is_foretold(task, problem, replan, hold):
     assert policy.met().shape == (WORLDS, 3, 6)
 
 
+@pytest.mark.parametrize("lag", [0, 2, 30])
+def test_without_an_end_plans_have_the_whole_horizon(task, problem, lag):
+    """However late what is sent acts; it was shorter by the lag, down to a single step."""
+    policy = ddp.MPC(problem, passes=1, starts=["zero"], lag=lag)
+    run(policy, task, starts_of(task), 3)
+    assert policy.plans()[0].horizon == problem.horizon
+
+
 @pytest.mark.parametrize("start", RANDOM.values(), ids=RANDOM)
 def test_noise_follows_from_the_worlds_number(task, problem, start):
     """However worlds are split into launches and blocks."""
