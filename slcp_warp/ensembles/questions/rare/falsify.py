@@ -55,7 +55,8 @@ def falsify(
     """Find the smallest disturbance under which a policy fails.
 
     Size is the length in standard deviations of what is disturbed. Directions on shells come first, then
-    evolution strategies that shrink what fails, `worlds` at once; with `gradients` also the nearest point of
+    evolution strategies that shrink what fails, `worlds` at once, in float64 where all that they end at
+    fails in single precision alone; with `gradients` also the nearest point of
     the margin's tangent plane, by derivatives through contact. What is found fails in float64, and none
     of its own 64ths below it does; it fails in the search's precision, too, if anything nearby that large
     does.
@@ -108,14 +109,13 @@ def falsify(
     suggest = slopes_of(own, policy, numbers, judge, device) if gradients else None
     best, found = np.zeros((1, numbers.dimension)), Found.nothing(numbers.dimension)
     for largest in () if hunt.exact_fails(best)[0] else sizes:
-        bounds = largest / SHELLS, largest
-        search = Search(hunt.quick_fails, numbers.dimension, worlds, *bounds, strategies, rounds, suggest)
-        found = search.run(rng, drawn[failing])
-        for fails in (hunt.fails_in_both, hunt.exact_fails):
-            best = _exact(fails, found.best, largest, rng)
-            if len(best):
-                best = _smallest_parts(hunt.exact_fails, best)
-                break
+        how_far: Any = (numbers.dimension, worlds, largest / SHELLS, largest, strategies, rounds, suggest)
+        found = Search(hunt.quick_fails, *how_far).run(rng, drawn[failing])
+        best = hunt.confirmed(found.best, largest, rng)
+        if len(found.best) and not len(best) and hunt.quick.sim.dtype is not hunt.exact.sim.dtype:
+            # what fails in the search's precision alone has hidden what fails in both
+            found = Search(hunt.exact_fails, *how_far).run(rng)
+            best = hunt.confirmed(found.best, largest, rng)
         if len(best):
             break
     return hunt.report(best, found, sizes[-1], np.linalg.norm(drawn, axis=1), failing)
@@ -144,6 +144,16 @@ class Hunt:
     def fails_in_both(self, z: np.ndarray) -> np.ndarray:
         """Which of them fail in both precisions."""
         return self.quick_fails(z) & self.exact_fails(z)
+
+    def confirmed(self, best: np.ndarray, most: float, rng: np.random.Generator) -> np.ndarray:
+        """What also fails in float64 near vectors (K, d), if some do in both precisions, as small as it gets;
+        the smallest first.
+        """
+        for fails in (self.fails_in_both, self.exact_fails):
+            found = _exact(fails, best, most, rng)
+            if len(found):
+                return _smallest_parts(self.exact_fails, found)
+        return best[:0]
 
     def _fails(self, trial: Trial, z: np.ndarray) -> np.ndarray:
         ends = trial.run(self.numbers.worlds(z))
