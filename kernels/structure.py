@@ -67,6 +67,7 @@ class PairStructure:
     friction: bool
     end_a: int = 0
     end_b: int = 0
+    restitution: bool = False  # whether it gives back some of the speed that it is met with
 
 
 @dataclass(frozen=True)
@@ -163,6 +164,11 @@ class Structure:
         return self.in_chain(body, dof) and self.dof_kind[dof] == REVOLUTE
 
     @property
+    def bounces(self) -> bool:
+        """Whether a pair has a coefficient of restitution."""
+        return any(pair.restitution for pair in self.pairs)
+
+    @property
     def ties(self) -> tuple[tuple[int, int], ...]:
         """Bodies that a spring ties in what stands for M."""
         return self.springs if self.implicit_damping or self.implicit_stiffness else ()
@@ -230,6 +236,8 @@ def layout(s: Structure) -> Layout:
     }
     if any(shape.kind == RECTANGLE for shape in s.shapes):
         shapes |= {"corner_radius": (ns,)}
+    if s.bounces:
+        shapes |= {"restitution": (len(s.pairs),)}
     if s.sprung:
         shapes |= {"stiffness": (s.nv,), "rest": (s.nv,)}
     if s.springs:

@@ -56,7 +56,7 @@ def make_generic_sweep_kernel(
             if t.row_kind[i] == wp.static(CONTACT):
                 pair = t.row_index[i]
                 if wp.static(users.gaps):
-                    c.distance[pair] = k.gap[r] * h
+                    c.distance[pair] = one.step.row_gap(t, k, r)
                 if k.acting[r] > 0:
                     c.impulse[pair] = c.impulse[pair] + k.lam[r]
 

@@ -240,7 +240,7 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
                     for i in range(t.pair_row[pair], t.pair_row[pair + 1]):
                         gap[world, n, i] = far
             for r in range(k.count[wp.static(ROWS)]):
-                gap[world, n, k.row[r]] = given(k.gap[r] * number(t, k, H, 0))
+                gap[world, n, k.row[r]] = given(contact.row_gap(t, k, r))
 
     return SimpleNamespace(
         prepare=prepare,
@@ -251,6 +251,7 @@ def make_step(given: type, residual: str) -> SimpleNamespace:
         solve_step=solve_step,
         impulse=reported,
         far_gap=far_gap,
+        row_gap=contact.row_gap if residual != "none" else None,
         control_force=mech.control_force,
     )
 
@@ -260,7 +261,6 @@ def make_step_kernel(given: type, residual: str) -> wp.Kernel:
     """One step of every world with all of its outputs (gaps exact); world - base is the slot."""
     step = make_step(given, residual)
     UNUSED, ZERO = WORK(COLD), WORK(0.0)
-    H = COLUMN["step_size"]
 
     @packed
     def generic_step_kernel(
@@ -307,7 +307,7 @@ def make_step_kernel(given: type, residual: str) -> wp.Kernel:
                         gap[world, i] = far
             for r in range(k.count[wp.static(ROWS)]):
                 i = k.row[r]
-                gap[world, i] = given(k.gap[r] * k.numbers[t.columns[H]])
+                gap[world, i] = given(step.row_gap(t, k, r))
                 if solved:
                     impulse[world, i] = given(step.impulse(t, k, r))
                     multiplier[world, i] = given(k.z[r])

@@ -34,7 +34,7 @@ NUMBERS = (
     "step_size", "gravity", "sigma", "mass", "inertia", "com", "anchor", "angle", "axis", "damping", "lower",
     "upper", "gear", "friction", "radius", "shape_offset", "shape_angle",
     "stiffness", "rest", "spring_stiffness", "spring_damping", "spring_length", "spring_point", "armature",
-    "corner_radius",
+    "corner_radius", "restitution",
 )  # fmt: skip
 
 
@@ -55,6 +55,7 @@ class Topology:
     sprung: int  # dofs with a joint spring
     springs: int
     rotors: int  # dofs with an inertia of their own (armature)
+    bounces: int  # 1: pairs have a restitution
     inertia_scaling: int
     coulomb: int
     implicit_damping: int
@@ -197,6 +198,7 @@ def make_topology(s: Structure, inertia_scaling: bool, coulomb: bool, device: ob
     out.items, out.planes = (sizes.items, sizes.planes) if items_first(s) else (0, 0)
     out.pair_bits = bits_of(len(s.pairs))
     out.sprung, out.springs, out.rotors = len(s.sprung), len(s.springs), len(s.armature)
+    out.bounces = int(s.bounces)
     out.inertia_scaling, out.coulomb = int(inertia_scaling), int(coulomb)
     out.implicit_damping, out.implicit_stiffness = int(s.implicit_damping), int(s.implicit_stiffness)
     for name, values in lists.items():

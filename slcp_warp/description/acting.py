@@ -9,6 +9,7 @@ from slcp_warp.kernels.structure import RECTANGLE, Structure
 from .scene import Scene
 
 OF_DOFS = ("damping", "lower", "upper", "stiffness", "rest", "armature")
+OF_PAIRS = ("friction", "restitution")
 OF_SHAPES = ("radius", "corner_radius", "shape_offset", "shape_angle")
 
 # what a part was built without
@@ -19,6 +20,7 @@ BUILT = {
     "rest": "without a spring",
     "armature": "without an armature",
     "friction": "without friction",
+    "restitution": "without restitution",
     "corner_radius": "without corners",
     "shape_angle": "with the angle 0, which the kernels leave out",
 }
@@ -35,6 +37,8 @@ def acting(structure: Structure, name: str) -> list[bool]:
         return [j in s.armature for j in range(s.nv if s.armature else 0)]
     if name == "friction":
         return [pair.friction for pair in s.pairs]
+    if name == "restitution":
+        return [pair.restitution for pair in s.pairs]
     if name == "corner_radius":
         return [shape.kind == RECTANGLE for shape in s.shapes]
     return [shape.turned for shape in s.shapes]
@@ -50,5 +54,6 @@ def parts_of(scene: Scene, name: str) -> list[str]:
         return [shape.name for shape in scene.shapes]
     if name.startswith("spring_"):
         return list(scene.spring_names)
-    of = {"gear": scene.control_names, "friction": scene.pair_names, "sigma": scene.row_names}
+    of = {"gear": scene.control_names, "sigma": scene.row_names}
+    of |= dict.fromkeys(OF_PAIRS, scene.pair_names)
     return list(of.get(name, ()))

@@ -8,7 +8,7 @@ The rules are those of MuJoCo's geoms, whose names the fields have. Two shapes m
 - `contype` of neither has a bit in common with `conaffinity` of the other;
 - both are half-planes.
 
-Friction is the larger one of the two shapes', each its own or else the scene's.
+Friction is the larger one of the two shapes', each its own or else the scene's; so is restitution.
 """
 
 from collections.abc import Sequence
@@ -33,6 +33,7 @@ def auto_contacts(
     shapes: Sequence[Shape],
     friction: float | None = None,
     excluded: Sequence[Names] = (),
+    restitution: float | None = None,
 ) -> tuple[Contact, ...]:
     """Every two shapes that may touch, in the order of the shapes.
 
@@ -48,7 +49,11 @@ def auto_contacts(
             if not (a.contype & b.conaffinity or b.contype & a.conaffinity):
                 continue
             _check_kinds(a, b, shapes)
-            out.append(Contact(a.name, b.name, _friction(a, b, friction)))
+            both = (
+                _larger(a.friction, b.friction, friction),
+                _larger(a.restitution, b.restitution, restitution),
+            )
+            out.append(Contact(a.name, b.name, *both))
         if len(out) > MOST_PAIRS:
             raise SceneError(
                 f"contacts 'auto' of {len(shapes)} shapes are more than {MOST_PAIRS:,} pairs, the most there "
@@ -64,9 +69,10 @@ def _apart(bodies: Sequence[Body], excluded: Sequence[Names]) -> set[tuple[str |
     return {*one_way, *((b, a) for a, b in one_way)}
 
 
-def _friction(a: Shape, b: Shape, common: float | None) -> float | None:
-    own = [common if shape.friction is None else shape.friction for shape in (a, b)]
-    return max((mu for mu in own if mu is not None), default=None)
+def _larger(a: float | None, b: float | None, common: float | None) -> float | None:
+    """The larger coefficient of two shapes, which have their own or else the scene's; None: neither has."""
+    own = [common if each is None else each for each in (a, b)]
+    return max((each for each in own if each is not None), default=None)
 
 
 def _check_kinds(a: Shape, b: Shape, shapes: Sequence[Shape]) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from slcp_warp.kernels.structure import layout
 
 from ..inputs.errors import ArgumentError
-from .acting import parts_of
+from .acting import OF_PAIRS, parts_of
 from .names import ENDS, some, turned
 from .scene import Scene
 
@@ -28,8 +28,8 @@ def parameter_of(key: str) -> tuple[str, str, int | None]:
 
 def places_of(scene: Scene, key: str, label: str) -> list[int]:
     """Columns of a parameter: of all parts, "mass", of one, "block.mass", of a component, "hand.com_x"; of
-    friction also those of all pairs between two bodies or shapes, "ground/box.friction", or of one,
-    "box.friction".
+    friction and restitution also those of all pairs between two bodies or shapes, "ground/box.friction", or
+    of one, "box.friction".
 
     Raises:
         ArgumentError: there are none; `label` is who names it.
@@ -48,7 +48,7 @@ def places_of(scene: Scene, key: str, label: str) -> list[int]:
     limits = tuple(f"{each} " for each in wanted)  # "cart.shift lower"
     rows = [i for i, owner in enumerate(parts) if owner in wanted or owner.startswith(limits)]
     rows = rows or [i for i, each in enumerate(exact) if each in wanted]  # of one end
-    if not rows and name == "friction":
+    if not rows and name in OF_PAIRS:
         rows = _between(scene, part)
     if not rows:
         known = list(dict.fromkeys(f"{owner}.{name}" for owner in parts))

@@ -99,6 +99,7 @@ class Shape:
         contype, conaffinity: under `contacts="auto"` two shapes may touch where the bits of one's contype
             and of the other's conaffinity have one in common, as in MuJoCo.
         corner_radius: of a rectangle's corners, within its size; 0: sharp [m].
+        restitution: as friction, in [0, 1]; see `Contact`.
     """
 
     name: str
@@ -111,6 +112,7 @@ class Shape:
     contype: int = 1
     conaffinity: int = 1
     corner_radius: float = 0.0
+    restitution: float | None = None
 
     def __post_init__(self) -> None:
         Fields(self, "shape, ").text("name")
@@ -134,6 +136,7 @@ class Shape:
         fields.whole("contype")
         fields.whole("conaffinity")
         fields.number("corner_radius")
+        fields.number("restitution", optional=True)
         if self.corner_radius and self.kind != "rectangle":
             raise SceneError(f"{label}corner_radius is {self.corner_radius}; a {self.kind} has no corners")
         both = np.array(radii(self)), np.array(self.corner_radius)
@@ -151,17 +154,21 @@ class Contact:
     Attributes:
         shape_a, shape_b: names of shapes; the normal points from the first to the second.
         friction: coefficient mu of (M7) or (M8), as `Options.friction` says, >= 0; or None.
+        restitution: share e of the normal speed with which a pair parts that closes in a step (M54), in
+            [0, 1]; None: none, and no parameter of it.
     """
 
     shape_a: str
     shape_b: str
     friction: float | None = None
+    restitution: float | None = None
 
     def __post_init__(self) -> None:
         for name in ("shape_a", "shape_b"):
             Fields(self, "contact, ").text(name)
         label = f"contact {self.shape_a!r} - {self.shape_b!r}: "
-        Fields(self, label).number("friction", optional=True)
+        for name in ("friction", "restitution"):
+            Fields(self, label).number(name, optional=True)
 
 
 @dataclass(frozen=True)

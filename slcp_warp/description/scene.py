@@ -50,6 +50,7 @@ class Scene(Printed):
             v): stable for every h omega, omega^2 = k/m, (M50). False: at q, which diverges for h omega > 2.
             The trapezoidal integrator is stable by itself.
         friction: under "auto", of shapes that have none of their own, >= 0; None: without friction.
+        restitution: the same of restitution, in [0, 1]; None: what meets does not bounce.
         excluded: under "auto", pairs of names of bodies that never touch.
     """
 
@@ -68,6 +69,7 @@ class Scene(Printed):
     friction: float | None = None
     excluded: tuple[tuple[str, str], ...] = ()
     implicit_stiffness: bool = True
+    restitution: float | None = None
     structure: Structure = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -84,6 +86,7 @@ class Scene(Printed):
         fields.flag("implicit_damping")
         fields.flag("implicit_stiffness")
         fields.number("friction", optional=True)
+        fields.number("restitution", optional=True)
         excluded = check_excluded(f"scene {self.name!r}: excluded", self.excluded, self.bodies)
         object.__setattr__(self, "excluded", excluded)
         if not isinstance(self.contacts, str):
@@ -94,9 +97,10 @@ class Scene(Printed):
 
     def _check_listed(self) -> None:
         """An error for what only "auto" looks at, but for bits, which boxes have by themselves."""
-        given = [f"friction of shape {s.name!r}" for s in self.shapes if s.friction is not None][:1]
-        given += [name for name, value in (("friction", self.friction), ("excluded", self.excluded))
-                  if value not in (None, ())]  # fmt: skip
+        given = [f"{name} of shape {s.name!r}" for name in ("friction", "restitution") for s in self.shapes
+                 if getattr(s, name) is not None][:1]  # fmt: skip
+        given += [name for name in ("friction", "restitution", "excluded")
+                  if getattr(self, name) not in (None, ())]  # fmt: skip
         if given:
             raise SceneError(f"scene {self.name!r}: {given[-1]} is for contacts='auto'; contacts that are "
                              "listed say themselves what touches and how")  # fmt: skip
@@ -117,7 +121,7 @@ class Scene(Printed):
     def all_contacts(self) -> tuple[Contact, ...]:
         """The contacts, those of "auto" written out."""
         if isinstance(self.contacts, str):
-            return auto_contacts(self.bodies, self.shapes, self.friction, self.excluded)
+            return auto_contacts(self.bodies, self.shapes, self.friction, self.excluded, self.restitution)
         return self.contacts
 
     @property
@@ -196,7 +200,8 @@ class Scene(Printed):
         s = self.structure
         per_dof = [(spread(b.damping, i, 0.0), spread(b.lower, i, None), spread(b.upper, i, None))
                    for b in self.bodies for i in range(JOINTS[b.joint])]  # fmt: skip
-        friction = [c.friction or 0.0 for c in self.all_contacts for _ in contact_ends(self.shapes, c)]
+        pairs = [c for c in self.all_contacts for _ in contact_ends(self.shapes, c)]
+        friction = [c.friction or 0.0 for c in pairs]
         extents = [radii(shape) for shape in self.shapes]
         values = {
             "step_size": np.array(self.step_size),
@@ -217,6 +222,8 @@ class Scene(Printed):
             "shape_offset": np.array([sh.offset for sh in self.shapes], float).reshape(-1, 2),
             "shape_angle": np.array([sh.angle for sh in self.shapes], float),
         }
+        if s.bounces:
+            values["restitution"] = np.array([c.restitution or 0.0 for c in pairs], float)
         if "corner_radius" in layout(s).names:
             values["corner_radius"] = np.array([sh.corner_radius for sh in self.shapes], float)
         present = [*(("stiffness", "rest") if s.sprung else ()), *(("armature",) if s.armature else ())]
@@ -234,8 +241,12 @@ class Scene(Printed):
 
     def with_listed_contacts(self) -> "Scene":
         """The same scene with the contacts of "auto" as a list; what its shapes say of them goes."""
-        shapes = tuple(replace(s, friction=None, contype=1, conaffinity=1) for s in self.shapes)
-        return replace(self, shapes=shapes, contacts=self.all_contacts, friction=None, excluded=())
+        shapes = tuple(
+            replace(s, friction=None, restitution=None, contype=1, conaffinity=1) for s in self.shapes
+        )
+        return replace(
+            self, shapes=shapes, contacts=self.all_contacts, friction=None, excluded=(), restitution=None
+        )
 
     def with_covariances(self) -> "Scene":
         """The same scene with `position_covariance` and `velocity_covariance` among its numbers."""

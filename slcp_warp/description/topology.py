@@ -115,7 +115,8 @@ def _pairs(
         seen.add(frozenset((a, b)))
         _check_pair(c, structures[a], structures[b])
         _check_sharp(c, shapes[a], shapes[b])
-        pairs += [PairStructure(a, b, c.friction is not None, *ends) for ends in contact_ends(shapes, c)]
+        has = c.friction is not None, c.restitution is not None
+        pairs += [PairStructure(a, b, has[0], *ends, has[1]) for ends in contact_ends(shapes, c)]
     _check_pair_names(shapes, pairs)
     return tuple(pairs)
 

@@ -19,6 +19,7 @@ NONNEGATIVE = (
     "friction",
     "radius",
     "corner_radius",
+    "restitution",
     "spring_damping",
     "spring_length",
 )
@@ -56,6 +57,8 @@ def check(label: str, array: np.ndarray, error: type[ArgumentError], rule: str) 
         raise error(f"{label} is {array.min()}; it must be positive{HINTS.get(rule, '')}")
     if rule in NONNEGATIVE and not (array >= 0.0).all():
         raise error(f"{label} is {array.min()}; it must not be negative")
+    if rule == "restitution" and not (array <= 1.0).all():
+        raise error(f"{label} is {array.max()}; at most 1 is needed")
 
 
 def check_axis(label: str, array: np.ndarray, error: type[ArgumentError]) -> None:

@@ -122,6 +122,9 @@ def choose(strategy: str, s: Structure, method: Method, device: Any) -> str:
     """Specialised or generic kernels for a scene; a clear error where neither serves."""
     choice("strategy", strategy, STRATEGIES)
     lacks = missing(s, method)
+    if s.bounces and (strategy == "specialised" or lacks):
+        reason = f"; these do not offer {lacks}" if lacks else ""
+        raise StrategyError(f"restitution is offered by the generic kernels alone{reason}")
     if strategy == "generic" and lacks:
         raise StrategyError(f"{lacks} is not offered by the generic kernels; use strategy='specialised'")
     if s.nr > MOST_ROWS and (strategy == "specialised" or lacks):
@@ -135,4 +138,5 @@ def choose(strategy: str, s: Structure, method: Method, device: Any) -> str:
     large = s.nr > MOST_ROWS or s.nv * max(s.nr, s.nv) > LARGEST[on_cpu]
     touching = s.nv * s.nr >= TOUCHING and joined_trees(s) > 1
     crowded = method.coulomb and s.nr >= CROWDED * s.nv
-    return "generic" if large or on_cpu and (touching or crowded) else "specialised"
+    generic = large or s.bounces or on_cpu and (touching or crowded)
+    return "generic" if generic else "specialised"

@@ -27,6 +27,7 @@ def acts(scene, name, row):
            "shape_angle": [shape.turned for shape in s.shapes]}  # fmt: skip
     has |= dict.fromkeys(("stiffness", "rest"), [j in s.sprung for j in range(s.nv)])
     has["corner_radius"] = [shape.kind == "rectangle" for shape in s.shapes]
+    has["restitution"] = [pair.restitution for pair in s.pairs]
     has["armature"] = [j in s.armature for j in range(s.nv)]
     return name not in has or has[name][row]
 
@@ -139,6 +140,13 @@ def jib():
     block = dataclasses.replace(pill, kind="rectangle", radius=(0.4, 0.15), corner_radius=0.06)
     shapes = (bar, dataclasses.replace(plate, offset=(0.0, -0.5)), block, ball)
     return dataclasses.replace(base, name="jib", shapes=shapes)
+
+
+def trampoline():
+    """`jib` whose contacts give back most of the speed that they are met with."""
+    base = jib()
+    contacts = tuple(dataclasses.replace(each, restitution=0.7) for each in base.contacts)
+    return dataclasses.replace(base, name="trampoline", contacts=contacts)
 
 
 def lever():

@@ -71,7 +71,7 @@ def make_agreement(given: type, residual: str) -> SimpleNamespace:
                         rub = ZERO + ZERO
                         if d.slides[b, r] == 0:
                             rub = WORK(t.row_sign[i]) * number(t, k, FRICTION, index)
-                        gaps(t, d, b, index, 0, normal, rub, k.v0, h, 0)
+                        gaps(t, k, d, b, index, 0, normal, rub, k.v0, h, 0)
                         k.dz[s] = -of_contact(t, d, b, index)
                     else:
                         k.dz[s] = wp.where(t.row_kind[i] == LOWER, -ONE, ONE) * scattered(index) / h

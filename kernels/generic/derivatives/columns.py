@@ -204,6 +204,32 @@ def make_columns(given: type, residual: str) -> SimpleNamespace:
                     of_scale(t, g, d, k, b, r, high, begin, first)
 
     @wp.func
+    def of_bounces(t: wp.ref[Topology], d: Slopes, k: wp.ref[Slot], b: int, n: int, first: int):
+        """What rows that bounce, J_i v' + e J_n v, make of the columns by v from `first` on."""
+        for r in range(n):
+            s = d.row[b, r]
+            i = k.row[s]
+            if t.row_kind[i] != CONTACT:
+                continue
+            pair = t.row_index[i]
+            e = k.bounce[pair]
+            if not (e > dtype(0.0)):
+                continue
+            start = t.pair_row[pair]
+            rows = t.pair_row[pair + 1] - start
+            top = s - (i - start)
+            out = d.given[b, r]
+            for at in range(t.pair_start[pair], t.pair_start[pair + 1]):
+                lane = t.pair_dof[at] - first
+                if lane >= 0 and lane < COUNT:
+                    part = t.dof_part[t.pair_dof[at]]
+                    along = dtype(0.0)  # J_n
+                    for m in range(rows):
+                        along += k.jac[k.entry[top + m] + t.pair_entry[at]][part] / dtype(rows)
+                    out[lane] = out[lane] - e * along
+            d.given[b, r] = out
+
+    @wp.func
     def fill(
         t: wp.ref[Topology], k: wp.ref[Slot], g: Groups, d: Slopes, b: int, n: int,
         count: int, first: int,
@@ -230,5 +256,7 @@ def make_columns(given: type, residual: str) -> SimpleNamespace:
             else:
                 for r in range(n):
                     d.given[b, r] = Lanes()
+            if t.bounces == 1 and first + COUNT > t.nv and first < 2 * t.nv:
+                of_bounces(t, d, k, b, n, first - t.nv)
 
     return SimpleNamespace(fill=fill)

@@ -58,6 +58,8 @@ class Slopes:
     yielding: wp.array2d(dtype=WORK)  # (1) diag(A) dlambda by which a row yields in the factor
     slides: wp.array2d(dtype=wp.int32)  # (nr) 1: the row is that of a sliding contact with Coulomb's friction
     gap_by_q: wp.array2d(dtype=WORK)  # (nr most) of J_i v' + d/h, by entries of the pair
+    before: wp.array2d(dtype=WORK)  # (nv) v, where pairs have a restitution
+    bounced: wp.array2d(dtype=WORK)  # (most) of J_n v of one that bounces, by its entries
     scale_by_q: wp.array2d(dtype=WORK)  # (nr width) of D_i, by dofs of the groups
     upper: wp.array2d(dtype=M33)  # the transpose of U where the matrix is not symmetric
     known: wp.array2d(dtype=Lanes)  # (3 blocks) -F1 by the columns, what follows by place and row
@@ -153,6 +155,8 @@ def lengths(s: Structure) -> dict[str, tuple[int, Any]]:
         "yielding": (1, WORK),
         **dict.fromkeys(("row", "bunch", "slides"), (s.nr, wp.int32)),
         "gap_by_q": (s.nr * most, WORK),
+        "before": (s.nv * s.bounces, WORK),
+        "bounced": (most * s.bounces, WORK),
         "scale_by_q": (s.nr * width, WORK),
         "upper": (sizes.matrix, M33),
         **dict.fromkeys(("known", "side", "found"), (3 * sizes.blocks, Lanes)),

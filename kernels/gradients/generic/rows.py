@@ -9,13 +9,14 @@ from types import SimpleNamespace
 import warp as wp
 
 from ...factories import cached
+from ...generic.contact import make_contact
 from ...generic.derivatives.tables import Groups
 from ...generic.topology import CONTACT, LOWER, Topology
 from ...generic.work import ROWS, WORK, Slot
 from ...structure import WORLD
 from .dual import make_dual
 from .motion import make_motion
-from .room import DUAL, NEW, ROW, Room, View
+from .room import DUAL, NEW, OLD, ROW, Room, View
 from .touch import Sum, Touch, make_touch
 
 
@@ -27,13 +28,26 @@ def make_rows(given: type, residual: str) -> SimpleNamespace:
     move = motion.twists
     z = move.solved
     number, add = z.number, z.add
-    H, SIGMA, LOW, UP, FRICTION = (z.COLUMN[n] for n in ("step_size", "sigma", "lower", "upper", "friction"))
+    contact = make_contact(given, residual)
+    H, SIGMA, LOW, UP, FRICTION, RESTITUTION = (
+        z.COLUMN[n] for n in ("step_size", "sigma", "lower", "upper", "friction", "restitution")
+    )
     ZERO, TWO = WORK(0.0), WORK(2.0)
+
+    @wp.func
+    def bounce_of(t: wp.ref[Topology], k: wp.ref[Slot], r: int):
+        """The coefficient with which the pair of row r bounces in this step, else 0."""
+        e = WORK(0.0)
+        if t.bounces == 1:
+            if t.row_kind[k.row[r]] == CONTACT:
+                e = k.bounce[t.row_index[k.row[r]]]
+        return e
 
     @wp.func
     def level(t: wp.ref[Topology], k: wp.ref[Slot], w: wp.ref[View], r: int):
         """Adds the column of sigma and that of h through d/h; returns kappa, the weight of D."""
-        add(t, w, H, 0, -w.rho[r] / number(t, k, H, 0) * k.gap[r])
+        if bounce_of(t, k, r) == ZERO:
+            add(t, w, H, 0, -w.rho[r] / number(t, k, H, 0) * k.gap[r])
         if wp.static(hard):
             return ZERO  # lambda is what it is, whatever D
         push = -dual.along(t, k, w.p, r) / k.scale[r]
@@ -161,6 +175,11 @@ def make_rows(given: type, residual: str) -> SimpleNamespace:
             set = wp.where(by_v, wp.static(NEW), wp.static(DUAL))
             along_t = wp.where(by_v, slips, rubs)
             y = touch.include(t, k, w, pair, g, set, wp.where(by_v, opens, presses), along_t * mu, along_t, y)
+        bounce = bounce_of(t, k, start)
+        if bounce > ZERO:  # J v' + e J_n v in place of d/h
+            y = touch.include(t, k, w, pair, g, wp.static(OLD), bounce * gap, ZERO, ZERO, y)
+            add(t, w, RESTITUTION, pair, gap * contact.normal_rate(t, k, pair, start, k.before))
+            gap = ZERO
         gap = gap / number(t, k, H, 0)
         by_friction = touch.settle(t, room.disc, k, w, pair, g, gap, y)
         if wp.static(hard):

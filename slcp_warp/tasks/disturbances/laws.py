@@ -9,7 +9,7 @@ from slcp_warp.kernels.ensembles import disturbances as kernels
 from slcp_warp.kernels.ensembles.draws import LAWS
 from slcp_warp.kernels.structure import layout
 
-from ...description.acting import BUILT, OF_DOFS, OF_SHAPES, acting, parts_of
+from ...description.acting import BUILT, OF_DOFS, OF_PAIRS, OF_SHAPES, acting, parts_of
 from ...description.columns import COMPONENTS, column_of, like, parameter_of, places_of_all
 from ...description.scene import Scene
 from ...inputs.checks import shown
@@ -122,7 +122,7 @@ def _bodies(scene: Scene, column: int) -> Any:
         return structure.shapes[row].body, place
     if name == "gear":
         return structure.dof_body[structure.actuators[row]], place
-    if name == "friction":
+    if name in OF_PAIRS:
         pair = structure.pairs[row]
         return frozenset(structure.shapes[s].body for s in (pair.shape_a, pair.shape_b)), place
     return row, place
